@@ -97,7 +97,7 @@ fn allocations_of_receiver(kind: &'static str, rest: &str) -> u64 {
         taken += count;
         if let Some(mut definitions) = definitions {
             definitions.read().unwrap();
-            taken += allocations(|| stream.give_back(definitions)).0;
+            taken += allocations(|| stream.apply_definitions(definitions)).0;
         }
         frames += u32::from(receiver.arrived_at() != last);
         last = receiver.arrived_at();

@@ -71,7 +71,7 @@ fn f55_impossible_links_are_refused_with_a_remedy() {
     let cases = [
         (server.link(",body=quat"), 71, "there are `quad`, `six`"),
         (server.link(""), 78, "a link with a body"),
-        (format!("qtm:127.0.0.1:{},body=quad", vrpn.port), 78, "does not speak qtm"),
+        (format!("qtm:127.0.0.1:{},body=quad", vrpn.port), 78, "does not use qtm"),
         (format!("qtm:127.0.0.1:{nothing},body=quad"), 71, "no qtm server at 127.0.0.1"),
         (format!("natnet:127.0.0.1:{nothing},body=quad"), 71, "no natnet server"),
         ("qtm:no-such-host.invalid,body=quad".to_owned(), 71, "no address for the host"),

@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn the_vehicle_decodes_what_was_commanded() {
+    fn the_vehicle_decodes_the_command() {
         let mut protocol = protocol();
         let command = CommandV1 { sticks: [0.5, -0.25, 0.1], thrust: 0.25, ..CommandV1::default() };
         let input = read(&mut protocol, command);
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn a_vehicle_that_holds_attitudes_is_told_the_commanded_one_at_forty_counts_a_degree() {
+    fn a_vehicle_that_holds_attitudes_gets_forty_counts_per_degree() {
         let mut config = Config::default();
         config.vehicle.interface = oqtal_config::Interface::Attitude;
         let mut protocol = Asctec::new(&config).unwrap();

@@ -6,7 +6,7 @@
 //! | `motors.rs` | state machine of the motors | format, transport |
 //! | `schedule.rs`, `timing.rs` | instants at which frames are sent; times of the configuration | format, transport |
 //! | `setpoint.rs`, `protocol.rs` | interface to a wire format | transport, safety |
-//! | `transport.rs`, `link.rs` | interface to what carries frames, and to the port | format, safety |
+//! | `transport.rs`, `link.rs` | interfaces of transports and ports | format, safety |
 //! | `asctec.rs` | wire format of the AscTec Hummingbird | transport, safety |
 //! | `crtp.rs` | protocol of the Crazyflie | transport, safety |
 //! | `radio.rs` | Crazyradio: schedule, USB, several bridges on one radio | format, safety |
@@ -121,8 +121,8 @@ pub struct RadioArgs {
     /// Most packets beside set-points for each vehicle \[1/s\]
     #[arg(long, value_name = "N", default_value_t = 250)]
     packets_per_s: u16,
-    /// Send poses of two vehicles on one channel in one packet that both hear and none acknowledges: fewer packets; needs radio
-    /// firmware that hears the address FFE7E7E7E7, as that of Crazyflie 2.1 does
+    /// Send poses of two vehicles on one channel in one packet that both receive and none acknowledges: fewer packets; needs radio
+    /// firmware that receives at the address FFE7E7E7E7, such as that of Crazyflie 2.1
     #[arg(long)]
     pack_poses: bool,
 }

@@ -1,5 +1,5 @@
-//! Interface to the port that carries bytes to a vehicle: a stream such as a serial port, or packets such as datagrams. A link
-//! knows no format and no set-point; one implementation per kind of port.
+//! Interface to the port to a vehicle: a stream such as a serial port, or packets such as datagrams. A link is independent of
+//! formats and set-points; one implementation per kind of port.
 
 use std::fmt::Debug;
 use std::io::{self, ErrorKind};
@@ -119,7 +119,7 @@ pub enum PortOpenError {
     },
     /// The address is of another machine, or of an interface that is down.
     #[error(
-        "{address} is no address of this machine; name one of its own in `bridge.link` or --link, as 0.0.0.0 for all, or use \
+        "{address} is not an address of this machine; name one of its own in `bridge.link` or --link, as 0.0.0.0 for all, or use \
          `udpout` for the address of the vehicle"
     )]
     NotLocal {

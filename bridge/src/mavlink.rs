@@ -155,7 +155,7 @@ pub(crate) fn signature_check(
     Ok(options::signing_key(config)?.map(|key| SignatureCheck::new(key, unix_us)))
 }
 
-/// Whether `packet` is believed: it is signed with the key of `check`, if there is one. Packets of `encoder` are stamped later than
+/// Whether `packet` is accepted: signed with the key of `check`, if there is one. Packets of `encoder` are stamped later than
 /// it from now on.
 pub(crate) fn is_believed(
     check: &mut Option<SignatureCheck>,
@@ -223,7 +223,7 @@ impl VehicleProtocol for Mavlink {
             position_sd_m: self.position_sd_m,
             attitude_sd_rad: self.attitude_sd_rad,
         };
-        // ArduPilot takes positions alone from the one, and wants velocities with the other.
+        // ArduPilot takes positions alone from one, and requires velocities with the other.
         self.frame(&match kind {
             AutopilotKind::Px4 => MavlinkContent::Odometry(pose),
             AutopilotKind::ArduPilot => MavlinkContent::VisionPosition(pose),

@@ -158,7 +158,7 @@ impl VehicleMonitor {
 }
 
 /// Whether `reply` is one of the vehicle that was asked for: a vehicle that is refused as a whole is another, and that commands are not
-/// answered is the bridge's own finding, whatever else is heard.
+/// answered is determined by the bridge, independent of other reports.
 fn is_answer(reply: &VehicleReply) -> bool {
     use VehicleRefusal::{NoAnswer, OtherAutopilot, OtherSystem, Unsigned};
     !matches!(reply, VehicleReply::Refused(OtherAutopilot | OtherSystem | NoAnswer | Unsigned))
@@ -188,9 +188,9 @@ mod tests {
     #[test]
     fn a_trouble_is_shown_until_the_motors_run_and_another_vehicle_is_no_answer() {
         let mut vehicle = VehicleMonitor::new(Span::from_millis(1000));
-        for nobody in [VehicleRefusal::OtherSystem, VehicleRefusal::NoAnswer] {
-            vehicle.receive(at(0), VehicleReply::Refused(nobody));
-            assert!(!vehicle.is_answering(at(0)), "{nobody:?}");
+        for refusal in [VehicleRefusal::OtherSystem, VehicleRefusal::NoAnswer] {
+            vehicle.receive(at(0), VehicleReply::Refused(refusal));
+            assert!(!vehicle.is_answering(at(0)), "{refusal:?}");
         }
         let says = |is_trouble, text| {
             VehicleReply::Text(VehicleText { is_trouble, text: ShortText::new(text) })
@@ -206,7 +206,7 @@ mod tests {
         assert!(state.text.is_empty() && state.refusal == VehicleRefusal::None.code());
         vehicle.receive(at(7), says(true, "Failsafe"));
         vehicle.receive(at(8), VehicleReply::Motors(true));
-        assert_eq!(vehicle.state(at(8)).text.as_str(), "Failsafe", "told in flight");
+        assert_eq!(vehicle.state(at(8)).text.as_str(), "Failsafe", "reported in flight");
     }
 
     #[test]

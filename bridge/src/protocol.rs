@@ -1,5 +1,5 @@
-//! Interface to a vehicle's wire format: set-points to bytes, bytes to replies. One implementation per format. A protocol knows
-//! neither the transport that carries its frames nor the rules by which set-points are chosen.
+//! Interface to a vehicle's wire format: set-points to bytes, bytes to replies. One implementation per format. A protocol is
+//! independent of the transport of its frames and of the rules that select set-points.
 
 use std::fmt::Debug;
 
@@ -10,7 +10,7 @@ use oqtal_control::quaternion::Attitude;
 
 use crate::setpoint::VehicleSetpoint;
 
-/// Longest frame of any protocol, and of any transport that carries it \[bytes\]: a signed MAVLink 2 packet of greatest length.
+/// Longest frame of any protocol, including the overhead of any transport \[bytes\]: a signed MAVLink 2 packet of greatest length.
 pub const MAX_FRAME: usize = 280;
 
 /// Bytes of one frame to the vehicle.

@@ -105,7 +105,7 @@ impl CommandGate {
         let newer = self
             .newest
             .is_none_or(|last| published_at >= last.forwarded.stamps.command_published_at);
-        // The final "disarmed" of a daemon carries no stamps; it is safe whatever its age.
+        // The final "disarmed" of a daemon has no stamps; it is safe at any age.
         let is_flight = self.is_flight(&command);
         let is_final = !is_flight && !published_at.is_set();
         let accepted = is_final || newer && is_within(now, published_at, self.limits.command_age);

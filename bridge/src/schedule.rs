@@ -25,7 +25,7 @@ pub struct Schedule {
     /// Shortest time between two periodic frames.
     spacing: Span,
     last_setpoint: Time,
-    /// Set-points sent by the bridge's own clock since the last one that carried a command.
+    /// Set-points sent by the bridge's own clock since the last one with a command.
     own_setpoints: u32,
     last_periodic: Time,
     /// Set-point after which the last periodic frame was sent.

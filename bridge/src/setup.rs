@@ -124,7 +124,7 @@ impl VehicleSetup {
         if bare.longest_sent() > longest {
             let bytes = bare.longest_sent();
             return wrong(format!(
-                "cannot carry frames of {bytes} bytes: a packet holds {longest}; use another transport"
+                "cannot transport frames of {bytes} bytes: a packet holds {longest}; use another transport"
             ));
         }
         let sizes = bare.with_overhead(self.transport.overhead());

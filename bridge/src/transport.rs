@@ -1,5 +1,5 @@
-//! Interface to what carries frames between a protocol and a port: a bare stream of bytes, or packets. Pure: a transport wraps and
-//! unwraps bytes, and states how long they take; reading and writing is [`crate::link`]'s. A transport knows no format and no
+//! Interface of transports, which pass frames between a protocol and a port: a bare stream of bytes, or packets. Pure: a transport wraps and
+//! unwraps bytes, and states how long they take; reading and writing is [`crate::link`]'s. A transport is independent of format and
 //! set-point.
 
 use std::fmt::Debug;
@@ -11,7 +11,7 @@ const BITS_PER_BYTE: f64 = 10.0;
 
 /// Carrier of frames. No method allocates, and no input makes one panic.
 pub trait VehicleTransport: Debug + Send {
-    /// Longest frame that is carried \[bytes\]: the greatest payload of a packet, or [`MAX_FRAME`] for a stream.
+    /// Longest frame that is transported \[bytes\]: the greatest payload of a packet, or [`MAX_FRAME`] for a stream.
     fn max_frame(&self) -> usize;
 
     /// Bytes that are added to every frame, escapes not counted \[bytes\].

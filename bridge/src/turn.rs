@@ -152,7 +152,7 @@ impl<T: Transport> BridgeTurn<T> {
             match read {
                 Some(Ok(count)) if count > 0 => {
                     let handle = &mut self.handle;
-                    let mut note = |said| handle.note(said);
+                    let mut note = |note| handle.note(note);
                     self.bridge.receive_bytes(clock.now(), &buffer[..count], &mut note);
                 }
                 Some(Err(_)) => return self.close_link(clock.now()),

@@ -27,7 +27,7 @@ pub enum UdpPortOptions {
 #[derive(Debug)]
 pub struct UdpLink {
     socket: UdpSocket,
-    /// `None` for a connected socket, whose peer the operating system knows.
+    /// `None` for a connected socket, whose peer is held by the operating system.
     learned: Option<LearnedPeer>,
 }
 
@@ -129,7 +129,7 @@ impl VehicleLink for UdpLink {
     }
 }
 
-/// `result`, with 0 bytes in place of an error that says that nobody is there.
+/// `result`, with 0 bytes in place of an error for an absent peer.
 fn absent_is_silent(result: io::Result<usize>) -> io::Result<usize> {
     match result {
         Err(error) if is_absence(error.kind()) => Ok(0),
@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn the_peer_is_whoever_sent_last_until_the_vehicle_answers_and_then_stays() {
+    fn the_peer_is_the_last_sender_until_the_vehicle_answers() {
         let (mut link, vehicles) = listening(2);
         let mut buffer = [0; 16];
         assert_eq!(link.write(b"nobody").unwrap(), 6);
@@ -187,31 +187,31 @@ mod tests {
         vehicles[1].send(b"b").unwrap();
         assert_eq!(link.read(&mut buffer).unwrap(), 1);
         link.keep_peer(false);
-        // The first one is told that the other was refused.
+        // The first socket gets the error of the refused other one.
         let _ = vehicles[0].send(b"a");
         let _ = vehicles[0].send(b"a");
         assert_eq!(link.read(&mut buffer).unwrap(), 1, "the vehicle was restarted");
     }
 
     #[test]
-    fn strangers_leave_room_for_the_vehicle_that_answers_however_much_they_send() {
+    fn others_leave_room_for_the_vehicle_that_answers_however_much_they_send() {
         let (mut link, vehicles) = listening(2);
-        let [vehicle, stranger] = &vehicles[..] else { panic!("two vehicles") };
+        let [vehicle, other] = &vehicles[..] else { panic!("two vehicles") };
         let mut buffer = [0; 16];
         vehicle.send(b"a").unwrap();
         assert_eq!(link.read(&mut buffer).unwrap(), 1);
         link.keep_peer(true);
         for _ in 0..5000 {
             // Refused from the first one on, which the next call tells.
-            let _ = stranger.send(b"stranger");
+            let _ = other.send(b"other");
         }
         vehicle.send(b"a").unwrap();
         assert_eq!((link.read(&mut buffer).unwrap(), buffer[0]), (1, b'a'));
         link.write(b"hello").unwrap();
         assert_eq!(vehicle.recv(&mut buffer).unwrap(), 5);
         link.keep_peer(false);
-        let _ = stranger.send(b"s");
-        let _ = stranger.send(b"s");
+        let _ = other.send(b"s");
+        let _ = other.send(b"s");
         assert_eq!((link.read(&mut buffer).unwrap(), buffer[0]), (1, b's'), "anybody again");
     }
 
@@ -230,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn an_address_in_use_and_one_of_another_machine_are_told_apart() {
+    fn errors_distinguish_an_address_in_use_from_one_of_another_machine() {
         let holder = UdpSocket::bind("127.0.0.1:0").unwrap();
         let used = here(holder.local_addr().unwrap().port());
         let error = UdpPortOptions::In(used).open().unwrap_err();

@@ -23,7 +23,7 @@ const HEARTBEAT_WITHIN: Span = Span::from_millis(6000);
 /// Time within which a parameter must come, and how often it is asked for.
 const ANSWER_WITHIN: Span = Span::from_millis(500);
 const TRIES: usize = 5;
-/// Own heartbeats, which some autopilots need before they speak.
+/// Period of own heartbeats, which some autopilots need before they answer.
 const HEARTBEAT_PERIOD: Span = Span::from_millis(500);
 const PAUSE: Duration = Duration::from_millis(2);
 const READ_BUFFER: usize = 2048;
@@ -181,8 +181,8 @@ impl ParameterSession {
             self.send(request)?;
             let vehicle = self.vehicle;
             let value = self.wait_for(ANSWER_WITHIN, |from, content| match content {
-                MavlinkContent::Parameter { name: told, value }
-                    if from == vehicle && *told == name =>
+                MavlinkContent::Parameter { name: reported, value }
+                    if from == vehicle && *reported == name =>
                 {
                     Some(*value)
                 }

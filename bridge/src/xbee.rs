@@ -1,6 +1,6 @@
 //! XBee radio in API mode as a transport: every frame is one packet of the radio, framed for its serial port.
 //!
-//! Requests carry the id 0, for which a radio reports no delivery: the vehicle's own acknowledgements say more, and each report
+//! Requests carry the id 0, for which a radio reports no delivery: the vehicle's own acknowledgements suffice, and each report
 //! would occupy the line.
 
 use oqtal_wire::xbee::{Address, Carrier, Framing, MAX_PAYLOAD, MAX_WIRE, RadioEvent, Side};

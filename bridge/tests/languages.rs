@@ -1,4 +1,4 @@
-//! The bridge's own rules, over a list of languages: whatever commands and poses arrive, whoever meddles with the vehicle and however
+//! The bridge's own rules, over a list of protocols: whatever commands and poses arrive, with manual overrides, and however
 //! the port fails, nothing old is ever sent, nothing but a zero set-point first, nothing at all while another has control; the
 //! vehicle gets zero set-points soon after the last command, and a flight is not resumed after a loss.
 
@@ -16,7 +16,7 @@ use proptest::prelude::*;
 const LANGUAGES: [Language; 4] =
     [asctec::LANGUAGE, crtp::LANGUAGE, mavlink::ARDUPILOT, mavlink::PX4];
 
-/// What happens, and the periods that pass then \[-\].
+/// Events, each with the number of periods that follow \[-\].
 type Happenings = Vec<(Happening, usize)>;
 
 fn happening() -> impl Strategy<Value = Happening> {
@@ -74,9 +74,9 @@ proptest! {
             exchange.happen(&Happening::Nothing, 120)?;
             let after = exchange.flights() - before;
             prop_assert!(after <= 4, "{}: {} frames", language.name, after);
-            let last = exchange.heard.iter().rev().take(30);
+            let last = exchange.understood.iter().rev().take(30);
             prop_assert!(last.clone().count() == 30);
-            prop_assert!(last.clone().all(|heard| !matches!(heard, Understood::Flight(_))));
+            prop_assert!(last.clone().all(|frame| !matches!(frame, Understood::Flight(_))));
         }
     }
 

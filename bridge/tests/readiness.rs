@@ -4,9 +4,9 @@ use crate::common::{START, bridge, flight, header, status, turn};
 use oqtal_bridge::Bridge;
 use oqtal_bus::time::Span;
 
-/// A daemon that hears of the vehicle may ask for a flight at once: it hears of it no sooner than the request would be obeyed.
+/// A daemon may request a flight as soon as the vehicle is reported: it is reported no sooner than a request would be executed.
 #[test]
-fn whoever_asks_for_a_flight_when_the_vehicle_is_heard_of_gets_it() {
+fn a_flight_requested_when_the_vehicle_is_reported_begins() {
     for pause_ms in [1, 5, 16, 17, 40, 60] {
         let mut bridge = bridge();
         let (mut is_heard_of, mut is_starting) = (false, false);
@@ -24,7 +24,7 @@ fn whoever_asks_for_a_flight_when_the_vehicle_is_heard_of_gets_it() {
     }
 }
 
-/// One that asked before is not obeyed, and hears of no vehicle until it asks no more.
+/// An earlier request has no effect, and no vehicle is reported until it ends.
 #[test]
 fn a_flight_that_was_asked_for_before_the_port_opened_does_not_hear_of_the_vehicle() {
     let mut bridge = bridge();

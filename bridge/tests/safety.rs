@@ -313,8 +313,7 @@ fn f15_an_operators_stop_ends_flight_at_once_and_stops_the_motors_without_rest()
 }
 
 #[test]
-fn f57_nothing_is_sent_once_another_has_control_until_it_is_given_back_and_flight_is_asked_for_anew()
- {
+fn f57_nothing_is_sent_while_another_has_control_until_it_returns_and_flight_is_requested_again() {
     let mut flying = Flying::new();
     flying.status(true);
     assert!(matches!(flying.command(flight(0.1)), VehicleSetpoint::Fly(_)));
@@ -331,7 +330,7 @@ fn f57_nothing_is_sent_once_another_has_control_until_it_is_given_back_and_fligh
     flying.gate.keep_stopped(Some(flying.now));
     assert_eq!(flying.frame(), VehicleSetpoint::Released);
     flying.gate.keep_stopped(None);
-    // Given back in the air while a daemon still wants to fly: it must end its flight first.
+    // Control returns in the air while a daemon still requests flight: it must end its flight first.
     flying.command(flight(0.1));
     flying.gate.update_control(ControlHolder::Bridge);
     for _ in 0..30 {

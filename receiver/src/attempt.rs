@@ -52,8 +52,8 @@ pub enum ConnectError {
         reason: String,
     },
     /// The server uses another protocol.
-    #[error("{address} does not speak {kind}: {reason}; check the port in `receiver.link`")]
-    NotSpoken {
+    #[error("{address} does not use {kind}: {reason}; check the port in `receiver.link`")]
+    OtherProtocol {
         /// Protocol.
         kind: &'static str,
         /// Address and port.
@@ -62,7 +62,7 @@ pub enum ConnectError {
         reason: String,
     },
     /// The server supports other versions only.
-    #[error("{address}: {reason}; update the camera software, or name a version that it speaks")]
+    #[error("{address}: {reason}; update the camera software, or name a version that it supports")]
     Version {
         /// Address and port.
         address: String,
@@ -133,7 +133,7 @@ impl From<ConnectError> for Failure {
             | ConnectError::Idle { .. }
             | ConnectError::NoBody { .. }
             | ConnectError::Ambiguous { .. } => Exit::System,
-            ConnectError::NotSpoken { .. } => Exit::Config,
+            ConnectError::OtherProtocol { .. } => Exit::Config,
             ConnectError::Version { .. } => Exit::Version,
             ConnectError::PortInUse { .. } => Exit::Peer,
             ConnectError::Permission { .. } => Exit::Permission,
@@ -195,9 +195,9 @@ impl Attempt {
 
     /// The failure of a server that uses another protocol.
     #[must_use]
-    pub fn not_spoken(&self, reason: impl ToString) -> ConnectError {
+    pub fn other_protocol(&self, reason: impl ToString) -> ConnectError {
         let (kind, address) = (self.link.protocol.name(), self.address.to_string());
-        ConnectError::NotSpoken { kind, address, reason: reason.to_string() }
+        ConnectError::OtherProtocol { kind, address, reason: reason.to_string() }
     }
 
     /// Opens a connection without delay of small packets.

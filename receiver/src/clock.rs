@@ -143,7 +143,7 @@ impl ServerClock {
         let step = self.watch_for_step(stamp_ns, arrival);
         let is_great = step.is_some_and(|step| step.contraction_ns > IMPOSSIBLE.nanos());
         let contradicts = is_great || self.contradicts(stamp_ns, arrival);
-        if contradicts && !self.is_set_anew(stamp_ns, arrival) {
+        if contradicts && !self.is_set_again(stamp_ns, arrival) {
             return StampVerdict::Contradiction;
         }
         self.contradictions = 0;
@@ -242,7 +242,7 @@ impl ServerClock {
     }
 
     /// Counts a contradiction. After enough of them in rising order, the clock is discarded.
-    fn is_set_anew(&mut self, stamp_ns: u64, arrival: Time) -> bool {
+    fn is_set_again(&mut self, stamp_ns: u64, arrival: Time) -> bool {
         if self.contradictions == 0 || stamp_ns <= self.contradicting_ns {
             self.contradictions = 0;
             self.contradicted_since = arrival;

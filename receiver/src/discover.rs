@@ -112,7 +112,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn answers_are_told_apart_by_port_and_content() {
+    fn answers_are_distinguished_by_port_and_content() {
         let reply = DiscoveryReply { description: "lab, QTM 2.17".to_owned(), base_port: 22222 };
         let from = |port| SocketAddr::from(([10, 0, 0, 7], port));
         let datagram = reply.to_datagram();

@@ -75,7 +75,7 @@ impl FrameCount {
 /// There is no server, or none that can be used; the port of the frames is taken.
 pub fn connect(attempt: &Attempt) -> Result<CameraConnection, ConnectError> {
     let CameraProtocol::Natnet { delivery } = attempt.link.protocol else {
-        return Err(attempt.not_spoken("the link is of another kind"));
+        return Err(attempt.other_protocol("the link is of another kind"));
     };
     let mut connection = NatnetConnection::open(attempt, delivery == NatnetDelivery::Unicast)?;
     let mut info = connection.shake_hands(attempt)?;
@@ -303,7 +303,7 @@ fn pass_on(
     }
 }
 
-/// The middle of the exposure \[ns, server clock\]. Cameras that do not know it leave it at zero: the arrival of their data at the
+/// The middle of the exposure \[ns, server clock\]. Without a value it is zero: the arrival of their data at the
 /// server, or the time since its start, stand in for it, and their constant delay belongs to the latency of the cameras.
 fn stamp_ns(frame: &NatNetFrame<'_>, clock_hz: u64) -> Option<u64> {
     let times = frame.times();
@@ -321,7 +321,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_new_count_is_told_from_frames_that_are_lost_repeated_or_late() {
+    fn a_restarted_count_differs_from_lost_repeated_and_late_frames() {
         let mut count = FrameCount::default();
         let numbers = [100, 101, 103, 103, 102, 104, 102, 103, 105, 110, 109, 109, 109, 109, 111];
         assert!(!numbers.into_iter().any(|number| count.has_restarted(number)));

@@ -76,7 +76,7 @@ pub fn connect(attempt: &Attempt) -> Result<CameraConnection, ConnectError> {
 impl QtmConnection {
     fn open(attempt: &Attempt) -> Result<Self, ConnectError> {
         let CameraProtocol::Qtm { udp, minor } = attempt.link.protocol else {
-            return Err(attempt.not_spoken("the link is of another kind"));
+            return Err(attempt.other_protocol("the link is of another kind"));
         };
         let control = attempt.tcp()?;
         let frames = if udp { Some(open_datagrams(attempt)?) } else { None };
@@ -147,12 +147,12 @@ impl QtmConnection {
                 QtmClientError::Refused(reason) => {
                     ConnectError::Refused { address: address.clone(), reason }
                 }
-                other => attempt.not_spoken(other),
+                other => attempt.other_protocol(other),
             })?;
             match event {
                 Some(QtmClientEvent::Parameters(text)) => {
                     let bodies = read(text.as_bytes(), DefinitionFormat::Qtm);
-                    return bodies.map(Some).map_err(|reason| attempt.not_spoken(reason));
+                    return bodies.map(Some).map_err(|reason| attempt.other_protocol(reason));
                 }
                 Some(QtmClientEvent::NoData) => return Err(ConnectError::Idle { address }),
                 Some(_) => {}
@@ -268,7 +268,7 @@ fn open_datagrams(attempt: &Attempt) -> Result<UdpSocket, ConnectError> {
     open().map_err(|error: io::Error| attempt.refused(&error))
 }
 
-/// Passes on the wanted bodies of a frame. Returns whether it has as many bodies as are defined; otherwise none is tracked.
+/// Passes the requested bodies of a frame on. Returns whether it has as many bodies as are defined; otherwise none is tracked.
 fn pass_on(
     data: &DataPacket<'_>,
     routes: &RouteTable,

@@ -1,4 +1,4 @@
-//! Connection to a VRPN server: one connection that carries names and poses.
+//! Connection to a VRPN server: one connection for names and poses.
 
 use std::io::{self, Read, Write};
 use std::net::TcpStream;
@@ -92,7 +92,7 @@ impl VrpnConnection {
                 Err(error) => return Err(attempt.refused(&error)),
             }
             let before = self.greeted.is_some();
-            self.handle(&mut |_, _, _| ()).map_err(|error| attempt.not_spoken(error))?;
+            self.handle(&mut |_, _, _| ()).map_err(|error| attempt.other_protocol(error))?;
             if self.greeted.is_some() && !before {
                 named_by = (Time::now() + NAMING_TIME).min(attempt.deadline);
             }

@@ -1,4 +1,4 @@
-//! What runs on the real-time thread does not allocate, whatever the server sends, while the connection stands.
+//! The real-time thread does not allocate while connected, whatever the server sends.
 
 #[path = "../../control/tests/allocation/counter.rs"]
 mod counter;
@@ -35,7 +35,7 @@ fn seen() -> BodySample {
     BodySample { pose, ..BodySample::LOST }
 }
 
-/// Answers in a thread until the client has what it wants, then sends `bytes`.
+/// Answers in a thread until the client is streaming, then sends `bytes`.
 fn serve(
     mut answer: impl FnMut(&[u8], &mut Vec<u8>) -> bool + Send + 'static,
     bytes: Vec<u8>,
@@ -70,7 +70,7 @@ fn received(stream: &mut dyn CameraStream, last: u32) -> u64 {
     .0
 }
 
-/// Pings and names of trackers that nobody wants.
+/// Pings and names of trackers that were not requested.
 fn questions() -> Vec<u8> {
     let mut flood = Vec::new();
     // The types as the session numbers them are in its greeting: a number of our own is described for pings.

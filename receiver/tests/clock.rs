@@ -85,7 +85,7 @@ fn f53_a_jump_of_one_second_is_learned_within_two_and_no_frame_is_dated_wrong() 
                 known_again.get_or_insert(server.frame);
             }
         }
-        let frames = known_again.expect("the clock is learned anew") - jumped;
+        let frames = known_again.expect("the clock is learned again") - jumped;
         assert!(frames <= 2 * 60, "{jump_ns}: {frames} frames");
         assert_eq!(clock.state().relearned, 1);
     }
@@ -133,7 +133,7 @@ fn the_configured_latency_lies_between_capture_and_the_fastest_arrival() {
 }
 
 #[test]
-fn a_server_that_was_silent_is_learned_anew() {
+fn the_clock_of_a_silent_server_is_learned_again() {
     let mut server = Server::new(7, 0.0, Jitter::Uniform);
     let mut clock = ServerClock::new(Span::ZERO);
     errors_after(5.0, &mut server, &mut clock);

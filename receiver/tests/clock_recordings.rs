@@ -102,7 +102,7 @@ fn capture_is_known_within_300_us_after_five_seconds_of_a_real_room() {
 }
 
 #[test]
-fn a_jump_of_one_second_is_learned_anew_within_two_in_a_real_room() {
+fn a_jump_of_one_second_is_learned_within_two_in_a_real_room() {
     for (name, frames) in rooms() {
         for jump_ns in [1_000_000_000, -1_000_000_000] {
             let mut clock = ServerClock::new(Span::ZERO);
@@ -119,7 +119,7 @@ fn a_jump_of_one_second_is_learned_anew_within_two_in_a_real_room() {
                     known_again.get_or_insert(captured.since(jump_at));
                 }
             }
-            let after = known_again.expect("the clock is learned anew");
+            let after = known_again.expect("the clock is learned again");
             println!("{name}, {jump_ns} ns: known again after {:.2} s", after.seconds());
             assert!(after <= Span::from_millis(2000), "{name}, {jump_ns}: {after:?}");
         }

@@ -10,16 +10,16 @@ use proptest::prelude::*;
 struct Dated {
     soon: Vec<i64>,
     later: Vec<i64>,
-    /// Those later, from a clock that was unknown at the change.
+    /// Errors of a clock that was unknown at the change.
     later_anew: Vec<i64>,
-    /// How often the clock was learned anew behind the change.
+    /// Number of times the clock was learned again after the change.
     relearned: u64,
 }
 
 /// Eight seconds of frames, a change, and eight seconds more, whose stamps are set by `step_ns` and whose delays grow by `slower`.
 fn around(mut server: Server, (step_ns, slower): (i64, Span)) -> Dated {
     let mut clock = ServerClock::new(Span::ZERO);
-    let mut anew = ServerClock::new(Span::ZERO);
+    let mut fresh = ServerClock::new(Span::ZERO);
     let frames = (8.0 * server.rate_hz) as u64;
     let soon = frames..frames + (2.0 * server.rate_hz) as u64;
     let mut dated = Dated::default();
@@ -45,8 +45,8 @@ fn around(mut server: Server, (step_ns, slower): (i64, Span)) -> Dated {
             dated.later.extend(of_clock);
         }
         if behind {
-            let of_anew = error(anew.observe(stamp_ns, arrival));
-            dated.later_anew.extend(of_anew.filter(|_| !soon.contains(&frame)));
+            let of_fresh = error(fresh.observe(stamp_ns, arrival));
+            dated.later_anew.extend(of_fresh.filter(|_| !soon.contains(&frame)));
         }
     }
     dated.relearned = clock.state().relearned - dated.relearned;

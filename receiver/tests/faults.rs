@@ -106,7 +106,7 @@ fn f50_lost_doubled_and_overtaken_frames_never_repeat_or_reorder_poses() {
 fn f51_a_lost_body_is_published_as_untracked_and_comes_back_by_itself() {
     let mut cameras = Cameras::known();
     for _ in 0..100 {
-        let lost = cameras.next(false).expect("a lost body is told, not withheld");
+        let lost = cameras.next(false).expect("a lost body is reported, not withheld");
         assert_eq!(lost.pose.tracked, 0);
         assert!(!cameras.receiver.is_tracked(0));
     }
@@ -116,7 +116,7 @@ fn f51_a_lost_body_is_published_as_untracked_and_comes_back_by_itself() {
 }
 
 #[test]
-fn f52_of_frames_that_queued_only_the_newest_goes_on_and_none_that_is_old() {
+fn f52_of_queued_frames_only_the_newest_is_published_and_no_old_one() {
     let mut cameras = Cameras::known();
     // A stall of 300 ms: 30 frames arrive at once.
     let first = cameras.frame + 1;
@@ -128,7 +128,7 @@ fn f52_of_frames_that_queued_only_the_newest_goes_on_and_none_that_is_old() {
     let newest = cameras.receiver.take(0).unwrap();
     Cameras::check(&newest, cameras.frame);
     assert!(cameras.receiver.take(0).is_none());
-    // Those that waited more than 50 ms are late even if they come one by one.
+    // Frames that waited more than 50 ms are late even if they come one by one.
     let frame = cameras.frame + 1;
     assert!(cameras.show(frame, true, Span::from_millis(60)).is_none());
     assert_eq!(cameras.receiver.counts(0).late, 25);

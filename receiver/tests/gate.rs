@@ -61,7 +61,7 @@ fn a_frame_that_waited_too_long_does_not_go_on() {
 }
 
 #[test]
-fn a_server_that_counts_anew_goes_on_and_its_numbers_do_not_go_back() {
+fn a_restarted_count_is_followed_and_frame_numbers_do_not_decrease() {
     let mut feed = Feed::known();
     let mut gone_on = Vec::new();
     for k in 1..=30_u32 {

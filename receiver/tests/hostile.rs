@@ -152,7 +152,7 @@ fn f54_a_frame_with_more_or_fewer_bodies_than_defined_is_dropped_and_the_names_a
         receive(&mut *stream, &mut receiver, |_, receiver| receiver.arrived_at().is_set()).unwrap();
         assert_eq!(receiver.is_tracked(0), is_ours, "{} bodies", bodies.len());
         assert_eq!(stream.has(0), is_ours, "{} bodies", bodies.len());
-        // What the client says next: nothing, or a request.
+        // The client's next output: nothing, or a request.
         server.set_nonblocking(is_ours).unwrap();
         let mut request = [0; 1000];
         let count = server.read(&mut request).unwrap_or(0);

@@ -67,7 +67,7 @@ impl Arming {
     }
 }
 
-/// The packet of `command` for a vehicle that speaks version `protocol`.
+/// The packet of `command` for a vehicle with version `protocol`.
 #[must_use]
 pub fn request(protocol: u8, command: SupervisorCommand) -> CrtpRequest {
     if protocol >= SUPERVISOR_PROTOCOL {

@@ -197,7 +197,7 @@ impl CrtpConnection {
         match table {
             TableKind::Logging => {
                 self.logging = found;
-                // Without the supervisor's state nobody knows whether motors may run.
+                // Without the supervisor's state it is unknown whether motors may run.
                 match self.variable(SUPERVISOR) {
                     Some(_) => self.begin_table(TableKind::Parameters),
                     None => self.go_to(Step::Unusable),

@@ -19,7 +19,7 @@ impl ConsoleLine {
         Self { bytes: [0; LONGEST], length: 0 }
     }
 
-    /// Takes a piece of text, and passes every line that ends in it to `line`. What is longer is cut.
+    /// Takes a piece of text, and passes every line that ends in it to `line`. Longer lines are cut.
     pub fn take(&mut self, piece: &[u8], mut line: impl FnMut(ShortText)) {
         for byte in piece {
             match byte {

@@ -33,9 +33,9 @@ const fn exactly(name: &'static str, value: f64, reason: &'static str) -> Wanted
 const ARDUPILOT: [WantedParameter; 12] = [
     exactly("VISO_TYPE", 1.0, "poses of cameras come over MAVLink"),
     exactly("EK3_SRC1_POSXY", 6.0, "position from those poses"),
-    exactly("EK3_SRC1_VELXY", 0.0, "they carry no velocity"),
+    exactly("EK3_SRC1_VELXY", 0.0, "they contain no velocity"),
     exactly("EK3_SRC1_POSZ", 6.0, "height from those poses"),
-    exactly("EK3_SRC1_VELZ", 0.0, "they carry no velocity"),
+    exactly("EK3_SRC1_VELZ", 0.0, "they contain no velocity"),
     exactly("EK3_SRC1_YAW", 6.0, "heading from those poses"),
     exactly("GPS1_TYPE", 0.0, "no GPS indoors; takes a restart"),
     exactly("COMPASS_USE", 0.0, "steel bends the field indoors"),
@@ -64,11 +64,11 @@ const PX4: [WantedParameter; 8] = [
     exactly("EKF2_GPS_CTRL", 0.0, "no GPS indoors"),
     exactly("EKF2_MAG_TYPE", 5.0, "no compass: steel bends the field indoors"),
     exactly("EKF2_BARO_CTRL", 0.0, "pressure changes with every door"),
-    exactly("EKF2_EV_DELAY", 0.0, "poses carry the time at which cameras saw them"),
+    exactly("EKF2_EV_DELAY", 0.0, "poses contain their time of capture"),
     WantedParameter {
         name: "COM_RCL_EXCEPT",
         value: WantedValue::Bits(4),
-        reason: "Offboard goes on without R/C",
+        reason: "Offboard continues without R/C",
     },
     WantedParameter {
         name: "COM_OF_LOSS_T",

@@ -80,7 +80,7 @@ fn work<D: RadioDongle>(
             worker.push(at, 0, packet);
         }
         if let Some((_, Some(reply))) = worker.exchange(&mut Time::now)? {
-            // A bridge that does not read is asked again by nobody: the reply is lost, as on the air.
+            // A reply that the bridge does not read in time is lost, as on the air.
             let _ = down.try_send(reply);
         }
         worker.give_account(Time::now());

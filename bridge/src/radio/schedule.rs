@@ -1,6 +1,6 @@
 //! Schedule of one Crazyradio among its vehicles. Pure: time is an argument.
 //!
-//! A vehicle speaks only in the acknowledgement of a packet that it received, so that a radio also sends packets that carry
+//! A vehicle sends only in the acknowledgement of a packet that it received, so that a radio also sends packets that contain
 //! nothing. Of what waits, a set-point goes first, that of the vehicle that waited longest; then other packets, then null packets to
 //! whom may have something to say. Only the newest set-point of a vehicle waits, none that is older than [`MAX_AGE`] is ever sent, and
 //! one that is not acknowledged is not repeated by the schedule: a newer one comes. Set-points aside, a vehicle gets no more packets than
@@ -126,14 +126,14 @@ impl RadioSchedule {
     }
 
     /// Takes the newest pose that waits for another vehicle out of the schedule, to go in the packet of the pose that goes now to
-    /// `vehicle`; `hears` says of a vehicle whether it hears that packet. Returns the vehicle, and its pose.
+    /// `vehicle`; `receives` states whether a vehicle receives that packet. Returns the vehicle, and its pose.
     pub fn companion(
         &mut self,
         vehicle: usize,
-        hears: impl Fn(usize) -> bool,
+        receives: impl Fn(usize) -> bool,
     ) -> Option<(usize, CrtpPose)> {
         for (index, other) in self.vehicles.iter_mut().enumerate() {
-            if index == vehicle || !hears(index) {
+            if index == vehicle || !receives(index) {
                 continue;
             }
             if let Some(pose) = other.take_pose() {
@@ -151,7 +151,7 @@ impl RadioSchedule {
         }
     }
 
-    /// Takes what became of the packet that went: whether it was acknowledged, whether the vehicle said something in the
+    /// Takes the outcome of the sent packet: whether it was acknowledged, whether the vehicle sent data in the
     /// acknowledgement, how often the radio repeated it.
     pub fn sent(&mut self, now: Time, vehicle: usize, ack: Option<bool>, repeated: u32) {
         let Some(vehicle) = self.vehicles.get_mut(vehicle) else { return };

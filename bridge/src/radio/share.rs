@@ -120,18 +120,18 @@ fn wait(bridges: &[BridgeSocket], left: Span) -> Result<(), Failure> {
 enum Received {
     /// A packet of the vehicle's bridge.
     Packet(CrtpPacket),
-    /// A packet of somebody else, which is discarded.
+    /// A packet of another sender, which is discarded.
     OfAnother,
     /// None.
     Nothing,
 }
 
-/// Socket for the bridge of one vehicle: whoever sent first keeps the vehicle until it has been silent for [`BRIDGE_SILENCE`].
+/// Socket for the bridge of one vehicle: the first sender keeps the vehicle until it has been silent for [`BRIDGE_SILENCE`].
 #[derive(Debug)]
 struct BridgeSocket {
     vehicle: RadioSpec,
     socket: UdpSocket,
-    /// The bridge, and when it was heard last.
+    /// The bridge, and the arrival of its last packet.
     bridge: Option<(SocketAddr, Time)>,
 }
 
@@ -240,23 +240,27 @@ mod tests {
         let address = "127.0.0.1:0".parse().unwrap();
         let radio = "80/2M/E7E7E7E701".parse().unwrap();
         let mut socket = BridgeSocket::bind(&SharedVehicle { radio, address }).unwrap();
-        let [bridge, stranger] = [(); 2].map(|()| {
+        let [bridge, other] = [(); 2].map(|()| {
             let sender = UdpSocket::bind("127.0.0.1:0").unwrap();
             sender.connect(socket.socket.local_addr().unwrap()).unwrap();
             sender
         });
         let packet = CrtpRequest::Setpoint(LegacySetpoint::ZERO).packet();
         let at = |millis| Time::VIRTUAL_START + Span::from_millis(millis);
-        let mut hear = |sender: &UdpSocket, millis| {
+        let mut receive_from = |sender: &UdpSocket, millis| {
             sender.send(packet.as_bytes()).unwrap();
             (socket.read(at(millis)), socket.bridge.unwrap().0 == sender.local_addr().unwrap())
         };
-        assert_eq!(hear(&bridge, 0), (Received::Packet(packet), true));
-        assert_eq!(hear(&stranger, 900), (Received::OfAnother, false), "nor is it answered");
-        assert_eq!(hear(&bridge, 1000), (Received::Packet(packet), true));
-        assert_eq!(hear(&stranger, 2000), (Received::OfAnother, false));
-        assert_eq!(hear(&stranger, 2001), (Received::Packet(packet), true), "a bridge restarted");
-        assert_eq!(hear(&bridge, 2002), (Received::OfAnother, false));
+        assert_eq!(receive_from(&bridge, 0), (Received::Packet(packet), true));
+        assert_eq!(receive_from(&other, 900), (Received::OfAnother, false), "nor is it answered");
+        assert_eq!(receive_from(&bridge, 1000), (Received::Packet(packet), true));
+        assert_eq!(receive_from(&other, 2000), (Received::OfAnother, false));
+        assert_eq!(
+            receive_from(&other, 2001),
+            (Received::Packet(packet), true),
+            "a bridge restarted"
+        );
+        assert_eq!(receive_from(&bridge, 2002), (Received::OfAnother, false));
         assert_eq!(socket.read(at(2003)), Received::Nothing);
     }
 

@@ -31,7 +31,7 @@ const POWER: u8 = 0x04;
 const REPEAT_DELAY: u8 = 0x05;
 const REPEAT_COUNT: u8 = 0x06;
 const ACKNOWLEDGE: u8 = 0x10;
-/// Address that every Crazyflie hears beside its own.
+/// Address at which every Crazyflie receives besides its own.
 const EVERYBODY: [u8; 5] = [0xFF, 0xE7, 0xE7, 0xE7, 0xE7];
 const CARRIER: u8 = 0x20;
 

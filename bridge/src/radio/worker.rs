@@ -32,7 +32,7 @@ impl<D: RadioDongle> RadioWorker<D> {
         Self { dongle, vehicles, schedule, packs_poses: false, account: (Time::UNSET, counts) }
     }
 
-    /// From now on poses of two vehicles on one channel go in one packet if both wait, to the address that every vehicle hears.
+    /// Enables packing: two waiting poses for vehicles on one channel are sent in one packet, to the address of all vehicles.
     pub fn pack_poses(&mut self) {
         self.packs_poses = true;
     }
@@ -48,7 +48,7 @@ impl<D: RadioDongle> RadioWorker<D> {
         self.schedule.next_event()
     }
 
-    /// Exchanges the packet that is due, if any; returns the vehicle, and what it said. `clock` is read before and after.
+    /// Exchanges the packet that is due, if any; returns the vehicle, and its reply. `clock` is read before and after.
     ///
     /// # Errors
     /// The radio is lost.
@@ -75,12 +75,12 @@ impl<D: RadioDongle> RadioWorker<D> {
         let pose = single_pose(packet).filter(|_| self.packs_poses)?;
         let Self { vehicles, schedule, .. } = self;
         let own = vehicles[vehicle];
-        let hears = |other: usize| {
+        let receives = |other: usize| {
             (vehicles[other].channel, vehicles[other].rate) == (own.channel, own.rate)
         };
         let id = |index: usize| vehicles[index].vehicle_id();
         let first = PackedPose::of(id(vehicle), &pose)?;
-        let (other, pose) = schedule.companion(vehicle, hears)?;
+        let (other, pose) = schedule.companion(vehicle, receives)?;
         // A pose that cannot be packed is that of a vehicle out of reach: the next one goes by itself.
         let poses = match PackedPose::of(id(other), &pose) {
             Some(second) => PackedPoses::of(&[first, second]),

@@ -15,7 +15,7 @@ pub const PERIOD: Span = Span::from_nanos(16_666_667);
 pub const COMMAND_AGE: Span = Span::from_nanos(50_000_001);
 /// Steps of a stick that every language tells apart \[1/s\].
 const STICK_STEPS: f64 = 2047.0;
-/// Commands that are told apart by their roll stick \[-\].
+/// Commands that differ in their roll stick \[-\].
 const COMMANDS: u64 = 1000;
 /// Longest frame of any language \[bytes\].
 const LONGEST_FRAME: usize = 280;
@@ -31,7 +31,7 @@ pub enum Happening {
     Pose { age_us: i64 },
     /// Somebody beside the vehicle starts or stops its motors, or takes it over.
     Somebody { motors_on: bool, is_piloted: bool },
-    /// Bytes of nobody arrive.
+    /// Arbitrary bytes arrive.
     Noise(Vec<u8>),
     /// The port is lost and opened again.
     PortLost,
@@ -60,7 +60,7 @@ pub struct Exchange {
     /// Nothing was commanded since the port was opened.
     is_first: bool,
     /// Everything that the vehicle understood as a command.
-    pub heard: Vec<Understood>,
+    pub understood: Vec<Understood>,
 }
 
 impl Exchange {
@@ -77,7 +77,7 @@ impl Exchange {
             published: BTreeMap::new(),
             poses: BTreeMap::new(),
             is_first: true,
-            heard: Vec::new(),
+            understood: Vec::new(),
         }
     }
 
@@ -92,7 +92,7 @@ impl Exchange {
             }
             Happening::Noise(bytes) => {
                 // A false beginning takes what follows for its frame: the quiet that ends the longest one follows at once, so that
-                // the vehicle's next word is heard.
+                // the vehicle's next frame is received.
                 let noise = [&bytes[..], &[0; LONGEST_FRAME]].concat();
                 self.bridge.receive_bytes(now, &noise, &mut |_: Note| {});
             }
@@ -121,7 +121,7 @@ impl Exchange {
 
     /// Flight set-points since the beginning \[-\].
     pub fn flights(&self) -> usize {
-        self.heard.iter().filter(|heard| matches!(heard, Understood::Flight(_))).count()
+        self.understood.iter().filter(|frame| matches!(frame, Understood::Flight(_))).count()
     }
 
     fn command(&mut self, flies: bool, age_us: i64) {
@@ -159,7 +159,7 @@ impl Exchange {
         while self.now < end {
             let mut answers = Vec::new();
             self.vehicle.tick(self.now, &mut answers);
-            self.hear(&mut answers);
+            self.receive_vehicle(&mut answers);
             if self.bridge.next_event(self.now) <= self.now {
                 self.bridge.begin_read(self.now);
                 let unsent = self.bridge.turn(self.now, &mut |_: Note| {});
@@ -168,7 +168,7 @@ impl Exchange {
                 while self.bridge.follow_up(self.now) {
                     self.send(&mut answers)?;
                 }
-                self.hear(&mut answers);
+                self.receive_vehicle(&mut answers);
             }
             self.now = self.now + Span::from_millis(1).min(end.since(self.now));
         }
@@ -180,7 +180,7 @@ impl Exchange {
         if frame.is_empty() {
             return Ok(());
         }
-        // What the vehicle told is known to the bridge.
+        // The bridge has received the vehicle's reports.
         let is_piloted = self.vehicle.told_piloted();
         let understood = self.vehicle.take(self.now, &frame, answers);
         let report = self.bridge.handed_over(self.now, frame.len());
@@ -188,7 +188,7 @@ impl Exchange {
         self.check(understood, is_piloted)
     }
 
-    fn hear(&mut self, answers: &mut Vec<Vec<u8>>) {
+    fn receive_vehicle(&mut self, answers: &mut Vec<Vec<u8>>) {
         for answer in answers.drain(..) {
             self.bridge.receive_bytes(self.now, &answer, &mut |_| {});
         }
@@ -201,7 +201,7 @@ impl Exchange {
             let is_quiet = !self.is_first || understood == Understood::Zero;
             prop_assert!(is_quiet, "{name}: {understood:?} first");
             self.is_first = false;
-            self.heard.push(understood);
+            self.understood.push(understood);
         }
         match understood {
             Understood::Flight(stick) => {

@@ -3,7 +3,7 @@
 use oqtal_bridge::Bridge;
 use oqtal_bus::time::Time;
 
-/// What a frame means to a vehicle.
+/// Meaning of a frame to a vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Understood {
     /// A set-point without thrust.
@@ -30,7 +30,7 @@ pub trait LanguageVehicle {
     /// Takes one frame of the bridge. Answers go to `answers`.
     fn take(&mut self, now: Time, frame: &[u8], answers: &mut Vec<Vec<u8>>) -> Understood;
 
-    /// What the vehicle says by itself.
+    /// Unsolicited frames of the vehicle.
     fn tick(&mut self, now: Time, answers: &mut Vec<Vec<u8>>);
 
     /// Somebody beside it starts or stops its motors, and flies it by hand.
@@ -39,7 +39,7 @@ pub trait LanguageVehicle {
     /// Whether motors run.
     fn motors_on(&self) -> bool;
 
-    /// Whether the vehicle has told that somebody else flies it. Not every language has a word for it.
+    /// Whether the vehicle has reported that another has control. Not every protocol can report it.
     fn told_piloted(&self) -> bool;
 }
 

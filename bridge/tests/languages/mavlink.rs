@@ -112,9 +112,9 @@ impl LanguageVehicle for Autopilot {
     fn take(&mut self, _: Time, frame: &[u8], answers: &mut Vec<Vec<u8>>) -> Understood {
         let packets: Vec<_> = self.decoder.push(frame).collect();
         let [packet] = packets[..] else { panic!("{packets:?}: one packet was sent") };
-        let mut said = Vec::new();
-        let understood = self.understand(&packet.content, &mut said);
-        answers.extend(said.iter().map(|content| self.encode(content)));
+        let mut replies = Vec::new();
+        let understood = self.understand(&packet.content, &mut replies);
+        answers.extend(replies.iter().map(|content| self.encode(content)));
         understood
     }
 

@@ -1,4 +1,4 @@
-//! The checks of a camera system: what speaks against flying with it at 60 Hz.
+//! Checks of a camera system: findings against flying with it at 60 Hz.
 
 use super::figures::ProbeFigures;
 use super::finding::{ProbeFinding, Severity};

@@ -54,7 +54,7 @@ impl ProbeListener {
         }
     }
 
-    /// The figures of what was heard in `duration`.
+    /// Figures of the frames received in `duration`.
     pub fn figures(mut self, duration: Span) -> ProbeFigures {
         let counts = self.gates.iter().map(FrameGate::counts);
         let counts = counts.fold(FrameCounts::default(), FrameCounts::plus);
@@ -126,16 +126,18 @@ impl FrameSink for ProbeListener {
     }
 
     fn body(&mut self, _gate: usize, route: usize, body: MeasuredBody) {
-        let Some(heard) = self.bodies.get_mut(route) else { return };
-        heard.id = body.number;
-        heard.frames += 1;
+        let Some(body_state) = self.bodies.get_mut(route) else { return };
+        body_state.id = body.number;
+        body_state.frames += 1;
         let Some(pose) = &body.pose else { return };
-        heard.tracked += 1;
-        if !heard.window_began.is_set() || self.arrival.since(heard.window_began) >= WINDOW {
-            heard.noise.extend(heard.window.finish());
-            heard.window_began = self.arrival;
+        body_state.tracked += 1;
+        if !body_state.window_began.is_set()
+            || self.arrival.since(body_state.window_began) >= WINDOW
+        {
+            body_state.noise.extend(body_state.window.finish());
+            body_state.window_began = self.arrival;
         }
-        heard.window.add(pose);
+        body_state.window.add(pose);
     }
 
     fn damaged(&mut self) {
