@@ -2,7 +2,7 @@
 
 use std::process::Command;
 
-use crate::common::{Running, SERVICES, Testbed, assert_refused, stderr, wait_for};
+use crate::common::{Running, SERVICES, Testbed, assert_refused, has_namespaces, stderr, wait_for};
 use oqtal_bus::code::SafetyState;
 use oqtal_bus::topic::TELEMETRY;
 use oqtal_bus::transport::{Subscribe, Transport};
@@ -101,6 +101,9 @@ fn f29_remains_of_killed_processes_do_not_hinder_the_next() {
 
 #[test]
 fn f27_too_little_shared_memory_is_reported_at_the_start() {
+    if !has_namespaces() {
+        return;
+    }
     let testbed = Testbed::new("full");
     let daemon = testbed.oqtal(&["daemon", "run"]);
     let words: Vec<_> = daemon.get_args().map(ToOwned::to_owned).collect();
@@ -135,6 +138,9 @@ for pid in $pids; do kill $pid; code=0; wait $pid || code=$?; echo $code; done
 
 #[test]
 fn f27_a_full_memory_and_a_stopped_observer_end_no_process() {
+    if !has_namespaces() {
+        return;
+    }
     let testbed = Testbed::new("filled");
     let mut private = Command::new("unshare");
     private.args(["--map-root-user", "--mount", "--pid", "--fork", "sh", "-c", FULL_MEMORY]);

@@ -262,6 +262,17 @@ pub fn is_root() -> bool {
     is_root
 }
 
+/// Whether this user may mount file systems in a namespace of its own; reports that the test is skipped otherwise.
+pub fn has_namespaces() -> bool {
+    let mut unshare = Command::new("unshare");
+    unshare.args(["--map-root-user", "--mount", "--pid", "--fork", "true"]).stderr(Stdio::null());
+    let is_allowed = unshare.status().is_ok_and(|status| status.success());
+    if !is_allowed {
+        skipped("this user may not create namespaces (unshare, package util-linux)");
+    }
+    is_allowed
+}
+
 pub fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
