@@ -1,4 +1,4 @@
-//! `oqtal check FILE`: the effective configuration, and what of the vehicle differs from the shipped one.
+//! `oqtal check FILE`: the effective configuration, and its differences from the shipped vehicle.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -28,15 +28,15 @@ impl CheckArgs {
         oqtal_daemon::check(&config)?;
         oqtal_plant_sim::check(&config)?;
         oqtal_mocap_emu::check(&config)?;
-        let told = oqtal_daemon::warnings(&config, &oqtal_daemon::trajectory(&config)?);
-        told.iter().for_each(|told| say(&format!("oqtal: warning: {told}")));
+        let warnings = oqtal_daemon::warnings(&config, &oqtal_daemon::trajectory(&config)?);
+        warnings.iter().for_each(|warning| say(&format!("oqtal: warning: {warning}")));
         changes(&config)?.iter().for_each(|line| say(&format!("oqtal: {line}")));
         print(&describe(&config))?;
         Ok(Exit::Ok)
     }
 }
 
-/// What of `[vehicle]` and of the filters' noise differs from the shipped values of its preset, as an identification changes them:
+/// Values of `[vehicle]` and of the filters' noise that differ from the shipped values of the preset, as after an identification:
 /// one line for each key.
 fn changes(config: &Config) -> Result<Vec<String>, Failure> {
     let preset = Setting::flag("check", "vehicle.preset", config.vehicle.preset.as_str());
@@ -74,7 +74,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_differs_from_the_preset_is_said() {
+    fn differences_from_the_preset_are_listed() {
         assert_eq!(changes(&Config::default()).unwrap(), Vec::<String>::new());
         let settings = [
             Setting::flag("test", "vehicle.rate-lag-ms", 60.0),

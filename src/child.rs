@@ -13,7 +13,7 @@ use rustix::process::{Pid, Signal, kill_process};
 
 /// Time between the request to end and the kill.
 const SHUTDOWN_TIMEOUT: Span = Span::from_millis(2000);
-/// Lines of the log shown when a process has ended unasked.
+/// Lines of the log shown when a process has ended by itself.
 const LOG_TAIL_LINES: usize = 5;
 
 /// A running child process. It is ended when this is dropped, and ends by itself when this process dies.
@@ -48,7 +48,7 @@ impl Child {
         Ok(Self { name, process: spawn(name, command, file)?, log })
     }
 
-    /// Starts `command` in the place of this process, which has been killed; its log goes on.
+    /// Starts `command` in place of this process, which has been killed, and appends to its log.
     ///
     /// # Errors
     /// As [`Child::start`].

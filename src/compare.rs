@@ -24,7 +24,7 @@ impl CompareArgs {
     /// Prints tables of errors, hops and settings that differ, and writes the page.
     ///
     /// # Errors
-    /// A file is no recording (exit code 65) or of another version (76), there are too many (64), or the page cannot be written.
+    /// A file is not a recording (exit code 65) or of another version (76), there are too many (64), or the page cannot be written.
     pub fn execute(&self) -> Result<Exit, Failure> {
         if self.files.len() > MOST_FLIGHTS {
             let message = format!("at most {MOST_FLIGHTS} recordings can be compared");

@@ -65,17 +65,17 @@ impl Request {
     }
 }
 
-/// The answer of the daemon, as it is printed.
+/// Printed answer of the daemon.
 #[derive(Debug, Serialize)]
 struct ControlReport {
     command: String,
     answer: String,
-    /// What has happened, in words.
+    /// Effect of the command as text.
     effect: String,
     mode: String,
     state: String,
     cause: String,
-    /// What keeps a flight from beginning; empty in flight.
+    /// Obstacles to a take-off; empty in flight.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     obstacles: Vec<String>,
     /// Health of the processes; like the fields below, with `status` only.
@@ -109,13 +109,13 @@ impl CtlArgs {
         let expected = named.map(Config::hash);
         let asked = self.ask(&bus, expected);
         drop(bus);
-        let (response, heard) = asked?;
+        let (response, status) = asked?;
         let Some(response) = response else {
-            heard.lines().iter().for_each(|line| say(line));
+            status.lines().iter().for_each(|line| say(line));
             return Err(silent(&instance.name));
         };
-        let lines = heard.lines();
-        let report = ControlReport::new(self.command.command(), &response, heard);
+        let lines = status.lines();
+        let report = ControlReport::new(self.command.command(), &response, status);
         let refused = report.check(&response, expected);
         if refused.is_err() {
             // The processes with their configurations, where these differ.
@@ -162,22 +162,22 @@ impl CtlArgs {
         let differs = response.is_some_and(|response| {
             response.answer == Answer::Refused.code() && names_configurations(&response)
         });
-        let heard = match self.command {
+        let status = match self.command {
             Request::Status => status::observe(bus)?,
             _ if differs => status::observe(bus)?,
             _ => InstanceStatus::default(),
         };
-        Ok((response, heard))
+        Ok((response, status))
     }
 }
 
-/// Whether the daemon says that processes run with different configurations.
+/// Whether the daemon reports that processes run with different configurations.
 fn names_configurations(response: &ControlResponseV1) -> bool {
     let mut obstacles = ArmingObstacles::from_bits(response.obstacles).iter();
     obstacles.any(|obstacle| obstacle == ArmingObstacle::Configuration)
 }
 
-/// What has happened by a command that the daemon did not refuse, from the mode that it is in since.
+/// Effect of a command that the daemon did not refuse, from the mode after it.
 fn effect(command: OperatorCommand, mode: Option<Mode>, answer: &str) -> String {
     match (command, mode) {
         (OperatorCommand::Arm, Some(Mode::Flying)) => "armed, the flight has begun".to_owned(),
@@ -198,7 +198,7 @@ fn silent(instance: &str) -> Failure {
     Failure::new(Exit::Peer, message)
 }
 
-/// Fails if no daemon answers on `instance`; `otherwise` is what else can be done.
+/// Fails if no daemon answers on `instance`; `otherwise` is the alternative that the message names.
 ///
 /// # Errors
 /// No daemon answers (exit code 75), or the bus refuses.
@@ -234,9 +234,9 @@ pub fn execute(
 }
 
 impl ControlReport {
-    fn new(command: OperatorCommand, response: &ControlResponseV1, heard: InstanceStatus) -> Self {
-        let config_agrees = heard.config_agrees();
-        let InstanceStatus { processes, vehicle, position_m } = heard;
+    fn new(command: OperatorCommand, response: &ControlResponseV1, status: InstanceStatus) -> Self {
+        let config_agrees = status.config_agrees();
+        let InstanceStatus { processes, vehicle, position_m } = status;
         let answer = word(Answer::from_code(response.answer));
         Self {
             command: command.to_string(),
@@ -281,7 +281,7 @@ impl ControlReport {
     }
 
     fn to_json(&self) -> String {
-        serde_json::to_string_pretty(self).expect("a report holds only what JSON can say")
+        serde_json::to_string_pretty(self).expect("a report is plain JSON")
     }
 
     /// The answer and the lines of the status as text.

@@ -48,7 +48,7 @@ impl ExportArgs {
     /// Writes a file for each topic and prints their paths.
     ///
     /// # Errors
-    /// The file is no recording (exit code 65) or of another version (76), a topic is unknown (64), or a file cannot be written.
+    /// The file is not a recording (exit code 65) or of another version (76), a topic is unknown (64), or a file cannot be written.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let file = recordings::read(&self.file)?;
         let extension = self.format.extension();

@@ -129,7 +129,7 @@ impl FlyArgs {
     /// Flies, prints the figures and writes the results.
     ///
     /// # Errors
-    /// The flight could not be flown or its results not be written. A flight that ended badly is no error but an exit code.
+    /// The flight could not be flown, or its results could not be written. A flight that ended badly is an exit code, not an error.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let mut config = Config::load(self.common.config.as_deref(), &self.settings()?)?;
         check_instance(&config)?;
@@ -139,8 +139,8 @@ impl FlyArgs {
         let paths = &FlightPaths { commands, poses };
         let mission = Mission::new(config)?;
         check_pose_rate(&mission)?;
-        let told = oqtal_daemon::warnings(&mission.config, &mission.trajectory);
-        told.iter().for_each(|told| say(&format!("oqtal: warning: {told}")));
+        let warnings = oqtal_daemon::warnings(&mission.config, &mission.trajectory);
+        warnings.iter().for_each(|warning| say(&format!("oqtal: warning: {warning}")));
         let directory = match self.force {
             true => FlightDirectory::create_or_replace(self.out.as_deref(), &mission.config)?,
             false => FlightDirectory::create(self.out.as_deref(), &mission.config)?,
@@ -168,10 +168,10 @@ impl FlyArgs {
         }
         if let Some(shortfall) = &summary.shortfall {
             say(&format!("oqtal: {shortfall}"));
-            // What an operator asks for is done.
-            let is_asked_for =
+            // A landing that the operator requested is a success.
+            let is_requested =
                 flight.outcome == Outcome::Landed && flight.landing_on_request().is_some();
-            return Ok(if is_asked_for { Exit::Ok } else { Exit::Flight });
+            return Ok(if is_requested { Exit::Ok } else { Exit::Flight });
         }
         match flight.outcome {
             Outcome::Landed | Outcome::Replayed => Ok(Exit::Ok),
@@ -218,7 +218,7 @@ impl FlyArgs {
     }
 }
 
-/// Fails if the poses of a recording come so seldom that the loop would not make one tick with them.
+/// Fails if the rate of the poses of a recording is too low for a single tick of the loop.
 fn check_pose_rate(mission: &Mission) -> Result<(), Failure> {
     let Some(recording) = &mission.recording else { return Ok(()) };
     let (poses_hz, loop_hz) = (recording.nominal_rate_hz(), mission.config.control.rate_hz);

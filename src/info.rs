@@ -1,4 +1,4 @@
-//! `oqtal info FILE`: what a recording holds.
+//! `oqtal info FILE`: contents of a recording.
 
 use std::path::PathBuf;
 
@@ -23,7 +23,7 @@ impl InfoArgs {
     /// Prints version, machine, configuration hash and topics of the recording.
     ///
     /// # Errors
-    /// The file is no recording (exit code 65).
+    /// The file is not a recording (exit code 65).
     pub fn execute(&self) -> Result<Exit, Failure> {
         let overview = RecordingOverview::of(&recordings::read(&self.file)?);
         let json = || serde_json::to_string_pretty(&overview).expect("an overview is plain JSON");

@@ -1,10 +1,10 @@
-//! `oqtal latency`: where the time goes, beside what the machine gives bare in the same run.
+//! `oqtal latency`: latency of each hop of the loop, beside that of bare mechanisms of the operating system in the same run.
 //!
 //! | file | subject |
 //! |---|---|
 //! | `rig.rs` | the processes of a measurement |
 //! | `camera.rs`, `vehicle.rs` | stand-ins at the two ends of the chain |
-//! | `bare.rs`, `bare/` | other ways to hand a message over |
+//! | `bare.rs`, `bare/` | other mechanisms to transmit a message |
 //! | `condition.rs` | with and without cache warm-up, with cameras that jitter |
 //! | `pairs.rs`, `sleep.rs` | periodic wake-up against cyclictest |
 //! | `figures.rs`, `show.rs` | JSON and tables |
@@ -43,18 +43,18 @@ use rig::Rig;
 
 pub use part::Part;
 
-/// A process has so long to come up and fly.
-const PATIENCE: Span = Span::from_millis(10_000);
-/// A running daemon is heard at least every few periods.
+/// Time-out for the test chain to start and fly.
+const START_TIMEOUT: Span = Span::from_millis(10_000);
+/// Time within which a running daemon publishes a tick.
 const SILENCE: Span = Span::from_millis(1500);
-/// Time that the processes of a condition take to start and end, about \[s\].
+/// Approximate time for the processes of a condition to start and end \[s\].
 const STARTING_S: f64 = 3.0;
-/// What is measured while processes warm up does not count.
+/// Measurements during this time after the start are discarded.
 const WARM_UP: Span = Span::from_millis(500);
-/// How often is listened: long before a buffer is full, and seldom, so that it is not felt.
-const LISTEN: Duration = Duration::from_millis(100);
+/// Period of polling: short enough that no buffer overflows, long enough not to disturb the loop.
+const POLL_PERIOD: Duration = Duration::from_millis(100);
 
-/// What to measure.
+/// Arguments of `oqtal latency`.
 #[derive(Args, Clone, Debug)]
 pub struct LatencyArgs {
     /// Measure the running instance, without affecting it, instead of a test chain
@@ -74,10 +74,10 @@ pub struct LatencyArgs {
 }
 
 impl LatencyArgs {
-    /// Measures, and prints what was found.
+    /// Measures, and prints the figures.
     ///
     /// # Errors
-    /// With --attach no daemon is heard (exit code 75); a process could not be started or ended.
+    /// With --attach no daemon is observed (exit code 75); a process could not be started or ended.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
         let stop = stop_on_signals()?;
@@ -91,7 +91,7 @@ impl LatencyArgs {
         Span::from_millis(i64::from(self.seconds) * 1000)
     }
 
-    /// Time that the measurement at rest takes, about \[s\].
+    /// Approximate duration of the measurement at rest \[s\].
     fn expected_s(&self) -> f64 {
         let seconds = f64::from(self.seconds);
         let chains = RigCondition::ALL.len() as f64 * (seconds + STARTING_S);
@@ -99,7 +99,7 @@ impl LatencyArgs {
         chains + if pairs::is_installed() { pairs } else { 0.0 }
     }
 
-    /// The test chain beside the bare mechanisms, under each condition, then our periodic wake-up against cyclictest.
+    /// Measures the test chain and the bare mechanisms under each condition, then periodic wake-up and cyclictest.
     fn at_rest(&self, config: &Config, stop: &StopFlag) -> Result<LatencyFigures, Failure> {
         let [regular, others @ ..] = RigCondition::ALL;
         say(&format!("this takes about {:.0} s; Ctrl-C ends it early", self.expected_s()));
@@ -123,7 +123,7 @@ impl LatencyArgs {
         Ok(figures.with_pairs(pairs))
     }
 
-    /// The test chain beside the bare mechanisms under `condition`; the chain has ended, its directory remains with the rig.
+    /// Measures the test chain and the bare mechanisms under `condition`; ends the chain and keeps its directory with the rig.
     fn under(
         &self,
         condition: RigCondition,
@@ -137,12 +137,12 @@ impl LatencyArgs {
         rig.start_bare()?;
         say(&format!("test chain {}, and bare mechanisms: {} s", condition.name(), self.seconds));
         take_off(&bus, &mut observation, &mut rig)?;
-        let figures = self.listen(&mut observation, Some(&mut rig), stop)?;
+        let figures = self.observe(&mut observation, Some(&mut rig), stop)?;
         rig.stop_chain();
         Ok((rig, figures))
     }
 
-    /// A running instance.
+    /// Measures a running instance.
     fn attach(&self, config: &Config, stop: &StopFlag) -> Result<LatencyFigures, Failure> {
         let place = instance_paths(config)?;
         place.become_owner()?;
@@ -162,7 +162,7 @@ impl LatencyArgs {
         let give_up = Time::now() + SILENCE;
         while observation.monitor.latest().is_none() {
             if Time::now() >= give_up {
-                return Err(nobody(&config.instance.name));
+                return Err(no_daemon(&config.instance.name));
             }
             std::thread::sleep(Duration::from_millis(10));
             observation.poll()?;
@@ -172,11 +172,11 @@ impl LatencyArgs {
             rig.start_bare()?;
         }
         say(&format!("instance `{}`: {} s", config.instance.name, self.seconds));
-        self.listen(&mut observation, rig.as_mut(), stop)
+        self.observe(&mut observation, rig.as_mut(), stop)
     }
 
-    /// Listens for the time asked for, or until interrupted.
-    fn listen(
+    /// Observes for the requested time, or until interrupted.
+    fn observe(
         &self,
         observation: &mut Observation,
         mut rig: Option<&mut Rig>,
@@ -186,7 +186,7 @@ impl LatencyArgs {
         let end = from + self.span();
         observation.monitor.restart(from);
         while Time::now() < end && !stop.is_set() {
-            std::thread::sleep(LISTEN);
+            std::thread::sleep(POLL_PERIOD);
             observation.poll()?;
             rig.as_mut().map_or(Ok(()), |rig| rig.check())?;
         }
@@ -214,11 +214,11 @@ impl Observation {
     }
 }
 
-/// Asks the daemon to fly, and waits until the vehicle is told to.
+/// Requests a flight, and waits until the vehicle is armed.
 fn take_off(bus: &Bus, observation: &mut Observation, rig: &mut Rig) -> Result<(), Failure> {
     let client = bus.control_client()?;
     let request = ControlRequestV1::of(OperatorCommand::Fly);
-    let give_up = Time::now() + PATIENCE;
+    let give_up = Time::now() + START_TIMEOUT;
     let mut asked = false;
     while !observation.monitor.is_armed() {
         rig.check()?;
@@ -232,9 +232,9 @@ fn take_off(bus: &Bus, observation: &mut Observation, rig: &mut Rig) -> Result<(
     Ok(())
 }
 
-fn nobody(instance: &str) -> Failure {
+fn no_daemon(instance: &str) -> Failure {
     let message = format!(
-        "no daemon is heard on instance `{instance}` in real time; start one, name another with --instance, \
+        "no daemon was observed on instance `{instance}` in real time; start one, name another with --instance, \
          or leave --attach out to measure a test chain"
     );
     Failure::new(Exit::Peer, message)

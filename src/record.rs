@@ -98,7 +98,7 @@ impl RecordArgs {
             let now = Time::now();
             recorder.note_clock(now);
             observer.poll(now, &mut Tee(&mut recorder, &mut daemon))?;
-            daemon.tell(config, &mut recorder);
+            daemon.record(config, &mut recorder);
             if end.is_some_and(|end| now >= end) {
                 break;
             }
@@ -107,28 +107,28 @@ impl RecordArgs {
     }
 }
 
-/// What is told once of each daemon.
+/// Facts that are recorded once for each daemon.
 #[derive(Debug, Default)]
 struct DaemonFacts {
     pid: Option<u64>,
     config_hash: Option<u64>,
-    told_pid: Option<u64>,
-    told_hash: Option<u64>,
+    recorded_pid: Option<u64>,
+    reported_hash: Option<u64>,
     /// Samples that were overwritten before they were observed \[-\].
     lost: u64,
 }
 
 impl DaemonFacts {
-    /// Records what a new daemon was granted, and says if it runs with another configuration.
-    fn tell(&mut self, config: &Config, recorder: &mut McapRecorder) {
-        if self.pid != self.told_pid {
-            self.told_pid = self.pid;
+    /// Records the scheduling granted to a new daemon, and reports if it runs with another configuration.
+    fn record(&mut self, config: &Config, recorder: &mut McapRecorder) {
+        if self.pid != self.recorded_pid {
+            self.recorded_pid = self.pid;
             if let Some(granted) = self.pid.and_then(ThreadScheduling::of) {
                 recorder.facts(Facts::of_grants(&granted));
             }
         }
-        if self.config_hash != self.told_hash {
-            self.told_hash = self.config_hash;
+        if self.config_hash != self.reported_hash {
+            self.reported_hash = self.config_hash;
             if self.config_hash.is_some_and(|hash| hash != config.hash()) {
                 say(
                     "oqtal: the daemon runs with another configuration than is recorded: give its --config and flags, or a replay differs",

@@ -8,10 +8,10 @@ use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::say;
 
-/// Reads the recording at `path`, and says if it was cut off.
+/// Reads the recording at `path`, and reports if it was cut off.
 ///
 /// # Errors
-/// The file cannot be read or is no recording (exit code 65), or is one of another version (76).
+/// The file cannot be read or is not a recording (exit code 65), or is one of another version (76).
 pub fn read(path: &Path) -> Result<RecordingFile, Failure> {
     let file = RecordingFile::read(path).map_err(failure)?;
     if let Some(reason) = &file.cut_off {

@@ -1,4 +1,4 @@
-//! `oqtal replay FILE`: a recording through the daemon once more.
+//! `oqtal replay FILE`: executes the daemon on the inputs of a recording.
 
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -37,7 +37,7 @@ pub struct ReplayArgs {
     json: bool,
 }
 
-/// The result of a replay, as it is printed.
+/// Printed result of a replay.
 #[derive(Debug, Serialize)]
 struct ReplayReport {
     daemons: usize,
@@ -62,7 +62,7 @@ impl ReplayArgs {
     /// Replays every daemon of the recording and prints how the commands compare.
     ///
     /// # Errors
-    /// The file is no recording, is incomplete, or a setting is wrong.
+    /// The file is not a recording, is incomplete, or a setting is wrong.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let file = recordings::read(&self.file)?;
         let config = self.config(&file)?;

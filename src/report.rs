@@ -28,7 +28,7 @@ impl ReportArgs {
     /// Prints the figures of the flight and writes the page, as `oqtal fly` did.
     ///
     /// # Errors
-    /// The file is no recording (exit code 65) or of another version (76), or the page cannot be written.
+    /// The file is not a recording (exit code 65) or of another version (76), or the page cannot be written.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let flight = recordings::read_flight(&self.file)?;
         let summary = Summary::of(&flight);

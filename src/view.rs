@@ -62,7 +62,7 @@ impl ViewArgs {
     /// Serves the page until it is interrupted.
     ///
     /// # Errors
-    /// The address needs a token (exit code 64) or is in use (71); the file is no recording (65) or of another version (76); no
+    /// The address needs a token (exit code 64) or is in use (71); the file is not a recording (65) or of another version (76); no
     /// daemon runs (75, without `--wait`).
     pub fn execute(&self) -> Result<Exit, Failure> {
         let token = (self.control || self.token).then(new_token).transpose()?;
@@ -140,7 +140,7 @@ impl ViewArgs {
         }
         if !access.is_loopback {
             say(
-                "oqtal: token and page cross the network unencrypted: use a network that is yours alone, or an ssh tunnel",
+                "oqtal: token and page cross the network unencrypted: use a private network or an ssh tunnel",
             );
         }
         Ok(())
@@ -166,7 +166,7 @@ fn feed(
 
 fn needs_token(listen: SocketAddr) -> Failure {
     let message = format!(
-        "--listen {listen}: other machines can reach this address; give --token, so that the page is shown to those alone who have it"
+        "--listen {listen}: other machines can reach this address; give --token, so that only its holders see the page"
     );
     Failure::new(Exit::Usage, message)
 }

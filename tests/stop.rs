@@ -108,7 +108,7 @@ fn a_stop_without_a_vehicle_is_reported_and_waits_for_it() {
     let testbed = Testbed::new("stop-nobody");
     let (code, _, message) = stop(&testbed);
     assert_eq!(code, Some(75));
-    assert!(message.contains("nobody to stop"), "{message}");
+    assert!(message.contains("nothing to stop"), "{message}");
     let bus = testbed.bus();
     let _daemon = testbed.start(&["daemon", "run"]);
     let mut telemetry = bus.observer(&TELEMETRY).unwrap();

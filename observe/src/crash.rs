@@ -1,4 +1,4 @@
-//! How a vehicle crashed, as the truth shows it.
+//! Detection of crashes from the true motion.
 
 use std::fmt;
 
@@ -18,7 +18,7 @@ const AT_FLOOR_M: f64 = 0.05;
 /// Distance beyond the fence at which the vehicle is lost \[m\].
 const LOST_M: f64 = 12.0;
 
-/// What ended a flight in a crash.
+/// Cause of a crash.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Crash {
     /// The vehicle was on the floor while it was to fly.
@@ -43,7 +43,7 @@ pub enum Crash {
 }
 
 impl Crash {
-    /// What an armed vehicle's state shows; `None` if it flies.
+    /// Crash of an armed vehicle in the state of `sample`; `None` if it flies.
     #[must_use]
     pub fn of(sample: &FlightSample, fence: &FenceOptions) -> Option<Self> {
         let phase = sample.telemetry.phase;
@@ -62,7 +62,7 @@ impl Crash {
         (is_airborne && position.z <= 0.0).then_some(Self::Floor)
     }
 
-    /// What the state of a vehicle and the one a tick before show, be it armed or not: it fell, and the floor ended that.
+    /// Crash of a vehicle, armed or not, that fell in the tick before and was stopped by the floor; `None` otherwise.
     #[must_use]
     pub fn at_touchdown(before: &FlightSample, sample: &FlightSample) -> Option<Self> {
         let [speed, rest] = [before, sample].map(|sample| -sample.velocity().z);
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn a_crash_says_what_happened_and_where() {
+    fn a_crash_has_a_cause_and_a_place() {
         let level = [0.0, 0.0, 0.0, 1.0];
         let config = Config::default();
         let said = |sample| Crash::of(&sample, &config.fence).map(|crash| crash.to_string());
@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn a_touchdown_is_a_crash_by_its_speed_and_a_fall_that_goes_on_is_none_yet() {
+    fn a_touchdown_is_a_crash_by_its_speed_and_a_fall_before_the_floor_is_not() {
         let moving = |height: f64, climb: f64| {
             let sample = at([0.0, 0.0, height], [0.0, 0.0, 0.0, 1.0]);
             let velocity = [0.0, 0.0, climb];
@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn a_polygon_stands_for_the_ranges_of_x_and_y() {
+    fn a_polygon_replaces_the_ranges_of_x_and_y() {
         let polygon_m = vec![[0.0, 0.0], [40.0, 0.0], [40.0, 40.0]];
         let fence = FenceOptions { polygon_m, ..Config::default().fence };
         assert!(beyond(&fence, &Vector3::new(50.0, 20.0, 1.0)) == 10.0);

@@ -1,17 +1,19 @@
 //! `telemetry.csv`: one row for each tick, units in the column names, an empty cell for an unknown value.
 //!
-//! Every column has an entry in the dictionary, `docs/data.md`, which [`dictionary`] writes.
+//! `csv/columns.md` is the list of the columns and their dictionary, a part of `docs/data.md`; `csv/row.rs` makes the cells, in
+//! the same order.
 
-mod column;
-mod columns;
+mod row;
 
 use std::collections::HashMap;
 use std::io::Write;
 
 use crate::flight::{AppliedCommand, Flight};
 
-use column::{ColumnGroup, Instant, Row};
-use columns::COLUMNS;
+use row::Row;
+
+/// The columns as a table in Markdown: names, unit and frame, instant, meaning.
+const DICTIONARY: &str = include_str!("csv/columns.md");
 
 /// Writes the ticks of `flight` to `out`; `t_s` counts from [`Flight::origin`].
 ///
@@ -19,14 +21,13 @@ use columns::COLUMNS;
 /// `out` cannot be written.
 pub fn write(flight: &Flight, out: impl Write) -> ::csv::Result<()> {
     let mut writer = ::csv::Writer::from_writer(out);
-    writer.write_record(COLUMNS.iter().flat_map(|group| group.names))?;
+    writer.write_record(names())?;
     let applied: HashMap<u64, &AppliedCommand> =
         flight.applied.iter().map(|command| (command.sequence, command)).collect();
     let origin = flight.origin();
     for sample in &flight.samples {
         let applied = applied.get(&sample.telemetry.command_sequence).copied();
-        let row = Row { sample, applied, origin };
-        writer.write_record(COLUMNS.iter().flat_map(|group| group.cells(&row)))?;
+        writer.write_record(Row { sample, applied, origin }.cells())?;
     }
     writer.flush()?;
     Ok(())
@@ -34,23 +35,18 @@ pub fn write(flight: &Flight, out: impl Write) -> ::csv::Result<()> {
 
 /// The columns as a table in Markdown: names, unit and frame, instant, meaning.
 #[must_use]
-pub fn dictionary() -> String {
-    let row = |group: &ColumnGroup| {
-        let names: Vec<String> = group.names.iter().map(|name| format!("`{name}`")).collect();
-        let instant = match group.instant {
-            Instant::Tick => "tick",
-            Instant::Capture => "capture",
-            Instant::Command => "command",
-        };
-        format!("| {} | {} | {instant} | {} |\n", names.join(" "), group.unit, group.about)
-    };
-    let head = "| columns | unit, frame | instant | meaning |\n|---|---|---|---|\n";
-    head.to_owned() + &COLUMNS.iter().map(row).collect::<String>()
+pub fn dictionary() -> &'static str {
+    DICTIONARY
+}
+
+/// Names of the columns, in order: the words in code marks in the first cell of each line of the table.
+fn names() -> impl Iterator<Item = &'static str> {
+    let cells = DICTIONARY.lines().skip(2).filter_map(|line| line.split('|').nth(1));
+    cells.flat_map(str::split_whitespace).map(|name| name.trim_matches('`'))
 }
 
 #[cfg(test)]
 mod tests {
-    use super::column::CellValues;
     use super::*;
     use crate::report::fixture;
 
@@ -101,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn names_are_distinct_and_what_is_unknown_is_empty() {
+    fn names_are_distinct_and_unknown_values_are_empty_cells() {
         let (names, rows) = read(&fixture::replay());
         let distinct: std::collections::BTreeSet<_> = names.iter().collect();
         assert_eq!(distinct.len(), names.len());
@@ -112,17 +108,5 @@ mod tests {
     #[test]
     fn an_empty_flight_is_a_header() {
         assert!(read(&fixture::empty()).1.is_empty());
-    }
-
-    #[test]
-    fn every_number_has_a_unit_and_no_more_columns_than_cells() {
-        for group in &COLUMNS {
-            assert!(group.names.len() <= 6 && !group.about.is_empty(), "{group:?}");
-            assert_eq!(
-                matches!(group.cells, CellValues::Word(_)),
-                group.unit == "word",
-                "{group:?}"
-            );
-        }
     }
 }

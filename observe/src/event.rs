@@ -1,4 +1,4 @@
-//! Events of a flight in words, as recordings, the live terminal, the page in the browser and the report tell them.
+//! Events of a flight as text, for recordings, the terminal, the page in the browser and the report.
 
 use std::fmt;
 
@@ -22,19 +22,19 @@ impl DaemonCondition {
         Self { mode, state, cause, fell_back }
     }
 
-    /// The safety state; `None` for a code that this version does not know.
+    /// The safety state; `None` for an unknown code.
     #[must_use]
     pub fn state(self) -> Option<SafetyState> {
         SafetyState::from_code(self.state)
     }
 
-    /// The mode in words.
+    /// The mode as text.
     #[must_use]
     pub fn mode_text(self) -> String {
         word(Mode::from_code(self.mode))
     }
 
-    /// State and cause in words.
+    /// State and cause as text.
     #[must_use]
     pub fn state_text(self) -> String {
         let state = word(self.state());
@@ -44,13 +44,13 @@ impl DaemonCondition {
         }
     }
 
-    /// Whether the configured model is flown, since the adapted one predicts worse.
+    /// Whether the configured model is flown because the adapted one predicts worse.
     #[must_use]
     pub fn fell_back(self) -> bool {
         self.fell_back != 0
     }
 
-    /// Which model is flown, in words.
+    /// Name of the model that is flown.
     #[must_use]
     pub fn model_text(self) -> &'static str {
         match self.fell_back() {
@@ -83,7 +83,7 @@ pub fn changes(before: &TelemetryV1, now: &TelemetryV1) -> Vec<String> {
         ("deadlines missed", before.deadline_misses, now.deadline_misses),
     ];
     let state = (before.state, before.cause) != (now.state, now.cause);
-    // On the floor what was learnt is forgotten, which is no event.
+    // On the floor the adapted model is reset, which is not an event.
     let model = before.fell_back != now.fell_back && now.mode == Mode::Flying.code();
     let condition = DaemonCondition::of(now);
     let states = state.then(|| condition.state_text());
@@ -93,8 +93,7 @@ pub fn changes(before: &TelemetryV1, now: &TelemetryV1) -> Vec<String> {
     states.into_iter().chain(models).chain(counts).collect()
 }
 
-/// Beginning and, if it has one, end of something that is named by `what`, from a time after arming to another \[s\]: instant and
-/// words. An infinite end is none.
+/// Events at the beginning and, if it is finite, at the end of the period of `what`: time after arming \[s\] and text.
 pub fn of_period(
     what: &str,
     (from_s, until_s): (f64, f64),
@@ -104,7 +103,7 @@ pub fn of_period(
     std::iter::once(begins).chain(ends)
 }
 
-/// What an input of the daemon says, in words; `None` for an ordinary turn, and for a request that only asks for the state.
+/// Event of an input of the daemon as text; `None` for an ordinary turn and for a request of the status.
 #[must_use]
 pub fn of_input(input: &InputV1) -> Option<String> {
     match InputKind::from_code(input.kind)? {

@@ -63,7 +63,7 @@ fn scoring(summary: &Summary) -> Vec<(&'static str, String)> {
     };
     let scored_s = summary.scored_s;
     [
-        ("error over", format!("the {scored_s:.1} s that are scored: the trajectory itself, without take-off, settling and landing; of a hover, from 10 s after it is reached; judged by {against}")),
+        ("error over", format!("the {scored_s:.1} s that are scored: the trajectory itself, without take-off, settling and landing; of a hover, from 10 s after it is reached; compared with {against}")),
         ("position", "distance from the reference position".to_owned()),
         ("velocity", "distance from the velocity that the position loops command".to_owned()),
         ("attitude", "angle between the attitude and the one that is commanded".to_owned()),
@@ -83,10 +83,10 @@ fn latency(summary: &Summary) -> Vec<(&'static str, String)> {
         ),
         (
             "wire, air",
-            "behind a bridge: time of the bytes on the wire; from there to the effect, as bridge.air-latency-ms says, not measured",
+            "behind a bridge: time of the bytes on the wire; from there to the effect, configured by bridge.air-latency-ms, not measured",
         ),
         ("sensor to actuator", "sum of all hops of a command: from capture to effect"),
-        ("p50, p99, p99.9", "half of all samples, 99 % and 99.9 % were at most so long"),
+        ("p50, p99, p99.9", "half of all samples, 99 % and 99.9 % took at most this time"),
     ];
     if summary.wakeup_lateness.is_some() {
         terms.push(("wake-up lateness", "from the arrival of a pose, or from the deadline without one, to the start of the tick"));
@@ -117,9 +117,9 @@ fn counts(config: &Config, summary: &Summary) -> Vec<(&'static str, String)> {
     let coast_ms = config.safety.coast_ms;
     terms.extend([
         ("poses lost", "camera frames without a pose".to_owned()),
-        ("refused", "poses that were late, repeated, not tracked, or where the commands cannot have brought the vehicle".to_owned()),
+        ("refused", "poses that were late, repeated, not tracked, or not reachable with the commands sent".to_owned()),
         ("commands lost", "commands that never reached simulator or bridge".to_owned()),
-        ("states", format!("safety states from arming on. Nominal: all is well. Degraded: a warning. Coast: no pose for three periods, flown on the predicted motion; after {coast_ms} ms the motors stop. Hold, Land, Stop: responses to limits, docs/faults.md")),
+        ("states", format!("safety states from arming on. Nominal: no fault. Degraded: a warning. Coast: no pose for three periods, flown on the predicted motion; after {coast_ms} ms the motors stop. Hold, Land, Stop: responses to limits, docs/faults.md")),
     ]);
     terms
 }

@@ -48,8 +48,8 @@ impl AppliedDisturbance {
     }
 }
 
-/// Those of `periods`, each a name with its beginning and end from arming \[s\], that began before `flight` was over, in order; with
-/// their ends if these came.
+/// The `periods` (name, beginning and end from arming \[s\]) that began before `flight` was over, in order; without their ends if
+/// these came later.
 fn begun(
     flight: &Flight,
     periods: impl Iterator<Item = (String, f64, f64)>,

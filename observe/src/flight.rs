@@ -58,7 +58,7 @@ impl fmt::Display for Outcome {
     }
 }
 
-/// A pose as it was received.
+/// A pose that was received.
 #[derive(Clone, Copy, Debug)]
 pub struct PoseArrival {
     /// Instant of publication.
@@ -69,14 +69,14 @@ pub struct PoseArrival {
     pub position: [f64; 3],
 }
 
-/// A command as it reached the vehicle.
+/// A command that reached the vehicle.
 #[derive(Clone, Copy, Debug)]
 pub struct AppliedCommand {
     /// Its sequence \[-\].
     pub sequence: u64,
     /// Its stamps, from the capture of its pose on.
     pub stamps: Stamps,
-    /// What remained of its way after them.
+    /// Time from the last stamp to its effect.
     pub onward: OnwardTime,
     /// Battery voltage when it was applied \[V\].
     pub battery_v: f64,
@@ -91,7 +91,7 @@ pub struct Flight {
     pub command_path: CommandPath,
     /// How the flight ended.
     pub outcome: Outcome,
-    /// What ended the flight in a crash; `None` unless it crashed.
+    /// Cause of a crash; `None` unless the vehicle crashed.
     pub crash: Option<Crash>,
     /// Every tick, from the first to the last.
     pub samples: Vec<FlightSample>,
@@ -115,7 +115,7 @@ pub struct Flight {
     pub applied: Vec<AppliedCommand>,
     /// Flight time over wall time, from the first to the last tick \[-\].
     pub speed_factor: f64,
-    /// Resource use of the daemon; `None` if it was no process of its own.
+    /// Resource use of the daemon; `None` if it was not a process of its own.
     pub daemon: Option<ProcessUsage>,
 }
 
@@ -148,13 +148,13 @@ impl Flight {
         self.samples.iter().filter(|sample| sample.is_armed())
     }
 
-    /// The ticks of the scored window, by which the flight is judged.
+    /// The ticks of the scored window, over which errors are computed.
     pub fn scored(&self) -> impl Iterator<Item = &FlightSample> {
         self.armed().filter(|sample| sample.telemetry.scored != 0)
     }
 
-    /// Why the flight did not end as planned: an operator or the daemon landed or stopped the vehicle, it crashed, or there was no
-    /// take-off. `None` for a complete flight, and for one whose outcome says it all.
+    /// Reason why the flight did not end as planned: an operator or the daemon landed or stopped the vehicle, it crashed, or there
+    /// was no take-off. `None` for a complete flight, and for an outcome that needs no reason.
     #[must_use]
     pub fn shortfall(&self) -> Option<String> {
         match self.outcome {
@@ -197,7 +197,7 @@ impl Flight {
         })
     }
 
-    /// How much of the trajectory was flown before a landing that an operator asked for; `None` if there was none.
+    /// Part of the trajectory that was flown before a landing that an operator requested; `None` without such a landing.
     #[must_use]
     pub fn landing_on_request(&self) -> Option<String> {
         if self.early_landing().is_some() {

@@ -1,4 +1,4 @@
-//! Scheduling and resource use of a process, read from `/proc`: what the kernel granted, not what was requested.
+//! Scheduling and resource use of a process as the kernel reports them in `/proc`.
 
 use std::borrow::Cow;
 use std::{fmt, fs};
@@ -146,7 +146,7 @@ pub struct OneProcessor(CpuSet);
 impl OneProcessor {
     /// Binds the thread; `None` if the kernel refuses.
     #[must_use]
-    pub fn stay() -> Option<Self> {
+    pub fn bind() -> Option<Self> {
         let before = sched_getaffinity(None).ok()?;
         let mut here = CpuSet::new();
         here.set(sched_getcpu());
@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_asked_for_and_not_granted_is_named() {
+    fn requested_settings_that_were_not_granted_are_listed() {
         let requested = config::Config::default().realtime;
         let granted =
             ThreadScheduling { policy: "fifo".into(), priority: 50, cpu: None, locked: true };
@@ -198,16 +198,16 @@ mod tests {
     }
 
     #[test]
-    fn a_thread_stays_on_one_processor_until_it_is_let_go() {
+    fn a_thread_stays_on_one_processor_until_it_is_released() {
         let before = sched_getaffinity(None).unwrap();
-        let stay = OneProcessor::stay().unwrap();
+        let stay = OneProcessor::bind().unwrap();
         assert_eq!(sched_getaffinity(None).unwrap().count(), 1);
         drop(stay);
         assert_eq!(sched_getaffinity(None).unwrap(), before);
     }
 
     #[test]
-    fn this_process_is_scheduled_somehow() {
+    fn scheduling_and_resources_of_this_process_are_read() {
         let own = ThreadScheduling::of(u64::from(std::process::id())).unwrap();
         assert_ne!(own.policy, "unknown");
         assert_eq!(ThreadScheduling::of(u64::MAX), None);

@@ -4,8 +4,8 @@
 //!  captured ─▶ pose published ─▶ woken ─▶ command published ─▶ received ─▶ applied
 //! ```
 //! For every sample the hops add up to `sensor_to_actuator`, which ends where the command takes effect. Behind a bridge the last
-//! stamp is that at which the last byte was handed to the wire; the times on the wire, and in the air as it is configured, are
-//! further hops.
+//! stamp is taken when the last byte is handed to the wire; the time on the wire and the configured time in the air are further
+//! hops.
 
 use hdrhistogram::Histogram;
 use serde::Serialize;
@@ -38,17 +38,17 @@ pub const WHOLE: &str = "sensor_to_actuator";
 pub const NAMES: [&str; HOPS.len() + RECEIVER.len() + 3] =
     [HOPS[0], RECEIVER[0], RECEIVER[1], HOPS[1], HOPS[2], HOPS[3], HOPS[4], WIRE, AIR, WHOLE];
 
-/// What remains of the way of a command after its last stamp; none for a vehicle that is simulated on the bus.
+/// Time from the last stamp of a command to its effect; zero for a vehicle that is simulated on the bus.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct OnwardTime {
     /// Time of its bytes on the wire.
     pub wire: Span,
-    /// Time from there to its effect, as it is configured.
+    /// Configured time from the last byte on the wire to the effect.
     pub air: Span,
 }
 
 impl OnwardTime {
-    /// That of the command in effect.
+    /// Time of the command in effect.
     #[must_use]
     pub fn of(vehicle: &VehicleV1) -> Self {
         let VehicleV1 { wire_ns, air_ns, .. } = *vehicle;
@@ -100,7 +100,7 @@ pub struct Distribution {
 
 impl Default for Distribution {
     fn default() -> Self {
-        // It grows with the spans it is given: room for a minute from the start would cost a tenth of a flight in virtual time.
+        // Grows with its spans: memory for a minute from the start would cost a tenth of a flight in virtual time.
         let spans = Histogram::new(3).expect("three digits are allowed");
         Self { spans, ends: (u64::MAX, 0) }
     }
@@ -110,7 +110,7 @@ impl Distribution {
     /// Adds a span. A negative span counts as zero; in quantiles a span above one minute counts as one minute.
     pub fn add(&mut self, span: Span) {
         let nanos = span.nanos().max(0).unsigned_abs();
-        self.spans.record(nanos.min(LONGEST_NS)).expect("it grows to a minute");
+        self.spans.record(nanos.min(LONGEST_NS)).expect("the histogram grows to a minute");
         self.ends = (self.ends.0.min(nanos), self.ends.1.max(nanos));
     }
 
@@ -163,40 +163,31 @@ pub struct DistributionSummary {
     pub max_ns: u64,
 }
 
-/// The distributions of all hops and of their sum.
+/// The distributions of all hops and of their sum, in the order of [`NAMES`].
 #[derive(Clone, Debug, Default)]
-pub struct HopDistributions {
-    hops: [Distribution; HOPS.len()],
-    receiver: [Distribution; RECEIVER.len()],
-    wire: Distribution,
-    air: Distribution,
-    whole: Distribution,
-}
+pub struct HopDistributions([Distribution; NAMES.len()]);
 
 impl HopDistributions {
     /// Adds a sample that reached the vehicle after its last stamp by the time `onward`; a sample with a missing stamp is ignored.
     pub fn add(&mut self, stamps: &Stamps, onward: OnwardTime) {
-        if let Some(spans) = hops(stamps) {
-            for (distribution, span) in self.hops.iter_mut().zip(spans) {
-                distribution.add(span);
-            }
-            if let Some(spans) = receiver_hops(stamps) {
-                self.receiver.iter_mut().zip(spans).for_each(|(hop, span)| hop.add(span));
-            }
-            let parts = [(&mut self.wire, onward.wire), (&mut self.air, onward.air)];
-            let taken = parts.into_iter().filter(|(_, span)| *span > Span::ZERO);
-            taken.for_each(|(distribution, span)| distribution.add(span));
-            self.whole.add(sensor_to_actuator(stamps, onward));
+        let Some([capture, publish, compute, command, vehicle]) = hops(stamps) else { return };
+        let [received, published] = receiver_hops(stamps).map_or([None; 2], |hops| hops.map(Some));
+        let [wire, air] =
+            [onward.wire, onward.air].map(|span| Some(span).filter(|span| *span > Span::ZERO));
+        let whole = sensor_to_actuator(stamps, onward);
+        let [capture, publish, compute, command, vehicle, whole] =
+            [capture, publish, compute, command, vehicle, whole].map(Some);
+        let spans =
+            [capture, received, published, publish, compute, command, vehicle, wire, air, whole];
+        for (distribution, span) in self.0.iter_mut().zip(spans) {
+            span.into_iter().for_each(|span| distribution.add(span));
         }
     }
 
-    /// The distributions by name: every hop, the parts of the first one if there was a receiver, wire and air if there were any,
-    /// the sum.
+    /// The distributions by name: every hop and their sum; the parts of the first hop, wire and air only if there were any.
     pub fn iter(&self) -> impl Iterator<Item = (&'static str, &Distribution)> {
-        let onward = [(WIRE, &self.wire), (AIR, &self.air)];
-        let onward = onward.into_iter().filter(|(_, hop)| hop.count() > 0);
-        let received = RECEIVER.into_iter().zip(&self.receiver).filter(|(_, hop)| hop.count() > 0);
-        HOPS.into_iter().zip(&self.hops).chain(received).chain(onward).chain([(WHOLE, &self.whole)])
+        let always = |name: &str| HOPS.contains(&name) || name == WHOLE;
+        NAMES.into_iter().zip(&self.0).filter(move |(name, hop)| always(name) || hop.count() > 0)
     }
 }
 
@@ -282,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn a_distribution_knows_its_quantiles() {
+    fn quantiles_of_a_distribution_have_three_digits() {
         let mut distribution = Distribution::default();
         for micros in 1..=1000 {
             distribution.add(Span::from_nanos(micros * 1000));

@@ -1,16 +1,16 @@
-//! Observation of flights: the observer of the bus and its sinks (recorder, latency, status), and what is made of a recorded
-//! flight: summary, table, report, CSV.
+//! Observation of flights: the observer of the bus and its sinks (recorder, loop monitor, model of an instance, recording), and the
+//! results of a recorded flight: summary, table, report, CSV.
 //!
 //! | file | subject |
 //! |---|---|
-//! | `observer.rs` | the one observer of the bus |
-//! | `sink.rs` | interface of what uses the samples |
+//! | `observer.rs` | the observer of the bus |
+//! | `sink.rs` | interface of the users of samples |
 //! | `recorder.rs` | sink: joins every tick with the truth |
 //! | `loop_monitor.rs` | sink: latencies and counters of a running instance |
 //! | `instance.rs` | sink: model of a running instance |
 //! | `status.rs` | status of an instance, as text and as JSON |
 //! | `recording.rs` | recordings as MCAP files |
-//! | `event.rs` | events in words |
+//! | `event.rs` | events as text |
 //! | `flight.rs` | a recorded flight |
 //! | `flight_sample.rs` | one tick of a flight |
 //! | `nearest.rs` | join of ticks with the samples nearest in time |
@@ -18,16 +18,16 @@
 //! | `latency.rs` | latency by hops, from capture to effect |
 //! | `command_path.rs` | the path of commands to the vehicle |
 //! | `wire.rs` | figures of the wire to a vehicle |
-//! | `crash.rs` | how a vehicle crashed |
+//! | `crash.rs` | detection of crashes |
 //! | `fault.rs` | faults and disturbances of a flight |
 //! | `table.rs` | the closing table in the terminal |
-//! | `explain.rs` | words of that table, explained |
+//! | `explain.rs` | explanations of the terms of that table |
 //! | `report.rs` | the report of a flight, one HTML page |
 //! | `compare.rs` | several flights side by side |
 //! | `csv.rs` | `telemetry.csv` |
 //! | `page.rs` | HTML pages in one style |
 //! | `plot.rs` | plots as SVG |
-//! | `kernel.rs` | what the kernel granted to a process |
+//! | `kernel.rs` | scheduling and resource use of a process |
 //! | `provenance.rs` | the build of the program |
 #![forbid(unsafe_code)]
 

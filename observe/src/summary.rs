@@ -17,7 +17,7 @@ use crate::kernel::ProcessUsage;
 use crate::provenance::Provenance;
 use crate::wire::WireFigures;
 
-/// Safety states that are listed by name at most.
+/// Maximum number of safety states listed by name \[-\].
 const MOST_STATES: usize = 7;
 
 /// Statistics of an error, in the unit of the summary's field: \[m\], \[m/s\] or \[deg\].
@@ -55,7 +55,7 @@ pub struct Summary {
     pub duration_s: f64,
     pub scored_s: f64,
     pub outcome: Outcome,
-    /// Why the flight did not end as planned; `None` if it did.
+    /// Reason why the flight did not end as planned; `None` if it did.
     pub shortfall: Option<String>,
     pub error_source: &'static str,
     pub position_error_m: Option<ErrorFigures>,
@@ -80,7 +80,7 @@ pub struct Summary {
     pub wakeup_lateness: Option<DistributionSummary>,
     /// Deviation of the time between two ticks from the loop period; `None` in virtual time, where it has no meaning.
     pub period_jitter: Option<DistributionSummary>,
-    /// Resource use of the daemon; `None` if it was no process of its own.
+    /// Resource use of the daemon; `None` if it was not a process of its own.
     pub daemon: Option<ProcessUsage>,
     /// The safety states passed through, in order.
     pub state_sequence: Vec<String>,
@@ -155,7 +155,7 @@ impl Summary {
         }
     }
 
-    /// As one JSON document, which names the build that made it.
+    /// The summary as one JSON document, with the version and revision of the program.
     #[must_use]
     pub fn to_json(&self, provenance: Provenance) -> String {
         /// Summary and build.
@@ -168,7 +168,7 @@ impl Summary {
         }
         let Provenance { version, revision } = provenance;
         let document = Document { summary: self, version, revision };
-        serde_json::to_string_pretty(&document).expect("a summary holds only what JSON can say")
+        serde_json::to_string_pretty(&document).expect("a summary is plain JSON")
     }
 }
 
@@ -177,7 +177,7 @@ fn in_real_time(config: &Config, spans: &Distribution) -> Option<DistributionSum
     (config.clock.kind == ClockKind::Real).then(|| spans.summary())
 }
 
-/// The source of the vehicle's motion that errors are judged by.
+/// Source of the vehicle's motion from which errors are computed.
 fn error_source(flight: &Flight) -> &'static str {
     let has_truth = flight.samples.iter().any(|sample| sample.truth.is_some());
     if has_truth { "truth" } else { "pose" }
@@ -242,7 +242,7 @@ fn effort(flight: &Flight) -> Option<f64> {
 }
 
 /// The states from arming on, until the end of the record; all of them if the vehicle was never armed. On the ground the daemon
-/// waits for its first poses in a state that is no event of the flight.
+/// waits for its first poses in a state that is not part of the flight.
 fn state_sequence(flight: &Flight) -> Vec<String> {
     let from = flight.samples.iter().position(FlightSample::is_armed).unwrap_or(0);
     let states = flight.samples[from..].iter();

@@ -10,7 +10,7 @@ use crate::plot::unit::{significant, span, unit_of_length, words};
 use crate::summary::{ErrorFigures, Summary};
 use crate::wire::{CommandAge, WireFigures};
 
-/// What is said in place of errors.
+/// Text in place of errors of a flight without a scored window.
 const UNSCORED: &str = "no errors: nothing of this flight is scored; a hover is from 10 s after it is\n\
                         reached, see --duration\n";
 
@@ -52,8 +52,8 @@ fn errors(summary: &Summary) -> Option<Table> {
         ("velocity [m/s]".to_owned(), summary.velocity_error_m_s.as_ref(), 1.0, 3),
         ("attitude [deg]".to_owned(), summary.attitude_error_deg.as_ref(), 1.0, 2),
     ];
-    let judged = format!("error over {:.1} s", summary.scored_s);
-    let mut table = table(&[&judged, "mean", "rms", "max", "rms x, roll", "y, pitch", "z, yaw"]);
+    let scored = format!("error over {:.1} s", summary.scored_s);
+    let mut table = table(&[&scored, "mean", "rms", "max", "rms x, roll", "y, pitch", "z, yaw"]);
     for (name, figures, factor, decimals) in rows {
         let ErrorFigures { mean, rms, max, rms_by_axis } = figures?;
         let numbers = [*mean, *rms, *max].into_iter().chain(*rms_by_axis);
@@ -64,7 +64,7 @@ fn errors(summary: &Summary) -> Option<Table> {
     Some(table)
 }
 
-/// The table of latencies; `None` if none was measured, as in a replay in virtual time.
+/// The table of latencies; `None` if none were measured, as in a replay in virtual time.
 fn latencies(summary: &Summary) -> Option<Table> {
     let mut table = table(&["latency [us]", "p50", "p99", "p99.9", "max"]);
     for name in NAMES {
@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn it_fits_a_terminal_and_says_the_figures() {
+    fn the_table_fits_a_terminal_and_has_the_figures() {
         let text = closing_of(&fixture::square());
         assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
         assert!(!text.contains('\u{1b}'));

@@ -44,7 +44,7 @@ struct SavedTerminal {
 }
 
 impl OpenTerminal {
-    /// Switches the terminal to its alternate screen, and to passing on every key as it is typed.
+    /// Switches the terminal to its alternate screen, and to raw input of keys.
     ///
     /// # Errors
     /// The terminal refuses.

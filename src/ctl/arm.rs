@@ -16,8 +16,8 @@ use super::request::request;
 
 /// Longest time for which the vehicle may come to rest: a fall from the height of a room, and half a second without motion.
 const REST_TIMEOUT: Span = Span::from_millis(5000);
-/// Time within which the state of a vehicle is heard, if there is one.
-const HEARING_TIMEOUT: Span = Span::from_millis(400);
+/// Time within which a running vehicle publishes its state.
+const VEHICLE_TIMEOUT: Span = Span::from_millis(400);
 /// Longest time until a flight that was accepted has begun: some ticks.
 const BEGIN_TIMEOUT: Span = Span::from_millis(900);
 /// Time between two requests.
@@ -30,7 +30,7 @@ const PERIOD: Duration = Duration::from_millis(50);
 pub fn ask(bus: &Bus, expected: Option<u64>) -> Result<Option<ControlResponseV1>, BusError> {
     let mut vehicles = bus.observer::<VehicleV1>(&VEHICLE)?;
     let asked_at = Time::now();
-    let (mut simulated, mut is_told) = (None, false);
+    let (mut simulated, mut is_reported) = (None, false);
     loop {
         let Some(response) = request(bus, OperatorCommand::Arm, expected)? else { return Ok(None) };
         if response.answer != Answer::Refused.code() {
@@ -39,24 +39,24 @@ pub fn ask(bus: &Bus, expected: Option<u64>) -> Result<Option<ControlResponseV1>
         if let Some((_, vehicle)) = vehicles.latest()? {
             simulated = Some(vehicle.simulated == 1);
         }
-        let patience = match simulated {
+        let timeout = match simulated {
             Some(true) => REST_TIMEOUT,
-            // A real vehicle that moves may be in somebody's hands.
+            // A real vehicle that moves may be held by a person.
             Some(false) => Span::ZERO,
-            None => HEARING_TIMEOUT,
+            None => VEHICLE_TIMEOUT,
         };
-        if !comes_to_rest(&response) || Time::now().since(asked_at) >= patience {
+        if !comes_to_rest(&response) || Time::now().since(asked_at) >= timeout {
             return Ok(Some(response));
         }
-        if simulated == Some(true) && !is_told {
+        if simulated == Some(true) && !is_reported {
             say("arm: waits until the stopped vehicle is at rest; Ctrl-C cancels");
-            is_told = true;
+            is_reported = true;
         }
         std::thread::sleep(PERIOD);
     }
 }
 
-/// Whether nothing but the end of the last flight keeps the next one from beginning.
+/// Whether only the end of the last flight prevents the next one from starting.
 fn comes_to_rest(response: &ControlResponseV1) -> bool {
     use ArmingObstacle::{Moving, Stopped, Tilted};
     let obstacles = ArmingObstacles::from_bits(response.obstacles);

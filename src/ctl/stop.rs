@@ -1,4 +1,4 @@
-//! `oqtal ctl stop`: stops the vehicle in two ways, and reports who obeys.
+//! `oqtal ctl stop`: stops the vehicle in two ways, and reports which processes obey.
 //!
 //! The stop is raised in shared memory first, where the process of the vehicle and the daemon see it in their next turn; that needs
 //! no lock and no answer. The daemon is then asked by the control service as well.
@@ -17,12 +17,12 @@ use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 use serde::Serialize;
 
-/// Time after which it is reported who obeys.
+/// Time after which the report is printed.
 const REPORT_TIMEOUT: Span = Span::from_millis(950);
-/// Period at which it is checked who obeys.
+/// Period of the checks whether the stop is obeyed.
 const CHECK_PERIOD: Duration = Duration::from_millis(2);
 
-/// Who obeys a stop, as it is printed.
+/// Report of a stop: the processes that have obeyed.
 #[derive(Debug, Serialize)]
 pub struct ObeyedStop {
     command: &'static str,
@@ -37,7 +37,7 @@ pub struct ObeyedStop {
     state: String,
 }
 
-/// Raises a stop on the instance at `paths`, and prints who obeys.
+/// Raises a stop on the instance at `paths`, and prints which processes obey.
 ///
 /// # Errors
 /// The vehicle obeys, but has not reported that its motors are off (exit code 1); no process of a vehicle obeys (75); the
@@ -46,7 +46,7 @@ pub fn execute(paths: &InstancePaths, json: bool) -> Result<Exit, Failure> {
     conclude(&raise(paths)?, json)
 }
 
-/// Raises a stop on the instance at `paths`; who obeys within a second.
+/// Raises a stop on the instance at `paths`, and returns which processes obey within a second.
 ///
 /// # Errors
 /// No process runs (75), or the instance belongs to another user (77).
@@ -54,7 +54,7 @@ pub fn raise(paths: &InstancePaths) -> Result<ObeyedStop, Failure> {
     let give_up = Time::now() + REPORT_TIMEOUT;
     let Some(switch) = StopSwitch::existing(paths)? else {
         let message = format!(
-            "stop: no process of oqtal runs on instance `{}`: nobody to stop",
+            "stop: no process of oqtal runs on instance `{}`: nothing to stop",
             paths.instance
         );
         return Err(Failure::new(Exit::Peer, message));
@@ -83,14 +83,14 @@ fn ask_daemon(paths: InstancePaths) -> Receiver<ControlResponseV1> {
         let asked = Bus::open(&paths)
             .and_then(|bus| bus.control_client()?.ask(request, REPORT_TIMEOUT.scaled(0.8)));
         if let Ok(Some(response)) = asked {
-            // Nobody receives it any more if the time is over.
+            // Fails after the time-out, when the receiver is dropped.
             let _ = answers.send(response);
         }
     });
     answer
 }
 
-/// Prints who obeys; succeeds if the motors are known to be off.
+/// Prints which processes obey; succeeds if the motors are known to be off.
 fn conclude(stop: &ObeyedStop, json: bool) -> Result<Exit, Failure> {
     if json {
         print(&serde_json::to_string_pretty(stop).expect("a report holds only what JSON can say"))?;

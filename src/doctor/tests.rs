@@ -54,7 +54,7 @@ impl Machine {
         findings.into_iter().find(|finding| finding.name == name).unwrap()
     }
 
-    /// What is said of `name` once `path` holds `text`: the level, and the remedy.
+    /// Level and remedy of the finding `name` on a machine whose file `path` contains `text`.
     fn with(path: &str, text: &str, name: &str) -> (Level, String) {
         let machine = Self::fit();
         machine.write(path, text);
@@ -195,7 +195,7 @@ fn an_instance_is_dead_when_no_process_has_its_memory() {
     machine.write(&file("alive", "/run/oqtal"), "");
     machine.write(&file("dead-one", "/run/oqtal"), "");
     machine.write(&file("elsewhere", "/run/other"), "");
-    machine.write("dev/shm/somebody_elses", "");
+    machine.write("dev/shm/of_another_program", "");
     let map = format!("7f00-7f01 rw-s 00000000 00:19 5  /{}\n", file("alive", "/run/oqtal"));
     machine.write("proc/17/maps", &map);
     let finding = machine.finding("remains of dead instances");

@@ -1,4 +1,4 @@
-//! The flag `--mocap`: where the poses of a flight come from, and the processes that bring them.
+//! The flag `--mocap`: source of the poses of a flight, and the processes that publish them.
 
 use std::net::{Ipv4Addr, TcpListener, UdpSocket};
 
@@ -106,7 +106,7 @@ impl PosePath {
                 );
             }
             Some(MocapSource::Linked(_)) => {
-                // What is flown is what the cameras see: there is nothing to simulate.
+                // The cameras see the real vehicle; nothing is simulated.
                 config.plant.shadow = false;
                 Self::Linked
             }
@@ -132,7 +132,7 @@ impl PosePath {
         let link: CameraLink =
             text.parse().map_err(|error| Failure::new(Exit::Config, format!("{error}")))?;
         config.receiver.link = link.to_string();
-        // What no client can see is known here.
+        // The latency of the emulated cameras is known here only.
         config.receiver.camera_latency_ms = config.mocap.latency_ms;
         Ok(Self::Served(link))
     }

@@ -60,10 +60,10 @@ fn obstacle(fault: &Fault, config: &Config, roles: &[Role]) -> Option<&'static s
     }
 }
 
-/// What happens to a process.
+/// Action of a fault on a process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ProcessAction {
-    /// It is killed; if it is to be started again, its end is no failure.
+    /// It is killed; if it is to be started again, its end is not a failure.
     Kill {
         /// Whether [`ProcessAction::Start`] follows.
         is_restarted: bool,

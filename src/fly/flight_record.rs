@@ -27,7 +27,7 @@ pub fn begin(mission: &Mission, directory: &FlightDirectory) -> Result<McapRecor
         config: &mission.config,
         provenance: PROVENANCE,
         rotates: false,
-        complain: |message| say(&format!("oqtal: {message}; the flight goes on")),
+        complain: |message| say(&format!("oqtal: {message}; the flight continues")),
     })
     .map_err(failed)
 }

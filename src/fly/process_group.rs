@@ -33,7 +33,7 @@ pub struct ProcessGroup {
 struct Member {
     role: Role,
     child: Child,
-    /// Whether a fault killed it, and it is to be started again: its end is no failure.
+    /// Whether a fault killed it, and it is to be started again: its end is not a failure.
     is_down: bool,
 }
 
@@ -62,7 +62,7 @@ impl ProcessGroup {
         Ok(processes)
     }
 
-    /// Does what a fault does to a process.
+    /// Applies the action of a fault to a process.
     ///
     /// # Errors
     /// The process cannot be started again.
@@ -85,7 +85,7 @@ impl ProcessGroup {
         Ok(())
     }
 
-    /// Waits until the plant has created `link`. A link that is older than the configuration file was left behind by a killed
+    /// Waits until the plant has created `link`. A link that is older than the configuration file was left by a killed
     /// plant.
     fn wait_for(&mut self, link: &Path) -> Result<(), Failure> {
         let deadline = Time::now() + START_TIMEOUT;

@@ -25,10 +25,10 @@ use super::progress::{FlightProgress, Interrupts};
 use super::recording::FlightRecording;
 use super::watch::ProcessWatch;
 
-/// A flight through processes: what is flown, by which command path, where it is written, and who may end it.
+/// A flight through processes: its mission, paths, directory, and the interrupts of the operator.
 #[derive(Debug)]
 pub struct BusFlight<'a> {
-    /// What is flown.
+    /// The mission.
     pub mission: &'a Mission,
     /// How commands reach the vehicle, and poses the daemon.
     pub paths: &'a FlightPaths,
@@ -84,7 +84,7 @@ impl BusFlight<'_> {
         let observer = BusObserver::open(&bus, &topics)?;
         refuse_running_daemon(&bus, &config.instance.name)?;
         let lockstep = config.clock.kind == ClockKind::Lockstep;
-        let _one_processor = lockstep.then(OneProcessor::stay);
+        let _one_processor = lockstep.then(OneProcessor::bind);
         let mut processes = ProcessGroup::start((self.mission, self.paths), self.directory)?;
         let stop = StopFlag::default();
         let watch = ProcessWatch::new(paths, config, &stop);

@@ -16,20 +16,20 @@ use oqtal_runtime::program::say;
 
 use oqtal_observe::recorder::Recorder;
 
-/// Time for which a flight does not begin after which it is said what keeps it.
-const PATIENCE: Span = Span::from_millis(1000);
+/// Time for which obstacles prevent the take-off before they are reported.
+const OBSTACLE_TIMEOUT: Span = Span::from_millis(1000);
 
-/// A progress bar on standard error of one line, cut off at the width of the terminal, removed when dropped; invisible where standard error is no terminal. What keeps the flight from
-/// beginning is said on standard error, terminal or not.
+/// Progress bar of one line on standard error, cut off at the width of the terminal and removed when dropped; invisible where
+/// standard error is not a terminal. Obstacles to the take-off are printed on standard error in any case.
 #[derive(Debug)]
 pub struct FlightProgress {
     bar: ProgressBar,
-    /// Whether a flight was asked for, as none is in a replay.
+    /// Whether a flight was requested; `false` in a replay.
     awaits_flight: bool,
     obstruction: Cell<Obstruction>,
 }
 
-/// What keeps a flight from beginning.
+/// Obstacles to the take-off.
 #[derive(Clone, Copy, Debug, Default)]
 struct Obstruction {
     obstacles: ArmingObstacles,
@@ -53,7 +53,7 @@ impl FlightProgress {
     pub fn show(&self, recorder: &Recorder) {
         let Some(sample) = recorder.latest() else { return };
         let telemetry = &sample.telemetry;
-        self.tell_obstacles(telemetry);
+        self.report_obstacles(telemetry);
         if telemetry.mission_s.is_finite() {
             self.bar.set_position(telemetry.mission_s.max(0.0) as u64);
         }
@@ -61,7 +61,7 @@ impl FlightProgress {
             Mode::from_code(telemetry.mode).map_or_else(String::new, |mode| mode.to_string());
         let flying = telemetry.mode == Mode::Flying.code();
         let phase = Phase::from_number(telemetry.phase).filter(|_| flying);
-        // A phase says that the vehicle flies.
+        // A phase implies that the vehicle flies.
         let doing = phase.map_or(mode, |phase| phase.to_string());
         let state = match SafetyState::from_code(telemetry.state) {
             Some(SafetyState::Nominal) | None => String::new(),
@@ -75,13 +75,13 @@ impl FlightProgress {
         ));
     }
 
-    /// Says once what keeps the flight from beginning when it has done so for a while.
-    fn tell_obstacles(&self, telemetry: &TelemetryV1) {
+    /// Prints the obstacles to the take-off, once, after [`OBSTACLE_TIMEOUT`].
+    fn report_obstacles(&self, telemetry: &TelemetryV1) {
         let obstacles = ArmingObstacles::from_bits(telemetry.obstacles);
         let last = self.obstruction.get();
         let is_same = last.obstacles == obstacles;
         let since = if is_same { last.since } else { telemetry.time };
-        let is_long = !obstacles.is_empty() && telemetry.time.since(since) >= PATIENCE;
+        let is_long = !obstacles.is_empty() && telemetry.time.since(since) >= OBSTACLE_TIMEOUT;
         let is_said = is_same && last.is_said;
         if self.awaits_flight && is_long && !is_said {
             self.bar.suspend(|| say(&format!("oqtal: no take-off yet: {obstacles}")));

@@ -37,10 +37,10 @@ const LANDED_WITHIN: Span = Span::from_millis(60_000);
 /// Time for which motors are reported off before they count as stopped: a little more than a bridge waits for a late report.
 const MOTORS_SETTLE: Span = Span::from_millis(600);
 
-/// What a recording needs.
+/// Inputs of a recording.
 #[derive(Debug)]
 pub struct FlightRecording<'a> {
-    /// What is flown.
+    /// The mission.
     pub mission: &'a Mission,
     /// How commands reach the vehicle.
     pub link: &'a CommandLink,

@@ -82,7 +82,7 @@ impl VehicleChoice {
         let mut set = |key: &str, value: toml::Value| {
             settings.push(Setting::flag("--vehicle", key, value));
         };
-        // No other vehicle speaks its protocol.
+        // No other vehicle has this protocol.
         if let Self::Bridged(LinkSpec::Crtp(_)) = self {
             set("vehicle.preset", "crazyflie-2.1".into());
         }

@@ -35,7 +35,7 @@ pub struct ProcessWatch<'a> {
 }
 
 impl<'a> ProcessWatch<'a> {
-    /// A watch over the flight under `config` at `paths` that sets `stop` when the flight cannot go on.
+    /// A watch over the flight under `config` at `paths` that sets `stop` when the flight cannot continue.
     #[must_use]
     pub fn new(paths: &'a InstancePaths, config: &'a Config, stop: &'a StopFlag) -> Self {
         Self { paths, config, stop, over: StopFlag::default(), failure: Mutex::new(None) }
@@ -49,7 +49,7 @@ impl<'a> ProcessWatch<'a> {
     }
 
     fn watch(&self, processes: &mut ProcessGroup, interrupts: &Interrupts) -> Result<(), Failure> {
-        // Without a watch there is no flight, however the watch ended.
+        // The flight ends with the watch, for whatever reason it ends.
         let _stop = self.stop.set_on_drop();
         let bus = Bus::open(self.paths)?;
         let client = bus.control_client().ok();

@@ -1,4 +1,5 @@
-//! Stands in for the cameras: publishes poses of a hovering vehicle, at regular instants or with jitter, and between them gives a message by each bare mechanism.
+//! Stand-in for the cameras: publishes poses of a hovering vehicle, at regular instants or with jitter, and between them sends a
+//! message by each bare mechanism.
 
 use oqtal_bus::message::{PoseV1, Stamps};
 use oqtal_bus::port::Writer;
@@ -7,7 +8,7 @@ use oqtal_bus::topic::POSE;
 use oqtal_bus::transport::{Publish, Transport};
 use oqtal_runtime::process::{Exit, Failure, ProcessContext};
 
-use super::bare::{Mechanism, Parcel, ParcelSender, directory, open_sender};
+use super::bare::{Mechanism, Parcel, ParcelSender, directory, failed, open_sender};
 use super::condition::delay_ms;
 use super::record::Record;
 use super::sleep::sleep_until;
@@ -15,17 +16,17 @@ use super::sleep::sleep_until;
 /// File of the recorded wake-up lateness.
 pub const RECORD: &str = "sleep.record";
 
-/// A pose every period, at the period's beginning; then the bare mechanisms, evenly spread, in an order that rotates.
+/// Publishes a pose at the beginning of every period, then sends by the bare mechanisms, evenly spread, in an order that rotates.
 ///
 /// # Errors
-/// The bus refuses or breaks, or a mechanism does.
+/// The bus or a mechanism fails.
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let bus = context.bus()?;
     let mut poses = bus.writer(&POSE)?;
     let mut senders = Mechanism::ALL
         .iter()
-        .map(|&mechanism| open_sender(mechanism, context))
-        .collect::<Result<Vec<_>, _>>()?;
+        .map(|&mechanism| Ok((mechanism, open_sender(mechanism, context)?)))
+        .collect::<Result<Vec<_>, Failure>>()?;
     let mut lateness = Record::with_room();
     context.enter_realtime();
     let jitter_ms = context.config.mocap.jitter_ms;
@@ -45,7 +46,7 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
             publish(&mut poses, round, at)?;
         } else {
             let next = ((turn - 1 + round) % senders.len() as u64) as usize;
-            senders[next].send(&Parcel::now())?;
+            send(&mut senders[next], &Parcel::now())?;
         }
     }
     finish(context, &mut senders, &lateness)
@@ -53,7 +54,7 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
 
 /// A pose at hover, as the cameras' process publishes it: stamped, sent, announced.
 fn publish(poses: &mut Writer<PoseV1>, round: u64, captured_at: Time) -> Result<(), Failure> {
-    // A pose that never changes at all would not be believed.
+    // A pose that never changes is rejected as stuck.
     let noise = if round.is_multiple_of(2) { 1e-4 } else { -1e-4 };
     let pose = PoseV1 {
         position: [noise, -noise, 1.0 + noise],
@@ -66,13 +67,20 @@ fn publish(poses: &mut Writer<PoseV1>, round: u64, captured_at: Time) -> Result<
     Ok(poses.notify()?)
 }
 
+fn send(
+    (mechanism, sender): &mut (Mechanism, ParcelSender),
+    parcel: &Parcel,
+) -> Result<(), Failure> {
+    sender(parcel).map_err(|error| failed(*mechanism, "sending", &error))
+}
+
 fn finish(
     context: &ProcessContext,
-    senders: &mut [Box<dyn ParcelSender>],
+    senders: &mut [(Mechanism, ParcelSender)],
     lateness: &Record,
 ) -> Result<(), Failure> {
     for sender in senders {
-        sender.send(&Parcel::LAST)?;
+        send(sender, &Parcel::LAST)?;
     }
     lateness.save(&directory(&context.config.instance.name).join(RECORD))
 }

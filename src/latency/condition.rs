@@ -1,4 +1,4 @@
-//! Conditions under which the test chain is measured, one after another; their differences show what the figures depend on.
+//! Conditions under which the test chain is measured, one after another.
 
 use oqtal_config::Config;
 
@@ -17,7 +17,7 @@ pub enum RigCondition {
 }
 
 impl RigCondition {
-    /// All, the first that of the main figures.
+    /// All conditions; the main figures are those of the first.
     pub const ALL: [Self; 3] = [Self::Regular, Self::WithoutWarmup, Self::Jitter];
 
     /// Name in the figures.

@@ -62,7 +62,7 @@ pub struct ConditionFigures {
 }
 
 impl ConditionFigures {
-    /// What was measured under `condition`.
+    /// The figures measured under `condition`.
     #[must_use]
     pub fn of(condition: RigCondition, figures: &LatencyFigures) -> Self {
         Self {
@@ -88,12 +88,12 @@ pub struct LatencyFigures {
     pub wakeup: Wakeup,
     /// How the daemon is scheduled.
     pub realtime: ThreadScheduling,
-    /// What was counted.
+    /// Counters of the loop.
     pub counters: LoopCounters,
 }
 
 impl LatencyFigures {
-    /// The figures of what was heard, beside what was measured bare.
+    /// The figures of the observed loop and of the bare mechanisms.
     #[must_use]
     pub fn new(monitor: &LoopMonitor, bare: Option<&Bare>, realtime: ThreadScheduling) -> Self {
         let measured = bare.into_iter().flat_map(|bare| &bare.mechanisms);
@@ -137,7 +137,7 @@ impl LatencyFigures {
         hops.collect()
     }
 
-    /// Adds what was measured against cyclictest.
+    /// Adds the comparison with cyclictest.
     #[must_use]
     pub fn with_pairs(mut self, pairs: Vec<Pair>) -> Self {
         // The mean of the lower and the upper middle value.

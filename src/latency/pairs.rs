@@ -1,5 +1,5 @@
-//! Our periodic wake-up against cyclictest: the same processor, priority and period at the same time, so that whatever else the
-//! machine does happens to both. Where in the period each wakes is left to chance.
+//! Periodic wake-up compared with cyclictest: same processor, priority and period at the same time, so that other load affects
+//! both; the phase of each is random.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -23,7 +23,7 @@ use oqtal_observe::kernel::ThreadScheduling;
 
 /// Pairs measured.
 pub const PAIRS: u32 = 5;
-/// Later than this is one bin of cyclictest's histogram.
+/// Upper end of cyclictest's histogram \[us\].
 const LONGEST_US: u64 = 100_000;
 const QUANTILE: f64 = 0.999;
 
@@ -38,7 +38,7 @@ pub struct Pair {
     pub ratio: f64,
 }
 
-/// On which terms both run.
+/// Conditions under which both run.
 #[derive(Debug)]
 struct Terms {
     /// Configuration file of our loop.
@@ -113,7 +113,7 @@ fn pair(directory: &Path, terms: &Terms) -> Result<Pair, Failure> {
 fn cyclictest(report: &Path, terms: &Terms) -> Command {
     let mut command = Command::new("cyclictest");
     let duration = terms.length.to_duration().as_secs().max(1);
-    // It must not tune the machine while ours does not.
+    // Without tuning of the machine, as our loop.
     command.args(["--quiet", "--default-system", "--mlockall", "--threads=1", "--interval=1000"]);
     command.arg(format!("--affinity={}", terms.cpu)).arg(format!("--duration={duration}"));
     command.arg(format!("--histogram={LONGEST_US}"));
@@ -125,7 +125,7 @@ fn cyclictest(report: &Path, terms: &Terms) -> Command {
     command
 }
 
-/// What cyclictest writes with `--json`.
+/// Document that cyclictest writes with `--json`.
 #[derive(Deserialize)]
 struct Report {
     thread: BTreeMap<String, Thread>,
@@ -157,18 +157,18 @@ fn p999_of(report: &str) -> Option<u64> {
     (distribution.count() > 0).then(|| whole_micros(distribution.quantile(QUANTILE)))
 }
 
-/// Both to the whole microsecond below, as cyclictest counts.
+/// The whole microseconds of a span, as cyclictest counts \[ns\].
 fn whole_micros(span: Span) -> u64 {
     span.nanos().max(0).unsigned_abs() / 1000 * 1000
 }
 
-/// Neither may owe its figures to where in the other's period, or in the machine's own, it began.
+/// Sleeps for a random part of 10 ms, so that the phase between the two loops is random.
 fn wait_for_any_phase() {
-    let dice = fnv1a(FNV_OFFSET, &Time::now().nanos().to_le_bytes());
-    std::thread::sleep(Duration::from_nanos(dice % 10_000_000));
+    let random = fnv1a(FNV_OFFSET, &Time::now().nanos().to_le_bytes());
+    std::thread::sleep(Duration::from_nanos(random % 10_000_000));
 }
 
-/// The last processor this process may use: the first serves most interrupts.
+/// The last processor that this process may use; the first one serves most interrupts.
 fn last_cpu() -> Result<usize, Failure> {
     let allowed = sched_getaffinity(None)
         .map_err(|e| Failure::new(Exit::System, format!("asking for processors failed: {e}")))?;

@@ -16,7 +16,7 @@ pub const COMMAND: &str = "latency-part";
 #[derive(Subcommand, Clone, Debug)]
 #[command(rename_all = "snake_case")]
 pub enum Part {
-    /// Publishes poses and sends by each bare mechanism
+    /// Publish poses and send by each bare mechanism
     #[command(subcommand)]
     Camera(ProcessCommand),
     /// Receives commands
@@ -43,7 +43,7 @@ pub enum Part {
 }
 
 impl Part {
-    /// Plays the part until asked to stop.
+    /// Runs the stand-in until asked to stop.
     #[must_use]
     pub fn execute(&self) -> ExitCode {
         let (role, command, job): (Role, &ProcessCommand, Job) = match self {
@@ -60,7 +60,7 @@ impl Part {
                 (Role::Daemon, command, receiver_job(Mechanism::Iceoryx2Listener))
             }
         };
-        // Its configuration was checked by who starts it.
+        // Its configuration was checked by the process that starts it.
         execute(role, command, job, |_| Ok(()))
     }
 }

@@ -1,4 +1,4 @@
-//! What a stand-in measured, on its way to the process that asked for it: instants and spans, one pair a line.
+//! File in which a stand-in leaves its measurement: instants and spans, one pair a line.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -6,7 +6,7 @@ use std::path::Path;
 use oqtal_bus::time::{Span, Time};
 use oqtal_runtime::process::{Exit, Failure};
 
-/// Room for an hour at 60 Hz before memory must be asked for.
+/// Rows for which memory is allocated in advance: more than an hour at 60 Hz.
 const ROOM: usize = 1 << 18;
 
 /// Spans, each with the instant it began.
@@ -14,7 +14,7 @@ const ROOM: usize = 1 << 18;
 pub struct Record(Vec<(Time, Span)>);
 
 impl Record {
-    /// An empty record whose memory is there already: page faults are not to be measured.
+    /// An empty record whose memory is resident already, so that no page fault is measured.
     #[must_use]
     pub fn with_room() -> Self {
         let mut rows = vec![(Time::default(), Span::from_nanos(1)); ROOM];
@@ -32,7 +32,7 @@ impl Record {
         self.0.iter().filter(move |(at, _)| (from..=to).contains(at)).map(|(_, span)| *span)
     }
 
-    /// Writes it to `path`, which appears complete or not at all.
+    /// Writes the record to `path`, which appears complete or not at all.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -47,10 +47,10 @@ impl Record {
         written.map_err(|error| failed(path, &error))
     }
 
-    /// Reads what [`Record::save`] wrote.
+    /// Reads a record that [`Record::save`] wrote.
     ///
     /// # Errors
-    /// The file is not there, or not whole.
+    /// The file does not exist, or is incomplete.
     pub fn load(path: &Path) -> Result<Self, Failure> {
         let text = std::fs::read_to_string(path).map_err(|error| failed(path, &error))?;
         let row = |line: &str| {

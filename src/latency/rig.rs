@@ -1,8 +1,8 @@
 //! The processes of a measurement: the test chain, and the bare mechanisms that it is compared with.
 //!
 //! ```text
-//!  camera ─ pose ─▶ daemon ─ command ─▶ vehicle      the very daemon, in an instance of its own
-//!       └─ futex, eventfd, ... ─▶ one taker each     interleaved
+//!  camera ─ pose ─▶ daemon ─ command ─▶ vehicle      the same daemon, in an instance of its own
+//!       └─ futex, eventfd, ... ─▶ one receiver each     interleaved
 //! ```
 
 use std::collections::BTreeMap;
@@ -40,19 +40,19 @@ pub struct Bare {
     pub sleep: Distribution,
 }
 
-/// Running stand-ins, in an instance of their own. Nothing of them is left when this is dropped.
+/// Running stand-ins, in an instance of their own. They are ended and their files removed when this is dropped.
 #[derive(Debug)]
 pub struct Rig {
     config: Config,
     place: InstancePaths,
     directory: PathBuf,
-    takers: Vec<(Mechanism, Child)>,
+    receivers: Vec<(Mechanism, Child)>,
     chain: Vec<Child>,
     camera: Option<Child>,
 }
 
 impl Rig {
-    /// An instance beside that of `config`, in which nothing runs yet.
+    /// An instance beside that of `config`, without processes.
     ///
     /// # Errors
     /// Its files cannot be written.
@@ -60,7 +60,7 @@ impl Rig {
         let mut config = config.clone();
         let root = instance_paths(&config)?.root;
         config.instance.root = root.display().to_string();
-        // Never a running one: its vehicle may be real.
+        // A separate instance: a running one may control a real vehicle.
         config.instance.name = format!("latency-{}-{:016x}", std::process::id(), unguessable());
         config.clock.kind = ClockKind::Real;
         config.mocap.replay.clear();
@@ -69,8 +69,14 @@ impl Rig {
         config.trajectory.duration_s = Some(LONGEST_FLIGHT_S);
         let place = instance_paths(&config)?;
         let directory = directory(&config.instance.name);
-        let rig =
-            Self { config, place, directory, takers: Vec::new(), chain: Vec::new(), camera: None };
+        let rig = Self {
+            config,
+            place,
+            directory,
+            receivers: Vec::new(),
+            chain: Vec::new(),
+            camera: None,
+        };
         let written = files::create_private_directory(&rig.directory)
             .and_then(|()| files::write(&rig.config_file(), rig.config.to_toml()));
         written.map_err(|e| failed(&rig.directory, &e))?;
@@ -101,7 +107,7 @@ impl Rig {
         self.directory.join("config.toml")
     }
 
-    /// Starts the daemon and what stands in for the vehicle.
+    /// Starts the daemon and the stand-in for the vehicle.
     ///
     /// # Errors
     /// One cannot be started.
@@ -114,7 +120,7 @@ impl Rig {
         Ok(())
     }
 
-    /// Starts the takers of all mechanisms, and when they are ready the camera, which feeds them and the chain.
+    /// Starts the receivers of all mechanisms, and when they are ready the camera, which feeds them and the chain.
     ///
     /// # Errors
     /// One cannot be started, or ends at once.
@@ -127,7 +133,7 @@ impl Rig {
             let mut command = command(&[part::COMMAND, mechanism.name()], &file)?;
             command.stdin(duplicate()?);
             let child = Child::start(mechanism.name(), command, &self.directory)?;
-            self.takers.push((mechanism, child));
+            self.receivers.push((mechanism, child));
         }
         self.wait_until_ready()?;
         let mut command = command(&[part::COMMAND, "camera"], &file)?;
@@ -143,7 +149,7 @@ impl Rig {
             while !sign.exists() {
                 self.check()?;
                 if Time::now() >= give_up {
-                    let message = format!("the taker of {} never came up", mechanism.name());
+                    let message = format!("the receiver of {} did not start", mechanism.name());
                     return Err(Failure::new(Exit::System, message));
                 }
                 std::thread::sleep(Duration::from_millis(2));
@@ -159,15 +165,17 @@ impl Rig {
         }
     }
 
+    /// Checks that all processes run.
+    ///
     /// # Errors
     /// One of the processes has ended.
     pub fn check(&mut self) -> Result<(), Failure> {
-        let takers = self.takers.iter_mut().map(|(_, taker)| taker);
-        let all = self.camera.iter_mut().chain(&mut self.chain).chain(takers);
-        all.map(Child::failure).find_map(|fallen| fallen).map_or(Ok(()), Err)
+        let receivers = self.receivers.iter_mut().map(|(_, receiver)| receiver);
+        let all = self.camera.iter_mut().chain(&mut self.chain).chain(receivers);
+        all.map(Child::failure).find_map(|failure| failure).map_or(Ok(()), Err)
     }
 
-    /// Ends the camera and with it the takers, and reads what they measured between `from` and `to`.
+    /// Ends the camera and with it the receivers, and reads their measurements between `from` and `to`.
     ///
     /// # Errors
     /// One of them left no record.
@@ -176,9 +184,9 @@ impl Rig {
             camera.shut_down();
         }
         let mut bare = Bare::default();
-        for (mechanism, mut taker) in self.takers.drain(..) {
+        for (mechanism, mut receiver) in self.receivers.drain(..) {
             // The camera's last message ends it.
-            taker.ends_within(PROCESS_TIMEOUT);
+            receiver.ends_within(PROCESS_TIMEOUT);
             let file = self.directory.join(format!("{}.record", mechanism.name()));
             let spans = read(&file, from, to)?;
             bare.mechanisms.insert(mechanism.name(), spans);
@@ -192,17 +200,17 @@ impl Drop for Rig {
     fn drop(&mut self) {
         self.camera = None;
         self.stop_chain();
-        self.takers.clear();
+        self.receivers.clear();
         for place in [&self.place, &beside(&self.place)] {
-            // The last to leave removes what killed processes left.
+            // The last process of an instance removes the shared memory of killed ones.
             drop(Bus::open(place));
         }
-        // Nothing is lost if it stays but a few kilobytes.
+        // A directory that cannot be removed costs a few kilobytes.
         let _ = fs::remove_dir_all(&self.directory);
     }
 }
 
-/// A number that another user cannot guess, so that he cannot take the names of the rig's files before it.
+/// A number that another user cannot guess, and so cannot create the rig's files before it.
 fn unguessable() -> u64 {
     // Keyed with random bytes of the operating system.
     RandomState::new().hash_one(std::process::id())

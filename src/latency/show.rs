@@ -1,4 +1,4 @@
-//! What a person reads in the terminal.
+//! The figures as text for the terminal.
 
 use comfy_table::Table;
 use oqtal_observe::latency::NAMES;

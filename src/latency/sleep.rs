@@ -9,12 +9,12 @@ use rustix::time::Timespec;
 use super::bare::directory;
 use super::record::Record;
 
-/// Where the record of [`run`] is left.
+/// File of the record of [`run`].
 pub const RECORD: &str = "periodic.record";
-/// Period of the loop: that of cyclictest unless it is told otherwise.
+/// Period of the loop: the default of cyclictest.
 const PERIOD: Span = Span::from_millis(1);
 
-/// Sleeps until `at`, whatever signals come.
+/// Sleeps until `at`, also when signals arrive.
 ///
 /// # Errors
 /// The kernel refuses.
@@ -32,7 +32,7 @@ pub fn sleep_until(at: Time) -> rustix::io::Result<()> {
     }
 }
 
-/// Wakes every millisecond until asked to stop, and leaves a record of how late it woke.
+/// Wakes every millisecond until asked to stop, and saves the lateness of each wake-up.
 ///
 /// # Errors
 /// The kernel refuses.

@@ -1,4 +1,4 @@
-//! Stands in for the vehicle: takes each command as the plant does, applies it at once, and says so.
+//! Stand-in for the vehicle: receives each command as the plant does, applies it at once, and reports that.
 
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{Stamps, VehicleV1};
@@ -6,20 +6,20 @@ use oqtal_bus::topic::{COMMAND, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_runtime::process::{Failure, ProcessContext};
 
-/// Takes commands until asked to stop.
+/// Receives commands until asked to stop.
 ///
 /// # Errors
-/// The bus refuses or breaks.
+/// The bus fails.
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let bus = context.bus()?;
     let mut commands = bus.reader(&COMMAND)?;
     let mut vehicles = bus.writer(&VEHICLE)?;
-    let mut pace = context.loop_clock(&bus, &COMMAND)?;
+    let mut clock = context.loop_clock(&bus, &COMMAND)?;
     context.enter_realtime();
-    while pace.wait(None)?.is_some() {
+    while clock.wait(None)?.is_some() {
         let Some((header, command)) = commands.latest()? else { continue };
-        let received_at = pace.now();
-        let stamps = Stamps { received_at, applied_at: pace.now(), ..header.stamps };
+        let received_at = clock.now();
+        let stamps = Stamps { received_at, applied_at: clock.now(), ..header.stamps };
         let vehicle = VehicleV1 {
             command_sequence: header.sequence,
             lost: commands.lost(),

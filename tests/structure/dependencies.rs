@@ -25,7 +25,7 @@ const ORDER: &[(&str, &[&str])] = &[
 
 /// Plotting, tables, tuning, parallel sweeps and serial ports, which a real-time controller does not need.
 const NOT_IN_THE_DAEMON: &[&str] =
-    &["maud", "comfy-table", "ratatui", "indicatif", "hdrhistogram", "csv", "rayon", "serialport"];
+    &["maud", "comfy-table", "indicatif", "hdrhistogram", "csv", "rayon", "serialport"];
 
 /// Edges between crates that are missing in `ORDER`, and crates without a place in it.
 pub fn against_the_order() -> Vec<String> {

@@ -1,5 +1,5 @@
-//! Who may read and who may command. Browsers are the danger: any page that a user visits can send requests to this machine,
-//! and by a name that it resolves to this machine (DNS rebinding) even read the answers.
+//! Permission to read and to command. The threat is the browser: any page that a user visits can send requests to this machine,
+//! and can read the answers through a name that it resolves to this machine (DNS rebinding).
 
 use std::net::{IpAddr, SocketAddr};
 

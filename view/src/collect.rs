@@ -22,15 +22,15 @@ const TRUTH_DISTANCE: Span = Span::from_millis(10);
 /// Greatest number of events between two calls of [`Collector::take`]; further ones are counted.
 const MOST_EVENTS: usize = 4096;
 
-/// How serious an event is.
+/// Severity of an event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum EventMood {
     /// Expected.
     Neutral,
-    /// Everything is well again.
+    /// Recovered.
     Good,
-    /// The flight goes on.
+    /// Degraded; the flight continues.
     Warning,
     /// The flight ends.
     Bad,
@@ -42,9 +42,9 @@ pub struct ViewedEvent {
     /// Time since the origin \[s\].
     #[serde(rename = "t")]
     pub t_s: f64,
-    /// How serious it is.
+    /// Severity.
     pub mood: EventMood,
-    /// In words.
+    /// Text.
     pub text: String,
 }
 
@@ -67,7 +67,7 @@ impl Collected {
     }
 }
 
-/// Collects what the pages show of one instance.
+/// Collector of the rows and events that the pages show of one instance.
 #[derive(Debug)]
 pub struct Collector {
     interface: Interface,
@@ -106,7 +106,7 @@ impl Collector {
         }
     }
 
-    /// What was collected since the last call.
+    /// Rows and events since the last call.
     pub fn take(&mut self) -> Collected {
         self.join();
         std::mem::take(&mut self.collected)
@@ -179,7 +179,7 @@ impl Collector {
     }
 }
 
-/// How serious a safety state is.
+/// Severity of a safety state.
 fn mood(state: u8) -> EventMood {
     match SafetyState::from_code(state) {
         Some(SafetyState::Nominal) => EventMood::Good,

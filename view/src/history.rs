@@ -1,4 +1,4 @@
-//! What a page that is opened later sees of the past: the latest minutes, thinned, in bounded memory.
+//! The past for a page that is opened later: the latest minutes, thinned, in bounded memory.
 
 use std::collections::VecDeque;
 

@@ -1,4 +1,4 @@
-//! Updates to every open page. A page that does not read is cut off: its queue is bounded, and nobody waits for it.
+//! Updates to every open page. The queue of a page is bounded; a page that does not read is disconnected.
 
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -7,10 +7,10 @@ use crate::collect::Collected;
 use crate::history::History;
 use crate::live::{LiveStatus, line};
 
-/// Updates that wait for a page at most: those of two seconds.
+/// Length of the queue of a page \[updates\]: two seconds.
 const MOST_WAITING: usize = 80;
 
-/// The pages of one instance, and what they have seen so far.
+/// The pages of one instance, and the past for new pages.
 #[derive(Debug, Default)]
 pub struct Hub {
     shared: Mutex<Shared>,
@@ -24,7 +24,7 @@ struct Shared {
 }
 
 impl Hub {
-    /// Sends what was collected, and the status if there is a new one, to all pages.
+    /// Sends the collected rows and events, and a new status, to all pages.
     pub fn publish(&self, collected: &Collected, status: Option<LiveStatus>) {
         let mut shared = self.lock();
         shared.history.add(collected);
@@ -51,7 +51,7 @@ impl Hub {
         self.lock().pages.len()
     }
 
-    /// Nothing that is done under the lock leaves it inconsistent.
+    /// Locks the shared state, which is consistent even after a panic.
     fn lock(&self) -> MutexGuard<'_, Shared> {
         self.shared.lock().unwrap_or_else(PoisonError::into_inner)
     }

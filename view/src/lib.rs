@@ -4,14 +4,14 @@
 //! |---|---|
 //! | `row.rs` | a tick and a vehicle message as rows of numbers |
 //! | `collect.rs` | the sink that makes rows and events of messages |
-//! | `scene.rs` | what does not change: room, cameras, names of columns and codes |
-//! | `history.rs` | what a page that is opened later sees of the past |
+//! | `scene.rs` | constant description: room, cameras, names of columns and codes |
+//! | `history.rs` | the past, for a page that is opened later |
 //! | `live.rs` | updates for the pages of a running instance |
 //! | `recorded.rs` | a recording as one document |
 //! | `request.rs`, `response.rs` | HTTP, bounded |
-//! | `access.rs` | who may read and who may command |
-//! | `site.rs` | what is answered to which request |
-//! | `hub.rs` | updates to every open page; a page that does not read is cut off |
+//! | `access.rs` | permission to read and to command |
+//! | `site.rs` | answers to requests |
+//! | `hub.rs` | updates to every open page; a page that does not read is disconnected |
 //! | `server.rs` | sockets, their time-outs and their number |
 //! | `assets.rs` | the files of the page, part of the program |
 #![forbid(unsafe_code)]

@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use crate::collect::{Collected, Collector};
 
-/// Most rows of a kind in one update: in virtual time thousands may have been made since the last one.
+/// Maximum number of rows of a kind in one update \[-\]; in virtual time there may be thousands since the last one.
 const MOST_ROWS: usize = 240;
 /// Time between two updates of the status.
 const STATUS_PERIOD: Span = Span::from_millis(250);
@@ -75,7 +75,7 @@ impl LiveView {
         }
     }
 
-    /// What was collected since the last call, and the status if it is due.
+    /// Rows and events since the last call, and the status if it is due.
     pub fn take(&mut self, now: Time) -> (Collected, Option<LiveStatus>) {
         let mut collected = self.collector.take();
         thin(&mut collected.ticks);

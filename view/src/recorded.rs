@@ -15,7 +15,7 @@ const MOST_EVENTS: usize = 2000;
 /// A recording to be shown.
 #[derive(Clone, Debug)]
 pub struct RecordedView {
-    /// What does not change.
+    /// Constant description.
     pub scene: SceneDescription,
     /// Rows and events as JSON.
     pub document: String,
@@ -27,7 +27,7 @@ struct Document<'a> {
     collected: &'a Collected,
     /// One row in this many is shown.
     thinning: usize,
-    /// Why the file ends before its end.
+    /// Reason why the file ends before its index.
     cut_off: Option<&'a str>,
 }
 

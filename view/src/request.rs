@@ -23,19 +23,19 @@ pub struct Request {
     pub body: Vec<u8>,
 }
 
-/// What the bytes of a connection are.
+/// Result of parsing the bytes of a connection.
 #[derive(Debug)]
 pub enum Parsed {
     /// The beginning of a request.
     Incomplete,
     /// A request.
     Complete(Request),
-    /// No request, or one that is refused.
+    /// Bytes that are not a request, or a request that is refused.
     Refused(Response),
 }
 
 impl Request {
-    /// Parses what a connection has sent so far.
+    /// Parses the bytes that a connection has sent so far.
     #[must_use]
     pub fn parse(bytes: &[u8]) -> Parsed {
         let mut headers = [EMPTY_HEADER; MOST_HEADERS];
@@ -44,7 +44,9 @@ impl Request {
             Ok(Status::Complete(length)) if length <= MOST_HEAD_BYTES => length,
             Ok(Status::Partial) if bytes.len() < MOST_HEAD_BYTES => return Parsed::Incomplete,
             Ok(_) => return refuse(431, "the headers are too long"),
-            Err(error) => return refuse(400, &format!("this is no request of HTTP/1.1: {error}")),
+            Err(error) => {
+                return refuse(400, &format!("this is not a request of HTTP/1.1: {error}"));
+            }
         };
         let mut request = Self::of(&parser);
         let length = match request.body_length() {
@@ -70,7 +72,7 @@ impl Request {
         }
     }
 
-    /// Length of the body; an error if it is not said, or too great.
+    /// Length of the body; an error if it is missing or too great.
     fn body_length(&self) -> Result<usize, Response> {
         if self.header("transfer-encoding").is_some() {
             return Err(Response::error(411, "a body needs its content-length"));
@@ -79,11 +81,11 @@ impl Request {
         match text.parse() {
             Ok(length) if length <= MOST_BODY_BYTES => Ok(length),
             Ok(_) => Err(Response::error(413, "the body is too long")),
-            Err(_) => Err(Response::error(400, "the content-length is no number")),
+            Err(_) => Err(Response::error(400, "the content-length is not a number")),
         }
     }
 
-    /// The header of this name, in lower case. A header that comes twice with different values is that text which no rule
+    /// The header of this name, in lower case. A header with several different values is a text that no rule
     /// accepts.
     #[must_use]
     pub fn header(&self, name: &str) -> Option<&str> {
@@ -129,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_too_long_or_no_request_is_refused() {
+    fn requests_that_are_too_long_or_malformed_are_refused() {
         assert_eq!(status(b"\x16\x03\x01\x02"), Some(400));
         assert_eq!(status(b"GET / HTTP/1.1\r\ncontent-length: 1025\r\n\r\n"), Some(413));
         assert_eq!(status(b"GET / HTTP/1.1\r\ncontent-length: -1\r\n\r\n"), Some(400));

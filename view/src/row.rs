@@ -35,8 +35,8 @@ pub fn tick(t_s: f64, sample: &FlightSample, interface: Interface) -> TickRow {
     let [qx, qy, qz, qw] = sample.attitude().xyzw().map(|value| rounded(value, 4));
     let [rx, ry, rz] = telemetry.reference_position.map(|value| rounded(value, 4));
     let [roll, pitch, yaw] = command(sample, interface).map(|value| rounded(value, 4));
-    let is_judged = sample.is_armed() && telemetry.pose_age_s.is_finite();
-    let judged = |value: f64, digits| if is_judged { rounded(value, digits) } else { f64::NAN };
+    let is_scored = sample.is_armed() && telemetry.pose_age_s.is_finite();
+    let scored = |value: f64, digits| if is_scored { rounded(value, digits) } else { f64::NAN };
     [
         rounded(t_s, 4),
         x,
@@ -49,9 +49,9 @@ pub fn tick(t_s: f64, sample: &FlightSample, interface: Interface) -> TickRow {
         rx,
         ry,
         rz,
-        judged(sample.position_error().norm(), 5),
-        judged(sample.velocity_error().norm(), 4),
-        judged(sample.attitude_error().norm().to_degrees(), 3),
+        scored(sample.position_error().norm(), 5),
+        scored(sample.velocity_error().norm(), 4),
+        scored(sample.attitude_error().norm().to_degrees(), 3),
         roll,
         pitch,
         yaw,
@@ -83,7 +83,7 @@ fn command(sample: &FlightSample, interface: Interface) -> [f64; 3] {
     }
 }
 
-/// The row of a vehicle message; `since_origin_s` says what an instant is on the axis of time.
+/// The row of a vehicle message; `since_origin_s` converts an instant to the axis of time \[s\].
 pub fn vehicle(
     received_at: Time,
     message: (&Header, &VehicleV1),

@@ -1,4 +1,4 @@
-//! What a page needs once: names, room, cameras, and the meaning of columns and codes.
+//! Constant description for a page: names, room, cameras, and the meaning of columns and codes.
 
 use oqtal_bus::code::{Cause, Mode, SafetyState};
 use oqtal_config::{Config, FenceOptions, Interface};
@@ -11,7 +11,7 @@ use crate::row::{TICK_COLUMNS, VEHICLE_COLUMNS};
 /// Names of the phases by their numbers.
 const PHASES: [&str; 5] = ["", "take-off", "settle", "trajectory", "landing"];
 
-/// What the page is about.
+/// Constant description of the subject of a page.
 #[derive(Clone, Debug, Serialize)]
 pub struct SceneDescription {
     title: String,

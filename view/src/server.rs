@@ -1,5 +1,5 @@
-//! Sockets: their time-outs and their number. A thread accepts, each connection has a thread of its own, and no connection can
-//! keep another one, or the feed, waiting.
+//! Sockets: their time-outs and their number. A thread accepts; each connection has a thread of its own, so that no connection
+//! delays another one or the feed.
 
 use std::io::{self, Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
@@ -15,15 +15,15 @@ use crate::request::{MOST_BODY_BYTES, MOST_HEAD_BYTES, Parsed, Request};
 use crate::response::{Response, stream_head};
 use crate::site::{Reply, Site};
 
-/// Greatest number of connections at a time; further ones are told to come later.
+/// Greatest number of connections at a time; further ones are refused with status 503.
 pub const MOST_CONNECTIONS: usize = 48;
 /// Time within which a request must be complete.
 const REQUEST_TIMEOUT: Span = Span::from_millis(5000);
-/// Time within which a response must be taken.
+/// Time within which the client must read a response.
 const RESPONSE_TIMEOUT: Span = Span::from_millis(30_000);
-/// Time within which an update must be taken.
+/// Time within which the client must read an update.
 const UPDATE_TIMEOUT: Span = Span::from_millis(2000);
-/// Size of the kernel's buffer for updates that were not taken \[bytes\].
+/// Size of the kernel's buffer for updates that were not read \[bytes\].
 const SEND_BUFFER_BYTES: usize = 64 * 1024;
 /// Pause after the operating system refused a connection.
 const REFUSED_PAUSE: Duration = Duration::from_millis(50);
@@ -42,7 +42,7 @@ pub fn serve(listener: &TcpListener, site: &Arc<Site>) {
         // A thread that cannot be started closes its connection.
         let _ = thread.spawn(move || {
             let mut connection = Connection { stream };
-            // A connection that breaks concerns nobody else.
+            // A broken connection does not affect the others.
             let _ = match place.is_free() {
                 true => connection.serve(&site),
                 false => connection.send(&Response::error(503, "too many pages are open"), "GET"),

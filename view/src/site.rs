@@ -1,4 +1,4 @@
-//! What is answered to which request. No socket is needed to test it.
+//! Answers to requests, independent of sockets.
 
 use std::fmt;
 use std::sync::Arc;
@@ -30,7 +30,7 @@ pub struct OperatorReply {
     pub text: String,
 }
 
-/// What the page shows.
+/// Subject of the page.
 #[derive(Debug)]
 pub enum Subject {
     /// A running instance: its updates, and who executes commands.
@@ -201,8 +201,8 @@ mod tests {
             assert_eq!(post(&with, wrong), 400, "{wrong}");
         }
         assert_eq!(post(&site(false), r#"{"command": "arm"}"#), 403);
-        let stranger = Request::made("POST", "/control", &[("host", "localhost:1")]);
-        assert_eq!(status(&with, &stranger), 401);
+        let without_token = Request::made("POST", "/control", &[("host", "localhost:1")]);
+        assert_eq!(status(&with, &without_token), 401);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! What a flight is known by beside its messages, recorded once it is over.
+//! Facts of a flight that its messages do not contain, recorded at its end.
 
 use super::facts::Facts;
 use super::file::RecordingFile;
@@ -9,12 +9,12 @@ use crate::kernel::ProcessUsage;
 /// Name of the facts that close the recording of a flight.
 const FLIGHT: &str = "flight";
 
-/// What a flight is known by beside its messages, once it is over.
+/// Facts of a flight that its messages do not contain.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ClosingFacts {
     /// Path of the commands.
     pub command_path: CommandPath,
-    /// How the flight ended, for messages that do not show it.
+    /// Outcome of the flight.
     pub outcome: Option<Outcome>,
     /// Flight time over wall time \[-\].
     pub speed_factor: f64,
@@ -34,7 +34,7 @@ impl ClosingFacts {
         }
     }
 
-    /// As a table of facts.
+    /// The facts as a table.
     #[must_use]
     pub fn to_facts(&self) -> Facts {
         let json = |daemon: &ProcessUsage| serde_json::to_string(daemon).unwrap_or_default();

@@ -1,4 +1,4 @@
-//! What is recorded beside the messages: version, configuration, clocks, machine.
+//! Facts that are recorded beside the messages: version, configuration, clocks, machine.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -82,7 +82,7 @@ impl Facts {
         Self::new("machine", facts.map(|(name, fact)| (name, fact.unwrap_or_else(unknown))))
     }
 
-    /// What the kernel granted the daemon.
+    /// Scheduling that the kernel granted to the daemon.
     #[must_use]
     pub fn of_grants(daemon: &ThreadScheduling) -> Self {
         let cpu = daemon.cpu.map_or_else(|| "any".to_owned(), |cpu| cpu.to_string());

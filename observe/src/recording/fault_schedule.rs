@@ -1,5 +1,5 @@
-//! Faults by hand and disturbances as events: when each begins and ends. Their times count from the first command that arms, as for the processes
-//! that inject them.
+//! Beginnings and ends of injected faults and disturbances, as events. Their times count from the first command that arms, as in the
+//! processes that inject them.
 
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, VehicleV1};
@@ -8,13 +8,13 @@ use oqtal_config::Config;
 
 use crate::event::of_period;
 
-/// What a change of the schedule is called in a recording: the source of its event.
+/// Source of an event in a recording: `fault` or `disturbance`.
 type Source = &'static str;
 
 /// The faults and disturbances of a flight that have not begun or ended yet.
 #[derive(Debug)]
 pub struct FaultSchedule {
-    /// Time after arming, source and words; later ones first.
+    /// Time after arming, source and text; later ones first.
     pending: Vec<(Span, Source, String)>,
     armed_at: Option<Time>,
     /// Whether faults act on a vehicle that is not simulated.
@@ -37,26 +37,26 @@ impl FaultSchedule {
         let mut pending: Vec<_> =
             all.map(|(at_s, source, text)| (Span::from_seconds(at_s), source, text)).collect();
         pending.sort_by_key(|(at, ..)| std::cmp::Reverse(*at));
-        // An emulated vehicle behind a bridge is simulated, but the bridge does not know.
+        // A bridge reports an emulated vehicle as real.
         let acts_on_any = config.fault.with_real_vehicle || !config.plant.wire.link.is_empty();
         Self { pending, armed_at: None, acts_on_any }
     }
 
-    /// Takes a command: the first one that arms begins the time of faults.
+    /// Receives a command; the time of faults begins with the first one that arms.
     pub fn command(&mut self, header: &Header, command: &CommandV1) {
         if self.armed_at.is_none() && command.actuation != Actuation::Disarmed.code() {
             self.armed_at = Some(header.stamps.command_published_at);
         }
     }
 
-    /// Takes a message of the vehicle: on one that is not simulated no fault acts, unless that was asked for.
+    /// Receives a message of the vehicle; faults do not act on a real vehicle, unless the configuration requests it.
     pub fn vehicle(&mut self, vehicle: &VehicleV1) {
         if vehicle.simulated == 0 && !self.acts_on_any {
             self.pending.clear();
         }
     }
 
-    /// The next change that has come at `now`: its instant, source and words.
+    /// Removes and returns the next change up to `now`: its instant, source and text.
     pub fn due(&mut self, now: Time) -> Option<(Time, Source, String)> {
         let at = self.armed_at? + self.pending.last()?.0;
         if at > now {
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn on_a_real_vehicle_no_fault_is_told() {
+    fn on_a_real_vehicle_there_is_no_event_of_a_fault() {
         let mut schedule = schedule();
         schedule.vehicle(&VehicleV1::default());
         arm(&mut schedule, Time::VIRTUAL_START);

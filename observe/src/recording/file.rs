@@ -28,7 +28,7 @@ pub enum RecordingFileError {
     Foreign {
         /// The file.
         path: PathBuf,
-        /// What is missing or wrong.
+        /// Part that is missing or wrong.
         reason: String,
     },
     /// The recording was made by a version with other message definitions.
@@ -42,7 +42,7 @@ pub enum RecordingFileError {
         version: String,
         /// Revision of that version's sources.
         revision: String,
-        /// What differs.
+        /// Part that differs.
         what: String,
     },
 }
@@ -231,7 +231,7 @@ impl RecordingFile {
         self.fact(RECORDING, "wall_offset_ns").and_then(|text| text.parse().ok()).unwrap_or(0)
     }
 
-    /// The error of a recording whose `what` differs from this version's.
+    /// The error of a recording whose part `what` differs from that of this version.
     #[must_use]
     pub fn other_version(&self, what: &str) -> RecordingFileError {
         let fact = |name| self.fact(RECORDING, name).unwrap_or("unknown").to_owned();

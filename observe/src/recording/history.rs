@@ -105,7 +105,7 @@ impl InputHistory {
         turn.telemetry = self.telemetry.get(&(source, turn.input.time.nanos())).copied();
     }
 
-    /// The turn of `input` with the messages that it names, as far as they are known.
+    /// The turn of `input` with the messages that it names, as far as they were recorded.
     fn named(&self, source: u64, input: InputV1) -> RecordedTurn {
         RecordedTurn {
             input,

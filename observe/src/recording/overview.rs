@@ -1,4 +1,4 @@
-//! What a recording holds, for people.
+//! Contents of a recording: `oqtal info`.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use crate::explain::wrapped;
 use crate::kernel::ProcessUsage;
 use crate::table;
 
-/// One topic of a recording.
+/// Contents of one topic.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct TopicOverview {
     /// Number of messages \[-\].
@@ -23,7 +23,7 @@ pub struct TopicOverview {
     pub schema: String,
 }
 
-/// A recording at a glance.
+/// Contents of a recording.
 #[derive(Clone, Debug, Serialize)]
 pub struct RecordingOverview {
     /// Path of the file.
@@ -77,7 +77,7 @@ impl RecordingOverview {
         }
     }
 
-    /// As text for a terminal.
+    /// The overview as text for a terminal.
     #[must_use]
     pub fn to_text(&self) -> String {
         let Self { file, bytes, duration_s, began, is_complete, facts, topics } = self;

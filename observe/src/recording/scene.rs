@@ -59,7 +59,7 @@ impl ScenePose {
     }
 
     fn write_numbers(&self, writer: &mut CdrWriter<'_>) {
-        // A viewer cannot draw an attitude that is not known.
+        // A viewer cannot draw an unknown attitude.
         let known = self.attitude.iter().all(|number| number.is_finite())
             && self.attitude.iter().any(|number| *number != 0.0);
         writer.numbers(&self.position);

@@ -1,5 +1,4 @@
-//! Schemas in the message definition language of ROS 2, written from the field tables of the messages: one source for the code
-//! and for every reader.
+//! Schemas in the message definition language of ROS 2, generated from the field tables of the messages.
 
 use oqtal_bus::message::{Field, FieldType, Header, Message, Stamps};
 
@@ -14,7 +13,7 @@ pub fn name<M: Message>() -> String {
     format!("oqtal_msgs/msg/{}", path.rsplit("::").next().unwrap_or(path))
 }
 
-/// The schema of a message: its header, its fields, and the definitions of what the header consists of.
+/// The schema of a message: its header, its fields, and the definitions of header and stamps.
 #[must_use]
 pub fn text<M: Message>() -> String {
     let header = lines(Header::FIELDS) + "oqtal_msgs/Stamps stamps\n";
@@ -53,7 +52,7 @@ fn type_name(element: FieldType) -> &'static str {
     }
 }
 
-/// Name of a field in recordings: with its unit at the end, as no viewer shows comments.
+/// Name of a field in recordings, with its unit as suffix, since viewers do not show comments.
 #[must_use]
 pub fn member_name(field: &Field) -> String {
     let unit = field.unit.split(',').next().unwrap_or_default();

@@ -116,7 +116,7 @@ impl RecordingThread {
         self.failed.load(Ordering::Acquire)
     }
 
-    /// Queues a record; returns `false` if there is no room.
+    /// Queues a record; returns `false` if the queue is full.
     fn send(&self, record: QueuedRecord) -> bool {
         let Some(queue) = &self.queue else { return true };
         if self.waits {

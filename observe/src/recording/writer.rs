@@ -1,4 +1,4 @@
-//! One MCAP file: chunked, indexed, uncompressed. Every chunk is handed to the operating system as soon as it is complete, so that a
+//! One MCAP file: chunked, indexed, uncompressed. Every chunk is handed to the operating system when it is complete, so that a
 //! file whose writer was killed is readable up to its last chunk.
 
 use std::collections::BTreeMap;

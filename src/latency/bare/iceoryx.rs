@@ -1,90 +1,63 @@
 //! iceoryx2 in its stock configuration: a publish-subscribe service, an event, and a thread that waits on its listener.
 
+use std::fmt::Debug;
+use std::io;
+
 use iceoryx2::node::Node;
-use iceoryx2::port::listener::{Listener, ListenerWaitError};
-use iceoryx2::port::notifier::Notifier;
-use iceoryx2::port::publisher::Publisher;
-use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::port::listener::ListenerWaitError;
 use iceoryx2::prelude::{NodeBuilder, ServiceName, SignalHandlingMode, ipc};
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use oqtal_bus::paths::InstancePaths;
-use oqtal_runtime::process::Failure;
 
-use super::mechanism::{Mechanism, system};
 use super::parcel::{Parcel, ParcelReceiver, ParcelSender};
 
 const NAME: &str = "parcel";
 
-/// The sending end.
-#[derive(Debug)]
-pub struct IceoryxSender {
-    publisher: Publisher<ipc::Service, Parcel, ()>,
-    notifier: Notifier<ipc::Service>,
-    _node: Node<ipc::Service>,
+/// The services, with the node that holds them.
+type Services = (
+    Node<ipc::Service>,
+    publish_subscribe::PortFactory<ipc::Service, Parcel, ()>,
+    event::PortFactory<ipc::Service>,
+);
+
+/// The sending end beside `place`.
+///
+/// # Errors
+/// iceoryx2 refuses.
+pub fn sender(place: &InstancePaths) -> io::Result<ParcelSender> {
+    let (node, data, event) = services(place)?;
+    let publisher = data.publisher_builder().create().map_err(failed("publishing"))?;
+    let notifier = event.notifier_builder().create().map_err(failed("notifying"))?;
+    Ok(Box::new(move |parcel| {
+        let _node = &node;
+        let sample = publisher.loan_uninit().map_err(failed("loaning"))?;
+        sample.write_payload(*parcel).send().map_err(failed("sending"))?;
+        notifier.notify().map(drop).map_err(failed("notifying"))
+    }))
 }
 
-impl IceoryxSender {
-    /// The sending end at `place`.
-    ///
-    /// # Errors
-    /// iceoryx2 refuses.
-    pub fn open(place: &InstancePaths) -> Result<Self, Failure> {
-        let node = node(place)?;
-        let (data, event) = services(&node)?;
-        let publisher = data.publisher_builder().create().map_err(|e| failed("publishing", &e))?;
-        let notifier = event.notifier_builder().create().map_err(|e| failed("notifying", &e))?;
-        Ok(Self { publisher, notifier, _node: node })
-    }
-}
-
-impl ParcelSender for IceoryxSender {
-    fn send(&mut self, parcel: &Parcel) -> Result<(), Failure> {
-        let sample = self.publisher.loan_uninit().map_err(|e| failed("loaning", &e))?;
-        sample.write_payload(*parcel).send().map_err(|e| failed("sending", &e))?;
-        self.notifier.notify().map(drop).map_err(|e| failed("notifying", &e))
-    }
-}
-
-/// The receiving end.
-#[derive(Debug)]
-pub struct IceoryxReceiver {
-    subscriber: Subscriber<ipc::Service, Parcel, ()>,
-    listener: Listener<ipc::Service>,
-    _node: Node<ipc::Service>,
-}
-
-impl IceoryxReceiver {
-    /// The receiving end at `place`.
-    ///
-    /// # Errors
-    /// iceoryx2 refuses.
-    pub fn create(place: &InstancePaths) -> Result<Self, Failure> {
-        let node = node(place)?;
-        let (data, event) = services(&node)?;
-        let subscriber =
-            data.subscriber_builder().create().map_err(|e| failed("subscribing", &e))?;
-        let listener = event.listener_builder().create().map_err(|e| failed("listening", &e))?;
-        Ok(Self { subscriber, listener, _node: node })
-    }
-}
-
-impl ParcelReceiver for IceoryxReceiver {
-    fn receive(&mut self) -> Result<Parcel, Failure> {
+/// The receiving end beside `place`.
+///
+/// # Errors
+/// iceoryx2 refuses.
+pub fn receiver(place: &InstancePaths) -> io::Result<ParcelReceiver> {
+    let (node, data, event) = services(place)?;
+    let subscriber = data.subscriber_builder().create().map_err(failed("subscribing"))?;
+    let listener = event.listener_builder().create().map_err(failed("listening"))?;
+    Ok(Box::new(move || {
+        let _node = &node;
         // One wake-up may stand for several messages.
         loop {
-            if let Some(sample) = self.subscriber.receive().map_err(|e| failed("taking", &e))? {
+            if let Some(sample) = subscriber.receive().map_err(failed("receiving"))? {
                 return Ok(*sample.payload());
             }
-            match self.listener.blocking_wait(|_| {}) {
+            match listener.blocking_wait(|_| {}) {
                 Ok(_) | Err(ListenerWaitError::InterruptSignal) => {}
-                Err(error) => return Err(failed("waiting", &error)),
+                Err(error) => return Err(failed("waiting")(error)),
             }
         }
-    }
+    }))
 }
-
-type Services =
-    (publish_subscribe::PortFactory<ipc::Service, Parcel, ()>, event::PortFactory<ipc::Service>);
 
 /// Paths of the bare services, beside the instance `latency-PID-NUMBER` at `place`: nothing of the bus is shared with them. The
 /// name is short because iceoryx2 puts it twice into the path of a socket, which the kernel limits to 107 bytes.
@@ -95,23 +68,20 @@ pub fn beside(place: &InstancePaths) -> InstancePaths {
     InstancePaths { instance, ..place.clone() }
 }
 
-fn node(place: &InstancePaths) -> Result<Node<ipc::Service>, Failure> {
-    let place = beside(place);
-    let config = place.prepare()?;
-    let created = NodeBuilder::new()
+fn services(place: &InstancePaths) -> io::Result<Services> {
+    let config = beside(place).prepare().map_err(io::Error::other)?;
+    let node = NodeBuilder::new()
         .config(&config)
         .signal_handling_mode(SignalHandlingMode::Disabled)
-        .create::<ipc::Service>();
-    created.map_err(|error| failed("joining", &error))
-}
-
-fn services(node: &Node<ipc::Service>) -> Result<Services, Failure> {
-    let name = ServiceName::new(NAME).map_err(|e| failed("naming", &e))?;
+        .create::<ipc::Service>()
+        .map_err(failed("joining"))?;
+    let name = ServiceName::new(NAME).map_err(failed("naming"))?;
     let data = node.service_builder(&name).publish_subscribe::<Parcel>().open_or_create();
     let event = node.service_builder(&name).event().open_or_create();
-    Ok((data.map_err(|e| failed("opening", &e))?, event.map_err(|e| failed("opening", &e))?))
+    let (data, event) = (data.map_err(failed("opening"))?, event.map_err(failed("opening"))?);
+    Ok((node, data, event))
 }
 
-fn failed(what: &str, error: &dyn std::fmt::Debug) -> Failure {
-    system(Mechanism::Iceoryx2Listener, what, &format!("{error:?}"))
+fn failed<E: Debug>(what: &'static str) -> impl Fn(E) -> io::Error {
+    move |error| io::Error::other(format!("{what} failed: {error:?}"))
 }

@@ -1,7 +1,5 @@
 //! The mechanisms that are measured without the bus.
 
-use oqtal_runtime::process::{Exit, Failure};
-
 /// A mechanism that is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mechanism {
@@ -33,9 +31,4 @@ impl Mechanism {
             Self::Iceoryx2Listener => "iceoryx2_listener",
         }
     }
-}
-
-/// The failure of an operation of `mechanism`.
-pub(super) fn system(mechanism: Mechanism, what: &str, error: &dyn std::fmt::Display) -> Failure {
-    Failure::new(Exit::System, format!("{}: {what} failed: {error}", mechanism.name()))
 }

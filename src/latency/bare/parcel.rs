@@ -1,9 +1,10 @@
-//! The message that every mechanism carries, and the two ends of a mechanism.
+//! The message that every mechanism transmits, and the two ends of a mechanism.
+
+use std::io;
 
 use iceoryx2::prelude::ZeroCopySend;
 use oqtal_bus::message::{Header, Message, PoseV1};
 use oqtal_bus::time::Time;
-use oqtal_runtime::process::Failure;
 
 /// Size of a message, that of a pose with its header \[words of 64 bits\].
 pub(super) const WORDS: usize = (size_of::<Header>() + PoseV1::SIZE).div_ceil(8);
@@ -13,10 +14,16 @@ pub(super) const WORDS: usize = (size_of::<Header>() + PoseV1::SIZE).div_ceil(8)
 #[type_name("oqtal.Parcel.v1")]
 #[repr(C)]
 pub struct Parcel {
-    /// When it was sent; [`Time::UNSET`] in the last one.
+    /// Instant of sending; [`Time::UNSET`] in the last message.
     pub(super) sent_at: Time,
     filling: [u64; WORDS - 1],
 }
+
+/// The sending end of a mechanism: sends a message and wakes the receiver.
+pub type ParcelSender = Box<dyn FnMut(&Parcel) -> io::Result<()>>;
+
+/// The receiving end of a mechanism: sleeps without limit until a message arrives, and receives it.
+pub type ParcelReceiver = Box<dyn FnMut() -> io::Result<Parcel>>;
 
 impl Parcel {
     /// A message sent now.
@@ -40,22 +47,4 @@ impl Parcel {
         filling.copy_from_slice(&words[1..]);
         Self { sent_at: Time::from_nanos(words[0]), filling }
     }
-}
-
-/// The sending end of a mechanism.
-pub trait ParcelSender {
-    /// Sends `parcel` and wakes the receiver.
-    ///
-    /// # Errors
-    /// The operating system refuses.
-    fn send(&mut self, parcel: &Parcel) -> Result<(), Failure>;
-}
-
-/// The receiving end of a mechanism.
-pub trait ParcelReceiver {
-    /// Sleeps without limit until a message arrives, and receives it.
-    ///
-    /// # Errors
-    /// The operating system refuses.
-    fn receive(&mut self) -> Result<Parcel, Failure>;
 }

@@ -1,20 +1,17 @@
 //! The processes at the ends of a mechanism.
 
+use std::io;
 use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 
 use oqtal_bus::time::Time;
-use oqtal_runtime::process::{Failure, Job, ProcessContext};
+use oqtal_runtime::process::{Exit, Failure, Job, ProcessContext};
 use rustix::event::EventfdFlags;
 use rustix::process::Signal;
 
-use super::eventfd::Eventfd;
-use super::futex::Futex;
-use super::iceoryx::{IceoryxReceiver, IceoryxSender};
-use super::mechanism::{Mechanism, system};
+use super::mechanism::Mechanism;
 use super::parcel::{Parcel, ParcelReceiver, ParcelSender};
-use super::udp_socket::UdpEnd;
-use super::unix_datagram::{DatagramReceiver, DatagramSender};
+use super::{iceoryx, shared, sockets};
 use crate::latency::record::Record;
 
 /// The work of the process that receives the messages of `mechanism`.
@@ -29,6 +26,11 @@ pub fn receiver_job(mechanism: Mechanism) -> Job {
     }
 }
 
+/// The failure of an operation of `mechanism`.
+pub fn failed(mechanism: Mechanism, what: &str, error: &io::Error) -> Failure {
+    Failure::new(Exit::System, format!("{}: {what} failed: {error}", mechanism.name()))
+}
+
 /// Opens the sending end of `mechanism`; the receiving end exists.
 ///
 /// # Errors
@@ -36,33 +38,35 @@ pub fn receiver_job(mechanism: Mechanism) -> Job {
 pub fn open_sender(
     mechanism: Mechanism,
     context: &ProcessContext,
-) -> Result<Box<dyn ParcelSender>, Failure> {
+) -> Result<ParcelSender, Failure> {
     let file = file(context, mechanism, "port");
-    Ok(match mechanism {
-        Mechanism::Futex => Box::new(Futex::open(&file)?),
-        Mechanism::Eventfd => Box::new(Eventfd::open(&file)?),
-        Mechanism::UnixDatagram => Box::new(DatagramSender::open(&file)?),
-        Mechanism::UdpSocket => Box::new(UdpEnd::open(&file)?),
-        Mechanism::Iceoryx2Listener => Box::new(IceoryxSender::open(&context.paths()?)?),
-    })
+    let opened = match mechanism {
+        Mechanism::Futex => shared::futex_sender(&file),
+        Mechanism::Eventfd => shared::eventfd_sender(&file),
+        Mechanism::UnixDatagram => sockets::unix_sender(&file),
+        Mechanism::UdpSocket => sockets::udp_sender(&file),
+        Mechanism::Iceoryx2Listener => iceoryx::sender(&context.paths()?),
+    };
+    opened.map_err(|error| failed(mechanism, "opening", &error))
 }
 
 fn open_receiver(
     mechanism: Mechanism,
     context: &ProcessContext,
-) -> Result<Box<dyn ParcelReceiver>, Failure> {
+) -> Result<ParcelReceiver, Failure> {
     let file = file(context, mechanism, "port");
-    Ok(match mechanism {
-        Mechanism::Futex => Box::new(Futex::create(&file)?),
-        Mechanism::Eventfd => Box::new(Eventfd::create(&file)?),
-        Mechanism::UnixDatagram => Box::new(DatagramReceiver::create(&file)?),
-        Mechanism::UdpSocket => Box::new(UdpEnd::create(&file)?),
-        Mechanism::Iceoryx2Listener => Box::new(IceoryxReceiver::create(&context.paths()?)?),
-    })
+    let opened = match mechanism {
+        Mechanism::Futex => shared::futex_receiver(&file),
+        Mechanism::Eventfd => shared::eventfd_receiver(&file),
+        Mechanism::UnixDatagram => sockets::unix_receiver(&file),
+        Mechanism::UdpSocket => sockets::udp_receiver(&file),
+        Mechanism::Iceoryx2Listener => iceoryx::receiver(&context.paths()?),
+    };
+    opened.map_err(|error| failed(mechanism, "opening", &error))
 }
 
-/// Directory in which the measuring processes of an instance exchange files: in memory, so that no disk is waited for. It is made new
-/// for each measurement, with a name that nobody can guess and for this user only.
+/// Directory in which the measuring processes of an instance exchange files: in memory, so that no process waits for a disk. It is
+/// created for each measurement, with a name that nobody can guess and for this user only.
 #[must_use]
 pub fn directory(instance: &str) -> PathBuf {
     Path::new("/dev/shm").join(format!("oqtal-{instance}"))
@@ -80,20 +84,20 @@ pub fn file(context: &ProcessContext, mechanism: Mechanism, kind: &str) -> PathB
 /// The operating system refuses.
 pub fn counter() -> Result<OwnedFd, Failure> {
     rustix::event::eventfd(0, EventfdFlags::CLOEXEC)
-        .map_err(|error| system(Mechanism::Eventfd, "opening", &error))
+        .map_err(|error| failed(Mechanism::Eventfd, "opening", &error.into()))
 }
 
 /// Receives messages until the last one, and saves the latency of each.
 fn receive_all(context: &ProcessContext, mechanism: Mechanism) -> Result<(), Failure> {
     // SIGKILL: the process may be asleep in the kernel when its parent dies, and would not notice a request to end.
     rustix::process::set_parent_process_death_signal(Some(Signal::KILL))
-        .map_err(|error| system(mechanism, "binding to the parent's life", &error))?;
+        .map_err(|error| failed(mechanism, "setting the parent-death signal", &error.into()))?;
     let mut record = Record::with_room();
-    let mut receiver = open_receiver(mechanism, context)?;
+    let mut receive = open_receiver(mechanism, context)?;
     context.enter_realtime();
     Record::default().save(&file(context, mechanism, "ready"))?;
     loop {
-        let parcel = receiver.receive()?;
+        let parcel = receive().map_err(|error| failed(mechanism, "receiving", &error))?;
         let received_at = Time::now();
         if parcel == Parcel::LAST {
             return record.save(&file(context, mechanism, "record"));

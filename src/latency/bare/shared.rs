@@ -1,29 +1,97 @@
-//! A message in memory that two processes share.
+//! A message in memory that two processes share; the receiver is woken by a futex, the lower bound for waking a process, or by an
+//! eventfd.
 
+use std::io;
+use std::os::fd::AsFd;
 use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering, fence};
 
 use oqtal_bus::shared::SharedWords;
+use rustix::io::{Errno, read, write};
+use rustix::thread::futex::{Flags, wait, wake};
 
-use super::parcel::{Parcel, WORDS};
+use super::parcel::{Parcel, ParcelReceiver, ParcelSender, WORDS};
 
-/// A message and its version: odd while it is being written, even when it is whole. The version is the first word, the message
-/// the others, in halves.
+/// The sending end at `path` that wakes the receiver by a futex.
+///
+/// # Errors
+/// The memory cannot be shared.
+pub fn futex_sender(path: &Path) -> io::Result<ParcelSender> {
+    // Not private: the other end is another process.
+    sender(path, |slot| wake(slot.version(), Flags::empty(), 1).map(drop))
+}
+
+/// The receiving end at `path` that waits on a futex.
+///
+/// # Errors
+/// The memory cannot be shared.
+pub fn futex_receiver(path: &Path) -> io::Result<ParcelReceiver> {
+    receiver(path, |slot, version| wait(slot.version(), Flags::empty(), version, None))
+}
+
+/// The sending end at `path` that wakes the receiver by the eventfd at standard input.
+///
+/// # Errors
+/// The memory cannot be shared.
+pub fn eventfd_sender(path: &Path) -> io::Result<ParcelSender> {
+    sender(path, |_| write(std::io::stdin().as_fd(), &1_u64.to_ne_bytes()).map(drop))
+}
+
+/// The receiving end at `path` that reads the eventfd at standard input.
+///
+/// # Errors
+/// The memory cannot be shared.
+pub fn eventfd_receiver(path: &Path) -> io::Result<ParcelReceiver> {
+    receiver(path, |_, _| read(std::io::stdin().as_fd(), &mut [0; 8]).map(drop))
+}
+
+fn sender(
+    path: &Path,
+    wake: impl Fn(&Slot) -> rustix::io::Result<()> + 'static,
+) -> io::Result<ParcelSender> {
+    let slot = Slot::open(path)?;
+    Ok(Box::new(move |parcel| {
+        slot.put(parcel);
+        Ok(wake(&slot)?)
+    }))
+}
+
+/// `sleep` waits until the version of the slot may differ from the one it is given.
+fn receiver(
+    path: &Path,
+    sleep: impl Fn(&Slot, u32) -> rustix::io::Result<()> + 'static,
+) -> io::Result<ParcelReceiver> {
+    let (slot, mut seen) = (Slot::open(path)?, 0);
+    Ok(Box::new(move || {
+        loop {
+            let version = match slot.get(seen) {
+                Ok((version, parcel)) => {
+                    seen = version;
+                    return Ok(parcel);
+                }
+                Err(version) => version,
+            };
+            match sleep(&slot, version) {
+                Ok(()) | Err(Errno::AGAIN | Errno::INTR) => {}
+                Err(error) => return Err(error.into()),
+            }
+        }
+    }))
+}
+
+/// A message and its version: odd while the message is being written, even when it is whole. The version is the first word; the
+/// message is the others, in halves.
 #[derive(Debug)]
-pub struct Slot(SharedWords);
+struct Slot(SharedWords);
 
 impl Slot {
-    /// Opens the slot in the file at `path`, which is made if it is not there.
-    ///
-    /// # Errors
-    /// The file cannot be opened or mapped.
-    pub fn open(path: &Path) -> std::io::Result<Self> {
+    /// Opens the slot in the file at `path`, which is created if it does not exist.
+    fn open(path: &Path) -> io::Result<Self> {
         Ok(Self(SharedWords::open(path, 1 + 2 * WORDS)?))
     }
 
-    /// The word that changes with every message: what a futex waits on.
-    #[must_use]
-    pub fn version(&self) -> &AtomicU32 {
+    /// The word that changes with every message, on which a futex waits.
+    fn version(&self) -> &AtomicU32 {
         &self.0[0]
     }
 
@@ -32,7 +100,7 @@ impl Slot {
     }
 
     /// Writes a message. There is one writer.
-    pub fn put(&self, parcel: &Parcel) {
+    fn put(&self, parcel: &Parcel) {
         let version = self.version().load(Ordering::Relaxed);
         self.version().store(version.wrapping_add(1), Ordering::Relaxed);
         fence(Ordering::Release);
@@ -43,11 +111,8 @@ impl Slot {
         self.version().store(version.wrapping_add(2), Ordering::Release);
     }
 
-    /// Returns the message and its version if it is whole and not the one of version `seen`.
-    ///
-    /// # Errors
-    /// The version to wait on.
-    pub fn get(&self, seen: u32) -> Result<(u32, Parcel), u32> {
+    /// Returns the message and its version if it is whole and not the one of version `seen`; otherwise the version to wait on.
+    fn get(&self, seen: u32) -> Result<(u32, Parcel), u32> {
         let version = self.version().load(Ordering::Acquire);
         if version == seen || !version.is_multiple_of(2) {
             return Err(version);
