@@ -10,7 +10,7 @@ use oqtal_config::{Config, Setting};
 use oqtal_plant_sim::{Plant, PlantOutput};
 
 const MILLISECOND: Span = Span::from_millis(1);
-/// A command every so many milliseconds, or the vehicle falls silent.
+/// Milliseconds between two commands \[-\]: without commands the motors stop.
 const COMMAND_EVERY: u64 = 16;
 
 fn bench(criterion: &mut Criterion, fidelity: &str) {

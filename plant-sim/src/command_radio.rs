@@ -29,8 +29,8 @@ pub struct CommandLoss {
     generator: Generator,
     /// Probability that a burst begins with a command \[-\].
     begins: f64,
-    /// Probability that a burst goes on with the next command \[-\].
-    goes_on: f64,
+    /// Probability that a burst continues with the next command \[-\].
+    continues: f64,
     is_bad: bool,
 }
 
@@ -43,7 +43,7 @@ impl CommandLoss {
             generator: stream(seed, RandomSource::CommandLoss),
             // In the long run the channel is bad for `share` of the commands.
             begins: share / ((1.0 - share) * burst),
-            goes_on: 1.0 - burst.recip(),
+            continues: 1.0 - burst.recip(),
             is_bad: false,
         }
     }
@@ -51,7 +51,7 @@ impl CommandLoss {
     /// Whether the next command is lost.
     pub fn next_is_lost(&mut self) -> bool {
         if self.begins > 0.0 {
-            let probability = if self.is_bad { self.goes_on } else { self.begins };
+            let probability = if self.is_bad { self.continues } else { self.begins };
             self.is_bad = self.generator.random::<f64>() < probability;
         }
         self.is_bad

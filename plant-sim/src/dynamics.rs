@@ -60,7 +60,7 @@ pub struct Dynamics {
     body: Body,
 }
 
-/// What turns and lifts the vehicle.
+/// Model of the forces and torques on the vehicle.
 #[derive(Clone, Debug)]
 enum Body {
     /// Table I: torque in.
@@ -244,7 +244,9 @@ impl RateCommand {
         command + disturbance.rate_drift
     }
 
-    /// The rate in proportion to the angle that is left to `attitude`, the short way round, within the authority.
+    /// The rate in proportion to the angle that is left to `attitude`, the short way round, within the authority. Kept apart, so that
+    /// [`RateCommand::rate`] stays small enough to become a part of the step of a vehicle that takes sticks.
+    #[inline(never)]
     fn towards(&self, attitude: &Quaternion<f64>, state: &State, gain: f64) -> Vector3<f64> {
         let error = state.attitude.conjugate() * attitude;
         let rate = error.imag() * (2.0 * gain).copysign(error.w);

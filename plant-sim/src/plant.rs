@@ -106,7 +106,7 @@ impl Plant {
         }
     }
 
-    /// Without samples of the truth between camera frames: for a flight whose truth nobody asks for but cameras, and the recorder
+    /// Without samples of the truth between camera frames: for a flight whose truth is used by the cameras only, and by the recorder
     /// at the daemon's ticks.
     #[must_use]
     pub fn without_milliseconds(self) -> Self {
@@ -128,8 +128,8 @@ impl Plant {
         self.millisecond.next().min(self.next_event())
     }
 
-    /// Keeps the motors off from now on, whatever is commanded, or ends that. Commands on the radio no longer take effect. Returns
-    /// whether this is a change.
+    /// Keeps the motors off from now on, whatever is commanded, or ends that state. Commands on the radio no longer take effect.
+    /// Returns whether this is a change.
     pub fn keep_stopped(&mut self, stopped: bool) -> bool {
         if stopped {
             self.radio.disarm();
@@ -191,8 +191,7 @@ impl Plant {
         }
     }
 
-    /// Skips what a pause of the process that ends at `now` has too much: the vehicle stands still in it. Returns the time that was
-    /// skipped.
+    /// Skips the excess of a pause of the process that ends at `now`: the vehicle stands still in it. Returns the skipped time.
     pub fn skip_pause(&mut self, now: Time) -> Span {
         let skipped = now.since(self.time) - LONGEST_PAUSE;
         if skipped <= Span::ZERO {
@@ -273,7 +272,7 @@ impl Plant {
                     .map(|t| if t.is_finite() { t.clamp(-limit, limit) } else { 0.0 });
                 PlantInput { torque, ..thrusting }
             }
-            // Level in place of numbers that are no attitude.
+            // Level in place of numbers that are not an attitude.
             Actuation::Attitude => {
                 let attitude = Attitude::from_xyzw(command.attitude).unwrap_or_default();
                 PlantInput { attitude: **attitude.unit_quaternion(), ..thrusting }
@@ -281,7 +280,7 @@ impl Plant {
         };
     }
 
-    /// What the probe adds to the sticks of a command that takes effect now \[-\].
+    /// Addition of the probe to the sticks of a command that takes effect now \[-\].
     fn probed(&self) -> Vector3<f64> {
         let ProbeOptions { stick, amplitude, frequency_hz } = self.probe;
         let mut added = Vector3::zeros();
@@ -315,7 +314,7 @@ impl Plant {
         rest_on_floor(before, &mut self.state);
     }
 
-    /// What disturbs the vehicle from the present instant to the next event.
+    /// Disturbance of the vehicle from the present instant to the next event.
     fn disturbance(&self) -> Disturbance {
         let calm = Disturbance {
             acceleration: self.gust.acceleration() + self.constant_acceleration,

@@ -1,4 +1,4 @@
-//! Body of a firmware under test: the plant's rotors turn as the firmware's motor values say, its inertial sensors measure. Pure.
+//! Body of a firmware under test: its motor values drive the plant's rotors, and inertial sensors measure the motion. Pure.
 
 use nalgebra::Vector3;
 use oqtal_bus::message::TruthV1;

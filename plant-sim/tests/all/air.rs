@@ -80,7 +80,7 @@ fn inflow_damps_roll_and_pitch_but_not_yaw() {
     let turning = state(&with, Vector3::zeros(), Vector3::new(1.0, 1.0, 1.0));
     let of = |plant| accelerations(plant, &turning, Vector3::zeros()).1;
     let damping = of(&with) - of(&without);
-    // Two rotors stand an arm away from each axis.
+    // Two rotors have a distance of one arm from each axis.
     let torque = 2.0 * INFLOW * hover_speed(&with) * with.rotors.arm_m.powi(2);
     let roll = -torque / with.inertia_kg_m2[0][0];
     assert!((damping.x / roll - 1.0).abs() < 1e-3, "{damping}");

@@ -1,4 +1,4 @@
-//! Parameters of the emulated autopilot: those that a set-up reads, with the values of a vehicle fresh from the factory.
+//! Parameters of the emulated autopilot that a set-up reads, with factory settings.
 
 use oqtal_wire::link::AutopilotKind;
 use oqtal_wire::mavlink::{MavlinkContent, ParameterName, ParameterValue};
@@ -43,7 +43,7 @@ const PX4: [(&str, u8, f64); 11] = [
 pub(super) struct ParameterTable(Vec<(ParameterName, ParameterValue)>);
 
 impl ParameterTable {
-    /// Parameters of a fresh autopilot.
+    /// Factory settings of this kind of autopilot.
     pub(super) fn new(kind: AutopilotKind) -> Self {
         let table = match kind {
             AutopilotKind::ArduPilot => &ARDUPILOT[..],
@@ -58,13 +58,13 @@ impl ParameterTable {
         Self(entries.collect())
     }
 
-    /// The parameter `name` as it is told; `None` for one that is unknown.
+    /// Report of the parameter `name`; `None` if it is unknown.
     pub(super) fn get(&self, name: &ParameterName) -> Option<MavlinkContent> {
         let (name, value) = *self.0.iter().find(|(known, _)| known == name)?;
         Some(MavlinkContent::Parameter { name, value })
     }
 
-    /// Sets the parameter `name`, and tells it; `None` for one that is unknown.
+    /// Sets the parameter `name` and returns its report; `None` if it is unknown.
     pub(super) fn set(
         &mut self,
         name: &ParameterName,

@@ -1,7 +1,7 @@
 //! Emulated on-board computer of a Crazyflie: packets to set-points, answers. Pure.
 //!
 //! The vehicle flies by the newest set-point. The first set-point without thrust unlocks the thrust of those after it. Roll and
-//! pitch are rates or angles as `flightmode.stabModeRoll` and `…Pitch` say.
+//! pitch are rates or angles by `flightmode.stabModeRoll` and `…Pitch`.
 
 use std::collections::VecDeque;
 
@@ -21,7 +21,7 @@ use super::tables::{Logged, PARAMETERS, STABILISATION, element, info};
 use crate::wire::command::{angles, rate_command, turning_command};
 use crate::wire::vehicle::{FrameCounters, Measured, OnBoardComputer};
 
-/// Last byte of the vehicle's radio address, as it is delivered \[-\].
+/// Last byte of the vehicle's radio address in factory settings \[-\].
 const ADDRESS_END: u8 = 0xE7;
 
 /// On-board computer of a Crazyflie.

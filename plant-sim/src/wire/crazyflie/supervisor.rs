@@ -1,4 +1,4 @@
-//! Rules of the supervisor, as crazyflie-firmware has them in `supervisor.c` and `supervisor_state_machine.c`.
+//! Rules of the supervisor in crazyflie-firmware, `supervisor.c` and `supervisor_state_machine.c`.
 //!
 //! | condition | from | to |
 //! |---|---|---|
@@ -10,8 +10,8 @@
 //! | no set-point for 2 s, or disarmed | flying, levels out | locked |
 //! | emergency stop, or its keep-alive missing for 1 s | any | locked |
 //!
-//! Only a restart ends `Locked`. A host that ends its set-points by a packet of its own is not missed: the age of the last one no
-//! longer counts, and its thrust is off.
+//! Only a restart ends `Locked`. A host can end its set-points by a packet: the age of the last one then no longer counts, and its
+//! thrust is off.
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_wire::crtp::{Supervision, SupervisorCommand};
@@ -71,7 +71,7 @@ impl SupervisorModel {
         }
     }
 
-    /// Takes the end of the set-points: the vehicle goes on without thrust.
+    /// Takes the end of the set-points: the vehicle continues without thrust.
     pub fn relax(&mut self) {
         self.is_relaxed = true;
     }
@@ -142,13 +142,13 @@ impl SupervisorModel {
         !matches!(self.state, SupervisorState::Ready | SupervisorState::Locked)
     }
 
-    /// Whether the vehicle holds itself level because set-points stay away.
+    /// Whether the vehicle holds itself level because set-points are missing.
     #[must_use]
     pub fn levels_out(&self) -> bool {
         self.state == SupervisorState::LevelsOut
     }
 
-    /// The state as the vehicle tells it.
+    /// The state as the vehicle reports it.
     #[must_use]
     pub fn bits(&self) -> Supervision {
         let state = self.state;
@@ -174,7 +174,7 @@ mod tests {
         Time::VIRTUAL_START + Span::from_millis(millis)
     }
 
-    /// Ticks every 10 ms of the range, with a set-point each time if `setpoint` tells its thrust.
+    /// Ticks every 10 ms of the range, with a set-point each time unless `setpoint` is `None`.
     fn run(model: &mut SupervisorModel, millis: std::ops::Range<i64>, setpoint: Option<bool>) {
         for now in millis.step_by(10).map(at) {
             if let Some(has_thrust) = setpoint {
@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn a_flight_goes_round_and_ends_disarmed() {
+    fn a_flight_passes_all_states_and_ends_disarmed() {
         let mut model = flying();
         run(&mut model, 1000..2900, Some(false));
         assert!(model.bits().contains(Supervision::FLYING), "thrust was less than 2 s ago");
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn a_host_that_says_that_it_ends_is_not_missed() {
+    fn set_points_that_a_host_has_ended_do_not_lock_the_vehicle() {
         let mut model = flying();
         model.relax();
         for now in (1000..6200).step_by(10).map(at) {

@@ -21,7 +21,7 @@ pub(super) const PARAMETERS: [Parameter; 9] = [
     ("locSrv", "extPosStdDev", ParameterType::F32, 0.01),
     ("locSrv", "extQuatStdDev", ParameterType::F32, 4.5e-3),
 ];
-/// Numbers of the parameters that say whether roll, pitch and yaw are angles.
+/// Numbers of the parameters by which roll, pitch and yaw are angles.
 pub(super) const STABILISATION: [usize; 3] = [3, 4, 5];
 
 /// All log variables, numbered from 0.
@@ -55,7 +55,7 @@ pub(super) fn info(table: TableKind) -> TableInfo {
     TableInfo::of((0..).map_while(|id| element(table, id)))
 }
 
-/// What log variables show.
+/// Values of the log variables.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Logged {
     pub(super) battery_v: f64,
