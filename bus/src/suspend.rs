@@ -23,6 +23,7 @@ pub struct ClockReadings {
 impl ClockReadings {
     /// Reads both clocks.
     #[must_use]
+    #[expect(clippy::disallowed_methods, reason = "clocks are read here")]
     pub fn now() -> Self {
         let before = Time::now();
         let Timespec { tv_sec, tv_nsec } = clock_gettime(ClockId::Monotonic);

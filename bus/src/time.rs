@@ -60,6 +60,7 @@ impl Time {
 
     /// Reads `CLOCK_BOOTTIME` (through the vDSO, no system call).
     #[must_use]
+    #[expect(clippy::disallowed_methods, reason = "clocks are read here")]
     pub fn now() -> Self {
         let Timespec { tv_sec, tv_nsec } = clock_gettime(ClockId::Boottime);
         // The clock counts up from boot: both parts are non-negative.
@@ -69,6 +70,7 @@ impl Time {
     /// Reads the wall clock: the time from the monotonic clock's origin to the Unix epoch's, to be added to an instant of
     /// [`Time::now`]. Changes whenever the wall clock is set.
     #[must_use]
+    #[expect(clippy::disallowed_methods, reason = "clocks are read here")]
     pub fn wall_offset() -> Span {
         let wall = clock_gettime(ClockId::Realtime);
         let wall =

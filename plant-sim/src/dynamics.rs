@@ -244,9 +244,8 @@ impl RateCommand {
         command + disturbance.rate_drift
     }
 
-    /// The rate in proportion to the angle that is left to `attitude`, the short way round, within the authority. Kept apart, so that
-    /// [`RateCommand::rate`] stays small enough to become a part of the step of a vehicle that takes sticks.
-    #[inline(never)]
+    /// The rate in proportion to the angle that is left to `attitude`, the short way round, within the authority.
+    #[inline(never)] // `rate` stays small enough to be inlined for a vehicle that takes sticks.
     fn towards(&self, attitude: &Quaternion<f64>, state: &State, gain: f64) -> Vector3<f64> {
         let error = state.attitude.conjugate() * attitude;
         let rate = error.imag() * (2.0 * gain).copysign(error.w);
@@ -395,8 +394,7 @@ impl Rotors {
             * (rate_command - state.rate).component_div(&self.rate_lag)
             + self.inertia.gyroscopic_torque(BodyRate(state.rate)).0;
         let wrench = Vector4::new(input.thrust * self.max_thrust, torque.x, torque.y, torque.z);
-        let limit = self.max_speed;
         (self.unmix * wrench)
-            .map(|squared| squared.max(0.0).sqrt().min(limit) * disturbance.voltage_ratio)
+            .map(|squared| squared.max(0.0).sqrt().min(self.max_speed) * disturbance.voltage_ratio)
     }
 }
