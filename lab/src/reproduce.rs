@@ -7,9 +7,10 @@ pub mod architecture;
 pub mod body;
 pub mod chapter;
 pub mod claims;
+pub mod comparison;
 pub mod criteria;
+pub mod expression;
 pub mod figures;
-pub mod judgement;
 pub mod lander;
 pub mod online;
 pub mod options;
@@ -21,7 +22,7 @@ pub mod sweep;
 pub mod table_3;
 pub mod table_4;
 pub mod table_5;
-pub mod words;
+pub mod text;
 
 use std::path::PathBuf;
 
@@ -105,7 +106,7 @@ pub struct ReproduceArgs {
     /// Tables, experiments and figures to reproduce
     #[arg(value_parser = PossibleValuesParser::new(targets()), default_value = ALL)]
     what: Vec<String>,
-    /// Tune the gains of Table V anew instead of using the shipped ones; takes minutes for each law
+    /// Tune the gains of Table V again instead of using the shipped ones; takes minutes for each law
     #[arg(long)]
     retune: bool,
     /// Directory of reproduction.html, reproduction.md and reproduction.json

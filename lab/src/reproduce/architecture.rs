@@ -1,18 +1,37 @@
-//! The structure of laws, loops and testbed, Figs. 3 to 5, 15 and 16.
+//! The structure of laws, testbed and loops, Figs. 3 to 5, 15 and 16: block diagrams, as files.
+
+use maud::PreEscaped;
+use oqtal_observe::plot::figure::framed;
 
 use super::chapter::Chapter;
-use super::figures::architecture;
+use super::expression::TextValues;
+use super::figures::Figure;
+use super::text;
 
-const INTRO: &str = "The block diagrams of the paper, with the equations that each box computes, corrected as docs/errata.md \
-     says; in that of the testbed, the processes that stand for its parts.";
+/// Number, title and drawing of each diagram.
+const DIAGRAMS: [(u8, &str, &str); 5] = [
+    (3, "quaternion PID", include_str!("diagrams/figure-3.svg")),
+    (
+        4,
+        "classic LQR, with set-point tracking and integral action",
+        include_str!("diagrams/figure-4.svg"),
+    ),
+    (5, "OQTAL, with integral action", include_str!("diagrams/figure-5.svg")),
+    (15, "the testbed, and its counterparts here", include_str!("diagrams/figure-15.svg")),
+    (
+        16,
+        "control architecture: six PIDs around the attitude law",
+        include_str!("diagrams/figure-16.svg"),
+    ),
+];
 
 /// The diagrams.
 #[must_use]
 pub fn chapter() -> Chapter {
-    Chapter {
-        title: "Architecture",
-        intro: vec![INTRO.to_owned()],
-        figures: architecture::all(),
-        ..Chapter::default()
-    }
+    let figures = DIAGRAMS.map(|(number, title, svg)| {
+        let drawing = PreEscaped(svg.to_owned());
+        let markup = framed(&format!("Fig. {number}: {title}"), &[], (drawing, None));
+        Figure { number, markup }
+    });
+    Chapter { figures: figures.into(), ..text::chapter("architecture", &TextValues::new()) }
 }

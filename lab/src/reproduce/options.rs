@@ -11,11 +11,12 @@ use rayon::prelude::*;
 
 use super::body::{Manoeuvre, RotatingBody};
 use super::chapter::{Chapter, invalid};
+use super::expression::TextValues;
 use super::lander::{Descent, Lander, RATE_HZ};
 use super::roster::{self, CELLS};
-use super::words::{about, figure, listed};
+use super::text;
 use crate::progress::Progress;
-use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
+use crate::sheet::{SheetCell, SheetRow, Variant};
 
 /// Initial rotation \[rad, body\] and rate \[rad/s, body\] of a turn far from the target about another axis.
 const FAR: Vector3<f64> = Vector3::new(0.2, 1.2, -0.3);
@@ -23,16 +24,6 @@ const TURNING: Vector3<f64> = Vector3::new(0.8, -0.2, 0.5);
 const DURATION_S: f64 = 20.0;
 /// Width of the cells in the table, small enough that the model changes often.
 const DELTA: f64 = 0.05;
-
-const COLUMNS: [Column; 7] = [
-    ("position_error", "turn: ∫|x̃| [m s]"),
-    ("quaternion_error_norm", "turn: ∫|ε| [s]"),
-    ("effort_norm", "turn: ∫|τ| [N m s]"),
-    ("riccati_solves", "turn: solves"),
-    ("far_quaternion_error_norm", "far: ∫|ε| [s]"),
-    ("far_effort_norm", "far: ∫|τ| [N m s]"),
-    ("far_riccati_solves", "far: solves"),
-];
 
 struct OptionCase {
     settings: String,
@@ -52,63 +43,9 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
         Ok(row)
     };
     let rows: Result<Vec<SheetRow>, Failure> = cases.par_iter().map(fly).collect();
-    let mut sheet = Sheet {
-        name: "options".to_owned(),
-        title: "Every option".to_owned(),
-        columns: COLUMNS.to_vec(),
-        rows: rows?,
-        ..Sheet::default()
-    };
-    sheet.notes = vec![NOTE.to_owned(), models(&sheet), second_derivative(&sheet)];
-    Ok(Chapter { title: "Options of OQTAL", sheets: vec![sheet], ..Chapter::default() })
-}
-
-const NOTE: &str = "q 256, r 1, 60 Hz hold; \"turn\" is the gravity turn, \"far\" a body 72 degrees from rest that turns at 1 rad/s \
-     about another axis, with cells of 0.05.";
-
-/// The differences between the error models, as text.
-fn models(sheet: &Sheet) -> String {
-    let keys = ["position_error", "riccati_solves", "far_quaternion_error_norm"];
-    let of = |name: &str| {
-        let settings = format!("jacobian {name}");
-        let row = sheet.rows.iter().find(|row| row.settings == settings);
-        keys.map(|key| row.map_or(f64::NAN, |row| row.number(&sheet.columns, key)))
-    };
-    let models = JACOBIANS.map(|(_, name)| (name, of(name)));
-    let turns = models.map(|(_, figures)| figures[0]);
-    let [least, most] = [f64::min, f64::max].map(|pick| turns.into_iter().fold(turns[0], pick));
-    let mut far = models.map(|(name, figures)| (name, figures[2]));
-    far.sort_by(|a, b| a.1.total_cmp(&b.1));
-    let far = far.map(|(name, error)| format!("{name} {}", figure(error)));
-    format!(
-        "Jacobians: in the gravity turn, where each solves {} times, the position errors lie within {} % of each other. Far off the \
-         models differ; by error, the least first: {}.",
-        models[0].1[1],
-        about(100.0 * (most / least - 1.0)),
-        listed(&far)
-    )
-}
-
-/// The effect of the second derivative of eps, with and without filter, as text.
-fn second_derivative(sheet: &Sheet) -> String {
-    let far = |words: &str| {
-        let keys = ["far_quaternion_error_norm", "far_effort_norm"];
-        sheet.figures(("oqtal", Variant::AsPrinted), &[words], keys)
-    };
-    let (without, with) = (far("without filter"), far("through 2 Hz"));
-    let [none] = sheet
-        .of(Variant::AsPrinted)
-        .find(|row| row.settings == "jacobian exact, lambda of eps")
-        .map_or([f64::NAN], |row| [row.number(&sheet.columns, "far_quaternion_error_norm")]);
-    format!(
-        "The second derivative of eps, from differences of noise-free rates: error {} and effort {} far off, {} and {} through the \
-         filter, error {} without the term.",
-        figure(without[0]),
-        figure(without[1]),
-        figure(with[0]),
-        figure(with[1]),
-        figure(none)
-    )
+    let values = TextValues::new();
+    let sheets = vec![text::with_notes(text::table("options", rows?), &values)];
+    Ok(Chapter { sheets, ..text::chapter("options", &values) })
 }
 
 fn cases() -> Vec<OptionCase> {

@@ -7,11 +7,12 @@ use rayon::prelude::*;
 
 use super::body::{Manoeuvre, ManoeuvreRecord, RotatingBody};
 use super::chapter::{Chapter, invalid};
+use super::expression::TextValues;
 use super::lander::Lander;
 use super::roster::{self, Entry};
-use super::words::{either, listed};
+use super::text::{self, listed};
 use crate::progress::Progress;
-use crate::sheet::{Column, Sheet, SheetCell, SheetRow};
+use crate::sheet::{Sheet, SheetCell, SheetRow};
 
 /// Initial angle to the target \[rad\].
 const FAR_RAD: f64 = 175.0 * std::f64::consts::PI / 180.0;
@@ -21,17 +22,8 @@ const TUMBLE_RAD_S: f64 = 20.0;
 const DURATION_S: f64 = 60.0;
 /// Angle below which the body stays once it has recovered \[rad\].
 const NEAR_RAD: f64 = 5.0 * std::f64::consts::PI / 180.0;
-/// Axis of the rotation, which is no axis of the body \[-, body\].
+/// Axis of the rotation, oblique to those of the body \[-, body\].
 const AXIS: Vector3<f64> = Vector3::new(0.6, -0.48, 0.64);
-
-const COLUMNS: [Column; 6] = [
-    ("vehicle", "vehicle"),
-    ("start", "start"),
-    ("recovered_s", "within 5° after [s]"),
-    ("commands_finite", "every command a number"),
-    ("riccati_solves", "Riccati solves"),
-    ("failed_solves", "of them failed"),
-];
 
 /// Lets every law recover both vehicles from both initial states.
 ///
@@ -62,35 +54,19 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
     };
     let rows: Result<Vec<Vec<SheetRow>>, Failure> = cases.par_iter().map(recover).collect();
     let rows = rows?.concat();
-    let sheet = Sheet {
-        name: "recovery".to_owned(),
-        title: "Recovery from 175 degrees and from a tumble of 20 rad/s".to_owned(),
-        notes: vec![NOTE.to_owned(), verdict(&rows)],
-        columns: COLUMNS.to_vec(),
-        rows,
-        ..Sheet::default()
-    };
-    Ok(Chapter { title: "Recovery", sheets: vec![sheet], ..Chapter::default() })
+    let sheet = text::table("recovery", rows);
+    let values = TextValues::from([("lost", listed(&lost(&sheet)).into())]);
+    let sheets = vec![text::with_notes(sheet, &values)];
+    Ok(Chapter { sheets, ..text::chapter("recovery", &values) })
 }
 
-const NOTE: &str = "Not in the paper. On the spacecraft each law has the gains of the single step, on the quadrotor those it is \
-     shipped with, not the tuned ones; about an axis that is none of the body's, within 60 s. A dash stands where the body is not recovered by then. The quadrotor's rate is held by its own loop, \
-     not by these laws.";
-
-/// The laws that do not recover, and whether every command was finite, as text.
-fn verdict(rows: &[SheetRow]) -> String {
-    let lost: Vec<String> = rows
-        .iter()
-        .filter(|row| !row.number(&COLUMNS, "recovered_s").is_finite())
-        .map(|row| format!("{} ({}, {})", row.controller, row.cells[0].show(), row.cells[1].show()))
-        .collect();
-    let finite = rows.iter().all(|row| row.cells[3].show() == "yes");
-    let commands = either(
-        finite,
-        "Every command of every law was a number.",
-        "Not every command was a number.",
-    );
-    format!("Not recovered: {}. {commands}", listed(&lost))
+/// The laws that do not recover, each with vehicle and start.
+fn lost(sheet: &Sheet) -> Vec<String> {
+    let is_lost = |row: &&SheetRow| !row.number(&sheet.columns, "recovered_s").is_finite();
+    let name = |row: &SheetRow| {
+        format!("{} ({}, {})", row.controller, row.cells[0].show(), row.cells[1].show())
+    };
+    sheet.rows.iter().filter(is_lost).map(name).collect()
 }
 
 fn row(entry: &Entry, [vehicle, start]: [&str; 2], turned: &ManoeuvreRecord) -> SheetRow {

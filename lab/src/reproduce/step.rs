@@ -10,11 +10,12 @@ use rayon::prelude::*;
 
 use super::body::{Manoeuvre, ManoeuvreTick, RotatingBody};
 use super::chapter::{Chapter, invalid};
+use super::expression::{TextValues, figure};
 use super::lander::{Lander, RATE_HZ};
 use super::roster::{self, Entry};
-use super::words::figure;
+use super::text;
 use crate::progress::{Bar, Progress};
-use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
+use crate::sheet::{Sheet, SheetCell, SheetRow, Variant};
 
 /// Sizes of the step \[deg\].
 const ANGLES_DEG: [f64; 7] = [5.0, 15.0, 30.0, 60.0, 90.0, 135.0, 170.0];
@@ -24,23 +25,10 @@ const DURATION_S: f64 = 30.0;
 const BAND: f64 = 0.05;
 const AXES: [&str; 3] = ["roll", "pitch", "yaw"];
 
-const COLUMNS: [Column; 7] = [
-    ("axis", "axis"),
-    ("angle_deg", "step [°]"),
-    ("rise_s", "rise, 10 to 90 % [s]"),
-    ("overshoot_percent", "overshoot [%]"),
-    ("settle_s", "settled within 5 % [s]"),
-    ("effort_norm", "effort ∫|τ| [N m s]"),
-    ("riccati_solves", "Riccati solves"),
-];
-
-/// Index of the effort among the columns.
-const EFFORT: usize = 5;
+/// Index of the settling time among the columns.
+const SETTLED: usize = 4;
 /// Sizes of the step of the quadrotor \[deg\]: the paper's range of operation ends at 15.
 const TILTS_DEG: [f64; 4] = [5.0, 15.0, 30.0, 60.0];
-/// Unit of the effort of the quadrotor, which is commanded by sticks.
-const STICK_EFFORT: Column = ("effort_norm", "effort ∫|u| [s]");
-
 /// Steps every Euler angle of both vehicles under every law.
 ///
 /// # Errors
@@ -53,26 +41,15 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
     let mut rows = steps((&spacecraft, &ANGLES_DEG), &entries, &bar)?;
     let settled_of = settled(&rows);
     rows.push(linear(lander)?);
-    let sheet = Sheet {
-        name: "step".to_owned(),
-        title: "Single step of each Euler angle".to_owned(),
-        notes: vec![NOTE.to_owned(), settled_of],
-        columns: COLUMNS.to_vec(),
-        rows,
-        ..Sheet::default()
-    };
+    let spacecraft = with_settled(text::table("step", rows), settled_of);
     let rows = steps((&RotatingBody::quadrotor()?, &TILTS_DEG), &roster::shipped(), &bar)?;
-    let mut columns = COLUMNS.to_vec();
-    columns[EFFORT] = STICK_EFFORT;
-    let quadrotor = Sheet {
-        name: "step-quadrotor".to_owned(),
-        title: "Single step of each Euler angle of the quadrotor".to_owned(),
-        notes: vec![QUADROTOR_NOTE.to_owned(), settled(&rows)],
-        columns,
-        rows,
-        ..Sheet::default()
-    };
-    Ok(Chapter { title: "Single step", sheets: vec![sheet, quadrotor], ..Chapter::default() })
+    let settled_of = settled(&rows);
+    let quadrotor = with_settled(text::table("step-quadrotor", rows), settled_of);
+    Ok(Chapter { sheets: vec![spacecraft, quadrotor], ..text::chapter("step", &TextValues::new()) })
+}
+
+fn with_settled(sheet: Sheet, settled: String) -> Sheet {
+    text::with_notes(sheet, &TextValues::from([("settled", settled.into())]))
 }
 
 /// The rows of every law on a body, stepped by each of these angles \[deg\] about each axis.
@@ -95,24 +72,18 @@ fn steps(
     cases.par_iter().map(step).collect()
 }
 
-const NOTE: &str = "The spacecraft, at rest and level, is told to roll, pitch or yaw by an angle; torque without limit, 60 Hz. \
-     The paper ran this experiment and prints nothing of it. A dash under settling: not settled within 30 s; under rise: 90 % not \
-     reached; the overshoot is that of 30 s, settled or not. Beyond a pitch of 90 degrees the Euler angles of the target are \
-     others. With equal weights on error and rate, the slow pole tends to 1 rad/s for lqr and to 0.5 rad/s for oqtal, whose \
-     error is half an angle, as the weights grow. The rows of Eqs. (26) and (27) are the classic law and its model at rest as one \
-     linear system, whose response in shares of the step is the same about every axis and for every angle.";
-
-const QUADROTOR_NOTE: &str = "The quadrotor of Eq. (61), whose rate follows the sticks with a lag, without radio delay, cameras or \
-     noise, under each law with its shipped gains. Euler angles of 15 degrees are the paper's range of operation. The classic law's \
-     and OQTAL's integral action makes the slow end of each step: its weight is 0.01 of that of the error, Eq. (62).";
-
 /// Number of settled steps and longest settling time of each law, as text.
 fn settled(rows: &[SheetRow]) -> String {
     let said: Vec<String> = rows
         .chunk_by(|a, b| a.controller == b.controller)
         .map(|of_law| {
-            let times = of_law.iter().map(|row| row.number(&COLUMNS, "settle_s"));
-            let settled: Vec<f64> = times.filter(|time| time.is_finite()).collect();
+            let settled: Vec<f64> = of_law
+                .iter()
+                .filter_map(|row| match row.cells[SETTLED] {
+                    SheetCell::Number(time_s) => Some(time_s),
+                    _ => None,
+                })
+                .collect();
             let longest = settled.iter().copied().fold(0.0, f64::max);
             let (name, of) = (&of_law[0].controller, of_law.len());
             match settled.len() {
@@ -121,7 +92,7 @@ fn settled(rows: &[SheetRow]) -> String {
             }
         })
         .collect();
-    format!("Steps settled: {}.", said.join("; "))
+    said.join("; ")
 }
 
 /// The attitude with one Euler angle, by index, at `angle` \[rad\].

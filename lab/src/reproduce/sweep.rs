@@ -8,11 +8,12 @@ use rayon::prelude::*;
 
 use super::chapter::{Chapter, invalid};
 use super::criteria::{CRITERIA, Criterion, EXPONENTS, Surface};
+use super::expression::TextValues;
 use super::lander::{Descent, Lander};
-use super::words::{listed, ranges};
+use super::text::{self, listed};
 use super::{figures, roster};
 use crate::progress::Progress;
-use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
+use crate::sheet::{Sheet, SheetCell, SheetRow, Variant};
 
 const SIDE: usize = 21;
 
@@ -81,16 +82,14 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
         (0..LAWS.len() * SIDE * SIDE).into_par_iter().map(fly).collect();
     let flown = flown.map_err(invalid)?;
     let surfaces: Vec<Surface> = flown.chunks(SIDE * SIDE).map(<[_]>::to_vec).collect();
+    let values = TextValues::new();
+    let sheets = [verdict(&surfaces), along_the_ratio(&surfaces), kept(&surfaces)];
     Ok(Chapter {
-        title: "Sweep over the weights",
-        intro: vec![INTRO.to_owned(), stability(&surfaces)],
-        sheets: vec![verdict(&surfaces), along_the_ratio(&surfaces), kept(&surfaces)],
+        sheets: sheets.map(|sheet| text::with_notes(sheet, &values)).into(),
         figures: figures::surface::all([&surfaces[0], &surfaces[1]]),
+        ..text::chapter("sweep", &values)
     })
 }
-
-const INTRO: &str = "Both laws with Q = q I, R = r I, OQTAL with the Jacobian of Eqs. (45) and (46) as printed, cells of 0.2 centred on zero, torque held at 60 Hz, for all 441 pairs \
-     of q and r. Only q/r matters, so the surfaces are ridges along the diagonal.";
 
 /// The point of the sweep with the ratio `2^ratio` and a smaller weight of 1.
 fn at_ratio(surface: &Surface, ratio: i32) -> Option<&TableTwo> {
@@ -113,85 +112,20 @@ fn kept(surfaces: &[Surface]) -> Sheet {
             vec![stable, SheetCell::Count(surface.len() as u64), edge.unwrap_or(SheetCell::None)];
         SheetRow::new(law.variant, law.name, law.settings, cells)
     };
-    Sheet {
-        name: "sweep-stability".to_owned(),
-        title: "Pairs of weights at which the body stays under control".to_owned(),
-        notes: vec!["A dash stands where it does so at every pair.".to_owned()],
-        columns: STABILITY.to_vec(),
-        rows: LAWS.iter().zip(surfaces).map(row).collect(),
-        ..Sheet::default()
-    }
-}
-
-const STABILITY: [Column; 3] =
-    [("stable", "stable"), ("pairs", "of pairs"), ("lost_from", "lost from q/r on")];
-
-/// The ratios from which on the laws lose control, as text.
-fn stability(surfaces: &[Surface]) -> String {
-    let said: Vec<String> = LAWS
-        .iter()
-        .zip(surfaces)
-        .map(|(law, surface)| {
-            let range = edge(surface).map_or_else(
-                || "keeps the body under control everywhere".to_owned(),
-                |ratio| format!("loses the body from q/r = 2^{ratio} on"),
-            );
-            format!("{} ({}) {range}", law.name, law.settings)
-        })
-        .collect();
-    format!(
-        "{}. The paper prints surfaces without such an edge: gains of the continuous-time equation have one in any loop that holds \
-         its torque, so its surfaces were not flown so.",
-        said.join("; ")
-    )
+    text::table("sweep-stability", LAWS.iter().zip(surfaces).map(row).collect())
 }
 
 /// The table of pairs at which OQTAL is better than each form of the classic law, by criterion.
 fn verdict(surfaces: &[Surface]) -> Sheet {
     let rivals = [(&LAWS[0], &surfaces[0]), (&LAWS[2], &surfaces[2])];
-    let judge = |(law, rival): (&Law, &Surface)| {
+    let compare = |(law, rival): (&Law, &Surface)| {
         CRITERIA.map(|criterion| {
             let against = format!("{}: against lqr, {}", criterion.name, law.settings);
             let cells = compared(criterion, rival, &surfaces[1]);
             SheetRow::new(Variant::AsPrinted, "oqtal", against, cells)
         })
     };
-    Sheet {
-        name: "sweep-claim".to_owned(),
-        title: "\"Significantly lower errors and costs across the entire testing spectrum\""
-            .to_owned(),
-        notes: vec![CLAIM.to_owned(), holds(surfaces)],
-        columns: VERDICT.to_vec(),
-        rows: rivals.into_iter().flat_map(judge).collect(),
-        ..Sheet::default()
-    }
-}
-
-const CLAIM: &str = "The claim, judged at every pair of weights where both laws keep the body under control (of 441), against the \
-     classic LQR as printed and against one that is spared the singularity of its Euler angles.";
-
-/// The criteria by which the claim holds against each form of the classic law, as text.
-fn holds(surfaces: &[Surface]) -> String {
-    let said = [0, 2].map(|index| {
-        let (rival, oqtal) = (&surfaces[index], &surfaces[1]);
-        let (mut true_of, mut false_of) = (Vec::new(), Vec::new());
-        for criterion in CRITERIA {
-            let worse = not_better(criterion, rival, oqtal);
-            if worse.is_empty() {
-                true_of.push(criterion.name.to_owned());
-            } else {
-                let where_not = ranges(&worse, |ratio| format!("2^{ratio}"));
-                false_of.push(format!("{} (at q/r = {where_not})", criterion.name));
-            }
-        }
-        let settings = LAWS[index].settings;
-        format!(
-            "Against lqr, {settings}, it is true of: {}; false of: {}.",
-            listed(&true_of),
-            listed(&false_of)
-        )
-    });
-    said.join(" ")
+    text::table("sweep-claim", rivals.into_iter().flat_map(compare).collect())
 }
 
 /// The exponents of the ratios at which `oqtal` is not better.
@@ -212,16 +146,27 @@ fn compared(criterion: Criterion, rival: &Surface, oqtal: &Surface) -> Vec<Sheet
     let count = both.iter().filter(better).count();
     let holds = if count == both.len() { "true" } else { "false" };
     let both = SheetCell::Count(both.len() as u64);
-    vec![SheetCell::Count(count as u64), both, stable(rival), stable(oqtal), holds.into()]
+    let worse = not_better(criterion, rival, oqtal);
+    let worse = (!worse.is_empty()).then(|| SheetCell::Text(ranges(&worse)));
+    vec![
+        SheetCell::Count(count as u64),
+        both,
+        stable(rival),
+        stable(oqtal),
+        holds.into(),
+        worse.unwrap_or(SheetCell::None),
+    ]
 }
 
-const VERDICT: [Column; 5] = [
-    ("oqtal_better", "OQTAL better"),
-    ("both_stable", "of pairs with both stable"),
-    ("lqr_stable", "LQR stable"),
-    ("oqtal_stable", "OQTAL stable"),
-    ("claim", "claim"),
-];
+/// Exponents of two in rising order as ranges: "2^1 to 2^3 and 2^7".
+fn ranges(exponents: &[i32]) -> String {
+    let parts = exponents.chunk_by(|a, b| b - a == 1).map(|part| match part {
+        [only] => format!("2^{only}"),
+        [first, .., last] => format!("2^{first} to 2^{last}"),
+        [] => String::new(),
+    });
+    listed(&parts.collect::<Vec<_>>())
+}
 
 /// The table of the criteria along q/r.
 fn along_the_ratio(surfaces: &[Surface]) -> Sheet {
@@ -239,26 +184,17 @@ fn along_the_ratio(surfaces: &[Surface]) -> Sheet {
             SheetRow::new(law.variant, law.name, settings, cells)
         })
     });
-    Sheet {
-        name: "sweep".to_owned(),
-        title: "Figures along q/r".to_owned(),
-        notes: vec!["A dash stands where the law lost control of the body.".to_owned()],
-        columns: SWEEP.to_vec(),
-        rows: rows.collect(),
-        ..Sheet::default()
-    }
+    text::table("sweep", rows.collect())
 }
-
-const SWEEP: [Column; 4] = [
-    ("quaternion_error_norm", "error ∫|ε| [s]"),
-    ("position_error", "position ∫|x̃| [m s]"),
-    ("riccati_solves", "Riccati solves"),
-    ("effort_norm", "effort ∫|τ| [N m s]"),
-];
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn successive_exponents_are_a_range() {
+        assert_eq!(ranges(&[-3, -2, -1, 4, 7, 8]), "2^-3 to 2^-1, 2^4 and 2^7 to 2^8");
+    }
 
     #[test]
     fn only_the_ratio_of_the_weights_matters() {

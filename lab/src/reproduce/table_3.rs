@@ -10,11 +10,12 @@ use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
 use super::chapter::{Chapter, invalid};
+use super::expression::TextValues;
 use super::lander::{Descent, Lander};
 use super::roster;
-use super::words::{about, either};
+use super::text;
 use crate::progress::Progress;
-use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
+use crate::sheet::{SheetCell, SheetRow, Variant};
 
 /// Bounds of the search for the gains `c` \[1/s\], `k` \[1/s^2\] and `T` \[s\]. Not in the paper.
 const BOUNDS: [RangeInclusive<f64>; 3] = [0.1..=50.0, 0.1..=50.0, 0.1..=20.0];
@@ -22,25 +23,6 @@ const BOUNDS: [RangeInclusive<f64>; 3] = [0.1..=50.0, 0.1..=50.0, 0.1..=20.0];
 const COLONY: BeeColony = BeeColony { sources: 10, cycles: 100, limit: 30, pull: 0.0, seed: 1 };
 /// The weights `[q, r]` of the paper's columns.
 const WEIGHTS: [[f64; 2]; 4] = [[1.0, 1.0], [10.0, 1.0], [100.0, 1.0], [1.0, 0.0]];
-
-const COLUMNS: [Column; 8] = [
-    ("weights", "[q, r]"),
-    ("c", "c [1/s]"),
-    ("k", "k [1/s²]"),
-    ("t", "T [s]"),
-    ("position_error", "position ∫|x̃| [m s]"),
-    ("quaternion_error_norm", "error ∫|ε| [s]"),
-    ("effort_norm", "effort ∫|τ| [N m s]"),
-    ("fitness", "fitness"),
-];
-
-/// Position error, quaternion error, effort, fitness: as printed.
-const PAPER: [[f64; 4]; 4] = [
-    [80.3, 0.1280, 0.2609, 0.3889],
-    [29.78, 0.0349, 0.8252, 1.1744],
-    [29.8, 0.0328, 0.9476, 4.2286],
-    [49.1, 0.0754, 0.3955, 0.4709],
-];
 
 /// An interpretation of "tuned PID".
 struct Reading {
@@ -81,69 +63,10 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
         READINGS.iter().flat_map(|reading| WEIGHTS.map(|weights| (reading, weights))).collect();
     let tune = |(reading, weights): &(&Reading, [f64; 2])| tuned(lander, reading, *weights, &bar);
     let rows: Result<Vec<SheetRow>, OptionError> = cases.par_iter().map(tune).collect();
-    let mut sheet = Sheet {
-        name: "III".to_owned(),
-        title: "Table III: the PID tuned by an artificial bee colony".to_owned(),
-        columns: COLUMNS.to_vec(),
-        rows: paper().chain(rows.map_err(invalid)?).collect(),
-        ..Sheet::default()
-    };
-    sheet.notes = NOTES.map(str::to_owned).into_iter().chain([verdict(&sheet)]).collect();
-    Ok(Chapter { title: "Tuning of the PID", sheets: vec![sheet], ..Chapter::default() })
-}
-
-const NOTES: [&str; 2] = [
-    "The colony has 10 sources and flies 100 cycles from one seed; c and k are searched in 0.1..50, T in 0.1..20 s. The paper \
-     prints neither bounds nor budget.",
-    "The paper contradicts itself in the last column: the fitness for [1, 0] must equal the quaternion error, 0.0754; printed \
-     is the fitness for [1, 1] of those figures. And its quaternion error is worse than those of [10, 1] and [100, 1], which \
-     weigh effort too: it is no optimum.",
-];
-
-/// The note that compares the tuned PIDs with the printed ones.
-fn verdict(sheet: &Sheet) -> String {
-    // The rows of a reading, in the order of the weights: error, effort, fitness.
-    let read = |reading: &Reading| -> Vec<[f64; 3]> {
-        let rows = sheet.of(reading.variant).filter(|row| row.settings == reading.settings);
-        let keys = ["quaternion_error_norm", "effort_norm", "fitness"];
-        rows.map(|row| keys.map(|key| row.number(&sheet.columns, key))).collect()
-    };
-    let (printed, omega_e) = (read(&READINGS[0]), read(&READINGS[2]));
-    // Computed from the printed figures: the printed fitness is a misprint for [1, 0].
-    let fitness = |[q, r]: [f64; 2], paper: [f64; 4]| q * paper[1] + r * paper[2];
-    let times: Vec<f64> = printed
-        .iter()
-        .zip(WEIGHTS.into_iter().zip(PAPER))
-        .map(|(row, (weights, paper))| fitness(weights, paper) / row[2])
-        .collect();
-    let [least, most] = [f64::min, f64::max].map(|pick| times.iter().copied().fold(times[0], pick));
-    // The first three columns: q rises.
-    let trend =
-        printed[..3].windows(2).all(|pair| pair[1][0] < pair[0][0] && pair[1][1] > pair[0][1]);
-    let ahead =
-        omega_e.iter().zip(PAPER).filter(|(row, paper)| row[0] < paper[1] && row[1] < paper[2]);
-    format!(
-        "Tuned within wide bounds, the paper's own PID has a fitness {} to {} times lower than that of the printed errors and efforts. Less error for more effort \
-         as q rises: {}. Given the rate error, the PID has less error for less effort than printed in {} of {} columns.",
-        about(least),
-        about(most),
-        either(trend, "reproduces", "does not reproduce"),
-        ahead.count(),
-        PAPER.len()
-    )
-}
-
-fn paper() -> impl Iterator<Item = SheetRow> {
-    WEIGHTS.into_iter().zip(PAPER).map(|(weights, [position, error, effort, fitness])| {
-        let gains = [SheetCell::None, SheetCell::None, SheetCell::None];
-        let numbers = [position, error, effort, fitness].map(SheetCell::from);
-        SheetRow::new(Variant::Paper, "pid", "", cells(weights, gains, numbers))
-    })
-}
-
-fn cells(weights: [f64; 2], gains: [SheetCell; 3], numbers: [SheetCell; 4]) -> Vec<SheetCell> {
-    let [q, r] = weights;
-    [SheetCell::Text(format!("[{q}, {r}]"))].into_iter().chain(gains).chain(numbers).collect()
+    let sheet = text::table("III", rows.map_err(invalid)?);
+    let values = TextValues::new();
+    let sheets = vec![text::with_notes(sheet, &values)];
+    Ok(Chapter { sheets, ..text::chapter("table-3", &values) })
 }
 
 fn tuned(
@@ -168,8 +91,8 @@ fn tuned(
     };
     let best = COLONY.minimise(&BOUNDS, &[], evaluate);
     let metrics = fly(&best.point)?.unwrap_or_default();
-    let gains = [0, 1, 2].map(|axis| SheetCell::from(best.point[axis]));
-    let numbers = [metrics.position_error, metrics.quaternion_error, metrics.effort, best.value]
-        .map(SheetCell::from);
-    Ok(SheetRow::new(reading.variant, "pid", reading.settings, cells(weights, gains, numbers)))
+    let figures = [metrics.position_error, metrics.quaternion_error, metrics.effort, best.value];
+    let numbers = best.point.iter().copied().chain(figures).map(SheetCell::from);
+    let cells = [SheetCell::Text(format!("[{q}, {r}]"))].into_iter().chain(numbers).collect();
+    Ok(SheetRow::new(reading.variant, "pid", reading.settings, cells))
 }

@@ -1,31 +1,25 @@
 //! Table V: the square on the simulated testbed, 25 runs of every law, on the nominal plant and on mismatched ones.
 
-use oqtal_config::Setting;
+use std::ops::Range;
+
+use oqtal_config::{Config, Setting};
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
 use crate::campaign::flights::{Contender, MISMATCHED, NOMINAL, Prepared, Test};
-use crate::campaign::metric::{METRIC, METRICS, Metric};
+use crate::campaign::metric::{METRIC, Metric, POSITION};
+use crate::campaign::statistics::{EVALUATION_SEEDS, TRAINING_SEEDS};
 use crate::campaign::table::{self, BEST, COLUMNS, Entrant, Flown, PAPER, Scope};
-use crate::tune;
+use crate::tune::search::{self, Budget};
+use crate::tune::{self};
 
 use super::chapter::{Chapter, ExperimentContext};
+use super::comparison::{self, FlownLaws};
+use super::expression::TextValues;
 use super::figures;
-use super::judgement::{self, Evidence};
-use super::words::listed;
+use super::text::{self, listed};
 use crate::progress::Progress;
-use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
-
-mod notes;
-
-/// A printed row: law, mean and deviation of position, velocity and attitude error, largest q, calculations.
-type Printed = (&'static str, [(f64, f64); 3], Option<f64>, u64);
-
-const PRINTED: [Printed; 3] = [
-    ("pid", [(0.330, 0.005), (0.147, 0.004), (1.192, 0.098)], None, 0),
-    ("lqr", [(0.323, 0.005), (0.143, 0.002), (1.575, 0.047)], Some(20.0), 89),
-    ("oqtal", [(0.306, 0.012), (0.139, 0.001), (1.184, 0.039)], Some(200.0), 1),
-];
+use crate::sheet::{Sheet, SheetCell, SheetRow, Variant};
 
 /// Flies Table V, the mismatched plants, and the counts by cell rule.
 ///
@@ -34,24 +28,24 @@ const PRINTED: [Printed; 3] = [
 pub fn chapter(context: &ExperimentContext) -> Result<Chapter, Failure> {
     let entrants = entrants(context)?;
     let (nominal, others) = fly(&entrants, &PAPER, &context.progress)?;
-    let evidence = Evidence { plant: NOMINAL.name, flown: &nominal };
-    let elsewhere: Vec<Evidence<'_>> = MISMATCHED
+    let laws = FlownLaws { plant: NOMINAL.name, flown: &nominal };
+    let elsewhere: Vec<FlownLaws<'_>> = MISMATCHED
         .iter()
         .zip(&others)
-        .map(|(plant, flown)| Evidence { plant: plant.name, flown })
+        .map(|(plant, flown)| FlownLaws { plant: plant.name, flown })
         .collect();
-    let main = Sheet { notes: notes::all(&entrants, &nominal)?, ..main(&evidence, &elsewhere) };
-    let judged = [
-        judgement::duels(&evidence, &elsewhere),
-        judgement::intervals(&evidence),
-        judgement::ranking(&evidence),
+    let values = values(&entrants, &nominal)?;
+    let main = text::with_notes(main(&laws, &elsewhere), &values);
+    let compared = [
+        comparison::against_the_best(&laws, &elsewhere),
+        comparison::intervals(&laws),
+        comparison::ranking(&laws),
     ];
     let more = [outer(context)?, counts(context)?];
     Ok(Chapter {
-        title: "Square on the testbed",
-        intro: vec![notes::intro()],
-        sheets: [main].into_iter().chain(judged).chain(more).collect(),
+        sheets: [main].into_iter().chain(compared).chain(more).collect(),
         figures: figures::square::all(&entrants)?,
+        ..text::chapter("square", &values)
     })
 }
 
@@ -73,12 +67,16 @@ fn fly(
 }
 
 /// Table V without its notes.
-fn main(nominal: &Evidence<'_>, elsewhere: &[Evidence<'_>]) -> Sheet {
-    let mismatched = elsewhere.iter().map(|Evidence { plant, flown }| {
-        sheet(plant, format!("The same with {plant}"), table::rows(flown, BEST))
+fn main(nominal: &FlownLaws<'_>, elsewhere: &[FlownLaws<'_>]) -> Sheet {
+    let mismatched = elsewhere.iter().map(|FlownLaws { plant, flown }| Sheet {
+        name: (*plant).to_owned(),
+        title: format!("The same with {plant}"),
+        columns: COLUMNS.to_vec(),
+        rows: table::rows(flown, BEST),
+        ..Sheet::default()
     });
-    let rows = paper().chain(table::rows(nominal.flown, BEST)).collect();
-    Sheet { mismatched: mismatched.collect(), ..sheet("V", TITLE.to_owned(), rows) }
+    let sheet = text::table_of("V", COLUMNS.to_vec(), table::rows(nominal.flown, BEST));
+    Sheet { mismatched: mismatched.collect(), ..sheet }
 }
 
 /// The entrants, tuned anew if that was requested.
@@ -95,26 +93,6 @@ fn entrants(context: &ExperimentContext) -> Result<Vec<Entrant>, Failure> {
         }
     }
     Ok(entrants)
-}
-
-const TITLE: &str = "Table V: repeated square";
-
-fn sheet(name: &str, title: String, rows: Vec<SheetRow>) -> Sheet {
-    Sheet { name: name.to_owned(), title, columns: COLUMNS.to_vec(), rows, ..Sheet::default() }
-}
-
-fn paper() -> impl Iterator<Item = SheetRow> {
-    PRINTED.into_iter().map(|(name, errors, max_q, solves)| {
-        let mut cells = vec![SheetCell::None; COLUMNS.len()];
-        for (cell, (mean, sd)) in cells.iter_mut().zip(errors) {
-            *cell = SheetCell::Spread(mean, sd);
-        }
-        cells[METRICS] = solves.into();
-        cells[METRICS + 1] = max_q.into();
-        cells[METRICS + 3] = SheetCell::Count(25);
-        cells[METRICS + 4] = SheetCell::Count(5);
-        SheetRow::new(Variant::Paper, name, "laboratory", cells)
-    })
 }
 
 /// The shipped `oqtal` with the outer loops as shipped, and tuned one at a time.
@@ -138,19 +116,18 @@ fn outer(context: &ExperimentContext) -> Result<Sheet, Failure> {
             }
         });
     let flown = table::fly(&entrants, &NOMINAL, &PAPER, &context.progress)?;
-    let bounds =
-        format!("On a bound of the search, beyond which it may be better: {}.", listed(&bounds));
-    let notes = vec![OUTER.to_owned(), bounds, changed(&flown[0], &flown[1])];
-    Ok(Sheet { notes, ..sheet("outer", OUTER_TITLE.to_owned(), table::rows(&flown, BEST)) })
+    let (better, worse) = changed(&flown[0], &flown[1]);
+    let values = TextValues::from([
+        ("bounds", listed(&bounds).into()),
+        ("better", listed(&better).into()),
+        ("worse", listed(&worse).into()),
+    ]);
+    let sheet = text::table_of("outer", COLUMNS.to_vec(), table::rows(&flown, BEST));
+    Ok(text::with_notes(sheet, &values))
 }
 
-const OUTER_TITLE: &str = "The six outer PIDs, tuned one at a time";
-const OUTER: &str = "As the paper's reference [27] does in flight: one loop after the other, single input and single output, the inner \
-     ones first, each for its own error and a calm command; X and Y share their gains. The paper keeps the result for all \
-     three attitude laws.";
-
-/// The metrics that tuning the loops one at a time changed, as text.
-fn changed(shipped: &Flown, tuned: &Flown) -> String {
+/// The metrics that tuning the loops one at a time made better, and those that it made worse.
+fn changed(shipped: &Flown, tuned: &Flown) -> (Vec<&'static str>, Vec<&'static str>) {
     let (mut better, mut worse) = (Vec::new(), Vec::new());
     for (metric, Metric { title, .. }) in METRIC.iter().enumerate() {
         let (before, after) = (shipped.interval(metric), tuned.interval(metric));
@@ -159,14 +136,8 @@ fn changed(shipped: &Flown, tuned: &Flown) -> String {
             list.push(*title);
         }
     }
-    format!("Better, intervals apart: {}. Worse: {}.", listed(&better), listed(&worse))
+    (better, worse)
 }
-
-const COUNTS: [Column; 3] = [
-    ("cells", "cells"),
-    ("delta_rad", "delta"),
-    ("riccati_solves", "Riccati solves in the square"),
-];
 
 /// Riccati solves in a square, by rule and width of the cells.
 fn counts(context: &ExperimentContext) -> Result<Sheet, Failure> {
@@ -201,21 +172,15 @@ fn counts(context: &ExperimentContext) -> Result<Sheet, Failure> {
     };
     let rows: Result<Vec<SheetRow>, Failure> = cases.par_iter().map(fly).collect();
     let rows = rows?;
-    Ok(Sheet {
-        name: "cells".to_owned(),
-        title: "Riccati solves by rule and width of the cells".to_owned(),
-        notes: vec![fitting(&rows)],
-        columns: COUNTS.to_vec(),
-        rows,
-        ..Sheet::default()
-    })
+    let values = TextValues::from([("fitting", listed(&fitting(&rows)).into())]);
+    Ok(text::with_notes(text::table("cells", rows), &values))
 }
 
 /// Factor within which a count fits a printed one \[-\].
 const FITS: f64 = 3.0;
 
-/// The rules and widths that fit the paper's 89 and 1 calculations, as text.
-fn fitting(rows: &[SheetRow]) -> String {
+/// The rules and widths that fit the paper's 89 and 1 calculations.
+fn fitting(rows: &[SheetRow]) -> Vec<String> {
     let (lqr, oqtal) = rows.split_at(rows.len() / 2);
     let fits = |(lqr, oqtal): (&SheetRow, &SheetRow)| match (&lqr.cells[2], &oqtal.cells[2]) {
         (SheetCell::Count(many), SheetCell::Count(1)) => {
@@ -224,12 +189,73 @@ fn fitting(rows: &[SheetRow]) -> String {
         }
         _ => None,
     };
-    let fitting: Vec<String> = lqr.iter().zip(oqtal).filter_map(fits).collect();
-    format!(
-        "The paper prints 89 and 1 calculations, cells as with `floor` and 0.5 without a unit. Within a factor of {FITS} of 89 for the \
-         classic law, with 1 for oqtal: {}. The estimated rate is in the classic law's operating point.",
-        listed(&fitting)
-    )
+    lqr.iter().zip(oqtal).filter_map(fits).collect()
+}
+
+/// The values of the texts: tests, search for gains, and the bound of the position error by speed and tilt.
+fn values(entrants: &[Entrant], nominal: &[Flown]) -> Result<TextValues, Failure> {
+    let Config { plant, mocap, position, trajectory, .. } = Config::default();
+    let (square, chirp) = (trajectory.square, trajectory.attitude_chirp);
+    let ways = (square.duration_s / square.dwell_s).floor();
+    let speed_m_s = position.horizontal_velocity_limit_m_s;
+    let acceleration = plant.gravity_m_s2 * position.tilt_limit_deg.to_radians().tan();
+    let way_s = square.side_m / speed_m_s + speed_m_s / acceleration;
+    let late_ms = mocap.latency_ms + plant.command_delay_ms + plant.rate_lag_ms;
+    let travelled = ways * square.side_m / square.duration_s;
+    let tuned = nominal.iter().filter(|flown| flown.is_tuned());
+    let errors: Vec<f64> = tuned.map(|flown| flown.interval(POSITION).mean).collect();
+    let [least, most] =
+        [f64::min, f64::max].map(|pick| errors.iter().copied().fold(f64::NAN, pick));
+    let numbers = [
+        ("rate_lag_ms", plant.rate_lag_ms),
+        ("delay_ms", plant.command_delay_ms),
+        ("latency_ms", mocap.latency_ms),
+        ("noise_mm", mocap.position_noise_mm),
+        ("noise_deg", mocap.attitude_noise_deg),
+        ("side_m", square.side_m),
+        ("hover_s", trajectory.hover.duration_s),
+        ("chirp_deg", chirp.amplitude_deg),
+        ("from_hz", chirp.from_hz),
+        ("to_hz", chirp.to_hz),
+        ("sweep_s", chirp.sweep_s),
+        ("doublet_deg", trajectory.attitude_doublet.angle_deg),
+        ("speed_m_s", speed_m_s),
+        ("tilt_deg", position.tilt_limit_deg),
+        ("way_s", way_s),
+        ("ways", ways),
+        ("duration_s", square.duration_s),
+        ("least_m", travelled * way_s / 2.0),
+        ("late_ms", late_ms),
+        ("late_m", travelled * late_ms * 1e-3),
+        ("tuned_from_m", least),
+        ("tuned_to_m", most),
+    ];
+    let mut values = search_values(entrants)?;
+    values.extend(numbers.map(|(name, number)| (name, number.into())));
+    Ok(values)
+}
+
+/// The values of the texts on the search for gains.
+fn search_values(entrants: &[Entrant]) -> Result<TextValues, Failure> {
+    let Budget { points, seed, optimiser } = Budget::default();
+    let weights = METRIC.iter().map(|metric| format!("{} {}", metric.title, metric.weight));
+    let tuned = entrants.iter().filter(|entrant| entrant.is_tuned());
+    let searches: Result<Vec<String>, Failure> = tuned
+        .map(|Entrant { contender, .. }| {
+            let [shipped, tuned] = search::before_and_after(contender)?;
+            Ok(format!("{} {shipped:.3}, {tuned:.3}", contender.controller))
+        })
+        .collect();
+    let seeds = |seeds: Range<u64>| format!("{} to {}", seeds.start, seeds.end - 1);
+    Ok(TextValues::from([
+        ("optimiser", optimiser.name().to_owned().into()),
+        ("points", (points as f64).into()),
+        ("seed", (seed as f64).into()),
+        ("weights", weights.collect::<Vec<_>>().join(", ").into()),
+        ("searches", searches?.join("; ").into()),
+        ("tuned_on", seeds(TRAINING_SEEDS).into()),
+        ("flown_on", seeds(EVALUATION_SEEDS).into()),
+    ]))
 }
 
 #[cfg(test)]
@@ -269,14 +295,14 @@ mod tests {
         entrants.retain(|e| ["lqr", "oqtal-dt"].contains(&e.contender.controller));
         let scope = Scope { seeds: 200..201, ..PAPER };
         let (nominal, others) = fly(&entrants, &scope, &Progress::default()).unwrap();
-        let evidence = |(plant, flown)| Evidence { plant, flown };
-        let elsewhere: Vec<Evidence<'_>> = MISMATCHED
+        let laws = |(plant, flown)| FlownLaws { plant, flown };
+        let elsewhere: Vec<FlownLaws<'_>> = MISMATCHED
             .iter()
             .map(|p| p.name)
             .zip(others.iter().map(Vec::as_slice))
-            .map(evidence)
+            .map(laws)
             .collect();
-        let table = main(&evidence((NOMINAL.name, &nominal)), &elsewhere).to_json();
+        let table = main(&laws((NOMINAL.name, &nominal)), &elsewhere).to_json();
         assert_eq!(table["rows"].as_array().unwrap().len(), 3 + entrants.len());
         assert_numbers(&table["rows"]);
         let mismatched = table["mismatched"].as_array().unwrap();

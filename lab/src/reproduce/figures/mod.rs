@@ -1,7 +1,5 @@
 //! The paper's figures, from the same runs as the tables.
 
-pub mod architecture;
-mod diagram;
 pub mod scene;
 pub mod square;
 pub mod surface;

@@ -6,6 +6,7 @@ use std::ops::Range;
 use maud::{Markup, PreEscaped, html};
 
 use oqtal_observe::plot::axis::extent;
+use oqtal_observe::plot::figure::framed;
 use oqtal_observe::plot::palette::Ink;
 
 /// A point in space.
@@ -100,21 +101,10 @@ impl Scene {
     #[must_use]
     pub fn figure(&self, title: &str) -> Markup {
         let (width, height) = SIZE;
-        html! {
-            figure.plot {
-                figcaption {
-                    span.title { (title) }
-                    span.legend {
-                        @for (name, ink) in &self.legend {
-                            span { i style={ "background:" (ink.css()) } {} (name) }
-                        }
-                    }
-                }
-                div.scroll role="img" aria-label=(title) {
-                    svg viewBox={ "0 0 " (width) " " (height) } { (PreEscaped(&self.body)) (PreEscaped(&self.labels)) }
-                }
-            }
-        }
+        let drawing = html! {
+            svg viewBox={ "0 0 " (width) " " (height) } { (PreEscaped(&self.body)) (PreEscaped(&self.labels)) }
+        };
+        framed(title, &self.legend, (drawing, None))
     }
 
     /// Coordinates of a point in the box, from -1/2 to 1/2.

@@ -1,14 +1,18 @@
 //! Statistical comparison of the laws of Table V: differences, ratios and their confidence intervals.
 
-use oqtal_control::statistics::Interval;
+use std::collections::BTreeMap;
+
+use oqtal_control::statistics::{Interval, mean};
+use oqtal_observe::plot::unit::rounded;
 
 use crate::campaign::metric::{
     ATTITUDE, CHIRP, DOUBLET, HOVER, METRIC, METRICS, POSITION, SETTLE, VELOCITY,
 };
 use crate::campaign::table::{COLUMNS, Flown};
 
-use super::words::{about, either, listed};
-use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
+use super::expression::TextValues;
+use super::text::{self, listed};
+use crate::sheet::{Sheet, SheetCell, SheetRow, Variant};
 
 /// The law that is compared with the others.
 const OURS: &str = "oqtal-dt";
@@ -41,14 +45,14 @@ const MISMATCHED_GOAL: (usize, Goal) = (CHIRP, Goal::Times(2.0));
 
 /// The flights of all laws on one plant.
 #[derive(Clone, Copy)]
-pub struct Evidence<'a> {
+pub struct FlownLaws<'a> {
     /// Description of the plant.
     pub plant: &'a str,
     /// The flights of every law.
     pub flown: &'a [Flown],
 }
 
-impl Evidence<'_> {
+impl FlownLaws<'_> {
     fn tuned(&self) -> impl Iterator<Item = &Flown> {
         self.flown.iter().filter(|flown| flown.is_tuned())
     }
@@ -67,15 +71,15 @@ impl Evidence<'_> {
 }
 
 /// [`OURS`] and the best rival by one metric.
-struct Duel {
+struct LawComparison {
     metric: usize,
     ours: Interval,
     rival: (&'static str, Interval),
 }
 
-impl Duel {
-    fn of(evidence: &Evidence<'_>, metric: usize) -> Option<Self> {
-        let (ours, rival) = (evidence.ours()?.interval(metric), evidence.rival(metric)?);
+impl LawComparison {
+    fn of(laws: &FlownLaws<'_>, metric: usize) -> Option<Self> {
+        let (ours, rival) = (laws.ours()?.interval(metric), laws.rival(metric)?);
         Some(Self { metric, ours, rival })
     }
 
@@ -111,7 +115,7 @@ impl Duel {
             self.rival.0.into(),
             spread(&self.rival.1),
             spread(&self.times()),
-            either(self.is_apart(), "yes", "no").into(),
+            yes_or_no(self.is_apart()).into(),
             goal.map_or("", |goal| match goal {
                 Goal::AtMost(_) => "at most",
                 Goal::Times(_) => "times, at least",
@@ -121,99 +125,67 @@ impl Duel {
                 Goal::AtMost(number) | Goal::Times(number) => number,
             })
             .into(),
-            goal.map(|goal| either(self.meets(goal), "yes", "no")).into(),
+            goal.map(|goal| yes_or_no(self.meets(goal))).into(),
         ];
         SheetRow::new(Variant::Ours, OURS, "against the best of the other tuned laws", cells)
     }
 }
 
-const DUEL: [Column; 10] = [
-    ("plant", "plant"),
-    ("metric", "figure"),
-    ("ours", "oqtal-dt"),
-    ("rival", "best rival"),
-    ("rival_figure", "its figure"),
-    ("times_better", "times better"),
-    ("intervals_apart", "intervals apart"),
-    ("goal_kind", "goal"),
-    ("goal", ""),
-    ("met", "met"),
-];
+fn yes_or_no(holds: bool) -> &'static str {
+    if holds { "yes" } else { "no" }
+}
 
 /// The table of `oqtal-dt` against the best rival: every metric on the nominal plant, the chirp on the mismatched ones.
 #[must_use]
-pub fn duels(nominal: &Evidence<'_>, mismatched: &[Evidence<'_>]) -> Sheet {
+pub fn against_the_best(nominal: &FlownLaws<'_>, mismatched: &[FlownLaws<'_>]) -> Sheet {
     let goals = |metric| GOALS.iter().filter(move |(of, _)| *of == metric).map(|(_, goal)| *goal);
     let mut rows = Vec::new();
     let mut missed = Vec::new();
     for metric in 0..METRICS {
-        let Some(duel) = Duel::of(nominal, metric) else { continue };
-        missed.extend(goals(metric).filter(|goal| !duel.meets(*goal)).map(|_| duel.title()));
+        let Some(pair) = LawComparison::of(nominal, metric) else { continue };
+        missed.extend(goals(metric).filter(|goal| !pair.meets(*goal)).map(|_| pair.title()));
         let goals: Vec<Option<Goal>> = goals(metric).map(Some).collect();
         let shown = if goals.is_empty() { vec![None] } else { goals };
-        rows.extend(shown.into_iter().map(|goal| duel.row(nominal.plant, goal)));
+        rows.extend(shown.into_iter().map(|goal| pair.row(nominal.plant, goal)));
     }
-    for evidence in mismatched {
+    for laws in mismatched {
         let (metric, goal) = MISMATCHED_GOAL;
-        let Some(duel) = Duel::of(evidence, metric) else { continue };
-        missed.extend((!duel.meets(goal)).then_some(evidence.plant));
-        rows.push(duel.row(evidence.plant, Some(goal)));
+        let Some(pair) = LawComparison::of(laws, metric) else { continue };
+        missed.extend((!pair.meets(goal)).then_some(laws.plant));
+        rows.push(pair.row(laws.plant, Some(goal)));
     }
-    let goals = format!("Goals not met by the whole interval: {}.", listed(&missed));
-    Sheet {
-        name: "V-verdict".to_owned(),
-        title: "oqtal-dt against the best of the other tuned laws".to_owned(),
-        notes: vec![INTERVALS.to_owned(), told_apart(nominal), goals, stability(mismatched)],
-        columns: DUEL.to_vec(),
-        rows,
-        ..Sheet::default()
-    }
+    let mut values = distinguished(nominal);
+    values.insert("missed", listed(&missed).into());
+    values.insert("unstable", listed(&unstable(mismatched)).into());
+    text::with_notes(text::table("V-verdict", rows), &values)
 }
 
-/// The metrics by which [`OURS`] is better or worse, with the ratios, as text.
-fn told_apart(nominal: &Evidence<'_>) -> String {
-    let (mut better, mut open, mut worse) = (Vec::new(), Vec::new(), Vec::new());
-    for duel in (0..METRICS).filter_map(|metric| Duel::of(nominal, metric)) {
-        let list = match (duel.is_apart(), duel.ours.mean < duel.rival.1.mean) {
-            (true, true) => &mut better,
-            (true, false) => &mut worse,
-            (false, _) => &mut open,
+/// The metrics by which [`OURS`] is better, worse or neither, with the ratios.
+fn distinguished(nominal: &FlownLaws<'_>) -> TextValues {
+    let mut lists: BTreeMap<&'static str, Vec<String>> =
+        ["better", "worse", "open"].map(|name| (name, Vec::new())).into();
+    for pair in (0..METRICS).filter_map(|metric| LawComparison::of(nominal, metric)) {
+        let name = match (pair.is_apart(), pair.ours.mean < pair.rival.1.mean) {
+            (true, true) => "better",
+            (true, false) => "worse",
+            (false, _) => "open",
         };
-        list.push(format!("{} ({})", duel.title(), about(duel.times().mean)));
+        let times = rounded(pair.times().mean, 2);
+        lists.entry(name).or_default().push(format!("{} ({times})", pair.title()));
     }
-    format!(
-        "oqtal-dt on the nominal plant, in brackets how many times better it is. Better, intervals apart: {}. Worse, intervals \
-         apart: {}. Not told apart: {}.",
-        listed(&better),
-        listed(&worse),
-        listed(&open)
-    )
+    lists.into_iter().map(|(name, metrics)| (name, listed(&metrics).into())).collect()
 }
 
-const INTERVALS: &str = "Behind ± is half of a 95 % confidence interval of the mean: Student's t times the standard error over all \
-     runs, one for each seed, the same seeds for every law. That of a ratio has the relative widths of both, added as squares. \
-     Two laws are told apart where their intervals have nothing in common. The intervals cover noise, drift and gusts, not \
-     where the search for gains happened to end.";
-
-fn stability(mismatched: &[Evidence<'_>]) -> String {
-    let unstable: Vec<&str> = mismatched
-        .iter()
-        .filter(|evidence| {
-            let landed = |flown: &Flown| flown.runs.figures.iter().flatten().all(|f| f.is_finite());
-            !evidence.ours().is_some_and(landed)
-        })
-        .map(|evidence| evidence.plant)
-        .collect();
-    let plants = mismatched.len();
-    match unstable.as_slice() {
-        [] => format!("On all {plants} mismatched plants every flight of oqtal-dt landed."),
-        some => format!("Not every flight of oqtal-dt landed on: {}.", listed(some)),
-    }
+/// The plants on which a flight of [`OURS`] did not land.
+fn unstable<'a>(mismatched: &[FlownLaws<'a>]) -> Vec<&'a str> {
+    let landed = |flown: &Flown| flown.runs.figures.iter().flatten().all(|f| f.is_finite());
+    let lost = mismatched.iter().filter(|laws| !laws.ours().is_some_and(landed));
+    lost.map(|laws| laws.plant).collect()
 }
 
 /// The mean of every metric with its interval, for each tuned law.
 #[must_use]
-pub fn intervals(nominal: &Evidence<'_>) -> Sheet {
+pub fn intervals(nominal: &FlownLaws<'_>) -> Sheet {
     let row = |flown: &Flown| {
         let cell = |metric| {
             let Interval { mean, half } = flown.interval(metric);
@@ -222,18 +194,13 @@ pub fn intervals(nominal: &Evidence<'_>) -> Sheet {
         let cells = (0..METRICS).map(cell).collect();
         SheetRow::new(Variant::Ours, flown.name(), "all runs", cells)
     };
-    Sheet {
-        name: "V-intervals".to_owned(),
-        title: "The tuned laws, all runs, with 95 % confidence intervals".to_owned(),
-        columns: COLUMNS[..METRICS].to_vec(),
-        rows: nominal.tuned().map(row).collect(),
-        ..Sheet::default()
-    }
+    let rows = nominal.tuned().map(row).collect();
+    text::table_of("V-intervals", COLUMNS[..METRICS].to_vec(), rows)
 }
 
 /// The paper's laws against each other, seed by seed.
 #[must_use]
-pub fn ranking(nominal: &Evidence<'_>) -> Sheet {
+pub fn ranking(nominal: &FlownLaws<'_>) -> Sheet {
     const PAIRS: [[&str; 2]; 3] = [["pid", "lqr"], ["pid", "oqtal"], ["lqr", "oqtal"]];
     let find = |name: &str| nominal.tuned().find(|flown| flown.name() == name);
     let (mut rows, mut orders) = (Vec::new(), Vec::new());
@@ -254,14 +221,13 @@ pub fn ranking(nominal: &Evidence<'_>) -> Sheet {
     }
     let mut columns = COLUMNS[..METRICS].to_vec();
     columns.extend([("better", "better by"), ("worse", "worse by")]);
-    Sheet {
-        name: "V-ranking".to_owned(),
-        title: "pid, lqr and oqtal against each other: difference in %".to_owned(),
-        notes: vec![PAIRED.to_owned(), is_there_a_ranking(&orders)],
-        columns,
-        rows,
-        ..Sheet::default()
-    }
+    let order: Vec<String> = orders.iter().map(PairRanking::text).collect();
+    let ranked = orders.iter().any(PairRanking::is_a_ranking);
+    let values = TextValues::from([
+        ("order", order.join("; ").into()),
+        ("ranked", f64::from(u8::from(ranked)).into()),
+    ]);
+    text::with_notes(text::table_of("V-ranking", columns, rows), &values)
 }
 
 /// Number of metrics by which the first of two laws is better or worse beyond the interval.
@@ -283,10 +249,10 @@ impl PairRanking {
         (self.better == 0) != (self.worse == 0)
     }
 
-    fn said(&self) -> String {
+    fn text(&self) -> String {
         let Self { laws: [a, b], better, worse } = self;
         match (better, worse) {
-            (0, 0) => format!("{a} and {b} are not told apart by anything"),
+            (0, 0) => format!("{a} and {b} do not differ by any figure"),
             (_, 0) => format!("{a} ranks before {b}, better by {better} and worse by none"),
             (0, _) => format!("{b} ranks before {a}, better by {worse} and worse by none"),
             _ => format!("{a} is better than {b} by {better} and worse by {worse}"),
@@ -294,29 +260,10 @@ impl PairRanking {
     }
 }
 
-fn is_there_a_ranking(orders: &[PairRanking]) -> String {
-    let said: Vec<String> = orders.iter().map(PairRanking::said).collect();
-    let ranked = orders.iter().any(PairRanking::is_a_ranking);
-    format!(
-        "Is there an honest ranking among the paper's laws? One law is ranked before another if it is better by some of the \
-         {METRICS} figures and worse by none. {}. {}",
-        said.join("; "),
-        either(
-            ranked,
-            "So where one is ranked before another, it is for the gains at which this search ended.",
-            "So there is none: what a law gains by one figure it gives back by another."
-        )
-    )
-}
-
-const PAIRED: &str = "Differences of runs with the same seed, in % of the second law's mean; negative is better. Behind ± again half \
-     of a 95 % interval. At small angles pid, lqr and oqtal are one law with two gains; lqr and oqtal differ by nothing but \
-     where the search ended, so a difference of that size between others says nothing either.";
-
 /// Difference of `one` and `other`, seed by seed, in per cent of the other's mean.
 fn difference(one: &Flown, other: &Flown, metric: usize) -> Interval {
     let (a, b) = (one.runs.values(metric), other.runs.values(metric));
-    let mean = b.iter().sum::<f64>() / b.len() as f64;
+    let mean = mean(&b);
     let percent: Vec<f64> = a.iter().zip(&b).map(|(a, b)| 100.0 * (a - b) / mean).collect();
     Interval::of(&percent)
 }
@@ -338,20 +285,20 @@ mod tests {
         };
         assert!(of(-2.0, 0.5).is_a_ranking() && of(0.5, 2.0).is_a_ranking());
         assert!(!of(-2.0, 2.0).is_a_ranking() && !of(0.5, -0.5).is_a_ranking());
-        assert!(is_there_a_ranking(&[of(-2.0, 2.0)]).contains("So there is none"));
-        assert!(is_there_a_ranking(&[of(-2.0, 0.0)]).contains("a ranks before b"));
+        assert!(of(-2.0, 2.0).text().contains("a is better than b by 1 and worse by 1"));
+        assert!(of(-2.0, 0.0).text().contains("a ranks before b"));
     }
 
     #[test]
     fn a_goal_is_met_by_the_whole_interval() {
-        let duel = |ours, rival| Duel {
+        let pair = |ours, rival| LawComparison {
             metric: HOVER,
             ours: Interval { mean: ours, half: 0.1 },
             rival: ("pid", Interval { mean: rival, half: 0.1 }),
         };
         assert!(
-            duel(2.3, 5.0).meets(Goal::AtMost(2.5)) && !duel(2.45, 5.0).meets(Goal::AtMost(2.5))
+            pair(2.3, 5.0).meets(Goal::AtMost(2.5)) && !pair(2.45, 5.0).meets(Goal::AtMost(2.5))
         );
-        assert!(duel(2.0, 4.5).meets(Goal::Times(2.0)) && !duel(2.2, 4.5).meets(Goal::Times(2.0)));
+        assert!(pair(2.0, 4.5).meets(Goal::Times(2.0)) && !pair(2.2, 4.5).meets(Goal::Times(2.0)));
     }
 }

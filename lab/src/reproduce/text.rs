@@ -1,0 +1,165 @@
+//! Prose of the reproduction: titles, columns, notes and claims, read from `text.toml`.
+//!
+//! Expressions in the texts are those of [`super::expression`].
+
+use std::collections::BTreeMap;
+use std::sync::LazyLock;
+
+use serde::Deserialize;
+
+use super::chapter::Chapter;
+use super::expression::{NamedRows, TextScope, TextValues};
+use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
+
+/// All texts of the reproduction.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Texts {
+    chapter: BTreeMap<String, ChapterText>,
+    table: BTreeMap<String, TableText>,
+    claim: Vec<ClaimText>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ChapterText {
+    title: String,
+    #[serde(default)]
+    intro: Vec<String>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct TableText {
+    title: String,
+    #[serde(default)]
+    columns: Vec<[String; 2]>,
+    /// Rows that the paper prints.
+    #[serde(default)]
+    paper: Vec<PrintedRow>,
+    #[serde(default)]
+    rows: NamedRows,
+    #[serde(default)]
+    notes: Vec<String>,
+}
+
+/// A row of a table of the paper.
+#[derive(Debug, Deserialize)]
+struct PrintedRow {
+    law: String,
+    #[serde(default)]
+    settings: String,
+    /// Cells by the keys of their columns; an array is mean and standard deviation.
+    #[serde(flatten)]
+    cells: BTreeMap<String, toml::Value>,
+}
+
+impl PrintedRow {
+    fn row(&self, columns: &[Column]) -> SheetRow {
+        let cell = |(key, _): &Column| match self.cells.get(*key) {
+            Some(toml::Value::Float(number)) => SheetCell::Number(*number),
+            Some(toml::Value::Integer(count)) => SheetCell::Count(count.unsigned_abs()),
+            Some(toml::Value::String(text)) => SheetCell::Text(text.clone()),
+            Some(toml::Value::Array(spread)) => {
+                let [mean, sd] = [0, 1].map(|k| spread[k].as_float().unwrap_or(f64::NAN));
+                SheetCell::Spread(mean, sd)
+            }
+            _ => SheetCell::None,
+        };
+        let cells = columns.iter().map(cell).collect();
+        SheetRow::new(Variant::Paper, self.law.clone(), self.settings.clone(), cells)
+    }
+}
+
+/// A claim of the paper with its bounds.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ClaimText {
+    /// Name of the table that decides it.
+    pub table: String,
+    /// The claim.
+    pub claim: String,
+    /// Conditions, one for each part of the claim.
+    pub holds: Vec<String>,
+    /// Result that is shown beside the verdict.
+    pub found: String,
+}
+
+static TEXTS: LazyLock<Texts> =
+    LazyLock::new(|| toml::from_str(include_str!("text.toml")).expect("a test reads the file"));
+
+/// Every claim of the paper.
+#[must_use]
+pub fn claims() -> &'static [ClaimText] {
+    &TEXTS.claim
+}
+
+/// The chapter `name` without tables and figures.
+#[must_use]
+pub fn chapter(name: &str, values: &TextValues) -> Chapter {
+    let ChapterText { title, intro } = &TEXTS.chapter[name];
+    let (sheet, rows) = (&Sheet::default(), &NamedRows::new());
+    let scope = TextScope { sheet, rows, values };
+    let intro = intro.iter().map(|text| scope.render(text)).collect();
+    Chapter { title, intro, ..Chapter::default() }
+}
+
+/// The table `name` with the printed rows and `rows`, without notes.
+#[must_use]
+pub fn table(name: &str, rows: Vec<SheetRow>) -> Sheet {
+    let columns = TEXTS.table[name].columns.iter();
+    table_of(name, columns.map(|[key, heading]| -> Column { (key, heading) }).collect(), rows)
+}
+
+/// The same with `columns`.
+#[must_use]
+pub fn table_of(name: &str, columns: Vec<Column>, rows: Vec<SheetRow>) -> Sheet {
+    let TableText { title, paper, .. } = &TEXTS.table[name];
+    let rows = paper.iter().map(|row| row.row(&columns)).chain(rows).collect();
+    Sheet { name: name.to_owned(), title: title.clone(), columns, rows, ..Sheet::default() }
+}
+
+/// `sheet` with its notes.
+#[must_use]
+pub fn with_notes(sheet: Sheet, values: &TextValues) -> Sheet {
+    let scope = scope(&sheet, values);
+    let notes = TEXTS.table[&sheet.name].notes.iter().map(|note| scope.render(note)).collect();
+    Sheet { notes, ..sheet }
+}
+
+/// The names that the texts about `sheet` can use.
+#[must_use]
+pub fn scope<'a>(sheet: &'a Sheet, values: &'a TextValues) -> TextScope<'a> {
+    TextScope { sheet, rows: &TEXTS.table[&sheet.name].rows, values }
+}
+
+/// A list as text: "a, b and c", or "none".
+#[must_use]
+pub fn listed<T: AsRef<str>>(items: &[T]) -> String {
+    let items: Vec<&str> = items.iter().map(AsRef::as_ref).collect();
+    match items.as_slice() {
+        [] => "none".to_owned(),
+        [only] => (*only).to_owned(),
+        [first @ .., last] => format!("{} and {last}", first.join(", ")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lists_read_as_sentences() {
+        assert_eq!(listed::<&str>(&[]), "none");
+        assert_eq!(listed(&["a"]), "a");
+        assert_eq!(listed(&["a", "b", "c"]), "a, b and c");
+    }
+
+    #[test]
+    fn every_text_of_the_file_is_known() {
+        assert!(claims().iter().all(|claim| TEXTS.table.contains_key(&claim.table)));
+        let rows = TEXTS.table.values().flat_map(|table| table.rows.values());
+        let origins: Vec<&str> = Variant::ALL.map(Variant::key).to_vec();
+        assert!(rows.into_iter().all(|row| origins.contains(&row[0].as_str())));
+    }
+}
