@@ -1,5 +1,5 @@
-//! `oqtal cameras`: the emulated camera system held against recordings of real ones, its noise by place, and what estimators make
-//! of its poses.
+//! `oqtal cameras`: the emulated camera system compared with recordings of real ones, its noise by place, and the errors of the
+//! estimators with its poses.
 
 pub mod estimation;
 pub mod noise;
@@ -11,7 +11,7 @@ use clap::{Args, Subcommand};
 use oqtal_config::{Config, Setting};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 /// Commands of `oqtal cameras`.
 #[derive(Subcommand, Debug)]
@@ -71,7 +71,7 @@ pub struct SettingsArgs {
 }
 
 impl SettingsArgs {
-    /// The configuration that they give, without environment, so that tables are the same everywhere.
+    /// The configuration without environment, so that tables are the same everywhere.
     fn config(&self) -> Result<Config, Failure> {
         let mut settings = vec![
             Setting::flag("--preset", "mocap.preset", self.preset.as_str()),
@@ -84,11 +84,8 @@ impl SettingsArgs {
     }
 
     fn show(&self, json: &Value, text: &str) -> Result<Exit, Failure> {
-        if self.json {
-            print(&format!("{json:#}"))?
-        } else {
-            print(text)?
-        }
+        let json = self.json.then(|| format!("{json:#}"));
+        print(json.as_deref().unwrap_or(text))?;
         Ok(Exit::Ok)
     }
 }
@@ -107,11 +104,11 @@ impl CamerasCommand {
             }
             Self::Noise(args) => {
                 let map = noise::map(&args.settings.config()?, args.frames);
-                args.settings.show(&noise::to_json(&map), &noise::to_text(&map))
+                args.settings.show(&json!({ "places": map }), &noise::to_text(&map))
             }
             Self::Estimation(args) => {
                 let rows = estimation::study(args.settings.config()?)?;
-                args.settings.show(&estimation::to_json(&rows), &estimation::to_text(&rows))
+                args.settings.show(&json!({ "stamps": rows }), &estimation::to_text(&rows))
             }
         }
     }

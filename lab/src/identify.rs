@@ -2,13 +2,13 @@
 //!
 //! | file | subject |
 //! |---|---|
-//! | `data.rs`, `timeline.rs` | poses and commands of a flight, and which command acts when |
+//! | `data.rs`, `timeline.rs` | poses and commands of a flight, and the times at which commands act |
 //! | `inner_loop.rs`, `rotation.rs`, `translation.rs` | prediction from pose to pose |
 //! | `turning.rs`, `lifting.rs`, `estimate.rs` | the fits of rotation and translation, and their order |
 //! | `fit.rs`, `noise.rs`, `robust.rs`, `residuals.rs` | least squares, noise, outliers, tests |
-//! | `finding.rs`, `camera_figures.rs`, `identification.rs` | what is told of each parameter, and when it is not |
+//! | `finding.rs`, `camera_figures.rs`, `identification.rs` | estimates of parameters, and rules of their acceptance |
 //! | `overview.rs`, `vehicle_toml.rs`, `page.rs`, `digits.rs` | text, configuration, page |
-//! | `excitation_flight.rs`, `hidden_plants.rs` | a flight of its own; how far findings are from the truth |
+//! | `excitation_flight.rs`, `hidden_plants.rs` | the excitation flight; errors of identifications |
 //! | `command.rs` | the command line |
 
 pub mod camera_figures;

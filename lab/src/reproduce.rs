@@ -137,9 +137,9 @@ impl ReproduceArgs {
             directory: self.out.clone(),
             progress: Progress::default(),
         };
-        let wanted = EXPERIMENTS.iter().filter(|experiment| self.wants(experiment));
+        let selected = EXPERIMENTS.iter().filter(|experiment| self.selects(experiment));
         let chapters: Result<Vec<Chapter>, Failure> =
-            wanted.map(|experiment| (experiment.run)(&context)).collect();
+            selected.map(|experiment| (experiment.run)(&context)).collect();
         let chapters = chapters?;
         let json = format!("{:#}\n", to_json(&chapters));
         context.keep("reproduction.html", &page::html(&page::PAPER, &chapters))?;
@@ -160,7 +160,7 @@ impl ReproduceArgs {
         Ok(Exit::Ok)
     }
 
-    fn wants(&self, experiment: &Experiment) -> bool {
+    fn selects(&self, experiment: &Experiment) -> bool {
         let named = |name: &&String| {
             [ALL, experiment.name].contains(&name.as_str())
                 || experiment.figures.contains(&name.as_str())

@@ -16,6 +16,13 @@ pub fn number(value: f64) -> String {
     if value.is_finite() { rounded(value, 4) } else { MISSING.to_owned() }
 }
 
+/// A table in Markdown, without a line break at its end.
+pub fn markdown(headings: &[&str], rows: impl Iterator<Item = Vec<String>>) -> String {
+    let head = format!("| {} |\n|{}", headings.join(" | "), "---|".repeat(headings.len()));
+    let lines = rows.map(|cells| format!("\n| {} |", cells.join(" | ")));
+    head + &lines.collect::<String>()
+}
+
 /// The rows under their headings. The cells that name a row begin each block, as many figures as fit follow.
 #[must_use]
 pub fn blocks(named: &[String], figures: &[String], rows: &[NamedRow]) -> String {

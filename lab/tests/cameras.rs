@@ -1,4 +1,4 @@
-//! Flights on the emulated cameras from the markers up, and what estimators make of real rooms.
+//! Flights on the emulated cameras from the markers up, and errors of the estimators in real rooms.
 
 use nalgebra::Vector3;
 use oqtal_config::{Config, Setting};
@@ -72,7 +72,7 @@ fn pose_noise_follows_the_pixel_noise_and_the_place() {
 }
 
 #[test]
-fn filters_know_their_noise_and_their_innovations_are_white() {
+fn filters_have_the_right_noise_and_white_innovations() {
     for (preset, stalls) in [("qualisys", 0.0), ("measured", 0.0), ("room", 0.0)] {
         let config = config(&[
             ("mocap.preset", preset.into()),
@@ -91,7 +91,7 @@ fn filters_know_their_noise_and_their_innovations_are_white() {
 }
 
 #[test]
-fn statistics_without_recordings_have_nothing_to_be_within() {
+fn statistics_without_recordings_are_within_nothing() {
     let study =
         statistics::Study::of(&config(&[("mocap.preset", "room".into())]), 40.0, &[]).unwrap();
     assert_eq!(study.is_within(0), None);

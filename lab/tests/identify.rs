@@ -1,4 +1,4 @@
-//! Vehicles that the controller does not know are identified, and what flights do not show is not told.
+//! Identification of vehicles that differ from the configured one, and parameters that flights do not determine.
 
 use nalgebra::Vector3;
 use oqtal_bus::time::Time;
@@ -38,7 +38,7 @@ fn bound(parameter: &HiddenParameter) -> f64 {
     if parameter.name == rules::DRAG.name { 20.0 } else { 3.0 }
 }
 
-/// One vehicle in two laboratories; with `OQTAL_HIDDEN_PLANTS` so many in all of them, and their tables are printed.
+/// One vehicle in two laboratories, or the number in `OQTAL_HIDDEN_PLANTS` in all of them; prints their tables.
 #[test]
 fn hidden_vehicles_are_identified_within_their_bounds() {
     let count = std::env::var("OQTAL_HIDDEN_PLANTS").ok().map(|text| text.parse().unwrap());
@@ -90,17 +90,17 @@ fn neither_truth_nor_plant_nor_instants_of_effect_reach_the_estimator() {
     blind.applied.iter_mut().for_each(|applied| applied.stamps.applied_at = Time::UNSET);
     blind.config.plant = Config::default().plant;
     let [seeing, blind] = [identified(&flight), identified(&blind)];
-    let told = |identification: &Identification| {
+    let values = |identification: &Identification| {
         let hidden = |name| name == rules::HIDDEN_DELAY.name;
         let own = identification.findings.iter().filter(|finding| !hidden(finding.name));
         own.map(|finding| (finding.name, finding.value, finding.half_width)).collect::<Vec<_>>()
     };
-    assert_eq!(told(&seeing), told(&blind));
+    assert_eq!(values(&seeing), values(&blind));
     assert_eq!(seeing.findings.len(), blind.findings.len() + 1);
 }
 
 #[test]
-fn what_a_hover_does_not_show_is_not_written() {
+fn a_parameter_that_a_hover_does_not_determine_is_not_written() {
     let settings = [
         Setting::flag("test", "trajectory.kind", "hover"),
         Setting::flag("test", "trajectory.hover.duration-s", 6.0),
@@ -117,7 +117,7 @@ fn what_a_hover_does_not_show_is_not_written() {
 }
 
 #[test]
-fn what_is_found_is_a_layer_of_the_configuration() {
+fn findings_are_a_layer_of_the_configuration() {
     let settings = [Setting::flag("test", "plant.rate-lag-ms", 60.0)];
     let flight = excitation_flight::fly(&Config::from_settings(&settings).unwrap()).unwrap();
     let identification = identified(&flight);

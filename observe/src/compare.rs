@@ -237,7 +237,7 @@ fn as_html(title: &str, header: &[String], rows: &[Vec<String>]) -> Markup {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::fixture;
+    use crate::report::tests::fixture;
 
     #[test]
     fn settings_that_differ_are_listed_and_others_are_not() {

@@ -48,7 +48,7 @@ fn names() -> impl Iterator<Item = &'static str> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::fixture;
+    use crate::report::tests::fixture;
 
     fn read(flight: &Flight) -> (Vec<String>, Vec<Vec<String>>) {
         let mut bytes = Vec::new();

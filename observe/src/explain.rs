@@ -127,7 +127,7 @@ fn counts(config: &Config, summary: &Summary) -> Vec<(&'static str, String)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::fixture;
+    use crate::report::tests::fixture;
 
     #[test]
     fn every_line_fits_a_terminal_and_what_is_not_shown_is_not_explained() {

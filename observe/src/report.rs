@@ -1,8 +1,6 @@
 //! The report of a flight: one self-contained HTML page.
 
 mod events;
-#[cfg(test)]
-pub mod fixture;
 mod latency;
 mod motion;
 mod path;
@@ -51,7 +49,7 @@ fn of_flight(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
     }
 }
 
-/// What the words of the page mean.
+/// Meaning of the terms of the page.
 fn words(flight: &Flight, summary: &Summary) -> Markup {
     section(
         "Words",
@@ -93,7 +91,7 @@ fn circumstances(flight: &Flight, summary: &Summary) -> String {
     let against = if summary.error_source == "truth" { " against the truth" } else { "" };
     format!(
         "{vehicle} · {clock} clock · seed {seed} · {duration_s:.1} s in flight, \
-         {scored_s:.1} s of it (shaded) judged{against}"
+         {scored_s:.1} s of it (shaded) scored{against}"
     )
 }
 
@@ -135,7 +133,7 @@ fn cards(figures: &[KeyFigure]) -> Markup {
 
 fn flight_figures(summary: &Summary) -> Vec<KeyFigure> {
     let mut figures = Vec::new();
-    let missing = || (MISSING.to_owned(), "nothing was judged".to_owned());
+    let missing = || (MISSING.to_owned(), "nothing was scored".to_owned());
     let (position, detail) = summary.position_error_m.as_ref().map_or_else(missing, |error| {
         let [rms, max] = [error.rms, error.max].map(unit::length);
         (unit::length(error.mean), format!("rms {rms}, max {max}"))
@@ -181,4 +179,4 @@ fn loop_figures(summary: &Summary) -> [KeyFigure; 3] {
 }
 
 #[cfg(test)]
-mod tests;
+pub mod tests;

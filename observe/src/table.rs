@@ -157,7 +157,7 @@ pub fn align(table: &mut Table) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::fixture;
+    use crate::report::tests::fixture;
 
     fn closing_of(flight: &crate::flight::Flight) -> String {
         closing(&Summary::of(flight))

@@ -1,5 +1,5 @@
-//! What the estimators make of the emulated cameras' poses: a flight is flown once, and its poses are estimated from again with
-//! each kind of stamp.
+//! Errors of the estimators with the poses of the emulated cameras: one flight, whose poses are processed again with each kind of
+//! stamp.
 
 use nalgebra::Vector3;
 use oqtal_bus::time::Time;
@@ -10,39 +10,44 @@ use oqtal_control::predictive::{
     CommandHistory, FilterInnovation, ModelInput, MotionObserver, Rotation, VehicleModel,
 };
 use oqtal_control::quaternion::Attitude;
+use oqtal_control::statistics::mean;
 use oqtal_daemon::CommandModel;
 use oqtal_mocap_emu::capture::Captures;
 use oqtal_mocap_emu::recording::{RecordedPose, Recording};
 use oqtal_observe::flight::{Flight, FlightSample};
 use oqtal_runtime::process::{Exit, Failure};
-use serde_json::{Value, json};
+use serde::Serialize;
 
 use crate::mission::Mission;
 use crate::simulation;
+use crate::text_table::markdown;
 
 /// Poses at the beginning of a flight in which the filters settle.
 const SETTLING: usize = 120;
 
 /// The figures of one kind of stamp.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize)]
 pub struct StampFigures {
     /// Name of the kind.
+    #[serde(rename = "stamps")]
     pub stamp: &'static str,
     /// Root mean square error of the estimator's velocity, against the truth at the stamp \[m/s\].
     pub velocity_m_s: f64,
-    /// Of its body rate \[rad/s\].
+    /// Root mean square error of the estimator's body rate \[rad/s\].
     pub rate_rad_s: f64,
-    /// Of the velocity of `oqtal-dt`'s filter \[m/s\].
+    /// Root mean square error of the velocity of `oqtal-dt`'s filter \[m/s\].
     pub filter_velocity_m_s: f64,
-    /// Of its body rate \[rad/s\].
+    /// Root mean square error of its body rate \[rad/s\].
     pub filter_rate_rad_s: f64,
-    /// Mean normalised innovation squared, position and attitude \[-\]: 1 for a filter that knows its noise.
+    /// Mean normalised innovation squared, position and attitude \[-\]: 1 for a filter with the right noise.
+    #[serde(rename = "nis")]
     pub nis_ratio: [f64; 2],
     /// Correlation of an innovation with the next, position and attitude \[-\]: 0 for white innovations.
+    #[serde(rename = "next")]
     pub next_ratio: [f64; 2],
 }
 
-/// A pose with its stamp, and the tick at which the daemon took it.
+/// A pose with its stamp, and the tick at which the daemon received it.
 struct StampedPose {
     stamp_s: f64,
     sample: FlightSample,
@@ -59,26 +64,26 @@ pub fn study(config: Config) -> Result<Vec<StampFigures>, Failure> {
     let poses = poses(&flight);
     if poses.len() < 2 * SETTLING {
         let reason = format!(
-            "the flight {} after {} poses: too few to judge; try another --seed, or --set mocap.room.stalls-per-1000-s=0",
+            "the flight {} after {} poses: too few; try another --seed, or --set mocap.room.stalls-per-1000-s=0",
             flight.outcome,
             poses.len()
         );
         return Err(Failure::new(Exit::Flight, reason));
     }
-    let published = |sample: &FlightSample| sample.telemetry.pose_published_at;
-    let captured = |sample: &FlightSample| sample.telemetry.pose_captured_at;
-    let with = |stamps: &[f64]| -> Vec<StampedPose> {
-        let pairs = stamps.iter().zip(&poses);
-        pairs.map(|(stamp_s, sample)| StampedPose { stamp_s: *stamp_s, sample: *sample }).collect()
+    let stamps = |of: fn(&FlightSample) -> Time| poses.iter().map(|s| seconds(of(s))).collect();
+    let exact: Vec<f64> = stamps(|sample| sample.telemetry.pose_captured_at);
+    let arrival: Vec<f64> = stamps(|sample| sample.telemetry.pose_published_at);
+    let kinds = [("exact", exact), ("arrival", arrival), ("estimated", estimated(&poses))];
+    let figures = |(name, stamps): (&'static str, Vec<f64>)| {
+        let pairs = stamps.into_iter().zip(&poses);
+        let stamped: Vec<StampedPose> =
+            pairs.map(|(stamp_s, sample)| StampedPose { stamp_s, sample: *sample }).collect();
+        estimate(&flight, name, &stamped)
     };
-    let exact: Vec<f64> = poses.iter().map(|sample| seconds(captured(sample))).collect();
-    let arrival: Vec<f64> = poses.iter().map(|sample| seconds(published(sample))).collect();
-    let estimated = estimated(&poses);
-    let kinds = [("exact", exact), ("arrival", arrival), ("estimated", estimated)];
-    Ok(kinds.iter().map(|(name, stamps)| estimate(&flight, name, &with(stamps))).collect())
+    Ok(kinds.into_iter().map(figures).collect())
 }
 
-/// The ticks in the air that took a new pose.
+/// The ticks in the air with a new pose.
 fn poses(flight: &Flight) -> Vec<FlightSample> {
     let mut last = 0;
     let is_new = |sample: &&FlightSample| {
@@ -115,7 +120,7 @@ fn estimate(flight: &Flight, stamp: &'static str, poses: &[StampedPose]) -> Stam
         let is_taken =
             |(_, pose): &(usize, &StampedPose)| pose.sample.telemetry.tick == sample.telemetry.tick;
         if let Some((k, pose)) = next.next_if(is_taken) {
-            let measured = take(&mut estimator, pose);
+            let measured = update(&mut estimator, pose);
             filter.take(pose.stamp_s, &measured, &history);
             let truth = truth_at(&flight.samples, pose.stamp_s);
             if let (Some((_, motion)), Some((velocity, rate))) = (filter.latest(), truth)
@@ -147,9 +152,8 @@ fn figures(
         let squares = values.iter().map(Vector3::norm_squared).sum::<f64>();
         (squares / values.len().max(1) as f64).sqrt()
     };
-    let mean = |of: &dyn Fn(&FilterInnovation) -> f64| {
-        innovations.iter().map(of).sum::<f64>() / innovations.len().max(1) as f64
-    };
+    let average =
+        |of: fn(&FilterInnovation) -> f64| mean(&innovations.iter().map(of).collect::<Vec<_>>());
     let next = |of: &dyn Fn(&FilterInnovation) -> Vector3<f64>| {
         let products = innovations.windows(2).map(|pair| of(&pair[0]).dot(&of(&pair[1])));
         let squares = innovations.iter().map(|innovation| of(innovation).norm_squared());
@@ -161,18 +165,18 @@ fn figures(
         rate_rad_s: rms(&errors[1]),
         filter_velocity_m_s: rms(&errors[2]),
         filter_rate_rad_s: rms(&errors[3]),
-        nis_ratio: [mean(&|i| i.position_nis), mean(&|i| i.attitude_nis)],
+        nis_ratio: [average(|i| i.position_nis), average(|i| i.attitude_nis)],
         next_ratio: [next(&|i| i.position), next(&|i| i.attitude)],
     }
 }
 
-fn take(estimator: &mut Estimator, pose: &StampedPose) -> Estimate {
+fn update(estimator: &mut Estimator, pose: &StampedPose) -> Estimate {
     let telemetry = &pose.sample.telemetry;
     let attitude = Attitude::from_xyzw(telemetry.pose_attitude).unwrap_or_default();
     estimator.update(pose.stamp_s, telemetry.pose_position.into(), attitude)
 }
 
-/// The vehicle as the controller believes it is, commanded by rates.
+/// The model of the vehicle, commanded by rates.
 fn model(config: &Config) -> VehicleModel {
     let rotation = Rotation::RateLoop { lag_s: config.vehicle.rate_lag_ms * 1e-3 };
     let CommandModel { model, .. } =
@@ -207,33 +211,21 @@ fn seconds(time: Time) -> f64 {
 /// The figures as a table in Markdown.
 #[must_use]
 pub fn to_text(rows: &[StampFigures]) -> String {
-    let mut text = "| stamps | velocity, rms error [m/s] | rate, rms error [rad/s] | filter: velocity [m/s] | \
-        filter: rate [rad/s] | NIS position, attitude | next innovation: position, attitude |\n|---|---|---|---|---|---|---|"
-        .to_owned();
-    for row in rows {
-        text += &format!(
-            "\n| {} | {:.3} | {:.3} | {:.3} | {:.3} | {:.2}, {:.2} | {:.2}, {:.2} |",
-            row.stamp,
-            row.velocity_m_s,
-            row.rate_rad_s,
-            row.filter_velocity_m_s,
-            row.filter_rate_rad_s,
-            row.nis_ratio[0],
-            row.nis_ratio[1],
-            row.next_ratio[0],
-            row.next_ratio[1],
-        );
-    }
-    text
-}
-
-/// The figures as JSON.
-#[must_use]
-pub fn to_json(rows: &[StampFigures]) -> Value {
+    let headings = [
+        "stamps",
+        "velocity, rms error [m/s]",
+        "rate, rms error [rad/s]",
+        "filter: velocity [m/s]",
+        "filter: rate [rad/s]",
+        "NIS position, attitude",
+        "next innovation: position, attitude",
+    ];
     let row = |row: &StampFigures| {
-        json!({ "stamps": row.stamp, "velocity_m_s": row.velocity_m_s, "rate_rad_s": row.rate_rad_s,
-            "filter_velocity_m_s": row.filter_velocity_m_s, "filter_rate_rad_s": row.filter_rate_rad_s,
-            "nis": row.nis_ratio, "next": row.next_ratio })
+        let errors =
+            [row.velocity_m_s, row.rate_rad_s, row.filter_velocity_m_s, row.filter_rate_rad_s];
+        let pairs = [row.nis_ratio, row.next_ratio].map(|[a, b]| format!("{a:.2}, {b:.2}"));
+        let errors = errors.map(|error| format!("{error:.3}"));
+        [row.stamp.to_owned()].into_iter().chain(errors).chain(pairs).collect()
     };
-    json!({ "stamps": rows.iter().map(row).collect::<Vec<Value>>() })
+    markdown(&headings, rows.iter().map(row))
 }

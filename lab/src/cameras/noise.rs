@@ -4,9 +4,11 @@ use nalgebra::Vector3;
 use oqtal_bus::message::TruthV1;
 use oqtal_config::Config;
 use oqtal_control::quaternion::Attitude;
-use oqtal_control::statistics::standard_deviation;
+use oqtal_control::statistics::{mean, standard_deviation};
 use oqtal_mocap_emu::markers::{MarkerCameras, MarkerFrame};
-use serde_json::{Value, json};
+use serde::Serialize;
+
+use crate::text_table::markdown;
 
 /// The places: name and position \[m, world\].
 const PLACES: [(&str, [f64; 3]); 6] = [
@@ -19,9 +21,10 @@ const PLACES: [(&str, [f64; 3]); 6] = [
 ];
 
 /// Noise at a place.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize)]
 pub struct PlaceNoise {
     /// Name of the place.
+    #[serde(rename = "place")]
     pub name: &'static str,
     /// The place \[m, world\].
     pub position_m: [f64; 3],
@@ -30,8 +33,10 @@ pub struct PlaceNoise {
     /// Standard deviation of the attitude about each axis \[deg, body\].
     pub attitude_deg: [f64; 3],
     /// Mean number of cameras that see a marker \[-\].
+    #[serde(rename = "cameras")]
     pub cameras_ratio: f64,
-    /// Pixel noise estimated from the reprojection \[px\]; the one asked for, if all is well.
+    /// Pixel noise estimated from the reprojection \[px\]; equals the configured noise if the model is right.
+    #[serde(rename = "reprojection_px")]
     pub reprojection_ratio: f64,
     /// Root mean square distance of the markers from the fitted body \[mm\].
     pub residual_mm: f64,
@@ -56,9 +61,10 @@ fn at(config: &Config, frames: u64, (name, place): (&'static str, [f64; 3])) -> 
     let seen: Vec<MarkerFrame> = (1..=frames).map(|frame| cameras.observe(&truth(frame))).collect();
     let bodies: Vec<_> = seen.iter().filter_map(|frame| frame.body).collect();
     let points: Vec<_> = seen.iter().flat_map(|frame| frame.markers).flatten().collect();
-    let sum = |of: &dyn Fn(usize) -> f64, count: usize| (0..count).map(of).sum::<f64>();
-    let mean = |of: &dyn Fn(usize) -> f64, count: usize| sum(of, count) / count as f64;
-    let freedom: f64 = points.iter().map(|point| 2.0 * point.cameras as f64 - 3.0).sum();
+    let cameras: Vec<f64> = points.iter().map(|point| point.cameras as f64).collect();
+    let freedom: f64 = cameras.iter().map(|count| 2.0 * count - 3.0).sum();
+    let squared_px: f64 = points.iter().map(|point| point.squared_px).sum();
+    let squared_m: Vec<f64> = bodies.iter().map(|body| body.residual_m.powi(2)).collect();
     let places: Vec<_> = bodies.iter().map(|body| body.position).collect();
     let turns: Vec<_> =
         bodies.iter().map(|body| Attitude::LEVEL.rotation_to(&body.attitude)).collect();
@@ -67,9 +73,9 @@ fn at(config: &Config, frames: u64, (name, place): (&'static str, [f64; 3])) -> 
         position_m: place,
         position_mm: (deviation(&places) * 1e3).into(),
         attitude_deg: deviation(&turns).map(f64::to_degrees).into(),
-        cameras_ratio: mean(&|k| points[k].cameras as f64, points.len()),
-        reprojection_ratio: (sum(&|k| points[k].squared_px, points.len()) / freedom).sqrt(),
-        residual_mm: mean(&|k| bodies[k].residual_m.powi(2), bodies.len()).sqrt() * 1e3,
+        cameras_ratio: mean(&cameras),
+        reprojection_ratio: (squared_px / freedom).sqrt(),
+        residual_mm: mean(&squared_m).sqrt() * 1e3,
         tracked_percent: 100.0 * bodies.len() as f64 / seen.len() as f64,
     }
 }
@@ -84,36 +90,30 @@ fn deviation(values: &[Vector3<f64>]) -> Vector3<f64> {
 /// The map as a table in Markdown.
 #[must_use]
 pub fn to_text(map: &[PlaceNoise]) -> String {
-    let mut text = "| place | x, y, z [m] | position, SD x, y, z [mm] | attitude, SD roll, pitch, yaw [deg] | \
-        cameras per marker | reprojection [px] | residual [mm] | tracked [%] |\n|---|---|---|---|---|---|---|---|"
-        .to_owned();
-    for row in map {
-        let three = |numbers: [f64; 3], places: usize| {
-            numbers.map(|number| format!("{number:.places$}")).join(", ")
-        };
-        text += &format!(
-            "\n| {} | {} | {} | {} | {:.1} | {:.3} | {:.2} | {:.1} |",
-            row.name,
+    let headings = [
+        "place",
+        "x, y, z [m]",
+        "position, SD x, y, z [mm]",
+        "attitude, SD roll, pitch, yaw [deg]",
+        "cameras per marker",
+        "reprojection [px]",
+        "residual [mm]",
+        "tracked [%]",
+    ];
+    let three = |numbers: [f64; 3], places: usize| {
+        numbers.map(|number| format!("{number:.places$}")).join(", ")
+    };
+    let row = |row: &PlaceNoise| {
+        vec![
+            row.name.to_owned(),
             three(row.position_m, 2),
             three(row.position_mm, 3),
             three(row.attitude_deg, 3),
-            row.cameras_ratio,
-            row.reprojection_ratio,
-            row.residual_mm,
-            row.tracked_percent,
-        );
-    }
-    text
-}
-
-/// The map as JSON.
-#[must_use]
-pub fn to_json(map: &[PlaceNoise]) -> Value {
-    let row = |row: &PlaceNoise| {
-        json!({ "place": row.name, "position_m": row.position_m, "position_mm": row.position_mm,
-            "attitude_deg": row.attitude_deg, "cameras": row.cameras_ratio,
-            "reprojection_px": row.reprojection_ratio, "residual_mm": row.residual_mm,
-            "tracked_percent": row.tracked_percent })
+            format!("{:.1}", row.cameras_ratio),
+            format!("{:.3}", row.reprojection_ratio),
+            format!("{:.2}", row.residual_mm),
+            format!("{:.1}", row.tracked_percent),
+        ]
     };
-    json!({ "places": map.iter().map(row).collect::<Vec<Value>>() })
+    markdown(&headings, map.iter().map(row))
 }

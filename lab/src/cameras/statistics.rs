@@ -1,4 +1,4 @@
-//! The emulated cameras in figures, beside recordings.
+//! Figures of the emulated cameras beside those of recordings.
 
 use std::path::Path;
 
@@ -11,10 +11,12 @@ use oqtal_mocap_emu::statistics::{GridStatistics, RestStatistics, RoomStatistics
 use oqtal_runtime::process::{Exit, Failure};
 use serde_json::{Value, json};
 
+use crate::text_table::markdown;
+
 /// A figure of a recording: name, and value; `None` if the recording does not show it.
 type NamedFigure = (&'static str, fn(&RoomStatistics) -> Option<f64>);
 
-/// Everything that is compared.
+/// The figures that are compared.
 const FIGURES: [NamedFigure; 21] = [
     ("rate [Hz]", |s| Some(s.rate_hz)),
     ("arrival intervals, SD [ms]", |s| Some(s.interval_ms)),
@@ -55,19 +57,15 @@ pub struct Study {
 }
 
 impl Study {
-    /// Lets the cameras of `config` watch a body at rest and one in motion for `seconds`, and reads `files`.
+    /// Emulates the cameras of `config` with a body at rest and one in motion for `seconds`, and reads `files`.
     ///
     /// # Errors
-    /// A file cannot be read or is no recording (exit code 65), or the cameras see nothing.
+    /// A file cannot be read or is not a recording (exit code 65), or the cameras see nothing.
     pub fn of(config: &Config, seconds: f64, files: &[&Path]) -> Result<Self, Failure> {
         let watch = |motion: fn(f64) -> TruthV1| {
             let watched = record((&config.mocap, config.clock.seed), seconds, motion);
-            let watched = watched.ok_or_else(|| {
-                Failure::new(
-                    Exit::Flight,
-                    "no pose arrives: check [mocap] for dropouts and markers",
-                )
-            })?;
+            let reason = "no pose arrives: check [mocap] for dropouts and markers";
+            let watched = watched.ok_or_else(|| Failure::new(Exit::Flight, reason))?;
             Ok::<_, Failure>(RoomStatistics::of(&watched.recording))
         };
         let (still, moving) = (watch(at_rest)?, watch(lemniscate)?);
@@ -87,19 +85,16 @@ impl Study {
     pub fn is_within(&self, figure: usize) -> Option<bool> {
         let found: Vec<f64> = self.recordings.iter().filter_map(|(_, all)| all[figure]).collect();
         let value = self.emulated[figure].filter(|_| found.len() > 1)?;
-        let least = found.iter().copied().fold(f64::INFINITY, f64::min);
-        let greatest = found.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        Some((least..=greatest).contains(&value))
+        Some(found.iter().any(|it| *it <= value) && found.iter().any(|it| *it >= value))
     }
 
     /// The study as a table in Markdown.
     #[must_use]
     pub fn to_text(&self) -> String {
         let names = self.recordings.iter().map(|(name, _)| name.as_str());
-        let head: Vec<&str> = ["figure", "emulated"].into_iter().chain(names).collect();
-        let mut text =
-            format!("| {} | within |\n|{}", head.join(" | "), "---|".repeat(head.len() + 1));
-        for (k, (name, _)) in FIGURES.iter().enumerate() {
+        let headings: Vec<&str> =
+            ["figure", "emulated"].into_iter().chain(names).chain(["within"]).collect();
+        let row = |(k, (name, _)): (usize, &NamedFigure)| {
             let values = self.recordings.iter().map(|(_, all)| all[k]);
             let values = std::iter::once(self.emulated[k]).chain(values).map(cell);
             let within = match self.is_within(k) {
@@ -107,10 +102,9 @@ impl Study {
                 Some(false) => "no",
                 None => "-",
             };
-            let cells: Vec<String> = values.collect();
-            text += &format!("\n| {name} | {} | {within} |", cells.join(" | "));
-        }
-        text
+            [(*name).to_owned()].into_iter().chain(values).chain([within.to_owned()]).collect()
+        };
+        markdown(&headings, FIGURES.iter().enumerate().map(row))
     }
 
     /// The study as JSON: `{"figures": [{"name", "emulated", "recordings": {NAME: value}, "within"}]}`.

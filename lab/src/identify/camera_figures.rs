@@ -7,19 +7,19 @@ use serde::Serialize;
 use super::data::{FlightData, PoseRecord};
 use super::robust::deviation;
 
-/// Fewest poses at rest whose noise is told.
-const FEWEST: usize = 20;
+/// Least number of poses at rest for figures of the noise \[-\].
+const LEAST_POSES: usize = 20;
 
-/// Latency of poses, from their capture, as they say, to their publication.
+/// Latency of poses, from their capture, by their stamps, to their publication.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PoseLatency {
     /// Median \[ms\].
     pub median_ms: f64,
-    /// What 95 of 100 do not exceed \[ms\].
+    /// 95th percentile \[ms\].
     pub p95_ms: f64,
 }
 
-/// The cameras as poses on the floor show them.
+/// Noise of the cameras, from poses on the floor.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct RestFigures {
     /// Standard deviation of the position along each axis \[mm\].
@@ -29,12 +29,12 @@ pub struct RestFigures {
 }
 
 impl RestFigures {
-    /// Of the poses before take-off; `None` if they are too few.
+    /// The noise of the poses before take-off; `None` if there are too few.
     #[must_use]
     pub fn of(flights: &[FlightData]) -> Option<Self> {
         let mut positions = Vec::new();
         let mut angles = Vec::new();
-        for data in flights.iter().filter(|data| data.rest.len() >= FEWEST) {
+        for data in flights.iter().filter(|data| data.rest.len() >= LEAST_POSES) {
             let first = data.rest[0].attitude;
             positions.extend(scatter(&data.rest, |pose| pose.position));
             angles.extend(scatter(&data.rest, |pose| first.rotation_to(&pose.attitude)));
@@ -57,7 +57,7 @@ fn scatter(poses: &[PoseRecord], of: impl Fn(&PoseRecord) -> Vector3<f64>) -> Ve
 }
 
 impl PoseLatency {
-    /// Of the poses that `of` chooses; `None` if there are none.
+    /// The latency of the poses that `of` selects; `None` without poses.
     #[must_use]
     pub fn of(flights: &[FlightData], of: fn(&FlightData) -> &Vec<PoseRecord>) -> Option<Self> {
         let latencies = || flights.iter().flat_map(of).map(|pose| pose.latency_s * 1e3);

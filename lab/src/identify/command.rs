@@ -24,10 +24,10 @@ pub struct IdentifyArgs {
     /// Recordings of flights of one vehicle, best of `oqtal fly --trajectory excitation`
     #[arg(value_name = "FILE")]
     files: Vec<PathBuf>,
-    /// Fly the excitation in virtual time and identify the simulated vehicle of `[plant]`, while the controller knows `[vehicle]`
+    /// Fly the excitation in virtual time and identify the simulated vehicle of `[plant]`, with a controller configured for `[vehicle]`
     #[arg(long, conflicts_with = "files")]
     fly: bool,
-    /// Mass as weighed [kg]: flights show the thrust over the mass alone [default: that of `[vehicle]`]
+    /// Mass as weighed [kg]: flights determine only the thrust over the mass [default: that of `[vehicle]`]
     #[arg(long, value_name = "KG", value_parser = mass)]
     mass: Option<f64>,
     /// Greatest thrust as measured [N], in place of the mass
@@ -39,7 +39,7 @@ pub struct IdentifyArgs {
     /// Any key of the configuration, with --fly, as in --set mocap.preset=measured; may be repeated
     #[arg(long = "set", value_name = "KEY=VALUE", conflicts_with = "files")]
     settings: Vec<String>,
-    /// A key of `[plant]`, where the vehicle differs from the one that the controller knows, as in --plant rate-lag-ms=65; may be
+    /// A key of `[plant]`, where the vehicle differs from `[vehicle]`, as in --plant rate-lag-ms=65; may be
     /// repeated
     #[arg(long = "plant", value_name = "KEY=VALUE", conflicts_with = "files")]
     plant: Vec<String>,
@@ -52,8 +52,8 @@ pub struct IdentifyArgs {
     /// Print JSON instead of a table
     #[arg(long)]
     json: bool,
-    /// Identify N vehicles whose parameters are drawn within 30 %, in each of four laboratories, and print how far the findings are
-    /// from the truth
+    /// Identify N vehicles whose parameters are drawn within 30 %, in each of four laboratories, and print the errors of the
+    /// findings
     #[arg(long, value_name = "N", conflicts_with_all = ["files", "fly", "mass", "max_thrust", "seed"], value_parser = clap::value_parser!(u64).range(1..=10_000))]
     hidden_plants: Option<u64>,
 }
@@ -152,7 +152,7 @@ fn check_interface(config: &Config) -> Result<(), Failure> {
         }
         Interface::Torque => {
             "a vehicle that takes torque has no rate loop; its inertia is [vehicle] inertia-kg-m2, by calculation or by a \
-             pendulum, and its delay is shown by `oqtal latency --attach`"
+             pendulum, and its delay is measured by `oqtal latency --attach`"
         }
     };
     let reason = format!("only vehicles that are commanded by rates are identified: {remedy}");

@@ -1,5 +1,5 @@
-//! What an identification knows of a flight: the commands as they were sent and the poses as they were measured. Neither the
-//! truth nor the instants at which commands took effect are among it.
+//! Data of a flight that an identification may use: commands as sent and poses as measured, but neither the truth nor the
+//! instants at which commands took effect.
 
 use nalgebra::Vector3;
 use oqtal_bus::time::Time;
@@ -12,10 +12,10 @@ const CLEAR_M: f64 = 0.3;
 /// Share of acknowledged commands from which on one without an acknowledgement counts as lost \[-\].
 const ACKNOWLEDGED_SHARE: f64 = 0.5;
 
-/// A pose as it was measured.
+/// A measured pose.
 #[derive(Clone, Copy, Debug)]
 pub struct PoseRecord {
-    /// Capture, as the pose says \[s\].
+    /// Capture, by the stamp of the pose \[s\].
     pub captured_s: f64,
     /// From its capture to its publication \[s\].
     pub latency_s: f64,
@@ -25,7 +25,7 @@ pub struct PoseRecord {
     pub attitude: Attitude,
 }
 
-/// A command as it was sent.
+/// A sent command.
 #[derive(Clone, Copy, Debug)]
 pub struct CommandRecord {
     /// Instant of its publication \[s\].
@@ -36,7 +36,7 @@ pub struct CommandRecord {
     pub thrust: f64,
 }
 
-/// What is known of one flight.
+/// Data of one flight.
 #[derive(Clone, Debug, Default)]
 pub struct FlightData {
     /// Poses on the floor before the motors ran.
@@ -45,7 +45,7 @@ pub struct FlightData {
     pub air: Vec<PoseRecord>,
     /// Every command of the flight, in the order of time.
     pub commands: Vec<CommandRecord>,
-    /// Median time from the publication of a command to the effect that its stamps tell \[s\]; `None` without such stamps.
+    /// Median time from the publication of a command to its effect, by its stamps \[s\]; `None` without such stamps.
     pub stamped_delay_s: Option<f64>,
 }
 
@@ -97,10 +97,10 @@ fn poses(flight: &Flight) -> Vec<PoseRecord> {
     poses
 }
 
-/// The commands, without those that were lost, and the delay that their stamps tell.
+/// The commands that were not lost, and the median delay by their stamps \[s\].
 fn commands(flight: &Flight) -> (Vec<CommandRecord>, Option<f64>) {
     let mut applied = flight.applied.iter().peekable();
-    let mut told: Vec<(CommandRecord, bool)> = Vec::new();
+    let mut sent_commands: Vec<(CommandRecord, bool)> = Vec::new();
     let mut delays_s = Vec::new();
     for FlightSample { telemetry, .. } in &flight.samples {
         while applied.next_if(|next| next.sequence < telemetry.command_sequence).is_some() {}
@@ -113,11 +113,12 @@ fn commands(flight: &Flight) -> (Vec<CommandRecord>, Option<f64>) {
         }
         let sticks = Vector3::from(telemetry.sticks);
         let command = CommandRecord { sent_s, sticks, thrust: telemetry.thrust };
-        told.push((command, stamps.is_some()));
+        sent_commands.push((command, stamps.is_some()));
     }
-    let acknowledged = told.iter().filter(|(_, is_told)| *is_told).count() as f64;
-    let knows_losses = acknowledged > ACKNOWLEDGED_SHARE * told.len() as f64;
-    let kept = told.into_iter().filter(|(_, is_told)| *is_told || !knows_losses);
+    let acknowledged = sent_commands.iter().filter(|(_, is_acknowledged)| *is_acknowledged).count();
+    let shows_losses = acknowledged as f64 > ACKNOWLEDGED_SHARE * sent_commands.len() as f64;
+    let kept =
+        sent_commands.into_iter().filter(|(_, is_acknowledged)| *is_acknowledged || !shows_losses);
     (kept.map(|(command, _)| command).collect(), median(delays_s))
 }
 

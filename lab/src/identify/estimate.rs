@@ -1,4 +1,4 @@
-//! What flights show of their vehicle: the fits of rotation and translation, one after the other.
+//! The fits of a vehicle: first the rotation, then the translation.
 
 use nalgebra::Vector3;
 use oqtal_config::VehicleOptions;
@@ -9,39 +9,39 @@ use super::rotation::RotationModel;
 use super::translation::TranslationModel;
 use super::turning::{TurningFit, turning};
 
-/// Fewest poses in the air of a flight that is used: two seconds at 60 Hz.
-const FEWEST_POSES: usize = 120;
+/// Least number of poses in the air of a flight: two seconds at 60 Hz.
+const LEAST_POSES: usize = 120;
 
 /// The fits of an identification.
 #[derive(Clone, Debug)]
 pub struct VehicleFit {
     /// The rotation.
     pub turning: TurningFit,
-    /// The translation, the thrust straight over its command.
+    /// The translation, with a thrust that is linear in its command.
     pub lifting: LiftingFit,
-    /// The translation, the thrust curved.
+    /// The translation, with a curved thrust.
     pub curved: LiftingFit,
 }
 
-/// Fits the model of `believed` to `flights`.
+/// Fits the model to `flights`, starting from the parameters `configured`.
 #[must_use]
-pub fn estimate(flights: &[FlightData], believed: &VehicleOptions) -> Option<VehicleFit> {
-    if flights.is_empty() || flights.iter().any(|data| data.air.len() < FEWEST_POSES) {
+pub fn estimate(flights: &[FlightData], configured: &VehicleOptions) -> Option<VehicleFit> {
+    if flights.is_empty() || flights.iter().any(|data| data.air.len() < LEAST_POSES) {
         return None;
     }
     let start = RotationModel {
-        delay_s: believed.command_delay_ms * 1e-3,
-        lag_s: believed.rate_lag_ms * 1e-3,
+        delay_s: configured.command_delay_ms * 1e-3,
+        lag_s: configured.rate_lag_ms * 1e-3,
         fast_s: 0.0,
-        authority: Vector3::from(believed.rate_authority_rad_s),
+        authority: Vector3::from(configured.rate_authority_rad_s),
         bias: Vector3::zeros(),
     };
     let turning = turning(flights, &start)?;
     let start = TranslationModel {
-        gravity_m_s2: believed.gravity_m_s2,
-        thrust_m_s2: believed.max_thrust_n / believed.mass_kg,
-        thrust_lag_s: believed.thrust_lag_ms * 1e-3,
-        drag_per_s: believed.drag_per_s,
+        gravity_m_s2: configured.gravity_m_s2,
+        thrust_m_s2: configured.max_thrust_n / configured.mass_kg,
+        thrust_lag_s: configured.thrust_lag_ms * 1e-3,
+        drag_per_s: configured.drag_per_s,
         bias: Vector3::zeros(),
         curvature_ratio: 0.0,
         hover_share: mean_share(flights)?,

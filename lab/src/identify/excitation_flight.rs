@@ -18,7 +18,7 @@ const SETTLE_S: f64 = 1.0;
 const HEAVIER: &[f64] = &[1.3, 1.7, 2.2];
 const LIGHTER: &[f64] = &[0.8, 0.6];
 
-/// Flies the excitation with the law of `config`, which knows `[vehicle]` alone.
+/// Flies the excitation with the law of `config`, which uses `[vehicle]` only.
 ///
 /// # Errors
 /// A setting is invalid, or the flight did not end as planned (exit code 1).
@@ -27,23 +27,23 @@ pub fn fly(config: &Config) -> Result<Flight, Failure> {
     config.trajectory.kind = TrajectoryKind::Excitation;
     config.trajectory.duration_s = None;
     config.trajectory.settle_s = SETTLE_S;
-    let believed = config.vehicle.mass_kg;
+    let configured = config.vehicle.mass_kg;
     let mut flight = simulation::fly(&Mission::new(config.clone())?)?;
     let others = if is_too_heavy(&flight) { HEAVIER } else { LIGHTER };
     for assumed in others {
-        if reason(&flight).is_none() {
+        if failure(&flight).is_none() {
             break;
         }
-        config.vehicle.mass_kg = believed * assumed;
+        config.vehicle.mass_kg = configured * assumed;
         flight = simulation::fly(&Mission::new(config.clone())?)?;
     }
-    let Some(shortfall) = reason(&flight) else { return Ok(flight) };
-    let remedy = "mend [vehicle] by hand, or fly slower: --set trajectory.excitation.tilt-deg=5";
+    let Some(shortfall) = failure(&flight) else { return Ok(flight) };
+    let remedy = "correct [vehicle] by hand, or fly slower: --set trajectory.excitation.tilt-deg=5";
     Err(Failure::new(Exit::Flight, format!("the excitation flight failed: {shortfall}; {remedy}")))
 }
 
-/// Why `flight` shows less than was planned; `None` if it does not.
-fn reason(flight: &Flight) -> Option<String> {
+/// Reason why `flight` is not complete; `None` for a complete one.
+fn failure(flight: &Flight) -> Option<String> {
     let is_landed = flight.outcome == Outcome::Landed;
     let otherwise = (!is_landed).then(|| format!("the flight ended as {}", flight.outcome));
     flight.shortfall().or(otherwise)

@@ -1,33 +1,33 @@
-//! What an identification says of one parameter, and when it says nothing.
+//! Findings: a parameter with its interval, and the rule by which the flights determine it or not.
 
 use serde::Serialize;
 
 /// Half the width of a 95 % interval over its standard deviation \[-\].
 pub const INTERVAL: f64 = 1.96;
 
-/// A parameter as the flights show it.
+/// Estimate of a parameter.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ParameterFinding {
-    /// What it is.
+    /// Name of the parameter.
     pub name: &'static str,
-    /// The key of the configuration that has its value; `None` if none has.
+    /// Key of the configuration for its value, if there is one.
     pub key: Option<&'static str>,
     /// Unit of the numbers.
     pub unit: &'static str,
     /// The value \[unit of the finding\].
     pub value: f64,
-    /// Half the width of its 95 % interval \[unit of the finding\]; 0 for a value that was told.
+    /// Half the width of its 95 % interval \[unit of the finding\]; 0 for a given value.
     pub half_width: f64,
     /// The value in the configuration \[unit of the finding\]; `None` if it has none.
     pub before: Option<f64>,
-    /// The motion that is missing in the flights, where they do not show the value.
+    /// Motion that the flights lack, if they do not determine the value.
     pub missing: Option<&'static str>,
 }
 
-/// A parameter, and what its value needs to be believed.
+/// A parameter, and the interval below which its value is accepted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FindingRule {
-    /// What it is.
+    /// Name of the parameter.
     pub name: &'static str,
     /// The key of the configuration.
     pub key: Option<&'static str>,
@@ -37,7 +37,7 @@ pub struct FindingRule {
     pub widest_ratio: f64,
     /// Greatest half width where the value is small \[unit of the finding\].
     pub widest: f64,
-    /// The motion that shows it.
+    /// Motion that determines the value.
     pub motion: &'static str,
 }
 
@@ -52,15 +52,15 @@ impl FindingRule {
         ParameterFinding { name, key, unit, value, half_width, before, missing }
     }
 
-    /// The finding of a `value` that was told.
+    /// The finding of a given `value`.
     #[must_use]
-    pub fn told(&self, value: f64, before: Option<f64>) -> ParameterFinding {
+    pub fn given(&self, value: f64, before: Option<f64>) -> ParameterFinding {
         self.found(value, 0.0, before)
     }
 }
 
 impl ParameterFinding {
-    /// Whether the flights show the value.
+    /// Whether the flights determine the value.
     #[must_use]
     pub fn is_shown(&self) -> bool {
         self.missing.is_none()
@@ -83,7 +83,7 @@ pub mod rules {
         motion: "",
     };
 
-    /// From sending a command to its effect.
+    /// Time from the sending of a command to its effect.
     pub const DELAY: FindingRule = FindingRule {
         name: "delay of commands",
         key: Some("vehicle.command-delay-ms"),
@@ -92,7 +92,7 @@ pub mod rules {
         widest: 8.0,
         motion: FAST,
     };
-    /// The part of the delay that the stamps of the commands do not show.
+    /// Part of the delay that is missing in the stamps of the commands.
     pub const HIDDEN_DELAY: FindingRule =
         FindingRule { name: "of it, not in stamps", unit: "ms", ..INFORMATION };
     /// Time constant of the rate loop.

@@ -1,4 +1,4 @@
-//! Nonlinear least squares with bounds, and the covariance of what was found.
+//! Nonlinear least squares with bounds, and the covariance of the result.
 
 use nalgebra::{DMatrix, DVector};
 use rmpfit::{MPConfig, MPFitter, MPPar, MPResult};
@@ -14,22 +14,22 @@ const PASSES: usize = 3;
 /// A parameter of a fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FitParameter {
-    /// Where the fit begins \[unit of the parameter\].
+    /// Initial value \[unit of the parameter\].
     pub start: f64,
     /// Least and greatest value \[unit of the parameter\].
     pub bounds: [f64; 2],
-    /// Step of the derivatives, about the precision that is wanted \[unit of the parameter\].
+    /// Step of the derivatives, about the precision required \[unit of the parameter\].
     pub step: f64,
-    /// Whether it stays at its start.
+    /// Whether it keeps its initial value.
     pub is_fixed: bool,
 }
 
-/// What a fit found, and how sure it is.
+/// Result of a fit.
 #[derive(Clone, Debug)]
 pub struct FitResult {
     /// The parameters \[unit of each\].
     pub values: Vec<f64>,
-    /// Their covariance \[units of the two\]; 0 of a fixed one.
+    /// Their covariance \[product of their units\]; 0 for a fixed parameter.
     pub covariance: DMatrix<f64>,
 }
 
@@ -60,7 +60,7 @@ impl MPFitter for Problem<'_> {
 }
 
 /// The values at which the sum of the squared `residuals` is least; `None` if they cannot be computed. Residuals are in standard
-/// deviations, and as many at any values.
+/// deviations; their number does not depend on the values.
 #[must_use]
 pub fn least_squares(
     parameters: &[FitParameter],
@@ -82,8 +82,8 @@ pub fn least_squares(
 /// Step of a derivative over the standard deviation of its parameter \[-\].
 const STEP_SHARE: f64 = 0.5;
 
-/// The result of a fit from where `parameters` begin. The fit is repeated with steps of the derivatives as long as the parameters
-/// turn out to be precise: over longer ones, residuals of limited influence are not straight.
+/// The result of a fit that begins at the initial values of `parameters`. The fit is repeated with steps of the derivatives that
+/// match the precision found: over longer steps, residuals of limited influence are not linear.
 #[must_use]
 pub fn precise_fit(
     parameters: &mut [FitParameter],
@@ -130,7 +130,7 @@ impl FitParameter {
     }
 }
 
-/// The covariance of a fit: that of white residuals, or, where it is greater, the one that takes their correlation as they have it
+/// The covariance of a fit: that of white residuals, or, where it is greater, that of correlated ones
 /// (Newey and West, Econometrica 55 (1987) 703). The residuals consist of `series` of these lengths, in each of which neighbours are
 /// neighbours in time.
 fn covariance(
@@ -158,7 +158,7 @@ fn covariance(
     }
     let mut information = jacobian.transpose() * &jacobian;
     for (column, index) in free.iter().copied().enumerate() {
-        // Of what the residuals do not depend on, the bounds are known.
+        // The bounds are all that is known of a parameter without influence on the residuals.
         let [low, high] = parameters[index].bounds;
         information[(column, column)] += (high - low).powi(-2);
     }

@@ -1,5 +1,5 @@
-//! How far identifications are from the truth: vehicles whose parameters are drawn are flown and identified by a controller that
-//! knows the shipped vehicle alone.
+//! Errors of identifications: vehicles with drawn parameters are flown and identified by a controller that is configured for the
+//! shipped vehicle.
 
 use std::ops::Range;
 
@@ -25,13 +25,13 @@ use crate::simulation;
 /// Greatest relative deviation of every parameter \[-\].
 const SPREAD: f64 = 0.3;
 
-/// Where vehicles are flown: fidelity of the plant, preset of the cameras.
+/// A simulated laboratory: fidelity of the plant, preset of the cameras.
 pub type Laboratory = (&'static str, &'static str);
 
 /// A parameter of one vehicle, identified.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct HiddenParameter {
-    /// What it is.
+    /// Name of the parameter.
     pub name: &'static str,
     /// Unit of the error: "ms", or "%" of the truth.
     pub unit: &'static str,
@@ -48,7 +48,7 @@ pub struct HiddenPlant {
     pub seed: u64,
     /// Its parameters; empty if its flight failed.
     pub parameters: Vec<HiddenParameter>,
-    /// Figures of `oqtal-dt` that flies with what was found over those with the truth, hover and chirp \[-\].
+    /// Figures of `oqtal-dt` with the identified vehicle over those with the true one, hover and chirp \[-\].
     pub flown_ratio: Option<[f64; 2]>,
 }
 
@@ -137,7 +137,7 @@ pub fn hidden_plant(config: &Config) -> Result<HiddenPlant, Failure> {
     Ok(HiddenPlant { seed, parameters, flown_ratio })
 }
 
-/// The vehicle of `config` as an identification finds it that is told the mass.
+/// The identification of the vehicle of `config`, with its mass given.
 ///
 /// # Errors
 /// The flight failed, or shows nothing.
@@ -147,7 +147,7 @@ pub fn identified(config: &Config) -> Result<Identification, Failure> {
     identify(&[data], &config.vehicle, Scale::Mass(mass_kg))
 }
 
-/// The true parameters, as `[vehicle]` has them. The thrust of rotors lags as their speed does.
+/// The true parameters, as keys of `[vehicle]`. The lag of the thrust is that of the rotors' speed.
 #[must_use]
 pub fn truth(config: &Config) -> VehicleOptions {
     let plant: PlantOptions = drawn(&config.plant, config.clock.seed);
@@ -167,9 +167,9 @@ pub fn truth(config: &Config) -> VehicleOptions {
     }
 }
 
-/// What a loop of first order has to be to answer as that of `config` does. A loop around rotors of lag `a` is of second order,
-/// `a T s^2 + T s + 1`: its slow pole is the lag, its fast one acts as a delay. The thrust, which is as late, lags behind that delay
-/// by what remains.
+/// The loop of first order that is equivalent to the loop of `config`. A loop around rotors of lag `a` is of second order,
+/// `a T s^2 + T s + 1`: its slow pole is the lag, its fast one acts as a delay. The lag of the thrust is the rest of the rotors'
+/// lag.
 #[must_use]
 pub fn equivalent(config: &Config) -> VehicleOptions {
     let truth = truth(config);
@@ -213,8 +213,8 @@ pub fn parameters(identification: &Identification, truth: &VehicleOptions) -> Ve
     identification.findings.iter().filter_map(one).collect()
 }
 
-/// Root mean square of the position error of a hover \[mm\] and of the attitude error of a chirp \[deg\], with `oqtal-dt` that knows
-/// `vehicle`; `None` if it does not land.
+/// Root mean square of the position error of a hover \[mm\] and of the attitude error of a chirp \[deg\], with `oqtal-dt`
+/// configured for `vehicle`; `None` if it does not land.
 ///
 /// # Errors
 /// An option of the law is invalid.
@@ -269,7 +269,7 @@ impl HiddenRoom {
         text + &self.flown() + "\n"
     }
 
-    /// How `oqtal-dt` flies with what was found.
+    /// Figures of `oqtal-dt` with the identified vehicle, against those with the true one.
     fn flown(&self) -> String {
         let row = |(name, index): (&str, usize)| {
             let ratios = || self.plants.iter().filter_map(|p| p.flown_ratio).map(|r| r[index]);

@@ -19,13 +19,13 @@ const BODY_AXES: [&str; 3] = ["roll", "pitch", "yaw"];
 /// Names of the axes of the world.
 const WORLD_AXES: [&str; 3] = ["x", "y", "z"];
 
-/// Lag of the thrust below which the rotors seem to follow at once \[s\].
+/// Lag of the thrust below which the rotors seem to follow immediately \[s\].
 const PROMPT_S: f64 = 3e-3;
 
-/// What is known of the vehicle beside its flights: they show the thrust over the mass alone.
+/// Known scale of the vehicle: flights determine the thrust over the mass only.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Scale {
-    /// Neither; the thrust is that at the mass of the configuration.
+    /// None; the thrust is computed with the mass of the configuration.
     Unknown,
     /// The mass \[kg\].
     Mass(f64),
@@ -33,7 +33,7 @@ pub enum Scale {
     Thrust(f64),
 }
 
-/// What flights show of their vehicle.
+/// Parameters of a vehicle, from its flights.
 #[derive(Clone, Debug, Serialize)]
 pub struct Identification {
     /// The parameters.
@@ -48,7 +48,7 @@ pub struct Identification {
     pub latency_in_flight: Option<PoseLatency>,
     /// Correlation time of the gusts \[s\].
     pub gust_s: f64,
-    /// Whether the thrust follows so soon that the lag of the rotors must be in the delay.
+    /// Whether the lag of the thrust is so short that the lag of the rotors must be part of the delay.
     pub has_prompt_thrust: bool,
     /// Poses that were used \[-\].
     pub poses: usize,
@@ -57,24 +57,24 @@ pub struct Identification {
     pub estimate: VehicleFit,
 }
 
-/// Identifies the vehicle that flew `flights`, which is believed to be `believed`. Nothing else is known of it but its `scale`.
+/// Identifies the vehicle that flew `flights`, starting from the parameters `configured`; `scale` is all else that is known.
 ///
 /// # Errors
 /// A flight is too short, or does not show anything (exit code 65).
 pub fn identify(
     flights: &[FlightData],
-    believed: &VehicleOptions,
+    configured: &VehicleOptions,
     scale: Scale,
 ) -> Result<Identification, Failure> {
-    let estimate = estimate(flights, believed).ok_or_else(|| {
+    let estimate = estimate(flights, configured).ok_or_else(|| {
         let reason = "a flight is too short to identify the vehicle: at least two seconds in the air are needed, \
                       best those of `oqtal fly --trajectory excitation`";
         Failure::new(Exit::Data, reason)
     })?;
-    let told = stamped(flights);
+    let stamped_s = stamped(flights);
     let findings = [
-        rotation(&estimate, believed, told),
-        translation(&estimate, believed, scale),
+        rotation(&estimate, configured, stamped_s),
+        translation(&estimate, configured, scale),
         noise(&estimate),
     ];
     Ok(Identification {
@@ -90,14 +90,14 @@ pub fn identify(
     })
 }
 
-/// Whether the lag of the thrust is as short as [`PROMPT_S`], or may be: its interval is narrow enough to tell.
+/// Whether the lag of the thrust may be as short as [`PROMPT_S`], with an interval that is narrow enough.
 fn may_be_prompt(fit: &FitResult) -> bool {
     let (lag_s, sd_s) = of(fit, 1, 1.0);
     let is_shown = rules::THRUST_LAG.found(lag_s * 1e3, sd_s * 1e3, None).is_shown();
     is_shown && lag_s - INTERVAL * sd_s < PROMPT_S
 }
 
-/// Median of the delays that the stamps of the flights tell \[s\].
+/// Median delay of commands by their stamps \[s\].
 fn stamped(flights: &[FlightData]) -> Option<f64> {
     median(flights.iter().filter_map(|data| data.stamped_delay_s))
 }
@@ -110,19 +110,19 @@ fn of(fit: &FitResult, index: usize, factor: f64) -> (f64, f64) {
 
 fn rotation(
     estimate: &VehicleFit,
-    believed: &VehicleOptions,
+    configured: &VehicleOptions,
     stamped_s: Option<f64>,
 ) -> Vec<ParameterFinding> {
     let fit = &estimate.turning.fit;
     let (delay_ms, sd_ms) = of(fit, 0, 1e3);
-    let mut findings = vec![rules::DELAY.found(delay_ms, sd_ms, Some(believed.command_delay_ms))];
-    let hidden = stamped_s.map(|told_s| delay_ms - told_s * 1e3);
+    let mut findings = vec![rules::DELAY.found(delay_ms, sd_ms, Some(configured.command_delay_ms))];
+    let hidden = stamped_s.map(|stamped_s| delay_ms - stamped_s * 1e3);
     findings.extend(hidden.map(|hidden_ms| rules::HIDDEN_DELAY.found(hidden_ms, sd_ms, None)));
     let (lag_ms, sd_ms) = of(fit, 1, 1e3);
-    findings.push(rules::RATE_LAG.found(lag_ms, sd_ms, Some(believed.rate_lag_ms)));
+    findings.push(rules::RATE_LAG.found(lag_ms, sd_ms, Some(configured.rate_lag_ms)));
     for (axis, rule) in rules::AUTHORITY.iter().enumerate() {
         let (rate, sd) = of(fit, 2 + axis, 1.0);
-        findings.push(rule.found(rate, sd, Some(believed.rate_authority_rad_s[axis])));
+        findings.push(rule.found(rate, sd, Some(configured.rate_authority_rad_s[axis])));
     }
     for (axis, rule) in rules::RATE_BIAS.iter().enumerate() {
         let (bias, sd) = of(fit, 6 + axis, 1f64.to_degrees());
@@ -133,38 +133,38 @@ fn rotation(
 
 fn translation(
     estimate: &VehicleFit,
-    believed: &VehicleOptions,
+    configured: &VehicleOptions,
     scale: Scale,
 ) -> Vec<ParameterFinding> {
     let fit = &estimate.lifting.fit;
     let (ratio, sd) = of(fit, 0, 1.0);
-    let before = (Some(believed.mass_kg), Some(believed.max_thrust_n));
+    let before = (Some(configured.mass_kg), Some(configured.max_thrust_n));
     let mut findings = vec![rules::THRUST_PER_MASS.found(
         ratio,
         sd,
-        Some(believed.max_thrust_n / believed.mass_kg),
+        Some(configured.max_thrust_n / configured.mass_kg),
     )];
     match scale {
         Scale::Unknown => {
-            let mass_kg = believed.mass_kg;
+            let mass_kg = configured.mass_kg;
             findings.push(rules::THRUST.found(ratio * mass_kg, sd * mass_kg, before.1));
         }
         Scale::Mass(mass_kg) => {
-            findings.push(rules::MASS.told(mass_kg, before.0));
+            findings.push(rules::MASS.given(mass_kg, before.0));
             findings.push(rules::THRUST.found(ratio * mass_kg, sd * mass_kg, before.1));
         }
         Scale::Thrust(thrust_n) => {
             let mass_kg = thrust_n / ratio;
             findings.push(rules::MASS.found(mass_kg, mass_kg * sd / ratio, before.0));
-            findings.push(rules::THRUST.told(thrust_n, before.1));
+            findings.push(rules::THRUST.given(thrust_n, before.1));
         }
     }
     let (lag_ms, sd_ms) = of(fit, 1, 1e3);
-    findings.push(rules::THRUST_LAG.found(lag_ms, sd_ms, Some(believed.thrust_lag_ms)));
+    findings.push(rules::THRUST_LAG.found(lag_ms, sd_ms, Some(configured.thrust_lag_ms)));
     let (bend, sd) = of(&estimate.curved.fit, 3, 1.0);
     findings.push(rules::THRUST_CURVE.found(bend, sd, None));
     let (drag, sd) = of(fit, 2, 1.0);
-    findings.push(rules::DRAG.found(drag.max(0.0), sd, Some(believed.drag_per_s)));
+    findings.push(rules::DRAG.found(drag.max(0.0), sd, Some(configured.drag_per_s)));
     for (axis, rule) in rules::PUSH.iter().enumerate() {
         let (push, sd) = of(fit, 4 + axis, 1.0);
         findings.push(rule.found(push, sd, None));
@@ -205,13 +205,13 @@ fn residuals(estimate: &VehicleFit) -> Vec<ResidualTest> {
 }
 
 impl Identification {
-    /// The findings of a key that the flights show, all of its components.
+    /// The findings of a key, one for each component.
     #[must_use]
     pub fn of_key(&self, key: &str) -> Vec<&ParameterFinding> {
         self.findings.iter().filter(|finding| finding.key == Some(key)).collect()
     }
 
-    /// The keys that the flights show something of, in order, each once.
+    /// The keys with findings, in order, each once.
     #[must_use]
     pub fn keys(&self) -> Vec<&'static str> {
         let mut keys: Vec<&'static str> = Vec::new();
@@ -223,7 +223,7 @@ impl Identification {
         keys
     }
 
-    /// What is found, as settings over a configuration; what the flights do not show stays as it was.
+    /// The findings as settings; keys without a determined value are left out.
     #[must_use]
     pub fn settings(&self) -> Vec<Setting> {
         let setting = |key: &'static str| {
@@ -236,7 +236,7 @@ impl Identification {
         self.keys().into_iter().filter_map(setting).collect()
     }
 
-    /// The values of a key, components that the flights do not show as they were; `None` if they show none.
+    /// The values of a key, with the configured value for components that are not determined; `None` if none is determined.
     #[must_use]
     pub fn values(&self, key: &str) -> Option<Vec<f64>> {
         let findings = self.of_key(key);
@@ -248,10 +248,10 @@ impl Identification {
         is_any_shown.then(|| findings.iter().map(value).collect())
     }
 
-    /// `believed` with what is found on top of it.
+    /// `configured` with the determined values.
     #[must_use]
-    pub fn vehicle(&self, believed: &VehicleOptions) -> VehicleOptions {
-        let mut vehicle = believed.clone();
+    pub fn vehicle(&self, configured: &VehicleOptions) -> VehicleOptions {
+        let mut vehicle = configured.clone();
         let set = |rule: &FindingRule, target: &mut f64| {
             let value = rule.key.and_then(|key| self.values(key));
             *target = value.map_or(*target, |values| values[0]);

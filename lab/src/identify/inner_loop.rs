@@ -11,15 +11,15 @@ const CLOSEST: f64 = 0.8;
 pub struct LoopStep {
     /// The time \[s\].
     h_s: f64,
-    /// What remains of a deviation of the rate from its demand \[-\].
+    /// Remaining share of a deviation of the rate from its demand \[-\].
     keep: f64,
-    /// The angle that a deviation of the rate turns meanwhile, over the deviation \[s\].
+    /// Angle turned by a deviation of the rate, over the deviation \[s\].
     lever_s: f64,
-    /// What remains of a deviation of the target from the demand \[-\].
+    /// Remaining share of a deviation of the target from the demand \[-\].
     target_keep: f64,
-    /// The deviation of the rate that one of the target leaves, over it \[-\].
+    /// Deviation of the rate caused by a deviation of the target, over the latter \[-\].
     target_rate: f64,
-    /// The angle that a deviation of the target turns meanwhile, over it \[s\].
+    /// Angle turned by a deviation of the target, over the deviation \[s\].
     target_lever_s: f64,
 }
 
@@ -28,7 +28,7 @@ pub struct LoopStep {
 pub struct LoopState {
     /// The rate \[rad/s\].
     pub rate: f64,
-    /// What the rate follows: the demand behind the shorter lag \[rad/s\].
+    /// Target of the rate: the demand behind the shorter lag \[rad/s\].
     pub target: f64,
 }
 
@@ -62,7 +62,7 @@ impl LoopStep {
         demand * self.h_s + off * self.lever_s + target_off * self.target_lever_s
     }
 
-    /// What remains of a deviation of the rate \[-\], and the angle that it turns meanwhile over it \[s\].
+    /// Remaining share of a deviation of the rate \[-\], and the angle it turns, over the deviation \[s\].
     #[must_use]
     pub fn of_rate(&self) -> (f64, f64) {
         (self.keep, self.lever_s)

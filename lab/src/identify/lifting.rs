@@ -17,7 +17,7 @@ const GUSTS: [f64; 2] = [3.0, 10_000.0];
 /// Range of their correlation time \[s\].
 const GUST_TIMES: [f64; 2] = [0.05, 12.8];
 
-/// What the flights show of the translation.
+/// Result of the fit of the translation.
 #[derive(Clone, Debug)]
 pub struct LiftingFit {
     /// The parameters, with the external acceleration of each flight.
@@ -26,7 +26,7 @@ pub struct LiftingFit {
     pub fit: FitResult,
     /// Noise of the measurement and of the translation.
     pub noise: TranslationNoise,
-    /// The flights as the predictor passed through them.
+    /// Predictions for each flight.
     pub passes: Vec<TranslationPass>,
 }
 
@@ -37,11 +37,11 @@ pub struct TurnedFlights<'a> {
     pub flights: &'a [FlightData],
     /// Their rotation.
     pub rotations: &'a [RotationPass],
-    /// The same, were the delay of commands longer by one standard deviation.
+    /// Their rotation with a delay of commands that is longer by one standard deviation.
     pub delayed: &'a [RotationPass],
 }
 
-/// Fits the translation, from `start` on; the thrust is straight over its command unless `is_curved`.
+/// Fits the translation, from `start` on; the thrust is linear in its command unless `is_curved`.
 #[must_use]
 pub fn lifting(
     turned: TurnedFlights,
@@ -58,8 +58,8 @@ pub fn lifting(
     }
     let residuals = |values: &[f64]| residuals_of(turned, &models(values, start), &noise);
     let mut fit = precise_fit(&mut parameters, &series, &residuals)?;
-    // The delay is taken from the rotation, and the lag of the thrust is what remains: what a standard deviation of the one
-    // moves the other parameters by adds to their covariance.
+    // The delay is that of the rotation: the change of the parameters for one standard deviation of the delay adds to their
+    // covariance.
     let delayed = TurnedFlights { rotations: turned.delayed, ..turned };
     let residuals = |values: &[f64]| residuals_of(delayed, &models(values, start), &noise);
     let beside = least_squares(&parameters, &residuals)?;

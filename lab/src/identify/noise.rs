@@ -1,10 +1,10 @@
-//! The noise under which the innovations of a flight are most likely.
+//! Maximum likelihood of the noise, from the innovations of a flight.
 
 use nalgebra::Vector3;
 
 use super::robust::{deviation, huber};
 
-/// What a predictor missed at every pose but the first, and how much it expected to miss.
+/// Innovations of a predictor at every pose but the first, with their expected variances.
 #[derive(Clone, Debug, Default)]
 pub struct Innovations {
     /// Measured minus predicted: attitude \[rad, body\] or position \[m, world\].
@@ -26,7 +26,7 @@ impl Innovations {
         self.values.len()
     }
 
-    /// Whether there is none.
+    /// Whether there are no innovations.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.values.is_empty()
@@ -47,7 +47,7 @@ pub fn residuals<'a>(flights: impl Iterator<Item = &'a Innovations>, measured: f
     axes.flat_map(|(flight, axis)| flight.normalised(measured, axis)).map(huber).collect()
 }
 
-/// Smallest deviation of a measurement \[rad or m\]: cameras without noise miss by the rounding of the predictor alone.
+/// Smallest deviation of a measurement \[rad or m\]: that of cameras without noise is the rounding of the predictor.
 const SMALLEST: f64 = 1e-6;
 
 /// The likelihood of innovations, and the deviation of the measurements at which it is greatest.
@@ -60,7 +60,7 @@ pub struct Likelihood {
 }
 
 impl Likelihood {
-    /// Of the innovations of every flight.
+    /// The likelihood of the innovations of every flight.
     #[must_use]
     pub fn of<'a>(flights: impl Iterator<Item = &'a Innovations>) -> Self {
         let (mut normalised, mut half_logs) = (Vec::new(), 0.0);
@@ -76,8 +76,8 @@ impl Likelihood {
 /// Steps by which the best value is narrowed down after the division of its range: to a percent.
 const NARROWINGS: usize = 9;
 
-/// The value between `low` and `high` \[any unit\] at which `of` is greatest: near the best of `count` values that divide the range
-/// evenly in proportion, by golden sections of its logarithm.
+/// The value between `low` and `high` \[any unit\] that maximises `of`: the best of `count` values in geometric progression, refined
+/// by golden sections of the logarithm.
 pub fn best_in_proportion(
     [low, high]: [f64; 2],
     count: u32,

@@ -1,7 +1,5 @@
 //! An identification as text for the terminal.
 
-use comfy_table::presets::UTF8_FULL_CONDENSED;
-use comfy_table::{CellAlignment, Table};
 use oqtal_observe::explain::wrapped;
 use oqtal_observe::plot::unit::{MISSING, rounded};
 
@@ -9,6 +7,7 @@ use super::camera_figures::PoseLatency;
 use super::digits::with_interval;
 use super::finding::{ParameterFinding, rules};
 use super::identification::Identification;
+use crate::text_table::{self, NamedRow};
 
 /// The headings of the findings.
 pub const HEADINGS: [&str; 5] = ["", "value", "± (95 %)", "before", "change"];
@@ -19,7 +18,7 @@ pub fn cells(finding: &ParameterFinding) -> [String; 5] {
     let ParameterFinding { name, unit, value, half_width, before, missing, .. } = finding;
     let (value_text, half) = match half_width {
         half if half.is_infinite() => (rounded(*value, 3), MISSING.to_owned()),
-        half if *half == 0.0 => (rounded(*value, 4), "told".to_owned()),
+        half if *half == 0.0 => (rounded(*value, 4), "given".to_owned()),
         half => with_interval(*value, *half),
     };
     let name = if *unit == "-" { (*name).to_owned() } else { format!("{name} [{unit}]") };
@@ -32,7 +31,7 @@ pub fn cells(finding: &ParameterFinding) -> [String; 5] {
     [name, value_text, half, before_text, change]
 }
 
-/// What the tests of the residuals, the cameras and the missing motions say, one item for each line.
+/// Remarks on missing motions, residuals and cameras, one item for each line.
 #[must_use]
 pub fn remarks(identification: &Identification) -> Vec<String> {
     let mut lines = Vec::new();
@@ -49,20 +48,20 @@ pub fn remarks(identification: &Identification) -> Vec<String> {
     lines.push(match coloured.as_slice() {
         [] => "residuals: no correlation found on any axis".to_owned(),
         names => format!(
-            "residuals: not white ({}): vehicle or cameras do more than the model; the intervals may be several times too narrow",
+            "residuals: not white ({}): vehicle or cameras have effects that the model lacks; the intervals may be several times too narrow",
             names.join("; ")
         ),
     });
     let hidden = identification.findings.iter().find(|f| f.name == rules::HIDDEN_DELAY.name);
     if hidden.is_some_and(|hidden| hidden.value + hidden.half_width < 0.0) {
-        let effect = "delay and rate lag are taken for each other; their sum is right";
-        lines.push(format!("commands seem to act before their stamps say so: {effect}"));
+        let effect = "part of the delay is counted as rate lag; their sum is right";
+        lines.push(format!("commands seem to act before their stamps: {effect}"));
     }
     if identification.has_prompt_thrust {
         let reason = "the lag of the rotors is then inside the rate loop";
         let effect =
             "it is in the delay, and missing in rate lag and thrust lag; their sums are right";
-        lines.push(format!("thrust that follows at once: {reason}: {effect}"));
+        lines.push(format!("thrust that follows immediately: {reason}: {effect}"));
     }
     lines.push(cameras(identification));
     lines
@@ -92,15 +91,13 @@ fn cameras(identification: &Identification) -> String {
 /// The findings as a table of at most 80 columns, and the remarks below it.
 #[must_use]
 pub fn text(identification: &Identification) -> String {
-    let mut table = Table::new();
-    table.load_style(UTF8_FULL_CONDENSED);
-    table.set_header(HEADINGS);
-    for finding in &identification.findings {
-        table.add_row(cells(finding));
-    }
-    for column in table.column_iter_mut().skip(1) {
-        column.set_cell_alignment(CellAlignment::Right);
-    }
+    let [name, figures @ ..] = HEADINGS.map(str::to_owned);
+    let row = |finding: &ParameterFinding| {
+        let [name, figures @ ..] = cells(finding);
+        (vec![name], figures.to_vec())
+    };
+    let rows: Vec<NamedRow> = identification.findings.iter().map(row).collect();
+    let table = text_table::blocks(&[name], &figures, &rows);
     let remarks = remarks(identification);
     let remarks: Vec<String> = remarks.iter().map(|line| wrapped(line, 2)).collect();
     format!("{table}\n{}", remarks.join("\n"))

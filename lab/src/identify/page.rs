@@ -1,4 +1,4 @@
-//! An identification as a page: findings, tests, and what was measured against what the model predicts.
+//! An identification as a page: findings, tests of the residuals, measured and predicted motion.
 
 use maud::{Markup, html};
 use nalgebra::{UnitQuaternion, Vector3};
@@ -17,7 +17,7 @@ const RATE_POSES: usize = 3;
 const ACCELERATION_POSES: usize = 7;
 const STYLE: &str = "td { font-variant-numeric: tabular-nums; } .remark { max-width: 95ch; }";
 
-/// The HTML page of `identification`, which was made of `flights`.
+/// The HTML page of `identification`, made from `flights`.
 #[must_use]
 pub fn html(identification: &Identification, flights: &[FlightData]) -> String {
     let body = html! {

@@ -1,10 +1,10 @@
-//! Tests of residuals: whether a model leaves nothing to predict.
+//! Tests of residuals for whiteness: white residuals contain nothing that a better model could predict.
 
 use serde::Serialize;
 
 /// Neighbours whose correlation is tested \[-\].
 const NEIGHBOURS: usize = 20;
-/// What the statistic of white residuals exceeds once in a hundred: chi-square with 20 degrees of freedom \[-\].
+/// Value that the statistic of white residuals exceeds with a probability of 1 %: chi-square with 20 degrees of freedom \[-\].
 const CRITICAL: f64 = 37.57;
 /// Residuals from which on one counts as an outlier \[standard deviations\].
 const OUTLIER: f64 = 4.0;
@@ -20,7 +20,7 @@ pub struct ResidualTest {
     pub next_ratio: f64,
     /// Statistic of Ljung and Box (Biometrika 65 (1978) 297) over twenty neighbours \[-\].
     pub ljung_box_ratio: f64,
-    /// Whether that is what white residuals have in 99 of 100 cases.
+    /// Whether the statistic is below the 99 % quantile of white residuals.
     pub is_white: bool,
     /// Share of the residuals beyond four standard deviations \[-\].
     pub outliers_ratio: f64,

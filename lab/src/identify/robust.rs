@@ -6,9 +6,9 @@ use nalgebra::Vector3;
 const HUBER: f64 = 2.5;
 /// Standard deviations to which an innovation that corrects a filter is limited \[-\].
 const LIMIT: f64 = 4.0;
-/// Standard deviations beyond which a residual says nothing any more \[-\].
-const USELESS: f64 = 12.0;
-/// Innovations in a row beyond [`LIMIT`] after which a filter begins anew \[-\].
+/// Standard deviations beyond which the influence of a residual no longer grows \[-\].
+const LARGEST: f64 = 12.0;
+/// Innovations in a row beyond [`LIMIT`] after which a filter is reset \[-\].
 const LOST: u32 = 4;
 /// Mean square of a normally distributed number that is limited to [`HUBER`] \[-\].
 const LIMITED_SQUARE: f64 = 0.977_56;
@@ -16,14 +16,14 @@ const LIMITED_SQUARE: f64 = 0.977_56;
 /// The residual whose square is Huber's loss of `residual` \[standard deviations\].
 #[must_use]
 pub fn huber(residual: f64) -> f64 {
-    let size = residual.abs().min(USELESS);
+    let size = residual.abs().min(LARGEST);
     if size <= HUBER {
         return residual;
     }
     (2.0 * HUBER * size - HUBER * HUBER).sqrt().copysign(residual)
 }
 
-/// Notices that a vehicle does what its model does not: rotors at their limit, a gust of the air conditioning, a hand.
+/// Detector of motion that the model does not contain: rotors at their limit, a strong gust, a hand.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LostTrack {
     /// Innovations in a row beyond the limit \[-\].
@@ -31,8 +31,8 @@ pub struct LostTrack {
 }
 
 impl LostTrack {
-    /// Whether, with this innovation of the expected deviation `sd`, the filter is to begin anew.
-    pub fn notices(&mut self, innovation: &Vector3<f64>, sd: f64) -> bool {
+    /// Whether, with this innovation of the expected deviation `sd`, the filter must be reset.
+    pub fn detects(&mut self, innovation: &Vector3<f64>, sd: f64) -> bool {
         self.beyond = if innovation.amax() > LIMIT * sd { self.beyond + 1 } else { 0 };
         if self.beyond < LOST {
             return false;
@@ -48,7 +48,7 @@ pub fn limited(innovation: &Vector3<f64>, sd: f64) -> Vector3<f64> {
     innovation.map(|component| component.clamp(-LIMIT * sd, LIMIT * sd))
 }
 
-/// The standard deviation of normally distributed `values` of which some are outliers; 0 of none \[unit of the values\].
+/// The standard deviation of normally distributed `values` of which some are outliers; 0 without values \[unit of the values\].
 #[must_use]
 pub fn deviation(values: &[f64]) -> f64 {
     let mut sizes: Vec<f64> = values.iter().map(|value| value.abs()).collect();

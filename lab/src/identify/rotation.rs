@@ -1,5 +1,5 @@
 //! Prediction of the attitude from pose to pose: the on-board rate loop under the commands that act, corrected by a Kalman filter at
-//! each pose. What the predictions miss, over their expected deviation, are the residuals of a fit.
+//! each pose. The residuals of a fit are the innovations over their expected deviations.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -19,7 +19,7 @@ pub struct RotationModel {
     pub delay_s: f64,
     /// Time constant of the rate loop \[s\].
     pub lag_s: f64,
-    /// Time constant of a second, shorter lag: that part of the delay which is none, but a lag \[s\].
+    /// Time constant of a second, shorter lag, contained in the delay \[s\].
     pub fast_s: f64,
     /// Rate at full stick \[rad/s, body\].
     pub authority: Vector3<f64>,
@@ -32,7 +32,7 @@ pub struct RotationModel {
 pub struct RotationNoise {
     /// Standard deviation of a measured attitude about each axis \[rad\].
     pub measured_rad: f64,
-    /// What the rate walks in one second, over [`Self::measured_rad`] \[1/s\].
+    /// Standard deviation of the random walk of the rate after one second, over [`Self::measured_rad`] \[1/s\].
     pub walk_ratio: f64,
 }
 
@@ -49,7 +49,7 @@ pub struct ThrustPiece {
     pub ends_at_pose: bool,
 }
 
-/// A flight passed through by the predictor.
+/// Predictions for one flight.
 #[derive(Clone, Debug, Default)]
 pub struct RotationPass {
     /// Measured minus predicted attitude of every pose but the first \[rad, body\].
@@ -103,8 +103,8 @@ pub fn pass(data: &FlightData, model: &RotationModel, noise: &RotationNoise) -> 
             piece.ends_at_pose = true;
         }
         pass.rates.push(predictor.rate());
-        let missed = predictor.correct(pose.attitude.unit_quaternion(), noise.measured_rad);
-        pass.innovations.push(missed);
+        let innovation = predictor.correct(pose.attitude.unit_quaternion(), noise.measured_rad);
+        pass.innovations.push(innovation);
         last_s = pose.captured_s;
     }
     pass
@@ -158,7 +158,7 @@ impl<'a> Predictor<'a> {
         let [p, c, r] = self.covariance;
         let variance = p + 1.0;
         let sd = measured_rad * variance.sqrt();
-        if self.lost.notices(&innovation, sd) {
+        if self.lost.detects(&innovation, sd) {
             self.attitude = *measured;
             self.covariance = [1.0, 0.0, (INITIAL_RATE / measured_rad).powi(2)];
             return (innovation, variance);

@@ -1,4 +1,4 @@
-//! Which command acts when: a time span cut at the instants at which commands take effect.
+//! Commands over time: a time span cut at the instants at which commands take effect.
 
 use super::data::CommandRecord;
 

@@ -43,7 +43,7 @@ pub struct TranslationNoise {
     pub gust_s: f64,
 }
 
-/// A flight passed through by the predictor.
+/// Predictions for one flight.
 #[derive(Clone, Debug, Default)]
 pub struct TranslationPass {
     /// Measured minus predicted position of every pose but the first \[m, world\].
@@ -64,7 +64,7 @@ struct Predictor<'a> {
     covariance: Matrix3<f64>,
     /// Time since the last pose \[s\].
     since_s: f64,
-    /// What the model added to the velocity since the last pose, without gusts \[m/s\].
+    /// Velocity gained by the model since the last pose, without gusts \[m/s\].
     gained: Vector3<f64>,
     lost: LostTrack,
 }
@@ -135,14 +135,14 @@ impl<'a> Predictor<'a> {
         }
     }
 
-    /// Lets the thrust follow its command for `h_s`; returns its mean \[m/s^2\].
+    /// Advances the lag of the thrust by `h_s`; returns the mean thrust over the mass \[m/s^2\].
     fn lag_thrust(&mut self, h_s: f64, share: f64) -> f64 {
         let lag_s = self.model.thrust_lag_s.max(SHORTEST_S);
-        let wanted = self.model.thrust_at(share);
+        let commanded = self.model.thrust_at(share);
         let keep = (-h_s / lag_s).exp();
-        let off = self.thrust - wanted;
-        self.thrust = wanted + off * keep;
-        wanted + off * (1.0 - keep) * lag_s / h_s
+        let off = self.thrust - commanded;
+        self.thrust = commanded + off * keep;
+        commanded + off * (1.0 - keep) * lag_s / h_s
     }
 
     fn advance(&mut self, piece: &ThrustPiece) {
@@ -181,7 +181,7 @@ impl<'a> Predictor<'a> {
         self.covariance = transition * self.covariance * transition.transpose();
         let added = self.noise.gust_ratio.powi(2) * (1.0 - keep * keep);
         self.covariance[(2, 2)] += added;
-        // What the gust of the time itself does to the velocity, as of a walk.
+        // Effect on the velocity of the gust gained in this time, as of a random walk.
         self.covariance[(1, 1)] += added * h * h / 3.0;
         self.covariance[(1, 2)] += added * h / 2.0;
         self.covariance[(2, 1)] += added * h / 2.0;
@@ -195,7 +195,7 @@ impl<'a> Predictor<'a> {
         let innovation = measured - self.position;
         let variance = self.covariance[(0, 0)] + 1.0;
         let sd = self.noise.measured_m * variance.sqrt();
-        if self.lost.notices(&innovation, sd) {
+        if self.lost.detects(&innovation, sd) {
             self.position = *measured;
             self.covariance = self.noise.initial();
             return (innovation, variance);

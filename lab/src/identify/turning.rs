@@ -18,7 +18,7 @@ const LONGEST_FAST_S: f64 = 15e-3;
 /// Range of the walk of the rate over the noise of a measurement \[1/s\].
 const WALKS: [f64; 2] = [0.1, 1000.0];
 
-/// What the flights show of the rotation.
+/// Result of the fit of the rotation.
 #[derive(Clone, Debug)]
 pub struct TurningFit {
     /// The parameters, with the bias of each flight.
@@ -28,12 +28,12 @@ pub struct TurningFit {
     pub fit: FitResult,
     /// Noise of the measurement and of the rotation.
     pub noise: RotationNoise,
-    /// The flights as the predictor passed through them.
+    /// Predictions for each flight.
     pub passes: Vec<RotationPass>,
 }
 
-/// Fits the rotation to `flights`, from `start` on. The fit has a second lag, so that a loop of second order does not shift what is
-/// found and is within the intervals; for `[vehicle]`, whose loop is of first order, it is a part of the delay.
+/// Fits the rotation to `flights`, from `start` on. The fit has a second lag, so that a loop of second order
+/// does not bias the other parameters; for `[vehicle]`, whose loop is of first order, it is a part of the delay.
 #[must_use]
 pub fn turning(flights: &[FlightData], start: &RotationModel) -> Option<TurningFit> {
     let mut noise = RotationNoise { measured_rad: 3e-3, walk_ratio: 30.0 };
@@ -42,7 +42,7 @@ pub fn turning(flights: &[FlightData], start: &RotationModel) -> Option<TurningF
         let found = fit_under(flights, &mut parameters, &noise)?;
         noise = noise_of(flights, &models(&found.values), noise);
     }
-    // The second lag last: from far away, a fit that has it ends at its bound.
+    // The second lag last: far from the solution, a fit with it ends at its bound.
     parameters[FAST].is_fixed = false;
     let fit = fit_under(flights, &mut parameters, &noise)?;
     let models = models(&fit.values);
@@ -51,8 +51,7 @@ pub fn turning(flights: &[FlightData], start: &RotationModel) -> Option<TurningF
 }
 
 impl TurningFit {
-    /// The passes through `flights`, were the delay longer by one standard deviation and the other parameters what they then are
-    /// most likely.
+    /// The predictions for `flights` with a delay longer by one standard deviation, and the most likely other parameters for it.
     #[must_use]
     pub fn delayed(&self, flights: &[FlightData]) -> Vec<RotationPass> {
         let covariance = self.fit.covariance.column(0);
@@ -79,7 +78,7 @@ fn parameters(start: &RotationModel, flights: usize) -> Vec<FitParameter> {
     let authority = start.authority.iter().map(|authority| rate(*authority));
     let biases = (0..3 * flights).map(|_| rate(0.0));
     let times = [time(start.delay_s), lag].into_iter();
-    // The square: a lag that is part of the delay acts by its square, and so do the derivatives not vanish where it is 0.
+    // The square: the effect of a lag within the delay grows with its square, whose derivative does not vanish at 0.
     let longest = LONGEST_FAST_S * LONGEST_FAST_S;
     let fast = FitParameter { start: 0.0, bounds: [0.0, longest], step: 4e-6, is_fixed: true };
     times.chain(authority).chain([fast]).chain(biases).collect()
@@ -89,7 +88,7 @@ fn parameters(start: &RotationModel, flights: usize) -> Vec<FitParameter> {
 fn models(values: &[f64]) -> Vec<RotationModel> {
     let (delay_s, lag_s) = (values[0], values[1]);
     let authority = Vector3::from_column_slice(&values[2..FAST]);
-    // No more of the delay than there is.
+    // Not more than the delay.
     let fast_s = values[FAST].max(0.0).sqrt().min(delay_s);
     let biases = values[SHARED..].chunks_exact(3).map(Vector3::from_column_slice);
     biases.map(|bias| RotationModel { delay_s, lag_s, fast_s, authority, bias }).collect()

@@ -4,16 +4,16 @@ use super::digits::with_interval;
 use super::finding::ParameterFinding;
 use super::identification::Identification;
 
-/// Column at which remarks begin \[characters\].
+/// Column of the remarks \[characters\].
 const REMARKS_AT: usize = 40;
 
 /// `[vehicle]` and the noise of the filters in TOML, over the preset of this name: the interval beside each value, and a remark in
-/// place of a value that the flights do not show.
+/// place of a value that the flights do not determine.
 #[must_use]
 pub fn toml(identification: &Identification, preset: &str) -> String {
     let mut text = format!(
-        "# The vehicle as `oqtal identify` found it from {} poses in the air. Behind each value: its interval of 95 %,\n\
-         # and the value before. What is not here stays as it was.\n",
+        "# The vehicle, identified by `oqtal identify` from {} poses in the air. Behind each value: its 95 % interval\n\
+         # and the configured value. Keys that are not here keep their values.\n",
         identification.poses
     );
     let mut section = "";
@@ -65,7 +65,7 @@ fn remark(finding: &ParameterFinding) -> String {
             let (value, half) = with_interval(*value, *half_width);
             format!("not shown ({value} ± {half}{before}), missing: {motion}")
         }
-        None if *half_width == 0.0 => format!("told{before}"),
+        None if *half_width == 0.0 => format!("given{before}"),
         None => format!("± {}{before}", with_interval(*value, *half_width).1),
     }
 }

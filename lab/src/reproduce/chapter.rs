@@ -25,12 +25,12 @@ pub struct Chapter {
     pub figures: Vec<Figure>,
 }
 
-/// What the experiments of one run share.
+/// Context of the experiments of one run.
 #[derive(Debug)]
 pub struct ExperimentContext {
     /// The spacecraft.
     pub lander: Lander,
-    /// Whether gains are tuned anew.
+    /// Whether gains are tuned again.
     pub retune: bool,
     /// Directory of the results.
     pub directory: PathBuf,

@@ -171,8 +171,8 @@ impl Lander {
             let body = attitude_state(&state);
             let desired = guidance.command(&state.velocity, &body.attitude);
             let off = normal3(&mut noise) * descent.noise_rad;
-            let told = AttitudeState { attitude: body.attitude.turned_by(off), ..body };
-            let torque = law.update(&told, &desired, dt_s).0;
+            let measured = AttitudeState { attitude: body.attitude.turned_by(off), ..body };
+            let torque = law.update(&measured, &desired, dt_s).0;
             watch(&Moment { time_s, state, desired, torque });
             let error = AttitudeError::between(&desired.attitude, &body.attitude);
             let sample = MetricSample {

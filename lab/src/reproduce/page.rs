@@ -14,10 +14,10 @@ const SCRIPT: &str = include_str!("page.js");
 /// Number of columns above which a table is set in a smaller type.
 const WIDE: usize = 8;
 /// Title of the claims.
-const CLAIMS: &str = "What the paper claims, and what was found";
+const CLAIMS: &str = "The claims of the paper, and the results";
 /// Number of rows above which a table is folded.
 const LONG: usize = 40;
-/// What a page says about itself.
+/// Heading and introduction of a page.
 #[derive(Clone, Copy, Debug)]
 pub struct PageHead {
     /// Heading.

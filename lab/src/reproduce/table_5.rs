@@ -79,7 +79,7 @@ fn main(nominal: &FlownLaws<'_>, elsewhere: &[FlownLaws<'_>]) -> Sheet {
     Sheet { mismatched: mismatched.collect(), ..sheet }
 }
 
-/// The entrants, tuned anew if that was requested.
+/// The entrants, tuned again if that was requested.
 fn entrants(context: &ExperimentContext) -> Result<Vec<Entrant>, Failure> {
     let mut entrants = table::entrants();
     if context.retune {
@@ -89,7 +89,7 @@ fn entrants(context: &ExperimentContext) -> Result<Vec<Entrant>, Failure> {
                 tune::tune(name, &Default::default(), &Default::default(), &context.progress)?;
             context.keep(&format!("tuned/{name}.toml"), &tuned.to_toml(&[]))?;
             entrant.contender.settings = tuned.settings();
-            entrant.settings = "tuned alike, anew".to_owned();
+            entrant.settings = "tuned alike, again".to_owned();
         }
     }
     Ok(entrants)

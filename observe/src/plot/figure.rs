@@ -19,7 +19,7 @@ const PATH_HEIGHT: u32 = 900;
 const LABEL_WIDTH: u32 = 92;
 const LINE_WIDTH: u32 = 3;
 
-/// What a script needs to read values from the lines of a plot.
+/// Data for the script that reads values from the lines of a plot.
 #[derive(Serialize)]
 struct LinePlot<'a> {
     /// Whether the horizontal axis is time, common to all such plots of the page.

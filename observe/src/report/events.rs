@@ -37,7 +37,7 @@ const PHASES: [(Phase, &str, Ink); 4] = [
 
 /// The section of the events.
 pub fn events(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
-    // What the daemon waits for on the ground before it is no event of the flight.
+    // The wait on the ground before is not part of the flight.
     let from = timeline.samples.iter().position(FlightSample::is_armed).unwrap_or(0);
     let pairs = timeline.samples[from..].windows(2);
     let events = pairs.flat_map(|pair| {

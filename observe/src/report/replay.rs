@@ -56,7 +56,7 @@ impl ArrivalIntervals {
         median(self.lengths_ms()).unwrap_or(f64::NAN)
     }
 
-    /// Standard deviation of the intervals that are no gaps \[ms\]; NaN without intervals.
+    /// Standard deviation of the intervals without gaps \[ms\]; NaN without intervals.
     pub fn jitter_ms(&self) -> f64 {
         let regular: Vec<f64> = self.lengths_ms().filter(|length| *length <= GAP_MS).collect();
         if regular.is_empty() { f64::NAN } else { standard_deviation(&regular) }

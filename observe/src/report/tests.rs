@@ -1,3 +1,5 @@
+pub mod fixture;
+
 use oqtal_bus::message::{Stamps, TelemetryV1, TruthV1};
 use oqtal_bus::time::Time;
 use proptest::prelude::*;
@@ -91,7 +93,7 @@ fn a_default_flight_has_a_page_below_a_megabyte_with_its_events_in_every_plot() 
 #[test]
 fn an_empty_flight_has_a_page() {
     let mut flight = fixture::empty();
-    assert!(page(&flight).contains("nothing was judged"));
+    assert!(page(&flight).contains("nothing was scored"));
     flight.config.mocap.replay = "recording.csv".to_owned();
     assert!(page(&flight).contains("Arrival of poses"));
 }
