@@ -1,3 +1,5 @@
+//! Tests of the report, and the flights that they and other tests use.
+
 pub mod fixture;
 
 use oqtal_bus::message::{Stamps, TelemetryV1, TruthV1};
