@@ -16,6 +16,14 @@ pub fn standard_deviation(values: &[f64]) -> f64 {
     (squares / (values.len() as f64 - 1.0).max(1.0)).sqrt()
 }
 
+/// Standard deviation of a whole population, with `n` in the denominator \[unit of the values\]; NaN without values.
+#[must_use]
+pub fn population_deviation(values: &[f64]) -> f64 {
+    let mean = mean(values);
+    let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
+    (squares / values.len() as f64).sqrt()
+}
+
 /// Middle value, the upper one of an even number of values; NaN values are left out. `None` without values \[unit of the values\].
 #[must_use]
 pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
@@ -135,6 +143,7 @@ mod tests {
     fn the_standard_deviation_is_that_of_a_sample() {
         assert_eq!((mean(&[1.0, 2.0, 6.0]), standard_deviation(&[1.0, 3.0])), (3.0, 2_f64.sqrt()));
         assert_eq!(standard_deviation(&[5.0]), 0.0);
+        assert_eq!(population_deviation(&[1.0, 3.0]), 1.0);
         assert!(mean(&[]).is_nan());
     }
 

@@ -3,7 +3,7 @@
 mod grid;
 mod rest;
 
-use oqtal_control::statistics::standard_deviation;
+use oqtal_control::statistics::population_deviation;
 
 use crate::recording::Recording;
 pub use grid::GridStatistics;
@@ -52,7 +52,7 @@ impl RoomStatistics {
         let usual: Vec<f64> = intervals.iter().copied().filter(|ms| *ms <= GAPS_MS[0]).collect();
         Self {
             rate_hz: timing.mean_rate_hz,
-            interval_ms: standard_deviation(&usual),
+            interval_ms: population_deviation(&usual),
             shares_percent,
             gaps: GAPS_MS.map(|least| {
                 intervals.iter().filter(|ms| **ms > least).count() as f64 * per_1000_s

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use oqtal_bus::message::TruthV1;
 use oqtal_config::Config;
 use oqtal_control::quaternion::Attitude;
-use oqtal_control::statistics::{mean, standard_deviation};
+use oqtal_control::statistics::{mean, population_deviation};
 use oqtal_mocap_emu::markers::{MarkerCameras, MarkerFrame};
 use serde::Serialize;
 
@@ -83,7 +83,7 @@ fn at(config: &Config, frames: u64, (name, place): (&'static str, [f64; 3])) -> 
 /// Standard deviation of each component.
 fn deviation(values: &[Vector3<f64>]) -> Vector3<f64> {
     Vector3::from_fn(|axis, _| {
-        standard_deviation(&values.iter().map(|value| value[axis]).collect::<Vec<_>>())
+        population_deviation(&values.iter().map(|value| value[axis]).collect::<Vec<_>>())
     })
 }
 

@@ -74,14 +74,11 @@ pub mod rules {
     const FAST: &str = "fast motions about roll and pitch: doublets, or sines up to some Hz";
     const STEPS: &str = "steps of the thrust: climbs and descents of some tenths of a metre";
 
-    const INFORMATION: FindingRule = FindingRule {
-        name: "",
-        key: None,
-        unit: "",
-        widest_ratio: f64::INFINITY,
-        widest: f64::INFINITY,
-        motion: "",
-    };
+    /// A quantity without a key, shown whatever its interval.
+    const fn information(name: &'static str, unit: &'static str) -> FindingRule {
+        let any = f64::INFINITY;
+        FindingRule { name, key: None, unit, widest_ratio: any, widest: any, motion: "" }
+    }
 
     /// Time from the sending of a command to its effect.
     pub const DELAY: FindingRule = FindingRule {
@@ -93,8 +90,7 @@ pub mod rules {
         motion: FAST,
     };
     /// Part of the delay that is missing in the stamps of the commands.
-    pub const HIDDEN_DELAY: FindingRule =
-        FindingRule { name: "of it, not in stamps", unit: "ms", ..INFORMATION };
+    pub const HIDDEN_DELAY: FindingRule = information("of it, not in stamps", "ms");
     /// Time constant of the rate loop.
     pub const RATE_LAG: FindingRule =
         FindingRule { name: "rate lag", key: Some("vehicle.rate-lag-ms"), ..DELAY };
@@ -106,9 +102,9 @@ pub mod rules {
     ];
     /// Bias of the rate loop about roll, pitch and yaw.
     pub const RATE_BIAS: [FindingRule; 3] = [
-        FindingRule { name: "rate bias, roll", unit: "deg/s", ..INFORMATION },
-        FindingRule { name: "rate bias, pitch", unit: "deg/s", ..INFORMATION },
-        FindingRule { name: "rate bias, yaw", unit: "deg/s", ..INFORMATION },
+        information("rate bias, roll", "deg/s"),
+        information("rate bias, pitch", "deg/s"),
+        information("rate bias, yaw", "deg/s"),
     ];
     /// Greatest thrust.
     pub const THRUST: FindingRule = FindingRule {
@@ -123,8 +119,7 @@ pub mod rules {
     pub const MASS: FindingRule =
         FindingRule { name: "mass", key: Some("vehicle.mass-kg"), unit: "kg", ..THRUST };
     /// Greatest thrust over the mass.
-    pub const THRUST_PER_MASS: FindingRule =
-        FindingRule { name: "thrust over mass", unit: "m/s^2", ..INFORMATION };
+    pub const THRUST_PER_MASS: FindingRule = information("thrust over mass", "m/s^2");
     /// Time constant of the thrust.
     pub const THRUST_LAG: FindingRule = FindingRule {
         name: "thrust lag",
@@ -135,8 +130,7 @@ pub mod rules {
         motion: STEPS,
     };
     /// Curvature of the thrust over its command: 0 of a straight line, 1 of a parabola.
-    pub const THRUST_CURVE: FindingRule =
-        FindingRule { name: "curvature of the thrust", unit: "-", ..INFORMATION };
+    pub const THRUST_CURVE: FindingRule = information("curvature of the thrust", "-");
     /// Drag.
     pub const DRAG: FindingRule = FindingRule {
         name: "drag",
@@ -148,12 +142,12 @@ pub mod rules {
     };
     /// External acceleration along x, y and z.
     pub const PUSH: [FindingRule; 3] = [
-        FindingRule { name: "push, x", unit: "m/s^2", ..INFORMATION },
-        FindingRule { name: "push, y", unit: "m/s^2", ..INFORMATION },
-        FindingRule { name: "push, z", unit: "m/s^2", ..INFORMATION },
+        information("push, x", "m/s^2"),
+        information("push, y", "m/s^2"),
+        information("push, z", "m/s^2"),
     ];
     /// Standard deviation of the gusts.
-    pub const GUST: FindingRule = FindingRule { name: "gusts, 1 sd", unit: "m/s^2", ..INFORMATION };
+    pub const GUST: FindingRule = information("gusts, 1 sd", "m/s^2");
     /// Noise of a measured attitude in flight.
     pub const ATTITUDE_NOISE: FindingRule = FindingRule {
         name: "attitude noise",

@@ -21,6 +21,7 @@ use crate::campaign::metric::{of_attitude, of_hover};
 use crate::mission::Mission;
 use crate::progress::Progress;
 use crate::simulation;
+use crate::text_table::markdown;
 
 /// Greatest relative deviation of every parameter \[-\].
 const SPREAD: f64 = 0.3;
@@ -252,33 +253,38 @@ impl HiddenRoom {
     fn to_markdown(&self) -> String {
         let (fidelity, preset) = self.laboratory;
         let flown = self.plants.iter().filter(|plant| !plant.parameters.is_empty()).count();
-        let mut text = format!(
-            "### Plant `{fidelity}`, cameras `{preset}`: {flown} of {} identified\n\n\
-             | parameter | median error | 95 of 100 below | intervals that hold the truth |\n|---|---|---|---|\n",
-            self.plants.len()
-        );
-        for (name, unit) in self.names() {
+        let headings =
+            ["parameter", "median error", "95 of 100 below", "intervals that hold the truth"];
+        let rows = self.names().into_iter().map(|(name, unit)| {
             let errors = self.errors(name);
-            let sizes = || errors.iter().map(|(error, _)| error.abs());
+            let [middle, most] = quantiles(errors.iter().map(|(error, _)| error.abs()));
             let held = errors.iter().filter(|(error, half)| error.abs() <= *half).count();
-            let [middle, most] = [median(sizes()), quantile(sizes(), 0.95)]
-                .map(|value| rounded(value.unwrap_or(f64::NAN), 2));
             let share = 100.0 * held as f64 / errors.len().max(1) as f64;
-            text += &format!("| {name} | {middle} {unit} | {most} {unit} | {share:.0} % |\n");
-        }
-        text + &self.flown() + "\n"
+            let sizes = [middle, most].map(|size| format!("{} {unit}", rounded(size, 2)));
+            [&[name.to_owned()], &sizes[..], &[format!("{share:.0} %")]].concat()
+        });
+        format!(
+            "### Plant `{fidelity}`, cameras `{preset}`: {flown} of {} identified\n\n{}\n\n",
+            self.plants.len(),
+            markdown(&headings, rows.chain(self.flown()))
+        )
     }
 
     /// Figures of `oqtal-dt` with the identified vehicle, against those with the true one.
-    fn flown(&self) -> String {
-        let row = |(name, index): (&str, usize)| {
-            let ratios = || self.plants.iter().filter_map(|p| p.flown_ratio).map(|r| r[index]);
-            let [middle, most] = [median(ratios()), quantile(ratios(), 0.95)]
-                .map(|ratio| rounded(100.0 * (ratio.unwrap_or(f64::NAN) - 1.0), 2));
-            format!("| `oqtal-dt`, {name}, against the truth known | {middle} % | {most} % | |\n")
-        };
-        [("hover", 0), ("chirp", 1)].map(row).concat()
+    fn flown(&self) -> [Vec<String>; 2] {
+        [("hover", 0), ("chirp", 1)].map(|(name, index)| {
+            let ratios = self.plants.iter().filter_map(|plant| plant.flown_ratio);
+            let [middle, most] = quantiles(ratios.map(|ratio| 100.0 * (ratio[index] - 1.0)))
+                .map(|percent| format!("{} %", rounded(percent, 2)));
+            let name = format!("`oqtal-dt`, {name}, against the truth known");
+            vec![name, middle, most, String::new()]
+        })
     }
+}
+
+/// Median and 95th percentile \[unit of the values\]; NaN without values.
+fn quantiles(values: impl Iterator<Item = f64> + Clone) -> [f64; 2] {
+    [median(values.clone()), quantile(values, 0.95)].map(|value| value.unwrap_or(f64::NAN))
 }
 
 impl HiddenPlants {

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use oqtal_control::statistics::{correlation, median, standard_deviation};
+use oqtal_control::statistics::{correlation, median, population_deviation};
 
 use crate::capture::Captures;
 use crate::recording::Recording;
@@ -63,12 +63,12 @@ impl GridStatistics {
         Some(Self {
             rate_hz,
             coherence_ratio,
-            interval_ms: standard_deviation(&captures) * 1e3,
+            interval_ms: population_deviation(&captures) * 1e3,
             // 0 for cameras whose intervals are constant.
             correlation_ratio: Some(correlation(&captures, &follow))
                 .filter(|r| r.is_finite())
                 .unwrap_or(0.0),
-            latency_ms: standard_deviation(&latencies) * 1e3,
+            latency_ms: population_deviation(&latencies) * 1e3,
         })
     }
 }

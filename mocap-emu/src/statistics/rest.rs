@@ -1,7 +1,7 @@
 //! Noise of the poses of a body at rest.
 
 use nalgebra::Vector3;
-use oqtal_control::statistics::{correlation, mean, standard_deviation};
+use oqtal_control::statistics::{correlation, mean, population_deviation};
 
 use crate::recording::{RecordedPose, Recording};
 
@@ -48,8 +48,8 @@ impl RestStatistics {
         let pairs = positions.iter().flat_map(|p| attitudes.iter().map(move |a| (p, a)));
         let all = positions.iter().chain(&attitudes);
         Some(Self {
-            position_mm: average(&positions, standard_deviation) * 1e3,
-            attitude_deg: average(&attitudes, standard_deviation).to_degrees(),
+            position_mm: average(&positions, population_deviation) * 1e3,
+            attitude_deg: average(&attitudes, population_deviation).to_degrees(),
             position_slope_ratio: average(&positions, slope),
             attitude_slope_ratio: average(&attitudes, slope),
             coupling_ratio: pairs.map(|(p, a)| correlation(p, a).abs()).fold(0.0, f64::max),
@@ -94,8 +94,8 @@ fn slope(values: &[f64]) -> f64 {
         .map(|(averaged, deviation)| (averaged.ln(), deviation.ln()))
         .collect();
     let (x, y): (Vec<f64>, Vec<f64>) = points.into_iter().unzip();
-    let spread = standard_deviation(&x);
-    let slope = correlation(&x, &y) * standard_deviation(&y) / spread;
+    let spread = population_deviation(&x);
+    let slope = correlation(&x, &y) * population_deviation(&y) / spread;
     if slope.is_finite() { slope } else { 0.0 }
 }
 
@@ -103,6 +103,6 @@ fn slope(values: &[f64]) -> f64 {
 fn kurtosis(values: &[f64]) -> f64 {
     let centre = mean(values);
     let fourths: Vec<f64> = values.iter().map(|value| (value - centre).powi(4)).collect();
-    let kurtosis = mean(&fourths) / standard_deviation(values).powi(4);
+    let kurtosis = mean(&fourths) / population_deviation(values).powi(4);
     if kurtosis.is_finite() { kurtosis } else { 0.0 }
 }

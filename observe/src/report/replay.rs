@@ -2,7 +2,7 @@
 
 use maud::{Markup, html};
 use oqtal_bus::time::Time;
-use oqtal_control::statistics::{median, quantile, standard_deviation};
+use oqtal_control::statistics::{median, population_deviation, quantile};
 
 use crate::flight::Flight;
 
@@ -59,7 +59,7 @@ impl ArrivalIntervals {
     /// Standard deviation of the intervals without gaps \[ms\]; NaN without intervals.
     pub fn jitter_ms(&self) -> f64 {
         let regular: Vec<f64> = self.lengths_ms().filter(|length| *length <= GAP_MS).collect();
-        if regular.is_empty() { f64::NAN } else { standard_deviation(&regular) }
+        population_deviation(&regular)
     }
 
     /// Maximum interval \[ms\]; NaN without intervals.

@@ -25,7 +25,7 @@ const INKS: [Ink; REPEATED] = [Ink::Actual, Ink::Second, Ink::Third, Ink::Fourth
 const RUN_NAMES: [&str; REPEATED] = ["best", "second", "third", "fourth", "fifth"];
 
 /// The best runs of one of the paper's laws.
-struct Repeated {
+struct LawRuns {
     controller: &'static str,
     figure: u8,
     flights: Vec<Flight>,
@@ -36,9 +36,9 @@ struct Repeated {
 /// # Errors
 /// A setting is invalid.
 pub fn all(entrants: &[Entrant]) -> Result<Vec<Figure>, Failure> {
-    let laws: Result<Vec<Repeated>, Failure> = [("pid", 20), ("lqr", 21), ("oqtal", 22)]
+    let laws: Result<Vec<LawRuns>, Failure> = [("pid", 20), ("lqr", 21), ("oqtal", 22)]
         .into_iter()
-        .map(|(name, figure)| repeated(entrants, name, figure))
+        .map(|(name, figure)| best_runs(entrants, name, figure))
         .collect();
     let laws = laws?;
     let mut figures = vec![
@@ -46,15 +46,15 @@ pub fn all(entrants: &[Entrant]) -> Result<Vec<Figure>, Failure> {
         Figure { number: 18, markup: position(&laws) },
         Figure { number: 19, markup: attitude(&laws) },
     ];
-    figures.extend(laws.iter().map(|law| Figure { number: law.figure, markup: together(law) }));
+    figures.extend(laws.iter().map(|law| Figure { number: law.figure, markup: five_runs(law) }));
     Ok(figures)
 }
 
-fn repeated(
+fn best_runs(
     entrants: &[Entrant],
     controller: &'static str,
     figure: u8,
-) -> Result<Repeated, Failure> {
+) -> Result<LawRuns, Failure> {
     let entrant = entrants
         .iter()
         .find(|entrant| {
@@ -69,12 +69,12 @@ fn repeated(
         flown?.into_iter().flatten().map(|(flight, _)| (of_path(&flight)[0], flight)).collect();
     flights.sort_by(|a, b| a.0.total_cmp(&b.0));
     let flights = flights.into_iter().take(REPEATED).map(|(_, flight)| flight).collect();
-    Ok(Repeated { controller, figure, flights })
+    Ok(LawRuns { controller, figure, flights })
 }
 
 /// The best run of each law as a trace, the reference first.
 fn samples(
-    laws: &[Repeated],
+    laws: &[LawRuns],
     with_reference: bool,
     point: impl Fn(&FlightSample, bool) -> Point,
 ) -> Vec<Trace> {
@@ -102,7 +102,7 @@ fn time(sample: &FlightSample) -> f64 {
     sample.telemetry.mission_s
 }
 
-fn in_space(laws: &[Repeated]) -> Markup {
+fn in_space(laws: &[LawRuns]) -> Markup {
     let path = |flight: &Flight| -> Vec<Point3> {
         flight.armed().step_by(4).map(|sample| sample.position().into()).collect()
     };
@@ -117,9 +117,9 @@ fn in_space(laws: &[Repeated]) -> Markup {
     scene.figure("Fig. 17: sample square, PID and OQTAL, from take-off to landing")
 }
 
-fn position(laws: &[Repeated]) -> Markup {
-    let seen = |title: &str, view: fn(Point3) -> Point| {
-        let traces = samples(laws, true, |sample, reference| view(place(sample, reference)));
+fn position(laws: &[LawRuns]) -> Markup {
+    let view = |title: &str, project: fn(Point3) -> Point| {
+        let traces = samples(laws, true, |sample, reference| project(place(sample, reference)));
         let thinned =
             traces.into_iter().map(|trace| Trace { points: thin_path(trace.points), ..trace });
         in_plane(title, thinned.collect(), Vec::new())
@@ -130,14 +130,14 @@ fn position(laws: &[Repeated]) -> Markup {
         over(title, " s", traces)
     };
     html! {
-        (seen("Fig. 18 A: top view, y over x [m]", |[x, y, _]| (x, y)))
-        (seen("Fig. 18 B: side view, z over x [m]", |[x, _, z]| (x, z)))
+        (view("Fig. 18 A: top view, y over x [m]", |[x, y, _]| (x, y)))
+        (view("Fig. 18 B: side view, z over x [m]", |[x, _, z]| (x, z)))
         (over_time("Fig. 18 C: x [m]", 0))
         (over_time("Fig. 18 D: y [m]", 1))
     }
 }
 
-fn attitude(laws: &[Repeated]) -> Markup {
+fn attitude(laws: &[LawRuns]) -> Markup {
     let angle = |title: &str, axis: usize| {
         let traces = samples(laws, false, |sample, _| (time(sample), euler_deg(sample)[axis]));
         over(title, " s", traces)
@@ -161,18 +161,18 @@ fn euler_deg(sample: &FlightSample) -> [f64; 3] {
     [roll, pitch, yaw].map(f64::to_degrees)
 }
 
-fn together(law: &Repeated) -> Markup {
-    let Repeated { controller, figure, flights } = law;
-    let seen = |title: String, view: fn(Point3) -> Point| {
+fn five_runs(law: &LawRuns) -> Markup {
+    let LawRuns { controller, figure, flights } = law;
+    let view = |title: String, project: fn(Point3) -> Point| {
         let traces =
             flights.iter().zip(INKS.into_iter().zip(RUN_NAMES)).map(|(flight, (ink, name))| {
-                let points = flight.scored().map(|sample| view(place(sample, false))).collect();
+                let points = flight.scored().map(|sample| project(place(sample, false))).collect();
                 Trace { name, ink, points: thin_path(points) }
             });
         in_plane(&title, traces.collect(), Vec::new())
     };
     html! {
-        (seen(format!("Fig. {figure} A: {controller}, five runs, y over x [m]"), |[x, y, _]| (x, y)))
-        (seen(format!("Fig. {figure} B: {controller}, five runs, z over x [m]"), |[x, _, z]| (x, z)))
+        (view(format!("Fig. {figure} A: {controller}, five runs, y over x [m]"), |[x, y, _]| (x, y)))
+        (view(format!("Fig. {figure} B: {controller}, five runs, z over x [m]"), |[x, _, z]| (x, z)))
     }
 }
