@@ -4,13 +4,11 @@ use std::error::Error;
 
 use nalgebra::Vector3;
 use oqtal_control::controller::{InputForm, OqtalDtOptions, RateInput};
-use oqtal_control::estimator::Estimate;
 use oqtal_control::position::PositionOptions;
 use oqtal_control::predictive::{
-    Autopilot, Bias, CommandHistory, Design, Integration, ModelInput, Motion, PredictiveCommand,
-    PredictiveOptions, Rotation, VehicleModel,
+    Autopilot, Bias, CommandHistory, Design, FilterOptions, Integration, MeasuredPose, ModelInput,
+    Motion, MotionTracker, PredictiveOptions, Rotation, VehicleModel,
 };
-use oqtal_control::quantity::BodyRate;
 use oqtal_control::trajectory::{Phase, Reference};
 
 const PERIOD_S: f64 = 1.0 / 60.0;
@@ -26,32 +24,36 @@ fn main() -> Result<(), Box<dyn Error>> {
         integration: Integration::Fine,
     };
     let input = RateInput::new(Vector3::repeat(2.0))?.with_lag(0.05, PERIOD_S)?;
-    let design = Design { model, input, delay_s: DELAY_S, period_s: PERIOD_S };
+    let design = Design { model, input, period_s: PERIOD_S };
     let (options, limits) = (PredictiveOptions::default(), PositionOptions::default());
     let mut autopilot = Autopilot::new(design, OqtalDtOptions::default(), &options, &limits)?;
+
+    let pose =
+        |motion: &Motion| MeasuredPose { position: motion.position, attitude: motion.attitude };
 
     // The vehicle, with a wind that the model does not know of.
     let wind = Bias { acceleration: Vector3::new(0.1, 0.0, 0.0), ..Bias::default() };
     let mut motion = Motion { thrust_n: 0.5 * 9.81, ..Motion::default() };
+    let mut tracker =
+        MotionTracker::new(model, FilterOptions::default(), DELAY_S).predictive(&options);
+    // The floor is a metre below.
+    tracker.begin(1.0 - PERIOD_S, &pose(&motion), -1.0);
     let mut on_the_way = CommandHistory::new(DELAY_S);
     let reference = Reference::rest(Vector3::new(1.0, 0.0, 0.0), Phase::Trajectory);
     for tick in 0..=600 {
         let now_s = 1.0 + tick as f64 * PERIOD_S;
-        let Motion { position, velocity, attitude, rate, .. } = motion;
         if tick % 100 == 0 {
-            println!("{:5.2} s: x = {:.4} m", now_s - 1.0, position.x);
+            println!("{:5.2} s: x = {:.4} m", now_s - 1.0, motion.position.x);
         }
-        let pose = Estimate { position, velocity, attitude, rate: BodyRate(rate) };
-        autopilot.observe(now_s, &pose);
-        let output = autopilot.decide(now_s, &reference).ok_or("no command")?;
-        let command = output.command();
-        autopilot.sent(tick, now_s, &command);
-        let PredictiveCommand { u, attitude, thrust_n } = command;
-        on_the_way.push(
-            tick,
-            now_s,
-            ModelInput { demand: input.demand_of(&u), attitude, thrust_n },
-        );
+        tracker.take(now_s, &pose(&motion));
+        let output = autopilot.compute(now_s, &tracker, &reference).ok_or("no command")?;
+        let command = ModelInput {
+            demand: input.demand_of(&output.u),
+            attitude: output.attitude,
+            thrust_n: output.setpoint.thrust_n,
+        };
+        tracker.sent(tick, now_s, command);
+        on_the_way.push(tick, now_s, command);
         motion = on_the_way.propagate(&model, (&motion, &wind), (now_s, now_s + PERIOD_S));
     }
     let left_m = (motion.position - reference.position).norm();

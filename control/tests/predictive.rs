@@ -17,7 +17,8 @@ use nalgebra::Vector3;
 use oqtal_control::controller::{OqtalDtOptions, RateInput};
 use oqtal_control::position::PositionOptions;
 use oqtal_control::predictive::{
-    Autopilot, Design, Integration, PredictiveOptions, Rotation, VehicleModel,
+    Autopilot, Design, FilterOptions, Integration, MeasuredPose, MotionTracker, PredictiveOptions,
+    Rotation, VehicleModel,
 };
 use proptest::prelude::*;
 
@@ -43,13 +44,26 @@ fn sticks() -> RateInput {
 }
 
 fn autopilot() -> Autopilot<RateInput> {
-    autopilot_with(&PredictiveOptions::default())
+    let design = Design { model: quadrotor(), input: sticks(), period_s: PERIOD_S };
+    let (law, options) = (OqtalDtOptions::default(), PredictiveOptions::default());
+    Autopilot::new(design, law, &options, &PositionOptions::default()).unwrap()
 }
 
-fn autopilot_with(options: &PredictiveOptions) -> Autopilot<RateInput> {
-    let design =
-        Design { model: quadrotor(), input: sticks(), delay_s: DELAY_S, period_s: PERIOD_S };
-    Autopilot::new(design, OqtalDtOptions::default(), options, &PositionOptions::default()).unwrap()
+/// Noise by which the daemon admits poses, as shipped.
+const ADMISSION: FilterOptions = FilterOptions {
+    attitude_noise_deg: 0.5,
+    position_noise_mm: 1.0,
+    rate_walk_rad_s: 2.0,
+    demand_bias_walk: 0.5,
+    velocity_walk_m_s: 2.0,
+    acceleration_walk_m_s2: 3.0,
+};
+
+/// The tracker of a vehicle that was at rest in `pose` at `t_s`, high above the floor.
+fn tracker(options: &PredictiveOptions, t_s: f64, pose: &MeasuredPose) -> MotionTracker {
+    let mut tracker = MotionTracker::new(quadrotor(), ADMISSION, DELAY_S).predictive(options);
+    tracker.begin(t_s, pose, -100.0);
+    tracker
 }
 
 fn vector(limit: f64) -> impl Strategy<Value = Vector3<f64>> {

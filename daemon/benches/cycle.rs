@@ -51,7 +51,7 @@ impl Hover {
             Header { sequence: self.frame, pose_sequence: self.frame, stamps, ..Header::default() };
         let arrival = (header, pose);
         let vehicle = VehicleV1 { link: 1, armed: 1, ..VehicleV1::default() };
-        self.cycle.hear(self.now, &Header::default(), &vehicle);
+        self.cycle.receive_vehicle(self.now, &Header::default(), &vehicle);
         match self.cycle.step(black_box(self.now), Some(black_box(&arrival))) {
             Some(tick) => self.cycle.report(&tick.stamps, self.frame).riccati_solves,
             None => 0,

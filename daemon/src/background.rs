@@ -18,7 +18,7 @@ use oqtal_runtime::handoff::{BackgroundHandle, RtHandle, handoff};
 use oqtal_runtime::health::{Health, Heartbeat};
 use oqtal_runtime::process::{Failure, ProcessContext};
 
-use crate::cycle::AtStart;
+use crate::cycle::AutoTakeoff;
 
 /// An operator's request that the loop has not answered by then is answered with "accepted".
 const REPLY_TIMEOUT: Duration = Duration::from_millis(60);
@@ -29,25 +29,25 @@ pub struct Condition {
     mode: u8,
     state: u8,
     cause: u8,
-    /// What keeps a flight from beginning.
+    /// Reasons against a flight.
     obstacles: u32,
     /// Sequence of the command at which it changed.
     command_sequence: u64,
     /// Changes before it that found the queue full.
     unlogged: u64,
-    at_start: AtStart,
+    auto_takeoff: AutoTakeoff,
 }
 
 impl Condition {
     /// The condition in a tick's `telemetry`, with the state of the automatic flight at start-up.
     #[must_use]
-    pub fn of(telemetry: &TelemetryV1, at_start: AtStart) -> Self {
+    pub fn of(telemetry: &TelemetryV1, auto_takeoff: AutoTakeoff) -> Self {
         let TelemetryV1 { mode, state, cause, obstacles, command_sequence, .. } = *telemetry;
-        Self { mode, state, cause, obstacles, command_sequence, unlogged: 0, at_start }
+        Self { mode, state, cause, obstacles, command_sequence, unlogged: 0, auto_takeoff }
     }
 
     fn differs_from(&self, other: &Self) -> bool {
-        let changing = |c: &Self| (c.mode, c.state, c.cause, c.obstacles, c.at_start);
+        let changing = |c: &Self| (c.mode, c.state, c.cause, c.obstacles, c.auto_takeoff);
         changing(self) != changing(other)
     }
 
@@ -150,7 +150,9 @@ impl OperatorRequests {
     fn take_changes(&mut self) {
         for condition in self.queues.notes() {
             log(&condition);
-            if condition.at_start == AtStart::Refused && self.last.at_start != AtStart::Refused {
+            if condition.auto_takeoff == AutoTakeoff::Refused
+                && self.last.auto_takeoff != AutoTakeoff::Refused
+            {
                 tracing::warn!(
                     "no take-off at start: the vehicle is not simulated; arm with `oqtal ctl arm` when everybody is clear"
                 );
@@ -307,14 +309,14 @@ mod tests {
     }
 
     #[test]
-    fn nobody_gets_the_answer_to_the_request_of_another() {
+    fn no_operator_gets_the_reply_to_the_request_of_another() {
         let (handle, mut requests) = loop_handoff();
-        // The loop stands still: the first operator goes without an answer of its own.
+        // The loop stands still: the first operator gets no reply from it.
         let first = requests.ask(asks(OperatorCommand::Status));
         assert_eq!(first.answer, Answer::Accepted.code());
         let second = std::thread::spawn(move || requests.ask(asks(OperatorCommand::Land)));
         assert!(handle.poll_request(|_| answers(Answer::Refused)).is_some());
-        // The loop goes on once the second request is there, too.
+        // The loop runs again once the second request is there, too.
         let land = |command| {
             assert_eq!(command, OperatorCommand::Land);
             answers(Answer::Done)
@@ -328,7 +330,7 @@ mod tests {
     }
 
     #[test]
-    fn a_request_to_fly_is_refused_once_the_operator_has_given_up_and_a_stop_never() {
+    fn a_request_to_fly_expires_and_a_stop_does_not() {
         let (handle, requests) = loop_handoff();
         let long_ago = Time::now();
         for (command, is_executed) in [
@@ -369,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn changes_that_found_the_queue_full_are_told_with_the_next_one() {
+    fn changes_that_found_the_queue_full_are_counted_in_the_next_one() {
         let (mut handle, mut requests) = loop_handoff();
         let condition = |mode| Condition { mode, ..Condition::default() };
         let mut mode = 0;

@@ -1,4 +1,4 @@
-//! The command to the vehicle in SI units, and the message that carries it.
+//! The command to the vehicle in SI units, and its message.
 
 use nalgebra::Vector3;
 use oqtal_bus::message::CommandV1;
@@ -73,6 +73,15 @@ impl VehicleCommand {
         };
         let attitude = Attitude::from_rotation_vector(Vector3::z() * yaw_rad);
         Self::Armed { rotation, thrust_n, attitude }
+    }
+
+    /// Thrust along body z \[N\]; `None` if the motors are off.
+    #[must_use]
+    pub fn thrust_n(&self) -> Option<f64> {
+        match self {
+            Self::Armed { thrust_n, .. } => Some(*thrust_n),
+            Self::Disarmed => None,
+        }
     }
 
     /// The last check before a command is sent: [`Self::Disarmed`] in place of a command with a number that is not finite.

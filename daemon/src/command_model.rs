@@ -1,14 +1,14 @@
-//! The effect of commands on the vehicle, by the model of `[vehicle]`.
+//! The effect of commands on the vehicle, by the model of `[vehicle]`, and the tracker of its motion.
 
 use nalgebra::Vector3;
 use oqtal_config::{Config, Interface, VehicleOptions};
 use oqtal_control::options::OptionError;
-use oqtal_control::predictive::{Integration, ModelInput, Rotation, VehicleModel};
+use oqtal_control::predictive::{Integration, ModelInput, MotionTracker, Rotation, VehicleModel};
 use oqtal_control::rigid_body::Inertia;
 
 use crate::command::{RotationCommand, VehicleCommand, collective};
 
-/// The model of the vehicle, and what its commands mean to it.
+/// The model of the vehicle, with the conversion of commands to its inputs.
 #[derive(Clone, Copy, Debug)]
 pub struct CommandModel {
     /// Model of the vehicle.
@@ -63,6 +63,18 @@ impl CommandModel {
         let thrust_n = collective(*thrust_n, self.max_thrust_n) * self.max_thrust_n;
         ModelInput { demand, attitude: *attitude, thrust_n }
     }
+}
+
+/// The tracker of the motion of a vehicle with the model `model`, for the law of `config`.
+pub(crate) fn motion_tracker(config: &Config, model: VehicleModel) -> MotionTracker {
+    let delay_s = config.vehicle.command_delay_ms * 1e-3;
+    if config.control.is_predictive() {
+        return MotionTracker::new(model, config.safety.filter, delay_s)
+            .predictive(&config.control.predictive);
+    }
+    // Only gate and limits use the prediction.
+    let model = VehicleModel { integration: Integration::Coarse, ..model };
+    MotionTracker::new(model, config.safety.filter, delay_s)
 }
 
 /// The inertia of `[vehicle]`.

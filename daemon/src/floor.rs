@@ -1,4 +1,4 @@
-//! The floor: heights and thrusts by which a vehicle stands on it, is carried off it, or is in the air.
+//! Heights and thrusts at which a vehicle stands on the floor, is lifted off it, or is in the air.
 
 /// Thrust over the weight that lifts every vehicle that may be flown off the floor \[-\].
 pub(crate) const LIFTING: f64 = 1.35;

@@ -1,19 +1,18 @@
-//! The guard of the poses: accepts those that are fresh, in order, finite, of unit norm, and where a vehicle can be.
+//! The guard of the poses: accepts a pose that is recent, in order, finite, of unit norm, and where the vehicle can be.
 
 use nalgebra::Vector3;
 use oqtal_bus::code::Cause;
 use oqtal_bus::message::{Header, PoseV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
-use oqtal_control::options::OptionError;
-use oqtal_control::predictive::MeasuredPose;
+use oqtal_control::predictive::{MeasuredPose, MotionTracker};
 use oqtal_control::quaternion::Attitude;
 
 use crate::gate::MotionGate;
 
-/// Distance added to what a vehicle can fly between two poses, so that noise is no jump \[m\].
+/// Distance added to the greatest flight between two poses, so that noise does not count as a jump \[m\].
 const JUMP_MARGIN_M: f64 = 0.05;
-/// Angle added to what a vehicle can turn between two poses, so that noise is no jump \[rad\].
+/// Angle added to the greatest turn between two poses, so that noise does not count as a jump \[rad\].
 const JUMP_MARGIN_RAD: f64 = 0.1;
 
 /// A pose that passed the guard.
@@ -41,7 +40,7 @@ impl Accepted {
 #[derive(Clone, Debug)]
 pub struct Guard {
     /// Compares poses with the motion that the commands sent can have caused.
-    pub motion: MotionGate,
+    gate: MotionGate,
     max_age: Span,
     max_speed: f64,
     max_rate: f64,
@@ -60,13 +59,11 @@ pub struct Guard {
 
 impl Guard {
     /// The guard of `config`.
-    ///
-    /// # Errors
-    /// The vehicle has no model.
-    pub fn new(config: &Config) -> Result<Self, OptionError> {
+    #[must_use]
+    pub fn new(config: &Config) -> Self {
         let safety = &config.safety;
-        Ok(Self {
-            motion: MotionGate::new(config)?,
+        Self {
+            gate: MotionGate::new(config),
             max_age: Span::from_seconds(safety.max_pose_age_ms * 1e-3),
             max_speed: safety.max_speed_m_s,
             max_rate: safety.max_rate_rad_s,
@@ -80,29 +77,50 @@ impl Guard {
             refused: 0,
             accepted: 0,
             good_in_a_row: 0,
-        })
-    }
-
-    /// Begins a flight at the last accepted pose.
-    pub fn begin_flight(&mut self) {
-        if let Some(last) = self.last {
-            self.motion.begin(seconds(last.captured_at), &last.pose());
         }
     }
 
-    /// Checks a pose that the daemon takes at `now`, `flying` or not.
+    /// Begins a flight at the last accepted pose, on the floor below it.
+    pub fn begin_flight(&mut self, tracker: &mut MotionTracker) {
+        if let Some(last) = self.last {
+            tracker.begin(seconds(last.captured_at), &last.pose(), last.position.z);
+            self.gate.restart(tracker);
+        }
+    }
+
+    /// Ends the flight: on the ground no motion is predicted.
+    pub fn end_flight(&mut self, tracker: &mut MotionTracker) {
+        tracker.end();
+        self.gate.restart(tracker);
+    }
+
+    /// Propagates a tracked motion that is older than `oldest_s` \[s\] to `t_s` \[s\].
+    pub fn propagate(&mut self, tracker: &mut MotionTracker, oldest_s: f64, t_s: f64) {
+        if tracker.track().is_some_and(|track| track.t_s < oldest_s) {
+            tracker.propagate(t_s);
+            self.gate.discard_hypothesis();
+        }
+    }
+
+    /// Checks a pose that the daemon takes at `now`, `flying` or not, and in flight corrects the motion of `tracker` by it.
     ///
     /// # Errors
     /// Why the pose is refused.
-    pub fn gate(
+    pub fn check(
         &mut self,
+        tracker: &mut MotionTracker,
         now: Time,
-        header: &Header,
-        pose: &PoseV1,
+        arrival: &(Header, PoseV1),
         flying: bool,
     ) -> Result<Accepted, Cause> {
-        let verdict = self.examine(now, header, pose, flying);
-        match verdict {
+        let checked = self.check_message(now, arrival, flying).and_then(|accepted| {
+            self.gate.check(tracker, seconds(accepted.captured_at), &accepted.pose())?;
+            if tracker.track().is_none() {
+                self.check_motion(&accepted)?;
+            }
+            Ok(accepted)
+        });
+        match checked {
             Ok(accepted) => {
                 self.last = Some(accepted);
                 self.unseen_s = None;
@@ -114,7 +132,7 @@ impl Guard {
                 self.good_in_a_row = 0;
             }
         }
-        verdict
+        checked
     }
 
     /// Records that a pose was due and none arrived.
@@ -122,7 +140,7 @@ impl Guard {
         self.good_in_a_row = 0;
     }
 
-    /// Forgets the last position after a jump: on the ground a vehicle may have been carried elsewhere.
+    /// Discards the last position after a jump: on the ground somebody may have moved the vehicle.
     pub fn forget(&mut self) {
         if self.unseen_s.is_some() {
             self.last = None;
@@ -166,14 +184,15 @@ impl Guard {
         self.accepted
     }
 
-    fn examine(
+    /// Checks the pose by itself: order, numbers and age.
+    fn check_message(
         &mut self,
         now: Time,
-        header: &Header,
-        pose: &PoseV1,
+        (header, pose): &(Header, PoseV1),
         flying: bool,
     ) -> Result<Accepted, Cause> {
-        if header.stamps.captured_at > now {
+        let captured_at = header.stamps.captured_at;
+        if captured_at > now {
             return Err(Cause::Order);
         }
         self.count_frames(header, flying)?;
@@ -184,27 +203,20 @@ impl Guard {
             return Err(Cause::NotFinite);
         }
         let attitude = Attitude::from_xyzw(pose.attitude).ok_or(Cause::NotUnit)?;
-        let captured_at = header.stamps.captured_at;
         if now.since(captured_at) > self.max_age {
             return Err(Cause::Stale);
         }
-        let position = pose.position.into();
-        let simulated = pose.simulated != 0;
-        let accepted = Accepted { captured_at, position, attitude, simulated };
-        self.motion.judge(seconds(captured_at), &accepted.pose())?;
-        if !self.motion.is_flying() {
-            self.check_motion(&accepted)?;
-        }
-        Ok(accepted)
+        let (position, simulated) = (pose.position.into(), pose.simulated != 0);
+        Ok(Accepted { captured_at, position, attitude, simulated })
     }
 
     /// Checks that frame numbers and capture times increase, and counts the gaps.
     fn count_frames(&mut self, header: &Header, flying: bool) -> Result<(), Cause> {
         let frame = header.pose_sequence;
         let later = |last: Accepted| header.stamps.captured_at > last.captured_at;
-        // A restarted source counts anew, at later capture times; on the ground so may the camera system behind the source.
-        let anew = !flying && frame <= self.last_frame && self.last.is_none_or(later);
-        let restarted = header.source != self.last_source || anew;
+        // A restarted source counts from one again, at later capture times; on the ground so may the camera system behind it.
+        let is_recount = !flying && frame <= self.last_frame && self.last.is_none_or(later);
+        let restarted = header.source != self.last_source || is_recount;
         self.last_source = header.source;
         if frame <= self.last_frame && !restarted {
             return Err(Cause::Order);
@@ -223,8 +235,9 @@ impl Guard {
         }
     }
 
-    /// Checks, where no motion is predicted, that the vehicle moved no further than its limits allow since the last accepted
-    /// pose. Time that passes while poses jump does not count: a body with swapped markers must not become acceptable by waiting.
+    /// Checks on the ground, where no motion is predicted, that the vehicle moved no further than its limits allow since the last
+    /// accepted pose. Time that passes while poses jump does not count: a body with swapped markers must not become acceptable by
+    /// waiting.
     fn check_motion(&mut self, pose: &Accepted) -> Result<(), Cause> {
         let Some(last) = self.last else { return Ok(()) };
         let elapsed_s = pose.captured_at.since(last.captured_at).seconds();
@@ -241,7 +254,7 @@ impl Guard {
     }
 }
 
-/// An instant as filters take it \[s since the clock's origin\]: a century is resolved to a microsecond.
+/// An instant in the unit of the filters \[s since the clock's origin\]: a century is resolved to a microsecond.
 pub(crate) fn seconds(time: Time) -> f64 {
     time.since(Time::UNSET).seconds()
 }

@@ -3,30 +3,35 @@
 //! | file | subject |
 //! |---|---|
 //! | `cycle.rs` | the control cycle: poses and time in, command out |
-//! | `cycle/operator.rs` | requests of operators |
+//! | `cycle/intake.rs` | poses and vehicle messages in, the motion of the vehicle out |
+//! | `cycle/supervision.rs` | safety state, mode and course of the flight, requests of operators |
+//! | `cycle/safety.rs` | the safety conditions of a tick, its limits |
+//! | `cycle/mode.rs` | the table of modes |
+//! | `cycle/course.rs` | mission and reference |
+//! | `cycle/requests.rs`, `cycle/auto_takeoff.rs` | requests that wait for the next tick |
+//! | `cycle/control.rs` | the command of a tick |
 //! | `cycle/report.rs` | telemetry of a tick |
-//! | `cycle/mode.rs`, `cycle/safety.rs`, `cycle/watch.rs` | modes, the safety conditions of a tick, its limits |
 //! | `command.rs` | the command in SI units, and its message |
-//! | `command_model.rs` | the effect of commands on the vehicle |
-//! | `guard.rs` | the checks that a pose must pass |
+//! | `command_model.rs` | the effect of commands on the vehicle, the tracker of its motion |
+//! | `guard.rs` | the checks of a pose |
 //! | `gate.rs` | the gate on the innovation: a pose against the motion predicted from the commands |
 //! | `pose_noise.rs` | whether a source repeats poses |
 //! | `limits.rs`, `fence.rs`, `floor.rs` | the limits of a flight |
 //! | `descent.rs` | the descent of a vehicle that holds an attitude by itself, without poses |
 //! | `flight_room.rs` | the path of a flight against the fence |
-//! | `arming.rs` | what keeps a flight from beginning |
+//! | `arming.rs` | the reasons against a flight |
 //! | `setpoint.rs` | the check of the reference |
 //! | `loop_health.rs` | age and losses of poses, late ticks |
-//! | `vehicle.rs` | the state of the vehicle, as heard |
+//! | `vehicle.rs` | monitor of the vehicle |
 //! | `supervisor.rs` | the table of limits, and the safety state |
 //! | `mission.rs` | the flight under way |
-//! | `stack.rs` | the control stacks: everything between poses and command |
+//! | `stack.rs` | the control stack: from motion and reference to the command |
 //! | `warmup.rs` | dry-run ticks that keep the caches warm |
-//! | `intake.rs` | records of what the loop took in |
+//! | `input_record.rs` | records of the inputs of the loop, for a replay |
 //! | `turn.rs` | one turn of the process over its ports |
 //! | `background.rs` | the background thread: logs, health, operator requests |
 //! | `flight_marker.rs` | the file that prevents an automatic take-off after a crash |
-//! | `warnings.rs` | what a flight asks for and will not get |
+//! | `warnings.rs` | warnings before a flight |
 //! | `waypoint_file.rs` | the trajectory of a configuration |
 //!
 //! [`Cycle`] is pure; [`run`] wires it to the bus.
@@ -44,7 +49,7 @@ mod flight_room;
 mod floor;
 mod gate;
 mod guard;
-mod intake;
+mod input_record;
 mod limits;
 mod loop_health;
 mod mission;
@@ -78,7 +83,7 @@ use background::DaemonWorker;
 pub use background::{Condition, LoopHandle, OperatorRequests, loop_handoff};
 pub use command::{RotationCommand, VehicleCommand};
 pub use command_model::CommandModel;
-pub use cycle::{AtStart, Cycle, Tick};
+pub use cycle::{AutoTakeoff, Cycle, Tick};
 pub use fence::Fence;
 use flight_marker::FlightMarker;
 pub use flight_room::require_room;
@@ -89,7 +94,7 @@ pub use loop_health::LoopHealth;
 pub use mission::ActiveMission;
 pub use pose_noise::PoseNoise;
 pub use setpoint::{CheckedSetpoint, SetpointGuard};
-pub use stack::{ControlOutput, ControlStack, ControlStep, FlightStack};
+pub use stack::{ControlInput, ControlOutput, ControlStack};
 pub use supervisor::{Ending, LIMITS, SafetyConditions, SafetyRow, Supervisor};
 pub use turn::{DaemonPorts, DaemonTurn};
 pub use vehicle::VehicleWatch;
@@ -122,7 +127,7 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
             let marker = FlightMarker::of(bus.paths());
             let stays = context.config.safety.arm_at_start && !marker.set();
             if stays {
-                cycle.stay_at_start();
+                cycle.cancel_auto_takeoff();
             }
             ports.announce_start(started_at, stays)?;
             context.enter_realtime();
@@ -157,7 +162,7 @@ pub fn require_stack(config: &Config) -> Result<(), Failure> {
 /// The trajectory of `config`, which fits inside the fence.
 fn fitting_trajectory(config: &Config) -> Result<Trajectory, Failure> {
     let trajectory = trajectory(config)?;
-    // What is only observed is not flown.
+    // A recording is only observed.
     if !config.safety.observe_only {
         require_room(config, &trajectory, None)?;
     }

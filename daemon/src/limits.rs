@@ -119,14 +119,8 @@ impl FlightLimits {
         }
     }
 
-    /// The weight of the vehicle \[N\].
-    #[must_use]
-    pub fn weight_n(&self) -> f64 {
-        self.weight
-    }
-
     /// Fills in the conditions of the flight.
-    pub fn judge(&self, flight: &FlightView, conditions: &mut LimitConditions) {
+    pub fn check(&self, flight: &FlightView, conditions: &mut LimitConditions) {
         let FlightView { motion: Track { motion, .. }, floor_m, reference, thrust_n, is_descent } =
             *flight;
         let upright = motion.attitude.to_world(&Vector3::z()).z;
@@ -151,8 +145,8 @@ impl FlightLimits {
         conditions.lies_on_floor = is_on_floor && is_above && thrust_n > 0.0;
     }
 
-    /// Fills in the conditions of the vehicle; numbers that it does not know are not judged.
-    pub fn judge_vehicle(&self, vehicle: &VehicleV1, conditions: &mut LimitConditions) {
+    /// Fills in the conditions of the vehicle; an unknown number exceeds no limit.
+    pub fn check_vehicle(&self, vehicle: &VehicleV1, conditions: &mut LimitConditions) {
         conditions.battery_low = self.is_battery_low(vehicle);
         conditions.battery_empty = vehicle.battery_v < self.battery_empty;
         conditions.link_poor = vehicle.link_quality < self.link_poor;

@@ -12,9 +12,9 @@ const LOSS_WINDOW: f64 = 300.0;
 /// Frames of the cameras so far.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct TickFrames {
-    /// Those whose pose was accepted \[-\].
+    /// Frames whose pose was accepted \[-\].
     pub accepted: u64,
-    /// Those that were lost or whose pose was refused \[-\].
+    /// Frames that were lost, or whose pose was refused \[-\].
     pub bad: u64,
 }
 
@@ -29,7 +29,7 @@ pub struct LoopHealth {
     /// Frames of the camera in the window of the loss \[-\].
     window: f64,
     frames: TickFrames,
-    /// Share of such frames lately \[0..1\].
+    /// Share of lost and refused frames in the window \[0..1\].
     loss: f64,
     overruns: OverrunMonitor,
 }
@@ -76,7 +76,7 @@ impl LoopHealth {
     }
 
     /// Fills in the conditions of poses and loop.
-    pub fn judge(&self, conditions: &mut LimitConditions) {
+    pub fn check(&self, conditions: &mut LimitConditions) {
         conditions.poses_old = self.age > self.age_warning;
         conditions.poses_too_old = self.age > self.age_limit;
         conditions.poses_lost = self.loss > self.loss_warning;
@@ -105,7 +105,7 @@ mod tests {
             }
         }
         let mut conditions = LimitConditions::default();
-        health.judge(&mut conditions);
+        health.check(&mut conditions);
         conditions.poses_lost
     }
 

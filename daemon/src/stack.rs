@@ -1,16 +1,209 @@
-//! Control stacks: everything between accepted poses and the command to the vehicle.
-//!
-//! | file | subject |
-//! |---|---|
-//! | `flight_stack.rs` | the interface of a control stack |
-//! | `paper.rs` | the paper's: the outer loops of Fig. 16, then an attitude law |
-//! | `predictive.rs` | estimation, prediction and `oqtal-dt` |
-//! | `control_stack.rs` | the one that a configuration asks for |
+//! The control stack: from the motion of the vehicle and its reference to the command.
 
-mod control_stack;
-mod flight_stack;
-mod paper;
-mod predictive;
+use nalgebra::Vector3;
+use oqtal_config::{Config, Interface};
+use oqtal_control::controller::{
+    AttitudeLaw, AttitudeState, Controller, ControllerName, InputForm, RateInput, TorqueInput,
+};
+use oqtal_control::estimator::Estimate;
+use oqtal_control::options::OptionError;
+use oqtal_control::position::{OuterLoop, PositionCommand, PositionLoops};
+use oqtal_control::predictive::{Autopilot, Design, MotionTracker};
+use oqtal_control::scalar_pid::PidGains;
+use oqtal_control::trajectory::Reference;
 
-pub use control_stack::ControlStack;
-pub use flight_stack::{ControlOutput, ControlStep, FlightStack};
+use crate::command::{RotationCommand, VehicleCommand};
+use crate::command_model::{CommandModel, inertia};
+
+/// Greatest stick \[-\].
+const MAX_STICK: f64 = 1.0;
+
+/// Fraction of its limit above which a rotation command counts as saturated \[-\].
+const SATURATED: f64 = 1.0 - 1e-9;
+
+/// Input of the control stack in one tick.
+#[derive(Clone, Copy, Debug)]
+pub struct ControlInput<'a> {
+    /// The present instant \[s since the clock's origin\].
+    pub now_s: f64,
+    /// Time since the last tick \[s\].
+    pub dt_s: f64,
+    /// The motion estimated from poses, for a law of the paper.
+    pub estimate: Estimate,
+    /// The predicted motion, for a law that flies on it.
+    pub tracker: &'a MotionTracker,
+    /// The reference.
+    pub reference: &'a Reference,
+}
+
+/// Output of the control stack in one tick.
+#[derive(Clone, Copy, Debug)]
+pub struct ControlOutput {
+    /// The setpoint of the outer loops.
+    pub setpoint: PositionCommand,
+    /// The command to the vehicle.
+    pub command: VehicleCommand,
+    /// Whether the rotation command is at its limit.
+    pub saturated: bool,
+}
+
+/// The control stack, in the form that the vehicle takes. No method but the constructor allocates.
+// Not boxed: the cache warm-up copies the stack, and a copy must not allocate.
+#[derive(Clone, Debug)]
+#[allow(clippy::large_enum_variant)]
+pub enum ControlStack {
+    /// Sticks out, and the attitude that they bring about.
+    Rate(Stack<RateInput>),
+    /// Torque out.
+    Torque(Stack<TorqueInput>),
+}
+
+/// The control stack of a vehicle commanded through `I`.
+#[derive(Clone, Debug)]
+pub struct Stack<I> {
+    loops: Loops<I>,
+    /// Limit of each component of the rotation command \[as the command\].
+    limit: f64,
+}
+
+#[derive(Clone, Debug)]
+#[allow(clippy::large_enum_variant)]
+enum Loops<I> {
+    /// The six PIDs of Fig. 16, then an attitude law, on the motion estimated from poses.
+    Paper(PositionLoops, Controller<I>),
+    /// Position law and attitude law on the predicted motion.
+    Predictive(Autopilot<I>),
+}
+
+impl ControlStack {
+    /// The stack of `config`.
+    ///
+    /// # Errors
+    /// An option of the law or of the vehicle is not allowed.
+    pub fn new(config: &Config) -> Result<Self, OptionError> {
+        let vehicle = &config.vehicle;
+        let of_vehicle = |error: OptionError| error.within("vehicle");
+        match vehicle.interface {
+            Interface::Rate | Interface::Attitude => {
+                let input = RateInput::new(Vector3::from(vehicle.rate_authority_rad_s));
+                // Of the laws in the paper's loops, only a feed-forward of the reference's acceleration uses the lag.
+                let lag_s = vehicle.rate_lag_ms * 1e-3;
+                let period_s = 1.0 / config.control.rate_hz;
+                let input = input.and_then(|input| input.with_lag(lag_s, period_s));
+                // The attitude loop on board takes the place of the sticks, which limit nothing then.
+                let holds_attitude = vehicle.interface.holds_attitude();
+                let limit = if holds_attitude { f64::INFINITY } else { MAX_STICK };
+                Stack::new(config, input.map_err(of_vehicle)?, limit).map(Self::Rate)
+            }
+            Interface::Torque => {
+                let limit = vehicle.max_torque_nm;
+                let input = TorqueInput::new(inertia(vehicle)?, limit).map_err(of_vehicle)?;
+                Stack::new(config, input, limit).map(Self::Torque)
+            }
+        }
+    }
+
+    /// The output for `input`; `None` if the law has no motion to work with.
+    pub fn compute(&mut self, input: &ControlInput) -> Option<ControlOutput> {
+        match self {
+            Self::Rate(stack) => stack.compute(input),
+            Self::Torque(stack) => stack.compute(input),
+        }
+    }
+
+    /// Replaces the gains of one of the outer loops of Fig. 16; without effect on a stack that has others.
+    pub fn set_loop(&mut self, which: OuterLoop, gains: PidGains) {
+        match self {
+            Self::Rate(stack) => stack.set_loop(which, gains),
+            Self::Torque(stack) => stack.set_loop(which, gains),
+        }
+    }
+
+    /// Resets integrators and filters for a new flight. Counters are kept.
+    pub fn reset(&mut self) {
+        match self {
+            Self::Rate(stack) => stack.reset(),
+            Self::Torque(stack) => stack.reset(),
+        }
+    }
+
+    /// Number of Riccati equations solved so far, and of those without a solution, at which the law keeps its last gain \[-\].
+    #[must_use]
+    pub fn riccati_counts(&self) -> [u32; 2] {
+        match self {
+            Self::Rate(stack) => stack.riccati_counts(),
+            Self::Torque(stack) => stack.riccati_counts(),
+        }
+    }
+}
+
+impl<I: InputForm + Copy> Stack<I>
+where
+    I::Command: Into<RotationCommand>,
+{
+    fn new(config: &Config, input: I, limit: f64) -> Result<Self, OptionError> {
+        let control = &config.control;
+        let law = || Controller::new(control, input).map_err(|error| error.within("control"));
+        let loops = if control.is_predictive() {
+            let model = CommandModel::new(config)?.model;
+            let design = Design { model, input, period_s: 1.0 / control.rate_hz };
+            let autopilot =
+                Autopilot::new(design, control.oqtal_dt, &control.predictive, &config.position)
+                    .map_err(|error| error.within("control.oqtal-dt"))?;
+            Loops::Predictive(match control.controller {
+                ControllerName::OqtalDt => autopilot,
+                _ => autopilot.with_law(law()?),
+            })
+        } else {
+            let (vehicle, options) = (&config.vehicle, &config.position);
+            let position = PositionLoops::new(options, vehicle.mass_kg, vehicle.gravity_m_s2);
+            Loops::Paper(position, law()?)
+        };
+        Ok(Self { loops, limit })
+    }
+
+    fn compute(&mut self, input: &ControlInput) -> Option<ControlOutput> {
+        let ControlInput { now_s, dt_s, estimate, tracker, reference } = input;
+        let (setpoint, rotation, attitude) = match &mut self.loops {
+            Loops::Paper(position, law) => {
+                let setpoint = position.update(estimate, reference, *dt_s);
+                let state = AttitudeState { attitude: estimate.attitude, rate: estimate.rate };
+                let rotation = law.update(&state, &setpoint.attitude, *dt_s);
+                (setpoint, rotation, setpoint.attitude.attitude)
+            }
+            Loops::Predictive(autopilot) => {
+                let output = autopilot.compute(*now_s, tracker, reference)?;
+                (output.setpoint, I::command_from(output.u), output.attitude)
+            }
+        };
+        let rotation: RotationCommand = rotation.into();
+        let command = VehicleCommand::Armed { rotation, thrust_n: setpoint.thrust_n, attitude };
+        let saturated = rotation.vector().amax() / self.limit >= SATURATED;
+        Some(ControlOutput { setpoint, command, saturated })
+    }
+
+    fn set_loop(&mut self, which: OuterLoop, gains: PidGains) {
+        if let Loops::Paper(position, _) = &mut self.loops {
+            position.set_gains(which, gains);
+        }
+    }
+
+    fn reset(&mut self) {
+        match &mut self.loops {
+            Loops::Paper(position, law) => {
+                position.reset();
+                law.reset();
+            }
+            Loops::Predictive(autopilot) => autopilot.reset(),
+        }
+    }
+
+    fn riccati_counts(&self) -> [u32; 2] {
+        match &self.loops {
+            Loops::Paper(_, law) => [law.riccati_solves(), law.failed_solves()],
+            Loops::Predictive(autopilot) => {
+                [autopilot.riccati_solves(), autopilot.riccati_failures()]
+            }
+        }
+    }
+}

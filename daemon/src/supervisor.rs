@@ -40,7 +40,7 @@ pub struct SafetyConditions {
     pub limits: LimitConditions,
 }
 
-/// How an active row ends.
+/// End of an active row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
     /// An operator arms again, with good poses and a vehicle that answers.
@@ -58,7 +58,7 @@ pub enum Ending {
 pub struct SafetyRow {
     /// Row of docs/faults.md.
     pub id: &'static str,
-    /// Cause that is told; `None` for the cause for which the poses are missing.
+    /// Reported cause; `None` for the cause for which the poses are missing.
     pub cause: Option<Cause>,
     /// The condition.
     pub when: fn(&SafetyConditions) -> bool,

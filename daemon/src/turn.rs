@@ -13,7 +13,7 @@ use oqtal_runtime::turn::{Turn, TurnClock};
 
 use crate::background::{Condition, LoopHandle};
 use crate::cycle::Cycle;
-use crate::intake;
+use crate::input_record;
 use crate::warmup::CacheWarmup;
 
 /// The daemon's ports in the loop.
@@ -70,7 +70,7 @@ impl<T: Transport> DaemonPorts<T> {
     /// # Errors
     /// The transport failed.
     pub fn announce_start(&mut self, now: Time, stays: bool) -> Result<(), BusError> {
-        self.inputs.send(0, Stamps::default(), intake::start(now, stays)).map(drop)
+        self.inputs.send(0, Stamps::default(), input_record::start(now, stays)).map(drop)
     }
 }
 
@@ -94,7 +94,7 @@ impl<T: Transport> DaemonTurn<T> {
         while let Some((command, response)) =
             handle.poll_request(|command| cycle.request(now, command))
         {
-            let request = intake::request(now, command, &response);
+            let request = input_record::request(now, command, &response);
             ports.inputs.send(
                 0,
                 Stamps::default(),
@@ -114,7 +114,11 @@ impl<T: Transport> DaemonTurn<T> {
         command: OperatorCommand,
     ) -> Result<ControlResponseV1, BusError> {
         let response = self.cycle.request(now, command);
-        self.ports.inputs.send(0, Stamps::default(), intake::request(now, command, &response))?;
+        self.ports.inputs.send(
+            0,
+            Stamps::default(),
+            input_record::request(now, command, &response),
+        )?;
         Ok(response)
     }
 }
@@ -131,11 +135,11 @@ impl<T: Transport> Turn for DaemonTurn<T> {
         let arrival = ports.poses.latest()?;
         // Read after the pose was taken, so that no later stamp is earlier than the pose.
         let now = clock.now();
-        let heard = ports.vehicles.latest()?;
-        if let Some((header, vehicle)) = &heard {
-            cycle.hear(now, header, vehicle);
+        let vehicle = ports.vehicles.latest()?;
+        if let Some((header, vehicle)) = &vehicle {
+            cycle.receive_vehicle(now, header, vehicle);
         }
-        let mut input = intake::of(now, arrival.as_ref(), heard.as_ref());
+        let mut input = input_record::of(now, arrival.as_ref(), vehicle.as_ref());
         input.configs_differ = u8::from(configs_differ);
         if ports.stop.is_newly_raised() {
             cycle.request(now, OperatorCommand::Stop);
@@ -152,14 +156,14 @@ impl<T: Transport> Turn for DaemonTurn<T> {
             let telemetry = cycle.report(&stamps, sequence);
             ports.telemetry.send(tick.pose_sequence, stamps, *telemetry)?;
             input.command_sequence = sequence;
-            handle.publish_status(Condition::of(cycle.telemetry(), cycle.at_start()));
+            handle.publish_status(Condition::of(cycle.telemetry(), cycle.auto_takeoff()));
         } else if warmup.perform(now, cycle) {
             ports.commands.warm_up();
         }
         arrival.iter().for_each(|arrival| warmup.expect(now, arrival));
-        heard.iter().for_each(|heard| warmup.hear(heard));
-        if intake::is_worth_recording(&input) {
-            ports.publish_copies(arrival.as_ref(), heard.as_ref(), &mut input)?;
+        vehicle.iter().for_each(|vehicle| warmup.receive_vehicle(vehicle));
+        if input_record::is_worth_recording(&input) {
+            ports.publish_copies(arrival.as_ref(), vehicle.as_ref(), &mut input)?;
             ports.inputs.send(0, Stamps::default(), input)?;
         }
         self.execute_requests(now, configs_differ)

@@ -1,4 +1,4 @@
-//! The daemon's knowledge of the vehicle: whether it answers, whether its motors are being started, whether it is simulated.
+//! Monitor of the vehicle: whether it answers, whether its motors are being started, whether it is simulated.
 
 use oqtal_bus::code::ControlHolder;
 use oqtal_bus::message::VehicleV1;
@@ -12,7 +12,8 @@ pub struct VehicleWatch {
     silence: Span,
     /// Start-up time-out: motors that are not running after this time count as failed.
     start: Span,
-    heard: Option<(Time, VehicleV1)>,
+    /// The last message, with the instant of its receipt.
+    last: Option<(Time, VehicleV1)>,
     answered_at: Option<Time>,
     /// Last instant since the start of the flight at which the motors were reported running.
     ran_at: Option<Time>,
@@ -20,10 +21,11 @@ pub struct VehicleWatch {
     awaited_since: Option<Time>,
     /// Whether the motors were reported starting since the start of the flight.
     were_starting: bool,
-    /// The process that published last, and whether it is another than when the flight began.
-    speaker: Option<u64>,
+    /// The process that published the last message.
+    source: Option<u64>,
     /// Number of the last message.
     number: u64,
+    /// Whether the source has changed since the start of the flight.
     is_replaced: bool,
 }
 
@@ -35,12 +37,12 @@ impl VehicleWatch {
         Self {
             silence: millis(options.vehicle_silence_ms),
             start: millis(options.motor_start_ms),
-            heard: None,
+            last: None,
             answered_at: None,
             ran_at: None,
             awaited_since: None,
             were_starting: false,
-            speaker: None,
+            source: None,
             number: 0,
             is_replaced: false,
         }
@@ -53,10 +55,10 @@ impl VehicleWatch {
     }
 
     /// Takes a message about the vehicle, published by process `source`, at `now`.
-    pub fn hear(&mut self, now: Time, source: u64, vehicle: &VehicleV1) {
-        self.is_replaced |= self.speaker.is_some_and(|speaker| speaker != source);
-        self.speaker = Some(source);
-        self.heard = Some((now, *vehicle));
+    pub fn receive(&mut self, now: Time, source: u64, vehicle: &VehicleV1) {
+        self.is_replaced |= self.source.is_some_and(|known| known != source);
+        self.source = Some(source);
+        self.last = Some((now, *vehicle));
         if vehicle.link != 0 {
             self.answered_at = Some(now);
         }
@@ -74,23 +76,23 @@ impl VehicleWatch {
         (self.were_starting, self.awaited_since) = (false, Some(now));
     }
 
-    /// The process that published last.
+    /// The process that published the last message.
     #[must_use]
-    pub fn speaker(&self) -> Option<u64> {
-        self.speaker
+    pub fn source(&self) -> Option<u64> {
+        self.source
     }
 
     /// Whether the vehicle answers, by the last message, which is not too old.
     #[must_use]
     pub fn answers(&self, now: Time) -> bool {
-        !self.is_old(now, self.heard.map(|(at, _)| at))
-            && self.heard.is_some_and(|(_, vehicle)| vehicle.link != 0)
+        !self.is_old(now, self.last.map(|(at, _)| at))
+            && self.last.is_some_and(|(_, vehicle)| vehicle.link != 0)
     }
 
     /// The last message about the vehicle, if it answers.
     #[must_use]
     pub fn answer(&self, now: Time) -> Option<&VehicleV1> {
-        self.heard.as_ref().map(|(_, vehicle)| vehicle).filter(|_| self.answers(now))
+        self.last.as_ref().map(|(_, vehicle)| vehicle).filter(|_| self.answers(now))
     }
 
     /// Whether a flight must end: no reply for too long, motors that stopped or do not start, or a bridge that was restarted and
@@ -101,23 +103,23 @@ impl VehicleWatch {
         stands || self.is_replaced || self.is_old(now, self.answered_at) || self.does_not_start(now)
     }
 
-    /// Whether another than the bridge has control of the vehicle, by the last message.
+    /// Whether a pilot or the vehicle itself has control, by the last message.
     #[must_use]
     pub fn control_is_taken(&self) -> bool {
         let another = ControlHolder::Another.code();
-        self.heard.is_some_and(|(_, vehicle)| vehicle.control == another)
+        self.last.is_some_and(|(_, vehicle)| vehicle.control == another)
     }
 
     /// Whether the flight waits for the motors: while they are being started, and with a real vehicle until they run.
     #[must_use]
     pub fn holds_flight(&self) -> bool {
         let waits = |vehicle: &VehicleV1| vehicle.starting != 0 || vehicle.simulated == 0;
-        self.ran_at.is_none() && self.heard.is_some_and(|(_, vehicle)| waits(&vehicle))
+        self.ran_at.is_none() && self.last.is_some_and(|(_, vehicle)| waits(&vehicle))
     }
 
     /// Whether the start of the motors was given up or takes too long, if they have not run yet.
     fn does_not_start(&self, now: Time) -> bool {
-        let (None, Some(since), Some((_, vehicle))) = (self.ran_at, self.awaited_since, self.heard)
+        let (None, Some(since), Some((_, vehicle))) = (self.ran_at, self.awaited_since, self.last)
         else {
             return false;
         };
@@ -128,7 +130,7 @@ impl VehicleWatch {
     /// Whether the vehicle is simulated; `None` before the first message.
     #[must_use]
     pub fn is_simulated(&self) -> Option<bool> {
-        self.heard.map(|(_, vehicle)| vehicle.simulated != 0)
+        self.last.map(|(_, vehicle)| vehicle.simulated != 0)
     }
 
     fn is_old(&self, now: Time, instant: Option<Time>) -> bool {
@@ -171,10 +173,10 @@ mod tests {
     }
 
     #[test]
-    fn a_vehicle_is_silent_before_its_first_word_and_after_its_last() {
+    fn a_vehicle_is_silent_before_its_first_message_and_after_its_last() {
         let mut watch = watch();
         assert!(!watch.answers(at(0)) && watch.is_lost(at(0)));
-        watch.hear(at(0), BRIDGE, &WELL);
+        watch.receive(at(0), BRIDGE, &WELL);
         assert!(watch.answers(at(500)) && !watch.is_lost(at(500)));
         assert!(!watch.answers(at(501)) && watch.is_lost(at(501)));
     }
@@ -190,34 +192,34 @@ mod tests {
     #[test]
     fn a_broken_link_keeps_on_the_ground_at_once_and_ends_a_flight_later() {
         let mut watch = watch();
-        watch.hear(at(0), BRIDGE, &WELL);
-        watch.hear(at(400), BRIDGE, &VehicleV1 { link: 0, ..WELL });
+        watch.receive(at(0), BRIDGE, &WELL);
+        watch.receive(at(400), BRIDGE, &VehicleV1 { link: 0, ..WELL });
         assert!(!watch.answers(at(400)) && !watch.is_lost(at(400)));
-        assert!(watch.is_lost(at(501)), "a bridge that speaks is not a vehicle that answers");
+        assert!(watch.is_lost(at(501)), "a bridge that publishes is not a vehicle that answers");
     }
 
     #[test]
     fn f18_a_bridge_restarted_in_flight_loses_the_vehicle_however_quick_it_is() {
         let mut watch = watch();
-        watch.hear(at(0), BRIDGE, &WELL);
+        watch.receive(at(0), BRIDGE, &WELL);
         watch.begin_flight(at(0));
-        watch.hear(at(17), BRIDGE, &WELL);
+        watch.receive(at(17), BRIDGE, &WELL);
         assert!(!watch.is_lost(at(17)));
-        watch.hear(at(34), BRIDGE + 1, &WELL);
+        watch.receive(at(34), BRIDGE + 1, &WELL);
         assert!(watch.is_lost(at(34)) && watch.answers(at(34)));
         watch.begin_flight(at(34));
         assert!(!watch.is_lost(at(34)));
     }
 
     #[test]
-    fn motors_are_waited_for_once_and_when_they_stand_again_the_vehicle_is_lost() {
+    fn motors_are_awaited_once_and_when_they_stop_again_the_vehicle_is_lost() {
         let mut watch = watch();
         let starting = VehicleV1 { starting: 1, ..WELL };
-        watch.hear(at(0), BRIDGE, &starting);
+        watch.receive(at(0), BRIDGE, &starting);
         assert!(watch.holds_flight() && !watch.is_lost(at(0)));
-        watch.hear(at(10), BRIDGE, &VehicleV1 { armed: 1, ..WELL });
+        watch.receive(at(10), BRIDGE, &VehicleV1 { armed: 1, ..WELL });
         assert!(!watch.holds_flight());
-        watch.hear(at(500), BRIDGE, &starting);
+        watch.receive(at(500), BRIDGE, &starting);
         assert!(!watch.holds_flight() && !watch.is_lost(at(510)));
         assert!(watch.is_lost(at(511)));
         watch.begin_flight(at(511));

@@ -15,7 +15,7 @@ pub struct CacheWarmup {
     lead: Option<Span>,
     period: Span,
     last: Option<(Header, PoseV1)>,
-    heard: Option<(Header, VehicleV1)>,
+    vehicle: Option<(Header, VehicleV1)>,
     due: Option<Time>,
 }
 
@@ -23,7 +23,7 @@ impl CacheWarmup {
     /// No warm-up, as in virtual time, in which computation takes no time.
     #[must_use]
     pub fn never() -> Self {
-        Self { lead: None, period: Span::ZERO, last: None, heard: None, due: None }
+        Self { lead: None, period: Span::ZERO, last: None, vehicle: None, due: None }
     }
 
     /// The warm-up that `config` sets by `realtime.warmup-us`.
@@ -42,10 +42,10 @@ impl CacheWarmup {
         }
     }
 
-    /// Takes the state of the vehicle, which a tick usually comes with.
-    pub fn hear(&mut self, vehicle: &(Header, VehicleV1)) {
+    /// Takes the state of the vehicle, which usually arrives before a tick.
+    pub fn receive_vehicle(&mut self, vehicle: &(Header, VehicleV1)) {
         if self.lead.is_some() {
-            self.heard = Some(*vehicle);
+            self.vehicle = Some(*vehicle);
         }
     }
 
@@ -77,8 +77,8 @@ impl CacheWarmup {
             ..header
         };
         let mut copy = cycle.clone();
-        if let Some((header, vehicle)) = &self.heard {
-            copy.hear(due + lead, header, vehicle);
+        if let Some((header, vehicle)) = &self.vehicle {
+            copy.receive_vehicle(due + lead, header, vehicle);
         }
         let tick = copy.step(due + lead, Some(&(header, pose)));
         black_box(tick.map(|tick| *copy.report(&tick.stamps, 0)));
@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rehearsal_comes_once_before_each_pose_and_leaves_no_trace() {
+    fn a_warm_up_comes_once_before_each_pose_and_changes_nothing() {
         let start = Time::VIRTUAL_START;
         let cycle = cycle(start);
         let before = format!("{cycle:?}");
@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_lead_nothing_is_rehearsed() {
+    fn without_a_lead_there_is_no_warm_up() {
         let now = Time::VIRTUAL_START;
         let mut warmup = CacheWarmup::never();
         warmup.expect(now, &arrival(now));

@@ -9,7 +9,7 @@ use oqtal_bus::code::{
 use oqtal_bus::message::{CommandV1, Header, VehicleV1};
 use oqtal_bus::time::Span;
 use oqtal_config::Setting;
-use oqtal_daemon::{AtStart, Tick};
+use oqtal_daemon::{AutoTakeoff, Tick};
 
 #[test]
 fn arming_is_refused_while_the_vehicle_is_silent_and_a_flight_that_waits_waits_for_it() {
@@ -242,14 +242,14 @@ fn arming_itself(simulated: u8) -> Bench {
 #[test]
 fn a_daemon_that_arms_at_start_flies_once_and_only_what_is_simulated() {
     for (simulated, outcome, mode) in
-        [(1, AtStart::Taken, Mode::Flying), (0, AtStart::Refused, Mode::Disarmed)]
+        [(1, AutoTakeoff::Started, Mode::Flying), (0, AutoTakeoff::Refused, Mode::Disarmed)]
     {
         let mut bench = arming_itself(simulated);
-        assert_eq!(bench.cycle.at_start(), AtStart::Awaited);
+        assert_eq!(bench.cycle.auto_takeoff(), AutoTakeoff::Pending);
         for _ in 0..20 {
             bench.show(still(bench.frame));
         }
-        assert_eq!(bench.cycle.at_start(), outcome);
+        assert_eq!(bench.cycle.auto_takeoff(), outcome);
         assert_eq!(bench.mode(), Some(mode));
         bench.cycle.request(bench.now, OperatorCommand::Stop);
         bench.vehicle.simulated = 1;
@@ -267,7 +267,7 @@ fn a_flight_at_start_is_called_off_like_any_other() {
         for _ in 0..20 {
             assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());
         }
-        assert_eq!(bench.cycle.at_start(), AtStart::Nothing);
+        assert_eq!(bench.cycle.auto_takeoff(), AutoTakeoff::None);
     }
 }
 
@@ -291,10 +291,10 @@ fn f18_a_vehicle_swapped_while_a_flight_at_start_waits_does_not_fly_by_itself() 
     for (first, second) in [(WELL, REAL), (REAL, WELL)] {
         let mut bench = arming_itself(first.simulated);
         blind(&mut bench);
-        (bench.vehicle, bench.speaker) = (second, 2);
+        (bench.vehicle, bench.source) = (second, 2);
         blind(&mut bench);
         stays_on_the_ground(&mut bench);
-        assert_eq!(bench.cycle.at_start(), AtStart::Refused);
+        assert_eq!(bench.cycle.auto_takeoff(), AutoTakeoff::Refused);
     }
 }
 
@@ -305,8 +305,8 @@ fn f18_the_tick_that_takes_off_by_itself_asks_whether_the_vehicle_is_simulated()
         bench.show(still(bench.frame));
     }
     let header = Header { source: 2, ..Header::default() };
-    bench.cycle.hear(bench.now, &header, &REAL);
-    (bench.vehicle, bench.speaker) = (REAL, 2);
+    bench.cycle.receive_vehicle(bench.now, &header, &REAL);
+    (bench.vehicle, bench.source) = (REAL, 2);
     stays_on_the_ground(&mut bench);
 }
 
@@ -319,7 +319,7 @@ fn f18_a_flight_asked_for_is_not_flown_with_another_vehicle_than_was_there() {
         bench.cycle.request(bench.now, OperatorCommand::Fly);
         blind(&mut bench);
         assert_eq!(bench.mode(), Some(Mode::Waiting));
-        (bench.vehicle, bench.speaker) = (second, 2);
+        (bench.vehicle, bench.source) = (second, 2);
         blind(&mut bench);
         assert_eq!(bench.state(), Some(SafetyState::Stop));
         assert_eq!(bench.cycle.telemetry().cause, Cause::NoVehicle.code());

@@ -105,7 +105,7 @@ impl ReplayBench {
         let mut cycle = Cycle::new(config, trajectory.clone(), start.input.time)
             .map_err(|error| config.locate(&error))?;
         if start.input.stays == 1 {
-            cycle.stay_at_start();
+            cycle.cancel_auto_takeoff();
         }
         let (handle, requests) = loop_handoff();
         let ports = DaemonPorts::open(&bus)?;

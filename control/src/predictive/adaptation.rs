@@ -3,7 +3,7 @@
 //! The response is estimated by a [`RotationEstimator`] within bounds about the configured one. A second estimator, whose
 //! parameters are fixed, predicts the same poses. The difference of the squares of their normalised innovations about roll and
 //! pitch, summed over some seconds, is the logarithm of the likelihood ratio of the two models: if it speaks for the fixed one,
-//! that is flown and the adaptation begins anew; the adapted one is flown again once it has been as good for a while. The thrust
+//! that is flown and the adaptation restarts; the adapted one is flown again once it has been as good for a while. The thrust
 //! follows the vertical acceleration that the position filter would otherwise explain by a force: with a thrust other than
 //! configured, or a mass, horizontal accelerations are wrong by the same factor. A force passes and a thrust stays: the longer
 //! the flight, the more slowly the thrust follows.
@@ -72,7 +72,7 @@ impl AdaptedModel {
     }
 }
 
-/// The two estimators of the rotation, and which of them is trusted.
+/// The two estimators of the rotation, with the evidence for each.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Rotating {
     adapted: RotationEstimator,
@@ -118,8 +118,8 @@ impl Adaptation {
         }
     }
 
-    /// Forgets what was learnt: the next flight may have another battery, load or vehicle.
-    pub fn land(&mut self) {
+    /// Discards the adapted parameters.
+    pub fn reset(&mut self) {
         *self = Self::new(&self.options, &self.filter, &self.nominal);
     }
 
@@ -210,11 +210,11 @@ impl Rotating {
         let worse = (squares[0] - squares[1]) / (2.0 * variance);
         // A sum that does not fall below zero tells a change soon (Page, Biometrika 41, 1954).
         self.evidence = (self.evidence * kept + worse).max(0.0);
-        self.judge(dt_s);
+        self.select_model(dt_s);
     }
 
-    /// Chooses the model that is flown.
-    fn judge(&mut self, dt_s: f64) {
+    /// Selects the model that is flown.
+    fn select_model(&mut self, dt_s: f64) {
         self.probation_s = match self.probation_s {
             _ if self.evidence > WORSE => {
                 self.adapted = self.adapted.restarted(&self.fixed);

@@ -7,15 +7,13 @@
 
 use nalgebra::{Matrix3, Matrix3x1, Vector3};
 
-use super::kalman::{Covariance, StateTransition};
+use super::kalman::{AxisFilter, StateTransition};
 use super::model::{Motion, Rotation};
 use super::options::FilterOptions;
 use crate::linear::discretise;
-use crate::quaternion::Attitude;
 
 /// Standard deviations at take-off: of rate \[rad/s\] and bias \[as the demand\].
-const INITIAL_RATE: f64 = 0.1;
-const INITIAL_BIAS: f64 = 0.05;
+const INITIAL: [f64; 2] = [0.1, 0.05];
 
 /// Limit of each bias component \[as the demand\].
 const BIAS_LIMIT: f64 = 1.0;
@@ -23,42 +21,17 @@ const BIAS_LIMIT: f64 = 1.0;
 /// Kalman filter of the attitude error. The motion that it corrects is passed in.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AttitudeFilter {
-    noise: f64,
-    rate_walk: f64,
-    bias_walk: f64,
-    covariance: Covariance,
-    bias: Vector3<f64>,
+    /// Covariance of `[theta; omega; d]` about each axis, and `d`, the bias of the demand \[rad/s or rad/s^2, body axes\].
+    pub axis: AxisFilter,
 }
 
 impl AttitudeFilter {
     /// A filter with zero bias.
     #[must_use]
     pub fn new(options: &FilterOptions) -> Self {
+        let walks = [options.rate_walk_rad_s, options.demand_bias_walk];
         let noise = options.attitude_noise_deg.to_radians();
-        Self {
-            noise,
-            rate_walk: options.rate_walk_rad_s,
-            bias_walk: options.demand_bias_walk,
-            covariance: Covariance::of([noise, INITIAL_RATE, INITIAL_BIAS]),
-            bias: Vector3::zeros(),
-        }
-    }
-
-    /// Sets the bias to zero.
-    pub fn forget_bias(&mut self) {
-        self.bias = Vector3::zeros();
-    }
-
-    /// `d`: the bias of the demand \[rad/s or rad/s^2, body axes\].
-    #[must_use]
-    pub fn bias(&self) -> &Vector3<f64> {
-        &self.bias
-    }
-
-    /// The covariance of `[theta; omega; d]` about each axis.
-    #[must_use]
-    pub fn covariance(&self) -> &Covariance {
-        &self.covariance
+        Self { axis: AxisFilter::new(noise, INITIAL, walks, BIAS_LIMIT) }
     }
 
     /// Transition of the error over `dt_s` \[s\].
@@ -90,53 +63,20 @@ impl AttitudeFilter {
                 0.0, 0.0, 1.0,
             ),
         };
-        StateTransition::new(f, self.rate_walk, self.bias_walk, h)
+        StateTransition::new(f, self.axis.walks(), h)
     }
 
-    /// Propagates the covariance over `dt_s` \[s\].
-    pub fn predict(&mut self, rotation: &Rotation, dt_s: f64) {
-        let transition = self.transition(rotation, dt_s);
-        self.covariance.predict(&transition);
-    }
-
-    /// Variance of the next innovation about each axis \[rad^2\].
-    #[must_use]
-    pub fn innovation_variance(&self) -> f64 {
-        self.covariance.0[(0, 0)] + self.noise * self.noise
-    }
-
-    /// Corrects `motion` by the attitude measured; returns the innovation \[rad, body axes\].
-    pub fn correct(&mut self, motion: &mut Motion, measured: &Attitude) -> Vector3<f64> {
-        let innovation = motion.attitude.rotation_to(measured);
-        self.correct_by(motion, &innovation, self.noise);
-        innovation
-    }
-
-    /// Corrects `motion` by this innovation \[rad, body axes\], of a measurement with standard deviation `noise` \[rad\].
-    pub fn correct_by(&mut self, motion: &mut Motion, innovation: &Vector3<f64>, noise: f64) {
-        let gain = self.covariance.correct(noise);
-        self.apply(motion, innovation, &gain);
-    }
-
-    /// Corrects `motion` by this innovation \[rad, body axes\]; returns the gain from it to `[theta; omega; d]`.
-    pub fn correct_with_gain(
+    /// Corrects `motion` by this innovation \[rad, body axes\], of a measurement with standard deviation `noise` \[rad\]. Returns
+    /// the gain from it to `[theta; omega; d]`.
+    pub fn correct(
         &mut self,
         motion: &mut Motion,
         innovation: &Vector3<f64>,
+        noise: f64,
     ) -> Vector3<f64> {
-        let gain = self.covariance.correct(self.noise);
-        self.apply(motion, innovation, &gain);
-        gain
-    }
-
-    /// Adds to the bias \[as the demand, body axes\].
-    pub fn shift_bias(&mut self, shift: &Vector3<f64>) {
-        self.bias = (self.bias + shift).map(|d| d.clamp(-BIAS_LIMIT, BIAS_LIMIT));
-    }
-
-    fn apply(&mut self, motion: &mut Motion, innovation: &Vector3<f64>, gain: &Vector3<f64>) {
+        let gain = self.axis.correct(innovation, noise);
         motion.attitude = motion.attitude.turned_by(innovation * gain.x);
         motion.rate += innovation * gain.y;
-        self.bias = (self.bias + innovation * gain.z).map(|d| d.clamp(-BIAS_LIMIT, BIAS_LIMIT));
+        gain
     }
 }

@@ -21,10 +21,10 @@ const LONGEST_DELAY_S: f64 = 0.25;
 const LOSS_WEIGHT: f64 = 0.01;
 
 /// Probability of a further loss after the first one, until one is measured \[-\].
-const FIRST_GUESS: f64 = 0.5;
+const INITIAL_LOSS: f64 = 0.5;
 
 /// Reduction, with each report, of the number of commands after which a report counts as overdue \[-\].
-const PATIENCE_DECAY: f64 = 0.02;
+const TIMEOUT_DECAY: f64 = 0.02;
 
 /// A command that was sent.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,10 +33,10 @@ struct Sent {
     sent_s: f64,
     acts_s: f64,
     input: ModelInput,
-    /// Whether its fate is known.
+    /// Whether it is known to act or to be lost.
     settled: bool,
-    /// Probability that it does not act \[-\].
-    doubt: f64,
+    /// Probability that it was lost \[-\].
+    loss: f64,
 }
 
 /// A vehicle's report that it applied a command.
@@ -74,10 +74,10 @@ pub struct CommandHistory {
     effect: CommandEffect,
     /// Probability of a loss after a command that arrived, and after one that was lost \[-\].
     losses: [f64; 2],
-    /// Whether the newest command of known fate was lost.
+    /// Whether the newest settled command was lost.
     last_was_lost: bool,
     /// Commands sent after one before its report arrives, at most \[-\]; `None` before the first report.
-    patience: Option<f64>,
+    report_timeout: Option<f64>,
 }
 
 impl CommandHistory {
@@ -88,9 +88,9 @@ impl CommandHistory {
             sent: Ring::new(),
             delay_s,
             effect: CommandEffect::default(),
-            losses: [0.0, FIRST_GUESS],
+            losses: [0.0, INITIAL_LOSS],
             last_was_lost: false,
-            patience: None,
+            report_timeout: None,
         }
     }
 
@@ -130,8 +130,8 @@ impl CommandHistory {
         if follows && sent_s.is_finite() {
             // Commands use one connection, so their order is kept.
             let acts_s = (sent_s + self.delay_s).max(newest.map_or(sent_s, |last| last.acts_s));
-            self.sent.push(Sent { sequence, sent_s, acts_s, input, settled: false, doubt: 0.0 });
-            self.doubt_open(1);
+            self.sent.push(Sent { sequence, sent_s, acts_s, input, settled: false, loss: 0.0 });
+            self.update_losses(1);
         }
     }
 
@@ -153,16 +153,16 @@ impl CommandHistory {
         if newer < open {
             // Where reports are missed they come after more commands.
             let waited = if follows { newer } else { open };
-            let patience = self.patience.map_or(0.0, |patience| patience - PATIENCE_DECAY);
-            self.patience = Some(patience.max(waited as f64));
+            let timeout = self.report_timeout.map_or(0.0, |timeout| timeout - TIMEOUT_DECAY);
+            self.report_timeout = Some(timeout.max(waited as f64));
             self.settle(newer + 1, follows);
-            self.doubt_open(0);
+            self.update_losses(0);
         }
     }
 
     /// Counts commands as lost whose reports are overdue when the next command is to be sent.
     pub fn expect_reports(&mut self) {
-        self.doubt_open(0);
+        self.update_losses(0);
     }
 
     /// Settles the command that was sent `back` commands ago as applied, and those before it as lost, unless the vehicle may have
@@ -171,32 +171,32 @@ impl CommandHistory {
         for older in (back..=self.open_until()).rev() {
             let is_lost = follows && older > back;
             let Some(sent) = self.sent.back_mut(older) else { continue };
-            (sent.settled, sent.doubt) = (true, f64::from(u8::from(is_lost)));
+            (sent.settled, sent.loss) = (true, f64::from(u8::from(is_lost)));
             let after = &mut self.losses[usize::from(self.last_was_lost)];
             *after += LOSS_WEIGHT * (f64::from(u8::from(is_lost)) - *after);
             self.last_was_lost = is_lost;
         }
     }
 
-    /// How many commands ago the oldest one of open fate was sent \[-\]; 0 if there is none.
+    /// Number of the newest commands that are not settled \[-\].
     fn open_until(&self) -> usize {
         self.sent.newest_first().take_while(|sent| !sent.settled).count()
     }
 
-    /// Gives the commands of open fate their probabilities, from the oldest one on. `sent` is the number of commands sent since
-    /// reports were last looked for \[-\].
-    fn doubt_open(&mut self, sent: usize) {
-        let Some(patience) = self.patience else { return };
-        let overdue = patience.ceil() as usize + 1 + sent;
+    /// Sets the loss probabilities of the commands that are not settled, from the oldest one on. `sent` is the number of commands
+    /// sent since the last report was due \[-\].
+    fn update_losses(&mut self, sent: usize) {
+        let Some(timeout) = self.report_timeout else { return };
+        let overdue = timeout.ceil() as usize + 1 + sent;
         let [after_arrival, after_loss] = self.losses;
-        let mut doubt = 0.0;
+        let mut loss = 0.0;
         for back in (1..=self.open_until()).rev() {
-            doubt = doubt * after_loss + (1.0 - doubt) * after_arrival;
+            loss = loss * after_loss + (1.0 - loss) * after_arrival;
             if back >= overdue {
-                doubt = 1.0;
+                loss = 1.0;
             }
             if let Some(open) = self.sent.back_mut(back) {
-                open.doubt = doubt;
+                open.loss = loss;
             }
         }
     }
@@ -244,15 +244,15 @@ impl CommandHistory {
             acts
         });
         let Some(acting) = acting else { return (ModelInput::default(), until_s) };
-        let (mut input, mut doubt) = (acting.input, acting.doubt);
+        let (mut input, mut loss) = (acting.input, acting.loss);
         for older in commands {
-            if doubt <= 0.0 {
+            if loss <= 0.0 {
                 break;
             }
-            // What acts if the newer ones do not.
-            let share = doubt * (1.0 - older.doubt);
-            input = input.towards(&older.input, share / (1.0 - doubt + share).max(f64::EPSILON));
-            doubt *= older.doubt;
+            // The older command acts if all newer ones were lost.
+            let share = loss * (1.0 - older.loss);
+            input = input.towards(&older.input, share / (1.0 - loss + share).max(f64::EPSILON));
+            loss *= older.loss;
         }
         (input, until_s)
     }

@@ -1,4 +1,4 @@
-//! The attitude law within the autopilot: `oqtal-dt`, or any other one, so that laws can be compared in the same surroundings.
+//! The attitude law within the autopilot: `oqtal-dt`, or any other one, so that laws can be compared within the same estimation and prediction.
 
 use nalgebra::Vector3;
 

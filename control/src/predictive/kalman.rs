@@ -1,5 +1,5 @@
-//! Covariance of a Kalman filter for three identical axes, each with three states, the first of them measured. One 3
-//! by 3 matrix serves all axes.
+//! Kalman filter of the error of three identical axes, each with three states: the measured quantity, its rate and a bias that
+//! drives the rate. One 3 by 3 covariance serves all axes.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -17,7 +17,7 @@ impl StateTransition {
     /// second state and `third` in that of the third leave after `dt_s` \[s\], each in its unit per
     /// root second. The third state counts as constant in its effect on the others.
     #[must_use]
-    pub fn new(f: Matrix3<f64>, second: f64, third: f64, dt_s: f64) -> Self {
+    pub fn new(f: Matrix3<f64>, [second, third]: [f64; 2], dt_s: f64) -> Self {
         let (s, t) = (second * second * dt_s, third * third * dt_s);
         #[rustfmt::skip]
         let q = Matrix3::new(
@@ -56,5 +56,93 @@ impl Covariance {
         // Joseph's form: stays symmetric and positive semidefinite under rounding.
         self.0 = keep * self.0 * keep.transpose() + gain * gain.transpose() * r;
         gain
+    }
+}
+
+/// Covariance and bias of the error of three axes, with the noise that they are filtered with.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AxisFilter {
+    /// Standard deviation of a measurement of the first state \[unit of the first state\].
+    noise: f64,
+    /// Walk of the second and of the third state \[unit of the state per root second\].
+    walks: [f64; 2],
+    /// Limit of each component of the bias \[unit of the third state\].
+    bias_limit: f64,
+    covariance: Covariance,
+    bias: Vector3<f64>,
+}
+
+impl AxisFilter {
+    /// A filter with zero bias, of measurements with the standard deviation `noise`, whose other states have the standard deviations
+    /// `initial` and the walks `walks` \[units of the states\].
+    #[must_use]
+    pub fn new(noise: f64, initial: [f64; 2], walks: [f64; 2], bias_limit: f64) -> Self {
+        let covariance = Covariance::of([noise, initial[0], initial[1]]);
+        Self { noise, walks, bias_limit, covariance, bias: Vector3::zeros() }
+    }
+
+    /// Standard deviation of a measurement \[unit of the first state\].
+    #[must_use]
+    pub fn noise(&self) -> f64 {
+        self.noise
+    }
+
+    /// Walk of the second and of the third state \[unit of the state per root second\].
+    #[must_use]
+    pub fn walks(&self) -> [f64; 2] {
+        self.walks
+    }
+
+    /// The third state \[its unit\].
+    #[must_use]
+    pub fn bias(&self) -> &Vector3<f64> {
+        &self.bias
+    }
+
+    /// The covariance along each axis.
+    #[must_use]
+    pub fn covariance(&self) -> &Covariance {
+        &self.covariance
+    }
+
+    /// Standard deviation of the first state along each axis \[its unit\].
+    #[must_use]
+    pub fn sd(&self) -> f64 {
+        self.covariance.0[(0, 0)].sqrt()
+    }
+
+    /// Variance of the next innovation along each axis \[square of the unit of the first state\].
+    #[must_use]
+    pub fn innovation_variance(&self) -> f64 {
+        self.covariance.0[(0, 0)] + self.noise * self.noise
+    }
+
+    /// Propagates the covariance by a transition.
+    pub fn predict(&mut self, transition: &StateTransition) {
+        self.covariance.predict(transition);
+    }
+
+    /// Corrects covariance and bias by an innovation of a measurement with standard deviation `noise` \[unit of the first state\].
+    /// Returns the gain from the innovation to the three states.
+    pub fn correct(&mut self, innovation: &Vector3<f64>, noise: f64) -> Vector3<f64> {
+        let gain = self.covariance.correct(noise);
+        self.shift_bias(&(innovation * gain.z));
+        gain
+    }
+
+    /// Replaces the covariance by that of `other`.
+    pub fn set_covariance_of(&mut self, other: &Self) {
+        self.covariance = other.covariance;
+    }
+
+    /// Adds to the bias, within its limit \[unit of the third state\].
+    pub fn shift_bias(&mut self, shift: &Vector3<f64>) {
+        let limit = self.bias_limit;
+        self.bias = (self.bias + shift).map(|bias| bias.clamp(-limit, limit));
+    }
+
+    /// Sets the bias to zero.
+    pub fn reset_bias(&mut self) {
+        self.bias = Vector3::zeros();
     }
 }

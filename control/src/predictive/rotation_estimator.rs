@@ -21,7 +21,7 @@ use crate::quaternion::Attitude;
 const RATE_WALK: f64 = 0.05;
 const BIAS_WALK: f64 = 0.002;
 
-/// Time in which the estimator forgets what it knows of a parameter \[s\].
+/// Time constant with which the uncertainty of a parameter returns to its initial value \[s\].
 const MEMORY_S: f64 = 120.0;
 
 /// Least lag that is estimated \[s\]: a shorter one is over between two poses, and not to be told from none. With a bound of
@@ -61,7 +61,7 @@ impl RateResponse {
     }
 }
 
-/// What is known of a response beforehand.
+/// Prior knowledge of a response.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ResponseBounds {
     /// The response that is expected.
@@ -114,7 +114,7 @@ impl RotationEstimator {
         }
     }
 
-    /// The estimator anew, in the state of `other`.
+    /// The estimator with its initial parameters, in the state of `other`.
     #[must_use]
     pub fn restarted(&self, other: &Self) -> Self {
         let (parameters, covariance) = (self.bounds.nominal.vector(), self.bounds.covariance());
@@ -150,8 +150,9 @@ impl RotationEstimator {
     ) -> (Vector3<f64>, f64) {
         self.predict(history, interval);
         let innovation = self.motion.attitude.rotation_to(measured);
-        let variance = self.filter.innovation_variance();
-        let gain = self.filter.correct_with_gain(&mut self.motion, &innovation);
+        let variance = self.filter.axis.innovation_variance();
+        let noise = self.filter.axis.noise();
+        let gain = self.filter.correct(&mut self.motion, &innovation, noise);
         let before = self.parameters;
         for (axis, off) in innovation.iter().enumerate() {
             let slope: RowVector3<f64> = self.sensitivity[axis].row(0).into_owned();
@@ -188,7 +189,7 @@ impl RotationEstimator {
         let part = |state: usize| Vector3::from(shifts.map(|shift| shift[state]));
         self.motion.attitude = self.motion.attitude.turned_by(part(0));
         self.motion.rate += part(1);
-        self.filter.shift_bias(&part(2));
+        self.filter.axis.shift_bias(&part(2));
     }
 
     /// Propagates everything over `interval` \[s\].
@@ -204,15 +205,15 @@ impl RotationEstimator {
             ((beside_turn - turn) / step, (beside_rate - rate) / step)
         });
         let rotation = Rotation::RateLoop { lag_s: parameters.y };
-        let transition = self.filter.transition(&rotation, dt_s).f;
+        let transition = self.filter.transition(&rotation, dt_s);
         for axis in 0..3 {
             let mut forced = Matrix3::zeros();
             for (index, (of_turn, of_rate)) in slopes.iter().enumerate() {
                 (forced[(0, index)], forced[(1, index)]) = (of_turn[axis], of_rate[axis]);
             }
-            self.sensitivity[axis] = transition * self.sensitivity[axis] + forced;
+            self.sensitivity[axis] = transition.f * self.sensitivity[axis] + forced;
         }
-        self.filter.predict(&rotation, dt_s);
+        self.filter.axis.predict(&transition);
         self.motion.attitude = self.motion.attitude.turned_by(turn);
         self.motion.rate = rate;
         let forgotten = (dt_s / MEMORY_S).clamp(0.0, 1.0);
@@ -234,7 +235,7 @@ impl RotationEstimator {
             let (input, until_s) = history.reported(t_s, delay_s);
             let end_s = until_s.min(to_s);
             let duration_s = end_s - t_s;
-            let aim = input.demand * gain + self.filter.bias();
+            let aim = input.demand * gain + self.filter.axis.bias();
             let decay = (-duration_s / lag_s).exp();
             turn += aim * duration_s + (rate - aim) * (lag_s * (1.0 - decay));
             rate = aim + (rate - aim) * decay;

@@ -1,18 +1,22 @@
-//! The motion expected of a vehicle under the commands sent to it, and how far a pose may be from it.
+//! State of the motion tracker: the motion expected at an instant, with its uncertainty.
 //!
-//! A track is the state of a Kalman filter of its own, beside that of the autopilot: it serves every law, and its noise is
-//! chosen for all motions that a vehicle could make, not for the best estimate. The motion is propagated by the vehicle
-//! model through the commands in effect; the covariance grows with the time since the last pose. Close to the floor, which
-//! pushes too, velocity and rate are taken as constant.
+//! The motion is propagated by the vehicle model through the commands in effect; close to the floor, which pushes too, velocity
+//! and rate are taken as constant. Poses correct it by the gains of two Kalman filters.
 //!
-//! The innovation of a pose is its distance from the prediction in standard deviations (Bar-Shalom, Li and Kirubarajan,
-//! *Estimation with Applications to Tracking and Navigation*, 2001, section 5.4). A pose whose innovation is large
-//! corrects the track as one of larger noise (Huber, *Robust Statistics*, 1981).
+//! Two assumptions about what the model leaves out serve two purposes. *Admission* allows for every motion that wind, contact and
+//! a vehicle other than the model may cause: its covariance says how far a pose may lie from the prediction (Bar-Shalom, Li and
+//! Kirubarajan, *Estimation with Applications to Tracking and Navigation*, 2001, section 5.4). *Estimation* assumes the noise of
+//! an undisturbed flight, which gives the best estimate for a law that flies on it. A pose that the estimation does not expect is a
+//! sign that the motion has changed: it is taken with the covariance of admission, from which the filter settles again (the same,
+//! section 11.2). Laws that do not predict have the filter of admission alone.
+//!
+//! Under admission, a pose with a large innovation corrects the track as one of larger noise (Huber, *Robust Statistics*, 1981).
 
 use nalgebra::Vector3;
 
 use super::attitude_filter::AttitudeFilter;
 use super::history::CommandHistory;
+use super::kalman::AxisFilter;
 use super::model::{Bias, Motion, VehicleModel};
 use super::options::FilterOptions;
 use super::position_filter::PositionFilter;
@@ -23,11 +27,17 @@ use crate::quaternion::Attitude;
 /// Height above the floor below which the floor may push \[m\].
 const FLOOR_REACH_M: f64 = 0.05;
 
-/// Innovation above which a pose corrects the track as one of larger noise \[standard deviations\].
+/// Innovation above which a pose corrects a filter of admission as one of larger noise \[standard deviations\].
 const HUBER_SIGMA: f64 = 2.5;
 
-/// Limit of each component of the external acceleration \[m/s^2\]: wind of half the weight, or half of the thrust missing.
-const ACCELERATION_LIMIT: f64 = 8.0;
+/// Innovation that a filter of estimation does not expect \[standard deviations\]: of three axes whose noise it knows, one in 65 000
+/// poses has it.
+const UNEXPECTED_SIGMA: f64 = 5.0;
+
+/// Limit of each component of the external acceleration \[m/s^2\]: for admission, wind of half the weight, or half of the thrust
+/// missing; for a law that subtracts it from its command.
+const ADMISSION_LIMIT: f64 = 8.0;
+const ESTIMATION_LIMIT: f64 = 3.0;
 
 /// A pose as measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,7 +57,7 @@ pub struct Deviation {
     pub turn: Vector3<f64>,
 }
 
-/// Distance of a pose from its prediction.
+/// Distance of a pose from its prediction, by the covariance of admission.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Innovation {
     /// Of the position \[standard deviations\].
@@ -64,15 +74,58 @@ impl Innovation {
     }
 }
 
-/// What a track is predicted with.
+/// Difference of a pose from its prediction, by the filters of estimation. Of filters that know their noise, innovations are white
+/// and their normalised squares 1 in the mean.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FilterInnovation {
+    /// Measured position minus the expected one \[m, world\].
+    pub position: Vector3<f64>,
+    /// Rotation from the expected attitude to the measured one \[rad, body axes\].
+    pub attitude: Vector3<f64>,
+    /// Square of the position's innovation over its expected variance, mean of the axes \[-\].
+    pub position_nis: f64,
+    /// Square of the attitude's innovation over its expected variance, mean of the axes \[-\].
+    pub attitude_nis: f64,
+}
+
+/// Noise that a track is filtered with.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrackNoise {
+    /// Noise of poses and of any motion that a vehicle could make.
+    pub admission: FilterOptions,
+    /// Noise of poses and of an undisturbed flight, for a law that flies on the track; `None` if no law does.
+    pub estimation: Option<FilterOptions>,
+}
+
+/// Model, commands and floor that a track is propagated with.
 #[derive(Clone, Copy, Debug)]
-pub struct Surroundings<'a> {
+pub struct Propagation<'a> {
     /// Model of the vehicle.
     pub model: &'a VehicleModel,
     /// The commands sent.
     pub history: &'a CommandHistory,
     /// Height of the floor \[m, world z\].
     pub floor_m: f64,
+}
+
+/// The filters of attitude and position.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Filters {
+    attitude: AttitudeFilter,
+    position: PositionFilter,
+}
+
+impl Filters {
+    fn new(noise: &FilterOptions, limit: f64) -> Self {
+        Self { attitude: AttitudeFilter::new(noise), position: PositionFilter::new(noise, limit) }
+    }
+
+    /// Propagates the covariances over `dt_s` \[s\].
+    fn predict(&mut self, model: &VehicleModel, dt_s: f64) {
+        let Self { attitude, position } = self;
+        attitude.axis.predict(&attitude.transition(&model.rotation, dt_s));
+        position.axis.predict(&position.transition(model.drag_per_s, dt_s));
+    }
 }
 
 /// Expected motion at an instant with its uncertainty.
@@ -82,46 +135,55 @@ pub struct Track {
     pub t_s: f64,
     /// The motion.
     pub motion: Motion,
-    options: FilterOptions,
-    attitude: AttitudeFilter,
-    position: PositionFilter,
+    /// The filters by which poses correct the motion.
+    filters: Filters,
+    /// The covariances of admission, from those of `filters` at the last pose on; `None` where `filters` are those of admission.
+    admission: Option<Filters>,
 }
 
 impl Track {
     /// A vehicle at rest in `pose` at `t_s` \[s\], its motors off.
     #[must_use]
-    pub fn at_rest(options: FilterOptions, t_s: f64, pose: &MeasuredPose) -> Self {
+    pub fn at_rest(noise: &TrackNoise, t_s: f64, pose: &MeasuredPose) -> Self {
         let MeasuredPose { position, attitude } = *pose;
+        let admission = Filters::new(&noise.admission, ADMISSION_LIMIT);
+        let estimation =
+            noise.estimation.as_ref().map(|noise| Filters::new(noise, ESTIMATION_LIMIT));
         Self {
             t_s,
             motion: Motion { position, attitude, ..Motion::default() },
-            options,
-            attitude: AttitudeFilter::new(&options),
-            position: PositionFilter::new(&options).with_bias_limit(ACCELERATION_LIMIT),
+            filters: estimation.unwrap_or(admission),
+            admission: estimation.map(|_| admission),
         }
     }
 
     /// The track at `t_s` \[s\] without a pose since; unchanged if `t_s` is not later.
     #[must_use]
-    pub fn advanced(&self, t_s: f64, surroundings: &Surroundings) -> Self {
+    pub fn advanced(&self, t_s: f64, propagation: &Propagation) -> Self {
         let dt_s = t_s - self.t_s;
         if dt_s.is_nan() || dt_s <= 0.0 {
             return *self;
         }
-        let Surroundings { model, history, .. } = surroundings;
-        let flown = history.propagate(model, (&self.motion, &self.bias()), (self.t_s, t_s));
-        let mut next = Self { t_s, ..*self };
-        next.motion = if self.is_at_floor(surroundings.floor_m) {
-            let Motion { position, velocity, attitude, rate, .. } = self.motion;
-            let (position, attitude) =
-                (position + velocity * dt_s, attitude.turned_by(rate * dt_s));
-            Motion { position, attitude, thrust_n: flown.thrust_n, ..self.motion }
-        } else {
-            flown
-        };
-        next.attitude.predict(&model.rotation, dt_s);
-        next.position.predict(model.drag_per_s, dt_s);
+        let mut next = Self { t_s, motion: self.motion_at(t_s, propagation), ..*self };
+        next.filters.predict(propagation.model, dt_s);
+        if let Some(admission) = &mut next.admission {
+            admission.predict(propagation.model, dt_s);
+        }
         next
+    }
+
+    /// The motion at `t_s` \[s\], which is later.
+    #[must_use]
+    pub fn motion_at(&self, t_s: f64, propagation: &Propagation) -> Motion {
+        let Propagation { model, history, floor_m } = *propagation;
+        let flown = history.propagate(model, (&self.motion, &self.bias()), (self.t_s, t_s));
+        if !self.is_at_floor(floor_m) {
+            return flown;
+        }
+        let Motion { position, velocity, attitude, rate, .. } = self.motion;
+        let dt_s = t_s - self.t_s;
+        let (position, attitude) = (position + velocity * dt_s, attitude.turned_by(rate * dt_s));
+        Motion { position, attitude, thrust_n: flown.thrust_n, ..self.motion }
     }
 
     /// `pose`, measured at the instant of the track, relative to it.
@@ -136,9 +198,27 @@ impl Track {
     /// The innovation of a pose with this deviation.
     #[must_use]
     pub fn innovation(&self, Deviation { offset, turn }: &Deviation) -> Innovation {
+        let Filters { attitude, position } = self.admission();
+        let sigma =
+            |off: &Vector3<f64>, axis: &AxisFilter| off.norm() / axis.sd().hypot(axis.noise());
         Innovation {
-            position_sigma: offset.norm() / self.position_sd_m().hypot(self.position_noise()),
-            attitude_sigma: turn.norm() / self.attitude_sd_rad().hypot(self.attitude_noise()),
+            position_sigma: sigma(offset, &position.axis),
+            attitude_sigma: sigma(turn, &attitude.axis),
+        }
+    }
+
+    /// The innovation of a pose with this deviation, by the filters that correct the motion.
+    #[must_use]
+    pub fn filter_innovation(&self, Deviation { offset, turn }: &Deviation) -> FilterInnovation {
+        let Filters { attitude, position } = &self.filters;
+        let nis = |off: &Vector3<f64>, axis: &AxisFilter| {
+            off.norm_squared() / 3.0 / axis.innovation_variance()
+        };
+        FilterInnovation {
+            position: *offset,
+            attitude: *turn,
+            position_nis: nis(offset, &position.axis),
+            attitude_nis: nis(turn, &attitude.axis),
         }
     }
 
@@ -146,33 +226,30 @@ impl Track {
     #[must_use]
     pub fn corrected(&self, Deviation { offset, turn }: &Deviation, floor_m: f64) -> Self {
         let mut next = *self;
-        let noise = huber_noise(offset.norm(), (self.position_sd_m(), self.position_noise()));
-        next.position.correct_by(&mut next.motion, offset, noise);
-        let noise = huber_noise(turn.norm(), (self.attitude_sd_rad(), self.attitude_noise()));
-        next.attitude.correct_by(&mut next.motion, turn, noise);
+        let is_at_floor = self.is_at_floor(floor_m);
+        let Self { motion, filters, admission, .. } = &mut next;
+        let Filters { attitude, position } = filters;
+        let admitted = admission.as_ref().map(|admission| &admission.position.axis);
+        let noise = noise_of(offset.norm(), &mut position.axis, admitted, is_at_floor);
+        position.correct(motion, offset, noise);
+        let admitted = admission.as_ref().map(|admission| &admission.attitude.axis);
+        let noise = noise_of(turn.norm(), &mut attitude.axis, admitted, is_at_floor);
+        attitude.correct(motion, turn, noise);
+        if let Some(admission) = admission {
+            admission.position.axis.set_covariance_of(&position.axis);
+            admission.attitude.axis.set_covariance_of(&attitude.axis);
+        }
         if next.is_at_floor(floor_m) {
-            next.position.forget_bias();
-            next.attitude.forget_bias();
+            next.filters.position.axis.reset_bias();
+            next.filters.attitude.axis.reset_bias();
         }
         next
-    }
-
-    /// Estimated external acceleration: wind, or a thrust or mass other than configured \[m/s^2, world\].
-    #[must_use]
-    pub fn external_acceleration(&self) -> &Vector3<f64> {
-        self.position.bias()
     }
 
     /// Standard deviation of the position along each axis \[m\].
     #[must_use]
     pub fn position_sd_m(&self) -> f64 {
-        self.position.covariance().0[(0, 0)].sqrt()
-    }
-
-    /// Standard deviation of the attitude about each axis \[rad\].
-    #[must_use]
-    pub fn attitude_sd_rad(&self) -> f64 {
-        self.attitude.covariance().0[(0, 0)].sqrt()
+        self.admission().position.axis.sd()
     }
 
     /// The motion as the laws take it.
@@ -182,8 +259,11 @@ impl Track {
         Estimate { position, velocity, attitude, rate: BodyRate(rate) }
     }
 
-    fn bias(&self) -> Bias {
-        Bias { demand: *self.attitude.bias(), acceleration: *self.position.bias() }
+    /// The estimated bias: of the demand, and an external acceleration by wind, or by a thrust or mass other than that of the model.
+    #[must_use]
+    pub fn bias(&self) -> Bias {
+        let Filters { attitude, position } = &self.filters;
+        Bias { demand: *attitude.axis.bias(), acceleration: *position.axis.bias() }
     }
 
     /// Whether the vehicle is so close to a floor at `floor_m` \[m, world z\] that the floor may push.
@@ -192,18 +272,30 @@ impl Track {
         self.motion.position.z < floor_m + FLOOR_REACH_M
     }
 
-    fn position_noise(&self) -> f64 {
-        self.options.position_noise_mm * 1e-3
-    }
-
-    fn attitude_noise(&self) -> f64 {
-        self.options.attitude_noise_deg.to_radians()
+    fn admission(&self) -> &Filters {
+        self.admission.as_ref().unwrap_or(&self.filters)
     }
 }
 
-/// The measurement noise that makes an innovation of this `distance` one of at most [`HUBER_SIGMA`], for a state and a
-/// measurement of these standard deviations.
-fn huber_noise(distance: f64, (state, noise): (f64, f64)) -> f64 {
-    let tolerated = distance / HUBER_SIGMA;
-    noise.max((tolerated * tolerated - state * state).max(0.0).sqrt())
+/// Measurement noise with which `filter` takes an innovation of this `distance`, with the covariance of admission where it does not
+/// expect it, and at the floor, where the model does not hold.
+fn noise_of(
+    distance: f64,
+    filter: &mut AxisFilter,
+    admission: Option<&AxisFilter>,
+    is_at_floor: bool,
+) -> f64 {
+    let Some(admission) = admission else { return huber_noise(distance, filter) };
+    let expected = UNEXPECTED_SIGMA * filter.innovation_variance().sqrt();
+    if distance <= expected && !is_at_floor {
+        return filter.noise();
+    }
+    filter.set_covariance_of(admission);
+    huber_noise(distance, admission)
+}
+
+/// The measurement noise that makes an innovation of this `distance` one of at most [`HUBER_SIGMA`] of `filter`.
+fn huber_noise(distance: f64, filter: &AxisFilter) -> f64 {
+    let (tolerated, sd) = (distance / HUBER_SIGMA, filter.sd());
+    filter.noise().max((tolerated * tolerated - sd * sd).max(0.0).sqrt())
 }

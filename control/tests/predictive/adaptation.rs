@@ -208,7 +208,7 @@ fn what_was_learnt_is_forgotten_on_the_floor() {
     }
     let learnt = adaptation.model();
     assert!(learnt.rate_gain < 0.8 && learnt.thrust_gain < 0.9, "{learnt:?}");
-    adaptation.land();
+    adaptation.reset();
     assert_eq!(adaptation.model(), configured);
 }
 

@@ -1,9 +1,8 @@
 //! The whole autopilot with a vehicle that matches the model exactly.
 
 use oqtal_control::controller::AttitudeReference;
-use oqtal_control::estimator::Estimate;
 use oqtal_control::predictive::{
-    Bias, CommandHistory, CommandReport, ModelInput, Motion, PositionLaw, PredictiveCommand,
+    Bias, CommandHistory, CommandReport, ModelInput, Motion, PositionLaw,
 };
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::trajectory::{Phase, Reference};
@@ -15,6 +14,7 @@ const LATENCY_S: f64 = 0.015;
 /// The autopilot, its vehicle and the time between a pose and its effect.
 struct Bench {
     autopilot: Autopilot<RateInput>,
+    tracker: MotionTracker,
     history: CommandHistory,
     motion: Motion,
     bias: Bias,
@@ -23,9 +23,15 @@ struct Bench {
 
 impl Bench {
     fn new(bias: Bias) -> Self {
+        Self::with(&PredictiveOptions::default(), bias)
+    }
+
+    fn with(options: &PredictiveOptions, bias: Bias) -> Self {
         let motion = Motion { thrust_n: 0.5 * 9.81, ..Motion::default() };
+        let pose = MeasuredPose { position: motion.position, attitude: motion.attitude };
         Self {
             autopilot: autopilot(),
+            tracker: tracker(options, 1.0 - PERIOD_S, &pose),
             history: CommandHistory::new(DELAY_S),
             motion,
             bias,
@@ -37,27 +43,28 @@ impl Bench {
         1.0 + self.tick as f64 * PERIOD_S
     }
 
-    fn estimate(&self) -> Estimate {
-        let Motion { position, velocity, attitude, rate, .. } = self.motion;
-        Estimate { position, velocity, attitude, rate: oqtal_control::quantity::BodyRate(rate) }
+    fn pose(&self) -> MeasuredPose {
+        MeasuredPose { position: self.motion.position, attitude: self.motion.attitude }
     }
 
     /// One tick: a pose is captured and arrives, a command is sent, the vehicle moves on to the next pose.
     fn turn(&mut self, reference: &Reference) -> Option<Vector3<f64>> {
         let captured_s = self.now_s();
         let sent_s = captured_s + LATENCY_S;
-        self.autopilot.observe(captured_s, &self.estimate());
-        let decision = self.autopilot.decide(sent_s, reference);
-        let hovering = PredictiveCommand { thrust_n: 0.5 * 9.81, ..PredictiveCommand::default() };
-        let command = decision.map_or(hovering, |decision| decision.command());
+        self.tracker.take(captured_s, &self.pose());
+        let output = self.autopilot.compute(sent_s, &self.tracker, reference);
+        let hovering = ModelInput { thrust_n: 0.5 * 9.81, ..ModelInput::default() };
+        let input = output.map_or(hovering, |output| ModelInput {
+            demand: output.u * AUTHORITY,
+            attitude: output.attitude,
+            thrust_n: output.setpoint.thrust_n,
+        });
         self.tick += 1;
-        self.autopilot.sent(self.tick, sent_s, &command);
-        let PredictiveCommand { u, attitude, thrust_n } = command;
-        let input = ModelInput { demand: u * AUTHORITY, attitude, thrust_n };
+        self.tracker.sent(self.tick, sent_s, input);
         self.history.push(self.tick, sent_s, input);
         let span = (captured_s, self.now_s());
         self.motion = self.history.propagate(&quadrotor(), (&self.motion, &self.bias), span);
-        decision.map(|decision| decision.u)
+        output.map(|output| output.u)
     }
 }
 
@@ -153,21 +160,20 @@ fn a_prescribed_attitude_is_followed_through_the_delay() {
 fn a_flight_after_a_landing_begins_with_the_configured_model() {
     let heavy = Bias { acceleration: Vector3::z() * -1.0, ..Bias::default() };
     let mut bench = Bench::new(heavy);
-    let configured = bench.autopilot.adapted();
+    let configured = bench.tracker.adapted();
     for _ in 0..600 {
         bench.turn(&hover());
     }
-    assert!(bench.autopilot.adapted().unwrap().thrust_gain < 0.95);
-    let resting = bench.estimate();
+    assert!(bench.tracker.adapted().unwrap().thrust_gain < 0.95);
+    let resting = bench.pose();
     for _ in 0..60 {
         bench.tick += 1;
-        bench.autopilot.observe(bench.now_s(), &resting);
-        bench.autopilot.sent(bench.tick, bench.now_s(), &PredictiveCommand::default());
+        bench.tracker.take(bench.now_s(), &resting);
+        bench.tracker.sent(bench.tick, bench.now_s(), ModelInput::default());
     }
-    bench.autopilot.reset();
-    bench.tick += 1;
-    bench.autopilot.observe(bench.now_s(), &resting);
-    assert_eq!(bench.autopilot.adapted(), configured);
+    bench.tracker.end();
+    bench.tracker.begin(bench.now_s(), &resting, resting.position.z);
+    assert_eq!(bench.tracker.adapted(), configured);
 }
 
 /// A push is no thrust: what the adaptation makes of it must not speed up the return by more than a few hundredths.
@@ -176,8 +182,7 @@ fn a_vehicle_that_was_pushed_away_comes_back_no_faster_than_it_may() {
     for (adapt, limit_m_s) in [(false, 0.85), (true, 0.9)] {
         let mut options = PredictiveOptions::default();
         options.adaptation.adapt = adapt;
-        let mut bench =
-            Bench { autopilot: autopilot_with(&options), ..Bench::new(Bias::default()) };
+        let mut bench = Bench::with(&options, Bias::default());
         for _ in 0..300 {
             bench.turn(&hover());
         }
@@ -201,18 +206,20 @@ fn a_vehicle_that_was_pushed_away_comes_back_no_faster_than_it_may() {
 }
 
 #[test]
-fn before_the_first_pose_and_without_finite_numbers_nothing_is_decided() {
+fn before_the_first_pose_and_without_finite_numbers_nothing_is_computed() {
     let mut autopilot = autopilot();
-    assert_eq!(autopilot.decide(1.0, &hover()), None);
-    autopilot.observe(1.0, &Estimate::default());
+    let mut tracker = MotionTracker::new(quadrotor(), ADMISSION, DELAY_S);
+    assert_eq!(autopilot.compute(1.0, &tracker, &hover()), None);
+    let pose = MeasuredPose { position: Vector3::zeros(), attitude: Attitude::LEVEL };
+    tracker.begin(1.0, &pose, 0.0);
     let before = autopilot.clone();
     let nan = Reference { yaw_rad: f64::NAN, ..hover() };
     for (now_s, reference) in [(1.0, nan), (f64::NAN, hover()), (f64::INFINITY, hover())] {
-        assert_eq!(autopilot.decide(now_s, &reference), None);
+        assert_eq!(autopilot.compute(now_s, &tracker, &reference), None);
         assert_eq!(autopilot, before);
     }
-    assert!(autopilot.decide(1.015, &hover()).is_some());
-    assert_eq!(autopilot.decide(1.015, &hover()), None, "no time has passed");
+    assert!(autopilot.compute(1.015, &tracker, &hover()).is_some());
+    assert_eq!(autopilot.compute(1.015, &tracker, &hover()), None, "no time has passed");
 }
 
 fn garbage() -> impl Strategy<Value = f64> {
@@ -236,23 +243,23 @@ proptest! {
             bench.turn(&hover());
         }
         for [a, b, c, d, e, f, g, h] in numbers {
-            let estimate = Estimate {
+            let pose = MeasuredPose {
                 position: Vector3::new(a, b, c),
                 attitude: Attitude::from_rotation_vector(Vector3::new(d, e, f)),
-                ..bench.estimate()
             };
-            bench.autopilot.observe(bench.now_s() + g.abs().min(1e-3), &estimate);
+            bench.tracker.take(bench.now_s() + g.abs().min(1e-3), &pose);
             bench.tick += 1;
-            let u = Vector3::new(a, b, c);
-            let command = PredictiveCommand { u, attitude: Attitude::LEVEL, thrust_n: d };
-            bench.autopilot.sent(bench.tick, bench.now_s(), &command);
+            let demand = Vector3::new(a, b, c);
+            let input = ModelInput { demand, attitude: Attitude::LEVEL, thrust_n: d };
+            bench.tracker.sent(bench.tick, bench.now_s(), input);
             let report = CommandReport { sequence: bench.tick, acts_s: h, follows: true };
-            bench.autopilot.applied(report);
+            bench.tracker.applied(report);
             let reference = Reference { position: Vector3::new(f, g, h), ..hover() };
-            if let Some(decision) = bench.autopilot.decide(bench.now_s(), &reference) {
-                prop_assert!(decision.u.iter().all(|stick| (-1.0..=1.0).contains(stick)));
-                prop_assert!(decision.setpoint.thrust_n.is_finite());
-                prop_assert!(decision.setpoint.attitude.is_finite());
+            let now_s = bench.now_s();
+            if let Some(output) = bench.autopilot.compute(now_s, &bench.tracker, &reference) {
+                prop_assert!(output.u.iter().all(|stick| (-1.0..=1.0).contains(stick)));
+                prop_assert!(output.setpoint.thrust_n.is_finite());
+                prop_assert!(output.setpoint.attitude.is_finite());
             }
         }
         for _ in 0..1200 {

@@ -10,6 +10,9 @@ use oqtal_control::riccati::dare;
 use super::noise::Noise;
 use super::*;
 
+/// Limit of the external acceleration \[m/s^2\].
+const BIAS_LIMIT: f64 = 3.0;
+
 /// Options with walks so small that no bias reaches its limit in a test.
 fn options() -> FilterOptions {
     FilterOptions { acceleration_walk_m_s2: 0.1, ..FilterOptions::default() }
@@ -46,7 +49,7 @@ fn the_covariances_settle_where_our_own_riccati_solver_says() {
         let attitude = AttitudeFilter::new(&options).transition(&rotation, PERIOD_S);
         check_dual(&attitude, options.attitude_noise_deg.to_radians());
     }
-    let position = PositionFilter::new(&options).transition(0.25, PERIOD_S);
+    let position = PositionFilter::new(&options, BIAS_LIMIT).transition(0.25, PERIOD_S);
     check_dual(&position, options.position_noise_mm * 1e-3);
 }
 
@@ -68,14 +71,14 @@ fn assert_white(innovations: &[Vector3<f64>], variance: f64) {
 #[test]
 fn innovations_of_the_position_filter_are_white_and_of_the_size_it_expects() {
     let options = options();
-    let mut filter = PositionFilter::new(&options);
+    let mut filter = PositionFilter::new(&options, BIAS_LIMIT);
     let mut noise = Noise(1);
     let (h, sd) = (PERIOD_S, options.position_noise_mm * 1e-3);
     let (mut truth, mut bias) = (Motion::default(), Vector3::zeros());
     let mut estimate = Motion::default();
     let (mut innovations, mut errors) = (Vec::new(), Vec::new());
     for _ in 0..3000 {
-        for (motion, bias) in [(&mut truth, &bias), (&mut estimate, filter.bias())] {
+        for (motion, bias) in [(&mut truth, &bias), (&mut estimate, filter.axis.bias())] {
             motion.position += motion.velocity * h + bias * (h * h / 2.0);
             motion.velocity += bias * h - motion.velocity * (0.25 * h);
         }
@@ -85,13 +88,18 @@ fn innovations_of_the_position_filter_are_white_and_of_the_size_it_expects() {
         truth.velocity += kick;
         truth.position += (kick / 2.0 + more) * h;
         bias += noise.vector() * (options.acceleration_walk_m_s2 * h.sqrt());
-        filter.predict(0.25, h);
+        filter.axis.predict(&filter.transition(0.25, h));
         let measured = truth.position + noise.vector() * sd;
-        innovations.push(filter.correct(&mut estimate, &measured));
+        let innovation = measured - estimate.position;
+        filter.correct(&mut estimate, &innovation, sd);
+        innovations.push(innovation);
         let off = [truth.position - estimate.position, truth.velocity - estimate.velocity];
-        errors.push(squares(&filter.covariance().0, &[off[0], off[1], bias - filter.bias()]));
+        errors.push(squares(
+            &filter.axis.covariance().0,
+            &[off[0], off[1], bias - filter.axis.bias()],
+        ));
     }
-    let transition = PositionFilter::new(&options).transition(0.25, h);
+    let transition = PositionFilter::new(&options, BIAS_LIMIT).transition(0.25, h);
     assert_white(&innovations, settled(&transition, sd)[(0, 0)] + sd * sd);
     assert_consistent(&errors);
 }
@@ -126,7 +134,7 @@ fn innovations_of_the_attitude_filter_are_white_and_of_the_size_it_expects() {
     let mut estimate = Motion::default();
     let (mut innovations, mut errors) = (Vec::new(), Vec::new());
     for _ in 0..3000 {
-        for (motion, drift) in [(&mut truth, &drift), (&mut estimate, filter.bias())] {
+        for (motion, drift) in [(&mut truth, &drift), (&mut estimate, filter.axis.bias())] {
             let angle = motion.rate * turn + drift * (h - turn);
             motion.attitude = motion.attitude.turned_by(angle);
             motion.rate = motion.rate * decay + drift * (1.0 - decay);
@@ -136,12 +144,14 @@ fn innovations_of_the_attitude_filter_are_white_and_of_the_size_it_expects() {
         truth.rate += kick;
         truth.attitude = truth.attitude.turned_by((kick / 2.0 + more) * h);
         drift += noise.vector() * (options.demand_bias_walk * h.sqrt());
-        filter.predict(&model.rotation, h);
+        filter.axis.predict(&filter.transition(&model.rotation, h));
         let measured = truth.attitude.turned_by(noise.vector() * sd);
-        innovations.push(filter.correct(&mut estimate, &measured));
+        let innovation = estimate.attitude.rotation_to(&measured);
+        filter.correct(&mut estimate, &innovation, sd);
+        innovations.push(innovation);
         let turn = estimate.attitude.rotation_to(&truth.attitude);
-        let off = [turn, truth.rate - estimate.rate, drift - filter.bias()];
-        errors.push(squares(&filter.covariance().0, &off));
+        let off = [turn, truth.rate - estimate.rate, drift - filter.axis.bias()];
+        errors.push(squares(&filter.axis.covariance().0, &off));
     }
     let transition = AttitudeFilter::new(&options).transition(&model.rotation, h);
     assert_white(&innovations, settled(&transition, sd)[(0, 0)] + sd * sd);
@@ -157,9 +167,10 @@ proptest! {
         let mut filter = AttitudeFilter::new(&options);
         let mut motion = Motion::default();
         for dt_s in spacing_s {
-            filter.predict(&quadrotor().rotation, dt_s);
-            filter.correct(&mut motion, &Attitude::LEVEL);
-            let p = filter.covariance().0;
+            filter.axis.predict(&filter.transition(&quadrotor().rotation, dt_s));
+            let innovation = motion.attitude.rotation_to(&Attitude::LEVEL);
+            filter.correct(&mut motion, &innovation, filter.axis.noise());
+            let p = filter.axis.covariance().0;
             prop_assert!((p - p.transpose()).amax() <= 1e-12 * p.amax());
             prop_assert!(p.symmetric_eigenvalues().min() > -1e-12 * p.amax());
         }
@@ -175,8 +186,9 @@ proptest! {
             let mut filter = AttitudeFilter::new(&options());
             let attitude = Attitude::from_rotation_vector(estimate);
             let mut motion = Motion { attitude, ..Motion::default() };
-            filter.correct(&mut motion, measured);
-            (motion, *filter.bias())
+            let innovation = motion.attitude.rotation_to(measured);
+            filter.correct(&mut motion, &innovation, filter.axis.noise());
+            (motion, *filter.axis.bias())
         };
         prop_assert_eq!(correct(&measured), correct(&opposite));
     }

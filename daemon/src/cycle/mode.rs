@@ -1,174 +1,130 @@
-//! Modes of the daemon: disarmed, waiting, flying, landing.
+//! Modes of the daemon, and the transitions between them as one table.
+//!
+//! ```text
+//!             an operator's request                   poses and vehicle ready
+//!   Disarmed ───────────────────────▶ Waiting ──────────────────────────────────▶ Flying ──▶ Landing
+//!    ▲  └───── automatic take-off, observation of a recording ─────────────────▶ ▲            │
+//!    └────────── called off, now or never ─┘                                     │            │
+//!    └──────────────────────── Stop, landed ─────────────────────────────────────┴────────────┘
+//! ```
 
-use oqtal_bus::code::{Mode, SafetyState};
-use oqtal_bus::time::Time;
-use oqtal_control::estimator::Estimate;
-use oqtal_control::euler::EulerAngles;
-use oqtal_control::trajectory::{FlightPlan, Phase, StartPoint};
+use oqtal_bus::code::Mode;
 
-use super::Cycle;
-use super::at_start::AtStart;
-use crate::mission::ActiveMission;
-use crate::setpoint::CheckedSetpoint;
+/// Inputs of the state machine in one tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct ModeConditions {
+    /// The safety state is Nominal or Degraded.
+    pub(super) is_nominal: bool,
+    /// The safety state is Coast or Stop.
+    pub(super) is_blind: bool,
+    /// The safety state is Stop.
+    pub(super) is_stopped: bool,
+    /// The tick has a pose.
+    pub(super) is_fresh: bool,
+    /// The tick has a pose, and there is no reason against a flight.
+    pub(super) is_ready: bool,
+    /// The daemon observes a recording and commands nothing.
+    pub(super) observes: bool,
+    /// A flight begins without an operator.
+    pub(super) auto_takeoff: bool,
+    /// A requested flight begins with this tick or not at all: poses were good when the operator asked.
+    pub(super) now_or_never: bool,
+    /// The mission lands.
+    pub(super) lands: bool,
+    /// The vehicle stands after its landing.
+    pub(super) has_landed: bool,
+}
 
-impl Cycle {
-    /// Whether the daemon commands a flying vehicle.
-    pub(super) fn is_flying(&self) -> bool {
-        self.is_armed() && !self.observe_only
-    }
+/// Action that comes with a transition.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum ModeAction {
+    /// Nothing but the change of the mode.
+    None,
+    /// A flight begins.
+    BeginFlight,
+    /// The observation of a recording begins.
+    BeginObservation,
+    /// The flight ends: motors off.
+    EndFlight,
+}
 
-    /// Whether a mission is under way, flown or only observed.
-    pub(super) fn is_armed(&self) -> bool {
-        matches!(self.mode, Mode::Flying | Mode::Landing)
-    }
+/// Transition from one mode to another, taken when its condition holds.
+struct ModeTransition {
+    from: Mode,
+    to: Mode,
+    when: fn(&ModeConditions) -> bool,
+    action: ModeAction,
+}
 
-    /// Whether the flight is held at its beginning until the motors run.
-    pub(super) fn is_held(&self) -> bool {
-        self.is_flying() && self.vehicle.holds_flight()
-    }
+/// All transitions but those by an operator's request; the first whose condition holds is taken.
+#[rustfmt::skip]
+const TRANSITIONS: [ModeTransition; 9] = {
+    use Mode::{Disarmed, Flying, Landing, Waiting};
+    use ModeAction::{BeginFlight, BeginObservation, EndFlight, None};
+    use ModeTransition as T;
+    [
+        T { from: Disarmed, to: Flying, when: |c| c.is_nominal && c.is_ready && c.auto_takeoff, action: BeginFlight },
+        T { from: Disarmed, to: Flying, when: |c| c.is_nominal && c.observes, action: BeginObservation },
+        T { from: Waiting, to: Flying, when: |c| c.is_nominal && c.is_ready, action: BeginFlight },
+        T { from: Waiting, to: Disarmed, when: |c| c.now_or_never && (c.is_fresh || c.is_blind), action: None },
+        T { from: Flying, to: Disarmed, when: |c| c.is_stopped && !c.observes, action: EndFlight },
+        T { from: Landing, to: Disarmed, when: |c| c.is_stopped && !c.observes, action: EndFlight },
+        T { from: Flying, to: Disarmed, when: |c| c.has_landed, action: EndFlight },
+        T { from: Landing, to: Disarmed, when: |c| c.has_landed, action: EndFlight },
+        T { from: Flying, to: Landing, when: |c| c.lands, action: None },
+    ]
+};
 
-    /// Changes the mode for this tick.
-    pub(super) fn change_mode(&mut self, now: Time, fresh: bool) {
-        let estimate = self.estimator.latest();
-        let by_itself = self.takes_off_by_itself();
-        let may_begin = fresh && self.memory.obstacles.is_empty();
-        match (self.mode, self.supervisor.state()) {
-            (Mode::Disarmed, SafetyState::Nominal | SafetyState::Degraded)
-                if may_begin && by_itself =>
-            {
-                self.begin_flight(now, &estimate);
-            }
-            (Mode::Disarmed, SafetyState::Nominal | SafetyState::Degraded) if self.observe_only => {
-                self.stack.active_mut().reset();
-                self.mission = Some(ActiveMission::observe(estimate.position, now));
-                self.mode = Mode::Flying;
-                self.check_setpoint(now);
-            }
-            // `arm` begins a flight at once or not at all: poses were good when the operator asked.
-            (Mode::Waiting, SafetyState::Nominal | SafetyState::Degraded) if may_begin => {
-                self.begin_flight(now, &estimate);
-            }
-            (Mode::Waiting, _) if self.requests.arms_at_once && fresh => {
-                self.mode = Mode::Disarmed;
-            }
-            (Mode::Waiting, SafetyState::Coast | SafetyState::Stop)
-                if self.requests.arms_at_once =>
-            {
-                self.mode = Mode::Disarmed;
-            }
-            (Mode::Flying | Mode::Landing, SafetyState::Stop) if !self.observe_only => {
-                self.end_flight();
-            }
-            (Mode::Flying | Mode::Landing, state) => {
-                let plan = self.plan_changes();
-                self.act_on(now, state);
-                if self.plan_changes() != plan {
-                    self.check_setpoint(now);
-                }
-                self.go_on(now, &estimate);
-            }
-            _ => {}
+/// The mode after `mode` under `conditions`, with the action of the transition; `None` if the mode stays.
+pub(super) fn transition(mode: Mode, conditions: &ModeConditions) -> Option<(Mode, ModeAction)> {
+    let mut transitions = TRANSITIONS.iter();
+    let taken = transitions.find(|row| row.from == mode && (row.when)(conditions));
+    taken.map(|row| (row.to, row.action))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const QUIET: ModeConditions = ModeConditions {
+        is_nominal: true,
+        is_blind: false,
+        is_stopped: false,
+        is_fresh: true,
+        is_ready: true,
+        observes: false,
+        auto_takeoff: false,
+        now_or_never: false,
+        lands: false,
+        has_landed: false,
+    };
+
+    #[test]
+    fn a_flight_begins_by_request_or_by_configuration_alone() {
+        assert_eq!(transition(Mode::Disarmed, &QUIET), None);
+        let begins = Some((Mode::Flying, ModeAction::BeginFlight));
+        assert_eq!(transition(Mode::Waiting, &QUIET), begins);
+        let automatic = ModeConditions { auto_takeoff: true, ..QUIET };
+        assert_eq!(transition(Mode::Disarmed, &automatic), begins);
+        for not_now in [
+            ModeConditions { is_nominal: false, ..automatic },
+            ModeConditions { is_ready: false, ..automatic },
+        ] {
+            assert_eq!(transition(Mode::Disarmed, &not_now), None);
+            assert_eq!(transition(Mode::Waiting, &not_now), None);
+            let now_or_never = ModeConditions { now_or_never: true, ..not_now };
+            let called_off = Some((Mode::Disarmed, ModeAction::None));
+            assert_eq!(transition(Mode::Waiting, &now_or_never), called_off);
         }
     }
 
-    /// Number of changes of the plan so far \[-\]; `None` without a flight.
-    fn plan_changes(&self) -> Option<u32> {
-        self.mission.as_ref().map(ActiveMission::changes)
-    }
-
-    /// Holds the position, lands or waits for the end of a descent if the safety state demands it, and goes on with the mission if
-    /// it does no longer.
-    fn act_on(&mut self, now: Time, state: SafetyState) {
-        let position = self.estimator.latest().position;
-        let Some(mission) = self.mission.as_mut().filter(|_| !self.observe_only) else { return };
-        let at = |point| self.memory.setpoint.at(point);
-        match state {
-            // Poses have come back.
-            SafetyState::Land if self.memory.descends => {
-                mission.land_from(now, at(position).into());
-                self.memory.descends = false;
-            }
-            SafetyState::Land if self.mode == Mode::Flying => self.land_early(now),
-            SafetyState::Hold if self.mode == Mode::Flying => {
-                mission.hold(now, at(self.memory.inside.unwrap_or(position)));
-            }
-            SafetyState::Descend => {
-                mission.hold(now, at(position));
-                (self.memory.descends, self.mode) = (true, Mode::Landing);
-            }
-            // Blindness interrupts neither.
-            SafetyState::Nominal | SafetyState::Degraded => mission.resume(now),
-            _ => {}
-        }
-    }
-
-    /// Lands above the present position, from the height and at the heading of the reference that was flown last.
-    pub(super) fn land_early(&mut self, now: Time) {
-        let position = self.estimator.latest().position;
-        let height = self.memory.setpoint.reference.map_or(position.z, |last| last.position.z);
-        if let Some(mission) = &mut self.mission {
-            let point = self.memory.setpoint.at(position.xy().push(height));
-            mission.land_from(now, point.into());
-            self.mode = Mode::Landing;
-        }
-    }
-
-    /// Checks the reference at `now`: once in a tick, and again where the plan has changed in it.
-    pub(super) fn check_setpoint(&mut self, now: Time) {
-        let Some(mission) = &self.mission else { return };
-        let reference = mission.reference(now);
-        self.memory.setpoint = match self.observe_only {
-            true => CheckedSetpoint { reference: Some(reference), is_refused: false },
-            false => self.setpoint.pass(mission.changes(), &reference),
-        };
-    }
-
-    /// Ends the flight: motors off.
-    pub(super) fn end_flight(&mut self) {
-        self.guard.motion.end();
-        self.mission = None;
-        self.memory.setpoint = CheckedSetpoint::default();
-        self.mode = Mode::Disarmed;
-    }
-
-    fn begin_flight(&mut self, now: Time, estimate: &Estimate) {
-        let start = StartPoint {
-            position: estimate.position,
-            yaw_rad: EulerAngles::from_attitude(&estimate.attitude).yaw,
-        };
-        let plan = FlightPlan::new(&self.options, self.trajectory.clone(), start);
-        self.stack.active_mut().reset();
-        self.vehicle.begin_flight(now);
-        self.guard.begin_flight();
-        self.setpoint.reset();
-        (self.memory.inside, self.memory.stands_since) = (None, None);
-        self.memory.descends = false;
-        self.mission = Some(ActiveMission::fly(plan, estimate.position.z, now));
-        self.mode = Mode::Flying;
-        self.check_setpoint(now);
-        if self.requests.at_start == AtStart::Awaited {
-            self.requests.at_start = AtStart::Taken;
-        }
-    }
-
-    /// Holds a flight whose motors do not run yet, and notices the landing.
-    fn go_on(&mut self, now: Time, estimate: &Estimate) {
-        if self.is_held() {
-            self.stack.active_mut().reset();
-            if let Some(mission) = &mut self.mission {
-                mission.restart(now);
-            }
-            self.check_setpoint(now);
-            return;
-        }
-        let (Some(mission), Some(reference)) = (&self.mission, self.memory.setpoint.reference)
-        else {
-            return;
-        };
-        if mission.has_landed(&reference, estimate) || self.stands(now, reference.phase) {
-            self.end_flight();
-        } else if reference.phase == Phase::Landing {
-            self.mode = Mode::Landing;
+    #[test]
+    fn a_stop_ends_every_flight_and_no_observation() {
+        let stopped = ModeConditions { is_stopped: true, is_nominal: false, ..QUIET };
+        for mode in [Mode::Flying, Mode::Landing] {
+            let ends = Some((Mode::Disarmed, ModeAction::EndFlight));
+            assert_eq!(transition(mode, &stopped), ends);
+            assert_eq!(transition(mode, &ModeConditions { observes: true, ..stopped }), None);
         }
     }
 }

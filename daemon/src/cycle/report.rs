@@ -1,17 +1,61 @@
-//! Telemetry of a tick, for observers.
+//! Report of the cycle: the telemetry of a tick.
 
-use oqtal_bus::message::{Header, PoseV1, TelemetryV1};
+use oqtal_bus::message::{CommandV1, Header, PoseV1, TelemetryV1};
 use oqtal_bus::time::{Span, Time};
-use oqtal_control::predictive::AdaptedModel;
+use oqtal_control::predictive::{AdaptedModel, MotionTracker};
 use oqtal_control::trajectory::Reference;
 
-use super::Cycle;
+use super::intake::Intake;
+use super::supervision::Supervision;
 use crate::mission::ActiveMission;
 use crate::stack::ControlOutput;
 
-impl Cycle {
-    /// Fills in an accepted pose, as it was measured, and what the control stack's own filter made of it.
-    pub(super) fn record_pose(&mut self, header: &Header, pose: &PoseV1) {
+/// Telemetry of the last tick, filled in while the tick is computed.
+#[derive(Clone, Debug)]
+pub(super) struct Report {
+    telemetry: TelemetryV1,
+}
+
+impl Report {
+    /// The report before the first pose.
+    pub(super) fn new() -> Self {
+        let unknown = [f64::NAN; 3];
+        let telemetry = TelemetryV1 {
+            mission_s: f64::NAN,
+            planned_landing_s: f64::NAN,
+            reference_velocity: unknown,
+            reference_yaw: f64::NAN,
+            pose_age_s: f64::NAN,
+            pose_position: unknown,
+            pose_attitude: [f64::NAN; 4],
+            pose_residual_m: f64::NAN,
+            filter_position: unknown,
+            filter_velocity: unknown,
+            filter_attitude: [f64::NAN; 4],
+            filter_rate: unknown,
+            innovation_position: unknown,
+            innovation_attitude: unknown,
+            nis: [f64::NAN; 2],
+            adapted_rate_gain: f64::NAN,
+            adapted_rate_lag_s: f64::NAN,
+            adapted_delay_s: f64::NAN,
+            adapted_thrust_gain: f64::NAN,
+            ..TelemetryV1::default()
+        };
+        Self { telemetry }
+    }
+
+    /// The telemetry.
+    pub(super) fn telemetry(&self) -> &TelemetryV1 {
+        &self.telemetry
+    }
+
+    /// Records an accepted pose as it was measured, and the motion that a law flies on.
+    pub(super) fn record_pose(
+        &mut self,
+        (header, pose): &(Header, PoseV1),
+        tracker: &MotionTracker,
+    ) {
         let telemetry = &mut self.telemetry;
         telemetry.pose_captured_at = header.stamps.captured_at;
         telemetry.pose_published_at = header.stamps.pose_published_at;
@@ -19,7 +63,7 @@ impl Cycle {
         telemetry.pose_position = pose.position;
         telemetry.pose_attitude = pose.attitude;
         telemetry.pose_residual_m = pose.residual_m;
-        let Some((motion, innovation)) = self.stack.active().filtered() else { return };
+        let Some((motion, innovation)) = tracker.filtered() else { return };
         telemetry.filter_position = motion.position.into();
         telemetry.filter_velocity = motion.velocity.into();
         telemetry.filter_attitude = motion.attitude.xyzw();
@@ -28,43 +72,72 @@ impl Cycle {
         telemetry.innovation_position = innovation.map_or(unknown, |i| i.position.into());
         telemetry.innovation_attitude = innovation.map_or(unknown, |i| i.attitude.into());
         telemetry.nis = innovation.map_or([f64::NAN; 2], |i| [i.position_nis, i.attitude_nis]);
-        if let Some(adapted) = self.stack.active().adapted() {
+        if let Some(adapted) = tracker.adapted() {
             record_adapted(telemetry, &adapted);
         }
     }
 
-    /// Fills in the telemetry of this tick.
-    pub(super) fn record(&mut self, now: Time, output: Option<&ControlOutput>, fresh: bool) {
-        let reference = self.memory.setpoint.reference;
-        let estimate = self.estimator.latest();
-        let age_s = self.pose_age(now).map_or(f64::NAN, Span::seconds);
-        let obstacles = if self.is_armed() { 0 } else { self.memory.obstacles.bits() };
+    /// Records a tick: the state of intake and supervision, and the output of the law, if it computed one.
+    pub(super) fn record_tick(
+        &mut self,
+        now: Time,
+        intake: &Intake,
+        supervision: &Supervision,
+        output: Option<&ControlOutput>,
+    ) {
         let telemetry = &mut self.telemetry;
         telemetry.time = now;
         telemetry.tick += 1;
-        telemetry.mission_s =
-            self.mission.as_ref().map_or(f64::NAN, |mission| mission.elapsed_s(now));
-        telemetry.planned_landing_s =
-            self.mission.as_ref().map_or(f64::NAN, ActiveMission::planned_landing_s);
+        let mission = supervision.course().mission();
+        telemetry.mission_s = mission.map_or(f64::NAN, |mission| mission.elapsed_s(now));
+        telemetry.planned_landing_s = mission.map_or(f64::NAN, ActiveMission::planned_landing_s);
+        telemetry.scored = u8::from(mission.is_some_and(|mission| mission.is_scored(now)));
+        let estimate = intake.estimate();
         telemetry.position = estimate.position.into();
         telemetry.velocity = estimate.velocity.into();
         telemetry.attitude = estimate.attitude.xyzw();
         telemetry.rate = estimate.rate.0.into();
-        telemetry.pose_age_s = age_s;
-        telemetry.riccati_solves = u64::from(self.stack.active().riccati_solves());
-        telemetry.riccati_failures = u64::from(self.stack.active().riccati_failures());
-        telemetry.poses_lost = self.guard.lost();
-        telemetry.poses_superseded = self.guard.superseded();
-        telemetry.poses_refused = self.guard.refused();
-        telemetry.obstacles = obstacles;
-        telemetry.mode = self.mode.code();
-        telemetry.state = self.supervisor.state().code();
-        telemetry.cause = self.supervisor.cause().code();
-        telemetry.fresh = u8::from(fresh);
-        let scored = self.mission.as_ref().is_some_and(|mission| mission.is_scored(now));
-        telemetry.scored = u8::from(scored);
+        telemetry.pose_age_s = intake.pose_age(now).map_or(f64::NAN, Span::seconds);
+        let guard = intake.guard();
+        telemetry.poses_lost = guard.lost();
+        telemetry.poses_superseded = guard.superseded();
+        telemetry.poses_refused = guard.refused();
+        telemetry.obstacles = supervision.obstacles().bits();
+        telemetry.mode = supervision.mode().code();
+        telemetry.state = supervision.safety().state().code();
+        telemetry.cause = supervision.safety().cause().code();
+        let reference = supervision.course().setpoint().reference;
         telemetry.phase = reference.map_or(0, |reference| reference.phase as u8);
-        record_commands(telemetry, reference.as_ref(), output);
+        record_setpoints(telemetry, reference.as_ref(), output);
+    }
+
+    /// Records the message of the tick, whether it is sent or not, with the law's counts of Riccati equations. `is_fresh` if the tick
+    /// has a pose.
+    pub(super) fn record_command(
+        &mut self,
+        message: &CommandV1,
+        riccati_counts: [u32; 2],
+        is_fresh: bool,
+    ) {
+        let telemetry = &mut self.telemetry;
+        telemetry.fresh = u8::from(is_fresh);
+        let [solves, failures] = riccati_counts.map(u64::from);
+        (telemetry.riccati_solves, telemetry.riccati_failures) = (solves, failures);
+        telemetry.sticks = message.sticks;
+        telemetry.torque = message.torque;
+        telemetry.attitude_sent = message.attitude;
+        telemetry.thrust = message.thrust;
+    }
+
+    /// Records how late the loop was woken up.
+    pub(super) fn record_wakeup(&mut self, lateness: Span) {
+        self.telemetry.wakeup_lateness_ns = lateness.nanos();
+    }
+
+    /// Records the command `sequence` as sent, with the deadlines missed so far.
+    pub(super) fn record_sent(&mut self, sequence: u64, deadline_misses: u64) {
+        self.telemetry.command_sequence = sequence;
+        self.telemetry.deadline_misses = deadline_misses;
     }
 }
 
@@ -77,8 +150,8 @@ fn record_adapted(telemetry: &mut TelemetryV1, adapted: &AdaptedModel) {
     telemetry.fell_back = u8::from(adapted.fell_back);
 }
 
-/// Fills in reference and commands: the last ones while coasting, NaN when not flying.
-fn record_commands(
+/// Fills in reference and set-points: the last ones while coasting, NaN when not flying.
+fn record_setpoints(
     telemetry: &mut TelemetryV1,
     reference: Option<&Reference>,
     output: Option<&ControlOutput>,

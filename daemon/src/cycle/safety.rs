@@ -1,72 +1,220 @@
-//! The safety conditions of a tick.
+//! Safety monitor of the cycle: the conditions of a tick, and the safety state that follows from them.
 
-use oqtal_bus::code::{Cause, Mode, SafetyState};
+use oqtal_bus::code::{Cause, SafetyState};
 use oqtal_bus::time::{Span, Time};
+use oqtal_config::Config;
 
-use super::Cycle;
-use crate::supervisor::SafetyConditions;
+use super::course::FlightCourse;
+use super::intake::Intake;
+use super::requests::Requests;
+use crate::command::VehicleCommand;
+use crate::descent::BlindDescent;
+use crate::fence::Fence;
+use crate::floor::AIRBORNE_M;
+use crate::guard::seconds;
+use crate::limits::{FlightLimits, FlightView, LimitConditions};
+use crate::loop_health::{LoopHealth, TickFrames};
+use crate::supervisor::{SafetyConditions, Supervisor};
 
-/// Time without an accepted pose after which the daemon coasts \[periods\]: the second deadline in a row, three periods after
-/// the last pose. Sources that poll, are late by a frame or are a little slower than the loop miss the first one.
-const COAST_PERIODS: f64 = 2.5;
 /// Gap after which the first good pose is accepted at once \[periods\]; after longer gaps several are needed.
 const SHORT_GAP_PERIODS: f64 = 6.0;
 
-impl Cycle {
-    /// Age of the last accepted pose; `None` before the first.
-    pub(super) fn pose_age(&self, now: Time) -> Option<Span> {
-        self.guard.last().map(|last| now.since(last.captured_at))
+/// The tick that the monitor judges.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SafetyTick<'a> {
+    /// The present instant.
+    pub(super) now: Time,
+    /// Whether the tick has a pose.
+    pub(super) is_fresh: bool,
+    /// Whether a mission is under way, flown or only observed.
+    pub(super) is_armed: bool,
+    /// Whether the flight is held at its beginning until the motors run.
+    pub(super) is_held: bool,
+    /// Whether an operator has requested a flight.
+    pub(super) is_requested: bool,
+    /// The command that was sent in the last tick.
+    pub(super) sent: &'a VehicleCommand,
+}
+
+/// Supervisor, limits and health of the loop.
+#[derive(Clone, Debug)]
+pub(super) struct SafetyMonitor {
+    observe_only: bool,
+    period: Span,
+    /// Time without accepted poses in flight after which the motors stop.
+    coast: Span,
+    /// Good poses in a row after which poses are accepted again.
+    recovery_poses: u32,
+    descent: BlindDescent,
+    supervisor: Supervisor,
+    limits: FlightLimits,
+    health: LoopHealth,
+    /// The last tick on an accepted pose in Nominal or Degraded.
+    last_nominal: Option<Time>,
+}
+
+impl SafetyMonitor {
+    /// The monitor of `config`, in Coast until poses arrive.
+    pub(super) fn new(config: &Config) -> Self {
+        Self {
+            observe_only: config.safety.observe_only,
+            period: Span::period_of(config.control.rate_hz),
+            coast: Span::from_seconds(config.safety.coast_ms * 1e-3),
+            recovery_poses: config.safety.recovery_poses,
+            descent: BlindDescent::of(config),
+            supervisor: Supervisor::default(),
+            limits: FlightLimits::new(config),
+            health: LoopHealth::new(config),
+            last_nominal: None,
+        }
     }
 
-    /// Collects the safety conditions and changes the safety state.
-    pub(super) fn supervise(&mut self, now: Time, fresh: bool) {
-        if fresh {
-            self.memory.last_seen = Some(now);
-        }
-        let poses_missing = self.is_past(now, self.memory.last_seen, COAST_PERIODS);
-        if poses_missing {
-            self.guard.missed();
-            self.carry_motion(now);
-        }
-        let conditions = self.conditions(now, fresh, poses_missing);
-        let state = self.supervisor.step(now, &conditions, self.memory.missing);
-        if state <= SafetyState::Degraded && fresh {
-            self.memory.last_nominal = Some(now);
-        }
+    /// The safety state.
+    pub(super) fn state(&self) -> SafetyState {
+        self.supervisor.state()
     }
 
-    /// The safety conditions of this tick. Takes the requests that end a flight.
-    fn conditions(&mut self, now: Time, fresh: bool, poses_missing: bool) -> SafetyConditions {
-        let age = self.pose_age(now);
-        let is_armed = self.is_armed();
-        // A recording has no vehicle.
-        let vehicle_silent = !is_armed && !self.observe_only && !self.vehicle.answers(now);
-        let vehicle_lost = std::mem::take(&mut self.requests.vehicle_replaced)
-            || self.is_flying() && self.vehicle.is_lost(now);
-        let briefly_unseen = self.supervisor.cause() == Cause::NoPose
-            && !self.is_past(now, self.memory.last_nominal, SHORT_GAP_PERIODS);
-        let blind_too_long = is_armed && age.is_none_or(|age| age > self.timing.coast);
-        let needed = if briefly_unseen { 1 } else { self.timing.recovery_poses };
+    /// Why the state is not Nominal.
+    pub(super) fn cause(&self) -> Cause {
+        self.supervisor.cause()
+    }
+
+    /// The fence.
+    pub(super) fn fence(&self) -> &Fence {
+        &self.limits.fence
+    }
+
+    /// Health of poses and ticks.
+    pub(super) fn health(&self) -> &LoopHealth {
+        &self.health
+    }
+
+    /// Records the command sent at `sent_at`, which was due at `due`.
+    pub(super) fn sent(&mut self, due: Time, sent_at: Time) {
+        self.health.sent(due, sent_at);
+    }
+
+    /// Evaluates the table of limits. Takes the requests that end a flight, and records positions inside the fence.
+    pub(super) fn step(
+        &mut self,
+        tick: &SafetyTick,
+        intake: &Intake,
+        requests: &mut Requests,
+        course: &mut FlightCourse,
+    ) -> SafetyState {
+        let limits = self.limit_conditions(tick, intake, requests, course);
+        let conditions = SafetyConditions { limits, ..self.conditions(tick, intake, requests) };
+        let state = self.supervisor.step(tick.now, &conditions, intake.missing());
+        if state <= SafetyState::Degraded && tick.is_fresh {
+            self.last_nominal = Some(tick.now);
+        }
+        state
+    }
+
+    /// The conditions of this tick but for the limits.
+    fn conditions(
+        &self,
+        tick: &SafetyTick,
+        intake: &Intake,
+        requests: &mut Requests,
+    ) -> SafetyConditions {
+        let SafetyTick { now, is_fresh, is_armed, .. } = *tick;
+        let (age, vehicle) = (intake.pose_age(now), intake.vehicle());
+        let is_flying = is_armed && !self.observe_only;
+        let is_short_gap = self.cause() == Cause::NoPose
+            && self
+                .last_nominal
+                .is_some_and(|at| now.since(at) <= self.period.scaled(SHORT_GAP_PERIODS));
+        let needed = if is_short_gap { 1 } else { self.recovery_poses };
+        let blind_too_long = is_armed && age.is_none_or(|age| age > self.coast);
         SafetyConditions {
-            poses_missing,
-            poses_good: fresh && self.guard.good_in_a_row() >= needed,
-            may_descend: self.may_descend(now),
-            // Only a blind vehicle is asked for: the answer costs a prediction.
-            is_down: blind_too_long && self.is_down(now),
+            poses_missing: intake.poses_missing(now),
+            poses_good: is_fresh && intake.guard().good_in_a_row() >= needed,
+            may_descend: is_flying && !tick.is_held && self.may_descend(now, intake),
+            // Predicted only for a blind vehicle.
+            is_down: blind_too_long && is_down(now, intake),
             blind_too_long,
-            vehicle_silent,
-            vehicle_lost,
-            control_taken: self.is_flying() && self.vehicle.control_is_taken(),
-            operator_stops: std::mem::take(&mut self.requests.stop),
+            // A recording has no vehicle.
+            vehicle_silent: !is_armed && !self.observe_only && !vehicle.answers(now),
+            vehicle_lost: requests.take_vehicle_replaced() || is_flying && vehicle.is_lost(now),
+            control_taken: is_flying && vehicle.control_is_taken(),
+            operator_stops: requests.take_stop(),
             // No operator arms a recording: its state follows its poses.
-            operator_arms: self.mode == Mode::Waiting || self.observe_only,
-            is_flying: self.is_flying(),
-            limits: self.limit_conditions(now, fresh),
+            operator_arms: tick.is_requested || self.observe_only,
+            is_flying,
+            limits: LimitConditions::default(),
         }
     }
 
-    /// Whether `instant` is more than `periods` ago, or unset.
-    fn is_past(&self, now: Time, instant: Option<Time>, periods: f64) -> bool {
-        instant.is_none_or(|instant| now.since(instant) > self.timing.period.scaled(periods))
+    /// Whether the vehicle may descend without poses: it stays level by itself, was in the air at the last pose, and has not
+    /// descended for too long.
+    fn may_descend(&self, now: Time, intake: &Intake) -> bool {
+        intake.last_pose().is_some_and(|last| {
+            self.descent.is_possible(now.since(last.captured_at))
+                && last.position.z > intake.tracker().floor_m() + AIRBORNE_M
+        })
     }
+
+    /// The limits of this tick. In flight the motion is that at the instant at which a command takes effect.
+    fn limit_conditions(
+        &mut self,
+        tick: &SafetyTick,
+        intake: &Intake,
+        requests: &Requests,
+        course: &mut FlightCourse,
+    ) -> LimitConditions {
+        let guard = intake.guard();
+        let age = intake.pose_age(tick.now).filter(|_| tick.is_fresh);
+        let frames = TickFrames { accepted: guard.accepted(), bad: guard.lost() + guard.refused() };
+        self.health.tick(age, frames);
+        let configs_differ = requests.configs_differ();
+        let mut conditions = LimitConditions { configs_differ, ..LimitConditions::default() };
+        if !tick.is_armed || self.observe_only {
+            return conditions;
+        }
+        self.health.check(&mut conditions);
+        conditions.setpoint_refused = course.setpoint().is_refused;
+        if let Some(vehicle) = intake.vehicle().answer(tick.now) {
+            self.limits.check_vehicle(vehicle, &mut conditions);
+        }
+        self.check_motion(tick, intake, course, &mut conditions);
+        conditions
+    }
+
+    fn check_motion(
+        &self,
+        tick: &SafetyTick,
+        intake: &Intake,
+        course: &mut FlightCourse,
+        conditions: &mut LimitConditions,
+    ) {
+        // A Stop of the next tick, whose command is late by a period, takes effect then.
+        let acts_at = tick.now + self.period.scaled(2.0);
+        let tracker = intake.tracker();
+        let motion = tracker.predict_coarsely(seconds(acts_at) + tracker.delay_s());
+        let (Some(mission), Some(reference), Some(motion)) =
+            (course.mission(), &course.setpoint().reference, &motion)
+        else {
+            return;
+        };
+        conditions.landing_overdue = mission.is_landing_overdue(tick.now);
+        let flight = FlightView {
+            motion,
+            floor_m: tracker.floor_m(),
+            reference,
+            thrust_n: tick.sent.thrust_n().unwrap_or(0.0),
+            is_descent: self.state() == SafetyState::Descend,
+        };
+        self.limits.check(&flight, conditions);
+        if !conditions.in_fence_margin {
+            course.record_inside(motion.motion.position);
+        }
+    }
+}
+
+/// Whether the predicted motion has reached the floor.
+fn is_down(now: Time, intake: &Intake) -> bool {
+    let tracker = intake.tracker();
+    let track = tracker.predict_coarsely(seconds(now));
+    track.is_some_and(|track| track.is_at_floor(tracker.floor_m()))
 }

@@ -4,10 +4,13 @@ use super::*;
 use oqtal_bus::message::Stamps;
 use oqtal_config::Config;
 
+use crate::command_model::{CommandModel, motion_tracker};
+
 const FRAME: Span = Span::from_nanos(16_666_667);
 
 struct Feed {
     guard: Guard,
+    tracker: MotionTracker,
     frame: u64,
     time: Time,
 }
@@ -15,8 +18,8 @@ struct Feed {
 impl Feed {
     /// A guard that has accepted a few poses at the origin.
     fn settled() -> Self {
-        let guard = Guard::new(&Config::default()).unwrap();
-        let mut feed = Self { guard, frame: 0, time: Time::VIRTUAL_START };
+        let (guard, tracker) = on_the_ground();
+        let mut feed = Self { guard, tracker, frame: 0, time: Time::VIRTUAL_START };
         for _ in 0..4 {
             assert!(feed.show(pose_at(0.0)).is_ok());
         }
@@ -27,10 +30,10 @@ impl Feed {
     fn show(&mut self, pose: PoseV1) -> Result<Accepted, Cause> {
         self.frame += 1;
         self.time = self.time + FRAME;
-        self.judge_at(self.frame, self.time, self.time, pose)
+        self.check_at(self.frame, self.time, self.time, pose)
     }
 
-    fn judge_at(
+    fn check_at(
         &mut self,
         frame: u64,
         captured_at: Time,
@@ -41,8 +44,14 @@ impl Feed {
         pose.position[1] += 1e-6 * (self.frame % 7) as f64;
         let stamps = Stamps { captured_at, ..Stamps::default() };
         let header = Header { pose_sequence: frame, stamps, ..Header::default() };
-        self.guard.gate(now, &header, &pose, true)
+        self.guard.check(&mut self.tracker, now, &(header, pose), true)
     }
+}
+
+fn on_the_ground() -> (Guard, MotionTracker) {
+    let config = Config::default();
+    let model = CommandModel::new(&config).unwrap().model;
+    (Guard::new(&config), motion_tracker(&config, model))
 }
 
 fn pose_at(x: f64) -> PoseV1 {
@@ -72,13 +81,14 @@ fn missing_frames_are_counted_by_their_numbers() {
 
 #[test]
 fn a_burst_of_which_the_last_is_seen_is_superseded_and_not_lost() {
-    let mut guard = Guard::new(&Config::default()).unwrap();
+    let (mut guard, mut tracker) = on_the_ground();
     let mut show = |frame: u64, message: u64| {
         let now = Time::VIRTUAL_START + Span::from_millis(17 * frame.cast_signed());
         let stamps = Stamps { captured_at: now, ..Stamps::default() };
         let header =
             Header { sequence: message, pose_sequence: frame, stamps, ..Header::default() };
-        assert!(guard.gate(now, &header, &pose_at(1e-6 * frame as f64), true).is_ok());
+        let arrival = (header, pose_at(1e-6 * frame as f64));
+        assert!(guard.check(&mut tracker, now, &arrival, true).is_ok());
         (guard.superseded(), guard.lost())
     };
     assert_eq!(show(1, 1), (0, 0));
@@ -91,7 +101,7 @@ fn f04_a_late_pose_is_refused_by_its_capture_time() {
     let mut feed = Feed::settled();
     let captured = feed.time + FRAME;
     let verdict =
-        feed.judge_at(feed.frame + 1, captured, captured + Span::from_millis(90), pose_at(0.0));
+        feed.check_at(feed.frame + 1, captured, captured + Span::from_millis(90), pose_at(0.0));
     assert_eq!(verdict, Err(Cause::Stale));
 }
 
@@ -99,11 +109,11 @@ fn f04_a_late_pose_is_refused_by_its_capture_time() {
 fn f05_repeats_and_time_running_back_are_refused() {
     let mut feed = Feed::settled();
     assert_eq!(
-        feed.judge_at(feed.frame, feed.time + FRAME, feed.time + FRAME, pose_at(0.0)),
+        feed.check_at(feed.frame, feed.time + FRAME, feed.time + FRAME, pose_at(0.0)),
         Err(Cause::Order)
     );
     assert_eq!(
-        feed.judge_at(feed.frame + 1, feed.time - FRAME, feed.time, pose_at(0.0)),
+        feed.check_at(feed.frame + 1, feed.time - FRAME, feed.time, pose_at(0.0)),
         Err(Cause::Order)
     );
 }
@@ -114,10 +124,12 @@ fn f17_frames_that_count_anew_are_refused_in_flight_and_believed_on_the_ground()
     let captured_at = feed.time + FRAME;
     let stamps = Stamps { captured_at, ..Stamps::default() };
     let header = Header { pose_sequence: 1, stamps, ..Header::default() };
-    let mut judge = |flying| feed.guard.gate(captured_at, &header, &pose_at(0.0), flying);
-    assert_eq!(judge(true), Err(Cause::Order));
-    assert!(judge(false).is_ok());
-    assert_eq!(judge(false), Err(Cause::Order), "the same capture again");
+    let Feed { guard, tracker, .. } = &mut feed;
+    let arrival = (header, pose_at(0.0));
+    let mut check = |flying| guard.check(tracker, captured_at, &arrival, flying);
+    assert_eq!(check(true), Err(Cause::Order));
+    assert!(check(false).is_ok());
+    assert_eq!(check(false), Err(Cause::Order), "the same capture again");
 }
 
 #[test]

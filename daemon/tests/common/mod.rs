@@ -30,7 +30,7 @@ pub struct Bench {
     /// Arrival of a pose to the command about it.
     pub compute: Span,
     /// The process that speaks of the vehicle.
-    pub speaker: u64,
+    pub source: u64,
 }
 
 /// A simulated vehicle that answers: its motors need no start.
@@ -72,7 +72,7 @@ impl Bench {
             silent: false,
             latency: LATENCY,
             compute: Span::default(),
-            speaker: 1,
+            source: 1,
         }
     }
 
@@ -110,8 +110,8 @@ impl Bench {
         let stamps = Stamps { applied_at: self.now + RADIO, ..stamps };
         let vehicle = VehicleV1 { command_sequence: self.sent, ..self.vehicle };
         if !self.silent {
-            let header = Header { source: self.speaker, stamps, ..Header::default() };
-            self.cycle.hear(self.now, &header, &vehicle);
+            let header = Header { source: self.source, stamps, ..Header::default() };
+            self.cycle.receive_vehicle(self.now, &header, &vehicle);
         }
         tick
     }

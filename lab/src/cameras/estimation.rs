@@ -7,7 +7,8 @@ use oqtal_config::Config;
 use oqtal_control::controller::ControllerName;
 use oqtal_control::estimator::{Estimate, Estimator};
 use oqtal_control::predictive::{
-    CommandHistory, FilterInnovation, ModelInput, MotionObserver, Rotation, VehicleModel,
+    AdaptationOptions, FilterInnovation, MeasuredPose, ModelInput, MotionTracker,
+    PredictiveOptions, Rotation, VehicleModel,
 };
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::statistics::mean;
@@ -111,8 +112,7 @@ fn estimated(poses: &[FlightSample]) -> Vec<f64> {
 fn estimate(flight: &Flight, stamp: &'static str, poses: &[StampedPose]) -> StampFigures {
     let config = &flight.config;
     let mut estimator = Estimator::new(config.control.estimator);
-    let mut filter = MotionObserver::new(model(config), config.control.predictive.filter);
-    let mut history = CommandHistory::new(config.vehicle.command_delay_ms * 1e-3);
+    let mut tracker = tracker(config);
     let mut errors: [Vec<Vector3<f64>>; 4] = Default::default();
     let mut innovations: Vec<FilterInnovation> = Vec::new();
     let mut next = poses.iter().enumerate().peekable();
@@ -121,9 +121,14 @@ fn estimate(flight: &Flight, stamp: &'static str, poses: &[StampedPose]) -> Stam
             |(_, pose): &(usize, &StampedPose)| pose.sample.telemetry.tick == sample.telemetry.tick;
         if let Some((k, pose)) = next.next_if(is_taken) {
             let measured = update(&mut estimator, pose);
-            filter.take(pose.stamp_s, &measured, &history);
+            let taken = MeasuredPose { position: measured.position, attitude: measured.attitude };
+            match tracker.track() {
+                Some(_) => tracker.take(pose.stamp_s, &taken),
+                None => tracker.begin(pose.stamp_s, &taken, f64::NEG_INFINITY),
+            }
             let truth = truth_at(&flight.samples, pose.stamp_s);
-            if let (Some((_, motion)), Some((velocity, rate))) = (filter.latest(), truth)
+            if let (Some((motion, innovation)), Some((velocity, rate))) =
+                (tracker.filtered(), truth)
                 && k >= SETTLING
             {
                 let by = [measured.velocity - velocity, measured.rate.0 - rate];
@@ -131,10 +136,10 @@ fn estimate(flight: &Flight, stamp: &'static str, poses: &[StampedPose]) -> Stam
                 for (errors, error) in errors.iter_mut().zip(by.into_iter().chain(of_filter)) {
                     errors.push(error);
                 }
-                innovations.extend(filter.innovation());
+                innovations.extend(innovation);
             }
         }
-        history.push(
+        tracker.sent(
             sample.telemetry.command_sequence,
             seconds(sample.telemetry.time),
             input(config, sample),
@@ -176,7 +181,15 @@ fn update(estimator: &mut Estimator, pose: &StampedPose) -> Estimate {
     estimator.update(pose.stamp_s, telemetry.pose_position.into(), attitude)
 }
 
-/// The model of the vehicle, commanded by rates.
+/// A tracker with the configured model throughout.
+fn tracker(config: &Config) -> MotionTracker {
+    let adaptation = AdaptationOptions { adapt: false, ..AdaptationOptions::default() };
+    let options = PredictiveOptions { adaptation, ..config.control.predictive };
+    let delay_s = config.vehicle.command_delay_ms * 1e-3;
+    MotionTracker::new(model(config), config.safety.filter, delay_s).predictive(&options)
+}
+
+/// The model of `[vehicle]`, commanded by rates.
 fn model(config: &Config) -> VehicleModel {
     let rotation = Rotation::RateLoop { lag_s: config.vehicle.rate_lag_ms * 1e-3 };
     let CommandModel { model, .. } =

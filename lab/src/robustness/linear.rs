@@ -181,7 +181,7 @@ fn steady_gain(config: &Config, model: &AxisModel) -> Vector3<f64> {
     let options = &config.control.predictive.filter;
     let filter = AttitudeFilter::new(options);
     let transition = filter.transition(&Rotation::RateLoop { lag_s: model.lag_s }, model.period_s);
-    let mut covariance = *filter.covariance();
+    let mut covariance = *filter.axis.covariance();
     let mut gain = Vector3::zeros();
     for _ in 0..STEADY {
         covariance.predict(&transition);

@@ -1,4 +1,4 @@
-//! Records of what the loop took in, for topic `input`: what a replay needs to execute the same turns again.
+//! Records of the inputs of the loop, for topic `input`: with them a replay executes the same turns again.
 
 use oqtal_bus::code::{InputKind, OperatorCommand};
 use oqtal_bus::message::{ControlResponseV1, Header, InputV1, PoseV1, VehicleV1};

@@ -2,14 +2,14 @@
 
 /// State of the automatic flight at start-up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum AtStart {
+pub enum AutoTakeoff {
     /// No automatic flight is configured, or it was cancelled.
     #[default]
-    Nothing,
+    None,
     /// The flight begins as soon as poses allow it, if the vehicle is simulated.
-    Awaited,
+    Pending,
     /// The flight has begun.
-    Taken,
+    Started,
     /// Refused: the vehicle is not simulated.
     Refused,
 }

@@ -1,0 +1,261 @@
+//! The one estimate of the vehicle's motion. It holds the commands in flight, the motion that they lead to, and the model that
+//! predicts it: the gate asks it where a pose may be, the limits where the vehicle will be, and laws that predict fly on it.
+//!
+//! For a law that does not predict, the model is the configured one and the noise that of admission. For one that predicts, the
+//! model is the adapted one, and the motion is estimated with the noise of an undisturbed flight ([`Track`]). Adaptation learns
+//! from admitted poses alone, within its bounds, and on the ground all is forgotten.
+
+use super::adaptation::{Adaptation, AdaptedModel};
+use super::history::{CommandEffect, CommandHistory, CommandReport};
+use super::model::{Bias, Integration, ModelInput, Motion, VehicleModel};
+use super::options::{FilterOptions, PredictiveOptions};
+use super::track::{Deviation, FilterInnovation, MeasuredPose, Propagation, Track, TrackNoise};
+use crate::estimator::Estimate;
+
+/// Share of the weight that the thrust reaches when the vehicle is about to leave the floor \[-\].
+const LIFTING: f64 = 0.9;
+
+/// Distance of a pose from the predicted position beyond which a tracker without a gate starts again at the pose \[m\].
+const LOST_M: f64 = 1.0;
+
+/// The motion of a vehicle, and the commands on their way to it. No method allocates.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MotionTracker {
+    /// The configured model.
+    nominal: VehicleModel,
+    /// The model that predicts: the configured one, adapted.
+    model: VehicleModel,
+    noise: TrackNoise,
+    history: CommandHistory,
+    /// `None` for a fixed model.
+    adaptation: Option<Adaptation>,
+    /// Height of the floor from which the flight began \[m, world z\].
+    floor_m: f64,
+    /// Whether the thrust has been that of a vehicle that leaves the floor.
+    is_lifted: bool,
+    /// On the ground: the instant \[s\] and the motion of the last pose.
+    resting: Option<(f64, Motion)>,
+    /// In flight: the motion at the last admitted pose, or later.
+    track: Option<Track>,
+    /// Innovation of the last admitted pose; `None` on the ground.
+    innovation: Option<FilterInnovation>,
+}
+
+impl MotionTracker {
+    /// The tracker of a vehicle on the ground with the model `model`, for a law that does not predict. Poses are admitted with the
+    /// noise `admission`; `delay_s` is the delay from sending a command to its effect until one is measured \[s\].
+    #[must_use]
+    pub fn new(model: VehicleModel, admission: FilterOptions, delay_s: f64) -> Self {
+        Self {
+            nominal: model,
+            model,
+            noise: TrackNoise { admission, estimation: None },
+            history: CommandHistory::new(delay_s),
+            adaptation: None,
+            floor_m: 0.0,
+            is_lifted: false,
+            resting: None,
+            track: None,
+            innovation: None,
+        }
+    }
+
+    /// The same for a law that flies on the tracked motion.
+    #[must_use]
+    pub fn predictive(self, options: &PredictiveOptions) -> Self {
+        let adaptation = options
+            .adaptation
+            .adapt
+            .then(|| Adaptation::new(&options.adaptation, &options.filter, &self.nominal));
+        let noise = TrackNoise { estimation: Some(options.filter), ..self.noise };
+        Self { noise, adaptation, ..self }
+    }
+
+    /// Begins a flight with the vehicle at rest in `pose`, measured at `t_s` \[s\], above a floor at `floor_m` \[m, world z\].
+    pub fn begin(&mut self, t_s: f64, pose: &MeasuredPose, floor_m: f64) {
+        self.track = Some(Track::at_rest(&self.noise, t_s, pose));
+        (self.floor_m, self.is_lifted, self.innovation) = (floor_m, false, None);
+        if let Some(adaptation) = &mut self.adaptation {
+            // The next flight may have another battery, load or vehicle.
+            adaptation.reset();
+            self.adopt_model();
+        }
+    }
+
+    /// Ends the flight: on the ground no motion is predicted.
+    pub fn end(&mut self) {
+        self.resting = self.track.take().map(|track| (track.t_s, track.motion)).or(self.resting);
+        self.innovation = None;
+    }
+
+    /// Takes the motion of a vehicle on the ground, measured at `t_s` \[s\].
+    pub fn rest(&mut self, t_s: f64, measured: &Estimate) {
+        self.resting = Some((t_s, Motion::of(measured, 0.0)));
+    }
+
+    /// Records a command sent at `sent_s` \[s\].
+    pub fn sent(&mut self, sequence: u64, sent_s: f64, input: ModelInput) {
+        self.history.push(sequence, sent_s, input);
+    }
+
+    /// Records that a command took effect.
+    pub fn applied(&mut self, report: CommandReport) {
+        self.history.applied(report);
+    }
+
+    /// Counts commands as lost whose reports are overdue when the next command is to be sent.
+    pub fn expect_reports(&mut self) {
+        self.history.expect_reports();
+    }
+
+    /// Measured delay from sending a command to its effect \[s\].
+    #[must_use]
+    pub fn delay_s(&self) -> f64 {
+        self.history.delay_s()
+    }
+
+    /// Delay from sending a command to its effect on the rotation, with the adapted part that reports do not show \[s\].
+    #[must_use]
+    pub fn effect_delay_s(&self) -> f64 {
+        self.history.effect_delay_s()
+    }
+
+    /// Correction of the reported effect of commands.
+    #[must_use]
+    pub fn effect(&self) -> &CommandEffect {
+        self.history.effect()
+    }
+
+    /// The model that predicts the motion.
+    #[must_use]
+    pub fn model(&self) -> &VehicleModel {
+        &self.model
+    }
+
+    /// The adapted model, relative to the configured one; `None` if that one predicts.
+    #[must_use]
+    pub fn adapted(&self) -> Option<AdaptedModel> {
+        self.adaptation.as_ref().map(Adaptation::model)
+    }
+
+    /// Height of the floor from which the flight began \[m, world z\].
+    #[must_use]
+    pub fn floor_m(&self) -> f64 {
+        self.floor_m
+    }
+
+    /// The motion at the last admitted pose, or later; `None` on the ground.
+    #[must_use]
+    pub fn track(&self) -> Option<&Track> {
+        self.track.as_ref()
+    }
+
+    /// The motion predicted for `t_s` \[s\] with its uncertainty; `None` on the ground.
+    #[must_use]
+    pub fn predict(&self, t_s: f64) -> Option<Track> {
+        self.track.map(|track| self.advanced(&track, t_s))
+    }
+
+    /// The same in coarse steps, for limits: a hundredth of a motion over few periods does not matter to them.
+    #[must_use]
+    pub fn predict_coarsely(&self, t_s: f64) -> Option<Track> {
+        let model = VehicleModel { integration: Integration::Coarse, ..self.model };
+        let propagation = Propagation { model: &model, ..self.propagation() };
+        self.track.map(|track| track.advanced(t_s, &propagation))
+    }
+
+    /// The motion predicted for `t_s` \[s\]; on the ground that of the last pose, `None` before the first.
+    #[must_use]
+    pub fn motion_at(&self, t_s: f64) -> Option<Motion> {
+        match &self.track {
+            Some(track) if t_s > track.t_s => Some(track.motion_at(t_s, &self.propagation())),
+            Some(track) => Some(track.motion),
+            None => self.resting.map(|(_, motion)| motion),
+        }
+    }
+
+    /// `track`, propagated to `t_s` \[s\] as the motion would be.
+    #[must_use]
+    pub fn advanced(&self, track: &Track, t_s: f64) -> Track {
+        track.advanced(t_s, &self.propagation())
+    }
+
+    /// The estimated bias; zero on the ground.
+    #[must_use]
+    pub fn bias(&self) -> Bias {
+        self.track.as_ref().map_or_else(Bias::default, Track::bias)
+    }
+
+    /// The motion at the last admitted pose and the innovation of that pose, for a law that flies on it; `None` for others, and
+    /// before the first pose.
+    #[must_use]
+    pub fn filtered(&self) -> Option<(&Motion, Option<&FilterInnovation>)> {
+        self.noise.estimation.as_ref()?;
+        let motion = self.track.as_ref().map(|track| &track.motion);
+        let resting = self.resting.as_ref().map(|(_, motion)| motion);
+        motion.or(resting).map(|motion| (motion, self.innovation.as_ref()))
+    }
+
+    /// Propagates the motion to `t_s` \[s\] without a pose.
+    pub fn propagate(&mut self, t_s: f64) {
+        self.track = self.predict(t_s);
+    }
+
+    /// Replaces the motion.
+    pub fn restore(&mut self, track: Track) {
+        self.track = Some(track);
+    }
+
+    /// Corrects the prediction `expected` by an admitted pose, which deviates from it by `deviation`.
+    pub fn correct(&mut self, expected: &Track, deviation: &Deviation, pose: &MeasuredPose) {
+        let track = expected.corrected(deviation, self.floor_m);
+        self.track = Some(track);
+        if self.noise.estimation.is_some() {
+            let is_free = !expected.is_at_floor(self.floor_m);
+            self.innovation = is_free.then(|| expected.filter_innovation(deviation));
+            self.adapt(&track, pose);
+        }
+    }
+
+    /// Takes a pose measured at `t_s` \[s\] without a gate. A pose that is not finite, or not later than the last one, is ignored;
+    /// from one that is far from the prediction the motion starts again.
+    pub fn take(&mut self, t_s: f64, pose: &MeasuredPose) {
+        let Some(last_s) = self.track.as_ref().map(|track| track.t_s) else { return };
+        let is_finite = pose.position.iter().all(|x| x.is_finite()) && pose.attitude.is_finite();
+        // A comparison with NaN is false.
+        if !(t_s > last_s && t_s.is_finite() && is_finite) {
+            return;
+        }
+        let Some(expected) = self.predict(t_s) else { return };
+        let deviation = expected.deviation(pose);
+        if expected.motion.is_finite() && deviation.offset.norm() <= LOST_M {
+            self.correct(&expected, &deviation, pose);
+        } else {
+            let mut track = Track::at_rest(&self.noise, t_s, pose);
+            track.motion.thrust_n = self.model.mass_kg * self.model.gravity_m_s2;
+            self.restore(track);
+        }
+    }
+
+    fn adapt(&mut self, track: &Track, pose: &MeasuredPose) {
+        let weight_n = self.model.mass_kg * self.model.gravity_m_s2;
+        self.is_lifted |= track.motion.thrust_n >= LIFTING * weight_n;
+        if let Some(adaptation) = self.adaptation.as_mut().filter(|_| self.is_lifted) {
+            let vertical = track.bias().acceleration.z;
+            adaptation.take(track.t_s, (&pose.attitude, &track.motion, vertical), &self.history);
+            self.adopt_model();
+        }
+    }
+
+    /// Predicts with the adapted model from now on.
+    fn adopt_model(&mut self) {
+        if let Some(adapted) = self.adapted() {
+            self.model = adapted.of(&self.nominal);
+            self.history.set_effect(adapted.effect());
+        }
+    }
+
+    fn propagation(&self) -> Propagation<'_> {
+        Propagation { model: &self.model, history: &self.history, floor_m: self.floor_m }
+    }
+}

@@ -1,0 +1,195 @@
+//! Control of the cycle: from a directive to the command of the tick.
+
+use oqtal_bus::message::CommandV1;
+use oqtal_bus::time::Time;
+use oqtal_config::{Config, Interface};
+use oqtal_control::euler::EulerAngles;
+use oqtal_control::options::OptionError;
+use oqtal_control::position::OuterLoop;
+use oqtal_control::scalar_pid::PidGains;
+use oqtal_control::trajectory::Reference;
+
+use super::intake::Intake;
+use crate::command::VehicleCommand;
+use crate::descent::BlindDescent;
+use crate::guard::seconds;
+use crate::stack::{ControlInput, ControlOutput, ControlStack};
+
+/// Time after the end of the landing's reference from which on thrust is reduced \[s\].
+const REDUCED_AFTER_S: f64 = 1.5;
+/// Share of the thrust that is taken away in each second \[1/s\]: slowly enough that the vehicle sinks and does not fall.
+const REDUCED_PER_S: f64 = 0.1;
+/// Greatest share of the thrust that is taken away \[-\].
+const GREATEST_REDUCTION: f64 = 0.5;
+
+/// Task of the control in one tick.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Directive {
+    /// Motors off.
+    Disarm,
+    /// Idling rotors, level at the present heading.
+    Idle,
+    /// Level and below the thrust of a hover, without poses.
+    Descend,
+    /// Fly to the reference. The reference of the landing has ended `overdue_s` ago \[s\]; negative before.
+    Fly { reference: Reference, overdue_s: f64 },
+}
+
+/// The instant of a tick.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ControlTick {
+    /// The present instant.
+    pub(super) now: Time,
+    /// Time since the last tick \[s\].
+    pub(super) dt_s: f64,
+    /// Whether the tick has a pose.
+    pub(super) is_fresh: bool,
+}
+
+/// The control stack with the commands of the last tick.
+#[derive(Clone, Debug)]
+pub(super) struct FlightControl {
+    observe_only: bool,
+    interface: Interface,
+    max_thrust_n: f64,
+    stack: ControlStack,
+    descent: BlindDescent,
+    /// The last command, repeated while poses are missing.
+    held: VehicleCommand,
+    /// The command that was sent in the last tick.
+    sent: VehicleCommand,
+}
+
+impl FlightControl {
+    /// The control of `config`, with motors off.
+    ///
+    /// # Errors
+    /// An option of the law or of the vehicle is not allowed.
+    pub(super) fn new(config: &Config) -> Result<Self, OptionError> {
+        Ok(Self {
+            observe_only: config.safety.observe_only,
+            interface: config.vehicle.interface,
+            max_thrust_n: config.vehicle.max_thrust_n,
+            stack: ControlStack::new(config)?,
+            descent: BlindDescent::of(config),
+            held: VehicleCommand::Disarmed,
+            sent: VehicleCommand::Disarmed,
+        })
+    }
+
+    /// The command that was sent in the last tick.
+    pub(super) fn sent(&self) -> &VehicleCommand {
+        &self.sent
+    }
+
+    /// The control stack.
+    pub(super) fn stack(&self) -> &ControlStack {
+        &self.stack
+    }
+
+    /// Resets integrators and filters for a new flight.
+    pub(super) fn reset(&mut self) {
+        self.stack.reset();
+    }
+
+    /// Replaces the gains of one of the outer loops of Fig. 16.
+    pub(super) fn set_loop(&mut self, which: OuterLoop, gains: PidGains) {
+        self.stack.set_loop(which, gains);
+    }
+
+    /// Computes the output of the law for `directive`; `None` if the law is not asked, or has no motion to work with.
+    pub(super) fn compute(
+        &mut self,
+        tick: &ControlTick,
+        directive: &Directive,
+        intake: &Intake,
+    ) -> Option<ControlOutput> {
+        let Directive::Fly { reference, .. } = directive else { return None };
+        self.stack.compute(&ControlInput {
+            now_s: seconds(tick.now),
+            dt_s: tick.dt_s,
+            estimate: intake.motion(tick.now, tick.is_fresh)?,
+            tracker: intake.tracker(),
+            reference,
+        })
+    }
+
+    /// The command for `directive`: that of `output` where the law computed one, else the last one. Records it as sent, unless the
+    /// daemon only observes, and returns its message, which telemetry has in either case, and the one to send.
+    pub(super) fn command(
+        &mut self,
+        now: Time,
+        directive: &Directive,
+        output: Option<&ControlOutput>,
+        intake: &Intake,
+    ) -> [CommandV1; 2] {
+        let command = self.select_command(now, directive, output, intake);
+        let message = command.to_message(self.interface, self.max_thrust_n);
+        self.held = command;
+        self.sent = if self.observe_only { VehicleCommand::Disarmed } else { command };
+        [message, if self.observe_only { CommandV1::default() } else { message }]
+    }
+
+    fn select_command(
+        &self,
+        now: Time,
+        directive: &Directive,
+        output: Option<&ControlOutput>,
+        intake: &Intake,
+    ) -> VehicleCommand {
+        let heading = || EulerAngles::from_attitude(&intake.estimate().attitude).yaw;
+        match (directive, output) {
+            (Directive::Disarm, _) => VehicleCommand::Disarmed,
+            (Directive::Idle, _) => VehicleCommand::idle(self.interface, heading()),
+            (Directive::Descend, _) => {
+                let track = intake.tracker().predict_coarsely(seconds(now));
+                let lift = track.map_or(0.0, |track| track.bias().acceleration.z);
+                VehicleCommand::level(self.interface, heading(), self.descent.thrust_n(lift))
+            }
+            (Directive::Fly { overdue_s, .. }, Some(output)) => {
+                with_reduced_thrust(output.command.finite_or_disarmed(), *overdue_s)
+            }
+            (Directive::Fly { .. }, None) => self.held,
+        }
+    }
+}
+
+/// `command` with less thrust if the landing has not ended although its reference has, `overdue_s` ago \[s\]: a vehicle whose thrust is
+/// greater, or whose mass is smaller, than configured stays above the reference by more than the loops correct.
+fn with_reduced_thrust(command: VehicleCommand, overdue_s: f64) -> VehicleCommand {
+    let VehicleCommand::Armed { rotation, thrust_n, attitude } = command else {
+        return command;
+    };
+    let share = (REDUCED_PER_S * (overdue_s - REDUCED_AFTER_S)).clamp(0.0, GREATEST_REDUCTION);
+    VehicleCommand::Armed { rotation, thrust_n: thrust_n * (1.0 - share), attitude }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+    use oqtal_control::position::PositionCommand;
+    use oqtal_control::quaternion::Attitude;
+    use oqtal_control::tracking_error::AttitudeReference;
+    use oqtal_control::trajectory::Phase;
+
+    use super::*;
+
+    #[test]
+    fn f06_a_law_that_decides_on_numbers_that_are_not_finite_disarms() {
+        let (config, now) = (Config::default(), Time::VIRTUAL_START);
+        let trajectory = crate::trajectory(&config).unwrap();
+        let intake = Intake::new(&config, &trajectory).unwrap();
+        let mut control = FlightControl::new(&config).unwrap();
+        let reference = Reference::rest(Vector3::zeros(), Phase::Settle);
+        let directive = Directive::Fly { reference, overdue_s: f64::NEG_INFINITY };
+        for (thrust_n, is_armed) in [(5.0, true), (f64::NAN, false), (f64::INFINITY, false)] {
+            let command = VehicleCommand::level(config.vehicle.interface, 0.0, thrust_n);
+            let attitude = AttitudeReference::at_rest(Attitude::LEVEL);
+            let setpoint = PositionCommand { attitude, thrust_n, velocity: Vector3::zeros() };
+            let output = ControlOutput { setpoint, command, saturated: false };
+            control.command(now, &directive, Some(&output), &intake);
+            let expected = if is_armed { command } else { VehicleCommand::Disarmed };
+            assert_eq!(*control.sent(), expected, "{thrust_n} N");
+        }
+    }
+}

@@ -1,0 +1,221 @@
+//! Intake of the cycle: poses and vehicle messages in, the motion of the vehicle out.
+
+use oqtal_bus::code::Cause;
+use oqtal_bus::message::{Header, PoseV1, VehicleV1};
+use oqtal_bus::obstacle::ArmingObstacles;
+use oqtal_bus::time::{Span, Time};
+use oqtal_config::Config;
+use oqtal_control::estimator::{Estimate, Estimator};
+use oqtal_control::options::OptionError;
+use oqtal_control::predictive::{CommandReport, MotionTracker};
+use oqtal_control::trajectory::Trajectory;
+
+use crate::arming::{ArmingCheck, ArmingView};
+use crate::command::VehicleCommand;
+use crate::command_model::{CommandModel, motion_tracker};
+use crate::guard::{Accepted, Guard, seconds};
+use crate::vehicle::VehicleWatch;
+
+/// Time without an accepted pose after which poses count as missing \[periods\]: the second deadline in a row, three periods after
+/// the last pose. Sources that poll, are late by a frame or are a little slower than the loop miss the first one.
+const MISSING_PERIODS: f64 = 2.5;
+/// Age of the tracked motion from which on it is propagated without poses \[s\]: less than the commands that are remembered.
+const OLD_TRACK_S: f64 = 0.5;
+/// Age of the motion propagated without poses \[s\]: more than that of any pose that is accepted.
+const PROPAGATED_TRACK_S: f64 = 0.25;
+
+/// What the daemon observes, and the motion that follows from it.
+#[derive(Clone, Debug)]
+pub(super) struct Intake {
+    /// Time without accepted poses in flight during which the vehicle is flown on the predicted motion.
+    predict: Span,
+    /// Time after which poses count as missing.
+    missing_after: Span,
+    /// Good poses in a row that allow a flight \[-\].
+    recovery_poses: u32,
+    guard: Guard,
+    tracker: MotionTracker,
+    commands: CommandModel,
+    estimator: Estimator,
+    vehicle: VehicleWatch,
+    arming: ArmingCheck,
+    /// The newest pose since the last tick, if it was accepted.
+    fresh: Option<Header>,
+    /// The last tick on an accepted pose.
+    fresh_at: Option<Time>,
+    /// Why the last pose that was due is missing.
+    missing: Cause,
+}
+
+impl Intake {
+    /// The intake of `config`, for flights of `trajectory`.
+    ///
+    /// # Errors
+    /// The vehicle has no model.
+    pub(super) fn new(config: &Config, trajectory: &Trajectory) -> Result<Self, OptionError> {
+        let commands = CommandModel::new(config)?;
+        Ok(Self {
+            predict: Span::from_seconds(config.safety.predict_ms * 1e-3),
+            missing_after: Span::period_of(config.control.rate_hz).scaled(MISSING_PERIODS),
+            recovery_poses: config.safety.recovery_poses,
+            guard: Guard::new(config),
+            tracker: motion_tracker(config, commands.model),
+            commands,
+            estimator: Estimator::new(config.control.estimator),
+            vehicle: VehicleWatch::new(&config.safety),
+            arming: ArmingCheck::new(config, trajectory),
+            fresh: None,
+            fresh_at: None,
+            missing: Cause::NoPose,
+        })
+    }
+
+    /// Takes a pose, `flying` or not; returns whether it was accepted. Unless `keeps`, the last position is discarded after a jump.
+    pub(super) fn take_pose(
+        &mut self,
+        now: Time,
+        arrival: &(Header, PoseV1),
+        flying: bool,
+        keeps: bool,
+    ) -> bool {
+        match self.guard.check(&mut self.tracker, now, arrival, flying) {
+            Ok(accepted) => {
+                let captured_s = seconds(accepted.captured_at);
+                let estimate =
+                    self.estimator.update(captured_s, accepted.position, accepted.attitude);
+                if self.tracker.track().is_none() {
+                    self.tracker.rest(captured_s, &estimate);
+                }
+                self.fresh = Some(arrival.0);
+                self.arming.take(&accepted);
+                true
+            }
+            Err(cause) => {
+                self.missing = cause;
+                if !keeps {
+                    self.guard.forget();
+                }
+                false
+            }
+        }
+    }
+
+    /// Takes the state of the vehicle, and the instant at which a command took effect.
+    pub(super) fn receive_vehicle(&mut self, now: Time, header: &Header, vehicle: &VehicleV1) {
+        self.vehicle.receive(now, header.source, vehicle);
+        let follows = self.vehicle.follows(header.sequence);
+        let applied_at = header.stamps.applied_at;
+        if applied_at.is_set() {
+            let remaining = Span::from_nanos(vehicle.wire_ns + vehicle.air_ns);
+            let acts_s = seconds(applied_at + remaining);
+            let sequence = vehicle.command_sequence;
+            self.tracker.applied(CommandReport { sequence, acts_s, follows });
+        }
+    }
+
+    /// Records the command published at `sent_at`.
+    pub(super) fn sent(&mut self, sequence: u64, sent_at: Time, command: &VehicleCommand) {
+        self.tracker.sent(sequence, seconds(sent_at), self.commands.input(command));
+    }
+
+    /// Begins a tick at `now`; returns the header of the newest pose, if it was accepted. `arrived` if a pose came in this tick.
+    pub(super) fn begin_tick(&mut self, now: Time, arrived: bool) -> Option<Header> {
+        let fresh = self.fresh.take();
+        if fresh.is_some() {
+            self.fresh_at = Some(now);
+        } else if !arrived {
+            self.missing = Cause::NoPose;
+        }
+        self.tracker.expect_reports();
+        if self.poses_missing(now) {
+            self.guard.missed();
+            let now_s = seconds(now);
+            self.guard.propagate(
+                &mut self.tracker,
+                now_s - OLD_TRACK_S,
+                now_s - PROPAGATED_TRACK_S,
+            );
+        }
+        fresh
+    }
+
+    /// Whether poses have been missing for longer than the longest pause of a regular source.
+    pub(super) fn poses_missing(&self, now: Time) -> bool {
+        self.fresh_at.is_none_or(|at| now.since(at) > self.missing_after)
+    }
+
+    /// Whether a pose waits for the next tick.
+    pub(super) fn has_fresh(&self) -> bool {
+        self.fresh.is_some()
+    }
+
+    /// Why the last pose that was due is missing.
+    pub(super) fn missing(&self) -> Cause {
+        self.missing
+    }
+
+    /// Age of the last accepted pose; `None` before the first.
+    pub(super) fn pose_age(&self, now: Time) -> Option<Span> {
+        self.guard.last().map(|last| now.since(last.captured_at))
+    }
+
+    /// The last accepted pose.
+    pub(super) fn last_pose(&self) -> Option<&Accepted> {
+        self.guard.last()
+    }
+
+    /// The motion estimated from poses.
+    pub(super) fn estimate(&self) -> Estimate {
+        self.estimator.latest()
+    }
+
+    /// The motion for a tick at `now`: the estimate in a tick with a pose, `fresh`; else the predicted one, as old as that of the last
+    /// tick with a pose. `None` if poses have been missing for too long, and where no motion is predicted.
+    pub(super) fn motion(&self, now: Time, fresh: bool) -> Option<Estimate> {
+        if fresh {
+            return Some(self.estimator.latest());
+        }
+        let (last, fresh_at) = (self.guard.last()?, self.fresh_at?);
+        if now.since(fresh_at) > self.predict {
+            return None;
+        }
+        let t_s = seconds(last.captured_at + now.since(fresh_at));
+        self.tracker.predict(t_s).map(|track| track.estimate())
+    }
+
+    /// The tracked motion and the commands in flight.
+    pub(super) fn tracker(&self) -> &MotionTracker {
+        &self.tracker
+    }
+
+    /// The guard of the poses, with its counters.
+    pub(super) fn guard(&self) -> &Guard {
+        &self.guard
+    }
+
+    /// The state of the vehicle.
+    pub(super) fn vehicle(&self) -> &VehicleWatch {
+        &self.vehicle
+    }
+
+    /// Reasons against a flight.
+    pub(super) fn obstacles(&self, now: Time, configs_differ: bool) -> ArmingObstacles {
+        self.arming.obstacles(&ArmingView {
+            poses_good: self.guard.good_in_a_row() >= self.recovery_poses,
+            last: self.guard.last(),
+            vehicle: self.vehicle.answer(now),
+            configs_differ,
+        })
+    }
+
+    /// Begins a flight at the last accepted pose.
+    pub(super) fn begin_flight(&mut self, now: Time) {
+        self.vehicle.begin_flight(now);
+        self.guard.begin_flight(&mut self.tracker);
+    }
+
+    /// Ends the flight.
+    pub(super) fn end_flight(&mut self) {
+        self.guard.end_flight(&mut self.tracker);
+    }
+}

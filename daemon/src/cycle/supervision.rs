@@ -1,0 +1,319 @@
+//! Supervision of the cycle: safety state, mode and course of the flight; from them, the directive of the tick.
+
+use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, SafetyState};
+use oqtal_bus::message::{ControlResponseV1, Header, VehicleV1};
+use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
+use oqtal_bus::time::Time;
+use oqtal_config::Config;
+use oqtal_control::trajectory::Trajectory;
+
+use super::control::Directive;
+use super::course::FlightCourse;
+use super::intake::Intake;
+use super::mode::{ModeAction, ModeConditions, transition};
+use super::requests::Requests;
+use super::safety::{SafetyMonitor, SafetyTick};
+use crate::command::VehicleCommand;
+
+/// Safety, mode and course of the flight.
+#[derive(Clone, Debug)]
+pub(super) struct Supervision {
+    observe_only: bool,
+    mode: Mode,
+    requests: Requests,
+    safety: SafetyMonitor,
+    course: FlightCourse,
+    /// Reasons against a flight, as of the last tick.
+    obstacles: ArmingObstacles,
+}
+
+impl Supervision {
+    /// The supervision of flights of `trajectory`, disarmed.
+    pub(super) fn new(config: &Config, trajectory: Trajectory) -> Self {
+        let observe_only = config.safety.observe_only;
+        let safety = SafetyMonitor::new(config);
+        Self {
+            observe_only,
+            mode: Mode::Disarmed,
+            requests: Requests::new(config.safety.arm_at_start && !observe_only),
+            course: FlightCourse::new(config, trajectory, safety.fence().clone()),
+            safety,
+            obstacles: ArmingObstacles::default(),
+        }
+    }
+
+    /// The mode.
+    pub(super) fn mode(&self) -> Mode {
+        self.mode
+    }
+
+    /// The requests that wait for the next tick.
+    pub(super) fn requests(&self) -> &Requests {
+        &self.requests
+    }
+
+    /// The requests, to be changed.
+    pub(super) fn requests_mut(&mut self) -> &mut Requests {
+        &mut self.requests
+    }
+
+    /// The safety monitor.
+    pub(super) fn safety(&self) -> &SafetyMonitor {
+        &self.safety
+    }
+
+    /// The safety monitor, to be changed.
+    pub(super) fn safety_mut(&mut self) -> &mut SafetyMonitor {
+        &mut self.safety
+    }
+
+    /// The course of the flight.
+    pub(super) fn course(&self) -> &FlightCourse {
+        &self.course
+    }
+
+    /// Reasons against a flight as of the last tick; none in flight.
+    pub(super) fn obstacles(&self) -> ArmingObstacles {
+        if self.is_armed() { ArmingObstacles::default() } else { self.obstacles }
+    }
+
+    /// Whether the daemon commands a flying vehicle.
+    pub(super) fn is_flying(&self) -> bool {
+        self.is_armed() && !self.observe_only
+    }
+
+    /// Whether a mission is under way, flown or only observed.
+    fn is_armed(&self) -> bool {
+        matches!(self.mode, Mode::Flying | Mode::Landing)
+    }
+
+    /// Whether the flight is held at its beginning until the motors run.
+    fn is_held(&self, intake: &Intake) -> bool {
+        self.is_flying() && intake.vehicle().holds_flight()
+    }
+
+    /// Takes the state of the vehicle, which changes requests: a vehicle that reports that it was stopped ends the flight, and one
+    /// whose messages come from another process than before cancels a requested flight, which was meant for the vehicle before.
+    pub(super) fn receive_vehicle(
+        &mut self,
+        header: &Header,
+        vehicle: &VehicleV1,
+        intake: &Intake,
+    ) {
+        let is_another = intake.vehicle().source().is_some_and(|known| known != header.source);
+        if is_another && self.mode == Mode::Waiting {
+            self.call_off();
+            self.requests.replace_vehicle();
+        }
+        if vehicle.stopped != 0 && self.is_flying() {
+            self.requests.stop();
+        }
+    }
+
+    /// Supervises a tick, `is_fresh` if it has a pose, after the command `sent`. Returns the directive, and whether the control
+    /// restarts with it.
+    pub(super) fn step(
+        &mut self,
+        now: Time,
+        is_fresh: bool,
+        intake: &mut Intake,
+        sent: &VehicleCommand,
+    ) -> (Directive, bool) {
+        self.course.update_setpoint(now);
+        let tick = SafetyTick {
+            now,
+            is_fresh,
+            is_armed: self.is_armed(),
+            is_held: self.is_held(intake),
+            is_requested: self.mode == Mode::Waiting,
+            sent,
+        };
+        let state = self.safety.step(&tick, intake, &mut self.requests, &mut self.course);
+        self.obstacles = self.find_obstacles(now, intake);
+        let conditions = self.advance_mission(&tick, state, intake);
+        let mut restarts = self.is_held(intake);
+        if let Some((mode, action)) = transition(self.mode, &conditions) {
+            self.mode = mode;
+            restarts |= self.perform(now, action, intake);
+        }
+        (self.directive(now, intake), restarts)
+    }
+
+    /// Advances the mission of a flight; returns the conditions of the mode.
+    fn advance_mission(
+        &mut self,
+        tick: &SafetyTick,
+        state: SafetyState,
+        intake: &Intake,
+    ) -> ModeConditions {
+        let SafetyTick { now, is_fresh, .. } = *tick;
+        let estimate = intake.estimate();
+        let is_stopped = state == SafetyState::Stop;
+        let (mut lands, mut has_landed) = (false, false);
+        if self.is_armed() && (self.observe_only || !is_stopped) {
+            let is_landing = self.mode == Mode::Landing;
+            lands = self.course.follow(now, state, estimate.position, is_landing);
+            if self.is_held(intake) {
+                self.course.restart(now);
+            } else {
+                let thrust_n = tick.sent.thrust_n().unwrap_or(f64::INFINITY);
+                has_landed = self.course.has_landed(now, &estimate, thrust_n);
+                lands |= self.course.is_landing();
+            }
+        }
+        ModeConditions {
+            is_nominal: state <= SafetyState::Degraded,
+            is_blind: matches!(state, SafetyState::Coast | SafetyState::Stop),
+            is_stopped,
+            is_fresh,
+            is_ready: is_fresh && self.obstacles.is_empty(),
+            observes: self.observe_only,
+            auto_takeoff: self.requests.check_auto_takeoff(intake.vehicle().is_simulated()),
+            now_or_never: self.requests.is_now_or_never(),
+            lands,
+            has_landed,
+        }
+    }
+
+    /// Performs the action of a transition; returns whether the control restarts.
+    fn perform(&mut self, now: Time, action: ModeAction, intake: &mut Intake) -> bool {
+        let estimate = intake.estimate();
+        match action {
+            ModeAction::None => return false,
+            ModeAction::BeginFlight => {
+                intake.begin_flight(now);
+                self.course.begin_flight(now, &estimate);
+                self.requests.begin_flight();
+            }
+            ModeAction::BeginObservation => {
+                self.course.begin_observation(now, estimate.position);
+            }
+            ModeAction::EndFlight => {
+                self.end_flight(intake);
+                return false;
+            }
+        }
+        true
+    }
+
+    fn directive(&self, now: Time, intake: &Intake) -> Directive {
+        let course = &self.course;
+        let Some(reference) = course.setpoint().reference else { return Directive::Disarm };
+        if self.is_held(intake) {
+            Directive::Idle
+        } else if self.safety.state() == SafetyState::Descend {
+            Directive::Descend
+        } else {
+            let overdue_s = course.mission().map_or(0.0, |mission| mission.overdue_s(now));
+            Directive::Fly { reference, overdue_s }
+        }
+    }
+
+    /// Reasons against a flight; none in flight and of a recording.
+    fn find_obstacles(&self, now: Time, intake: &Intake) -> ArmingObstacles {
+        if self.is_armed() || self.observe_only {
+            return ArmingObstacles::default();
+        }
+        intake.obstacles(now, self.requests.configs_differ())
+    }
+
+    fn end_flight(&mut self, intake: &mut Intake) {
+        intake.end_flight();
+        self.course.end();
+        self.mode = Mode::Disarmed;
+    }
+
+    /// Executes an operator's request and returns the reply.
+    pub(super) fn request(
+        &mut self,
+        now: Time,
+        command: OperatorCommand,
+        intake: &mut Intake,
+    ) -> ControlResponseV1 {
+        let result = match command {
+            OperatorCommand::Status => Ok(Answer::Done),
+            OperatorCommand::Arm => self.arm(now, intake),
+            OperatorCommand::Fly if self.observe_only => Err(Cause::WrongMode),
+            // A repeated request: the first reply may have been lost.
+            OperatorCommand::Fly if self.mode != Mode::Disarmed => Ok(Answer::Done),
+            OperatorCommand::Fly => Ok(self.wait_for_flight(false)),
+            OperatorCommand::Land => self.land(now, intake),
+            OperatorCommand::Disarm => self.disarm(intake),
+            OperatorCommand::Stop => {
+                self.requests.stop();
+                self.call_off();
+                Ok(Answer::Accepted)
+            }
+        };
+        let (answer, cause) = match result {
+            Ok(answer) => (answer, self.safety.cause()),
+            Err(cause) => (Answer::Refused, cause),
+        };
+        ControlResponseV1 {
+            answer: answer.code(),
+            mode: self.mode.code(),
+            state: self.safety.state().code(),
+            cause: cause.code(),
+            obstacles: self.find_obstacles(now, intake).bits(),
+            ..ControlResponseV1::default()
+        }
+    }
+
+    /// Begins a flight at once, or refuses it.
+    fn arm(&mut self, now: Time, intake: &Intake) -> Result<Answer, Cause> {
+        if self.mode != Mode::Disarmed || self.observe_only {
+            return Err(Cause::WrongMode);
+        }
+        match self.find_obstacles(now, intake).iter().next() {
+            None => Ok(self.wait_for_flight(true)),
+            Some(ArmingObstacle::NoPoses) => Err(intake.missing()),
+            Some(ArmingObstacle::VehicleSilent) => Err(Cause::NoVehicle),
+            Some(ArmingObstacle::Stopped) => Err(Cause::Operator),
+            Some(ArmingObstacle::ControlTaken) => Err(Cause::ControlTaken),
+            Some(_) => Err(Cause::NotReady),
+        }
+    }
+
+    /// Requests a flight: for the next tick or not at all, or as soon as poses and vehicle allow it.
+    fn wait_for_flight(&mut self, now_or_never: bool) -> Answer {
+        self.mode = Mode::Waiting;
+        self.requests.set_now_or_never(now_or_never);
+        Answer::Accepted
+    }
+
+    /// Cancels a flight that has not begun.
+    fn call_off(&mut self) {
+        self.requests.cancel_auto_takeoff();
+        if self.mode == Mode::Waiting {
+            self.mode = Mode::Disarmed;
+        }
+    }
+
+    fn disarm(&mut self, intake: &mut Intake) -> Result<Answer, Cause> {
+        if matches!(self.mode, Mode::Waiting | Mode::Disarmed) {
+            self.call_off();
+        } else if self.is_held(intake) {
+            self.end_flight(intake);
+        } else {
+            return Err(Cause::WrongMode);
+        }
+        Ok(Answer::Done)
+    }
+
+    fn land(&mut self, now: Time, intake: &mut Intake) -> Result<Answer, Cause> {
+        self.call_off();
+        if self.is_held(intake) {
+            self.end_flight(intake);
+            return Ok(Answer::Done);
+        }
+        match self.mode {
+            Mode::Flying if !self.observe_only => {
+                self.course.land(now, intake.estimate().position);
+                self.mode = Mode::Landing;
+                Ok(Answer::Done)
+            }
+            Mode::Landing => Ok(Answer::Done),
+            _ => Err(Cause::WrongMode),
+        }
+    }
+}

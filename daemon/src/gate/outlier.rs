@@ -1,0 +1,63 @@
+//! Hypothesis that an admitted pose with a significant residual was an outlier.
+//!
+//! If it was, the poses after it return to the motion predicted without it. After a gap, in which the uncertainty has grown, it
+//! may also be a pose of another body, or of exchanged markers: then its offset from that motion stays the same. An offset that a
+//! force made during the gap grows, because the force also gave the vehicle a velocity: by at least the share of itself that the
+//! time since is of the gap.
+
+use oqtal_control::predictive::{MeasuredPose, Track};
+
+use super::residual::PoseResidual;
+
+/// Duration of a hypothesis, during which an offset must stay the same \[s\].
+const DURATION_S: f64 = 0.1;
+/// Least gap after which an offset may be that of another body \[s\]: two frames lost at 60 Hz. Without one the gate is narrow.
+const LEAST_GAP_S: f64 = 0.055;
+
+/// Hypothesis that an admitted pose was an outlier.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct OutlierHypothesis {
+    /// The motion predicted without that pose and those after it.
+    pub(super) without: Track,
+    /// Residual of the pose.
+    first: PoseResidual,
+    /// The instant at which the pose was measured \[s\].
+    since_s: f64,
+    /// Time between the pose before it and the pose \[s\].
+    gap_s: f64,
+}
+
+/// Result of the test of a hypothesis by a further pose.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum HypothesisTest {
+    /// Neither confirmed nor rejected yet.
+    Pending(OutlierHypothesis),
+    /// The pose was right.
+    Rejected,
+    /// The pose and those after it are of another body: the present residual, relative to the motion without them.
+    OtherBody(PoseResidual),
+}
+
+impl OutlierHypothesis {
+    /// The hypothesis about a pose with the residual `first` from `expected`, after a gap of `gap_s` \[s\]; `None` if the residual is
+    /// not significant.
+    pub(super) fn about(expected: &Track, first: PoseResidual, gap_s: f64) -> Option<Self> {
+        let since_s = expected.t_s;
+        first.is_significant().then_some(Self { without: *expected, first, since_s, gap_s })
+    }
+
+    /// Tests the hypothesis by `pose`, for the motion `without` at the instant of the pose.
+    pub(super) fn test(&self, without: &Track, pose: &MeasuredPose) -> HypothesisTest {
+        let residual = PoseResidual::of(without, pose);
+        let elapsed_s = without.t_s - self.since_s;
+        if elapsed_s < DURATION_S {
+            return HypothesisTest::Pending(Self { without: *without, ..*self });
+        }
+        let is_after_gap = self.gap_s >= LEAST_GAP_S;
+        if is_after_gap && residual.is_constant_since(&self.first, elapsed_s / self.gap_s) {
+            HypothesisTest::OtherBody(residual)
+        } else {
+            HypothesisTest::Rejected
+        }
+    }
+}
