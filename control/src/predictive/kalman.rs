@@ -130,6 +130,11 @@ impl AxisFilter {
         gain
     }
 
+    /// Corrects the covariance alone, by a measurement with standard deviation `noise` \[unit of the first state\].
+    pub fn correct_covariance(&mut self, noise: f64) {
+        self.covariance.correct(noise);
+    }
+
     /// Replaces the covariance by that of `other`.
     pub fn set_covariance_of(&mut self, other: &Self) {
         self.covariance = other.covariance;

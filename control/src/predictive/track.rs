@@ -8,7 +8,7 @@
 //! Kirubarajan, *Estimation with Applications to Tracking and Navigation*, 2001, section 5.4). *Estimation* assumes the noise of
 //! an undisturbed flight, which gives the best estimate for a law that flies on it. A pose that the estimation does not expect is a
 //! sign that the motion has changed: it is taken with the covariance of admission, from which the filter settles again (the same,
-//! section 11.2). Laws that do not predict have the filter of admission alone.
+//! section 11.2). How far a pose may lie from the prediction is the same for every law. Laws that do not predict have the filter of admission alone.
 //!
 //! Under admission, a pose with a large innovation corrects the track as one of larger noise (Huber, *Robust Statistics*, 1981).
 
@@ -137,7 +137,7 @@ pub struct Track {
     pub motion: Motion,
     /// The filters by which poses correct the motion.
     filters: Filters,
-    /// The covariances of admission, from those of `filters` at the last pose on; `None` where `filters` are those of admission.
+    /// The covariances of admission; `None` where `filters` are those of admission.
     admission: Option<Filters>,
 }
 
@@ -227,18 +227,13 @@ impl Track {
     pub fn corrected(&self, Deviation { offset, turn }: &Deviation, floor_m: f64) -> Self {
         let mut next = *self;
         let is_at_floor = self.is_at_floor(floor_m);
-        let Self { motion, filters, admission, .. } = &mut next;
-        let Filters { attitude, position } = filters;
-        let admitted = admission.as_ref().map(|admission| &admission.position.axis);
-        let noise = noise_of(offset.norm(), &mut position.axis, admitted, is_at_floor);
+        let Self { motion, filters: Filters { attitude, position }, admission, .. } = &mut next;
+        let admitting = admission.as_mut().map(|admission| &mut admission.position.axis);
+        let noise = noise_of(offset.norm(), &mut position.axis, admitting, is_at_floor);
         position.correct(motion, offset, noise);
-        let admitted = admission.as_ref().map(|admission| &admission.attitude.axis);
-        let noise = noise_of(turn.norm(), &mut attitude.axis, admitted, is_at_floor);
+        let admitting = admission.as_mut().map(|admission| &mut admission.attitude.axis);
+        let noise = noise_of(turn.norm(), &mut attitude.axis, admitting, is_at_floor);
         attitude.correct(motion, turn, noise);
-        if let Some(admission) = admission {
-            admission.position.axis.set_covariance_of(&position.axis);
-            admission.attitude.axis.set_covariance_of(&attitude.axis);
-        }
         if next.is_at_floor(floor_m) {
             next.filters.position.axis.reset_bias();
             next.filters.attitude.axis.reset_bias();
@@ -277,21 +272,23 @@ impl Track {
     }
 }
 
-/// Measurement noise with which `filter` takes an innovation of this `distance`, with the covariance of admission where it does not
-/// expect it, and at the floor, where the model does not hold.
+/// Measurement noise with which `filter` takes an innovation of this `distance`. Where it does not expect the innovation, and at the
+/// floor, where the model does not hold, it takes over covariance and noise of `admission`, whose covariance is corrected too.
 fn noise_of(
     distance: f64,
     filter: &mut AxisFilter,
-    admission: Option<&AxisFilter>,
+    admission: Option<&mut AxisFilter>,
     is_at_floor: bool,
 ) -> f64 {
     let Some(admission) = admission else { return huber_noise(distance, filter) };
     let expected = UNEXPECTED_SIGMA * filter.innovation_variance().sqrt();
-    if distance <= expected && !is_at_floor {
-        return filter.noise();
+    let is_expected = distance <= expected && !is_at_floor;
+    let admitted = huber_noise(distance, admission);
+    if !is_expected {
+        filter.set_covariance_of(admission);
     }
-    filter.set_covariance_of(admission);
-    huber_noise(distance, admission)
+    admission.correct_covariance(admitted);
+    if is_expected { filter.noise() } else { admitted }
 }
 
 /// The measurement noise that makes an innovation of this `distance` one of at most [`HUBER_SIGMA`] of `filter`.

@@ -1,8 +1,6 @@
 //! The controller's turn of the loop, fed with good, bad and absurd poses.
 
-mod common;
-
-use common::{Bench, FRAME, LATENCY, LAWS, still};
+use super::common::{Bench, FRAME, LATENCY, LAWS, still};
 use oqtal_bus::code::{Actuation, Answer, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps};
 use oqtal_bus::time::Span;

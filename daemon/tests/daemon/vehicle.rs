@@ -1,8 +1,6 @@
 //! Which flights begin and end because of what the vehicle says of itself.
 
-mod common;
-
-use common::{Bench, FRAME, LAWS, REAL, WELL, still};
+use super::common::{Bench, FRAME, LAWS, REAL, WELL, still};
 use oqtal_bus::code::{
     Actuation, Answer, Cause, ControlHolder, EstimatorState, Mode, OperatorCommand, SafetyState,
 };

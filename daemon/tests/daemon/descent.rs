@@ -1,9 +1,7 @@
 //! Level and descend: vehicles that hold an attitude by themselves, without poses, in virtual time.
 
-mod common;
-
-use common::LAWS;
-use common::flight::{Flight, moved, relabelled, set};
+use super::common::LAWS;
+use super::common::flight::{Flight, moved, relabelled, set};
 use nalgebra::Vector3;
 use oqtal_bus::code::{Actuation, Cause, Mode, SafetyState};
 use oqtal_bus::message::{CommandV1, PoseV1};

@@ -1,8 +1,6 @@
 //! An operator's stop at the daemon: seen by the loop itself, without its background thread.
 
-mod common;
-
-use common::{Bench, FRAME};
+use super::common::{Bench, FRAME, still};
 use oqtal_bus::code::{Actuation, Cause, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::memory::MemoryBus;
 use oqtal_bus::message::VehicleV1;
@@ -50,13 +48,13 @@ fn a_vehicle_that_says_it_was_stopped_ends_the_flight_and_is_not_armed() {
     bench.miss();
     assert_eq!((bench.state(), bench.mode()), (Some(SafetyState::Stop), Some(Mode::Disarmed)));
     for _ in 0..10 {
-        bench.show(common::still(bench.frame));
+        bench.show(still(bench.frame));
     }
     let refusal = bench.cycle.request(bench.now + FRAME, OperatorCommand::Arm);
     assert_eq!(refusal.cause, Cause::Operator.code());
     bench.vehicle = VehicleV1 { stopped: 0, ..bench.vehicle };
-    bench.show(common::still(bench.frame));
+    bench.show(still(bench.frame));
     bench.cycle.request(bench.now + FRAME, OperatorCommand::Arm);
-    bench.show(common::still(bench.frame));
+    bench.show(still(bench.frame));
     assert_eq!(bench.mode(), Some(Mode::Flying));
 }

@@ -1,8 +1,6 @@
 //! Absurd references in flights in virtual time: a step of the yaw that turns the vehicle round at once.
 
-mod common;
-
-use common::flight::{Flight, set};
+use super::common::flight::{Flight, set};
 use nalgebra::Vector3;
 use oqtal_bus::code::{Cause, Mode, OperatorCommand, SafetyState};
 

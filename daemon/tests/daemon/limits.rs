@@ -1,9 +1,7 @@
 //! The limits of the supervisor's table, each in a flight in virtual time.
 
-mod common;
-
-use common::flight::{Flight, set};
-use common::{Bench, LAWS, REAL, still};
+use super::common::flight::{Flight, set};
+use super::common::{Bench, LAWS, REAL, still};
 use nalgebra::Vector3;
 use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::message::{CommandV1, PoseV1};

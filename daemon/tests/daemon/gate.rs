@@ -1,9 +1,7 @@
 //! The gate on the innovation, in flights in virtual time.
 
-mod common;
-
-use common::flight::{Flight, moved, relabelled, set};
-use common::{FRAME, LAWS};
+use super::common::flight::{Flight, moved, relabelled, set};
+use super::common::{FRAME, LAWS};
 use nalgebra::Vector3;
 use oqtal_bus::code::{Cause, Mode, SafetyState};
 use oqtal_bus::time::Span;

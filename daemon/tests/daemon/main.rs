@@ -1,0 +1,12 @@
+//! The controller on the bench and in flights in virtual time, and its program.
+
+mod common;
+mod cycle;
+mod descent;
+mod gate;
+mod limits;
+mod margins;
+mod program;
+mod setpoint;
+mod stop;
+mod vehicle;
