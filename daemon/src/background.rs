@@ -107,7 +107,7 @@ pub fn loop_handoff() -> (LoopHandle, OperatorRequests) {
 }
 
 impl LoopHandle {
-    /// Whether the processes of the instance run with different configurations, as far as the background thread knows.
+    /// Whether the processes of the instance run with different configurations, by the last check of the background thread.
     #[must_use]
     pub fn configs_differ(&self) -> bool {
         self.configs_differ.load(Ordering::Relaxed)

@@ -196,13 +196,13 @@ impl Cycle {
 
     /// Records whether processes of the instance run with different configurations.
     pub fn notice_configurations(&mut self, differ: bool) {
-        self.supervision.requests_mut().set_configs_differ(differ);
+        self.supervision.requests_mut().configs_differ = differ;
     }
 
     /// State of the automatic flight at start-up.
     #[must_use]
     pub fn auto_takeoff(&self) -> AutoTakeoff {
-        self.supervision.requests().auto_takeoff()
+        self.supervision.requests().auto_takeoff
     }
 
     /// Cancels the automatic flight at start-up.

@@ -41,7 +41,7 @@ impl Default for PoseNoise {
 }
 
 impl PoseNoise {
-    /// Takes the next pose, whether it is believed or not.
+    /// Takes the next pose, whether it is admitted or not.
     pub fn take(&mut self, pose: &MeasuredPose) {
         let Some(last) = self.last.replace(*pose) else { return };
         if last == *pose {

@@ -1,4 +1,4 @@
-//! What a flight asks for and will not get: it is flown, and its operator is told before.
+//! Warnings before a flight: settings that the flight cannot satisfy. It is flown all the same.
 
 use nalgebra::Vector3;
 use oqtal_config::{ClockKind, Config};
@@ -14,7 +14,7 @@ const MOST_POINTS: f64 = 20_000.0;
 /// Distance between hover point and first waypoint from which it is told \[m\].
 const TOLD_JUMP_M: f64 = 0.5;
 
-/// What `config` asks for in a flight of `trajectory` and its other values do not allow, each with its remedy.
+/// Settings of `config` that a flight of `trajectory` cannot satisfy because of others, each with its remedy.
 #[must_use]
 pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     let mut all = config.rename_warnings().to_vec();

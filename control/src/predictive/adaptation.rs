@@ -2,7 +2,7 @@
 //!
 //! The response is estimated by a [`RotationEstimator`] within bounds about the configured one. A second estimator, whose
 //! parameters are fixed, predicts the same poses. The difference of the squares of their normalised innovations about roll and
-//! pitch, summed over some seconds, is the logarithm of the likelihood ratio of the two models: if it speaks for the fixed one,
+//! pitch, summed over some seconds, is the logarithm of the likelihood ratio of the two models: if the fixed one is more likely,
 //! that is flown and the adaptation restarts; the adapted one is flown again once it has been as good for a while. The thrust
 //! follows the vertical acceleration that the position filter would otherwise explain by a force: with a thrust other than
 //! configured, or a mass, horizontal accelerations are wrong by the same factor. A force passes and a thrust stays: the longer

@@ -197,7 +197,11 @@ impl RotationEstimator {
         let dt_s = to_s - from_s;
         let parameters = self.parameters;
         let (turn, rate) = self.turned(&parameters, history, (from_s, to_s));
+        let is_fixed = self.bounds.deviation.vector() == Vector3::zeros();
         let slopes: [(Vector3<f64>, Vector3<f64>); PARAMETERS] = std::array::from_fn(|index| {
+            if is_fixed {
+                return Default::default();
+            }
             let step = STEP * [1.0, parameters.y, parameters.y][index];
             let mut beside = parameters;
             beside[index] += step;

@@ -3,12 +3,13 @@
 //! The motion is propagated by the vehicle model through the commands in effect; close to the floor, which pushes too, velocity
 //! and rate are taken as constant. Poses correct it by the gains of two Kalman filters.
 //!
-//! Two assumptions about what the model leaves out serve two purposes. *Admission* allows for every motion that wind, contact and
+//! Two assumptions about the error of the model serve two purposes. *Admission* allows for every motion that wind, contact and
 //! a vehicle other than the model may cause: its covariance says how far a pose may lie from the prediction (Bar-Shalom, Li and
 //! Kirubarajan, *Estimation with Applications to Tracking and Navigation*, 2001, section 5.4). *Estimation* assumes the noise of
 //! an undisturbed flight, which gives the best estimate for a law that flies on it. A pose that the estimation does not expect is a
 //! sign that the motion has changed: it is taken with the covariance of admission, from which the filter settles again (the same,
-//! section 11.2). How far a pose may lie from the prediction is the same for every law. Laws that do not predict have the filter of admission alone.
+//! section 11.2). How far a pose may lie from the prediction is the same for every law. Laws that do not predict have the filter of
+//! admission alone.
 //!
 //! Under admission, a pose with a large innovation corrects the track as one of larger noise (Huber, *Robust Statistics*, 1981).
 

@@ -100,7 +100,7 @@ fn no_command_acts_before_it_is_sent() {
 
 /// The squares of the errors over the variances that the estimator states are 1 in the mean, over many vehicles.
 #[test]
-fn the_estimator_knows_how_well_it_knows() {
+fn the_errors_are_as_large_as_the_estimator_states() {
     let mut squares = Vector3::zeros();
     let deviation = RateResponse { gain: 0.2, lag_s: 0.03, delay_s: 0.02 };
     let bounds = ResponseBounds { deviation, ..BOUNDS };
@@ -166,7 +166,7 @@ fn a_response_that_jumps_is_flown_by_the_fixed_model_until_it_is_learnt_again() 
     assert!(fell_back > 200, "{fell_back}");
     let model = adaptation.model();
     assert!((model.rate_gain - 1.0).abs() < 0.05, "{model:?}");
-    // The adapted model is flown again once it has been as good for a while, and learns anew.
+    // The adapted model is flown again once it has been as good for a while, and learns again.
     fly(&mut adaptation, &mut vehicle, 300);
     assert!(!adaptation.model().fell_back);
     vehicle.response = hidden;

@@ -102,7 +102,7 @@ fn each_gain_of_the_velocity_acts_on_its_own_axes() {
 #[test]
 fn without_error_nothing_is_commanded_but_the_weight() {
     let mut bench = Bench::new(Bias::default());
-    // Until the first command arrives the model knows of no thrust: give it time.
+    // Until the first command arrives the model has no thrust.
     for _ in 0..600 {
         bench.turn(&hover());
     }
@@ -176,7 +176,7 @@ fn a_flight_after_a_landing_begins_with_the_configured_model() {
     assert_eq!(bench.tracker.adapted(), configured);
 }
 
-/// A push is no thrust: what the adaptation makes of it must not speed up the return by more than a few hundredths.
+/// A push is not a thrust: adaptation to it must not speed up the return by more than a few hundredths.
 #[test]
 fn a_vehicle_that_was_pushed_away_comes_back_no_faster_than_it_may() {
     for (adapt, limit_m_s) in [(false, 0.85), (true, 0.9)] {

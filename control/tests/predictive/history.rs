@@ -41,7 +41,7 @@ fn the_delay_is_learnt_from_what_the_vehicle_says() {
         history.applied(report(sequence, sent_s + 0.03));
     }
     assert!((history.delay_s() - 0.03).abs() < 1e-6);
-    // Neither a command nobody knows nor a stamp that cannot be changes it.
+    // Neither an unknown command nor an impossible stamp changes it.
     history.applied(report(7_000, 0.0));
     history.applied(report(199, 1e3));
     history.applied(report(199, f64::NAN));
@@ -106,7 +106,7 @@ fn a_command_whose_report_is_overdue_was_lost_and_the_last_one_acts_on() {
         assert_eq!(history.reported(effect_s(tick), 0.0).0.thrust_n, 89.0);
     }
     assert_eq!(history.reported(effect_s(95), 0.0).0.thrust_n, 95.0);
-    // In a burst that goes on, only the last two commands are open.
+    // In a burst that lasts, only the last two commands are open.
     let history = reported(100, |tick| tick >= 90);
     assert_eq!(history.reported(effect_s(98), 0.0).0.thrust_n, 89.0);
     let open = history.reported(effect_s(99), 0.0).0.thrust_n;

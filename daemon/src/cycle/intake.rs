@@ -24,7 +24,7 @@ const OLD_TRACK_S: f64 = 0.5;
 /// Age of the motion propagated without poses \[s\]: more than that of any pose that is accepted.
 const PROPAGATED_TRACK_S: f64 = 0.25;
 
-/// What the daemon observes, and the motion that follows from it.
+/// Observations of the daemon, and the motion that follows from them.
 #[derive(Clone, Debug)]
 pub(super) struct Intake {
     /// Time without accepted poses in flight during which the vehicle is flown on the predicted motion.

@@ -19,7 +19,7 @@ use crate::supervisor::{SafetyConditions, Supervisor};
 /// Gap after which the first good pose is accepted at once \[periods\]; after longer gaps several are needed.
 const SHORT_GAP_PERIODS: f64 = 6.0;
 
-/// The tick that the monitor judges.
+/// The tick that the monitor evaluates.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SafetyTick<'a> {
     /// The present instant.
@@ -136,9 +136,10 @@ impl SafetyMonitor {
             blind_too_long,
             // A recording has no vehicle.
             vehicle_silent: !is_armed && !self.observe_only && !vehicle.answers(now),
-            vehicle_lost: requests.take_vehicle_replaced() || is_flying && vehicle.is_lost(now),
+            vehicle_lost: std::mem::take(&mut requests.vehicle_replaced)
+                || is_flying && vehicle.is_lost(now),
             control_taken: is_flying && vehicle.control_is_taken(),
-            operator_stops: requests.take_stop(),
+            operator_stops: std::mem::take(&mut requests.stop),
             // No operator arms a recording: its state follows its poses.
             operator_arms: tick.is_requested || self.observe_only,
             is_flying,
@@ -167,7 +168,7 @@ impl SafetyMonitor {
         let age = intake.pose_age(tick.now).filter(|_| tick.is_fresh);
         let frames = TickFrames { accepted: guard.accepted(), bad: guard.lost() + guard.refused() };
         self.health.tick(age, frames);
-        let configs_differ = requests.configs_differ();
+        let configs_differ = requests.configs_differ;
         let mut conditions = LimitConditions { configs_differ, ..LimitConditions::default() };
         if !tick.is_armed || self.observe_only {
             return conditions;

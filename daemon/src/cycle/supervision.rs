@@ -7,6 +7,7 @@ use oqtal_bus::time::Time;
 use oqtal_config::Config;
 use oqtal_control::trajectory::Trajectory;
 
+use super::auto_takeoff::AutoTakeoff;
 use super::control::Directive;
 use super::course::FlightCourse;
 use super::intake::Intake;
@@ -32,10 +33,12 @@ impl Supervision {
     pub(super) fn new(config: &Config, trajectory: Trajectory) -> Self {
         let observe_only = config.safety.observe_only;
         let safety = SafetyMonitor::new(config);
+        let is_automatic = config.safety.arm_at_start && !observe_only;
+        let auto_takeoff = if is_automatic { AutoTakeoff::Pending } else { AutoTakeoff::None };
         Self {
             observe_only,
             mode: Mode::Disarmed,
-            requests: Requests::new(config.safety.arm_at_start && !observe_only),
+            requests: Requests { auto_takeoff, ..Requests::default() },
             course: FlightCourse::new(config, trajectory, safety.fence().clone()),
             safety,
             obstacles: ArmingObstacles::default(),
@@ -103,10 +106,10 @@ impl Supervision {
         let is_another = intake.vehicle().source().is_some_and(|known| known != header.source);
         if is_another && self.mode == Mode::Waiting {
             self.call_off();
-            self.requests.replace_vehicle();
+            self.requests.vehicle_replaced = true;
         }
         if vehicle.stopped != 0 && self.is_flying() {
-            self.requests.stop();
+            self.requests.stop = true;
         }
     }
 
@@ -169,7 +172,7 @@ impl Supervision {
             is_ready: is_fresh && self.obstacles.is_empty(),
             observes: self.observe_only,
             auto_takeoff: self.requests.check_auto_takeoff(intake.vehicle().is_simulated()),
-            now_or_never: self.requests.is_now_or_never(),
+            now_or_never: self.requests.now_or_never,
             lands,
             has_landed,
         }
@@ -183,7 +186,9 @@ impl Supervision {
             ModeAction::BeginFlight => {
                 intake.begin_flight(now);
                 self.course.begin_flight(now, &estimate);
-                self.requests.begin_flight();
+                if self.requests.auto_takeoff == AutoTakeoff::Pending {
+                    self.requests.auto_takeoff = AutoTakeoff::Started;
+                }
             }
             ModeAction::BeginObservation => {
                 self.course.begin_observation(now, estimate.position);
@@ -214,7 +219,7 @@ impl Supervision {
         if self.is_armed() || self.observe_only {
             return ArmingObstacles::default();
         }
-        intake.obstacles(now, self.requests.configs_differ())
+        intake.obstacles(now, self.requests.configs_differ)
     }
 
     fn end_flight(&mut self, intake: &mut Intake) {
@@ -240,7 +245,7 @@ impl Supervision {
             OperatorCommand::Land => self.land(now, intake),
             OperatorCommand::Disarm => self.disarm(intake),
             OperatorCommand::Stop => {
-                self.requests.stop();
+                self.requests.stop = true;
                 self.call_off();
                 Ok(Answer::Accepted)
             }
@@ -277,7 +282,7 @@ impl Supervision {
     /// Requests a flight: for the next tick or not at all, or as soon as poses and vehicle allow it.
     fn wait_for_flight(&mut self, now_or_never: bool) -> Answer {
         self.mode = Mode::Waiting;
-        self.requests.set_now_or_never(now_or_never);
+        self.requests.now_or_never = now_or_never;
         Answer::Accepted
     }
 

@@ -64,7 +64,7 @@ fn pose_at(x: f64) -> PoseV1 {
 }
 
 #[test]
-fn ordinary_poses_are_believed_and_counted() {
+fn ordinary_poses_are_accepted_and_counted() {
     let mut feed = Feed::settled();
     assert!(feed.show(pose_at(0.01)).is_ok());
     assert_eq!(feed.guard.good_in_a_row(), 5);
@@ -119,7 +119,7 @@ fn f05_repeats_and_time_running_back_are_refused() {
 }
 
 #[test]
-fn f17_frames_that_count_anew_are_refused_in_flight_and_believed_on_the_ground() {
+fn f17_frames_that_restart_from_one_are_refused_in_flight_and_accepted_on_the_ground() {
     let mut feed = Feed::settled();
     let captured_at = feed.time + FRAME;
     let stamps = Stamps { captured_at, ..Stamps::default() };
@@ -133,7 +133,7 @@ fn f17_frames_that_count_anew_are_refused_in_flight_and_believed_on_the_ground()
 }
 
 #[test]
-fn f06_nothing_that_is_not_finite_or_not_tracked_is_believed() {
+fn f06_a_pose_that_is_not_finite_or_not_tracked_is_refused() {
     let mut feed = Feed::settled();
     for index in 0..7 {
         for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
@@ -161,14 +161,14 @@ fn f08_the_opposite_quaternion_is_the_same_attitude() {
 }
 
 #[test]
-fn f09_a_jump_is_refused_and_the_next_good_pose_believed() {
+fn f09_a_jump_is_refused_and_the_next_good_pose_accepted() {
     let mut feed = Feed::settled();
     assert_eq!(feed.show(pose_at(0.5)), Err(Cause::Jump));
     assert!(feed.show(pose_at(0.01)).is_ok());
 }
 
 #[test]
-fn a_lasting_jump_is_believed_once_the_vehicle_was_carried_there() {
+fn a_lasting_jump_is_accepted_once_the_vehicle_was_moved_there() {
     let mut feed = Feed::settled();
     for _ in 0..600 {
         assert_eq!(feed.show(pose_at(1.0)), Err(Cause::Jump));

@@ -96,7 +96,7 @@ fn f48_poses_that_come_back_end_the_descent_in_a_landing_where_the_vehicle_is() 
 }
 
 #[test]
-fn f48_markers_that_were_exchanged_are_not_believed_in_a_descent() {
+fn f48_markers_that_were_exchanged_are_not_admitted_in_a_descent() {
     for degrees in [180.0, 90.0, -60.0] {
         for gap in [0, 20, 60] {
             let mut flight = hovering(&[set("trajectory.height-m=1.0")]);
@@ -115,7 +115,7 @@ fn f48_markers_that_were_exchanged_are_not_believed_in_a_descent() {
 }
 
 #[test]
-fn f48_a_vehicle_that_a_gust_moved_unseen_is_believed_when_it_is_seen_again() {
+fn f48_a_vehicle_that_a_gust_moved_unseen_is_admitted_when_it_is_seen_again() {
     for gap in [24, 36, 48] {
         let mut flight = hovering(&[]);
         flight.wind = Vector3::new(0.6, 0.3, 0.0);

@@ -7,7 +7,7 @@ use oqtal_bus::code::{Cause, Mode, SafetyState};
 use oqtal_bus::time::Span;
 
 #[test]
-fn f10_a_consistent_relabel_is_never_believed_in_flight() {
+fn f10_a_consistent_relabel_is_never_admitted_in_flight() {
     for degrees in [180.0, 90.0, -45.0] {
         for gap in [0, 4, 7] {
             let mut flight = Flight::hovering(&[]);
@@ -19,7 +19,7 @@ fn f10_a_consistent_relabel_is_never_believed_in_flight() {
                 flight.frame(|pose| Some(relabelled(pose, degrees)));
                 let blind = flight.bench.now.since(blind_since);
                 assert!(blind <= Span::from_millis(250) + FRAME.scaled(2.0), "{degrees} {gap}");
-                assert_eq!(flight.bench.cycle.telemetry().fresh, 0, "believed");
+                assert_eq!(flight.bench.cycle.telemetry().fresh, 0, "admitted");
             }
             assert_eq!(flight.cause(), Cause::Relabel, "{degrees} deg after {gap} frames");
             flight.run(60);
@@ -29,7 +29,7 @@ fn f10_a_consistent_relabel_is_never_believed_in_flight() {
 }
 
 #[test]
-fn f10_a_body_that_appears_elsewhere_is_not_believed() {
+fn f10_a_body_that_appears_elsewhere_is_not_admitted() {
     for offset in [0.06, 0.3, 2.0] {
         let mut flight = Flight::hovering(&[]);
         let waited =

@@ -64,7 +64,7 @@ fn f38_a_vehicle_that_tips_is_stopped_within_half_a_second() {
 }
 
 #[test]
-fn f38_a_vehicle_that_turns_over_slowly_enough_to_be_believed_is_stopped_for_its_tilt() {
+fn f38_a_vehicle_that_turns_over_slowly_enough_to_be_admitted_is_stopped_for_its_tilt() {
     for rate in [2.6, 3.0, 3.4] {
         let mut flight = Flight::hovering(&[]);
         flight.tumble = Vector3::x() * rate;
@@ -211,7 +211,7 @@ fn f45_f46_an_empty_battery_and_a_bad_link_end_the_flight_and_poor_ones_are_told
     let mut flight = Flight::hovering(&[]);
     (flight.bench.vehicle.battery_v, flight.bench.vehicle.link_quality) = (f64::NAN, f64::NAN);
     flight.run(300);
-    assert_eq!(flight.state(), SafetyState::Nominal, "what is not known is not judged");
+    assert_eq!(flight.state(), SafetyState::Nominal, "an unknown number exceeds no limit");
 }
 
 #[test]

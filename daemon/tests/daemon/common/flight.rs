@@ -165,7 +165,7 @@ impl Flight {
             }
             let input = ModelInput {
                 demand: Vector3::from(self.acting.sticks) * 2.0 + self.tumble,
-                // What a vehicle that holds attitudes follows; motors that are off follow nothing.
+                // Followed by a vehicle that holds attitudes; motors that are off follow nothing.
                 attitude: Attitude::from_xyzw(self.acting.attitude).unwrap_or(Attitude::LEVEL),
                 thrust_n: self.acting.thrust * self.max_thrust * self.lift,
             };

@@ -22,14 +22,14 @@ pub struct Bench {
     pub frame: u64,
     pub sent: u64,
     pub now: Time,
-    /// What the vehicle says once a command acts, unless it is silent.
+    /// State that the vehicle reports once a command acts, unless it is silent.
     pub vehicle: VehicleV1,
     pub silent: bool,
     /// Capture to pose.
     pub latency: Span,
     /// Arrival of a pose to the command about it.
     pub compute: Span,
-    /// The process that speaks of the vehicle.
+    /// The process that publishes the state of the vehicle.
     pub source: u64,
 }
 
@@ -76,7 +76,7 @@ impl Bench {
         }
     }
 
-    /// A controller that was asked to fly and has believed its first poses.
+    /// A controller that was asked to fly and has accepted its first poses.
     pub fn flying(settings: &[Setting]) -> Self {
         let mut bench = Self::new(settings);
         bench.cycle.request(bench.now, OperatorCommand::Fly);
