@@ -14,7 +14,7 @@ use crate::doctor::DoctorArgs;
 use crate::export::ExportArgs;
 use crate::fly::{BusFlightSeries, FlyArgs};
 use crate::info::InfoArgs;
-use crate::latency::{LatencyArgs, Part};
+use crate::latency::{LatencyArgs, PartArgs};
 use crate::manual::{CompletionsArgs, ManArgs};
 use crate::record::RecordArgs;
 use crate::recordings;
@@ -107,8 +107,8 @@ enum Command {
     #[command(hide = true)]
     Man(ManArgs),
     /// Run a measuring process of `latency`
-    #[command(subcommand, hide = true)]
-    LatencyPart(Part),
+    #[command(hide = true)]
+    LatencyPart(PartArgs),
 }
 
 impl Cli {
@@ -141,7 +141,7 @@ impl Cli {
             Some(Command::Check(args)) => args.execute(),
             Some(Command::Completions(args)) => args.execute(Self::command()),
             Some(Command::Man(args)) => args.execute(Self::command()),
-            Some(Command::LatencyPart(part)) => return part.execute(),
+            Some(Command::LatencyPart(args)) => return args.execute(),
             Some(Command::Daemon(command)) => {
                 return execute(Role::Daemon, &command, oqtal_daemon::run, oqtal_daemon::check);
             }

@@ -38,7 +38,7 @@ pub struct CtlArgs {
 enum Request {
     /// Show the state of the daemon, the processes and the vehicle
     Status,
-    /// Start the motors and fly the configured trajectory; refused unless the vehicle stands ready
+    /// Start the motors and fly the configured trajectory; refused unless the vehicle is ready
     Arm,
     /// Call off a flight that has not begun; refused in flight, where `land` and `stop` end it
     Disarm,
@@ -126,7 +126,7 @@ impl CtlArgs {
         Ok(Exit::Ok)
     }
 
-    /// The instance that is meant, with its configuration. A flight must end whatever the configuration says: a command that ends
+    /// The instance and its configuration. A flight must end even with an invalid configuration: a command that ends
     /// one needs the instance alone, and errors are only reported.
     fn target(&self) -> Result<(InstanceOptions, Option<Config>), Failure> {
         let (file, ends_flight) = (self.common.config.as_deref(), self.command.ends_flight());
@@ -149,7 +149,7 @@ impl CtlArgs {
         }
     }
 
-    /// The answer of the daemon, `None` if none answers, and the status of the instance if that was asked for.
+    /// The answer of the daemon, `None` if none answers, and the status of the instance if the command needs it.
     fn ask(
         &self,
         bus: &Bus,

@@ -28,6 +28,7 @@ use oqtal_observe::summary::Summary;
 use oqtal_observe::table;
 
 use crate::provenance::PROVENANCE;
+use crate::recordings;
 
 use cameras::{MocapSource, PosePath};
 use directory::FlightDirectory;
@@ -120,7 +121,7 @@ impl FlightSeries for BusFlightSeries {
         if interrupts.any() {
             return Err(Failure::new(Exit::Flight, "interrupted"));
         }
-        flight_record::check(recording.as_ref())?;
+        recording.as_ref().map_or(Ok(()), recordings::check)?;
         Ok(flight)
     }
 }
@@ -152,7 +153,7 @@ impl FlyArgs {
             ClockKind::Real | ClockKind::Lockstep => bus_flight.fly()?,
         };
         let exit = self.conclude(&flight, &directory)?;
-        flight_record::check(recording.as_ref()).map(|()| exit)
+        recording.as_ref().map_or(Ok(()), recordings::check).map(|()| exit)
     }
 
     /// Prints the figures before it writes the files, so that a full disk does not take them away.

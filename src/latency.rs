@@ -41,7 +41,7 @@ use oqtal_observe::loop_monitor::LoopMonitor;
 use oqtal_observe::observer::BusObserver;
 use rig::Rig;
 
-pub use part::Part;
+pub use part::PartArgs;
 
 /// Time-out for the test chain to start and fly.
 const START_TIMEOUT: Span = Span::from_millis(10_000);

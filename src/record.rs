@@ -19,6 +19,7 @@ use oqtal_runtime::stop::StopFlag;
 
 use crate::ctl::require_daemon;
 use crate::provenance::PROVENANCE;
+use crate::recordings;
 
 /// Period of polling: the resolution of the times of reception.
 const POLL_PERIOD: Duration = Duration::from_millis(10);
@@ -157,16 +158,10 @@ impl Sink for DaemonFacts {
 
 /// Prints what was recorded.
 fn conclude(result: &RecordingResult, lost: u64) -> Result<Exit, Failure> {
-    let RecordingResult { files, messages, bytes, dropped, failure } = result;
+    let RecordingResult { files, messages, bytes, .. } = result;
     let names: Vec<String> = files.iter().map(|path| path.display().to_string()).collect();
     print(&format!("{messages} messages, {:.1} MB: {}", *bytes as f64 * 1e-6, names.join(", ")))?;
-    if let Some(failure) = failure {
-        return Err(Failure::new(Exit::System, format!("{failure}; free the disk, or give --out")));
-    }
-    if *dropped > 0 {
-        let message = format!("{dropped} messages were not recorded: the disk is too slow");
-        return Err(Failure::new(Exit::System, message));
-    }
+    recordings::check(result)?;
     if lost > 0 {
         let message = format!(
             "{lost} samples were overwritten before they were recorded: this machine is overloaded, or the recorder was stopped; the events of the recording name the topics"

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use oqtal_observe::flight::Flight;
-use oqtal_observe::recording::{self, RecordingFile, RecordingFileError};
+use oqtal_observe::recording::{self, RecordingFile, RecordingFileError, RecordingResult};
 use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::say;
@@ -47,6 +47,22 @@ pub fn failure(error: RecordingFileError) -> Failure {
         RecordingFileError::Version { .. } => Exit::Version,
     };
     Failure::new(exit, error.to_string())
+}
+
+/// Checks that a recording is complete.
+///
+/// # Errors
+/// The recording ended early, or messages are missing (exit code 71).
+pub fn check(recording: &RecordingResult) -> Result<(), Failure> {
+    let RecordingResult { failure, dropped, .. } = recording;
+    if let Some(failure) = failure {
+        return Err(Failure::new(Exit::System, format!("{failure}; free the disk, or give --out")));
+    }
+    if *dropped > 0 {
+        let message = format!("{dropped} messages were not recorded: the disk is too slow");
+        return Err(Failure::new(Exit::System, message));
+    }
+    Ok(())
 }
 
 /// Writes a file of results.

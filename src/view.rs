@@ -45,7 +45,7 @@ pub struct ViewArgs {
     /// Address and port of the page; another address than this machine's own needs --token. Port 0 is any free one
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:8600")]
     listen: SocketAddr,
-    /// Offer arm, land and stop to whoever has the token that is printed
+    /// Offer arm, land and stop to holders of the token that is printed
     #[arg(long, conflicts_with = "file")]
     control: bool,
     /// Show nothing without the token that is printed
@@ -116,7 +116,7 @@ impl ViewArgs {
         Site::new(access.clone(), &scene, Subject::Live(Arc::clone(hub), operator))
     }
 
-    /// Begins to serve the site, and says where it is.
+    /// Begins to serve the site, and prints its address.
     fn open(&self, site: Site, access: &Access, subject: &str) -> Result<(), Failure> {
         let failed = |error: std::io::Error| {
             let message = format!("{}: {error}; choose another with --listen", self.listen);

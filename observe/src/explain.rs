@@ -1,4 +1,4 @@
-//! The words of the closing table, each explained in a line.
+//! Explanations of the terms of the closing table.
 
 use oqtal_config::Config;
 
@@ -8,15 +8,50 @@ use crate::summary::Summary;
 /// Width of a line \[columns\].
 const WIDTH: usize = 80;
 
+/// Terms of the closing table with their meanings: lines `term: meaning`, each below the condition under which it is shown.
+const TERMS: &str = include_str!("explain.txt");
+
 /// The terms of the closing table of `flight` that its `summary` has, with their meanings.
 #[must_use]
 pub fn terms(flight: &Flight, summary: &Summary) -> Vec<(&'static str, String)> {
-    let mut terms = scoring(summary);
-    if summary.hops.values().any(|hop| hop.count > 0) {
-        terms.extend(latency(summary));
+    let mut condition = "";
+    let mut terms = Vec::new();
+    for line in TERMS.lines() {
+        if let Some(name) = line.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')) {
+            condition = name;
+        } else if let Some((term, meaning)) = line.split_once(": ")
+            && is_shown(condition, summary)
+        {
+            terms.push((term, with_values(meaning, &flight.config, summary)));
+        }
     }
-    terms.extend(counts(&flight.config, summary));
     terms
+}
+
+fn is_shown(condition: &str, summary: &Summary) -> bool {
+    let has_hops = summary.hops.values().any(|hop| hop.count > 0);
+    let is_real_time = summary.wakeup_lateness.is_some();
+    match condition {
+        "errors" => summary.position_error_m.is_some(),
+        "hops" => has_hops,
+        "hops in real time" => has_hops && is_real_time,
+        "wire" => has_hops && summary.wire.is_some(),
+        "real time" => is_real_time,
+        _ => true,
+    }
+}
+
+/// `meaning` with the values of the flight in place of their names.
+fn with_values(meaning: &str, config: &Config, summary: &Summary) -> String {
+    let source = match summary.error_source {
+        "truth" => "the true motion of the simulator",
+        _ => "the measured poses",
+    };
+    meaning
+        .replace("{scored}", &format!("{:.1}", summary.scored_s))
+        .replace("{source}", source)
+        .replace("{period}", &format!("{:.1}", 1e3 / config.control.rate_hz))
+        .replace("{coast}", &config.safety.coast_ms.to_string())
 }
 
 /// The terms as text of at most 80 columns.
@@ -51,77 +86,6 @@ fn wrap(text: &str, width: usize) -> Vec<String> {
         }
     }
     lines
-}
-
-fn scoring(summary: &Summary) -> Vec<(&'static str, String)> {
-    if summary.position_error_m.is_none() {
-        return Vec::new();
-    }
-    let against = match summary.error_source {
-        "truth" => "the true motion of the simulator",
-        _ => "the measured poses",
-    };
-    let scored_s = summary.scored_s;
-    [
-        ("error over", format!("the {scored_s:.1} s that are scored: the trajectory itself, without take-off, settling and landing; of a hover, from 10 s after it is reached; compared with {against}")),
-        ("position", "distance from the reference position".to_owned()),
-        ("velocity", "distance from the velocity that the position loops command".to_owned()),
-        ("attitude", "angle between the attitude and the one that is commanded".to_owned()),
-    ]
-    .into()
-}
-
-fn latency(summary: &Summary) -> Vec<(&'static str, String)> {
-    let mut terms = vec![
-        ("capture to publish", "from the exposure of the cameras to the pose on the bus"),
-        ("publish to daemon", "until the controller is woken"),
-        ("compute", "until its command is on the bus"),
-        ("command to vehicle", "until simulator or bridge reads it"),
-        (
-            "vehicle to applied",
-            "until it takes effect; behind a bridge, until its last byte is handed to the wire",
-        ),
-        (
-            "wire, air",
-            "behind a bridge: time of the bytes on the wire; from there to the effect, configured by bridge.air-latency-ms, not measured",
-        ),
-        ("sensor to actuator", "sum of all hops of a command: from capture to effect"),
-        ("p50, p99, p99.9", "half of all samples, 99 % and 99.9 % took at most this time"),
-    ];
-    if summary.wakeup_lateness.is_some() {
-        terms.push(("wake-up lateness", "from the arrival of a pose, or from the deadline without one, to the start of the tick"));
-        terms.push(("period jitter", "deviation of the time between two ticks from the period"));
-    } else {
-        terms.retain(|(term, _)| {
-            !matches!(*term, "publish to daemon" | "compute" | "command to vehicle")
-        });
-    }
-    if summary.wire.is_none() {
-        terms.retain(|(term, _)| *term != "wire, air");
-    }
-    terms.into_iter().map(|(term, meaning)| (term, meaning.to_owned())).collect()
-}
-
-fn counts(config: &Config, summary: &Summary) -> Vec<(&'static str, String)> {
-    let mut terms = vec![(
-        "Riccati solves",
-        "how often the law computed its gain; the first one included".to_owned(),
-    )];
-    if summary.wakeup_lateness.is_some() {
-        let period_ms = 1e3 / config.control.rate_hz;
-        terms.push((
-            "deadlines missed",
-            format!("commands that were published later than a period, {period_ms:.1} ms, after their pose"),
-        ));
-    }
-    let coast_ms = config.safety.coast_ms;
-    terms.extend([
-        ("poses lost", "camera frames without a pose".to_owned()),
-        ("refused", "poses that were late, repeated, not tracked, or not reachable with the commands sent".to_owned()),
-        ("commands lost", "commands that never reached simulator or bridge".to_owned()),
-        ("states", format!("safety states from arming on. Nominal: no fault. Degraded: a warning. Coast: no pose for three periods, flown on the predicted motion; after {coast_ms} ms the motors stop. Hold, Land, Stop: responses to limits, docs/faults.md")),
-    ]);
-    terms
 }
 
 #[cfg(test)]

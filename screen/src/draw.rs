@@ -97,7 +97,7 @@ impl Canvas {
         }
     }
 
-    /// Draws a head and rows; the last line tells how many rows do not fit.
+    /// Draws a head and rows; the last line is the number of rows that do not fit.
     fn table(&mut self, lines: &[String], area: Rect) {
         let height = usize::from(area.height);
         for (number, (row, line)) in area.rows().zip(lines).enumerate() {

@@ -1,4 +1,5 @@
-//! The terminal while the monitor uses it. It is restored whatever ends the program, except a signal that cannot be caught.
+//! The terminal while the monitor uses it. It is restored at every end of the program except a signal that cannot be
+//! caught.
 
 use std::fmt::Write as _;
 use std::fs::File;

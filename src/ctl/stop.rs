@@ -74,7 +74,7 @@ pub fn raise(paths: &InstancePaths) -> Result<ObeyedStop, Failure> {
     Ok(ObeyedStop::new(report, response.as_ref()))
 }
 
-/// Asks the daemon on a thread of its own, which is abandoned if it is not done in time: a process that was stopped may hold the
+/// Asks the daemon on a separate thread, which is abandoned after the time-out: a process that was stopped may hold the
 /// lock of the instance.
 fn ask_daemon(paths: InstancePaths) -> Receiver<ControlResponseV1> {
     let (answers, answer) = channel();

@@ -7,7 +7,7 @@ use tempfile::TempDir;
 
 use super::*;
 
-/// A fit machine, to be spoilt file by file.
+/// A machine without findings, whose files tests change.
 struct Machine {
     root: TempDir,
     system: System,
@@ -75,7 +75,7 @@ fn a_fit_machine_gets_no_advice() {
     let not_ok: Vec<&Finding> = findings.iter().filter(|f| f.level != Level::Ok).collect();
     assert!(not_ok.is_empty(), "{not_ok:?}");
     assert!(text(&findings).ends_with("fit to fly"));
-    // No serial port, nothing to say of it.
+    // Without a serial port, its check has no finding.
     assert_eq!(findings.len(), CHECKS.len() - 1);
 }
 
@@ -120,7 +120,7 @@ fn a_capability_is_as_good_as_a_limit() {
 }
 
 #[test]
-fn preemption_is_told_in_every_form_a_kernel_has_it() {
+fn preemption_is_found_in_every_form_of_the_kernel() {
     let level = |realtime: &str, version: &str, mode: Option<&str>| {
         let machine = Machine::fit();
         machine.write("sys/kernel/realtime", realtime);
@@ -211,7 +211,7 @@ fn a_virtual_machine_and_a_single_processor_are_noted() {
 }
 
 #[test]
-fn the_document_says_the_worst_level_and_every_check() {
+fn the_document_has_the_worst_level_and_every_check() {
     let mut machine = Machine::fit();
     machine.system.shared_memory = None;
     let findings = examine(&machine.system);

@@ -94,7 +94,7 @@ impl PosePath {
         let path = match source {
             None | Some(MocapSource::Emulated | MocapSource::Replay(_)) => return Ok(Self::Bus),
             Some(MocapSource::Served(_)) if matches!(commands, CommandLink::Linked(_)) => {
-                // The receiver cannot know that these poses are emulated, and nothing else would tell the daemon.
+                // The receiver cannot detect that these poses are emulated, so the daemon would fly a real vehicle on them.
                 return usage(
                     "--mocap over a network shows a simulated vehicle: leave it out for a vehicle at a link, or name its cameras by --mocap link:LINK",
                 );
@@ -161,7 +161,7 @@ impl PosePath {
     }
 }
 
-/// A port of this machine that is free, with those after it that a server of any protocol opens.
+/// A free port of this machine after which the further ports of every protocol are free as well.
 fn free_port() -> Option<u16> {
     (0..PORT_TRIES).find_map(|_| {
         let first = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).ok()?.local_addr().ok()?.port();

@@ -1,4 +1,4 @@
-//! The flag `--fault`: which faults a flight can have, and those of processes in real time.
+//! The flags `--fault` and `--disturb`: checks against the flight, and faults of processes in real time.
 
 use oqtal_bus::bus::Bus;
 use oqtal_bus::error::BusError;

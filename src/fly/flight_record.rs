@@ -1,7 +1,7 @@
 //! The recording of a flight, `flight.mcap`.
 
 use oqtal_lab::mission::Mission;
-use oqtal_observe::recording::{McapRecorder, RecordingPlan, RecordingResult};
+use oqtal_observe::recording::{McapRecorder, RecordingPlan};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::say;
 
@@ -30,20 +30,4 @@ pub fn begin(mission: &Mission, directory: &FlightDirectory) -> Result<McapRecor
         complain: |message| say(&format!("oqtal: {message}; the flight continues")),
     })
     .map_err(failed)
-}
-
-/// Checks that a recording is complete.
-///
-/// # Errors
-/// The recording ended early, or messages are missing.
-pub fn check(recording: Option<&RecordingResult>) -> Result<(), Failure> {
-    let Some(RecordingResult { failure, dropped, .. }) = recording else { return Ok(()) };
-    if let Some(failure) = failure {
-        return Err(Failure::new(Exit::System, format!("{failure}; free the disk, or give --out")));
-    }
-    if *dropped > 0 {
-        let message = format!("{dropped} messages were not recorded: the disk is too slow");
-        return Err(Failure::new(Exit::System, message));
-    }
-    Ok(())
 }

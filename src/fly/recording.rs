@@ -32,7 +32,7 @@ use super::vehicle::CommandLink;
 /// Period of polling in real time: the resolution of the times of reception.
 const POLL_PERIOD: Duration = Duration::from_millis(10);
 
-/// Longest time for the landing of a flight that lasted too long: the daemon stops one that does not end (F41).
+/// Time-out of the landing of a flight that lasted too long; the daemon stops a landing that does not end (F41).
 const LANDED_WITHIN: Span = Span::from_millis(60_000);
 /// Time for which motors are reported off before they count as stopped: a little more than a bridge waits for a late report.
 const MOTORS_SETTLE: Span = Span::from_millis(600);
@@ -152,8 +152,8 @@ impl FlightRecording<'_> {
         Ok(Time::now().since(since) >= LANDED_WITHIN)
     }
 
-    /// Whether the motors behind a bridge are off for good, or in another's hands, or had their time: a bridge stops them once the
-    /// vehicle has rested, and one that ends before has only the emergency stop.
+    /// Whether the motors behind a bridge are off, or controlled by another station, or the time-out has passed: a bridge stops the
+    /// motors once the vehicle has rested; a bridge that ends before can only use the emergency stop.
     fn motors_rest(&self, state: &mut Progressing) -> bool {
         let now = Time::now();
         let since = *state.over_since.get_or_insert(now);

@@ -62,7 +62,7 @@ impl<'a> ProcessWatch<'a> {
             }
             let command = interrupts.next();
             if let (Some(OperatorCommand::Stop), Some(stop)) = (command, &stop) {
-                // Obeyed by the vehicle's process, whatever the daemon does.
+                // Acts in the process of the vehicle, independent of the daemon.
                 stop.raise();
             }
             if command.is_some_and(|command| !pass_on(client.as_ref(), command)) {

@@ -13,4 +13,4 @@ mod sockets;
 pub use iceoryx::beside;
 pub use mechanism::Mechanism;
 pub use parcel::{Parcel, ParcelSender};
-pub use process::{counter, directory, failed, open_sender, receiver_job};
+pub use process::{counter, directory, failed, open_sender, receive_all};

@@ -107,7 +107,7 @@ impl Access {
     }
 }
 
-/// Whether the browser, if it says so, sends the request for this very site. The page itself may be opened by a link elsewhere;
+/// Whether the request comes from a page of this site, where the browser reports that. The page itself may be opened by a link elsewhere;
 /// it may not be framed.
 fn is_same_site(request: &Request) -> bool {
     match request.header("sec-fetch-site") {

@@ -31,7 +31,7 @@ impl Response {
         Self { status: 200, kind, body: body.into() }
     }
 
-    /// A refusal that says why, in plain text.
+    /// A refusal with its reason in plain text.
     #[must_use]
     pub fn error(status: u16, text: &str) -> Self {
         Self { status, kind: "text/plain; charset=utf-8", body: format!("{text}\n").into() }
@@ -80,7 +80,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_response_says_its_length_and_is_kept_from_other_sites() {
+    fn a_response_has_its_length_and_is_closed_to_other_sites() {
         let text = String::from_utf8(Response::ok("text/plain", "äb").to_bytes("GET")).unwrap();
         assert!(text.starts_with("HTTP/1.1 200 OK\r\n") && text.ends_with("\r\n\r\näb"), "{text}");
         assert!(text.contains("Content-Length: 3\r\n") && text.contains("nosniff\r\n"), "{text}");

@@ -1,4 +1,4 @@
-//! The channels of a recording: one for each topic, and those for viewers.
+//! The channels of a recording: one for each topic, and further ones for viewers.
 
 use std::collections::BTreeMap;
 
@@ -97,7 +97,7 @@ impl TopicVisitor for MessageSchema {
     }
 }
 
-/// The hash of a message definition as a channel's metadata has it.
+/// The hash of a message definition in the form of a channel's metadata.
 #[must_use]
 pub fn schema_id<M: Message>() -> String {
     format!("{:016x}", M::SCHEMA)

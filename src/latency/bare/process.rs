@@ -5,7 +5,7 @@ use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 
 use oqtal_bus::time::Time;
-use oqtal_runtime::process::{Exit, Failure, Job, ProcessContext};
+use oqtal_runtime::process::{Exit, Failure, ProcessContext};
 use rustix::event::EventfdFlags;
 use rustix::process::Signal;
 
@@ -13,18 +13,6 @@ use super::mechanism::Mechanism;
 use super::parcel::{Parcel, ParcelReceiver, ParcelSender};
 use super::{iceoryx, shared, sockets};
 use crate::latency::record::Record;
-
-/// The work of the process that receives the messages of `mechanism`.
-#[must_use]
-pub fn receiver_job(mechanism: Mechanism) -> Job {
-    match mechanism {
-        Mechanism::Futex => |context| receive_all(context, Mechanism::Futex),
-        Mechanism::Eventfd => |context| receive_all(context, Mechanism::Eventfd),
-        Mechanism::UnixDatagram => |context| receive_all(context, Mechanism::UnixDatagram),
-        Mechanism::UdpSocket => |context| receive_all(context, Mechanism::UdpSocket),
-        Mechanism::Iceoryx2Listener => |context| receive_all(context, Mechanism::Iceoryx2Listener),
-    }
-}
 
 /// The failure of an operation of `mechanism`.
 pub fn failed(mechanism: Mechanism, what: &str, error: &io::Error) -> Failure {
@@ -87,8 +75,11 @@ pub fn counter() -> Result<OwnedFd, Failure> {
         .map_err(|error| failed(Mechanism::Eventfd, "opening", &error.into()))
 }
 
-/// Receives messages until the last one, and saves the latency of each.
-fn receive_all(context: &ProcessContext, mechanism: Mechanism) -> Result<(), Failure> {
+/// Receives messages of `mechanism` until the last one, and saves the latency of each.
+///
+/// # Errors
+/// The operating system refuses.
+pub fn receive_all(context: &ProcessContext, mechanism: Mechanism) -> Result<(), Failure> {
     // SIGKILL: the process may be asleep in the kernel when its parent dies, and would not notice a request to end.
     rustix::process::set_parent_process_death_signal(Some(Signal::KILL))
         .map_err(|error| failed(mechanism, "setting the parent-death signal", &error.into()))?;
