@@ -22,9 +22,7 @@ pub(crate) fn refused(host: &HostPort, error: &io::Error) -> PortOpenError {
     match error.kind() {
         ErrorKind::AddrInUse => PortOpenError::AddressInUse { address },
         ErrorKind::AddrNotAvailable => PortOpenError::NotLocal { address },
-        ErrorKind::ConnectionRefused | ErrorKind::TimedOut => {
-            PortOpenError::NobodyListens { address }
-        }
+        ErrorKind::ConnectionRefused | ErrorKind::TimedOut => PortOpenError::NoServer { address },
         ErrorKind::PermissionDenied => PortOpenError::Permission { path: address },
         _ => PortOpenError::System { port: address, reason: error.to_string() },
     }

@@ -128,9 +128,9 @@ pub enum PortOpenError {
     },
     /// No server at the address.
     #[error(
-        "nobody accepts a connection at {address}; switch the vehicle on, or name another in `bridge.link` or --link"
+        "no server accepts a connection at {address}; switch the vehicle on, or name another in `bridge.link` or --link"
     )]
-    NobodyListens {
+    NoServer {
         /// Host and port.
         address: String,
     },
@@ -166,7 +166,7 @@ impl From<PortOpenError> for Failure {
             | PortOpenError::OldCrazyradio { .. }
             | PortOpenError::NotATerminal { .. }
             | PortOpenError::NotLocal { .. }
-            | PortOpenError::NobodyListens { .. }
+            | PortOpenError::NoServer { .. }
             | PortOpenError::UnknownHost { .. }
             | PortOpenError::System { .. } => Exit::System,
         };

@@ -99,7 +99,7 @@ mod tests {
         drop((vehicle, server));
         assert_eq!(link.read(&mut buffer).unwrap_err().kind(), ErrorKind::ConnectionAborted);
         let error = options.open().unwrap_err();
-        assert!(matches!(error, PortOpenError::NobodyListens { .. }), "{error}");
+        assert!(matches!(error, PortOpenError::NoServer { .. }), "{error}");
     }
 
     #[test]

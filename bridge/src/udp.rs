@@ -174,7 +174,7 @@ mod tests {
     fn the_peer_is_the_last_sender_until_the_vehicle_answers() {
         let (mut link, vehicles) = listening(2);
         let mut buffer = [0; 16];
-        assert_eq!(link.write(b"nobody").unwrap(), 6);
+        assert_eq!(link.write(b"frame").unwrap(), 5);
         for (vehicle, name) in vehicles.iter().zip([b"a", b"b"]) {
             vehicle.send(name).unwrap();
             assert_eq!((link.read(&mut buffer).unwrap(), &buffer[..1]), (1, &name[..]));

@@ -153,7 +153,7 @@ impl ParameterSession {
         apply: bool,
     ) -> Result<ParameterReport, Failure> {
         let Some(name) = ParameterName::new(wanted.name) else {
-            return Err(Failure::new(Exit::Internal, format!("{} is no name", wanted.name)));
+            return Err(Failure::new(Exit::Internal, format!("{} is not a name", wanted.name)));
         };
         let as_bits = self.kind.sends_integers_as_bits();
         let target = self.vehicle;

@@ -2,7 +2,7 @@
 
 mod common;
 
-mod languages;
+mod protocols;
 mod readiness;
 mod safety;
 mod turns;

@@ -27,7 +27,7 @@ enum Stimulus {
     Command { actuation: u8, stick: f64, age_us: i64 },
     /// The vehicle reports its motors.
     Status { running: bool },
-    /// Who has control of the vehicle.
+    /// Holder of the control of the vehicle.
     Control(ControlHolder),
     /// The port is opened again.
     Reopened,

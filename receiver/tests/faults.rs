@@ -12,7 +12,7 @@ use oqtal_wire::motion::RigidPose;
 const INTERVAL: Span = Span::from_millis(10);
 /// Least delay from capture to arrival: the configured latency of the cameras.
 const LATENCY: Span = Span::from_millis(5);
-/// The server's clock is ahead of ours by so much \[ns\].
+/// Offset of the server's clock \[ns\].
 const AHEAD_NS: u64 = 77_000_000_000;
 
 /// A camera system whose body moves along x, one metre a second.

@@ -32,8 +32,8 @@ fn status() -> LlStatus {
 fn command_is_the_reference() {
     assert_eq!(hover().frame().to_vec(), hex(COMMAND));
     assert_eq!(CommandPacket::new_checked(&hex(COMMAND)).unwrap().input(), hover());
-    let heard: Vec<_> = VehicleDecoder::new().push(&hex(COMMAND)).collect();
-    assert_eq!(heard, [HostCommand::Control(hover())]);
+    let received: Vec<_> = VehicleDecoder::new().push(&hex(COMMAND)).collect();
+    assert_eq!(received, [HostCommand::Control(hover())]);
 }
 
 #[test]
@@ -45,8 +45,8 @@ fn telemetry_is_the_reference() {
     let packet = TelemetryPacket::new_checked(&bytes).unwrap();
     assert_eq!(packet.descriptor(), Descriptor::LlStatus);
     assert_eq!(LlStatus::parse(packet.payload()), Some(status()));
-    let heard: Vec<_> = HostDecoder::new().push(&bytes).collect();
-    assert_eq!(heard, [HostEvent::LlStatus(status())]);
+    let received: Vec<_> = HostDecoder::new().push(&bytes).collect();
+    assert_eq!(received, [HostEvent::LlStatus(status())]);
 }
 
 #[test]

@@ -31,7 +31,7 @@ fn samples() -> Vec<MavlinkContent> {
     [states(), orders()].concat()
 }
 
-/// What a vehicle says of itself, and a companion to it.
+/// States of a vehicle, and messages of a companion to it.
 fn states() -> Vec<MavlinkContent> {
     use MavlinkContent as C;
     let heartbeat = MavlinkHeartbeat {
@@ -140,7 +140,7 @@ fn rates_have_mask_128_and_the_signs_of_forward_right_down() {
 }
 
 #[test]
-fn an_attitude_has_mask_3_and_unit_length_whatever_its_source() {
+fn an_attitude_has_mask_3_and_unit_length() {
     // A turn about each axis, of a quaternion that is not quite of unit length.
     for (axis, sign) in [(0, 1.0), (1, -1.0), (2, -1.0)] {
         let mut attitude = [0.0, 0.0, 0.0, 0.998];
@@ -220,7 +220,7 @@ fn key(digits: &str) -> SigningKey {
 }
 
 #[test]
-fn only_packets_that_are_signed_with_the_key_are_believed_and_none_twice() {
+fn only_packets_signed_with_the_key_are_accepted_and_none_twice() {
     let sender = |key: Option<SigningKey>, from, unix_us| {
         let mut encoder = MavlinkEncoder::new(from);
         if let Some(key) = key {
@@ -244,12 +244,12 @@ fn only_packets_that_are_signed_with_the_key_are_believed_and_none_twice() {
     assert!(accepts(&second));
     assert!(!accepts(&first), "older than the last");
     let old = packet(&mut sender(Some(key("0f")), OWN, NOW_US - 2 * MINUTE_US));
-    assert!(!accepts(&old), "first heard, and more than a minute old");
+    assert!(!accepts(&old), "first packet, and more than a minute old");
     assert!(accepts(&packet(&mut sender(Some(key("0f")), OWN, NOW_US - MINUTE_US / 2))));
 }
 
 #[test]
-fn a_sender_whose_clock_was_not_set_is_believed_once_it_has_heard_a_later_stamp() {
+fn a_sender_whose_clock_was_not_set_is_accepted_after_it_received_a_later_stamp() {
     let packet = |encoder: &mut MavlinkEncoder| {
         let wire = encoder.encode(&MavlinkContent::Battery(11.1)).unwrap();
         decoded(wire.as_bytes())[0]
@@ -278,7 +278,7 @@ fn a_sender_whose_clock_was_not_set_is_believed_once_it_has_heard_a_later_stamp(
 }
 
 #[test]
-fn a_damaged_packet_costs_only_itself_and_an_unknown_one_is_skipped() {
+fn a_damaged_packet_affects_only_itself_and_an_unknown_one_is_skipped() {
     let good = sent(MavlinkContent::Battery(11.1));
     for bit in 0..8 * good.len() {
         let mut bytes = good.clone();

@@ -20,7 +20,7 @@ const PYTHON: &str = "OQTAL_PEERS_PYTHON";
 const OWN: MavlinkAddress = MavlinkAddress { system: 245, component: MavlinkAddress::COMPUTER };
 const VEHICLE: MavlinkAddress = MavlinkAddress { system: 7, component: MavlinkAddress::AUTOPILOT };
 
-/// What the script prints for these packets; `None` if there is no peer.
+/// Output of the script for these packets; `None` without a peer.
 fn peer(packets: &[String]) -> Option<Vec<Value>> {
     let Some(python) = std::env::var_os(PYTHON) else {
         let reason = format!("mavlink_messages.py: skipped, {PYTHON} names no interpreter\n");
@@ -159,7 +159,7 @@ fn agrees(read: &Value, wanted: &Value) -> bool {
     }
 }
 
-/// What is read of the packets that pymavlink writes, in its order.
+/// Contents of the packets that pymavlink writes, in its order.
 fn theirs() -> Vec<MavlinkContent> {
     use MavlinkContent as C;
     let heartbeat = |kind, custom_mode, is_armed| {
@@ -189,7 +189,7 @@ fn theirs() -> Vec<MavlinkContent> {
 }
 
 #[test]
-fn pymavlink_reads_and_writes_what_is_meant() {
+fn pymavlink_reads_and_writes_the_same_messages() {
     let key = SigningKey::from_hex(&"0f".repeat(32)).unwrap();
     let mut signed = MavlinkEncoder::new(OWN);
     signed.sign(key, 1_800_000_000_000_000);

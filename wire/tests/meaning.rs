@@ -201,12 +201,12 @@ proptest! {
     ) {
         let sent = Sticks { roll, pitch, yaw, thrust };
         let input = scales.encode(&sent);
-        let heard = scales.decode(&input);
+        let received = scales.decode(&input);
         let count = scales.decode(&ControlInput { roll: 1, yaw: 1, ..ControlInput::ZERO_SETPOINT });
         let (angle, rate) = (0.5001 * count.roll.abs(), 0.5001 * count.yaw.abs());
-        prop_assert!((heard.roll - roll).abs() <= angle && (heard.pitch - pitch).abs() <= angle);
-        prop_assert!((heard.yaw - yaw).abs() <= rate);
-        let counts = scales.thrust_table.counts(heard.thrust);
+        prop_assert!((received.roll - roll).abs() <= angle && (received.pitch - pitch).abs() <= angle);
+        prop_assert!((received.yaw - yaw).abs() <= rate);
+        let counts = scales.thrust_table.counts(received.thrust);
         prop_assert!((counts - scales.thrust_table.counts(thrust)).abs() <= 0.5001);
     }
 
@@ -241,13 +241,13 @@ proptest! {
         [height, climb] in prop::array::uniform2(-5.0..5.0_f64),
     ) {
         let sent = Imu { angles: [roll, pitch, yaw], rate, height, climb };
-        let heard = scales.decode_imu(&scales.encode_imu(&sent));
-        for (angle, wanted) in heard.angles.into_iter().zip(sent.angles) {
+        let received = scales.decode_imu(&scales.encode_imu(&sent));
+        for (angle, wanted) in received.angles.into_iter().zip(sent.angles) {
             let off = (angle - wanted).rem_euclid(2.0 * PI);
             prop_assert!(off.min(2.0 * PI - off) < 1e-5);
         }
-        let off = |axis: usize| (heard.rate[axis] - sent.rate[axis]).abs();
+        let off = |axis: usize| (received.rate[axis] - sent.rate[axis]).abs();
         prop_assert!((0..3).all(|axis| off(axis) < 1.4e-4));
-        prop_assert!((heard.height - height).abs() < 6e-4 && (heard.climb - climb).abs() < 6e-4);
+        prop_assert!((received.height - height).abs() < 6e-4 && (received.climb - climb).abs() < 6e-4);
     }
 }

@@ -110,7 +110,7 @@ fn a_client_asks_for_older_versions_until_one_is_spoken() {
     let error = converse(&mut client, &mut Server::new(ByteOrder::Little)).unwrap_err();
     assert_eq!(
         error.to_string(),
-        "the server speaks no version of the RT protocol from 1.30 to 1.31"
+        "the server supports no version of the RT protocol from 1.30 to 1.31"
     );
 }
 

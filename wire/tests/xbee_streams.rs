@@ -163,7 +163,7 @@ proptest! {
     }
 
     #[test]
-    fn overhead_is_what_framing_adds((framing, address) in carriers(), payload in payload()) {
+    fn overhead_equals_the_bytes_added_by_framing((framing, address) in carriers(), payload in payload()) {
         for side in [Side::Host, Side::Radio] {
             let carrier = Carrier::new(framing, side, address);
             let length = carrier.wrap(1, &payload).unwrap().as_bytes().len();
@@ -181,10 +181,10 @@ proptest! {
     ) {
         let radio = Carrier::new(framing, Side::Radio, address);
         let mut host = Carrier::new(framing, Side::Host, address);
-        let told: Vec<RadioEvent> = host.push(radio.report(id, delivered).as_bytes()).collect();
+        let reported: Vec<RadioEvent> = host.push(radio.report(id, delivered).as_bytes()).collect();
         let silent = framing == Framing::Transparent || id == 0;
         let wanted = (!silent).then_some(RadioEvent::Delivery { id, delivered });
-        prop_assert_eq!(told, Vec::from_iter(wanted));
+        prop_assert_eq!(reported, Vec::from_iter(wanted));
     }
 }
 
@@ -199,16 +199,16 @@ fn more_than_a_radio_packet_holds_is_refused() {
 fn a_request_carries_its_number_to_the_radio() {
     let host = Carrier::new(Framing::Api2, Side::Host, Address::Short(1));
     let mut radio = Carrier::new(Framing::Api2, Side::Radio, Address::Short(2));
-    let heard: Vec<RadioEvent> = radio.push(host.wrap(17, b"up").unwrap().as_bytes()).collect();
+    let received: Vec<RadioEvent> = radio.push(host.wrap(17, b"up").unwrap().as_bytes()).collect();
     let payload = Payload::try_from(&b"up"[..]).unwrap();
-    assert_eq!(heard, [RadioEvent::Payload { id: 17, payload }]);
+    assert_eq!(received, [RadioEvent::Payload { id: 17, payload }]);
 }
 
 #[test]
 fn a_host_accepts_its_peer_alone_unless_that_is_the_broadcast_address() {
     let (one, other) = (Address::Long(0x0013_A200_4052_1234), Address::Long(0x0013_A200_4052_1235));
     let (short, every_short) = (Address::Short(0x1234), Address::Short(0xFFFF));
-    for (peer, from, hears) in [
+    for (peer, from, receives) in [
         (one, one, true),
         (one, other, false),
         (one, short, false),
@@ -219,7 +219,7 @@ fn a_host_accepts_its_peer_alone_unless_that_is_the_broadcast_address() {
     ] {
         let wire = Carrier::new(Framing::Api2, Side::Radio, from).wrap(0, b">a\x17a<").unwrap();
         let mut host = Carrier::new(Framing::Api2, Side::Host, peer);
-        let heard = host.push(wire.as_bytes()).count();
-        assert_eq!(heard, usize::from(hears), "{peer:?} hears {from:?}");
+        let received = host.push(wire.as_bytes()).count();
+        assert_eq!(received, usize::from(receives), "{peer:?} receives {from:?}");
     }
 }

@@ -65,7 +65,8 @@ const CHECKS: &[ProbeCheck] = &[
         Severity::Problem,
         "set receiver.stamps = \"arrival\" if the server's stamps mean nothing",
         |f| {
-            (f.counts.arrived > 100 && !f.clock.known).then(|| "its stamps are no clock".to_owned())
+            (f.counts.arrived > 100 && !f.clock.known)
+                .then(|| "its stamps are not a clock".to_owned())
         },
     ),
     (

@@ -94,7 +94,7 @@ impl fmt::Display for ProbeFigures {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let ms = |nanos: i64| nanos as f64 * 1e-6;
         let IntervalFigures { min_ns, p50_ns, p99_ns, max_ns } = self.interval;
-        writeln!(f, "{}, heard for {:.0} s", self.server, self.seconds)?;
+        writeln!(f, "{}, observed for {:.0} s", self.server, self.seconds)?;
         writeln!(
             f,
             "rate       {:.2} Hz, {} lost, {} gaps over 50 ms",

@@ -47,7 +47,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn an_attitude_is_kept_to_what_half_a_step_of_each_component_makes_of_it(components in prop::array::uniform4(-1.0..1.0_f64)) {
+        fn an_attitude_is_kept_within_half_a_step_of_each_component(components in prop::array::uniform4(-1.0..1.0_f64)) {
             let norm = components.iter().map(|c| c * c).sum::<f64>().sqrt();
             prop_assume!(norm > 0.1);
             let quaternion = components.map(|c| c / norm);

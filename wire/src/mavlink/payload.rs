@@ -51,7 +51,7 @@ impl Payload {
         payload
     }
 
-    /// Appends a field. What exceeds the greatest length is cut off.
+    /// Appends a field. Bytes beyond the greatest length are cut off.
     pub(super) fn put(&mut self, field: &[u8]) -> &mut Self {
         for (place, byte) in self.bytes[self.length..].iter_mut().zip(field) {
             *place = *byte;

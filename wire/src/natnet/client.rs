@@ -36,7 +36,7 @@ pub enum NatNetClientError {
     #[error(transparent)]
     Datagram(#[from] NatNetError),
     /// Server that is too old or too new.
-    #[error("the server speaks NatNet {0}, expected 3.0 to 4.x")]
+    #[error("the server uses NatNet {0}, expected 3.0 to 4.x")]
     Version(NatNetVersion),
 }
 

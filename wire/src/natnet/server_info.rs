@@ -40,7 +40,7 @@ impl ServerInfo {
         let numbers = |info: &Self| {
             (info.app_version, info.version, info.clock_hz, info.data_port, info.multicast)
         };
-        Self::numbers(content).is_some_and(|said| numbers(&said) == numbers(self))
+        Self::numbers(content).is_some_and(|found| numbers(&found) == numbers(self))
     }
 
     fn read(content: &[u8]) -> Option<Self> {

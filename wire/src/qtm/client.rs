@@ -66,10 +66,10 @@ pub enum QtmClientError {
     #[error(transparent)]
     Packet(#[from] QtmPacketError),
     /// Server of another kind, with its first text, made printable.
-    #[error("the server is no QTM: it says `{0}`")]
+    #[error("the server is not QTM: it answers `{0}`")]
     NotQtm(String),
     /// Server that is too old or too new.
-    #[error("the server speaks no version of the RT protocol from {oldest} to {newest}")]
+    #[error("the server supports no version of the RT protocol from {oldest} to {newest}")]
     Version {
         /// Oldest version that was asked for.
         oldest: QtmVersion,

@@ -55,7 +55,7 @@ pub enum QtmCommand {
 
 /// Error: the text is not a command.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("`{0}` is no command of the RT protocol")]
+#[error("`{0}` is not a command of the RT protocol")]
 pub struct InvalidQtmCommand(String);
 
 impl QtmCommand {

@@ -35,7 +35,7 @@ pub struct QtmParameters {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum QtmParametersError {
     /// Text that is not XML.
-    #[error("the server's parameters are no XML: {0}")]
+    #[error("the server's parameters are not XML: {0}")]
     Xml(String),
     /// Elements within elements beyond any that a server writes.
     #[error("the server's parameters are nested too deeply")]

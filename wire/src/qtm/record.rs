@@ -31,7 +31,7 @@ pub enum NoPose {
     #[error("the body is not tracked")]
     Lost,
     /// The numbers are not a pose.
-    #[error("the numbers are no pose")]
+    #[error("the numbers are not a pose")]
     Unsound,
     /// Euler angles about axes that are configured in the server.
     #[error("Euler angles have no meaning without the server's settings; ask for 6D or 6DRes")]

@@ -43,7 +43,7 @@ impl fmt::Display for QtmVersion {
 
 /// Error in the text of a version.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("`{0}` is no version of the RT protocol; write 1.25, for example")]
+#[error("`{0}` is not a version of the RT protocol; write 1.25, for example")]
 pub struct InvalidQtmVersion(String);
 
 impl FromStr for QtmVersion {

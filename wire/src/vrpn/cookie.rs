@@ -19,10 +19,10 @@ pub struct VrpnVersion {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CookieError {
     /// Bytes that are not a cookie.
-    #[error("the other end does not speak VRPN")]
+    #[error("the other end does not use VRPN")]
     Magic,
     /// Major version other than ours.
-    #[error("the other end speaks VRPN {0}, expected 7")]
+    #[error("the other end uses VRPN {0}, expected 7")]
     Version(u8),
 }
 

@@ -16,7 +16,7 @@ const PONG: i32 = 1;
 
 /// Error: the bytes of a client are not VRPN. Close the connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("the client does not speak VRPN")]
+#[error("the client does not use VRPN")]
 pub struct NotVrpn;
 
 /// The server's end of a connection: bytes of the client in, bytes to the client out. Every body is a tracker with one sensor.

@@ -8,16 +8,16 @@ use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps};
 use oqtal_bus::time::{Span, Time};
 use proptest::prelude::*;
 
-use super::language::{Language, LanguageVehicle, Understood};
+use super::protocol::{Protocol, ProtocolVehicle, Understood};
 
 pub const PERIOD: Span = Span::from_nanos(16_666_667);
 /// `bridge.command-timeout-periods` as shipped: three periods.
 pub const COMMAND_AGE: Span = Span::from_nanos(50_000_001);
-/// Steps of a stick that every language tells apart \[1/s\].
+/// Steps of a stick that every protocol tells apart \[1/s\].
 const STICK_STEPS: f64 = 2047.0;
 /// Commands that differ in their roll stick \[-\].
 const COMMANDS: u64 = 1000;
-/// Longest frame of any language \[bytes\].
+/// Longest frame of any protocol \[bytes\].
 const LONGEST_FRAME: usize = 280;
 /// Periods within which every vehicle is set up, and within which it flies once asked \[-\].
 const SET_UP: usize = 600;
@@ -25,9 +25,9 @@ const SET_UP: usize = 600;
 /// Something that happens.
 #[derive(Clone, Debug)]
 pub enum Happening {
-    /// A command arrives that was published so long ago \[us\]; negative for the future.
+    /// A command arrives that was published this long ago \[us\]; negative for the future.
     Command { flies: bool, age_us: i64 },
-    /// A pose arrives that was published so long ago \[us\].
+    /// A pose arrives that was published this long ago \[us\].
     Pose { age_us: i64 },
     /// Somebody beside the vehicle starts or stops its motors, or takes it over.
     Somebody { motors_on: bool, is_piloted: bool },
@@ -46,11 +46,11 @@ impl Happening {
     pub const DISARMED: Self = Self::Command { flies: false, age_us: 1000 };
 }
 
-/// Bridge and vehicle of one language.
+/// Bridge and vehicle of one protocol.
 pub struct Exchange {
     name: &'static str,
     bridge: Bridge,
-    pub vehicle: Box<dyn LanguageVehicle>,
+    pub vehicle: Box<dyn ProtocolVehicle>,
     now: Time,
     commands: u64,
     /// Publication of the newest flight commands, by number.
@@ -64,14 +64,14 @@ pub struct Exchange {
 }
 
 impl Exchange {
-    pub fn new(language: &Language) -> Self {
+    pub fn new(protocol: &Protocol) -> Self {
         let now = Time::VIRTUAL_START;
-        let mut bridge = (language.bridge)(now);
+        let mut bridge = (protocol.bridge)(now);
         bridge.open(now);
         Self {
-            name: language.name,
+            name: protocol.name,
             bridge,
-            vehicle: (language.vehicle)(),
+            vehicle: (protocol.vehicle)(),
             now,
             commands: 0,
             published: BTreeMap::new(),

@@ -5,16 +5,16 @@
 mod asctec;
 mod crtp;
 mod exchange;
-mod language;
 mod mavlink;
+mod protocol;
 
 use exchange::{Exchange, Happening};
-use language::{Language, Understood};
 use proptest::prelude::*;
+use protocol::{Protocol, Understood};
 
-/// All languages. A further one is a row.
-const LANGUAGES: [Language; 4] =
-    [asctec::LANGUAGE, crtp::LANGUAGE, mavlink::ARDUPILOT, mavlink::PX4];
+/// All protocols. A further one is a row.
+const PROTOCOLS: [Protocol; 4] =
+    [asctec::PROTOCOL, crtp::PROTOCOL, mavlink::ARDUPILOT, mavlink::PX4];
 
 /// Events, each with the number of periods that follow \[-\].
 type Happenings = Vec<(Happening, usize)>;
@@ -39,9 +39,9 @@ fn happenings(count: std::ops::Range<usize>) -> impl Strategy<Value = Happenings
     prop::collection::vec((happening(), periods), count)
 }
 
-/// The exchange of `language`, airborne, after everything that happened.
-fn flown(language: &Language, happenings: &Happenings) -> Result<Exchange, TestCaseError> {
-    let mut exchange = Exchange::new(language);
+/// The exchange of `protocol`, airborne, after everything that happened.
+fn flown(protocol: &Protocol, happenings: &Happenings) -> Result<Exchange, TestCaseError> {
+    let mut exchange = Exchange::new(protocol);
     exchange.until_airborne()?;
     happenings.iter().try_for_each(|(what, periods)| exchange.happen(what, *periods))?;
     Ok(exchange)
@@ -52,28 +52,28 @@ proptest! {
 
     #[test]
     fn the_rules_hold_for_every_frame(happenings in happenings(100..300)) {
-        for language in &LANGUAGES {
-            flown(language, &happenings)?;
+        for protocol in &PROTOCOLS {
+            flown(protocol, &happenings)?;
         }
     }
 
     #[test]
     fn the_rules_hold_from_the_first_byte_on(happenings in happenings(1..200)) {
-        for language in &LANGUAGES {
-            let mut exchange = Exchange::new(language);
+        for protocol in &PROTOCOLS {
+            let mut exchange = Exchange::new(protocol);
             happenings.iter().try_for_each(|(what, periods)| exchange.happen(what, *periods))?;
         }
     }
 
     #[test]
     fn after_the_last_command_at_most_four_frames_are_not_zero(happenings in happenings(0..60)) {
-        for language in &LANGUAGES {
-            let mut exchange = flown(language, &happenings)?;
+        for protocol in &PROTOCOLS {
+            let mut exchange = flown(protocol, &happenings)?;
             exchange.vehicle.manual_override(exchange.vehicle.motors_on(), false);
             let before = exchange.flights();
             exchange.happen(&Happening::Nothing, 120)?;
             let after = exchange.flights() - before;
-            prop_assert!(after <= 4, "{}: {} frames", language.name, after);
+            prop_assert!(after <= 4, "{}: {} frames", protocol.name, after);
             let last = exchange.understood.iter().rev().take(30);
             prop_assert!(last.clone().count() == 30);
             prop_assert!(last.clone().all(|frame| !matches!(frame, Understood::Flight(_))));
@@ -82,8 +82,8 @@ proptest! {
 
     #[test]
     fn a_flight_is_not_resumed_after_a_loss_until_there_was_no_request(lost_after in 1..200_usize) {
-        for language in &LANGUAGES {
-            let mut exchange = Exchange::new(language);
+        for protocol in &PROTOCOLS {
+            let mut exchange = Exchange::new(protocol);
             exchange.until_airborne()?;
             for _ in 0..lost_after {
                 exchange.happen(&Happening::FLIGHT, 1)?;
@@ -93,22 +93,22 @@ proptest! {
             for _ in 0..300 {
                 exchange.happen(&Happening::FLIGHT, 1)?;
             }
-            prop_assert_eq!(exchange.flights(), before, "{}", language.name);
+            prop_assert_eq!(exchange.flights(), before, "{}", protocol.name);
             exchange.until_airborne()?;
         }
     }
 }
 
-/// A flight in every language: rest, start, flight, end, stop.
+/// A flight in every protocol: rest, start, flight, end, stop.
 #[test]
-fn every_language_starts_flies_and_stops() {
-    for language in &LANGUAGES {
-        let mut exchange = Exchange::new(language);
+fn every_protocol_starts_flies_and_stops() {
+    for protocol in &PROTOCOLS {
+        let mut exchange = Exchange::new(protocol);
         exchange.until_airborne().unwrap();
         for _ in 0..300 {
             exchange.happen(&Happening::FLIGHT, 1).unwrap();
         }
-        let (flown, name) = (exchange.flights(), language.name);
+        let (flown, name) = (exchange.flights(), protocol.name);
         assert!(flown > 290 && exchange.vehicle.motors_on(), "{name}: {flown} frames");
         for _ in 0..300 {
             exchange.happen(&Happening::DISARMED, 1).unwrap();

@@ -9,10 +9,10 @@ use oqtal_wire::crtp::{
 };
 use oqtal_wire::xbee::Address;
 
-use super::language::{Language, LanguageVehicle, Understood};
+use super::protocol::{Protocol, ProtocolVehicle, Understood};
 
-/// The row of this language.
-pub const LANGUAGE: Language = Language { name: "crtp", bridge, vehicle };
+/// The row of this protocol.
+pub const PROTOCOL: Protocol = Protocol { name: "crtp", bridge, vehicle };
 
 /// Roll rate at full stick, as shipped \[rad/s\].
 const AUTHORITY: f64 = 2.0;
@@ -34,7 +34,7 @@ fn bridge(now: Time) -> Bridge {
     Bridge::new(&config, Box::new(protocol), transport(&link, Address::BROADCAST), now)
 }
 
-fn vehicle() -> Box<dyn LanguageVehicle> {
+fn vehicle() -> Box<dyn ProtocolVehicle> {
     Box::new(Crazyflie { is_armed: false, block: None, reported_at: Time::UNSET })
 }
 
@@ -44,7 +44,7 @@ struct Crazyflie {
     reported_at: Time,
 }
 
-impl LanguageVehicle for Crazyflie {
+impl ProtocolVehicle for Crazyflie {
     fn take(&mut self, _: Time, frame: &[u8], answers: &mut Vec<Vec<u8>>) -> Understood {
         let packet = CrtpPacket::parse(frame).unwrap();
         let request = CrtpRequest::read(&packet).unwrap();

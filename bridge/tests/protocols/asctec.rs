@@ -9,10 +9,10 @@ use oqtal_wire::asctec::{
 };
 use oqtal_wire::xbee::Address;
 
-use super::language::{Language, LanguageVehicle, Understood};
+use super::protocol::{Protocol, ProtocolVehicle, Understood};
 
-/// The row of this language.
-pub const LANGUAGE: Language = Language { name: "asctec", bridge, vehicle };
+/// The row of this protocol.
+pub const PROTOCOL: Protocol = Protocol { name: "asctec", bridge, vehicle };
 
 /// Time for which the yaw stick must be held.
 const HOLD: Span = Span::from_millis(400);
@@ -24,7 +24,7 @@ fn bridge(now: Time) -> Bridge {
     Bridge::new(&config, Box::new(protocol), transport(&link, Address::BROADCAST), now)
 }
 
-fn vehicle() -> Box<dyn LanguageVehicle> {
+fn vehicle() -> Box<dyn ProtocolVehicle> {
     Box::new(Hummingbird { decoder: VehicleDecoder::new(), motors_on: false, held_since: None })
 }
 
@@ -35,7 +35,7 @@ struct Hummingbird {
     held_since: Option<Time>,
 }
 
-impl LanguageVehicle for Hummingbird {
+impl ProtocolVehicle for Hummingbird {
     fn take(&mut self, now: Time, frame: &[u8], answers: &mut Vec<Vec<u8>>) -> Understood {
         let scales = Scales::default();
         let mut understood = Understood::Word;

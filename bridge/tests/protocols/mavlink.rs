@@ -10,15 +10,15 @@ use oqtal_wire::mavlink::{
 };
 use oqtal_wire::xbee::Address;
 
-use super::language::{Language, LanguageVehicle, Understood};
+use super::protocol::{Protocol, ProtocolVehicle, Understood};
 
-/// The rows of this language.
-pub const ARDUPILOT: Language = Language {
+/// The rows of this protocol.
+pub const ARDUPILOT: Protocol = Protocol {
     name: "mavlink, ardupilot",
     bridge: |now| bridge(now, "ardupilot-quad"),
     vehicle: || Box::new(Autopilot::new(AutopilotKind::ArduPilot)),
 };
-pub const PX4: Language = Language {
+pub const PX4: Protocol = Protocol {
     name: "mavlink, px4",
     bridge: |now| bridge(now, "px4-quad"),
     vehicle: || Box::new(Autopilot::new(AutopilotKind::Px4)),
@@ -34,7 +34,7 @@ fn config(preset: &str) -> Config {
 fn bridge(now: Time, preset: &str) -> Bridge {
     let config = config(preset);
     let link: LinkSpec = "mavlink:udpin:127.0.0.1:14550".parse().unwrap();
-    let LinkSpec::Mavlink(mavlink) = &link else { panic!("{link} is another language") };
+    let LinkSpec::Mavlink(mavlink) = &link else { panic!("{link} is another protocol") };
     let protocol = Mavlink::new(&config, mavlink, 0).unwrap();
     Bridge::new(&config, Box::new(protocol), transport(&link, Address::BROADCAST), now)
 }
@@ -108,7 +108,7 @@ impl Autopilot {
     }
 }
 
-impl LanguageVehicle for Autopilot {
+impl ProtocolVehicle for Autopilot {
     fn take(&mut self, _: Time, frame: &[u8], answers: &mut Vec<Vec<u8>>) -> Understood {
         let packets: Vec<_> = self.decoder.push(frame).collect();
         let [packet] = packets[..] else { panic!("{packets:?}: one packet was sent") };

@@ -1,4 +1,4 @@
-//! A language: its bridge, and a vehicle that says what it understood.
+//! A protocol: its bridge, and a vehicle that says what it understood.
 
 use oqtal_bridge::Bridge;
 use oqtal_bus::time::Time;
@@ -12,7 +12,7 @@ pub enum Understood {
     Flight(f64),
     /// A command that starts or stops motors, or prepares it.
     Motors,
-    /// A pose, dated by the bridge's clock \[us\] where the language dates poses.
+    /// A pose, dated by the bridge's clock \[us\] where the protocol dates poses.
     Pose(Option<u64>),
     /// Anything else.
     Word,
@@ -25,8 +25,8 @@ impl Understood {
     }
 }
 
-/// Vehicle at the other end of a language.
-pub trait LanguageVehicle {
+/// Vehicle at the other end of a protocol.
+pub trait ProtocolVehicle {
     /// Takes one frame of the bridge. Answers go to `answers`.
     fn take(&mut self, now: Time, frame: &[u8], answers: &mut Vec<Vec<u8>>) -> Understood;
 
@@ -43,9 +43,9 @@ pub trait LanguageVehicle {
     fn told_piloted(&self) -> bool;
 }
 
-/// Language: its bridge without a port, and a vehicle.
-pub struct Language {
+/// Protocol: its bridge without a port, and a vehicle.
+pub struct Protocol {
     pub name: &'static str,
     pub bridge: fn(Time) -> Bridge,
-    pub vehicle: fn() -> Box<dyn LanguageVehicle>,
+    pub vehicle: fn() -> Box<dyn ProtocolVehicle>,
 }
