@@ -4,6 +4,7 @@ mod air;
 mod crazyflie;
 mod disturbances;
 mod firmware;
+mod mavlink;
 mod plant;
 mod program;
 mod radio;
