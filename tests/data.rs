@@ -1,7 +1,7 @@
 //! The dictionary of the data of a flight, docs/data.md, agrees with what is written.
 
 use crate::common::Testbed;
-use oqtal_lab::campaign::metric::METRIC;
+use oqtal_lab::study::metric::METRIC;
 
 const DOCUMENT: &str = include_str!("../docs/data.md");
 

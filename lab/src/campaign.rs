@@ -1,9 +1,5 @@
 //! `oqtal campaign`: comparison of the attitude laws over many runs.
 
-pub mod flights;
-pub mod gains;
-pub mod metric;
-pub mod statistics;
 pub mod table;
 
 use std::ops::Range;
@@ -12,24 +8,22 @@ use std::path::PathBuf;
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use oqtal_config::{ClockKind, Setting};
+use oqtal_observe::flight::Flight;
+use oqtal_observe::summary::name_of;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::{print, say};
 
-use crate::csv_text::{self, CsvText};
+use crate::csv_text;
 use crate::mission::Mission;
 use crate::output::{make, write};
 use crate::progress::Progress;
-use crate::sheet::{Sheet, Variant};
-use crate::study::{StudyArgs, parse_seeds};
-use crate::tune::space;
-use oqtal_observe::flight::Flight;
-use oqtal_observe::summary::name_of;
-
-use flights::{Contender, Test};
-use gains::GainSource;
-use metric::METRIC;
-use statistics::{EVALUATION_SEEDS, Runs};
-use table::{Entrant, Flown, Scope};
+use crate::sheet::Sheet;
+use crate::study::args::{StudyArgs, parse_seeds};
+use crate::study::flights::Test;
+use crate::study::gains::GainSource;
+use crate::study::law::{self, StudyLaw};
+use crate::study::metric::METRIC;
+use crate::study::{Case, EVALUATION_SEEDS, Flown, Run, Study};
 
 /// A series of flights through processes, one after another.
 pub trait FlightSeries {
@@ -47,7 +41,7 @@ pub type BeginSeries = dyn Fn(Option<PathBuf>) -> Result<Box<dyn FlightSeries>, 
 #[derive(Args, Debug)]
 pub struct CampaignArgs {
     /// Laws to compare
-    #[arg(long, visible_alias = "laws", value_name = "A,B,C", value_delimiter = ',', value_parser = PossibleValuesParser::new(space::LAW_NAMES), default_values = space::LAW_NAMES)]
+    #[arg(long, visible_alias = "laws", value_name = "A,B,C", value_delimiter = ',', value_parser = PossibleValuesParser::new(law::names()), default_values = law::names())]
     controllers: Vec<String>,
     /// Gains of the laws: `configured`, those with which `oqtal fly` flies; `tuned`, deploy/tuned, found for the shipped vehicle; or
     /// a directory with a file LAW.toml for each law, as written by `oqtal tune`
@@ -110,36 +104,30 @@ impl CampaignArgs {
             Some(best) => format!("position, velocity and attitude over the best {best}"),
             None => "means ± standard deviations over all".to_owned(),
         };
+        let best = best.unwrap_or(runs) as usize;
         Sheet {
             name: "campaign".to_owned(),
             title: format!("{runs} runs of each law, seeds {start} to {}: {averaged}", end - 1),
             columns: table::COLUMNS.to_vec(),
-            rows: table::rows(flown, best.unwrap_or(runs) as usize),
+            rows: flown.iter().map(|flown| table::row(flown, best, None)).collect(),
             ..Sheet::default()
         }
     }
 
-    fn entrants(&self) -> Result<Vec<Entrant>, Failure> {
-        let common = self.study.settings()?;
-        let chosen = space::LAW_NAMES.into_iter();
-        let chosen = chosen.filter(|law| self.controllers.iter().any(|name| name == law));
-        let entrant = |controller| {
-            let (settings, remark) = self.gains.of(controller, &common)?;
-            let contender = Contender { controller, settings };
-            Ok(Entrant { contender, variant: Variant::Ours, settings: remark })
-        };
-        chosen.map(entrant).collect()
-    }
-
     fn fly(&self, begin: &BeginSeries) -> Result<Vec<Flown>, Failure> {
-        let entrants = self.entrants()?;
+        let laws = law::chosen(&self.controllers, &self.gains, &self.study.settings()?)?;
+        let cases = [Case::of_seeds("campaign", self.seeds())];
         match self.clock {
             ClockKind::InProcess => {
-                let scope = Scope { seeds: self.seeds(), raises_weights: false };
-                table::fly(&entrants, &flights::NOMINAL, &scope, &Progress::default())
+                let study = Study { name: "campaign", laws: &laws, cases: &cases };
+                study.fly(&Progress::default())
             }
             ClockKind::Real | ClockKind::Lockstep => {
-                self.fly_in_turn(entrants, &*begin(self.out.clone())?)
+                let clock = Setting::flag("--clock", "clock.kind", self.clock.name());
+                let laws: Vec<StudyLaw> =
+                    laws.iter().map(|law| law.with(std::slice::from_ref(&clock))).collect();
+                let study = Study { name: "campaign", laws: &laws, cases: &cases };
+                self.fly_in_turn(&study, &*begin(self.out.clone())?)
             }
         }
     }
@@ -147,40 +135,32 @@ impl CampaignArgs {
     /// Flies through processes, one flight after another.
     fn fly_in_turn(
         &self,
-        entrants: Vec<Entrant>,
+        study: &Study<'_>,
         series: &dyn FlightSeries,
     ) -> Result<Vec<Flown>, Failure> {
         let seeds = self.seeds();
-        let total = entrants.len() as u64 * (seeds.end - seeds.start) * Test::ALL.len() as u64;
+        let total = study.laws.len() as u64 * (seeds.end - seeds.start) * Test::ALL.len() as u64;
         let mut number = 0;
-        let mut fly_mission = |mission: &Mission| {
+        study.fly_in_turn(&mut |mission: &Mission| {
             number += 1;
             let kind = name_of(&mission.config.trajectory.kind);
             let law = name_of(&mission.config.control.controller);
             let seed = mission.config.clock.seed;
             say(&format!("flight {number} of {total}: {law}, {kind}, seed {seed}"));
             series.fly(mission, &format!("{law}-{kind}-{seed}"))
-        };
-        let fly = |mut entrant: Entrant| {
-            let clock = Setting::flag("--clock", "clock.kind", self.clock.name());
-            entrant.contender.settings.push(clock);
-            let contender = &entrant.contender;
-            let runs =
-                Runs::fly_in_turn(contender, &flights::NOMINAL, seeds.clone(), &mut fly_mission)?;
-            Ok(Flown::new(entrant, runs))
-        };
-        entrants.into_iter().map(fly).collect()
+        })
     }
 }
 
 /// Every run as a row: law, seed, and the metrics by their names; empty where a flight did not land.
 fn runs_csv(flown: &[Flown], seeds: Range<u64>) -> Result<String, Failure> {
-    let mut rows = CsvText::new(["controller", "seed"].into_iter().chain(METRIC.map(|m| m.key)))?;
-    for law in flown {
-        for (seed, figures) in seeds.clone().zip(&law.runs.figures) {
-            let named = [law.name().to_owned(), seed.to_string()];
-            rows.row(named.into_iter().chain(figures.map(csv_text::number)))?;
-        }
-    }
-    rows.finish()
+    let names = ["controller", "seed"].into_iter().chain(METRIC.map(|metric| metric.key));
+    let row = |(law, seed, run): (&Flown, u64, &Run)| {
+        let named = [law.law.controller.to_owned(), seed.to_string()];
+        named.into_iter().chain(run.figures.map(csv_text::number)).collect()
+    };
+    let runs = flown
+        .iter()
+        .flat_map(|law| seeds.clone().zip(&law.runs).map(move |(seed, run)| (law, seed, run)));
+    csv_text::table(names, runs.map(row))
 }

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `simulation.rs` | a flight in one process |
 //! | `mission.rs` | configuration and files of a flight, read and checked |
-//! | `study.rs` | what all flights of a study have in common |
+//! | `study.rs` | the study engine: laws × cases × flights × tests, rows, tables |
 //! | `campaign.rs` | `oqtal campaign`: laws over many runs |
 //! | `sweep.rs` | `oqtal sweep`: figures over values of any keys |
 //! | `tune.rs` | `oqtal tune`: optimisation of gains |

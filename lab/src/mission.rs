@@ -1,4 +1,4 @@
-//! A flight before it is flown: the configuration and the files that it names, read and checked.
+//! A flight to be flown: the configuration and the files that it names, read and checked.
 
 use nalgebra::Vector3;
 use oqtal_bus::time::Span;
@@ -8,17 +8,17 @@ use oqtal_mocap_emu::{Recording, read_recording};
 use oqtal_observe::flight::Outcome;
 use oqtal_runtime::process::Failure;
 
-/// Time that a flight may take beyond its plan \[s\]: poses must be accepted first, and the landing be detected.
+/// Time that a flight may take beyond its plan \[s\], for the first poses to be accepted and the landing to be detected.
 const GRACE_S: f64 = 15.0;
 
-/// A flight before it is flown.
+/// A flight to be flown.
 #[derive(Debug)]
 pub struct Mission {
-    /// The effective configuration.
+    /// Effective configuration.
     pub config: Config,
-    /// The trajectory to fly.
+    /// Trajectory to fly.
     pub trajectory: Trajectory,
-    /// The recording that is played instead of the cameras, if any.
+    /// Recording that is played in place of the cameras.
     pub recording: Option<Recording>,
 }
 
@@ -26,13 +26,13 @@ impl Mission {
     /// Reads the files that `config` names.
     ///
     /// # Errors
-    /// A waypoint file or a recording is bad (exit code 65), an option of the law is invalid, or the trajectory leaves the
+    /// A waypoint file or a recording is malformed (exit code 65), an option of the law is invalid, or the trajectory leaves the
     /// fence (78).
     pub fn new(config: Config) -> Result<Self, Failure> {
         oqtal_daemon::require_stack(&config)?;
         let trajectory = oqtal_daemon::trajectory(&config)?;
         if !config.safety.observe_only {
-            // Cameras that are emulated see the vehicle that the simulator put at the origin.
+            // With emulated cameras the vehicle starts at the origin.
             let start = config.receiver.link.is_empty().then(Vector3::zeros);
             oqtal_daemon::require_room(&config, &trajectory, start)?;
         }
@@ -55,18 +55,18 @@ impl Mission {
         Span::from_seconds(plan.end_s())
     }
 
-    /// Greatest duration of the flight: after it the flight is ended.
+    /// Greatest duration of the flight, after which it is ended.
     #[must_use]
-    pub fn patience(&self) -> Span {
+    pub fn timeout(&self) -> Span {
         match self.recording {
             Some(_) => self.expected(),
             None => self.expected() + Span::from_seconds(GRACE_S),
         }
     }
 
-    /// Outcome of a flight that did not end by itself.
+    /// Outcome of a flight without a landing or crash.
     #[must_use]
-    pub fn otherwise(&self) -> Outcome {
+    pub fn unfinished_outcome(&self) -> Outcome {
         if self.recording.is_some() { Outcome::Replayed } else { Outcome::Timeout }
     }
 }

@@ -1,4 +1,4 @@
-//! What a study writes: the directory of `--out` and the files in it, or one file.
+//! Output of a study: the directory of `--out` and the files in it, or one file.
 
 use std::path::Path;
 use std::{fs, io};
@@ -6,37 +6,36 @@ use std::{fs, io};
 use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 
-/// Makes the directory; called before a study, which should not end without a place for its result.
+/// Makes the directory; called before a study, so that its result can be written.
 ///
 /// # Errors
-/// It cannot be made (exit code 71).
+/// The directory cannot be made (exit code 71).
 pub fn make(directory: &Path) -> Result<(), Failure> {
     fs::create_dir_all(directory).map_err(|error| unwritable(directory, &error))
 }
 
-/// Writes a file into the directory, which is made where it is missing.
+/// Writes a file into the directory, which is made if it is missing.
 ///
 /// # Errors
-/// It cannot be written (exit code 71).
+/// The file cannot be written (exit code 71).
 pub fn write(directory: &Path, name: &str, text: impl AsRef<[u8]>) -> Result<(), Failure> {
     write_file(&directory.join(name), text)
 }
 
-/// Writes a file; its directory is made where it is missing.
+/// Writes a file; its directory is made if it is missing.
 ///
 /// # Errors
-/// It cannot be written (exit code 71).
+/// The file cannot be written (exit code 71).
 pub fn write_file(file: &Path, text: impl AsRef<[u8]>) -> Result<(), Failure> {
     make_parent(file)
         .and_then(|()| files::write(file, text))
         .map_err(|error| unwritable(file, &error))
 }
 
-/// Makes sure that `file` can be written; called before a study, which should not end without a place for its result. What stands
-/// in the file is kept.
+/// Checks that `file` can be written, and keeps its content; called before a study, so that its result can be written.
 ///
 /// # Errors
-/// It cannot be written (exit code 71).
+/// The file cannot be written (exit code 71).
 pub fn check_file(file: &Path) -> Result<(), Failure> {
     make_parent(file)
         .and_then(|()| files::check_writable(file))

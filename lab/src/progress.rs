@@ -1,4 +1,4 @@
-//! Progress bars of a study on standard error; invisible where standard error is no terminal.
+//! Progress bars of a study on standard error; hidden if standard error is not a terminal.
 
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 

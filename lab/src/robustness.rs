@@ -2,19 +2,15 @@
 
 pub mod against;
 pub mod cases;
-pub mod flown;
+pub mod draws;
 pub mod frequency;
-pub mod identified;
 pub mod impulse;
 pub mod linear;
 pub mod margins;
 pub mod monte_carlo;
-pub mod others;
 pub mod probed;
 pub mod responses;
 pub mod spread;
-pub mod statistics;
-pub mod summary;
 pub mod tables;
 
 use std::collections::BTreeSet;
@@ -27,34 +23,33 @@ use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 use serde_json::{Value, json};
 
-use crate::campaign::gains::GainSource;
 use crate::output::{make, write};
 use crate::progress::Progress;
 use crate::reproduce::chapter::Chapter;
 use crate::reproduce::page::{self, PageHead};
 use crate::sheet::Sheet;
-use crate::study::StudyArgs;
-use crate::tune::space;
+use crate::study::args::StudyArgs;
+use crate::study::gains::GainSource;
+use crate::study::law::{self, StudyLaw};
 
-use flown::{Draw, MOST_DRAWS, Rival};
-use monte_carlo::{ChapterNames, MonteCarlo};
-use others::OtherSpread;
+use draws::{Draw, MOST_DRAWS};
+use monte_carlo::{MonteCarlo, OtherSpread, SETS};
 use spread::PlantSpread;
 
 /// Arguments of `oqtal robustness`.
 #[derive(Args, Debug)]
 pub struct RobustnessArgs {
     /// Laws to fly
-    #[arg(long, visible_alias = "controllers", value_name = "A,B,C", value_delimiter = ',', value_parser = PossibleValuesParser::new(space::LAW_NAMES), default_values = space::LAW_NAMES)]
+    #[arg(long, visible_alias = "controllers", value_name = "A,B,C", value_delimiter = ',', value_parser = PossibleValuesParser::new(law::names()), default_values = law::names())]
     laws: Vec<String>,
-    /// Spread of the plants: `vehicle` (mass, thrust, authority, lags, delays, drag), `everything` (its surroundings too), or a
+    /// Spread of the plants: `vehicle` (mass, thrust, authority, lags, delays, drag), `everything` (its environment too), or a
     /// file in TOML with a form of drawing for each key (docs/robustness.md)
     #[arg(long, value_name = "SPREAD", default_value = "vehicle", value_parser = NonEmptyStringValueParser::new())]
     spread: String,
-    /// Further spreads, each as for --spread, with as many draws and tables of their own
+    /// Further spreads, each as for --spread, with the same number of draws and tables of their own
     #[arg(long, value_name = "SPREADS", value_delimiter = ',', value_parser = NonEmptyStringValueParser::new())]
     other_spreads: Vec<String>,
-    /// As many draws as well of the spread with every range twice as wide
+    /// Also the same number of draws of the spread with every range twice as wide
     #[arg(long)]
     wide: bool,
     /// Number of draws; every law flies all of them
@@ -63,20 +58,20 @@ pub struct RobustnessArgs {
     /// Seed of the draws
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     seed: u64,
-    /// Gains of the laws: `configured`, `tuned`, or a directory with files LAW.toml; several are flown beside each other, a law
-    /// that a directory lacks is left out
+    /// Gains of the laws: `configured`, `tuned`, or a directory with files LAW.toml; several sources are flown beside each other,
+    /// without the laws that a directory lacks
     #[arg(long, value_name = "SOURCES", value_delimiter = ',', default_value = "tuned")]
     gains: Vec<GainSource>,
-    /// Every draw of --spread, and of --wide, as well with what `oqtal identify` finds of its plant from one flight in place of [vehicle]
+    /// Also every draw of --spread, and of --wide, with the vehicle that `oqtal identify` finds from one flight in place of [vehicle]
     #[arg(long)]
     identified: bool,
-    /// Some single plants as well: the nominal one, lags and delays at and beyond the edge of the spread
+    /// Also some single plants: the nominal one, lags and delays at and beyond the edge of the spread
     #[arg(long)]
     plants: bool,
-    /// Margins of the attitude loop as well, of the linear model and flown
+    /// Also margins of the attitude loop, of the linear model and flown
     #[arg(long)]
     margins: bool,
-    /// Responses to a step, a force and a gust as well
+    /// Also responses to a step, a force and a gust
     #[arg(long)]
     responses: bool,
     /// Directory of robustness.html, robustness.md and robustness.json
@@ -97,27 +92,6 @@ const PAGE: PageHead = PageHead {
      `oqtal-dt` and the laws within its prediction adapt the model in flight, but for the gains of deploy/tuned/fixed. \
      Gains of one directory were found alike; those found over such a spread are no yardstick for those found near the model.",
     file: "robustness",
-};
-
-/// The first draws, identified.
-const IDENTIFIED: ChapterNames = ChapterNames {
-    title: "The same plants, identified",
-    draws: "The draws from above.",
-    tables: "identified",
-};
-
-/// The draws of the wider spread.
-const WIDE: ChapterNames = ChapterNames {
-    title: "A spread twice as wide",
-    draws: "As many draws of a spread whose ranges are each twice as wide, about the same middles.",
-    tables: "wide",
-};
-
-/// The draws of the wider spread, identified.
-const WIDE_IDENTIFIED: ChapterNames = ChapterNames {
-    title: "The plants of the wider spread, identified",
-    draws: "The draws of the wider spread.",
-    tables: "wide_identified",
 };
 
 impl RobustnessArgs {
@@ -148,60 +122,71 @@ impl RobustnessArgs {
     /// Flies everything. Returns draws and loops as JSON, and the chapters of the page.
     fn flown(&self) -> Result<(Value, Vec<Chapter>), Failure> {
         let common = self.study.settings()?;
-        let rivals = rivals(&self.laws, &self.gains, &common)?;
+        let laws = laws(&self.laws, &self.gains, &common)?;
         let progress = Progress::default();
-        let loops = if self.margins { margins::all(&rivals, &progress)? } else { Vec::new() };
-        let (mut document, mut chapters) = self.over_draws(&rivals, &common, &progress)?;
+        let loops = if self.margins { margins::all(&laws, &progress)? } else { Vec::new() };
+        let study = MonteCarlo { laws: &laws, common: &common, progress: &progress };
+        let (mut document, mut chapters) = self.over_draws(&study)?;
         document["loops"] = margins::document(&loops);
         if self.responses {
-            chapters.push(responses::chapter(&responses::all(&rivals, &progress)?));
+            chapters.push(responses::chapter(&responses::all(&laws, &progress)?));
         }
         chapters.extend((!loops.is_empty()).then(|| margins::chapter(&loops)));
         Ok((document, chapters))
     }
 
     /// The Monte-Carlo studies.
-    fn over_draws(
-        &self,
-        rivals: &[Rival],
-        common: &[Setting],
-        progress: &Progress,
-    ) -> Result<(Value, Vec<Chapter>), Failure> {
+    fn over_draws(&self, study: &MonteCarlo<'_>) -> Result<(Value, Vec<Chapter>), Failure> {
         let several =
-            |spread: &PlantSpread| Draw::several(spread, common, (self.seed, 0..self.runs));
+            |spread: &PlantSpread| Draw::several(spread, study.common, (self.seed, 0..self.runs));
         let spread = PlantSpread::named(&self.spread)?;
         let draws = several(&spread)?;
-        let others = self.others(common)?;
-        let wide = self.wide.then(|| several(&spread.twice_as_wide())).transpose()?;
-        let study = MonteCarlo { rivals, common, progress };
-        let (flown, judged) = study.flown(&draws)?;
-        let mut document = json!({ "draws": flown });
-        let mut sheets = tables::all(&judged, &draws);
-        sheets.push(tables::dependences(&judged, &draws, &spread));
-        sheets.push(tables::spread_table(&spread));
-        if self.plants {
-            sheets.extend(cases::tables(rivals, progress)?);
-        }
-        let intro = vec![self.intro()];
-        let mut chapters =
-            vec![Chapter { title: "Monte-Carlo", intro, sheets, figures: Vec::new() }];
+        let other = |name: &String| {
+            let spread = PlantSpread::named(name)?;
+            let draws = several(&spread)?;
+            Ok(OtherSpread { name: name.clone(), spread, draws })
+        };
+        let others: Result<Vec<OtherSpread>, Failure> =
+            self.other_spreads.iter().map(other).collect();
+        let others = others?;
+        let wide = if self.wide { several(&spread.twice_as_wide())? } else { Vec::new() };
+        let (flown, first) = self.first_chapter(study, (&spread, &draws))?;
+        let (mut document, mut chapters) = (json!({ "draws": flown }), vec![first]);
         let mut keep = |key: &str, (flown, chapter): (Value, Chapter)| {
             document[key] = flown;
             chapters.push(chapter);
         };
-        if self.identified {
-            keep("identified_draws", study.identified(&draws, &IDENTIFIED)?);
-        }
-        if let Some(draws) = wide {
-            keep("wide_draws", study.chapter(&draws, &WIDE)?);
-            if self.identified {
-                keep("wide_identified_draws", study.identified(&draws, &WIDE_IDENTIFIED)?);
-            }
+        let is_asked = |is_part: bool, is_asked: bool| is_asked || !is_part;
+        for set in SETS.iter().filter(|set| {
+            is_asked(set.is_wide, self.wide) && is_asked(set.is_identified, self.identified)
+        }) {
+            keep(set.key, study.chapter(set, if set.is_wide { &wide } else { &draws })?);
         }
         if !others.is_empty() {
-            keep("other_draws", others::chapter(&others, rivals, progress)?);
+            keep("other_draws", study.others(&others)?);
         }
         Ok((document, chapters))
+    }
+
+    /// The draws of `--spread`, and the single plants. Returns draws with figures as JSON, and their chapter.
+    fn first_chapter(
+        &self,
+        study: &MonteCarlo<'_>,
+        (spread, draws): (&PlantSpread, &[Draw]),
+    ) -> Result<(Value, Chapter), Failure> {
+        let (document, flown) = study.fly(draws)?;
+        let mut sheets = tables::all(&flown, draws);
+        sheets.push(tables::dependences(&flown, draws, spread));
+        sheets.push(tables::spread(spread));
+        if self.plants {
+            sheets.extend(cases::tables(study.laws, study.progress)?);
+        }
+        let intro = format!(
+            "{} draws, each flown by every law as path, hover, chirp and doublet with the seed of the draw.",
+            self.runs
+        );
+        let title = "Monte-Carlo";
+        Ok((document, Chapter { title, intro: vec![intro], sheets, ..Chapter::default() }))
     }
 
     /// Refuses a spread that `--spread` and `--other-spreads` name twice.
@@ -216,19 +201,7 @@ impl RobustnessArgs {
         }
     }
 
-    fn others(&self, common: &[Setting]) -> Result<Vec<OtherSpread>, Failure> {
-        let other = |name: &String| OtherSpread::new(name, common, (self.seed, 0..self.runs));
-        self.other_spreads.iter().map(other).collect()
-    }
-
-    fn intro(&self) -> String {
-        format!(
-            "{} draws, each flown by every law as path, hover, chirp and doublet with the seed of the draw.",
-            self.runs
-        )
-    }
-
-    /// The command line of this run, as far as it decides the draws and the laws.
+    /// The command line of this run: the arguments that decide the draws and the laws.
     fn command(&self) -> String {
         let gains: Vec<String> = self.gains.iter().map(ToString::to_string).collect();
         format!(
@@ -264,32 +237,32 @@ impl RobustnessArgs {
 ///
 /// # Errors
 /// A source has none of the laws.
-pub fn rivals(
-    laws: &[String],
+pub fn laws(
+    names: &[String],
     sources: &[GainSource],
     common: &[Setting],
-) -> Result<Vec<Rival>, Failure> {
-    let mut rivals = Vec::new();
+) -> Result<Vec<StudyLaw>, Failure> {
+    let mut laws = Vec::new();
     for source in sources {
-        let chosen = space::LAW_NAMES.into_iter().filter(|law| laws.iter().any(|name| name == law));
-        let own: Vec<&str> = chosen.filter(|law| source.has(law)).collect();
+        let own: Vec<&str> = law::named(names).filter(|law| source.has(law)).collect();
         if own.is_empty() {
             let reason = format!(
-                "{source} has gains of no law of --laws; make them with `oqtal tune LAW --out {source}/LAW.toml`"
+                "{source} has no gains of a law of --laws; make them with `oqtal tune LAW --out {source}/LAW.toml`"
             );
             return Err(Failure::new(Exit::Usage, reason));
         }
         for controller in own {
-            let (settings, remark) = source.of(controller, common)?;
+            let law = source.law(controller, common)?;
             // Beside others, the source is in the name.
-            let (name, remark) = match sources.len() {
-                1 => (controller.to_owned(), remark),
-                _ => (format!("{controller}, {source}"), String::new()),
-            };
-            let mut rival = Rival { name, controller, settings, remark, is_predictive: false };
-            rival.is_predictive = rival.config()?.control.is_predictive();
-            rivals.push(rival);
+            laws.push(match sources.len() {
+                1 => law,
+                _ => StudyLaw {
+                    name: format!("{controller}, {source}"),
+                    remark: String::new(),
+                    ..law
+                },
+            });
         }
     }
-    Ok(rivals)
+    Ok(laws)
 }

@@ -1,5 +1,5 @@
-//! Sheets: tables of figures, of which every row is the paper's, as printed or ours. JSON, text, Markdown and HTML are made from
-//! them.
+//! Sheets: tables of figures with rows from the paper, as printed, or ours, as JSON, text and Markdown; the HTML page shows them
+//! too.
 
 use serde_json::{Map, Value, json};
 
@@ -195,7 +195,7 @@ pub struct Sheet {
     pub mismatched: Vec<Sheet>,
     /// Whether figures as printed carry a mark: the paper's own figure reproduced, or not.
     pub is_marked: bool,
-    /// Whether it goes into detail: Markdown leaves it out.
+    /// Whether it is a detail, which Markdown leaves out.
     pub is_detail: bool,
 }
 
@@ -205,8 +205,8 @@ impl Sheet {
         self.rows.iter().filter(move |row| row.variant == variant)
     }
 
-    /// Whether the figure of `row` in the column at the index `column` is the one that the paper prints for the law; `None` where
-    /// there is nothing to compare.
+    /// Whether the figure of `row` in the column at the index `column` is the one that the paper prints for the law; `None` without
+    /// a printed figure.
     #[must_use]
     pub fn mark(&self, row: &SheetRow, column: usize) -> Option<bool> {
         if !self.is_marked || row.variant != Variant::AsPrinted {
@@ -245,7 +245,7 @@ impl Sheet {
         keys.map(|key| row.map_or(f64::NAN, |row| row.number(&self.columns, key)))
     }
 
-    /// The sheet as JSON: `{"table", "rows"}`, and `"mismatched"` if there are such plants.
+    /// The sheet as JSON: `{"table", "rows"}`, and `"mismatched"` with other plants.
     #[must_use]
     pub fn to_json(&self) -> Value {
         let mut object = json!({ "table": self.name, "rows": self.json_rows() });
@@ -260,15 +260,15 @@ impl Sheet {
         self.rows.iter().map(|row| row.to_json(&self.columns)).collect()
     }
 
-    /// Whether variant and settings are to be shown: a variant unless all rows are ours, settings if they differ.
+    /// Whether variant and settings are shown: the variant unless all rows are ours, settings if they differ.
     fn differing(&self) -> (bool, bool) {
         let are_ours = self.rows.iter().all(|row| row.variant == Variant::Ours);
         let differ = self.rows.windows(2).any(|pair| pair[0].settings != pair[1].settings);
         (!are_ours, differ)
     }
 
-    /// The sheet as tables for the terminal. What all rows have in common is said once above them; columns without a value are left
-    /// out.
+    /// The sheet as tables for the terminal. Names that all rows share are written once above them; columns without a value are
+    /// left out.
     #[must_use]
     pub fn to_text(&self) -> String {
         let (shared, own) = self.names();
@@ -286,8 +286,8 @@ impl Sheet {
         format!("{title}\n{}", text_table::blocks(&named, &figures, &rows))
     }
 
-    /// What names the rows: texts that all rows have in common, and headings with the cells of each row. Long settings are listed
-    /// above the table, by the number of their row.
+    /// Names of the rows: texts that all rows share, and headings with the cells of each row. Settings that differ are listed above
+    /// the table by the number of their row.
     fn names(&self) -> (Vec<String>, Vec<(&'static str, Vec<String>)>) {
         let column = |cell: fn(&SheetRow) -> &str| -> Vec<String> {
             self.rows.iter().map(|row| cell(row).to_owned()).collect()
@@ -311,8 +311,8 @@ impl Sheet {
         (above, own)
     }
 
-    /// The sheet as Markdown, one block of rows for each variant. Where all rows are ours the variant is left out, and settings that
-    /// all rows have in common are too.
+    /// The sheet as Markdown, one block of rows for each variant. The variant is left out if all rows are ours, and settings if all
+    /// rows share them.
     #[must_use]
     pub fn to_markdown(&self) -> String {
         let (variants, settings) = self.differing();

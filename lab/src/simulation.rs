@@ -1,4 +1,4 @@
-//! A flight in one process: the turns of the very processes, over topics in memory, in the order of the virtual clock.
+//! A flight in one process: the turns of all processes over topics in memory, in the order of the virtual clock.
 
 pub mod online;
 mod processes;
@@ -22,8 +22,8 @@ use oqtal_runtime::virtual_clock::{TurnResult, VirtualClock};
 use crate::mission::Mission;
 use processes::Processes;
 
-/// How often a flight looks whether it is over.
-pub const REVIEW: Span = Span::from_millis(250);
+/// Period at which a flight checks whether it is over.
+pub const POLL_PERIOD: Span = Span::from_millis(250);
 
 /// A flight under way.
 struct Simulation<'a> {
@@ -31,21 +31,21 @@ struct Simulation<'a> {
     processes: Processes<'a>,
     virtual_clock: VirtualClock,
     faults: TurnFaults<MemoryBus>,
-    /// The kills after which a process is to be opened anew.
+    /// Kills after which a process is opened again.
     kills: Vec<Outage>,
     observer: BusObserver,
     recorder: Recorder,
     recording: Option<McapRecorder>,
-    /// The present instant.
+    /// Present instant.
     now: Time,
-    /// The instant at which the flight ends.
+    /// Instant at which the flight ends.
     end: Time,
 }
 
-/// A flight, and its recording if there is one.
+/// A flight, and its recording if one was made.
 pub type RecordedFlight = (Flight, Option<RecordingResult>);
 
-/// Flies `mission` at the speed of this thread. Depends on nothing but the mission: the same configuration and seed give the
+/// Flies `mission` at the speed of this thread. The flight depends on the mission alone: the same configuration and seed give the
 /// same flight, bit for bit, here and over the bus.
 ///
 /// # Errors
@@ -54,8 +54,8 @@ pub fn fly(mission: &Mission) -> Result<Flight, Failure> {
     fly_recorded(mission, None, |_| None).map(|(flight, _)| flight)
 }
 
-/// Flies, passes every sample to `recording` if there is one, and shows the recorder to `watch` every [`REVIEW`]; `watch` may
-/// return an operator's command.
+/// Flies, passes every sample to `recording`, and calls `watch` with the recorder every [`POLL_PERIOD`]; `watch` may return an
+/// operator's command.
 ///
 /// # Errors
 /// An option of the law is invalid, or an operator interrupted a flight that had not begun.
@@ -67,8 +67,8 @@ pub fn fly_recorded(
     Simulation::new(mission, recording)?.run(Span::ZERO, &mut watch)
 }
 
-/// Flies, and records what happens for `aftermath` once the outcome is decided: whether the motors of a vehicle that has turned
-/// over stop, for example.
+/// Flies, and records on for `aftermath` after the outcome is decided, for example to see whether the motors of an overturned
+/// vehicle stop.
 ///
 /// # Errors
 /// An option of the law is invalid.
@@ -84,9 +84,9 @@ impl<'a> Simulation<'a> {
             Some(_) => McapRecorder::topics(config),
             None => Recorder::TOPICS.to_vec(),
         };
-        // Open before the daemon, which records its start.
+        // Opened before the daemon, which records its start.
         let observer = BusObserver::open(bus.as_ref(), &topics)?;
-        // A tick of the daemon has its own sample of the truth, unless a fault keeps its command from the plant.
+        // Each tick of the daemon has a sample of the truth, unless a fault withholds its command from the plant.
         let every_millisecond = recording.is_some() || !config.fault.inject.is_empty();
         Ok(Self {
             mission,
@@ -98,11 +98,11 @@ impl<'a> Simulation<'a> {
             recorder: Recorder::new(config),
             recording,
             now: start,
-            end: start + mission.patience(),
+            end: start + mission.timeout(),
         })
     }
 
-    /// Flies to the end, and on for `aftermath`.
+    /// Flies to the end, and for `aftermath` beyond it.
     fn run(
         mut self,
         aftermath: Span,
@@ -110,36 +110,36 @@ impl<'a> Simulation<'a> {
     ) -> Result<RecordedFlight, Failure> {
         self.begin()?;
         let began = Time::now();
-        while self.fly_to_review(aftermath, watch)? {}
+        while self.advance(aftermath, watch)? {}
         Ok(self.close(began))
     }
 
-    /// Asks the daemon to fly.
+    /// Requests the flight from the daemon.
     fn begin(&mut self) -> Result<(), BusError> {
         if self.mission.recording.is_none() {
-            self.processes.obey(Time::VIRTUAL_START, OperatorCommand::Fly)?;
+            self.processes.request(Time::VIRTUAL_START, OperatorCommand::Fly)?;
         }
         Ok(())
     }
 
-    /// Flies up to the next [`REVIEW`], that included; `false` once the flight is over, and `aftermath` with it.
-    fn fly_to_review(
+    /// Flies up to and including the next [`POLL_PERIOD`]; `false` once the flight and `aftermath` are over.
+    fn advance(
         &mut self,
         aftermath: Span,
         watch: &mut impl FnMut(&Recorder) -> Option<OperatorCommand>,
     ) -> Result<bool, Failure> {
         while let Some((role, at)) = self.virtual_clock.turn() {
             self.now = at;
-            let is_review = role == Role::Recorder;
-            let result = if is_review {
-                self.review(at, watch)?;
+            let is_poll = role == Role::Recorder;
+            let result = if is_poll {
+                self.poll(at, watch)?;
                 if self.recorder.outcome().is_some() {
                     self.end = self.end.min(at + aftermath);
                 }
                 if at >= self.end {
                     return Ok(false);
                 }
-                TurnResult { next: Some(self.end.min(at + REVIEW)), published: false }
+                TurnResult { next: Some(self.end.min(at + POLL_PERIOD)), published: false }
             } else {
                 self.step(role, at)?
             };
@@ -147,23 +147,23 @@ impl<'a> Simulation<'a> {
             if let Some(outages) = self.faults.begin()? {
                 self.begin_outages(outages);
             }
-            if is_review {
+            if is_poll {
                 return Ok(true);
             }
         }
         Ok(false)
     }
 
-    /// The flight, which was simulated since `began`.
+    /// Returns the flight, whose simulation began at `began`.
     fn close(self, began: Time) -> RecordedFlight {
         let flown_s = self.now.since(Time::VIRTUAL_START).seconds();
         let speed = flown_s / Time::now().since(began).seconds().max(1e-9);
-        let flight = self.recorder.finish(self.mission.otherwise(), speed);
+        let flight = self.recorder.finish(self.mission.unfinished_outcome(), speed);
         let recording = self.recording.map(|recording| recording.close(&flight));
         (flight, recording)
     }
 
-    /// Records what was published since the last call.
+    /// Records the samples that were published since the last call.
     fn record(&mut self, now: Time) -> Result<(), BusError> {
         match &mut self.recording {
             Some(recording) => self.observer.poll(now, &mut Tee(&mut self.recorder, recording)),
@@ -185,21 +185,21 @@ impl<'a> Simulation<'a> {
         }
         let result = self.processes.step(role, now)?;
         if role == Role::Daemon {
-            // Once per tick, so that what waits for the recorder stays in the caches.
+            // Once per tick, so that waiting samples stay in the caches.
             self.record(now)?;
         }
         Ok(result)
     }
 
-    /// Records what was published, shows the recorder to `watch`, and passes on the operator's command that it returns.
-    fn review(
+    /// Records new samples, calls `watch` with the recorder, and passes on the operator's command that it returns.
+    fn poll(
         &mut self,
         now: Time,
         watch: &mut impl FnMut(&Recorder) -> Option<OperatorCommand>,
     ) -> Result<(), Failure> {
         self.record(now)?;
         match watch(&self.recorder) {
-            Some(command) if !self.processes.obey(now, command)? => {
+            Some(command) if !self.processes.request(now, command)? => {
                 Err(Failure::new(Exit::Flight, "interrupted"))
             }
             _ => Ok(()),

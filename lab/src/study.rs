@@ -1,109 +1,327 @@
-//! What all flights of a study have in common: the vehicle, its surroundings, the trajectory and the seeds, from the command line.
+//! The study engine: laws fly tests under cases, and the figures come back as one row for each law and case.
+//!
+//! | axis | type | example |
+//! |---|---|---|
+//! | laws | [`StudyLaw`] | `oqtal-dt` with its tuned gains |
+//! | what varies | [`Case`] | a rate lag of 80 ms |
+//! | flights of a case | [`Condition`]: seed, plant, settings | seeds 200 to 224, or one draw of a spread each |
+//! | tests of a flight | [`Test`](flights::Test) | path, hover, chirp, doublet |
+//!
+//! A study of three rate lags, as a table:
+//!
+//! ```no_run
+//! # use oqtal_config::Setting;
+//! # use oqtal_lab::{progress::Progress, sheet::Sheet};
+//! # use oqtal_lab::study::{*, gains::GainSource, metric::HOVER, table::column};
+//! let laws = law::chosen(&["pid".into(), "oqtal-dt".into()], &GainSource::Tuned, &[])?;
+//! let lag = |ms: f64| Case::of_seeds(format!("{ms} ms"), 200..205).with(Setting::flag("", "plant.rate-lag-ms", ms));
+//! let cases = [50.0, 80.0, 120.0].map(lag);
+//! let rows = Study { name: "rate lags", laws: &laws, cases: &cases }.fly(&Progress::default())?;
+//! let columns = [column("hover_rms_mm", "hover RMS [mm]", |row: &Flown| row.mean()[HOVER])];
+//! let sheet = Sheet::tabulate(("lags", "Rate lags"), &columns, &rows, |row| row.names());
+//! println!("{}", sheet.to_text());
+//! # Ok::<(), oqtal_runtime::process::Failure>(())
+//! ```
+//!
+//! Flights are flown on all cores; the result does not depend on the number of threads. A flight that does not land as planned has
+//! infinite figures for its test ([`Run::has_landed`]), so that it counts as worse than any flight that does.
+
+pub mod args;
+pub mod flights;
+pub mod gains;
+pub mod law;
+pub mod metric;
+pub mod table;
 
 use std::ops::Range;
-use std::path::PathBuf;
 
-use clap::Args;
-use oqtal_config::{Config, Setting};
-use oqtal_runtime::process::{Exit, Failure};
+use oqtal_config::Setting;
+use oqtal_control::statistics::{Interval, mean, quantile};
+use oqtal_runtime::process::Failure;
+use rayon::prelude::*;
 
-/// Arguments of every command that flies many simulated flights.
-#[derive(Args, Clone, Debug, Default)]
-pub struct StudyArgs {
-    /// Configuration file (TOML) of the vehicle and its surroundings; see `oqtal check`
-    #[arg(long, value_name = "FILE")]
-    config: Option<PathBuf>,
-    /// Any key of the configuration, as in --set vehicle.mass-kg=0.6; may be repeated
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    settings: Vec<String>,
-    /// A key of `[plant]`, where the simulated vehicle differs from the one that the laws are designed for, as in
-    /// --plant rate-lag-ms=80; may be repeated
-    #[arg(long = "plant", value_name = "KEY=VALUE")]
-    plant: Vec<String>,
-    /// Trajectory on which the errors of position, velocity and attitude are taken [default: that of the configuration, `square`]
-    #[arg(long, value_name = "NAME")]
-    trajectory: Option<String>,
+use crate::progress::Progress;
+use crate::simulation;
+use flights::{FlyMission, NOMINAL, Plant, Test, TestFlights};
+use law::StudyLaw;
+use metric::Figures;
+
+/// Seeds of the flights by which laws are compared; none of them is used for tuning.
+pub const EVALUATION_SEEDS: Range<u64> = 200..225;
+/// Seeds of the flights on which gains are tuned.
+pub const TRAINING_SEEDS: Range<u64> = 101..107;
+
+/// Conditions of one flight of every test.
+#[derive(Clone, Debug)]
+pub struct Condition {
+    /// Seed of the flights: `clock.seed`.
+    pub seed: u64,
+    /// Simulated vehicle.
+    pub plant: Plant,
+    /// Settings on top of those of the law.
+    pub settings: Vec<Setting>,
 }
 
-impl StudyArgs {
-    /// The settings that every flight of the study has, in the order of their precedence.
+/// A named set of flights, which make up one row of each law.
+#[derive(Clone, Debug)]
+pub struct Case {
+    /// Name in tables.
+    pub name: String,
+    /// The flights.
+    pub conditions: Vec<Condition>,
+}
+
+impl Case {
+    /// Flights of the configured plant, one for each seed.
+    #[must_use]
+    pub fn of_seeds(name: impl Into<String>, seeds: Range<u64>) -> Self {
+        Self::on(NOMINAL, seeds).named(name)
+    }
+
+    /// Flights of `plant`, one for each seed, named after it.
+    #[must_use]
+    pub fn on(plant: Plant, seeds: Range<u64>) -> Self {
+        let condition = |seed| Condition { seed, plant, settings: Vec::new() };
+        Self { name: plant.name.to_owned(), conditions: seeds.map(condition).collect() }
+    }
+
+    /// The case with another name.
+    #[must_use]
+    pub fn named(self, name: impl Into<String>) -> Self {
+        Self { name: name.into(), ..self }
+    }
+
+    /// The case with this setting in every flight.
+    #[must_use]
+    pub fn with(mut self, setting: Setting) -> Self {
+        self.conditions.iter_mut().for_each(|condition| condition.settings.push(setting.clone()));
+        self
+    }
+}
+
+/// Laws and the cases that each of them flies.
+#[derive(Clone, Copy, Debug)]
+pub struct Study<'a> {
+    /// Name at the progress bar.
+    pub name: &'a str,
+    /// The laws.
+    pub laws: &'a [StudyLaw],
+    /// The cases.
+    pub cases: &'a [Case],
+}
+
+/// The flights of one condition by one law: one of each test.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Run {
+    /// The figures, infinite where the flight of their test did not land as planned.
+    pub figures: Figures,
+    /// Number of Riccati equations solved on the path \[-\].
+    pub riccati_solves: u64,
+}
+
+impl Run {
+    /// Whether the flight of `test` landed as planned.
+    #[must_use]
+    pub fn has_landed(&self, test: Test) -> bool {
+        self.figures[test.figure()].is_finite()
+    }
+
+    /// Whether every flight landed as planned.
+    #[must_use]
+    pub fn all_landed(&self) -> bool {
+        Test::ALL.iter().all(|test| self.has_landed(*test))
+    }
+
+    /// Whether every figure is a number: every flight landed as planned, and its path has corners.
+    #[must_use]
+    pub fn is_complete(&self) -> bool {
+        self.figures.iter().all(|figure| figure.is_finite())
+    }
+}
+
+/// A row of a study: one law in one case.
+#[derive(Clone, Debug)]
+pub struct Flown {
+    /// The law.
+    pub law: StudyLaw,
+    /// Name of the case.
+    pub case: String,
+    /// The runs, one for each condition of the case.
+    pub runs: Vec<Run>,
+}
+
+impl Study<'_> {
+    /// Flies the study on all cores. Returns the rows of the first law, then those of the second, and so on, each in the order of the
+    /// cases.
     ///
     /// # Errors
-    /// The file or a setting is invalid (exit code 78), or a recording would be played in place of the cameras (64).
-    pub fn settings(&self) -> Result<Vec<Setting>, Failure> {
-        let mut settings = Config::layers(self.config.as_deref())?;
-        for text in &self.settings {
-            settings.push(Setting::parse("--set", text)?);
-        }
-        for text in &self.plant {
-            settings.push(Setting::parse_in("plant", "--plant", text)?);
-        }
-        if let Some(name) = &self.trajectory {
-            settings.push(Setting::flag("--trajectory", "trajectory.kind", name.as_str()));
-        }
-        if Config::from_settings(&settings)?.is_replay() {
-            let reason = "a study flies, it plays no recording; leave out `mocap.replay`";
-            return Err(Failure::new(Exit::Usage, reason));
-        }
-        Ok(settings)
+    /// A setting is invalid; no flight is flown then.
+    pub fn fly(&self, progress: &Progress) -> Result<Vec<Flown>, Failure> {
+        self.check()?;
+        let bar = progress.start(self.name, self.flights().len());
+        self.fly_and_tell(&|| bar.inc())
+    }
+
+    /// Flies the study as [`Self::fly`] does, without a progress bar.
+    ///
+    /// # Errors
+    /// A setting is invalid.
+    pub fn fly_quietly(&self) -> Result<Vec<Flown>, Failure> {
+        self.fly_and_tell(&|| ())
+    }
+
+    fn fly_and_tell(&self, flown: &(impl Fn() + Sync)) -> Result<Vec<Flown>, Failure> {
+        let fly = |(law, condition): (&StudyLaw, &Condition)| {
+            let run =
+                TestFlights::new(law, condition)?.fly(&mut |mission| simulation::fly(mission));
+            flown();
+            run
+        };
+        let runs: Result<Vec<Run>, Failure> = self.flights().into_par_iter().map(fly).collect();
+        Ok(self.rows(runs?))
+    }
+
+    /// Flies the study one flight after another, each flown by `fly`. Returns the rows as [`Self::fly`] does.
+    ///
+    /// # Errors
+    /// A setting is invalid, or `fly` failed.
+    pub fn fly_in_turn(&self, fly: &mut FlyMission<'_>) -> Result<Vec<Flown>, Failure> {
+        let run = |(law, condition)| TestFlights::new(law, condition)?.fly(fly);
+        let runs: Result<Vec<Run>, Failure> = self.flights().into_iter().map(run).collect();
+        Ok(self.rows(runs?))
+    }
+
+    /// Checks the settings of every law in every case.
+    fn check(&self) -> Result<(), Failure> {
+        let firsts = || self.cases.iter().filter_map(|case| case.conditions.first());
+        let mut pairs = self.laws.iter().flat_map(|law| firsts().map(move |first| (law, first)));
+        pairs.try_for_each(|(law, first)| flights::config(law, first, Test::Path).map(|_| ()))
+    }
+
+    fn flights(&self) -> Vec<(&StudyLaw, &Condition)> {
+        let conditions = || self.cases.iter().flat_map(|case| &case.conditions);
+        self.laws
+            .iter()
+            .flat_map(|law| conditions().map(move |condition| (law, condition)))
+            .collect()
+    }
+
+    fn rows(&self, runs: Vec<Run>) -> Vec<Flown> {
+        let mut runs = runs.into_iter();
+        let mut row = |law: &StudyLaw, case: &Case| Flown {
+            law: law.clone(),
+            case: case.name.clone(),
+            runs: runs.by_ref().take(case.conditions.len()).collect(),
+        };
+        let pairs = self.laws.iter().flat_map(|law| self.cases.iter().map(move |case| (law, case)));
+        pairs.map(|(law, case)| row(law, case)).collect()
     }
 }
 
-impl StudyArgs {
-    /// The arguments as words of a command line, each after a space.
+impl Flown {
+    /// One figure of every run.
     #[must_use]
-    pub fn words(&self) -> String {
-        let config = self.config.iter().map(|file| ("--config", file.display().to_string()));
-        let set = self.settings.iter().map(|text| ("--set", text.clone()));
-        let plant = self.plant.iter().map(|text| ("--plant", text.clone()));
-        let trajectory = self.trajectory.iter().map(|name| ("--trajectory", name.clone()));
-        let words = config.chain(set).chain(plant).chain(trajectory);
-        words.map(|(flag, value)| format!(" {flag} {}", quoted(&value))).collect()
+    pub fn values(&self, metric: usize) -> Vec<f64> {
+        self.runs.iter().map(|run| run.figures[metric]).collect()
     }
-}
 
-/// `word` as a shell takes it for one.
-fn quoted(word: &str) -> String {
-    let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "-_./=,:+".contains(letter);
-    match word.chars().all(is_plain) {
-        true => word.to_owned(),
-        false => format!("'{}'", word.replace('\'', "'\\''")),
+    /// Mean of each figure over all runs.
+    #[must_use]
+    pub fn mean(&self) -> Figures {
+        std::array::from_fn(|metric| mean(&self.values(metric)))
     }
-}
 
-/// Parses seeds, `300-330` (both included) or `7`.
-///
-/// # Errors
-/// The text is neither, or the last seed is before the first.
-pub fn parse_seeds(text: &str) -> Result<Range<u64>, String> {
-    let form = || format!("`{text}` is not FIRST-LAST, as in 300-330, nor one seed");
-    let (first, last) = text.split_once('-').unwrap_or((text, text));
-    let number = |text: &str| text.trim().parse::<u32>().map(u64::from).map_err(|_| form());
-    let (first, last) = (number(first)?, number(last)?);
-    if last < first {
-        return Err(format!("the last seed, {last}, is before the first, {first}"));
+    /// Mean of each figure over the flights that landed as planned; infinite if none did.
+    #[must_use]
+    pub fn mean_of_landed(&self) -> Figures {
+        std::array::from_fn(|metric| {
+            let mut landed = self.values(metric);
+            landed.retain(|figure| figure.is_finite());
+            if landed.is_empty() { f64::INFINITY } else { mean(&landed) }
+        })
     }
-    Ok(first..last + 1)
+
+    /// Mean of a figure over all runs, with its confidence interval.
+    #[must_use]
+    pub fn interval(&self, metric: usize) -> Interval {
+        Interval::of(&self.values(metric))
+    }
+
+    /// Value of a figure that a share \[0..1\] of the runs does not exceed; flights that did not land are the greatest.
+    #[must_use]
+    pub fn quantile(&self, metric: usize, share: f64) -> f64 {
+        quantile(self.values(metric), share).unwrap_or(f64::NAN)
+    }
+
+    /// Share of the runs with a property \[0..1\].
+    #[must_use]
+    pub fn share(&self, has: impl Fn(&Run) -> bool) -> f64 {
+        self.runs.iter().filter(|run| has(run)).count() as f64 / self.runs.len() as f64
+    }
+
+    /// Greatest number of Riccati equations solved on a path \[-\].
+    #[must_use]
+    pub fn riccati_solves(&self) -> u64 {
+        self.runs.iter().map(|run| run.riccati_solves).max().unwrap_or(0)
+    }
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
+    use metric::METRICS;
 
-    #[test]
-    fn seeds_are_a_range_with_both_ends_or_one() {
-        assert_eq!(parse_seeds("300-330"), Ok(300..331));
-        assert_eq!(parse_seeds("7"), Ok(7..8));
-        for text in ["", "7-", "-7", "a-b", "9-8", "1..5", "99999999999"] {
-            assert!(parse_seeds(text).is_err(), "{text}");
+    /// A row whose figures all have these values, one for each run.
+    pub(crate) fn flown(controller: &'static str, figures: &[f64]) -> Flown {
+        let run = |figure: &f64| Run { figures: [*figure; METRICS], riccati_solves: 0 };
+        Flown {
+            law: StudyLaw::new(controller, Vec::new(), ""),
+            case: String::new(),
+            runs: figures.iter().map(run).collect(),
         }
     }
 
     #[test]
-    fn the_plant_may_differ_and_the_vehicle_stays() {
-        let plant = vec!["rate-lag-ms=80".to_owned()];
-        let settings = StudyArgs { plant, ..StudyArgs::default() }.settings().unwrap();
-        let config = Config::from_settings(&settings).unwrap();
-        assert_eq!((config.plant.rate_lag_ms, config.vehicle.rate_lag_ms), (80.0, 50.0));
+    fn flights_that_did_not_land_are_the_worst() {
+        let mut values: Vec<f64> = (0..100).map(f64::from).collect();
+        values[17] = f64::INFINITY;
+        let flown = flown("pid", &values);
+        let quantiles = [0.5, 0.95, 1.0].map(|share| flown.quantile(0, share));
+        assert_eq!(quantiles, [50.0, 95.0, f64::INFINITY]);
+        assert_eq!((flown.share(Run::all_landed), flown.mean()[0]), (0.99, f64::INFINITY));
+        assert_eq!(flown.mean_of_landed()[0], (4950.0 - 17.0) / 99.0);
+    }
+
+    #[test]
+    fn rows_are_those_of_one_law_after_the_other() {
+        let laws = ["pid", "lqr"].map(|name| StudyLaw::new(name, Vec::new(), ""));
+        let cases = [Case::of_seeds("a", 1..3), Case::of_seeds("b", 7..8)];
+        let study = Study { name: "", laws: &laws, cases: &cases };
+        let seeds: Vec<u64> = study.flights().iter().map(|(_, condition)| condition.seed).collect();
+        assert_eq!(seeds, [1, 2, 7, 1, 2, 7]);
+        let run = |solves| Run { figures: [0.0; METRICS], riccati_solves: solves };
+        let rows = study.rows((0..6).map(run).collect());
+        let shown = rows.iter().map(|row| (&*row.law.name, &*row.case, row.riccati_solves()));
+        assert_eq!(
+            shown.collect::<Vec<_>>(),
+            [("pid", "a", 1), ("pid", "b", 2), ("lqr", "a", 4), ("lqr", "b", 5)]
+        );
+    }
+
+    #[test]
+    fn an_invalid_setting_is_found_before_the_first_flight() {
+        let laws = [StudyLaw::new("pid", Vec::new(), "")];
+        let cases = [
+            Case::of_seeds("a", 1..2),
+            Case::of_seeds("b", 1..2).with(Setting::flag("", "plant.nothing", 1.0)),
+        ];
+        let study = Study { name: "", laws: &laws, cases: &cases };
+        let failure = study.fly(&Progress::default()).unwrap_err();
+        assert!(failure.to_string().contains("plant.nothing"), "{failure}");
+    }
+
+    #[test]
+    fn seeds_of_comparisons_are_not_those_of_tuning() {
+        assert!(TRAINING_SEEDS.clone().all(|seed| !EVALUATION_SEEDS.contains(&seed)));
     }
 }

@@ -8,18 +8,17 @@ use clap::builder::PossibleValuesParser;
 use oqtal_config::Setting;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
-use rayon::prelude::*;
 use serde_json::{Value, json};
 
-use crate::campaign::flights::{Contender, NOMINAL, Trial};
-use crate::campaign::gains::GainSource;
-use crate::campaign::metric::{Figures, METRIC};
-use crate::csv_text::{self, CsvText};
+use crate::csv_text;
 use crate::output::{check_file, write_file};
 use crate::progress::Progress;
-use crate::study::{StudyArgs, parse_seeds};
+use crate::study::args::{StudyArgs, parse_seeds};
+use crate::study::gains::GainSource;
+use crate::study::law;
+use crate::study::metric::METRIC;
+use crate::study::{Case, Flown, Run, Study};
 use crate::text_table;
-use crate::tune::space;
 
 /// Greatest number of combinations of values \[-\].
 const MOST_COMBINATIONS: usize = 100_000;
@@ -31,7 +30,7 @@ pub struct SweepArgs {
     #[arg(required = true, value_name = "KEY=FIRST:LAST:NUMBER", value_parser = Axis::parse)]
     axes: Vec<Axis>,
     /// Laws to fly
-    #[arg(long, visible_alias = "controllers", value_name = "A,B,C", value_delimiter = ',', value_parser = PossibleValuesParser::new(space::LAW_NAMES), default_values = space::LAW_NAMES)]
+    #[arg(long, visible_alias = "controllers", value_name = "A,B,C", value_delimiter = ',', value_parser = PossibleValuesParser::new(law::names()), default_values = law::names())]
     laws: Vec<String>,
     /// Gains of the laws: `configured`, `tuned`, or a directory with a file LAW.toml for each law
     #[arg(long, value_name = "SOURCE", default_value = "configured")]
@@ -86,21 +85,17 @@ fn spaced(first: f64, last: f64, number: usize) -> Vec<toml::Value> {
     (0..number).map(value).map(toml::Value::from).collect()
 }
 
-/// One combination of values, flown by one law.
+/// A combination of values, flown by one law.
 struct SweepRow {
     values: Vec<toml::Value>,
-    law: &'static str,
-    /// Share of the flights that landed as planned \[-\].
-    landed: f64,
-    /// Means over the seeds.
-    figures: Figures,
+    flown: Flown,
 }
 
-/// A law with one combination of values.
-struct Combination {
-    values: Vec<toml::Value>,
-    law: &'static str,
-    trial: Trial,
+impl SweepRow {
+    /// Share of the seeds whose flights all landed as planned \[0..1\].
+    fn landed(&self) -> f64 {
+        self.flown.share(Run::is_complete)
+    }
 }
 
 impl SweepArgs {
@@ -109,11 +104,10 @@ impl SweepArgs {
     /// # Errors
     /// A key or value is invalid (exit code 78), there are too many combinations (64), the file cannot be written (71).
     pub fn execute(&self) -> Result<Exit, Failure> {
-        let combined = self.combined()?;
         if let Some(file) = &self.out {
             check_file(file)?;
         }
-        let rows = self.fly(combined)?;
+        let rows = self.fly()?;
         if let Some(file) = &self.out {
             write_file(file, self.csv(&rows)?)?;
         }
@@ -124,61 +118,46 @@ impl SweepArgs {
         Ok(Exit::Ok)
     }
 
-    fn laws(&self) -> impl Iterator<Item = &'static str> {
-        space::LAW_NAMES.into_iter().filter(|law| self.laws.iter().any(|name| name == law))
-    }
-
-    /// Every combination with every law, checked before the first flight.
-    fn combined(&self) -> Result<Vec<Combination>, Failure> {
+    /// Flies the sweep. Returns the rows of one combination after the other.
+    fn fly(&self) -> Result<Vec<SweepRow>, Failure> {
         let combinations = combinations(&self.axes)?;
-        let common = self.study.settings()?;
-        let mut combined = Vec::new();
-        for values in combinations {
-            for law in self.laws() {
-                let (mut settings, _) = self.gains.of(law, &common)?;
-                let set = |(axis, value): (&Axis, &toml::Value)| {
-                    Setting::flag("sweep", &axis.key, value.clone())
-                };
-                settings.extend(self.axes.iter().zip(&values).map(set));
-                let contender = Contender { controller: law, settings };
-                let trial = Trial::new(&contender, &NOMINAL)?;
-                combined.push(Combination { values: values.clone(), law, trial });
+        let laws = law::chosen(&self.laws, &self.gains, &self.study.settings()?)?;
+        let case = |values: &Vec<toml::Value>| {
+            let mut case = Case::of_seeds("sweep", self.seeds.clone());
+            for (axis, value) in self.axes.iter().zip(values) {
+                case = case.with(Setting::flag("sweep", &axis.key, value.clone()));
             }
-        }
-        Ok(combined)
-    }
-
-    fn fly(&self, combined: Vec<Combination>) -> Result<Vec<SweepRow>, Failure> {
-        let progress = Progress::default();
-        let bar = progress.start("flights", combined.len() * 4 * self.seeds.clone().count());
-        let fly = |Combination { values, law, trial }: Combination| {
-            let flown: Result<Vec<Figures>, Failure> =
-                self.seeds.clone().map(|seed| Ok(trial.fly(seed)?.0)).collect();
-            bar.add(4 * self.seeds.clone().count());
-            Ok(row(values, law, &flown?))
+            case
         };
-        combined.into_par_iter().map(fly).collect()
+        let cases: Vec<Case> = combinations.iter().map(case).collect();
+        let flown = Study { name: "sweep", laws: &laws, cases: &cases }.fly(&Progress::default())?;
+        let row = |(index, values): (usize, &Vec<toml::Value>)| {
+            let of_laws = flown[index..].iter().step_by(cases.len());
+            let row = |flown: &Flown| SweepRow { values: values.clone(), flown: flown.clone() };
+            of_laws.map(row).collect::<Vec<_>>()
+        };
+        Ok(combinations.iter().enumerate().flat_map(row).collect())
     }
 
     fn csv(&self, rows: &[SweepRow]) -> Result<String, Failure> {
         let keys = self.axes.iter().map(|axis| axis.key.as_str());
         let names = keys.chain(["controller", "landed"]).chain(METRIC.map(|metric| metric.key));
-        let mut table = CsvText::new(names)?;
-        for row in rows {
+        let fields = |row: &SweepRow| {
             let values = row.values.iter().map(shown);
-            let own = [row.law.to_owned(), csv_text::number(row.landed)];
-            table.row(values.chain(own).chain(row.figures.map(csv_text::number)))?;
-        }
-        table.finish()
+            let own = [row.flown.law.name.clone(), csv_text::number(row.landed())];
+            let figures = row.flown.mean_of_landed().map(csv_text::number);
+            values.chain(own).chain(figures).collect()
+        };
+        csv_text::table(names, rows.iter().map(fields))
     }
 
     fn document(&self, row: &SweepRow) -> Value {
-        let mut document = json!({ "controller": row.law, "landed": row.landed });
+        let mut document = json!({ "controller": row.flown.law.name, "landed": row.landed() });
         for (axis, value) in self.axes.iter().zip(&row.values) {
             document[&axis.key] = json!(value);
         }
-        for (metric, figure) in METRIC.iter().zip(row.figures) {
-            document[metric.key] = json!(figure.is_finite().then_some(figure));
+        for (metric, figure) in METRIC.iter().zip(row.flown.mean_of_landed()) {
+            document[metric.key] = json!(figure);
         }
         document
     }
@@ -189,9 +168,9 @@ impl SweepArgs {
         let named: Vec<String> = keys.chain(["law".to_owned()]).collect();
         let figures: Vec<String> = ["landed".to_owned()].into_iter().chain(titles).collect();
         let lines = rows.iter().map(|row| {
-            let cells = row.figures.map(text_table::number);
-            let landed = format!("{:.0} %", 1e2 * row.landed);
-            let values = row.values.iter().map(shown).chain([row.law.to_owned()]);
+            let cells = row.flown.mean_of_landed().map(text_table::number);
+            let landed = format!("{:.0} %", 1e2 * row.landed());
+            let values = row.values.iter().map(shown).chain([row.flown.law.name.clone()]);
             (values.collect(), [landed].into_iter().chain(cells).collect())
         });
         format!(
@@ -221,18 +200,7 @@ fn combinations(axes: &[Axis]) -> Result<Vec<Vec<toml::Value>>, Failure> {
     Ok(all)
 }
 
-fn row(values: Vec<toml::Value>, law: &'static str, flown: &[Figures]) -> SweepRow {
-    let landed = |figures: &&Figures| figures.iter().all(|figure| figure.is_finite());
-    let share = flown.iter().filter(landed).count() as f64 / flown.len() as f64;
-    let mean = |metric: usize| {
-        let finite = flown.iter().map(|figures| figures[metric]).filter(|f| f.is_finite());
-        let (sum, count) = finite.fold((0.0, 0.0), |(sum, count), f| (sum + f, count + 1.0));
-        if count > 0.0 { sum / count } else { f64::INFINITY }
-    };
-    SweepRow { values, law, landed: share, figures: std::array::from_fn(mean) }
-}
-
-/// A value as it is written in a table.
+/// A value as text in a table; numbers are rounded to nine decimals.
 fn shown(value: &toml::Value) -> String {
     match value {
         toml::Value::String(text) => text.clone(),

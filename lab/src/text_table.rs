@@ -1,13 +1,13 @@
-//! Tables for the terminal that fit 80 columns: what is wider is shown in several blocks, one below the other.
+//! Tables for a terminal of 80 columns; a wider table is shown in several blocks, one below the other.
 
 use comfy_table::presets::UTF8_FULL_CONDENSED;
 use comfy_table::{CellAlignment, Table};
 use oqtal_observe::plot::unit::{MISSING, rounded};
 
-/// Width of a terminal that every table fits \[columns\].
+/// Greatest width of a block \[columns\].
 const WIDTH: usize = 80;
 
-/// One row: cells that name it, and its figures.
+/// One row: its names, and its figures.
 pub type NamedRow = (Vec<String>, Vec<String>);
 
 /// A number with four significant digits; a dash if it is not finite.
@@ -23,7 +23,7 @@ pub fn markdown(headings: &[&str], rows: impl Iterator<Item = Vec<String>>) -> S
     head + &lines.collect::<String>()
 }
 
-/// The rows under their headings. The cells that name a row begin each block, as many figures as fit follow.
+/// The rows under their headings. Each block begins with the names of the rows, followed by the figures that fit.
 #[must_use]
 pub fn blocks(named: &[String], figures: &[String], rows: &[NamedRow]) -> String {
     let width = |heading: &str, cell: &dyn Fn(&NamedRow) -> usize| {

@@ -2,13 +2,11 @@
 
 pub mod bee_colony;
 mod cma_es;
-pub mod gains;
 pub mod online;
 pub mod optimiser;
 pub mod outer;
 pub mod search;
 pub mod space;
-pub mod value;
 
 use std::ops::Range;
 use std::path::PathBuf;
@@ -21,19 +19,20 @@ use oqtal_runtime::program::print;
 
 use crate::output::{check_file, write_file};
 use crate::progress::Progress;
-use crate::robustness::flown::{Draw, TUNING_SEED};
+use crate::robustness::draws::{Draw, TUNING_SEED};
 use crate::robustness::spread::PlantSpread;
-use crate::study::{StudyArgs, parse_seeds};
+use crate::study::args::{StudyArgs, parse_seeds};
+use crate::study::law;
 
 use optimiser::Optimiser;
-use search::{Budget, Ground, Tuned};
+use search::{Budget, TrainingFlights, Tuned};
 
 /// Arguments of `oqtal tune`.
 #[derive(Args, Debug)]
 pub struct TuneArgs {
     /// Attitude laws, each tuned with the position loops around it; `all`, every law; or `outer`, the position loops alone, one
     /// after the other
-    #[arg(required = true, value_parser = PossibleValuesParser::new(space::NAMES))]
+    #[arg(required = true, value_parser = PossibleValuesParser::new(space::names()))]
     what: Vec<String>,
     /// Number of points to evaluate for each law
     #[arg(long, value_name = "N", default_value_t = Budget::default().points, value_parser = parse_points)]
@@ -44,14 +43,15 @@ pub struct TuneArgs {
     /// Seeds of the flights (both included)
     #[arg(long, value_name = "FIRST-LAST", value_parser = parse_seeds, default_value = "101-106")]
     seeds: Range<u64>,
-    /// Judge gains on draws of a spread, one for each of --seeds, in place of six plants near the configured one: `vehicle`, `everything`
-    /// or a file (docs/robustness.md)
+    /// Evaluate gains on draws of a spread, one for each of --seeds, in place of six plants near the configured one: `vehicle`,
+    /// `everything` or a file (docs/robustness.md)
     #[arg(long, value_name = "SPREAD")]
     spread: Option<String>,
     /// Optimiser
     #[arg(long, value_enum, default_value_t)]
     optimiser: Optimiser,
-    /// File of the tuned configuration; with several laws, or if it is one, the directory of files LAW.toml [default: tuned.toml, or tuned]
+    /// File of the tuned configuration; with several laws, or if it exists as a directory, the directory of files LAW.toml [default:
+    /// tuned.toml, or tuned]
     #[arg(long, value_name = "PATH")]
     out: Option<PathBuf>,
     #[command(flatten)]
@@ -65,38 +65,35 @@ impl TuneArgs {
     /// A file cannot be written, or a setting is invalid.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let names = self.names();
-        let ground = self.ground()?;
+        let flights = self.flights()?;
         for name in &names {
             let file = self.file(name, names.len());
             check_file(&file)?;
-            let tuned = tune(name, &self.budget(), &ground, &Progress::default())?;
-            write_file(&file, tuned.to_toml(&self.own(&ground)))?;
+            let tuned = tune(name, &self.budget(), &flights, &Progress::default())?;
+            write_file(&file, tuned.to_toml(&self.own(&flights)))?;
             print(&format!("{tuned}configuration: {}", file.display()))?;
         }
         Ok(Exit::Ok)
     }
 
-    fn ground(&self) -> Result<Ground, Failure> {
+    fn flights(&self) -> Result<TrainingFlights, Failure> {
         let (settings, seeds) = (self.study.settings()?, self.seeds.clone());
-        let draws = match self.spread.as_deref() {
-            None => Vec::new(),
-            Some(spread) => {
-                let spread = PlantSpread::named(spread)?;
-                Draw::several(&spread, &settings, (TUNING_SEED, seeds.clone()))?
-            }
+        let Some(spread) = self.spread.as_deref() else {
+            return Ok(TrainingFlights::near(settings, seeds));
         };
-        Ok(Ground { settings, seeds, draws })
+        let draws = Draw::several(&PlantSpread::named(spread)?, &settings, (TUNING_SEED, seeds))?;
+        Ok(TrainingFlights::over(settings, &draws))
     }
 
     fn budget(&self) -> Budget {
         Budget { points: self.budget, seed: self.seed, optimiser: self.optimiser }
     }
 
-    /// What is tuned, each once.
+    /// The laws to tune, each once, and `outer`.
     fn names(&self) -> Vec<&'static str> {
         let is_asked = |name: &&str| self.what.iter().any(|what| what == name);
         let all = is_asked(&"all");
-        let laws = space::LAW_NAMES.into_iter().filter(|name| all || is_asked(name));
+        let laws = law::names().filter(|name| all || is_asked(name));
         laws.chain(["outer"].into_iter().filter(is_asked)).collect()
     }
 
@@ -107,10 +104,10 @@ impl TuneArgs {
         if count == 1 && !out.is_dir() { out } else { out.join(format!("{name}.toml")) }
     }
 
-    /// The settings of the study that belong into a tuned configuration: all but those of the environment, which are there
-    /// whenever it is used.
-    fn own<'a>(&self, ground: &'a Ground) -> Vec<&'a Setting> {
-        ground.settings.iter().filter(|setting| !setting.origin.starts_with("OQTAL_")).collect()
+    /// The settings of the study that belong into a tuned configuration: all but those of environment variables, which apply to
+    /// every command.
+    fn own<'a>(&self, flights: &'a TrainingFlights) -> Vec<&'a Setting> {
+        flights.settings.iter().filter(|setting| !setting.origin.starts_with("OQTAL_")).collect()
     }
 }
 
@@ -119,19 +116,19 @@ fn parse_points(text: &str) -> Result<usize, String> {
     if (1..=1_000_000).contains(&points) { Ok(points) } else { Err("not from 1 to 1000000".into()) }
 }
 
-/// Tunes a law of [`space::LAWS`], or the outer loops, by flights on `ground`.
+/// Tunes a law, or the outer loops, on `flights`.
 ///
 /// # Errors
 /// A setting is invalid.
 pub fn tune(
     what: &str,
     budget: &Budget,
-    ground: &Ground,
+    flights: &TrainingFlights,
     progress: &Progress,
 ) -> Result<Tuned, Failure> {
-    match space::LAWS.iter().find(|law| law.controller == what) {
-        Some(law) => search::law(law, budget, ground, progress),
-        None if ground.draws.is_empty() => outer::tune(budget, ground, progress),
+    match law::of_name(what) {
+        Some(law) => search::law(law, budget, flights, progress),
+        None if flights.draws == 0 => outer::tune(budget, flights, progress),
         None => Err(Failure::new(
             Exit::Usage,
             "the outer loops are tuned one at a time on the configured plant; leave out --spread",

@@ -4,9 +4,9 @@ use nalgebra::Vector3;
 use oqtal_bus::time::Span;
 use oqtal_config::{Config, Setting};
 use oqtal_control::quaternion::Attitude;
-use oqtal_lab::campaign::metric::{of_attitude, of_hover, of_path};
 use oqtal_lab::mission::Mission;
 use oqtal_lab::simulation;
+use oqtal_lab::study::metric::{of_attitude, of_hover, of_path};
 use oqtal_observe::flight::{Flight, FlightSample};
 
 /// Heading of the vehicle at the start \[rad\].

@@ -11,7 +11,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
 use oqtal_config::ClockKind;
 use oqtal_lab::mission::Mission;
-use oqtal_lab::simulation::{REVIEW, RecordedFlight};
+use oqtal_lab::simulation::{POLL_PERIOD, RecordedFlight};
 use oqtal_observe::flight::{Flight, Outcome};
 use oqtal_observe::flight_sample::FlightSample;
 use oqtal_observe::kernel::ProcessUsage;
@@ -57,9 +57,9 @@ struct Progressing {
     daemon: Option<ProcessUsage>,
     /// Start of the recording in wall time.
     wall: Time,
-    /// First review that counts, in the clock of the flight and in wall time.
+    /// First poll that counts, in the clock of the flight and in wall time.
     first: Option<(Time, Time)>,
-    /// The latest review, in the clock of the flight.
+    /// The latest poll, in the clock of the flight.
     now: Time,
     /// When the flight was over, and when the motors were last seen running then, in wall time.
     over_since: Option<Time>,
@@ -94,11 +94,11 @@ impl FlightRecording<'_> {
             running_at: None,
             landing_since: None,
         };
-        while let Some(now) = clock.next_review()? {
+        while let Some(now) = clock.next_poll()? {
             state.now = now;
             state.poll(&mut observer)?;
             progress.show(&state.recorder);
-            if self.review(&mut state, clock.is_virtual())? {
+            if self.poll(&mut state, clock.is_virtual())? {
                 break;
             }
         }
@@ -107,7 +107,7 @@ impl FlightRecording<'_> {
     }
 
     /// Reviews the flight after new samples were recorded; `true` if it is over.
-    fn review(&self, state: &mut Progressing, is_virtual: bool) -> Result<bool, Failure> {
+    fn poll(&self, state: &mut Progressing, is_virtual: bool) -> Result<bool, Failure> {
         let recorder = &state.recorder;
         if state.daemon.is_none() {
             state.daemon = recorder.daemon_pid().and_then(ProcessUsage::of);
@@ -130,7 +130,7 @@ impl FlightRecording<'_> {
         if !recorder.wire().answered() && timeout.is_some_and(|timeout| flown >= timeout) {
             return Err(self.link.never_answered());
         }
-        let is_late = flown >= self.mission.patience();
+        let is_late = flown >= self.mission.timeout();
         let is_over = recorder.outcome().is_some()
             || is_late && (is_virtual || self.has_landed_late(state)?);
         Ok(is_over && self.motors_rest(state))
@@ -183,7 +183,7 @@ impl FlightRecording<'_> {
             daemon.update(pid);
         }
         let command_path = self.link.command_path();
-        let flight = recorder.finish(self.mission.otherwise(), speed_factor);
+        let flight = recorder.finish(self.mission.unfinished_outcome(), speed_factor);
         let outcome = match flight.outcome {
             Outcome::Landed if landing_since.is_some() => Outcome::Timeout,
             outcome => outcome,
@@ -205,7 +205,7 @@ impl Progressing {
     }
 }
 
-/// The clock of the recorder: a review every few milliseconds, or a turn in virtual time.
+/// The clock of the recorder: a poll every few milliseconds, or a turn in virtual time.
 enum ReviewClock {
     Real(StopFlag),
     Virtual { clock: Box<LoopClock>, next: Option<Time>, end: Time },
@@ -218,13 +218,13 @@ impl ReviewClock {
             ClockKind::Lockstep | ClockKind::InProcess => Self::Virtual {
                 clock: Box::new(LoopClock::follower(bus, Role::Recorder, stop.clone())?),
                 next: None,
-                end: Time::VIRTUAL_START + mission.patience(),
+                end: Time::VIRTUAL_START + mission.timeout(),
             },
         })
     }
 
-    /// Waits until the next review; `None` once asked to stop.
-    fn next_review(&mut self) -> Result<Option<Time>, Failure> {
+    /// Waits for the next poll; `None` if a stop was requested.
+    fn next_poll(&mut self) -> Result<Option<Time>, Failure> {
         match self {
             Self::Real(stop) => {
                 std::thread::sleep(POLL_PERIOD);
@@ -232,7 +232,7 @@ impl ReviewClock {
             }
             Self::Virtual { clock, next, end } => {
                 let now = clock.wait(*next)?;
-                *next = now.map(|now| (now + REVIEW).min(*end));
+                *next = now.map(|now| (now + POLL_PERIOD).min(*end));
                 Ok(now)
             }
         }

@@ -17,10 +17,10 @@ use super::data::FlightData;
 use super::excitation_flight;
 use super::finding::{ParameterFinding, rules};
 use super::identification::{Identification, Scale, identify};
-use crate::campaign::metric::{of_attitude, of_hover};
 use crate::mission::Mission;
 use crate::progress::Progress;
 use crate::simulation;
+use crate::study::metric::{of_attitude, of_hover};
 use crate::text_table::markdown;
 
 /// Greatest relative deviation of every parameter \[-\].

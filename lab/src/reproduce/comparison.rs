@@ -5,10 +5,11 @@ use std::collections::BTreeMap;
 use oqtal_control::statistics::{Interval, mean};
 use oqtal_observe::plot::unit::rounded;
 
-use crate::campaign::metric::{
+use crate::campaign::table::COLUMNS;
+use crate::study::metric::{
     ATTITUDE, CHIRP, DOUBLET, HOVER, METRIC, METRICS, POSITION, SETTLE, VELOCITY,
 };
-use crate::campaign::table::{COLUMNS, Flown};
+use crate::study::{Flown, Run};
 
 use super::expression::TextValues;
 use super::text::{self, listed};
@@ -54,18 +55,18 @@ pub struct FlownLaws<'a> {
 
 impl FlownLaws<'_> {
     fn tuned(&self) -> impl Iterator<Item = &Flown> {
-        self.flown.iter().filter(|flown| flown.is_tuned())
+        self.flown.iter().filter(|flown| flown.law.variant == Variant::Ours)
     }
 
     /// The flights of [`OURS`].
     fn ours(&self) -> Option<&Flown> {
-        self.tuned().find(|flown| flown.name() == OURS)
+        self.tuned().find(|flown| flown.law.controller == OURS)
     }
 
     /// The best of the other tuned laws by a metric, with its interval.
     fn rival(&self, metric: usize) -> Option<(&'static str, Interval)> {
-        let others = self.tuned().filter(|flown| flown.name() != OURS);
-        let figures = others.map(|flown| (flown.name(), flown.interval(metric)));
+        let others = self.tuned().filter(|flown| flown.law.controller != OURS);
+        let figures = others.map(|flown| (flown.law.controller, flown.interval(metric)));
         figures.min_by(|a, b| a.1.mean.total_cmp(&b.1.mean))
     }
 }
@@ -178,7 +179,7 @@ fn distinguished(nominal: &FlownLaws<'_>) -> TextValues {
 
 /// The plants on which a flight of [`OURS`] did not land.
 fn unstable<'a>(mismatched: &[FlownLaws<'a>]) -> Vec<&'a str> {
-    let landed = |flown: &Flown| flown.runs.figures.iter().flatten().all(|f| f.is_finite());
+    let landed = |flown: &Flown| flown.runs.iter().all(Run::is_complete);
     let lost = mismatched.iter().filter(|laws| !laws.ours().is_some_and(landed));
     lost.map(|laws| laws.plant).collect()
 }
@@ -192,7 +193,7 @@ pub fn intervals(nominal: &FlownLaws<'_>) -> Sheet {
             SheetCell::Interval(mean, half)
         };
         let cells = (0..METRICS).map(cell).collect();
-        SheetRow::new(Variant::Ours, flown.name(), "all runs", cells)
+        SheetRow::new(Variant::Ours, flown.law.controller, "all runs", cells)
     };
     let rows = nominal.tuned().map(row).collect();
     text::table_of("V-intervals", COLUMNS[..METRICS].to_vec(), rows)
@@ -202,7 +203,7 @@ pub fn intervals(nominal: &FlownLaws<'_>) -> Sheet {
 #[must_use]
 pub fn ranking(nominal: &FlownLaws<'_>) -> Sheet {
     const PAIRS: [[&str; 2]; 3] = [["pid", "lqr"], ["pid", "oqtal"], ["lqr", "oqtal"]];
-    let find = |name: &str| nominal.tuned().find(|flown| flown.name() == name);
+    let find = |name: &str| nominal.tuned().find(|flown| flown.law.controller == name);
     let (mut rows, mut orders) = (Vec::new(), Vec::new());
     for [a, b] in PAIRS {
         let Some((one, other)) = find(a).zip(find(b)) else { continue };
@@ -262,7 +263,7 @@ impl PairRanking {
 
 /// Difference of `one` and `other`, seed by seed, in per cent of the other's mean.
 fn difference(one: &Flown, other: &Flown, metric: usize) -> Interval {
-    let (a, b) = (one.runs.values(metric), other.runs.values(metric));
+    let (a, b) = (one.values(metric), other.values(metric));
     let mean = mean(&b);
     let percent: Vec<f64> = a.iter().zip(&b).map(|(a, b)| 100.0 * (a - b) / mean).collect();
     Interval::of(&percent)

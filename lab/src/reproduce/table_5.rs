@@ -6,12 +6,14 @@ use oqtal_config::{Config, Setting};
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
-use crate::campaign::flights::{Contender, MISMATCHED, NOMINAL, Prepared, Test};
-use crate::campaign::metric::{METRIC, Metric, POSITION};
-use crate::campaign::statistics::{EVALUATION_SEEDS, TRAINING_SEEDS};
-use crate::campaign::table::{self, BEST, COLUMNS, Entrant, Flown, PAPER, Scope};
+use crate::campaign::table::{self, COLUMNS};
+use crate::study::flights::{MISMATCHED, NOMINAL, path};
+use crate::study::gains::tuned;
+use crate::study::law::{self, StudyLaw};
+use crate::study::metric::{METRIC, Metric, POSITION};
+use crate::study::{Case, EVALUATION_SEEDS, Flown, Study, TRAINING_SEEDS};
+use crate::tune;
 use crate::tune::search::{self, Budget};
-use crate::tune::{self};
 
 use super::chapter::{Chapter, ExperimentContext};
 use super::comparison::{self, FlownLaws};
@@ -21,78 +23,113 @@ use super::text::{self, listed};
 use crate::progress::Progress;
 use crate::sheet::{Sheet, SheetCell, SheetRow, Variant};
 
+mod max_q;
+
+use max_q::MaxQ;
+
+/// Number of runs with the least position error that make up the paper's means \[-\].
+const BEST: usize = 5;
+
 /// Flies Table V, the mismatched plants, and the counts by cell rule.
 ///
 /// # Errors
 /// A setting is invalid.
 pub fn chapter(context: &ExperimentContext) -> Result<Chapter, Failure> {
-    let entrants = entrants(context)?;
-    let (nominal, others) = fly(&entrants, &PAPER, &context.progress)?;
-    let laws = FlownLaws { plant: NOMINAL.name, flown: &nominal };
-    let elsewhere: Vec<FlownLaws<'_>> = MISMATCHED
-        .iter()
-        .zip(&others)
-        .map(|(plant, flown)| FlownLaws { plant: plant.name, flown })
-        .collect();
-    let values = values(&entrants, &nominal)?;
-    let main = text::with_notes(main(&laws, &elsewhere), &values);
+    let laws = laws(context)?;
+    let plants = fly(&laws, EVALUATION_SEEDS, &context.progress)?;
+    let max_q: Result<Vec<MaxQ>, Failure> = laws.iter().map(MaxQ::of).collect();
+    let flown: Vec<FlownLaws<'_>> =
+        plants.iter().map(|(plant, flown)| FlownLaws { plant, flown }).collect();
+    let (nominal, elsewhere) = flown.split_first().expect("the nominal plant was flown");
+    let values = values(&laws, nominal.flown)?;
+    let main = text::with_notes(main(nominal, elsewhere, &max_q?), &values);
     let compared = [
-        comparison::against_the_best(&laws, &elsewhere),
-        comparison::intervals(&laws),
-        comparison::ranking(&laws),
+        comparison::against_the_best(nominal, elsewhere),
+        comparison::intervals(nominal),
+        comparison::ranking(nominal),
     ];
     let more = [outer(context)?, counts(context)?];
     Ok(Chapter {
         sheets: [main].into_iter().chain(compared).chain(more).collect(),
-        figures: figures::square::all(&entrants)?,
+        figures: figures::square::all(&laws)?,
         ..text::chapter("square", &values)
     })
 }
 
-/// Flies every entrant on the nominal plant and on the mismatched ones, which take over the largest weight of the nominal one.
+/// Flies every law on the nominal plant and on the mismatched ones. Returns the rows of each plant, the nominal one first.
 fn fly(
-    entrants: &[Entrant],
-    scope: &Scope,
+    laws: &[StudyLaw],
+    seeds: Range<u64>,
     progress: &Progress,
-) -> Result<(Vec<Flown>, Vec<Vec<Flown>>), Failure> {
-    let nominal = table::fly(entrants, &NOMINAL, scope, progress)?;
-    let elsewhere = Scope { raises_weights: false, ..scope.clone() };
-    let fly = |plant| {
-        let mut flown = table::fly(entrants, plant, &elsewhere, progress)?;
-        flown.iter_mut().zip(&nominal).for_each(|(there, here)| there.take_max_q_of(here));
-        Ok(flown)
-    };
-    let others: Result<Vec<Vec<Flown>>, Failure> = MISMATCHED.iter().map(fly).collect();
-    Ok((nominal, others?))
+) -> Result<Vec<(&'static str, Vec<Flown>)>, Failure> {
+    let plants = || [NOMINAL].into_iter().chain(MISMATCHED);
+    let cases: Vec<Case> = plants().map(|plant| Case::on(plant, seeds.clone())).collect();
+    let flown = Study { name: "Table V", laws, cases: &cases }.fly(progress)?;
+    let of = |name: &str| flown.iter().filter(|row| row.case == name).cloned().collect();
+    Ok(plants().map(|plant| (plant.name, of(plant.name))).collect())
 }
 
-/// Table V without its notes.
-fn main(nominal: &FlownLaws<'_>, elsewhere: &[FlownLaws<'_>]) -> Sheet {
+/// Table V without its notes; on the mismatched plants the greatest weight is the one of the nominal plant.
+fn main(nominal: &FlownLaws<'_>, elsewhere: &[FlownLaws<'_>], max_q: &[MaxQ]) -> Sheet {
+    let rows = |flown: &[Flown], cells: fn(MaxQ) -> (f64, &'static str)| -> Vec<SheetRow> {
+        let with = flown.iter().zip(max_q);
+        with.map(|(flown, max_q)| table::row(flown, BEST, Some(cells(*max_q)))).collect()
+    };
     let mismatched = elsewhere.iter().map(|FlownLaws { plant, flown }| Sheet {
         name: (*plant).to_owned(),
         title: format!("The same with {plant}"),
         columns: COLUMNS.to_vec(),
-        rows: table::rows(flown, BEST),
+        rows: rows(flown, MaxQ::cells_elsewhere),
         ..Sheet::default()
     });
-    let sheet = text::table_of("V", COLUMNS.to_vec(), table::rows(nominal.flown, BEST));
-    Sheet { mismatched: mismatched.collect(), ..sheet }
+    let mismatched = mismatched.collect();
+    let sheet = text::table_of("V", COLUMNS.to_vec(), rows(nominal.flown, MaxQ::cells));
+    Sheet { mismatched, ..sheet }
 }
 
-/// The entrants, tuned again if that was requested.
-fn entrants(context: &ExperimentContext) -> Result<Vec<Entrant>, Failure> {
-    let mut entrants = table::entrants();
+/// The laws of Table V: with the paper's gains, and all tuned alike, on the shipped vehicle.
+fn all_laws() -> Vec<StudyLaw> {
+    let printed = [
+        ("pid", "shipped gains, k 8, T 2: the paper prints none", None),
+        ("lqr", "q 20 (Table V), delta 0.5 rad", Some(("control.lqr.attitude-weight", 20.0))),
+        (
+            "oqtal",
+            "q 80: four times the classic one",
+            Some(("control.oqtal.attitude-weight", 80.0)),
+        ),
+        ("oqtal", "q 200 (Table V), delta 0.5 rad", Some(("control.oqtal.attitude-weight", 200.0))),
+    ];
+    let printed = printed.into_iter().map(|(controller, remark, weight)| {
+        let setting = |(key, value): (&str, f64)| Setting::flag("Table V", key, value);
+        let settings = weight.map(setting).into_iter().collect();
+        let variant = Variant::AsPrinted;
+        StudyLaw { variant, ..StudyLaw::new(controller, settings, remark) }
+    });
+    let tuned = law::names().map(|controller| {
+        let settings = tuned(controller);
+        let remark = match settings.is_empty() {
+            false => "tuned alike, deploy/tuned",
+            true => "shipped gains, not tuned",
+        };
+        StudyLaw::new(controller, settings, remark)
+    });
+    printed.chain(tuned).collect()
+}
+
+/// The laws of Table V, tuned again if that was requested.
+fn laws(context: &ExperimentContext) -> Result<Vec<StudyLaw>, Failure> {
+    let mut laws = all_laws();
     if context.retune {
-        for entrant in entrants.iter_mut().filter(|entrant| entrant.is_tuned()) {
-            let name = entrant.contender.controller;
+        for law in laws.iter_mut().filter(|law| law.variant == Variant::Ours) {
+            let name = law.controller;
             let tuned =
                 tune::tune(name, &Default::default(), &Default::default(), &context.progress)?;
             context.keep(&format!("tuned/{name}.toml"), &tuned.to_toml(&[]))?;
-            entrant.contender.settings = tuned.settings();
-            entrant.settings = "tuned alike, again".to_owned();
+            law.settings = tuned.settings();
+            law.remark = "tuned alike, again".to_owned();
         }
     }
-    Ok(entrants)
+    Ok(laws)
 }
 
 /// The shipped `oqtal` with the outer loops as shipped, and tuned one at a time.
@@ -104,25 +141,24 @@ fn outer(context: &ExperimentContext) -> Result<Sheet, Failure> {
             context.keep("tuned/outer.toml", &tuned.to_toml(&[]))?;
             tuned.settings()
         }
-        false => tune::gains::tuned("outer"),
+        false => self::tuned("outer"),
     };
     let bounds = tune::outer::on_a_bound(&tuned);
-    let entrants =
+    let laws =
         [("as shipped", Vec::new()), ("tuned one at a time", tuned)].map(|(outer, settings)| {
-            Entrant {
-                contender: Contender { controller: "oqtal", settings },
-                variant: Variant::Ours,
-                settings: format!("q 80, outer loops {outer}"),
-            }
+            StudyLaw::new("oqtal", settings, format!("q 80, outer loops {outer}"))
         });
-    let flown = table::fly(&entrants, &NOMINAL, &PAPER, &context.progress)?;
+    let cases = [Case::on(NOMINAL, EVALUATION_SEEDS)];
+    let flown = Study { name: "outer loops", laws: &laws, cases: &cases }.fly(&context.progress)?;
+    let row = |flown: &Flown| Ok(table::row(flown, BEST, Some(MaxQ::of(&flown.law)?.cells())));
+    let rows: Result<Vec<SheetRow>, Failure> = flown.iter().map(row).collect();
     let (better, worse) = changed(&flown[0], &flown[1]);
     let values = TextValues::from([
         ("bounds", listed(&bounds).into()),
         ("better", listed(&better).into()),
         ("worse", listed(&worse).into()),
     ]);
-    let sheet = text::table_of("outer", COLUMNS.to_vec(), table::rows(&flown, BEST));
+    let sheet = text::table_of("outer", COLUMNS.to_vec(), rows?);
     Ok(text::with_notes(sheet, &values))
 }
 
@@ -157,11 +193,9 @@ fn counts(context: &ExperimentContext) -> Result<Sheet, Failure> {
             _ => &["cell-rate-rad-s", "cell-eps", "cell-eps-ddot-per-s2"],
         };
         settings.extend(names.iter().map(|name| Setting::flag("cells", &key(name), *delta)));
-        let contender = Contender { controller: law, settings };
-        let flown = Prepared::new(&contender, Test::Path, &NOMINAL)?.fly(200)?;
-        let solves = flown.and_then(|(flight, _)| {
-            flight.samples.last().map(|sample| sample.telemetry.riccati_solves)
-        });
+        let flown = path(&StudyLaw::new(law, settings, ""), EVALUATION_SEEDS.start)?;
+        let last = flown.and_then(|flight| flight.samples.last().copied());
+        let solves = last.map(|sample| sample.telemetry.riccati_solves);
         bar.inc();
         Ok(SheetRow::new(
             Variant::AsPrinted,
@@ -193,7 +227,7 @@ fn fitting(rows: &[SheetRow]) -> Vec<String> {
 }
 
 /// The values of the texts: tests, search for gains, and the bound of the position error by speed and tilt.
-fn values(entrants: &[Entrant], nominal: &[Flown]) -> Result<TextValues, Failure> {
+fn values(laws: &[StudyLaw], nominal: &[Flown]) -> Result<TextValues, Failure> {
     let Config { plant, mocap, position, trajectory, .. } = Config::default();
     let (square, chirp) = (trajectory.square, trajectory.attitude_chirp);
     let ways = (square.duration_s / square.dwell_s).floor();
@@ -202,7 +236,7 @@ fn values(entrants: &[Entrant], nominal: &[Flown]) -> Result<TextValues, Failure
     let way_s = square.side_m / speed_m_s + speed_m_s / acceleration;
     let late_ms = mocap.latency_ms + plant.command_delay_ms + plant.rate_lag_ms;
     let travelled = ways * square.side_m / square.duration_s;
-    let tuned = nominal.iter().filter(|flown| flown.is_tuned());
+    let tuned = nominal.iter().filter(|flown| flown.law.variant == Variant::Ours);
     let errors: Vec<f64> = tuned.map(|flown| flown.interval(POSITION).mean).collect();
     let [least, most] =
         [f64::min, f64::max].map(|pick| errors.iter().copied().fold(f64::NAN, pick));
@@ -230,20 +264,20 @@ fn values(entrants: &[Entrant], nominal: &[Flown]) -> Result<TextValues, Failure
         ("tuned_from_m", least),
         ("tuned_to_m", most),
     ];
-    let mut values = search_values(entrants)?;
+    let mut values = search_values(laws)?;
     values.extend(numbers.map(|(name, number)| (name, number.into())));
     Ok(values)
 }
 
 /// The values of the texts on the search for gains.
-fn search_values(entrants: &[Entrant]) -> Result<TextValues, Failure> {
+fn search_values(laws: &[StudyLaw]) -> Result<TextValues, Failure> {
     let Budget { points, seed, optimiser } = Budget::default();
     let weights = METRIC.iter().map(|metric| format!("{} {}", metric.title, metric.weight));
-    let tuned = entrants.iter().filter(|entrant| entrant.is_tuned());
+    let tuned = laws.iter().filter(|law| law.variant == Variant::Ours);
     let searches: Result<Vec<String>, Failure> = tuned
-        .map(|Entrant { contender, .. }| {
-            let [shipped, tuned] = search::before_and_after(contender)?;
-            Ok(format!("{} {shipped:.3}, {tuned:.3}", contender.controller))
+        .map(|law| {
+            let [shipped, tuned] = search::before_and_after(law)?;
+            Ok(format!("{} {shipped:.3}, {tuned:.3}", law.controller))
         })
         .collect();
     let seeds = |seeds: Range<u64>| format!("{} to {}", seeds.start, seeds.end - 1);
@@ -291,24 +325,19 @@ mod tests {
 
     #[test]
     fn every_figure_of_every_law_on_every_plant_is_a_number() {
-        let mut entrants = table::entrants();
-        entrants.retain(|e| ["lqr", "oqtal-dt"].contains(&e.contender.controller));
-        let scope = Scope { seeds: 200..201, ..PAPER };
-        let (nominal, others) = fly(&entrants, &scope, &Progress::default()).unwrap();
-        let laws = |(plant, flown)| FlownLaws { plant, flown };
-        let elsewhere: Vec<FlownLaws<'_>> = MISMATCHED
-            .iter()
-            .map(|p| p.name)
-            .zip(others.iter().map(Vec::as_slice))
-            .map(laws)
-            .collect();
-        let table = main(&laws((NOMINAL.name, &nominal)), &elsewhere).to_json();
-        assert_eq!(table["rows"].as_array().unwrap().len(), 3 + entrants.len());
+        let mut laws = all_laws();
+        laws.retain(|law| ["lqr", "oqtal-dt"].contains(&law.controller));
+        let plants = fly(&laws, 200..201, &Progress::default()).unwrap();
+        let flown: Vec<FlownLaws<'_>> =
+            plants.iter().map(|(plant, flown)| FlownLaws { plant, flown }).collect();
+        let max_q: Vec<MaxQ> = laws.iter().map(|law| MaxQ::of(law).unwrap()).collect();
+        let table = main(&flown[0], &flown[1..], &max_q).to_json();
+        assert_eq!(table["rows"].as_array().unwrap().len(), 3 + laws.len());
         assert_numbers(&table["rows"]);
         let mismatched = table["mismatched"].as_array().unwrap();
         assert_eq!(mismatched.len(), 5);
         for plant in mismatched {
-            assert_eq!(plant["rows"].as_array().unwrap().len(), entrants.len());
+            assert_eq!(plant["rows"].as_array().unwrap().len(), laws.len());
             assert_numbers(&plant["rows"]);
         }
     }

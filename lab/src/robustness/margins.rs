@@ -1,7 +1,6 @@
 //! The margins of every law: of the linear model and as flown, and the loops over frequency.
 
 use maud::Markup;
-use oqtal_config::{Config, Setting};
 use oqtal_observe::plot::axis::Axis;
 use oqtal_observe::plot::chart::{Mark, Plot};
 use oqtal_observe::plot::figure::{HALF, figure};
@@ -9,7 +8,6 @@ use oqtal_observe::plot::palette::Ink;
 use oqtal_runtime::process::{Exit, Failure};
 use serde_json::{Value, json};
 
-use super::flown::Rival;
 use super::frequency::{LoopResponse, Margins};
 use super::linear::LinearLoop;
 use super::probed;
@@ -17,6 +15,7 @@ use crate::progress::Progress;
 use crate::reproduce::chapter::Chapter;
 use crate::reproduce::figures::Figure;
 use crate::sheet::{Sheet, SheetCell, SheetRow, Variant};
+use crate::study::law::StudyLaw;
 
 const AXES: [&str; 3] = ["roll", "pitch", "yaw"];
 
@@ -37,13 +36,12 @@ pub struct LoopPair {
 ///
 /// # Errors
 /// The vehicle is not commanded by rates (exit code 78), a setting has no meaning, or a flight did not land.
-pub fn all(rivals: &[Rival], progress: &Progress) -> Result<Vec<LoopPair>, Failure> {
-    let bar = progress.start("loops", rivals.len() * AXES.len());
+pub fn all(laws: &[StudyLaw], progress: &Progress) -> Result<Vec<LoopPair>, Failure> {
+    let bar = progress.start("loops", laws.len() * AXES.len());
     let mut loops = Vec::new();
-    for rival in rivals {
-        let controller = Setting::flag("--laws", "control.controller", rival.controller);
-        let settings = [&rival.settings[..], &[controller]].concat();
-        let config = Config::from_settings(&settings)?;
+    for law in laws {
+        let config = law.config()?;
+        let settings = [&law.settings[..], &[law.setting()]].concat();
         if config.vehicle.interface != oqtal_config::Interface::Rate {
             let reason = "the linear model is that of a vehicle commanded by rates; set vehicle.interface = \"rate\", or leave out --margins";
             return Err(Failure::new(Exit::Config, reason));
@@ -51,12 +49,7 @@ pub fn all(rivals: &[Rival], progress: &Progress) -> Result<Vec<LoopPair>, Failu
         for (index, axis) in AXES.into_iter().enumerate() {
             let linear = LinearLoop::new(&config, index).map_err(|error| config.locate(&error))?;
             let flown = probed::flown(&settings, index)?;
-            loops.push(LoopPair {
-                law: rival.name.clone(),
-                axis,
-                linear: linear.response(),
-                flown,
-            });
+            loops.push(LoopPair { law: law.name.clone(), axis, linear: linear.response(), flown });
             bar.inc();
         }
     }

@@ -1,90 +1,149 @@
-//! The laws on draws of one spread: as drawn, and with what is identified of each plant.
+//! The laws on draws of a spread: sets of draws, each a chapter of the page and a key of the document.
 
 use oqtal_config::Setting;
 use oqtal_runtime::process::Failure;
-use serde_json::Value;
+use serde_json::{Map, Value};
 
-use super::flown::{self, Draw, Judged, Rival};
-use super::identified::{IdentifiedDraws, identified};
+use super::draws::{self, Draw};
+use super::spread::PlantSpread;
 use super::tables;
 use crate::progress::Progress;
 use crate::reproduce::chapter::Chapter;
 use crate::sheet::Sheet;
+use crate::study::law::StudyLaw;
+use crate::study::{Flown, Study};
 
-/// What every Monte-Carlo study of a run shares.
+/// A set of draws beside the first one.
+#[derive(Clone, Copy, Debug)]
+pub struct DrawSet {
+    /// Key in the document.
+    pub key: &'static str,
+    /// First part of the names of its tables.
+    pub tables: &'static str,
+    /// Heading of the chapter.
+    pub title: &'static str,
+    /// Description of the draws at the start of the chapter.
+    pub draws: &'static str,
+    /// Whether the spread is twice as wide.
+    pub is_wide: bool,
+    /// Whether the laws have the identified vehicle in place of `[vehicle]`.
+    pub is_identified: bool,
+}
+
+/// The sets of draws, in the order of the page.
+pub const SETS: [DrawSet; 3] = [
+    DrawSet {
+        key: "identified_draws",
+        tables: "identified",
+        title: "The same plants, identified",
+        draws: "The draws from above.",
+        is_wide: false,
+        is_identified: true,
+    },
+    DrawSet {
+        key: "wide_draws",
+        tables: "wide",
+        title: "A spread twice as wide",
+        draws: "As many draws of a spread whose ranges are each twice as wide, about the same middles.",
+        is_wide: true,
+        is_identified: false,
+    },
+    DrawSet {
+        key: "wide_identified_draws",
+        tables: "wide_identified",
+        title: "The plants of the wider spread, identified",
+        draws: "The draws of the wider spread.",
+        is_wide: true,
+        is_identified: true,
+    },
+];
+
+/// The draws of a further spread.
+#[derive(Clone, Debug)]
+pub struct OtherSpread {
+    /// Name of the spread: a built-in one or a file.
+    pub name: String,
+    /// The spread.
+    pub spread: PlantSpread,
+    /// Its draws.
+    pub draws: Vec<Draw>,
+}
+
+/// Laws, settings and progress bars of all sets of draws.
 #[derive(Clone, Copy, Debug)]
 pub struct MonteCarlo<'a> {
     /// The laws.
-    pub rivals: &'a [Rival],
+    pub laws: &'a [StudyLaw],
     /// The settings of all laws.
     pub common: &'a [Setting],
-    /// The bars on the screen.
+    /// Progress bars in the terminal.
     pub progress: &'a Progress,
 }
 
-/// How the page and the document name a chapter of draws.
-#[derive(Clone, Copy, Debug)]
-pub struct ChapterNames {
-    /// Heading of the chapter.
-    pub title: &'static str,
-    /// The draws in words: what the chapter's lead begins with.
-    pub draws: &'static str,
-    /// First part of the names of its tables.
-    pub tables: &'static str,
-}
-
 impl MonteCarlo<'_> {
-    /// Flies the draws. Returns the figures of every law, and draws with figures as JSON.
+    /// Flies the draws. Returns draws with figures as JSON, and the row of every law.
     ///
     /// # Errors
     /// A setting is invalid (exit code 78).
-    pub fn flown(&self, draws: &[Draw]) -> Result<(Value, Vec<Judged>), Failure> {
-        let judged = flown::fly(self.rivals, draws, self.progress)?;
-        Ok((flown::document(&judged, draws), judged))
+    pub fn fly(&self, draws: &[Draw]) -> Result<(Value, Vec<Flown>), Failure> {
+        let cases = [Draw::case(draws)];
+        let flown = Study { name: "draws", laws: self.laws, cases: &cases }.fly(self.progress)?;
+        Ok((draws::document(&flown, draws), flown))
     }
 
-    /// Flies the draws. Returns draws with figures as JSON, and their chapter.
+    /// Flies `drawn` as `set` describes. Returns draws with figures as JSON, and their chapter.
     ///
     /// # Errors
     /// A setting is invalid (exit code 78).
-    pub fn chapter(
-        &self,
-        draws: &[Draw],
-        names: &ChapterNames,
-    ) -> Result<(Value, Chapter), Failure> {
-        let (document, judged) = self.flown(draws)?;
-        let intro = format!("{} Gains are those from above.", names.draws);
-        Ok((document, chapter(names, intro, tables::all(&judged, draws))))
+    pub fn chapter(&self, set: &DrawSet, drawn: &[Draw]) -> Result<(Value, Chapter), Failure> {
+        let (draws, intro) = match set.is_identified {
+            false => (drawn.to_vec(), format!("{} Gains are those from above.", set.draws)),
+            true => self.identified(set, drawn)?,
+        };
+        let (document, flown) = self.fly(&draws)?;
+        let sheets = named(set.tables, tables::all(&flown, &draws));
+        let chapter =
+            Chapter { title: set.title, intro: vec![intro], sheets, ..Chapter::default() };
+        Ok((document, chapter))
     }
 
-    /// Identifies every plant, and flies the draws with laws that know it so. Returns draws with figures as JSON, and their chapter.
-    ///
-    /// # Errors
-    /// A setting is invalid (exit code 78).
-    pub fn identified(
-        &self,
-        draws: &[Draw],
-        names: &ChapterNames,
-    ) -> Result<(Value, Chapter), Failure> {
-        let IdentifiedDraws { draws, unidentified } =
-            identified(draws, self.common, self.progress)?;
-        let (document, judged) = self.flown(&draws)?;
+    /// The draws with their identified vehicles; a draw that could not be identified is kept as drawn.
+    fn identified(&self, set: &DrawSet, drawn: &[Draw]) -> Result<(Vec<Draw>, String), Failure> {
+        let found = draws::identified(drawn, self.common, self.progress)?;
+        let unidentified = found.iter().filter(|draw| draw.is_none()).count();
         let intro = format!(
             "{} Each plant was first flown and identified as by `oqtal identify --fly --mass`, with its own mass and the law of the \
              configuration; [vehicle] of all laws is what that flight showed. Not identified: {unidentified} of {}, which are flown \
              with the [vehicle] from above. Gains are those from above too.",
-            names.draws,
-            draws.len()
+            set.draws,
+            drawn.len()
         );
-        Ok((document, chapter(names, intro, tables::all(&judged, &draws))))
+        let pairs = found.into_iter().zip(drawn);
+        Ok((pairs.map(|(found, draw)| found.unwrap_or_else(|| draw.clone())).collect(), intro))
+    }
+
+    /// Flies the draws of further spreads. Returns the draws of each with figures as JSON, and their chapter.
+    ///
+    /// # Errors
+    /// A setting is invalid (exit code 78).
+    pub fn others(&self, others: &[OtherSpread]) -> Result<(Value, Chapter), Failure> {
+        let (mut documents, mut sheets) = (Map::new(), Vec::new());
+        for OtherSpread { name, spread, draws } in others {
+            let (document, flown) = self.fly(draws)?;
+            documents.insert(name.clone(), document);
+            let own = tables::all(&flown, draws).into_iter().chain([tables::spread(spread)]);
+            let titled =
+                |sheet: Sheet| Sheet { title: format!("{}: {name}", sheet.title), ..sheet };
+            sheets.extend(named(name, own.collect()).into_iter().map(titled));
+        }
+        let intro = vec!["As many draws of other spreads. Gains are those from above.".to_owned()];
+        let chapter = Chapter { title: "Other spreads", intro, sheets, ..Chapter::default() };
+        Ok((Value::Object(documents), chapter))
     }
 }
 
-fn chapter(names: &ChapterNames, intro: String, sheets: Vec<Sheet>) -> Chapter {
-    Chapter {
-        title: names.title,
-        intro: vec![intro],
-        sheets: tables::named(names.tables, sheets),
-        figures: Vec::new(),
-    }
+/// The sheets with `of` before their names.
+fn named(of: &str, sheets: Vec<Sheet>) -> Vec<Sheet> {
+    let named = |sheet: Sheet| Sheet { name: format!("{of}_{}", sheet.name), ..sheet };
+    sheets.into_iter().map(named).collect()
 }

@@ -1,9 +1,9 @@
-//! Responses in time: a step of the attitude, a sudden force, a gust; without noise, so that only the law is seen.
+//! Responses in time to a step of the attitude, a sudden force and a gust, without noise.
 
 use maud::Markup;
 use oqtal_config::Setting;
 use oqtal_control::euler::EulerAngles;
-use oqtal_observe::flight::{Flight, FlightSample};
+use oqtal_observe::flight::{Flight, FlightSample, Outcome};
 use oqtal_observe::plot::axis::Axis;
 use oqtal_observe::plot::chart::{Mark, Plot};
 use oqtal_observe::plot::figure::{HALF, figure};
@@ -12,14 +12,15 @@ use oqtal_observe::plot::trace::Point;
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
-use super::flown::Rival;
 use super::probed;
 use crate::mission::Mission;
 use crate::progress::Progress;
 use crate::reproduce::chapter::Chapter;
 use crate::reproduce::figures::Figure;
-use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
+use crate::sheet::Sheet;
 use crate::simulation;
+use crate::study::law::StudyLaw;
+use crate::study::table::column;
 
 /// Size of the attitude step \[deg\].
 const STEP_DEG: f64 = 10.0;
@@ -29,12 +30,12 @@ const HELD_S: f64 = 2.0;
 const BAND: f64 = 0.05;
 /// Instant of a disturbance, from arming: in the middle of a hover \[s\].
 const DISTURBED_S: f64 = 12.0;
-/// Time that is shown and judged after a disturbance \[s\].
-const JUDGED_S: f64 = 6.0;
-/// Distance from the reference within which a disturbance counts as overcome \[mm\].
-const OVERCOME_MM: f64 = 5.0;
+/// Time that is shown and evaluated after a disturbance \[s\].
+const SHOWN_S: f64 = 6.0;
+/// Distance from the reference within which a disturbance counts as rejected \[mm\].
+const REJECTED_MM: f64 = 5.0;
 
-/// What happens to the vehicle.
+/// Excitation of the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum ResponseEvent {
     AttitudeStep,
@@ -58,8 +59,8 @@ impl ResponseEvent {
 
     fn settings(self) -> Vec<Setting> {
         let set = |key: &str, value: toml::Value| Setting::flag("response", key, value);
-        let disturbed = |what: &str| {
-            let list = toml::Value::Array(vec![what.into()]);
+        let disturbed = |disturbance: &str| {
+            let list = toml::Value::Array(vec![disturbance.into()]);
             vec![set("trajectory.kind", "hover".into()), set("plant.disturb", list)]
         };
         match self {
@@ -83,7 +84,7 @@ impl ResponseEvent {
         };
         let Some(start) = start.map(|sample| sample.telemetry.time) else { return Vec::new() };
         let begin_s = if self == Self::AttitudeStep { 0.0 } else { DISTURBED_S };
-        let end_s = if self == Self::AttitudeStep { HELD_S } else { JUDGED_S };
+        let end_s = if self == Self::AttitudeStep { HELD_S } else { SHOWN_S };
         let point = |sample: &FlightSample| {
             let time_s = sample.telemetry.time.since(start).seconds() - begin_s;
             (time_s, self.value(sample))
@@ -103,8 +104,7 @@ impl ResponseEvent {
 /// The responses of a law.
 #[derive(Clone, Debug)]
 pub struct LawResponses {
-    name: String,
-    remark: String,
+    law: StudyLaw,
     /// One for each of [`EVENTS`]; `None` if the flight did not land.
     curves: [Option<Vec<Point>>; EVENTS.len()],
 }
@@ -112,37 +112,24 @@ pub struct LawResponses {
 /// Flies every event with every law.
 ///
 /// # Errors
-/// A setting has no meaning.
-pub fn all(rivals: &[Rival], progress: &Progress) -> Result<Vec<LawResponses>, Failure> {
-    let bar = progress.start("responses", rivals.len());
-    let respond = |rival: &Rival| {
-        let nominal = rival.config()?;
-        let law = Setting::flag("--laws", "control.controller", rival.controller);
+/// A setting is invalid.
+pub fn all(laws: &[StudyLaw], progress: &Progress) -> Result<Vec<LawResponses>, Failure> {
+    let bar = progress.start("responses", laws.len());
+    let respond = |law: &StudyLaw| {
+        let calm = probed::calm(&law.config()?);
         let fly = |event: ResponseEvent| -> Result<Option<Vec<Point>>, Failure> {
-            let own = [&rival.settings[..], std::slice::from_ref(&law)].concat();
-            let settings = [own, probed::calm(&nominal), event.settings()].concat();
-            let mission = Mission::new(oqtal_config::Config::from_settings(&settings)?)?;
-            let flight = simulation::fly(&mission)?;
-            let has_landed = flight.outcome == oqtal_observe::flight::Outcome::Landed;
+            let config = law.with(&calm).with(&event.settings()).config()?;
+            let flight = simulation::fly(&Mission::new(config)?)?;
+            let has_landed = flight.outcome == Outcome::Landed;
             Ok(has_landed.then(|| event.curve(&flight)))
         };
         let [step, force, gust] = EVENTS;
         let curves = [fly(step)?, fly(force)?, fly(gust)?];
         bar.inc();
-        Ok(LawResponses { name: rival.name.clone(), remark: rival.remark.clone(), curves })
+        Ok(LawResponses { law: law.clone(), curves })
     };
-    rivals.par_iter().map(respond).collect()
+    laws.par_iter().map(respond).collect()
 }
-
-const COLUMNS: [Column; 7] = [
-    ("rise_s", "step: 10 to 90 % [s]"),
-    ("overshoot_percent", "step: overshoot [%]"),
-    ("settled_s", "step: within 5 % [s]"),
-    ("force_most_mm", "force: farthest [mm]"),
-    ("force_over_s", "force: within 5 mm [s]"),
-    ("gust_most_mm", "gust: farthest [mm]"),
-    ("gust_over_s", "gust: within 5 mm [s]"),
-];
 
 /// The chapter of the page.
 #[must_use]
@@ -161,24 +148,33 @@ const INTRO: &str = "The nominal vehicle without noise, drift and gusts; the fil
      was watched.";
 
 fn table(responses: &[LawResponses]) -> Sheet {
-    let row = |law: &LawResponses| {
-        let [step, force, gust] =
-            law.curves.each_ref().map(|curve| curve.as_deref().unwrap_or_default());
-        let cells =
-            [step_figures(step).to_vec(), force_figures(force), force_figures(gust)].concat();
-        SheetRow::new(Variant::Ours, law.name.clone(), law.remark.clone(), cells)
-    };
-    Sheet {
-        name: "responses".to_owned(),
-        title: "Responses to a step, a force and a gust".to_owned(),
-        columns: COLUMNS.to_vec(),
-        rows: responses.iter().map(row).collect(),
-        ..Sheet::default()
+    let step = |figure: usize| move |law: &LawResponses| step_figures(law.curve(0))[figure];
+    let most = |event: usize| move |law: &LawResponses| most(law.curve(event));
+    let over = |event: usize| move |law: &LawResponses| rejected(law.curve(event));
+    let columns = [
+        column("rise_s", "step: 10 to 90 % [s]", step(0)),
+        column("overshoot_percent", "step: overshoot [%]", step(1)),
+        column("settled_s", "step: within 5 % [s]", step(2)),
+        column("force_most_mm", "force: farthest [mm]", most(1)),
+        column("force_over_s", "force: within 5 mm [s]", over(1)),
+        column("gust_most_mm", "gust: farthest [mm]", most(2)),
+        column("gust_over_s", "gust: within 5 mm [s]", over(2)),
+    ];
+    let names =
+        |row: &LawResponses| (row.law.name.clone(), row.law.variant, row.law.remark.clone());
+    let title = "Responses to a step, a force and a gust";
+    Sheet::tabulate(("responses", title), &columns, responses, names)
+}
+
+impl LawResponses {
+    /// The response to an event; empty if the flight did not land.
+    fn curve(&self, event: usize) -> &[Point] {
+        self.curves[event].as_deref().unwrap_or_default()
     }
 }
 
 /// Rise time \[s\], overshoot \[%\] and time to settle \[s\] of the attitude step.
-fn step_figures(curve: &[Point]) -> [SheetCell; 3] {
+fn step_figures(curve: &[Point]) -> [Option<f64>; 3] {
     let reached = |share: f64| {
         curve.iter().find(|(time, roll)| *time >= 0.0 && *roll >= share * STEP_DEG).map(|p| p.0)
     };
@@ -186,13 +182,17 @@ fn step_figures(curve: &[Point]) -> [SheetCell; 3] {
     let most = curve.iter().map(|point| point.1).reduce(f64::max);
     let overshoot = most.map(|most| 1e2 * (most / STEP_DEG - 1.0).max(0.0));
     let outside = |roll: f64| (roll - STEP_DEG).abs() > BAND * STEP_DEG;
-    [rise.into(), overshoot.into(), last_outside(curve, outside).into()]
+    [rise, overshoot, last_outside(curve, outside)]
 }
 
-/// Greatest distance \[mm\] and time until it stays small \[s\].
-fn force_figures(curve: &[Point]) -> Vec<SheetCell> {
-    let most = curve.iter().filter(|point| point.0 >= 0.0).map(|point| point.1).reduce(f64::max);
-    vec![most.into(), last_outside(curve, |distance| distance > OVERCOME_MM).into()]
+/// Greatest distance from the reference \[mm\].
+fn most(curve: &[Point]) -> Option<f64> {
+    curve.iter().filter(|point| point.0 >= 0.0).map(|point| point.1).reduce(f64::max)
+}
+
+/// Time until the distance from the reference stays small \[s\].
+fn rejected(curve: &[Point]) -> Option<f64> {
+    last_outside(curve, |distance| distance > REJECTED_MM)
 }
 
 /// Time of the last point that is outside \[s\]; `None` if that is the end, or there is no curve.
@@ -212,11 +212,11 @@ const HEIGHT: u32 = 520;
 const LABEL_WIDTH: u32 = 110;
 const LINE_WIDTH: u32 = 3;
 
-/// The curves of an event, as many laws in one figure as there are colours.
+/// The curves of an event, in figures of one law for each colour.
 fn drawn((index, event): (usize, &ResponseEvent), responses: &[LawResponses]) -> Vec<Figure> {
     let with_curve: Vec<(&str, &Vec<Point>)> = responses
         .iter()
-        .filter_map(|law| Some((law.name.as_str(), law.curves[index].as_ref()?)))
+        .filter_map(|law| Some((law.law.name.as_str(), law.curves[index].as_ref()?)))
         .collect();
     let plot = |laws: &[(&str, &Vec<Point>)]| Figure {
         number: 0,
@@ -258,17 +258,14 @@ mod tests {
 
     #[test]
     fn a_known_step_has_its_known_figures() {
-        let [rise, overshoot, settled] = step_figures(&curve()).map(|cell| match cell {
-            SheetCell::Number(number) => number,
-            _ => f64::NAN,
-        });
+        let [rise, overshoot, settled] = step_figures(&curve()).map(|figure| figure.unwrap());
         assert!((rise - 0.1 * 9.0_f64.ln()).abs() < 0.011, "{rise}");
         assert!((overshoot - 20.0).abs() < 1e-9);
         assert!((settled - 0.69).abs() < 0.011, "{settled}");
     }
 
     #[test]
-    fn what_never_settles_has_no_time() {
+    fn a_curve_that_never_settles_has_no_settling_time() {
         assert_eq!(last_outside(&curve(), |roll| roll < 100.0), None);
         assert_eq!(last_outside(&curve(), |roll| roll > 100.0), Some(0.0));
         assert_eq!(last_outside(&[], |_| true), None);

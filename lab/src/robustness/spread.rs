@@ -18,6 +18,7 @@ use oqtal_runtime::process::{Exit, Failure};
 use toml::{Table, Value};
 
 use crate::random::SplitMix64;
+use crate::study::flights::{self, value_at};
 
 /// How the value of a key is drawn; numbers evenly within their bounds.
 #[derive(Clone, Debug, PartialEq)]
@@ -50,7 +51,7 @@ pub struct PlantSpread {
     pub keys: Vec<SpreadKey>,
 }
 
-/// What a vehicle may differ by from a model that was made with care.
+/// Differences of a vehicle from a model that was made with care.
 const VEHICLE: [(&str, Form); 9] = [
     ("plant.mass-kg", Form::Factor(0.9, 1.1)),
     ("plant.max-thrust-n", Form::Factor(0.9, 1.1)),
@@ -63,9 +64,9 @@ const VEHICLE: [(&str, Form); 9] = [
     ("plant.drag-per-s", Form::Between(0.1, 0.6)),
 ];
 
-/// What its surroundings and its body may differ by beside. A rotor is weaker by a few hundredths at most: the simulated on-board
-/// loop has no integral action, so that it turns by itself about 3 deg/s for each.
-const SURROUNDINGS: [(&str, Form); 15] = [
+/// Further differences of its body and its environment. A rotor is weaker by 3 % at most: the simulated on-board loop has no integral
+/// action, so that the vehicle turns by itself at about 3 deg/s for each 1 %.
+const ENVIRONMENT: [(&str, Form); 15] = [
     ("plant.inertia-kg-m2", Form::Factor(0.8, 1.2)),
     ("plant.thrust-exponent", Form::Between(0.95, 1.05)),
     ("plant.gust-sd-m-s2", Form::Factor(0.5, 2.0)),
@@ -83,7 +84,7 @@ const SURROUNDINGS: [(&str, Form); 15] = [
     ("mocap.dropout-frames", Form::Between(1.5, 2.5)),
 ];
 
-/// Keys of the surroundings of which one value is chosen, and the values.
+/// Keys of the environment of which one value is chosen, and the values.
 const CHOSEN: [(&str, [&str; 2]); 3] = [
     ("plant.battery.sag", ["false", "true"]),
     ("plant.fidelity", ["eq61", "rotors"]),
@@ -110,10 +111,10 @@ impl PlantSpread {
         Self { keys: VEHICLE.map(key).to_vec() }
     }
 
-    /// Vehicles that differ from their model, in surroundings that differ too.
+    /// Vehicles that differ from their model, in an environment that differs too.
     #[must_use]
     pub fn everything() -> Self {
-        let drawn = SURROUNDINGS.map(|(key, form)| SpreadKey { key: key.to_owned(), form });
+        let drawn = ENVIRONMENT.map(|(key, form)| SpreadKey { key: key.to_owned(), form });
         let chosen = CHOSEN.map(|(key, values)| {
             let value = |text: &str| match text.parse() {
                 Ok(truth) => Value::Boolean(truth),
@@ -146,14 +147,14 @@ impl PlantSpread {
         Ok(Self { keys })
     }
 
-    /// The same twice as wide, about the middle of each range; choices stay. Bounds below zero become zero.
+    /// The spread with each range twice as wide about its middle; choices stay. Bounds below zero become zero.
     #[must_use]
     pub fn twice_as_wide(&self) -> Self {
         let wide = |low: f64, high: f64| {
             let (middle, half) = (0.5 * (low + high), high - low);
             ((middle - half).max(0.0), middle + half)
         };
-        // A factor of nothing leaves nothing to fly.
+        // A factor of zero would leave no vehicle.
         let factor = |low: f64, high: f64| {
             let (low, high) = wide(low, high);
             (low.max(0.1), high)
@@ -177,15 +178,15 @@ impl PlantSpread {
     /// random numbers of its own: another key added changes no draw of the others.
     ///
     /// # Errors
-    /// A key is none of the configuration, or has no number where one is scaled (exit code 78).
+    /// A key does not exist in the configuration, or has no number where one is scaled (exit code 78).
     pub fn draw(&self, nominal: &Table, (seed, run): (u64, u64)) -> Result<Vec<Setting>, Failure> {
         let draw = |SpreadKey { key, form }: &SpreadKey| {
             let mut random = SplitMix64::new(stream(key, seed, run));
-            let wrong = |what: &str| {
-                let reason = format!("`{key}` of the spread {what}; see `oqtal check`");
+            let wrong = |problem: &str| {
+                let reason = format!("`{key}` of the spread {problem}; see `oqtal check`");
                 Failure::new(Exit::Config, reason)
             };
-            let nominal = value_at(nominal, key).ok_or_else(|| wrong("is no key"))?;
+            let nominal = value_at(nominal, key).ok_or_else(|| wrong("does not exist"))?;
             let value = form.value(nominal, &mut random);
             let value = value.ok_or_else(|| wrong("has no value that it can scale"))?;
             Ok(Setting::flag("spread", key, value))
@@ -202,19 +203,8 @@ fn stream(key: &str, seed: u64, run: u64) -> u64 {
     })
 }
 
-/// The value of a key of a configuration as a table.
-#[must_use]
-pub fn value_at<'a>(table: &'a Table, key: &str) -> Option<&'a Value> {
-    let (path, name) = key.rsplit_once('.').unwrap_or(("", key));
-    let mut section = table;
-    for part in path.split('.').filter(|part| !part.is_empty()) {
-        section = section.get(part)?.as_table()?;
-    }
-    section.get(name)
-}
-
-/// Beginnings of the keys that laws are designed with.
-const LAWS_KNOW: [&str; 3] = ["vehicle.", "control.", "position."];
+/// Sections of the keys that laws are designed with.
+const KNOWN_TO_LAWS: [&str; 3] = ["vehicle.", "control.", "position."];
 
 fn entry(setting: &Setting) -> Result<SpreadKey, Failure> {
     let wrong = |reason: &str| {
@@ -225,10 +215,10 @@ fn entry(setting: &Setting) -> Result<SpreadKey, Failure> {
         )
     };
     let (key, name) =
-        setting.key.rsplit_once('.').ok_or_else(|| wrong("is no key of the configuration"))?;
-    let values = setting.value.as_array().ok_or_else(|| wrong("is no list"))?;
-    if LAWS_KNOW.iter().any(|section| key.starts_with(section)) {
-        return Err(wrong("is known to the laws, a spread is of what they do not know"));
+        setting.key.rsplit_once('.').ok_or_else(|| wrong("is not a key of the configuration"))?;
+    let values = setting.value.as_array().ok_or_else(|| wrong("is not a list"))?;
+    if KNOWN_TO_LAWS.iter().any(|section| key.starts_with(section)) {
+        return Err(wrong("is known to the laws; a spread varies keys that they do not know"));
     }
     let key = key.to_owned();
     if name == "choose" && !values.is_empty() {
@@ -236,7 +226,7 @@ fn entry(setting: &Setting) -> Result<SpreadKey, Failure> {
     }
     let number = |value: &Value| value.as_float().or(value.as_integer().map(|whole| whole as f64));
     let bounds: Vec<f64> = values.iter().filter_map(number).collect();
-    let [low, high] = bounds[..] else { return Err(wrong("is no pair of numbers")) };
+    let [low, high] = bounds[..] else { return Err(wrong("is not a pair of numbers")) };
     if !(low <= high && low.is_finite() && high.is_finite()) {
         return Err(wrong("has its bounds in the wrong order"));
     }
@@ -251,7 +241,7 @@ fn entry(setting: &Setting) -> Result<SpreadKey, Failure> {
 }
 
 impl Form {
-    /// A value drawn about `nominal`; `None` if that is of no such kind.
+    /// A value drawn about `nominal`; `None` if that has another type.
     fn value(&self, nominal: &Value, random: &mut SplitMix64) -> Option<Value> {
         match self {
             Self::Between(low, high) => Some(Value::from(readable(random.between(*low, *high)))),
@@ -288,23 +278,14 @@ impl Form {
     }
 }
 
-/// `value` rounded to four significant digits, so that a draw is written in short and flown again exactly.
+/// `value` rounded to four significant digits, so that a draw can be written in short and flown again exactly.
 fn readable(value: f64) -> f64 {
     format!("{value:.3e}").parse().expect("a number just written")
 }
 
-/// Every number in `value` times `factor`; `None` if there is none.
+/// Every number in `value` times `factor`; `None` if it has something else.
 fn scaled(value: &Value, factor: f64) -> Option<Value> {
-    match value {
-        Value::Float(number) => Some(Value::Float(readable(number * factor))),
-        Value::Integer(number) => Some(Value::Float(readable(*number as f64 * factor))),
-        Value::Array(values) => values
-            .iter()
-            .map(|value| scaled(value, factor))
-            .collect::<Option<Vec<_>>>()
-            .map(Value::from),
-        _ => None,
-    }
+    flights::scaled(value, &|number| readable(number * factor))
 }
 
 #[cfg(test)]
@@ -336,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn a_key_is_drawn_alike_whatever_else_is_drawn() {
+    fn other_keys_of_the_spread_do_not_change_the_draws_of_a_key() {
         let (nominal, all) = (nominal(), PlantSpread::everything());
         let alone = PlantSpread { keys: all.keys[3..4].to_vec() };
         let key = &alone.keys[0].key;
@@ -353,7 +334,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_says_how_keys_are_drawn_and_a_wrong_one_says_where() {
+    fn a_file_has_the_forms_of_its_keys_and_an_error_has_its_line() {
         let directory = tempfile::tempdir().unwrap();
         let file = directory.path().join("spread.toml");
         let read = |text: &str| {

@@ -1,138 +1,151 @@
 //! The tables of the Monte-Carlo study.
 
-use super::against;
-use super::flown::{Draw, Judged};
-use super::spread::{PlantSpread, SpreadKey};
-use super::statistics::{Quantiles, dependence, worse_than_the_best_other};
-use super::summary;
-use crate::campaign::flights::Test;
-use crate::campaign::metric::{HOVER, METRIC};
-use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
+use oqtal_control::statistics::{mean, rank_correlation};
+use toml::Value;
 
-/// Keys that a figure depends on most, in the table of each law \[-\].
+use super::against;
+use super::draws::Draw;
+use super::spread::{PlantSpread, SpreadKey};
+use crate::sheet::{Sheet, SheetCell, SheetRow, Variant};
+use crate::study::flights::Test;
+use crate::study::metric::{ATTITUDE, CHIRP, DOUBLET, HOVER, JITTER, METRIC, METRICS, SETTLE};
+use crate::study::table::column;
+use crate::study::{Flown, Run};
+
+/// Number of keys in the table of dependences of each law \[-\].
 const STRONGEST: usize = 4;
-/// Draws that are shown of those in which a law did not land \[-\].
+/// Number of draws without a landing that are shown for each law \[-\].
 const MOST_FAILURES: usize = 5;
 
-/// What the laws reach on the draws, and where they do not.
+/// The figures of the laws over the draws, and the draws in which a law did not land.
 #[must_use]
-pub fn all(judged: &[Judged], draws: &[Draw]) -> Vec<Sheet> {
-    let against = Some(against::table(judged)).filter(|sheet| !sheet.rows.is_empty());
-    let details = [landed(judged), distributions(judged), broken(judged, draws)];
-    [summary::table(judged)].into_iter().chain(against).chain(details).collect()
+pub fn all(flown: &[Flown], draws: &[Draw]) -> Vec<Sheet> {
+    let against = Some(against::table(flown)).filter(|sheet| !sheet.rows.is_empty());
+    let details = [landed(flown), distributions(flown), broken(flown, draws)];
+    [summary(flown)].into_iter().chain(against).chain(details).collect()
 }
 
-/// The sheets with `of` before their names.
-#[must_use]
-pub fn named(of: &str, sheets: Vec<Sheet>) -> Vec<Sheet> {
-    let named = |sheet: Sheet| Sheet { name: format!("{of}_{}", sheet.name), ..sheet };
-    sheets.into_iter().map(named).collect()
+/// One row for each law.
+fn summary(flown: &[Flown]) -> Sheet {
+    let median = |metric: usize| move |law: &Flown| law.quantile(metric, 0.5);
+    let p95 = |metric: usize| move |law: &Flown| law.quantile(metric, 0.95);
+    let columns = [
+        column("landed_percent", "all four landed [%]", |law: &Flown| {
+            1e2 * law.share(Run::all_landed)
+        }),
+        column("hover_median_mm", "hover, median [mm]", median(HOVER)),
+        column("hover_p95_mm", "hover, 95 % point [mm]", p95(HOVER)),
+        column("hover_worst_mm", "hover, worst [mm]", |law: &Flown| law.quantile(HOVER, 1.0)),
+        column("chirp_median_deg", "chirp, median [°]", median(CHIRP)),
+        column("chirp_p95_deg", "chirp, 95 % point [°]", p95(CHIRP)),
+        column("doublet_median_s", "doublet settled, median [s]", median(DOUBLET)),
+        column("settle_median_s", "path settled, median [s]", median(SETTLE)),
+        column("attitude_median_deg", "attitude on the path, median [°]", median(ATTITUDE)),
+        column("jitter_median_rad_s", "jitter, median [rad/s]", median(JITTER)),
+    ];
+    Sheet::tabulate(("summary", "The laws over the draws"), &columns, flown, Flown::names)
+        .with_note(SUMMARY_NOTE)
 }
 
-const LANDED: [Column; 5] = [
-    ("landed", "all four landed [%]"),
-    ("landed_path", "path [%]"),
-    ("landed_hover", "hover [%]"),
-    ("landed_chirp", "chirp [%]"),
-    ("landed_doublet", "doublet [%]"),
-];
+const SUMMARY_NOTE: &str = "A flight that did not land counts as worse than any that did: where a value is missing, so many did not. Jitter \
+     is what the command costs.";
 
-fn landed(judged: &[Judged]) -> Sheet {
-    let row = |law: &Judged| {
-        let share = |landed: &dyn Fn(&crate::campaign::metric::Figures) -> bool| {
-            let count = law.figures.iter().filter(|figures| landed(figures)).count();
-            SheetCell::Number(1e2 * count as f64 / law.figures.len() as f64)
-        };
-        let one = |test: usize| share(&move |figures| Judged::landed(figures)[test].1);
-        let all = share(&Judged::all_landed);
-        row_of(
-            law,
-            &law.rival.remark,
-            [all].into_iter().chain((0..Test::ALL.len()).map(one)).collect(),
-        )
-    };
-    Sheet {
-        name: "landed".to_owned(),
-        title: "Share of the draws in which the flights landed as planned".to_owned(),
-        columns: LANDED.to_vec(),
-        rows: judged.iter().map(row).collect(),
-        is_detail: true,
-        ..Sheet::default()
-    }
+fn landed(flown: &[Flown]) -> Sheet {
+    let one = |test: Test| move |law: &Flown| 1e2 * law.share(|run| run.has_landed(test));
+    let columns = [
+        column("landed", "all four landed [%]", |law: &Flown| 1e2 * law.share(Run::all_landed)),
+        column("landed_path", "path [%]", one(Test::Path)),
+        column("landed_hover", "hover [%]", one(Test::Hover)),
+        column("landed_chirp", "chirp [%]", one(Test::Chirp)),
+        column("landed_doublet", "doublet [%]", one(Test::Doublet)),
+    ];
+    let title = "Share of the draws in which the flights landed as planned";
+    Sheet::tabulate(("landed", title), &columns, flown, Flown::names).as_detail()
 }
 
-fn row_of(law: &Judged, settings: &str, cells: Vec<SheetCell>) -> SheetRow {
-    SheetRow::new(Variant::Ours, law.rival.name.clone(), settings, cells)
-}
-
-const DISTRIBUTION: [Column; 5] = [
-    ("median", "median"),
-    ("p95", "95 % point"),
-    ("worst", "worst"),
-    ("worst_draw", "in draw"),
-    (
-        "worse_than_best_other_percent",
-        "worse than the best other row, the same law with other gains included [% of draws]",
-    ),
-];
-
-fn distributions(judged: &[Judged]) -> Sheet {
-    let cells = |law: usize, metric: usize| {
-        let quantiles = Quantiles::of(&judged[law].values(metric));
-        vec![
-            quantiles.median.into(),
-            quantiles.p95.into(),
-            quantiles.worst.into(),
-            SheetCell::Count(quantiles.worst_draw as u64),
-            SheetCell::Number(1e2 * worse_than_the_best_other(judged, law, metric)),
-        ]
-    };
-    let mut rows = Vec::new();
-    for (index, metric) in METRIC.iter().enumerate() {
-        for (law, flown) in judged.iter().enumerate() {
-            rows.push(row_of(flown, metric.title, cells(law, index)));
-        }
-    }
-    Sheet {
-        name: "distributions".to_owned(),
-        title: "Figures over the draws".to_owned(),
-        notes: vec![DISTRIBUTIONS_NOTE.to_owned()],
-        columns: DISTRIBUTION.to_vec(),
-        rows,
-        is_detail: true,
-        ..Sheet::default()
-    }
+fn distributions(flown: &[Flown]) -> Sheet {
+    type Row = (usize, usize);
+    let quantile = |share: f64| move |(metric, law): &Row| flown[*law].quantile(*metric, share);
+    let columns = [
+        column("median", "median", quantile(0.5)),
+        column("p95", "95 % point", quantile(0.95)),
+        column("worst", "worst", quantile(1.0)),
+        column("worst_draw", "in draw", |(metric, law): &Row| {
+            let worst = flown[*law].quantile(*metric, 1.0);
+            // The first of equal ones.
+            flown[*law].values(*metric).iter().position(|value| *value == worst).map(|k| k as u64)
+        }),
+        column(
+            "worse_than_best_other_percent",
+            "worse than the best other row, the same law with other gains included [% of draws]",
+            |(metric, law): &Row| 1e2 * worse_than_the_best_other(flown, *law, *metric),
+        ),
+    ];
+    let rows: Vec<Row> =
+        (0..METRICS).flat_map(|metric| (0..flown.len()).map(move |law| (metric, law))).collect();
+    let names = |(metric, law): &Row| flown[*law].names_with(METRIC[*metric].title);
+    Sheet::tabulate(("distributions", "Figures over the draws"), &columns, &rows, names)
+        .with_note(DISTRIBUTIONS_NOTE)
+        .as_detail()
 }
 
 const DISTRIBUTIONS_NOTE: &str = "A flight that did not land counts as worse than any that did; where a value is missing, so many \
      did not. Jitter is what the command costs, and is no figure of merit by itself.";
 
-const BROKEN: [Column; 3] = [
-    ("hover_rms_mm", "hover RMS [mm]"),
-    ("failed", "not landed"),
-    ("arguments", "arguments of `oqtal fly`"),
-];
-
-/// The draws that broke a law: those without a landing, and the one with the worst hover.
-fn broken(judged: &[Judged], draws: &[Draw]) -> Sheet {
-    let rows = judged.iter().flat_map(|law| {
-        let failed = (0..draws.len()).filter(|draw| !Judged::all_landed(&law.figures[*draw]));
-        let mut shown: Vec<usize> = failed.take(MOST_FAILURES).collect();
-        let hover: Vec<f64> = law.values(HOVER);
-        let finite = |index: &usize| hover[*index].is_finite();
-        let worst = (0..draws.len()).filter(finite).max_by(|a, b| hover[*a].total_cmp(&hover[*b]));
-        shown.extend(worst.filter(|worst| !shown.contains(worst)));
-        shown.into_iter().map(|draw| broken_row(law, &draws[draw], draw)).collect::<Vec<_>>()
-    });
-    Sheet {
-        name: "broken".to_owned(),
-        title: "Flights that ended early".to_owned(),
-        notes: vec![BROKEN_NOTE.to_owned()],
-        columns: BROKEN.to_vec(),
-        rows: rows.collect(),
-        is_detail: true,
-        ..Sheet::default()
+/// Share of the draws in which `law` is worse by a figure than the best of the others \[0..1\]; NaN without another.
+fn worse_than_the_best_other(flown: &[Flown], law: usize, metric: usize) -> f64 {
+    let others: Vec<&Flown> =
+        flown.iter().enumerate().filter(|(index, _)| *index != law).map(|(_, law)| law).collect();
+    let own = flown[law].values(metric);
+    if others.is_empty() || own.is_empty() {
+        return f64::NAN;
     }
+    let is_worse = |(draw, figure): &(usize, &f64)| **figure > best(&others, (*draw, metric));
+    own.iter().enumerate().filter(is_worse).count() as f64 / own.len() as f64
+}
+
+/// Least value of a figure among laws in a draw.
+pub(super) fn best(laws: &[&Flown], (draw, metric): (usize, usize)) -> f64 {
+    laws.iter().map(|law| law.runs[draw].figures[metric]).fold(f64::NAN, f64::min)
+}
+
+/// The draws without a landing of each law, and the one with the worst hover.
+fn broken(flown: &[Flown], draws: &[Draw]) -> Sheet {
+    type Row<'a> = (&'a Flown, usize);
+    let columns = [
+        column("hover_rms_mm", "hover RMS [mm]", |(law, draw): &Row<'_>| {
+            law.runs[*draw].figures[HOVER]
+        }),
+        column("failed", "not landed", |(law, draw): &Row<'_>| not_landed(&law.runs[*draw])),
+        column("arguments", "arguments of `oqtal fly`", |(_, draw): &Row<'_>| {
+            let draw = &draws[*draw];
+            SheetCell::Text(format!("--seed {} {}", draw.seed, draw.arguments()))
+        }),
+    ];
+    let rows = flown.iter().flat_map(|law| shown_draws(law).into_iter().map(move |k| (law, k)));
+    let rows: Vec<Row<'_>> = rows.collect();
+    let names = |(law, k): &Row<'_>| law.names_with(format!("draw {}", draws[*k].run));
+    Sheet::tabulate(("broken", "Flights that ended early"), &columns, &rows, names)
+        .with_note(BROKEN_NOTE)
+        .as_detail()
+}
+
+/// The first draws in which a flight of `law` did not land, and the one with the greatest error in hover.
+fn shown_draws(law: &Flown) -> Vec<usize> {
+    let failed = (0..law.runs.len()).filter(|draw| !law.runs[*draw].all_landed());
+    let mut shown: Vec<usize> = failed.take(MOST_FAILURES).collect();
+    let hover = law.values(HOVER);
+    let landed = (0..hover.len()).filter(|draw| hover[*draw].is_finite());
+    let worst = landed.max_by(|a, b| hover[*a].total_cmp(&hover[*b]));
+    shown.extend(worst.filter(|worst| !shown.contains(worst)));
+    shown
+}
+
+/// The tests of a run that did not land as planned.
+fn not_landed(run: &Run) -> SheetCell {
+    let failed = Test::ALL.into_iter().filter(|test| !run.has_landed(*test)).map(Test::name);
+    let failed: Vec<&str> = failed.collect();
+    if failed.is_empty() { SheetCell::None } else { SheetCell::Text(failed.join(", ")) }
 }
 
 const BROKEN_NOTE: &str = "Of each law the first draws in which a flight did not land, and the one with the greatest error in \
@@ -140,49 +153,49 @@ const BROKEN_NOTE: &str = "Of each law the first draws in which a flight did not
      end is landed by the daemon, although its attitude was held. `oqtal fly --clock in-process --trajectory hover --controller \
      LAW` with these arguments flies the draw again, a chirp with `--trajectory attitude-chirp`; gains that are not those of the configuration are added by `--config deploy/tuned/LAW.toml`.";
 
-fn broken_row(law: &Judged, draw: &Draw, index: usize) -> SheetRow {
-    let figures = &law.figures[index];
-    let failed: Vec<String> = Judged::landed(figures)
-        .iter()
-        .filter(|(_, landed)| !landed)
-        .map(|(test, _)| test.name().to_owned())
-        .collect();
-    let arguments = format!("--seed {} {}", draw.seed, draw.arguments());
-    let failed =
-        if failed.is_empty() { SheetCell::None } else { failed.join(", ").as_str().into() };
-    let cells = vec![figures[HOVER].into(), failed, arguments.as_str().into()];
-    row_of(law, &format!("draw {}", draw.run), cells)
+/// The keys with the strongest rank correlation with the error in hover, for each law.
+#[must_use]
+pub fn dependences(flown: &[Flown], draws: &[Draw], spread: &PlantSpread) -> Sheet {
+    type Row<'a> = (&'a Flown, String, f64);
+    let strongest = |law| {
+        let of_key = |SpreadKey { key, .. }: &SpreadKey| {
+            (law, key.clone(), dependence(&Flown::values(law, HOVER), draws, key))
+        };
+        let mut keys: Vec<Row<'_>> =
+            spread.keys.iter().map(of_key).filter(|(.., share)| share.is_finite()).collect();
+        keys.sort_by(|a, b| b.2.abs().total_cmp(&a.2.abs()));
+        keys.truncate(STRONGEST);
+        keys
+    };
+    let rows: Vec<Row<'_>> = flown.iter().flat_map(strongest).collect();
+    let title = "rank correlation with the hover's error";
+    let columns = [column("rank_correlation", title, |(.., share): &Row<'_>| *share)];
+    let names = |(law, key, _): &Row<'_>| law.names_with(key.as_str());
+    let title = "What the error in hover depends on";
+    Sheet::tabulate(("dependences", title), &columns, &rows, names)
+        .with_note("Spearman's rank correlation over all draws: 1 where the error always rises with the key.")
+        .as_detail()
 }
 
-const DEPENDENCE: [Column; 1] = [("rank_correlation", "rank correlation with the hover's error")];
+/// Spearman's rank correlation of a figure with a drawn key \[-1..1\]; NaN if either is the same in all draws.
+fn dependence(values: &[f64], draws: &[Draw], key: &str) -> f64 {
+    let drawn: Vec<f64> = draws.iter().filter_map(|draw| draw.value(key)).map(mean_of).collect();
+    if drawn.len() == values.len() { rank_correlation(values, &drawn) } else { f64::NAN }
+}
 
-/// The keys that the error in hover of each law depends on most.
-#[must_use]
-pub fn dependences(judged: &[Judged], draws: &[Draw], spread: &PlantSpread) -> Sheet {
-    let rows = judged.iter().flat_map(|law| {
-        let values = law.values(HOVER);
-        let of_key =
-            |SpreadKey { key, .. }: &SpreadKey| (key.clone(), dependence(&values, draws, key));
-        let mut keys: Vec<(String, f64)> =
-            spread.keys.iter().map(of_key).filter(|(_, share)| share.is_finite()).collect();
-        keys.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
-        let row = |(key, share): (String, f64)| row_of(law, &key, vec![share.into()]);
-        keys.into_iter().take(STRONGEST).map(row).collect::<Vec<_>>()
-    });
-    Sheet {
-        name: "dependences".to_owned(),
-        title: "What the error in hover depends on".to_owned(),
-        notes: vec!["Spearman's rank correlation over all draws: 1 where the error always rises with the key.".to_owned()],
-        columns: DEPENDENCE.to_vec(),
-        rows: rows.collect(),
-        is_detail: true,
-        ..Sheet::default()
+/// A drawn value as one number: the mean of a list's numbers, 0 or 1 for a truth value, the length of a word.
+fn mean_of(value: &Value) -> f64 {
+    match value {
+        Value::Array(values) => mean(&values.iter().map(mean_of).collect::<Vec<_>>()),
+        Value::Boolean(truth) => f64::from(u8::from(*truth)),
+        Value::String(word) => word.len() as f64,
+        other => other.as_float().or(other.as_integer().map(|n| n as f64)).unwrap_or(f64::NAN),
     }
 }
 
 /// The spread itself.
 #[must_use]
-pub fn spread_table(spread: &PlantSpread) -> Sheet {
+pub fn spread(spread: &PlantSpread) -> Sheet {
     let row = |SpreadKey { key, form }: &SpreadKey| {
         SheetRow::new(Variant::Ours, "all", key.clone(), vec![form.words().as_str().into()])
     };
@@ -200,3 +213,45 @@ const SPREAD_NOTE: &str = "Evenly between the bounds, each key by itself. A spre
      configuration with one of these forms: `between = [LOW, HIGH]`, a number; `factor = [LOW, HIGH]`, the configured value times a \
      number; `each-factor`, every element of a list times a number of its own; `one-factor`, one element of a list, drawn too, times a \
      number; `choose = [VALUES]`, one of them. As in `[plant]` with `mass-kg = { factor = [0.9, 1.1] }`.";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::study::tests::flown;
+    use oqtal_config::Setting;
+
+    #[test]
+    fn laws_are_compared_draw_by_draw_with_the_best_of_the_others() {
+        let laws = [
+            flown("pid", &[1.0, 5.0, f64::INFINITY]),
+            flown("lqr", &[2.0, 4.0, 9.0]),
+            flown("oqtal", &[3.0, 3.0, 1.0]),
+        ];
+        assert_eq!(worse_than_the_best_other(&laws, 0, HOVER), 2.0 / 3.0);
+        assert_eq!(worse_than_the_best_other(&laws, 2, HOVER), 1.0 / 3.0);
+        assert!(worse_than_the_best_other(&laws[..1], 0, HOVER).is_nan());
+    }
+
+    #[test]
+    fn the_worst_draw_is_the_first_of_the_worst() {
+        let laws = [flown("pid", &[1.0, f64::INFINITY, f64::INFINITY])];
+        let sheet = distributions(&laws);
+        assert_eq!(sheet.rows[0].number(&sheet.columns, "worst_draw"), 1.0);
+        assert_eq!(shown_draws(&laws[0]), [1, 2, 0]);
+    }
+
+    #[test]
+    fn a_figure_depends_on_the_key_that_it_rises_with() {
+        let draw = |run: u64, lag: f64| Draw {
+            run,
+            seed: run,
+            settings: vec![Setting::flag("", "plant.rate-lag-ms", lag)],
+        };
+        let draws: Vec<Draw> = (0..9).map(|run| draw(run, (run * run) as f64)).collect();
+        let rising: Vec<f64> = (0..9).map(|run| f64::from(run).exp()).collect();
+        let falling: Vec<f64> = rising.iter().map(|value| -value).collect();
+        assert!((dependence(&rising, &draws, "plant.rate-lag-ms") - 1.0).abs() < 1e-12);
+        assert!((dependence(&falling, &draws, "plant.rate-lag-ms") + 1.0).abs() < 1e-12);
+        assert!(dependence(&rising, &draws, "plant.mass-kg").is_nan());
+    }
+}

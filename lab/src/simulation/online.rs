@@ -1,4 +1,4 @@
-//! A flight that waits at every review for what its caller wants changed: gains are replaced while the vehicle flies.
+//! A flight that pauses after every [`POLL_PERIOD`](super::POLL_PERIOD), so that its caller can change gains while the vehicle flies.
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_control::position::OuterLoop;
@@ -9,7 +9,7 @@ use oqtal_runtime::process::Failure;
 use super::Simulation;
 use crate::mission::Mission;
 
-/// A flight that its caller takes from review to review.
+/// A flight that its caller advances in steps.
 pub struct OnlineFlight<'a> {
     simulation: Simulation<'a>,
     began: Time,
@@ -17,7 +17,7 @@ pub struct OnlineFlight<'a> {
 }
 
 impl<'a> OnlineFlight<'a> {
-    /// Begins to fly `mission`.
+    /// Begins the flight of `mission`.
     ///
     /// # Errors
     /// An option of the law is invalid.
@@ -27,33 +27,33 @@ impl<'a> OnlineFlight<'a> {
         Ok(Self { simulation, began: Time::now(), is_over: false })
     }
 
-    /// Flies on to the next [`REVIEW`](super::REVIEW); `false` once the flight is over.
+    /// Flies for the next [`POLL_PERIOD`](super::POLL_PERIOD); `false` once the flight is over.
     ///
     /// # Errors
-    /// The flight cannot go on.
+    /// A process of the flight failed.
     pub fn advance(&mut self) -> Result<bool, Failure> {
-        self.is_over = self.is_over || !self.simulation.fly_to_review(Span::ZERO, &mut |_| None)?;
+        self.is_over = self.is_over || !self.simulation.advance(Span::ZERO, &mut |_| None)?;
         Ok(!self.is_over)
     }
 
     /// Replaces the gains of an outer loop.
     ///
     /// # Errors
-    /// A gain is not allowed.
+    /// A gain is out of range.
     pub fn set_loop(&mut self, which: OuterLoop, gains: PidGains) -> Result<(), Failure> {
         self.simulation.processes.set_loop(which, gains)
     }
 
-    /// The ticks so far, in the order of time.
+    /// Ticks flown so far, in the order of time.
     #[must_use]
     pub fn samples(&self) -> &[FlightSample] {
         self.simulation.recorder.samples()
     }
 
-    /// The flight, flown to its end.
+    /// Flies to the end and returns the flight.
     ///
     /// # Errors
-    /// The flight cannot go on.
+    /// A process of the flight failed.
     pub fn finish(mut self) -> Result<Flight, Failure> {
         while self.advance()? {}
         Ok(self.simulation.close(self.began).0)

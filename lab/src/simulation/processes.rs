@@ -1,4 +1,4 @@
-//! The processes of a flight in this process: their turns over topics in memory, opened at the start and again after a kill.
+//! The turns of all processes of a flight over topics in memory, opened at the start and again after a kill.
 
 use std::rc::Rc;
 
@@ -36,7 +36,7 @@ enum PoseProcess {
 pub(super) struct Processes<'a> {
     mission: &'a Mission,
     bus: Rc<MemoryBus>,
-    /// Whether an observer wants the truth of every millisecond.
+    /// Whether an observer needs the truth of every millisecond.
     every_millisecond: bool,
     plant: Process<PlantTurn<Ports>>,
     poses: PoseProcess,
@@ -44,7 +44,7 @@ pub(super) struct Processes<'a> {
 }
 
 impl<'a> Processes<'a> {
-    /// Opens all of them; `every_millisecond` as an observer wants the truth.
+    /// Opens all processes; with `every_millisecond` the plant publishes the truth at each integration step.
     pub(super) fn open(
         mission: &'a Mission,
         bus: &Rc<MemoryBus>,
@@ -61,7 +61,7 @@ impl<'a> Processes<'a> {
         })
     }
 
-    /// Opens the process `role` anew, as after a kill.
+    /// Opens the process `role` again after a kill.
     pub(super) fn reopen(&mut self, role: Role, now: Time) -> Result<(), Failure> {
         let Self { mission, bus, every_millisecond, .. } = self;
         match role {
@@ -82,7 +82,7 @@ impl<'a> Processes<'a> {
                 PoseProcess::Playback(turn) => step(turn.as_mut(), now),
             },
             Role::Daemon => step(&mut self.daemon, now),
-            // They take no part in virtual time.
+            // These roles do not run in virtual time.
             Role::Recorder | Role::Bridge | Role::Receiver => Ok(TurnResult::default()),
         }
     }
@@ -94,7 +94,11 @@ impl<'a> Processes<'a> {
     }
 
     /// Passes an operator's command to the daemon; `false` if it is refused.
-    pub(super) fn obey(&mut self, now: Time, command: OperatorCommand) -> Result<bool, BusError> {
+    pub(super) fn request(
+        &mut self,
+        now: Time,
+        command: OperatorCommand,
+    ) -> Result<bool, BusError> {
         Ok(self.daemon.turn.request(now, command)?.answer != Answer::Refused.code())
     }
 }
@@ -122,7 +126,7 @@ fn daemon(
     let faulty = FaultyTransport::new(bus, config)?;
     let cycle = Cycle::new(config, mission.trajectory.clone(), start)
         .map_err(|error| config.locate(&error))?;
-    // The background thread's end is dropped: nobody sends requests through it or reads notes from it.
+    // The end of the background thread is dropped: a simulation has no requests from other threads.
     let (handle, _) = loop_handoff();
     let mut ports = DaemonPorts::open(&faulty)?;
     ports.announce_start(start, false)?;

@@ -20,7 +20,7 @@ use crate::mission::Mission;
 use crate::progress::Progress;
 use crate::simulation::online::OnlineFlight;
 
-/// Duration of a window \[s\], a multiple of [`REVIEW`](crate::simulation::REVIEW).
+/// Duration of a window \[s\], a multiple of [`POLL_PERIOD`](crate::simulation::POLL_PERIOD).
 const WINDOW_S: f64 = 4.0;
 /// The way out \[m, world\].
 const AWAY_M: [f64; 3] = [0.3, 0.3, 0.2];

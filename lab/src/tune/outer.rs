@@ -5,15 +5,14 @@
 
 use oqtal_config::{Config, Setting};
 use oqtal_control::controller::SearchRange;
+use oqtal_observe::flight::{Flight, FlightSample};
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
-use crate::campaign::flights::{NOMINAL, Prepared, Test};
-use crate::campaign::metric::of_hover;
+use super::search::{Budget, TrainingFlights, Tuned, configured, search, settings, values};
 use crate::progress::Progress;
-use oqtal_observe::flight::{Flight, FlightSample};
-
-use super::search::{Budget, Ground, Tuned, configured, search, values};
+use crate::study::flights::path;
+use crate::study::metric::of_hover;
 
 /// Weight of the jitter of the command against the error \[-\]: a loop must not follow closely at the expense of the attitude.
 const JITTER_WEIGHT: f64 = 1.0;
@@ -56,29 +55,33 @@ static LOOPS: [Loop; 4] = [
     },
 ];
 
-/// Tunes the loops in turn, each with its share of the budget and the gains already found for those before it, around `oqtal`
-/// with its configured gains.
+/// Tunes the loops in turn, each with its share of the budget and with the gains found for the loops before it, around `oqtal` with
+/// its configured gains.
 ///
 /// # Errors
 /// A setting is invalid.
-pub fn tune(budget: &Budget, ground: &Ground, progress: &Progress) -> Result<Tuned, Failure> {
+pub fn tune(
+    budget: &Budget,
+    flights: &TrainingFlights,
+    progress: &Progress,
+) -> Result<Tuned, Failure> {
     let bar = progress.start("tuning the outer loops", budget.points);
     let share = Budget { points: budget.points / LOOPS.len(), ..*budget };
-    let config = Config::from_settings(&ground.settings)?;
+    let config = Config::from_settings(&flights.settings)?;
     let mut found: Vec<(String, f64)> = Vec::new();
     let mut objective = 0.0;
     for tuned in &LOOPS {
-        let reference = judged(tuned, &found, ground)?;
+        let reference = figures(tuned, &found, flights)?;
         let start = configured(&tuned.parameters, &config);
         let best = search(&tuned.parameters, &start, &share, |points| {
-            let judge = |point: &Vec<f64>| {
+            let evaluate = |point: &Vec<f64>| {
                 let gains = [found.clone(), values(&tuned.parameters, point)].concat();
-                let judged = judged(tuned, &gains, ground).unwrap_or([f64::INFINITY; 2]);
+                let [error, jitter] = figures(tuned, &gains, flights).unwrap_or([f64::INFINITY; 2]);
                 bar.inc();
-                (judged[0] / reference[0] + JITTER_WEIGHT * judged[1] / reference[1])
+                (error / reference[0] + JITTER_WEIGHT * jitter / reference[1])
                     / (1.0 + JITTER_WEIGHT)
             };
-            points.par_iter().map(judge).collect()
+            points.par_iter().map(evaluate).collect()
         });
         let is_better = best.value < 1.0;
         found.extend(if is_better { values(&tuned.parameters, &best.point) } else { start });
@@ -107,17 +110,17 @@ pub fn on_a_bound(settings: &[Setting]) -> Vec<String> {
 }
 
 /// Mean error of the loop and jitter of the command, along paths from take-off on.
-fn judged(tuned: &Loop, gains: &[(String, f64)], ground: &Ground) -> Result<[f64; 2], Failure> {
-    let gains: Vec<Setting> =
-        gains.iter().map(|(key, value)| Setting::flag("tune", key, *value)).collect();
-    let path = Prepared::new(&ground.contender("oqtal", &gains), Test::Path, &NOMINAL)?;
+fn figures(
+    tuned: &Loop,
+    gains: &[(String, f64)],
+    flights: &TrainingFlights,
+) -> Result<[f64; 2], Failure> {
+    let law = flights.law("oqtal", &settings(gains));
     let fly = |seed| {
-        let flown = path.fly(seed)?;
-        let judge = |flight: &Flight| [mean(flight, tuned.error), of_hover(flight)[1]];
-        Ok(flown.map_or([f64::INFINITY; 2], |(flight, _)| judge(&flight)))
+        let figures = |flight: Flight| [mean(&flight, tuned.error), of_hover(&flight)[1]];
+        Ok(path(&law, seed)?.map_or([f64::INFINITY; 2], figures))
     };
-    let all: Result<Vec<[f64; 2]>, Failure> =
-        ground.seeds.clone().into_par_iter().map(fly).collect();
+    let all: Result<Vec<[f64; 2]>, Failure> = flights.seeds().into_par_iter().map(fly).collect();
     let all = all?;
     let share = |i: usize| all.iter().map(|each| each[i]).sum::<f64>() / all.len() as f64;
     Ok([share(0), share(1)])

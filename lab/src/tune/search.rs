@@ -4,22 +4,33 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::Range;
 
-use super::bee_colony::Best;
 use oqtal_config::{Config, Setting};
-use oqtal_control::controller::SearchRange;
+use oqtal_control::controller::{ControllerName, SearchRange};
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
-use crate::campaign::flights::{Contender, NOMINAL, PlantVariant, TRAINING, Trial};
-use crate::campaign::metric::Figures;
-use crate::campaign::statistics::{Runs, TRAINING_SEEDS, objective};
-use crate::progress::Progress;
-use crate::robustness::flown::Draw;
-use crate::robustness::statistics::Quantiles;
-
+use super::bee_colony::Best;
 use super::optimiser::Optimiser;
-use super::space::LawSpace;
-use super::value::value_of;
+use super::space::parameters;
+use crate::progress::Progress;
+use crate::robustness::draws::Draw;
+use crate::study::flights::{AUTHORITY, Change, DELAY, NOMINAL, Plant, RATE_LAG, table, value_at};
+use crate::study::law::StudyLaw;
+use crate::study::metric::{Figures, METRIC, METRICS};
+use crate::study::{Case, Condition, Flown, Study, TRAINING_SEEDS};
+
+/// The plants that gains are tuned on, one for each training seed, so that no gain relies on one plant being exactly known.
+const TRAINING: [Plant; 6] = [
+    NOMINAL,
+    NOMINAL,
+    Plant { name: "rate gain -12 %", changes: &[Change::Times(AUTHORITY, 0.88)] },
+    Plant { name: "rate gain +12 %", changes: &[Change::Times(AUTHORITY, 1.12)] },
+    Plant { name: "inner lag 65 ms", changes: &[Change::Times(RATE_LAG, 1.3)] },
+    Plant {
+        name: "inner lag 40 ms, delay +5 ms",
+        changes: &[Change::Times(RATE_LAG, 0.8), Change::Times(DELAY, 1.25)],
+    },
+];
 
 /// Budget of a search.
 #[derive(Clone, Copy, Debug)]
@@ -38,29 +49,95 @@ impl Default for Budget {
     }
 }
 
-/// The flights on which gains are judged.
+/// The flights on which gains are evaluated.
 #[derive(Clone, Debug)]
-pub struct Ground {
-    /// Settings that all flights have in common: the vehicle and its surroundings.
+pub struct TrainingFlights {
+    /// Settings of all flights: the vehicle and its environment.
     pub settings: Vec<Setting>,
-    /// Seeds of the flights; the plants of [`TRAINING`] take turns.
-    pub seeds: Range<u64>,
-    /// Draws of a spread that are flown in place of the plants of [`TRAINING`], each with a seed of its own; empty for those.
-    pub draws: Vec<Draw>,
+    /// The flights.
+    pub case: Case,
+    /// Number of draws of a spread \[-\]; 0 for plants near the configured one.
+    pub draws: usize,
 }
 
-impl Default for Ground {
+impl Default for TrainingFlights {
     fn default() -> Self {
-        Self { settings: Vec::new(), seeds: TRAINING_SEEDS, draws: Vec::new() }
+        Self::near(Vec::new(), TRAINING_SEEDS)
     }
 }
 
-impl Ground {
+impl TrainingFlights {
+    /// One flight for each seed, on six plants near the configured one in turn.
+    #[must_use]
+    pub fn near(settings: Vec<Setting>, seeds: Range<u64>) -> Self {
+        let plants = seeds.zip(TRAINING.into_iter().cycle());
+        let condition = |(seed, plant)| Condition { seed, plant, settings: Vec::new() };
+        let case =
+            Case { name: "training".to_owned(), conditions: plants.map(condition).collect() };
+        Self { settings, case, draws: 0 }
+    }
+
+    /// One flight for each draw of a spread.
+    #[must_use]
+    pub fn over(settings: Vec<Setting>, draws: &[Draw]) -> Self {
+        Self { settings, case: Draw::case(draws), draws: draws.len() }
+    }
+
+    /// Seeds of the flights.
+    pub fn seeds(&self) -> Vec<u64> {
+        self.case.conditions.iter().map(|condition| condition.seed).collect()
+    }
+
     /// The law `controller` with `gains` in place of the configured ones.
     #[must_use]
-    pub fn contender(&self, controller: &'static str, gains: &[Setting]) -> Contender {
-        Contender { controller, settings: [&self.settings, gains].concat() }
+    pub fn law(&self, controller: &'static str, gains: &[Setting]) -> StudyLaw {
+        StudyLaw::new(controller, [&self.settings, gains].concat(), "")
     }
+
+    fn fly(&self, law: &StudyLaw) -> Result<Flown, Failure> {
+        let (laws, cases) = (std::slice::from_ref(law), std::slice::from_ref(&self.case));
+        let mut flown = Study { name: "training", laws, cases }.fly_quietly()?;
+        Ok(flown.pop().expect("one law flew one case"))
+    }
+
+    /// The figures by which others are divided: those of `oqtal` with its configured gains, without those of the study.
+    fn reference(&self) -> Result<Figures, Failure> {
+        let stack = Setting::flag("tune", "control.stack", "default");
+        let flown = self.fly(&self.law("oqtal", &[stack]))?;
+        Ok(match self.draws {
+            0 => flown.mean(),
+            _ => std::array::from_fn(|metric| flown.quantile(metric, 0.5)),
+        })
+    }
+
+    /// The objective of a law \[-\], lower is better.
+    fn objective(&self, law: &StudyLaw, reference: &Figures) -> Result<f64, Failure> {
+        let flown = self.fly(law)?;
+        Ok(match self.draws {
+            0 => objective(&flown.mean(), reference),
+            _ => objective(&quadratic_mean(&flown, reference), reference),
+        })
+    }
+}
+
+/// Weighted mean of the metrics, each over that of a reference \[-\].
+fn objective(figures: &Figures, reference: &Figures) -> f64 {
+    let weights: f64 = METRIC.iter().map(|metric| metric.weight).sum();
+    let share = |index: usize| METRIC[index].weight * figures[index] / reference[index].max(1e-9);
+    (0..METRICS).map(share).sum::<f64>() / weights
+}
+
+/// Upper bound of a figure over that of the reference, also for a flight that did not land \[-\].
+const WORST_SHARE: f64 = 20.0;
+
+/// Quadratic mean of each figure over the draws, in which the worst weigh most.
+fn quadratic_mean(flown: &Flown, reference: &Figures) -> Figures {
+    std::array::from_fn(|metric| {
+        let figures = flown.values(metric);
+        let bounded = figures.iter().map(|figure| figure.min(WORST_SHARE * reference[metric]));
+        let squares: f64 = bounded.map(|figure| figure.powi(2)).sum();
+        (squares / figures.len() as f64).sqrt()
+    })
 }
 
 /// Gains found by a search.
@@ -70,13 +147,13 @@ pub struct Tuned {
     pub what: String,
     /// Keys and values \[units of the keys\].
     pub values: Vec<(String, f64)>,
-    /// Objective at these gains \[-\]; 1 for `oqtal` with its configured gains, lower is better.
+    /// Objective at these gains \[-\]; 1 for `oqtal` with its configured gains; lower is better.
     pub objective: f64,
     /// Objective at the configured gains, where the search starts \[-\].
     pub start: f64,
     /// The search.
     pub budget: Budget,
-    /// Number of draws of a spread on which the gains were judged \[-\]; 0 for the plants of [`TRAINING`].
+    /// Number of draws of a spread on which the gains were evaluated \[-\]; 0 for plants near the configured one.
     pub draws: usize,
 }
 
@@ -138,11 +215,12 @@ impl fmt::Display for Tuned {
     }
 }
 
-fn settings(values: &[(String, f64)]) -> Vec<Setting> {
+/// Gains as settings.
+pub(super) fn settings(values: &[(String, f64)]) -> Vec<Setting> {
     values.iter().map(|(key, value)| Setting::flag("tune", key, *value)).collect()
 }
 
-/// `value` rounded to four significant digits, so that the gains evaluated are those written.
+/// `value` rounded to four significant digits, so that the evaluated gains are the written ones.
 fn readable(value: f64) -> f64 {
     format!("{value:.3e}").parse().expect("a number just written")
 }
@@ -156,12 +234,16 @@ pub fn values(parameters: &[SearchRange], point: &[f64]) -> Vec<(String, f64)> {
 /// The values of `parameters` in `config`, within their bounds.
 #[must_use]
 pub fn configured(parameters: &[SearchRange], config: &Config) -> Vec<(String, f64)> {
-    let value =
-        |p: &SearchRange| (p.key.to_string(), value_of(config, &p.key).clamp(p.low, p.high));
+    let config = table(config);
+    let value = |p: &SearchRange| {
+        let value = value_at(&config, &p.key).and_then(toml::Value::as_float);
+        let value = value.expect("a parameter is a number of the configuration");
+        (p.key.to_string(), value.clamp(p.low, p.high))
+    };
     parameters.iter().map(value).collect()
 }
 
-/// Searches `parameters` in their logarithms, from the values `start`, for the least objective.
+/// Searches the least objective over the logarithms of `parameters`, from the values `start`.
 pub fn search(
     parameters: &[SearchRange],
     start: &[(String, f64)],
@@ -174,107 +256,54 @@ pub fn search(
     optimiser.minimise(&bounds, start, (points, seed), evaluate)
 }
 
-/// Tunes a law, with estimator and position loops around it, on `ground`.
+/// Tunes a law, with the estimator and the position loops around it, on `flights`.
 ///
 /// # Errors
 /// A setting is invalid.
 pub fn law(
-    space: &LawSpace,
+    controller: ControllerName,
     budget: &Budget,
-    ground: &Ground,
+    flights: &TrainingFlights,
     progress: &Progress,
 ) -> Result<Tuned, Failure> {
-    let config = Config::from_settings(&ground.settings)?;
-    let parameters = space.parameters_within(config.control.stack);
-    let bar = progress.start(&format!("tuning {}", space.controller), budget.points);
-    let reference = reference(ground)?;
-    let judge = |gains: &[Setting]| {
-        let contender = ground.contender(space.controller, gains);
-        match ground.draws.is_empty() {
-            true => Ok::<f64, Failure>(objective(&trained(&contender, ground)?, &reference)),
-            false => Ok(over_draws(&on_draws(&contender, &ground.draws)?, &reference)),
-        }
-    };
-    let start = judge(&[])?;
+    let config = Config::from_settings(&flights.settings)?;
+    let (name, parameters) = (controller.name(), parameters(controller, config.control.stack));
+    let bar = progress.start(&format!("tuning {name}"), budget.points);
+    let reference = flights.reference()?;
+    let evaluate = |gains: &[Setting]| flights.objective(&flights.law(name, gains), &reference);
+    let start = evaluate(&[])?;
     let from = configured(&parameters, &config);
     let best = search(&parameters, &from, budget, |points| {
-        let judge = |point: &Vec<f64>| {
-            let value = judge(&settings(&values(&parameters, point))).unwrap_or(f64::INFINITY);
+        let evaluate = |point: &Vec<f64>| {
+            let value = evaluate(&settings(&values(&parameters, point))).unwrap_or(f64::INFINITY);
             bar.inc();
             value
         };
-        points.par_iter().map(judge).collect()
+        points.par_iter().map(evaluate).collect()
     });
     let (values, objective) = match best.value < start {
         true => (values(&parameters, &best.point), best.value),
         false => (from, start),
     };
     Ok(Tuned {
-        what: space.controller.to_owned(),
+        what: name.to_owned(),
         values,
         objective,
         start,
         budget: *budget,
-        draws: ground.draws.len(),
+        draws: flights.draws,
     })
 }
 
-/// The objective of a law at its shipped gains, and with those of `contender`, on the training seeds.
+/// The objective of a law at its shipped gains, and with those of `law`, on the training seeds.
 ///
 /// # Errors
 /// A setting is invalid.
-pub fn before_and_after(contender: &Contender) -> Result<[f64; 2], Failure> {
-    let ground = Ground::default();
-    let reference = trained(&ground.contender("oqtal", &[]), &ground)?;
-    let shipped = trained(&ground.contender(contender.controller, &[]), &ground)?;
-    let figures = [shipped, trained(contender, &ground)?];
-    Ok(figures.map(|figures| objective(&figures, &reference)))
-}
-
-/// The figures by which others are divided: those of `oqtal` with its configured gains, without those of the study.
-fn reference(ground: &Ground) -> Result<Figures, Failure> {
-    let contender = ground.contender("oqtal", &[Setting::flag("tune", "control.stack", "default")]);
-    if ground.draws.is_empty() {
-        return trained(&contender, ground);
-    }
-    let figures = on_draws(&contender, &ground.draws)?;
-    Ok(std::array::from_fn(|metric| {
-        let values: Vec<f64> = figures.iter().map(|figures| figures[metric]).collect();
-        Quantiles::of(&values).median
-    }))
-}
-
-/// The figures of every draw.
-fn on_draws(contender: &Contender, draws: &[Draw]) -> Result<Vec<Figures>, Failure> {
-    let fly = |draw: &Draw| {
-        let settings = [&contender.settings[..], &draw.settings].concat();
-        Ok(Trial::new(&Contender { settings, ..*contender }, &NOMINAL)?.fly(draw.seed)?.0)
-    };
-    draws.par_iter().map(fly).collect()
-}
-
-/// A figure beyond this multiple of the reference's, and that of a flight that did not land, counts as this \[-\].
-const WORST_SHARE: f64 = 20.0;
-
-/// The objective over draws \[-\]: the weighted mean of the metrics, each as the quadratic mean over the draws, in which the worst
-/// weigh most, over the reference.
-#[must_use]
-pub fn over_draws(figures: &[Figures], reference: &Figures) -> f64 {
-    let quadratic_mean = |metric: usize| {
-        let share = |figures: &Figures| figures[metric].min(WORST_SHARE * reference[metric]);
-        let squares: f64 = figures.iter().map(|figures| share(figures).powi(2)).sum();
-        (squares / figures.len() as f64).sqrt()
-    };
-    objective(&std::array::from_fn(quadratic_mean), reference)
-}
-
-/// Mean figures over the seeds, each on its plant.
-fn trained(contender: &Contender, ground: &Ground) -> Result<Figures, Failure> {
-    let fly = |(seed, plant): (u64, &PlantVariant)| Ok(Trial::new(contender, plant)?.fly(seed)?.0);
-    let plants = TRAINING.iter().cycle();
-    let flights: Vec<(u64, &PlantVariant)> = ground.seeds.clone().zip(plants).collect();
-    let figures: Result<Vec<Figures>, Failure> = flights.into_par_iter().map(fly).collect();
-    Ok(Runs { figures: figures?, solves: 0 }.mean())
+pub fn before_and_after(law: &StudyLaw) -> Result<[f64; 2], Failure> {
+    let flights = TrainingFlights::default();
+    let reference = flights.fly(&flights.law("oqtal", &[]))?.mean();
+    let shipped = flights.objective(&flights.law(law.controller, &[]), &reference)?;
+    Ok([shipped, flights.objective(law, &reference)?])
 }
 
 #[cfg(test)]
@@ -282,7 +311,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_tuned_configuration_loads_and_says_what_was_found() {
+    fn the_objective_of_the_reference_is_one() {
+        let figures = std::array::from_fn(|index| 1.0 + index as f64);
+        assert!((objective(&figures, &figures) - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_tuned_configuration_loads_with_the_gains_that_were_found() {
         let tuned = Tuned {
             what: "lqr".to_owned(),
             values: vec![("control.lqr.attitude-weight".to_owned(), 12.34)],

@@ -4,11 +4,11 @@ use maud::{Markup, html};
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
-use crate::campaign::flights::{NOMINAL, Prepared, Test};
-use crate::campaign::metric::of_path;
-use crate::campaign::statistics::EVALUATION_SEEDS;
-use crate::campaign::table::Entrant;
 use crate::sheet::Variant;
+use crate::study::EVALUATION_SEEDS;
+use crate::study::flights;
+use crate::study::law::StudyLaw;
+use crate::study::metric::of_path;
 use oqtal_observe::flight::{Flight, FlightSample};
 use oqtal_observe::plot::figure::in_plane;
 use oqtal_observe::plot::palette::Ink;
@@ -35,10 +35,10 @@ struct LawRuns {
 ///
 /// # Errors
 /// A setting is invalid.
-pub fn all(entrants: &[Entrant]) -> Result<Vec<Figure>, Failure> {
+pub fn all(among: &[StudyLaw]) -> Result<Vec<Figure>, Failure> {
     let laws: Result<Vec<LawRuns>, Failure> = [("pid", 20), ("lqr", 21), ("oqtal", 22)]
         .into_iter()
-        .map(|(name, figure)| best_runs(entrants, name, figure))
+        .map(|(name, figure)| best_runs(among, name, figure))
         .collect();
     let laws = laws?;
     let mut figures = vec![
@@ -50,23 +50,16 @@ pub fn all(entrants: &[Entrant]) -> Result<Vec<Figure>, Failure> {
     Ok(figures)
 }
 
-fn best_runs(
-    entrants: &[Entrant],
-    controller: &'static str,
-    figure: u8,
-) -> Result<LawRuns, Failure> {
-    let entrant = entrants
+fn best_runs(laws: &[StudyLaw], controller: &'static str, figure: u8) -> Result<LawRuns, Failure> {
+    let law = laws
         .iter()
-        .find(|entrant| {
-            entrant.variant == Variant::Ours && entrant.contender.controller == controller
-        })
+        .find(|law| law.variant == Variant::Ours && law.controller == controller)
         .expect("the paper's laws are among those tuned");
-    let square = Prepared::new(&entrant.contender, Test::Path, &NOMINAL)?;
     let seeds = EVALUATION_SEEDS.start..EVALUATION_SEEDS.start + RUNS;
     let flown: Result<Vec<_>, Failure> =
-        seeds.into_par_iter().map(|seed| square.fly(seed)).collect();
+        seeds.into_par_iter().map(|seed| flights::path(law, seed)).collect();
     let mut flights: Vec<(f64, Flight)> =
-        flown?.into_iter().flatten().map(|(flight, _)| (of_path(&flight)[0], flight)).collect();
+        flown?.into_iter().flatten().map(|flight| (of_path(&flight)[0], flight)).collect();
     flights.sort_by(|a, b| a.0.total_cmp(&b.0));
     let flights = flights.into_iter().take(REPEATED).map(|(_, flight)| flight).collect();
     Ok(LawRuns { controller, figure, flights })

@@ -1,4 +1,4 @@
-//! The gains with which a campaign flies each law.
+//! The gains of the laws of a study: as configured, those that come with the program, or from a directory.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -6,10 +6,42 @@ use std::str::FromStr;
 
 use oqtal_config::{Config, Setting};
 use oqtal_runtime::process::{Exit, Failure};
+use toml::{Table, Value};
 
-use crate::tune::gains::tuned;
+use super::law::StudyLaw;
 
-/// Where a campaign takes the gains of its laws from.
+/// Name and text of every file in `deploy/tuned`, output of `oqtal tune`.
+const FILES: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/tuned.rs"));
+
+/// The settings in `deploy/tuned/NAME.toml`, for a law or for the outer loops; empty without such a file.
+///
+/// # Panics
+/// The file is not TOML: a test parses every file.
+#[must_use]
+pub fn tuned(name: &str) -> Vec<Setting> {
+    let Some((name, text)) = FILES.iter().find(|(file, _)| *file == name) else {
+        return Vec::new();
+    };
+    let table: Table = text.parse().expect("the files of deploy/tuned are TOML");
+    let mut settings = Vec::new();
+    collect(name, "", &table, &mut settings);
+    settings
+}
+
+fn collect(file: &str, prefix: &str, table: &Table, settings: &mut Vec<Setting>) {
+    for (name, value) in table {
+        let key = format!("{prefix}{name}");
+        match value {
+            Value::Table(inner) => collect(file, &format!("{key}."), inner, settings),
+            value => {
+                let origin = format!("deploy/tuned/{file}.toml");
+                settings.push(Setting { key, value: value.clone(), origin });
+            }
+        }
+    }
+}
+
+/// Source of the gains of laws.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum GainSource {
     /// The configuration, as `oqtal fly` does.
@@ -53,15 +85,11 @@ impl GainSource {
         }
     }
 
-    /// The settings of the law `controller` under those of a study, `common`, and a remark on its gains.
+    /// The law `controller` with its gains under the settings of a study, `common`.
     ///
     /// # Errors
     /// The directory has no file for the law, or one with an error (exit code 78).
-    pub fn of(
-        &self,
-        controller: &str,
-        common: &[Setting],
-    ) -> Result<(Vec<Setting>, String), Failure> {
+    pub fn law(&self, controller: &'static str, common: &[Setting]) -> Result<StudyLaw, Failure> {
         let (own, remark) = match self {
             Self::Configured => (Vec::new(), "configured gains".to_owned()),
             Self::Tuned => match tuned(controller) {
@@ -80,6 +108,24 @@ impl GainSource {
                 (settings, format!("gains of {}", directory.display()))
             }
         };
-        Ok((common.iter().cloned().chain(own).collect(), remark))
+        Ok(StudyLaw::new(controller, [common, &own].concat(), remark))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::study::law;
+
+    #[test]
+    fn every_law_and_the_outer_loops_have_a_file_and_every_file_is_one_of_them() {
+        let names = || law::names().chain(["outer"]);
+        for (name, _) in FILES {
+            assert!(names().any(|known| known == *name), "deploy/tuned/{name}.toml");
+            assert!(!tuned(name).is_empty(), "deploy/tuned/{name}.toml");
+        }
+        for name in names() {
+            assert!(FILES.iter().any(|(file, _)| *file == name), "no deploy/tuned/{name}.toml");
+        }
     }
 }

@@ -34,7 +34,7 @@ pub struct Metric {
 pub const METRICS: usize = 9;
 
 /// The metrics, in the order of [`Figures`]. In tuning, hover counts double: of the metrics that depend neither on limits nor
-/// on a command of the law's own, hover is the only one of the position, while two are of a prescribed attitude.
+/// on a command that the law itself filters, hover alone is of the position, while two are of a prescribed attitude.
 pub const METRIC: [Metric; METRICS] = [
     metric("position_error_m", "position [m]", 1.0),
     metric("velocity_error_m_s", "velocity [m/s]", 1.0),
@@ -47,7 +47,7 @@ pub const METRIC: [Metric; METRICS] = [
     metric("doublet_settle_s", "doublet settled [s]", 1.0),
 ];
 
-/// Indices into [`Figures`].
+/// Index of the position error in [`Figures`].
 pub const POSITION: usize = 0;
 /// Index of the velocity error.
 pub const VELOCITY: usize = 1;
@@ -70,33 +70,33 @@ const fn metric(key: &'static str, title: &'static str, weight: f64) -> Metric {
     Metric { key, title, weight }
 }
 
-/// The metrics of one seed, infinite where a flight did not land.
+/// The metrics of one run, infinite where a flight did not land.
 pub type Figures = [f64; METRICS];
 
 /// Mean position, velocity and attitude error of a flight along a path, and settling and overshoot at its corners.
 ///
-/// Velocity and attitude are judged by the newest set-point that the law has decided on, whatever the law. `oqtal-dt` decides
-/// for the instant at which its command acts, and telemetry shows each of its set-points at the instant it is for.
+/// The velocity and attitude errors are against the newest set-point of the law. `oqtal-dt` computes set-points for the instant at
+/// which its command acts, and telemetry shows each of them at that instant.
 #[must_use]
 pub fn of_path(flight: &Flight) -> [f64; 5] {
     let mut position = Statistics::default();
     flight.scored().for_each(|sample| position.add(sample.position_error().norm()));
     let (mut velocity, mut attitude) = (Statistics::default(), Statistics::default());
-    let ahead = decided_ahead(flight);
+    let ahead = look_ahead(flight);
     for (index, sample) in flight.samples.iter().enumerate() {
         if sample.is_armed() && sample.telemetry.scored != 0 {
-            let (wanted_velocity, wanted_attitude) = decided(&flight.samples[index..], ahead);
-            velocity.add((sample.velocity() - wanted_velocity).norm());
-            attitude.add(wanted_attitude.angle_to(&sample.attitude()).to_degrees());
+            let (set_velocity, set_attitude) = newest_set_point(&flight.samples[index..], ahead);
+            velocity.add((sample.velocity() - set_velocity).norm());
+            attitude.add(set_attitude.angle_to(&sample.attitude()).to_degrees());
         }
     }
     let (settle_s, overshoot_m) = corners(flight);
     [position.mean(), velocity.mean(), attitude.mean(), settle_s, 1e3 * overshoot_m]
 }
 
-/// How long before the instant that they are for set-points are decided: the mean delay of the commands with prediction, nothing
+/// Time between the computation of a set-point and the instant that it is for: the mean delay of commands with prediction, zero
 /// without.
-fn decided_ahead(flight: &Flight) -> Span {
+fn look_ahead(flight: &Flight) -> Span {
     if !flight.config.control.is_predictive() || flight.applied.is_empty() {
         return Span::ZERO;
     }
@@ -107,9 +107,9 @@ fn decided_ahead(flight: &Flight) -> Span {
     Span::from_seconds(delay.mean())
 }
 
-/// Velocity \[m/s, world\] and attitude that had been decided on at the first of `samples` for the instant `ahead` of it.
-fn decided(samples: &[FlightSample], ahead: Span) -> (Vector3<f64>, Attitude) {
-    let wanted = |sample: &FlightSample| Vector3::from(sample.telemetry.velocity_command);
+/// Velocity \[m/s, world\] and attitude that were computed at the first of `samples` for the instant `ahead` of it.
+fn newest_set_point(samples: &[FlightSample], ahead: Span) -> (Vector3<f64>, Attitude) {
+    let velocity = |sample: &FlightSample| Vector3::from(sample.telemetry.velocity_command);
     let at = samples[0].telemetry.time + ahead;
     let later = samples.iter().position(|sample| sample.telemetry.time >= at);
     let later = later.unwrap_or(samples.len() - 1);
@@ -121,7 +121,7 @@ fn decided(samples: &[FlightSample], ahead: Span) -> (Vector3<f64>, Attitude) {
     };
     let (from, to) = (a.attitude_command(), b.attitude_command());
     let attitude = from.turned_by(from.rotation_to(&to) * share);
-    (wanted(a).lerp(&wanted(b), share), attitude)
+    (velocity(a).lerp(&velocity(b), share), attitude)
 }
 
 /// Mean time to settle \[s\] and mean overshoot \[m\] at the corners.
@@ -145,7 +145,7 @@ fn corners(flight: &Flight) -> (f64, f64) {
     (settle.mean(), overshoot.mean())
 }
 
-/// From the first sample to the last that is `outside` \[s\].
+/// Time from the first sample to the last that is `outside` \[s\].
 fn settled(samples: &[&FlightSample], outside: impl Fn(&FlightSample) -> bool) -> f64 {
     let start = samples[0].telemetry.time;
     let last = samples.iter().rfind(|sample| outside(sample));
@@ -170,8 +170,8 @@ pub fn of_hover(flight: &Flight) -> [f64; 2] {
 
 /// The true attitude against one that the trajectory prescribes: RMS \[deg\] and mean time to settle after a step \[s\].
 ///
-/// The prescribed attitude is not the daemon's own command: a law that filters its command is judged by the prescribed one. A
-/// flight turns its trajectory by the heading that the vehicle was measured to have at the start.
+/// The prescribed attitude is that of the trajectory, also for a law that filters its command. A flight turns its trajectory by the
+/// measured heading of the vehicle at the start.
 #[must_use]
 pub fn of_attitude(flight: &Flight, trajectory: &Trajectory) -> [f64; 2] {
     let options = &flight.config.trajectory;
@@ -180,19 +180,19 @@ pub fn of_attitude(flight: &Flight, trajectory: &Trajectory) -> [f64; 2] {
     let commanded = begun.map_or(Attitude::LEVEL, FlightSample::attitude_command);
     let yaw_rad = EulerAngles::from_attitude(&commanded).yaw;
     let heading = Attitude::from_rotation_vector(Vector3::z() * yaw_rad);
-    let judged: Vec<(&FlightSample, f64, _)> = flight
+    let errors: Vec<(&FlightSample, f64, _)> = flight
         .scored()
         .filter_map(|sample| {
-            let wanted = trajectory.sample(sample.telemetry.mission_s - start_s).attitude?.attitude;
-            let wanted = heading.unit_quaternion() * wanted.unit_quaternion();
-            let wanted = Attitude::from_unit_quaternion(wanted);
-            Some((sample, sample.attitude().angle_to(&wanted).to_degrees(), wanted))
+            let prescribed = trajectory.sample(sample.telemetry.mission_s - start_s).attitude?;
+            let prescribed = heading.unit_quaternion() * prescribed.attitude.unit_quaternion();
+            let prescribed = Attitude::from_unit_quaternion(prescribed);
+            Some((sample, sample.attitude().angle_to(&prescribed).to_degrees(), prescribed))
         })
         .collect();
     let mut rms = Statistics::default();
-    judged.iter().for_each(|(_, error, _)| rms.add(*error));
+    errors.iter().for_each(|(_, error, _)| rms.add(*error));
     let mut settle = Statistics::default();
-    for step in judged.chunk_by(|a, b| a.2.angle_to(&b.2).to_degrees() < STEP_DEG) {
+    for step in errors.chunk_by(|a, b| a.2.angle_to(&b.2).to_degrees() < STEP_DEG) {
         let outside = step.iter().rfind(|(_, error, _)| *error > SETTLED_DEG);
         let start = step[0].0.telemetry.time;
         settle.add(outside.map_or(0.0, |last| last.0.telemetry.time.since(start).seconds()));

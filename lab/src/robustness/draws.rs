@@ -1,0 +1,148 @@
+//! Draws of a spread: plants that every law flies, as drawn or identified.
+
+use std::ops::Range;
+
+use oqtal_config::{Config, Setting};
+use oqtal_runtime::process::Failure;
+use rayon::prelude::*;
+use serde_json::{Map, Value as Json, json};
+use toml::Value;
+
+use super::spread::PlantSpread;
+use crate::identify::hidden_plants;
+use crate::progress::Progress;
+use crate::study::flights::{NOMINAL, table, value_at};
+use crate::study::metric::METRIC;
+use crate::study::{Case, Condition, Flown};
+
+/// One draw: a plant and the seed of its flights.
+#[derive(Clone, Debug)]
+pub struct Draw {
+    /// Number \[-\].
+    pub run: u64,
+    /// Seed of the flights: `clock.seed`.
+    pub seed: u64,
+    /// The drawn values.
+    pub settings: Vec<Setting>,
+}
+
+/// Greatest number of draws \[-\]: flights of different draws, and those on which gains are tuned, have different seeds.
+pub const MOST_DRAWS: u64 = 10_000;
+
+/// Seed of the draws on which gains are tuned; laws are compared on others, from 1 on.
+pub const TUNING_SEED: u64 = 0;
+
+/// The noise that the filters of `oqtal-dt` assume follows that of the cameras; the noise of a draw is unknown to them.
+const ASSUMED: [(&str, &str); 2] = [
+    ("control.predictive.filter.attitude-noise-deg", "mocap.attitude-noise-deg"),
+    ("control.predictive.filter.position-noise-mm", "mocap.position-noise-mm"),
+];
+
+impl Draw {
+    /// The draws `runs` with `seed` of `spread` about the configuration of `common`.
+    ///
+    /// # Errors
+    /// A key of the spread does not exist in the configuration.
+    pub fn several(
+        spread: &PlantSpread,
+        common: &[Setting],
+        (seed, runs): (u64, Range<u64>),
+    ) -> Result<Vec<Self>, Failure> {
+        let nominal = table(&Config::from_settings(common)?);
+        let is_drawn = |key: &str| spread.keys.iter().any(|drawn| drawn.key == key);
+        let assumed = ASSUMED.iter().filter(|(_, followed)| is_drawn(followed)).map(|(key, _)| {
+            let value = value_at(&nominal, key).expect("it is a key of every configuration");
+            Setting::flag("spread", key, value.clone())
+        });
+        let assumed: Vec<Setting> = assumed.collect();
+        let draw = |run: u64| {
+            let mut settings = assumed.clone();
+            settings.extend(spread.draw(&nominal, (seed, run))?);
+            Config::from_settings(&[common, &settings].concat())?;
+            Ok(Self { run, seed: (seed + 1) * MOST_DRAWS + run, settings })
+        };
+        runs.map(draw).collect()
+    }
+
+    /// The draws as one case of a study.
+    #[must_use]
+    pub fn case(draws: &[Self]) -> Case {
+        let condition = |draw: &Self| Condition {
+            seed: draw.seed,
+            plant: NOMINAL,
+            settings: draw.settings.clone(),
+        };
+        Case { name: "draws".to_owned(), conditions: draws.iter().map(condition).collect() }
+    }
+
+    /// The drawn value of a key.
+    #[must_use]
+    pub fn value(&self, key: &str) -> Option<&Value> {
+        self.settings.iter().find(|setting| setting.key == key).map(|setting| &setting.value)
+    }
+
+    /// The arguments of `oqtal fly` and `oqtal campaign` that make the same plant.
+    #[must_use]
+    pub fn arguments(&self) -> String {
+        let argument = |setting: &Setting| match setting.key.strip_prefix("plant.") {
+            Some(key) => format!("--plant {}", word(key, &setting.value)),
+            None => format!("--set {}", word(&setting.key, &setting.value)),
+        };
+        self.settings.iter().map(argument).collect::<Vec<_>>().join(" ")
+    }
+}
+
+/// `KEY=VALUE`, quoted for a shell.
+fn word(key: &str, value: &Value) -> String {
+    let text = format!("{key}={value}").replace(' ', "");
+    let plain = |c: char| c.is_ascii_alphanumeric() || "=.-_".contains(c);
+    if text.chars().all(plain) { text } else { format!("'{text}'") }
+}
+
+/// Flies and identifies the plant of every draw, with the law of `common` that knows `[vehicle]` alone, and the mass as weighed.
+/// Returns the draws with the identified vehicle; `None` for a draw whose flight failed or was not sufficient.
+///
+/// # Errors
+/// A setting is invalid.
+pub fn identified(
+    draws: &[Draw],
+    common: &[Setting],
+    progress: &Progress,
+) -> Result<Vec<Option<Draw>>, Failure> {
+    let bar = progress.start("identification", draws.len());
+    let identify = |draw: &Draw| {
+        let mut config = Config::from_settings(&[common, &draw.settings].concat())?;
+        config.clock.seed = draw.seed;
+        let identification = hidden_plants::identified(&config).ok();
+        bar.inc();
+        Ok(identification.map(|identification| {
+            let settings = [&draw.settings[..], &identification.settings()].concat();
+            Draw { settings, ..draw.clone() }
+        }))
+    };
+    draws.par_iter().map(identify).collect()
+}
+
+/// Each draw with the figures of every law, as JSON.
+#[must_use]
+pub fn document(flown: &[Flown], draws: &[Draw]) -> Json {
+    let figures = |draw: usize| {
+        let of = |law: &Flown| {
+            let values = METRIC.iter().zip(law.runs[draw].figures);
+            let values = values.map(|(metric, value)| (metric.key.to_owned(), json!(value)));
+            (law.law.name.clone(), Json::Object(values.collect()))
+        };
+        Json::Object(flown.iter().map(of).collect::<Map<String, Json>>())
+    };
+    let draw = |(index, draw): (usize, &Draw)| {
+        let drawn = draw.settings.iter().map(|setting| (setting.key.clone(), json!(setting.value)));
+        json!({
+            "draw": draw.run,
+            "seed": draw.seed,
+            "arguments": draw.arguments(),
+            "drawn": Json::Object(drawn.collect()),
+            "laws": figures(index),
+        })
+    };
+    draws.iter().enumerate().map(draw).collect()
+}

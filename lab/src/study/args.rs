@@ -1,0 +1,107 @@
+//! Arguments that all studies share: the vehicle, its environment, the trajectory and the seeds.
+
+use std::ops::Range;
+use std::path::PathBuf;
+
+use clap::Args;
+use oqtal_config::{Config, Setting};
+use oqtal_runtime::process::{Exit, Failure};
+
+/// Arguments of the commands that fly simulated flights in large numbers.
+#[derive(Args, Clone, Debug, Default)]
+pub struct StudyArgs {
+    /// Configuration file (TOML) of the vehicle and its environment; see `oqtal check`
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Any key of the configuration, as in --set vehicle.mass-kg=0.6; may be repeated
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    settings: Vec<String>,
+    /// A key of `[plant]` by which the simulated vehicle differs from the one that the laws are designed for, as in
+    /// --plant rate-lag-ms=80; may be repeated
+    #[arg(long = "plant", value_name = "KEY=VALUE")]
+    plant: Vec<String>,
+    /// Trajectory on which the errors of position, velocity and attitude are measured [default: that of the configuration, `square`]
+    #[arg(long, value_name = "NAME")]
+    trajectory: Option<String>,
+}
+
+impl StudyArgs {
+    /// The settings of every flight of the study, in the order of their precedence.
+    ///
+    /// # Errors
+    /// The file or a setting is invalid (exit code 78), or a recording would be played in place of the cameras (64).
+    pub fn settings(&self) -> Result<Vec<Setting>, Failure> {
+        let mut settings = Config::layers(self.config.as_deref())?;
+        for text in &self.settings {
+            settings.push(Setting::parse("--set", text)?);
+        }
+        for text in &self.plant {
+            settings.push(Setting::parse_in("plant", "--plant", text)?);
+        }
+        if let Some(name) = &self.trajectory {
+            settings.push(Setting::flag("--trajectory", "trajectory.kind", name.as_str()));
+        }
+        if Config::from_settings(&settings)?.is_replay() {
+            let reason = "a study flies and does not play a recording; leave out `mocap.replay`";
+            return Err(Failure::new(Exit::Usage, reason));
+        }
+        Ok(settings)
+    }
+
+    /// The arguments as words of a command line, each after a space.
+    #[must_use]
+    pub fn words(&self) -> String {
+        let config = self.config.iter().map(|file| ("--config", file.display().to_string()));
+        let set = self.settings.iter().map(|text| ("--set", text.clone()));
+        let plant = self.plant.iter().map(|text| ("--plant", text.clone()));
+        let trajectory = self.trajectory.iter().map(|name| ("--trajectory", name.clone()));
+        let words = config.chain(set).chain(plant).chain(trajectory);
+        words.map(|(flag, value)| format!(" {flag} {}", quoted(&value))).collect()
+    }
+}
+
+/// `word`, quoted if a shell would split or change it.
+fn quoted(word: &str) -> String {
+    let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "-_./=,:+".contains(letter);
+    match word.chars().all(is_plain) {
+        true => word.to_owned(),
+        false => format!("'{}'", word.replace('\'', "'\\''")),
+    }
+}
+
+/// Parses seeds, `300-330` (both included) or `7`.
+///
+/// # Errors
+/// The text is neither, or the last seed is before the first.
+pub fn parse_seeds(text: &str) -> Result<Range<u64>, String> {
+    let form = || format!("`{text}` is neither FIRST-LAST, as in 300-330, nor one seed");
+    let (first, last) = text.split_once('-').unwrap_or((text, text));
+    let number = |text: &str| text.trim().parse::<u32>().map(u64::from).map_err(|_| form());
+    let (first, last) = (number(first)?, number(last)?);
+    if last < first {
+        return Err(format!("the last seed, {last}, is before the first, {first}"));
+    }
+    Ok(first..last + 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn seeds_are_a_range_with_both_ends_or_one() {
+        assert_eq!(parse_seeds("300-330"), Ok(300..331));
+        assert_eq!(parse_seeds("7"), Ok(7..8));
+        for text in ["", "7-", "-7", "a-b", "9-8", "1..5", "99999999999"] {
+            assert!(parse_seeds(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn a_key_of_the_plant_does_not_change_the_vehicle() {
+        let plant = vec!["rate-lag-ms=80".to_owned()];
+        let settings = StudyArgs { plant, ..StudyArgs::default() }.settings().unwrap();
+        let config = Config::from_settings(&settings).unwrap();
+        assert_eq!((config.plant.rate_lag_ms, config.vehicle.rate_lag_ms), (80.0, 50.0));
+    }
+}

@@ -1,0 +1,217 @@
+//! The flights by which laws are compared: the configured trajectory (a square), a hover and two prescribed attitudes.
+
+use oqtal_config::{Config, Setting};
+use oqtal_observe::flight::{Flight, Outcome};
+use oqtal_runtime::process::Failure;
+use toml::{Table, Value};
+
+use super::law::StudyLaw;
+use super::metric::{
+    CHIRP, DOUBLET, HOVER, JITTER, METRICS, OVERSHOOT, POSITION, of_attitude, of_hover, of_path,
+};
+use super::{Condition, Run};
+use crate::mission::Mission;
+use crate::simulation;
+
+/// A simulated vehicle that differs from the configured one.
+#[derive(Clone, Copy, Debug)]
+pub struct Plant {
+    /// The difference, in words; figures are those of the shipped vehicle.
+    pub name: &'static str,
+    /// Keys of `[plant]` that differ.
+    pub changes: &'static [Change],
+}
+
+/// A key of the configuration whose value differs.
+#[derive(Clone, Copy, Debug)]
+pub enum Change {
+    /// Value of the key \[unit of the key\].
+    To(&'static str, f64),
+    /// Factor of the configured value, or of every element of a list \[-\].
+    Times(&'static str, f64),
+}
+
+/// Key of the greatest commanded rates.
+pub const AUTHORITY: &str = "plant.rate-authority-rad-s";
+/// Key of the lag of the rate loop.
+pub const RATE_LAG: &str = "plant.rate-lag-ms";
+/// Key of the delay of commands.
+pub const DELAY: &str = "plant.command-delay-ms";
+
+/// The configured plant.
+pub const NOMINAL: Plant = Plant { name: "nominal", changes: &[] };
+
+/// Plants that differ from the nominal one.
+pub const MISMATCHED: [Plant; 5] = [
+    Plant { name: "rate gain -20 %", changes: &[Change::Times(AUTHORITY, 0.8)] },
+    Plant { name: "rate gain +20 %", changes: &[Change::Times(AUTHORITY, 1.2)] },
+    Plant { name: "delay +10 ms", changes: &[Change::Times(DELAY, 1.5)] },
+    Plant { name: "inner lag 30 ms", changes: &[Change::Times(RATE_LAG, 0.6)] },
+    Plant { name: "inner lag 80 ms", changes: &[Change::Times(RATE_LAG, 1.6)] },
+];
+
+/// One flight of a condition.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Test {
+    /// The configured trajectory, by default the paper's square.
+    Path,
+    /// 30 s of hover.
+    Hover,
+    /// A prescribed attitude that swings with rising frequency.
+    Chirp,
+    /// A prescribed attitude that steps to both sides.
+    Doublet,
+}
+
+impl Test {
+    /// All tests.
+    pub const ALL: [Self; 4] = [Self::Path, Self::Hover, Self::Chirp, Self::Doublet];
+
+    /// The name in tables.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        self.trajectory().unwrap_or("path")
+    }
+
+    /// The trajectory of the test; `None` for that of the configuration.
+    fn trajectory(self) -> Option<&'static str> {
+        match self {
+            Self::Path => None,
+            Self::Hover => Some("hover"),
+            Self::Chirp => Some("attitude-chirp"),
+            Self::Doublet => Some("attitude-doublet"),
+        }
+    }
+
+    /// Index of the first figure of the test.
+    #[must_use]
+    pub fn figure(self) -> usize {
+        match self {
+            Self::Path => POSITION,
+            Self::Hover => HOVER,
+            Self::Chirp => CHIRP,
+            Self::Doublet => DOUBLET,
+        }
+    }
+}
+
+/// The configuration of a flight of `test`.
+///
+/// # Errors
+/// A setting is invalid.
+pub fn config(law: &StudyLaw, condition: &Condition, test: Test) -> Result<Config, Failure> {
+    let changes = changed(law, condition.plant)?;
+    let mut settings = [&law.settings[..], &condition.settings, &changes].concat();
+    settings.push(law.setting());
+    let trajectory = test.trajectory();
+    settings.extend(trajectory.map(|name| Setting::flag("campaign", "trajectory.kind", name)));
+    let mut config = Config::from_settings(&settings)?;
+    config.clock.seed = condition.seed;
+    Ok(config)
+}
+
+/// The changes of `plant` as settings, about the configuration of the law.
+fn changed(law: &StudyLaw, plant: Plant) -> Result<Vec<Setting>, Failure> {
+    if plant.changes.is_empty() {
+        return Ok(Vec::new());
+    }
+    let nominal = table(&Config::from_settings(&law.settings)?);
+    let setting = |change: &Change| match *change {
+        Change::To(key, value) => Setting::flag("plant", key, value),
+        Change::Times(key, factor) => {
+            let value = value_at(&nominal, key).expect("a plant changes keys of the configuration");
+            let value = scaled(value, &|number| number * factor);
+            Setting::flag("plant", key, value.expect("a plant scales numbers"))
+        }
+    };
+    Ok(plant.changes.iter().map(setting).collect())
+}
+
+/// A configuration as a table.
+#[must_use]
+pub fn table(config: &Config) -> Table {
+    config.to_toml().parse().expect("a configuration is written as TOML")
+}
+
+/// The value of a dotted key of a configuration as a table.
+#[must_use]
+pub fn value_at<'a>(table: &'a Table, key: &str) -> Option<&'a Value> {
+    let (path, name) = key.rsplit_once('.').unwrap_or(("", key));
+    let mut section = table;
+    for part in path.split('.').filter(|part| !part.is_empty()) {
+        section = section.get(part)?.as_table()?;
+    }
+    section.get(name)
+}
+
+/// `value` with `scale` applied to every number; `None` if it has something else.
+#[must_use]
+pub fn scaled(value: &Value, scale: &impl Fn(f64) -> f64) -> Option<Value> {
+    match value {
+        Value::Float(number) => Some(Value::Float(scale(*number))),
+        Value::Integer(number) => Some(Value::Float(scale(*number as f64))),
+        Value::Array(values) => {
+            let values: Option<Vec<_>> = values.iter().map(|value| scaled(value, scale)).collect();
+            values.map(Value::from)
+        }
+        _ => None,
+    }
+}
+
+/// Flies a mission, in this process or through processes of their own.
+pub type FlyMission<'a> = dyn FnMut(&Mission) -> Result<Flight, Failure> + 'a;
+
+/// Flies `config` by `fly`. Returns the flight and its mission, or `None` if the vehicle did not land as planned.
+///
+/// # Errors
+/// An option of the law is invalid, or `fly` failed.
+pub fn landed(
+    config: Config,
+    fly: &mut FlyMission<'_>,
+) -> Result<Option<(Flight, Mission)>, Failure> {
+    let mission = Mission::new(config)?;
+    let flight = fly(&mission)?;
+    let is_complete = flight.outcome == Outcome::Landed && flight.shortfall().is_none();
+    Ok(is_complete.then_some((flight, mission)))
+}
+
+/// Flies the configured trajectory on the configured plant; `None` if the vehicle did not land as planned.
+///
+/// # Errors
+/// A setting is invalid.
+pub fn path(law: &StudyLaw, seed: u64) -> Result<Option<Flight>, Failure> {
+    let condition = Condition { seed, plant: NOMINAL, settings: Vec::new() };
+    let flown =
+        landed(config(law, &condition, Test::Path)?, &mut |mission| simulation::fly(mission))?;
+    Ok(flown.map(|(flight, _)| flight))
+}
+
+/// The flights of a law in one condition: one configuration for each of [`Test::ALL`].
+pub(super) struct TestFlights([Config; Test::ALL.len()]);
+
+impl TestFlights {
+    pub(super) fn new(law: &StudyLaw, condition: &Condition) -> Result<Self, Failure> {
+        let [path, hover, chirp, doublet] = Test::ALL.map(|test| config(law, condition, test));
+        Ok(Self([path?, hover?, chirp?, doublet?]))
+    }
+
+    /// Flies every test by `fly`.
+    pub(super) fn fly(self, fly: &mut FlyMission<'_>) -> Result<Run, Failure> {
+        let mut figures = [f64::INFINITY; METRICS];
+        let mut riccati_solves = 0;
+        for (test, config) in Test::ALL.into_iter().zip(self.0) {
+            let Some((flight, mission)) = landed(config, fly)? else { continue };
+            match test {
+                Test::Path => {
+                    figures[POSITION..=OVERSHOOT].copy_from_slice(&of_path(&flight));
+                    let last = flight.samples.last();
+                    riccati_solves = last.map_or(0, |sample| sample.telemetry.riccati_solves);
+                }
+                Test::Hover => figures[HOVER..=JITTER].copy_from_slice(&of_hover(&flight)),
+                Test::Chirp => figures[CHIRP] = of_attitude(&flight, &mission.trajectory)[0],
+                Test::Doublet => figures[DOUBLET] = of_attitude(&flight, &mission.trajectory)[1],
+            }
+        }
+        Ok(Run { figures, riccati_solves })
+    }
+}

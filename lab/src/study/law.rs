@@ -1,0 +1,96 @@
+//! The laws of a study, with their gains.
+
+use oqtal_config::{Config, Setting};
+use oqtal_control::controller::ControllerName;
+use oqtal_runtime::process::Failure;
+
+use super::gains::GainSource;
+use crate::sheet::Variant;
+
+/// The registered laws in the order of tables, `oqtal-dt` last.
+pub fn registered() -> impl Iterator<Item = ControllerName> {
+    let others = ControllerName::ALL.into_iter().filter(|law| *law != ControllerName::OqtalDt);
+    others.chain([ControllerName::OqtalDt])
+}
+
+/// The names of the laws in the configuration, in the order of tables.
+pub fn names() -> impl Iterator<Item = &'static str> {
+    registered().map(ControllerName::name)
+}
+
+/// The law with this name in the configuration.
+#[must_use]
+pub fn of_name(name: &str) -> Option<ControllerName> {
+    registered().find(|law| law.name() == name)
+}
+
+/// A law with its gains.
+#[derive(Clone, Debug)]
+pub struct StudyLaw {
+    /// Name in tables.
+    pub name: String,
+    /// Name of the law in the configuration.
+    pub controller: &'static str,
+    /// Settings that differ from the shipped configuration: those of the study first, then the gains of the law.
+    pub settings: Vec<Setting>,
+    /// Remark on the gains.
+    pub remark: String,
+    /// Origin of the gains.
+    pub variant: Variant,
+}
+
+impl StudyLaw {
+    /// The law `controller` under these settings.
+    #[must_use]
+    pub fn new(
+        controller: &'static str,
+        settings: Vec<Setting>,
+        remark: impl Into<String>,
+    ) -> Self {
+        let (name, remark) = (controller.to_owned(), remark.into());
+        Self { name, controller, settings, remark, variant: Variant::Ours }
+    }
+
+    /// The law with further settings.
+    #[must_use]
+    pub fn with(&self, settings: &[Setting]) -> Self {
+        Self { settings: [&self.settings[..], settings].concat(), ..self.clone() }
+    }
+
+    /// The setting that chooses the law.
+    #[must_use]
+    pub fn setting(&self) -> Setting {
+        Setting::flag("--controllers", "control.controller", self.controller)
+    }
+
+    /// The configuration that the law flies with.
+    ///
+    /// # Errors
+    /// A setting is invalid.
+    pub fn config(&self) -> Result<Config, Failure> {
+        Ok(Config::from_settings(&[&self.settings[..], &[self.setting()]].concat())?)
+    }
+
+    /// Whether the law flies within the estimation and prediction of `oqtal-dt`; `false` if a setting is invalid.
+    #[must_use]
+    pub fn is_predictive(&self) -> bool {
+        self.config().is_ok_and(|config| config.control.is_predictive())
+    }
+}
+
+/// The laws with these names, each with its gains from `source` under the settings `common`.
+///
+/// # Errors
+/// A directory of gains has no file for a law, or one with an error (exit code 78).
+pub fn chosen(
+    names: &[String],
+    source: &GainSource,
+    common: &[Setting],
+) -> Result<Vec<StudyLaw>, Failure> {
+    named(names).map(|controller| source.law(controller, common)).collect()
+}
+
+/// The laws among `asked`, in the order of tables.
+pub fn named(asked: &[String]) -> impl Iterator<Item = &'static str> {
+    names().filter(|law| asked.iter().any(|name| name == law))
+}

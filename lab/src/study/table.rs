@@ -1,0 +1,86 @@
+//! Columns of a study's tables: each with its key, its heading, and its cell of a row.
+
+use std::fmt;
+
+use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
+
+/// A column over rows `R`.
+pub struct StudyColumn<'a, R: ?Sized> {
+    /// Key in JSON and CSV, and heading.
+    pub column: Column,
+    cell: Box<dyn Fn(&R) -> SheetCell + 'a>,
+}
+
+/// The column with this key and heading whose cell of a row is `cell`.
+pub fn column<'a, R: ?Sized, C: Into<SheetCell>>(
+    key: &'static str,
+    title: &'static str,
+    cell: impl Fn(&R) -> C + 'a,
+) -> StudyColumn<'a, R> {
+    StudyColumn { column: (key, title), cell: Box::new(move |row| cell(row).into()) }
+}
+
+impl<R: ?Sized> fmt::Debug for StudyColumn<'_, R> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.column.fmt(f)
+    }
+}
+
+/// The cells of a row.
+#[must_use]
+pub fn cells<R: ?Sized>(columns: &[StudyColumn<'_, R>], row: &R) -> Vec<SheetCell> {
+    columns.iter().map(|column| (column.cell)(row)).collect()
+}
+
+/// Names of a row of a sheet: law, origin, settings.
+pub type RowNames = (String, Variant, String);
+
+impl super::Flown {
+    /// Names of the row of a sheet: the law with the remark on its gains.
+    #[must_use]
+    pub fn names(&self) -> RowNames {
+        (self.law.name.clone(), self.law.variant, self.law.remark.clone())
+    }
+
+    /// Names of the row of a sheet: the law with these settings.
+    #[must_use]
+    pub fn names_with(&self, settings: impl Into<String>) -> RowNames {
+        (self.law.name.clone(), self.law.variant, settings.into())
+    }
+}
+
+impl Sheet {
+    /// The sheet with this name and title, whose rows are `rows`, each with its names.
+    #[must_use]
+    pub fn tabulate<'r, R: 'r>(
+        (name, title): (&str, &str),
+        columns: &[StudyColumn<'_, R>],
+        rows: impl IntoIterator<Item = &'r R>,
+        names: impl Fn(&R) -> RowNames,
+    ) -> Self {
+        let row = |row: &R| {
+            let (controller, variant, settings) = names(row);
+            SheetRow::new(variant, controller, settings, cells(columns, row))
+        };
+        Self {
+            name: name.to_owned(),
+            title: title.to_owned(),
+            columns: columns.iter().map(|column| column.column).collect(),
+            rows: rows.into_iter().map(row).collect(),
+            ..Self::default()
+        }
+    }
+
+    /// The sheet with a further note.
+    #[must_use]
+    pub fn with_note(mut self, note: impl Into<String>) -> Self {
+        self.notes.push(note.into());
+        self
+    }
+
+    /// The sheet as a detail, which Markdown leaves out.
+    #[must_use]
+    pub fn as_detail(self) -> Self {
+        Self { is_detail: true, ..self }
+    }
+}
