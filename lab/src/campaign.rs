@@ -34,7 +34,7 @@ pub trait FlightSeries {
     fn fly(&self, mission: &Mission, name: &str) -> Result<Flight, Failure>;
 }
 
-/// Begins a series of flights, whose results are written into a directory if one is given.
+/// Begins a series of flights, whose results are written into the directory if there is one.
 pub type BeginSeries = dyn Fn(Option<PathBuf>) -> Result<Box<dyn FlightSeries>, Failure>;
 
 /// Arguments of `oqtal campaign`.
@@ -43,8 +43,8 @@ pub struct CampaignArgs {
     /// Laws to compare
     #[arg(long, visible_alias = "laws", value_name = "A,B,C", value_delimiter = ',', value_parser = PossibleValuesParser::new(law::names()), default_values = law::names())]
     controllers: Vec<String>,
-    /// Gains of the laws: `configured`, those with which `oqtal fly` flies; `tuned`, deploy/tuned, found for the shipped vehicle; or
-    /// a directory with a file LAW.toml for each law, as written by `oqtal tune`
+    /// Gains of the laws: `configured`, those of `oqtal fly`; `tuned`, deploy/tuned, found for the shipped vehicle; or a directory
+    /// with a file LAW.toml for each law, as written by `oqtal tune`
     #[arg(long, value_name = "SOURCE", default_value = "configured")]
     gains: GainSource,
     /// Runs of each law, one for each seed from 200 on [default: 25]

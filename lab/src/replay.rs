@@ -1,9 +1,9 @@
-//! A recording through the daemon once more: the recorded poses, vehicle messages, wake-ups and requests, turn by turn, through the
-//! very lines that flew, in virtual time.
+//! Replay of a recording through the daemon: the recorded poses, vehicle messages, wake-ups and requests are executed turn by turn in
+//! virtual time by the code that flew.
 //!
-//! Unchanged, every command comes out bit for bit as it was recorded, whatever the machine did at that time: what the daemon saw
-//! and when it woke is recorded, and nothing else acts on it. With other settings a replay is open loop: it shows what the
-//! daemon would have commanded on the recorded poses, which are those of the flight as it was flown.
+//! With the same settings every command equals the recorded one bit for bit, since all inputs of the daemon and the instants of its
+//! turns are recorded. With other settings a replay is open loop: it shows the commands of the daemon on the poses of the recorded
+//! flight.
 
 use std::collections::VecDeque;
 
@@ -22,18 +22,18 @@ use oqtal_observe::recording::{DaemonHistory, RecordedTurn};
 use oqtal_runtime::process::Failure;
 use oqtal_runtime::turn::{Turn, TurnClock};
 
-/// A tick as it was recorded and as it was replayed.
+/// A tick, recorded and replayed.
 #[derive(Clone, Copy, Debug)]
 pub struct ReplayedTick {
     /// Instant of the tick.
     pub time: Time,
     /// Telemetry of the replayed tick.
     pub telemetry: TelemetryV1,
-    /// The replayed command.
+    /// Replayed command.
     pub command: CommandV1,
-    /// The recorded command.
+    /// Recorded command.
     pub recorded: CommandV1,
-    /// Whether commands, stamps and, where it was recorded, telemetry agree to the last bit.
+    /// Whether commands, stamps and recorded telemetry agree to the last bit.
     pub is_identical: bool,
 }
 
@@ -44,16 +44,16 @@ pub struct ReplayResult {
     pub turns: u64,
     /// Requests executed \[-\].
     pub requests: u64,
-    /// Ticks that were recorded and replayed.
+    /// Ticks that occur in the recording and in the replay.
     pub ticks: Vec<ReplayedTick>,
-    /// Instants at which a tick was recorded and none replayed, or the other way round.
+    /// Instants of ticks that occur either in the recording or in the replay.
     pub unmatched: Vec<Time>,
-    /// Messages that the daemon took and that are missing in the recording \[-\].
+    /// Number of messages that the daemon received and that are missing in the recording \[-\].
     pub missing: u64,
 }
 
 impl ReplayResult {
-    /// Whether every command came out bit for bit as it was recorded.
+    /// Whether every command equals the recorded one bit for bit.
     #[must_use]
     pub fn is_identical(&self) -> bool {
         let agree = self.ticks.iter().all(|tick| tick.is_identical);
@@ -83,7 +83,7 @@ pub fn replay(
     Ok(bench.result)
 }
 
-/// The daemon between a feeder and an observer.
+/// The daemon with writers of its inputs and readers of its outputs.
 struct ReplayBench {
     poses: MemoryWriter<PoseV1>,
     vehicles: MemoryWriter<VehicleV1>,
@@ -121,7 +121,7 @@ impl ReplayBench {
         })
     }
 
-    /// Executes a turn on what was taken in it, at the instants that were recorded.
+    /// Executes a turn with its recorded inputs and instants.
     fn turn(&mut self, turn: &RecordedTurn) -> Result<(), BusError> {
         let RecordedTurn { input, pose, vehicle, command, .. } = turn;
         let taken =
@@ -144,7 +144,7 @@ impl ReplayBench {
         self.compare(turn)
     }
 
-    /// Compares what came out of a turn with what was recorded.
+    /// Compares the outputs of a turn with the recorded ones.
     fn compare(&mut self, turn: &RecordedTurn) -> Result<(), BusError> {
         let produced = self.commands.latest()?.zip(self.telemetry.latest()?);
         let time = turn.input.time;
@@ -158,7 +158,7 @@ impl ReplayBench {
                 let telemetry_agrees =
                     turn.telemetry.is_none_or(|recorded| bits(&recorded) == bits(&telemetry));
                 let is_identical = bits(&recorded) == bits(&command)
-                    && about(&recorded_header) == about(&header)
+                    && content(&recorded_header) == content(&header)
                     && telemetry_agrees;
                 let tick = ReplayedTick { time, telemetry, command, recorded, is_identical };
                 self.result.ticks.push(tick);
@@ -168,7 +168,7 @@ impl ReplayBench {
         Ok(())
     }
 
-    /// Executes a request, unless it was refused for being late: then the daemon never saw it.
+    /// Executes a request, unless it was refused as expired, before it reached the daemon.
     fn request(&mut self, turn: &RecordedTurn) {
         let input = &turn.input;
         if let Some(command) = OperatorCommand::from_code(input.request)
@@ -181,19 +181,19 @@ impl ReplayBench {
     }
 }
 
-/// A message as its bits.
+/// The bytes of a message.
 fn bits<M: Message>(message: &M) -> Vec<u8> {
     let mut bytes = vec![0; M::SIZE];
     message.encode(&mut bytes);
     bytes
 }
 
-/// What a header says of its message, whoever wrote it.
-fn about(header: &Header) -> (u64, u64, [u64; 8]) {
+/// The fields of a header that do not depend on the writer.
+fn content(header: &Header) -> (u64, u64, [u64; 8]) {
     (header.sequence, header.pose_sequence, header.stamps.to_words())
 }
 
-/// The recorded instants of a turn, in the order in which the daemon reads the clock.
+/// A clock with the recorded instants of a turn, in the order in which the daemon reads them.
 struct ReplayClock {
     last: Time,
     instants: std::cell::RefCell<VecDeque<Time>>,

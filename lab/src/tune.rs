@@ -32,8 +32,8 @@ use search::{Budget, TrainingFlights, Tuned};
 pub struct TuneArgs {
     /// Attitude laws, each tuned with the position loops around it; `all`, every law; or `outer`, the position loops alone, one
     /// after the other
-    #[arg(required = true, value_parser = PossibleValuesParser::new(space::names()))]
-    what: Vec<String>,
+    #[arg(required = true, id = "what", value_name = "WHAT", value_parser = PossibleValuesParser::new(space::names()))]
+    targets: Vec<String>,
     /// Number of points to evaluate for each law
     #[arg(long, value_name = "N", default_value_t = Budget::default().points, value_parser = parse_points)]
     budget: usize,
@@ -91,7 +91,7 @@ impl TuneArgs {
 
     /// The laws to tune, each once, and `outer`.
     fn names(&self) -> Vec<&'static str> {
-        let is_asked = |name: &&str| self.what.iter().any(|what| what == name);
+        let is_asked = |name: &&str| self.targets.iter().any(|target| target == name);
         let all = is_asked(&"all");
         let laws = law::names().filter(|name| all || is_asked(name));
         laws.chain(["outer"].into_iter().filter(is_asked)).collect()
@@ -121,12 +121,12 @@ fn parse_points(text: &str) -> Result<usize, String> {
 /// # Errors
 /// A setting is invalid.
 pub fn tune(
-    what: &str,
+    target: &str,
     budget: &Budget,
     flights: &TrainingFlights,
     progress: &Progress,
 ) -> Result<Tuned, Failure> {
-    match law::of_name(what) {
+    match law::of_name(target) {
         Some(law) => search::law(law, budget, flights, progress),
         None if flights.draws == 0 => outer::tune(budget, flights, progress),
         None => Err(Failure::new(

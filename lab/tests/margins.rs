@@ -33,7 +33,7 @@ fn the_margins_of_the_linear_model_are_those_that_are_flown() {
     }
 }
 
-/// The delay that the model says a law bears is the one at which the flown loop is lost.
+/// A hidden delay reduces the delay margin of the model by its own length.
 #[test]
 fn a_loop_with_less_delay_margin_left_is_nearer_to_oscillation() {
     let margins = |hidden_ms: f64| {

@@ -51,7 +51,7 @@ fn turned(trajectory: &str, off: impl Fn(f64) -> Vector3<f64>) -> [f64; 2] {
     of_attitude(&flight, &mission.trajectory)
 }
 
-/// About every axis alike: the heading counts, and it is that of the start.
+/// The same about every axis: the heading counts, and it is that of the start.
 #[test]
 fn the_chirp_is_scored_by_the_angle_about_every_axis() {
     for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
@@ -82,12 +82,12 @@ fn a_hover_is_scored_by_the_distance_in_millimetres() {
     assert!((rms_mm - 5.0).abs() < 1e-6, "{rms_mm} mm");
 }
 
-/// The set-points swing along, and the vehicle is where the newest decision would have it: `oqtal-dt` has decided for the instant at
-/// which its command acts, another law for now.
+/// The set-points move, and the vehicle follows the newest one: that of `oqtal-dt` is for the instant at which its command acts, that
+/// of another law for the present.
 #[test]
-fn every_law_is_judged_by_the_newest_decision() {
+fn the_errors_of_every_law_are_against_the_newest_set_point() {
     let (ahead_s, speed, turn) = (35e-3, 0.3, 0.2);
-    for (controller, decided_ahead_s) in [("oqtal-dt", ahead_s), ("pid", 0.0)] {
+    for (controller, look_ahead_s) in [("oqtal-dt", ahead_s), ("pid", 0.0)] {
         let (mut flight, _) = flown(controller, "hover");
         flight.applied.truncate(1);
         let stamps = &mut flight.applied[0].stamps;
@@ -105,7 +105,7 @@ fn every_law_is_judged_by_the_newest_decision() {
             truth.attitude = attitude(t_s + ahead_s);
         }
         let [_, velocity_m_s, attitude_deg, ..] = of_path(&flight);
-        let behind_s = ahead_s - decided_ahead_s;
+        let behind_s = ahead_s - look_ahead_s;
         let expected = [speed * behind_s, (turn * behind_s).to_degrees()];
         assert!((velocity_m_s - expected[0]).abs() < 1e-6, "{controller}: {velocity_m_s} m/s");
         assert!((attitude_deg - expected[1]).abs() < 1e-4, "{controller}: {attitude_deg} deg");

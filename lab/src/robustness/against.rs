@@ -13,7 +13,7 @@ use crate::study::table::column;
 const OURS: &str = "oqtal-dt";
 
 const NOTE: &str = "In each draw the best of the others in that figure, whatever its gains: no single law has all of these figures. \
-     The settings say who the others are.";
+     The settings name the others.";
 
 /// One row of gains of `oqtal-dt`, and a group of other laws.
 struct GroupComparison<'a> {
@@ -30,8 +30,8 @@ pub fn table(flown: &[Flown]) -> Sheet {
     let outside: Vec<&Flown> =
         others.iter().copied().filter(|law| !law.law.is_predictive()).collect();
     let groups = [
-        ("laws in surroundings of their own", outside),
-        ("all other laws, those within its prediction too", others),
+        ("laws on the default stack", outside),
+        ("all other laws, those on the predictive stack too", others),
     ];
     let of_groups = |own| {
         groups

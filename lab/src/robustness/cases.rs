@@ -37,7 +37,7 @@ const PLANTS: [Plant; 12] = [
 /// Seeds of the flights.
 const SEEDS: std::ops::Range<u64> = 300..305;
 
-const NOTE: &str = "Means of seeds 300 to 304; a dash stands where a flight did not land.";
+const NOTE: &str = "Means of seeds 300 to 304; a dash marks a flight that did not land.";
 
 /// Flies every law on every plant. Returns hover and chirp with a column for each plant, and all figures with a row for each.
 ///

@@ -11,6 +11,7 @@ use toml::Value;
 use super::spread::PlantSpread;
 use crate::identify::hidden_plants;
 use crate::progress::Progress;
+use crate::study::args::quoted;
 use crate::study::flights::{NOMINAL, table, value_at};
 use crate::study::metric::METRIC;
 use crate::study::{Case, Condition, Flown};
@@ -94,9 +95,7 @@ impl Draw {
 
 /// `KEY=VALUE`, quoted for a shell.
 fn word(key: &str, value: &Value) -> String {
-    let text = format!("{key}={value}").replace(' ', "");
-    let plain = |c: char| c.is_ascii_alphanumeric() || "=.-_".contains(c);
-    if text.chars().all(plain) { text } else { format!("'{text}'") }
+    quoted(&format!("{key}={value}").replace(' ', ""))
 }
 
 /// Flies and identifies the plant of every draw, with the law of `common` that knows `[vehicle]` alone, and the mass as weighed.

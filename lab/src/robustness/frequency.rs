@@ -11,7 +11,7 @@ pub struct LoopResponse {
     pub points: Vec<(f64, Complex<f64>)>,
 }
 
-/// The margins of a stable loop. Infinite where the loop has no such limit below the highest frequency known.
+/// The margins of a stable loop; infinite without such a limit below the highest known frequency.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Margins {
     /// Least factor above 1 of the gain at which the loop oscillates \[-\].
@@ -20,7 +20,7 @@ pub struct Margins {
     pub phase_deg: f64,
     /// Least additional delay at which the loop oscillates \[ms\].
     pub delay_ms: f64,
-    /// Disk margin `alpha`: gain may change by any factor and phase by any lag within the disk at once \[-\] (P. Seiler, A. Packard
+    /// Disk margin `alpha`: gain and phase may change at once by any factor and lag within the disk \[-\] (P. Seiler, A. Packard
     /// and P. Gahinet, *IEEE Control Systems* 40 (2020) 78), with no skew.
     pub disk: f64,
     /// Greatest sensitivity: greatest amplification of a disturbance by the loop \[-\].
@@ -28,7 +28,7 @@ pub struct Margins {
 }
 
 impl Margins {
-    /// The margins as numbers with names: key in JSON, and heading.
+    /// Columns of the margins: key in JSON, and heading.
     pub const COLUMNS: [(&'static str, &'static str); 5] = [
         ("gain_margin_db", "gain margin [dB]"),
         ("phase_margin_deg", "phase margin [°]"),
@@ -46,7 +46,7 @@ impl Margins {
 }
 
 impl LoopResponse {
-    /// The margins, between the points by straight lines of the logarithm of the gain and of the phase.
+    /// The margins, with the logarithm of the gain and the phase interpolated linearly between the points.
     #[must_use]
     pub fn margins(&self) -> Margins {
         let mut margins = Margins {
@@ -73,7 +73,7 @@ impl Margins {
     fn narrow(&mut self, segment: Segment) {
         let Segment { log_gain, lag, .. } = segment;
         if let Some(share) = crossing(log_gain, 0.0) {
-            // The lag left to half a turn, within a turn.
+            // Lag up to half a turn, modulo one turn.
             let left = (PI - mix(lag, share)).rem_euclid(TAU);
             let hertz = mix(segment.log_hertz, share).exp();
             self.phase_deg = self.phase_deg.min(left.to_degrees());
@@ -108,7 +108,7 @@ impl Segment {
         Self {
             log_hertz: [f.ln(), g.ln()],
             log_gain: [a.norm().ln(), b.norm().ln()],
-            // The short way round from one to the other.
+            // The smaller angle between the two.
             lag: [first, first - (b / a).arg()],
         }
     }
@@ -118,7 +118,7 @@ fn mix([a, b]: [f64; 2], share: f64) -> f64 {
     a + (b - a) * share
 }
 
-/// Where a straight line between two values crosses `level`, as a share of the way; the second end belongs to the next line.
+/// Position of the crossing of `level` by a straight line between two values \[0..1\]; the second end belongs to the next line.
 fn crossing([a, b]: [f64; 2], level: f64) -> Option<f64> {
     ((a < level) != (b < level)).then(|| (level - a) / (b - a))
 }
@@ -147,9 +147,9 @@ mod tests {
         assert!((margins.delay_ms / (1e3 * phase / 8.0) - 1.0).abs() < 1e-3, "{margins:?}");
     }
 
-    /// The disk of a disk margin touches the critical point first: each classic margin is at least what the disk grants.
+    /// Each classic margin is at least the one that the disk margin implies.
     #[test]
-    fn a_disk_margin_grants_no_more_than_the_classic_margins() {
+    fn the_classic_margins_are_at_least_those_of_the_disk_margin() {
         for k in [2.0, 8.0, 20.0] {
             let margins = delayed_integrator(k, 0.035).margins();
             let half = margins.disk / 2.0;

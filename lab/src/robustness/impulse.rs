@@ -1,6 +1,6 @@
-//! An attitude law about one axis as a linear filter: its answers to a small impulse of the attitude, and of the rate.
+//! An attitude law about one axis as a linear filter: its responses to a small impulse of the attitude, and of the rate.
 //!
-//! The law itself is asked, tick by tick, so that integrals, filters and inputs that it remembers are in its answer.
+//! The law itself is updated tick by tick, so that its integrals, filters and past inputs are in the response.
 
 use nalgebra::{Complex, Vector3};
 use oqtal_control::controller::{
@@ -12,18 +12,18 @@ use oqtal_control::quaternion::Attitude;
 
 /// Size of the impulse \[rad, rad/s\].
 const SMALL: f64 = 1e-6;
-/// Ticks after which an answer is steady \[-\]; what remains is that of an integral.
+/// Ticks after which a response is steady \[-\]; the remainder is that of an integral.
 const TICKS: usize = 4096;
 
-/// The answer of a law to an impulse, per unit of it, as negative feedback.
+/// Response of a law to an impulse, per unit of the impulse, as negative feedback.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImpulseResponse {
-    /// The input in each tick from the impulse on; the last is held for ever.
+    /// Input in each tick from the impulse on; the last one continues indefinitely.
     ticks: Vec<f64>,
 }
 
 impl ImpulseResponse {
-    /// The answers of the law that `options` names to attitude \[1/rad\] and rate \[s/rad\] about axis number `axis`.
+    /// Responses of the law of `options` to attitude \[1/rad\] and rate \[s/rad\] about axis number `axis`.
     ///
     /// # Errors
     /// An option of the law is not allowed.
@@ -39,9 +39,9 @@ impl ImpulseResponse {
             ..AttitudeState::default()
         };
         let turning = AttitudeState { rate: BodyRate(small), ..AttitudeState::default() };
-        let answer = |impulse: AttitudeState| -> Result<Self, OptionError> {
+        let response = |impulse: AttitudeState| -> Result<Self, OptionError> {
             let mut law = Controller::new(options, input)?;
-            // A filter takes its first value as it is.
+            // A filter starts at its first value.
             law.update(
                 &AttitudeState::default(),
                 &AttitudeReference::default(),
@@ -55,7 +55,7 @@ impl ImpulseResponse {
             };
             Ok(Self { ticks: shortened((0..TICKS).map(tick).collect()) })
         };
-        Ok([answer(turned)?, answer(turning)?])
+        Ok([response(turned)?, response(turning)?])
     }
 
     /// The filter at `z`.
@@ -69,7 +69,7 @@ impl ImpulseResponse {
     }
 }
 
-/// The answer without the ticks that repeat the last one; what is lost in rounding is zero.
+/// The response without the ticks that repeat the last one; values below the rounding error are zero.
 fn shortened(mut ticks: Vec<f64>) -> Vec<f64> {
     let greatest = ticks.iter().fold(0.0, |most: f64, tick| most.max(tick.abs()));
     let mut last = ticks.last().copied().unwrap_or(0.0);

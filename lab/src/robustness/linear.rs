@@ -18,18 +18,18 @@ use super::impulse::ImpulseResponse;
 type ComplexVector = Vector3<Complex<f64>>;
 type ComplexMatrix = Matrix3<Complex<f64>>;
 
-/// Poses after which a filter's gain is steady \[-\].
+/// Number of poses after which the gain of a filter is steady \[-\].
 const STEADY: usize = 20_000;
 /// Lowest frequency of a response \[Hz\], and number of its points.
 const LOWEST_HZ: f64 = 0.05;
 const POINTS: usize = 1500;
 
-/// From input to motion of an axis: a vehicle, or a model of one.
+/// Transfer from input to motion about an axis, of a vehicle or a model.
 #[derive(Clone, Copy, Debug)]
 struct AxisModel {
     authority: f64,
     lag_s: f64,
-    /// From the capture of a pose to the effect of the command made of it \[s\].
+    /// Time from the capture of a pose to the effect of its command \[s\].
     delay_s: f64,
     period_s: f64,
 }
@@ -38,11 +38,11 @@ struct AxisModel {
 #[derive(Clone, Debug)]
 pub struct LinearLoop {
     vehicle: AxisModel,
-    /// Answers of the law to attitude and rate.
+    /// Responses of the law to attitude and rate.
     law: [ImpulseResponse; 2],
     /// Cut-off frequency of the estimated rate without prediction \[Hz\].
     rate_cutoff_hz: f64,
-    /// The model and the steady gain of the filter of `oqtal-dt`, where the law is within its surroundings.
+    /// Model and steady gain of the filter of `oqtal-dt`, for a law on the predictive stack.
     predictor: Option<(AxisModel, Vector3<f64>)>,
 }
 
@@ -58,7 +58,7 @@ impl LinearLoop {
         let model = AxisModel {
             authority: vehicle.rate_authority_rad_s[axis],
             lag_s: 1e-3 * vehicle.rate_lag_ms,
-            // The delay of commands is measured, as far as stamps show it.
+            // The delay of commands is measured from stamps; a hidden delay has no stamps.
             delay_s: latency_s + 1e-3 * plant.command_delay_ms,
             period_s,
         };
@@ -93,7 +93,7 @@ impl LinearLoop {
         self.controller(z) * self.vehicle.motion(z).x
     }
 
-    /// From the measured attitude to the input, with the sign of negative feedback.
+    /// Transfer from the measured attitude to the input, with the sign of negative feedback.
     fn controller(&self, z: Complex<f64>) -> Complex<f64> {
         let [of_attitude, of_rate] = self.law.each_ref().map(|response| response.at(z));
         let Some((model, gain)) = &self.predictor else {
@@ -103,8 +103,8 @@ impl LinearLoop {
         let kappa = ComplexVector::new(of_attitude, of_rate, authority);
         // x = (I - L h) (F x / z + g u) + L y, with g the effect of commands sent, a period later than in `motion`.
         let keep = (Matrix3::identity() - gain * Vector3::x().transpose()).map(Complex::from);
-        let carried = keep * model.transition(model.period_s).map(Complex::from) / z;
-        let Some(solve) = (ComplexMatrix::identity() - carried).try_inverse() else {
+        let propagated = keep * model.transition(model.period_s).map(Complex::from) / z;
+        let Some(solve) = (ComplexMatrix::identity() - propagated).try_inverse() else {
             return Complex::from(f64::NAN);
         };
         let by_input = solve * keep * model.between_poses(z) / z;
@@ -113,10 +113,8 @@ impl LinearLoop {
         let own = kappa.dot(&(ahead * by_input + model.in_transit(z)));
         kappa.dot(&(ahead * by_pose)) / (own + 1.0)
     }
-}
 
-impl LinearLoop {
-    /// From the measured attitude to the rate that the estimator makes of it.
+    /// Transfer from the measured attitude to the estimated rate.
     fn differentiated(&self, z: Complex<f64>) -> Complex<f64> {
         let period_s = self.vehicle.period_s;
         let weight = -(-TAU * self.rate_cutoff_hz * period_s).exp_m1();
@@ -153,7 +151,7 @@ impl AxisModel {
         newer * z.powi(-whole) + older * z.powi(-whole - 1)
     }
 
-    /// From the input to `[theta; omega; 0]` at the poses.
+    /// Transfer from the input to `[theta; omega; 0]` at the poses.
     fn motion(&self, z: Complex<f64>) -> ComplexVector {
         let transition = self.transition(self.period_s).map(Complex::from);
         let solve = (ComplexMatrix::identity() * z - transition).try_inverse();
@@ -176,7 +174,7 @@ impl AxisModel {
     }
 }
 
-/// Gain of the attitude filter once it is steady.
+/// Steady gain of the attitude filter.
 fn steady_gain(config: &Config, model: &AxisModel) -> Vector3<f64> {
     let options = &config.control.predictive.filter;
     let filter = AttitudeFilter::new(options);

@@ -1,4 +1,4 @@
-//! The margins of every law: of the linear model and as flown, and the loops over frequency.
+//! The margins of every law, of the linear model and flown, and the loops over frequency.
 
 use maud::Markup;
 use oqtal_observe::plot::axis::Axis;
@@ -26,16 +26,16 @@ pub struct LoopPair {
     pub law: String,
     /// Name of the axis.
     pub axis: &'static str,
-    /// Of the linear model.
+    /// Loop of the linear model.
     pub linear: LoopResponse,
-    /// As flown.
+    /// Flown loop.
     pub flown: LoopResponse,
 }
 
 /// The loops of every law about every axis.
 ///
 /// # Errors
-/// The vehicle is not commanded by rates (exit code 78), a setting has no meaning, or a flight did not land.
+/// The vehicle is not commanded by rates (exit code 78), a setting is invalid, or a flight did not land.
 pub fn all(laws: &[StudyLaw], progress: &Progress) -> Result<Vec<LoopPair>, Failure> {
     let bar = progress.start("loops", laws.len() * AXES.len());
     let mut loops = Vec::new();
@@ -70,16 +70,15 @@ pub fn chapter(loops: &[LoopPair]) -> Chapter {
 
 const INTRO: [&str; 2] = [
     "The loop is broken at the input of the vehicle, the attitude is prescribed, so that the position loop is open. Model: the \
-     law, the filter and the prediction made linear, the exact sampled vehicle with its lag and delays. Flown: a sine is added to \
+     linearised law, filter and prediction, and the exact sampled vehicle with its lag and delays. Flown: a sine is added to \
      the commands where they take effect, one flight for each of 27 frequencies from 0.5 to 14 Hz; -u/v at that frequency is the \
      loop gain.",
     "Gain, phase and delay margin are the least change of one of them that makes the loop oscillate; the disk margin allows gain \
      and phase to change at once. Where a margin is missing, the loop has no such limit below the highest frequency. They \
-     are those of the configured model, with the adaptation off, and say nothing of the position loop, nor of an adaptation at its \
-     bound.",
+     apply to the configured model with the adaptation off, not to the position loop or an adaptation at its bound.",
 ];
 
-/// Of each law the margins as flown about the axis that has least of each.
+/// The least of each flown margin over the axes, for each law.
 fn least(loops: &[LoopPair]) -> Sheet {
     let row = |law: &[LoopPair]| {
         let flown = law.iter().map(|pair| pair.flown.margins().numbers());
@@ -92,17 +91,14 @@ fn least(loops: &[LoopPair]) -> Sheet {
     Sheet {
         name: "least_margins".to_owned(),
         title: "Least margins".to_owned(),
-        notes: vec![
-            "As flown, of roll, pitch and yaw the least of each.".to_owned(),
-            agreement(loops),
-        ],
+        notes: vec!["Flown; the least of roll, pitch and yaw.".to_owned(), agreement(loops)],
         columns: Margins::COLUMNS.to_vec(),
         rows: loops.chunk_by(|a, b| a.law == b.law).map(row).collect(),
         ..Sheet::default()
     }
 }
 
-/// Place of the greatest sensitivity among [`Margins::COLUMNS`].
+/// Index of the greatest sensitivity in [`Margins::COLUMNS`].
 const PEAK: usize = 4;
 
 fn table(loops: &[LoopPair]) -> Sheet {
@@ -128,8 +124,7 @@ fn finite(number: f64) -> SheetCell {
     if number.is_finite() { SheetCell::Number(number) } else { SheetCell::None }
 }
 
-/// The greatest difference between a margin of the model and the one flown, relative to that of the model \[-\]. The gain margin as
-/// a factor.
+/// Greatest difference between a flown margin and that of the model, relative to the model \[-\]; the gain margin is a factor.
 #[must_use]
 pub fn greatest_difference(pair: &LoopPair) -> f64 {
     let [model, flown] = [&pair.linear, &pair.flown].map(|response| response.margins());
@@ -154,7 +149,7 @@ fn agreement(loops: &[LoopPair]) -> String {
 /// Gain, phase and sensitivity over frequency.
 fn drawn(pair: &LoopPair) -> [Markup; 3] {
     let decibels = |gain: f64| 20.0 * gain.log10();
-    let title = |what: &str| format!("{}, {}: {what}", pair.law, pair.axis);
+    let title = |quantity: &str| format!("{}, {}: {quantity}", pair.law, pair.axis);
     [
         over_frequency(&title("loop gain [dB]"), pair, |gain| decibels(gain.norm())),
         over_frequency(&title("phase [°], from 0 to -360"), pair, |gain| {

@@ -44,7 +44,7 @@ pub const SETS: [DrawSet; 3] = [
         key: "wide_draws",
         tables: "wide",
         title: "A spread twice as wide",
-        draws: "As many draws of a spread whose ranges are each twice as wide, about the same middles.",
+        draws: "The same number of draws of a spread whose ranges are each twice as wide, about the same middles.",
         is_wide: true,
         is_identified: false,
     },
@@ -113,8 +113,8 @@ impl MonteCarlo<'_> {
         let unidentified = found.iter().filter(|draw| draw.is_none()).count();
         let intro = format!(
             "{} Each plant was first flown and identified as by `oqtal identify --fly --mass`, with its own mass and the law of the \
-             configuration; [vehicle] of all laws is what that flight showed. Not identified: {unidentified} of {}, which are flown \
-             with the [vehicle] from above. Gains are those from above too.",
+             configuration; all laws have the identified [vehicle]. Not identified: {unidentified} of {}, which are flown \
+             with the [vehicle] from above. The gains are those from above, too.",
             set.draws,
             drawn.len()
         );
@@ -136,7 +136,9 @@ impl MonteCarlo<'_> {
                 |sheet: Sheet| Sheet { title: format!("{}: {name}", sheet.title), ..sheet };
             sheets.extend(named(name, own.collect()).into_iter().map(titled));
         }
-        let intro = vec!["As many draws of other spreads. Gains are those from above.".to_owned()];
+        let intro = vec![
+            "The same number of draws of other spreads. Gains are those from above.".to_owned(),
+        ];
         let chapter = Chapter { title: "Other spreads", intro, sheets, ..Chapter::default() };
         Ok((Value::Object(documents), chapter))
     }

@@ -1,8 +1,7 @@
-//! The attitude loop as it is flown: a sine is added to the commands where they take effect, and the law's answer measured.
+//! The flown attitude loop: a sine is added to the commands where they take effect, and the response of the law is measured.
 //!
 //! The attitude is prescribed level, so that the position loop is open. With `u` the input that the law commands and `v` the one
-//! that acts, the loop gain is `-u / v` at the frequency of the sine. It is that of the configured model: a loop whose model is
-//! adapted is none that a gain describes.
+//! that acts, the loop gain is `-u / v` at the frequency of the sine. The adaptation is off, since the loop is not linear with it.
 
 use std::f64::consts::TAU;
 
@@ -19,11 +18,11 @@ use crate::simulation;
 
 /// Duration of the prescribed attitude \[s\].
 const SWEEP_S: f64 = 12.0;
-/// Time that the motion has to become steady \[s\].
+/// Time after which the motion is steady \[s\].
 const TRANSIENT_S: f64 = 4.0;
-/// Time over which the sines are measured \[s\]: a whole number of periods of each.
+/// Time over which the sines are measured, a whole number of periods of each \[s\].
 const MEASURED_S: f64 = 6.0;
-/// Numbers of periods within that time: the frequencies, 0.5 to 14 Hz.
+/// Numbers of periods within [`MEASURED_S`]: frequencies of 0.5 to 14 Hz.
 const PERIODS: [u32; 27] = [
     3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 19, 21, 23, 26, 29, 33, 37, 42, 48, 56,
     66, 84,
@@ -31,7 +30,7 @@ const PERIODS: [u32; 27] = [
 /// Amplitude of the sine \[-\]: far below full stick, far above rounding.
 const AMPLITUDE: f64 = 0.02;
 
-/// Nothing but the sine moves the vehicle.
+/// Settings without random motion.
 const CALM: [(&str, f64); 5] = [
     ("plant.gust-sd-m-s2", 0.0),
     ("plant.disturbance-spread", 0.0),
@@ -43,7 +42,7 @@ const CALM: [(&str, f64); 5] = [
 /// The loop of a law with `settings` about axis number `axis`, flown at each frequency.
 ///
 /// # Errors
-/// A setting has no meaning, or a flight did not land.
+/// A setting is invalid, or a flight did not land.
 pub fn flown(settings: &[Setting], axis: usize) -> Result<LoopResponse, Failure> {
     let config = prepared(settings, axis)?;
     let points: Result<Vec<_>, Failure> = PERIODS
@@ -56,7 +55,7 @@ pub fn flown(settings: &[Setting], axis: usize) -> Result<LoopResponse, Failure>
     Ok(LoopResponse { points: points? })
 }
 
-/// The settings by which nothing moves the vehicle by chance; the filters are told the noise of `nominal` all the same.
+/// Settings without noise, drift and gusts; the filters still assume the noise of `nominal`.
 #[must_use]
 pub fn calm(nominal: &Config) -> Vec<Setting> {
     let set = |key: &str, value: toml::Value| Setting::flag("calm", key, value);
@@ -76,11 +75,11 @@ fn prepared(settings: &[Setting], axis: usize) -> Result<Config, Failure> {
     let nominal = Config::from_settings(settings)?;
     let mut settings = [settings, &calm(&nominal)].concat();
     let mut set = |key: &str, value: toml::Value| settings.push(Setting::flag("probe", key, value));
-    // A sine that acts without having been commanded would be taken for a vehicle other than the model.
+    // The adaptation would take a sine that was not commanded for a difference of the vehicle.
     set("control.predictive.adaptation.adapt", false.into());
     set("trajectory.kind", "attitude-chirp".into());
     set("trajectory.attitude-chirp.sweep-s", SWEEP_S.into());
-    // Level but for rounding.
+    // Level up to rounding.
     set("trajectory.attitude-chirp.amplitude-deg", 1e-9.into());
     set("plant.probe.stick", (axis as i64 + 1).into());
     set("plant.probe.amplitude", AMPLITUDE.into());
@@ -109,7 +108,7 @@ fn gain(flight: &Flight, axis: usize, hertz: f64) -> Option<Complex<f64>> {
     for sample in flight.scored() {
         let at = sample.telemetry.time.since(Time::VIRTUAL_START);
         let seconds = at.seconds() - begin;
-        // Half of a tick from both ends, so that rounding of instants counts no tick twice.
+        // Half of a tick from both ends, so that rounding of instants does not count a tick twice.
         let half = 0.5 / flight.config.control.rate_hz;
         if !(-half..MEASURED_S - half).contains(&seconds) {
             continue;

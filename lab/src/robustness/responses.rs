@@ -142,10 +142,10 @@ pub fn chapter(responses: &[LawResponses]) -> Chapter {
     }
 }
 
-const INTRO: &str = "The nominal vehicle without noise, drift and gusts; the filters are told the noise of the cameras all the same. The \
+const INTRO: &str = "The nominal vehicle without noise, drift and gusts; the filters still assume the noise of the cameras. The \
      attitude step is prescribed, with the position loop open; its times count from the tick in which it is commanded, so that the \
-     delay of the loop is in them. Force and gust meet a hover. A dash stands where the response did not come within the bounds while it \
-     was watched.";
+     delay of the loop is in them. Force and gust meet a hover. A dash marks a response that did not settle within the shown \
+     time.";
 
 fn table(responses: &[LawResponses]) -> Sheet {
     let step = |figure: usize| move |law: &LawResponses| step_figures(law.curve(0))[figure];

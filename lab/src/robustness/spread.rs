@@ -18,7 +18,7 @@ use oqtal_runtime::process::{Exit, Failure};
 use toml::{Table, Value};
 
 use crate::random::SplitMix64;
-use crate::study::flights::{self, value_at};
+use crate::study::flights::{self, readable, value_at};
 
 /// How the value of a key is drawn; numbers evenly within their bounds.
 #[derive(Clone, Debug, PartialEq)]
@@ -276,11 +276,6 @@ impl Form {
             }
         }
     }
-}
-
-/// `value` rounded to four significant digits, so that a draw can be written in short and flown again exactly.
-fn readable(value: f64) -> f64 {
-    format!("{value:.3e}").parse().expect("a number just written")
 }
 
 /// Every number in `value` times `factor`; `None` if it has something else.

@@ -47,8 +47,8 @@ fn summary(flown: &[Flown]) -> Sheet {
         .with_note(SUMMARY_NOTE)
 }
 
-const SUMMARY_NOTE: &str = "A flight that did not land counts as worse than any that did: where a value is missing, so many did not. Jitter \
-     is what the command costs.";
+const SUMMARY_NOTE: &str = "A flight that did not land counts as worse than any that did; a value is missing where the \
+     quantile is such a flight. Jitter is the activity of the command.";
 
 fn landed(flown: &[Flown]) -> Sheet {
     let one = |test: Test| move |law: &Flown| 1e2 * law.share(|run| run.has_landed(test));
@@ -89,8 +89,8 @@ fn distributions(flown: &[Flown]) -> Sheet {
         .as_detail()
 }
 
-const DISTRIBUTIONS_NOTE: &str = "A flight that did not land counts as worse than any that did; where a value is missing, so many \
-     did not. Jitter is what the command costs, and is no figure of merit by itself.";
+const DISTRIBUTIONS_NOTE: &str = "A flight that did not land counts as worse than any that did; a value is missing where the \
+     quantile is such a flight. Jitter is the activity of the command, not a figure of merit by itself.";
 
 /// Share of the draws in which `law` is worse by a figure than the best of the others \[0..1\]; NaN without another.
 fn worse_than_the_best_other(flown: &[Flown], law: usize, metric: usize) -> f64 {
@@ -171,7 +171,7 @@ pub fn dependences(flown: &[Flown], draws: &[Draw], spread: &PlantSpread) -> She
     let title = "rank correlation with the hover's error";
     let columns = [column("rank_correlation", title, |(.., share): &Row<'_>| *share)];
     let names = |(law, key, _): &Row<'_>| law.names_with(key.as_str());
-    let title = "What the error in hover depends on";
+    let title = "Keys on which the error in hover depends";
     Sheet::tabulate(("dependences", title), &columns, &rows, names)
         .with_note("Spearman's rank correlation over all draws: 1 where the error always rises with the key.")
         .as_detail()
@@ -209,7 +209,7 @@ pub fn spread(spread: &PlantSpread) -> Sheet {
     }
 }
 
-const SPREAD_NOTE: &str = "Evenly between the bounds, each key by itself. A spread of one's own is a file in TOML, each key of the \
+const SPREAD_NOTE: &str = "Evenly between the bounds, each key by itself. A spread of your own is a file in TOML, each key of the \
      configuration with one of these forms: `between = [LOW, HIGH]`, a number; `factor = [LOW, HIGH]`, the configured value times a \
      number; `each-factor`, every element of a list times a number of its own; `one-factor`, one element of a list, drawn too, times a \
      number; `choose = [VALUES]`, one of them. As in `[plant]` with `mass-kg = { factor = [0.9, 1.1] }`.";

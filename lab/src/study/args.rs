@@ -61,7 +61,8 @@ impl StudyArgs {
 }
 
 /// `word`, quoted if a shell would split or change it.
-fn quoted(word: &str) -> String {
+#[must_use]
+pub fn quoted(word: &str) -> String {
     let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "-_./=,:+".contains(letter);
     match word.chars().all(is_plain) {
         true => word.to_owned(),

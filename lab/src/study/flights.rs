@@ -158,6 +158,12 @@ pub fn scaled(value: &Value, scale: &impl Fn(f64) -> f64) -> Option<Value> {
     }
 }
 
+/// `value` rounded to four significant digits, so that it is written in short and flown again exactly.
+#[must_use]
+pub fn readable(value: f64) -> f64 {
+    format!("{value:.3e}").parse().expect("a number just written")
+}
+
 /// Flies a mission, in this process or through processes of their own.
 pub type FlyMission<'a> = dyn FnMut(&Mission) -> Result<Flight, Failure> + 'a;
 

@@ -1,9 +1,9 @@
 //! The six PIDs of Fig. 16 tuned in flight, one at a time: single input, single output, by an artificial bee colony whose bees are
-//! gains that are flown for a while each, as the paper's reference \[27\] does.
+//! gains that are flown in turn, as the paper's reference \[27\] does.
 //!
-//! One flight goes on from the first bee to the last. In every *window* the vehicle moves away along all axes and back; the loop
-//! under search flies it with the gains of a bee, the others with those found so far. The colony sees what the daemon measures, not
-//! the truth. A bee that lets the vehicle stray is broken off: the best gains so far take over, and bring it back.
+//! All bees are evaluated in one flight. In every *window* the vehicle moves away along all axes and back, the tuned loop with the
+//! gains of a bee and the others with the gains found so far. The objective is computed from the measurements of the daemon, not from
+//! the truth. If the vehicle strays, the bee is broken off and the best gains so far bring the vehicle back.
 
 use std::fmt::Write;
 
@@ -22,9 +22,9 @@ use crate::simulation::online::OnlineFlight;
 
 /// Duration of a window \[s\], a multiple of [`POLL_PERIOD`](crate::simulation::POLL_PERIOD).
 const WINDOW_S: f64 = 4.0;
-/// The way out \[m, world\].
+/// Displacement of a window \[m, world\].
 const AWAY_M: [f64; 3] = [0.3, 0.3, 0.2];
-/// Time for the way out, and for the way back \[s\].
+/// Time of the displacement, and of the return \[s\].
 const WAY_S: f64 = 1.0;
 /// Height of the flight \[m\].
 const HEIGHT_M: f64 = 1.0;
@@ -32,7 +32,7 @@ const HEIGHT_M: f64 = 1.0;
 const STRAY_M: f64 = 0.5;
 /// The colony of a loop: 27 windows at most, so that all loops are tuned on one battery.
 const COLONY: BeeColony = BeeColony { sources: 5, cycles: 2, limit: 8, pull: 1.5, seed: 1 };
-/// Windows with the gains before the first bee, and with those found after the last, by which the two are compared.
+/// Number of windows with the gains before the first bee, and with those found, by which the two are compared.
 const COMPARED: usize = 6;
 /// Factor by which a gain is searched to either side \[-\].
 const RANGE: f64 = 3.0;
@@ -82,7 +82,7 @@ pub struct TunedInFlight {
     pub outcome: Outcome,
 }
 
-/// What a window shows: mean error along each axis of position \[m\] and velocity \[m/s\], and the jitter \[rad/s\].
+/// Figures of a window: mean error along each axis of position \[m\] and velocity \[m/s\], and the jitter \[rad/s\].
 #[derive(Clone, Copy, Debug, Default)]
 struct WindowFigures {
     position: Vector3<f64>,
@@ -128,7 +128,7 @@ pub fn tune(
     })
 }
 
-/// The flight in which so many loops are tuned: take-off, one window after another, landing.
+/// The flight in which `loops` loops are tuned: take-off, one window after another, landing.
 fn mission(settings: &[Setting], loops: usize) -> Result<Mission, Failure> {
     let height = Setting::flag("tune", "trajectory.height-m", HEIGHT_M);
     let mut config = Config::from_settings(&[settings, &[height]].concat())?;
@@ -137,17 +137,17 @@ fn mission(settings: &[Setting], loops: usize) -> Result<Mission, Failure> {
     let waypoints = Waypoints::parse(&table(windows))
         .map_err(|error| Failure::new(Exit::Internal, error.problem.to_string()))?;
     let trajectory = config.trajectory.trajectory(Some(waypoints));
-    let trajectory =
-        trajectory.ok_or_else(|| Failure::new(Exit::Internal, "the windows are no trajectory"))?;
+    let trajectory = trajectory
+        .ok_or_else(|| Failure::new(Exit::Internal, "the windows do not form a trajectory"))?;
     Ok(Mission { config, trajectory, recording: None })
 }
 
-/// The waypoints of so many windows.
+/// The waypoints of `windows` windows.
 fn table(windows: usize) -> String {
     let mut text = "t,x,y,z\n".to_owned();
     for window in 0..windows {
         let from_s = window as f64 * WINDOW_S;
-        // To either side by turns, so that the vehicle stays where it is on average.
+        // To alternate sides, so that the vehicle stays in place on average.
         let side = if window.is_multiple_of(2) { 1.0 } else { -1.0 };
         let [x, y, z] = AWAY_M.map(|away| away * side);
         for (t_s, share) in
@@ -171,24 +171,24 @@ fn configured(options: &PositionOptions, which: OuterLoop) -> PidGains {
     }
 }
 
-/// Distance from the reference as the daemon measures it \[m\].
+/// Measured distance from the reference \[m\].
 fn strayed(sample: &FlightSample) -> f64 {
-    let told = &sample.telemetry;
-    (Vector3::from(told.position) - Vector3::from(told.reference_position)).norm()
+    let telemetry = &sample.telemetry;
+    (Vector3::from(telemetry.position) - Vector3::from(telemetry.reference_position)).norm()
 }
 
 impl WindowFigures {
-    /// Of the ticks of a window; `authority` is the rate at full stick \[rad/s, body\].
+    /// Figures of the ticks of a window; `authority` is the rate at full stick \[rad/s, body\].
     fn of(samples: &[FlightSample], authority: &Vector3<f64>) -> Self {
         let count = samples.len().max(1) as f64;
         let mut figures = Self::default();
         for FlightSample { telemetry, .. } in samples {
             let [at, reference] =
                 [telemetry.position, telemetry.reference_position].map(Vector3::from);
-            let [velocity, wanted] =
+            let [velocity, set_point] =
                 [telemetry.velocity, telemetry.velocity_command].map(Vector3::from);
             figures.position += (at - reference).abs() / count;
-            figures.velocity += (velocity - wanted).abs() / count;
+            figures.velocity += (velocity - set_point).abs() / count;
         }
         let sticks = |sample: &FlightSample| Vector3::from(sample.telemetry.sticks);
         let change = |pair: &[FlightSample]| {
@@ -198,7 +198,7 @@ impl WindowFigures {
         figures
     }
 
-    /// The error of the variable that a loop controls.
+    /// Mean error of the variable that a loop controls \[m or m/s\].
     fn error(&self, which: OuterLoop, axis: usize) -> f64 {
         match which {
             OuterLoop::X | OuterLoop::Y | OuterLoop::Z => self.position[axis],
@@ -207,13 +207,13 @@ impl WindowFigures {
     }
 }
 
-/// The search under way.
+/// A search in flight.
 struct OnlineSearch<'a> {
     flight: OnlineFlight<'a>,
     authority: Vector3<f64>,
-    /// Ticks that belong to windows that are over \[-\].
+    /// Number of ticks of finished windows \[-\].
     seen: usize,
-    /// The end of the last window \[s since the start of the flight\].
+    /// End of the last window \[s since the start of the flight\].
     until_s: f64,
 }
 
@@ -245,7 +245,7 @@ impl<'a> OnlineSearch<'a> {
         }
     }
 
-    /// Flies a window; `None` if the vehicle strayed, after which the loop `fallback` has these gains.
+    /// Flies a window; `None` if the vehicle strayed, from when on the loop of `fallback` has its gains.
     fn window(
         &mut self,
         fallback: Option<(OuterLoop, PidGains)>,
@@ -272,7 +272,8 @@ impl<'a> OnlineSearch<'a> {
     fn compare(&mut self) -> Result<WindowFigures, Failure> {
         let mut mean = WindowFigures::default();
         for _ in 0..COMPARED {
-            let strayed = || Failure::new(Exit::Flight, "the vehicle strays with its own gains");
+            let strayed =
+                || Failure::new(Exit::Flight, "the vehicle strays with the configured gains");
             let figures = self.window(None)?.ok_or_else(strayed)?;
             let share = 1.0 / COMPARED as f64;
             mean.position += figures.position * share;
@@ -282,8 +283,8 @@ impl<'a> OnlineSearch<'a> {
         Ok(mean)
     }
 
-    /// Tunes one loop from its gains `start` on, judged against the figures `before`: the gains found, the bees flown, and those
-    /// broken off.
+    /// Tunes one loop from its gains `start`, relative to the figures `before`. Returns the gains found, the number of bees flown, and
+    /// the number of bees broken off.
     fn tune(
         &mut self,
         (which, axis): (OuterLoop, usize),
@@ -294,9 +295,9 @@ impl<'a> OnlineSearch<'a> {
         let bounds = centre.map(|log| log - RANGE.ln()..=log + RANGE.ln());
         let of = |point: &[f64]| PidGains { kp: point[0].exp(), ki: point[1].exp(), ..start };
         let (mut best, mut strayed, mut failed) = ((f64::INFINITY, start), 0, None);
-        let mut judge = |point: &Vec<f64>| {
-            let judged = self.bee((which, axis), (of(point), best.1), before);
-            let value = judged.unwrap_or_else(|failure| {
+        let mut evaluate = |point: &Vec<f64>| {
+            let flown = self.bee((which, axis), (of(point), best.1), before);
+            let value = flown.unwrap_or_else(|failure| {
                 failed.get_or_insert(failure);
                 None
             });
@@ -309,7 +310,7 @@ impl<'a> OnlineSearch<'a> {
         };
         let starts = [centre.to_vec()];
         let found =
-            COLONY.minimise(&bounds, &starts, |points| points.iter().map(&mut judge).collect());
+            COLONY.minimise(&bounds, &starts, |points| points.iter().map(&mut evaluate).collect());
         if let Some(failure) = failed {
             return Err(failure);
         }
@@ -317,7 +318,7 @@ impl<'a> OnlineSearch<'a> {
         Ok((best.1, found.evaluations, strayed))
     }
 
-    /// The objective of a bee with these gains, against the figures `before`; `None` if the vehicle strayed.
+    /// The objective of a bee with these gains relative to the figures `before`; `None` if the vehicle strayed.
     fn bee(
         &mut self,
         (which, axis): (OuterLoop, usize),

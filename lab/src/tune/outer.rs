@@ -88,7 +88,7 @@ pub fn tune(
         objective += best.value.min(1.0) / LOOPS.len() as f64;
     }
     Ok(Tuned {
-        what: "outer".to_owned(),
+        target: "outer".to_owned(),
         values: found,
         objective,
         start: 1.0,

@@ -14,7 +14,9 @@ use super::optimiser::Optimiser;
 use super::space::parameters;
 use crate::progress::Progress;
 use crate::robustness::draws::Draw;
-use crate::study::flights::{AUTHORITY, Change, DELAY, NOMINAL, Plant, RATE_LAG, table, value_at};
+use crate::study::flights::{
+    AUTHORITY, Change, DELAY, NOMINAL, Plant, RATE_LAG, readable, table, value_at,
+};
 use crate::study::law::StudyLaw;
 use crate::study::metric::{Figures, METRIC, METRICS};
 use crate::study::{Case, Condition, Flown, Study, TRAINING_SEEDS};
@@ -144,14 +146,14 @@ fn quadratic_mean(flown: &Flown, reference: &Figures) -> Figures {
 #[derive(Clone, Debug)]
 pub struct Tuned {
     /// Name of the law, or `outer`.
-    pub what: String,
+    pub target: String,
     /// Keys and values \[units of the keys\].
     pub values: Vec<(String, f64)>,
     /// Objective at these gains \[-\]; 1 for `oqtal` with its configured gains; lower is better.
     pub objective: f64,
-    /// Objective at the configured gains, where the search starts \[-\].
+    /// Objective at the configured gains, the start of the search \[-\].
     pub start: f64,
-    /// The search.
+    /// Budget of the search.
     pub budget: Budget,
     /// Number of draws of a spread on which the gains were evaluated \[-\]; 0 for plants near the configured one.
     pub draws: usize,
@@ -169,14 +171,14 @@ impl Tuned {
         };
         format!(
             "tune {} --optimiser {optimiser} --budget {points} --seed {seed}: objective {objective:.4}{draws}",
-            self.what
+            self.target
         )
     }
 
-    /// The gains as a configuration file, on top of the settings `common` of the vehicle that they were found for.
+    /// The gains as a configuration file, with the settings `common` of the vehicle that they were found for.
     #[must_use]
     pub fn to_toml(&self, common: &[&Setting]) -> String {
-        let law = if self.what == "outer" { None } else { Some(&self.what) };
+        let law = Some(&self.target).filter(|target| *target != "outer");
         let law = law.map(|law| ("control.controller", format!("\"{law}\"")));
         let gains = self.values.iter().map(|(key, value)| (key.as_str(), format!("{value:?}")));
         let own: Vec<_> = law.into_iter().chain(gains).collect();
@@ -218,11 +220,6 @@ impl fmt::Display for Tuned {
 /// Gains as settings.
 pub(super) fn settings(values: &[(String, f64)]) -> Vec<Setting> {
     values.iter().map(|(key, value)| Setting::flag("tune", key, *value)).collect()
-}
-
-/// `value` rounded to four significant digits, so that the evaluated gains are the written ones.
-fn readable(value: f64) -> f64 {
-    format!("{value:.3e}").parse().expect("a number just written")
 }
 
 /// The values of `parameters` at a point of their logarithms.
@@ -286,7 +283,7 @@ pub fn law(
         false => (from, start),
     };
     Ok(Tuned {
-        what: name.to_owned(),
+        target: name.to_owned(),
         values,
         objective,
         start,
@@ -319,7 +316,7 @@ mod tests {
     #[test]
     fn a_tuned_configuration_loads_with_the_gains_that_were_found() {
         let tuned = Tuned {
-            what: "lqr".to_owned(),
+            target: "lqr".to_owned(),
             values: vec![("control.lqr.attitude-weight".to_owned(), 12.34)],
             objective: 0.5,
             start: 0.9,
