@@ -253,10 +253,10 @@ impl Flown {
         quantile(self.values(metric), share).unwrap_or(f64::NAN)
     }
 
-    /// Share of the runs with a property \[0..1\].
+    /// Share of the runs with a property \[%\].
     #[must_use]
-    pub fn share(&self, has: impl Fn(&Run) -> bool) -> f64 {
-        self.runs.iter().filter(|run| has(run)).count() as f64 / self.runs.len() as f64
+    pub fn percent(&self, has: impl Fn(&Run) -> bool) -> f64 {
+        1e2 * self.runs.iter().filter(|run| has(run)).count() as f64 / self.runs.len() as f64
     }
 
     /// Greatest number of Riccati equations solved on a path \[-\].
@@ -288,7 +288,7 @@ pub(crate) mod tests {
         let flown = flown("pid", &values);
         let quantiles = [0.5, 0.95, 1.0].map(|share| flown.quantile(0, share));
         assert_eq!(quantiles, [50.0, 95.0, f64::INFINITY]);
-        assert_eq!((flown.share(Run::all_landed), flown.mean()[0]), (0.99, f64::INFINITY));
+        assert_eq!((flown.percent(Run::all_landed), flown.mean()[0]), (99.0, f64::INFINITY));
         assert_eq!(flown.mean_of_landed()[0], (4950.0 - 17.0) / 99.0);
     }
 

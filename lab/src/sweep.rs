@@ -17,7 +17,7 @@ use crate::study::args::{StudyArgs, parse_seeds};
 use crate::study::gains::GainSource;
 use crate::study::law;
 use crate::study::metric::METRIC;
-use crate::study::{Case, Flown, Run, Study};
+use crate::study::{Case, Flown, Study};
 use crate::text_table;
 
 /// Greatest number of combinations of values \[-\].
@@ -94,7 +94,8 @@ struct SweepRow {
 impl SweepRow {
     /// Share of the seeds whose flights all landed as planned \[0..1\].
     fn landed(&self) -> f64 {
-        self.flown.share(Run::is_complete)
+        let landed = self.flown.runs.iter().filter(|run| run.is_complete());
+        landed.count() as f64 / self.flown.runs.len() as f64
     }
 }
 

@@ -11,7 +11,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
 use oqtal_config::ClockKind;
 use oqtal_lab::mission::Mission;
-use oqtal_lab::simulation::{POLL_PERIOD, RecordedFlight};
+use oqtal_lab::simulation::{self, RecordedFlight};
 use oqtal_observe::flight::{Flight, Outcome};
 use oqtal_observe::flight_sample::FlightSample;
 use oqtal_observe::kernel::ProcessUsage;
@@ -98,7 +98,7 @@ impl FlightRecording<'_> {
             state.now = now;
             state.poll(&mut observer)?;
             progress.show(&state.recorder);
-            if self.poll(&mut state, clock.is_virtual())? {
+            if self.check(&mut state, clock.is_virtual())? {
                 break;
             }
         }
@@ -106,8 +106,8 @@ impl FlightRecording<'_> {
         Ok(self.conclude(state))
     }
 
-    /// Reviews the flight after new samples were recorded; `true` if it is over.
-    fn poll(&self, state: &mut Progressing, is_virtual: bool) -> Result<bool, Failure> {
+    /// Checks the flight after new samples were recorded; `true` if it is over.
+    fn check(&self, state: &mut Progressing, is_virtual: bool) -> Result<bool, Failure> {
         let recorder = &state.recorder;
         if state.daemon.is_none() {
             state.daemon = recorder.daemon_pid().and_then(ProcessUsage::of);
@@ -232,7 +232,7 @@ impl ReviewClock {
             }
             Self::Virtual { clock, next, end } => {
                 let now = clock.wait(*next)?;
-                *next = now.map(|now| (now + POLL_PERIOD).min(*end));
+                *next = now.map(|now| (now + simulation::POLL_PERIOD).min(*end));
                 Ok(now)
             }
         }

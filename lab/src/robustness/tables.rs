@@ -30,9 +30,7 @@ fn summary(flown: &[Flown]) -> Sheet {
     let median = |metric: usize| move |law: &Flown| law.quantile(metric, 0.5);
     let p95 = |metric: usize| move |law: &Flown| law.quantile(metric, 0.95);
     let columns = [
-        column("landed_percent", "all four landed [%]", |law: &Flown| {
-            1e2 * law.share(Run::all_landed)
-        }),
+        column("landed_percent", "all four landed [%]", |law: &Flown| law.percent(Run::all_landed)),
         column("hover_median_mm", "hover, median [mm]", median(HOVER)),
         column("hover_p95_mm", "hover, 95 % point [mm]", p95(HOVER)),
         column("hover_worst_mm", "hover, worst [mm]", |law: &Flown| law.quantile(HOVER, 1.0)),
@@ -51,9 +49,9 @@ const SUMMARY_NOTE: &str = "A flight that did not land counts as worse than any 
      quantile is such a flight. Jitter is the activity of the command.";
 
 fn landed(flown: &[Flown]) -> Sheet {
-    let one = |test: Test| move |law: &Flown| 1e2 * law.share(|run| run.has_landed(test));
+    let one = |test: Test| move |law: &Flown| law.percent(|run| run.has_landed(test));
     let columns = [
-        column("landed", "all four landed [%]", |law: &Flown| 1e2 * law.share(Run::all_landed)),
+        column("landed", "all four landed [%]", |law: &Flown| law.percent(Run::all_landed)),
         column("landed_path", "path [%]", one(Test::Path)),
         column("landed_hover", "hover [%]", one(Test::Hover)),
         column("landed_chirp", "chirp [%]", one(Test::Chirp)),
