@@ -5,7 +5,8 @@
 //!
 //! | form | shows |
 //! |---|---|
-//! | `{expression}` | four significant digits; a count as it is; or the text of a value |
+//! | `{name}` | the text of a value; a number with all its digits |
+//! | `{expression}` | four significant digits, or a count |
 //! | `{expression:2}` | two significant digits |
 //! | `{expression:.0}` | no decimals |
 //! | `{condition ? this : that}` | one of two texts |
@@ -96,8 +97,10 @@ impl TextScope<'_> {
             let (yes, no) = texts.split_once(" : ").expect("two texts");
             return if self.holds(condition) { yes } else { no }.to_owned();
         }
-        if let Some(TextValue::Words(words)) = self.values.get(expression) {
-            return words.clone();
+        match self.values.get(expression) {
+            Some(TextValue::Words(words)) => return words.clone(),
+            Some(TextValue::Number(number)) => return number.to_string(),
+            None => {}
         }
         match expression.rsplit_once(':') {
             None => figure(self.number(expression)),
