@@ -180,6 +180,8 @@ fn call(function: &str, arguments: &[f64]) -> f64 {
     }
 }
 
+type Comparison = fn(&f64, &f64) -> bool;
+
 /// A parser by recursive descent that evaluates while it reads; a truth value is 1 or 0.
 struct Parser<'a> {
     scope: &'a TextScope<'a>,
@@ -203,7 +205,7 @@ impl Parser<'_> {
 
     fn comparison(&mut self) -> f64 {
         let left = self.sum();
-        let operators: [(&str, fn(&f64, &f64) -> bool); 5] =
+        let operators: [(&str, Comparison); 5] =
             [("<=", f64::le), (">=", f64::ge), ("==", f64::eq), ("<", f64::lt), (">", f64::gt)];
         for (token, holds) in operators {
             if self.take(token) {
