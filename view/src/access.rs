@@ -107,8 +107,8 @@ impl Access {
     }
 }
 
-/// Whether the request comes from a page of this site, where the browser reports that. The page itself may be opened by a link elsewhere;
-/// it may not be framed.
+/// Whether the request comes from a page of this site, where the browser reports that. The page itself may be opened by a link
+/// elsewhere; it may not be framed.
 fn is_same_site(request: &Request) -> bool {
     match request.header("sec-fetch-site") {
         None | Some("same-origin" | "none") => true,
