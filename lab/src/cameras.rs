@@ -99,7 +99,8 @@ impl CamerasCommand {
         match self {
             Self::Statistics(args) => {
                 let files: Vec<&Path> = args.files.iter().map(PathBuf::as_path).collect();
-                let study = statistics::Study::of(&args.settings.config()?, args.seconds, &files)?;
+                let study =
+                    statistics::CameraStudy::of(&args.settings.config()?, args.seconds, &files)?;
                 args.settings.show(&study.to_json(), &study.to_text())
             }
             Self::Noise(args) => {

@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | laws | [`StudyLaw`] | `oqtal-dt` with its tuned gains |
 //! | what varies | [`Case`] | a rate lag of 80 ms |
-//! | flights of a case | [`Condition`]: seed, plant, settings | seeds 200 to 224, or one draw of a spread each |
+//! | flights of a case | [`FlightCondition`]: seed, plant, settings | seeds 200 to 224, or one draw of a spread each |
 //! | tests of a flight | [`Test`](flights::Test) | path, hover, chirp, doublet |
 //!
 //! A study of three rate lags, as a table:
@@ -42,7 +42,7 @@ use rayon::prelude::*;
 
 use crate::progress::Progress;
 use crate::simulation;
-use flights::{FlyMission, NOMINAL, Plant, Test, TestFlights};
+use flights::{FlyMission, NOMINAL, PlantVariant, Test, TestFlights};
 use law::StudyLaw;
 use metric::Figures;
 
@@ -53,11 +53,11 @@ pub const TRAINING_SEEDS: Range<u64> = 101..107;
 
 /// Conditions of one flight of every test.
 #[derive(Clone, Debug)]
-pub struct Condition {
+pub struct FlightCondition {
     /// Seed of the flights: `clock.seed`.
     pub seed: u64,
     /// Simulated vehicle.
-    pub plant: Plant,
+    pub plant: PlantVariant,
     /// Settings on top of those of the law.
     pub settings: Vec<Setting>,
 }
@@ -68,7 +68,7 @@ pub struct Case {
     /// Name in tables.
     pub name: String,
     /// The flights.
-    pub conditions: Vec<Condition>,
+    pub conditions: Vec<FlightCondition>,
 }
 
 impl Case {
@@ -80,8 +80,8 @@ impl Case {
 
     /// Flights of `plant`, one for each seed, named after it.
     #[must_use]
-    pub fn on(plant: Plant, seeds: Range<u64>) -> Self {
-        let condition = |seed| Condition { seed, plant, settings: Vec::new() };
+    pub fn on(plant: PlantVariant, seeds: Range<u64>) -> Self {
+        let condition = |seed| FlightCondition { seed, plant, settings: Vec::new() };
         Self { name: plant.name.to_owned(), conditions: seeds.map(condition).collect() }
     }
 
@@ -171,7 +171,7 @@ impl Study<'_> {
     }
 
     fn fly_and_tell(&self, flown: &(impl Fn() + Sync)) -> Result<Vec<Flown>, Failure> {
-        let fly = |(law, condition): (&StudyLaw, &Condition)| {
+        let fly = |(law, condition): (&StudyLaw, &FlightCondition)| {
             let run =
                 TestFlights::new(law, condition)?.fly(&mut |mission| simulation::fly(mission));
             flown();
@@ -198,7 +198,7 @@ impl Study<'_> {
         pairs.try_for_each(|(law, first)| flights::config(law, first, Test::Path).map(|_| ()))
     }
 
-    fn flights(&self) -> Vec<(&StudyLaw, &Condition)> {
+    fn flights(&self) -> Vec<(&StudyLaw, &FlightCondition)> {
         let conditions = || self.cases.iter().flat_map(|case| &case.conditions);
         self.laws
             .iter()

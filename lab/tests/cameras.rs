@@ -92,8 +92,8 @@ fn filters_have_the_right_noise_and_white_innovations() {
 
 #[test]
 fn statistics_without_recordings_are_within_nothing() {
-    let study =
-        statistics::Study::of(&config(&[("mocap.preset", "room".into())]), 40.0, &[]).unwrap();
+    let study = statistics::CameraStudy::of(&config(&[("mocap.preset", "room".into())]), 40.0, &[])
+        .unwrap();
     assert_eq!(study.is_within(0), None);
     assert_eq!(study.to_text().lines().count(), 23);
     assert_eq!(study.to_json()["figures"].as_array().unwrap().len(), 21);

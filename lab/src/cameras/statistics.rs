@@ -51,12 +51,12 @@ fn rest(statistics: &RoomStatistics, of: fn(&RestStatistics) -> f64) -> Option<f
 
 /// The figures of the emulated cameras and of recordings.
 #[derive(Clone, Debug)]
-pub struct Study {
+pub struct CameraStudy {
     emulated: [Option<f64>; FIGURES.len()],
     recordings: Vec<(String, [Option<f64>; FIGURES.len()])>,
 }
 
-impl Study {
+impl CameraStudy {
     /// Emulates the cameras of `config` with a body at rest and one in motion for `seconds`, and reads `files`.
     ///
     /// # Errors

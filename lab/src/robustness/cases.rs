@@ -4,7 +4,7 @@ use oqtal_runtime::process::Failure;
 
 use crate::progress::Progress;
 use crate::sheet::{Sheet, SheetRow, Variant};
-use crate::study::flights::{AUTHORITY, Change, NOMINAL, Plant, RATE_LAG};
+use crate::study::flights::{AUTHORITY, Change, NOMINAL, PlantVariant, RATE_LAG};
 use crate::study::law::StudyLaw;
 use crate::study::metric::{CHIRP, HOVER, METRIC, METRICS};
 use crate::study::table::column;
@@ -13,25 +13,25 @@ use crate::study::{Case, Flown, Study};
 const HIDDEN_DELAY: &str = "plant.hidden-delay-ms";
 
 /// The plants.
-const PLANTS: [Plant; 12] = [
+const PLANTS: [PlantVariant; 12] = [
     NOMINAL,
-    Plant { name: "rate lag 30 ms", changes: &[Change::To(RATE_LAG, 30.0)] },
-    Plant { name: "rate lag 80 ms", changes: &[Change::To(RATE_LAG, 80.0)] },
-    Plant { name: "rate lag 84 ms", changes: &[Change::To(RATE_LAG, 84.0)] },
-    Plant { name: "rate lag 90 ms", changes: &[Change::To(RATE_LAG, 90.0)] },
-    Plant { name: "rate lag 120 ms", changes: &[Change::To(RATE_LAG, 120.0)] },
-    Plant {
+    PlantVariant { name: "rate lag 30 ms", changes: &[Change::To(RATE_LAG, 30.0)] },
+    PlantVariant { name: "rate lag 80 ms", changes: &[Change::To(RATE_LAG, 80.0)] },
+    PlantVariant { name: "rate lag 84 ms", changes: &[Change::To(RATE_LAG, 84.0)] },
+    PlantVariant { name: "rate lag 90 ms", changes: &[Change::To(RATE_LAG, 90.0)] },
+    PlantVariant { name: "rate lag 120 ms", changes: &[Change::To(RATE_LAG, 120.0)] },
+    PlantVariant {
         name: "authority -20 %, rate lag 80 ms",
         changes: &[Change::Times(AUTHORITY, 0.8), Change::To(RATE_LAG, 80.0)],
     },
-    Plant { name: "hidden delay 30 ms", changes: &[Change::To(HIDDEN_DELAY, 30.0)] },
-    Plant { name: "hidden delay 40 ms", changes: &[Change::To(HIDDEN_DELAY, 40.0)] },
-    Plant {
+    PlantVariant { name: "hidden delay 30 ms", changes: &[Change::To(HIDDEN_DELAY, 30.0)] },
+    PlantVariant { name: "hidden delay 40 ms", changes: &[Change::To(HIDDEN_DELAY, 40.0)] },
+    PlantVariant {
         name: "rate lag 120 ms, hidden delay 40 ms",
         changes: &[Change::To(RATE_LAG, 120.0), Change::To(HIDDEN_DELAY, 40.0)],
     },
-    Plant { name: "authority doubled: 6 dB", changes: &[Change::Times(AUTHORITY, 2.0)] },
-    Plant { name: "authority halved", changes: &[Change::Times(AUTHORITY, 0.5)] },
+    PlantVariant { name: "authority doubled: 6 dB", changes: &[Change::Times(AUTHORITY, 2.0)] },
+    PlantVariant { name: "authority halved", changes: &[Change::Times(AUTHORITY, 0.5)] },
 ];
 
 /// Seeds of the flights.

@@ -14,7 +14,7 @@ use crate::progress::Progress;
 use crate::study::args::quoted;
 use crate::study::flights::{NOMINAL, table, value_at};
 use crate::study::metric::METRIC;
-use crate::study::{Case, Condition, Flown};
+use crate::study::{Case, FlightCondition, Flown};
 
 /// One draw: a plant and the seed of its flights.
 #[derive(Clone, Debug)]
@@ -68,7 +68,7 @@ impl Draw {
     /// The draws as one case of a study.
     #[must_use]
     pub fn case(draws: &[Self]) -> Case {
-        let condition = |draw: &Self| Condition {
+        let condition = |draw: &Self| FlightCondition {
             seed: draw.seed,
             plant: NOMINAL,
             settings: draw.settings.clone(),

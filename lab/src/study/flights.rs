@@ -9,13 +9,13 @@ use super::law::StudyLaw;
 use super::metric::{
     CHIRP, DOUBLET, HOVER, JITTER, METRICS, OVERSHOOT, POSITION, of_attitude, of_hover, of_path,
 };
-use super::{Condition, Run};
+use super::{FlightCondition, Run};
 use crate::mission::Mission;
 use crate::simulation;
 
 /// A simulated vehicle that differs from the configured one.
 #[derive(Clone, Copy, Debug)]
-pub struct Plant {
+pub struct PlantVariant {
     /// The difference, in words; figures are those of the shipped vehicle.
     pub name: &'static str,
     /// Keys of `[plant]` that differ.
@@ -39,15 +39,15 @@ pub const RATE_LAG: &str = "plant.rate-lag-ms";
 pub const DELAY: &str = "plant.command-delay-ms";
 
 /// The configured plant.
-pub const NOMINAL: Plant = Plant { name: "nominal", changes: &[] };
+pub const NOMINAL: PlantVariant = PlantVariant { name: "nominal", changes: &[] };
 
 /// Plants that differ from the nominal one.
-pub const MISMATCHED: [Plant; 5] = [
-    Plant { name: "rate gain -20 %", changes: &[Change::Times(AUTHORITY, 0.8)] },
-    Plant { name: "rate gain +20 %", changes: &[Change::Times(AUTHORITY, 1.2)] },
-    Plant { name: "delay +10 ms", changes: &[Change::Times(DELAY, 1.5)] },
-    Plant { name: "inner lag 30 ms", changes: &[Change::Times(RATE_LAG, 0.6)] },
-    Plant { name: "inner lag 80 ms", changes: &[Change::Times(RATE_LAG, 1.6)] },
+pub const MISMATCHED: [PlantVariant; 5] = [
+    PlantVariant { name: "rate gain -20 %", changes: &[Change::Times(AUTHORITY, 0.8)] },
+    PlantVariant { name: "rate gain +20 %", changes: &[Change::Times(AUTHORITY, 1.2)] },
+    PlantVariant { name: "delay +10 ms", changes: &[Change::Times(DELAY, 1.5)] },
+    PlantVariant { name: "inner lag 30 ms", changes: &[Change::Times(RATE_LAG, 0.6)] },
+    PlantVariant { name: "inner lag 80 ms", changes: &[Change::Times(RATE_LAG, 1.6)] },
 ];
 
 /// One flight of a condition.
@@ -99,7 +99,7 @@ impl Test {
 ///
 /// # Errors
 /// A setting is invalid.
-pub fn config(law: &StudyLaw, condition: &Condition, test: Test) -> Result<Config, Failure> {
+pub fn config(law: &StudyLaw, condition: &FlightCondition, test: Test) -> Result<Config, Failure> {
     let changes = changed(law, condition.plant)?;
     let mut settings = [&law.settings[..], &condition.settings, &changes].concat();
     settings.push(law.setting());
@@ -111,7 +111,7 @@ pub fn config(law: &StudyLaw, condition: &Condition, test: Test) -> Result<Confi
 }
 
 /// The changes of `plant` as settings, about the configuration of the law.
-fn changed(law: &StudyLaw, plant: Plant) -> Result<Vec<Setting>, Failure> {
+fn changed(law: &StudyLaw, plant: PlantVariant) -> Result<Vec<Setting>, Failure> {
     if plant.changes.is_empty() {
         return Ok(Vec::new());
     }
@@ -186,7 +186,7 @@ pub fn landed(
 /// # Errors
 /// A setting is invalid.
 pub fn path(law: &StudyLaw, seed: u64) -> Result<Option<Flight>, Failure> {
-    let condition = Condition { seed, plant: NOMINAL, settings: Vec::new() };
+    let condition = FlightCondition { seed, plant: NOMINAL, settings: Vec::new() };
     let flown =
         landed(config(law, &condition, Test::Path)?, &mut |mission| simulation::fly(mission))?;
     Ok(flown.map(|(flight, _)| flight))
@@ -196,7 +196,7 @@ pub fn path(law: &StudyLaw, seed: u64) -> Result<Option<Flight>, Failure> {
 pub(super) struct TestFlights([Config; Test::ALL.len()]);
 
 impl TestFlights {
-    pub(super) fn new(law: &StudyLaw, condition: &Condition) -> Result<Self, Failure> {
+    pub(super) fn new(law: &StudyLaw, condition: &FlightCondition) -> Result<Self, Failure> {
         let [path, hover, chirp, doublet] = Test::ALL.map(|test| config(law, condition, test));
         Ok(Self([path?, hover?, chirp?, doublet?]))
     }

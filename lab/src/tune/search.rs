@@ -15,20 +15,20 @@ use super::space::parameters;
 use crate::progress::Progress;
 use crate::robustness::draws::Draw;
 use crate::study::flights::{
-    AUTHORITY, Change, DELAY, NOMINAL, Plant, RATE_LAG, readable, table, value_at,
+    AUTHORITY, Change, DELAY, NOMINAL, PlantVariant, RATE_LAG, readable, table, value_at,
 };
 use crate::study::law::StudyLaw;
 use crate::study::metric::{Figures, METRIC, METRICS};
-use crate::study::{Case, Condition, Flown, Study, TRAINING_SEEDS};
+use crate::study::{Case, FlightCondition, Flown, Study, TRAINING_SEEDS};
 
 /// The plants that gains are tuned on, one for each training seed, so that no gain relies on one plant being exactly known.
-const TRAINING: [Plant; 6] = [
+const TRAINING: [PlantVariant; 6] = [
     NOMINAL,
     NOMINAL,
-    Plant { name: "rate gain -12 %", changes: &[Change::Times(AUTHORITY, 0.88)] },
-    Plant { name: "rate gain +12 %", changes: &[Change::Times(AUTHORITY, 1.12)] },
-    Plant { name: "inner lag 65 ms", changes: &[Change::Times(RATE_LAG, 1.3)] },
-    Plant {
+    PlantVariant { name: "rate gain -12 %", changes: &[Change::Times(AUTHORITY, 0.88)] },
+    PlantVariant { name: "rate gain +12 %", changes: &[Change::Times(AUTHORITY, 1.12)] },
+    PlantVariant { name: "inner lag 65 ms", changes: &[Change::Times(RATE_LAG, 1.3)] },
+    PlantVariant {
         name: "inner lag 40 ms, delay +5 ms",
         changes: &[Change::Times(RATE_LAG, 0.8), Change::Times(DELAY, 1.25)],
     },
@@ -73,7 +73,7 @@ impl TrainingFlights {
     #[must_use]
     pub fn near(settings: Vec<Setting>, seeds: Range<u64>) -> Self {
         let plants = seeds.zip(TRAINING.into_iter().cycle());
-        let condition = |(seed, plant)| Condition { seed, plant, settings: Vec::new() };
+        let condition = |(seed, plant)| FlightCondition { seed, plant, settings: Vec::new() };
         let case =
             Case { name: "training".to_owned(), conditions: plants.map(condition).collect() };
         Self { settings, case, draws: 0 }
