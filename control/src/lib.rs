@@ -55,6 +55,7 @@ pub mod error_model;
 pub mod estimator;
 pub mod euler;
 pub mod gravity_turn;
+pub mod horizon;
 pub mod integral;
 pub mod linear;
 pub mod metrics;

@@ -13,6 +13,7 @@ use oqtal_control::predictive::{
     Autopilot, CommandReport, Design, FilterOptions, Integration, MeasuredPose, ModelInput,
     MotionTracker, PredictiveOptions, Rotation, VehicleModel,
 };
+use oqtal_control::quantity::BodyRate;
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::rigid_body::Inertia;
 use oqtal_control::trajectory::{Phase, Reference};
@@ -21,21 +22,26 @@ use counter::allocations;
 
 const DT_S: f64 = 1.0 / 60.0;
 
-fn check_laws<I: InputForm>(options: &ControlOptions, input: impl Fn() -> I) {
+/// Flies every law through several cells, so that Riccati equations are solved, and to the limits of the input, so that quadratic
+/// programs are.
+fn check_laws<I: InputForm + Copy>(options: &ControlOptions, input: I) {
     for controller in ControllerName::ALL {
-        let options = ControlOptions { controller, ..*options };
-        let mut law = Controller::new(&options, input()).unwrap();
+        let mut law = Controller::new(&ControlOptions { controller, ..*options }, input).unwrap();
+        let mut saturated = 0;
         let (count, ()) = allocations(|| {
             for tick in 0..60 {
-                // Through several cells, so that Riccati equations are solved; `mpc` within its limits, beyond which its solver allocates.
-                let scale = if controller.name() == "mpc" { 0.02 } else { 1.0 };
-                let turn = Vector3::new(0.03, -0.02, 0.01) * scale * f64::from(tick);
-                let attitude = Attitude::from_rotation_vector(turn);
-                let state = AttitudeState { attitude, ..AttitudeState::default() };
-                law.update(&state, &AttitudeReference::default(), DT_S);
+                let turn = Vector3::new(0.03, -0.02, 0.01) * f64::from(tick);
+                let state = AttitudeState {
+                    attitude: Attitude::from_rotation_vector(turn),
+                    rate: BodyRate(Vector3::new(-0.5, 0.9, 1.5) * f64::from(tick % 5)),
+                };
+                let command = law.update(&state, &AttitudeReference::default(), DT_S);
+                let u = I::u_from(command);
+                saturated += u32::from((input.saturate(&(2.0 * u)) - u).amax() < 1e-9);
             }
         });
         assert_eq!(count, 0, "{controller:?}");
+        assert!(saturated > 0, "{controller:?} is not at its limits");
     }
 }
 
@@ -46,9 +52,16 @@ fn the_count_counts() {
 
 #[test]
 fn no_law_allocates_in_a_step() {
-    check_laws(&ControlOptions::default(), || RateInput::new(Vector3::repeat(2.0)).unwrap());
-    let inertia = Inertia::new(Matrix3::from_diagonal_element(0.5)).unwrap();
-    check_laws(&ControlOptions::spacecraft(), || TorqueInput::new(inertia, 20.0).unwrap());
+    let sticks = RateInput::new(Vector3::repeat(2.0)).unwrap();
+    check_laws(&ControlOptions::default(), sticks);
+    check_laws(&ControlOptions::default(), sticks.with_lag(0.05, DT_S).unwrap());
+    // The axes of the second body affect each other, so that the program of `mpc` has all of them.
+    for coupling in [0.0, 0.05] {
+        let mut inertia = Matrix3::from_diagonal_element(0.5);
+        (inertia[(0, 1)], inertia[(1, 0)]) = (coupling, coupling);
+        let input = TorqueInput::new(Inertia::new(inertia).unwrap(), 20.0).unwrap();
+        check_laws(&ControlOptions::spacecraft(), input);
+    }
 }
 
 #[test]

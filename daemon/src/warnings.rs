@@ -1,8 +1,7 @@
 //! Warnings before a flight: settings that the flight cannot satisfy. It is flown all the same.
 
 use nalgebra::Vector3;
-use oqtal_config::{ClockKind, Config};
-use oqtal_control::controller::ControllerName;
+use oqtal_config::Config;
 use oqtal_control::trajectory::{
     FlightPlan, Phase, Reference, StartPoint, Trajectory, TrajectoryKind,
 };
@@ -23,7 +22,6 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     }
     all.extend(config.rate_warning());
     all.extend(law_replaced(config));
-    all.extend(unbounded_step(config));
     let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
     let samples = samples(&plan);
     let limits = &config.position;
@@ -43,16 +41,6 @@ fn law_replaced(config: &Config) -> Option<String> {
             "vehicle.interface is \"attitude\": the vehicle's own loop takes the place of the attitude law, and {} flies as every other but oqtal-dt",
             config.control.controller
         )
-    })
-}
-
-/// That a step of the law has no bound in time, where it flies in real time.
-fn unbounded_step(config: &Config) -> Option<String> {
-    let is_unbounded =
-        config.control.controller == ControllerName::Mpc && config.clock.kind == ClockKind::Real;
-    is_unbounded.then(|| {
-        "mpc solves a program and allocates memory where a limit is reached: its steps have no bound in time; fly it with --clock lockstep, or choose oqtal-dt"
-            .to_owned()
     })
 }
 

@@ -6,29 +6,24 @@
 //! ```
 //!
 //! `A`, `B`, weights and feed-forward are those of [`OqtalDt`]; `P` is the solution of its Riccati equation, so that without an
-//! active limit the plan is that of its gain for any `N` (P. O. M. Scokaert and J. B. Rawlings, *IEEE TAC* 43(8), 1998). Feed-forward
-//! and reference rate are held over the horizon. Only if that plan breaks a limit is the quadratic program solved (of each axis by itself, if none
-//! affects another), by Clarabel, an interior-point method in pure Rust, in a bounded number of iterations; if it finds no solution, the first move of the plan
-//! is clipped.
-//!
-//! A step within the limits does not allocate (`tests/allocation.rs`). The solver does, in each program. The law is for studies: the
-//! daemon warns of it where it flies in real time.
+//! active limit the plan is that of its gain for any `N` (P. O. M. Scokaert and J. B. Rawlings, *IEEE TAC* 43(8), 1998).
+//! Feed-forward and reference rate are held over the horizon. Only if that plan breaks a limit is the quadratic program solved, of
+//! each axis by itself if no axis affects another ([`crate::horizon`]). If the solver finds no solution within its bound of
+//! iterations, the first move of the plan is clipped.
 
-mod program;
-
-use nalgebra::{Matrix3, Matrix6, SVector, Vector3, Vector6};
+use nalgebra::{Matrix2, Matrix3, Matrix6, Matrix6x3, SMatrix, SVector, Vector2, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 
 use super::input::InputForm;
 use super::law::{AttitudeLaw, LawTerms, SearchRange};
 use super::oqtal_dt::{DiscreteGain, OqtalDt, OqtalDtOptions};
+use crate::horizon::{HorizonProgram, MOST_STEPS, MoveBounds};
 use crate::options::{OptionError, Rule, check_options};
 use crate::riccati::dare;
 use crate::tracking_error::{AttitudeError, AttitudeReference, AttitudeState};
-use program::{MoveBounds, QuadraticProgram};
 
-/// Longest horizon \[-\].
-const MOST_STEPS: usize = 40;
+/// Part of the greatest element of a matrix below which another one is a rounding error \[-\].
+const ROUNDING: f64 = 1e-9;
 
 /// Options of [`Mpc`]. The default is for the Hummingbird in rate form.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -88,13 +83,79 @@ impl MpcOptions {
     }
 }
 
+/// The program of the law: of each axis, or of all axes if they affect each other.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Program {
+    Axes([HorizonProgram<2, 1>; 3]),
+    Coupled(HorizonProgram<6, 3>),
+}
+
+impl Program {
+    fn of(program: HorizonProgram<6, 3>) -> Self {
+        let HorizonProgram { a, b, q, r, p, steps } = &program;
+        if ![a, p].into_iter().all(is_decoupled) || !is_decoupled(b) {
+            return Self::Coupled(program);
+        }
+        let part = |m: &Matrix6<f64>, axis: usize| {
+            Matrix2::from_fn(|row, column| m[(axis + 3 * row, axis + 3 * column)])
+        };
+        Self::Axes([0, 1, 2].map(|axis| HorizonProgram {
+            a: part(a, axis),
+            b: Vector2::new(b[(axis, axis)], b[(axis + 3, axis)]),
+            q: part(q, axis),
+            r: r.fixed_view::<1, 1>(axis, axis).into_owned(),
+            p: part(p, axis),
+            steps: *steps,
+        }))
+    }
+
+    /// The first moves of the axes that are `broken`, of all if axes affect each other, from the error `x`; `None` for an axis for
+    /// which the solver has none.
+    fn first_moves(
+        &self,
+        x: &Vector6<f64>,
+        bounds: &MoveBounds<3>,
+        broken: [bool; 3],
+    ) -> [Option<f64>; 3] {
+        match self {
+            Self::Axes(programs) => [0, 1, 2].map(|axis| {
+                let x = SVector::from([x[axis], x[axis + 3]]);
+                let solution = broken[axis].then(|| programs[axis].solve(&x, &bounds.of(axis)));
+                solution.flatten().map(|solution| solution.first[0])
+            }),
+            Self::Coupled(program) if broken.contains(&true) => {
+                let solution = program.solve(x, bounds);
+                [0, 1, 2].map(|axis| solution.map(|solution| solution.first[axis]))
+            }
+            Self::Coupled(_) => [None; 3],
+        }
+    }
+}
+
+/// Whether no axis affects another by a matrix from or to `[omega_e; eps]`.
+fn is_decoupled<const C: usize>(m: &SMatrix<f64, 6, C>) -> bool {
+    let greatest = m.amax();
+    let is_apart = |(index, element): (usize, &f64)| {
+        index % 3 == index / 6 % 3 || element.abs() <= ROUNDING * greatest
+    };
+    m.iter().enumerate().all(is_apart)
+}
+
+/// The sampled plant of the state `[omega_e; eps]` at zero error.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Plant {
+    a: Matrix6<f64>,
+    b: Matrix6x3<f64>,
+}
+
 /// The law for a vehicle commanded through `I`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mpc<I> {
     options: MpcOptions,
     input: I,
     gain: DiscreteGain,
-    program: Option<QuadraticProgram>,
+    plant: Plant,
+    program: Option<Program>,
     terms: LawTerms,
 }
 
@@ -111,46 +172,47 @@ impl<I: InputForm> Mpc<I> {
         let r = Matrix3::from_diagonal_element(options.input_weight);
         // If the rate follows the input at once, each axis is an integrator, for which clipping solves the program.
         let program = match input.rate_model() {
-            Some(_) => dare(&a, &b, &q, &r).ok().map(|terminal| QuadraticProgram {
-                a,
-                b,
-                q,
-                r,
-                p: terminal.p,
-                steps: options.horizon,
+            Some(_) => dare(&a, &b, &q, &r).ok().map(|terminal| {
+                Program::of(HorizonProgram { a, b, q, r, p: terminal.p, steps: options.horizon })
             }),
             None => None,
         };
         let law = OqtalDt::new(options.weights(), input, period_s)?;
         let gain = *law.gain();
-        Ok(Self { options, gain, program, input: law.into_input(), terms: LawTerms::default() })
+        Ok(Self {
+            options,
+            input: law.into_input(),
+            gain,
+            plant: Plant { a, b },
+            program,
+            terms: LawTerms::default(),
+        })
     }
 
     /// The limits of the moves of a body with the reference input `u_ref` and the reference rate `omega_ref`.
-    fn bounds(&self, u_ref: Vector3<f64>, omega_ref: Vector3<f64>) -> MoveBounds {
+    fn bounds(&self, u_ref: Vector3<f64>, omega_ref: Vector3<f64>) -> MoveBounds<3> {
         let most = self.input.saturate(&Vector3::repeat(f64::MAX));
         let fastest = Vector3::repeat(self.options.max_rate_rad_s);
         // A feed-forward beyond the limits leaves no room on one side; the first move is then at the limit.
         let u_ref = self.input.saturate(&u_ref);
         MoveBounds {
-            input: [-most - u_ref, most - u_ref],
-            rate: [-fastest - omega_ref, fastest - omega_ref],
+            input_low: -most - u_ref,
+            input_high: most - u_ref,
+            rate_low: -fastest - omega_ref,
+            rate_high: fastest - omega_ref,
         }
     }
 
     /// The axes on which the plan of the gain breaks a limit within the horizon.
-    fn broken(
-        &self,
-        program: &QuadraticProgram,
-        mut x: Vector6<f64>,
-        bounds: &MoveBounds,
-    ) -> [bool; 3] {
+    fn broken(&self, mut x: Vector6<f64>, bounds: &MoveBounds<3>) -> [bool; 3] {
         let mut broken = [false; 3];
-        for _ in 0..program.steps {
+        for _ in 0..self.options.horizon {
             let u = -self.gain * x;
-            x = program.a * x + program.b * u;
+            x = self.plant.a * x + self.plant.b * u;
             for (axis, broken) in broken.iter_mut().enumerate() {
-                *broken |= !bounds.allow(&u, x[axis], axis);
+                let input = bounds.input_low[axis]..=bounds.input_high[axis];
+                let rate = bounds.rate_low[axis]..=bounds.rate_high[axis];
+                *broken |= !(input.contains(&u[axis]) && rate.contains(&x[axis]));
             }
         }
         broken
@@ -176,7 +238,7 @@ impl<I: InputForm> AttitudeLaw for Mpc<I> {
         let bounds = self.bounds(u_ref, error.rotation() * reference.rate.0);
         let mut u = -self.gain * x;
         if let Some(program) = &self.program {
-            let planned = program.first_moves(&x, &bounds, self.broken(program, x, &bounds));
+            let planned = program.first_moves(&x, &bounds, self.broken(x, &bounds));
             u.iter_mut().zip(planned).for_each(|(u, planned)| *u = planned.unwrap_or(*u));
         }
         self.terms = LawTerms::of(&(u_ref + u), Vector3::zeros(), u_ref);
@@ -231,7 +293,7 @@ mod tests {
         (x[0], x[3]) = (-0.1, 0.01);
         let program = law.program.unwrap();
         let bounds = law.bounds(Vector3::zeros(), Vector3::zeros());
-        assert_eq!(law.broken(&program, x, &bounds), [false; 3]);
+        assert_eq!(law.broken(x, &bounds), [false; 3]);
         let moves = program.first_moves(&x, &bounds, [true; 3]);
         let solved = Vector3::from(moves.map(Option::unwrap));
         assert!((solved + law.gain * x).amax() < 1e-6, "{solved}");
@@ -242,20 +304,21 @@ mod tests {
     fn beyond_the_limits_no_other_moves_cost_less() {
         let options = MpcOptions { horizon: 2, max_rate_rad_s: 100.0, ..MpcOptions::default() };
         let law = Mpc::new(options, input(), PERIOD_S).unwrap();
-        let program = law.program.unwrap();
+        let Some(Program::Axes(programs)) = law.program else { panic!("axes affect each other") };
         let bounds = law.bounds(Vector3::zeros(), Vector3::zeros());
         let mut x = Vector6::zeros();
         (x[0], x[3]) = (-1.0, 0.09);
-        assert_eq!(law.broken(&program, x, &bounds), [true, false, false]);
-        let first = program.first_moves(&x, &bounds, [true; 3])[0].unwrap();
+        assert_eq!(law.broken(x, &bounds), [true, false, false]);
+        let HorizonProgram { a, b, q, r, p, .. } = programs[0];
+        let start = Vector2::new(x[0], x[3]);
+        let first = programs[0].solve(&start, &bounds.of(0)).unwrap().first[0];
         let cost = |moves: [f64; 2]| {
-            let (mut x, mut sum) = (x, 0.0);
+            let (mut x, mut sum) = (start, 0.0);
             for u in moves {
-                let u = Vector3::new(u, 0.0, 0.0);
-                sum += (x.transpose() * program.q * x)[0] + (u.transpose() * program.r * u)[0];
-                x = program.a * x + program.b * u;
+                sum += (x.transpose() * q * x)[0] + u * r[0] * u;
+                x = a * x + b * u;
             }
-            sum + (x.transpose() * program.p * x)[0]
+            sum + (x.transpose() * p * x)[0]
         };
         let grid = || (-100..=100).map(|step| f64::from(step) / 100.0);
         let least = |first: f64| grid().map(|u| cost([first, u])).fold(f64::INFINITY, f64::min);
@@ -268,16 +331,18 @@ mod tests {
     #[test]
     fn axes_together_are_planned_as_each_by_itself() {
         let law = Mpc::new(MpcOptions::default(), input(), PERIOD_S).unwrap();
-        let alone = law.program.unwrap();
+        let Plant { a, b } = law.plant;
+        let q =
+            Matrix6::from_diagonal(&Vector6::new(0.0125, 0.0125, 0.0125, 1250.0, 1250.0, 1250.0));
+        let (r, steps) = (Matrix3::identity(), law.options.horizon);
+        let p = dare(&a, &b, &q, &r).unwrap().p;
+        let together = Program::Coupled(HorizonProgram { a, b, q, r, p, steps });
         let bounds = law.bounds(Vector3::new(0.1, -0.2, 0.0), Vector3::new(0.3, 0.0, 0.0));
-        let mut coupled = alone;
-        // Enough to be no zero, too little to matter.
-        coupled.a[(0, 1)] = 1e-6;
         let x = Vector6::new(-1.0, 0.5, 0.1, 0.09, -0.12, 0.2);
-        let [apart, together] =
-            [alone, coupled].map(|program| program.first_moves(&x, &bounds, [true; 3]));
+        let [apart, together] = [law.program.unwrap(), together]
+            .map(|program| program.first_moves(&x, &bounds, [true; 3]));
         for (apart, together) in apart.into_iter().zip(together) {
-            assert!((apart.unwrap() - together.unwrap()).abs() < 1e-4, "{apart:?} {together:?}");
+            assert!((apart.unwrap() - together.unwrap()).abs() < 1e-6, "{apart:?} {together:?}");
         }
     }
 
