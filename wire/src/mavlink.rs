@@ -3,6 +3,7 @@
 //! | file | subject |
 //! |---|---|
 //! | `packet.rs` | packets: encoder, grammar of the stream |
+//! | `packet_bytes.rs` | bytes of one packet |
 //! | `crc_extra.rs` | checksum seeds of the messages (generated) |
 //! | `payload.rs` | payloads: ids of the messages, fields |
 //! | `signature.rs` | signatures of packets, and their check |
@@ -25,6 +26,7 @@ mod command;
 mod content;
 mod crc_extra;
 mod packet;
+mod packet_bytes;
 mod parameter;
 mod payload;
 mod read;
@@ -40,9 +42,8 @@ pub use content::{
     AttitudeTarget, MavlinkAttitude, MavlinkContent, MavlinkHeartbeat, MavlinkPose,
     MavlinkPosition, MavlinkText, MavlinkTruth, SetpointKind, TextSeverity, Timesync,
 };
-pub use packet::{
-    MAX_PACKET, MavlinkDecoder, MavlinkEncoder, MavlinkGrammar, MavlinkPacket, MavlinkWire,
-};
+pub use packet::{MavlinkDecoder, MavlinkEncoder, MavlinkGrammar, MavlinkPacket};
+pub use packet_bytes::{MAX_PACKET, MavlinkWire};
 pub use parameter::{ParameterName, ParameterValue};
 pub use signature::{SignatureCheck, SignedBytes, SigningKey};
 pub use thrust::{InvalidThrustCurve, ThrustCurve};

@@ -3,20 +3,17 @@
 //! Checksums are checked for every message of the common dialect and for ArduPilot's EKF_STATUS_REPORT; a packet with any other
 //! message is skipped as a whole.
 
-use std::fmt;
-
 use crc::{CRC_16_MCRF4XX, Crc};
 
 use super::address::MavlinkAddress;
 use super::content::MavlinkContent;
 use super::crc_extra::crc_extra;
-use super::payload::Payload;
+use super::packet_bytes::{MAX_PACKET, MavlinkWire};
+use super::payload::MavlinkPayload;
 use super::signature::{SIGNATURE, SignatureCheck, SignedBytes, Signer, SigningKey};
 use super::{read, write};
 use crate::stream::{Decoder, Grammar, Verdict};
 
-/// Longest packet, signed \[bytes\].
-pub const MAX_PACKET: usize = 280;
 /// First byte of a packet.
 const START: u8 = 0xFD;
 /// Length of the header with its start byte \[bytes\].
@@ -26,42 +23,6 @@ const CHECKSUM: usize = 2;
 const SIGNED: u8 = 1;
 /// Greatest plausible message id \[-\]: above it, a packet of an unknown message is treated as noise.
 const MAX_MESSAGE_ID: u32 = 0xffff;
-
-/// Bytes of a packet.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub struct MavlinkWire {
-    bytes: [u8; MAX_PACKET],
-    length: usize,
-}
-
-impl MavlinkWire {
-    /// Copy of `frame`; `None` if it is longer than any packet.
-    pub(super) fn copy_of(frame: &[u8]) -> Option<Self> {
-        let mut wire = Self { bytes: [0; MAX_PACKET], length: 0 };
-        (frame.len() <= MAX_PACKET).then(|| {
-            wire.append(frame);
-            wire
-        })
-    }
-
-    /// Appends bytes that fit.
-    pub(super) fn append(&mut self, bytes: &[u8]) {
-        self.bytes[self.length..][..bytes.len()].copy_from_slice(bytes);
-        self.length += bytes.len();
-    }
-
-    /// The bytes.
-    #[must_use]
-    pub fn as_bytes(&self) -> &[u8] {
-        &self.bytes[..self.length]
-    }
-}
-
-impl fmt::Debug for MavlinkWire {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("MavlinkWire(…)")
-    }
-}
 
 /// Checksum of a packet: of the bytes behind the start byte, and of the message's seed.
 fn checksum(bytes: &[u8], extra: u8) -> u16 {
@@ -119,7 +80,7 @@ impl MavlinkEncoder {
         wire
     }
 
-    fn packet(&mut self, id: u32, payload: &Payload) -> Option<MavlinkWire> {
+    fn packet(&mut self, id: u32, payload: &MavlinkPayload) -> Option<MavlinkWire> {
         let payload = payload.sent();
         let [low, middle, high, _] = id.to_le_bytes();
         let flags = if self.signs() { SIGNED } else { 0 };

@@ -7,44 +7,46 @@ use crate::bytes::{ByteOrder, ByteReader};
 /// Greatest length of a payload \[bytes\].
 pub(super) const MAX_PAYLOAD: usize = 255;
 
-/// Message ids.
-pub(super) mod id {
-    pub(in crate::mavlink) const HEARTBEAT: u32 = 0;
-    pub(in crate::mavlink) const SYS_STATUS: u32 = 1;
-    pub(in crate::mavlink) const PARAM_REQUEST_READ: u32 = 20;
-    pub(in crate::mavlink) const PARAM_VALUE: u32 = 22;
-    pub(in crate::mavlink) const PARAM_SET: u32 = 23;
-    pub(in crate::mavlink) const ATTITUDE_QUATERNION: u32 = 31;
-    pub(in crate::mavlink) const LOCAL_POSITION_NED: u32 = 32;
-    pub(in crate::mavlink) const SET_GPS_GLOBAL_ORIGIN: u32 = 48;
-    pub(in crate::mavlink) const COMMAND_LONG: u32 = 76;
-    pub(in crate::mavlink) const COMMAND_ACK: u32 = 77;
-    pub(in crate::mavlink) const SET_ATTITUDE_TARGET: u32 = 82;
-    pub(in crate::mavlink) const VISION_POSITION_ESTIMATE: u32 = 102;
-    pub(in crate::mavlink) const SIM_STATE: u32 = 108;
-    pub(in crate::mavlink) const TIMESYNC: u32 = 111;
-    pub(in crate::mavlink) const HIL_STATE_QUATERNION: u32 = 115;
-    pub(in crate::mavlink) const EKF_STATUS_REPORT: u32 = 193;
-    pub(in crate::mavlink) const ESTIMATOR_STATUS: u32 = 230;
-    pub(in crate::mavlink) const STATUSTEXT: u32 = 253;
-    pub(in crate::mavlink) const ODOMETRY: u32 = 331;
+/// Ids of the messages \[-\].
+pub(super) struct MavlinkId;
+
+impl MavlinkId {
+    pub(super) const HEARTBEAT: u32 = 0;
+    pub(super) const SYS_STATUS: u32 = 1;
+    pub(super) const PARAM_REQUEST_READ: u32 = 20;
+    pub(super) const PARAM_VALUE: u32 = 22;
+    pub(super) const PARAM_SET: u32 = 23;
+    pub(super) const ATTITUDE_QUATERNION: u32 = 31;
+    pub(super) const LOCAL_POSITION_NED: u32 = 32;
+    pub(super) const SET_GPS_GLOBAL_ORIGIN: u32 = 48;
+    pub(super) const COMMAND_LONG: u32 = 76;
+    pub(super) const COMMAND_ACK: u32 = 77;
+    pub(super) const SET_ATTITUDE_TARGET: u32 = 82;
+    pub(super) const VISION_POSITION_ESTIMATE: u32 = 102;
+    pub(super) const SIM_STATE: u32 = 108;
+    pub(super) const TIMESYNC: u32 = 111;
+    pub(super) const HIL_STATE_QUATERNION: u32 = 115;
+    pub(super) const EKF_STATUS_REPORT: u32 = 193;
+    pub(super) const ESTIMATOR_STATUS: u32 = 230;
+    pub(super) const STATUSTEXT: u32 = 253;
+    pub(super) const ODOMETRY: u32 = 331;
 }
 
-/// Payload with the zeros at its end.
+/// MavlinkPayload with the zeros at its end.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Payload {
+pub(super) struct MavlinkPayload {
     bytes: [u8; MAX_PAYLOAD],
     /// Number of bytes written \[bytes\].
     length: usize,
 }
 
-impl Payload {
-    /// Payload without fields.
+impl MavlinkPayload {
+    /// MavlinkPayload without fields.
     pub(super) fn new() -> Self {
         Self { bytes: [0; MAX_PAYLOAD], length: 0 }
     }
 
-    /// Payload of received bytes; those that were not sent are zeros.
+    /// MavlinkPayload of received bytes; those that were not sent are zeros.
     pub(super) fn received(sent: &[u8]) -> Self {
         let mut payload = Self::new();
         payload.put(sent);

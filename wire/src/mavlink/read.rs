@@ -10,7 +10,7 @@ use super::content::{
     MavlinkPosition, MavlinkText, MavlinkTruth, SetpointKind, TextSeverity, Timesync,
 };
 use super::parameter::{ParameterName, ParameterValue};
-use super::payload::{Payload, id};
+use super::payload::{MavlinkId, MavlinkPayload};
 use super::write::{ATTITUDE_MASK, HIL_ENABLED, POSE_FRAMES, RATES_MASK, SAFETY_ARMED, VISION};
 use crate::bytes::ByteReader;
 
@@ -19,7 +19,7 @@ const WARNING: u8 = 4;
 
 /// Meaning of the message `id` with this payload.
 pub(super) fn content(id: u32, payload: &[u8]) -> MavlinkContent {
-    let payload = Payload::received(payload);
+    let payload = MavlinkPayload::received(payload);
     understood(id, &mut payload.reader()).unwrap_or(MavlinkContent::Other)
 }
 
@@ -27,35 +27,35 @@ pub(super) fn content(id: u32, payload: &[u8]) -> MavlinkContent {
 fn understood(id: u32, from: &mut ByteReader<'_>) -> Option<MavlinkContent> {
     use MavlinkContent as C;
     Some(match id {
-        id::HEARTBEAT => C::Heartbeat(heartbeat(from)?),
-        id::SYS_STATUS => C::Battery(battery_v(from)?),
-        id::TIMESYNC => C::Timesync(Timesync {
+        MavlinkId::HEARTBEAT => C::Heartbeat(heartbeat(from)?),
+        MavlinkId::SYS_STATUS => C::Battery(battery_v(from)?),
+        MavlinkId::TIMESYNC => C::Timesync(Timesync {
             answered: from.u64()?.cast_signed(),
             asked: from.u64()?.cast_signed(),
         }),
-        id::SET_ATTITUDE_TARGET => C::AttitudeTarget(attitude_target(from)?),
-        id::ODOMETRY => C::Odometry(odometry(from)?),
-        id::VISION_POSITION_ESTIMATE => C::VisionPosition(vision_position(from)?),
-        id::SET_GPS_GLOBAL_ORIGIN => {
+        MavlinkId::SET_ATTITUDE_TARGET => C::AttitudeTarget(attitude_target(from)?),
+        MavlinkId::ODOMETRY => C::Odometry(odometry(from)?),
+        MavlinkId::VISION_POSITION_ESTIMATE => C::VisionPosition(vision_position(from)?),
+        MavlinkId::SET_GPS_GLOBAL_ORIGIN => {
             let [_latitude, _longitude, _altitude] = [from.u32()?, from.u32()?, from.u32()?];
             C::GlobalOrigin { system: from.u8()? }
         }
-        id::COMMAND_LONG => C::Command(command_long(from)?),
-        id::COMMAND_ACK => {
+        MavlinkId::COMMAND_LONG => C::Command(command_long(from)?),
+        MavlinkId::COMMAND_ACK => {
             let command = from.u16()?;
             C::Acknowledged { command, result: AckResult::from_code(from.u8()?) }
         }
-        id::STATUSTEXT => C::Text(text(from)?),
-        id::PARAM_REQUEST_READ => {
+        MavlinkId::STATUSTEXT => C::Text(text(from)?),
+        MavlinkId::PARAM_REQUEST_READ => {
             let _index = from.u16()?;
             C::ParameterRequest { target: address(from)?, name: ParameterName(from.take()?) }
         }
-        id::PARAM_SET => {
+        MavlinkId::PARAM_SET => {
             let (raw, target) = (from.f32()?, address(from)?);
             let name = ParameterName(from.take()?);
             C::ParameterSet { target, name, value: ParameterValue::new(raw, from.u8()?) }
         }
-        id::PARAM_VALUE => {
+        MavlinkId::PARAM_VALUE => {
             let (raw, [_count, _index]) = (from.f32()?, [from.u16()?, from.u16()?]);
             let name = ParameterName(from.take()?);
             C::Parameter { name, value: ParameterValue::new(raw, from.u8()?) }
@@ -68,26 +68,26 @@ fn understood(id: u32, from: &mut ByteReader<'_>) -> Option<MavlinkContent> {
 fn motion(id: u32, from: &mut ByteReader<'_>) -> Option<MavlinkContent> {
     use MavlinkContent as C;
     Some(match id {
-        id::LOCAL_POSITION_NED => C::Position(MavlinkPosition {
+        MavlinkId::LOCAL_POSITION_NED => C::Position(MavlinkPosition {
             time_ms: from.u32()?,
             position: vector(from)?,
             velocity: vector(from)?,
         }),
-        id::ATTITUDE_QUATERNION => C::Attitude(MavlinkAttitude {
+        MavlinkId::ATTITUDE_QUATERNION => C::Attitude(MavlinkAttitude {
             time_ms: from.u32()?,
             attitude: quaternion(from)?,
             rate: vector(from)?,
         }),
-        id::ESTIMATOR_STATUS => {
+        MavlinkId::ESTIMATOR_STATUS => {
             let (_time, _quality) = (from.u64()?, from.f32s::<8>()?);
             C::Estimator(from.u16()?)
         }
-        id::EKF_STATUS_REPORT => {
+        MavlinkId::EKF_STATUS_REPORT => {
             let _variances = from.f32s::<5>()?;
             C::Estimator(from.u16()?)
         }
-        id::SIM_STATE => C::Truth(sim_state(from)?),
-        id::HIL_STATE_QUATERNION => C::Truth(hil_state(from)?),
+        MavlinkId::SIM_STATE => C::Truth(sim_state(from)?),
+        MavlinkId::HIL_STATE_QUATERNION => C::Truth(hil_state(from)?),
         _ => return None,
     })
 }

@@ -8,7 +8,7 @@ use std::fmt;
 use sha2::{Digest, Sha256};
 
 use super::address::MavlinkAddress;
-use super::packet::MavlinkWire;
+use super::packet_bytes::MavlinkWire;
 
 /// Length of a signature, with the number of its link and its stamp \[bytes\].
 pub(super) const SIGNATURE: usize = 13;

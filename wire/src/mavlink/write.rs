@@ -8,7 +8,7 @@ use super::content::{
     MavlinkPosition, MavlinkText, SetpointKind, TextSeverity,
 };
 use super::parameter::ParameterValue;
-use super::payload::{Payload, id};
+use super::payload::{MavlinkId, MavlinkPayload};
 
 /// MAV_TYPE_QUADROTOR.
 const QUADROTOR: u8 = 2;
@@ -16,21 +16,21 @@ const QUADROTOR: u8 = 2;
 const ONBOARD_CONTROLLER: u8 = 18;
 /// MAV_MODE_FLAG_CUSTOM_MODE_ENABLED.
 const CUSTOM_MODE_ENABLED: u8 = 1;
-/// MAV_MODE_FLAG_HIL_ENABLED.
+/// MAV_MODE_FLAG_HIL_ENABLED \[-\].
 pub(super) const HIL_ENABLED: u8 = 32;
-/// MAV_MODE_FLAG_SAFETY_ARMED.
+/// MAV_MODE_FLAG_SAFETY_ARMED \[-\].
 pub(super) const SAFETY_ARMED: u8 = 128;
 /// MAV_STATE_ACTIVE.
 const ACTIVE: u8 = 4;
 /// Version of the protocol in a heartbeat.
 const MAVLINK_VERSION: u8 = 3;
-/// ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE: body rates and thrust.
+/// ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE: body rates and thrust \[-\].
 pub(super) const RATES_MASK: u8 = 128;
-/// ATTITUDE_TARGET_TYPEMASK_BODY_ROLL_RATE_IGNORE and …_BODY_PITCH_RATE_IGNORE: attitude, yaw rate and thrust.
+/// ATTITUDE_TARGET_TYPEMASK_BODY_ROLL_RATE_IGNORE and …_BODY_PITCH_RATE_IGNORE: attitude, yaw rate and thrust \[-\].
 pub(super) const ATTITUDE_MASK: u8 = 1 | 2;
-/// MAV_FRAME_LOCAL_FRD, MAV_FRAME_BODY_FRD: frames of a pose.
+/// MAV_FRAME_LOCAL_FRD, MAV_FRAME_BODY_FRD: frames of a pose \[-\].
 pub(super) const POSE_FRAMES: [u8; 2] = [20, 12];
-/// MAV_ESTIMATOR_TYPE_VISION. PX4 passes poses of a motion-capture system to a topic that its estimator does not read.
+/// MAV_ESTIMATOR_TYPE_VISION. PX4 passes poses of a motion-capture system to a topic that its estimator does not read \[-\].
 pub(super) const VISION: u8 = 2;
 /// Quality of a pose \[%\].
 const QUALITY: u8 = 100;
@@ -45,16 +45,16 @@ const GYROSCOPE: u32 = 1;
 const ORIGIN: [i32; 3] = [473_977_419, 85_455_938, 488_000];
 
 /// Id and payload of the message with this meaning; `None` for [`MavlinkContent::Other`], and for messages that are only received.
-pub(super) fn message(content: &MavlinkContent) -> Option<(u32, Payload)> {
+pub(super) fn message(content: &MavlinkContent) -> Option<(u32, MavlinkPayload)> {
     use MavlinkContent as C;
-    let mut payload = Payload::new();
+    let mut payload = MavlinkPayload::new();
     let to = &mut payload;
     let id = match content {
         C::Heartbeat(heartbeat) => put_heartbeat(to, heartbeat),
         C::Battery(volts) => put_system_status(to, *volts),
         C::Timesync(sync) => {
             to.u64(sync.answered.cast_unsigned()).u64(sync.asked.cast_unsigned());
-            id::TIMESYNC
+            MavlinkId::TIMESYNC
         }
         C::AttitudeTarget(target) => put_attitude_target(to, target),
         C::Odometry(pose) => put_odometry(to, pose),
@@ -63,7 +63,7 @@ pub(super) fn message(content: &MavlinkContent) -> Option<(u32, Payload)> {
         C::Command(command) => put_command(to, command),
         C::Acknowledged { command, result } => {
             to.u16(*command).u8(result.code());
-            id::COMMAND_ACK
+            MavlinkId::COMMAND_ACK
         }
         C::Text(text) => put_text(to, text),
         C::ParameterRequest { .. } | C::ParameterSet { .. } | C::Parameter { .. } => {
@@ -74,7 +74,7 @@ pub(super) fn message(content: &MavlinkContent) -> Option<(u32, Payload)> {
         C::Estimator(flags) => {
             // Time and quality of the estimate are not stated.
             to.u64(0).f32s(&[0.0; 8]).u16(*flags);
-            id::ESTIMATOR_STATUS
+            MavlinkId::ESTIMATOR_STATUS
         }
         C::Truth(_) | C::Other => return None,
     };
@@ -82,24 +82,24 @@ pub(super) fn message(content: &MavlinkContent) -> Option<(u32, Payload)> {
 }
 
 /// Message about a parameter; `None` for any other content.
-fn parameter(content: &MavlinkContent) -> Option<(u32, Payload)> {
-    let mut payload = Payload::new();
+fn parameter(content: &MavlinkContent) -> Option<(u32, MavlinkPayload)> {
+    let mut payload = MavlinkPayload::new();
     let to = &mut payload;
     let id = match content {
         MavlinkContent::ParameterRequest { target, name } => {
             // By name, not by index.
             to.u16(u16::MAX).u8(target.system).u8(target.component).put(&name.0);
-            id::PARAM_REQUEST_READ
+            MavlinkId::PARAM_REQUEST_READ
         }
         MavlinkContent::ParameterSet { target, name, value } => {
             to.f32s(&[value.raw]).u8(target.system).u8(target.component);
             to.put(&name.0).u8(type_code(value));
-            id::PARAM_SET
+            MavlinkId::PARAM_SET
         }
         MavlinkContent::Parameter { name, value } => {
             // One parameter, whose index is not stated.
             to.f32s(&[value.raw]).u16(1).u16(u16::MAX).put(&name.0).u8(type_code(value));
-            id::PARAM_VALUE
+            MavlinkId::PARAM_VALUE
         }
         _ => return None,
     };
@@ -114,7 +114,7 @@ fn type_code(value: &ParameterValue) -> u8 {
     }
 }
 
-fn put_heartbeat(to: &mut Payload, heartbeat: &MavlinkHeartbeat) -> u32 {
+fn put_heartbeat(to: &mut MavlinkPayload, heartbeat: &MavlinkHeartbeat) -> u32 {
     let flag = |is_set: bool, flag: u8| if is_set { flag } else { 0 };
     let is_autopilot = heartbeat.autopilot != AutopilotFirmware::None;
     to.u32(heartbeat.custom_mode)
@@ -125,20 +125,20 @@ fn put_heartbeat(to: &mut Payload, heartbeat: &MavlinkHeartbeat) -> u32 {
             | flag(heartbeat.is_simulated, HIL_ENABLED))
         .u8(ACTIVE)
         .u8(MAVLINK_VERSION);
-    id::HEARTBEAT
+    MavlinkId::HEARTBEAT
 }
 
-fn put_system_status(to: &mut Payload, volts: f64) -> u32 {
+fn put_system_status(to: &mut MavlinkPayload, volts: f64) -> u32 {
     // `as` saturates; u16::MAX means "not measured".
     let millivolts = if volts.is_nan() { u16::MAX } else { (volts * 1000.0).round() as u16 };
     // A gyroscope that is present, enabled and healthy; the load is not stated.
     to.u32(GYROSCOPE).u32(GYROSCOPE).u32(GYROSCOPE).u16(0);
     // Current and remaining charge are not measured; no errors.
     to.u16(millivolts).u16(u16::MAX).put(&[0; 12]).u8(u8::MAX);
-    id::SYS_STATUS
+    MavlinkId::SYS_STATUS
 }
 
-fn put_attitude_target(to: &mut Payload, target: &AttitudeTarget) -> u32 {
+fn put_attitude_target(to: &mut MavlinkPayload, target: &AttitudeTarget) -> u32 {
     let (mask, quaternion, rates) = match target.kind {
         SetpointKind::Rates(rates) => (RATES_MASK, [1.0, 0.0, 0.0, 0.0], rates),
         SetpointKind::Attitude { attitude, yaw_rate } => {
@@ -147,7 +147,7 @@ fn put_attitude_target(to: &mut Payload, target: &AttitudeTarget) -> u32 {
     };
     to.u32(target.time_ms).f32s(&quaternion).f32s(&single(vector_axes(rates)));
     to.f32s(&[target.thrust as f32]).u8(target.target.system).u8(target.target.component).u8(mask);
-    id::SET_ATTITUDE_TARGET
+    MavlinkId::SET_ATTITUDE_TARGET
 }
 
 fn single(vector: [f64; 3]) -> [f32; 3] {
@@ -166,7 +166,7 @@ fn covariance(pose: &MavlinkPose) -> [f32; 21] {
     triangle
 }
 
-fn put_odometry(to: &mut Payload, pose: &MavlinkPose) -> u32 {
+fn put_odometry(to: &mut MavlinkPayload, pose: &MavlinkPose) -> u32 {
     // NaN: velocity, rates and their covariance are not measured.
     let mut unknown = [0.0; 21];
     unknown[0] = f32::NAN;
@@ -175,24 +175,24 @@ fn put_odometry(to: &mut Payload, pose: &MavlinkPose) -> u32 {
     to.f32s(&covariance(pose)).f32s(&unknown).put(&POSE_FRAMES);
     // The reset counter is 0.
     to.u8(0).u8(VISION).u8(QUALITY);
-    id::ODOMETRY
+    MavlinkId::ODOMETRY
 }
 
-fn put_vision_position(to: &mut Payload, pose: &MavlinkPose) -> u32 {
+fn put_vision_position(to: &mut MavlinkPayload, pose: &MavlinkPose) -> u32 {
     to.u64(pose.time_us).f32s(&single(vector_axes(pose.position)));
     to.f32s(&wire_angles(pose.attitude)).f32s(&covariance(pose));
-    id::VISION_POSITION_ESTIMATE
+    MavlinkId::VISION_POSITION_ESTIMATE
 }
 
-fn put_global_origin(to: &mut Payload, system: u8) -> u32 {
+fn put_global_origin(to: &mut MavlinkPayload, system: u8) -> u32 {
     for number in ORIGIN {
         to.u32(number.cast_unsigned());
     }
     to.u8(system);
-    id::SET_GPS_GLOBAL_ORIGIN
+    MavlinkId::SET_GPS_GLOBAL_ORIGIN
 }
 
-fn put_command(to: &mut Payload, command: &VehicleCommandLong) -> u32 {
+fn put_command(to: &mut MavlinkPayload, command: &VehicleCommandLong) -> u32 {
     let number = |is: bool| f32::from(u8::from(is));
     let parameters = match command.kind {
         CommandKind::SetMode { mode, sub_mode } => [1.0, mode as f32, sub_mode as f32],
@@ -206,28 +206,28 @@ fn put_command(to: &mut Payload, command: &VehicleCommandLong) -> u32 {
     // Four further parameters.
     to.f32s(&parameters).f32s(&[0.0; 4]).u16(command.kind.number());
     to.u8(command.target.system).u8(command.target.component).u8(command.confirmation);
-    id::COMMAND_LONG
+    MavlinkId::COMMAND_LONG
 }
 
-fn put_text(to: &mut Payload, text: &MavlinkText) -> u32 {
+fn put_text(to: &mut MavlinkPayload, text: &MavlinkText) -> u32 {
     let severity = match text.severity {
         TextSeverity::Trouble => CRITICAL,
         TextSeverity::Information => INFO,
     };
     // The id of a text in pieces is 0.
     to.u8(severity).put(&text.text).u16(0).u8(text.piece);
-    id::STATUSTEXT
+    MavlinkId::STATUSTEXT
 }
 
-fn put_position(to: &mut Payload, position: &MavlinkPosition) -> u32 {
+fn put_position(to: &mut MavlinkPayload, position: &MavlinkPosition) -> u32 {
     to.u32(position.time_ms);
     to.f32s(&single(vector_axes(position.position)));
     to.f32s(&single(vector_axes(position.velocity)));
-    id::LOCAL_POSITION_NED
+    MavlinkId::LOCAL_POSITION_NED
 }
 
-fn put_attitude(to: &mut Payload, attitude: &MavlinkAttitude) -> u32 {
+fn put_attitude(to: &mut MavlinkPayload, attitude: &MavlinkAttitude) -> u32 {
     to.u32(attitude.time_ms).f32s(&wire_quaternion(attitude.attitude));
     to.f32s(&single(vector_axes(attitude.rate)));
-    id::ATTITUDE_QUATERNION
+    MavlinkId::ATTITUDE_QUATERNION
 }
