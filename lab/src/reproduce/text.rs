@@ -147,6 +147,7 @@ pub fn listed<T: AsRef<str>>(items: &[T]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::campaign::table::COLUMNS;
 
     #[test]
     fn lists_read_as_sentences() {
@@ -161,5 +162,31 @@ mod tests {
         let rows = TEXTS.table.values().flat_map(|table| table.rows.values());
         let origins: Vec<&str> = Variant::ALL.map(Variant::key).to_vec();
         assert!(rows.into_iter().all(|row| origins.contains(&row[0].as_str())));
+    }
+
+    fn is_separator(letter: char) -> bool {
+        !letter.is_alphanumeric() && letter != '_'
+    }
+
+    /// Every word is a value here, and the tables have no rows: an unknown row, column or function ends the test.
+    #[test]
+    fn every_expression_can_be_evaluated() {
+        for (name, text) in &TEXTS.table {
+            let further = [("better", ""), ("worse", "")];
+            let sheet = match text.columns.is_empty() {
+                true => table_of(name, COLUMNS.into_iter().chain(further).collect(), Vec::new()),
+                false => table(name, Vec::new()),
+            };
+            let about: Vec<&ClaimText> = claims().iter().filter(|it| it.table == *name).collect();
+            let texts: Vec<&'static String> =
+                about.iter().map(|claim| &claim.found).chain(&text.notes).collect();
+            let words = texts.iter().flat_map(|text| text.split(is_separator));
+            let values: TextValues = words.map(|word| (word, 1.0.into())).collect();
+            let scope = scope(&sheet, &values);
+            assert!(texts.iter().all(|text| !scope.render(text).contains('{')), "{name}");
+            let parts: Vec<&String> = about.iter().flat_map(|claim| &claim.holds).collect();
+            let held = parts.iter().filter(|part| scope.holds(part)).count();
+            assert!(parts.is_empty() || held < parts.len(), "{name} without rows");
+        }
     }
 }
