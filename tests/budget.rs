@@ -28,18 +28,9 @@ fn the_counter_counts() {
     assert_eq!(allocations(|| 7).0, 0);
 }
 
-<<<<<<< HEAD
-/// Laws that allocate at a limit; the daemon warns of them in real time.
-const FOR_STUDIES: [&str; 1] = ["mpc"];
-
-#[test]
-fn no_turn_of_the_daemon_allocates_in_a_whole_flight_except_with_laws_for_studies() {
-    for law in ControllerName::NAMES.into_iter().filter(|law| !FOR_STUDIES.contains(law)) {
-=======
 #[test]
 fn no_turn_of_the_daemon_allocates_in_a_whole_flight_under_any_law() {
     for law in ControllerName::NAMES {
->>>>>>> 91fba86 (mpc: its quadratic programs are solved by an interior-point method of our own that does not allocate)
         for resolve in ["on-cell-change", "every-tick"] {
             let mut taken = 0;
             let flown = flight::fly(law, resolve, |turn| taken += allocations(turn).0);
