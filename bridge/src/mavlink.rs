@@ -52,7 +52,7 @@ const SIGNATURE: usize = 13;
 const SETPOINT: usize = 39;
 const ODOMETRY: usize = 233;
 const TIMESYNC: usize = 18;
-/// Words behind one set-point: a pose, an exchange of clocks, an answer to one, and an errand.
+/// Words behind one set-point: a pose, an exchange of clocks, an answer to one, and a request.
 const WORDS: usize = 4;
 /// Time between two reads of the port, by which an exchange of clocks is dated too late at most.
 const READ_PERIOD: Span = Span::from_millis(2);
@@ -157,7 +157,7 @@ pub(crate) fn signature_check(
 
 /// Whether `packet` is accepted: signed with the key of `check`, if there is one. Packets of `encoder` are stamped later than
 /// it from now on.
-pub(crate) fn is_believed(
+pub(crate) fn is_accepted(
     check: &mut Option<SignatureCheck>,
     encoder: &mut MavlinkEncoder,
     packet: &MavlinkPacket,
@@ -254,7 +254,7 @@ impl VehicleProtocol for Mavlink {
     fn decode(&mut self, now: Time, bytes: &[u8], reply: &mut dyn FnMut(VehicleReply)) {
         let Self { encoder, decoder, check, vehicle, starting, requests, .. } = self;
         for packet in decoder.push(bytes) {
-            if !is_believed(check, encoder, &packet) {
+            if !is_accepted(check, encoder, &packet) {
                 vehicle.receive_unsigned(&packet, reply);
                 continue;
             }

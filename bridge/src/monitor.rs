@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn a_trouble_is_shown_until_the_motors_run_and_another_vehicle_is_no_answer() {
+    fn a_trouble_is_shown_until_the_motors_run_and_another_vehicle_does_not_answer() {
         let mut vehicle = VehicleMonitor::new(Span::from_millis(1000));
         for refusal in [VehicleRefusal::OtherSystem, VehicleRefusal::NoAnswer] {
             vehicle.receive(at(0), VehicleReply::Refused(refusal));

@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn a_vehicle_that_is_not_there_yet_is_no_error() {
+    fn a_vehicle_that_is_missing_at_first_is_not_an_error() {
         let free = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
         let mut link = UdpPortOptions::Out(here(free)).open().unwrap();
         let mut buffer = [0; 16];

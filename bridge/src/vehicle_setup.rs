@@ -14,7 +14,7 @@ use oqtal_wire::mavlink::{
 
 use crate::link::VehicleLink;
 use crate::mavlink::{
-    OWN_HEARTBEAT, WantedParameter, encoder, is_believed, signature_check, wanted_parameters,
+    OWN_HEARTBEAT, WantedParameter, encoder, is_accepted, signature_check, wanted_parameters,
 };
 use crate::setup::{port, unix_us};
 
@@ -208,7 +208,7 @@ impl ParameterSession {
             let count = self.link.read(&mut buffer).map_err(|error| broken(&error))?;
             let Self { encoder, decoder, check, .. } = self;
             let mut packets =
-                decoder.push(&buffer[..count]).filter(|packet| is_believed(check, encoder, packet));
+                decoder.push(&buffer[..count]).filter(|packet| is_accepted(check, encoder, packet));
             let found = packets.find_map(|packet| pick(packet.from, &packet.content));
             packets.for_each(drop);
             if found.is_some() {

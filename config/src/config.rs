@@ -110,7 +110,7 @@ impl Config {
     /// The settings of `file`, each with its line.
     ///
     /// # Errors
-    /// The file cannot be read, or is no TOML.
+    /// The file cannot be read, or is not TOML.
     pub fn file_settings(file: &Path) -> Result<Vec<Setting>, ConfigError> {
         layer::from_file(file)
     }
@@ -118,7 +118,7 @@ impl Config {
     /// The settings of `file`, if any, under those of the environment.
     ///
     /// # Errors
-    /// The file cannot be read, or is no TOML; with its line.
+    /// The file cannot be read, or is not TOML; with its line.
     pub fn layers(file: Option<&Path>) -> Result<Vec<Setting>, ConfigError> {
         let mut settings = file.map_or(Ok(Vec::new()), Self::file_settings)?;
         settings.extend(layer::from_environment(std::env::vars_os()));

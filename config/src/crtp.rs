@@ -20,7 +20,7 @@ pub struct CrtpOptions {
     pub pose_rate_hz: f64,
     /// Rate at which the vehicle reports battery and supervisor \[Hz\].
     pub log_rate_hz: f64,
-    /// Whether the vehicle is to stop its motors, and to lock itself, a second after it heard the bridge last.
+    /// Whether the vehicle stops its motors and locks itself a second after the last packet of the bridge.
     pub keep_alive: bool,
     /// Packets other than set-points that a Crazyradio sends to the vehicle at most \[1/s\].
     pub radio_packets_per_s: f64,

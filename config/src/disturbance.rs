@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::period::Period;
 
-/// What acts on the simulated vehicle.
+/// Load on the simulated vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum DisturbanceKind {
     /// A constant force \[N, world\].
@@ -36,7 +36,7 @@ const FORMS: [Form; 4] = [
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct TimedDisturbance {
-    /// What acts.
+    /// Kind and magnitude.
     pub kind: DisturbanceKind,
     /// Beginning, from the first command that arms \[s\].
     pub at_s: f64,
@@ -100,7 +100,8 @@ impl FromStr for TimedDisturbance {
 
     /// Parses `KIND@TIME[+DURATION]=VALUE`; the error lists the grammar.
     fn from_str(text: &str) -> Result<Self, String> {
-        Self::parse(text).ok_or_else(|| format!("`{text}` is no disturbance: {}", Self::grammar()))
+        Self::parse(text)
+            .ok_or_else(|| format!("`{text}` is not a disturbance: {}", Self::grammar()))
     }
 }
 

@@ -9,7 +9,7 @@ pub struct ConfigError {
     /// Where the offending value was set: `FILE:LINE`, the name of the variable, the flag, or `built-in`; the file alone if it
     /// cannot be read.
     pub origin: String,
-    /// What is wrong, on one line.
+    /// Reason, on one line.
     pub reason: String,
 }
 

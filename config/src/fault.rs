@@ -25,7 +25,7 @@ pub struct FaultOptions {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct Fault {
-    /// What is affected.
+    /// Topic or process that is affected.
     pub target: FaultTarget,
     /// In which way.
     pub kind: FaultKind,
@@ -81,7 +81,7 @@ impl FromStr for Fault {
 
     /// Parses `TARGET:KIND[=VALUE]@TIME[+DURATION]`; the error lists the grammar.
     fn from_str(text: &str) -> Result<Self, String> {
-        Self::parse(text).ok_or_else(|| format!("`{text}` is no fault: {}", Self::grammar()))
+        Self::parse(text).ok_or_else(|| format!("`{text}` is not a fault: {}", Self::grammar()))
     }
 }
 

@@ -10,7 +10,7 @@ use crate::error::ConfigError;
 use crate::setting::{Setting, word_or_toml};
 use crate::text::read_text;
 
-/// Variables that begin with `OQTAL_` and are no settings: where tests find recordings, an interpreter and packages with the
+/// Variables that begin with `OQTAL_` and are not settings: where tests find recordings, an interpreter and packages with the
 /// libraries that tests compare with, and for how long.
 const OTHER_VARIABLES: [&str; 4] = ["RECORDINGS", "PEERS_PYTHON", "PEERS_NODE", "PEERS_SECONDS"];
 

@@ -38,7 +38,7 @@ pub struct MocapOptions {
     pub preset: String,
     /// How a pose is made.
     pub model: MocapModel,
-    /// What a pose carries as its capture.
+    /// Capture time of a pose.
     pub stamp: CaptureStamp,
     /// Rate of the cameras \[Hz\].
     pub rate_hz: f64,

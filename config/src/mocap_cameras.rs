@@ -26,7 +26,7 @@ pub struct CameraOptions {
     pub covered: Vec<usize>,
 }
 
-/// `[mocap.markers]`: markers, what hides them, and when a fitted body is believed.
+/// `[mocap.markers]`: markers, the body that hides them, and limits of an accepted fit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct MarkerOptions {

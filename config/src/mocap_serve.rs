@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct ServeOptions {
-    /// What is served, `qtm[:PORT],vrpn[:PORT],natnet[:PORT]`; empty for nothing.
+    /// Protocols that are served, `qtm[:PORT],vrpn[:PORT],natnet[:PORT]`; empty for nothing.
     pub protocols: String,
     /// Address of this machine at which clients are served.
     pub listen: String,

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 pub enum RecordedFlights {
     /// None.
     None,
-    /// Those through processes, in real time and in lockstep.
+    /// Flights through processes, in real time and in lockstep.
     Processes,
     /// Flights in one process, too; they become slower.
     All,

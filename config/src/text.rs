@@ -28,7 +28,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_file_without_end_and_one_that_is_no_text_are_refused() {
+    fn a_file_without_end_and_one_that_is_not_text_are_refused() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("text");
         std::fs::write(&path, "1234").unwrap();

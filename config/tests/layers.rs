@@ -16,7 +16,7 @@ fn error(settings: &[&str]) -> String {
 }
 
 #[test]
-fn the_plant_is_what_the_controller_believes_unless_it_is_told() {
+fn the_plant_is_the_model_of_the_controller_unless_configured() {
     let config = set(&["vehicle.mass-kg=0.6"]).unwrap();
     assert_eq!((config.vehicle.mass_kg, config.plant.mass_kg), (0.6, 0.6));
     let config = set(&["plant.mass-kg=0.55", "vehicle.mass-kg=0.6"]).unwrap();

@@ -92,7 +92,7 @@ fn integral_stands_still_while_the_velocity_is_capped() {
         estimate.velocity = loops.update(&estimate, &far, DT_S).velocity;
     }
     let arrived = loops.update(&estimate, &rest_at(Vector3::zeros()), DT_S);
-    // What the one sample before the cap was known has left, of a limit of 0.05 m/s.
+    // Remainder of the one sample before the cap was known, of a limit of 0.05 m/s.
     assert!(arrived.velocity.x < 0.005, "{}", arrived.velocity.x);
 }
 

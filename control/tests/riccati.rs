@@ -249,7 +249,7 @@ fn without_weight_a_stable_loop_is_left_alone() {
 }
 
 #[test]
-fn a_delay_of_the_input_is_no_obstacle() {
+fn an_input_with_a_delay_is_solved() {
     // x+ = x + v, v+ = u: the gain is that of x+ = x + u, moved on by one step.
     let (a, b) = (Matrix2::new(1.0, 1.0, 0.0, 0.0), Vector2::new(0.0, 1.0));
     let r = Matrix1::new(1.0);

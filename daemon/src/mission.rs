@@ -68,7 +68,7 @@ impl ActiveMission {
         }
     }
 
-    /// Goes on with the mission where it was held.
+    /// Continues the mission where it was held.
     pub fn resume(&mut self, now: Time) {
         if let Some((since, _)) = self.held.take() {
             self.began = self.began + now.since(since);

@@ -110,8 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn f35_a_turn_is_refused_within_a_plan_and_what_goes_on_turned_is_flown_with_the_last_heading()
-    {
+    fn f35_a_turn_is_refused_within_a_plan_and_a_lasting_one_is_flown_with_the_last_heading() {
         let mut guard = SetpointGuard::new(Fence::new(&Config::default().fence));
         guard.pass(0, &at(0.5, 0.0));
         assert_eq!(guard.pass(0, &at(0.5, 3.1)), checked(Some(at(0.5, 0.0)), true));

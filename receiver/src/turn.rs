@@ -177,8 +177,8 @@ impl<T: Transport> ReceiverTurn<T> {
         if let Some(refused) = stream.take_refused() {
             handle.note(ReceiverNote::BodyRefused { route: refused.route, key: refused.key });
         }
-        let heard_at = receiver.arrived_at().max(self.connected_at);
-        if stream.maintain(now).is_err() || now.since(heard_at) > self.silence {
+        let received_at = receiver.arrived_at().max(self.connected_at);
+        if stream.maintain(now).is_err() || now.since(received_at) > self.silence {
             self.give_up();
         }
     }

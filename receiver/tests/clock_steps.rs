@@ -11,7 +11,7 @@ struct Dated {
     soon: Vec<i64>,
     later: Vec<i64>,
     /// Errors of a clock that was unknown at the change.
-    later_anew: Vec<i64>,
+    later_again: Vec<i64>,
     /// Number of times the clock was learned again after the change.
     relearned: u64,
 }
@@ -46,13 +46,13 @@ fn around(mut server: Server, (step_ns, slower): (i64, Span)) -> Dated {
         }
         if behind {
             let of_fresh = error(fresh.observe(stamp_ns, arrival));
-            dated.later_anew.extend(of_fresh.filter(|_| !soon.contains(&frame)));
+            dated.later_again.extend(of_fresh.filter(|_| !soon.contains(&frame)));
         }
     }
     dated.relearned = clock.state().relearned - dated.relearned;
     dated.soon.sort_unstable();
     dated.later.sort_unstable();
-    dated.later_anew.sort_unstable();
+    dated.later_again.sort_unstable();
     dated
 }
 
@@ -87,7 +87,7 @@ proptest! {
         let late = p99(&dated.later);
         // Six seconds of frames do not always show the clock to 0.6 ms: then one that knew nothing before the step is hardly better,
         // which has seen the frames that were held back besides.
-        let bound = (p99(&dated.later_anew).max(600_000) + 100_000).min(800_000);
+        let bound = (p99(&dated.later_again).max(600_000) + 100_000).min(800_000);
         prop_assert!(late <= bound, "{step_ns} ns at {rate_hz} Hz: {late} ns, bound {bound} ns");
         // Until a small step is known its frames are dated wrong by it, and never by more than that.
         let greatest = dated.soon.last().copied().unwrap_or(0);
@@ -96,7 +96,7 @@ proptest! {
     }
 
     #[test]
-    fn a_delay_that_grew_by_any_amount_is_no_step(
+    fn a_delay_that_grew_by_any_amount_is_not_a_step(
         // With a stall more it would be a silence.
         (slower_ms, seed) in (2..450_i64, any::<u64>()),
         (rate_hz, jitter) in (prop::sample::select(vec![60.0, 100.0, 240.0]), 0..3_usize),

@@ -1,4 +1,4 @@
-//! The gate of frames: what goes on, what is counted.
+//! The gate of frames: forwarded frames and counted ones.
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, ReceiverOptions, StampSource};

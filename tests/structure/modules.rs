@@ -76,7 +76,7 @@ impl Tree {
         None
     }
 
-    /// The file that defines the item at `rest`, whose first segment is no child of the module `at`.
+    /// The file that defines the item at `rest`, whose first segment is not a child of the module `at`.
     fn item(&self, at: &[String], rest: &[String], depth: u8) -> Option<&str> {
         let module = &self.0[at];
         let name = &rest[0];

@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_rotation_is_no_pose() {
+    fn a_matrix_that_is_not_a_rotation_is_not_a_pose() {
         let mirror = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0];
         assert_eq!(RigidPose::from_columns([0.0; 3], mirror), None);
         assert_eq!(RigidPose::from_columns([0.0; 3], [0.5; 9]), None);

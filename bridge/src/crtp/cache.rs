@@ -121,7 +121,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_learned_table_is_in_the_file_and_a_broken_file_is_no_harm() {
+    fn a_learned_table_is_in_the_file_and_a_broken_file_is_ignored() {
         let directory = std::env::temp_dir().join(format!("oqtal-tables-{}", std::process::id()));
         let path = directory.join("cache/tables");
         assert_eq!(read_tables(&path), KnownTables::from_text(""));

@@ -21,7 +21,7 @@ macro_rules! words {
 }
 
 words! {
-    /// What a fault affects.
+    /// Topic or process that a fault affects.
     FaultTarget {
         /// The poses that the daemon reads.
         Pose = "pose",

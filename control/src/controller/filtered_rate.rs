@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::Vector3;
 
-/// Greatest rate that is filtered \[rad/s\]; a greater one is no motion of a vehicle.
+/// Greatest rate that is filtered \[rad/s\]; a greater one is not a motion of a vehicle.
 const MOST_RAD_S: f64 = 1e3;
 /// Shortest step over which a rate is differentiated \[s\].
 const SHORTEST_S: f64 = 1e-5;

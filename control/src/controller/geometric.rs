@@ -27,7 +27,7 @@ pub struct GeometricOptions {
     pub attitude_gain: f64,
     /// `k_Omega` \[1/s\]; without effect in rate form.
     pub rate_gain_per_s: f64,
-    /// `k_I` per `k_R` \[1/s\]; 0 is no integral action.
+    /// `k_I` per `k_R` \[1/s\]; 0 for no integral action.
     pub integral_gain_per_s: f64,
     /// `c`: weight of the attitude in the integral \[1/s\]; in rate form the integral is of `e_R`
     /// alone.

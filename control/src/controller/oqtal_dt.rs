@@ -83,7 +83,7 @@ impl OqtalDtOptions {
 pub struct OqtalDt<I> {
     input: I,
     gain: DiscreteGain,
-    /// `K_omega^-1 K_eps`: the commanded rate per `eps` \[rad/s\]. Zero if the rate is no state.
+    /// `K_omega^-1 K_eps`: the commanded rate per `eps` \[rad/s\]. Zero if the rate is not a state.
     turn: Matrix3<f64>,
     braking: f64,
     terms: LawTerms,

@@ -109,7 +109,7 @@ impl<I: InputForm> QuaternionPid<I> {
         let c = self.input.inertia().map_or(1.0, |_| self.options.rate_gain_per_s);
         let k = self.options.gain;
         let (omega_max, a) = (self.options.max_rate_rad_s, self.options.max_acceleration_rad_s2);
-        // Eq. (18), erratum E-18. `min` passes over NaN: infinity times zero, which is no limit.
+        // Eq. (18), erratum E-18. `min` passes over NaN: infinity times zero means no limit.
         let limit = eps.map(|eps_i| c / (2.0 * k) * (4.0 * a * eps_i.abs()).sqrt().min(omega_max));
         pi.zip_map(&limit, |pi_i, limit_i| pi_i.clamp(-limit_i, limit_i))
     }

@@ -119,7 +119,7 @@ fn weighted(desired: &Attitude, actual: &Attitude, weight: f64) -> Attitude {
     let tilt = Quaternion::new(1.0 + z.dot(&z_d), axis.x, axis.y, axis.z);
     let Some(tilt) = UnitQuaternion::try_new(tilt, UPSIDE_DOWN) else { return *desired };
     let reduced = tilt * actual.unit_quaternion();
-    // What is left is a turn about z.
+    // The rest is a turn about z.
     let left = (reduced.inverse() * desired.unit_quaternion()).into_inner();
     // Half a turn is one about +z, whichever of the two quaternions describes it.
     let is_negative = left.w < 0.0 || (left.w == 0.0 && left.k < 0.0);

@@ -166,7 +166,7 @@ impl Waypoints {
     }
 }
 
-/// What is wrong with a first line that does not name the columns.
+/// Error of a first line that does not name the columns.
 fn header_problem(header: &str) -> WaypointProblem {
     let names: Vec<&str> = header.split(',').map(str::trim).collect();
     match names.split_last() {

@@ -59,7 +59,7 @@ fn split_weights_have_no_slow_pole() {
 }
 
 #[test]
-fn a_rate_that_follows_at_once_is_no_state() {
+fn a_rate_that_follows_at_once_is_not_a_state() {
     let law = OqtalDt::new(OqtalDtOptions::default(), sticks(), DT_S).unwrap();
     assert_eq!(law.gain().fixed_columns::<3>(0).amax(), 0.0);
     assert!(law.gain()[(0, 3)] > 1.0);

@@ -48,7 +48,7 @@ fn the_classic_law_solves_more_often_the_further_the_body_turns() {
     assert_eq!(solves(ControllerName::Oqtal, 1.4), 1);
 }
 
-/// The rate is no state of the model in rate form: neither error nor noise in it may select a gain.
+/// The rate is not a state of the model in rate form: neither error nor noise in it may select a gain.
 #[test]
 fn in_rate_form_the_rate_has_no_say_in_when_oqtal_solves() {
     let mut law = law(ControllerName::Oqtal, &ControlOptions::default(), sticks());

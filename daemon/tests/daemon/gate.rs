@@ -63,7 +63,7 @@ fn f09_outliers_are_refused_and_every_law_flies_on() {
 }
 
 #[test]
-fn f03_a_source_without_noise_that_freezes_in_motion_is_no_pose_after_a_few_frames() {
+fn f03_a_source_without_noise_that_freezes_in_motion_counts_as_missing_after_a_few_frames() {
     let mut flight = Flight::new(&[]);
     flight.noise = 0.0;
     flight.run(80);
@@ -167,7 +167,7 @@ fn f01_a_gap_is_flown_on_the_predicted_motion_by_every_law() {
 }
 
 #[test]
-fn wind_and_a_vehicle_that_is_not_the_model_are_no_reason_to_refuse_a_pose() {
+fn wind_and_a_vehicle_that_differs_from_the_model_cause_no_refused_pose() {
     for (wind, lift) in [
         (Vector3::x() * 6.0, 1.0),
         (Vector3::y() * -6.0, 1.0),

@@ -25,7 +25,7 @@ const STATUS_INTERVAL: Span = Span::from_millis(1000);
 /// Longest sleep, after which the stop flag is checked.
 const LONGEST_SLEEP: Duration = Duration::from_millis(20);
 
-/// What is served, and where.
+/// Protocols and addresses that are served.
 #[derive(Args, Clone, Debug)]
 pub struct ServeArgs {
     /// Protocols, separated by commas; port 0 is any free port

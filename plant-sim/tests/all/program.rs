@@ -3,7 +3,7 @@
 use std::process::Command;
 
 #[test]
-fn help_is_no_error_and_a_wrong_word_is_a_usage_error() {
+fn help_succeeds_and_a_wrong_word_is_a_usage_error() {
     let code =
         |word| Command::new(env!("CARGO_BIN_EXE_oqtal-plant-sim")).arg(word).output().unwrap();
     assert_eq!(code("--help").status.code(), Some(0));

@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn a_single_wrong_stamp_is_no_step() {
+    fn a_single_wrong_stamp_is_not_a_step() {
         let mut watch = StepWatch::default();
         show(&mut watch, 0..20, (0, 0));
         show(&mut watch, 20..21, (-4, 4));

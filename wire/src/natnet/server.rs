@@ -47,7 +47,7 @@ impl Default for NatNetServerOptions {
 #[derive(Clone, Copy, Debug)]
 struct UnicastClient {
     address: SocketAddr,
-    heard_ns: u64,
+    received_ns: u64,
     version: NatNetVersion,
 }
 
@@ -92,7 +92,7 @@ impl NatNetServer {
 
     /// Addresses of the clients that get frames by unicast. Forgets those that have gone silent.
     pub fn unicast_clients(&mut self, now_ns: u64) -> impl Iterator<Item = SocketAddr> + '_ {
-        self.clients.retain(|client| now_ns.saturating_sub(client.heard_ns) < SILENCE_NS);
+        self.clients.retain(|client| now_ns.saturating_sub(client.received_ns) < SILENCE_NS);
         self.clients.iter().map(|client| client.address)
     }
 
@@ -117,9 +117,9 @@ impl NatNetServer {
     fn keep(&mut self, address: SocketAddr, now_ns: u64) {
         let version = self.info.version;
         if let Some(client) = self.clients.iter_mut().find(|client| client.address == address) {
-            client.heard_ns = now_ns;
+            client.received_ns = now_ns;
         } else if self.clients.len() < MAX_CLIENTS {
-            self.clients.push(UnicastClient { address, heard_ns: now_ns, version });
+            self.clients.push(UnicastClient { address, received_ns: now_ns, version });
         }
     }
 
