@@ -30,8 +30,8 @@ use oqtal_control::trajectory::Trajectory;
 pub use auto_takeoff::AutoTakeoff;
 use control::{ControlTick, FlightControl};
 use intake::Intake;
-use report::Report;
-use supervision::Supervision;
+use report::TickReport;
+use supervision::FlightSupervision;
 
 /// Time after the last tick at which the loop acts without a pose \[periods\].
 const DEADLINE_PERIODS: f64 = 1.5;
@@ -96,9 +96,9 @@ impl LoopTiming {
 pub struct Cycle {
     timing: LoopTiming,
     intake: Intake,
-    supervision: Supervision,
+    supervision: FlightSupervision,
     control: FlightControl,
-    report: Report,
+    report: TickReport,
 }
 
 impl Cycle {
@@ -110,9 +110,9 @@ impl Cycle {
         Ok(Self {
             timing: LoopTiming::new(config, now),
             intake: Intake::new(config, &trajectory)?,
-            supervision: Supervision::new(config, trajectory),
+            supervision: FlightSupervision::new(config, trajectory),
             control: FlightControl::new(config)?,
-            report: Report::new(),
+            report: TickReport::new(),
         })
     }
 

@@ -133,7 +133,7 @@ impl MotionGate {
     ) -> Result<Option<OutlierHypothesis>, Cause> {
         let Some((hypothesis, without)) = self.hypothesis.zip(without) else { return Ok(None) };
         match hypothesis.test(&without, pose) {
-            HypothesisTest::Pending(hypothesis) => Ok(Some(hypothesis)),
+            HypothesisTest::Pending => Ok(Some(hypothesis.advanced(without))),
             HypothesisTest::Rejected => Ok(None),
             HypothesisTest::OtherBody(residual) => {
                 tracker.restore(without);

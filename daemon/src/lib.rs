@@ -94,7 +94,7 @@ pub use loop_health::LoopHealth;
 pub use mission::ActiveMission;
 pub use pose_noise::PoseNoise;
 pub use setpoint::{CheckedSetpoint, SetpointGuard};
-pub use stack::{ControlInput, ControlOutput, ControlStack};
+pub use stack::{ControlOutput, ControlStack, LawInput};
 pub use supervisor::{Ending, LIMITS, SafetyConditions, SafetyRow, Supervisor};
 pub use turn::{DaemonPorts, DaemonTurn};
 pub use vehicle::VehicleWatch;

@@ -23,7 +23,7 @@ const SATURATED: f64 = 1.0 - 1e-9;
 
 /// Input of the control stack in one tick.
 #[derive(Clone, Copy, Debug)]
-pub struct ControlInput<'a> {
+pub struct LawInput<'a> {
     /// The present instant \[s since the clock's origin\].
     pub now_s: f64,
     /// Time since the last tick \[s\].
@@ -104,7 +104,7 @@ impl ControlStack {
     }
 
     /// The output for `input`; `None` if the law has no motion to work with.
-    pub fn compute(&mut self, input: &ControlInput) -> Option<ControlOutput> {
+    pub fn compute(&mut self, input: &LawInput) -> Option<ControlOutput> {
         match self {
             Self::Rate(stack) => stack.compute(input),
             Self::Torque(stack) => stack.compute(input),
@@ -162,8 +162,8 @@ where
         Ok(Self { loops, limit })
     }
 
-    fn compute(&mut self, input: &ControlInput) -> Option<ControlOutput> {
-        let ControlInput { now_s, dt_s, estimate, tracker, reference } = input;
+    fn compute(&mut self, input: &LawInput) -> Option<ControlOutput> {
+        let LawInput { now_s, dt_s, estimate, tracker, reference } = input;
         let (setpoint, rotation, attitude) = match &mut self.loops {
             Loops::Paper(position, law) => {
                 let setpoint = position.update(estimate, reference, *dt_s);

@@ -13,7 +13,7 @@ use super::intake::Intake;
 use crate::command::VehicleCommand;
 use crate::descent::BlindDescent;
 use crate::guard::seconds;
-use crate::stack::{ControlInput, ControlOutput, ControlStack};
+use crate::stack::{ControlOutput, ControlStack, LawInput};
 
 /// Time after the end of the landing's reference from which on thrust is reduced \[s\].
 const REDUCED_AFTER_S: f64 = 1.5;
@@ -105,7 +105,7 @@ impl FlightControl {
         intake: &Intake,
     ) -> Option<ControlOutput> {
         let Directive::Fly { reference, .. } = directive else { return None };
-        self.stack.compute(&ControlInput {
+        self.stack.compute(&LawInput {
             now_s: seconds(tick.now),
             dt_s: tick.dt_s,
             estimate: intake.motion(tick.now, tick.is_fresh)?,

@@ -6,17 +6,17 @@ use oqtal_control::predictive::{AdaptedModel, MotionTracker};
 use oqtal_control::trajectory::Reference;
 
 use super::intake::Intake;
-use super::supervision::Supervision;
+use super::supervision::FlightSupervision;
 use crate::mission::ActiveMission;
 use crate::stack::ControlOutput;
 
 /// Telemetry of the last tick, filled in while the tick is computed.
 #[derive(Clone, Debug)]
-pub(super) struct Report {
+pub(super) struct TickReport {
     telemetry: TelemetryV1,
 }
 
-impl Report {
+impl TickReport {
     /// The report before the first pose.
     pub(super) fn new() -> Self {
         let unknown = [f64::NAN; 3];
@@ -82,7 +82,7 @@ impl Report {
         &mut self,
         now: Time,
         intake: &Intake,
-        supervision: &Supervision,
+        supervision: &FlightSupervision,
         output: Option<&ControlOutput>,
     ) {
         let telemetry = &mut self.telemetry;

@@ -2,7 +2,7 @@
 
 use super::auto_takeoff::AutoTakeoff;
 
-/// Requests that wait for the next tick. Supervision owns them.
+/// Requests that wait for the next tick. The supervision owns them.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Requests {
     /// Whether a requested flight begins with the next tick or not at all.

@@ -18,7 +18,7 @@ use crate::command::VehicleCommand;
 
 /// Safety, mode and course of the flight.
 #[derive(Clone, Debug)]
-pub(super) struct Supervision {
+pub(super) struct FlightSupervision {
     observe_only: bool,
     mode: Mode,
     requests: Requests,
@@ -28,7 +28,7 @@ pub(super) struct Supervision {
     obstacles: ArmingObstacles,
 }
 
-impl Supervision {
+impl FlightSupervision {
     /// The supervision of flights of `trajectory`, disarmed.
     pub(super) fn new(config: &Config, trajectory: Trajectory) -> Self {
         let observe_only = config.safety.observe_only;

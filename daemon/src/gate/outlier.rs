@@ -31,7 +31,7 @@ pub(super) struct OutlierHypothesis {
 #[derive(Clone, Copy, Debug)]
 pub(super) enum HypothesisTest {
     /// Neither confirmed nor rejected yet.
-    Pending(OutlierHypothesis),
+    Pending,
     /// The pose was right.
     Rejected,
     /// The pose and those after it are of another body: the present residual, relative to the motion without them.
@@ -46,12 +46,17 @@ impl OutlierHypothesis {
         first.is_significant().then_some(Self { without: *expected, first, since_s, gap_s })
     }
 
+    /// The hypothesis with the motion `without` at a later instant.
+    pub(super) fn advanced(&self, without: Track) -> Self {
+        Self { without, ..*self }
+    }
+
     /// Tests the hypothesis by `pose`, for the motion `without` at the instant of the pose.
     pub(super) fn test(&self, without: &Track, pose: &MeasuredPose) -> HypothesisTest {
         let residual = PoseResidual::of(without, pose);
         let elapsed_s = without.t_s - self.since_s;
         if elapsed_s < DURATION_S {
-            return HypothesisTest::Pending(Self { without: *without, ..*self });
+            return HypothesisTest::Pending;
         }
         let is_after_gap = self.gap_s >= LEAST_GAP_S;
         if is_after_gap && residual.is_constant_since(&self.first, elapsed_s / self.gap_s) {
