@@ -2,7 +2,7 @@
 
 use nalgebra::{Cholesky, Const, SMatrix, SVector};
 
-use super::{HorizonProgram, MOST_STEPS, MoveBounds};
+use super::program::{HorizonProgram, MOST_STEPS, MoveBounds};
 
 /// Penalty `c` of the slack \[1/(rad/s)\].
 const PENALTY: f64 = 1e4;
