@@ -7,6 +7,7 @@ mod modules;
 mod names;
 mod tables;
 mod units;
+mod words;
 
 use crate::common::sources::{assert_none, crates, sources, sources_of};
 
@@ -61,6 +62,11 @@ fn type_names_are_unique_in_the_workspace() {
 #[test]
 fn public_numbers_have_a_unit() {
     assert_none("public numbers without a unit in name or documentation", &units::missing());
+}
+
+#[test]
+fn words_are_plain() {
+    assert_none("words with a plainer equivalent", &words::used());
 }
 
 #[test]
