@@ -16,14 +16,14 @@ use crate::topic::Topic;
 use crate::transport::Transport;
 use crate::wake::{EventPorts, Listener};
 
-/// Shared memory for the ports of one process, at most \[KiB\], rounded up; the daemon needs most.
+/// Maximum shared memory for the ports of one process \[KiB\], rounded up; the daemon needs most.
 const NEEDED_KIB: u64 = 7 * 1024;
 
-/// Open files of a process, at most \[-\]; the daemon has about a hundred.
+/// Maximum number of open files of a process \[-\]; the daemon has about a hundred.
 const NEEDED_FILES: u64 = 160;
 
-/// Access of a process (or a thread) to one instance. Ports stay with the thread that opened them; the instance is left when the
-/// bus and its ports are dropped, and the last to leave removes its files.
+/// Access of a process (or a thread) to one instance. Ports stay on the thread that opened them. The process leaves the instance
+/// when the bus and its ports are dropped; the last process to leave removes the files of the instance.
 #[derive(Debug)]
 pub struct Bus {
     node: Box<dyn OpenPorts>,
@@ -33,7 +33,7 @@ pub struct Bus {
 }
 
 impl Bus {
-    /// Joins the instance at `paths`; files that dead processes left there are removed.
+    /// Joins the instance at `paths`; files left there by dead processes are removed.
     ///
     /// # Errors
     /// The instance belongs to another user, shared memory is full, or the operating system refuses.
@@ -53,7 +53,7 @@ impl Bus {
         &self.paths
     }
 
-    /// Opens the waiting end of a topic's notifications.
+    /// Opens a listener for notifications of a topic.
     ///
     /// # Errors
     /// The operating system refuses, or the event was made by another version.
@@ -61,15 +61,15 @@ impl Bus {
         self.events.listener(topic.name)
     }
 
-    /// Opens the daemon's end of the control service.
+    /// Opens the daemon's side of the control service.
     ///
     /// # Errors
-    /// Another daemon serves this instance.
+    /// Another daemon is serving this instance.
     pub fn control_server(&self) -> Result<ControlServer, BusError> {
         Ok(ControlServer::new(self.node.server()?))
     }
 
-    /// Opens an operator's end of the control service.
+    /// Opens an operator's side of the control service.
     ///
     /// # Errors
     /// The operating system refuses, or too many operators are connected.
@@ -101,7 +101,7 @@ impl Transport for Bus {
     }
 }
 
-/// Checks that the process may open the files of its ports: iceoryx2 would report an internal error.
+/// Checks that the process may open all files of its ports: otherwise iceoryx2 would report an internal error.
 fn check_descriptors() -> Result<(), BusError> {
     match getrlimit(Resource::Nofile).current {
         Some(allowed) if allowed < NEEDED_FILES => {
@@ -111,10 +111,10 @@ fn check_descriptors() -> Result<(), BusError> {
     }
 }
 
-/// Checks that the ports of a process fit into shared memory, before iceoryx2 maps files that have no memory behind them.
+/// Checks that the ports of a process fit into shared memory, before iceoryx2 maps files that have no memory allocated.
 fn check_free_memory() -> Result<(), BusError> {
     let Ok(space) = rustix::fs::statvfs("/dev/shm") else {
-        // Opening the first file there reports the error.
+        // The error is reported when the first file is opened there.
         return Ok(());
     };
     let free_kib = space.f_bavail.saturating_mul(space.f_frsize) / 1024;

@@ -1,4 +1,4 @@
-//! Enumerations in messages: one byte each; a byte from another process may have no meaning.
+//! Enumerations in messages: one byte each; a byte from another process may be invalid.
 
 use std::fmt;
 
@@ -16,7 +16,7 @@ macro_rules! code {
                 self as u8
             }
 
-            /// The value of a byte; `None` for a byte that has no meaning.
+            /// The value of a byte; `None` for an invalid byte.
             #[must_use]
             pub const fn from_code(code: u8) -> Option<Self> {
                 match code {
@@ -35,15 +35,15 @@ macro_rules! code {
 }
 
 code! {
-    /// Meaning of the numbers of a command.
+    /// Interpretation of the numbers of a command.
     Actuation {
-        /// Motors off, whatever the numbers.
+        /// Motors off, regardless of the numbers.
         Disarmed = 0 => "disarmed",
         /// Attitude sticks and collective thrust, Eq. (61).
         Sticks = 1 => "sticks",
         /// Torque and collective thrust.
         Torque = 2 => "torque",
-        /// Attitude and collective thrust, for a vehicle that holds the attitude by itself.
+        /// Attitude and collective thrust, for a vehicle with its own attitude loop.
         Attitude = 3 => "attitude",
     }
 }
@@ -69,14 +69,14 @@ code! {
         Nominal = 0 => "Nominal",
         /// A condition is worse than it should be; the flight continues.
         Degraded = 1 => "Degraded",
-        /// In flight: the vehicle is flown on the predicted motion, then the last command is held, until poses come back. On the
-        /// ground: no take-off until poses and the vehicle are there.
+        /// In flight: the vehicle is flown on the predicted motion, then the last command is held, until poses return. On the
+        /// ground: no take-off until poses and vehicle are available.
         Coast = 2 => "Coast",
         /// The vehicle holds its position; the mission waits.
         Hold = 3 => "Hold",
-        /// The vehicle lands where it is.
+        /// The vehicle lands at its present position.
         Land = 4 => "Land",
-        /// Without poses: a vehicle that holds its attitude by itself is level and sinks, for a limited time.
+        /// Without poses, a vehicle with its own attitude loop stays level and sinks, for a limited time.
         Descend = 5 => "Descend",
         /// Motors off until an operator arms again.
         Stop = 6 => "Stop",
@@ -84,7 +84,7 @@ code! {
 }
 
 impl SafetyState {
-    /// Whether the daemon ends the flight by itself in this state.
+    /// Whether the daemon ends the flight in this state.
     #[must_use]
     pub fn ends_flight(self) -> bool {
         self >= Self::Land
@@ -92,9 +92,9 @@ impl SafetyState {
 }
 
 code! {
-    /// Reason of a safety state, or of a refused request.
+    /// Cause of a safety state, or of a refused request.
     Cause {
-        /// No reason: nominal.
+        /// No cause: nominal.
         None = 0 => "",
         /// No pose arrived in time.
         NoPose = 1 => "no pose",
@@ -106,20 +106,20 @@ code! {
         Untracked = 4 => "body not tracked",
         /// The quaternion is not of unit norm.
         NotUnit = 5 => "quaternion not of unit norm",
-        /// Sequence or capture time went back or stood still.
+        /// Sequence number or capture time did not increase.
         Order = 6 => "pose out of order",
-        /// The pose is where the sent commands cannot have brought the vehicle.
+        /// The pose cannot have resulted from the sent commands.
         Jump = 7 => "pose jumped",
-        /// The same pose was repeated under new sequence numbers.
+        /// The same pose was repeated with new sequence numbers.
         Frozen = 8 => "pose frozen",
         /// Requested by an operator.
         Operator = 9 => "operator",
         /// Not possible in the present mode.
         WrongMode = 10 => "not possible in this mode",
-        /// Neither plant nor bridge answers, or the vehicle behind the bridge does not, or its motors stopped in flight or never
-        /// started, or another process took its place.
+        /// Neither plant nor bridge answers, the vehicle behind the bridge does not answer, its motors stopped in flight or never
+        /// started, or another process replaced the plant or bridge.
         NoVehicle = 11 => "vehicle silent",
-        /// Poses agree with each other and not with the motion: of another body, or of markers that were exchanged.
+        /// Poses agree with each other but not with the predicted motion: they are of another body, or of swapped markers.
         Relabel = 12 => "pose of another body",
         /// The vehicle came too close to the fence, or crossed it.
         Fence = 13 => "fence",
@@ -147,17 +147,17 @@ code! {
         Overrun = 24 => "loop late",
         /// Processes run with different configurations.
         Configuration = 25 => "configurations differ",
-        /// The reference is absurd; the last valid one is held.
+        /// The reference is invalid; the last valid one is held.
         Setpoint = 26 => "set-point refused",
         /// The position was held for too long.
         HeldTooLong = 27 => "held for too long",
-        /// Obstacles prevent a flight: the reply lists them.
+        /// Obstacles prevent a flight; the reply lists them.
         NotReady = 28 => "not ready",
-        /// A pilot or the vehicle itself took control: a flight ends, nothing is commanded.
+        /// A pilot or the vehicle itself took control: a flight ends, and no commands are sent.
         ControlTaken = 29 => "another has control",
         /// The request was read after the operator's time-out for the answer.
         Expired = 40 => "request came too late",
-        /// The operator expects the daemon to run with another configuration.
+        /// The operator expects another configuration of the daemon.
         OtherConfig = 41 => "another configuration expected",
     }
 }
@@ -165,11 +165,11 @@ code! {
 code! {
     /// Holder of control over a vehicle.
     ControlHolder {
-        /// Nobody: its motors are off. Or the vehicle does not report the holder.
+        /// Nobody: the motors are off, or the vehicle does not report the holder.
         Nobody = 0 => "nobody",
         /// The bridge: the vehicle follows its set-points.
         Bridge = 1 => "the bridge",
-        /// A pilot, another ground station, or the vehicle's own failsafe: set-points are not sent.
+        /// A pilot, another ground station, or the vehicle's own failsafe: no set-points are sent.
         Another = 2 => "a pilot or the vehicle itself",
     }
 }
@@ -177,15 +177,15 @@ code! {
 code! {
     /// Reason for which a vehicle did not execute a request.
     VehicleRefusal {
-        /// No refusal since motors ran last.
+        /// No refusal since the motors last ran.
         None = 0 => "",
-        /// The vehicle refused to run its motors: its checks before arming fail.
+        /// The vehicle refused to run its motors: its pre-arm checks fail.
         Arming = 1 => "the vehicle refuses to arm",
         /// The vehicle refused to stop its motors.
         Disarming = 2 => "the vehicle refuses to disarm",
         /// The vehicle refused the mode in which it follows set-points.
         Mode = 3 => "the vehicle refuses the mode for set-points",
-        /// A command that starting needs was not answered.
+        /// A command of the start sequence was not answered.
         NoAnswer = 4 => "the vehicle does not answer commands",
         /// The autopilot is of another kind than configured in the link.
         OtherAutopilot = 5 => "the autopilot is of another kind than the link configures",
@@ -193,7 +193,7 @@ code! {
         OtherSystem = 6 => "a vehicle of another system id answers",
         /// The vehicle is locked until it is restarted.
         Locked = 7 => "the vehicle is locked until it is restarted",
-        /// The vehicle uses a protocol version that the bridge does not have.
+        /// The vehicle uses a protocol version that the bridge does not support.
         OtherVersion = 8 => "the vehicle uses another protocol version",
         /// Packets of the vehicle are not signed with the configured key, and are ignored.
         Unsigned = 9 => "the vehicle does not sign with the key of bridge.mavlink.signing-key-file",
@@ -205,9 +205,9 @@ code! {
     EstimatorState {
         /// The vehicle does not report it.
         Unknown = 0 => "unknown",
-        /// It has no valid position.
+        /// The estimator has no valid position.
         NotReady = 1 => "not ready",
-        /// It has attitude and position.
+        /// The estimator has attitude and position.
         Ready = 2 => "ready",
     }
 }
@@ -249,7 +249,7 @@ code! {
         Start = 0 => "start",
         /// A turn of the loop.
         Turn = 1 => "turn",
-        /// A request of an operator, executed at the end of the turn before.
+        /// A request of an operator, executed at the end of the previous turn.
         Request = 2 => "request",
     }
 }

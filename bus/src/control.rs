@@ -8,16 +8,16 @@ use crate::message::{ControlRequestV1, ControlResponseV1, Message};
 use crate::time::{Span, Time};
 use crate::topic::CONTROL;
 
-/// Answers a request, both encoded: reads the first, fills the second.
+/// Answers a request: reads the encoded request, fills the encoded answer.
 pub(crate) type Answerer<'a> = &'a mut dyn FnMut(&[u8], &mut [u8]);
 
-/// Serving end of a request-response service for bytes.
+/// Server side of a request-response service for bytes.
 pub(crate) trait RawServer: fmt::Debug {
-    /// Answers every waiting request by `answer`.
+    /// Answers every waiting request using `answer`.
     fn serve(&self, answer: Answerer<'_>) -> Result<(), BusError>;
 }
 
-/// Requesting end of a request-response service for bytes.
+/// Client side of a request-response service for bytes.
 pub(crate) trait RawClient: fmt::Debug {
     /// Sends `request` and polls until an answer arrives, the server is gone, or `give_up` is reached; returns whether an answer arrived.
     fn ask(&self, request: &[u8], response: &mut [u8], give_up: Time) -> Result<bool, BusError>;
@@ -29,7 +29,7 @@ pub(crate) const CONTROL_SIZES: (usize, usize) = (ControlRequestV1::SIZE, Contro
 pub(crate) const CONTROL_SCHEMA: u64 =
     ControlRequestV1::SCHEMA ^ ControlResponseV1::SCHEMA.rotate_left(1);
 
-/// The daemon's end of the control service.
+/// The daemon's side of the control service.
 #[derive(Debug)]
 pub struct ControlServer(Box<dyn RawServer>);
 
@@ -38,10 +38,10 @@ impl ControlServer {
         Self(raw)
     }
 
-    /// Answers every waiting request by `answer`.
+    /// Answers every waiting request using `answer`.
     ///
     /// # Errors
-    /// The connection broke; an operator who left before the answer is not an error.
+    /// The connection failed; an operator who left before the answer does not cause an error.
     pub fn serve(
         &self,
         mut answer: impl FnMut(ControlRequestV1) -> ControlResponseV1,
@@ -52,7 +52,7 @@ impl ControlServer {
     }
 }
 
-/// An operator's end of the control service.
+/// An operator's side of the control service.
 #[derive(Debug)]
 pub struct ControlClient(Box<dyn RawClient>);
 
@@ -64,7 +64,7 @@ impl ControlClient {
     /// Sends `request` and waits for the answer; `None` if no daemon answers within `timeout`.
     ///
     /// # Errors
-    /// The connection broke; [`BusError::Version`] if `{CONTROL}` is served in another version.
+    /// The connection failed; [`BusError::Version`] if `{CONTROL}` is served in another version.
     pub fn ask(
         &self,
         request: ControlRequestV1,
@@ -80,13 +80,13 @@ impl ControlClient {
             if Time::now() >= give_up {
                 return Ok(None);
             }
-            // No daemon received the request: one may be starting.
+            // No daemon received the request; a daemon may be starting.
             std::thread::sleep(Duration::from_millis(10));
         }
     }
 }
 
-/// Error of a message of the control service that has another size than this version's.
+/// Error for a message of the control service whose size differs from this version's.
 pub(crate) fn wrong_size() -> BusError {
     BusError::Version { topic: CONTROL.to_owned() }
 }

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 /// Error of the bus; the message names the object and the remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum BusError {
-    /// The topic already has its only writer.
+    /// Another writer holds the topic.
     #[error(
         "topic `{topic}` of instance `{instance}` already has a writer; stop that process first, or use another --instance"
     )]
@@ -30,7 +30,7 @@ pub enum BusError {
         /// The root path of the instance.
         path: PathBuf,
     },
-    /// Shared memory is full. A process that touched memory that cannot be allocated would be killed by a signal.
+    /// Shared memory is full. Access to memory that cannot be allocated would end the process by a signal.
     #[error(
         "/dev/shm has {free_kib} KiB free, a process needs up to {needed_kib}; `sudo mount -o remount,size=512M /dev/shm`, or end other instances"
     )]
@@ -40,17 +40,17 @@ pub enum BusError {
         /// Memory that is needed \[KiB\].
         needed_kib: u64,
     },
-    /// The process may open too few files.
+    /// The process's limit of open files is too low.
     #[error(
         "this process may open {allowed} files, it needs up to {needed}; raise the limit: `ulimit -n 1024`, or LimitNOFILE= of the service"
     )]
     Descriptors {
-        /// Files that it may open \[-\].
+        /// Limit of open files \[-\].
         allowed: u64,
-        /// Files that it needs at most \[-\].
+        /// Maximum number of files that the process needs \[-\].
         needed: u64,
     },
-    /// A process keeps the lock of the instance.
+    /// Another process holds the lock of the instance.
     #[error(
         "{} is locked by a process that was stopped or hangs; find it with `fuser -v {}` and continue or end it",
         path.display(),
@@ -60,7 +60,7 @@ pub enum BusError {
         /// The directory of the instance.
         path: PathBuf,
     },
-    /// A name that cannot be part of a file name.
+    /// Name that cannot be part of a file name.
     #[error("{what} `{value}` cannot be used: {rule}")]
     Name {
         /// Kind of the name.
@@ -95,7 +95,7 @@ impl BusError {
         }
     }
 
-    /// Shared memory has too little room for a file of `needed_kib`.
+    /// Error for shared memory without room for a file of `needed_kib`.
     pub(crate) fn full(needed_kib: u64) -> Self {
         let free = rustix::fs::statvfs("/dev/shm").map_or(0, |s| s.f_bavail * s.f_frsize);
         Self::Full { free_kib: free / 1024, needed_kib }

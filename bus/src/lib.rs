@@ -7,7 +7,7 @@
 //! | `code.rs` | enumerations in messages |
 //! | `obstacle.rs` | obstacles to a flight |
 //! | `text.rs` | short text in a message |
-//! | `origin.rs` | the process that a message comes from |
+//! | `origin.rs` | the process that wrote a message |
 //! | `time.rs` | instants and spans of time |
 //! | `transport.rs` | interface of the ports of topics |
 //! | `bus.rs` | the instance between processes: joining, opening ports, leaving |
@@ -17,15 +17,15 @@
 //! | `node.rs` | a node of iceoryx2, which opens services and ports |
 //! | `control.rs` | requests of operators and their answers |
 //! | `stop.rs` | the operator's stop, in shared memory |
-//! | `wake.rs` | wake-up of processes that sleep |
+//! | `wake.rs` | wake-up of sleeping processes |
 //! | `shared.rs` | words in a mapped file |
-//! | `membership.rs` | processes that take part in an instance |
+//! | `membership.rs` | the processes of an instance |
 //! | `paths.rs` | directories and names of an instance |
-//! | `private.rs` | the part of shared memory that other users cannot reach |
-//! | `remains.rs` | files that ended processes left behind |
+//! | `private.rs` | the part of shared memory that is inaccessible to other users |
+//! | `remains.rs` | files left behind by dead processes |
 //! | `suspend.rs` | suspension of the machine |
 //! | `error.rs` | errors of the bus |
-//! | `mismatch.rs` | kinds of errors of opening a service |
+//! | `mismatch.rs` | kinds of errors when a service is opened |
 // Mapping of shared memory in `shared.rs`.
 #![deny(unsafe_code)]
 

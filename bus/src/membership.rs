@@ -1,9 +1,10 @@
-//! Membership of an instance: the processes that take part in it, and the lock for changes to its files.
+//! Membership of an instance: its processes, and the lock for changes to its files.
 //!
-//! It consists of two locks (`flock`). The kernel releases them when the process that holds them ends, for whatever reason:
-//! - the directory of the instance, exclusive, for the short time in which a process joins, opens or closes ports, or leaves.
-//!   Incomplete files that the holder finds are those of a process that died.
-//! - the file `members` in it, shared, as long as the process takes part. A process that gets it exclusively is the only one.
+//! Membership consists of two locks (`flock`). The kernel releases them when the process that holds them ends, for any reason:
+//! - the directory of the instance: locked exclusively for the short time in which a process joins, opens or closes ports, or
+//!   leaves. Incomplete files found by the holder were left by a dead process.
+//! - the file `members` in it: shared, as long as the process is a member. A process that gets an exclusive lock is the only
+//!   member.
 
 use std::cell::Cell;
 use std::fs::{DirBuilder, File, OpenOptions};
@@ -21,12 +22,12 @@ use crate::paths::{InstancePaths, WIRE};
 use crate::time::{Span, Time};
 use crate::{private, remains};
 
-/// The lock is held for milliseconds by processes that run: one that holds it longer was stopped or hangs.
+/// Running processes hold the lock for milliseconds; a process that holds it longer was stopped or hangs.
 const LOCK_TIMEOUT: Span = Span::from_millis(3000);
-/// Closing waits less: files that cannot be removed now are removed by the next process that joins.
+/// Closing has a shorter time-out: files that cannot be removed now are removed by the next process that joins.
 const CLOSE_TIMEOUT: Span = Span::from_millis(300);
 
-/// One participation in an instance, until it is dropped.
+/// Membership of one process in an instance, until it is dropped.
 #[derive(Debug)]
 pub(crate) struct Membership {
     prefix: String,
@@ -39,15 +40,15 @@ pub(crate) struct Membership {
     closes_unlocked: Cell<bool>,
 }
 
-/// Right to change the files of an instance, until it is dropped.
+/// Exclusive right to change the files of an instance, until it is dropped.
 #[derive(Debug)]
 pub(crate) struct InstanceLock<'a>(&'a Membership);
 
 impl Membership {
-    /// Joins the instance at `paths`. If no other process takes part, files that dead processes left are removed.
+    /// Joins the instance at `paths`. If there are no other members, files left by dead processes are removed.
     ///
     /// # Errors
-    /// The instance belongs to another user, or a stopped process holds its lock.
+    /// The instance belongs to another user, or a suspended process holds its lock.
     pub(crate) fn join(paths: &InstancePaths) -> Result<Rc<Self>, BusError> {
         let directory = paths.directory();
         let give_up = Time::now() + LOCK_TIMEOUT;
@@ -74,16 +75,16 @@ impl Membership {
         }
     }
 
-    /// Locks the files of the instance. A lock that this membership holds already is shared.
+    /// Locks the files of the instance. A lock already held by this membership is shared.
     ///
     /// # Errors
-    /// A stopped process holds the lock.
+    /// A suspended process holds the lock.
     pub(crate) fn lock(&self) -> Result<InstanceLock<'_>, BusError> {
         self.lock_within(LOCK_TIMEOUT)
     }
 
-    /// As [`Membership::lock`], for closing a port: does not wait long, `None` if the lock is not free. A process that ends waits
-    /// once, not for each of its ports.
+    /// Like [`Membership::lock`], with a short time-out, for closing a port; `None` if the lock is not free. A process that ends
+    /// waits once, not once per port.
     pub(crate) fn lock_to_close(&self) -> Option<InstanceLock<'_>> {
         let timeout = if self.closes_unlocked.get() { Span::ZERO } else { CLOSE_TIMEOUT };
         let lock = self.lock_within(timeout).ok();
@@ -99,12 +100,12 @@ impl Membership {
         Ok(InstanceLock(self))
     }
 
-    /// Path of the words `name` that the processes of this instance share.
+    /// Path of the shared words `name` of this instance.
     pub(crate) fn words_file(&self, name: &str) -> PathBuf {
         self.directory.join(private::LINK).join(name)
     }
 
-    /// Prefix of the names of iceoryx2; the lock is held.
+    /// Prefix of the names of iceoryx2; the caller holds the lock.
     ///
     /// # Errors
     /// As [`private::prefix`].
@@ -112,12 +113,12 @@ impl Membership {
         private::prefix(&self.directory)
     }
 
-    /// Removes incomplete files of dead processes; the lock is held.
+    /// Removes incomplete files of dead processes; the caller holds the lock.
     pub(crate) fn remove_half_made(&self, _lock: &InstanceLock<'_>) {
         remains::remove_half_made(&self.prefix, &self.directory);
     }
 
-    /// Allocates the memory of all shared files of the instance; the lock is held.
+    /// Allocates the memory of all shared files of the instance; the caller holds the lock.
     ///
     /// # Errors
     /// Shared memory is full.
@@ -125,7 +126,7 @@ impl Membership {
         remains::reserve_memory(&self.prefix).map_err(|size| BusError::full(size.div_ceil(1024)))
     }
 
-    /// Revokes other users' rights to files in shared memory; the lock is held.
+    /// Revokes other users' access to files in shared memory; the caller holds the lock.
     pub(crate) fn make_private(&self, _lock: &InstanceLock<'_>) {
         remains::make_private(&self.prefix);
     }
@@ -135,7 +136,7 @@ impl Drop for InstanceLock<'_> {
     fn drop(&mut self) {
         self.0.depth.set(self.0.depth.get() - 1);
         if self.0.depth.get() == 0 {
-            // Only a closed descriptor could refuse, and closing unlocks as well.
+            // Fails only for a closed descriptor, and closing unlocks as well.
             let _ = flock(&self.0.lock, FlockOperation::Unlock);
         }
     }
@@ -146,17 +147,17 @@ impl Drop for Membership {
         let Some(_lock) = self.lock_to_close() else { return };
         if flock(&self.members, FlockOperation::NonBlockingLockExclusive).is_ok() {
             remains::remove_all(&self.prefix, &self.directory);
-            // Only an empty directory is removed; a process that waits for its lock checks this.
+            // Only an empty directory is removed; a process waiting for its lock checks this.
             remove(&self.directory, &[WIRE, private::LINK, MEMBERS]);
             let _ = std::fs::remove_dir(&self.directory);
         }
     }
 }
 
-/// File whose lock marks the processes that take part.
+/// File whose shared lock marks the member processes.
 const MEMBERS: &str = "members";
 
-/// Removes files, if they are there.
+/// Removes files that exist.
 fn remove(directory: &Path, names: &[&str]) {
     for name in names {
         let _ = std::fs::remove_file(directory.join(name));
@@ -172,7 +173,7 @@ fn open_directory(directory: &Path) -> Result<File, BusError> {
     let flags = (OFlags::DIRECTORY | OFlags::NOFOLLOW | OFlags::CLOEXEC).bits().cast_signed();
     let opened = OpenOptions::new().read(true).custom_flags(flags).open(directory);
     let file = match opened {
-        // Removed between the two steps: made again.
+        // The directory was removed between the two steps and is made again.
         Err(error) if error.kind() == io::ErrorKind::NotFound => return open_directory(directory),
         other => other.map_err(|e| failed(&e))?,
     };

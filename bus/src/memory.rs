@@ -20,16 +20,16 @@ struct History<M> {
     /// Samples sent before the first of `samples` \[-\].
     discarded: u64,
     cursors: Vec<Rc<Cursor>>,
-    /// Writers opened so far \[-\]: one that takes the place of another has another source.
+    /// Number of writers opened so far \[-\]: a writer that replaces another one has another source.
     writers: u64,
 }
 
-/// The position of a reader.
+/// Read position of a reader.
 #[derive(Debug)]
 struct Cursor {
     /// Number of the next sample to read, counted from 0 \[-\].
     next: Cell<u64>,
-    /// Samples that may wait for the reader; older ones are lost \[-\].
+    /// Maximum number of samples waiting for the reader \[-\]; older ones are lost.
     capacity: u64,
 }
 
@@ -60,10 +60,11 @@ impl<M> History<M> {
     }
 }
 
-/// The history of a topic behind the ports that share it.
+/// History of a topic, shared by its ports.
 type SharedHistory<M> = Rc<RefCell<History<M>>>;
 
-/// The topics of one simulated instance. Ports may be opened in any order; a reader receives samples that are sent after it was opened.
+/// Topics of one simulated instance. Ports may be opened in any order; a reader receives samples that are sent after it was
+/// opened.
 #[derive(Default)]
 pub struct MemoryBus {
     topics: RefCell<HashMap<&'static str, Rc<dyn Any>>>,
@@ -86,7 +87,7 @@ impl MemoryBus {
     fn history<M: Message>(&self, topic: &Topic<M>) -> SharedHistory<M> {
         let mut topics = self.topics.borrow_mut();
         let history = topics.entry(topic.name).or_insert_with(|| {
-            // Room for what a reader of the newest sample needs: publishing to it does not allocate.
+            // Capacity for readers of the newest sample: publishing to them does not allocate.
             let samples = VecDeque::with_capacity(4);
             Rc::new(RefCell::new(History::<M> {
                 samples,
@@ -131,7 +132,7 @@ impl Transport for MemoryBus {
     }
 }
 
-/// The writing end of a topic in memory.
+/// Writer of a topic in memory.
 #[derive(Debug)]
 pub struct MemoryWriter<M> {
     history: SharedHistory<M>,
@@ -140,7 +141,7 @@ pub struct MemoryWriter<M> {
 }
 
 impl<M: Message> MemoryWriter<M> {
-    /// Sends a sample under the header that it had when it was recorded.
+    /// Sends a sample with the header of its recording.
     pub fn forward(&mut self, header: Header, body: M) {
         self.sequence = header.sequence;
         self.history.borrow_mut().push(header, body);
@@ -162,7 +163,7 @@ impl<M: Message> Publish<M> for MemoryWriter<M> {
     }
 }
 
-/// The reading end of a topic in memory.
+/// Reader of a topic in memory.
 #[derive(Debug)]
 pub struct MemoryReader<M> {
     history: SharedHistory<M>,

@@ -1,8 +1,8 @@
 //! Messages between the processes: plain data in SI units, with unit and frame at every field.
 //!
-//! A message travels as a typed [`Header`] and as the bytes of its body. Both sides of a topic must have been built from the
-//! same definitions: a service is opened with [`Message::SCHEMA`] as an attribute, and every header repeats it.
-//! Enumerations travel as `u8`: a value from another process may be anything, and [`crate::code`] decodes it.
+//! A message is sent as a typed [`Header`] and the bytes of its body. Both sides of a topic must have been built from the same
+//! definitions: a service is opened with [`Message::SCHEMA`] as an attribute, and every header repeats it. Enumerations are sent
+//! as `u8`, since a value from another process may be invalid; [`crate::code`] decodes them.
 
 mod bodies;
 mod control;

@@ -1,4 +1,4 @@
-//! Kinds of errors of opening a service: iceoryx2 has an error type for each messaging pattern.
+//! Kinds of errors when a service is opened: iceoryx2 has a separate error type for each messaging pattern.
 
 use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
@@ -13,22 +13,22 @@ use crate::paths::InstancePaths;
 /// Kind of an error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Trouble {
-    /// The process that made the service was built from other sources: other types, another quality, another iceoryx2.
+    /// The service was made by a process built from other sources: other types, quality, or version of iceoryx2.
     Mismatch,
-    /// The description of the service cannot be read: half-made, or written by another iceoryx2.
+    /// The description of the service is unreadable: incomplete, or written by another version of iceoryx2.
     Corrupted,
     /// The service belongs to another user.
     Permission,
-    /// Any other error: the service is half-made, or the operating system refused.
+    /// Any other error: the service is incomplete, or the operating system refused.
     System,
 }
 
-/// An error of opening a service.
+/// Error of opening a service.
 pub(crate) trait OpenError: std::fmt::Debug {
     /// Kind of this error.
     fn trouble(&self) -> Trouble;
 
-    /// The error of opening the service `name` of the instance at `paths`.
+    /// Error of opening the service `name` of the instance at `paths`.
     fn explain(&self, paths: &InstancePaths, name: &str) -> BusError
     where
         Self: Sized,

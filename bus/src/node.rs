@@ -1,4 +1,4 @@
-//! A node of iceoryx2: opens services and their ports under the lock of the instance.
+//! Node of iceoryx2: opens services and their ports under the lock of the instance.
 
 use std::fmt;
 use std::rc::Rc;
@@ -23,9 +23,9 @@ use crate::port::{RawReader, RawWriter};
 use crate::ports::Port;
 use crate::topic::{CONTROL, TopicSpec};
 
-/// Processes (nodes of iceoryx2) in one instance at most.
+/// Maximum number of processes (nodes of iceoryx2) in one instance.
 const MAX_NODES: usize = 24;
-/// Operators at once.
+/// Maximum number of connected operators.
 const MAX_CLIENTS: usize = 8;
 /// Time-out of the clean-up after a dead process; the next process that joins completes it.
 const CLEANUP_TIMEOUT: Duration = Duration::from_millis(500);
@@ -33,7 +33,8 @@ const CLEANUP_TIMEOUT: Duration = Duration::from_millis(500);
 type TopicService = publish_subscribe::PortFactory<ipc::Service, [u8], Header>;
 type ControlService = request_response::PortFactory<ipc::Service, [u8], (), [u8], ()>;
 
-/// Opens the ports of an instance. Behind this trait everything of iceoryx2 is compiled once, dropping included.
+/// Opens the ports of an instance. This trait keeps the code of iceoryx2 in one place, so that it is compiled once, including its
+/// destructors.
 pub(crate) trait OpenPorts: fmt::Debug {
     fn writer(&self, topic: &TopicSpec) -> Result<Box<dyn RawWriter>, BusError>;
     fn reader(&self, topic: &TopicSpec, buffer: usize) -> Result<Box<dyn RawReader>, BusError>;
@@ -41,7 +42,7 @@ pub(crate) trait OpenPorts: fmt::Debug {
     fn client(&self) -> Result<Box<dyn RawClient>, BusError>;
 }
 
-/// A process's presence in an instance.
+/// Node of a process in an instance.
 #[derive(Debug)]
 pub(crate) struct InstanceNode {
     /// `None` only while it is being dropped.
@@ -87,8 +88,8 @@ impl InstanceNode {
         self.node.as_ref().expect("a node exists until it is dropped")
     }
 
-    /// Opens the service `name` by `open`. Incomplete files under the lock were left by a process that died: they are removed, and
-    /// `open` is tried again.
+    /// Opens the service `name` using `open`. The caller holds the lock, so incomplete files were left by a dead process: they
+    /// are removed, and `open` is tried again.
     fn open<S, E: OpenError>(
         &self,
         lock: &InstanceLock<'_>,
@@ -105,7 +106,7 @@ impl InstanceNode {
         }
     }
 
-    /// The port of a service that has just been opened, with memory behind it.
+    /// Port of a newly opened service, with its memory allocated.
     fn port<P>(
         &self,
         lock: &InstanceLock<'_>,
@@ -200,7 +201,7 @@ fn service_name(name: &str) -> Result<ServiceName, BusError> {
     ServiceName::new(name).map_err(|e| system(format!("naming `{name}`"), &e))
 }
 
-/// The attribute by which both ends of a service verify that they were built from the same definitions.
+/// Attribute with which both ends of a service verify that they were built from the same definitions.
 fn schema_attribute(schema: u64) -> Result<AttributeVerifier, BusError> {
     let failed = |e: &dyn fmt::Debug| system("naming a schema", e);
     let key = AttributeKey::try_from("schema").map_err(|e| failed(&e))?;

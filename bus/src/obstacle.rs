@@ -1,4 +1,4 @@
-//! Obstacles to a flight: all reasons against arming at once, as a set in a message.
+//! Obstacles to a flight: the set of all reasons against arming, as part of a message.
 
 use std::fmt;
 
@@ -28,9 +28,9 @@ macro_rules! obstacles {
 obstacles! {
     /// Too few accepted poses in a row.
     NoPoses = 0 => "no poses, or too few good ones in a row",
-    /// Position or attitude changed lately.
+    /// Position or attitude changed recently.
     Moving = 1 => "the vehicle moves, or is carried",
-    /// The vehicle does not stand level.
+    /// The vehicle is not level.
     Tilted = 2 => "the vehicle is tilted",
     /// The vehicle is not at the height configured for the floor.
     OffFloor = 3 => "the vehicle is not on the floor (safety.arming-z-m)",
@@ -40,13 +40,13 @@ obstacles! {
     VehicleSilent = 5 => "the vehicle does not answer",
     /// Poses come from emulated cameras or a recording, and the vehicle is real.
     EmulatedPoses = 6 => "the poses are emulated and the vehicle is real (safety.allow-emulated-poses)",
-    /// The vehicle stands outside the soft border of the fence.
+    /// The vehicle is outside the soft border of the fence.
     OutsideFence = 7 => "the vehicle is outside the fence ([fence])",
     /// The trajectory from here leaves the soft border of the fence.
     PathOutsideFence = 8 => "the trajectory leaves the fence from here ([fence])",
     /// Processes of the instance run with different configurations.
     Configuration = 9 => "processes run with different configurations",
-    /// An operator's stop keeps the motors off until the controller has commanded them off.
+    /// An operator's stop is in force until the controller has commanded the motors off.
     Stopped = 10 => "an operator's stop is in force until the vehicle is disarmed",
     /// A pilot or the vehicle itself has control.
     ControlTaken = 11 => "a pilot or the vehicle itself has control",
@@ -59,7 +59,7 @@ obstacles! {
 pub struct ArmingObstacles(u32);
 
 impl ArmingObstacles {
-    /// The set of a message; bits without a meaning are ignored.
+    /// Set received in a message; unknown bits are ignored.
     #[must_use]
     pub fn from_bits(bits: u32) -> Self {
         let known = ArmingObstacle::ALL.iter().fold(0, |set, obstacle| set | obstacle.bit());
@@ -72,13 +72,13 @@ impl ArmingObstacles {
         self.0
     }
 
-    /// The set with `obstacle` where `present`.
+    /// The set, with `obstacle` added if `present`.
     #[must_use]
     pub fn with(self, obstacle: ArmingObstacle, present: bool) -> Self {
         if present { Self(self.0 | obstacle.bit()) } else { self }
     }
 
-    /// Whether there is no obstacle to a flight.
+    /// Whether the set is empty.
     #[must_use]
     pub fn is_empty(self) -> bool {
         self.0 == 0

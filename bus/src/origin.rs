@@ -1,4 +1,4 @@
-//! The process that a message comes from.
+//! Origin of a message: the process that wrote it.
 
 use std::fmt;
 use std::sync::OnceLock;
@@ -62,7 +62,7 @@ fn own_host() -> u32 {
     *HOST.get_or_init(|| host_number(rustix::system::uname().nodename().to_bytes()))
 }
 
-/// The number of the host with this name: FNV-1a folded to 32 bits.
+/// Host number for this name: FNV-1a folded to 32 bits.
 fn host_number(name: &[u8]) -> u32 {
     let hash = fnv1a(FNV_OFFSET, name);
     let folded = (hash >> 32) ^ (hash & 0xffff_ffff);

@@ -21,8 +21,8 @@ pub struct InstancePaths {
 }
 
 impl InstancePaths {
-    /// Paths of `instance`; the root is `root` if given, else `/run/oqtal` if writable, else `$XDG_RUNTIME_DIR/oqtal`,
-    /// else `/tmp/oqtal-UID`.
+    /// Paths of `instance`. The root is the first of: `root`, `/run/oqtal` if writable, `$XDG_RUNTIME_DIR/oqtal`,
+    /// `/tmp/oqtal-UID`.
     ///
     /// # Errors
     /// The instance name is not `[a-z0-9-]{1,32}`.
@@ -39,8 +39,9 @@ impl InstancePaths {
         Ok(Self { instance: instance.to_owned(), root })
     }
 
-    /// Prefix of the names of this instance's files in shared memory; a random number follows in every name. It contains a hash of
-    /// the root, because shared memory is common to all roots. An existing root has the same prefix by whichever path it is named.
+    /// Prefix of the names of this instance's files in shared memory; a random number follows in every name. It contains a hash
+    /// of the root, because all roots share one shared memory. The prefix does not depend on the path by which an existing root
+    /// is named.
     #[must_use]
     pub fn prefix(&self) -> String {
         let root = self.root.canonicalize().unwrap_or_else(|_| self.root.clone());
@@ -48,7 +49,7 @@ impl InstancePaths {
         format!("oqtal_{}_{root:016x}_", self.instance)
     }
 
-    /// Path of the words `name` that the processes of this instance share.
+    /// Path of the shared words `name` of this instance.
     pub(crate) fn words_file(&self, name: &str) -> PathBuf {
         self.directory().join(private::LINK).join(name)
     }
@@ -65,12 +66,12 @@ impl InstancePaths {
         self.directory().join(WIRE)
     }
 
-    /// Makes the root directory, and the configuration of iceoryx2 for this instance but for the prefix, which is drawn when the
-    /// first process joins. Names in shared memory do not contain the root path, and not all names of files the prefix: an instance
-    /// needs both.
+    /// Makes the root directory and the configuration of iceoryx2 for this instance, without the prefix, which is drawn when the
+    /// first process joins. An instance needs both directory and prefix: names in shared memory do not contain the root path, and
+    /// some file names do not contain the prefix.
     ///
     /// # Errors
-    /// The directory cannot be made, or its name is not an absolute path of plain characters.
+    /// The directory cannot be made, or its path is not absolute or contains special characters.
     pub fn prepare(&self) -> Result<Config, BusError> {
         let mut root = self.directory().to_string_lossy().into_owned();
         root.push('/');
@@ -95,8 +96,9 @@ impl InstancePaths {
         Ok(config)
     }
 
-    /// Changes the user of a process of root to the owner of the root directory, so that an operator's command needs no `sudo -u`.
-    /// To be called before the process starts threads: only the calling thread changes its user, and those that it starts.
+    /// Changes the user of a process of root to the owner of the root directory, so that an operator's command does not need
+    /// `sudo -u`. To be called before the process starts threads: only the calling thread and threads started later change their
+    /// user.
     ///
     /// # Errors
     /// The operating system refuses.
@@ -114,11 +116,11 @@ impl InstancePaths {
         rustix::thread::set_thread_uid(rustix::fs::Uid::from_raw(root.st_uid)).map_err(failed)
     }
 
-    /// Refuses a root directory of another user: all processes of an instance run as one user, because another one, the
-    /// superuser included, would leave files that they cannot open. iceoryx2 would report an internal error.
+    /// Refuses a root directory of another user. All processes of an instance must run as one user: another user, including root,
+    /// would leave files that they cannot open, and iceoryx2 would report an internal error.
     fn refuse_another_user(&self) -> Result<(), BusError> {
         let failed = |error| system(format!("looking at {}", self.root.display()), &error);
-        // A link in a directory that everybody may write to can lead to any directory of this user.
+        // A link in a world-writable directory can lead to any directory of this user.
         let link = rustix::fs::lstat(&self.root).map_err(failed)?;
         if link.st_uid != 0 && link.st_uid != rustix::process::geteuid().as_raw() {
             return Err(BusError::Permission { path: self.root.clone() });

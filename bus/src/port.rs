@@ -1,6 +1,7 @@
 //! Ports of topics between processes: typed writers and readers over untyped ones.
 //!
-//! A message type costs its encoding only: everything of iceoryx2 is behind `RawWriter` and `RawReader`, compiled once.
+//! Per message type, only the encoding is compiled: all code of iceoryx2 is behind `RawWriter` and `RawReader` and is compiled
+//! once.
 
 use std::fmt;
 use std::marker::PhantomData;
@@ -11,7 +12,7 @@ use crate::origin::Origin;
 use crate::transport::{Publish, Subscribe};
 use crate::wake::Notifier;
 
-/// Writing end of a topic for bytes.
+/// Writer of a topic for bytes.
 pub(crate) trait RawWriter: fmt::Debug {
     /// Publishes `header` and a body of `size` bytes, which `fill` writes in place.
     fn send(
@@ -21,17 +22,17 @@ pub(crate) trait RawWriter: fmt::Debug {
         fill: &mut dyn FnMut(&mut [u8]),
     ) -> Result<(), BusError>;
 
-    /// Executes the path of `send` up to the sending.
+    /// Executes the code path of `send` without sending.
     fn warm_up(&self, size: usize);
 }
 
-/// Reading end of a topic for bytes.
+/// Reader of a topic for bytes.
 pub(crate) trait RawReader: fmt::Debug {
-    /// Shows the next message to `take`; false if there is none.
+    /// Passes the next message to `take`; false if there is none.
     fn receive(&self, take: &mut dyn FnMut(&Header, &[u8])) -> Result<bool, BusError>;
 }
 
-/// The writing end of a topic.
+/// Writer of a topic.
 #[derive(Debug)]
 pub struct Writer<M: Message> {
     raw: Box<dyn RawWriter>,
@@ -67,7 +68,7 @@ impl<M: Message> Publish<M> for Writer<M> {
     }
 }
 
-/// The reading end of a topic.
+/// Reader of a topic.
 #[derive(Debug)]
 pub struct Reader<M: Message> {
     raw: Box<dyn RawReader>,
@@ -83,7 +84,7 @@ impl<M: Message> Reader<M> {
     }
 
     fn count(&mut self, sequence: u64) {
-        // A writer that restarted counts from 1 again, which is not a loss.
+        // A restarted writer counts from 1 again, which is not a loss.
         if self.last_sequence > 0 && sequence > self.last_sequence {
             self.lost += sequence - self.last_sequence - 1;
         }

@@ -1,4 +1,4 @@
-//! The ports of iceoryx2, as bytes. Each is closed under the lock of its instance.
+//! Ports of iceoryx2, as bytes. Each is closed under the lock of its instance.
 
 use std::fmt;
 use std::rc::Rc;
@@ -86,7 +86,7 @@ impl RawServer for Port<IceServer> {
             let size = self.get().initial_max_slice_len();
             if let Ok(mut loan) = request.loan_slice(size) {
                 answer(request.payload(), loan.payload_mut());
-                // An error here means that the operator has left.
+                // An error means that the operator has left.
                 let _ = loan.send();
             }
         }

@@ -1,9 +1,9 @@
-//! The private part of shared memory of an instance. All users may make files in `/dev/shm`: another user could take a name that can be
-//! guessed before the instance does.
+//! Private part of shared memory of an instance. All users may make files in `/dev/shm`, so another user could occupy a
+//! predictable name before the instance does.
 //!
-//! The first process of an instance draws a random number. Names of this run of the instance begin with it and [`SEPARATOR`]; a
-//! directory of its owner alone, with the words that processes share, has it as its name. A link in the directory of the instance
-//! leads there.
+//! The first process of an instance draws a random number. Names of this run of the instance begin with it and [`SEPARATOR`]. It
+//! is also the name of a directory that only its owner can access and that contains the shared words. A link in the directory of
+//! the instance points to this directory.
 
 use std::fs::DirBuilder;
 use std::hash::{BuildHasher, RandomState};
@@ -17,12 +17,12 @@ use crate::remains;
 /// Name of the link in the directory of an instance.
 pub(crate) const LINK: &str = "shared";
 
-/// Follows the random number in the names of iceoryx2, which refuses to list files if the name of one is its whole prefix: the
-/// name of the private directory is without.
+/// Separator after the random number in the names of iceoryx2, which refuses to list files if a name equals the prefix. The name
+/// of the private directory has no separator.
 const SEPARATOR: char = '_';
 
-/// Makes the private directory of the instance with this prefix and directory, and the link to it. To be called when no process takes
-/// part, under the lock.
+/// Makes the private directory of the instance with this prefix and directory, and the link to it. To be called under the lock
+/// while the instance has no members.
 ///
 /// # Errors
 /// The operating system refuses.
@@ -44,7 +44,7 @@ pub(crate) fn make(prefix: &str, directory: &Path) -> Result<(), BusError> {
     made.map_err(|error| system(format!("linking {}", link.display()), &error))
 }
 
-/// Prefix of the names of iceoryx2 in this run of the instance with this directory.
+/// Prefix of the names of iceoryx2 in the current run of the instance with this directory.
 ///
 /// # Errors
 /// The link to the private directory was removed.

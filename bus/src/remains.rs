@@ -1,4 +1,4 @@
-//! Files that processes of an instance left behind: in its directory and in shared memory.
+//! Files that processes of an instance left behind, in its directory and in shared memory.
 
 use std::fs::{self, File};
 use std::io::Read;
@@ -9,7 +9,7 @@ use rustix::fs::{FallocateFlags, Mode, OFlags, fallocate};
 use rustix::io::Errno;
 use rustix::process::geteuid;
 
-/// Directory of the names in shared memory.
+/// Directory of shared memory.
 const SHARED_MEMORY: &str = "/dev/shm";
 
 /// Path of the file or directory `name` in shared memory.
@@ -17,17 +17,17 @@ pub(crate) fn shared(name: &str) -> PathBuf {
     Path::new(SHARED_MEMORY).join(name)
 }
 
-/// Length up to which a description is read \[bytes\]; those of iceoryx2 have some hundreds.
+/// Maximum length read of a description \[bytes\]; the descriptions of iceoryx2 have some hundreds.
 const LONGEST_DESCRIPTION: u64 = 1 << 16;
 
 /// Directories of iceoryx2 in an instance's directory.
 const DIRECTORIES: [&str; 2] = ["nodes", "services"];
 
-/// Removes everything that belongs to an instance in which no process takes part. A file that cannot be removed stays: the
-/// process that opens it reports the error.
+/// Removes all files of an instance without members. A file that cannot be removed stays: the process that opens it reports the
+/// error.
 pub(crate) fn remove_all(prefix: &str, directory: &Path) {
     for file in files(Path::new(SHARED_MEMORY), prefix) {
-        // Not followed, if it is a link.
+        // A link is removed, not followed.
         let _ = fs::remove_file(&file).or_else(|_| fs::remove_dir_all(file));
     }
     for name in DIRECTORIES {
@@ -35,9 +35,9 @@ pub(crate) fn remove_all(prefix: &str, directory: &Path) {
     }
 }
 
-/// Removes services that a process left half-made or half-removed: an unfinished description (static part), a description without
-/// administration (dynamic part), or an administration without description. The caller holds the lock under which services are
-/// made, so no service is being made now.
+/// Removes services that a process left incomplete: an unfinished description (static part), a description without administration
+/// (dynamic part), or an administration without description. The caller holds the lock under which services are made, so no
+/// service is being made at the moment.
 pub(crate) fn remove_half_made(prefix: &str, directory: &Path) {
     let descriptions = files(&directory.join("services"), prefix);
     let administrations: Vec<_> = files(Path::new(SHARED_MEMORY), prefix)
@@ -63,19 +63,19 @@ pub(crate) fn remove_half_made(prefix: &str, directory: &Path) {
     }
 }
 
-/// Whether the owner's permissions are `mode`. iceoryx2 marks by them that a file is finished: a description ends as readable only,
-/// an administration begins as writable only.
+/// Whether the owner's permissions are `mode`. iceoryx2 marks finished files by permissions: a finished description is read-only,
+/// an unfinished administration is write-only.
 fn has_mode(file: &Path, mode: u32) -> bool {
     fs::symlink_metadata(file).is_ok_and(|metadata| metadata.permissions().mode() & 0o700 == mode)
 }
 
-/// Whether `administration` belongs to the service `id`, with which its name ends.
+/// Whether `administration` belongs to the service `id`: its name ends with the id.
 fn is_of(administration: &Path, id: u128) -> bool {
     let name = administration.file_stem().map(|stem| stem.to_string_lossy());
     name.and_then(|name| name.rsplit_once('_')?.1.parse().ok()) == Some(id)
 }
 
-/// Number of the service that a description, a TOML file of iceoryx2 0.10, is about: two halves of 64 bits.
+/// Service id in a description, a TOML file of iceoryx2 0.10: two halves of 64 bits.
 fn service_id(description: &Path) -> Option<u128> {
     let mut text = String::new();
     let file = open_own(description, OFlags::RDONLY)?;
@@ -87,29 +87,29 @@ fn service_id(description: &Path) -> Option<u128> {
     Some(half("unique_value")? << 64 | half("payload_value")?)
 }
 
-/// Revokes other users' rights to iceoryx2's counter of nodes, which is made writable for all.
+/// Revokes other users' access to iceoryx2's node counter, which iceoryx2 makes world-writable.
 pub(crate) fn make_private(prefix: &str) {
     for file in files(Path::new(SHARED_MEMORY), prefix) {
         if file.extension().is_some_and(|extension| extension == "global_mgmt") {
-            // A file that has just gone needs no rights.
+            // The file may have just been removed.
             let own = open_own(&file, OFlags::RDONLY);
             let _ = own.map(|own| own.set_permissions(fs::Permissions::from_mode(0o600)));
         }
     }
 }
 
-/// Allocates the memory of all files of the instance, which iceoryx2 makes without memory behind them: a process that touches such
-/// a file when there is no memory left is killed by SIGBUS.
+/// Allocates the memory of all files of the instance. iceoryx2 makes them without memory allocated, and a process that accesses
+/// such a file when memory is exhausted is ended by SIGBUS.
 ///
 /// # Errors
 /// There is no memory for a file of the returned size \[bytes\].
 pub(crate) fn reserve_memory(prefix: &str) -> Result<(), u64> {
     for path in files(Path::new(SHARED_MEMORY), prefix) {
-        // A connection may be gone again; one that cannot be opened yet is being made by its own process.
+        // The connection may have been removed; one that cannot be opened yet is being made by another process.
         let Some(file) = open_own(&path, OFlags::RDWR) else { continue };
         let Ok(metadata) = file.metadata() else { continue };
         let size = metadata.len();
-        // Files in use have their memory: they are not touched.
+        // Files in use have their memory and are not changed.
         if metadata.blocks() * 512 < size
             && fallocate(&file, FallocateFlags::empty(), 0, size) == Err(Errno::NOSPC)
         {
@@ -119,8 +119,8 @@ pub(crate) fn reserve_memory(prefix: &str) -> Result<(), u64> {
     Ok(())
 }
 
-/// Opens a regular file of this user and of one name. All users see the names in shared memory: a file or link that another user
-/// planted there is not opened.
+/// Opens a regular file of this user with a single name. All users see the names in shared memory; a file or link planted there
+/// by another user is not opened.
 fn open_own(path: &Path, access: OFlags) -> Option<File> {
     let flags = access | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
     let file = File::from(rustix::fs::open(path, flags, Mode::empty()).ok()?);

@@ -1,4 +1,4 @@
-//! Memory that several processes share: words in a file, mapped.
+//! Shared memory of several processes: words in a mapped file.
 #![allow(unsafe_code)]
 
 use std::ffi::c_void;
@@ -22,7 +22,7 @@ pub struct SharedWords {
 
 impl SharedWords {
     /// Opens the `count` words in the file at `path`. A new file is readable and writable by its owner only, and its words are
-    /// zero. Memory is allocated at once, so that a full `/dev/shm` is an error here and no signal later.
+    /// zero. Memory is allocated at once, so that a full `/dev/shm` causes an error here and not a signal later.
     ///
     /// # Errors
     /// The file cannot be opened or is a link; [`io::ErrorKind::PermissionDenied`] if it belongs to another user;
@@ -47,7 +47,7 @@ impl SharedWords {
             _ => return Err(io::ErrorKind::InvalidData.into()),
         }
         let access = ProtFlags::READ | ProtFlags::WRITE;
-        // SAFETY: no address is asked for, so the kernel maps where nothing is; no existing mapping is touched.
+        // SAFETY: no address is requested, so the kernel chooses a free range; no existing mapping is affected.
         let memory = unsafe { mmap(ptr::null_mut(), size, access, MapFlags::SHARED, file, 0)? };
         let memory = NonNull::new(memory.cast()).ok_or(io::ErrorKind::AddrNotAvailable)?;
         Ok(Self { memory, count })
@@ -62,22 +62,22 @@ impl Deref for SharedWords {
     type Target = [AtomicU32];
 
     fn deref(&self) -> &[AtomicU32] {
-        // SAFETY: the mapping begins at a page, is `count` words long, and is unmapped by `drop` alone, which no borrow of
-        // `self` outlives. Any bits are a valid `AtomicU32`, and other processes may write through theirs meanwhile, since
-        // every access is atomic. Nothing shortens the file: its owner's processes open it by `open` alone.
+        // SAFETY: the mapping begins at a page, is `count` words long, and is unmapped only by `drop`, which no borrow of `self`
+        // outlives. Any bits are a valid `AtomicU32`, and other processes may write through their mappings at the same time,
+        // since every access is atomic. The file is never shortened: the owner's processes open it only with `open`.
         unsafe { std::slice::from_raw_parts(self.memory.as_ptr(), self.count) }
     }
 }
 
 impl Drop for SharedWords {
     fn drop(&mut self) {
-        // SAFETY: the address and the size are those of the mapping made by `open`, and no borrow of it outlives `self`.
+        // SAFETY: address and size are those of the mapping made by `open`, and no borrow of it outlives `self`.
         let unmapped = unsafe { munmap(self.memory.as_ptr().cast::<c_void>(), self.size()) };
         debug_assert!(unmapped.is_ok(), "{unmapped:?}");
     }
 }
 
-/// Opens a file, or creates it if `creates`, that belongs to this user, without following a link.
+/// Opens a file of this user without following a link, or creates it if `creates`.
 fn open_private(path: &Path, creates: bool) -> io::Result<File> {
     let flags = (OFlags::NOFOLLOW | OFlags::CLOEXEC).bits().cast_signed();
     let mut options = OpenOptions::new();

@@ -1,10 +1,10 @@
 //! The operator's stop: words in shared memory that the process of the vehicle and the daemon read in every turn.
 //!
-//! An operator raises a stop by incrementing a number. The process of the vehicle (simulator or bridge) keeps the motors off while
-//! the newest stop is not lifted, whatever the daemon does, and lifts it once the daemon has commanded "disarmed" after it and the
-//! motors are known to be off: the daemon then knows that the flight is over, and a new one needs an operator. The process of the
-//! vehicle and the daemon each confirm the number that they obey. Reading needs no lock and no other process; a stop survives the
-//! end of the processes that raised it or obeyed it.
+//! An operator raises a stop by incrementing a number. The process of the vehicle (simulator or bridge) keeps the motors off
+//! while the newest stop is in force, whatever the daemon commands. It lifts the stop once the daemon has commanded "disarmed"
+//! afterwards and the motors are known to be off: the daemon then knows that the flight is over, and a new flight needs an
+//! operator. The process of the vehicle and the daemon each confirm the number that they obey. Reading requires no lock and no
+//! other process; a stop outlives the processes that raised or obeyed it.
 
 use std::ops::Deref;
 use std::rc::Rc;
@@ -19,13 +19,13 @@ use crate::time::{Span, Time};
 
 /// Number of stops raised so far.
 const RAISED: usize = 0;
-/// The newest stop that the vehicle's process has lifted.
+/// Newest stop lifted by the vehicle's process.
 const LIFTED: usize = 1;
-/// The newest stop that the vehicle's process obeys: no command of the daemon reaches the motors.
+/// Newest stop obeyed by the vehicle's process: no command of the daemon reaches the motors.
 const OBEYED: usize = 2;
-/// The newest stop for which the motors are known to be off.
+/// Newest stop for which the motors are known to be off.
 const MOTORS_OFF: usize = 3;
-/// The newest stop that the daemon obeys: it commands "disarmed".
+/// Newest stop obeyed by the daemon: it commands "disarmed".
 const DAEMON: usize = 4;
 /// Number of words.
 pub(crate) const WORDS: usize = 5;
@@ -33,7 +33,7 @@ pub(crate) const WORDS: usize = 5;
 /// Name of the file among the words of the instance.
 const FILE: &str = "stop";
 
-/// The words between processes, or in one process.
+/// Shared words, between processes or in one process.
 #[derive(Clone, Debug)]
 enum StopWords {
     Shared(Rc<SharedWords>),
@@ -51,14 +51,14 @@ impl Deref for StopWords {
     }
 }
 
-/// The operator's stop of an instance: words that the process of the vehicle and the daemon share with the operators who raise it.
+/// Operator's stop of an instance: words shared by the process of the vehicle, the daemon, and the operators who raise it.
 #[derive(Clone, Debug)]
 pub struct StopSwitch(StopWords);
 
-/// Which processes obey a stop.
+/// Confirmations of a stop by the processes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StopReport {
-    /// The process of the vehicle passes no command on to the motors.
+    /// The process of the vehicle does not pass commands to the motors.
     pub vehicle_obeys: bool,
     /// The vehicle's motors are known to be off.
     pub motors_off: bool,
@@ -71,7 +71,7 @@ impl StopSwitch {
         Self(StopWords::Local(words))
     }
 
-    /// The stop of the instance at `paths`; made if it does not exist. The lock of the instance is held.
+    /// The stop of the instance at `paths`, made if it does not exist; the caller holds the lock of the instance.
     pub(crate) fn open(paths: &InstancePaths) -> Result<Self, BusError> {
         let path = paths.words_file(FILE);
         let words = SharedWords::open(&path, WORDS)
@@ -79,11 +79,11 @@ impl StopSwitch {
         Ok(Self(StopWords::Shared(Rc::new(words))))
     }
 
-    /// The stop of the instance at `paths`, without a lock that another process may hold; `None` if no process that could obey
-    /// has ever joined.
+    /// The stop of the instance at `paths`, without the lock, which another process may hold; `None` if no process that could
+    /// obey has ever joined.
     ///
     /// # Errors
-    /// It belongs to another user or another version.
+    /// The stop belongs to another user or another version.
     pub fn existing(paths: &InstancePaths) -> Result<Option<Self>, BusError> {
         let path = paths.words_file(FILE);
         match SharedWords::open_existing(&path, WORDS) {
@@ -101,7 +101,7 @@ impl StopSwitch {
     /// Processes that obey the stop `number`, or a later one.
     #[must_use]
     pub fn report(&self, number: u32) -> StopReport {
-        // Numbers wrap: the later of two is the one less than half of all numbers ahead.
+        // Numbers wrap around: the later of two numbers is less than half of all numbers ahead.
         let reached = |word| self.word(word).wrapping_sub(number) < u32::MAX / 2;
         StopReport {
             vehicle_obeys: reached(OBEYED),
@@ -119,11 +119,10 @@ impl StopSwitch {
     }
 }
 
-/// Time after which a stop is lifted although the vehicle does not report that its motors are off: longer than any sequence that
-/// switches motors off.
+/// Time after which a stop is lifted although the vehicle has not reported its motors off; longer than any stop sequence.
 const UNREPORTED: Span = Span::from_millis(3000);
 
-/// A stop that the vehicle's process has seen and not lifted.
+/// Stop that the vehicle's process has seen and not yet lifted.
 #[derive(Clone, Copy, Debug)]
 struct StopInForce {
     number: u32,
@@ -133,7 +132,7 @@ struct StopInForce {
     motors_off: bool,
 }
 
-/// The vehicle's end: obeys and lifts stops.
+/// The vehicle's side: obeys and lifts stops.
 #[derive(Debug)]
 pub struct VehicleStop {
     switch: StopSwitch,
@@ -141,7 +140,7 @@ pub struct VehicleStop {
 }
 
 impl VehicleStop {
-    /// The end of the process that alone controls the motors.
+    /// Vehicle's side, for the only process that controls the motors.
     #[must_use]
     pub fn new(switch: StopSwitch) -> Self {
         Self { switch, in_force: None }
@@ -180,8 +179,8 @@ impl VehicleStop {
         }
     }
 
-    /// Takes a command of the daemon: "disarmed", published since the stop in force was seen, lifts it once the motors are known
-    /// to be off, or 3 s later. The last command of a daemon that ends has no stamps and counts as published since.
+    /// Takes a command of the daemon. A "disarmed" published after the stop in force was seen lifts the stop once the motors are
+    /// known to be off, or 3 s later. The last command of a daemon that ends has no stamps and counts as published afterwards.
     pub fn receive_command(&mut self, header: &Header, command: &CommandV1) {
         let Some(stop) = self.in_force.filter(|stop| stop.is_confirmed) else { return };
         let published_at = header.stamps.command_published_at;
@@ -195,7 +194,7 @@ impl VehicleStop {
     }
 }
 
-/// The daemon's end: sees each stop once.
+/// The daemon's side: reports each stop once.
 #[derive(Debug)]
 pub struct ControllerStop {
     switch: StopSwitch,
@@ -203,7 +202,7 @@ pub struct ControllerStop {
 }
 
 impl ControllerStop {
-    /// The end of a daemon that starts: a stop that no vehicle has lifted counts as a new one.
+    /// Side of a daemon that starts: a stop not lifted by the vehicle counts as new.
     #[must_use]
     pub fn new(switch: StopSwitch) -> Self {
         let seen = switch.word(LIFTED);
@@ -216,7 +215,7 @@ impl ControllerStop {
         std::mem::replace(&mut self.seen, raised) != raised
     }
 
-    /// Confirms that "disarmed" was commanded after the last stop seen.
+    /// Confirms that "disarmed" was commanded after the newest seen stop.
     pub fn confirm(&self) {
         self.switch.set(DAEMON, self.seen);
     }
@@ -233,7 +232,7 @@ mod tests {
         StopSwitch::local(Rc::default())
     }
 
-    /// A command of this actuation, published `millis` after [`NOW`].
+    /// Command with this actuation, published `millis` after [`NOW`].
     fn command(actuation: Actuation, millis: i64) -> (Header, CommandV1) {
         let command_published_at = NOW + Span::from_millis(millis);
         let stamps = Stamps { command_published_at, ..Stamps::default() };
@@ -283,7 +282,7 @@ mod tests {
         vehicle.receive_command(&header, &body);
         assert!(!vehicle.is_in_force(NOW));
 
-        // A vehicle that never reports does not keep the instance stopped for good.
+        // A vehicle that never reports does not block the instance permanently.
         switch.raise();
         assert!(vehicle.is_in_force(NOW));
         vehicle.confirm(false);
@@ -302,7 +301,7 @@ mod tests {
         let later = NOW + Span::from_millis(3);
         assert!(vehicle.is_in_force(later));
         vehicle.confirm(false);
-        // Published before the second was seen.
+        // Published before the second stop was seen.
         let (header, body) = command(Actuation::Disarmed, 2);
         vehicle.receive_command(&header, &body);
         assert!(vehicle.is_in_force(later));

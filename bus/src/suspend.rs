@@ -1,22 +1,21 @@
-//! Suspension of the machine, by comparison of two clocks of the kernel: one counts the time in which the machine was suspended,
-//! the other stands still meanwhile.
+//! Suspension of the machine, detected by comparison of two clocks of the kernel: one counts the time in suspension, the other
+//! does not.
 
 use rustix::time::{ClockId, Timespec, clock_gettime};
 
 use crate::time::{Span, Time};
 
-/// Shortest suspension that is reported; losing the processor between two readings of the clocks looks like a shorter
-/// one.
+/// Shortest suspension that is reported; a preemption between two readings of the clocks looks like a shorter one.
 const SHORTEST: Span = Span::from_millis(10);
 
 /// Readings of both clocks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ClockReadings {
-    /// `CLOCK_MONOTONIC`, which stands still in suspension.
+    /// `CLOCK_MONOTONIC`, which does not count suspension.
     pub monotonic: Time,
     /// `CLOCK_BOOTTIME`, the clock of [`Time::now`].
     pub boot: Time,
-    /// Greatest time between the two readings.
+    /// Upper bound of the time between the two readings.
     pub apart: Span,
 }
 
@@ -33,8 +32,8 @@ impl ClockReadings {
         Self { monotonic, boot, apart: boot.since(before) }
     }
 
-    /// The instant `at` of the boot-time clock as an instant of the monotonic clock, as which the kernel takes a deadline; earlier by
-    /// up to the time between the readings, never later.
+    /// Converts the instant `at` of the boot-time clock to the monotonic clock, in which the kernel takes deadlines; early by up
+    /// to the time between the readings, never late.
     #[must_use]
     pub fn on_monotonic(&self, at: Time) -> Time {
         self.monotonic + at.since(self.boot)
@@ -44,23 +43,23 @@ impl ClockReadings {
 /// Detects suspensions between its calls.
 #[derive(Clone, Copy, Debug)]
 pub struct SuspendWatch {
-    /// Time in suspension since the machine was started: the least difference of the clocks since the last suspension, because
-    /// every pair of readings shows too much by the time between them.
+    /// Total time in suspension since boot: the least difference of the clocks since the last suspension, because every pair of
+    /// readings overestimates it by the time between them.
     suspended: Span,
 }
 
 impl SuspendWatch {
-    /// A watch that begins at `readings`.
+    /// A watch that starts at `readings`.
     #[must_use]
     pub fn new(readings: &ClockReadings) -> Self {
         Self { suspended: readings.boot.since(readings.monotonic) }
     }
 
-    /// The length of a suspension since the last call; `None` without one.
+    /// Length of a suspension since the last call; `None` without one.
     pub fn observe(&mut self, readings: &ClockReadings) -> Option<Span> {
         let suspended = readings.boot.since(readings.monotonic);
         let longer = suspended - self.suspended;
-        // Time passed between the two readings: a later pair is more exact.
+        // The excess is due to the time between the two readings; a later pair is more accurate.
         if longer <= SHORTEST + readings.apart {
             self.suspended = self.suspended.min(suspended);
             return None;
@@ -74,7 +73,7 @@ impl SuspendWatch {
 mod tests {
     use super::*;
 
-    /// Readings `run_ms` after a start of the clocks, of which the machine was suspended for `suspended_ms`.
+    /// Readings `run_ms` after the clocks started, including `suspended_ms` in suspension.
     fn readings(run_ms: i64, suspended_ms: i64) -> ClockReadings {
         let monotonic = Time::from_nanos(1) + Span::from_millis(run_ms);
         let boot = monotonic + Span::from_millis(suspended_ms);

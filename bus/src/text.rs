@@ -14,7 +14,7 @@ impl ShortText {
     /// No text.
     pub const EMPTY: Self = Self([0; CAPACITY]);
 
-    /// Text of `text`, without control characters.
+    /// Message text from `text`, without control characters.
     #[must_use]
     pub fn new(text: &str) -> Self {
         let mut bytes = [0; CAPACITY];
@@ -28,7 +28,7 @@ impl ShortText {
         Self(bytes)
     }
 
-    /// Text of arbitrary bytes up to the first zero; bytes other than printable ASCII become `?`.
+    /// Message text from arbitrary bytes up to the first zero; bytes other than printable ASCII become `?`.
     #[must_use]
     pub fn from_ascii(bytes: &[u8]) -> Self {
         let mut text = Self::EMPTY;
@@ -39,20 +39,20 @@ impl ShortText {
         text
     }
 
-    /// The text; empty for bytes of another process that are not UTF-8.
+    /// The text; empty for received bytes that are not UTF-8.
     #[must_use]
     pub fn as_str(&self) -> &str {
         let length = self.0.iter().position(|byte| *byte == 0).unwrap_or(CAPACITY);
         str::from_utf8(&self.0[..length]).unwrap_or_default()
     }
 
-    /// Whether there is no text.
+    /// Whether the text is empty.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.as_str().is_empty()
     }
 
-    /// The bytes, zeros behind the text.
+    /// The bytes, padded with zeros.
     #[must_use]
     pub(crate) const fn bytes(self) -> [u8; CAPACITY] {
         self.0

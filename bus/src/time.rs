@@ -1,10 +1,10 @@
 //! Instants and spans of time in all processes: nanoseconds of `CLOCK_BOOTTIME`, or of virtual time.
 //!
-//! The boot-time clock is monotonic, is common to all processes of the machine, and counts the time in which the machine is
-//! suspended: a stamp from before a suspension is old after it.
+//! The boot-time clock is monotonic, common to all processes of the machine, and includes time in suspension: a stamp from before
+//! a suspension is old after it.
 //!
-//! Only [`Time::now`] reads a clock, and only the process context and the loop clocks call it; everything below takes `now` as an
-//! argument. `dt` becomes an `f64` once, by [`Span::seconds`], on its way into a law.
+//! Only [`Time::now`] reads a clock, and only the process context and the loop clocks call it; all other code takes `now` as an
+//! argument. `dt` is converted to `f64` once, by [`Span::seconds`], before it enters a control law.
 
 use std::ops::{Add, Sub};
 
@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 
 const NANOS_PER_SECOND: u64 = 1_000_000_000;
 
-/// An instant \[ns\]. [`Time::UNSET`] (zero) stands for "not stamped yet".
+/// An instant \[ns\]. [`Time::UNSET`] (zero) means "not stamped yet".
 #[derive(
     Clone,
     Copy,
@@ -32,7 +32,7 @@ const NANOS_PER_SECOND: u64 = 1_000_000_000;
 #[repr(C)]
 pub struct Time(u64);
 
-/// A distance between two instants \[ns\], negative when the second came first.
+/// Signed difference of two instants \[ns\].
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
 )]
@@ -67,8 +67,8 @@ impl Time {
         Self(tv_sec.unsigned_abs() * NANOS_PER_SECOND + tv_nsec.unsigned_abs())
     }
 
-    /// Reads the wall clock: the time from the monotonic clock's origin to the Unix epoch's, to be added to an instant of
-    /// [`Time::now`]. Changes whenever the wall clock is set.
+    /// Offset from the monotonic clock's origin to the Unix epoch, to be added to an instant of [`Time::now`]; reads the wall
+    /// clock. Changes whenever the wall clock is set.
     #[must_use]
     #[expect(clippy::disallowed_methods, reason = "clocks are read here")]
     pub fn wall_offset() -> Span {
@@ -78,7 +78,7 @@ impl Time {
         wall.since(Self::now())
     }
 
-    /// Whether a clock has been read into this stamp.
+    /// Whether the stamp is set.
     #[must_use]
     pub const fn is_set(self) -> bool {
         self.0 != 0
@@ -204,17 +204,17 @@ impl Grid {
         self.next
     }
 
-    /// Moves on to the first instant after `time`, over those before it.
+    /// Advances to the first instant after `time`.
     pub fn skip_to(&mut self, time: Time) {
         let passed = (time.since(self.start).seconds() * self.rate_hz).floor();
-        // The conversion saturates: an instant before the start leaves the grid where it is.
+        // The conversion saturates: an instant before the start does not change the index.
         self.index = self.index.max(passed as u64);
         while self.next <= time {
             self.advance();
         }
     }
 
-    /// Moves on by one instant.
+    /// Advances by one instant.
     pub fn advance(&mut self) {
         self.index += 1;
         self.next = self.start + Span::from_seconds(self.index as f64 / self.rate_hz);

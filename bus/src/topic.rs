@@ -1,4 +1,4 @@
-//! Every topic of the system, in one table.
+//! All topics of the system, in one table.
 
 use std::marker::PhantomData;
 
@@ -11,29 +11,29 @@ use crate::message::{
     VehicleV1,
 };
 
-/// Samples that an observer may fall behind before it loses the oldest.
+/// Number of samples by which an observer may lag before it loses the oldest.
 pub const OBSERVER_BUFFER: usize = 1024;
 
 /// Quality of a topic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Quality {
-    /// Samples that a late reader gets: 1, or 0 where an old sample must not act \[-\].
+    /// Number of samples that a late reader receives: 1, or 0 if an old sample must not take effect \[-\].
     pub history: usize,
     /// Longest buffer of a reader \[samples\].
     pub buffer: usize,
-    /// Readers at most \[-\].
+    /// Maximum number of readers \[-\].
     pub readers: usize,
 }
 
-/// Samples of a loop: readers of the loop keep the newest, observers miss none.
+/// Samples of a loop: readers in the loop keep the newest, observers receive all.
 const STREAM: Quality = Quality { history: 1, buffer: OBSERVER_BUFFER, readers: 8 };
-/// As [`STREAM`] without history: a late reader gets no old command.
+/// Like [`STREAM`] without history: a late reader does not receive an old command.
 const COMMANDS: Quality = Quality { history: 0, ..STREAM };
-/// Samples for observers alone.
+/// Samples for observers only.
 const RECORDED: Quality = Quality { history: 1, buffer: OBSERVER_BUFFER / 4, readers: 8 };
-/// A state that the newest sample describes completely; observers miss none.
+/// State described completely by the newest sample; observers receive all.
 const STATE: Quality = Quality { history: 1, buffer: 16, readers: 8 };
-/// A question or an answer between two processes.
+/// Request or reply between two processes.
 const EXCHANGE: Quality = Quality { history: 1, buffer: 1, readers: 1 };
 
 /// A publish-subscribe topic: name, message type and quality.
@@ -51,9 +51,9 @@ pub struct Topic<M> {
 pub(crate) struct TopicSpec {
     pub(crate) name: &'static str,
     pub(crate) quality: Quality,
-    /// [`Message::SCHEMA`].
+    /// See [`Message::SCHEMA`].
     pub(crate) schema: u64,
-    /// [`Message::SIZE`] \[bytes\].
+    /// See [`Message::SIZE`] \[bytes\].
     pub(crate) size: usize,
 }
 
@@ -71,9 +71,9 @@ impl<M: Message> Topic<M> {
 pub const TRUTH: Topic<TruthV1> = Topic::new("truth", STREAM);
 /// Mocap or receiver to daemon and observers, at the cameras' rate.
 pub const POSE: Topic<PoseV1> = Topic::new("pose", STREAM);
-/// Daemon to plant or bridge and observers, at the loop's rate. Its single writer is the lock against a second controller.
+/// Daemon to plant or bridge and observers, at the loop's rate. The limit of one writer locks out a second controller.
 pub const COMMAND: Topic<CommandV1> = Topic::new("command", COMMANDS);
-/// Plant or bridge to daemon and observers, once per command applied.
+/// Plant or bridge to daemon and observers, once per applied command.
 pub const VEHICLE: Topic<VehicleV1> = Topic::new("vehicle", STREAM);
 /// Daemon to observers, once per tick.
 pub const TELEMETRY: Topic<TelemetryV1> = Topic::new("telemetry", STREAM);
@@ -81,15 +81,15 @@ pub const TELEMETRY: Topic<TelemetryV1> = Topic::new("telemetry", STREAM);
 /// Daemon to recorders, once per turn that received a message or a request.
 pub const INPUT: Topic<InputV1> = Topic::new("input", RECORDED);
 
-/// Daemon to observers: poses as the daemon read them, published where an injected fault (`[fault]`) alters them.
+/// Daemon to observers: poses as read by the daemon, published if an injected fault (`[fault]`) alters them.
 pub const POSE_READ: Topic<PoseV1> = Topic::new("read/pose", RECORDED);
-/// The same for messages of the vehicle.
+/// Daemon to observers: messages of the vehicle as read by the daemon, published if an injected fault alters them.
 pub const VEHICLE_READ: Topic<VehicleV1> = Topic::new("read/vehicle", RECORDED);
 
 /// Name of the request-response service of the daemon.
 pub const CONTROL: &str = "control";
 
-/// Processes of the loop, in the order in which they act at equal virtual times; the last two take no part in virtual time.
+/// Processes of the loop, in their order of execution at equal virtual times; the last two do not take part in virtual time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Role {
     /// The vehicle: plant-sim.
@@ -126,13 +126,13 @@ impl Role {
         Topic::new(self.names().health, STATE)
     }
 
-    /// The topic on which the leader advances the virtual time of this process.
+    /// Topic on which the leader advances the virtual time of this process.
     #[must_use]
     pub const fn time_advance(self) -> Topic<TimeAdvanceV1> {
         Topic::new(self.names().advance, EXCHANGE)
     }
 
-    /// The topic on which this process reports the end of a turn.
+    /// Topic on which this process reports the end of a turn.
     #[must_use]
     pub const fn turn_done(self) -> Topic<TurnDoneV1> {
         Topic::new(self.names().done, EXCHANGE)

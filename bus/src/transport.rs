@@ -6,9 +6,9 @@ use crate::message::{Header, Message, Stamps};
 use crate::stop::StopSwitch;
 use crate::topic::Topic;
 
-/// The writing end of a topic.
+/// Writer of a topic.
 pub trait Publish<M: Message> {
-    /// Publishes `body` about the pose `pose_sequence` and returns the sequence number it got. Wakes no process.
+    /// Publishes `body` for the pose `pose_sequence` and returns its sequence number. Does not wake any process.
     ///
     /// # Errors
     /// The transport failed.
@@ -20,19 +20,19 @@ pub trait Publish<M: Message> {
     /// The transport failed.
     fn notify(&self) -> Result<(), BusError>;
 
-    /// Executes the path of [`Publish::send`] up to the sending, so that it is in the caches when it is needed.
+    /// Executes the code path of [`Publish::send`] without sending, so that it is in the caches when needed.
     fn warm_up(&self) {}
 }
 
-/// The reading end of a topic.
+/// Reader of a topic.
 pub trait Subscribe<M: Message> {
-    /// Returns the next sample, oldest first; `None` when there is none.
+    /// Returns the next sample, oldest first; `None` if there is none.
     ///
     /// # Errors
     /// The writer has a different message schema, or the transport failed.
     fn receive(&mut self) -> Result<Option<(Header, M)>, BusError>;
 
-    /// Samples missed so far, by the gaps in their sequence numbers.
+    /// Number of samples missed so far, from gaps in their sequence numbers.
     fn lost(&self) -> u64;
 
     /// Passes every waiting sample to `use_sample`, oldest first, with the number of samples lost so far \[-\].
@@ -46,7 +46,7 @@ pub trait Subscribe<M: Message> {
         Ok(())
     }
 
-    /// Returns the newest sample and discards older ones; `None` when none arrived since the last call.
+    /// Returns the newest sample and discards older ones; `None` if none arrived since the last call.
     ///
     /// # Errors
     /// As [`Subscribe::receive`].
@@ -61,18 +61,18 @@ pub trait Subscribe<M: Message> {
 
 /// Opens the ports of one instance.
 pub trait Transport {
-    /// A writing end.
+    /// Type of writers.
     type Writer<M: Message>: Publish<M> + std::fmt::Debug;
-    /// A reading end.
+    /// Type of readers.
     type Reader<M: Message>: Subscribe<M> + std::fmt::Debug;
 
-    /// Opens the one writer of a topic.
+    /// Opens the only writer of a topic.
     ///
     /// # Errors
     /// The topic has a writer already, or has a different message schema.
     fn writer<M: Message>(&self, topic: &Topic<M>) -> Result<Self::Writer<M>, BusError>;
 
-    /// Opens a reader that keeps the newest sample only, for a control loop.
+    /// Opens a reader that keeps only the newest sample, for a control loop.
     ///
     /// # Errors
     /// The topic has a different message schema, or the transport failed.
@@ -81,15 +81,15 @@ pub trait Transport {
     /// Opens the operator's stop.
     ///
     /// # Errors
-    /// There is no memory, or the transport failed.
+    /// Memory is exhausted, or the transport failed.
     fn stop_switch(&self) -> Result<StopSwitch, BusError>;
 
-    /// Whether readers of `topic` may pass on other messages than were sent, as with a fault by hand.
+    /// Whether readers of `topic` may deliver altered messages, as with an injected fault.
     fn alters<M: Message>(&self, _topic: &Topic<M>) -> bool {
         false
     }
 
-    /// Opens a reader that keeps as many samples as the topic allows, for an observer that must not miss one.
+    /// Opens a reader with the topic's longest buffer, for an observer that must not miss a sample.
     ///
     /// # Errors
     /// The topic has a different message schema, or the transport failed.

@@ -1,8 +1,8 @@
 //! Wake-up of sleeping processes: one event count in shared memory for each topic.
 //!
-//! `Notifier::notify` increments the count and wakes all sleepers. A [`Listener`] remembers the count that it saw last and
-//! sleeps only while the count has that value, which the kernel compares before it puts the thread to sleep: a notification
-//! between two waits is never lost, and a process that dies between any two instructions leaves nothing to repair.
+//! `Notifier::notify` increments the count and wakes all sleepers. A [`Listener`] stores the last count that it saw and sleeps
+//! only while the count is unchanged; the kernel compares both before the thread sleeps. A notification between two waits is
+//! therefore never lost, and a process that dies at any instruction leaves a consistent state.
 
 use std::cell::Cell;
 use std::num::NonZeroU32;
@@ -23,7 +23,7 @@ use crate::time::{Span, Time};
 /// Matches every waker.
 const ANY: NonZeroU32 = NonZeroU32::MAX;
 
-/// The events of an instance.
+/// Events of an instance.
 #[derive(Debug)]
 pub(crate) struct EventPorts {
     membership: Rc<Membership>,
@@ -34,7 +34,7 @@ impl EventPorts {
         Self { membership }
     }
 
-    /// Opens the notifying end of the event of `topic`.
+    /// Opens the notifier of the event of `topic`.
     ///
     /// # Errors
     /// The event belongs to another user or another version, or shared memory is full.
@@ -42,7 +42,7 @@ impl EventPorts {
         Ok(Notifier { waker: FutexWaker(self.open(topic)?), topic, _membership: self.member() })
     }
 
-    /// Opens the waiting end of the event of `topic`. Notifications count from now.
+    /// Opens the listener of the event of `topic`. Earlier notifications do not count.
     ///
     /// # Errors
     /// As [`EventPorts::notifier`].
@@ -67,19 +67,19 @@ impl EventPorts {
     }
 }
 
-/// The waking side of an event count.
+/// Notifying side of an event count.
 #[derive(Debug)]
 struct FutexWaker(SharedWords);
 
 impl FutexWaker {
     fn wake(&self) -> Result<(), Errno> {
         self.0[0].fetch_add(1, Ordering::Release);
-        // Not private: the sleepers are in other processes.
+        // The futex is not private: the sleepers are in other processes.
         futex::wake(&self.0[0], futex::Flags::empty(), i32::MAX.unsigned_abs()).map(drop)
     }
 }
 
-/// The sleeping side of an event count.
+/// Sleeping side of an event count.
 #[derive(Debug)]
 struct FutexWaiter {
     words: SharedWords,
@@ -87,7 +87,7 @@ struct FutexWaiter {
 }
 
 impl FutexWaiter {
-    /// Sleeps until the count differs from the one seen last, or until `deadline`. May return early.
+    /// Sleeps until the count differs from the last seen one, or until `deadline`. May return early.
     fn wait(&self, deadline: Time) -> Result<(), Errno> {
         let count = &self.words[0];
         let seen = self.seen.get();
@@ -103,7 +103,7 @@ impl FutexWaiter {
     }
 }
 
-/// An instant of `CLOCK_MONOTONIC` as the kernel takes absolute deadlines.
+/// Instant of `CLOCK_MONOTONIC` as an absolute deadline for the kernel.
 fn timespec(instant: Time) -> Timespec {
     const NANOS_PER_SECOND: u64 = 1_000_000_000;
     Timespec {
@@ -135,8 +135,8 @@ pub struct Listener {
 }
 
 impl Listener {
-    /// Sleeps until the topic is notified or until `deadline`, at most for `longest`. Returns at once if the topic was notified
-    /// since the last call. May return early: the caller checks every port after each return.
+    /// Sleeps until the topic is notified or until `deadline`, for at most `longest`. Returns at once if the topic was notified
+    /// since the last call. May return early; the caller checks every port after each return.
     ///
     /// # Errors
     /// The kernel refuses to wait.

@@ -1,5 +1,5 @@
-//! Duration of one frame in the emulated cameras: of the presets, and from the markers up with six cameras and eight markers,
-//! which may take 100 us.
+//! Duration of one frame in the emulated cameras: for each preset, and for the marker model with six cameras and eight markers
+//! (limit: 100 us).
 
 use std::hint::black_box;
 

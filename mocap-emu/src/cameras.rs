@@ -25,7 +25,7 @@ pub struct Cameras {
     generator: Generator,
     room: Generator,
     drift: Drift,
-    /// For `mocap.model = "markers"`.
+    /// Marker model, used if `mocap.model = "markers"`.
     markers: Option<MarkerCameras>,
     sender: FrameSender,
     transit: Transit,
@@ -83,7 +83,7 @@ impl Cameras {
         self.in_flight.front().map(|(deliver_at, _)| *deliver_at)
     }
 
-    /// The next pose that has arrived by `now`; one per call, `None` when there is none.
+    /// The next pose that has arrived by `now`, one per call; `None` if there is none.
     pub fn deliver(&mut self, now: Time) -> Option<Delivery> {
         let (deliver_at, _) = self.in_flight.front()?;
         if *deliver_at > now {

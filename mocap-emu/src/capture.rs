@@ -1,16 +1,16 @@
 //! Captures of recorded poses, estimated from their arrivals and from the motion.
 //!
-//! A recording contains the arrival of each pose. Poses that a stall held back arrive together after it, and even without stalls the
-//! time from capture to arrival varies by milliseconds: velocities over intervals between arrivals are wrong by as much. Two
-//! things are known besides. Poses cannot have been captured faster than the cameras' rate allows, which spreads those behind a
-//! stall. And the body moves smoothly: a pose that is ahead of the curve through its neighbours, along their velocity, was
-//! captured later than it seems. The constant part of the latency stays unknown.
+//! A recording contains the arrival of each pose. Poses that a stall held back arrive together after it, and even without stalls
+//! the time from capture to arrival varies by milliseconds: velocities computed from arrivals have the same relative error. Two
+//! constraints improve the estimate. Poses are not captured faster than the rate of the cameras, so the poses behind a stall are
+//! spread out. The body moves smoothly, so a pose that is ahead of the curve through its neighbours was captured later than its
+//! arrival suggests. The constant part of the latency cannot be estimated.
 
 use nalgebra::{Matrix4, Matrix4x3, Vector3, Vector4};
 
 use crate::recording::Recording;
 
-/// Passes of the correction by the motion.
+/// Number of passes of the motion-based correction.
 const PASSES: u32 = 10;
 /// Share of a correction that a pass applies \[-\]: the neighbours are corrected at the same time.
 const STEP: f64 = 0.6;
@@ -23,7 +23,7 @@ const SCALE_S: f64 = 0.1;
 const EQUAL_WEIGHT_M_S: f64 = 0.15;
 /// Greatest correction in one pass \[s\].
 const GREATEST_S: f64 = 0.01;
-/// Share by which a pass draws captures back to arrivals \[-\]: the motion does not show slow drifts.
+/// Share by which a pass pulls captures back towards arrivals \[-\]: the motion does not show slow drifts.
 const RETURN: f64 = 0.02;
 /// Shortest time between two captures \[s\].
 const LEAST_S: f64 = 1e-6;
@@ -62,7 +62,7 @@ impl Captures {
     }
 }
 
-/// The arrivals, with those of poses that a stall held back spread over it at the recording's rate.
+/// Spreads the arrivals that a stall held back over the stall, at the rate of the recording.
 fn spread(arrivals: &[f64], rate_hz: f64) -> Vec<f64> {
     let period_s = 1.0 / rate_hz;
     let mut times = arrivals.to_vec();
@@ -72,7 +72,7 @@ fn spread(arrivals: &[f64], rate_hz: f64) -> Vec<f64> {
             k += 1;
             continue;
         }
-        // The stall's poses: until as many have arrived as were captured.
+        // Poses delayed by the stall: up to the pose at which the arrivals have caught up with the captures.
         let before = arrivals[k - 1];
         let is_behind = |j: usize| ((j - k + 1) as f64) < (arrivals[j] - before) * rate_hz - 0.5;
         let gained = |j: usize| j > k && arrivals[j] - arrivals[j - 1] > 0.75 * period_s;

@@ -24,8 +24,8 @@ impl UnitError {
         Self { position: normal3(generator), attitude: normal3(generator) }
     }
 
-    /// Correlates roll with z, pitch with x and yaw with y by `ratio`, at unchanged variance: a marker that is off shifts the
-    /// body and tilts it.
+    /// Correlates roll with z, pitch with x and yaw with y by `ratio`, at unchanged variance: a displaced marker shifts and tilts
+    /// the body.
     #[must_use]
     pub fn coupled(self, ratio: f64) -> Self {
         let Vector3 { data, .. } = self.position;
@@ -35,7 +35,7 @@ impl UnitError {
     }
 }
 
-/// The drift of a camera system, and the factor of its noise.
+/// Drift of a camera system, and scale factor of its noise.
 #[derive(Clone, Debug)]
 pub struct Drift {
     /// State of each process.
@@ -47,7 +47,7 @@ pub struct Drift {
 }
 
 impl Drift {
-    /// The drift of a configuration, zero at first.
+    /// Drift of a configuration, initially zero.
     #[must_use]
     pub fn new(mocap: &MocapOptions) -> Self {
         Self {
@@ -58,7 +58,7 @@ impl Drift {
         }
     }
 
-    /// The drift of the next frame, and the factor for all its noise.
+    /// Drift of the next frame, and the scale factor for all its noise.
     pub fn advance(&mut self, generator: &mut Generator) -> (UnitError, f64) {
         let mut sum = UnitError::default();
         let share = (1.0 / CORRELATION_S.len() as f64).sqrt();

@@ -19,8 +19,8 @@ pub struct EmulatedRecording {
     pub frames: Vec<u64>,
 }
 
-/// Lets the cameras of `mocap` observe `motion`, the true state some seconds after its beginning, for `seconds`. Poses that are
-/// not tracked are left out. `None` if fewer than two poses arrive.
+/// Records `motion`, the true state as a function of time, with the cameras of `mocap` for `seconds`. Untracked poses are left
+/// out. `None` if fewer than two poses arrive.
 pub fn record(
     (mocap, seed): (&MocapOptions, u64),
     seconds: f64,

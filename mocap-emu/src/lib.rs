@@ -5,14 +5,14 @@
 //! | `body.rs` | the body whose poses are published |
 //! | `cameras.rs` | emulated cameras: measurement, connection and stamp together |
 //! | `pose_noise.rs`, `drift.rs` | measurement by noise on the true pose |
-//! | `markers.rs` | measurement from the markers up |
+//! | `markers.rs` | measurement from simulated image points of markers |
 //! | `transit.rs` | frames sent, stalls, arrival |
 //! | `recording.rs` | recordings: formats, parser, timing |
 //! | `capture.rs` | estimated captures of a recording's poses |
-//! | `statistics.rs` | a recording in figures |
+//! | `statistics.rs` | statistics of a recording |
 //! | `emulation.rs` | recordings made by the emulated cameras |
 //! | `replay.rs` | playback of a recording |
-//! | `source.rs` | both as pose sources over their ports |
+//! | `source.rs` | emulated cameras and playback as pose sources over their ports |
 //! | `serve.rs` | poses over the network, as QTM, VRPN and NatNet |
 //! | `scene.rs` | bodies that move without a plant, for the command `serve` |
 //!
@@ -104,19 +104,19 @@ impl MocapArgs {
     }
 }
 
-/// Checks that the cameras could work with `config`.
+/// Checks that the cameras can run with `config`.
 ///
 /// # Errors
-/// The recording that it names is bad (exit code 65), or the served protocols are.
+/// The recording named by the configuration is invalid (exit code 65), or the served protocols are.
 pub fn check(config: &Config) -> Result<(), Failure> {
     serves(config)?;
     if config.is_replay() { read_recording(&config.mocap.replay).map(drop) } else { Ok(()) }
 }
 
-/// Publishes poses until asked to stop: of emulated cameras, or of a recording.
+/// Publishes poses of emulated cameras or of a recording. Returns when a stop is requested.
 ///
 /// # Errors
-/// The bus refuses or breaks; the recording is bad.
+/// The bus refuses or fails, or the recording is invalid.
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let bus = Rc::new(context.bus()?);
     if context.config.is_replay() {

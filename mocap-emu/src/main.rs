@@ -1,4 +1,4 @@
-//! Motion capture as a program of its own.
+//! Motion capture as a standalone program.
 #![forbid(unsafe_code)]
 
 use std::process::ExitCode;

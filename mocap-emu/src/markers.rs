@@ -1,11 +1,11 @@
-//! A pose from the markers up: image points in every camera, triangulated markers, a rigid body fitted to them.
+//! Pose from simulated markers: image points in every camera, triangulated markers, a rigid body fitted to them.
 //!
 //! | file | subject |
 //! |---|---|
 //! | `camera.rs` | a camera |
 //! | `triangulation.rs` | a marker from its image points |
 //! | `rigid_body.rs` | a body from its markers |
-//! | `mishaps.rs` | markers that vanish or are swapped |
+//! | `mishaps.rs` | hidden and swapped markers |
 //!
 //! The noise of the pose is not configured: it follows from pixel noise, geometry and visibility.
 
@@ -39,13 +39,14 @@ pub struct MarkerFrame {
     pub body: Option<BodyFit>,
 }
 
-/// Cameras and markers. Pure; a frame depends on the seed, its number, and the mishaps of earlier frames. No frame allocates.
+/// Cameras and markers. Pure; a frame depends on the seed, its number, and the marker errors of earlier frames. No frame
+/// allocates.
 #[derive(Clone, Debug)]
 pub struct MarkerCameras {
     options: CameraOptions,
     marker_options: MarkerOptions,
     cameras: Vec<PinholeCamera>,
-    /// Places of the markers \[m, body\].
+    /// Positions of the markers \[m, body\].
     places: Vec<Vector3<f64>>,
     generator: Generator,
     mishaps: Mishaps,
@@ -110,7 +111,7 @@ impl MarkerCameras {
         let count = self.cameras.len();
         for (k, image) in self.images.iter_mut().enumerate() {
             let (marker, camera) = (k / count, k % count);
-            // Drawn in any case, so that hidden markers do not change the noise of visible ones.
+            // Noise is drawn in any case, so that hidden markers do not change the noise of visible ones.
             let [x, y] =
                 [(); 2].map(|()| Distribution::<f64>::sample(&StandardNormal, &mut self.generator));
             let is_hidden = self.marker_options.hidden.contains(&(marker + 1))

@@ -38,7 +38,7 @@ pub fn measure(
     PoseV1 {
         position: position.into(),
         attitude: attitude.map_or([f64::NAN; 4], |attitude| attitude.xyzw()),
-        // The markers scatter about the fitted body as much as the fit about the truth.
+        // The scatter of the markers about the fitted body has the same size as the error of the fit.
         residual_m: position_noise.norm(),
         body: BODY,
         tracked: u8::from(attitude.is_some()),
@@ -47,7 +47,7 @@ pub fn measure(
     }
 }
 
-/// `value` rounded to the nearest multiple of `step`; unchanged if `step` is zero.
+/// Rounds `value` to the nearest multiple of `step`; unchanged if `step` is zero.
 fn quantised(value: f64, step: f64) -> f64 {
     if step > 0.0 { (value / step).round() * step } else { value }
 }

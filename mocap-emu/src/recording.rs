@@ -50,10 +50,10 @@ impl Recording {
     /// Reads a recording from a file of at most [`MAX_BYTES`].
     ///
     /// # Errors
-    /// The file cannot be read, or what [`Recording::parse`] refuses.
+    /// The file cannot be read, or [`Recording::parse`] fails.
     pub fn read(path: &Path) -> Result<Self, RecordingError> {
         let mut bytes = Vec::new();
-        // One byte above the limit shows that the file is too large, even if it is endless.
+        // Reading one byte above the limit detects a file that is too large, even an endless one.
         File::open(path)
             .and_then(|file| file.take(MAX_BYTES + 1).read_to_end(&mut bytes))
             .map_err(|reason| RecordingError::new(path, None, ErrorKind::Unreadable(reason)))?;
@@ -74,7 +74,7 @@ impl Recording {
         parse_lines(text).map_err(|(line, kind)| RecordingError::new(path, Some(line), kind))
     }
 
-    /// A recording of `poses`, in the order of their arrival; `None` if they do not span any time, or are out of order.
+    /// Recording of `poses`, in the order of their arrival; `None` if they do not span any time, or are out of order.
     #[must_use]
     pub fn from_poses(mut poses: Vec<RecordedPose>) -> Option<Self> {
         let first_ns = poses.first()?.time_ns;
@@ -113,7 +113,7 @@ impl Recording {
         let mut intervals: Vec<u64> =
             self.poses.windows(2).map(|pair| pair[1].time_ns - pair[0].time_ns).collect();
         intervals.sort_unstable();
-        // Nearest rank: the smallest interval that `percent` of all do not exceed.
+        // Nearest rank: the smallest interval that is at least as long as `percent` of all.
         let percentile = |percent: usize| intervals[(intervals.len() * percent).div_ceil(100) - 1];
         let duration_ns = intervals.iter().sum();
         Timing {

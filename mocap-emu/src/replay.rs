@@ -1,10 +1,10 @@
 //! Playback of a recording with its own timing, gaps and bursts included.
 //!
-//! A recording contains only the frames that arrived. Frame numbers are reconstructed from arrival times and the nominal
-//! rate of the recording, so that a gap leaves out as many numbers as frames were lost. Poses that arrived late, as in the
-//! burst after a stall, do not count as lost: each pose has the greatest number that its arrival and the poses after it allow.
+//! A recording contains only the frames that arrived. Frame numbers are reconstructed from arrival times and the nominal rate of
+//! the recording, so that a gap skips one number per lost frame. Poses that arrived late, as in the burst after a stall, do not
+//! count as lost: each pose has the greatest number that is consistent with its arrival and the poses after it.
 //!
-//! Poses arrive when they arrived; what stands in `captured_at` is the capture that [`Captures`] estimates, never after the
+//! Poses are delivered at their recorded arrivals. `captured_at` is the capture estimated by [`Captures`], never after the
 //! arrival.
 
 use oqtal_bus::message::{PoseV1, Stamps};
@@ -47,13 +47,13 @@ impl Replay {
         Some(self.start + Span::from_nanos(pose.time_ns.cast_signed()))
     }
 
-    /// The same playback from `start` on.
+    /// Playback of the same recording from `start` on.
     #[must_use]
     pub fn starting_at(self, start: Time) -> Self {
         Self { start, ..self }
     }
 
-    /// The next pose that has arrived by `now`; one per call, `None` when there is none.
+    /// The next pose that has arrived by `now`, one per call; `None` if there is none.
     pub fn deliver(&mut self, now: Time) -> Option<Delivery> {
         let arrives_at = self.next_event().filter(|arrives_at| *arrives_at <= now)?;
         let pose = self.recording.poses()[self.played];
@@ -65,7 +65,7 @@ impl Replay {
             pose: PoseV1 {
                 position: pose.position.into(),
                 attitude: pose.attitude.xyzw(),
-                // Recordings do not contain it.
+                // Recordings do not contain a residual.
                 residual_m: f64::NAN,
                 body: BODY,
                 tracked: 1,

@@ -1,4 +1,4 @@
-//! Bodies that move without a plant: poses as functions of time.
+//! Scenes: poses of a body as functions of time, without a plant.
 
 use std::f64::consts::TAU;
 
@@ -9,9 +9,9 @@ use oqtal_wire::motion::RigidPose;
 const HEIGHT_M: f64 = 1.0;
 /// Radius of the circle, and half the length of the lemniscate \[m\].
 const RADIUS_M: f64 = 1.0;
-/// Time of one round \[s\].
+/// Duration of one round \[s\].
 const ROUND_S: f64 = 8.0;
-/// Greatest bank in a scene that moves \[rad\].
+/// Greatest bank angle in a moving scene \[rad\].
 const BANK_RAD: f64 = 0.15;
 
 /// A motion of a body.
@@ -19,9 +19,9 @@ const BANK_RAD: f64 = 0.15;
 pub enum SceneName {
     /// At rest, level.
     Hover,
-    /// Round a circle, nose forward.
+    /// Circle, nose forward.
     Circle,
-    /// Along an eight, nose forward.
+    /// Figure of eight, nose forward.
     Lemniscate,
 }
 

@@ -8,16 +8,16 @@
 //! | `feed.rs` | bounded queue from the loop to the network thread |
 //! | `network.rs` | the network thread |
 //! | `trouble.rs` | frames that the network loses, repeats or reorders |
-//! | `server.rs` | interface of the servers |
+//! | `server.rs` | interface of the protocol servers |
 //! | `address.rs` | sockets at the addresses of a server |
 //! | `clients.rs` | the loop of clients over TCP, for every protocol |
 //! | `qtm_server.rs`, `vrpn_server.rs`, `natnet_server.rs` | sessions and frames of each protocol |
-//! | `source.rs` | poses of a process, served as they are delivered |
-//! | `script.rs` | motion that the command `serve` shows |
+//! | `source.rs` | pose source that also serves its poses |
+//! | `script.rs` | motion shown by the command `serve` |
 //! | `program.rs` | the command `serve`: a camera system alone |
 //!
-//! Nothing blocks: sockets are non-blocking, a client that does not read is disconnected once its queue is full, and every step reads
-//! a bounded number of bytes and requests of each client.
+//! No call blocks: sockets are non-blocking, a client that does not read is disconnected once its queue is full, and each step
+//! reads a bounded number of bytes and requests per client.
 
 mod address;
 mod clients;

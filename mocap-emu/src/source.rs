@@ -1,4 +1,4 @@
-//! The pose sources of this process over their ports: emulated cameras, and playback of a recording.
+//! Pose sources of this process over their ports: emulated cameras, and playback of a recording.
 
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{CommandV1, TruthV1};
@@ -26,11 +26,11 @@ impl<T: Transport> EmulatedCameras<T> {
     /// # Errors
     /// The transport failed.
     pub fn open(bus: &T, cameras: Cameras) -> Result<Self, BusError> {
-        // The truth is published every millisecond: none of the camera instants may fall out of the buffer.
+        // The truth is published every millisecond: no camera instant may be pushed out of the buffer.
         Ok(Self { truths: bus.observer(&TRUTH)?, cameras, health: Health::default() })
     }
 
-    /// Counts its inputs in `health`.
+    /// Counts the inputs in `health`.
     #[must_use]
     pub fn counted_in(self, health: Health) -> Self {
         Self { health, ..self }
@@ -63,12 +63,12 @@ pub fn is_frame(truth: &TruthV1) -> bool {
     truth.capture > 0
 }
 
-/// The instant at which a recording starts to play.
+/// Instant at which a recording starts to play.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Start {
     /// At this instant.
     At(Time),
-    /// At the first command, which shows that a daemon listens.
+    /// At the first command, which shows that a daemon is running.
     FirstCommand,
 }
 
@@ -76,7 +76,7 @@ pub enum Start {
 #[derive(Debug)]
 pub struct Playback<T: Transport> {
     commands: T::Reader<CommandV1>,
-    /// Playback that starts once a daemon listens; prepared beforehand, because preparing it takes time.
+    /// Playback that starts once a daemon is running; prepared beforehand, because the preparation takes time.
     waiting: Option<Replay>,
     replay: Option<Replay>,
 }

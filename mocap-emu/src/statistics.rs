@@ -1,4 +1,4 @@
-//! Statistics of a recording by which an emulated room is held against real ones: arrivals, captures, gaps, noise at rest.
+//! Statistics of a recording, for the comparison of an emulated room with real ones: arrivals, captures, gaps, noise at rest.
 
 mod grid;
 mod rest;
@@ -12,7 +12,7 @@ pub use rest::{RestStatistics, allan_deviation};
 /// Upper ends of the classes of intervals between arrivals \[ms\].
 pub const CLASSES_MS: [f64; 5] = [5.0, 15.0, 25.0, 35.0, 50.0];
 
-/// Lengths of gaps that are counted \[ms\].
+/// Lengths above which gaps are counted \[ms\].
 pub const GAPS_MS: [f64; 3] = [50.0, 80.0, 250.0];
 
 /// Statistics of one recording.
@@ -20,15 +20,15 @@ pub const GAPS_MS: [f64; 3] = [50.0, 80.0, 250.0];
 pub struct RoomStatistics {
     /// Mean rate of arrivals \[Hz\].
     pub rate_hz: f64,
-    /// Standard deviation of the intervals between arrivals, gaps of more than [`GAPS_MS`]'s first left out \[ms\].
+    /// Standard deviation of the intervals between arrivals, without gaps above the first of [`GAPS_MS`] \[ms\].
     pub interval_ms: f64,
     /// Share of the intervals in each of [`CLASSES_MS`] \[percent\].
     pub shares_percent: [f64; 5],
-    /// Intervals in 1000 s longer than each of [`GAPS_MS`] \[-\].
+    /// Intervals per 1000 s longer than each of [`GAPS_MS`] \[-\].
     pub gaps: [f64; 3],
-    /// Captures, where the body moves.
+    /// Statistics of captures, where the body moves.
     pub grid: Option<GridStatistics>,
-    /// Noise, where the body rests.
+    /// Statistics of noise, where the body is at rest.
     pub rest: Option<RestStatistics>,
 }
 

@@ -1,4 +1,4 @@
-//! The way of a pose from the cameras to this machine: the camera computer hands the newest frame on at its own ticks, the
+//! Transit of a pose from the cameras to this machine: the camera computer forwards the newest frame at its own ticks, the
 //! connection stalls at times, the receiver polls.
 
 use oqtal_bus::time::{Span, Time};
@@ -7,26 +7,26 @@ use oqtal_runtime::random::Generator;
 use rand::RngExt;
 use rand_distr::{Distribution, Geometric};
 
-/// A frame that the camera computer sends.
+/// Frame sent by the camera computer.
 #[derive(Clone, Copy, Debug)]
 pub struct SentFrame {
-    /// Number among the frames sent, from 1 \[-\].
+    /// Number of the frame among the frames sent, from 1 \[-\].
     pub number: u64,
     /// Instant at which it is sent.
     pub at: Time,
 }
 
-/// Which frames are sent, and when.
+/// Camera computer: selects the frames that are sent, and their instants.
 #[derive(Clone, Debug)]
 pub struct FrameSender {
     mocap: MocapOptions,
-    /// The next tick without lateness, and with it; `None` before the first frame.
+    /// The next tick, nominal and with its lateness; `None` before the first frame.
     next: Option<(Time, Time)>,
     sent: u64,
 }
 
 impl FrameSender {
-    /// The camera computer of a configuration.
+    /// Camera computer of a configuration.
     #[must_use]
     pub fn new(mocap: &MocapOptions) -> Self {
         Self { mocap: mocap.clone(), next: None, sent: 0 }
@@ -50,7 +50,7 @@ impl FrameSender {
             self.next = Some((tick, at));
             return None;
         }
-        // After a missed period the computer is half as late, as the recordings have it.
+        // After a missed period the lateness is halved, as measured in recordings.
         let (periods, haste) =
             if skip < room.send_skip_probability { (2.0, 0.5) } else { (1.0, 1.0) };
         let tick = tick + Span::from_seconds(periods * room.send_period_ms * 1e-3);
@@ -62,20 +62,20 @@ impl FrameSender {
     }
 }
 
-/// The connection from the camera computer, with its stalls.
+/// Connection from the camera computer, with its stalls.
 #[derive(Clone, Debug)]
 pub struct Transit {
     mocap: MocapOptions,
-    /// End of the present or last stall, and whether its poses are lost.
+    /// End of the present or last stall, and whether the poses in it are lost.
     stalled_until: Time,
     loses: bool,
-    /// Remaining frames of the current dropout.
+    /// Number of frames left in the current dropout.
     gap: u64,
     last_arrival: Time,
 }
 
 impl Transit {
-    /// The connection of a configuration.
+    /// Connection of a configuration.
     #[must_use]
     pub fn new(mocap: &MocapOptions) -> Self {
         Self {
@@ -87,7 +87,7 @@ impl Transit {
         }
     }
 
-    /// Greatest number of poses on their way at once \[-\].
+    /// Greatest number of poses in transit at once \[-\].
     #[must_use]
     pub fn capacity(&self) -> usize {
         let MocapOptions { room, .. } = &self.mocap;
@@ -96,7 +96,7 @@ impl Transit {
         ((longest_ms + stall_ms) * 1e-3 * self.mocap.rate_hz) as usize + 64
     }
 
-    /// Whether the connection loses this frame. Dropouts begin at random and have a geometrically distributed length.
+    /// Whether the connection loses this frame. Dropouts begin at random and have geometrically distributed lengths.
     pub fn loses_frame(&mut self, generator: &mut Generator) -> bool {
         let begins: f64 = generator.random();
         if self.gap == 0 && begins < self.mocap.dropout_probability {
@@ -109,7 +109,7 @@ impl Transit {
         lost
     }
 
-    /// Lets a stall begin at `now`, by chance; drawn once a frame of the cameras.
+    /// Starts a stall at `now` at random; to be called once per camera frame.
     pub fn advance(&mut self, now: Time, generator: &mut Generator) {
         let [begins, length, loses] = [(); 3].map(|()| generator.random::<f64>());
         let room = &self.mocap.room;
@@ -122,8 +122,8 @@ impl Transit {
         }
     }
 
-    /// Arrival of a pose that is sent at `sent_at` and takes `latency`; `None` if a stall swallows it. Poses share one connection
-    /// and keep their order; poses behind a late one arrive with it, as a burst.
+    /// Arrival of a pose that is sent at `sent_at` and takes `latency`; `None` if it is lost in a stall. Poses share one
+    /// connection and keep their order; poses behind a late one arrive with it, as a burst.
     pub fn arrival(
         &mut self,
         sent_at: Time,
@@ -147,7 +147,7 @@ impl Transit {
         Some(arrival)
     }
 
-    /// The first instant of the receiver's polling (`mocap.poll-ms`) not before `arrival`.
+    /// First polling instant of the receiver (`mocap.poll-ms`) not before `arrival`.
     fn polled(&self, arrival: Time) -> Time {
         let period = Span::from_seconds(self.mocap.poll_ms * 1e-3).nanos().unsigned_abs();
         if period == 0 {

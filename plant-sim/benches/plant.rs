@@ -1,4 +1,4 @@
-//! A millisecond of the plant, hovering on the last command, in both fidelities.
+//! One millisecond of the plant, hovering on the last command, at both fidelities.
 
 use std::hint::black_box;
 

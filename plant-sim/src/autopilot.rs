@@ -1,5 +1,5 @@
-//! The simulator within an autopilot that runs as a program, in place of the plant: its truth, which it reports over MAVLink, is
-//! published for the cameras. The autopilot is commanded by a bridge over a link of its own.
+//! Simulator inside an autopilot that runs as a program, in place of the plant. Its truth, reported over MAVLink, is published
+//! for the cameras. A bridge commands the autopilot over a separate link.
 
 mod observer;
 
@@ -17,23 +17,23 @@ use crate::truth::TruthPorts;
 
 pub use observer::SimulatorObserver;
 
-/// Datagrams that are read in one turn, at most \[-\].
+/// Maximum number of datagrams read in one turn \[-\].
 const MOST_READ: usize = 64;
 /// Longest datagram that is read \[bytes\].
 const MAX_DATAGRAM: usize = 2048;
-/// Address of this process among MAVLink's systems: a program on the ground that controls nothing.
+/// MAVLink address of this process: a ground program that does not control the vehicle.
 const OWN: MavlinkAddress = MavlinkAddress { system: 254, component: 191 };
 /// Messages with the truth: SIM_STATE of ArduPilot, HIL_STATE_QUATERNION of PX4.
 const TRUTH_MESSAGES: [u32; 2] = [108, 115];
 /// Requested period of these messages \[us\]; an autopilot sends as often as it can.
 const TRUTH_INTERVAL_US: u32 = 4000;
-/// Time without the truth after which the request is repeated: an autopilot that was rebooted has forgotten the last one.
+/// Time without the truth after which the request is repeated, since a rebooted autopilot has lost it.
 const REQUEST_PERIOD: Span = Span::from_millis(1000);
 
-/// Publishes the truth of the autopilot that sends to `address`, until asked to stop.
+/// Publishes the truth of the autopilot that sends to `address`. Returns when a stop is requested.
 ///
 /// # Errors
-/// The address cannot be used; the bus refuses or breaks.
+/// The address cannot be used, or the bus refuses or fails.
 pub fn run(context: &ProcessContext, address: SocketAddr) -> Result<(), Failure> {
     let bus = context.bus()?;
     let mut ports = TruthPorts::open(context, &bus)?;
@@ -73,7 +73,7 @@ struct SimulatedAutopilot {
     decoder: MavlinkDecoder,
     encoder: MavlinkEncoder,
     observer: SimulatorObserver,
-    /// Its address, once a message has arrived from it.
+    /// Address of the autopilot, once a message has arrived from it.
     address: Option<MavlinkAddress>,
     requested_at: Time,
     reported_at: Time,
@@ -92,7 +92,7 @@ impl SimulatedAutopilot {
         })
     }
 
-    /// Reads the datagrams that have arrived; returns whether the motion was reported.
+    /// Reads the datagrams that have arrived; returns whether they contained the motion.
     fn read(&mut self, now: Time) -> Result<bool, Failure> {
         let Self { socket, decoder, observer, address, .. } = self;
         let (mut buffer, mut is_reported) = ([0; MAX_DATAGRAM], false);

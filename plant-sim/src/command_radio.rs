@@ -1,7 +1,7 @@
-//! The radio between the bus and the simulated vehicle: delay, jitter, losses in bursts, and faults by hand.
+//! Radio between the bus and the simulated vehicle: delay, jitter, burst losses, and injected faults.
 //!
 //! Losses follow the channel of Gilbert (*Capacity of a burst-noise channel*, Bell System Technical Journal 39, 1960): in its bad
-//! state every command is lost, in its good one none.
+//! state every command is lost, in its good state none is lost.
 
 use std::collections::VecDeque;
 
@@ -12,18 +12,18 @@ use oqtal_runtime::faults::RadioDisturbance;
 use oqtal_runtime::random::{Generator, RandomSource, stream};
 use rand::RngExt;
 
-/// A command on the radio.
+/// Command in transit on the radio.
 #[derive(Clone, Copy, Debug)]
 pub struct OnAir {
-    /// When it takes effect.
+    /// Instant at which it takes effect.
     pub acts_at: Time,
-    /// Its header.
+    /// Header of the command.
     pub header: Header,
     /// The command.
     pub command: CommandV1,
 }
 
-/// Losses of commands in bursts.
+/// Burst losses of commands.
 #[derive(Clone, Debug)]
 pub struct CommandLoss {
     generator: Generator,
@@ -35,13 +35,13 @@ pub struct CommandLoss {
 }
 
 impl CommandLoss {
-    /// The losses of `plant` under `seed`.
+    /// Losses of `plant` under `seed`.
     #[must_use]
     pub fn new(plant: &PlantOptions, seed: u64) -> Self {
         let PlantOptions { command_loss_probability: share, command_loss_burst: burst, .. } = plant;
         Self {
             generator: stream(seed, RandomSource::CommandLoss),
-            // In the long run the channel is bad for `share` of the commands.
+            // In the long run the channel is in its bad state for `share` of the commands.
             begins: share / ((1.0 - share) * burst),
             continues: 1.0 - burst.recip(),
             is_bad: false,
@@ -63,12 +63,12 @@ impl CommandLoss {
 pub struct CommandRadio {
     on_air: VecDeque<OnAir>,
     delay: Span,
-    /// From the reported to the real effect of a command.
+    /// Delay from the reported effect of a command to the real one.
     hidden_delay: Span,
-    /// Greatest addition to the delay, and its random numbers.
+    /// Greatest additional delay, and the generator that draws it.
     jitter: (Span, Generator),
     loss: CommandLoss,
-    /// Faults of the radio, and the random numbers that they need.
+    /// Faults of the radio, and the generator that they use.
     disturbed: (RadioDisturbance, Generator),
 }
 
@@ -117,13 +117,13 @@ impl CommandRadio {
         if is_lost || is_disturbed {
             return;
         }
-        // Commands keep their order, also behind one that is delayed.
+        // Commands keep their order, also behind a delayed one.
         let arrival = now + self.delay + self.hidden_delay + disturbance.delay + jitter;
         let acts_at = self.on_air.back().map_or(arrival, |last| arrival.max(last.acts_at));
         self.on_air.push_back(OnAir { acts_at, header, command });
     }
 
-    /// The next command that takes effect by `now`, and the instant at which the vehicle reports it to.
+    /// The next command that takes effect by `now`, and the instant that the vehicle reports as its effect.
     pub fn receive(&mut self, now: Time) -> Option<(OnAir, Time)> {
         let next = self.on_air.front().copied().filter(|on_air| on_air.acts_at <= now)?;
         self.on_air.pop_front();

@@ -14,7 +14,7 @@ use oqtal_runtime::faults::{ArmingWatch, RadioDisturbance, RadioFaults, interval
 pub struct SceneDisturbance {
     /// The radio.
     pub radio: RadioDisturbance,
-    /// The first command that arms, from which the times of `plant.disturb` count; `None` before.
+    /// Instant of the first command that arms, from which the times of `plant.disturb` count; `None` before it.
     pub armed_at: Option<Time>,
 }
 
@@ -61,7 +61,7 @@ pub struct AppliedLoad {
 #[derive(Clone, Debug)]
 pub struct LoadSchedule {
     loads: Vec<TimedDisturbance>,
-    /// The first command that arms, from which the times count.
+    /// Instant of the first command that arms, from which the times count.
     armed_at: Option<Time>,
 }
 
@@ -100,7 +100,7 @@ impl LoadSchedule {
         Some(sum)
     }
 
-    /// The first instant after `now` at which one begins or ends.
+    /// The first instant after `now` at which a disturbance begins or ends.
     #[must_use]
     pub fn next_change(&self, now: Time) -> Option<Time> {
         let armed_at = self.armed_at?;
@@ -112,7 +112,7 @@ impl LoadSchedule {
     }
 }
 
-/// The part of the time from `from` to `until` that is over at `now` \[0..1\].
+/// Elapsed fraction of the time from `from` to `until` at `now` \[0..1\].
 fn part(from: Time, now: Time, until: Time) -> f64 {
     now.since(from).seconds() / until.since(from).seconds()
 }

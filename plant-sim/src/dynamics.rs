@@ -15,34 +15,34 @@ pub struct PlantInput {
     pub sticks: Vector3<f64>,
     /// Torque \[N m, body\].
     pub torque: Vector3<f64>,
-    /// Attitude that the vehicle is to hold \[body to world\]; zero for none.
+    /// Attitude to be held \[body to world\]; zero for none.
     pub attitude: Quaternion<f64>,
     /// Collective thrust `delta_c` of Eq. (61) \[0..1\].
     pub thrust: f64,
-    /// Power of each rotor's motor as a firmware commands it \[0..1\], which takes the place of the on-board rate loop; `None`
-    /// without a firmware.
+    /// Motor power of each rotor as commanded by a firmware \[0..1\], in place of the on-board rate loop; `None` without a
+    /// firmware.
     pub motors: Option<Vector4<f64>>,
 }
 
-/// Disturbances by the surroundings, constant over an integration step.
+/// External disturbances, constant over an integration step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Disturbance {
     /// Acceleration by gusts and constant forces \[m/s^2, world\].
     pub acceleration: Vector3<f64>,
     /// Bias of the on-board rate loop \[rad/s, body\].
     pub rate_drift: Vector3<f64>,
-    /// Angular acceleration by torques from outside \[rad/s^2, body\].
+    /// Angular acceleration by external torques \[rad/s^2, body\].
     pub angular_acceleration: Vector3<f64>,
-    /// Velocity of the air, as the rotors meet it \[m/s, world\].
+    /// Air velocity at the rotors \[m/s, world\].
     pub wind: Vector3<f64>,
-    /// Mass of the vehicle over that with its payload \[-\].
+    /// Nominal mass over the mass with payload \[-\].
     pub mass_ratio: f64,
-    /// Battery voltage over the nominal one \[-\]; 1 where thrust does not depend on the voltage.
+    /// Battery voltage over its nominal value \[-\]; 1 if thrust does not depend on the voltage.
     pub voltage_ratio: f64,
 }
 
 impl Disturbance {
-    /// None.
+    /// No disturbance.
     pub const NONE: Self = Self {
         acceleration: Vector3::new(0.0, 0.0, 0.0),
         rate_drift: Vector3::new(0.0, 0.0, 0.0),
@@ -67,7 +67,7 @@ enum Body {
     Spacecraft(Spacecraft),
     /// Eq. (61): the rate follows its command.
     Eq61(Eq61),
-    /// Four rotors and the on-board rate loop.
+    /// Four rotors with the on-board rate loop.
     Rotors(Box<Rotors>),
 }
 
@@ -104,7 +104,7 @@ impl Dynamics {
         disturbance: &Disturbance,
     ) {
         let moved = |s: &State, response| self.translation.derivative(s, response, disturbance);
-        // One dispatch a step in place of one at each of the four Runge-Kutta stages.
+        // One dispatch per step instead of one at each of the four Runge-Kutta stages.
         match &self.body {
             Body::Spacecraft(it) => state.advance(h, |s| moved(s, it.response(s, input))),
             Body::Eq61(it) => state.advance(h, |s| moved(s, it.response(s, input, disturbance))),
@@ -112,7 +112,7 @@ impl Dynamics {
         }
     }
 
-    /// Thrust now \[N\].
+    /// Present thrust \[N\].
     #[must_use]
     pub fn thrust(&self, state: &State) -> f64 {
         match &self.body {
@@ -122,7 +122,7 @@ impl Dynamics {
     }
 }
 
-/// Translation, which all vehicles share: a point mass under thrust, weight, drag and gusts.
+/// Translation, common to all vehicles: a point mass under thrust, weight, drag and gusts.
 #[derive(Clone, Debug)]
 struct Translation {
     per_mass: f64,
@@ -136,7 +136,7 @@ impl Translation {
         Self { per_mass, gravity: plant.gravity_m_s2, drag: plant.drag_per_s }
     }
 
-    /// The derivative of `state` for a body that responds by `response`.
+    /// Derivative of `state` for a body with the response `response`.
     #[inline]
     fn derivative(
         &self,
@@ -179,19 +179,19 @@ struct LaggedThrust {
 
 impl LaggedThrust {
     fn new(plant: &PlantOptions) -> Self {
-        // A lag below a millisecond, the integration step, is taken as a millisecond: the integrator is stable down to it, and
-        // thrust stays a state.
+        // A lag below the integration step of a millisecond is set to a millisecond: the integrator is stable down to there, and
+        // thrust remains a state.
         Self { greatest: plant.max_thrust_n, bandwidth: 1e3 / plant.thrust_lag_ms.max(1.0) }
     }
 
-    /// Change of the actuators towards the collective thrust `delta_c`, whose greatest value is scaled by `share` \[-\].
+    /// Rate of change of the actuators towards the collective thrust `delta_c`; `share` scales the greatest thrust \[-\].
     #[inline]
     fn change(&self, thrust: f64, delta_c: f64, share: f64) -> Vector4<f64> {
         Vector4::x() * ((delta_c * (self.greatest * share) - thrust) * self.bandwidth)
     }
 }
 
-/// A rigid body with torque input, as the lander of Table I.
+/// Rigid body with torque input, like the lander of Table I.
 #[derive(Clone, Debug)]
 struct Spacecraft {
     inertia: Inertia,
@@ -217,11 +217,11 @@ impl Spacecraft {
     }
 }
 
-/// The on-board loop that commands the body rate: the sticks, or the rate that turns the body to the commanded attitude.
+/// On-board loop that sets the body rate: from the sticks, or from the error of the commanded attitude.
 #[derive(Clone, Debug)]
 struct RateCommand {
     authority: Vector3<f64>,
-    /// From an attitude error to a rate \[1/s\]; `None` where the sticks command the rate.
+    /// Gain from attitude error to body rate \[1/s\]; `None` if the sticks command the rate.
     attitude_gain: Option<f64>,
 }
 
@@ -233,7 +233,7 @@ impl RateCommand {
         }
     }
 
-    /// The rate that the on-board rate loop follows, its bias included \[rad/s, body\].
+    /// Set-point of the on-board rate loop, including its bias \[rad/s, body\].
     #[inline]
     fn rate(&self, state: &State, input: &PlantInput, disturbance: &Disturbance) -> Vector3<f64> {
         let command = match self.attitude_gain {
@@ -244,7 +244,7 @@ impl RateCommand {
         command + disturbance.rate_drift
     }
 
-    /// The rate in proportion to the angle that is left to `attitude`, the short way round, within the authority.
+    /// Body rate proportional to the remaining rotation to `attitude`, the shorter way round, within the authority.
     #[inline(never)] // `rate` stays small enough to be inlined for a vehicle that takes sticks.
     fn towards(&self, attitude: &Quaternion<f64>, state: &State, gain: f64) -> Vector3<f64> {
         let error = state.attitude.conjugate() * attitude;
@@ -278,7 +278,7 @@ impl Eq61 {
         let thrust = state.actuators.x;
         // The thrust of a rotor is proportional to the square of its voltage.
         let share = disturbance.voltage_ratio.powi(2);
-        // The on-board loop, which Eq. (61) contains, holds the rate against the torque of the air.
+        // The on-board loop, which Eq. (61) contains, holds the rate against aerodynamic torques.
         let air = air_forces(self.air.as_ref(), (state, disturbance), |air| air.speeds(thrust));
         Response {
             thrust: thrust * air.ground_ratio,
@@ -290,17 +290,17 @@ impl Eq61 {
     }
 }
 
-/// Effect of the air on a vehicle.
+/// Aerodynamic effects on a vehicle.
 struct AirForces {
     /// Drag of the rotors \[N, world\].
     drag: Vector3<f64>,
     /// Torque of that drag \[N m, body\].
     torque: Vector3<f64>,
-    /// Thrust at this height over that far from the floor \[-\].
+    /// Thrust at this height over thrust far from the floor \[-\].
     ground_ratio: f64,
 }
 
-/// Effect of the air on rotors at these speeds \[rad/s\].
+/// Aerodynamic effects on rotors at these speeds \[rad/s\].
 #[inline]
 fn air_forces(
     air: Option<&RotorAir>,
@@ -316,7 +316,8 @@ fn air_forces(
     AirForces { drag: attitude * force, torque, ground_ratio: air.ground_ratio(state.position.z) }
 }
 
-/// Four rotors on two crossed arms, with the on-board rate loop, or driven by a firmware. Opposite rotors turn the same way.
+/// Four rotors on two crossed arms, with the on-board rate loop, or driven by a firmware. Opposite rotors turn in the same
+/// direction.
 #[derive(Clone, Debug)]
 struct Rotors {
     inertia: Inertia,
@@ -329,7 +330,7 @@ struct Rotors {
     quadratic_thrust: f64,
     /// From squared rotor speeds \[(rad/s)^2\] to `[thrust \[N\]; torque \[N m\]]`.
     mix: Matrix4<f64>,
-    /// Inverse of `mix` for intact rotors, which the on-board loop takes them for.
+    /// Inverse of `mix` for intact rotors, as assumed by the on-board loop.
     unmix: Matrix4<f64>,
     air: Option<RotorAir>,
 }
@@ -372,7 +373,7 @@ impl Rotors {
         }
     }
 
-    /// Speed \[rad/s\] at which a rotor turns at this power of its motor, at the nominal voltage.
+    /// Rotor speed \[rad/s\] at this motor power and nominal voltage.
     fn speed(&self, power: f64) -> f64 {
         let thrust = power * (self.quadratic_thrust * power + 1.0 - self.quadratic_thrust);
         self.max_speed * thrust.sqrt()

@@ -1,6 +1,6 @@
-//! The plant as the body of a Crazyflie's firmware that runs as a program: its rotors turn as the firmware commands, its sensors
-//! feed the firmware, and CRTP packets of a client are passed on. The state of the vehicle goes over CRTP alone; the truth is
-//! published for the cameras.
+//! Plant as the body of a Crazyflie firmware that runs as a program: the firmware drives the rotors and reads the simulated
+//! sensors, and CRTP packets of a client are relayed. The vehicle's state is reported over CRTP only; the truth is published for
+//! the cameras.
 //!
 //! The rotors and inertial sensors are in `body.rs`.
 
@@ -21,12 +21,12 @@ use crate::wire::{DatagramModel, LinkDirection, LinkModel};
 
 pub use body::{BodyOutput, FirmwareBody, ImuDatagram};
 
-/// Datagrams that are read in one turn from each socket, at most \[-\].
+/// Maximum number of datagrams read in one turn from each socket \[-\].
 const MOST_READ: usize = 64;
-/// Samples of the sensors that are sent in one turn, at most \[-\]: the firmware's queue holds five packets.
+/// Maximum number of sensor samples sent in one turn \[-\]: the firmware's queue holds five packets.
 const MOST_IMU: usize = 3;
-/// Time by which the body may be ahead of the firmware's last motor values: a little more than between two of them. A busy
-/// processor can delay the firmware by more than its control loops tolerate; the body then waits for it.
+/// Time by which the body may be ahead of the firmware's last motor values: slightly more than their interval. A busy processor
+/// can delay the firmware by more than its control loops tolerate; the body then waits.
 const LEAD: Span = Span::from_millis(3);
 /// Longest time for which the body waits for motor values.
 const MOTOR_TIMEOUT: Span = Span::from_millis(20);
@@ -36,16 +36,16 @@ const FIRMWARE_TIMEOUT: Span = Span::from_millis(250);
 /// Addresses of a firmware's body.
 #[derive(Clone, Copy, Debug)]
 pub struct BodyAddresses {
-    /// At which it waits for the firmware.
+    /// Address at which the body waits for the firmware.
     pub body: SocketAddr,
-    /// At which a client reaches the firmware.
+    /// Address at which a client reaches the firmware.
     pub crtp: SocketAddr,
 }
 
-/// Flies the body of a firmware until asked to stop.
+/// Simulates the body of a firmware. Returns when a stop is requested.
 ///
 /// # Errors
-/// An address cannot be used; the bus refuses or breaks.
+/// An address cannot be used, or the bus refuses or fails.
 pub fn run(context: &ProcessContext, addresses: BodyAddresses) -> Result<(), Failure> {
     let bus = context.bus()?;
     let mut ports = TruthPorts::open(context, &bus)?;
@@ -82,10 +82,10 @@ pub fn run(context: &ProcessContext, addresses: BodyAddresses) -> Result<(), Fai
     Ok(())
 }
 
-/// Buffer for a datagram and one more byte, by which one that is too long is detected.
+/// Buffer for a datagram and one more byte, which detects an oversized one.
 type Buffer = [u8; MAX_DATAGRAM + 1];
 
-/// Reads the next datagram at `socket`; one that is too long counts as empty.
+/// Reads the next datagram at `socket`; an oversized one counts as empty.
 fn receive<'a>(
     socket: &PeerSocket,
     buffer: &'a mut Buffer,
@@ -97,28 +97,28 @@ fn receive<'a>(
     }))
 }
 
-/// Body, firmware, and the client that flies it.
+/// Body, firmware, and the client that commands it.
 #[derive(Debug)]
 struct FirmwareLink {
     body: FirmwareBody,
-    /// CRTP packets on their way between client and firmware, with the faults of the radio.
+    /// CRTP packets in transit between client and firmware, with radio faults.
     relay: DatagramModel,
-    /// Scratch memory for one of them.
+    /// Scratch memory for one packet.
     packet: Vec<u8>,
     firmware: PeerSocket,
     client: PeerSocket,
     /// Arrival of the last motor values; `None` while the firmware is not running.
     driven_at: Option<Time>,
-    /// The body's time then.
+    /// Time of the body at that arrival.
     body_driven_at: Time,
-    /// Time for which the body has waited for the firmware, by which its own time is behind.
+    /// Total time for which the body has waited for the firmware; the body's time lags by it.
     slip: Span,
-    /// Samples that were not sent, because the process was late \[-\].
+    /// Number of samples not sent because the process was late \[-\].
     late_samples: u64,
 }
 
 impl FirmwareLink {
-    /// Disturbs body and radio from now on.
+    /// Sets the disturbance of body and radio from now on.
     fn disturb(&mut self, disturbance: SceneDisturbance) {
         self.relay.disturb(disturbance.radio);
         self.body.disturb(disturbance);
@@ -139,7 +139,7 @@ impl FirmwareLink {
         })
     }
 
-    /// Reads the datagrams at both sockets; returns whether motor values were among them.
+    /// Reads the datagrams at both sockets; returns whether they contained motor values.
     fn read(&mut self, now: Time) -> Result<bool, Failure> {
         let (mut buffer, mut is_driven) = ([0; MAX_DATAGRAM + 1], false);
         for _ in 0..MOST_READ {
@@ -176,7 +176,7 @@ impl FirmwareLink {
         self.firmware.send(&HELLO)
     }
 
-    /// Logs that the firmware is silent; the plant stops the motors by itself.
+    /// Logs that the firmware is silent; the plant itself stops the motors.
     fn watch_firmware(&mut self, now: Time) {
         if self.driven_at.is_some_and(|at| now.since(at) > FIRMWARE_TIMEOUT) {
             self.driven_at = None;
@@ -184,7 +184,7 @@ impl FirmwareLink {
         }
     }
 
-    /// The next instant at which there is something to do without a datagram.
+    /// The next instant at which the loop must act without a datagram.
     fn next_event(&self) -> Time {
         let next = self.body.next_event() + self.slip;
         match self.driven_at {
@@ -205,8 +205,8 @@ impl FirmwareLink {
         until
     }
 
-    /// Integrates to `now`; sends samples of the sensors, and with them at most one packet of the client: the firmware has one short
-    /// queue for both.
+    /// Integrates to `now`, and sends the sensor samples and at most one packet of the client: the firmware has one short queue for
+    /// both.
     fn advance(&mut self, now: Time, mut truth: impl FnMut(TruthV1)) -> Result<(), Failure> {
         let until = self.body_time(now);
         let Self { body, relay, packet, firmware, late_samples, slip, .. } = self;
@@ -240,7 +240,7 @@ impl FirmwareLink {
         Ok(())
     }
 
-    /// CRTP packets that were lost \[-\].
+    /// Number of CRTP packets lost \[-\].
     fn lost_packets(&self) -> u64 {
         let directions = [LinkDirection::Up, LinkDirection::Down];
         directions.map(|direction| self.relay.traffic(direction).lost).iter().sum()

@@ -1,7 +1,7 @@
-//! The plant process: a simulated vehicle and its radio, in place of a real one.
+//! The plant process: a simulated vehicle and its radio, in place of real ones.
 //!
-//! [`Plant`] is pure; [`run`] connects it to the bus, puts it at the other end of a radio's wire ([`wire`]), or makes it the body of
-//! a firmware that runs as a program ([`firmware`]); it can also publish the truth of an autopilot's own simulator ([`autopilot`]).
+//! [`Plant`] is pure. [`run`] connects it to the bus, to the far end of a radio's wire ([`wire`]), or to a firmware that runs as
+//! a program ([`firmware`]); alternatively it publishes the truth of an autopilot's own simulator ([`autopilot`]).
 //!
 //! | file | subject |
 //! |---|---|
@@ -9,15 +9,15 @@
 //! | `dynamics.rs` | equations of motion |
 //! | `state.rs` | state of motion and its integration |
 //! | `world.rs` | gusts, drift, battery, floor |
-//! | `disturbance.rs` | disturbances in time, `plant.disturb` |
-//! | `spread.rs` | a vehicle that differs from its nominal values |
+//! | `disturbance.rs` | timed disturbances, `plant.disturb` |
+//! | `spread.rs` | parameter spread of the vehicle |
 //! | `turn.rs` | one turn over the plant's ports |
-//! | `rotors.rs` | the forces of the air on the rotors |
+//! | `rotors.rs` | aerodynamic forces on the rotors |
 //! | `command_radio.rs` | delay, jitter and losses of commands |
-//! | `wire.rs` | the vehicle at the other end of a wire |
+//! | `wire.rs` | the vehicle at the far end of a wire |
 //! | `firmware.rs` | the body of a Crazyflie's firmware that runs as a program |
 //! | `autopilot.rs` | the truth of an autopilot's own simulator |
-//! | `socket.rs` | ports of programs beside the plant, UDP sockets |
+//! | `socket.rs` | UDP sockets for programs beside the plant |
 //! | `truth.rs` | ports of a vehicle that is not commanded over the bus |
 #![forbid(unsafe_code)]
 
@@ -101,10 +101,10 @@ impl PlantArgs {
     }
 }
 
-/// Checks that the plant could fly with `config`.
+/// Checks that the plant can run with `config`.
 ///
 /// # Errors
-/// The link of the wire, or the source of the truth, has no meaning.
+/// The link of the wire, or the source of the truth, is invalid.
 pub fn check(config: &Config) -> Result<(), Failure> {
     link(config)?;
     truth_source(config).map(drop)
@@ -121,10 +121,10 @@ fn link(config: &Config) -> Result<Option<LinkSpec>, Failure> {
     wire::link(config).map_err(|error| config.locate(&error).into())
 }
 
-/// Flies the simulated vehicle until asked to stop.
+/// Runs the simulated vehicle. Returns when a stop is requested.
 ///
 /// # Errors
-/// The bus refuses or breaks.
+/// The bus refuses or fails.
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     if let Some(source) = truth_source(&context.config)? {
         return follow(context, source);
@@ -145,7 +145,7 @@ fn follow(context: &ProcessContext, source: TruthSource) -> Result<(), Failure> 
     }
 }
 
-/// Flies by the commands on the bus.
+/// Runs the vehicle with the commands on the bus.
 fn fly(context: &ProcessContext) -> Result<(), Failure> {
     let bus = Rc::new(context.bus()?);
     let faulty = FaultyTransport::new(&bus, &context.config)?;

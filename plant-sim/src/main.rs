@@ -1,4 +1,4 @@
-//! The plant as a program of its own.
+//! The plant as a standalone program.
 #![forbid(unsafe_code)]
 
 use std::process::ExitCode;

@@ -1,4 +1,4 @@
-//! The simulated vehicle, integrated from event to event: camera instants, milliseconds, commands that take effect.
+//! Simulated vehicle, integrated from event to event: camera instants, milliseconds, commands that take effect.
 
 use nalgebra::Vector3;
 use oqtal_bus::code::Actuation;
@@ -23,8 +23,8 @@ const INTEGRATION_HZ: f64 = 1000.0;
 /// Time without a command after which the vehicle stops its motors.
 const COMMAND_TIME_OUT: Span = Span::from_millis(250);
 
-/// Longest time that is integrated at once: after a longer pause, as a suspension of the machine, the rest is skipped. Longer
-/// than the motors run without a command, and than a fall from indoor heights takes.
+/// Longest time that is integrated at once; after a longer pause, such as a suspension of the machine, the rest is skipped. It
+/// exceeds the command time-out of the motors and the duration of a fall from indoor heights.
 const LONGEST_PAUSE: Span = Span::from_millis(2000);
 
 /// An output of the plant.
@@ -32,11 +32,11 @@ const LONGEST_PAUSE: Span = Span::from_millis(2000);
 pub enum PlantOutput {
     /// A sample of the truth.
     Truth(TruthV1),
-    /// A command took effect: sequence of its pose, its stamps, the state of the vehicle.
+    /// Command that took effect: sequence number of its pose, its stamps, state of the vehicle.
     Applied(u64, Stamps, VehicleV1),
 }
 
-/// A simulated vehicle and its radio. Pure: time comes in as an argument.
+/// Simulated vehicle and its radio. Pure: time is an argument.
 #[derive(Clone, Debug)]
 pub struct Plant {
     dynamics: Dynamics,
@@ -51,7 +51,7 @@ pub struct Plant {
     drift: Vector3<f64>,
     constant_acceleration: Vector3<f64>,
     loads: LoadSchedule,
-    /// Mass \[kg\], drag \[1/s\] and inertia of the vehicle that they act on.
+    /// Mass \[kg\], drag \[1/s\] and inertia of the vehicle without payload.
     loaded: (f64, f64, Inertia),
     radio: CommandRadio,
     input: PlantInput,
@@ -106,8 +106,8 @@ impl Plant {
         }
     }
 
-    /// Without samples of the truth between camera frames: for a flight whose truth is used by the cameras only, and by the recorder
-    /// at the daemon's ticks.
+    /// Disables the samples of the truth between camera frames: for flights whose truth is used only by the cameras, and by the
+    /// recorder at the daemon's ticks.
     #[must_use]
     pub fn without_milliseconds(self) -> Self {
         Self { samples_milliseconds: false, ..self }
@@ -128,8 +128,8 @@ impl Plant {
         self.millisecond.next().min(self.next_event())
     }
 
-    /// Keeps the motors off from now on, whatever is commanded, or ends that state. Commands on the radio no longer take effect.
-    /// Returns whether this is a change.
+    /// Keeps the motors off from now on, whatever is commanded, or ends that state. Commands in transit are discarded. Returns
+    /// whether the state has changed.
     pub fn keep_stopped(&mut self, stopped: bool) -> bool {
         if stopped {
             self.radio.disarm();
@@ -138,8 +138,8 @@ impl Plant {
         std::mem::replace(&mut self.stopped, stopped) != stopped
     }
 
-    /// Takes a command off the bus at `now`; it takes effect after the radio's delay. `lost` is the number of commands that never
-    /// arrived, in total.
+    /// Takes a command from the bus at `now`; it takes effect after the radio's delay. `lost` is the total number of lost
+    /// commands.
     pub fn receive(&mut self, now: Time, header: Header, command: CommandV1, lost: u64) {
         let mut header = header;
         header.stamps.received_at = now;
@@ -154,7 +154,7 @@ impl Plant {
         self.loads.begin(disturbance.armed_at);
     }
 
-    /// Applies `command` at once, for a vehicle whose commands do not come over the bus. No output is made of it.
+    /// Applies `command` at once, for a vehicle that is not commanded over the bus. Produces no output.
     pub fn apply_command(&mut self, command: &CommandV1) {
         self.act_on(command);
     }
@@ -172,7 +172,7 @@ impl Plant {
         self.battery.voltage()
     }
 
-    /// Integrates to `until`, exactly from event to event in steps of at most a millisecond, and passes the outputs to `out`.
+    /// Integrates to `until`, event by event in steps of at most a millisecond, and passes the outputs to `out`.
     pub fn advance(&mut self, until: Time, mut out: impl FnMut(PlantOutput)) {
         loop {
             self.apply_due(&mut out);
@@ -191,7 +191,7 @@ impl Plant {
         }
     }
 
-    /// Skips the excess of a pause of the process that ends at `now`: the vehicle stands still in it. Returns the skipped time.
+    /// Skips the excess of a pause of the process that ends at `now`; the vehicle does not move in it. Returns the skipped time.
     pub fn skip_pause(&mut self, now: Time) -> Span {
         let skipped = now.since(self.time) - LONGEST_PAUSE;
         if skipped <= Span::ZERO {
@@ -272,7 +272,7 @@ impl Plant {
                     .map(|t| if t.is_finite() { t.clamp(-limit, limit) } else { 0.0 });
                 PlantInput { torque, ..thrusting }
             }
-            // Level in place of numbers that are not an attitude.
+            // Numbers that are not an attitude are replaced by level.
             Actuation::Attitude => {
                 let attitude = Attitude::from_xyzw(command.attitude).unwrap_or_default();
                 PlantInput { attitude: **attitude.unit_quaternion(), ..thrusting }
@@ -291,7 +291,7 @@ impl Plant {
         added
     }
 
-    /// Advances the grids whose instant is reached, and returns the sample that is due on them.
+    /// Advances the sampling grids that are due, and returns the sample for them.
     fn pass_grids(&mut self) -> Option<TruthV1> {
         let mut truth = None;
         if self.millisecond.next() <= self.time {

@@ -1,4 +1,4 @@
-//! Geometry of the four rotors, and the forces of the air on them: drag, inflow damping, ground effect.
+//! Geometry of the four rotors, and aerodynamic forces on them: drag, inflow damping, ground effect.
 //!
 //! A rotor that turns at `w` and moves at the velocity `v` relative to the air meets, besides its thrust, the force
 //! `-w diag(k_d, k_d, k_z) v` in body axes: `k_d` is the drag in its plane (blade flapping and induced drag), `k_z` the loss of
@@ -12,7 +12,7 @@
 use nalgebra::{Matrix3x4, Matrix4, Vector3, Vector4};
 use oqtal_config::{RotorLayout, RotorOptions};
 
-/// Height below which the ground effect no longer grows, over the radius of a rotor \[-\]: its formula holds down to there.
+/// Height below which the ground effect is constant, over the radius of a rotor \[-\]: the formula is valid down to it.
 const LEAST_HEIGHT: f64 = 0.5;
 
 /// From squared rotor speeds \[(rad/s)^2\] to `[thrust \[N\]; torque \[N m\]]`. Lift at +y rolls the vehicle about +x.
@@ -40,12 +40,12 @@ pub fn mix(rotors: &RotorOptions) -> Matrix4<f64> {
     }
 }
 
-/// Forces of the air on the rotors.
+/// Aerodynamic forces on the rotors.
 #[derive(Clone, Debug)]
 pub struct RotorAir {
     /// `diag(k_d, k_d, k_z)` \[N s^2/(rad m), body\].
     coefficients: Vector3<f64>,
-    /// Centre of mass to each rotor \[m, body\].
+    /// Positions of the rotors relative to the centre of mass \[m, body\].
     places: Matrix3x4<f64>,
     thrust_coefficient: f64,
     /// Radius of a rotor \[m\]; `None` without ground effect.
@@ -53,14 +53,14 @@ pub struct RotorAir {
 }
 
 impl RotorAir {
-    /// The air on these rotors; `None` if it has no effect.
+    /// Aerodynamic model of these rotors; `None` if it has no effect.
     #[must_use]
     pub fn new(rotors: &RotorOptions) -> Option<Self> {
         let has_drag = rotors.drag_coefficient > 0.0 || rotors.inflow_coefficient > 0.0;
         if !has_drag && !rotors.ground_effect {
             return None;
         }
-        // A rotor at (x, y) lifts with the torque (y, -x) per newton: read off the mix.
+        // A rotor at (x, y) produces the torque (y, -x) per newton of lift, taken from the mix.
         let mix = mix(rotors) / rotors.thrust_coefficient;
         let mut places = Matrix3x4::zeros();
         places.row_mut(0).copy_from(&-mix.row(2));
@@ -94,13 +94,13 @@ impl RotorAir {
         (force, torque)
     }
 
-    /// Speed of each rotor \[rad/s\] where all four share this thrust \[N\].
+    /// Speed of each rotor \[rad/s\] when all four share this thrust \[N\].
     #[must_use]
     pub fn speeds(&self, thrust: f64) -> Vector4<f64> {
         Vector4::repeat((thrust.max(0.0) / (4.0 * self.thrust_coefficient)).sqrt())
     }
 
-    /// Thrust at this height above the floor over that far from it \[-\].
+    /// Thrust at this height above the floor over thrust far from it \[-\].
     #[inline]
     #[must_use]
     pub fn ground_ratio(&self, height: f64) -> f64 {

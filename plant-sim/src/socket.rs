@@ -1,5 +1,5 @@
-//! Ports of programs that run beside the plant: the host of an emulated vehicle, a firmware under test, its client, the simulator
-//! within an autopilot.
+//! Ports of programs beside the plant: host of an emulated vehicle, firmware under test, its client, simulator inside an
+//! autopilot.
 
 use std::fmt::Display;
 use std::io::{self, ErrorKind};
@@ -13,24 +13,24 @@ use rustix::io::Errno;
 /// Longest wait for datagrams or bytes.
 const LONGEST_WAIT: Span = Span::from_millis(20);
 
-/// Port at which a host finds an emulated vehicle.
+/// Port to the host of an emulated vehicle.
 pub trait VehiclePort {
-    /// Waits until bytes arrive, if `listen` is set, or until this instant. May return early.
+    /// Waits until bytes arrive (if `listen` is set) or until this instant. May return early.
     ///
     /// # Errors
-    /// The port broke.
+    /// The port failed.
     fn wait(&self, until: Time, listen: bool) -> Result<(), Failure>;
 
     /// Reads the bytes that have arrived, or one packet, into `buffer`; returns their number, 0 for none.
     ///
     /// # Errors
-    /// The port broke.
+    /// The port failed.
     fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Failure>;
 
-    /// Writes bytes, or one packet; those that the port does not take are lost.
+    /// Writes bytes, or one packet; bytes that the port does not accept are lost.
     ///
     /// # Errors
-    /// The port broke.
+    /// The port failed.
     fn write(&mut self, bytes: &[u8]) -> Result<(), Failure>;
 
     /// Maintains the port; to be called in every turn.
@@ -47,7 +47,7 @@ pub struct PeerSocket {
 }
 
 impl PeerSocket {
-    /// Opens a socket at `address` of this machine; `user` is named in the message of an error.
+    /// Opens a socket at `address` of this machine; error messages name `user`.
     ///
     /// # Errors
     /// The address is in use (exit code 75), may not be used (77), or does not exist (71).
@@ -64,10 +64,10 @@ impl PeerSocket {
         })
     }
 
-    /// Opens a socket that exchanges datagrams with `address` alone, and sends first.
+    /// Opens a socket that exchanges datagrams with `address` only; this side sends first.
     ///
     /// # Errors
-    /// There is no such host, or the operating system refuses.
+    /// The host does not exist, or the operating system refuses.
     pub fn connect(address: &impl Display, user: &str) -> Result<Self, Failure> {
         let socket = UdpSocket::bind("0.0.0.0:0").and_then(|socket| {
             socket.connect(address.to_string())?;
@@ -88,7 +88,7 @@ impl PeerSocket {
     /// `buffer` is cut off.
     ///
     /// # Errors
-    /// The socket broke.
+    /// The socket failed.
     pub fn receive(&self, buffer: &mut [u8]) -> Result<Option<(usize, SocketAddr)>, Failure> {
         match self.socket.recv_from(buffer) {
             Ok(received) => Ok(Some(received)),
@@ -97,15 +97,15 @@ impl PeerSocket {
         }
     }
 
-    /// Sends to `sender` from now on; returns whether this is a change.
+    /// Sends to `sender` from now on; returns whether the peer has changed.
     pub fn accept(&mut self, sender: SocketAddr) -> bool {
         self.peer.replace(sender) != Some(sender)
     }
 
-    /// Sends `bytes`; without a program that was accepted, or if the kernel has no room, they are lost as on a radio.
+    /// Sends `bytes`. Without an accepted program, or if the send buffer is full, they are lost as on a radio.
     ///
     /// # Errors
-    /// The socket broke.
+    /// The socket failed.
     pub fn send(&self, bytes: &[u8]) -> Result<(), Failure> {
         let sent = match self.peer {
             _ if self.is_connected => self.socket.send(bytes),
@@ -166,7 +166,7 @@ pub fn wait_until(until: Time, fds: &mut [PollFd<'_>]) -> Result<(), Failure> {
     }
 }
 
-/// Whether an error of this kind means that no program receives, or that nothing has arrived or finds room.
+/// Whether an error of this kind means that no program receives, that nothing has arrived, or that the buffer is full.
 fn is_absence(kind: ErrorKind) -> bool {
     use ErrorKind::{ConnectionRefused, ConnectionReset, Interrupted, WouldBlock};
     matches!(kind, ConnectionRefused | ConnectionReset | Interrupted | WouldBlock)

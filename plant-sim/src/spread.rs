@@ -1,4 +1,4 @@
-//! Parameter spread: a simulated vehicle that differs from its nominal values, `plant.spread`.
+//! Parameter spread, `plant.spread`: a simulated vehicle that differs from its nominal values.
 
 use oqtal_config::PlantOptions;
 use oqtal_runtime::random::{Generator, RandomSource, stream};
@@ -7,8 +7,8 @@ use rand::RngExt;
 /// Shortest time constant that the integrator follows \[ms\].
 const LEAST_LAG_MS: f64 = 1.0;
 
-/// Draws the parameters of a vehicle under `seed`: each deviates from its value in `nominal` by up to `nominal.spread`, evenly
-/// to both sides. The inertia is scaled as a whole.
+/// Draws the parameters of a vehicle under `seed`: each differs from its value in `nominal` by up to `nominal.spread`, uniformly
+/// in both directions. The inertia is scaled as a whole.
 #[must_use]
 pub fn drawn(nominal: &PlantOptions, seed: u64) -> PlantOptions {
     let mut spread = Spread { generator: stream(seed, RandomSource::Spread), most: nominal.spread };
@@ -35,7 +35,7 @@ pub fn drawn(nominal: &PlantOptions, seed: u64) -> PlantOptions {
     plant
 }
 
-/// The source of relative deviations.
+/// Source of relative deviations.
 struct Spread {
     generator: Generator,
     /// Greatest deviation \[-\].
@@ -43,7 +43,7 @@ struct Spread {
 }
 
 impl Spread {
-    /// The factor of the next parameter \[-\].
+    /// Factor of the next parameter \[-\].
     fn factor(&mut self) -> f64 {
         1.0 + self.most * (2.0 * self.generator.random::<f64>() - 1.0)
     }

@@ -73,7 +73,7 @@ impl State {
     /// Advances the state by `h` seconds, by one classic Runge-Kutta step of fourth order.
     #[inline]
     pub fn advance(&mut self, h: f64, derivative: impl Fn(&Self) -> Derivative) {
-        // A loop in place of four statements: the derivative, called from one place only, becomes a part of it.
+        // A loop instead of four statements: the derivative has one call site and is inlined.
         let (mut slope, mut sum) = (Derivative::default(), Derivative::default());
         for (ahead, weight) in [(0.0, 1.0), (h / 2.0, 2.0), (h / 2.0, 2.0), (h, 1.0)] {
             slope = derivative(&(*self + slope * ahead));

@@ -17,10 +17,10 @@ pub(crate) struct TruthPorts {
 }
 
 impl TruthPorts {
-    /// Opens the ports. Like a real vehicle, the process has a configuration of its own.
+    /// Opens the ports. Like a real vehicle, the process has a separate configuration.
     ///
     /// # Errors
-    /// The process runs already, or the bus refuses.
+    /// The process is already running, or the bus refuses.
     pub(crate) fn open(context: &ProcessContext, bus: &Bus) -> Result<Self, BusError> {
         let truths = bus.writer(&TRUTH)?;
         let health = context.health.clone();
@@ -31,7 +31,7 @@ impl TruthPorts {
     /// Sends the heartbeat if it is due.
     ///
     /// # Errors
-    /// The bus broke.
+    /// The bus failed.
     pub(crate) fn beat(&mut self) -> Result<(), BusError> {
         self.heartbeat.beat(HealthV1::default())
     }
@@ -39,7 +39,7 @@ impl TruthPorts {
     /// Publishes a truth sample, and wakes the cameras if they capture it.
     ///
     /// # Errors
-    /// The bus broke.
+    /// The bus failed.
     pub(crate) fn publish(&mut self, truth: TruthV1) -> Result<(), BusError> {
         self.truths.send(truth.capture, Default::default(), truth)?;
         if truth.capture > 0 { self.truths.notify() } else { Ok(()) }

@@ -1,5 +1,5 @@
-//! One turn of the plant over its ports: integrates to the present instant, obeys a stop, takes the command, and publishes truth
-//! and vehicle.
+//! One turn of the plant over its ports: integrates to the present instant, executes a stop, takes the command, and publishes
+//! truth and vehicle.
 
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{CommandV1, Header, Stamps, TruthV1, VehicleV1};
@@ -20,7 +20,7 @@ const STOP_PUBLICATION: Span = Span::from_millis(100);
 /// The instants at which the plant acts without an arrival.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stepping {
-    /// At every event: truth samples, and commands that begin to act. For virtual time.
+    /// At every event: truth samples, and commands that take effect. For virtual time.
     Exact,
     /// At truth samples only; events between two samples are integrated at the next one. For real time.
     Sampled,
@@ -106,21 +106,21 @@ impl<T: Transport> PlantTurn<T> {
         })
     }
 
-    /// Counts its inputs in `health`.
+    /// Counts the inputs in `health`.
     #[must_use]
     pub fn counted_in(self, health: Health) -> Self {
         Self { health, ..self }
     }
 
-    /// Skips the excess of a long pause in real time: the loop must not integrate for longer than it sleeps.
+    /// Skips the excess of a long pause in real time: integrating it would take longer than the loop's sleep.
     fn skip_pause(&mut self, now: Time) {
         if self.stepping == Stepping::Sampled {
             log_skipped(self.plant.skip_pause(now));
         }
     }
 
-    /// Obeys an operator's stop, and lifts it if `arrival` is a "disarmed" of the daemon. A shadow keeps its motors off as well, but
-    /// does not control the vehicle behind the bridge: it neither confirms nor lifts a stop.
+    /// Executes an operator's stop, and lifts it if `arrival` is a "disarmed" of the daemon. A shadow keeps its motors off as
+    /// well, but does not control the vehicle behind the bridge: it neither confirms nor lifts a stop.
     fn obey_stop<C: TurnClock>(
         &mut self,
         arrival: Option<&(Header, CommandV1)>,
@@ -136,7 +136,7 @@ impl<T: Transport> PlantTurn<T> {
             }
             changed |= plant.keep_stopped(stop.since().is_some());
         }
-        // A late observer would not learn of the stop otherwise if no commands arrive.
+        // Without commands, the state is published periodically so that a late observer is told of the stop.
         let is_due =
             stop.since().is_some() && now.since(self.stop_published_at) >= STOP_PUBLICATION;
         if changed || is_due {
@@ -159,7 +159,7 @@ impl<T: Transport> Turn for PlantTurn<T> {
 
     fn turn<C: TurnClock>(&mut self, clock: &mut C) -> Result<(), BusError> {
         let arrival = self.commands.latest()?;
-        // Read after the command was taken, so that it is not received before it was sent.
+        // The clock is read after the command was taken, so that no command is received before it was sent.
         let now = clock.now();
         self.plant.disturb(self.disturbances.at(now)?);
         self.skip_pause(now);
@@ -176,7 +176,7 @@ impl<T: Transport> Turn for PlantTurn<T> {
         if let Some((header, command)) = arrival {
             self.health.count_input();
             plant.receive(now, header, command, self.commands.lost());
-            // The truth at the daemon's tick, for the evaluation of the flight.
+            // Truth at the daemon's tick, for the evaluation of the flight.
             outputs.publish(PlantOutput::Truth(plant.truth()), clock)?;
         }
         Ok(())

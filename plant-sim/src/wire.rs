@@ -1,4 +1,4 @@
-//! Emulated vehicle at the other end of a wire: the plant is flown through the bytes that a bridge sends.
+//! Emulated vehicle at the far end of a wire: the bytes sent by a bridge control the plant.
 //!
 //! | file | subject |
 //! |---|---|
@@ -6,10 +6,10 @@
 //! | `link.rs` | interface of the models of links |
 //! | `radio.rs` | model of a radio behind a serial port: rate, latency, losses, wrong bits |
 //! | `datagrams.rs` | model of a network: latency, jitter, losses |
-//! | `asctec.rs` | on-board computer of an AscTec vehicle, and its pseudo-terminal |
-//! | `autopilot.rs` | autopilot that is flown through MAVLink |
-//! | `crazyflie.rs` | Crazyflie that is flown through CRTP |
-//! | `command.rs` | commands that on-board loops make |
+//! | `asctec.rs` | on-board computer of an AscTec vehicle, with its pseudo-terminal |
+//! | `autopilot.rs` | autopilot controlled over MAVLink |
+//! | `crazyflie.rs` | Crazyflie controlled over CRTP |
+//! | `command.rs` | commands of on-board loops |
 //! | `schedule.rs` | schedule of periodic messages |
 
 mod asctec;
@@ -47,28 +47,28 @@ pub use vehicle::{EmulatedVehicle, FrameCounters, LinkCounters, Measured, OnBoar
 
 /// Size of the read buffer \[bytes\]; the longest packet is shorter.
 const CHUNK: usize = 2048;
-/// Reads in one turn, at most \[-\].
+/// Maximum number of reads in one turn \[-\].
 const MAX_READS: usize = 16;
 
-/// Name of the vehicle in messages about its port.
+/// Name of the vehicle in error messages about its port.
 const USER: &str = "the emulated vehicle";
 
-/// The link at which the emulated vehicle is found; `None` if its commands come over the bus.
+/// Link of the emulated vehicle; `None` if its commands come over the bus.
 ///
 /// # Errors
-/// `[plant.wire]` cannot be used.
+/// `[plant.wire]` is invalid.
 pub fn link(config: &Config) -> Result<Option<LinkSpec>, OptionError> {
     asctec::check(config)?;
     parse_option("plant.wire.link", &config.plant.wire.link, "a link")
 }
 
-/// Flies the emulated vehicle at `link` until asked to stop. Its state goes over the wire alone; the truth is published for the
-/// cameras.
+/// Runs the emulated vehicle at `link`. Returns when a stop is requested. The vehicle's state is reported over the wire only; the
+/// truth is published for the cameras.
 ///
 /// # Errors
-/// The link cannot be made; the bus refuses or breaks.
+/// The link cannot be made, or the bus refuses or fails.
 pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
-    // Joined first: a link that a killed vehicle left in the directory of the instance is gone then.
+    // Joining the instance first removes a link left in its directory by a killed vehicle.
     let bus = context.bus()?;
     let (config, now) = (&context.config, Time::now());
     let located = |error: OptionError| Failure::from(config.locate(&error));
@@ -108,7 +108,7 @@ fn udp_port(port: &PortSpec) -> Result<PeerSocket, Failure> {
     }
 }
 
-/// Flies `vehicle` at `port`, which is `shown` in the log.
+/// Runs `vehicle` at `port`; `shown` names the port in the log.
 fn fly<L: LinkModel, B: OnBoardComputer>(
     context: &ProcessContext,
     bus: &Bus,
@@ -149,7 +149,7 @@ fn fly<L: LinkModel, B: OnBoardComputer>(
     Ok(())
 }
 
-/// Passes bytes from the host to the vehicle; returns whether there were any.
+/// Passes bytes from the host to the vehicle; returns whether any arrived.
 fn read_host<L: LinkModel, B: OnBoardComputer>(
     port: &mut impl VehiclePort,
     vehicle: &mut EmulatedVehicle<L, B>,

@@ -1,5 +1,5 @@
-//! Surroundings and imperfections of a vehicle: gusts, drift, battery, floor. Each random source has a stream of its own, named
-//! by (seed, source), so that a change of one source does not shift another.
+//! Environment and imperfections of a vehicle: gusts, drift, battery, floor. Each random source has a separate stream, named by
+//! (seed, source), so that a change of one source does not shift another.
 
 use nalgebra::{Quaternion, Vector3};
 use oqtal_config::{BatteryOptions, PlantOptions};
@@ -36,7 +36,7 @@ impl Gust {
         }
     }
 
-    /// The present acceleration \[m/s^2, world\].
+    /// Present acceleration \[m/s^2, world\].
     #[must_use]
     pub fn acceleration(&self) -> Vector3<f64> {
         self.acceleration
@@ -107,8 +107,8 @@ impl BatteryModel {
     }
 }
 
-/// Keeps a vehicle above the floor, z = 0: it lands without bouncing and rests in its pose before the step, this `position`
-/// \[m, world\] and `attitude` \[body to world\], until it lifts off.
+/// Keeps a vehicle above the floor, z = 0. The vehicle lands without bouncing and rests at `position` \[m, world\] and `attitude`
+/// \[body to world\], the pose before the step, until it lifts off.
 pub fn rest_on_floor((position, attitude): (Vector3<f64>, Quaternion<f64>), state: &mut State) {
     if state.position.z > 0.0 || state.velocity.z > 0.0 {
         return;

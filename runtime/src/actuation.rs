@@ -1,9 +1,9 @@
-//! The kind of command that a vehicle takes, by its interface.
+//! Actuation by interface: the kind of command that a vehicle takes.
 
 use oqtal_bus::code::Actuation;
 use oqtal_config::Interface;
 
-/// The actuation of commands to a vehicle with this interface.
+/// Actuation of commands to a vehicle with this interface.
 #[must_use]
 pub const fn actuation_of(interface: Interface) -> Actuation {
     match interface {

@@ -1,11 +1,11 @@
-//! The command line that all processes share.
+//! Command line common to all processes.
 
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 use oqtal_config::{ConfigError, Setting};
 
-/// The arguments that all processes share.
+/// Arguments common to all processes.
 #[derive(Args, Clone, Debug, Default)]
 pub struct CommonArgs {
     /// Configuration file (TOML); see `oqtal check`
@@ -35,7 +35,7 @@ impl CommonArgs {
         parsed.map(|settings| self.with_place(settings))
     }
 
-    /// These flags as settings, those of a `--set` without `=` left out.
+    /// These flags as settings, without any `--set` that has no `=`.
     #[must_use]
     pub fn usable_settings(&self) -> Vec<Setting> {
         self.with_place(self.parsed().filter_map(Result::ok).collect())
@@ -45,7 +45,7 @@ impl CommonArgs {
         self.settings.iter().map(|text| Setting::parse("--set", text))
     }
 
-    /// `settings`, and the flags that name the instance.
+    /// `settings`, followed by the flags that name the instance.
     fn with_place(&self, mut settings: Vec<Setting>) -> Vec<Setting> {
         if let Some(name) = &self.instance {
             settings.push(Setting::flag("--instance", "instance.name", name.clone()));

@@ -1,5 +1,5 @@
-//! The background thread of a process: logs, health messages, operator requests, opening and closing of ports. Everything
-//! that could block and therefore must not happen on the real-time thread.
+//! The background thread of a process: logs, health messages, operator requests, opening and closing of ports. It does all work
+//! that may block and must not run on the real-time thread.
 
 use std::time::Duration;
 
@@ -9,15 +9,15 @@ use crate::exit::{Exit, Failure};
 /// Time between two polls of the background thread.
 const POLL_PERIOD: Duration = Duration::from_millis(5);
 
-/// The work of a background thread.
+/// Work of a background thread.
 pub trait BackgroundWorker {
-    /// Handles whatever has arrived since the last call.
+    /// Handles what has arrived since the last call.
     fn poll(&mut self);
 }
 
-/// Executes `realtime` on the calling thread beside a background thread, whose worker `open` makes on that thread: bus ports
-/// stay on the thread that opens them. `realtime` starts once the worker is open. The background thread ends after
-/// `realtime`, with a last poll.
+/// Executes `realtime` on the calling thread, beside a background thread. `open` makes the worker on the background thread, since
+/// bus ports stay on the thread that opens them. `realtime` starts once the worker is open. The background thread ends after
+/// `realtime`, after a last poll.
 ///
 /// # Errors
 /// The worker could not be opened, or the error of `realtime`.
@@ -28,7 +28,7 @@ pub fn with_background<W: BackgroundWorker>(
 ) -> Result<(), Failure> {
     std::thread::scope(|threads| {
         let (opened, is_open) = crossbeam_channel::bounded(1);
-        // Set however the real-time loop ends, also by a panic.
+        // Set when the real-time loop ends, also after a panic.
         let _stop = context.stop.set_on_drop();
         threads.spawn(move || match open() {
             Ok(mut worker) => {

@@ -1,4 +1,4 @@
-//! The context of a running process: configuration, role, stop flag, health, and what is opened through them.
+//! Context of a running process: configuration, role, stop flag, health, and functions that open ports and clocks.
 
 use oqtal_bus::bus::Bus;
 use oqtal_bus::error::BusError;
@@ -15,16 +15,16 @@ use crate::loop_clock::LoopClock;
 use crate::realtime;
 use crate::stop::StopFlag;
 
-/// The context of a running process.
+/// Context of a running process.
 #[derive(Debug)]
 pub struct ProcessContext {
     /// The effective configuration.
     pub config: Config,
-    /// Set when the process is asked to end.
+    /// Stop flag of the process.
     pub stop: StopFlag,
-    /// Which process this is.
+    /// Role of this process.
     pub role: Role,
-    /// The health record, which the service manager is informed from.
+    /// Health record, from which the service manager is notified.
     pub health: Health,
 }
 
@@ -32,7 +32,7 @@ impl ProcessContext {
     /// Joins the instance.
     ///
     /// # Errors
-    /// As [`Bus::open`].
+    /// See [`Bus::open`].
     pub fn bus(&self) -> Result<Bus, BusError> {
         Bus::open(&self.paths()?)
     }
@@ -40,7 +40,7 @@ impl ProcessContext {
     /// The heartbeat of this process.
     ///
     /// # Errors
-    /// The process runs already, or the bus refuses.
+    /// The process is already running, or the bus refuses.
     pub fn heartbeat(&self, bus: &Bus) -> Result<Heartbeat, BusError> {
         Heartbeat::new(bus, self.role, self.config.hash(), self.health.clone())
     }
@@ -48,13 +48,13 @@ impl ProcessContext {
     /// Paths and names of the instance.
     ///
     /// # Errors
-    /// A bad instance name.
+    /// The instance name is invalid.
     pub fn paths(&self) -> Result<InstancePaths, BusError> {
         instance_paths(&self.config)
     }
 
-    /// Applies `[realtime]` to the calling thread; does nothing in virtual time. What the operating system refuses is logged
-    /// with its remedy. Threads that run already keep their scheduling.
+    /// Applies `[realtime]` to the calling thread; has no effect in virtual time. Settings refused by the operating system are
+    /// logged with their remedy. Threads that are already running keep their scheduling.
     pub fn enter_realtime(&self) {
         if self.config.clock.kind != ClockKind::Real {
             return;
@@ -67,8 +67,8 @@ impl ProcessContext {
         tracing::debug!(policy, priority, ?cpu, locked, "loop is ready");
     }
 
-    /// The loop clock of this process: real time, woken by `wakes_on`, or virtual time. The plant leads virtual time; when a
-    /// recording is played there is no plant, and the motion capture leads.
+    /// Loop clock of this process: real time, woken by `wakes_on`, or virtual time. The plant leads virtual time; during playback
+    /// of a recording there is no plant, and the motion capture leads.
     ///
     /// # Errors
     /// The bus refuses.
@@ -99,7 +99,7 @@ pub fn roles(config: &Config) -> &'static [Role] {
 /// Checks the name of the instance of a configuration.
 ///
 /// # Errors
-/// A bad name, with its origin (exit code 78; 64 if the flag `--instance` gives it).
+/// The name is invalid; the error names its origin (exit code 78, or 64 if the flag `--instance` sets it).
 pub fn check_instance(config: &Config) -> Result<(), Failure> {
     let Err(BusError::Name { value, .. }) = instance_paths(config) else { return Ok(()) };
     let name = format!("`{}`", value.escape_debug());
@@ -112,7 +112,7 @@ pub fn check_instance(config: &Config) -> Result<(), Failure> {
 /// Paths and names of the instance of a configuration.
 ///
 /// # Errors
-/// A bad instance name.
+/// The instance name is invalid.
 pub fn instance_paths(config: &Config) -> Result<InstancePaths, BusError> {
     paths_of(&config.instance)
 }
@@ -120,7 +120,7 @@ pub fn instance_paths(config: &Config) -> Result<InstancePaths, BusError> {
 /// Paths and names of an instance.
 ///
 /// # Errors
-/// A bad instance name.
+/// The instance name is invalid.
 pub fn paths_of(instance: &InstanceOptions) -> Result<InstancePaths, BusError> {
     let root = Some(&instance.root).filter(|root| !root.is_empty());
     InstancePaths::new(&instance.name, root.map(std::path::Path::new))

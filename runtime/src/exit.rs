@@ -1,27 +1,27 @@
-//! Exit codes, and the failures that lead to them.
+//! Exit codes, and the failures that cause them.
 
 use std::process::ExitCode;
 
 use oqtal_bus::error::BusError;
 use oqtal_config::ConfigError;
 
-/// Exit code of a process (sysexits.h, and 1 for a flight that did not end as asked).
+/// Exit code of a process (sysexits.h, and 1 for a flight that did not end as requested).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Exit {
     /// Success.
     Ok = 0,
-    /// The flight did not end as asked.
+    /// The flight did not end as requested.
     Flight = 1,
     /// The command line is wrong.
     Usage = 64,
-    /// Input data is bad.
+    /// The input data are invalid.
     Data = 65,
     /// Internal error.
     Internal = 70,
     /// The operating system refused.
     System = 71,
-    /// Another controller holds the topic, or a peer never answered.
+    /// Another controller holds the topic, or a peer did not answer.
     Peer = 75,
     /// The running processes are of another version.
     Version = 76,
@@ -43,12 +43,12 @@ impl From<Exit> for ExitCode {
 pub struct Failure {
     /// The exit code.
     pub exit: Exit,
-    /// The message: object, what is wrong, remedy.
+    /// The message: object, error, remedy.
     pub message: String,
 }
 
 impl Failure {
-    /// A failure with its code and message.
+    /// Failure with this code and message.
     #[must_use]
     pub fn new(exit: Exit, message: impl Into<String>) -> Self {
         Self { exit, message: message.into() }

@@ -1,4 +1,4 @@
-//! Files that a process makes, protected against other users: links are not followed, and its directories are new.
+//! Files made by a process, protected against other users: links are not followed, and directories are new.
 
 use std::fs::{DirBuilder, File, OpenOptions};
 use std::io::{self, Read};
@@ -7,18 +7,18 @@ use std::path::Path;
 
 use rustix::fs::OFlags;
 
-/// Length up to which a secret is read \[bytes\].
+/// Maximum length of a secret \[bytes\].
 const LONGEST_SECRET: u64 = 1024;
 
-/// Makes a directory that only this user can enter.
+/// Makes a directory that only this user can access.
 ///
 /// # Errors
-/// There is a file, a directory or a link of this name, or the directory cannot be made.
+/// The name exists already, or the directory cannot be made.
 pub fn create_private_directory(path: &Path) -> io::Result<()> {
     DirBuilder::new().mode(0o700).create(path)
 }
 
-/// Refuses a directory that is a link, or that belongs to another user, who could replace what is made in it by a link.
+/// Refuses a directory that is a link or belongs to another user, who could replace its files by links.
 ///
 /// # Errors
 /// The directory is refused, or does not exist.
@@ -34,7 +34,7 @@ pub fn check_own_directory(path: &Path) -> io::Result<()> {
     Err(io::Error::new(io::ErrorKind::PermissionDenied, reason))
 }
 
-/// Creates a file, or empties the one that is there; a link is not followed.
+/// Creates a file, or truncates an existing one; a link is not followed.
 ///
 /// # Errors
 /// The path is a link, or the file cannot be created.
@@ -42,7 +42,7 @@ pub fn create(path: &Path) -> io::Result<File> {
     open_unlinked(OpenOptions::new().write(true).truncate(true), path)
 }
 
-/// Opens a file, which is created if it is not there, by `options`; a link is not followed.
+/// Opens a file with `options`, creating it if it does not exist; a link is not followed.
 fn open_unlinked(options: &mut OpenOptions, path: &Path) -> io::Result<File> {
     let flags = (OFlags::NOFOLLOW | OFlags::CLOEXEC).bits().cast_signed();
     options.create(true).custom_flags(flags).open(path).map_err(|error| {
@@ -55,8 +55,8 @@ fn open_unlinked(options: &mut OpenOptions, path: &Path) -> io::Result<File> {
     })
 }
 
-/// Checks that [`create`] will be able to write a file; its content is kept. A pipe is not opened: its reader would take the end of
-/// the check for the end of the file.
+/// Checks that [`create`] will be able to write a file; its content is kept. A pipe is not opened: its reader would take the end
+/// of the check for the end of the file.
 ///
 /// # Errors
 /// As [`create`].
@@ -67,7 +67,7 @@ pub fn check_writable(path: &Path) -> io::Result<()> {
     open_unlinked(OpenOptions::new().append(true), path).map(drop)
 }
 
-/// Writes `content` to a file as [`create`] makes it.
+/// Writes `content` to a file made by [`create`].
 ///
 /// # Errors
 /// As [`create`], or the disk is full.
@@ -78,7 +78,7 @@ pub fn write(path: &Path, content: impl AsRef<[u8]>) -> io::Result<()> {
 /// Reads the text of a file that only its owner, this user or root, may read.
 ///
 /// # Errors
-/// Others may read or write it, it is not a file, it is too long, or it cannot be read.
+/// Other users may read or write it, it is not a regular file, it is too long, or it cannot be read.
 pub fn read_secret(path: &Path) -> io::Result<String> {
     let flags = (OFlags::NONBLOCK | OFlags::CLOEXEC).bits().cast_signed();
     let file = OpenOptions::new().read(true).custom_flags(flags).open(path)?;

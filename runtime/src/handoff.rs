@@ -1,12 +1,12 @@
-//! The hand-off between the real-time thread of a process and its background thread: bounded queues that drop and count
-//! instead of blocking.
+//! Hand-off between the real-time thread of a process and its background thread: bounded queues that drop and count instead of
+//! blocking.
 
 use crossbeam_channel::{Receiver, Sender, bounded};
 
 /// Capacity of every queue \[entries\].
 const CAPACITY: usize = 64;
 
-/// The real-time thread's end. No call blocks or allocates.
+/// The real-time thread's side. No call blocks or allocates.
 #[derive(Debug)]
 pub struct RtHandle<Note, Request, Reply> {
     notes: Sender<Note>,
@@ -15,7 +15,7 @@ pub struct RtHandle<Note, Request, Reply> {
     dropped_notes: u64,
 }
 
-/// The background thread's end.
+/// The background thread's side.
 #[derive(Debug)]
 pub struct BackgroundHandle<Note, Request, Reply> {
     notes: Receiver<Note>,
@@ -23,7 +23,7 @@ pub struct BackgroundHandle<Note, Request, Reply> {
     replies: Receiver<Reply>,
 }
 
-/// Both ends: notes and replies go to the background thread, requests come from it.
+/// Both sides: notes and replies go to the background thread, requests come from it.
 #[must_use]
 pub fn handoff<Note, Request, Reply>()
 -> (RtHandle<Note, Request, Reply>, BackgroundHandle<Note, Request, Reply>) {
@@ -37,26 +37,26 @@ pub fn handoff<Note, Request, Reply>()
 }
 
 impl<Note, Request, Reply> RtHandle<Note, Request, Reply> {
-    /// Passes on something for the log. A note that finds the queue full is dropped and counted.
+    /// Passes a note to the log. If the queue is full, the note is dropped and counted.
     pub fn note(&mut self, note: Note) {
         if self.notes.try_send(note).is_err() {
             self.dropped_notes += 1;
         }
     }
 
-    /// Notes dropped so far.
+    /// Number of notes dropped so far.
     #[must_use]
     pub fn dropped_notes(&self) -> u64 {
         self.dropped_notes
     }
 
-    /// The next request of the background thread; `None` if none waits.
+    /// Next request of the background thread; `None` if none is waiting.
     #[must_use]
     pub fn request(&self) -> Option<Request> {
         self.requests.try_recv().ok()
     }
 
-    /// Sends a reply, or drops it if the queue is full: the requester has then stopped waiting.
+    /// Sends a reply, or drops it if the queue is full: the requester has stopped waiting by then.
     pub fn reply(&self, reply: Reply) {
         let _ = self.replies.try_send(reply);
     }
@@ -71,12 +71,12 @@ impl<Note, Request, Reply> BackgroundHandle<Note, Request, Reply> {
     /// Sends a request to the real-time thread; returns it if the queue is full.
     ///
     /// # Errors
-    /// The queue is full: the real-time thread stands still.
+    /// The queue is full: the real-time thread is not running.
     pub fn send(&self, request: Request) -> Result<(), Request> {
         self.requests.try_send(request).map_err(crossbeam_channel::TrySendError::into_inner)
     }
 
-    /// The replies of the real-time thread, to wait on.
+    /// Replies of the real-time thread, for waiting.
     #[must_use]
     pub fn replies(&self) -> &Receiver<Reply> {
         &self.replies

@@ -1,4 +1,4 @@
-//! The health of a process: a record that its threads share, and the heartbeat on its health topic. The loop itself sends the
+//! Health of a process: a record shared by its threads, and the heartbeat on its health topic. The loop itself sends the
 //! heartbeat, so that a hung loop sends none.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -15,7 +15,7 @@ use oqtal_bus::transport::{Publish, Transport};
 
 use crate::overrun::OverrunMonitor;
 
-/// The health record of a process, shared by its threads. Counting is wait-free.
+/// Health record of a process, shared by its threads. Counting is wait-free.
 #[derive(Clone, Debug, Default)]
 pub struct Health(Arc<HealthRecord>);
 
@@ -35,7 +35,7 @@ struct HealthRecord {
 pub(crate) struct HealthSample {
     /// Turns of the loop so far \[-\].
     pub turns: u64,
-    /// Inputs received so far \[-\].
+    /// Number of inputs received so far \[-\].
     pub inputs: u64,
     /// Outputs published so far \[-\].
     pub outputs: u64,
@@ -56,7 +56,7 @@ impl Health {
         self.0.inputs.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Counts an output that is the purpose of the process.
+    /// Counts an output of the process's main function.
     pub fn count_output(&self) {
         self.0.outputs.fetch_add(1, Ordering::Relaxed);
     }
@@ -72,7 +72,7 @@ impl Health {
         self.0.runs_late.store(overruns.runs_late(), Ordering::Relaxed);
     }
 
-    /// Sets the status text. Takes a lock: not for a real-time loop.
+    /// Sets the status text. Takes a lock; not for a real-time loop.
     pub fn set_status(&self, status: impl Into<String>) {
         *self.0.status.lock().unwrap_or_else(PoisonError::into_inner) = status.into();
     }
@@ -105,21 +105,21 @@ pub struct Heartbeat {
 }
 
 impl Heartbeat {
-    /// The heartbeat of `role`, whose configuration has this hash, with the overruns that `health` records.
+    /// Heartbeat of `role` with this configuration hash and the overruns recorded in `health`.
     ///
     /// # Errors
-    /// The process runs already, or the bus refuses.
+    /// The process is already running, or the bus refuses.
     pub fn new(bus: &Bus, role: Role, config_hash: u64, health: Health) -> Result<Self, BusError> {
         let writer = bus.writer(&role.health())?;
         let suspend = SuspendWatch::new(&ClockReadings::now());
         Ok(Self { writer, config_hash, health, suspend, last: HealthV1::default() })
     }
 
-    /// Publishes `health` once per [`HEALTH_PERIOD`] and on every change; fills in time, configuration hash and overruns. Reads the
+    /// Publishes `health` once per [`HEALTH_PERIOD`] and on every change; adds time, configuration hash and overruns. Reads the
     /// machine's clock also in virtual time, since observers of health wait in real time. Logs a suspension of the machine.
     ///
     /// # Errors
-    /// The bus broke.
+    /// The bus failed.
     pub fn beat(&mut self, health: HealthV1) -> Result<(), BusError> {
         if let Some(length) = self.beat_unlogged(health)? {
             tracing::warn!(
@@ -130,10 +130,10 @@ impl Heartbeat {
         Ok(())
     }
 
-    /// As [`Heartbeat::beat`], without the log: returns the length of a suspension of the machine.
+    /// Like [`Heartbeat::beat`], without the log; returns the length of a suspension of the machine.
     ///
     /// # Errors
-    /// The bus broke.
+    /// The bus failed.
     pub fn beat_unlogged(&mut self, health: HealthV1) -> Result<Option<Span>, BusError> {
         let readings = ClockReadings::now();
         let suspended = self.suspend.observe(&readings);
@@ -145,7 +145,7 @@ impl Heartbeat {
             runs_late: u8::from(record.runs_late.load(Ordering::Relaxed)),
             ..health
         };
-        // A further late turn is not a change that needs a message.
+        // Another late turn is not a change that requires a message.
         let HealthV1 { time, late_turns, .. } = self.last;
         let changed = self.last != HealthV1 { time, late_turns, ..health };
         if changed || health.time.since(time) >= HEALTH_PERIOD {

@@ -3,28 +3,28 @@
 //! | file | subject |
 //! |---|---|
 //! | `process.rs` | a process from its command line to its exit code |
-//! | `args.rs` | the command line that all processes share |
+//! | `args.rs` | command line common to all processes |
 //! | `context.rs` | context of a running process: configuration, role, stop flag, health |
-//! | `exit.rs` | exit codes, and the failures that lead to them |
-//! | `program.rs` | a program around its work: panics, output to a closed pipe |
+//! | `exit.rs` | exit codes, and the failures that cause them |
+//! | `program.rs` | frame of every program: panics, output to a closed pipe |
 //! | `process_loop.rs` | the loop: wait, turn, heartbeat, a safe output at the end |
 //! | `turn.rs` | one turn of a process, and the clock during it |
 //! | `loop_clock.rs` | wait for the next event of a process |
 //! | `virtual_clock.rs` | the scheduler of virtual time |
 //! | `lockstep.rs` | virtual time between processes |
 //! | `realtime.rs` | scheduling, processors, locked memory |
-//! | `overrun.rs` | turns that end too late |
+//! | `overrun.rs` | late turns |
 //! | `background.rs` | the thread for work that may block |
 //! | `handoff.rs` | bounded queues between both threads |
 //! | `health.rs` | health record and heartbeat |
-//! | `log.rs` | the log, written by a thread of its own |
+//! | `log.rs` | the log, written by a separate thread |
 //! | `service.rs` | notifications to the service manager |
-//! | `stop.rs` | the flag that asks a process to end |
-//! | `faults.rs` | faults by hand, as decorators of ports and turns |
+//! | `stop.rs` | stop flag of a process |
+//! | `faults.rs` | injected faults, as decorators of ports and turns |
 //! | `random.rs` | repeatable random numbers |
 //! | `pose_source.rs` | sources of poses |
 //! | `actuation.rs` | kind of command by the interface of a vehicle |
-//! | `files.rs` | files and directories that no other user can redirect |
+//! | `files.rs` | files and directories protected against other users |
 #![forbid(unsafe_code)]
 
 pub mod actuation;

@@ -31,7 +31,7 @@ impl Leader {
     /// Opens the links from the first of `roles` to the others, with the faults of `config`.
     ///
     /// # Errors
-    /// The bus refuses, or another process leads virtual time already.
+    /// The bus refuses, or another process already leads virtual time.
     pub fn open(bus: &Bus, roles: &[Role], config: &Config) -> Result<Self, BusError> {
         let role = roles[0];
         let followers = roles.iter().filter(|&&other| other != role);
@@ -46,11 +46,11 @@ impl Leader {
         })
     }
 
-    /// Ends the leader's turn with `result` and advances the followers until it is the leader's turn again; returns its
-    /// instant, or `None` once asked to stop.
+    /// Ends the leader's turn with `result` and advances the followers until the leader's next turn; returns its instant, or
+    /// `None` once a stop is requested.
     ///
     /// # Errors
-    /// The bus broke.
+    /// The bus failed.
     pub fn wait(&mut self, result: TurnResult, stop: &StopFlag) -> Result<Option<Time>, BusError> {
         if self.started {
             self.virtual_clock.done(self.role, result);
@@ -98,10 +98,10 @@ impl FollowerLink {
         })
     }
 
-    /// Waits until the follower has joined; `false` once asked to stop.
+    /// Waits until the follower has joined; `false` once a stop is requested.
     fn await_start(&mut self, stop: &StopFlag) -> Result<bool, BusError> {
         while !stop.is_set() {
-            // A follower that joins after this message misses it, hence the repetition.
+            // Repeated, since a follower that joins after this message misses it.
             self.send(Time::UNSET)?;
             self.listener.wait(None, START_POLL)?;
             if self.results.latest()?.is_some() {
@@ -111,7 +111,7 @@ impl FollowerLink {
         Ok(false)
     }
 
-    /// Advances the follower to `now` and waits without limit for the result of its turn; `None` once asked to stop.
+    /// Advances the follower to `now` and waits without limit for the result of its turn; `None` once a stop is requested.
     fn advance(&mut self, now: Time, stop: &StopFlag) -> Result<Option<TurnResult>, BusError> {
         let sequence = self.send(now)?;
         while !stop.is_set() {
@@ -134,13 +134,13 @@ impl FollowerLink {
     }
 }
 
-/// A process whose virtual time the leader advances.
+/// Process whose virtual time the leader advances.
 #[derive(Debug)]
 pub(crate) struct Follower {
     advances: Reader<TimeAdvanceV1>,
     listener: Listener,
     results: Writer<TurnDoneV1>,
-    /// Sequence number of the advance whose turn is under way.
+    /// Sequence number of the advance whose turn is in progress.
     turn: Option<u64>,
 }
 
@@ -158,11 +158,11 @@ impl Follower {
         })
     }
 
-    /// Ends the follower's turn with `result` and waits for the next advance; returns its instant, or `None` once asked to
-    /// stop.
+    /// Ends the follower's turn with `result` and waits for the next advance; returns its instant, or `None` once a stop is
+    /// requested.
     ///
     /// # Errors
-    /// The bus broke.
+    /// The bus failed.
     pub fn wait(&mut self, result: TurnResult, stop: &StopFlag) -> Result<Option<Time>, BusError> {
         if let Some(advance) = self.turn.take() {
             self.reply(advance, result)?;

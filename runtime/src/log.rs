@@ -1,5 +1,5 @@
-//! The log of a process. Threads that must not block only queue their records; the log thread formats and writes them, to the
-//! journal if the service manager started the process, else to standard error.
+//! The log of a process. Threads that must not block only queue their records; the log thread formats and writes them to the
+//! journal if the service manager started the process, otherwise to standard error.
 
 mod output;
 mod queue;
@@ -16,7 +16,7 @@ use tracing_subscriber::util::SubscriberInitExt;
 use output::Output;
 use queue::{LogQueue, log_queue};
 
-/// At its end a process waits at most this long for its log to be written.
+/// Maximum time that a process waits at its end for the log to be written.
 const FLUSH_TIMEOUT: Duration = Duration::from_millis(200);
 
 /// Starts the log of `role`; records below `level` are discarded. The log is flushed when the returned guard is dropped.
@@ -30,7 +30,7 @@ pub fn start(level: LogLevel, role: Role) -> LogGuard {
         LogLevel::Trace => Level::TRACE,
     };
     let (queue, records) = log_queue();
-    // Never joined: an output that does not drain must not keep the process from ending.
+    // Never joined: an output that does not drain must not prevent the process from ending.
     std::thread::spawn(move || {
         let mut output = Output::of_process(role);
         records.drain_into(|record| output.write(record));

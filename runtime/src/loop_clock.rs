@@ -1,6 +1,6 @@
 //! Wait for the next event of a process: on the real clock and a listener or a descriptor, or for a time advance in virtual time.
 //!
-//! Under either clock a process is one loop: `while let Some(now) = clock.wait(next_event)? { act(now) }`.
+//! With either clock a process is one loop: `while let Some(now) = clock.wait(next_event)? { act(now) }`.
 
 use std::os::fd::OwnedFd;
 
@@ -29,7 +29,7 @@ pub struct LoopClock {
     stop: StopFlag,
     health: Health,
     overruns: OverrunMonitor,
-    /// Instant at which the turn under way was due; `None` before the first.
+    /// Instant at which the present turn was due; `None` before the first.
     due: Option<Time>,
     now: Time,
     published: bool,
@@ -56,16 +56,16 @@ impl LoopClock {
         Ok(Self::new(Clock::Real(Box::new(bus.listener(wakes_on)?)), stop, Time::now()))
     }
 
-    /// Real time: wakes at the next event, or when `descriptor` is readable, as an epoll set is when one of its sockets is.
+    /// Real time: wakes at the next event, or when `descriptor` is readable; an epoll set is readable when one of its sockets is.
     #[must_use]
     pub fn polled(descriptor: OwnedFd, stop: StopFlag) -> Self {
         Self::new(Clock::Polled(descriptor), stop, Time::now())
     }
 
-    /// Virtual time of the flight under `config`, advanced by this process for all of `roles`, of which it is the first.
+    /// Virtual time of the flight under `config`, advanced by this process for all of `roles`; this process is the first of them.
     ///
     /// # Errors
-    /// The bus refuses, or another process leads virtual time already.
+    /// The bus refuses, or another process already leads virtual time.
     pub fn leader(
         bus: &Bus,
         roles: &[Role],
@@ -90,13 +90,13 @@ impl LoopClock {
         Self { clock, stop, health: Health::default(), overruns, due: None, now, published: false }
     }
 
-    /// Counts the turns in `health`; one that ends more than `period` after it was due is late.
+    /// Counts the turns in `health`; a turn that ends more than `period` after it was due is late.
     #[must_use]
     pub fn counted_in(self, health: Health, period: Span) -> Self {
         Self { health, overruns: OverrunMonitor::new(period), ..self }
     }
 
-    /// The present instant: read from the clock, or as virtual time was last advanced.
+    /// The present instant: read from the clock, or the last virtual time.
     #[must_use]
     pub fn now(&self) -> Time {
         match self.clock {
@@ -105,13 +105,13 @@ impl LoopClock {
         }
     }
 
-    /// Whether this process runs under virtual time.
+    /// Whether this process runs in virtual time.
     #[must_use]
     pub fn is_virtual(&self) -> bool {
         !matches!(self.clock, Clock::Real(_) | Clock::Polled(_))
     }
 
-    /// Records whether the turn that has just ended was late. Virtual time waits for every turn.
+    /// Records whether the last turn was late. Virtual time waits for every turn.
     fn record_overrun(&mut self) {
         if let (false, Some(due)) = (self.is_virtual(), self.due) {
             self.overruns.turn_ended(due, Time::now());
@@ -119,11 +119,11 @@ impl LoopClock {
         }
     }
 
-    /// Waits until `next` or until an arrival; returns the present instant, or `None` once the process is asked to stop. May
-    /// return early: the caller checks what is due.
+    /// Waits until `next` or until an arrival; returns the present instant, or `None` once a stop is requested. May return early;
+    /// the caller checks which events are due.
     ///
     /// # Errors
-    /// The bus broke.
+    /// The bus failed.
     pub fn wait(&mut self, next: Option<Time>) -> Result<Option<Time>, BusError> {
         self.health.count_turn();
         self.record_overrun();
@@ -149,7 +149,7 @@ impl LoopClock {
     }
 }
 
-/// Sleeps until `descriptor` is readable or until `deadline`, at most for `longest`. May return early.
+/// Sleeps until `descriptor` is readable or until `deadline`, for at most `longest`. May return early.
 fn wait_readable(
     descriptor: &OwnedFd,
     deadline: Option<Time>,

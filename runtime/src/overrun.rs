@@ -1,17 +1,17 @@
-//! Overruns of a loop: counts turns that end too late, and detects several in a row.
+//! Overruns of a loop: counts late turns, and detects several in a row.
 
 use oqtal_bus::time::{Span, Time};
 
-/// Late turns in a row with which the loop counts as running late \[-\].
+/// Number of consecutive late turns after which the loop counts as running late \[-\].
 const LATE_IN_A_ROW: u32 = 3;
-/// Time without a late turn after which it no longer does.
+/// Time without a late turn after which the loop no longer counts as running late.
 const RECOVERY: Span = Span::from_millis(1000);
 
-/// Counts the late turns of a loop. A turn that could not begin in time is late as well as one that lasted too long; a turn is
-/// never executed twice to catch up. Pure.
+/// Counts the late turns of a loop. A turn is late if it starts late or takes too long; turns are never repeated to catch up.
+/// Pure.
 #[derive(Clone, Debug)]
 pub struct OverrunMonitor {
-    /// Time from the instant at which a turn was due to its end, at most.
+    /// Maximum time from the due instant of a turn to its end.
     allowed: Span,
     late_turns: u64,
     in_a_row: u32,
@@ -20,13 +20,13 @@ pub struct OverrunMonitor {
 }
 
 impl OverrunMonitor {
-    /// A monitor of a loop whose turns end within `allowed` after they were due.
+    /// Monitor of a loop whose turns should end within `allowed` after they are due.
     #[must_use]
     pub fn new(allowed: Span) -> Self {
         Self { allowed, late_turns: 0, in_a_row: 0, last_late: Time::UNSET, runs_late: false }
     }
 
-    /// Takes the end of a turn that was due at `due`.
+    /// Records the end of a turn that was due at `due`.
     pub fn turn_ended(&mut self, due: Time, ended: Time) {
         if ended.since(due) > self.allowed {
             self.late_turns += 1;
@@ -39,7 +39,7 @@ impl OverrunMonitor {
         }
     }
 
-    /// Late turns so far \[-\].
+    /// Number of late turns so far \[-\].
     #[must_use]
     pub fn late_turns(&self) -> u64 {
         self.late_turns
@@ -60,7 +60,7 @@ mod tests {
     const BUSY: Span = Span::from_millis(30);
     const BRIEF: Span = Span::from_millis(1);
 
-    /// A monitor, and the instant at which the last turn of these durations ended; each is due a period after the one before.
+    /// A monitor after turns of these durations, each due one period after the previous one, and the end of the last turn.
     fn after(turns: &[Span]) -> (OverrunMonitor, Time) {
         let mut monitor = OverrunMonitor::new(PERIOD);
         let mut due = Time::VIRTUAL_START;

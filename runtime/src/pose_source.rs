@@ -8,10 +8,10 @@ use oqtal_bus::transport::{Publish, Transport};
 
 use crate::turn::{Turn, TurnClock};
 
-/// A pose on its way to the daemon.
+/// Pose in transit to the daemon.
 #[derive(Clone, Copy, Debug)]
 pub struct Delivery {
-    /// Number of its camera frame, from 1 \[-\]; a gap is a lost frame.
+    /// Number of the camera frame, from 1 \[-\]; a gap is a lost frame.
     pub frame: u64,
     /// Only `captured_at` is set: the instant of capture on the clock of this machine.
     pub stamps: Stamps,
@@ -29,7 +29,7 @@ impl Delivery {
 
 /// A source of poses. Several poses of one camera frame are several deliveries of the same frame number.
 pub trait PoseSource {
-    /// The instant at which the next pose is due; `None` while only an arrival can bring one.
+    /// Instant at which the next pose is due; `None` if a pose can only follow an arrival.
     fn next_event(&self) -> Option<Time>;
 
     /// Takes the inputs that have arrived from the cameras, the plant or the network.
@@ -38,7 +38,7 @@ pub trait PoseSource {
     /// The transport failed.
     fn gather(&mut self, now: Time) -> Result<(), BusError>;
 
-    /// The next pose that is due at `now`; one per call, `None` when there is none.
+    /// The next pose that is due at `now`, one per call; `None` if there is none.
     fn deliver(&mut self, now: Time) -> Option<Delivery>;
 }
 

@@ -17,13 +17,13 @@ pub use crate::exit::{Exit, Failure};
 
 use crate::health::Health;
 
-/// The work of a process.
+/// Main function of a process.
 pub type Job = fn(&ProcessContext) -> Result<(), Failure>;
 
-/// Checks whether a process could run with a configuration that is valid by itself.
+/// Checks whether a process can run with a configuration that is valid in itself.
 pub type Check = fn(&Config) -> Result<(), Failure>;
 
-/// Executes the command for the process `role`, whose work is `job`, and returns the exit code.
+/// Executes the command for the process `role` with the main function `job`, and returns the exit code.
 #[must_use]
 pub fn execute(role: Role, command: &ProcessCommand, job: Job, check: Check) -> ExitCode {
     let result = match command {
@@ -39,8 +39,8 @@ pub fn execute(role: Role, command: &ProcessCommand, job: Job, check: Check) -> 
     }
 }
 
-/// The effective configuration as a file, below comments with the rate of the loop and, for a vehicle that holds attitudes, with
-/// the part of the law that flies.
+/// The effective configuration as a file, preceded by comments with the rate of the loop and, for a vehicle with its own attitude
+/// loop, with the part of the law that is used.
 #[must_use]
 pub fn describe(config: &Config) -> String {
     let law = if config.vehicle.interface.holds_attitude() {
@@ -75,12 +75,12 @@ fn run(role: Role, args: &CommonArgs, job: Job) -> Result<(), Failure> {
     result
 }
 
-/// Ends this process when `parent`, which started it, dies, so that no orphan remains.
+/// Ends this process when its parent process `parent` dies, so that no orphan remains.
 fn die_with(parent: i32) -> Result<(), Failure> {
     rustix::process::set_parent_process_death_signal(Some(Signal::TERM)).map_err(|e| {
         Failure::new(Exit::System, format!("setting the parent-death signal failed: {e}"))
     })?;
-    // If the parent died before, the signal is never sent.
+    // If the parent has already died, the signal is never sent.
     if rustix::process::getppid() == Pid::from_raw(parent) {
         Ok(())
     } else {
@@ -89,20 +89,20 @@ fn die_with(parent: i32) -> Result<(), Failure> {
     }
 }
 
-/// Sets `stop` on a panic of any thread: the process must not continue with a part of its threads.
+/// Sets `stop` on a panic of any thread: the process must not continue without one of its threads.
 fn stop_on_panics(stop: &StopFlag) {
     let stop = stop.clone();
     std::panic::set_hook(Box::new(move |panic| {
         stop.set();
-        // Through the log thread: an output that does not drain must not keep a loop from leaving its outputs safe.
+        // Logged by the log thread: an output that does not drain must not prevent a loop from leaving its outputs safe.
         tracing::error!("{panic}");
     }));
 }
 
-/// A flag that SIGINT and SIGTERM set.
+/// Returns a stop flag that SIGINT and SIGTERM set.
 ///
 /// # Errors
-/// The operating system refuses, or signals are handled already.
+/// The operating system refuses, or the signals are already handled.
 pub fn stop_on_signals() -> Result<StopFlag, Failure> {
     let stop = StopFlag::default();
     let flag = stop.clone();

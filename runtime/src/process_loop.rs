@@ -8,8 +8,8 @@ use crate::health::Heartbeat;
 use crate::loop_clock::LoopClock;
 use crate::turn::Turn;
 
-/// Executes turns until the process is asked to stop or its transport fails, and leaves its outputs safe in any case. The
-/// heartbeat is sent after each turn; without one, another thread sends it.
+/// Executes turns until a stop is requested or the transport fails, and leaves the outputs safe in any case. The heartbeat is
+/// sent after each turn; if there is none, another thread sends it.
 ///
 /// # Errors
 /// The transport failed.

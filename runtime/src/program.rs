@@ -1,4 +1,4 @@
-//! A program around its work: command line, panics as exit codes, output to a terminal or a pipe that may be closed.
+//! Frame of every program: command line, panics as exit codes, output to a terminal or a pipe that may be closed.
 
 use std::any::Any;
 use std::io::{ErrorKind, Write};
@@ -12,7 +12,7 @@ use clap::Parser;
 
 use crate::exit::{Exit, Failure};
 
-/// A message waits at most this long for standard error to take it.
+/// Maximum time that a message waits for standard error.
 const SAY_TIMEOUT: Duration = Duration::from_millis(300);
 
 /// Parses the command line and runs `execute`. An invalid command line ends with [`Exit::Usage`], a panic with
@@ -26,32 +26,33 @@ pub fn run<C: Parser>(execute: impl FnOnce(C) -> ExitCode) -> ExitCode {
     }
 }
 
-/// Makes a write beyond a limit of file sizes (`ulimit -f`) fail, as on a full disk, instead of ending the process.
+/// Makes a write beyond the file size limit (`ulimit -f`) fail, as on a full disk, instead of ending the process.
 fn survive_size_limits() {
-    // The flag is not read: with a handler the write returns an error. If registering fails, the signal ends the process.
+    // The flag is never read: with any handler the write returns an error. If the registration fails, the signal ends the
+    // process.
     let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::default());
 }
 
-/// Executes `work` and turns a panic into a failure; its values are dropped as after an error.
+/// Executes `work` and converts a panic to a failure; values are dropped as after an error.
 ///
 /// # Errors
 /// The error of `work`; [`Exit::Internal`] after a panic.
 pub fn guarded<T>(work: impl FnOnce() -> Result<T, Failure>) -> Result<T, Failure> {
-    // Nothing that the work left unfinished is used again.
+    // Data that the work left unfinished are not used again.
     catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
         let what = message(panic.as_ref());
         Err(Failure::new(Exit::Internal, format!("internal error: {what}; please report it")))
     })
 }
 
-/// Prints on standard error why `program` failed, and returns its exit code.
+/// Prints on standard error the reason why `program` failed, and returns its exit code.
 #[must_use]
 pub fn conclude(program: &str, failure: &Failure) -> ExitCode {
     say(&format!("{program}: {failure}"));
     failure.exit.into()
 }
 
-/// Prints a line of results on standard output. A closed pipe is not an error: its reader has read enough.
+/// Prints a line of results on standard output. A closed pipe is not an error: its reader needs no more lines.
 ///
 /// # Errors
 /// The output cannot be written, as on a full disk.
@@ -65,8 +66,8 @@ pub fn print(text: &str) -> Result<(), Failure> {
     }
 }
 
-/// Prints a message on standard error. Waits at most 300 ms for an output that does not drain. An error is ignored: no
-/// channel is left to report it on.
+/// Prints a message on standard error. Waits at most 300 ms for an output that does not drain. An error is ignored: there is no
+/// other channel to report it.
 pub fn say(text: &str) {
     let line = format!("{text}\n");
     let (done, is_done) = channel();

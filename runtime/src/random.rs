@@ -1,4 +1,4 @@
-//! Repeatable random numbers: one stream per (seed, source), so that the draws of one source never shift those of another. The
+//! Repeatable random numbers: one stream per (seed, source), so that the draws of one source never affect those of another. The
 //! generator (ChaCha, eight rounds) yields the same stream on every platform and in every version.
 
 use nalgebra::Vector3;
@@ -6,10 +6,10 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-/// The generator of every source.
+/// Generator of every source.
 pub type Generator = ChaCha8Rng;
 
-/// The random sources of a testbed. Each number identifies a stream for good.
+/// Random sources of a testbed. The number of a source never changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u64)]
 pub enum RandomSource {
@@ -29,17 +29,17 @@ pub enum RandomSource {
     DownlinkErrors = 7,
     /// Deviations of the simulated vehicle's parameters from their nominal values.
     Spread = 8,
-    /// Image points of markers, and the markers that vanish or are swapped, by frame.
+    /// Image points of markers, and hidden or swapped markers, by frame.
     Markers = 9,
-    /// Drift of the camera system's noise, the sending of its frames and the stalls of its connection, by frame.
+    /// Drift of the camera system's noise, frames sent, and stalls of the connection, by frame.
     Room = 10,
-    /// Trouble of the network that poses are served over, by frame.
+    /// Emulated faults of the network over which poses are served, by frame.
     Network = 11,
     /// Loss of commands on the simulated radio, one draw per command.
     CommandLoss = 12,
     /// Jitter of the simulated radio, one draw per command.
     CommandJitter = 13,
-    /// Faults by hand.
+    /// Injected faults.
     Fault = 20,
     /// Loss of commands on a radio with a fault, one draw per command.
     RadioFault = 21,

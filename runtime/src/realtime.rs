@@ -1,5 +1,5 @@
-//! Real-time settings of a loop: scheduling, processors, locked memory, timer slack. A setting that the operating system
-//! refuses is reported with its remedy, and the loop runs without it.
+//! Real-time settings of a loop: scheduling, processors, locked memory, timer slack. A setting refused by the operating system is
+//! reported with its remedy, and the loop runs without it.
 
 use std::hint::black_box;
 
@@ -19,20 +19,20 @@ use thread_priority::{
 use oqtal_bus::topic::Role;
 use oqtal_config::{RealtimeOptions, Scheduling};
 
-/// Stack that is prefaulted \[bytes\].
+/// Size of the prefaulted stack \[bytes\].
 const STACK: usize = 256 * 1024;
-/// RLIMIT_RTTIME of a loop under SCHED_FIFO \[us\]: the kernel ends a loop that has not slept for this time (SIGXCPU), so that
-/// it cannot take its processor from everything else.
+/// RLIMIT_RTTIME of a loop under SCHED_FIFO \[us\]: the kernel ends a loop that has not slept for this time (SIGXCPU), so that it
+/// cannot block its processor.
 const MAX_TURN_US: u64 = 500_000;
 
-/// The real-time settings in force on the calling thread.
+/// Real-time settings in force on the calling thread.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct GrantedSettings {
     /// `fifo` or `other`.
     pub policy: &'static str,
-    /// Priority under SCHED_FIFO; 0 without.
+    /// Priority under SCHED_FIFO; 0 under another policy.
     pub priority: u8,
-    /// The CPU that the thread is bound to; `None` if it may move.
+    /// CPU to which the thread is bound; `None` if it is not bound.
     pub cpu: Option<usize>,
     /// Whether all memory stays in RAM.
     pub locked: bool,
@@ -41,7 +41,7 @@ pub struct GrantedSettings {
     pub refused: Vec<String>,
 }
 
-/// Priority of the loop of `role` under SCHED_FIFO, in the order of urgency: safety of a real vehicle, its commands, its poses,
+/// Priority of the loop of `role` under SCHED_FIFO, in order of urgency: safety of a real vehicle, its commands, its poses,
 /// simulation. `daemon` is `realtime.priority`.
 #[must_use]
 pub const fn priority_of(role: Role, daemon: u8) -> u8 {
@@ -103,7 +103,7 @@ fn sharpen(slack_us: f64) -> Result<(), String> {
 }
 
 fn lock_memory() -> Result<(), String> {
-    // Under a limit the lock could succeed now and let an allocation fail in flight.
+    // With a limit, the lock could succeed now and an allocation fail in flight.
     let limit = getrlimit(Resource::Memlock).current;
     let privileged =
         capabilities(None).is_ok_and(|sets| sets.effective.contains(CapabilitySet::IPC_LOCK));
@@ -136,7 +136,7 @@ fn fifo(priority: u8) -> Result<(), String> {
     )?;
     let has = fifo_priority();
     if has == Some(priority) {
-        // By the unit that started it; to ask again may be forbidden.
+        // Set by the unit that started the process; setting it again may be forbidden.
         return Ok(());
     }
     let os_priority = ThreadPriority::Crossplatform(
@@ -160,7 +160,7 @@ fn fifo(priority: u8) -> Result<(), String> {
     })
 }
 
-/// Ordinary scheduling. A real-time policy set by the unit is kept: giving it up may be forbidden.
+/// Ordinary scheduling. A real-time policy set by the unit is kept: changing it may be forbidden.
 fn other() -> Result<(), String> {
     match fifo_priority() {
         None => Ok(()),
@@ -173,8 +173,8 @@ fn fifo_priority() -> Option<u8> {
     parse_fifo_priority(&std::fs::read_to_string("/proc/thread-self/stat").ok()?)
 }
 
-/// Parses the `stat` file of a thread, proc(5). The name may contain blanks and brackets; the fields after it start with the
-/// third.
+/// Parses the `stat` file of a thread, proc(5). The name may contain blanks and brackets; the fields after the name start with
+/// number three.
 fn parse_fifo_priority(stat: &str) -> Option<u8> {
     let mut fields = stat.rsplit(')').next()?.split_whitespace().skip(40 - 3);
     let (priority, policy) = (fields.next()?, fields.next()?);
@@ -185,7 +185,7 @@ fn parse_fifo_priority(stat: &str) -> Option<u8> {
 mod tests {
     use super::*;
 
-    /// As Linux 6.18 prints it, under `chrt -f 7`, but for the name.
+    /// Format of Linux 6.18, under `chrt -f 7`, with another name.
     const FIFO: &str = "310 (a (b) c) R 1 310 310 0 -1 4194304 97 0 0 0 0 0 0 0 -8 0 1 0 2395413 6201344 460 \
                         18446744073709551615 1 1 0 0 0 0 0 0 0 0 0 0 17 1 7 1 0 0 0 0 0 0 0 0 0 0 0";
 

@@ -1,10 +1,10 @@
 //! Notifications to the service manager (sd_notify): ready, status, watchdog, stopping.
 //!
-//! A thread of its own sends them, never the loop. Without a service manager the thread is not started.
+//! A separate thread sends them, never the loop. The thread is not started without a service manager.
 //!
-//! The watchdog is triggered while the process is healthy: its loop turns, its background thread polls, and it has output
-//! (the daemon commands, the simulator publishes the truth to the cameras, the cameras publish poses while they see the vehicle,
-//! the bridge writes set-points). A loop that runs late does not end a process in flight: it is a safety state.
+//! The watchdog is triggered while the process is healthy: its loop turns, its background thread polls, and it has output (the
+//! daemon publishes commands, the simulator the truth, the cameras poses while the vehicle is in view; the bridge writes
+//! set-points). A late loop does not end a process in flight: it is a safety state.
 
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::Duration;
@@ -18,20 +18,20 @@ use crate::health::HealthSample;
 
 /// Sampling period before the first turn of the loop.
 const STARTUP_SAMPLING: Duration = Duration::from_millis(20);
-/// Sampling period after it, at most.
+/// Maximum sampling period after the first turn.
 const SAMPLING: Duration = Duration::from_millis(250);
 /// Watchdog notifications per watchdog period \[-\].
 const WATCHDOG_NOTIFICATIONS: u32 = 4;
-/// Samples without input after which a loop counts as waiting for its peers \[-\].
+/// Number of samples without input after which a loop counts as waiting for its peers \[-\].
 const SAMPLES_WITHOUT_INPUT: u32 = 4;
 
-/// Executes `job` and notifies the service manager, if there is one, while it runs.
+/// Executes `job`; if there is a service manager, notifies it meanwhile.
 pub(crate) fn notified<T>(context: &ProcessContext, job: impl FnOnce() -> T) -> T {
     if std::env::var_os("NOTIFY_SOCKET").is_none() {
         return job();
     }
     std::thread::scope(|threads| {
-        // Closes when the job ends, also by a panic.
+        // Closed when the job ends, also after a panic.
         let (_job_runs, over) = channel::<()>();
         threads.spawn(move || notify_until(context, &over));
         job()
@@ -51,7 +51,7 @@ fn notify_until(context: &ProcessContext, over: &Receiver<()>) {
     send(&notifier.notices(context.health.sample(), true));
 }
 
-/// Sends notices. An error means that the service manager is gone; no receiver is left to report it to.
+/// Sends notices. An error means that the service manager is gone, and is ignored.
 fn send(notices: &[Notice]) {
     for notice in notices {
         let state = match notice {
@@ -73,7 +73,7 @@ enum Notice {
     Stopping,
 }
 
-/// Turns samples of the health record into notices. Pure.
+/// Converts samples of the health record to notices. Pure.
 #[derive(Debug)]
 struct ServiceNotifier {
     role: Role,
@@ -128,7 +128,7 @@ impl ServiceNotifier {
         let HealthSample { turns, inputs, outputs, polls, .. } = &self.last;
         let loop_turns = sample.turns != *turns;
         let background_polls = sample.polls == 0 || sample.polls != *polls;
-        // Without a vehicle in view, or with a recording, the cameras need not publish.
+        // Without a vehicle in view, or during playback of a recording, the cameras may be idle.
         let may_be_idle = match self.role {
             Role::Mocap | Role::Receiver => sample.inputs == *inputs,
             Role::Recorder => true,
@@ -137,7 +137,7 @@ impl ServiceNotifier {
         loop_turns && background_polls && (may_be_idle || sample.outputs != *outputs)
     }
 
-    /// The status text of the process, or whether it receives input from its peers.
+    /// Status text of the process, or whether it receives input from its peers.
     fn status(&self, own: String) -> String {
         if self.stopping {
             return "ending".to_owned();
@@ -165,12 +165,12 @@ impl ServiceNotifier {
 mod tests {
     use super::*;
 
-    /// A sample of a loop that publishes something in every turn.
+    /// Sample of a loop that publishes in every turn.
     fn sample(turns: u64, inputs: u64) -> HealthSample {
         HealthSample { turns, inputs, outputs: turns, ..HealthSample::default() }
     }
 
-    /// Whether a process of `role` triggers its watchdog with `second` after `first`.
+    /// Whether a process of `role` triggers its watchdog at the sample `second` after `first`.
     fn triggers(role: Role, first: &HealthSample, second: &HealthSample) -> bool {
         let mut notifier = ServiceNotifier::new(role);
         notifier.notices(first.clone(), false);

@@ -1,30 +1,30 @@
-//! The flag that asks a process to end.
+//! Stop flag of a process.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use oqtal_bus::time::Span;
 
-/// A waiting thread checks its stop flag at least this often.
+/// Maximum period at which a waiting thread checks its stop flag.
 pub(crate) const STOP_CHECK: Span = Span::from_millis(20);
 
-/// Set by a signal; the process then ends its loop in good order.
+/// Flag set by a signal; the process then ends its loop in order.
 #[derive(Clone, Debug, Default)]
 pub struct StopFlag(Arc<AtomicBool>);
 
 impl StopFlag {
-    /// Asks the process to end.
+    /// Requests the end of the process.
     pub fn set(&self) {
         self.0.store(true, Ordering::Release);
     }
 
-    /// Whether the process was asked to end.
+    /// Whether the end of the process was requested.
     #[must_use]
     pub fn is_set(&self) -> bool {
         self.0.load(Ordering::Acquire)
     }
 
-    /// Asks the process to end when the returned guard goes out of scope, also by a panic.
+    /// Requests the end of the process when the returned guard goes out of scope, also after a panic.
     #[must_use]
     pub fn set_on_drop(&self) -> SetOnDrop {
         SetOnDrop(self.clone())

@@ -1,7 +1,7 @@
 //! One turn of a process, and the clock during it.
 //!
-//! A process implements [`Turn`], generic over its ports. [`crate::process_loop::run`] executes it behind the bus, in real
-//! time or in lockstep; [`step`] executes the same lines in a flight in one process.
+//! A process implements [`Turn`], generic over its ports. [`crate::process_loop::run`] executes it on the bus, in real time or in
+//! lockstep; [`step`] executes the same code in an in-process flight.
 
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{HealthV1, Message};
@@ -15,7 +15,7 @@ pub trait TurnClock {
     /// The present instant: in virtual time the instant of the turn, in real time read at every call.
     fn now(&self) -> Time;
 
-    /// Whether the loop runs late, as [`crate::overrun::OverrunMonitor::runs_late`]; never in virtual time.
+    /// Whether the loop runs late (see [`crate::overrun::OverrunMonitor::runs_late`]); false in virtual time.
     fn runs_late(&self) -> bool {
         false
     }
@@ -29,10 +29,10 @@ pub trait TurnClock {
 
 /// Work of a process between two waits.
 pub trait Turn {
-    /// The instant at which the process acts without an arrival; `None` for never.
+    /// Instant at which the process acts without an arrival; `None` for never.
     fn next_event(&self, now: Time) -> Option<Time>;
 
-    /// Acts on what arrived and on what is due.
+    /// Processes arrivals and due events.
     ///
     /// # Errors
     /// The transport failed.
@@ -52,7 +52,7 @@ pub trait Turn {
     }
 }
 
-/// Executes one turn at the virtual instant `now`, as [`crate::virtual_clock::VirtualClock`] schedules it.
+/// Executes one turn at the virtual instant `now`, scheduled by [`crate::virtual_clock::VirtualClock`].
 ///
 /// # Errors
 /// The transport failed.

@@ -1,10 +1,10 @@
-//! The scheduler of virtual time: which role acts next, and at which instant. Pure; the same object orders processes in
-//! lockstep and a flight in one process.
+//! Scheduler of virtual time: selects the role that acts next, and its instant. Pure; the same type orders processes in lockstep
+//! and an in-process flight.
 //!
-//! Every role reports its next event. The earliest event is executed first; at equal times the fixed order of [`Role`]
-//! decides. A role that published wakes its reader at the same instant: truth wakes the cameras, a pose the daemon, a command
-//! the plant. Events inside a role (poses in flight, commands on the radio) wait in that role's own queue, first in, first
-//! out. All events of a flight are therefore ordered by (time, role, sequence), whichever clock drives it.
+//! Every role reports its next event. The earliest event is executed first; at equal times the fixed order of [`Role`] decides. A
+//! role that published wakes its reader at the same instant: truth wakes the cameras, a pose the daemon, a command the plant.
+//! Events inside a role (poses in transit, commands on the radio) wait in that role's own first-in, first-out queue. All events
+//! of a flight are therefore ordered by (time, role, sequence), with any clock.
 
 use oqtal_bus::time::Time;
 use oqtal_bus::topic::Role;
@@ -16,7 +16,7 @@ use crate::faults::outage::Outage;
 pub struct TurnResult {
     /// The next event of the role; `None` for none.
     pub next: Option<Time>,
-    /// Whether it published something that the next role in the loop has to read at the same instant.
+    /// Whether the role published a sample that the next role in the loop must read at the same instant.
     pub published: bool,
 }
 
@@ -26,13 +26,13 @@ pub struct VirtualClock {
     now: Time,
     roles: [bool; Role::ALL.len()],
     next: [Option<Time>; Role::ALL.len()],
-    /// Since when something published waits for the role.
+    /// Instant since which an unread sample waits for the role.
     unread: [Option<Time>; Role::ALL.len()],
     outages: Vec<Outage>,
 }
 
 impl VirtualClock {
-    /// Starts at `start`; each of the `roles` has its first turn there, the others never.
+    /// Starts at `start`; each of `roles` has its first turn there, other roles never act.
     #[must_use]
     pub fn new(start: Time, roles: &[Role]) -> Self {
         let mut next = [None; Role::ALL.len()];
@@ -48,19 +48,19 @@ impl VirtualClock {
         }
     }
 
-    /// Leaves out the turns of processes that are stopped, and delays those of processes that are slow.
+    /// Omits the turns of stopped processes and delays the turns of slow ones.
     pub fn set_outages(&mut self, outages: Vec<Outage>) {
         self.outages = outages;
     }
 
-    /// When `role` acts next, not before now; `None` if it has no other event.
+    /// Instant at which `role` acts next, not before the present; `None` if it has no further event.
     fn due(&self, role: Role) -> Option<Time> {
         let at = self.unread[role as usize].or(self.next[role as usize])?;
         let at = if self.outages.is_empty() { at } else { self.postponed(role, at)? };
         Some(at.max(self.now))
     }
 
-    /// The role that acts next, and the instant; `None` when no role has another event.
+    /// The role that acts next, and the instant; `None` if no role has a further event.
     pub fn turn(&mut self) -> Option<(Role, Time)> {
         let mut first: Option<(Role, Time)> = None;
         for role in Role::ALL {
@@ -86,14 +86,14 @@ impl VirtualClock {
         }
     }
 
-    /// The instant at which a turn of `role` that is due `at` is executed; `None` for never.
+    /// Instant at which a turn of `role` due `at` is executed; `None` for never.
     fn postponed(&self, role: Role, at: Time) -> Option<Time> {
         let mut outages = self.outages.iter().filter(|outage| outage.role == role);
         outages.try_fold(at, |at, outage| outage.postpone(at))
     }
 }
 
-/// The role that reads what `role` publishes.
+/// Role that reads the output of `role`.
 const fn reader_of(role: Role) -> Option<Role> {
     match role {
         Role::Plant => Some(Role::Mocap),

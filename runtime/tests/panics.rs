@@ -1,4 +1,4 @@
-//! A process that panics, on whichever thread, ends with exit code 70 and a message. This program is that process, too.
+//! A panic on any thread of a process ends it with exit code 70 and a message. The test program is also that process.
 
 use std::process::{Command, ExitCode};
 use std::time::Duration;
@@ -19,7 +19,7 @@ fn loop_panics(_: &ProcessContext) -> Result<(), Failure> {
     panic!("the loop fell over")
 }
 
-/// Another thread panics, and the loop ends only if it is asked to.
+/// Another thread panics; the loop ends only on request.
 fn thread_panics(context: &ProcessContext) -> Result<(), Failure> {
     std::thread::scope(|threads| {
         threads.spawn(|| panic!("the thread fell over"));

@@ -18,7 +18,7 @@ use crate::look::ScreenLook;
 use crate::model::MonitorModel;
 use crate::terminal::{Key, OpenTerminal};
 
-/// Period of the picture.
+/// Refresh period of the picture.
 const PICTURE_PERIOD: Duration = Duration::from_millis(100);
 
 /// Arguments of `oqtal monitor`.
@@ -35,7 +35,7 @@ impl MonitorArgs {
     /// Shows the instance until q, Ctrl-C or SIGTERM.
     ///
     /// # Errors
-    /// The output is not a terminal (exit code 64), nothing runs on the instance (75), or the terminal or the bus failed.
+    /// The output is not a terminal (exit code 64), no process runs on the instance (75), or the terminal or the bus failed.
     pub fn execute(&self) -> Result<Exit, Failure> {
         require_terminal()?;
         let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
@@ -58,7 +58,7 @@ impl MonitorArgs {
     }
 }
 
-/// Fails unless standard output is a terminal that can place text.
+/// Fails unless standard output is a terminal with cursor addressing.
 fn require_terminal() -> Result<(), Failure> {
     let remedy = "run it in a terminal; in scripts use `oqtal ctl status --json` or `oqtal record`";
     let is_dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
@@ -70,7 +70,7 @@ fn require_terminal() -> Result<(), Failure> {
     Err(Failure::new(Exit::Usage, format!("{what}; {remedy}")))
 }
 
-/// The observation of an instance.
+/// Observation of an instance.
 struct Watch {
     observer: BusObserver,
     model: MonitorModel,

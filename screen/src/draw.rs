@@ -1,4 +1,4 @@
-//! The picture of the model.
+//! Picture of the model.
 
 use crate::layout::{CHART_LINES, COMPLETE, ScreenParts};
 use crate::lines::{self, StatusLine};
@@ -7,11 +7,11 @@ use crate::model::{MonitorModel, Trends};
 use crate::picture::{Picture, Rect};
 use crate::trend::{STEP, Trend};
 
-/// Width of labels of the status, and of charts \[cells\].
+/// Width of labels of status lines and charts \[cells\].
 const LABEL_WIDTH: u16 = 10;
 const CHART_LABEL_WIDTH: u16 = 14;
 
-/// A quantity over time: name, curve, least upper end of the scale, digits.
+/// A quantity over time: name, curve, least upper limit of the scale, digits.
 struct Chart<'a>(&'static str, &'a Trend, f64, usize);
 
 /// Draws `model` in a terminal of this many columns and rows.
@@ -73,7 +73,7 @@ impl Canvas {
         }
     }
 
-    /// Draws a chart whose scale begins at zero, with the newest step at the right end.
+    /// Draws a chart with a scale from zero and the newest step at the right end.
     fn chart(&mut self, chart: &Chart<'_>, area: Rect) {
         let Chart(name, trend, least, digits) = chart;
         let plot = area.right_of(CHART_LABEL_WIDTH);
@@ -85,7 +85,7 @@ impl Canvas {
         self.text(Rect { height: 1, ..label }, name, Weight::Label);
         let text = format!("{latest} /{most:.digits$}");
         self.text(Rect { y: area.y + 1, height: 1, ..label }, &text, Weight::Plain);
-        // The height of a chart is divided into eighths of a cell.
+        // A chart has a vertical resolution of an eighth of a cell.
         let eighths = f64::from(8 * plot.height);
         for (x, value) in (plot.x..plot.x + plot.width).rev().zip(values) {
             let Some(value) = value else { continue };
@@ -97,7 +97,7 @@ impl Canvas {
         }
     }
 
-    /// Draws a head and rows; the last line is the number of rows that do not fit.
+    /// Draws a heading and rows; the last line is the number of rows that do not fit.
     fn table(&mut self, lines: &[String], area: Rect) {
         let height = usize::from(area.height);
         for (number, (row, line)) in area.rows().zip(lines).enumerate() {

@@ -1,17 +1,17 @@
-//! Layout of the parts in a terminal of a given size. Parts that do not fit are left out, the least important first, and named.
+//! Layout of the parts in a terminal of a given size. Parts that do not fit are left out, least important first, and named.
 
 use crate::picture::Rect;
 
-/// Size at which everything is shown: columns and rows \[cells\].
+/// Least size at which everything is shown: columns and rows \[cells\].
 pub const COMPLETE: (u16, u16) = (80, 24);
-/// Lines of the status at most \[cells\].
+/// Maximum number of status lines \[cells\].
 const STATUS_LINES: u16 = 9;
 /// Height of a chart, and number of charts \[cells\].
 pub const CHART_LINES: u16 = 2;
 const CHARTS: u16 = 3;
 /// Least width of a chart with its label \[cells\].
 const CHART_WIDTH: u16 = 40;
-/// Width of the table of hops \[cells\], and its least height: title and sum.
+/// Width of the table of hops \[cells\].
 const HOPS_WIDTH: u16 = 44;
 const HOPS_LINES: u16 = 7;
 /// Least height of the events: title and two of them \[cells\].
@@ -19,7 +19,7 @@ const EVENTS_LINES: u16 = 3;
 /// Least width of the events \[cells\].
 const EVENTS_WIDTH: u16 = 30;
 
-/// The rectangles of the parts; `None` for those that do not fit.
+/// Rectangles of the parts; `None` for parts that do not fit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ScreenParts {
     /// Title.
@@ -32,7 +32,7 @@ pub struct ScreenParts {
     pub hops: Option<Rect>,
     /// Events.
     pub events: Option<Rect>,
-    /// The last line: keys, and what is left out.
+    /// The last line: keys, and names of the parts left out.
     pub footer: Option<Rect>,
 }
 
@@ -47,7 +47,7 @@ impl ScreenParts {
         let mut parts = Self { title, status, footer, ..Self::default() };
         let is_wide = area.width > HOPS_WIDTH + EVENTS_WIDTH;
         let charts = CHARTS * CHART_LINES;
-        // Events are the most important in few lines; charts are the first to be left out.
+        // With few lines, events are the most important; charts are left out first.
         let (least, has_hops) = match rest.0.height {
             height if is_wide && height >= HOPS_LINES => (HOPS_LINES, true),
             height
@@ -86,11 +86,11 @@ impl ScreenParts {
     }
 }
 
-/// Rows without a part.
+/// Rows not yet assigned to a part.
 struct Rows(Rect);
 
 impl Rows {
-    /// Removes and returns rows at the top, at most `rows`.
+    /// Removes and returns at most `rows` rows at the top.
     fn take(&mut self, rows: u16) -> Rect {
         let rows = rows.min(self.0.height);
         let taken = Rect { height: rows, ..self.0 };
@@ -98,7 +98,7 @@ impl Rows {
         taken
     }
 
-    /// Removes and returns rows at the bottom, at most `rows`.
+    /// Removes and returns at most `rows` rows at the bottom.
     fn take_last(&mut self, rows: u16) -> Rect {
         let rows = rows.min(self.0.height);
         self.0.height -= rows;

@@ -1,7 +1,7 @@
 //! A running instance in a terminal: `oqtal monitor`.
 //!
-//! Samples of the observer become a model, the model is drawn into cells, and a loop shows the cells. Only the loop uses a clock, a
-//! bus or a terminal.
+//! Samples from the observer update a model, the model is drawn into cells, and a loop shows the cells. Only the loop uses a
+//! clock, a bus or a terminal.
 //!
 //! | file | subject |
 //! |---|---|

@@ -11,7 +11,7 @@ use oqtal_observe::status::VehicleStatus;
 
 use crate::look::Weight;
 
-/// Ticks and messages older than this are not shown as the present state.
+/// Age above which ticks and messages are not shown as the present state.
 const STALE: Span = Span::from_millis(1000);
 
 /// A line of the status.
@@ -29,7 +29,7 @@ fn line(label: &'static str, text: impl Into<String>, weight: Weight) -> StatusL
     StatusLine { label, text: text.into(), weight }
 }
 
-/// The status of the instance, the most important lines first.
+/// Status of the instance, most important lines first.
 #[must_use]
 pub fn status(model: &InstanceModel) -> Vec<StatusLine> {
     vec![
@@ -196,7 +196,7 @@ fn faults(model: &InstanceModel) -> StatusLine {
     line("faults", text, weight)
 }
 
-/// The table of latencies: a head, the sum of all hops, then every hop.
+/// Table of latencies: a heading, the sum of all hops, then every hop.
 #[must_use]
 pub fn hop_table(model: &InstanceModel) -> Vec<String> {
     let head = format!("{:<20}{:>8}{:>8}{:>8}", "hop [ms]", "p50", "p99", "max");
@@ -213,7 +213,7 @@ pub fn hop_table(model: &InstanceModel) -> Vec<String> {
     std::iter::once(head).chain(rows).collect()
 }
 
-/// The newest `count` events, a line each, the oldest of them first.
+/// The newest `count` events, one line each, oldest first.
 #[must_use]
 pub fn events(model: &InstanceModel, count: usize) -> Vec<String> {
     let newest = model.events.iter().skip(model.events.len().saturating_sub(count));

@@ -1,18 +1,18 @@
-//! Colours and symbols of the picture. Every state is also written in words, and important texts are bold or inverse, so that nothing
-//! depends on colour.
+//! Colours and symbols of the picture. Every state is also shown in words, and important texts are bold or inverse: no
+//! information depends on colour alone.
 
 use std::ffi::OsStr;
 
 /// Importance of a text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Weight {
-    /// As expected, and worth seeing.
+    /// As expected, and worth showing.
     Good,
     /// A value.
     Plain,
-    /// Worse than it should be.
+    /// Worse than expected.
     Warning,
-    /// To be acted on.
+    /// Requires action.
     Alarm,
     /// A label or a title.
     Label,
@@ -32,10 +32,10 @@ pub struct ScreenLook {
 }
 
 impl ScreenLook {
-    /// The look for an environment whose `variable` returns the value of a variable if it is set and not empty.
+    /// Look for an environment in which `variable` returns the value of a variable that is set and not empty.
     #[must_use]
     pub fn of_environment(variable: impl Fn(&str) -> Option<std::ffi::OsString>) -> Self {
-        // The first one that is set takes precedence, locale(7).
+        // The first variable that is set takes precedence, locale(7).
         let locale = ["LC_ALL", "LC_CTYPE", "LANG"].into_iter().find_map(&variable);
         let is_utf8 = |locale: &OsStr| {
             let name = locale.to_string_lossy().to_lowercase();

@@ -39,7 +39,7 @@ impl MonitorModel {
         Self { name: name.to_owned(), instance, trends: Trends::default() }
     }
 
-    /// Begins an instant; to be called before the samples received at it.
+    /// Starts a new instant; to be called before the samples received at it.
     pub fn advance(&mut self, now: Time) {
         self.instance.advance(now);
         let Trends { error, thrust, latency } = &mut self.trends;

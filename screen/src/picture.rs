@@ -47,20 +47,20 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// An empty picture of columns and rows.
+    /// Empty picture with these columns and rows.
     #[must_use]
     pub fn new(size: (u16, u16)) -> Self {
         let count = usize::from(size.0) * usize::from(size.1);
         Self { size, cells: vec![(' ', Weight::Plain); count] }
     }
 
-    /// The whole of the picture.
+    /// Rectangle of the whole picture.
     #[must_use]
     pub fn area(&self) -> Rect {
         Rect { width: self.size.0, height: self.size.1, ..Rect::default() }
     }
 
-    /// Writes a text into the first row of `area`; one that is too long ends in dots.
+    /// Writes a text into the first row of `area`; a text that is too long ends in dots.
     pub fn text(&mut self, area: Rect, text: &str, weight: Weight) {
         let width = usize::from(area.width);
         if area.is_empty() {

@@ -1,5 +1,4 @@
-//! The terminal while the monitor uses it. It is restored at every end of the program except a signal that cannot be
-//! caught.
+//! Terminal used by the monitor. It is restored whenever the program ends, except after a signal that cannot be caught.
 
 use std::fmt::Write as _;
 use std::fs::File;
@@ -19,16 +18,16 @@ const ENTER: &[u8] = b"\x1b[?1049h\x1b[?25l";
 const LEAVE: &[u8] = b"\x1b[?1049l\x1b[?25h";
 const CLEAR: &str = "\x1b[0m\x1b[2J";
 
-/// Request of the operator by a key.
+/// Operator request by a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Key {
     /// End.
     Quit,
-    /// Restart latencies and counters.
+    /// Reset latencies and counters.
     Restart,
 }
 
-/// The terminal in use. When dropped, it is as it was before.
+/// Terminal in use. Its previous state is restored on drop.
 #[derive(Debug)]
 pub struct OpenTerminal {
     /// Source of the keys.
@@ -37,7 +36,7 @@ pub struct OpenTerminal {
     _restored_on_drop: SavedTerminal,
 }
 
-/// Settings of the terminal before its use, restored when dropped.
+/// Previous settings of the terminal, restored on drop.
 #[derive(Debug)]
 struct SavedTerminal {
     keys: File,
@@ -45,7 +44,7 @@ struct SavedTerminal {
 }
 
 impl OpenTerminal {
-    /// Switches the terminal to its alternate screen, and to raw input of keys.
+    /// Switches the terminal to its alternate screen and to raw key input.
     ///
     /// # Errors
     /// The terminal refuses.
@@ -93,7 +92,7 @@ impl OpenTerminal {
         output.flush()
     }
 
-    /// Waits at most `timeout` for a key; `None` if none was pressed. A terminal that was closed counts as the key that ends.
+    /// Waits at most `timeout` for a key; `None` if none was pressed. A closed terminal counts as the key that quits.
     ///
     /// # Errors
     /// The terminal fails.
@@ -103,7 +102,7 @@ impl OpenTerminal {
             [PollFd::new(&self.keys, PollFlags::IN), PollFd::new(&output, PollFlags::empty())];
         let timeout = Timespec::try_from(timeout).map_err(io::Error::other)?;
         match poll(&mut ends, Some(&timeout)) {
-            // A signal, as of a change of size.
+            // A signal, for example after a change of size.
             Err(Errno::INTR) => return Ok(None),
             other => other?,
         };
@@ -130,14 +129,14 @@ fn sequences(row: &[Cell], look: ScreenLook) -> String {
     text
 }
 
-/// Request for the bytes of one or more keys; no bytes are the end of the input.
+/// Request for the bytes of one or more keys; no bytes mean the end of the input.
 fn meaning(bytes: &[u8]) -> Option<Key> {
     const CTRL_C: u8 = 3;
     const CTRL_D: u8 = 4;
     const ESCAPE: u8 = 0x1b;
     match bytes {
         [] | [ESCAPE] => Some(Key::Quit),
-        // A key that sends several bytes, as an arrow.
+        // A key that sends several bytes, such as an arrow key.
         [ESCAPE, ..] => None,
         keys if keys.iter().any(|key| matches!(key, b'q' | b'Q' | &CTRL_C | &CTRL_D)) => {
             Some(Key::Quit)
@@ -161,7 +160,7 @@ impl Drop for SavedTerminal {
     }
 }
 
-/// Restores the terminal before the message of a panic is printed, so that it can be read.
+/// Restores the terminal before the message of a panic is printed, so that the message is readable.
 fn restore_on_panic(saved: SavedTerminal) {
     let print = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {

@@ -126,7 +126,7 @@ fn a_flight_is_seen_whole_in_80_by_24() {
         assert!(seen.contains(expected), "`{expected}` is missing in\n{seen}");
     }
     assert!(seen.is_ascii() && !seen.contains("not shown"), "{seen}");
-    // Error and latency fill both rows of their charts, half the thrust fills one.
+    // Error and latency fill both rows of their charts; thrust, at half its range, fills one.
     assert_eq!(seen.matches("######").count(), 5, "six steps in each chart\n{seen}");
 }
 

@@ -6,13 +6,13 @@ use oqtal_bus::time::{Span, Time};
 
 /// Duration of a step.
 pub const STEP: Span = Span::from_millis(500);
-/// Steps kept at most \[-\]: five minutes, and more than a terminal is wide.
+/// Maximum number of stored steps \[-\]: five minutes, more than the width of a terminal.
 const KEPT: usize = 600;
 
 /// The greatest value of each step; steps without a sample are gaps.
 #[derive(Debug, Default)]
 pub struct Trend {
-    /// Oldest first.
+    /// Steps, oldest first.
     steps: VecDeque<Option<f64>>,
     /// Beginning of the newest step.
     newest: Option<Time>,
@@ -36,19 +36,19 @@ impl Trend {
         self.newest = Some(newest);
     }
 
-    /// Adds a value to the newest step; numbers that are not finite are left out.
+    /// Adds a value to the newest step; non-finite numbers are ignored.
     pub fn add(&mut self, value: f64) {
         if let Some(step) = self.steps.back_mut().filter(|_| value.is_finite()) {
             *step = Some(step.map_or(value, |most| most.max(value)));
         }
     }
 
-    /// The newest `count` steps, the newest first.
+    /// The newest `count` steps, newest first.
     pub fn newest_first(&self, count: usize) -> impl Iterator<Item = Option<f64>> {
         self.steps.iter().rev().take(count).copied()
     }
 
-    /// The value of the newest step that has one.
+    /// Value of the newest step that has one.
     #[must_use]
     pub fn latest(&self) -> Option<f64> {
         self.steps.iter().rev().take(2).flatten().next().copied()

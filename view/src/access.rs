@@ -1,27 +1,27 @@
 //! Permission to read and to command. The threat is the browser: any page that a user visits can send requests to this machine,
-//! and can read the answers through a name that it resolves to this machine (DNS rebinding).
+//! and can read the replies if a host name resolves to this machine (DNS rebinding).
 
 use std::net::{IpAddr, SocketAddr};
 
 use crate::request::Request;
 use crate::response::Response;
 
-/// The rules of one server.
+/// Access rules of one server.
 #[derive(Clone, Debug)]
 pub struct Access {
-    /// Whether the server listens on the loopback interface alone.
+    /// Whether the server listens only on the loopback interface.
     pub is_loopback: bool,
-    /// Whether reading needs the token as well.
+    /// Whether reading also requires the token.
     pub guards_reading: bool,
     /// Whether commands are accepted, with the token.
     pub has_control: bool,
-    /// The token; `None` if nothing needs one.
+    /// The token; `None` if no access requires it.
     pub token: Option<String>,
 }
 
 impl Access {
-    /// The rules of a server at `listen` that accepts commands if `has_control`. Reading needs the token if `guards_reading`, or
-    /// from other machines. `None` if the address needs a token and there is none.
+    /// Rules of a server at `listen` that accepts commands if `has_control`. Reading requires the token if `guards_reading`, or
+    /// from other machines. `None` if the address requires a token and there is none.
     #[must_use]
     pub fn new(
         listen: SocketAddr,
@@ -40,10 +40,10 @@ impl Access {
         })
     }
 
-    /// Refuses a request that comes by a name of another site, or from a page of another site.
+    /// Refuses a request with the host name or from a page of another site.
     ///
     /// # Errors
-    /// The refusal.
+    /// Refusal of the request.
     pub fn admit(&self, request: &Request) -> Result<(), Response> {
         let host = request.header("host").unwrap_or_default();
         if !self.is_own_name(host) {
@@ -59,7 +59,7 @@ impl Access {
         Err(Response::error(403, "requests of other sites are refused"))
     }
 
-    /// Whether a `Host` header names this server by an address. The port is free, for tunnels.
+    /// Whether a `Host` header names this server by an address. Any port is accepted, for tunnels.
     fn is_own_name(&self, host: &str) -> bool {
         let name = match host.rsplit_once(':') {
             Some((name, port)) if !port.contains(']') && port.parse::<u16>().is_ok() => name,
@@ -73,10 +73,10 @@ impl Access {
         address.is_ok_and(|address| address.is_loopback() || !self.is_loopback)
     }
 
-    /// Refuses a reader without the token, if reading needs it.
+    /// Refuses reading without the token, if reading requires it.
     ///
     /// # Errors
-    /// The refusal.
+    /// Refusal of the request.
     pub fn may_read(&self, request: &Request) -> Result<(), Response> {
         if !self.guards_reading || self.has_token(request) {
             return Ok(());
@@ -84,10 +84,10 @@ impl Access {
         Err(Response::error(401, "the token that `oqtal view` printed is needed"))
     }
 
-    /// Refuses a command without the token, or where commands are not accepted.
+    /// Refuses a command without the token, or if commands are not accepted.
     ///
     /// # Errors
-    /// The refusal.
+    /// Refusal of the request.
     pub fn may_control(&self, request: &Request) -> Result<(), Response> {
         if !self.has_control {
             return Err(Response::error(403, "read-only: start `oqtal view` with --control"));
@@ -107,8 +107,8 @@ impl Access {
     }
 }
 
-/// Whether the request comes from a page of this site, where the browser reports that. The page itself may be opened by a link
-/// elsewhere; it may not be framed.
+/// Whether the request comes from a page of this site, if the browser reports it. The page itself may be opened by a link from
+/// another site, but not framed.
 fn is_same_site(request: &Request) -> bool {
     match request.header("sec-fetch-site") {
         None | Some("same-origin" | "none") => true,
@@ -119,7 +119,7 @@ fn is_same_site(request: &Request) -> bool {
     }
 }
 
-/// Whether both are equal, in a time that does not depend on where they differ.
+/// Whether both are equal; compares in constant time.
 fn equal(a: &[u8], b: &[u8]) -> bool {
     a.len() == b.len() && a.iter().zip(b).fold(0, |sum, (a, b)| sum | (a ^ b)) == 0
 }

@@ -1,4 +1,4 @@
-//! The files of the page, part of the program: nothing is loaded from a network or from a disk.
+//! Files of the page, compiled into the program: nothing is loaded from a network or a disk.
 
 use oqtal_observe::plot::palette;
 

@@ -1,4 +1,4 @@
-//! The sink that makes rows and events of the messages of an instance.
+//! Sink that converts the messages of an instance to rows and events.
 
 use std::collections::VecDeque;
 
@@ -15,11 +15,11 @@ use serde::Serialize;
 
 use crate::row::{self, TickRow, VehicleRow};
 
-/// Number of samples of the truth that are kept: more than arrive between two polls.
+/// Maximum number of stored truth samples: more than arrive between two polls.
 const TRUTHS_KEPT: usize = 2048;
-/// Greatest distance of a tick from the truth that it is compared with.
+/// Greatest time between a tick and the truth sample used for its errors.
 const TRUTH_DISTANCE: Span = Span::from_millis(10);
-/// Greatest number of events between two calls of [`Collector::take`]; further ones are counted.
+/// Maximum number of events between two calls of [`Collector::take`]; further events are only counted.
 const MOST_EVENTS: usize = 4096;
 
 /// Severity of an event.
@@ -60,22 +60,22 @@ pub struct Collected {
 }
 
 impl Collected {
-    /// Whether there is nothing.
+    /// Whether there are neither rows nor events.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.ticks.is_empty() && self.vehicles.is_empty() && self.events.is_empty()
     }
 }
 
-/// Collector of the rows and events that the pages show of one instance.
+/// Collector of the rows and events of one instance for its pages.
 #[derive(Debug)]
 pub struct Collector {
     interface: Interface,
     has_truth: bool,
     faults: Vec<(f64, String)>,
-    /// Zero of the axis of time: the first tick.
+    /// Zero of the time axis: the first tick.
     origin: Option<Time>,
-    /// The first tick that armed, from which faults count; `None` as well if that was before the first tick.
+    /// First tick that armed, from which the times of faults count; `None` also if arming was before the first tick.
     armed_at: Option<Time>,
     truths: VecDeque<TruthV1>,
     waiting: Vec<TelemetryV1>,
@@ -84,7 +84,7 @@ pub struct Collector {
 }
 
 impl Collector {
-    /// A collector for an instance that runs with `config`.
+    /// Collector for an instance that runs with `config`.
     #[must_use]
     pub fn new(config: &Config) -> Self {
         let faults = config.fault.inject.iter().flat_map(|fault| {
@@ -112,7 +112,7 @@ impl Collector {
         std::mem::take(&mut self.collected)
     }
 
-    /// Time from the first tick to the first that armed \[s\]; `None` if there was none, or arming was before the first tick.
+    /// Time from the first tick to the first that armed \[s\]; `None` if no tick armed, or arming was before the first tick.
     #[must_use]
     pub fn armed_at_s(&self) -> Option<f64> {
         Some(self.seconds(self.armed_at?))
@@ -128,7 +128,7 @@ impl Collector {
         self.origin.map_or(0.0, |origin| at.since(origin).seconds())
     }
 
-    /// Makes rows of the waiting ticks, each with the truth nearest to it.
+    /// Converts the waiting ticks to rows, each with the nearest truth sample.
     fn join(&mut self) {
         for telemetry in std::mem::take(&mut self.waiting) {
             let sample = FlightSample { telemetry, truth: self.truth_at(telemetry.time) };
@@ -160,7 +160,7 @@ impl Collector {
         }
     }
 
-    /// Notes the faults that began or ended since the tick before.
+    /// Adds events for faults that began or ended since the previous tick.
     fn note_faults(&mut self, now: Time) {
         let (Some(armed_at), Some(last)) = (self.armed_at, self.last) else { return };
         let from_s = last.time.since(armed_at).seconds();
@@ -193,7 +193,7 @@ impl Collector {
         if !self.has_truth {
             return;
         }
-        // Another simulator's time may begin again.
+        // The time of a restarted simulator may start again.
         if self.truths.back().is_some_and(|last| last.time > truth.time) {
             self.truths.clear();
         }

@@ -1,18 +1,18 @@
-//! The past for a page that is opened later: the latest minutes, thinned, in bounded memory.
+//! History for a page that is opened later: the latest minutes, thinned, in bounded memory.
 
 use std::collections::VecDeque;
 
 use crate::collect::{Collected, ViewedEvent};
 use crate::row::{TickRow, VehicleRow};
 
-/// One row in this many is kept.
+/// Thinning: one row in this many is stored.
 const THINNING: u64 = 3;
-/// Number of rows kept of each kind: two minutes at 60 Hz.
+/// Maximum number of stored rows of each kind: two minutes at 60 Hz.
 const MOST_ROWS: usize = 2400;
-/// Number of events kept.
+/// Maximum number of stored events.
 const MOST_EVENTS: usize = 200;
 
-/// The past of an instance.
+/// History of an instance.
 #[derive(Debug, Default)]
 pub struct History {
     ticks: Thinned<TickRow>,
@@ -20,7 +20,7 @@ pub struct History {
     events: VecDeque<ViewedEvent>,
 }
 
-/// The newest of a stream of rows, thinned.
+/// The newest rows of a stream, thinned.
 #[derive(Debug)]
 struct Thinned<T> {
     rows: VecDeque<T>,
@@ -46,7 +46,7 @@ impl<T: Copy> Thinned<T> {
 }
 
 impl History {
-    /// Adds what was collected.
+    /// Adds collected rows and events.
     pub fn add(&mut self, collected: &Collected) {
         collected.ticks.iter().for_each(|row| self.ticks.add(*row));
         collected.vehicles.iter().for_each(|row| self.vehicles.add(*row));
@@ -58,7 +58,7 @@ impl History {
         }
     }
 
-    /// The past as rows and events.
+    /// The history as rows and events.
     pub fn collected(&self) -> Collected {
         Collected {
             ticks: self.ticks.rows.iter().copied().collect(),

@@ -10,7 +10,7 @@ use crate::live::{LiveStatus, line};
 /// Length of the queue of a page \[updates\]: two seconds.
 const MOST_WAITING: usize = 80;
 
-/// The pages of one instance, and the past for new pages.
+/// Pages of one instance, and the history for new pages.
 #[derive(Debug, Default)]
 pub struct Hub {
     shared: Mutex<Shared>,
@@ -36,7 +36,7 @@ impl Hub {
         shared.status = status.or(shared.status.take());
     }
 
-    /// A new page: the first line is the past. The stream ends when the page was too slow.
+    /// Opens a page; its first line is the history. The stream ends when the page is too slow.
     #[must_use]
     pub fn subscribe(&self) -> (String, Receiver<Arc<str>>) {
         let (page, updates) = sync_channel(MOST_WAITING);

@@ -1,19 +1,19 @@
-//! A page in the browser for a running instance or a recording.
+//! Browser page for a running instance or a recording.
 //!
 //! | file | subject |
 //! |---|---|
 //! | `row.rs` | a tick and a vehicle message as rows of numbers |
-//! | `collect.rs` | the sink that makes rows and events of messages |
+//! | `collect.rs` | sink that converts messages to rows and events |
 //! | `scene.rs` | constant description: room, cameras, names of columns and codes |
-//! | `history.rs` | the past, for a page that is opened later |
+//! | `history.rs` | history for a page that is opened later |
 //! | `live.rs` | updates for the pages of a running instance |
 //! | `recorded.rs` | a recording as one document |
 //! | `request.rs`, `response.rs` | HTTP, bounded |
 //! | `access.rs` | permission to read and to command |
 //! | `site.rs` | answers to requests |
 //! | `hub.rs` | updates to every open page; a page that does not read is disconnected |
-//! | `server.rs` | sockets, their time-outs and their number |
-//! | `assets.rs` | the files of the page, part of the program |
+//! | `server.rs` | sockets with their time-outs and their maximum number |
+//! | `assets.rs` | files of the page, compiled into the program |
 #![forbid(unsafe_code)]
 
 pub mod access;

@@ -1,4 +1,4 @@
-//! Updates for the pages of a running instance: rows, events, and from time to time the status of its processes.
+//! Updates for the pages of a running instance: rows, events, and periodically the status of its processes.
 
 use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::time::{Span, Time};
@@ -11,12 +11,12 @@ use serde::Serialize;
 
 use crate::collect::{Collected, Collector};
 
-/// Maximum number of rows of a kind in one update \[-\]; in virtual time there may be thousands since the last one.
+/// Maximum number of rows of a kind in one update \[-\]; in virtual time thousands may have arrived since the last one.
 const MOST_ROWS: usize = 240;
 /// Time between two updates of the status.
 const STATUS_PERIOD: Span = Span::from_millis(250);
 
-/// Collects what the pages of a running instance show.
+/// Collects the updates for the pages of a running instance.
 #[derive(Debug)]
 pub struct LiveView {
     collector: Collector,
@@ -32,15 +32,15 @@ pub struct LiveStatus {
     vehicle: Option<VehicleStatus>,
     /// Whether all processes run with one configuration; `None` if none was observed.
     config_agrees: Option<bool>,
-    /// Hash of the configuration that the page describes.
+    /// Hash of the configuration shown on the page.
     config_hash: String,
-    /// Conditions that prevent a flight from starting.
+    /// Conditions that prevent a flight.
     obstacles: Vec<String>,
     /// Time since the newest tick was received \[s\]; `None` before the first.
     silence_s: Option<f64>,
 }
 
-/// One line for a page.
+/// Update for a page, as one line.
 #[derive(Serialize)]
 struct Line<'a> {
     #[serde(flatten)]
@@ -57,14 +57,14 @@ pub fn line(collected: &Collected, status: Option<&LiveStatus>) -> String {
 }
 
 impl LiveView {
-    /// The topics that a page shows.
+    /// Topics shown on a page.
     #[must_use]
     pub fn topics() -> Vec<ObservedTopic> {
         let others = [ObservedTopic::Truth, ObservedTopic::Input];
         InstanceModel::status_topics().into_iter().chain(others).collect()
     }
 
-    /// A view of an instance that runs with `config`; health messages older than `timeout` are ignored.
+    /// View of an instance that runs with `config`; health messages older than `timeout` are ignored.
     #[must_use]
     pub fn new(config: &Config, timeout: Span) -> Self {
         Self {
@@ -103,7 +103,7 @@ impl LiveView {
     }
 }
 
-/// Leaves at most `MOST_ROWS`, evenly spread, the last one included.
+/// Keeps at most `MOST_ROWS` rows, evenly spread, including the last.
 fn thin<T: Copy>(rows: &mut Vec<T>) {
     let stride = rows.len().div_ceil(MOST_ROWS);
     if stride > 1 {

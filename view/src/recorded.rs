@@ -1,4 +1,4 @@
-//! A recording as one document: rows and events of the whole flight, thinned to what a page can show.
+//! A recording as one document: rows and events of the whole flight, thinned to the resolution of a page.
 
 use oqtal_config::Config;
 use oqtal_observe::recording::{RecordingFile, RecordingFileError, config, play};
@@ -7,12 +7,12 @@ use serde::Serialize;
 use crate::collect::{Collected, Collector};
 use crate::scene::SceneDescription;
 
-/// Most rows of a kind in a document: ten minutes at 60 Hz.
+/// Maximum number of rows of a kind in a document: ten minutes at 60 Hz.
 const MOST_ROWS: usize = 36_000;
-/// Most events in a document, the first ones.
+/// Maximum number of events in a document; the first ones are kept.
 const MOST_EVENTS: usize = 2000;
 
-/// A recording to be shown.
+/// Recording for display.
 #[derive(Clone, Debug)]
 pub struct RecordedView {
     /// Constant description.
@@ -25,7 +25,7 @@ pub struct RecordedView {
 struct Document<'a> {
     #[serde(flatten)]
     collected: &'a Collected,
-    /// One row in this many is shown.
+    /// Thinning: one row in this many is shown.
     thinning: usize,
     /// Reason why the file ends before its index.
     cut_off: Option<&'a str>,
@@ -57,7 +57,7 @@ impl RecordedView {
     }
 }
 
-/// Makes the tick of arming the origin of time.
+/// Makes the tick of arming the origin of the time axis.
 fn shift(collected: &mut Collected, origin_s: f64) {
     let shifted = |t_s: f64| ((t_s - origin_s) * 1e4).round() / 1e4;
     collected.ticks.iter_mut().for_each(|row| row[0] = shifted(row[0]));

@@ -72,7 +72,7 @@ impl Request {
         }
     }
 
-    /// Length of the body; an error if it is missing or too great.
+    /// Length of the body; an error if it is missing or too large.
     fn body_length(&self) -> Result<usize, Response> {
         if self.header("transfer-encoding").is_some() {
             return Err(Response::error(411, "a body needs its content-length"));
@@ -85,8 +85,7 @@ impl Request {
         }
     }
 
-    /// The header of this name, in lower case. A header with several different values is a text that no rule
-    /// accepts.
+    /// The header with this lower-case name. A header with several different values is returned as a text that no rule accepts.
     #[must_use]
     pub fn header(&self, name: &str) -> Option<&str> {
         let mut values = self.headers.iter().filter(|(known, _)| known == name).map(|(_, v)| v);

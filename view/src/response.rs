@@ -1,8 +1,8 @@
-//! Responses of HTTP/1.1. Each ends its connection; none may be kept, framed or used by another site.
+//! Responses of HTTP/1.1. Each closes its connection; none may be cached, framed or used by another site.
 
 use std::borrow::Cow;
 
-/// Headers of every response. The policy admits the page's own files and nothing else, no script in the page included.
+/// Headers of every response. The policy admits only the page's own files, and no inline script.
 const HEADERS: &str = "Connection: close\r\n\
     Cache-Control: no-store\r\n\
     Content-Security-Policy: default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src data:; \
@@ -51,7 +51,7 @@ impl Response {
     }
 }
 
-/// The head of a stream, which ends with its connection.
+/// Head of a stream that ends with its connection.
 #[must_use]
 pub fn stream_head() -> String {
     format!("{}Content-Type: application/x-ndjson\r\n\r\n", begin(200))

@@ -1,4 +1,4 @@
-//! A tick of the daemon and a vehicle message as rows of numbers, which are short as JSON. A number that is not finite is `null`.
+//! A tick of the daemon and a vehicle message as compact rows of numbers for JSON. Non-finite numbers become `null`.
 
 use oqtal_bus::message::{Header, VehicleV1};
 use oqtal_bus::time::{Span, Time};
@@ -67,7 +67,7 @@ pub fn tick(t_s: f64, sample: &FlightSample, interface: Interface) -> TickRow {
     ]
 }
 
-/// The command by axis: sticks \[-1..1\], torque \[N m\], or roll, pitch and yaw \[deg\], as the vehicle is commanded.
+/// Command by axis: sticks \[-1..1\], torque \[N m\], or roll, pitch and yaw \[deg\], depending on the interface.
 fn command(sample: &FlightSample, interface: Interface) -> [f64; 3] {
     let telemetry = &sample.telemetry;
     match interface {
@@ -114,7 +114,7 @@ pub fn vehicle(
     ]
 }
 
-/// `value` to this number of decimals, whose shortest decimal text is short.
+/// `value` rounded to this number of decimals, for a short decimal text.
 fn rounded(value: f64, decimals: i32) -> f64 {
     let unit = 10_f64.powi(decimals);
     (value * unit).round() / unit

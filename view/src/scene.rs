@@ -14,7 +14,7 @@ pub struct SceneDescription {
     title: String,
     controller: &'static str,
     trajectory: TrajectoryKind,
-    /// Whether an instance is running, in place of a recording.
+    /// Whether the page shows a running instance, not a recording.
     is_live: bool,
     /// Whether commands can be sent.
     has_control: bool,
@@ -31,7 +31,7 @@ pub struct SceneDescription {
     hops: Vec<&'static str>,
     modes: Vec<String>,
     states: Vec<String>,
-    /// By code; empty for codes without a meaning.
+    /// Words by code; empty for unused codes.
     causes: Vec<String>,
     phases: Vec<String>,
 }
@@ -41,7 +41,7 @@ pub struct SceneDescription {
 struct FenceBorder {
     /// Corners in order \[m, world\].
     corners: Vec<[f64; 2]>,
-    /// From and to along z \[m, world\].
+    /// Lower and upper limit along z \[m, world\].
     z: [f64; 2],
 }
 
@@ -50,11 +50,11 @@ struct FenceBorder {
 struct CameraPlace {
     /// Position \[m, world\].
     position: [f64; 3],
-    /// The point that it looks at \[m, world\].
+    /// Point at which the camera is aimed \[m, world\].
     aim: [f64; 3],
     /// Horizontal field of view \[deg\].
     view: f64,
-    /// Whether it sees nothing.
+    /// Whether the camera is covered.
     is_covered: bool,
 }
 
@@ -113,7 +113,7 @@ impl FenceBorder {
     }
 }
 
-/// The cameras that the configuration describes; none where poses come from a real camera system or a recording.
+/// Cameras of the configuration; none if poses come from a real camera system or a recording.
 fn cameras(config: &Config) -> Vec<CameraPlace> {
     if config.is_replay() || !config.receiver.link.is_empty() {
         return Vec::new();
@@ -130,7 +130,7 @@ fn cameras(config: &Config) -> Vec<CameraPlace> {
         .collect()
 }
 
-/// The words of codes from 0 to the last one with a meaning.
+/// Words of the codes from 0 to the last used one.
 fn codes<T: ToString>(from_code: impl Fn(u8) -> Option<T>) -> Vec<String> {
     let last = (0..=u8::MAX).rev().find(|code| from_code(*code).is_some()).unwrap_or(0);
     let word = |code| from_code(code).map_or_else(String::new, |value| value.to_string());

@@ -1,5 +1,5 @@
-//! Sockets: their time-outs and their number. A thread accepts; each connection has a thread of its own, so that no connection
-//! delays another one or the feed.
+//! Sockets with their time-outs and their maximum number. One thread accepts; each connection has a separate thread, so that no
+//! connection delays another one or the feed.
 
 use std::io::{self, Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
@@ -23,7 +23,7 @@ const REQUEST_TIMEOUT: Span = Span::from_millis(5000);
 const RESPONSE_TIMEOUT: Span = Span::from_millis(30_000);
 /// Time within which the client must read an update.
 const UPDATE_TIMEOUT: Span = Span::from_millis(2000);
-/// Size of the kernel's buffer for updates that were not read \[bytes\].
+/// Size of the kernel's buffer for unread updates \[bytes\].
 const SEND_BUFFER_BYTES: usize = 64 * 1024;
 /// Pause after the operating system refused a connection.
 const REFUSED_PAUSE: Duration = Duration::from_millis(50);
@@ -39,10 +39,10 @@ pub fn serve(listener: &TcpListener, site: &Arc<Site>) {
         let place = ConnectionPlace::take(&open);
         let site = Arc::clone(site);
         let thread = std::thread::Builder::new().name("page".to_owned());
-        // A thread that cannot be started closes its connection.
+        // If a thread cannot be started, its connection is closed.
         let _ = thread.spawn(move || {
             let mut connection = Connection { stream };
-            // A broken connection does not affect the others.
+            // A failed connection does not affect the others.
             let _ = match place.is_free() {
                 true => connection.serve(&site),
                 false => connection.send(&Response::error(503, "too many pages are open"), "GET"),
@@ -52,7 +52,7 @@ pub fn serve(listener: &TcpListener, site: &Arc<Site>) {
     }
 }
 
-/// A connection's place among those that are open.
+/// Place of a connection among the open ones.
 struct ConnectionPlace {
     open: Arc<AtomicUsize>,
     number: usize,
@@ -121,7 +121,7 @@ impl Connection {
         self.write(&response.to_bytes(method), RESPONSE_TIMEOUT)
     }
 
-    /// Sends the past, then every update, until the page goes or is too slow.
+    /// Sends the history, then every update, until the page is closed or too slow.
     fn follow(&mut self, hub: &Hub) -> io::Result<()> {
         set_socket_send_buffer_size(&self.stream, SEND_BUFFER_BYTES)?;
         self.write(stream_head().as_bytes(), UPDATE_TIMEOUT)?;

@@ -1,4 +1,4 @@
-//! Answers to requests, independent of sockets.
+//! Replies to requests, independent of sockets.
 
 use std::fmt;
 use std::sync::Arc;
@@ -17,23 +17,23 @@ const JSON: &str = "application/json";
 
 /// Executes commands of operators.
 pub trait Operator: fmt::Debug + Send + Sync {
-    /// Executes a command and returns the answer.
+    /// Executes a command and returns the reply.
     fn execute(&self, command: OperatorCommand) -> OperatorReply;
 }
 
-/// The answer to a command.
+/// Reply to a command.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct OperatorReply {
     /// Whether it was accepted.
     pub is_accepted: bool,
-    /// In words.
+    /// Reply in words.
     pub text: String,
 }
 
 /// Subject of the page.
 #[derive(Debug)]
 pub enum Subject {
-    /// A running instance: its updates, and who executes commands.
+    /// A running instance: its updates, and the executor of commands.
     Live(Arc<Hub>, Option<Box<dyn Operator>>),
     /// A recording, as a document.
     Recorded(String),
@@ -47,12 +47,12 @@ pub struct Site {
     subject: Subject,
 }
 
-/// An answer.
+/// Reply to a request.
 #[derive(Debug)]
 pub enum Reply<'a> {
     /// A response.
     Whole(Response),
-    /// Updates of an instance until one side ends.
+    /// Updates of an instance until either side closes.
     Updates(&'a Hub),
 }
 

@@ -60,7 +60,7 @@ fn a_page_that_does_not_read_is_cut_off_while_another_reads_on() {
     let asleep = follow(address);
     let mut awake = follow(address);
     let mut line = String::new();
-    // Until the kernel's buffers and the queue of the page that sleeps are full.
+    // Until the kernel's buffers and the queue of the sleeping page are full.
     while hub.pages() == 2 {
         hub.publish(&large(), None);
         line.clear();
@@ -96,13 +96,13 @@ fn further_pages_than_there_is_room_for_are_told_so_and_closed_ones_make_room() 
     let request = "GET /scene HTTP/1.1\r\nHost: localhost\r\n\r\n";
     let mut text = String::new();
     let mut refused = TcpStream::connect(address).unwrap();
-    // The answer comes without a request: whoever is slow must not take a place.
+    // The refusal is sent without waiting for a request: a slow client must not occupy a place.
     let _ = refused.read_to_string(&mut text);
     assert!(text.starts_with("HTTP/1.1 503 "), "{text}");
     for page in pages {
         drop(page);
     }
-    // The server notices a closed page when it writes to it.
+    // The server detects a closed page when it writes to it.
     while !answer(send(address, request)).starts_with("HTTP/1.1 200 ") {
         hub.publish(&large(), None);
     }

@@ -1,2 +1,2 @@
-//! Empty. iceoryx2 has `bindgen` among its build dependencies and calls it where the target is QNX, nowhere else: with this crate
-//! in its place a build compiles a dozen crates less, and needs no libclang.
+//! Empty. iceoryx2 lists `bindgen` among its build dependencies and calls it only for the target QNX. With this crate in its
+//! place a build compiles a dozen fewer crates and does not need libclang.

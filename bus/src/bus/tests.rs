@@ -81,7 +81,7 @@ fn f29_half_made_services_are_replaced_and_complete_ones_kept() {
     let path = description(&place, "command").unwrap();
     drop(command);
     assert_eq!(description(&place, "command"), None);
-    // As if its maker had died: a description begun, then one without administration.
+    // Simulates a creator that died: a partial description, then a description without dynamic part.
     std::fs::write(&path, "service_ha").unwrap();
     drop(Bus::open(&place).unwrap().writer(&COMMAND).unwrap());
     let truth = bus.reader(&TRUTH).unwrap();
@@ -125,7 +125,7 @@ fn files_of_an_instance_are_private() {
     }
 }
 
-/// Names in shared memory of an instance, without the number that is drawn for each run of it.
+/// Names of an instance in shared memory, without the random number of the run.
 fn guessable(place: &InstancePaths) -> Vec<String> {
     let names = files(place).into_iter().filter(|file| file.starts_with("/dev/shm"));
     names.map(|file| file.file_name().unwrap().to_string_lossy().into_owned()).collect()
@@ -142,7 +142,7 @@ fn f28_names_in_shared_memory_cannot_be_guessed_and_planted_files_do_no_harm() {
     assert!(last.len() > 3, "{last:?}");
     drop((bus, ports, words));
     assert_eq!(files(&place), Vec::<std::path::PathBuf>::new());
-    // As another user could: the names of the last run, and those without a random number.
+    // Files that another user could create: the names of the last run, and the names without the random number.
     let mut planted: Vec<_> =
         last.iter().map(|name| std::path::Path::new("/dev/shm").join(name)).collect();
     planted.extend(

@@ -8,7 +8,7 @@ use crate::code::OperatorCommand;
 use crate::time::Time;
 
 message! {
-    /// Service `control`: an operator's request to the daemon.
+    /// Service `control`: request of an operator to the daemon.
     ControlRequestV1 = "oqtal.ControlRequest.v1" {
         /// [`crate::code::OperatorCommand`].
         command: u8 ["code"],

@@ -1,4 +1,4 @@
-//! The macros by which structures and messages are defined: fields, documentation, table and encoding from one source.
+//! Macros that define structures and messages: fields, documentation, table and encoding from one source.
 
 /// A structure, and the table of its fields. A field is `name: type ["unit"]`; the unit becomes part of its documentation.
 /// A last field without unit holds another structure and is not in the table.
@@ -28,7 +28,7 @@ macro_rules! structure {
     };
 }
 
-/// A message body. Its schema covers the header before it.
+/// A message body. Its schema includes the header before it.
 macro_rules! message {
     ($(#[$meta:meta])* $name:ident = $wire:literal {
         $($(#[doc = $doc:literal])* $field:ident: $type:ty [$unit:literal],)*

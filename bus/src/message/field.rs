@@ -74,10 +74,10 @@ pub(super) trait Value: Copy {
     const ELEMENT: FieldType;
     const LENGTH: usize;
 
-    /// Writes the value to the front of `bytes` and returns the bytes behind it.
+    /// Writes the value to the front of `bytes` and returns the remaining bytes.
     fn put(self, bytes: &mut [u8]) -> &mut [u8];
 
-    /// Reads a value from the front of `bytes`, which is moved behind it.
+    /// Reads a value from the front of `bytes`, and advances `bytes` past it.
     fn take(bytes: &mut &[u8]) -> Self;
 }
 

@@ -1,4 +1,4 @@
-//! The part that precedes every message body: sequence, origin, time stamps.
+//! Header of every message: sequence, origin, time stamps.
 
 use iceoryx2::prelude::ZeroCopySend;
 
@@ -9,26 +9,25 @@ use crate::origin::Origin;
 use crate::time::Time;
 
 structure! {
-    /// Instants at which the sample that a message is about passed the stations of the loop; [`Time::UNSET`] for stations that
-    /// it has not reached.
+    /// Instants at which the data behind a message passed the stages of the loop; [`Time::UNSET`] for stages not reached.
     #[derive(Eq, ZeroCopySend)]
     #[type_name("oqtal.Stamps.v1")]
     Stamps {
-        /// The truth sample that the cameras used was taken.
+        /// The truth sample used by the cameras was taken.
         captured_at: Time ["ns"],
         /// The frame of a real camera system arrived at this machine; unset for emulated cameras.
         pose_received_at: Time ["ns"],
         /// The pose was handed to the bus.
         pose_published_at: Time ["ns"],
-        /// The daemon woke to it.
+        /// The daemon woke up for it.
         woken_at: Time ["ns"],
         /// The daemon's computation ended.
         computed_at: Time ["ns"],
         /// The command was handed to the bus.
         command_published_at: Time ["ns"],
-        /// The plant or the bridge took the command off the bus.
+        /// The plant or the bridge took the command from the bus.
         received_at: Time ["ns"],
-        /// The command first acted: on the plant, after its radio delay; on the bridge, when its last byte went to the wire.
+        /// The command first took effect: at the plant, after its radio delay; at the bridge, when its last byte was sent.
         applied_at: Time ["ns"],
     }
 }
@@ -38,16 +37,16 @@ structure! {
     #[derive(Eq, ZeroCopySend)]
     #[type_name("oqtal.Header.v1")]
     Header {
-        /// Number of this message among those of its writer on this topic, from 1: a gap is a loss.
+        /// Number of this message among the messages of its writer on this topic, from 1; a gap is a loss.
         sequence: u64 ["-"],
-        /// Sequence of the pose that this message is about; 0 for none.
+        /// Sequence of the pose that this message belongs to; 0 for none.
         pose_sequence: u64 ["-"],
         /// [`super::Message::SCHEMA`] of the body.
         schema: u64 ["-"],
         /// Writer of the message, as [`Origin::bits`]: process id in the lower, host number in the upper half.
         source: u64 ["-"],
         ;
-        /// The stations passed so far.
+        /// Stages passed so far.
         stamps: Stamps,
     }
 }
@@ -56,7 +55,7 @@ impl Stamps {
     /// Table of the fields.
     pub const FIELDS: &'static [Field] = Self::TABLE;
 
-    /// The instants in the order of [`Stamps::FIELDS`] \[ns\].
+    /// Instants in the order of [`Stamps::FIELDS`] \[ns\].
     #[must_use]
     pub fn to_words(&self) -> [u64; 8] {
         [
@@ -72,7 +71,7 @@ impl Stamps {
         .map(Time::nanos)
     }
 
-    /// The stamps of the instants that [`Stamps::to_words`] returns \[ns\].
+    /// Inverse of [`Stamps::to_words`] \[ns\].
     #[must_use]
     pub fn from_words(words: [u64; 8]) -> Self {
         let [
@@ -109,6 +108,6 @@ impl Header {
     }
 }
 
-/// Schema of the header, which every body's schema continues.
+/// Schema of the header; every body's schema continues it.
 pub(super) const HEADER_SCHEMA: u64 =
     schema(schema(FNV_OFFSET, "oqtal.Stamps.v1", Stamps::TABLE), "oqtal.Header.v1", Header::TABLE);

@@ -4,7 +4,7 @@ use super::field::Field;
 
 /// Body of a message: the data of a topic, behind the [`super::Header`].
 pub trait Message: Copy + std::fmt::Debug + Default + 'static {
-    /// Hash of the wire name and of name, type and unit of every field, those of the header included.
+    /// Hash of the wire name and of name, type and unit of every field, including the header's.
     const SCHEMA: u64;
     /// Table of the fields, in the order of their bytes.
     const FIELDS: &'static [Field];
@@ -24,7 +24,7 @@ pub trait Message: Copy + std::fmt::Debug + Default + 'static {
     fn decode(bytes: &[u8]) -> Self;
 }
 
-/// Body of a message whose type is not known at compile time.
+/// Message body of a type that is not known at compile time.
 pub trait AnyMessage {
     /// [`Message::FIELDS`].
     fn fields(&self) -> &'static [Field];

@@ -75,7 +75,7 @@ fn every_field_has_a_unit_and_a_description() {
 }
 
 message! {
-    /// A message like any other.
+    /// A message for tests.
     ProbeV1 = "oqtal.Probe.v1" {
         /// A number.
         number: u8 ["code"],

@@ -1,4 +1,4 @@
-//! Topics that observers can receive, derived from one list: an identifier and a sample for each, and generic code over all.
+//! Topics that observers can receive, derived from one list: an identifier and a sample type for each, and generic code over all.
 
 use std::fmt;
 
@@ -9,12 +9,12 @@ use crate::message::{
     AnyMessage, CommandV1, HealthV1, InputV1, Message, PoseV1, TelemetryV1, TruthV1, VehicleV1,
 };
 
-/// Work that is the same for every topic, as opening a reader, or decoding a body.
+/// Operation on any topic, such as opening a reader or decoding a body.
 pub trait TopicVisitor {
-    /// Result of the work.
+    /// Result of the operation.
     type Output;
 
-    /// Works on `topic`; `wrap` makes a [`Sample`] of one of its bodies.
+    /// Executes the operation on `topic`; `wrap` makes a [`Sample`] of a body.
     fn visit<M: Message>(
         self,
         topic: &Topic<M>,
@@ -25,7 +25,7 @@ pub trait TopicVisitor {
 /// Defines [`ObservedTopic`] and [`Sample`] from lines `variant(message) = topic`. Topics of one process are added by hand.
 macro_rules! observed_topics {
     ($($(#[doc = $doc:literal])* $variant:ident($message:ty) = $topic:ident,)*) => {
-        /// Identifier of a topic that can be observed.
+        /// Identifier of an observable topic.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub enum ObservedTopic {
             $($(#[doc = $doc])* $variant,)*
@@ -77,7 +77,7 @@ macro_rules! observed_topics {
                 }
             }
 
-            /// Body of the sample, without its type.
+            /// Body of the sample, as a trait object.
             #[must_use]
             pub fn body(&self) -> &dyn AnyMessage {
                 match self {
@@ -104,7 +104,7 @@ observed_topics! {
     PoseRead(PoseV1) = POSE_READ,
     /// Topic `read/vehicle`.
     VehicleRead(VehicleV1) = VEHICLE_READ,
-    /// Topic `input`, after the topics whose messages it names.
+    /// Topic `input`, after the topics whose messages it refers to.
     Input(InputV1) = INPUT,
 }
 

@@ -1,4 +1,4 @@
-//! A pinhole camera: where a point of the world is in its image.
+//! Pinhole camera: projects a point of the world into the image.
 
 use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3};
 use oqtal_config::CameraOptions;

@@ -1,4 +1,4 @@
-//! Markers that vanish for a while, and two that are swapped.
+//! Marker errors: markers that are hidden for a time, and pairs that are swapped.
 
 use oqtal_config::MarkerOptions;
 use oqtal_runtime::random::Generator;
@@ -8,7 +8,7 @@ use rand_distr::{Distribution, Geometric};
 /// Greatest number of markers, as the configuration allows.
 pub const MOST_MARKERS: usize = 16;
 
-/// State of the mishaps, advanced once a frame.
+/// State of the marker errors, advanced once per frame.
 #[derive(Clone, Debug, Default)]
 pub struct Mishaps {
     /// Frames for which each marker is still missing \[frames\].
@@ -19,7 +19,8 @@ pub struct Mishaps {
 }
 
 impl Mishaps {
-    /// Draws the mishaps of a frame with `markers` markers. The number of draws does not depend on the outcome of earlier frames.
+    /// Draws the marker errors of a frame with `markers` markers. The number of draws does not depend on the outcome of earlier
+    /// frames.
     pub fn advance(&mut self, options: &MarkerOptions, markers: usize, random: &mut Generator) {
         for missing in &mut self.missing[..markers] {
             let begins: f64 = random.random();
@@ -47,7 +48,7 @@ impl Mishaps {
         self.missing[marker] == 0
     }
 
-    /// The marker that `marker` is taken for.
+    /// Label that the camera system gives to `marker`.
     #[must_use]
     pub fn taken_for(&self, marker: usize) -> usize {
         match self.swapped {

@@ -10,8 +10,8 @@ use oqtal_control::quaternion::Attitude;
 /// Iterations of the decomposition, at most; it takes fewer than ten.
 const MOST_ITERATIONS: usize = 100;
 
-/// Least ratio of the second singular value to the first \[-\]; below it the markers are on a line, about which the body could
-/// turn unseen.
+/// Least ratio of the second singular value to the first \[-\]. Below it the markers are on a line, and the rotation about that
+/// line is not observable.
 const LEAST_WIDTH: f64 = 1e-4;
 
 /// A body fitted to its markers.
@@ -21,7 +21,7 @@ pub struct BodyFit {
     pub position: Vector3<f64>,
     /// Attitude, body to world.
     pub attitude: Attitude,
-    /// Root mean square distance of the markers from where the body has them \[m\].
+    /// Root mean square distance between measured and modelled marker positions \[m\].
     pub residual_m: f64,
 }
 

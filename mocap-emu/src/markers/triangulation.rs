@@ -1,4 +1,4 @@
-//! Triangulation: the point whose images in several cameras are nearest to the observed image points.
+//! Triangulation: the point whose projections are nearest to the observed image points.
 //!
 //! The point nearest to all rays, in closed form, is the start of two Gauss-Newton steps on the image points, which are the
 //! maximum-likelihood estimate for equal noise in every image (Hartley and Zisserman, *Multiple View Geometry*, 2nd ed.,
@@ -8,10 +8,10 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 
 use super::camera::PinholeCamera;
 
-/// Gauss-Newton steps: the start is within a millimetre, and a second step changes less than a micrometre.
+/// Gauss-Newton steps: the start is accurate to a millimetre, and a second step changes less than a micrometre.
 const STEPS: u32 = 2;
 
-/// Greatest standard error of a point per pixel of noise \[m/pixel\]; above it the rays are as good as parallel.
+/// Greatest standard error of a point per pixel of noise \[m/pixel\]; above it the rays count as parallel.
 const GREATEST_ERROR_M_PER_PX: f64 = 0.03;
 
 /// An image point and the camera that saw it.
@@ -30,7 +30,7 @@ pub struct MarkerPoint {
     pub position: Vector3<f64>,
     /// Number of cameras that saw it \[-\].
     pub cameras: usize,
-    /// Sum of the squared distances of its image points from where they should be \[pixels^2\].
+    /// Sum of the squared distances between observed and projected image points \[pixels^2\].
     pub squared_px: f64,
 }
 
@@ -44,7 +44,7 @@ impl MarkerPoint {
     }
 }
 
-/// The point that `sightings` see; `None` with fewer than two of them, with rays that are nearly parallel, and behind a camera.
+/// Triangulates `sightings`. `None` with fewer than two sightings, with nearly parallel rays, or for a point behind a camera.
 pub fn triangulate<'a>(
     sightings: impl Iterator<Item = Sighting<'a>> + Clone,
 ) -> Option<MarkerPoint> {

@@ -64,7 +64,7 @@ impl Layout {
     pub fn detect(line: &str) -> Result<Option<Self>, ErrorKind> {
         if let Some(comment) = line.strip_prefix('#') {
             let names: Vec<_> = comma_separated(comment).map(without_unit).collect();
-            // Without `timestamp`, which also occurs in comments of TUM text.
+            // The column `timestamp` is left out, since it also occurs in comments of TUM text.
             if !mentions(&names, &EUROC.columns[1..]) {
                 return Ok(None);
             }

@@ -8,7 +8,7 @@ use oqtal_runtime::process::{Exit, Failure};
 /// Attempts to find a port that is free for TCP and UDP alike.
 const PAIR_ATTEMPTS: usize = 16;
 
-/// Opens a listener that does not block.
+/// Opens a non-blocking listener.
 pub fn listen(protocol: &str, address: SocketAddr) -> Result<TcpListener, Failure> {
     let opened = TcpListener::bind(address).and_then(|listener| {
         listener.set_nonblocking(true)?;
@@ -17,7 +17,7 @@ pub fn listen(protocol: &str, address: SocketAddr) -> Result<TcpListener, Failur
     opened.map_err(|error| refused(protocol, "TCP", address, &error))
 }
 
-/// Opens a socket for datagrams that does not block.
+/// Opens a non-blocking datagram socket.
 pub fn datagrams(protocol: &str, address: SocketAddr) -> Result<UdpSocket, Failure> {
     let opened = UdpSocket::bind(address).and_then(|socket| {
         socket.set_nonblocking(true)?;
@@ -26,7 +26,7 @@ pub fn datagrams(protocol: &str, address: SocketAddr) -> Result<UdpSocket, Failu
     opened.map_err(|error| refused(protocol, "UDP", address, &error))
 }
 
-/// Opens TCP and UDP at one port; port 0 is any that is free for both.
+/// Opens TCP and UDP at one port; port 0 selects a port that is free for both.
 pub fn listen_both(
     protocol: &str,
     address: SocketAddr,
@@ -43,11 +43,11 @@ pub fn listen_both(
     }
 }
 
-/// Datagrams that are read at a time from one socket, at most \[-\].
+/// Maximum number of datagrams read at a time from one socket \[-\].
 const MAX_DATAGRAMS: usize = 64;
 
-/// Passes the datagrams that wait at `socket` to `use_datagram`, with their senders; a limited number, so that a sender that floods
-/// does not delay the others.
+/// Passes the datagrams that wait at `socket`, with their senders, to `use_datagram`. Their number is limited, so that a flooding
+/// sender does not delay the others.
 pub fn for_each_datagram(
     socket: &UdpSocket,
     buffer: &mut [u8],
@@ -59,12 +59,12 @@ pub fn for_each_datagram(
     }
 }
 
-/// Port of a listener, which the system chose if 0 was asked for.
+/// Port of a listener; chosen by the system if 0 was requested.
 pub fn port_of(listener: &TcpListener) -> u16 {
     listener.local_addr().map_or(0, |address| address.port())
 }
 
-/// The port `distance` after `port`; any port stays any port.
+/// The port `distance` after `port`; port 0 (any free port) stays 0.
 pub fn port_after(port: u16, distance: u16) -> u16 {
     if port == 0 { 0 } else { port.saturating_add(distance) }
 }

@@ -6,16 +6,17 @@ use std::net::{SocketAddr, TcpListener, TcpStream};
 
 use rustix::event::{PollFd, PollFlags};
 
-/// Clients of one server, at most \[-\].
+/// Maximum number of clients of one server \[-\].
 const MAX_CLIENTS: usize = 10;
 /// High-water mark of the send queue \[bytes\]; above it the client is disconnected.
 const MAX_QUEUED: usize = 1 << 20;
-/// Bytes read from a client at a time, at most \[bytes\]: one that sends endlessly does not delay the others.
+/// Maximum number of bytes read from a client at a time \[bytes\], so that a client that sends endlessly does not delay the
+/// others.
 const MAX_READ: usize = 1 << 14;
 
 /// Session of one client.
 pub trait ClientSession {
-    /// Whether bytes of the client are read when they arrive; otherwise they wait.
+    /// Whether the client's bytes are read when they arrive; otherwise they stay in the socket.
     fn is_ready(&self) -> bool {
         true
     }
@@ -29,7 +30,7 @@ pub struct ClientTable<S> {
 }
 
 impl<S: ClientSession> ClientTable<S> {
-    /// No clients.
+    /// Empty table.
     pub fn new() -> Self {
         Self { clients: Vec::new(), input: vec![0; MAX_READ] }
     }
@@ -55,8 +56,8 @@ impl<S: ClientSession> ClientTable<S> {
         }
     }
 
-    /// Adds a client. `open` learns whether there is room, writes the first bytes for the client, and makes the session; `None`
-    /// refuses it.
+    /// Adds a client. `open` is told whether a place is free, appends the first bytes for the client, and returns the session, or
+    /// `None` to refuse the client.
     pub fn add(&mut self, stream: TcpStream, open: impl FnOnce(bool, &mut Vec<u8>) -> Option<S>) {
         let Some(mut connection) = Connection::new(stream) else { return };
         match open(self.clients.len() < MAX_CLIENTS, &mut connection.queue) {
@@ -65,7 +66,8 @@ impl<S: ClientSession> ClientTable<S> {
         }
     }
 
-    /// Reads from every client and passes the bytes to `execute`, which appends the reply and returns whether the client stays.
+    /// Reads from every client and passes the bytes to `execute`, which appends the reply and returns whether the client stays
+    /// connected.
     pub fn read(&mut self, mut execute: impl FnMut(&mut S, &[u8], &mut Vec<u8>) -> bool) {
         let Self { clients, input } = self;
         for (connection, session) in clients {
@@ -74,7 +76,7 @@ impl<S: ClientSession> ClientTable<S> {
         }
     }
 
-    /// Appends bytes by `write` to the queue of every client, and sends as many as it takes.
+    /// Appends bytes by `write` to the queue of every client, and sends as many as the socket accepts.
     pub fn send(&mut self, mut write: impl FnMut(&mut S, &mut Vec<u8>)) {
         for (connection, session) in &mut self.clients {
             write(session, &mut connection.queue);
@@ -88,7 +90,7 @@ impl<S: ClientSession> ClientTable<S> {
         broken.for_each(|(_, session)| removed(session));
     }
 
-    /// Adds the sockets of all clients to those that are waited for.
+    /// Adds the sockets of all clients to the polled sockets.
     pub fn add_sockets<'a>(&'a self, sockets: &mut Vec<PollFd<'a>>) {
         for (connection, session) in &self.clients {
             let mut flags = PollFlags::empty();
@@ -103,11 +105,11 @@ impl<S: ClientSession> ClientTable<S> {
 #[derive(Debug)]
 struct Connection {
     stream: TcpStream,
-    /// Bytes for the client.
+    /// Send queue.
     queue: Vec<u8>,
-    /// Bytes at the beginning of the queue that are sent.
+    /// Number of bytes at the beginning of the queue that were sent.
     sent: usize,
-    /// Whether the connection has ended, or is to end.
+    /// Whether the connection has failed or is to be closed.
     is_broken: bool,
 }
 
@@ -119,7 +121,7 @@ impl Connection {
         Some(Self { stream, queue: Vec::new(), sent: 0, is_broken: false })
     }
 
-    /// Reads bytes of the client; empty if there are none.
+    /// Reads bytes from the client; empty if there are none.
     fn read<'a>(&mut self, buffer: &'a mut [u8]) -> &'a [u8] {
         match self.stream.read(buffer) {
             Ok(0) => self.is_broken = true,
@@ -132,7 +134,7 @@ impl Connection {
         &[]
     }
 
-    /// Sends as many queued bytes as the client takes. A client whose queue is too long is disconnected.
+    /// Sends as many queued bytes as the socket accepts. A client whose queue is too long is disconnected.
     fn flush(&mut self) {
         while self.sent < self.queue.len() && !self.is_broken {
             match self.stream.write(&self.queue[self.sent..]) {
@@ -160,7 +162,7 @@ mod tests {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let _silent = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
         let mut connection = Connection::new(listener.accept().unwrap().0).unwrap();
-        // More than any socket's own buffers and the queue.
+        // More than the buffers of any socket and the queue together hold.
         for _ in 0..1 << 14 {
             connection.queue.extend_from_slice(&[0; 4096]);
             connection.flush();

@@ -1,4 +1,4 @@
-//! Frames on their way from the loop to the network thread: a bounded queue and a wake-up, neither of which blocks.
+//! Queue of frames from the loop to the network thread: bounded, with a wake-up; neither blocks.
 
 use std::os::fd::OwnedFd;
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use super::model::MAX_BODIES;
 /// Capacity of the queue \[frames\]; further frames are dropped and counted.
 const CAPACITY: usize = 256;
 
-/// A frame of fixed size, which is passed on without allocation.
+/// Frame of fixed size; passing it on does not allocate.
 #[derive(Clone, Copy, Debug)]
 pub struct ServedFrame {
     /// Number \[-\].
@@ -46,7 +46,7 @@ impl ServedFrame {
     }
 }
 
-/// The loop's end of the queue.
+/// Sending end of the queue, used by the loop.
 #[derive(Clone, Debug)]
 pub struct FrameFeed {
     frames: Sender<ServedFrame>,
@@ -54,14 +54,14 @@ pub struct FrameFeed {
     dropped: Arc<AtomicU64>,
 }
 
-/// The network thread's end of the queue.
+/// Receiving end of the queue, used by the network thread.
 #[derive(Debug)]
 pub struct FrameQueue {
     /// Frames.
     pub frames: Receiver<ServedFrame>,
-    /// Readable when there are frames.
+    /// Event descriptor; readable when there are frames.
     pub event: Arc<OwnedFd>,
-    /// Frames that found the queue full \[-\].
+    /// Number of frames dropped because the queue was full \[-\].
     pub dropped: Arc<AtomicU64>,
 }
 
@@ -82,7 +82,7 @@ impl FrameFeed {
         if self.frames.try_send(frame).is_err() {
             self.dropped.fetch_add(1, Ordering::Relaxed);
         }
-        // Fails only if the counter is full: the network thread is then awake.
+        // Fails only if the counter is at its maximum; the network thread is then awake.
         let _ = rustix::io::write(&*self.event, &1_u64.to_ne_bytes());
     }
 }

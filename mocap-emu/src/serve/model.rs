@@ -1,4 +1,4 @@
-//! The bodies that are served: names, markers in body axes, and the markers' positions in a frame.
+//! Served bodies: names, markers in body axes, and positions of the markers in a frame.
 
 use oqtal_wire::motion::{BodySample, MarkerSample};
 use oqtal_wire::natnet::BodyDefinition;
@@ -7,11 +7,11 @@ use oqtal_wire::qtm::{QtmBody, QtmParameters, QtmPoint};
 /// Greatest number of bodies \[-\].
 pub const MAX_BODIES: usize = 32;
 
-/// Markers of every body \[m, body\]: on the four arms of a Hummingbird, at heights that no turn maps onto each other.
+/// Markers of every body \[m, body\]: on the four arms of a Hummingbird, at heights that no rotation maps onto each other.
 const MARKERS_M: [[f64; 3]; 4] =
     [[0.17, 0.0, 0.02], [0.0, 0.17, 0.035], [-0.14, 0.03, 0.05], [0.02, -0.17, 0.025]];
 
-/// The bodies that are served.
+/// The served bodies.
 #[derive(Clone, Debug)]
 pub struct BodyModels {
     names: Vec<String>,
@@ -19,7 +19,7 @@ pub struct BodyModels {
 }
 
 impl BodyModels {
-    /// Bodies of these names, at most [`MAX_BODIES`], at this rate \[Hz\].
+    /// Bodies with these names, at most [`MAX_BODIES`], at this frame rate \[Hz\].
     pub fn new(names: &[String], rate_hz: f64) -> Self {
         Self { names: names.iter().take(MAX_BODIES).cloned().collect(), rate_hz }
     }

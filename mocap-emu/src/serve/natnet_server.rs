@@ -43,7 +43,7 @@ impl NatNetSocket {
         let socket = datagrams("natnet", SocketAddr::new(ip, port))?;
         let port = socket.local_addr().map_or(port, |address| address.port());
         let data_port = port.saturating_add(1);
-        // Frames leave by the interface of the address that is served, since the socket is bound to it.
+        // The socket is bound to the served address, so frames leave by its interface.
         let group = settings.multicast.map(|group| SocketAddr::from((group, data_port)));
         let options = NatNetServerOptions {
             version: settings.version,
@@ -97,7 +97,7 @@ impl FrameServer for NatNetSocket {
         for (to, client) in multicast.into_iter().chain(unicast) {
             self.answer.clear();
             self.server.write_frame(frame, client, &mut self.answer);
-            // A datagram that finds no room is lost, as on any network.
+            // A datagram that does not fit into the send buffer is lost, as on any network.
             let _ = self.socket.send_to(&self.answer, to);
         }
     }

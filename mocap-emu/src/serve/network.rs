@@ -1,4 +1,4 @@
-//! The network thread: waits for sockets and frames, serves both.
+//! Network thread: waits for sockets and frames, and serves both.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
@@ -21,11 +21,11 @@ const WAIT: Timespec = Timespec { tv_sec: 0, tv_nsec: 20_000_000 };
 pub struct ServeCounters {
     /// Frames handed to the servers \[-\].
     pub frames: AtomicU64,
-    /// Clients now: of QTM and VRPN, and of NatNet by unicast \[-\].
+    /// Number of connected clients: QTM, VRPN, and NatNet by unicast \[-\].
     pub clients: AtomicUsize,
 }
 
-/// The servers and their queue of frames, to be run on a thread of their own.
+/// Servers and their frame queue; runs on a separate thread.
 pub struct NetworkThread {
     servers: Vec<Box<dyn FrameServer>>,
     trouble: NetworkTrouble,
@@ -50,13 +50,13 @@ impl NetworkThread {
         self.servers.iter().flat_map(|server| server.endpoints()).collect()
     }
 
-    /// Counters, which stay up to date while the thread runs.
+    /// Counters, updated while the thread runs.
     #[must_use]
     pub fn counters(&self) -> Arc<ServeCounters> {
         self.counters.clone()
     }
 
-    /// Serves until asked to stop. An error of a client ends at most its own connection.
+    /// Serves until a stop is requested. A client's error closes its own connection at most.
     pub fn run(mut self, stop: &StopFlag) {
         let mut clients = 0;
         while !stop.is_set() {
@@ -85,11 +85,11 @@ impl NetworkThread {
     fn wait(&self) {
         let mut sockets = vec![PollFd::new(&*self.queue.event, PollFlags::IN)];
         self.servers.iter().for_each(|server| server.add_sockets(&mut sockets));
-        // An interrupted wait is a short one.
+        // An interrupted wait is treated as a short one.
         let _ = poll(&mut sockets, Some(&WAIT));
     }
 
-    /// Broadcasts a frame through the trouble of the network.
+    /// Broadcasts a frame through the emulated network faults.
     fn forward(&mut self, frame: ServedFrame) {
         let Self { trouble, servers, models, markers, counters, .. } = self;
         trouble.forward(frame, &mut |frame| {

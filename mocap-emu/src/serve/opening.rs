@@ -14,7 +14,7 @@ use super::network::NetworkThread;
 use super::spec::ServeSpec;
 use super::trouble::NetworkTrouble;
 
-/// Opens the servers of `options` for these bodies, at this rate \[Hz\]; `seed` is that of the network's trouble.
+/// Opens the servers of `options` for these bodies, at this frame rate \[Hz\]; `seed` seeds the emulated network faults.
 ///
 /// # Errors
 /// The options are invalid, or a port cannot be opened.

@@ -1,4 +1,4 @@
-//! The command `serve`: a camera system alone, for tests of software for one.
+//! The command `serve`: a standalone camera system, for tests of client software.
 
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
@@ -82,7 +82,7 @@ struct ServeReport {
     rate_hz: f64,
 }
 
-/// Checks the names and ports, so that an error is one of the command line.
+/// Checks names and ports, so that a mistake is reported as an error of the command line.
 fn protocols(text: &str) -> Result<String, String> {
     match text.parse::<ServeSpec>() {
         Ok(spec) if spec.is_empty() => Err("name at least one of qtm, vrpn and natnet".to_owned()),
@@ -105,7 +105,7 @@ impl ServeArgs {
     /// Serves until SIGINT or SIGTERM.
     ///
     /// # Errors
-    /// The recording is bad, an option is invalid, or a port cannot be opened.
+    /// The recording or an option is invalid, or a port cannot be opened.
     pub fn execute(self) -> Result<Exit, Failure> {
         let options = self.options()?;
         let recording = self.replay.as_deref().map(read_recording).transpose()?;
@@ -128,7 +128,7 @@ impl ServeArgs {
         Ok(Exit::Ok)
     }
 
-    /// The defaults of `[mocap.serve]`, and what differs from them.
+    /// The options of `[mocap.serve]`: defaults, changed by the command line.
     fn options(&self) -> Result<ServeOptions, Failure> {
         let mut options = Config::from_settings(&[])?.mocap.serve;
         options.protocols.clone_from(&self.protocol);
@@ -170,7 +170,7 @@ impl ServeArgs {
     }
 }
 
-/// Feeds the frames at their instants until asked to stop, and prints the number of clients and frames.
+/// Sends the frames when they are due and prints the numbers of clients and frames, until a stop is requested.
 fn play(
     mut script: Script,
     (bodies, feed): (usize, &FrameFeed),

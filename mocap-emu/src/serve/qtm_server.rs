@@ -177,7 +177,7 @@ impl FrameServer for QtmServer {
                 StreamTarget::Udp { address: other, port } => {
                     scratch.clear();
                     session.write_frame(frame, &components, scratch);
-                    // A datagram that finds no room is lost, as on any network.
+                    // A datagram that does not fit into the send buffer is lost, as on any network.
                     let to = SocketAddr::new(other.unwrap_or(*address), port);
                     let _ = sender.send_to(scratch, to);
                 }

@@ -1,4 +1,4 @@
-//! Motion that the command `serve` shows its clients: a scene, or a recording.
+//! Motion shown by the command `serve`: a scene, or a recording.
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_wire::motion::{BodySample, RigidPose};
@@ -27,19 +27,19 @@ pub enum Script {
     },
     /// A recording, repeated endlessly.
     Recording {
-        /// The recording.
+        /// Content of the recording.
         recording: Recording,
-        /// Its playback.
+        /// Playback of the recording.
         replay: Replay,
-        /// Frames before this playback \[-\].
+        /// Number of frames before this playback \[-\].
         offset: u64,
-        /// Instant and number of the last frame.
+        /// Time stamp and number of the last frame.
         last: (Time, u64),
     },
 }
 
 impl Script {
-    /// The recording if there is one, else the scene, at this rate \[Hz\] from this instant on.
+    /// Plays the recording if there is one, otherwise the scene at this rate \[Hz\], starting at this instant.
     pub fn new(
         recording: Option<Recording>,
         scene: SceneName,
@@ -95,7 +95,7 @@ impl Script {
     }
 }
 
-/// The same body further along y.
+/// The same body, displaced along y.
 fn displaced(body: BodySample, by_m: f64) -> BodySample {
     let pose = body.pose.map(|pose| {
         let [x, y, z] = pose.position_m;

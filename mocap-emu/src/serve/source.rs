@@ -9,7 +9,7 @@ use oqtal_wire::motion::{BodySample, RigidPose};
 
 use super::feed::{FrameFeed, ServedFrame};
 
-/// A source whose poses are served too.
+/// Pose source whose poses are also served.
 #[derive(Debug)]
 pub struct ServedPoses<S> {
     source: S,
@@ -41,7 +41,7 @@ impl<S: PoseSource> PoseSource for ServedPoses<S> {
     }
 }
 
-/// The turn of a process that serves poses without publishing them: a receiver does that.
+/// Turn of a process that serves poses without publishing them, as the receiver does.
 #[derive(Debug)]
 pub struct ServeTurn<S>(pub ServedPoses<S>);
 
@@ -58,7 +58,7 @@ impl<S: PoseSource> Turn for ServeTurn<S> {
     }
 }
 
-/// A pose in the terms of `oqtal-wire`. The residual of a recording is unknown, and served as zero.
+/// Converts a pose to the types of `oqtal-wire`. The residual of a recording is unknown and is served as zero.
 pub(super) fn sample(pose: &PoseV1) -> BodySample {
     let residual_m = if pose.residual_m.is_finite() { pose.residual_m } else { 0.0 };
     let tracked = RigidPose::new(pose.position, pose.attitude).filter(|_| pose.tracked != 0);

@@ -23,7 +23,7 @@ pub struct ServeSpec {
 }
 
 impl ServeSpec {
-    /// Whether nothing is served.
+    /// Whether no protocol is served.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         *self == Self::default()

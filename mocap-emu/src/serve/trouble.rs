@@ -1,4 +1,4 @@
-//! Trouble of a network, emulated: frames that are lost, repeated, or overtaken by the next one.
+//! Emulated network faults: lost, repeated and reordered frames.
 
 use oqtal_config::ServeOptions;
 use oqtal_runtime::random::{Generator, RandomSource, stream};
@@ -6,19 +6,19 @@ use rand::RngExt;
 
 use super::feed::ServedFrame;
 
-/// The trouble between the cameras and every client alike.
+/// Network faults; they affect all clients alike.
 #[derive(Debug)]
 pub struct NetworkTrouble {
     loss_probability: f64,
     repeat_probability: f64,
     swap_probability: f64,
     generator: Generator,
-    /// The frame that the next one overtakes.
+    /// Frame that is held back until the next one is sent.
     held: Option<ServedFrame>,
 }
 
 impl NetworkTrouble {
-    /// The trouble of a configuration.
+    /// Network faults of a configuration.
     #[must_use]
     pub fn new(options: &ServeOptions, seed: u64) -> Self {
         Self {

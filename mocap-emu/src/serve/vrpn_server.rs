@@ -1,4 +1,4 @@
-//! Sockets of the VRPN server: clients that connect, and clients that request to be called back.
+//! Sockets of the VRPN server: clients that connect, and clients that request a call back.
 
 use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream, UdpSocket};
 
@@ -52,9 +52,9 @@ impl VrpnServer {
         clients.accept(listener, open);
         for_each_datagram(callbacks, &mut [0; 256], |request, from| {
             let Some(request) = CallbackRequest::parse(request) else { return };
-            // Only the sender is called back: the server never connects to a third machine.
+            // The server calls back the sender only and never connects to a third machine.
             let to = SocketAddr::new(from.ip(), request.address.port());
-            // A client repeats its request until it is called.
+            // A client repeats its request until it is called back.
             if clients.sessions().any(|client| client.address == to) {
                 return;
             }
@@ -65,7 +65,7 @@ impl VrpnServer {
     }
 }
 
-/// Begins a connection without waiting for it.
+/// Starts a connection without waiting for its result.
 fn call_back(to: SocketAddr) -> Option<TcpStream> {
     let family = if to.is_ipv4() { AddressFamily::INET } else { AddressFamily::INET6 };
     let flags = SocketFlags::NONBLOCK | SocketFlags::CLOEXEC;

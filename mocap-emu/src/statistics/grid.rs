@@ -1,4 +1,4 @@
-//! The grid on which frames are captured, and how arrivals follow captures, from the poses of a moving body.
+//! Time grid of captures, and the relation between captures and arrivals, from the poses of a moving body.
 
 use std::f64::consts::TAU;
 
@@ -7,15 +7,16 @@ use oqtal_control::statistics::{correlation, median, population_deviation};
 use crate::capture::Captures;
 use crate::recording::Recording;
 
-/// Least speed at which captures are known well enough \[m/s\].
+/// Least speed at which captures are estimated well enough \[m/s\].
 const MOVING_M_S: f64 = 0.3;
 /// Least number of intervals for statistics.
 const LEAST: usize = 200;
-/// Longest interval that counts \[s\]: not a gap.
+/// Longest interval that is not a gap \[s\].
 const LONGEST_S: f64 = 0.05;
-/// Greatest excess of the time from capture to arrival over its median of a pose that counts \[s\]: not one behind a stall.
+/// Greatest excess of the time from capture to arrival over its median \[s\]; poses above it were delayed by a stall and do not
+/// count.
 const BEHIND_S: f64 = 0.03;
-/// Rates of cameras that are tried \[Hz\]: below the lowest, every series of intervals looks like a grid.
+/// Candidate rates of the cameras \[Hz\]: below the lowest, every series of intervals looks like a grid.
 const RATES_HZ: std::ops::RangeInclusive<u32> = 90..=400;
 
 /// Captures of a moving body.
@@ -23,7 +24,7 @@ const RATES_HZ: std::ops::RangeInclusive<u32> = 90..=400;
 pub struct GridStatistics {
     /// Rate of the cameras whose period divides the intervals best \[Hz\].
     pub rate_hz: f64,
-    /// Agreement of the intervals with that period: 1 for intervals that are multiples of the period, 0 for any \[-\].
+    /// Agreement of the intervals with that period: 1 for exact multiples of the period, 0 for random intervals \[-\].
     pub coherence_ratio: f64,
     /// Standard deviation of the intervals between captures \[ms\].
     pub interval_ms: f64,

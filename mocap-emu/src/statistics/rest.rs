@@ -5,9 +5,9 @@ use oqtal_control::statistics::{correlation, mean, population_deviation};
 
 use crate::recording::{RecordedPose, Recording};
 
-/// Greatest distance from where a rest began of a body that still rests \[m\].
+/// Greatest distance from the start of a rest at which the body still counts as resting \[m\].
 const RESTING_M: f64 = 2e-3;
-/// Poses whose mean is where a rest begins.
+/// Number of poses whose mean is the start of a rest.
 const ANCHOR: usize = 30;
 /// Least number of poses for statistics.
 const LEAST: usize = 300;
@@ -33,7 +33,7 @@ pub struct RestStatistics {
 }
 
 impl RestStatistics {
-    /// Statistics of the longest rest in a recording; `None` if there is none of some seconds.
+    /// Statistics of the longest rest in a recording; `None` without a rest of some seconds.
     #[must_use]
     pub fn of(recording: &Recording) -> Option<Self> {
         let rest = longest_rest(recording.poses());
@@ -58,7 +58,7 @@ impl RestStatistics {
     }
 }
 
-/// The longest run of poses near where it begins.
+/// The longest run of poses near their start.
 fn longest_rest(poses: &[RecordedPose]) -> &[RecordedPose] {
     let (mut longest, mut from): (&[RecordedPose], usize) = (&[], 0);
     while from + ANCHOR < poses.len() {
@@ -99,7 +99,7 @@ fn slope(values: &[f64]) -> f64 {
     if slope.is_finite() { slope } else { 0.0 }
 }
 
-/// The fourth moment over the square of the second.
+/// Fourth moment over the squared second moment.
 fn kurtosis(values: &[f64]) -> f64 {
     let centre = mean(values);
     let fourths: Vec<f64> = values.iter().map(|value| (value - centre).powi(4)).collect();

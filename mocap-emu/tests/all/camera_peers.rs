@@ -1,4 +1,4 @@
-//! Clients of camera systems by other authors, against `serve`: each names the body and receives every frame, and the poses agree.
+//! Camera clients by other authors, connected to `serve`: each names the body and receives every frame, and the poses agree.
 //!
 //! The clients in Python need an interpreter with `tests/peers/requirements.txt` installed, named by `OQTAL_PEERS_PYTHON`; the one in
 //! JavaScript a folder with the packages of `tests/peers/package.json`, named by `OQTAL_PEERS_NODE`. `.ci/run` installs both. Without
@@ -24,13 +24,13 @@ struct Output {
     frames: Vec<(Option<u64>, [f64; 3], [f64; 9])>,
 }
 
-/// Number of frames to receive.
+/// Number of frames to be received.
 fn frames() -> usize {
     let seconds = std::env::var("OQTAL_PEERS_SECONDS").ok().and_then(|text| text.parse().ok());
     (seconds.unwrap_or(2.0) * turns::RATE_HZ) as usize
 }
 
-/// A server of the recording with two bodies.
+/// Server of the recording with two bodies.
 fn serve(arguments: &[&str]) -> (Served, tempfile::NamedTempFile) {
     let recording = turns::recording();
     let file = recording.path().to_str().unwrap();
@@ -38,11 +38,11 @@ fn serve(arguments: &[&str]) -> (Served, tempfile::NamedTempFile) {
     (Served::start(&[arguments, &bodies].concat()), recording)
 }
 
-/// The value of a variable; prints that `peer` is skipped if it is not set.
+/// Value of an environment variable; prints that `peer` is skipped if it is not set.
 fn variable(name: &str, peer: &str) -> Option<OsString> {
     let value = std::env::var_os(name);
     if value.is_none() {
-        // Directly to standard error: the output of a passing test is not shown.
+        // Written directly to standard error: the output of a passing test is not shown.
         let reason = format!("{peer}: skipped, {name} is not set; .ci/run installs the peer\n");
         std::io::stderr().write_all(reason.as_bytes()).unwrap();
     }
@@ -53,13 +53,13 @@ fn script(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/peers").join(name)
 }
 
-/// Frames that a client has received, which must succeed.
+/// Frames received by a client; the client must succeed.
 fn seen(command: &mut Command) -> Vec<SeenFrame> {
     let output = command.stdin(Stdio::null()).output();
     let output = output.unwrap_or_else(|error| panic!("{command:?}: {error}"));
     let errors = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{command:?}: {errors}");
-    // Libraries print on standard output too; the document is the last line.
+    // Libraries also print on standard output; the JSON document is the last line.
     let text = String::from_utf8(output.stdout).unwrap();
     let printed: Output = serde_json::from_str(text.lines().last().unwrap()).unwrap();
     let bodies: Vec<&str> = printed.bodies.iter().map(String::as_str).collect();
@@ -68,7 +68,7 @@ fn seen(command: &mut Command) -> Vec<SeenFrame> {
     printed.frames.into_iter().map(frame).collect()
 }
 
-/// Frames that a client in Python has received; `None` if there is no interpreter.
+/// Frames received by a client in Python; `None` without an interpreter.
 fn python(client: &str, port: u16) -> Option<Vec<SeenFrame>> {
     let python = variable("OQTAL_PEERS_PYTHON", client)?;
     let mut command = Command::new(python);
@@ -83,7 +83,7 @@ fn receives_every_frame(client: &str, port: u16) {
     }
 }
 
-/// Checks the poses of a client that keeps only the newest when it polls: it may leave frames out, between polls.
+/// Checks the poses of a client that keeps only the newest frame and may miss frames between polls.
 fn receives_the_newest(client: &str, port: u16) {
     if let Some(seen) = python(client, port) {
         let left_out = turns::check(&seen);
@@ -91,7 +91,7 @@ fn receives_the_newest(client: &str, port: u16) {
     }
 }
 
-/// Holds a port that a client cannot be told to change, against other tests on this machine.
+/// Locks a port that cannot be configured at the client, against other tests on this machine.
 fn locked(port: u16) -> File {
     let path = std::env::temp_dir().join(format!("oqtal-test-port-{port}"));
     // A file of another user can be locked, but not written.

@@ -55,7 +55,7 @@ fn reprojection_error_equals_the_pixel_noise_asked_for() {
             squares += point.squared_px;
             freedom += 2.0 * point.cameras as f64 - 3.0;
         }
-        // A chi-square of some 25000 degrees of freedom: one part in a hundred is two standard deviations.
+        // Chi-square with some 25000 degrees of freedom: 1 % is two standard deviations.
         assert!(freedom > 10_000.0, "{freedom}");
         let measured_px = f64::sqrt(squares / freedom);
         assert!((measured_px / noise_px - 1.0).abs() < 0.02, "{measured_px} for {noise_px}");
@@ -142,7 +142,7 @@ fn swaps_and_vanished_markers_come_as_often_and_last_as_long_as_configured() {
     let swapped =
         mocap(&[("markers.swap-probability", 0.01.into()), ("markers.swap-frames", 5.0.into())]);
     let lost = frames(&swapped, 4000).iter().filter(|frame| frame.body.is_none()).count();
-    // A share of 5 in 104.
+    // Expected share: 5 in 104.
     assert!((130..260).contains(&lost), "{lost} of 4000");
     for frame in frames(&swapped, 4000).iter().filter(|frame| frame.body.is_some()) {
         let (position, attitude) = error(frame);
@@ -201,7 +201,7 @@ proptest! {
         let pairs = places.iter().map(|place| (*place, attitude.to_world(place) + shift));
         if let Some(body) = fit(pairs) {
             prop_assert!(body.residual_m < 1e-7, "{}", body.residual_m);
-            // Markers near a line fix the turn about it weakly.
+            // Markers near a line determine the rotation about it only weakly.
             prop_assert!(body.attitude.rotation_to(&attitude).norm() < 1e-3);
         }
     }

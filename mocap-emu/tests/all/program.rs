@@ -1,4 +1,4 @@
-//! The program `oqtal-mocap-emu`, started by itself.
+//! The program `oqtal-mocap-emu`, started as a process.
 
 use std::process::Command;
 

@@ -33,7 +33,7 @@ fn flights() -> impl Strategy<Value = Vec<RecordedPose>> {
     })
 }
 
-/// The flight as a file in each format, beginning at `start` \[ns\].
+/// The flight as a file in each format, starting at `start` \[ns\].
 fn written(flight: &[RecordedPose], start: u64) -> [String; 3] {
     let mut named = String::from("qz,qw,qx,qy,z,y,x,t\n");
     let mut tum = String::new();
@@ -107,7 +107,7 @@ proptest! {
         let mut bytes = written(&flight, 0)[format].clone().into_bytes();
         for (at, end, by) in damage {
             let at = at.index(bytes.len() + 1);
-            // A few bytes replaced, sometimes the rest cut off.
+            // Replaces a few bytes; sometimes cuts off the rest.
             let end = if end.index(4) == 0 { bytes.len() } else { bytes.len().min(at + end.index(4)) };
             bytes.splice(at..end, by.bytes());
         }

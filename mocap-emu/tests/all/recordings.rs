@@ -40,7 +40,7 @@ fn one_flight_is_the_same_in_every_format() {
         times_ns(&named)[..6],
         [0, 16_700_000, 33_300_000, 50_000_000, 70_000_000, 70_200_000]
     );
-    // The fixtures contain a climbing circle at 1.3 rad/s, with a roll of 0.06 rad and the yaw along the path.
+    // The fixtures contain a climbing circle at 1.3 rad/s, with a roll of 0.06 rad and yaw along the path.
     let rolled = Attitude::from_rotation_vector(Vector3::x() * 0.06);
     for pose in poses {
         let time = pose.time_ns as f64 * 1e-9;

@@ -1,4 +1,4 @@
-//! A real room as the preset `room` has it: captures, arrivals, stalls, noise, stamps; and captures estimated from arrivals.
+//! The preset `room`, compared with a real room: captures, arrivals, stalls, noise, stamps; and captures estimated from arrivals.
 
 use nalgebra::Vector3;
 use oqtal_bus::message::TruthV1;
@@ -20,7 +20,7 @@ fn at_rest(_: f64) -> TruthV1 {
     TruthV1 { position: [0.3, 0.1, 0.5], attitude: Attitude::LEVEL.xyzw(), ..TruthV1::default() }
 }
 
-/// A lemniscate of up to 1 m/s.
+/// Lemniscate with speeds up to 1 m/s.
 fn lemniscate(t_s: f64) -> TruthV1 {
     let angle = t_s * 1.1;
     let position = [0.65 * angle.sin(), 0.65 * (2.0 * angle).sin() / 2.0, 1.0];
@@ -133,7 +133,7 @@ fn captures_are_estimated_better_than_arrivals_say() {
 
 #[test]
 fn a_stall_does_not_make_a_slow_body_fast() {
-    // 0.17 m/s, captured regularly, delivered at once but for a stall of 0.4 s whose poses come 3 ms apart.
+    // Motion at 0.17 m/s, captured regularly and delivered at once, except for a stall of 0.4 s whose poses arrive 3 ms apart.
     let poses = (0..600_u64).map(|k| {
         let captured_ms = k * 50 / 3;
         let queued_ms = 4500 + k * 3;

@@ -1,4 +1,4 @@
-//! The command `serve`: frames of its clients beside other clients that misbehave, and its errors.
+//! The command `serve`: frames of well-behaved clients beside misbehaving ones, and error messages.
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
@@ -16,7 +16,7 @@ use crate::served::{Served, command};
 
 /// Time-out of every wait: a test that waits longer has failed.
 const WAIT_TIMEOUT: Duration = Duration::from_secs(60);
-/// Frames that a client receives to show that none is missing.
+/// Number of consecutive frames that a client must receive.
 const FRAMES: usize = 150;
 
 fn connect(address: &str) -> TcpStream {
@@ -88,7 +88,7 @@ fn vrpn_times(address: &str, name: &str) -> Vec<u64> {
     times
 }
 
-/// Clients that hang, send garbage, flood, or ask for frames that they do not read.
+/// Clients that hang, send garbage, flood the server, or request frames without reading them.
 fn bad_clients(qtm: &str, vrpn: &str) -> Vec<TcpStream> {
     let mut stream_request = Vec::new();
     let mut writer = QtmWriter::new(&mut stream_request, ByteOrder::Little);
@@ -142,7 +142,7 @@ fn an_eleventh_client_is_refused_until_one_leaves() {
     connect(&address).read_to_end(&mut refusal).unwrap();
     assert!(String::from_utf8_lossy(&refusal).contains("Max number of clients reached"));
     drop(clients.pop());
-    // The server reads what it is sent in order: with this answer it has noticed the empty place.
+    // The server reads requests in order: after this answer it has noticed the free place.
     clients[0].send("GetState");
     let connected = QtmClientEvent::Event(QtmEvent::Connected);
     clients[0].wait(|event| (*event == connected).then_some(()));
@@ -168,7 +168,7 @@ fn every_client_receives_the_events_of_the_one_in_control() {
         other.wait(matches);
         master.wait(matches);
     }
-    // The client has asked for the stream again.
+    // The client has requested the stream again.
     assert!(other.next_frame() > 0);
 }
 
@@ -196,7 +196,7 @@ fn a_signal_ends_the_server_with_exit_code_0() {
     assert_eq!(child.wait().unwrap().code(), Some(0));
 }
 
-/// Exit code and message of a server that does not start.
+/// Exit code and message of a server that fails to start.
 fn failure(arguments: &[&str]) -> (Option<i32>, String) {
     let output = command(arguments).stderr(std::process::Stdio::piped()).output().unwrap();
     (output.status.code(), String::from_utf8(output.stderr).unwrap())

@@ -1,4 +1,4 @@
-//! A camera system of its own process for the tests: `oqtal-mocap-emu serve`.
+//! Camera system in a separate process for the tests: `oqtal-mocap-emu serve`.
 
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};

@@ -1,21 +1,21 @@
-//! A recording of a body that is turned about each of its axes, which tells frames, handedness and axes apart.
+//! Recording of a body that is turned about each of its axes, which reveals errors of frame, handedness and axes.
 
 use std::io::Write;
 
 use nalgebra::{Rotation3, Unit, Vector3};
 use tempfile::NamedTempFile;
 
-/// Frames of the recording; it is played again and again.
+/// Number of frames of the recording; it is played repeatedly.
 pub const FRAMES: usize = 1200;
 /// Rate of the recording \[Hz\].
 pub const RATE_HZ: f64 = 100.0;
-/// Frames for which the body is turned about one axis.
+/// Number of frames for which the body is turned about one axis.
 const HOLD: usize = 30;
-/// The body moves by this much along x with every frame, which numbers the frames \[m\].
+/// Displacement along x per frame, which numbers the frames \[m\].
 const STEP_M: f64 = 1e-4;
-/// Turn about each axis \[rad\].
+/// Angle of the turn about each axis \[rad\].
 const TURN_RAD: f64 = 0.7;
-/// Error of numbers of 32 bits, positions in m and cosines.
+/// Error of 32-bit numbers, positions in m and direction cosines.
 const TOLERANCE: f64 = 5e-6;
 
 /// A frame as a client received it.
@@ -29,7 +29,7 @@ pub struct SeenFrame {
     pub axes: [f64; 9],
 }
 
-/// The axis about which the body is turned in frame `frame`.
+/// Axis about which the body is turned in frame `frame`.
 fn axis(frame: usize) -> usize {
     frame / HOLD % 3
 }
@@ -55,7 +55,7 @@ pub fn recording() -> NamedTempFile {
     file
 }
 
-/// The frame of the recording that a client saw, which must agree with it.
+/// Index of the frame that a client received; asserts that the pose agrees with the recording.
 fn identified(seen: &SeenFrame) -> usize {
     let [x, y, z] = seen.position;
     let axis = if z > 1.0 { 2 } else { usize::from(y > 0.5) };
@@ -70,8 +70,8 @@ fn identified(seen: &SeenFrame) -> usize {
     frame
 }
 
-/// Checks that every frame is one of the recording and that all three turns were seen; returns how many frames were left out or came
-/// in another order.
+/// Checks that every frame belongs to the recording and that all three turns were received; returns the number of frames that
+/// were left out or out of order.
 pub fn check(seen: &[SeenFrame]) -> usize {
     let frames: Vec<usize> = seen.iter().map(identified).collect();
     for turned in 0..3 {

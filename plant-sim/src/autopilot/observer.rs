@@ -1,7 +1,7 @@
 //! Motion of a vehicle between the samples that its simulator reports. Pure.
 //!
-//! A simulator reports position in steps of a centimetre, a unit of the seventh decimal of a degree, and velocity much finer. The
-//! observer integrates the velocity and keeps the position within half a step of what is reported.
+//! A simulator reports position in steps of a centimetre (one unit of the seventh decimal of a degree), and velocity at a much
+//! finer resolution. The observer integrates the velocity and keeps the position within half a step of the reported one.
 
 use nalgebra::{UnitQuaternion, Vector3};
 use oqtal_bus::message::TruthV1;
@@ -11,16 +11,16 @@ use oqtal_wire::mavlink::MavlinkTruth;
 
 /// Time without a sample after which the motion is unknown: the simulator has stopped.
 const SAMPLE_TIMEOUT: Span = Span::from_millis(250);
-/// Longest time over which the motion is predicted from a sample.
+/// Longest prediction from a sample.
 const LONGEST_PREDICTION: Span = Span::from_millis(50);
-/// Distance by which the reported position differs from the integrated one if the simulator has moved the vehicle to another place \[m\].
+/// Difference between reported and integrated position above which the simulator has moved the vehicle to another place \[m\].
 const JUMP_M: f64 = 0.5;
-/// Radius of the earth at the equator, by which simulators place vehicles on a plane \[m\].
+/// Equatorial radius of the earth, with which simulators map positions to a plane \[m\].
 const EARTH_M: f64 = 6_378_137.0;
 /// One count of latitude and longitude \[rad\].
 const COUNT: f64 = 1e-7 * std::f64::consts::PI / 180.0;
 
-/// Motion in the axes of the world.
+/// Motion in world axes.
 #[derive(Clone, Copy, Debug)]
 struct ObservedMotion {
     at: Time,
@@ -30,7 +30,7 @@ struct ObservedMotion {
     rate: Vector3<f64>,
 }
 
-/// Place and heading of the vehicle in its first sample: the origin of the world, and its x axis.
+/// Position and heading of the vehicle in its first sample: origin and x axis of the world.
 #[derive(Clone, Copy, Debug)]
 struct MotionStart {
     latitude_e7: i32,
@@ -50,7 +50,7 @@ impl MotionStart {
         }
     }
 
-    /// Position \[m, world\] on the plane that touches the earth here.
+    /// Position \[m, world\] on the plane tangent to the earth at the origin.
     fn position(&self, sample: &MavlinkTruth) -> Vector3<f64> {
         let north = f64::from(sample.latitude_e7) - f64::from(self.latitude_e7);
         let east = f64::from(sample.longitude_e7) - f64::from(self.longitude_e7);
@@ -62,7 +62,7 @@ impl MotionStart {
     }
 }
 
-/// Observer of a vehicle's motion. The world's origin is where the vehicle first is, and x points where it then points.
+/// Observer of a vehicle's motion. The origin of the world is the vehicle's first position, and x is its first heading.
 #[derive(Clone, Debug, Default)]
 pub struct SimulatorObserver {
     start: Option<MotionStart>,
@@ -74,7 +74,7 @@ impl SimulatorObserver {
     pub fn take(&mut self, now: Time, sample: &MavlinkTruth) {
         let start = *self.start.get_or_insert_with(|| MotionStart::new(sample));
         let reported = start.position(sample);
-        // Half a step of latitude, whichever way the world is turned; of longitude it is less.
+        // Half a step of latitude, for any heading of the world; a step of longitude is shorter.
         let step = COUNT * EARTH_M;
         let half = Vector3::new(step, step, sample.altitude_step_m) * 0.5;
         let position = match self.predicted(now) {
@@ -108,7 +108,7 @@ impl SimulatorObserver {
         })
     }
 
-    /// The motion at `now`, predicted from the last sample by its velocity and rate.
+    /// The motion at `now`, predicted from the last sample with its velocity and rate.
     fn predicted(&self, now: Time) -> Option<ObservedMotion> {
         let last = self.motion.filter(|last| now.since(last.at) <= SAMPLE_TIMEOUT)?;
         let ahead = now.since(last.at).clamp(Span::ZERO, LONGEST_PREDICTION).seconds();
@@ -188,14 +188,14 @@ mod tests {
         assert!((truth.attitude[2] - f64::sin(0.05)).abs() < 1e-12, "{truth:?}");
     }
 
-    /// Climbs at 1 m/s, sampled at 60 Hz in steps of a centimetre: the height has none.
+    /// Climb at 1 m/s, sampled at 60 Hz in steps of a centimetre: the observed height has no steps.
     #[test]
     fn steps_of_the_altitude_are_smoothed_by_the_velocity() {
         let mut observer = SimulatorObserver::default();
         let mut heights = Vec::new();
         for number in 0..120 {
             let climbed = f64::from(number) / 60.0;
-            // The addition keeps 1.15 s from being 114 steps.
+            // Without the addition, 1.15 s would be 114 steps.
             let altitude_m = 584.0 + (climbed * 100.0 + 1e-6).floor() / 100.0;
             let now = START + Span::from_seconds(climbed);
             let velocity = [0.0, 0.0, 1.0];
@@ -207,7 +207,7 @@ mod tests {
         }
     }
 
-    /// Flies forward at 1 m/s, sampled at 100 Hz in steps of a centimetre.
+    /// Forward flight at 1 m/s, sampled at 100 Hz in steps of a centimetre.
     #[test]
     fn steps_of_the_position_are_smoothed_by_the_velocity() {
         let mut observer = SimulatorObserver::default();

@@ -1,4 +1,5 @@
-//! Body of a firmware under test: its motor values drive the plant's rotors, and inertial sensors measure the motion. Pure.
+//! Body of a firmware under test: the firmware's motor values drive the plant's rotors, and inertial sensors measure the motion.
+//! Pure.
 
 use nalgebra::Vector3;
 use oqtal_bus::message::TruthV1;
@@ -10,7 +11,7 @@ use oqtal_wire::crazyflie_sitl::imu_datagram;
 use crate::disturbance::SceneDisturbance;
 use crate::plant::{Plant, PlantOutput};
 
-/// Rate of the inertial sensors \[Hz\]; the firmware's loops count their samples.
+/// Rate of the inertial sensors \[Hz\]; the firmware's loops are clocked by their samples.
 const IMU_HZ: f64 = 1000.0;
 
 /// Sample of the inertial sensors as the firmware receives it.
@@ -30,7 +31,7 @@ pub enum BodyOutput {
 pub struct FirmwareBody {
     plant: Plant,
     imu: Grid,
-    /// Instant of the last sample of the sensors, and the velocity then \[m/s, world\].
+    /// Instant of the last sensor sample, and the velocity at that instant \[m/s, world\].
     measured: (Time, Vector3<f64>),
     gravity: f64,
 }
@@ -40,7 +41,7 @@ impl FirmwareBody {
     #[must_use]
     pub fn new(config: &Config, start: Time) -> Self {
         let mut config = config.clone();
-        // The firmware executes the vehicle's loops: of the plant only the rotors remain.
+        // The firmware executes the control loops; of the plant's model only the rotors remain.
         config.plant.fidelity = Fidelity::Rotors;
         Self {
             gravity: config.plant.gravity_m_s2,
@@ -88,7 +89,7 @@ impl FirmwareBody {
         self.plant.advance(until, |output| truth(output, &mut out));
     }
 
-    /// Skips the excess of a pause of the process that ends at `now`: see [`Plant::skip_pause`].
+    /// Skips the excess of a pause of the process that ends at `now`; see [`Plant::skip_pause`].
     pub fn skip_pause(&mut self, now: Time) -> Span {
         let skipped = self.plant.skip_pause(now);
         if skipped > Span::ZERO {
@@ -104,7 +105,7 @@ impl FirmwareBody {
         &self.plant
     }
 
-    /// Measures at `now`: the accelerometer averages since its last sample, so that a touch-down is not missed.
+    /// Samples the sensors at `now`. The accelerometer averages since its last sample, so that a touch-down is not missed.
     fn measure(&mut self, now: Time) -> ImuDatagram {
         let truth = self.plant.truth();
         let velocity = Vector3::from(truth.velocity);

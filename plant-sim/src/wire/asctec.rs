@@ -1,10 +1,10 @@
-//! Emulated on-board computer of an AscTec vehicle: commands to motors and set-points, replies. Pure.
+//! Emulated on-board computer of an AscTec vehicle: executes motor commands and set-points, and replies. Pure.
 //!
-//! The computer flies by the newest command that it could decode. The command's checksum is a sum of words: a pair of wrong bits
-//! passes if one is set and the other cleared at the same place of two words. Values out of range are rejected as well; the others
-//! are flown. At one wrong bit in a hundred a quarter of the commands can be decoded, and of these six in a thousand are wrong
-//! (`six_commands_in_a_thousand_are_wrong_at_one_wrong_bit_in_a_hundred`): one every eleven seconds at 60 Hz, which acts until the
-//! next one is decoded.
+//! The computer executes the newest command that it can decode. The command's checksum is a sum of words: a pair of wrong bits
+//! passes if one is set and the other cleared at the same place of two words. Values out of range are also rejected; all others
+//! are executed. At one wrong bit in a hundred, a quarter of the commands can be decoded, and six in a thousand of these are
+//! wrong (`six_commands_in_a_thousand_are_wrong_at_one_wrong_bit_in_a_hundred`): one every eleven seconds at 60 Hz, effective
+//! until the next command is decoded.
 
 mod motors;
 mod options;
@@ -32,17 +32,17 @@ use motors::MotorSwitch;
 pub(super) use options::check;
 pub(super) use pty::PseudoTerminal;
 
-/// Height above which the vehicle reports that it flies \[m\].
+/// Height above which the vehicle reports that it is flying \[m\].
 const FLYING_M: f64 = 0.05;
 
 /// Emulated AscTec vehicle behind its radio.
 pub type AsctecVehicle = EmulatedVehicle<RadioModel, AsctecComputer>;
 
 impl AsctecVehicle {
-    /// The vehicle of `config` on the floor at `start`, at the other end of `link`.
+    /// The vehicle of `config` on the floor at `start`, at the far end of `link`.
     ///
     /// # Errors
-    /// An option of `[plant.wire]` cannot be used.
+    /// An option of `[plant.wire]` is invalid.
     pub fn new(config: &Config, link: &AsctecLink, start: Time) -> Result<Self, OptionError> {
         let radio = RadioModel::new(&config.plant.wire, config.clock.seed, link.serial.baud);
         let computer = AsctecComputer::new(config, link)?;
@@ -73,7 +73,7 @@ impl AsctecComputer {
     fn new(config: &Config, link: &AsctecLink) -> Result<Self, OptionError> {
         let millis = |millis: f64| Span::from_seconds(millis * 1e-3);
         let plant = &config.plant;
-        // The frames of replies are of the kind that the host's requests are.
+        // Replies are framed in the same way as the host's requests.
         let peer = options::address(config)?;
         Ok(Self {
             carrier: Carrier::new(link.xbee, Side::Radio, peer),
@@ -115,7 +115,7 @@ impl AsctecComputer {
             && takes(ControlInput::ENABLE_YAW)
             && takes(ControlInput::ENABLE_THRUST);
         self.motors.command(now, switches);
-        // Axes that the host does not command are the pilot's, who keeps the sticks centred.
+        // Axes that the host does not command follow the pilot's sticks, which are centred.
         let centred = |axis: i16, counts: i16| if takes(axis) { counts } else { 0 };
         self.sticks = self.scales.decode(&ControlInput {
             pitch: centred(ControlInput::ENABLE_PITCH, input.pitch),

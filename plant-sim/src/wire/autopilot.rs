@@ -1,13 +1,13 @@
 //! Emulated autopilot, PX4 or ArduCopter: modes, arming and its refusals, set-points and their time-out, telemetry, parameters.
-//! Behaves as measurements of the firmware show, in all that a bridge can observe. Pure.
+//! Its behaviour, as far as a bridge can observe it, matches measurements of the firmware. Pure.
 //!
 //! | | ArduCopter | PX4 |
 //! |---|---|---|
-//! | set-points are followed in | Guided_NoGPS | Offboard, entered only while they flow |
-//! | no set-point for | 3 s: level, height held, mode unchanged | 1 s: Position, level and sinking |
+//! | set-points are followed in | Guided_NoGPS | Offboard, entered only while set-points arrive |
+//! | without a set-point for | 3 s: level, height held, mode unchanged | 1 s: Position, level and sinking |
 //! | position is known | 1.5 s after poses and the origin of the world | 1.5 s after poses by ODOMETRY |
-//! | after arming, no thrust for | 2 s | 1 s |
-//! | heartbeats | at the rate asked for | once a second, and when asked for one |
+//! | no thrust after arming for | 2 s | 1 s |
+//! | heartbeats | at the requested rate | once a second, and on request |
 //! | disarming in the air | refused unless forced | refused unless forced |
 
 mod motion;
@@ -32,24 +32,24 @@ use motion::{OFFBOARD_TIMEOUT, SetpointFollower};
 use parameters::ParameterTable;
 use streams::{Stream, TelemetryStreams};
 
-/// Time from the first pose to a position.
+/// Time from the first pose until the position is known.
 const ALIGNMENT: Span = Span::from_millis(1500);
-/// Time without a pose after which the position is no longer known.
+/// Time without a pose after which the position is unknown.
 const POSES_LOST: Span = Span::from_millis(1000);
-/// Age of a set-point up to which set-points flow.
+/// Greatest age of the newest set-point at which the stream of set-points counts as running.
 const FLOWING: Span = Span::from_millis(500);
 
-/// System id of an emulated vehicle whose link names none.
+/// Default system id of an emulated vehicle.
 const DEFAULT_SYSTEM: u8 = 1;
 
-/// Emulated vehicle that is flown through MAVLink.
+/// Emulated vehicle controlled over MAVLink.
 pub type MavlinkVehicle = EmulatedVehicle<DatagramModel, EmulatedAutopilot>;
 
 impl MavlinkVehicle {
-    /// The vehicle of `config` on the floor at `start`, at the other end of `link`.
+    /// The vehicle of `config` on the floor at `start`, at the far end of `link`.
     ///
     /// # Errors
-    /// An option of `[plant.wire.mavlink]` cannot be used.
+    /// An option of `[plant.wire.mavlink]` is invalid.
     pub fn new(config: &Config, link: &MavlinkLink, start: Time) -> Result<Self, OptionError> {
         let network = DatagramModel::new(&config.plant.wire, config.clock.seed);
         let autopilot = EmulatedAutopilot::new(config, link, start)?;
@@ -197,7 +197,7 @@ impl EmulatedAutopilot {
         self.sees_poses(now) && aligned && (self.has_origin || self.kind == AutopilotKind::Px4)
     }
 
-    /// Executes a command that is acknowledged.
+    /// Executes a command and returns its acknowledgement.
     fn execute_command(&mut self, now: Time, kind: &CommandKind) -> AckResult {
         match *kind {
             CommandKind::SetMode { mode, .. } => self.set_mode(now, mode),
@@ -209,7 +209,7 @@ impl EmulatedAutopilot {
                 self.is_armed = false;
                 AckResult::Accepted
             }
-            // PX4's heartbeat keeps its rate.
+            // PX4 ignores requests to change the rate of its heartbeat.
             CommandKind::MessageInterval { message: 0, .. } if self.kind == AutopilotKind::Px4 => {
                 AckResult::Failed
             }
@@ -279,7 +279,7 @@ impl EmulatedAutopilot {
 }
 
 impl OnBoardComputer for EmulatedAutopilot {
-    /// Instant at which telemetry is due. Time-outs are checked with every message and every sample of the plant.
+    /// Instant at which telemetry is due. Time-outs are checked at every message and every sample of the plant.
     fn next_event(&self) -> Option<Time> {
         self.streams.next_event()
     }

@@ -10,9 +10,9 @@ use rand::RngExt;
 
 use super::link::{LinkDirection, LinkModel, Traffic};
 
-/// Datagrams under way in one direction, at most \[-\]; more are lost, as in a full queue.
+/// Maximum number of datagrams in transit in one direction \[-\]; further ones are lost, as in a full queue.
 const NETWORK_QUEUE: usize = 256;
-/// The same in a relay, as in the queues of a radio \[-\].
+/// Maximum number of datagrams in transit in one direction of a relay, as in the queues of a radio \[-\].
 const RELAY_QUEUE: usize = 64;
 
 /// Model of the network.
@@ -22,11 +22,11 @@ pub struct DatagramModel {
     jitter: Span,
     loss_probability: f64,
     disturbance: RadioDisturbance,
-    /// Datagrams under way in one direction, at most \[-\].
+    /// Maximum number of datagrams in transit in one direction \[-\].
     capacity: usize,
     /// Whether a datagram never overtakes another one.
     keeps_order: bool,
-    /// By [`LinkDirection`].
+    /// Lanes, indexed by [`LinkDirection`].
     lanes: [DatagramLane; 2],
 }
 
@@ -52,7 +52,7 @@ impl DatagramModel {
         }
     }
 
-    /// Relay without latency or losses of its own; datagrams keep their order, also behind one that a fault delays.
+    /// Relay without latency or losses of its own; datagrams keep their order, also behind a delayed one.
     #[must_use]
     pub fn relay(seed: u64) -> Self {
         Self::undisturbed(RELAY_QUEUE, seed)

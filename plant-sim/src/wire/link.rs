@@ -1,4 +1,4 @@
-//! Link between host and vehicle: the interface of its models.
+//! Link between host and vehicle: interface of the link models.
 
 use oqtal_bus::time::Time;
 use oqtal_runtime::faults::RadioDisturbance;
@@ -15,13 +15,13 @@ pub enum LinkDirection {
 /// Traffic in one direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Traffic {
-    /// Frames handed over \[-\].
+    /// Frames sent \[-\].
     pub frames: u64,
     /// Frames lost \[-\].
     pub lost: u64,
-    /// Bytes handed over \[bytes\].
+    /// Bytes sent \[bytes\].
     pub bytes: u64,
-    /// Wrong bits, those of lost frames included \[bits\].
+    /// Wrong bits, including those in lost frames \[bits\].
     pub wrong_bits: u64,
 }
 
@@ -30,10 +30,10 @@ pub trait LinkModel {
     /// Disturbs both directions from now on: a longer latency, further losses.
     fn disturb(&mut self, disturbance: RadioDisturbance);
 
-    /// Takes bytes that are handed over together at `now`.
+    /// Sends bytes as one frame at `now`.
     fn send(&mut self, direction: LinkDirection, now: Time, bytes: &[u8]);
 
-    /// Appends the bytes that have arrived by `now`, or the next packet, to `out`; returns whether anything has.
+    /// Appends the bytes that have arrived by `now`, or the next packet, to `out`; returns whether anything was appended.
     fn receive(&mut self, direction: LinkDirection, now: Time, out: &mut Vec<u8>) -> bool;
 
     /// Instant at which the next frame in this direction has arrived completely.

@@ -1,10 +1,10 @@
-//! Model of the radio between the host's serial port and the vehicle: bytes in at one end come out at the other, delayed, some
-//! lost, some wrong. Pure and seeded.
+//! Model of the radio between the host's serial port and the vehicle: bytes are delayed, some are lost, some arrive wrong. Pure
+//! and seeded.
 //!
-//! - A byte takes ten bits at the wire's rate; bytes handed over together form one frame, and frames queue.
-//! - Half duplex: while one end sends, the other waits.
+//! - A byte takes ten bits at the rate of the wire; bytes sent together form one frame, and frames queue.
+//! - Half duplex: while one end sends, the other one waits.
 //! - Every byte arrives with the same latency after its last bit.
-//! - A frame is lost as a whole with one probability; each bit of the others is wrong with another, independently.
+//! - A frame is lost as a whole with one probability; each bit of the other frames is wrong with another, independently.
 //!
 //! Losses and wrong bits are drawn from separate random streams by (seed, direction), one draw per frame and one per wrong bit:
 //! the division into frames does not change which bits are wrong.
@@ -33,9 +33,9 @@ pub struct RadioModel {
     byte: Span,
     latency: Span,
     half_duplex: bool,
-    /// By [`LinkDirection`].
+    /// Lanes, indexed by [`LinkDirection`].
     lanes: [Lane; 2],
-    /// Addition to `latency` by faults.
+    /// Latency added by faults.
     delay: Span,
 }
 
@@ -100,7 +100,7 @@ impl LinkModel for RadioModel {
     }
 }
 
-/// Frame on its way.
+/// Frame in transit.
 #[derive(Clone, Copy, Debug)]
 struct QueuedFrame {
     start: Time,
@@ -114,7 +114,7 @@ struct QueuedFrame {
 #[derive(Clone, Debug)]
 struct Lane {
     loss_probability: f64,
-    /// Probability of a loss by faults \[0..1\].
+    /// Loss probability added by faults \[0..1\].
     disturbed_loss_probability: f64,
     losses: Generator,
     errors: BitErrors,
@@ -172,12 +172,12 @@ impl Lane {
     }
 }
 
-/// Generator of wrong bits: the distances between them are drawn one by one.
+/// Generator of wrong bits, which draws the distances between them.
 #[derive(Clone, Debug)]
 struct BitErrors {
     distance: Geometric,
     generator: Generator,
-    /// Right bits before the next wrong one \[bits\].
+    /// Number of correct bits before the next wrong one \[bits\].
     right: u64,
 }
 

@@ -1,8 +1,8 @@
-//! MessageSchedule of messages that are sent periodically.
+//! Schedule of periodic messages.
 
 use oqtal_bus::time::{Span, Time};
 
-/// Period of a message, and the instant at which it is due. Messages that were missed are not made up for.
+/// Period of a message, and the instant at which it is due. Missed messages are not made up for.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MessageSchedule {
     period: Span,
@@ -10,7 +10,7 @@ pub(super) struct MessageSchedule {
 }
 
 impl MessageSchedule {
-    /// Every `period` from `first` on.
+    /// Schedule with period `period`, starting at `first`.
     pub(super) fn new(first: Time, period: Span) -> Self {
         Self { period, next: first }
     }
@@ -20,7 +20,7 @@ impl MessageSchedule {
         self.next
     }
 
-    /// Whether the message is due at `now`; it is then due next a period later.
+    /// Whether the message is due at `now`; if so, advances the schedule by a period.
     pub(super) fn is_due(&mut self, now: Time) -> bool {
         let is_due = self.next <= now;
         if is_due {

@@ -11,16 +11,16 @@ use crate::plant::{Plant, PlantOutput};
 /// Measurements of the on-board computer.
 #[derive(Clone, Copy, Debug)]
 pub struct Measured {
-    /// Motion of the vehicle; its own sensors are perfect.
+    /// Motion of the vehicle; the vehicle's own sensors are perfect.
     pub truth: TruthV1,
     /// Battery voltage \[V\].
     pub battery_v: f64,
 }
 
-/// Frames that an on-board computer received.
+/// Counters of frames received by an on-board computer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FrameCounters {
-    /// Frames that it read \[-\].
+    /// Valid frames \[-\].
     pub read: u64,
     /// Damaged frames \[-\].
     pub damaged: u64,
@@ -28,7 +28,7 @@ pub struct FrameCounters {
 
 /// On-board computer: protocol of the host, rules of the firmware, and the resulting command to the vehicle.
 pub trait OnBoardComputer {
-    /// Instant at which it acts without an arrival; `None` for never.
+    /// Instant at which the computer acts without an arrival; `None` for never.
     fn next_event(&self) -> Option<Time>;
 
     /// Executes bytes, or one packet, that arrived at `now`, and queues the replies.
@@ -52,19 +52,19 @@ pub trait OnBoardComputer {
 pub struct LinkCounters {
     /// Frames that the vehicle received.
     pub frames: FrameCounters,
-    /// From the host.
+    /// Traffic from the host.
     pub up: Traffic,
-    /// To the host.
+    /// Traffic to the host.
     pub down: Traffic,
 }
 
-/// Emulated vehicle with the on-board computer `B` that is flown through the link `L`.
+/// Emulated vehicle with the on-board computer `B`, controlled through the link `L`.
 #[derive(Debug)]
 pub struct EmulatedVehicle<L, B> {
     plant: Plant,
     link: L,
     pub(super) board: B,
-    /// Scratch memory for bytes that have arrived at an end of the link.
+    /// Scratch memory for bytes that have arrived at one end of the link.
     arrived: Vec<u8>,
 }
 
@@ -98,7 +98,7 @@ impl<L: LinkModel, B: OnBoardComputer> EmulatedVehicle<L, B> {
         events.into_iter().flatten().fold(self.plant.next_sample(), Time::min)
     }
 
-    /// Whether the link has room for bytes of the host; otherwise the host has to wait.
+    /// Whether the link accepts bytes of the host; otherwise the host must wait.
     #[must_use]
     pub fn has_room(&self, now: Time) -> bool {
         self.link.has_room(LinkDirection::Up, now)
@@ -111,12 +111,12 @@ impl<L: LinkModel, B: OnBoardComputer> EmulatedVehicle<L, B> {
         self.plant.disturb(SceneDisturbance { radio: RadioDisturbance::default(), ..disturbance });
     }
 
-    /// Skips the excess of a pause of the process that ends at `now`: see [`Plant::skip_pause`].
+    /// Skips the excess of a pause of the process that ends at `now`; see [`Plant::skip_pause`].
     pub fn skip_pause(&mut self, now: Time) -> Span {
         self.plant.skip_pause(now)
     }
 
-    /// Takes bytes, or a packet, that the host wrote together.
+    /// Takes bytes, or a packet, sent by the host in one write.
     pub fn host_writes(&mut self, now: Time, bytes: &[u8]) {
         self.link.send(LinkDirection::Up, now, bytes);
     }
@@ -138,7 +138,8 @@ impl<L: LinkModel, B: OnBoardComputer> EmulatedVehicle<L, B> {
         has_arrived.then(|| use_bytes(&self.arrived))
     }
 
-    /// Flies on to `until` and passes the outputs to `out`. Commands act at the very instant at which their last byte arrives.
+    /// Integrates to `until` and passes the outputs to `out`. A command takes effect at the instant at which its last byte
+    /// arrives.
     pub fn advance(&mut self, until: Time, mut out: impl FnMut(PlantOutput)) {
         loop {
             let next = self.next_instant().min(until);
@@ -150,7 +151,7 @@ impl<L: LinkModel, B: OnBoardComputer> EmulatedVehicle<L, B> {
         }
     }
 
-    /// Executes the bytes that have arrived, lets time pass on board, replies, and commands the vehicle.
+    /// Executes the bytes that have arrived, advances the on-board computer, sends replies, and commands the vehicle.
     fn act(&mut self, now: Time) {
         let Self { plant, link, board, arrived } = self;
         let measured = Measured { truth: plant.truth(), battery_v: plant.battery_v() };

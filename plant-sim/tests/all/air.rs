@@ -1,4 +1,4 @@
-//! Forces of the air on the rotors, and losses and jitter of the simulated radio.
+//! Aerodynamic forces on the rotors, and losses and jitter of the simulated radio.
 
 use nalgebra::{Vector3, Vector4};
 use oqtal_bus::code::Actuation;
@@ -33,7 +33,7 @@ fn hover_speed(plant: &PlantOptions) -> f64 {
     (WEIGHT_N / 4.0 / plant.rotors.thrust_coefficient).sqrt()
 }
 
-/// A vehicle that hovers but for this velocity and rate.
+/// A hovering vehicle with this velocity and rate.
 fn state(plant: &PlantOptions, velocity: Vector3<f64>, rate: Vector3<f64>) -> State {
     let actuators = match plant.fidelity {
         oqtal_config::Fidelity::Eq61 => Vector4::x() * WEIGHT_N,
@@ -42,7 +42,7 @@ fn state(plant: &PlantOptions, velocity: Vector3<f64>, rate: Vector3<f64>) -> St
     State { position: Vector3::z(), velocity, rate, actuators, ..State::on_floor() }
 }
 
-/// Acceleration \[m/s^2\] and angular acceleration \[rad/s^2\] with rotors that turn as in hover.
+/// Acceleration \[m/s^2\] and angular acceleration \[rad/s^2\] with rotors at hover speed.
 fn accelerations(
     plant: &PlantOptions,
     state: &State,
@@ -80,7 +80,7 @@ fn inflow_damps_roll_and_pitch_but_not_yaw() {
     let turning = state(&with, Vector3::zeros(), Vector3::new(1.0, 1.0, 1.0));
     let of = |plant| accelerations(plant, &turning, Vector3::zeros()).1;
     let damping = of(&with) - of(&without);
-    // Two rotors have a distance of one arm from each axis.
+    // Two rotors are at a distance of one arm from each axis.
     let torque = 2.0 * INFLOW * hover_speed(&with) * with.rotors.arm_m.powi(2);
     let roll = -torque / with.inertia_kg_m2[0][0];
     assert!((damping.x / roll - 1.0).abs() < 1e-3, "{damping}");
@@ -90,7 +90,7 @@ fn inflow_damps_roll_and_pitch_but_not_yaw() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Drag takes energy out of any motion, of the body and of its rotation.
+    /// Drag removes energy from any motion, translation and rotation.
     #[test]
     fn the_air_never_drives_the_rotors(
         velocity in prop::array::uniform3(-3.0..3.0_f64),
@@ -109,7 +109,7 @@ proptest! {
         prop_assert!(force.dot(&velocity) + torque.dot(&rate) <= 1e-12);
     }
 
-    /// The closer the floor, the more thrust, by a third at most; a hundredth is left at two radii and a half.
+    /// Thrust grows towards the floor by up to a third; the increase is 1 % at a height of two and a half radii.
     #[test]
     fn the_ground_effect_is_bounded_and_vanishes_with_height(height in 0.0..2.0_f64, more in 0.0..1.0_f64) {
         let config = configured(&[("plant.rotors.ground-effect", true.into())]);
@@ -121,7 +121,7 @@ proptest! {
         prop_assert!(RotorAir::new(&Config::default().plant.rotors).is_none());
     }
 
-    /// As many commands are lost as configured, in bursts of the configured mean length.
+    /// Losses have the configured share and the configured mean burst length.
     #[test]
     fn losses_have_their_share_and_their_length(
         share in 0.02..0.3_f64,

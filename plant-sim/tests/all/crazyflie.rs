@@ -22,7 +22,7 @@ impl Host {
         let mut config = Config::default();
         let plant = &mut config.plant;
         (plant.gust_sd_m_s2, plant.rate_drift_deg_s, plant.force_n) = (0.0, [0.0; 3], [0.0; 3]);
-        // As strong for its weight as a Crazyflie.
+        // Thrust-to-weight ratio of a Crazyflie.
         plant.max_thrust_n = 10.0;
         plant.wire.crtp.thrust_curve_n = [10.9, 0.0];
         change(&mut config);
@@ -34,7 +34,7 @@ impl Host {
         self.vehicle.host_writes(self.now, request.packet().as_bytes());
     }
 
-    /// Lets `millis` pass; with a set-point, it is sent every 10 ms.
+    /// Advances by `millis`; a set-point, if given, is sent every 10 ms.
     fn pass(&mut self, millis: i64, setpoint: Option<LegacySetpoint>) {
         for _ in 0..millis / 10 {
             if let Some(setpoint) = setpoint {
@@ -52,7 +52,7 @@ impl Host {
         self.replies.iter().any(|reply| reply.contains(text))
     }
 
-    /// Sets rates, arms, and flies up for half a second.
+    /// Sets rates, arms, and climbs for half a second.
     fn fly(&mut self) {
         for id in [3, 4] {
             let rates = CrtpValue::of(ParameterType::U8, 0.0);

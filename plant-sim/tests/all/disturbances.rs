@@ -7,7 +7,7 @@ use oqtal_plant_sim::{Plant, SceneDisturbance};
 
 use crate::{HOVER, START, calm};
 
-/// The default vehicle without wind, drift and drag, under `disturb`.
+/// The default vehicle with `disturb`, without wind, drift and drag.
 fn plant(disturb: &str, more: &[(&str, toml::Value)]) -> Plant {
     let base = [
         ("plant.drag-per-s", 0.0.into()),
@@ -17,7 +17,7 @@ fn plant(disturb: &str, more: &[(&str, toml::Value)]) -> Plant {
     Plant::new(&calm(&[&base, more].concat()), START)
 }
 
-/// The truth after `millis` in which a command to hover is repeated, armed at the start.
+/// The truth after `millis` of repeated hover commands, armed at the start.
 fn after(plant: &mut Plant, millis: i64) -> TruthV1 {
     let from = plant.truth().time;
     plant.disturb(SceneDisturbance { armed_at: Some(START), ..SceneDisturbance::default() });
@@ -47,7 +47,7 @@ fn a_disturbance_begins_and_ends_between_two_milliseconds() {
     assert!((velocity[0] - 0.1).abs() < 1e-9, "{velocity:?}: 200 m/s^2 for half a millisecond");
 }
 
-/// Lifts the vehicle from the floor, so that it floats from half a second on.
+/// Lifts the vehicle off the floor; it floats from half a second on.
 const LIFT: &str = "force@0+0.5=0,0,1N";
 
 fn disturbed(also: &str) -> (&'static str, toml::Value) {
@@ -71,14 +71,14 @@ fn a_gust_pushes_through_the_drag_by_half_its_peak_on_average() {
     let mut plant = plant(LIFT, &settings);
     assert_eq!(after(&mut plant, 1000).velocity[0], 0.0);
     let pushed = after(&mut plant, 1000).velocity[0];
-    // The mean of 1 - cos over its period is a half.
+    // The mean of 1 - cos over its period is 1/2.
     assert!((pushed / (drag * 2.0 / 2.0) - 1.0).abs() < 1e-2, "{pushed}");
     assert!((after(&mut plant, 500).velocity[0] / pushed - 1.0).abs() < 1e-2, "it is over");
 }
 
 #[test]
 fn a_torque_turns_a_vehicle_whose_rate_is_held_by_its_lag() {
-    // J_x 3.65e-3 kg m^2, rate loop of 50 ms: a constant torque leaves a rate of tau / J times 50 ms.
+    // J_x = 3.65e-3 kg m^2, rate loop of 50 ms: a constant torque causes a steady rate of tau / J times 50 ms.
     let mut plant = plant(LIFT, &[disturbed("torque@0.5=0.01,0,0Nm")]);
     let rate = after(&mut plant, 1000).rate;
     let expected = 0.01 / 3.65e-3 * 0.05;

@@ -1,4 +1,4 @@
-//! The plant as the body of a firmware: its sensors and its motors.
+//! The plant as the body of a firmware: sensors and motors.
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, RotorLayout};
@@ -10,7 +10,7 @@ use crate::START;
 const G_COUNTS: f64 = 2048.0;
 const RATE_COUNTS: f64 = 65536.0 / 4000.0 * 180.0 / std::f64::consts::PI;
 
-/// A body without gusts, drift and drag, and the time.
+/// A body without gusts, drift and drag, and the time of the test.
 struct Bench {
     body: FirmwareBody,
     now: Time,
@@ -50,7 +50,7 @@ impl Bench {
         }
     }
 
-    /// Specific force \[g, body\] and rate \[rad/s, body\] as measured.
+    /// Measured specific force \[g, body\] and body rate \[rad/s, body\].
     fn measured(&self) -> ([f64; 3], [f64; 3]) {
         let count = |at: usize| f64::from(i16::from_le_bytes([self.last[at], self.last[at + 1]]));
         let three = |at: usize| [count(at), count(at + 2), count(at + 4)];
@@ -104,7 +104,7 @@ fn a_firmware_that_is_silent_loses_its_motors() {
     assert!(force.abs() < 2e-3, "{force} g");
 }
 
-/// Rotors in the order of each layout, and the axes about which more power turns the vehicle; the gyroscope agrees.
+/// Order of the rotors in each layout, and axes about which more power turns the vehicle; the gyroscope agrees.
 #[test]
 fn each_rotor_turns_the_vehicle_as_its_place_and_sense_say() {
     let cross = [[-1, -1, -1], [-1, 1, 1], [1, 1, -1], [1, -1, 1]];
@@ -119,7 +119,7 @@ fn each_rotor_turns_the_vehicle_as_its_place_and_sense_say() {
             let rates = bench.rate();
             let most = rates.into_iter().fold(0.0, |most: f64, rate| most.max(rate.abs()));
             for (rate, sign) in rates.into_iter().zip(sign) {
-                // Gyroscopic torques turn the other axes by a little.
+                // Gyroscopic torques turn the other axes slightly.
                 let right =
                     if sign == 0 { rate.abs() < 0.05 * most } else { rate * f64::from(sign) > 0.0 };
                 assert!(right, "{layout:?}, rotor {rotor}: {rates:?}");

@@ -41,7 +41,7 @@ impl Host {
         self.send(&MavlinkContent::Command(command));
     }
 
-    /// Lets `millis` pass; with a thrust, it is sent every 20 ms.
+    /// Advances by `millis`; a thrust, if given, is sent every 20 ms.
     fn pass(&mut self, millis: i64, thrust: Option<f64>) {
         let mut decoder = MavlinkDecoder::new();
         for _ in 0..millis / 20 {

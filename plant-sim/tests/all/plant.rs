@@ -136,7 +136,7 @@ fn hover_thrust_hovers() {
         bench.hold(sticks(0.0, HOVER), 3000);
         let before = bench.truth().velocity[2];
         bench.hold(sticks(0.0, HOVER), 1000);
-        // Nothing but drag is left, at a quarter of the speed per second.
+        // Only drag remains, a quarter of the speed per second.
         let expected = before * (-0.25f64).exp();
         assert!((bench.truth().velocity[2] - expected).abs() < 1e-3, "{fidelity}");
     }
@@ -257,7 +257,7 @@ fn f12_a_long_pause_is_integrated_for_two_seconds_and_skipped_for_the_rest() {
     let woken = bench.now + Span::from_seconds(3600.0);
     assert_eq!(bench.plant.skip_pause(woken), Span::from_seconds(3598.0));
     assert_eq!(bench.plant.truth().time, woken);
-    // Its motors stopped because no command arrived, and it fell.
+    // The motors stopped because no command arrived, and the vehicle fell.
     assert_eq!((bench.plant.vehicle().armed, bench.plant.truth().position[2]), (0, 0.0));
     assert!(frames(&bench) > woken && frames(&bench) <= woken + Span::from_millis(17));
     let mut outputs = 0;

@@ -1,4 +1,4 @@
-//! The program of this package, started by itself.
+//! The program of this package, started as a process.
 
 use std::process::Command;
 

@@ -69,7 +69,7 @@ fn frames_are_lost_and_bits_are_wrong_as_often_as_configured() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// In any interval no more bytes arrive than the wire carries in it.
+    /// In any interval, no more bytes arrive than the rate of the wire allows.
     #[test]
     fn occupancy_never_exceeds_the_baud_rate(
         frames in prop::collection::vec((0..50_000_i64, 1..200_usize, any::<bool>()), 1..40),
@@ -117,7 +117,7 @@ proptest! {
         prop_assert!(received(&mut radio, LinkDirection::Down, at(LATE)).is_empty());
     }
 
-    /// The same bits are wrong however bytes are divided into frames.
+    /// The same bits are wrong regardless of the division of bytes into frames.
     #[test]
     fn wrong_bits_depend_on_their_place_alone(cuts in prop::collection::vec(1..90_usize, 1..30)) {
         let noisy = || radio(|options| options.bit_error_rate = 0.02);

@@ -1,4 +1,4 @@
-//! An operator's stop at the simulated vehicle, whatever the daemon commands.
+//! Operator's stop at the simulated vehicle, whatever the daemon commands.
 
 use oqtal_bus::code::Actuation;
 use oqtal_bus::memory::{MemoryBus, MemoryReader, MemoryWriter};
@@ -15,7 +15,7 @@ use crate::START;
 
 const PERIOD: Span = Span::from_nanos(16_666_667);
 
-/// A plant, and a daemon without a stop switch.
+/// Plant, and a daemon without a stop switch.
 struct Bench {
     plant: PlantTurn<MemoryBus>,
     commands: MemoryWriter<CommandV1>,
@@ -39,7 +39,7 @@ impl Bench {
         }
     }
 
-    /// A period in which `actuation` is commanded; returns what the vehicle reports in it.
+    /// One period in which `actuation` is commanded; returns the vehicle reports of that period.
     fn period(&mut self, actuation: Actuation) -> Vec<VehicleV1> {
         let stamps = Stamps { command_published_at: self.now, ..Stamps::default() };
         let thrust = if actuation == Actuation::Disarmed { 0.0 } else { 0.4 };
@@ -80,7 +80,7 @@ fn commands_on_the_radio_when_a_stop_comes_do_not_act() {
     let mut bench = Bench::new(false);
     bench.period(Actuation::Disarmed);
     bench.period(Actuation::Disarmed);
-    // On the radio for 20 ms: more than a period.
+    // In transit on the radio for 20 ms, longer than a period.
     bench.period(Actuation::Sticks);
     bench.stop.raise();
     for _ in 0..3 {

@@ -1,4 +1,4 @@
-//! The emulated vehicle at the other end of a wire: switched on, flown and polled through bytes.
+//! Emulated vehicle at the far end of a wire: switched on, controlled and polled through bytes.
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, Interface};
@@ -24,7 +24,7 @@ fn link(text: &str) -> AsctecLink {
 
 const PERIOD_US: i64 = 16_667;
 
-/// The scales of the vehicle's end, as its sticks mean rates or an attitude.
+/// Scales at the vehicle's end; sticks mean rates or an attitude.
 fn scales_of(config: &Config) -> Scales {
     let scales: Scales = config.plant.wire.asctec.convert("plant.wire.asctec").unwrap();
     match config.plant.interface {
@@ -217,7 +217,7 @@ fn the_inertial_measurements_are_those_of_the_flight() {
     assert!(imu.height > 0.1 && imu.height < truth.position[2], "{imu:?}");
 }
 
-/// The figure in the documentation of the on-board computer.
+/// Verifies the figure in the documentation of the on-board computer.
 #[test]
 fn six_commands_in_a_thousand_are_wrong_at_one_wrong_bit_in_a_hundred() {
     let mut config = Config::default();
@@ -255,7 +255,7 @@ fn six_commands_in_a_thousand_are_wrong_at_one_wrong_bit_in_a_hundred() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// For arbitrary bytes of a host: no panic, only finite values, and no running motors without the switch.
+    /// Arbitrary bytes from a host cause no panic, only finite values, and no running motors without the switch.
     #[test]
     fn arbitrary_bytes_leave_the_vehicle_in_a_valid_state(
         writes in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..300), 0..30),

@@ -1,4 +1,4 @@
-//! The clock of faults: the present instant of a turn, and the first command that arms, from which the times of faults count.
+//! Clock of faults: present instant of a turn, and instant of the first command that arms, from which the times of faults count.
 
 use std::cell::{Cell, RefCell};
 
@@ -13,7 +13,7 @@ use oqtal_config::Fault;
 /// Watches topic `command` for the first command that arms.
 #[derive(Debug)]
 pub struct ArmingWatch<T: Transport> {
-    /// `None` if no time counts from arming.
+    /// Reader; `None` if no time counts from arming.
     commands: Option<T::Reader<CommandV1>>,
     armed_at: Option<Time>,
 }
@@ -28,8 +28,8 @@ impl<T: Transport> ArmingWatch<T> {
         Ok(Self { commands, armed_at: None })
     }
 
-    /// The instant at which the daemon published its first command that arms; `None` before, or if it is not needed. The stamp is
-    /// the daemon's, so that all processes agree on it.
+    /// Instant at which the daemon published its first command that arms; `None` before it, or if it is not needed. The stamp is
+    /// the daemon's, so that all processes use the same instant.
     ///
     /// # Errors
     /// The transport failed.
@@ -45,22 +45,22 @@ impl<T: Transport> ArmingWatch<T> {
     }
 }
 
-/// The clock of one process's faults.
+/// Clock of one process's faults.
 #[derive(Debug)]
 pub(super) struct FaultClock<T: Transport> {
     now: Cell<Time>,
     armed_at: Cell<Option<Time>>,
     arming: RefCell<ArmingWatch<T>>,
-    /// The states of the vehicle, to keep faults from one that is not simulated; `None` where they are allowed to act.
+    /// States of the vehicle, read to restrict faults to simulated vehicles; `None` if faults may act on any vehicle.
     vehicles: RefCell<Option<T::Reader<VehicleV1>>>,
-    /// Whether the vehicle turned out not to be simulated.
+    /// Whether the vehicle was found not to be simulated.
     is_refused: Cell<bool>,
-    /// Instants at which delayed samples are due, by port.
+    /// Due instants of delayed samples, by port.
     due: RefCell<Vec<Option<Time>>>,
 }
 
 impl<T: Transport> FaultClock<T> {
-    /// A clock for faults that act on any vehicle, or else (`any_vehicle` false) on a simulated one alone.
+    /// Clock for faults that act on any vehicle, or only on a simulated one if `any_vehicle` is false.
     pub(super) fn open(bus: &T, any_vehicle: bool) -> Result<Self, BusError> {
         let vehicles = (!any_vehicle).then(|| bus.reader(&VEHICLE)).transpose()?;
         Ok(Self {
@@ -100,32 +100,32 @@ impl<T: Transport> FaultClock<T> {
         is_within(interval(fault.at_s, fault.duration_s, armed_at), self.now())
     }
 
-    /// A new port, whose delayed samples [`FaultClock::set_due`] reports.
+    /// Index of a new port, for [`FaultClock::set_due`].
     pub(super) fn add_port(&self) -> usize {
         self.due.borrow_mut().push(None);
         self.due.borrow().len() - 1
     }
 
-    /// Reports when the next delayed sample of `port` is due.
+    /// Sets the instant at which the next delayed sample of `port` is due.
     pub(super) fn set_due(&self, port: usize, due: Option<Time>) {
         self.due.borrow_mut()[port] = due;
     }
 
-    /// The instant at which the first delayed sample is due.
+    /// The instant at which the first delayed sample of all ports is due.
     pub(super) fn next_due(&self) -> Option<Time> {
         self.due.borrow().iter().flatten().min().copied()
     }
 }
 
-/// Beginning and end of the interval from `at_s` on, of length `duration_s` \[s\], in a flight that was armed at `armed_at`; the end
-/// is `None` for never.
+/// Interval that starts at `at_s` and lasts `duration_s` \[s\], in a flight armed at `armed_at`; the end is `None` for an
+/// unlimited interval.
 #[must_use]
 pub fn interval(at_s: f64, duration_s: Option<f64>, armed_at: Time) -> (Time, Option<Time>) {
     let from = armed_at + Span::from_seconds(at_s);
     (from, duration_s.map(|duration_s| from + Span::from_seconds(duration_s)))
 }
 
-/// Whether `now` is in the interval with this beginning and end.
+/// Whether `now` is in this interval.
 #[must_use]
 pub fn is_within((from, until): (Time, Option<Time>), now: Time) -> bool {
     from <= now && until.is_none_or(|until| now < until)

@@ -1,4 +1,4 @@
-//! Messages made wrong: plausible but false, or arbitrary.
+//! Falsified messages: plausible but wrong, or arbitrary.
 
 use std::any::Any;
 
@@ -9,7 +9,7 @@ use rand::{Rng, RngExt};
 
 use crate::random::{Generator, normal3};
 
-/// Numbers that no sensor sends: a quarter of the numbers of garbage.
+/// Values that no sensor sends: a quarter of the numbers in garbage.
 const ABSURD: [f64; 6] =
     [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, f64::MAX, f64::MIN_POSITIVE / 2.0, -0.0];
 
@@ -38,7 +38,7 @@ pub(super) fn garble<M: Message>(message: &mut M, generator: &mut Generator) {
     }
 }
 
-/// A number of any kind \[-\]: absurd, of random bits, or of ordinary size.
+/// Arbitrary number \[-\]: absurd, of random bits, or of ordinary size.
 fn arbitrary(generator: &mut Generator) -> f64 {
     match generator.random_range(0..4) {
         0 => ABSURD[generator.random_range(0..ABSURD.len())],
@@ -47,8 +47,8 @@ fn arbitrary(generator: &mut Generator) -> f64 {
     }
 }
 
-/// Makes `message` plausible but false by the magnitude of `fault`. A direction comes from `generator`, which must be in the
-/// same state for every sample of one fault: the error is constant.
+/// Makes `message` plausible but wrong by the magnitude of `fault`. The direction is drawn from `generator`, which must be in the
+/// same state for every sample of one fault, so that the error is constant.
 pub(super) fn falsify<M: Message>(message: &mut M, fault: &Fault, generator: &mut Generator) {
     let message: &mut dyn Any = message;
     if let Some(pose) = message.downcast_mut::<PoseV1>() {
@@ -66,7 +66,7 @@ pub(super) fn falsify<M: Message>(message: &mut M, fault: &Fault, generator: &mu
     }
 }
 
-/// Shifts a pose by `distance_m` in a direction of `generator`.
+/// Shifts a pose by `distance_m` in a direction drawn from `generator`.
 fn shift(pose: &mut PoseV1, distance_m: f64, generator: &mut Generator) {
     let direction = normal3(generator).try_normalize(0.0).unwrap_or_else(Vector3::x);
     pose.position = (Vector3::from(pose.position) + direction * distance_m).into();

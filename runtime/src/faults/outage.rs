@@ -1,4 +1,4 @@
-//! Processes that are stopped, killed or slow, in virtual time: the scheduler leaves their turns out, or executes them late.
+//! Outages of processes in virtual time (stopped, killed or slow): the scheduler omits or delays their turns.
 
 use oqtal_bus::error::BusError;
 use oqtal_bus::time::{Span, Time};
@@ -8,23 +8,23 @@ use oqtal_config::{Config, Fault, FaultKind, FaultTarget};
 
 use super::clock::{ArmingWatch, interval, is_within};
 
-/// The time in which a process does not act, or acts late.
+/// Interval in which a process does not act, or acts late.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Outage {
     /// The process.
     pub role: Role,
-    /// Its beginning.
+    /// Beginning of the interval.
     pub from: Time,
-    /// Its end; `None` for never.
+    /// End of the interval; `None` for an unlimited one.
     pub until: Option<Time>,
-    /// `None` while the process does not act at all, otherwise by how much it acts late.
+    /// Delay of each turn; `None` if the process does not act at all.
     pub lateness: Option<Span>,
-    /// Whether the process is killed and has to be restarted at the end.
+    /// Whether the process is killed and must be restarted at the end.
     pub is_kill: bool,
 }
 
 impl Outage {
-    /// The outage by `fault` in a flight that was armed at `armed_at`; `None` if the target is not a process.
+    /// Outage caused by `fault` in a flight armed at `armed_at`; `None` if the target is not a process.
     #[must_use]
     pub fn of(fault: &Fault, armed_at: Time) -> Option<Self> {
         let (from, until) = interval(fault.at_s, fault.duration_s, armed_at);
@@ -38,7 +38,7 @@ impl Outage {
         })
     }
 
-    /// The instant at which a turn of the role that is due `at` is executed; `None` for never.
+    /// Instant at which a turn of the role due `at` is executed; `None` for never.
     #[must_use]
     pub fn postpone(&self, at: Time) -> Option<Time> {
         match (is_within((self.from, self.until), at), self.lateness) {
@@ -49,7 +49,7 @@ impl Outage {
     }
 }
 
-/// The process that is the target of a fault; `None` if the target is not a process.
+/// Process that is the target of a fault; `None` if the target is not a process.
 #[must_use]
 pub const fn role_of(target: FaultTarget) -> Option<Role> {
     match target {
@@ -67,7 +67,7 @@ pub const fn role_of(target: FaultTarget) -> Option<Role> {
 /// The faults of processes in one flight in virtual time.
 #[derive(Debug)]
 pub struct TurnFaults<T: Transport> {
-    /// `None` once armed.
+    /// Watch for arming; `None` once armed.
     arming: Option<ArmingWatch<T>>,
     faults: Vec<Fault>,
 }
@@ -83,7 +83,7 @@ impl<T: Transport> TurnFaults<T> {
         Ok(Self { arming: Some(ArmingWatch::open(bus, !faults.is_empty())?), faults })
     }
 
-    /// The outages of the flight, once, as soon as it is armed; to be called after each turn of the daemon.
+    /// Outages of the flight, returned once, as soon as it is armed; to be called after each turn of the daemon.
     ///
     /// # Errors
     /// The transport failed.

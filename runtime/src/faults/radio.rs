@@ -1,4 +1,4 @@
-//! Faults of the simulated radio between a command received and its effect.
+//! Faults of the simulated radio, between the receipt of a command and its effect.
 
 use oqtal_bus::error::BusError;
 use oqtal_bus::time::{Span, Time};
@@ -10,9 +10,9 @@ use super::clock::{ArmingWatch, interval, is_within};
 /// Disturbance of the radio at an instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RadioDisturbance {
-    /// Addition to the latency.
+    /// Additional latency.
     pub delay: Span,
-    /// Probability that a command or a frame is lost, beyond that of the radio itself \[0..1\].
+    /// Probability that a command or a frame is lost, in addition to the radio's own losses \[0..1\].
     pub loss_probability: f64,
 }
 
@@ -24,7 +24,7 @@ pub struct RadioFaults<T: Transport> {
 }
 
 impl<T: Transport> RadioFaults<T> {
-    /// The faults of `config` with the target `radio`.
+    /// Faults of `config` with the target `radio`.
     ///
     /// # Errors
     /// The transport failed.

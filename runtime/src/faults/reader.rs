@@ -1,4 +1,4 @@
-//! The reading end of a topic with faults.
+//! Reader of a topic with faults.
 
 use std::collections::VecDeque;
 use std::rc::Rc;
@@ -14,7 +14,7 @@ use super::clock::FaultClock;
 use super::corrupt::{falsify, garble};
 use crate::random::{Generator, RandomSource, stream};
 
-/// Samples that may be delayed at a time; older ones are lost.
+/// Maximum number of delayed samples; older ones are lost.
 const MOST_DELAYED: usize = 1024;
 /// Words of the random stream reserved for each fault.
 const WORDS_PER_FAULT: u128 = 1 << 40;
@@ -24,19 +24,19 @@ const WORDS_PER_FAULT: u128 = 1 << 40;
 struct ActiveFault {
     fault: Fault,
     generator: Generator,
-    /// The instant at which a slow topic last let a sample through.
+    /// Instant at which a slow topic last delivered a sample.
     passed_at: Option<Time>,
 }
 
 impl ActiveFault {
-    /// The fault number `index` of the configuration.
+    /// Fault number `index` of the configuration.
     fn new(fault: &Fault, index: usize, seed: u64) -> Self {
         let mut generator = stream(seed, RandomSource::Fault);
         generator.set_word_pos(index as u128 * WORDS_PER_FAULT);
         Self { fault: fault.clone(), generator, passed_at: None }
     }
 
-    /// Whether a sample of `now` is missing.
+    /// Whether a sample that arrives at `now` is dropped.
     fn is_missing(&mut self, now: Time) -> bool {
         match self.fault.kind {
             FaultKind::Off => true,
@@ -54,7 +54,7 @@ impl ActiveFault {
         }
     }
 
-    /// Changes the numbers of a sample.
+    /// Alters the numbers of a sample.
     fn alter<M: Message>(&mut self, body: &mut M, last: Option<M>) {
         match self.fault.kind {
             FaultKind::Stuck => *body = last.unwrap_or(*body),
@@ -64,7 +64,7 @@ impl ActiveFault {
         }
     }
 
-    /// By how much a sample is delayed.
+    /// Delay of a sample.
     fn delay(&self) -> Span {
         match self.fault.kind {
             FaultKind::Delayed => Span::from_seconds(self.fault.value() * 1e-3),
@@ -73,20 +73,20 @@ impl ActiveFault {
     }
 }
 
-/// The faults of one port, and the samples that they delay.
+/// Faults of one port, and the delayed samples.
 #[derive(Debug)]
 pub(super) struct Injector<T: Transport, M> {
     clock: Rc<FaultClock<T>>,
     faults: Vec<ActiveFault>,
     port: usize,
     delayed: VecDeque<(Time, Header, M)>,
-    /// The last value that no fault altered.
+    /// Last value before it was altered by a fault.
     last: Option<M>,
     missing: u64,
 }
 
 impl<T: Transport, M: Message> Injector<T, M> {
-    /// An injector of `faults`, given with their numbers in the configuration.
+    /// Injector of `faults`, given with their indices in the configuration.
     pub(super) fn new(
         clock: &Rc<FaultClock<T>>,
         faults: &[(usize, &Fault)],
@@ -103,7 +103,7 @@ impl<T: Transport, M: Message> Injector<T, M> {
         })
     }
 
-    /// Takes what has arrived, and returns the next sample that is due.
+    /// Takes the samples that have arrived, and returns the next one that is due.
     fn receive(&mut self, inner: &mut impl Subscribe<M>) -> Result<Option<(Header, M)>, BusError> {
         while let Some((header, body)) = inner.receive()? {
             self.take(header, body);
@@ -115,7 +115,7 @@ impl<T: Transport, M: Message> Injector<T, M> {
         Ok(sample.map(|(_, header, body)| (header, body)))
     }
 
-    /// Passes a sample through every fault that acts. Samples keep their order, also behind delayed ones.
+    /// Passes a sample through every active fault. Samples keep their order, also behind delayed ones.
     fn take(&mut self, header: Header, mut body: M) {
         let now = self.clock.now();
         let (mut delay, mut altered) = (Span::ZERO, false);
@@ -141,7 +141,7 @@ impl<T: Transport, M: Message> Injector<T, M> {
     }
 }
 
-/// The reading end of a topic, with its faults if it has any.
+/// Reader of a topic, with its faults, if any.
 #[derive(Debug)]
 pub struct FaultyReader<T: Transport, M: Message> {
     pub(super) inner: T::Reader<M>,

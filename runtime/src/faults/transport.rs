@@ -17,7 +17,7 @@ use super::turn::FaultyTurn;
 #[derive(Debug)]
 pub struct FaultyTransport<T: Transport> {
     bus: Rc<T>,
-    /// `None` without faults.
+    /// Faults, if there are any.
     faults: Option<Faults<T>>,
 }
 
@@ -36,7 +36,7 @@ impl<T: Transport> FaultyTransport<T> {
     /// The transport failed.
     pub fn new(bus: &Rc<T>, config: &Config) -> Result<Self, BusError> {
         let options = &config.fault;
-        // An emulated vehicle behind a bridge is simulated, although the bridge reports a real one.
+        // An emulated vehicle behind a bridge is simulated, although the bridge reports a real vehicle.
         let any_vehicle = options.with_real_vehicle || !config.plant.wire.link.is_empty();
         let faults = match options.inject.is_empty() {
             true => None,
@@ -50,11 +50,11 @@ impl<T: Transport> FaultyTransport<T> {
         Ok(Self { bus: Rc::clone(bus), faults })
     }
 
-    /// `turn` of the process `target`, whose ports were opened here.
+    /// Wraps `turn` of the process `target`, whose ports were opened here.
     #[must_use]
     pub fn turn<R>(&self, target: FaultTarget, turn: R) -> FaultyTurn<T, R> {
         let Some(faults) = &self.faults else { return FaultyTurn::new(turn, None, Vec::new()) };
-        // In virtual time the turn scheduler makes a process slow.
+        // In virtual time the scheduler delays the turns of a slow process.
         let of_process = faults.all.iter().filter(|f| f.target == target && !faults.is_virtual);
         FaultyTurn::new(turn, Some(Rc::clone(&faults.clock)), of_process.cloned().collect())
     }
@@ -84,23 +84,23 @@ impl<T: Transport + std::fmt::Debug> Transport for FaultyTransport<T> {
         all.any(|fault| Some(fault.target) == target && is_altering(fault.kind))
     }
 
-    /// The operator's stop, which no fault touches.
+    /// Operator's stop, which is never faulted.
     fn stop_switch(&self) -> Result<StopSwitch, BusError> {
         self.bus.stop_switch()
     }
 
-    /// An observer, which receives the messages as they were sent.
+    /// Observer, which receives the messages as sent.
     fn observer<M: Message>(&self, topic: &Topic<M>) -> Result<Self::Reader<M>, BusError> {
         Ok(FaultyReader { inner: self.bus.observer(topic)?, injector: None })
     }
 }
 
-/// Whether a fault changes the content of messages, not only whether and when they arrive.
+/// Whether a fault changes the content of messages, not only their arrival.
 fn is_altering(kind: FaultKind) -> bool {
     matches!(kind, FaultKind::Stuck | FaultKind::Garbage | FaultKind::Wrong)
 }
 
-/// The target whose faults the reader of a topic injects.
+/// Target whose faults the reader of a topic injects.
 fn target_of(topic: &str) -> Option<FaultTarget> {
     let targets = [
         (POSE.name, FaultTarget::Pose),

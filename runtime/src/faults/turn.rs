@@ -1,4 +1,4 @@
-//! The turn of a process whose ports have faults.
+//! Turn of a process whose ports have faults.
 
 use std::rc::Rc;
 use std::time::Duration;
@@ -12,14 +12,14 @@ use oqtal_config::{Fault, FaultKind};
 use super::clock::FaultClock;
 use crate::turn::{Turn, TurnClock};
 
-/// A turn that is also woken when a delayed sample is due, and that sleeps first while the process is slow.
+/// Turn that is also woken when a delayed sample is due, and that first sleeps while the process is slow.
 #[derive(Debug)]
 pub struct FaultyTurn<T: Transport, R> {
     /// The turn itself.
     pub turn: R,
-    /// `None` without faults.
+    /// Clock of the faults; `None` without faults.
     clock: Option<Rc<FaultClock<T>>>,
-    /// The faults of this process in real time.
+    /// Faults of this process in real time.
     faults: Vec<Fault>,
 }
 

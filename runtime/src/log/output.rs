@@ -20,7 +20,7 @@ pub(super) enum Output {
 }
 
 impl Output {
-    /// The journal if standard error is connected to it, else standard error.
+    /// The journal if standard error is connected to it, otherwise standard error.
     pub fn of_process(role: Role) -> Self {
         if !systemd_journal_logger::connected_to_journal() {
             return Self::StandardError;
@@ -33,7 +33,7 @@ impl Output {
         }
     }
 
-    /// Writes a record. Errors are ignored: no channel is left to report them on.
+    /// Writes a record. Errors are ignored: there is no other channel to report them.
     pub fn write(&mut self, record: &LogRecord) {
         match self {
             Self::Journal(journal) => {
@@ -57,13 +57,13 @@ impl Output {
     }
 }
 
-/// The fields of a record with the names that they have in the journal.
+/// Fields of a record with their names in the journal.
 fn journal_fields(record: &LogRecord) -> Vec<(String, String)> {
     let name = |name: &str| format!("{PREFIX}{}", name.to_uppercase());
     record.fields.iter().map(|(field, value)| (name(field), value.clone())).collect()
 }
 
-/// A record as a line: time, level, message, fields.
+/// Formats a record as a line: time, level, message, fields.
 fn line(record: &LogRecord) -> String {
     let LogRecord { time, level, message, fields } = record;
     let fields: String = fields

@@ -1,4 +1,4 @@
-//! The bounded queue between the threads that log and the log thread. A record that finds it full is dropped and counted.
+//! Bounded queue between the logging threads and the log thread. If it is full, a record is dropped and counted.
 
 use std::fmt::Debug;
 use std::sync::Arc;
@@ -16,7 +16,7 @@ use tracing_subscriber::layer::Context;
 /// Capacity of the queue \[records\].
 const CAPACITY: usize = 1024;
 
-/// A record of the log.
+/// Log record.
 #[derive(Clone, Debug)]
 pub(super) struct LogRecord {
     /// Wall-clock time, RFC 3339.
@@ -25,14 +25,14 @@ pub(super) struct LogRecord {
     pub level: Level,
     /// The message.
     pub message: String,
-    /// Fields beside the message: name and value.
+    /// Further fields: name and value.
     pub fields: Vec<(&'static str, String)>,
 }
 
 impl LogRecord {
     fn new(level: Level) -> Self {
         let mut time = String::new();
-        // Fails only if the string cannot be written to.
+        // Fails only if writing to the string fails.
         let _ = wall_clock().format_time(&mut Writer::new(&mut time));
         Self { time, level, message: String::new(), fields: Vec::new() }
     }
@@ -53,24 +53,24 @@ impl Visit for LogRecord {
 
 enum Entry {
     Record(LogRecord),
-    /// Acknowledged once everything before it is written.
+    /// Acknowledged once all earlier records are written.
     Flush(Sender<()>),
 }
 
-/// The end that threads log to. No call blocks, except [`LogQueue::flush`].
+/// Sending side of the queue. No call blocks, except [`LogQueue::flush`].
 #[derive(Clone)]
 pub(super) struct LogQueue {
     entries: Sender<Entry>,
     dropped: Arc<AtomicU64>,
 }
 
-/// The log thread's end.
+/// The log thread's side.
 pub(super) struct LogRecords {
     entries: Receiver<Entry>,
     dropped: Arc<AtomicU64>,
 }
 
-/// Both ends.
+/// Both sides of a new queue.
 pub(super) fn log_queue() -> (LogQueue, LogRecords) {
     let (sender, receiver) = bounded(CAPACITY);
     let dropped = Arc::new(AtomicU64::new(0));
@@ -87,7 +87,7 @@ impl Debug for LogQueue {
 }
 
 impl LogQueue {
-    /// Waits until what is queued is written, at most twice `timeout`.
+    /// Waits until the queued records are written, at most twice `timeout`.
     pub fn flush(&self, timeout: Duration) {
         let (done, is_done) = bounded(1);
         if self.entries.send_timeout(Entry::Flush(done), timeout).is_ok() {
@@ -107,7 +107,7 @@ impl<S: Subscriber> Layer<S> for LogQueue {
 }
 
 impl LogRecords {
-    /// Passes every record to `write` until the process ends, and a warning where records were dropped.
+    /// Passes every record to `write` until the process ends, with a warning whenever records were dropped.
     pub fn drain_into(&self, mut write: impl FnMut(&LogRecord)) {
         for entry in &self.entries {
             let dropped = self.dropped.swap(0, Ordering::Relaxed);

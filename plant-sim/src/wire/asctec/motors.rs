@@ -1,8 +1,8 @@
-//! Switch of the motors: no thrust and the yaw stick held to one side starts them, the same again stops them.
+//! Motor switch: holding the yaw stick to one side without thrust starts the motors; repeating it stops them.
 
 use oqtal_bus::time::{Span, Time};
 
-/// State of the motors and of their switch.
+/// State of the motors and of the motor switch.
 #[derive(Clone, Copy, Debug)]
 pub struct MotorSwitch {
     hold: Span,
@@ -15,7 +15,7 @@ pub struct MotorSwitch {
 enum Held {
     No,
     Since(Time),
-    /// Held, and has switched; it must be released before it switches again.
+    /// Held after switching; must be released before the next switching.
     Spent,
 }
 
@@ -51,7 +51,7 @@ impl MotorSwitch {
         };
     }
 
-    /// Stops the motors at once; a held switch must be released before it starts them.
+    /// Stops the motors at once; a held stick must be released before it starts them.
     pub fn stop(&mut self) {
         self.running_since = None;
         if self.held != Held::No {
@@ -68,7 +68,7 @@ mod tests {
         Time::VIRTUAL_START + Span::from_millis(millis)
     }
 
-    /// Sends a command every 10 ms of the range `millis` \[ms\].
+    /// Sends a command every 10 ms over the range `millis` \[ms\].
     fn commands(motors: &mut MotorSwitch, millis: std::ops::Range<i64>, holds: bool) {
         millis.step_by(10).for_each(|millis| motors.command(at(millis), holds));
     }

@@ -1,4 +1,4 @@
-//! `[plant.wire]` in the terms of `oqtal-wire`: address and scales of an AscTec vehicle.
+//! `[plant.wire]` as types of `oqtal-wire`: address and scales of an AscTec vehicle.
 
 use oqtal_config::Config;
 use oqtal_control::options::OptionError;
@@ -8,7 +8,7 @@ use oqtal_wire::xbee::Address;
 /// Checks `[plant.wire]`.
 ///
 /// # Errors
-/// Address or scales cannot be used.
+/// Address or scales are invalid.
 pub(in crate::wire) fn check(config: &Config) -> Result<(), OptionError> {
     address(config)?;
     scales(config).map(drop)

@@ -1,4 +1,4 @@
-//! Pseudo-terminal in place of the radio's serial port, and the symbolic link to it.
+//! Pseudo-terminal in place of the radio's serial port, and a symbolic link to it.
 
 use std::fs;
 use std::io::ErrorKind;
@@ -26,7 +26,7 @@ const RELEASE_PERIOD: Span = Span::from_millis(100);
 #[derive(Debug)]
 pub struct PseudoTerminal {
     near: OwnedFd,
-    /// The host's end, kept open so that the line keeps its settings without a host. Its lock marks the link as in use.
+    /// The host's end, kept open so that the line keeps its settings without a host. A lock on it marks the link as in use.
     far: OwnedFd,
     terminal: PathBuf,
     link: PathBuf,
@@ -34,7 +34,7 @@ pub struct PseudoTerminal {
 }
 
 impl PseudoTerminal {
-    /// Opens a line and makes `link` a symbolic link to the host's end. A link that a dead process left is replaced.
+    /// Opens a line and makes `link` a symbolic link to the host's end. A link left by a dead process is replaced.
     ///
     /// # Errors
     /// Another emulated vehicle uses `link` (exit code 75), `link` is something else (78), or the operating system refuses (71, 77).
@@ -66,7 +66,7 @@ impl VehiclePort for PseudoTerminal {
         }
     }
 
-    /// Writes `bytes`; without a host they are lost, as on a serial port.
+    /// Writes `bytes`; they are lost without a host, as on a serial port.
     fn write(&mut self, bytes: &[u8]) -> Result<(), Failure> {
         match rustix::io::write(&self.near, bytes) {
             Ok(_) | Err(Errno::AGAIN | Errno::INTR | Errno::IO) => Ok(()),
@@ -74,12 +74,12 @@ impl VehiclePort for PseudoTerminal {
         }
     }
 
-    /// Releases exclusive access to the line: a host that is killed leaves it set, and it would last as long as this end.
+    /// Releases exclusive access to the line, which a killed host leaves set for as long as this end is open.
     fn maintain(&mut self) {
         let now = Time::now();
         if now.since(self.released_at) >= RELEASE_PERIOD {
             self.released_at = now;
-            // On failure the line stays exclusive until the next try.
+            // On failure the line stays exclusive until the next attempt.
             let _ = ioctl_tiocnxcl(&self.far);
         }
     }
@@ -133,8 +133,8 @@ fn make_link(link: &Path, terminal: &Path) -> Result<(), Failure> {
         );
         return Err(Failure::new(Exit::Config, message));
     };
-    // If the kernel reused the number of a dead process's terminal, the old target is this terminal: opening it again would release
-    // the lock.
+    // If the kernel has reused the terminal number of a dead process, the old target is this terminal: opening it again would
+    // release the lock.
     if old != terminal && !is_number_reused(link, &old) {
         refuse_if_in_use(link, &old)?;
     }
@@ -143,7 +143,7 @@ fn make_link(link: &Path, terminal: &Path) -> Result<(), Failure> {
     })
 }
 
-/// Whether `terminal` was made after `link` to it: the kernel gave the number of a dead process's terminal to an unrelated one.
+/// Whether `terminal` was made after the link `link` to it: the kernel has reused the terminal number of a dead process.
 fn is_number_reused(link: &Path, terminal: &Path) -> bool {
     let Ok((link, terminal)) =
         fs::symlink_metadata(link).and_then(|link| Ok((link, fs::metadata(terminal)?)))
@@ -153,8 +153,8 @@ fn is_number_reused(link: &Path, terminal: &Path) -> bool {
     (link.ctime(), link.ctime_nsec()) < (terminal.ctime(), terminal.ctime_nsec())
 }
 
-/// Fails if a process holds the lock on `terminal` that [`set_up`] takes. A terminal that is gone or unlocked belonged to a dead
-/// process.
+/// Fails if a process holds the lock on `terminal` that [`set_up`] takes. A terminal that is missing or unlocked belonged to a
+/// dead process.
 fn refuse_if_in_use(link: &Path, terminal: &Path) -> Result<(), Failure> {
     let shown = link.display();
     let far = match open(terminal, terminal_flags(), Mode::empty()) {
@@ -182,7 +182,7 @@ fn refuse_if_in_use(link: &Path, terminal: &Path) -> Result<(), Failure> {
     }
 }
 
-/// Replaces the symbolic link `link` atomically: it always leads to the old terminal or to the new one.
+/// Replaces the symbolic link `link` atomically: it always points to the old or to the new terminal.
 fn replace(link: &Path, terminal: &Path) -> std::io::Result<()> {
     let mut name = link.as_os_str().to_owned();
     name.push(format!(".{}", std::process::id()));

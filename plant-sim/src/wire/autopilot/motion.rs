@@ -1,4 +1,4 @@
-//! Set-points of the emulated autopilot, and its rules without them.
+//! Set-points of the emulated autopilot, and its behaviour without them.
 
 use oqtal_bus::message::{CommandV1, TruthV1};
 use oqtal_bus::time::{Span, Time};
@@ -18,11 +18,11 @@ const GUIDED_TIMEOUT: Span = Span::from_millis(3000);
 pub(super) const OFFBOARD_TIMEOUT: Span = Span::from_millis(1000);
 /// Height below which the vehicle may have landed \[m\].
 const FLOOR_M: f64 = 0.05;
-/// Time below that height after which it has.
+/// Time below that height after which the vehicle counts as landed.
 const LANDED_AFTER: Span = Span::from_millis(1000);
-/// Gain from tilt to rate of a vehicle that levels by itself \[1/s\].
+/// Gain from tilt to body rate of a vehicle that levels itself \[1/s\].
 const LEVELLING: f64 = 4.0;
-/// Share of the weight with which PX4 sinks without a pilot's sticks \[-\].
+/// Thrust over weight with which PX4 sinks without a pilot's sticks \[-\].
 const SINKING: f64 = 0.96;
 
 /// Set-points, and their time-out.
@@ -67,12 +67,12 @@ impl SetpointFollower {
         }
     }
 
-    /// Whether the newest set-point is at most `age` old.
+    /// Whether the age of the newest set-point is at most `age`.
     pub(super) fn flows(&self, now: Time, age: Span) -> bool {
         self.newest.is_some_and(|(at, _)| now.since(at) <= age)
     }
 
-    /// Begins a flight at `now`: the vehicle has not detected yet that it stands.
+    /// Begins a flight at `now`: the vehicle has not yet detected that it stands.
     pub(super) fn begin(&mut self, now: Time) {
         self.low_since = self.low_since.map(|_| now);
     }
@@ -87,7 +87,7 @@ impl SetpointFollower {
         self.low_since.is_some_and(|since| now.since(since) >= LANDED_AFTER)
     }
 
-    /// The command for running motors, by set-points if the mode `follows` them, else by the autopilot itself.
+    /// Command for running motors: by set-points if the mode `follows` them, otherwise by the autopilot.
     pub(super) fn command(&self, now: Time, truth: &TruthV1, follows: bool) -> CommandV1 {
         let age = match self.kind {
             AutopilotKind::ArduPilot => GUIDED_TIMEOUT,
@@ -95,7 +95,7 @@ impl SetpointFollower {
         };
         match &self.newest {
             Some((_, target)) if follows && self.flows(now, age) => self.flight(target),
-            // Armed and not flown yet: the rotors idle.
+            // Armed and not yet flown: the rotors idle.
             None => self.level(truth, 0.0),
             Some(_) if self.has_landed(now) => self.level(truth, 0.0),
             Some(_) if self.kind == AutopilotKind::Px4 => self.level(truth, SINKING * self.hover),

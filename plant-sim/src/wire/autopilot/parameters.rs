@@ -1,4 +1,4 @@
-//! Parameters of the emulated autopilot that a set-up reads, with factory settings.
+//! Parameters of the emulated autopilot that a set-up reads, with their factory settings.
 
 use oqtal_wire::link::AutopilotKind;
 use oqtal_wire::mavlink::{MavlinkContent, ParameterName, ParameterValue};
@@ -43,7 +43,7 @@ const PX4: [(&str, u8, f64); 11] = [
 pub(super) struct ParameterTable(Vec<(ParameterName, ParameterValue)>);
 
 impl ParameterTable {
-    /// Factory settings of this kind of autopilot.
+    /// Factory settings of an autopilot of this kind.
     pub(super) fn new(kind: AutopilotKind) -> Self {
         let table = match kind {
             AutopilotKind::ArduPilot => &ARDUPILOT[..],

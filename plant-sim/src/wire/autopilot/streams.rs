@@ -1,10 +1,10 @@
-//! Telemetry of the emulated autopilot: which messages are sent, and how often.
+//! Telemetry of the emulated autopilot: schedule of its messages.
 
 use oqtal_bus::time::{Span, Time};
 
 use crate::wire::schedule::MessageSchedule;
 
-/// Period of messages that are sent without a request.
+/// Period of messages that are sent without request.
 const DEFAULT_PERIOD: Span = Span::from_millis(1000);
 /// Shortest period of a message.
 const SHORTEST_PERIOD: Span = Span::from_millis(2);
@@ -26,7 +26,7 @@ impl Stream {
     const ALL: [Self; COUNT] =
         [Self::Heartbeat, Self::Battery, Self::Attitude, Self::Position, Self::Estimator];
 
-    /// The stream of the message `number`; both autopilots' reports of the estimator are one.
+    /// Stream of the message `number`; the estimator reports of both autopilots share one stream.
     fn of(number: u32) -> Option<Self> {
         match number {
             0 => Some(Self::Heartbeat),
@@ -39,10 +39,10 @@ impl Stream {
     }
 }
 
-/// Schedules of the streams, and those of which one further message was requested.
+/// Schedules of the streams, and streams of which one further message was requested.
 #[derive(Clone, Debug)]
 pub(super) struct TelemetryStreams {
-    /// `None` for a stream that is not sent.
+    /// Schedule by stream; `None` for a stream that is not sent.
     schedules: [Option<MessageSchedule>; COUNT],
     requested: [bool; COUNT],
 }

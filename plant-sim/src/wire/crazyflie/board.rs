@@ -1,7 +1,7 @@
 //! Emulated on-board computer of a Crazyflie: packets to set-points, answers. Pure.
 //!
-//! The vehicle flies by the newest set-point. The first set-point without thrust unlocks the thrust of those after it. Roll and
-//! pitch are rates or angles by `flightmode.stabModeRoll` and `…Pitch`.
+//! The vehicle follows the newest set-point. The first set-point without thrust unlocks the thrust of later ones.
+//! `flightmode.stabModeRoll` and `…Pitch` select rates or angles for roll and pitch.
 
 use std::collections::VecDeque;
 
@@ -179,7 +179,7 @@ impl CrazyflieBoard {
         self.supervisor.take_setpoint(now, thrust > 0);
     }
 
-    /// The vehicle's own estimate: roll and pitch of its sensors, position and heading of the newest pose that it received.
+    /// The vehicle's own estimate: roll and pitch from its sensors, position and heading from the newest received pose.
     fn estimate(&self, truth: &TruthV1) -> CrtpPose {
         let sent =
             self.pose.unwrap_or(CrtpPose { position: [0.0; 3], attitude: [0.0, 0.0, 0.0, 1.0] });
@@ -194,7 +194,7 @@ impl CrazyflieBoard {
         self.supervisor.bits()
     }
 
-    /// Whether the motors run, or would with thrust.
+    /// Whether the motors run, or would run with thrust.
     #[must_use]
     pub fn motors_run(&self) -> bool {
         self.supervisor.may_run()
@@ -257,7 +257,7 @@ impl OnBoardComputer for CrazyflieBoard {
         if self.holds_attitude && are_angles == [true; 2] {
             return turning_command([roll, pitch], (present.yaw, yaw_rate), gain, thrust);
         }
-        // On-board, angles become rates.
+        // The on-board loop turns angles into rates.
         let rate = |is_angle: bool, wanted: f64, present: f64| {
             if is_angle { gain * (wanted - present) } else { wanted }
         };

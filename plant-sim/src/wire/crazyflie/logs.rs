@@ -8,12 +8,12 @@ use crate::wire::schedule::MessageSchedule;
 
 /// Most log blocks \[-\].
 const MAX_BLOCKS: usize = 16;
-/// Refusals, as the errors of C number them \[-\]: no such block, no room for another, the block exists.
+/// Error codes of C for refusals \[-\]: no such block, no room for another, the block exists.
 const NO_SUCH_BLOCK: u8 = 2;
 const NO_ROOM: u8 = 12;
 const EXISTS: u8 = 17;
 
-/// Log block with its schedule, if it was started.
+/// Log block with its schedule if it is started.
 #[derive(Clone, Copy, Debug)]
 struct RunningBlock {
     block: LogBlock,

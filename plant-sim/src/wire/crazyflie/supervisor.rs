@@ -10,8 +10,8 @@
 //! | no set-point for 2 s, or disarmed | flying, levels out | locked |
 //! | emergency stop, or its keep-alive missing for 1 s | any | locked |
 //!
-//! Only a restart ends `Locked`. A host can end its set-points by a packet: the age of the last one then no longer counts, and its
-//! thrust is off.
+//! Only a restart ends `Locked`. A host can end its set-points by a packet; the age of the last one then no longer counts, and
+//! the thrust is off.
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_wire::crtp::{Supervision, SupervisorCommand};
@@ -63,7 +63,7 @@ impl SupervisorModel {
         }
     }
 
-    /// Takes a set-point, with thrust or without.
+    /// Takes a set-point; `has_thrust` if its thrust is not zero.
     pub fn take_setpoint(&mut self, now: Time, has_thrust: bool) {
         (self.setpoint_at, self.is_relaxed) = (now, false);
         if has_thrust && self.may_run() {
@@ -97,7 +97,7 @@ impl SupervisorModel {
         }
     }
 
-    /// Applies the rules at `now`. The last set-point's thrust acts on while the vehicle levels out: `has_thrust`.
+    /// Applies the rules at `now`. While the vehicle levels out, it keeps the thrust of the last set-point: `has_thrust`.
     pub fn tick(&mut self, now: Time, has_thrust: bool) {
         if has_thrust && self.may_run() {
             self.thrust_at = now;

@@ -1,4 +1,4 @@
-//! Parameters and log variables of the emulated vehicle: those that hosts need to fly it, under the names of the firmware.
+//! Parameters and log variables of the emulated vehicle that hosts need to fly it, with the names of the firmware.
 
 use oqtal_control::euler::EulerAngles;
 use oqtal_control::quaternion::Attitude;
@@ -6,7 +6,7 @@ use oqtal_wire::crtp::{
     CrtpPose, LogType, ParameterType, Supervision, TableElement, TableInfo, TableKind,
 };
 
-/// Parameter: group, name, type, value after a restart \[-\].
+/// Parameter: group, name, type, initial value \[-\].
 type Parameter = (&'static str, &'static str, ParameterType, f64);
 
 /// All parameters, numbered from 0.
@@ -21,7 +21,7 @@ pub(super) const PARAMETERS: [Parameter; 9] = [
     ("locSrv", "extPosStdDev", ParameterType::F32, 0.01),
     ("locSrv", "extQuatStdDev", ParameterType::F32, 4.5e-3),
 ];
-/// Numbers of the parameters by which roll, pitch and yaw are angles.
+/// Indices of the parameters that select angles for roll, pitch and yaw.
 pub(super) const STABILISATION: [usize; 3] = [3, 4, 5];
 
 /// All log variables, numbered from 0.
@@ -64,7 +64,7 @@ pub(super) struct Logged {
 }
 
 impl Logged {
-    /// Value of log variable `id` \[-\]: degrees with the signs of the vehicle, whose pitch is positive nose up.
+    /// Value of log variable `id` \[-\], in degrees with the vehicle's signs: pitch is positive nose up.
     pub(super) fn value(&self, id: u16) -> f64 {
         let position = |axis: usize| self.estimate.position[axis];
         let attitude = Attitude::from_xyzw(self.estimate.attitude).unwrap_or_default();

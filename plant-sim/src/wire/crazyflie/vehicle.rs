@@ -1,4 +1,4 @@
-//! Emulated Crazyflie behind its radio, one packet a datagram. Pure: time is an argument.
+//! Emulated Crazyflie behind its radio, one packet per datagram. Pure: time is an argument.
 
 use oqtal_bus::time::Time;
 use oqtal_config::Config;
@@ -10,14 +10,14 @@ use crate::plant::Plant;
 use crate::wire::datagrams::DatagramModel;
 use crate::wire::vehicle::EmulatedVehicle;
 
-/// Emulated Crazyflie that is flown through its radio.
+/// Emulated Crazyflie controlled over its radio.
 pub type CrtpVehicle = EmulatedVehicle<DatagramModel, CrazyflieBoard>;
 
 impl CrtpVehicle {
     /// The vehicle of `config` on the floor at `start`.
     ///
     /// # Errors
-    /// An option of `[plant.wire.crtp]` cannot be used.
+    /// An option of `[plant.wire.crtp]` is invalid.
     pub fn new(config: &Config, start: Time) -> Result<Self, OptionError> {
         let air = DatagramModel::new(&config.plant.wire, config.clock.seed);
         let board = CrazyflieBoard::new(&config.plant, start)?;
