@@ -1,4 +1,4 @@
-//! Lists the files of `deploy/tuned`, so that a law's tuned gains are found by the name of their file.
+//! Lists the files of `deploy/tuned`, so that a law's tuned gains are found by file name.
 
 use std::{env, fs, io, path::Path};
 

@@ -1,5 +1,5 @@
-//! `oqtal cameras`: the emulated camera system compared with recordings of real ones, its noise by place, and the errors of the
-//! estimators with its poses.
+//! `oqtal cameras`: comparison of the emulated camera system with recordings of real ones, its noise by position in the room, and
+//! estimation errors with its poses.
 
 pub mod estimation;
 pub mod noise;
@@ -71,7 +71,7 @@ pub struct SettingsArgs {
 }
 
 impl SettingsArgs {
-    /// The configuration without environment, so that tables are the same everywhere.
+    /// Configuration without environment variables, so that tables are reproducible.
     fn config(&self) -> Result<Config, Failure> {
         let mut settings = vec![
             Setting::flag("--preset", "mocap.preset", self.preset.as_str()),
@@ -94,7 +94,7 @@ impl CamerasCommand {
     /// Executes the command.
     ///
     /// # Errors
-    /// A setting is invalid (exit code 78), a recording is bad (65), a flight could not be flown.
+    /// A setting is invalid (exit code 78), a recording is invalid (65), or a flight could not be flown.
     pub fn execute(&self) -> Result<Exit, Failure> {
         match self {
             Self::Statistics(args) => {

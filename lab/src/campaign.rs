@@ -30,11 +30,11 @@ pub trait FlightSeries {
     /// Flies `mission` under the name `name`.
     ///
     /// # Errors
-    /// The flight could not be flown, or an operator ended the series.
+    /// A flight could not be flown, or an operator ended the series.
     fn fly(&self, mission: &Mission, name: &str) -> Result<Flight, Failure>;
 }
 
-/// Begins a series of flights, whose results are written into the directory if there is one.
+/// Begins a series of flights; writes their results into the directory if one is given.
 pub type BeginSeries = dyn Fn(Option<PathBuf>) -> Result<Box<dyn FlightSeries>, Failure>;
 
 /// Arguments of `oqtal campaign`.
@@ -152,7 +152,7 @@ impl CampaignArgs {
     }
 }
 
-/// Every run as a row: law, seed, and the metrics by their names; empty where a flight did not land.
+/// Formats every run as a row: law, seed, and the metrics by name; empty for a flight that did not land.
 fn runs_csv(flown: &[Flown], seeds: Range<u64>) -> Result<String, Failure> {
     let names = ["controller", "seed"].into_iter().chain(METRIC.map(|metric| metric.key));
     let row = |(law, seed, run): (&Flown, u64, &Run)| {

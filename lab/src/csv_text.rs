@@ -5,7 +5,7 @@ use oqtal_runtime::process::{Exit, Failure};
 /// A table with these names of columns and these rows.
 ///
 /// # Errors
-/// A row has another number of fields than there are columns (exit code 70).
+/// The number of fields of a row differs from the number of columns (exit code 70).
 pub fn table<'a>(
     columns: impl Iterator<Item = &'a str>,
     rows: impl Iterator<Item = Vec<String>>,
@@ -20,7 +20,7 @@ pub fn table<'a>(
     String::from_utf8(bytes).map_err(|error| internal(&error))
 }
 
-/// A number as a field; empty if it is not finite, as that of a flight that did not land.
+/// A number as a field; empty if it is not finite, as for a flight that did not land.
 #[must_use]
 pub fn number(value: f64) -> String {
     if value.is_finite() { value.to_string() } else { String::new() }

@@ -2,11 +2,11 @@
 //!
 //! | file | subject |
 //! |---|---|
-//! | `data.rs`, `timeline.rs` | poses and commands of a flight, and the times at which commands act |
+//! | `data.rs`, `timeline.rs` | poses and commands of a flight, and the times at which commands take effect |
 //! | `inner_loop.rs`, `rotation.rs`, `translation.rs` | prediction from pose to pose |
 //! | `turning.rs`, `lifting.rs`, `estimate.rs` | the fits of rotation and translation, and their order |
 //! | `fit.rs`, `noise.rs`, `robust.rs`, `residuals.rs` | least squares, noise, outliers, tests |
-//! | `finding.rs`, `camera_figures.rs`, `identification.rs` | estimates of parameters, and rules of their acceptance |
+//! | `finding.rs`, `camera_figures.rs`, `identification.rs` | estimates of parameters, and the rules for accepting them |
 //! | `overview.rs`, `vehicle_toml.rs`, `page.rs`, `digits.rs` | text, configuration, page |
 //! | `excitation_flight.rs`, `hidden_plants.rs` | the excitation flight; errors of identifications |
 //! | `command.rs` | the command line |

@@ -1,8 +1,8 @@
-//! Studies in virtual time: flights in one process, campaigns, tuning, and the experiments of the paper.
+//! Studies in virtual time: in-process flights, campaigns, tuning, and the experiments of the paper.
 //!
 //! | file | subject |
 //! |---|---|
-//! | `simulation.rs` | a flight in one process |
+//! | `simulation.rs` | an in-process flight |
 //! | `mission.rs` | configuration and files of a flight, read and checked |
 //! | `study.rs` | the study engine: laws × cases × flights × tests, rows, tables |
 //! | `campaign.rs` | `oqtal campaign`: laws over many runs |
@@ -12,11 +12,11 @@
 //! | `identify.rs` | `oqtal identify`: parameters of a vehicle from its flights |
 //! | `reproduce.rs` | `oqtal reproduce`: the experiments of the paper |
 //! | `cameras.rs` | `oqtal cameras`: emulated cameras against recordings |
-//! | `replay.rs` | `oqtal replay`: a recording through the daemon once more |
-//! | `sheet.rs` | tables of the paper's figures and ours |
+//! | `replay.rs` | `oqtal replay`: a recording replayed through the daemon |
+//! | `sheet.rs` | tables of printed and computed figures |
 //! | `text_table.rs` | tables for a terminal of 80 columns |
 //! | `csv_text.rs` | tables as CSV |
-//! | `output.rs` | the directory of `--out` |
+//! | `output.rs` | the output directory `--out` |
 //! | `progress.rs` | progress bars |
 //! | `random.rs` | random numbers of studies |
 #![forbid(unsafe_code)]

@@ -1,4 +1,4 @@
-//! A flight to be flown: the configuration and the files that it names, read and checked.
+//! Mission: the configuration of a flight and the files that it names, read and checked.
 
 use nalgebra::Vector3;
 use oqtal_bus::time::Span;
@@ -8,10 +8,10 @@ use oqtal_mocap_emu::{Recording, read_recording};
 use oqtal_observe::flight::Outcome;
 use oqtal_runtime::process::Failure;
 
-/// Time that a flight may take beyond its plan \[s\], for the first poses to be accepted and the landing to be detected.
+/// Time that a flight may take beyond its plan \[s\], until the first poses are accepted and the landing is detected.
 const GRACE_S: f64 = 15.0;
 
-/// A flight to be flown.
+/// Flight to be flown.
 #[derive(Debug)]
 pub struct Mission {
     /// Effective configuration.

@@ -1,4 +1,4 @@
-//! Output of a study: the directory of `--out` and the files in it, or one file.
+//! Output of a study: the output directory and its files, or one file.
 
 use std::path::Path;
 use std::{fs, io};
@@ -6,7 +6,7 @@ use std::{fs, io};
 use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 
-/// Makes the directory; called before a study, so that its result can be written.
+/// Makes the directory; to be called before a study, so that a failure is detected early.
 ///
 /// # Errors
 /// The directory cannot be made (exit code 71).
@@ -14,7 +14,7 @@ pub fn make(directory: &Path) -> Result<(), Failure> {
     fs::create_dir_all(directory).map_err(|error| unwritable(directory, &error))
 }
 
-/// Writes a file into the directory, which is made if it is missing.
+/// Writes a file into the directory, which is made if it does not exist.
 ///
 /// # Errors
 /// The file cannot be written (exit code 71).
@@ -22,7 +22,7 @@ pub fn write(directory: &Path, name: &str, text: impl AsRef<[u8]>) -> Result<(),
     write_file(&directory.join(name), text)
 }
 
-/// Writes a file; its directory is made if it is missing.
+/// Writes a file; its directory is made if it does not exist.
 ///
 /// # Errors
 /// The file cannot be written (exit code 71).
@@ -32,7 +32,7 @@ pub fn write_file(file: &Path, text: impl AsRef<[u8]>) -> Result<(), Failure> {
         .map_err(|error| unwritable(file, &error))
 }
 
-/// Checks that `file` can be written, and keeps its content; called before a study, so that its result can be written.
+/// Checks that `file` can be written, and keeps its content; to be called before a study, so that a failure is detected early.
 ///
 /// # Errors
 /// The file cannot be written (exit code 71).

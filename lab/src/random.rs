@@ -1,4 +1,4 @@
-//! Random numbers of studies: a generator whose stream is the same on every platform and in every version.
+//! Random numbers of studies: a generator with the same stream on every platform and in every version.
 
 use std::f64::consts::TAU;
 
@@ -23,9 +23,9 @@ impl SplitMix64 {
         z ^ (z >> 31)
     }
 
-    /// Number from `low` up to, not including, `high`, evenly distributed.
+    /// Number in `low..high`, uniformly distributed.
     pub fn between(&mut self, low: f64, high: f64) -> f64 {
-        // The upper 53 bits: every multiple of 2^-53 in [0, 1).
+        // The upper 53 bits: all multiples of 2^-53 in [0, 1).
         let share = (self.next() >> 11) as f64 / (1_u64 << 53) as f64;
         low + share * (high - low)
     }
@@ -35,7 +35,7 @@ impl SplitMix64 {
         ((u128::from(self.next()) * count as u128) >> 64) as usize
     }
 
-    /// Number of the standard normal distribution, by Box and Muller's transform.
+    /// Standard normal random number, by the Box-Muller transform.
     pub fn normal(&mut self) -> f64 {
         let radius = (-2.0 * (1.0 - self.between(0.0, 1.0)).ln()).sqrt();
         radius * self.between(0.0, TAU).cos()

@@ -1,9 +1,8 @@
-//! Replay of a recording through the daemon: the recorded poses, vehicle messages, wake-ups and requests are executed turn by turn in
-//! virtual time by the code that flew.
+//! Replay of a recording through the daemon: the daemon's code processes the recorded poses, vehicle messages, wake-ups and
+//! requests turn by turn in virtual time.
 //!
-//! With the same settings every command equals the recorded one bit for bit, since all inputs of the daemon and the instants of its
-//! turns are recorded. With other settings a replay is open loop: it shows the commands of the daemon on the poses of the recorded
-//! flight.
+//! With the same settings every command equals the recorded one bit for bit, since all inputs of the daemon and the instants of
+//! its turns are recorded. With other settings a replay is open loop: it computes the daemon's commands for the recorded poses.
 
 use std::collections::VecDeque;
 
@@ -33,7 +32,7 @@ pub struct ReplayedTick {
     pub command: CommandV1,
     /// Recorded command.
     pub recorded: CommandV1,
-    /// Whether commands, stamps and recorded telemetry agree to the last bit.
+    /// Whether commands, stamps and telemetry equal the recorded ones bit for bit.
     pub is_identical: bool,
 }
 
@@ -46,9 +45,9 @@ pub struct ReplayResult {
     pub requests: u64,
     /// Ticks that occur in the recording and in the replay.
     pub ticks: Vec<ReplayedTick>,
-    /// Instants of ticks that occur either in the recording or in the replay.
+    /// Instants of ticks that occur only in the recording or only in the replay.
     pub unmatched: Vec<Time>,
-    /// Number of messages that the daemon received and that are missing in the recording \[-\].
+    /// Number of messages that the daemon received but the recording lacks \[-\].
     pub missing: u64,
 }
 
@@ -83,7 +82,7 @@ pub fn replay(
     Ok(bench.result)
 }
 
-/// The daemon with writers of its inputs and readers of its outputs.
+/// Daemon with writers for its inputs and readers for its outputs.
 struct ReplayBench {
     poses: MemoryWriter<PoseV1>,
     vehicles: MemoryWriter<VehicleV1>,
@@ -144,7 +143,7 @@ impl ReplayBench {
         self.compare(turn)
     }
 
-    /// Compares the outputs of a turn with the recorded ones.
+    /// Compares the outputs of a turn with the recorded outputs.
     fn compare(&mut self, turn: &RecordedTurn) -> Result<(), BusError> {
         let produced = self.commands.latest()?.zip(self.telemetry.latest()?);
         let time = turn.input.time;
@@ -168,7 +167,7 @@ impl ReplayBench {
         Ok(())
     }
 
-    /// Executes a request, unless it was refused as expired, before it reached the daemon.
+    /// Executes a request, unless it was refused as expired before it reached the daemon.
     fn request(&mut self, turn: &RecordedTurn) {
         let input = &turn.input;
         if let Some(command) = OperatorCommand::from_code(input.request)
@@ -188,7 +187,7 @@ fn bits<M: Message>(message: &M) -> Vec<u8> {
     bytes
 }
 
-/// The fields of a header that do not depend on the writer.
+/// Fields of a header that do not depend on the writer.
 fn content(header: &Header) -> (u64, u64, [u64; 8]) {
     (header.sequence, header.pose_sequence, header.stamps.to_words())
 }

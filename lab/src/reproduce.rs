@@ -1,7 +1,7 @@
-//! `oqtal reproduce`: the experiments of the paper, beside its printed figures and this project's own laws.
+//! `oqtal reproduce`: the experiments of the paper, compared with its printed figures and with this project's own laws.
 //!
-//! Each experiment is a file: its settings, its runs, its rows. Tables ([`crate::sheet`]) and figures ([`figures`]) are made from
-//! them by shared code.
+//! Each experiment has a file with its settings, runs and rows. Shared code makes the tables ([`crate::sheet`]) and figures
+//! ([`figures`]).
 
 pub mod architecture;
 pub mod body;
@@ -97,7 +97,7 @@ const EXPERIMENTS: [Experiment; 9] = [
     },
 ];
 
-/// Name of all experiments together.
+/// Name that selects all experiments.
 const ALL: &str = "all";
 
 /// Arguments of `oqtal reproduce`.
@@ -168,7 +168,7 @@ impl ReproduceArgs {
         self.what.iter().any(|name| named(&name))
     }
 
-    /// The command line of this run.
+    /// Command line of this run.
     fn command(&self) -> String {
         let retune = if self.retune { " --retune" } else { "" };
         format!("oqtal reproduce {}{retune}", self.what.join(" "))
@@ -179,7 +179,7 @@ impl ReproduceArgs {
 fn to_json(chapters: &[Chapter]) -> Value {
     let mut sheets: Vec<Value> =
         chapters.iter().flat_map(|chapter| &chapter.sheets).map(Sheet::to_json).collect();
-    // The paper's table of a chapter comes first, further tables behind it.
+    // The paper's table of a chapter comes first, followed by further tables.
     match chapters {
         [_] if !sheets.is_empty() => {
             let mut first = sheets.remove(0);

@@ -1,4 +1,4 @@
-//! `oqtal robustness`: every law on plants that differ from the one that it is designed for.
+//! `oqtal robustness`: every law on plants that differ from its design model.
 
 pub mod against;
 pub mod cases;
@@ -120,7 +120,7 @@ impl RobustnessArgs {
         Ok(Exit::Ok)
     }
 
-    /// Flies everything. Returns draws and loops as JSON, and the chapters of the page.
+    /// Flies all parts of the study. Returns draws and loops as JSON, and the chapters of the page.
     fn flown(&self) -> Result<(Value, Vec<Chapter>), Failure> {
         let common = self.study.settings()?;
         let laws = laws(&self.laws, &self.gains, &common)?;
@@ -169,7 +169,7 @@ impl RobustnessArgs {
         Ok((document, chapters))
     }
 
-    /// The draws of `--spread`, and the single plants. Returns draws with figures as JSON, and their chapter.
+    /// Draws of `--spread`, and the single plants. Returns draws with figures as JSON, and their chapter.
     fn first_chapter(
         &self,
         study: &MonteCarlo<'_>,
@@ -190,7 +190,7 @@ impl RobustnessArgs {
         Ok((document, Chapter { title, intro: vec![intro], sheets, ..Chapter::default() }))
     }
 
-    /// Refuses a spread that `--spread` and `--other-spreads` name twice.
+    /// Refuses a spread that occurs in both `--spread` and `--other-spreads`.
     fn check_spreads(&self) -> Result<(), Failure> {
         let mut named = BTreeSet::from([&self.spread]);
         match self.other_spreads.iter().find(|name| !named.insert(*name)) {
@@ -202,7 +202,7 @@ impl RobustnessArgs {
         }
     }
 
-    /// The command line of this run: the arguments that decide the draws and the laws.
+    /// Command line of this run: the arguments that determine draws and laws.
     fn command(&self) -> String {
         let gains: Vec<String> = self.gains.iter().map(ToString::to_string).collect();
         format!(
@@ -234,10 +234,10 @@ impl RobustnessArgs {
     }
 }
 
-/// The laws with each source of gains.
+/// Laws with each source of gains.
 ///
 /// # Errors
-/// A source has none of the laws.
+/// A source has no gains for any of the laws.
 pub fn laws(
     names: &[String],
     sources: &[GainSource],
@@ -254,7 +254,7 @@ pub fn laws(
         }
         for controller in own {
             let law = source.law(controller, common)?;
-            // Beside others, the source is in the name.
+            // With several sources, the name includes the source.
             laws.push(match sources.len() {
                 1 => law,
                 _ => StudyLaw {

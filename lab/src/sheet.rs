@@ -1,5 +1,4 @@
-//! Sheets: tables of figures with rows from the paper, as printed, or ours, as JSON, text and Markdown; the HTML page shows them
-//! too.
+//! Sheets: tables of figures printed in the paper or computed here, as JSON, text and Markdown; the HTML page shows them too.
 
 use serde_json::{Map, Value, json};
 
@@ -12,17 +11,17 @@ use crate::text_table::{self, NamedRow};
 pub enum Variant {
     /// Printed in the paper.
     Paper,
-    /// Computed here from the paper's equations, with only the corrections without which nothing flies.
+    /// Computed here from the paper's equations, with only the corrections without which no flight succeeds.
     AsPrinted,
-    /// Computed here with something that the paper does not have.
+    /// Computed here with features that are not in the paper.
     Ours,
 }
 
 impl Variant {
-    /// All variants in the order in which they are shown.
+    /// All variants in display order.
     pub const ALL: [Self; 3] = [Self::Paper, Self::AsPrinted, Self::Ours];
 
-    /// The name in JSON.
+    /// Name in JSON.
     #[must_use]
     pub fn key(self) -> &'static str {
         match self {
@@ -32,7 +31,7 @@ impl Variant {
         }
     }
 
-    /// The heading.
+    /// Heading.
     #[must_use]
     pub fn title(self) -> &'static str {
         match self {
@@ -72,7 +71,7 @@ impl SheetCell {
         }
     }
 
-    /// The text of the cell, numbers with four significant digits.
+    /// Text of the cell; numbers have four significant digits.
     #[must_use]
     pub fn show(&self) -> String {
         match self {
@@ -114,7 +113,7 @@ impl<T: Into<SheetCell>> From<Option<T>> for SheetCell {
 /// Relative deviation up to which a printed figure counts as reproduced \[-\].
 const NEAR: f64 = 0.1;
 
-/// Whether a computed figure counts as the printed one reproduced.
+/// Whether a computed figure reproduces the printed one.
 #[must_use]
 pub fn is_near(ours: f64, printed: f64) -> bool {
     (ours / printed - 1.0).abs() <= NEAR
@@ -148,7 +147,7 @@ impl SheetRow {
         Self { controller: controller.into(), variant, settings: settings.into(), cells }
     }
 
-    /// The number in a column, counts included \[unit of the column\]; NaN if the cell has none.
+    /// Number in a column, including counts \[unit of the column\]; NaN if the cell has none.
     #[must_use]
     pub fn number(&self, columns: &[Column], key: &str) -> f64 {
         let cell = columns.iter().zip(&self.cells).find(|((name, _), _)| *name == key);
@@ -191,22 +190,22 @@ pub struct Sheet {
     pub columns: Vec<Column>,
     /// Rows, those of the paper first.
     pub rows: Vec<SheetRow>,
-    /// The same table for other plants, by their names.
+    /// The same table for other plants, by name.
     pub mismatched: Vec<Sheet>,
-    /// Whether figures as printed carry a mark: the paper's own figure reproduced, or not.
+    /// Whether figures of the variant as printed are marked as reproducing the paper's figure or not.
     pub is_marked: bool,
-    /// Whether it is a detail, which Markdown leaves out.
+    /// Whether the table is a detail that is left out of Markdown.
     pub is_detail: bool,
 }
 
 impl Sheet {
-    /// The rows of one variant.
+    /// Rows of one variant.
     pub fn of(&self, variant: Variant) -> impl Iterator<Item = &SheetRow> {
         self.rows.iter().filter(move |row| row.variant == variant)
     }
 
-    /// Whether the figure of `row` in the column at the index `column` is the one that the paper prints for the law; `None` without
-    /// a printed figure.
+    /// Whether the figure of `row` in the column with the index `column` reproduces the figure printed for the law; `None`
+    /// without a printed figure.
     #[must_use]
     pub fn mark(&self, row: &SheetRow, column: usize) -> Option<bool> {
         if !self.is_marked || row.variant != Variant::AsPrinted {
@@ -218,7 +217,7 @@ impl Sheet {
         printed.is_finite().then(|| is_near(ours, printed))
     }
 
-    /// The text of a cell, with its mark.
+    /// Text of a cell, with its mark.
     #[must_use]
     pub fn show(&self, row: &SheetRow, column: usize) -> String {
         let shown = row.cells[column].show();
@@ -229,8 +228,8 @@ impl Sheet {
         }
     }
 
-    /// The numbers in the columns `keys` of the first row of a law and variant whose settings contain all of `words`; NaN if
-    /// there is no such row.
+    /// Numbers in the columns `keys` of the first row of a law and variant whose settings contain all of `words`; NaN if there is
+    /// no such row.
     #[must_use]
     pub fn figures<const N: usize>(
         &self,
@@ -267,7 +266,7 @@ impl Sheet {
         (!are_ours, differ)
     }
 
-    /// The sheet as tables for the terminal. Names that all rows share are written once above them; columns without a value are
+    /// The sheet as tables for the terminal. Names common to all rows are written once above them; columns without a value are
     /// left out.
     #[must_use]
     pub fn to_text(&self) -> String {
@@ -286,8 +285,8 @@ impl Sheet {
         format!("{title}\n{}", text_table::blocks(&named, &figures, &rows))
     }
 
-    /// Names of the rows: texts that all rows share, and headings with the cells of each row. Settings that differ are listed above
-    /// the table by the number of their row.
+    /// Row names: texts common to all rows, and headings with the cells of each row. Settings that differ are listed above the
+    /// table with the number of their row.
     fn names(&self) -> (Vec<String>, Vec<(&'static str, Vec<String>)>) {
         let column = |cell: fn(&SheetRow) -> &str| -> Vec<String> {
             self.rows.iter().map(|row| cell(row).to_owned()).collect()
@@ -311,7 +310,7 @@ impl Sheet {
         (above, own)
     }
 
-    /// The sheet as Markdown, one block of rows for each variant. The variant is left out if all rows are ours, and settings if all
+    /// The sheet as Markdown, one block of rows per variant. The variant is left out if all rows are ours, the settings if all
     /// rows share them.
     #[must_use]
     pub fn to_markdown(&self) -> String {

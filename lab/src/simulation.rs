@@ -1,4 +1,4 @@
-//! A flight in one process: the turns of all processes over topics in memory, in the order of the virtual clock.
+//! An in-process flight: the turns of all processes over topics in memory, in the order of the virtual clock.
 
 pub mod online;
 mod processes;
@@ -22,16 +22,16 @@ use oqtal_runtime::virtual_clock::{TurnResult, VirtualClock};
 use crate::mission::Mission;
 use processes::Processes;
 
-/// Period at which a flight checks whether it is over.
+/// Period at which a flight checks whether it has ended.
 pub const POLL_PERIOD: Span = Span::from_millis(250);
 
-/// A flight under way.
+/// Flight in progress.
 struct Simulation<'a> {
     mission: &'a Mission,
     processes: Processes<'a>,
     virtual_clock: VirtualClock,
     faults: TurnFaults<MemoryBus>,
-    /// Kills after which a process is opened again.
+    /// Kills after which a process is reopened.
     kills: Vec<Outage>,
     observer: BusObserver,
     recorder: Recorder,
@@ -42,11 +42,11 @@ struct Simulation<'a> {
     end: Time,
 }
 
-/// A flight, and its recording if one was made.
+/// A flight, with its recording if one was made.
 pub type RecordedFlight = (Flight, Option<RecordingResult>);
 
-/// Flies `mission` at the speed of this thread. The flight depends on the mission alone: the same configuration and seed give the
-/// same flight, bit for bit, here and over the bus.
+/// Flies `mission` at the speed of this thread. The flight depends only on the mission: the same configuration and seed give the
+/// same flight, bit for bit, in one process and over the bus.
 ///
 /// # Errors
 /// An option of the law is invalid.
@@ -67,8 +67,8 @@ pub fn fly_recorded(
     Simulation::new(mission, recording)?.run(Span::ZERO, &mut watch)
 }
 
-/// Flies, and records on for `aftermath` after the outcome is decided, for example to see whether the motors of an overturned
-/// vehicle stop.
+/// Flies, and continues to record for `aftermath` after the outcome is decided, for example to see whether the motors of an
+/// overturned vehicle stop.
 ///
 /// # Errors
 /// An option of the law is invalid.
@@ -84,9 +84,9 @@ impl<'a> Simulation<'a> {
             Some(_) => McapRecorder::topics(config),
             None => Recorder::TOPICS.to_vec(),
         };
-        // Opened before the daemon, which records its start.
+        // Opened before the daemon, whose start is recorded.
         let observer = BusObserver::open(bus.as_ref(), &topics)?;
-        // Each tick of the daemon has a sample of the truth, unless a fault withholds its command from the plant.
+        // Each tick of the daemon has a truth sample, unless a fault withholds its command from the plant.
         let every_millisecond = recording.is_some() || !config.fault.inject.is_empty();
         Ok(Self {
             mission,
@@ -122,7 +122,7 @@ impl<'a> Simulation<'a> {
         Ok(())
     }
 
-    /// Flies up to and including the next [`POLL_PERIOD`]; `false` once the flight and `aftermath` are over.
+    /// Flies for one [`POLL_PERIOD`]; `false` once the flight and `aftermath` are over.
     fn advance(
         &mut self,
         aftermath: Span,
@@ -154,7 +154,7 @@ impl<'a> Simulation<'a> {
         Ok(false)
     }
 
-    /// Returns the flight, whose simulation began at `began`.
+    /// Returns the flight; its simulation began at `began`.
     fn close(self, began: Time) -> RecordedFlight {
         let flown_s = self.now.since(Time::VIRTUAL_START).seconds();
         let speed = flown_s / Time::now().since(began).seconds().max(1e-9);
@@ -163,7 +163,7 @@ impl<'a> Simulation<'a> {
         (flight, recording)
     }
 
-    /// Records the samples that were published since the last call.
+    /// Records the samples published since the last call.
     fn record(&mut self, now: Time) -> Result<(), BusError> {
         match &mut self.recording {
             Some(recording) => self.observer.poll(now, &mut Tee(&mut self.recorder, recording)),
@@ -191,7 +191,7 @@ impl<'a> Simulation<'a> {
         Ok(result)
     }
 
-    /// Records new samples, calls `watch` with the recorder, and passes on the operator's command that it returns.
+    /// Records new samples, calls `watch` with the recorder, and passes the returned operator's command to the daemon.
     fn poll(
         &mut self,
         now: Time,

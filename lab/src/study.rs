@@ -1,9 +1,9 @@
-//! The study engine: laws fly tests under cases, and the figures come back as one row for each law and case.
+//! The study engine: laws fly tests under cases; the result is one row of figures per law and case.
 //!
 //! | axis | type | example |
 //! |---|---|---|
 //! | laws | [`StudyLaw`] | `oqtal-dt` with its tuned gains |
-//! | what varies | [`Case`] | a rate lag of 80 ms |
+//! | variation | [`Case`] | a rate lag of 80 ms |
 //! | flights of a case | [`FlightCondition`]: seed, plant, settings | seeds 200 to 224, or one draw of a spread each |
 //! | tests of a flight | [`Test`](flights::Test) | path, hover, chirp, doublet |
 //!
@@ -23,8 +23,8 @@
 //! # Ok::<(), oqtal_runtime::process::Failure>(())
 //! ```
 //!
-//! Flights are flown on all cores; the result does not depend on the number of threads. A flight that does not land as planned has
-//! infinite figures for its test ([`Run::has_landed`]), so that it counts as worse than any flight that does.
+//! Flights are flown on all cores; the result does not depend on the number of threads. A flight that does not land as planned
+//! has infinite figures for its test ([`Run::has_landed`]), so that it ranks below any flight that does.
 
 pub mod args;
 pub mod flights;
@@ -46,9 +46,9 @@ use flights::{FlyMission, NOMINAL, PlantVariant, Test, TestFlights};
 use law::StudyLaw;
 use metric::Figures;
 
-/// Seeds of the flights by which laws are compared; none of them is used for tuning.
+/// Seeds of the flights by which laws are compared; none is used for tuning.
 pub const EVALUATION_SEEDS: Range<u64> = 200..225;
-/// Seeds of the flights on which gains are tuned.
+/// Seeds of the flights used for tuning.
 pub const TRAINING_SEEDS: Range<u64> = 101..107;
 
 /// Conditions of one flight of every test.
@@ -58,11 +58,11 @@ pub struct FlightCondition {
     pub seed: u64,
     /// Simulated vehicle.
     pub plant: PlantVariant,
-    /// Settings on top of those of the law.
+    /// Settings in addition to those of the law.
     pub settings: Vec<Setting>,
 }
 
-/// A named set of flights, which make up one row of each law.
+/// A named set of flights; they form one row per law.
 #[derive(Clone, Debug)]
 pub struct Case {
     /// Name in tables.
@@ -72,13 +72,13 @@ pub struct Case {
 }
 
 impl Case {
-    /// Flights of the configured plant, one for each seed.
+    /// Flights on the configured plant, one per seed.
     #[must_use]
     pub fn of_seeds(name: impl Into<String>, seeds: Range<u64>) -> Self {
         Self::on(NOMINAL, seeds).named(name)
     }
 
-    /// Flights of `plant`, one for each seed, named after it.
+    /// Flights on `plant`, one per seed; the case is named after the plant.
     #[must_use]
     pub fn on(plant: PlantVariant, seeds: Range<u64>) -> Self {
         let condition = |seed| FlightCondition { seed, plant, settings: Vec::new() };
@@ -110,10 +110,10 @@ pub struct Study<'a> {
     pub cases: &'a [Case],
 }
 
-/// The flights of one condition by one law: one of each test.
+/// Flights of one law in one condition: one per test.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Run {
-    /// The figures, infinite where the flight of their test did not land as planned.
+    /// Figures; infinite for a test whose flight did not land as planned.
     pub figures: Figures,
     /// Number of Riccati equations solved on the path \[-\].
     pub riccati_solves: u64,
@@ -132,7 +132,7 @@ impl Run {
         Test::ALL.iter().all(|test| self.has_landed(*test))
     }
 
-    /// Whether every figure is a number: every flight landed as planned, and its path has corners.
+    /// Whether all figures are finite: every flight landed as planned, and its path has corners.
     #[must_use]
     pub fn is_complete(&self) -> bool {
         self.figures.iter().all(|figure| figure.is_finite())
@@ -146,16 +146,15 @@ pub struct Flown {
     pub law: StudyLaw,
     /// Name of the case.
     pub case: String,
-    /// The runs, one for each condition of the case.
+    /// Runs, one per condition of the case.
     pub runs: Vec<Run>,
 }
 
 impl Study<'_> {
-    /// Flies the study on all cores. Returns the rows of the first law, then those of the second, and so on, each in the order of the
-    /// cases.
+    /// Flies the study on all cores. Returns the rows grouped by law, in the order of the cases.
     ///
     /// # Errors
-    /// A setting is invalid; no flight is flown then.
+    /// A setting is invalid; in this case no flight is flown.
     pub fn fly(&self, progress: &Progress) -> Result<Vec<Flown>, Failure> {
         self.check()?;
         let bar = progress.start(self.name, self.flights().len());
@@ -181,7 +180,7 @@ impl Study<'_> {
         Ok(self.rows(runs?))
     }
 
-    /// Flies the study one flight after another, each flown by `fly`. Returns the rows as [`Self::fly`] does.
+    /// Flies the study sequentially, using `fly` for each flight. Returns the rows like [`Self::fly`].
     ///
     /// # Errors
     /// A setting is invalid, or `fly` failed.
@@ -247,13 +246,13 @@ impl Flown {
         Interval::of(&self.values(metric))
     }
 
-    /// Value of a figure that a share \[0..1\] of the runs does not exceed; flights that did not land are the greatest.
+    /// Quantile of a figure over the runs, for a fraction in \[0..1\]; flights that did not land count as the greatest values.
     #[must_use]
     pub fn quantile(&self, metric: usize, share: f64) -> f64 {
         quantile(self.values(metric), share).unwrap_or(f64::NAN)
     }
 
-    /// Share of the runs with a property \[%\].
+    /// Percentage of the runs with a property \[%\].
     #[must_use]
     pub fn percent(&self, has: impl Fn(&Run) -> bool) -> f64 {
         1e2 * self.runs.iter().filter(|run| has(run)).count() as f64 / self.runs.len() as f64
@@ -271,7 +270,7 @@ pub(crate) mod tests {
     use super::*;
     use metric::METRICS;
 
-    /// A row whose figures all have these values, one for each run.
+    /// Row whose figures all have these values, one per run.
     pub(crate) fn flown(controller: &'static str, figures: &[f64]) -> Flown {
         let run = |figure: &f64| Run { figures: [*figure; METRICS], riccati_solves: 0 };
         Flown {

@@ -1,4 +1,4 @@
-//! `oqtal sweep`: the figures of laws over values of any keys of the configuration.
+//! `oqtal sweep`: figures of laws over values of any keys of the configuration.
 
 use std::ops::Range;
 use std::path::PathBuf;
@@ -48,7 +48,7 @@ pub struct SweepArgs {
     study: StudyArgs,
 }
 
-/// A key of the configuration and the values that it takes.
+/// Key of the configuration, and its values.
 #[derive(Clone, Debug, PartialEq)]
 struct Axis {
     key: String,
@@ -92,7 +92,7 @@ struct SweepRow {
 }
 
 impl SweepRow {
-    /// Share of the seeds whose flights all landed as planned \[0..1\].
+    /// Fraction of the seeds for which all flights landed as planned \[0..1\].
     fn landed(&self) -> f64 {
         let landed = self.flown.runs.iter().filter(|run| run.is_complete());
         landed.count() as f64 / self.flown.runs.len() as f64
@@ -103,7 +103,7 @@ impl SweepArgs {
     /// Flies every combination with every law and prints the figures.
     ///
     /// # Errors
-    /// A key or value is invalid (exit code 78), there are too many combinations (64), the file cannot be written (71).
+    /// A key or value is invalid (exit code 78), there are too many combinations (64), or the file cannot be written (71).
     pub fn execute(&self) -> Result<Exit, Failure> {
         if let Some(file) = &self.out {
             check_file(file)?;
@@ -119,7 +119,7 @@ impl SweepArgs {
         Ok(Exit::Ok)
     }
 
-    /// Flies the sweep. Returns the rows of one combination after the other.
+    /// Flies the sweep. Returns the rows grouped by combination.
     fn fly(&self) -> Result<Vec<SweepRow>, Failure> {
         let combinations = combinations(&self.axes)?;
         let laws = law::chosen(&self.laws, &self.gains, &self.study.settings()?)?;
@@ -182,7 +182,7 @@ impl SweepArgs {
     }
 }
 
-/// Every combination of the axes' values, the last axis fastest.
+/// All combinations of the axes' values; the last axis varies fastest.
 fn combinations(axes: &[Axis]) -> Result<Vec<Vec<toml::Value>>, Failure> {
     let count = axes.iter().try_fold(1_usize, |count, axis| count.checked_mul(axis.values.len()));
     if count.is_none_or(|count| count > MOST_COMBINATIONS) {

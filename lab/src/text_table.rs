@@ -1,4 +1,4 @@
-//! Tables for a terminal of 80 columns; a wider table is shown in several blocks, one below the other.
+//! Tables for a terminal of 80 columns; a wider table is split into several blocks, one below the other.
 
 use comfy_table::presets::UTF8_FULL_CONDENSED;
 use comfy_table::{CellAlignment, Table};
@@ -16,14 +16,14 @@ pub fn number(value: f64) -> String {
     if value.is_finite() { rounded(value, 4) } else { MISSING.to_owned() }
 }
 
-/// A table in Markdown, without a line break at its end.
+/// Table in Markdown, without a trailing line break.
 pub fn markdown(headings: &[&str], rows: impl Iterator<Item = Vec<String>>) -> String {
     let head = format!("| {} |\n|{}", headings.join(" | "), "---|".repeat(headings.len()));
     let lines = rows.map(|cells| format!("\n| {} |", cells.join(" | ")));
     head + &lines.collect::<String>()
 }
 
-/// The rows under their headings. Each block begins with the names of the rows, followed by the figures that fit.
+/// Rows under their headings. Each block begins with the row names, followed by the figures that fit.
 #[must_use]
 pub fn blocks(named: &[String], figures: &[String], rows: &[NamedRow]) -> String {
     let width = |heading: &str, cell: &dyn Fn(&NamedRow) -> usize| {

@@ -89,7 +89,7 @@ impl TuneArgs {
         Budget { points: self.budget, seed: self.seed, optimiser: self.optimiser }
     }
 
-    /// The laws to tune, each once, and `outer`.
+    /// Laws to be tuned, without duplicates, and `outer`.
     fn names(&self) -> Vec<&'static str> {
         let is_asked = |name: &&str| self.targets.iter().any(|target| target == name);
         let all = is_asked(&"all");
@@ -97,14 +97,14 @@ impl TuneArgs {
         laws.chain(["outer"].into_iter().filter(is_asked)).collect()
     }
 
-    /// The file for `name`, one of `count`.
+    /// Output file for `name`, one of `count`.
     fn file(&self, name: &str, count: usize) -> PathBuf {
         let out = self.out.clone();
         let out = out.unwrap_or_else(|| if count == 1 { "tuned.toml" } else { "tuned" }.into());
         if count == 1 && !out.is_dir() { out } else { out.join(format!("{name}.toml")) }
     }
 
-    /// The settings of the study that belong into a tuned configuration: all but those of environment variables, which apply to
+    /// Settings of the study that belong in a tuned configuration: all except those of environment variables, which apply to
     /// every command.
     fn own<'a>(&self, flights: &'a TrainingFlights) -> Vec<&'a Setting> {
         flights.settings.iter().filter(|setting| !setting.origin.starts_with("OQTAL_")).collect()

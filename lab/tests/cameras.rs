@@ -1,4 +1,4 @@
-//! Flights on the emulated cameras from the markers up, and errors of the estimators in real rooms.
+//! Flights on poses computed from simulated markers, and estimation errors in real rooms.
 
 use nalgebra::Vector3;
 use oqtal_config::{Config, Setting};

@@ -38,7 +38,7 @@ fn bound(parameter: &HiddenParameter) -> f64 {
     if parameter.name == rules::DRAG.name { 20.0 } else { 3.0 }
 }
 
-/// One vehicle in two laboratories, or the number in `OQTAL_HIDDEN_PLANTS` in all of them; prints their tables.
+/// One vehicle in two laboratories, or as many as `OQTAL_HIDDEN_PLANTS` in all of them; prints their tables.
 #[test]
 fn hidden_vehicles_are_identified_within_their_bounds() {
     let count = std::env::var("OQTAL_HIDDEN_PLANTS").ok().map(|text| text.parse().unwrap());
@@ -65,7 +65,7 @@ fn hidden_vehicles_are_identified_within_their_bounds() {
     }
 }
 
-/// Residuals of cameras without noise are rounding, and a command without delay leaves none for a second lag.
+/// With noise-free cameras, residuals are rounding errors; a command without delay leaves no room for a second lag.
 #[test]
 fn cameras_without_noise_and_commands_without_delay_are_identified() {
     let ideal = [Setting::flag("test", "mocap.preset", "ideal")];
@@ -135,7 +135,7 @@ fn findings_are_a_layer_of_the_configuration() {
     assert_eq!(layered.vehicle.mass_kg, flight.config.vehicle.mass_kg);
 }
 
-/// A vehicle of `model` under swinging commands for five seconds, without noise.
+/// A vehicle of `model` under oscillating commands for five seconds, without noise.
 fn ideal(model: &VehicleModel, (delay_s, authority): (f64, f64)) -> FlightData {
     let mut history = CommandHistory::new(delay_s);
     let mut data = FlightData::default();
@@ -157,7 +157,7 @@ fn ideal(model: &VehicleModel, (delay_s, authority): (f64, f64)) -> FlightData {
     data
 }
 
-/// The predictor against the code with which `oqtal-dt` predicts.
+/// Comparison of the predictor with the prediction code of `oqtal-dt`.
 #[test]
 fn the_model_is_that_of_the_predictive_law() {
     let (delay_s, authority, lag_s) = (20e-3, 1.8, 50e-3);

@@ -1,4 +1,4 @@
-//! The linear model of the attitude loop against the loop as it is flown.
+//! Linear model of the attitude loop, compared with the flown loop.
 
 use oqtal_config::{Config, Setting};
 use oqtal_lab::robustness::frequency::LoopResponse;
@@ -19,7 +19,7 @@ fn law(name: &str) -> Setting {
 
 #[test]
 fn the_margins_of_the_linear_model_are_those_that_are_flown() {
-    // A lag that the model of the vehicle does not have, and a delay that no stamp shows.
+    // A lag that the model of the vehicle lacks, and a delay that does not appear in stamps.
     let differing = [
         Setting::flag("test", "plant.rate-lag-ms", 65.0),
         Setting::flag("test", "plant.hidden-delay-ms", 8.0),

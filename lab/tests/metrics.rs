@@ -1,4 +1,4 @@
-//! The metrics of flights whose errors are known: flown ones, in which the truth was replaced.
+//! Metrics of flights with known errors: flown flights in which the truth was replaced.
 
 use nalgebra::Vector3;
 use oqtal_bus::time::Span;
@@ -28,8 +28,8 @@ fn is_scored(sample: &FlightSample) -> bool {
     sample.is_armed() && sample.telemetry.scored != 0
 }
 
-/// A flight of a prescribed attitude by a vehicle that is turned from it by `off` \[rad, body\], which may depend on the time since
-/// the last step \[s\].
+/// Flight of a prescribed attitude by a vehicle turned from it by `off` \[rad, body\], which may depend on the time since the
+/// last step \[s\].
 fn turned(trajectory: &str, off: impl Fn(f64) -> Vector3<f64>) -> [f64; 2] {
     let (mut flight, mission) = flown("pid", trajectory);
     let options = &flight.config.trajectory;
@@ -51,7 +51,7 @@ fn turned(trajectory: &str, off: impl Fn(f64) -> Vector3<f64>) -> [f64; 2] {
     of_attitude(&flight, &mission.trajectory)
 }
 
-/// The same about every axis: the heading counts, and it is that of the start.
+/// The result is the same about every axis; the initial heading is taken into account.
 #[test]
 fn the_chirp_is_scored_by_the_angle_about_every_axis() {
     for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
@@ -82,8 +82,8 @@ fn a_hover_is_scored_by_the_distance_in_millimetres() {
     assert!((rms_mm - 5.0).abs() < 1e-6, "{rms_mm} mm");
 }
 
-/// The set-points move, and the vehicle follows the newest one: that of `oqtal-dt` is for the instant at which its command acts, that
-/// of another law for the present.
+/// The set-points move, and the vehicle follows the newest one: for `oqtal-dt` it is valid at the instant at which its command
+/// takes effect, for other laws at present.
 #[test]
 fn the_errors_of_every_law_are_against_the_newest_set_point() {
     let (ahead_s, speed, turn) = (35e-3, 0.3, 0.2);

@@ -5,7 +5,7 @@ use oqtal_lab::progress::Progress;
 use oqtal_lab::tune::online::{LOOPS, tune};
 use oqtal_observe::flight::Outcome;
 
-/// A climb loop with a quarter of its gains: the colony finds better ones in one flight.
+/// Climb loop with a quarter of its gains: the colony finds better ones in one flight.
 #[test]
 fn a_slack_loop_is_tuned_in_one_flight_that_lands() {
     let settings = [

@@ -1,4 +1,4 @@
-//! A rate loop of second order, identified.
+//! Identification of a second-order rate loop.
 
 use nalgebra::Vector3;
 use oqtal_control::quaternion::Attitude;
@@ -11,8 +11,8 @@ const PERIOD_S: f64 = 1.0 / 60.0;
 /// Rate at full stick \[rad/s\].
 const AUTHORITY: f64 = 2.0;
 
-/// A vehicle under swinging sticks, whose rate follows the demand behind two lags after a dead time, with attitudes off by up to a
-/// milliradian.
+/// Vehicle under oscillating sticks, whose rate follows the demand through two lags after a dead time, with attitude errors up to
+/// a milliradian.
 fn swinging([dead_s, lag_s, fast_s]: [f64; 3], ticks: u32) -> FlightData {
     let mut data = FlightData::default();
     let mut attitude = Attitude::LEVEL;
@@ -49,7 +49,7 @@ fn swinging([dead_s, lag_s, fast_s]: [f64; 3], ticks: u32) -> FlightData {
     data
 }
 
-/// The delay that is found contains the second lag, which is a part of it; the lag is that of the vehicle.
+/// The identified delay includes the second lag; the identified lag equals the vehicle's.
 #[test]
 fn a_second_lag_is_found_and_is_a_part_of_the_delay() {
     let (dead_s, lag_s, fast_s) = (20e-3, 50e-3, 12e-3);
@@ -63,7 +63,7 @@ fn a_second_lag_is_found_and_is_a_part_of_the_delay() {
     assert!((found_s - lag_s).abs() < 2e-3, "{:?}", found.models[0]);
 }
 
-/// The second lag is one of the rate loop: a thrust acts after the whole delay.
+/// The second lag belongs to the rate loop: a thrust takes effect after the whole delay.
 #[test]
 fn a_thrust_is_not_commanded_earlier_by_the_second_lag() {
     let mut data = swinging([20e-3, 50e-3, 10e-3], 30);
@@ -77,7 +77,7 @@ fn a_thrust_is_not_commanded_earlier_by_the_second_lag() {
     assert!((before_s - 12.0 * PERIOD_S - 30e-3).abs() < 1e-9, "{before_s} s");
 }
 
-/// Residuals that do not depend on a parameter beyond its bound, as those of a lag that cannot be negative.
+/// Residuals that do not depend on a parameter beyond its bound, as for a lag, which cannot be negative.
 #[test]
 fn at_a_bound_the_interval_is_as_wide_as_inside() {
     let width = |aim: f64| {

@@ -1,5 +1,4 @@
-//! Errors of the estimators with the poses of the emulated cameras: one flight, whose poses are processed again with each kind of
-//! stamp.
+//! Estimation errors with the poses of the emulated cameras: one flight, whose poses are processed again with each kind of stamp.
 
 use nalgebra::Vector3;
 use oqtal_bus::time::Time;
@@ -23,10 +22,10 @@ use crate::mission::Mission;
 use crate::simulation;
 use crate::text_table::markdown;
 
-/// Poses at the beginning of a flight in which the filters settle.
+/// Number of poses at the beginning of a flight during which the filters settle.
 const SETTLING: usize = 120;
 
-/// The figures of one kind of stamp.
+/// Figures for one kind of stamp.
 #[derive(Clone, Debug, Serialize)]
 pub struct StampFigures {
     /// Name of the kind.
@@ -38,12 +37,12 @@ pub struct StampFigures {
     pub rate_rad_s: f64,
     /// Root mean square error of the velocity of `oqtal-dt`'s filter \[m/s\].
     pub filter_velocity_m_s: f64,
-    /// Root mean square error of its body rate \[rad/s\].
+    /// Root mean square error of the body rate of that filter \[rad/s\].
     pub filter_rate_rad_s: f64,
-    /// Mean normalised innovation squared, position and attitude \[-\]: 1 for a filter with the right noise.
+    /// Mean normalised innovation squared, position and attitude \[-\]: 1 for a filter with a correct noise model.
     #[serde(rename = "nis")]
     pub nis_ratio: [f64; 2],
-    /// Correlation of an innovation with the next, position and attitude \[-\]: 0 for white innovations.
+    /// Correlation of successive innovations, position and attitude \[-\]: 0 for white innovations.
     #[serde(rename = "next")]
     pub next_ratio: [f64; 2],
 }
@@ -95,7 +94,7 @@ fn poses(flight: &Flight) -> Vec<FlightSample> {
     flight.samples.iter().filter(is_new).copied().collect()
 }
 
-/// Captures estimated from the arrivals and the motion alone \[s\].
+/// Captures estimated from arrivals and motion only \[s\].
 fn estimated(poses: &[FlightSample]) -> Vec<f64> {
     let recorded = poses.iter().map(|sample| RecordedPose {
         time_ns: sample.telemetry.pose_published_at.nanos(),
@@ -181,7 +180,7 @@ fn update(estimator: &mut Estimator, pose: &StampedPose) -> Estimate {
     estimator.update(pose.stamp_s, telemetry.pose_position.into(), attitude)
 }
 
-/// A tracker with the configured model throughout.
+/// Tracker that always uses the configured model.
 fn tracker(config: &Config) -> MotionTracker {
     let adaptation = AdaptationOptions { adapt: false, ..AdaptationOptions::default() };
     let options = PredictiveOptions { adaptation, ..config.control.predictive };
@@ -189,7 +188,7 @@ fn tracker(config: &Config) -> MotionTracker {
     MotionTracker::new(model(config), config.safety.filter, delay_s).predictive(&options)
 }
 
-/// The model of `[vehicle]`, commanded by rates.
+/// Model of `[vehicle]`, commanded by rates.
 fn model(config: &Config) -> VehicleModel {
     let rotation = Rotation::RateLoop { lag_s: config.vehicle.rate_lag_ms * 1e-3 };
     let CommandModel { model, .. } =
@@ -206,7 +205,7 @@ fn input(config: &Config, sample: &FlightSample) -> ModelInput {
     }
 }
 
-/// True velocity \[m/s, world\] and rate \[rad/s, body\] at `t_s`, between those of two ticks.
+/// True velocity \[m/s, world\] and rate \[rad/s, body\] at `t_s`, interpolated between two ticks.
 fn truth_at(samples: &[FlightSample], t_s: f64) -> Option<(Vector3<f64>, Vector3<f64>)> {
     let after = samples.partition_point(|sample| seconds(sample.telemetry.time) < t_s);
     let (from, to) = (samples.get(after.checked_sub(1)?)?, samples.get(after)?);

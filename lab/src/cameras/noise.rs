@@ -1,4 +1,4 @@
-//! Noise of a pose from the markers up, by place in the room.
+//! Noise of a pose computed from simulated markers, by position in the room.
 
 use nalgebra::Vector3;
 use oqtal_bus::message::TruthV1;
@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use crate::text_table::markdown;
 
-/// The places: name and position \[m, world\].
+/// Positions: name and coordinates \[m, world\].
 const PLACES: [(&str, [f64; 3]); 6] = [
     ("centre", [0.0, 0.0, 1.0]),
     ("centre, on the floor", [0.0, 0.0, 0.05]),
@@ -20,13 +20,13 @@ const PLACES: [(&str, [f64; 3]); 6] = [
     ("edge", [2.3, 0.0, 1.0]),
 ];
 
-/// Noise at a place.
+/// Noise at one position.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct PlaceNoise {
-    /// Name of the place.
+    /// Name of the position.
     #[serde(rename = "place")]
     pub name: &'static str,
-    /// The place \[m, world\].
+    /// Coordinates of the position \[m, world\].
     pub position_m: [f64; 3],
     /// Standard deviation of the position along each axis \[mm, world\].
     pub position_mm: [f64; 3],
@@ -35,7 +35,7 @@ pub struct PlaceNoise {
     /// Mean number of cameras that see a marker \[-\].
     #[serde(rename = "cameras")]
     pub cameras_ratio: f64,
-    /// Pixel noise estimated from the reprojection \[px\]; equals the configured noise if the model is right.
+    /// Pixel noise estimated from the reprojection \[px\]; equals the configured noise if the model is correct.
     #[serde(rename = "reprojection_px")]
     pub reprojection_ratio: f64,
     /// Root mean square distance of the markers from the fitted body \[mm\].
@@ -44,7 +44,7 @@ pub struct PlaceNoise {
     pub tracked_percent: f64,
 }
 
-/// Noise at every place, each from `frames` frames of a level body at rest.
+/// Noise at every position, each from `frames` frames of a level body at rest.
 #[must_use]
 pub fn map(config: &Config, frames: u64) -> Vec<PlaceNoise> {
     PLACES.iter().map(|(name, place)| at(config, frames, (name, *place))).collect()

@@ -1,4 +1,4 @@
-//! Figures of the emulated cameras beside those of recordings.
+//! Statistics of the emulated cameras, compared with those of recordings.
 
 use std::path::Path;
 
@@ -13,10 +13,10 @@ use serde_json::{Value, json};
 
 use crate::text_table::markdown;
 
-/// A figure of a recording: name, and value; `None` if the recording does not show it.
+/// Figure of a recording: name, and value; `None` if it cannot be computed from the recording.
 type NamedFigure = (&'static str, fn(&RoomStatistics) -> Option<f64>);
 
-/// The figures that are compared.
+/// Compared figures.
 const FIGURES: [NamedFigure; 21] = [
     ("rate [Hz]", |s| Some(s.rate_hz)),
     ("arrival intervals, SD [ms]", |s| Some(s.interval_ms)),
@@ -49,7 +49,7 @@ fn rest(statistics: &RoomStatistics, of: fn(&RestStatistics) -> f64) -> Option<f
     statistics.rest.as_ref().map(of)
 }
 
-/// The figures of the emulated cameras and of recordings.
+/// Figures of the emulated cameras and of recordings.
 #[derive(Clone, Debug)]
 pub struct CameraStudy {
     emulated: [Option<f64>; FIGURES.len()],
@@ -60,7 +60,7 @@ impl CameraStudy {
     /// Emulates the cameras of `config` with a body at rest and one in motion for `seconds`, and reads `files`.
     ///
     /// # Errors
-    /// A file cannot be read or is not a recording (exit code 65), or the cameras see nothing.
+    /// A file cannot be read or is not a recording (exit code 65), or the cameras see no body.
     pub fn of(config: &Config, seconds: f64, files: &[&Path]) -> Result<Self, Failure> {
         let watch = |motion: fn(f64) -> TruthV1| {
             let watched = record((&config.mocap, config.clock.seed), seconds, motion);
@@ -80,7 +80,7 @@ impl CameraStudy {
         Ok(Self { emulated: figures(&emulated), recordings })
     }
 
-    /// Whether a figure of the emulated cameras is within those of the recordings; `None` without at least two of them.
+    /// Whether a figure of the emulated cameras is within the range of the recordings; `None` with fewer than two recordings.
     #[must_use]
     pub fn is_within(&self, figure: usize) -> Option<bool> {
         let found: Vec<f64> = self.recordings.iter().filter_map(|(_, all)| all[figure]).collect();
@@ -133,7 +133,7 @@ fn at_rest(_: f64) -> TruthV1 {
     TruthV1 { position: [0.0, 0.0, 1.0], attitude: Attitude::LEVEL.xyzw(), ..TruthV1::default() }
 }
 
-/// A lemniscate of up to 1 m/s.
+/// Lemniscate with speeds up to 1 m/s.
 fn lemniscate(t_s: f64) -> TruthV1 {
     let angle = 1.1 * t_s;
     TruthV1 {

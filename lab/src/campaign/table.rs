@@ -22,11 +22,11 @@ pub const COLUMNS: [Column; METRICS + 5] = {
     columns
 };
 
-/// Of the metrics, the first few have a spread in the paper's Table V.
+/// Number of leading metrics with a spread in the paper's Table V.
 const SPREADS: usize = 3;
 
-/// The row of a law, in which the `best` runs are averaged for the metrics with a spread; `max_q` is its greatest weight and how that
-/// was found.
+/// Row of a law. For the metrics with a spread, the `best` runs are averaged; `max_q` is the greatest weight of the law and how
+/// it was found.
 #[must_use]
 pub fn row(flown: &Flown, best: usize, max_q: Option<(f64, &str)>) -> SheetRow {
     let best = best_runs(flown, best);
@@ -37,7 +37,7 @@ pub fn row(flown: &Flown, best: usize, max_q: Option<(f64, &str)>) -> SheetRow {
             let values: Vec<f64> = best.iter().map(|run| values[*run]).collect();
             SheetCell::Spread(mean(&values), standard_deviation(&values))
         }
-        // All runs: choosing some by their position error would choose the others' luck.
+        // All runs: a choice of runs by position error would bias the other metrics.
         _ => SheetCell::Number(of_all[metric]),
     };
     let (weight, found) = max_q.unzip();

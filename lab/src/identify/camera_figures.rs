@@ -7,10 +7,10 @@ use serde::Serialize;
 use super::data::{FlightData, PoseRecord};
 use super::robust::deviation;
 
-/// Least number of poses at rest for figures of the noise \[-\].
+/// Least number of poses at rest for the noise figures \[-\].
 const LEAST_POSES: usize = 20;
 
-/// Latency of poses, from their capture, by their stamps, to their publication.
+/// Latency of poses from capture to publication, by their stamps.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PoseLatency {
     /// Median \[ms\].
@@ -29,7 +29,7 @@ pub struct RestFigures {
 }
 
 impl RestFigures {
-    /// The noise of the poses before take-off; `None` if there are too few.
+    /// Noise of the poses before take-off; `None` if there are too few.
     #[must_use]
     pub fn of(flights: &[FlightData]) -> Option<Self> {
         let mut positions = Vec::new();
@@ -46,7 +46,7 @@ impl RestFigures {
     }
 }
 
-/// The components of a quantity minus their medians.
+/// Components of a quantity minus their medians.
 fn scatter(poses: &[PoseRecord], of: impl Fn(&PoseRecord) -> Vector3<f64>) -> Vec<f64> {
     let one = |axis: usize| {
         let values: Vec<f64> = poses.iter().map(|pose| of(pose)[axis]).collect();

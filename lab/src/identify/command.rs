@@ -62,7 +62,7 @@ impl IdentifyArgs {
     /// Identifies the vehicle, prints the findings and writes them.
     ///
     /// # Errors
-    /// A setting is invalid (exit code 78), a recording is bad or too short (65), the flight failed (1), or a file cannot be
+    /// A setting is invalid (exit code 78), a recording is invalid or too short (65), the flight failed (1), or a file cannot be
     /// written (71).
     pub fn execute(&self, read: &ReadFlight) -> Result<Exit, Failure> {
         if let Some(count) = self.hidden_plants {
@@ -113,7 +113,7 @@ impl IdentifyArgs {
         }
     }
 
-    /// The flights of the files, or one that is flown now.
+    /// Flights of the files, or one flown now.
     fn flights(&self, read: &ReadFlight) -> Result<Vec<Flight>, Failure> {
         let mut flights = Vec::new();
         if self.fly {
@@ -164,12 +164,12 @@ fn json(value: &impl serde::Serialize) -> Result<String, Failure> {
     text.map(|text| text + "\n").map_err(|error| Failure::new(Exit::Internal, error.to_string()))
 }
 
-/// A mass that a vehicle for a room may have \[kg\].
+/// Parses a mass that is plausible for an indoor vehicle \[kg\].
 fn mass(text: &str) -> Result<f64, String> {
     within(text, (1e-3, 1e3), "kg")
 }
 
-/// A thrust that such a vehicle may have \[N\].
+/// Parses a thrust that is plausible for an indoor vehicle \[N\].
 fn thrust(text: &str) -> Result<f64, String> {
     within(text, (1e-2, 1e5), "N")
 }

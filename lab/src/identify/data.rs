@@ -1,5 +1,5 @@
-//! Data of a flight that an identification may use: commands as sent and poses as measured, but neither the truth nor the
-//! instants at which commands took effect.
+//! Data of a flight for an identification: commands as sent and poses as measured, without the truth and without the instants at
+//! which commands took effect.
 
 use nalgebra::Vector3;
 use oqtal_bus::time::Time;
@@ -7,9 +7,9 @@ use oqtal_control::quaternion::Attitude;
 use oqtal_control::statistics::median;
 use oqtal_observe::flight::{Flight, FlightSample};
 
-/// Height above the floor from which on a flight is used \[m\]: below, the floor pushes.
+/// Height above the floor above which a flight is used \[m\]: below it, the floor exerts forces.
 const CLEAR_M: f64 = 0.3;
-/// Share of acknowledged commands from which on one without an acknowledgement counts as lost \[-\].
+/// Share of acknowledged commands above which a command without acknowledgement counts as lost \[-\].
 const ACKNOWLEDGED_SHARE: f64 = 0.5;
 
 /// A measured pose.
@@ -17,7 +17,7 @@ const ACKNOWLEDGED_SHARE: f64 = 0.5;
 pub struct PoseRecord {
     /// Capture, by the stamp of the pose \[s\].
     pub captured_s: f64,
-    /// From its capture to its publication \[s\].
+    /// Time from capture to publication \[s\].
     pub latency_s: f64,
     /// Position \[m, world\].
     pub position: Vector3<f64>,
@@ -32,7 +32,7 @@ pub struct CommandRecord {
     pub sent_s: f64,
     /// Sticks \[-1..1, body\].
     pub sticks: Vector3<f64>,
-    /// Collective thrust, as a share of the vehicle's greatest \[0..1\].
+    /// Collective thrust, as a fraction of the vehicle's maximum \[0..1\].
     pub thrust: f64,
 }
 
@@ -41,9 +41,9 @@ pub struct CommandRecord {
 pub struct FlightData {
     /// Poses on the floor before the motors ran.
     pub rest: Vec<PoseRecord>,
-    /// Poses in the air, without the vicinity of the floor.
+    /// Poses in the air, except near the floor.
     pub air: Vec<PoseRecord>,
-    /// Every command of the flight, in the order of time.
+    /// All commands of the flight, in order of time.
     pub commands: Vec<CommandRecord>,
     /// Median time from the publication of a command to its effect, by its stamps \[s\]; `None` without such stamps.
     pub stamped_delay_s: Option<f64>,
@@ -69,7 +69,7 @@ impl FlightData {
     }
 }
 
-/// Number of residuals of each axis of each flight: one for every pose in the air but the first.
+/// Number of residuals per axis of each flight: one for every pose in the air except the first.
 #[must_use]
 pub fn series(flights: &[FlightData]) -> Vec<usize> {
     flights.iter().flat_map(|data| [data.air.len().saturating_sub(1); 3]).collect()

@@ -1,6 +1,7 @@
-//! Numbers with as many digits as their interval supports.
+//! Numbers with as many digits as their confidence interval supports.
 
-/// `value` and its half width \[any unit\], the half width with two significant digits and the value with as many decimals.
+/// `value` and its half width \[any unit\]: the half width with two significant digits, the value with the same number of
+/// decimals.
 #[must_use]
 pub fn with_interval(value: f64, half_width: f64) -> (String, String) {
     let decimals = if half_width.is_finite() && half_width > 0.0 {

@@ -1,4 +1,4 @@
-//! The fits of a vehicle: first the rotation, then the translation.
+//! Fits of a vehicle: first the rotation, then the translation.
 
 use nalgebra::Vector3;
 use oqtal_config::VehicleOptions;
@@ -9,7 +9,7 @@ use super::rotation::RotationModel;
 use super::translation::TranslationModel;
 use super::turning::{TurningFit, turning};
 
-/// Least number of poses in the air of a flight: two seconds at 60 Hz.
+/// Least number of poses in the air per flight: two seconds at 60 Hz.
 const LEAST_POSES: usize = 120;
 
 /// The fits of an identification.
@@ -53,7 +53,7 @@ pub fn estimate(flights: &[FlightData], configured: &VehicleOptions) -> Option<V
     Some(VehicleFit { turning, lifting, curved })
 }
 
-/// Mean commanded share of the greatest thrust in the air \[0..1\].
+/// Mean commanded thrust in the air, as a fraction of the maximum \[0..1\].
 fn mean_share(flights: &[FlightData]) -> Option<f64> {
     let (mut sum, mut count) = (0.0, 0.0);
     for data in flights {

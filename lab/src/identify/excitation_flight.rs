@@ -1,4 +1,4 @@
-//! A flight of the program's own that shows the parameters of a vehicle, in virtual time.
+//! The program's own excitation flight, in virtual time, from which the parameters of a vehicle are identified.
 
 use oqtal_bus::code::Cause;
 use oqtal_config::Config;
@@ -9,16 +9,16 @@ use oqtal_runtime::process::{Exit, Failure};
 use crate::mission::Mission;
 use crate::simulation;
 
-/// Time at rest before the motions \[s\]: the flight lasts less than a minute.
+/// Time at rest before the manoeuvres \[s\]; keeps the flight shorter than a minute.
 const SETTLE_S: f64 = 1.0;
 
-/// The masses that the controller assumes after a flight that failed, one attempt after the other, over that of the configuration
-/// \[-\]: a vehicle that its thrust does not lift is heavier, or weaker, than configured; one that leaves the fence or its
-/// reference is lighter, or stronger.
+/// Masses assumed by the controller in successive attempts after a failed flight, over the configured mass \[-\]: a vehicle that
+/// its thrust does not lift is heavier or weaker than configured; one that leaves the fence or its reference is lighter or
+/// stronger.
 const HEAVIER: &[f64] = &[1.3, 1.7, 2.2];
 const LIGHTER: &[f64] = &[0.8, 0.6];
 
-/// Flies the excitation with the law of `config`, which uses `[vehicle]` only.
+/// Flies the excitation with the law of `config`; the law uses `[vehicle]` only.
 ///
 /// # Errors
 /// A setting is invalid, or the flight did not end as planned (exit code 1).
@@ -42,7 +42,7 @@ pub fn fly(config: &Config) -> Result<Flight, Failure> {
     Err(Failure::new(Exit::Flight, format!("the excitation flight failed: {shortfall}; {remedy}")))
 }
 
-/// Reason why `flight` is not complete; `None` for a complete one.
+/// Reason why `flight` is incomplete; `None` for a complete flight.
 fn failure(flight: &Flight) -> Option<String> {
     let is_landed = flight.outcome == Outcome::Landed;
     let otherwise = (!is_landed).then(|| format!("the flight ended as {}", flight.outcome));

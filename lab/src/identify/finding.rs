@@ -1,4 +1,4 @@
-//! Findings: a parameter with its interval, and the rule by which the flights determine it or not.
+//! Findings: a parameter with its confidence interval, and the rule that accepts or rejects its value.
 
 use serde::Serialize;
 
@@ -20,11 +20,11 @@ pub struct ParameterFinding {
     pub half_width: f64,
     /// The value in the configuration \[unit of the finding\]; `None` if it has none.
     pub before: Option<f64>,
-    /// Motion that the flights lack, if they do not determine the value.
+    /// Manoeuvre that the flights lack, if they do not determine the value.
     pub missing: Option<&'static str>,
 }
 
-/// A parameter, and the interval below which its value is accepted.
+/// Rule for a parameter: the interval width below which its value is accepted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FindingRule {
     /// Name of the parameter.
@@ -35,9 +35,9 @@ pub struct FindingRule {
     pub unit: &'static str,
     /// Greatest half width of the interval over the value \[-\].
     pub widest_ratio: f64,
-    /// Greatest half width where the value is small \[unit of the finding\].
+    /// Greatest half width of the interval for a small value \[unit of the finding\].
     pub widest: f64,
-    /// Motion that determines the value.
+    /// Manoeuvre that determines the value.
     pub motion: &'static str,
 }
 
@@ -52,7 +52,7 @@ impl FindingRule {
         ParameterFinding { name, key, unit, value, half_width, before, missing }
     }
 
-    /// The finding of a given `value`.
+    /// Finding for a given `value`.
     #[must_use]
     pub fn given(&self, value: f64, before: Option<f64>) -> ParameterFinding {
         self.found(value, 0.0, before)
@@ -74,7 +74,7 @@ pub mod rules {
     const FAST: &str = "fast motions about roll and pitch: doublets, or sines up to some Hz";
     const STEPS: &str = "steps of the thrust: climbs and descents of some tenths of a metre";
 
-    /// A quantity without a key, shown whatever its interval.
+    /// Quantity without a key, shown with any interval.
     const fn information(name: &'static str, unit: &'static str) -> FindingRule {
         let any = f64::INFINITY;
         FindingRule { name, key: None, unit, widest_ratio: any, widest: any, motion: "" }
@@ -129,7 +129,7 @@ pub mod rules {
         widest: 10.0,
         motion: STEPS,
     };
-    /// Curvature of the thrust over its command: 0 of a straight line, 1 of a parabola.
+    /// Curvature of the thrust over its command: 0 for a straight line, 1 for a parabola.
     pub const THRUST_CURVE: FindingRule = information("curvature of the thrust", "-");
     /// Drag.
     pub const DRAG: FindingRule = FindingRule {

@@ -8,7 +8,7 @@ const ITERATIONS: usize = 60;
 /// Change of the sum of squares, and of the parameters, at which a fit has converged \[-\].
 const TOLERANCE: f64 = 1e-11;
 
-/// Fits of a [`precise_fit`], each with steps from the one before.
+/// Number of fits in a [`precise_fit`], each with steps from the previous one.
 const PASSES: usize = 3;
 
 /// A parameter of a fit.
@@ -18,9 +18,9 @@ pub struct FitParameter {
     pub start: f64,
     /// Least and greatest value \[unit of the parameter\].
     pub bounds: [f64; 2],
-    /// Step of the derivatives, about the precision required \[unit of the parameter\].
+    /// Step of the numerical derivatives, about the required precision \[unit of the parameter\].
     pub step: f64,
-    /// Whether it keeps its initial value.
+    /// Whether the parameter keeps its initial value.
     pub is_fixed: bool,
 }
 
@@ -59,7 +59,7 @@ impl MPFitter for Problem<'_> {
     }
 }
 
-/// The values at which the sum of the squared `residuals` is least; `None` if they cannot be computed. Residuals are in standard
+/// Values that minimise the sum of the squared `residuals`; `None` if the residuals cannot be computed. Residuals are in standard
 /// deviations; their number does not depend on the values.
 #[must_use]
 pub fn least_squares(
@@ -82,8 +82,8 @@ pub fn least_squares(
 /// Step of a derivative over the standard deviation of its parameter \[-\].
 const STEP_SHARE: f64 = 0.5;
 
-/// The result of a fit that begins at the initial values of `parameters`. The fit is repeated with steps of the derivatives that
-/// match the precision found: over longer steps, residuals of limited influence are not linear.
+/// Result of a fit that starts at the initial values of `parameters`. The fit is repeated with derivative steps that match the
+/// precision found: over longer steps, residuals of limited influence are not linear.
 #[must_use]
 pub fn precise_fit(
     parameters: &mut [FitParameter],
@@ -107,7 +107,7 @@ pub fn precise_fit(
 }
 
 impl FitParameter {
-    /// The start, moved inside the bounds.
+    /// Initial value, limited to the bounds.
     fn inside(&self) -> f64 {
         let [low, high] = self.bounds;
         if self.is_fixed {
@@ -130,9 +130,8 @@ impl FitParameter {
     }
 }
 
-/// The covariance of a fit: that of white residuals, or, where it is greater, that of correlated ones
-/// (Newey and West, Econometrica 55 (1987) 703). The residuals consist of `series` of these lengths, in each of which neighbours are
-/// neighbours in time.
+/// Covariance of a fit: the greater of the covariances for white and for correlated residuals (Newey and West, Econometrica 55
+/// (1987) 703). The residuals consist of `series` of these lengths; neighbours in a series are neighbours in time.
 fn covariance(
     parameters: &[FitParameter],
     values: &[f64],
@@ -158,7 +157,7 @@ fn covariance(
     }
     let mut information = jacobian.transpose() * &jacobian;
     for (column, index) in free.iter().copied().enumerate() {
-        // The bounds are all that is known of a parameter without influence on the residuals.
+        // A parameter without influence on the residuals is known only by its bounds.
         let [low, high] = parameters[index].bounds;
         information[(column, column)] += (high - low).powi(-2);
     }
@@ -180,12 +179,12 @@ fn covariance(
     Some(whole)
 }
 
-/// The sum of the products of scores in their own and in neighbouring rows of the same series.
+/// Sum of the products of scores with those in the same and in neighbouring rows of a series.
 fn long_run(scores: &DMatrix<f64>, series: &[usize]) -> DMatrix<f64> {
     let mut sum = scores.transpose() * scores;
     let mut begin = 0;
     for length in series.iter().copied() {
-        // Twice the rule of Newey and West for the number of neighbours that count.
+        // Twice the number of neighbours in the rule of Newey and West.
         let lags = (8.0 * (length as f64 / 100.0).powf(2.0 / 9.0)).ceil() as usize;
         for lag in 1..=lags.min(length.saturating_sub(1)) {
             let weight = 1.0 - lag as f64 / (lags + 1) as f64;

@@ -1,5 +1,5 @@
-//! Errors of identifications: vehicles with drawn parameters are flown and identified by a controller that is configured for the
-//! shipped vehicle.
+//! Errors of identifications: vehicles with drawn parameters are flown and identified by a controller configured for the shipped
+//! vehicle.
 
 use std::ops::Range;
 
@@ -26,30 +26,30 @@ use crate::text_table::markdown;
 /// Greatest relative deviation of every parameter \[-\].
 const SPREAD: f64 = 0.3;
 
-/// A simulated laboratory: fidelity of the plant, preset of the cameras.
+/// Simulated laboratory: fidelity of the plant, preset of the cameras.
 pub type Laboratory = (&'static str, &'static str);
 
-/// A parameter of one vehicle, identified.
+/// Identified parameter of one vehicle.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct HiddenParameter {
     /// Name of the parameter.
     pub name: &'static str,
     /// Unit of the error: "ms", or "%" of the truth.
     pub unit: &'static str,
-    /// Value found minus truth \[unit of the parameter's error\].
+    /// Identified value minus true value \[unit of the parameter's error\].
     pub error: f64,
     /// Half the width of its 95 % interval \[unit of the parameter's error\].
     pub half_width: f64,
 }
 
-/// One vehicle, identified.
+/// One identified vehicle.
 #[derive(Clone, Debug, Serialize)]
 pub struct HiddenPlant {
     /// Seed of its parameters.
     pub seed: u64,
-    /// Its parameters; empty if its flight failed.
+    /// Parameters of the vehicle; empty if its flight failed.
     pub parameters: Vec<HiddenParameter>,
-    /// Figures of `oqtal-dt` with the identified vehicle over those with the true one, hover and chirp \[-\].
+    /// Errors of `oqtal-dt` with the identified vehicle over its errors with the true one, hover and chirp \[-\].
     pub flown_ratio: Option<[f64; 2]>,
 }
 
@@ -79,7 +79,7 @@ impl HiddenPlants {
     ];
 }
 
-/// Flies and identifies a vehicle for each of `seeds` in each of `laboratories`, under `settings`.
+/// Flies and identifies one vehicle per seed of `seeds` in each of `laboratories`, with `settings`.
 ///
 /// # Errors
 /// A setting is invalid.
@@ -141,14 +141,14 @@ pub fn hidden_plant(config: &Config) -> Result<HiddenPlant, Failure> {
 /// The identification of the vehicle of `config`, with its mass given.
 ///
 /// # Errors
-/// The flight failed, or shows nothing.
+/// The flight failed, or its data are insufficient.
 pub fn identified(config: &Config) -> Result<Identification, Failure> {
     let mass_kg = drawn(&config.plant, config.clock.seed).mass_kg;
     let data = FlightData::of(&excitation_flight::fly(config)?);
     identify(&[data], &config.vehicle, Scale::Mass(mass_kg))
 }
 
-/// The true parameters, as keys of `[vehicle]`. The lag of the thrust is that of the rotors' speed.
+/// True parameters, as keys of `[vehicle]`. The lag of the thrust is the lag of the rotor speed.
 #[must_use]
 pub fn truth(config: &Config) -> VehicleOptions {
     let plant: PlantOptions = drawn(&config.plant, config.clock.seed);
@@ -168,9 +168,8 @@ pub fn truth(config: &Config) -> VehicleOptions {
     }
 }
 
-/// The loop of first order that is equivalent to the loop of `config`. A loop around rotors of lag `a` is of second order,
-/// `a T s^2 + T s + 1`: its slow pole is the lag, its fast one acts as a delay. The lag of the thrust is the rest of the rotors'
-/// lag.
+/// First-order loop equivalent to the loop of `config`. A loop around rotors of lag `a` is of second order, `a T s^2 + T s + 1`:
+/// its slow pole is the lag, and its fast pole acts as a delay. The lag of the thrust is the rest of the rotors' lag.
 #[must_use]
 pub fn equivalent(config: &Config) -> VehicleOptions {
     let truth = truth(config);
@@ -188,7 +187,7 @@ pub fn equivalent(config: &Config) -> VehicleOptions {
     }
 }
 
-/// The errors of the findings.
+/// Errors of the findings.
 #[must_use]
 pub fn parameters(identification: &Identification, truth: &VehicleOptions) -> Vec<HiddenParameter> {
     let one = |finding: &ParameterFinding| {
@@ -236,7 +235,7 @@ pub fn figures(config: &Config, vehicle: &VehicleOptions) -> Result<Option<[f64;
 }
 
 impl HiddenRoom {
-    /// The errors of a parameter over all vehicles, with the half widths of their intervals.
+    /// Errors of a parameter over all vehicles, with the half widths of their intervals.
     fn errors(&self, name: &str) -> Vec<(f64, f64)> {
         let parameters = self.plants.iter().flat_map(|plant| &plant.parameters);
         let same = parameters.filter(|parameter| parameter.name == name);
@@ -270,7 +269,7 @@ impl HiddenRoom {
         )
     }
 
-    /// Figures of `oqtal-dt` with the identified vehicle, against those with the true one.
+    /// Errors of `oqtal-dt` with the identified vehicle, compared with the true one.
     fn flown(&self) -> [Vec<String>; 2] {
         [("hover", 0), ("chirp", 1)].map(|(name, index)| {
             let ratios = self.plants.iter().filter_map(|plant| plant.flown_ratio);

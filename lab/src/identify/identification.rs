@@ -19,13 +19,13 @@ const BODY_AXES: [&str; 3] = ["roll", "pitch", "yaw"];
 /// Names of the axes of the world.
 const WORLD_AXES: [&str; 3] = ["x", "y", "z"];
 
-/// Lag of the thrust below which the rotors seem to follow immediately \[s\].
+/// Lag of the thrust below which the rotors appear to follow immediately \[s\].
 const PROMPT_S: f64 = 3e-3;
 
-/// Known scale of the vehicle: flights determine the thrust over the mass only.
+/// Known scale of the vehicle; flights alone determine only the thrust over the mass.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Scale {
-    /// None; the thrust is computed with the mass of the configuration.
+    /// Unknown; the thrust is computed with the configured mass.
     Unknown,
     /// The mass \[kg\].
     Mass(f64),
@@ -33,14 +33,14 @@ pub enum Scale {
     Thrust(f64),
 }
 
-/// Parameters of a vehicle, from its flights.
+/// Parameters of a vehicle, identified from its flights.
 #[derive(Clone, Debug, Serialize)]
 pub struct Identification {
     /// The parameters.
     pub findings: Vec<ParameterFinding>,
-    /// The tests of the residuals, for each axis of attitude and position.
+    /// Tests of the residuals, for each axis of attitude and position.
     pub residuals: Vec<ResidualTest>,
-    /// The cameras at rest; `None` without poses at rest.
+    /// Noise at rest; `None` without poses at rest.
     pub at_rest: Option<RestFigures>,
     /// Latency of the poses at rest.
     pub latency_at_rest: Option<PoseLatency>,
@@ -48,19 +48,19 @@ pub struct Identification {
     pub latency_in_flight: Option<PoseLatency>,
     /// Correlation time of the gusts \[s\].
     pub gust_s: f64,
-    /// Whether the lag of the thrust is so short that the lag of the rotors must be part of the delay.
+    /// Whether the lag of the thrust is so short that the delay must include the lag of the rotors.
     pub has_prompt_thrust: bool,
-    /// Poses that were used \[-\].
+    /// Number of poses used \[-\].
     pub poses: usize,
     /// The fits, for plots.
     #[serde(skip)]
     pub estimate: VehicleFit,
 }
 
-/// Identifies the vehicle that flew `flights`, starting from the parameters `configured`; `scale` is all else that is known.
+/// Identifies the vehicle that flew `flights`, starting from the parameters `configured`; `scale` is the known scale.
 ///
 /// # Errors
-/// A flight is too short, or does not show anything (exit code 65).
+/// A flight is too short or does not contain enough motion (exit code 65).
 pub fn identify(
     flights: &[FlightData],
     configured: &VehicleOptions,
@@ -90,7 +90,7 @@ pub fn identify(
     })
 }
 
-/// Whether the lag of the thrust may be as short as [`PROMPT_S`], with an interval that is narrow enough.
+/// Whether the lag of the thrust may be as short as [`PROMPT_S`] and has a sufficiently narrow interval.
 fn may_be_prompt(fit: &FitResult) -> bool {
     let (lag_s, sd_s) = of(fit, 1, 1.0);
     let is_shown = rules::THRUST_LAG.found(lag_s * 1e3, sd_s * 1e3, None).is_shown();
@@ -205,13 +205,13 @@ fn residuals(estimate: &VehicleFit) -> Vec<ResidualTest> {
 }
 
 impl Identification {
-    /// The findings of a key, one for each component.
+    /// Findings for a key, one per component.
     #[must_use]
     pub fn of_key(&self, key: &str) -> Vec<&ParameterFinding> {
         self.findings.iter().filter(|finding| finding.key == Some(key)).collect()
     }
 
-    /// The keys with findings, in order, each once.
+    /// Keys with findings, in order, without duplicates.
     #[must_use]
     pub fn keys(&self) -> Vec<&'static str> {
         let mut keys: Vec<&'static str> = Vec::new();
@@ -223,7 +223,7 @@ impl Identification {
         keys
     }
 
-    /// The findings as settings; keys without a determined value are left out.
+    /// Findings as settings; keys without a determined value are omitted.
     #[must_use]
     pub fn settings(&self) -> Vec<Setting> {
         let setting = |key: &'static str| {
@@ -236,7 +236,7 @@ impl Identification {
         self.keys().into_iter().filter_map(setting).collect()
     }
 
-    /// The values of a key, with the configured value for components that are not determined; `None` if none is determined.
+    /// Values of a key, with the configured value for undetermined components; `None` if no component is determined.
     #[must_use]
     pub fn values(&self, key: &str) -> Option<Vec<f64>> {
         let findings = self.of_key(key);
@@ -248,7 +248,7 @@ impl Identification {
         is_any_shown.then(|| findings.iter().map(value).collect())
     }
 
-    /// `configured` with the determined values.
+    /// `configured` with the determined values replaced.
     #[must_use]
     pub fn vehicle(&self, configured: &VehicleOptions) -> VehicleOptions {
         let mut vehicle = configured.clone();

@@ -1,39 +1,39 @@
-//! The on-board rate loop about one axis, solved exactly for a constant demand: a rate that follows its demand with a lag, behind a
-//! second lag that is shorter.
+//! On-board rate loop about one axis, solved exactly for a constant demand: the rate follows its demand through a lag and a
+//! second, shorter lag.
 
 /// Shortest lag \[s\].
 const SHORTEST_S: f64 = 1e-4;
 /// Greatest ratio of the shorter lag to the longer one \[-\].
 const CLOSEST: f64 = 0.8;
 
-/// The solution of the loop over a time.
+/// Solution of the loop over a time step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoopStep {
-    /// The time \[s\].
+    /// Time step \[s\].
     h_s: f64,
-    /// Remaining share of a deviation of the rate from its demand \[-\].
+    /// Remaining fraction of a rate deviation from the demand \[-\].
     keep: f64,
-    /// Angle turned by a deviation of the rate, over the deviation \[s\].
+    /// Angle caused by a rate deviation, per unit of the deviation \[s\].
     lever_s: f64,
-    /// Remaining share of a deviation of the target from the demand \[-\].
+    /// Remaining fraction of a target deviation from the demand \[-\].
     target_keep: f64,
-    /// Deviation of the rate caused by a deviation of the target, over the latter \[-\].
+    /// Rate deviation caused by a target deviation, per unit of the latter \[-\].
     target_rate: f64,
-    /// Angle turned by a deviation of the target, over the deviation \[s\].
+    /// Angle caused by a target deviation, per unit of the deviation \[s\].
     target_lever_s: f64,
 }
 
-/// The state of the loop about one axis.
+/// State of the loop about one axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LoopState {
     /// The rate \[rad/s\].
     pub rate: f64,
-    /// Target of the rate: the demand behind the shorter lag \[rad/s\].
+    /// Target of the rate: the demand after the shorter lag \[rad/s\].
     pub target: f64,
 }
 
 impl LoopStep {
-    /// The solution over `h_s` for a loop of the time constants `lag_s` and `fast_s` \[s\].
+    /// Solution over `h_s` for a loop with the time constants `lag_s` and `fast_s` \[s\].
     #[must_use]
     pub fn new(lag_s: f64, fast_s: f64, h_s: f64) -> Self {
         let lag_s = lag_s.max(SHORTEST_S);
@@ -52,7 +52,7 @@ impl LoopStep {
         }
     }
 
-    /// Advances the loop under a constant demand \[rad/s\]; returns the angle turned \[rad\].
+    /// Advances the loop under a constant demand \[rad/s\]; returns the change of angle \[rad\].
     #[inline]
     pub fn advance(&self, state: &mut LoopState, demand: f64) -> f64 {
         let off = state.rate - demand;
@@ -62,7 +62,7 @@ impl LoopStep {
         demand * self.h_s + off * self.lever_s + target_off * self.target_lever_s
     }
 
-    /// Remaining share of a deviation of the rate \[-\], and the angle it turns, over the deviation \[s\].
+    /// Remaining fraction of a rate deviation \[-\], and the resulting angle per unit of the deviation \[s\].
     #[must_use]
     pub fn of_rate(&self) -> (f64, f64) {
         (self.keep, self.lever_s)
@@ -73,7 +73,7 @@ impl LoopStep {
 mod tests {
     use super::*;
 
-    /// Against the equations `T r' = x - r`, `f x' = d - x` in steps that are small.
+    /// Comparison with the equations `T r' = x - r`, `f x' = d - x`, integrated in small steps.
     #[test]
     fn the_loop_behind_a_second_lag_is_solved_exactly() {
         for (lag_s, fast_s) in [(50e-3, 0.0), (50e-3, 6e-3), (30e-3, 15e-3), (20e-3, 16e-3)] {

@@ -1,4 +1,4 @@
-//! The fit of the translation: thrust, its lag and curve, drag, and constant forces.
+//! Fit of the translation: thrust, its lag and curve, drag, and constant forces.
 
 use nalgebra::{DVector, Vector3};
 
@@ -8,40 +8,40 @@ use super::noise::{Likelihood, best_in_proportion, residuals};
 use super::rotation::RotationPass;
 use super::translation::{TranslationModel, TranslationNoise, TranslationPass, pass};
 
-/// Rounds of a fit and an estimate of the noise.
+/// Number of alternations between a fit and an estimate of the noise.
 const ROUNDS: usize = 2;
-/// Parameters before the biases.
+/// Number of parameters before the biases.
 const SHARED: usize = 4;
-/// Range of the gusts over the noise of a measurement \[1/s^2\].
+/// Range of the gust strength over the measurement noise \[1/s^2\].
 const GUSTS: [f64; 2] = [3.0, 10_000.0];
-/// Range of their correlation time \[s\].
+/// Range of the correlation time of the gusts \[s\].
 const GUST_TIMES: [f64; 2] = [0.05, 12.8];
 
 /// Result of the fit of the translation.
 #[derive(Clone, Debug)]
 pub struct LiftingFit {
-    /// The parameters, with the external acceleration of each flight.
+    /// Parameters, with the external acceleration of each flight.
     pub models: Vec<TranslationModel>,
     /// Values and covariance in the order thrust \[m/s^2\], lag \[s\], drag \[1/s\], curvature \[-\], accelerations \[m/s^2, world\].
     pub fit: FitResult,
-    /// Noise of the measurement and of the translation.
+    /// Noise of measurement and translation.
     pub noise: TranslationNoise,
     /// Predictions for each flight.
     pub passes: Vec<TranslationPass>,
 }
 
-/// Flights with their rotation.
+/// Flights with their predicted rotation.
 #[derive(Clone, Copy, Debug)]
 pub struct TurnedFlights<'a> {
     /// The flights.
     pub flights: &'a [FlightData],
-    /// Their rotation.
+    /// Rotation of each flight.
     pub rotations: &'a [RotationPass],
-    /// Their rotation with a delay of commands that is longer by one standard deviation.
+    /// Rotation of each flight with the command delay increased by one standard deviation.
     pub delayed: &'a [RotationPass],
 }
 
-/// Fits the translation, from `start` on; the thrust is linear in its command unless `is_curved`.
+/// Fits the translation, starting at `start`; the thrust is linear in its command unless `is_curved`.
 #[must_use]
 pub fn lifting(
     turned: TurnedFlights,
@@ -58,7 +58,7 @@ pub fn lifting(
     }
     let residuals = |values: &[f64]| residuals_of(turned, &models(values, start), &noise);
     let mut fit = precise_fit(&mut parameters, &series, &residuals)?;
-    // The delay is that of the rotation: the change of the parameters for one standard deviation of the delay adds to their
+    // The delay is taken from the rotation: the change of the parameters for one standard deviation of the delay adds to their
     // covariance.
     let delayed = TurnedFlights { rotations: turned.delayed, ..turned };
     let residuals = |values: &[f64]| residuals_of(delayed, &models(values, start), &noise);
@@ -116,7 +116,7 @@ fn likelihood(passes: &[TranslationPass]) -> Likelihood {
     Likelihood::of(passes.iter().map(|pass| &pass.innovations))
 }
 
-/// The most likely noise at these parameters.
+/// Most likely noise at these parameters.
 fn noise_of(
     turned: TurnedFlights,
     models: &[TranslationModel],

@@ -1,20 +1,20 @@
-//! Maximum likelihood of the noise, from the innovations of a flight.
+//! Maximum-likelihood estimate of the noise, from the innovations of a flight.
 
 use nalgebra::Vector3;
 
 use super::robust::{deviation, huber};
 
-/// Innovations of a predictor at every pose but the first, with their expected variances.
+/// Innovations of a predictor at every pose except the first, with their expected variances.
 #[derive(Clone, Debug, Default)]
 pub struct Innovations {
     /// Measured minus predicted: attitude \[rad, body\] or position \[m, world\].
     pub values: Vec<Vector3<f64>>,
-    /// Expected variance of each component over that of a measurement \[-\].
+    /// Expected variance of each component over the measurement variance \[-\].
     pub variances: Vec<f64>,
 }
 
 impl Innovations {
-    /// Adds the innovation of a further pose and its expected variance over that of a measurement \[-\].
+    /// Adds an innovation and its expected variance over the measurement variance \[-\].
     pub fn push(&mut self, (value, variance): (Vector3<f64>, f64)) {
         self.values.push(value);
         self.variances.push(variance);
@@ -32,8 +32,8 @@ impl Innovations {
         self.values.is_empty()
     }
 
-    /// The innovations of an axis in expected standard deviations, where a measurement has the deviation `measured`
-    /// \[unit of the innovations\].
+    /// Innovations of an axis in expected standard deviations, for the measurement deviation `measured` \[unit of the
+    /// innovations\].
     #[must_use]
     pub fn normalised(&self, measured: f64, axis: usize) -> Vec<f64> {
         let pairs = self.values.iter().zip(&self.variances);
@@ -41,26 +41,27 @@ impl Innovations {
     }
 }
 
-/// The residuals of a fit: the innovations of every flight, axis by axis, of limited influence \[expected standard deviations\].
+/// Residuals of a fit: innovations of every flight, axis by axis, with limited influence \[expected standard deviations\].
 pub fn residuals<'a>(flights: impl Iterator<Item = &'a Innovations>, measured: f64) -> Vec<f64> {
     let axes = flights.flat_map(|flight| (0..3).map(move |axis| (flight, axis)));
     axes.flat_map(|(flight, axis)| flight.normalised(measured, axis)).map(huber).collect()
 }
 
-/// Smallest deviation of a measurement \[rad or m\]: that of cameras without noise is the rounding of the predictor.
+/// Smallest deviation of a measurement \[rad or m\]; for cameras without noise, the residuals are rounding errors of the
+/// predictor.
 const SMALLEST: f64 = 1e-6;
 
-/// The likelihood of innovations, and the deviation of the measurements at which it is greatest.
+/// Maximum likelihood of innovations, and the measurement deviation at the maximum.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Likelihood {
-    /// Logarithm, up to a constant \[-\].
+    /// Logarithm of the likelihood, up to a constant \[-\].
     pub log: f64,
     /// Standard deviation of a measurement \[unit of the innovations\].
     pub measured: f64,
 }
 
 impl Likelihood {
-    /// The likelihood of the innovations of every flight.
+    /// Likelihood of the innovations of all flights.
     #[must_use]
     pub fn of<'a>(flights: impl Iterator<Item = &'a Innovations>) -> Self {
         let (mut normalised, mut half_logs) = (Vec::new(), 0.0);
@@ -73,11 +74,11 @@ impl Likelihood {
     }
 }
 
-/// Steps by which the best value is narrowed down after the division of its range: to a percent.
+/// Number of refinement steps after the division of the range: precision of a percent.
 const NARROWINGS: usize = 9;
 
-/// The value between `low` and `high` \[any unit\] that maximises `of`: the best of `count` values in geometric progression, refined
-/// by golden sections of the logarithm.
+/// Value between `low` and `high` \[any unit\] that maximises `of`: the best of `count` values in geometric progression, refined
+/// by golden-section search in the logarithm.
 pub fn best_in_proportion(
     [low, high]: [f64; 2],
     count: u32,

@@ -12,7 +12,7 @@ use crate::text_table::{self, NamedRow};
 /// The headings of the findings.
 pub const HEADINGS: [&str; 5] = ["", "value", "± (95 %)", "before", "change"];
 
-/// The cells of a finding under [`HEADINGS`].
+/// Cells of a finding, in the order of [`HEADINGS`].
 #[must_use]
 pub fn cells(finding: &ParameterFinding) -> [String; 5] {
     let ParameterFinding { name, unit, value, half_width, before, missing, .. } = finding;
@@ -31,7 +31,7 @@ pub fn cells(finding: &ParameterFinding) -> [String; 5] {
     [name, value_text, half, before_text, change]
 }
 
-/// Remarks on missing motions, residuals and cameras, one item for each line.
+/// Remarks on missing manoeuvres, residuals and cameras, one per line.
 #[must_use]
 pub fn remarks(identification: &Identification) -> Vec<String> {
     let mut lines = Vec::new();

@@ -1,4 +1,4 @@
-//! An identification as a page: findings, tests of the residuals, measured and predicted motion.
+//! HTML page of an identification: findings, tests of the residuals, measured and predicted motion.
 
 use maud::{Markup, html};
 use nalgebra::{UnitQuaternion, Vector3};
@@ -11,9 +11,9 @@ use super::data::{FlightData, PoseRecord};
 use super::identification::Identification;
 use super::overview::{HEADINGS, cells, remarks};
 
-/// Poses to either side over which a rate is the difference of two attitudes \[-\].
+/// Number of poses on either side over which a rate is the difference of two attitudes \[-\].
 const RATE_POSES: usize = 3;
-/// Poses to either side over which an acceleration is the second difference of positions \[-\].
+/// Number of poses on either side over which an acceleration is the second difference of positions \[-\].
 const ACCELERATION_POSES: usize = 7;
 const STYLE: &str = "td { font-variant-numeric: tabular-nums; } .remark { max-width: 95ch; }";
 
@@ -112,7 +112,7 @@ fn plots(identification: &Identification, data: &FlightData, number: usize) -> M
     }
 }
 
-/// An instant \[s\] and a vector at it.
+/// Instant \[s\] and vector at it.
 type Reading = (f64, Vector3<f64>);
 
 /// Mean rates between attitudes some poses apart \[rad/s, body\].
@@ -137,7 +137,7 @@ fn predicted_rates(
     let rates = &identification.estimate.turning.passes[number].rates;
     let mean = |(index, window): (usize, &[Vector3<f64>])| {
         let mean = window.iter().sum::<Vector3<f64>>() / window.len() as f64;
-        // The first rate is that at the second pose.
+        // The first rate belongs to the second pose.
         (data.air[index + 1 + RATE_POSES].captured_s, mean)
     };
     rates.windows(2 * RATE_POSES + 1).enumerate().map(mean).collect()
@@ -157,7 +157,7 @@ fn measured_accelerations(data: &FlightData) -> Vec<Reading> {
     windows.map(acceleration).collect()
 }
 
-/// Accelerations of the model, weighted as a second difference weights them \[m/s^2, world\].
+/// Accelerations of the model, weighted like a second difference \[m/s^2, world\].
 fn predicted_accelerations(
     identification: &Identification,
     data: &FlightData,
@@ -165,7 +165,7 @@ fn predicted_accelerations(
 ) -> Vec<Reading> {
     let accelerations = &identification.estimate.lifting.passes[number].accelerations;
     let half = ACCELERATION_POSES;
-    // Between 2 half poses there are as many means as intervals: the weights rise and fall by one.
+    // The second difference weights the mean accelerations of the intervals by a triangle.
     let weights: Vec<f64> =
         (0..2 * half).map(|k| (k.min(2 * half - 1 - k) + 1) as f64 - 0.5).collect();
     let total: f64 = weights.iter().sum();

@@ -1,28 +1,28 @@
-//! Tests of residuals for whiteness: white residuals contain nothing that a better model could predict.
+//! Whiteness tests of residuals: white residuals contain nothing that a better model could predict.
 
 use serde::Serialize;
 
-/// Neighbours whose correlation is tested \[-\].
+/// Number of neighbours whose correlation is tested \[-\].
 const NEIGHBOURS: usize = 20;
-/// Value that the statistic of white residuals exceeds with a probability of 1 %: chi-square with 20 degrees of freedom \[-\].
+/// Critical value of the statistic at 1 %: chi-square with 20 degrees of freedom \[-\].
 const CRITICAL: f64 = 37.57;
-/// Residuals from which on one counts as an outlier \[standard deviations\].
+/// Size above which a residual counts as an outlier \[standard deviations\].
 const OUTLIER: f64 = 4.0;
 
-/// The residuals of one axis, tested.
+/// Test result for the residuals of one axis.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ResidualTest {
     /// Quantity and axis.
     pub name: String,
     /// Number of residuals \[-\].
     pub count: usize,
-    /// Correlation of a residual with the next \[-\].
+    /// Correlation of successive residuals \[-\].
     pub next_ratio: f64,
     /// Statistic of Ljung and Box (Biometrika 65 (1978) 297) over twenty neighbours \[-\].
     pub ljung_box_ratio: f64,
     /// Whether the statistic is below the 99 % quantile of white residuals.
     pub is_white: bool,
-    /// Share of the residuals beyond four standard deviations \[-\].
+    /// Fraction of the residuals beyond four standard deviations \[-\].
     pub outliers_ratio: f64,
 }
 

@@ -2,18 +2,18 @@
 
 use nalgebra::Vector3;
 
-/// Standard deviations from which on a residual counts in proportion to its size instead of its square \[-\].
+/// Number of standard deviations above which a residual counts linearly instead of quadratically \[-\].
 const HUBER: f64 = 2.5;
-/// Standard deviations to which an innovation that corrects a filter is limited \[-\].
+/// Number of standard deviations to which an innovation that corrects a filter is limited \[-\].
 const LIMIT: f64 = 4.0;
-/// Standard deviations beyond which the influence of a residual no longer grows \[-\].
+/// Number of standard deviations above which the influence of a residual no longer grows \[-\].
 const LARGEST: f64 = 12.0;
-/// Innovations in a row beyond [`LIMIT`] after which a filter is reset \[-\].
+/// Number of successive innovations beyond [`LIMIT`] after which a filter is reset \[-\].
 const LOST: u32 = 4;
-/// Mean square of a normally distributed number that is limited to [`HUBER`] \[-\].
+/// Mean square of a normal random number limited to [`HUBER`] \[-\].
 const LIMITED_SQUARE: f64 = 0.977_56;
 
-/// The residual whose square is Huber's loss of `residual` \[standard deviations\].
+/// Residual whose square is Huber's loss of `residual` \[standard deviations\].
 #[must_use]
 pub fn huber(residual: f64) -> f64 {
     let size = residual.abs().min(LARGEST);
@@ -23,15 +23,15 @@ pub fn huber(residual: f64) -> f64 {
     (2.0 * HUBER * size - HUBER * HUBER).sqrt().copysign(residual)
 }
 
-/// Detector of motion that the model does not contain: rotors at their limit, a strong gust, a hand.
+/// Detector of motion outside the model: rotors at their limit, a strong gust, contact with a hand.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LostTrack {
-    /// Innovations in a row beyond the limit \[-\].
+    /// Number of successive innovations beyond the limit \[-\].
     beyond: u32,
 }
 
 impl LostTrack {
-    /// Whether, with this innovation of the expected deviation `sd`, the filter must be reset.
+    /// Whether the filter must be reset after this innovation; `sd` is its expected standard deviation.
     pub fn detects(&mut self, innovation: &Vector3<f64>, sd: f64) -> bool {
         self.beyond = if innovation.amax() > LIMIT * sd { self.beyond + 1 } else { 0 };
         if self.beyond < LOST {
@@ -42,18 +42,18 @@ impl LostTrack {
     }
 }
 
-/// `innovation` with each component limited to `LIMIT` times `sd`.
+/// `innovation`, each component limited to `LIMIT` times `sd`.
 #[must_use]
 pub fn limited(innovation: &Vector3<f64>, sd: f64) -> Vector3<f64> {
     innovation.map(|component| component.clamp(-LIMIT * sd, LIMIT * sd))
 }
 
-/// The standard deviation of normally distributed `values` of which some are outliers; 0 without values \[unit of the values\].
+/// Robust standard deviation of normally distributed `values` with outliers; 0 without values \[unit of the values\].
 #[must_use]
 pub fn deviation(values: &[f64]) -> f64 {
     let mut sizes: Vec<f64> = values.iter().map(|value| value.abs()).collect();
     sizes.sort_by(f64::total_cmp);
-    // The median of a normally distributed number's size is .6745 standard deviations.
+    // The median of the absolute value of a normal random number is 0.6745 standard deviations.
     let mut sd = sizes.get(sizes.len() / 2).map_or(0.0, |median| median / 0.6745);
     for _ in 0..8 {
         let square = |size: &f64| (size.min(HUBER * sd)).powi(2);

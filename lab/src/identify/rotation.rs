@@ -1,5 +1,5 @@
-//! Prediction of the attitude from pose to pose: the on-board rate loop under the commands that act, corrected by a Kalman filter at
-//! each pose. The residuals of a fit are the innovations over their expected deviations.
+//! Prediction of the attitude from pose to pose: the on-board rate loop with the commands in effect, corrected by a Kalman filter
+//! at each pose. The residuals of a fit are the innovations over their expected deviations.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -15,15 +15,15 @@ const INITIAL_RATE: f64 = 0.5;
 /// Parameters of the rotation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RotationModel {
-    /// From the sending of a command to its effect, [`Self::fast_s`] included \[s\].
+    /// Time from sending a command to its effect, including [`Self::fast_s`] \[s\].
     pub delay_s: f64,
     /// Time constant of the rate loop \[s\].
     pub lag_s: f64,
-    /// Time constant of a second, shorter lag, contained in the delay \[s\].
+    /// Time constant of a second, shorter lag, included in the delay \[s\].
     pub fast_s: f64,
     /// Rate at full stick \[rad/s, body\].
     pub authority: Vector3<f64>,
-    /// Error of the rate that the vehicle follows \[rad/s, body\].
+    /// Bias of the rate set-point of the vehicle \[rad/s, body\].
     pub bias: Vector3<f64>,
 }
 
@@ -32,20 +32,20 @@ pub struct RotationModel {
 pub struct RotationNoise {
     /// Standard deviation of a measured attitude about each axis \[rad\].
     pub measured_rad: f64,
-    /// Standard deviation of the random walk of the rate after one second, over [`Self::measured_rad`] \[1/s\].
+    /// Standard deviation of the rate's random walk after one second, over [`Self::measured_rad`] \[1/s\].
     pub walk_ratio: f64,
 }
 
-/// A piece of time with one thrust command and the direction of the thrust in its middle.
+/// Time interval with a constant thrust command, and the direction of the thrust at its middle.
 #[derive(Clone, Copy, Debug)]
 pub struct ThrustPiece {
     /// Duration \[s\].
     pub h_s: f64,
-    /// Commanded share of the greatest thrust \[0..1\].
+    /// Commanded thrust, as a fraction of the maximum \[0..1\].
     pub share: f64,
     /// Body z \[world\].
     pub axis: Vector3<f64>,
-    /// Whether a pose is at its end.
+    /// Whether the interval ends at a pose.
     pub ends_at_pose: bool,
 }
 
@@ -54,9 +54,9 @@ pub struct ThrustPiece {
 pub struct RotationPass {
     /// Measured minus predicted attitude of every pose but the first \[rad, body\].
     pub innovations: Innovations,
-    /// The pieces of time, from the first pose to the last.
+    /// Intervals from the first pose to the last.
     pub pieces: Vec<ThrustPiece>,
-    /// Duration \[s\] and commanded share \[0..1\] of the pieces before the first pose.
+    /// Duration \[s\] and commanded thrust \[0..1\] of the intervals before the first pose.
     pub before: Vec<(f64, f64)>,
     /// Body rate at every pose but the first \[rad/s, body\].
     pub rates: Vec<Vector3<f64>>,
@@ -68,14 +68,14 @@ struct Predictor<'a> {
     attitude: UnitQuaternion<f64>,
     /// The loop of each axis \[body\].
     axes: [LoopState; 3],
-    /// Covariance of angle and rate over the variance of a measurement: `[angle, both, rate]`.
+    /// Covariance of angle and rate over the measurement variance: `[angle, both, rate]`.
     covariance: [f64; 3],
-    /// Variance that the rate gains in a second, over that of a measurement \[1/s^3\].
+    /// Growth of the rate variance per second, over the measurement variance \[1/s^3\].
     walk: f64,
     lost: LostTrack,
 }
 
-/// Passes through the poses of `data` in the air.
+/// Predicts all poses of `data` in the air.
 #[must_use]
 pub fn pass(data: &FlightData, model: &RotationModel, noise: &RotationNoise) -> RotationPass {
     let Some((first, poses)) = data.air.split_first() else { return RotationPass::default() };
@@ -133,7 +133,7 @@ impl<'a> Predictor<'a> {
         let demand = self.model.authority.component_mul(sticks) + self.model.bias;
         let before = self.rate();
         let turned = Vector3::from_fn(|axis, _| step.advance(&mut self.axes[axis], demand[axis]));
-        // Rotations about changing axes do not commute: the coning of a rate that changes evenly.
+        // Rotations about changing axes do not commute: coning correction for a linearly changing rate.
         let coning = before.cross(&self.rate()) * (h_s * h_s / 12.0);
         let half = UnitQuaternion::from_scaled_axis((turned + coning) * 0.5);
         let middle = self.attitude * half;
@@ -148,7 +148,8 @@ impl<'a> Predictor<'a> {
         middle * Vector3::z()
     }
 
-    /// Corrects by a measured attitude; returns the innovation \[rad, body\] and its expected variance over that of a measurement.
+    /// Corrects the state by a measured attitude; returns the innovation \[rad, body\] and its expected variance over the
+    /// measurement variance.
     fn correct(
         &mut self,
         measured: &UnitQuaternion<f64>,

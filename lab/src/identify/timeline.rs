@@ -1,11 +1,11 @@
-//! Commands over time: a time span cut at the instants at which commands take effect.
+//! Commands over time: a time span divided at the instants at which commands take effect.
 
 use super::data::CommandRecord;
 
-/// Longest piece of a time span \[s\].
+/// Longest interval \[s\].
 const LONGEST_S: f64 = 6e-3;
 
-/// The commands of a flight under a delay, passed through in the order of time.
+/// Commands of a flight with a delay, read in order of time.
 #[derive(Clone, Debug)]
 pub struct CommandTimeline<'a> {
     commands: &'a [CommandRecord],
@@ -15,14 +15,14 @@ pub struct CommandTimeline<'a> {
 }
 
 impl<'a> CommandTimeline<'a> {
-    /// Commands that act `delay_s` \[s\] after they were sent.
+    /// Commands that take effect `delay_s` \[s\] after they were sent.
     #[must_use]
     pub fn new(commands: &'a [CommandRecord], delay_s: f64) -> Self {
         Self { commands, delay_s, acted: 0 }
     }
 
-    /// Passes every piece of the span from `from_s` to `to_s` \[s\] to `piece`, with its length \[s\] and the command that acts in
-    /// it; spans must follow each other.
+    /// Passes every interval of the span from `from_s` to `to_s` \[s\] to `piece`, with its length \[s\] and the command in
+    /// effect. Successive spans must be contiguous.
     pub fn pieces(
         &mut self,
         (from_s, to_s): (f64, f64),

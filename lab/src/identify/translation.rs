@@ -1,5 +1,5 @@
-//! Prediction of the position from pose to pose: a point mass under thrust, weight, drag and gusts, corrected by a Kalman filter at
-//! each pose. The direction of the thrust is that of the [`RotationPass`].
+//! Prediction of the position from pose to pose: a point mass under thrust, weight, drag and gusts, corrected by a Kalman filter
+//! at each pose. The [`RotationPass`] gives the direction of the thrust.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -26,9 +26,9 @@ pub struct TranslationModel {
     pub drag_per_s: f64,
     /// Constant external acceleration \[m/s^2, world\].
     pub bias: Vector3<f64>,
-    /// Curvature of the thrust over its command at [`Self::hover_share`]: 0 for a straight line, 1 for a parabola \[-\].
+    /// Curvature of the thrust over its command at [`Self::hover_share`] \[-\]: 0 for a straight line, 1 for a parabola.
     pub curvature_ratio: f64,
-    /// Share of the greatest thrust at which the curve meets the straight line \[0..1\].
+    /// Fraction of the maximum thrust at which curve and straight line meet \[0..1\].
     pub hover_share: f64,
 }
 
@@ -48,7 +48,7 @@ pub struct TranslationNoise {
 pub struct TranslationPass {
     /// Measured minus predicted position of every pose but the first \[m, world\].
     pub innovations: Innovations,
-    /// Mean acceleration of the model, without gusts, from pose to pose \[m/s^2, world\].
+    /// Mean acceleration of the model between poses, without gusts \[m/s^2, world\].
     pub accelerations: Vec<Vector3<f64>>,
 }
 
@@ -60,16 +60,16 @@ struct Predictor<'a> {
     position: Vector3<f64>,
     velocity: Vector3<f64>,
     gust: Vector3<f64>,
-    /// Covariance of position, velocity and gust along an axis, over the variance of a measurement.
+    /// Covariance of position, velocity and gust along an axis, over the measurement variance.
     covariance: Matrix3<f64>,
     /// Time since the last pose \[s\].
     since_s: f64,
-    /// Velocity gained by the model since the last pose, without gusts \[m/s\].
+    /// Velocity change of the model since the last pose, without gusts \[m/s\].
     gained: Vector3<f64>,
     lost: LostTrack,
 }
 
-/// Passes through the poses of `data` in the air.
+/// Predicts all poses of `data` in the air.
 #[must_use]
 pub fn pass(
     data: &FlightData,
@@ -98,7 +98,7 @@ pub fn pass(
 }
 
 impl TranslationNoise {
-    /// Covariance of position, velocity and gust after a pose alone, over the variance of a measurement.
+    /// Covariance of position, velocity and gust after a single pose, over the measurement variance.
     fn initial(&self) -> Matrix3<f64> {
         let velocity = INITIAL_VELOCITY / self.measured_m;
         let diagonal = Vector3::new(1.0, velocity * velocity, self.gust_ratio.powi(2));
@@ -107,7 +107,7 @@ impl TranslationNoise {
 }
 
 impl TranslationModel {
-    /// Thrust over the mass at a commanded share \[m/s^2\].
+    /// Thrust over the mass for a commanded fraction of the maximum \[m/s^2\].
     #[must_use]
     pub fn thrust_at(&self, share: f64) -> f64 {
         let bend = self.curvature_ratio * (share / self.hover_share - 1.0);
@@ -163,7 +163,7 @@ impl<'a> Predictor<'a> {
         std::mem::take(&mut self.gained) / self.since_s.max(SHORTEST_S)
     }
 
-    /// Propagates the covariance over the time since the last pose; the gust fades meanwhile.
+    /// Propagates the covariance over the time since the last pose, in which the gust decays.
     fn propagate(&mut self) {
         let h = self.since_s;
         let keep = (-h / self.noise.gust_s).exp();
@@ -181,7 +181,7 @@ impl<'a> Predictor<'a> {
         self.covariance = transition * self.covariance * transition.transpose();
         let added = self.noise.gust_ratio.powi(2) * (1.0 - keep * keep);
         self.covariance[(2, 2)] += added;
-        // Effect on the velocity of the gust gained in this time, as of a random walk.
+        // Velocity variance caused by the gust added in this time, as for a random walk.
         self.covariance[(1, 1)] += added * h * h / 3.0;
         self.covariance[(1, 2)] += added * h / 2.0;
         self.covariance[(2, 1)] += added * h / 2.0;
@@ -189,7 +189,8 @@ impl<'a> Predictor<'a> {
         self.since_s = 0.0;
     }
 
-    /// Corrects by a measured position; returns the innovation \[m, world\] and its expected variance over that of a measurement.
+    /// Corrects the state by a measured position; returns the innovation \[m, world\] and its expected variance over the
+    /// measurement variance.
     fn correct(&mut self, measured: &Vector3<f64>) -> (Vector3<f64>, f64) {
         self.propagate();
         let innovation = measured - self.position;

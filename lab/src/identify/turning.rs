@@ -1,4 +1,4 @@
-//! The fit of the rotation: delay, lag, authority and bias.
+//! Fit of the rotation: delay, lag, authority and bias.
 
 use nalgebra::Vector3;
 
@@ -7,33 +7,33 @@ use super::fit::{FitParameter, FitResult, precise_fit};
 use super::noise::{Likelihood, best_in_proportion, residuals};
 use super::rotation::{RotationModel, RotationNoise, RotationPass, pass};
 
-/// Rounds of a fit and an estimate of the noise.
+/// Number of alternations between a fit and an estimate of the noise.
 const ROUNDS: usize = 2;
-/// Place of the square of the second lag among the parameters.
+/// Index of the squared second lag among the parameters.
 const FAST: usize = 5;
-/// Parameters before the biases.
+/// Number of parameters before the biases.
 const SHARED: usize = 6;
 /// Longest second lag \[s\].
 const LONGEST_FAST_S: f64 = 15e-3;
-/// Range of the walk of the rate over the noise of a measurement \[1/s\].
+/// Range of the rate's random walk over the measurement noise \[1/s\].
 const WALKS: [f64; 2] = [0.1, 1000.0];
 
 /// Result of the fit of the rotation.
 #[derive(Clone, Debug)]
 pub struct TurningFit {
-    /// The parameters, with the bias of each flight.
+    /// Parameters, with the bias of each flight.
     pub models: Vec<RotationModel>,
     /// Values and covariance in the order delay \[s\], lag \[s\], authority \[rad/s, body\], square of the second lag \[s^2\],
     /// biases \[rad/s, body\].
     pub fit: FitResult,
-    /// Noise of the measurement and of the rotation.
+    /// Noise of measurement and rotation.
     pub noise: RotationNoise,
     /// Predictions for each flight.
     pub passes: Vec<RotationPass>,
 }
 
-/// Fits the rotation to `flights`, from `start` on. The fit has a second lag, so that a loop of second order
-/// does not bias the other parameters; for `[vehicle]`, whose loop is of first order, it is a part of the delay.
+/// Fits the rotation to `flights`, starting at `start`. The fit includes a second lag, so that a second-order loop does not bias
+/// the other parameters. The loop of `[vehicle]` is of first order, so this lag becomes part of the delay.
 #[must_use]
 pub fn turning(flights: &[FlightData], start: &RotationModel) -> Option<TurningFit> {
     let mut noise = RotationNoise { measured_rad: 3e-3, walk_ratio: 30.0 };
@@ -42,7 +42,7 @@ pub fn turning(flights: &[FlightData], start: &RotationModel) -> Option<TurningF
         let found = fit_under(flights, &mut parameters, &noise)?;
         noise = noise_of(flights, &models(&found.values), noise);
     }
-    // The second lag last: far from the solution, a fit with it ends at its bound.
+    // The second lag is fitted last: far from the solution it would end at its bound.
     parameters[FAST].is_fixed = false;
     let fit = fit_under(flights, &mut parameters, &noise)?;
     let models = models(&fit.values);
@@ -51,7 +51,7 @@ pub fn turning(flights: &[FlightData], start: &RotationModel) -> Option<TurningF
 }
 
 impl TurningFit {
-    /// The predictions for `flights` with a delay longer by one standard deviation, and the most likely other parameters for it.
+    /// Predictions for `flights` with the delay increased by one standard deviation, and the other parameters fitted to it.
     #[must_use]
     pub fn delayed(&self, flights: &[FlightData]) -> Vec<RotationPass> {
         let covariance = self.fit.covariance.column(0);
@@ -78,17 +78,18 @@ fn parameters(start: &RotationModel, flights: usize) -> Vec<FitParameter> {
     let authority = start.authority.iter().map(|authority| rate(*authority));
     let biases = (0..3 * flights).map(|_| rate(0.0));
     let times = [time(start.delay_s), lag].into_iter();
-    // The square: the effect of a lag within the delay grows with its square, whose derivative does not vanish at 0.
+    // The lag is fitted as its square: the effect of a lag within the delay grows quadratically, and the derivative with respect
+    // to the square does not vanish at 0.
     let longest = LONGEST_FAST_S * LONGEST_FAST_S;
     let fast = FitParameter { start: 0.0, bounds: [0.0, longest], step: 4e-6, is_fixed: true };
     times.chain(authority).chain([fast]).chain(biases).collect()
 }
 
-/// The parameters of each flight from the values of a fit.
+/// Parameters of each flight, from the values of a fit.
 fn models(values: &[f64]) -> Vec<RotationModel> {
     let (delay_s, lag_s) = (values[0], values[1]);
     let authority = Vector3::from_column_slice(&values[2..FAST]);
-    // Not more than the delay.
+    // Limited to the delay.
     let fast_s = values[FAST].max(0.0).sqrt().min(delay_s);
     let biases = values[SHARED..].chunks_exact(3).map(Vector3::from_column_slice);
     biases.map(|bias| RotationModel { delay_s, lag_s, fast_s, authority, bias }).collect()
@@ -115,7 +116,7 @@ fn likelihood(passes: &[RotationPass]) -> Likelihood {
     Likelihood::of(passes.iter().map(|pass| &pass.innovations))
 }
 
-/// The most likely noise at these parameters.
+/// Most likely noise at these parameters.
 fn noise_of(
     flights: &[FlightData],
     models: &[RotationModel],

@@ -1,4 +1,4 @@
-//! The findings as a configuration.
+//! Findings as a configuration file.
 
 use super::digits::with_interval;
 use super::finding::ParameterFinding;
@@ -7,8 +7,8 @@ use super::identification::Identification;
 /// Column of the remarks \[characters\].
 const REMARKS_AT: usize = 40;
 
-/// `[vehicle]` and the noise of the filters in TOML, over the preset of this name: the interval beside each value, and a remark in
-/// place of a value that the flights do not determine.
+/// `[vehicle]` and the noise of the filters in TOML, based on the preset of this name: the interval beside each value, and a
+/// remark in place of an undetermined value.
 #[must_use]
 pub fn toml(identification: &Identification, preset: &str) -> String {
     let mut text = format!(

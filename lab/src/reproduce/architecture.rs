@@ -1,4 +1,4 @@
-//! The structure of laws, testbed and loops, Figs. 3 to 5, 15 and 16: block diagrams, as files.
+//! Block diagrams of laws, testbed and loops, Figs. 3 to 5, 15 and 16, as files.
 
 use maud::PreEscaped;
 use oqtal_observe::plot::figure::framed;

@@ -1,4 +1,4 @@
-//! A rotating body under an attitude law: the spacecraft of Table I, or the quadrotor with its rate loop.
+//! Rotating body under an attitude law: the spacecraft of Table I, or the quadrotor with its rate loop.
 
 use nalgebra::Vector3;
 use oqtal_config::{Config, Setting};
@@ -12,13 +12,13 @@ use oqtal_runtime::process::Failure;
 
 use super::lander::{Lander, RATE_HZ, attitude_state, is_under_control};
 
-/// Steps of the integrator between two ticks.
+/// Number of integration steps between two ticks.
 const STEPS: u32 = 4;
 
-/// A rotating body by its kind of command.
+/// Rotating body, by its kind of command.
 #[derive(Clone, Debug)]
 pub enum RotatingBody {
-    /// Commanded by torque, limited to the maximum of the vehicle if the flag is set.
+    /// Commanded by torque; limited to the vehicle's maximum if the flag is set.
     Spacecraft(Box<Lander>, bool),
     /// Commanded by sticks.
     Quadrotor(Box<Config>),
@@ -53,7 +53,7 @@ pub struct Manoeuvre {
 /// The record of a manoeuvre.
 #[derive(Clone, Debug)]
 pub struct ManoeuvreRecord {
-    /// Every tick, until control was lost.
+    /// All ticks until control was lost.
     pub ticks: Vec<ManoeuvreTick>,
     /// Whether every command was finite.
     pub commands_finite: bool,
@@ -93,7 +93,7 @@ impl RotatingBody {
             Self::Quadrotor(config) => {
                 let vehicle = &config.vehicle;
                 let input = RateInput::new(Vector3::from(vehicle.rate_authority_rad_s))?;
-                // As in the daemon: only `oqtal-dt` models the lag of the rate loop.
+                // As in the daemon, only `oqtal-dt` models the lag of the rate loop.
                 let input = match options.controller {
                     ControllerName::OqtalDt => {
                         input.with_lag(vehicle.rate_lag_ms * 1e-3, 1.0 / RATE_HZ)?
@@ -112,7 +112,7 @@ impl RotatingBody {
     }
 }
 
-/// The state after holding `sticks` for one tick.
+/// State after applying `sticks` for one tick.
 fn hold(dynamics: &Dynamics, state: &State, sticks: Vector3<f64>) -> State {
     let input = PlantInput { sticks, ..PlantInput::default() };
     let calm = Disturbance::NONE;
@@ -123,7 +123,7 @@ fn hold(dynamics: &Dynamics, state: &State, sticks: Vector3<f64>) -> State {
     state
 }
 
-/// Simulates a manoeuvre from `start` under `law`; `obey` returns a command as a vector and the state after one tick of it.
+/// Simulates a manoeuvre from `start` under `law`; `obey` returns a command as a vector, and the state after one tick with it.
 fn follow<L: AttitudeLaw>(
     mut law: L,
     start: State,

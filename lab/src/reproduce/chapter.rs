@@ -1,4 +1,4 @@
-//! A chapter of the reproduction: the result of one experiment, and what all experiments share.
+//! A chapter of the reproduction: the result of one experiment, and the context shared by all experiments.
 
 use std::path::PathBuf;
 
@@ -17,7 +17,7 @@ use super::lander::Lander;
 pub struct Chapter {
     /// Heading.
     pub title: &'static str,
-    /// Introduction, one item for each paragraph.
+    /// Introduction, one item per paragraph.
     pub intro: Vec<String>,
     /// Tables.
     pub sheets: Vec<Sheet>,
@@ -25,7 +25,7 @@ pub struct Chapter {
     pub figures: Vec<Figure>,
 }
 
-/// Context of the experiments of one run.
+/// Context shared by the experiments of one run.
 #[derive(Debug)]
 pub struct ExperimentContext {
     /// The spacecraft.
@@ -48,7 +48,7 @@ impl ExperimentContext {
     }
 }
 
-/// The failure for an invalid option of an experiment. The options are constants, so the fault is the program's.
+/// Failure for an invalid option of an experiment. The options are constants, so it is a fault of the program.
 pub fn invalid(error: OptionError) -> Failure {
     Failure::new(Exit::Internal, error.to_string())
 }

@@ -1,5 +1,5 @@
-//! The claims of the paper, each with a verdict that follows from the tables of this run. The claims, their conditions and what is
-//! shown beside them are data, in `text.toml`.
+//! Claims of the paper, each with a verdict computed from the tables of this run. The claims, their conditions and the results
+//! shown are data, in `text.toml`.
 
 use super::chapter::Chapter;
 use super::expression::TextValues;
@@ -8,16 +8,16 @@ use super::text::{self, ClaimText};
 /// Whether a claim holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ClaimVerdict {
-    /// It holds.
+    /// The claim holds.
     Holds,
     /// A part of it holds.
     InPart,
-    /// It does not hold.
+    /// The claim does not hold.
     Fails,
 }
 
 impl ClaimVerdict {
-    /// [`ClaimVerdict::Holds`] if all of `parts` hold, [`ClaimVerdict::Fails`] if none does.
+    /// [`ClaimVerdict::Holds`] if all of `parts` hold, [`ClaimVerdict::Fails`] if none holds.
     fn of(parts: impl IntoIterator<Item = bool>) -> Self {
         let (held, failed): (Vec<bool>, Vec<bool>) = parts.into_iter().partition(|holds| *holds);
         match (held.is_empty(), failed.is_empty()) {
@@ -27,7 +27,7 @@ impl ClaimVerdict {
         }
     }
 
-    /// Sign and words.
+    /// Symbol and words.
     #[must_use]
     pub fn shown(self) -> &'static str {
         match self {
@@ -37,7 +37,7 @@ impl ClaimVerdict {
         }
     }
 
-    /// Class in a page.
+    /// CSS class on a page.
     #[must_use]
     pub fn class(self) -> &'static str {
         match self {
@@ -51,9 +51,9 @@ impl ClaimVerdict {
 /// A claim of the paper.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Claim {
-    /// The claim.
+    /// Text of the claim.
     pub claim: &'static str,
-    /// Whether it holds.
+    /// Verdict.
     pub verdict: ClaimVerdict,
     /// Result of this run.
     pub found: String,
@@ -61,7 +61,7 @@ pub struct Claim {
     pub sheet: &'static str,
 }
 
-/// The claims that the tables of `chapters` decide.
+/// Claims that are decided by the tables of `chapters`.
 #[must_use]
 pub fn claims(chapters: &[Chapter]) -> Vec<Claim> {
     let values = TextValues::new();
@@ -90,7 +90,7 @@ mod tests {
         assert_eq!(ClaimVerdict::of([false]), ClaimVerdict::Fails);
     }
 
-    /// The claims about a table.
+    /// Claims about a table.
     fn evaluated(name: &str, columns: &[Column], rows: Vec<SheetRow>) -> Vec<Claim> {
         let (name, columns) = (name.to_owned(), columns.to_vec());
         let sheet = Sheet { name, columns, rows, ..Sheet::default() };

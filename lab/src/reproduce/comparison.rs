@@ -15,19 +15,19 @@ use super::expression::TextValues;
 use super::text::{self, listed};
 use crate::sheet::{Sheet, SheetCell, SheetRow, Variant};
 
-/// The law that is compared with the others.
+/// Law that is compared with the others.
 const OURS: &str = "oqtal-dt";
 
-/// A goal of a metric.
+/// Goal for a metric.
 #[derive(Clone, Copy)]
 enum Goal {
     /// Upper bound of the metric itself \[unit of the metric\].
     AtMost(f64),
-    /// Lower bound of the ratio of the best rival's metric to ours \[-\].
+    /// Lower bound of the ratio of the best other law's metric to that of [`OURS`] \[-\].
     Times(f64),
 }
 
-/// No worse than 8 %: for metrics that the limits on speed and tilt decide.
+/// At most 8 % worse: for metrics determined by the limits of speed and tilt.
 const PARITY: Goal = Goal::Times(1.0 / 1.08);
 
 const GOALS: [(usize, Goal); 9] = [
@@ -41,15 +41,15 @@ const GOALS: [(usize, Goal); 9] = [
     (CHIRP, Goal::Times(3.0)),
     (DOUBLET, Goal::Times(1.8)),
 ];
-/// The goal on mismatched plants.
+/// Goal on mismatched plants.
 const MISMATCHED_GOAL: (usize, Goal) = (CHIRP, Goal::Times(2.0));
 
-/// The flights of all laws on one plant.
+/// Flights of all laws on one plant.
 #[derive(Clone, Copy)]
 pub struct FlownLaws<'a> {
     /// Description of the plant.
     pub plant: &'a str,
-    /// The flights of every law.
+    /// Flights of every law.
     pub flown: &'a [Flown],
 }
 
@@ -63,7 +63,7 @@ impl FlownLaws<'_> {
         self.tuned().find(|flown| flown.law.controller == OURS)
     }
 
-    /// The best of the other tuned laws by a metric, with its interval.
+    /// Best of the other tuned laws by a metric, with its interval.
     fn rival(&self, metric: usize) -> Option<(&'static str, Interval)> {
         let others = self.tuned().filter(|flown| flown.law.controller != OURS);
         let figures = others.map(|flown| (flown.law.controller, flown.interval(metric)));
@@ -71,7 +71,7 @@ impl FlownLaws<'_> {
     }
 }
 
-/// [`OURS`] and the best rival by one metric.
+/// [`OURS`] and the best other law by one metric.
 struct LawComparison {
     metric: usize,
     ours: Interval,
@@ -84,7 +84,7 @@ impl LawComparison {
         Some(Self { metric, ours, rival })
     }
 
-    /// Ratio of the rival's metric to ours, with its interval.
+    /// Ratio of the other law's metric to that of [`OURS`], with its interval.
     fn times(&self) -> Interval {
         let (a, b) = (&self.ours, &self.rival.1);
         let mean = b.mean / a.mean;
@@ -136,7 +136,7 @@ fn yes_or_no(holds: bool) -> &'static str {
     if holds { "yes" } else { "no" }
 }
 
-/// The table of `oqtal-dt` against the best rival: every metric on the nominal plant, the chirp on the mismatched ones.
+/// Table of `oqtal-dt` against the best other law: every metric on the nominal plant, the chirp on the mismatched ones.
 #[must_use]
 pub fn against_the_best(nominal: &FlownLaws<'_>, mismatched: &[FlownLaws<'_>]) -> Sheet {
     let goals = |metric| GOALS.iter().filter(move |(of, _)| *of == metric).map(|(_, goal)| *goal);
@@ -161,7 +161,7 @@ pub fn against_the_best(nominal: &FlownLaws<'_>, mismatched: &[FlownLaws<'_>]) -
     text::with_notes(text::table("V-verdict", rows), &values)
 }
 
-/// The metrics by which [`OURS`] is better, worse or neither, with the ratios.
+/// Metrics in which [`OURS`] is better, worse or equal, with the ratios.
 fn distinguished(nominal: &FlownLaws<'_>) -> TextValues {
     let mut lists: BTreeMap<&'static str, Vec<String>> =
         ["better", "worse", "open"].map(|name| (name, Vec::new())).into();
@@ -177,14 +177,14 @@ fn distinguished(nominal: &FlownLaws<'_>) -> TextValues {
     lists.into_iter().map(|(name, metrics)| (name, listed(&metrics).into())).collect()
 }
 
-/// The plants on which a flight of [`OURS`] did not land.
+/// Plants on which a flight of [`OURS`] did not land.
 fn unstable<'a>(mismatched: &[FlownLaws<'a>]) -> Vec<&'a str> {
     let landed = |flown: &Flown| flown.runs.iter().all(Run::is_complete);
     let lost = mismatched.iter().filter(|laws| !laws.ours().is_some_and(landed));
     lost.map(|laws| laws.plant).collect()
 }
 
-/// The mean of every metric with its interval, for each tuned law.
+/// Mean of every metric with its interval, for each tuned law.
 #[must_use]
 pub fn intervals(nominal: &FlownLaws<'_>) -> Sheet {
     let row = |flown: &Flown| {
@@ -199,7 +199,7 @@ pub fn intervals(nominal: &FlownLaws<'_>) -> Sheet {
     text::table_of("V-intervals", COLUMNS[..METRICS].to_vec(), rows)
 }
 
-/// The paper's laws against each other, seed by seed.
+/// Pairwise comparison of the paper's laws, seed by seed.
 #[must_use]
 pub fn ranking(nominal: &FlownLaws<'_>) -> Sheet {
     const PAIRS: [[&str; 2]; 3] = [["pid", "lqr"], ["pid", "oqtal"], ["lqr", "oqtal"]];
@@ -231,7 +231,7 @@ pub fn ranking(nominal: &FlownLaws<'_>) -> Sheet {
     text::with_notes(text::table_of("V-ranking", columns, rows), &values)
 }
 
-/// Number of metrics by which the first of two laws is better or worse beyond the interval.
+/// Number of metrics in which the first of two laws is better, or worse, beyond the interval.
 struct PairRanking {
     laws: [&'static str; 2],
     better: usize,
@@ -245,7 +245,7 @@ impl PairRanking {
         Self { laws, better, worse }
     }
 
-    /// Whether one law is better by some metric and worse by none.
+    /// Whether one law is better in at least one metric and worse in none.
     fn is_a_ranking(&self) -> bool {
         (self.better == 0) != (self.worse == 0)
     }
@@ -261,7 +261,7 @@ impl PairRanking {
     }
 }
 
-/// Difference of `one` and `other`, seed by seed, in per cent of the other's mean.
+/// Difference of `one` and `other`, seed by seed, in per cent of the mean of `other`.
 fn difference(one: &Flown, other: &Flown, metric: usize) -> Interval {
     let (a, b) = (one.values(metric), other.values(metric));
     let mean = mean(&b);

@@ -1,8 +1,8 @@
-//! The criteria by which the sweep over the weights compares laws, Figs. 6 to 9.
+//! Criteria by which the sweep over the weights compares laws, Figs. 6 to 9.
 
 use oqtal_control::metrics::TableTwo;
 
-/// Exponents of two of the weights q and r.
+/// Exponents (base two) of the weights q and r.
 pub const EXPONENTS: std::ops::RangeInclusive<i32> = 0..=20;
 
 /// A criterion of Table II, in the order of Figs. 6 to 9.
@@ -46,5 +46,5 @@ pub const CRITERIA: [Criterion; 4] = [
     },
 ];
 
-/// The metrics of one law at every pair of weights, index `q * 21 + r` in exponents; `None` where the body got out of control.
+/// Metrics of one law at every pair of weights, index `q * 21 + r` in exponents; `None` where the law lost control.
 pub type Surface = Vec<Option<TableTwo>>;

@@ -18,7 +18,7 @@
 //! | `min(a, b, …)`, `max(a, b, …)` | the least, the greatest |
 //! | `between(a, b, c)` | whether `a <= b <= c` |
 //! | `less(a, b)` | how much less `a` is than `b` \[%\], rounded |
-//! | `near(row)`, `marked(row)` | number of cells that reproduce a printed one, and that have a printed one |
+//! | `near(row)`, `marked(row)` | number of cells that reproduce a printed figure; number of cells that have one |
 //! | `count(column, text)` | number of rows with that text |
 
 use std::collections::BTreeMap;
@@ -51,24 +51,24 @@ impl From<String> for TextValue {
 /// Values by their names in the texts.
 pub type TextValues = BTreeMap<&'static str, TextValue>;
 
-/// Rows by the names that expressions use: origin, law, and words of the settings or cells.
+/// Rows by the names used in expressions: origin, law, and words of the settings or cells.
 pub type NamedRows = BTreeMap<String, Vec<String>>;
 
-/// A number with four significant digits, as in the tables; a count unchanged.
+/// Number with four significant digits, as in the tables; a count is unchanged.
 #[must_use]
 pub fn figure(value: f64) -> String {
     let is_count = value.fract() == 0.0 && value.abs() < 1e4;
     if is_count { format!("{value}") } else { rounded(value, 4) }
 }
 
-/// The names that an expression can use.
+/// Names that an expression can use.
 #[derive(Clone, Copy, Debug)]
 pub struct TextScope<'a> {
     /// Table of the rows and columns.
     pub sheet: &'a Sheet,
     /// Rows of the table by their names.
     pub rows: &'a NamedRows,
-    /// Values that the experiment computes.
+    /// Values computed by the experiment.
     pub values: &'a TextValues,
 }
 
@@ -121,7 +121,7 @@ impl TextScope<'_> {
         value
     }
 
-    /// The first row that has the origin, the law and the words of `name`; `None` if the table has no such row.
+    /// First row with the origin, the law and the words of `name`; `None` if there is none.
     fn row(&self, name: &str) -> Option<&SheetRow> {
         let Some([origin, law, words @ ..]) = self.rows.get(name).map(Vec::as_slice) else {
             panic!("no row `{name}` of table {}", self.sheet.name)
@@ -151,7 +151,7 @@ impl TextScope<'_> {
         }
     }
 
-    /// The value of a function whose arguments are names.
+    /// Value of a function whose arguments are names.
     fn count(&self, function: &str, arguments: &str) -> f64 {
         if let Some((column, text)) = arguments.split_once(", ") {
             let index = self.sheet.columns.iter().position(|(key, _)| *key == column);
@@ -169,7 +169,7 @@ impl TextScope<'_> {
     }
 }
 
-/// The value of a function of numbers.
+/// Value of a function of numbers.
 fn call(function: &str, arguments: &[f64]) -> f64 {
     match (function, arguments) {
         ("min", _) => arguments.iter().copied().fold(f64::NAN, f64::min),
@@ -182,7 +182,7 @@ fn call(function: &str, arguments: &[f64]) -> f64 {
 
 type Comparison = fn(&f64, &f64) -> bool;
 
-/// A parser by recursive descent that evaluates while it reads; a truth value is 1 or 0.
+/// Recursive-descent parser that evaluates while parsing; a truth value is 1 or 0.
 struct Parser<'a> {
     scope: &'a TextScope<'a>,
     rest: &'a str,

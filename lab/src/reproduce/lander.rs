@@ -1,4 +1,4 @@
-//! The lander of Table I in the gravity turn under an attitude law: the paper's simulation, without delay or noise.
+//! Lander of Table I in the gravity turn under an attitude law: the paper's simulation, without delay or noise.
 
 use nalgebra::{Quaternion, Vector3, Vector4};
 use oqtal_config::{Config, Setting, VehicleOptions};
@@ -26,24 +26,24 @@ const THRUST_RATIO: f64 = 1.5;
 const SPEED_M_S: f64 = 70.0;
 /// Table I: initial altitude \[m\].
 const ALTITUDE_M: f64 = 2000.0;
-/// The paper limits no torque \[N m\].
+/// No torque limit, as in the paper \[N m\].
 const NO_LIMIT_NM: f64 = 1e9;
 /// Maximum integration step \[s\].
 const LONGEST_STEP_S: f64 = 1.0 / 240.0;
-/// Standard deviation of the measured attitude \[rad\], the size of rounding errors. Without it the turn would stay exactly in its
-/// plane, and laws with a border or a singularity there would appear better than they are.
+/// Standard deviation of the measured attitude \[rad\], of the size of rounding errors. Without it the turn would stay exactly in
+/// its plane, and laws with a cell border or a singularity there would appear better than they are.
 const ROUNDING_RAD: f64 = 1e-15;
 /// Seed of the noise of the measured attitude.
 const NOISE_SEED: u64 = 1;
-/// Rate above which a body is out of control \[rad/s\].
+/// Rate above which a body counts as out of control \[rad/s\].
 const FASTEST_RAD_S: f64 = 1e4;
 
-/// Conditions of the gravity turn other than the law.
+/// Conditions of the gravity turn, except the law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Descent {
     /// Rate of the loop \[Hz\]; the torque is held between ticks.
     pub rate_hz: f64,
-    /// Whether `omega_d` is commanded with the attitude.
+    /// Whether `omega_d` is commanded together with the attitude.
     pub rates: bool,
     /// Speed below which the commanded attitude is constant \[m/s\].
     pub least_speed_m_s: f64,
@@ -70,7 +70,7 @@ pub struct Moment {
     pub torque: Vector3<f64>,
 }
 
-/// The vehicle of Table I.
+/// Vehicle of Table I.
 #[derive(Clone, Debug)]
 pub struct Lander {
     vehicle: VehicleOptions,
@@ -79,7 +79,7 @@ pub struct Lander {
 }
 
 impl Lander {
-    /// The lander of the configuration's preset, which is Table I.
+    /// Lander of the configuration preset that contains Table I.
     ///
     /// # Errors
     /// The environment sets an invalid vehicle.
@@ -98,10 +98,10 @@ impl Lander {
         &self.turn
     }
 
-    /// The torque input of the vehicle, unlimited as in the paper or limited as configured.
+    /// Torque input of the vehicle, unlimited as in the paper or limited as configured.
     ///
     /// # Panics
-    /// Never: the preset is a vehicle.
+    /// Never: the preset is a valid vehicle.
     #[must_use]
     pub fn input(&self, limited: bool) -> TorqueInput {
         let inertia = self.vehicle.inertia().expect("a test holds the preset");
@@ -116,8 +116,8 @@ impl Lander {
         Vector3::new(-ideal.down_range_m, 0.0, ALTITUDE_M - ideal.drop_m)
     }
 
-    /// The initial state, without rotation. The turn goes towards -x, so that its pitch begins at +90 degrees as in the paper,
-    /// whose rule for cells depends on the sign.
+    /// Initial state, without rotation. The turn goes towards -x, so that its pitch begins at +90 degrees as in the paper, whose
+    /// rule for cells depends on the sign.
     fn start(&self) -> State {
         let velocity = Vector3::new(-SPEED_M_S, 0.0, 0.0);
         State {
@@ -129,14 +129,14 @@ impl Lander {
         }
     }
 
-    /// A state with this rate \[rad/s, body\], no velocity and full thrust.
+    /// State with this rate \[rad/s, body\], zero velocity and full thrust.
     #[must_use]
     pub fn turning(&self, attitude: &Attitude, rate: Vector3<f64>) -> State {
         let attitude = *attitude.unit_quaternion().quaternion();
         State { attitude, rate, velocity: Vector3::zeros(), ..self.start() }
     }
 
-    /// Flies the turn under the law of `options` and passes every tick to `watch`. `None` if the body gets out of control.
+    /// Flies the turn under the law of `options` and passes every tick to `watch`. `None` if the law loses control.
     ///
     /// # Errors
     /// An option of the law is invalid.
@@ -190,7 +190,7 @@ impl Lander {
         Some(metrics)
     }
 
-    /// The state after holding `torque` \[N m, body\] and full thrust for `dt_s` \[s\].
+    /// State after applying `torque` \[N m, body\] and full thrust for `dt_s` \[s\].
     #[must_use]
     pub fn hold(&self, state: &State, torque: Vector3<f64>, dt_s: f64) -> State {
         let input = PlantInput { torque, thrust: 1.0, ..PlantInput::default() };
@@ -204,7 +204,7 @@ impl Lander {
     }
 }
 
-/// The attitude and rate of a body as a law receives them.
+/// Attitude and rate of a body in the form that laws take.
 #[must_use]
 pub fn attitude_state(state: &State) -> AttitudeState {
     let Quaternion { coords } = state.attitude;

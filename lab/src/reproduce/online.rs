@@ -1,4 +1,4 @@
-//! The six PIDs of Fig. 16 tuned in flight, as the paper's reference \[27\] does.
+//! In-flight tuning of the six PIDs of Fig. 16, as in the paper's reference \[27\].
 
 use oqtal_observe::flight::Outcome;
 use oqtal_runtime::process::Failure;
@@ -10,10 +10,10 @@ use crate::progress::Progress;
 use crate::sheet::{SheetCell, SheetRow, Variant};
 use crate::tune::online::{LOOPS, TunedLoop, tune};
 
-/// Tunes the loops around the shipped `oqtal`.
+/// Tunes the position loops around the shipped `oqtal`.
 ///
 /// # Errors
-/// The flight ended before its loops were tuned.
+/// The flight ended before all loops were tuned.
 pub fn chapter(progress: &Progress) -> Result<Chapter, Failure> {
     let tuned = tune(&[], &LOOPS, progress)?;
     let sheet = text::table("outer-in-flight", tuned.loops.iter().map(row).collect());

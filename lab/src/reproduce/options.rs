@@ -1,4 +1,4 @@
-//! Every option of `oqtal`, one at a time, and the second derivative of `eps`, which the paper drops.
+//! Every option of `oqtal`, one at a time, and the second derivative of `eps`, which the paper neglects.
 
 use nalgebra::Vector3;
 use oqtal_control::controller::{EpsDdot, OqtalOptions};
@@ -22,7 +22,7 @@ use crate::sheet::{SheetCell, SheetRow, Variant};
 const FAR: Vector3<f64> = Vector3::new(0.2, 1.2, -0.3);
 const TURNING: Vector3<f64> = Vector3::new(0.8, -0.2, 0.5);
 const DURATION_S: f64 = 20.0;
-/// Width of the cells in the table, small enough that the model changes often.
+/// Width of the cells in the table, small enough for frequent changes of the model.
 const DELTA: f64 = 0.05;
 
 struct OptionCase {
@@ -30,7 +30,7 @@ struct OptionCase {
     options: OqtalOptions,
 }
 
-/// Flies every option.
+/// Flies the turn with every option.
 ///
 /// # Errors
 /// An option of a law is invalid.

@@ -9,13 +9,13 @@ use super::claims::{Claim, claims};
 use crate::sheet::{Sheet, SheetRow, Variant};
 
 const STYLE: &str = include_str!("page.css");
-/// Sorts a table by the column whose heading is chosen; the page is complete without.
+/// Sorts a table by the selected column; the page is complete without it.
 const SCRIPT: &str = include_str!("page.js");
-/// Number of columns above which a table is set in a smaller type.
+/// Number of columns above which a table is set in smaller type.
 const WIDE: usize = 8;
-/// Title of the claims.
+/// Title of the section of claims.
 const CLAIMS: &str = "The claims of the paper, and the results";
-/// Number of rows above which a table is folded.
+/// Number of rows above which a table is collapsed.
 const LONG: usize = 40;
 /// Heading and introduction of a page.
 #[derive(Clone, Copy, Debug)]
@@ -57,7 +57,7 @@ pub fn html(head: &PageHead, chapters: &[Chapter]) -> String {
     page(&format!("oqtal: {}", head.title), STYLE, &body)
 }
 
-/// The claims of the paper, each with its verdict and the table that shows it.
+/// Claims of the paper, each with its verdict and the table that decides it.
 fn verdicts(claims: &[Claim]) -> Markup {
     html! {
         section.verdicts {
@@ -98,7 +98,7 @@ fn contents(chapters: &[Chapter]) -> Markup {
     }
 }
 
-/// The name of a place in the page.
+/// Anchor of a heading on the page.
 fn anchor(name: &str) -> String {
     let lower = name.to_lowercase();
     lower.chars().map(|letter| if letter.is_alphanumeric() { letter } else { '-' }).collect()
@@ -168,7 +168,7 @@ fn line(sheet: &Sheet, row: &SheetRow) -> Markup {
     }
 }
 
-/// Text in which Markdown marks code.
+/// Text with code marked in Markdown.
 fn prose(text: &str) -> Markup {
     html! {
         @for (number, part) in text.split('`').enumerate() {
@@ -177,7 +177,7 @@ fn prose(text: &str) -> Markup {
     }
 }
 
-/// The tables of `chapters` as Markdown; `command` is the command that makes them.
+/// Tables of `chapters` as Markdown; `command` is the command that generates them.
 #[must_use]
 pub fn markdown(head: &PageHead, chapters: &[Chapter], command: &str) -> String {
     let PageHead { title, lead, file } = head;

@@ -20,12 +20,12 @@ const FAR_RAD: f64 = 175.0 * std::f64::consts::PI / 180.0;
 const TUMBLE_RAD_S: f64 = 20.0;
 /// Duration of a run \[s\].
 const DURATION_S: f64 = 60.0;
-/// Angle below which the body stays once it has recovered \[rad\].
+/// Angle below which a recovered body stays \[rad\].
 const NEAR_RAD: f64 = 5.0 * std::f64::consts::PI / 180.0;
-/// Axis of the rotation, oblique to those of the body \[-, body\].
+/// Axis of the rotation, oblique to the body axes \[-, body\].
 const AXIS: Vector3<f64> = Vector3::new(0.6, -0.48, 0.64);
 
-/// Lets every law recover both vehicles from both initial states.
+/// Tests the recovery of both vehicles from both initial states under every law.
 ///
 /// # Errors
 /// An option of a law is invalid.
@@ -60,7 +60,7 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
     Ok(Chapter { sheets, ..text::chapter("recovery", &values) })
 }
 
-/// The laws that do not recover, each with vehicle and start.
+/// Laws that do not recover, each with vehicle and initial state.
 fn lost(sheet: &Sheet) -> Vec<String> {
     let is_lost = |row: &&SheetRow| !row.number(&sheet.columns, "recovered_s").is_finite();
     let name = |row: &SheetRow| {

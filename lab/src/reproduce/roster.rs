@@ -1,4 +1,4 @@
-//! The attitude laws in the experiments of the spacecraft, as data.
+//! Attitude laws in the experiments of the spacecraft, as data.
 
 use oqtal_control::controller::{
     ControlOptions, ControllerName, LqrOptions, OqtalDtOptions, OqtalOptions, PidOptions,
@@ -10,11 +10,11 @@ use oqtal_control::schedule::Cells;
 use super::lander::{Descent, RATE_HZ};
 use crate::sheet::Variant;
 
-/// A limit beyond every pitch angle \[rad\], so that cells are linearised where the rule puts them, as printed.
+/// Limit above every pitch angle \[rad\]: cells are linearised at the points given by the printed rule.
 const NO_LIMIT_RAD: f64 = 10.0;
-/// A limit of the integral that is never reached \[s\]: the paper has none.
+/// Limit of the integral that is never reached \[s\]: the paper has no limit.
 const NO_INTEGRAL_LIMIT: f64 = 1e6;
-/// Rate of a loop that is practically continuous \[Hz\].
+/// Rate of a practically continuous loop \[Hz\].
 const CONTINUOUS_HZ: f64 = 64.0 * RATE_HZ;
 
 /// A law with its settings.
@@ -30,7 +30,7 @@ pub struct Entry {
     pub options: ControlOptions,
     /// Conditions of the gravity turn.
     pub descent: Descent,
-    /// Weights `[q, r]` of its cost \[-\].
+    /// Weights `[q, r]` of the law's cost \[-\].
     pub weights: [f64; 2],
 }
 
@@ -83,7 +83,7 @@ pub fn oqtal([q, r]: [f64; 2], cells: Cells) -> ControlOptions {
     ControlOptions { controller: ControllerName::Oqtal, oqtal, ..ControlOptions::spacecraft() }
 }
 
-/// `oqtal-dt` with these weights on attitude, rate and input.
+/// `oqtal-dt` with these weights of attitude, rate and input.
 #[must_use]
 pub fn oqtal_dt([attitude_weight, rate_weight, input_weight]: [f64; 3]) -> ControlOptions {
     let oqtal_dt = OqtalDtOptions { attitude_weight, rate_weight, input_weight };
@@ -189,7 +189,7 @@ fn ours() -> Vec<Entry> {
     entries
 }
 
-/// Every registered law that is not in the paper, at its gains for the spacecraft; `oqtal-dt` last.
+/// Every registered law that is not in the paper, with its gains for the spacecraft; `oqtal-dt` last.
 fn new_laws() -> Vec<Entry> {
     use ControllerName::{Geometric, Lqr, Oqtal, OqtalDt, Pid};
     let others =
@@ -209,7 +209,7 @@ fn new_laws() -> Vec<Entry> {
     others.map(other).chain([ours]).collect()
 }
 
-/// One setting of each law, for experiments other than the gravity turn.
+/// One configuration of each law, for experiments other than the gravity turn.
 #[must_use]
 pub fn each() -> Vec<Entry> {
     let pid = pid([50.0, 5.95, 1.15], RateFeedback::Omega);
@@ -225,7 +225,7 @@ pub fn each() -> Vec<Entry> {
     entries
 }
 
-/// Every law with the gains that it is shipped with for the quadrotor.
+/// Every law with its shipped gains for the quadrotor.
 #[must_use]
 pub fn shipped() -> Vec<Entry> {
     let shipped = |entry: Entry| {

@@ -1,4 +1,4 @@
-//! The single step of one Euler angle of the spacecraft and of the quadrotor, which the paper ran (Section V.B) and did not print.
+//! Single step of one Euler angle of the spacecraft and of the quadrotor, which the paper ran (Section V.B) and did not print.
 
 use nalgebra::{SVector, Vector3};
 use oqtal_control::controller::ClassicLqr;
@@ -27,7 +27,7 @@ const AXES: [&str; 3] = ["roll", "pitch", "yaw"];
 
 /// Index of the settling time among the columns.
 const SETTLED: usize = 4;
-/// Sizes of the step of the quadrotor \[deg\]: the paper's range of operation ends at 15.
+/// Step sizes of the quadrotor \[deg\]: the paper's operating range ends at 15.
 const TILTS_DEG: [f64; 4] = [5.0, 15.0, 30.0, 60.0];
 /// Steps every Euler angle of both vehicles under every law.
 ///
@@ -52,7 +52,7 @@ fn with_settled(sheet: Sheet, settled: String) -> Sheet {
     text::with_notes(sheet, &TextValues::from([("settled", settled.into())]))
 }
 
-/// The rows of every law on a body, stepped by each of these angles \[deg\] about each axis.
+/// Rows of every law on a body, with a step of each of these angles \[deg\] about each axis.
 fn steps(
     (body, angles_deg): (&RotatingBody, &[f64]),
     entries: &[Entry],
@@ -95,7 +95,7 @@ fn settled(rows: &[SheetRow]) -> String {
     said.join("; ")
 }
 
-/// The attitude with one Euler angle, by index, at `angle` \[rad\].
+/// Attitude with one Euler angle, given by index, at `angle` \[rad\].
 fn target(axis: usize, angle: f64) -> Attitude {
     let mut theta = Vector3::zeros();
     theta[axis] = angle;
@@ -132,7 +132,7 @@ fn stepped(
     Ok(SheetRow::new(entry.variant, entry.controller, entry.settings.clone(), cells.concat()))
 }
 
-/// The response of the classic law as a linear system.
+/// Response of the classic law as a linear system.
 fn linear(lander: &Lander) -> Result<SheetRow, Failure> {
     let options = roster::lqr([128.0, 1.0], Cells::Truncated).lqr;
     let input = lander.input(false);
@@ -159,9 +159,9 @@ fn linear(lander: &Lander) -> Result<SheetRow, Failure> {
 struct StepMoment {
     /// Time since the start \[s\].
     time_s: f64,
-    /// Angle about the axis of the step, over the step \[-\].
+    /// Angle about the axis of the step, as a fraction of the step \[-\].
     progress: f64,
-    /// Angle to the target about any axis, over the step \[-\].
+    /// Angle to the target about any axis, as a fraction of the step \[-\].
     left: f64,
 }
 
@@ -187,13 +187,13 @@ impl StepResponse {
         }
     }
 
-    /// The cells of rise, overshoot and settling.
+    /// Cells of rise time, overshoot and settling time.
     fn cells(&self) -> Vec<SheetCell> {
         vec![self.rise_s.into(), (100.0 * self.overshoot).into(), self.settle_s.into()]
     }
 }
 
-/// Angle of a rotation about one body axis \[rad\]; exact if the body turned about no other.
+/// Angle of a rotation about one body axis \[rad\]; exact for a rotation about that axis alone.
 fn turned_about(attitude: &Attitude, axis: usize) -> f64 {
     let numbers = attitude.xyzw();
     let angle = 2.0 * numbers[axis].atan2(numbers[3]);

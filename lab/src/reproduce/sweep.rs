@@ -21,13 +21,13 @@ const SIDE: usize = 21;
 struct Law {
     name: &'static str,
     settings: &'static str,
-    /// From `[q, r]` to its options.
+    /// Options for the weights `[q, r]`.
     options: fn([f64; 2]) -> ControlOptions,
     descent: fn() -> Descent,
     variant: Variant,
 }
 
-/// The two laws that the paper compares, the classic one without the singular start of the turn, and `oqtal-dt`.
+/// The two laws compared in the paper, the classic law without the singular start of the turn, and `oqtal-dt`.
 const LAWS: [Law; 5] = [
     Law {
         name: "lqr",
@@ -91,19 +91,19 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
     })
 }
 
-/// The point of the sweep with the ratio `2^ratio` and a smaller weight of 1.
+/// Point of the sweep with the ratio `2^ratio` and 1 as the smaller weight.
 fn at_ratio(surface: &Surface, ratio: i32) -> Option<&TableTwo> {
     let (q, r) = (ratio.max(0) as usize, (-ratio).max(0) as usize);
     surface[q * SIDE + r].as_ref()
 }
 
-/// The smallest exponent of q/r at which a law loses control; `None` if it never does.
+/// Smallest exponent of q/r at which a law loses control; `None` if it never does.
 fn edge(surface: &Surface) -> Option<i32> {
     let lost = surface.iter().enumerate().filter(|(_, metrics)| metrics.is_none());
     lost.map(|(point, _)| (point / SIDE) as i32 - (point % SIDE) as i32).min()
 }
 
-/// The table of the number of pairs of weights at which each law keeps control.
+/// Table of the number of weight pairs at which each law keeps control.
 fn kept(surfaces: &[Surface]) -> Sheet {
     let row = |(law, surface): (&Law, &Surface)| {
         let edge = edge(surface).map(|ratio| SheetCell::Text(format!("2^{ratio}")));
@@ -115,7 +115,7 @@ fn kept(surfaces: &[Surface]) -> Sheet {
     text::table("sweep-stability", LAWS.iter().zip(surfaces).map(row).collect())
 }
 
-/// The table of pairs at which OQTAL is better than each form of the classic law, by criterion.
+/// Table of the weight pairs at which OQTAL is better than each form of the classic law, by criterion.
 fn verdict(surfaces: &[Surface]) -> Sheet {
     let rivals = [(&LAWS[0], &surfaces[0]), (&LAWS[2], &surfaces[2])];
     let compare = |(law, rival): (&Law, &Surface)| {
@@ -128,7 +128,7 @@ fn verdict(surfaces: &[Surface]) -> Sheet {
     text::table("sweep-claim", rivals.into_iter().flat_map(compare).collect())
 }
 
-/// The exponents of the ratios at which `oqtal` is not better.
+/// Exponents of the ratios at which `oqtal` is not better.
 fn not_better(criterion: Criterion, rival: &Surface, oqtal: &Surface) -> Vec<i32> {
     let worse = |ratio: &i32| {
         let both = at_ratio(rival, *ratio).zip(at_ratio(oqtal, *ratio));
@@ -137,7 +137,7 @@ fn not_better(criterion: Criterion, rival: &Surface, oqtal: &Surface) -> Vec<i32
     (-EXPONENTS.end()..=*EXPONENTS.end()).filter(worse).collect()
 }
 
-/// The cells of a comparison of `oqtal` with `rival`.
+/// Cells of a comparison of `oqtal` with `rival`.
 fn compared(criterion: Criterion, rival: &Surface, oqtal: &Surface) -> Vec<SheetCell> {
     let both: Vec<(&TableTwo, &TableTwo)> =
         rival.iter().zip(oqtal).filter_map(|(a, b)| a.as_ref().zip(b.as_ref())).collect();
@@ -158,7 +158,7 @@ fn compared(criterion: Criterion, rival: &Surface, oqtal: &Surface) -> Vec<Sheet
     ]
 }
 
-/// Exponents of two in rising order as ranges: "2^1 to 2^3 and 2^7".
+/// Ascending exponents of two as ranges: "2^1 to 2^3 and 2^7".
 fn ranges(exponents: &[i32]) -> String {
     let parts = exponents.chunk_by(|a, b| b - a == 1).map(|part| match part {
         [only] => format!("2^{only}"),
@@ -168,7 +168,7 @@ fn ranges(exponents: &[i32]) -> String {
     listed(&parts.collect::<Vec<_>>())
 }
 
-/// The table of the criteria along q/r.
+/// Table of the criteria over q/r.
 fn along_the_ratio(surfaces: &[Surface]) -> Sheet {
     let exponents = -EXPONENTS.end()..=*EXPONENTS.end();
     let rows = LAWS.iter().zip(surfaces).flat_map(|(law, surface)| {

@@ -21,10 +21,10 @@ use crate::sheet::{SheetCell, SheetRow, Variant};
 const BOUNDS: [RangeInclusive<f64>; 3] = [0.1..=50.0, 0.1..=50.0, 0.1..=20.0];
 /// The colony: 10 sources for 100 cycles.
 const COLONY: BeeColony = BeeColony { sources: 10, cycles: 100, limit: 30, pull: 0.0, seed: 1 };
-/// The weights `[q, r]` of the paper's columns.
+/// Weights `[q, r]` of the paper's columns.
 const WEIGHTS: [[f64; 2]; 4] = [[1.0, 1.0], [10.0, 1.0], [100.0, 1.0], [1.0, 0.0]];
 
-/// An interpretation of "tuned PID".
+/// Interpretation of "tuned PID".
 struct Reading {
     variant: Variant,
     settings: &'static str,

@@ -39,7 +39,7 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
     })
 }
 
-/// The cells of a descent; empty if the body got out of control.
+/// Cells of a descent; empty if the law lost control.
 fn cells(metrics: Option<&TableTwo>, [q, r]: [f64; 2]) -> Vec<SheetCell> {
     let Some(metrics) = metrics else { return vec![SheetCell::None; COLUMNS] };
     vec![

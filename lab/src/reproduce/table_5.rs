@@ -27,7 +27,7 @@ mod max_q;
 
 use max_q::MaxQ;
 
-/// Number of runs with the least position error that make up the paper's means \[-\].
+/// Number of runs with the smallest position error over which the paper averages \[-\].
 const BEST: usize = 5;
 
 /// Flies Table V, the mismatched plants, and the counts by cell rule.
@@ -69,7 +69,7 @@ fn fly(
     Ok(plants().map(|plant| (plant.name, of(plant.name))).collect())
 }
 
-/// Table V without its notes; on the mismatched plants the greatest weight is the one of the nominal plant.
+/// Table V without its notes; the mismatched plants show the greatest weight found on the nominal plant.
 fn main(nominal: &FlownLaws<'_>, elsewhere: &[FlownLaws<'_>], max_q: &[MaxQ]) -> Sheet {
     let rows = |flown: &[Flown], cells: fn(MaxQ) -> (f64, &'static str)| -> Vec<SheetRow> {
         let with = flown.iter().zip(max_q);
@@ -87,7 +87,7 @@ fn main(nominal: &FlownLaws<'_>, elsewhere: &[FlownLaws<'_>], max_q: &[MaxQ]) ->
     Sheet { mismatched, ..sheet }
 }
 
-/// The laws of Table V: with the paper's gains, and all tuned alike, on the shipped vehicle.
+/// Laws of Table V on the shipped vehicle: with the paper's gains, and all tuned alike.
 fn all_laws() -> Vec<StudyLaw> {
     let printed = [
         ("pid", "shipped gains, k 8, T 2: the paper prints none", None),
@@ -116,7 +116,7 @@ fn all_laws() -> Vec<StudyLaw> {
     printed.chain(tuned).collect()
 }
 
-/// The laws of Table V, tuned again if that was requested.
+/// Laws of Table V, tuned again if requested.
 fn laws(context: &ExperimentContext) -> Result<Vec<StudyLaw>, Failure> {
     let mut laws = all_laws();
     if context.retune {
@@ -132,7 +132,7 @@ fn laws(context: &ExperimentContext) -> Result<Vec<StudyLaw>, Failure> {
     Ok(laws)
 }
 
-/// The shipped `oqtal` with the outer loops as shipped, and tuned one at a time.
+/// The shipped `oqtal` with the shipped outer loops, and with outer loops tuned one at a time.
 fn outer(context: &ExperimentContext) -> Result<Sheet, Failure> {
     let tuned = match context.retune {
         true => {
@@ -162,7 +162,7 @@ fn outer(context: &ExperimentContext) -> Result<Sheet, Failure> {
     Ok(text::with_notes(sheet, &values))
 }
 
-/// The metrics that tuning the loops one at a time made better, and those that it made worse.
+/// Metrics improved, and metrics worsened, by tuning the loops one at a time.
 fn changed(shipped: &Flown, tuned: &Flown) -> (Vec<&'static str>, Vec<&'static str>) {
     let (mut better, mut worse) = (Vec::new(), Vec::new());
     for (metric, Metric { title, .. }) in METRIC.iter().enumerate() {
@@ -175,7 +175,7 @@ fn changed(shipped: &Flown, tuned: &Flown) -> (Vec<&'static str>, Vec<&'static s
     (better, worse)
 }
 
-/// Riccati solves in a square, by rule and width of the cells.
+/// Number of Riccati solves in a square, by rule and cell width.
 fn counts(context: &ExperimentContext) -> Result<Sheet, Failure> {
     const RULES: [&str; 4] = ["centred", "floor", "truncated", "deadband"];
     let widths = [("0.5 rad", 0.5), ("0.5°", 0.5_f64.to_radians())];
@@ -210,10 +210,10 @@ fn counts(context: &ExperimentContext) -> Result<Sheet, Failure> {
     Ok(text::with_notes(text::table("cells", rows), &values))
 }
 
-/// Factor within which a count fits a printed one \[-\].
+/// Factor within which a count agrees with a printed one \[-\].
 const FITS: f64 = 3.0;
 
-/// The rules and widths that fit the paper's 89 and 1 calculations.
+/// Rules and widths that agree with the paper's 89 and 1 calculations.
 fn fitting(rows: &[SheetRow]) -> Vec<String> {
     let (lqr, oqtal) = rows.split_at(rows.len() / 2);
     let fits = |(lqr, oqtal): (&SheetRow, &SheetRow)| match (&lqr.cells[2], &oqtal.cells[2]) {
@@ -226,7 +226,7 @@ fn fitting(rows: &[SheetRow]) -> Vec<String> {
     lqr.iter().zip(oqtal).filter_map(fits).collect()
 }
 
-/// The values of the texts: tests, search for gains, and the bound of the position error by speed and tilt.
+/// Values of the texts: tests, search for gains, and the bound of the position error by speed and tilt.
 fn values(laws: &[StudyLaw], nominal: &[Flown]) -> Result<TextValues, Failure> {
     let Config { plant, mocap, position, trajectory, .. } = Config::default();
     let (square, chirp) = (trajectory.square, trajectory.attitude_chirp);
@@ -269,7 +269,7 @@ fn values(laws: &[StudyLaw], nominal: &[Flown]) -> Result<TextValues, Failure> {
     Ok(values)
 }
 
-/// The values of the texts on the search for gains.
+/// Values of the texts on the search for gains.
 fn search_values(laws: &[StudyLaw]) -> Result<TextValues, Failure> {
     let Budget { points, seed, optimiser } = Budget::default();
     let weights = METRIC.iter().map(|metric| format!("{} {}", metric.title, metric.weight));

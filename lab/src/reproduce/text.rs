@@ -1,6 +1,6 @@
-//! Prose of the reproduction: titles, columns, notes and claims, read from `text.toml`.
+//! Texts of the reproduction: titles, columns, notes and claims, read from `text.toml`.
 //!
-//! Expressions in the texts are those of [`super::expression`].
+//! Expressions in the texts are described in [`super::expression`].
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
@@ -34,7 +34,7 @@ struct TableText {
     title: String,
     #[serde(default)]
     columns: Vec<[String; 2]>,
-    /// Rows that the paper prints.
+    /// Rows printed in the paper.
     #[serde(default)]
     paper: Vec<PrintedRow>,
     #[serde(default)]
@@ -43,13 +43,13 @@ struct TableText {
     notes: Vec<String>,
 }
 
-/// A row of a table of the paper.
+/// Row of a table of the paper.
 #[derive(Debug, Deserialize)]
 struct PrintedRow {
     law: String,
     #[serde(default)]
     settings: String,
-    /// Cells by the keys of their columns; an array is mean and standard deviation.
+    /// Cells by column key; an array is mean and standard deviation.
     #[serde(flatten)]
     cells: BTreeMap<String, toml::Value>,
 }
@@ -75,26 +75,26 @@ impl PrintedRow {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ClaimText {
-    /// Name of the table that decides it.
+    /// Name of the table that decides the claim.
     pub table: String,
-    /// The claim.
+    /// Text of the claim.
     pub claim: String,
-    /// Conditions, one for each part of the claim.
+    /// Conditions, one per part of the claim.
     pub holds: Vec<String>,
-    /// Result that is shown beside the verdict.
+    /// Result shown beside the verdict.
     pub found: String,
 }
 
 static TEXTS: LazyLock<Texts> =
     LazyLock::new(|| toml::from_str(include_str!("text.toml")).expect("a test reads the file"));
 
-/// Every claim of the paper.
+/// All claims of the paper.
 #[must_use]
 pub fn claims() -> &'static [ClaimText] {
     &TEXTS.claim
 }
 
-/// The chapter `name` without tables and figures.
+/// Chapter `name` without tables and figures.
 #[must_use]
 pub fn chapter(name: &str, values: &TextValues) -> Chapter {
     let ChapterText { title, intro } = &TEXTS.chapter[name];
@@ -104,14 +104,14 @@ pub fn chapter(name: &str, values: &TextValues) -> Chapter {
     Chapter { title, intro, ..Chapter::default() }
 }
 
-/// The table `name` with the printed rows and `rows`, without notes.
+/// Table `name` with the printed rows and `rows`, without notes.
 #[must_use]
 pub fn table(name: &str, rows: Vec<SheetRow>) -> Sheet {
     let columns = TEXTS.table[name].columns.iter();
     table_of(name, columns.map(|[key, heading]| -> Column { (key, heading) }).collect(), rows)
 }
 
-/// The same with `columns`.
+/// Table `name` with the printed rows, `rows` and `columns`, without notes.
 #[must_use]
 pub fn table_of(name: &str, columns: Vec<Column>, rows: Vec<SheetRow>) -> Sheet {
     let TableText { title, paper, .. } = &TEXTS.table[name];
@@ -127,7 +127,7 @@ pub fn with_notes(sheet: Sheet, values: &TextValues) -> Sheet {
     Sheet { notes, ..sheet }
 }
 
-/// The names that the texts about `sheet` can use.
+/// Names that the texts about `sheet` can use.
 #[must_use]
 pub fn scope<'a>(sheet: &'a Sheet, values: &'a TextValues) -> TextScope<'a> {
     TextScope { sheet, rows: &TEXTS.table[&sheet.name].rows, values }

@@ -1,4 +1,4 @@
-//! `oqtal-dt` against the best of the others, draw by draw.
+//! `oqtal-dt` against the best of the other laws, draw by draw.
 
 use oqtal_control::statistics::median;
 
@@ -9,7 +9,7 @@ use crate::study::flights::Test;
 use crate::study::metric::{CHIRP, DOUBLET, HOVER};
 use crate::study::table::column;
 
-/// The law that is compared with all others.
+/// Law that is compared with all others.
 const OURS: &str = "oqtal-dt";
 
 const NOTE: &str = "In each draw the best of the others in that figure, whatever its gains: no single law has all of these figures. \
@@ -22,7 +22,7 @@ struct GroupComparison<'a> {
     others: Vec<&'a Flown>,
 }
 
-/// The table; without rows if only one law flies.
+/// Table of the comparison; without rows if only one law flies.
 #[must_use]
 pub fn table(flown: &[Flown]) -> Sheet {
     let (ours, others): (Vec<&Flown>, Vec<&Flown>) =
@@ -60,12 +60,12 @@ pub fn table(flown: &[Flown]) -> Sheet {
     Sheet::tabulate(("against", title), &columns, &rows, names).with_note(NOTE)
 }
 
-/// Median over the draws of the best other's figure over the own one; draws without a landing of either are left out.
+/// Median over the draws of the best other figure over that of [`OURS`]; draws without a landing of either are left out.
 fn ratio(metric: usize) -> impl Fn(&GroupComparison<'_>) -> f64 {
     move |row| median(row.pairs(metric).map(|[own, other]| other / own)).unwrap_or(f64::NAN)
 }
 
-/// Share of the draws in which the best of the others is better \[%\].
+/// Percentage of draws in which the best other law is better \[%\].
 fn worse_percent(metric: usize) -> impl Fn(&GroupComparison<'_>) -> f64 {
     move |row| {
         let worse = row.pairs(metric).filter(|[own, other]| own > other).count();
@@ -74,13 +74,13 @@ fn worse_percent(metric: usize) -> impl Fn(&GroupComparison<'_>) -> f64 {
 }
 
 impl GroupComparison<'_> {
-    /// A figure of each draw: its own, and the best of the others.
+    /// Figures of each draw: [`OURS`], and the best other law.
     fn pairs(&self, metric: usize) -> impl Iterator<Item = [f64; 2]> {
         let own = self.own.values(metric).into_iter().enumerate();
         own.map(move |(draw, own)| [own, best(&self.others, (draw, metric))])
     }
 
-    /// Number of draws with a test that this law did not land and another did.
+    /// Number of draws with a test that this law did not land and another law did.
     fn lost_alone(&self) -> u64 {
         let others_land =
             |draw: usize, test| self.others.iter().any(|law| law.runs[draw].has_landed(test));
@@ -108,7 +108,7 @@ mod tests {
         ];
         let sheet = table(&laws);
         let number = |row: usize, key: &str| sheet.rows[row].number(&sheet.columns, key);
-        // 2/1, 4/2, 5/inf; the last draw, which no law landed, is left out.
+        // Ratios: 2/1, 4/2, 5/inf; the last draw, which no law landed, is left out.
         assert_eq!([number(0, "hover_ratio"), number(1, "hover_ratio")], [2.0, 0.5]);
         assert_eq!(
             [number(0, "hover_worse_percent"), number(1, "chirp_worse_percent")],

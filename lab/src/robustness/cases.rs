@@ -39,7 +39,8 @@ const SEEDS: std::ops::Range<u64> = 300..305;
 
 const NOTE: &str = "Means of seeds 300 to 304; a dash marks a flight that did not land.";
 
-/// Flies every law on every plant. Returns hover and chirp with a column for each plant, and all figures with a row for each.
+/// Flies every law on every plant. Returns tables of hover and chirp with one column per plant, and of all figures with one row
+/// per plant.
 ///
 /// # Errors
 /// A setting is invalid.
@@ -61,7 +62,7 @@ pub fn tables(laws: &[StudyLaw], progress: &Progress) -> Result<[Sheet; 3], Fail
     Ok([hover, chirp, all.with_note(NOTE).as_detail()])
 }
 
-/// One figure, the plants beside each other.
+/// Table of one figure, with one column per plant.
 fn beside(of_laws: &[&[Flown]], (name, title): (&str, &str), metric: usize) -> Sheet {
     let row = |of: &&[Flown]| {
         let cells = of.iter().map(|row| finite(row.mean()[metric]).into()).collect();

@@ -1,4 +1,4 @@
-//! Draws of a spread: plants that every law flies, as drawn or identified.
+//! Draws of a spread: plants flown by every law, as drawn or as identified.
 
 use std::ops::Range;
 
@@ -27,20 +27,20 @@ pub struct Draw {
     pub settings: Vec<Setting>,
 }
 
-/// Greatest number of draws \[-\]: flights of different draws, and those on which gains are tuned, have different seeds.
+/// Greatest number of draws \[-\]: different draws, and the draws used for tuning, have different flight seeds.
 pub const MOST_DRAWS: u64 = 10_000;
 
-/// Seed of the draws on which gains are tuned; laws are compared on others, from 1 on.
+/// Seed of the draws used for tuning; laws are compared on other seeds, from 1 on.
 pub const TUNING_SEED: u64 = 0;
 
-/// The noise that the filters of `oqtal-dt` assume follows that of the cameras; the noise of a draw is unknown to them.
+/// Noise assumed by the filters of `oqtal-dt`: that of the configured cameras. The noise of a draw is unknown to the filters.
 const ASSUMED: [(&str, &str); 2] = [
     ("control.predictive.filter.attitude-noise-deg", "mocap.attitude-noise-deg"),
     ("control.predictive.filter.position-noise-mm", "mocap.position-noise-mm"),
 ];
 
 impl Draw {
-    /// The draws `runs` with `seed` of `spread` about the configuration of `common`.
+    /// Draws `runs` with `seed` of `spread` about the configuration of `common`.
     ///
     /// # Errors
     /// A key of the spread does not exist in the configuration.
@@ -76,13 +76,13 @@ impl Draw {
         Case { name: "draws".to_owned(), conditions: draws.iter().map(condition).collect() }
     }
 
-    /// The drawn value of a key.
+    /// Drawn value of a key.
     #[must_use]
     pub fn value(&self, key: &str) -> Option<&Value> {
         self.settings.iter().find(|setting| setting.key == key).map(|setting| &setting.value)
     }
 
-    /// The arguments of `oqtal fly` and `oqtal campaign` that make the same plant.
+    /// Arguments of `oqtal fly` and `oqtal campaign` that give the same plant.
     #[must_use]
     pub fn arguments(&self) -> String {
         let argument = |setting: &Setting| match setting.key.strip_prefix("plant.") {
@@ -98,8 +98,8 @@ fn word(key: &str, value: &Value) -> String {
     quoted(&format!("{key}={value}").replace(' ', ""))
 }
 
-/// Flies and identifies the plant of every draw, with the law of `common` that knows `[vehicle]` alone, and the mass as weighed.
-/// Returns the draws with the identified vehicle; `None` for a draw whose flight failed or was not sufficient.
+/// Flies and identifies the plant of every draw. The law of `common` uses `[vehicle]` only; the weighed mass is given. Returns
+/// the draws with the identified vehicle; `None` for a draw whose flight failed or was insufficient.
 ///
 /// # Errors
 /// A setting is invalid.
@@ -122,7 +122,7 @@ pub fn identified(
     draws.par_iter().map(identify).collect()
 }
 
-/// Each draw with the figures of every law, as JSON.
+/// Draws with the figures of every law, as JSON.
 #[must_use]
 pub fn document(flown: &[Flown], draws: &[Draw]) -> Json {
     let figures = |draw: usize| {

@@ -1,29 +1,29 @@
-//! A loop over frequency, and its margins.
+//! Frequency response of a loop, and its margins.
 
 use std::f64::consts::{PI, TAU};
 
 use nalgebra::Complex;
 
-/// A loop over frequency, broken at the input of the plant: positive where feedback is negative.
+/// Frequency response of a loop, broken at the input of the plant; positive for negative feedback.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoopResponse {
-    /// Frequency \[Hz\] and loop gain \[-\], frequency rising.
+    /// Frequency \[Hz\] and loop gain \[-\], in order of increasing frequency.
     pub points: Vec<(f64, Complex<f64>)>,
 }
 
-/// The margins of a stable loop; infinite without such a limit below the highest known frequency.
+/// Margins of a stable loop; infinite if there is no limit below the highest measured frequency.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Margins {
-    /// Least factor above 1 of the gain at which the loop oscillates \[-\].
+    /// Least gain factor above 1 at which the loop oscillates \[-\].
     pub gain: f64,
     /// Least additional lag at which the loop oscillates \[deg\].
     pub phase_deg: f64,
     /// Least additional delay at which the loop oscillates \[ms\].
     pub delay_ms: f64,
-    /// Disk margin `alpha`: gain and phase may change at once by any factor and lag within the disk \[-\] (P. Seiler, A. Packard
-    /// and P. Gahinet, *IEEE Control Systems* 40 (2020) 78), with no skew.
+    /// Disk margin `alpha` without skew: gain and phase may change simultaneously by any factor and lag within the disk \[-\] (P.
+    /// Seiler, A. Packard and P. Gahinet, *IEEE Control Systems* 40 (2020) 78).
     pub disk: f64,
-    /// Greatest sensitivity: greatest amplification of a disturbance by the loop \[-\].
+    /// Peak sensitivity: greatest amplification of a disturbance by the loop \[-\].
     pub sensitivity: f64,
 }
 
@@ -37,7 +37,7 @@ impl Margins {
         ("peak_sensitivity", "greatest sensitivity"),
     ];
 
-    /// The numbers of [`Self::COLUMNS`].
+    /// Values in the order of [`Self::COLUMNS`].
     #[must_use]
     pub fn numbers(&self) -> [f64; 5] {
         let gain_db = 20.0 * self.gain.log10();
@@ -46,7 +46,7 @@ impl Margins {
 }
 
 impl LoopResponse {
-    /// The margins, with the logarithm of the gain and the phase interpolated linearly between the points.
+    /// Margins, with linear interpolation of the phase and of the logarithm of the gain between the points.
     #[must_use]
     pub fn margins(&self) -> Margins {
         let mut margins = Margins {
@@ -69,7 +69,7 @@ impl LoopResponse {
 }
 
 impl Margins {
-    /// Takes the crossings between two points into account.
+    /// Includes the crossings between two points.
     fn narrow(&mut self, segment: Segment) {
         let Segment { log_gain, lag, .. } = segment;
         if let Some(share) = crossing(log_gain, 0.0) {
@@ -94,7 +94,7 @@ impl Margins {
     }
 }
 
-/// The loop between two frequencies: the logarithms of frequency and gain, and the lag \[rad\], at both ends.
+/// Segment between two frequencies: logarithms of frequency and gain, and lag \[rad\], at both ends.
 #[derive(Clone, Copy, Debug)]
 struct Segment {
     log_hertz: [f64; 2],
@@ -108,7 +108,7 @@ impl Segment {
         Self {
             log_hertz: [f.ln(), g.ln()],
             log_gain: [a.norm().ln(), b.norm().ln()],
-            // The smaller angle between the two.
+            // The smaller angle between the two ends.
             lag: [first, first - (b / a).arg()],
         }
     }
@@ -118,7 +118,7 @@ fn mix([a, b]: [f64; 2], share: f64) -> f64 {
     a + (b - a) * share
 }
 
-/// Position of the crossing of `level` by a straight line between two values \[0..1\]; the second end belongs to the next line.
+/// Position at which a straight line between two values crosses `level` \[0..1\]; the second end belongs to the next segment.
 fn crossing([a, b]: [f64; 2], level: f64) -> Option<f64> {
     ((a < level) != (b < level)).then(|| (level - a) / (b - a))
 }
@@ -127,7 +127,7 @@ fn crossing([a, b]: [f64; 2], level: f64) -> Option<f64> {
 mod tests {
     use super::*;
 
-    /// `k e^(-j w tau) / (j w)`, whose margins are known: w_c = k, phase 90 deg - k tau, gain pi / (2 k tau).
+    /// `k e^(-j w tau) / (j w)` with known margins: w_c = k, phase 90 deg - k tau, gain pi / (2 k tau).
     fn delayed_integrator(k: f64, tau: f64) -> LoopResponse {
         let at = |index: usize| {
             let hertz = 0.02 * 1.002_f64.powi(index as i32);
@@ -147,7 +147,7 @@ mod tests {
         assert!((margins.delay_ms / (1e3 * phase / 8.0) - 1.0).abs() < 1e-3, "{margins:?}");
     }
 
-    /// Each classic margin is at least the one that the disk margin implies.
+    /// Each classic margin is at least as large as implied by the disk margin.
     #[test]
     fn the_classic_margins_are_at_least_those_of_the_disk_margin() {
         for k in [2.0, 8.0, 20.0] {

@@ -1,6 +1,6 @@
-//! An attitude law about one axis as a linear filter: its responses to a small impulse of the attitude, and of the rate.
+//! Attitude law about one axis as a linear filter: responses to a small impulse of attitude and of rate.
 //!
-//! The law itself is updated tick by tick, so that its integrals, filters and past inputs are in the response.
+//! The law itself is updated tick by tick, so that the response includes its integrals, filters and past inputs.
 
 use nalgebra::{Complex, Vector3};
 use oqtal_control::controller::{
@@ -12,13 +12,13 @@ use oqtal_control::quaternion::Attitude;
 
 /// Size of the impulse \[rad, rad/s\].
 const SMALL: f64 = 1e-6;
-/// Ticks after which a response is steady \[-\]; the remainder is that of an integral.
+/// Number of ticks after which a response is steady \[-\]; the remainder is due to an integral.
 const TICKS: usize = 4096;
 
-/// Response of a law to an impulse, per unit of the impulse, as negative feedback.
+/// Response of a law to an impulse, per unit of the impulse, for negative feedback.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImpulseResponse {
-    /// Input in each tick from the impulse on; the last one continues indefinitely.
+    /// Input in each tick after the impulse; the last one continues indefinitely.
     ticks: Vec<f64>,
 }
 
@@ -41,7 +41,7 @@ impl ImpulseResponse {
         let turning = AttitudeState { rate: BodyRate(small), ..AttitudeState::default() };
         let response = |impulse: AttitudeState| -> Result<Self, OptionError> {
             let mut law = Controller::new(options, input)?;
-            // A filter starts at its first value.
+            // The first update initialises the filters.
             law.update(
                 &AttitudeState::default(),
                 &AttitudeReference::default(),
@@ -58,18 +58,18 @@ impl ImpulseResponse {
         Ok([response(turned)?, response(turning)?])
     }
 
-    /// The filter at `z`.
+    /// Transfer function at `z`.
     #[must_use]
     pub fn at(&self, z: Complex<f64>) -> Complex<f64> {
         let Some((last, others)) = self.ticks.split_last() else { return Complex::from(0.0) };
         let per_tick = z.inv();
-        // Of the last value, sum_{j >= 0} z^-j = z / (z - 1).
+        // Tail of the last value: sum_{j >= 0} z^-j = z / (z - 1).
         let tail = if *last == 0.0 { Complex::from(0.0) } else { *last * z / (z - 1.0) };
         others.iter().rev().fold(tail, |sum, tick| sum * per_tick + tick)
     }
 }
 
-/// The response without the ticks that repeat the last one; values below the rounding error are zero.
+/// Response without the ticks that repeat the last one; values below the rounding error are set to zero.
 fn shortened(mut ticks: Vec<f64>) -> Vec<f64> {
     let greatest = ticks.iter().fold(0.0, |most: f64, tick| most.max(tick.abs()));
     let mut last = ticks.last().copied().unwrap_or(0.0);
@@ -112,7 +112,7 @@ mod tests {
         let [attitude, _] = responses(ControllerName::Pid, options);
         let (k, t) = (options.pid.gain, options.pid.integral_time_s);
         let z = Complex::from_polar(1.0, 0.3);
-        // eps is half of the angle, the authority 2 rad/s.
+        // eps is half of the angle; the authority is 2 rad/s.
         let expected = k / 2.0 * (1.0 + 1.0 / t / 60.0 / (z - 1.0));
         let error = (attitude.at(z) - expected).norm() / expected.norm();
         assert!(error < 1e-3, "{} {expected}", attitude.at(z));

@@ -1,8 +1,7 @@
-//! The linear model of the attitude loop about one axis, for commanded rates: law, filter, prediction, hold, delay, vehicle.
+//! Linear model of the attitude loop about one axis, for commanded rates: law, filter, prediction, hold, delay, vehicle.
 //!
-//! A pose is captured at `s_k = k T`, and the command made of it acts from `s_k + D` for a period. The vehicle is
-//! `theta' = omega`, `omega' = (A u - omega) / lag`. The position loop is open. Gains are taken from the laws and filters
-//! themselves, by small errors.
+//! A pose is captured at `s_k = k T`; its command is in effect from `s_k + D` for one period. The vehicle is `theta' = omega`,
+//! `omega' = (A u - omega) / lag`. The position loop is open. The gains of laws and filters are measured with small errors.
 
 use std::f64::consts::TAU;
 
@@ -24,7 +23,7 @@ const STEADY: usize = 20_000;
 const LOWEST_HZ: f64 = 0.05;
 const POINTS: usize = 1500;
 
-/// Transfer from input to motion about an axis, of a vehicle or a model.
+/// Transfer function from input to motion about an axis, of a vehicle or a model.
 #[derive(Clone, Copy, Debug)]
 struct AxisModel {
     authority: f64,
@@ -40,7 +39,7 @@ pub struct LinearLoop {
     vehicle: AxisModel,
     /// Responses of the law to attitude and rate.
     law: [ImpulseResponse; 2],
-    /// Cut-off frequency of the estimated rate without prediction \[Hz\].
+    /// Cut-off frequency of the rate estimate without prediction \[Hz\].
     rate_cutoff_hz: f64,
     /// Model and steady gain of the filter of `oqtal-dt`, for a law on the predictive stack.
     predictor: Option<(AxisModel, Vector3<f64>)>,
@@ -77,7 +76,7 @@ impl LinearLoop {
         Ok(Self { vehicle: plant, law, rate_cutoff_hz, predictor })
     }
 
-    /// The loop over frequency, up to half of the loop's rate.
+    /// Loop response up to half the loop rate.
     #[must_use]
     pub fn response(&self) -> LoopResponse {
         let highest = 0.5 / self.vehicle.period_s;
@@ -101,7 +100,7 @@ impl LinearLoop {
         };
         let authority = Complex::from(model.authority.recip());
         let kappa = ComplexVector::new(of_attitude, of_rate, authority);
-        // x = (I - L h) (F x / z + g u) + L y, with g the effect of commands sent, a period later than in `motion`.
+        // x = (I - L h) (F x / z + g u) + L y; g is the effect of commands sent, one period later than in `motion`.
         let keep = (Matrix3::identity() - gain * Vector3::x().transpose()).map(Complex::from);
         let propagated = keep * model.transition(model.period_s).map(Complex::from) / z;
         let Some(solve) = (ComplexMatrix::identity() - propagated).try_inverse() else {
@@ -130,14 +129,15 @@ impl AxisModel {
         Matrix3::new(1.0, turn, t_s - turn, 0.0, decay, 1.0 - decay, 0.0, 0.0, 1.0)
     }
 
-    /// Effect on `[theta; omega; d]` at the end of `t_s` \[s\] of an input held over the `held_s` \[s\] that end `after_s` \[s\] before.
+    /// Effect on `[theta; omega; d]` at the end of `t_s` \[s\] of an input applied for `held_s` \[s\], ending `after_s` \[s\]
+    /// before that.
     fn effect(&self, held_s: f64, after_s: f64) -> Vector3<f64> {
         let bias = self.transition(held_s).column(2).into_owned();
         let moved = self.transition(after_s) * Vector3::new(bias.x, bias.y, 0.0);
         moved * self.authority
     }
 
-    /// Whole periods of the delay \[-\], and the rest \[s\].
+    /// Whole periods of the delay \[-\], and the remainder \[s\].
     fn delay(&self) -> (i32, f64) {
         let whole = (self.delay_s / self.period_s + 1e-9).floor();
         (whole as i32, (self.delay_s - whole * self.period_s).max(0.0))
@@ -161,7 +161,8 @@ impl AxisModel {
         )
     }
 
-    /// Effect on `[theta; omega; d]`, at the instant at which input `k` acts, of the inputs before it that act since pose `k`.
+    /// Effect on `[theta; omega; d]`, at the instant at which input `k` takes effect, of the earlier inputs in effect since pose
+    /// `k`.
     fn in_transit(&self, z: Complex<f64>) -> ComplexVector {
         let (whole, rest) = self.delay();
         let mut sum = self.effect(rest, f64::from(whole) * self.period_s).map(Complex::from)

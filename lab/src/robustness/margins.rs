@@ -1,4 +1,4 @@
-//! The margins of every law, of the linear model and flown, and the loops over frequency.
+//! Margins of every law, from the linear model and from flights, and the loop responses.
 
 use maud::Markup;
 use oqtal_observe::plot::axis::Axis;
@@ -26,13 +26,13 @@ pub struct LoopPair {
     pub law: String,
     /// Name of the axis.
     pub axis: &'static str,
-    /// Loop of the linear model.
+    /// Loop response of the linear model.
     pub linear: LoopResponse,
-    /// Flown loop.
+    /// Loop response measured in flight.
     pub flown: LoopResponse,
 }
 
-/// The loops of every law about every axis.
+/// Loop responses of every law about every axis.
 ///
 /// # Errors
 /// The vehicle is not commanded by rates (exit code 78), a setting is invalid, or a flight did not land.
@@ -78,7 +78,7 @@ const INTRO: [&str; 2] = [
      apply to the configured model with the adaptation off, not to the position loop or an adaptation at its bound.",
 ];
 
-/// The least of each flown margin over the axes, for each law.
+/// Least flown margin of each kind over the axes, for each law.
 fn least(loops: &[LoopPair]) -> Sheet {
     let row = |law: &[LoopPair]| {
         let flown = law.iter().map(|pair| pair.flown.margins().numbers());
@@ -98,7 +98,7 @@ fn least(loops: &[LoopPair]) -> Sheet {
     }
 }
 
-/// Index of the greatest sensitivity in [`Margins::COLUMNS`].
+/// Index of the peak sensitivity in [`Margins::COLUMNS`].
 const PEAK: usize = 4;
 
 fn table(loops: &[LoopPair]) -> Sheet {
@@ -124,7 +124,7 @@ fn finite(number: f64) -> SheetCell {
     if number.is_finite() { SheetCell::Number(number) } else { SheetCell::None }
 }
 
-/// Greatest difference between a flown margin and that of the model, relative to the model \[-\]; the gain margin is a factor.
+/// Greatest relative difference between a flown margin and the model's \[-\]; the gain margin is compared as a factor.
 #[must_use]
 pub fn greatest_difference(pair: &LoopPair) -> f64 {
     let [model, flown] = [&pair.linear, &pair.flown].map(|response| response.margins());

@@ -1,4 +1,4 @@
-//! The laws on draws of a spread: sets of draws, each a chapter of the page and a key of the document.
+//! The laws on draws of a spread: sets of draws, each a chapter of the page and a key of the JSON document.
 
 use oqtal_config::Setting;
 use oqtal_runtime::process::Failure;
@@ -13,20 +13,20 @@ use crate::sheet::Sheet;
 use crate::study::law::StudyLaw;
 use crate::study::{Flown, Study};
 
-/// A set of draws beside the first one.
+/// Set of draws in addition to the first one.
 #[derive(Clone, Copy, Debug)]
 pub struct DrawSet {
     /// Key in the document.
     pub key: &'static str,
-    /// First part of the names of its tables.
+    /// Prefix of the names of its tables.
     pub tables: &'static str,
     /// Heading of the chapter.
     pub title: &'static str,
     /// Description of the draws at the start of the chapter.
     pub draws: &'static str,
-    /// Whether the spread is twice as wide.
+    /// Whether the ranges of the spread are doubled.
     pub is_wide: bool,
-    /// Whether the laws have the identified vehicle in place of `[vehicle]`.
+    /// Whether the laws use the identified vehicle in place of `[vehicle]`.
     pub is_identified: bool,
 }
 
@@ -58,14 +58,14 @@ pub const SETS: [DrawSet; 3] = [
     },
 ];
 
-/// The draws of a further spread.
+/// Draws of a further spread.
 #[derive(Clone, Debug)]
 pub struct OtherSpread {
     /// Name of the spread: a built-in one or a file.
     pub name: String,
     /// The spread.
     pub spread: PlantSpread,
-    /// Its draws.
+    /// Draws of the spread.
     pub draws: Vec<Draw>,
 }
 
@@ -91,7 +91,7 @@ impl MonteCarlo<'_> {
         Ok((draws::document(&flown, draws), flown))
     }
 
-    /// Flies `drawn` as `set` describes. Returns draws with figures as JSON, and their chapter.
+    /// Flies `drawn` as described by `set`. Returns draws with figures as JSON, and their chapter.
     ///
     /// # Errors
     /// A setting is invalid (exit code 78).
@@ -107,7 +107,7 @@ impl MonteCarlo<'_> {
         Ok((document, chapter))
     }
 
-    /// The draws with their identified vehicles; a draw that could not be identified is kept as drawn.
+    /// Draws with their identified vehicles; a draw that could not be identified keeps its configured vehicle.
     fn identified(&self, set: &DrawSet, drawn: &[Draw]) -> Result<(Vec<Draw>, String), Failure> {
         let found = draws::identified(drawn, self.common, self.progress)?;
         let unidentified = found.iter().filter(|draw| draw.is_none()).count();
@@ -144,7 +144,7 @@ impl MonteCarlo<'_> {
     }
 }
 
-/// The sheets with `of` before their names.
+/// Sheets with `of` before their names.
 fn named(of: &str, sheets: Vec<Sheet>) -> Vec<Sheet> {
     let named = |sheet: Sheet| Sheet { name: format!("{of}_{}", sheet.name), ..sheet };
     sheets.into_iter().map(named).collect()

@@ -1,7 +1,8 @@
-//! The flown attitude loop: a sine is added to the commands where they take effect, and the response of the law is measured.
+//! Flown attitude loop: a sine is added to the commands where they take effect, and the response of the law is measured.
 //!
-//! The attitude is prescribed level, so that the position loop is open. With `u` the input that the law commands and `v` the one
-//! that acts, the loop gain is `-u / v` at the frequency of the sine. The adaptation is off, since the loop is not linear with it.
+//! The prescribed attitude is level, so that the position loop is open. With `u` the input commanded by the law and `v` the input
+//! in effect, the loop gain is `-u / v` at the frequency of the sine. The adaptation is off, since the loop is not linear with
+//! it.
 
 use std::f64::consts::TAU;
 
@@ -20,14 +21,14 @@ use crate::simulation;
 const SWEEP_S: f64 = 12.0;
 /// Time after which the motion is steady \[s\].
 const TRANSIENT_S: f64 = 4.0;
-/// Time over which the sines are measured, a whole number of periods of each \[s\].
+/// Time over which the sines are measured: a whole number of periods of each \[s\].
 const MEASURED_S: f64 = 6.0;
 /// Numbers of periods within [`MEASURED_S`]: frequencies of 0.5 to 14 Hz.
 const PERIODS: [u32; 27] = [
     3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 19, 21, 23, 26, 29, 33, 37, 42, 48, 56,
     66, 84,
 ];
-/// Amplitude of the sine \[-\]: far below full stick, far above rounding.
+/// Amplitude of the sine \[-\]: far below full stick, far above rounding errors.
 const AMPLITUDE: f64 = 0.02;
 
 /// Settings without random motion.
@@ -39,7 +40,7 @@ const CALM: [(&str, f64); 5] = [
     ("mocap.attitude-noise-deg", 0.0),
 ];
 
-/// The loop of a law with `settings` about axis number `axis`, flown at each frequency.
+/// Loop response of a law with `settings` about axis number `axis`, measured at each frequency.
 ///
 /// # Errors
 /// A setting is invalid, or a flight did not land.
@@ -75,7 +76,7 @@ fn prepared(settings: &[Setting], axis: usize) -> Result<Config, Failure> {
     let nominal = Config::from_settings(settings)?;
     let mut settings = [settings, &calm(&nominal)].concat();
     let mut set = |key: &str, value: toml::Value| settings.push(Setting::flag("probe", key, value));
-    // The adaptation would take a sine that was not commanded for a difference of the vehicle.
+    // The adaptation would attribute an uncommanded sine to the vehicle.
     set("control.predictive.adaptation.adapt", false.into());
     set("trajectory.kind", "attitude-chirp".into());
     set("trajectory.attitude-chirp.sweep-s", SWEEP_S.into());
@@ -108,7 +109,7 @@ fn gain(flight: &Flight, axis: usize, hertz: f64) -> Option<Complex<f64>> {
     for sample in flight.scored() {
         let at = sample.telemetry.time.since(Time::VIRTUAL_START);
         let seconds = at.seconds() - begin;
-        // Half of a tick from both ends, so that rounding of instants does not count a tick twice.
+        // Half a tick from both ends, so that rounding of instants does not count a tick twice.
         let half = 0.5 / flight.config.control.rate_hz;
         if !(-half..MEASURED_S - half).contains(&seconds) {
             continue;

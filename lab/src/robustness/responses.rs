@@ -26,11 +26,11 @@ use crate::study::table::column;
 const STEP_DEG: f64 = 10.0;
 /// Time for which the attitude step is held \[s\].
 const HELD_S: f64 = 2.0;
-/// Part of the step within which it counts as settled \[-\].
+/// Fraction of the step within which it counts as settled \[-\].
 const BAND: f64 = 0.05;
-/// Instant of a disturbance, from arming: in the middle of a hover \[s\].
+/// Instant of a disturbance after arming, in the middle of a hover \[s\].
 const DISTURBED_S: f64 = 12.0;
-/// Time that is shown and evaluated after a disturbance \[s\].
+/// Time shown and evaluated after a disturbance \[s\].
 const SHOWN_S: f64 = 6.0;
 /// Distance from the reference within which a disturbance counts as rejected \[mm\].
 const REJECTED_MM: f64 = 5.0;
@@ -76,7 +76,7 @@ impl ResponseEvent {
         }
     }
 
-    /// The response over the time since the event \[s\]: roll \[deg\], or the distance from the reference \[mm\].
+    /// Response over the time since the event \[s\]: roll \[deg\], or distance from the reference \[mm\].
     fn curve(self, flight: &Flight) -> Vec<Point> {
         let start = match self {
             Self::AttitudeStep => flight.scored().next(),
@@ -105,7 +105,7 @@ impl ResponseEvent {
 #[derive(Clone, Debug)]
 pub struct LawResponses {
     law: StudyLaw,
-    /// One for each of [`EVENTS`]; `None` if the flight did not land.
+    /// One curve for each of [`EVENTS`]; `None` if the flight did not land.
     curves: [Option<Vec<Point>>; EVENTS.len()],
 }
 
@@ -173,7 +173,7 @@ impl LawResponses {
     }
 }
 
-/// Rise time \[s\], overshoot \[%\] and time to settle \[s\] of the attitude step.
+/// Rise time \[s\], overshoot \[%\] and settling time \[s\] of the attitude step.
 fn step_figures(curve: &[Point]) -> [Option<f64>; 3] {
     let reached = |share: f64| {
         curve.iter().find(|(time, roll)| *time >= 0.0 && *roll >= share * STEP_DEG).map(|p| p.0)
@@ -195,7 +195,7 @@ fn rejected(curve: &[Point]) -> Option<f64> {
     last_outside(curve, |distance| distance > REJECTED_MM)
 }
 
-/// Time of the last point that is outside \[s\]; `None` if that is the end, or there is no curve.
+/// Time of the last point that is outside \[s\]; `None` if it is the last of the curve, or there is no curve.
 fn last_outside(curve: &[Point], outside: impl Fn(f64) -> bool) -> Option<f64> {
     let after = || curve.iter().filter(|point| point.0 >= 0.0);
     let last = after().filter(|point| outside(point.1)).last();
@@ -212,7 +212,7 @@ const HEIGHT: u32 = 520;
 const LABEL_WIDTH: u32 = 110;
 const LINE_WIDTH: u32 = 3;
 
-/// The curves of an event, in figures of one law for each colour.
+/// Curves of an event, in figures with one law per colour.
 fn drawn((index, event): (usize, &ResponseEvent), responses: &[LawResponses]) -> Vec<Figure> {
     let with_curve: Vec<(&str, &Vec<Point>)> = responses
         .iter()
@@ -246,7 +246,7 @@ fn over_time(title: &str, laws: &[(&str, &Vec<Point>)]) -> Markup {
 mod tests {
     use super::*;
 
-    /// A first-order lag of 0.1 s after a delay of 0.05 s, with a fifth too much for a while.
+    /// First-order lag of 0.1 s after a delay of 0.05 s, with a temporary overshoot of a fifth.
     fn curve() -> Vec<Point> {
         let roll = |time: f64| match time {
             t if t < 0.05 => 0.0,

@@ -1,6 +1,6 @@
-//! The spread of the plants: which keys of the configuration differ from draw to draw, and how.
+//! Spread of the plants: the keys of the configuration that vary from draw to draw, and how they vary.
 //!
-//! As TOML, each key of the configuration with one of the forms of [`Form`]:
+//! In TOML, each key of the configuration has one of the forms of [`Form`]:
 //!
 //! ```toml
 //! [plant]
@@ -20,38 +20,38 @@ use toml::{Table, Value};
 use crate::random::SplitMix64;
 use crate::study::flights::{self, readable, value_at};
 
-/// How the value of a key is drawn; numbers evenly within their bounds.
+/// Form of drawing a key's value; numbers are drawn uniformly within their bounds.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Form {
     /// A number \[unit of the key\].
     Between(f64, f64),
-    /// The configured value, whole, times a number \[-\].
+    /// The configured value as a whole, times a random factor \[-\].
     Factor(f64, f64),
-    /// Each element of the configured value times a number of its own \[-\].
+    /// Each element of the configured value, times a separate random factor \[-\].
     EachFactor(f64, f64),
-    /// One element of the configured value, drawn too, times a number \[-\].
+    /// One randomly selected element of the configured value, times a random factor \[-\].
     OneFactor(f64, f64),
     /// One of these values.
     Choose(Vec<Value>),
 }
 
-/// A key and how it is drawn.
+/// A key and its form of drawing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SpreadKey {
-    /// The key of the configuration, dotted.
+    /// Dotted key of the configuration.
     pub key: String,
-    /// How it is drawn.
+    /// Form of drawing.
     pub form: Form,
 }
 
-/// The keys that differ from draw to draw.
+/// The keys that vary from draw to draw.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlantSpread {
-    /// The keys, in their order.
+    /// The keys, in order.
     pub keys: Vec<SpreadKey>,
 }
 
-/// Differences of a vehicle from a model that was made with care.
+/// Differences of a vehicle from a carefully made model.
 const VEHICLE: [(&str, Form); 9] = [
     ("plant.mass-kg", Form::Factor(0.9, 1.1)),
     ("plant.max-thrust-n", Form::Factor(0.9, 1.1)),
@@ -64,8 +64,8 @@ const VEHICLE: [(&str, Form); 9] = [
     ("plant.drag-per-s", Form::Between(0.1, 0.6)),
 ];
 
-/// Further differences of its body and its environment. A rotor is weaker by 3 % at most: the simulated on-board loop has no integral
-/// action, so that the vehicle turns by itself at about 3 deg/s for each 1 %.
+/// Further differences of body and environment. A rotor is at most 3 % weaker: the simulated on-board loop has no integral
+/// action, so that the vehicle turns at about 3 deg/s for each 1 %.
 const ENVIRONMENT: [(&str, Form); 15] = [
     ("plant.inertia-kg-m2", Form::Factor(0.8, 1.2)),
     ("plant.thrust-exponent", Form::Between(0.95, 1.05)),
@@ -84,7 +84,7 @@ const ENVIRONMENT: [(&str, Form); 15] = [
     ("mocap.dropout-frames", Form::Between(1.5, 2.5)),
 ];
 
-/// Keys of the environment of which one value is chosen, and the values.
+/// Keys of the environment of which one value is selected, with the values.
 const CHOSEN: [(&str, [&str; 2]); 3] = [
     ("plant.battery.sag", ["false", "true"]),
     ("plant.fidelity", ["eq61", "rotors"]),
@@ -92,10 +92,10 @@ const CHOSEN: [(&str, [&str; 2]); 3] = [
 ];
 
 impl PlantSpread {
-    /// The built-in spread `vehicle` or `everything`, or that of a file.
+    /// Built-in spread `vehicle` or `everything`, or the spread of a file.
     ///
     /// # Errors
-    /// As [`read`](Self::read).
+    /// See [`read`](Self::read).
     pub fn named(name: &str) -> Result<Self, Failure> {
         match name {
             "vehicle" => Ok(Self::vehicle()),
@@ -128,7 +128,7 @@ impl PlantSpread {
     /// Reads a spread from a file.
     ///
     /// # Errors
-    /// The file cannot be read, or an entry has none of the forms (exit code 78), with its line.
+    /// The file cannot be read, or an entry has none of the forms (exit code 78, with the line).
     pub fn read(file: &Path) -> Result<Self, Failure> {
         let entries = Config::file_settings(file)?;
         let mut keys: Vec<SpreadKey> = Vec::new();
@@ -147,14 +147,14 @@ impl PlantSpread {
         Ok(Self { keys })
     }
 
-    /// The spread with each range twice as wide about its middle; choices stay. Bounds below zero become zero.
+    /// Spread with each range doubled about its middle; choices are unchanged. Bounds below zero become zero.
     #[must_use]
     pub fn twice_as_wide(&self) -> Self {
         let wide = |low: f64, high: f64| {
             let (middle, half) = (0.5 * (low + high), high - low);
             ((middle - half).max(0.0), middle + half)
         };
-        // A factor of zero would leave no vehicle.
+        // Factors stay above zero, since a factor of zero is not a vehicle.
         let factor = |low: f64, high: f64| {
             let (low, high) = wide(low, high);
             (low.max(0.1), high)
@@ -174,11 +174,11 @@ impl PlantSpread {
         Self { keys: self.keys.iter().map(key).collect() }
     }
 
-    /// The settings of draw number `run` of the spread's draws `seed`, about the values of `nominal`. Every key has a stream of
-    /// random numbers of its own: another key added changes no draw of the others.
+    /// Settings of draw number `run` with the seed `seed`, about the values of `nominal`. Every key has a separate stream of
+    /// random numbers: an additional key does not change the draws of other keys.
     ///
     /// # Errors
-    /// A key does not exist in the configuration, or has no number where one is scaled (exit code 78).
+    /// A key does not exist in the configuration, or a scaled key is not numeric (exit code 78).
     pub fn draw(&self, nominal: &Table, (seed, run): (u64, u64)) -> Result<Vec<Setting>, Failure> {
         let draw = |SpreadKey { key, form }: &SpreadKey| {
             let mut random = SplitMix64::new(stream(key, seed, run));
@@ -195,7 +195,7 @@ impl PlantSpread {
     }
 }
 
-/// The seed of the random numbers of a key in one draw: FNV-1a over key, seed and run.
+/// Seed of the random numbers of a key in one draw: FNV-1a over key, seed and run.
 fn stream(key: &str, seed: u64, run: u64) -> u64 {
     let bytes = key.bytes().chain(seed.to_le_bytes()).chain(run.to_le_bytes());
     bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
@@ -203,7 +203,7 @@ fn stream(key: &str, seed: u64, run: u64) -> u64 {
     })
 }
 
-/// Sections of the keys that laws are designed with.
+/// Sections of keys with which laws are designed.
 const KNOWN_TO_LAWS: [&str; 3] = ["vehicle.", "control.", "position."];
 
 fn entry(setting: &Setting) -> Result<SpreadKey, Failure> {
@@ -241,7 +241,7 @@ fn entry(setting: &Setting) -> Result<SpreadKey, Failure> {
 }
 
 impl Form {
-    /// A value drawn about `nominal`; `None` if that has another type.
+    /// Value drawn about `nominal`; `None` if `nominal` has another type.
     fn value(&self, nominal: &Value, random: &mut SplitMix64) -> Option<Value> {
         match self {
             Self::Between(low, high) => Some(Value::from(readable(random.between(*low, *high)))),
@@ -278,7 +278,7 @@ impl Form {
     }
 }
 
-/// Every number in `value` times `factor`; `None` if it has something else.
+/// `value` with every number multiplied by `factor`; `None` if it contains anything but numbers.
 fn scaled(value: &Value, factor: f64) -> Option<Value> {
     flights::scaled(value, &|number| readable(number * factor))
 }

@@ -12,12 +12,12 @@ use crate::study::metric::{ATTITUDE, CHIRP, DOUBLET, HOVER, JITTER, METRIC, METR
 use crate::study::table::column;
 use crate::study::{Flown, Run};
 
-/// Number of keys in the table of dependences of each law \[-\].
+/// Number of keys per law in the table of dependences \[-\].
 const STRONGEST: usize = 4;
-/// Number of draws without a landing that are shown for each law \[-\].
+/// Number of draws without a landing shown per law \[-\].
 const MOST_FAILURES: usize = 5;
 
-/// The figures of the laws over the draws, and the draws in which a law did not land.
+/// Figures of the laws over the draws, and the draws in which a law did not land.
 #[must_use]
 pub fn all(flown: &[Flown], draws: &[Draw]) -> Vec<Sheet> {
     let against = Some(against::table(flown)).filter(|sheet| !sheet.rows.is_empty());
@@ -70,7 +70,7 @@ fn distributions(flown: &[Flown]) -> Sheet {
         column("worst", "worst", quantile(1.0)),
         column("worst_draw", "in draw", |(metric, law): &Row| {
             let worst = flown[*law].quantile(*metric, 1.0);
-            // The first of equal ones.
+            // The first of equal values.
             flown[*law].values(*metric).iter().position(|value| *value == worst).map(|k| k as u64)
         }),
         column(
@@ -90,7 +90,7 @@ fn distributions(flown: &[Flown]) -> Sheet {
 const DISTRIBUTIONS_NOTE: &str = "A flight that did not land counts as worse than any that did; a value is missing where the \
      quantile is such a flight. Jitter is the activity of the command, not a figure of merit by itself.";
 
-/// Share of the draws in which `law` is worse by a figure than the best of the others \[0..1\]; NaN without another.
+/// Fraction of draws in which `law` has a worse figure than the best other law \[0..1\]; NaN without another law.
 fn worse_than_the_best_other(flown: &[Flown], law: usize, metric: usize) -> f64 {
     let others: Vec<&Flown> =
         flown.iter().enumerate().filter(|(index, _)| *index != law).map(|(_, law)| law).collect();
@@ -102,12 +102,12 @@ fn worse_than_the_best_other(flown: &[Flown], law: usize, metric: usize) -> f64 
     own.iter().enumerate().filter(is_worse).count() as f64 / own.len() as f64
 }
 
-/// Least value of a figure among laws in a draw.
+/// Least value of a figure among `laws` in a draw.
 pub(super) fn best(laws: &[&Flown], (draw, metric): (usize, usize)) -> f64 {
     laws.iter().map(|law| law.runs[draw].figures[metric]).fold(f64::NAN, f64::min)
 }
 
-/// The draws without a landing of each law, and the one with the worst hover.
+/// Draws without a landing of each law, and the draw with the worst hover.
 fn broken(flown: &[Flown], draws: &[Draw]) -> Sheet {
     type Row<'a> = (&'a Flown, usize);
     let columns = [
@@ -128,7 +128,7 @@ fn broken(flown: &[Flown], draws: &[Draw]) -> Sheet {
         .as_detail()
 }
 
-/// The first draws in which a flight of `law` did not land, and the one with the greatest error in hover.
+/// The first draws in which a flight of `law` did not land, and the draw with the greatest hover error.
 fn shown_draws(law: &Flown) -> Vec<usize> {
     let failed = (0..law.runs.len()).filter(|draw| !law.runs[*draw].all_landed());
     let mut shown: Vec<usize> = failed.take(MOST_FAILURES).collect();
@@ -139,7 +139,7 @@ fn shown_draws(law: &Flown) -> Vec<usize> {
     shown
 }
 
-/// The tests of a run that did not land as planned.
+/// Tests of a run that did not land as planned.
 fn not_landed(run: &Run) -> SheetCell {
     let failed = Test::ALL.into_iter().filter(|test| !run.has_landed(*test)).map(Test::name);
     let failed: Vec<&str> = failed.collect();
@@ -151,7 +151,7 @@ const BROKEN_NOTE: &str = "Of each law the first draws in which a flight did not
      end is landed by the daemon, although its attitude was held. `oqtal fly --clock in-process --trajectory hover --controller \
      LAW` with these arguments flies the draw again, a chirp with `--trajectory attitude-chirp`; gains that are not those of the configuration are added by `--config deploy/tuned/LAW.toml`.";
 
-/// The keys with the strongest rank correlation with the error in hover, for each law.
+/// Keys with the strongest rank correlation with the hover error, for each law.
 #[must_use]
 pub fn dependences(flown: &[Flown], draws: &[Draw], spread: &PlantSpread) -> Sheet {
     type Row<'a> = (&'a Flown, String, f64);
@@ -175,13 +175,13 @@ pub fn dependences(flown: &[Flown], draws: &[Draw], spread: &PlantSpread) -> She
         .as_detail()
 }
 
-/// Spearman's rank correlation of a figure with a drawn key \[-1..1\]; NaN if either is the same in all draws.
+/// Spearman's rank correlation of a figure with a drawn key \[-1..1\]; NaN if either is constant over all draws.
 fn dependence(values: &[f64], draws: &[Draw], key: &str) -> f64 {
     let drawn: Vec<f64> = draws.iter().filter_map(|draw| draw.value(key)).map(mean_of).collect();
     if drawn.len() == values.len() { rank_correlation(values, &drawn) } else { f64::NAN }
 }
 
-/// A drawn value as one number: the mean of a list's numbers, 0 or 1 for a truth value, the length of a word.
+/// Drawn value as one number: the mean of a list, 0 or 1 for a truth value, the length of a word.
 fn mean_of(value: &Value) -> f64 {
     match value {
         Value::Array(values) => mean(&values.iter().map(mean_of).collect::<Vec<_>>()),
@@ -191,7 +191,7 @@ fn mean_of(value: &Value) -> f64 {
     }
 }
 
-/// The spread itself.
+/// Table of the spread itself.
 #[must_use]
 pub fn spread(spread: &PlantSpread) -> Sheet {
     let row = |SpreadKey { key, form }: &SpreadKey| {

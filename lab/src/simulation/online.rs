@@ -1,4 +1,4 @@
-//! A flight that pauses after every [`POLL_PERIOD`](super::POLL_PERIOD), so that its caller can change gains while the vehicle flies.
+//! A flight that pauses after every [`POLL_PERIOD`](super::POLL_PERIOD), so that its caller can change gains in flight.
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_control::position::OuterLoop;
@@ -9,7 +9,7 @@ use oqtal_runtime::process::Failure;
 use super::Simulation;
 use crate::mission::Mission;
 
-/// A flight that its caller advances in steps.
+/// Flight that its caller advances in steps.
 pub struct OnlineFlight<'a> {
     simulation: Simulation<'a>,
     began: Time,

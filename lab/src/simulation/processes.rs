@@ -1,4 +1,4 @@
-//! The turns of all processes of a flight over topics in memory, opened at the start and again after a kill.
+//! Turns of all processes of a flight over topics in memory, opened at the start and reopened after a kill.
 
 use std::rc::Rc;
 
@@ -36,7 +36,7 @@ enum PoseProcess {
 pub(super) struct Processes<'a> {
     mission: &'a Mission,
     bus: Rc<MemoryBus>,
-    /// Whether an observer needs the truth of every millisecond.
+    /// Whether an observer requires the truth of every millisecond.
     every_millisecond: bool,
     plant: Process<PlantTurn<Ports>>,
     poses: PoseProcess,
@@ -61,7 +61,7 @@ impl<'a> Processes<'a> {
         })
     }
 
-    /// Opens the process `role` again after a kill.
+    /// Reopens the process `role` after a kill.
     pub(super) fn reopen(&mut self, role: Role, now: Time) -> Result<(), Failure> {
         let Self { mission, bus, every_millisecond, .. } = self;
         match role {
@@ -126,7 +126,7 @@ fn daemon(
     let faulty = FaultyTransport::new(bus, config)?;
     let cycle = Cycle::new(config, mission.trajectory.clone(), start)
         .map_err(|error| config.locate(&error))?;
-    // The end of the background thread is dropped: a simulation has no requests from other threads.
+    // The background side is dropped: a simulation has no requests from other threads.
     let (handle, _) = loop_handoff();
     let mut ports = DaemonPorts::open(&faulty)?;
     ports.announce_start(start, false)?;

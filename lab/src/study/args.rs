@@ -1,4 +1,4 @@
-//! Arguments that all studies share: the vehicle, its environment, the trajectory and the seeds.
+//! Arguments common to all studies: vehicle, environment, trajectory and seeds.
 
 use std::ops::Range;
 use std::path::PathBuf;
@@ -26,10 +26,10 @@ pub struct StudyArgs {
 }
 
 impl StudyArgs {
-    /// The settings of every flight of the study, in the order of their precedence.
+    /// Settings of every flight of the study, in order of precedence.
     ///
     /// # Errors
-    /// The file or a setting is invalid (exit code 78), or a recording would be played in place of the cameras (64).
+    /// The file or a setting is invalid (exit code 78), or the configuration replaces the cameras by a recording (64).
     pub fn settings(&self) -> Result<Vec<Setting>, Failure> {
         let mut settings = Config::layers(self.config.as_deref())?;
         for text in &self.settings {
@@ -48,7 +48,7 @@ impl StudyArgs {
         Ok(settings)
     }
 
-    /// The arguments as words of a command line, each after a space.
+    /// The arguments as words of a command line, each preceded by a space.
     #[must_use]
     pub fn words(&self) -> String {
         let config = self.config.iter().map(|file| ("--config", file.display().to_string()));
@@ -73,7 +73,7 @@ pub fn quoted(word: &str) -> String {
 /// Parses seeds, `300-330` (both included) or `7`.
 ///
 /// # Errors
-/// The text is neither, or the last seed is before the first.
+/// The text has neither form, or the last seed is before the first.
 pub fn parse_seeds(text: &str) -> Result<Range<u64>, String> {
     let form = || format!("`{text}` is neither FIRST-LAST, as in 300-330, nor one seed");
     let (first, last) = text.split_once('-').unwrap_or((text, text));

@@ -1,4 +1,4 @@
-//! The flights by which laws are compared: the configured trajectory (a square), a hover and two prescribed attitudes.
+//! Flights by which laws are compared: the configured trajectory (a square), a hover and two prescribed attitudes.
 
 use oqtal_config::{Config, Setting};
 use oqtal_observe::flight::{Flight, Outcome};
@@ -13,16 +13,16 @@ use super::{FlightCondition, Run};
 use crate::mission::Mission;
 use crate::simulation;
 
-/// A simulated vehicle that differs from the configured one.
+/// Simulated vehicle that differs from the configured one.
 #[derive(Clone, Copy, Debug)]
 pub struct PlantVariant {
-    /// The difference, in words; figures are those of the shipped vehicle.
+    /// Description of the difference; figures refer to the shipped vehicle.
     pub name: &'static str,
-    /// Keys of `[plant]` that differ.
+    /// Changed keys of `[plant]`.
     pub changes: &'static [Change],
 }
 
-/// A key of the configuration whose value differs.
+/// Change of a key of the configuration.
 #[derive(Clone, Copy, Debug)]
 pub enum Change {
     /// Value of the key \[unit of the key\].
@@ -57,9 +57,9 @@ pub enum Test {
     Path,
     /// 30 s of hover.
     Hover,
-    /// A prescribed attitude that swings with rising frequency.
+    /// Prescribed attitude: oscillation with rising frequency.
     Chirp,
-    /// A prescribed attitude that steps to both sides.
+    /// Prescribed attitude: steps to both sides.
     Doublet,
 }
 
@@ -73,7 +73,7 @@ impl Test {
         self.trajectory().unwrap_or("path")
     }
 
-    /// The trajectory of the test; `None` for that of the configuration.
+    /// Trajectory of the test; `None` for the configured one.
     fn trajectory(self) -> Option<&'static str> {
         match self {
             Self::Path => None,
@@ -110,7 +110,7 @@ pub fn config(law: &StudyLaw, condition: &FlightCondition, test: Test) -> Result
     Ok(config)
 }
 
-/// The changes of `plant` as settings, about the configuration of the law.
+/// Changes of `plant` as settings, relative to the configuration of the law.
 fn changed(law: &StudyLaw, plant: PlantVariant) -> Result<Vec<Setting>, Failure> {
     if plant.changes.is_empty() {
         return Ok(Vec::new());
@@ -144,7 +144,7 @@ pub fn value_at<'a>(table: &'a Table, key: &str) -> Option<&'a Value> {
     section.get(name)
 }
 
-/// `value` with `scale` applied to every number; `None` if it has something else.
+/// `value` with `scale` applied to every number; `None` if it contains anything but numbers.
 #[must_use]
 pub fn scaled(value: &Value, scale: &impl Fn(f64) -> f64) -> Option<Value> {
     match value {
@@ -158,16 +158,16 @@ pub fn scaled(value: &Value, scale: &impl Fn(f64) -> f64) -> Option<Value> {
     }
 }
 
-/// `value` rounded to four significant digits, so that it is written in short and flown again exactly.
+/// `value` rounded to four significant digits, so that its text is short and reproduces it exactly.
 #[must_use]
 pub fn readable(value: f64) -> f64 {
     format!("{value:.3e}").parse().expect("a number just written")
 }
 
-/// Flies a mission, in this process or through processes of their own.
+/// Flies a mission, in this process or in separate processes.
 pub type FlyMission<'a> = dyn FnMut(&Mission) -> Result<Flight, Failure> + 'a;
 
-/// Flies `config` by `fly`. Returns the flight and its mission, or `None` if the vehicle did not land as planned.
+/// Flies `config` using `fly`. Returns the flight and its mission, or `None` if the vehicle did not land as planned.
 ///
 /// # Errors
 /// An option of the law is invalid, or `fly` failed.
@@ -192,7 +192,7 @@ pub fn path(law: &StudyLaw, seed: u64) -> Result<Option<Flight>, Failure> {
     Ok(flown.map(|(flight, _)| flight))
 }
 
-/// The flights of a law in one condition: one configuration for each of [`Test::ALL`].
+/// Flights of a law in one condition: one configuration per test in [`Test::ALL`].
 pub(super) struct TestFlights([Config; Test::ALL.len()]);
 
 impl TestFlights {
@@ -201,7 +201,7 @@ impl TestFlights {
         Ok(Self([path?, hover?, chirp?, doublet?]))
     }
 
-    /// Flies every test by `fly`.
+    /// Flies every test using `fly`.
     pub(super) fn fly(self, fly: &mut FlyMission<'_>) -> Result<Run, Failure> {
         let mut figures = [f64::INFINITY; METRICS];
         let mut riccati_solves = 0;

@@ -1,4 +1,4 @@
-//! The gains of the laws of a study: as configured, those that come with the program, or from a directory.
+//! Gains of the laws of a study: as configured, as shipped in tuned files, or from a directory.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -13,10 +13,10 @@ use super::law::StudyLaw;
 /// Name and text of every file in `deploy/tuned`, output of `oqtal tune`.
 const FILES: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/tuned.rs"));
 
-/// The settings in `deploy/tuned/NAME.toml`, for a law or for the outer loops; empty without such a file.
+/// Settings in `deploy/tuned/NAME.toml`, for a law or for the outer loops; empty without such a file.
 ///
 /// # Panics
-/// The file is not TOML: a test parses every file.
+/// The file is not valid TOML; a test parses every file.
 #[must_use]
 pub fn tuned(name: &str) -> Vec<Setting> {
     let Some((name, text)) = FILES.iter().find(|(file, _)| *file == name) else {
@@ -44,10 +44,10 @@ fn collect(file: &str, prefix: &str, table: &Table, settings: &mut Vec<Setting>)
 /// Source of the gains of laws.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum GainSource {
-    /// The configuration, as `oqtal fly` does.
+    /// The configuration, as for `oqtal fly`.
     #[default]
     Configured,
-    /// `deploy/tuned`: gains tuned alike for the shipped vehicle.
+    /// `deploy/tuned`: gains of all laws, tuned alike for the shipped vehicle.
     Tuned,
     /// `DIR/LAW.toml`, as written by `oqtal tune --out DIR`.
     Directory(PathBuf),
@@ -76,7 +76,7 @@ impl fmt::Display for GainSource {
 }
 
 impl GainSource {
-    /// Whether the source has gains of the law `controller`: a directory may lack them.
+    /// Whether the source has gains for the law `controller`; a directory may lack them.
     #[must_use]
     pub fn has(&self, controller: &str) -> bool {
         match self {
@@ -85,10 +85,10 @@ impl GainSource {
         }
     }
 
-    /// The law `controller` with its gains under the settings of a study, `common`.
+    /// The law `controller` with its gains, under the settings `common` of a study.
     ///
     /// # Errors
-    /// The directory has no file for the law, or one with an error (exit code 78).
+    /// The directory has no file for the law, or an invalid one (exit code 78).
     pub fn law(&self, controller: &'static str, common: &[Setting]) -> Result<StudyLaw, Failure> {
         let (own, remark) = match self {
             Self::Configured => (Vec::new(), "configured gains".to_owned()),

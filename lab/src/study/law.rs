@@ -7,18 +7,18 @@ use oqtal_runtime::process::Failure;
 use super::gains::GainSource;
 use crate::sheet::Variant;
 
-/// The registered laws in the order of tables, `oqtal-dt` last.
+/// Registered laws in table order, `oqtal-dt` last.
 pub fn registered() -> impl Iterator<Item = ControllerName> {
     let others = ControllerName::ALL.into_iter().filter(|law| *law != ControllerName::OqtalDt);
     others.chain([ControllerName::OqtalDt])
 }
 
-/// The names of the laws in the configuration, in the order of tables.
+/// Configuration names of the laws, in table order.
 pub fn names() -> impl Iterator<Item = &'static str> {
     registered().map(ControllerName::name)
 }
 
-/// The law with this name in the configuration.
+/// Law with this name in the configuration.
 #[must_use]
 pub fn of_name(name: &str) -> Option<ControllerName> {
     registered().find(|law| law.name() == name)
@@ -31,7 +31,7 @@ pub struct StudyLaw {
     pub name: String,
     /// Name of the law in the configuration.
     pub controller: &'static str,
-    /// Settings that differ from the shipped configuration: those of the study first, then the gains of the law.
+    /// Settings that differ from the shipped configuration: the study's first, then the gains of the law.
     pub settings: Vec<Setting>,
     /// Remark on the gains.
     pub remark: String,
@@ -57,13 +57,13 @@ impl StudyLaw {
         Self { settings: [&self.settings[..], settings].concat(), ..self.clone() }
     }
 
-    /// The setting that chooses the law.
+    /// Setting that selects the law.
     #[must_use]
     pub fn setting(&self) -> Setting {
         Setting::flag("--controllers", "control.controller", self.controller)
     }
 
-    /// The configuration that the law flies with.
+    /// Configuration with which the law flies.
     ///
     /// # Errors
     /// A setting is invalid.
@@ -71,7 +71,7 @@ impl StudyLaw {
         Ok(Config::from_settings(&[&self.settings[..], &[self.setting()]].concat())?)
     }
 
-    /// Whether the law flies within the estimation and prediction of `oqtal-dt`; `false` if a setting is invalid.
+    /// Whether the law flies with the estimation and prediction of `oqtal-dt`; `false` if a setting is invalid.
     #[must_use]
     pub fn is_predictive(&self) -> bool {
         self.config().is_ok_and(|config| config.control.is_predictive())
@@ -81,7 +81,7 @@ impl StudyLaw {
 /// The laws with these names, each with its gains from `source` under the settings `common`.
 ///
 /// # Errors
-/// A directory of gains has no file for a law, or one with an error (exit code 78).
+/// A directory of gains has no file for a law, or an invalid one (exit code 78).
 pub fn chosen(
     names: &[String],
     source: &GainSource,
@@ -90,7 +90,7 @@ pub fn chosen(
     named(names).map(|controller| source.law(controller, common)).collect()
 }
 
-/// The laws among `asked`, in the order of tables.
+/// Laws among `asked`, in table order.
 pub fn named(asked: &[String]) -> impl Iterator<Item = &'static str> {
     names().filter(|law| asked.iter().any(|name| name == law))
 }

@@ -1,4 +1,4 @@
-//! Metrics of flights on the testbed: those of Table V, and metrics that a smoother command cannot improve.
+//! Metrics of flights on the testbed: the metrics of Table V, and metrics that a smoother command cannot improve.
 
 use nalgebra::Vector3;
 use oqtal_bus::message::Stamps;
@@ -19,7 +19,7 @@ const CORNER_M: f64 = 0.1;
 /// Change of a prescribed attitude in one tick that counts as a step \[deg\].
 const STEP_DEG: f64 = 5.0;
 
-/// One metric by which laws are compared.
+/// Metric by which laws are compared.
 #[derive(Clone, Copy, Debug)]
 pub struct Metric {
     /// Name in JSON.
@@ -33,8 +33,8 @@ pub struct Metric {
 /// Number of metrics.
 pub const METRICS: usize = 9;
 
-/// The metrics, in the order of [`Figures`]. In tuning, hover counts double: of the metrics that depend neither on limits nor
-/// on a command that the law itself filters, hover alone is of the position, while two are of a prescribed attitude.
+/// Metrics, in the order of [`Figures`]. In tuning, hover has double weight: it is the only position metric that depends neither
+/// on limits nor on a command filtered by the law itself, while there are two such metrics of a prescribed attitude.
 pub const METRIC: [Metric; METRICS] = [
     metric("position_error_m", "position [m]", 1.0),
     metric("velocity_error_m_s", "velocity [m/s]", 1.0),
@@ -53,30 +53,30 @@ pub const POSITION: usize = 0;
 pub const VELOCITY: usize = 1;
 /// Index of the attitude error.
 pub const ATTITUDE: usize = 2;
-/// Index of the time to settle at a corner.
+/// Index of the settling time at a corner.
 pub const SETTLE: usize = 3;
 /// Index of the overshoot at a corner.
 pub const OVERSHOOT: usize = 4;
-/// Index of the error in hover.
+/// Index of the hover error.
 pub const HOVER: usize = 5;
-/// Index of the jitter of the command in hover.
+/// Index of the command jitter in hover.
 pub const JITTER: usize = 6;
-/// Index of the error against a chirp.
+/// Index of the error in a chirp.
 pub const CHIRP: usize = 7;
-/// Index of the time to settle after an attitude step.
+/// Index of the settling time after an attitude step.
 pub const DOUBLET: usize = 8;
 
 const fn metric(key: &'static str, title: &'static str, weight: f64) -> Metric {
     Metric { key, title, weight }
 }
 
-/// The metrics of one run, infinite where a flight did not land.
+/// Metrics of one run; infinite for a flight that did not land.
 pub type Figures = [f64; METRICS];
 
-/// Mean position, velocity and attitude error of a flight along a path, and settling and overshoot at its corners.
+/// Mean position, velocity and attitude error of a flight along a path, and settling time and overshoot at its corners.
 ///
-/// The velocity and attitude errors are against the newest set-point of the law. `oqtal-dt` computes set-points for the instant at
-/// which its command acts, and telemetry shows each of them at that instant.
+/// Velocity and attitude errors are relative to the newest set-point of the law. `oqtal-dt` computes set-points for the instant
+/// at which its command takes effect, and telemetry shows each of them at that instant.
 #[must_use]
 pub fn of_path(flight: &Flight) -> [f64; 5] {
     let mut position = Statistics::default();
@@ -94,8 +94,8 @@ pub fn of_path(flight: &Flight) -> [f64; 5] {
     [position.mean(), velocity.mean(), attitude.mean(), settle_s, 1e3 * overshoot_m]
 }
 
-/// Time between the computation of a set-point and the instant that it is for: the mean delay of commands with prediction, zero
-/// without.
+/// Time from the computation of a set-point to the instant for which it is valid: the mean delay of commands with prediction,
+/// zero without.
 fn look_ahead(flight: &Flight) -> Span {
     if !flight.config.control.is_predictive() || flight.applied.is_empty() {
         return Span::ZERO;
@@ -107,7 +107,7 @@ fn look_ahead(flight: &Flight) -> Span {
     Span::from_seconds(delay.mean())
 }
 
-/// Velocity \[m/s, world\] and attitude that were computed at the first of `samples` for the instant `ahead` of it.
+/// Velocity \[m/s, world\] and attitude computed at the first of `samples` for the instant `ahead` of it.
 fn newest_set_point(samples: &[FlightSample], ahead: Span) -> (Vector3<f64>, Attitude) {
     let velocity = |sample: &FlightSample| Vector3::from(sample.telemetry.velocity_command);
     let at = samples[0].telemetry.time + ahead;
@@ -124,7 +124,7 @@ fn newest_set_point(samples: &[FlightSample], ahead: Span) -> (Vector3<f64>, Att
     (velocity(a).lerp(&velocity(b), share), attitude)
 }
 
-/// Mean time to settle \[s\] and mean overshoot \[m\] at the corners.
+/// Mean settling time \[s\] and mean overshoot \[m\] at the corners.
 fn corners(flight: &Flight) -> (f64, f64) {
     let samples: Vec<&FlightSample> = flight.scored().collect();
     let reference = |sample: &FlightSample| Vector3::from(sample.telemetry.reference_position);
@@ -152,7 +152,7 @@ fn settled(samples: &[&FlightSample], outside: impl Fn(&FlightSample) -> bool) -
     last.map_or(0.0, |sample| sample.telemetry.time.since(start).seconds())
 }
 
-/// RMS of the position error \[mm\], and of the change of the command per tick \[rad/s\], of a hover.
+/// RMS of the position error \[mm\], and of the command change per tick \[rad/s\], in a hover.
 #[must_use]
 pub fn of_hover(flight: &Flight) -> [f64; 2] {
     let authority = Vector3::from(flight.config.vehicle.rate_authority_rad_s);
@@ -168,10 +168,10 @@ pub fn of_hover(flight: &Flight) -> [f64; 2] {
     [error.rms(), jitter.rms()]
 }
 
-/// The true attitude against one that the trajectory prescribes: RMS \[deg\] and mean time to settle after a step \[s\].
+/// Error of the true attitude relative to the prescribed one: RMS \[deg\] and mean settling time after a step \[s\].
 ///
-/// The prescribed attitude is that of the trajectory, also for a law that filters its command. A flight turns its trajectory by the
-/// measured heading of the vehicle at the start.
+/// The trajectory prescribes the attitude, also for a law that filters its command. A flight rotates its trajectory by the
+/// measured initial heading of the vehicle.
 #[must_use]
 pub fn of_attitude(flight: &Flight, trajectory: &Trajectory) -> [f64; 2] {
     let options = &flight.config.trajectory;

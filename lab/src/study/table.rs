@@ -1,4 +1,4 @@
-//! Columns of a study's tables: each with its key, its heading, and its cell of a row.
+//! Columns of a study's tables: each with its key, its heading, and a function that gives the cell of a row.
 
 use std::fmt;
 
@@ -11,7 +11,7 @@ pub struct StudyColumn<'a, R: ?Sized> {
     cell: Box<dyn Fn(&R) -> SheetCell + 'a>,
 }
 
-/// The column with this key and heading whose cell of a row is `cell`.
+/// Column with this key and heading; `cell` gives the cell of a row.
 pub fn column<'a, R: ?Sized, C: Into<SheetCell>>(
     key: &'static str,
     title: &'static str,
@@ -50,7 +50,7 @@ impl super::Flown {
 }
 
 impl Sheet {
-    /// The sheet with this name and title, whose rows are `rows`, each with its names.
+    /// Sheet with this name and title; each of `rows` has its names.
     #[must_use]
     pub fn tabulate<'r, R: 'r>(
         (name, title): (&str, &str),
@@ -71,14 +71,14 @@ impl Sheet {
         }
     }
 
-    /// The sheet with a further note.
+    /// The sheet with an additional note.
     #[must_use]
     pub fn with_note(mut self, note: impl Into<String>) -> Self {
         self.notes.push(note.into());
         self
     }
 
-    /// The sheet as a detail, which Markdown leaves out.
+    /// The sheet as a detail that is left out of Markdown.
     #[must_use]
     pub fn as_detail(self) -> Self {
         Self { is_detail: true, ..self }

@@ -1,12 +1,12 @@
-//! The artificial bee colony, an optimiser that uses nothing of an objective but its values.
+//! Artificial bee colony, a derivative-free optimiser.
 //!
-//! D. Karaboga and B. Basturk, *J. Global Optimization* 39 (2007) 459; the paper tunes the other laws with it. A *source* is a
+//! D. Karaboga and B. Basturk, *J. Global Optimization* 39 (2007) 459; the paper uses it to tune the other laws. A *source* is a
 //! point of the search space. In every cycle each source sends out one *employed* bee and, more often the better it is,
-//! *onlookers*: each bee evaluates a point that differs from its source in one coordinate, and the source moves there if
-//! that is better. A source without improvement for too long is replaced by a *scout*: a point drawn anywhere.
+//! *onlookers*: each bee evaluates a point that differs from its source in one coordinate, and the source moves there if that is
+//! better. A source without improvement for too long is replaced by a *scout*: a point drawn anywhere.
 //!
-//! All points of a batch are chosen before any of them is evaluated, so that a caller may evaluate a batch in parallel
-//! without an effect on the result.
+//! All points of a batch are chosen before any of them is evaluated, so that a caller may evaluate a batch in parallel without
+//! changing the result.
 
 use std::ops::RangeInclusive;
 
@@ -19,12 +19,12 @@ pub struct BeeColony {
     pub sources: usize,
     /// Cycles after the first evaluation of every source.
     pub cycles: usize,
-    /// Number of bees without improvement after which a source is given up.
+    /// Number of bees without improvement after which a source is abandoned.
     pub limit: usize,
     /// Attraction of every bee to the best point so far \[-\]: 0 is Karaboga's colony; 1.5 is the guided one of G.
     /// Zhu and S. Kwong, *Appl. Math. Comput.* 217 (2010) 3166, which needs fewer evaluations.
     pub pull: f64,
-    /// Seed of every choice.
+    /// Seed of all random choices.
     pub seed: u64,
 }
 
@@ -44,12 +44,12 @@ pub struct Best {
 struct FoodSource {
     point: Vec<f64>,
     value: f64,
-    /// Bees that did not improve it.
+    /// Number of bees that did not improve it.
     trials: usize,
 }
 
 impl Best {
-    /// Takes a batch of points and their values into account.
+    /// Updates the best point with a batch of points and their values.
     pub(super) fn note(&mut self, points: &[Vec<f64>], values: &[f64]) {
         for (point, value) in points.iter().zip(values) {
             if *value < self.value {
@@ -62,8 +62,8 @@ impl Best {
 }
 
 impl BeeColony {
-    /// Guided colony that evaluates about `budget` points in all, with Karaboga's limit: the number of bees that try every
-    /// coordinate of every source.
+    /// Guided colony that evaluates about `budget` points in total, with Karaboga's limit: as many bees as are needed to try
+    /// every coordinate of every source.
     #[must_use]
     pub fn within(budget: usize, dimensions: usize, seed: u64) -> Self {
         let sources = 10;
@@ -71,7 +71,7 @@ impl BeeColony {
         Self { sources, cycles, limit: sources * dimensions, pull: 1.5, seed }
     }
 
-    /// Greatest number of points that are evaluated.
+    /// Greatest number of evaluated points.
     #[must_use]
     pub fn most_evaluations(&self) -> usize {
         // At most one scout per cycle.
@@ -103,7 +103,7 @@ impl BeeColony {
     }
 }
 
-/// A search under way.
+/// Search in progress.
 struct ColonySearch<'a, F> {
     pull: f64,
     bounds: &'a [RangeInclusive<f64>],
@@ -144,7 +144,7 @@ impl<'a, F: FnMut(&[Vec<f64>]) -> Vec<f64>> ColonySearch<'a, F> {
         values
     }
 
-    /// Sends one bee from each of these sources; a source may send several.
+    /// Sends one bee from each of these sources; a source may occur several times.
     fn send(&mut self, from: Vec<usize>) {
         let points: Vec<_> = from.iter().map(|index| self.near(*index)).collect();
         let values = self.values_at(&points);
@@ -158,8 +158,8 @@ impl<'a, F: FnMut(&[Vec<f64>]) -> Vec<f64>> ColonySearch<'a, F> {
         }
     }
 
-    /// A point that differs from a source in one coordinate, by a share of its distance to another source there and, if the
-    /// colony is guided, of that to the best point.
+    /// Point that differs from a source in one coordinate, by a fraction of the distance to another source and, if the colony is
+    /// guided, of the distance to the best point.
     fn near(&mut self, index: usize) -> Vec<f64> {
         let axis = self.random.below(self.bounds.len());
         let other = (index + 1 + self.random.below(self.sources.len() - 1)) % self.sources.len();
@@ -174,7 +174,7 @@ impl<'a, F: FnMut(&[Vec<f64>]) -> Vec<f64>> ColonySearch<'a, F> {
         point
     }
 
-    /// Sources of the onlookers, each drawn with a probability in proportion to its fitness.
+    /// Sources of the onlookers, drawn with probabilities proportional to their fitness.
     fn choose(&mut self) -> Vec<usize> {
         let fitness: Vec<f64> = self.sources.iter().map(|source| fitness(source.value)).collect();
         let total: f64 = fitness.iter().sum();
@@ -191,7 +191,7 @@ impl<'a, F: FnMut(&[Vec<f64>]) -> Vec<f64>> ColonySearch<'a, F> {
         chosen
     }
 
-    /// Replaces the source with the most bees without improvement, if these are more than `limit`.
+    /// Replaces the source with the most bees without improvement, if their number exceeds `limit`.
     fn scout(&mut self, limit: usize) {
         let exhausted = (0..self.sources.len()).max_by_key(|index| self.sources[*index].trials);
         let Some(index) = exhausted.filter(|index| self.sources[*index].trials > limit) else {
@@ -203,7 +203,7 @@ impl<'a, F: FnMut(&[Vec<f64>]) -> Vec<f64>> ColonySearch<'a, F> {
     }
 }
 
-/// A point drawn evenly from within the bounds.
+/// Point drawn uniformly within the bounds.
 fn anywhere(bounds: &[RangeInclusive<f64>], random: &mut SplitMix64) -> Vec<f64> {
     bounds.iter().map(|axis| random.between(*axis.start(), *axis.end())).collect()
 }

@@ -12,7 +12,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::random::SplitMix64;
 
-/// Standard deviation, relative to that of the start, below which a search has converged \[-\].
+/// Relative standard deviation, with respect to the start, below which a search has converged \[-\].
 const CONVERGED: f64 = 1e-10;
 
 /// A search for the minimum of a function.
@@ -21,7 +21,7 @@ pub struct CmaEs {
     rates: LearningRates,
     /// Mean `m` of the distribution.
     mean: DVector<f64>,
-    /// Step size `sigma`, and that of the start.
+    /// Step size `sigma`, and its initial value.
     sigma: f64,
     first_sigma: f64,
     covariance: DMatrix<f64>,
@@ -38,7 +38,7 @@ pub struct CmaEs {
 /// Weights of a generation, best point first, and rates of adaptation, Table 1.
 #[derive(Clone, Debug)]
 struct LearningRates {
-    /// Positive for the better half, where they sum to 1; negative for the rest.
+    /// Weights: positive for the better half, with a sum of 1; negative for the rest.
     weights: Vec<f64>,
     /// Variance-effective number of points with positive weights `mu_eff`.
     effective: f64,
@@ -108,7 +108,7 @@ impl CmaEs {
         }
     }
 
-    /// Number of points of a generation \[-\].
+    /// Number of points per generation \[-\].
     #[must_use]
     pub fn points(&self) -> usize {
         self.rates.weights.len()
@@ -124,7 +124,7 @@ impl CmaEs {
         (0..self.rates.weights.len()).map(point).collect()
     }
 
-    /// Takes the values of a generation; a value that is not a number is the worst.
+    /// Takes the values of a generation; NaN counts as the worst value.
     pub fn tell(&mut self, points: &[Vec<f64>], values: &[f64]) {
         let value = |index: &usize| match values[*index] {
             nan if nan.is_nan() => f64::INFINITY,
@@ -143,7 +143,7 @@ impl CmaEs {
         self.adapt_covariance(&steps, &mean_step, is_steady);
         let eigen = self.covariance.clone().symmetric_eigen();
         self.axes = eigen.eigenvectors;
-        // Rounding may take an eigenvalue of an almost flat distribution below zero.
+        // Rounding may make an eigenvalue of an almost flat distribution negative.
         self.lengths = eigen.eigenvalues.map(|value| value.max(1e-20).sqrt());
     }
 
@@ -159,7 +159,8 @@ impl CmaEs {
         &self.axes * (self.axes.tr_mul(step)).component_div(&self.lengths)
     }
 
-    /// Path and step size, Eqs. (43) and (44). Returns `h_sigma`, whether the path is short enough for the covariance to follow it.
+    /// Updates path and step size, Eqs. (43) and (44). Returns `h_sigma`: whether the path is short enough for the covariance to
+    /// follow it.
     fn adapt_step_size(&mut self, mean_step: &DVector<f64>) -> bool {
         let LearningRates { effective, sigma_path: rate, damping, normal_length, .. } = self.rates;
         let gain = (rate * (2.0 - rate) * effective).sqrt();
@@ -170,7 +171,7 @@ impl CmaEs {
         length / settled < 1.4 + 2.0 / (self.mean.len() as f64 + 1.0)
     }
 
-    /// Path and covariance, Eqs. (45) to (47).
+    /// Updates path and covariance, Eqs. (45) to (47).
     fn adapt_covariance(
         &mut self,
         steps: &[DVector<f64>],

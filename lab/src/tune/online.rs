@@ -1,9 +1,9 @@
 //! The six PIDs of Fig. 16 tuned in flight, one at a time: single input, single output, by an artificial bee colony whose bees are
 //! gains that are flown in turn, as the paper's reference \[27\] does.
 //!
-//! All bees are evaluated in one flight. In every *window* the vehicle moves away along all axes and back, the tuned loop with the
-//! gains of a bee and the others with the gains found so far. The objective is computed from the measurements of the daemon, not from
-//! the truth. If the vehicle strays, the bee is broken off and the best gains so far bring the vehicle back.
+//! All bees are evaluated in one flight. In every *window* the vehicle moves away along all axes and back. The tuned loop has the
+//! gains of a bee, the other loops the best gains so far. The objective is computed from the daemon's measurements, not from the
+//! truth. If the vehicle strays, the bee is aborted and the best gains so far bring the vehicle back.
 
 use std::fmt::Write;
 
@@ -24,25 +24,25 @@ use crate::simulation::online::OnlineFlight;
 const WINDOW_S: f64 = 4.0;
 /// Displacement of a window \[m, world\].
 const AWAY_M: [f64; 3] = [0.3, 0.3, 0.2];
-/// Time of the displacement, and of the return \[s\].
+/// Duration of the displacement, and of the return \[s\].
 const WAY_S: f64 = 1.0;
 /// Height of the flight \[m\].
 const HEIGHT_M: f64 = 1.0;
-/// Distance from the reference beyond which a bee is broken off \[m\].
+/// Distance from the reference beyond which a bee is aborted \[m\].
 const STRAY_M: f64 = 0.5;
-/// The colony of a loop: 27 windows at most, so that all loops are tuned on one battery.
+/// Colony of a loop: at most 27 windows, so that all loops are tuned on one battery.
 const COLONY: BeeColony = BeeColony { sources: 5, cycles: 2, limit: 8, pull: 1.5, seed: 1 };
-/// Number of windows with the gains before the first bee, and with those found, by which the two are compared.
+/// Number of windows with the gains before the first bee, and with the gains found, for the comparison of the two.
 const COMPARED: usize = 6;
-/// Factor by which a gain is searched to either side \[-\].
+/// Factor by which a gain may be raised or lowered in the search \[-\].
 const RANGE: f64 = 3.0;
-/// Weight of the jitter of the command against the error \[-\].
+/// Weight of the command jitter relative to the error \[-\].
 const JITTER_WEIGHT: f64 = 0.5;
 
-/// A loop with its name and its axis.
+/// Loop with its name and axis.
 pub type NamedLoop = (OuterLoop, &'static str, usize);
 
-/// The loops in the order in which they are tuned, the inner ones first.
+/// Loops in the order of tuning, inner loops first.
 pub const LOOPS: [NamedLoop; 6] = [
     (OuterLoop::VelocityZ, "V_Z", 2),
     (OuterLoop::VelocityX, "V_X", 0),
@@ -55,30 +55,30 @@ pub const LOOPS: [NamedLoop; 6] = [
 /// One loop, tuned in flight.
 #[derive(Clone, Copy, Debug)]
 pub struct TunedLoop {
-    /// Name of the variable that it controls.
+    /// Name of the controlled variable.
     pub name: &'static str,
     /// Gains before and after \[output / error, and per s\].
     pub gains: [PidGains; 2],
-    /// Mean error of the loop with the gains before, and with those after of all loops \[m or m/s\].
+    /// Mean error of the loop with the initial gains, and with the final gains of all loops \[m or m/s\].
     pub error: [f64; 2],
-    /// Bees that were flown \[-\].
+    /// Number of bees flown \[-\].
     pub bees: usize,
-    /// Bees that were broken off \[-\].
+    /// Number of bees aborted \[-\].
     pub strayed: usize,
 }
 
 /// All loops, tuned in one flight.
 #[derive(Clone, Debug)]
 pub struct TunedInFlight {
-    /// The loops in the order in which they were tuned.
+    /// Loops in the order of tuning.
     pub loops: Vec<TunedLoop>,
-    /// Jitter of the command before and after: RMS of its change from tick to tick \[rad/s\].
+    /// Command jitter before and after: RMS of its change from tick to tick \[rad/s\].
     pub jitter: [f64; 2],
     /// Duration of the flight \[s\].
     pub flown_s: f64,
     /// Greatest distance from the reference in the whole flight \[m\].
     pub furthest_m: f64,
-    /// How the flight ended.
+    /// Outcome of the flight.
     pub outcome: Outcome,
 }
 
@@ -128,7 +128,7 @@ pub fn tune(
     })
 }
 
-/// The flight in which `loops` loops are tuned: take-off, one window after another, landing.
+/// Flight in which `loops` loops are tuned: take-off, consecutive windows, landing.
 fn mission(settings: &[Setting], loops: usize) -> Result<Mission, Failure> {
     let height = Setting::flag("tune", "trajectory.height-m", HEIGHT_M);
     let mut config = Config::from_settings(&[settings, &[height]].concat())?;
@@ -147,7 +147,7 @@ fn table(windows: usize) -> String {
     let mut text = "t,x,y,z\n".to_owned();
     for window in 0..windows {
         let from_s = window as f64 * WINDOW_S;
-        // To alternate sides, so that the vehicle stays in place on average.
+        // Alternating sides, so that the vehicle stays in place on average.
         let side = if window.is_multiple_of(2) { 1.0 } else { -1.0 };
         let [x, y, z] = AWAY_M.map(|away| away * side);
         for (t_s, share) in
@@ -198,7 +198,7 @@ impl WindowFigures {
         figures
     }
 
-    /// Mean error of the variable that a loop controls \[m or m/s\].
+    /// Mean error of the variable controlled by a loop \[m or m/s\].
     fn error(&self, which: OuterLoop, axis: usize) -> f64 {
         match which {
             OuterLoop::X | OuterLoop::Y | OuterLoop::Z => self.position[axis],
@@ -207,7 +207,7 @@ impl WindowFigures {
     }
 }
 
-/// A search in flight.
+/// Search in flight.
 struct OnlineSearch<'a> {
     flight: OnlineFlight<'a>,
     authority: Vector3<f64>,
@@ -245,7 +245,7 @@ impl<'a> OnlineSearch<'a> {
         }
     }
 
-    /// Flies a window; `None` if the vehicle strayed, from when on the loop of `fallback` has its gains.
+    /// Flies a window; `None` if the vehicle strayed, after which its loop has the gains of `fallback`.
     fn window(
         &mut self,
         fallback: Option<(OuterLoop, PidGains)>,
@@ -268,7 +268,7 @@ impl<'a> OnlineSearch<'a> {
         Ok((!has_strayed).then_some(figures))
     }
 
-    /// The mean figures of [`COMPARED`] windows with the gains that are set.
+    /// Mean figures of [`COMPARED`] windows with the present gains.
     fn compare(&mut self) -> Result<WindowFigures, Failure> {
         let mut mean = WindowFigures::default();
         for _ in 0..COMPARED {
@@ -283,8 +283,8 @@ impl<'a> OnlineSearch<'a> {
         Ok(mean)
     }
 
-    /// Tunes one loop from its gains `start`, relative to the figures `before`. Returns the gains found, the number of bees flown, and
-    /// the number of bees broken off.
+    /// Tunes one loop from its gains `start`, relative to the figures `before`. Returns the gains found, and the numbers of bees
+    /// flown and aborted.
     fn tune(
         &mut self,
         (which, axis): (OuterLoop, usize),
@@ -318,7 +318,7 @@ impl<'a> OnlineSearch<'a> {
         Ok((best.1, found.evaluations, strayed))
     }
 
-    /// The objective of a bee with these gains relative to the figures `before`; `None` if the vehicle strayed.
+    /// Objective of a bee with these gains, relative to the figures `before`; `None` if the vehicle strayed.
     fn bee(
         &mut self,
         (which, axis): (OuterLoop, usize),

@@ -1,5 +1,5 @@
-//! Optimisers for tuning. Both evaluate whole batches of points, chosen before any of them is evaluated, so that the result
-//! does not depend on the number of threads.
+//! Optimisers for tuning. Both evaluate whole batches of points, chosen before any of them is evaluated, so that the result does
+//! not depend on the number of threads.
 
 use std::ops::RangeInclusive;
 
@@ -51,7 +51,7 @@ impl Optimiser {
     }
 }
 
-/// Searches within the unit cube, onto which `bounds` are mapped; points beyond it are moved to its faces.
+/// Searches within the unit cube, onto which `bounds` are mapped; points outside are moved to its faces.
 fn cma_es(
     bounds: &[RangeInclusive<f64>],
     start: Vec<f64>,
@@ -70,7 +70,7 @@ fn cma_es(
     });
     let mut search = CmaEs::new(&into_cube.collect::<Vec<_>>(), SPREAD, seed);
     let mut best = Best { point: start.clone(), value: f64::INFINITY, evaluations: 0 };
-    // The start belongs to no generation.
+    // The start is not part of a generation.
     best.note(std::slice::from_ref(&start), &evaluate(std::slice::from_ref(&start)));
     while best.evaluations + search.points() <= points && !search.has_converged() {
         let mut asked = search.ask();

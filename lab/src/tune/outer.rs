@@ -1,7 +1,8 @@
-//! The six PIDs of Fig. 16, tuned one at a time: single input, single output, as the paper's reference \[27\] does in flight.
+//! Tuning of the six PIDs of Fig. 16, one at a time: single input, single output, as in the in-flight tuning of the paper's
+//! reference \[27\].
 //!
-//! X and Y share their gains, so there are four searches, the inner loops first. Each has an objective of its own: the error of
-//! the controlled variable against the loop's reference, and the jitter of the command.
+//! X and Y share their gains, so there are four searches, inner loops first. Each has a separate objective: the error of the
+//! controlled variable relative to the loop's reference, and the command jitter.
 
 use oqtal_config::{Config, Setting};
 use oqtal_control::controller::SearchRange;
@@ -14,13 +15,13 @@ use crate::progress::Progress;
 use crate::study::flights::path;
 use crate::study::metric::of_hover;
 
-/// Weight of the jitter of the command against the error \[-\]: a loop must not follow closely at the expense of the attitude.
+/// Weight of the command jitter relative to the error \[-\]: close tracking must not come at the expense of the attitude.
 const JITTER_WEIGHT: f64 = 1.0;
 
 /// One search: a pair of gains and its objective.
 struct Loop {
     parameters: [SearchRange; 2],
-    /// The error of the variable that the loop controls.
+    /// Error of the variable controlled by the loop.
     error: fn(&FlightSample) -> f64,
 }
 
@@ -55,8 +56,8 @@ static LOOPS: [Loop; 4] = [
     },
 ];
 
-/// Tunes the loops in turn, each with its share of the budget and with the gains found for the loops before it, around `oqtal` with
-/// its configured gains.
+/// Tunes the loops in turn around `oqtal` with its configured gains; each loop has its share of the budget and uses the gains
+/// found for the previous loops.
 ///
 /// # Errors
 /// A setting is invalid.
@@ -97,7 +98,7 @@ pub fn tune(
     })
 }
 
-/// The gains among `settings` that lie on a bound of the search, up to the rounding of written values.
+/// Gains among `settings` that lie on a bound of the search, up to the rounding of written values.
 #[must_use]
 pub fn on_a_bound(settings: &[Setting]) -> Vec<String> {
     let parameters = LOOPS.iter().flat_map(|tuned| &tuned.parameters);
@@ -109,7 +110,7 @@ pub fn on_a_bound(settings: &[Setting]) -> Vec<String> {
     parameters.filter(lies).map(|parameter| parameter.key.to_string()).collect()
 }
 
-/// Mean error of the loop and jitter of the command, along paths from take-off on.
+/// Mean error of the loop and command jitter, along paths after take-off.
 fn figures(
     tuned: &Loop,
     gains: &[(String, f64)],

@@ -21,7 +21,7 @@ use crate::study::law::StudyLaw;
 use crate::study::metric::{Figures, METRIC, METRICS};
 use crate::study::{Case, FlightCondition, Flown, Study, TRAINING_SEEDS};
 
-/// The plants that gains are tuned on, one for each training seed, so that no gain relies on one plant being exactly known.
+/// Plants used for tuning, one per training seed, so that gains do not rely on one exactly known plant.
 const TRAINING: [PlantVariant; 6] = [
     NOMINAL,
     NOMINAL,
@@ -69,7 +69,7 @@ impl Default for TrainingFlights {
 }
 
 impl TrainingFlights {
-    /// One flight for each seed, on six plants near the configured one in turn.
+    /// One flight per seed, on six plants near the configured one in turn.
     #[must_use]
     pub fn near(settings: Vec<Setting>, seeds: Range<u64>) -> Self {
         let plants = seeds.zip(TRAINING.into_iter().cycle());
@@ -79,7 +79,7 @@ impl TrainingFlights {
         Self { settings, case, draws: 0 }
     }
 
-    /// One flight for each draw of a spread.
+    /// One flight per draw of a spread.
     #[must_use]
     pub fn over(settings: Vec<Setting>, draws: &[Draw]) -> Self {
         Self { settings, case: Draw::case(draws), draws: draws.len() }
@@ -102,7 +102,7 @@ impl TrainingFlights {
         Ok(flown.pop().expect("one law flew one case"))
     }
 
-    /// The figures by which others are divided: those of `oqtal` with its configured gains, without those of the study.
+    /// Reference figures: those of `oqtal` with its configured gains, without the gains of the study.
     fn reference(&self) -> Result<Figures, Failure> {
         let stack = Setting::flag("tune", "control.stack", "default");
         let flown = self.fly(&self.law("oqtal", &[stack]))?;
@@ -112,7 +112,7 @@ impl TrainingFlights {
         })
     }
 
-    /// The objective of a law \[-\], lower is better.
+    /// Objective of a law \[-\]; lower is better.
     fn objective(&self, law: &StudyLaw, reference: &Figures) -> Result<f64, Failure> {
         let flown = self.fly(law)?;
         Ok(match self.draws {
@@ -122,17 +122,17 @@ impl TrainingFlights {
     }
 }
 
-/// Weighted mean of the metrics, each over that of a reference \[-\].
+/// Weighted mean of the metrics, each divided by the reference \[-\].
 fn objective(figures: &Figures, reference: &Figures) -> f64 {
     let weights: f64 = METRIC.iter().map(|metric| metric.weight).sum();
     let share = |index: usize| METRIC[index].weight * figures[index] / reference[index].max(1e-9);
     (0..METRICS).map(share).sum::<f64>() / weights
 }
 
-/// Upper bound of a figure over that of the reference, also for a flight that did not land \[-\].
+/// Upper bound of a figure over the reference, also for a flight that did not land \[-\].
 const WORST_SHARE: f64 = 20.0;
 
-/// Quadratic mean of each figure over the draws, in which the worst weigh most.
+/// Quadratic mean of each figure over the draws; the worst draws have the greatest weight.
 fn quadratic_mean(flown: &Flown, reference: &Figures) -> Figures {
     std::array::from_fn(|metric| {
         let figures = flown.values(metric);
@@ -175,14 +175,14 @@ impl Tuned {
         )
     }
 
-    /// The gains as a configuration file, with the settings `common` of the vehicle that they were found for.
+    /// Gains as a configuration file, with the settings `common` of the vehicle for which they were found.
     #[must_use]
     pub fn to_toml(&self, common: &[&Setting]) -> String {
         let law = Some(&self.target).filter(|target| *target != "outer");
         let law = law.map(|law| ("control.controller", format!("\"{law}\"")));
         let gains = self.values.iter().map(|(key, value)| (key.as_str(), format!("{value:?}")));
         let own: Vec<_> = law.into_iter().chain(gains).collect();
-        // Of a key that is set twice, the last counts.
+        // The last setting of a key takes precedence.
         let mut lines: BTreeMap<&str, String> = BTreeMap::new();
         for setting in common.iter().filter(|s| own.iter().all(|(key, _)| *key != s.key)) {
             lines.insert(&setting.key, setting.value.to_string());
@@ -222,13 +222,13 @@ pub(super) fn settings(values: &[(String, f64)]) -> Vec<Setting> {
     values.iter().map(|(key, value)| Setting::flag("tune", key, *value)).collect()
 }
 
-/// The values of `parameters` at a point of their logarithms.
+/// Values of `parameters` at a point given by their logarithms.
 #[must_use]
 pub fn values(parameters: &[SearchRange], point: &[f64]) -> Vec<(String, f64)> {
     parameters.iter().zip(point).map(|(p, log)| (p.key.to_string(), readable(log.exp()))).collect()
 }
 
-/// The values of `parameters` in `config`, within their bounds.
+/// Values of `parameters` in `config`, limited to their bounds.
 #[must_use]
 pub fn configured(parameters: &[SearchRange], config: &Config) -> Vec<(String, f64)> {
     let config = table(config);
@@ -240,7 +240,7 @@ pub fn configured(parameters: &[SearchRange], config: &Config) -> Vec<(String, f
     parameters.iter().map(value).collect()
 }
 
-/// Searches the least objective over the logarithms of `parameters`, from the values `start`.
+/// Searches for the least objective over the logarithms of `parameters`, starting at the values `start`.
 pub fn search(
     parameters: &[SearchRange],
     start: &[(String, f64)],
@@ -292,7 +292,7 @@ pub fn law(
     })
 }
 
-/// The objective of a law at its shipped gains, and with those of `law`, on the training seeds.
+/// Objective of a law with its shipped gains, and with the gains of `law`, on the training seeds.
 ///
 /// # Errors
 /// A setting is invalid.

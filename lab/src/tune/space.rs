@@ -1,4 +1,4 @@
-//! The search space of each law: its own gains, and the gains around it.
+//! Search space of each law: its own gains, and the gains of estimator and position loops.
 
 use oqtal_control::LawStack;
 use oqtal_control::controller::{ControllerName, SearchRange};
@@ -35,8 +35,8 @@ static LOOPS: [SearchRange; 8] = [
     SearchRange::new("position.vertical-velocity.ki", 0.05, 10.0),
 ];
 
-/// Every gain that is tuned with a law in a stack: its own first, of which the first is the one that `max_q` raises, then those
-/// around it.
+/// All gains tuned with a law in a stack: first the law's own gains, beginning with the one raised for `max_q`, then those of the
+/// stack.
 #[must_use]
 pub fn parameters(law: ControllerName, stack: LawStack) -> Vec<SearchRange> {
     let is_predictive = law.is_predictive() || stack == LawStack::Predictive;
@@ -78,7 +78,7 @@ mod tests {
                 let found = settings.iter().find(|setting| setting.key == key);
                 let value = found.and_then(|setting| setting.value.as_float());
                 let Some(value) = value else { panic!("{}: no {key}", law.name()) };
-                // Written with four digits: the bounds themselves may be rounded.
+                // Values are written with four digits, so the bounds themselves may be rounded.
                 let slack = 1e-3 * high;
                 assert!(value >= low - slack && value <= high + slack);
             }

@@ -1,4 +1,4 @@
-//! The paper's figures, from the same runs as the tables.
+//! Figures of the paper, from the same runs as the tables.
 
 pub mod scene;
 pub mod square;
@@ -15,18 +15,18 @@ use oqtal_observe::plot::trace::{Trace, thin};
 /// A figure of a page.
 #[derive(Clone, Debug)]
 pub struct Figure {
-    /// Its number in the paper; 0 for one that is not of the paper.
+    /// Number in the paper; 0 for a figure that is not in the paper.
     pub number: u8,
     /// The drawing with its caption.
     pub markup: Markup,
 }
 
-/// Height of a plot, twice as large as shown.
+/// Height of a plot, twice the displayed height.
 const HEIGHT: u32 = 520;
 const LABEL_WIDTH: u32 = 110;
 const LINE_WIDTH: u32 = 3;
 
-/// Traces over a common horizontal axis whose numbers have `unit` behind them.
+/// Traces over a common horizontal axis with the unit `unit`.
 #[must_use]
 pub fn over(title: &str, unit: &str, traces: Vec<Trace>) -> Markup {
     let points = || traces.iter().flat_map(|trace| &trace.points);

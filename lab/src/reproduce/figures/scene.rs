@@ -1,4 +1,4 @@
-//! Drawings in three dimensions: lines and surfaces in a box, seen from above a corner.
+//! Three-dimensional drawings: lines and surfaces in a box, seen from above a corner.
 
 use std::fmt::Write;
 use std::ops::Range;
@@ -18,7 +18,7 @@ const SIZE: (f64, f64) = (560.0, 380.0);
 const MIDDLE: (f64, f64) = (280.0, 190.0);
 /// Length of the edges along x, y and z in the drawing.
 const EDGES: Point3 = [245.0, 245.0, 200.0];
-/// Direction of view: cosine and sine of the angle about the vertical, and of that above the horizontal.
+/// Direction of view: cosine and sine of the angle about the vertical, and of the angle above the horizontal.
 const TURN: (f64, f64) = (0.819, 0.574);
 const RISE: (f64, f64) = (0.87, 0.49);
 
@@ -38,7 +38,7 @@ pub struct Edge {
 pub struct Scene {
     edges: [Edge; 3],
     body: String,
-    /// Marks in front of all others.
+    /// Labels in front of all other marks.
     labels: String,
     legend: Vec<(&'static str, Ink)>,
 }
@@ -65,8 +65,8 @@ impl Scene {
         );
     }
 
-    /// Draws surfaces over one square grid, the more distant patches first. `value(surface, column, row)` is a point, or `None`
-    /// where the surface has a hole.
+    /// Draws surfaces over one square grid, distant patches first. `value(surface, column, row)` is a point, or `None` for a hole
+    /// in the surface.
     pub fn surfaces(
         &mut self,
         names: &[(&'static str, Ink)],
@@ -97,7 +97,7 @@ impl Scene {
         }
     }
 
-    /// The figure of the drawing, with title and legend.
+    /// Figure of the drawing, with title and legend.
     #[must_use]
     pub fn figure(&self, title: &str) -> Markup {
         let (width, height) = SIZE;
@@ -122,7 +122,7 @@ impl Scene {
         (MIDDLE.0 + right, MIDDLE.1 - z * RISE.0 - away * RISE.1)
     }
 
-    /// Distance of the centre of a patch \[-\], for sorting only.
+    /// Distance of the centre of a patch \[-\], used only for sorting.
     fn distance(&self, corners: &[Point3; 4]) -> f64 {
         let middle = corners.iter().fold([0.0; 3], |sum, corner| {
             let place = self.placed(corner);
@@ -136,7 +136,7 @@ impl Scene {
         format!("{x:.1},{y:.1}")
     }
 
-    /// Two edges of the floor and one vertical edge, each with its name and the values at its ends.
+    /// Draws two edges of the floor and one vertical edge, each with its name and the values at its ends.
     fn draw_box(&mut self) {
         const FLOOR: [Point3; 5] = [
             [-0.5, -0.5, -0.5],
@@ -156,7 +156,7 @@ impl Scene {
             self.body += &edge(pair[0], pair[1]);
         }
         self.body += &edge([-0.5, 0.5, -0.5], [-0.5, 0.5, 0.5]);
-        // Inset from the corners, where two axes meet.
+        // The labels are inset from the corners, where two axes meet.
         let ends: [([Point3; 2], &str); 3] = [
             ([[-0.45, -0.6, -0.5], [0.42, -0.6, -0.5]], "middle"),
             ([[0.6, -0.42, -0.5], [0.6, 0.45, -0.5]], "start"),
@@ -179,7 +179,7 @@ impl Scene {
     }
 }
 
-/// A box around `points` with no edge shorter than a tenth of the longest.
+/// Box around `points`; no edge is shorter than a tenth of the longest.
 #[must_use]
 pub fn around<'a>(
     names: [&'static str; 3],

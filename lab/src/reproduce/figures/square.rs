@@ -1,4 +1,4 @@
-//! Figs. 17 to 22: squares under the equally tuned laws.
+//! Figs. 17 to 22: squares flown by the laws, tuned alike.
 
 use maud::{Markup, html};
 use oqtal_runtime::process::Failure;
@@ -17,9 +17,9 @@ use oqtal_observe::plot::trace::{Point, Trace, thin_path};
 use super::scene::{Point3, Scene, around};
 use super::{Figure, over};
 
-/// Number of runs drawn in one figure.
+/// Number of runs shown in one figure.
 const REPEATED: usize = 5;
-/// Number of runs flown, of which those with the smallest position error are drawn.
+/// Number of runs flown; the runs with the smallest position error are shown.
 const RUNS: u64 = 25;
 const INKS: [Ink; REPEATED] = [Ink::Actual, Ink::Second, Ink::Third, Ink::Fourth, Ink::Fifth];
 const RUN_NAMES: [&str; REPEATED] = ["best", "second", "third", "fourth", "fifth"];

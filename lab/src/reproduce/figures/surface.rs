@@ -45,7 +45,7 @@ fn figure(criterion: &Criterion, surfaces: [&Surface; 2]) -> Figure {
     Figure { number, markup: scene.figure(&title) }
 }
 
-/// A power with its exponent raised.
+/// Power with a superscript exponent.
 fn power(base: u32, exponent: f64) -> String {
     const RAISED: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
     let raised = |digit: char| digit.to_digit(10).map_or('⁻', |digit| RAISED[digit as usize]);

@@ -1,4 +1,4 @@
-//! Figs. 10 to 14: the gravity turn under the best-tuned laws, beside the ideal.
+//! Figs. 10 to 14: the gravity turn under the best-tuned laws, compared with the ideal turn.
 
 use maud::{Markup, html};
 use oqtal_control::controller::{ControlOptions, RateFeedback};
@@ -51,7 +51,7 @@ pub fn all(lander: &Lander) -> Result<Vec<Figure>, OptionError> {
         in_plane(title, traces(&paths, view), Vec::new())
     };
     let pitch = traces(&paths, |tick| (tick.place[2], tick.pitch_deg));
-    // Seen from above, the lateral differences are far smaller than the length of the paths.
+    // Viewed from above, the lateral differences are far smaller than the length of the paths.
     let above = traces(&paths, |tick| (tick.place[0], tick.place[1]));
     let position = html! {
         (seen("Fig. 11 B: side view, z over x [m]", |t| (t.place[0], t.place[2])))
@@ -59,7 +59,7 @@ pub fn all(lander: &Lander) -> Result<Vec<Figure>, OptionError> {
         (over_time("Fig. 11 C: x [m]", |t| t.place[0]))
         (over_time("Fig. 11 D: z [m]", |t| t.place[2]))
     };
-    // Figures of one height stand side by side.
+    // Figures with the same height are placed side by side.
     Ok([
         (10, in_space(&paths)),
         (11, position),

@@ -1,4 +1,4 @@
-//! The greatest weight, or gain, of a law before the attitude error rises: "incremented until the system started to lose stability".
+//! Greatest weight, or gain, of a law before the attitude error rises: "incremented until the system started to lose stability".
 
 use oqtal_config::{Config, Setting};
 use oqtal_control::LawStack;
@@ -10,11 +10,11 @@ use crate::study::law::{self, StudyLaw};
 use crate::study::metric::{ATTITUDE, of_path};
 use crate::tune::space::parameters;
 
-/// Factor by which a weight is raised at a time \[-\].
+/// Factor by which a weight is raised in each step \[-\].
 const RAISE: f64 = std::f64::consts::SQRT_2;
-/// Ratio to the least attitude error above which the error has risen \[-\].
+/// Ratio to the least attitude error above which the error counts as risen \[-\].
 const RISEN: f64 = 1.25;
-/// Greatest number of times that a weight is raised \[-\].
+/// Greatest number of steps \[-\].
 const MOST_RAISES: usize = 16;
 /// Seeds of the flights with raised weights.
 const RAISED_SEEDS: std::ops::Range<u64> = 200..202;
@@ -24,12 +24,12 @@ const RAISED_SEEDS: std::ops::Range<u64> = 200..202;
 pub enum MaxQ {
     /// Last weight before the error rises \[-\].
     Reached(f64),
-    /// Last weight that was tried, at which the error had not risen \[-\].
+    /// Last weight tried, at which the error had not yet risen \[-\].
     AtLeast(f64),
 }
 
 impl MaxQ {
-    /// Searches the greatest weight of `law` on the configured plant.
+    /// Searches for the greatest weight of `law` on the configured plant.
     ///
     /// # Errors
     /// A setting is invalid.
@@ -54,7 +54,7 @@ impl MaxQ {
         Ok(Self::AtLeast(greatest))
     }
 
-    /// The weight, and how it was found, as cells of the nominal plant.
+    /// Weight and how it was found, as cells of the nominal plant.
     #[must_use]
     pub fn cells(self) -> (f64, &'static str) {
         match self {
@@ -63,7 +63,7 @@ impl MaxQ {
         }
     }
 
-    /// The weight of the nominal plant, as cells of another plant.
+    /// Weight found on the nominal plant, as cells of another plant.
     #[must_use]
     pub fn cells_elsewhere(self) -> (f64, &'static str) {
         (self.cells().0, "the nominal plant's")

@@ -1,4 +1,4 @@
-//! The colony on functions whose minimum is known.
+//! Tests of the colony on functions with a known minimum.
 
 use std::cell::Cell;
 use std::f64::consts::TAU;
@@ -7,7 +7,7 @@ use proptest::prelude::*;
 
 use super::*;
 
-/// Plain and guided, each from three seeds.
+/// Plain and guided colonies, each from three seeds.
 const COLONIES: [(f64, u64); 6] = [(0.0, 0), (0.0, 1), (0.0, 2), (1.5, 0), (1.5, 1), (1.5, 2)];
 
 fn sphere(x: &[f64]) -> f64 {
