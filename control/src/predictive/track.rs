@@ -136,6 +136,9 @@ pub struct Track {
     pub t_s: f64,
     /// The motion.
     pub motion: Motion,
+    /// Whether a law flies on the track and its thrust has been that of a vehicle that leaves the floor: from then on the model holds
+    /// at any height, since a law needs the effect of its commands in the first centimetres.
+    is_lifted: bool,
     /// The filters by which poses correct the motion.
     filters: Filters,
     /// The covariances of admission; `None` where `filters` are those of admission.
@@ -153,6 +156,7 @@ impl Track {
         Self {
             t_s,
             motion: Motion { position, attitude, ..Motion::default() },
+            is_lifted: false,
             filters: estimation.unwrap_or(admission),
             admission: estimation.map(|_| admission),
         }
@@ -178,7 +182,7 @@ impl Track {
     pub fn motion_at(&self, t_s: f64, propagation: &Propagation) -> Motion {
         let Propagation { model, history, floor_m } = *propagation;
         let flown = history.propagate(model, (&self.motion, &self.bias()), (self.t_s, t_s));
-        if !self.is_at_floor(floor_m) {
+        if !self.is_held(floor_m) {
             return flown;
         }
         let Motion { position, velocity, attitude, rate, .. } = self.motion;
@@ -227,15 +231,15 @@ impl Track {
     #[must_use]
     pub fn corrected(&self, Deviation { offset, turn }: &Deviation, floor_m: f64) -> Self {
         let mut next = *self;
-        let is_at_floor = self.is_at_floor(floor_m);
+        let is_held = self.is_held(floor_m);
         let Self { motion, filters: Filters { attitude, position }, admission, .. } = &mut next;
         let admitting = admission.as_mut().map(|admission| &mut admission.position.axis);
-        let noise = noise_of(offset.norm(), &mut position.axis, admitting, is_at_floor);
+        let noise = noise_of(offset.norm(), &mut position.axis, admitting, is_held);
         position.correct(motion, offset, noise);
         let admitting = admission.as_mut().map(|admission| &mut admission.attitude.axis);
-        let noise = noise_of(turn.norm(), &mut attitude.axis, admitting, is_at_floor);
+        let noise = noise_of(turn.norm(), &mut attitude.axis, admitting, is_held);
         attitude.correct(motion, turn, noise);
-        if next.is_at_floor(floor_m) {
+        if next.is_held(floor_m) {
             next.filters.position.axis.reset_bias();
             next.filters.attitude.axis.reset_bias();
         }
@@ -268,22 +272,39 @@ impl Track {
         self.motion.position.z < floor_m + FLOOR_REACH_M
     }
 
+    /// Whether the vehicle has left the floor, or is about to.
+    #[must_use]
+    pub fn is_lifted(&self) -> bool {
+        self.is_lifted
+    }
+
+    /// Marks the track as that of a vehicle that leaves the floor.
+    #[must_use]
+    pub fn lifted(&self) -> Self {
+        Self { is_lifted: true, ..*self }
+    }
+
+    /// Whether the floor may hold the vehicle, so that the model does not apply.
+    fn is_held(&self, floor_m: f64) -> bool {
+        self.is_at_floor(floor_m) && !self.is_lifted
+    }
+
     fn admission(&self) -> &Filters {
         self.admission.as_ref().unwrap_or(&self.filters)
     }
 }
 
-/// Measurement noise with which `filter` takes an innovation of this `distance`. Where it does not expect the innovation, and at the
-/// floor, where the model does not hold, it takes over covariance and noise of `admission`, whose covariance is corrected too.
+/// Measurement noise with which `filter` takes an innovation of this `distance`. Where it does not expect the innovation, and where
+/// the floor may hold the vehicle, it takes over covariance and noise of `admission`, whose covariance is corrected too.
 fn noise_of(
     distance: f64,
     filter: &mut AxisFilter,
     admission: Option<&mut AxisFilter>,
-    is_at_floor: bool,
+    is_held: bool,
 ) -> f64 {
     let Some(admission) = admission else { return huber_noise(distance, filter) };
     let expected = UNEXPECTED_SIGMA * filter.innovation_variance().sqrt();
-    let is_expected = distance <= expected && !is_at_floor;
+    let is_expected = distance <= expected && !is_held;
     let admitted = huber_noise(distance, admission);
     if !is_expected {
         filter.set_covariance_of(admission);

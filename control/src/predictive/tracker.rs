@@ -31,8 +31,6 @@ pub struct MotionTracker {
     adaptation: Option<Adaptation>,
     /// Height of the floor from which the flight began \[m, world z\].
     floor_m: f64,
-    /// Whether the thrust has been that of a vehicle that leaves the floor.
-    is_lifted: bool,
     /// On the ground: the instant \[s\] and the motion of the last pose.
     resting: Option<(f64, Motion)>,
     /// In flight: the motion at the last admitted pose, or later.
@@ -53,7 +51,6 @@ impl MotionTracker {
             history: CommandHistory::new(delay_s),
             adaptation: None,
             floor_m: 0.0,
-            is_lifted: false,
             resting: None,
             track: None,
             innovation: None,
@@ -74,7 +71,7 @@ impl MotionTracker {
     /// Begins a flight with the vehicle at rest in `pose`, measured at `t_s` \[s\], above a floor at `floor_m` \[m, world z\].
     pub fn begin(&mut self, t_s: f64, pose: &MeasuredPose, floor_m: f64) {
         self.track = Some(Track::at_rest(&self.noise, t_s, pose));
-        (self.floor_m, self.is_lifted, self.innovation) = (floor_m, false, None);
+        (self.floor_m, self.innovation) = (floor_m, None);
         if let Some(adaptation) = &mut self.adaptation {
             // The next flight may have another battery, load or vehicle.
             adaptation.reset();
@@ -208,13 +205,17 @@ impl MotionTracker {
 
     /// Corrects the prediction `expected` by an admitted pose, which deviates from it by `deviation`.
     pub fn correct(&mut self, expected: &Track, deviation: &Deviation, pose: &MeasuredPose) {
-        let track = expected.corrected(deviation, self.floor_m);
-        self.track = Some(track);
+        let mut track = expected.corrected(deviation, self.floor_m);
         if self.noise.estimation.is_some() {
-            let is_free = !expected.is_at_floor(self.floor_m);
+            let weight_n = self.model.mass_kg * self.model.gravity_m_s2;
+            if track.motion.thrust_n >= LIFTING * weight_n {
+                track = track.lifted();
+            }
+            let is_free = expected.is_lifted();
             self.innovation = is_free.then(|| expected.filter_innovation(deviation));
             self.adapt(&track, pose);
         }
+        self.track = Some(track);
     }
 
     /// Takes a pose measured at `t_s` \[s\] without a gate. A pose that is not finite, or not later than the last one, is ignored;
@@ -233,14 +234,12 @@ impl MotionTracker {
         } else {
             let mut track = Track::at_rest(&self.noise, t_s, pose);
             track.motion.thrust_n = self.model.mass_kg * self.model.gravity_m_s2;
-            self.restore(track);
+            self.restore(track.lifted());
         }
     }
 
     fn adapt(&mut self, track: &Track, pose: &MeasuredPose) {
-        let weight_n = self.model.mass_kg * self.model.gravity_m_s2;
-        self.is_lifted |= track.motion.thrust_n >= LIFTING * weight_n;
-        if let Some(adaptation) = self.adaptation.as_mut().filter(|_| self.is_lifted) {
+        if let Some(adaptation) = self.adaptation.as_mut().filter(|_| track.is_lifted()) {
             let vertical = track.bias().acceleration.z;
             adaptation.take(track.t_s, (&pose.attitude, &track.motion, vertical), &self.history);
             self.adopt_model();
