@@ -168,13 +168,15 @@ fn f01_a_gap_is_flown_on_the_predicted_motion_by_every_law() {
 
 #[test]
 fn wind_and_a_vehicle_that_differs_from_the_model_cause_no_refused_pose() {
-    for (wind, lift) in [
+    let causes = [
         (Vector3::x() * 6.0, 1.0),
         (Vector3::y() * -6.0, 1.0),
         (Vector3::zeros(), 0.75),
         (Vector3::zeros(), 1.3),
-    ] {
+    ];
+    for (law, (wind, lift)) in LAWS.iter().flat_map(|law| causes.map(|cause| (law, cause))) {
         let mut flight = Flight::new(&[
+            set(&format!("control.controller={law:?}")),
             set("fence.x-m=[-500.0, 500.0]"),
             set("fence.y-m=[-500.0, 500.0]"),
             set("trajectory.settle-s=60"),
@@ -183,6 +185,6 @@ fn wind_and_a_vehicle_that_differs_from_the_model_cause_no_refused_pose() {
         flight.run(240);
         flight.wind = wind;
         flight.run(120);
-        assert_eq!(flight.bench.cycle.telemetry().poses_refused, 0, "{wind:?} {lift}");
+        assert_eq!(flight.bench.cycle.telemetry().poses_refused, 0, "{law} {wind:?} {lift}");
     }
 }
