@@ -17,10 +17,10 @@ pub struct CheckArgs {
 }
 
 impl CheckArgs {
-    /// Checks the configuration as every process would, and prints it.
+    /// Checks the configuration like every process, and prints it.
     ///
     /// # Errors
-    /// The file has an error (exit code 78, with its line), or a file that it names is bad (65).
+    /// The file has an error (exit code 78, with its line), or a file that it names is invalid (65).
     pub fn execute(&self) -> Result<Exit, Failure> {
         let config = Config::load(self.file.as_deref(), &[])?;
         check_instance(&config)?;
@@ -37,7 +37,7 @@ impl CheckArgs {
 }
 
 /// Values of `[vehicle]` and of the filters' noise that differ from the shipped values of the preset, as after an identification:
-/// one line for each key.
+/// one line per key.
 fn changes(config: &Config) -> Result<Vec<String>, Failure> {
     let preset = Setting::flag("check", "vehicle.preset", config.vehicle.preset.as_str());
     let before = Config::from_settings(&[preset])?;
@@ -46,7 +46,7 @@ fn changes(config: &Config) -> Result<Vec<String>, Failure> {
     Ok(changed.map(|(key, value)| change(key, value, before.get(key))).collect())
 }
 
-/// The values that an identification may change, by their keys.
+/// Values that an identification may change, by key.
 fn keys(config: &Config) -> Result<BTreeMap<String, Value>, Failure> {
     let filter = &config.control.predictive.filter;
     let sections = [
@@ -61,7 +61,7 @@ fn keys(config: &Config) -> Result<BTreeMap<String, Value>, Failure> {
     Ok(keys)
 }
 
-/// A change in words, in per cent where it is of a number.
+/// A change as text, in per cent for a number.
 fn change(key: &str, now: &Value, before: Option<&Value>) -> String {
     let Some(before) = before else { return format!("{key} = {now}, without a shipped value") };
     let share = now.as_float().zip(before.as_float()).filter(|(_, before)| *before != 0.0);

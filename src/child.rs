@@ -13,10 +13,10 @@ use rustix::process::{Pid, Signal, kill_process};
 
 /// Time between the request to end and the kill.
 const SHUTDOWN_TIMEOUT: Span = Span::from_millis(2000);
-/// Lines of the log shown when a process has ended by itself.
+/// Number of lines of the log shown when a process has ended unexpectedly.
 const LOG_TAIL_LINES: usize = 5;
 
-/// A running child process. It is ended when this is dropped, and ends by itself when this process dies.
+/// A running child process. It is ended on drop, and ends when this process dies.
 #[derive(Debug)]
 pub struct Child {
     name: &'static str,
@@ -24,7 +24,7 @@ pub struct Child {
     log: PathBuf,
 }
 
-/// The command that runs this program as a process, `words` naming it, with a configuration file.
+/// Command that runs this program as the process named by `words`, with a configuration file.
 ///
 /// # Errors
 /// The executable file of this program was removed.
@@ -48,7 +48,7 @@ impl Child {
         Ok(Self { name, process: spawn(name, command, file)?, log })
     }
 
-    /// Starts `command` in place of this process, which has been killed, and appends to its log.
+    /// Starts `command` in place of a killed process, and appends to its log.
     ///
     /// # Errors
     /// As [`Child::start`].
@@ -75,7 +75,7 @@ impl Child {
     /// Sends `signal` to the process; does nothing if it has ended.
     pub fn signal(&self, signal: Signal) {
         if let Some(pid) = i32::try_from(self.id()).ok().and_then(Pid::from_raw) {
-            // The process may have ended meanwhile.
+            // The process may have ended in the meantime.
             let _ = kill_process(pid, signal);
         }
     }
@@ -84,16 +84,16 @@ impl Child {
     pub fn shut_down(&mut self) {
         if let Ok(None) = self.process.try_wait() {
             self.signal(Signal::TERM);
-            // A stopped process obeys once it is continued.
+            // A suspended process ends only after it is continued.
             self.signal(Signal::CONT);
             let _ = self.ends_within(SHUTDOWN_TIMEOUT);
         }
-        // Both fail if the process has ended, which is the purpose.
+        // Both calls fail only if the process has already ended.
         let _ = self.process.kill();
         let _ = self.process.wait();
     }
 
-    /// Waits until the process ends by itself; `false` if it still runs after `timeout`.
+    /// Waits until the process ends without a request; `false` if it is still running after `timeout`.
     pub fn ends_within(&mut self, timeout: Span) -> bool {
         let deadline = Time::now() + timeout;
         while matches!(self.process.try_wait(), Ok(None)) {
@@ -131,13 +131,13 @@ impl Drop for Child {
 
 /// Starts `command` with the log `file`.
 fn spawn(name: &str, mut command: Command, file: File) -> Result<std::process::Child, Failure> {
-    // The configuration file already contains variables and flags; a variable must not override a flag again.
+    // The configuration file already includes variables and flags; a variable must not override a flag a second time.
     for (variable, _) in std::env::vars_os() {
         if variable.as_encoded_bytes().starts_with(b"OQTAL_") {
             command.env_remove(variable);
         }
     }
-    // A group of its own: Ctrl-C in the terminal reaches this process only.
+    // A separate process group: Ctrl-C in the terminal reaches this process only.
     command.stdout(Stdio::null()).stderr(file).process_group(0);
     let spawned = command.spawn();
     spawned.map_err(|e| failed_to_start(name, Path::new(command.get_program()), &e))
@@ -147,7 +147,8 @@ fn failed_to_start(name: &str, what: &Path, error: &dyn std::fmt::Display) -> Fa
     Failure::new(Exit::System, format!("starting {name} failed: {}: {error}", what.display()))
 }
 
-/// The exit code for a process that ended with `status`: its own if it is one of [`Exit`], else that of a failed flight.
+/// Exit code for a process that ended with `status`: the process's own if it is one of [`Exit`], otherwise that of a failed
+/// flight.
 fn exit_for(status: ExitStatus) -> Exit {
     let known = [
         Exit::Usage,

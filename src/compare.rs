@@ -1,4 +1,4 @@
-//! `oqtal compare FILE FILE…`: recorded flights side by side.
+//! `oqtal compare FILE FILE…`: comparison of recorded flights.
 
 use std::path::PathBuf;
 

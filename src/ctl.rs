@@ -65,7 +65,7 @@ impl Request {
     }
 }
 
-/// Printed answer of the daemon.
+/// Answer of the daemon, as printed.
 #[derive(Debug, Serialize)]
 struct ControlReport {
     command: String,
@@ -78,10 +78,10 @@ struct ControlReport {
     /// Obstacles to a take-off; empty in flight.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     obstacles: Vec<String>,
-    /// Health of the processes; like the fields below, with `status` only.
+    /// Health of the processes; set, like the fields below, with `status` only.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     processes: Vec<ProcessHealth>,
-    /// Whether all processes that were received run with one configuration.
+    /// Whether all observed processes run with one configuration.
     #[serde(skip_serializing_if = "Option::is_none")]
     config_agrees: Option<bool>,
     /// State of the vehicle; absent if no process publishes it.
@@ -118,7 +118,7 @@ impl CtlArgs {
         let report = ControlReport::new(self.command.command(), &response, status);
         let refused = report.check(&response, expected);
         if refused.is_err() {
-            // The processes with their configurations, where these differ.
+            // The processes with their configurations, if these differ.
             lines.iter().for_each(|line| say(line));
         }
         refused?;
@@ -126,8 +126,8 @@ impl CtlArgs {
         Ok(Exit::Ok)
     }
 
-    /// The instance and its configuration. A flight must end even with an invalid configuration: a command that ends
-    /// one needs the instance alone, and errors are only reported.
+    /// Instance and configuration. A flight must be ended even with an invalid configuration: a command that ends one needs only
+    /// the instance, and errors are only reported.
     fn target(&self) -> Result<(InstanceOptions, Option<Config>), Failure> {
         let (file, ends_flight) = (self.common.config.as_deref(), self.command.ends_flight());
         let loaded = self.common.settings().and_then(|settings| Config::load(file, &settings));
@@ -149,7 +149,7 @@ impl CtlArgs {
         }
     }
 
-    /// The answer of the daemon, `None` if none answers, and the status of the instance if the command needs it.
+    /// Answer of the daemon, `None` if there is none, and the status of the instance if the command needs it.
     fn ask(
         &self,
         bus: &Bus,
@@ -177,7 +177,7 @@ fn names_configurations(response: &ControlResponseV1) -> bool {
     obstacles.any(|obstacle| obstacle == ArmingObstacle::Configuration)
 }
 
-/// Effect of a command that the daemon did not refuse, from the mode after it.
+/// Effect of an accepted command, from the mode after it.
 fn effect(command: OperatorCommand, mode: Option<Mode>, answer: &str) -> String {
     match (command, mode) {
         (OperatorCommand::Arm, Some(Mode::Flying)) => "armed, the flight has begun".to_owned(),
@@ -198,7 +198,7 @@ fn silent(instance: &str) -> Failure {
     Failure::new(Exit::Peer, message)
 }
 
-/// Fails if no daemon answers on `instance`; `otherwise` is the alternative that the message names.
+/// Fails if no daemon answers on `instance`; the message names the alternative `otherwise`.
 ///
 /// # Errors
 /// No daemon answers (exit code 75), or the bus refuses.
@@ -210,11 +210,11 @@ pub fn require_daemon(bus: &Bus, instance: &str, otherwise: &str) -> Result<(), 
     Err(Failure::new(exit, format!("{message}, or {otherwise}")))
 }
 
-/// Executes a command as `oqtal ctl` does, on the calling thread; the answer in words. `expected`: hash of the configuration that
-/// the daemon must run with.
+/// Executes a command like `oqtal ctl`, on the calling thread, and returns the answer as text. `expected`: hash of the
+/// configuration that the daemon must run with.
 ///
 /// # Errors
-/// No daemon answers, or it refuses; the motors are not known to be off after a stop.
+/// No daemon answers, or it refuses; or the motors are not known to be off after a stop.
 pub fn execute(
     paths: &InstancePaths,
     (command, expected): (OperatorCommand, Option<u64>),

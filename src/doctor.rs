@@ -2,12 +2,12 @@
 //!
 //! | file | subject |
 //! |---|---|
-//! | `system.rs` | the facts: files and answers of the kernel |
+//! | `system.rs` | facts: files, and answers of the kernel |
 //! | `finding.rs` | the result of a check |
 //! | `scheduling.rs` | permissions, preemption, throttling |
 //! | `processor.rs` | number, clock source, frequency and idle states of processors |
 //! | `memory.rs` | shared memory, locked memory, swap |
-//! | `place.rs` | files of instances, remains of killed processes, serial ports |
+//! | `place.rs` | files of instances, files left by killed processes, serial ports |
 //!
 //! Not checked: timer slack, which every loop sets for itself; transparent huge pages, since locked memory is resident before
 //! it is used; the time of day, since all clocks are monotonic.
@@ -28,7 +28,7 @@ use oqtal_runtime::program::print;
 use finding::{Finding, Level};
 use system::System;
 
-/// A check of the machine; `None` where it does not apply.
+/// Check of the machine; `None` if it does not apply.
 type MachineCheck = fn(&System) -> Option<Finding>;
 
 /// Checks, blocking ones first.
@@ -60,7 +60,7 @@ pub struct DoctorArgs {
 }
 
 impl DoctorArgs {
-    /// Runs all checks and prints their findings. The exit code is that of the first problem that prevents a flight.
+    /// Runs all checks and prints their findings. The exit code is the code of the first problem that prevents a flight.
     ///
     /// # Errors
     /// The configuration is invalid.
@@ -83,7 +83,7 @@ fn json(findings: &[Finding]) -> String {
     serde_json::to_string_pretty(&document).expect("findings hold only what JSON can say")
 }
 
-/// One line for each check; below every advice or problem its reason and remedy.
+/// One line per check, followed by reason and remedy for every advice or problem.
 fn text(findings: &[Finding]) -> String {
     let mut lines = Vec::new();
     for finding in findings {

@@ -37,7 +37,7 @@ use processes::BusFlight;
 use progress::Interrupts;
 use vehicle::{CommandLink, VehicleChoice};
 
-/// A pose interval of more loop periods than this is a gap to the daemon, so that its state never becomes `Nominal` \[-\].
+/// Number of loop periods above which a pose interval is a gap for the daemon, so that its state never becomes `Nominal` \[-\].
 const MAX_POSE_INTERVAL_PERIODS: f64 = 3.5;
 
 /// Arguments of `oqtal fly`.
@@ -103,7 +103,7 @@ pub struct BusFlightSeries {
 }
 
 impl BusFlightSeries {
-    /// A series whose flights are written into `directory`; each into `flights/INSTANCE-N` without.
+    /// Series whose flights are written into `directory`, or each into `flights/INSTANCE-N` without one.
     ///
     /// # Errors
     /// The operating system refuses the signal handler.
@@ -131,7 +131,8 @@ impl FlyArgs {
     /// Flies, prints the figures and writes the results.
     ///
     /// # Errors
-    /// The flight could not be flown, or its results could not be written. A flight that ended badly is an exit code, not an error.
+    /// The flight could not be flown, or its results could not be written. A flight with a bad outcome gives an exit code, not an
+    /// error.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let mut config = Config::load(self.common.config.as_deref(), &self.settings()?)?;
         check_instance(&config)?;
@@ -157,7 +158,7 @@ impl FlyArgs {
         recording.as_ref().map_or(Ok(()), recordings::check).map(|()| exit)
     }
 
-    /// Prints the figures before it writes the files, so that a full disk does not take them away.
+    /// Prints the figures before it writes the files, so that they are shown even if the disk is full.
     fn conclude(&self, flight: &Flight, directory: &FlightDirectory) -> Result<Exit, Failure> {
         let summary = Summary::of(flight);
         print(&if self.json { summary.to_json(PROVENANCE) } else { table::closing(&summary) })?;
@@ -220,7 +221,7 @@ impl FlyArgs {
     }
 }
 
-/// Fails if the rate of the poses of a recording is too low for a single tick of the loop.
+/// Fails if the pose rate of a recording is too low for a single tick of the loop.
 fn check_pose_rate(mission: &Mission) -> Result<(), Failure> {
     let Some(recording) = &mission.recording else { return Ok(()) };
     let (poses_hz, loop_hz) = (recording.nominal_rate_hz(), mission.config.control.rate_hz);

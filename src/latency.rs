@@ -1,13 +1,13 @@
-//! `oqtal latency`: latency of each hop of the loop, beside that of bare mechanisms of the operating system in the same run.
+//! `oqtal latency`: latency of each hop of the loop, compared with bare mechanisms of the operating system in the same run.
 //!
 //! | file | subject |
 //! |---|---|
 //! | `rig.rs` | the processes of a measurement |
 //! | `camera.rs`, `vehicle.rs` | stand-ins at the two ends of the chain |
-//! | `bare.rs`, `bare/` | other mechanisms to transmit a message |
-//! | `condition.rs` | with and without cache warm-up, with cameras that jitter |
-//! | `pairs.rs`, `sleep.rs` | periodic wake-up against cyclictest |
-//! | `figures.rs`, `show.rs` | JSON and tables |
+//! | `bare.rs`, `bare/` | bare mechanisms that transmit a message |
+//! | `condition.rs` | with and without cache warm-up; with camera jitter |
+//! | `pairs.rs`, `sleep.rs` | periodic wake-up compared with cyclictest |
+//! | `figures.rs`, `show.rs` | figures as JSON, and as tables |
 
 mod bare;
 mod camera;
@@ -43,15 +43,15 @@ use rig::Rig;
 
 pub use part::PartArgs;
 
-/// Time-out for the test chain to start and fly.
+/// Time-out for the start and take-off of the test chain.
 const START_TIMEOUT: Span = Span::from_millis(10_000);
 /// Time within which a running daemon publishes a tick.
 const SILENCE: Span = Span::from_millis(1500);
-/// Approximate time for the processes of a condition to start and end \[s\].
+/// Approximate time for starting and ending the processes of a condition \[s\].
 const STARTING_S: f64 = 3.0;
-/// Measurements during this time after the start are discarded.
+/// Time after the start during which measurements are discarded.
 const WARM_UP: Span = Span::from_millis(500);
-/// Period of polling: short enough that no buffer overflows, long enough not to disturb the loop.
+/// Polling period: short enough that no buffer overflows, long enough not to disturb the loop.
 const POLL_PERIOD: Duration = Duration::from_millis(100);
 
 /// Arguments of `oqtal latency`.
@@ -77,7 +77,7 @@ impl LatencyArgs {
     /// Measures, and prints the figures.
     ///
     /// # Errors
-    /// With --attach no daemon is observed (exit code 75); a process could not be started or ended.
+    /// With --attach no daemon is running (exit code 75); or a process could not be started or ended.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
         let stop = stop_on_signals()?;
@@ -91,7 +91,7 @@ impl LatencyArgs {
         Span::from_millis(i64::from(self.seconds) * 1000)
     }
 
-    /// Approximate duration of the measurement at rest \[s\].
+    /// Approximate duration of the measurement without a running instance \[s\].
     fn expected_s(&self) -> f64 {
         let seconds = f64::from(self.seconds);
         let chains = RigCondition::ALL.len() as f64 * (seconds + STARTING_S);
@@ -197,7 +197,7 @@ impl LatencyArgs {
     }
 }
 
-/// The observer of the measured instance, and the monitor that it feeds.
+/// Observer of the measured instance, and the monitor that receives its samples.
 struct Observation {
     observer: BusObserver,
     monitor: LoopMonitor,

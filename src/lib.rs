@@ -1,4 +1,4 @@
-//! The front door of oqtal: one module a command.
+//! The `oqtal` program's library: one module per command.
 #![forbid(unsafe_code)]
 
 pub mod check;

@@ -1,5 +1,5 @@
 //! `oqtal completions SHELL` and `oqtal man DIR`: shell completions and manual pages from the definitions of the commands. The
-//! installer runs both, so that what is installed is that of the program.
+//! installer runs both, so that they match the installed program.
 
 use std::path::{Path, PathBuf};
 
@@ -36,7 +36,7 @@ pub struct ManArgs {
 }
 
 impl ManArgs {
-    /// Writes a page for `command` and for each of its subcommands.
+    /// Writes one page for `command` and one for each of its subcommands.
     ///
     /// # Errors
     /// The directory cannot be created or written (exit code 71).

@@ -21,7 +21,7 @@ use crate::ctl::require_daemon;
 use crate::provenance::PROVENANCE;
 use crate::recordings;
 
-/// Period of polling: the resolution of the times of reception.
+/// Polling period: the resolution of the reception times.
 const POLL_PERIOD: Duration = Duration::from_millis(10);
 /// Highest number of a file `recordings/INSTANCE-N.mcap`.
 const MAX_NUMBER: u32 = 100_000;
@@ -73,7 +73,7 @@ impl RecordArgs {
             let (provenance, rotates) = (PROVENANCE, true);
             let plan = RecordingPlan { path: path.clone(), config, provenance, rotates, complain };
             match McapRecorder::create(&plan) {
-                // Another recorder was faster.
+                // Another recorder has just created the file.
                 Err(error) if self.out.is_none() && error.kind() == ErrorKind::AlreadyExists => {}
                 Err(error) => return Err(failed(&path, &error)),
                 Ok(recorder) => {
@@ -84,7 +84,7 @@ impl RecordArgs {
         }
     }
 
-    /// Records until asked to stop; returns the result, and how many samples the observer missed.
+    /// Records until a stop is requested; returns the result and the number of samples that the observer missed.
     fn record(
         &self,
         config: &Config,
@@ -108,19 +108,19 @@ impl RecordArgs {
     }
 }
 
-/// Facts that are recorded once for each daemon.
+/// Facts recorded once per daemon.
 #[derive(Debug, Default)]
 struct DaemonFacts {
     pid: Option<u64>,
     config_hash: Option<u64>,
     recorded_pid: Option<u64>,
     reported_hash: Option<u64>,
-    /// Samples that were overwritten before they were observed \[-\].
+    /// Number of samples that were overwritten before they were observed \[-\].
     lost: u64,
 }
 
 impl DaemonFacts {
-    /// Records the scheduling granted to a new daemon, and reports if it runs with another configuration.
+    /// Records the scheduling granted to a new daemon, and reports a configuration that differs.
     fn record(&mut self, config: &Config, recorder: &mut McapRecorder) {
         if self.pid != self.recorded_pid {
             self.recorded_pid = self.pid;

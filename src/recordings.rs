@@ -11,7 +11,7 @@ use oqtal_runtime::program::say;
 /// Reads the recording at `path`, and reports if it was cut off.
 ///
 /// # Errors
-/// The file cannot be read or is not a recording (exit code 65), or is one of another version (76).
+/// The file cannot be read or is not a recording (exit code 65), or was recorded by another version (76).
 pub fn read(path: &Path) -> Result<RecordingFile, Failure> {
     let file = RecordingFile::read(path).map_err(failure)?;
     if let Some(reason) = &file.cut_off {
@@ -27,7 +27,7 @@ pub fn read(path: &Path) -> Result<RecordingFile, Failure> {
 /// Reads the flight of the recording at `path`.
 ///
 /// # Errors
-/// As [`read`]; the recording has no tick of a daemon (65).
+/// As [`read`]; or the recording has no tick of a daemon (65).
 pub fn read_flight(path: &Path) -> Result<Flight, Failure> {
     let flight = recording::flight(&read(path)?).map_err(failure)?;
     if flight.samples.is_empty() {

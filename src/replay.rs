@@ -15,7 +15,7 @@ use serde::Serialize;
 
 use crate::recordings::{self, failure};
 
-/// Differences that are listed at most.
+/// Maximum number of listed differences.
 const LISTED: usize = 10;
 
 /// Arguments of `oqtal replay`.
@@ -45,24 +45,24 @@ struct ReplayReport {
     requests: u64,
     ticks: usize,
     identical: usize,
-    /// Ticks that were recorded and not replayed, or the other way round \[-\].
+    /// Ticks that were recorded but not replayed, or replayed but not recorded \[-\].
     unmatched: usize,
-    /// Messages that the recording lacks \[-\].
+    /// Messages missing in the recording \[-\].
     missing: u64,
-    /// Whether settings were changed, so that the replay shows what the daemon would have commanded.
+    /// Whether settings were changed, so that the replay shows the commands that the daemon would have sent.
     open_loop: bool,
     deadline_misses: u64,
-    /// Greatest difference of a number of the commands \[unit of the number\].
+    /// Greatest difference between corresponding numbers of the commands \[unit of the number\].
     greatest_difference: f64,
-    /// Number, time since the first tick \[s\], and words of the first differences.
+    /// Texts of the first differences, with number and time since the first tick \[s\].
     differences: Vec<String>,
 }
 
 impl ReplayArgs {
-    /// Replays every daemon of the recording and prints how the commands compare.
+    /// Replays every daemon of the recording and prints the comparison of the commands.
     ///
     /// # Errors
-    /// The file is not a recording, is incomplete, or a setting is wrong.
+    /// The file is not a recording or is incomplete, or a setting is invalid.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let file = recordings::read(&self.file)?;
         let config = self.config(&file)?;
@@ -88,7 +88,7 @@ impl ReplayArgs {
         self.controller.is_some() || !self.settings.is_empty()
     }
 
-    /// The configuration of the recording under the flags.
+    /// Configuration of the recording, with the flags applied.
     fn config(&self, file: &RecordingFile) -> Result<Config, Failure> {
         let mut settings = Vec::new();
         for text in &self.settings {
@@ -117,7 +117,7 @@ impl ReplayArgs {
     }
 }
 
-/// The trajectory of the configuration; waypoints are those that were recorded.
+/// Trajectory of the configuration, with the recorded waypoints.
 fn trajectory(config: &Config, file: &RecordingFile) -> Result<Trajectory, Failure> {
     let Some(bytes) = file.attachments.get(WAYPOINTS_FILE) else {
         return oqtal_daemon::trajectory(config);
@@ -152,7 +152,7 @@ const NAMES: [&str; 11] = [
     "thrust",
 ];
 
-/// A row for each tick: time, then every number as recorded and as replayed.
+/// One row per tick: time, then every number as recorded and as replayed.
 fn csv(results: &[ReplayResult]) -> String {
     let pair = |name: &&str| format!(",{name},replayed_{name}");
     let mut text = format!("t_s{}\n", NAMES.iter().map(pair).collect::<String>());
@@ -230,7 +230,7 @@ impl ReplayReport {
     }
 }
 
-/// The first number that differs in a tick, in words.
+/// First number that differs in a tick, as text.
 fn difference(tick: &ReplayedTick, origin: oqtal_bus::time::Time) -> String {
     let (number, at_s) = (tick.telemetry.tick, tick.time.since(origin).seconds());
     let mut pairs =

@@ -1,4 +1,4 @@
-//! `oqtal report FILE`: the page of a flight from its recording.
+//! `oqtal report FILE`: page of a flight from its recording.
 
 use std::path::PathBuf;
 
@@ -25,7 +25,7 @@ pub struct ReportArgs {
 }
 
 impl ReportArgs {
-    /// Prints the figures of the flight and writes the page, as `oqtal fly` did.
+    /// Prints the figures of the flight and writes the page, like `oqtal fly`.
     ///
     /// # Errors
     /// The file is not a recording (exit code 65) or of another version (76), or the page cannot be written.

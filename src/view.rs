@@ -30,11 +30,11 @@ use crate::ctl::require_daemon;
 use crate::recordings::{self, failure};
 use operator::BusOperator;
 
-/// Period of updates: 40 in a second.
+/// Update period: 40 updates per second.
 const UPDATE_PERIOD: Duration = Duration::from_millis(25);
-/// Period at which it is checked whether the command is interrupted, while a recording is shown.
+/// Period of the checks for an interrupt while a recording is shown.
 const CHECK_PERIOD: Duration = Duration::from_millis(50);
-/// Random bytes of a token.
+/// Number of random bytes of a token.
 const TOKEN_BYTES: usize = 16;
 
 /// Arguments of `oqtal view`.
@@ -116,7 +116,7 @@ impl ViewArgs {
         Site::new(access.clone(), &scene, Subject::Live(Arc::clone(hub), operator))
     }
 
-    /// Begins to serve the site, and prints its address.
+    /// Starts serving the site, and prints its address.
     fn open(&self, site: Site, access: &Access, subject: &str) -> Result<(), Failure> {
         let failed = |error: std::io::Error| {
             let message = format!("{}: {error}; choose another with --listen", self.listen);
@@ -171,7 +171,7 @@ fn needs_token(listen: SocketAddr) -> Failure {
     Failure::new(Exit::Usage, message)
 }
 
-/// A token that cannot be guessed.
+/// Unpredictable token.
 fn new_token() -> Result<String, Failure> {
     let mut bytes = [0; TOKEN_BYTES];
     let read = std::fs::File::open("/dev/urandom").and_then(|mut file| file.read_exact(&mut bytes));

@@ -15,7 +15,7 @@ pub enum CommandPath {
 }
 
 impl CommandPath {
-    /// The path that [`CommandPath`] writes as `text`.
+    /// Parses the text form of [`CommandPath`].
     #[must_use]
     pub fn parse(text: &str) -> Self {
         match text.split_once(':') {

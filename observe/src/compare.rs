@@ -1,4 +1,4 @@
-//! Several flights side by side: errors, hops, settings that differ, overlaid plots.
+//! Comparison of several flights: errors, hops, settings that differ, overlaid plots.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -32,7 +32,7 @@ pub const MOST_FLIGHTS: usize = MARKS.len();
 /// A table: name, header, rows.
 type NamedTable = (&'static str, Vec<String>, Vec<Vec<String>>);
 
-/// Flights to compare, with their names.
+/// Flights to be compared, with their names.
 #[derive(Debug)]
 pub struct Comparison {
     names: Vec<String>,
@@ -84,13 +84,13 @@ impl Comparison {
         [self.flown(), self.errors(), self.latencies(), self.settings()]
     }
 
-    /// A header: what the rows are, then the letters.
+    /// Header of a table: the name of its rows, then the letters of the flights.
     fn header(&self, first: &str) -> Vec<String> {
         let letters = MARKS.iter().take(self.names.len()).map(|(letter, _)| (*letter).to_owned());
         std::iter::once(first.to_owned()).chain(letters).collect()
     }
 
-    /// A row: its name, then a cell for each flight.
+    /// Row of a table: its name, then one cell per flight.
     fn row(&self, name: &str, cell: impl Fn(&Summary) -> String) -> Vec<String> {
         std::iter::once(name.to_owned()).chain(self.summaries.iter().map(cell)).collect()
     }
@@ -145,7 +145,7 @@ impl Comparison {
         ("Latency", self.header("hop, p50"), rows)
     }
 
-    /// The settings that are not the same in all flights.
+    /// Settings that differ between the flights.
     fn settings(&self) -> NamedTable {
         let all: Vec<BTreeMap<String, String>> =
             self.flights.iter().map(|flight| settings(&flight.config.to_toml())).collect();
@@ -181,13 +181,13 @@ impl Comparison {
         )
     }
 
-    /// A trace for each flight.
+    /// Traces, one per flight.
     fn traces(&self, points: impl Fn(&Flight) -> Vec<(f64, f64)>) -> Vec<Trace> {
         let marked = self.flights.iter().zip(MARKS);
         marked.map(|(flight, (name, ink))| Trace { name, ink, points: points(flight) }).collect()
     }
 
-    /// A value of the armed ticks over the time since arming.
+    /// Plot of a value over the time since arming, for the armed ticks.
     fn over_time(&self, title: &str, value: impl Fn(&FlightSample) -> f64) -> Markup {
         let traces = self.traces(|flight| {
             let origin = flight.origin();
@@ -200,7 +200,7 @@ impl Comparison {
     }
 }
 
-/// The settings of a configuration file with a key on a line, by their dotted keys.
+/// Settings of a configuration file with one key per line, by dotted key.
 fn settings(text: &str) -> BTreeMap<String, String> {
     let mut section = String::new();
     let mut all = BTreeMap::new();

@@ -11,9 +11,9 @@ use crate::flight_sample::FlightSample;
 
 /// Vertical component of the body's z axis below which the vehicle has turned over \[-\]: the cosine of 80 degrees.
 const TURNED_OVER: f64 = 0.17;
-/// Speed towards the floor above which touching it is a crash \[m/s\]: several times that of a landing.
+/// Speed towards the floor above which contact is a crash \[m/s\]: several times the speed of a landing.
 const HARD_M_S: f64 = 1.5;
-/// Height up to which a vehicle may touch the floor \[m\].
+/// Height up to which a vehicle may be in contact with the floor \[m\].
 const AT_FLOOR_M: f64 = 0.05;
 /// Distance beyond the fence at which the vehicle is lost \[m\].
 const LOST_M: f64 = 12.0;
@@ -21,11 +21,11 @@ const LOST_M: f64 = 12.0;
 /// Cause of a crash.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Crash {
-    /// The vehicle was on the floor while it was to fly.
+    /// The vehicle was on the floor during the flight.
     Floor,
-    /// The vehicle touched the floor too fast, also where it was to land.
+    /// The vehicle hit the floor too fast, possibly while landing.
     Hard {
-        /// Its speed towards the floor \[m/s\].
+        /// Speed towards the floor \[m/s\].
         speed: f64,
     },
     /// The vehicle turned over.
@@ -35,10 +35,10 @@ pub enum Crash {
     },
     /// The vehicle flew away.
     Lost {
-        /// Its position \[m, world\].
+        /// Position of the vehicle \[m, world\].
         position: [f64; 3],
     },
-    /// The daemon that flew died; the next one starts disarmed, and the vehicle falls.
+    /// The daemon died in flight; the next one starts disarmed, and the vehicle falls.
     DaemonDied,
 }
 
@@ -62,7 +62,7 @@ impl Crash {
         (is_airborne && position.z <= 0.0).then_some(Self::Floor)
     }
 
-    /// Crash of a vehicle, armed or not, that fell in the tick before and was stopped by the floor; `None` otherwise.
+    /// Crash of a vehicle, armed or not, that fell in the previous tick and was stopped by the floor; `None` otherwise.
     #[must_use]
     pub fn at_touchdown(before: &FlightSample, sample: &FlightSample) -> Option<Self> {
         let [speed, rest] = [before, sample].map(|sample| -sample.velocity().z);

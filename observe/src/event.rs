@@ -1,11 +1,11 @@
-//! Events of a flight as text, for recordings, the terminal, the page in the browser and the report.
+//! Events of a flight as text, for recordings, the terminal, the browser page and the report.
 
 use std::fmt;
 
 use oqtal_bus::code::{Answer, Cause, InputKind, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::message::{InputV1, TelemetryV1};
 
-/// Mode, safety state and cause of the daemon in a tick, and whether it flies the configured model in place of the adapted one.
+/// Mode, safety state and cause of the daemon in a tick, and whether it uses the configured model instead of the adapted one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DaemonCondition {
     mode: u8,
@@ -44,13 +44,13 @@ impl DaemonCondition {
         }
     }
 
-    /// Whether the configured model is flown because the adapted one predicts worse.
+    /// Whether the configured model is used because the adapted one predicts worse.
     #[must_use]
     pub fn fell_back(self) -> bool {
         self.fell_back != 0
     }
 
-    /// Name of the model that is flown.
+    /// Name of the model in use.
     #[must_use]
     pub fn model_text(self) -> &'static str {
         match self.fell_back() {
@@ -74,7 +74,7 @@ fn word(code: Option<impl ToString>) -> String {
     code.map_or_else(|| "?".to_owned(), |code| code.to_string())
 }
 
-/// Changes of state and cause, of the model that is flown, losses, refusals and missed deadlines between two ticks.
+/// Events between two ticks: changes of state, cause or model, losses, refusals and missed deadlines.
 #[must_use]
 pub fn changes(before: &TelemetryV1, now: &TelemetryV1) -> Vec<String> {
     let counted = [
@@ -83,7 +83,7 @@ pub fn changes(before: &TelemetryV1, now: &TelemetryV1) -> Vec<String> {
         ("deadlines missed", before.deadline_misses, now.deadline_misses),
     ];
     let state = (before.state, before.cause) != (now.state, now.cause);
-    // On the floor the adapted model is reset, which is not an event.
+    // On the floor the adapted model is reset; this is not an event.
     let model = before.fell_back != now.fell_back && now.mode == Mode::Flying.code();
     let condition = DaemonCondition::of(now);
     let states = state.then(|| condition.state_text());

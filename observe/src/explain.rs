@@ -8,10 +8,10 @@ use crate::summary::Summary;
 /// Width of a line \[columns\].
 const WIDTH: usize = 80;
 
-/// Terms of the closing table with their meanings: lines `term: meaning`, each below the condition under which it is shown.
+/// Terms of the closing table with their meanings: lines `term: meaning`, each below the condition for showing it.
 const TERMS: &str = include_str!("explain.txt");
 
-/// The terms of the closing table of `flight` that its `summary` has, with their meanings.
+/// Terms in the closing table of `flight`, for the figures in `summary`, with their meanings.
 #[must_use]
 pub fn terms(flight: &Flight, summary: &Summary) -> Vec<(&'static str, String)> {
     let mut condition = "";
@@ -66,7 +66,7 @@ pub fn text(terms: &[(&'static str, String)]) -> String {
     lines.collect::<Vec<_>>().join("\n")
 }
 
-/// `text` in lines of at most 80 columns, the further ones indented by `indent` columns.
+/// `text` in lines of at most 80 columns; continuation lines are indented by `indent` columns.
 #[must_use]
 pub fn wrapped(text: &str, indent: usize) -> String {
     wrap(text, WIDTH - indent).join(&format!("\n{}", " ".repeat(indent)))

@@ -1,10 +1,10 @@
-//! The faults that were injected into a flight (`[fault]`), and its disturbances (`plant.disturb`).
+//! Injected faults (`[fault]`) and disturbances (`plant.disturb`) of a flight.
 
 use serde::Serialize;
 
 use crate::flight::Flight;
 
-/// A fault that began before the flight was over.
+/// Fault that began before the end of the flight.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct InjectedFault {
     /// The fault in the grammar of `oqtal fly --fault`.
@@ -15,7 +15,7 @@ pub struct InjectedFault {
     pub until_s: Option<f64>,
 }
 
-/// A disturbance that began before the flight was over.
+/// Disturbance that began before the end of the flight.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct AppliedDisturbance {
     /// The disturbance in the grammar of `oqtal fly --disturb`.
@@ -48,8 +48,8 @@ impl AppliedDisturbance {
     }
 }
 
-/// The `periods` (name, beginning and end from arming \[s\]) that began before `flight` was over, in order; without their ends if
-/// these came later.
+/// Those of `periods` (name, beginning and end after arming \[s\]) that began before the end of `flight`, in order; an end after
+/// the flight is omitted.
 fn begun(
     flight: &Flight,
     periods: impl Iterator<Item = (String, f64, f64)>,

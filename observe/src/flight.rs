@@ -1,4 +1,4 @@
-//! A recorded flight: the messages of all processes, joined by time. Summary, tables and report are made from it.
+//! A recorded flight: the messages of all processes, joined by time. Source of summary, tables and report.
 
 use std::fmt;
 
@@ -17,13 +17,13 @@ pub use crate::flight_sample::FlightSample;
 use crate::kernel::ProcessUsage;
 use crate::wire::WireRecord;
 
-/// How a flight ended.
+/// Outcome of a flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Outcome {
     /// On the floor, at rest, disarmed.
     Landed,
-    /// The daemon stopped the motors, by itself or for an operator.
+    /// The daemon stopped the motors, by its own decision or on an operator's request.
     Stopped,
     /// The vehicle crashed, see [`Crash`].
     Crashed,
@@ -31,12 +31,12 @@ pub enum Outcome {
     Timeout,
     /// A recording was played to its end.
     Replayed,
-    /// The recording ends before the flight does.
+    /// The recording ends before the flight.
     Unfinished,
 }
 
 impl Outcome {
-    /// The outcome with this name.
+    /// Outcome with this name.
     #[must_use]
     pub fn parse(name: &str) -> Option<Self> {
         use Outcome::{Crashed, Landed, Replayed, Stopped, Timeout, Unfinished};
@@ -58,7 +58,7 @@ impl fmt::Display for Outcome {
     }
 }
 
-/// A pose that was received.
+/// Received pose.
 #[derive(Clone, Copy, Debug)]
 pub struct PoseArrival {
     /// Instant of publication.
@@ -69,16 +69,16 @@ pub struct PoseArrival {
     pub position: [f64; 3],
 }
 
-/// A command that reached the vehicle.
+/// Command that reached the vehicle.
 #[derive(Clone, Copy, Debug)]
 pub struct AppliedCommand {
-    /// Its sequence \[-\].
+    /// Sequence number \[-\].
     pub sequence: u64,
-    /// Its stamps, from the capture of its pose on.
+    /// Stamps, beginning with the capture of the pose.
     pub stamps: Stamps,
-    /// Time from the last stamp to its effect.
+    /// Time from the last stamp to the effect.
     pub onward: OnwardTime,
-    /// Battery voltage when it was applied \[V\].
+    /// Battery voltage when the command was applied \[V\].
     pub battery_v: f64,
 }
 
@@ -89,7 +89,7 @@ pub struct Flight {
     pub config: Config,
     /// Path of the commands to the vehicle.
     pub command_path: CommandPath,
-    /// How the flight ended.
+    /// Outcome of the flight.
     pub outcome: Outcome,
     /// Cause of a crash; `None` unless the vehicle crashed.
     pub crash: Option<Crash>,
@@ -97,7 +97,7 @@ pub struct Flight {
     pub samples: Vec<FlightSample>,
     /// Every pose received.
     pub arrivals: Vec<PoseArrival>,
-    /// Latencies of the commands that reached the vehicle.
+    /// Latencies of the applied commands.
     pub hops: HopDistributions,
     /// Figures of the wire to the vehicle; empty without a wire.
     pub wire: WireRecord,
@@ -105,22 +105,22 @@ pub struct Flight {
     pub wakeup_lateness: Distribution,
     /// Deviation of the time between two ticks from the loop period.
     pub period_jitter: Distribution,
-    /// Commands that never reached the vehicle.
+    /// Number of commands that never reached the vehicle.
     pub commands_lost: u64,
-    /// Poses with the frame number of the pose before.
+    /// Number of poses with the same frame number as the previous pose.
     pub poses_repeated: u64,
-    /// Commands that the vehicle received more than once.
+    /// Number of commands that the vehicle received more than once.
     pub commands_repeated: u64,
     /// Every command that reached the vehicle.
     pub applied: Vec<AppliedCommand>,
     /// Flight time over wall time, from the first to the last tick \[-\].
     pub speed_factor: f64,
-    /// Resource use of the daemon; `None` if it was not a process of its own.
+    /// Resource use of the daemon; `None` if it was not a separate process.
     pub daemon: Option<ProcessUsage>,
 }
 
 impl Flight {
-    /// The record of a flight under `config` that has not begun.
+    /// Record of a flight under `config` that has not begun.
     #[must_use]
     pub fn new(config: &Config) -> Self {
         Self {
@@ -153,8 +153,8 @@ impl Flight {
         self.armed().filter(|sample| sample.telemetry.scored != 0)
     }
 
-    /// Reason why the flight did not end as planned: an operator or the daemon landed or stopped the vehicle, it crashed, or there
-    /// was no take-off. `None` for a complete flight, and for an outcome that needs no reason.
+    /// Reason why the flight did not end as planned: an operator or the daemon landed or stopped the vehicle, it crashed, or
+    /// there was no take-off. `None` for a complete flight, and for an outcome that needs no reason.
     #[must_use]
     pub fn shortfall(&self) -> Option<String> {
         match self.outcome {
@@ -188,7 +188,7 @@ impl Flight {
         }
     }
 
-    /// Time of the last armed tick after arming, in words; empty without one.
+    /// Time of the last armed tick after arming, as text; empty without an armed tick.
     fn when(&self) -> String {
         let (first, last) = (self.armed().next(), self.armed().last());
         first.zip(last).map_or_else(String::new, |(first, last)| {
@@ -197,7 +197,7 @@ impl Flight {
         })
     }
 
-    /// Part of the trajectory that was flown before a landing that an operator requested; `None` without such a landing.
+    /// Fraction of the trajectory flown before a landing requested by an operator; `None` without such a landing.
     #[must_use]
     pub fn landing_on_request(&self) -> Option<String> {
         if self.early_landing().is_some() {
@@ -216,7 +216,7 @@ impl Flight {
         Some(format!("landed on request after {flown_s:.1} of {of_s:.1} s of the trajectory"))
     }
 
-    /// The tick in which the daemon began to land by itself before the plan did; `None` if it did not.
+    /// Tick in which the daemon itself began to land earlier than planned; `None` without an early landing.
     fn early_landing(&self) -> Option<&FlightSample> {
         let mut last = Phase::TakeOff as u8;
         self.armed().find(|sample| {
@@ -231,7 +231,7 @@ impl Flight {
         self.config.is_replay()
     }
 
-    /// Instant of the first armed tick, or of the first tick if none was armed: zero of the time axis.
+    /// Instant of the first armed tick, or of the first tick if none is armed: zero of the time axis.
     #[must_use]
     pub fn origin(&self) -> Time {
         let first = self.armed().next().or(self.samples.first());

@@ -10,7 +10,7 @@ use oqtal_control::quaternion::Attitude;
 pub struct FlightSample {
     /// Telemetry of the tick.
     pub telemetry: TelemetryV1,
-    /// The truth at the tick; `None` where there is none (a recording, a real vehicle).
+    /// Truth at the tick; `None` if there is none (a recording, a real vehicle).
     pub truth: Option<TruthV1>,
 }
 
@@ -21,25 +21,25 @@ impl FlightSample {
         [Mode::Flying.code(), Mode::Landing.code()].contains(&self.telemetry.mode)
     }
 
-    /// Whether the daemon brings the vehicle down by itself.
+    /// Whether the daemon is ending the flight.
     #[must_use]
     pub fn is_ended_by_daemon(&self) -> bool {
         (SafetyState::Land.code()..SafetyState::Stop.code()).contains(&self.telemetry.state)
     }
 
-    /// Position of the vehicle \[m, world\]: the truth, or the estimate where there is none.
+    /// Position of the vehicle \[m, world\]: the truth if there is one, otherwise the estimate.
     #[must_use]
     pub fn position(&self) -> Vector3<f64> {
         Vector3::from(self.truth.map_or(self.telemetry.position, |truth| truth.position))
     }
 
-    /// Velocity of the vehicle \[m/s, world\]: the truth, or the estimate where there is none.
+    /// Velocity of the vehicle \[m/s, world\]: the truth if there is one, otherwise the estimate.
     #[must_use]
     pub fn velocity(&self) -> Vector3<f64> {
         Vector3::from(self.truth.map_or(self.telemetry.velocity, |truth| truth.velocity))
     }
 
-    /// Attitude of the vehicle \[body to world\]: the truth, or the estimate where there is none.
+    /// Attitude of the vehicle \[body to world\]: the truth if there is one, otherwise the estimate.
     #[must_use]
     pub fn attitude(&self) -> Attitude {
         let numbers = self.truth.map_or(self.telemetry.attitude, |truth| truth.attitude);

@@ -1,5 +1,5 @@
-//! Model of a running instance: its processes, vehicle, newest tick, latencies, counters and events. `oqtal ctl status`,
-//! `oqtal monitor` and `oqtal view` show it.
+//! Model of a running instance: processes, vehicle, newest tick, latencies, counters and events. Shown by `oqtal ctl status`,
+//! `oqtal monitor` and `oqtal view`.
 
 use std::collections::VecDeque;
 
@@ -12,7 +12,7 @@ use crate::loop_monitor::LoopMonitor;
 use crate::sink::{Reception, Sink};
 use crate::status::{InstanceStatus, ProcessHealth, VehicleStatus};
 
-/// Events kept at most \[-\]: more than a terminal is high.
+/// Maximum number of stored events \[-\]: more than the height of a terminal.
 const MAX_EVENTS: usize = 200;
 
 /// The newest sample of a topic.
@@ -29,11 +29,11 @@ pub struct Newest<M> {
 pub struct ObservedProcess {
     /// Role of the process.
     pub role: Role,
-    /// Header of its newest health message.
+    /// Header of the newest health message.
     pub header: Header,
-    /// Its newest health message.
+    /// Newest health message.
     pub health: HealthV1,
-    /// Whether its newest health message is older than the time-out.
+    /// Whether the newest health message is older than the time-out.
     pub is_silent: bool,
 }
 
@@ -54,7 +54,7 @@ pub struct InstanceModel {
     pub tick: Option<Newest<TelemetryV1>>,
     /// Newest message of the vehicle.
     pub vehicle: Option<Newest<VehicleV1>>,
-    /// Latencies and counters since the observation began, since the daemon was replaced, or since [`Self::restart_figures`].
+    /// Latencies and counters since the last of: start of the observation, replacement of the daemon, [`Self::restart_figures`].
     pub figures: LoopMonitor,
     /// Greatest tracking error since the same instant \[m\].
     pub max_error_m: f64,
@@ -70,7 +70,7 @@ pub struct InstanceModel {
 }
 
 impl InstanceModel {
-    /// An empty model of an observation that begins at `now`; a process is silent after `timeout` without a health message.
+    /// Empty model of an observation that begins at `now`; a process counts as silent `timeout` after its last health message.
     #[must_use]
     pub fn new(now: Time, timeout: Span) -> Self {
         Self {
@@ -88,20 +88,20 @@ impl InstanceModel {
         }
     }
 
-    /// The topics from which [`Self::status`] is made.
+    /// Topics required for [`Self::status`].
     #[must_use]
     pub fn status_topics() -> Vec<ObservedTopic> {
         let topics = [ObservedTopic::Telemetry, ObservedTopic::Vehicle];
         topics.into_iter().chain(Role::PROCESSES.map(ObservedTopic::Health)).collect()
     }
 
-    /// The topics from which the whole model is made.
+    /// Topics required for the whole model.
     #[must_use]
     pub fn topics() -> Vec<ObservedTopic> {
         [Self::status_topics(), vec![ObservedTopic::Command, ObservedTopic::Input]].concat()
     }
 
-    /// Sets the instant of the samples that follow, and adds the events of processes that are silent since.
+    /// Sets the instant of the following samples, and adds events for processes that have become silent.
     pub fn advance(&mut self, now: Time) {
         self.now = now;
         let (timeout, was_alive) = (self.timeout, self.is_alive());
@@ -141,7 +141,7 @@ impl InstanceModel {
         self.processes().any(|process| !process.is_silent)
     }
 
-    /// Whether every process that is expected to run, and the vehicle, have been received.
+    /// Whether messages of all expected processes and of the vehicle have been received.
     #[must_use]
     pub fn is_complete(&self) -> bool {
         let known = |role| self.has(role) || self.is_replaced(role);
@@ -171,7 +171,7 @@ impl InstanceModel {
         }
     }
 
-    /// Discards latencies and counters, and begins new ones.
+    /// Resets latencies and counters.
     pub fn restart_figures(&mut self) {
         self.figures.restart(Time::UNSET);
         self.max_error_m = 0.0;
@@ -181,7 +181,7 @@ impl InstanceModel {
         self.processes().any(|process| process.role == role)
     }
 
-    /// Whether the process that runs in place of `role` was received: vehicle and cameras are either simulated or real.
+    /// Whether messages of the process that replaces `role` were received: vehicle and cameras are either simulated or real.
     fn is_replaced(&self, role: Role) -> bool {
         match role {
             Role::Plant => self.has(Role::Bridge),
@@ -226,7 +226,7 @@ impl InstanceModel {
         }
     }
 
-    /// Adds a health message; one that is older than the time-out is ignored.
+    /// Adds a health message; a message older than the time-out is ignored.
     fn health(&mut self, reception: &Reception, role: Role, health: &HealthV1) {
         let entry = Role::PROCESSES.iter().position(|other| *other == role);
         let is_old = reception.received_at.since(health.time) > self.timeout;
@@ -272,7 +272,7 @@ impl Sink for InstanceModel {
 mod tests {
     use super::*;
 
-    /// A model at 1 s that received a health message of each of `roles`, `age` old.
+    /// Model at 1 s that received a health message of each of `roles`, with this age.
     fn model(roles: &[Role], age: Span) -> InstanceModel {
         let mut model = InstanceModel::new(Time::VIRTUAL_START, Span::from_millis(100));
         for role in roles {

@@ -14,7 +14,7 @@ pub struct ThreadScheduling {
     pub policy: Cow<'static, str>,
     /// Real-time priority; 0 under ordinary scheduling.
     pub priority: u32,
-    /// The processor the thread is bound to; `None` if it may use several.
+    /// Processor to which the thread is bound; `None` if it may use several.
     pub cpu: Option<usize>,
     /// Whether the memory of the process is locked.
     pub locked: bool,
@@ -59,7 +59,7 @@ impl ThreadScheduling {
 
     /// Parses the files `stat` and `status` of a thread, proc(5).
     fn parse(stat: &str, status: &str) -> Option<Self> {
-        // The name may contain blanks and brackets; the first field behind it is the third.
+        // The name may contain blanks and brackets; the first field after the name is number three.
         let fields: Vec<&str> = stat.rsplit(')').next()?.split_whitespace().collect();
         let field = |number: usize| fields.get(number - 3)?.parse::<usize>().ok();
         let line = |key: &str| {
@@ -138,8 +138,9 @@ impl ProcessUsage {
     }
 }
 
-/// Binds the calling thread, and the processes it starts, to the processor it runs on; restores the affinity when dropped.
-/// Processes that run in turns, as in lockstep, wake each other fastest on one processor: no other has to leave its idle state.
+/// Binds the calling thread, and the processes that it starts, to its present processor; restores the affinity on drop. Processes
+/// that run in turns, as in lockstep, wake each other fastest on one processor, since no other processor must leave its idle
+/// state.
 #[derive(Debug)]
 pub struct OneProcessor(CpuSet);
 
@@ -157,7 +158,7 @@ impl OneProcessor {
 
 impl Drop for OneProcessor {
     fn drop(&mut self) {
-        // Fails if a processor went offline meanwhile; the thread then stays bound.
+        // Fails if a processor went offline in the meantime; the thread then stays bound.
         let _ = sched_setaffinity(None, &self.0);
     }
 }

@@ -3,9 +3,9 @@
 //! ```text
 //!  captured ─▶ pose published ─▶ woken ─▶ command published ─▶ received ─▶ applied
 //! ```
-//! For every sample the hops add up to `sensor_to_actuator`, which ends where the command takes effect. Behind a bridge the last
-//! stamp is taken when the last byte is handed to the wire; the time on the wire and the configured time in the air are further
-//! hops.
+//! For every sample the sum of the hops is `sensor_to_actuator`, which ends when the command takes effect. Behind a bridge the
+//! last stamp is taken when the last byte is handed to the wire; the time on the wire and the configured time in the air are
+//! additional hops.
 
 use hdrhistogram::Histogram;
 use serde::Serialize;
@@ -13,7 +13,7 @@ use serde::Serialize;
 use oqtal_bus::message::{Stamps, VehicleV1};
 use oqtal_bus::time::Span;
 
-/// The names of the hops, in order.
+/// Names of the hops, in order.
 pub const HOPS: [&str; 5] = [
     "capture_to_publish",
     "publish_to_daemon",
@@ -22,23 +22,23 @@ pub const HOPS: [&str; 5] = [
     "vehicle_to_applied",
 ];
 
-/// The parts of the first hop where a receiver publishes the poses of a real camera system.
+/// Parts of the first hop if a receiver publishes the poses of a real camera system.
 pub const RECEIVER: [&str; 2] = ["capture_to_receive", "receive_to_publish"];
 
-/// Name of the hop over a wire, which follows the others.
+/// Name of the hop over a wire, after the others.
 pub const WIRE: &str = "wire";
 
-/// Name of the hop from the last byte on the wire to the effect: not measured, but `bridge.air-latency-ms`.
+/// Name of the hop from the last byte on the wire to the effect: not measured, set by `bridge.air-latency-ms`.
 pub const AIR: &str = "air_configured";
 
 /// Name of the sum of all hops.
 pub const WHOLE: &str = "sensor_to_actuator";
 
-/// Names of all distributions, in the order of the stations.
+/// Names of all distributions, in the order of the stages.
 pub const NAMES: [&str; HOPS.len() + RECEIVER.len() + 3] =
     [HOPS[0], RECEIVER[0], RECEIVER[1], HOPS[1], HOPS[2], HOPS[3], HOPS[4], WIRE, AIR, WHOLE];
 
-/// Time from the last stamp of a command to its effect; zero for a vehicle that is simulated on the bus.
+/// Time from the last stamp of a command to its effect; zero for a vehicle simulated on the bus.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct OnwardTime {
     /// Time of its bytes on the wire.
@@ -59,7 +59,7 @@ impl OnwardTime {
 /// Upper end of the histogram's range \[ns\].
 const LONGEST_NS: u64 = 60_000_000_000;
 
-/// The hops of one sample; `None` if a stamp is missing or earlier than the one before.
+/// Hops of one sample; `None` if a stamp is missing or earlier than the previous one.
 #[must_use]
 pub fn hops(stamps: &Stamps) -> Option<[Span; HOPS.len()]> {
     let stations = [
@@ -75,7 +75,7 @@ pub fn hops(stamps: &Stamps) -> Option<[Span; HOPS.len()]> {
     (ordered && complete).then(|| std::array::from_fn(|i| stations[i + 1].since(stations[i])))
 }
 
-/// The parts of the first hop; `None` without a receiver.
+/// Parts of the first hop; `None` without a receiver.
 #[must_use]
 pub fn receiver_hops(stamps: &Stamps) -> Option<[Span; RECEIVER.len()]> {
     let Stamps { captured_at, pose_received_at, pose_published_at, .. } = *stamps;
@@ -90,7 +90,7 @@ pub fn sensor_to_actuator(stamps: &Stamps, onward: OnwardTime) -> Span {
     stamps.applied_at.since(stamps.captured_at) + onward.wire + onward.air
 }
 
-/// A distribution of spans in bounded memory: minimum and maximum are exact, quantiles have three digits.
+/// Distribution of spans in bounded memory: minimum and maximum are exact, quantiles have three digits.
 #[derive(Clone, Debug)]
 pub struct Distribution {
     spans: Histogram<u64>,
@@ -100,7 +100,8 @@ pub struct Distribution {
 
 impl Default for Distribution {
     fn default() -> Self {
-        // Grows with its spans: memory for a minute from the start would cost a tenth of a flight in virtual time.
+        // The histogram grows as needed: memory for a minute from the start would cost a tenth of the time of a flight in virtual
+        // time.
         let spans = Histogram::new(3).expect("three digits are allowed");
         Self { spans, ends: (u64::MAX, 0) }
     }
@@ -114,7 +115,7 @@ impl Distribution {
         self.ends = (self.ends.0.min(nanos), self.ends.1.max(nanos));
     }
 
-    /// The span that the fraction `quantile` of all spans does not exceed; zero for an empty distribution.
+    /// Quantile: the span not exceeded by the fraction `quantile` of all spans; zero for an empty distribution.
     #[must_use]
     pub fn quantile(&self, quantile: f64) -> Span {
         Span::from_nanos(self.quantile_ns(quantile).cast_signed())
@@ -122,7 +123,7 @@ impl Distribution {
 
     fn quantile_ns(&self, quantile: f64) -> u64 {
         let (least, greatest) = self.ends;
-        // The histogram returns the upper edge of a bucket, which may exceed every span in it.
+        // The histogram returns the upper edge of a bucket, which may exceed all spans in it.
         if self.spans.is_empty() {
             0
         } else {
@@ -163,12 +164,12 @@ pub struct DistributionSummary {
     pub max_ns: u64,
 }
 
-/// The distributions of all hops and of their sum, in the order of [`NAMES`].
+/// Distributions of all hops and of their sum, in the order of [`NAMES`].
 #[derive(Clone, Debug, Default)]
 pub struct HopDistributions([Distribution; NAMES.len()]);
 
 impl HopDistributions {
-    /// Adds a sample that reached the vehicle after its last stamp by the time `onward`; a sample with a missing stamp is ignored.
+    /// Adds a sample whose command took effect `onward` after its last stamp; a sample with a missing stamp is ignored.
     pub fn add(&mut self, stamps: &Stamps, onward: OnwardTime) {
         let Some([capture, publish, compute, command, vehicle]) = hops(stamps) else { return };
         let [received, published] = receiver_hops(stamps).map_or([None; 2], |hops| hops.map(Some));
@@ -184,7 +185,7 @@ impl HopDistributions {
         }
     }
 
-    /// The distributions by name: every hop and their sum; the parts of the first hop, wire and air only if there were any.
+    /// Distributions by name: every hop and their sum; wire, air and the parts of the first hop only if they have samples.
     pub fn iter(&self) -> impl Iterator<Item = (&'static str, &Distribution)> {
         let always = |name: &str| HOPS.contains(&name) || name == WHOLE;
         NAMES.into_iter().zip(&self.0).filter(move |(name, hop)| always(name) || hop.count() > 0)

@@ -4,7 +4,7 @@
 //! | file | subject |
 //! |---|---|
 //! | `observer.rs` | the observer of the bus |
-//! | `sink.rs` | interface of the users of samples |
+//! | `sink.rs` | interface of the receivers of samples |
 //! | `recorder.rs` | sink: joins every tick with the truth |
 //! | `loop_monitor.rs` | sink: latencies and counters of a running instance |
 //! | `instance.rs` | sink: model of a running instance |
@@ -13,17 +13,17 @@
 //! | `event.rs` | events as text |
 //! | `flight.rs` | a recorded flight |
 //! | `flight_sample.rs` | one tick of a flight |
-//! | `nearest.rs` | join of ticks with the samples nearest in time |
+//! | `nearest.rs` | joins ticks with the samples nearest in time |
 //! | `summary.rs` | figures of a flight, `summary.json` |
 //! | `latency.rs` | latency by hops, from capture to effect |
-//! | `command_path.rs` | the path of commands to the vehicle |
+//! | `command_path.rs` | path of commands to the vehicle |
 //! | `wire.rs` | figures of the wire to a vehicle |
 //! | `crash.rs` | detection of crashes |
 //! | `fault.rs` | faults and disturbances of a flight |
 //! | `table.rs` | the closing table in the terminal |
-//! | `explain.rs` | explanations of the terms of that table |
+//! | `explain.rs` | explanations of the terms of the closing table |
 //! | `report.rs` | the report of a flight, one HTML page |
-//! | `compare.rs` | several flights side by side |
+//! | `compare.rs` | comparison of several flights |
 //! | `csv.rs` | `telemetry.csv` |
 //! | `page.rs` | HTML pages in one style |
 //! | `plot.rs` | plots as SVG |

@@ -8,7 +8,7 @@ use serde::Serialize;
 use crate::latency::{Distribution, HopDistributions, OnwardTime};
 use crate::sink::{Reception, Sink};
 
-/// Counters of the control loop over the time observed.
+/// Counters of the control loop over the observation time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct LoopCounters {
     /// Ticks of the loop.
@@ -17,15 +17,15 @@ pub struct LoopCounters {
     pub fresh_ticks: u64,
     /// Commands published later than one period after their pose.
     pub deadline_misses: u64,
-    /// Poses lost, by the gaps in their frame numbers.
+    /// Poses lost, from gaps in their frame numbers.
     pub poses_lost: u64,
     /// Poses refused by the guard.
     pub poses_refused: u64,
     /// Commands published.
     pub commands: u64,
-    /// Commands that the vehicle missed, by the gaps in their sequence.
+    /// Commands lost on the way to the vehicle, from gaps in their sequence.
     pub commands_lost: u64,
-    /// Samples that the observer lost; they are not included in the figures.
+    /// Samples lost by the observer; they are not included in the figures.
     #[serde(rename = "unheard")]
     pub unobserved: u64,
 }
@@ -45,11 +45,11 @@ pub struct LoopMonitor {
 }
 
 impl LoopMonitor {
-    /// The topics with latencies and counters.
+    /// Topics with latencies and counters.
     pub const TOPICS: [ObservedTopic; 3] =
         [ObservedTopic::Telemetry, ObservedTopic::Vehicle, ObservedTopic::Command];
 
-    /// A monitor that ignores samples from before `from`.
+    /// Monitor that ignores samples from before `from`.
     #[must_use]
     pub fn new(from: Time) -> Self {
         Self {
@@ -65,7 +65,7 @@ impl LoopMonitor {
         }
     }
 
-    /// Discards all figures and ignores samples from before `from`; what is known of the daemon and the motors remains.
+    /// Discards all figures and ignores samples from before `from`; the state of daemon and motors is kept.
     pub fn restart(&mut self, from: Time) {
         *self = Self { armed: self.armed, daemon_pid: self.daemon_pid, ..Self::new(from) };
     }
@@ -94,7 +94,7 @@ impl LoopMonitor {
         self.counters
     }
 
-    /// The hops of every command that was applied.
+    /// Hops of every applied command.
     #[must_use]
     pub fn hops(&self) -> &HopDistributions {
         &self.hops
@@ -109,7 +109,7 @@ impl LoopMonitor {
 
 impl LoopMonitor {
     fn telemetry(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
-        // A late joiner receives the last sample of the topic, however old.
+        // A late joiner receives the last sample of the topic, which may be old.
         if telemetry.time < self.from {
             return;
         }
@@ -120,7 +120,7 @@ impl LoopMonitor {
         let counters = &mut self.counters;
         counters.ticks += 1;
         counters.fresh_ticks += u64::from(telemetry.fresh);
-        // A daemon that restarted counts from zero.
+        // A restarted daemon counts from zero.
         counters.deadline_misses = telemetry.deadline_misses.saturating_sub(first.deadline_misses);
         counters.poses_lost = telemetry.poses_lost.saturating_sub(first.poses_lost);
         counters.poses_refused = telemetry.poses_refused.saturating_sub(first.poses_refused);

@@ -1,13 +1,13 @@
-//! The sample nearest in time, among samples in the order of time.
+//! Search for the sample nearest in time, among samples in order of time.
 
 use std::collections::VecDeque;
 
 use oqtal_bus::time::Time;
 
-/// Samples kept, among which a late tick finds the nearest \[-\].
+/// Number of stored samples, among which a late tick finds the nearest one \[-\].
 const KEPT: usize = 64;
 
-/// Index in `samples` of the one whose time is nearest to `at`, the earlier of two; `None` if there are none.
+/// Index of the sample in `samples` nearest to `at`, the earlier of two equally near ones; `None` without samples.
 pub fn nearest<T>(samples: &VecDeque<T>, at: Time, time: impl Fn(&T) -> Time) -> Option<usize> {
     let after = samples.partition_point(|sample| time(sample) < at);
     let around = [after.checked_sub(1), Some(after)].into_iter().flatten();
@@ -15,7 +15,7 @@ pub fn nearest<T>(samples: &VecDeque<T>, at: Time, time: impl Fn(&T) -> Time) ->
     around.filter(|index| *index < samples.len()).min_by_key(distance)
 }
 
-/// Join of the daemon's ticks with the samples of the truth nearest to them; each arrives in the order of time.
+/// Joins the daemon's ticks with the nearest truth samples; ticks and samples each arrive in order of time.
 #[derive(Debug)]
 pub struct NearestJoin<T, S> {
     ticks: VecDeque<(Time, T)>,
@@ -35,7 +35,7 @@ impl<T, S> NearestJoin<T, S> {
         self.ticks.push_back((at, tick));
     }
 
-    /// Adds a sample of the truth.
+    /// Adds a truth sample.
     pub fn add_sample(&mut self, at: Time, sample: S) {
         if self.samples.len() == KEPT {
             self.samples.pop_front();
@@ -43,7 +43,7 @@ impl<T, S> NearestJoin<T, S> {
         self.samples.push_back((at, sample));
     }
 
-    /// Removes and returns the first tick that is not later than the newest sample, with the sample nearest to it.
+    /// Removes and returns the first tick that is not later than the newest sample, with its nearest sample.
     pub fn next_pair(&mut self) -> Option<(T, &mut S)> {
         let newest = self.samples.back()?.0;
         let at = self.ticks.front().map(|(at, _)| *at).filter(|at| *at <= newest)?;
@@ -57,13 +57,13 @@ impl<T, S> NearestJoin<T, S> {
         self.ticks.pop_front().map(|(_, tick)| tick)
     }
 
-    /// Times of the first and the last tick that wait for a sample; `None` if none waits.
+    /// Times of the first and last tick waiting for a sample; `None` if none is waiting.
     #[must_use]
     pub fn waiting(&self) -> Option<(Time, Time)> {
         Some((self.ticks.front()?.0, self.ticks.back()?.0))
     }
 
-    /// Number of ticks that wait for a sample \[-\].
+    /// Number of ticks waiting for a sample \[-\].
     #[must_use]
     pub fn ticks(&self) -> usize {
         self.ticks.len()

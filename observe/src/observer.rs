@@ -1,4 +1,4 @@
-//! The observer of the bus: receives every sample of the chosen topics and passes it to a [`Sink`]. It publishes nothing.
+//! Observer of the bus: receives every sample of the selected topics and passes it to a [`Sink`]. Publishes nothing.
 
 use std::fmt;
 
@@ -10,14 +10,14 @@ use oqtal_bus::transport::{Subscribe, Transport};
 
 use crate::sink::{Reception, Sink};
 
-/// Passes the new samples of one topic, received at an instant, to a sink.
+/// Passes the new samples of one topic, with their instant of reception, to a sink.
 type Port = Box<dyn FnMut(Time, &mut dyn Sink) -> Result<(), BusError>>;
 
-/// Observer of one instance over any transport: the processes' bus, or the in-memory bus of a flight in one process.
+/// Observer of one instance over any transport: the bus between processes, or the in-memory bus of an in-process flight.
 pub struct BusObserver(Vec<Port>);
 
 impl BusObserver {
-    /// Opens a reader for each of `topics`, with the longest buffer that the topic allows.
+    /// Opens a reader for each of `topics`, with the longest buffer of the topic.
     ///
     /// # Errors
     /// A topic has a different message schema, or the transport failed.
@@ -30,8 +30,8 @@ impl BusObserver {
         ports.collect::<Result<_, _>>().map(Self)
     }
 
-    /// Passes every sample that arrived since the last call to `sink`, topic by topic and oldest first; `now` is the time of
-    /// their reception.
+    /// Passes every sample that arrived since the last call to `sink`, topic by topic and oldest first; `now` is the instant of
+    /// reception.
     ///
     /// # Errors
     /// A topic has a different message schema, or the transport failed.
@@ -82,7 +82,7 @@ mod tests {
     use oqtal_bus::topic::{COMMAND, POSE, Role};
     use oqtal_bus::transport::Publish;
 
-    /// List of the samples received.
+    /// List of received samples.
     #[derive(Default)]
     struct Listing(Vec<String>);
 

@@ -5,7 +5,7 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 use crate::plot::palette;
 
 const STYLE: &str = include_str!("page.css");
-/// Reads values from plots, and enlarges them; the page is complete without.
+/// Reads values from plots and enlarges them; the page is complete without the script.
 const SCRIPT: &str = include_str!("page.js");
 
 /// A complete HTML document in the style of the reports, with the style sheet `style` appended.

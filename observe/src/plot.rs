@@ -1,4 +1,4 @@
-//! Plots as SVG, their axes, colours and figures, and numbers as text; independent of flights.
+//! Plots as SVG: axes, colours, figures, and numbers as text; independent of flights.
 
 pub mod axis;
 pub mod chart;

@@ -5,6 +5,6 @@
 pub struct Provenance {
     /// Version of the program.
     pub version: &'static str,
-    /// Revision of its sources in version control; `unknown` if it was not built from a repository.
+    /// Revision of the sources in version control; `unknown` if the program was not built from a repository.
     pub revision: &'static str,
 }

@@ -18,22 +18,22 @@ use crate::wire::WireRecord;
 const ON_FLOOR_M: f64 = 0.05;
 /// Speed below which a vehicle is at rest \[m/s\].
 const AT_REST_M_S: f64 = 0.1;
-/// Time at rest after which the flight is over.
+/// Time at rest after which the flight has ended.
 const REST: Span = Span::from_millis(500);
-/// Time for which ticks wait for the first sample of the truth; without one, a real vehicle is seen by real cameras.
+/// Time for which ticks wait for the first truth sample; without one, a real vehicle is observed by real cameras.
 const TRUTH_TIMEOUT: Span = Span::from_millis(1000);
 
 /// Recorder of one flight.
 #[derive(Debug)]
 pub struct Recorder {
-    /// The flight so far, under a provisional outcome.
+    /// The flight so far, with a provisional outcome.
     flight: Flight,
     outcome: Option<Outcome>,
     /// Process id of the daemon; `None` before its first tick.
     daemon_pid: Option<u64>,
     /// Source of the daemon's messages; `None` before its first tick.
     daemon_source: Option<u64>,
-    /// Samples that were lost before the recorder received them, by topic.
+    /// Number of samples lost before the recorder received them, by topic.
     lost: Vec<(ObservedTopic, u64)>,
     last_tick: Option<Time>,
     join: NearestJoin<TelemetryV1, TruthV1>,
@@ -42,7 +42,7 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// The topics from which a flight is evaluated.
+    /// Topics required for the evaluation of a flight.
     pub const TOPICS: [ObservedTopic; 4] = [
         ObservedTopic::Telemetry,
         ObservedTopic::Truth,
@@ -72,7 +72,7 @@ impl Recorder {
         &self.flight.wire
     }
 
-    /// Whether topic `truth` does not describe the vehicle: in a replay, and when the simulator is the shadow of another vehicle.
+    /// Whether topic `truth` does not describe the vehicle: in a replay, and if the simulator is the shadow of another vehicle.
     fn has_no_truth(&self) -> bool {
         self.flight.is_replay() || self.flight.config.plant.shadow
     }
@@ -89,19 +89,19 @@ impl Recorder {
         self.daemon_pid
     }
 
-    /// Samples that were lost before the recorder received them, by topic; empty if there were none.
+    /// Number of samples lost before the recorder received them, by topic; empty if none were lost.
     #[must_use]
     pub fn lost(&self) -> &[(ObservedTopic, u64)] {
         &self.lost
     }
 
-    /// How the flight ended; `None` while it lasts.
+    /// Outcome of the flight; `None` while it lasts.
     #[must_use]
     pub fn outcome(&self) -> Option<Outcome> {
         self.outcome
     }
 
-    /// The ticks so far, in the order of time.
+    /// Ticks so far, in order of time.
     #[must_use]
     pub fn samples(&self) -> &[FlightSample] {
         &self.flight.samples
@@ -113,14 +113,14 @@ impl Recorder {
         self.flight.samples.last()
     }
 
-    /// Closes the record. The outcome is `otherwise` if the flight has not ended by itself.
+    /// Closes the record. The outcome is `otherwise` if the flight has not ended.
     #[must_use]
     pub fn finish(self, otherwise: Outcome, speed_factor: f64) -> Flight {
         Flight { outcome: self.outcome.unwrap_or(otherwise), speed_factor, ..self.flight }
     }
 
-    /// Joins every waiting tick up to the newest truth sample with the sample nearest in time; in virtual time both have the
-    /// same instant.
+    /// Joins every waiting tick up to the newest truth sample with its nearest sample; in virtual time both have the same
+    /// instant.
     fn join(&mut self) {
         while let Some((telemetry, truth)) = self.join.next_pair() {
             let truth = Some(*truth);
@@ -128,7 +128,7 @@ impl Recorder {
         }
     }
 
-    /// Records the waiting ticks without the truth if none is published.
+    /// Records the waiting ticks without truth if none is published.
     fn give_up_truth(&mut self) {
         let Some((first, last)) = self.join.waiting() else { return };
         let may_come = self.flight.samples.is_empty() && last.since(first) < TRUTH_TIMEOUT;
@@ -165,7 +165,7 @@ impl Recorder {
         }
     }
 
-    /// Ends the flight if it ends with this tick.
+    /// Ends the flight if this tick ends it.
     fn detect_end(&mut self, sample: &FlightSample) {
         if sample.is_armed() {
             self.flown = true;
@@ -226,7 +226,7 @@ impl Recorder {
         flight.commands_lost = vehicle.lost;
         flight.wire.vehicle(header, vehicle);
         if !header.stamps.applied_at.is_set() {
-            // A bridge publishes in every period; in this one it had no new command.
+            // A bridge publishes in every period; in this period it had no new command.
             return;
         }
         let (stamps, onward) = (header.stamps, OnwardTime::of(vehicle));

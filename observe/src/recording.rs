@@ -1,21 +1,21 @@
 //! Recordings of flights: MCAP files with every message, its times of publication and reception, configuration, version, machine
 //! and events.
 //!
-//! Messages are encoded as ROS 2 does (CDR), their schemas are written from the field tables of the message definitions, with
-//! units in names and comments. Poses are recorded a second time in Foxglove's well-known schemas, for viewers that draw.
+//! Messages are encoded as in ROS 2 (CDR). Their schemas are generated from the field tables of the message definitions, with
+//! units in names and comments. Poses are additionally recorded in Foxglove's well-known schemas, for graphical viewers.
 //!
 //! | file | subject |
 //! |---|---|
-//! | `cdr.rs` | the encoding of one message, both ways |
+//! | `cdr.rs` | encoding and decoding of one message |
 //! | `schema.rs` | schemas of messages, from their field tables |
-//! | `channel.rs` | the table of recorded channels |
+//! | `channel.rs` | table of the recorded channels |
 //! | `scene.rs` | poses, transforms and log entries in well-known schemas |
-//! | `facts.rs`, `closing.rs` | facts that are recorded beside the messages |
+//! | `facts.rs`, `closing.rs` | facts recorded beside the messages |
 //! | `fault_schedule.rs` | beginnings and ends of injected faults and disturbances |
-//! | `truth.rs` | the samples of the truth that are recorded |
-//! | `sink.rs` | the sink that records |
-//! | `chunk.rs` | messages on their way into a file |
-//! | `thread.rs` | the thread that writes, and its queue |
+//! | `truth.rs` | selection of the recorded truth samples |
+//! | `sink.rs` | the recording sink |
+//! | `chunk.rs` | messages collected for the file |
+//! | `thread.rs` | the writing thread, and its queue |
 //! | `mcap.rs` | the container format |
 //! | `writer.rs` | one MCAP file |
 //! | `file.rs` | reading of a recording |

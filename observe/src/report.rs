@@ -20,7 +20,7 @@ use crate::summary::Summary;
 use replay::{ArrivalIntervals, milliseconds};
 use timeline::Timeline;
 
-/// The report of `flight`, whose figures are `summary`: a complete HTML document.
+/// Report of `flight` with the figures `summary`: a complete HTML document.
 #[must_use]
 pub fn html(flight: &Flight, summary: &Summary) -> String {
     let timeline = Timeline::new(flight);
@@ -77,12 +77,12 @@ fn of_replay(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
     }
 }
 
-/// The trajectory, or `replay`.
+/// Name of the trajectory, or `replay`.
 fn subject<'a>(flight: &Flight, summary: &'a Summary) -> &'a str {
     if flight.is_replay() { "replay" } else { &summary.trajectory }
 }
 
-/// Vehicle, clock, seed and duration.
+/// Description of vehicle, clock, seed and duration.
 fn circumstances(flight: &Flight, summary: &Summary) -> String {
     let Summary { vehicle, clock, seed, duration_s, scored_s, .. } = summary;
     if flight.is_replay() {

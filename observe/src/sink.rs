@@ -1,5 +1,5 @@
-//! Interface between the [`BusObserver`](crate::observer::BusObserver) and the users of the samples that it receives: the flight
-//! recorder, the loop monitor, the status of an instance, the recording.
+//! Interface between the [`BusObserver`](crate::observer::BusObserver) and the receivers of its samples: the flight recorder, the
+//! loop monitor, the model of an instance, the recording.
 
 use oqtal_bus::message::Header;
 use oqtal_bus::time::Time;
@@ -8,7 +8,7 @@ use oqtal_bus::topic::{ObservedTopic, Sample};
 /// Reception of a sample.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Reception {
-    /// Header of the sample, as its writer sent it.
+    /// Header of the sample, as sent by its writer.
     pub header: Header,
     /// Instant at which the observer received the sample, in the clock of the caller of
     /// [`BusObserver::poll`](crate::observer::BusObserver::poll).

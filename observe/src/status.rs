@@ -22,7 +22,7 @@ pub struct InstanceStatus {
 }
 
 impl InstanceStatus {
-    /// Whether all processes received run with one configuration; `None` if none was observed.
+    /// Whether all observed processes run with one configuration; `None` if none was observed.
     #[must_use]
     pub fn config_agrees(&self) -> Option<bool> {
         let hashes = self.processes.iter().filter_map(|p| p.report.as_ref()?.config_hash.as_ref());
@@ -31,7 +31,7 @@ impl InstanceStatus {
         (!self.processes.is_empty()).then(|| hashes.all(|hash| Some(hash) == first))
     }
 
-    /// The status as text: one line for each process, the vehicle and the position.
+    /// Status as text: one line per process, the vehicle and the position.
     #[must_use]
     pub fn lines(&self) -> Vec<String> {
         let mut lines: Vec<String> = self.processes.iter().map(ToString::to_string).collect();
@@ -46,7 +46,7 @@ impl InstanceStatus {
     }
 }
 
-/// `value` \[m\] to the centimetre, without a minus in front of zero \[m\].
+/// `value` rounded to the centimetre, without a negative zero \[m\].
 fn centimetres(value: f64) -> f64 {
     (value * 100.0).round() / 100.0 + 0.0
 }
@@ -58,7 +58,7 @@ pub struct ProcessHealth {
     /// Newest health message; `None` if the process is silent: not started, ended, hung, or waiting for virtual time.
     #[serde(rename = "heard")]
     report: Option<HealthReport>,
-    /// Whether another process runs in place of this one, so that it is not expected.
+    /// Whether another process replaces this one, so that it is not expected.
     #[serde(skip)]
     is_replaced: bool,
 }
@@ -68,21 +68,21 @@ pub struct ProcessHealth {
 struct HealthReport {
     pid: u64,
     age_ms: f64,
-    /// `None` for an emulated vehicle behind a radio, whose configuration is its own.
+    /// `None` for an emulated vehicle behind a radio, which has a separate configuration.
     config_hash: Option<String>,
-    /// Of the daemon only.
+    /// Set for the daemon only.
     #[serde(skip_serializing_if = "Option::is_none")]
     daemon: Option<DaemonHealth>,
-    /// Of the bridge only: whether the vehicle answers.
+    /// Set for the bridge only: whether the vehicle answers.
     #[serde(skip_serializing_if = "Option::is_none")]
     vehicle_answers: Option<bool>,
-    /// Whether three turns in a row were late, the last less than a second ago.
+    /// Whether three turns in a row were late, the last one less than a second ago.
     runs_late: bool,
     /// Turns that ended more than a period after they were due \[-\].
     late_turns: u64,
 }
 
-/// The fields of a health message that only the daemon sets.
+/// Fields of a health message that only the daemon sets.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 struct DaemonHealth {
     mode: String,
@@ -91,7 +91,7 @@ struct DaemonHealth {
     unlogged: u64,
 }
 
-/// State of the vehicle, as plant or bridge publish it; `None` for unknown numbers.
+/// State of the vehicle, as published by plant or bridge; `None` for unknown numbers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct VehicleStatus {
     simulated: bool,
@@ -101,7 +101,7 @@ pub struct VehicleStatus {
     stopped: bool,
     battery_v: Option<f64>,
     link_quality: Option<f64>,
-    /// Holder of the control over the vehicle.
+    /// Holder of control over the vehicle.
     control: String,
     /// Reason why the last request was refused; empty for none.
     refusal: String,
@@ -167,8 +167,8 @@ impl fmt::Display for VehicleStatus {
 }
 
 impl ProcessHealth {
-    /// Health of the process `role`, of which `process` was observed; with whether another process runs in its place, and the
-    /// present instant.
+    /// Health of the process `role`, observed as `process`, with a flag whether another process replaces it, and the present
+    /// instant.
     #[must_use]
     pub fn new(
         role: Role,
@@ -233,7 +233,7 @@ impl fmt::Display for ProcessHealth {
     }
 }
 
-/// The name of a code; empty for a code that this version does not know.
+/// Name of a code; empty for a code unknown to this version.
 #[must_use]
 pub fn word(code: Option<impl ToString>) -> String {
     code.map_or_else(String::new, |code| code.to_string())

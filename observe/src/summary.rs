@@ -36,13 +36,13 @@ pub struct ErrorFigures {
 /// Number of lost or repeated messages by topic.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct TopicCounts {
-    /// Poses \[-\]; lost ones by the gaps in frame numbers, in a recording by the gaps in time.
+    /// Poses \[-\]; lost ones from gaps in frame numbers, or, in a recording, from gaps in time.
     pub pose: u64,
-    /// Commands \[-\]; lost ones by the gaps in their sequence.
+    /// Commands \[-\]; lost ones from gaps in their sequence.
     pub command: u64,
 }
 
-/// The figures of a flight. Errors are over the scored window, `None` where it is empty.
+/// Figures of a flight. Errors are computed over the scored window and are `None` if it is empty.
 #[derive(Clone, Debug, Serialize)]
 #[allow(missing_docs)]
 pub struct Summary {
@@ -69,24 +69,24 @@ pub struct Summary {
     pub deadline_misses: u64,
     pub lost: TopicCounts,
     pub repeated: TopicCounts,
-    /// Poses replaced by a newer one before the daemon read them \[-\]: bursts, or a late daemon.
+    /// Poses superseded by a newer one before the daemon read them \[-\]: bursts, or a late daemon.
     pub poses_superseded: u64,
-    /// Poses that the guard refused \[-\].
+    /// Poses refused by the guard \[-\].
     pub poses_refused: u64,
     pub hops: BTreeMap<&'static str, DistributionSummary>,
-    /// The wire to the vehicle; `None` without one.
+    /// Figures of the wire to the vehicle; `None` without a wire.
     pub wire: Option<WireFigures>,
     /// Wake-up lateness of the daemon; `None` in virtual time, where it has no meaning.
     pub wakeup_lateness: Option<DistributionSummary>,
     /// Deviation of the time between two ticks from the loop period; `None` in virtual time, where it has no meaning.
     pub period_jitter: Option<DistributionSummary>,
-    /// Resource use of the daemon; `None` if it was not a process of its own.
+    /// Resource use of the daemon; `None` if it was not a separate process.
     pub daemon: Option<ProcessUsage>,
-    /// The safety states passed through, in order.
+    /// Safety states passed through, in order.
     pub state_sequence: Vec<String>,
-    /// The faults that were injected, in the order of their beginnings.
+    /// Injected faults, in order of their beginnings.
     pub faults: Vec<InjectedFault>,
-    /// The disturbances that acted, in the order of their beginnings.
+    /// Disturbances, in order of their beginnings.
     pub disturbances: Vec<AppliedDisturbance>,
     pub config_hash: String,
     pub trajectory_hash: Option<String>,
@@ -143,7 +143,7 @@ impl Summary {
         }
     }
 
-    /// The safety states passed through, as text; the first few if there are many.
+    /// Safety states passed through, as text; only the first few if there are many.
     #[must_use]
     pub fn states(&self) -> String {
         let states = &self.state_sequence;
@@ -183,7 +183,7 @@ fn error_source(flight: &Flight) -> &'static str {
     if has_truth { "truth" } else { "pose" }
 }
 
-/// The name of an enumeration's value in the configuration.
+/// Configuration name of an enumeration's value.
 #[must_use]
 pub fn name_of(value: &impl Serialize) -> String {
     match serde_json::to_value(value) {
@@ -226,7 +226,7 @@ fn error_figures(errors: impl Iterator<Item = Vector3<f64>>) -> Option<ErrorFigu
     })
 }
 
-/// The effort of Table II: the integral of the norm of the input. `None` for a vehicle whose input is an attitude.
+/// Effort of Table II: the integral of the norm of the input; `None` for a vehicle whose input is an attitude.
 fn effort(flight: &Flight) -> Option<f64> {
     if flight.config.vehicle.interface.holds_attitude() {
         return None;
@@ -241,8 +241,8 @@ fn effort(flight: &Flight) -> Option<f64> {
     any.then_some(sum * period_s)
 }
 
-/// The states from arming on, until the end of the record; all of them if the vehicle was never armed. On the ground the daemon
-/// waits for its first poses in a state that is not part of the flight.
+/// Safety states from arming to the end of the record; all of them if the vehicle was never armed. On the ground the daemon waits
+/// for its first poses in a state that is not part of the flight.
 fn state_sequence(flight: &Flight) -> Vec<String> {
     let from = flight.samples.iter().position(FlightSample::is_armed).unwrap_or(0);
     let states = flight.samples[from..].iter();
@@ -252,7 +252,7 @@ fn state_sequence(flight: &Flight) -> Vec<String> {
     states.iter().filter_map(name).collect()
 }
 
-/// FNV-1a over the bits of (t, p, v, q, omega) of the truth at every tick from arming to disarming; t is mission time.
+/// FNV-1a over the bits of (t, p, v, q, omega) of the truth at every tick from arming to disarming; t is the mission time.
 fn trajectory_hash(flight: &Flight) -> Option<String> {
     let mut hash = FNV_OFFSET;
     let mut any = false;

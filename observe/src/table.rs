@@ -10,7 +10,7 @@ use crate::plot::unit::{significant, span, unit_of_length, words};
 use crate::summary::{ErrorFigures, Summary};
 use crate::wire::{CommandAge, WireFigures};
 
-/// Text in place of errors of a flight without a scored window.
+/// Text shown instead of errors for a flight without a scored window.
 const UNSCORED: &str = "no errors: nothing of this flight is scored; a hover is from 10 s after it is\n\
                         reached, see --duration\n";
 
@@ -64,11 +64,11 @@ fn errors(summary: &Summary) -> Option<Table> {
     Some(table)
 }
 
-/// The table of latencies; `None` if none were measured, as in a replay in virtual time.
+/// Table of latencies; `None` if none were measured, as in a replay in virtual time.
 fn latencies(summary: &Summary) -> Option<Table> {
     let mut table = table(&["latency [us]", "p50", "p99", "p99.9", "max"]);
     for name in NAMES {
-        // In virtual time computation and bus take none.
+        // In virtual time, computation and bus have no latency.
         if let Some(hop) = summary.hops.get(name).filter(|hop| hop.count > 0 && hop.max_ns > 0) {
             table.add_row(latency_row(&words(name), hop));
         }
@@ -113,7 +113,7 @@ fn counts(summary: &Summary) -> String {
     let loads = summary.disturbances.iter();
     let loads: Vec<&str> = loads.map(|load| load.disturbance.as_str()).collect();
     let faults = listed("faults: ", &faults) + &listed("disturbances: ", &loads);
-    // Neither has a meaning in virtual time: nothing is late there.
+    // Neither is meaningful in virtual time, in which nothing is late.
     let deadlines = match summary.wakeup_lateness {
         Some(_) => format!(", deadlines missed {deadline_misses}"),
         None => String::new(),
@@ -128,7 +128,7 @@ fn counts(summary: &Summary) -> String {
     )
 }
 
-/// A line for each of `names`, below `title`; nothing without names.
+/// One line for each of `names`, below `title`; empty without names.
 fn listed(title: &str, names: &[&str]) -> String {
     let indent = format!("\n{}", " ".repeat(title.len()));
     if names.is_empty() { String::new() } else { format!("\n{title}{}", names.join(&indent)) }
@@ -147,7 +147,7 @@ pub fn table(header: &[&str]) -> Table {
     table
 }
 
-/// Aligns all columns but the first to the right.
+/// Right-aligns all columns except the first.
 pub fn align(table: &mut Table) {
     for column in table.column_iter_mut().skip(1) {
         column.set_cell_alignment(CellAlignment::Right);

@@ -11,7 +11,7 @@ use serde::Serialize;
 pub struct WireRecord {
     first: Option<Time>,
     last: Time,
-    /// Time that commands occupied the wire, from the first one applied up to the last.
+    /// Time for which commands occupied the wire, from the first applied command to the last.
     busy: Span,
     pending: Span,
     from_capture: Distribution,
@@ -33,7 +33,7 @@ pub struct WireFigures {
     pub link_quality: Option<LinkQuality>,
 }
 
-/// The age of a command at its last byte.
+/// Age of a command at its last byte.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct CommandAge {
     /// Since the capture of the pose it was computed from.
@@ -57,11 +57,11 @@ impl WireRecord {
         self.latest = Some(*vehicle);
         self.answered |= vehicle.link == 1;
         let (stamps, wire) = (&header.stamps, Span::from_nanos(vehicle.wire_ns));
-        // A simulated vehicle takes its commands off the bus. A datagram occupies no wire, and still has an age.
+        // A simulated vehicle takes its commands from the bus. A datagram does not occupy a wire, but has an age.
         if vehicle.simulated == 1 {
             return;
         }
-        // Before its first answer the vehicle may not be switched on.
+        // Before its first answer the vehicle may be switched off.
         if self.answered && vehicle.link_quality.is_finite() {
             self.quality.add(vehicle.link_quality);
             let least = self.least_quality.unwrap_or(1.0);
@@ -95,7 +95,7 @@ impl WireRecord {
         self.answered
     }
 
-    /// The figures; `None` if no command went over a wire.
+    /// Figures of the wire; `None` if no command was sent over a wire.
     #[must_use]
     pub fn figures(&self) -> Option<WireFigures> {
         let time = self.last.since(self.first?);
@@ -116,7 +116,7 @@ mod tests {
     use super::*;
     use oqtal_bus::message::Stamps;
 
-    /// A command of 3 ms every 10 ms, each `age` old when it is handed over.
+    /// A command of 3 ms every 10 ms, each with this age when it is handed over.
     fn record(commands: u64, age: Span) -> WireRecord {
         let mut record = WireRecord::default();
         for command in 0..commands {

@@ -1,4 +1,4 @@
-//! `oqtal ctl arm`: waits while a simulated vehicle that was stopped comes to rest, and until the flight has begun.
+//! `oqtal ctl arm`: waits until a stopped simulated vehicle is at rest, and until the flight has begun.
 
 use std::time::Duration;
 
@@ -14,16 +14,16 @@ use oqtal_runtime::program::say;
 
 use super::request::request;
 
-/// Longest time for which the vehicle may come to rest: a fall from the height of a room, and half a second without motion.
+/// Maximum time for the vehicle to come to rest: a fall from the height of a room, and half a second without motion.
 const REST_TIMEOUT: Span = Span::from_millis(5000);
-/// Time within which a running vehicle publishes its state.
+/// Time within which a running vehicle process publishes its state.
 const VEHICLE_TIMEOUT: Span = Span::from_millis(400);
-/// Longest time until a flight that was accepted has begun: some ticks.
+/// Maximum time until an accepted flight has begun: a few ticks.
 const BEGIN_TIMEOUT: Span = Span::from_millis(900);
 /// Time between two requests.
 const PERIOD: Duration = Duration::from_millis(50);
 
-/// Arms, and returns the daemon's last answer; `None` if none answers.
+/// Arms, and returns the daemon's last answer; `None` if there is none.
 ///
 /// # Errors
 /// The bus refuses.
@@ -41,7 +41,7 @@ pub fn ask(bus: &Bus, expected: Option<u64>) -> Result<Option<ControlResponseV1>
         }
         let timeout = match simulated {
             Some(true) => REST_TIMEOUT,
-            // A real vehicle that moves may be held by a person.
+            // A real vehicle in motion may be in a person's hands.
             Some(false) => Span::ZERO,
             None => VEHICLE_TIMEOUT,
         };
@@ -65,7 +65,7 @@ fn comes_to_rest(response: &ControlResponseV1) -> bool {
         && obstacles.iter().all(|obstacle| matches!(obstacle, Moving | Stopped | Tilted))
 }
 
-/// The daemon's answer once the flight that `accepted` announces has begun, or was called off.
+/// Answer of the daemon once the flight announced by `accepted` has begun, or was cancelled.
 fn begun(bus: &Bus, accepted: ControlResponseV1) -> Result<ControlResponseV1, BusError> {
     let give_up = Time::now() + BEGIN_TIMEOUT;
     let mut newest = accepted;

@@ -9,8 +9,8 @@ use oqtal_bus::time::{Span, Time};
 /// Time within which a running daemon answers.
 const ANSWER_TIMEOUT: Span = Span::from_millis(2000);
 
-/// Sends a command that expires to the daemon; `None` if none answers. `expected`: hash of the configuration that the daemon must
-/// run with.
+/// Sends a command that expires to the daemon; `None` without an answer. `expected`: hash of the configuration that the daemon
+/// must run with.
 pub fn request(
     bus: &Bus,
     command: OperatorCommand,

@@ -10,7 +10,7 @@ use oqtal_observe::observer::BusObserver;
 use oqtal_observe::status::InstanceStatus;
 use oqtal_runtime::health::SILENCE;
 
-/// Observes the instance until every process was received, or must be silent.
+/// Observes the instance until every process was received or counts as silent.
 ///
 /// # Errors
 /// A process has another version of the messages.

@@ -1,7 +1,7 @@
-//! `oqtal ctl stop`: stops the vehicle in two ways, and reports which processes obey.
+//! `oqtal ctl stop`: stops the vehicle in two independent ways, and reports which processes obey.
 //!
-//! The stop is raised in shared memory first, where the process of the vehicle and the daemon see it in their next turn; that needs
-//! no lock and no answer. The daemon is then asked by the control service as well.
+//! The stop is first raised in shared memory, where the process of the vehicle and the daemon read it in their next turn without
+//! a lock or an answer. The daemon is then also requested to stop over the control service.
 
 use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
@@ -19,14 +19,14 @@ use serde::Serialize;
 
 /// Time after which the report is printed.
 const REPORT_TIMEOUT: Span = Span::from_millis(950);
-/// Period of the checks whether the stop is obeyed.
+/// Period at which obedience is checked.
 const CHECK_PERIOD: Duration = Duration::from_millis(2);
 
 /// Report of a stop: the processes that have obeyed.
 #[derive(Debug, Serialize)]
 pub struct ObeyedStop {
     command: &'static str,
-    /// Whether no command reaches the vehicle any more.
+    /// Whether commands are withheld from the vehicle.
     vehicle_obeys: bool,
     /// Whether the vehicle's motors are known to be off.
     pub motors_off: bool,
@@ -74,8 +74,8 @@ pub fn raise(paths: &InstancePaths) -> Result<ObeyedStop, Failure> {
     Ok(ObeyedStop::new(report, response.as_ref()))
 }
 
-/// Asks the daemon on a separate thread, which is abandoned after the time-out: a process that was stopped may hold the
-/// lock of the instance.
+/// Sends the request on a separate thread, which is abandoned after the time-out: a suspended process may hold the lock of the
+/// instance.
 fn ask_daemon(paths: InstancePaths) -> Receiver<ControlResponseV1> {
     let (answers, answer) = channel();
     std::thread::spawn(move || {
@@ -83,7 +83,7 @@ fn ask_daemon(paths: InstancePaths) -> Receiver<ControlResponseV1> {
         let asked = Bus::open(&paths)
             .and_then(|bus| bus.control_client()?.ask(request, REPORT_TIMEOUT.scaled(0.8)));
         if let Ok(Some(response)) = asked {
-            // Fails after the time-out, when the receiver is dropped.
+            // Fails after the time-out, when the receiver has been dropped.
             let _ = answers.send(response);
         }
     });

@@ -7,9 +7,9 @@ use serde::Serialize;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Level {
-    /// No improvement possible or needed.
+    /// No improvement is possible or needed.
     Ok,
-    /// Flights are possible, with more latency or jitter than necessary.
+    /// Flights are possible, but with more latency or jitter than necessary.
     Advice,
     /// No flight is possible.
     Problem,
@@ -38,7 +38,7 @@ pub struct Finding {
     pub found: String,
     /// Reason why it matters.
     pub why: &'static str,
-    /// Command that improves it; `None` if none is needed or none can.
+    /// Command that improves it; `None` if none is needed or none exists.
     pub remedy: Option<String>,
     /// Exit code of `oqtal doctor` if this is a problem.
     #[serde(skip)]
@@ -52,13 +52,13 @@ impl Finding {
         Self { name, level: Level::Ok, found: found.into(), why, remedy: None, exit: Exit::System }
     }
 
-    /// The finding as an advice with a remedy.
+    /// The finding as advice with a remedy.
     #[must_use]
     pub fn advise(self, remedy: impl Into<String>) -> Self {
         Self { level: Level::Advice, remedy: Some(remedy.into()), ..self }
     }
 
-    /// The finding as an advice without a remedy.
+    /// The finding as advice without a remedy.
     #[must_use]
     pub fn note(self) -> Self {
         Self { level: Level::Advice, ..self }

@@ -7,9 +7,9 @@ use super::system::System;
 
 const CAP_IPC_LOCK: u32 = 14;
 const MIB: u64 = 1 << 20;
-/// Free shared memory below which no flight is possible: a flight takes 12 MiB, a process needs 7 MiB to start.
+/// Free shared memory below which no flight is possible: a flight uses 12 MiB, a process needs 7 MiB to start.
 const LEAST_FREE: u64 = 20 * MIB;
-/// Free shared memory for several instances.
+/// Free shared memory sufficient for several instances.
 const ENOUGH_FREE: u64 = 128 * MIB;
 
 /// Checks the free shared memory for the topics.

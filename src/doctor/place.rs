@@ -1,4 +1,4 @@
-//! Checks of the files of instances, remains of killed processes, and serial ports.
+//! Checks of the files of instances, files left by killed processes, and serial ports.
 
 use std::collections::BTreeSet;
 
@@ -45,14 +45,14 @@ pub fn remains(system: &System) -> Option<Finding> {
     })
 }
 
-/// The instance with this root that a file in shared memory belongs to.
+/// Instance with this root to which a file in shared memory belongs.
 fn instance_of<'a>(system: &System, file: &'a str) -> Option<&'a str> {
     let (instance, _) = file.strip_prefix("oqtal_")?.split_once('_')?;
     let place = InstancePaths::new(instance, Some(&system.instances)).ok()?;
     file.starts_with(&place.prefix()).then_some(instance)
 }
 
-/// Instances whose shared memory a process has mapped.
+/// Instances whose shared memory is mapped by a process.
 fn mapped(system: &System) -> BTreeSet<String> {
     let mut held = BTreeSet::new();
     let processes = system.list("proc");

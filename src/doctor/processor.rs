@@ -11,7 +11,7 @@ const FAST_CLOCKS: [&str; 4] =
 /// Exit latency of an idle state above which the latency of the loop suffers \[us\].
 const SLOW_WAKE_US: u64 = 50;
 
-/// The processors of a kernel list such as `0-3,8`.
+/// Number of processors in a kernel list such as `0-3,8`.
 fn count(list: &str) -> usize {
     let ranges = list.split(',').filter(|range| !range.is_empty());
     let lengths = ranges.map(|range| {
@@ -22,7 +22,7 @@ fn count(list: &str) -> usize {
     lengths.sum()
 }
 
-/// Checks the number of processors and which are isolated.
+/// Checks the number of processors and reports the isolated ones.
 pub fn number(system: &System) -> Option<Finding> {
     let online = count(&system.read(&format!("{CPUS}/online"))?);
     let isolated = system.read(&format!("{CPUS}/isolated")).filter(|list| !list.is_empty());

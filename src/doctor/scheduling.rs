@@ -6,7 +6,7 @@ use super::system::System;
 const CAP_SYS_NICE: u32 = 23;
 /// Highest priority of a loop.
 const PRIORITY: u64 = 80;
-/// Time of each second for real-time threads below which the loop suffers \[us\].
+/// Run time per second for real-time threads below which the loop suffers \[us\].
 const LEAST_RUNTIME_US: i64 = 500_000;
 
 /// Checks whether loops may run under SCHED_FIFO.

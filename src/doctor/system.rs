@@ -1,11 +1,11 @@
-//! The facts that the checks use.
+//! Facts used by the checks.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use rustix::fs::{Access, access, statvfs};
 
-/// A view of a machine: its files below a root folder, which tests replace, and facts that are in no file.
+/// View of a machine: its files below a root folder, which tests replace, and facts that are not in files.
 #[derive(Clone, Debug)]
 pub struct System {
     /// Root folder of the files; `/` outside tests.
@@ -23,7 +23,7 @@ impl System {
     #[must_use]
     pub fn live(instances: &Path) -> Self {
         let space = statvfs("/dev/shm").ok();
-        // For a folder that does not exist yet, its nearest existing ancestor decides.
+        // A folder that does not exist yet is represented by its nearest existing ancestor.
         let standing = instances.ancestors().find(|ancestor| ancestor.exists());
         Self {
             root: PathBuf::from("/"),

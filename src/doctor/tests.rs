@@ -1,4 +1,4 @@
-//! The checks on machines made of files.
+//! Tests of the checks on machines made of files.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use tempfile::TempDir;
 
 use super::*;
 
-/// A machine without findings, whose files tests change.
+/// A machine without findings, whose files are changed by tests.
 struct Machine {
     root: TempDir,
     system: System,

@@ -15,9 +15,10 @@ const FORMS: &str = "expected one of
   replay:FILE
   qtm, vrpn or natnet
   link:qtm:HOST[:PORT],body=NAME, link:vrpn:HOST[:PORT],body=NAME or link:natnet:HOST,body=NAME";
-/// Ports that are tried until free ones are found \[-\].
+/// Number of ports tried until free ones are found \[-\].
 const PORT_TRIES: u32 = 100;
-/// Distances of the ports of one server \[-\]: of QTM little endian, big endian and discovery; of NatNet requests and frames.
+/// Distances between the ports of one server \[-\]: for QTM little endian, big endian and discovery; for NatNet requests and
+/// frames.
 const PORT_DISTANCES: [u16; 3] = [0, 1, 3];
 
 /// The value of the flag.
@@ -25,9 +26,9 @@ const PORT_DISTANCES: [u16; 3] = [0, 1, 3];
 pub enum MocapSource {
     /// Emulated cameras, over the bus.
     Emulated,
-    /// A recording.
+    /// Poses of a recording.
     Replay(String),
-    /// Emulated cameras, over the network in this protocol, and a receiver.
+    /// Emulated cameras, over the network with this protocol, and a receiver.
     Served(&'static str),
     /// Real cameras at this link, and a receiver.
     Linked(CameraLink),
@@ -68,7 +69,7 @@ impl MocapSource {
     }
 }
 
-/// The path of a flight's poses.
+/// Path of a flight's poses.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum PosePath {
     /// Published by emulated cameras, or from a recording.
@@ -81,10 +82,10 @@ pub enum PosePath {
 }
 
 impl PosePath {
-    /// The path that the flag asks for. Completes the configuration accordingly.
+    /// Path requested by the flag. Completes the configuration accordingly.
     ///
     /// # Errors
-    /// The clock is virtual; real cameras would see a simulated vehicle (exit code 64); no ports are free.
+    /// The clock is virtual, or real cameras would observe a simulated vehicle (exit code 64); or no ports are free.
     pub fn open(
         source: Option<&MocapSource>,
         commands: &CommandLink,
@@ -94,7 +95,7 @@ impl PosePath {
         let path = match source {
             None | Some(MocapSource::Emulated | MocapSource::Replay(_)) => return Ok(Self::Bus),
             Some(MocapSource::Served(_)) if matches!(commands, CommandLink::Linked(_)) => {
-                // The receiver cannot detect that these poses are emulated, so the daemon would fly a real vehicle on them.
+                // The receiver cannot detect that these poses are emulated, so the daemon would fly a real vehicle with them.
                 return usage(
                     "--mocap over a network shows a simulated vehicle: leave it out for a vehicle at a link, or name its cameras by --mocap link:LINK",
                 );
@@ -118,7 +119,7 @@ impl PosePath {
         Ok(path)
     }
 
-    /// Emulated cameras that serve their poses on free ports of this machine, and a receiver of them.
+    /// Emulated cameras that serve their poses on free ports of this machine, and a receiver for them.
     fn serve(protocol: &str, config: &mut Config) -> Result<Self, Failure> {
         let port = free_port().ok_or_else(|| {
             let message = "no free ports on 127.0.0.1 for the emulated cameras; leave --mocap out";
@@ -132,12 +133,12 @@ impl PosePath {
         let link: CameraLink =
             text.parse().map_err(|error| Failure::new(Exit::Config, format!("{error}")))?;
         config.receiver.link = link.to_string();
-        // The latency of the emulated cameras is known here only.
+        // The latency of the emulated cameras is known only here.
         config.receiver.camera_latency_ms = config.mocap.latency_ms;
         Ok(Self::Served(link))
     }
 
-    /// The processes of a flight whose commands take a path with these processes.
+    /// Processes of a flight whose commands are sent by these processes.
     #[must_use]
     pub fn roles(&self, commands: &[Role]) -> Vec<Role> {
         let mut roles = Vec::new();
@@ -151,7 +152,7 @@ impl PosePath {
         roles
     }
 
-    /// The link at which emulated cameras answer before a receiver can connect; `None` if there are none.
+    /// Link at which emulated cameras must answer before a receiver can connect; `None` without emulated cameras.
     #[must_use]
     pub fn awaited(&self) -> Option<&CameraLink> {
         match self {
@@ -161,7 +162,7 @@ impl PosePath {
     }
 }
 
-/// A free port of this machine after which the further ports of every protocol are free as well.
+/// Free port of this machine after which the further ports of every protocol are also free.
 fn free_port() -> Option<u16> {
     (0..PORT_TRIES).find_map(|_| {
         let first = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).ok()?.local_addr().ok()?.port();

@@ -1,4 +1,4 @@
-//! The directory that a flight is written to.
+//! Output directory of a flight.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -21,18 +21,18 @@ const CONFIG: &str = "config.toml";
 /// Folder in the directory with copies of the files that the flight reads.
 const INPUTS: &str = "inputs";
 
-/// The directory of one flight: configuration, files that it reads, logs, summary, report, telemetry.
+/// Output directory of one flight: configuration, input files, logs, summary, report, telemetry.
 #[derive(Debug)]
 pub struct FlightDirectory {
     directory: PathBuf,
 }
 
 impl FlightDirectory {
-    /// Creates the directory, `flights/INSTANCE-N` unless given, and writes into it the effective configuration and the files that
-    /// it names: it flies the same again wherever the directory is.
+    /// Creates the directory, by default `flights/INSTANCE-N`, and writes the effective configuration and its input files into
+    /// it, so that the flight can be repeated from any location of the directory.
     ///
     /// # Errors
-    /// The directory holds a flight already, or cannot be created or written.
+    /// The directory already contains a flight, or cannot be created or written.
     pub fn create(given: Option<&Path>, config: &Config) -> Result<Self, Failure> {
         if let Some(flight) = given.filter(|directory| directory.join(CONFIG).exists()) {
             let flight = flight.display();
@@ -42,7 +42,7 @@ impl FlightDirectory {
         Self::create_or_replace(given, config)
     }
 
-    /// As [`FlightDirectory::create`]; files of a flight that the directory holds are replaced.
+    /// As [`FlightDirectory::create`]; replaces the files of a flight that the directory contains.
     ///
     /// # Errors
     /// The directory cannot be created or written.
@@ -50,7 +50,7 @@ impl FlightDirectory {
         let directory = match given {
             Some(directory) => {
                 fs::create_dir_all(directory).map_err(|e| failed(directory, &e))?;
-                // Its owner could replace the configuration before the processes read it.
+                // The owner of the directory could replace the configuration before the processes read it.
                 let real = directory.canonicalize();
                 let checked = real.and_then(|real| files::check_own_directory(&real));
                 checked.map_err(|e| failed(directory, &e))?;
@@ -64,12 +64,12 @@ impl FlightDirectory {
         Ok(created)
     }
 
-    /// Copies `file` into the directory; its path from there.
+    /// Copies `file` into the directory; returns its path relative to the directory.
     fn copy(&self, file: &Path) -> Result<PathBuf, Failure> {
         let inputs = self.directory.join(INPUTS);
         let copied = Path::new(INPUTS).join(file.file_name().unwrap_or_default());
         let to = self.directory.join(&copied);
-        // The configuration of a flight, flown into its own directory again.
+        // The configuration of a flight, flown again into its own directory.
         let is_itself = to.exists() && to.canonicalize().ok() == file.canonicalize().ok();
         fs::create_dir_all(&inputs).map_err(|e| failed(&inputs, &e))?;
         files::check_own_directory(&inputs).map_err(|e| failed(&inputs, &e))?;
@@ -87,13 +87,13 @@ impl FlightDirectory {
         &self.directory
     }
 
-    /// The file with the effective configuration, for the processes.
+    /// Path of the effective configuration, for the processes.
     #[must_use]
     pub fn config(&self) -> PathBuf {
         self.directory.join(CONFIG)
     }
 
-    /// The file of the recording.
+    /// Path of the recording.
     #[must_use]
     pub fn recording(&self) -> PathBuf {
         self.directory.join("flight.mcap")
@@ -111,7 +111,7 @@ impl FlightDirectory {
         csv::write(flight, std::io::BufWriter::new(file)).map_err(|e| failed(&path, &e))
     }
 
-    /// The file of the report.
+    /// Path of the report.
     #[must_use]
     pub fn report(&self) -> PathBuf {
         self.directory.join("report.html")

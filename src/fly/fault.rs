@@ -17,10 +17,10 @@ pub const HELP: &str = "Inject a fault, TIME seconds after arming, as in pose:of
 pub const DISTURB_HELP: &str = "Disturb the simulated vehicle, TIME seconds after arming, as in force@5+1=0.3,0,0N, torque@5+0.1=0.002,0,0Nm, \
      gust@5+2=1.5,0,0m/s or mass@5=0.05kg; repeatable. A wrong one lists the kinds";
 
-/// Checks that a flight of the processes `roles` can have its faults and disturbances.
+/// Checks that a flight with the processes `roles` supports its faults and disturbances.
 ///
 /// # Errors
-/// The fault and the reason, exit code 64.
+/// The unsupported fault and the reason, exit code 64.
 pub fn check(config: &Config, roles: &[Role]) -> Result<(), Failure> {
     let is_simulated = roles.contains(&Role::Plant)
         && !config.plant.shadow
@@ -37,7 +37,7 @@ pub fn check(config: &Config, roles: &[Role]) -> Result<(), Failure> {
     refused.map_or(Ok(()), Err)
 }
 
-/// Why the flight cannot have `fault`; `None` if it can.
+/// Reason why the flight does not support `fault`; `None` if it does.
 fn obstacle(fault: &Fault, config: &Config, roles: &[Role]) -> Option<&'static str> {
     if config.is_replay() {
         return Some("a recording is never armed; leave out --mocap replay");
@@ -63,30 +63,30 @@ fn obstacle(fault: &Fault, config: &Config, roles: &[Role]) -> Option<&'static s
 /// Action of a fault on a process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ProcessAction {
-    /// It is killed; if it is to be started again, its end is not a failure.
+    /// The process is killed; if it is to be restarted, its end is not a failure.
     Kill {
         /// Whether [`ProcessAction::Start`] follows.
         is_restarted: bool,
     },
-    /// It is started again.
+    /// The process is started again.
     Start,
-    /// It is stopped by SIGSTOP.
+    /// The process is stopped by SIGSTOP.
     Stop,
-    /// It is continued.
+    /// The process is continued.
     Continue,
 }
 
-/// The faults of processes in a flight in real time, as actions at instants after arming.
+/// Faults of processes in a flight in real time, as actions at instants after arming.
 #[derive(Debug)]
 pub struct ProcessFaults {
-    /// Later actions first \[time after arming\].
+    /// Actions in reverse order of time \[time after arming\].
     actions: Vec<(Span, Role, ProcessAction)>,
     arming: ArmingWatch<Bus>,
     armed_at: Option<Time>,
 }
 
 impl ProcessFaults {
-    /// The faults of `config` that kill or stop processes in real time. In virtual time the turn scheduler acts on them.
+    /// Faults of `config` that kill or stop processes in real time. In virtual time the turn scheduler executes them.
     ///
     /// # Errors
     /// The bus failed.
@@ -118,7 +118,7 @@ impl ProcessFaults {
     }
 }
 
-/// The actions of a fault: its beginning, and its end if it has one.
+/// Actions of a fault: its beginning, and its end if it has one.
 fn actions_of(fault: &Fault) -> Vec<(Span, Role, ProcessAction)> {
     let is_restarted = fault.duration_s.is_some();
     let (begin, end) = match fault.kind {

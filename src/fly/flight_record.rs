@@ -8,7 +8,7 @@ use oqtal_runtime::program::say;
 use super::directory::FlightDirectory;
 use crate::provenance::PROVENANCE;
 
-/// Begins the recording of a flight in place of an older one in the same directory.
+/// Begins the recording of a flight; an older recording in the same directory is replaced.
 ///
 /// # Errors
 /// The file cannot be created.

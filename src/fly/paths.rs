@@ -1,13 +1,13 @@
-//! The paths of a flight's messages between its processes and vehicle and cameras.
+//! Paths of a flight's messages to the vehicle and from the cameras.
 
 use super::cameras::PosePath;
 use super::vehicle::CommandLink;
 
-/// How commands reach the vehicle, and poses the daemon.
+/// Path of the commands to the vehicle, and of the poses to the daemon.
 #[derive(Clone, Debug, Default)]
 pub struct FlightPaths {
-    /// The path of the commands.
+    /// Path of the commands.
     pub commands: CommandLink,
-    /// The path of the poses.
+    /// Path of the poses.
     pub poses: PosePath,
 }

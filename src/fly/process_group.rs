@@ -33,15 +33,15 @@ pub struct ProcessGroup {
 struct Member {
     role: Role,
     child: Child,
-    /// Whether a fault killed it, and it is to be started again: its end is not a failure.
+    /// Whether a fault killed the process and it is to be restarted: its end is not a failure.
     is_down: bool,
 }
 
 impl ProcessGroup {
-    /// Starts the processes that `mission` needs, with the configuration file in `directory`, where their logs go too.
+    /// Starts the processes of `mission` with the configuration file in `directory`, which also contains their logs.
     ///
     /// # Errors
-    /// A process cannot be started, or ends before the link that the next one opens exists.
+    /// A process cannot be started, or ends before creating the link that the next one opens.
     pub fn start(
         (mission, paths): (&Mission, &FlightPaths),
         directory: &FlightDirectory,
@@ -65,7 +65,7 @@ impl ProcessGroup {
     /// Applies the action of a fault to a process.
     ///
     /// # Errors
-    /// The process cannot be started again.
+    /// The process cannot be restarted.
     pub fn apply(&mut self, role: Role, action: ProcessAction) -> Result<(), Failure> {
         let Some(member) = self.members.iter_mut().find(|member| member.role == role) else {
             return Ok(());
@@ -85,8 +85,7 @@ impl ProcessGroup {
         Ok(())
     }
 
-    /// Waits until the plant has created `link`. A link that is older than the configuration file was left by a killed
-    /// plant.
+    /// Waits until the plant has created `link`. A link older than the configuration file was left by a killed plant.
     fn wait_for(&mut self, link: &Path) -> Result<(), Failure> {
         let deadline = Time::now() + START_TIMEOUT;
         let made = |file: std::io::Result<Metadata>| file.and_then(|file| file.modified()).ok();
@@ -107,7 +106,7 @@ impl ProcessGroup {
         Ok(())
     }
 
-    /// Waits until emulated cameras serve their body.
+    /// Waits until the emulated cameras serve their body.
     fn wait_for_cameras(&mut self, link: &CameraLink) -> Result<(), Failure> {
         let deadline = Time::now() + START_TIMEOUT;
         while let Err(error) = connect_to_all(link) {
@@ -123,13 +122,14 @@ impl ProcessGroup {
         Ok(())
     }
 
-    /// The failure of the first process found to have ended; `None` while all run.
+    /// Failure of the first process found to have ended; `None` while all are running.
     pub fn failure(&mut self) -> Option<Failure> {
         let up = self.members.iter_mut().filter(|member| !member.is_down);
         up.into_iter().find_map(|member| member.child.failure())
     }
 
-    /// Ends all processes and waits for each: the daemon first, which disarms the vehicle, then the bridge, which transmits that.
+    /// Ends all processes and waits for each: the daemon first, which disarms the vehicle, then the bridge, which transmits the
+    /// command.
     pub fn shut_down(&mut self) {
         for leaving in [Role::Daemon, Role::Bridge, Role::Receiver, Role::Mocap, Role::Plant] {
             for member in self.members.iter_mut().filter(|member| member.role == leaving) {

@@ -25,12 +25,12 @@ use super::progress::{FlightProgress, Interrupts};
 use super::recording::FlightRecording;
 use super::watch::ProcessWatch;
 
-/// A flight through processes: its mission, paths, directory, and the interrupts of the operator.
+/// Flight through processes: its mission, paths, directory, and operator interrupts.
 #[derive(Debug)]
 pub struct BusFlight<'a> {
     /// The mission.
     pub mission: &'a Mission,
-    /// How commands reach the vehicle, and poses the daemon.
+    /// Paths of commands and poses.
     pub paths: &'a FlightPaths,
     /// Directory of configuration, logs and results.
     pub directory: &'a FlightDirectory,
@@ -39,14 +39,14 @@ pub struct BusFlight<'a> {
 }
 
 impl BusFlight<'_> {
-    /// Starts the processes, flies, ends them, and removes what they leave on the bus.
+    /// Starts the processes, flies, ends the processes, and removes their files on the bus.
     ///
     /// # Errors
-    /// A process could not be started, never answered, or ended in flight.
+    /// A process could not be started, did not answer, or ended in flight.
     pub fn fly(&self) -> Result<RecordedFlight, Failure> {
         let paths = instance_paths(&self.mission.config)?;
         let result = self.fly_at(&paths);
-        // Leaving the instance as the last process removes what a killed process left in shared memory.
+        // Leaving the instance as the last process removes the shared memory of killed processes.
         drop(Bus::open(&paths));
         result
     }
@@ -66,7 +66,7 @@ impl BusFlight<'_> {
         flown
     }
 
-    /// The recording of this flight; `None` unless `[record]` asks for one of `kinds`.
+    /// Recording of this flight; `None` unless `[record]` requests one of `kinds`.
     fn recording(&self, kinds: &[RecordedFlights]) -> Result<Option<McapRecorder>, Failure> {
         let wanted = kinds.contains(&self.mission.config.record.flights);
         wanted.then(|| flight_record::begin(self.mission, self.directory)).transpose()
@@ -75,7 +75,7 @@ impl BusFlight<'_> {
     fn fly_at(&self, paths: &InstancePaths) -> Result<RecordedFlight, Failure> {
         let bus = Bus::open(paths)?;
         let config = &self.mission.config;
-        // The readers are open before any process publishes.
+        // The readers are opened before any process publishes.
         let recording = self.recording(&[RecordedFlights::Processes, RecordedFlights::All])?;
         let topics = match recording {
             Some(_) => McapRecorder::topics(config),
@@ -91,7 +91,7 @@ impl BusFlight<'_> {
         let flight = std::thread::scope(|threads| {
             let (watch, processes, interrupts) = (&watch, &mut processes, self.interrupts);
             threads.spawn(move || watch.run(processes, interrupts));
-            // However the recording ends, the watch ends with it.
+            // The watch ends with the recording in any case.
             let _over = watch.end_on_drop();
             let link = &self.paths.commands;
             FlightRecording { mission: self.mission, link, bus: &bus, stop: &stop }
@@ -103,7 +103,7 @@ impl BusFlight<'_> {
     }
 }
 
-/// Reports the real-time settings that were requested but not granted by the kernel. In virtual time none is requested.
+/// Reports the real-time settings that were requested but not granted by the kernel. In virtual time none are requested.
 fn report_missing_rights(flight: &Flight) {
     let Some(daemon) = &flight.daemon else { return };
     let missing = daemon.realtime.missing(&flight.config.realtime);
@@ -115,7 +115,7 @@ fn report_missing_rights(flight: &Flight) {
     }
 }
 
-/// Fails if a daemon already runs on this instance: it was not started by this flight and must not be made to fly.
+/// Fails if a daemon is already running on this instance: it was not started by this flight and must not be used for it.
 fn refuse_running_daemon(bus: &Bus, instance: &str) -> Result<(), Failure> {
     let status = ControlRequestV1::of(OperatorCommand::Status);
     match bus.control_client()?.ask(status, Span::from_millis(100))? {

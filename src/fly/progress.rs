@@ -1,4 +1,4 @@
-//! Progress bar and interrupts of a flight under way.
+//! Progress bar and interrupts of a flight in progress.
 
 use std::cell::Cell;
 use std::sync::Arc;
@@ -16,11 +16,11 @@ use oqtal_runtime::program::say;
 
 use oqtal_observe::recorder::Recorder;
 
-/// Time for which obstacles prevent the take-off before they are reported.
+/// Time after which obstacles that prevent the take-off are reported.
 const OBSTACLE_TIMEOUT: Span = Span::from_millis(1000);
 
-/// Progress bar of one line on standard error, cut off at the width of the terminal and removed when dropped; invisible where
-/// standard error is not a terminal. Obstacles to the take-off are printed on standard error in any case.
+/// Progress bar: one line on standard error, cut off at the width of the terminal and removed on drop; invisible if standard
+/// error is not a terminal. Obstacles to the take-off are always printed on standard error.
 #[derive(Debug)]
 pub struct FlightProgress {
     bar: ProgressBar,
@@ -61,7 +61,7 @@ impl FlightProgress {
             Mode::from_code(telemetry.mode).map_or_else(String::new, |mode| mode.to_string());
         let flying = telemetry.mode == Mode::Flying.code();
         let phase = Phase::from_number(telemetry.phase).filter(|_| flying);
-        // A phase implies that the vehicle flies.
+        // A phase implies that the vehicle is flying.
         let doing = phase.map_or(mode, |phase| phase.to_string());
         let state = match SafetyState::from_code(telemetry.state) {
             Some(SafetyState::Nominal) | None => String::new(),
@@ -127,7 +127,7 @@ pub struct Interrupts {
 }
 
 impl Interrupts {
-    /// Installs the signal handler; possible once in a process.
+    /// Installs the signal handler; possible once per process.
     ///
     /// # Errors
     /// The operating system refuses the handler.
@@ -146,7 +146,7 @@ impl Interrupts {
         self.count.load(Ordering::Acquire) > 0
     }
 
-    /// The operator's command since the last call; `None` without a new interrupt.
+    /// Operator command for interrupts since the last call; `None` without a new interrupt.
     pub fn next(&self) -> Option<OperatorCommand> {
         let count = self.count.load(Ordering::Acquire);
         if count == self.seen.swap(count, Ordering::AcqRel) {

@@ -1,4 +1,4 @@
-//! The recording of a flight through processes: requests the flight, polls the observer until the flight is over.
+//! Recording of a flight through processes: requests the flight, and polls the observer until the flight has ended.
 
 use std::time::Duration;
 
@@ -29,12 +29,12 @@ use super::process_group::START_TIMEOUT;
 use super::progress::FlightProgress;
 use super::vehicle::CommandLink;
 
-/// Period of polling in real time: the resolution of the times of reception.
+/// Polling period in real time: the resolution of the reception times.
 const POLL_PERIOD: Duration = Duration::from_millis(10);
 
-/// Time-out of the landing of a flight that lasted too long; the daemon stops a landing that does not end (F41).
+/// Time-out for the landing of a flight that lasted too long; the daemon stops a landing that does not end (F41).
 const LANDED_WITHIN: Span = Span::from_millis(60_000);
-/// Time for which motors are reported off before they count as stopped: a little more than a bridge waits for a late report.
+/// Time for which motors must be reported off before they count as stopped: slightly more than a bridge waits for a late report.
 const MOTORS_SETTLE: Span = Span::from_millis(600);
 
 /// Inputs of a recording.
@@ -42,7 +42,7 @@ const MOTORS_SETTLE: Span = Span::from_millis(600);
 pub struct FlightRecording<'a> {
     /// The mission.
     pub mission: &'a Mission,
-    /// How commands reach the vehicle.
+    /// Path of the commands to the vehicle.
     pub link: &'a CommandLink,
     /// The instance of the flight.
     pub bus: &'a Bus,
@@ -61,18 +61,18 @@ struct Progressing {
     first: Option<(Time, Time)>,
     /// The latest poll, in the clock of the flight.
     now: Time,
-    /// When the flight was over, and when the motors were last seen running then, in wall time.
+    /// End of the flight, and last instant after it at which the motors were reported running, in wall time.
     over_since: Option<Time>,
     running_at: Option<Time>,
-    /// When a flight that lasted too long was asked to land, in wall time.
+    /// Instant at which an overlong flight was requested to land, in wall time.
     landing_since: Option<Time>,
 }
 
 impl FlightRecording<'_> {
-    /// Asks the daemon to fly and records until the flight is over, or `stop` is set.
+    /// Requests the flight from the daemon and records until it has ended, or `stop` is set.
     ///
     /// # Errors
-    /// The daemon refuses or never answers, the vehicle never answers, or the bus failed.
+    /// The daemon refuses or does not answer, the vehicle does not answer, or the bus failed.
     pub fn run(
         &self,
         mut observer: BusObserver,
@@ -106,7 +106,7 @@ impl FlightRecording<'_> {
         Ok(self.conclude(state))
     }
 
-    /// Checks the flight after new samples were recorded; `true` if it is over.
+    /// Checks the flight after new samples were recorded; `true` if it has ended.
     fn check(&self, state: &mut Progressing, is_virtual: bool) -> Result<bool, Failure> {
         let recorder = &state.recorder;
         if state.daemon.is_none() {
@@ -115,7 +115,7 @@ impl FlightRecording<'_> {
                 recording.facts(Facts::of_grants(&daemon.realtime));
             }
         }
-        // A recording starts with its first pose, whenever the daemon started.
+        // The flight of a recording starts with its first pose, at whatever time the daemon started.
         let started = match self.mission.recording {
             Some(_) => recorder.has_poses(),
             None => recorder.daemon_pid().is_some(),
@@ -136,8 +136,8 @@ impl FlightRecording<'_> {
         Ok(is_over && self.motors_rest(state))
     }
 
-    /// Lands a vehicle that flies longer than its flight may last: to end the processes would let it fall. Returns whether there is
-    /// nothing to wait for.
+    /// Lands a vehicle that flies longer than allowed, since ending the processes would make it fall. Returns whether the wait is
+    /// over.
     fn has_landed_late(&self, state: &mut Progressing) -> Result<bool, Failure> {
         let is_replay = self.mission.recording.is_some();
         if is_replay || !state.recorder.latest().is_some_and(FlightSample::is_armed) {
@@ -152,8 +152,8 @@ impl FlightRecording<'_> {
         Ok(Time::now().since(since) >= LANDED_WITHIN)
     }
 
-    /// Whether the motors behind a bridge are off, or controlled by another station, or the time-out has passed: a bridge stops the
-    /// motors once the vehicle has rested; a bridge that ends before can only use the emergency stop.
+    /// Whether the motors behind a bridge are off, or controlled by another station, or the time-out has passed. A bridge stops
+    /// the motors once the vehicle has rested; before that, it can only use the emergency stop.
     fn motors_rest(&self, state: &mut Progressing) -> bool {
         let now = Time::now();
         let since = *state.over_since.get_or_insert(now);
@@ -195,7 +195,7 @@ impl FlightRecording<'_> {
 }
 
 impl Progressing {
-    /// Records what was published since the last call.
+    /// Records the samples published since the last call.
     fn poll(&mut self, observer: &mut BusObserver) -> Result<(), BusError> {
         let Some(recording) = &mut self.recording else {
             return observer.poll(self.now, &mut self.recorder);
@@ -205,7 +205,7 @@ impl Progressing {
     }
 }
 
-/// The clock of the recorder: a poll every few milliseconds, or a turn in virtual time.
+/// Clock of the recorder: a poll every few milliseconds, or a turn in virtual time.
 enum ReviewClock {
     Real(StopFlag),
     Virtual { clock: Box<LoopClock>, next: Option<Time>, end: Time },
@@ -243,7 +243,7 @@ impl ReviewClock {
     }
 }
 
-/// Asks the daemon to fly until it answers.
+/// Requests the flight from the daemon until it answers.
 fn request_flight(
     client: &ControlClient,
     config_hash: u64,
@@ -266,7 +266,7 @@ fn request_flight(
         }
     }
     if stop.is_set() {
-        // The watch that set it reports the reason.
+        // The watch that set the flag reports the reason.
         return Ok(());
     }
     Err(Failure::new(Exit::Peer, "the daemon never answered; see daemon.log beside the report"))

@@ -1,4 +1,4 @@
-//! The flag `--vehicle`: which vehicle flies, and the path of its commands.
+//! The flag `--vehicle`: the vehicle of a flight, and the path of its commands.
 
 use std::path::Path;
 
@@ -22,11 +22,11 @@ const FORMS: &str = "expected one of
   bridge:mavlink[,autopilot=px4|ardupilot][,system=N]
   bridge:crtp
   link:LINK, where LINK is one of";
-/// Time within which a running simulator publishes the truth, which it does every millisecond.
+/// Time within which a running simulator, which publishes every millisecond, publishes the truth.
 const TRUTH_TIMEOUT: Span = Span::from_millis(500);
-/// Time within which a vehicle has reported for long enough that its motors have stopped.
+/// Time within which enough reports of the vehicle arrive to confirm that its motors have stopped.
 const REPORTED_WITHIN: Span = Span::from_millis(1500);
-/// Time within which a vehicle at a link must answer, unless a duration is given \[s\].
+/// Default time within which a vehicle at a link must answer \[s\].
 const ANSWER_TIMEOUT_S: f64 = 20.0;
 
 /// The value of the flag.
@@ -34,12 +34,12 @@ const ANSWER_TIMEOUT_S: f64 = 20.0;
 pub enum VehicleChoice {
     /// The simulated vehicle, commanded over the bus.
     Simulated {
-        /// Name of its preset, `vehicle.preset`.
+        /// Name of the preset, `vehicle.preset`.
         preset: Option<String>,
-        /// `plant.fidelity`.
+        /// Value of `plant.fidelity`.
         fidelity: Option<String>,
     },
-    /// The simulated vehicle, commanded by a bridge over a wire; the port of the link is not final.
+    /// The simulated vehicle, commanded by a bridge over a wire; the port of the link is provisional.
     Bridged(LinkSpec),
     /// The vehicle at a link, commanded by a bridge.
     Linked(LinkSpec),
@@ -62,7 +62,7 @@ pub fn parse(text: &str) -> Result<VehicleChoice, String> {
     }
 }
 
-/// The forms of the flag, and of links.
+/// Forms of the flag, and of links.
 fn forms() -> String {
     let links = LinkSpec::forms().into_iter().map(|form| format!("\n    {form}"));
     std::iter::once(FORMS.to_owned()).chain(links).collect()
@@ -82,7 +82,7 @@ impl VehicleChoice {
         let mut set = |key: &str, value: toml::Value| {
             settings.push(Setting::flag("--vehicle", key, value));
         };
-        // No other vehicle has this protocol.
+        // Only this vehicle has the protocol.
         if let Self::Bridged(LinkSpec::Crtp(_)) = self {
             set("vehicle.preset", "crazyflie-2.1".into());
         }
@@ -96,7 +96,7 @@ impl VehicleChoice {
     }
 }
 
-/// The path of a flight's commands, with the link.
+/// Path of a flight's commands, with the link.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum CommandLink {
     /// Over the bus to the simulated vehicle.
@@ -104,9 +104,9 @@ pub enum CommandLink {
     Bus,
     /// By a bridge over a wire to the simulated vehicle.
     Bridged {
-        /// The bridge's end.
+        /// Link at the bridge's end.
         bridge: LinkSpec,
-        /// The vehicle's end.
+        /// Link at the vehicle's end.
         vehicle: LinkSpec,
     },
     /// By a bridge to the vehicle at this link.
@@ -114,7 +114,7 @@ pub enum CommandLink {
 }
 
 impl CommandLink {
-    /// The path that `choice`, or else the configuration, asks for. Completes the configuration accordingly.
+    /// Path requested by `choice`, or else by the configuration. Completes the configuration accordingly.
     ///
     /// # Errors
     /// The clock is virtual, or a recording is played (exit code 64); a link is invalid (78); the bus failed.
@@ -147,7 +147,7 @@ impl CommandLink {
         Ok(path)
     }
 
-    /// The path that a configuration names, as that of an earlier flight.
+    /// Path given by a configuration, for example that of an earlier flight.
     fn configured(config: &Config) -> Result<Self, Failure> {
         let located = |error: OptionError| Failure::from(config.locate(&error));
         if let Some(link) = oqtal_plant_sim::wire::link(config).map_err(located)? {
@@ -159,7 +159,7 @@ impl CommandLink {
             .map_or(Self::Bus, Self::Linked))
     }
 
-    /// The path over `link`, at ports that belong to this instance.
+    /// Path over `link`, at ports that belong to this instance.
     fn bridged(link: &LinkSpec, config: &Config) -> Result<Self, Failure> {
         Ok(match link {
             LinkSpec::Asctec(link) => {
@@ -199,7 +199,7 @@ impl CommandLink {
         Ok(())
     }
 
-    /// The path as the flight's record names it, without the path of a temporary link.
+    /// The path as named in the flight's record, without the path of a temporary link.
     #[must_use]
     pub fn command_path(&self) -> CommandPath {
         match self {
@@ -209,7 +209,7 @@ impl CommandLink {
         }
     }
 
-    /// The processes of the flight, in the order in which they are started.
+    /// Processes of the flight, in start order.
     #[must_use]
     pub fn roles(&self, config: &Config) -> &'static [Role] {
         match self {
@@ -223,7 +223,7 @@ impl CommandLink {
         }
     }
 
-    /// The path that the plant creates and the bridge then opens; `None` if the plant creates none.
+    /// Path that the plant creates and the bridge then opens; `None` if the plant creates none.
     #[must_use]
     pub fn awaited(&self) -> Option<&Path> {
         match self {
@@ -234,14 +234,14 @@ impl CommandLink {
         }
     }
 
-    /// Time within which the vehicle must answer for the first time; `None` where no bridge asks one.
+    /// Time within which the vehicle must give its first answer; `None` without a bridge.
     #[must_use]
     pub fn answer_timeout(&self, config: &Config) -> Option<Span> {
         let seconds = config.trajectory.duration_s.unwrap_or(ANSWER_TIMEOUT_S);
         (*self != Self::Bus).then(|| Span::from_seconds(seconds))
     }
 
-    /// Time within which a bridge has stopped the motors after a flight; none where no bridge does.
+    /// Time within which a bridge has stopped the motors after a flight; zero without a bridge.
     #[must_use]
     pub fn rest_timeout(&self, config: &Config) -> Span {
         if *self == Self::Bus {
@@ -251,7 +251,7 @@ impl CommandLink {
         Span::from_seconds(millis * 1e-3) + REPORTED_WITHIN
     }
 
-    /// The failure for a vehicle that never answered.
+    /// Failure for a vehicle that did not answer.
     #[must_use]
     pub fn never_answered(&self) -> Failure {
         let message = format!(
@@ -263,10 +263,10 @@ impl CommandLink {
     }
 }
 
-/// Port of emulated vehicles on an address of their own.
+/// Port of emulated vehicles on a separate address.
 const VEHICLE_PORT: u16 = 14_550;
 
-/// Address of this machine that no other flight uses: one of the loopback network, named by the process.
+/// Loopback address that no other flight uses: derived from the process id.
 fn own_address() -> HostPort {
     let [_, high, middle, low] = std::process::id().to_be_bytes();
     HostPort { host: format!("127.{}.{middle}.{low}", 64 + high), port: VEHICLE_PORT }
@@ -281,7 +281,7 @@ fn checked_path(link: &AsctecLink, path: &Path) -> Result<LinkSpec, Failure> {
     })
 }
 
-/// Whether a simulator on this instance publishes the truth, which the emulated cameras need.
+/// Whether a simulator on this instance publishes the truth that the emulated cameras need.
 fn is_truth_published(config: &Config) -> Result<bool, Failure> {
     let bus = Bus::open(&instance_paths(config)?)?;
     let mut truths = bus.reader(&TRUTH)?;

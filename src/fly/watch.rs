@@ -1,4 +1,4 @@
-//! The watch over a flight: ends it when a process ends, and passes interrupts of the operator to the daemon.
+//! Watch over a flight: ends it when a process ends, and passes operator interrupts to the daemon.
 
 use std::sync::Mutex;
 use std::thread::sleep;
@@ -18,7 +18,7 @@ use super::fault::ProcessFaults;
 use super::process_group::ProcessGroup;
 use super::progress::Interrupts;
 
-/// Period at which processes and interrupts are checked.
+/// Period of the checks of processes and interrupts.
 const WATCH_PERIOD: Span = Span::from_millis(20);
 
 /// Watches the processes and the operator while the flight is recorded.
@@ -35,13 +35,13 @@ pub struct ProcessWatch<'a> {
 }
 
 impl<'a> ProcessWatch<'a> {
-    /// A watch over the flight under `config` at `paths` that sets `stop` when the flight cannot continue.
+    /// Watch over the flight under `config` at `paths`; sets `stop` when the flight cannot continue.
     #[must_use]
     pub fn new(paths: &'a InstancePaths, config: &'a Config, stop: &'a StopFlag) -> Self {
         Self { paths, config, stop, over: StopFlag::default(), failure: Mutex::new(None) }
     }
 
-    /// Watches until a process ends, an interrupt cannot be passed on, or the flight is over.
+    /// Watches until a process ends, an interrupt cannot be passed on, or the flight has ended.
     pub fn run(&self, processes: &mut ProcessGroup, interrupts: &Interrupts) {
         if let Err(failure) = self.watch(processes, interrupts) {
             self.fail(failure);
@@ -49,7 +49,7 @@ impl<'a> ProcessWatch<'a> {
     }
 
     fn watch(&self, processes: &mut ProcessGroup, interrupts: &Interrupts) -> Result<(), Failure> {
-        // The flight ends with the watch, for whatever reason it ends.
+        // The flight ends with the watch in any case.
         let _stop = self.stop.set_on_drop();
         let bus = Bus::open(self.paths)?;
         let client = bus.control_client().ok();
@@ -62,7 +62,7 @@ impl<'a> ProcessWatch<'a> {
             }
             let command = interrupts.next();
             if let (Some(OperatorCommand::Stop), Some(stop)) = (command, &stop) {
-                // Acts in the process of the vehicle, independent of the daemon.
+                // Takes effect in the process of the vehicle, independently of the daemon.
                 stop.raise();
             }
             if command.is_some_and(|command| !pass_on(client.as_ref(), command)) {
@@ -93,7 +93,7 @@ impl<'a> ProcessWatch<'a> {
     }
 }
 
-/// Passes an operator's command to the daemon; `false` if no flight is under way that it could end.
+/// Passes an operator's command to the daemon; `false` if there is no flight that it could end.
 fn pass_on(client: Option<&ControlClient>, command: OperatorCommand) -> bool {
     let request = ControlRequestV1::of(command);
     let response = client.and_then(|client| client.ask(request, Span::from_millis(500)).ok());

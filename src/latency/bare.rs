@@ -1,7 +1,7 @@
 //! Inter-process communication without the bus, for comparison: five mechanisms that transmit a message of the size of a pose.
 //!
 //! A message is stamped before it is sent and after it is received, at the rate of the chain. One process, [`super::camera`],
-//! sends on all mechanisms and also feeds the chain; each receiving end is a process of its own with the daemon's settings.
+//! sends on all mechanisms and also feeds the chain; each receiver is a separate process with the daemon's settings.
 
 mod iceoryx;
 mod mechanism;

@@ -1,5 +1,5 @@
-//! Stand-in for the cameras: publishes poses of a hovering vehicle, at regular instants or with jitter, and between them sends a
-//! message by each bare mechanism.
+//! Stand-in for the cameras: publishes poses of a hovering vehicle, regularly or with jitter, and in between sends a message by
+//! each bare mechanism.
 
 use oqtal_bus::message::{PoseV1, Stamps};
 use oqtal_bus::port::Writer;
@@ -16,7 +16,7 @@ use super::sleep::sleep_until;
 /// File of the recorded wake-up lateness.
 pub const RECORD: &str = "sleep.record";
 
-/// Publishes a pose at the beginning of every period, then sends by the bare mechanisms, evenly spread, in an order that rotates.
+/// Publishes a pose at the beginning of every period, then sends by the bare mechanisms at even intervals, in rotating order.
 ///
 /// # Errors
 /// The bus or a mechanism fails.
@@ -52,9 +52,9 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     finish(context, &mut senders, &lateness)
 }
 
-/// A pose at hover, as the cameras' process publishes it: stamped, sent, announced.
+/// Publishes a hover pose like the cameras' process: stamped, sent, announced.
 fn publish(poses: &mut Writer<PoseV1>, round: u64, captured_at: Time) -> Result<(), Failure> {
-    // A pose that never changes is rejected as stuck.
+    // A constant pose would be rejected as frozen.
     let noise = if round.is_multiple_of(2) { 1e-4 } else { -1e-4 };
     let pose = PoseV1 {
         position: [noise, -noise, 1.0 + noise],

@@ -1,8 +1,9 @@
-//! Conditions under which the test chain is measured, one after another.
+//! Conditions under which the test chain is measured, in sequence.
 
 use oqtal_config::Config;
 
-/// Greatest delay of a pose under [`RigCondition::Jitter`] \[ms\]: less than the time to the next message of the cameras' stand-in.
+/// Greatest delay of a pose under [`RigCondition::Jitter`] \[ms\]: less than the time to the next message of the cameras'
+/// stand-in.
 pub const MAX_JITTER_MS: f64 = 3.0;
 
 /// A condition.
@@ -12,7 +13,7 @@ pub enum RigCondition {
     Regular,
     /// No cache warm-up.
     WithoutWarmup,
-    /// The configured cache warm-up, and poses that come up to [`MAX_JITTER_MS`] late, at random.
+    /// The configured cache warm-up, and poses with random delays up to [`MAX_JITTER_MS`].
     Jitter,
 }
 
@@ -44,10 +45,10 @@ impl RigCondition {
     }
 }
 
-/// Delay of the pose of round `round`, evenly distributed between zero and `jitter_ms` \[ms\].
+/// Delay of the pose of round `round`, uniformly distributed between zero and `jitter_ms` \[ms\].
 #[must_use]
 pub fn delay_ms(round: u64, jitter_ms: f64) -> f64 {
-    // Multiples of the golden ratio fill the interval evenly in an order without pattern.
+    // Multiples of the golden ratio fill the interval uniformly in an irregular order.
     const GOLDEN: f64 = 0.618_033_988_749_895;
     jitter_ms.min(MAX_JITTER_MS) * (round as f64 * GOLDEN).fract()
 }

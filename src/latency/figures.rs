@@ -1,4 +1,4 @@
-//! The figures of `oqtal latency`, as in its JSON document.
+//! Figures of `oqtal latency`, as in its JSON document.
 
 use std::collections::BTreeMap;
 
@@ -29,7 +29,7 @@ pub struct Ratio {
 }
 
 impl Ratio {
-    /// `ours` over `theirs`.
+    /// Ratio of `ours` to `theirs`.
     #[must_use]
     pub fn of(ours: &DistributionSummary, theirs: &DistributionSummary) -> Self {
         let over = |ours: u64, theirs: u64| ours as f64 / theirs.max(1) as f64;
@@ -40,11 +40,11 @@ impl Ratio {
 /// Wake-up lateness.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Wakeup {
-    /// The daemon, after a pose was published or its deadline had come.
+    /// Lateness of the daemon after the publication of a pose, or after its deadline.
     pub daemon: DistributionSummary,
-    /// A process that sleeps until an instant and does nothing else.
+    /// Lateness of a process that only sleeps until an instant.
     pub sleep: Option<DistributionSummary>,
-    /// Such a process and cyclictest, side by side; empty where cyclictest is not installed.
+    /// Lateness of such a process and of cyclictest, measured simultaneously; empty if cyclictest is not installed.
     pub pairs: Vec<Pair>,
     /// Median of the pairs' ratios.
     pub median_ratio: Option<f64>,
@@ -55,7 +55,7 @@ pub struct Wakeup {
 pub struct ConditionFigures {
     /// Name of the condition.
     pub condition: &'static str,
-    /// Every hop, and the whole.
+    /// Latency of every hop, and their sum.
     pub hops: BTreeMap<&'static str, DistributionSummary>,
     /// Each hop of [`TRANSPORT`] over the bare listener of iceoryx2, measured under the same condition.
     pub ratio: BTreeMap<&'static str, Ratio>,
@@ -76,17 +76,17 @@ impl ConditionFigures {
 /// The figures of `oqtal latency`, the document of `--json`.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct LatencyFigures {
-    /// Every hop, and the whole.
+    /// Latency of every hop, and their sum.
     pub hops: BTreeMap<&'static str, DistributionSummary>,
     /// Latency of each mechanism without the bus.
     pub bare: BTreeMap<&'static str, DistributionSummary>,
-    /// Each hop of [`TRANSPORT`] over the bare listener of iceoryx2, and that of the receiver over a bare UDP socket.
+    /// Each hop of [`TRANSPORT`] over the bare listener of iceoryx2, and the receiver's hop over a bare UDP socket.
     pub ratio: BTreeMap<&'static str, Ratio>,
     /// The same ratios under each condition; empty for a running instance.
     pub conditions: Vec<ConditionFigures>,
     /// Wake-ups.
     pub wakeup: Wakeup,
-    /// How the daemon is scheduled.
+    /// Scheduling of the daemon.
     pub realtime: ThreadScheduling,
     /// Counters of the loop.
     pub counters: LoopCounters,
@@ -115,7 +115,7 @@ impl LatencyFigures {
         figures
     }
 
-    /// The hop of the receiver of real cameras over a bare UDP socket; `None` where one of the two was not measured.
+    /// Hop of the receiver of real cameras over a bare UDP socket; `None` if one of the two was not measured.
     fn receiver_ratio(&self) -> Option<Ratio> {
         let measured = |summary: &&DistributionSummary| summary.count > 0;
         let hop = self.hops.get(RECEIVE_TO_PUBLISH).filter(measured)?;
@@ -123,7 +123,7 @@ impl LatencyFigures {
         Some(Ratio::of(hop, bare))
     }
 
-    /// The hops of [`TRANSPORT`] over `mechanism`; none where one of the two was not measured.
+    /// Hops of [`TRANSPORT`] over `mechanism`; none if one of the two was not measured.
     #[must_use]
     pub fn ratios(&self, mechanism: Mechanism) -> BTreeMap<&'static str, Ratio> {
         let measured = |summary: &&DistributionSummary| summary.count > 0;

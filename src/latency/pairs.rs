@@ -1,5 +1,5 @@
 //! Periodic wake-up compared with cyclictest: same processor, priority and period at the same time, so that other load affects
-//! both; the phase of each is random.
+//! both; their phases are random.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -21,20 +21,20 @@ use super::sleep::RECORD;
 use crate::child::{Child, command};
 use oqtal_observe::kernel::ThreadScheduling;
 
-/// Pairs measured.
+/// Number of pairs measured.
 pub const PAIRS: u32 = 5;
 /// Upper end of cyclictest's histogram \[us\].
 const LONGEST_US: u64 = 100_000;
 const QUANTILE: f64 = 0.999;
 
-/// One run of each.
+/// One simultaneous run of both.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Pair {
-    /// Lateness of our loop that 99.9 % of its wake-ups do not exceed.
+    /// 99.9th percentile of our loop's lateness.
     pub ours_p999_ns: u64,
-    /// The same of cyclictest.
+    /// 99.9th percentile of cyclictest's lateness.
     pub cyclictest_p999_ns: u64,
-    /// Lateness of our loop divided by that of cyclictest \[-\].
+    /// Ratio of our percentile to cyclictest's \[-\].
     pub ratio: f64,
 }
 
@@ -44,7 +44,7 @@ struct Terms {
     /// Configuration file of our loop.
     config: PathBuf,
     cpu: usize,
-    /// Under SCHED_FIFO.
+    /// Priority under SCHED_FIFO.
     priority: Option<u32>,
     length: Span,
 }
@@ -113,7 +113,7 @@ fn pair(directory: &Path, terms: &Terms) -> Result<Pair, Failure> {
 fn cyclictest(report: &Path, terms: &Terms) -> Command {
     let mut command = Command::new("cyclictest");
     let duration = terms.length.to_duration().as_secs().max(1);
-    // Without tuning of the machine, as our loop.
+    // Without tuning of the machine, like our loop.
     command.args(["--quiet", "--default-system", "--mlockall", "--threads=1", "--interval=1000"]);
     command.arg(format!("--affinity={}", terms.cpu)).arg(format!("--duration={duration}"));
     command.arg(format!("--histogram={LONGEST_US}"));
@@ -157,7 +157,7 @@ fn p999_of(report: &str) -> Option<u64> {
     (distribution.count() > 0).then(|| whole_micros(distribution.quantile(QUANTILE)))
 }
 
-/// The whole microseconds of a span, as cyclictest counts \[ns\].
+/// Whole microseconds of a span, as counted by cyclictest \[ns\].
 fn whole_micros(span: Span) -> u64 {
     span.nanos().max(0).unsigned_abs() / 1000 * 1000
 }
@@ -168,7 +168,7 @@ fn wait_for_any_phase() {
     std::thread::sleep(Duration::from_nanos(random % 10_000_000));
 }
 
-/// The last processor that this process may use; the first one serves most interrupts.
+/// Last processor available to this process; the first one serves most interrupts.
 fn last_cpu() -> Result<usize, Failure> {
     let allowed = sched_getaffinity(None)
         .map_err(|e| Failure::new(Exit::System, format!("asking for processors failed: {e}")))?;
@@ -194,7 +194,7 @@ mod tests {
             )
         };
         assert_eq!(p999_of(&report(1000)), Some(12_000));
-        // Ten more that the histogram does not list came later than its end.
+        // Ten further wake-ups, not listed in the histogram, were later than its end.
         assert!(p999_of(&report(1010)).unwrap() >= 100_000_000);
         assert_eq!(p999_of("{}"), None);
     }

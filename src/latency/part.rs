@@ -1,4 +1,4 @@
-//! The stand-ins as processes: `oqtal latency-part NAME run`.
+//! Stand-ins as processes: `oqtal latency-part NAME run`.
 
 use std::process::ExitCode;
 
@@ -45,7 +45,7 @@ enum Part {
 }
 
 impl PartArgs {
-    /// Runs the process, with the settings of the process that it replaces, until asked to stop.
+    /// Runs the process with the settings of the process that it replaces. Returns when a stop is requested.
     #[must_use]
     pub fn execute(&self) -> ExitCode {
         let (role, job): (Role, Job) = match self.part {
@@ -62,7 +62,7 @@ impl PartArgs {
                 (Role::Daemon, |context| receive_all(context, Mechanism::Iceoryx2Listener))
             }
         };
-        // Its configuration was checked by the process that starts it.
+        // The process that starts this one has checked the configuration.
         execute(role, &self.command, job, |_| Ok(()))
     }
 }

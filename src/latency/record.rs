@@ -1,4 +1,4 @@
-//! File in which a stand-in leaves its measurement: instants and spans, one pair a line.
+//! File with the measurement of a stand-in: instants and spans, one pair per line.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -6,15 +6,15 @@ use std::path::Path;
 use oqtal_bus::time::{Span, Time};
 use oqtal_runtime::process::{Exit, Failure};
 
-/// Rows for which memory is allocated in advance: more than an hour at 60 Hz.
+/// Number of rows allocated in advance: more than an hour at 60 Hz.
 const ROOM: usize = 1 << 18;
 
-/// Spans, each with the instant it began.
+/// Spans, each with its starting instant.
 #[derive(Debug, Default)]
 pub struct Record(Vec<(Time, Span)>);
 
 impl Record {
-    /// An empty record whose memory is resident already, so that no page fault is measured.
+    /// Empty record with resident memory, so that no page faults are measured.
     #[must_use]
     pub fn with_room() -> Self {
         let mut rows = vec![(Time::default(), Span::from_nanos(1)); ROOM];
@@ -32,7 +32,7 @@ impl Record {
         self.0.iter().filter(move |(at, _)| (from..=to).contains(at)).map(|(_, span)| *span)
     }
 
-    /// Writes the record to `path`, which appears complete or not at all.
+    /// Writes the record to `path` atomically.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -47,7 +47,7 @@ impl Record {
         written.map_err(|error| failed(path, &error))
     }
 
-    /// Reads a record that [`Record::save`] wrote.
+    /// Reads a record written by [`Record::save`].
     ///
     /// # Errors
     /// The file does not exist, or is incomplete.

@@ -1,4 +1,4 @@
-//! The processes of a measurement: the test chain, and the bare mechanisms that it is compared with.
+//! Processes of a measurement: the test chain, and the bare mechanisms for comparison.
 //!
 //! ```text
 //!  camera ─ pose ─▶ daemon ─ command ─▶ vehicle      the same daemon, in an instance of its own
@@ -28,7 +28,7 @@ use crate::child::{Child, command};
 
 /// Time-out for a process to start or to write its record.
 const PROCESS_TIMEOUT: Span = Span::from_millis(10_000);
-/// Duration of the hover flown during a measurement \[s\]; an upper limit of its length.
+/// Duration of the hover flown during a measurement \[s\]; limits the length of a measurement.
 const LONGEST_FLIGHT_S: f64 = 3600.0;
 
 /// Latencies of the mechanisms without the bus, and of the camera's absolute sleeps.
@@ -40,7 +40,7 @@ pub struct Bare {
     pub sleep: Distribution,
 }
 
-/// Running stand-ins, in an instance of their own. They are ended and their files removed when this is dropped.
+/// Running stand-ins in a separate instance. On drop they are ended and their files removed.
 #[derive(Debug)]
 pub struct Rig {
     config: Config,
@@ -52,10 +52,10 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// An instance beside that of `config`, without processes.
+    /// Instance beside the one of `config`, without processes.
     ///
     /// # Errors
-    /// Its files cannot be written.
+    /// The files of the instance cannot be written.
     pub fn new(config: &Config) -> Result<Self, Failure> {
         let mut config = config.clone();
         let root = instance_paths(&config)?.root;
@@ -83,7 +83,7 @@ impl Rig {
         Ok(rig)
     }
 
-    /// The configuration of its processes.
+    /// Configuration of the rig's processes.
     #[must_use]
     pub fn config(&self) -> &Config {
         &self.config
@@ -95,13 +95,13 @@ impl Rig {
         &self.place
     }
 
-    /// The directory of its files.
+    /// Directory of the rig's files.
     #[must_use]
     pub fn directory(&self) -> &Path {
         &self.directory
     }
 
-    /// Its configuration.
+    /// Configuration of the rig.
     #[must_use]
     pub fn config_file(&self) -> PathBuf {
         self.directory.join("config.toml")
@@ -110,7 +110,7 @@ impl Rig {
     /// Starts the daemon and the stand-in for the vehicle.
     ///
     /// # Errors
-    /// One cannot be started.
+    /// One of the processes cannot be started.
     pub fn start_chain(&mut self) -> Result<(), Failure> {
         for (name, words) in [("vehicle", &[part::COMMAND, "vehicle"][..]), ("daemon", &["daemon"])]
         {
@@ -120,10 +120,10 @@ impl Rig {
         Ok(())
     }
 
-    /// Starts the receivers of all mechanisms, and when they are ready the camera, which feeds them and the chain.
+    /// Starts the receivers of all mechanisms and, when they are ready, the camera, which feeds them and the chain.
     ///
     /// # Errors
-    /// One cannot be started, or ends at once.
+    /// One of the processes cannot be started, or ends at once.
     pub fn start_bare(&mut self) -> Result<(), Failure> {
         let file = self.config_file();
         let counter = counter()?;
@@ -175,17 +175,17 @@ impl Rig {
         all.map(Child::failure).find_map(|failure| failure).map_or(Ok(()), Err)
     }
 
-    /// Ends the camera and with it the receivers, and reads their measurements between `from` and `to`.
+    /// Ends the camera and thereby the receivers, and reads their measurements between `from` and `to`.
     ///
     /// # Errors
-    /// One of them left no record.
+    /// One of the processes left no record.
     pub fn finish(&mut self, from: Time, to: Time) -> Result<Bare, Failure> {
         if let Some(mut camera) = self.camera.take() {
             camera.shut_down();
         }
         let mut bare = Bare::default();
         for (mechanism, mut receiver) in self.receivers.drain(..) {
-            // The camera's last message ends it.
+            // The camera's last message ends the receiver.
             receiver.ends_within(PROCESS_TIMEOUT);
             let file = self.directory.join(format!("{}.record", mechanism.name()));
             let spans = read(&file, from, to)?;
@@ -202,15 +202,15 @@ impl Drop for Rig {
         self.stop_chain();
         self.receivers.clear();
         for place in [&self.place, &beside(&self.place)] {
-            // The last process of an instance removes the shared memory of killed ones.
+            // The last process of an instance removes the shared memory of killed processes.
             drop(Bus::open(place));
         }
-        // A directory that cannot be removed costs a few kilobytes.
+        // A directory that cannot be removed occupies only a few kilobytes.
         let _ = fs::remove_dir_all(&self.directory);
     }
 }
 
-/// A number that another user cannot guess, and so cannot create the rig's files before it.
+/// Unpredictable number, so that another user cannot create the rig's files first.
 fn unguessable() -> u64 {
     // Keyed with random bytes of the operating system.
     RandomState::new().hash_one(std::process::id())

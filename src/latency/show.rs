@@ -8,7 +8,7 @@ use super::figures::{LatencyFigures, RECEIVE_TO_PUBLISH, Ratio, TRANSPORT};
 use oqtal_observe::plot::unit::{significant, words};
 use oqtal_observe::table::{align, latency_row, table};
 
-/// The tables: hops beside bare mechanisms, and their ratios.
+/// Tables: hops with bare mechanisms, and their ratios.
 #[must_use]
 pub fn text(figures: &LatencyFigures) -> String {
     let mut parts = vec![format!("daemon: {}", figures.realtime), latencies(figures).to_string()];
@@ -40,7 +40,7 @@ fn latencies(figures: &LatencyFigures) -> Table {
     table
 }
 
-/// The receiver of real cameras over a bare UDP socket.
+/// Hop of the receiver of real cameras over a bare UDP socket.
 fn receiver(figures: &LatencyFigures) -> Option<String> {
     let Ratio { p50, p99 } = figures.ratio.get(RECEIVE_TO_PUBLISH)?;
     let (p50, p99) = (significant(*p50), significant(*p99));

@@ -1,4 +1,4 @@
-//! Sleeping until an instant, and a loop that does nothing else.
+//! Sleeping until an instant, and a loop that only sleeps.
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_runtime::process::{Exit, Failure, ProcessContext};
@@ -14,7 +14,7 @@ pub const RECORD: &str = "periodic.record";
 /// Period of the loop: the default of cyclictest.
 const PERIOD: Span = Span::from_millis(1);
 
-/// Sleeps until `at`, also when signals arrive.
+/// Sleeps until `at`, also if signals arrive.
 ///
 /// # Errors
 /// The kernel refuses.
@@ -32,7 +32,7 @@ pub fn sleep_until(at: Time) -> rustix::io::Result<()> {
     }
 }
 
-/// Wakes every millisecond until asked to stop, and saves the lateness of each wake-up.
+/// Wakes every millisecond and saves the lateness of each wake-up. Returns when a stop is requested.
 ///
 /// # Errors
 /// The kernel refuses.
@@ -45,7 +45,7 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
             .map_err(|e| Failure::new(Exit::System, format!("sleeping failed: {e}")))?;
         let now = Time::now();
         lateness.add(next, now);
-        // Periods that were overslept are left out, as cyclictest does.
+        // Overslept periods are left out, as in cyclictest.
         while next <= now {
             next = next + PERIOD;
         }

@@ -1,4 +1,4 @@
-//! Stand-in for the vehicle: receives each command as the plant does, applies it at once, and reports that.
+//! Stand-in for the vehicle: receives each command like the plant, applies it at once, and reports it.
 
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{Stamps, VehicleV1};
@@ -6,7 +6,7 @@ use oqtal_bus::topic::{COMMAND, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_runtime::process::{Failure, ProcessContext};
 
-/// Receives commands until asked to stop.
+/// Receives commands. Returns when a stop is requested.
 ///
 /// # Errors
 /// The bus fails.

@@ -1,4 +1,4 @@
-//! Commands from the page to the daemon, as `oqtal ctl` sends them.
+//! Commands from the page to the daemon, sent as by `oqtal ctl`.
 
 use std::sync::{Mutex, TryLockError};
 
@@ -8,7 +8,7 @@ use oqtal_view::site::{Operator, OperatorReply};
 
 use crate::ctl;
 
-/// Sends commands to the daemon of an instance, one at a time; a stop waits for no other command.
+/// Sends commands to the daemon of an instance, one at a time; a stop does not wait for other commands.
 #[derive(Debug)]
 pub struct BusOperator {
     paths: InstancePaths,
@@ -18,7 +18,7 @@ pub struct BusOperator {
 }
 
 impl BusOperator {
-    /// An operator of the instance at `paths`, whose daemon must run with the configuration of hash `expected`.
+    /// Operator of the instance at `paths`; `expected` is the hash of the configuration that the daemon must run with.
     pub fn new(paths: InstancePaths, expected: Option<u64>) -> Self {
         Self { paths, expected, busy: Mutex::new(()) }
     }

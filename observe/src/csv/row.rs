@@ -13,7 +13,7 @@ use crate::latency::{HOPS, hops, sensor_to_actuator};
 pub struct Row<'a> {
     /// The tick.
     pub sample: &'a FlightSample,
-    /// The command of the tick as it reached the vehicle; `None` if it did not.
+    /// Command of the tick that reached the vehicle; `None` if none did.
     pub applied: Option<&'a AppliedCommand>,
     /// Zero of the time axis.
     pub origin: Time,
@@ -23,7 +23,7 @@ pub struct Row<'a> {
 struct Cells(Vec<String>);
 
 impl Cells {
-    /// Adds numbers, each as the shortest decimal text that is read back as the same number; NaN is an empty cell.
+    /// Adds numbers, each as the shortest decimal text that reproduces it exactly; NaN gives an empty cell.
     fn numbers<const N: usize>(&mut self, values: [f64; N]) {
         let text = |value: f64| if value.is_nan() { String::new() } else { value.to_string() };
         self.0.extend(values.map(text));
@@ -33,7 +33,7 @@ impl Cells {
         self.0.extend(values.map(|value| value.to_string()));
     }
 
-    /// Adds a word; an empty cell for a code that this version does not know.
+    /// Adds a word; an empty cell for a code unknown to this version.
     fn word(&mut self, word: Option<impl ToString>) {
         self.0.push(word.map_or_else(String::new, |word| word.to_string()));
     }

@@ -1,8 +1,8 @@
-//! Axes: a range that can be drawn, with ticks at round numbers.
+//! Axes: a finite range with ticks at round numbers.
 
 use std::ops::Range;
 
-/// Largest magnitude that is drawn \[-\]; larger numbers are faults, not measurements, and leave a gap.
+/// Largest magnitude drawn \[-\]; larger numbers are errors, not measurements, and leave a gap.
 const MAX_MAGNITUDE: f64 = 1e9;
 
 /// Whether a plot can show `value`.
@@ -30,7 +30,7 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// A linear axis over exactly `range`, with about `count` divisions and `unit` behind each number.
+    /// Linear axis over exactly `range`, with about `count` divisions and `unit` after each number.
     pub fn linear(range: Range<f64>, count: f64, unit: &str) -> Self {
         let range = drawable(range);
         let step = nice_step((range.end - range.start) / count);
@@ -41,7 +41,7 @@ impl Axis {
         Self { ticks: (first..=last).map(tick).collect(), range }
     }
 
-    /// A linear axis with room for `values`; from zero if they are magnitudes that come near it.
+    /// Linear axis that includes all `values`, and zero if they are magnitudes close to it.
     pub fn fitting(values: impl Iterator<Item = f64>) -> Self {
         let Range { start, end } = extent(values);
         let room = 0.07 * (end - start);
@@ -50,8 +50,8 @@ impl Axis {
         Self::linear(lower..end + room, 5.0, "")
     }
 
-    /// A logarithmic axis whose coordinate is the decimal logarithm, over whole decades that hold `range`, with `label`
-    /// writing the value at a decade.
+    /// Logarithmic axis over the whole decades that include `range`. Its coordinate is the decimal logarithm; `label` formats the
+    /// value of a decade.
     pub fn decades(range: Range<f64>, label: impl Fn(i32) -> String) -> Self {
         let first = range.start.floor() as i32;
         let last = (range.end.ceil() as i32).max(first + 1);
@@ -72,7 +72,7 @@ impl Axis {
     }
 }
 
-/// The smallest range that holds every value that can be drawn.
+/// Smallest range that includes every drawable value.
 pub fn extent(values: impl Iterator<Item = f64>) -> Range<f64> {
     let drawable = values.filter(|value| is_drawable(*value));
     let (start, end) = drawable
@@ -90,14 +90,14 @@ fn drawable(range: Range<f64>) -> Range<f64> {
     middle - half..middle + half
 }
 
-/// The smallest of 1, 2 and 5 times a power of ten that is not below `step`.
+/// Smallest of 1, 2 and 5 times a power of ten that is at least `step`.
 fn nice_step(step: f64) -> f64 {
     let decade = 10_f64.powf(step.log10().floor());
     let nice = [1.0, 2.0, 5.0, 10.0].map(|factor| factor * decade);
     nice.into_iter().find(|nice| *nice >= 0.999 * step).unwrap_or(10.0 * decade)
 }
 
-/// The text of `k` steps, with as many decimals as a step needs.
+/// Text of `k` steps, with as many decimals as a step has.
 fn number(k: i64, step: f64) -> String {
     let value = k as f64 * step;
     let decimals = -step.log10().floor();

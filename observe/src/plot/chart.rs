@@ -1,8 +1,7 @@
 //! One plot as SVG: axes, grid and marks.
 //!
-//! A plot is drawn at twice the size at which the page shows it. The points of a line are integers in tenths of a pixel, each
-//! relative to the point before: short, and exact enough for a script to read values from them. Colours are variables of the
-//! style sheet.
+//! A plot is drawn at twice its displayed size. The points of a line are integers in tenths of a pixel, each relative to the
+//! previous point: short, and precise enough for a script to read values from them. Colours are variables of the style sheet.
 
 use std::ops::Range;
 
@@ -24,7 +23,7 @@ const DIVISION: f64 = 120.0;
 /// A graphical element between the axes.
 #[derive(Clone, Debug)]
 pub enum Mark {
-    /// A line of a width \[pixels\] through points; a point that cannot be drawn is a gap.
+    /// Line with a width \[pixels\] through points; a point that cannot be drawn is a gap.
     Line(Ink, u32, Vec<Point>),
     /// A shaded interval of the horizontal axis, behind the grid \[unit of the axis\].
     Band(Range<f64>),
@@ -32,14 +31,14 @@ pub enum Mark {
     Block(Ink, Point, Point),
     /// A disc; omitted if its centre cannot be drawn.
     Disc(Ink, Point),
-    /// A vertical line at a place on the horizontal axis \[unit of the axis\].
+    /// Vertical line at a position on the horizontal axis \[unit of the axis\].
     Instant(f64),
 }
 
 /// A plot.
 #[derive(Clone, Debug)]
 pub struct Plot {
-    /// Width and height, twice as large as shown \[pixels\].
+    /// Width and height, twice the displayed size \[pixels\].
     pub size: (u32, u32),
     /// Width of the labels of the vertical axis \[pixels\].
     pub label_width: u32,
@@ -156,7 +155,7 @@ impl Plot {
     }
 }
 
-/// The path through points, in steps from one to the next; a point that cannot be drawn is a gap.
+/// Path through points, in steps from point to point; a point that cannot be drawn is a gap.
 fn steps(points: &[Point], pixel: impl Fn(Point) -> [i64; 2]) -> String {
     let mut text = String::new();
     for run in points.split(|point| !is_drawable_point(point)).filter(|run| run.len() > 1) {
@@ -170,7 +169,7 @@ fn steps(points: &[Point], pixel: impl Fn(Point) -> [i64; 2]) -> String {
                 _ if a >= 0 => " ",
                 _ => "",
             };
-            // A minus separates numbers, too.
+            // A minus sign also separates numbers.
             text += &format!("{a}{}{b}", if b < 0 { "" } else { " " });
             last = [x, y];
         }

@@ -29,16 +29,16 @@ struct LinePlot<'a> {
     /// Left, top, right and bottom border \[pixels\].
     area: [f64; 4],
     names: Vec<&'a str>,
-    /// Instants that are marked \[s\].
+    /// Marked instants \[s\].
     instants: Vec<f64>,
 }
 
-/// A figure of `plot`, with a legend if it has more than one entry.
+/// Figure of `plot`, with a legend if it has more than one entry.
 pub fn figure(title: &str, legend: &[(&str, Ink)], plot: &Plot) -> Markup {
     framed(title, legend, (plot.to_svg(), None))
 }
 
-/// A figure whose values a script can read, on an axis of time if `is_time`.
+/// Figure whose values a script can read, on a time axis if `is_time`.
 fn readable(title: &str, legend: &[(&str, Ink)], (plot, is_time): (&Plot, bool)) -> Markup {
     let instant = |shape: &Mark| match shape {
         Mark::Instant(at) => Some(*at),
@@ -56,7 +56,7 @@ fn readable(title: &str, legend: &[(&str, Ink)], (plot, is_time): (&Plot, bool))
     framed(title, legend, (plot.to_svg(), Some(data)))
 }
 
-/// A drawing with title and, if it has more than one entry, legend; `data` is read by the script of the page.
+/// Drawing with title and, if it has more than one entry, legend; `data` is read by the script of the page.
 pub fn framed(
     title: &str,
     legend: &[(&str, Ink)],
@@ -79,14 +79,14 @@ pub fn framed(
     }
 }
 
-/// The axis of time of several figures.
+/// Time axis of several figures.
 #[derive(Clone, Debug, Default)]
 pub struct TimeSpan {
-    /// From and to \[s\].
+    /// Beginning and end \[s\].
     pub range: Range<f64>,
-    /// Interval that is shaded \[s\].
+    /// Shaded interval \[s\].
     pub shaded: Option<Range<f64>>,
-    /// Instants that are marked \[s\].
+    /// Marked instants \[s\].
     pub instants: Vec<f64>,
 }
 
@@ -125,7 +125,7 @@ fn lines(traces: Vec<Trace>) -> impl Iterator<Item = Mark> {
     traces.into_iter().map(|trace| Mark::Line(trace.ink, LINE_WIDTH, trace.points))
 }
 
-/// Number of `values` in each of `bins` equal parts of `range`; values outside are ignored.
+/// Number of `values` in each of `bins` equal parts of `range`; values outside the range are ignored.
 pub fn histogram(values: impl Iterator<Item = f64>, range: &Range<f64>, bins: usize) -> Vec<u64> {
     let mut counts = vec![0; bins];
     for value in values {

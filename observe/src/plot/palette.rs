@@ -1,6 +1,6 @@
 //! The colours of plots and pages, for light and dark colour schemes, as variables of the style sheet.
 
-/// A colour by its purpose; the numbered ones distinguish lines without a purpose of their own.
+/// Colour by its purpose; the numbered ones distinguish lines without a specific purpose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(missing_docs)]
 pub enum Ink {

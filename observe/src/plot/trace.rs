@@ -1,4 +1,4 @@
-//! Points and traces of a plot, thinned to what it can show.
+//! Points and traces of a plot, thinned to its resolution.
 
 use super::axis::{extent, is_drawable};
 use super::palette::Ink;
@@ -6,7 +6,7 @@ use super::palette::Ink;
 /// Two coordinates, in the units of the axes.
 pub type Point = (f64, f64);
 
-/// Number of points that a trace is thinned to.
+/// Maximum number of points of a trace.
 const MOST_POINTS: usize = 2000;
 
 /// Whether a plot can show `point`.
@@ -26,7 +26,7 @@ pub struct Trace {
     pub points: Vec<Point>,
 }
 
-/// Thins `points` to at most `MOST_POINTS`; minimum and maximum of every stretch are kept.
+/// Thins `points` to at most `MOST_POINTS`; minimum and maximum of every segment are kept.
 pub fn thin(points: Vec<Point>) -> Vec<Point> {
     if points.len() <= MOST_POINTS {
         return points;
@@ -34,7 +34,7 @@ pub fn thin(points: Vec<Point>) -> Vec<Point> {
     points.chunks(points.len().div_ceil(MOST_POINTS / 2)).flat_map(extremes).collect()
 }
 
-/// Minimum and maximum of a stretch, in their order; a gap if no point can be drawn.
+/// Minimum and maximum of a segment, in their order; a gap if no point can be drawn.
 fn extremes(stretch: &[Point]) -> impl Iterator<Item = Point> {
     let drawable = || stretch.iter().copied().enumerate().filter(|(_, (_, y))| is_drawable(*y));
     let least = drawable().min_by(|(_, a), (_, b)| a.1.total_cmp(&b.1));
@@ -48,7 +48,7 @@ fn extremes(stretch: &[Point]) -> impl Iterator<Item = Point> {
     std::iter::once(first).chain(second)
 }
 
-/// Thins the points of a path to at most `MOST_POINTS`: those at a distance from the last one kept. Outliers are kept.
+/// Thins the points of a path to at most `MOST_POINTS`: keeps points at a distance from the last one kept. Outliers are kept.
 pub fn thin_path(points: Vec<Point>) -> Vec<Point> {
     let mut kept: Vec<Point> = points.into_iter().filter(is_drawable_point).collect();
     let (x, y) = (extent(kept.iter().map(|p| p.0)), extent(kept.iter().map(|p| p.1)));

@@ -3,12 +3,12 @@
 /// Placeholder printed for a missing value.
 pub const MISSING: &str = "–";
 
-/// `value` with three significant digits; with an exponent only below a millionth and from a billion on.
+/// `value` with three significant digits; with an exponent only below 1e-6 and from 1e9 on.
 pub fn significant(value: f64) -> String {
     rounded(value, 3)
 }
 
-/// `value` with `digits` significant digits; with an exponent only below a millionth and from a billion on.
+/// `value` with `digits` significant digits; with an exponent only below 1e-6 and from 1e9 on.
 pub fn rounded(value: f64, digits: i32) -> String {
     if !value.is_finite() {
         return MISSING.to_owned();
@@ -27,7 +27,7 @@ pub fn rounded(value: f64, digits: i32) -> String {
     }
 }
 
-/// A span \[ns\] in a fitting unit.
+/// A span \[ns\] in a suitable unit.
 pub fn span(nanos: u64) -> String {
     let value = nanos as f64;
     match nanos {
@@ -39,18 +39,18 @@ pub fn span(nanos: u64) -> String {
     }
 }
 
-/// The fitting unit of a length \[m\], and its number in a metre.
+/// Suitable unit for a length \[m\], and its number per metre.
 pub fn unit_of_length(metres: f64) -> (&'static str, f64) {
     if metres < 1.0 { ("mm", 1e3) } else { ("m", 1.0) }
 }
 
-/// A length \[m\] in a fitting unit.
+/// A length \[m\] in a suitable unit.
 pub fn length(metres: f64) -> String {
     let (unit, per_metre) = unit_of_length(metres);
     format!("{} {unit}", significant(metres * per_metre))
 }
 
-/// An identifier with spaces in place of underscores.
+/// An identifier with underscores replaced by spaces.
 pub fn words(name: &str) -> String {
     name.replace('_', " ")
 }

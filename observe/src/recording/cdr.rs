@@ -3,7 +3,7 @@
 
 use oqtal_bus::message::{AnyMessage, Field, FieldType, Header, Message, Stamps};
 
-/// The encapsulation of plain little-endian CDR.
+/// Encapsulation of plain little-endian CDR.
 const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
 
 /// Words of a header and its stamps \[-\].
@@ -14,20 +14,20 @@ const HEADER_WORDS: usize = Header::FIELDS.len() + Stamps::FIELDS.len();
 pub struct CdrWriter<'a>(&'a mut Vec<u8>);
 
 impl<'a> CdrWriter<'a> {
-    /// Begins a message in `bytes`, which is cleared.
+    /// Begins a message in `bytes`; clears `bytes` first.
     pub fn begin(bytes: &'a mut Vec<u8>) -> Self {
         bytes.clear();
         bytes.extend_from_slice(&ENCAPSULATION);
         Self(bytes)
     }
 
-    /// Fills up to a multiple of `size` bytes behind the encapsulation.
+    /// Pads to a multiple of `size` bytes after the encapsulation.
     fn align(&mut self, size: usize) {
         let length = (self.0.len() - ENCAPSULATION.len()).next_multiple_of(size);
         self.0.resize(length + ENCAPSULATION.len(), 0);
     }
 
-    /// Appends an element of which these are the little-endian bytes.
+    /// Appends an element, given by its little-endian bytes.
     fn element(&mut self, bytes: &[u8]) {
         self.align(bytes.len());
         self.0.extend_from_slice(bytes);
@@ -55,7 +55,7 @@ impl<'a> CdrWriter<'a> {
         }
     }
 
-    /// Appends a text: its length with the final zero, its bytes, the zero.
+    /// Appends a text: its length including the final zero, its bytes, the zero.
     pub fn text(&mut self, text: &str) {
         self.u32(text.len() as u32 + 1);
         self.0.extend_from_slice(text.as_bytes());
@@ -69,7 +69,7 @@ impl<'a> CdrWriter<'a> {
     }
 }
 
-/// Encodes a message with its header into `bytes`, which is cleared.
+/// Encodes a message with its header into `bytes`; clears `bytes` first.
 pub fn encode(header: &Header, body: &dyn AnyMessage, bytes: &mut Vec<u8>) {
     let mut writer = CdrWriter::begin(bytes);
     let Header { sequence, pose_sequence, schema, source, stamps } = header;
@@ -85,7 +85,7 @@ pub fn encode(header: &Header, body: &dyn AnyMessage, bytes: &mut Vec<u8>) {
     }
 }
 
-/// Decodes a message that [`encode`] encoded; `None` if `bytes` have another length or encapsulation.
+/// Decodes a message encoded by [`encode`]; `None` if the length or encapsulation of `bytes` is wrong.
 #[must_use]
 pub fn decode<M: Message>(bytes: &[u8]) -> Option<(Header, M)> {
     let bytes = bytes.strip_prefix(&ENCAPSULATION)?;

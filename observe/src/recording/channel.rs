@@ -1,4 +1,4 @@
-//! The channels of a recording: one for each topic, and further ones for viewers.
+//! Channels of a recording: one for each topic, and further channels for viewers.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use oqtal_bus::topic::{ObservedTopic, Sample, Topic, TopicVisitor};
 
 use super::{scene, schema};
 
-/// Key of a channel's metadata that holds the hash of the message definition, in hexadecimal.
+/// Metadata key of a channel for the hash of the message definition, in hexadecimal.
 pub const SCHEMA_KEY: &str = "oqtal_schema";
 
 /// A channel.
@@ -23,9 +23,9 @@ pub enum Channel {
     Reference,
     /// True poses, for viewers.
     True,
-    /// The transform from the world to the vehicle, for viewers.
+    /// Transform from the world to the vehicle, for viewers.
     Transform,
-    /// Events in words.
+    /// Events as text.
     Events,
     /// Offsets of the clocks.
     Clock,
@@ -97,7 +97,7 @@ impl TopicVisitor for MessageSchema {
     }
 }
 
-/// The hash of a message definition in the form of a channel's metadata.
+/// Hash of a message definition in the format of a channel's metadata.
 #[must_use]
 pub fn schema_id<M: Message>() -> String {
     format!("{:016x}", M::SCHEMA)

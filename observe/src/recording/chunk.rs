@@ -1,21 +1,21 @@
-//! Messages on their way into a file: encoded as the records of one chunk, with their index.
+//! Messages collected for the file: the records of one chunk, with their index.
 
 use std::collections::BTreeMap;
 
 use super::mcap::Opcode;
 use super::mcap::encode::Fields;
 
-/// Longest time from the first message of a chunk to the end of the chunk \[ns of the messages' times\].
+/// Maximum time from the first message of a chunk to its end \[ns of the messages' times\].
 const CHUNK_NS: u64 = 500_000_000;
-/// Size of the records at which a chunk ends \[bytes\].
+/// Size of the records that ends a chunk \[bytes\].
 const CHUNK_BYTES: usize = 1 << 20;
 
 /// Header of a message in a file.
 #[derive(Clone, Copy, Debug)]
 pub struct McapMessage {
-    /// Number of its channel, in the order of [`super::channel::Channel::all`] \[-\].
+    /// Channel number, in the order of [`super::channel::Channel::all`] \[-\].
     pub channel: u16,
-    /// Number of the message among those of its channel \[-\].
+    /// Number of the message within its channel \[-\].
     pub sequence: u32,
     /// Time of reception \[ns since the epoch\].
     pub log_time: u64,
@@ -23,18 +23,18 @@ pub struct McapMessage {
     pub publish_time: u64,
 }
 
-/// Messages of half a second at most.
+/// Messages of at most half a second.
 #[derive(Debug, Default)]
 pub struct Chunk {
     /// The messages as records.
     pub records: Vec<u8>,
     /// Time of each message \[ns since the epoch\] and position of its record \[bytes\], by channel.
     pub index: BTreeMap<u16, Vec<[u64; 2]>>,
-    /// Times of the first and the last message; `None` without messages \[ns since the epoch\].
+    /// Times of the first and last message; `None` without messages \[ns since the epoch\].
     pub extent: Option<(u64, u64)>,
     /// Number of messages \[-\].
     pub messages: u64,
-    /// Size of the messages without their headers \[bytes\].
+    /// Size of the messages without headers \[bytes\].
     pub bytes: u64,
 }
 
@@ -54,7 +54,7 @@ impl Chunk {
         self.bytes += data.len() as u64;
     }
 
-    /// Whether the chunk is to be written before a message at `log_time` is added \[ns since the epoch\].
+    /// Whether the chunk must be written before a message at `log_time` is added \[ns since the epoch\].
     #[must_use]
     pub fn is_due(&self, log_time: u64) -> bool {
         let is_old = |(first, _): (u64, u64)| log_time.saturating_sub(first) >= CHUNK_NS;

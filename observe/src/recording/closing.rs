@@ -1,4 +1,4 @@
-//! Facts of a flight that its messages do not contain, recorded at its end.
+//! Facts of a flight that are not in its messages, recorded at its end.
 
 use super::facts::Facts;
 use super::file::RecordingFile;
@@ -6,10 +6,10 @@ use crate::command_path::CommandPath;
 use crate::flight::{Flight, Outcome};
 use crate::kernel::ProcessUsage;
 
-/// Name of the facts that close the recording of a flight.
+/// Name of the facts recorded at the end of a flight.
 const FLIGHT: &str = "flight";
 
-/// Facts of a flight that its messages do not contain.
+/// Facts of a flight that are not in its messages.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ClosingFacts {
     /// Path of the commands.
@@ -48,7 +48,7 @@ impl ClosingFacts {
         Facts::new(FLIGHT, known)
     }
 
-    /// The facts of a recording; the defaults for one that was cut off.
+    /// Facts of a recording; the defaults for a truncated one.
     #[must_use]
     pub fn read(file: &RecordingFile) -> Self {
         let fact = |name| file.fact(FLIGHT, name);

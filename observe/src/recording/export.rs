@@ -1,4 +1,4 @@
-//! Recordings as text: CSV with a row for each message, and trajectories in the format of the TUM benchmark.
+//! Recordings as text: CSV with one row per message, and trajectories in the format of the TUM benchmark.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -12,13 +12,13 @@ use crate::sink::{Reception, Sink};
 
 /// Names of vector components in columns.
 const COMPONENTS: [&str; 4] = ["x", "y", "z", "w"];
-/// Unit of a field that holds the bytes of a text.
+/// Unit of a field that contains the bytes of a text.
 const TEXT: &str = "text";
 
 /// Texts by name.
 pub type Tables = BTreeMap<String, String>;
 
-/// Export of every topic as CSV: header and body of each message, units in the names of the columns.
+/// Export of every topic as CSV: header and body of each message, with units in the column names.
 #[derive(Debug, Default)]
 pub struct CsvExport {
     /// Tables by topic.
@@ -53,7 +53,7 @@ impl Sink for CsvExport {
         table.push('\n');
     }
 
-    /// Ignores losses, which a recording has among its events.
+    /// Ignores losses; a recording contains them as events.
     fn lost(&mut self, _: ObservedTopic, _: u64) {}
 }
 
@@ -69,7 +69,7 @@ fn columns(field: &Field) -> Vec<String> {
     }
 }
 
-/// The bytes of a text as a quoted cell, without the zeros behind it.
+/// The bytes of a text as a quoted cell, without the trailing zeros.
 fn quoted(bytes: &[u8]) -> String {
     let text = String::from_utf8_lossy(bytes);
     format!("\"{}\"", text.trim_end_matches('\0').replace('"', "\"\""))
@@ -129,6 +129,6 @@ impl Sink for TumExport {
         }
     }
 
-    /// Ignores losses, which a recording has among its events.
+    /// Ignores losses; a recording contains them as events.
     fn lost(&mut self, _: ObservedTopic, _: u64) {}
 }

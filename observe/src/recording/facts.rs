@@ -1,4 +1,4 @@
-//! Facts that are recorded beside the messages: version, configuration, clocks, machine.
+//! Facts recorded beside the messages: version, configuration, clocks, machine.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -12,11 +12,11 @@ use crate::summary::name_of;
 
 /// Version of the layout of recordings: names of channels, metadata and attachments.
 pub const LAYOUT: &str = "1";
-/// Name of the facts about the recording itself, which every file begins with.
+/// Name of the facts about the recording itself, at the beginning of every file.
 pub const RECORDING: &str = "oqtal.recording";
 /// Name of the attachment with the effective configuration.
 pub const CONFIG_FILE: &str = "config.toml";
-/// Name of the attachment with the waypoints that the configuration names.
+/// Name of the attachment with the waypoints of the configuration.
 pub const WAYPOINTS_FILE: &str = "waypoints.csv";
 
 /// A named table of facts.
@@ -38,8 +38,8 @@ impl Facts {
         Self { name: name.to_owned(), entries }
     }
 
-    /// The facts that every file of a recording begins with. `wall_offset` is added to instants of messages to get the times of
-    /// the file.
+    /// Facts at the beginning of every file of a recording. `wall_offset` is added to message instants to obtain the times of the
+    /// file.
     #[must_use]
     pub fn of_recording(config: &Config, provenance: Provenance, wall_offset: Span) -> Self {
         let facts = [
@@ -82,7 +82,7 @@ impl Facts {
         Self::new("machine", facts.map(|(name, fact)| (name, fact.unwrap_or_else(unknown))))
     }
 
-    /// Scheduling that the kernel granted to the daemon.
+    /// Scheduling granted to the daemon by the kernel.
     #[must_use]
     pub fn of_grants(daemon: &ThreadScheduling) -> Self {
         let cpu = daemon.cpu.map_or_else(|| "any".to_owned(), |cpu| cpu.to_string());

@@ -1,5 +1,5 @@
-//! Beginnings and ends of injected faults and disturbances, as events. Their times count from the first command that arms, as in the
-//! processes that inject them.
+//! Beginnings and ends of injected faults and disturbances, as events. Their times count from the first command that arms, as in
+//! the injecting processes.
 
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, VehicleV1};
@@ -11,13 +11,13 @@ use crate::event::of_period;
 /// Source of an event in a recording: `fault` or `disturbance`.
 type Source = &'static str;
 
-/// The faults and disturbances of a flight that have not begun or ended yet.
+/// Faults and disturbances of a flight that have not yet begun or ended.
 #[derive(Debug)]
 pub struct FaultSchedule {
-    /// Time after arming, source and text; later ones first.
+    /// Time after arming, source and text; latest first.
     pending: Vec<(Span, Source, String)>,
     armed_at: Option<Time>,
-    /// Whether faults act on a vehicle that is not simulated.
+    /// Whether faults also act on a vehicle that is not simulated.
     acts_on_any: bool,
 }
 
@@ -42,7 +42,7 @@ impl FaultSchedule {
         Self { pending, armed_at: None, acts_on_any }
     }
 
-    /// Receives a command; the time of faults begins with the first one that arms.
+    /// Receives a command; the times of faults count from the first command that arms.
     pub fn command(&mut self, header: &Header, command: &CommandV1) {
         if self.armed_at.is_none() && command.actuation != Actuation::Disarmed.code() {
             self.armed_at = Some(header.stamps.command_published_at);

@@ -1,4 +1,4 @@
-//! Reading of a recording: its facts, files, channels and messages. A file that was cut off is read up to its last chunk.
+//! Reading of a recording: its facts, files, channels and messages. A truncated file is read up to its last chunk.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -8,7 +8,7 @@ use super::facts::{CONFIG_FILE, LAYOUT, RECORDING};
 use super::mcap::decode::{Cursor, attachment, chunk};
 use super::mcap::{MAGIC, Opcode};
 
-/// Error of a recording; the message names the file and what is wrong.
+/// Error of a recording; the message names file and problem.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingFileError {
     /// The file cannot be read.
@@ -38,7 +38,7 @@ pub enum RecordingFileError {
     Version {
         /// The file.
         path: PathBuf,
-        /// Version that recorded it.
+        /// Version that made the recording.
         version: String,
         /// Revision of that version's sources.
         revision: String,
@@ -52,16 +52,16 @@ pub enum RecordingFileError {
 pub struct RecordedChannel {
     /// Topic.
     pub topic: String,
-    /// Name of its schema.
+    /// Name of the schema.
     pub schema: String,
-    /// Hash of the message definition, in hexadecimal; empty for channels that are not a topic of the bus.
+    /// Hash of the message definition, in hexadecimal; empty for channels that are not topics of the bus.
     pub definition: String,
 }
 
 /// A message of a recording, encoded.
 #[derive(Clone, Debug)]
 pub struct RecordedMessage {
-    /// Number of its channel \[-\].
+    /// Channel number \[-\].
     pub channel: u16,
     /// Time of reception \[ns since the epoch\].
     pub log_time: u64,
@@ -78,7 +78,7 @@ pub struct RecordingFile {
     pub path: PathBuf,
     /// Size of the file \[bytes\].
     pub size: u64,
-    /// Tables of facts by name; of several with one name the last.
+    /// Tables of facts by name; the last one if a name occurs several times.
     pub facts: BTreeMap<String, BTreeMap<String, String>>,
     /// Attached files by name.
     pub attachments: BTreeMap<String, Vec<u8>>,
@@ -146,7 +146,7 @@ impl RecordingFile {
         }
     }
 
-    /// Adds the records up to the footer, or up to the first one that is damaged or cut off; fails with the reason.
+    /// Adds the records up to the footer, or up to the first damaged or truncated one, in which case it fails with the reason.
     fn read_records(&mut self, bytes: &[u8]) -> Result<(), String> {
         let mut rest = Cursor(bytes);
         while !rest.0.is_empty() {
@@ -193,7 +193,7 @@ impl RecordingFile {
         Some(())
     }
 
-    /// Adds the records of a chunk; `None`, and nothing is added, if they do not end where the chunk ends.
+    /// Adds the records of a chunk; `None`, without adding any, if they do not end at the end of the chunk.
     fn add_chunk(&mut self, records: &[u8]) -> Option<()> {
         let mut rest = Cursor(records);
         while !rest.0.is_empty() {
@@ -206,7 +206,7 @@ impl RecordingFile {
         Some(())
     }
 
-    /// A fact of a table.
+    /// Value of a fact in a table.
     #[must_use]
     pub fn fact(&self, table: &str, name: &str) -> Option<&str> {
         self.facts.get(table)?.get(name).map(String::as_str)
@@ -225,13 +225,13 @@ impl RecordingFile {
         Ok(String::from_utf8_lossy(bytes).into_owned())
     }
 
-    /// Time from an instant of the messages to the times of the file \[ns\]; zero for a flight in virtual time.
+    /// Offset from message instants to the times of the file \[ns\]; zero for a flight in virtual time.
     #[must_use]
     pub fn wall_offset_ns(&self) -> i64 {
         self.fact(RECORDING, "wall_offset_ns").and_then(|text| text.parse().ok()).unwrap_or(0)
     }
 
-    /// The error of a recording whose part `what` differs from that of this version.
+    /// Error of a recording whose part `what` differs from this version's.
     #[must_use]
     pub fn other_version(&self, what: &str) -> RecordingFileError {
         let fact = |name| self.fact(RECORDING, name).unwrap_or("unknown").to_owned();

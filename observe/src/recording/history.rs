@@ -1,4 +1,4 @@
-//! Inputs of the daemon, turn by turn, from a recording.
+//! Inputs of the daemon in a recording, turn by turn.
 
 use std::collections::HashMap;
 
@@ -8,10 +8,10 @@ use oqtal_bus::topic::{ObservedTopic, Sample};
 
 use crate::sink::{Reception, Sink};
 
-/// Writer of a message, and its number among those of the writer.
+/// Writer of a message, and message number of that writer.
 type Identity = (u64, u64);
 
-/// One record of the daemon's inputs, with the messages that it names.
+/// Record of the daemon's inputs in one turn, with the messages that it refers to.
 #[derive(Clone, Debug)]
 pub struct RecordedTurn {
     /// The record.
@@ -26,12 +26,12 @@ pub struct RecordedTurn {
     pub telemetry: Option<TelemetryV1>,
 }
 
-/// The turns of one daemon, from its start to its end.
+/// Turns of one daemon, from start to end.
 #[derive(Clone, Debug, Default)]
 pub struct DaemonHistory {
     /// The turns; the first is the start.
     pub turns: Vec<RecordedTurn>,
-    /// Records that are missing among the turns, by the gaps in their numbers \[-\].
+    /// Number of missing turn records, from gaps in their numbers \[-\].
     pub missing: u64,
     source: u64,
     number: u64,
@@ -53,15 +53,15 @@ pub struct InputHistory {
     poses: HashMap<Identity, (Header, PoseV1)>,
     vehicles: HashMap<Identity, (Header, VehicleV1)>,
     commands: HashMap<Identity, (Header, CommandV1)>,
-    /// Samples as the daemon read them, by daemon and number.
+    /// Samples as read by the daemon, by daemon and number.
     poses_read: HashMap<Identity, PoseV1>,
     vehicles_read: HashMap<Identity, VehicleV1>,
-    /// By writer and instant of the tick.
+    /// Telemetry by writer and instant of the tick.
     telemetry: HashMap<(u64, u64), TelemetryV1>,
 }
 
 impl InputHistory {
-    /// The histories, one for each daemon, in order.
+    /// Histories, one per daemon, in order.
     #[must_use]
     pub fn finish(mut self) -> Vec<DaemonHistory> {
         let mut histories = std::mem::take(&mut self.histories);
@@ -76,7 +76,7 @@ impl InputHistory {
         histories
     }
 
-    /// Whether a turn names a message after the last one recorded: the recording ended between the two.
+    /// Whether a turn refers to a message after the last recorded one: the recording ended between the two.
     fn is_beyond_end(&self, source: u64, turn: &RecordedTurn) -> bool {
         fn is_missing<M, T>(
             found: Option<T>,
@@ -95,7 +95,7 @@ impl InputHistory {
             || is_missing(*vehicle, &self.vehicles_read, (source, input.vehicle_read))
     }
 
-    /// Adds the messages that a turn names and that were recorded after it: a message may be published, read and recorded as read
+    /// Adds messages that a turn refers to and that were recorded after it: a message may be published, read and recorded as read
     /// while an observer is between two topics.
     fn complete(&self, source: u64, turn: &mut RecordedTurn) {
         let named = self.named(source, turn.input);
@@ -105,7 +105,7 @@ impl InputHistory {
         turn.telemetry = self.telemetry.get(&(source, turn.input.time.nanos())).copied();
     }
 
-    /// The turn of `input` with the messages that it names, as far as they were recorded.
+    /// Turn of `input` with the messages that it refers to, as far as they were recorded.
     fn named(&self, source: u64, input: InputV1) -> RecordedTurn {
         RecordedTurn {
             input,
@@ -123,7 +123,8 @@ impl InputHistory {
     }
 }
 
-/// A sample as the daemon read it: the copy of that number, or as it was sent if there is none; `None` if the copy is missing.
+/// A sample as read by the daemon: the altered copy with this number, or the original if there is no copy number; `None` if the
+/// copy is missing.
 fn as_read<M: Copy>(
     sent: (Header, M),
     copy: Identity,
@@ -136,7 +137,7 @@ fn as_read<M: Copy>(
 
 impl InputHistory {
     fn input(&mut self, Header { source, sequence, .. }: Header, input: &InputV1) {
-        // Resolved now and not at the end: in a flight in one process, numbers restart when a process does.
+        // Resolved immediately, not at the end: in an in-process flight, numbers restart when a process does.
         let turn = self.named(source, *input);
         let starts = input.kind == InputKind::Start.code();
         let is_other = self.histories.last().is_none_or(|history| history.source != source);
@@ -169,6 +170,6 @@ impl Sink for InputHistory {
         }
     }
 
-    /// Ignores losses, which show as gaps in the numbers.
+    /// Ignores losses; they show as gaps in the numbers.
     fn lost(&mut self, _: ObservedTopic, _: u64) {}
 }

@@ -15,7 +15,7 @@ use crate::table;
 pub struct TopicOverview {
     /// Number of messages \[-\].
     pub messages: u64,
-    /// Messages in a second, from the first to the last \[Hz\].
+    /// Mean message rate from the first message to the last \[Hz\].
     pub rate_hz: f64,
     /// Size of the messages \[bytes\].
     pub bytes: u64,
@@ -34,7 +34,7 @@ pub struct RecordingOverview {
     pub duration_s: f64,
     /// Time of the first message, UTC; `None` for a flight in virtual time or without messages.
     pub began: Option<String>,
-    /// Whether the file has its end.
+    /// Whether the file is complete.
     pub is_complete: bool,
     /// Tables of facts by name.
     pub facts: BTreeMap<String, BTreeMap<String, String>>,
@@ -43,7 +43,7 @@ pub struct RecordingOverview {
 }
 
 impl RecordingOverview {
-    /// The overview of a recording.
+    /// Overview of a recording.
     #[must_use]
     pub fn of(file: &RecordingFile) -> Self {
         let mut topics: BTreeMap<String, TopicOverview> = BTreeMap::new();
@@ -77,7 +77,7 @@ impl RecordingOverview {
         }
     }
 
-    /// The overview as text for a terminal.
+    /// Overview as text for a terminal.
     #[must_use]
     pub fn to_text(&self) -> String {
         let Self { file, bytes, duration_s, began, is_complete, facts, topics } = self;
@@ -107,7 +107,7 @@ impl RecordingOverview {
     }
 }
 
-/// The fact `value`; figures of a process in words.
+/// The fact `value` as text; figures of a process as a sentence.
 fn in_words(value: &str) -> String {
     serde_json::from_str::<ProcessUsage>(value)
         .map_or_else(|_| value.to_owned(), |usage| usage.to_string())
@@ -121,7 +121,7 @@ fn seconds(from_ns: u64, to_ns: u64) -> f64 {
 fn utc(nanos: u64) -> String {
     let total = nanos / 1_000_000_000;
     let (days, second) = (total / 86_400, total % 86_400);
-    // Days to civil date: an era is 400 years, a year begins in March (Howard Hinnant's algorithm).
+    // Days to civil date: an era has 400 years, and a year begins in March (Howard Hinnant's algorithm).
     let shifted = days + 719_468;
     let (era, of_era) = (shifted / 146_097, shifted % 146_097);
     let year_of_era = (of_era - of_era / 1460 + of_era / 36_524 - of_era / 146_096) / 365;

@@ -15,7 +15,7 @@ use crate::flight::{Flight, Outcome};
 use crate::recorder::Recorder;
 use crate::sink::{Reception, Sink};
 
-/// The flight of a recording, as the flight recorder made it when it was flown.
+/// Flight of a recording, identical to the record made by the flight recorder.
 ///
 /// # Errors
 /// The recording has other message definitions or no valid configuration.
@@ -31,14 +31,14 @@ pub fn flight(file: &RecordingFile) -> Result<Flight, RecordingFileError> {
 /// The effective configuration of a recording.
 ///
 /// # Errors
-/// The recording has no configuration, or one that this version does not accept.
+/// The recording has no configuration, or one that this version rejects.
 pub fn config(file: &RecordingFile) -> Result<Config, RecordingFileError> {
     let name = format!("{} (config.toml)", file.path.display());
     Config::parse(&name, &file.config_text()?, &[])
         .map_err(|error| file.other_version(&format!("configuration ({error})")))
 }
 
-/// Passes every message of a topic to `sink`, in the order in which they were recorded.
+/// Passes every message of a topic to `sink`, in recording order.
 ///
 /// # Errors
 /// A topic was recorded with another message definition.

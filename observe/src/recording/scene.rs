@@ -1,4 +1,4 @@
-//! Poses, a transform, log entries and clock offsets, for viewers: Foxglove's well-known schemas where there is one.
+//! Poses, a transform, log entries and clock offsets for viewers, in Foxglove's well-known schemas if there is one.
 
 use super::cdr::CdrWriter;
 
@@ -17,15 +17,15 @@ pub const LOG: (&str, &str) = ("foxglove_msgs/msg/Log", include_str!("scene/Log.
 pub const CLOCK: (&str, &str) =
     ("oqtal_msgs/msg/ClockOffset", include_str!("scene/ClockOffset.msg"));
 
-/// Severity of a log entry, as the schema numbers it.
+/// Severity of a log entry, with the numbers of the schema.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum LogSeverity {
     /// As expected.
     Info = 2,
-    /// A limit of safety was reached.
+    /// A safety limit was reached.
     Warning = 3,
-    /// Data is missing.
+    /// Data are missing.
     Error = 4,
 }
 
@@ -59,7 +59,7 @@ impl ScenePose {
     }
 
     fn write_numbers(&self, writer: &mut CdrWriter<'_>) {
-        // A viewer cannot draw an unknown attitude.
+        // Viewers cannot draw an unknown attitude.
         let known = self.attitude.iter().all(|number| number.is_finite())
             && self.attitude.iter().any(|number| *number != 0.0);
         writer.numbers(&self.position);

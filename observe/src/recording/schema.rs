@@ -2,7 +2,7 @@
 
 use oqtal_bus::message::{Field, FieldType, Header, Message, Stamps};
 
-/// Line between the definitions of a schema.
+/// Separator between the definitions of a schema.
 const RULE: &str =
     "================================================================================";
 
@@ -13,7 +13,7 @@ pub fn name<M: Message>() -> String {
     format!("oqtal_msgs/msg/{}", path.rsplit("::").next().unwrap_or(path))
 }
 
-/// The schema of a message: its header, its fields, and the definitions of header and stamps.
+/// Schema of a message: its header, its fields, and the definitions of header and stamps.
 #[must_use]
 pub fn text<M: Message>() -> String {
     let header = lines(Header::FIELDS) + "oqtal_msgs/Stamps stamps\n";
@@ -73,7 +73,7 @@ pub fn member_name(field: &Field) -> String {
     if name.ends_with(suffix) { name.to_owned() } else { format!("{name}{suffix}") }
 }
 
-/// A doc comment without the marks of its links.
+/// A doc comment without link markup.
 fn plain(doc: &str) -> String {
     let text = doc.replace(['`', '[', ']'], "").replace("crate::code::", "");
     text.replace("oqtal_control::trajectory::", "")

@@ -1,4 +1,4 @@
-//! The sink that records.
+//! The recording sink.
 
 use std::io;
 use std::path::PathBuf;
@@ -30,15 +30,15 @@ const CLOCK_PERIOD: Span = Span::from_millis(1000);
 /// Contents, build and files of a recording.
 #[derive(Debug)]
 pub struct RecordingPlan<'a> {
-    /// The first file.
+    /// Path of the first file.
     pub path: PathBuf,
     /// The effective configuration.
     pub config: &'a Config,
     /// The build that records.
     pub provenance: Provenance,
-    /// Whether other files follow, after the size and duration of `[record]`.
+    /// Whether further files are started after the size and duration of `[record]`.
     pub rotates: bool,
-    /// Reports, once, that nothing more can be written.
+    /// Reports, once, that writing has failed.
     pub complain: fn(&str),
 }
 
@@ -46,34 +46,34 @@ pub struct RecordingPlan<'a> {
 #[derive(Debug)]
 pub struct McapRecorder {
     thread: RecordingThread,
-    /// From instants of messages to times of the file; zero in virtual time.
+    /// Offset from message instants to times of the file; zero in virtual time.
     wall_offset: Span,
     is_real: bool,
-    /// Messages so far by channel.
+    /// Number of messages so far, by channel.
     sequences: Vec<u32>,
     /// Time of the latest message in the file \[ns since the epoch\].
     latest: u64,
     truth: TruthSelection,
     scratch: Vec<u8>,
-    /// Condition of the daemon in its last tick.
+    /// State of the daemon in its last tick.
     condition: Option<DaemonCondition>,
     clock_due: Time,
     faults: FaultSchedule,
 }
 
 impl McapRecorder {
-    /// The topics that are recorded in a flight under `config`.
+    /// Topics recorded in a flight under `config`.
     #[must_use]
     pub fn topics(config: &Config) -> Vec<ObservedTopic> {
         use ObservedTopic::{PoseRead, VehicleRead};
-        // Published only where injected faults alter what the daemon reads.
+        // Published only if injected faults alter the daemon's inputs.
         let is_published = |topic: &ObservedTopic| {
             !config.fault.inject.is_empty() || ![PoseRead, VehicleRead].contains(topic)
         };
         ObservedTopic::all().filter(is_published).collect()
     }
 
-    /// Creates the first file and starts the thread that writes.
+    /// Creates the first file and starts the writing thread.
     ///
     /// # Errors
     /// The file cannot be created.
@@ -109,13 +109,13 @@ impl McapRecorder {
         self.thread.facts(facts);
     }
 
-    /// Whether nothing more can be written.
+    /// Whether writing has failed.
     #[must_use]
     pub fn has_failed(&self) -> bool {
         self.thread.has_failed()
     }
 
-    /// Records the offset of the wall clock, once a second in real time, and writes messages that are old at `now`, an instant of
+    /// Records the offset of the wall clock once a second in real time, and writes messages that are old at `now`, an instant of
     /// the monotonic clock. To be called with every poll.
     pub fn note_clock(&mut self, now: Time) {
         if !self.is_real {
@@ -130,14 +130,14 @@ impl McapRecorder {
         self.put(Channel::Clock, now, now);
     }
 
-    /// Records the closing facts of `flight`, and finishes.
+    /// Records the closing facts of `flight` and finishes the recording.
     #[must_use]
     pub fn close(mut self, flight: &Flight) -> RecordingResult {
         self.facts(ClosingFacts::of(flight).to_facts());
         self.finish()
     }
 
-    /// Records the messages that wait, closes the file, and ends the thread.
+    /// Records the waiting messages, closes the file, and ends the thread.
     #[must_use]
     pub fn finish(mut self) -> RecordingResult {
         self.choose_truth(TruthSelection::choose_newest);
@@ -147,7 +147,7 @@ impl McapRecorder {
     /// Queues the encoded message in `scratch`.
     fn put(&mut self, channel: Channel, received_at: Time, published_at: Time) {
         let Some(number) = Channel::all().position(|other| other == channel) else { return };
-        // A chosen sample of the truth may have waited for its tick; times of a file do not decrease.
+        // A selected truth sample may have waited for its tick; the times in a file do not decrease.
         self.latest = self.latest.max((received_at + self.wall_offset).nanos());
         self.sequences[number] = self.sequences[number].wrapping_add(1);
         let message = McapMessage {
@@ -159,7 +159,7 @@ impl McapRecorder {
         self.thread.message(message, &self.scratch);
     }
 
-    /// Records a sample that was published at an instant.
+    /// Records a sample published at an instant.
     fn record(&mut self, reception: &Reception, sample: Sample<'_>, at: Time) {
         cdr::encode(&reception.header, sample.body(), &mut self.scratch);
         let published_at = if at.is_set() { at } else { reception.received_at };
@@ -180,7 +180,7 @@ impl McapRecorder {
         self.put(channel, received_at, at);
     }
 
-    /// Records an event in words.
+    /// Records an event as text.
     fn event(&mut self, at: (Time, Time), severity: LogSeverity, entry: (&str, &str)) {
         let (received_at, happened_at) = at;
         let nanos = (happened_at + self.wall_offset).nanos();
@@ -188,7 +188,7 @@ impl McapRecorder {
         self.put(Channel::Events, received_at, happened_at);
     }
 
-    /// Records the samples of the truth that `work` chooses.
+    /// Records the truth samples selected by `work`.
     fn choose_truth(
         &mut self,
         work: impl FnOnce(&mut TruthSelection, &mut dyn FnMut(&(Reception, TruthV1))),
@@ -209,7 +209,7 @@ impl McapRecorder {
         }
     }
 
-    /// Records a change of the daemon's condition.
+    /// Records a change of the daemon's state.
     fn note_condition(&mut self, received_at: Time, telemetry: &TelemetryV1) {
         let condition = DaemonCondition::of(telemetry);
         if self.condition.replace(condition) == Some(condition) {
@@ -236,7 +236,7 @@ impl McapRecorder {
     fn telemetry(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
         let (at, received_at) = (telemetry.time, reception.received_at);
         self.note_faults(received_at, at);
-        // The truth first: a reader of the file needs it when the tick comes.
+        // The truth first: a reader of the file needs it before the tick.
         self.choose_truth(|selection, choose| selection.tick(at, choose));
         self.record(reception, Sample::Telemetry(telemetry), at);
         let TelemetryV1 { position, attitude, reference_position, attitude_command, .. } =
@@ -290,7 +290,7 @@ impl Sink for McapRecorder {
                 self.record(reception, sample, stamps.applied_at);
             }
             Sample::Input(input) => self.input(reception, input),
-            // Health has the machine's time, also in a flight in virtual time.
+            // Health messages use the machine's clock, also in virtual time.
             Sample::Health(_, health) if self.is_real => {
                 self.record(reception, sample, health.time);
             }

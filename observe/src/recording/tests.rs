@@ -1,4 +1,4 @@
-//! A recording is written and read: complete, cut off anywhere, damaged.
+//! Recordings written and read: complete, truncated at any byte, damaged.
 
 use std::path::PathBuf;
 
@@ -71,7 +71,7 @@ fn poses(file: &RecordingFile) -> Vec<(Reception, PoseV1)> {
     poses.0
 }
 
-/// Whether `read` are the first poses that were recorded, bit for bit.
+/// Whether `read` contains the first recorded poses, bit for bit.
 fn are_the_first(read: &[(Reception, PoseV1)]) -> bool {
     read.iter().zip(1..).all(|((reception, read), number)| {
         let (wanted, sample) = pose(number);

@@ -1,4 +1,4 @@
-//! The thread that writes a recording, behind a bounded queue: a disk that stalls does not delay the observer.
+//! Writing thread of a recording, behind a bounded queue: a stalled disk does not delay the observer.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -11,36 +11,36 @@ use super::chunk::{Chunk, McapMessage};
 use super::facts::Facts;
 use super::writer::{McapFile, Preamble};
 
-/// Chunks that wait at most \[-\]: eight seconds of a flight.
+/// Maximum number of waiting chunks \[-\]: eight seconds of a flight.
 const QUEUE: usize = 16;
 
 /// Files of a recording.
 #[derive(Clone, Debug)]
 pub struct FilePlan {
-    /// The first file; the following ones have a number before the extension.
+    /// Path of the first file; later files have a number before the extension.
     pub path: PathBuf,
-    /// Size of a file after which another begins \[bytes\]; `None` for one file.
+    /// Size of a file above which the next one is started \[bytes\]; `None` for a single file.
     pub max_bytes: Option<u64>,
-    /// Duration of a file after which another begins \[ns\]; `None` for one file.
+    /// Duration of a file above which the next one is started \[ns\]; `None` for a single file.
     pub max_ns: Option<u64>,
-    /// Whether the sink waits for a full queue instead of dropping messages, as in virtual time.
+    /// Whether the sink waits if the queue is full instead of dropping messages, as in virtual time.
     pub waits: bool,
-    /// Reports, once, that nothing more can be written.
+    /// Reports, once, that writing has failed.
     pub complain: fn(&str),
 }
 
 /// Result of a recording.
 #[derive(Clone, Debug, Default)]
 pub struct RecordingResult {
-    /// Its files, in order.
+    /// Paths of the files, in order.
     pub files: Vec<PathBuf>,
     /// Messages written \[-\].
     pub messages: u64,
     /// Size of the messages written \[bytes\].
     pub bytes: u64,
-    /// Messages that found the queue full \[-\].
+    /// Number of messages dropped because the queue was full \[-\].
     pub dropped: u64,
-    /// Reason why it ended early; `None` if it did not.
+    /// Reason why the recording ended early; `None` if it is complete.
     pub failure: Option<String>,
 }
 
@@ -50,11 +50,11 @@ enum QueuedRecord {
     Facts(Facts),
 }
 
-/// The sending end: the queue, and the thread behind it.
+/// Sending side: the queue and its thread.
 #[derive(Debug)]
 pub struct RecordingThread {
     queue: Option<SyncSender<QueuedRecord>>,
-    /// Messages that are not queued yet.
+    /// Messages not yet queued.
     chunk: Chunk,
     thread: Option<JoinHandle<RecordingResult>>,
     waits: bool,
@@ -87,7 +87,7 @@ impl RecordingThread {
         self.chunk.push(message, data);
     }
 
-    /// Queues the messages so far if they are many, or old at `now` \[ns since the epoch\].
+    /// Queues the collected messages if they are many, or old at `now` \[ns since the epoch\].
     pub fn hand_over_at(&mut self, now: u64) {
         if self.chunk.is_due(now) {
             self.hand_over();
@@ -110,7 +110,7 @@ impl RecordingThread {
         }
     }
 
-    /// Whether nothing more can be written.
+    /// Whether writing has failed.
     #[must_use]
     pub fn has_failed(&self) -> bool {
         self.failed.load(Ordering::Acquire)
@@ -151,11 +151,11 @@ impl Drop for RecordingThread {
     }
 }
 
-/// The files of a recording, on the thread that writes.
+/// Files of a recording, on the writing thread.
 struct Files {
     plan: FilePlan,
     preamble: Preamble,
-    /// `None` after an error.
+    /// The present file; `None` after an error.
     file: Option<McapFile>,
     result: RecordingResult,
     failed: Arc<AtomicBool>,
@@ -210,7 +210,7 @@ impl Files {
         }
     }
 
-    /// Ends the recording after an error: the chunks written so far remain readable.
+    /// Ends the recording after an error; the chunks written so far remain readable.
     fn fail(&mut self, error: &io::Error) {
         self.file = None;
         let path = self.result.files.last().unwrap_or(&self.plan.path).display();

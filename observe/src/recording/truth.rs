@@ -1,5 +1,5 @@
-//! Samples of the truth that are recorded: the nearest to each tick of the daemon, from which errors are computed, and others at a
-//! chosen rate.
+//! Selection of the recorded truth samples: the nearest to each tick of the daemon, from which errors are computed, and further
+//! samples at a configured rate.
 
 use oqtal_bus::message::TruthV1;
 use oqtal_bus::time::{Span, Time};
@@ -7,31 +7,31 @@ use oqtal_bus::time::{Span, Time};
 use crate::nearest::NearestJoin;
 use crate::sink::Reception;
 
-/// Ticks that wait for a sample at most \[-\]; more of them mean that there is no truth.
+/// Maximum number of ticks waiting for a sample \[-\]; more mean that there is no truth.
 const MAX_TICKS: usize = 64;
 
-/// A sample of the truth, as it was received.
+/// Truth sample with its reception.
 pub type TrueSample = (Reception, TruthV1);
 
-/// Selection of the samples that are recorded.
+/// Selection of the recorded samples.
 #[derive(Debug)]
 pub struct TruthSelection {
-    /// Time between two samples that belong to no tick; `None` for none.
+    /// Time between samples that do not belong to a tick; `None` for no such samples.
     spacing: Option<Span>,
     due: Time,
-    /// Ticks, and samples with whether each was chosen.
+    /// Ticks, and samples with a flag: whether the sample was selected.
     join: NearestJoin<(), (TrueSample, bool)>,
 }
 
 impl TruthSelection {
-    /// A selection at `rate_hz` beside the samples of ticks; 0 for the samples of ticks alone.
+    /// Selection at `rate_hz` in addition to the samples of ticks; 0 for the samples of ticks only.
     #[must_use]
     pub fn new(rate_hz: f64) -> Self {
         let spacing = (rate_hz > 0.0).then(|| Span::period_of(rate_hz));
         Self { spacing, due: Time::UNSET, join: NearestJoin::default() }
     }
 
-    /// Adds a tick of the daemon; passes the sample nearest to it to `choose` if that is known already.
+    /// Adds a tick of the daemon; passes its nearest sample to `choose` if it is already known.
     pub fn tick(&mut self, at: Time, choose: &mut dyn FnMut(&TrueSample)) {
         self.join.add_tick(at, ());
         if self.join.ticks() > MAX_TICKS {
@@ -40,7 +40,7 @@ impl TruthSelection {
         self.choose_joined(choose);
     }
 
-    /// Adds a sample; passes chosen samples to `choose`, those of earlier ticks first.
+    /// Adds a sample; passes selected samples to `choose`, samples of earlier ticks first.
     pub fn sample(&mut self, sample: TrueSample, choose: &mut dyn FnMut(&TrueSample)) {
         let time = sample.1.time;
         self.join.add_sample(time, (sample, false));
@@ -51,14 +51,14 @@ impl TruthSelection {
         self.choose_newest(choose);
     }
 
-    /// Passes the newest sample to `choose`, so that a reader can join the last ticks as well.
+    /// Passes the newest sample to `choose`, so that a reader can also join the last ticks.
     pub fn choose_newest(&mut self, choose: &mut dyn FnMut(&TrueSample)) {
         if let Some(newest) = self.join.newest() {
             choose_once(newest, choose);
         }
     }
 
-    /// Chooses the nearest sample for every tick that is not later than the newest one.
+    /// Selects the nearest sample for every tick that is not later than the newest sample.
     fn choose_joined(&mut self, choose: &mut dyn FnMut(&TrueSample)) {
         while let Some(((), nearest)) = self.join.next_pair() {
             choose_once(nearest, choose);

@@ -1,5 +1,5 @@
-//! One MCAP file: chunked, indexed, uncompressed. Every chunk is handed to the operating system when it is complete, so that a
-//! file whose writer was killed is readable up to its last chunk.
+//! One MCAP file: chunked, indexed, uncompressed. Every complete chunk is handed to the operating system, so that the file of a
+//! killed writer is readable up to its last chunk.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -14,7 +14,7 @@ use super::facts::Facts;
 use super::mcap::encode::Fields;
 use super::mcap::{CHECKSUM, MAGIC, Opcode};
 
-/// Length of the body of a footer \[bytes\].
+/// Length of a footer's body \[bytes\].
 const FOOTER_BYTES: u64 = 8 + 8 + 4;
 
 /// First records of every file of a recording: tables of facts, and files by name with media type and content.
@@ -24,17 +24,17 @@ pub struct Preamble {
     pub facts: Vec<Facts>,
     /// Name, media type and content of files.
     pub files: Vec<(String, &'static str, Vec<u8>)>,
-    /// Name of the program that writes.
+    /// Name of the writing program.
     pub library: String,
 }
 
-/// A file that is being written.
+/// File being written.
 pub struct McapFile {
     file: File,
     /// Size so far \[bytes\].
     size: u64,
     checksum: Digest<'static, u32, Table<16>>,
-    /// Records of the summary section by their kind, in the order of the section.
+    /// Records of the summary section by kind, in the order of the section.
     summary: Vec<(Opcode, Vec<u8>)>,
     chunks: u32,
     attachments: u32,
@@ -46,7 +46,7 @@ pub struct McapFile {
 }
 
 impl McapFile {
-    /// Creates the file at `path` and writes everything before the first message.
+    /// Creates the file at `path` and writes the records before the first message.
     ///
     /// # Errors
     /// The file exists, or cannot be written.
@@ -89,7 +89,7 @@ impl McapFile {
         &mut self.summary[found.expect("every kind is created with the file")].1
     }
 
-    /// Writes schemas and channels; both have the numbers of the channels, schemas from 1 on.
+    /// Writes schemas and channels. Both have the channel numbers; schema numbers start at 1.
     fn channels(&mut self) -> io::Result<()> {
         for (number, channel) in (0_u16..).zip(Channel::all()) {
             let schema = channel.schema();
@@ -233,7 +233,7 @@ impl McapFile {
                 bytes.u64s(&place);
             });
         }
-        // The checksum covers the footer up to the checksum itself, opcode and length included.
+        // The checksum covers the footer up to the checksum itself, including opcode and length.
         bytes.push(Opcode::Footer as u8);
         bytes.u64s(&[FOOTER_BYTES, begin, offsets]);
         let checksum = CHECKSUM.checksum(&bytes[data_end..]);

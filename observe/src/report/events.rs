@@ -15,7 +15,7 @@ use crate::plot::chart::{Mark, Plot};
 use crate::plot::figure::{FULL, figure};
 use crate::plot::palette::Ink;
 
-/// Number of events that are listed; the others are counted.
+/// Maximum number of listed events; the others are counted.
 const MOST_LISTED: usize = 100;
 
 const STATES: [(SafetyState, &str, Ink); 7] = [
@@ -35,9 +35,9 @@ const PHASES: [(Phase, &str, Ink); 4] = [
     (Phase::Landing, "landing", Ink::Second),
 ];
 
-/// The section of the events.
+/// Section of the events.
 pub fn events(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
-    // The wait on the ground before is not part of the flight.
+    // The wait on the ground before take-off is not part of the flight.
     let from = timeline.samples.iter().position(FlightSample::is_armed).unwrap_or(0);
     let pairs = timeline.samples[from..].windows(2);
     let events = pairs.flat_map(|pair| {
@@ -60,7 +60,7 @@ pub fn events(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
     )
 }
 
-/// Beginnings and ends of the faults that were injected, and of disturbances.
+/// Beginnings and ends of injected faults and of disturbances.
 fn faults(summary: &Summary) -> impl Iterator<Item = (f64, String)> {
     let faults = summary.faults.iter().map(|it| ("fault", &it.fault, it.from_s, it.until_s));
     let loads = summary.disturbances.iter();

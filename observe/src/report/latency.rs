@@ -31,9 +31,9 @@ const INKS: [Ink; NAMES.len()] = [
     Ink::Fifth,
     Ink::Reference,
 ];
-/// Number of quantiles from which a distribution is drawn.
+/// Number of quantiles with which a distribution is drawn.
 const QUANTILES: u32 = 400;
-/// Bars of a histogram in each decade.
+/// Number of bars of a histogram per decade.
 const BARS_PER_DECADE: usize = 30;
 const HEIGHT: u32 = 620;
 
@@ -92,7 +92,7 @@ fn wire(figures: &WireFigures) -> Markup {
     }
 }
 
-/// The medians of the hops as one bar.
+/// Medians of the hops as one bar.
 fn budget(summary: &Summary) -> Markup {
     let hops: Vec<&str> = NAMES
         .into_iter()
@@ -124,7 +124,7 @@ fn budget(summary: &Summary) -> Markup {
     }
 }
 
-/// A row for each hop, over one logarithmic axis.
+/// Histograms of the hops, one row each, over one logarithmic axis.
 fn histograms(hops: &[Hop<'_>]) -> Markup {
     let quantile = |i: u32| (f64::from(i) + 0.5) / f64::from(QUANTILES);
     let values: Vec<Vec<f64>> = hops
@@ -180,7 +180,7 @@ fn percentiles(hops: &[Hop<'_>]) -> Markup {
     figure("Latency by percentile, colours as above", &[], &plot)
 }
 
-/// Decimal logarithm of a quantile in nanoseconds; negative infinity for zero, which no plot shows.
+/// Decimal logarithm of a quantile in nanoseconds; negative infinity for zero, which is not drawn.
 fn decades_of(distribution: &Distribution, quantile: f64) -> f64 {
     (distribution.quantile(quantile).nanos() as f64).log10()
 }
@@ -198,7 +198,7 @@ fn power_of_ten(decade: i32) -> String {
     }
 }
 
-/// The percentile of `nines` decades.
+/// Percentile with this number of nines.
 fn percentile(nines: i32) -> String {
     match nines {
         ..=0 => "0 %".to_owned(),
@@ -209,7 +209,7 @@ fn percentile(nines: i32) -> String {
 
 fn table(summary: &Summary) -> Markup {
     let hops = NAMES.into_iter().filter_map(|name| Some((words(name), summary.hops.get(name)?)));
-    // In virtual time computation and bus take none.
+    // In virtual time, computation and bus have no latency.
     let hops = hops.filter(|(_, hop)| hop.count > 0 && hop.max_ns > 0);
     let of_loop =
         [("wake-up lateness", &summary.wakeup_lateness), ("period jitter", &summary.period_jitter)];

@@ -18,7 +18,7 @@ const ANGLES: [&str; 3] = ["Roll", "Pitch", "Yaw"];
 /// Colours of the components of a vector.
 const COMPONENTS: [Ink; 3] = [Ink::Actual, Ink::Second, Ink::Third];
 
-/// Position by axis beside its reference, and the magnitude of the error.
+/// Position by axis with its reference, and the magnitude of the error.
 pub fn position(timeline: &Timeline<'_>) -> Markup {
     let axis = |i: usize| {
         let traces = vec![
@@ -37,7 +37,7 @@ pub fn position(timeline: &Timeline<'_>) -> Markup {
     )
 }
 
-/// Attitude by angle beside its command, and the angle of the error.
+/// Attitude by angle with its command, and the angle of the error.
 pub fn attitude(timeline: &Timeline<'_>) -> Markup {
     let angle = |i: usize| {
         let traces = vec![
@@ -56,7 +56,7 @@ pub fn attitude(timeline: &Timeline<'_>) -> Markup {
     )
 }
 
-/// Velocity by axis beside its command, and the magnitude of the error.
+/// Velocity by axis with its command, and the magnitude of the error.
 pub fn velocity(timeline: &Timeline<'_>) -> Markup {
     let axis = |i: usize| {
         let traces = vec![
@@ -85,7 +85,7 @@ pub fn command(timeline: &Timeline<'_>) -> Markup {
         html! {
             (rotation_command(timeline))
             (over_time(timeline, "Collective thrust [fraction of maximum]", vec![thrust]))
-            // Two plots or none: the grid has two columns.
+            // Two plots or none, since the grid has two columns.
             @if let Some(voltage) = timeline.battery() {
                 (body_rate(timeline))
                 (over_time(timeline, "Battery voltage [V]", vec![voltage]))
@@ -94,7 +94,7 @@ pub fn command(timeline: &Timeline<'_>) -> Markup {
     )
 }
 
-/// Sticks, torque or attitude, as the vehicle is commanded.
+/// Sticks, torque or attitude, depending on the command interface.
 fn rotation_command(timeline: &Timeline<'_>) -> Markup {
     let (title, vector): (_, fn(&FlightSample) -> [f64; 3]) =
         match timeline.flight.config.vehicle.interface {

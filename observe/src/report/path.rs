@@ -10,7 +10,7 @@ use crate::plot::figure::in_plane;
 use crate::plot::palette::Ink;
 use crate::plot::trace::{Point, Trace, thin_path};
 
-/// Distance between two ticks above which the reference has stepped \[m\].
+/// Distance between two ticks above which the reference counts as stepped \[m\].
 const STEP_M: f64 = 0.1;
 
 /// A projection: horizontal and vertical component of a position.
@@ -21,7 +21,7 @@ const VIEWS: [(&str, View); 2] = [
     ("Side view: z over x [m]", |[x, _, z]| (x, z)),
 ];
 
-/// The path flown and its reference.
+/// Flown path and its reference.
 pub fn flown(timeline: &Timeline<'_>) -> Markup {
     let seen = |(title, view): (&str, View)| {
         let reference = timeline
@@ -33,7 +33,7 @@ pub fn flown(timeline: &Timeline<'_>) -> Markup {
     section("Path", html! { @for view in VIEWS { (seen(view)) } })
 }
 
-/// The recorded poses and the estimated path.
+/// Recorded poses and estimated path.
 pub fn recorded(timeline: &Timeline<'_>) -> Markup {
     let seen = |(title, view): (&str, View)| {
         let poses = timeline.flight.arrivals.iter().map(|arrival| view(arrival.position));
@@ -48,14 +48,14 @@ fn actual(timeline: &Timeline<'_>, view: View) -> Trace {
     timeline.path(timeline.actual(), Ink::Actual, |sample| view(sample.position().into()))
 }
 
-/// The first and the last position.
+/// First and last position.
 fn ends(timeline: &Timeline<'_>, view: View) -> [Trace; 2] {
     let at = |sample: Option<&FlightSample>| sample.map(|sample| view(sample.position().into()));
     [("start", Ink::Good, timeline.samples.first()), ("end", Ink::Second, timeline.samples.last())]
         .map(|(name, ink, sample)| Trace { name, ink, points: at(sample).into_iter().collect() })
 }
 
-/// The start and end points of steps of the reference.
+/// Start and end points of the steps of the reference.
 fn corners(timeline: &Timeline<'_>, view: View) -> Vec<Point> {
     let references = timeline.samples.iter().map(|sample| sample.telemetry.reference_position);
     let mut corners = Vec::new();

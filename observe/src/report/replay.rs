@@ -1,4 +1,4 @@
-//! The section of a replay: the arrival of its poses.
+//! Section of a replay: arrivals of its poses.
 
 use maud::{Markup, html};
 use oqtal_bus::time::Time;
@@ -15,7 +15,7 @@ use crate::plot::figure::{FULL, figure, histogram};
 use crate::plot::palette::Ink;
 use crate::plot::unit::significant;
 
-/// Interval between two poses above which it is a gap \[ms\].
+/// Interval between two poses above which it counts as a gap \[ms\].
 const GAP_MS: f64 = 50.0;
 /// Number of bars of the histogram.
 const BARS: usize = 100;
@@ -72,12 +72,12 @@ impl ArrivalIntervals {
         self.intervals.len() as f64 / (self.lengths_ms().sum::<f64>() * 1e-3)
     }
 
-    /// Interval that a part `share` of the intervals does not exceed \[ms\]; NaN without intervals.
+    /// Interval not exceeded by the fraction `share` of the intervals \[ms\]; NaN without intervals.
     fn quantile_ms(&self, share: f64) -> f64 {
         quantile(self.lengths_ms(), share).unwrap_or(f64::NAN)
     }
 
-    /// Number of gaps and time in them \[s\].
+    /// Number of gaps and their total time \[s\].
     fn gaps(&self) -> (usize, f64) {
         let gaps: Vec<f64> = self.lengths_ms().filter(|length| *length > GAP_MS).collect();
         (gaps.len(), gaps.iter().sum::<f64>() * 1e-3)
@@ -104,7 +104,7 @@ pub fn replay(timeline: &Timeline<'_>, arrivals: &ArrivalIntervals) -> Markup {
     )
 }
 
-/// A time \[ms\] as text; less than a microsecond is rounding.
+/// A time \[ms\] as text; less than a microsecond is a rounding error.
 pub fn milliseconds(value: f64) -> String {
     if value < 1e-3 { "0 ms".to_owned() } else { format!("{} ms", significant(value)) }
 }
@@ -132,7 +132,7 @@ fn table(arrivals: &ArrivalIntervals) -> Markup {
     }
 }
 
-/// The histogram of the intervals, up to a gap or three times the median.
+/// Histogram of the intervals, up to a gap or three times the median.
 fn intervals(arrivals: &ArrivalIntervals) -> Markup {
     let longest = GAP_MS.max(3.0 * arrivals.median_ms());
     let range = 0.0..longest;
@@ -141,7 +141,7 @@ fn intervals(arrivals: &ArrivalIntervals) -> Markup {
     let width = longest / BARS as f64;
     let bar = |(i, count): (usize, &u64)| {
         let from = i as f64 * width;
-        // Bars stand on half a count, so that a single one is visible.
+        // The base of a bar is at half a count, so that a single one is visible.
         let (floor, top) = (0.5_f64.log10(), (*count as f64).log10());
         Mark::Block(Ink::Actual, (from, floor), (from + 0.85 * width, top))
     };

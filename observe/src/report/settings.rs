@@ -1,4 +1,4 @@
-//! The section of settings, sufficient to repeat the flight.
+//! Section of the settings, sufficient to repeat the flight.
 
 use maud::{Markup, html};
 

@@ -1,4 +1,4 @@
-//! Tests of the report, and the flights that they and other tests use.
+//! Tests of the report, and flights used by these and other tests.
 
 pub mod fixture;
 
@@ -49,7 +49,7 @@ fn every_colour_of_a_plot_is_a_variable_of_the_style_sheet() {
 fn a_replay_shows_its_gaps_and_no_errors() {
     let page = page(&fixture::replay());
     assert!(page.contains("Arrival of poses") && page.contains("<th>Gaps over 50 ms</th><td>2, "));
-    // The settings at its end may well have keys with that word.
+    // The settings at the end of the page may contain keys with that word.
     let figures = page.split("Settings").next().unwrap();
     assert!(!figures.contains("error"));
 }

@@ -1,4 +1,4 @@
-//! The part of a flight that the report shows, as traces over time.
+//! Part of a flight shown in the report, as traces over time.
 
 use std::ops::Range;
 
@@ -13,10 +13,10 @@ use crate::plot::figure::{self, TimeSpan};
 use crate::plot::palette::Ink;
 use crate::plot::trace::{Point, Trace, thin, thin_path};
 
-/// Number of instants that are marked in every plot.
+/// Maximum number of instants marked in every plot.
 const MOST_INSTANTS: usize = 40;
 
-/// The part of a flight that the report shows, on an axis of seconds.
+/// Part of a flight shown in the report, on an axis of seconds.
 #[derive(Clone, Debug)]
 pub struct Timeline<'a> {
     /// The flight.
@@ -24,7 +24,7 @@ pub struct Timeline<'a> {
     /// Ticks from the origin on.
     pub samples: &'a [FlightSample],
     origin: Time,
-    /// Changes of the safety state, beginnings and ends of faults and disturbances \[s\], the first ones.
+    /// Changes of the safety state, beginnings and ends of faults and disturbances \[s\], up to a maximum number.
     pub instants: Vec<f64>,
 }
 
@@ -54,17 +54,17 @@ impl<'a> Timeline<'a> {
         instants
     }
 
-    /// `time` on the axis \[s\].
+    /// `time` on the time axis \[s\].
     pub fn seconds(&self, time: Time) -> f64 {
         time.since(self.origin).seconds()
     }
 
-    /// Time of `sample` on the axis \[s\].
+    /// Time of `sample` on the time axis \[s\].
     pub fn at(&self, sample: &FlightSample) -> f64 {
         self.seconds(sample.telemetry.time)
     }
 
-    /// From the first to the last tick \[s\].
+    /// Times of the first and last tick \[s\].
     pub fn range(&self) -> Range<f64> {
         extent(
             [self.samples.first(), self.samples.last()].into_iter().flatten().map(|s| self.at(s)),
@@ -110,7 +110,7 @@ impl<'a> Timeline<'a> {
         })
     }
 
-    /// The trace of an angle \[rad\] over time, in degrees, with a gap where it wraps around.
+    /// Trace of an angle \[rad\] over time, in degrees, with a gap where it wraps around.
     pub fn angle(
         &self,
         name: &'static str,
@@ -128,7 +128,7 @@ impl<'a> Timeline<'a> {
         Trace { name, ink, points: thin(points) }
     }
 
-    /// The path of a point, one for each tick.
+    /// Path of a point, with one position per tick.
     pub fn path(
         &self,
         name: &'static str,

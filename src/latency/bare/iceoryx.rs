@@ -20,7 +20,7 @@ type Services = (
     event::PortFactory<ipc::Service>,
 );
 
-/// The sending end beside `place`.
+/// Sender beside `place`.
 ///
 /// # Errors
 /// iceoryx2 refuses.
@@ -36,7 +36,7 @@ pub fn sender(place: &InstancePaths) -> io::Result<ParcelSender> {
     }))
 }
 
-/// The receiving end beside `place`.
+/// Receiver beside `place`.
 ///
 /// # Errors
 /// iceoryx2 refuses.
@@ -46,7 +46,7 @@ pub fn receiver(place: &InstancePaths) -> io::Result<ParcelReceiver> {
     let listener = event.listener_builder().create().map_err(failed("listening"))?;
     Ok(Box::new(move || {
         let _node = &node;
-        // One wake-up may stand for several messages.
+        // One wake-up may represent several messages.
         loop {
             if let Some(sample) = subscriber.receive().map_err(failed("receiving"))? {
                 return Ok(*sample.payload());
@@ -59,8 +59,8 @@ pub fn receiver(place: &InstancePaths) -> io::Result<ParcelReceiver> {
     }))
 }
 
-/// Paths of the bare services, beside the instance `latency-PID-NUMBER` at `place`: nothing of the bus is shared with them. The
-/// name is short because iceoryx2 puts it twice into the path of a socket, which the kernel limits to 107 bytes.
+/// Paths of the bare services, beside the instance `latency-PID-NUMBER` at `place`, without anything shared with the bus. The
+/// name is short because iceoryx2 uses it twice in the path of a socket, which the kernel limits to 107 bytes.
 #[must_use]
 pub fn beside(place: &InstancePaths) -> InstancePaths {
     let process = place.instance.split('-').nth(1).unwrap_or_default();

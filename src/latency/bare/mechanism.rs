@@ -1,6 +1,6 @@
-//! The mechanisms that are measured without the bus.
+//! Mechanisms measured without the bus.
 
-/// A mechanism that is measured.
+/// Measured mechanism.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mechanism {
     /// A futex on a word in shared memory: the lower bound.

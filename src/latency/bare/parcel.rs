@@ -1,4 +1,4 @@
-//! The message that every mechanism transmits, and the two ends of a mechanism.
+//! Message transmitted by every mechanism, and the two ends of a mechanism.
 
 use std::io;
 
@@ -19,10 +19,10 @@ pub struct Parcel {
     filling: [u64; WORDS - 1],
 }
 
-/// The sending end of a mechanism: sends a message and wakes the receiver.
+/// Sender of a mechanism: sends a message and wakes the receiver.
 pub type ParcelSender = Box<dyn FnMut(&Parcel) -> io::Result<()>>;
 
-/// The receiving end of a mechanism: sleeps without limit until a message arrives, and receives it.
+/// Receiver of a mechanism: sleeps without limit until a message arrives, and receives it.
 pub type ParcelReceiver = Box<dyn FnMut() -> io::Result<Parcel>>;
 
 impl Parcel {

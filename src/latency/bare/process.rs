@@ -1,4 +1,4 @@
-//! The processes at the ends of a mechanism.
+//! Processes at the two ends of a mechanism.
 
 use std::io;
 use std::os::fd::OwnedFd;
@@ -14,12 +14,12 @@ use super::parcel::{Parcel, ParcelReceiver, ParcelSender};
 use super::{iceoryx, shared, sockets};
 use crate::latency::record::Record;
 
-/// The failure of an operation of `mechanism`.
+/// Failure of an operation of `mechanism`.
 pub fn failed(mechanism: Mechanism, what: &str, error: &io::Error) -> Failure {
     Failure::new(Exit::System, format!("{}: {what} failed: {error}", mechanism.name()))
 }
 
-/// Opens the sending end of `mechanism`; the receiving end exists.
+/// Opens the sender of `mechanism`; the receiver exists already.
 ///
 /// # Errors
 /// The operating system refuses.
@@ -53,8 +53,8 @@ fn open_receiver(
     opened.map_err(|error| failed(mechanism, "opening", &error))
 }
 
-/// Directory in which the measuring processes of an instance exchange files: in memory, so that no process waits for a disk. It is
-/// created for each measurement, with a name that nobody can guess and for this user only.
+/// Directory for files exchanged by the measuring processes of an instance, in memory, so that no process waits for a disk. It is
+/// created for each measurement, with an unpredictable name and for this user only.
 #[must_use]
 pub fn directory(instance: &str) -> PathBuf {
     Path::new("/dev/shm").join(format!("oqtal-{instance}"))
@@ -66,7 +66,7 @@ pub fn file(context: &ProcessContext, mechanism: Mechanism, kind: &str) -> PathB
     directory(&context.config.instance.name).join(format!("{}.{kind}", mechanism.name()))
 }
 
-/// The counter of [`Mechanism::Eventfd`]. Sender and receiver are started with it as standard input, since it has no name.
+/// Counter of [`Mechanism::Eventfd`]. It has no name, so sender and receiver are started with it as standard input.
 ///
 /// # Errors
 /// The operating system refuses.

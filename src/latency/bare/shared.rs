@@ -1,4 +1,4 @@
-//! A message in memory that two processes share; the receiver is woken by a futex, the lower bound for waking a process, or by an
+//! A message in memory shared by two processes. The receiver is woken by a futex, the lower bound for waking a process, or by an
 //! eventfd.
 
 use std::io;
@@ -12,16 +12,16 @@ use rustix::thread::futex::{Flags, wait, wake};
 
 use super::parcel::{Parcel, ParcelReceiver, ParcelSender, WORDS};
 
-/// The sending end at `path` that wakes the receiver by a futex.
+/// Sender at `path` that wakes the receiver by a futex.
 ///
 /// # Errors
 /// The memory cannot be shared.
 pub fn futex_sender(path: &Path) -> io::Result<ParcelSender> {
-    // Not private: the other end is another process.
+    // The futex is not private: the other end is another process.
     sender(path, |slot| wake(slot.version(), Flags::empty(), 1).map(drop))
 }
 
-/// The receiving end at `path` that waits on a futex.
+/// Receiver at `path` that waits on a futex.
 ///
 /// # Errors
 /// The memory cannot be shared.
@@ -29,7 +29,7 @@ pub fn futex_receiver(path: &Path) -> io::Result<ParcelReceiver> {
     receiver(path, |slot, version| wait(slot.version(), Flags::empty(), version, None))
 }
 
-/// The sending end at `path` that wakes the receiver by the eventfd at standard input.
+/// Sender at `path` that wakes the receiver by the eventfd at standard input.
 ///
 /// # Errors
 /// The memory cannot be shared.
@@ -37,7 +37,7 @@ pub fn eventfd_sender(path: &Path) -> io::Result<ParcelSender> {
     sender(path, |_| write(std::io::stdin().as_fd(), &1_u64.to_ne_bytes()).map(drop))
 }
 
-/// The receiving end at `path` that reads the eventfd at standard input.
+/// Receiver at `path` that reads the eventfd at standard input.
 ///
 /// # Errors
 /// The memory cannot be shared.
@@ -56,7 +56,7 @@ fn sender(
     }))
 }
 
-/// `sleep` waits until the version of the slot may differ from the one it is given.
+/// Receiver that uses `sleep` to wait until the version of the slot may differ from a given one.
 fn receiver(
     path: &Path,
     sleep: impl Fn(&Slot, u32) -> rustix::io::Result<()> + 'static,
@@ -79,8 +79,8 @@ fn receiver(
     }))
 }
 
-/// A message and its version: odd while the message is being written, even when it is whole. The version is the first word; the
-/// message is the others, in halves.
+/// Message with a version: odd while the message is being written, even when it is complete. The version is the first word; the
+/// message occupies the others, in halves.
 #[derive(Debug)]
 struct Slot(SharedWords);
 
@@ -111,7 +111,7 @@ impl Slot {
         self.version().store(version.wrapping_add(2), Ordering::Release);
     }
 
-    /// Returns the message and its version if it is whole and not the one of version `seen`; otherwise the version to wait on.
+    /// Returns the message and its version if it is complete and newer than version `seen`; otherwise the version to wait on.
     fn get(&self, seen: u32) -> Result<(u32, Parcel), u32> {
         let version = self.version().load(Ordering::Acquire);
         if version == seen || !version.is_multiple_of(2) {

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use super::parcel::{Parcel, ParcelReceiver, ParcelSender, WORDS};
 
-/// The sending end to the Unix socket at `path`.
+/// Sender to the Unix socket at `path`.
 ///
 /// # Errors
 /// No socket receives there.
@@ -26,7 +26,7 @@ pub fn unix_receiver(path: &Path) -> io::Result<ParcelReceiver> {
     Ok(receiver(move |bytes| socket.recv(bytes)))
 }
 
-/// The sending end to the UDP socket whose port the file at `path` names.
+/// Sender to the UDP socket whose port is in the file at `path`.
 ///
 /// # Errors
 /// The file does not exist, or the operating system refuses.

@@ -1,10 +1,10 @@
-//! Records from bytes, which may end or be damaged anywhere.
+//! Decoder of records from bytes that may be truncated or damaged.
 
 use std::collections::BTreeMap;
 
 use super::CHECKSUM;
 
-/// Bytes that are not decoded yet. Every method removes what it returns, and returns `None` where the bytes end before.
+/// Remaining bytes. Every method removes the value that it returns, and returns `None` if the bytes are too short.
 #[derive(Clone, Copy, Debug)]
 pub struct Cursor<'a>(pub &'a [u8]);
 
@@ -22,22 +22,22 @@ impl<'a> Cursor<'a> {
         Some(*bytes)
     }
 
-    /// A number of 16 bits.
+    /// A 16-bit number.
     pub fn u16(&mut self) -> Option<u16> {
         self.array().map(u16::from_le_bytes)
     }
 
-    /// A number of 32 bits.
+    /// A 32-bit number.
     pub fn u32(&mut self) -> Option<u32> {
         self.array().map(u32::from_le_bytes)
     }
 
-    /// A number of 64 bits.
+    /// A 64-bit number.
     pub fn u64(&mut self) -> Option<u64> {
         self.array().map(u64::from_le_bytes)
     }
 
-    /// A text behind its length.
+    /// A text preceded by its length.
     pub fn text(&mut self) -> Option<String> {
         let length = self.u32()?;
         String::from_utf8(self.bytes(length.into())?.to_vec()).ok()
@@ -62,7 +62,7 @@ impl<'a> Cursor<'a> {
     }
 }
 
-/// The records in the body of a chunk; `None` if it is compressed or damaged.
+/// Records in the body of a chunk; `None` if it is compressed or damaged.
 pub fn chunk(body: &[u8]) -> Option<&[u8]> {
     let mut fields = Cursor(body);
     let (_times, size) = (fields.bytes(16)?, fields.u64()?);
@@ -72,7 +72,7 @@ pub fn chunk(body: &[u8]) -> Option<&[u8]> {
     is_sound.then_some(records)
 }
 
-/// Name and content in the body of an attachment; `None` if it is damaged.
+/// Name and content of an attachment, from its body; `None` if it is damaged.
 pub fn attachment(body: &[u8]) -> Option<(String, &[u8])> {
     let mut fields = Cursor(body);
     fields.bytes(16)?;
@@ -82,7 +82,7 @@ pub fn attachment(body: &[u8]) -> Option<(String, &[u8])> {
     agrees(fields.u32()?, checked).then_some((name, content))
 }
 
-/// Whether `checksum` is that of `bytes`, or 0 for none.
+/// Whether `checksum` is the checksum of `bytes`, or 0 (none).
 fn agrees(checksum: u32, bytes: &[u8]) -> bool {
     checksum == 0 || checksum == CHECKSUM.checksum(bytes)
 }

@@ -6,15 +6,15 @@ use super::Opcode;
 
 /// Fields of a record, appended to bytes.
 pub trait Fields {
-    /// Appends numbers of 64 bits.
+    /// Appends 64-bit numbers.
     fn u64s(&mut self, values: &[u64]);
-    /// Appends a text behind its length.
+    /// Appends a text preceded by its length.
     fn text(&mut self, text: &str);
-    /// Appends the fields that `write` appends, behind their total length \[bytes\] as a number of 32 bits.
+    /// Appends the fields written by `write`, preceded by their total length \[bytes\] as a 32-bit number.
     fn sized(&mut self, write: impl FnOnce(&mut Vec<u8>));
     /// Appends a table of texts.
     fn map(&mut self, entries: &BTreeMap<String, String>);
-    /// Appends a record whose body `write` appends.
+    /// Appends a record; `write` appends its body.
     fn record(&mut self, opcode: Opcode, write: impl FnOnce(&mut Vec<u8>));
 }
 

@@ -1,4 +1,4 @@
-//! Flights made by formula, for tests: a square flown with lag and noise, and a recording with jitter and gaps.
+//! Synthetic flights for tests: a square flown with lag and noise, and a recording with jitter and gaps.
 
 use crate::latency::{Distribution, HopDistributions, OnwardTime};
 use nalgebra::Vector3;
@@ -21,7 +21,7 @@ const SCORED_S: f64 = 22.0;
 const LANDING_S: f64 = 31.0;
 const END_S: f64 = 35.0;
 
-/// A flight of which nothing was recorded.
+/// A flight without recorded data.
 pub fn empty() -> Flight {
     Flight {
         config: Config::default(),
@@ -74,7 +74,7 @@ pub fn square() -> Flight {
     flight
 }
 
-/// A recording whose poses jitter and twice stay away.
+/// A recording whose poses jitter and are missing twice.
 pub fn replay() -> Flight {
     let mut flight = Flight { outcome: Outcome::Replayed, speed_factor: 210.0, ..square() };
     flight.config.mocap.replay = "recording.csv".to_owned();
@@ -103,7 +103,7 @@ impl Noise {
         (self.0 >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
     }
 
-    /// A span with a long tail, `typical` most of the time.
+    /// A span with a long tail, mostly close to `typical`.
     fn nanos(&mut self, typical: i64) -> i64 {
         let u = 0.5 * (self.next() + 1.0);
         (typical as f64 * (0.6 - 0.4 * (1.0 - u).max(1e-6).ln())) as i64
