@@ -1,4 +1,4 @@
-//! Misuse of the program: each case gives a clear message and its exit code.
+//! Misuse of the program: each case produces a clear message and its exit code.
 
 use std::process::{Command, Stdio};
 
@@ -131,7 +131,7 @@ fn a_closed_output_pipe_is_not_an_error() {
 #[test]
 fn a_child_whose_parent_is_gone_ends() {
     let testbed = Testbed::new("orphan");
-    // The parent of the daemon is this test, not process 1.
+    // The daemon's parent is this test, not process 1.
     testbed.refuses(&["daemon", "run", "--child", "1"], 75, &["has ended"]);
 }
 
@@ -192,7 +192,7 @@ fn a_limit_of_file_sizes_fails_as_a_full_disk_does_and_the_flight_lands() {
     let words = ["fly", "--clock", "in-process", "--trajectory", "hover", "--duration", "40"];
     let fly = testbed.oqtal(&[&words[..], &["--json"]].concat());
     let mut shell = Command::new("sh");
-    // In blocks of 512 bytes.
+    // The limit is in blocks of 512 bytes.
     shell.args(["-c", "ulimit -f 400; exec \"$0\" \"$@\""]).arg(fly.get_program());
     let output = shell.args(fly.get_args()).current_dir(testbed.path("")).output().unwrap();
     assert_refused(&output, 71, &["File too large"]);
@@ -208,7 +208,7 @@ fn endless_files_are_refused() {
     refused(&words, 65, &["/dev/zero", "longer than"]);
 }
 
-/// Links and scales are read by the processes that use them; their errors name the line too.
+/// Links and scales are parsed by the processes that use them; their errors also name the line.
 #[test]
 fn a_check_names_the_line_of_a_value_that_only_a_process_reads() {
     for (text, says) in [

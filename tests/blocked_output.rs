@@ -1,4 +1,4 @@
-//! Processes whose log cannot be written: operators, loops and signals must not wait for it.
+//! Processes whose log cannot be written: operator requests, loops and signals do not wait for it.
 
 use std::fs::{File, OpenOptions};
 use std::io::{ErrorKind, PipeReader, PipeWriter, Read, Write, pipe};
@@ -15,12 +15,12 @@ use oqtal_bus::transport::Transport;
 use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
 use rustix::process::Signal;
 
-/// A pipe that is full to the last byte.
+/// A completely full pipe.
 fn full_pipe() -> (PipeReader, PipeWriter) {
     let (reader, mut writer) = pipe().unwrap();
     let flags = fcntl_getfl(&writer).unwrap();
     fcntl_setfl(&writer, flags | OFlags::NONBLOCK).unwrap();
-    // Large pieces first; single bytes fill what is left.
+    // Large pieces first, then single bytes.
     for piece in [&[0_u8; 4096][..], &[0_u8; 1][..]] {
         let error = loop {
             if let Err(error) = writer.write_all(piece) {
@@ -33,8 +33,8 @@ fn full_pipe() -> (PipeReader, PipeWriter) {
     (reader, writer)
 }
 
-/// Flies with processes that `start` starts: an operator lands and stops them within three periods, as seen at the vehicle, and a
-/// signal to the daemon in flight stops the motors as quickly and ends each process with exit code 0.
+/// Flies with processes started by `start`. An operator's landing and stop take effect within three periods at the vehicle; a
+/// signal to the daemon in flight stops the motors equally fast and ends each process with exit code 0.
 fn all_obey(name: &str, start: impl Fn(&mut Command) -> Running) {
     let testbed = Testbed::new(name);
     let bus = testbed.bus();
@@ -72,7 +72,7 @@ fn f34_an_operator_is_obeyed_and_processes_end_although_nobody_reads_their_log()
     });
 }
 
-/// Another process floods the output, which is read slowly: the processes can write only rarely.
+/// Another process floods the output, which is read slowly, so that the processes can rarely write.
 #[test]
 fn f34_an_operator_is_obeyed_and_processes_end_although_their_log_is_flooded() {
     let (mut reader, mut flood) = pipe().unwrap();
@@ -124,7 +124,7 @@ fn f34_an_operator_is_obeyed_and_processes_end_although_the_journal_hangs() {
     let log = File::create(directory.path().join("stderr")).unwrap();
     let metadata = log.metadata().unwrap();
     let stream = format!("{}:{}", metadata.dev(), metadata.ino());
-    // A private mount for one process; the user namespace makes it possible without privileges.
+    // A private mount for one process; a user namespace makes it possible without privileges.
     let script = "mkdir -p /run/systemd && mount -t tmpfs tmpfs /run/systemd && \
         mkdir /run/systemd/journal && ln -s \"$SOCKET\" /run/systemd/journal/socket && \
         exec \"$0\" \"$@\"";

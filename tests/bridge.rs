@@ -1,4 +1,4 @@
-//! The bridge as a process on a pseudo-terminal: its frames, its safety without the daemon's help, its port.
+//! The bridge as a process on a pseudo-terminal: frames, safety without the daemon, port.
 
 mod flight;
 mod ports;
@@ -35,7 +35,7 @@ fn a_vehicle_that_answers_has_a_link_and_one_that_falls_silent_has_none() {
     assert!((answer.air_ns, answer.armed, answer.starting) == (17_000_000, 0, 0), "{answer:?}");
     let settled = flight.until("quality", |v| v.link_quality > 0.9 && v.battery_v > 0.0);
     assert!((settled.battery_v - 11.1).abs() < 1e-3);
-    // 17 bytes of ten bits at 57600 baud; a frame may wait for a poll before it.
+    // 17 bytes of ten bits at 57600 baud; a frame may wait behind a poll.
     assert!((2_900_000..5_000_000).contains(&settled.wire_ns), "{settled:?}");
     flight.vehicle.set_manner(Manner::Silent);
     let silent = flight.until("silence", |vehicle| vehicle.link == 0);
@@ -142,7 +142,7 @@ fn a_command_that_is_old_when_it_arrives_is_never_sent() {
     assert!(flight.vehicle.log().setpoints.iter().all(is_zero));
 }
 
-/// Publishes poses of a vehicle on the floor, as a motion capture system would, until `stop`.
+/// Publishes poses of a vehicle on the floor, like a motion capture system, until `stop`.
 fn publish_poses(bus: &Bus, stop: &std::sync::atomic::AtomicBool) {
     let mut poses = bus.writer(&POSE).unwrap();
     let mut frame = 0;
@@ -159,7 +159,7 @@ fn publish_poses(bus: &Bus, stop: &std::sync::atomic::AtomicBool) {
     }
 }
 
-/// Sends a signal to a daemon in flight: the bridge must send zero set-points by itself.
+/// Sends a signal to a daemon in flight; the bridge must send zero set-points without it.
 fn daemon_falls(name: &str, sent: Signal) {
     let mut flight = BridgeFlight::new(name, Manner::Answering);
     flight.until("an answer", |vehicle| vehicle.link == 1);
@@ -208,7 +208,7 @@ fn f19_a_port_that_comes_back_is_found_and_begins_with_a_zero_set_point() {
     flight.until("the loss", |vehicle| vehicle.link == 0);
     flight.vehicle = PtyVehicle::new(&port, Manner::Answering);
     let vehicle = &flight.vehicle;
-    // The flight request never ended: zero set-points until it does.
+    // The flight request did not end, so set-points are zero until it does.
     let setpoints = commander.until("frames after the loss", stick(0.5), || {
         let setpoints = vehicle.log().setpoints;
         (setpoints.len() > 90).then_some(setpoints)

@@ -7,12 +7,12 @@ use serde_json::Value;
 
 const WIRED: [&str; 2] = ["--vehicle", "bridge:asctec"];
 
-/// A hover of some seconds.
+/// A hover of this duration.
 fn hover(seconds: &'static str) -> [&'static str; 6] {
     ["--trajectory", "hover", "--duration", seconds, "--seed", "7"]
 }
 
-/// The square over the wire is as accurate as without one, and its hops are reported.
+/// The square over the wire is as accurate as without a wire, and its hops are reported.
 #[test]
 fn the_square_through_real_frames_is_as_good_as_without_them() {
     let testbed = Testbed::new("square");
@@ -48,12 +48,12 @@ fn both_api_modes_of_the_xbee_fly() {
         let log = std::fs::read_to_string(out.join("bridge.log")).unwrap();
         assert!(log.contains("motors have stopped"), "without an emergency stop: {log}");
         assert_eq!(summary["vehicle"], vehicle.as_str());
-        // 17 bytes alone take 2.95 ms.
+        // The 17 bytes alone take 2.95 ms.
         assert!(number(&summary, "/hops/wire/p50_ns") > 5.0e6, "framing takes time on the wire");
     }
 }
 
-/// An emulated vehicle that was started on this instance publishes the truth to the cameras.
+/// An emulated vehicle started on this instance publishes the truth for the cameras.
 #[test]
 fn a_vehicle_at_a_link_is_flown_with_its_own_truth_if_it_publishes_it() {
     let testbed = Testbed::new("link");
@@ -67,7 +67,7 @@ fn a_vehicle_at_a_link_is_flown_with_its_own_truth_if_it_publishes_it() {
     assert!(!testbed.path("vehicle").exists(), "the link goes with its vehicle");
 }
 
-/// On the bench the vehicle is elsewhere, and a simulated shadow supplies the truth to the cameras.
+/// On the bench the vehicle is at another place; a simulated shadow supplies the truth for the cameras.
 #[test]
 fn on_the_bench_a_shadow_stands_in_for_the_truth() {
     let (bench, elsewhere) = (Testbed::new("bench"), Testbed::new("elsewhere"));
@@ -82,7 +82,7 @@ fn on_the_bench_a_shadow_stands_in_for_the_truth() {
 #[test]
 fn a_silent_vehicle_ends_the_flight_with_a_remedy() {
     let testbed = Testbed::new("silent");
-    // A terminal without a reader at the other end.
+    // A terminal without a reader at the far end.
     let near =
         rustix::pty::openpt(rustix::pty::OpenptFlags::RDWR | rustix::pty::OpenptFlags::NOCTTY);
     let near = near.unwrap();
@@ -169,7 +169,7 @@ fn waiting_vehicle(testbed: &Testbed) -> (Running, String) {
     let running = testbed.start(&["plant-sim", "run", "--wire", &link]);
     wait_for("the link", || {
         let fresh = path.exists() && std::fs::read_link(&path).ok() != stale;
-        // The number of the terminal may be reused: then the lock shows that the process is ready.
+        // The number of the terminal may be reused; then the lock shows that the process is ready.
         let same = path.exists() && stale.is_some() && locked(&path);
         (fresh || same).then_some(())
     });

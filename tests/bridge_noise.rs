@@ -37,7 +37,7 @@ struct NoisyFlight {
     bridge: Bridge,
     cameras: PoseTurn<MemoryBus, EmulatedCameras<MemoryBus>>,
     daemon: DaemonTurn<MemoryBus>,
-    /// Kept open: a closed hand-off accepts no status.
+    /// Kept open: a closed hand-off does not accept a status.
     _requests: OperatorRequests,
     truths: MemoryWriter<TruthV1>,
     vehicles: MemoryWriter<VehicleV1>,
@@ -84,7 +84,7 @@ impl NoisyFlight {
         }
     }
 
-    /// Flies until the vehicle is disarmed after its landing.
+    /// Flies until the vehicle is disarmed after landing.
     fn fly(mut self) -> Self {
         let mode = |flight: &Self| flight.ticks.last().map(|tick| tick.mode);
         while mode(&self) != Some(Mode::Flying.code()) {
@@ -135,7 +135,7 @@ impl NoisyFlight {
         self.ticks.push(tick);
     }
 
-    /// Reads what the vehicle sent, takes the newest command, and writes the frames that are due.
+    /// Reads the vehicle's replies, takes the newest command, and writes the frames that are due.
     fn bridge_turn(&mut self) {
         let now = self.now;
         let mut bytes = Vec::new();
@@ -167,17 +167,17 @@ impl NoisyFlight {
     }
 }
 
-/// A quarter of the commands and a fifteenth of the answers to a poll arrive intact. No poll delays a command by more than a frame.
+/// A quarter of the commands and a fifteenth of the poll answers arrive intact. A poll delays a command by at most a frame.
 #[test]
 fn a_hover_lasts_a_minute_through_one_wrong_bit_in_a_hundred() {
     let flight = NoisyFlight::new().fly();
     assert!(flight.height_m < 0.05, "{} m", flight.height_m);
     let reports = || flight.reports.iter().map(|(.., vehicle)| vehicle);
-    // A full battery has 12.6 V; a minute of hover takes little more than half a volt.
+    // A full battery has 12.6 V; a minute of hover uses slightly more than half a volt.
     let voltages: Vec<f64> = reports().map(|v| v.battery_v).filter(|v| v.is_finite()).collect();
     assert!(!voltages.is_empty());
     assert!(voltages.iter().all(|voltage| (11.8..=12.6).contains(voltage)), "{voltages:?}");
-    // Running motors are never reported as stopped: once running, they are until they are stopped.
+    // Running motors are never reported as stopped before they are actually stopped.
     let mut motors: Vec<u8> = reports().map(|vehicle| vehicle.armed).collect();
     motors.dedup();
     assert!(matches!(motors[..], [0, 1] | [0, 1, 0]), "{motors:?}");
@@ -190,7 +190,7 @@ fn a_hover_lasts_a_minute_through_one_wrong_bit_in_a_hundred() {
     assert!((0.1..0.25).contains(&answered), "{answered}");
 }
 
-/// Checks that the last byte of a command has left a period and a frame after its arrival, also behind a poll.
+/// Checks that the last byte of a command is sent within a period and a frame after its arrival, also behind a poll.
 fn assert_commands_are_in_time(reports: &[VehicleReport]) {
     let (period_ns, frame_ns) = (16_666_667, 2_951_389);
     let applied: Vec<_> =

@@ -144,10 +144,10 @@ fn the_bus_allocates_once_for_each_message_published_and_nowhere_else() {
     assert_eq!((sending, waking, waiting, reading), (MESSAGES, 0, 0, 0));
 }
 
-/// A system call: its name, its greatest number per tick, and its purpose.
+/// System call: its name, its maximum number per tick, and its purpose.
 type Call = (&'static str, u64, &'static str);
 
-/// The system calls of the daemon's loop in steady state.
+/// Expected system calls of the daemon's loop in steady state.
 const EXPECTED: [Call; 2] = [
     (
         "futex",
@@ -182,7 +182,8 @@ fn may_attach() -> bool {
     scope.trim().is_empty() || scope.trim() == "0" || rustix::process::getuid().is_root()
 }
 
-/// The system calls of a flying daemon's loop by name, and an upper bound of the ticks they belong to, which is at least `ticks`.
+/// System calls of a flying daemon's loop by name, and an upper bound of the ticks in which they were made; the bound is at least
+/// `ticks`.
 fn trace(ticks: u64) -> (BTreeMap<String, u64>, u64) {
     let testbed = Testbed::new("trace");
     let bus = testbed.bus();
@@ -211,7 +212,7 @@ fn trace(ticks: u64) -> (BTreeMap<String, u64>, u64) {
     drop(flight);
     let mut calls = BTreeMap::new();
     for line in std::fs::read_to_string(&log).unwrap().lines() {
-        // Lines about signals have no bracket directly behind a name.
+        // Lines about signals have no bracket directly after a name.
         if let Some((name, _)) = line.split_once('(')
             && name.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_')
         {

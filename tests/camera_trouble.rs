@@ -1,11 +1,11 @@
-//! Flights as processes whose poses arrive over a faulty network: they continue or stop, as docs/faults.md states.
+//! Flights through processes with poses over a faulty network: they continue or stop as stated in docs/faults.md.
 
 use crate::common::network::free_port;
 use crate::common::{Running, Testbed, json, number, wait_for};
 
 /// A short hover, from take-off to landing.
 const HOVER: [&str; 5] = ["--trajectory", "hover", "--duration", "1", "--json"];
-/// One frame of a hundred is lost, one is repeated, one arrives after its successor.
+/// 1 % of frames lost, 1 % repeated, 1 % delivered after their successors.
 const TROUBLE: [&str; 6] = [
     "--set",
     "mocap.serve.loss-probability=0.01",
@@ -28,7 +28,7 @@ fn f50_frames_lost_doubled_and_overtaken_are_flown_through() {
 #[test]
 fn f54_a_camera_server_that_dies_in_flight_ends_it() {
     let testbed = Testbed::new("server-dies");
-    // It returns, but its clock has to be learned: no pose for more than half a second.
+    // The camera system returns, but its clock must be estimated again: no pose for more than half a second.
     let flight = ["fly", "--mocap", "qtm", "--fault", "mocap-emu:kill@2+0.1"];
     let output = testbed.oqtal(&[&flight[..], &HOVER].concat()).output().unwrap();
     let summary = json(&output);
@@ -46,7 +46,7 @@ fn squares_in_a_room_whose_connection_stalls_land() {
     }
 }
 
-/// The other end of a linked flight: a vehicle at a serial port, and cameras that serve their poses over a faulty network.
+/// Far end of a linked flight: a vehicle at a serial port, and cameras that serve their poses over a faulty network.
 fn world(testbed: &Testbed) -> (Vec<Running>, String, String) {
     let (port, radio) = (free_port(), testbed.path("radio"));
     let vehicle = format!("asctec:{}", radio.display());

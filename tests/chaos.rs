@@ -1,5 +1,5 @@
-//! Chaos in virtual time: seeded flights with random laws, vehicles, wind, batteries, cameras and faults must keep the invariants.
-//! OQTAL_TEST_CHAOS_FLIGHTS sets the number of flights, OQTAL_TEST_CHAOS_SEED the first seed.
+//! Chaos in virtual time: seeded flights with random laws, vehicles, wind, batteries, cameras and faults must satisfy the
+//! invariants. OQTAL_TEST_CHAOS_FLIGHTS sets the number of flights, OQTAL_TEST_CHAOS_SEED the first seed.
 
 mod draw;
 mod invariants;
@@ -16,7 +16,7 @@ use oqtal_lab::mission::Mission;
 use oqtal_lab::simulation::{fly, fly_past_the_end};
 use oqtal_observe::flight::{Flight, Outcome};
 
-/// Time for which a flight is watched after its end.
+/// Time for which a flight is observed after its end.
 const AFTERMATH: Span = Span::from_millis(1500);
 
 fn mission(settings: &[String]) -> Mission {
@@ -25,13 +25,13 @@ fn mission(settings: &[String]) -> Mission {
     Mission::new(Config::from_settings(&settings).unwrap()).unwrap()
 }
 
-/// The settings as a command that repeats the flight.
+/// Command line that repeats the flight with these settings.
 fn command(settings: &[String]) -> String {
     let flags: Vec<String> = settings.iter().map(|text| format!("--set '{text}'")).collect();
     format!("oqtal fly --clock in-process {}", flags.join(" "))
 }
 
-/// Passes 0 to `count` to `work`, on all processors.
+/// Calls `work` with 0 to `count`, on all processors.
 fn on_all_processors(count: u64, work: impl Fn(u64) + Sync) {
     let next = AtomicU64::new(0);
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
@@ -54,7 +54,7 @@ fn on_all_processors(count: u64, work: impl Fn(u64) + Sync) {
 #[derive(Default)]
 struct Tally(BTreeMap<&'static str, BTreeMap<String, u32>>);
 
-/// Least share of all flights of each kind, so that a study whose flights never begin, or never fail, does not pass.
+/// Least share of the flights of each kind, so that a study whose flights never begin, or never fail, does not pass.
 const LEAST: [(&str, f64); 7] = [
     ("landed", 0.15),
     ("stopped", 0.15),
@@ -64,7 +64,7 @@ const LEAST: [(&str, f64); 7] = [
     ("faults", 0.5),
     ("polygon", 0.15),
 ];
-/// Number of flights from which on the shares are checked.
+/// Number of flights above which the shares are checked.
 const LEAST_FLIGHTS: u64 = 40;
 
 impl Tally {
@@ -80,7 +80,7 @@ impl Tally {
         *counts.entry("polygon".to_owned()).or_default() += u32::from(is_polygon);
     }
 
-    /// Fails if there was less than [`LEAST`] of anything in `flights` flights.
+    /// Fails if a share in `flights` flights is less than in [`LEAST`].
     fn assert_enough(&self, flights: u64) {
         for (name, share) in LEAST {
             let count: u32 = self.0.values().filter_map(|counts| counts.get(name)).sum();
@@ -129,7 +129,7 @@ fn whatever_fails_no_flight_leaves_the_fence_stays_powered_when_tipped_or_comman
     }
 }
 
-/// Cameras of the study of outliers: a preset, or quanta of 1 mm and 0.5 deg without noise.
+/// Cameras in the study of outliers: a preset, or quantisation to 1 mm and 0.5 deg without noise.
 const CAMERAS: [&[&str]; 3] = [
     &["mocap.preset=ideal"],
     &["mocap.preset=measured"],

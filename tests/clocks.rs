@@ -1,4 +1,4 @@
-//! The same flight under each clock: real, lockstep, in-process.
+//! The same flight with each clock: real, lockstep, in-process.
 
 use crate::common::{Testbed, json, number, signal, state_of, stderr, wait_for};
 use oqtal_bus::time::Span;
@@ -58,7 +58,7 @@ fn lockstep_stands_still_while_the_daemon_is_stopped_and_continues_after() {
         last = Some(tick.time);
     }
     let limit = last.map(|last| last + Span::from_millis(26));
-    // Another flight of thousands of events takes long enough for this one to advance if it could.
+    // Another flight with thousands of events takes long enough for this one to advance if it could.
     Testbed::new("yardstick").summary(&[&SHORT[..], &["--clock", "lockstep"]].concat());
     let still = truth.latest().unwrap().map(|(_, truth)| truth.time);
     assert!(limit.is_none_or(|limit| still <= Some(limit)), "{still:?} without the daemon");
@@ -79,7 +79,7 @@ fn a_real_time_flight_lands_and_accounts_for_every_hop() {
     let count = |hop| number(&summary, &format!("/hops/{hop}/count"));
     assert!(count("compute") > 300.0);
     assert_eq!(count("compute"), count("sensor_to_actuator"));
-    // The delay of the radio is simulated and therefore exact under the real clock, too.
+    // The delay of the radio is simulated and therefore exact also with the real clock.
     assert!((number(&summary, "/hops/vehicle_to_applied/p50_ns") / 20e6 - 1.0).abs() < 0.01);
     assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
 }

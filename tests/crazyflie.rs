@@ -14,7 +14,7 @@ use oqtal_plant_sim::wire::CrtpVehicle;
 use oqtal_wire::crtp::{CrtpRequest, Supervision, SupervisorCommand};
 use rustix::process::Signal;
 
-/// Flies `count` vehicles for ten seconds at a metre; returns the laboratory.
+/// Flies `count` vehicles for ten seconds at a height of a metre; returns the laboratory.
 fn flown(count: usize, loss: f64) -> Laboratory {
     let mut laboratory = Laboratory::new(&configuration(), count, loss);
     laboratory.pass(4000);
@@ -149,7 +149,7 @@ fn bad_use_of_a_crazyflie_has_its_exit_code_and_message() {
     let holder = UdpSocket::bind("127.0.0.1:0").unwrap();
     let link = format!("crtp:udp:{}", holder.local_addr().unwrap());
     refused(&["plant-sim", "run", "--wire", &link], 75, "name another port");
-    // A radio is not part of an instance.
+    // The radio does not belong to an instance.
     let shared = ["bridge", "radio", "--vehicle", "80/2M/E7E7E7E701@127.0.0.1:0"];
     let output = testbed.study(&shared).output().unwrap();
     assert_refused(&output, 71, &["no Crazyradio is plugged in"]);

@@ -1,4 +1,4 @@
-//! The dictionary of the data of a flight, docs/data.md, agrees with what is written.
+//! The dictionary of flight data, docs/data.md, agrees with the written files.
 
 use crate::common::Testbed;
 use oqtal_lab::study::metric::METRIC;

@@ -1,4 +1,4 @@
-//! `oqtal fly --disturb`: disturbances act under every clock, and are listed in all results of a flight.
+//! `oqtal fly --disturb`: disturbances act with every clock and are listed in all results of a flight.
 
 use crate::common::{Testbed, json, stderr};
 use serde_json::Value;
@@ -27,7 +27,7 @@ fn flown(testbed: &Testbed, clock: &str) -> Value {
     json(&output)
 }
 
-/// Distances of the vehicle along x \[m\] at the ticks before and after the push.
+/// Positions of the vehicle along x \[m\] at the ticks before and after the push.
 fn pushed(testbed: &Testbed, clock: &str) -> (f64, f64) {
     let table = std::fs::read_to_string(testbed.path(clock).join("telemetry.csv")).unwrap();
     let mut rows = table.lines().map(|line| line.split(',').collect::<Vec<_>>());
@@ -67,7 +67,7 @@ fn report_table_and_recording_name_them() {
     let recording = testbed.path("lockstep/flight.mcap").display().to_string();
     let text = testbed.succeeds(&["report", &recording]);
     assert!(text.contains("disturbances: force@5+0.5=0.3,0,0N"), "{text}");
-    // Recordings are not compressed: they contain the text of an event.
+    // Recordings are not compressed, so they contain the text of an event.
     let bytes = std::fs::read(&recording).unwrap();
     let event = b"force@5+0.5=0.3,0,0N ends";
     assert!(bytes.windows(event.len()).any(|window| window == event));

@@ -32,7 +32,7 @@ fn every_check_reports_its_finding_and_every_problem_a_remedy() {
 fn a_dead_instance_is_found_and_named_in_its_remedy() {
     let testbed = Testbed::new("dead");
     find_the_dead(&testbed);
-    // The remedy that the finding proposes.
+    // Remedy proposed by the finding.
     testbed.oqtal(&["ctl", "status"]).output().unwrap();
     assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
 }

@@ -20,7 +20,7 @@ use text::{
     Table, cited_equations, cited_errata, code_blocks, errata, has_word, links, numbers, quoted,
 };
 
-/// Every Markdown file at the root and in `docs`, but the generated ones.
+/// Every Markdown file at the root and in `docs`, except the generated ones.
 fn documents() -> Vec<String> {
     let mut found = Vec::new();
     for folder in ["", "docs/"] {
@@ -77,8 +77,8 @@ fn links_and_paths_in_the_documents_exist() {
             }
         }
         for token in quoted(&text).into_iter().filter(|token| is_path(token)) {
-            // A token is a path if it begins with the name of a file or folder at the root: `m/s` does not.
-            // Folders of builds and of flights do not exist in a clean clone.
+            // A token is a path if it begins with the name of a file or folder at the root, unlike `m/s`. Folders of builds and
+            // of flights do not exist in a clean clone.
             let first = token.split('/').next().unwrap_or_default();
             let is_made = ["target", "flights"].contains(&first);
             let ours = !is_made && root().join(first).exists();
@@ -147,12 +147,12 @@ fn errata_are_cited_in_the_code_and_known() {
     wrong.extend(
         indexed.difference(&known).map(|id| format!("docs/paper.md: {id} is not an erratum")),
     );
-    // Code does not deviate from the paper where the print is only unclear.
+    // The code does not deviate from the paper where only the print is unclear.
     let departs = |row: &text::Row| !["obvious", "notation"].contains(&row["evidence"].as_str());
     let departures: BTreeSet<String> =
         rows().filter(departs).map(|row| row["id"].clone()).collect();
     for id in indexed.intersection(&departures).filter(|id| !cited.contains(*id)) {
-        // `E-T` and `E-S` concern tables and text: there is no equation at which to cite them.
+        // `E-T` and `E-S` concern tables and text, which have no equation to cite.
         if !id.starts_with("E-T") && !id.starts_with("E-S") {
             wrong.push(format!("docs/paper.md says that {id} is implemented; no code cites it"));
         }
@@ -237,7 +237,7 @@ fn the_shipped_configuration_is_the_defaults_and_shows_every_key() {
     let shown: toml::Table = read("deploy/oqtal.toml").parse().unwrap();
     let known: toml::Table = shipped.to_toml().parse().unwrap();
     let (shown, known) = (keys(&shown, ""), keys(&known, ""));
-    // A table that follows another is shown as one key that names the other.
+    // A table that inherits from another one is shown as one key that names the other.
     let is_shown = |key: &String| {
         shown.contains(key) || key.rmatch_indices('.').any(|(end, _)| shown.contains(&key[..end]))
     };
@@ -307,7 +307,7 @@ fn exit_codes_are_listed_for_users_and_for_operators() {
     }
 }
 
-/// The cells of a column in the first table that has it, without backticks.
+/// Cells of a column in the first table that has it, without backticks.
 fn column(document: &str, name: &str) -> Vec<String> {
     let tables = Table::all(&read(document));
     let table = tables.iter().find(|table| table.has(name));
@@ -345,7 +345,7 @@ fn every_flight_in_readme_and_commands_flies() {
         command.env("OQTAL_INSTANCE__NAME", testbed.instance());
         command.env("OQTAL_ROOT", testbed.path("run"));
         if line.starts_with("oqtal fly") {
-            // Virtual time unless the line names a clock.
+            // Virtual time unless the line sets a clock.
             command
                 .env("OQTAL_CLOCK__KIND", "in-process")
                 .arg("--out")

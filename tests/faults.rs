@@ -1,4 +1,4 @@
-//! Faults of processes: killed, stopped or started twice, and interrupts by an operator. Real processes and signals.
+//! Faults of processes: killed, stopped or started twice, and interrupts by an operator. Uses real processes and signals.
 
 use crate::common::{
     Running, Testbed, assert_refused, is_alive, json, number, signal, stderr, wait_for,
@@ -77,7 +77,7 @@ fn f13_killed_cameras_and_a_killed_daemon_are_replaced_under_running_peers() {
     for _ in 0..2 {
         cameras.signal(Signal::KILL);
         cameras.wait();
-        // A pose of the killed cameras may still arrive; poses after a gap come from the new ones.
+        // A pose of the killed cameras may still arrive; poses after a gap are from the new ones.
         tick("a gap", daemon.id(), false);
         cameras = testbed.start(&["mocap-emu", "run"]);
         tick("poses of new cameras", daemon.id(), true);

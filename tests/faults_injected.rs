@@ -3,16 +3,16 @@
 use crate::common::{Testbed, number, stderr};
 use serde_json::Value;
 
-/// A short flight: 3 s of hover, 13 s in all, in virtual time. The faults begin in the hover.
+/// A short flight in virtual time: 3 s of hover, 13 s in total. The faults begin in the hover.
 const HOVER: [&str; 6] = ["fly", "--trajectory", "hover", "--duration", "3", "--json"];
-/// A shorter one for faults that end it, in real time.
+/// A shorter flight in real time, for faults that end it.
 const BRIEF: [&str; 6] = ["fly", "--trajectory", "hover", "--duration", "1", "--json"];
 
 /// Results of a flight with a fault.
 struct Flown {
     code: Option<i32>,
     summary: Value,
-    /// The table `telemetry.csv`, a row for each tick.
+    /// Content of `telemetry.csv`, one row per tick.
     table: Vec<Vec<String>>,
     message: String,
 }
@@ -34,7 +34,7 @@ impl Flown {
         self.by(cause)
     }
 
-    /// Checks that the fault was the cause of a state.
+    /// Checks that the fault caused a state.
     #[track_caller]
     fn by(&self, cause: &str) -> &Self {
         let causes = self.column("cause");
@@ -53,7 +53,7 @@ impl Flown {
         self.column(name).iter().map(|text| text.parse().unwrap_or(f64::NAN)).collect()
     }
 
-    /// Checks the age of the poses in use, `millis` at most \[ms\].
+    /// Checks that poses in use are at most `millis` old \[ms\].
     #[track_caller]
     fn flies_on_poses_no_older_than(&self, millis: f64) -> &Self {
         let [now, captured, fresh] = ["t_s", "pose_captured_s", "fresh"].map(|c| self.numbers(c));
@@ -153,7 +153,7 @@ fn f13_cameras_that_die_end_a_flight_through_processes() {
 fn f14_a_daemon_that_is_replaced_does_not_take_off_again() {
     let flown = fly(&BRIEF, "--fault daemon:kill@1.5+0.3");
     assert_eq!((flown.code, &flown.summary["outcome"]), (Some(1), &"crashed".into()));
-    // The new daemon sees the vehicle that falls, and could command it.
+    // The new daemon observes the falling vehicle and could command it.
     let flown = fly(&HOVER, "--clock in-process --fault daemon:kill@4+0.3");
     assert_eq!(flown.summary["outcome"], "crashed", "{}", flown.summary);
     let (times, modes) = (flown.numbers("t_s"), flown.column("mode"));
@@ -201,7 +201,7 @@ fn f21_garbage_in_place_of_commands_moves_nothing_beyond_its_limits() {
 #[test]
 fn f22_late_turns_use_the_newest_pose_and_are_not_repeated() {
     let flown = fly(&HOVER, "--clock lockstep --fault daemon:slow=20ms@4+0.5");
-    // Every second pose is superseded; the other one is used at once.
+    // Every second pose is superseded; the others are used at once.
     flown.lands().flies_on_poses_no_older_than(15.0 + 16.7);
     let superseded = number(&flown.summary, "/poses_superseded");
     assert!((14.0..=16.0).contains(&superseded), "{}", flown.summary);

@@ -1,5 +1,6 @@
-//! Flights of real firmware, executed as the programs that OQTAL_CRAZYFLIE, OQTAL_ARDUCOPTER and OQTAL_PX4 name; skipped where a
-//! variable is not set. One flight after another: each needs a quiet machine, a network of its own and fixed ports.
+//! Flights of real firmware, executed as the programs named by OQTAL_CRAZYFLIE, OQTAL_ARDUCOPTER and OQTAL_PX4; skipped for
+//! variables that are not set. The flights are sequential: each needs an otherwise idle machine, a separate network and fixed
+//! ports.
 
 mod faults;
 mod flight;
@@ -38,7 +39,7 @@ fn alone() -> MutexGuard<'static, ()> {
     ONE_AT_A_TIME.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
 }
 
-/// Flies the firmware at `path`, which must land; returns the summary.
+/// Flies the firmware at `path`; the flight must land. Returns the summary.
 fn fly(firmware: &Firmware, path: &Path, controller: &str, trajectory: &[&str]) -> Value {
     let testbed = Testbed::new("firmware");
     let process = firmware.start(path, &testbed.path("firmware"));
@@ -68,7 +69,7 @@ fn fly(firmware: &Firmware, path: &Path, controller: &str, trajectory: &[&str]) 
     summary
 }
 
-/// Hover and square with each of the laws that a user would choose.
+/// Flies hover and square with each law that a user would choose.
 fn flies_hover_and_square(firmware: &Firmware) {
     let Some(path) = firmware.path() else { return };
     let _alone = alone();
@@ -102,12 +103,12 @@ fn px4_flies_hover_and_square() {
     flies_hover_and_square(&PX4);
 }
 
-/// The firmware whose programs are there.
+/// Firmware whose programs are installed.
 fn present() -> Vec<(&'static Firmware, PathBuf)> {
     ALL.into_iter().filter_map(|firmware| firmware.path().map(|path| (firmware, path))).collect()
 }
 
-/// Flies every firmware that `takes_part` into each of `faults`.
+/// Flies each of `faults` with every firmware for which `takes_part` is true.
 fn shows(faults: &[Fault], takes_part: impl Fn(&Firmware) -> bool) {
     let _alone = alone();
     for (firmware, path) in present().iter().filter(|(firmware, _)| takes_part(firmware)) {
@@ -118,7 +119,7 @@ fn shows(faults: &[Fault], takes_part: impl Fn(&Firmware) -> bool) {
     }
 }
 
-/// Whether the firmware has modes that a pilot can choose.
+/// Whether a pilot can select modes of the firmware.
 fn has_modes(firmware: &Firmware) -> bool {
     firmware.link.starts_with("mavlink")
 }
@@ -133,13 +134,13 @@ fn f57_real_firmware_gets_no_set_point_after_a_pilot_takes_over() {
     shows(&[TAKEN_OVER], has_modes);
 }
 
-/// The battery of the Crazyflie's simulated body does not become empty.
+/// The simulated battery of the Crazyflie does not become empty.
 #[test]
 fn f45_an_empty_battery_of_real_firmware_ends_in_a_landing() {
     shows(&[BATTERY], has_modes);
 }
 
-/// PX4 refuses nothing once it has a position, for which the daemon waits, and the Crazyflie arms by itself.
+/// PX4 does not refuse to arm once it has a position, for which the daemon waits; the Crazyflie arms without a request.
 #[test]
 fn a_refusal_to_arm_of_arducopter_is_reported_in_its_words() {
     let _alone = alone();
@@ -148,7 +149,8 @@ fn a_refusal_to_arm_of_arducopter_is_reported_in_its_words() {
     }
 }
 
-/// One datagram of a hundred is lost, and each takes up to 5 ms longer, in both directions; seconds from OQTAL_TEST_LOSS_S.
+/// 1 % of the datagrams are lost and each takes up to 5 ms longer, in both directions; OQTAL_TEST_LOSS_S sets the duration in
+/// seconds.
 #[test]
 fn losses_and_jitter_are_flown_through_by_real_firmware_without_old_commands() {
     let seconds = length("OQTAL_TEST_LOSS_S", 10);
@@ -177,7 +179,7 @@ fn losses_and_jitter_are_flown_through_by_real_firmware_without_old_commands() {
             "a set-point without thrust"
         );
         drop(relay);
-        // Stamps of every command: its publication, and its hand-over to the port.
+        // Stamps of every command: publication, and hand-over to the port.
         for stamps in &seen.stamps {
             let age = stamps.applied_at.since(stamps.command_published_at);
             assert!(age <= OLD, "{}: a command of {} ms", firmware.name, age.seconds() * 1e3);

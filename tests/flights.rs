@@ -6,7 +6,7 @@ use serde_json::Value;
 
 const LAWS: [&str; ControllerName::NAMES.len()] = ControllerName::NAMES;
 
-/// The model of `[vehicle]` throughout.
+/// Uses the model of `[vehicle]` throughout.
 const FIXED: [&str; 2] = ["--set", "control.predictive.adaptation.adapt=false"];
 
 fn fly(words: &[&str]) -> Value {
@@ -41,7 +41,7 @@ fn f41_vehicles_that_differ_from_their_model_land() {
     }
 }
 
-/// Bounds well below the best results of the other laws under any tuning, for the gains of docs/reproduction.md.
+/// Bounds well below the best results of the other laws with any tuning, for the gains in docs/reproduction.md.
 #[test]
 fn oqtal_dt_flies_the_square_inside_its_bounds() {
     let tuned = concat!(env!("CARGO_MANIFEST_DIR"), "/deploy/tuned/oqtal-dt.toml");
@@ -53,7 +53,7 @@ fn oqtal_dt_flies_the_square_inside_its_bounds() {
     assert_eq!(number(&summary, "/riccati_solves"), 1.0);
 }
 
-/// The attitude loop on board has no delay: position errors are those of a vehicle commanded by rates, with both stacks.
+/// The on-board attitude loop has no delay: position errors equal those of a vehicle commanded by rates, with both stacks.
 #[test]
 fn a_vehicle_that_holds_attitudes_flies_as_closely_as_one_commanded_by_rates() {
     for controller in ["oqtal", "oqtal-dt"] {
@@ -76,7 +76,7 @@ fn a_vehicle_that_holds_attitudes_flies_as_closely_as_one_commanded_by_rates() {
     assert!(number(&summary, "/attitude_error_deg/mean") <= 2.2);
 }
 
-/// The estimated drift of the on-board loop is part of the command: the attitude is held as closely as with rates.
+/// The command includes the estimated drift of the on-board loop: the attitude is held as accurately as with commanded rates.
 #[test]
 fn oqtal_dt_compensates_the_drift_of_an_attitude_loop() {
     let interface = "vehicle.interface=attitude";
@@ -95,7 +95,7 @@ fn oqtal_dt_hovers_within_millimetres() {
     assert!(number(&summary, "/position_error_m/rms") <= 3e-3);
 }
 
-/// The position loop is open: the figure shows the attitude law alone, over the whole delay of the loop.
+/// The position loop is open: the figure shows only the attitude law, over the whole delay of the loop.
 #[test]
 fn oqtal_dt_follows_a_prescribed_attitude_three_times_as_closely() {
     let chirp = |controller, words: &[&str]| {
@@ -121,15 +121,15 @@ fn oqtal_dt_follows_a_prescribed_attitude_three_times_as_closely() {
     }
 }
 
-/// A delay of commands that exceeds the configured one by more than a tick is measured: the attitude is held as with the configured
-/// one. A delay hidden from the stamps shows the benefit: the fixed model ignores it, the adapted one identifies it.
+/// A command delay that exceeds the configured one by more than a tick is measured: the attitude is held as accurately as with
+/// the configured delay. With a delay hidden from the stamps, the fixed model ignores it and the adapted model identifies it.
 #[test]
 fn oqtal_dt_learns_the_delay_of_the_loop() {
     let error = |words: &[&str]| {
         let summary = fly(&[&["--controller", "oqtal-dt"], words].concat());
         number(&summary, "/attitude_error_deg/mean")
     };
-    // The adaptation would identify the part that is not measured.
+    // The adaptation would identify the unmeasured part.
     let fixed = |words: &[&str]| error(&[words, &FIXED].concat());
     let configured = fixed(&[]);
     for longer in [["--plant", "command-delay-ms=40"], ["--set", "mocap.latency-ms=35"]] {
@@ -143,8 +143,8 @@ fn oqtal_dt_learns_the_delay_of_the_loop() {
     assert!(adapted < 1.2 * configured, "{adapted} deg, {configured} deg");
 }
 
-/// A rate loop with slow rotors has a second lag, which the adaptation identifies as a delay. If that delay were applied to the thrust
-/// too, the height would oscillate.
+/// A rate loop with slow rotors has a second lag, which the adaptation identifies as a delay. If that delay were also applied to
+/// the thrust, the height would oscillate.
 #[test]
 fn slow_rotors_cause_no_oscillation_of_the_height() {
     let hover = ["--controller", "oqtal-dt", "--trajectory", "hover"];
@@ -154,7 +154,7 @@ fn slow_rotors_cause_no_oscillation_of_the_height() {
     assert!(error_m < 3e-3, "{error_m} m");
 }
 
-/// Regression: a lag identified late was modelled as a command that acts before it is sent, and the vehicle oscillated by 0.3 m.
+/// Regression: a late-identified lag was modelled as a command that acts before it is sent, and the vehicle oscillated by 0.3 m.
 #[test]
 fn a_lag_and_a_hidden_delay_near_the_bounds_of_the_adaptation_cause_no_oscillation() {
     let hover = ["--controller", "oqtal-dt", "--trajectory", "hover", "--seed", "302"];
@@ -165,7 +165,7 @@ fn a_lag_and_a_hidden_delay_near_the_bounds_of_the_adaptation_cause_no_oscillati
     assert!(error_m < 4e-3, "{error_m} m");
 }
 
-/// Regression: with a modelled lag shorter than the interval of the poses every hover was stopped.
+/// Regression: with a modelled lag shorter than the pose interval every hover was stopped.
 #[test]
 fn a_fast_vehicle_that_loses_commands_is_not_stopped() {
     let hover = ["--controller", "oqtal-dt", "--trajectory", "hover"];
@@ -192,7 +192,8 @@ fn a_model_adapted_in_flight_compensates_an_unknown_lag() {
     }
 }
 
-/// Regression: a short lag identified on the floor, and a force identified as thrust before it reversed, each crashed a vehicle.
+/// Regression: a short lag identified on the floor crashed a vehicle, and so did a force that was identified as thrust before it
+/// reversed.
 #[test]
 fn a_model_adapted_in_flight_is_misled_neither_by_the_floor_nor_by_a_force() {
     let turning = ["--disturb", "force@20+1=0,0,1.5N", "--disturb", "force@21+1=0,0,-1.5N"];
@@ -230,7 +231,7 @@ fn every_trajectory_is_flown_to_its_end() {
     }
 }
 
-/// The position loop is open in a step; a vehicle that stays level is off by 10 degrees most of the time.
+/// The position loop is open during a step; a vehicle that stays level has an error of 10 degrees most of the time.
 #[test]
 fn a_step_of_the_attitude_is_followed() {
     for (controller, bound_deg) in [("oqtal", 2.5), ("oqtal-dt", 1.6)] {

@@ -1,4 +1,4 @@
-//! `oqtal identify` from a recording to the configuration that flies with what was found.
+//! `oqtal identify`, from a recording to a flight with the identified configuration.
 
 use crate::common::{Testbed, assert_refused, stderr};
 

@@ -1,5 +1,5 @@
-//! Processes killed at random instants of their first half second, on one instance: the next start succeeds. The lengths of the
-//! study come from OQTAL_TEST_KILLS, the kills under each seed, and OQTAL_TEST_KILL_SEEDS.
+//! Processes killed at random instants of their first half second, on one instance: the next start succeeds. OQTAL_TEST_KILLS
+//! sets the kills per seed, OQTAL_TEST_KILL_SEEDS the number of seeds.
 
 use std::time::{Duration, Instant};
 
@@ -41,12 +41,12 @@ fn kill(process: Option<Running>) {
     assert_eq!(output.status.code(), None, "ended by itself: {}", stderr(&output));
 }
 
-/// Number of kills under each seed, `short` unless the study of docs/faults.md is run, and number of seeds.
+/// Number of kills per seed, `short` unless the study of docs/faults.md is run, and number of seeds.
 fn study(short: u64) -> (u64, u64) {
     (length("OQTAL_TEST_KILLS", short), length("OQTAL_TEST_KILL_SEEDS", 1))
 }
 
-/// Starts everything again and prints the time that it took, in the study of docs/faults.md 5 s at most.
+/// Starts all processes again and prints the time taken; in the study of docs/faults.md it must be at most 5 s.
 fn starts_again(testbed: &Testbed, running: &mut [Option<Running>; 3], what: &str) {
     let began = Instant::now();
     all_work(testbed, running);
@@ -58,7 +58,7 @@ fn starts_again(testbed: &Testbed, running: &mut [Option<Running>; 3], what: &st
     );
 }
 
-/// Ends everything, and checks that nothing remains.
+/// Ends all processes, and checks that no files remain.
 fn ends_without_remains(testbed: &Testbed, running: [Option<Running>; 3]) {
     for process in running.into_iter().flatten().rev() {
         process.signal(Signal::TERM);
@@ -69,7 +69,7 @@ fn ends_without_remains(testbed: &Testbed, running: [Option<Running>; 3]) {
     assert!(!testbed.paths().directory().exists());
 }
 
-/// Kills a flight: its front door, one of its children, all children, or everything; waits until all have ended.
+/// Kills a flight: its main process, one of its children, all children, or all processes; waits until all have ended.
 fn kill_flight(flight: Running, random: &mut Random) {
     let mut family = children(flight.id());
     let door = flight.id();
@@ -80,7 +80,7 @@ fn kill_flight(flight: Running, random: &mut Random) {
         (_, false) => family.iter().copied().chain([door]).collect(),
     };
     for &victim in &victims {
-        // It may already have ended with another one.
+        // The process may already have ended with another one.
         let pid = rustix::process::Pid::from_raw(victim.cast_signed()).unwrap();
         let _ = rustix::process::kill_process(pid, Signal::KILL);
     }

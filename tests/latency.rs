@@ -37,7 +37,7 @@ fn figures(output: &std::process::Output) -> Value {
     json(output)
 }
 
-/// Objects in shared memory left by a measurement of the process `pid`.
+/// Names in shared memory left by a measurement of the process `pid`.
 fn remains(pid: u32) -> Vec<String> {
     let entries = std::fs::read_dir("/dev/shm").unwrap();
     let names = entries.map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned());
@@ -65,7 +65,7 @@ fn the_chain_at_rest_is_measured_beside_the_bare_mechanisms_in_one_run() {
     let figures = figures(&output);
     let count = |path: &str| number(&figures, &format!("/{path}/count"));
     for hop in HOPS {
-        // Every hop and their sum count the same samples.
+        // Every hop and their sum have the same number of samples.
         assert_eq!(count(&format!("hops/{hop}")), count("hops/sensor_to_actuator"), "{hop}");
     }
     assert!(count("hops/compute") > 60.0);

@@ -1,5 +1,5 @@
-//! Flights in real time on a loaded machine, replayed: every command must agree bit for bit. A test program of its own, since its load
-//! would disturb other tests. `REPLAYED_FLIGHTS` sets the number of flights.
+//! Flights in real time on a loaded machine, replayed: every command must agree bit for bit. A separate test program, since its
+//! load would disturb other tests. `REPLAYED_FLIGHTS` sets the number of flights.
 #![allow(clippy::disallowed_methods, reason = "tests have time-outs")]
 
 #[allow(dead_code, reason = "this program uses a part")]
@@ -15,7 +15,7 @@ const LAWS: [&str; 5] = ["oqtal", "oqtal-dt", "pid", "lqr", "geometric"];
 const ROUGH: [&str; 4] =
     ["--set", "mocap.dropout-probability=0.05", "--set", "mocap.outlier-probability=0.02"];
 
-/// The kinds of flight: slow turns, missed deadlines and poses altered at the daemon's end; through the bridge; unchanged.
+/// Settings by kind of flight: slow turns, missed deadlines and poses altered at the daemon; through the bridge; unchanged.
 fn kind(number: usize) -> &'static [&'static str] {
     match number % 4 {
         0 => &[
@@ -23,7 +23,7 @@ fn kind(number: usize) -> &'static [&'static str] {
             "daemon:slow=25ms@1+1",
             "--fault",
             "pose:wrong=0.01m@2.5+0.3",
-            // A pose that is read later than a period after its publication: its deadline is missed under any load.
+            // A pose read later than a period after its publication: its deadline is missed under any load.
             "--fault",
             "pose:delayed=20ms@3+0.2",
         ],
@@ -32,7 +32,7 @@ fn kind(number: usize) -> &'static [&'static str] {
     }
 }
 
-/// Runs `work` while a thread for each processor, and one more, is busy.
+/// Runs `work` under load: one busy thread per processor, and one more.
 fn under_load<T>(work: impl FnOnce() -> T) -> T {
     let threads = std::thread::available_parallelism().map_or(1, usize::from) + 1;
     let is_over = AtomicBool::new(false);

@@ -1,4 +1,4 @@
-//! The bridge and an emulated autopilot over a network, in virtual time: start, refusals, loss of control to a pilot, silence.
+//! Bridge and emulated autopilot over a network, in virtual time: start, refusals, loss of control to a pilot, silence.
 
 mod air;
 
@@ -174,7 +174,7 @@ fn f57_px4_leaves_offboard_without_set_points_and_the_bridge_does_not_change_the
     assert_eq!(air.report.text.as_str(), "Failsafe: offboard signal lost");
 }
 
-/// One datagram of a hundred is lost, and each is delayed by up to 5 ms, some out of order.
+/// 1 % of the datagrams are lost, and each is delayed by up to 5 ms, some out of order.
 #[test]
 fn losses_and_jitter_are_flown_through_and_nothing_old_is_sent() {
     let noise = ["plant.wire.loss-probability=0.01", "plant.wire.jitter-ms=5"];

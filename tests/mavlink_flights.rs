@@ -5,8 +5,8 @@ use std::net::UdpSocket;
 use crate::common::network::free_port;
 use crate::common::{Testbed, assert_as_good_as, assert_refused, json, number, stderr};
 
-/// Flies the square with these arguments through an emulated autopilot; it is as accurate as the direct simulation of `vehicle` at the
-/// same delay. Returns the summary.
+/// Flies the square with these arguments through an emulated autopilot; it must be as accurate as the direct simulation of
+/// `vehicle` with the same delay. Returns the summary.
 fn square_as_good_as(vehicle: &str, words: &[&str]) -> serde_json::Value {
     let testbed = Testbed::new("mav-square");
     let wired = testbed.lands(&[words, &["--seed", "7"]].concat());
@@ -20,7 +20,7 @@ fn the_square_over_mavlink_is_as_good_as_without_it() {
     let words = ["--vehicle", "bridge:mavlink", "--set", "plant.wire.latency-ms=19"];
     let wired = square_as_good_as("sim", &words);
     assert_eq!(wired["vehicle"], "bridge:mavlink");
-    // Half of a round trip, measured by exchanges of clocks; one direction takes 19 ms.
+    // Half of a round trip, measured by clock exchanges; one direction takes 19 ms.
     let on_wire = number(&wired, "/hops/wire/p50_ns");
     assert!(on_wire >= 9.5e6, "{on_wire} ns");
     assert!(number(&wired, "/hops/wire/count") > 1000.0);
@@ -79,7 +79,7 @@ fn a_refusal_to_arm_is_logged_in_the_words_of_the_vehicle() {
     assert!(log.contains("the vehicle says: Arm: Gyros inconsistent"), "{log}");
 }
 
-/// An autopilot that refuses to arm for some time after its start: the time-out of the flight passes in the air.
+/// An autopilot that refuses to arm for some time after its start, so that the time-out of the flight expires in the air.
 #[test]
 fn a_flight_that_begins_late_is_landed_and_not_stopped_in_the_air() {
     let testbed = Testbed::new("mav-late");

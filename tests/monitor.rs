@@ -1,17 +1,17 @@
-//! `oqtal monitor` in a real terminal, of tmux: changes are shown, resizing works, the terminal is restored. Skipped without tmux.
+//! `oqtal monitor` in a real terminal (tmux): changes are shown, resizing works, the terminal is restored. Skipped without tmux.
 
 use std::process::{Command, Stdio};
 
 use crate::common::{Running, Testbed, assert_refused, is_alive, skipped, stderr, wait_for};
 use rustix::process::{Pid, Signal, kill_process};
 
-/// A terminal of tmux with a server of its own; ended when dropped.
+/// Terminal of tmux with a separate server; ended on drop.
 struct Tmux<'a> {
     testbed: &'a Testbed,
 }
 
 impl<'a> Tmux<'a> {
-    /// A shell in a terminal of this size; `None`, with a message, without tmux.
+    /// Shell in a terminal of this size; `None`, with a message, without tmux.
     fn start(testbed: &'a Testbed, size: (u16, u16)) -> Option<Self> {
         if Command::new("tmux").arg("-V").output().is_err() {
             skipped("no tmux; install it with: sudo apt-get install tmux");
@@ -43,7 +43,7 @@ impl<'a> Tmux<'a> {
         self.run(&["send-keys", "Enter"]);
     }
 
-    /// Waits until the screen contains every one of `texts`; returns it.
+    /// Waits until the screen contains all of `texts`; returns the screen.
     fn shows(&self, texts: &[&str]) -> String {
         wait_for(&format!("{texts:?} on the screen"), || {
             let screen = self.run(&["capture-pane", "-p"]);
@@ -51,7 +51,7 @@ impl<'a> Tmux<'a> {
         })
     }
 
-    /// Whether the program has the terminal's other screen.
+    /// Whether the program uses the terminal's alternate screen.
     fn is_on_other_screen(&self) -> bool {
         self.run(&["display-message", "-p", "#{alternate_on}"]).trim() == "1"
     }
@@ -70,7 +70,7 @@ impl<'a> Tmux<'a> {
         kill_process(pid, Signal::TERM).unwrap();
     }
 
-    /// Settings of the terminal, written by the shell in it.
+    /// Settings of the terminal, written by its shell.
     fn settings(&self, name: &str) -> String {
         let path = self.testbed.path(name);
         self.line(&format!("stty -a > {}; echo told $?", path.display()));
@@ -142,7 +142,7 @@ fn without_an_instance_or_a_terminal_the_remedy_is_reported() {
     assert!(!tmux.is_on_other_screen());
 }
 
-/// A closed window sends no key: the monitor detects it and ends.
+/// A closed window does not send a key: the monitor detects it and ends.
 #[test]
 fn a_monitor_whose_terminal_is_closed_ends() {
     let testbed = Testbed::new("monitor-closed");

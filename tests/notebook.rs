@@ -1,4 +1,4 @@
-//! The notebook of the first hour, executed cell by cell.
+//! The notebook for new users, executed cell by cell.
 
 use crate::common::sources::root;
 use crate::common::{Testbed, peers, stderr};

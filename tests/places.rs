@@ -8,7 +8,7 @@ use oqtal_bus::topic::TELEMETRY;
 use oqtal_bus::transport::{Subscribe, Transport};
 use rustix::process::Signal;
 
-/// All orders in which three processes can be started.
+/// All start orders of three processes.
 const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
 
 /// Starts the processes in the given order and waits until the daemon is in the state Nominal.
@@ -40,7 +40,7 @@ fn f32_processes_find_each_other_in_whatever_order_they_start() {
     }
 }
 
-/// All orders in which four processes can be started.
+/// All start orders of four processes.
 fn orders_of_four() -> Vec<[usize; 4]> {
     let mut orders = Vec::new();
     for order in ORDERS {
@@ -57,7 +57,7 @@ fn orders_of_four() -> Vec<[usize; 4]> {
 fn f32_a_daemon_finds_cameras_vehicle_and_bridge_in_all_24_orders() {
     let orders = orders_of_four();
     assert_eq!(orders.len(), 24);
-    // The short version has each pair in either order; `TEST_LONG=1` has all orders.
+    // The short version has each pair in both orders; `TEST_LONG=1` has all orders.
     let is_long = std::env::var_os("TEST_LONG").is_some();
     let step = if is_long { 1 } else { 7 };
     for order in orders.into_iter().step_by(step) {
@@ -76,7 +76,7 @@ fn f32_a_daemon_finds_cameras_vehicle_and_bridge_in_all_24_orders() {
             running[k] = Some(testbed.start(&commands[k]));
         }
         wait_for(&format!("Nominal with the order {order:?}"), || {
-            // Without its port the bridge ends; the service manager starts it again.
+            // Without its port the bridge ends, and the service manager restarts it.
             let bridge = running[3].as_mut().unwrap();
             if !bridge.runs() {
                 running[3] = Some(testbed.start(&commands[3]));
@@ -107,15 +107,15 @@ fn f27_too_little_shared_memory_is_reported_at_the_start() {
     let testbed = Testbed::new("full");
     let daemon = testbed.oqtal(&["daemon", "run"]);
     let words: Vec<_> = daemon.get_args().map(ToOwned::to_owned).collect();
-    // A private mount for one process; the user namespace makes it possible without privileges.
+    // A private mount for one process; a user namespace makes it possible without privileges.
     let script = "mount -t tmpfs -o size=64k tmpfs /dev/shm && exec \"$0\" \"$@\"";
     let mut small = Command::new("unshare");
     small.args(["--map-root-user", "--mount", "sh", "-c", script]).arg(daemon.get_program());
     assert_refused(&small.args(words).output().unwrap(), 71, &["/dev/shm has 64 KiB free"]);
 }
 
-/// Runs in a private `/dev/shm` of the size `$1`: three processes and an observer that is stopped for two seconds while a file fills
-/// the rest. Prints the exit code of each process after it was asked to end.
+/// Runs in a private `/dev/shm` of the size `$1`: three processes, and an observer that is stopped for two seconds while a file
+/// fills the rest. Prints the exit code of each process after its end was requested.
 const FULL_MEMORY: &str = r#"
 set -e
 mount -t tmpfs -o size=$1 tmpfs /dev/shm

@@ -1,4 +1,4 @@
-//! The predictor's model of the vehicle agrees with the simulator where both have the same parameters and biases.
+//! The predictor's model of the vehicle agrees with the simulator if both have the same parameters and biases.
 
 use nalgebra::{Quaternion, Vector3, Vector4};
 use oqtal_config::{Config, Interface, Setting};
@@ -33,7 +33,7 @@ fn state(motion: &Motion) -> State {
     }
 }
 
-/// Integrates the equations of the simulator over 35 ms, in steps of a tenth of its own.
+/// Integrates the simulator's equations over 35 ms, in steps of a tenth of the simulator's.
 fn integrate(
     config: &Config,
     motion: &Motion,
@@ -86,7 +86,7 @@ proptest! {
     #[test]
     fn the_prediction_agrees_with_a_vehicle_that_holds_an_attitude(
         (velocity, turn, rate) in (vector(2.0), vector(1.0), vector(1.0)),
-        // Within the rate authority, at whose limit the demand has a kink.
+        // Within the rate authority; the demand has a kink at its limit.
         (left, thrust, thrust_n) in (vector(0.25), 0.0..1.0_f64, 0.0..20.0_f64),
         (drift, push) in (vector(0.1), vector(0.5)),
     ) {

@@ -1,5 +1,5 @@
-//! Tests that only root can execute: they become another user or create networks. Another user skips them, with a message. `.ci/run`
-//! executes them as root, and all others as an unprivileged user.
+//! Tests that only root can execute: they change users or create networks. They are skipped, with a message, for another user.
+//! `.ci/run` executes them as root, and all others as an unprivileged user.
 
 mod cables;
 mod neighbours;

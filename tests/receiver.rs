@@ -1,4 +1,4 @@
-//! The receiver as a process, with emulated camera systems at the other end of the network of this machine.
+//! The receiver as a process, with emulated camera systems on the loopback network.
 
 use std::io::{Read, Write};
 use std::net::{Ipv4Addr, TcpListener, UdpSocket};
@@ -43,7 +43,7 @@ fn f54_a_server_that_restarts_and_a_renamed_body_need_no_restart_of_the_receiver
         assert!(stamps.captured_at < stamps.pose_received_at);
         assert!(stamps.pose_received_at <= stamps.pose_published_at);
         drop(server);
-        // A body of another name is ignored.
+        // A body with another name is ignored.
         let renamed = Server::start(kind, port, &["--body", "other"]);
         wait_for("the message of a missing body", || {
             let text = std::fs::read_to_string(&log).unwrap();
@@ -89,7 +89,7 @@ fn f55_impossible_links_are_refused_with_a_remedy() {
     next_pose("poses of the first receiver", &mut poses);
 }
 
-/// A server that greets as QTM does, and refuses every version.
+/// Server that greets like QTM and refuses every version.
 fn serve_an_unknown_version(listener: &TcpListener) {
     let (mut stream, mut text) = (listener.accept().unwrap().0, Vec::new());
     QtmWriter::new(&mut text, ByteOrder::Little).command("QTM RT Interface connected");

@@ -12,7 +12,7 @@ use serde_json::Value;
 const HOVER: [&str; 6] =
     ["--trajectory", "hover", "--duration", "1", "--set", "trajectory.settle-s=0.5"];
 
-/// Runs `oqtal` with `words`, which must fail with this code and a message that contains `parts`.
+/// Runs `oqtal` with `words`; it must fail with this code and a message that contains `parts`.
 #[track_caller]
 fn fails(testbed: &Testbed, words: &[&str], code: i32, parts: &[&str]) {
     assert_refused(&testbed.study(words).output().unwrap(), code, parts);
@@ -22,7 +22,7 @@ fn json(text: &str) -> Value {
     serde_json::from_str(text).unwrap()
 }
 
-/// Replays the recording, which must agree bit for bit; returns the result.
+/// Replays the recording; it must agree bit for bit. Returns the result.
 fn replays(testbed: &Testbed, file: &str) -> Value {
     let result = json(&testbed.succeeds(&["replay", file, "--json"]));
     assert!(number(&result, "/ticks") > 60.0, "{result}");
@@ -131,7 +131,7 @@ fn two_recordings_are_compared_and_shown() {
     assert_eq!(line.lines().next().unwrap().split(' ').count(), 8);
 }
 
-/// Compares the contents of `d/flight.mcap` as `read` by another implementation with our own overview.
+/// Compares the content of `d/flight.mcap`, `read` by another implementation, with the program's overview.
 fn agrees_with_ours(testbed: &Testbed, read: &Value) {
     let ours = json(&testbed.succeeds(&["info", "d/flight.mcap", "--json"]));
     let counts = ours["topics"].as_object().unwrap().iter();
@@ -173,7 +173,7 @@ fn javascript_reads_every_message() {
     agrees_with_ours(&testbed, &read);
 }
 
-/// The history of the only daemon of a recording.
+/// History of the only daemon of a recording.
 fn history(path: &Path) -> DaemonHistory {
     let mut history = InputHistory::default();
     play(&RecordingFile::read(path).unwrap(), &mut history).unwrap();
@@ -190,7 +190,7 @@ fn a_recording_whose_writer_was_killed_is_read_up_to_its_last_chunk() {
         let testbed = Testbed::new("killed");
         let flying = testbed.start(&["fly", "--clock", "lockstep", "--out", "d"]);
         let path = testbed.path("d/flight.mcap");
-        // The size differs between kills, and from the size of a chunk.
+        // The size differs between kills, and differs from the size of a chunk.
         let size = 600_000 + kill * 217_131;
         let is_there =
             || std::fs::metadata(&path).is_ok_and(|file| file.len() > size).then_some(());
@@ -208,12 +208,12 @@ fn a_recording_whose_writer_was_killed_is_read_up_to_its_last_chunk() {
 #[test]
 fn a_file_that_cannot_grow_is_reported_and_the_flight_lands() {
     let testbed = Testbed::new("full");
-    // In one process: shared memory would exceed the limit.
+    // In-process, since shared memory would exceed the limit.
     let recorded = ["--clock", "in-process", "--set", "record.flights=all", "--out", "d"];
     let words = [&["fly"], &HOVER[..], &recorded[..]].concat();
     let command = testbed.oqtal(&words);
     let arguments: Vec<_> = command.get_args().collect();
-    // A limit on the size of files acts as a full disk; its signal is ignored.
+    // A limit on file size acts like a full disk; its signal is ignored.
     let script = "trap '' XFSZ; ulimit -f 800; exec \"$0\" \"$@\"";
     let output = Command::new("bash")
         .args(["-c", script, env!("CARGO_BIN_EXE_oqtal")])
@@ -241,7 +241,7 @@ fn a_service_is_recorded_over_several_files_without_a_gap() {
         _ => testbed.path(&format!("r.{number}.mcap")),
     };
     let files = || (1..).take_while(|number| name(*number).exists()).count();
-    // The start of the daemon depends on the machine; two files later it has flown through one.
+    // The start time of the daemon varies; two files later it has flown throughout one.
     let begun = files();
     wait_for("three more files", || (files() >= begun + 3).then_some(()));
     recording.signal(Signal::INT);

@@ -1,4 +1,4 @@
-//! Recordings in every format, played to their end under every clock.
+//! Recordings in every format, played to their end with every clock.
 
 use crate::common::{Testbed, number, wait_for};
 use oqtal_bus::message::{CommandV1, Stamps};
@@ -59,7 +59,7 @@ fn every_format_is_played_alike_by_every_clock() {
     assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
 }
 
-/// A recording of a vehicle at rest with poses at the given times \[ms\].
+/// Recording of a vehicle at rest with poses at the given times \[ms\].
 fn seen_at(millis: impl Iterator<Item = u64>) -> String {
     let rows = millis.map(|t| {
         let noise = 1e-6 * (t % 97) as f64;

@@ -1,9 +1,9 @@
-//! Results that `oqtal reproduce`, `campaign` and `tune` must show, read from their JSON output.
+//! Required results of `oqtal reproduce`, `campaign` and `tune`, from their JSON output.
 
 use crate::common::{Testbed, assert_refused, stderr};
 use serde_json::Value;
 
-/// Runs `oqtal` with the given arguments and returns the document that it prints.
+/// Runs `oqtal` with the given arguments and returns its JSON document.
 fn printed(testbed: &Testbed, words: &[&str]) -> Value {
     serde_json::from_str(&testbed.succeeds(words)).unwrap()
 }
@@ -17,7 +17,7 @@ fn rows(table: &Value) -> &Vec<Value> {
     table["rows"].as_array().expect("a table has rows")
 }
 
-/// The row of a law whose settings contain `settings`.
+/// Row of a law whose settings contain `settings`.
 fn row<'a>(table: &'a Value, controller: &str, variant: &str, settings: &str) -> &'a Value {
     let text = |row: &Value, key: &str| row[key].as_str().unwrap_or_default().to_owned();
     let matches = |row: &&Value| {

@@ -10,7 +10,7 @@ fn study(testbed: &Testbed, threads: &str, words: &[&str]) -> Vec<u8> {
     output.stdout
 }
 
-/// The words of a line, split as by a shell; only single quotes are supported.
+/// Words of a line, split as by a shell; only single quotes are supported.
 fn words(line: &str) -> Vec<String> {
     let mut words = vec![String::new()];
     let mut is_quoted = false;

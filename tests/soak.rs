@@ -1,5 +1,5 @@
-//! Soak: all processes in real time, flown again and again while processes are stopped, killed and started again and topics
-//! fail, by a seed. OQTAL_TEST_SOAK_S sets the duration \[s\], OQTAL_TEST_SOAK_SEED the seed.
+//! Soak test: all processes fly in real time, repeatedly, while a seeded sequence of events stops, kills and restarts processes
+//! and makes topics fail. OQTAL_TEST_SOAK_S sets the duration \[s\], OQTAL_TEST_SOAK_SEED the seed.
 
 mod laboratory;
 mod resources;
@@ -14,16 +14,16 @@ use oqtal_bus::code::{Mode, OperatorCommand, SafetyState};
 use resources::ResourceRecord;
 use watch::Watch;
 
-/// Time-out of a take-off and of a landing \[ticks\]; then the flight is stopped, as by an operator.
+/// Time-out of a take-off and of a landing \[ticks\], after which the flight is stopped as by an operator.
 const TIMEOUT_TICKS: u64 = 900;
-/// Number of flights from which on a third of them must get into the air.
+/// Number of flights above which at least a third of them must take off.
 const FEW_FLIGHTS: u64 = 5;
-/// Number of flights from which on every kind of end and disturbance must occur.
+/// Number of flights above which every kind of end and disturbance must have occurred.
 const MANY_FLIGHTS: u64 = 20;
-/// Ticks after which processes have released the resources of a dead one.
+/// Number of ticks after which processes have released the resources of a dead one.
 const SETTLING_TICKS: u64 = 60;
 
-/// Outcomes of the flights, and disturbances.
+/// Number of outcomes of the flights, and of disturbances.
 #[derive(Debug, Default)]
 struct Count {
     /// Flights that took off.
@@ -35,8 +35,8 @@ struct Count {
     stops: u32,
 }
 
-/// Waits until `is_over`, at most `ticks` ticks of the daemon; returns false after them. A daemon without ticks fails the test after
-/// its usual time-out.
+/// Waits until `is_over`, for at most `ticks` ticks of the daemon; returns false after them. A daemon without ticks fails the
+/// test after its usual time-out.
 fn until(watch: &mut Watch, ticks: u64, mut is_over: impl FnMut(&Watch) -> bool) -> bool {
     let (began, first) = (Instant::now(), watch.ticks);
     loop {
@@ -61,7 +61,7 @@ fn fly_on(watch: &mut Watch, random: &mut Random) {
     }
 }
 
-/// Kills a process and starts it again, or stops it for up to half a second.
+/// Kills and restarts a process, or stops it for up to half a second.
 fn disturb(laboratory: &mut Laboratory, random: &mut Random, count: &mut Count) {
     let process = random.below(PROCESSES.len() as u64) as usize;
     if random.one_in(2) {
@@ -124,7 +124,7 @@ fn processes_that_are_stopped_killed_and_fed_with_garbage_keep_the_invariants() 
         flight(&mut laboratory, &mut watch, &mut random, &mut count);
         flights += 1;
         watch.assert_sound();
-        // Some are stopped before they are in the air, by poses that failed.
+        // Some are stopped by failed poses before take-off.
         let enough = if flights < FEW_FLIGHTS { 0 } else { flights / 3 };
         assert!(count.flown >= enough, "{flights} flights: {count:?}");
     }

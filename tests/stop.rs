@@ -1,4 +1,4 @@
-//! An operator's stop that bypasses a daemon which cannot execute it: real processes, real signals.
+//! An operator's stop that bypasses a daemon unable to execute it: real processes, real signals.
 
 use crate::common::obedience::MotorWatch;
 use crate::common::{Running, Testbed, assert_refused, json, signal, state_of, stderr, wait_for};
@@ -12,7 +12,7 @@ use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use rustix::process::Signal;
 use serde_json::Value;
 
-/// Runs `oqtal ctl stop --json`; returns its exit code and what it printed.
+/// Runs `oqtal ctl stop --json`; returns its exit code and its output.
 fn stop(testbed: &Testbed) -> (Option<i32>, Value, String) {
     let output = testbed.oqtal(&["ctl", "stop", "--json"]).output().unwrap();
     let answer = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
@@ -116,7 +116,7 @@ fn a_stop_without_a_vehicle_is_reported_and_waits_for_it() {
     let (code, answer, message) = stop(&testbed);
     assert_eq!(code, Some(75), "{message}");
     assert_eq!((&answer["vehicle_obeys"], &answer["daemon_obeys"]), (&false.into(), &true.into()));
-    // A vehicle that comes later is stopped until the daemon, which commands "disarmed", lifts the stop.
+    // A vehicle started later is stopped until the daemon's "disarmed" lifts the stop.
     let mut vehicles = bus.observer(&VEHICLE).unwrap();
     let _plant = testbed.start(&["plant-sim", "run"]);
     until(&mut vehicles, "the stop", |vehicle| vehicle.stopped == 1);
@@ -135,7 +135,7 @@ fn in_lockstep_a_stop_waits_for_virtual_time_to_advance() {
         (tick.mode == Mode::Flying.code()).then_some(header.origin().process())
     });
     signal(daemon, Signal::STOP);
-    // The daemon stands still within its turn; the virtual time of the others ends there.
+    // The daemon is suspended within its turn; the virtual time of the others ends there.
     wait_for("the stand-still", || (state_of(daemon) == Some('T')).then_some(()));
     let (code, _, message) = stop(&testbed);
     signal(daemon, Signal::CONT);
@@ -169,7 +169,7 @@ fn stop_and_land_need_no_valid_configuration() {
         let (code, message) = run("stop");
         assert_eq!(code, Some(0), "{words:?} {variables:?}: {message}");
         assert!(message.contains("warning: ") && message.contains(testbed.instance()), "{message}");
-        // Every other command refuses a configuration with errors.
+        // Every other command refuses an invalid configuration.
         assert_eq!(run("status").0, Some(78), "{words:?} {variables:?}");
     }
     let land = testbed.oqtal(&["ctl", "land", "--config", &half]).output().unwrap();
@@ -194,7 +194,7 @@ fn answers_to_an_operator_state_the_result_and_arming_is_allowed_while_the_vehic
     let (code, said) = ctl("stop");
     assert_eq!(code, Some(0), "{said}");
     assert!(said.starts_with("stopped: motors off"), "{said}");
-    // The vehicle falls from its height: arming waits for it.
+    // The vehicle falls from its height; arming waits for the end of the fall.
     let (code, said) = ctl("arm");
     assert_eq!(code, Some(0), "{said}");
     assert!(said.contains("armed, the flight has begun; flying"), "{said}");

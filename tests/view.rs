@@ -1,4 +1,4 @@
-//! The page of `oqtal view`: in a browser, with ten pages open, and with bad arguments.
+//! The page of `oqtal view`: in a browser, with ten open pages, and with invalid arguments.
 //!
 //! The browser is Chromium, driven by `tests/peers/view_page.js`: `OQTAL_PEERS_NODE` names a folder with the packages of
 //! `tests/peers/package.json`, `OQTAL_PEERS_CHROMIUM` the program if it is not in the search path. `.ci/run` installs both. Without
@@ -18,7 +18,7 @@ use serde_json::Value;
 const HOVER: [&str; 6] =
     ["--trajectory", "hover", "--duration", "1", "--set", "trajectory.settle-s=0.5"];
 
-/// A running `oqtal view`; ended when dropped.
+/// A running `oqtal view`; ended on drop.
 struct View {
     child: Child,
     address: SocketAddr,
@@ -166,7 +166,7 @@ fn a_truncated_recording_is_shown_and_one_of_another_version_is_refused() {
     signal(child.id(), Signal::TERM);
     child.wait().unwrap();
     assert!(first.contains("cut.mcap is cut off"), "{first}");
-    // The layout of the recording is a fact of its metadata: key, length, value.
+    // The layout of the recording is part of its metadata: key, length, value.
     let key = b"layout";
     let at = bytes.windows(key.len()).position(|part| part == key).unwrap() + key.len() + 4;
     bytes[at] = b'9';
@@ -174,7 +174,7 @@ fn a_truncated_recording_is_shown_and_one_of_another_version_is_refused() {
     fails(&testbed, &["other.mcap"], 76, &[env!("CARGO_PKG_VERSION"), "layout"]);
 }
 
-/// A page that reads its updates until the server ends, and counts them.
+/// Page that reads its updates until the server ends, and counts them.
 fn reader(address: SocketAddr, updates: &Arc<AtomicU64>) {
     let mut stream = TcpStream::connect(address).unwrap();
     write!(stream, "GET /live HTTP/1.1\r\nHost: {address}\r\n\r\n").unwrap();
@@ -188,7 +188,7 @@ fn reader(address: SocketAddr, updates: &Arc<AtomicU64>) {
     });
 }
 
-/// Two flights in real time, side by side: alone, and with ten pages open.
+/// Two flights in real time: alone, and with ten open pages.
 #[test]
 fn ten_pages_do_not_disturb_the_loop() {
     let study_s = std::env::var("VIEW_STUDY_S").ok();
@@ -217,7 +217,7 @@ fn ten_pages_do_not_disturb_the_loop() {
     let seconds = number(&watched, "/duration_s");
     println!("updates of each page in {seconds:.1} s: {updates:?}");
     assert!(updates.iter().all(|count| *count > 0), "{updates:?}");
-    // Only a study has the machine for itself.
+    // Only a study runs on an otherwise idle machine.
     if study_s.is_some() {
         assert_eq!(misses(&watched), 0.0);
         assert!(hop(&watched, WHOLE) <= 1.1 * hop(&alone, WHOLE));

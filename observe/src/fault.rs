@@ -48,7 +48,7 @@ impl AppliedDisturbance {
     }
 }
 
-/// Those of `periods` (name, beginning and end after arming \[s\]) that began before the end of `flight`, in order; an end after
+/// Periods (name, beginning and end after arming \[s\]) that began before the end of `flight`, in order; an end after
 /// the flight is omitted.
 fn begun(
     flight: &Flight,

@@ -1,4 +1,4 @@
-//! A bridge before an emulated vehicle, and commands in place of a daemon's.
+//! A bridge in front of an emulated vehicle, with test commands in place of a daemon.
 
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::Actuation;
@@ -72,7 +72,7 @@ impl Commander {
         sequence
     }
 
-    /// Sends `command` at the loop's rate until `done` returns something.
+    /// Sends `command` at the loop's rate until `done` returns a value.
     pub fn until<T>(
         &mut self,
         what: &str,
@@ -100,7 +100,7 @@ pub fn is_zero(setpoint: &ControlInput) -> bool {
     *setpoint == ControlInput::ZERO_SETPOINT
 }
 
-/// A flight with running motors, whose vehicle follows commands.
+/// Flight with running motors, whose vehicle follows commands.
 pub fn airborne(name: &str) -> (BridgeFlight, Commander) {
     let mut flight = BridgeFlight::new(name, Manner::Answering);
     let mut commander = Commander::new(&flight.bus);

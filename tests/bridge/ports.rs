@@ -8,7 +8,8 @@ use super::vehicle::{Manner, PtyVehicle};
 use crate::common::{Testbed, assert_refused, peers, skipped, stderr};
 use oqtal_wire::asctec::ControlInput;
 
-/// Starts the independent reader with `words`, by the interpreter `OQTAL_PEERS_PYTHON`, which must then exist, or by `python3`.
+/// Starts the independent reader with the arguments `words`, using the interpreter `OQTAL_PEERS_PYTHON`, which must then exist,
+/// or `python3`.
 fn independent_reader(words: &[&str]) -> Option<Child> {
     let script = peers::script_path("asctec_reader.py");
     let named = std::env::var_os("OQTAL_PEERS_PYTHON");
@@ -73,7 +74,7 @@ fn an_independent_reader_sees_valid_zero_set_points_at_sixty_hertz_without_a_dae
     assert_eq!(seen["strange_bytes"], 0, "{seen}");
     assert_eq!(seen["zero_setpoints"], 300, "{seen}");
     assert_eq!(seen["stops"], 0, "{seen}");
-    // 8 polls a second on 60 frames: 40 on 300.
+    // 8 polls per second on 60 frames: 40 in 300 frames.
     assert!((35..=45).contains(&seen["polls"].as_u64().unwrap()), "{seen}");
     let gap = seen["median_gap_ms"].as_f64().unwrap();
     assert!((gap - 16.667).abs() < 1.0, "{seen}");
@@ -112,7 +113,7 @@ fn a_port_without_permission_is_reported() {
     let mut command =
         testbed.oqtal(&["bridge", "run", "--link", &format!("asctec:{}", device.display())]);
     if rustix::process::geteuid().is_root() {
-        // Root may open everything: the bridge runs as another user, with a root directory of its own.
+        // Root may open everything, so the bridge runs as another user, with a separate root directory.
         use std::os::unix::process::CommandExt;
         let root = tempfile::tempdir().unwrap();
         std::os::unix::fs::chown(root.path(), Some(65534), Some(65534)).unwrap();
@@ -132,7 +133,7 @@ fn f25_a_second_bridge_is_refused_and_the_first_continues() {
     let flight = BridgeFlight::new("second-bridge", Manner::Answering);
     let link = flight.vehicle.link();
     refused(&flight.testbed, &["run", "--link", &link], 75, &["vehicle", "already has a writer"]);
-    // Another instance shares nothing with the first but the port.
+    // Another instance shares only the port with the first.
     let other = Testbed::new("other-bridge");
     refused(&other, &["run", "--link", &link], 75, &["used by another process"]);
     assert!(flight.setpoints(10).iter().all(is_zero));

@@ -1,4 +1,4 @@
-//! An emulated vehicle at the other end of a pseudo-terminal: reads frames, answers status requests, and has motors with a switch.
+//! Emulated vehicle at the far end of a pseudo-terminal: reads frames, answers status requests, and has motors with a switch.
 
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
@@ -26,13 +26,13 @@ const SWITCH_FRAMES: u32 = 10;
 pub enum Manner {
     /// Answers every frame.
     Answering,
-    /// Reads frames without an answer.
+    /// Reads frames without answering.
     Silent,
-    /// Sends noise in place of answers.
+    /// Sends noise instead of answers.
     Noise,
 }
 
-/// Frames that the vehicle has received.
+/// Log of the frames received by the vehicle.
 #[derive(Clone, Debug, Default)]
 pub struct VehicleLog {
     /// Every set-point.
@@ -46,7 +46,7 @@ pub struct VehicleLog {
     pub motors_run: bool,
 }
 
-/// The vehicle, and the thread that runs it.
+/// The vehicle and its thread.
 pub struct PtyVehicle {
     log: Arc<Mutex<VehicleLog>>,
     manner: Arc<AtomicU8>,
@@ -56,14 +56,14 @@ pub struct PtyVehicle {
 }
 
 impl PtyVehicle {
-    /// Starts a vehicle whose port is at `link`.
+    /// Starts a vehicle with its port at `link`.
     pub fn new(link: &Path, manner: Manner) -> Self {
         let master =
             openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
         grantpt(&master).unwrap();
         unlockpt(&master).unwrap();
         let name = ptsname(&master, Vec::new()).unwrap().into_string().unwrap();
-        // Held open, so that the terminal outlasts a bridge that closes the port.
+        // Kept open, so that the terminal outlives a bridge that closes the port.
         let slave = File::options().read(true).write(true).open(&name).unwrap();
         raw(&slave);
         let _ = std::fs::remove_file(link);

@@ -19,7 +19,7 @@ const INTERVAL: Duration = Duration::from_millis(1);
 /// Number of frames after which the list of bodies changes \[-\].
 const CHANGE: u32 = 20;
 
-/// Starts a server of `kind` in a thread, which ends with its client; the address.
+/// Starts a server of `kind` in a thread that ends with its client; returns the address.
 pub fn serve(kind: &'static str) -> SocketAddr {
     let any = (Ipv4Addr::LOCALHOST, 0);
     if kind == "natnet" {
@@ -46,7 +46,7 @@ fn names(number: u32) -> Option<[&'static str; 2]> {
     }
 }
 
-/// Calls `step` with each frame, and with the new list of bodies where it changes.
+/// Calls `step` with each frame, and with the new list of bodies when it changes.
 fn play(mut step: impl FnMut(&MotionFrame<'_>, Option<[&str; 2]>) -> Option<()>) {
     let pose = RigidPose::new([0.1, 0.2, 1.0], [0.0, 0.0, 0.0, 1.0]);
     let bodies = [BodySample { pose, residual_m: 0.0 }; 2];
@@ -93,7 +93,7 @@ fn serve_qtm(mut stream: TcpStream) {
         let count = read(&mut stream, &mut buffer)?;
         if let Some(names) = changed {
             host = QtmHost::new(parameters(names));
-            // The client asks for the parameters.
+            // The client requests the parameters.
             QtmWriter::new(&mut out, ByteOrder::Little).event(QtmEvent::CaptureStarted);
         }
         session.receive(&buffer[..count], &mut host, Some(frame), &mut out).unwrap();
@@ -166,7 +166,7 @@ fn serve_natnet(socket: &UdpSocket) {
         let mut datagrams = vec![out, Vec::new()];
         server.write_frame(frame, Some(to), &mut datagrams[1]);
         if let Some(names) = changed {
-            // Also the answer to a repeated request.
+            // Sent again, as the answer to a repeated request.
             datagrams.extend(info.clone());
             let mut definitions = Vec::new();
             let models = ModelDefinitions { bodies: bodies(names), incomplete: false };

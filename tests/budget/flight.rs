@@ -1,4 +1,4 @@
-//! A flight in one process, in which each turn of the daemon is passed to a callback.
+//! In-process flight that passes each turn of the daemon to a callback.
 
 use oqtal_bus::code::{Mode, OperatorCommand};
 use oqtal_bus::memory::{MemoryBus, MemoryReader};
@@ -19,7 +19,8 @@ use oqtal_runtime::virtual_clock::{TurnResult, VirtualClock};
 /// Longer than take-off, square and landing together.
 const LENGTH_S: f64 = 40.0;
 
-/// Flies the square under `law` and passes each turn of the daemon, telemetry included, to `count`; returns the armed ticks.
+/// Flies the square under `law` and passes each turn of the daemon, including its telemetry, to `count`; returns the number of
+/// armed ticks.
 pub fn fly(law: &str, resolve: &str, mut count: impl FnMut(&mut dyn FnMut())) -> u64 {
     let mut settings = vec![Setting::flag("test", "control.controller", law)];
     // The other laws lack this key.
@@ -48,7 +49,7 @@ struct Flight {
     plant: PlantTurn<MemoryBus>,
     cameras: PoseTurn<MemoryBus, EmulatedCameras<MemoryBus>>,
     daemon: DaemonTurn<MemoryBus>,
-    /// Kept open: a closed hand-off accepts no status.
+    /// Kept open: a closed hand-off does not accept a status.
     _requests: OperatorRequests,
     telemetry: MemoryReader<TelemetryV1>,
     armed_ticks: u64,

@@ -5,9 +5,9 @@ use oqtal_control::controller::ControllerName;
 
 use crate::common::random::Random;
 
-/// The settings of the flight with this seed.
+/// Settings of the flight with this seed.
 pub fn flight(seed: u64) -> Vec<String> {
-    // Separates neighbouring seeds, whose states would otherwise be one step of the generator apart.
+    // Separates neighbouring seeds, whose states would otherwise differ by one step of the generator.
     let random = &mut Random(seed << 32);
     let mut settings = vec![
         format!("clock.seed={seed}"),
@@ -36,7 +36,7 @@ pub fn flight(seed: u64) -> Vec<String> {
     settings
 }
 
-/// A fence of five to nine corners around the path of every flight, within reach in the wind.
+/// A fence with five to nine corners around the path of every flight, close enough to be reached in wind.
 fn polygon(random: &mut Random) -> String {
     let corners = 5 + random.below(5);
     let corner = |k: u64| {
@@ -59,7 +59,7 @@ fn wind(random: &mut Random) -> Vec<String> {
     ]
 }
 
-/// A battery that is empty during the flight.
+/// A battery that becomes empty during the flight.
 fn weak_battery(random: &mut Random) -> Vec<String> {
     vec![
         "plant.battery.sag=true".to_owned(),
@@ -91,7 +91,7 @@ fn fault(random: &mut Random) -> String {
     }
 }
 
-/// The kind, with a valid magnitude.
+/// Value for this kind, with a valid magnitude.
 fn value(kind: FaultKind, target: FaultTarget, random: &mut Random) -> String {
     let magnitude = match (kind, target) {
         (FaultKind::Wrong, FaultTarget::Pose) if random.one_in(2) => {
@@ -110,7 +110,7 @@ fn value(kind: FaultKind, target: FaultTarget, random: &mut Random) -> String {
     format!("{}{magnitude}", kind.name())
 }
 
-/// Distances \[m\] and shares of outliers: all combinations in the study; otherwise one of them for each seed, and two difficult ones:
+/// Distances \[m\] and shares of outliers: all combinations in the study; otherwise one of them per seed, and two difficult ones:
 /// at the border of the gate, and small and frequent.
 pub fn outliers(seed: u64) -> Vec<(f64, f64)> {
     let all = [0.05, 0.14, 0.3, 1.0].into_iter().flat_map(|d| [0.01, 0.05, 0.2].map(|p| (d, p)));

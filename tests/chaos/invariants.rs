@@ -6,15 +6,15 @@ use oqtal_bus::time::Span;
 use oqtal_daemon::Fence;
 use oqtal_observe::flight::{Flight, FlightSample};
 
-/// Greatest time of running motors after the vehicle has tipped.
+/// Maximum time for which motors may run after the vehicle has tipped.
 const TIPPED_LIMIT: Span = Span::from_millis(500);
 
-/// The invariants that `flight` breaks, one line for each.
+/// Violations of the invariants in `flight`, one line each.
 pub fn violations(flight: &Flight) -> Vec<String> {
     [nonsense(flight), tipped(flight), outside(flight)].into_iter().flatten().collect()
 }
 
-/// The safety states worse than Nominal that the flight went through in the air.
+/// Safety states worse than Nominal in the air.
 pub fn states_of(flight: &Flight) -> Vec<String> {
     let mut states: Vec<u8> = flight.armed().map(|sample| sample.telemetry.state).collect();
     states.sort_unstable();
@@ -41,7 +41,7 @@ fn at(flight: &Flight, sample: &FlightSample) -> f64 {
     sample.telemetry.time.since(flight.origin()).seconds()
 }
 
-/// A command that is not finite or not within its range.
+/// Violation: a command that is not finite or out of range.
 fn nonsense(flight: &Flight) -> Option<String> {
     let wrong = flight.samples.iter().find(|sample| {
         let telemetry = &sample.telemetry;
@@ -52,7 +52,7 @@ fn nonsense(flight: &Flight) -> Option<String> {
     Some(format!("a command out of range at {:.3} s", at(flight, wrong)))
 }
 
-/// Motors that still run after the vehicle has tipped.
+/// Violation: motors that still run after the vehicle has tipped.
 fn tipped(flight: &Flight) -> Option<String> {
     let is_tipped = |sample: &&FlightSample| {
         sample.truth.is_some() && sample.attitude().to_world(&Vector3::z()).z < 0.0
@@ -69,7 +69,7 @@ fn tipped(flight: &Flight) -> Option<String> {
     ))
 }
 
-/// A powered vehicle beyond the hard border of the fence.
+/// Violation: a powered vehicle beyond the hard border of the fence.
 fn outside(flight: &Flight) -> Option<String> {
     let fence = Fence::new(&flight.config.fence);
     let away =

@@ -1,4 +1,4 @@
-//! Testbeds: each test has an instance, a root directory and an output directory of its own, so that tests run in parallel.
+//! Testbeds: each test has a separate instance, root directory and output directory, so that tests run in parallel.
 pub mod network;
 pub mod obedience;
 pub mod peers;
@@ -96,7 +96,7 @@ impl Testbed {
         String::from_utf8(output.stdout).unwrap()
     }
 
-    /// Runs `oqtal` on this testbed, which must fail with this exit code and a message that contains `parts`.
+    /// Runs `oqtal` on this testbed; it must fail with this exit code and a message that contains `parts`.
     #[track_caller]
     pub fn refuses(&self, words: &[&str], code: i32, parts: &[&str]) {
         assert_refused(&self.oqtal(words).output().unwrap(), code, parts);
@@ -107,7 +107,7 @@ impl Testbed {
         self.oqtal(&[&["fly"], words].concat()).output().unwrap()
     }
 
-    /// Runs `oqtal fly --json` with the given arguments, which must succeed; returns its summary.
+    /// Runs `oqtal fly --json` with the given arguments; it must succeed. Returns its summary.
     #[track_caller]
     pub fn summary(&self, words: &[&str]) -> Value {
         let output = self.fly(&[words, &["--json"]].concat());
@@ -115,7 +115,7 @@ impl Testbed {
         json(&output)
     }
 
-    /// Runs a flight as [`Self::summary`] does, which must land.
+    /// Runs a flight like [`Self::summary`]; it must land.
     #[track_caller]
     pub fn lands(&self, words: &[&str]) -> Value {
         let summary = self.summary(words);
@@ -139,7 +139,8 @@ impl Testbed {
         });
     }
 
-    /// Arms until the vehicle is in the air. While poses are late the daemon refuses or withdraws a flight: the operator arms again.
+    /// Arms until the vehicle is in the air. While poses are late the daemon refuses or withdraws a flight, and the operator arms
+    /// again.
     pub fn take_off(&self, bus: &Bus) {
         let mut telemetry = bus.observer(&TELEMETRY).unwrap();
         wait_for("flight", || {
@@ -151,7 +152,7 @@ impl Testbed {
         });
     }
 
-    /// Objects of this instance in shared memory.
+    /// Names of this instance in shared memory.
     pub fn remains(&self) -> Vec<String> {
         let prefix = format!("oqtal_{}_", self.instance);
         std::fs::read_dir("/dev/shm")
@@ -164,7 +165,7 @@ impl Testbed {
 
 impl Drop for Testbed {
     fn drop(&mut self) {
-        // Joins alone and removes what killed processes left.
+        // Joins as the only process and thereby removes files of killed processes.
         drop(self.bus());
     }
 }
@@ -192,7 +193,7 @@ impl Running {
         self::signal(self.id(), signal);
     }
 
-    /// Whether the process has not ended.
+    /// Whether the process is still running.
     pub fn runs(&mut self) -> bool {
         matches!(self.child.as_mut().unwrap().try_wait(), Ok(None))
     }
@@ -216,7 +217,7 @@ pub fn signal(pid: u32, signal: rustix::process::Signal) {
     rustix::process::kill_process(pid, signal).unwrap();
 }
 
-/// The state of a process as in /proc/PID/stat; `None` if the process does not exist.
+/// State of a process as in /proc/PID/stat; `None` if the process does not exist.
 pub fn state_of(pid: u32) -> Option<char> {
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
     stat.rsplit(')').next()?.trim().chars().next()
@@ -245,8 +246,8 @@ pub fn wait_for<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
     }
 }
 
-/// Reports that this test cannot run here, and why. The message bypasses the capture of the test's output, so that a skipped test does
-/// not look like a passed one.
+/// Reports that this test cannot run here, and the reason. The message bypasses the capture of the test's output, so that a
+/// skipped test is distinguishable from a passed one.
 pub fn skipped(reason: &str) {
     use std::io::Write as _;
     let test = std::thread::current().name().unwrap_or("a test").to_owned();
@@ -262,7 +263,7 @@ pub fn is_root() -> bool {
     is_root
 }
 
-/// Whether this user may mount file systems in a namespace of its own; reports that the test is skipped otherwise.
+/// Whether this user may mount file systems in a new namespace; reports that the test is skipped otherwise.
 pub fn has_namespaces() -> bool {
     let mut unshare = Command::new("unshare");
     unshare.args(["--map-root-user", "--mount", "--pid", "--fork", "true"]).stderr(Stdio::null());
@@ -277,7 +278,7 @@ pub fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// The JSON document that a process printed.
+/// JSON document printed by a process.
 #[track_caller]
 pub fn json(output: &Output) -> Value {
     serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{}", stderr(output)))
@@ -293,7 +294,7 @@ pub fn assert_refused(output: &Output, code: i32, parts: &[&str]) {
     }
 }
 
-/// Checks that the mean errors of a flight over a wire are those of the direct simulation, within 15 %.
+/// Checks that the mean errors of a flight over a wire equal those of the direct simulation within 15 %.
 #[track_caller]
 pub fn assert_as_good_as(wired: &Value, direct: &Value) {
     for error in ["position_error_m", "velocity_error_m_s", "attitude_error_deg"] {

@@ -5,7 +5,7 @@ use std::net::{Ipv4Addr, TcpListener, UdpSocket};
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU16, Ordering};
 
-/// An emulated camera system of one protocol; killed when dropped.
+/// Emulated camera system of one protocol; killed on drop.
 pub struct Server {
     child: Child,
     pub port: u16,
@@ -19,7 +19,7 @@ impl Server {
         Self::spawn(&mut command, port, kind)
     }
 
-    /// Starts `command`, whose first line is printed when the ports are open.
+    /// Starts `command`, which prints its first line once its ports are open.
     fn spawn(command: &mut Command, port: u16, kind: &'static str) -> Self {
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null());
         let mut child = command.spawn().unwrap();
@@ -29,7 +29,7 @@ impl Server {
         Self { child, port, kind }
     }
 
-    /// The link to the server; `rest` follows the address.
+    /// Link to the server; `rest` follows the address.
     pub fn link(&self, rest: &str) -> String {
         format!("{}:127.0.0.1:{}{rest}", self.kind, self.port)
     }
@@ -42,8 +42,8 @@ impl Drop for Server {
     }
 }
 
-/// A port that is free with the three after it. No test program gets the same one twice, and none is in the range from which the
-/// kernel takes the ports of sockets that ask for none.
+/// First of four consecutive free ports. No two test programs get the same one, and none is in the range of the kernel's
+/// ephemeral ports.
 pub fn free_port() -> u16 {
     static NEXT: AtomicU16 = AtomicU16::new(0);
     const FIRST: u16 = 12_000;
@@ -60,7 +60,7 @@ pub fn free_port() -> u16 {
     ports.find(|&port| (port..port + 4).all(is_free)).expect("free ports")
 }
 
-/// A network namespace for a server, behind a cable of two virtual ends; removed when dropped.
+/// Network namespace for a server, behind a virtual cable; removed on drop.
 pub struct Network {
     name: String,
     pub cable: String,
@@ -70,7 +70,7 @@ impl Network {
     const HERE: &str = "10.213.77.1/24";
     pub const THERE: &str = "10.213.77.2";
 
-    /// `None`, with a message, where network namespaces cannot be created.
+    /// `None`, with a message, if network namespaces cannot be created.
     pub fn new() -> Option<Self> {
         if !Self::is_allowed() {
             return None;
@@ -91,7 +91,7 @@ impl Network {
         Some(network)
     }
 
-    /// Whether this user may create network namespaces; a test fails if that is allowed and impossible.
+    /// Whether this user may create network namespaces; a test fails if it is permitted but impossible.
     fn is_allowed() -> bool {
         const NET_ADMIN: u64 = 1 << 12;
         const SYS_ADMIN: u64 = 1 << 21;
@@ -105,7 +105,7 @@ impl Network {
         true
     }
 
-    /// A network namespace without a cable: its processes reach only each other. `None`, with a message, where it cannot be created.
+    /// Network namespace without a cable: its processes reach only each other. `None`, with a message, if it cannot be created.
     pub fn alone() -> Option<Self> {
         if !Self::is_allowed() {
             return None;

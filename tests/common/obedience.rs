@@ -1,4 +1,4 @@
-//! Execution of an operator's orders, counted in commands at the vehicle and ticks of the daemon: no bound depends on the speed of
+//! Execution of operator commands, counted in commands at the vehicle and ticks of the daemon: no bound depends on the speed of
 //! the machine.
 
 use oqtal_bus::bus::Bus;
@@ -11,10 +11,10 @@ use oqtal_bus::transport::{Subscribe, Transport};
 
 use super::wait_for;
 
-/// Commands, and ticks, within which an order must be obeyed \[-\].
+/// Number of commands, and of ticks, within which an operator command must be executed \[-\].
 pub const PERIODS: u64 = 3;
 
-/// The reports of the vehicle since an order.
+/// Reports of the vehicle since an operator command.
 pub struct MotorWatch {
     commands: Reader<CommandV1>,
     vehicles: Reader<VehicleV1>,
@@ -26,13 +26,13 @@ impl MotorWatch {
         Self { commands, vehicles: bus.observer(&VEHICLE).unwrap() }
     }
 
-    /// Executes `order` and waits until the vehicle reports that its motors are off: no command that was published more than
-    /// [`PERIODS`] after the order keeps them running.
+    /// Executes `order` and waits until the vehicle reports that its motors are off. No command published more than [`PERIODS`]
+    /// after the order may keep them running.
     pub fn obeys(&mut self, order: impl FnOnce()) {
         let newest = wait_for("a command", || self.commands.latest().unwrap());
         while self.vehicles.receive().unwrap().is_some() {}
         order();
-        // Read after the order was given: it is later than this command at most.
+        // Read after the order was given, which is at the latest at this command.
         let newest = self.commands.latest().unwrap().unwrap_or(newest).0.sequence;
         wait_for("motors off", || {
             while let Some((_, vehicle)) = self.vehicles.receive().unwrap() {
@@ -50,7 +50,7 @@ impl MotorWatch {
     }
 }
 
-/// The ticks of the daemon around a request to land.
+/// Ticks of the daemon around a landing request.
 pub struct LandingWatch {
     inputs: Reader<InputV1>,
     telemetry: Reader<TelemetryV1>,
@@ -61,7 +61,7 @@ impl LandingWatch {
         Self { inputs: bus.observer(&INPUT).unwrap(), telemetry: bus.observer(&TELEMETRY).unwrap() }
     }
 
-    /// Waits for the landing that was requested: at most [`PERIODS`] ticks after the daemon received the request.
+    /// Waits for the requested landing: at most [`PERIODS`] ticks after the daemon received the request.
     pub fn lands(&mut self) {
         let taken_at: Time = wait_for("the request", || {
             let (_, input) = self.inputs.receive().unwrap()?;

@@ -1,12 +1,12 @@
-//! Interpreters of the independent implementations in `tests/peers`.
+//! Interpreters for the independent implementations in `tests/peers`.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use super::skipped;
 
-/// The Python interpreter with the packages of `requirements.txt`, which `OQTAL_PEERS_PYTHON` names, and a script for it; `None`, with
-/// a message, without that variable.
+/// Python interpreter with the packages of `requirements.txt`, named by `OQTAL_PEERS_PYTHON`, with a script; `None`, with a
+/// message, if the variable is not set.
 pub fn python(script: &str) -> Option<Command> {
     let Some(python) = std::env::var_os("OQTAL_PEERS_PYTHON") else {
         skipped("OQTAL_PEERS_PYTHON names no interpreter; .ci/run installs one");
@@ -17,8 +17,8 @@ pub fn python(script: &str) -> Option<Command> {
     Some(command)
 }
 
-/// Node.js with the packages of `package.json` in the directory that `OQTAL_PEERS_NODE` names, and a script for it; `None`, with a
-/// message, without that variable.
+/// Node.js with the packages of `package.json` in the directory named by `OQTAL_PEERS_NODE`, with a script; `None`, with a
+/// message, if the variable is not set.
 pub fn node(script: &str) -> Option<Command> {
     let Some(packages) = std::env::var_os("OQTAL_PEERS_NODE") else {
         skipped("OQTAL_PEERS_NODE names no directory of packages; .ci/run installs them");

@@ -12,7 +12,7 @@ impl Random {
         (mixed ^ (mixed >> 31)) % limit
     }
 
-    /// A number from `low` to `high`, in a thousand steps.
+    /// Number from `low` to `high`, with a resolution of a thousandth of the range.
     pub fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.below(1001) as f64 / 1000.0
     }
@@ -27,7 +27,7 @@ impl Random {
     }
 }
 
-/// The length of a study from an environment variable; `short` without one.
+/// Length of a study from an environment variable; `short` if it is not set.
 pub fn length(variable: &str, short: u64) -> u64 {
     match std::env::var(variable) {
         Ok(text) => text.parse().unwrap_or_else(|_| panic!("{variable}={text} is not a number")),

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 /// A Rust file of the workspace.
 pub struct Source {
-    /// Relative to the root, as in `bus/src/lib.rs`.
+    /// Path relative to the root, as in `bus/src/lib.rs`.
     pub path: String,
     pub text: String,
 }

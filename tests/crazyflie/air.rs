@@ -13,16 +13,16 @@ use oqtal_wire::link::RadioSpec;
 
 use crate::common::random::Random;
 
-/// Time of an exchange: two USB transfers of a full-speed device, 32 bytes each way at 2 Mbit/s, and turning round.
+/// Duration of an exchange: two USB transfers of a full-speed device, 32 bytes each way at 2 Mbit/s, and turn-around.
 const EXCHANGE: Span = Span::from_nanos(1_200_000);
-/// Time of a packet that is not acknowledged, between two settings of the radio.
+/// Duration of a packet without acknowledgement, between two settings of the radio.
 const BROADCAST: Span = Span::from_nanos(1_200_000);
-/// Further time of each repetition.
+/// Additional duration of each repetition.
 const REPETITION: Span = Span::from_nanos(500_000);
-/// Number of repetitions of a packet without an acknowledgement \[-\].
+/// Number of repetitions of an unacknowledged packet \[-\].
 const REPETITIONS: u32 = 3;
 
-/// Vehicles within reach of the radio, and the instant.
+/// Vehicles within range of the radio, and the present instant.
 #[derive(Debug)]
 pub struct Air {
     pub now: Time,
@@ -45,7 +45,7 @@ impl Air {
         Rc::new(RefCell::new(Self { now, vehicles, loss, random: Random(7) }))
     }
 
-    /// Lets time pass.
+    /// Advances the time.
     pub fn pass(&mut self, span: Span) {
         self.now = self.now + span;
         let now = self.now;
@@ -83,7 +83,7 @@ impl RadioDongle for EmulatedRadio {
         };
         for pose in poses.poses() {
             let is_lost = air.is_lost();
-            // All emulated vehicles have one address: the radio chooses among them.
+            // All emulated vehicles have the same address; the radio selects one.
             let alone = CrtpRequest::Pose(pose.pose()).packet();
             let vehicle = &mut air.vehicles[usize::from(pose.vehicle) - 1];
             if !is_lost {

@@ -37,7 +37,7 @@ pub struct Laboratory {
     estimates: Vec<[f64; 3]>,
 }
 
-/// The shipped Crazyflie in still air, without further delay behind its radio.
+/// The shipped Crazyflie in still air, without additional delay behind its radio.
 pub fn configuration() -> Config {
     let preset = Setting::flag("test", "vehicle.preset", "crazyflie-2.1");
     let mut config = Config::load(None, &[preset]).unwrap();
@@ -119,7 +119,7 @@ impl Laboratory {
         station.bridge.receive_bytes(now, reply.as_bytes(), &mut |note| notes.push(note));
     }
 
-    /// Passes command and pose to the bridge, and the packets of the bridge to the radio.
+    /// Passes command and pose to the bridge, and the bridge's packets to the radio.
     fn turn(&mut self, index: usize) {
         let now = self.air.borrow().now;
         if now.since(self.stations[index].commanded_at) >= PERIOD {
@@ -167,7 +167,7 @@ impl Laboratory {
         station.bridge.receive_pose(now, &header, &pose);
     }
 
-    /// Thrust towards a metre of height, no turn.
+    /// Thrust for a height of a metre, without rotation.
     fn hover(&self, truth: &TruthV1) -> CommandV1 {
         let vehicle = &self.config.vehicle;
         let wanted = 4.0 * (1.0 - truth.position[2]) - 3.0 * truth.velocity[2];

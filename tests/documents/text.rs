@@ -31,7 +31,7 @@ impl Table {
         self.head.iter().any(|name| name == column)
     }
 
-    /// Rows below the rule.
+    /// Rows below the header rule.
     pub fn rows(&self) -> impl Iterator<Item = Row> + '_ {
         self.rows.iter().skip(1).map(|cells| {
             assert_eq!(cells.len(), self.head.len(), "cells in {cells:?}");
@@ -56,7 +56,7 @@ fn cells(line: &str) -> Vec<String> {
     cells.into_iter().map(|cell| cell.trim().to_owned()).collect()
 }
 
-/// The text in backticks, outside code blocks.
+/// Texts in backticks, outside code blocks.
 pub fn quoted(text: &str) -> Vec<&str> {
     let prose = text.split("```").step_by(2);
     prose.flat_map(|part| part.split('`').skip(1).step_by(2)).collect()
@@ -75,19 +75,19 @@ pub fn links(text: &str) -> Vec<String> {
     markdown.chain(html).collect()
 }
 
-/// Whether `word` occurs with no letter, digit or underscore right after it.
+/// Whether `word` occurs without a letter, digit or underscore directly after it.
 pub fn has_word(text: &str, word: &str) -> bool {
     let ends = |rest: &str| !rest.starts_with(|c: char| c.is_alphanumeric() || c == '_');
     text.match_indices(word).any(|(at, _)| ends(&text[at + word.len()..]))
 }
 
-/// The text without line breaks and comment marks: a citation may continue on the next line.
+/// The text without line breaks and comment marks, since a citation may continue on the next line.
 fn joined(text: &str) -> String {
     let bare = |line: &str| line.trim().trim_start_matches(['/', '!']).trim().to_owned();
     text.lines().map(bare).collect::<Vec<_>>().join(" ")
 }
 
-/// The numbers at the head of a text, as in `(43), (70)` or `(8) to (12)`.
+/// Numbers at the beginning of a text, as in `(43), (70)` or `(8) to (12)`.
 pub fn numbers(list: &str) -> BTreeSet<u32> {
     let mut found = BTreeSet::new();
     let mut rest = list.trim_start();
@@ -108,21 +108,21 @@ pub fn numbers(list: &str) -> BTreeSet<u32> {
     found
 }
 
-/// The equations that a source cites.
+/// Equations cited by a source.
 pub fn cited_equations(source: &str) -> BTreeSet<u32> {
     let text = joined(source);
     let lists = text.split("Eq. ").skip(1).chain(text.split("Eqs. ").skip(1));
     lists.flat_map(numbers).collect()
 }
 
-/// The errata that a source cites.
+/// Errata cited by a source.
 pub fn cited_errata(source: &str) -> BTreeSet<String> {
     let text = joined(source);
     let lists = text.split("erratum ").skip(1).chain(text.split("errata ").skip(1));
     lists.flat_map(errata).collect()
 }
 
-/// The ids at the head of `E-45a, E-45b, as printed`.
+/// Ids at the beginning of a text, as in `E-45a, E-45b, as printed`.
 pub fn errata(list: &str) -> BTreeSet<String> {
     let id = |part: &str| -> Option<String> {
         let name = part.trim().strip_prefix("E-")?;

@@ -1,4 +1,4 @@
-//! Faults in the hover of each firmware, as a table: action, time of observation, expected observation.
+//! Table of faults in the hover of each firmware: action, observation time, expected observation.
 
 use std::path::Path;
 use std::time::Duration;
@@ -16,9 +16,9 @@ use super::flight::{BRIDGE, CAMERAS, DAEMON, FirmwareFlight, Seen};
 use super::program::Firmware;
 use crate::common::wait_for;
 
-/// Set-points with thrust that may reach a vehicle after its source of commands has ended \[-\].
+/// Maximum number of set-points with thrust that may reach a vehicle after its source of commands has ended \[-\].
 const MOST_OLD: usize = 4;
-/// The ground station of a pilot.
+/// Ground station of a pilot.
 const STATION: MavlinkAddress = MavlinkAddress { system: 250, component: 190 };
 
 /// Action on a flight.
@@ -28,7 +28,7 @@ type Action = fn(&mut FirmwareFlight);
 pub struct Fault {
     pub name: &'static str,
     pub begin: Action,
-    /// End of the fault: its time and action.
+    /// End of the fault: time and action.
     pub end: Option<(Duration, Action)>,
     pub watch: Duration,
     pub shows: fn(&Observation),
@@ -38,7 +38,7 @@ pub struct Fault {
 pub struct Observation {
     pub since: Time,
     pub seen: Seen,
-    /// Set-points with thrust that reached the vehicle since \[-\], and when the last one did.
+    /// Number of set-points with thrust that reached the vehicle since then \[-\], and the time of the last one.
     pub flying: usize,
     pub last_flying: Option<Time>,
 }
@@ -103,7 +103,7 @@ pub const FAULTS: [Fault; 6] = [
 pub const TAKEN_OVER: Fault = Fault {
     name: "pilot takes over",
     begin: |flight| {
-        // Modes that need no sticks: landing of ArduCopter, hold of PX4.
+        // Modes without sticks: landing of ArduCopter, hold of PX4.
         let (mode, sub_mode) = match kind(flight.firmware) {
             Some(AutopilotKind::ArduPilot) => (9, 0),
             _ => (4, 3),
@@ -136,7 +136,7 @@ pub const BATTERY: Fault = Fault {
     watch: Duration::from_secs(12),
     shows: |observed| {
         let landing = observed.seen.mode(Mode::Landing).expect("a landing");
-        // An autopilot with a failsafe of its own takes over, and lands by itself.
+        // An autopilot with its own failsafe takes over and lands.
         let another = ControlHolder::Another.code();
         let taken = observed.seen.report(|vehicle| vehicle.control == another);
         let end = taken.or(observed.seen.floor()).expect("a landing that ends");
@@ -145,13 +145,13 @@ pub const BATTERY: Fault = Fault {
 };
 
 impl Observation {
-    /// The daemon stopped for one of these causes.
+    /// Checks that the daemon stopped for one of these causes.
     fn stops(&self, causes: &[Cause]) {
         let (_, cause) = self.seen.state(SafetyState::Stop).expect("a Stop");
         assert!(causes.contains(&cause), "{cause:?}");
     }
 
-    /// The row of the table.
+    /// Row of the table.
     pub fn row(&self, firmware: &Firmware, fault: &str) -> String {
         let after = |at: Option<Time>| {
             at.map_or("–".to_owned(), |at| format!("{:.2}", at.since(self.since).seconds()))
@@ -176,7 +176,7 @@ impl Observation {
 /// Head of the table.
 pub const HEAD: &str = "| firmware | fault | set-points with thrust after it | last of them [s] | Stop [s] | reported off [s] | falls [s] | floor [s] | height in the end [m] |\n|---|---|---|---|---|---|---|---|---|";
 
-/// Flies `firmware` into the fault, prints the row of the table, and checks the observation.
+/// Flies `firmware` with the fault, prints the row of the table, and checks the observation.
 pub fn observe(firmware: &'static Firmware, path: &Path, fault: &Fault) {
     let lines = if fault.name == BATTERY.name { firmware.battery } else { &[] };
     let mut flight = FirmwareFlight::start(firmware, path, lines);
@@ -232,7 +232,7 @@ fn command(target: MavlinkAddress, kind: CommandKind) -> MavlinkContent {
     MavlinkContent::Command(VehicleCommandLong { target, kind, confirmation: 0 })
 }
 
-/// Sends the autopilot a message of another ground station.
+/// Sends a message of another ground station to the autopilot.
 fn send(flight: &FirmwareFlight, content: impl Fn(MavlinkAddress) -> MavlinkContent) {
     let target = MavlinkAddress { system: 1, component: MavlinkAddress::AUTOPILOT };
     let wire = MavlinkEncoder::new(STATION).encode(&content(target)).unwrap();

@@ -1,4 +1,4 @@
-//! A firmware in the air: the processes that fly it, the relay between them, and an observer of both.
+//! A flying firmware: the processes that fly it, the relay between them, and an observer of both.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -17,7 +17,7 @@ use super::program::{Firmware, FirmwareProcess};
 use super::relay::Relay;
 use crate::common::{Running, Testbed, wait_for};
 
-/// The processes, in the order in which they are started.
+/// Processes, in start order.
 pub const PROCESSES: [&str; 4] = ["plant-sim", "mocap-emu", "daemon", "bridge"];
 pub const CAMERAS: usize = 1;
 pub const DAEMON: usize = 2;
@@ -30,7 +30,7 @@ pub struct Seen {
     pub truths: Vec<TruthV1>,
     pub reports: Vec<(Time, VehicleV1)>,
     pub ticks: Vec<TelemetryV1>,
-    /// Stamps of every command that was handed to the port.
+    /// Stamps of every command handed to the port.
     pub stamps: Vec<Stamps>,
 }
 
@@ -48,7 +48,7 @@ pub struct FirmwareFlight {
 }
 
 impl FirmwareFlight {
-    /// Starts `firmware` and everything that flies it, with these further lines of configuration.
+    /// Starts `firmware` and all processes, with these additional lines of configuration.
     pub fn start(firmware: &'static Firmware, path: &Path, lines: &[&str]) -> Self {
         let testbed = Testbed::new("firmware");
         let directory = testbed.path("firmware");
@@ -85,7 +85,7 @@ impl FirmwareFlight {
         }
     }
 
-    /// Requests a flight until it is granted, and waits until the vehicle hovers.
+    /// Requests a flight until it is accepted, and waits until the vehicle hovers.
     pub fn take_off(&mut self) {
         wait_for("a vehicle", || self.newest_report().filter(|vehicle| vehicle.link == 1));
         std::thread::sleep(self.firmware.boot);
@@ -166,18 +166,18 @@ impl Drop for FirmwareFlight {
 }
 
 impl Seen {
-    /// First instant at which the daemon was in a state of at least this severity, and why.
+    /// First instant at which the daemon was in a state of at least this severity, and the cause.
     pub fn state(&self, at_least: SafetyState) -> Option<(Time, Cause)> {
         let tick = self.ticks.iter().find(|tick| tick.state >= at_least.code())?;
         Some((tick.time, Cause::from_code(tick.cause).unwrap_or(Cause::None)))
     }
 
-    /// First instant at which the daemon flew in this mode.
+    /// First instant at which the daemon was in this mode.
     pub fn mode(&self, mode: Mode) -> Option<Time> {
         self.ticks.iter().find(|tick| tick.mode == mode.code()).map(|tick| tick.time)
     }
 
-    /// First instant of a fall: downward acceleration of half of gravity, over 50 ms.
+    /// First instant of a fall: downward acceleration of half of gravity over 50 ms.
     pub fn fall(&self) -> Option<Time> {
         let window = Span::from_millis(50);
         let falls = |truth: &&TruthV1| {

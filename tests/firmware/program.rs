@@ -1,4 +1,4 @@
-//! Firmware executed as a program, in a network of its own, since some programs listen on every address of the machine.
+//! Firmware executed as a program in a separate network, since some programs listen on every address of the machine.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -7,31 +7,31 @@ use std::time::Duration;
 use super::relay::RelayPorts;
 use crate::common::skipped;
 
-/// A firmware and its start.
+/// Description of a firmware and of its start.
 pub struct Firmware {
     pub name: &'static str,
-    /// Variable of the environment with the path of the program.
+    /// Environment variable with the path of the program.
     pub variable: &'static str,
     /// Preset of the vehicle.
     pub preset: &'static str,
-    /// Link of the vehicle, as the bridge opens it.
+    /// Link of the vehicle for the bridge.
     pub link: &'static str,
-    /// The same through a relay, and the addresses of that.
+    /// Link through a relay, and the relay's addresses.
     pub relayed_link: &'static str,
     pub ports: RelayPorts,
-    /// Source of the truth, as the simulator follows it.
+    /// Source of the truth for the simulator.
     pub truth: &'static str,
-    /// Time from the start until it can be armed: it levels and checks its sensors.
+    /// Time from the start until the vehicle can be armed: it levels and checks its sensors.
     pub boot: Duration,
-    /// Appends the arguments of the program, which starts in a directory of its own.
+    /// Appends the arguments of the program, which starts in a separate directory.
     pub arguments: fn(&Path, &mut Command),
-    /// Parameters that are not its defaults, in its own form; the file `parameters` of its directory.
+    /// Parameters that differ from the firmware's defaults, in its own format; written to the file `parameters` of its directory.
     pub parameters: &'static str,
-    /// Lines of configuration with which its battery becomes empty in flight.
+    /// Lines of configuration that make the battery empty in flight.
     pub battery: &'static [&'static str],
 }
 
-/// A firmware and its network; both end when dropped.
+/// Running firmware and its network; both end on drop.
 pub struct FirmwareProcess {
     command: Command,
     child: Option<Child>,
@@ -39,7 +39,7 @@ pub struct FirmwareProcess {
 }
 
 impl Firmware {
-    /// The path of the program; `None`, with a message, where the variable is not set.
+    /// Path of the program; `None`, with a message, if the variable is not set.
     pub fn path(&self) -> Option<PathBuf> {
         let path = std::env::var_os(self.variable).map(PathBuf::from);
         if path.is_none() {
@@ -48,7 +48,7 @@ impl Firmware {
         path
     }
 
-    /// Makes a network for the program at `path`, which starts in `directory`.
+    /// Makes a network for the program at `path`, which will start in `directory`.
     pub fn prepare(&self, path: &Path, directory: &Path) -> FirmwareProcess {
         std::fs::create_dir_all(directory).unwrap();
         std::fs::write(directory.join("parameters"), self.parameters).unwrap();
@@ -74,7 +74,7 @@ impl Firmware {
 }
 
 impl FirmwareProcess {
-    /// Name of its network.
+    /// Name of the network.
     pub fn network(&self) -> &str {
         &self.network
     }

@@ -1,5 +1,5 @@
-//! Relay in the network of a firmware: forwards datagrams between bridge and vehicle, with delays and losses, records the set-points
-//! that the vehicle gets, and sends it datagrams of another ground station.
+//! Relay in the network of a firmware: forwards datagrams between bridge and vehicle with delays and losses, records the
+//! set-points that reach the vehicle, and injects datagrams of another ground station.
 
 use std::fs::File;
 use std::net::{SocketAddr, UdpSocket};
@@ -23,7 +23,7 @@ const LONGEST: usize = 2048;
 const NEAR: usize = 0;
 const FAR: usize = 1;
 
-/// Addresses of a relay: its own, and those of bridge and vehicle where they are not learned from what they send.
+/// Addresses of a relay: its own, and those of bridge and vehicle unless they are learned from received datagrams.
 pub struct RelayPorts {
     pub near: &'static str,
     pub near_peer: Option<&'static str>,
@@ -31,24 +31,24 @@ pub struct RelayPorts {
     pub far_peer: Option<&'static str>,
 }
 
-/// Set-point that was passed to the vehicle.
+/// Set-point forwarded to the vehicle.
 #[derive(Clone, Copy, Debug)]
 pub struct PassedSetpoint {
-    /// When it was sent by the bridge, and when it left the relay.
+    /// Instants at which the bridge sent it, and at which it left the relay.
     pub sent_at: Time,
     pub passed_at: Time,
-    /// Whether it has thrust.
+    /// Whether the set-point has thrust.
     pub flies: bool,
 }
 
-/// Treatment of datagrams by the relay, and its observations.
+/// Handling of datagrams by the relay, and its observations.
 pub struct RelayState {
     /// Probability that a datagram is lost \[0..1\].
     pub loss: f64,
     /// Greatest delay of a datagram \[ms\].
     pub jitter_ms: f64,
     pub is_silent: bool,
-    /// Datagrams of another ground station for the vehicle.
+    /// Injected datagrams of another ground station for the vehicle.
     pub injected: Vec<Vec<u8>>,
     pub setpoints: Vec<PassedSetpoint>,
     pub lost: u64,
@@ -100,7 +100,7 @@ impl Drop for Relay {
     }
 }
 
-/// Datagram on its way.
+/// Datagram in transit.
 struct Waiting {
     to: usize,
     sent_at: Time,
@@ -175,7 +175,7 @@ impl Exchange {
 
     fn send(&self, to: usize, bytes: &[u8]) {
         if let Some(peer) = self.peers[to] {
-            // A firmware that has ended receives nothing.
+            // A firmware that has ended does not receive.
             let _ = self.sockets[to].send_to(bytes, peer);
         }
     }

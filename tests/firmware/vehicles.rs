@@ -1,4 +1,4 @@
-//! The firmware that is flown, and the start of each program.
+//! The firmware under test, and the start of each program.
 
 use std::path::Path;
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! A bridge, an emulated autopilot, the network between them, and their clock.
+//! Bridge, emulated autopilot, the network between them, and their clock.
 
 use oqtal_bridge::{BareTransport, Bridge, Mavlink, Note};
 use oqtal_bus::code::Actuation;
@@ -31,7 +31,7 @@ pub fn disarmed() -> CommandV1 {
     CommandV1::default()
 }
 
-/// A level attitude with `thrust`, a share of the greatest.
+/// Level attitude with `thrust`, a fraction of the maximum.
 pub fn flight(thrust: f64) -> CommandV1 {
     CommandV1 { actuation: Actuation::Sticks.code(), thrust, ..CommandV1::default() }
 }
@@ -72,13 +72,13 @@ impl Air {
         self.vehicle.autopilot().motors_run()
     }
 
-    /// A datagram of another sender arrives.
+    /// Receives a datagram of another sender.
     pub fn receive(&mut self, datagram: &[u8]) {
         let Self { bridge, notes, now, .. } = self;
         bridge.receive_bytes(*now, datagram, &mut |note| notes.push(note));
     }
 
-    /// Commands `command` for `millis` \[ms\].
+    /// Sends `command` for `millis` \[ms\].
     pub fn fly_for(&mut self, millis: u64, command: CommandV1) {
         for _ in 0..millis {
             self.millisecond(Some(command));

@@ -1,4 +1,4 @@
-//! Another user of the machine beside a running instance: files, requests, links and names are protected from them.
+//! Another user of the machine beside a running instance: files, requests, links and names are protected.
 
 use std::os::unix::fs::MetadataExt;
 use std::os::unix::process::CommandExt;
@@ -45,7 +45,7 @@ fn another_user_cannot_write_read_or_remove_a_file_of_a_running_instance() {
     assert!(shared.len() > 10);
     let files: Vec<PathBuf> =
         shared.into_iter().chain(files_below(&testbed.paths().directory())).collect();
-    // The permissions of the directory of the instance protect everything below it.
+    // The permissions of the instance's directory protect all its content.
     let directory = testbed.paths().directory();
     for file in files.iter().filter(|file| **file == directory || !file.starts_with(&directory)) {
         let mode = std::fs::symlink_metadata(file).unwrap().mode();
@@ -91,7 +91,7 @@ fn links_of_another_user_are_not_followed() {
     rustix::fs::chmod(place.path(), 0o1777.into()).unwrap();
     let kept = testbed.write("kept", "kept");
     let path = |name: &str| place.path().join(name);
-    // Links from directories that anyone may write to, to files and directories of root.
+    // Links in world-writable directories to files and directories of root.
     let links = [(path("root"), testbed.path("")), (path("flights"), testbed.path(""))];
     for (link, target) in &links {
         let made = as_nobody("ln -s \"$1\" \"$2\"", &[target.clone(), link.clone()]);
@@ -111,7 +111,7 @@ fn links_of_another_user_are_not_followed() {
     std::os::unix::fs::symlink(&kept, &words).unwrap();
     let mut daemon = testbed.oqtal(&["plant-sim", "run"]);
     let mut plant = Running::start(&mut daemon);
-    // The first process to join removes it; nothing is written through it.
+    // The first process to join removes the link without writing through it.
     wait_for("the start or the refusal", || {
         (std::fs::symlink_metadata(&words).is_err() || !plant.runs()).then_some(())
     });

@@ -1,4 +1,4 @@
-//! An instance of one user, started or queried by another.
+//! Instance of one user, started or queried by another.
 
 use std::os::unix::process::CommandExt;
 use std::process::Command;

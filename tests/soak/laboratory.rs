@@ -1,4 +1,4 @@
-//! The processes of a laboratory: an emulated vehicle behind its radio, bridge, cameras and daemon.
+//! Processes of a laboratory: an emulated vehicle behind its radio, bridge, cameras and daemon.
 
 use std::path::Path;
 use std::time::Duration;
@@ -14,10 +14,10 @@ use super::resources::{Resources, usage};
 use crate::common::random::Random;
 use crate::common::{Running, Testbed, is_alive, stderr, wait_for};
 
-/// The processes, in the order in which they are started.
+/// Processes, in start order.
 pub const PROCESSES: [&str; 4] = ["plant-sim", "mocap-emu", "bridge", "daemon"];
 
-/// The bridge among them.
+/// Index of the bridge.
 const BRIDGE: usize = 2;
 
 pub struct Laboratory {
@@ -29,7 +29,7 @@ pub struct Laboratory {
 }
 
 impl Laboratory {
-    /// Starts everything, with faults of the topics for `seconds` of flight.
+    /// Starts all processes, with faults of the topics for `seconds` of flight.
     pub fn new(random: &mut Random, seconds: u64) -> Self {
         let testbed = Testbed::new("soak");
         let link = format!("asctec:{}", testbed.path("wire").display());
@@ -89,7 +89,7 @@ impl Laboratory {
         process.signal(Signal::CONT);
     }
 
-    /// Puts the vehicle back to where it started.
+    /// Restarts the simulator, which returns the vehicle to its start.
     pub fn restart_plant(&mut self) {
         let plant = self.running[0].take().unwrap();
         plant.signal(Signal::TERM);
@@ -98,7 +98,7 @@ impl Laboratory {
         self.start(0);
     }
 
-    /// Starts the bridge again if it found no port while the plant was replaced, as a service manager does.
+    /// Restarts the bridge, like a service manager, if it found no port while the plant was being replaced.
     pub fn revive(&mut self) {
         let ended = self.running[BRIDGE].as_ref().is_some_and(|bridge| !is_alive(bridge.id()));
         if ended {
@@ -114,13 +114,13 @@ impl Laboratory {
         answer.is_some_and(|answer| answer.answer != Answer::Refused.code())
     }
 
-    /// The log of a process.
+    /// Log of a process.
     fn log(&self, process: usize) -> String {
         let log = self.testbed.path(&format!("{}.log", PROCESSES[process]));
         std::fs::read_to_string(log).unwrap_or_default()
     }
 
-    /// Current use of resources by the processes, all of which must run.
+    /// Present resource use of the processes; all must be running.
     pub fn resources(&self) -> Resources {
         for (process, running) in self.running.iter().enumerate() {
             let is_alive = running.as_ref().is_some_and(|running| is_alive(running.id()));
@@ -130,7 +130,7 @@ impl Laboratory {
         Resources { shared: self.testbed.remains().len(), processes: pids.map(usage).collect() }
     }
 
-    /// Ends everything and checks that nothing remains.
+    /// Ends all processes and checks that no files remain.
     pub fn end(mut self) {
         for process in self.running.iter_mut().rev().filter_map(Option::take) {
             process.signal(Signal::TERM);
@@ -144,7 +144,7 @@ impl Laboratory {
     }
 }
 
-/// Whether a process is a bridge that found no port when it started.
+/// Whether a process is a bridge that found no port at its start.
 fn is_without_port(process: usize, code: Option<i32>) -> bool {
     process == BRIDGE && code == Some(oqtal_runtime::process::Exit::System as i32)
 }

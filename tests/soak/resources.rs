@@ -1,15 +1,15 @@
-//! Resources of the processes: objects in shared memory, open files, memory. Their use must not grow.
+//! Resources of the processes: names in shared memory, open files, memory. Their use must not grow.
 
 /// Number of flights until the processes have reached their full size.
 const GROWING: u64 = 6;
-/// Growth of a process's memory after them that is not a leak \[KiB\].
+/// Growth of a process's memory after these flights that does not count as a leak \[KiB\].
 const GROWTH_KIB: u64 = 2048;
-/// Further objects in shared memory after them, of peers that have just been replaced \[-\].
+/// Additional names in shared memory after these flights, of recently replaced peers \[-\].
 const GROWTH_OBJECTS: usize = 12;
-/// Further open files of a process after them, of peers that have just been replaced \[-\].
+/// Additional open files of a process after these flights, of recently replaced peers \[-\].
 const GROWTH_FILES: usize = 8;
 
-/// Objects in shared memory, and open files and resident memory \[KiB\] of each process.
+/// Number of names in shared memory, and of each process open files and resident memory \[KiB\].
 #[derive(Clone, Debug, Default)]
 pub struct Resources {
     pub shared: usize,
@@ -24,7 +24,7 @@ pub fn usage(pid: u32) -> (usize, u64) {
     (files, line.trim().trim_end_matches(" kB").parse().unwrap())
 }
 
-/// The greatest use in the first flights, and the latest.
+/// Greatest use in the first flights, and latest use.
 #[derive(Debug, Default)]
 pub struct ResourceRecord {
     greatest: Resources,
@@ -32,7 +32,7 @@ pub struct ResourceRecord {
 }
 
 impl ResourceRecord {
-    /// Adds the use before the flight with this number, which must not exceed that of the first flights.
+    /// Adds the use before the flight with this number; it must not exceed the use in the first flights.
     pub fn add(&mut self, now: Resources, flight: u64) {
         let Self { greatest, latest } = self;
         if flight < GROWING {

@@ -1,4 +1,4 @@
-//! The observer of the soak: its counts, and the violations of the invariants.
+//! Observer of the soak test: counts, and violations of the invariants.
 
 use nalgebra::Vector3;
 use oqtal_bus::bus::Bus;
@@ -12,7 +12,7 @@ use oqtal_daemon::Fence;
 
 use super::laboratory::Laboratory;
 
-/// Ticks in a row that may use new poses before the daemon no longer coasts: one second.
+/// Number of successive ticks with new poses after which the daemon must no longer coast: one second.
 const RECOVERY_TICKS: u64 = 60;
 
 pub struct Watch {
@@ -28,7 +28,7 @@ pub struct Watch {
     pub state: u8,
     pub is_fresh: bool,
     pub height_m: f64,
-    /// Ticks in a row that used new poses and still coasted.
+    /// Number of successive ticks with new poses in which the daemon still coasted.
     recovering: u64,
     last_refused: u64,
     violations: Vec<String>,
@@ -56,7 +56,7 @@ impl Watch {
         }
     }
 
-    /// Reads the messages that were published.
+    /// Reads the published messages.
     pub fn poll(&mut self) {
         while let Some((_, command)) = self.commands_in.receive().unwrap() {
             self.commands += 1;

@@ -1,4 +1,4 @@
-//! Circles of files: each uses items that another one of the circle defines.
+//! Circles of files, in which each file uses items defined in the next one.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -8,10 +8,10 @@ use syn::{ItemMod, ItemUse};
 
 use super::modules::{Module, Tree, leaves};
 
-/// The files that a file uses, each with one of the paths that say so.
+/// Files used by a file, each with one of the paths that use it.
 type Edges = BTreeMap<String, BTreeMap<String, String>>;
 
-/// The circles of the crate whose root is `root`: one line for each, with its edges.
+/// Circles of the crate with the root file `root`: one line each, with its edges.
 pub fn find(root: &str) -> Vec<String> {
     let tree = Tree::read(root);
     let mut edges = Edges::new();
@@ -99,7 +99,7 @@ impl Uses<'_> {
         self.add_path(&path);
     }
 
-    /// A name alone is local, or known from its `use`.
+    /// A single name is local, or resolved by its `use`.
     fn add_path(&mut self, path: &[String]) {
         if path.len() > 1 {
             self.add(path);
@@ -108,7 +108,7 @@ impl Uses<'_> {
 }
 
 impl<'ast> Visit<'ast> for Uses<'_> {
-    // Modules inside a file are modules of the tree.
+    // Modules inside a file are separate modules of the tree.
     fn visit_item_mod(&mut self, _: &'ast ItemMod) {}
 
     fn visit_item_use(&mut self, item: &'ast ItemUse) {

@@ -2,7 +2,7 @@
 
 use crate::common::sources::{crates, read_toml};
 
-/// The order of crates: each with the crates of the workspace that it may depend on.
+/// Order of the crates, each with the workspace crates that it may depend on.
 const ORDER: &[(&str, &[&str])] = &[
     ("control", &[]),
     ("wire", &[]),
@@ -23,11 +23,11 @@ const ORDER: &[(&str, &[&str])] = &[
     ),
 ];
 
-/// Plotting, tables, tuning, parallel sweeps and serial ports, which a real-time controller does not need.
+/// Crates for plotting, tables, tuning, parallel sweeps and serial ports, which a real-time controller does not need.
 const NOT_IN_THE_DAEMON: &[&str] =
     &["maud", "comfy-table", "indicatif", "hdrhistogram", "csv", "rayon", "serialport"];
 
-/// Edges between crates that are missing in `ORDER`, and crates without a place in it.
+/// Edges between crates that are missing in `ORDER`, and crates that are not in it.
 pub fn against_the_order() -> Vec<String> {
     let mut violations = Vec::new();
     for folder in crates().into_iter().filter(|folder| !folder.is_empty()) {
@@ -45,7 +45,7 @@ pub fn against_the_order() -> Vec<String> {
     violations
 }
 
-/// Crates that the daemon must not link, in the manifests of the crates of its tree.
+/// Forbidden crates in the manifests of the daemon's dependency tree.
 pub fn forbidden_in_the_daemon() -> Vec<String> {
     let (_, below) =
         ORDER.iter().find(|(name, _)| *name == "daemon").expect("a place in the order");
@@ -54,7 +54,7 @@ pub fn forbidden_in_the_daemon() -> Vec<String> {
     names.filter(|name| NOT_IN_THE_DAEMON.contains(&name.as_str())).collect()
 }
 
-/// The names of a crate's dependencies in one section of its manifest.
+/// Names of a crate's dependencies in one section of its manifest.
 fn dependencies(folder: &str, section: &str) -> Vec<String> {
     let manifest = read_toml(&format!("{folder}/Cargo.toml"));
     let table = manifest.get(section).and_then(toml::Value::as_table);

@@ -1,4 +1,4 @@
-//! The modules of a crate, and the file that defines the item at a path.
+//! Modules of a crate, and the file that defines the item at a path.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -6,25 +6,25 @@ use syn::{Expr, Item, ItemMod, ItemUse, Lit, Meta, UseTree};
 
 use crate::common::sources::{read, root};
 
-/// A module: a file, or a part of one.
+/// A module: a file, or a part of a file.
 pub struct Module {
-    /// Segments below the crate's root, which has none.
+    /// Path segments below the crate's root; empty for the root.
     pub path: Vec<String>,
     pub file: String,
     pub items: Vec<Item>,
-    /// Names of types, functions, constants and macros that the module itself defines.
+    /// Names of types, functions, constants and macros defined in the module itself.
     defined: BTreeSet<String>,
-    /// Names that `use` brings in, with their paths as written.
+    /// Names imported by `use`, with their paths as written.
     pub imported: BTreeMap<String, Vec<String>>,
     /// Paths of `use path::*`.
     pub globs: Vec<Vec<String>>,
 }
 
-/// The modules of a crate by path.
+/// Modules of a crate by path.
 pub struct Tree(BTreeMap<Vec<String>, Module>);
 
-/// Whether a file is the root of a library, program, test, benchmark or example of the crate in `folder`. The tests of the root package
-/// are modules of one program.
+/// Whether a file is the root of a library, program, test, benchmark or example of the crate in `folder`. The tests of the root
+/// package are modules of one program.
 pub fn is_root(folder: &str, path: &str) -> bool {
     let inner = path.strip_prefix(folder).unwrap_or(path).trim_start_matches('/');
     match inner.split_once('/') {
@@ -50,7 +50,7 @@ impl Tree {
         self.0.values()
     }
 
-    /// The file that defines the item at `path`, seen from the module `from`; `None` for a module and for other crates.
+    /// The file that defines the item at `path`, as seen from the module `from`; `None` for a module and for other crates.
     pub fn defining_file(&self, from: &[String], path: &[String]) -> Option<&str> {
         self.resolve(from, path, 8)
     }
@@ -156,14 +156,14 @@ fn as_use(item: &Item) -> Option<&ItemUse> {
     if let Item::Use(item) = item { Some(item) } else { None }
 }
 
-/// The paths of a `use`, each with the name that it has here; without a name for `*`.
+/// Paths of a `use`, each with its local name; without a name for `*`.
 pub fn leaves(tree: &UseTree) -> Vec<(Vec<String>, Option<String>)> {
     match tree {
         UseTree::Path(path) => {
             let mut below = leaves(&path.tree);
             for (segments, name) in &mut below {
                 segments.insert(0, path.ident.to_string());
-                // `use a::b::{self}` names `b`.
+                // `use a::b::{self}` imports the name `b`.
                 if segments.len() > 1 && segments.last().is_some_and(|last| last == "self") {
                     segments.pop();
                     *name = name.take().filter(|name| name != "self").or(segments.last().cloned());

@@ -1,4 +1,4 @@
-//! Names of structs, enums, traits and type aliases that other files can see.
+//! Names of structs, enums, traits and type aliases that are visible to other files.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ pub fn repeated() -> Vec<String> {
     repeated.map(|(name, paths)| format!("{name}: {}", paths.join(", "))).collect()
 }
 
-/// The places of definition by name.
+/// Places of definition by name.
 fn definitions() -> BTreeMap<String, Vec<String>> {
     let mut found = Definitions::default();
     for Source { path, text } in sources().into_iter().filter(|file| in_a_library(&file.path)) {
@@ -29,7 +29,7 @@ pub fn in_a_library(path: &str) -> bool {
     path.starts_with("src/") || path.contains("/src/")
 }
 
-/// Whether an item exists in tests alone.
+/// Whether an item exists only in tests.
 pub fn is_test(attributes: &[Attribute]) -> bool {
     let test = |attribute: &Attribute| {
         let is_cfg = attribute.path().is_ident("cfg");

@@ -1,4 +1,4 @@
-//! Units of public numbers: in brackets in the documentation, as in `\[m, world\]`, or last in the name, as in `mass_kg`.
+//! Units of public numbers: in brackets in the documentation, as in `\[m, world\]`, or at the end of the name, as in `mass_kg`.
 
 use syn::visit::Visit;
 use syn::{
@@ -9,7 +9,7 @@ use syn::{
 use super::names::{in_a_library, is_test};
 use crate::common::sources::{Source, sources};
 
-/// Units that end a name. A name may also say that its number has no dimension.
+/// Units at the end of a name. A name may also state that its number has no dimension.
 const ENDINGS: &[&str] = &[
     "m",
     "mm",
@@ -65,7 +65,7 @@ impl Missing {
     ) {
         for field in fields {
             let name = field.ident.as_ref().map_or_else(|| "0".to_owned(), ToString::to_string);
-            // The one number of a tuple may be documented at the tuple.
+            // The number of a tuple may be documented at the tuple.
             let by_owner = field.ident.is_none() && has_unit_in_doc(attributes);
             let has_unit = has_unit_in_doc(&field.attrs) || ends_in_unit(&name) || by_owner;
             if is_float(&field.ty) && !has_unit {
@@ -112,14 +112,14 @@ fn is_public(visibility: &Visibility) -> bool {
     !matches!(visibility, Visibility::Inherited)
 }
 
-/// Whether a type holds numbers: `f64`, an array, an option or a matrix of them.
+/// Whether a type contains floating-point numbers: `f64`, an array, an option or a matrix of them.
 fn is_float(ty: &Type) -> bool {
     struct Float(bool);
     impl<'ast> Visit<'ast> for Float {
         fn visit_ident(&mut self, ident: &'ast Ident) {
             self.0 |= ident == "f64" || ident == "f32";
         }
-        // A function of numbers is not a number.
+        // A function on numbers is not a number.
         fn visit_type_fn_ptr(&mut self, _: &'ast syn::TypeFnPtr) {}
         fn visit_parenthesized_generic_arguments(
             &mut self,
