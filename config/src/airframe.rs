@@ -1,4 +1,4 @@
-//! The values that `[vehicle]` and `[plant]` both have, and their rules.
+//! Values common to `[vehicle]` and `[plant]`, and their rules.
 
 use nalgebra::Matrix3;
 use oqtal_control::options::{OptionError, Rule, check_options};
@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::BrokenRule;
 
-/// How a vehicle is commanded.
+/// Kind of command that a vehicle takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Interface {
@@ -20,15 +20,15 @@ pub enum Interface {
 }
 
 impl Interface {
-    /// Whether the vehicle holds a commanded attitude by itself: it stays level without the daemon's attitude law, and without
-    /// new poses.
+    /// Whether the vehicle has its own attitude loop: it then stays level without the daemon's attitude law, and without new
+    /// poses.
     #[must_use]
     pub const fn holds_attitude(self) -> bool {
         matches!(self, Self::Attitude)
     }
 }
 
-/// The values of one section as they are checked.
+/// Values of one section, for their check.
 pub(crate) struct Airframe<'a> {
     /// `vehicle` or `plant`.
     pub(crate) section: &'static str,
@@ -50,7 +50,7 @@ pub(crate) struct Airframe<'a> {
     pub(crate) attitude_gain_per_s: f64,
     /// Time constant of the thrust \[ms\].
     pub(crate) thrust_lag_ms: f64,
-    /// From a command received to its effect \[ms\].
+    /// Time from the receipt of a command to its effect \[ms\].
     pub(crate) command_delay_ms: f64,
     /// Linear drag per mass \[1/s\].
     pub(crate) drag_per_s: f64,
@@ -97,10 +97,10 @@ impl Airframe<'_> {
     }
 }
 
-/// The rule of a time constant \[ms\]: at least a millisecond, the integration step of the plant.
+/// Rule of a time constant \[ms\]: at least a millisecond, the integration step of the plant.
 pub(crate) const A_STEP: Rule = Rule::Between(1.0, f64::MAX);
 
-/// The inertia of these rows \[kg m^2, body\], as the laws take it.
+/// Inertia with these rows \[kg m^2, body\], as a type of the control crate.
 pub(crate) fn inertia(rows: &[[f64; 3]; 3]) -> Result<Inertia, InertiaError> {
     Inertia::new(Matrix3::from_fn(|row, column| rows[row][column]))
 }

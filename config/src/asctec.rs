@@ -1,12 +1,12 @@
-//! `[bridge.asctec]` and `[plant.wire.asctec]`: what the counts of AscTec's serial interface mean, as plain numbers. The
-//! processes at both ends of a wire make the scales of `oqtal-wire` of them.
+//! `[bridge.asctec]` and `[plant.wire.asctec]`: meaning of the counts of AscTec's serial interface, as plain numbers. The
+//! processes at both ends of a wire convert them to the scales of `oqtal-wire`.
 
 use oqtal_control::options::OptionError;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
-/// One integer for each stick of an axis, roll, pitch and yaw.
+/// One integer per stick of an axis: roll, pitch and yaw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct AsctecSigns {
@@ -18,7 +18,7 @@ pub struct AsctecSigns {
     pub yaw: i8,
 }
 
-/// The greatest counts sent.
+/// Greatest counts sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct AsctecLimits {
@@ -32,8 +32,8 @@ pub struct AsctecLimits {
     pub thrust: i16,
 }
 
-/// `[bridge.asctec]` or `[plant.wire.asctec]`. What the roll and pitch sticks mean is not among them: it follows from how the
-/// vehicle is commanded, `vehicle.interface` and `plant.interface`.
+/// `[bridge.asctec]` or `[plant.wire.asctec]`, without the meaning of the roll and pitch sticks, which follows from
+/// `vehicle.interface` and `plant.interface`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct AsctecOptions {
@@ -47,15 +47,15 @@ pub struct AsctecOptions {
     pub telemetry_signs: AsctecSigns,
     /// Greatest counts sent.
     pub limit_counts: AsctecLimits,
-    /// Points `[delta_c [0..1], counts]` from thrust to counts, straight in between \[-, counts\].
+    /// Points `[delta_c [0..1], counts]` of the thrust curve, linear in between \[-, counts\].
     pub thrust_table: Vec<[f64; 2]>,
-    /// Yaw stick that, held without thrust, starts and stops the motors \[counts\].
+    /// Counts of the yaw stick that, held without thrust, starts and stops the motors \[counts\].
     pub motor_yaw_counts: i16,
 }
 
 impl AsctecOptions {
-    /// The same values as a type of another crate with the same keys, `oqtal_wire::asctec::Scales`. `section` is where they
-    /// are configured.
+    /// Converts the values to a type of another crate with the same keys, `oqtal_wire::asctec::Scales`. `section` is the section
+    /// of their keys.
     ///
     /// # Errors
     /// The other type refuses the values.

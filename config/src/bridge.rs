@@ -1,4 +1,4 @@
-//! `[bridge]`: the way to a real vehicle.
+//! `[bridge]`: connection to a real vehicle.
 
 use oqtal_control::options::{OptionError, Rule, check_options};
 use serde::{Deserialize, Serialize};
@@ -7,7 +7,7 @@ use crate::asctec::AsctecOptions;
 use crate::crtp::CrtpOptions;
 use crate::mavlink::MavlinkOptions;
 
-/// Command timeouts allowed \[control periods\]: below, no command arrives in time; above, the vehicle flies on too long.
+/// Allowed command timeouts \[control periods\]: below, commands arrive too late; above, the vehicle continues for too long.
 const COMMAND_TIMEOUT_PERIODS: Rule = Rule::Between(1.5, 15.0);
 
 /// `[bridge]`.
@@ -27,19 +27,19 @@ pub struct BridgeOptions {
     pub silence_ms: f64,
     /// Command timeout \[control periods\]: a command published longer ago is not sent; a zero set-point is sent instead.
     pub command_timeout_periods: f64,
-    /// Time after which starting or stopping the motors is given up \[ms\].
+    /// Time after which starting or stopping the motors is abandoned \[ms\].
     pub motor_sequence_ms: f64,
     /// Time for which the daemon must command "disarmed" before the motors are stopped \[ms\].
     pub rest_ms: f64,
     /// Whether the vehicle's emergency stop is sent if its motors cannot be stopped otherwise.
     pub emergency_stop: bool,
-    /// From a command's last byte on the wire to its effect, as far as it is known \[ms\].
+    /// Known part of the time from a command's last byte on the wire to its effect \[ms\].
     pub air_latency_ms: f64,
-    /// `[bridge.asctec]`: what counts mean.
+    /// `[bridge.asctec]`: meaning of counts.
     pub asctec: AsctecOptions,
-    /// `[bridge.crtp]`: a Crazyflie.
+    /// `[bridge.crtp]`: settings for a Crazyflie.
     pub crtp: CrtpOptions,
-    /// `[bridge.mavlink]`.
+    /// `[bridge.mavlink]`: settings for MAVLink.
     pub mavlink: MavlinkOptions,
 }
 

@@ -1,4 +1,4 @@
-//! The rules of the effective configuration.
+//! Rules of the effective configuration.
 
 use oqtal_control::options::OptionError;
 
@@ -7,14 +7,14 @@ use crate::error::{BrokenRule, ConfigError};
 use crate::instance::ClockKind;
 use crate::setting::Setting;
 
-/// Slowest rate of poses over that of the loop \[-\].
+/// Lowest pose rate over the loop rate \[-\].
 const LEAST_POSES_PER_TICK: f64 = 1.0 / 1.5;
 
 impl Config {
-    /// Checks the rules that one value, or several together, must keep.
+    /// Checks the rules for single values, and for several together.
     ///
     /// # Errors
-    /// The first rule broken, with the origin of the value at fault.
+    /// The first broken rule, with the origin of the offending value.
     pub fn check(&self) -> Result<(), ConfigError> {
         self.check_rules().map_err(|broken| {
             let is_kept = |settings: &[Setting]| {
@@ -47,7 +47,7 @@ impl Config {
         Ok(self.realtime.check()?)
     }
 
-    /// The rules about values of several sections.
+    /// Checks the rules for values of several sections.
     fn check_together(&self) -> Result<(), BrokenRule> {
         if !self.plant.wire.link.is_empty() && self.clock.kind != ClockKind::Real {
             let link = format!("`{}`", self.plant.wire.link);
@@ -73,7 +73,7 @@ impl Config {
         self.check_motor_start()
     }
 
-    /// Faults never reach a real vehicle by mistake: a bridge's link must lead to the simulated one.
+    /// Protects real vehicles from accidental faults: a bridge's link must lead to the simulated vehicle.
     fn check_faults(&self) -> Result<(), BrokenRule> {
         let is_real = !self.bridge.link.is_empty() && self.plant.wire.link.is_empty();
         let Some(first) = self.fault.inject.first() else { return Ok(()) };
@@ -86,7 +86,7 @@ impl Config {
         Err(BrokenRule { error, others: &["bridge.link", "fault.with-real-vehicle"] })
     }
 
-    /// The daemon must not give up a start of motors that the bridge still reports on.
+    /// Checks that the daemon does not abandon a start of motors on which the bridge still reports.
     fn check_motor_start(&self) -> Result<(), BrokenRule> {
         let sequence_ms = self.bridge.motor_sequence_ms;
         let least_ms = sequence_ms + self.safety.vehicle_silence_ms;

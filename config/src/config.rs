@@ -1,4 +1,4 @@
-//! The effective configuration of all processes, made of its layers.
+//! Effective configuration of all processes, composed of layers.
 
 use std::hash::Hasher;
 use std::path::{Path, PathBuf};
@@ -27,13 +27,14 @@ use crate::setting::Setting;
 use crate::vehicle::VehicleOptions;
 use crate::{follow, layer, preset, renamed};
 
-/// The shipped file: every key with its default.
+/// The shipped file, with the default of every key.
 pub const DEFAULTS: &str = include_str!("../../deploy/oqtal.toml");
 
 /// Origin of the values of the shipped file.
 const SHIPPED: &str = "deploy/oqtal.toml, as built in";
 
-/// Sections and keys in which processes of one flight may differ: ends of wires are told only to the process at that end.
+/// Sections and keys that may differ between the processes of one flight: the ends of wires are set only for the process at that
+/// end.
 const NOT_FLOWN: [&str; 8] = [
     "instance",
     "clock.kind",
@@ -45,20 +46,20 @@ const NOT_FLOWN: [&str; 8] = [
     "receiver.link",
 ];
 
-/// Deviation of the loop's rate from the one asked for that is not worth a warning \[-\].
+/// Deviation of the loop's rate from the requested one that does not cause a warning \[-\].
 const RATE_TOLERANCE: f64 = 0.01;
 
 /// The effective configuration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Config {
-    /// `[instance]`: which testbed.
+    /// `[instance]`: the testbed.
     pub instance: InstanceOptions,
-    /// `[clock]`: which time.
+    /// `[clock]`: the time base.
     pub clock: ClockOptions,
     /// `[vehicle]`: the controller's model of the vehicle.
     pub vehicle: VehicleOptions,
-    /// `[plant]`: what the simulated vehicle and its surroundings are.
+    /// `[plant]`: the simulated vehicle and its environment.
     pub plant: PlantOptions,
     /// `[mocap]`: the emulated cameras.
     pub mocap: MocapOptions,
@@ -66,25 +67,25 @@ pub struct Config {
     pub control: ControlOptions,
     /// `[position]`: the outer loops.
     pub position: PositionOptions,
-    /// `[trajectory]`: what is flown.
+    /// `[trajectory]`: the flight.
     pub trajectory: TrajectoryOptions,
-    /// `[safety]`: which poses are accepted, and when the motors stop.
+    /// `[safety]`: acceptance of poses, and limits.
     pub safety: SafetyOptions,
     /// `[fence]`: the space in which the vehicle may fly.
     pub fence: FenceOptions,
-    /// `[bridge]`: the way to a real vehicle.
+    /// `[bridge]`: connection to a real vehicle.
     pub bridge: BridgeOptions,
-    /// `[receiver]`: the way of poses from a real camera system.
+    /// `[receiver]`: connection to a real camera system.
     pub receiver: ReceiverOptions,
-    /// `[record]`: what is recorded.
+    /// `[record]`: recordings.
     pub record: RecordOptions,
     /// `[realtime]`: scheduling of the loops.
     pub realtime: RealtimeOptions,
-    /// `[log]`: what is logged.
+    /// `[log]`: log lines.
     pub log: LogOptions,
-    /// `[fault]`: faults that are injected by hand.
+    /// `[fault]`: injected faults.
     pub fault: FaultOptions,
-    /// Where the values were set.
+    /// Origins of the values.
     #[serde(skip)]
     pub(crate) origins: Origins,
 }
@@ -96,11 +97,10 @@ impl Default for Config {
 }
 
 impl Config {
-    /// The effective configuration of `file` (if any), the environment and `flags`.
+    /// Effective configuration from `file` (if any), the environment and `flags`.
     ///
     /// # Errors
-    /// A file that cannot be read or parsed, an unknown key, a value of the wrong type, or one that breaks a rule; with its
-    /// origin.
+    /// The file cannot be read or parsed, a key is unknown, a value has the wrong type or breaks a rule; with its origin.
     pub fn load(file: Option<&Path>, flags: &[Setting]) -> Result<Self, ConfigError> {
         let mut settings = Self::layers(file)?;
         settings.extend_from_slice(flags);
@@ -115,7 +115,7 @@ impl Config {
         layer::from_file(file)
     }
 
-    /// The settings of `file`, if any, under those of the environment.
+    /// Settings of `file`, if any, overridden by those of the environment.
     ///
     /// # Errors
     /// The file cannot be read, or is not TOML; with its line.
@@ -125,8 +125,8 @@ impl Config {
         Ok(settings)
     }
 
-    /// The configuration of a file with the name `file` and this `text` under `flags`, whatever the environment says: that of a
-    /// recording, for instance.
+    /// Configuration from a file named `file` with this `text`, overridden by `flags`, without the environment; for example that
+    /// of a recording.
     ///
     /// # Errors
     /// As [`Config::load`].
@@ -136,21 +136,21 @@ impl Config {
         Self::from_settings(&settings)
     }
 
-    /// The built-in values under `settings`; later ones win.
+    /// The built-in values overridden by `settings`; later settings take precedence.
     ///
     /// # Errors
     /// As [`Config::load`], without files.
     pub fn from_settings(settings: &[Setting]) -> Result<Self, ConfigError> {
         let mut table: Table =
             DEFAULTS.parse().expect("the shipped configuration is TOML: a test holds it");
-        // Otherwise the first setting would be blamed for a section that the shipped file lacks.
+        // Otherwise the error would name the first setting if the shipped file lacks a section.
         deserialize(&table).map_err(|reason| ConfigError { origin: SHIPPED.to_owned(), reason })?;
         let mut origins = Origins::default();
         origins.rename_warnings = renamed::warnings(settings);
         let settings = renamed::with_present_keys(settings);
         for setting in preset::named_by(&settings)?.iter().chain(&settings) {
             setting.insert_into(&mut table)?;
-            // Value by value, so that the error names the setting at fault.
+            // Applied one at a time, so that the error names the offending setting.
             deserialize(&table).map_err(|reason| setting.refused(&reason))?;
             origins.record(setting);
         }
@@ -161,7 +161,7 @@ impl Config {
         Ok(config)
     }
 
-    /// Adds to `error`, whose key is a full one, where its option was set.
+    /// Adds the origin of the option in `error`, which is named by its full key.
     #[must_use]
     pub fn locate(&self, error: &OptionError) -> ConfigError {
         self.origins.locate(error)
@@ -181,7 +181,7 @@ impl Config {
         self.origins.locate_change(&broken, is_kept)
     }
 
-    /// The configuration of `settings`, whatever rules it breaks; `None` if they make none.
+    /// Configuration from `settings` without a check of the rules; `None` if they cannot be parsed.
     pub(crate) fn unchecked(settings: &[Setting]) -> Option<Self> {
         let mut table: Table = DEFAULTS.parse().ok()?;
         settings.iter().try_for_each(|setting| setting.insert_into(&mut table)).ok()?;
@@ -194,17 +194,17 @@ impl Config {
         !self.mocap.replay.is_empty()
     }
 
-    /// Poses for each tick of the loop \[-\]: the poses of cameras much faster than the loop are decimated.
+    /// Number of poses per tick of the loop \[-\]: poses of cameras much faster than the loop are decimated.
     #[must_use]
     pub fn poses_per_tick(&self) -> f64 {
         (self.safety.pose_rate_hz / self.control.rate_hz).round().max(1.0)
     }
 
-    /// The configuration with `place` for each path of a file that a flight reads: waypoints that are flown, a recording that is
-    /// played. A key is a secret, and stays where it is.
+    /// Replaces the paths of the files that a flight reads (waypoints, recording) using `place`. The path of a key file is not
+    /// changed, since the key is a secret.
     ///
     /// # Errors
-    /// That of `place`.
+    /// The error of `place`.
     pub fn with_files_at<E>(
         mut self,
         mut place: impl FnMut(&Path) -> Result<PathBuf, E>,
@@ -218,14 +218,14 @@ impl Config {
             self.mocap.replay = place(Path::new(&self.mocap.replay))?.display().to_string();
         }
         let key = &mut self.bridge.mavlink.signing_key_file;
-        // An empty path has no absolute one.
+        // An empty path has no absolute path.
         if let Ok(path) = std::path::absolute(&*key) {
             *key = path.display().to_string();
         }
         Ok(self)
     }
 
-    /// The rates of cameras and loop, in words.
+    /// Rates of cameras and loop, as text.
     #[must_use]
     pub fn pace(&self) -> String {
         let (cameras, wanted) = (self.safety.pose_rate_hz, self.control.rate_hz);
@@ -236,7 +236,7 @@ impl Config {
         )
     }
 
-    /// That the loop cannot run at the rate that was asked for, because no whole number of poses makes it; `None` if it can.
+    /// Warning that the loop cannot run at the requested rate, because it is not a whole number of poses; `None` if it can.
     #[must_use]
     pub fn rate_warning(&self) -> Option<String> {
         let rate = self.safety.pose_rate_hz / self.poses_per_tick();
@@ -244,20 +244,20 @@ impl Config {
             .then(|| format!("{}; set mocap.rate-hz to a multiple of control.rate-hz", self.pace()))
     }
 
-    /// A warning for each setting whose key is one of an earlier version, with its origin.
+    /// Warnings for settings with keys of earlier versions, with their origins.
     #[must_use]
     pub fn rename_warnings(&self) -> &[String] {
         &self.origins.rename_warnings
     }
 
-    /// The configuration as a file with every key, a key on a line.
+    /// The configuration as a file with every key, one key per line.
     #[must_use]
     pub fn to_toml(&self) -> String {
         toml::to_string(self).expect("a configuration holds only what TOML can say")
     }
 
-    /// Identifies the effective configuration. What says where and how it is flown does not count: the instance, the kind of
-    /// clock, the log, the ends of wires, and the directories of files that are read.
+    /// Hash of the effective configuration, without the settings that say where and how it is flown: instance, kind of clock,
+    /// log, ends of wires, and directories of input files.
     #[must_use]
     pub fn hash(&self) -> u64 {
         let mut flown =
@@ -270,7 +270,7 @@ impl Config {
     }
 }
 
-/// Removes a dotted key, if it is there.
+/// Removes a dotted key if it exists.
 fn remove(table: &mut Table, key: &str) {
     match key.split_once('.') {
         None => drop(table.remove(key)),
@@ -282,7 +282,7 @@ fn remove(table: &mut Table, key: &str) {
     }
 }
 
-/// Replaces the path at a dotted key, if there is one, by the name of its file.
+/// Replaces the path at a dotted key, if there is one, by its file name.
 fn keep_file_name(table: &mut Table, key: &str) {
     let Some((section, key)) = key.split_once('.') else { return };
     let section = table.get_mut(section).and_then(Value::as_table_mut);
@@ -292,7 +292,7 @@ fn keep_file_name(table: &mut Table, key: &str) {
     }
 }
 
-/// The configuration that a complete table says; the reason on one line if it says none.
+/// Configuration from a complete table; the reason on one line if it is invalid.
 fn deserialize(table: &Table) -> Result<Config, String> {
     let mut table = table.clone();
     follow::resolve(&mut table);
@@ -300,7 +300,7 @@ fn deserialize(table: &Table) -> Result<Config, String> {
     table.try_into().map_err(|error: toml::de::Error| error.message().to_owned())
 }
 
-/// Where a recording is played the daemon only observes: nothing would obey it.
+/// During playback of a recording the daemon only observes, since no vehicle receives its commands.
 fn observe_replay(table: &mut Table) {
     let replay = table.get("mocap").and_then(|mocap| mocap.get("replay")).and_then(Value::as_str);
     if replay.is_some_and(|file| !file.is_empty())

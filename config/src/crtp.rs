@@ -1,13 +1,13 @@
-//! `[bridge.crtp]` and `[plant.wire.crtp]`: a Crazyflie at either end of its protocol.
+//! `[bridge.crtp]` and `[plant.wire.crtp]`: a Crazyflie, at either end of its protocol.
 
 use oqtal_control::options::{OptionError, Rule, check_options};
 use serde::{Deserialize, Serialize};
 
-/// Rates of external poses \[Hz\]: the vehicle's estimator takes up to its own rate, and its radio has room for so many.
+/// Allowed rates of external poses \[Hz\], limited by the vehicle's estimator and the capacity of its radio.
 const POSE_RATE_HZ: Rule = Rule::Between(0.0, 100.0);
-/// Packets per second of one vehicle: enough for poses and reports, and what one radio sends at most.
+/// Allowed packets per second of one vehicle: enough for poses and reports, up to the maximum of one radio.
 const RADIO_PACKETS: Rule = Rule::Between(50.0, 1000.0);
-/// Rates of log data \[Hz\]: their period is sent in steps of 10 ms, as one byte.
+/// Allowed rates of log data \[Hz\]: their period is sent as one byte in steps of 10 ms.
 const LOG_RATE_HZ: Rule = Rule::Between(0.4, 100.0);
 
 /// `[bridge.crtp]`.

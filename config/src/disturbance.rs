@@ -51,7 +51,7 @@ impl TimedDisturbance {
         self.duration_s.map_or(f64::INFINITY, |duration| self.at_s + duration)
     }
 
-    /// The forms of a disturbance, for messages.
+    /// Forms of a disturbance, for messages.
     #[must_use]
     pub fn grammar() -> String {
         let mut text =
@@ -74,7 +74,7 @@ impl TimedDisturbance {
         let (name, rest) = text.split_once('@')?;
         let (when, value) = rest.split_once('=')?;
         let &(name, unit, _, most) = FORMS.iter().find(|(known, ..)| *known == name)?;
-        // The unit belongs to the kind and may be left out.
+        // The unit is determined by the kind and may be omitted.
         let value = value.strip_suffix(unit).unwrap_or(value).trim_end();
         let numbers: Option<Vec<f64>> =
             value.split(',').map(|number| number.trim().parse().ok()).collect();

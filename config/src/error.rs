@@ -1,4 +1,4 @@
-//! The error of a configuration: what is wrong, and where it was set.
+//! Error of a configuration, with its reason and origin.
 
 use oqtal_control::options::OptionError;
 
@@ -6,14 +6,14 @@ use oqtal_control::options::OptionError;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{origin}: {reason}")]
 pub struct ConfigError {
-    /// Where the offending value was set: `FILE:LINE`, the name of the variable, the flag, or `built-in`; the file alone if it
-    /// cannot be read.
+    /// Origin of the offending value: `FILE:LINE`, the name of the variable, the flag, or `built-in`; the file alone if it cannot
+    /// be read.
     pub origin: String,
     /// Reason, on one line.
     pub reason: String,
 }
 
-/// An [`OptionError`] with the other options that the rule depends on.
+/// An [`OptionError`], with the other options in the broken rule.
 #[derive(Debug)]
 pub(crate) struct BrokenRule {
     /// The option that breaks the rule, with its full key.

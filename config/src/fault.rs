@@ -1,4 +1,4 @@
-//! `[fault]`: faults that are injected by hand, in the grammar of `oqtal fly --fault`.
+//! `[fault]`: injected faults, in the grammar of `oqtal fly --fault`.
 
 mod kinds;
 
@@ -17,17 +17,17 @@ pub use kinds::{FaultKind, FaultTarget, FaultUnit, Magnitude};
 pub struct FaultOptions {
     /// The faults, each as `TARGET:KIND[=VALUE]@TIME[+DURATION]`.
     pub inject: Vec<Fault>,
-    /// Whether they also act where the vehicle is not simulated.
+    /// Whether faults also act on a vehicle that is not simulated.
     pub with_real_vehicle: bool,
 }
 
-/// A fault and the time for which it lasts.
+/// Fault with its duration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct Fault {
-    /// Topic or process that is affected.
+    /// Affected topic or process.
     pub target: FaultTarget,
-    /// In which way.
+    /// Kind of failure.
     pub kind: FaultKind,
     /// Magnitude; `None` for kinds without one.
     pub magnitude: Option<Magnitude>,

@@ -10,11 +10,11 @@ const MOST_CORNERS: usize = 64;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct FenceOptions {
-    /// From and to along x \[m, world\]; not used with a polygon.
+    /// Limits along x \[m, world\]; not used with a polygon.
     pub x_m: [f64; 2],
-    /// From and to along y \[m, world\]; not used with a polygon.
+    /// Limits along y \[m, world\]; not used with a polygon.
     pub y_m: [f64; 2],
-    /// From and to along z \[m, world\].
+    /// Limits along z \[m, world\].
     pub z_m: [f64; 2],
     /// Corners `[x, y]` of the fence in order \[m, world\], in place of the ranges of x and y; empty for none.
     pub polygon_m: Vec<[f64; 2]>,

@@ -1,8 +1,8 @@
-//! Values that follow those of another section unless they are set: the simulated vehicle equals the controller's model where
-//! `[plant]` sets nothing else.
+//! Values that default to those of another section: the simulated vehicle equals the controller's model except for the keys set
+//! in `[plant]`.
 //!
-//! In the configuration such a key holds the name of the section that it follows: `mass-kg = "vehicle"` in `[plant]`. When a
-//! configuration is loaded the word is replaced by the value of the key that is followed.
+//! In the configuration such a key has the name of the other section as its value: `mass-kg = "vehicle"` in `[plant]`. When a
+//! configuration is loaded, the word is replaced by the other section's value.
 
 use toml::{Table, Value};
 
@@ -34,8 +34,8 @@ const OTHERS: [(&str, &str); 8] = [
     ("safety.pose-rate-hz", "mocap.rate-hz"),
 ];
 
-/// The key that `key` may follow; `None` if it follows none. A key within a table that follows, follows the key of the same
-/// name in the other table.
+/// The key that `key` may follow; `None` if it cannot follow one. A key in a table that follows another table follows the key
+/// with the same name there.
 pub(crate) fn followed_by(key: &str) -> Option<String> {
     if let Some(name) = key.strip_prefix("plant.").filter(|name| AIRFRAME.contains(name)) {
         return Some(format!("vehicle.{name}"));
@@ -46,13 +46,12 @@ pub(crate) fn followed_by(key: &str) -> Option<String> {
     })
 }
 
-/// The word that lets `key` follow another: the first part of the key that is followed.
+/// Word with which `key` follows another: the first part of the followed key.
 pub(crate) fn follow_word(key: &str) -> Option<String> {
     followed_by(key).and_then(|source| source.split('.').next().map(str::to_owned))
 }
 
-/// Replaces every word in `table` that names a section to follow by the value that is followed, and completes tables that are
-/// given in part.
+/// Replaces every word in `table` that names a section to follow by the followed value, and completes partly given tables.
 pub(crate) fn resolve(table: &mut Table) {
     let airframe = AIRFRAME.map(|name| format!("plant.{name}"));
     let others = OTHERS.map(|(key, _)| key.to_owned());
@@ -70,7 +69,7 @@ pub(crate) fn resolve(table: &mut Table) {
     }
 }
 
-/// Adds to `own` what it lacks of `followed`.
+/// Adds the entries of `followed` that `own` lacks.
 fn complete(own: &mut Table, followed: &Table) {
     for (name, value) in followed {
         match (own.get_mut(name), value) {

@@ -1,8 +1,8 @@
-//! `[instance]`, `[clock]` and `[log]`: which testbed, which time, which log lines.
+//! `[instance]`, `[clock]` and `[log]`: testbed, time base, and log lines.
 
 use serde::{Deserialize, Serialize};
 
-/// `[instance]`: which testbed on this machine.
+/// `[instance]`: a testbed on this machine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct InstanceOptions {
@@ -12,7 +12,7 @@ pub struct InstanceOptions {
     pub root: String,
 }
 
-/// Which clock drives a flight.
+/// Clock of a flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum ClockKind {
@@ -40,7 +40,7 @@ impl ClockKind {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct ClockOptions {
-    /// Which clock.
+    /// Kind of clock.
     pub kind: ClockKind,
     /// Seed of every random source.
     pub seed: u64,

@@ -10,15 +10,15 @@ use crate::error::ConfigError;
 use crate::setting::{Setting, word_or_toml};
 use crate::text::read_text;
 
-/// Variables that begin with `OQTAL_` and are not settings: where tests find recordings, an interpreter and packages with the
-/// libraries that tests compare with, and for how long.
+/// Variables that begin with `OQTAL_` and are not settings: paths of recordings, interpreters and packages for tests, and
+/// durations.
 const OTHER_VARIABLES: [&str; 4] = ["RECORDINGS", "PEERS_PYTHON", "PEERS_NODE", "PEERS_SECONDS"];
 
 /// Keys that name a file to read.
 pub(crate) const FILE_KEYS: [&str; 3] =
     ["mocap.replay", "trajectory.waypoints-file", "bridge.mavlink.signing-key-file"];
 
-/// Length up to which a file is read \[MiB\].
+/// Maximum length of a file \[MiB\].
 const LONGEST_FILE_MIB: u64 = 1;
 
 /// The settings of the file at `path`.
@@ -33,19 +33,19 @@ fn read(path: &Path) -> Result<String, ConfigError> {
         .map_err(|error| ConfigError { origin: origin(), reason: error.to_string() })
 }
 
-/// From the offset of a byte in `text`, that of the file `name`, to `FILE:LINE`.
+/// Converts the offset of a byte in `text`, the content of the file `name`, to `FILE:LINE`.
 fn place(name: String, text: &str) -> impl Fn(usize) -> String {
     move |offset| format!("{name}:{}", 1 + text[..offset].matches('\n').count())
 }
 
-/// The error of a file whose offsets are at `at`.
+/// Error of a file; `at` converts its offsets.
 fn located(at: &dyn Fn(usize) -> String, error: &toml::de::Error) -> ConfigError {
     let origin = at(error.span().map_or(0, |span| span.start));
     ConfigError { origin, reason: error.message().to_owned() }
 }
 
-/// The settings of a file with this name and text, each with its line. Relative paths in it start at its directory, so that a flight's
-/// configuration finds the files beside it wherever it is.
+/// Settings of a file with this name and text, each with its line. Relative paths in it start at its directory, so that a
+/// flight's directory can be moved.
 pub(crate) fn from_toml(file: &str, text: &str) -> Result<Vec<Setting>, ConfigError> {
     let at = place(file.to_owned(), text);
     let parsed = DeTable::parse(text).map_err(|error| located(&at, &error))?;
@@ -62,7 +62,7 @@ pub(crate) fn from_toml(file: &str, text: &str) -> Result<Vec<Setting>, ConfigEr
     Ok(collector.settings)
 }
 
-/// The names in the section `section` of the file at `path`, as far as it can be read, and what is wrong with the file.
+/// Names in the section `section` of the file at `path`, as far as it is readable, and the errors of the file.
 pub(crate) fn salvage(path: &Path, section: &str) -> (Vec<Setting>, Vec<ConfigError>) {
     let (text, mut errors) = match read(path) {
         Ok(text) => (text, Vec::new()),
@@ -92,7 +92,7 @@ struct Collector<'a> {
 }
 
 impl Collector<'_> {
-    /// Collects the keys of the section `path`, given with the places of its keys and with its values.
+    /// Collects the keys of the section `path`, given with their positions and values.
     fn collect(&mut self, parsed: &DeTable<'_>, values: &Table, path: &str) {
         for (name, spanned) in parsed {
             let name: &Spanned<_> = name;
@@ -119,7 +119,7 @@ pub(crate) fn from_environment(
 ) -> Vec<Setting> {
     let mut settings = Vec::new();
     for (name, value) in variables {
-        // Variables of other programs may hold any bytes.
+        // Variables of other programs may contain arbitrary bytes.
         let (name, value) = (name.to_string_lossy(), value.to_string_lossy());
         let Some(rest) = name.strip_prefix("OQTAL_") else { continue };
         if OTHER_VARIABLES.contains(&rest) {

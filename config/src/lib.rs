@@ -1,21 +1,21 @@
 //! One configuration for all processes: built-in values, presets, a file, `OQTAL_*` variables, flags, in this order.
 //!
-//! Every value that is set carries its origin (`FILE:LINE`, the variable, the flag), and values are applied one at a time, so
-//! that every error names the line to mend.
+//! Every set value has an origin (`FILE:LINE`, the variable, the flag), and values are applied one at a time, so that every error
+//! names the line to correct.
 //!
 //! | file | subject |
 //! |---|---|
-//! | `config.rs` | the effective configuration, made of its layers |
+//! | `config.rs` | the effective configuration, composed of layers |
 //! | `check.rs` | the rules of the effective configuration |
 //! | `setting.rs`, `layer.rs`, `preset.rs` | values with their origins, from flags, files, the environment, presets |
-//! | `place.rs` | the instance that is meant by a configuration with errors |
+//! | `place.rs` | the instance in a configuration with errors |
 //! | `follow.rs` | keys that follow those of another section |
 //! | `renamed.rs` | keys of earlier versions |
-//! | `origin.rs`, `error.rs` | where a value was set, and the error that says so |
+//! | `origin.rs`, `error.rs` | origins of values, and the error that names them |
 //! | `text.rs` | files read as text |
-//! | `airframe.rs` | what `[vehicle]` and `[plant]` have in common |
-//! | `disturbance.rs`, `period.rs` | disturbances in time; the time for which they and faults act |
-//! | the others | a section each |
+//! | `airframe.rs` | values common to `[vehicle]` and `[plant]` |
+//! | `disturbance.rs`, `period.rs` | timed disturbances; the period of disturbances and faults |
+//! | the others | one section each |
 
 mod airframe;
 mod asctec;

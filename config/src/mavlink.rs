@@ -1,4 +1,4 @@
-//! `[bridge.mavlink]` and `[plant.wire.mavlink]`: what MAVLink's numbers mean, and who speaks it.
+//! `[bridge.mavlink]` and `[plant.wire.mavlink]`: addresses, rates and scales for MAVLink.
 
 use oqtal_control::options::{OptionError, Rule, check_options};
 use serde::{Deserialize, Serialize};
@@ -13,14 +13,14 @@ pub struct MavlinkOptions {
     pub component: u8,
     /// Rate at which poses are sent to the vehicle, at most \[Hz\].
     pub pose_rate_hz: f64,
-    /// Standard deviation of the position that is sent, each axis \[mm\].
+    /// Standard deviation of the sent position, per axis \[mm\].
     pub position_sd_mm: f64,
-    /// Standard deviation of the attitude that is sent, each axis \[deg\].
+    /// Standard deviation of the sent attitude, per axis \[deg\].
     pub attitude_sd_deg: f64,
-    /// Points `[delta_c, thrust]` from the share of greatest thrust to the thrust of a set-point \[-\].
+    /// Points `[delta_c, thrust]` from the fraction of maximum thrust to the thrust of a set-point \[-\].
     pub thrust_table: Vec<[f64; 2]>,
-    /// File with the key by which packets are signed, 64 hexadecimal digits; empty for packets without a signature. The bridge alone
-    /// reads it, so that the key is in no configuration that a flight writes down.
+    /// File with the key for signing packets, 64 hexadecimal digits; empty for unsigned packets. Only the bridge reads it, so
+    /// that the key is not part of a recorded configuration.
     pub signing_key_file: String,
 }
 
@@ -28,7 +28,7 @@ pub struct MavlinkOptions {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct PlantMavlinkOptions {
-    /// Points `[delta_c, thrust]`, as the emulated autopilot takes them \[-\].
+    /// Points `[delta_c, thrust]` of the emulated autopilot \[-\].
     pub thrust_table: Vec<[f64; 2]>,
     /// Time after its start for which the emulated autopilot refuses to arm \[ms\].
     pub refuses_arming_ms: f64,

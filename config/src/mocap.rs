@@ -8,25 +8,25 @@ use crate::mocap_room::RoomOptions;
 use crate::mocap_serve::ServeOptions;
 use crate::preset;
 
-/// How a pose is made from the true state.
+/// Model of the measurement of a pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MocapModel {
-    /// The true pose with noise as configured.
+    /// True pose with configured noise.
     Pose,
     /// Markers seen by cameras, triangulated, and a rigid body fitted to them.
     Markers,
 }
 
-/// The instant that a pose carries as that of its capture.
+/// Instant stamped on a pose as its capture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CaptureStamp {
     /// The capture itself.
     Exact,
-    /// The arrival of the pose, as of a receiver without a clock model.
+    /// Arrival of the pose, as for a receiver without a clock model.
     Arrival,
-    /// The capture by a clock with an offset and a drift, as of a receiver that takes a foreign clock for its own.
+    /// Capture on a clock with offset and drift, as for a receiver that uses a foreign clock unconverted.
     Clock,
 }
 
@@ -34,9 +34,9 @@ pub enum CaptureStamp {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct MocapOptions {
-    /// Name of the preset that these values started from.
+    /// Name of the preset on which these values are based.
     pub preset: String,
-    /// How a pose is made.
+    /// Model of the measurement.
     pub model: MocapModel,
     /// Capture time of a pose.
     pub stamp: CaptureStamp,
@@ -46,11 +46,11 @@ pub struct MocapOptions {
     pub position_noise_mm: f64,
     /// Standard deviation of the attitude \[deg, per body axis\].
     pub attitude_noise_deg: f64,
-    /// Capture to pose \[ms\].
+    /// Time from capture to pose \[ms\].
     pub latency_ms: f64,
     /// Greatest random addition to the latency \[ms\], uniform from 0.
     pub jitter_ms: f64,
-    /// Period at whose multiples poses are published \[ms\], as by a receiver that polls; 0 publishes them at once.
+    /// Polling period of an emulated receiver \[ms\]: poses are published at its multiples; 0 publishes them at once.
     pub poll_ms: f64,
     /// Probability that a frame starts a gap \[0..1\].
     pub dropout_probability: f64,

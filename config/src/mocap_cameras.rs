@@ -10,9 +10,9 @@ const MOST: usize = 16;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct CameraOptions {
-    /// Where the cameras are \[m, world\].
+    /// Positions of the cameras \[m, world\].
     pub positions_m: Vec<[f64; 3]>,
-    /// The point that each camera looks at \[m, world\].
+    /// Point at which each camera is aimed \[m, world\].
     pub aims_m: Vec<[f64; 3]>,
     /// Horizontal field of view \[deg\].
     pub field_of_view_deg: f64,
@@ -20,9 +20,9 @@ pub struct CameraOptions {
     pub resolution_px: [u32; 2],
     /// Standard deviation of a marker's image point along each image axis \[pixels\].
     pub pixel_noise_px: f64,
-    /// Exposure \[ms\]: a moving marker is seen where it is in the middle of it.
+    /// Exposure \[ms\]: a moving marker is imaged at its position in the middle of the exposure.
     pub exposure_ms: f64,
-    /// Numbers, from 1, of cameras that see nothing.
+    /// Numbers, from 1, of covered cameras.
     pub covered: Vec<usize>,
 }
 
@@ -30,25 +30,25 @@ pub struct CameraOptions {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct MarkerOptions {
-    /// Where the markers are \[m, body\].
+    /// Positions of the markers \[m, body\].
     pub positions_m: Vec<[f64; 3]>,
-    /// Semi-axes of the ellipsoid about the body's origin that hides what is behind it \[m, body\]; 0 hides nothing.
+    /// Semi-axes of the ellipsoid about the body's origin that hides markers behind it \[m, body\]; 0 hides none.
     pub hull_m: [f64; 3],
     /// Numbers, from 1, of markers that no camera sees.
     pub hidden: Vec<usize>,
-    /// Probability that a marker vanishes in a frame \[0..1\].
+    /// Probability that a marker becomes hidden in a frame \[0..1\].
     pub vanish_probability: f64,
-    /// Mean number of frames for which it stays away \[frames\], geometric.
+    /// Mean number of frames for which it stays hidden \[frames\], geometric.
     pub vanish_frames: f64,
-    /// Probability that two markers are taken for each other from a frame on \[0..1\].
+    /// Probability that two markers are swapped from a frame on \[0..1\].
     pub swap_probability: f64,
-    /// Mean number of frames for which they are \[frames\], geometric.
+    /// Mean number of frames for which they stay swapped \[frames\], geometric.
     pub swap_frames: f64,
     /// Least number of markers of a tracked body \[-\].
     pub least_visible: usize,
     /// Greatest root mean square distance of the markers from the body fitted to them \[mm\]; above it the body is lost.
     pub max_residual_mm: f64,
-    /// Greatest root mean square distance of a marker's image points from where it is triangulated \[pixels\]; above it the
+    /// Greatest root mean square distance between measured and reprojected image points of a marker \[pixels\]; above it the
     /// marker is not used.
     pub max_reprojection_px: f64,
 }
@@ -101,7 +101,7 @@ impl MarkerOptions {
     }
 }
 
-/// Checks that `points` has at least `least` finite points, and no more than there is room for.
+/// Checks that `points` has at least `least` finite points and at most the maximum.
 fn check_points(key: &str, points: &[[f64; 3]], least: usize) -> Result<(), OptionError> {
     let is_finite = points.iter().flatten().all(|number| number.is_finite());
     if is_finite && (least..=MOST).contains(&points.len()) {
@@ -119,7 +119,7 @@ fn check_numbers(key: &str, numbers: &[usize], most: usize) -> Result<(), Option
     }
 }
 
-/// Whether a camera looks straight up or down.
+/// Whether a camera is aimed straight up or down.
 fn straight_up(at: &[f64; 3], aim: &[f64; 3]) -> bool {
     let horizontal = (aim[0] - at[0]).hypot(aim[1] - at[1]);
     horizontal < 1e-3 * (aim[2] - at[2]).abs().max(1e-3)

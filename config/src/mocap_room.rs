@@ -3,7 +3,7 @@
 use oqtal_control::options::{OptionError, Rule, check_options};
 use serde::{Deserialize, Serialize};
 
-/// `[mocap.room]`. With every probability, rate and period at zero it changes nothing.
+/// `[mocap.room]`. Has no effect with every probability, rate and period at zero.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct RoomOptions {
@@ -33,7 +33,7 @@ pub struct RoomOptions {
     pub pose_coupling_ratio: f64,
     /// Probability that the noise of a frame is greater than usual \[0..1\].
     pub heavy_tail_probability: f64,
-    /// Factor by which it is then \[-\].
+    /// Factor of the noise in such a frame \[-\].
     pub heavy_tail_ratio: f64,
     /// For `stamp = "clock"`: the foreign clock minus that of this machine at the start \[ms\].
     pub clock_offset_ms: f64,

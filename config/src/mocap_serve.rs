@@ -17,7 +17,7 @@ pub struct ServeOptions {
     pub natnet_version: String,
     /// Group of NatNet's frames by multicast; empty for unicast alone.
     pub multicast: String,
-    /// Whether the poses are published on the bus as well; not where a receiver publishes them.
+    /// Whether the poses are also published on the bus; false if a receiver publishes them.
     pub publish: bool,
     /// Probability that a frame reaches no client \[-\].
     pub loss_probability: f64,

@@ -1,4 +1,4 @@
-//! Where each value of the configuration was set.
+//! Origins of the values of the configuration.
 
 use oqtal_control::options::OptionError;
 
@@ -9,7 +9,7 @@ use crate::setting::Setting;
 /// Origin of a value that no setting changed.
 const BUILT_IN: &str = "built-in";
 
-/// The settings of which a configuration was made, later ones last.
+/// Settings of a configuration, later ones last.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Origins {
     settings: Vec<Setting>,
@@ -17,7 +17,7 @@ pub(crate) struct Origins {
     pub(crate) rename_warnings: Vec<String>,
 }
 
-/// Configurations are compared by their values: any two origins are equal.
+/// Configurations are compared by values only, so all origins are equal.
 impl PartialEq for Origins {
     fn eq(&self, _: &Self) -> bool {
         true
@@ -50,12 +50,12 @@ impl Origins {
         ConfigError { origin: origin.clone(), reason }
     }
 
-    /// Adds to `error` where its option was set. An option that follows another is blamed on that one.
+    /// Adds the origin of the option in `error`; for an option that follows another one, the origin of the followed option.
     pub(crate) fn locate(&self, error: &OptionError) -> ConfigError {
         self.locate_rule(&BrokenRule { error: error.clone(), others: &[] })
     }
 
-    /// Adds the origin to a broken rule: that of the option set last among those in the rule.
+    /// Adds the origin to a broken rule: that of the last-set option in the rule.
     pub(crate) fn locate_rule(&self, broken: &BrokenRule) -> ConfigError {
         let BrokenRule { error, others } = broken;
         let followed = followed_by(&error.key);
@@ -77,7 +77,7 @@ impl Origins {
     }
 }
 
-/// Whether two keys are the same, or one is a section that holds the other.
+/// Whether the keys are equal, or one is a section that contains the other.
 fn are_nested(a: &str, b: &str) -> bool {
     let is_within = |key: &str, section: &str| {
         key.strip_prefix(section).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))

@@ -5,7 +5,7 @@ use std::fmt;
 /// Greatest time and duration \[s\].
 const LONGEST_S: f64 = 1e6;
 
-/// When something acts, and for how long; written `TIME[+DURATION]`.
+/// Period `TIME[+DURATION]`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Period {
     /// Beginning, from the first command that arms \[s\].

@@ -1,5 +1,5 @@
-//! The instance that a configuration means, however much of the configuration can be used: a command that ends a flight must reach
-//! the instance with a file that is missing or half edited.
+//! The instance in a configuration that may have errors: a command that ends a flight must reach the instance even with a missing
+//! or half-edited file.
 
 use std::ffi::OsString;
 use std::path::Path;
@@ -16,8 +16,8 @@ use crate::setting::Setting;
 const SECTION: &str = "instance";
 
 impl InstanceOptions {
-    /// The instance that `file` (if any), the environment and `flags` mean, as far as they can be read. Settings of other sections
-    /// do not count. What cannot be used is left out and returned with it.
+    /// The instance according to `file` (if any), the environment and `flags`, as far as they are readable. Settings of other
+    /// sections are ignored. Unusable settings are left out and returned as errors.
     #[must_use]
     pub fn salvage(file: Option<&Path>, flags: &[Setting]) -> (Self, Vec<ConfigError>) {
         Self::salvage_under(file, std::env::vars_os(), flags)

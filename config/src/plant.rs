@@ -1,4 +1,4 @@
-//! `[plant]`: what the simulated vehicle and its surroundings are. A key that is not set follows `[vehicle]`.
+//! `[plant]`: the simulated vehicle and its environment. Keys that are not set follow `[vehicle]`.
 
 use oqtal_control::options::{OptionError, Rule, check_options};
 use oqtal_control::rigid_body::{Inertia, InertiaError};
@@ -9,10 +9,10 @@ use crate::disturbance::{DisturbanceKind, TimedDisturbance};
 use crate::error::BrokenRule;
 use crate::plant_wire::PlantWireOptions;
 
-/// Greatest part of the vehicle's mass that disturbances may take away \[-\].
+/// Greatest fraction of the vehicle's mass that disturbances may remove \[-\].
 const MOST_TAKEN: f64 = 0.9;
 
-/// How finely a vehicle with an on-board rate loop is modelled.
+/// Fidelity of the model of a vehicle with an on-board rate loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Fidelity {
@@ -26,9 +26,9 @@ pub enum Fidelity {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct PlantOptions {
-    /// How the simulated vehicle is commanded; it ignores commands of another interface.
+    /// Kind of command of the simulated vehicle; it ignores commands of another interface.
     pub interface: Interface,
-    /// How finely the vehicle is modelled, unless it is commanded by torque.
+    /// Fidelity of the model, unless the vehicle is commanded by torque.
     pub fidelity: Fidelity,
     /// Mass \[kg\].
     pub mass_kg: f64,
@@ -50,22 +50,22 @@ pub struct PlantOptions {
     pub attitude_gain_per_s: f64,
     /// Time constant of the thrust \[ms\]; 0 for none.
     pub thrust_lag_ms: f64,
-    /// Power of the commanded share of the greatest thrust that the thrust is \[-\]; 1 is the straight line of Eq. (61).
+    /// Exponent of thrust over command \[-\]; 1 is the straight line of Eq. (61).
     pub thrust_exponent: f64,
-    /// From a command received over the bus to its effect \[ms\]; the delay of a wire is in `[plant.wire]`.
+    /// Time from the receipt of a command over the bus to its effect \[ms\]; the delay of a wire is in `[plant.wire]`.
     pub command_delay_ms: f64,
-    /// From the effect of a command as the vehicle reports it to the real one \[ms\]: a delay that no stamp shows.
+    /// Time from the reported to the real effect of a command \[ms\]: a delay hidden from the stamps.
     pub hidden_delay_ms: f64,
-    /// Greatest addition to that delay, drawn evenly for each command \[ms\]; commands keep their order.
+    /// Greatest addition to that delay, drawn uniformly per command \[ms\]; commands keep their order.
     pub command_jitter_ms: f64,
-    /// Share of the commands over the bus that never arrive \[-\]; the losses of a wire are in `[plant.wire]`.
+    /// Fraction of the commands over the bus that are lost \[-\]; the losses of a wire are in `[plant.wire]`.
     pub command_loss_probability: f64,
-    /// Mean number of commands that are lost in a row \[-\], geometric.
+    /// Mean number of consecutive lost commands \[-\], geometric.
     pub command_loss_burst: f64,
     /// Linear drag per mass \[1/s\].
     pub drag_per_s: f64,
-    /// Greatest relative deviation of each of these parameters, and of the rotors', from its value here \[-\], drawn once per
-    /// seed, evenly to both sides.
+    /// Greatest relative deviation of each of these parameters, and of the rotors', from its value here \[-\]; drawn once per
+    /// seed, uniformly in both directions.
     pub spread: f64,
     /// Standard deviation of the gusts' acceleration per axis \[m/s^2, world\].
     pub gust_sd_m_s2: f64,
@@ -77,16 +77,15 @@ pub struct PlantOptions {
     pub force_n: [f64; 3],
     /// Relative standard deviation of drift and force over seeds \[-\].
     pub disturbance_spread: f64,
-    /// Disturbances in time, each as `KIND@TIME[+DURATION]=VALUE`, in seconds after arming.
+    /// Timed disturbances, each as `KIND@TIME[+DURATION]=VALUE`, in seconds after arming.
     pub disturb: Vec<TimedDisturbance>,
     /// Rate at which the truth is sampled for cameras \[Hz\].
     pub frame_rate_hz: f64,
-    /// Whether the simulated vehicle only provides the truth that cameras see, while another vehicle is behind the bridge: the
-    /// plant then flies by the commands on the bus and does not publish `vehicle`.
+    /// Whether the simulated vehicle only provides the truth for the cameras, while another vehicle is behind the bridge: the
+    /// plant then executes the commands on the bus and does not publish `vehicle`.
     pub shadow: bool,
-    /// Source of the truth where the vehicle is a firmware that runs as a program,
-    /// `crazyflie-sitl:udp:HOST:PORT[,crtp=HOST:PORT]` or `mavlink:udpin:HOST:PORT`; empty for the simulated vehicle. Parsed by
-    /// plant-sim.
+    /// Source of the truth if the vehicle is a firmware executed as a program, `crazyflie-sitl:udp:HOST:PORT[,crtp=HOST:PORT]` or
+    /// `mavlink:udpin:HOST:PORT`; empty for the simulated vehicle. Parsed by plant-sim.
     pub truth: String,
     /// `[plant.rotors]`.
     pub rotors: RotorOptions,
@@ -98,7 +97,7 @@ pub struct PlantOptions {
     pub wire: PlantWireOptions,
 }
 
-/// Where the rotors are.
+/// Arrangement of the rotors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RotorLayout {
@@ -108,12 +107,12 @@ pub enum RotorLayout {
     Cross,
 }
 
-/// `[plant.rotors]`: four rotors, for `fidelity = "rotors"` and for a firmware as a program. The forces of the air, but not their
-/// torques, act on a vehicle by Eq. (61) too.
+/// `[plant.rotors]`: four rotors, for `fidelity = "rotors"` and for a firmware executed as a program. Aerodynamic forces, but not
+/// torques, also act on a vehicle by Eq. (61).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct RotorOptions {
-    /// Where the rotors are. The first and the third turn counter-clockwise, seen from above.
+    /// Arrangement of the rotors. The first and the third turn counter-clockwise, seen from above.
     pub layout: RotorLayout,
     /// Centre of mass to rotor axis \[m\].
     pub arm_m: f64,
@@ -133,10 +132,9 @@ pub struct RotorOptions {
     pub inflow_coefficient: f64,
     /// Radius of a rotor \[m\].
     pub radius_m: f64,
-    /// Whether the thrust grows close to the floor.
+    /// Whether the thrust increases close to the floor.
     pub ground_effect: bool,
-    /// Part of a rotor's thrust that grows with the square of the power that a firmware commands; the rest grows linearly
-    /// \[0..1\].
+    /// Fraction of a rotor's thrust that grows with the square of the commanded power; the rest grows linearly \[0..1\].
     pub quadratic_thrust: f64,
 }
 
@@ -144,9 +142,9 @@ pub struct RotorOptions {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct BatteryOptions {
-    /// Whether thrust falls with the voltage.
+    /// Whether thrust decreases with the voltage.
     pub sag: bool,
-    /// Voltage at which the rotors turn as fast as commanded \[V\].
+    /// Voltage at which the rotors reach the commanded speed \[V\].
     pub nominal_v: f64,
     /// Open-circuit voltage when full \[V\].
     pub full_v: f64,
@@ -160,8 +158,7 @@ pub struct BatteryOptions {
     pub hover_current_a: f64,
 }
 
-/// `[plant.probe]`: a sine that is added to a stick of every command as it takes effect, by which the response of a loop is
-/// measured.
+/// `[plant.probe]`: a sine added to a stick of every command as it takes effect, for measuring the response of a loop.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct ProbeOptions {
@@ -184,7 +181,7 @@ impl ProbeOptions {
 }
 
 impl PlantOptions {
-    /// The inertia as the equations of motion take it.
+    /// Inertia for the equations of motion.
     ///
     /// # Errors
     /// The inertia is not symmetric positive definite.
@@ -218,7 +215,7 @@ impl PlantOptions {
         self.check_links()
     }
 
-    /// Whatever is taken from the vehicle, some of it remains.
+    /// Checks that disturbances leave some of the vehicle's mass.
     fn check_mass(&self) -> Result<(), BrokenRule> {
         let taken = self.disturb.iter().map(|disturbance| match disturbance.kind {
             DisturbanceKind::Mass(mass_kg) => (-mass_kg).max(0.0),
@@ -233,7 +230,7 @@ impl PlantOptions {
         Err(BrokenRule { error, others: &["plant.mass-kg", "vehicle.mass-kg", "plant.spread"] })
     }
 
-    /// A vehicle is commanded in one way, and by torque over the bus alone.
+    /// Checks that the vehicle has one command path, and that torque commands come over the bus.
     fn check_links(&self) -> Result<(), BrokenRule> {
         if !self.truth.is_empty() && !self.wire.link.is_empty() {
             let link = format!("`{}`", self.wire.link);

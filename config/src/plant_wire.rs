@@ -1,4 +1,4 @@
-//! `[plant.wire]`: the emulated vehicle at the other end of a wire, and the radio on the way to it.
+//! `[plant.wire]`: the emulated vehicle at the far end of a wire, and its radio.
 
 use oqtal_control::options::{OptionError, Rule, check_options};
 use serde::{Deserialize, Serialize};
@@ -7,19 +7,19 @@ use crate::asctec::AsctecOptions;
 use crate::crtp::CrtpVehicleOptions;
 use crate::mavlink::PlantMavlinkOptions;
 
-/// `[plant.wire]`. With the defaults a command acts as long after its first byte as one that comes over the bus acts after it
-/// was received, `plant.command-delay-ms`.
+/// `[plant.wire]`. With the defaults the time from a command's first byte to its effect equals `plant.command-delay-ms`, the
+/// delay of a command over the bus.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct PlantWireOptions {
     /// Link, `asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]`: PATH becomes a symbolic link to a pseudo-terminal; or
     /// `mavlink:udpout:HOST:PORT`, `mavlink:udpin:HOST:PORT`, `crtp:udp:HOST:PORT`; empty for no wire, with commands off the bus. Parsed by plant-sim.
     pub link: String,
-    /// From a byte's last bit to its arrival, each way \[ms\].
+    /// Time from a byte's last bit to its arrival, each way \[ms\].
     pub latency_ms: f64,
-    /// Further time that a datagram takes, drawn for each between none and this \[ms\]; UDP only.
+    /// Greatest additional delay of a datagram, drawn uniformly for each \[ms\]; UDP only.
     pub jitter_ms: f64,
-    /// Whether the two ends take turns on the air.
+    /// Whether the two ends take turns in sending.
     pub half_duplex: bool,
     /// Probability that a frame is lost, each way \[0..1\].
     pub loss_probability: f64,
@@ -31,9 +31,9 @@ pub struct PlantWireOptions {
     pub time_out_ms: f64,
     /// The host's XBee as the vehicle addresses it, 4 or 16 hexadecimal digits; API modes only. Parsed by plant-sim.
     pub xbee_address: String,
-    /// `[plant.wire.asctec]`: what counts mean to the emulated vehicle.
+    /// `[plant.wire.asctec]`: meaning of counts for the emulated vehicle.
     pub asctec: AsctecOptions,
-    /// `[plant.wire.crtp]`: the emulated vehicle as a Crazyflie.
+    /// `[plant.wire.crtp]`: settings of an emulated Crazyflie.
     pub crtp: CrtpVehicleOptions,
     /// `[plant.wire.mavlink]`: the emulated autopilot.
     pub mavlink: PlantMavlinkOptions,

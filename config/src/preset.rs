@@ -1,4 +1,4 @@
-//! Presets: sets of values that one key names.
+//! Presets: named sets of values.
 
 use oqtal_control::options::OptionError;
 
@@ -8,11 +8,11 @@ use crate::setting::Setting;
 
 /// A preset.
 struct Preset {
-    /// The key that names it.
+    /// Key that selects it.
     key: &'static str,
-    /// The value of that key.
+    /// Value of that key.
     name: &'static str,
-    /// Its file; empty for the built-in values.
+    /// Content of its file; empty for the built-in values.
     text: &'static str,
 }
 
@@ -57,7 +57,7 @@ const PRESETS: [Preset; 9] = [
     },
 ];
 
-/// The settings of all presets that `settings` name.
+/// Settings of all presets named in `settings`.
 pub(crate) fn named_by(settings: &[Setting]) -> Result<Vec<Setting>, ConfigError> {
     let mut found = Vec::new();
     for Preset { key, name, text } in PRESETS {

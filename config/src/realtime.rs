@@ -3,20 +3,20 @@
 use oqtal_control::options::{OptionError, Rule, check_options};
 use serde::{Deserialize, Serialize};
 
-/// Highest priority of the daemon under SCHED_FIFO: the bridge is one above it, watchdogs and the kernel's own threads stay above
+/// Highest priority of the daemon under SCHED_FIFO: the bridge is one above it; watchdogs and the kernel's own threads stay above
 /// both.
 const MAX_PRIORITY: u8 = 79;
 /// Lowest priority of the daemon: cameras and simulator are one and two below it.
 const MIN_PRIORITY: u8 = 3;
-/// Highest number of a CPU that the kernel's CPU set can hold.
+/// Highest CPU number in the kernel's CPU set.
 const MAX_CPU: usize = 1023;
 
 const PRIORITIES: Rule = Rule::Between(MIN_PRIORITY as f64, MAX_PRIORITY as f64);
 
-/// Longest time between cache warm-up and pose \[us\]: after it the caches are cold again.
+/// Longest time between cache warm-up and pose \[us\]; after it the caches are cold again.
 const MAX_WARMUP_US: f64 = 5000.0;
 
-/// How a loop is scheduled.
+/// Scheduling of a loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Scheduling {
@@ -34,14 +34,14 @@ pub struct RealtimeOptions {
     pub scheduling: Scheduling,
     /// Priority of the daemon under SCHED_FIFO, 3 to 79; the bridge has one more, the cameras one less, the simulator two less.
     pub priority: u8,
-    /// Numbers of the CPUs that the loops may run on; empty for all.
+    /// Numbers of the CPUs on which the loops may run; empty for all.
     pub cpus: Vec<usize>,
     /// Whether all memory of a process is locked in RAM.
     pub lock_memory: bool,
     /// Timer slack: greatest delay of a wake-up that the kernel may add to a loop that is not under SCHED_FIFO \[us\].
     pub timer_slack_us: f64,
-    /// Time before each expected pose at which the daemon warms its caches by a tick on a copy of its state \[us\]; 0 for
-    /// never.
+    /// Time before each expected pose at which the daemon warms its caches by a tick on a copy of its state \[us\]; 0 disables
+    /// the warm-up.
     pub warmup_us: f64,
 }
 

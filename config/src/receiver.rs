@@ -1,4 +1,4 @@
-//! `[receiver]`: the way of poses from a real camera system.
+//! `[receiver]`: connection to a real camera system.
 
 use oqtal_control::options::{OptionError, Rule, check_options};
 use serde::{Deserialize, Serialize};
@@ -18,13 +18,13 @@ pub enum UpAxis {
     Y,
 }
 
-/// Clock that the instants of capture are taken from.
+/// Source of the instants of capture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum StampSource {
-    /// The server's stamps, by an estimate of its clock.
+    /// Stamps of the server, converted by an estimate of its clock.
     Server,
-    /// The arrivals of the frames.
+    /// Arrivals of the frames.
     Arrival,
 }
 
@@ -34,11 +34,11 @@ pub enum StampSource {
 pub struct ReceiverOptions {
     /// Link to the camera system; empty for none. Parsed by the receiver.
     pub link: String,
-    /// Clock that the instants of capture are taken from.
+    /// Source of the instants of capture.
     pub stamps: StampSource,
-    /// From the exposure of a frame to the arrival of the fastest frames \[ms\].
+    /// Time from the exposure of a frame to the arrival of the fastest frames \[ms\].
     pub camera_latency_ms: f64,
-    /// Axis of the room that points upward; turned upright before the rotation of the room.
+    /// Axis of the room that points upward; applied before the rotation of the room.
     pub up_axis: UpAxis,
     /// Origin of the room \[m, world\].
     pub room_position_m: [f64; 3],
@@ -48,9 +48,9 @@ pub struct ReceiverOptions {
     pub body_position_m: [f64; 3],
     /// Roll, pitch and yaw from the body to the frame of the markers \[deg\].
     pub body_rotation_deg: [f64; 3],
-    /// Delay beyond the fastest frames with which a frame is still passed on \[ms\].
+    /// Greatest delay relative to the fastest frames with which a frame is passed on \[ms\].
     pub max_delay_ms: f64,
-    /// Time without a frame after which the connection is opened again \[ms\].
+    /// Time without a frame after which the receiver reconnects \[ms\].
     pub silence_ms: f64,
 }
 

@@ -1,4 +1,4 @@
-//! `[record]`: what is recorded, and into how many files.
+//! `[record]`: selection of recordings, and division into files.
 
 use oqtal_control::options::{OptionError, Rule, check_options};
 use serde::{Deserialize, Serialize};
@@ -11,7 +11,7 @@ pub enum RecordedFlights {
     None,
     /// Flights through processes, in real time and in lockstep.
     Processes,
-    /// Flights in one process, too; they become slower.
+    /// Also in-process flights, which become slower.
     All,
 }
 
@@ -21,11 +21,11 @@ pub enum RecordedFlights {
 pub struct RecordOptions {
     /// The flights of `oqtal fly` that are recorded.
     pub flights: RecordedFlights,
-    /// Rate at which the truth is recorded \[Hz\], beside the sample nearest to each tick of the daemon, which always is.
+    /// Rate at which the truth is recorded \[Hz\], in addition to the sample nearest to each tick of the daemon.
     pub truth_hz: f64,
-    /// Size of a file after which `oqtal record` begins another \[MB\].
+    /// Size of a file above which `oqtal record` starts another one \[MB\].
     pub file_mb: f64,
-    /// Duration of a file after which `oqtal record` begins another \[min\].
+    /// Duration of a file above which `oqtal record` starts another one \[min\].
     pub file_min: f64,
 }
 

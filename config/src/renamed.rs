@@ -4,11 +4,11 @@ use crate::setting::Setting;
 
 /// A key of earlier versions.
 struct RenamedKey {
-    /// The former key.
+    /// Former key.
     former: &'static str,
-    /// The keys in its place, each of which takes its value.
+    /// Present keys, each of which takes the value.
     keys: &'static [&'static str],
-    /// A former value and the one in its place, where a value was renamed too.
+    /// Former and present value, if a value was renamed too.
     value: Option<[&'static str; 2]>,
 }
 
@@ -39,7 +39,7 @@ fn find(setting: &Setting) -> Option<&'static RenamedKey> {
     RENAMED.iter().find(|renamed| renamed.former == setting.key)
 }
 
-/// The same settings under the keys of this version.
+/// Settings with the present keys.
 pub(crate) fn with_present_keys(settings: &[Setting]) -> Vec<Setting> {
     let rename = |setting: &Setting| {
         let Some(RenamedKey { keys, value, .. }) = find(setting) else {
@@ -56,7 +56,7 @@ pub(crate) fn with_present_keys(settings: &[Setting]) -> Vec<Setting> {
     settings.iter().flat_map(rename).collect()
 }
 
-/// A warning for each setting whose key is one of an earlier version.
+/// Warnings for settings with keys of earlier versions.
 pub(crate) fn warnings(settings: &[Setting]) -> Vec<String> {
     let warn = |setting: &Setting| {
         let keys = find(setting)?.keys.join("`, `");

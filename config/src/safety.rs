@@ -1,4 +1,4 @@
-//! `[safety]`: which poses the daemon accepts, when it flies, and when it stops the motors.
+//! `[safety]`: acceptance of poses, conditions of a flight, and limits that stop the motors.
 
 use oqtal_control::options::{OptionError, Rule, check_options};
 use oqtal_control::predictive::FilterOptions;
@@ -16,29 +16,30 @@ pub struct SafetyOptions {
     pub max_speed_m_s: f64,
     /// Greatest rate of turn between two poses on the ground \[rad/s\]; a faster pose is a jump.
     pub max_rate_rad_s: f64,
-    /// Greatest distance in flight of a pose from the motion that the commands sent predict \[standard deviations\].
+    /// Greatest distance in flight of a pose from the motion predicted from the sent commands \[standard deviations\].
     pub gate_sigma: f64,
-    /// Good poses in a row after which poses are accepted again.
+    /// Number of consecutive good poses after which poses are accepted again.
     pub recovery_poses: u32,
     /// Time without accepted poses during which the vehicle is flown on the predicted motion \[ms\].
     pub predict_ms: f64,
-    /// Time without accepted poses after which the motors stop, or a vehicle that holds its attitude descends \[ms\].
+    /// Time without accepted poses after which the motors stop, or a vehicle with its own attitude loop descends \[ms\].
     pub coast_ms: f64,
-    /// Longest time for which a vehicle that holds its attitude descends without poses before its motors stop \[ms\].
+    /// Longest descent without poses of a vehicle with its own attitude loop, after which its motors stop \[ms\].
     pub descend_ms: f64,
-    /// Thrust of such a descent over that of a hover \[-\].
+    /// Thrust in such a descent over the hover thrust \[-\].
     pub descend_thrust: f64,
     /// Time without a reply after which the vehicle counts as silent \[ms\]: no take-off, and in flight the motors stop.
     pub vehicle_silence_ms: f64,
-    /// Time within which the motors of a real vehicle must run once a flight begins \[ms\]; after it the flight is stopped.
+    /// Time after the beginning of a flight within which the motors of a real vehicle must run \[ms\]; otherwise the flight is
+    /// stopped.
     pub motor_start_ms: f64,
     /// Greatest speed in flight \[m/s\].
     pub speed_limit_m_s: f64,
-    /// Tilt in flight from which on the daemon warns \[deg\].
+    /// Tilt in flight above which the daemon warns \[deg\].
     pub tilt_warning_deg: f64,
     /// Greatest tilt in flight \[deg\].
     pub tilt_limit_deg: f64,
-    /// Greatest distance from the reference position \[m\]; not where an attitude is prescribed.
+    /// Greatest distance from the reference position \[m\]; not applied with a prescribed attitude.
     pub tracking_limit_m: f64,
     /// Battery voltage under load below which the daemon warns and arming is refused \[V\].
     pub battery_low_v: f64,
@@ -48,11 +49,11 @@ pub struct SafetyOptions {
     pub link_poor: f64,
     /// Share of answered requests to the vehicle below which the vehicle lands \[0..1\].
     pub link_bad: f64,
-    /// Age of poses in use from which on the daemon warns \[ms since capture\].
+    /// Age of poses in use above which the daemon warns \[ms since capture\].
     pub pose_age_warning_ms: f64,
-    /// Age of poses in use from which on the vehicle lands \[ms since capture\].
+    /// Age of poses in use above which the vehicle lands \[ms since capture\].
     pub pose_age_limit_ms: f64,
-    /// Share of frames lost or refused from which on the daemon warns \[0..1\].
+    /// Fraction of frames lost or refused above which the daemon warns \[0..1\].
     pub pose_loss_warning: f64,
     /// Least and greatest height of the vehicle's body at which it may be armed \[m, world z\].
     pub arming_z_m: [f64; 2],
@@ -60,10 +61,11 @@ pub struct SafetyOptions {
     pub arming_tilt_deg: f64,
     /// Whether a real vehicle may be armed on emulated poses: on the table, propellers off, or tied down (operations.md, step 10).
     pub allow_emulated_poses: bool,
-    /// Whether the daemon runs its loop and publishes telemetry but never flies. Set by itself where a recording is played.
+    /// Whether the daemon runs its loop and publishes telemetry but never flies. Set automatically during playback of a
+    /// recording.
     pub observe_only: bool,
-    /// Whether the daemon flies once without an operator, as soon as poses and vehicle allow it. Only a simulated vehicle is
-    /// flown so.
+    /// Whether the daemon flies once without an operator, as soon as poses and vehicle are ready. Applies only to a simulated
+    /// vehicle.
     pub arm_at_start: bool,
     /// `[safety.filter]`: noise of poses and of the motion, for the gate.
     pub filter: FilterOptions,

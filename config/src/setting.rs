@@ -1,4 +1,4 @@
-//! One value on its way into the configuration, with its origin.
+//! A value for the configuration, with its origin.
 
 use std::fmt::Display;
 use std::str::FromStr;
@@ -16,7 +16,7 @@ pub struct Setting {
     pub key: String,
     /// The value.
     pub value: Value,
-    /// Where it was set: `FILE:LINE`, a variable, a flag.
+    /// Origin: `FILE:LINE`, a variable, a flag.
     pub origin: String,
 }
 
@@ -39,7 +39,7 @@ impl Setting {
         Ok(Self::flag(flag, key.trim(), word_or_toml(value.trim())))
     }
 
-    /// A setting of the section `section`, written as `KEY=VALUE` with the key as the section has it.
+    /// Setting of the section `section`, written as `KEY=VALUE` with the key relative to the section.
     ///
     /// # Errors
     /// `text` has no `=`.
@@ -48,7 +48,7 @@ impl Setting {
         Ok(Self { key: format!("{section}.{}", setting.key), ..setting })
     }
 
-    /// Writes the value into `table`, the sections on the way to it included.
+    /// Writes the value into `table`, with the sections of its key.
     pub(crate) fn insert_into(&self, table: &mut Table) -> Result<(), ConfigError> {
         let (path, name) = self.key.rsplit_once('.').unwrap_or(("", &self.key));
         let mut section = table;
@@ -58,7 +58,7 @@ impl Setting {
             key += name;
             let value =
                 section.entry(name.to_owned()).or_insert_with(|| Value::Table(Table::new()));
-            // A table that follows another begins to have values of its own.
+            // A table that followed another one now has values of its own.
             if value.is_str() && value.as_str() == follow_word(&key).as_deref() {
                 *value = Value::Table(Table::new());
             }
@@ -71,7 +71,7 @@ impl Setting {
         Ok(())
     }
 
-    /// The error of this setting, for a reason.
+    /// Error of this setting, with a reason.
     pub(crate) fn refused(&self, reason: &str) -> ConfigError {
         ConfigError { origin: self.origin.clone(), reason: format!("`{}`: {reason}", self.key) }
     }
@@ -92,7 +92,7 @@ where
     parsed.map_err(|error| OptionError::new(key, format!("`{text}`"), format!("{object}: {error}")))
 }
 
-/// The TOML value that `text` is, or `text` itself as a string if it is none.
+/// The TOML value of `text`, or `text` itself as a string if it is not TOML.
 pub(crate) fn word_or_toml(text: &str) -> Value {
     let parsed: Result<Table, _> = format!("value = {text}").parse();
     parsed

@@ -1,10 +1,10 @@
-//! Texts read from files, of bounded length.
+//! Text files of bounded length.
 
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
-/// Reads a text of at most `longest_mib` \[MiB\]: a file without end, as a device, is an error.
+/// Reads a text of at most `longest_mib` \[MiB\]; an endless file, such as a device, is an error.
 ///
 /// # Errors
 /// The file cannot be read, is longer, or is not UTF-8.

@@ -11,9 +11,9 @@ use crate::preset;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct VehicleOptions {
-    /// Name of the preset that these values started from.
+    /// Name of the preset on which these values are based.
     pub preset: String,
-    /// How the vehicle is commanded.
+    /// Kind of command that the vehicle takes.
     pub interface: Interface,
     /// Mass \[kg\].
     pub mass_kg: f64,
@@ -33,15 +33,14 @@ pub struct VehicleOptions {
     pub attitude_gain_per_s: f64,
     /// Time constant of the thrust \[ms\]; 0 for none.
     pub thrust_lag_ms: f64,
-    /// From a command received by the vehicle to its effect \[ms\]; the predictor starts from it until it has measured the
-    /// delay.
+    /// Time from the receipt of a command by the vehicle to its effect \[ms\]; initial value of the predictor's measured delay.
     pub command_delay_ms: f64,
     /// Linear drag per mass \[1/s\].
     pub drag_per_s: f64,
 }
 
 impl VehicleOptions {
-    /// The inertia as the laws take it.
+    /// Inertia for the laws.
     ///
     /// # Errors
     /// The inertia is not symmetric positive definite.

@@ -1,4 +1,4 @@
-//! The layers of a configuration: what follows what, and which setting an error names.
+//! The layers of a configuration: their order, and the setting named by an error.
 
 use oqtal_config::{Config, ConfigError, Interface, Setting};
 

@@ -28,7 +28,7 @@ fn step(criterion: &mut Criterion, name: &str, mut law: impl AttitudeLaw) {
     criterion.bench_function(name, |bencher| {
         bencher.iter(|| law.update(black_box(&state), black_box(&reference), black_box(DT_S)));
     });
-    // Otherwise a Riccati solution was timed.
+    // Otherwise the benchmark would measure a Riccati solution.
     assert!(law.riccati_solves() <= 1);
 }
 

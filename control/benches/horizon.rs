@@ -1,6 +1,6 @@
 //! Time of the quadratic programs of `mpc` at the longest horizon: typical, and in the worst of many states.
 //!
-//! The bound on the time is that on the iterations, [`MOST_ITERATIONS`], times that of one iteration.
+//! The time is bounded by the maximum number of iterations, [`MOST_ITERATIONS`], times the time of one iteration.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -13,9 +13,9 @@ use oqtal_control::riccati::dare;
 use oqtal_control::rigid_body::Inertia;
 
 const PERIOD_S: f64 = 1.0 / 60.0;
-/// Number of states in which a program is solved.
+/// Number of states for which a program is solved.
 const STATES: usize = 2_000;
-/// Number of solutions of which the fastest counts: interruptions make others slower.
+/// Number of repetitions, of which the fastest counts, since interruptions slow down the others.
 const REPETITIONS: usize = 5;
 
 /// The program of all axes of a vehicle commanded through `input`.
@@ -32,7 +32,7 @@ fn bounds(input: f64, rate: f64) -> MoveBounds<3> {
     MoveBounds { input_low: -input, input_high: input, rate_low: -rate, rate_high: rate }
 }
 
-/// The state number `index` of a sequence that covers rates and errors evenly.
+/// State number `index` of a sequence that covers rates and errors uniformly.
 fn state(index: usize) -> SVector<f64, 6> {
     const STRIDES: [f64; 6] = [0.7548, 0.5698, 0.4302, 0.3247, 0.2451, 0.1851];
     SVector::from_fn(|row, _| {

@@ -1,4 +1,4 @@
-//! One Riccati solution for each size that the laws ask for.
+//! One Riccati solution for each size that the laws use.
 
 use std::hint::black_box;
 
@@ -21,7 +21,7 @@ type Solver<const N: usize> = fn(
 /// A, B and Q; R is the identity.
 type System<const N: usize> = (SMatrix<f64, N, N>, SMatrix<f64, N, 3>, SMatrix<f64, N, N>);
 
-/// `[omega; attitude; integral]`, cut off after `N`: the kinematics `omega -> attitude` and an inertia.
+/// `[omega; attitude; integral]`, truncated after `N`: the kinematics `omega -> attitude` and an inertia.
 fn system<const N: usize>(
     kinematics: Matrix3<f64>,
     inertia: Vector3<f64>,

@@ -28,7 +28,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             println!("{:5.2} s: {error_deg:8.4} deg off", f64::from(tick) * PERIOD_S);
         }
         let torque = law.update(&state, &reference, PERIOD_S);
-        // The torque is held for a period; the body moves on in short steps.
+        // The torque is held for a period; the body is integrated in short steps.
         for _ in 0..STEPS {
             let step_s = PERIOD_S / f64::from(STEPS);
             state.rate.0 += inertia.acceleration(state.rate, torque).0 * step_s;

@@ -1,4 +1,4 @@
-//! A quadrotor, 20 ms from command to effect, flies one metre aside under the predictive autopilot.
+//! A quadrotor with 20 ms from command to effect flies one metre sideways under the predictive autopilot.
 
 use std::error::Error;
 
@@ -31,7 +31,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let pose =
         |motion: &Motion| MeasuredPose { position: motion.position, attitude: motion.attitude };
 
-    // The vehicle, with a wind that the model does not know of.
+    // The vehicle, with a wind unknown to the model.
     let wind = Bias { acceleration: Vector3::new(0.1, 0.0, 0.0), ..Bias::default() };
     let mut motion = Motion { thrust_n: 0.5 * 9.81, ..Motion::default() };
     let mut tracker =

@@ -1,4 +1,4 @@
-//! Gains for a cart on a track, position and velocity its states, from both Riccati equations.
+//! Gains from both Riccati equations for a cart on a track, with position and velocity as its states.
 
 use std::error::Error;
 
@@ -28,7 +28,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     assert!(residual.norm() < 1e-12, "residual {residual}");
     assert!((ad - bd * discrete.k).complex_eigenvalues().iter().all(|pole| pole.norm() < 1.0));
 
-    // A mode that no input reaches is an error, not a gain.
+    // A mode that no input can reach causes an error.
     let unreachable = care(&Matrix2::identity(), &b, &q, &r);
     assert_eq!(unreachable, Err(RiccatiError::NoStabilisingSolution));
     println!("without a way to reach a mode: {}", unreachable.unwrap_err());

@@ -51,8 +51,8 @@ pub struct OperatingPoint {
 }
 
 impl OperatingPoint {
-    /// The operating point at `eps` and `omega_e` \[rad/s, body axes\], with `eps_ddot = 0`: the paper drops
-    /// `eps_ddot` (Section VII.C), because it would consist of twice differentiated measurement noise.
+    /// The operating point at `eps` and `omega_e` \[rad/s, body axes\], with `eps_ddot = 0`: the paper neglects `eps_ddot`
+    /// (Section VII.C), since it would consist of twice differentiated measurement noise.
     ///
     /// An `eps` with `lambda` below [`LAMBDA_MIN`] is shortened until `lambda` equals it. The corner of a cell may
     /// have a norm above 1, the greatest possible norm of an error.
@@ -79,7 +79,7 @@ pub struct ErrorModel {
 }
 
 impl ErrorModel {
-    /// The model that `jacobian` gives at `point`.
+    /// The model of the version `jacobian` at `point`.
     #[must_use]
     pub fn at(jacobian: Jacobian, point: &OperatingPoint) -> Self {
         let zero = Matrix3::zeros();

@@ -26,7 +26,7 @@ pub struct EstimatorOptions {
 
 impl Default for EstimatorOptions {
     fn default() -> Self {
-        // At 60 Hz the gap spans two lost frames in a row.
+        // At 60 Hz the gap covers two consecutive lost frames.
         Self { velocity_cutoff_hz: 6.0, rate_cutoff_hz: 6.0, gap_ms: 60.0 }
     }
 }
@@ -77,9 +77,8 @@ impl Estimator {
     /// Takes the pose captured at `t_s` \[s, any origin\]: `position` \[m, world\] and `attitude`, and returns the motion
     /// at that time.
     ///
-    /// A pose that is not later than the last one, or from which no finite estimate follows, is ignored. After a gap
-    /// the pose is taken and the rates are held until the next one, because an average over the gap would be out of
-    /// date and zero would be a jump.
+    /// A pose that is not later than the last one, or does not give a finite estimate, is ignored. After a gap the pose is taken
+    /// and the rates are held until the next one, because an average over the gap would be out of date and zero would be a jump.
     pub fn update(&mut self, t_s: f64, position: Vector3<f64>, attitude: Attitude) -> Estimate {
         let dt_s = self.last_t_s.map(|last| t_s - last);
         let (velocity, rate) = match dt_s {
@@ -103,7 +102,7 @@ impl Estimator {
         self.estimate
     }
 
-    /// Velocity and body rate after a pose that follows the last one after `dt_s` \[s\].
+    /// Velocity and body rate after a pose that follows the last one by `dt_s` \[s\].
     ///
     /// The weight of the low-pass falls with `dt_s` as fast as the noise of the difference quotient grows, so poses
     /// close together need no special treatment.
@@ -141,7 +140,7 @@ mod tests {
         prop::array::uniform3(-bound..bound).prop_map(Vector3::from)
     }
 
-    /// The same attitude written with the other sign.
+    /// The same attitude with the opposite sign of the quaternion.
     fn negated(attitude: Attitude) -> Attitude {
         let q = attitude.unit_quaternion().quaternion();
         Attitude::from_unit_quaternion(UnitQuaternion::new_unchecked(Quaternion::from(-q.coords)))
@@ -181,7 +180,7 @@ mod tests {
             estimator.update(t_s, Vector3::new(t_s, 0.0, 0.0), Attitude::LEVEL);
         }
         let before = estimator.latest().velocity;
-        // Thrown back by 5 m while unseen.
+        // Displaced by 5 m during the gap.
         let after = estimator.update(3.0, Vector3::new(-5.0, 0.0, 0.0), Attitude::LEVEL);
         assert_eq!(after.velocity, before);
         assert_eq!(after.position.x, -5.0);

@@ -48,11 +48,11 @@ pub struct TurnState {
 }
 
 impl GravityTurn {
-    /// The turn of a lander with thrust `thrust_ratio` times its weight, under `gravity` \[m/s^2\], that begins with
-    /// `speed` \[m/s\] at `angle_rad` from the vertical \[rad\].
+    /// Turn of a lander with a thrust of `thrust_ratio` times its weight under `gravity` \[m/s^2\], which begins with `speed`
+    /// \[m/s\] at `angle_rad` from the vertical \[rad\].
     ///
     /// # Errors
-    /// The first argument for which no turn ends in a hover.
+    /// The first argument for which the turn does not end in a hover.
     pub fn new(
         thrust_ratio: f64,
         gravity: f64,
@@ -76,7 +76,7 @@ impl GravityTurn {
         self.at_angle(0.0).time_s
     }
 
-    /// The state at which the velocity is `angle_rad` from the vertical, from the angle at the start down to 0.
+    /// State at which the velocity is `angle_rad` from the vertical, between the initial angle and 0.
     #[must_use]
     pub fn at_angle(&self, angle_rad: f64) -> TurnState {
         let Self { thrust_ratio: n, gravity: g, constant: c, .. } = *self;
@@ -159,13 +159,13 @@ pub struct Guidance {
 }
 
 impl Guidance {
-    /// A guidance without a command yet.
+    /// A guidance without a previous command.
     #[must_use]
     pub fn new(options: GuidanceOptions) -> Self {
         Self { options, last: AttitudeReference::default(), is_frozen: false }
     }
 
-    /// The command for a lander that moves at `velocity` \[m/s, world\] and thrusts along body z of `attitude`.
+    /// Command for a lander that moves at `velocity` \[m/s, world\] and thrusts along body z of `attitude`.
     ///
     /// Once the lander has been slower than `least_speed_m_s`, the last attitude is held permanently.
     pub fn command(&mut self, velocity: &Vector3<f64>, attitude: &Attitude) -> AttitudeReference {

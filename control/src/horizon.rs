@@ -6,13 +6,13 @@
 //! with  low_u <= u_i <= high_u,   low_w - s <= w_{i+1} <= high_w + s,   s >= 0
 //! ```
 //!
-//! `w` is the first part of the state `x`, one component for each input. The slack `s` has a linear penalty beyond every
-//! multiplier that occurs, so that it is zero wherever it can be: the program always has a solution.
+//! `w` is the first part of the state `x`, one component for each input. The linear penalty of the slack `s` exceeds every
+//! multiplier that occurs, so that the slack is zero whenever possible and the program always has a solution.
 //!
 //! Source: C. V. Rao, S. J. Wright and J. B. Rawlings, *Application of Interior-Point Methods to Model Predictive Control*, JOTA
 //! 99(3), 1998, with the predictor and corrector of S. Mehrotra, *SIAM J. Optim.* 2(4), 1992. Every Newton step is a Riccati
 //! recursion, so that its cost is proportional to the horizon; the slack, which couples all moves, is eliminated last, by a
-//! second solution with the same factors. Iterates keep the limits. The work space is on the stack.
+//! second solution with the same factors. Iterates satisfy the limits. The work space is on the stack.
 
 mod iterate;
 mod program;
@@ -22,18 +22,18 @@ use nalgebra::SVector;
 use iterate::{Centre, Iterate};
 pub use program::{HorizonProgram, MOST_STEPS, MoveBounds};
 
-/// Most iterations of the method \[-\].
+/// Maximum number of iterations \[-\].
 pub const MOST_ITERATIONS: u32 = 40;
 
-/// Greatest number in a program \[-\].
+/// Greatest number allowed in a program \[-\].
 const GREATEST: f64 = 1e9;
-/// Change of any move in the last Newton step: each step leaves a small part of it \[unit of the input\].
+/// Change of any move in the last Newton step \[unit of the input\]; each step leaves a small fraction of it.
 const LAST_CHANGE: f64 = 1e-7;
 /// Complementarity after the last Newton step, over the curvature of the cost of a move \[square of the unit of the input\].
 const LAST_COMPLEMENTARITY: f64 = 1e-14;
-/// Change of any move in the last Newton step, where rounding ends the method \[unit of the input\].
+/// Change of any move in the last Newton step if rounding ends the method \[unit of the input\].
 const GREATEST_CHANGE: f64 = 1e-4;
-/// Share of the way to the nearest limit that an iteration goes \[-\].
+/// Fraction of the distance to the nearest limit that an iteration advances \[-\].
 const BOUNDARY_SHARE: f64 = 0.999;
 
 /// Solution of a program.
@@ -46,8 +46,8 @@ pub struct HorizonSolution<const M: usize> {
 }
 
 impl<const S: usize, const M: usize> HorizonProgram<S, M> {
-    /// Solves the program from the state `x_0`. `None` if a number is not finite or beyond those of any motion of a vehicle, or if
-    /// the method does not converge.
+    /// Solves the program from the state `x_0`. `None` if a number is not finite or exceeds every vehicle motion, or if the
+    /// method does not converge.
     #[must_use]
     pub fn solve(
         &self,

@@ -26,8 +26,8 @@ impl Integral {
     /// Adds `error` over `dt_s` \[s\], unless the command is saturated and the addition would drive it further out of
     /// range.
     ///
-    /// `excess` is the unlimited command minus the limited one, `push` the direction in which `error` moves the
-    /// unlimited command. An `error` or a `dt_s` that is not finite adds nothing.
+    /// `excess` is the unlimited command minus the limited one; `push` is the direction in which `error` moves the unlimited
+    /// command. An `error` or a `dt_s` that is not finite adds nothing.
     #[inline]
     pub fn step(
         &mut self,

@@ -1,5 +1,5 @@
-//! Attitude and position control of flying bodies: an optimal quaternion law and its rivals, Riccati solvers, estimation,
-//! prediction and trajectories, as pure functions and small state machines over matrices of static size.
+//! Attitude and position control of flying bodies: an optimal quaternion law and other laws for comparison, Riccati solvers,
+//! estimation, prediction and trajectories, as pure functions and small state machines over matrices of static size.
 //!
 //! The crate has no clock, no input or output, no thread and no `unsafe` code; time is an argument, and no step allocates.
 //! Its dependencies are nalgebra and serde.
@@ -46,8 +46,9 @@
 //! SI units, radians, `f64`. World: right-handed, z up. Body: x forward, y left, z up. Attitudes are unit quaternions, scalar
 //! last, body to world. Every public number states its unit and frame: \[m/s, world\]; \[-\] for none.
 //!
-//! Equation numbers are those of OQTAL (*IEEE Transactions on Aerospace and Electronic Systems*, 2015). Where a printed
-//! equation is wrong, the line names its erratum in `docs/errata.md` of the repository. What is not in the paper says so.
+//! Equation numbers are those of OQTAL (*IEEE Transactions on Aerospace and Electronic Systems*, 2015). Where a printed equation
+//! is wrong, the line names its erratum in `docs/errata.md` of the repository. Mathematics that is not in the paper is marked as
+//! such.
 #![forbid(unsafe_code)]
 
 pub mod controller;

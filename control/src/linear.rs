@@ -6,8 +6,8 @@ use nalgebra::SMatrix;
 /// is below a quarter of the rounding unit.
 const TERMS: u32 = 14;
 
-/// The discrete-time system `x+ = Ad x + Bd u` with the same states as `dx/dt = Ax + Bu` at the times `0, h, 2h, ..`
-/// \[s\] if `u` is held in between (zero-order hold). Returns `(Ad, Bd)`.
+/// Discrete-time system `x+ = Ad x + Bd u` with the same states as `dx/dt = Ax + Bu` at the times `0, h, 2h, ..` \[s\] if `u` is
+/// held in between (zero-order hold). Returns `(Ad, Bd)`.
 ///
 /// Exact but for rounding: `Ad = exp(Ah)` and `Bd = Psi(Ah) B h` with `Psi(X) = I + X/2! + X^2/3! +
 /// ..`, by scaling and squaring (Moler and Van Loan, *SIAM Review* 45, 2003; C. Van Loan, *IEEE
@@ -21,8 +21,7 @@ pub fn discretise<const N: usize, const M: usize>(
 ) -> (SMatrix<f64, N, N>, SMatrix<f64, N, M>) {
     let x = a * h;
     let norm = x.column_iter().map(|column| column.lp_norm(1)).fold(0.0, f64::max);
-    // So that the norm of x / 2^doublings is at most one half. The bound is that of the exponents
-    // of f64.
+    // Chosen so that the norm of x / 2^doublings is at most one half. The bound is the range of the exponents of f64.
     let doublings = (norm.log2().ceil() + 1.0).clamp(0.0, 1024.0) as i32;
     let x = x * 0.5_f64.powi(doublings);
 
@@ -31,8 +30,7 @@ pub fn discretise<const N: usize, const M: usize>(
     for k in (2..=TERMS).rev() {
         psi = identity + x * psi / f64::from(k);
     }
-    // exp(x) - I. The identity is left out of the squaring so as not to round off what is small
-    // beside it.
+    // exp(x) - I. The identity is left out of the squaring, so that small terms are not rounded off.
     let mut change = x * psi;
     for _ in 0..doublings {
         psi += psi * change * 0.5;

@@ -4,8 +4,7 @@
 //! Eq. (60), have squares. The printed results agree with norms (Table III: fitness = q times its quaternion error plus
 //! r times its effort), so both forms are kept (erratum E-60).
 //!
-//! A number that is not finite makes every figure that contains it not finite, so that a failed flight cannot look
-//! good.
+//! A number that is not finite makes every figure that contains it not finite, so that a failed flight never has good figures.
 
 use nalgebra::Vector3;
 

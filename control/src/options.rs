@@ -1,4 +1,4 @@
-//! The rules that options of a configuration keep, and the one error for an option that breaks its rule.
+//! Rules for the values of options, and the error for an option that breaks its rule.
 //!
 //! Every options type of this crate has a method `check`, a table of (key, value, rule) given to [`check_options`].
 
@@ -57,7 +57,7 @@ pub enum Rule {
 }
 
 impl Rule {
-    /// Whether `value` keeps the rule.
+    /// Whether `value` satisfies the rule.
     #[must_use]
     pub fn allows(self, value: f64) -> bool {
         match self {

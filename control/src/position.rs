@@ -1,8 +1,8 @@
 //! The outer loops of Fig. 16: from the position error to the attitude and thrust for the attitude law.
 //!
-//! One PID for each of X, Y and Z turns the position error into a commanded velocity, one for each of V_X, V_Y and V_Z
-//! turns the velocity error into a commanded acceleration, and the acceleration fixes attitude and thrust. The structure
-//! is the paper's (section VII.B); gains, limits and the feed-forward of the reference velocity are not in the paper.
+//! One PID for each of X, Y and Z turns the position error into a commanded velocity, one for each of V_X, V_Y and V_Z turns the
+//! velocity error into a commanded acceleration, and the acceleration determines attitude and thrust. The structure is the
+//! paper's (section VII.B); gains, limits and the feed-forward of the reference velocity are not in the paper.
 
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
@@ -156,7 +156,7 @@ pub struct PositionLoops {
 }
 
 impl PositionLoops {
-    /// Loops at rest for a vehicle of `mass_kg` \[kg\] under `gravity_m_s2` \[m/s^2\], with options that pass their check.
+    /// Loops at rest for a vehicle of `mass_kg` \[kg\] under `gravity_m_s2` \[m/s^2\]; the options must be valid.
     #[must_use]
     pub fn new(options: &PositionOptions, mass_kg: f64, gravity_m_s2: f64) -> Self {
         let pid = |gains, limits| Pid::new(gains, limits, options.derivative_cutoff_hz);
@@ -182,7 +182,7 @@ impl PositionLoops {
         }
     }
 
-    /// The command for the present estimate and reference, `dt_s` \[s\] after the command before it.
+    /// Command for the present estimate and reference, `dt_s` \[s\] after the previous command.
     ///
     /// A reference with an attitude opens the horizontal loops: that attitude is the command, the integrals are held,
     /// and the velocity that the loops would command is still reported. The vertical loop stays closed and
@@ -214,7 +214,7 @@ impl PositionLoops {
         }
     }
 
-    /// Replaces the gains of one PID; its state is kept, so that a flight may go on.
+    /// Replaces the gains of one PID; its state is kept, so that the flight can continue.
     pub fn set_gains(&mut self, which: OuterLoop, gains: PidGains) {
         let pid = match which {
             OuterLoop::X => &mut self.horizontal_position.x,
@@ -266,8 +266,8 @@ impl PositionLoops {
     }
 }
 
-/// The PIDs of X and Y, or of V_X and V_Y. The two are limited together, because separate limits would change the
-/// direction of the command.
+/// The PIDs of X and Y, or of V_X and V_Y. They are limited together, because separate limits would change the direction of the
+/// command.
 #[derive(Clone, Copy, Debug)]
 struct HorizontalPids {
     x: Pid,

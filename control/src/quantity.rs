@@ -1,7 +1,6 @@
-//! Physical quantities that are easily confused, each as a type of its own.
+//! Physical quantities that are easily confused, each with a separate type.
 //!
-//! All values are SI, radians, `f64`. The vector inside is public: the types separate meanings and do not hide
-//! numbers.
+//! All values are SI, radians, `f64`. The vector inside is public: the types separate meanings without hiding numbers.
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};

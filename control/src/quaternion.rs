@@ -32,7 +32,7 @@ impl Attitude {
     pub fn from_xyzw([x, y, z, w]: [f64; 4]) -> Option<Self> {
         let quaternion = Quaternion::new(w, x, y, z);
         let norm = quaternion.norm();
-        // A comparison with NaN is false, so non-finite numbers end here too.
+        // A comparison with NaN is false, so that numbers that are not finite are refused here too.
         ((norm - 1.0).abs() <= NORM_TOLERANCE)
             .then(|| Self(UnitQuaternion::new_unchecked(quaternion / norm)))
     }

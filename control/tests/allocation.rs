@@ -23,7 +23,7 @@ use counter::allocations;
 const DT_S: f64 = 1.0 / 60.0;
 
 /// Flies every law through several cells, so that Riccati equations are solved, and to the limits of the input, so that quadratic
-/// programs are.
+/// programs are solved.
 fn check_laws<I: InputForm + Copy>(options: &ControlOptions, input: I) {
     for controller in ControllerName::ALL {
         let mut law = Controller::new(&ControlOptions { controller, ..*options }, input).unwrap();

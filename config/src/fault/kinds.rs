@@ -1,6 +1,6 @@
-//! The targets and kinds of faults: which kind a target can have, with which magnitude.
+//! Targets and kinds of faults: the kinds of each target, and their magnitudes.
 
-/// Words of a command line that stand for the variants of an enumeration.
+/// Words of the command line for the variants of an enumeration.
 macro_rules! words {
     ($(#[$meta:meta])* $name:ident { $($(#[$variant_meta:meta])* $variant:ident = $word:literal,)* }) => {
         $(#[$meta])*
@@ -23,13 +23,13 @@ macro_rules! words {
 words! {
     /// Topic or process that a fault affects.
     FaultTarget {
-        /// The poses that the daemon reads.
+        /// Poses read by the daemon.
         Pose = "pose",
-        /// The commands that plant-sim or bridge reads.
+        /// Commands read by plant-sim or bridge.
         Command = "command",
-        /// The states of the vehicle that the daemon reads.
+        /// States of the vehicle read by the daemon.
         Vehicle = "vehicle",
-        /// The simulated radio between a command received and its effect.
+        /// The simulated radio, between the receipt of a command and its effect.
         Radio = "radio",
         /// The process daemon.
         Daemon = "daemon",
@@ -45,25 +45,25 @@ words! {
 }
 
 words! {
-    /// In which way the target fails.
+    /// Kind of failure.
     FaultKind {
-        /// Nothing arrives.
+        /// No samples arrive.
         Off = "off",
-        /// The last value arrives again and again, under new sequence numbers.
+        /// The last value is repeated with new sequence numbers.
         Stuck = "stuck",
         /// Every number is arbitrary: random bits, not a number, infinities.
         Garbage = "garbage",
-        /// Plausible but false: a pose shifted or turned, a command scaled, a vehicle whose motors are said to stand.
+        /// Plausible but false: a pose shifted or turned, a command scaled, a vehicle with stopped motors.
         Wrong = "wrong",
-        /// Samples arrive at this rate at most; a process takes longer for each turn by this time.
+        /// Samples arrive at most at this rate; each turn of a process takes longer by this time.
         Slow = "slow",
-        /// Everything arrives later by this time.
+        /// All samples are delayed by this time.
         Delayed = "delayed",
         /// Each sample is missing with this probability.
         Intermittent = "intermittent",
-        /// The process is killed, and started again at the end of the fault.
+        /// The process is killed, and restarted at the end of the fault.
         Kill = "kill",
-        /// The process is stopped, and continued at the end of the fault.
+        /// The process is suspended, and continued at the end of the fault.
         Stop = "stop",
     }
 }
@@ -104,14 +104,14 @@ impl FaultTarget {
     }
 }
 
-/// A magnitude that a kind may have: unit, default, least and greatest value \[unit\].
+/// Magnitude allowed for a kind: unit, default, least and greatest value \[unit\].
 type Allowed = (FaultUnit, f64, f64, f64);
 
-/// A kind of fault that some targets can have.
+/// Kind of fault with its allowed targets.
 pub(super) struct KindRule {
     pub(super) kind: FaultKind,
     targets: &'static [FaultTarget],
-    /// The magnitudes that it may have, the one without a value first; empty for none.
+    /// Allowed magnitudes, the one with the default first; empty for a kind without magnitude.
     magnitudes: &'static [Allowed],
 }
 
@@ -162,7 +162,7 @@ pub(super) fn kinds_of(target: FaultTarget) -> impl Iterator<Item = &'static Kin
 }
 
 impl KindRule {
-    /// The kind as the grammar shows it, with its defaults.
+    /// The kind in the form of the grammar, with its defaults.
     pub(super) fn form(&self) -> String {
         let values =
             self.magnitudes.iter().map(|(unit, value, ..)| format!("={value}{}", unit.name()));
@@ -173,7 +173,7 @@ impl KindRule {
         }
     }
 
-    /// The magnitude that `text` gives, or the default without a text; `None` if it is not allowed.
+    /// Magnitude from `text`, or the default without a text; `None` if it is not allowed.
     pub(super) fn magnitude(&self, text: Option<&str>) -> Option<Option<Magnitude>> {
         let Some(text) = text else {
             let default = self.magnitudes.first();

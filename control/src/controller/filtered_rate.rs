@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::Vector3;
 
-/// Greatest rate that is filtered \[rad/s\]; a greater one is not a motion of a vehicle.
+/// Greatest rate that is filtered \[rad/s\]; greater values are not vehicle motion.
 const MOST_RAD_S: f64 = 1e3;
 /// Shortest step over which a rate is differentiated \[s\].
 const SHORTEST_S: f64 = 1e-5;
@@ -24,8 +24,8 @@ impl FilteredRate {
         Self { cutoff_rad_s: TAU * cutoff_hz, rate: None, acceleration: Vector3::zeros() }
     }
 
-    /// Takes the rate `omega` \[rad/s, body axes\], `dt_s` after the last one \[s\]. Returns the share of a new value in the
-    /// filtered one \[-\].
+    /// Takes the rate `omega` \[rad/s, body axes\], `dt_s` after the last one \[s\]. Returns the weight of the new value in the
+    /// filter \[-\].
     pub(super) fn step(&mut self, omega: &Vector3<f64>, dt_s: f64) -> f64 {
         let omega = omega.map(|rate| rate.clamp(-MOST_RAD_S, MOST_RAD_S));
         let dt_s = dt_s.max(SHORTEST_S);
@@ -47,7 +47,7 @@ impl FilteredRate {
         self.acceleration
     }
 
-    /// Forgets everything.
+    /// Resets the filter.
     pub(super) fn reset(&mut self) {
         (self.rate, self.acceleration) = (None, Vector3::zeros());
     }

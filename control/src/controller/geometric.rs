@@ -84,7 +84,7 @@ impl GeometricOptions {
     }
 }
 
-/// The law for a vehicle commanded through `I`.
+/// Law for a vehicle commanded through `I`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Geometric<I> {
     options: GeometricOptions,

@@ -1,4 +1,5 @@
-//! Incremental nonlinear dynamic inversion: the last input, corrected by what it did not achieve. Not in the paper.
+//! Incremental nonlinear dynamic inversion: corrects the last input by the remaining error of the angular acceleration. Not in
+//! the paper.
 //!
 //! ```text
 //! u = u_f + B^-1 (nu - omega_dot_f - A (omega - omega_f))
@@ -8,9 +9,9 @@
 //! Source: E. J. J. Smeur, Q. P. Chu and G. C. H. E. de Croon, *Adaptive Incremental Nonlinear Dynamic Inversion for Attitude
 //! Control of Micro Air Vehicles*, JGCD 39(3), 2016, without its adaptation of `B`. The model is `omega_dot = A omega + B u + d`
 //! with an unknown `d`, which cancels between now and the filtered past (index `f`, one filter for the measured motion and the
-//! input). By torque `A = 0` and `B = J^-1`, as in the source. By rates `A` and `B` are those of the vehicle's own rate loop with
-//! its lag, and what is left of the law is a rate loop around that one; if the rate follows at once, the increments are of the
-//! rate itself: `u = u_f + K^-1 (omega_sp - omega_f)`.
+//! input). By torque `A = 0` and `B = J^-1`, as in the source. With rate input, `A` and `B` are those of the vehicle's own rate
+//! loop with its lag, and the law is a rate loop around it; if the rate follows at once, the increments are of the rate itself:
+//! `u = u_f + K^-1 (omega_sp - omega_f)`.
 
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -21,7 +22,7 @@ use super::law::{AttitudeLaw, LawTerms, SearchRange};
 use crate::options::{OptionError, Rule, check_options};
 use crate::tracking_error::{AttitudeError, AttitudeReference, AttitudeState};
 
-/// Most ticks by which the input can be delayed before its filter \[-\].
+/// Maximum delay of the input before its filter \[ticks\].
 const MOST_TICKS: usize = 8;
 
 /// Options of [`Indi`]. The default is for the Hummingbird in rate form.
@@ -34,8 +35,8 @@ pub struct IndiOptions {
     pub rate_gain_per_s: f64,
     /// Cut-off frequency of the filter of rate and input \[Hz\].
     pub cutoff_hz: f64,
-    /// Ticks that pass from a command to the pose that shows its effect \[-\]: the input is delayed by as many before its filter, so
-    /// that it is compared with the motion that it caused. 0 with the prediction of `oqtal-dt`.
+    /// Number of ticks from a command to the pose that shows its effect \[-\]: the input is delayed by this number before its
+    /// filter, so that it is compared with the motion that it caused. 0 with the prediction of `oqtal-dt`.
     pub input_delay_ticks: usize,
     /// Whether the reference's motion is fed forward.
     pub feed_forward: bool,
@@ -129,7 +130,7 @@ impl<I: InputForm> Indi<I> {
         })
     }
 
-    /// The input that corrects the filtered one.
+    /// Input that corrects the filtered one.
     fn increment(&self, state: &AttitudeState, reference: &AttitudeReference) -> Vector3<f64> {
         let IndiOptions { attitude_gain_per_s, rate_gain_per_s, feed_forward, .. } = self.options;
         let error = AttitudeError::between(&reference.attitude, &state.attitude);
@@ -192,7 +193,7 @@ mod tests {
 
     const DT_S: f64 = 1e-3;
 
-    /// A rate loop with a lag and a drift that no model knows: the attitude comes to the reference all the same.
+    /// With a rate loop whose lag and drift are unknown to the model, the attitude still reaches the reference.
     #[test]
     fn an_unknown_drift_leaves_no_error() {
         let input = RateInput::new(Vector3::repeat(2.0)).unwrap().with_lag(0.05, DT_S).unwrap();
@@ -210,11 +211,11 @@ mod tests {
             state.attitude.angle_to(&Attitude::LEVEL)
         };
         assert!(left(options) < 1e-4, "{}", left(options));
-        // Nearly without increments it is an inversion of the model, which the drift deceives.
+        // Almost without increments the law inverts the model, and the drift causes an error.
         assert!(left(IndiOptions { cutoff_hz: 1e-3, ..options }) > 1e-3);
     }
 
-    /// The inverted model: the angular acceleration is the demanded one from the first step on.
+    /// With an exact model, the angular acceleration equals the demanded one from the first step on.
     #[test]
     fn the_demanded_acceleration_is_made_at_once() {
         let input = RateInput::new(Vector3::repeat(2.0)).unwrap().with_lag(0.05, DT_S).unwrap();

@@ -1,5 +1,5 @@
-//! The two input forms of a vehicle: torque and rate. A law is written once for both; the input matrix `B`, the range
-//! of the input, and whether the body rate is a state differ.
+//! The two input forms of a vehicle: torque and rate. A law is written once for both; they differ in the input matrix `B`, in the
+//! range of the input, and in whether the body rate is a state.
 
 use std::fmt;
 
@@ -19,26 +19,26 @@ pub struct RateModel {
     pub b: Matrix3<f64>,
 }
 
-/// Properties of the vehicle's input `u` that a law needs.
+/// Properties of the vehicle's input `u` for a law.
 pub trait InputForm {
     /// The command message type that carries `u`; the default is zero torque or centred sticks.
     type Command: Copy + fmt::Debug + Default + PartialEq;
 
-    /// The inertia of the body if `u` is a torque. `None` if the vehicle follows a commanded rate
-    /// by itself: the rate is then not a state of the law's model ("nullified", Section VII.C).
+    /// The inertia of the body if `u` is a torque. `None` if the vehicle has its own rate loop: the rate is then not a state of
+    /// the law's model ("nullified", Section VII.C).
     fn inertia(&self) -> Option<&Inertia>;
 
     /// The input matrix `B` for a model with the state `[rate; attitude]` and the state matrix `a`.
     fn input_matrix(&self, a: &Matrix6<f64>) -> Matrix6x3<f64>;
 
-    /// The `u` that produces `demand`: an angular acceleration \[rad/s^2\] if `u` is a torque, a rate \[rad/s\] if it
-    /// commands one.
+    /// The `u` that produces `demand`: an angular acceleration \[rad/s^2\] if `u` is a torque, a rate \[rad/s\] if `u` commands a
+    /// rate.
     fn input_for(&self, demand: &Vector3<f64>) -> Vector3<f64>;
 
     /// The demand that `u` produces: the inverse of [`input_for`](Self::input_for).
     fn demand_of(&self, u: &Vector3<f64>) -> Vector3<f64>;
 
-    /// The model of the rate once the gyroscopic torque is cancelled; `None` if the rate follows `u` at once.
+    /// The model of the rate after cancellation of the gyroscopic torque; `None` if the rate follows `u` at once.
     fn rate_model(&self) -> Option<RateModel>;
 
     /// Angular deceleration available about any axis \[rad/s^2\]; infinite if the vehicle's own loop stops the
@@ -47,7 +47,7 @@ pub trait InputForm {
         f64::INFINITY
     }
 
-    /// The feed-forward `u`: with it a body without error follows its reference.
+    /// Feed-forward `u`, with which a body without error follows its reference.
     fn feed_forward(
         &self,
         error: &AttitudeError,
@@ -64,7 +64,7 @@ pub trait InputForm {
     /// Converts a command to `u`.
     fn u_from(command: Self::Command) -> Vector3<f64>;
 
-    /// Sets the lag of the rate behind `u` in the feed-forward \[s\]; without effect where the vehicle has none.
+    /// Sets the lag of the rate behind `u` in the feed-forward \[s\]; without effect for a vehicle without this lag.
     fn set_rate_lag(&mut self, _lag_s: f64, _period_s: f64) {}
 
     /// `omega x J omega`, the gyroscopic torque that `u` must cancel \[N m, body axes\]; zero in rate form.
@@ -73,7 +73,7 @@ pub trait InputForm {
     }
 }
 
-/// Torque input \[N m, body axes\], as of the spacecraft, Eq. (3).
+/// Torque input \[N m, body axes\], as for the spacecraft, Eq. (3).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TorqueInput {
     inertia: Inertia,
@@ -81,7 +81,7 @@ pub struct TorqueInput {
 }
 
 impl TorqueInput {
-    /// A body of this inertia whose actuators give up to `max_torque` about each axis \[N m\].
+    /// A body with this inertia and a maximum torque of `max_torque` about each axis \[N m\].
     ///
     /// # Errors
     /// If `max_torque` is not positive and finite.
@@ -151,19 +151,18 @@ impl InputForm for TorqueInput {
     }
 }
 
-/// Stick input \[-1..1\]: the vehicle's own loop makes the body rate proportional to the sticks, as of the
-/// Hummingbird, Eq. (61).
+/// Stick input \[-1..1\]: the vehicle's own loop makes the body rate proportional to the sticks, as for the Hummingbird, Eq.
+/// (61).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RateInput {
     rate_authority: Vector3<f64>,
     lag_s: f64,
-    /// Time by which a change of the rate is commanded before it is to take effect \[s\].
+    /// Lead time with which a change of the rate is commanded \[s\].
     lead_s: f64,
 }
 
 impl RateInput {
-    /// A vehicle that turns at `rate_authority` at full stick: `[K_phi, K_theta, K_psi]`
-    /// \[rad/s, body axes\].
+    /// A vehicle that turns at `rate_authority` at full stick: `[K_phi, K_theta, K_psi]` \[rad/s, body axes\].
     ///
     /// # Errors
     /// If one of them is not positive and finite.
@@ -174,8 +173,8 @@ impl RateInput {
         Ok(Self { rate_authority, lag_s: 0.0, lead_s: 0.0 })
     }
 
-    /// The same input for a law whose model includes the lag of the rate, with time constant `lag_s` \[s\], and
-    /// commands held for `period_s` \[s\]. The models of the paper's laws do not.
+    /// The same input for a law whose model includes the lag of the rate, with time constant `lag_s` \[s\], and commands held for
+    /// `period_s` \[s\]. The models of the paper's laws do not include it.
     ///
     /// # Errors
     /// If one of them is not positive and finite.
@@ -188,7 +187,7 @@ impl RateInput {
     }
 }
 
-/// Time by which a rate must be commanded ahead if it follows with `lag_s` and commands are held for `period_s` \[s\].
+/// Lead time for a rate that follows with `lag_s` under commands held for `period_s` \[s\].
 fn lead_s(lag_s: f64, period_s: f64) -> f64 {
     // A held command moves the rate by (1 - e^(-T/lag)) (u - omega): for omega_d to grow by T
     // omega_d_dot it must be ahead by T / (1 - e^(-T/lag)), which is the lag and half a period.
@@ -235,7 +234,7 @@ impl InputForm for RateInput {
         omega_e: &Vector3<f64>,
         reference: &AttitudeReference,
     ) -> Vector3<f64> {
-        // The lag takes the place of the inertia: acceleration times lag is the extra rate to command.
+        // The lag takes the place of the inertia: acceleration times lag is the additional rate to be commanded.
         let acceleration = error.reference_acceleration(omega_e, reference).0;
         self.input_for(&(error.rotation() * reference.rate.0 + acceleration * self.lead_s))
     }

@@ -8,8 +8,8 @@ use crate::tracking_error::{AttitudeReference, AttitudeState};
 
 /// A law that turns the body to its reference.
 ///
-/// For any argument, the command is finite and within the vehicle's range, and no argument spoils a later command. No step
-/// allocates. Implementations are `Copy`: the cache warm-up flies a copy of the law.
+/// For any argument the command is finite and within the vehicle's range, and no argument affects a later command. No step
+/// allocates. Implementations are `Copy`: the cache warm-up executes a copy of the law.
 pub trait AttitudeLaw {
     /// The vehicle's command: [`Torque`](crate::quantity::Torque) or [`StickCommand`](crate::quantity::StickCommand). The
     /// default is zero torque or centred sticks.
@@ -30,7 +30,7 @@ pub trait AttitudeLaw {
         }
     }
 
-    /// The law itself: [`update`](Self::update) for finite arguments.
+    /// Computes the command; [`update`](Self::update) calls it for finite arguments.
     fn command(
         &mut self,
         state: &AttitudeState,
@@ -41,16 +41,16 @@ pub trait AttitudeLaw {
     /// Sets integral action to zero and discards the gain, which is computed again in the next step. Counters are kept.
     fn reset(&mut self);
 
-    /// Terms of the last command; zero before the first one, and of a law that does not show them.
+    /// Terms of the last command; zero before the first one, and for a law that does not store them.
     fn terms(&self) -> LawTerms {
         LawTerms::default()
     }
 
-    /// Sets the lag of the rate that the feed-forward inverts \[s\], for a loop that runs every `period_s` \[s\]; gains stay.
-    /// Without effect on a law without feed-forward.
+    /// Sets the lag of the rate that the feed-forward inverts \[s\], for a loop that runs every `period_s` \[s\]; gains are
+    /// unchanged. Without effect on a law without feed-forward.
     fn set_rate_lag(&mut self, _lag_s: f64, _period_s: f64) {}
 
-    /// Number of Riccati equations solved so far, the first and failed ones included \[-\].
+    /// Number of Riccati equations solved so far, including the first and failed ones \[-\].
     fn riccati_solves(&self) -> u32 {
         0
     }
@@ -61,8 +61,8 @@ pub trait AttitudeLaw {
     }
 }
 
-/// Terms of the input `u` that a law computed last, before the vehicle's limits \[N m, body axes, in rate form -1..1\]. Their sum
-/// is that input; a term that a law does not have is zero.
+/// Terms of the last computed input `u`, before the vehicle's limits \[N m, body axes, in rate form -1..1\]. Their sum is that
+/// input; a term that the law does not have is zero.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LawTerms {
     /// Feedback of the errors of attitude and rate.
@@ -76,7 +76,7 @@ pub struct LawTerms {
 }
 
 impl LawTerms {
-    /// The terms of `u`, of which all but feedback is integral action and feed-forward; zero if a number is not finite.
+    /// The terms of `u`: feedback is `u` minus integral action and feed-forward; zero if a number is not finite.
     #[must_use]
     pub fn of(u: &Vector3<f64>, integral: Vector3<f64>, feed_forward: Vector3<f64>) -> Self {
         let proportional = u - integral - feed_forward;
@@ -87,7 +87,7 @@ impl LawTerms {
     }
 }
 
-/// A gain, by its key in the configuration, and the range in which it is tuned, evenly in its logarithm.
+/// Key of a gain in the configuration, and its tuning range, uniform in the logarithm.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SearchRange {
     /// Key of the gain in its section: `gain`, or `pid.gain` in the section `[control]`.
@@ -105,7 +105,7 @@ impl SearchRange {
         Self { key: Cow::Borrowed(key), low, high }
     }
 
-    /// The same range with the key relative to the parent of `section`: `section` and a dot are put before the key.
+    /// The same range with the key prefixed by `section` and a dot.
     #[must_use]
     pub fn within(&self, section: &str) -> Self {
         Self { key: Cow::Owned(format!("{section}.{}", self.key)), ..*self }

@@ -35,18 +35,17 @@ pub struct LqrOptions {
     pub input_weight: f64,
     /// Limit of each component of `Theta_I` \[rad s\].
     pub integral_limit_rad_s: f64,
-    /// Rule that divides `[omega; Theta]` into cells, one gain for each.
+    /// Rule that divides `[omega; Theta]` into cells, with one gain per cell.
     pub cells: Cells,
     /// Width of a cell in each component of `omega` \[rad/s\].
     pub cell_rate_rad_s: f64,
     /// Width of a cell in each angle of `Theta` \[rad\].
     pub cell_angle_rad: f64,
-    /// When the gain is computed again.
+    /// Condition for recomputing the gain.
     pub resolve: Resolve,
-    /// Greatest pitch of an operating point \[rad\]. The model grows without bound towards 90 degrees, and has the
-    /// wrong sign beyond.
+    /// Greatest pitch of an operating point \[rad\]. The model diverges towards 90 degrees and has the wrong sign beyond.
     pub operating_pitch_limit_rad: f64,
-    /// Rate that is fed back; without effect in rate form.
+    /// Rate fed back; without effect in rate form.
     pub rate: RateFeedback,
     /// Whether the motion of the reference is fed forward. Not in the paper.
     pub feed_forward: bool,
@@ -55,7 +54,7 @@ pub struct LqrOptions {
 impl Default for LqrOptions {
     fn default() -> Self {
         Self {
-            // In the paper: Table V, the largest with which flight is stable.
+            // In the paper: Table V, the largest weight with stable flight.
             attitude_weight: 20.0,
             // In the paper: Eq. (62) weights it as the attitude.
             rate_weight: 20.0,
@@ -65,8 +64,7 @@ impl Default for LqrOptions {
             input_weight: 1.0,
             // Not in the paper. The same angle as the limit of OQTAL, whose eps is half an angle.
             integral_limit_rad_s: 1.0,
-            // Not in the paper, which prints `floor` but reports a number of solutions that only a rule like this one
-            // gives.
+            // Not in the paper, which prints `floor` but reports a number of solutions that only a rule like this one gives.
             cells: Cells::Truncated,
             // In the paper: `delta` of Section VIII, one number without a unit.
             cell_rate_rad_s: 0.5,
@@ -263,7 +261,7 @@ impl<I: InputForm> AttitudeLaw for ClassicLqr<I> {
     }
 }
 
-/// The same angle within half a turn of zero \[rad\].
+/// The equivalent angle within half a turn of zero \[rad\].
 fn wrap(angle: f64) -> f64 {
     angle - TAU * (angle / TAU).round()
 }

@@ -7,9 +7,9 @@
 //!
 //! `A`, `B`, weights and feed-forward are those of [`OqtalDt`]; `P` is the solution of its Riccati equation, so that without an
 //! active limit the plan is that of its gain for any `N` (P. O. M. Scokaert and J. B. Rawlings, *IEEE TAC* 43(8), 1998).
-//! Feed-forward and reference rate are held over the horizon. Only if that plan breaks a limit is the quadratic program solved, of
-//! each axis by itself if no axis affects another ([`crate::horizon`]). If the solver finds no solution within its bound of
-//! iterations, the first move of the plan is clipped.
+//! Feed-forward and reference rate are held over the horizon. The quadratic program is solved only if that plan breaks a limit,
+//! separately for each axis if the axes are decoupled ([`crate::horizon`]). If the solver does not converge within its maximum
+//! number of iterations, the first move of the plan is clipped.
 
 use nalgebra::{Matrix2, Matrix3, Matrix6, Matrix6x3, SMatrix, SVector, Vector2, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
@@ -22,7 +22,7 @@ use crate::options::{OptionError, Rule, check_options};
 use crate::riccati::dare;
 use crate::tracking_error::{AttitudeError, AttitudeReference, AttitudeState};
 
-/// Part of the greatest element of a matrix below which another one is a rounding error \[-\].
+/// Fraction of the greatest element of a matrix below which another element is a rounding error \[-\].
 const ROUNDING: f64 = 1e-9;
 
 /// Options of [`Mpc`]. The default is for the Hummingbird in rate form.
@@ -35,9 +35,9 @@ pub struct MpcOptions {
     pub rate_weight: f64,
     /// Weight on the input \[-\].
     pub input_weight: f64,
-    /// `N`, the number of moves that are planned \[-\].
+    /// `N`, number of planned moves \[-\].
     pub horizon: usize,
-    /// `omega_max`, the greatest rate about each axis \[rad/s\]; it gives way where it cannot be kept.
+    /// `omega_max`, greatest rate about each axis \[rad/s\]; a soft limit.
     pub max_rate_rad_s: f64,
 }
 
@@ -83,7 +83,7 @@ impl MpcOptions {
     }
 }
 
-/// The program of the law: of each axis, or of all axes if they affect each other.
+/// Programs of the law: one per axis, or one for all axes if they are coupled.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Program {
     Axes([HorizonProgram<2, 1>; 3]),
@@ -109,8 +109,8 @@ impl Program {
         }))
     }
 
-    /// The first moves of the axes that are `broken`, of all if axes affect each other, from the error `x`; `None` for an axis for
-    /// which the solver has none.
+    /// First moves of the axes that are `broken`, or of all axes if they are coupled, from the error `x`; `None` for an axis
+    /// without a solution.
     fn first_moves(
         &self,
         x: &Vector6<f64>,
@@ -132,7 +132,7 @@ impl Program {
     }
 }
 
-/// Whether no axis affects another by a matrix from or to `[omega_e; eps]`.
+/// Whether the axes are decoupled in a matrix from or to `[omega_e; eps]`.
 fn is_decoupled<const C: usize>(m: &SMatrix<f64, 6, C>) -> bool {
     let greatest = m.amax();
     let is_apart = |(index, element): (usize, &f64)| {
@@ -160,10 +160,10 @@ pub struct Mpc<I> {
 }
 
 impl<I: InputForm> Mpc<I> {
-    /// The law with these options for a loop that runs every `period_s` \[s\]. The one Riccati equation is solved here.
+    /// The law with these options for a loop that runs every `period_s` \[s\]. Its only Riccati equation is solved here.
     ///
     /// # Errors
-    /// An option whose value is not allowed, or weights so far apart that there is no gain.
+    /// An option whose value is not allowed, or weights so different that there is no gain.
     pub fn new(options: MpcOptions, input: I, period_s: f64) -> Result<Self, OptionError> {
         options.check()?;
         let (a, b) = OqtalDt::plant(&input, period_s);
@@ -189,11 +189,11 @@ impl<I: InputForm> Mpc<I> {
         })
     }
 
-    /// The limits of the moves of a body with the reference input `u_ref` and the reference rate `omega_ref`.
+    /// Limits of the moves of a body with the reference input `u_ref` and the reference rate `omega_ref`.
     fn bounds(&self, u_ref: Vector3<f64>, omega_ref: Vector3<f64>) -> MoveBounds<3> {
         let most = self.input.saturate(&Vector3::repeat(f64::MAX));
         let fastest = Vector3::repeat(self.options.max_rate_rad_s);
-        // A feed-forward beyond the limits leaves no room on one side; the first move is then at the limit.
+        // A feed-forward beyond the limits would leave no range on one side; the first move is then at the limit.
         let u_ref = self.input.saturate(&u_ref);
         MoveBounds {
             input_low: -most - u_ref,
@@ -203,7 +203,7 @@ impl<I: InputForm> Mpc<I> {
         }
     }
 
-    /// The axes on which the plan of the gain breaks a limit within the horizon.
+    /// Axes on which the plan of the gain breaks a limit within the horizon.
     fn broken(&self, mut x: Vector6<f64>, bounds: &MoveBounds<3>) -> [bool; 3] {
         let mut broken = [false; 3];
         for _ in 0..self.options.horizon {
@@ -288,7 +288,7 @@ mod tests {
         let state = state(0.02, -0.1);
         let given = law.update(&state, &rest, PERIOD_S).0;
         assert!((given - own.update(&state, &rest, PERIOD_S).0).amax() < 1e-12);
-        // The program has the same solution where no limit is active.
+        // The program has the same solution if no limit is active.
         let mut x = Vector6::zeros();
         (x[0], x[3]) = (-0.1, 0.01);
         let program = law.program.unwrap();
@@ -299,7 +299,7 @@ mod tests {
         assert!((solved + law.gain * x).amax() < 1e-6, "{solved}");
     }
 
-    /// The best first moves by trying them: no sequence of two moves on a grid costs less.
+    /// Comparison with a search: no sequence of two moves on a grid costs less.
     #[test]
     fn beyond_the_limits_no_other_moves_cost_less() {
         let options = MpcOptions { horizon: 2, max_rate_rad_s: 100.0, ..MpcOptions::default() };
@@ -327,7 +327,7 @@ mod tests {
         assert!(first.abs() <= 1.0 + 1e-6);
     }
 
-    /// The program of all axes at once, as for a body whose axes affect each other, has the solution of each by itself.
+    /// The coupled program of all axes has the same solution as the separate programs.
     #[test]
     fn axes_together_are_planned_as_each_by_itself() {
         let law = Mpc::new(MpcOptions::default(), input(), PERIOD_S).unwrap();
@@ -346,7 +346,7 @@ mod tests {
         }
     }
 
-    /// From nearly half a turn, sampled as in flight: the limits are active most of the way.
+    /// From nearly half a turn, sampled as in flight: the limits are active for most of the way.
     #[test]
     fn it_comes_to_its_reference_from_far_away() {
         let mut law = Mpc::new(MpcOptions::default(), input(), PERIOD_S).unwrap();
@@ -370,7 +370,7 @@ mod tests {
         let mut law = Mpc::new(options, input(), PERIOD_S).unwrap();
         let sticks = law.update(&state(0.8, -0.5), &AttitudeReference::default(), PERIOD_S).0;
         assert!((2.0 * sticks.x + 0.5).abs() < 1e-3, "{sticks}");
-        // Too fast already: it brakes, and does not fail.
+        // Already too fast: the law brakes and does not fail.
         let sticks = law.update(&state(0.8, -1.5), &AttitudeReference::default(), PERIOD_S).0;
         assert!(2.0 * sticks.x > -0.5, "{sticks}");
     }

@@ -27,7 +27,7 @@ use crate::tracking_error::{AttitudeError, AttitudeReference, AttitudeState};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum EpsDdot {
-    /// Taken to be zero: the paper's choice for its quadrotor.
+    /// Neglected: the paper's choice for its quadrotor.
     #[default]
     Dropped,
     /// Finite difference, unfiltered.
@@ -50,14 +50,13 @@ pub struct OqtalOptions {
     pub input_weight: f64,
     /// Limit of each component of `eps_I` \[s\].
     pub integral_limit_s: f64,
-    /// Linear model of the error; without effect in rate form, where all models are the same.
+    /// Linear model of the error; without effect in rate form, where all models are equal.
     pub jacobian: Jacobian,
-    /// Second derivative of `eps` in that model; without effect in rate form and in the decoupled model, which do not
-    /// contain it.
+    /// Second derivative of `eps` in that model; without effect in rate form and in the decoupled model, which do not contain it.
     pub eps_ddot: EpsDdot,
     /// Cut-off of the low-pass on the second derivative of `eps` \[Hz\].
     pub eps_ddot_cutoff_hz: f64,
-    /// Rule that divides `[omega_e; eps; eps_ddot]`, in rate form `eps`, into cells, one gain for each.
+    /// Rule that divides `[omega_e; eps; eps_ddot]` (in rate form `eps`) into cells, with one gain per cell.
     pub cells: Cells,
     /// Width of a cell in each component of `omega_e` \[rad/s\]; without effect in rate form.
     pub cell_rate_rad_s: f64,
@@ -65,7 +64,7 @@ pub struct OqtalOptions {
     pub cell_eps: f64,
     /// Width of a cell in each component of `eps_ddot` \[1/s^2\]; without effect in rate form.
     pub cell_eps_ddot_per_s2: f64,
-    /// When the gain is computed again.
+    /// Condition for recomputing the gain.
     pub resolve: Resolve,
     /// Whether the motion of the reference is fed forward. Not in the paper.
     pub feed_forward: bool,
@@ -212,7 +211,7 @@ impl<I: InputForm> Oqtal<I> {
         AugmentedModel::new(&model.state_matrix(), input).gain(&options.weights())
     }
 
-    /// The second derivative of `eps` as the options treat it \[1/s^2\].
+    /// Second derivative of `eps` according to the options \[1/s^2\].
     fn differentiate(&mut self, eps_dot: Vector3<f64>, dt_s: f64) -> Vector3<f64> {
         let weight = match self.options.eps_ddot {
             EpsDdot::Dropped => return Vector3::zeros(),

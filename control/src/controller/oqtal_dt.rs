@@ -11,13 +11,12 @@
 //!   at 0.5 rad/s for any weights.
 //! - The reference's motion is fed forward. For a commanded rate the lag of the vehicle's own loop
 //!   takes the place of the inertia: see [`InputForm::feed_forward`].
-//! - Far from the reference the rate is limited to one that can still be stopped in time: otherwise
-//!   a high gain with a limited torque turns the body past its reference again and again. The limit
-//!   shortens `eps` in `K_omega omega_e = -K_eps eps`.
+//! - Far from the reference the rate is limited to a value that can still be braked in time; otherwise a high gain with a limited
+//!   torque repeatedly overshoots the reference. The limit shortens `eps` in `K_omega omega_e = -K_eps eps`.
 //!
-//! There is one gain, that of the error zero: in every other cell the exact model differs only by a
-//! rotation and by `lambda`, which stays within 1 % of one below 15 degrees. There is no integral action: steady
-//! disturbances are estimated by [`crate::predictive`].
+//! There is one gain, designed at zero error: in every other cell the exact model differs only by a rotation and by `lambda`,
+//! which stays within 1 % of one below 15 degrees. There is no integral action: [`crate::predictive`] estimates steady
+//! disturbances.
 
 use nalgebra::{Matrix3, Matrix6, Matrix6x3, SMatrix, SVector, Vector3};
 use serde::{Deserialize, Serialize};
@@ -90,11 +89,10 @@ pub struct OqtalDt<I> {
 }
 
 impl<I: InputForm> OqtalDt<I> {
-    /// The law with these options for a loop that runs every `period_s` \[s\]. The one Riccati equation is solved
-    /// here.
+    /// The law with these options for a loop that runs every `period_s` \[s\]. Its only Riccati equation is solved here.
     ///
     /// # Errors
-    /// An option whose value is not allowed, or weights so far apart that there is no gain.
+    /// An option whose value is not allowed, or weights so different that there is no gain.
     pub fn new(options: OqtalDtOptions, input: I, period_s: f64) -> Result<Self, OptionError> {
         options.check()?;
         check_options([("period-s", period_s, Rule::Positive)])?;
@@ -109,8 +107,8 @@ impl<I: InputForm> OqtalDt<I> {
         Ok(Self { input, gain, turn, braking, terms: LawTerms::default() })
     }
 
-    /// The sampled plant `(A, B)` for the state `[omega_e; eps]` at zero error. If the rate follows the input at
-    /// once, only the rows of `eps` have a meaning.
+    /// Sampled plant `(A, B)` for the state `[omega_e; eps]` at zero error. If the rate follows the input at once, only the rows
+    /// of `eps` are meaningful.
     #[must_use]
     pub fn plant(input: &I, period_s: f64) -> (Matrix6<f64>, Matrix6x3<f64>) {
         let (mut a, mut b) = (Matrix6::zeros(), Matrix6x3::zeros());
@@ -162,7 +160,7 @@ impl<I: InputForm> OqtalDt<I> {
         &self.gain
     }
 
-    /// `eps`, shortened until the rate it commands can be stopped within it.
+    /// `eps`, shortened until the commanded rate can be braked within it.
     fn stoppable(&self, eps: &Vector3<f64>) -> Vector3<f64> {
         // omega^2 = 2 a angle, and the angle is at least twice eps.
         let fastest = (4.0 * self.braking * eps.norm()).sqrt();

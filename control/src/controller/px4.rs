@@ -7,9 +7,9 @@
 //! ```
 //!
 //! Sources: D. Brescianini, M. Hehn and R. D'Andrea, *Nonlinear Quadrocopter Attitude Control*, ETH Zurich 2013, and the
-//! controller diagrams of PX4's documentation. By rates the vehicle's own loop takes the place of the rate loop, so that the
-//! command is `omega_sp`. Differences from the source: PX4 feeds only the rate about the vertical forward; gains of the rate
-//! loop are per inertia, so that one set suits bodies of different inertia.
+//! controller diagrams of PX4's documentation. With rate input the vehicle's own loop replaces the rate loop, and the command is
+//! `omega_sp`. Differences from the source: PX4 feeds only the rate about the vertical forward; gains of the rate loop are per
+//! inertia, so that one set suits bodies of different inertia.
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
@@ -22,8 +22,8 @@ use crate::options::{OptionError, Rule, check_options};
 use crate::quaternion::Attitude;
 use crate::tracking_error::{AttitudeError, AttitudeReference, AttitudeState};
 
-/// Norm of the quaternion between two opposite directions of thrust \[-\]; any axis turns one to the other, and the whole attitude is
-/// taken, as in the source.
+/// Norm of the quaternion between two opposite thrust directions \[-\], below which the full attitude error is used, as in the
+/// source, since any axis turns one direction to the other.
 const UPSIDE_DOWN: f64 = 1e-9;
 
 /// Options of [`Px4Attitude`]. The default is for the Hummingbird in rate form.
@@ -32,15 +32,15 @@ const UPSIDE_DOWN: f64 = 1e-9;
 pub struct Px4Options {
     /// `k`, the gain from attitude to rate (`MC_ROLL_P`) \[1/s\].
     pub attitude_gain_per_s: f64,
-    /// `w`: share of the heading in the attitude that is turned to (`MC_YAW_WEIGHT`) \[-\].
+    /// `w`: weight of the heading in the target attitude (`MC_YAW_WEIGHT`) \[-\].
     pub yaw_weight: f64,
-    /// Greatest rate wanted about each axis (`MC_ROLLRATE_MAX`) \[rad/s\].
+    /// Greatest commanded rate about each axis (`MC_ROLLRATE_MAX`) \[rad/s\].
     pub max_rate_rad_s: f64,
     /// `k_p`: angular acceleration per error of the rate \[1/s\]; torque input only.
     pub rate_gain_per_s: f64,
     /// `k_i` per `k_p` \[1/s\]; torque input only.
     pub rate_integral_per_s: f64,
-    /// `k_d`: share of the measured angular acceleration that is opposed \[-\]; torque input only.
+    /// `k_d`: fraction of the measured angular acceleration that is opposed \[-\]; torque input only.
     pub rate_derivative: f64,
     /// Cut-off frequency of the measured angular acceleration \[Hz\]; torque input only.
     pub derivative_cutoff_hz: f64,
@@ -110,8 +110,7 @@ pub struct Px4Attitude<I> {
     terms: LawTerms,
 }
 
-/// The attitude that is turned to: the direction of thrust of `desired`, and the share `weight` of the turn about it that is
-/// then left.
+/// Target attitude: the thrust direction of `desired`, and the fraction `weight` of the remaining rotation about it.
 fn weighted(desired: &Attitude, actual: &Attitude, weight: f64) -> Attitude {
     let [z, z_d] = [actual, desired].map(|attitude| attitude.to_world(&Vector3::z()));
     let axis = z.cross(&z_d);
@@ -119,9 +118,9 @@ fn weighted(desired: &Attitude, actual: &Attitude, weight: f64) -> Attitude {
     let tilt = Quaternion::new(1.0 + z.dot(&z_d), axis.x, axis.y, axis.z);
     let Some(tilt) = UnitQuaternion::try_new(tilt, UPSIDE_DOWN) else { return *desired };
     let reduced = tilt * actual.unit_quaternion();
-    // The rest is a turn about z.
+    // The remaining rotation is about z.
     let left = (reduced.inverse() * desired.unit_quaternion()).into_inner();
-    // Half a turn is one about +z, whichever of the two quaternions describes it.
+    // Half a turn is taken about +z, for either sign of the quaternion.
     let is_negative = left.w < 0.0 || (left.w == 0.0 && left.k < 0.0);
     let sign = if is_negative { -1.0 } else { 1.0 };
     let turn = 2.0 * (sign * left.k).atan2(sign * left.w);
@@ -140,17 +139,17 @@ impl<I: InputForm> Px4Attitude<I> {
         Ok(Self { options, input, filter, integral, terms: LawTerms::default() })
     }
 
-    /// The correcting rate \[rad/s, body axes\].
+    /// Corrective rate \[rad/s, body axes\].
     fn correction(&self, state: &AttitudeState, reference: &AttitudeReference) -> Vector3<f64> {
         let Px4Options { attitude_gain_per_s, yaw_weight, .. } = self.options;
         let target = weighted(&reference.attitude, &state.attitude, yaw_weight);
         let eps = *AttitudeError::between(&target, &state.attitude).eps();
-        // The weight shall slow down large turns of the heading, not small ones.
+        // The weight slows down large rotations of the heading, not small ones.
         let weights = Vector3::new(1.0, 1.0, yaw_weight.recip());
         -2.0 * attitude_gain_per_s * eps.component_mul(&weights)
     }
 
-    /// The input that makes the rate `omega_sp`, with the rate loop of a body that is commanded by torque.
+    /// Input that produces the rate `omega_sp`, with the rate loop for a body commanded by torque.
     fn rate_loop(
         &mut self,
         omega: Vector3<f64>,
@@ -242,7 +241,7 @@ mod tests {
         }
     }
 
-    /// A large error of tilt and heading: the tilt is corrected about the shortest axis, as fast as without an error of heading.
+    /// Large errors of tilt and heading: the tilt is corrected about the shortest axis, as fast as without a heading error.
     #[test]
     fn the_direction_of_thrust_comes_before_the_heading() {
         let slow = Px4Options { attitude_gain_per_s: 1.0, ..Px4Options::default() };

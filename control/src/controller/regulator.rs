@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector3};
 use super::input::InputForm;
 use crate::riccati::{RiccatiError, care};
 
-/// The gain `K` of `u = -K x`. Columns of states that the model does not have are zero.
+/// The gain `K` of `u = -K x`. Columns of states that are not in the model are zero.
 pub type Gain = SMatrix<f64, 3, 9>;
 
 /// The state `x`: rate, attitude and integral. `[omega_e; eps; eps_I]` in OQTAL, `[omega; Theta; Theta_I]` in the
@@ -50,7 +50,7 @@ pub struct AugmentedModel {
     pub a: SMatrix<f64, 9, 9>,
     /// `B` for a [`LawState`] \[units of the states per s and unit of the input\].
     pub b: SMatrix<f64, 9, 3>,
-    /// The first state that the model has: 0, or 3 if the input commands the rate.
+    /// First state of the model: 0, or 3 if the input commands the rate.
     first: usize,
 }
 

@@ -7,7 +7,7 @@ use super::regulator::{AugmentedModel, Gain, INTEGRAL, LawState};
 /// The columns of a [`Gain`], and the rows of a [`LawState`], that hold the attitude.
 const ATTITUDE: usize = 3;
 
-/// A linear system `x_dot = a x + b r`, `y = c x + d r`, with the set-point `r` and the attitude `y`.
+/// Linear system `x_dot = a x + b r`, `y = c x + d r` with the set-point `r` and the attitude `y`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SetPointLoop {
     /// From the state to its derivative \[units of the states per s\].
@@ -21,7 +21,7 @@ pub struct SetPointLoop {
 }
 
 impl SetPointLoop {
-    /// The loop that the gain `k` closes around `model`.
+    /// Closed loop of the gain `k` and `model`.
     #[must_use]
     pub fn new(model: &AugmentedModel, k: &Gain) -> Self {
         // Eqs. (24), (25), erratum E-25: N_x = [0; I; 0] and N_u = 0
@@ -37,8 +37,8 @@ impl SetPointLoop {
         Self { a: model.a - model.b * k, b, c: c - feed_through * k, d: feed_through * n_bar }
     }
 
-    /// The attitude \[rad\] at every multiple of `dt_s` \[s\], `count` of them, from rest at zero under a set-point that steps to
-    /// `set_point` \[rad\]. Exact: by the matrix exponential.
+    /// Attitude \[rad\] at `count` multiples of `dt_s` \[s\], from rest at zero, after a step of the set-point to `set_point`
+    /// \[rad\]. Exact, by the matrix exponential.
     pub fn step_response(
         &self,
         set_point: &Vector3<f64>,

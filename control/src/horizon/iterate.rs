@@ -38,7 +38,7 @@ struct Factor<const S: usize, const M: usize> {
     curvature: Cholesky<f64, Const<M>>,
     /// Gain from the state before the move.
     gain: SMatrix<f64, M, S>,
-    /// Move and state for a slack that grows by one.
+    /// Change of move and state per unit of the slack.
     by_slack: Move<S, M>,
 }
 
@@ -51,13 +51,13 @@ struct Slack {
     dual_change: f64,
 }
 
-/// Aim of a Newton step.
+/// Target of a Newton step.
 #[derive(Clone, Copy)]
 pub(super) struct Centre {
     /// Complementarity \[cost\].
     pub(super) target: f64,
-    /// Share of the products of the changes in the step that was found before, which the step corrects \[-\]. The full share makes
-    /// the method cycle where the predictor is short (M. Colombo and J. Gondzio, *Comput. Optim. Appl.* 41(3), 2008).
+    /// Fraction of the products of the changes in the previously computed step that the step corrects \[-\]. The full fraction
+    /// makes the method cycle if the predictor step is short (M. Colombo and J. Gondzio, *Comput. Optim. Appl.* 41(3), 2008).
     pub(super) product: f64,
 }
 
@@ -70,7 +70,7 @@ pub(super) struct Iterate<const S: usize, const M: usize> {
 }
 
 impl<const S: usize, const M: usize> Iterate<S, M> {
-    /// Moves in the middle of their range, a slack beyond every rate, and multipliers of one complementarity.
+    /// Moves in the middle of their range, a slack above every rate, and multipliers with equal complementarity.
     pub(super) fn start(
         program: &HorizonProgram<S, M>,
         x_0: &SVector<f64, S>,
@@ -126,7 +126,7 @@ impl<const S: usize, const M: usize> Iterate<S, M> {
         self.slack = Slack { value, dual: complementarity / value, change: 0.0, dual_change: 0.0 };
     }
 
-    /// Mean product of margin and multiplier after the share `share` of the Newton step.
+    /// Mean product of margin and multiplier after the fraction `share` of the Newton step.
     pub(super) fn complementarity(&self, share: f64) -> f64 {
         let steps = &self.steps[..self.count];
         let product = |step: &Step<S, M>| {
@@ -138,7 +138,7 @@ impl<const S: usize, const M: usize> Iterate<S, M> {
         (steps.iter().map(product).sum::<f64>() + slack) / (4 * M * self.count + 1) as f64
     }
 
-    /// Factors the Newton equations of this iterate; `None` if rounding spoils them.
+    /// Factorises the Newton equations of this iterate; `None` if rounding errors make them unusable.
     pub(super) fn factorise(&mut self, program: &HorizonProgram<S, M>) -> Option<()> {
         let (a, b) = (&program.a, &program.b);
         let mut value = SMatrix::<f64, S, S>::zeros();
@@ -171,7 +171,7 @@ impl<const S: usize, const M: usize> Iterate<S, M> {
         Some(())
     }
 
-    /// The moves and states that minimise the cost with this gradient in each step.
+    /// Moves and states that minimise the cost with this gradient in each step.
     fn solve_linear(
         &self,
         program: &HorizonProgram<S, M>,
@@ -196,7 +196,7 @@ impl<const S: usize, const M: usize> Iterate<S, M> {
         }
     }
 
-    /// Finds the Newton step to `centre`.
+    /// Computes the Newton step to `centre`.
     pub(super) fn find_step(&mut self, program: &HorizonProgram<S, M>, centre: Centre) {
         let mut found = [Move { u: SVector::zeros(), x: SVector::zeros() }; MOST_STEPS];
         self.solve_linear(program, &mut found, |step, index| {
@@ -219,7 +219,7 @@ impl<const S: usize, const M: usize> Iterate<S, M> {
         }
     }
 
-    /// Finds the Newton step of the slack, where `found` is that of the moves for a slack that stays.
+    /// Computes the Newton step of the slack; `found` is the step of the moves with constant slack.
     fn find_slack_step(&mut self, found: &[Move<S, M>; MOST_STEPS], centre: Centre) {
         let Slack { value, dual, change, dual_change } = self.slack;
         let wanted_slack = (centre.target - centre.product * change * dual_change) / value;
@@ -240,7 +240,7 @@ impl<const S: usize, const M: usize> Iterate<S, M> {
         self.slack.dual_change = wanted_slack - dual - dual / value * self.slack.change;
     }
 
-    /// Greatest share of the Newton step, up to one, with which margins and multipliers stay positive \[-\].
+    /// Greatest fraction of the Newton step, up to one, with which margins and multipliers stay positive \[-\].
     pub(super) fn step_length(&self) -> f64 {
         let share = |value: f64, change: f64| if change < 0.0 { -value / change } else { 1.0 };
         let Slack { value, dual, change, dual_change } = self.slack;
@@ -266,7 +266,7 @@ impl<const S: usize, const M: usize> Iterate<S, M> {
         self.steps[..self.count].iter().map(|step| step.change.u.amax()).fold(0.0, f64::max)
     }
 
-    /// Goes the share `share` of the Newton step.
+    /// Advances by the fraction `share` of the Newton step.
     pub(super) fn advance(&mut self, share: f64) {
         self.slack.value += share * self.slack.change;
         self.slack.dual += share * self.slack.dual_change;
@@ -285,7 +285,7 @@ impl<const S: usize, const M: usize> Step<S, M> {
         self.dual.component_div(&self.margin)
     }
 
-    /// Multipliers of `centre` for margins that stay.
+    /// Multipliers of `centre` for unchanged margins.
     fn wanted(&self, centre: Centre) -> PerLimit<M> {
         let second_order = self.margin_change.component_mul(&self.dual_change) * centre.product;
         second_order.zip_map(&self.margin, |second, margin| (centre.target - second) / margin)
@@ -302,7 +302,7 @@ impl<const S: usize, const M: usize> Step<S, M> {
     }
 }
 
-/// A gradient in the rates as one in the state.
+/// Converts a gradient in the rates to one in the state.
 fn on_rates<const S: usize, const M: usize>(rates: &SVector<f64, M>) -> SVector<f64, S> {
     let mut x = SVector::<f64, S>::zeros();
     x.fixed_rows_mut::<M>(0).copy_from(rates);

@@ -2,13 +2,13 @@
 //!
 //! The response is estimated by a [`RotationEstimator`] within bounds about the configured one. A second estimator, whose
 //! parameters are fixed, predicts the same poses. The difference of the squares of their normalised innovations about roll and
-//! pitch, summed over some seconds, is the logarithm of the likelihood ratio of the two models: if the fixed one is more likely,
-//! that is flown and the adaptation restarts; the adapted one is flown again once it has been as good for a while. The thrust
-//! follows the vertical acceleration that the position filter would otherwise explain by a force: with a thrust other than
-//! configured, or a mass, horizontal accelerations are wrong by the same factor. A force passes and a thrust stays: the longer
-//! the flight, the more slowly the thrust follows.
+//! pitch, summed over some seconds, is the logarithm of the likelihood ratio of the two models: if the fixed model is more
+//! likely, it is used and the adaptation restarts; the adapted model is used again once it has been equally good for some time.
+//! The thrust estimate follows the vertical acceleration that the position filter would otherwise attribute to a force: with a
+//! wrong thrust or mass, horizontal accelerations are wrong by the same factor. Forces are temporary and thrust errors permanent:
+//! the longer the flight, the more slowly the thrust estimate follows.
 //!
-//! Nothing is learnt until the vehicle is clear of the floor, which holds it.
+//! Parameters are not adapted until the vehicle is clear of the floor, which exerts forces.
 
 use nalgebra::Vector3;
 
@@ -18,39 +18,41 @@ use super::options::{AdaptationOptions, FilterOptions};
 use super::rotation_estimator::{RateResponse, ResponseBounds, RotationEstimator};
 use crate::quaternion::Attitude;
 
-/// Time in which evidence for one of the models is forgotten \[s\].
+/// Time constant with which evidence for one of the models decays \[s\].
 const EVIDENCE_S: f64 = 3.0;
 
-/// Logarithm of the likelihood ratio, fixed to adapted model, above which the fixed one is flown \[-\], and below which the adapted
-/// one may be flown again.
+/// Logarithm of the likelihood ratio, fixed to adapted model \[-\], above which the fixed model is used, and below which the
+/// adapted model may be used again.
 const WORSE: f64 = 10.0;
 const AS_GOOD: f64 = 4.0;
 
-/// Time for which the adapted model must be as good before it is flown again \[s\].
+/// Time for which the adapted model must be equally good before it is used again \[s\].
 const PROBATION_S: f64 = 2.0;
 
-/// Least and greatest time constant with which the thrust follows the vertical acceleration \[s\]; in between, the time in flight.
+/// Least and greatest time constant with which the thrust estimate follows the vertical acceleration \[s\]; in between, the time
+/// in flight.
 const THRUST_S: [f64; 2] = [1.5, 8.0];
 
-/// Thrust over the weight of the configured model below which a vertical acceleration says nothing of the thrust \[-\].
+/// Thrust over the weight of the configured model below which the vertical acceleration contains no information on the thrust
+/// \[-\].
 const LEAST_THRUST: f64 = 0.7;
 
-/// Height above the first pose in flight \[m\], or time since that \[s\], from which on the vehicle is clear of the floor.
+/// Height above the first pose in flight \[m\], or time since that pose \[s\], above which the vehicle is clear of the floor.
 const CLEAR_M: f64 = 0.1;
 const CLEAR_S: f64 = 3.0;
 
-/// The model that is flown, relative to the configured one.
+/// Model in use, relative to the configured one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AdaptedModel {
     /// Rate over the commanded one \[-\].
     pub rate_gain: f64,
     /// Lag of the rate \[s\].
     pub rate_lag_s: f64,
-    /// Delay of the rotation that no report shows \[s\].
+    /// Delay of the rotation that is hidden from the reports \[s\].
     pub delay_s: f64,
     /// Thrust over the mass, relative to the configured one \[-\].
     pub thrust_gain: f64,
-    /// Whether the configured response is flown because the adapted one predicts worse.
+    /// Whether the configured response is used because the adapted one predicts worse.
     pub fell_back: bool,
 }
 
@@ -79,7 +81,8 @@ struct Rotating {
     fixed: RotationEstimator,
     /// Logarithm of the likelihood ratio of the last seconds, fixed to adapted model \[-\].
     evidence: f64,
-    /// Time for which the adapted model has been as good, while the fixed one is flown \[s\]; `None` while the adapted one is.
+    /// Time for which the adapted model has been equally good while the fixed one is used \[s\]; `None` while the adapted one is
+    /// used.
     probation_s: Option<f64>,
 }
 
@@ -182,7 +185,7 @@ impl Adaptation {
         })
     }
 
-    /// The model to fly with.
+    /// Model to be used.
     #[must_use]
     pub fn model(&self) -> AdaptedModel {
         let fell_back = self.rotating.is_some_and(|rotating| rotating.probation_s.is_some());
@@ -208,12 +211,12 @@ impl Rotating {
         let kept = (1.0 - dt_s / EVIDENCE_S).clamp(0.0, 1.0);
         let squares = [adapted, fixed].map(|innovation| innovation.xy().norm_squared());
         let worse = (squares[0] - squares[1]) / (2.0 * variance);
-        // A sum that does not fall below zero tells a change soon (Page, Biometrika 41, 1954).
+        // A sum that does not fall below zero detects a change early (Page, Biometrika 41, 1954).
         self.evidence = (self.evidence * kept + worse).max(0.0);
         self.select_model(dt_s);
     }
 
-    /// Selects the model that is flown.
+    /// Selects the model to be used.
     fn select_model(&mut self, dt_s: f64) {
         self.probation_s = match self.probation_s {
             _ if self.evidence > WORSE => {

@@ -18,7 +18,7 @@ const INITIAL: [f64; 2] = [0.1, 0.05];
 /// Limit of each bias component \[as the demand\].
 const BIAS_LIMIT: f64 = 1.0;
 
-/// Kalman filter of the attitude error. The motion that it corrects is passed in.
+/// Kalman filter of the attitude error. The corrected motion is passed in.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AttitudeFilter {
     /// Covariance of `[theta; omega; d]` about each axis, and `d`, the bias of the demand \[rad/s or rad/s^2, body axes\].
@@ -66,7 +66,7 @@ impl AttitudeFilter {
         StateTransition::new(f, self.axis.walks(), h)
     }
 
-    /// Corrects `motion` by this innovation \[rad, body axes\], of a measurement with standard deviation `noise` \[rad\]. Returns
+    /// Corrects `motion` by this innovation \[rad, body axes\] of a measurement with standard deviation `noise` \[rad\]. Returns
     /// the gain from it to `[theta; omega; d]`.
     pub fn correct(
         &mut self,

@@ -33,7 +33,7 @@ impl CommandFilter {
         self.smooth = Smooth::default();
     }
 
-    /// Advances by `dt_s` \[s\] with the input `x` constant meanwhile; exact.
+    /// Advances by `dt_s` \[s\] with constant input `x`; exact.
     pub fn update(&mut self, x: &Vector2<f64>, dt_s: f64) -> Smooth {
         let (w, Smooth { value, slope, .. }) = (self.bandwidth, self.smooth);
         // y - x = (c + d t) e^{-wt}

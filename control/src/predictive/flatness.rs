@@ -7,8 +7,8 @@ use crate::position::attitude_along;
 use crate::quantity::{AngularAcceleration, BodyRate};
 use crate::tracking_error::AttitudeReference;
 
-/// Time over which the attitude is differenced for its derivatives \[s\]: short against the effect of jerk, long
-/// against rounding.
+/// Time over which the attitude is differenced for its derivatives \[s\]: short compared with the effect of jerk, long compared
+/// with rounding errors.
 const DIFFERENCE_S: f64 = 5e-3;
 
 /// Force per mass with its first two time derivatives.

@@ -1,10 +1,10 @@
-//! The commands already sent: those that act on the vehicle now, those still on the way, and those that were lost.
+//! Sent commands: those in effect, those in transit, and those that were lost.
 //!
-//! Commands use one connection, so their order is kept, and a vehicle that reports one that it applied will not apply an
-//! older one any more: an older one without a report was lost. So was one whose report is due by now, as long as reports come at
-//! all. Of the commands that no report can be expected of yet, each counts as lost with the probability with which commands have
-//! been lost lately after one that was lost, or after one that was not (Gilbert, *Capacity of a burst-noise channel*, Bell System
-//! Technical Journal 39, 1960). The expected input then acts: the motion under it is the expected motion of a linear vehicle.
+//! Commands use one connection and keep their order, and a vehicle that has reported a command does not apply an older one: an
+//! older command without a report was lost. So was a command whose report is overdue, as long as reports arrive at all. A command
+//! whose report is not yet due counts as lost with the recently measured probability of a loss after a lost command, or after a
+//! received one (Gilbert, *Capacity of a burst-noise channel*, Bell System Technical Journal 39, 1960). The model applies the
+//! expected input, which gives the expected motion of a linear vehicle.
 
 use nalgebra::Vector3;
 
@@ -14,13 +14,13 @@ use super::ring::Ring;
 /// Weight of a new measurement in the low-pass on the delay \[-\]: at 60 Hz a time constant of 0.16 s.
 const DELAY_WEIGHT: f64 = 0.1;
 
-/// Greatest plausible delay \[s\]; a longer one is taken for a wrong stamp and ignored.
+/// Greatest plausible delay \[s\]; a longer one is attributed to a wrong stamp and ignored.
 const LONGEST_DELAY_S: f64 = 0.25;
 
 /// Weight of a command in the low-pass on the losses \[-\]: a memory of some hundred commands.
 const LOSS_WEIGHT: f64 = 0.01;
 
-/// Probability of a further loss after the first one, until one is measured \[-\].
+/// Initial probability of a further loss after the first one \[-\].
 const INITIAL_LOSS: f64 = 0.5;
 
 /// Reduction, with each report, of the number of commands after which a report counts as overdue \[-\].
@@ -33,9 +33,9 @@ struct Sent {
     sent_s: f64,
     acts_s: f64,
     input: ModelInput,
-    /// Whether it is known to act or to be lost.
+    /// Whether the command is known to be applied or lost.
     settled: bool,
-    /// Probability that it was lost \[-\].
+    /// Probability that the command was lost \[-\].
     loss: f64,
 }
 
@@ -44,17 +44,17 @@ struct Sent {
 pub struct CommandReport {
     /// Sequence of the command.
     pub sequence: u64,
-    /// When it took effect \[s\].
+    /// Instant of its effect \[s\].
     pub acts_s: f64,
-    /// Whether no report between the last one and this one was missed: commands in between were then lost.
+    /// Whether no report between the previous one and this one was missed: commands in between were then lost.
     pub follows: bool,
 }
 
 /// Correction of the reported effect of commands on the rotation. The thrust is not corrected: a rate loop around slow rotors has
-/// a second lag, which the estimator takes for a delay and the thrust does not have.
+/// a second lag, which the estimator identifies as a delay and which the thrust does not have.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CommandEffect {
-    /// From the reported to the real effect of the demand and the attitude \[s\].
+    /// Delay from the reported to the real effect of the demand and the attitude \[s\].
     pub delay_s: f64,
     /// Factor of the demand about each axis \[-, body axes\].
     pub gain: Vector3<f64>,
@@ -72,16 +72,16 @@ pub struct CommandHistory {
     sent: Ring<Sent>,
     delay_s: f64,
     effect: CommandEffect,
-    /// Probability of a loss after a command that arrived, and after one that was lost \[-\].
+    /// Probability of a loss after a received command, and after a lost one \[-\].
     losses: [f64; 2],
     /// Whether the newest settled command was lost.
     last_was_lost: bool,
-    /// Commands sent after one before its report arrives, at most \[-\]; `None` before the first report.
+    /// Maximum number of commands sent after a command before its report arrives \[-\]; `None` before the first report.
     report_timeout: Option<f64>,
 }
 
 impl CommandHistory {
-    /// An empty history. `delay_s` is the delay from sending to effect until one is measured \[s\].
+    /// Empty history. `delay_s` is the initial delay from sending to effect \[s\].
     #[must_use]
     pub fn new(delay_s: f64) -> Self {
         Self {
@@ -100,13 +100,13 @@ impl CommandHistory {
         self.delay_s
     }
 
-    /// Delay from sending a command to its effect on the rotation, with what reports do not show \[s\].
+    /// Delay from sending a command to its effect on the rotation, including the part hidden from reports \[s\].
     #[must_use]
     pub fn effect_delay_s(&self) -> f64 {
         self.delay_s + self.effect.delay_s
     }
 
-    /// Probability that a command is lost after one that arrived, and after one that was lost, as measured lately \[-\].
+    /// Recently measured probability that a command is lost after a received one, and after a lost one \[-\].
     #[must_use]
     pub fn loss_probabilities(&self) -> [f64; 2] {
         self.losses
@@ -123,7 +123,7 @@ impl CommandHistory {
         self.effect = effect;
     }
 
-    /// Records a command sent at `sent_s` \[s\]. A command that does not follow the last one is ignored.
+    /// Records a command sent at `sent_s` \[s\]. A command out of order is ignored.
     pub fn push(&mut self, sequence: u64, sent_s: f64, input: ModelInput) {
         let newest = self.sent.newest_first().next();
         let follows = newest.is_none_or(|last| last.sent_s <= sent_s);
@@ -151,7 +151,7 @@ impl CommandHistory {
         self.delay_s += DELAY_WEIGHT * (measured_s - self.delay_s);
         let open = self.open_until();
         if newer < open {
-            // Where reports are missed they come after more commands.
+            // If reports are missed, they arrive after more commands.
             let waited = if follows { newer } else { open };
             let timeout = self.report_timeout.map_or(0.0, |timeout| timeout - TIMEOUT_DECAY);
             self.report_timeout = Some(timeout.max(waited as f64));
@@ -160,13 +160,13 @@ impl CommandHistory {
         }
     }
 
-    /// Counts commands as lost whose reports are overdue when the next command is to be sent.
+    /// Marks commands with overdue reports as lost; to be called when the next command is to be sent.
     pub fn expect_reports(&mut self) {
         self.update_losses(0);
     }
 
-    /// Settles the command that was sent `back` commands ago as applied, and those before it as lost, unless the vehicle may have
-    /// reported them.
+    /// Settles the command sent `back` commands ago as applied, and earlier ones as lost unless the vehicle may have reported
+    /// them.
     fn settle(&mut self, back: usize, follows: bool) {
         for older in (back..=self.open_until()).rev() {
             let is_lost = follows && older > back;
@@ -178,13 +178,13 @@ impl CommandHistory {
         }
     }
 
-    /// Number of the newest commands that are not settled \[-\].
+    /// Number of the newest commands that are not yet settled \[-\].
     fn open_until(&self) -> usize {
         self.sent.newest_first().take_while(|sent| !sent.settled).count()
     }
 
-    /// Sets the loss probabilities of the commands that are not settled, from the oldest one on. `sent` is the number of commands
-    /// sent since the last report was due \[-\].
+    /// Sets the loss probabilities of the unsettled commands, oldest first. `sent` is the number of commands sent since the last
+    /// report was due \[-\].
     fn update_losses(&mut self, sent: usize) {
         let Some(timeout) = self.report_timeout else { return };
         let overdue = timeout.ceil() as usize + 1 + sent;
@@ -201,7 +201,7 @@ impl CommandHistory {
         }
     }
 
-    /// Propagates `motion` from `from_s` \[s\] to `to_s` \[s\] under the commands that act in between.
+    /// Propagates `motion` from `from_s` \[s\] to `to_s` \[s\] under the commands in effect.
     #[must_use]
     pub fn propagate(
         &self,
@@ -219,8 +219,8 @@ impl CommandHistory {
         motion
     }
 
-    /// The input that is expected to act at `t_s` \[s\], demand and attitude corrected by [`Self::effect`] and thrust as reported, and
-    /// the time until which it does \[s\]; zero before the first command.
+    /// Expected input in effect at `t_s` \[s\] and the end of its effect \[s\]; demand and attitude are corrected by
+    /// [`Self::effect`], thrust is as reported; zero before the first command.
     fn acting(&self, t_s: f64) -> (ModelInput, f64) {
         let CommandEffect { delay_s, gain } = self.effect;
         let (turning, turning_until_s) = self.reported(t_s, delay_s);
@@ -230,8 +230,8 @@ impl CommandHistory {
         (input, turning_until_s.min(lifting_until_s))
     }
 
-    /// The input that is expected to act at `t_s` \[s\], if commands act `delay_s` \[s\] after their reported effect, and the time
-    /// until which it does \[s\]; zero before the first command.
+    /// Expected input in effect at `t_s` \[s\] and the end of its effect \[s\], if commands take effect `delay_s` \[s\] after the
+    /// reported instant; zero before the first command.
     #[must_use]
     pub fn reported(&self, t_s: f64, delay_s: f64) -> (ModelInput, f64) {
         let mut until_s = f64::INFINITY;
@@ -249,7 +249,7 @@ impl CommandHistory {
             if loss <= 0.0 {
                 break;
             }
-            // The older command acts if all newer ones were lost.
+            // The older command is in effect if all newer ones were lost.
             let share = loss * (1.0 - older.loss);
             input = input.towards(&older.input, share / (1.0 - loss + share).max(f64::EPSILON));
             loss *= older.loss;

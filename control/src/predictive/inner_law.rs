@@ -10,9 +10,9 @@ use crate::controller::{
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[allow(clippy::large_enum_variant)]
 pub(super) enum InnerLaw<I> {
-    /// The law that the autopilot is made for.
+    /// Law for which the autopilot is designed.
     Own(OqtalDt<I>),
-    /// Another law, limited by itself before the estimated bias is subtracted.
+    /// Another law, which limits its input before the estimated bias is subtracted.
     Other(Controller<I>),
 }
 

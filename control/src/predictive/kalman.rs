@@ -13,9 +13,9 @@ pub struct StateTransition {
 }
 
 impl StateTransition {
-    /// `F` with the covariance that white noise of density `second` in the derivative of the
-    /// second state and `third` in that of the third leave after `dt_s` \[s\], each in its unit per
-    /// root second. The third state counts as constant in its effect on the others.
+    /// `F` and the covariance that white noise of density `second` in the derivative of the second state and `third` in that of
+    /// the third add in `dt_s` \[s\], each in its unit per root second. The third state counts as constant in its effect on the
+    /// others.
     #[must_use]
     pub fn new(f: Matrix3<f64>, [second, third]: [f64; 2], dt_s: f64) -> Self {
         let (s, t) = (second * second * dt_s, third * third * dt_s);

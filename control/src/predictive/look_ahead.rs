@@ -16,12 +16,12 @@ pub struct LookAhead {
 }
 
 impl LookAhead {
-    /// Forgets the last reference.
+    /// Discards the last reference.
     pub fn reset(&mut self) {
         self.last = None;
     }
 
-    /// Extrapolates `reference`, which follows the last one after `dt_s` \[s\], by `delay_s` \[s\].
+    /// Extrapolates `reference`, which follows the last one by `dt_s` \[s\], by `delay_s` \[s\].
     ///
     /// The acceleration is extrapolated by another half of `dt_s`: a command is held for `dt_s`, and its mean effect
     /// is that of the middle.

@@ -1,4 +1,4 @@
-//! Estimation and prediction of the vehicle's motion, and the autopilot that flies on it with the law [`OqtalDt`]. Not in the
+//! Estimation and prediction of the vehicle's motion, and the autopilot that uses them with the law [`OqtalDt`]. Not in the
 //! paper.
 //!
 //! ```text
@@ -11,10 +11,10 @@
 //!
 //! | file | subject |
 //! |---|---|
-//! | `tracker.rs` | the one estimate of the motion, with the commands in flight |
+//! | `tracker.rs` | the estimate of the motion, with the commands in transit |
 //! | `track.rs` | the motion expected at an instant, with its uncertainty |
 //! | `model.rs` | model of the vehicle |
-//! | `history.rs` | commands sent, measured delay |
+//! | `history.rs` | sent commands, measured delay |
 //! | `kalman.rs`, `attitude_filter.rs`, `position_filter.rs` | the filters |
 //! | `rotation_estimator.rs`, `adaptation.rs` | the model adapted in flight |
 //! | `reference_model.rs` | a reference with limited speed, acceleration and jerk |
@@ -22,12 +22,11 @@
 //! | `flatness.rs` | attitude, rate and angular acceleration for a force |
 //! | `look_ahead.rs` | a prescribed attitude at the time of effect |
 //! | `inner_law.rs` | the attitude law: [`OqtalDt`], or another one for comparison |
-//! | `setpoint_buffer.rs` | set-points by the time they are for |
+//! | `setpoint_buffer.rs` | set-points by the time for which they are valid |
 //! | `ring.rs` | ring buffer |
 //!
-//! State and reference of the law are those of one instant: the time at which a command sent now takes effect. The
-//! motion is predicted to that time, and the reference is that of that time. The set-point reported for now was
-//! therefore computed one delay ago.
+//! State and reference of the law refer to the same instant: the time at which a command sent now takes effect. Motion and
+//! reference are predicted to that time. The set-point reported for now was therefore computed one delay ago.
 
 mod adaptation;
 mod attitude_filter;
@@ -82,7 +81,7 @@ pub use tracker::MotionTracker;
 /// Longest step of the reference model \[s\]; after a longer pause the reference model waits.
 const LONGEST_STEP_S: f64 = 0.1;
 
-/// Least cosine of the tilt that the thrust is divided by \[-\]: that of 60 degrees.
+/// Least cosine of the tilt by which the thrust is divided \[-\]: that of 60 degrees.
 const LEAST_COSINE: f64 = 0.5;
 
 /// Vehicle and loop that an autopilot is designed for.
@@ -103,7 +102,7 @@ pub struct PredictiveOutput {
     pub setpoint: PositionCommand,
     /// Input of the rotation, within the vehicle's range \[N m, body axes, in rate form -1..1\].
     pub u: Vector3<f64>,
-    /// Command to a vehicle that holds an attitude, body to world.
+    /// Command to a vehicle with its own attitude loop, body to world.
     pub attitude: Attitude,
 }
 
@@ -140,7 +139,8 @@ impl<I: InputForm + Copy> Autopilot<I> {
         })
     }
 
-    /// The same with `law` in place of [`OqtalDt`]: separates the contribution of the law from that of estimation and prediction.
+    /// The same autopilot with `law` in place of [`OqtalDt`]: separates the contribution of the law from that of estimation and
+    /// prediction.
     #[must_use]
     pub fn with_law(self, law: Controller<I>) -> Self {
         Self { attitude: InnerLaw::Other(law), ..self }
@@ -155,8 +155,9 @@ impl<I: InputForm + Copy> Autopilot<I> {
         self.last_s = None;
     }
 
-    /// Returns the command at `now_s` \[s\] for a vehicle that moves as `tracker` predicts and should be at `reference`. `None` before
-    /// the first pose, if no time has passed, and if a number is not finite or overflows; no part of such a step is stored.
+    /// Returns the command at `now_s` \[s\] for a vehicle with the motion predicted by `tracker` that should be at `reference`.
+    /// `None` before the first pose, if no time has passed, and if a number is not finite or overflows; such a step leaves the
+    /// state unchanged.
     pub fn compute(
         &mut self,
         now_s: f64,
@@ -164,8 +165,8 @@ impl<I: InputForm + Copy> Autopilot<I> {
         reference: &Reference,
     ) -> Option<PredictiveOutput> {
         let since_s = self.last_s.map_or(self.design.period_s, |last| now_s - last);
-        // One prediction serves rotation and height. The thrust acts earlier by the correction of the delay; its lag and the lower
-        // gain of the vertical axis bear that.
+        // One prediction serves rotation and height. The thrust takes effect earlier, by the correction of the delay; its lag and
+        // the lower gain of the vertical axis tolerate this.
         let (dt_s, delay_s) = (since_s.min(LONGEST_STEP_S), tracker.effect_delay_s());
         let motion = tracker.motion_at(now_s + delay_s)?;
         let is_sound = motion.is_finite() && reference.is_finite() && now_s.is_finite();
@@ -230,8 +231,9 @@ impl<I: InputForm + Copy> Autopilot<I> {
         self.attitude.riccati_failures()
     }
 
-    /// The attitude to command to a vehicle that holds it, so that the vehicle is at `wanted` when the command acts: ahead of it
-    /// by the angle from which the on-board loop makes the rate of the reference, less the estimated bias of the demand `bias`.
+    /// Attitude command for a vehicle with its own attitude loop, so that the vehicle is at `wanted` when the command takes
+    /// effect: ahead of it by the angle at which the on-board loop produces the rate of the reference, minus the estimated bias
+    /// of the demand `bias`.
     fn attitude_command(&self, wanted: &AttitudeReference, bias: &Vector3<f64>) -> Attitude {
         let Rotation::AttitudeLoop { gain_per_s, .. } = self.design.model.rotation else {
             return wanted.attitude;

@@ -1,10 +1,9 @@
 //! Model of the vehicle for prediction: a point mass under thrust, weight and drag, whose rate follows its command.
 //! Not in the paper.
 //!
-//! One model serves all vehicles. The *demand* is the effect of an input on the rotation: the rate that the
-//! on-board loop follows, Eq. (61), or the angular acceleration produced by a torque, Eq. (3). Where the vehicle holds
-//! a commanded attitude, its attitude loop makes the demanded rate. The [`Bias`] is a constant error of the demand and
-//! a constant external acceleration.
+//! One model serves all vehicles. The *demand* is the effect of an input on the rotation: the rate that the on-board loop
+//! follows, Eq. (61), or the angular acceleration produced by a torque, Eq. (3). If the vehicle has its own attitude loop, that
+//! loop produces the demanded rate. The [`Bias`] is a constant error of the demand and a constant external acceleration.
 
 use nalgebra::{Quaternion, SVector, UnitQuaternion, Vector3};
 
@@ -24,7 +23,7 @@ const COARSE_STEP_S: f64 = 20e-3;
 /// in that step.
 const COARSE_SHARE: f64 = 0.4;
 
-/// Shortest lag of the thrust \[s\]; shorter ones are replaced by it, without effect on a flight.
+/// Shortest lag of the thrust \[s\]; shorter lags are replaced by it, without an effect on a flight.
 const SHORTEST_LAG_S: f64 = 1e-3;
 
 /// `[position; velocity; attitude; rate]`.
@@ -38,9 +37,9 @@ pub enum Rotation {
         /// Time constant \[s\], positive.
         lag_s: f64,
     },
-    /// The rate follows, with a lag, the rate that the on-board attitude loop demands.
+    /// The rate follows, with a lag, the rate demanded by the on-board attitude loop.
     AttitudeLoop {
-        /// From the attitude error to the demanded rate \[1/s\], positive.
+        /// Gain from the attitude error to the demanded rate \[1/s\], positive.
         gain_per_s: f64,
         /// Greatest demanded rate about each axis \[rad/s, body axes\].
         greatest_rate: Vector3<f64>,
@@ -54,14 +53,14 @@ pub enum Rotation {
     },
 }
 
-/// How the motion is integrated.
+/// Integration method.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Integration {
     /// The classic Runge-Kutta method of fourth order in short steps, for control.
     #[default]
     Fine,
-    /// The midpoint method in long steps, for limits and the gate of poses, where a hundredth of a motion over few periods does not
-    /// matter.
+    /// The midpoint method in long steps, for limits and the gate of poses, where an error of a hundredth of a motion over few
+    /// periods is acceptable.
     Coarse,
 }
 
@@ -78,7 +77,7 @@ pub struct VehicleModel {
     pub drag_per_s: f64,
     /// Time constant of the thrust \[s\]; 0 for none.
     pub thrust_lag_s: f64,
-    /// How the motion is integrated.
+    /// Integration method.
     pub integration: Integration,
 }
 
@@ -87,13 +86,13 @@ pub struct VehicleModel {
 pub struct ModelInput {
     /// The demand: a rate \[rad/s, body axes\] or an angular acceleration \[rad/s^2, body axes\].
     pub demand: Vector3<f64>,
-    /// The attitude that a vehicle holds in place of the demand, body to world.
+    /// Attitude to be held in place of the demand, body to world.
     pub attitude: Attitude,
     /// Thrust along body z \[N\].
     pub thrust_n: f64,
 }
 
-/// Disturbances that act besides the input.
+/// Disturbances in addition to the input.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Bias {
     /// Added to every demand \[rad/s or rad/s^2, body axes\].
@@ -130,7 +129,7 @@ impl ModelInput {
 }
 
 impl Motion {
-    /// The motion of `estimate` under `thrust_n` \[N\].
+    /// Motion of `estimate` with the thrust `thrust_n` \[N\].
     #[must_use]
     pub fn of(estimate: &Estimate, thrust_n: f64) -> Self {
         let Estimate { position, velocity, attitude, rate: BodyRate(rate) } = *estimate;
@@ -192,7 +191,7 @@ impl VehicleModel {
         (COARSE_SHARE * rotation_s.min(thrust_s)).clamp(fine_s, COARSE_STEP_S)
     }
 
-    /// Thrust `t_s` \[s\] after that of `motion` \[N\]: a first-order lag by itself, and therefore exact.
+    /// Thrust `t_s` \[s\] after that of `motion` \[N\]: an independent first-order lag, therefore exact.
     fn thrust_after(&self, motion: &Motion, input: &ModelInput, t_s: f64) -> f64 {
         let off_n = motion.thrust_n - input.thrust_n;
         input.thrust_n + off_n * (-t_s / self.thrust_lag_s.max(SHORTEST_LAG_S)).exp()
@@ -203,7 +202,7 @@ impl VehicleModel {
         let [start, middle, end] =
             [0.0, h / 2.0, h].map(|t_s| self.thrust_after(motion, input, t_s));
         let x = motion.vector();
-        // A loop in place of four statements, so that the derivative is compiled into it once.
+        // A loop instead of four statements, so that the derivative is compiled once.
         let (mut slope, mut sum) = (Vector13::zeros(), Vector13::zeros());
         for (ahead, weight, thrust_n) in
             [(0.0, 1.0, start), (h / 2.0, 2.0, middle), (h / 2.0, 2.0, middle), (h, 1.0, end)]
@@ -258,7 +257,7 @@ impl VehicleModel {
     }
 }
 
-/// The vector of these parts. Element by element: an iterator over the chained parts takes several times as long as the
+/// Vector of these parts, written element by element: an iterator over the chained parts takes several times as long as the
 /// derivative itself.
 #[inline]
 fn vector13(

@@ -7,7 +7,7 @@ use crate::options::{OptionError, Rule, check_options};
 
 /// Options of the Kalman filters: measurement and process noise.
 ///
-/// A *walk* is the standard deviation that a state gains in one second by unmodelled effects.
+/// A *walk* is the standard deviation added to a state in one second by unmodelled effects.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct FilterOptions {
@@ -104,12 +104,12 @@ impl AdaptationOptions {
 pub struct PredictiveOptions {
     /// Corrective velocity per position error, horizontally \[1/s\].
     pub position_gain_per_s: f64,
-    /// Corrective velocity per position error, vertically, where the attitude is not affected \[1/s\].
+    /// Corrective velocity per position error, vertically; does not affect the attitude \[1/s\].
     pub vertical_position_gain_per_s: f64,
     /// Corrective acceleration per velocity error, horizontally \[1/s\].
     pub velocity_gain_per_s: f64,
-    /// Corrective acceleration per velocity error, vertically \[1/s\]. Shipped lower than the horizontal one: neither an unknown lag of
-    /// the thrust nor a delay of it that no report shows is adapted.
+    /// Corrective acceleration per velocity error, vertically \[1/s\]. Its default is lower than the horizontal one, since
+    /// neither an unknown lag of the thrust nor a hidden delay of it is adapted.
     pub vertical_velocity_gain_per_s: f64,
     /// Bandwidth of the filter on the corrective acceleration \[rad/s\].
     pub command_bandwidth_rad_s: f64,

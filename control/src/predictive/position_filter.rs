@@ -9,7 +9,7 @@ use super::options::FilterOptions;
 /// Standard deviations at take-off: of velocity \[m/s\] and acceleration \[m/s^2\].
 const INITIAL: [f64; 2] = [0.05, 0.3];
 
-/// Kalman filter of the position error. The motion that it corrects is passed in.
+/// Kalman filter of the position error. The corrected motion is passed in.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PositionFilter {
     /// Covariance of position, velocity and acceleration along each axis, and the external acceleration \[m/s^2, world\].

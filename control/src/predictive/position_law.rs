@@ -1,11 +1,11 @@
-//! The position law of `oqtal-dt`: a reference that the vehicle can follow is fed forward, and the remaining error is
-//! corrected on the predicted motion. There is no integral action: the filters estimate the bias.
+//! Position law of `oqtal-dt`: a reference that the vehicle can follow is fed forward, and the remaining error is corrected on
+//! the predicted motion. There is no integral action: the filters estimate the bias.
 //!
 //! ```text
 //! a = a_r + F{k_v (v_r + k_p (p_r - p) - v) - b}
 //! ```
 //!
-//! `F` is the command filter. The vertical axis does not affect the attitude: it has no filter, and its own gains.
+//! `F` is the command filter. The vertical axis does not affect the attitude; it has no filter and separate gains.
 
 use nalgebra::{Vector2, Vector3};
 
@@ -17,11 +17,11 @@ use super::reference_model::{Course, MotionLimits, ReferenceModel};
 use crate::position::PositionOptions;
 use crate::trajectory::Reference;
 
-/// Share of the tilt limit available to the reference \[-\]; the rest is left for corrections.
+/// Fraction of the tilt limit available to the reference \[-\]; the rest is reserved for corrections.
 const REFERENCE_SHARE: f64 = 0.9;
 
-/// Distance from the reference beyond which the vehicle counts as pushed away \[m\]: the reference then restarts from
-/// the vehicle, so that the way back keeps the limits too.
+/// Distance from the reference beyond which the vehicle counts as pushed away \[m\]: the reference then restarts from the
+/// vehicle, so that the return also satisfies the limits.
 const LEASH_M: f64 = 0.3;
 
 /// Output of the position law.
@@ -145,7 +145,7 @@ impl PositionLaw {
         sum(self.horizontal.course(), self.vertical.course())
     }
 
-    /// The acceleration of the reference, from the difference of its velocities; zero where the velocity jumps.
+    /// Acceleration of the reference, from the difference of its velocities; zero if the velocity jumps.
     fn acceleration(&self, velocity: &Vector3<f64>, dt_s: f64) -> Vector3<f64> {
         let last = self.following.unwrap_or(*velocity);
         let acceleration = (velocity - last) / dt_s;

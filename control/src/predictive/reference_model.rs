@@ -7,13 +7,12 @@
 //! course    (1 + T s)^2 course = leader,   T = a_max / (2 j_max)
 //! ```
 //!
-//! A *leader* without inertia heads for the target as speed and acceleration allow: `e` is the way
-//! left, `d` its length and `w` the speed at which it is closing. It brakes along `f` and speeds up
-//! only as long as it could roll for `T_c` before it must brake. What is followed is the leader seen
-//! through two equal lags. Their impulse response is nowhere negative, so the course keeps the
-//! leader's limits of speed and acceleration and goes past nothing that the leader does not pass.
-//! The jerk is `(a_1 - a_2) / T`, with the accelerations behind the first and the second lag; it is
-//! at most `j_max` while the leader's own is within `2 j_max T = a_max` of `a_2`. Not in the paper.
+//! A *leader* without inertia approaches the target within the limits of speed and acceleration: `e` is the remaining distance as
+//! a vector, `d` its length and `w` the closing speed. It brakes along `f` and accelerates only as long as it could coast for
+//! `T_c` before braking. The output is the leader filtered by two equal lags. Their impulse response is non-negative, so the
+//! output satisfies the leader's limits of speed and acceleration and does not overshoot where the leader does not. The jerk is
+//! `(a_1 - a_2) / T`, with the accelerations behind the first and the second lag; it is at most `j_max` while the leader's own is
+//! within `2 j_max T = a_max` of `a_2`. Not in the paper.
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -29,7 +28,7 @@ const ARRIVED_M: f64 = 1e-9;
 /// `T_c` over `T` \[-\]: after this time the limit of jerk allows the change from full acceleration to full braking.
 const ROLL: f64 = 4.0;
 
-/// Greatest `a_b` as a share of the greatest acceleration \[-\]; the rest keeps the leader on `f`.
+/// Greatest `a_b` as a fraction of the greatest acceleration \[-\]; the rest keeps the leader on `f`.
 const BRAKING_SHARE: f64 = 0.9;
 
 /// Options of the [`ReferenceModel`].
@@ -113,7 +112,7 @@ pub struct ReferenceModel {
     options: ReferenceModelOptions,
     limits: MotionLimits,
     leader: Course,
-    /// The leader seen through one lag.
+    /// The leader filtered by one lag.
     between: Course,
     course: Course,
 }
@@ -163,7 +162,7 @@ impl ReferenceModel {
     fn lead(&mut self, target: &Course, h: f64) {
         let acceleration = (self.velocity(target, h) - self.leader.velocity) / h;
         let acceleration = acceleration.cap_magnitude(self.limits.acceleration);
-        // Both terms are within the limit of acceleration, and so is every value between them.
+        // Both terms are within the limit of acceleration, and therefore every value between them.
         let from = self.course.acceleration;
         let reach = self.limits.acceleration + self.options.jerk_limit_m_s3 * h;
         self.leader.acceleration = from + (acceleration - from).cap_magnitude(reach);
@@ -173,7 +172,7 @@ impl ReferenceModel {
 
     /// The velocity of the leader for the next `h` \[s\].
     fn velocity(&self, target: &Course, h: f64) -> Vector3<f64> {
-        // Behind the lags this is the target itself.
+        // After the lags this is the target itself.
         let lag_s = self.lag_s();
         let (position, velocity) = (target.position, target.velocity);
         let position = position + (velocity * 2.0 + target.acceleration * lag_s) * lag_s;

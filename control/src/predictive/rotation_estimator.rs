@@ -16,16 +16,16 @@ use super::model::{Motion, Rotation};
 use super::options::FilterOptions;
 use crate::quaternion::Attitude;
 
-/// Walk of the body rate \[rad/s\], and of the bias of the demand \[rad/s\], in a second: smaller than where a filter must make up
-/// for a wrong model.
+/// Walk of the body rate \[rad/s\] and of the bias of the demand \[rad/s\] per second: smaller than in a filter that must
+/// compensate a wrong model.
 const RATE_WALK: f64 = 0.05;
 const BIAS_WALK: f64 = 0.002;
 
 /// Time constant with which the uncertainty of a parameter returns to its initial value \[s\].
 const MEMORY_S: f64 = 120.0;
 
-/// Least lag that is estimated \[s\]: a shorter one is over between two poses, and not to be told from none. With a bound of
-/// 5 ms a vehicle of that lag and without delay swung until it was stopped when commands were lost in bursts.
+/// Least estimated lag \[s\]: a shorter one decays between two poses and cannot be distinguished from zero. With a bound of 5 ms,
+/// a vehicle with that lag and no delay oscillated until it was stopped when commands were lost in bursts.
 const LEAST_LAG_S: f64 = 10e-3;
 
 /// Innovation above which a pose corrects no parameter \[standard deviations\].
@@ -34,7 +34,7 @@ const OUTLIER_SIGMA: f64 = 5.0;
 /// Relative step of the differences by which sensitivities are computed \[-\].
 const STEP: f64 = 1e-4;
 
-/// Number of the axes whose innovations correct the parameters, roll and pitch \[-\].
+/// Number of axes whose innovations correct the parameters: roll and pitch \[-\].
 const TEACHING_AXES: usize = 2;
 
 /// Number of parameters \[-\].
@@ -64,14 +64,14 @@ impl RateResponse {
 /// Prior knowledge of a response.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ResponseBounds {
-    /// The response that is expected.
+    /// Expected response.
     pub nominal: RateResponse,
-    /// Greatest deviation from it; zero for a parameter that is known.
+    /// Greatest deviation from it; zero for a known parameter.
     pub deviation: RateResponse,
 }
 
 impl ResponseBounds {
-    /// Standard deviations beforehand: the bounds are two of them away.
+    /// Prior covariance: the bounds are two standard deviations away.
     fn covariance(&self) -> Matrix3<f64> {
         let sd = self.deviation.vector() * 0.5;
         Matrix3::from_diagonal(&sd.component_mul(&sd))
@@ -122,7 +122,7 @@ impl RotationEstimator {
         Self { bounds: self.bounds, parameters, covariance, sensitivity, ..*other }
     }
 
-    /// The response as estimated.
+    /// Estimated response.
     #[must_use]
     pub fn response(&self) -> RateResponse {
         RateResponse::of(&self.parameters)
@@ -134,7 +134,7 @@ impl RotationEstimator {
         RateResponse::of(&self.covariance.diagonal().map(f64::sqrt))
     }
 
-    /// The body rate as estimated at the last pose \[rad/s, body axes\].
+    /// Body rate estimated at the last pose \[rad/s, body axes\].
     #[must_use]
     pub fn rate(&self) -> &Vector3<f64> {
         &self.motion.rate
@@ -160,10 +160,10 @@ impl RotationEstimator {
             if axis >= TEACHING_AXES {
                 continue;
             }
-            // Part of it is explained by what the other axes taught.
+            // Part of the innovation is explained by the corrections from the other axes.
             let explained = slope.dot(&(self.parameters - before).transpose());
             self.learn((*off - explained, variance), &slope);
-            // A command does not act before it is sent.
+            // A command does not take effect before it is sent.
             self.parameters.z = self.parameters.z.max(-history.delay_s());
         }
         self.shift(&(self.parameters - before));
@@ -183,7 +183,7 @@ impl RotationEstimator {
         self.covariance = (self.covariance + self.covariance.transpose()) * 0.5;
     }
 
-    /// Moves the state to where it would be had the parameters always been what they have become by `change`.
+    /// Moves the state to the value that it would have if the parameters had always differed by `change`.
     fn shift(&mut self, change: &Vector3<f64>) {
         let shifts = self.sensitivity.map(|sensitivity| sensitivity * change);
         let part = |state: usize| Vector3::from(shifts.map(|shift| shift[state]));
@@ -224,8 +224,8 @@ impl RotationEstimator {
         self.covariance += (self.bounds.covariance() - self.covariance) * forgotten;
     }
 
-    /// The rotation vector turned over an interval \[rad, body axes\] and the rate at its end \[rad/s, body axes\], from the state at
-    /// its begin under these parameters.
+    /// Rotation vector over an interval \[rad, body axes\] and rate at its end \[rad/s, body axes\], from the state at its
+    /// beginning with these parameters.
     fn turned(
         &self,
         parameters: &Vector3<f64>,

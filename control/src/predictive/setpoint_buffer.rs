@@ -1,5 +1,5 @@
-//! Set-points by the time they are for. A set-point is for the time at which its command takes effect, so the
-//! set-point for now was decided one delay ago.
+//! Set-points by the time for which they are valid: the time at which their command takes effect. The set-point for now was
+//! therefore computed one delay ago.
 
 use super::ring::Ring;
 use crate::position::PositionCommand;

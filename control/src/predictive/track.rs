@@ -4,14 +4,15 @@
 //! and rate are taken as constant. Poses correct it by the gains of two Kalman filters.
 //!
 //! Two assumptions about the error of the model serve two purposes. *Admission* allows for every motion that wind, contact and
-//! a vehicle other than the model may cause: its covariance says how far a pose may lie from the prediction (Bar-Shalom, Li and
-//! Kirubarajan, *Estimation with Applications to Tracking and Navigation*, 2001, section 5.4). *Estimation* assumes the noise of
-//! an undisturbed flight, which gives the best estimate for a law that flies on it. A pose that the estimation does not expect is a
-//! sign that the motion has changed: it is taken with the covariance of admission, from which the filter settles again (the same,
-//! section 11.2). How far a pose may lie from the prediction is the same for every law. Laws that do not predict have the filter of
-//! admission alone.
+//! deviations of the vehicle from the model may cause: its covariance bounds the distance of a pose from the prediction
+//! (Bar-Shalom, Li and Kirubarajan, *Estimation with Applications to Tracking and Navigation*, 2001, section 5.4). *Estimation*
+//! assumes the noise of an undisturbed flight, which gives the best estimate for a law that uses it. A pose that the estimation
+//! does not expect is a sign that the motion has changed: it is taken with the covariance of admission, from which the filter
+//! settles again (the same, section 11.2). The bound on the distance of a pose is the same for every law. Laws without prediction
+//! use only the filter of admission.
 //!
-//! Under admission, a pose with a large innovation corrects the track as one of larger noise (Huber, *Robust Statistics*, 1981).
+//! Under admission, a pose with a large innovation corrects the track like one with larger noise (Huber, *Robust Statistics*,
+//! 1981).
 
 use nalgebra::Vector3;
 
@@ -28,7 +29,7 @@ use crate::quaternion::Attitude;
 /// Height above the floor below which the floor may push \[m\].
 const FLOOR_REACH_M: f64 = 0.05;
 
-/// Innovation above which a pose corrects a filter of admission as one of larger noise \[standard deviations\].
+/// Innovation above which a pose corrects a filter of admission like one with larger noise \[standard deviations\].
 const HUBER_SIGMA: f64 = 2.5;
 
 /// Innovation that a filter of estimation does not expect \[standard deviations\]. A push of half the weight reaches it within a few
@@ -76,8 +77,8 @@ impl Innovation {
     }
 }
 
-/// Difference of a pose from its prediction, by the filters of estimation. Of filters that know their noise, innovations are white
-/// and their normalised squares 1 in the mean.
+/// Difference of a pose from its prediction, by the filters of estimation. With a correct noise model, innovations are white and
+/// their normalised squares have a mean of 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FilterInnovation {
     /// Measured position minus the expected one \[m, world\].
@@ -90,16 +91,16 @@ pub struct FilterInnovation {
     pub attitude_nis: f64,
 }
 
-/// Noise that a track is filtered with.
+/// Noise for the filters of a track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackNoise {
     /// Noise of poses and of any motion that a vehicle could make.
     pub admission: FilterOptions,
-    /// Noise of poses and of an undisturbed flight, for a law that flies on the track; `None` if no law does.
+    /// Noise of poses and of an undisturbed flight, for a law that uses the track; `None` without such a law.
     pub estimation: Option<FilterOptions>,
 }
 
-/// Model, commands and floor that a track is propagated with.
+/// Model, commands and floor for the propagation of a track.
 #[derive(Clone, Copy, Debug)]
 pub struct Propagation<'a> {
     /// Model of the vehicle.
@@ -142,7 +143,7 @@ pub struct Track {
     is_lifted: bool,
     /// The filters by which poses correct the motion.
     filters: Filters,
-    /// The covariances of admission; `None` where `filters` are those of admission.
+    /// Covariances of admission; `None` if `filters` are those of admission.
     admission: Option<Filters>,
 }
 
@@ -163,7 +164,7 @@ impl Track {
         }
     }
 
-    /// The track at `t_s` \[s\] without a pose since; unchanged if `t_s` is not later.
+    /// The track at `t_s` \[s\] without a further pose; unchanged if `t_s` is not later.
     #[must_use]
     pub fn advanced(&self, t_s: f64, propagation: &Propagation) -> Self {
         let dt_s = t_s - self.t_s;
@@ -253,7 +254,7 @@ impl Track {
         self.admission().position.axis.sd()
     }
 
-    /// The motion as the laws take it.
+    /// The motion in the form that laws take.
     #[must_use]
     pub fn estimate(&self) -> Estimate {
         let Motion { position, velocity, attitude, rate, .. } = self.motion;
@@ -267,7 +268,7 @@ impl Track {
         Bias { demand: *attitude.axis.bias(), acceleration: *position.axis.bias() }
     }
 
-    /// Whether the vehicle is so close to a floor at `floor_m` \[m, world z\] that the floor may push.
+    /// Whether the vehicle is close enough to a floor at `floor_m` \[m, world z\] for floor forces.
     #[must_use]
     pub fn is_at_floor(&self, floor_m: f64) -> bool {
         self.motion.position.z < floor_m + FLOOR_REACH_M
@@ -314,7 +315,7 @@ fn noise_of(
     if is_expected { filter.noise() } else { admitted }
 }
 
-/// The measurement noise that makes an innovation of this `distance` one of at most [`HUBER_SIGMA`] of `filter`.
+/// Measurement noise with which an innovation of this `distance` is at most [`HUBER_SIGMA`] of `filter`.
 fn huber_noise(distance: f64, filter: &AxisFilter) -> f64 {
     let (tolerated, sd) = (distance / HUBER_SIGMA, filter.sd());
     filter.noise().max((tolerated * tolerated - sd * sd).max(0.0).sqrt())

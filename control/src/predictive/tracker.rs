@@ -1,9 +1,9 @@
-//! The one estimate of the vehicle's motion. It holds the commands in flight, the motion that they lead to, and the model that
-//! predicts it: the gate asks it where a pose may be, the limits where the vehicle will be, and laws that predict fly on it.
+//! The only estimate of the vehicle's motion. It contains the commands in transit, the resulting motion, and the predictive
+//! model. The gate uses it for the expected pose, the limits for the future motion, and predictive laws for control.
 //!
 //! For a law that does not predict, the model is the configured one and the noise that of admission. For one that predicts, the
-//! model is the adapted one, and the motion is estimated with the noise of an undisturbed flight ([`Track`]). Adaptation learns
-//! from admitted poses alone, within its bounds, and on the ground all is forgotten.
+//! model is the adapted one, and the motion is estimated with the noise of an undisturbed flight ([`Track`]). The adaptation uses
+//! only admitted poses, within its bounds, and is reset on the ground.
 
 use super::adaptation::{Adaptation, AdaptedModel};
 use super::history::{CommandEffect, CommandHistory, CommandReport};
@@ -12,13 +12,13 @@ use super::options::{FilterOptions, PredictiveOptions};
 use super::track::{Deviation, FilterInnovation, MeasuredPose, Propagation, Track, TrackNoise};
 use crate::estimator::Estimate;
 
-/// Share of the weight that the thrust reaches when the vehicle is about to leave the floor \[-\].
+/// Fraction of the weight that the thrust reaches when the vehicle is about to leave the floor \[-\].
 const LIFTING: f64 = 0.9;
 
-/// Distance of a pose from the predicted position beyond which a tracker without a gate starts again at the pose \[m\].
+/// Distance of a pose from the predicted position above which a tracker without a gate restarts at the pose \[m\].
 const LOST_M: f64 = 1.0;
 
-/// The motion of a vehicle, and the commands on their way to it. No method allocates.
+/// Motion of a vehicle, and the commands in transit to it. No method allocates.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MotionTracker {
     /// The configured model.
@@ -100,7 +100,7 @@ impl MotionTracker {
         self.history.applied(report);
     }
 
-    /// Counts commands as lost whose reports are overdue when the next command is to be sent.
+    /// Marks commands with overdue reports as lost; to be called when the next command is to be sent.
     pub fn expect_reports(&mut self) {
         self.history.expect_reports();
     }
@@ -111,7 +111,7 @@ impl MotionTracker {
         self.history.delay_s()
     }
 
-    /// Delay from sending a command to its effect on the rotation, with the adapted part that reports do not show \[s\].
+    /// Delay from sending a command to its effect on the rotation, including the adapted part hidden from reports \[s\].
     #[must_use]
     pub fn effect_delay_s(&self) -> f64 {
         self.history.effect_delay_s()
@@ -153,7 +153,7 @@ impl MotionTracker {
         self.track.map(|track| self.advanced(&track, t_s))
     }
 
-    /// The same in coarse steps, for limits: a hundredth of a motion over few periods does not matter to them.
+    /// The same prediction in coarse steps, for limits, where an error of a hundredth of a motion over few periods is acceptable.
     #[must_use]
     pub fn predict_coarsely(&self, t_s: f64) -> Option<Track> {
         let model = VehicleModel { integration: Integration::Coarse, ..self.model };
@@ -161,7 +161,7 @@ impl MotionTracker {
         self.track.map(|track| track.advanced(t_s, &propagation))
     }
 
-    /// The motion predicted for `t_s` \[s\]; on the ground that of the last pose, `None` before the first.
+    /// Motion predicted for `t_s` \[s\]; on the ground the motion at the last pose, `None` before the first.
     #[must_use]
     pub fn motion_at(&self, t_s: f64) -> Option<Motion> {
         match &self.track {
@@ -171,7 +171,7 @@ impl MotionTracker {
         }
     }
 
-    /// `track`, propagated to `t_s` \[s\] as the motion would be.
+    /// `track`, propagated to `t_s` \[s\] like the motion.
     #[must_use]
     pub fn advanced(&self, track: &Track, t_s: f64) -> Track {
         track.advanced(t_s, &self.propagation())
@@ -183,7 +183,7 @@ impl MotionTracker {
         self.track.as_ref().map_or_else(Bias::default, Track::bias)
     }
 
-    /// The motion at the last admitted pose and the innovation of that pose, for a law that flies on it; `None` for others, and
+    /// Motion at the last admitted pose and the innovation of that pose, for a law that uses it; `None` for other laws, and
     /// before the first pose.
     #[must_use]
     pub fn filtered(&self) -> Option<(&Motion, Option<&FilterInnovation>)> {
@@ -218,8 +218,8 @@ impl MotionTracker {
         self.track = Some(track);
     }
 
-    /// Takes a pose measured at `t_s` \[s\] without a gate. A pose that is not finite, or not later than the last one, is ignored;
-    /// from one that is far from the prediction the motion starts again.
+    /// Takes a pose measured at `t_s` \[s\] without a gate. A pose that is not finite, or not later than the last one, is
+    /// ignored; at a pose far from the prediction the motion restarts.
     pub fn take(&mut self, t_s: f64, pose: &MeasuredPose) {
         let Some(last_s) = self.track.as_ref().map(|track| track.t_s) else { return };
         let is_finite = pose.position.iter().all(|x| x.is_finite()) && pose.attitude.is_finite();

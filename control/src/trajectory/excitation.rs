@@ -102,7 +102,7 @@ impl Excitation {
             _ => -1.0,
         };
         let position = Vector3::z() * (side * self.climb_m);
-        // Grows from nothing and fades again: a heading that jumped would saturate the rotors.
+        // The swing grows from zero and decays again: a heading that jumped would saturate the rotors.
         let growth = (PI * t_s / CLIMB_S).sin();
         let yaw_rad = growth * chirp(t_s, CLIMB_S, YAW_HZ) * self.yaw_deg.to_radians();
         Reference { yaw_rad, ..Reference::rest(position, Phase::Trajectory) }

@@ -42,7 +42,7 @@ pub enum TrajectoryKind {
 pub struct TrajectoryOptions {
     /// The trajectory to fly.
     pub kind: TrajectoryKind,
-    /// Duration of the trajectory if not its own \[s\]: the trajectory is cut short, or held at its end.
+    /// Duration of the trajectory in place of its own \[s\]: the trajectory is truncated, or held at its end.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub duration_s: Option<f64>,
     /// File of the waypoints, for [`TrajectoryKind::Waypoints`]. The caller reads the file: see [`Waypoints::parse`].

@@ -8,8 +8,8 @@ use super::reference::{Phase, Reference};
 use super::shape::{Circle, Hover, Lemniscate, Square, Step};
 use super::waypoints::Waypoints;
 
-/// The part of a flight that is under test, in a frame with its origin on the floor below the hover point and the axes
-/// of the world. Made by [`TrajectoryOptions::trajectory`](super::TrajectoryOptions::trajectory).
+/// The part of a flight under test, in a frame with its origin on the floor below the hover point and the axes of the world. Made
+/// by [`TrajectoryOptions::trajectory`](super::TrajectoryOptions::trajectory).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trajectory {
     pub(super) shape: TrajectoryShape,

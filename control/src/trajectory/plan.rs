@@ -87,14 +87,13 @@ impl FlightPlan {
         reference
     }
 
-    /// Time from the start of the flight at which the landing is planned, whether or not another has begun before \[s\].
+    /// Time from the start of the flight at which the landing is planned, even if another landing has begun earlier \[s\].
     #[must_use]
     pub fn planned_landing_s(&self) -> f64 {
         self.planned_landing_s
     }
 
-    /// Begins a landing from `from` at `t_s` \[s\] after the start of the flight. A landing that has begun is not begun
-    /// again.
+    /// Begins a landing from `from` at `t_s` \[s\] after the start of the flight. A landing in progress is not restarted.
     pub fn land_from(&mut self, t_s: f64, from: StartPoint) {
         if t_s <= self.landing.start_s {
             let depth_m = (from.position.z - self.start.position.z + LANDING_DEPTH_M).max(0.0);

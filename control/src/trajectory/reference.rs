@@ -15,8 +15,7 @@ pub struct Reference {
     pub velocity: Vector3<f64>,
     /// Desired 3-2-1 yaw \[rad\].
     pub yaw_rad: f64,
-    /// A prescribed attitude in place of the horizontal position, with rate and acceleration for the laws that feed
-    /// them forward.
+    /// Prescribed attitude in place of the horizontal position, with rate and acceleration for laws that feed them forward.
     pub attitude: Option<AttitudeReference>,
     /// Phase of the flight.
     pub phase: Phase,

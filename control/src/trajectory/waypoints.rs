@@ -26,9 +26,9 @@ const LEAST_SPACING_S: f64 = 1e-3;
 /// 9,1,1,1,90
 /// ```
 ///
-/// Times in s from the start of the trajectory, positions in m from the start of the flight on the floor along the axes
-/// of the world, yaw in degrees relative to that at the start. The column `yaw_deg` may be absent. Yaw turns the short
-/// way. A column without the unit in its name is refused: a yaw of 90 would be flown as 14 turns.
+/// Times in s from the start of the trajectory, positions in m from the start of the flight on the floor along the axes of the
+/// world, yaw in degrees relative to that at the start. The column `yaw_deg` may be absent. Yaw turns the shorter way. A column
+/// without the unit in its name is refused: a yaw of 90 would be flown as 14 turns.
 ///
 /// Between the points each coordinate follows the piecewise cubic of Fritsch and Butland (SIAM J. Sci. Stat. Comput. 5
 /// (1984) 300), at rest at the first and the last: the velocity is continuous and every coordinate stays in the
