@@ -179,8 +179,7 @@ struct LaggedThrust {
 
 impl LaggedThrust {
     fn new(plant: &PlantOptions) -> Self {
-        // A lag below the integration step of a millisecond is set to a millisecond: the integrator is stable down to there, and
-        // thrust remains a state.
+        // A lag is at least one integration step, 1 ms: the integrator is stable, and thrust remains a state.
         Self { greatest: plant.max_thrust_n, bandwidth: 1e3 / plant.thrust_lag_ms.max(1.0) }
     }
 
