@@ -61,7 +61,7 @@ impl Hover {
 
 fn bench(criterion: &mut Criterion, name: &str, settings: &[(&str, &str)]) {
     criterion.bench_function(name, |bencher| {
-        // A flight of its own for every measurement: none must end while it is timed.
+        // Each measurement uses a new flight, so that none ends while it is timed.
         bencher.iter_batched_ref(
             || {
                 let mut hover = Hover::new(settings);

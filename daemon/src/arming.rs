@@ -122,7 +122,7 @@ impl ArmingCheck {
         &self.limits.fence
     }
 
-    /// Whether most of the recent poses are where `last` is.
+    /// Whether most of the recent poses agree with `last`.
     fn is_at_rest(&self, last: &Accepted) -> bool {
         let same = |pose: &&Accepted| {
             (pose.position - last.position).norm() <= REST_M

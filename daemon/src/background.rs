@@ -267,7 +267,7 @@ impl BackgroundWorker for DaemonWorker {
     fn poll(&mut self) {
         let Self { requests, server, heartbeat, health, config_hash, peers, .. } = self;
         requests.take_changes();
-        // Every peer is asked, so that none keeps an old message.
+        // Every peer is checked, so that none keeps an old message.
         let others =
             peers.iter_mut().filter_map(|peer| peer.has_other_config(*config_hash).then_some(()));
         requests.note_configs_differ(others.count() > 0);

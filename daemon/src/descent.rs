@@ -1,4 +1,4 @@
-//! The descent of a vehicle that holds an attitude by itself, without poses: how long, and with which thrust.
+//! The descent without poses of a vehicle with its own attitude loop: its duration and thrust.
 
 use oqtal_bus::time::Span;
 use oqtal_config::Config;

@@ -1,5 +1,5 @@
-//! A daemon that was killed, or that its watchdog ended, must not take off by itself when it is restarted: while one that may do
-//! so runs, a file says that it was started, and only an end in good order removes it.
+//! A daemon that was killed, also by its watchdog, must not take off automatically after a restart. While a daemon that may take
+//! off automatically runs, a file records its start; only an orderly end removes the file.
 
 use std::fs::{File, remove_file};
 use std::io::ErrorKind;

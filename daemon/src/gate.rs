@@ -12,11 +12,11 @@ use crate::pose_noise::PoseNoise;
 use outlier::{HypothesisTest, OutlierHypothesis};
 use residual::PoseResidual;
 
-/// Refused poses in a row that match each other and not the motion, after which they count as those of another body or of
-/// exchanged markers \[-\].
+/// Refused poses in a row that match each other and not the motion, after which they count as poses of another body or of swapped
+/// markers \[-\].
 const RELABEL_POSES: u32 = 3;
-/// Greatest angle of a pose from the predicted attitude, whatever its uncertainty \[rad\]: exchanged markers turn a body by more, and
-/// a vehicle that has been without admitted poses long enough to turn as far must not be flown on.
+/// Greatest angle of a pose from the predicted attitude, independent of its uncertainty \[rad\]. Swapped markers turn a body by
+/// more. If the vehicle can have turned by more since the last accepted pose, it must not be flown on.
 const GREATEST_TURN_RAD: f64 = 0.5;
 /// Greatest innovation of a pose that agrees with the motion without an outlier before it \[standard deviations\].
 const HYPOTHESIS_SIGMA: f64 = 3.0;
@@ -144,9 +144,9 @@ impl MotionGate {
         }
     }
 
-    /// Whether a pose with this residual agrees with the motion `expected` within `sigma` standard deviations, and not with the poses
-    /// refused before it: a growing covariance does not readmit a refused pose. After poses of another body, none is admitted until
-    /// one is where the vehicle is predicted.
+    /// Whether a pose with this residual agrees with the motion `expected` within `sigma` standard deviations, and does not match
+    /// the poses refused before it: a growing covariance does not readmit a refused pose. After poses of another body, a pose is
+    /// admitted only at the predicted position of the vehicle.
     fn lies_on(&self, expected: &Track, residual: &PoseResidual, sigma: f64) -> bool {
         let is_refused = self.refused.is_some_and(|refused| match refused.poses {
             RELABEL_POSES.. => residual.is_significant(),

@@ -184,7 +184,7 @@ impl Guard {
         self.accepted
     }
 
-    /// Checks the pose by itself: order, numbers and age.
+    /// Checks a single pose: order, numbers and age.
     fn check_message(
         &mut self,
         now: Time,

@@ -46,7 +46,7 @@ pub fn request(now: Time, command: OperatorCommand, response: &ControlResponseV1
     }
 }
 
-/// Whether the turn changed the state of the daemon: a sample was taken, or a tick made.
+/// Whether the turn changed the state of the daemon: a sample was taken, or a tick was made.
 pub fn is_worth_recording(input: &InputV1) -> bool {
     let InputV1 { pose_number, vehicle_number, command_sequence, stop, .. } = *input;
     [pose_number, vehicle_number, command_sequence, u64::from(stop)].iter().any(|&word| word != 0)

@@ -102,7 +102,7 @@ pub use warmup::CacheWarmup;
 pub use warnings::warnings;
 pub use waypoint_file::trajectory;
 
-/// Controls the vehicle until asked to stop, and leaves its motors off.
+/// Controls the vehicle until a stop is requested, and leaves its motors off.
 ///
 /// # Errors
 /// Another controller holds the command topic, the configuration is invalid, or the bus refuses.

@@ -61,7 +61,7 @@ pub struct LimitConditions {
     pub overrun: bool,
     /// Processes of the instance run with different configurations.
     pub configs_differ: bool,
-    /// The reference is absurd.
+    /// The reference is invalid.
     pub setpoint_refused: bool,
 }
 

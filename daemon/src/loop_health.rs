@@ -88,7 +88,7 @@ impl LoopHealth {
 mod tests {
     use super::*;
 
-    /// Whether a loss of one frame in `one_in` is warned of, at this rate of the cameras.
+    /// Whether a loss of one frame in `one_in` causes a warning at this frame rate of the cameras.
     fn warns(frame_rate_hz: f64, one_in: u64) -> bool {
         let mut config = Config::default();
         config.plant.frame_rate_hz = frame_rate_hz;

@@ -1,4 +1,4 @@
-//! The controller as a program of its own.
+//! The controller as a standalone program.
 #![forbid(unsafe_code)]
 
 use std::process::ExitCode;

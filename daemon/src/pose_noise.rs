@@ -1,4 +1,4 @@
-//! Whether a source of poses ever repeats a pose: one with noise does not, one with coarse numbers or without noise may.
+//! Whether a pose source ever repeats a pose: a source with noise does not; one with coarse numbers or without noise may.
 
 use oqtal_control::predictive::MeasuredPose;
 
@@ -63,7 +63,7 @@ impl PoseNoise {
         self.repeats
     }
 
-    /// Whether the source repeats its pose although its poses have always changed.
+    /// Whether the source repeats its pose, although its poses had always changed before.
     #[must_use]
     pub fn is_frozen(&self) -> bool {
         let has_noise = self.step_m > LEAST_STEP_M && self.least_m < NOISE_SHARE * self.step_m;

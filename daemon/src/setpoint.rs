@@ -1,11 +1,11 @@
-//! The check of the reference: an absurd one is replaced by the last valid one.
+//! Check of the reference: an invalid reference is replaced by the last valid one.
 
 use nalgebra::Vector3;
 use oqtal_control::trajectory::{Phase, Reference};
 
 use crate::fence::Fence;
 
-/// Turn of the reference from one tick to the next above which it is absurd \[rad\].
+/// Turn of the reference from one tick to the next above which it is invalid \[rad\].
 const LARGEST_TURN_RAD: f64 = 2.4;
 
 /// The check of the reference.
@@ -22,7 +22,7 @@ pub struct SetpointGuard {
 pub struct CheckedSetpoint {
     /// The reference to fly; `None` if there was no valid one yet.
     pub reference: Option<Reference>,
-    /// Whether another one was refused.
+    /// Whether another reference was refused.
     pub is_refused: bool,
 }
 
@@ -49,9 +49,9 @@ impl SetpointGuard {
         self.last = None;
     }
 
-    /// The reference to fly: `reference` if it is finite, inside the fence and does not turn round at once, otherwise the last
-    /// valid one; of one that only turns round, its position with the last heading. Within one plan, numbered by its changes so
-    /// far: the first reference of a landing or of a hold may turn.
+    /// The reference to fly: `reference` if it is finite, inside the fence and without a sudden reversal of heading, otherwise
+    /// the last valid one. If only the heading is invalid, the new position is flown with the last heading. The check applies
+    /// within one `plan`, numbered by its changes: the first reference of a landing or of a hold may turn.
     pub fn pass(&mut self, plan: u32, reference: &Reference) -> CheckedSetpoint {
         let is_new = std::mem::replace(&mut self.plan, plan) != plan;
         let is_sound = reference.is_finite() && self.fence.inside_m(&reference.position) > 0.0;

@@ -10,7 +10,7 @@ use oqtal_control::trajectory::{
 const STEP_S: f64 = 0.01;
 /// Most points at which the reference is looked at \[-\].
 const MOST_POINTS: f64 = 20_000.0;
-/// Distance between hover point and first waypoint from which it is told \[m\].
+/// Distance between hover point and first waypoint above which a note is printed \[m\].
 const TOLD_JUMP_M: f64 = 0.5;
 
 /// Settings of `config` that a flight of `trajectory` cannot satisfy because of others, each with its remedy.
@@ -33,7 +33,7 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     all
 }
 
-/// That the configured law has no effect, where the vehicle holds the commanded attitude by itself.
+/// Note that the configured law has no effect, because the vehicle has its own attitude loop.
 fn law_replaced(config: &Config) -> Option<String> {
     let replaced = config.vehicle.interface.holds_attitude() && !config.control.is_predictive();
     replaced.then(|| {

@@ -160,7 +160,7 @@ impl Attempt {
         self.deadline.since(Time::now()).max(Span::from_millis(1)).to_duration()
     }
 
-    /// Whether the time is over.
+    /// Whether the time is up.
     #[must_use]
     pub fn is_over(&self) -> bool {
         Time::now() >= self.deadline

@@ -1,15 +1,15 @@
 //! Estimate of a camera server's clock: converts its stamps to instants of capture on the monotonic clock of this machine.
 //!
-//! A server stamps its frames with a clock of its own, which differs from ours by an unknown offset and a drift of some parts per
-//! million. Observable are only the arrivals of stamped frames, each late by an unknown delay. [`ServerClock`] takes the
-//! line below all recent arrivals, [`LowerEnvelope`]: the frames that travelled fastest. The least delay itself cannot be seen
-//! from this end; it is part of `receiver.camera-latency-ms`, which is configured.
+//! A server stamps its frames with its own clock, which differs from ours by an unknown offset and a drift of some parts per
+//! million. Only the arrivals of stamped frames are observable, each late by an unknown delay. [`ServerClock`] uses the line
+//! below all recent arrivals, [`LowerEnvelope`]: the frames with the shortest delay. The least delay itself cannot be observed at
+//! this end; it is part of `receiver.camera-latency-ms`, which is configured.
 //!
 //! A frame whose stamp *contradicts* the line (it arrived before it was captured, or its stamp is not after the last one) is
-//! rejected. If contradictions persist, the server's clock was set, and it is learned again. A longer delay is not a contradiction,
-//! however long it lasts: such frames are old. A step back of the clock differs from it only in the stamps; [`StepWatch`] detects it.
-//! [`LoweringWatch`] detects a small step forward. After a small step in either direction, only the pairs before it are discarded,
-//! so that poses continue.
+//! rejected. If contradictions persist, the server's clock was set, and it is estimated again. A longer delay of any duration is
+//! not a contradiction: such frames are old. A step back of the clock differs from it only in the stamps; [`StepWatch`] detects
+//! it. [`LoweringWatch`] detects a small step forward. After a small step in either direction, only the pairs before it are
+//! discarded, so that poses continue.
 
 mod envelope;
 mod lowering;
@@ -21,16 +21,17 @@ pub use envelope::{EnvelopeLine, LowerEnvelope, MAX_DRIFT, StampPair};
 pub use lowering::LoweringWatch;
 pub use step::{StepHypothesis, StepWatch};
 
-/// Shortest time over which a clock is learned.
+/// Shortest time over which a clock is estimated.
 const LEARNING_TIME: Span = Span::from_millis(500);
-/// Least number of frames from which a clock is learned \[-\].
+/// Least number of frames from which a clock is estimated \[-\].
 const LEARNING_FRAMES: u32 = 12;
 /// Least arrival before the line, or contraction of stamps, by which the server's clock counts as set; a smaller one corrects the
 /// line.
 const IMPOSSIBLE: Span = Span::from_millis(25);
 /// Least lowering of the line within a second by which all earlier pairs are discarded.
 const SMALL_STEP: Span = Span::from_millis(1);
-/// Time after learning began, or a step, in which lowerings of the line are not counted: few fast frames were seen yet.
+/// Time after the start of the estimate, or after a step, in which lowerings of the line are not counted: few fast frames have
+/// arrived yet.
 const SETTLING_TIME: Span = Span::from_millis(2000);
 /// Contradictions in a row, and the time that they span, after which the server's clock counts as set.
 const CONTRADICTIONS: u32 = 5;
@@ -66,9 +67,9 @@ pub enum StampVerdict {
 /// State of the clock, for log and status.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ClockState {
-    /// Whether instants of capture are known.
+    /// Whether capture times are known.
     pub is_known: bool,
-    /// Number of times the clock was learned again, the first time excluded \[-\].
+    /// Number of times the clock was estimated again, the first time excluded \[-\].
     pub relearned: u64,
     /// Our clock minus the server's at the last frame \[ns\], the least delay included.
     pub offset_ns: i64,
@@ -84,7 +85,7 @@ pub struct ServerClock {
     /// From the capture to the arrival of the fastest frames.
     latency: Span,
     envelope: LowerEnvelope,
-    /// The first pair since learning began: all others are relative to it, stamp and arrival \[ns\].
+    /// The first pair of the estimate: all others are relative to it, stamp and arrival \[ns\].
     origin: Option<(u64, Time)>,
     last: (u64, Time),
     contradictions: u32,
@@ -93,7 +94,7 @@ pub struct ServerClock {
     contradicting_ns: u64,
     steps: StepWatch,
     lowerings: LoweringWatch,
-    /// Instant at which learning began, or the last small step was detected.
+    /// Start of the estimate, or instant at which the last small step was detected.
     settling_since: Time,
     /// Mean delay of the pairs that were discarded after a step \[ns\]: few pairs do not show the scatter.
     scatter_ns: f64,
@@ -122,7 +123,7 @@ impl ServerClock {
         }
     }
 
-    /// Forgets the clock, as after a new connection.
+    /// Discards the clock, as after a new connection.
     pub fn forget(&mut self) {
         self.relearned += u64::from(self.origin.is_some());
         self.envelope.clear();

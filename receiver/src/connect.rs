@@ -16,7 +16,7 @@ const MAX_LISTED: usize = 32;
 /// Opens the connection of `link`.
 ///
 /// # Errors
-/// There is no server, or none that can be used. A missing body is not an error.
+/// There is no usable server. A missing body is not an error.
 pub fn connect(link: &CameraLink) -> Result<CameraConnection, ConnectError> {
     let deadline = Time::now() + CONNECT_TIMEOUT;
     let address = resolve(link)?;
@@ -64,13 +64,13 @@ fn known(bodies: &[CameraBody]) -> String {
     }
 }
 
-/// The address of the host. A resolver may block for longer than the time-out: it runs on a thread of its own.
+/// The address of the host. A resolver may block for longer than the time-out, so it runs on its own thread.
 fn resolve(link: &CameraLink) -> Result<SocketAddr, ConnectError> {
     let (host, port) = (link.host.clone(), link.port);
     let (answer, is_answered) = channel();
     std::thread::spawn(move || {
         let found = (host.as_str(), port).to_socket_addrs();
-        // Of several addresses the first that is IPv4: camera systems listen there.
+        // The first IPv4 address if there are several: camera systems listen there.
         let found = found.map(|found| {
             let all: Vec<SocketAddr> = found.collect();
             all.iter().find(|address| address.is_ipv4()).or(all.first()).copied()

@@ -80,7 +80,7 @@ pub fn read(bytes: &[u8], format: DefinitionFormat) -> Result<Vec<CameraBody>, S
 pub struct DefinitionSlot {
     spare: Option<Box<BodyDefinitions>>,
     received: bool,
-    /// Definitions came while others were being read: they have to be asked for again.
+    /// New definitions arrived while others were being read: they must be requested again.
     missed: bool,
 }
 
@@ -112,7 +112,7 @@ impl DefinitionSlot {
         if std::mem::take(&mut self.received) { self.spare.take() } else { None }
     }
 
-    /// Puts read definitions into force. Returns whether others have come meanwhile, which have to be asked for again.
+    /// Applies the definitions read. Returns whether others have arrived meanwhile, which must be requested again.
     pub fn apply_definitions(
         &mut self,
         mut definitions: Box<BodyDefinitions>,

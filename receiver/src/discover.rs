@@ -61,7 +61,7 @@ pub fn discover(hosts: &[String], duration: Span) -> Result<Vec<FoundServer>, Fa
         // VRPN has no broadcast: a host of cameras may serve it beside what answered.
         links.insert(format!("vrpn:{ip}"));
     }
-    // Each host is asked on a thread of its own: silent ones take until the time-out.
+    // Each host is queried on its own thread: a silent host takes until the time-out.
     let asked = links.into_iter().map(|link| std::thread::spawn(move || ask(&link)));
     let asked: Vec<_> = asked.collect();
     Ok(asked.into_iter().filter_map(|thread| thread.join().ok().flatten()).collect())

@@ -55,7 +55,7 @@ pub struct FrameCounts {
     pub repeated: u64,
     /// Frames that arrived after a later one.
     pub out_of_order: u64,
-    /// Frames without a date, their server's clock not being known.
+    /// Frames without a capture time, because the server's clock is not known.
     pub undated: u64,
     /// Frames whose stamp contradicts the server's clock.
     pub contradicting: u64,
@@ -82,7 +82,7 @@ impl FrameCounts {
     }
 }
 
-/// The gate of the frames of one server, or of one body where each body has stamps of its own.
+/// The gate of the frames of one server, or of one body if each body has its own stamps.
 #[derive(Clone, Debug)]
 pub struct FrameGate {
     clock: ServerClock,

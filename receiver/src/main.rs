@@ -1,4 +1,4 @@
-//! The receiver of a real camera system as a program of its own.
+//! The receiver of a real camera system as a standalone program.
 #![forbid(unsafe_code)]
 
 use std::process::ExitCode;

@@ -72,7 +72,7 @@ impl FrameCount {
 /// Connects, reads the definitions of the bodies, and joins the group of the frames.
 ///
 /// # Errors
-/// There is no server, or none that can be used; the port of the frames is taken.
+/// There is no usable server, or the port of the frames is in use.
 pub fn connect(attempt: &Attempt) -> Result<CameraConnection, ConnectError> {
     let CameraProtocol::Natnet { delivery } = attempt.link.protocol else {
         return Err(attempt.other_protocol("the link is of another kind"));
@@ -235,7 +235,7 @@ impl NatnetConnection {
     }
 }
 
-/// Whether another try would fail, too.
+/// Whether another try would also fail.
 fn is_final(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::PermissionDenied | io::ErrorKind::ConnectionRefused)
 }

@@ -27,7 +27,7 @@ const WAIT_NS: i64 = 20_000_000;
 /// Listens to the camera system at `link` for `duration`. Without bodies in the link, all are listened to.
 ///
 /// # Errors
-/// There is no server, or none that can be used; it ends the connection.
+/// There is no usable server, or it ends the connection.
 pub fn probe(
     link: &CameraLink,
     options: &ReceiverOptions,

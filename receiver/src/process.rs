@@ -53,7 +53,7 @@ fn link_to_bodies(config: &Config) -> Result<CameraLink, Failure> {
     Ok(link)
 }
 
-/// Checks whether the receiver could run with `config`. No server is asked.
+/// Checks whether the receiver could run with `config`. No server is contacted.
 ///
 /// # Errors
 /// There is no link, it is malformed, or the clock is virtual.
@@ -61,7 +61,7 @@ pub fn check(config: &Config) -> Result<(), Failure> {
     link_to_bodies(config).map(drop)
 }
 
-/// Publishes the poses of a camera system until asked to stop.
+/// Publishes the poses of a camera system until a stop is requested.
 ///
 /// # Errors
 /// As [`check`]; there is no server or no such body; another process publishes poses; the bus breaks.

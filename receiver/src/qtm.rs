@@ -55,7 +55,7 @@ struct BodyAgreement {
 /// Connects, agrees on a version, reads the names of the bodies and asks for frames.
 ///
 /// # Errors
-/// There is no server, or none that can be used.
+/// There is no usable server.
 pub fn connect(attempt: &Attempt) -> Result<CameraConnection, ConnectError> {
     let mut connection = QtmConnection::open(attempt)?;
     let bodies = connection.shake_hands(attempt)?;
@@ -108,7 +108,7 @@ impl QtmConnection {
         Ok(Self { client, control, frames, order, routes, definitions, agreement, server, buffer })
     }
 
-    /// Blocks until the bodies have been named and the stream was asked for.
+    /// Blocks until the bodies are named and the stream is requested.
     fn shake_hands(&mut self, attempt: &Attempt) -> Result<Vec<CameraBody>, ConnectError> {
         loop {
             if attempt.is_over() {

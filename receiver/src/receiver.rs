@@ -55,7 +55,7 @@ impl PoseReceiver {
         }
     }
 
-    /// Forgets what is known of the server, as for a new connection: its clock, its count of frames, the bodies it sees.
+    /// Discards everything known of the server, as for a new connection: its clock, its frame count, its visible bodies.
     pub fn forget(&mut self) {
         for state in &mut self.gates {
             state.gate.forget();
@@ -89,7 +89,7 @@ impl PoseReceiver {
         self.arrived_at
     }
 
-    /// The frames at a gate, by what became of them.
+    /// The frames at a gate, by outcome.
     #[must_use]
     pub fn counts(&self, gate: usize) -> FrameCounts {
         self.gates[gate].gate.counts()
@@ -141,7 +141,7 @@ impl FrameSink for PoseReceiver {
             capture_uncertainty_s: captured.uncertainty.seconds(),
             body: body.number,
             tracked: u8::from(body.pose.is_some()),
-            // Cameras measured it, as far as the protocol tells.
+            // Measured by cameras, as far as the protocol shows.
             simulated: 0,
         };
         let stamps = Stamps {

@@ -36,7 +36,7 @@ pub struct RouteTable {
     /// Numbers of the bodies that are wanted, with their routes: one body a route, one route a body.
     routes: Vec<(i64, usize)>,
     refused: Option<RefusedBody>,
-    /// The body that has the name of a route, and gets the route when the one that has it is renamed.
+    /// The body with the name of a route; it gets the route when the present body of the route is renamed.
     waiting: Option<RefusedBody>,
     /// The refused body that was last reported.
     last_reported: Option<RefusedBody>,

@@ -71,7 +71,7 @@ pub trait CameraStream: Debug + Send {
     /// A body that was refused because another has its name; each is reported once.
     fn take_refused(&mut self) -> Option<RefusedBody>;
 
-    /// Whether every body has a gate of its own; otherwise there is one gate for all.
+    /// Whether every body has its own gate; otherwise there is one gate for all.
     fn gate_per_body(&self) -> bool {
         false
     }

@@ -21,7 +21,7 @@ use crate::receiver::PoseReceiver;
 use crate::stream::CameraStream;
 use crate::watch::ReceiverWatch;
 
-/// Time between two calls for signs of life and silence.
+/// Period of the checks for keep-alive messages and silence.
 const UPKEEP_PERIOD: Span = Span::from_millis(100);
 
 /// The sockets that wake the receiver.
@@ -129,7 +129,7 @@ impl<T: Transport> ReceiverTurn<T> {
     /// Receives from `stream` from now on.
     pub fn set_stream(&mut self, stream: Box<dyn CameraStream>, now: Time) {
         self.connected_at = now;
-        // A new connection may be to another server: nothing is known of its clock, its count and its bodies.
+        // A new connection may be to another server with another clock, frame count and bodies.
         self.receiver.forget();
         let added = self.sockets.add(&*stream);
         if let Some(before) = self.stream.replace(stream) {
@@ -163,7 +163,7 @@ impl<T: Transport> ReceiverTurn<T> {
         }
     }
 
-    /// Sends signs of life; gives up a connection that says nothing; notes what has changed.
+    /// Sends keep-alive messages, closes a silent connection, and notes changes.
     fn keep_up(&mut self, now: Time) {
         if now < self.next_upkeep {
             return;

@@ -20,7 +20,7 @@ const BUFFER: usize = 65_536;
 const MAX_READS: usize = 16;
 /// Names that do not come within this time after the greeting are not there.
 const NAMING_TIME: Span = Span::from_millis(800);
-/// Time between two signs of life.
+/// Time between two keep-alive messages.
 const PING_PERIOD: Span = Span::from_millis(1000);
 /// Sender of the server itself, no tracker.
 const CONTROL: &str = "VRPN Control";
@@ -44,7 +44,7 @@ pub struct VrpnConnection {
 /// Connects and waits for the names of the trackers.
 ///
 /// # Errors
-/// There is no server, or none that can be used.
+/// There is no usable server.
 pub fn connect(attempt: &Attempt) -> Result<CameraConnection, ConnectError> {
     let mut connection = VrpnConnection {
         client: VrpnClient::new(),

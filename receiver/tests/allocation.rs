@@ -1,4 +1,4 @@
-//! The real-time thread does not allocate while connected, whatever the server sends.
+//! The real-time thread does not allocate while connected, for any data from the server.
 
 #[path = "../../control/tests/allocation/counter.rs"]
 mod counter;

@@ -12,7 +12,7 @@ struct Dated {
     later: Vec<i64>,
     /// Errors of a clock that was unknown at the change.
     later_again: Vec<i64>,
-    /// Number of times the clock was learned again after the change.
+    /// Number of times the clock was estimated again after the change.
     relearned: u64,
 }
 
@@ -110,7 +110,7 @@ proptest! {
     }
 }
 
-/// As a clock is learned, its line falls.
+/// While a clock is being estimated, its line falls.
 #[test]
 fn a_start_is_hardly_ever_taken_for_a_step() {
     for (rate_hz, jitter) in [60.0, 240.0].into_iter().flat_map(|hz| (0..2).map(move |j| (hz, j))) {

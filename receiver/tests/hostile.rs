@@ -1,4 +1,4 @@
-//! Servers that mean harm, or are broken: the connection ends, or nothing happens; nothing hangs, grows or publishes nonsense.
+//! Malicious or broken servers: the connection ends or the data is ignored; nothing blocks, grows or publishes invalid poses.
 
 use std::io::{Read, Write};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, UdpSocket};

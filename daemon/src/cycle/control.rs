@@ -97,7 +97,7 @@ impl FlightControl {
         self.stack.set_loop(which, gains);
     }
 
-    /// Computes the output of the law for `directive`; `None` if the law is not asked, or has no motion to work with.
+    /// Computes the output of the law for `directive`; `None` if the law is not used, or has no motion to work with.
     pub(super) fn compute(
         &mut self,
         tick: &ControlTick,

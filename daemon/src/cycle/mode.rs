@@ -27,7 +27,7 @@ pub(super) struct ModeConditions {
     pub(super) observes: bool,
     /// A flight begins without an operator.
     pub(super) auto_takeoff: bool,
-    /// A requested flight begins with this tick or not at all: poses were good when the operator asked.
+    /// A requested flight begins with this tick or not at all: poses were good at the operator's request.
     pub(super) now_or_never: bool,
     /// The mission lands.
     pub(super) lands: bool,

@@ -9,7 +9,7 @@ pub(super) struct Requests {
     pub(super) now_or_never: bool,
     /// State of the automatic flight at start-up.
     pub(super) auto_takeoff: AutoTakeoff,
-    /// Whether the flight is to be stopped.
+    /// Whether the flight must be stopped.
     pub(super) stop: bool,
     /// Whether another vehicle took the place of the one for which a flight was requested.
     pub(super) vehicle_replaced: bool,

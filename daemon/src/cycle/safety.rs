@@ -147,7 +147,7 @@ impl SafetyMonitor {
         }
     }
 
-    /// Whether the vehicle may descend without poses: it stays level by itself, was in the air at the last pose, and has not
+    /// Whether the vehicle may descend without poses: it has its own attitude loop, was in the air at the last pose, and has not
     /// descended for too long.
     fn may_descend(&self, now: Time, intake: &Intake) -> bool {
         intake.last_pose().is_some_and(|last| {

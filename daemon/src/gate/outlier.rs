@@ -1,9 +1,9 @@
 //! Hypothesis that an admitted pose with a significant residual was an outlier.
 //!
-//! If it was, the poses after it return to the motion predicted without it. After a gap, in which the uncertainty has grown, it
-//! may also be a pose of another body, or of exchanged markers: then its offset from that motion stays the same. An offset that a
-//! force made during the gap grows, because the force also gave the vehicle a velocity: by at least the share of itself that the
-//! time since is of the gap.
+//! If it was an outlier, the poses after it return to the motion predicted without it. After a gap, in which the uncertainty has
+//! grown, it may also be a pose of another body or of swapped markers: then its offset from that motion is constant. An offset by
+//! a force during the gap grows, because the force also changed the velocity: its relative growth is at least the time since the
+//! gap over the duration of the gap.
 
 use oqtal_control::predictive::{MeasuredPose, Track};
 

@@ -50,7 +50,7 @@ impl PoseResidual {
             && are_alike(&self.0.turn, &other.0.turn, MATCH_RAD)
     }
 
-    /// Whether the residual is larger than noise.
+    /// Whether the residual exceeds the noise.
     pub(super) fn is_significant(&self) -> bool {
         !self.matches(&Self::default())
     }

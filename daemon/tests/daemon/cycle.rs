@@ -1,4 +1,4 @@
-//! The controller's turn of the loop, fed with good, bad and absurd poses.
+//! The controller's turn of the loop with good, bad and invalid poses.
 
 use super::common::{Bench, FRAME, LATENCY, LAWS, still};
 use oqtal_bus::code::{Actuation, Answer, Mode, OperatorCommand, SafetyState};

@@ -1,4 +1,4 @@
-//! Level and descend: vehicles that hold an attitude by themselves, without poses, in virtual time.
+//! Level and descend: vehicles with their own attitude loop, without poses, in virtual time.
 
 use super::common::LAWS;
 use super::common::flight::{Flight, moved, relabelled, set};
@@ -135,7 +135,7 @@ fn f48_a_vehicle_that_a_gust_moved_unseen_is_admitted_when_it_is_seen_again() {
     }
 }
 
-/// Whether another body, of which `change` makes the pose, is landed on after `gap` frames of the descent.
+/// Whether the vehicle lands on poses of another body, made by `change`, after `gap` frames of the descent.
 fn lands_on(gap: usize, change: impl Fn(PoseV1) -> PoseV1) -> bool {
     let mut flight = hovering(&[]);
     for _ in 0..gap {

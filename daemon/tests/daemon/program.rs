@@ -1,4 +1,4 @@
-//! The program of this package, started by itself.
+//! The program of this package, run in its own process.
 
 use std::process::Command;
 

@@ -4,7 +4,7 @@ use super::common::flight::{Flight, set};
 use nalgebra::Vector3;
 use oqtal_bus::code::{Cause, Mode, OperatorCommand, SafetyState};
 
-/// A flight whose reference turns round for 5 s, and which is told so.
+/// A flight with a reversed reference for 5 s, with its warnings.
 fn turned_round(settings: &[&str]) -> Flight {
     let step = ["trajectory.kind=\"step\"", "trajectory.step.axis=\"yaw\""];
     let angle = ["trajectory.step.angle-deg=180.0", "trajectory.step.hold-s=5.0"];

@@ -159,7 +159,7 @@ fn motors_that_never_run_can_be_called_off() {
     }
 }
 
-/// A real vehicle that is asked to fly, its cameras there, its motors standing.
+/// A real vehicle that is commanded to fly: cameras present, motors not running.
 fn taking_off() -> Bench {
     let mut bench = Bench::new(&[]);
     bench.vehicle = REAL;

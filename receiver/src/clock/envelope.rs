@@ -1,9 +1,9 @@
 //! The lower envelope of one-way delays: the line below all (stamp, arrival) pairs of a sliding window.
 //!
 //! Arrival = stamp + offset + drift × stamp + delay, and no delay is negative. Of all lines below the pairs, the one with the
-//! least mean distance to them touches the pairs that travelled fastest; a mean or a regression would follow the delays instead.
-//! That line is the edge of the lower convex hull at the middle of the window. Its slope is bounded, which keeps it meaningful
-//! while the window is short.
+//! least mean distance to them touches the pairs with the shortest delay; a mean or a regression would follow the delays. That
+//! line is the edge of the lower convex hull at the middle of the window. Its slope is bounded, so that it is also usable while
+//! the window is short.
 
 use std::collections::VecDeque;
 
@@ -78,7 +78,7 @@ impl LowerEnvelope {
         self.line = EnvelopeLine::default();
     }
 
-    /// Forgets the pairs up to this stamp \[ns, server clock\], and those of the same interval; the last interval is kept.
+    /// Discards the pairs up to this stamp \[ns, server clock\], and those of the same interval; the last interval is kept.
     pub fn forget_through(&mut self, stamp_ns: f64) {
         let index = (stamp_ns / INTERVAL_NS).floor() as i64;
         while self.intervals.len() > 1
@@ -168,7 +168,7 @@ fn slope(a: StampPair, b: StampPair) -> f64 {
     (b.offset_ns - a.offset_ns) / (b.stamp_ns - a.stamp_ns).max(1.0)
 }
 
-/// Whether the way from `a` over `b` to `c` turns upward at `b`.
+/// Whether the line from `a` over `b` to `c` turns upward at `b`.
 fn turns_up(a: StampPair, b: StampPair, c: StampPair) -> bool {
     slope(a, b) < slope(b, c)
 }

@@ -1,9 +1,9 @@
 //! Detection of steps back of a server's clock, as opposed to longer delays.
 //!
-//! Either makes the delays of all frames greater by the same amount, for good. The stamps tell which it was: a clock that is set
-//! back brings the stamps of two frames closer together than any before, a network that becomes slower does not touch them. A
-//! step back therefore is a *contraction* of stamps with a rise of the delays behind it by as much at least. A single wrong stamp
-//! and a frame without delay end the suspicion.
+//! Both a step back of the clock and a slower network lengthen the delays of all frames by the same amount, permanently. The
+//! stamps distinguish them: a clock that is set back brings the stamps of two frames closer together than any before; a slower
+//! network does not change the stamps. A step back therefore is a *contraction* of stamps, followed by a rise of the delays by at
+//! least the same amount. A single wrong stamp or a frame without delay ends the hypothesis.
 
 use oqtal_bus::time::{Span, Time};
 
@@ -78,7 +78,7 @@ impl StepWatch {
         self.hypothesis
     }
 
-    /// Ends a suspicion: the step is known.
+    /// Ends the hypothesis: the step is known.
     pub fn settle(&mut self) {
         self.hypothesis = None;
     }

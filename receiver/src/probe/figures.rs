@@ -32,7 +32,7 @@ pub struct ProbeFigures {
     pub verdict: FitnessVerdict,
     /// Findings against it.
     pub findings: Vec<ProbeFinding>,
-    /// All frames, by what became of them.
+    /// All frames by outcome.
     #[serde(skip)]
     pub counts: FrameCounts,
     /// Messages that could not be read \[-\].

@@ -109,7 +109,7 @@ impl FrameSink for ProbeListener {
         let Some(frame_gate) = self.gates.get_mut(gate) else { return };
         let checked = frame_gate.check(stamp, arrival);
         self.arrival = arrival;
-        // Where each body has stamps of its own, the first one's intervals are those of the cameras.
+        // If each body has its own stamps, the intervals of the first body are the frame intervals.
         let repeated = matches!(checked, Err(FrameRefusal::Repeated | FrameRefusal::OutOfOrder));
         if gate > 0 || repeated {
             return;

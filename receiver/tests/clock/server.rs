@@ -1,4 +1,4 @@
-//! A camera server with a clock of its own behind a network with delays, in virtual time.
+//! A camera server with its own clock behind a network with delays, in virtual time.
 #![allow(dead_code, reason = "each test uses its part")]
 
 use oqtal_bus::time::{Span, Time};
@@ -21,7 +21,7 @@ impl Random {
     }
 }
 
-/// A server with a clock of its own behind a network with delays.
+/// A server with its own clock behind a network with delays.
 pub struct Server {
     pub rate_hz: f64,
     /// Rate of the server's clock minus one.

@@ -188,7 +188,7 @@ impl Flight {
     }
 }
 
-/// The pose of a body whose markers were exchanged: turned by `degrees` about its z axis.
+/// The pose of a body with swapped markers: turned by `degrees` about its z axis.
 pub fn relabelled(pose: PoseV1, degrees: f64) -> PoseV1 {
     let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), degrees.to_radians());
     let attitude = Attitude::from_xyzw(pose.attitude).unwrap();

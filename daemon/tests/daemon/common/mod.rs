@@ -76,7 +76,7 @@ impl Bench {
         }
     }
 
-    /// A controller that was asked to fly and has accepted its first poses.
+    /// A controller that was commanded to fly and has accepted its first poses.
     pub fn flying(settings: &[Setting]) -> Self {
         let mut bench = Self::new(settings);
         bench.cycle.request(bench.now, OperatorCommand::Fly);
