@@ -115,7 +115,7 @@ fn impossible_ports_vehicles_and_links_are_refused_with_a_remedy() {
         (format!("mavlink:udpin:{used}"), 75, "is used by another program"),
         ("mavlink:udpin:192.0.2.1:14550".to_owned(), 71, "is not an address of this machine"),
         ("mavlink:udpout:no.such.host.invalid:1".to_owned(), 71, "no host"),
-        (format!("mavlink:tcp:{used}"), 71, "nobody accepts a connection"),
+        (format!("mavlink:tcp:{used}"), 71, "no server accepts a connection"),
         ("mavlink:serial:/dev/no-such-port".to_owned(), 71, "no serial port"),
         ("mavlink:udpin:14550".to_owned(), 78, "mavlink:udpin:HOST:PORT"),
     ] {

@@ -135,7 +135,7 @@ fn changes_are_shown_resizing_works_and_the_terminal_is_restored() {
 fn without_an_instance_or_a_terminal_the_remedy_is_reported() {
     let testbed = Testbed::new("monitor-none");
     let output = testbed.oqtal(&["monitor"]).output().unwrap();
-    assert_refused(&output, 64, &["no terminal", "ctl status --json"]);
+    assert_refused(&output, 64, &["not a terminal", "ctl status --json"]);
     let Some(tmux) = Tmux::start(&testbed, (200, 24)) else { return };
     tmux.monitor("");
     tmux.shows(&["nothing runs on instance", "oqtal fly --instance", "ended 75"]);

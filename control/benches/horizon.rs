@@ -2,6 +2,8 @@
 //!
 //! The time is bounded by the maximum number of iterations, [`MOST_ITERATIONS`], times the time of one iteration.
 
+#![allow(clippy::disallowed_methods, reason = "a benchmark reads the clock")]
+
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 

@@ -5,7 +5,7 @@
 //! | laws | [`StudyLaw`] | `oqtal-dt` with its tuned gains |
 //! | variation | [`Case`] | a rate lag of 80 ms |
 //! | flights of a case | [`FlightCondition`]: seed, plant, settings | seeds 200 to 224, or one draw of a spread each |
-//! | tests of a flight | [`Test`](flights::Test) | path, hover, chirp, doublet |
+//! | tests of a flight | [`Test`] | path, hover, chirp, doublet |
 //!
 //! A study of three rate lags, as a table:
 //!

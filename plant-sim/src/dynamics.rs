@@ -19,8 +19,7 @@ pub struct PlantInput {
     pub attitude: Quaternion<f64>,
     /// Collective thrust `delta_c` of Eq. (61) \[0..1\].
     pub thrust: f64,
-    /// Motor power of each rotor as commanded by a firmware \[0..1\], in place of the on-board rate loop; `None` without a
-    /// firmware.
+    /// Motor power of each rotor, commanded by a firmware in place of the rate loop \[0..1\]; `None` without a firmware.
     pub motors: Option<Vector4<f64>>,
 }
 

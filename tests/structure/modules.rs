@@ -23,13 +23,17 @@ pub struct Module {
 /// Modules of a crate by path.
 pub struct Tree(BTreeMap<Vec<String>, Module>);
 
-/// Whether a file is the root of a library, program, test, benchmark or example of the crate in `folder`. The tests of the root
-/// package are modules of one program.
+/// Whether a file is the root of a library, program, test, benchmark or example of the crate in `folder`. Where `tests/main.rs`
+/// exists, the other files of `tests` are its modules unless the manifest names them.
 pub fn is_root(folder: &str, path: &str) -> bool {
+    let folder_path = root().join(folder);
     let inner = path.strip_prefix(folder).unwrap_or(path).trim_start_matches('/');
     match inner.split_once('/') {
         Some(("src", file)) => file == "lib.rs" || file == "main.rs",
-        Some(("tests", file)) if folder.is_empty() => ["main.rs", "loaded.rs"].contains(&file),
+        Some(("tests", _)) if folder_path.join("tests/main.rs").exists() => {
+            let manifest = std::fs::read_to_string(folder_path.join("Cargo.toml")).unwrap();
+            manifest.contains(&format!("path = \"{inner}\""))
+        }
         Some((_, file)) => match file.split_once('/') {
             Some((_, file)) => file == "main.rs",
             None => true,

@@ -65,13 +65,13 @@ pub trait AttitudeLaw {
 /// input; a term that the law does not have is zero.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LawTerms {
-    /// Feedback of the errors of attitude and rate.
+    /// Feedback of the errors of attitude and rate \[as the sum\].
     pub proportional: Vector3<f64>,
-    /// Integral action, or the past input to which an incremental law adds.
+    /// Integral action, or the past input to which an incremental law adds \[as the sum\].
     pub integral: Vector3<f64>,
-    /// Motion of the reference and gyroscopic torque.
+    /// Motion of the reference and gyroscopic torque \[as the sum\].
     pub feed_forward: Vector3<f64>,
-    /// Compensation of the estimated disturbance.
+    /// Compensation of the estimated disturbance \[as the sum\].
     pub disturbance: Vector3<f64>,
 }
 

@@ -84,7 +84,9 @@ impl MpcOptions {
 }
 
 /// Programs of the law: one per axis, or one for all axes if they are coupled.
+// Not boxed: the cache warm-up copies the law, and a copy must not allocate.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(clippy::large_enum_variant)]
 enum Program {
     Axes([HorizonProgram<2, 1>; 3]),
     Coupled(HorizonProgram<6, 3>),
