@@ -10,8 +10,8 @@
 //! | `rate`, Eq. (61) | the command's sticks | the command's stick |
 //! | `attitude` | roll and pitch of the commanded attitude, as 3-2-1 angles | the rate that the command's stick stands for |
 //!
-//! A vehicle that holds an attitude does so relative to its own heading: the commanded roll and pitch are right as far as its yaw
-//! is held.
+//! A vehicle that holds an attitude holds it relative to its own heading: the commanded roll and pitch are correct as far as its
+//! yaw is held.
 
 use oqtal_bus::message::CommandV1;
 use oqtal_bus::time::{Span, Time};
@@ -201,7 +201,7 @@ mod tests {
         let mut config = Config::default();
         config.vehicle.interface = oqtal_config::Interface::Attitude;
         let mut protocol = Asctec::new(&config).unwrap();
-        // 10 degrees about x, whatever the rate sticks ask for; 0.1 of 2 rad/s is 11.46 deg/s, at 120 mdeg/s 95.5 counts.
+        // 10 degrees about x, independent of the rate sticks; 0.1 of 2 rad/s is 11.46 deg/s, at 120 mdeg/s 95.5 counts.
         let half = 5.0_f64.to_radians();
         let attitude = [half.sin(), 0.0, 0.0, half.cos()];
         let command =

@@ -1,5 +1,5 @@
-//! The bridge between commands on the bus and bytes on a port: which frame is due, what it contains, and what its replies show.
-//! Pure: bytes and time are arguments.
+//! The bridge between commands on the bus and bytes on a port: selects the frame that is due, encodes it, and evaluates the
+//! replies. Pure: bytes and time are arguments.
 
 mod report;
 
@@ -40,7 +40,7 @@ pub struct Bridge {
     monitor: VehicleMonitor,
     outbox: Outbox,
     poses: PoseRelay,
-    /// Periodic words and poses that may still go behind the last set-point \[-\].
+    /// Periodic requests and poses that may still follow the last set-point \[-\].
     words_left: usize,
     read_at: Time,
     is_open: bool,
@@ -184,7 +184,7 @@ impl Bridge {
                 VehicleReply::Control(control) => gate.update_control(control),
                 VehicleReply::Replaced => note(Note::Replaced),
                 VehicleReply::Text(text) => note(Note::Text(text)),
-                // The same refusal comes again with every attempt.
+                // Every attempt is refused in the same way.
                 VehicleReply::Refused(refusal) if refusal != monitor.refusal() => {
                     note(Note::Refused(refusal));
                 }
@@ -206,7 +206,7 @@ impl Bridge {
         if self.zero_first {
             self.begin_zero_setpoint(now);
             if !self.outbox.is_empty() {
-                // A command that waits goes directly behind this frame.
+                // A waiting command follows directly after this frame.
                 self.schedule.add_setpoint(now, false);
                 self.zero_first = false;
                 return None;
@@ -228,7 +228,7 @@ impl Bridge {
         if frame.bytes().is_empty() {
             // A vehicle that is not there yet begins with a zero set-point, too.
             self.zero_first |= self.is_open && setpoint != VehicleSetpoint::Released;
-            // Nothing is sent that could fly: a stop is obeyed.
+            // No set-point with thrust is sent: a stop has priority.
             self.stop_sent |= self.is_open && self.stopped_since.is_some();
             return Some(self.report(now, None, Span::ZERO));
         }
@@ -236,8 +236,8 @@ impl Bridge {
         None
     }
 
-    /// Begins a frame that goes directly behind a set-point: the emergency stop, or a pose or a periodic frame if there is room for
-    /// it. Returns whether it does; called until it does not.
+    /// Begins a frame that follows a set-point directly: the emergency stop, or a pose or a periodic frame if there is room for
+    /// it. Returns whether a frame was begun; called until it returns false.
     pub fn follow_up(&mut self, now: Time) -> bool {
         if !self.is_open || !self.outbox.is_empty() {
             return false;
@@ -309,7 +309,7 @@ impl Bridge {
         self.zero_first = true;
     }
 
-    /// Begins a zero set-point, whatever was commanded; nothing if another has control.
+    /// Begins a zero set-point for any command; nothing if another has control.
     pub fn begin_zero_setpoint(&mut self, now: Time) {
         if !self.gate.is_released() {
             let frame = self.protocol.setpoint(now, &VehicleSetpoint::Zero);
@@ -317,7 +317,8 @@ impl Bridge {
         }
     }
 
-    /// Begins the frame that stops motors which may run because of this bridge, which is about to end; returns whether it does.
+    /// Begins the frame that stops motors possibly started by this bridge, before the bridge ends; returns whether a frame was
+    /// begun.
     pub fn begin_final_emergency_stop(&mut self, now: Time) -> bool {
         let needed = self.is_open && self.has_emergency_stop && self.gate.may_run();
         if needed {
@@ -357,7 +358,7 @@ impl Bridge {
         }
     }
 
-    /// Begins `frame`, unless it is empty: the vehicle is sent nothing of this kind.
+    /// Begins `frame`, unless it is empty: the protocol has no frame of this kind.
     fn begin(&mut self, now: Time, kind: FrameKind, frame: &VehicleFrame) {
         if frame.bytes().is_empty() {
             return;

@@ -14,9 +14,9 @@
 //! | `rate`, Eq. (61) | the rates that the command's sticks stand for | the rate |
 //! | `attitude` | roll and pitch of the commanded attitude, as 3-2-1 angles | the rate that the command's stick stands for |
 //!
-//! The vehicle does not acknowledge set-points; the quality of the link is the share of echoes that come back. Nothing is sent as a
-//! set-point until the vehicle is set up: it may be in another host's hands. The zero set-point is one without thrust, at which
-//! the motors stand; it also unlocks the thrust of those after it.
+//! The vehicle does not acknowledge set-points; the quality of the link is the share of returned echoes. No set-point is sent
+//! until the vehicle is set up, because another host may control it. The zero set-point has no thrust, so that the motors do not
+//! run; it also unlocks the thrust of the set-points after it.
 
 mod arming;
 mod cache;
@@ -54,7 +54,7 @@ pub use cache::{TableKeeper, TableStore};
 
 /// Time between two echoes.
 const ECHO_PERIOD: Span = Span::from_millis(100);
-/// Time between two keep-alives, of which the vehicle needs one a second.
+/// Time between two keep-alives; the vehicle needs one per second.
 const KEEP_ALIVE_PERIOD: Span = Span::from_millis(200);
 /// Most packets behind one set-point \[-\]: with it, what the shortest queue of firmware holds.
 const WORDS: usize = 3;
@@ -65,7 +65,7 @@ const THRUST_TOLERANCE: f64 = 0.02;
 /// Length of a set-point \[bytes\].
 const SETPOINT_BYTES: usize = 15;
 
-/// How commands become set-points.
+/// Conversion of commands to set-points.
 #[derive(Clone, Copy, Debug)]
 struct CrtpScales {
     holds_attitude: bool,

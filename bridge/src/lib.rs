@@ -214,7 +214,7 @@ pub fn check(config: &Config) -> Result<(), Failure> {
     VehicleSetup::of(config).map(drop)
 }
 
-/// Passes commands to the vehicle until asked to stop; leaves it with a zero set-point.
+/// Passes commands to the vehicle until a stop is requested; leaves it with a zero set-point.
 ///
 /// # Errors
 /// As [`check`]; the port cannot be opened; the bus refuses or breaks.

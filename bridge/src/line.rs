@@ -1,4 +1,4 @@
-//! Occupancy of the line: bytes that are handed to a port leave it one after another, at the rate of its transport.
+//! Occupancy of the line: the bytes handed to a port leave it one after another, at the rate of its transport.
 
 use oqtal_bus::time::{Span, Time};
 

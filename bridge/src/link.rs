@@ -17,7 +17,7 @@ pub trait PortOptions: Debug + Send {
 
 /// Open port, both ways. No method blocks.
 ///
-/// On a stream, bytes have no boundaries: a read returns what is there, a write may take a part of a frame. On a packet link, a
+/// A stream has no frame boundaries: a read returns the available bytes, a write may take part of a frame. On a packet link, a
 /// read returns one packet, and a write of one frame sends one packet or nothing.
 pub trait VehicleLink: Debug + Send {
     /// Reads received bytes, or one packet, into `buffer`, which holds the longest frame; 0 if there is none.
@@ -32,7 +32,7 @@ pub trait VehicleLink: Debug + Send {
     /// The link is lost.
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize>;
 
-    /// Number of bytes written that have not left the machine, as far as the operating system tells; 0 for a port without a
+    /// Number of written bytes that have not left the machine, as far as the operating system reports it; 0 for a port without a
     /// queue.
     ///
     /// # Errors
@@ -45,7 +45,7 @@ pub trait VehicleLink: Debug + Send {
     /// The link is lost.
     fn discard(&mut self) -> io::Result<()>;
 
-    /// Whether a port that learns its peer keeps the one it has, because the vehicle answers. Called before reads.
+    /// Whether a port that learns its peer keeps the present one, because the vehicle answers. Called before reads.
     fn keep_peer(&mut self, _is_kept: bool) {}
 }
 

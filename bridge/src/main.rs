@@ -1,4 +1,4 @@
-//! The bridge to a real vehicle as a program of its own.
+//! The bridge to a real vehicle as a standalone program.
 #![forbid(unsafe_code)]
 
 use std::process::ExitCode;

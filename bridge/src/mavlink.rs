@@ -15,8 +15,8 @@
 //! | flight, `attitude` | the commanded attitude, the rate that the yaw stick stands for, and thrust |
 //! | start, stop | zero set-points, among them the commands for mode and arming, or disarming, until the heartbeat shows their effect |
 //!
-//! The autopilot is in the bridge's hands while it is armed in the mode for set-points, Offboard or Guided_NoGPS. Armed in any other
-//! mode, it is in those of a pilot, of another ground station, or of its own failsafe.
+//! The bridge controls the autopilot while it is armed in the mode for set-points, Offboard or Guided_NoGPS. Armed in any other
+//! mode, it is controlled by a pilot, by another ground station, or by its own failsafe.
 
 mod requests;
 mod starting;
@@ -54,7 +54,7 @@ const ODOMETRY: usize = 233;
 const TIMESYNC: usize = 18;
 /// Words behind one set-point: a pose, an exchange of clocks, an answer to one, and a request.
 const WORDS: usize = 4;
-/// Time between two reads of the port, by which an exchange of clocks is dated too late at most.
+/// Time between two reads of the port: the greatest delay in the time stamps of clock exchanges.
 const READ_PERIOD: Span = Span::from_millis(2);
 
 /// The protocol of MAVLink's autopilots.

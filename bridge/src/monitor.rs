@@ -1,4 +1,4 @@
-//! State of the vehicle as its replies show it: whether it answers, its battery, and the share of requests that it answers.
+//! State of the vehicle from its replies: whether it answers, its battery, and the share of answered requests.
 
 use oqtal_bus::code::VehicleRefusal;
 use oqtal_bus::message::VehicleV1;
@@ -96,19 +96,19 @@ impl VehicleMonitor {
         }
     }
 
-    /// Time of a frame on its way, from round trips; `None` where none is known.
+    /// Transmission time of a frame, from round trips; `None` if none is known.
     #[must_use]
     pub fn one_way(&self) -> Option<Span> {
         self.round_trips.one_way()
     }
 
-    /// Why the vehicle did not do what was asked last.
+    /// Reason why the vehicle did not execute the last request.
     #[must_use]
     pub fn refusal(&self) -> VehicleRefusal {
         self.refusal
     }
 
-    /// The state of the vehicle at `now`, as far as its replies tell it.
+    /// The state of the vehicle at `now`, from its replies.
     #[must_use]
     pub fn state(&mut self, now: Time) -> VehicleV1 {
         VehicleV1 {

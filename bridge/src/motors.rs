@@ -16,10 +16,10 @@
 //! - Ours: flight is never resumed after a loss. After a port was opened, and after a sequence failed, the state is `Inhibited`:
 //!   the zero set-point is sent until no flight has been requested for a command timeout. A bridge that is restarted in flight
 //!   therefore does not start motors.
-//! - Ours: motors are stopped only after the daemon has commanded "disarmed" for `bridge.rest-ms`. A daemon that died commands
-//!   nothing: the zero set-point is sent, and the rotors idle until a daemon is back or the pilot stops them.
-//! - Ours: where another takes control, the state is `Inhibited` and the motors belong to that pilot or program: nothing is sent, not even a zero set-point,
-//!   which would drop a vehicle in a pilot's hands.
+//! - Ours: motors are stopped only after the daemon has commanded "disarmed" for `bridge.rest-ms`. Without a daemon there are no
+//!   commands: the zero set-point is sent, and the rotors idle until a daemon runs again or the pilot stops them.
+//! - Ours: if another takes control, the state is `Inhibited` and the motors are under the control of that pilot or program:
+//!   nothing is sent, not even a zero set-point, because it would drop a vehicle that a pilot flies.
 //! - Ours: motors that the bridge did not start are left alone, so that a pilot can fly by hand while a bridge is connected.
 //! - The emergency stop is known from `asctec_drivers` alone; no source states how to fly again after it. It is sent only where
 //!   the zero set-point is not enough: after a stop sequence that failed, and when the bridge ends while motors run. A Stop of
@@ -120,7 +120,7 @@ pub enum MotorEvent {
     StopFailed,
     /// The motors stopped while a flight was requested.
     StoppedInFlight,
-    /// The daemon fell silent while the motors ran.
+    /// The daemon's commands ended while the motors ran.
     DaemonSilent,
     /// A pilot or the vehicle itself took control while the motors ran, or were being started or stopped.
     ControlTaken,
@@ -136,7 +136,7 @@ pub struct MotorSequencer {
 }
 
 impl MotorSequencer {
-    /// State machine in state `Inhibited` at `now`, whose sequences last `longest` at most.
+    /// State machine in state `Inhibited` at `now`; its sequences last at most `longest`.
     #[must_use]
     pub fn new(now: Time, longest: Span) -> Self {
         Self { state: MotorState::Inhibited, since: now, longest, started_here: false }
@@ -167,7 +167,7 @@ impl MotorSequencer {
         self.started_here || !matches!(self.state, MotorState::Inhibited | MotorState::Off)
     }
 
-    /// Takes the transition whose condition holds at `now`, if any; returns what is to be logged. Sets the last three fields of
+    /// Makes the transition whose condition holds at `now`, if any; returns the event to be logged. Sets the last three fields of
     /// `conditions` itself.
     pub fn step(&mut self, now: Time, conditions: MotorConditions) -> Option<MotorEvent> {
         let lasted = now.since(self.since);

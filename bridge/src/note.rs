@@ -15,7 +15,7 @@ pub enum Note {
         /// Number of damaged frames received so far \[-\].
         damaged: u64,
     },
-    /// Another vehicle answers in place of one that fell silent.
+    /// Another vehicle answers in place of one that stopped answering.
     Replaced,
     /// Event of the motors.
     Motors(MotorEvent),
@@ -23,7 +23,7 @@ pub enum Note {
     CommandRejected,
     /// The port did not send what it was given, and that was discarded.
     Stuck,
-    /// The vehicle refuses what was asked.
+    /// The vehicle refuses the request.
     Refused(VehicleRefusal),
     /// Line of text of the vehicle.
     Text(VehicleText),

@@ -1,12 +1,12 @@
-//! Frame on its way out, and the state of the port that takes it.
+//! Frame being sent, and the state of its port.
 //!
-//! A frame that a port takes only in part is finished before another begins. A frame that stands for longer than a period is
-//! discarded together with what the port still holds: otherwise an old command could go out when the other end resumes. The
-//! vehicle then receives a truncated frame, whose checksum fails, and finds the next frame by its head; it may also take the next
-//! frame for the missing rest and lose it. That next frame is therefore a zero set-point.
+//! A frame that a port takes only in part is finished before another begins. If a frame is blocked for longer than a period, it
+//! is discarded with the contents of the port: otherwise an old command could be sent when the other end resumes. The vehicle
+//! then receives a truncated frame, whose checksum fails, and finds the next frame by its header; it may also take the next frame
+//! for the missing rest and lose it. That next frame is therefore a zero set-point.
 //!
-//! A port may also take frame after frame and send none, while its far end holds it back by flow control. No frame is then handed
-//! over behind what it holds, and what it holds for a period too long is discarded: commands cannot queue up and go out late.
+//! A port may also accept frames and send none, while its far end blocks it by flow control. No further frame is then handed
+//! over, and contents older than a period are discarded: commands cannot queue up and be sent late.
 
 use oqtal_bus::time::{Span, Time};
 
@@ -14,12 +14,12 @@ use crate::line::LineOccupancy;
 use crate::protocol::VehicleFrame;
 use crate::safety::ForwardedCommand;
 
-/// Time after which a port that took nothing, or a part of a frame, is tried again.
+/// Time after which a write is tried again on a port that took nothing or part of a frame.
 const RETRY: Span = Span::from_millis(1);
-/// Backlog of a port behind the computed occupancy above which nothing more is handed over \[set-points\].
+/// Backlog of a port beyond the computed occupancy above which no frame is handed over \[set-points\].
 const BACKLOG_SETPOINTS: f64 = 0.5;
 
-/// Content of a frame on its way out.
+/// Content of a frame being sent.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FrameKind {
     /// Set-point, and the command that it forwards for the first time.
@@ -42,7 +42,7 @@ struct Outgoing {
     begun: Time,
 }
 
-/// Frame on its way out, and the occupancy of the line behind the port.
+/// Frame being sent, and the occupancy of the line behind the port.
 #[derive(Debug)]
 pub struct Outbox {
     line: LineOccupancy,

@@ -1,4 +1,4 @@
-//! Poses on their way to a vehicle that estimates its own motion: the newest one, once, while it is young.
+//! Poses to a vehicle that estimates its own motion: only the newest one is sent, once, while it is recent.
 
 use oqtal_bus::message::{Header, PoseV1, Stamps};
 use oqtal_bus::time::{Span, Time};
@@ -7,7 +7,7 @@ use oqtal_control::quaternion::Attitude;
 use crate::protocol::VehiclePose;
 use crate::safety::is_within;
 
-/// Share of the shortest time between two poses by which one may come too early \[-\]: the cadence of cameras varies.
+/// Share of the shortest time between two poses by which a pose may arrive too early \[-\]: the period of cameras varies.
 const TOLERANCE: f64 = 0.05;
 
 /// Pose that has not been sent.

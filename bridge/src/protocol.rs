@@ -55,9 +55,9 @@ pub enum VehicleReply {
     Battery(f64),
     /// Holder of the control. Without a report, the bridge has control.
     Control(ControlHolder),
-    /// Another vehicle, whose motors stand, answers in place of one that fell silent: nothing that was known holds for it.
+    /// Another vehicle with stopped motors answers in place of one that stopped answering: all earlier information is void.
     Replaced,
-    /// The vehicle refuses what was asked last.
+    /// The vehicle refuses the last request.
     Refused(VehicleRefusal),
     /// Motion by the vehicle's own estimate.
     Estimate(VehicleEstimate),
@@ -67,10 +67,10 @@ pub enum VehicleReply {
     Other,
 }
 
-/// Motion of a vehicle as it estimates it itself.
+/// Motion of a vehicle by its own estimate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VehicleEstimate {
-    /// Whether the vehicle trusts its estimate.
+    /// Whether the vehicle considers its estimate valid.
     pub state: EstimatorState,
     /// Position \[m, world\]; NaN if unknown.
     pub position: [f64; 3],
@@ -87,7 +87,7 @@ impl VehicleEstimate {
 /// Line of text of a vehicle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct VehicleText {
-    /// Whether it tells of a trouble: it is shown until the motors run.
+    /// Whether it reports a fault, which is shown until the motors run.
     pub is_trouble: bool,
     /// The text.
     pub text: ShortText,
@@ -96,7 +96,7 @@ pub struct VehicleText {
 /// Pose for a vehicle that estimates its own motion: finite, of a body that cameras see, newer than the one before.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VehiclePose {
-    /// Instant at which cameras saw it.
+    /// Capture time of the pose.
     pub captured_at: Time,
     /// Position \[m, world\].
     pub position: [f64; 3],
@@ -176,7 +176,7 @@ pub trait VehicleProtocol: Debug + Send {
 
     /// Returns the periodic frame that is due at `now`, if any. Called after a set-point whenever the transport has room for one
     /// more frame. While `is_status_urgent`, a motor sequence waits for the vehicle's state: a status request is then due
-    /// whatever its period.
+    /// independent of its period.
     fn periodic(&mut self, now: Time, is_status_urgent: bool) -> Option<PeriodicFrame>;
 
     /// Encodes the command that stops the motors at once.
@@ -188,7 +188,8 @@ pub trait VehicleProtocol: Debug + Send {
         self.emergency_stop()
     }
 
-    /// Decodes bytes received at `now` and passes what every complete message says to `reply`. A stream may cut messages anywhere.
+    /// Decodes bytes received at `now` and passes the content of every complete message to `reply`. A stream may split messages
+    /// anywhere.
     fn decode(&mut self, now: Time, bytes: &[u8], reply: &mut dyn FnMut(VehicleReply));
 
     /// Number of damaged frames received since the start.

@@ -1,4 +1,4 @@
-//! Crazyradio as a port: USB transfers block, so a thread of its own exchanges packets with the vehicles.
+//! Crazyradio as a port: USB transfers block, so a separate thread exchanges packets with the vehicles.
 //!
 //! | file | subject |
 //! |---|---|

@@ -37,7 +37,7 @@ pub struct MotorStatus {
 pub struct SafetyLimits {
     /// Actuation of commands that the vehicle takes.
     pub accepts: Actuation,
-    /// Command timeout: a command published longer ago is never sent.
+    /// Command timeout: a command published longer ago is not sent.
     pub command_age: Span,
     /// Status timeout: an older status does not count for a motor sequence.
     pub status_age: Span,
@@ -163,7 +163,7 @@ impl CommandGate {
         self.is_ready
     }
 
-    /// Whether another has control: nothing is sent as a set-point.
+    /// Whether another has control: no set-point is sent.
     #[must_use]
     pub fn is_released(&self) -> bool {
         self.control == ControlHolder::Another

@@ -1,10 +1,10 @@
 //! Instants at which frames are sent: a set-point with each command, or by the bridge's own clock without one; periodic frames
 //! where the line has room.
 //!
-//! Behind a half-duplex radio, the vehicle's answers take the time that set-points could take. A periodic frame is therefore sent
-//! directly behind a set-point, only if it has left before the next one is due, and words are spaced so that the whole exchange,
+//! On a half-duplex radio, the vehicle's answers use time that set-points could use. A periodic frame is therefore sent directly
+//! after a set-point, and only if it ends before the next set-point is due. Requests are spaced so that the whole exchange, with
 //! every set-point and every answer, fits on the line. An answer that is longer than the rest of its period may delay the next
-//! set-point by less than a frame, and does not delay the one after.
+//! set-point by less than a frame, and does not delay the one after it.
 
 use oqtal_bus::time::{Span, Time};
 
@@ -70,11 +70,11 @@ impl Schedule {
         self.own_setpoints = if with_command { 0 } else { self.own_setpoints.saturating_add(1) };
     }
 
-    /// Whether a periodic frame has room behind the set-point that went at `now`: no periodic frame behind another set-point went too recently,
-    /// and it leaves before the next set-point, after `ahead` is off the line and `sending` for itself.
+    /// Whether a periodic frame fits behind the set-point sent at `now`: the last periodic frame is not too recent, and it ends
+    /// before the next set-point, after `ahead` for the occupied line and `sending` for itself.
     #[must_use]
     pub fn has_room(&self, now: Time, ahead: Span, sending: Span) -> bool {
-        // The next command comes a period after this set-point, also where the own clock would wait longer.
+        // The next command follows one period after this set-point, also if the own clock would wait longer.
         let room = (self.last_setpoint + self.period).since(now);
         let command_is_late = (1..ALONE_AFTER).contains(&self.own_setpoints);
         let is_spaced = now >= self.last_periodic + self.spacing
@@ -88,8 +88,8 @@ impl Schedule {
     }
 }
 
-/// Spacing of periodic frames, where a set-point and its acknowledgement take `setpoint` of every `period`, and a word and its
-/// answer `exchange`; `None` if there is no room for any.
+/// Spacing of periodic frames, if a set-point and its acknowledgement take `setpoint` of every `period`, and a request and its
+/// answer take `exchange`; `None` if there is no room for any.
 #[must_use]
 pub fn spacing(period: Span, setpoint: Span, exchange: Span) -> Option<Span> {
     let has_room = |periods: &u32| {

@@ -5,7 +5,7 @@ use oqtal_bus::message::CommandV1;
 /// Content of one set-point frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum VehicleSetpoint {
-    /// Zero set-point: sticks centred, no thrust. Rotors that turn idle; rotors that stand do not start.
+    /// Zero set-point: sticks centred, no thrust. Running rotors idle; stopped rotors do not start.
     Zero,
     /// Sticks and thrust of a command.
     Fly(CommandV1),

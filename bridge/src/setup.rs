@@ -26,8 +26,8 @@ use crate::xbee::XbeeTransport;
 /// Greatest share of the line's time that set-points may take \[-\].
 const MAX_OCCUPANCY: f64 = 0.8;
 
-/// Time that an autopilot of MAVLink may take from the request to the first thrust that it applies \[ms\]: 1.5 s of set-points, mode and
-/// arming, each refused once, and 1 to 2 s of spooling up.
+/// Greatest time from the request to the first thrust of a MAVLink autopilot \[ms\]: 1.5 s of set-points, mode and arming, each
+/// refused once, and 1 to 2 s of spooling up.
 const AUTOPILOT_START_MS: f64 = 5000.0;
 
 /// Path to the vehicle.
@@ -93,7 +93,7 @@ impl VehicleSetup {
         Ok(setup)
     }
 
-    /// Warns if commands go to every radio in reach.
+    /// Warns if commands reach every radio in range.
     pub fn warn_of_broadcast(&self, config: &Config) {
         let is_broadcast = options::address(config).is_ok_and(Address::is_broadcast);
         let LinkSpec::Asctec(link) = &self.spec else { return };

@@ -1,7 +1,7 @@
 //! TCP as a link, as the servers of simulated autopilots offer it: a stream of bytes.
 //!
-//! A connection that loses packets holds back what was sent, and sends it late. The kernel's buffer is therefore as small as it gets,
-//! and a connection whose bytes are not acknowledged for [`ACKNOWLEDGED_WITHIN`] is closed by the kernel, and opened again. Over
+//! A connection that loses packets delays the data and sends it late. The kernel's buffer is therefore as small as possible, and
+//! a connection whose bytes are not acknowledged for [`ACKNOWLEDGED_WITHIN`] is closed by the kernel and opened again. Over
 //! radio, UDP is the better choice.
 
 use std::io::{self, ErrorKind, Read, Write};

@@ -227,8 +227,8 @@ impl<T: Transport> BridgeTurn<T> {
         self.bridge.close(now);
     }
 
-    /// Waits until everything has left the port, at most [`SHUTDOWN_TIMEOUT`]; the rest is discarded, since closing a port waits
-    /// for the bytes that it holds.
+    /// Waits at most [`SHUTDOWN_TIMEOUT`] until the port is empty; the rest is discarded, because closing a port waits for its
+    /// remaining bytes.
     fn drain_link(&mut self, clock: &impl TurnClock) {
         let Some(link) = &mut self.link else { return };
         let give_up = clock.now() + SHUTDOWN_TIMEOUT;

@@ -1,7 +1,8 @@
 //! UDP as a link: one frame is one datagram.
 //!
-//! `udpin` is bound to an address of this machine and learns its peer from the datagrams that arrive: while the vehicle answers,
-//! the kernel discards datagrams of others, which therefore take no room in its queue. `udpout` sends to one address, and takes only what comes from there.
+//! `udpin` is bound to an address of this machine and learns its peer from arriving datagrams: while the vehicle answers, the
+//! kernel discards datagrams of other senders, so that they do not fill its queue. `udpout` sends to one address, and accepts
+//! datagrams only from there.
 
 use std::io::{self, ErrorKind};
 use std::net::{SocketAddr, UdpSocket};
@@ -102,7 +103,7 @@ impl VehicleLink for UdpLink {
             Some(LearnedPeer { address: None, .. }) => return Ok(bytes.len()),
         };
         match sent {
-            // The other end is not there, or the way to it is not: a datagram is lost.
+            // The other end or the route to it is missing: a datagram is lost.
             Err(error) if is_absence(error.kind()) => Ok(bytes.len()),
             other => without_waiting(other),
         }
@@ -121,7 +122,7 @@ impl VehicleLink for UdpLink {
         if std::mem::replace(&mut learned.is_kept, is_kept) == is_kept {
             return;
         }
-        // A kernel that refuses leaves the work to `read`.
+        // If the kernel refuses, `read` does the filtering.
         let _ = match learned.address.filter(|_| is_kept) {
             Some(peer) => self.socket.connect(peer),
             None => rustix::net::connect_unspec(&self.socket).map_err(io::Error::from),

@@ -1,4 +1,5 @@
-//! The command `setup`: reads the parameters of an autopilot that matter, says which are wrong and why, and sets them when asked.
+//! The command `setup`: reads the relevant parameters of an autopilot, reports wrong ones with the reason, and sets them on
+//! request.
 
 use std::fmt::Write as _;
 use std::time::Duration;
@@ -20,7 +21,7 @@ use crate::setup::{port, unix_us};
 
 /// Time within which a heartbeat must come.
 const HEARTBEAT_WITHIN: Span = Span::from_millis(6000);
-/// Time within which a parameter must come, and how often it is asked for.
+/// Time within which a parameter must arrive, and number of requests.
 const ANSWER_WITHIN: Span = Span::from_millis(500);
 const TRIES: usize = 5;
 /// Period of own heartbeats, which some autopilots need before they answer.
@@ -40,15 +41,15 @@ pub struct ParameterReport {
 }
 
 impl ParameterReport {
-    /// Whether the parameter is as it should be.
+    /// Whether the parameter is correct.
     #[must_use]
     pub fn is_right(&self) -> bool {
         self.set.or(self.found).is_some_and(|value| self.wanted.value.is_met_by(value))
     }
 }
 
-/// Reads the parameters of the vehicle at `spec`, and sets the wrong ones if asked to `apply`. Returns the table to print, and whether
-/// all are right.
+/// Reads the parameters of the vehicle at `spec`, and sets the wrong ones if `apply` is set. Returns the table to print, and
+/// whether all are correct.
 ///
 /// # Errors
 /// The link has no parameters, the port cannot be opened, the vehicle does not answer, or its motors run and it is to be changed.

@@ -1,6 +1,6 @@
-//! The bridge's own rules, over a list of protocols: whatever commands and poses arrive, with manual overrides, and however
-//! the port fails, nothing old is ever sent, nothing but a zero set-point first, nothing at all while another has control; the
-//! vehicle gets zero set-points soon after the last command, and a flight is not resumed after a loss.
+//! The bridge's own rules, over a list of protocols, for all commands, poses, manual overrides and failures of the port. No old
+//! command is ever sent; the first set-point is a zero set-point; nothing is sent while another has control. The vehicle gets
+//! zero set-points soon after the last command, and a flight is not resumed after a loss.
 
 mod asctec;
 mod crtp;

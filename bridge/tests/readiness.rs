@@ -1,4 +1,4 @@
-//! From when on a flight may be asked for.
+//! Time from which a flight may be requested.
 
 use crate::common::{START, bridge, flight, header, status, turn};
 use oqtal_bridge::Bridge;

@@ -1,4 +1,4 @@
-//! Selection of set-points, whatever the daemon, the vehicle and the clock do.
+//! Selection of set-points for any behaviour of the daemon, the vehicle and the clock.
 
 use std::collections::BTreeMap;
 
@@ -64,7 +64,7 @@ fn header(sequence: u64, published_at: Time) -> Header {
     Header { sequence, stamps, ..Header::default() }
 }
 
-/// Applies stimuli to a gate, and remembers what a test compares with.
+/// Applies stimuli to a gate, and records the reference for comparison.
 struct Player {
     gate: CommandGate,
     now: Time,
@@ -93,7 +93,7 @@ impl Player {
             Stimulus::Command { actuation, stick, age_us } => {
                 self.sequence += 1;
                 let at = self.now - Span::from_nanos(age_us * 1000);
-                // A stick of its own for every command.
+                // A distinct stick for every command.
                 let command = CommandV1 { actuation, ..flight(stick + self.sequence as f64) };
                 self.gate.receive(self.now, &header(self.sequence, at), command);
                 self.published.insert(command.sticks[0].to_bits(), at);
@@ -322,7 +322,7 @@ fn f57_nothing_is_sent_while_another_has_control_until_it_returns_and_flight_is_
     assert_eq!((setpoint, forwarded), (VehicleSetpoint::Released, None));
     assert_eq!(event, Some(MotorEvent::ControlTaken));
     assert!(!flying.gate.may_run(), "no emergency stop at the end of the bridge either");
-    // The daemon says "motors off" for as long as it likes: the motors are the pilot's.
+    // The daemon commands "motors off" for any time: the pilot controls the motors.
     for _ in 0..300 {
         flying.status(true);
         assert_eq!(flying.command(CommandV1::default()), VehicleSetpoint::Released);

@@ -12,7 +12,7 @@ use oqtal_wire::asctec::{
 use oqtal_wire::xbee::Framing;
 use proptest::prelude::*;
 
-/// Datagrams: frames as they are, each leaving at once.
+/// Datagrams: unchanged frames, each sent at once.
 #[derive(Debug)]
 struct Datagrams;
 
@@ -57,7 +57,7 @@ fn datagrams_leave_at_once_and_status_is_requested_at_its_rate() {
         assert!(!bridge.is_stuck(now, 0));
         now = bridge.next_event(now).max(now + Span::from_millis(1));
     }
-    // 8 a second at most, on a grid of 60.
+    // At most 8 per second, on a grid of 60.
     assert!((70..=80).contains(&requests), "{requests}");
 }
 

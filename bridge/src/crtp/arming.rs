@@ -1,14 +1,15 @@
 //! Starting and stopping the motors of a Crazyflie.
 //!
-//! A vehicle that arms by itself is never disarmed: its motors stand while no thrust is commanded, and whether they run is the
-//! bridge's own account. Another one is armed and disarmed. Firmware takes disarming within two seconds after the last thrust for
-//! an accident, and locks the vehicle: the zero set-point is sent until it no longer counts as flying.
+//! A vehicle that arms automatically is never disarmed: its motors do not run while no thrust is commanded, and the bridge itself
+//! keeps account of whether they run. Any other vehicle is armed and disarmed. The firmware takes disarming within two seconds
+//! after the last thrust for an accident and locks the vehicle; therefore the zero set-point is sent until the vehicle no longer
+//! counts as flying.
 
 use oqtal_bus::text::ShortText;
 use oqtal_bus::time::{Span, Time};
 use oqtal_wire::crtp::{CrtpRequest, SUPERVISOR_PROTOCOL, Supervision, SupervisorCommand};
 
-/// Time after which a command to the supervisor is repeated; zero set-points go in between.
+/// Time after which a command to the supervisor is repeated; zero set-points are sent in between.
 const REPEAT: Span = Span::from_millis(200);
 
 /// Progress of starting and stopping.
@@ -21,7 +22,7 @@ pub struct Arming {
 }
 
 impl Arming {
-    /// Nothing was asked of the vehicle yet.
+    /// No request has been sent to the vehicle yet.
     #[must_use]
     pub fn new() -> Self {
         Self { is_started: false, was_started: false, asked_at: Time::UNSET }

@@ -1,5 +1,5 @@
 //! File of known tables of contents. It is read before the real-time thread begins, and written by the background thread when a
-//! table is learned. A file that cannot be read or written costs time at the next connection, and nothing else.
+//! new table was read. A file that cannot be read or written only delays the next connection.
 
 use std::fs;
 use std::io;
@@ -14,10 +14,10 @@ use super::known::{KnownTable, KnownTables};
 /// Greatest file that is read \[bytes\].
 const MAX_BYTES: u64 = 64 * 1024;
 
-/// Tables that learned ones may wait for the background thread \[-\]: both of a vehicle, and those of the next connection.
+/// Newly read tables that may wait for the background thread \[-\]: both tables of a vehicle, and those of the next connection.
 const MAX_LEARNED: usize = 4;
 
-/// Known tables, and the destination of newly learned ones.
+/// Known tables, and the destination of newly read ones.
 #[derive(Clone, Debug)]
 pub struct TableStore {
     tables: KnownTables,
@@ -25,7 +25,7 @@ pub struct TableStore {
 }
 
 impl TableStore {
-    /// Store without a file: what is learned is kept as long as the store.
+    /// Store without a file: tables are kept as long as the store exists.
     #[must_use]
     pub fn without_file() -> Self {
         Self { tables: KnownTables::from_text(""), learned: None }

@@ -1,5 +1,5 @@
-//! Connection to a Crazyflie: a sequence of requests, each repeated until it is answered, after which the vehicle flies by rates
-//! or angles as asked, and reports its state by itself.
+//! Connection to a Crazyflie: a sequence of requests, each repeated until it is answered. Afterwards the vehicle flies by rates
+//! or angles as requested, and reports its state without further requests.
 //!
 //! ```text
 //!  Greeting ▸ Version ▸ Reset of logging ▸ Table of log variables ▸ Table of parameters ▸ Parameters ▸ Blocks made, started ▸ Ready

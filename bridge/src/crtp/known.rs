@@ -29,7 +29,7 @@ pub struct KnownTable {
 }
 
 impl KnownTable {
-    /// Table of which nothing is known.
+    /// Table that is not known at all.
     #[must_use]
     pub fn new(table: TableKind, crc: u32) -> Self {
         Self { table, crc, elements: [None; MAX_NAMES] }
@@ -114,8 +114,8 @@ impl KnownTables {
         self.tables.iter().find(|known| (known.table, known.crc) == (table, crc))
     }
 
-    /// Adds a table in place of an older one; the oldest is dropped where there are too many. Allocates nothing once there was
-    /// room for all.
+    /// Adds a table in place of an older one; the oldest is dropped if there are too many. Does not allocate after the capacity
+    /// was reserved.
     pub fn add(&mut self, table: KnownTable) {
         self.tables.retain(|known| (known.table, known.crc) != (table.table, table.crc));
         if self.tables.len() >= MAX_TABLES {

@@ -105,7 +105,7 @@ impl TableSearch {
         self.finish(tables);
     }
 
-    /// Ends the search if nothing is left to find.
+    /// Ends the search if all names are found.
     fn finish(&mut self, tables: &mut TableStore) {
         let is_at_end = self.info.is_some_and(|info| self.first >= info.count);
         let ends = !self.is_done && (is_at_end || self.known.is_complete());

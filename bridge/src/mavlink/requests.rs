@@ -17,7 +17,7 @@ const ORIGIN: Span = Span::from_millis(1000);
 const RATE_WITHIN: Span = Span::from_millis(200);
 /// Number of requests for each message rate \[-\].
 const RATE_TRIES: u8 = 3;
-/// Time without a heartbeat after which the rates are requested again: unrequested heartbeats come once a second.
+/// Time without a heartbeat after which the rates are requested again: unrequested heartbeats arrive once per second.
 const HEARTBEATS_RARE: Span = Span::from_millis(400);
 /// Pause before the rates are requested again.
 const RATES_AGAIN: Span = Span::from_millis(3000);

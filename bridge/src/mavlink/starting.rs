@@ -10,7 +10,7 @@ use oqtal_wire::mavlink::{
 use super::vehicle::AutopilotState;
 use crate::protocol::VehicleReply;
 
-/// Time for which set-points must have flowed before PX4 is asked for Offboard: it refuses without.
+/// Time for which set-points must have been sent before Offboard is requested from PX4, which refuses it otherwise.
 const STREAM_FIRST: Span = Span::from_millis(1500);
 /// Pause between set-points that ends a stream of them.
 const STREAM_GAP: Span = Span::from_millis(300);
@@ -106,7 +106,7 @@ impl StartSequence {
         Some(self.send(now, CommandKind::Arm { run: false, is_forced }))
     }
 
-    /// The command that stops the motors whatever the vehicle thinks of it.
+    /// The command that stops the motors in every state of the vehicle.
     pub(super) fn forced_stop() -> Unaddressed {
         Unaddressed { kind: CommandKind::Arm { run: false, is_forced: true }, confirmation: 0 }
     }

@@ -22,7 +22,7 @@ const MAX_QUEUED: usize = 32;
 pub struct RadioPortOptions {
     /// Its radio.
     pub vehicle: RadioSpec,
-    /// Packets other than set-points that it gets at most \[1/s\].
+    /// Greatest rate of packets other than set-points to it \[1/s\].
     pub packets_per_s: f64,
 }
 

@@ -1,10 +1,10 @@
 //! Schedule of one Crazyradio among its vehicles. Pure: time is an argument.
 //!
-//! A vehicle sends only in the acknowledgement of a packet that it received, so that a radio also sends packets that contain
-//! nothing. Of what waits, a set-point goes first, that of the vehicle that waited longest; then other packets, then null packets to
-//! whom may have something to say. Only the newest set-point of a vehicle waits, none that is older than [`MAX_AGE`] is ever sent, and
-//! one that is not acknowledged is not repeated by the schedule: a newer one comes. Set-points aside, a vehicle gets no more packets than
-//! its share of the radio's time.
+//! A vehicle sends only in the acknowledgement of a received packet, so the radio also sends empty packets. Set-points have
+//! priority, first that of the vehicle that has waited longest; then follow other packets, then null packets to vehicles that may
+//! have data to send. Only the newest set-point of a vehicle waits, and none older than [`MAX_AGE`] is ever sent. A set-point
+//! without acknowledgement is not repeated by the schedule, because a newer one follows. Apart from set-points, a vehicle gets no
+//! more packets than its share of the radio's time.
 
 use std::collections::VecDeque;
 
@@ -17,7 +17,7 @@ pub const MAX_AGE: Span = Span::from_millis(50);
 const MAX_WAITING: usize = 8;
 /// Attempts at a packet other than a set-point, each repeated by the radio itself \[-\].
 const ATTEMPTS: u32 = 3;
-/// Time between two null packets to a vehicle that had nothing to say.
+/// Time between two null packets to a vehicle that had no data to send.
 const IDLE_POLL: Span = Span::from_millis(10);
 
 /// Packet that waits.
@@ -97,7 +97,7 @@ impl RadioSchedule {
         }
     }
 
-    /// The packet that goes at `now`, and its vehicle; `None` if nothing is due. [`RadioSchedule::sent`] follows.
+    /// The packet to be sent at `now`, and its vehicle; `None` if nothing is due. [`RadioSchedule::sent`] follows.
     pub fn next(&mut self, now: Time) -> Option<(usize, CrtpPacket)> {
         self.vehicles.iter_mut().for_each(|vehicle| vehicle.drop_old(now));
         let index = self.whose_turn(now)?;
@@ -125,8 +125,8 @@ impl RadioSchedule {
         with_setpoint.or_else(with_other).or_else(to_poll)
     }
 
-    /// Takes the newest pose that waits for another vehicle out of the schedule, to go in the packet of the pose that goes now to
-    /// `vehicle`; `receives` states whether a vehicle receives that packet. Returns the vehicle, and its pose.
+    /// Removes the newest waiting pose for another vehicle from the schedule, to be sent in the same packet as the pose for
+    /// `vehicle`; `receives` states whether a vehicle receives that packet. Returns the vehicle and its pose.
     pub fn companion(
         &mut self,
         vehicle: usize,
@@ -169,7 +169,7 @@ impl RadioSchedule {
         }
     }
 
-    /// Instant at which something is due if nothing is pushed.
+    /// Instant of the next action if nothing is pushed.
     #[must_use]
     pub fn next_event(&self) -> Option<Time> {
         self.vehicles.iter().map(RadioVehicle::due_at).min()

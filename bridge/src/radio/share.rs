@@ -19,7 +19,7 @@ use crate::link::PortOpenError;
 
 /// Longest wait for packets of bridges.
 const LONGEST_WAIT: Span = Span::from_millis(20);
-/// Most packets read from one bridge in one turn, those of others included \[-\].
+/// Most packets read from one bridge in one turn, including those of other senders \[-\].
 const MAX_READS: usize = 8;
 /// Time without a packet of its bridge after which another may take a vehicle: a bridge sends a set-point in every period.
 const BRIDGE_SILENCE: Span = Span::from_millis(1000);
@@ -36,9 +36,9 @@ pub struct SharedVehicle {
 /// How vehicles share a radio.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RadioShareOptions {
-    /// Packets other than set-points that each vehicle gets at most \[1/s\].
+    /// Greatest rate of packets other than set-points to each vehicle \[1/s\].
     pub packets_per_s: f64,
-    /// Whether poses of two vehicles on one channel go in one packet.
+    /// Whether poses of two vehicles on one channel share a packet.
     pub packs_poses: bool,
 }
 
@@ -53,7 +53,7 @@ impl FromStr for SharedVehicle {
     }
 }
 
-/// Shares the first Crazyradio among `vehicles` until asked to stop.
+/// Shares the first Crazyradio among `vehicles` until a stop is requested.
 ///
 /// # Errors
 /// There is no radio, or it is lost; an address is in use, or named twice.
@@ -101,7 +101,7 @@ fn turn<D: RadioDongle>(
     Ok(())
 }
 
-/// Sleeps for `left` at most, or until a bridge sends.
+/// Sleeps for at most `left`, or until a bridge sends.
 fn wait(bridges: &[BridgeSocket], left: Span) -> Result<(), Failure> {
     let left = left.clamp(Span::ZERO, LONGEST_WAIT).to_duration();
     let timeout = Timespec::try_from(left).unwrap_or_default();

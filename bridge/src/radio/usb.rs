@@ -31,7 +31,7 @@ const POWER: u8 = 0x04;
 const REPEAT_DELAY: u8 = 0x05;
 const REPEAT_COUNT: u8 = 0x06;
 const ACKNOWLEDGE: u8 = 0x10;
-/// Address at which every Crazyflie receives besides its own.
+/// Address at which every Crazyflie receives in addition to its own.
 const EVERYBODY: [u8; 5] = [0xFF, 0xE7, 0xE7, 0xE7, 0xE7];
 const CARRIER: u8 = 0x20;
 
@@ -139,7 +139,7 @@ impl RadioDongle for UsbDongle {
 
     fn broadcast(&mut self, target: &RadioSpec, packet: &CrtpPacket) -> io::Result<()> {
         self.tune(&RadioSpec { address: EVERYBODY, ..*target }).map_err(lost)?;
-        // Without an acknowledgement to wait for the radio answers nothing.
+        // If no acknowledgement is expected, the radio answers nothing.
         self.set(ACKNOWLEDGE, 0, &[]).map_err(lost)?;
         self.send(packet).map_err(lost)?;
         self.set(ACKNOWLEDGE, 1, &[]).map_err(lost)

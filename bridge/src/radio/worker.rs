@@ -42,7 +42,7 @@ impl<D: RadioDongle> RadioWorker<D> {
         self.schedule.push(now, vehicle, packet);
     }
 
-    /// Instant at which something is due if nothing is pushed.
+    /// Instant of the next action if nothing is pushed.
     #[must_use]
     pub fn next_event(&self) -> Option<Time> {
         self.schedule.next_event()
@@ -63,14 +63,14 @@ impl<D: RadioDongle> RadioWorker<D> {
             return Ok(Some((vehicle, None)));
         }
         let ack = self.dongle.exchange(&self.vehicles[vehicle], &packet)?;
-        // A null packet in return says nothing.
+        // A null packet contains no answer.
         let reply = ack.reply.filter(|reply| !reply.is_null());
         let outcome = ack.is_acknowledged.then_some(reply.is_some());
         self.schedule.sent(clock(), vehicle, outcome, ack.repeated);
         Ok(Some((vehicle, reply)))
     }
 
-    /// The packet of the pose in `packet`, which goes to `vehicle`, and of one that waits for another vehicle; `None` if there is none.
+    /// The packet with the pose in `packet` for `vehicle` and the waiting pose for another vehicle; `None` without such a pose.
     fn packed(&mut self, vehicle: usize, packet: &CrtpPacket) -> Option<CrtpPacket> {
         let pose = single_pose(packet).filter(|_| self.packs_poses)?;
         let Self { vehicles, schedule, .. } = self;
@@ -81,7 +81,7 @@ impl<D: RadioDongle> RadioWorker<D> {
         let id = |index: usize| vehicles[index].vehicle_id();
         let first = PackedPose::of(id(vehicle), &pose)?;
         let (other, pose) = schedule.companion(vehicle, receives)?;
-        // A pose that cannot be packed is that of a vehicle out of reach: the next one goes by itself.
+        // If a pose cannot be packed, its vehicle is out of reach: the next pose is sent alone.
         let poses = match PackedPose::of(id(other), &pose) {
             Some(second) => PackedPoses::of(&[first, second]),
             None => PackedPoses::of(&[first]),

@@ -13,21 +13,21 @@ use super::protocol::{Protocol, ProtocolVehicle, Understood};
 pub const PERIOD: Span = Span::from_nanos(16_666_667);
 /// `bridge.command-timeout-periods` as shipped: three periods.
 pub const COMMAND_AGE: Span = Span::from_nanos(50_000_001);
-/// Steps of a stick that every protocol tells apart \[1/s\].
+/// Steps of a stick that every protocol resolves \[1/s\].
 const STICK_STEPS: f64 = 2047.0;
 /// Commands that differ in their roll stick \[-\].
 const COMMANDS: u64 = 1000;
 /// Longest frame of any protocol \[bytes\].
 const LONGEST_FRAME: usize = 280;
-/// Periods within which every vehicle is set up, and within which it flies once asked \[-\].
+/// Periods within which every vehicle is set up, and within which it flies after the request \[-\].
 const SET_UP: usize = 600;
 
 /// Something that happens.
 #[derive(Clone, Debug)]
 pub enum Happening {
-    /// A command arrives that was published this long ago \[us\]; negative for the future.
+    /// A command with this age since publication arrives \[us\]; negative for the future.
     Command { flies: bool, age_us: i64 },
-    /// A pose arrives that was published this long ago \[us\].
+    /// A pose with this age since publication arrives \[us\].
     Pose { age_us: i64 },
     /// Somebody beside the vehicle starts or stops its motors, or takes it over.
     Somebody { motors_on: bool, is_piloted: bool },

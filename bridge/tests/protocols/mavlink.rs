@@ -24,7 +24,7 @@ pub const PX4: Protocol = Protocol {
     vehicle: || Box::new(Autopilot::new(AutopilotKind::Px4)),
 };
 
-/// Heartbeats come so often, as the bridge asks for.
+/// Heartbeats arrive at the rate that the bridge requests.
 const HEARTBEAT: Span = Span::from_millis(50);
 
 fn config(preset: &str) -> Config {

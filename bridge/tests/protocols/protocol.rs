@@ -1,4 +1,4 @@
-//! A protocol: its bridge, and a vehicle that says what it understood.
+//! A protocol: its bridge, and an emulated vehicle that records the decoded commands.
 
 use oqtal_bridge::Bridge;
 use oqtal_bus::time::Time;
@@ -33,7 +33,7 @@ pub trait ProtocolVehicle {
     /// Unsolicited frames of the vehicle.
     fn tick(&mut self, now: Time, answers: &mut Vec<Vec<u8>>);
 
-    /// Somebody beside it starts or stops its motors, and flies it by hand.
+    /// A pilot starts or stops its motors and flies it manually.
     fn manual_override(&mut self, motors_on: bool, is_piloted: bool);
 
     /// Whether motors run.

@@ -88,7 +88,7 @@ impl Poll {
 
     const KNOWN: u16 = 0x0B9F;
 
-    /// The poll of these bits; `None` if a bit is unknown or none is set.
+    /// The poll of these bits; `None` if a bit is unknown or no bit is set.
     #[must_use]
     pub const fn from_wire(bits: u16) -> Option<Self> {
         if bits == 0 || bits & !Self::KNOWN != 0 { None } else { Some(Self(bits)) }

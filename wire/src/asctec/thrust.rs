@@ -49,13 +49,13 @@ impl ThrustTable {
         if rises(0) && rises(1) { Ok(()) } else { wrong("must rise from point to point") }
     }
 
-    /// Counts \[counts\] for the thrust `delta_c` \[-\]; beyond the table, those of its nearer end.
+    /// Counts \[counts\] for the thrust `delta_c` \[-\]; beyond the table, the counts at its nearer end.
     #[must_use]
     pub fn counts(&self, delta: f64) -> f64 {
         interpolate(&self.0, delta, [0, 1])
     }
 
-    /// Thrust `delta_c` \[-\] for `counts` \[counts\]; beyond the table, that of its nearer end.
+    /// Thrust `delta_c` \[-\] for `counts` \[counts\]; beyond the table, the thrust at its nearer end.
     #[must_use]
     pub fn delta(&self, counts: f64) -> f64 {
         interpolate(&self.0, counts, [1, 0])

@@ -1,4 +1,4 @@
-//! Log blocks: variables that the vehicle sends together, at a rate of its own.
+//! Log blocks: variables that the vehicle sends together, each block at its own rate.
 
 use super::packet::{CrtpPacket, CrtpPort};
 use super::value::LogType;

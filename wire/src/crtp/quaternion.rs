@@ -21,7 +21,7 @@ pub fn compress(quaternion: [f64; 4]) -> u32 {
     })
 }
 
-/// Returns the unit quaternion `[x, y, z, w]` \[-\] that `compressed` stands for.
+/// Returns the unit quaternion `[x, y, z, w]` \[-\] for `compressed`.
 #[must_use]
 pub fn decompress(compressed: u32) -> [f64; 4] {
     let largest = (compressed >> 30) as usize;
@@ -33,7 +33,7 @@ pub fn decompress(compressed: u32) -> [f64; 4] {
         squares += magnitude * magnitude;
         rest >>= 10;
     }
-    // Damaged bits can stand for three components whose squares exceed one.
+    // Damaged bits can encode three components whose squares exceed one.
     quaternion[largest] = (1.0_f64 - squares).max(0.0).sqrt();
     let norm = squares.max(1.0).sqrt();
     quaternion.map(|component| component / norm)

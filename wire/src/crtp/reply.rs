@@ -49,7 +49,7 @@ pub enum CrtpReply<'a> {
     TableInfo(TableKind, TableInfo),
     /// Element of a table.
     TableElement(TableKind, TableElement<'a>),
-    /// The table has no element of the number that was asked for.
+    /// The table has no element of the requested number.
     NoElement(TableKind),
     /// Value of a parameter that was read.
     Parameter(u16, CrtpValue),
@@ -75,14 +75,14 @@ pub enum CrtpReply<'a> {
 /// Answer of a vehicle's supervisor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SupervisorAnswer {
-    /// Whether arming was asked for, and not recovery.
+    /// Whether arming was requested, and not recovery.
     pub is_arming: bool,
     /// Whether the request was granted.
     pub granted: bool,
 }
 
 impl<'a> CrtpReply<'a> {
-    /// The message of `packet`; `None` if it has none that is known here.
+    /// The message of `packet`; `None` if it is not known here.
     #[must_use]
     pub fn read(packet: &'a CrtpPacket) -> Option<Self> {
         if packet.is_null() {

@@ -102,7 +102,7 @@ impl CrtpRequest {
         }
     }
 
-    /// The message of `packet`; `None` if it has none that is known here.
+    /// The message of `packet`; `None` if it is not known here.
     #[must_use]
     pub fn read(packet: &CrtpPacket) -> Option<Self> {
         if packet.is_null() {

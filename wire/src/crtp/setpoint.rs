@@ -1,4 +1,4 @@
-//! Set-point of roll, pitch, yaw rate and thrust, the one that rates and attitudes are sent in.
+//! Set-point of roll, pitch, yaw rate and thrust, used for rates and attitudes.
 
 use super::packet::{CrtpPacket, CrtpPort};
 use crate::bytes::{ByteOrder, ByteReader};

@@ -1,6 +1,6 @@
 //! The vehicle's supervisor: whether it can be armed, is armed, flies, or must be restarted; and the commands that it takes.
 
-/// First protocol version whose supervisor has a port of its own \[-\].
+/// First protocol version whose supervisor has its own port \[-\].
 pub const SUPERVISOR_PROTOCOL: u8 = 12;
 
 /// State of the supervisor: bits.
@@ -12,7 +12,7 @@ impl Supervision {
     pub const CAN_BE_ARMED: Self = Self(1 << 0);
     /// It is armed.
     pub const ARMED: Self = Self(1 << 1);
-    /// It arms by itself.
+    /// It arms automatically.
     pub const ARMS_ITSELF: Self = Self(1 << 2);
     /// Its motors may run.
     pub const CAN_FLY: Self = Self(1 << 3);

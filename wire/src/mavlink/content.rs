@@ -143,7 +143,7 @@ pub enum MavlinkContent {
     Timesync(Timesync),
     /// SET_ATTITUDE_TARGET.
     AttitudeTarget(AttitudeTarget),
-    /// ODOMETRY by vision, in frames of its own.
+    /// ODOMETRY by vision, in its own frames.
     Odometry(MavlinkPose),
     /// VISION_POSITION_ESTIMATE.
     VisionPosition(MavlinkPose),

@@ -72,7 +72,7 @@ impl MavlinkEncoder {
         }
     }
 
-    /// The packet of a message; `None` for one that cannot be sent.
+    /// The packet of a message; `None` for a message that cannot be sent.
     pub fn encode(&mut self, content: &MavlinkContent) -> Option<MavlinkWire> {
         let (id, payload) = write::message(content)?;
         let wire = self.packet(id, &payload);
@@ -113,7 +113,7 @@ impl MavlinkEncoder {
 pub struct MavlinkPacket {
     /// The sender.
     pub from: MavlinkAddress,
-    /// Number of the packet among those of its sender, modulo 256 \[-\].
+    /// Number of the packet within the sequence of its sender, modulo 256 \[-\].
     pub sequence: u8,
     /// Meaning of the message.
     pub content: MavlinkContent,

@@ -23,7 +23,7 @@ pub(super) fn content(id: u32, payload: &[u8]) -> MavlinkContent {
     understood(id, &mut payload.reader()).unwrap_or(MavlinkContent::Other)
 }
 
-/// Meaning of a message; `None` for one that is of no interest.
+/// Meaning of a message; `None` for a message that is not used.
 fn understood(id: u32, from: &mut ByteReader<'_>) -> Option<MavlinkContent> {
     use MavlinkContent as C;
     Some(match id {

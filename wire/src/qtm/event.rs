@@ -5,7 +5,7 @@
 pub enum QtmEvent {
     /// 1: a measurement is open; its data can be streamed.
     Connected,
-    /// 2: the measurement is closed; there are no data.
+    /// 2: the measurement is closed; there is no data.
     ConnectionClosed,
     /// 3: a capture has started.
     CaptureStarted,

@@ -39,7 +39,7 @@ pub enum QtmPacket<'a> {
     Xml(&'a str),
     /// 3: a frame.
     Data(DataPacket<'a>),
-    /// 4: there are no data: nothing is measured or played.
+    /// 4: there is no data: nothing is measured or played.
     NoMoreData,
     /// 6: an event.
     Event(QtmEvent),
