@@ -47,7 +47,7 @@ pub struct CrtpVehicleOptions {
     pub thrust_curve_n: [f64; 2],
     /// Version of the protocol that the vehicle speaks \[-\].
     pub protocol: f64,
-    /// Whether the vehicle arms by itself.
+    /// Whether the vehicle arms automatically.
     pub arms_itself: bool,
 }
 

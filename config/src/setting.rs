@@ -58,7 +58,7 @@ impl Setting {
             key += name;
             let value =
                 section.entry(name.to_owned()).or_insert_with(|| Value::Table(Table::new()));
-            // A table that followed another one now has values of its own.
+            // A table that followed another one now has separate values.
             if value.is_str() && value.as_str() == follow_word(&key).as_deref() {
                 *value = Value::Table(Table::new());
             }

@@ -1,4 +1,4 @@
-//! The flight under way: its plan, and when it began.
+//! The current flight: its plan and its start.
 
 use nalgebra::Vector3;
 use oqtal_bus::time::Time;
@@ -10,7 +10,7 @@ use crate::floor::LANDED_M;
 /// Time after the end of the landing's reference within which the vehicle must have landed \[s\].
 const LANDING_GRACE_S: f64 = 8.0;
 
-/// A flight under way.
+/// The current flight.
 #[derive(Clone, Debug)]
 pub struct ActiveMission {
     began: Time,

@@ -34,7 +34,7 @@ pub struct SafetyConditions {
     pub operator_stops: bool,
     /// An operator requested a flight.
     pub operator_arms: bool,
-    /// A flight is under way.
+    /// A flight is active.
     pub is_flying: bool,
     /// The limits of the flight and of the loop.
     pub limits: LimitConditions,

@@ -136,7 +136,7 @@ impl<T: Transport> PlantTurn<T> {
             }
             changed |= plant.keep_stopped(stop.since().is_some());
         }
-        // Without commands, the state is published periodically so that a late observer is told of the stop.
+        // Without commands, the state is published periodically so that a late observer receives the stop.
         let is_due =
             stop.since().is_some() && now.since(self.stop_published_at) >= STOP_PUBLICATION;
         if changed || is_due {

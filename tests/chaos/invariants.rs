@@ -1,4 +1,4 @@
-//! Invariants of every flight, whatever fails.
+//! Invariants of every flight under any fault.
 
 use nalgebra::Vector3;
 use oqtal_bus::code::SafetyState;

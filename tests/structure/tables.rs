@@ -5,7 +5,7 @@ use crate::common::sources::{crates, read, sources_of};
 /// Crates without such a table: the root package, whose modules are its commands, and the control crate, whose documentation
 /// leads from a problem to a type.
 const WITHOUT: [&str; 2] = ["", "control"];
-/// Row for all files without a row of their own.
+/// Row for all files without a separate row.
 const THE_OTHERS: &str = "//! | the others |";
 
 /// Files at the top of a crate that are missing in its table, and files in the table that do not exist.

@@ -8,7 +8,7 @@ use crate::bytes::{ByteOrder, ByteReader};
 
 /// Longest datagram \[bytes\].
 pub const MAX_DATAGRAM: usize = 31;
-/// Datagram by which the firmware introduces itself, and the answer to it.
+/// Datagram by which the firmware announces itself, and the answer to it.
 pub const HELLO: [u8; 1] = [0xF3];
 
 /// Port of sensors and motors.

@@ -83,7 +83,7 @@ pub struct BodySample {
 }
 
 impl BodySample {
-    /// A body that the cameras do not see.
+    /// A body not seen by the cameras.
     pub const LOST: Self = Self { pose: None, residual_m: 0.0 };
 }
 

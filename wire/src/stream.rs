@@ -3,21 +3,21 @@
 //! A [`Grammar`] defines the start byte of a frame and inspects candidates; the [`Decoder`] holds the bytes. When a candidate is
 //! rejected, the search continues at the next start byte *within* it, so that a good frame behind a damaged header is not lost.
 //!
-//! Work is bounded: a candidate is inspected when it has as many bytes as the grammar asked for, and each position begins one
-//! candidate at most. Nothing allocates, and no bytes can cause a panic.
+//! The work is bounded: a candidate is inspected when the number of bytes required by the grammar is present, and each position
+//! begins at most one candidate. Decoding does not allocate, and no input can cause a panic.
 
 use std::marker::PhantomData;
 
 /// Greatest frame length that a grammar may ask for \[bytes\]: a signed MAVLink 2 packet of greatest length.
 pub const MAX_FRAME: usize = 280;
 
-/// Capacity of the window \[bytes\]: twice the longest frame, so that bytes are moved to the front once per frame at most.
+/// Capacity of the window \[bytes\]: twice the longest frame, so that bytes are moved to the front at most once per frame.
 const CAPACITY: usize = 2 * MAX_FRAME;
 
 /// Result of the inspection of the bytes from a start byte on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict<E> {
-    /// Possible frame: inspect again with this many bytes, more than there are and at most [`MAX_FRAME`].
+    /// Possible frame: inspect again when this number of bytes is present; more than now and at most [`MAX_FRAME`].
     Wait(usize),
     /// Frame of this many bytes, at least one; without an event if it is not used.
     Accept(usize, Option<E>),

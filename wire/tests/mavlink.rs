@@ -1,4 +1,4 @@
-//! MAVLink: what is encoded is decoded, whatever stands around it, with the masks, frames and signs that autopilots need.
+//! MAVLink: encoded messages are decoded between arbitrary other bytes, with the masks, frames and signs that autopilots need.
 
 use crate::common::{any_bytes, hex};
 use oqtal_wire::link::AutopilotKind;

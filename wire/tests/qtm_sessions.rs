@@ -61,7 +61,7 @@ impl Server {
     }
 }
 
-/// Events of a client until nothing moves any more, as text without the frames.
+/// Events of a client until no more bytes are exchanged, as text without the frames.
 fn converse(client: &mut QtmClient, server: &mut Server) -> Result<Vec<String>, QtmClientError> {
     let mut events = Vec::new();
     loop {
@@ -223,7 +223,7 @@ fn a_flood_of_commands_is_answered_in_portions() {
         let (bytes, after) = rest.split_at(taken);
         rest = after;
         server.receive(bytes, None);
-        // One answer beyond the limit at most.
+        // At most one answer beyond the limit.
         assert!(server.sent.len() < (1 << 17) + (1 << 14), "{} bytes", server.sent.len());
         stream.push(&std::mem::take(&mut server.sent));
         while let Some(packet) = stream.take().unwrap() {

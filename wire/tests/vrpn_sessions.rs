@@ -7,13 +7,13 @@ use oqtal_wire::vrpn::{
 };
 use proptest::prelude::*;
 
-/// A connection whose names are exchanged.
+/// A connection after the exchange of names.
 fn connected(bodies: &[&str]) -> (VrpnClient, VrpnSession) {
     let (client, session, _) = introduced(bodies);
     (client, session)
 }
 
-/// A connection whose names are exchanged, and the senders.
+/// A connection after the exchange of names, and the senders.
 fn introduced(bodies: &[&str]) -> (VrpnClient, VrpnSession, Vec<(i32, String)>) {
     let bodies: Vec<String> = bodies.iter().map(|name| (*name).to_owned()).collect();
     let (mut client, mut sent) = (VrpnClient::new(), Vec::new());

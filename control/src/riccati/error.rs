@@ -15,7 +15,7 @@ pub enum RiccatiError {
     RNotSymmetric,
     /// `R` is not positive definite.
     RNotPositiveDefinite,
-    /// A mode that does not decay by itself cannot be reached by the input or is not observed by `Q`.
+    /// A mode that does not decay without control cannot be reached by the input or is not observed by `Q`.
     NoStabilisingSolution,
     /// The data determine the solution to fewer than ten digits, or put a closed-loop pole on the
     /// stability boundary to within rounding.

@@ -20,7 +20,7 @@ fn linear(options: &LqrOptions) -> SetPointLoop {
     ClassicLqr::set_point_loop(options, &spacecraft(), &SVector::zeros()).unwrap()
 }
 
-/// Euler angles \[rad\] every [`SPAN`] of the spacecraft under the law, told to turn to `target`.
+/// Euler angles \[rad\] every [`SPAN`] of the spacecraft under the law, commanded to turn to `target`.
 fn flown(options: LqrOptions, target: &Vector3<f64>) -> Vec<Vector3<f64>> {
     let mut law = ClassicLqr::new(options, spacecraft()).unwrap();
     let attitude = Attitude::from_xyzw(EulerAngles::from_vector(target).xyzw()).unwrap();

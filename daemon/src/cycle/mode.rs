@@ -21,7 +21,7 @@ pub(super) struct ModeConditions {
     pub(super) is_stopped: bool,
     /// The tick has a pose.
     pub(super) is_fresh: bool,
-    /// The tick has a pose, and there is no reason against a flight.
+    /// The tick has a pose, and a flight is possible.
     pub(super) is_ready: bool,
     /// The daemon observes a recording and commands nothing.
     pub(super) observes: bool,

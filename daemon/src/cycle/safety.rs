@@ -26,7 +26,7 @@ pub(super) struct SafetyTick<'a> {
     pub(super) now: Time,
     /// Whether the tick has a pose.
     pub(super) is_fresh: bool,
-    /// Whether a mission is under way, flown or only observed.
+    /// Whether a mission is active, flown or only observed.
     pub(super) is_armed: bool,
     /// Whether the flight is held at its beginning until the motors run.
     pub(super) is_held: bool,

@@ -85,7 +85,7 @@ impl FlightSupervision {
         self.is_armed() && !self.observe_only
     }
 
-    /// Whether a mission is under way, flown or only observed.
+    /// Whether a mission is active, flown or only observed.
     fn is_armed(&self) -> bool {
         matches!(self.mode, Mode::Flying | Mode::Landing)
     }

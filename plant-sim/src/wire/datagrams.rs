@@ -52,7 +52,7 @@ impl DatagramModel {
         }
     }
 
-    /// Relay without latency or losses of its own; datagrams keep their order, also behind a delayed one.
+    /// Relay that adds no latency or losses; datagrams keep their order, also behind a delayed one.
     #[must_use]
     pub fn relay(seed: u64) -> Self {
         Self::undisturbed(RELAY_QUEUE, seed)

@@ -1,4 +1,4 @@
-//! Operator's stop at the simulated vehicle, whatever the daemon commands.
+//! Operator's stop at the simulated vehicle, independent of the commands of the daemon.
 
 use oqtal_bus::code::Actuation;
 use oqtal_bus::memory::{MemoryBus, MemoryReader, MemoryWriter};

@@ -38,7 +38,7 @@ pub(super) fn garble<M: Message>(message: &mut M, generator: &mut Generator) {
     }
 }
 
-/// Arbitrary number \[-\]: absurd, of random bits, or of ordinary size.
+/// Arbitrary number \[-\]: unphysical, of random bits, or of ordinary size.
 fn arbitrary(generator: &mut Generator) -> f64 {
     match generator.random_range(0..4) {
         0 => ABSURD[generator.random_range(0..ABSURD.len())],

@@ -94,7 +94,7 @@ impl<'a> LinkText<'a> {
     /// Checks that every option has been taken.
     ///
     /// # Errors
-    /// The first one that has not.
+    /// The first unknown option.
     pub fn finish(self) -> Result<(), String> {
         match self.options.first() {
             Some((key, _)) => Err(format!("unknown option `{key}` of {}", self.kind)),

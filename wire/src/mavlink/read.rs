@@ -162,7 +162,7 @@ fn vision_position(from: &mut ByteReader<'_>) -> Option<MavlinkPose> {
     Some(MavlinkPose { time_us, position, attitude, position_sd_m, attitude_sd_rad })
 }
 
-/// Command; `None` for one that is not understood.
+/// Command; `None` if it is not supported.
 fn command_long(from: &mut ByteReader<'_>) -> Option<VehicleCommandLong> {
     let [first, second, third, ..] = from.f32s::<7>()?;
     let kind = match from.u16()? {

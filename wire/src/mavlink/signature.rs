@@ -115,7 +115,7 @@ impl SignedBytes {
 struct SignedStream {
     from: MavlinkAddress,
     link: u8,
-    /// Stamp of its last packet \[10 us since 1 January 2015\].
+    /// Stamp of the last packet of the sender \[10 us since 1 January 2015\].
     stamp: u64,
 }
 

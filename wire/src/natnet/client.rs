@@ -40,8 +40,8 @@ pub enum NatNetClientError {
     Version(NatNetVersion),
 }
 
-/// The client's end: datagrams in, events and datagrams out. Datagrams of the command socket and of the multicast group are
-/// both given to [`NatNetClient::receive`]. After the server info nothing allocates.
+/// The client's end: datagrams in, events and datagrams out. Datagrams of the command socket and of the multicast group are both
+/// given to [`NatNetClient::receive`]. It does not allocate after the server info.
 ///
 /// [`NatNetClient::poll_output`] returns the datagram that is due: requests are repeated until they are answered, and a unicast client
 /// keeps its connection alive. Call it about twice a second and after every event.
@@ -78,7 +78,7 @@ impl NatNetClient {
         self.info.as_ref()
     }
 
-    /// Reconnects, for instance to a server that was silent: it may have been restarted with other bodies.
+    /// Reconnects, for instance to a server that was silent and may have been restarted with other bodies.
     pub fn reconnect(&mut self) {
         *self = Self::new(self.unicast);
     }
@@ -124,7 +124,7 @@ impl NatNetClient {
     ) -> Result<NatNetEvent<'a>, NatNetClientError> {
         let message = NatNetMessage::parse(datagram)?;
         match (message.id, &self.info) {
-            // An answer to a request that was repeated: nothing is new.
+            // A repeated answer, because the request was repeated: no change.
             (MessageId::ServerInfo, Some(info)) if info.is_in(message.content) => {
                 Ok(NatNetEvent::Other)
             }

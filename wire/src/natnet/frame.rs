@@ -25,7 +25,7 @@ pub struct NatNetBody {
     pub attitude: [f32; 4],
     /// Mean distance of the markers from the fitted body \[m\].
     pub mean_error_m: f32,
-    /// Whether the cameras see the body in this frame. The pose of one that they do not see is an old one.
+    /// Whether the cameras see the body in this frame. If not, its pose is an old one.
     pub tracked: bool,
 }
 

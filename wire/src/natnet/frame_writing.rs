@@ -66,11 +66,11 @@ fn rigid_bodies(frame: &MotionFrame<'_>, bodies: &[BodyDefinition]) -> Vec<u8> {
     elements
 }
 
-/// The labelled markers that are seen, with their number.
+/// The labelled markers seen by the cameras, with their number.
 fn labelled_markers(frame: &MotionFrame<'_>, bodies: &[BodyDefinition]) -> (u32, Vec<u8>) {
     let mut elements = Vec::new();
     let mut writer = ByteWriter::new(&mut elements, ByteOrder::Little);
-    // The number of a marker is that of its body in the upper half, its place in the lower.
+    // The number of a marker contains the number of its body in the upper half and its place in the lower half.
     let ids = bodies.iter().flat_map(|body| {
         (1..).zip(&body.markers_m).map(|(place, _): (i32, _)| (body.id << 16) | place)
     });

@@ -60,7 +60,7 @@ pub enum NatNetError {
     /// Length field that does not agree with the datagram.
     #[error("a message does not have the length that it claims")]
     Length,
-    /// Content that ends too early or makes no sense.
+    /// Truncated or invalid content.
     #[error("{0} of the server cannot be read")]
     Content(&'static str),
 }
@@ -72,7 +72,7 @@ pub enum MessageId {
     Connect,
     /// 1, of a server.
     ServerInfo,
-    /// 2, of a client: a request in words.
+    /// 2, from a client: a request as text.
     Request,
     /// 3, of a server: its answer.
     Response,

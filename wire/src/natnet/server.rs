@@ -11,7 +11,7 @@ use crate::motion::MotionFrame;
 
 /// Greatest number of unicast clients \[-\].
 const MAX_CLIENTS: usize = 10;
-/// A unicast client that has been silent for this long is forgotten \[ns\].
+/// Silence after which a unicast client is removed \[ns\].
 const SILENCE_NS: u64 = 10_000_000_000;
 /// Rate of the clock in the frames \[Hz\].
 const CLOCK_HZ: u64 = 10_000_000;
@@ -76,7 +76,7 @@ impl NatNetServer {
         Self { info, rate_hz: options.rate_hz, models, clients: Vec::new() }
     }
 
-    /// Takes a datagram of a client and appends the answer to `out`, which goes back to its sender; nothing for invalid requests.
+    /// Takes a datagram of a client and appends the answer for its sender to `out`; no answer to invalid requests.
     pub fn receive(&mut self, datagram: &[u8], from: SocketAddr, now_ns: u64, out: &mut Vec<u8>) {
         let Ok(message) = NatNetMessage::parse(datagram) else { return };
         let version = self.version_of(from);
@@ -90,7 +90,7 @@ impl NatNetServer {
         }
     }
 
-    /// Addresses of the clients that get frames by unicast. Forgets those that have gone silent.
+    /// Addresses of the unicast clients. Removes silent clients.
     pub fn unicast_clients(&mut self, now_ns: u64) -> impl Iterator<Item = SocketAddr> + '_ {
         self.clients.retain(|client| now_ns.saturating_sub(client.received_ns) < SILENCE_NS);
         self.clients.iter().map(|client| client.address)
@@ -123,7 +123,7 @@ impl NatNetServer {
         }
     }
 
-    /// Answers a request in words.
+    /// Answers a text request.
     fn request(&mut self, content: &[u8], from: SocketAddr, out: &mut Vec<u8>) {
         let end = content.iter().position(|byte| *byte == 0).unwrap_or(content.len());
         let text = std::str::from_utf8(&content[..end]).unwrap_or_default();

@@ -20,9 +20,9 @@ const MAX_COMMAND_BYTES: usize = 256;
 pub struct QtmClientOptions {
     /// Byte order, that of the port.
     pub order: ByteOrder,
-    /// Version that is asked for first.
+    /// Version requested first.
     pub newest: QtmVersion,
-    /// Oldest version that is asked for when the server refuses newer ones.
+    /// Oldest version requested if the server refuses newer ones.
     pub oldest: QtmVersion,
     /// The stream.
     pub stream: StreamRequest,
@@ -51,11 +51,11 @@ pub enum QtmClientEvent<'a> {
     /// Parameters as XML, for [`QtmParameters::from_xml`](super::QtmParameters::from_xml): names of the bodies, rate. The stream has
     /// been asked for.
     Parameters(&'a str),
-    /// A frame, if the stream goes over TCP.
+    /// A frame, if the stream uses TCP.
     Frame(DataPacket<'a>),
-    /// The server measures nothing; the stream is asked for again when it does.
+    /// The server is not measuring; the stream is requested again when it does.
     NoData,
-    /// An event. Parameters and stream are asked for again if they may have changed.
+    /// An event. Parameters and stream are requested again if they may have changed.
     Event(QtmEvent),
 }
 
@@ -71,12 +71,12 @@ pub enum QtmClientError {
     /// Server that is too old or too new.
     #[error("the server supports no version of the RT protocol from {oldest} to {newest}")]
     Version {
-        /// Oldest version that was asked for.
+        /// Oldest requested version.
         oldest: QtmVersion,
-        /// Newest version that was asked for.
+        /// Newest requested version.
         newest: QtmVersion,
     },
-    /// Refusal, with the server's words, made printable.
+    /// Refusal, with the printable text of the server.
     #[error("the server refuses: {0}")]
     Refused(String),
 }
@@ -151,7 +151,7 @@ impl QtmClient {
         self.dialogue.version()
     }
 
-    /// Asks for the parameters again: bodies may have been renamed without an event. The stream is asked for again too.
+    /// Requests the parameters and the stream again: bodies may have been renamed without an event.
     pub fn request_parameters(&mut self) {
         if self.dialogue.stage == Stage::Established {
             self.dialogue.request_parameters();

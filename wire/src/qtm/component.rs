@@ -105,7 +105,7 @@ impl ComponentKind {
     }
 }
 
-/// Components of a frame: each kind once at most, in the order in which they were asked for.
+/// Components of a frame in the requested order, each kind at most once.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ComponentSet {
     kinds: [Option<ComponentKind>; ComponentKind::ALL.len()],

@@ -12,7 +12,7 @@ const COMPONENT_HEAD_BYTES: usize = 16;
 /// Error in a data packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DataError {
-    /// Packet that ends in its head or in that of a component.
+    /// Packet that ends within its header or the header of a component.
     #[error("a data packet ends too early")]
     Truncated,
     /// Component whose size does not agree with the packet or with its count.
@@ -76,7 +76,7 @@ impl<'a> DataPacket<'a> {
         })
     }
 
-    /// The bodies of the first component that has any.
+    /// The bodies of the first component with bodies.
     pub fn bodies(&self) -> impl Iterator<Item = BodyRecord> + use<'a> {
         self.components().find(Component::has_bodies).into_iter().flat_map(|c| c.bodies())
     }
@@ -161,7 +161,7 @@ fn has_bodies(kind: ComponentKind) -> bool {
 }
 
 impl QtmWriter<'_> {
-    /// Writes a frame with the components that a client asked for.
+    /// Writes a frame with the components requested by a client.
     pub fn data(&mut self, frame: &MotionFrame<'_>, components: &ComponentSet) {
         self.content(3, |writer| {
             let count = count_u32(components.iter().count());

@@ -11,7 +11,7 @@ const REQUEST_BYTES: u32 = 10;
 /// Request of a client: which servers are there?
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DiscoveryRequest {
-    /// Port of the client that takes the replies \[-\].
+    /// Port of the client for the replies \[-\].
     pub reply_port: u16,
 }
 

@@ -63,7 +63,7 @@ impl QtmHost {
         self.master.as_ref().is_some_and(|(master, _)| *master == client)
     }
 
-    /// Gives control to a client unless another one has it; otherwise names the other one.
+    /// Gives control to a client unless another client has it; otherwise names that client.
     pub(super) fn take_control(&mut self, client: u64, name: &str) -> Result<(), String> {
         match &self.master {
             Some((master, other)) if *master != client => Err(other.clone()),

@@ -89,7 +89,7 @@ pub struct QtmStream {
 }
 
 impl QtmStream {
-    /// Stream of packets of at most `limit` bytes, with memory for one and as many bytes behind it.
+    /// Stream of packets of at most `limit` bytes, with memory for one packet and the same number of bytes after it.
     #[must_use]
     pub fn new(order: ByteOrder, limit: usize) -> Self {
         Self { order, limit, buffer: Vec::with_capacity(2 * limit), taken: 0 }

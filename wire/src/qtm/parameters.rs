@@ -20,7 +20,7 @@ pub struct QtmBody {
     pub points: Vec<QtmPoint>,
 }
 
-/// Parameters. A section that was not asked for is `None`.
+/// Parameters. A section that was not requested is `None`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct QtmParameters {
     /// Rate of the cameras, of the section `General` \[Hz\].

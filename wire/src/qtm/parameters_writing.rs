@@ -17,7 +17,7 @@ const CAPTURE_TIME_S: u32 = 3600;
 type Xml = Writer<Vec<u8>>;
 
 impl QtmParameters {
-    /// Writes the sections that are asked for and exist, as a server of this version does.
+    /// Writes the requested and existing sections, as a server of this version does.
     #[must_use]
     pub fn to_xml(&self, version: QtmVersion, selection: ParameterSelection) -> String {
         let mut xml = Writer::new(Vec::new());

@@ -108,7 +108,7 @@ pub struct MarkerRecord {
 }
 
 impl MarkerRecord {
-    /// The record of the marker number `id`, as a component of `kind` has it.
+    /// The record of marker number `id` in a component of `kind`.
     #[must_use]
     pub fn new(kind: ComponentKind, id: u32, marker: &MarkerSample) -> Self {
         let nan = f32::from_bits(u32::MAX);

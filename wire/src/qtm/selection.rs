@@ -42,7 +42,7 @@ impl ParameterSelection {
         }
     }
 
-    /// Whether nothing is selected that the server has.
+    /// Whether the selection contains nothing that the server has.
     #[must_use]
     pub fn is_empty(self) -> bool {
         self == Self::default()

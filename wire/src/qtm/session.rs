@@ -56,7 +56,7 @@ impl QtmSession {
         self.order
     }
 
-    /// The stream that the client asked for.
+    /// The stream requested by the client.
     #[must_use]
     pub fn subscription(&self) -> Option<&StreamRequest> {
         self.subscription.as_ref()
@@ -68,8 +68,8 @@ impl QtmSession {
         self.stream.pending() < MAX_FROM_CLIENT
     }
 
-    /// Takes bytes of the client and appends the answers to `out`; `frame` is the newest frame. Answers at most as many commands as
-    /// `out` has place for, the others in later calls, also with no bytes.
+    /// Takes bytes of the client and appends the answers to `out`; `frame` is the newest frame. Answers at most
+    /// as many commands as `out` has room for, the others in later calls, also without new bytes.
     ///
     /// # Errors
     /// The bytes are not packets: close the connection.
@@ -132,7 +132,7 @@ impl QtmSession {
                 Ok(command) => self.execute(command, host, frame, writer),
                 Err(_) => writer.error("Parse error"),
             },
-            // Settings: there is nothing to set.
+            // Settings: nothing to set.
             QtmPacket::Xml(_) if host.is_master(self.client) => {
                 writer.error("Setting parameters failed");
             }

@@ -32,7 +32,7 @@ pub enum StreamRate {
     /// Every frame.
     #[default]
     AllFrames,
-    /// So many frames a second, at most every frame \[Hz\].
+    /// Frames per second, at most every frame \[Hz\].
     Frequency(u32),
     /// Every n-th frame \[-\].
     Divisor(u32),
@@ -130,11 +130,11 @@ impl StreamRequest {
     }
 }
 
-/// The components that words name; `None` if a word names no component of the protocol.
+/// The components named by words; `None` if a word is not the name of a component of the protocol.
 pub(super) fn parse_components<'a>(words: impl Iterator<Item = &'a str>) -> Option<ComponentSet> {
     let mut components = ComponentSet::new();
     for word in words {
-        // Options of components that are absent here follow a colon.
+        // Options of components that are not supported here follow a colon.
         let name = word.split(':').next().unwrap_or(word);
         match ComponentKind::from_name(name) {
             Some(kind) => components = components.with(kind),

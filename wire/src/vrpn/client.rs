@@ -56,16 +56,16 @@ pub enum VrpnClientError {
 
 /// The client's end of a connection: bytes of the server in, events and bytes to the server out.
 ///
-/// Give received bytes to [`VrpnClient::receive`], call [`VrpnClient::poll`] until it returns `None`, send what
-/// [`VrpnClient::take_output`] returns, or [`VrpnClient::flush`] gives: nothing allocates after the start. It is the same for both kinds
-/// of connection.
+/// Give received bytes to [`VrpnClient::receive`], call [`VrpnClient::poll`] until it returns `None`, and send the bytes of
+/// [`VrpnClient::take_output`] or [`VrpnClient::flush`]: there is no allocation after the start. The procedure is the same for
+/// both kinds of connection.
 #[derive(Clone, Debug)]
 pub struct VrpnClient {
     stream: VrpnStream,
     state: ClientState,
 }
 
-/// The types that mean something to a client, in the order of [`TypeNumbers`].
+/// The types used by a client, in the order of [`TypeNumbers`].
 const KNOWN_TYPES: [&str; 3] = [POSE_TYPE, PING_TYPE, PONG_TYPE];
 
 /// The server's numbers of [`KNOWN_TYPES`]; `None` for those that it has not described.
@@ -197,8 +197,8 @@ impl ClientState {
         }
     }
 
-    /// Whether this number of bytes and a message fit into the output. A server that asks more often than anything can be sent gets
-    /// no more answers.
+    /// Whether this number of bytes and a message fit into the output. A server that sends requests faster than answers can be
+    /// sent gets no more answers.
     fn has_room(&self, bytes: usize) -> bool {
         self.output.len() + bytes + MESSAGE_BYTES <= OUTPUT_BYTES
     }

@@ -9,7 +9,7 @@ const MAGIC: &[u8] = b"vrpn: ver. ";
 /// Version of VRPN.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct VrpnVersion {
-    /// Major number \[-\]. Ends of different major numbers do not understand each other.
+    /// Major number \[-\]. Ends with different major numbers are incompatible.
     pub major: u8,
     /// Minor number \[-\].
     pub minor: u8,

@@ -23,7 +23,7 @@ pub struct VrpnMessage<'a> {
     pub micros: u32,
     /// Number of the sender; in a description the number that is described \[-\].
     pub sender: i32,
-    /// Number of the type; negative for those of the protocol itself \[-\].
+    /// Number of the type; negative for types of the protocol itself \[-\].
     pub kind: i32,
     /// Payload.
     pub payload: &'a [u8],

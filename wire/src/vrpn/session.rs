@@ -92,7 +92,7 @@ impl VrpnSession {
         Ok(true)
     }
 
-    /// Appends the poses of the bodies that are seen to `out`.
+    /// Appends the poses of the visible bodies to `out`.
     pub fn write_frame(&mut self, frame: &MotionFrame<'_>, out: &mut Vec<u8>) {
         let micros = frame.captured_ns / 1000;
         for (sender, body) in (1..).zip(frame.bodies) {

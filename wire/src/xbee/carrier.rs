@@ -21,7 +21,7 @@ pub enum Address {
 impl Address {
     /// Address of every radio in reach.
     pub const BROADCAST: Self = Self::Long(0xFFFF);
-    /// Whether the address is that of every radio in reach, in 16 bits or in 64.
+    /// Whether the address, of 16 or 64 bits, is the broadcast address.
     #[must_use]
     pub fn is_broadcast(self) -> bool {
         matches!(self, Self::Long(0xFFFF) | Self::Short(0xFFFF))

@@ -50,7 +50,8 @@ impl Grammar for Api2Grammar {
         };
         let Some(total) = total(high, low) else { return Verdict::Noise };
         let Ok(frame) = Unescaped::read(bytes, total) else { return Verdict::Damaged };
-        // Every missing byte takes at least one on the wire, so the wait is never too long; each inspection leaves half at most.
+        // Every missing byte takes at least one byte on the wire, so the wait is never too long; each inspection leaves at most
+        // half.
         match total - frame.as_bytes().len() {
             0 => check(frame.as_bytes(), frame.read),
             missing => Verdict::Wait(bytes.len() + missing),

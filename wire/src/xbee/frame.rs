@@ -4,7 +4,7 @@ use std::ops::Deref;
 
 use super::packet::{ApiPacket, MAX_DATA, MAX_PAYLOAD, WireBytes};
 
-/// Network address that stands for an unknown one \[-\].
+/// Network address for an unknown one \[-\].
 pub const UNKNOWN_NETWORK: u16 = 0xFFFE;
 
 /// Payload of up to [`MAX_PAYLOAD`] bytes.

@@ -7,7 +7,7 @@ use std::marker::PhantomData;
 use oqtal_wire::stream::{Decoder, Grammar, Verdict};
 use oqtal_wire::xbee::{Address, Api1Grammar, Api2Grammar, Carrier, Framing, RadioEvent, Side};
 
-/// Greatest number of inspections per byte; each inspection reads the bytes of one frame at most.
+/// Greatest number of inspections per byte; each inspection reads the bytes of at most one frame.
 const LOOKS_PER_BYTE: usize = 10;
 
 thread_local! {
