@@ -269,7 +269,7 @@ impl Bridge {
         }
     }
 
-    /// Bytes to write to the port: the rest of the frame on its way.
+    /// Bytes to write to the port: the rest of the frame being sent.
     #[must_use]
     pub fn outbox(&self) -> &[u8] {
         self.outbox.bytes()
@@ -340,7 +340,7 @@ impl Bridge {
         self.is_open && self.monitor.is_answering(now)
     }
 
-    /// Notes a vehicle that falls silent or answers again, and rejected commands.
+    /// Logs when the vehicle stops answering or answers again, and rejected commands.
     fn note_changes(&mut self, now: Time, note: &mut dyn FnMut(Note)) {
         let is_answering = self.is_answering(now);
         let was_answering = std::mem::replace(&mut self.was_answering, is_answering);

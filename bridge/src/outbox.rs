@@ -91,7 +91,7 @@ impl Outbox {
         self.outgoing = Some(Outgoing { kind, frame, handed_over: 0, begun: now });
     }
 
-    /// Bytes to write to the port: the rest of the frame on its way.
+    /// Bytes to write to the port: the rest of the frame being sent.
     #[must_use]
     pub fn bytes(&self) -> &[u8] {
         self.outgoing

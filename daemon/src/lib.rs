@@ -17,7 +17,7 @@
 //! | `gate.rs` | the gate on the innovation: a pose against the motion predicted from the commands |
 //! | `pose_noise.rs` | whether a source repeats poses |
 //! | `limits.rs`, `fence.rs`, `floor.rs` | the limits of a flight |
-//! | `descent.rs` | the descent of a vehicle that holds an attitude by itself, without poses |
+//! | `descent.rs` | descent without poses of a vehicle with its own attitude loop |
 //! | `flight_room.rs` | the path of a flight against the fence |
 //! | `arming.rs` | the reasons against a flight |
 //! | `setpoint.rs` | the check of the reference |

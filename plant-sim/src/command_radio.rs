@@ -92,7 +92,7 @@ impl CommandRadio {
         self.disturbed.0 = disturbance;
     }
 
-    /// When the next command takes effect; `None` if none is on its way.
+    /// Instant at which the next command takes effect; `None` without a command in transit.
     #[must_use]
     pub fn next_effect(&self) -> Option<Time> {
         self.on_air.front().map(|on_air| on_air.acts_at)

@@ -47,7 +47,7 @@ pub enum ReceiverNote {
     },
     /// Frames were lost, repeated, out of order, late or damaged in the last seconds.
     Troubled {
-        /// Frames that never came \[-\].
+        /// Lost frames \[-\].
         lost: u64,
         /// Frames that came twice \[-\].
         repeated: u64,

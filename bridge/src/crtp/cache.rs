@@ -55,7 +55,7 @@ impl TableStore {
     }
 }
 
-/// Keeper of the file of tables, for the background thread.
+/// Writer of the file of tables, for the background thread.
 #[derive(Debug)]
 pub struct TableKeeper {
     path: PathBuf,

@@ -183,7 +183,7 @@ message! {
         filter_rate: [f64; 3] ["rad/s, body"],
         /// Measured position minus the one that filter expected; NaN without a filter and on the floor, as the next two.
         innovation_position: [f64; 3] ["m, world"],
-        /// Rotation from the attitude that filter expected to the measured one.
+        /// Rotation from the attitude expected by that filter to the measured one.
         innovation_attitude: [f64; 3] ["rad, body"],
         /// Squares of both innovations over their expected variances, mean of the axes: 1 for a filter with a correct noise model.
         nis: [f64; 2] ["-"],

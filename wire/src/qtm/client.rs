@@ -49,7 +49,7 @@ pub enum QtmClientEvent<'a> {
     /// The handshake continues; there may be bytes to send.
     Handshake,
     /// Parameters as XML, for [`QtmParameters::from_xml`](super::QtmParameters::from_xml): names of the bodies, rate. The stream has
-    /// been asked for.
+    /// been requested.
     Parameters(&'a str),
     /// A frame, if the stream uses TCP.
     Frame(DataPacket<'a>),
