@@ -20,7 +20,7 @@ use crate::progress::Progress;
 use crate::sheet::Sheet;
 use crate::study::args::{StudyArgs, parse_seeds};
 use crate::study::flights::Test;
-use crate::study::gains::GainSource;
+use crate::study::gains::{self, GainSource};
 use crate::study::law::{self, StudyLaw};
 use crate::study::metric::METRIC;
 use crate::study::{Case, EVALUATION_SEEDS, Flown, Run, Study};
@@ -115,7 +115,7 @@ impl CampaignArgs {
     }
 
     fn fly(&self, begin: &BeginSeries) -> Result<Vec<Flown>, Failure> {
-        let laws = law::chosen(&self.controllers, &self.gains, &self.study.settings()?)?;
+        let laws = gains::chosen(&self.controllers, &self.gains, &self.study.settings()?)?;
         let cases = [Case::of_seeds("campaign", self.seeds())];
         match self.clock {
             ClockKind::InProcess => {

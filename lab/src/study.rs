@@ -13,7 +13,7 @@
 //! # use oqtal_config::Setting;
 //! # use oqtal_lab::{progress::Progress, sheet::Sheet};
 //! # use oqtal_lab::study::{*, gains::GainSource, metric::HOVER, table::column};
-//! let laws = law::chosen(&["pid".into(), "oqtal-dt".into()], &GainSource::Tuned, &[])?;
+//! let laws = gains::chosen(&["pid".into(), "oqtal-dt".into()], &GainSource::Tuned, &[])?;
 //! let lag = |ms: f64| Case::of_seeds(format!("{ms} ms"), 200..205).with(Setting::flag("", "plant.rate-lag-ms", ms));
 //! let cases = [50.0, 80.0, 120.0].map(lag);
 //! let rows = Study { name: "rate lags", laws: &laws, cases: &cases }.fly(&Progress::default())?;
@@ -42,6 +42,7 @@ use rayon::prelude::*;
 
 use crate::progress::Progress;
 use crate::simulation;
+pub use flights::{FlightCondition, Run};
 use flights::{FlyMission, NOMINAL, PlantVariant, Test, TestFlights};
 use law::StudyLaw;
 use metric::Figures;
@@ -50,17 +51,6 @@ use metric::Figures;
 pub const EVALUATION_SEEDS: Range<u64> = 200..225;
 /// Seeds of the flights used for tuning.
 pub const TRAINING_SEEDS: Range<u64> = 101..107;
-
-/// Conditions of one flight of every test.
-#[derive(Clone, Debug)]
-pub struct FlightCondition {
-    /// Seed of the flights: `clock.seed`.
-    pub seed: u64,
-    /// Simulated vehicle.
-    pub plant: PlantVariant,
-    /// Settings in addition to those of the law.
-    pub settings: Vec<Setting>,
-}
 
 /// A named set of flights; they form one row per law.
 #[derive(Clone, Debug)]
@@ -108,35 +98,6 @@ pub struct Study<'a> {
     pub laws: &'a [StudyLaw],
     /// The cases.
     pub cases: &'a [Case],
-}
-
-/// Flights of one law in one condition: one per test.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Run {
-    /// Figures; infinite for a test whose flight did not land as planned.
-    pub figures: Figures,
-    /// Number of Riccati equations solved on the path \[-\].
-    pub riccati_solves: u64,
-}
-
-impl Run {
-    /// Whether the flight of `test` landed as planned.
-    #[must_use]
-    pub fn has_landed(&self, test: Test) -> bool {
-        self.figures[test.figure()].is_finite()
-    }
-
-    /// Whether every flight landed as planned.
-    #[must_use]
-    pub fn all_landed(&self) -> bool {
-        Test::ALL.iter().all(|test| self.has_landed(*test))
-    }
-
-    /// Whether all figures are finite: every flight landed as planned, and its path has corners.
-    #[must_use]
-    pub fn is_complete(&self) -> bool {
-        self.figures.iter().all(|figure| figure.is_finite())
-    }
 }
 
 /// A row of a study: one law in one case.

@@ -14,7 +14,7 @@ use crate::csv_text;
 use crate::output::{check_file, write_file};
 use crate::progress::Progress;
 use crate::study::args::{StudyArgs, parse_seeds};
-use crate::study::gains::GainSource;
+use crate::study::gains::{self, GainSource};
 use crate::study::law;
 use crate::study::metric::METRIC;
 use crate::study::{Case, Flown, Study};
@@ -122,7 +122,7 @@ impl SweepArgs {
     /// Flies the sweep. Returns the rows grouped by combination.
     fn fly(&self) -> Result<Vec<SweepRow>, Failure> {
         let combinations = combinations(&self.axes)?;
-        let laws = law::chosen(&self.laws, &self.gains, &self.study.settings()?)?;
+        let laws = gains::chosen(&self.laws, &self.gains, &self.study.settings()?)?;
         let case = |values: &Vec<toml::Value>| {
             let mut case = Case::of_seeds("sweep", self.seeds.clone());
             for (axis, value) in self.axes.iter().zip(values) {

@@ -3,12 +3,13 @@
 
 use std::collections::VecDeque;
 
-use oqtal_bus::message::{Header, HealthV1, TelemetryV1, VehicleV1};
+use oqtal_bus::message::{HealthV1, TelemetryV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Role, Sample};
 
 use crate::event::{self, DaemonCondition};
 use crate::loop_monitor::LoopMonitor;
+use crate::observed_process::ObservedProcess;
 use crate::sink::{Reception, Sink};
 use crate::status::{InstanceStatus, ProcessHealth, VehicleStatus};
 
@@ -22,27 +23,6 @@ pub struct Newest<M> {
     pub received_at: Time,
     /// The sample.
     pub body: M,
-}
-
-/// A process of the instance.
-#[derive(Clone, Copy, Debug)]
-pub struct ObservedProcess {
-    /// Role of the process.
-    pub role: Role,
-    /// Header of the newest health message.
-    pub header: Header,
-    /// Newest health message.
-    pub health: HealthV1,
-    /// Whether the newest health message is older than the time-out.
-    pub is_silent: bool,
-}
-
-impl ObservedProcess {
-    /// Process id \[-\].
-    #[must_use]
-    pub fn pid(&self) -> u32 {
-        self.header.origin().process()
-    }
 }
 
 /// Model of one instance.

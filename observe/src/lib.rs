@@ -45,6 +45,7 @@ pub mod kernel;
 pub mod latency;
 pub mod loop_monitor;
 pub mod nearest;
+pub mod observed_process;
 pub mod observer;
 pub mod page;
 pub mod plot;

@@ -8,7 +8,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
 use serde::Serialize;
 
-use crate::instance::ObservedProcess;
+use crate::observed_process::ObservedProcess;
 
 /// Status of an instance.
 #[derive(Clone, Debug, Default)]

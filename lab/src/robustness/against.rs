@@ -2,7 +2,6 @@
 
 use oqtal_control::statistics::median;
 
-use super::tables::best;
 use crate::sheet::Sheet;
 use crate::study::Flown;
 use crate::study::flights::Test;
@@ -90,6 +89,11 @@ impl GroupComparison<'_> {
         };
         (0..self.own.runs.len()).filter(is_lost).count() as u64
     }
+}
+
+/// Least value of a figure among `laws` in a draw.
+pub(super) fn best(laws: &[&Flown], (draw, metric): (usize, usize)) -> f64 {
+    laws.iter().map(|law| law.runs[draw].figures[metric]).fold(f64::NAN, f64::min)
 }
 
 #[cfg(test)]

@@ -98,13 +98,9 @@ fn worse_than_the_best_other(flown: &[Flown], law: usize, metric: usize) -> f64 
     if others.is_empty() || own.is_empty() {
         return f64::NAN;
     }
-    let is_worse = |(draw, figure): &(usize, &f64)| **figure > best(&others, (*draw, metric));
+    let is_worse =
+        |(draw, figure): &(usize, &f64)| **figure > against::best(&others, (*draw, metric));
     own.iter().enumerate().filter(is_worse).count() as f64 / own.len() as f64
-}
-
-/// Least value of a figure among `laws` in a draw.
-pub(super) fn best(laws: &[&Flown], (draw, metric): (usize, usize)) -> f64 {
-    laws.iter().map(|law| law.runs[draw].figures[metric]).fold(f64::NAN, f64::min)
 }
 
 /// Draws without a landing of each law, and the draw with the worst hover.

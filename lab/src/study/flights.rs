@@ -7,11 +7,51 @@ use toml::{Table, Value};
 
 use super::law::StudyLaw;
 use super::metric::{
-    CHIRP, DOUBLET, HOVER, JITTER, METRICS, OVERSHOOT, POSITION, of_attitude, of_hover, of_path,
+    CHIRP, DOUBLET, Figures, HOVER, JITTER, METRICS, OVERSHOOT, POSITION, of_attitude, of_hover,
+    of_path,
 };
-use super::{FlightCondition, Run};
 use crate::mission::Mission;
 use crate::simulation;
+
+/// Conditions of one flight of every test.
+#[derive(Clone, Debug)]
+pub struct FlightCondition {
+    /// Seed of the flights: `clock.seed`.
+    pub seed: u64,
+    /// Simulated vehicle.
+    pub plant: PlantVariant,
+    /// Settings in addition to those of the law.
+    pub settings: Vec<Setting>,
+}
+
+/// Flights of one law in one condition: one per test.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Run {
+    /// Figures; infinite for a test whose flight did not land as planned.
+    pub figures: Figures,
+    /// Number of Riccati equations solved on the path \[-\].
+    pub riccati_solves: u64,
+}
+
+impl Run {
+    /// Whether the flight of `test` landed as planned.
+    #[must_use]
+    pub fn has_landed(&self, test: Test) -> bool {
+        self.figures[test.figure()].is_finite()
+    }
+
+    /// Whether every flight landed as planned.
+    #[must_use]
+    pub fn all_landed(&self) -> bool {
+        Test::ALL.iter().all(|test| self.has_landed(*test))
+    }
+
+    /// Whether all figures are finite: every flight landed as planned, and its path has corners.
+    #[must_use]
+    pub fn is_complete(&self) -> bool {
+        self.figures.iter().all(|figure| figure.is_finite())
+    }
+}
 
 /// Simulated vehicle that differs from the configured one.
 #[derive(Clone, Copy, Debug)]

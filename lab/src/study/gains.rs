@@ -8,7 +8,7 @@ use oqtal_config::{Config, Setting};
 use oqtal_runtime::process::{Exit, Failure};
 use toml::{Table, Value};
 
-use super::law::StudyLaw;
+use super::law::{StudyLaw, named};
 
 /// Name and text of every file in `deploy/tuned`, output of `oqtal tune`.
 const FILES: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/tuned.rs"));
@@ -110,6 +110,18 @@ impl GainSource {
         };
         Ok(StudyLaw::new(controller, [common, &own].concat(), remark))
     }
+}
+
+/// The laws with these names, each with its gains from `source` under the settings `common`.
+///
+/// # Errors
+/// A directory of gains has no file for a law, or an invalid one (exit code 78).
+pub fn chosen(
+    names: &[String],
+    source: &GainSource,
+    common: &[Setting],
+) -> Result<Vec<StudyLaw>, Failure> {
+    named(names).map(|controller| source.law(controller, common)).collect()
 }
 
 #[cfg(test)]

@@ -4,7 +4,6 @@ use oqtal_config::{Config, Setting};
 use oqtal_control::controller::ControllerName;
 use oqtal_runtime::process::Failure;
 
-use super::gains::GainSource;
 use crate::sheet::Variant;
 
 /// Registered laws in table order, `oqtal-dt` last.
@@ -76,18 +75,6 @@ impl StudyLaw {
     pub fn is_predictive(&self) -> bool {
         self.config().is_ok_and(|config| config.control.is_predictive())
     }
-}
-
-/// The laws with these names, each with its gains from `source` under the settings `common`.
-///
-/// # Errors
-/// A directory of gains has no file for a law, or an invalid one (exit code 78).
-pub fn chosen(
-    names: &[String],
-    source: &GainSource,
-    common: &[Setting],
-) -> Result<Vec<StudyLaw>, Failure> {
-    named(names).map(|controller| source.law(controller, common)).collect()
 }
 
 /// Laws among `asked`, in table order.
