@@ -8,6 +8,7 @@
 //! | `recorder.rs` | sink: joins every tick with the truth |
 //! | `loop_monitor.rs` | sink: latencies and counters of a running instance |
 //! | `instance.rs` | sink: model of a running instance |
+//! | `observed_process.rs` | a process of an observed instance, by its health messages |
 //! | `status.rs` | status of an instance, as text and as JSON |
 //! | `recording.rs` | recordings as MCAP files |
 //! | `event.rs` | events as text |
