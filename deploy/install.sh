@@ -183,10 +183,14 @@ remove_files() {
         "$share"/oqtal-bridge-network.conf "$share"/oqtal-bridge-radio.conf "$etc/oqtal.toml" "$share/oqtal.toml" "$share/etc-oqtal.toml" \
         "$made_user" "$man/oqtal.1" "$man"/oqtal-*.1 "$(completions bash)" "$(completions zsh)" "$(completions fish)"
     # Directories that are not empty are kept.
-    for directory in "$etc" "$share" "$man" "$(dirname "$(completions bash)")" "$(dirname "$(completions zsh)")" \
-        "$(dirname "$(completions fish)")" "$units" "$lib/systemd" "$lib/sysusers.d" "$lib/tmpfiles.d" \
-        "$lib/udev/rules.d" "$lib/udev"; do
+    for directory in "$etc" "$share" "$man" "$units" "$lib/systemd" "$lib/sysusers.d" "$lib/tmpfiles.d" "$lib/udev/rules.d" \
+        "$lib/udev"; do
         rmdir "$directory" 2>/dev/null || true
+    done
+    # The directory of a shell below share, too: no other program may have written completions.
+    for shell in bash zsh fish; do
+        directory=$(dirname "$(completions $shell)")
+        rmdir "$directory" "$(dirname "$directory")" 2>/dev/null || true
     done
 }
 
