@@ -61,7 +61,6 @@ impl Child {
     }
 
     /// Process id.
-    #[must_use]
     pub fn id(&self) -> u32 {
         self.process.id()
     }

@@ -113,7 +113,6 @@ enum Command {
 
 impl Cli {
     /// Executes the command and returns its exit code.
-    #[must_use]
     pub fn execute(self) -> ExitCode {
         let result = match self.command {
             None => self.fly.execute(),

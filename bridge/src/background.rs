@@ -38,7 +38,6 @@ impl<W: BackgroundWorker + Debug + Send> Chore for W {}
 
 impl PortKeeper {
     /// Worker that opens `port` again whenever it is lost.
-    #[must_use]
     pub fn new(
         handle: BackgroundHandle<Note, OpenedLink, LostLink>,
         port: Box<dyn PortOptions>,
@@ -47,7 +46,6 @@ impl PortKeeper {
     }
 
     /// The worker, which also does `chore`.
-    #[must_use]
     pub fn beside(self, chore: Option<Box<dyn Chore>>) -> Self {
         Self { chore, ..self }
     }

@@ -63,7 +63,6 @@ pub struct Bridge {
 
 impl Bridge {
     /// Bridge of `config` through `protocol` and `transport`, without a port yet.
-    #[must_use]
     pub fn new(
         config: &Config,
         protocol: Box<dyn VehicleProtocol>,
@@ -126,7 +125,6 @@ impl Bridge {
     }
 
     /// Instant at which something is due without a command.
-    #[must_use]
     pub fn next_event(&self, now: Time) -> Time {
         let clear_at = self.outbox.clear_at(now);
         let due = self.outbox.retry_at(now).unwrap_or(if self.command_waits {
@@ -168,7 +166,6 @@ impl Bridge {
 
     /// Effect of the stop that is in force: whether a set-point without flight was sent since, and whether the vehicle has reported
     /// since that its motors are off.
-    #[must_use]
     pub fn stop_state(&self) -> (bool, bool) {
         (self.stop_sent, self.stop_sent && self.gate.motors_are_off())
     }
@@ -270,7 +267,6 @@ impl Bridge {
     }
 
     /// Bytes to write to the port: the rest of the frame being sent.
-    #[must_use]
     pub fn outbox(&self) -> &[u8] {
         self.outbox.bytes()
     }
@@ -298,7 +294,6 @@ impl Bridge {
 
     /// Looks at the port, which has `queued` bytes yet to send; returns whether everything handed over is to be discarded, as
     /// `Outbox::is_stuck`.
-    #[must_use]
     pub fn is_stuck(&mut self, now: Time, queued: usize) -> bool {
         self.outbox.is_stuck(now, queued)
     }
@@ -329,13 +324,11 @@ impl Bridge {
     }
 
     /// Time until everything handed over has left.
-    #[must_use]
     pub fn ahead(&self, now: Time) -> Span {
         self.outbox.ahead(now)
     }
 
     /// Whether a port is open and the vehicle has replied within the silence time.
-    #[must_use]
     pub fn is_answering(&self, now: Time) -> bool {
         self.is_open && self.monitor.is_answering(now)
     }

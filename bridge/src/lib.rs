@@ -156,7 +156,6 @@ fn link_help() -> String {
 
 impl BridgeCommand {
     /// Executes the command; returns the exit code of the process.
-    #[must_use]
     pub fn execute(self) -> std::process::ExitCode {
         let command = match self {
             Self::Run(args) => ProcessCommand::Run(args.common()),

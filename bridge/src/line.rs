@@ -12,13 +12,11 @@ pub struct LineOccupancy {
 
 impl LineOccupancy {
     /// Free line of `byte_rate` \[byte/s\]; `None` for a transport whose frames leave at once.
-    #[must_use]
     pub fn new(byte_rate: Option<f64>) -> Self {
         Self { byte_rate, free_at: Time::UNSET }
     }
 
     /// Time that `bytes` occupy the line.
-    #[must_use]
     pub fn time_for(&self, bytes: usize) -> Span {
         self.byte_rate.map_or(Span::ZERO, |rate| Span::from_seconds(bytes as f64 / rate))
     }
@@ -30,13 +28,11 @@ impl LineOccupancy {
     }
 
     /// Time until the line is free; zero if it is.
-    #[must_use]
     pub fn ahead(&self, now: Time) -> Span {
         self.free_at.since(now).max(Span::ZERO)
     }
 
     /// Instant at which the line becomes, or became, free; unset if nothing was handed over.
-    #[must_use]
     pub fn free_at(&self) -> Time {
         self.free_at
     }

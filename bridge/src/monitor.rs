@@ -38,7 +38,6 @@ pub struct VehicleMonitor {
 
 impl VehicleMonitor {
     /// Monitor of a vehicle that has not replied yet; it is silent when no valid reply arrives for `silence`.
-    #[must_use]
     pub fn new(silence: Span) -> Self {
         Self {
             silence,
@@ -97,19 +96,16 @@ impl VehicleMonitor {
     }
 
     /// Transmission time of a frame, from round trips; `None` if none is known.
-    #[must_use]
     pub fn one_way(&self) -> Option<Span> {
         self.round_trips.one_way()
     }
 
     /// Reason why the vehicle did not execute the last request.
-    #[must_use]
     pub fn refusal(&self) -> VehicleRefusal {
         self.refusal
     }
 
     /// The state of the vehicle at `now`, from its replies.
-    #[must_use]
     pub fn state(&mut self, now: Time) -> VehicleV1 {
         VehicleV1 {
             battery_v: self.battery_v,
@@ -124,7 +120,6 @@ impl VehicleMonitor {
     }
 
     /// Whether a valid reply has arrived within the silence time.
-    #[must_use]
     pub fn is_answering(&self, now: Time) -> bool {
         self.received_at.is_set() && now.since(self.received_at) <= self.silence
     }

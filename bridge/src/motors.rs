@@ -137,13 +137,11 @@ pub struct MotorSequencer {
 
 impl MotorSequencer {
     /// State machine in state `Inhibited` at `now`; its sequences last at most `longest`.
-    #[must_use]
     pub fn new(now: Time, longest: Span) -> Self {
         Self { state: MotorState::Inhibited, since: now, longest, started_here: false }
     }
 
     /// The present state.
-    #[must_use]
     pub fn state(&self) -> MotorState {
         self.state
     }
@@ -162,7 +160,6 @@ impl MotorSequencer {
     }
 
     /// Whether the motors may run because of what the bridge sent.
-    #[must_use]
     pub fn may_run(&self) -> bool {
         self.started_here || !matches!(self.state, MotorState::Inhibited | MotorState::Off)
     }

@@ -56,7 +56,6 @@ pub struct Outbox {
 
 impl Outbox {
     /// Empty outbox before `line`, for set-points of `setpoint_bytes` every `period`.
-    #[must_use]
     pub fn new(line: LineOccupancy, setpoint_bytes: usize, period: Span) -> Self {
         let setpoint = line.time_for(setpoint_bytes);
         Self { line, setpoint, period, outgoing: None, held_since: None }
@@ -69,19 +68,16 @@ impl Outbox {
     }
 
     /// Whether no frame is on its way.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.outgoing.is_none()
     }
 
     /// Whether no other frame may begin: one is on its way, or the port holds bytes back.
-    #[must_use]
     pub fn is_blocked(&self) -> bool {
         self.outgoing.is_some() || self.held_since.is_some()
     }
 
     /// Instant at which a blocked port is tried again; `None` if it is not blocked.
-    #[must_use]
     pub fn retry_at(&self, now: Time) -> Option<Time> {
         self.is_blocked().then(|| now + RETRY)
     }
@@ -92,7 +88,6 @@ impl Outbox {
     }
 
     /// Bytes to write to the port: the rest of the frame being sent.
-    #[must_use]
     pub fn bytes(&self) -> &[u8] {
         self.outgoing
             .as_ref()
@@ -115,7 +110,6 @@ impl Outbox {
 
     /// Looks at the port, which has `queued` bytes yet to send; returns whether everything handed over is to be discarded: a
     /// frame stands, or the port holds bytes back, for longer than a period.
-    #[must_use]
     pub fn is_stuck(&mut self, now: Time, queued: usize) -> bool {
         let tolerated = self.line.ahead(now) + self.setpoint.scaled(BACKLOG_SETPOINTS);
         let holds_back = self.line.time_for(queued) > tolerated;
@@ -129,20 +123,17 @@ impl Outbox {
     }
 
     /// Time until everything handed over has left.
-    #[must_use]
     pub fn ahead(&self, now: Time) -> Span {
         self.line.ahead(now)
     }
 
     /// Time that `bytes` occupy the line.
-    #[must_use]
     pub fn time_for(&self, bytes: usize) -> Span {
         self.line.time_for(bytes)
     }
 
     /// Instant at which the backlog of the line falls to one set-point. Until then a waiting command can still be replaced by a
     /// newer one.
-    #[must_use]
     pub fn clear_at(&self, now: Time) -> Time {
         now + (self.line.ahead(now) - self.setpoint).max(Span::ZERO)
     }

@@ -29,7 +29,6 @@ pub struct PoseRelay {
 
 impl PoseRelay {
     /// Relay of poses published at most `age` ago.
-    #[must_use]
     pub fn new(age: Span) -> Self {
         Self { age, waiting: None, captured_at: Time::UNSET, sent_at: Time::UNSET }
     }

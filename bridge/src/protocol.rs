@@ -25,7 +25,6 @@ impl VehicleFrame {
     pub const EMPTY: Self = Self { bytes: [0; MAX_FRAME], length: 0 };
 
     /// Frame of `bytes`; empty if there are more than [`MAX_FRAME`].
-    #[must_use]
     pub fn of(bytes: &[u8]) -> Self {
         let mut frame = Self::EMPTY;
         if let Some(place) = frame.bytes.get_mut(..bytes.len()) {
@@ -36,7 +35,6 @@ impl VehicleFrame {
     }
 
     /// The bytes of the frame.
-    #[must_use]
     pub fn bytes(&self) -> &[u8] {
         &self.bytes[..self.length]
     }
@@ -128,7 +126,6 @@ pub struct FrameSizes {
 
 impl FrameSizes {
     /// Lengths with `overhead` bytes added to every frame.
-    #[must_use]
     pub fn with_overhead(self, overhead: usize) -> Self {
         let Self { setpoint, acknowledgement, periodic, periodic_reply } = self;
         let [setpoint, acknowledgement, periodic, periodic_reply] =
@@ -138,7 +135,6 @@ impl FrameSizes {
     }
 
     /// Longest frame to the vehicle \[bytes\].
-    #[must_use]
     pub fn longest_sent(&self) -> usize {
         self.setpoint.max(self.periodic)
     }
@@ -208,7 +204,6 @@ pub struct PeriodicTimer {
 
 impl PeriodicTimer {
     /// Timer that is due at once, and then every `period`.
-    #[must_use]
     pub fn new(period: Span) -> Self {
         Self { period, last: Time::UNSET }
     }

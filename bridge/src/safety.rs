@@ -76,7 +76,6 @@ pub struct CommandGate {
 
 impl CommandGate {
     /// Gate to a vehicle of unknown state.
-    #[must_use]
     pub fn new(now: Time, limits: SafetyLimits) -> Self {
         Self {
             limits,
@@ -133,7 +132,6 @@ impl CommandGate {
     }
 
     /// Whether a status that arrived since an operator's stop reports motors off.
-    #[must_use]
     pub fn motors_are_off(&self) -> bool {
         let (Some(since), Some(status)) = (self.stopped_since, self.status) else { return false };
         // A toggle that was sent may still take effect.
@@ -151,20 +149,17 @@ impl CommandGate {
     }
 
     /// Holder of the control of the vehicle.
-    #[must_use]
     pub fn control(&self) -> ControlHolder {
         self.control
     }
 
     /// Whether a flight could have begun since the port was opened. An earlier request has no effect, however long it lasts, so the
     /// vehicle must not be reported as waiting for one.
-    #[must_use]
     pub fn is_ready(&self) -> bool {
         self.is_ready
     }
 
     /// Whether another has control: no set-point is sent.
-    #[must_use]
     pub fn is_released(&self) -> bool {
         self.control == ControlHolder::Another
     }
@@ -196,32 +191,27 @@ impl CommandGate {
     }
 
     /// Whether the start sequence is being sent.
-    #[must_use]
     pub fn is_starting(&self) -> bool {
         self.motors.state() == MotorState::Starting
     }
 
     /// Whether a motor sequence is being sent: a fresh status is then urgent.
-    #[must_use]
     pub fn is_in_sequence(&self) -> bool {
         matches!(self.motors.state(), MotorState::Starting | MotorState::Stopping)
     }
 
     /// Whether the motors may run because of what the bridge sent.
-    #[must_use]
     pub fn may_run(&self) -> bool {
         self.motors.may_run()
     }
 
     /// Whether the last status, of any age, reports running motors. Without a new status they are not assumed to have stopped; a
     /// motor sequence requires a fresh one.
-    #[must_use]
     pub fn last_status_running(&self) -> bool {
         self.status.is_some_and(|status| status.running)
     }
 
     /// Number of commands rejected: past their timeout, stamped in the future, or older than the one before.
-    #[must_use]
     pub fn rejected(&self) -> u64 {
         self.rejected
     }

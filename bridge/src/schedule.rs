@@ -34,7 +34,6 @@ pub struct Schedule {
 
 impl Schedule {
     /// Schedule with a set-point at least every `period`, and periodic frames `spacing` apart, as [`spacing`] computes it.
-    #[must_use]
     pub fn new(period: Span, spacing: Span) -> Self {
         Self {
             period,
@@ -55,7 +54,6 @@ impl Schedule {
     }
 
     /// Instant of the next set-point if no command arrives.
-    #[must_use]
     pub fn next_setpoint(&self) -> Time {
         let periods = if self.own_setpoints == 0 { OWN_CLOCK_PERIODS } else { 1.0 };
         self.last_setpoint + self.period.scaled(periods)
@@ -72,7 +70,6 @@ impl Schedule {
 
     /// Whether a periodic frame fits behind the set-point sent at `now`: the last periodic frame is not too recent, and it ends
     /// before the next set-point, after `ahead` for the occupied line and `sending` for itself.
-    #[must_use]
     pub fn has_room(&self, now: Time, ahead: Span, sending: Span) -> bool {
         // The next command follows one period after this set-point, also if the own clock would wait longer.
         let room = (self.last_setpoint + self.period).since(now);
@@ -90,7 +87,6 @@ impl Schedule {
 
 /// Spacing of periodic frames, if a set-point and its acknowledgement take `setpoint` of every `period`, and a request and its
 /// answer take `exchange`; `None` if there is no room for any.
-#[must_use]
 pub fn spacing(period: Span, setpoint: Span, exchange: Span) -> Option<Span> {
     let has_room = |periods: &u32| {
         let periods = f64::from(*periods);

@@ -148,7 +148,6 @@ impl VehicleSetup {
 }
 
 /// The transport over the link `spec`, to the radio `peer` if the link is a radio in API mode.
-#[must_use]
 pub fn transport(spec: &LinkSpec, peer: Address) -> Box<dyn VehicleTransport> {
     if let LinkSpec::Asctec(AsctecLink { serial, xbee }) = spec
         && *xbee != Framing::Transparent

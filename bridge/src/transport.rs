@@ -35,7 +35,6 @@ pub trait VehicleTransport: Debug + Send {
 }
 
 /// Rate of a serial port at `baud` \[byte/s\].
-#[must_use]
 pub fn serial_byte_rate(baud: u32) -> f64 {
     f64::from(baud) / BITS_PER_BYTE
 }
@@ -48,13 +47,11 @@ pub struct BareTransport {
 
 impl BareTransport {
     /// Frames over a serial line at `baud`.
-    #[must_use]
     pub fn serial(baud: u32) -> Self {
         Self { byte_rate: Some(serial_byte_rate(baud)) }
     }
 
     /// Frames that leave the machine at once.
-    #[must_use]
     pub fn immediate() -> Self {
         Self { byte_rate: None }
     }

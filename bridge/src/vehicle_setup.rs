@@ -42,7 +42,6 @@ pub struct ParameterReport {
 
 impl ParameterReport {
     /// Whether the parameter is correct.
-    #[must_use]
     pub fn is_right(&self) -> bool {
         self.set.or(self.found).is_some_and(|value| self.wanted.value.is_met_by(value))
     }

@@ -19,7 +19,6 @@ pub struct XbeeTransport {
 
 impl XbeeTransport {
     /// Transport to the radio `peer`, through a radio at `baud` whose serial port is framed by `framing`.
-    #[must_use]
     pub fn new(framing: Framing, peer: Address, baud: u32) -> Self {
         Self { carrier: Carrier::new(framing, Side::Host, peer), baud }
     }

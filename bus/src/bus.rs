@@ -48,7 +48,6 @@ impl Bus {
     }
 
     /// Paths and names of the instance.
-    #[must_use]
     pub fn paths(&self) -> &InstancePaths {
         &self.paths
     }

@@ -11,13 +11,11 @@ macro_rules! code {
 
         impl $name {
             /// Representation in a message.
-            #[must_use]
             pub const fn code(self) -> u8 {
                 self as u8
             }
 
             /// The value of a byte; `None` for an invalid byte.
-            #[must_use]
             pub const fn from_code(code: u8) -> Option<Self> {
                 match code {
                     $($number => Some(Self::$variant),)*
@@ -85,7 +83,6 @@ code! {
 
 impl SafetyState {
     /// Whether the daemon ends the flight in this state.
-    #[must_use]
     pub fn ends_flight(self) -> bool {
         self >= Self::Land
     }

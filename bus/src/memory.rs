@@ -79,7 +79,6 @@ impl fmt::Debug for MemoryBus {
 
 impl MemoryBus {
     /// A bus without topics.
-    #[must_use]
     pub fn new() -> Self {
         Self::default()
     }

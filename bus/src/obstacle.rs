@@ -60,26 +60,22 @@ pub struct ArmingObstacles(u32);
 
 impl ArmingObstacles {
     /// Set received in a message; unknown bits are ignored.
-    #[must_use]
     pub fn from_bits(bits: u32) -> Self {
         let known = ArmingObstacle::ALL.iter().fold(0, |set, obstacle| set | obstacle.bit());
         Self(bits & known)
     }
 
     /// Representation in a message.
-    #[must_use]
     pub fn bits(self) -> u32 {
         self.0
     }
 
     /// The set, with `obstacle` added if `present`.
-    #[must_use]
     pub fn with(self, obstacle: ArmingObstacle, present: bool) -> Self {
         if present { Self(self.0 | obstacle.bit()) } else { self }
     }
 
     /// Whether the set is empty.
-    #[must_use]
     pub fn is_empty(self) -> bool {
         self.0 == 0
     }

@@ -11,37 +11,31 @@ pub struct Origin(u64);
 
 impl Origin {
     /// The process with this id on the host with this number.
-    #[must_use]
     pub const fn new(host: u32, process: u32) -> Self {
         Self((host as u64) << 32 | process as u64)
     }
 
     /// This process on this host.
-    #[must_use]
     pub fn own() -> Self {
         Self::new(own_host(), std::process::id())
     }
 
     /// The origin with this representation in a header.
-    #[must_use]
     pub const fn from_bits(bits: u64) -> Self {
         Self(bits)
     }
 
     /// Representation in a header \[-\].
-    #[must_use]
     pub const fn bits(self) -> u64 {
         self.0
     }
 
     /// Process id \[-\].
-    #[must_use]
     pub const fn process(self) -> u32 {
         (self.0 & 0xffff_ffff) as u32
     }
 
     /// Host number: a hash of the host's name, never 0 \[-\].
-    #[must_use]
     pub const fn host(self) -> u32 {
         (self.0 >> 32) as u32
     }

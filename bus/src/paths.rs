@@ -42,7 +42,6 @@ impl InstancePaths {
     /// Prefix of the names of this instance's files in shared memory; a random number follows in every name. It contains a hash
     /// of the root, because all roots share one shared memory. The prefix does not depend on the path by which an existing root
     /// is named.
-    #[must_use]
     pub fn prefix(&self) -> String {
         let root = self.root.canonicalize().unwrap_or_else(|_| self.root.clone());
         let root = fnv1a(FNV_OFFSET, root.as_os_str().as_encoded_bytes());
@@ -55,13 +54,11 @@ impl InstancePaths {
     }
 
     /// Directory of the instance.
-    #[must_use]
     pub fn directory(&self) -> PathBuf {
         self.root.join(&self.instance)
     }
 
     /// Path of the link to an emulated vehicle of this instance. It is removed when the last process leaves.
-    #[must_use]
     pub fn wire(&self) -> PathBuf {
         self.directory().join(WIRE)
     }

@@ -99,7 +99,6 @@ impl StopSwitch {
     }
 
     /// Processes that obey the stop `number`, or a later one.
-    #[must_use]
     pub fn report(&self, number: u32) -> StopReport {
         // Numbers wrap around: the later of two numbers is less than half of all numbers ahead.
         let reached = |word| self.word(word).wrapping_sub(number) < u32::MAX / 2;
@@ -141,7 +140,6 @@ pub struct VehicleStop {
 
 impl VehicleStop {
     /// Vehicle's side, for the only process that controls the motors.
-    #[must_use]
     pub fn new(switch: StopSwitch) -> Self {
         Self { switch, in_force: None }
     }
@@ -163,7 +161,6 @@ impl VehicleStop {
     }
 
     /// Instant at which the stop in force was first seen; `None` without one.
-    #[must_use]
     pub fn since(&self) -> Option<Time> {
         self.in_force.map(|stop| stop.since)
     }
@@ -203,7 +200,6 @@ pub struct ControllerStop {
 
 impl ControllerStop {
     /// Side of a daemon that starts: a stop not lifted by the vehicle counts as new.
-    #[must_use]
     pub fn new(switch: StopSwitch) -> Self {
         let seen = switch.word(LIFTED);
         Self { switch, seen }

@@ -21,7 +21,6 @@ pub struct ClockReadings {
 
 impl ClockReadings {
     /// Reads both clocks.
-    #[must_use]
     #[expect(clippy::disallowed_methods, reason = "clocks are read here")]
     pub fn now() -> Self {
         let before = Time::now();
@@ -34,7 +33,6 @@ impl ClockReadings {
 
     /// Converts the instant `at` of the boot-time clock to the monotonic clock, in which the kernel takes deadlines; early by up
     /// to the time between the readings, never late.
-    #[must_use]
     pub fn on_monotonic(&self, at: Time) -> Time {
         self.monotonic + at.since(self.boot)
     }
@@ -50,7 +48,6 @@ pub struct SuspendWatch {
 
 impl SuspendWatch {
     /// A watch that starts at `readings`.
-    #[must_use]
     pub fn new(readings: &ClockReadings) -> Self {
         Self { suspended: readings.boot.since(readings.monotonic) }
     }

@@ -15,7 +15,6 @@ impl ShortText {
     pub const EMPTY: Self = Self([0; CAPACITY]);
 
     /// Message text from `text`, without control characters.
-    #[must_use]
     pub fn new(text: &str) -> Self {
         let mut bytes = [0; CAPACITY];
         let mut length = 0;
@@ -29,7 +28,6 @@ impl ShortText {
     }
 
     /// Message text from arbitrary bytes up to the first zero; bytes other than printable ASCII become `?`.
-    #[must_use]
     pub fn from_ascii(bytes: &[u8]) -> Self {
         let mut text = Self::EMPTY;
         let ends = bytes.iter().take_while(|byte| **byte != 0);
@@ -40,20 +38,17 @@ impl ShortText {
     }
 
     /// The text; empty for received bytes that are not UTF-8.
-    #[must_use]
     pub fn as_str(&self) -> &str {
         let length = self.0.iter().position(|byte| *byte == 0).unwrap_or(CAPACITY);
         str::from_utf8(&self.0[..length]).unwrap_or_default()
     }
 
     /// Whether the text is empty.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.as_str().is_empty()
     }
 
     /// The bytes, padded with zeros.
-    #[must_use]
     pub(crate) const fn bytes(self) -> [u8; CAPACITY] {
         self.0
     }

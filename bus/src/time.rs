@@ -47,19 +47,16 @@ impl Time {
     pub const VIRTUAL_START: Self = Self(NANOS_PER_SECOND);
 
     /// The instant `nanos` after the clock's origin.
-    #[must_use]
     pub const fn from_nanos(nanos: u64) -> Self {
         Self(nanos)
     }
 
     /// Nanoseconds since the clock's origin.
-    #[must_use]
     pub const fn nanos(self) -> u64 {
         self.0
     }
 
     /// Reads `CLOCK_BOOTTIME` (through the vDSO, no system call).
-    #[must_use]
     #[expect(clippy::disallowed_methods, reason = "clocks are read here")]
     pub fn now() -> Self {
         let Timespec { tv_sec, tv_nsec } = clock_gettime(ClockId::Boottime);
@@ -69,7 +66,6 @@ impl Time {
 
     /// Offset from the monotonic clock's origin to the Unix epoch, to be added to an instant of [`Time::now`]; reads the wall
     /// clock. Changes whenever the wall clock is set.
-    #[must_use]
     #[expect(clippy::disallowed_methods, reason = "clocks are read here")]
     pub fn wall_offset() -> Span {
         let wall = clock_gettime(ClockId::Realtime);
@@ -79,13 +75,11 @@ impl Time {
     }
 
     /// Whether the stamp is set.
-    #[must_use]
     pub const fn is_set(self) -> bool {
         self.0 != 0
     }
 
     /// The time from `earlier` to `self`.
-    #[must_use]
     pub const fn since(self, earlier: Self) -> Span {
         Span(self.0.wrapping_sub(earlier.0).cast_signed())
     }
@@ -96,49 +90,41 @@ impl Span {
     pub const ZERO: Self = Self(0);
 
     /// A span of `nanos` nanoseconds.
-    #[must_use]
     pub const fn from_nanos(nanos: i64) -> Self {
         Self(nanos)
     }
 
     /// A span of `millis` milliseconds.
-    #[must_use]
     pub const fn from_millis(millis: i64) -> Self {
         Self(millis * 1_000_000)
     }
 
     /// A span of `seconds`, to the nearest nanosecond.
-    #[must_use]
     pub fn from_seconds(seconds: f64) -> Self {
         Self((seconds * 1e9).round() as i64)
     }
 
     /// One period of a `rate_hz` clock, to the nearest nanosecond.
-    #[must_use]
     pub fn period_of(rate_hz: f64) -> Self {
         Self::from_seconds(1.0 / rate_hz)
     }
 
     /// Nanoseconds.
-    #[must_use]
     pub const fn nanos(self) -> i64 {
         self.0
     }
 
     /// Seconds.
-    #[must_use]
     pub fn seconds(self) -> f64 {
         self.0 as f64 * 1e-9
     }
 
     /// This span times `factor`, to the nearest nanosecond.
-    #[must_use]
     pub fn scaled(self, factor: f64) -> Self {
         Self((self.0 as f64 * factor).round() as i64)
     }
 
     /// As a standard duration; zero if negative.
-    #[must_use]
     pub fn to_duration(self) -> std::time::Duration {
         std::time::Duration::from_nanos(self.0.max(0).unsigned_abs())
     }
@@ -187,19 +173,16 @@ pub struct Grid {
 
 impl Grid {
     /// A grid of `rate_hz` instants a second whose instant 0 is `start`.
-    #[must_use]
     pub const fn new(start: Time, rate_hz: f64) -> Self {
         Self { start, rate_hz, index: 0, next: start }
     }
 
     /// Index of the next instant \[-\].
-    #[must_use]
     pub const fn index(&self) -> u64 {
         self.index
     }
 
     /// The next instant.
-    #[must_use]
     pub const fn next(&self) -> Time {
         self.next
     }

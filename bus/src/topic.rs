@@ -115,25 +115,21 @@ impl Role {
     pub const ALL: [Self; 4] = [Self::Plant, Self::Mocap, Self::Daemon, Self::Recorder];
 
     /// Name of the process.
-    #[must_use]
     pub const fn name(self) -> &'static str {
         self.names().process
     }
 
     /// Topic of this process's health.
-    #[must_use]
     pub const fn health(self) -> Topic<HealthV1> {
         Topic::new(self.names().health, STATE)
     }
 
     /// Topic on which the leader advances the virtual time of this process.
-    #[must_use]
     pub const fn time_advance(self) -> Topic<TimeAdvanceV1> {
         Topic::new(self.names().advance, EXCHANGE)
     }
 
     /// Topic on which this process reports the end of a turn.
-    #[must_use]
     pub const fn turn_done(self) -> Topic<TurnDoneV1> {
         Topic::new(self.names().done, EXCHANGE)
     }

@@ -22,7 +22,6 @@ pub enum Interface {
 impl Interface {
     /// Whether the vehicle has its own attitude loop: it then stays level without the daemon's attitude law, and without new
     /// poses.
-    #[must_use]
     pub const fn holds_attitude(self) -> bool {
         matches!(self, Self::Attitude)
     }

@@ -162,14 +162,12 @@ impl Config {
     }
 
     /// Adds the origin of the option in `error`, which is named by its full key.
-    #[must_use]
     pub fn locate(&self, error: &OptionError) -> ConfigError {
         self.origins.locate(error)
     }
 
     /// As [`Config::locate`]. An error whose option no setting touches is blamed on the first setting with which `is_kept` no longer
     /// holds: a long trajectory, for instance, and not the border of the room that it leaves.
-    #[must_use]
     pub fn locate_change(
         &self,
         error: &OptionError,
@@ -189,13 +187,11 @@ impl Config {
     }
 
     /// Whether a recording is played instead of the cameras.
-    #[must_use]
     pub fn is_replay(&self) -> bool {
         !self.mocap.replay.is_empty()
     }
 
     /// Number of poses per tick of the loop \[-\]: poses of cameras much faster than the loop are decimated.
-    #[must_use]
     pub fn poses_per_tick(&self) -> f64 {
         (self.safety.pose_rate_hz / self.control.rate_hz).round().max(1.0)
     }
@@ -226,7 +222,6 @@ impl Config {
     }
 
     /// Rates of cameras and loop, as text.
-    #[must_use]
     pub fn pace(&self) -> String {
         let (cameras, wanted) = (self.safety.pose_rate_hz, self.control.rate_hz);
         let every = self.poses_per_tick();
@@ -237,7 +232,6 @@ impl Config {
     }
 
     /// Warning that the loop cannot run at the requested rate, because it is not a whole number of poses; `None` if it can.
-    #[must_use]
     pub fn rate_warning(&self) -> Option<String> {
         let rate = self.safety.pose_rate_hz / self.poses_per_tick();
         ((rate / self.control.rate_hz - 1.0).abs() > RATE_TOLERANCE)
@@ -245,20 +239,17 @@ impl Config {
     }
 
     /// Warnings for settings with keys of earlier versions, with their origins.
-    #[must_use]
     pub fn rename_warnings(&self) -> &[String] {
         &self.origins.rename_warnings
     }
 
     /// The configuration as a file with every key, one key per line.
-    #[must_use]
     pub fn to_toml(&self) -> String {
         toml::to_string(self).expect("a configuration holds only what TOML can say")
     }
 
     /// Hash of the effective configuration, without the settings that say where and how it is flown: instance, kind of clock,
     /// log, ends of wires, and directories of input files.
-    #[must_use]
     pub fn hash(&self) -> u64 {
         let mut flown =
             Table::try_from(self).expect("a configuration holds only what TOML can say");

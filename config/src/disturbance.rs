@@ -46,13 +46,11 @@ pub struct TimedDisturbance {
 
 impl TimedDisturbance {
     /// Time at which the disturbance ends, from the first command that arms; infinite if it lasts to the end of the flight \[s\].
-    #[must_use]
     pub fn end_s(&self) -> f64 {
         self.duration_s.map_or(f64::INFINITY, |duration| self.at_s + duration)
     }
 
     /// Forms of a disturbance, for messages.
-    #[must_use]
     pub fn grammar() -> String {
         let mut text =
             "expected KIND@TIME[+DURATION]=VALUE; times in seconds, TIME from arming,\n  \

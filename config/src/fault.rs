@@ -39,19 +39,16 @@ pub struct Fault {
 
 impl Fault {
     /// Time at which the fault ends, from the first command that arms; infinite if it lasts to the end of the flight \[s\].
-    #[must_use]
     pub fn end_s(&self) -> f64 {
         self.duration_s.map_or(f64::INFINITY, |duration| self.at_s + duration)
     }
 
     /// The magnitude as a number, 0 for kinds without one \[unit of the magnitude\].
-    #[must_use]
     pub fn value(&self) -> f64 {
         self.magnitude.map_or(0.0, |magnitude| magnitude.value)
     }
 
     /// The forms of a fault, for messages: one line for each target.
-    #[must_use]
     pub fn grammar() -> String {
         let mut text =
             "expected TARGET:KIND[=VALUE]@TIME[+DURATION], in seconds, TIME from arming, \

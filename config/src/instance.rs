@@ -26,7 +26,6 @@ pub enum ClockKind {
 
 impl ClockKind {
     /// Name of the clock in a configuration.
-    #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Real => "real",

@@ -18,7 +18,6 @@ const SECTION: &str = "instance";
 impl InstanceOptions {
     /// The instance according to `file` (if any), the environment and `flags`, as far as they are readable. Settings of other
     /// sections are ignored. Unusable settings are left out and returned as errors.
-    #[must_use]
     pub fn salvage(file: Option<&Path>, flags: &[Setting]) -> (Self, Vec<ConfigError>) {
         Self::salvage_under(file, std::env::vars_os(), flags)
     }

@@ -22,7 +22,6 @@ pub struct Setting {
 
 impl Setting {
     /// A setting made by a flag.
-    #[must_use]
     pub fn flag(flag: &str, key: &str, value: impl Into<Value>) -> Self {
         Self { key: key.to_owned(), value: value.into(), origin: flag.to_owned() }
     }

@@ -56,7 +56,6 @@ impl OperatingPoint {
     ///
     /// An `eps` with `lambda` below [`LAMBDA_MIN`] is shortened until `lambda` equals it. The corner of a cell may
     /// have a norm above 1, the greatest possible norm of an error.
-    #[must_use]
     pub fn new(eps: Vector3<f64>, omega_e: Vector3<f64>) -> Self {
         let longest = (1.0 - LAMBDA_MIN * LAMBDA_MIN).sqrt();
         let eps = eps.cap_magnitude(longest);
@@ -80,7 +79,6 @@ pub struct ErrorModel {
 
 impl ErrorModel {
     /// The model of the version `jacobian` at `point`.
-    #[must_use]
     pub fn at(jacobian: Jacobian, point: &OperatingPoint) -> Self {
         let zero = Matrix3::zeros();
         let (omega_omega, omega_eps) = match jacobian {
@@ -105,7 +103,6 @@ impl ErrorModel {
     }
 
     /// `A` for the state `[omega_e; eps]`.
-    #[must_use]
     pub fn state_matrix(&self) -> Matrix6<f64> {
         let mut a = Matrix6::zeros();
         // Eq. (41)

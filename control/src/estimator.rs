@@ -69,7 +69,6 @@ pub struct Estimator {
 
 impl Estimator {
     /// An estimator without a pose yet.
-    #[must_use]
     pub fn new(options: EstimatorOptions) -> Self {
         Self { options, last_t_s: None, estimate: Estimate::default() }
     }
@@ -97,7 +96,6 @@ impl Estimator {
     }
 
     /// The motion at the last pose, for a tick without a new pose; all zero and level before the first pose.
-    #[must_use]
     pub fn latest(&self) -> Estimate {
         self.estimate
     }

@@ -22,7 +22,6 @@ pub struct EulerAngles {
 
 impl EulerAngles {
     /// The angles of an attitude. At a pitch of 90 degrees, where only the sum of roll and yaw is defined, roll is 0.
-    #[must_use]
     pub fn from_attitude(attitude: &Attitude) -> Self {
         // The world-to-body matrix of Eq. (16), solved for the angles.
         let r = attitude.unit_quaternion().to_rotation_matrix().transpose();
@@ -36,19 +35,16 @@ impl EulerAngles {
     }
 
     /// The angles in the order `[phi, theta, psi]` \[rad\].
-    #[must_use]
     pub fn from_vector(theta: &Vector3<f64>) -> Self {
         Self { roll: theta.x, pitch: theta.y, yaw: theta.z }
     }
 
     /// `[phi, theta, psi]` \[rad\].
-    #[must_use]
     pub fn vector(&self) -> Vector3<f64> {
         Vector3::new(self.roll, self.pitch, self.yaw)
     }
 
     /// The quaternion `[q1 q2 q3 eta]` of these angles, scalar last, body to world \[-\].
-    #[must_use]
     pub fn xyzw(&self) -> [f64; 4] {
         let ((s_phi, c_phi), (s_theta, c_theta)) =
             ((self.roll / 2.0).sin_cos(), (self.pitch / 2.0).sin_cos());
@@ -63,7 +59,6 @@ impl EulerAngles {
     }
 
     /// `R`: takes world components to body components \[-\].
-    #[must_use]
     pub fn rotation(&self) -> Matrix3<f64> {
         let ((s_phi, c_phi), (s_theta, c_theta)) = (self.roll.sin_cos(), self.pitch.sin_cos());
         let (s_psi, c_psi) = self.yaw.sin_cos();
@@ -79,7 +74,6 @@ impl EulerAngles {
 
     /// `H^-1`: takes the body rate to the rates of the angles \[-\]. The matrix grows without bound towards a pitch
     /// of 90 degrees.
-    #[must_use]
     pub fn rate_matrix(&self) -> Matrix3<f64> {
         let ((s_phi, c_phi), (s_theta, c_theta)) = (self.roll.sin_cos(), self.pitch.sin_cos());
         let t_theta = s_theta / c_theta;
@@ -94,7 +88,6 @@ impl EulerAngles {
     }
 
     /// The rates of the angles \[rad/s\] of a body that turns at `omega`.
-    #[must_use]
     pub fn rates(&self, omega: BodyRate) -> EulerRates {
         // Eq. (1)
         EulerRates(self.rate_matrix() * omega.0)

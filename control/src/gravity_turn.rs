@@ -71,13 +71,11 @@ impl GravityTurn {
     }
 
     /// Time at which the lander hovers \[s\].
-    #[must_use]
     pub fn hover_time_s(&self) -> f64 {
         self.at_angle(0.0).time_s
     }
 
     /// State at which the velocity is `angle_rad` from the vertical, between the initial angle and 0.
-    #[must_use]
     pub fn at_angle(&self, angle_rad: f64) -> TurnState {
         let Self { thrust_ratio: n, gravity: g, constant: c, .. } = *self;
         let u = (angle_rad / 2.0).tan();
@@ -93,7 +91,6 @@ impl GravityTurn {
     }
 
     /// The state at `time_s` \[s\] after the start. After the hover the thrust accelerates the lander straight up.
-    #[must_use]
     pub fn at_time(&self, time_s: f64) -> TurnState {
         let hover = self.at_angle(0.0);
         let after = time_s - hover.time_s;
@@ -160,7 +157,6 @@ pub struct Guidance {
 
 impl Guidance {
     /// A guidance without a previous command.
-    #[must_use]
     pub fn new(options: GuidanceOptions) -> Self {
         Self { options, last: AttitudeReference::default(), is_frozen: false }
     }

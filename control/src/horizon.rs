@@ -48,7 +48,6 @@ pub struct HorizonSolution<const M: usize> {
 impl<const S: usize, const M: usize> HorizonProgram<S, M> {
     /// Solves the program from the state `x_0`. `None` if a number is not finite or exceeds every vehicle motion, or if the
     /// method does not converge.
-    #[must_use]
     pub fn solve(
         &self,
         x_0: &SVector<f64, S>,

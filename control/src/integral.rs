@@ -12,13 +12,11 @@ pub struct Integral {
 impl Integral {
     /// An integral at zero whose components stay within `limit` \[the unit of the error times s\],
     /// which is not negative.
-    #[must_use]
     pub fn new(limit: f64) -> Self {
         Self { value: Vector3::zeros(), limit }
     }
 
     /// The integral \[the unit of the error times s\].
-    #[must_use]
     pub fn value(&self) -> &Vector3<f64> {
         &self.value
     }

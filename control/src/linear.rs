@@ -13,7 +13,6 @@ const TERMS: u32 = 14;
 /// ..`, by scaling and squaring (Moler and Van Loan, *SIAM Review* 45, 2003; C. Van Loan, *IEEE
 /// TAC* 23, 1978). Results that overflow, or data that are not finite, give numbers that are not
 /// finite.
-#[must_use]
 pub fn discretise<const N: usize, const M: usize>(
     a: &SMatrix<f64, N, N>,
     b: &SMatrix<f64, N, M>,

@@ -57,14 +57,12 @@ impl TableTwo {
     }
 
     /// The cost as printed: the integral of `q eps'eps + r tau'tau` \[s\].
-    #[must_use]
     pub fn cost(&self, weights: CostWeights) -> f64 {
         // Eq. (60)
         weights.q * self.quaternion_error_squared + weights.r * self.effort_squared
     }
 
     /// The cost that the printed tables follow: the integral of `q |eps| + r |tau|` \[s\].
-    #[must_use]
     pub fn cost_of_norms(&self, weights: CostWeights) -> f64 {
         // Eq. (60), erratum E-60
         weights.q * self.quaternion_error + weights.r * self.effort
@@ -94,25 +92,21 @@ impl Statistics {
     }
 
     /// Number of values added \[-\].
-    #[must_use]
     pub fn count(&self) -> u64 {
         self.count
     }
 
     /// Arithmetic mean \[unit of the values\]; 0 before the first value.
-    #[must_use]
     pub fn mean(&self) -> f64 {
         self.mean
     }
 
     /// Root of the mean square \[unit of the values\]; 0 before the first value.
-    #[must_use]
     pub fn rms(&self) -> f64 {
         self.mean_square.sqrt()
     }
 
     /// Greatest value \[unit of the values\]; 0 before the first.
-    #[must_use]
     pub fn max(&self) -> f64 {
         self.max
     }

@@ -17,7 +17,6 @@ pub struct OptionError {
 
 impl OptionError {
     /// The error of the option `key`, whose `value` must be `allowed`.
-    #[must_use]
     pub fn new(
         key: impl Into<String>,
         value: impl fmt::Display,
@@ -27,7 +26,6 @@ impl OptionError {
     }
 
     /// The same error with the key relative to the parent of `section`: `section` and a dot are put before the key.
-    #[must_use]
     pub fn within(mut self, section: &str) -> Self {
         self.key = format!("{section}.{}", self.key);
         self
@@ -58,7 +56,6 @@ pub enum Rule {
 
 impl Rule {
     /// Whether `value` satisfies the rule.
-    #[must_use]
     pub fn allows(self, value: f64) -> bool {
         match self {
             Self::Positive => value.is_finite() && value > 0.0,

@@ -157,7 +157,6 @@ pub struct PositionLoops {
 
 impl PositionLoops {
     /// Loops at rest for a vehicle of `mass_kg` \[kg\] under `gravity_m_s2` \[m/s^2\]; the options must be valid.
-    #[must_use]
     pub fn new(options: &PositionOptions, mass_kg: f64, gravity_m_s2: f64) -> Self {
         let pid = |gains, limits| Pid::new(gains, limits, options.derivative_cutoff_hz);
         let position = |output| PidLimits { integral: options.position_integral_limit_m_s, output };
@@ -304,7 +303,6 @@ impl HorizontalPids {
 /// With yaw and pitch alone body y would be (-sin yaw, cos yaw, 0), and roll leaves body x in place: body x is normal to
 /// that direction and to the force, body y completes the triad. This fails only if the two are parallel, which needs a
 /// tilt of 90 degrees; then, and without a force, the attitude is level at the given yaw.
-#[must_use]
 pub fn attitude_along(force: &Vector3<f64>, yaw_rad: f64) -> Attitude {
     let level = Rotation3::from_axis_angle(&Vector3::z_axis(), yaw_rad);
     let side = level * Vector3::y();

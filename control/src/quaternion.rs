@@ -28,7 +28,6 @@ impl Attitude {
     ///
     /// The quaternion is normalised. `None` unless all four are finite and the norm is within [`NORM_TOLERANCE`] of
     /// one.
-    #[must_use]
     pub fn from_xyzw([x, y, z, w]: [f64; 4]) -> Option<Self> {
         let quaternion = Quaternion::new(w, x, y, z);
         let norm = quaternion.norm();
@@ -39,26 +38,22 @@ impl Attitude {
 
     /// The same attitude as a nalgebra rotation, body to world.
     #[inline]
-    #[must_use]
     pub fn from_unit_quaternion(body_to_world: UnitQuaternion<f64>) -> Self {
         Self(body_to_world)
     }
 
     /// The attitude reached from level by the rotation vector (axis times angle) \[rad\].
-    #[must_use]
     pub fn from_rotation_vector(rotation: Vector3<f64>) -> Self {
         Self(UnitQuaternion::from_scaled_axis(rotation))
     }
 
     /// The attitude of a body whose rotation matrix, body to world, is `matrix`.
-    #[must_use]
     pub fn from_rotation_matrix(matrix: &Rotation3<f64>) -> Self {
         Self(UnitQuaternion::from_rotation_matrix(matrix))
     }
 
     /// `[q1 q2 q3 eta]`, scalar last, body to world \[-\].
     #[inline]
-    #[must_use]
     pub fn xyzw(&self) -> [f64; 4] {
         let q = self.0.quaternion();
         [q.i, q.j, q.k, q.w]
@@ -66,34 +61,29 @@ impl Attitude {
 
     /// Whether every number is finite. An attitude from [`from_xyzw`](Self::from_xyzw) is; a computed one may not be.
     #[inline]
-    #[must_use]
     pub fn is_finite(&self) -> bool {
         self.0.coords.iter().all(|number| number.is_finite())
     }
 
     /// The nalgebra quaternion, body to world.
     #[inline]
-    #[must_use]
     pub fn unit_quaternion(&self) -> &UnitQuaternion<f64> {
         &self.0
     }
 
     /// World components of a vector given in body components.
     #[inline]
-    #[must_use]
     pub fn to_world(&self, body: &Vector3<f64>) -> Vector3<f64> {
         self.0 * body
     }
 
     /// Body components of a vector given in world components.
     #[inline]
-    #[must_use]
     pub fn to_body(&self, world: &Vector3<f64>) -> Vector3<f64> {
         self.0.inverse_transform_vector(world)
     }
 
     /// The attitude after the body turns by the rotation vector `rotation` \[rad, body axes\]: `q (x) exp(rotation / 2)`.
-    #[must_use]
     pub fn turned_by(&self, rotation: Vector3<f64>) -> Self {
         let mut turned = self.0 * UnitQuaternion::from_scaled_axis(rotation);
         turned.renormalize_fast();
@@ -102,13 +92,11 @@ impl Attitude {
 
     /// The rotation vector that takes `self` to `other`, the short way round \[rad, body axes of `self`\]:
     /// `other = self.turned_by(v)`.
-    #[must_use]
     pub fn rotation_to(&self, other: &Self) -> Vector3<f64> {
         (self.0.inverse() * other.0).scaled_axis()
     }
 
     /// The angle between two attitudes, 0..pi \[rad\].
-    #[must_use]
     pub fn angle_to(&self, other: &Self) -> f64 {
         self.0.angle_to(&other.0)
     }

@@ -64,27 +64,23 @@ impl Inertia {
     }
 
     /// `J` \[kg m^2, body axes\].
-    #[must_use]
     pub fn matrix(&self) -> &Matrix3<f64> {
         &self.matrix
     }
 
     /// `J^-1` \[1/(kg m^2), body axes\].
-    #[must_use]
     pub fn inverse(&self) -> &Matrix3<f64> {
         &self.inverse
     }
 
     /// `omega x J omega`: the torque that keeps the body rate constant \[N m, body axes\].
     #[inline]
-    #[must_use]
     pub fn gyroscopic_torque(&self, omega: BodyRate) -> Torque {
         Torque(omega.0.cross(&(self.matrix * omega.0)))
     }
 
     /// The angular acceleration of the body at rate `omega` under the torque `tau`, by Euler's equation \[rad/s^2,
     /// body axes\].
-    #[must_use]
     pub fn acceleration(&self, omega: BodyRate, tau: Torque) -> AngularAcceleration {
         // Eq. (3), erratum E-03
         AngularAcceleration(self.inverse * (tau.0 - self.gyroscopic_torque(omega).0))
@@ -94,7 +90,6 @@ impl Inertia {
 /// Time derivative of `[q1 q2 q3 eta]`, scalar last, of a body that turns at `omega = [p, q, r]`
 /// \[1/s\].
 #[inline]
-#[must_use]
 pub fn quaternion_rate(attitude: &Attitude, omega: BodyRate) -> Vector4<f64> {
     let [p, q, r] = omega.0.into();
     // Eq. (7), erratum E-07

@@ -54,7 +54,6 @@ pub struct Pid {
 
 impl Pid {
     /// A PID at rest. The derivative of the error passes a first-order low-pass of `cutoff_hz` \[Hz\].
-    #[must_use]
     pub fn new(gains: PidGains, limits: PidLimits, cutoff_hz: f64) -> Self {
         Self {
             gains,

@@ -91,7 +91,6 @@ pub struct GainSchedule<const D: usize, G> {
 
 impl<const D: usize, G: Default> GainSchedule<D, G> {
     /// A schedule without a gain yet; until one is computed, the gain is the default of its type.
-    #[must_use]
     pub fn new(grid: CellGrid<D>) -> Self {
         Self { grid, operating_point: None, gain: G::default(), solves: 0, failed_solves: 0 }
     }
@@ -122,13 +121,11 @@ impl<const D: usize, G: Default> GainSchedule<D, G> {
     }
 
     /// Number of gains computed, the first one and failures included \[-\].
-    #[must_use]
     pub fn solves(&self) -> u32 {
         self.solves
     }
 
     /// Number of failed computations of a gain \[-\].
-    #[must_use]
     pub fn failed_solves(&self) -> u32 {
         self.failed_solves
     }

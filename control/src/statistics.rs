@@ -3,13 +3,11 @@
 //! Running statistics, in constant memory, are [`crate::metrics::Statistics`].
 
 /// Arithmetic mean \[unit of the values\]; NaN without values.
-#[must_use]
 pub fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
 /// Standard deviation of the sample, with `n - 1` in the denominator \[unit of the values\]; 0 for a single value.
-#[must_use]
 pub fn standard_deviation(values: &[f64]) -> f64 {
     let mean = mean(values);
     let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
@@ -17,7 +15,6 @@ pub fn standard_deviation(values: &[f64]) -> f64 {
 }
 
 /// Standard deviation of a whole population, with `n` in the denominator \[unit of the values\]; NaN without values.
-#[must_use]
 pub fn population_deviation(values: &[f64]) -> f64 {
     let mean = mean(values);
     let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
@@ -25,7 +22,6 @@ pub fn population_deviation(values: &[f64]) -> f64 {
 }
 
 /// Middle value, the upper one of an even number of values; NaN values are left out. `None` without values \[unit of the values\].
-#[must_use]
 pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     let sorted = sorted(values);
     sorted.get(sorted.len() / 2).copied()
@@ -33,7 +29,6 @@ pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
 
 /// Least value that a share \[0..1\] of the values does not exceed, by nearest rank; NaN values are left out. `None` without values
 /// \[unit of the values\].
-#[must_use]
 pub fn quantile(values: impl IntoIterator<Item = f64>, share: f64) -> Option<f64> {
     let sorted = sorted(values);
     let rank = (share * sorted.len() as f64).ceil() as usize;
@@ -47,7 +42,6 @@ fn sorted(values: impl IntoIterator<Item = f64>) -> Vec<f64> {
 }
 
 /// Pearson's correlation of two series of equal length \[-1..1\]; NaN if one of them is constant.
-#[must_use]
 pub fn correlation(a: &[f64], b: &[f64]) -> f64 {
     let (mean_a, mean_b) = (mean(a), mean(b));
     let sum = |product: fn(f64, f64) -> f64| -> f64 {
@@ -57,7 +51,6 @@ pub fn correlation(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// Spearman's rank correlation of two series of equal length \[-1..1\]; NaN if one of them is constant.
-#[must_use]
 pub fn rank_correlation(a: &[f64], b: &[f64]) -> f64 {
     correlation(&ranks(a), &ranks(b))
 }
@@ -87,7 +80,6 @@ pub struct Interval {
 
 impl Interval {
     /// Interval of the mean of independent values.
-    #[must_use]
     pub fn of(values: &[f64]) -> Self {
         let half = match values.len() {
             0 | 1 => f64::INFINITY,
@@ -97,19 +89,16 @@ impl Interval {
     }
 
     /// Upper end \[unit of the values\].
-    #[must_use]
     pub fn high(&self) -> f64 {
         self.mean + self.half
     }
 
     /// Lower end \[unit of the values\].
-    #[must_use]
     pub fn low(&self) -> f64 {
         self.mean - self.half
     }
 
     /// Whether the two intervals are disjoint. Means with overlapping intervals may still differ: the test is conservative.
-    #[must_use]
     pub fn is_apart_from(&self, other: &Self) -> bool {
         self.high() < other.low() || other.high() < self.low()
     }

@@ -27,7 +27,6 @@ pub struct AttitudeState {
 impl AttitudeState {
     /// Whether every number is finite.
     #[inline]
-    #[must_use]
     pub fn is_finite(&self) -> bool {
         self.attitude.is_finite() && is_finite(&self.rate.0)
     }
@@ -46,14 +45,12 @@ pub struct AttitudeReference {
 
 impl AttitudeReference {
     /// A reference at rest.
-    #[must_use]
     pub fn at_rest(attitude: Attitude) -> Self {
         Self { attitude, ..Self::default() }
     }
 
     /// Whether every number is finite.
     #[inline]
-    #[must_use]
     pub fn is_finite(&self) -> bool {
         self.attitude.is_finite() && is_finite(&self.rate.0) && is_finite(&self.acceleration.0)
     }
@@ -78,7 +75,6 @@ impl AttitudeError {
     /// number of `[lambda, eps]` is positive is taken. This rule is unambiguous even at 180 degrees, where `lambda =
     /// 0`.
     #[inline]
-    #[must_use]
     pub fn between(desired: &Attitude, actual: &Attitude) -> Self {
         // Eqs. (8), (9), (10), erratum E-10
         let q_e = (desired.unit_quaternion().inverse() * actual.unit_quaternion()).into_inner();
@@ -92,20 +88,17 @@ impl AttitudeError {
 
     /// `eps`: the axis of the error times the sine of half its angle
     /// \[-, body axes and desired-body axes alike\].
-    #[must_use]
     pub fn eps(&self) -> &Vector3<f64> {
         &self.eps
     }
 
     /// `lambda`: the cosine of half the error angle, 0..1 \[-\].
-    #[must_use]
     pub fn lambda(&self) -> f64 {
         self.lambda
     }
 
     /// `C`: takes desired-body components to body components \[-\].
     #[inline]
-    #[must_use]
     pub fn rotation(&self) -> Matrix3<f64> {
         let Self { eps, lambda } = self;
         // Eq. (36), erratum E-36
@@ -115,21 +108,18 @@ impl AttitudeError {
 
     /// `omega_e`: the body rate relative to the desired rate \[rad/s, body axes\].
     #[inline]
-    #[must_use]
     pub fn rate_error(&self, omega: BodyRate, omega_d: BodyRate) -> Vector3<f64> {
         // Eq. (36)
         omega.0 - self.rotation() * omega_d.0
     }
 
     /// Time derivative of `eps` \[1/s\].
-    #[must_use]
     pub fn eps_dot(&self, omega_e: &Vector3<f64>) -> Vector3<f64> {
         // Eq. (38)
         (self.lambda * omega_e + self.eps.cross(omega_e)) / 2.0
     }
 
     /// Time derivative of `lambda` \[1/s\].
-    #[must_use]
     pub fn lambda_dot(&self, omega_e: &Vector3<f64>) -> f64 {
         // Eq. (39)
         -self.eps.dot(omega_e) / 2.0
@@ -140,7 +130,6 @@ impl AttitudeError {
     ///
     /// This identity follows from Eqs. (38) and (39) alone: it holds for every motion and contains no property of the
     /// body. It is not defined at 180 degrees, where `lambda = 0`.
-    #[must_use]
     pub fn omega_e_dot_of_eps(
         &self,
         eps_ddot: &Vector3<f64>,
@@ -155,7 +144,6 @@ impl AttitudeError {
 
     /// The angular acceleration that keeps `omega_e` constant: `C omega_d_dot - omega_e x C omega_d` \[rad/s^2, body
     /// axes\]. Multiplied by the inertia it is the feed-forward torque of the reference.
-    #[must_use]
     pub fn reference_acceleration(
         &self,
         omega_e: &Vector3<f64>,
@@ -168,7 +156,6 @@ impl AttitudeError {
     /// Time derivative of `omega_e` \[rad/s^2, body axes\] of a body that accelerates by
     /// `omega_dot`, which for a rigid body is
     /// [`Inertia::acceleration`](crate::rigid_body::Inertia::acceleration).
-    #[must_use]
     pub fn omega_e_dot(
         &self,
         omega_dot: AngularAcceleration,
@@ -181,7 +168,6 @@ impl AttitudeError {
 
     /// The Lyapunov function of the attitude error \[-\]: 0 without error, 2 at 180 degrees. Under `omega_e = -eps`
     /// it decreases at the rate `eps'eps`, Eqs. (49) to (52).
-    #[must_use]
     pub fn lyapunov(&self) -> f64 {
         // Eq. (52); lambda is not negative here
         2.0 * (1.0 - self.lambda)

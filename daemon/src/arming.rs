@@ -58,7 +58,6 @@ pub struct ArmingCheck {
 
 impl ArmingCheck {
     /// The check before flights of `trajectory`.
-    #[must_use]
     pub fn new(config: &Config, trajectory: &Trajectory) -> Self {
         let safety = &config.safety;
         Self {
@@ -85,7 +84,6 @@ impl ArmingCheck {
     }
 
     /// Everything that keeps a flight from beginning.
-    #[must_use]
     pub fn obstacles(&self, view: &ArmingView) -> ArmingObstacles {
         use ArmingObstacle as O;
         let real = view.vehicle.is_some_and(|vehicle| vehicle.simulated == 0);
@@ -117,7 +115,6 @@ impl ArmingCheck {
     }
 
     /// The fence.
-    #[must_use]
     pub fn fence(&self) -> &Fence {
         &self.limits.fence
     }

@@ -40,7 +40,6 @@ pub struct Condition {
 
 impl Condition {
     /// The condition in a tick's `telemetry`, with the state of the automatic flight at start-up.
-    #[must_use]
     pub fn of(telemetry: &TelemetryV1, auto_takeoff: AutoTakeoff) -> Self {
         let TelemetryV1 { mode, state, cause, obstacles, command_sequence, .. } = *telemetry;
         Self { mode, state, cause, obstacles, command_sequence, unlogged: 0, auto_takeoff }
@@ -89,7 +88,6 @@ pub struct OperatorRequests {
 }
 
 /// Both ends.
-#[must_use]
 pub fn loop_handoff() -> (LoopHandle, OperatorRequests) {
     let (realtime, background) = handoff();
     let differ = Arc::new(AtomicBool::new(false));
@@ -108,7 +106,6 @@ pub fn loop_handoff() -> (LoopHandle, OperatorRequests) {
 
 impl LoopHandle {
     /// Whether the processes of the instance run with different configurations, by the last check of the background thread.
-    #[must_use]
     pub fn configs_differ(&self) -> bool {
         self.configs_differ.load(Ordering::Relaxed)
     }

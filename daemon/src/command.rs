@@ -30,7 +30,6 @@ impl From<Torque> for RotationCommand {
 
 impl RotationCommand {
     /// The components: sticks \[-1..1, body\] or torque \[N m, body\].
-    #[must_use]
     pub fn vector(&self) -> Vector3<f64> {
         match self {
             Self::Sticks(StickCommand(vector)) | Self::Torque(Torque(vector)) => *vector,
@@ -59,13 +58,11 @@ pub enum VehicleCommand {
 impl VehicleCommand {
     /// The command that keeps the rotors idling: motors on, level at the heading `yaw_rad` \[rad, world\], zero rotation command,
     /// no thrust.
-    #[must_use]
     pub fn idle(interface: Interface, yaw_rad: f64) -> Self {
         Self::level(interface, yaw_rad, 0.0)
     }
 
     /// The command with zero rotation command and the thrust `thrust_n` \[N\], level at the heading `yaw_rad` \[rad, world\].
-    #[must_use]
     pub fn level(interface: Interface, yaw_rad: f64, thrust_n: f64) -> Self {
         let rotation = match interface {
             Interface::Rate | Interface::Attitude => StickCommand::default().into(),
@@ -76,7 +73,6 @@ impl VehicleCommand {
     }
 
     /// Thrust along body z \[N\]; `None` if the motors are off.
-    #[must_use]
     pub fn thrust_n(&self) -> Option<f64> {
         match self {
             Self::Armed { thrust_n, .. } => Some(*thrust_n),
@@ -85,7 +81,6 @@ impl VehicleCommand {
     }
 
     /// The last check before a command is sent: [`Self::Disarmed`] in place of a command with a number that is not finite.
-    #[must_use]
     pub fn finite_or_disarmed(self) -> Self {
         let Self::Armed { rotation, thrust_n, attitude } = &self else { return self };
         let rotation = rotation.vector();
@@ -94,7 +89,6 @@ impl VehicleCommand {
     }
 
     /// The message of this command, for a vehicle commanded through `interface`, with the greatest thrust `max_thrust_n` \[N\].
-    #[must_use]
     pub fn to_message(&self, interface: Interface, max_thrust_n: f64) -> CommandV1 {
         let Self::Armed { rotation, thrust_n, attitude } = self else {
             return CommandV1::default();
@@ -117,7 +111,6 @@ impl VehicleCommand {
 }
 
 /// The collective thrust `delta_c` \[0..1\] of a thrust \[N\].
-#[must_use]
 pub fn collective(thrust_n: f64, max_thrust_n: f64) -> f64 {
     // Eq. (61), erratum E-61: T = K_T delta_c.
     (thrust_n / max_thrust_n).clamp(0.0, 1.0)

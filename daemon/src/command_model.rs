@@ -49,7 +49,6 @@ impl CommandModel {
     }
 
     /// The input of the model under `command`. The thrust is that of the message, a fraction of maximum thrust.
-    #[must_use]
     pub fn input(&self, command: &VehicleCommand) -> ModelInput {
         let VehicleCommand::Armed { rotation, thrust_n, attitude } = command else {
             return ModelInput::default();

@@ -119,7 +119,6 @@ impl Cycle {
     /// The instant of the next tick if no pose arrives before. A pose that arrived too soon after the last tick, and after which
     /// no other is expected soon, is acted on as soon as a tick is allowed again; the next pose then arrives in time, and ticks
     /// are in step with poses at once.
-    #[must_use]
     pub fn next_event(&self) -> Time {
         if self.intake.has_fresh() && !self.timing.decimates {
             self.timing.earliest()
@@ -200,7 +199,6 @@ impl Cycle {
     }
 
     /// State of the automatic flight at start-up.
-    #[must_use]
     pub fn auto_takeoff(&self) -> AutoTakeoff {
         self.supervision.requests().auto_takeoff
     }
@@ -221,7 +219,6 @@ impl Cycle {
     }
 
     /// The telemetry of the last tick.
-    #[must_use]
     pub fn telemetry(&self) -> &TelemetryV1 {
         self.report.telemetry()
     }

@@ -19,7 +19,6 @@ pub struct BlindDescent {
 
 impl BlindDescent {
     /// The descent of `config`.
-    #[must_use]
     pub fn of(config: &Config) -> Self {
         let (safety, vehicle) = (&config.safety, &config.vehicle);
         let longest = Span::from_seconds((safety.coast_ms + safety.descend_ms) * 1e-3);
@@ -32,14 +31,12 @@ impl BlindDescent {
     }
 
     /// Whether the vehicle may descend, or descend further, on a last accepted pose of this age.
-    #[must_use]
     pub fn is_possible(&self, age: Span) -> bool {
         self.longest.is_some_and(|longest| age <= longest)
     }
 
     /// The thrust of the descent \[N\] under the estimated external acceleration upward `lift` \[m/s^2\]: wind, or a thrust or
     /// mass other than configured.
-    #[must_use]
     pub fn thrust_n(&self, lift: f64) -> f64 {
         let greatest = LARGEST_CORRECTION * self.gravity_m_s2;
         let known = if lift.is_finite() { lift.clamp(-greatest, greatest) } else { 0.0 };

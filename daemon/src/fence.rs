@@ -16,7 +16,6 @@ pub struct Fence {
 
 impl Fence {
     /// The fence of `[fence]`.
-    #[must_use]
     pub fn new(options: &FenceOptions) -> Self {
         let ranges = [options.x_m, options.y_m, options.z_m];
         let side = |index: usize| Vector3::from(ranges.map(|range: [f64; 2]| range[index]));
@@ -25,20 +24,17 @@ impl Fence {
     }
 
     /// Distance from `position` \[m, world\] to the hard border \[m\]: positive inside.
-    #[must_use]
     pub fn inside_m(&self, position: &Vector3<f64>) -> f64 {
         self.inside_by_m(position, 0.0)
     }
 
     /// Distance from `position` \[m, world\] to a border that lies `margin` \[m\] further inside at the sides and at the top, but
     /// not at the bottom \[m\]: positive inside.
-    #[must_use]
     pub fn inside_by_m(&self, position: &Vector3<f64>, margin: f64) -> f64 {
         (self.below_top(position) - margin).min(position.z - self.low.z)
     }
 
     /// Distance from `position` \[m, world\] to the soft border \[m\]: positive inside.
-    #[must_use]
     pub fn inside_soft_m(&self, position: &Vector3<f64>) -> f64 {
         self.inside_by_m(position, self.soft_margin)
     }

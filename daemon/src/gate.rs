@@ -56,7 +56,6 @@ pub struct MotionGate {
 
 impl MotionGate {
     /// The gate of `config`, on the ground.
-    #[must_use]
     pub fn new(config: &Config) -> Self {
         Self {
             sigma: config.safety.gate_sigma,

@@ -30,7 +30,6 @@ pub struct Accepted {
 
 impl Accepted {
     /// The pose itself.
-    #[must_use]
     pub fn pose(&self) -> MeasuredPose {
         MeasuredPose { position: self.position, attitude: self.attitude }
     }
@@ -59,7 +58,6 @@ pub struct Guard {
 
 impl Guard {
     /// The guard of `config`.
-    #[must_use]
     pub fn new(config: &Config) -> Self {
         let safety = &config.safety;
         Self {
@@ -149,37 +147,31 @@ impl Guard {
     }
 
     /// The last accepted pose.
-    #[must_use]
     pub fn last(&self) -> Option<&Accepted> {
         self.last.as_ref()
     }
 
     /// Number of poses accepted in a row, up to now \[-\].
-    #[must_use]
     pub fn good_in_a_row(&self) -> u32 {
         self.good_in_a_row
     }
 
     /// Number of frames that were never published as a pose, by the gaps in their numbers \[-\].
-    #[must_use]
     pub fn lost(&self) -> u64 {
         self.lost
     }
 
     /// Number of poses that were superseded by the next one before the daemon took them \[-\].
-    #[must_use]
     pub fn superseded(&self) -> u64 {
         self.superseded
     }
 
     /// Number of poses refused \[-\].
-    #[must_use]
     pub fn refused(&self) -> u64 {
         self.refused
     }
 
     /// Number of poses accepted \[-\].
-    #[must_use]
     pub fn accepted(&self) -> u64 {
         self.accepted
     }

@@ -100,7 +100,6 @@ pub struct FlightLimits {
 
 impl FlightLimits {
     /// The limits of `config`.
-    #[must_use]
     pub fn new(config: &Config) -> Self {
         let (safety, vehicle) = (&config.safety, &config.vehicle);
         let lift = vehicle.gravity_m_s2 + config.position.vertical_acceleration_limit_m_s2;
@@ -154,7 +153,6 @@ impl FlightLimits {
     }
 
     /// Whether the battery voltage is known and low.
-    #[must_use]
     pub fn is_battery_low(&self, vehicle: &VehicleV1) -> bool {
         vehicle.battery_v < self.battery_low
     }

@@ -36,7 +36,6 @@ pub struct LoopHealth {
 
 impl LoopHealth {
     /// The health of a loop that has not begun, with the limits of `config`.
-    #[must_use]
     pub fn new(config: &Config) -> Self {
         let safety = &config.safety;
         let millis = |millis: f64| Span::from_seconds(millis * 1e-3);
@@ -70,7 +69,6 @@ impl LoopHealth {
     }
 
     /// Number of commands sent more than a period after they were due \[-\].
-    #[must_use]
     pub fn deadline_misses(&self) -> u64 {
         self.overruns.late_turns()
     }

@@ -31,19 +31,16 @@ enum FlightPath {
 
 impl ActiveMission {
     /// The flight of `plan` from `now` on, from the floor at `floor_m` \[m, world z\].
-    #[must_use]
     pub fn fly(plan: FlightPlan, floor_m: f64, now: Time) -> Self {
         Self { began: now, path: FlightPath::Plan(plan, floor_m), changes: 0, held: None }
     }
 
     /// Observes a vehicle with the fixed reference `point` \[m, world\].
-    #[must_use]
     pub fn observe(point: Vector3<f64>, now: Time) -> Self {
         Self { began: now, path: FlightPath::Observe(point), changes: 0, held: None }
     }
 
     /// Number of changes of the plan so far, as by a landing: the reference may jump at one \[-\].
-    #[must_use]
     pub fn changes(&self) -> u32 {
         self.changes
     }
@@ -54,7 +51,6 @@ impl ActiveMission {
     }
 
     /// Time since the flight began \[s\].
-    #[must_use]
     pub fn elapsed_s(&self, now: Time) -> f64 {
         let now = self.held.map_or(now, |(since, _)| since);
         now.since(self.began).seconds()
@@ -77,13 +73,11 @@ impl ActiveMission {
     }
 
     /// Whether the landing should have ended by `now`.
-    #[must_use]
     pub fn is_landing_overdue(&self, now: Time) -> bool {
         self.overdue_s(now) > LANDING_GRACE_S
     }
 
     /// Time since the end of the landing's reference \[s\]: negative before.
-    #[must_use]
     pub fn overdue_s(&self, now: Time) -> f64 {
         match &self.path {
             FlightPath::Plan(plan, _) => self.elapsed_s(now) - plan.end_s(),
@@ -92,7 +86,6 @@ impl ActiveMission {
     }
 
     /// Time from the start at which the landing is planned \[s\]; infinite where nothing is flown.
-    #[must_use]
     pub fn planned_landing_s(&self) -> f64 {
         match &self.path {
             FlightPath::Plan(plan, _) => plan.planned_landing_s(),
@@ -101,7 +94,6 @@ impl ActiveMission {
     }
 
     /// The reference at `now`.
-    #[must_use]
     pub fn reference(&self, now: Time) -> Reference {
         if let Some((_, reference)) = self.held {
             return reference;
@@ -113,7 +105,6 @@ impl ActiveMission {
     }
 
     /// Whether `now` lies in the scored window.
-    #[must_use]
     pub fn is_scored(&self, now: Time) -> bool {
         match &self.path {
             FlightPath::Plan(plan, _) => plan.scored(self.elapsed_s(now)),
@@ -132,7 +123,6 @@ impl ActiveMission {
     }
 
     /// Whether the vehicle stands on the floor at the end of its landing.
-    #[must_use]
     pub fn has_landed(&self, reference: &Reference, estimate: &Estimate) -> bool {
         let FlightPath::Plan(_, floor_m) = &self.path else { return false };
         reference.phase == Phase::Landing

@@ -58,13 +58,11 @@ impl PoseNoise {
     }
 
     /// Repetitions of the last pose \[-\].
-    #[must_use]
     pub fn repeats(&self) -> u32 {
         self.repeats
     }
 
     /// Whether the source repeats its pose, although its poses had always changed before.
-    #[must_use]
     pub fn is_frozen(&self) -> bool {
         let has_noise = self.step_m > LEAST_STEP_M && self.least_m < NOISE_SHARE * self.step_m;
         let never_repeats = self.repeated as f64 <= NEVER * self.changed as f64;

@@ -28,7 +28,6 @@ pub struct CheckedSetpoint {
 
 impl CheckedSetpoint {
     /// The reference at rest at `point` \[m, world\], with the heading and in the phase of this one.
-    #[must_use]
     pub fn at(&self, point: Vector3<f64>) -> Reference {
         let (yaw_rad, phase) = self
             .reference
@@ -39,7 +38,6 @@ impl CheckedSetpoint {
 
 impl SetpointGuard {
     /// The check of references that must stay inside `fence`.
-    #[must_use]
     pub fn new(fence: Fence) -> Self {
         Self { fence, last: None, plan: 0 }
     }

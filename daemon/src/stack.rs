@@ -128,7 +128,6 @@ impl ControlStack {
     }
 
     /// Number of Riccati equations solved so far, and of those without a solution, at which the law keeps its last gain \[-\].
-    #[must_use]
     pub fn riccati_counts(&self) -> [u32; 2] {
         match self {
             Self::Rate(stack) => stack.riccati_counts(),

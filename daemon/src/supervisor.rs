@@ -173,13 +173,11 @@ impl Supervisor {
     }
 
     /// The present state.
-    #[must_use]
     pub fn state(&self) -> SafetyState {
         self.lead.map_or(SafetyState::Nominal, |lead| LIMITS[lead].action)
     }
 
     /// Why the state is not Nominal.
-    #[must_use]
     pub fn cause(&self) -> Cause {
         self.cause
     }

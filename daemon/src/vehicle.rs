@@ -31,7 +31,6 @@ pub struct VehicleWatch {
 
 impl VehicleWatch {
     /// A monitor with the time-outs of `options`, before the first message.
-    #[must_use]
     pub fn new(options: &SafetyOptions) -> Self {
         let millis = |millis: f64| Span::from_seconds(millis * 1e-3);
         Self {
@@ -77,41 +76,35 @@ impl VehicleWatch {
     }
 
     /// The process that published the last message.
-    #[must_use]
     pub fn source(&self) -> Option<u64> {
         self.source
     }
 
     /// Whether the vehicle answers, by the last message, which is not too old.
-    #[must_use]
     pub fn answers(&self, now: Time) -> bool {
         !self.is_old(now, self.last.map(|(at, _)| at))
             && self.last.is_some_and(|(_, vehicle)| vehicle.link != 0)
     }
 
     /// The last message about the vehicle, if it answers.
-    #[must_use]
     pub fn answer(&self, now: Time) -> Option<&VehicleV1> {
         self.last.as_ref().map(|(_, vehicle)| vehicle).filter(|_| self.answers(now))
     }
 
     /// Whether a flight must end: no reply for too long, motors that stopped or do not start, or a bridge that was restarted and
     /// does not know of the flight.
-    #[must_use]
     pub fn is_lost(&self, now: Time) -> bool {
         let stands = self.ran_at.is_some() && self.is_old(now, self.ran_at);
         stands || self.is_replaced || self.is_old(now, self.answered_at) || self.does_not_start(now)
     }
 
     /// Whether a pilot or the vehicle itself has control, by the last message.
-    #[must_use]
     pub fn control_is_taken(&self) -> bool {
         let another = ControlHolder::Another.code();
         self.last.is_some_and(|(_, vehicle)| vehicle.control == another)
     }
 
     /// Whether the flight waits for the motors: while they are being started, and with a real vehicle until they run.
-    #[must_use]
     pub fn holds_flight(&self) -> bool {
         let waits = |vehicle: &VehicleV1| vehicle.starting != 0 || vehicle.simulated == 0;
         self.ran_at.is_none() && self.last.is_some_and(|(_, vehicle)| waits(&vehicle))
@@ -128,7 +121,6 @@ impl VehicleWatch {
     }
 
     /// Whether the vehicle is simulated; `None` before the first message.
-    #[must_use]
     pub fn is_simulated(&self) -> Option<bool> {
         self.last.map(|(_, vehicle)| vehicle.simulated != 0)
     }

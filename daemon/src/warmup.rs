@@ -21,13 +21,11 @@ pub struct CacheWarmup {
 
 impl CacheWarmup {
     /// No warm-up, as in virtual time, in which computation takes no time.
-    #[must_use]
     pub fn never() -> Self {
         Self { lead: None, period: Span::ZERO, last: None, vehicle: None, due: None }
     }
 
     /// The warm-up that `config` sets by `realtime.warmup-us`.
-    #[must_use]
     pub fn of(config: &Config) -> Self {
         let lead = Span::from_seconds(config.realtime.warmup_us * 1e-6);
         let period = Span::period_of(config.safety.pose_rate_hz);
@@ -50,7 +48,6 @@ impl CacheWarmup {
     }
 
     /// The earlier of `next` and the instant of the warm-up.
-    #[must_use]
     pub fn or(&self, next: Time) -> Time {
         self.due.map_or(next, |due| due.min(next))
     }

@@ -14,7 +14,6 @@ const MOST_POINTS: f64 = 20_000.0;
 const TOLD_JUMP_M: f64 = 0.5;
 
 /// Settings of `config` that a flight of `trajectory` cannot satisfy because of others, each with its remedy.
-#[must_use]
 pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     let mut all = config.rename_warnings().to_vec();
     if config.safety.observe_only {

@@ -21,7 +21,6 @@ pub fn table<'a>(
 }
 
 /// A number as a field; empty if it is not finite, as for a flight that did not land.
-#[must_use]
 pub fn number(value: f64) -> String {
     if value.is_finite() { value.to_string() } else { String::new() }
 }

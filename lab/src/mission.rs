@@ -44,7 +44,6 @@ impl Mission {
     }
 
     /// Planned duration of the flight.
-    #[must_use]
     pub fn expected(&self) -> Span {
         if let Some(recording) = &self.recording {
             let last = recording.poses().last().map_or(0, |pose| pose.time_ns);
@@ -56,7 +55,6 @@ impl Mission {
     }
 
     /// Greatest duration of the flight, after which it is ended.
-    #[must_use]
     pub fn timeout(&self) -> Span {
         match self.recording {
             Some(_) => self.expected(),
@@ -65,7 +63,6 @@ impl Mission {
     }
 
     /// Outcome of a flight without a landing or crash.
-    #[must_use]
     pub fn unfinished_outcome(&self) -> Outcome {
         if self.recording.is_some() { Outcome::Replayed } else { Outcome::Timeout }
     }

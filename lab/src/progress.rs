@@ -10,7 +10,6 @@ pub struct Progress {
 
 impl Progress {
     /// Adds a bar for a task of `steps` steps.
-    #[must_use]
     pub fn start(&self, name: &str, steps: usize) -> Bar {
         let bar = self.bars.add(ProgressBar::new(steps as u64));
         let style = ProgressStyle::with_template("{msg:24} {bar:30.cyan/blue} {pos:>6}/{len}");

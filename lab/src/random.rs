@@ -10,7 +10,6 @@ pub struct SplitMix64 {
 
 impl SplitMix64 {
     /// Generator with this seed.
-    #[must_use]
     pub fn new(seed: u64) -> Self {
         Self { state: seed }
     }

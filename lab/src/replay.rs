@@ -53,7 +53,6 @@ pub struct ReplayResult {
 
 impl ReplayResult {
     /// Whether every command equals the recorded one bit for bit.
-    #[must_use]
     pub fn is_identical(&self) -> bool {
         let agree = self.ticks.iter().all(|tick| tick.is_identical);
         agree && self.unmatched.is_empty() && self.missing == 0

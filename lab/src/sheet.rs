@@ -22,7 +22,6 @@ impl Variant {
     pub const ALL: [Self; 3] = [Self::Paper, Self::AsPrinted, Self::Ours];
 
     /// Name in JSON.
-    #[must_use]
     pub fn key(self) -> &'static str {
         match self {
             Self::Paper => "paper",
@@ -32,7 +31,6 @@ impl Variant {
     }
 
     /// Heading.
-    #[must_use]
     pub fn title(self) -> &'static str {
         match self {
             Self::Paper => "Paper",
@@ -72,7 +70,6 @@ impl SheetCell {
     }
 
     /// Text of the cell; numbers have four significant digits.
-    #[must_use]
     pub fn show(&self) -> String {
         match self {
             Self::Number(number) => rounded(*number, 4),
@@ -114,7 +111,6 @@ impl<T: Into<SheetCell>> From<Option<T>> for SheetCell {
 const NEAR: f64 = 0.1;
 
 /// Whether a computed figure reproduces the printed one.
-#[must_use]
 pub fn is_near(ours: f64, printed: f64) -> bool {
     (ours / printed - 1.0).abs() <= NEAR
 }
@@ -137,7 +133,6 @@ pub struct SheetRow {
 
 impl SheetRow {
     /// A row of `variant`.
-    #[must_use]
     pub fn new(
         variant: Variant,
         controller: impl Into<String>,
@@ -148,7 +143,6 @@ impl SheetRow {
     }
 
     /// Number in a column, including counts \[unit of the column\]; NaN if the cell has none.
-    #[must_use]
     pub fn number(&self, columns: &[Column], key: &str) -> f64 {
         let cell = columns.iter().zip(&self.cells).find(|((name, _), _)| *name == key);
         match cell {
@@ -164,7 +158,6 @@ impl SheetRow {
     }
 
     /// The row as a JSON object with flat keys.
-    #[must_use]
     pub fn to_json(&self, columns: &[Column]) -> Value {
         let mut object = Map::new();
         object.insert("controller".to_owned(), json!(self.controller));
@@ -206,7 +199,6 @@ impl Sheet {
 
     /// Whether the figure of `row` in the column with the index `column` reproduces the figure printed for the law; `None`
     /// without a printed figure.
-    #[must_use]
     pub fn mark(&self, row: &SheetRow, column: usize) -> Option<bool> {
         if !self.is_marked || row.variant != Variant::AsPrinted {
             return None;
@@ -218,7 +210,6 @@ impl Sheet {
     }
 
     /// Text of a cell, with its mark.
-    #[must_use]
     pub fn show(&self, row: &SheetRow, column: usize) -> String {
         let shown = row.cells[column].show();
         match self.mark(row, column) {
@@ -230,7 +221,6 @@ impl Sheet {
 
     /// Numbers in the columns `keys` of the first row of a law and variant whose settings contain all of `words`; NaN if there is
     /// no such row.
-    #[must_use]
     pub fn figures<const N: usize>(
         &self,
         (controller, variant): (&str, Variant),
@@ -245,7 +235,6 @@ impl Sheet {
     }
 
     /// The sheet as JSON: `{"table", "rows"}`, and `"mismatched"` with other plants.
-    #[must_use]
     pub fn to_json(&self) -> Value {
         let mut object = json!({ "table": self.name, "rows": self.json_rows() });
         if !self.mismatched.is_empty() {
@@ -268,7 +257,6 @@ impl Sheet {
 
     /// The sheet as tables for the terminal. Names common to all rows are written once above them; columns without a value are
     /// left out.
-    #[must_use]
     pub fn to_text(&self) -> String {
         let (shared, own) = self.names();
         let title = [self.title.clone()].into_iter().chain(shared).collect::<Vec<_>>().join("\n");
@@ -312,7 +300,6 @@ impl Sheet {
 
     /// The sheet as Markdown, one block of rows per variant. The variant is left out if all rows are ours, the settings if all
     /// rows share them.
-    #[must_use]
     pub fn to_markdown(&self) -> String {
         let (variants, settings) = self.differing();
         // An unescaped bar would end the cell.

@@ -63,26 +63,22 @@ pub struct Case {
 
 impl Case {
     /// Flights on the configured plant, one per seed.
-    #[must_use]
     pub fn of_seeds(name: impl Into<String>, seeds: Range<u64>) -> Self {
         Self::on(NOMINAL, seeds).named(name)
     }
 
     /// Flights on `plant`, one per seed; the case is named after the plant.
-    #[must_use]
     pub fn on(plant: PlantVariant, seeds: Range<u64>) -> Self {
         let condition = |seed| FlightCondition { seed, plant, settings: Vec::new() };
         Self { name: plant.name.to_owned(), conditions: seeds.map(condition).collect() }
     }
 
     /// The case with another name.
-    #[must_use]
     pub fn named(self, name: impl Into<String>) -> Self {
         Self { name: name.into(), ..self }
     }
 
     /// The case with this setting in every flight.
-    #[must_use]
     pub fn with(mut self, setting: Setting) -> Self {
         self.conditions.iter_mut().for_each(|condition| condition.settings.push(setting.clone()));
         self
@@ -180,19 +176,16 @@ impl Study<'_> {
 
 impl Flown {
     /// One figure of every run.
-    #[must_use]
     pub fn values(&self, metric: usize) -> Vec<f64> {
         self.runs.iter().map(|run| run.figures[metric]).collect()
     }
 
     /// Mean of each figure over all runs.
-    #[must_use]
     pub fn mean(&self) -> Figures {
         std::array::from_fn(|metric| mean(&self.values(metric)))
     }
 
     /// Mean of each figure over the flights that landed as planned; infinite if none did.
-    #[must_use]
     pub fn mean_of_landed(&self) -> Figures {
         std::array::from_fn(|metric| {
             let mut landed = self.values(metric);
@@ -202,25 +195,21 @@ impl Flown {
     }
 
     /// Mean of a figure over all runs, with its confidence interval.
-    #[must_use]
     pub fn interval(&self, metric: usize) -> Interval {
         Interval::of(&self.values(metric))
     }
 
     /// Quantile of a figure over the runs, for a fraction in \[0..1\]; flights that did not land count as the greatest values.
-    #[must_use]
     pub fn quantile(&self, metric: usize, share: f64) -> f64 {
         quantile(self.values(metric), share).unwrap_or(f64::NAN)
     }
 
     /// Percentage of the runs with a property \[%\].
-    #[must_use]
     pub fn percent(&self, has: impl Fn(&Run) -> bool) -> f64 {
         1e2 * self.runs.iter().filter(|run| has(run)).count() as f64 / self.runs.len() as f64
     }
 
     /// Greatest number of Riccati equations solved on a path \[-\].
-    #[must_use]
     pub fn riccati_solves(&self) -> u64 {
         self.runs.iter().map(|run| run.riccati_solves).max().unwrap_or(0)
     }

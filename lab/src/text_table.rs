@@ -11,7 +11,6 @@ const WIDTH: usize = 80;
 pub type NamedRow = (Vec<String>, Vec<String>);
 
 /// A number with four significant digits; a dash if it is not finite.
-#[must_use]
 pub fn number(value: f64) -> String {
     if value.is_finite() { rounded(value, 4) } else { MISSING.to_owned() }
 }
@@ -24,7 +23,6 @@ pub fn markdown(headings: &[&str], rows: impl Iterator<Item = Vec<String>>) -> S
 }
 
 /// Rows under their headings. Each block begins with the row names, followed by the figures that fit.
-#[must_use]
 pub fn blocks(named: &[String], figures: &[String], rows: &[NamedRow]) -> String {
     let width = |heading: &str, cell: &dyn Fn(&NamedRow) -> usize| {
         // A cell has a space on each side and a line.

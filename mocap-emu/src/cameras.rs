@@ -36,7 +36,6 @@ pub struct Cameras {
 
 impl Cameras {
     /// The cameras of a configuration.
-    #[must_use]
     pub fn new(mocap: &MocapOptions, seed: u64) -> Self {
         let transit = Transit::new(mocap);
         Self {
@@ -78,7 +77,6 @@ impl Cameras {
     }
 
     /// Arrival of the next pose.
-    #[must_use]
     pub fn next_event(&self) -> Option<Time> {
         self.in_flight.front().map(|(deliver_at, _)| *deliver_at)
     }

@@ -39,7 +39,6 @@ pub struct Captures {
 
 impl Captures {
     /// Estimates the captures of `recording`.
-    #[must_use]
     pub fn of(recording: &Recording) -> Self {
         let poses = recording.poses();
         let positions: Vec<_> = poses.iter().map(|pose| pose.position).collect();

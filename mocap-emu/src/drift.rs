@@ -26,7 +26,6 @@ impl UnitError {
 
     /// Correlates roll with z, pitch with x and yaw with y by `ratio`, at unchanged variance: a displaced marker shifts and tilts
     /// the body.
-    #[must_use]
     pub fn coupled(self, ratio: f64) -> Self {
         let Vector3 { data, .. } = self.position;
         let [[x, y, z]] = data.0;
@@ -48,7 +47,6 @@ pub struct Drift {
 
 impl Drift {
     /// Drift of a configuration, initially zero.
-    #[must_use]
     pub fn new(mocap: &MocapOptions) -> Self {
         Self {
             states: [UnitError::default(); 3],

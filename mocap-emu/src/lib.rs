@@ -79,7 +79,6 @@ pub struct MocapArgs {
 
 impl MocapCommand {
     /// Executes the command and returns its exit code.
-    #[must_use]
     pub fn execute(self) -> ExitCode {
         let command = match self {
             Self::Run(args) => ProcessCommand::Run(args.common()),

@@ -56,7 +56,6 @@ pub struct MarkerCameras {
 
 impl MarkerCameras {
     /// The cameras and markers of a configuration.
-    #[must_use]
     pub fn new(mocap: &MocapOptions, seed: u64) -> Self {
         let cameras = PinholeCamera::all(&mocap.cameras);
         let places: Vec<_> =

@@ -75,7 +75,6 @@ impl Recording {
     }
 
     /// Recording of `poses`, in the order of their arrival; `None` if they do not span any time, or are out of order.
-    #[must_use]
     pub fn from_poses(mut poses: Vec<RecordedPose>) -> Option<Self> {
         let first_ns = poses.first()?.time_ns;
         let is_ordered = poses.is_sorted_by_key(|pose| pose.time_ns);
@@ -84,14 +83,12 @@ impl Recording {
     }
 
     /// The poses in the order of their arrival.
-    #[must_use]
     pub fn poses(&self) -> &[RecordedPose] {
         &self.poses
     }
 
     /// Rate of the cameras \[Hz\], estimated from arrivals: the mean rate without pauses of more than three median intervals.
     /// A pause includes the burst of poses after it.
-    #[must_use]
     pub fn nominal_rate_hz(&self) -> f64 {
         let Timing { mean_rate_hz, median_ns, .. } = self.timing();
         let pause_ns = 3 * median_ns.max((1e9 / mean_rate_hz) as u64);
@@ -108,7 +105,6 @@ impl Recording {
     }
 
     /// Statistics of the intervals between arrivals.
-    #[must_use]
     pub fn timing(&self) -> Timing {
         let mut intervals: Vec<u64> =
             self.poses.windows(2).map(|pair| pair[1].time_ns - pair[0].time_ns).collect();

@@ -29,7 +29,6 @@ pub struct Replay {
 
 impl Replay {
     /// Starts the playback of `recording`; its first pose arrives at `start`.
-    #[must_use]
     pub fn new(recording: Recording, start: Time) -> Self {
         let frames = number_frames(&recording);
         let captured = Captures::of(&recording).captured_s;
@@ -41,14 +40,12 @@ impl Replay {
     }
 
     /// Arrival of the next pose; `None` at the end of the recording.
-    #[must_use]
     pub fn next_event(&self) -> Option<Time> {
         let pose = self.recording.poses().get(self.played)?;
         Some(self.start + Span::from_nanos(pose.time_ns.cast_signed()))
     }
 
     /// Playback of the same recording from `start` on.
-    #[must_use]
     pub fn starting_at(self, start: Time) -> Self {
         Self { start, ..self }
     }

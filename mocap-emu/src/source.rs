@@ -31,7 +31,6 @@ impl<T: Transport> EmulatedCameras<T> {
     }
 
     /// Counts the inputs in `health`.
-    #[must_use]
     pub fn counted_in(self, health: Health) -> Self {
         Self { health, ..self }
     }
@@ -58,7 +57,6 @@ impl<T: Transport> PoseSource for EmulatedCameras<T> {
 }
 
 /// Whether the cameras expose at this sample of the truth.
-#[must_use]
 pub fn is_frame(truth: &TruthV1) -> bool {
     truth.capture > 0
 }

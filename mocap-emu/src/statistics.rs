@@ -34,7 +34,6 @@ pub struct RoomStatistics {
 
 impl RoomStatistics {
     /// Statistics of `recording`.
-    #[must_use]
     pub fn of(recording: &Recording) -> Self {
         let poses = recording.poses();
         let intervals: Vec<f64> = poses

@@ -27,7 +27,6 @@ pub struct FrameSender {
 
 impl FrameSender {
     /// Camera computer of a configuration.
-    #[must_use]
     pub fn new(mocap: &MocapOptions) -> Self {
         Self { mocap: mocap.clone(), next: None, sent: 0 }
     }
@@ -76,7 +75,6 @@ pub struct Transit {
 
 impl Transit {
     /// Connection of a configuration.
-    #[must_use]
     pub fn new(mocap: &MocapOptions) -> Self {
         Self {
             mocap: mocap.clone(),
@@ -88,7 +86,6 @@ impl Transit {
     }
 
     /// Greatest number of poses in transit at once \[-\].
-    #[must_use]
     pub fn capacity(&self) -> usize {
         let MocapOptions { room, .. } = &self.mocap;
         let longest_ms = self.mocap.latency_ms + self.mocap.jitter_ms + self.mocap.poll_ms;

@@ -16,7 +16,6 @@ pub enum CommandPath {
 
 impl CommandPath {
     /// Parses the text form of [`CommandPath`].
-    #[must_use]
     pub fn parse(text: &str) -> Self {
         match text.split_once(':') {
             Some(("bridge", link)) => Self::Bridged(link.to_owned()),

@@ -42,7 +42,6 @@ pub struct Comparison {
 
 impl Comparison {
     /// A comparison of `flights`, at most [`MOST_FLIGHTS`], with their names.
-    #[must_use]
     pub fn new(flights: Vec<(String, Flight)>) -> Self {
         let (names, flights): (Vec<String>, Vec<Flight>) =
             flights.into_iter().take(MOST_FLIGHTS).unzip();
@@ -51,7 +50,6 @@ impl Comparison {
     }
 
     /// The tables as text for a terminal.
-    #[must_use]
     pub fn to_text(&self) -> String {
         let mut text = String::new();
         for (_, header, rows) in self.tables() {
@@ -65,7 +63,6 @@ impl Comparison {
     }
 
     /// The page: tables and overlaid plots.
-    #[must_use]
     pub fn to_html(&self) -> String {
         let heading = html! {
             header { p.eyebrow { "oqtal comparison" } h1 { (self.names.len()) " flights" } }

@@ -44,7 +44,6 @@ pub enum Crash {
 
 impl Crash {
     /// Crash of an armed vehicle in the state of `sample`; `None` if it flies.
-    #[must_use]
     pub fn of(sample: &FlightSample, fence: &FenceOptions) -> Option<Self> {
         let phase = sample.telemetry.phase;
         let is_airborne =
@@ -63,7 +62,6 @@ impl Crash {
     }
 
     /// Crash of a vehicle, armed or not, that fell in the previous tick and was stopped by the floor; `None` otherwise.
-    #[must_use]
     pub fn at_touchdown(before: &FlightSample, sample: &FlightSample) -> Option<Self> {
         let [speed, rest] = [before, sample].map(|sample| -sample.velocity().z);
         let touches = sample.position().z < AT_FLOOR_M && rest < 0.5 * speed;

@@ -34,7 +34,6 @@ pub fn write(flight: &Flight, out: impl Write) -> ::csv::Result<()> {
 }
 
 /// The columns as a table in Markdown: names, unit and frame, instant, meaning.
-#[must_use]
 pub fn dictionary() -> &'static str {
     DICTIONARY
 }

@@ -16,26 +16,22 @@ pub struct DaemonCondition {
 
 impl DaemonCondition {
     /// The condition in a tick.
-    #[must_use]
     pub fn of(telemetry: &TelemetryV1) -> Self {
         let TelemetryV1 { mode, state, cause, fell_back, .. } = *telemetry;
         Self { mode, state, cause, fell_back }
     }
 
     /// The safety state; `None` for an unknown code.
-    #[must_use]
     pub fn state(self) -> Option<SafetyState> {
         SafetyState::from_code(self.state)
     }
 
     /// The mode as text.
-    #[must_use]
     pub fn mode_text(self) -> String {
         word(Mode::from_code(self.mode))
     }
 
     /// State and cause as text.
-    #[must_use]
     pub fn state_text(self) -> String {
         let state = word(self.state());
         match Cause::from_code(self.cause) {
@@ -45,13 +41,11 @@ impl DaemonCondition {
     }
 
     /// Whether the configured model is used because the adapted one predicts worse.
-    #[must_use]
     pub fn fell_back(self) -> bool {
         self.fell_back != 0
     }
 
     /// Name of the model in use.
-    #[must_use]
     pub fn model_text(self) -> &'static str {
         match self.fell_back() {
             false => "adapted model",
@@ -75,7 +69,6 @@ fn word(code: Option<impl ToString>) -> String {
 }
 
 /// Events between two ticks: changes of state, cause or model, losses, refusals and missed deadlines.
-#[must_use]
 pub fn changes(before: &TelemetryV1, now: &TelemetryV1) -> Vec<String> {
     let counted = [
         ("poses lost", before.poses_lost, now.poses_lost),
@@ -104,7 +97,6 @@ pub fn of_period(
 }
 
 /// Event of an input of the daemon as text; `None` for an ordinary turn and for a request of the status.
-#[must_use]
 pub fn of_input(input: &InputV1) -> Option<String> {
     match InputKind::from_code(input.kind)? {
         InputKind::Start => Some("daemon started".to_owned()),

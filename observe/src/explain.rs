@@ -12,7 +12,6 @@ const WIDTH: usize = 80;
 const TERMS: &str = include_str!("explain.txt");
 
 /// Terms in the closing table of `flight`, for the figures in `summary`, with their meanings.
-#[must_use]
 pub fn terms(flight: &Flight, summary: &Summary) -> Vec<(&'static str, String)> {
     let mut condition = "";
     let mut terms = Vec::new();
@@ -55,7 +54,6 @@ fn with_values(meaning: &str, config: &Config, summary: &Summary) -> String {
 }
 
 /// The terms as text of at most 80 columns.
-#[must_use]
 pub fn text(terms: &[(&'static str, String)]) -> String {
     let longest = terms.iter().map(|(term, _)| term.len()).max().unwrap_or(0);
     let lines = terms.iter().flat_map(|(term, meaning)| {
@@ -67,7 +65,6 @@ pub fn text(terms: &[(&'static str, String)]) -> String {
 }
 
 /// `text` in lines of at most 80 columns; continuation lines are indented by `indent` columns.
-#[must_use]
 pub fn wrapped(text: &str, indent: usize) -> String {
     wrap(text, WIDTH - indent).join(&format!("\n{}", " ".repeat(indent)))
 }

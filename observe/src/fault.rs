@@ -28,7 +28,6 @@ pub struct AppliedDisturbance {
 
 impl InjectedFault {
     /// The faults of `flight`, in the order of their beginnings.
-    #[must_use]
     pub fn all(flight: &Flight) -> Vec<Self> {
         let faults = flight.config.fault.inject.iter();
         let periods = faults.map(|fault| (fault.to_string(), fault.at_s, fault.end_s()));
@@ -39,7 +38,6 @@ impl InjectedFault {
 
 impl AppliedDisturbance {
     /// The disturbances of `flight`, in the order of their beginnings.
-    #[must_use]
     pub fn all(flight: &Flight) -> Vec<Self> {
         let loads = flight.config.plant.disturb.iter();
         let periods = loads.map(|load| (load.to_string(), load.at_s, load.end_s()));

@@ -37,7 +37,6 @@ pub enum Outcome {
 
 impl Outcome {
     /// Outcome with this name.
-    #[must_use]
     pub fn parse(name: &str) -> Option<Self> {
         use Outcome::{Crashed, Landed, Replayed, Stopped, Timeout, Unfinished};
         let all = [Landed, Stopped, Crashed, Timeout, Replayed, Unfinished];
@@ -121,7 +120,6 @@ pub struct Flight {
 
 impl Flight {
     /// Record of a flight under `config` that has not begun.
-    #[must_use]
     pub fn new(config: &Config) -> Self {
         Self {
             config: config.clone(),
@@ -155,7 +153,6 @@ impl Flight {
 
     /// Reason why the flight did not end as planned: an operator or the daemon landed or stopped the vehicle, it crashed, or
     /// there was no take-off. `None` for a complete flight, and for an outcome that needs no reason.
-    #[must_use]
     pub fn shortfall(&self) -> Option<String> {
         match self.outcome {
             Outcome::Landed => match self.early_landing() {
@@ -198,7 +195,6 @@ impl Flight {
     }
 
     /// Fraction of the trajectory flown before a landing requested by an operator; `None` without such a landing.
-    #[must_use]
     pub fn landing_on_request(&self) -> Option<String> {
         if self.early_landing().is_some() {
             return None;
@@ -226,13 +222,11 @@ impl Flight {
     }
 
     /// Whether a recording was played.
-    #[must_use]
     pub fn is_replay(&self) -> bool {
         self.config.is_replay()
     }
 
     /// Instant of the first armed tick, or of the first tick if none is armed: zero of the time axis.
-    #[must_use]
     pub fn origin(&self) -> Time {
         let first = self.armed().next().or(self.samples.first());
         first.map_or(Time::UNSET, |sample| sample.telemetry.time)

@@ -16,56 +16,47 @@ pub struct FlightSample {
 
 impl FlightSample {
     /// Whether the vehicle was armed in this tick.
-    #[must_use]
     pub fn is_armed(&self) -> bool {
         [Mode::Flying.code(), Mode::Landing.code()].contains(&self.telemetry.mode)
     }
 
     /// Whether the daemon is ending the flight.
-    #[must_use]
     pub fn is_ended_by_daemon(&self) -> bool {
         (SafetyState::Land.code()..SafetyState::Stop.code()).contains(&self.telemetry.state)
     }
 
     /// Position of the vehicle \[m, world\]: the truth if there is one, otherwise the estimate.
-    #[must_use]
     pub fn position(&self) -> Vector3<f64> {
         Vector3::from(self.truth.map_or(self.telemetry.position, |truth| truth.position))
     }
 
     /// Velocity of the vehicle \[m/s, world\]: the truth if there is one, otherwise the estimate.
-    #[must_use]
     pub fn velocity(&self) -> Vector3<f64> {
         Vector3::from(self.truth.map_or(self.telemetry.velocity, |truth| truth.velocity))
     }
 
     /// Attitude of the vehicle \[body to world\]: the truth if there is one, otherwise the estimate.
-    #[must_use]
     pub fn attitude(&self) -> Attitude {
         let numbers = self.truth.map_or(self.telemetry.attitude, |truth| truth.attitude);
         Attitude::from_xyzw(numbers).unwrap_or_default()
     }
 
     /// Commanded attitude \[body to world\].
-    #[must_use]
     pub fn attitude_command(&self) -> Attitude {
         Attitude::from_xyzw(self.telemetry.attitude_command).unwrap_or_default()
     }
 
     /// True position minus reference \[m, world\].
-    #[must_use]
     pub fn position_error(&self) -> Vector3<f64> {
         self.position() - Vector3::from(self.telemetry.reference_position)
     }
 
     /// True velocity minus the position loops' commanded velocity \[m/s, world\].
-    #[must_use]
     pub fn velocity_error(&self) -> Vector3<f64> {
         self.velocity() - Vector3::from(self.telemetry.velocity_command)
     }
 
     /// Rotation from the commanded to the true attitude \[rad, commanded body axes\].
-    #[must_use]
     pub fn attitude_error(&self) -> Vector3<f64> {
         self.attitude_command().rotation_to(&self.attitude())
     }

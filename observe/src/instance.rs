@@ -51,7 +51,6 @@ pub struct InstanceModel {
 
 impl InstanceModel {
     /// Empty model of an observation that begins at `now`; a process counts as silent `timeout` after its last health message.
-    #[must_use]
     pub fn new(now: Time, timeout: Span) -> Self {
         Self {
             now,
@@ -69,14 +68,12 @@ impl InstanceModel {
     }
 
     /// Topics required for [`Self::status`].
-    #[must_use]
     pub fn status_topics() -> Vec<ObservedTopic> {
         let topics = [ObservedTopic::Telemetry, ObservedTopic::Vehicle];
         topics.into_iter().chain(Role::PROCESSES.map(ObservedTopic::Health)).collect()
     }
 
     /// Topics required for the whole model.
-    #[must_use]
     pub fn topics() -> Vec<ObservedTopic> {
         [Self::status_topics(), vec![ObservedTopic::Command, ObservedTopic::Input]].concat()
     }
@@ -99,13 +96,11 @@ impl InstanceModel {
     }
 
     /// Time since the observation began.
-    #[must_use]
     pub fn age(&self) -> Span {
         self.now.since(self.began)
     }
 
     /// Time since the newest tick was received; `None` before the first.
-    #[must_use]
     pub fn tick_age(&self) -> Option<Span> {
         self.tick.map(|tick| self.now.since(tick.received_at))
     }
@@ -116,20 +111,17 @@ impl InstanceModel {
     }
 
     /// Whether a process publishes its health.
-    #[must_use]
     pub fn is_alive(&self) -> bool {
         self.processes().any(|process| !process.is_silent)
     }
 
     /// Whether messages of all expected processes and of the vehicle have been received.
-    #[must_use]
     pub fn is_complete(&self) -> bool {
         let known = |role| self.has(role) || self.is_replaced(role);
         self.vehicle.is_some() && Role::PROCESSES.into_iter().all(known)
     }
 
     /// Whether processes that are not silent run with different configurations.
-    #[must_use]
     pub fn configs_differ(&self) -> bool {
         let running = self.processes().filter(|process| !process.is_silent);
         let mut hashes = running.filter_map(|process| process.health.compared_config());
@@ -138,7 +130,6 @@ impl InstanceModel {
     }
 
     /// Status at `now`.
-    #[must_use]
     pub fn status(&self, now: Time) -> InstanceStatus {
         let processes = Role::PROCESSES.into_iter().zip(&self.processes).map(|(role, process)| {
             ProcessHealth::new(role, process.as_ref(), (self.is_replaced(role), now))
@@ -221,7 +212,6 @@ impl InstanceModel {
 }
 
 /// Distance of the estimated position from the reference \[m\]; `None` when not flying.
-#[must_use]
 pub fn tracking_error_m(tick: &TelemetryV1) -> Option<f64> {
     let pairs = tick.position.iter().zip(tick.reference_position);
     let distance = pairs.map(|(is, reference)| (is - reference).powi(2)).sum::<f64>().sqrt();

@@ -36,7 +36,6 @@ impl fmt::Display for ThreadScheduling {
 
 impl ThreadScheduling {
     /// Reads the scheduling of the process `pid`; `None` if it does not exist.
-    #[must_use]
     pub fn of(pid: u64) -> Option<Self> {
         let tasks = fs::read_dir(format!("/proc/{pid}/task")).ok()?;
         let threads = tasks.flatten().filter_map(|task| {
@@ -47,7 +46,6 @@ impl ThreadScheduling {
     }
 
     /// Real-time settings that were requested but not granted by the kernel.
-    #[must_use]
     pub fn missing(&self, requested: &config::RealtimeOptions) -> Vec<&'static str> {
         let wanted = [
             ("SCHED_FIFO", requested.scheduling == Scheduling::Fifo, self.policy == "fifo"),
@@ -91,7 +89,6 @@ pub struct Footprint {
 
 impl Footprint {
     /// Reads the resources of the process `pid`; `None` if it does not exist or belongs to another user.
-    #[must_use]
     pub fn of(pid: u64) -> Option<Self> {
         let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
         let resident = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
@@ -126,7 +123,6 @@ impl fmt::Display for ProcessUsage {
 
 impl ProcessUsage {
     /// Reads the process `pid` at the start; `None` if it does not exist.
-    #[must_use]
     pub fn of(pid: u64) -> Option<Self> {
         let start = Footprint::of(pid)?;
         Some(Self { realtime: ThreadScheduling::of(pid)?, start, end: start })
@@ -146,7 +142,6 @@ pub struct OneProcessor(CpuSet);
 
 impl OneProcessor {
     /// Binds the thread; `None` if the kernel refuses.
-    #[must_use]
     pub fn bind() -> Option<Self> {
         let before = sched_getaffinity(None).ok()?;
         let mut here = CpuSet::new();

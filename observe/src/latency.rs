@@ -49,7 +49,6 @@ pub struct OnwardTime {
 
 impl OnwardTime {
     /// Time of the command in effect.
-    #[must_use]
     pub fn of(vehicle: &VehicleV1) -> Self {
         let VehicleV1 { wire_ns, air_ns, .. } = *vehicle;
         Self { wire: Span::from_nanos(wire_ns), air: Span::from_nanos(air_ns) }
@@ -60,7 +59,6 @@ impl OnwardTime {
 const LONGEST_NS: u64 = 60_000_000_000;
 
 /// Hops of one sample; `None` if a stamp is missing or earlier than the previous one.
-#[must_use]
 pub fn hops(stamps: &Stamps) -> Option<[Span; HOPS.len()]> {
     let stations = [
         stamps.captured_at,
@@ -76,7 +74,6 @@ pub fn hops(stamps: &Stamps) -> Option<[Span; HOPS.len()]> {
 }
 
 /// Parts of the first hop; `None` without a receiver.
-#[must_use]
 pub fn receiver_hops(stamps: &Stamps) -> Option<[Span; RECEIVER.len()]> {
     let Stamps { captured_at, pose_received_at, pose_published_at, .. } = *stamps;
     let ordered = captured_at <= pose_received_at && pose_received_at <= pose_published_at;
@@ -85,7 +82,6 @@ pub fn receiver_hops(stamps: &Stamps) -> Option<[Span; RECEIVER.len()]> {
 }
 
 /// Time from capture to effect.
-#[must_use]
 pub fn sensor_to_actuator(stamps: &Stamps, onward: OnwardTime) -> Span {
     stamps.applied_at.since(stamps.captured_at) + onward.wire + onward.air
 }
@@ -116,7 +112,6 @@ impl Distribution {
     }
 
     /// Quantile: the span not exceeded by the fraction `quantile` of all spans; zero for an empty distribution.
-    #[must_use]
     pub fn quantile(&self, quantile: f64) -> Span {
         Span::from_nanos(self.quantile_ns(quantile).cast_signed())
     }
@@ -132,13 +127,11 @@ impl Distribution {
     }
 
     /// Number of spans \[-\].
-    #[must_use]
     pub fn count(&self) -> u64 {
         self.spans.len()
     }
 
     /// The figures of the distribution.
-    #[must_use]
     pub fn summary(&self) -> DistributionSummary {
         let (least, greatest) = self.ends;
         DistributionSummary {

@@ -50,7 +50,6 @@ impl LoopMonitor {
         [ObservedTopic::Telemetry, ObservedTopic::Vehicle, ObservedTopic::Command];
 
     /// Monitor that ignores samples from before `from`.
-    #[must_use]
     pub fn new(from: Time) -> Self {
         Self {
             from,
@@ -71,37 +70,31 @@ impl LoopMonitor {
     }
 
     /// The newest tick of the loop; `None` if there was none.
-    #[must_use]
     pub fn latest(&self) -> Option<&TelemetryV1> {
         self.first.map(|_| &self.last)
     }
 
     /// Process id of the daemon; `None` before its first tick was received.
-    #[must_use]
     pub fn daemon_pid(&self) -> Option<u64> {
         self.daemon_pid
     }
 
     /// Whether the motors of the vehicle run.
-    #[must_use]
     pub fn is_armed(&self) -> bool {
         self.armed
     }
 
     /// The counters.
-    #[must_use]
     pub fn counters(&self) -> LoopCounters {
         self.counters
     }
 
     /// Hops of every applied command.
-    #[must_use]
     pub fn hops(&self) -> &HopDistributions {
         &self.hops
     }
 
     /// Wake-up lateness of the daemon.
-    #[must_use]
     pub fn wakeup_lateness(&self) -> &Distribution {
         &self.wakeup_lateness
     }

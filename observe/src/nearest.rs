@@ -58,13 +58,11 @@ impl<T, S> NearestJoin<T, S> {
     }
 
     /// Times of the first and last tick waiting for a sample; `None` if none is waiting.
-    #[must_use]
     pub fn waiting(&self) -> Option<(Time, Time)> {
         Some((self.ticks.front()?.0, self.ticks.back()?.0))
     }
 
     /// Number of ticks waiting for a sample \[-\].
-    #[must_use]
     pub fn ticks(&self) -> usize {
         self.ticks.len()
     }

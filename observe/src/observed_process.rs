@@ -18,7 +18,6 @@ pub struct ObservedProcess {
 
 impl ObservedProcess {
     /// Process id \[-\].
-    #[must_use]
     pub fn pid(&self) -> u32 {
         self.header.origin().process()
     }

@@ -9,7 +9,6 @@ const STYLE: &str = include_str!("page.css");
 const SCRIPT: &str = include_str!("page.js");
 
 /// A complete HTML document in the style of the reports, with the style sheet `style` appended.
-#[must_use]
 pub fn page(title: &str, style: &str, body: &Markup) -> String {
     let has_plots = body.0.contains("data-plot=");
     let page = html! {
@@ -32,7 +31,6 @@ pub fn page(title: &str, style: &str, body: &Markup) -> String {
 }
 
 /// A section of a page: a heading above a grid.
-#[must_use]
 pub fn section(title: &str, content: Markup) -> Markup {
     html! { section { h2 { (title) } div.grid { (content) } } }
 }

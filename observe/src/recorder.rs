@@ -51,7 +51,6 @@ impl Recorder {
     ];
 
     /// A recorder for a flight under `config`.
-    #[must_use]
     pub fn new(config: &Config) -> Self {
         Self {
             flight: Flight::new(config),
@@ -67,7 +66,6 @@ impl Recorder {
     }
 
     /// The newest vehicle message and the figures of the wire.
-    #[must_use]
     pub fn wire(&self) -> &WireRecord {
         &self.flight.wire
     }
@@ -78,43 +76,36 @@ impl Recorder {
     }
 
     /// Whether a pose was received.
-    #[must_use]
     pub fn has_poses(&self) -> bool {
         !self.flight.arrivals.is_empty()
     }
 
     /// Process id of the daemon; `None` before its first tick was received.
-    #[must_use]
     pub fn daemon_pid(&self) -> Option<u64> {
         self.daemon_pid
     }
 
     /// Number of samples lost before the recorder received them, by topic; empty if none were lost.
-    #[must_use]
     pub fn lost(&self) -> &[(ObservedTopic, u64)] {
         &self.lost
     }
 
     /// Outcome of the flight; `None` while it lasts.
-    #[must_use]
     pub fn outcome(&self) -> Option<Outcome> {
         self.outcome
     }
 
     /// Ticks so far, in order of time.
-    #[must_use]
     pub fn samples(&self) -> &[FlightSample] {
         &self.flight.samples
     }
 
     /// The newest tick.
-    #[must_use]
     pub fn latest(&self) -> Option<&FlightSample> {
         self.flight.samples.last()
     }
 
     /// Closes the record. The outcome is `otherwise` if the flight has not ended.
-    #[must_use]
     pub fn finish(self, otherwise: Outcome, speed_factor: f64) -> Flight {
         Flight { outcome: self.outcome.unwrap_or(otherwise), speed_factor, ..self.flight }
     }

@@ -21,7 +21,6 @@ use replay::{ArrivalIntervals, milliseconds};
 use timeline::Timeline;
 
 /// Report of `flight` with the figures `summary`: a complete HTML document.
-#[must_use]
 pub fn html(flight: &Flight, summary: &Summary) -> String {
     let timeline = Timeline::new(flight);
     let body = if flight.is_replay() {

@@ -23,7 +23,6 @@ pub struct InstanceStatus {
 
 impl InstanceStatus {
     /// Whether all observed processes run with one configuration; `None` if none was observed.
-    #[must_use]
     pub fn config_agrees(&self) -> Option<bool> {
         let hashes = self.processes.iter().filter_map(|p| p.report.as_ref()?.config_hash.as_ref());
         let mut hashes = hashes.peekable();
@@ -32,7 +31,6 @@ impl InstanceStatus {
     }
 
     /// Status as text: one line per process, the vehicle and the position.
-    #[must_use]
     pub fn lines(&self) -> Vec<String> {
         let mut lines: Vec<String> = self.processes.iter().map(ToString::to_string).collect();
         lines.extend(self.vehicle.as_ref().map(|vehicle| format!("{:<10} {vehicle}", "vehicle")));
@@ -115,7 +113,6 @@ pub struct VehicleStatus {
 
 impl VehicleStatus {
     /// State of the vehicle in its newest message.
-    #[must_use]
     pub fn new(vehicle: &VehicleV1) -> Self {
         let known = |number: f64| number.is_finite().then_some(number);
         Self {
@@ -169,7 +166,6 @@ impl fmt::Display for VehicleStatus {
 impl ProcessHealth {
     /// Health of the process `role`, observed as `process`, with a flag whether another process replaces it, and the present
     /// instant.
-    #[must_use]
     pub fn new(
         role: Role,
         process: Option<&ObservedProcess>,
@@ -234,7 +230,6 @@ impl fmt::Display for ProcessHealth {
 }
 
 /// Name of a code; empty for a code unknown to this version.
-#[must_use]
 pub fn word(code: Option<impl ToString>) -> String {
     code.map_or_else(String::new, |code| code.to_string())
 }

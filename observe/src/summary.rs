@@ -100,7 +100,6 @@ impl TopicCounts {
 
 impl Summary {
     /// The figures of `flight`.
-    #[must_use]
     pub fn of(flight: &Flight) -> Self {
         let config = &flight.config;
         let last = flight.samples.last().map(|sample| sample.telemetry).unwrap_or_default();
@@ -144,7 +143,6 @@ impl Summary {
     }
 
     /// Safety states passed through, as text; only the first few if there are many.
-    #[must_use]
     pub fn states(&self) -> String {
         let states = &self.state_sequence;
         let shown = states[..states.len().min(MOST_STATES)].join(" → ");
@@ -156,7 +154,6 @@ impl Summary {
     }
 
     /// The summary as one JSON document, with the version and revision of the program.
-    #[must_use]
     pub fn to_json(&self, provenance: Provenance) -> String {
         /// Summary and build.
         #[derive(Serialize)]
@@ -184,7 +181,6 @@ fn error_source(flight: &Flight) -> &'static str {
 }
 
 /// Configuration name of an enumeration's value.
-#[must_use]
 pub fn name_of(value: &impl Serialize) -> String {
     match serde_json::to_value(value) {
         Ok(serde_json::Value::String(name)) => name,

@@ -15,7 +15,6 @@ const UNSCORED: &str = "no errors: nothing of this flight is scored; a hover is 
                         reached, see --duration\n";
 
 /// The closing table of a flight: plain text of at most 80 columns.
-#[must_use]
 pub fn closing(summary: &Summary) -> String {
     let mut text = format!("{}\n", headline(summary));
     match errors(summary) {

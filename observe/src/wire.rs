@@ -84,19 +84,16 @@ impl WireRecord {
     }
 
     /// The newest vehicle message.
-    #[must_use]
     pub fn latest(&self) -> Option<&VehicleV1> {
         self.latest.as_ref()
     }
 
     /// Whether the vehicle ever answered.
-    #[must_use]
     pub fn answered(&self) -> bool {
         self.answered
     }
 
     /// Figures of the wire; `None` if no command was sent over a wire.
-    #[must_use]
     pub fn figures(&self) -> Option<WireFigures> {
         let time = self.last.since(self.first?);
         let mean = self.quality.mean();

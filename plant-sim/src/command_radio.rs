@@ -36,7 +36,6 @@ pub struct CommandLoss {
 
 impl CommandLoss {
     /// Losses of `plant` under `seed`.
-    #[must_use]
     pub fn new(plant: &PlantOptions, seed: u64) -> Self {
         let PlantOptions { command_loss_probability: share, command_loss_burst: burst, .. } = plant;
         Self {
@@ -74,7 +73,6 @@ pub struct CommandRadio {
 
 impl CommandRadio {
     /// The radio of `plant` under `seed`.
-    #[must_use]
     pub fn new(plant: &PlantOptions, seed: u64) -> Self {
         let millis = |millis: f64| Span::from_seconds(millis * 1e-3);
         Self {
@@ -93,7 +91,6 @@ impl CommandRadio {
     }
 
     /// Instant at which the next command takes effect; `None` without a command in transit.
-    #[must_use]
     pub fn next_effect(&self) -> Option<Time> {
         self.on_air.front().map(|on_air| on_air.acts_at)
     }

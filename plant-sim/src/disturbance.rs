@@ -67,7 +67,6 @@ pub struct LoadSchedule {
 
 impl LoadSchedule {
     /// The disturbances of `plant`.
-    #[must_use]
     pub fn new(plant: &PlantOptions) -> Self {
         Self { loads: plant.disturb.clone(), armed_at: None }
     }
@@ -78,7 +77,6 @@ impl LoadSchedule {
     }
 
     /// The load at `now`; `None` without disturbances.
-    #[must_use]
     pub fn at(&self, now: Time) -> Option<AppliedLoad> {
         let armed_at = self.armed_at.filter(|_| !self.loads.is_empty())?;
         let mut sum = AppliedLoad::default();
@@ -101,7 +99,6 @@ impl LoadSchedule {
     }
 
     /// The first instant after `now` at which a disturbance begins or ends.
-    #[must_use]
     pub fn next_change(&self, now: Time) -> Option<Time> {
         let armed_at = self.armed_at?;
         let instants = self.loads.iter().flat_map(|load| {

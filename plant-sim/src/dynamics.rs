@@ -84,7 +84,6 @@ struct Response {
 
 impl Dynamics {
     /// The equations of motion of the simulated vehicle that `plant` describes.
-    #[must_use]
     pub fn new(plant: &PlantOptions) -> Self {
         let body = match (plant.interface, plant.fidelity) {
             (Interface::Torque, _) => Body::Spacecraft(Spacecraft::new(plant)),
@@ -112,7 +111,6 @@ impl Dynamics {
     }
 
     /// Present thrust \[N\].
-    #[must_use]
     pub fn thrust(&self, state: &State) -> f64 {
         match &self.body {
             Body::Spacecraft(_) | Body::Eq61(_) => state.actuators.x,

@@ -81,7 +81,6 @@ pub struct PlantArgs {
 
 impl PlantCommand {
     /// Executes the command and returns its exit code.
-    #[must_use]
     pub fn execute(self) -> std::process::ExitCode {
         let command = match self {
             Self::Run(args) => ProcessCommand::Run(args.common()),

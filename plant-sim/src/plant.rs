@@ -70,7 +70,6 @@ pub struct Plant {
 
 impl Plant {
     /// The vehicle of `config` on the floor at `start`.
-    #[must_use]
     pub fn new(config: &Config, start: Time) -> Self {
         let seed = config.clock.seed;
         let options = drawn(&config.plant, seed);
@@ -108,13 +107,11 @@ impl Plant {
 
     /// Disables the samples of the truth between camera frames: for flights whose truth is used only by the cameras, and by the
     /// recorder at the daemon's ticks.
-    #[must_use]
     pub fn without_milliseconds(self) -> Self {
         Self { samples_milliseconds: false, ..self }
     }
 
     /// The next instant that other processes depend on: a camera frame, a command that takes effect, or a command time-out.
-    #[must_use]
     pub fn next_event(&self) -> Time {
         [self.radio.next_effect(), self.command_timeout_at]
             .into_iter()
@@ -123,7 +120,6 @@ impl Plant {
     }
 
     /// The next instant at which observers expect a sample of the truth.
-    #[must_use]
     pub fn next_sample(&self) -> Time {
         self.millisecond.next().min(self.next_event())
     }
@@ -167,7 +163,6 @@ impl Plant {
     }
 
     /// Battery voltage under load \[V\].
-    #[must_use]
     pub fn battery_v(&self) -> f64 {
         self.battery.voltage()
     }
@@ -205,7 +200,6 @@ impl Plant {
     }
 
     /// The truth at the present instant.
-    #[must_use]
     pub fn truth(&self) -> TruthV1 {
         let q = self.state.attitude;
         TruthV1 {
@@ -219,7 +213,6 @@ impl Plant {
     }
 
     /// State of the vehicle.
-    #[must_use]
     pub fn vehicle(&self) -> VehicleV1 {
         VehicleV1 {
             command_sequence: self.last_command,

@@ -54,7 +54,6 @@ pub struct RotorAir {
 
 impl RotorAir {
     /// Aerodynamic model of these rotors; `None` if it has no effect.
-    #[must_use]
     pub fn new(rotors: &RotorOptions) -> Option<Self> {
         let has_drag = rotors.drag_coefficient > 0.0 || rotors.inflow_coefficient > 0.0;
         if !has_drag && !rotors.ground_effect {
@@ -76,7 +75,6 @@ impl RotorAir {
 
     /// Force \[N, body\] and torque \[N m, body\] on rotors at these speeds \[rad/s\] whose centre moves through the air at `velocity`
     /// \[m/s, body\], while the body turns at `rate` \[rad/s, body\].
-    #[must_use]
     pub fn wrench(
         &self,
         speeds: &Vector4<f64>,
@@ -95,14 +93,12 @@ impl RotorAir {
     }
 
     /// Speed of each rotor \[rad/s\] when all four share this thrust \[N\].
-    #[must_use]
     pub fn speeds(&self, thrust: f64) -> Vector4<f64> {
         Vector4::repeat((thrust.max(0.0) / (4.0 * self.thrust_coefficient)).sqrt())
     }
 
     /// Thrust at this height above the floor over thrust far from it \[-\].
     #[inline]
-    #[must_use]
     pub fn ground_ratio(&self, height: f64) -> f64 {
         let Some(radius) = self.radius else { return 1.0 };
         let share = radius / (4.0 * height.max(LEAST_HEIGHT * radius));

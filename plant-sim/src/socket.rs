@@ -119,7 +119,6 @@ impl PeerSocket {
     }
 
     /// Whether a program was accepted.
-    #[must_use]
     pub fn has_peer(&self) -> bool {
         self.peer.is_some()
     }

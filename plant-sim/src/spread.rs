@@ -9,7 +9,6 @@ const LEAST_LAG_MS: f64 = 1.0;
 
 /// Draws the parameters of a vehicle under `seed`: each differs from its value in `nominal` by up to `nominal.spread`, uniformly
 /// in both directions. The inertia is scaled as a whole.
-#[must_use]
 pub fn drawn(nominal: &PlantOptions, seed: u64) -> PlantOptions {
     let mut spread = Spread { generator: stream(seed, RandomSource::Spread), most: nominal.spread };
     let mut plant = nominal.clone();

@@ -36,7 +36,6 @@ pub struct Derivative {
 
 impl State {
     /// At rest on the floor at the origin, level.
-    #[must_use]
     pub fn on_floor() -> Self {
         Self {
             position: Vector3::zeros(),
@@ -49,7 +48,6 @@ impl State {
 
     /// Direction of the thrust, the body's z axis \[-, world\].
     #[inline]
-    #[must_use]
     pub fn thrust_axis(&self) -> Vector3<f64> {
         let (x, y, z, w) = (self.attitude.i, self.attitude.j, self.attitude.k, self.attitude.w);
         Vector3::new(2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y))
@@ -58,7 +56,6 @@ impl State {
     /// Rate of change of the attitude: `q_dot = q (x) [omega; 0] / 2`, Eq. (7), erratum E-07. The product is written out without
     /// the terms of the zero.
     #[inline]
-    #[must_use]
     pub fn attitude_rate(&self) -> Quaternion<f64> {
         let [x, y, z, w] = self.attitude.coords.into();
         let [p, q, r] = self.rate.into();

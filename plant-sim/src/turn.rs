@@ -107,7 +107,6 @@ impl<T: Transport> PlantTurn<T> {
     }
 
     /// Counts the inputs in `health`.
-    #[must_use]
     pub fn counted_in(self, health: Health) -> Self {
         Self { health, ..self }
     }

@@ -18,7 +18,6 @@ pub struct Gust {
 
 impl Gust {
     /// The gusts of `plant`, advancing by `step_s` \[s\] at a time.
-    #[must_use]
     pub fn new(plant: &PlantOptions, seed: u64, step_s: f64) -> Self {
         // Exact discretisation, started from the stationary distribution.
         let keep = (-step_s / plant.gust_time_s).exp();
@@ -37,14 +36,12 @@ impl Gust {
     }
 
     /// Present acceleration \[m/s^2, world\].
-    #[must_use]
     pub fn acceleration(&self) -> Vector3<f64> {
         self.acceleration
     }
 }
 
 /// Constant imperfections of the vehicle, drawn once per seed: (rate drift \[rad/s, body\], acceleration \[m/s^2, world\]).
-#[must_use]
 pub fn imperfections(plant: &PlantOptions, seed: u64) -> (Vector3<f64>, Vector3<f64>) {
     let mut generator = stream(seed, RandomSource::Imperfection);
     let mut spread = |nominal: [f64; 3]| {
@@ -71,7 +68,6 @@ pub struct BatteryModel {
 
 impl BatteryModel {
     /// A full battery of `plant`.
-    #[must_use]
     pub fn new(plant: &PlantOptions) -> Self {
         let weight = plant.mass_kg * plant.gravity_m_s2;
         Self {
@@ -95,13 +91,11 @@ impl BatteryModel {
     }
 
     /// Voltage under load \[V\].
-    #[must_use]
     pub fn voltage(&self) -> f64 {
         self.voltage
     }
 
     /// Voltage over the nominal one \[-\]; 1 where thrust does not depend on the voltage.
-    #[must_use]
     pub fn ratio(&self) -> f64 {
         if self.battery.sag { self.voltage / self.battery.nominal_v } else { 1.0 }
     }

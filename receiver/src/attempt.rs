@@ -155,25 +155,21 @@ pub struct Attempt {
 
 impl Attempt {
     /// Time until the deadline; at least a millisecond, since a socket treats zero as no time-out.
-    #[must_use]
     pub fn left(&self) -> std::time::Duration {
         self.deadline.since(Time::now()).max(Span::from_millis(1)).to_duration()
     }
 
     /// Whether the time is up.
-    #[must_use]
     pub fn is_over(&self) -> bool {
         Time::now() >= self.deadline
     }
 
     /// Routes of the wanted bodies.
-    #[must_use]
     pub fn routes(&self) -> RouteTable {
         RouteTable::new(self.link.bodies.iter().map(|body| body.name.clone()).collect())
     }
 
     /// The failure of a call of the operating system.
-    #[must_use]
     pub fn refused(&self, error: &io::Error) -> ConnectError {
         let (kind, address) = (self.link.protocol.name(), self.address.to_string());
         let reason = match error.kind() {
@@ -187,14 +183,12 @@ impl Attempt {
     }
 
     /// The failure of a server that does not answer.
-    #[must_use]
     pub fn silent(&self, reason: &str) -> ConnectError {
         let (kind, address) = (self.link.protocol.name(), self.address.to_string());
         ConnectError::NoServer { kind, address, reason: reason.to_owned() }
     }
 
     /// The failure of a server that uses another protocol.
-    #[must_use]
     pub fn other_protocol(&self, reason: impl ToString) -> ConnectError {
         let (kind, address) = (self.link.protocol.name(), self.address.to_string());
         ConnectError::OtherProtocol { kind, address, reason: reason.to_string() }

@@ -45,7 +45,6 @@ pub struct Connector {
 
 impl Connector {
     /// Worker that connects to `link` again whenever it is lost.
-    #[must_use]
     pub fn new(handle: ConnectorHandle, link: CameraLink, health: Health) -> Self {
         let names = link.bodies.iter().map(|body| body.name.clone()).collect();
         Self { handle, link, names, health, search: ServerSearch::default() }

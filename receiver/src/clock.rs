@@ -104,7 +104,6 @@ pub struct ServerClock {
 
 impl ServerClock {
     /// A clock that is unknown; `latency` passes between the capture of a frame and its arrival at least.
-    #[must_use]
     pub fn new(latency: Span) -> Self {
         Self {
             latency,
@@ -176,7 +175,6 @@ impl ServerClock {
     }
 
     /// The state after the last frame.
-    #[must_use]
     pub fn state(&self) -> ClockState {
         let line = self.envelope.line();
         let offset_ns = self.origin.map_or(0, |origin| {

@@ -69,7 +69,6 @@ pub struct ProbeArgs {
 
 impl ReceiverCommand {
     /// Executes the command; returns the exit code of the process.
-    #[must_use]
     pub fn execute(self) -> ExitCode {
         let command = match self {
             Self::Run(args) => ProcessCommand::Run(args.common()),

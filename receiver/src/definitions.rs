@@ -36,7 +36,6 @@ enum DefinitionState {
 
 impl BodyDefinitions {
     /// Whether these are to be read.
-    #[must_use]
     pub fn is_unread(&self) -> bool {
         self.state == DefinitionState::Received
     }
@@ -86,7 +85,6 @@ pub struct DefinitionSlot {
 
 impl DefinitionSlot {
     /// An empty slot of a stream with these routes.
-    #[must_use]
     pub fn new(format: DefinitionFormat, routes: &RouteTable) -> Self {
         let (bytes, routes) = (Vec::with_capacity(CAPACITY), routes.clone());
         let spare = BodyDefinitions { format, bytes, routes, state: DefinitionState::Received };

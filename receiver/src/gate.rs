@@ -67,7 +67,6 @@ pub struct FrameCounts {
 
 impl FrameCounts {
     /// The sums of both.
-    #[must_use]
     pub fn plus(self, other: Self) -> Self {
         Self {
             arrived: self.arrived + other.arrived,
@@ -99,7 +98,6 @@ pub struct FrameGate {
 
 impl FrameGate {
     /// The gate of `[receiver]`.
-    #[must_use]
     pub fn new(options: &ReceiverOptions) -> Self {
         let latency = Span::from_seconds(options.camera_latency_ms * 1e-3);
         Self {
@@ -145,13 +143,11 @@ impl FrameGate {
     }
 
     /// The counts so far.
-    #[must_use]
     pub fn counts(&self) -> FrameCounts {
         self.counts
     }
 
     /// State of the server's clock.
-    #[must_use]
     pub fn clock(&self) -> ClockState {
         match self.stamps {
             StampSource::Server => self.clock.state(),

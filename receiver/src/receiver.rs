@@ -42,7 +42,6 @@ pub struct PoseReceiver {
 
 impl PoseReceiver {
     /// Receiver of this number of bodies.
-    #[must_use]
     pub fn new(options: &ReceiverOptions, bodies: usize) -> Self {
         // A protocol has one gate, or one for each body.
         let state = GateState { gate: FrameGate::new(options), current: None };
@@ -72,43 +71,36 @@ impl PoseReceiver {
     }
 
     /// Whether the cameras saw a body in its last frame.
-    #[must_use]
     pub fn is_tracked(&self, route: usize) -> bool {
         self.bodies[route].tracked
     }
 
     /// Arrival of the last frame with this body; [`Time::UNSET`] before the first.
-    #[must_use]
     pub fn seen_at(&self, route: usize) -> Time {
         self.bodies[route].seen_at
     }
 
     /// Arrival of the last frame; [`Time::UNSET`] before the first.
-    #[must_use]
     pub fn arrived_at(&self) -> Time {
         self.arrived_at
     }
 
     /// The frames at a gate, by outcome.
-    #[must_use]
     pub fn counts(&self, gate: usize) -> FrameCounts {
         self.gates[gate].gate.counts()
     }
 
     /// State of the server's clock at a gate.
-    #[must_use]
     pub fn clock(&self, gate: usize) -> ClockState {
         self.gates[gate].gate.clock()
     }
 
     /// Datagrams and messages that could not be read \[-\].
-    #[must_use]
     pub fn damaged(&self) -> u64 {
         self.damaged
     }
 
     /// Poses that a newer one overtook before they were taken \[-\].
-    #[must_use]
     pub fn superseded(&self) -> u64 {
         self.bodies.iter().map(|body| body.superseded).sum()
     }

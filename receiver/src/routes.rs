@@ -44,14 +44,12 @@ pub struct RouteTable {
 
 impl RouteTable {
     /// Routes of the bodies `wanted`, none of which is known yet. Without any, every body gets a route.
-    #[must_use]
     pub fn new(wanted: Vec<String>) -> Self {
         let routes = Vec::with_capacity(wanted.len());
         Self { takes_all: wanted.is_empty(), wanted, routes, ..Self::default() }
     }
 
     /// The same routes, which also take the body whose number is wanted, if none has that name.
-    #[must_use]
     pub fn with_numbers(self) -> Self {
         Self { takes_numbers: true, ..self }
     }
@@ -120,7 +118,6 @@ impl RouteTable {
     }
 
     /// The route of a body; `None` if it is not wanted.
-    #[must_use]
     pub fn route(&self, key: i64) -> Option<usize> {
         self.routes.iter().find(|(known, _)| *known == key).map(|(_, route)| *route)
     }
@@ -131,20 +128,17 @@ impl RouteTable {
     }
 
     /// The bodies of the camera system with names that can be printed.
-    #[must_use]
     pub fn listed(&self) -> Vec<CameraBody> {
         let listed = |body: &CameraBody| CameraBody { name: printable(&body.name), ..*body };
         self.bodies.iter().map(listed).collect()
     }
 
     /// Wanted names, in the order of their routes.
-    #[must_use]
     pub fn wanted(&self) -> &[String] {
         &self.wanted
     }
 
     /// Whether the body of a route is there.
-    #[must_use]
     pub fn has(&self, route: usize) -> bool {
         self.routes.iter().any(|(_, known)| *known == route)
     }

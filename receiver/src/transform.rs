@@ -19,7 +19,6 @@ pub struct PoseTransform {
 
 impl PoseTransform {
     /// The transforms of `[receiver]`.
-    #[must_use]
     pub fn new(options: &ReceiverOptions) -> Self {
         let upright = match options.up_axis {
             UpAxis::Z => UnitQuaternion::identity(),
@@ -36,7 +35,6 @@ impl PoseTransform {
     }
 
     /// Position \[m, world\] and attitude \[body to world\] of the body whose markers have the pose `measured`.
-    #[must_use]
     pub fn apply(&self, measured: &RigidPose) -> ([f64; 3], [f64; 4]) {
         let [x, y, z, w] = measured.attitude;
         let markers = UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z));

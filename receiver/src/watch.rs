@@ -29,7 +29,6 @@ pub struct ReceiverWatch {
 
 impl ReceiverWatch {
     /// Watch of this number of bodies, before the first frame.
-    #[must_use]
     pub fn new(bodies: usize) -> Self {
         Self {
             next_look: Time::UNSET,

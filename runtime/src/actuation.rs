@@ -4,7 +4,6 @@ use oqtal_bus::code::Actuation;
 use oqtal_config::Interface;
 
 /// Actuation of commands to a vehicle with this interface.
-#[must_use]
 pub const fn actuation_of(interface: Interface) -> Actuation {
     match interface {
         Interface::Rate => Actuation::Sticks,

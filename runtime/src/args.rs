@@ -36,7 +36,6 @@ impl CommonArgs {
     }
 
     /// These flags as settings, without any `--set` that has no `=`.
-    #[must_use]
     pub fn usable_settings(&self) -> Vec<Setting> {
         self.with_place(self.parsed().filter_map(Result::ok).collect())
     }

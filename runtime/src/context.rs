@@ -91,7 +91,6 @@ impl ProcessContext {
 }
 
 /// The roles that take part in the loop; the first leads virtual time.
-#[must_use]
 pub fn roles(config: &Config) -> &'static [Role] {
     if config.is_replay() { &Role::ALL[1..] } else { &Role::ALL }
 }

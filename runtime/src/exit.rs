@@ -49,7 +49,6 @@ pub struct Failure {
 
 impl Failure {
     /// Failure with this code and message.
-    #[must_use]
     pub fn new(exit: Exit, message: impl Into<String>) -> Self {
         Self { exit, message: message.into() }
     }

@@ -24,7 +24,6 @@ pub struct BackgroundHandle<Note, Request, Reply> {
 }
 
 /// Both sides: notes and replies go to the background thread, requests come from it.
-#[must_use]
 pub fn handoff<Note, Request, Reply>()
 -> (RtHandle<Note, Request, Reply>, BackgroundHandle<Note, Request, Reply>) {
     let (notes, notes_out) = bounded(CAPACITY);
@@ -45,13 +44,11 @@ impl<Note, Request, Reply> RtHandle<Note, Request, Reply> {
     }
 
     /// Number of notes dropped so far.
-    #[must_use]
     pub fn dropped_notes(&self) -> u64 {
         self.dropped_notes
     }
 
     /// Next request of the background thread; `None` if none is waiting.
-    #[must_use]
     pub fn request(&self) -> Option<Request> {
         self.requests.try_recv().ok()
     }
@@ -77,7 +74,6 @@ impl<Note, Request, Reply> BackgroundHandle<Note, Request, Reply> {
     }
 
     /// Replies of the real-time thread, for waiting.
-    #[must_use]
     pub fn replies(&self) -> &Receiver<Reply> {
         &self.replies
     }

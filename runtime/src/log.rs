@@ -20,7 +20,6 @@ use queue::{LogQueue, log_queue};
 const FLUSH_TIMEOUT: Duration = Duration::from_millis(200);
 
 /// Starts the log of `role`; records below `level` are discarded. The log is flushed when the returned guard is dropped.
-#[must_use]
 pub fn start(level: LogLevel, role: Role) -> LogGuard {
     let level = match level {
         LogLevel::Error => Level::ERROR,

@@ -57,7 +57,6 @@ impl LoopClock {
     }
 
     /// Real time: wakes at the next event, or when `descriptor` is readable; an epoll set is readable when one of its sockets is.
-    #[must_use]
     pub fn polled(descriptor: OwnedFd, stop: StopFlag) -> Self {
         Self::new(Clock::Polled(descriptor), stop, Time::now())
     }
@@ -91,13 +90,11 @@ impl LoopClock {
     }
 
     /// Counts the turns in `health`; a turn that ends more than `period` after it was due is late.
-    #[must_use]
     pub fn counted_in(self, health: Health, period: Span) -> Self {
         Self { health, overruns: OverrunMonitor::new(period), ..self }
     }
 
     /// The present instant: read from the clock, or the last virtual time.
-    #[must_use]
     pub fn now(&self) -> Time {
         match self.clock {
             Clock::Real(_) | Clock::Polled(_) => Time::now(),
@@ -106,7 +103,6 @@ impl LoopClock {
     }
 
     /// Whether this process runs in virtual time.
-    #[must_use]
     pub fn is_virtual(&self) -> bool {
         !matches!(self.clock, Clock::Real(_) | Clock::Polled(_))
     }

@@ -21,7 +21,6 @@ pub struct OverrunMonitor {
 
 impl OverrunMonitor {
     /// Monitor of a loop whose turns should end within `allowed` after they are due.
-    #[must_use]
     pub fn new(allowed: Span) -> Self {
         Self { allowed, late_turns: 0, in_a_row: 0, last_late: Time::UNSET, runs_late: false }
     }
@@ -40,13 +39,11 @@ impl OverrunMonitor {
     }
 
     /// Number of late turns so far \[-\].
-    #[must_use]
     pub fn late_turns(&self) -> u64 {
         self.late_turns
     }
 
     /// Whether the loop runs late: three turns in a row were late, and less than a second has passed since the last late one.
-    #[must_use]
     pub fn runs_late(&self) -> bool {
         self.runs_late
     }

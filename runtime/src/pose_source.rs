@@ -21,7 +21,6 @@ pub struct Delivery {
 
 impl Delivery {
     /// The stamps with the instant of publication.
-    #[must_use]
     pub fn stamps_at(&self, now: Time) -> Stamps {
         Stamps { pose_published_at: now, ..self.stamps }
     }

@@ -24,7 +24,6 @@ pub type Job = fn(&ProcessContext) -> Result<(), Failure>;
 pub type Check = fn(&Config) -> Result<(), Failure>;
 
 /// Executes the command for the process `role` with the main function `job`, and returns the exit code.
-#[must_use]
 pub fn execute(role: Role, command: &ProcessCommand, job: Job, check: Check) -> ExitCode {
     let result = match command {
         ProcessCommand::Check(args) => load(args).and_then(|config| {
@@ -41,7 +40,6 @@ pub fn execute(role: Role, command: &ProcessCommand, job: Job, check: Check) -> 
 
 /// The effective configuration as a file, preceded by comments with the rate of the loop and, for a vehicle with its own attitude
 /// loop, with the part of the law that is used.
-#[must_use]
 pub fn describe(config: &Config) -> String {
     let law = if config.vehicle.interface.holds_attitude() {
         "# the vehicle holds the attitude: the attitude law only steers a yaw axis that is commanded by its rate\n"

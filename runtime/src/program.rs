@@ -17,7 +17,6 @@ const SAY_TIMEOUT: Duration = Duration::from_millis(300);
 
 /// Parses the command line and runs `execute`. An invalid command line ends with [`Exit::Usage`], a panic with
 /// [`Exit::Internal`].
-#[must_use]
 pub fn run<C: Parser>(execute: impl FnOnce(C) -> ExitCode) -> ExitCode {
     survive_size_limits();
     match C::try_parse() {
@@ -46,7 +45,6 @@ pub fn guarded<T>(work: impl FnOnce() -> Result<T, Failure>) -> Result<T, Failur
 }
 
 /// Prints on standard error the reason why `program` failed, and returns its exit code.
-#[must_use]
 pub fn conclude(program: &str, failure: &Failure) -> ExitCode {
     say(&format!("{program}: {failure}"));
     failure.exit.into()

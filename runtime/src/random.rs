@@ -46,7 +46,6 @@ pub enum RandomSource {
 }
 
 /// The stream of `source` under `seed`.
-#[must_use]
 pub fn stream(seed: u64, source: RandomSource) -> Generator {
     let mut generator = ChaCha8Rng::seed_from_u64(seed);
     generator.set_stream(source as u64);

@@ -43,7 +43,6 @@ pub struct GrantedSettings {
 
 /// Priority of the loop of `role` under SCHED_FIFO, in order of urgency: safety of a real vehicle, its commands, its poses,
 /// simulation. `daemon` is `realtime.priority`.
-#[must_use]
 pub const fn priority_of(role: Role, daemon: u8) -> u8 {
     match role {
         Role::Bridge => daemon.saturating_add(1),
@@ -54,7 +53,6 @@ pub const fn priority_of(role: Role, daemon: u8) -> u8 {
 }
 
 /// Applies `options` to the calling thread, the loop of `role`; memory is locked for the whole process.
-#[must_use]
 pub fn enter(options: &RealtimeOptions, role: Role) -> GrantedSettings {
     let mut granted = GrantedSettings { policy: "other", ..GrantedSettings::default() };
     let mut note = |result: Result<(), String>| match result {

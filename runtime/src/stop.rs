@@ -19,13 +19,11 @@ impl StopFlag {
     }
 
     /// Whether the end of the process was requested.
-    #[must_use]
     pub fn is_set(&self) -> bool {
         self.0.load(Ordering::Acquire)
     }
 
     /// Requests the end of the process when the returned guard goes out of scope, also after a panic.
-    #[must_use]
     pub fn set_on_drop(&self) -> SetOnDrop {
         SetOnDrop(self.clone())
     }

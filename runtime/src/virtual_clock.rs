@@ -33,7 +33,6 @@ pub struct VirtualClock {
 
 impl VirtualClock {
     /// Starts at `start`; each of `roles` has its first turn there, other roles never act.
-    #[must_use]
     pub fn new(start: Time, roles: &[Role]) -> Self {
         let mut next = [None; Role::ALL.len()];
         for &role in roles {

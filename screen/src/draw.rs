@@ -15,7 +15,6 @@ const CHART_LABEL_WIDTH: u16 = 14;
 struct Chart<'a>(&'static str, &'a Trend, f64, usize);
 
 /// Draws `model` in a terminal of this many columns and rows.
-#[must_use]
 pub fn draw(model: &MonitorModel, look: ScreenLook, size: (u16, u16)) -> Picture {
     let mut canvas = Canvas { look, picture: Picture::new(size) };
     let parts = ScreenParts::of(canvas.picture.area());

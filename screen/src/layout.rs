@@ -38,7 +38,6 @@ pub struct ScreenParts {
 
 impl ScreenParts {
     /// The parts in `area`.
-    #[must_use]
     pub fn of(area: Rect) -> Self {
         let mut rest = Rows(area);
         let title = rest.take(1);
@@ -74,7 +73,6 @@ impl ScreenParts {
     }
 
     /// Names of the parts that are left out.
-    #[must_use]
     pub fn left_out(&self) -> Vec<&'static str> {
         let parts = [
             ("some status", (self.status.height >= STATUS_LINES).then_some(self.status)),

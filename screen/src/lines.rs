@@ -30,7 +30,6 @@ fn line(label: &'static str, text: impl Into<String>, weight: Weight) -> StatusL
 }
 
 /// Status of the instance, most important lines first.
-#[must_use]
 pub fn status(model: &InstanceModel) -> Vec<StatusLine> {
     vec![
         state(model),
@@ -197,7 +196,6 @@ fn faults(model: &InstanceModel) -> StatusLine {
 }
 
 /// Table of latencies: a heading, the sum of all hops, then every hop.
-#[must_use]
 pub fn hop_table(model: &InstanceModel) -> Vec<String> {
     let head = format!("{:<20}{:>8}{:>8}{:>8}", "hop [ms]", "p50", "p99", "max");
     let rows = model.figures.hops().iter().map(|(name, distribution)| {
@@ -214,7 +212,6 @@ pub fn hop_table(model: &InstanceModel) -> Vec<String> {
 }
 
 /// The newest `count` events, one line each, oldest first.
-#[must_use]
 pub fn events(model: &InstanceModel, count: usize) -> Vec<String> {
     let newest = model.events.iter().skip(model.events.len().saturating_sub(count));
     newest.map(|(at, text)| format!("{:>7.1} {text}", at.seconds())).collect()

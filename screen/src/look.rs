@@ -33,7 +33,6 @@ pub struct ScreenLook {
 
 impl ScreenLook {
     /// Look for an environment in which `variable` returns the value of a variable that is set and not empty.
-    #[must_use]
     pub fn of_environment(variable: impl Fn(&str) -> Option<std::ffi::OsString>) -> Self {
         // The first variable that is set takes precedence, locale(7).
         let locale = ["LC_ALL", "LC_CTYPE", "LANG"].into_iter().find_map(&variable);
@@ -48,7 +47,6 @@ impl ScreenLook {
     }
 
     /// Control sequence before a text: SGR of ECMA-48.
-    #[must_use]
     pub fn sequence(self, weight: Weight) -> &'static str {
         match (weight, self.has_colour) {
             (Weight::Plain, _) | (Weight::Good, false) => "\x1b[0m",
@@ -62,7 +60,6 @@ impl ScreenLook {
     }
 
     /// Character of a bar of this height \[eighths of a cell\].
-    #[must_use]
     pub fn bar(self, eighths: usize) -> char {
         if self.has_blocks { BLOCKS[eighths] } else { LETTERS[eighths] }
     }

@@ -33,7 +33,6 @@ pub struct MonitorModel {
 
 impl MonitorModel {
     /// An empty model of the instance `name` at `now`.
-    #[must_use]
     pub fn new(name: &str, now: Time) -> Self {
         let instance = InstanceModel::new(now, SILENCE);
         Self { name: name.to_owned(), instance, trends: Trends::default() }

@@ -17,7 +17,6 @@ pub struct Rect {
 
 impl Rect {
     /// Whether the rectangle has no cell.
-    #[must_use]
     pub fn is_empty(self) -> bool {
         self.width == 0 || self.height == 0
     }
@@ -28,7 +27,6 @@ impl Rect {
     }
 
     /// The part right of the first `width` columns.
-    #[must_use]
     pub fn right_of(self, width: u16) -> Self {
         let width = width.min(self.width);
         Self { x: self.x + width, width: self.width - width, ..self }
@@ -48,14 +46,12 @@ pub struct Picture {
 
 impl Picture {
     /// Empty picture with these columns and rows.
-    #[must_use]
     pub fn new(size: (u16, u16)) -> Self {
         let count = usize::from(size.0) * usize::from(size.1);
         Self { size, cells: vec![(' ', Weight::Plain); count] }
     }
 
     /// Rectangle of the whole picture.
-    #[must_use]
     pub fn area(&self) -> Rect {
         Rect { width: self.size.0, height: self.size.1, ..Rect::default() }
     }

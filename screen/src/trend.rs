@@ -49,7 +49,6 @@ impl Trend {
     }
 
     /// Value of the newest step that has one.
-    #[must_use]
     pub fn latest(&self) -> Option<f64> {
         self.steps.iter().rev().take(2).flatten().next().copied()
     }

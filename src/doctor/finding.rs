@@ -17,7 +17,6 @@ pub enum Level {
 
 impl Level {
     /// Name of the level.
-    #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Ok => "ok",
@@ -47,25 +46,21 @@ pub struct Finding {
 
 impl Finding {
     /// A finding of level [`Level::Ok`].
-    #[must_use]
     pub fn ok(name: &'static str, why: &'static str, found: impl Into<String>) -> Self {
         Self { name, level: Level::Ok, found: found.into(), why, remedy: None, exit: Exit::System }
     }
 
     /// The finding as advice with a remedy.
-    #[must_use]
     pub fn advise(self, remedy: impl Into<String>) -> Self {
         Self { level: Level::Advice, remedy: Some(remedy.into()), ..self }
     }
 
     /// The finding as advice without a remedy.
-    #[must_use]
     pub fn note(self) -> Self {
         Self { level: Level::Advice, ..self }
     }
 
     /// The finding as a problem that prevents a flight, with a remedy.
-    #[must_use]
     pub fn forbid(self, exit: Exit, remedy: impl Into<String>) -> Self {
         Self { level: Level::Problem, remedy: Some(remedy.into()), exit, ..self }
     }

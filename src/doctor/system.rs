@@ -20,7 +20,6 @@ pub struct System {
 
 impl System {
     /// This machine, with the files of instances in `instances`.
-    #[must_use]
     pub fn live(instances: &Path) -> Self {
         let space = statvfs("/dev/shm").ok();
         // A folder that does not exist yet is represented by its nearest existing ancestor.
@@ -35,14 +34,12 @@ impl System {
     }
 
     /// The content of a file without trailing line end; `None` if it cannot be read.
-    #[must_use]
     pub fn read(&self, path: &str) -> Option<String> {
         let text = fs::read_to_string(self.root.join(path)).ok()?;
         Some(text.trim_end().to_owned())
     }
 
     /// The sorted names in a folder; empty if it cannot be read.
-    #[must_use]
     pub fn list(&self, path: &str) -> Vec<String> {
         let entries = fs::read_dir(self.root.join(path)).into_iter().flatten().flatten();
         let mut names: Vec<String> =
@@ -52,13 +49,11 @@ impl System {
     }
 
     /// Whether this user may read and write a file.
-    #[must_use]
     pub fn may_use(&self, path: &str) -> bool {
         access(self.root.join(path), Access::READ_OK | Access::WRITE_OK).is_ok()
     }
 
     /// The value of `key` in a file of lines `key: value`.
-    #[must_use]
     pub fn value(&self, path: &str, key: &str) -> Option<String> {
         let text = self.read(path)?;
         let line = text.lines().find_map(|line| line.strip_prefix(key)?.trim().strip_prefix(':'));
@@ -66,14 +61,12 @@ impl System {
     }
 
     /// Whether this process has a capability, by its number in `linux/capability.h`.
-    #[must_use]
     pub fn has_capability(&self, number: u32) -> bool {
         let effective = self.value("proc/self/status", "CapEff").unwrap_or_default();
         u64::from_str_radix(&effective, 16).is_ok_and(|bits| bits >> number & 1 == 1)
     }
 
     /// A soft limit of this process, getrlimit(2); `None` for unlimited.
-    #[must_use]
     pub fn limit(&self, name: &str) -> Option<u64> {
         let limits = self.read("proc/self/limits").unwrap_or_default();
         let line = limits.lines().find_map(|line| line.strip_prefix(name)).unwrap_or("0");

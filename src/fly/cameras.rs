@@ -139,7 +139,6 @@ impl PosePath {
     }
 
     /// Processes of a flight whose commands are sent by these processes.
-    #[must_use]
     pub fn roles(&self, commands: &[Role]) -> Vec<Role> {
         let mut roles = Vec::new();
         for role in commands {
@@ -153,7 +152,6 @@ impl PosePath {
     }
 
     /// Link at which emulated cameras must answer before a receiver can connect; `None` without emulated cameras.
-    #[must_use]
     pub fn awaited(&self) -> Option<&CameraLink> {
         match self {
             Self::Served(link) => Some(link),

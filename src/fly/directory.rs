@@ -82,19 +82,16 @@ impl FlightDirectory {
     }
 
     /// The path of the directory.
-    #[must_use]
     pub fn path(&self) -> &Path {
         &self.directory
     }
 
     /// Path of the effective configuration, for the processes.
-    #[must_use]
     pub fn config(&self) -> PathBuf {
         self.directory.join(CONFIG)
     }
 
     /// Path of the recording.
-    #[must_use]
     pub fn recording(&self) -> PathBuf {
         self.directory.join("flight.mcap")
     }
@@ -112,7 +109,6 @@ impl FlightDirectory {
     }
 
     /// Path of the report.
-    #[must_use]
     pub fn report(&self) -> PathBuf {
         self.directory.join("report.html")
     }

@@ -111,7 +111,6 @@ impl ProcessFaults {
     }
 
     /// The instant of the next action; `None` before arming.
-    #[must_use]
     pub fn next(&self) -> Option<Time> {
         let (at, ..) = self.actions.last()?;
         Some(self.armed_at? + *at)

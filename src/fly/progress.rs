@@ -39,7 +39,6 @@ struct Obstruction {
 
 impl FlightProgress {
     /// A bar for the flight `mission`.
-    #[must_use]
     pub fn new(mission: &Mission) -> Self {
         let bar = ProgressBar::new(mission.expected().seconds().ceil() as u64);
         let style = ProgressStyle::with_template("{bar:8.cyan/blue} {pos:>3}/{len} s {wide_msg}");

@@ -200,7 +200,6 @@ impl CommandLink {
     }
 
     /// The path as named in the flight's record, without the path of a temporary link.
-    #[must_use]
     pub fn command_path(&self) -> CommandPath {
         match self {
             Self::Bus => CommandPath::Bus,
@@ -210,7 +209,6 @@ impl CommandLink {
     }
 
     /// Processes of the flight, in start order.
-    #[must_use]
     pub fn roles(&self, config: &Config) -> &'static [Role] {
         match self {
             Self::Bus => roles(config),
@@ -224,7 +222,6 @@ impl CommandLink {
     }
 
     /// Path that the plant creates and the bridge then opens; `None` if the plant creates none.
-    #[must_use]
     pub fn awaited(&self) -> Option<&Path> {
         match self {
             Self::Bridged { vehicle: LinkSpec::Asctec(link), .. } => {
@@ -235,14 +232,12 @@ impl CommandLink {
     }
 
     /// Time within which the vehicle must give its first answer; `None` without a bridge.
-    #[must_use]
     pub fn answer_timeout(&self, config: &Config) -> Option<Span> {
         let seconds = config.trajectory.duration_s.unwrap_or(ANSWER_TIMEOUT_S);
         (*self != Self::Bus).then(|| Span::from_seconds(seconds))
     }
 
     /// Time within which a bridge has stopped the motors after a flight; zero without a bridge.
-    #[must_use]
     pub fn rest_timeout(&self, config: &Config) -> Span {
         if *self == Self::Bus {
             return Span::ZERO;
@@ -252,7 +247,6 @@ impl CommandLink {
     }
 
     /// Failure for a vehicle that did not answer.
-    #[must_use]
     pub fn never_answered(&self) -> Failure {
         let message = format!(
             "the vehicle at {} does not answer; check that vehicle and remote control are switched on, channel 5 at \"serial\", \

@@ -36,7 +36,6 @@ pub struct ProcessWatch<'a> {
 
 impl<'a> ProcessWatch<'a> {
     /// Watch over the flight under `config` at `paths`; sets `stop` when the flight cannot continue.
-    #[must_use]
     pub fn new(paths: &'a InstancePaths, config: &'a Config, stop: &'a StopFlag) -> Self {
         Self { paths, config, stop, over: StopFlag::default(), failure: Mutex::new(None) }
     }
@@ -75,13 +74,11 @@ impl<'a> ProcessWatch<'a> {
     }
 
     /// Ends the watch when the returned guard is dropped.
-    #[must_use]
     pub fn end_on_drop(&self) -> SetOnDrop {
         self.over.set_on_drop()
     }
 
     /// The reason why the watch ended the flight; `None` if it did not.
-    #[must_use]
     pub fn into_failure(self) -> Option<Failure> {
         self.failure.into_inner().unwrap_or_else(|poison| poison.into_inner())
     }

@@ -22,7 +22,6 @@ impl RigCondition {
     pub const ALL: [Self; 3] = [Self::Regular, Self::WithoutWarmup, Self::Jitter];
 
     /// Name in the figures.
-    #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Regular => "with warm-up",
@@ -32,7 +31,6 @@ impl RigCondition {
     }
 
     /// `config` under this condition.
-    #[must_use]
     pub fn applied_to(self, config: &Config) -> Config {
         let mut config = config.clone();
         config.mocap.jitter_ms = 0.0;
@@ -46,7 +44,6 @@ impl RigCondition {
 }
 
 /// Delay of the pose of round `round`, uniformly distributed between zero and `jitter_ms` \[ms\].
-#[must_use]
 pub fn delay_ms(round: u64, jitter_ms: f64) -> f64 {
     // Multiples of the golden ratio fill the interval uniformly in an irregular order.
     const GOLDEN: f64 = 0.618_033_988_749_895;

@@ -30,7 +30,6 @@ pub struct Ratio {
 
 impl Ratio {
     /// Ratio of `ours` to `theirs`.
-    #[must_use]
     pub fn of(ours: &DistributionSummary, theirs: &DistributionSummary) -> Self {
         let over = |ours: u64, theirs: u64| ours as f64 / theirs.max(1) as f64;
         Self { p50: over(ours.p50_ns, theirs.p50_ns), p99: over(ours.p99_ns, theirs.p99_ns) }
@@ -63,7 +62,6 @@ pub struct ConditionFigures {
 
 impl ConditionFigures {
     /// The figures measured under `condition`.
-    #[must_use]
     pub fn of(condition: RigCondition, figures: &LatencyFigures) -> Self {
         Self {
             condition: condition.name(),
@@ -94,7 +92,6 @@ pub struct LatencyFigures {
 
 impl LatencyFigures {
     /// The figures of the observed loop and of the bare mechanisms.
-    #[must_use]
     pub fn new(monitor: &LoopMonitor, bare: Option<&Bare>, realtime: ThreadScheduling) -> Self {
         let measured = bare.into_iter().flat_map(|bare| &bare.mechanisms);
         let mut figures = Self {
@@ -124,7 +121,6 @@ impl LatencyFigures {
     }
 
     /// Hops of [`TRANSPORT`] over `mechanism`; none if one of the two was not measured.
-    #[must_use]
     pub fn ratios(&self, mechanism: Mechanism) -> BTreeMap<&'static str, Ratio> {
         let measured = |summary: &&DistributionSummary| summary.count > 0;
         let Some(bare) = self.bare.get(mechanism.name()).filter(measured) else {
@@ -138,7 +134,6 @@ impl LatencyFigures {
     }
 
     /// Adds the comparison with cyclictest.
-    #[must_use]
     pub fn with_pairs(mut self, pairs: Vec<Pair>) -> Self {
         // The mean of the lower and the upper middle value.
         let ratios = || pairs.iter().map(|pair| pair.ratio);
@@ -149,7 +144,6 @@ impl LatencyFigures {
     }
 
     /// As one JSON document.
-    #[must_use]
     pub fn to_json(&self) -> String {
         serde_json::to_string_pretty(self).expect("figures hold only what JSON can say")
     }

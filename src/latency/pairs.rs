@@ -63,7 +63,6 @@ impl Terms {
 }
 
 /// Whether cyclictest is installed.
-#[must_use]
 pub fn is_installed() -> bool {
     succeeds("cyclictest", &["--help"])
 }

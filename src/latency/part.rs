@@ -46,7 +46,6 @@ enum Part {
 
 impl PartArgs {
     /// Runs the process with the settings of the process that it replaces. Returns when a stop is requested.
-    #[must_use]
     pub fn execute(&self) -> ExitCode {
         let (role, job): (Role, Job) = match self.part {
             Part::Camera => (Role::Mocap, camera::run),

@@ -15,7 +15,6 @@ pub struct Record(Vec<(Time, Span)>);
 
 impl Record {
     /// Empty record with resident memory, so that no page faults are measured.
-    #[must_use]
     pub fn with_room() -> Self {
         let mut rows = vec![(Time::default(), Span::from_nanos(1)); ROOM];
         rows.clear();

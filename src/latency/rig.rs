@@ -84,25 +84,21 @@ impl Rig {
     }
 
     /// Configuration of the rig's processes.
-    #[must_use]
     pub fn config(&self) -> &Config {
         &self.config
     }
 
     /// Paths and names of the rig's instance.
-    #[must_use]
     pub fn place(&self) -> &InstancePaths {
         &self.place
     }
 
     /// Directory of the rig's files.
-    #[must_use]
     pub fn directory(&self) -> &Path {
         &self.directory
     }
 
     /// Configuration of the rig.
-    #[must_use]
     pub fn config_file(&self) -> PathBuf {
         self.directory.join("config.toml")
     }

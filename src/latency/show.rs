@@ -9,7 +9,6 @@ use oqtal_observe::plot::unit::{significant, words};
 use oqtal_observe::table::{align, latency_row, table};
 
 /// Tables: hops with bare mechanisms, and their ratios.
-#[must_use]
 pub fn text(figures: &LatencyFigures) -> String {
     let mut parts = vec![format!("daemon: {}", figures.realtime), latencies(figures).to_string()];
     parts.extend(receiver(figures));

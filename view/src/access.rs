@@ -22,7 +22,6 @@ pub struct Access {
 impl Access {
     /// Rules of a server at `listen` that accepts commands if `has_control`. Reading requires the token if `guards_reading`, or
     /// from other machines. `None` if the address requires a token and there is none.
-    #[must_use]
     pub fn new(
         listen: SocketAddr,
         has_control: bool,

@@ -61,7 +61,6 @@ pub struct Collected {
 
 impl Collected {
     /// Whether there are neither rows nor events.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.ticks.is_empty() && self.vehicles.is_empty() && self.events.is_empty()
     }
@@ -85,7 +84,6 @@ pub struct Collector {
 
 impl Collector {
     /// Collector for an instance that runs with `config`.
-    #[must_use]
     pub fn new(config: &Config) -> Self {
         let faults = config.fault.inject.iter().flat_map(|fault| {
             event::of_period(&format!("fault {fault}"), (fault.at_s, fault.end_s()))
@@ -113,13 +111,11 @@ impl Collector {
     }
 
     /// Time from the first tick to the first that armed \[s\]; `None` if no tick armed, or arming was before the first tick.
-    #[must_use]
     pub fn armed_at_s(&self) -> Option<f64> {
         Some(self.seconds(self.armed_at?))
     }
 
     /// The newest tick.
-    #[must_use]
     pub fn latest(&self) -> Option<&TelemetryV1> {
         self.waiting.last().or(self.last.as_ref())
     }

@@ -37,7 +37,6 @@ impl Hub {
     }
 
     /// Opens a page; its first line is the history. The stream ends when the page is too slow.
-    #[must_use]
     pub fn subscribe(&self) -> (String, Receiver<Arc<str>>) {
         let (page, updates) = sync_channel(MOST_WAITING);
         let mut shared = self.lock();
@@ -46,7 +45,6 @@ impl Hub {
     }
 
     /// Number of open pages \[-\].
-    #[must_use]
     pub fn pages(&self) -> usize {
         self.lock().pages.len()
     }

@@ -58,14 +58,12 @@ pub fn line(collected: &Collected, status: Option<&LiveStatus>) -> String {
 
 impl LiveView {
     /// Topics shown on a page.
-    #[must_use]
     pub fn topics() -> Vec<ObservedTopic> {
         let others = [ObservedTopic::Truth, ObservedTopic::Input];
         InstanceModel::status_topics().into_iter().chain(others).collect()
     }
 
     /// View of an instance that runs with `config`; health messages older than `timeout` are ignored.
-    #[must_use]
     pub fn new(config: &Config, timeout: Span) -> Self {
         Self {
             collector: Collector::new(config),

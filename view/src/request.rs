@@ -36,7 +36,6 @@ pub enum Parsed {
 
 impl Request {
     /// Parses the bytes that a connection has sent so far.
-    #[must_use]
     pub fn parse(bytes: &[u8]) -> Parsed {
         let mut headers = [EMPTY_HEADER; MOST_HEADERS];
         let mut parser = httparse::Request::new(&mut headers);
@@ -86,7 +85,6 @@ impl Request {
     }
 
     /// The header with this lower-case name. A header with several different values is returned as a text that no rule accepts.
-    #[must_use]
     pub fn header(&self, name: &str) -> Option<&str> {
         let mut values = self.headers.iter().filter(|(known, _)| known == name).map(|(_, v)| v);
         let first = values.next()?;

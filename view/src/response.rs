@@ -26,19 +26,16 @@ pub struct Response {
 
 impl Response {
     /// A successful response.
-    #[must_use]
     pub fn ok(kind: &'static str, body: impl Into<Cow<'static, str>>) -> Self {
         Self { status: 200, kind, body: body.into() }
     }
 
     /// A refusal with its reason in plain text.
-    #[must_use]
     pub fn error(status: u16, text: &str) -> Self {
         Self { status, kind: "text/plain; charset=utf-8", body: format!("{text}\n").into() }
     }
 
     /// The response as bytes; without its body for the method `HEAD`.
-    #[must_use]
     pub fn to_bytes(&self, method: &str) -> Vec<u8> {
         let body = if method == "HEAD" { "" } else { &*self.body };
         format!(
@@ -52,7 +49,6 @@ impl Response {
 }
 
 /// Head of a stream that ends with its connection.
-#[must_use]
 pub fn stream_head() -> String {
     format!("{}Content-Type: application/x-ndjson\r\n\r\n", begin(200))
 }

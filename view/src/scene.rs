@@ -60,14 +60,12 @@ struct CameraPlace {
 
 impl SceneDescription {
     /// The description of a running instance.
-    #[must_use]
     pub fn of_instance(config: &Config, has_control: bool) -> Self {
         let title = config.instance.name.clone();
         Self { is_live: true, has_control, ..Self::new(config, title) }
     }
 
     /// The description of the recording named `title`.
-    #[must_use]
     pub fn of_recording(config: &Config, title: &str) -> Self {
         Self::new(config, title.to_owned())
     }

@@ -65,14 +65,12 @@ struct CommandBody {
 
 impl Site {
     /// A site that shows `subject`.
-    #[must_use]
     pub fn new(access: Access, scene: &SceneDescription, subject: Subject) -> Self {
         let scene = serde_json::to_string(scene).expect("a scene is plain JSON");
         Self { access, scene, subject }
     }
 
     /// The answer to `request`.
-    #[must_use]
     pub fn answer(&self, request: &Request) -> Reply<'_> {
         self.checked(request).unwrap_or_else(Reply::Whole)
     }

@@ -37,7 +37,6 @@ pub enum FirmwarePacket {
 
 impl FirmwarePacket {
     /// Decodes a datagram from the firmware.
-    #[must_use]
     pub fn decode(datagram: &[u8]) -> Self {
         match datagram {
             [] => Self::Invalid,
@@ -61,7 +60,6 @@ impl FirmwarePacket {
 }
 
 /// Whether a client may send `datagram` to the firmware: a CRTP packet to any port but the body's.
-#[must_use]
 pub fn is_from_client(datagram: &[u8]) -> bool {
     let header = datagram.first().map(|header| header >> 4);
     datagram.len() <= MAX_DATAGRAM
@@ -71,7 +69,6 @@ pub fn is_from_client(datagram: &[u8]) -> bool {
 
 /// Encodes a sample of the inertial sensors, body axes: specific force \[m/s^2, body\] and rate \[rad/s, body\]. Values beyond the
 /// sensors' range saturate.
-#[must_use]
 pub fn imu_datagram(specific_force: [f64; 3], rate: [f64; 3]) -> [u8; 14] {
     let mut datagram = [0; 14];
     let (header, counts) = datagram.split_at_mut(2);

@@ -80,7 +80,6 @@ impl LinkSpec {
     }
 
     /// Forms of all links, one for each kind.
-    #[must_use]
     pub fn forms() -> Vec<&'static str> {
         KINDS.iter().map(|kind| kind.form).collect()
     }
@@ -95,14 +94,12 @@ impl LinkSpec {
     }
 
     /// The link without its port: kind and options.
-    #[must_use]
     pub fn kind(&self) -> String {
         let (kind, _, options) = self.parts();
         kind.to_owned() + &options
     }
 
     /// The port.
-    #[must_use]
     pub fn port(&self) -> PortSpec {
         match self {
             Self::Asctec(link) => PortSpec::Serial(link.serial.clone()),

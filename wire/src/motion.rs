@@ -16,7 +16,6 @@ pub struct RigidPose {
 
 impl RigidPose {
     /// The pose, with a quaternion of norm 1; `None` if a number is not finite or the quaternion is near zero.
-    #[must_use]
     pub fn new(position_m: [f64; 3], attitude: [f64; 4]) -> Option<Self> {
         let norm = attitude.iter().map(|x| x * x).sum::<f64>().sqrt();
         let finite = position_m.iter().chain(&attitude).all(|x| x.is_finite());
@@ -25,7 +24,6 @@ impl RigidPose {
     }
 
     /// The pose of a rotation matrix, column by column; `None` if the matrix is not a rotation.
-    #[must_use]
     pub fn from_columns(position_m: [f64; 3], columns: [f64; 9]) -> Option<Self> {
         let matrix = Matrix3::from_column_slice(&columns);
         let error = (matrix.transpose() * matrix - Matrix3::identity()).amax();
@@ -40,7 +38,6 @@ impl RigidPose {
     }
 
     /// Rotation matrix from body to volume, column by column \[-\].
-    #[must_use]
     pub fn columns(&self) -> [f64; 9] {
         let mut columns = [0.0; 9];
         columns.copy_from_slice(self.rotation().matrix().as_slice());
@@ -48,7 +45,6 @@ impl RigidPose {
     }
 
     /// Angles a1, a2, a3 with the attitude Rx(a1) Ry(a2) Rz(a3) \[deg\].
-    #[must_use]
     pub fn euler_xyz_deg(&self) -> [f64; 3] {
         let r = self.rotation();
         let pitch = r[(0, 2)].clamp(-1.0, 1.0).asin();
@@ -62,7 +58,6 @@ impl RigidPose {
     }
 
     /// The point of the volume that is at `point_m` in body axes \[m, volume\].
-    #[must_use]
     pub fn transformed(&self, point_m: [f64; 3]) -> [f64; 3] {
         (self.rotation() * Vector3::from(point_m) + Vector3::from(self.position_m)).into()
     }

@@ -71,7 +71,6 @@ impl<G> Default for Decoder<G> {
 
 impl<G: Grammar> Decoder<G> {
     /// Decoder without any bytes.
-    #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
@@ -82,13 +81,11 @@ impl<G: Grammar> Decoder<G> {
     }
 
     /// Counters since the start.
-    #[must_use]
     pub fn counters(&self) -> DecoderCounters {
         self.counters
     }
 
     /// Number of bytes held because they may begin a frame \[bytes\].
-    #[must_use]
     pub fn pending(&self) -> usize {
         self.end - self.start
     }

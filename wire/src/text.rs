@@ -4,7 +4,6 @@
 const MAX_CHARS: usize = 256;
 
 /// The text as one short line: control characters and invisible ones are escaped, longer text is cut off.
-#[must_use]
 pub fn printable(text: &str) -> String {
     let mut line = String::with_capacity(text.len().min(MAX_CHARS));
     let mut rest = text.chars();

@@ -23,19 +23,16 @@ pub struct Arming {
 
 impl Arming {
     /// No request has been sent to the vehicle yet.
-    #[must_use]
     pub fn new() -> Self {
         Self { is_started: false, was_started: false, asked_at: Time::UNSET }
     }
 
     /// Whether the bridge has started the motors at least once.
-    #[must_use]
     pub fn was_started(&self) -> bool {
         self.was_started
     }
 
     /// Whether the motors run, or would with thrust.
-    #[must_use]
     pub fn motors_run(&self, state: Supervision) -> bool {
         let is_armed = state.contains(Supervision::ARMED) && state.contains(Supervision::CAN_FLY);
         is_armed && (self.is_started || !state.contains(Supervision::ARMS_ITSELF))
@@ -69,7 +66,6 @@ impl Arming {
 }
 
 /// The packet of `command` for a vehicle with version `protocol`.
-#[must_use]
 pub fn request(protocol: u8, command: SupervisorCommand) -> CrtpRequest {
     if protocol >= SUPERVISOR_PROTOCOL {
         CrtpRequest::Supervisor(command)
@@ -79,7 +75,6 @@ pub fn request(protocol: u8, command: SupervisorCommand) -> CrtpRequest {
 }
 
 /// Reason why a vehicle in this state cannot fly, for display.
-#[must_use]
 pub fn obstacle(state: Supervision) -> Option<ShortText> {
     let text = match state {
         _ if state.contains(Supervision::LOCKED) => "locked: restart the vehicle",

@@ -26,13 +26,11 @@ pub struct TableStore {
 
 impl TableStore {
     /// Store without a file: tables are kept as long as the store exists.
-    #[must_use]
     pub fn without_file() -> Self {
         Self { tables: KnownTables::from_text(""), learned: None }
     }
 
     /// Store of the file that `bridge.crtp.table-cache` names, and the keeper of that file, if there is one.
-    #[must_use]
     pub fn open(setting: &str) -> (Self, Option<TableKeeper>) {
         let Some(path) = path(setting) else { return (Self::without_file(), None) };
         let tables = read_tables(&path);

@@ -74,7 +74,6 @@ pub struct CrtpConnection {
 
 impl CrtpConnection {
     /// Connection that has not begun; `tables` holds those of earlier connections.
-    #[must_use]
     pub fn new(options: ConnectionOptions, tables: TableStore) -> Self {
         Self {
             options,
@@ -94,19 +93,16 @@ impl CrtpConnection {
     }
 
     /// Whether the vehicle is set up.
-    #[must_use]
     pub fn is_ready(&self) -> bool {
         self.step == Step::Ready
     }
 
     /// Whether the vehicle's firmware cannot be flown: its protocol is too old, or it lacks what a flight needs.
-    #[must_use]
     pub fn is_unusable(&self) -> bool {
         self.step == Step::Unusable
     }
 
     /// Version of the vehicle's protocol \[-\].
-    #[must_use]
     pub fn protocol(&self) -> u8 {
         self.protocol
     }

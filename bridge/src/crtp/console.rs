@@ -14,7 +14,6 @@ pub struct ConsoleLine {
 
 impl ConsoleLine {
     /// Line without text.
-    #[must_use]
     pub fn new() -> Self {
         Self { bytes: [0; LONGEST], length: 0 }
     }

@@ -30,19 +30,16 @@ pub struct KnownTable {
 
 impl KnownTable {
     /// Table that is not known at all.
-    #[must_use]
     pub fn new(table: TableKind, crc: u32) -> Self {
         Self { table, crc, elements: [None; MAX_NAMES] }
     }
 
     /// Whether the table has every name.
-    #[must_use]
     pub fn is_complete(&self) -> bool {
         self.elements.iter().zip(names(self.table)).all(|(element, _)| element.is_some())
     }
 
     /// The line of this table.
-    #[must_use]
     pub fn line(&self) -> String {
         let mut line = format!("{} {:08x}", table_name(self.table), self.crc);
         for ((group, name), element) in names(self.table).iter().zip(self.elements) {
@@ -56,7 +53,6 @@ impl KnownTable {
     }
 
     /// Reads a line; `None` if it is invalid, or has other names.
-    #[must_use]
     pub fn from_line(line: &str) -> Option<Self> {
         let mut words = line.split(' ');
         let kind = words.next()?;
@@ -95,7 +91,6 @@ pub struct KnownTables {
 
 impl KnownTables {
     /// Reads lines; invalid ones are left out.
-    #[must_use]
     pub fn from_text(text: &str) -> Self {
         let mut known = Self { tables: Vec::with_capacity(MAX_TABLES) };
         text.lines().filter_map(KnownTable::from_line).for_each(|table| known.add(table));
@@ -103,13 +98,11 @@ impl KnownTables {
     }
 
     /// The text of all tables.
-    #[must_use]
     pub fn to_text(&self) -> String {
         self.tables.iter().map(|table| table.line() + "\n").collect()
     }
 
     /// The table of this kind and CRC.
-    #[must_use]
     pub fn find(&self, table: TableKind, crc: u32) -> Option<&KnownTable> {
         self.tables.iter().find(|known| (known.table, known.crc) == (table, crc))
     }

@@ -42,7 +42,6 @@ pub const REQUIRED_PARAMETERS: usize = 3;
 pub const ESTIMATOR: usize = 6;
 
 /// The names that are looked for in a table.
-#[must_use]
 pub fn names(table: TableKind) -> &'static [TableName] {
     match table {
         TableKind::Logging => &LOG_NAMES,

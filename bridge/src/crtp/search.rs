@@ -28,7 +28,6 @@ pub struct TableSearch {
 
 impl TableSearch {
     /// Search of `table` that has not begun.
-    #[must_use]
     pub fn new(table: TableKind) -> Self {
         Self {
             known: KnownTable::new(table, 0),
@@ -41,7 +40,6 @@ impl TableSearch {
     }
 
     /// Table that was found; `None` during the search.
-    #[must_use]
     pub fn found(&self) -> Option<&KnownTable> {
         self.is_done.then_some(&self.known)
     }

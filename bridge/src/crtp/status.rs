@@ -51,20 +51,17 @@ impl CrazyflieStatus {
     }
 
     /// Whether reports have arrived, and none for longer than `silence`.
-    #[must_use]
     pub fn is_silent(&self, now: Time, silence: Span) -> bool {
         self.reported_at.is_set() && now.since(self.reported_at) > silence
     }
 
     /// Battery voltage \[V\]; NaN if it is not reported, or reported as 0, which means not measured.
-    #[must_use]
     pub fn battery_v(&self) -> f64 {
         let volts = self.values[BATTERY];
         if volts > 0.0 { volts } else { f64::NAN }
     }
 
     /// Bits of the supervisor; none before the first report.
-    #[must_use]
     pub fn supervision(&self) -> Supervision {
         // `as` maps NaN to 0 and saturates numbers out of range.
         Supervision::from_wire(self.values[SUPERVISOR] as u16)
@@ -72,7 +69,6 @@ impl CrazyflieStatus {
 
     /// Position \[m, world\] and attitude \[body to world\], scalar last, as the vehicle estimates them; `None` if it does not report
     /// them, or they are not finite.
-    #[must_use]
     pub fn estimate(&self) -> Option<([f64; 3], [f64; 4])> {
         let values = &self.values[ESTIMATE..];
         let [x, y, z, roll, pitch, yaw, ..] = *values else { return None };

@@ -78,7 +78,6 @@ const PX4: [WantedParameter; 8] = [
 ];
 
 /// Parameters with rules, for this autopilot.
-#[must_use]
 pub fn wanted_parameters(kind: AutopilotKind) -> &'static [WantedParameter] {
     match kind {
         AutopilotKind::ArduPilot => &ARDUPILOT,
@@ -88,7 +87,6 @@ pub fn wanted_parameters(kind: AutopilotKind) -> &'static [WantedParameter] {
 
 impl WantedValue {
     /// Whether `value` \[-\] satisfies the rule.
-    #[must_use]
     pub fn is_met_by(self, value: f64) -> bool {
         match self {
             Self::Exactly(wanted) => (value - wanted).abs() < 1e-6,
@@ -99,7 +97,6 @@ impl WantedValue {
     }
 
     /// The value to be set in place of `value` \[-\].
-    #[must_use]
     pub fn in_place_of(self, value: f64) -> f64 {
         match self {
             Self::Exactly(wanted) => wanted,

@@ -68,7 +68,6 @@ pub struct RadioSchedule {
 
 impl RadioSchedule {
     /// Schedule for this number of vehicles, each of which gets up to `packets_per_s` packets other than set-points \[1/s\].
-    #[must_use]
     pub fn new(vehicles: usize, packets_per_s: f64) -> Self {
         let vehicle = RadioVehicle {
             setpoint: None,
@@ -170,13 +169,11 @@ impl RadioSchedule {
     }
 
     /// Instant of the next action if nothing is pushed.
-    #[must_use]
     pub fn next_event(&self) -> Option<Time> {
         self.vehicles.iter().map(RadioVehicle::due_at).min()
     }
 
     /// Traffic with one vehicle.
-    #[must_use]
     pub fn counts(&self, vehicle: usize) -> RadioCounts {
         self.vehicles.get(vehicle).map(|vehicle| vehicle.counts).unwrap_or_default()
     }

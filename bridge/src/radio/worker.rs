@@ -25,7 +25,6 @@ pub struct RadioWorker<D> {
 
 impl<D: RadioDongle> RadioWorker<D> {
     /// Worker of `dongle` for `vehicles`, each of which gets up to `packets_per_s` packets other than set-points \[1/s\].
-    #[must_use]
     pub fn new(dongle: D, vehicles: Vec<RadioSpec>, packets_per_s: f64) -> Self {
         let counts = vec![RadioCounts::default(); vehicles.len()];
         let schedule = RadioSchedule::new(vehicles.len(), packets_per_s);
@@ -43,7 +42,6 @@ impl<D: RadioDongle> RadioWorker<D> {
     }
 
     /// Instant of the next action if nothing is pushed.
-    #[must_use]
     pub fn next_event(&self) -> Option<Time> {
         self.schedule.next_event()
     }
@@ -90,7 +88,6 @@ impl<D: RadioDongle> RadioWorker<D> {
     }
 
     /// Traffic with one vehicle since the start.
-    #[must_use]
     pub fn counts(&self, vehicle: usize) -> RadioCounts {
         self.schedule.counts(vehicle)
     }

@@ -284,7 +284,6 @@ impl HealthV1 {
     pub const OWN_CONFIG: u64 = 0;
 
     /// The configuration hash \[-\]; `None` for a process whose configuration need not agree with that of the others.
-    #[must_use]
     pub fn compared_config(&self) -> Option<u64> {
         Some(self.config_hash).filter(|hash| *hash != Self::OWN_CONFIG)
     }

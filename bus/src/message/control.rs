@@ -22,7 +22,6 @@ message! {
 
 impl ControlRequestV1 {
     /// A request without conditions.
-    #[must_use]
     pub const fn of(command: OperatorCommand) -> Self {
         Self { command: command.code(), valid_until: Time::UNSET, config_hash: 0 }
     }

@@ -22,7 +22,6 @@ pub enum FieldType {
 
 impl FieldType {
     /// Length of one encoded element \[bytes\].
-    #[must_use]
     pub const fn size(self) -> usize {
         match self {
             Self::U8 => 1,
@@ -52,7 +51,6 @@ pub struct Field {
 
 impl Field {
     /// Length of the encoded field \[bytes\].
-    #[must_use]
     pub const fn size(&self) -> usize {
         self.element.size() * self.length
     }

@@ -56,7 +56,6 @@ impl Stamps {
     pub const FIELDS: &'static [Field] = Self::TABLE;
 
     /// Instants in the order of [`Stamps::FIELDS`] \[ns\].
-    #[must_use]
     pub fn to_words(&self) -> [u64; 8] {
         [
             self.captured_at,
@@ -72,7 +71,6 @@ impl Stamps {
     }
 
     /// Inverse of [`Stamps::to_words`] \[ns\].
-    #[must_use]
     pub fn from_words(words: [u64; 8]) -> Self {
         let [
             captured_at,
@@ -102,7 +100,6 @@ impl Header {
     pub const FIELDS: &'static [Field] = Self::TABLE;
 
     /// Process that wrote the message.
-    #[must_use]
     pub const fn origin(&self) -> Origin {
         Origin::from_bits(self.source)
     }

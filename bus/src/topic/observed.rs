@@ -48,7 +48,6 @@ macro_rules! observed_topics {
             }
 
             /// Name of the topic.
-            #[must_use]
             pub const fn name(self) -> &'static str {
                 match self {
                     $(Self::$variant => $topic.name,)*
@@ -69,7 +68,6 @@ macro_rules! observed_topics {
 
         impl Sample<'_> {
             /// Topic of the sample.
-            #[must_use]
             pub const fn topic(&self) -> ObservedTopic {
                 match self {
                     $(Self::$variant(_) => ObservedTopic::$variant,)*
@@ -78,7 +76,6 @@ macro_rules! observed_topics {
             }
 
             /// Body of the sample, as a trait object.
-            #[must_use]
             pub fn body(&self) -> &dyn AnyMessage {
                 match self {
                     $(Self::$variant(body) => *body,)*

@@ -12,7 +12,6 @@ macro_rules! words {
             pub const ALL: [Self; [$($word),*].len()] = [$(Self::$variant),*];
 
             /// The word on the command line.
-            #[must_use]
             pub const fn name(self) -> &'static str {
                 match self { $(Self::$variant => $word,)* }
             }
@@ -95,7 +94,6 @@ pub struct Magnitude {
 
 impl FaultTarget {
     /// Whether the target is a process.
-    #[must_use]
     pub const fn is_process(self) -> bool {
         matches!(
             self,

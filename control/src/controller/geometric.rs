@@ -59,7 +59,6 @@ impl GeometricOptions {
     ];
 
     /// Gains for the paper's spacecraft in torque form.
-    #[must_use]
     pub fn spacecraft() -> Self {
         Self {
             attitude_gain: 256.0,

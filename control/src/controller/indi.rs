@@ -63,7 +63,6 @@ impl IndiOptions {
     ];
 
     /// Gains for the paper's spacecraft in torque form.
-    #[must_use]
     pub fn spacecraft() -> Self {
         Self { input_delay_ticks: 0, ..Self::default() }
     }

@@ -77,7 +77,6 @@ pub struct LawTerms {
 
 impl LawTerms {
     /// The terms of `u`: feedback is `u` minus integral action and feed-forward; zero if a number is not finite.
-    #[must_use]
     pub fn of(u: &Vector3<f64>, integral: Vector3<f64>, feed_forward: Vector3<f64>) -> Self {
         let proportional = u - integral - feed_forward;
         if !proportional.iter().all(|number| number.is_finite()) {
@@ -100,13 +99,11 @@ pub struct SearchRange {
 
 impl SearchRange {
     /// The range from `low` to `high` of the gain `key`.
-    #[must_use]
     pub const fn new(key: &'static str, low: f64, high: f64) -> Self {
         Self { key: Cow::Borrowed(key), low, high }
     }
 
     /// The same range with the key prefixed by `section` and a dot.
-    #[must_use]
     pub fn within(&self, section: &str) -> Self {
         Self { key: Cow::Owned(format!("{section}.{}", self.key)), ..*self }
     }

@@ -86,7 +86,6 @@ impl LqrOptions {
     ];
 
     /// Gains for the paper's spacecraft in torque form: Table IV, no integral action, `delta` of Section VI.B.2.
-    #[must_use]
     pub fn spacecraft() -> Self {
         Self { attitude_weight: 128.0, rate_weight: 128.0, integral_weight: 0.0, ..Self::default() }
             .with_cell_width(0.2)
@@ -112,7 +111,6 @@ impl LqrOptions {
 
 impl LqrOptions {
     /// The same options with cells of the width `delta` in both units, as in the paper \[rad/s, rad\].
-    #[must_use]
     pub fn with_cell_width(self, delta: f64) -> Self {
         Self { cell_rate_rad_s: delta, cell_angle_rad: delta, ..self }
     }
@@ -153,7 +151,6 @@ impl<I: InputForm> ClassicLqr<I> {
     }
 
     /// `A` of Eq. (31) at the operating point `[omega; Theta]`.
-    #[must_use]
     pub fn state_matrix(options: &LqrOptions, input: &I, point: &SVector<f64, 6>) -> Matrix6<f64> {
         let omega = Vector3::from(point.fixed_rows::<3>(0));
         let mut theta = EulerAngles::from_vector(&point.fixed_rows::<3>(3).into());

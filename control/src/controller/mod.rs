@@ -94,14 +94,12 @@ impl ControllerName {
         ["pid", "lqr", "oqtal", "oqtal-dt", "geometric", "px4", "indi", "mpc"];
 
     /// Name in a configuration.
-    #[must_use]
     pub const fn name(self) -> &'static str {
         Self::NAMES[self as usize]
     }
 
     /// Gains that `oqtal tune` searches, the one that the study of the greatest gain raises first. Keys are relative to the
     /// section of the law.
-    #[must_use]
     pub const fn tuned_gains(self) -> &'static [SearchRange] {
         match self {
             Self::Pid => PidOptions::TUNED,
@@ -116,7 +114,6 @@ impl ControllerName {
     }
 
     /// Whether the law always flies within the estimation, prediction and position law of [`crate::predictive`].
-    #[must_use]
     pub const fn is_predictive(self) -> bool {
         matches!(self, Self::OqtalDt | Self::Mpc)
     }
@@ -193,7 +190,6 @@ impl Default for ControlOptions {
 
 impl ControlOptions {
     /// The gains of the paper's gravity turn, Table IV: for the spacecraft in torque form.
-    #[must_use]
     pub fn spacecraft() -> Self {
         Self {
             pid: PidOptions::spacecraft(),
@@ -209,7 +205,6 @@ impl ControlOptions {
     }
 
     /// Whether the autopilot of [`crate::predictive`] is around the law that flies.
-    #[must_use]
     pub fn is_predictive(&self) -> bool {
         self.controller.is_predictive() || self.stack == LawStack::Predictive
     }

@@ -63,7 +63,6 @@ impl MpcOptions {
     ];
 
     /// Gains for the paper's spacecraft in torque form.
-    #[must_use]
     pub fn spacecraft() -> Self {
         let OqtalDtOptions { attitude_weight, rate_weight, input_weight } =
             OqtalDtOptions::spacecraft();

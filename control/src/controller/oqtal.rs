@@ -109,7 +109,6 @@ impl OqtalOptions {
     ];
 
     /// Gains for the paper's spacecraft in torque form: Table IV, no integral action, `delta` of Section VI.B.2.
-    #[must_use]
     pub fn spacecraft() -> Self {
         Self { attitude_weight: 256.0, rate_weight: 256.0, integral_weight: 0.0, ..Self::default() }
             .with_cell_width(0.2)
@@ -136,7 +135,6 @@ impl OqtalOptions {
 
 impl OqtalOptions {
     /// The same options with cells of the width `delta` in every unit, as in the paper \[rad/s, -, 1/s^2\].
-    #[must_use]
     pub fn with_cell_width(self, delta: f64) -> Self {
         Self { cell_rate_rad_s: delta, cell_eps: delta, cell_eps_ddot_per_s2: delta, ..self }
     }

@@ -58,7 +58,6 @@ impl OqtalDtOptions {
     ];
 
     /// Gains for the paper's spacecraft in torque form.
-    #[must_use]
     pub fn spacecraft() -> Self {
         // 2^20 and 2^6 over 1
         Self { attitude_weight: 1_048_576.0, rate_weight: 64.0, input_weight: 1.0 }
@@ -109,7 +108,6 @@ impl<I: InputForm> OqtalDt<I> {
 
     /// Sampled plant `(A, B)` for the state `[omega_e; eps]` at zero error. If the rate follows the input at once, only the rows
     /// of `eps` are meaningful.
-    #[must_use]
     pub fn plant(input: &I, period_s: f64) -> (Matrix6<f64>, Matrix6x3<f64>) {
         let (mut a, mut b) = (Matrix6::zeros(), Matrix6x3::zeros());
         let half = Matrix3::from_diagonal_element(0.5);
@@ -155,7 +153,6 @@ impl<I: InputForm> OqtalDt<I> {
     }
 
     /// The gain `K` of `u = -K [omega_e; eps]`.
-    #[must_use]
     pub fn gain(&self) -> &DiscreteGain {
         &self.gain
     }
@@ -169,7 +166,6 @@ impl<I: InputForm> OqtalDt<I> {
     }
 
     /// `u` before the vehicle's limits are applied \[N m, body axes, in rate form -1..1\].
-    #[must_use]
     pub fn input(&mut self, state: &AttitudeState, reference: &AttitudeReference) -> Vector3<f64> {
         let error = AttitudeError::between(&reference.attitude, &state.attitude);
         let omega_e = error.rate_error(state.rate, reference.rate);

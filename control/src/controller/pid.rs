@@ -62,7 +62,6 @@ impl PidOptions {
         &[SearchRange::new("gain", 1.0, 40.0), SearchRange::new("integral-time-s", 0.2, 50.0)];
 
     /// Gains for the paper's spacecraft in torque form: Table IV.
-    #[must_use]
     pub fn spacecraft() -> Self {
         Self { gain: 5.95, integral_time_s: 1.15, rate_gain_per_s: 50.0, ..Self::default() }
     }

@@ -72,7 +72,6 @@ impl Px4Options {
         &[SearchRange::new("attitude-gain-per-s", 1.0, 40.0)];
 
     /// Gains for the paper's spacecraft in torque form.
-    #[must_use]
     pub fn spacecraft() -> Self {
         Self {
             attitude_gain_per_s: 4.0,

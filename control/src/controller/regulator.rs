@@ -56,7 +56,6 @@ pub struct AugmentedModel {
 
 impl AugmentedModel {
     /// The model of a vehicle with the state matrix `a` for rate and attitude, commanded through `input`.
-    #[must_use]
     pub fn new(a: &Matrix6<f64>, input: &impl InputForm) -> Self {
         let mut augmented = Self {
             a: SMatrix::zeros(),

@@ -22,7 +22,6 @@ pub struct SetPointLoop {
 
 impl SetPointLoop {
     /// Closed loop of the gain `k` and `model`.
-    #[must_use]
     pub fn new(model: &AugmentedModel, k: &Gain) -> Self {
         // Eqs. (24), (25), erratum E-25: N_x = [0; I; 0] and N_u = 0
         let n_bar = k.fixed_columns::<3>(ATTITUDE).into_owned();

@@ -37,7 +37,6 @@ pub struct MoveBounds<const M: usize> {
 
 impl<const M: usize> MoveBounds<M> {
     /// The limits of the input `index` alone.
-    #[must_use]
     pub fn of(&self, index: usize) -> MoveBounds<1> {
         let part = |limit: &SVector<f64, M>| SVector::from([limit[index]]);
         MoveBounds {

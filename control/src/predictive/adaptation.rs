@@ -58,13 +58,11 @@ pub struct AdaptedModel {
 
 impl AdaptedModel {
     /// The correction of the reported effect of commands.
-    #[must_use]
     pub fn effect(&self) -> CommandEffect {
         CommandEffect { delay_s: self.delay_s, gain: Vector3::repeat(self.rate_gain) }
     }
 
     /// `nominal` with this lag and thrust.
-    #[must_use]
     pub fn of(&self, nominal: &VehicleModel) -> VehicleModel {
         let rotation = match nominal.rotation {
             Rotation::RateLoop { .. } => Rotation::RateLoop { lag_s: self.rate_lag_s },
@@ -103,7 +101,6 @@ pub struct Adaptation {
 
 impl Adaptation {
     /// The adaptation of `nominal`, for poses with the noise of `filter`.
-    #[must_use]
     pub fn new(
         options: &AdaptationOptions,
         filter: &FilterOptions,
@@ -186,7 +183,6 @@ impl Adaptation {
     }
 
     /// Model to be used.
-    #[must_use]
     pub fn model(&self) -> AdaptedModel {
         let fell_back = self.rotating.is_some_and(|rotating| rotating.probation_s.is_some());
         let adapted = self.rotating.filter(|_| !fell_back);

@@ -27,7 +27,6 @@ pub struct AttitudeFilter {
 
 impl AttitudeFilter {
     /// A filter with zero bias.
-    #[must_use]
     pub fn new(options: &FilterOptions) -> Self {
         let walks = [options.rate_walk_rad_s, options.demand_bias_walk];
         let noise = options.attitude_noise_deg.to_radians();
@@ -35,7 +34,6 @@ impl AttitudeFilter {
     }
 
     /// Transition of the error over `dt_s` \[s\].
-    #[must_use]
     pub fn transition(&self, rotation: &Rotation, dt_s: f64) -> StateTransition {
         let h = dt_s;
         #[rustfmt::skip]

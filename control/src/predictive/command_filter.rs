@@ -23,7 +23,6 @@ pub struct CommandFilter {
 
 impl CommandFilter {
     /// A filter at rest with `w = bandwidth` \[rad/s\].
-    #[must_use]
     pub fn new(bandwidth: f64) -> Self {
         Self { bandwidth, smooth: Smooth::default() }
     }

@@ -29,7 +29,6 @@ impl Force {
 
     /// The attitude whose body z axis points along the force, at 3-2-1 yaw `yaw_rad`, with its rate and angular
     /// acceleration.
-    #[must_use]
     pub fn attitude(&self, yaw_rad: f64) -> AttitudeReference {
         let h = DIFFERENCE_S;
         let [before, now, after] = [-h, 0.0, h].map(|t_s| attitude_along(&self.at(t_s), yaw_rad));

@@ -82,7 +82,6 @@ pub struct CommandHistory {
 
 impl CommandHistory {
     /// Empty history. `delay_s` is the initial delay from sending to effect \[s\].
-    #[must_use]
     pub fn new(delay_s: f64) -> Self {
         Self {
             sent: Ring::new(),
@@ -95,25 +94,21 @@ impl CommandHistory {
     }
 
     /// Measured delay from sending a command to its effect, by the reports \[s\].
-    #[must_use]
     pub fn delay_s(&self) -> f64 {
         self.delay_s
     }
 
     /// Delay from sending a command to its effect on the rotation, including the part hidden from reports \[s\].
-    #[must_use]
     pub fn effect_delay_s(&self) -> f64 {
         self.delay_s + self.effect.delay_s
     }
 
     /// Recently measured probability that a command is lost after a received one, and after a lost one \[-\].
-    #[must_use]
     pub fn loss_probabilities(&self) -> [f64; 2] {
         self.losses
     }
 
     /// The correction of the reported effect of commands.
-    #[must_use]
     pub fn effect(&self) -> &CommandEffect {
         &self.effect
     }
@@ -202,7 +197,6 @@ impl CommandHistory {
     }
 
     /// Propagates `motion` from `from_s` \[s\] to `to_s` \[s\] under the commands in effect.
-    #[must_use]
     pub fn propagate(
         &self,
         model: &VehicleModel,
@@ -232,7 +226,6 @@ impl CommandHistory {
 
     /// Expected input in effect at `t_s` \[s\] and the end of its effect \[s\], if commands take effect `delay_s` \[s\] after the
     /// reported instant; zero before the first command.
-    #[must_use]
     pub fn reported(&self, t_s: f64, delay_s: f64) -> (ModelInput, f64) {
         let mut until_s = f64::INFINITY;
         let mut commands = self.sent.newest_first();

@@ -16,7 +16,6 @@ impl StateTransition {
     /// `F` and the covariance that white noise of density `second` in the derivative of the second state and `third` in that of
     /// the third add in `dt_s` \[s\], each in its unit per root second. The third state counts as constant in its effect on the
     /// others.
-    #[must_use]
     pub fn new(f: Matrix3<f64>, [second, third]: [f64; 2], dt_s: f64) -> Self {
         let (s, t) = (second * second * dt_s, third * third * dt_s);
         #[rustfmt::skip]
@@ -35,7 +34,6 @@ pub struct Covariance(pub Matrix3<f64>);
 
 impl Covariance {
     /// Covariance of independent errors with these standard deviations.
-    #[must_use]
     pub fn of(deviations: [f64; 3]) -> Self {
         let deviations = Vector3::from(deviations);
         Self(Matrix3::from_diagonal(&deviations.component_mul(&deviations)))
@@ -75,44 +73,37 @@ pub struct AxisFilter {
 impl AxisFilter {
     /// A filter with zero bias, of measurements with the standard deviation `noise`, whose other states have the standard deviations
     /// `initial` and the walks `walks` \[units of the states\].
-    #[must_use]
     pub fn new(noise: f64, initial: [f64; 2], walks: [f64; 2], bias_limit: f64) -> Self {
         let covariance = Covariance::of([noise, initial[0], initial[1]]);
         Self { noise, walks, bias_limit, covariance, bias: Vector3::zeros() }
     }
 
     /// Standard deviation of a measurement \[unit of the first state\].
-    #[must_use]
     pub fn noise(&self) -> f64 {
         self.noise
     }
 
     /// Walk of the second and of the third state \[unit of the state per root second\].
-    #[must_use]
     pub fn walks(&self) -> [f64; 2] {
         self.walks
     }
 
     /// The third state \[its unit\].
-    #[must_use]
     pub fn bias(&self) -> &Vector3<f64> {
         &self.bias
     }
 
     /// The covariance along each axis.
-    #[must_use]
     pub fn covariance(&self) -> &Covariance {
         &self.covariance
     }
 
     /// Standard deviation of the first state along each axis \[its unit\].
-    #[must_use]
     pub fn sd(&self) -> f64 {
         self.covariance.0[(0, 0)].sqrt()
     }
 
     /// Variance of the next innovation along each axis \[square of the unit of the first state\].
-    #[must_use]
     pub fn innovation_variance(&self) -> f64 {
         self.covariance.0[(0, 0)] + self.noise * self.noise
     }

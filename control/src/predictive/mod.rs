@@ -141,7 +141,6 @@ impl<I: InputForm + Copy> Autopilot<I> {
 
     /// The same autopilot with `law` in place of [`OqtalDt`]: separates the contribution of the law from that of estimation and
     /// prediction.
-    #[must_use]
     pub fn with_law(self, law: Controller<I>) -> Self {
         Self { attitude: InnerLaw::Other(law), ..self }
     }
@@ -220,13 +219,11 @@ impl<I: InputForm + Copy> Autopilot<I> {
     }
 
     /// Number of Riccati equations solved so far \[-\].
-    #[must_use]
     pub fn riccati_solves(&self) -> u32 {
         self.attitude.riccati_solves()
     }
 
     /// Number of Riccati equations without a usable solution so far \[-\].
-    #[must_use]
     pub fn riccati_failures(&self) -> u32 {
         self.attitude.riccati_failures()
     }

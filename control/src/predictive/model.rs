@@ -118,7 +118,6 @@ pub struct Motion {
 
 impl ModelInput {
     /// The input between this one and `other` \[0..1\].
-    #[must_use]
     pub fn towards(&self, other: &Self, share: f64) -> Self {
         Self {
             demand: self.demand.lerp(&other.demand, share),
@@ -130,14 +129,12 @@ impl ModelInput {
 
 impl Motion {
     /// Motion of `estimate` with the thrust `thrust_n` \[N\].
-    #[must_use]
     pub fn of(estimate: &Estimate, thrust_n: f64) -> Self {
         let Estimate { position, velocity, attitude, rate: BodyRate(rate) } = *estimate;
         Self { position, velocity, attitude, rate, thrust_n }
     }
 
     /// Whether every number is finite.
-    #[must_use]
     pub fn is_finite(&self) -> bool {
         let vectors = [self.position, self.velocity, self.rate];
         vectors.iter().flatten().all(|number| number.is_finite())
@@ -165,7 +162,6 @@ impl Motion {
 
 impl VehicleModel {
     /// The motion `dt_s` \[s\] after `motion` under `input` and `bias`.
-    #[must_use]
     pub fn advance(&self, motion: &Motion, input: &ModelInput, bias: &Bias, dt_s: f64) -> Motion {
         let steps = (dt_s / self.longest_step_s()).ceil().clamp(1.0, 1000.0);
         let h = dt_s / steps;

@@ -18,14 +18,12 @@ pub struct PositionFilter {
 
 impl PositionFilter {
     /// A filter with zero external acceleration, each component of which is limited to `limit` \[m/s^2\].
-    #[must_use]
     pub fn new(options: &FilterOptions, limit: f64) -> Self {
         let walks = [options.velocity_walk_m_s, options.acceleration_walk_m_s2];
         Self { axis: AxisFilter::new(options.position_noise_mm * 1e-3, INITIAL, walks, limit) }
     }
 
     /// Transition of the error over `dt_s` \[s\] under `drag_per_s` \[1/s\].
-    #[must_use]
     pub fn transition(&self, drag_per_s: f64, dt_s: f64) -> StateTransition {
         let h = dt_s;
         #[rustfmt::skip]

@@ -49,7 +49,6 @@ pub struct PositionLaw {
 
 impl PositionLaw {
     /// The law within the limits of `loops`, under `gravity_m_s2` \[m/s^2\].
-    #[must_use]
     pub fn new(options: &PredictiveOptions, loops: &PositionOptions, gravity_m_s2: f64) -> Self {
         let tilt_tangent = loops.tilt_limit_deg.to_radians().tan();
         let model = |speed, acceleration| {

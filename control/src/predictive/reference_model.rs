@@ -89,7 +89,6 @@ pub struct Course {
 
 impl Course {
     /// Extrapolates the course by `dt_s` \[s\] with constant acceleration.
-    #[must_use]
     pub fn after(&self, dt_s: f64) -> Self {
         Self {
             position: self.position + (self.velocity + self.acceleration * (dt_s / 2.0)) * dt_s,
@@ -119,14 +118,12 @@ pub struct ReferenceModel {
 
 impl ReferenceModel {
     /// A model at rest at the origin.
-    #[must_use]
     pub fn new(options: ReferenceModelOptions, limits: MotionLimits) -> Self {
         let [leader, between, course] = [Course::default(); 3];
         Self { options, limits, leader, between, course }
     }
 
     /// The present course.
-    #[must_use]
     pub fn course(&self) -> &Course {
         &self.course
     }

@@ -13,7 +13,6 @@ pub struct Ring<T> {
 
 impl<T: Copy> Ring<T> {
     /// An empty buffer.
-    #[must_use]
     pub fn new() -> Self {
         Self { items: [None; KEPT], next: 0 }
     }

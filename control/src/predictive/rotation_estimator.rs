@@ -100,7 +100,6 @@ pub struct RotationEstimator {
 
 impl RotationEstimator {
     /// An estimator within `bounds`, for poses with the attitude noise of `options`, from `attitude` on.
-    #[must_use]
     pub fn new(bounds: ResponseBounds, options: &FilterOptions, attitude: Attitude) -> Self {
         let options =
             FilterOptions { rate_walk_rad_s: RATE_WALK, demand_bias_walk: BIAS_WALK, ..*options };
@@ -115,7 +114,6 @@ impl RotationEstimator {
     }
 
     /// The estimator with its initial parameters, in the state of `other`.
-    #[must_use]
     pub fn restarted(&self, other: &Self) -> Self {
         let (parameters, covariance) = (self.bounds.nominal.vector(), self.bounds.covariance());
         let sensitivity = [Matrix3::zeros(); 3];
@@ -123,19 +121,16 @@ impl RotationEstimator {
     }
 
     /// Estimated response.
-    #[must_use]
     pub fn response(&self) -> RateResponse {
         RateResponse::of(&self.parameters)
     }
 
     /// Standard deviations of the estimate.
-    #[must_use]
     pub fn deviations(&self) -> RateResponse {
         RateResponse::of(&self.covariance.diagonal().map(f64::sqrt))
     }
 
     /// Body rate estimated at the last pose \[rad/s, body axes\].
-    #[must_use]
     pub fn rate(&self) -> &Vector3<f64> {
         &self.motion.rate
     }

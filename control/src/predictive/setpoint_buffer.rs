@@ -12,7 +12,6 @@ pub struct SetpointBuffer(Ring<(f64, PositionCommand)>);
 
 impl SetpointBuffer {
     /// An empty buffer.
-    #[must_use]
     pub fn new() -> Self {
         Self(Ring::new())
     }
@@ -24,7 +23,6 @@ impl SetpointBuffer {
 
     /// The set-point for `t_s` \[s\], interpolated between two set-points; before the first one, the first. `None` if
     /// the buffer is empty.
-    #[must_use]
     pub fn at(&self, t_s: f64) -> Option<PositionCommand> {
         let mut later: Option<&(f64, PositionCommand)> = None;
         for decision in self.0.newest_first() {

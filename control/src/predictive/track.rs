@@ -71,7 +71,6 @@ pub struct Innovation {
 
 impl Innovation {
     /// The larger of both \[standard deviations\].
-    #[must_use]
     pub fn sigma(&self) -> f64 {
         self.position_sigma.max(self.attitude_sigma)
     }
@@ -149,7 +148,6 @@ pub struct Track {
 
 impl Track {
     /// A vehicle at rest in `pose` at `t_s` \[s\], its motors off.
-    #[must_use]
     pub fn at_rest(noise: &TrackNoise, t_s: f64, pose: &MeasuredPose) -> Self {
         let MeasuredPose { position, attitude } = *pose;
         let admission = Filters::new(&noise.admission, ADMISSION_LIMIT);
@@ -165,7 +163,6 @@ impl Track {
     }
 
     /// The track at `t_s` \[s\] without a further pose; unchanged if `t_s` is not later.
-    #[must_use]
     pub fn advanced(&self, t_s: f64, propagation: &Propagation) -> Self {
         let dt_s = t_s - self.t_s;
         if dt_s.is_nan() || dt_s <= 0.0 {
@@ -180,7 +177,6 @@ impl Track {
     }
 
     /// The motion at `t_s` \[s\], which is later.
-    #[must_use]
     pub fn motion_at(&self, t_s: f64, propagation: &Propagation) -> Motion {
         let Propagation { model, history, floor_m } = *propagation;
         let flown = history.propagate(model, (&self.motion, &self.bias()), (self.t_s, t_s));
@@ -194,7 +190,6 @@ impl Track {
     }
 
     /// `pose`, measured at the instant of the track, relative to it.
-    #[must_use]
     pub fn deviation(&self, pose: &MeasuredPose) -> Deviation {
         Deviation {
             offset: pose.position - self.motion.position,
@@ -203,7 +198,6 @@ impl Track {
     }
 
     /// The innovation of a pose with this deviation.
-    #[must_use]
     pub fn innovation(&self, Deviation { offset, turn }: &Deviation) -> Innovation {
         let Filters { attitude, position } = self.admission();
         let sigma =
@@ -215,7 +209,6 @@ impl Track {
     }
 
     /// The innovation of a pose with this deviation, by the filters that correct the motion.
-    #[must_use]
     pub fn filter_innovation(&self, Deviation { offset, turn }: &Deviation) -> FilterInnovation {
         let Filters { attitude, position } = &self.filters;
         let nis = |off: &Vector3<f64>, axis: &AxisFilter| {
@@ -230,7 +223,6 @@ impl Track {
     }
 
     /// The track corrected by a pose with this deviation.
-    #[must_use]
     pub fn corrected(&self, Deviation { offset, turn }: &Deviation, floor_m: f64) -> Self {
         let mut next = *self;
         let is_held = self.is_held(floor_m);
@@ -249,39 +241,33 @@ impl Track {
     }
 
     /// Standard deviation of the position along each axis \[m\].
-    #[must_use]
     pub fn position_sd_m(&self) -> f64 {
         self.admission().position.axis.sd()
     }
 
     /// The motion in the form that laws take.
-    #[must_use]
     pub fn estimate(&self) -> Estimate {
         let Motion { position, velocity, attitude, rate, .. } = self.motion;
         Estimate { position, velocity, attitude, rate: BodyRate(rate) }
     }
 
     /// The estimated bias: of the demand, and an external acceleration by wind, or by a thrust or mass other than that of the model.
-    #[must_use]
     pub fn bias(&self) -> Bias {
         let Filters { attitude, position } = &self.filters;
         Bias { demand: *attitude.axis.bias(), acceleration: *position.axis.bias() }
     }
 
     /// Whether the vehicle is close enough to a floor at `floor_m` \[m, world z\] for floor forces.
-    #[must_use]
     pub fn is_at_floor(&self, floor_m: f64) -> bool {
         self.motion.position.z < floor_m + FLOOR_REACH_M
     }
 
     /// Whether the vehicle has left the floor, or is about to.
-    #[must_use]
     pub fn is_lifted(&self) -> bool {
         self.is_lifted
     }
 
     /// Marks the track as that of a vehicle that leaves the floor.
-    #[must_use]
     pub fn lifted(&self) -> Self {
         Self { is_lifted: true, ..*self }
     }

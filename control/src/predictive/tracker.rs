@@ -42,7 +42,6 @@ pub struct MotionTracker {
 impl MotionTracker {
     /// The tracker of a vehicle on the ground with the model `model`, for a law that does not predict. Poses are admitted with the
     /// noise `admission`; `delay_s` is the delay from sending a command to its effect until one is measured \[s\].
-    #[must_use]
     pub fn new(model: VehicleModel, admission: FilterOptions, delay_s: f64) -> Self {
         Self {
             nominal: model,
@@ -58,7 +57,6 @@ impl MotionTracker {
     }
 
     /// The same for a law that flies on the tracked motion.
-    #[must_use]
     pub fn predictive(self, options: &PredictiveOptions) -> Self {
         let adaptation = options
             .adaptation
@@ -106,55 +104,46 @@ impl MotionTracker {
     }
 
     /// Measured delay from sending a command to its effect \[s\].
-    #[must_use]
     pub fn delay_s(&self) -> f64 {
         self.history.delay_s()
     }
 
     /// Delay from sending a command to its effect on the rotation, including the adapted part hidden from reports \[s\].
-    #[must_use]
     pub fn effect_delay_s(&self) -> f64 {
         self.history.effect_delay_s()
     }
 
     /// Correction of the reported effect of commands.
-    #[must_use]
     pub fn effect(&self) -> &CommandEffect {
         self.history.effect()
     }
 
     /// The model that predicts the motion.
-    #[must_use]
     pub fn model(&self) -> &VehicleModel {
         &self.model
     }
 
     /// The adapted model, relative to the configured one; `None` if that one predicts.
-    #[must_use]
     pub fn adapted(&self) -> Option<AdaptedModel> {
         self.adaptation.as_ref().map(Adaptation::model)
     }
 
     /// Height of the floor from which the flight began \[m, world z\].
-    #[must_use]
     pub fn floor_m(&self) -> f64 {
         self.floor_m
     }
 
     /// The motion at the last admitted pose, or later; `None` on the ground.
-    #[must_use]
     pub fn track(&self) -> Option<&Track> {
         self.track.as_ref()
     }
 
     /// The motion predicted for `t_s` \[s\] with its uncertainty; `None` on the ground.
-    #[must_use]
     pub fn predict(&self, t_s: f64) -> Option<Track> {
         self.track.map(|track| self.advanced(&track, t_s))
     }
 
     /// The same prediction in coarse steps, for limits, where an error of a hundredth of a motion over few periods is acceptable.
-    #[must_use]
     pub fn predict_coarsely(&self, t_s: f64) -> Option<Track> {
         let model = VehicleModel { integration: Integration::Coarse, ..self.model };
         let propagation = Propagation { model: &model, ..self.propagation() };
@@ -162,7 +151,6 @@ impl MotionTracker {
     }
 
     /// Motion predicted for `t_s` \[s\]; on the ground the motion at the last pose, `None` before the first.
-    #[must_use]
     pub fn motion_at(&self, t_s: f64) -> Option<Motion> {
         match &self.track {
             Some(track) if t_s > track.t_s => Some(track.motion_at(t_s, &self.propagation())),
@@ -172,20 +160,17 @@ impl MotionTracker {
     }
 
     /// `track`, propagated to `t_s` \[s\] like the motion.
-    #[must_use]
     pub fn advanced(&self, track: &Track, t_s: f64) -> Track {
         track.advanced(t_s, &self.propagation())
     }
 
     /// The estimated bias; zero on the ground.
-    #[must_use]
     pub fn bias(&self) -> Bias {
         self.track.as_ref().map_or_else(Bias::default, Track::bias)
     }
 
     /// Motion at the last admitted pose and the innovation of that pose, for a law that uses it; `None` for other laws, and
     /// before the first pose.
-    #[must_use]
     pub fn filtered(&self) -> Option<(&Motion, Option<&FilterInnovation>)> {
         self.noise.estimation.as_ref()?;
         let motion = self.track.as_ref().map(|track| &track.motion);

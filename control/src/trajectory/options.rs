@@ -121,7 +121,6 @@ impl TrajectoryOptions {
 
     /// The trajectory that these options name. `waypoints` is the content of the file, used by
     /// [`TrajectoryKind::Waypoints`] only; that kind without waypoints gives `None`.
-    #[must_use]
     pub fn trajectory(&self, waypoints: Option<Waypoints>) -> Option<Trajectory> {
         let shape = match self.kind {
             TrajectoryKind::Hover => TrajectoryShape::Hover(self.hover),

@@ -33,7 +33,6 @@ pub(super) enum TrajectoryShape {
 impl Trajectory {
     /// The reference at `t_s` \[s\] after the start of the trajectory. Times before the start count as the start,
     /// times after the end as the end.
-    #[must_use]
     pub fn sample(&self, t_s: f64) -> Reference {
         let t_s = t_s.min(self.duration_s()).max(0.0);
         let mut reference = match &self.shape {
@@ -53,7 +52,6 @@ impl Trajectory {
     }
 
     /// Duration of the trajectory \[s\].
-    #[must_use]
     pub fn duration_s(&self) -> f64 {
         match &self.shape {
             TrajectoryShape::Hover(hover) => hover.duration_s,

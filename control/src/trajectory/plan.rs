@@ -54,7 +54,6 @@ pub struct FlightPlan {
 
 impl FlightPlan {
     /// The flight of `trajectory` from `start`; `options` must pass their check.
-    #[must_use]
     pub fn new(options: &TrajectoryOptions, trajectory: Trajectory, start: StartPoint) -> Self {
         let trajectory_start_s = options.take_off_s + options.settle_s;
         let end_s = trajectory_start_s + options.duration_s.unwrap_or(trajectory.duration_s());
@@ -72,7 +71,6 @@ impl FlightPlan {
     }
 
     /// The reference at `t_s` \[s\] after the start of the flight.
-    #[must_use]
     pub fn sample(&self, t_s: f64) -> Reference {
         if t_s > self.landing.start_s {
             return self.landing.sample(t_s);
@@ -88,7 +86,6 @@ impl FlightPlan {
     }
 
     /// Time from the start of the flight at which the landing is planned, even if another landing has begun earlier \[s\].
-    #[must_use]
     pub fn planned_landing_s(&self) -> f64 {
         self.planned_landing_s
     }
@@ -108,7 +105,6 @@ impl FlightPlan {
 
     /// Whether the errors at `t_s` \[s\] are scored: during the trajectory's own duration; of a hover, from 10 s
     /// after the hover point is reached; of a trajectory that prescribes attitudes, while one is prescribed.
-    #[must_use]
     pub fn scored(&self, t_s: f64) -> bool {
         let (from_s, to_s) = match self.trajectory.shape {
             TrajectoryShape::Hover(_) => {
@@ -121,7 +117,6 @@ impl FlightPlan {
     }
 
     /// Time from the start of the flight at which the reference reaches the end of the landing \[s\].
-    #[must_use]
     pub fn end_s(&self) -> f64 {
         self.landing.start_s + self.landing.duration_s
     }

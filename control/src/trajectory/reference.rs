@@ -23,13 +23,11 @@ pub struct Reference {
 
 impl Reference {
     /// A reference at rest at `position` \[m, world\], at zero yaw.
-    #[must_use]
     pub fn rest(position: Vector3<f64>, phase: Phase) -> Self {
         Self { position, velocity: Vector3::zeros(), yaw_rad: 0.0, attitude: None, phase }
     }
 
     /// Whether every number is finite.
-    #[must_use]
     pub fn is_finite(&self) -> bool {
         self.position.iter().chain(&self.velocity).all(|number| number.is_finite())
             && self.yaw_rad.is_finite()
@@ -54,7 +52,6 @@ pub enum Phase {
 
 impl Phase {
     /// The phase of that number.
-    #[must_use]
     pub fn from_number(number: u8) -> Option<Self> {
         [Self::TakeOff, Self::Settle, Self::Trajectory, Self::Landing]
             .into_iter()

@@ -221,7 +221,6 @@ fn seconds(time: Time) -> f64 {
 }
 
 /// The figures as a table in Markdown.
-#[must_use]
 pub fn to_text(rows: &[StampFigures]) -> String {
     let headings = [
         "stamps",

@@ -45,7 +45,6 @@ pub struct PlaceNoise {
 }
 
 /// Noise at every position, each from `frames` frames of a level body at rest.
-#[must_use]
 pub fn map(config: &Config, frames: u64) -> Vec<PlaceNoise> {
     PLACES.iter().map(|(name, place)| at(config, frames, (name, *place))).collect()
 }
@@ -88,7 +87,6 @@ fn deviation(values: &[Vector3<f64>]) -> Vector3<f64> {
 }
 
 /// The map as a table in Markdown.
-#[must_use]
 pub fn to_text(map: &[PlaceNoise]) -> String {
     let headings = [
         "place",

@@ -81,7 +81,6 @@ impl CameraStudy {
     }
 
     /// Whether a figure of the emulated cameras is within the range of the recordings; `None` with fewer than two recordings.
-    #[must_use]
     pub fn is_within(&self, figure: usize) -> Option<bool> {
         let found: Vec<f64> = self.recordings.iter().filter_map(|(_, all)| all[figure]).collect();
         let value = self.emulated[figure].filter(|_| found.len() > 1)?;
@@ -89,7 +88,6 @@ impl CameraStudy {
     }
 
     /// The study as a table in Markdown.
-    #[must_use]
     pub fn to_text(&self) -> String {
         let names = self.recordings.iter().map(|(name, _)| name.as_str());
         let headings: Vec<&str> =
@@ -108,7 +106,6 @@ impl CameraStudy {
     }
 
     /// The study as JSON: `{"figures": [{"name", "emulated", "recordings": {NAME: value}, "within"}]}`.
-    #[must_use]
     pub fn to_json(&self) -> Value {
         let figures = FIGURES.iter().enumerate().map(|(k, (name, _))| {
             let recordings: serde_json::Map<String, Value> =

@@ -27,7 +27,6 @@ const SPREADS: usize = 3;
 
 /// Row of a law. For the metrics with a spread, the `best` runs are averaged; `max_q` is the greatest weight of the law and how
 /// it was found.
-#[must_use]
 pub fn row(flown: &Flown, best: usize, max_q: Option<(f64, &str)>) -> SheetRow {
     let best = best_runs(flown, best);
     let of_all = flown.mean();

@@ -30,7 +30,6 @@ pub struct RestFigures {
 
 impl RestFigures {
     /// Noise of the poses before take-off; `None` if there are too few.
-    #[must_use]
     pub fn of(flights: &[FlightData]) -> Option<Self> {
         let mut positions = Vec::new();
         let mut angles = Vec::new();
@@ -58,7 +57,6 @@ fn scatter(poses: &[PoseRecord], of: impl Fn(&PoseRecord) -> Vector3<f64>) -> Ve
 
 impl PoseLatency {
     /// The latency of the poses that `of` selects; `None` without poses.
-    #[must_use]
     pub fn of(flights: &[FlightData], of: fn(&FlightData) -> &Vec<PoseRecord>) -> Option<Self> {
         let latencies = || flights.iter().flat_map(of).map(|pose| pose.latency_s * 1e3);
         let median_ms = median(latencies())?;

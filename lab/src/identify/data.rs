@@ -51,7 +51,6 @@ pub struct FlightData {
 
 impl FlightData {
     /// The data of `flight`.
-    #[must_use]
     pub fn of(flight: &Flight) -> Self {
         let poses = poses(flight);
         let (commands, stamped_delay_s) = commands(flight);
@@ -70,7 +69,6 @@ impl FlightData {
 }
 
 /// Number of residuals per axis of each flight: one for every pose in the air except the first.
-#[must_use]
 pub fn series(flights: &[FlightData]) -> Vec<usize> {
     flights.iter().flat_map(|data| [data.air.len().saturating_sub(1); 3]).collect()
 }

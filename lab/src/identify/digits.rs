@@ -2,7 +2,6 @@
 
 /// `value` and its half width \[any unit\]: the half width with two significant digits, the value with the same number of
 /// decimals.
-#[must_use]
 pub fn with_interval(value: f64, half_width: f64) -> (String, String) {
     let decimals = if half_width.is_finite() && half_width > 0.0 {
         (1.0 - half_width.log10().floor()).clamp(0.0, 9.0) as usize

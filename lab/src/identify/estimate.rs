@@ -24,7 +24,6 @@ pub struct VehicleFit {
 }
 
 /// Fits the model to `flights`, starting from the parameters `configured`.
-#[must_use]
 pub fn estimate(flights: &[FlightData], configured: &VehicleOptions) -> Option<VehicleFit> {
     if flights.is_empty() || flights.iter().any(|data| data.air.len() < LEAST_POSES) {
         return None;

@@ -43,7 +43,6 @@ pub struct FindingRule {
 
 impl FindingRule {
     /// The finding of `value` with the standard deviation `sd`, `before` in the configuration.
-    #[must_use]
     pub fn found(&self, value: f64, sd: f64, before: Option<f64>) -> ParameterFinding {
         let Self { name, key, unit, widest_ratio, widest, motion } = *self;
         let half_width = INTERVAL * sd;
@@ -53,7 +52,6 @@ impl FindingRule {
     }
 
     /// Finding for a given `value`.
-    #[must_use]
     pub fn given(&self, value: f64, before: Option<f64>) -> ParameterFinding {
         self.found(value, 0.0, before)
     }
@@ -61,7 +59,6 @@ impl FindingRule {
 
 impl ParameterFinding {
     /// Whether the flights determine the value.
-    #[must_use]
     pub fn is_shown(&self) -> bool {
         self.missing.is_none()
     }

@@ -61,7 +61,6 @@ impl MPFitter for Problem<'_> {
 
 /// Values that minimise the sum of the squared `residuals`; `None` if the residuals cannot be computed. Residuals are in standard
 /// deviations; their number does not depend on the values.
-#[must_use]
 pub fn least_squares(
     parameters: &[FitParameter],
     residuals: &dyn Fn(&[f64]) -> Vec<f64>,
@@ -84,7 +83,6 @@ const STEP_SHARE: f64 = 0.5;
 
 /// Result of a fit that starts at the initial values of `parameters`. The fit is repeated with derivative steps that match the
 /// precision found: over longer steps, residuals of limited influence are not linear.
-#[must_use]
 pub fn precise_fit(
     parameters: &mut [FitParameter],
     series: &[usize],

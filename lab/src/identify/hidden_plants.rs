@@ -149,7 +149,6 @@ pub fn identified(config: &Config) -> Result<Identification, Failure> {
 }
 
 /// True parameters, as keys of `[vehicle]`. The lag of the thrust is the lag of the rotor speed.
-#[must_use]
 pub fn truth(config: &Config) -> VehicleOptions {
     let plant: PlantOptions = drawn(&config.plant, config.clock.seed);
     let thrust_lag_ms = match plant.fidelity {
@@ -170,7 +169,6 @@ pub fn truth(config: &Config) -> VehicleOptions {
 
 /// First-order loop equivalent to the loop of `config`. A loop around rotors of lag `a` is of second order, `a T s^2 + T s + 1`:
 /// its slow pole is the lag, and its fast pole acts as a delay. The lag of the thrust is the rest of the rotors' lag.
-#[must_use]
 pub fn equivalent(config: &Config) -> VehicleOptions {
     let truth = truth(config);
     if config.plant.fidelity == Fidelity::Eq61 {
@@ -188,7 +186,6 @@ pub fn equivalent(config: &Config) -> VehicleOptions {
 }
 
 /// Errors of the findings.
-#[must_use]
 pub fn parameters(identification: &Identification, truth: &VehicleOptions) -> Vec<HiddenParameter> {
     let one = |finding: &ParameterFinding| {
         let relative = |truth: f64| (truth, 100.0 / truth, "%");
@@ -288,7 +285,6 @@ fn quantiles(values: impl Iterator<Item = f64> + Clone) -> [f64; 2] {
 
 impl HiddenPlants {
     /// The tables of all laboratories.
-    #[must_use]
     pub fn to_markdown(&self) -> String {
         self.rooms.iter().map(HiddenRoom::to_markdown).collect()
     }

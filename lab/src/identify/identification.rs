@@ -206,13 +206,11 @@ fn residuals(estimate: &VehicleFit) -> Vec<ResidualTest> {
 
 impl Identification {
     /// Findings for a key, one per component.
-    #[must_use]
     pub fn of_key(&self, key: &str) -> Vec<&ParameterFinding> {
         self.findings.iter().filter(|finding| finding.key == Some(key)).collect()
     }
 
     /// Keys with findings, in order, without duplicates.
-    #[must_use]
     pub fn keys(&self) -> Vec<&'static str> {
         let mut keys: Vec<&'static str> = Vec::new();
         for key in self.findings.iter().filter_map(|finding| finding.key) {
@@ -224,7 +222,6 @@ impl Identification {
     }
 
     /// Findings as settings; keys without a determined value are omitted.
-    #[must_use]
     pub fn settings(&self) -> Vec<Setting> {
         let setting = |key: &'static str| {
             let values = self.values(key)?;
@@ -237,7 +234,6 @@ impl Identification {
     }
 
     /// Values of a key, with the configured value for undetermined components; `None` if no component is determined.
-    #[must_use]
     pub fn values(&self, key: &str) -> Option<Vec<f64>> {
         let findings = self.of_key(key);
         let is_any_shown = findings.iter().any(|finding| finding.is_shown());
@@ -249,7 +245,6 @@ impl Identification {
     }
 
     /// `configured` with the determined values replaced.
-    #[must_use]
     pub fn vehicle(&self, configured: &VehicleOptions) -> VehicleOptions {
         let mut vehicle = configured.clone();
         let set = |rule: &FindingRule, target: &mut f64| {

@@ -34,7 +34,6 @@ pub struct LoopState {
 
 impl LoopStep {
     /// Solution over `h_s` for a loop with the time constants `lag_s` and `fast_s` \[s\].
-    #[must_use]
     pub fn new(lag_s: f64, fast_s: f64, h_s: f64) -> Self {
         let lag_s = lag_s.max(SHORTEST_S);
         let fast_s = fast_s.min(CLOSEST * lag_s);
@@ -63,7 +62,6 @@ impl LoopStep {
     }
 
     /// Remaining fraction of a rate deviation \[-\], and the resulting angle per unit of the deviation \[s\].
-    #[must_use]
     pub fn of_rate(&self) -> (f64, f64) {
         (self.keep, self.lever_s)
     }

@@ -42,7 +42,6 @@ pub struct TurnedFlights<'a> {
 }
 
 /// Fits the translation, starting at `start`; the thrust is linear in its command unless `is_curved`.
-#[must_use]
 pub fn lifting(
     turned: TurnedFlights,
     start: &TranslationModel,

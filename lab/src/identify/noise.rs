@@ -21,20 +21,17 @@ impl Innovations {
     }
 
     /// Number of innovations \[-\].
-    #[must_use]
     pub fn len(&self) -> usize {
         self.values.len()
     }
 
     /// Whether there are no innovations.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.values.is_empty()
     }
 
     /// Innovations of an axis in expected standard deviations, for the measurement deviation `measured` \[unit of the
     /// innovations\].
-    #[must_use]
     pub fn normalised(&self, measured: f64, axis: usize) -> Vec<f64> {
         let pairs = self.values.iter().zip(&self.variances);
         pairs.map(|(value, variance)| value[axis] / (measured * variance.sqrt())).collect()
@@ -62,7 +59,6 @@ pub struct Likelihood {
 
 impl Likelihood {
     /// Likelihood of the innovations of all flights.
-    #[must_use]
     pub fn of<'a>(flights: impl Iterator<Item = &'a Innovations>) -> Self {
         let (mut normalised, mut half_logs) = (Vec::new(), 0.0);
         for flight in flights {

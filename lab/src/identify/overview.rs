@@ -13,7 +13,6 @@ use crate::text_table::{self, NamedRow};
 pub const HEADINGS: [&str; 5] = ["", "value", "± (95 %)", "before", "change"];
 
 /// Cells of a finding, in the order of [`HEADINGS`].
-#[must_use]
 pub fn cells(finding: &ParameterFinding) -> [String; 5] {
     let ParameterFinding { name, unit, value, half_width, before, missing, .. } = finding;
     let (value_text, half) = match half_width {
@@ -32,7 +31,6 @@ pub fn cells(finding: &ParameterFinding) -> [String; 5] {
 }
 
 /// Remarks on missing manoeuvres, residuals and cameras, one per line.
-#[must_use]
 pub fn remarks(identification: &Identification) -> Vec<String> {
     let mut lines = Vec::new();
     for finding in identification.findings.iter().filter(|finding| !finding.is_shown()) {
@@ -89,7 +87,6 @@ fn cameras(identification: &Identification) -> String {
 }
 
 /// The findings as a table of at most 80 columns, and the remarks below it.
-#[must_use]
 pub fn text(identification: &Identification) -> String {
     let [name, figures @ ..] = HEADINGS.map(str::to_owned);
     let row = |finding: &ParameterFinding| {

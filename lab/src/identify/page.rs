@@ -18,7 +18,6 @@ const ACCELERATION_POSES: usize = 7;
 const STYLE: &str = "td { font-variant-numeric: tabular-nums; } .remark { max-width: 95ch; }";
 
 /// The HTML page of `identification`, made from `flights`.
-#[must_use]
 pub fn html(identification: &Identification, flights: &[FlightData]) -> String {
     let body = html! {
         header {

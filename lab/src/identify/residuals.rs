@@ -28,7 +28,6 @@ pub struct ResidualTest {
 
 impl ResidualTest {
     /// Tests `residuals` \[standard deviations\].
-    #[must_use]
     pub fn of(name: String, residuals: &[f64]) -> Self {
         let count = residuals.len();
         // A single outlier would hide every correlation.

@@ -14,7 +14,6 @@ const LOST: u32 = 4;
 const LIMITED_SQUARE: f64 = 0.977_56;
 
 /// Residual whose square is Huber's loss of `residual` \[standard deviations\].
-#[must_use]
 pub fn huber(residual: f64) -> f64 {
     let size = residual.abs().min(LARGEST);
     if size <= HUBER {
@@ -43,13 +42,11 @@ impl LostTrack {
 }
 
 /// `innovation`, each component limited to `LIMIT` times `sd`.
-#[must_use]
 pub fn limited(innovation: &Vector3<f64>, sd: f64) -> Vector3<f64> {
     innovation.map(|component| component.clamp(-LIMIT * sd, LIMIT * sd))
 }
 
 /// Robust standard deviation of normally distributed `values` with outliers; 0 without values \[unit of the values\].
-#[must_use]
 pub fn deviation(values: &[f64]) -> f64 {
     let mut sizes: Vec<f64> = values.iter().map(|value| value.abs()).collect();
     sizes.sort_by(f64::total_cmp);

@@ -76,7 +76,6 @@ struct Predictor<'a> {
 }
 
 /// Predicts all poses of `data` in the air.
-#[must_use]
 pub fn pass(data: &FlightData, model: &RotationModel, noise: &RotationNoise) -> RotationPass {
     let Some((first, poses)) = data.air.split_first() else { return RotationPass::default() };
     let mut pass = RotationPass::default();

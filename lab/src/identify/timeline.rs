@@ -16,7 +16,6 @@ pub struct CommandTimeline<'a> {
 
 impl<'a> CommandTimeline<'a> {
     /// Commands that take effect `delay_s` \[s\] after they were sent.
-    #[must_use]
     pub fn new(commands: &'a [CommandRecord], delay_s: f64) -> Self {
         Self { commands, delay_s, acted: 0 }
     }

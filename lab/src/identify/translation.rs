@@ -70,7 +70,6 @@ struct Predictor<'a> {
 }
 
 /// Predicts all poses of `data` in the air.
-#[must_use]
 pub fn pass(
     data: &FlightData,
     rotation: &RotationPass,
@@ -108,7 +107,6 @@ impl TranslationNoise {
 
 impl TranslationModel {
     /// Thrust over the mass for a commanded fraction of the maximum \[m/s^2\].
-    #[must_use]
     pub fn thrust_at(&self, share: f64) -> f64 {
         let bend = self.curvature_ratio * (share / self.hover_share - 1.0);
         self.thrust_m_s2 * share * (1.0 + bend)

@@ -34,7 +34,6 @@ pub struct TurningFit {
 
 /// Fits the rotation to `flights`, starting at `start`. The fit includes a second lag, so that a second-order loop does not bias
 /// the other parameters. The loop of `[vehicle]` is of first order, so this lag becomes part of the delay.
-#[must_use]
 pub fn turning(flights: &[FlightData], start: &RotationModel) -> Option<TurningFit> {
     let mut noise = RotationNoise { measured_rad: 3e-3, walk_ratio: 30.0 };
     let mut parameters = parameters(start, flights.len());
@@ -52,7 +51,6 @@ pub fn turning(flights: &[FlightData], start: &RotationModel) -> Option<TurningF
 
 impl TurningFit {
     /// Predictions for `flights` with the delay increased by one standard deviation, and the other parameters fitted to it.
-    #[must_use]
     pub fn delayed(&self, flights: &[FlightData]) -> Vec<RotationPass> {
         let covariance = self.fit.covariance.column(0);
         let sd_s = covariance[0].max(f64::MIN_POSITIVE).sqrt();

@@ -9,7 +9,6 @@ const REMARKS_AT: usize = 40;
 
 /// `[vehicle]` and the noise of the filters in TOML, based on the preset of this name: the interval beside each value, and a
 /// remark in place of an undetermined value.
-#[must_use]
 pub fn toml(identification: &Identification, preset: &str) -> String {
     let mut text = format!(
         "# The vehicle, identified by `oqtal identify` from {} poses in the air. Behind each value: its 95 % interval\n\

@@ -26,7 +26,6 @@ const DIAGRAMS: [(u8, &str, &str); 5] = [
 ];
 
 /// The diagrams.
-#[must_use]
 pub fn chapter() -> Chapter {
     let figures = DIAGRAMS.map(|(number, title, svg)| {
         let drawing = PreEscaped(svg.to_owned());

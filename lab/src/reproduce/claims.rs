@@ -28,7 +28,6 @@ impl ClaimVerdict {
     }
 
     /// Symbol and words.
-    #[must_use]
     pub fn shown(self) -> &'static str {
         match self {
             Self::Holds => "✓ holds",
@@ -38,7 +37,6 @@ impl ClaimVerdict {
     }
 
     /// CSS class on a page.
-    #[must_use]
     pub fn class(self) -> &'static str {
         match self {
             Self::Holds => "good",
@@ -62,7 +60,6 @@ pub struct Claim {
 }
 
 /// Claims that are decided by the tables of `chapters`.
-#[must_use]
 pub fn claims(chapters: &[Chapter]) -> Vec<Claim> {
     let values = TextValues::new();
     let evaluated = |claim: &'static ClaimText| {

@@ -137,7 +137,6 @@ fn yes_or_no(holds: bool) -> &'static str {
 }
 
 /// Table of `oqtal-dt` against the best other law: every metric on the nominal plant, the chirp on the mismatched ones.
-#[must_use]
 pub fn against_the_best(nominal: &FlownLaws<'_>, mismatched: &[FlownLaws<'_>]) -> Sheet {
     let goals = |metric| GOALS.iter().filter(move |(of, _)| *of == metric).map(|(_, goal)| *goal);
     let mut rows = Vec::new();
@@ -185,7 +184,6 @@ fn unstable<'a>(mismatched: &[FlownLaws<'a>]) -> Vec<&'a str> {
 }
 
 /// Mean of every metric with its interval, for each tuned law.
-#[must_use]
 pub fn intervals(nominal: &FlownLaws<'_>) -> Sheet {
     let row = |flown: &Flown| {
         let cell = |metric| {
@@ -200,7 +198,6 @@ pub fn intervals(nominal: &FlownLaws<'_>) -> Sheet {
 }
 
 /// Pairwise comparison of the paper's laws, seed by seed.
-#[must_use]
 pub fn ranking(nominal: &FlownLaws<'_>) -> Sheet {
     const PAIRS: [[&str; 2]; 3] = [["pid", "lqr"], ["pid", "oqtal"], ["lqr", "oqtal"]];
     let find = |name: &str| nominal.tuned().find(|flown| flown.law.controller == name);

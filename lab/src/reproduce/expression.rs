@@ -55,7 +55,6 @@ pub type TextValues = BTreeMap<&'static str, TextValue>;
 pub type NamedRows = BTreeMap<String, Vec<String>>;
 
 /// Number with four significant digits, as in the tables; a count is unchanged.
-#[must_use]
 pub fn figure(value: f64) -> String {
     let is_count = value.fract() == 0.0 && value.abs() < 1e4;
     if is_count { format!("{value}") } else { rounded(value, 4) }
@@ -74,7 +73,6 @@ pub struct TextScope<'a> {
 
 impl TextScope<'_> {
     /// Replaces each expression in braces by its value.
-    #[must_use]
     pub fn render(&self, text: &str) -> String {
         let mut parts = text.split('{');
         let mut rendered = parts.next().unwrap_or_default().to_owned();
@@ -87,7 +85,6 @@ impl TextScope<'_> {
     }
 
     /// Whether a condition holds.
-    #[must_use]
     pub fn holds(&self, condition: &str) -> bool {
         self.number(condition) == 1.0
     }

@@ -93,7 +93,6 @@ impl Lander {
     }
 
     /// The ideal turn.
-    #[must_use]
     pub fn turn(&self) -> &GravityTurn {
         &self.turn
     }
@@ -102,7 +101,6 @@ impl Lander {
     ///
     /// # Panics
     /// Never: the preset is a valid vehicle.
-    #[must_use]
     pub fn input(&self, limited: bool) -> TorqueInput {
         let inertia = self.vehicle.inertia().expect("a test holds the preset");
         let most = if limited { self.vehicle.max_torque_nm } else { NO_LIMIT_NM };
@@ -110,7 +108,6 @@ impl Lander {
     }
 
     /// Position of the ideal turn at `time_s` \[m, world\].
-    #[must_use]
     pub fn ideal(&self, time_s: f64) -> Vector3<f64> {
         let ideal = self.turn.at_time(time_s);
         Vector3::new(-ideal.down_range_m, 0.0, ALTITUDE_M - ideal.drop_m)
@@ -130,7 +127,6 @@ impl Lander {
     }
 
     /// State with this rate \[rad/s, body\], zero velocity and full thrust.
-    #[must_use]
     pub fn turning(&self, attitude: &Attitude, rate: Vector3<f64>) -> State {
         let attitude = *attitude.unit_quaternion().quaternion();
         State { attitude, rate, velocity: Vector3::zeros(), ..self.start() }
@@ -191,7 +187,6 @@ impl Lander {
     }
 
     /// State after applying `torque` \[N m, body\] and full thrust for `dt_s` \[s\].
-    #[must_use]
     pub fn hold(&self, state: &State, torque: Vector3<f64>, dt_s: f64) -> State {
         let input = PlantInput { torque, thrust: 1.0, ..PlantInput::default() };
         let calm = Disturbance::NONE;
@@ -205,7 +200,6 @@ impl Lander {
 }
 
 /// Attitude and rate of a body in the form that laws take.
-#[must_use]
 pub fn attitude_state(state: &State) -> AttitudeState {
     let Quaternion { coords } = state.attitude;
     let attitude = Attitude::from_xyzw(coords.into()).unwrap_or_default();
@@ -213,7 +207,6 @@ pub fn attitude_state(state: &State) -> AttitudeState {
 }
 
 /// Whether the state of a body is finite and its rate below the limit.
-#[must_use]
 pub fn is_under_control(state: &State) -> bool {
     let finite =
         state.position.iter().chain(&state.attitude.coords).all(|number| number.is_finite());

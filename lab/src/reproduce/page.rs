@@ -38,7 +38,6 @@ pub const PAPER: PageHead = PageHead {
 };
 
 /// The HTML page of `chapters`.
-#[must_use]
 pub fn html(head: &PageHead, chapters: &[Chapter]) -> String {
     let claims = claims(chapters);
     let body = html! {
@@ -178,7 +177,6 @@ fn prose(text: &str) -> Markup {
 }
 
 /// Tables of `chapters` as Markdown; `command` is the command that generates them.
-#[must_use]
 pub fn markdown(head: &PageHead, chapters: &[Chapter], command: &str) -> String {
     let PageHead { title, lead, file } = head;
     let mut text = format!(

@@ -35,7 +35,6 @@ pub struct Entry {
 }
 
 /// Wie's PID as printed, with these gains.
-#[must_use]
 pub fn pid([c, k, t]: [f64; 3], rate: RateFeedback) -> ControlOptions {
     let pid = PidOptions {
         gain: k,
@@ -49,7 +48,6 @@ pub fn pid([c, k, t]: [f64; 3], rate: RateFeedback) -> ControlOptions {
 }
 
 /// The classic LQR with `Q = q I`, `R = r I`.
-#[must_use]
 pub fn lqr([q, r]: [f64; 2], cells: Cells) -> ControlOptions {
     let lqr = LqrOptions {
         attitude_weight: q,
@@ -63,7 +61,6 @@ pub fn lqr([q, r]: [f64; 2], cells: Cells) -> ControlOptions {
 }
 
 /// OQTAL with `Q = q I`, `R = r I`, as printed: with the Jacobian of Eqs. (45) and (46).
-#[must_use]
 pub fn oqtal_as_printed(weights: [f64; 2], cells: Cells) -> ControlOptions {
     let mut options = oqtal(weights, cells);
     options.oqtal.jacobian = Jacobian::Printed45;
@@ -71,7 +68,6 @@ pub fn oqtal_as_printed(weights: [f64; 2], cells: Cells) -> ControlOptions {
 }
 
 /// OQTAL with `Q = q I`, `R = r I`, with the decoupled Jacobian, which is not in the paper: erratum E-47.
-#[must_use]
 pub fn oqtal([q, r]: [f64; 2], cells: Cells) -> ControlOptions {
     let oqtal = OqtalOptions {
         attitude_weight: q,
@@ -84,14 +80,12 @@ pub fn oqtal([q, r]: [f64; 2], cells: Cells) -> ControlOptions {
 }
 
 /// `oqtal-dt` with these weights of attitude, rate and input.
-#[must_use]
 pub fn oqtal_dt([attitude_weight, rate_weight, input_weight]: [f64; 3]) -> ControlOptions {
     let oqtal_dt = OqtalDtOptions { attitude_weight, rate_weight, input_weight };
     ControlOptions { controller: ControllerName::OqtalDt, oqtal_dt, ..ControlOptions::spacecraft() }
 }
 
 /// The laws of Table IV.
-#[must_use]
 pub fn table_4() -> Vec<Entry> {
     let mut entries = as_printed();
     entries.extend(ours());
@@ -210,7 +204,6 @@ fn new_laws() -> Vec<Entry> {
 }
 
 /// One configuration of each law, for experiments other than the gravity turn.
-#[must_use]
 pub fn each() -> Vec<Entry> {
     let pid = pid([50.0, 5.95, 1.15], RateFeedback::Omega);
     let lqr = lqr([128.0, 1.0], Cells::Truncated);
@@ -226,7 +219,6 @@ pub fn each() -> Vec<Entry> {
 }
 
 /// Every law with its shipped gains for the quadrotor.
-#[must_use]
 pub fn shipped() -> Vec<Entry> {
     let shipped = |entry: Entry| {
         let options = ControlOptions { controller: entry.options.controller, ..Default::default() };

@@ -89,13 +89,11 @@ static TEXTS: LazyLock<Texts> =
     LazyLock::new(|| toml::from_str(include_str!("text.toml")).expect("a test reads the file"));
 
 /// All claims of the paper.
-#[must_use]
 pub fn claims() -> &'static [ClaimText] {
     &TEXTS.claim
 }
 
 /// Chapter `name` without tables and figures.
-#[must_use]
 pub fn chapter(name: &str, values: &TextValues) -> Chapter {
     let ChapterText { title, intro } = &TEXTS.chapter[name];
     let (sheet, rows) = (&Sheet::default(), &NamedRows::new());
@@ -105,14 +103,12 @@ pub fn chapter(name: &str, values: &TextValues) -> Chapter {
 }
 
 /// Table `name` with the printed rows and `rows`, without notes.
-#[must_use]
 pub fn table(name: &str, rows: Vec<SheetRow>) -> Sheet {
     let columns = TEXTS.table[name].columns.iter();
     table_of(name, columns.map(|[key, heading]| -> Column { (key, heading) }).collect(), rows)
 }
 
 /// Table `name` with the printed rows, `rows` and `columns`, without notes.
-#[must_use]
 pub fn table_of(name: &str, columns: Vec<Column>, rows: Vec<SheetRow>) -> Sheet {
     let TableText { title, paper, .. } = &TEXTS.table[name];
     let rows = paper.iter().map(|row| row.row(&columns)).chain(rows).collect();
@@ -120,7 +116,6 @@ pub fn table_of(name: &str, columns: Vec<Column>, rows: Vec<SheetRow>) -> Sheet 
 }
 
 /// `sheet` with its notes.
-#[must_use]
 pub fn with_notes(sheet: Sheet, values: &TextValues) -> Sheet {
     let scope = scope(&sheet, values);
     let notes = TEXTS.table[&sheet.name].notes.iter().map(|note| scope.render(note)).collect();
@@ -128,13 +123,11 @@ pub fn with_notes(sheet: Sheet, values: &TextValues) -> Sheet {
 }
 
 /// Names that the texts about `sheet` can use.
-#[must_use]
 pub fn scope<'a>(sheet: &'a Sheet, values: &'a TextValues) -> TextScope<'a> {
     TextScope { sheet, rows: &TEXTS.table[&sheet.name].rows, values }
 }
 
 /// A list as text: "a, b and c", or "none".
-#[must_use]
 pub fn listed<T: AsRef<str>>(items: &[T]) -> String {
     let items: Vec<&str> = items.iter().map(AsRef::as_ref).collect();
     match items.as_slice() {

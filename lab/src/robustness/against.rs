@@ -22,7 +22,6 @@ struct GroupComparison<'a> {
 }
 
 /// Table of the comparison; without rows if only one law flies.
-#[must_use]
 pub fn table(flown: &[Flown]) -> Sheet {
     let (ours, others): (Vec<&Flown>, Vec<&Flown>) =
         flown.iter().partition(|law| law.law.controller == OURS);

@@ -66,7 +66,6 @@ impl Draw {
     }
 
     /// The draws as one case of a study.
-    #[must_use]
     pub fn case(draws: &[Self]) -> Case {
         let condition = |draw: &Self| FlightCondition {
             seed: draw.seed,
@@ -77,13 +76,11 @@ impl Draw {
     }
 
     /// Drawn value of a key.
-    #[must_use]
     pub fn value(&self, key: &str) -> Option<&Value> {
         self.settings.iter().find(|setting| setting.key == key).map(|setting| &setting.value)
     }
 
     /// Arguments of `oqtal fly` and `oqtal campaign` that give the same plant.
-    #[must_use]
     pub fn arguments(&self) -> String {
         let argument = |setting: &Setting| match setting.key.strip_prefix("plant.") {
             Some(key) => format!("--plant {}", word(key, &setting.value)),
@@ -123,7 +120,6 @@ pub fn identified(
 }
 
 /// Draws with the figures of every law, as JSON.
-#[must_use]
 pub fn document(flown: &[Flown], draws: &[Draw]) -> Json {
     let figures = |draw: usize| {
         let of = |law: &Flown| {

@@ -38,7 +38,6 @@ impl Margins {
     ];
 
     /// Values in the order of [`Self::COLUMNS`].
-    #[must_use]
     pub fn numbers(&self) -> [f64; 5] {
         let gain_db = 20.0 * self.gain.log10();
         [gain_db, self.phase_deg, self.delay_ms, self.disk, self.sensitivity]
@@ -47,7 +46,6 @@ impl Margins {
 
 impl LoopResponse {
     /// Margins, with linear interpolation of the phase and of the logarithm of the gain between the points.
-    #[must_use]
     pub fn margins(&self) -> Margins {
         let mut margins = Margins {
             gain: f64::INFINITY,

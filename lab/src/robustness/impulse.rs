@@ -59,7 +59,6 @@ impl ImpulseResponse {
     }
 
     /// Transfer function at `z`.
-    #[must_use]
     pub fn at(&self, z: Complex<f64>) -> Complex<f64> {
         let Some((last, others)) = self.ticks.split_last() else { return Complex::from(0.0) };
         let per_tick = z.inv();

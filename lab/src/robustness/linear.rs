@@ -77,7 +77,6 @@ impl LinearLoop {
     }
 
     /// Loop response up to half the loop rate.
-    #[must_use]
     pub fn response(&self) -> LoopResponse {
         let highest = 0.5 / self.vehicle.period_s;
         let step = (highest / LOWEST_HZ).powf(1.0 / POINTS as f64);
@@ -86,7 +85,6 @@ impl LinearLoop {
     }
 
     /// The loop gain at a frequency \[Hz\].
-    #[must_use]
     pub fn at(&self, hertz: f64) -> Complex<f64> {
         let z = Complex::from_polar(1.0, TAU * hertz * self.vehicle.period_s);
         self.controller(z) * self.vehicle.motion(z).x

@@ -57,7 +57,6 @@ pub fn all(laws: &[StudyLaw], progress: &Progress) -> Result<Vec<LoopPair>, Fail
 }
 
 /// The chapter of the page.
-#[must_use]
 pub fn chapter(loops: &[LoopPair]) -> Chapter {
     let figures = loops.iter().filter(|pair| pair.axis != "pitch").flat_map(drawn);
     Chapter {
@@ -125,7 +124,6 @@ fn finite(number: f64) -> SheetCell {
 }
 
 /// Greatest relative difference between a flown margin and the model's \[-\]; the gain margin is compared as a factor.
-#[must_use]
 pub fn greatest_difference(pair: &LoopPair) -> f64 {
     let [model, flown] = [&pair.linear, &pair.flown].map(|response| response.margins());
     let of = |m: &Margins| [m.gain, m.phase_deg, m.delay_ms, m.disk];
@@ -189,7 +187,6 @@ fn over_frequency(
 }
 
 /// The loops as JSON: frequency \[Hz\], loop gain \[dB\], phase \[deg\].
-#[must_use]
 pub fn document(loops: &[LoopPair]) -> Value {
     let points = |response: &LoopResponse| -> Value {
         let point = |(hertz, gain): &(f64, nalgebra::Complex<f64>)| {

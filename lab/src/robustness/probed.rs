@@ -57,7 +57,6 @@ pub fn flown(settings: &[Setting], axis: usize) -> Result<LoopResponse, Failure>
 }
 
 /// Settings without noise, drift and gusts; the filters still assume the noise of `nominal`.
-#[must_use]
 pub fn calm(nominal: &Config) -> Vec<Setting> {
     let set = |key: &str, value: toml::Value| Setting::flag("calm", key, value);
     let still = || toml::Value::from(vec![0.0; 3]);

@@ -132,7 +132,6 @@ pub fn all(laws: &[StudyLaw], progress: &Progress) -> Result<Vec<LawResponses>, 
 }
 
 /// The chapter of the page.
-#[must_use]
 pub fn chapter(responses: &[LawResponses]) -> Chapter {
     Chapter {
         title: "Responses",

@@ -105,14 +105,12 @@ impl PlantSpread {
     }
 
     /// Vehicles that differ from their model.
-    #[must_use]
     pub fn vehicle() -> Self {
         let key = |(key, form): (&str, Form)| SpreadKey { key: key.to_owned(), form };
         Self { keys: VEHICLE.map(key).to_vec() }
     }
 
     /// Vehicles that differ from their model, in an environment that differs too.
-    #[must_use]
     pub fn everything() -> Self {
         let drawn = ENVIRONMENT.map(|(key, form)| SpreadKey { key: key.to_owned(), form });
         let chosen = CHOSEN.map(|(key, values)| {
@@ -148,7 +146,6 @@ impl PlantSpread {
     }
 
     /// Spread with each range doubled about its middle; choices are unchanged. Bounds below zero become zero.
-    #[must_use]
     pub fn twice_as_wide(&self) -> Self {
         let wide = |low: f64, high: f64| {
             let (middle, half) = (0.5 * (low + high), high - low);
@@ -262,7 +259,6 @@ impl Form {
     }
 
     /// The form in words.
-    #[must_use]
     pub fn words(&self) -> String {
         let range = |low: &f64, high: &f64| format!("{} to {}", readable(*low), readable(*high));
         match self {

@@ -18,7 +18,6 @@ const STRONGEST: usize = 4;
 const MOST_FAILURES: usize = 5;
 
 /// Figures of the laws over the draws, and the draws in which a law did not land.
-#[must_use]
 pub fn all(flown: &[Flown], draws: &[Draw]) -> Vec<Sheet> {
     let against = Some(against::table(flown)).filter(|sheet| !sheet.rows.is_empty());
     let details = [landed(flown), distributions(flown), broken(flown, draws)];
@@ -148,7 +147,6 @@ const BROKEN_NOTE: &str = "Of each law the first draws in which a flight did not
      LAW` with these arguments flies the draw again, a chirp with `--trajectory attitude-chirp`; gains that are not those of the configuration are added by `--config deploy/tuned/LAW.toml`.";
 
 /// Keys with the strongest rank correlation with the hover error, for each law.
-#[must_use]
 pub fn dependences(flown: &[Flown], draws: &[Draw], spread: &PlantSpread) -> Sheet {
     type Row<'a> = (&'a Flown, String, f64);
     let strongest = |law| {
@@ -188,7 +186,6 @@ fn mean_of(value: &Value) -> f64 {
 }
 
 /// Table of the spread itself.
-#[must_use]
 pub fn spread(spread: &PlantSpread) -> Sheet {
     let row = |SpreadKey { key, form }: &SpreadKey| {
         SheetRow::new(Variant::Ours, "all", key.clone(), vec![form.words().as_str().into()])

@@ -45,7 +45,6 @@ impl<'a> OnlineFlight<'a> {
     }
 
     /// Ticks flown so far, in the order of time.
-    #[must_use]
     pub fn samples(&self) -> &[FlightSample] {
         self.simulation.recorder.samples()
     }

@@ -49,7 +49,6 @@ impl StudyArgs {
     }
 
     /// The arguments as words of a command line, each preceded by a space.
-    #[must_use]
     pub fn words(&self) -> String {
         let config = self.config.iter().map(|file| ("--config", file.display().to_string()));
         let set = self.settings.iter().map(|text| ("--set", text.clone()));
@@ -61,7 +60,6 @@ impl StudyArgs {
 }
 
 /// `word`, quoted if a shell would split or change it.
-#[must_use]
 pub fn quoted(word: &str) -> String {
     let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "-_./=,:+".contains(letter);
     match word.chars().all(is_plain) {

@@ -35,19 +35,16 @@ pub struct Run {
 
 impl Run {
     /// Whether the flight of `test` landed as planned.
-    #[must_use]
     pub fn has_landed(&self, test: Test) -> bool {
         self.figures[test.figure()].is_finite()
     }
 
     /// Whether every flight landed as planned.
-    #[must_use]
     pub fn all_landed(&self) -> bool {
         Test::ALL.iter().all(|test| self.has_landed(*test))
     }
 
     /// Whether all figures are finite: every flight landed as planned, and its path has corners.
-    #[must_use]
     pub fn is_complete(&self) -> bool {
         self.figures.iter().all(|figure| figure.is_finite())
     }
@@ -108,7 +105,6 @@ impl Test {
     pub const ALL: [Self; 4] = [Self::Path, Self::Hover, Self::Chirp, Self::Doublet];
 
     /// The name in tables.
-    #[must_use]
     pub fn name(self) -> &'static str {
         self.trajectory().unwrap_or("path")
     }
@@ -124,7 +120,6 @@ impl Test {
     }
 
     /// Index of the first figure of the test.
-    #[must_use]
     pub fn figure(self) -> usize {
         match self {
             Self::Path => POSITION,
@@ -168,13 +163,11 @@ fn changed(law: &StudyLaw, plant: PlantVariant) -> Result<Vec<Setting>, Failure>
 }
 
 /// A configuration as a table.
-#[must_use]
 pub fn table(config: &Config) -> Table {
     config.to_toml().parse().expect("a configuration is written as TOML")
 }
 
 /// The value of a dotted key of a configuration as a table.
-#[must_use]
 pub fn value_at<'a>(table: &'a Table, key: &str) -> Option<&'a Value> {
     let (path, name) = key.rsplit_once('.').unwrap_or(("", key));
     let mut section = table;
@@ -185,7 +178,6 @@ pub fn value_at<'a>(table: &'a Table, key: &str) -> Option<&'a Value> {
 }
 
 /// `value` with `scale` applied to every number; `None` if it contains anything but numbers.
-#[must_use]
 pub fn scaled(value: &Value, scale: &impl Fn(f64) -> f64) -> Option<Value> {
     match value {
         Value::Float(number) => Some(Value::Float(scale(*number))),
@@ -199,7 +191,6 @@ pub fn scaled(value: &Value, scale: &impl Fn(f64) -> f64) -> Option<Value> {
 }
 
 /// `value` rounded to four significant digits, so that its text is short and reproduces it exactly.
-#[must_use]
 pub fn readable(value: f64) -> f64 {
     format!("{value:.3e}").parse().expect("a number just written")
 }

@@ -17,7 +17,6 @@ const FILES: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/tuned.rs"));
 ///
 /// # Panics
 /// The file is not valid TOML; a test parses every file.
-#[must_use]
 pub fn tuned(name: &str) -> Vec<Setting> {
     let Some((name, text)) = FILES.iter().find(|(file, _)| *file == name) else {
         return Vec::new();
@@ -77,7 +76,6 @@ impl fmt::Display for GainSource {
 
 impl GainSource {
     /// Whether the source has gains for the law `controller`; a directory may lack them.
-    #[must_use]
     pub fn has(&self, controller: &str) -> bool {
         match self {
             Self::Configured | Self::Tuned => true,

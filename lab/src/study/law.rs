@@ -18,7 +18,6 @@ pub fn names() -> impl Iterator<Item = &'static str> {
 }
 
 /// Law with this name in the configuration.
-#[must_use]
 pub fn of_name(name: &str) -> Option<ControllerName> {
     registered().find(|law| law.name() == name)
 }
@@ -40,7 +39,6 @@ pub struct StudyLaw {
 
 impl StudyLaw {
     /// The law `controller` under these settings.
-    #[must_use]
     pub fn new(
         controller: &'static str,
         settings: Vec<Setting>,
@@ -51,13 +49,11 @@ impl StudyLaw {
     }
 
     /// The law with further settings.
-    #[must_use]
     pub fn with(&self, settings: &[Setting]) -> Self {
         Self { settings: [&self.settings[..], settings].concat(), ..self.clone() }
     }
 
     /// Setting that selects the law.
-    #[must_use]
     pub fn setting(&self) -> Setting {
         Setting::flag("--controllers", "control.controller", self.controller)
     }
@@ -71,7 +67,6 @@ impl StudyLaw {
     }
 
     /// Whether the law flies with the estimation and prediction of `oqtal-dt`; `false` if a setting is invalid.
-    #[must_use]
     pub fn is_predictive(&self) -> bool {
         self.config().is_ok_and(|config| config.control.is_predictive())
     }

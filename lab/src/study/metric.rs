@@ -77,7 +77,6 @@ pub type Figures = [f64; METRICS];
 ///
 /// Velocity and attitude errors are relative to the newest set-point of the law. `oqtal-dt` computes set-points for the instant
 /// at which its command takes effect, and telemetry shows each of them at that instant.
-#[must_use]
 pub fn of_path(flight: &Flight) -> [f64; 5] {
     let mut position = Statistics::default();
     flight.scored().for_each(|sample| position.add(sample.position_error().norm()));
@@ -153,7 +152,6 @@ fn settled(samples: &[&FlightSample], outside: impl Fn(&FlightSample) -> bool) -
 }
 
 /// RMS of the position error \[mm\], and of the command change per tick \[rad/s\], in a hover.
-#[must_use]
 pub fn of_hover(flight: &Flight) -> [f64; 2] {
     let authority = Vector3::from(flight.config.vehicle.rate_authority_rad_s);
     let (mut error, mut jitter) = (Statistics::default(), Statistics::default());
@@ -172,7 +170,6 @@ pub fn of_hover(flight: &Flight) -> [f64; 2] {
 ///
 /// The trajectory prescribes the attitude, also for a law that filters its command. A flight rotates its trajectory by the
 /// measured initial heading of the vehicle.
-#[must_use]
 pub fn of_attitude(flight: &Flight, trajectory: &Trajectory) -> [f64; 2] {
     let options = &flight.config.trajectory;
     let start_s = options.take_off_s + options.settle_s;

@@ -27,7 +27,6 @@ impl<R: ?Sized> fmt::Debug for StudyColumn<'_, R> {
 }
 
 /// The cells of a row.
-#[must_use]
 pub fn cells<R: ?Sized>(columns: &[StudyColumn<'_, R>], row: &R) -> Vec<SheetCell> {
     columns.iter().map(|column| (column.cell)(row)).collect()
 }
@@ -37,13 +36,11 @@ pub type RowNames = (String, Variant, String);
 
 impl super::Flown {
     /// Names of the row of a sheet: the law with the remark on its gains.
-    #[must_use]
     pub fn names(&self) -> RowNames {
         (self.law.name.clone(), self.law.variant, self.law.remark.clone())
     }
 
     /// Names of the row of a sheet: the law with these settings.
-    #[must_use]
     pub fn names_with(&self, settings: impl Into<String>) -> RowNames {
         (self.law.name.clone(), self.law.variant, settings.into())
     }
@@ -51,7 +48,6 @@ impl super::Flown {
 
 impl Sheet {
     /// Sheet with this name and title; each of `rows` has its names.
-    #[must_use]
     pub fn tabulate<'r, R: 'r>(
         (name, title): (&str, &str),
         columns: &[StudyColumn<'_, R>],
@@ -72,14 +68,12 @@ impl Sheet {
     }
 
     /// The sheet with an additional note.
-    #[must_use]
     pub fn with_note(mut self, note: impl Into<String>) -> Self {
         self.notes.push(note.into());
         self
     }
 
     /// The sheet as a detail that is left out of Markdown.
-    #[must_use]
     pub fn as_detail(self) -> Self {
         Self { is_detail: true, ..self }
     }

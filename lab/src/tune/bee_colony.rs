@@ -64,7 +64,6 @@ impl Best {
 impl BeeColony {
     /// Guided colony that evaluates about `budget` points in total, with Karaboga's limit: as many bees as are needed to try
     /// every coordinate of every source.
-    #[must_use]
     pub fn within(budget: usize, dimensions: usize, seed: u64) -> Self {
         let sources = 10;
         let cycles = budget.saturating_sub(sources) / (2 * sources);
@@ -72,7 +71,6 @@ impl BeeColony {
     }
 
     /// Greatest number of evaluated points.
-    #[must_use]
     pub fn most_evaluations(&self) -> usize {
         // At most one scout per cycle.
         self.sources + self.cycles * (2 * self.sources + 1)

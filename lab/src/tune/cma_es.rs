@@ -90,7 +90,6 @@ impl LearningRates {
 
 impl CmaEs {
     /// Search from `start` with the standard deviation `sigma` \[unit of the coordinates\].
-    #[must_use]
     pub fn new(start: &[f64], sigma: f64, seed: u64) -> Self {
         let n = start.len();
         Self {
@@ -109,7 +108,6 @@ impl CmaEs {
     }
 
     /// Number of points per generation \[-\].
-    #[must_use]
     pub fn points(&self) -> usize {
         self.rates.weights.len()
     }
@@ -148,7 +146,6 @@ impl CmaEs {
     }
 
     /// Whether the distribution has shrunk to a point.
-    #[must_use]
     pub fn has_converged(&self) -> bool {
         let widest = self.sigma * self.lengths.max();
         widest.is_nan() || widest < CONVERGED * self.first_sigma

@@ -23,7 +23,6 @@ pub enum Optimiser {
 
 impl Optimiser {
     /// Name on the command line.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::CmaEs => "cma-es",

@@ -99,7 +99,6 @@ pub fn tune(
 }
 
 /// Gains among `settings` that lie on a bound of the search, up to the rounding of written values.
-#[must_use]
 pub fn on_a_bound(settings: &[Setting]) -> Vec<String> {
     let parameters = LOOPS.iter().flat_map(|tuned| &tuned.parameters);
     let lies = |parameter: &&SearchRange| {

@@ -70,7 +70,6 @@ impl Default for TrainingFlights {
 
 impl TrainingFlights {
     /// One flight per seed, on six plants near the configured one in turn.
-    #[must_use]
     pub fn near(settings: Vec<Setting>, seeds: Range<u64>) -> Self {
         let plants = seeds.zip(TRAINING.into_iter().cycle());
         let condition = |(seed, plant)| FlightCondition { seed, plant, settings: Vec::new() };
@@ -80,7 +79,6 @@ impl TrainingFlights {
     }
 
     /// One flight per draw of a spread.
-    #[must_use]
     pub fn over(settings: Vec<Setting>, draws: &[Draw]) -> Self {
         Self { settings, case: Draw::case(draws), draws: draws.len() }
     }
@@ -91,7 +89,6 @@ impl TrainingFlights {
     }
 
     /// The law `controller` with `gains` in place of the configured ones.
-    #[must_use]
     pub fn law(&self, controller: &'static str, gains: &[Setting]) -> StudyLaw {
         StudyLaw::new(controller, [&self.settings, gains].concat(), "")
     }
@@ -161,7 +158,6 @@ pub struct Tuned {
 
 impl Tuned {
     /// Command and result on one line.
-    #[must_use]
     pub fn headline(&self) -> String {
         let Budget { points, seed, optimiser } = self.budget;
         let (optimiser, objective) = (optimiser.name(), self.objective);
@@ -176,7 +172,6 @@ impl Tuned {
     }
 
     /// Gains as a configuration file, with the settings `common` of the vehicle for which they were found.
-    #[must_use]
     pub fn to_toml(&self, common: &[&Setting]) -> String {
         let law = Some(&self.target).filter(|target| *target != "outer");
         let law = law.map(|law| ("control.controller", format!("\"{law}\"")));
@@ -197,7 +192,6 @@ impl Tuned {
     }
 
     /// The gains as settings.
-    #[must_use]
     pub fn settings(&self) -> Vec<Setting> {
         settings(&self.values)
     }
@@ -223,13 +217,11 @@ pub(super) fn settings(values: &[(String, f64)]) -> Vec<Setting> {
 }
 
 /// Values of `parameters` at a point given by their logarithms.
-#[must_use]
 pub fn values(parameters: &[SearchRange], point: &[f64]) -> Vec<(String, f64)> {
     parameters.iter().zip(point).map(|(p, log)| (p.key.to_string(), readable(log.exp()))).collect()
 }
 
 /// Values of `parameters` in `config`, limited to their bounds.
-#[must_use]
 pub fn configured(parameters: &[SearchRange], config: &Config) -> Vec<(String, f64)> {
     let config = table(config);
     let value = |p: &SearchRange| {

@@ -37,7 +37,6 @@ static LOOPS: [SearchRange; 8] = [
 
 /// All gains tuned with a law in a stack: first the law's own gains, beginning with the one raised for `max_q`, then those of the
 /// stack.
-#[must_use]
 pub fn parameters(law: ControllerName, stack: LawStack) -> Vec<SearchRange> {
     let is_predictive = law.is_predictive() || stack == LawStack::Predictive;
     let around: &[SearchRange] = if is_predictive { &PREDICTOR } else { &LOOPS };

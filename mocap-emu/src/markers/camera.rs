@@ -20,7 +20,6 @@ pub struct PinholeCamera {
 
 impl PinholeCamera {
     /// The cameras of a room, in the order of the configuration.
-    #[must_use]
     pub fn all(options: &CameraOptions) -> Vec<Self> {
         let pairs = options.positions_m.iter().zip(&options.aims_m);
         pairs.map(|(at, aim)| Self::new(options, Vector3::from(*at), Vector3::from(*aim))).collect()
@@ -41,13 +40,11 @@ impl PinholeCamera {
     }
 
     /// Position of the camera \[m, world\].
-    #[must_use]
     pub fn position(&self) -> &Vector3<f64> {
         &self.position
     }
 
     /// The image point of `point` \[m, world\] from the upper left corner \[pixels\]; `None` if it is out of view.
-    #[must_use]
     pub fn image(&self, point: &Vector3<f64>) -> Option<Vector2<f64>> {
         let pixel = self.project(point)?.0;
         let is_inside = (0..2).all(|axis| (0.0..=self.size_px[axis]).contains(&pixel[axis]));
@@ -56,7 +53,6 @@ impl PinholeCamera {
 
     /// The image point, within or beyond the edges of the image \[pixels\], and its derivative \[pixels/m\]; `None` behind the
     /// camera.
-    #[must_use]
     pub fn project(&self, point: &Vector3<f64>) -> Option<(Vector2<f64>, Matrix2x3<f64>)> {
         let q = self.axes * (point - self.position);
         if q.z < NEAREST_M {
@@ -69,7 +65,6 @@ impl PinholeCamera {
     }
 
     /// The direction of unit length in which the image point `pixel` is seen \[world\].
-    #[must_use]
     pub fn direction(&self, pixel: &Vector2<f64>) -> Vector3<f64> {
         let offset = (pixel - self.size_px / 2.0) / self.focal_px;
         self.axes.tr_mul(&Vector3::new(offset.x, offset.y, 1.0)).normalize()

@@ -43,13 +43,11 @@ impl Mishaps {
     }
 
     /// Whether `marker` is visible.
-    #[must_use]
     pub fn shows(&self, marker: usize) -> bool {
         self.missing[marker] == 0
     }
 
     /// Label that the camera system gives to `marker`.
-    #[must_use]
     pub fn taken_for(&self, marker: usize) -> usize {
         match self.swapped {
             Some((a, b)) if marker == a => b,

@@ -37,7 +37,6 @@ pub struct MarkerPoint {
 impl MarkerPoint {
     /// Root mean square distance of the image points along one image axis, corrected for the three numbers fitted: an estimate
     /// of the pixel noise \[pixels\].
-    #[must_use]
     pub fn reprojection_px(&self) -> f64 {
         let freedom = (2 * self.cameras).saturating_sub(3);
         (self.squared_px / freedom.max(1) as f64).sqrt()

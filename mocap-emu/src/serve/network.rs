@@ -45,13 +45,11 @@ impl NetworkThread {
     }
 
     /// Endpoints of all servers.
-    #[must_use]
     pub fn endpoints(&self) -> Vec<Endpoint> {
         self.servers.iter().flat_map(|server| server.endpoints()).collect()
     }
 
     /// Counters, updated while the thread runs.
-    #[must_use]
     pub fn counters(&self) -> Arc<ServeCounters> {
         self.counters.clone()
     }

@@ -24,7 +24,6 @@ pub struct ServeSpec {
 
 impl ServeSpec {
     /// Whether no protocol is served.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
     }

@@ -19,7 +19,6 @@ pub struct NetworkTrouble {
 
 impl NetworkTrouble {
     /// Network faults of a configuration.
-    #[must_use]
     pub fn new(options: &ServeOptions, seed: u64) -> Self {
         Self {
             loss_probability: options.loss_probability,

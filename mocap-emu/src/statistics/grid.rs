@@ -36,7 +36,6 @@ pub struct GridStatistics {
 
 impl GridStatistics {
     /// Statistics of a recording; `None` if the body moves too little.
-    #[must_use]
     pub fn of(recording: &Recording) -> Option<Self> {
         let Captures { captured_s, speed_m_s } = Captures::of(recording);
         let arrivals: Vec<f64> =

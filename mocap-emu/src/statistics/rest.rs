@@ -34,7 +34,6 @@ pub struct RestStatistics {
 
 impl RestStatistics {
     /// Statistics of the longest rest in a recording; `None` without a rest of some seconds.
-    #[must_use]
     pub fn of(recording: &Recording) -> Option<Self> {
         let rest = longest_rest(recording.poses());
         let first = rest.first().filter(|_| rest.len() >= LEAST)?;
@@ -75,7 +74,6 @@ fn longest_rest(poses: &[RecordedPose]) -> &[RecordedPose] {
 }
 
 /// Allan deviation of `values` averaged over `averaged` of them at a time; `None` with fewer than three averages.
-#[must_use]
 pub fn allan_deviation(values: &[f64], averaged: usize) -> Option<f64> {
     let means: Vec<f64> = values.chunks_exact(averaged.max(1)).map(mean).collect();
     if means.len() < 3 {

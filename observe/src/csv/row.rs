@@ -41,7 +41,6 @@ impl Cells {
 
 impl Row<'_> {
     /// The cells of the row.
-    #[must_use]
     pub fn cells(&self) -> Vec<String> {
         let mut cells = Cells(Vec::with_capacity(128));
         self.tick(&mut cells);

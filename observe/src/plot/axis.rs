@@ -6,7 +6,6 @@ use std::ops::Range;
 const MAX_MAGNITUDE: f64 = 1e9;
 
 /// Whether a plot can show `value`.
-#[must_use]
 pub fn is_drawable(value: f64) -> bool {
     value.abs() <= MAX_MAGNITUDE
 }

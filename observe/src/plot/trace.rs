@@ -10,7 +10,6 @@ pub type Point = (f64, f64);
 const MOST_POINTS: usize = 2000;
 
 /// Whether a plot can show `point`.
-#[must_use]
 pub fn is_drawable_point(point: &Point) -> bool {
     is_drawable(point.0) && is_drawable(point.1)
 }

@@ -86,7 +86,6 @@ pub fn encode(header: &Header, body: &dyn AnyMessage, bytes: &mut Vec<u8>) {
 }
 
 /// Decodes a message encoded by [`encode`]; `None` if the length or encapsulation of `bytes` is wrong.
-#[must_use]
 pub fn decode<M: Message>(bytes: &[u8]) -> Option<(Header, M)> {
     let bytes = bytes.strip_prefix(&ENCAPSULATION)?;
     let (words, _) = bytes.get(..8 * HEADER_WORDS)?.as_chunks::<8>();

@@ -51,7 +51,6 @@ impl Channel {
     }
 
     /// Name of the channel's topic in the file.
-    #[must_use]
     pub fn name(self) -> String {
         match self {
             Self::Topic(topic) => return topic.to_string(),
@@ -67,7 +66,6 @@ impl Channel {
     }
 
     /// Schema of the channel's messages.
-    #[must_use]
     pub fn schema(self) -> ChannelSchema {
         let (name, text) = match self {
             Self::Topic(topic) => return topic.visit(MessageSchema),
@@ -98,7 +96,6 @@ impl TopicVisitor for MessageSchema {
 }
 
 /// Hash of a message definition in the format of a channel's metadata.
-#[must_use]
 pub fn schema_id<M: Message>() -> String {
     format!("{:016x}", M::SCHEMA)
 }

@@ -55,7 +55,6 @@ impl Chunk {
     }
 
     /// Whether the chunk must be written before a message at `log_time` is added \[ns since the epoch\].
-    #[must_use]
     pub fn is_due(&self, log_time: u64) -> bool {
         let is_old = |(first, _): (u64, u64)| log_time.saturating_sub(first) >= CHUNK_NS;
         self.records.len() >= CHUNK_BYTES || self.extent.is_some_and(is_old)

@@ -24,7 +24,6 @@ pub struct ClosingFacts {
 
 impl ClosingFacts {
     /// The facts of a flight.
-    #[must_use]
     pub fn of(flight: &Flight) -> Self {
         Self {
             command_path: flight.command_path.clone(),
@@ -35,7 +34,6 @@ impl ClosingFacts {
     }
 
     /// The facts as a table.
-    #[must_use]
     pub fn to_facts(&self) -> Facts {
         let json = |daemon: &ProcessUsage| serde_json::to_string(daemon).unwrap_or_default();
         let facts = [
@@ -49,7 +47,6 @@ impl ClosingFacts {
     }
 
     /// Facts of a recording; the defaults for a truncated one.
-    #[must_use]
     pub fn read(file: &RecordingFile) -> Self {
         let fact = |name| file.fact(FLIGHT, name);
         Self {

@@ -40,7 +40,6 @@ impl Facts {
 
     /// Facts at the beginning of every file of a recording. `wall_offset` is added to message instants to obtain the times of the
     /// file.
-    #[must_use]
     pub fn of_recording(config: &Config, provenance: Provenance, wall_offset: Span) -> Self {
         let facts = [
             ("layout", LAYOUT.to_owned()),
@@ -56,7 +55,6 @@ impl Facts {
     }
 
     /// The machine: kernel, processor, memory.
-    #[must_use]
     pub fn of_machine() -> Self {
         let kernel = rustix::system::uname();
         let text = |text: &std::ffi::CStr| text.to_string_lossy().into_owned();
@@ -83,7 +81,6 @@ impl Facts {
     }
 
     /// Scheduling granted to the daemon by the kernel.
-    #[must_use]
     pub fn of_grants(daemon: &ThreadScheduling) -> Self {
         let cpu = daemon.cpu.map_or_else(|| "any".to_owned(), |cpu| cpu.to_string());
         let facts = [

@@ -23,7 +23,6 @@ pub struct FaultSchedule {
 
 impl FaultSchedule {
     /// The faults and disturbances of `config`.
-    #[must_use]
     pub fn of(config: &Config) -> Self {
         let faults = config.fault.inject.iter().flat_map(|fault| {
             let changes = of_period(&fault.to_string(), (fault.at_s, fault.end_s()));

@@ -207,7 +207,6 @@ impl RecordingFile {
     }
 
     /// Value of a fact in a table.
-    #[must_use]
     pub fn fact(&self, table: &str, name: &str) -> Option<&str> {
         self.facts.get(table)?.get(name).map(String::as_str)
     }
@@ -226,13 +225,11 @@ impl RecordingFile {
     }
 
     /// Offset from message instants to the times of the file \[ns\]; zero for a flight in virtual time.
-    #[must_use]
     pub fn wall_offset_ns(&self) -> i64 {
         self.fact(RECORDING, "wall_offset_ns").and_then(|text| text.parse().ok()).unwrap_or(0)
     }
 
     /// Error of a recording whose part `what` differs from this version's.
-    #[must_use]
     pub fn other_version(&self, what: &str) -> RecordingFileError {
         let fact = |name| self.fact(RECORDING, name).unwrap_or("unknown").to_owned();
         RecordingFileError::Version {

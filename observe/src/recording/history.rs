@@ -39,7 +39,6 @@ pub struct DaemonHistory {
 
 impl DaemonHistory {
     /// Whether the history begins with the start of the daemon and has no gap.
-    #[must_use]
     pub fn is_complete(&self) -> bool {
         let first = self.turns.first().map(|turn| turn.input.kind);
         first == Some(InputKind::Start.code()) && self.missing == 0
@@ -62,7 +61,6 @@ pub struct InputHistory {
 
 impl InputHistory {
     /// Histories, one per daemon, in order.
-    #[must_use]
     pub fn finish(mut self) -> Vec<DaemonHistory> {
         let mut histories = std::mem::take(&mut self.histories);
         for history in &mut histories {

@@ -44,7 +44,6 @@ pub struct RecordingOverview {
 
 impl RecordingOverview {
     /// Overview of a recording.
-    #[must_use]
     pub fn of(file: &RecordingFile) -> Self {
         let mut topics: BTreeMap<String, TopicOverview> = BTreeMap::new();
         let mut spans: BTreeMap<&str, (u64, u64)> = BTreeMap::new();
@@ -78,7 +77,6 @@ impl RecordingOverview {
     }
 
     /// Overview as text for a terminal.
-    #[must_use]
     pub fn to_text(&self) -> String {
         let Self { file, bytes, duration_s, began, is_complete, facts, topics } = self;
         let began = began.as_ref().map_or_else(String::new, |began| format!(", began {began}"));

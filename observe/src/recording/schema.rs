@@ -7,14 +7,12 @@ const RULE: &str =
     "================================================================================";
 
 /// Name of a message's schema.
-#[must_use]
 pub fn name<M: Message>() -> String {
     let path = std::any::type_name::<M>();
     format!("oqtal_msgs/msg/{}", path.rsplit("::").next().unwrap_or(path))
 }
 
 /// Schema of a message: its header, its fields, and the definitions of header and stamps.
-#[must_use]
 pub fn text<M: Message>() -> String {
     let header = lines(Header::FIELDS) + "oqtal_msgs/Stamps stamps\n";
     format!(
@@ -53,7 +51,6 @@ fn type_name(element: FieldType) -> &'static str {
 }
 
 /// Name of a field in recordings, with its unit as suffix, since viewers do not show comments.
-#[must_use]
 pub fn member_name(field: &Field) -> String {
     let unit = field.unit.split(',').next().unwrap_or_default();
     let suffix = match unit {

@@ -63,7 +63,6 @@ pub struct McapRecorder {
 
 impl McapRecorder {
     /// Topics recorded in a flight under `config`.
-    #[must_use]
     pub fn topics(config: &Config) -> Vec<ObservedTopic> {
         use ObservedTopic::{PoseRead, VehicleRead};
         // Published only if injected faults alter the daemon's inputs.
@@ -110,7 +109,6 @@ impl McapRecorder {
     }
 
     /// Whether writing has failed.
-    #[must_use]
     pub fn has_failed(&self) -> bool {
         self.thread.has_failed()
     }
@@ -131,14 +129,12 @@ impl McapRecorder {
     }
 
     /// Records the closing facts of `flight` and finishes the recording.
-    #[must_use]
     pub fn close(mut self, flight: &Flight) -> RecordingResult {
         self.facts(ClosingFacts::of(flight).to_facts());
         self.finish()
     }
 
     /// Records the waiting messages, closes the file, and ends the thread.
-    #[must_use]
     pub fn finish(mut self) -> RecordingResult {
         self.choose_truth(TruthSelection::choose_newest);
         self.thread.finish()

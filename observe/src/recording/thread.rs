@@ -111,7 +111,6 @@ impl RecordingThread {
     }
 
     /// Whether writing has failed.
-    #[must_use]
     pub fn has_failed(&self) -> bool {
         self.failed.load(Ordering::Acquire)
     }
@@ -127,7 +126,6 @@ impl RecordingThread {
     }
 
     /// Writes the queued messages, closes the file, and ends the thread.
-    #[must_use]
     pub fn finish(mut self) -> RecordingResult {
         let result = self.join();
         RecordingResult { dropped: self.dropped, ..result }

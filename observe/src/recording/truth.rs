@@ -25,7 +25,6 @@ pub struct TruthSelection {
 
 impl TruthSelection {
     /// Selection at `rate_hz` in addition to the samples of ticks; 0 for the samples of ticks only.
-    #[must_use]
     pub fn new(rate_hz: f64) -> Self {
         let spacing = (rate_hz > 0.0).then(|| Span::period_of(rate_hz));
         Self { spacing, due: Time::UNSET, join: NearestJoin::default() }

@@ -198,13 +198,11 @@ impl McapFile {
     }
 
     /// Time from the first message to `log_time` \[ns\].
-    #[must_use]
     pub fn age(&self, log_time: u64) -> u64 {
         self.extent.map_or(0, |(first, _)| log_time.saturating_sub(first))
     }
 
     /// Size so far \[bytes\].
-    #[must_use]
     pub fn size(&self) -> u64 {
         self.size
     }

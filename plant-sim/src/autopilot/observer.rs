@@ -94,7 +94,6 @@ impl SimulatorObserver {
     }
 
     /// The motion at `now`; `None` if it is unknown.
-    #[must_use]
     pub fn truth(&self, now: Time) -> Option<TruthV1> {
         let motion = self.predicted(now)?;
         let q = motion.attitude.quaternion();

@@ -38,7 +38,6 @@ pub struct FirmwareBody {
 
 impl FirmwareBody {
     /// The vehicle of `config` on the floor at `start`, its motors off.
-    #[must_use]
     pub fn new(config: &Config, start: Time) -> Self {
         let mut config = config.clone();
         // The firmware executes the control loops; of the plant's model only the rotors remain.
@@ -52,13 +51,11 @@ impl FirmwareBody {
     }
 
     /// The next instant at which there is an output.
-    #[must_use]
     pub fn next_event(&self) -> Time {
         self.plant.next_sample().min(self.imu.next())
     }
 
     /// The instant up to which the motion is integrated.
-    #[must_use]
     pub fn time(&self) -> Time {
         self.plant.truth().time
     }
@@ -100,7 +97,6 @@ impl FirmwareBody {
     }
 
     /// The simulated vehicle.
-    #[must_use]
     pub fn plant(&self) -> &Plant {
         &self.plant
     }

@@ -103,7 +103,6 @@ impl AsctecComputer {
     }
 
     /// Whether the motors run.
-    #[must_use]
     pub fn motors_run(&self) -> bool {
         self.motors.is_running()
     }

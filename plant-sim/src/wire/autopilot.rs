@@ -121,7 +121,6 @@ impl EmulatedAutopilot {
     }
 
     /// Whether the motors run.
-    #[must_use]
     pub fn motors_run(&self) -> bool {
         self.is_armed
     }

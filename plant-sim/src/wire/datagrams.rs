@@ -41,7 +41,6 @@ struct DatagramLane {
 
 impl DatagramModel {
     /// Network of `options`.
-    #[must_use]
     pub fn new(options: &PlantWireOptions, seed: u64) -> Self {
         Self {
             latency: Span::from_seconds(options.latency_ms * 1e-3),
@@ -53,7 +52,6 @@ impl DatagramModel {
     }
 
     /// Relay that adds no latency or losses; datagrams keep their order, also behind a delayed one.
-    #[must_use]
     pub fn relay(seed: u64) -> Self {
         Self::undisturbed(RELAY_QUEUE, seed)
     }

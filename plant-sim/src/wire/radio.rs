@@ -41,7 +41,6 @@ pub struct RadioModel {
 
 impl RadioModel {
     /// Radio of `options` on a wire at `baud`.
-    #[must_use]
     pub fn new(options: &PlantWireOptions, seed: u64, baud: u32) -> Self {
         let lane = |losses, errors| Lane::new(options, stream(seed, losses), stream(seed, errors));
         // Rounded up, so that the model is never faster than the wire.

@@ -74,19 +74,16 @@ impl<L: LinkModel, B: OnBoardComputer> EmulatedVehicle<L, B> {
     }
 
     /// The on-board computer.
-    #[must_use]
     pub fn board(&self) -> &B {
         &self.board
     }
 
     /// The simulated vehicle.
-    #[must_use]
     pub fn plant(&self) -> &Plant {
         &self.plant
     }
 
     /// Instant of the next event.
-    #[must_use]
     pub fn next_event(&self) -> Time {
         let down = self.link.next_arrival(LinkDirection::Down);
         down.into_iter().fold(self.next_instant(), Time::min)
@@ -99,7 +96,6 @@ impl<L: LinkModel, B: OnBoardComputer> EmulatedVehicle<L, B> {
     }
 
     /// Whether the link accepts bytes of the host; otherwise the host must wait.
-    #[must_use]
     pub fn has_room(&self, now: Time) -> bool {
         self.link.has_room(LinkDirection::Up, now)
     }
@@ -166,7 +162,6 @@ impl<L: LinkModel, B: OnBoardComputer> EmulatedVehicle<L, B> {
     }
 
     /// Traffic since the start.
-    #[must_use]
     pub fn counters(&self) -> LinkCounters {
         let traffic = |direction| self.link.traffic(direction);
         let (up, down) = (traffic(LinkDirection::Up), traffic(LinkDirection::Down));

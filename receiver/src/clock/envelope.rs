@@ -36,7 +36,6 @@ pub struct EnvelopeLine {
 
 impl EnvelopeLine {
     /// Arrival minus stamp of a frame without any delay beyond the least one \[ns\].
-    #[must_use]
     pub fn offset_ns(&self, stamp_ns: f64) -> f64 {
         self.anchor.offset_ns + self.drift * (stamp_ns - self.anchor.stamp_ns)
     }
@@ -90,7 +89,6 @@ impl LowerEnvelope {
     }
 
     /// The line below the pairs; meaningless before the first one.
-    #[must_use]
     pub fn line(&self) -> EnvelopeLine {
         self.line
     }
@@ -122,13 +120,11 @@ impl LowerEnvelope {
     }
 
     /// Number of pairs in the window \[-\].
-    #[must_use]
     pub fn count(&self) -> u32 {
         self.intervals.iter().map(|interval| interval.count).sum()
     }
 
     /// Mean distance of the pairs from the line \[ns\].
-    #[must_use]
     pub fn mean_delay_ns(&self) -> f64 {
         let above = |interval: &Interval| {
             let on_line = self.line.offset_ns(interval.least.stamp_ns);

@@ -31,7 +31,6 @@ pub struct StepHypothesis {
 
 impl StepHypothesis {
     /// Whether it has lasted for `time` and `frames` \[-\].
-    #[must_use]
     pub fn has_lasted(&self, now: Time, time: Span, frames: u32) -> bool {
         now.since(self.since) >= time && self.frames >= frames
     }

@@ -42,7 +42,6 @@ pub enum FitnessVerdict {
 
 impl FitnessVerdict {
     /// The verdict that these findings lead to.
-    #[must_use]
     pub fn of(findings: &[ProbeFinding]) -> Self {
         match findings.iter().map(|finding| finding.severity).max() {
             None => Self::Fit,
@@ -71,7 +70,6 @@ impl fmt::Display for ProbeFinding {
 
 impl ProbeFinding {
     /// The finding of a body that the server does not have.
-    #[must_use]
     pub fn missing(name: &str, there: &[&str]) -> Self {
         let found = format!("no body `{name}`; there are {}", there.join(", "));
         let remedy = "name one of these, or define the body in the camera software";

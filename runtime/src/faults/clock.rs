@@ -119,14 +119,12 @@ impl<T: Transport> FaultClock<T> {
 
 /// Interval that starts at `at_s` and lasts `duration_s` \[s\], in a flight armed at `armed_at`; the end is `None` for an
 /// unlimited interval.
-#[must_use]
 pub fn interval(at_s: f64, duration_s: Option<f64>, armed_at: Time) -> (Time, Option<Time>) {
     let from = armed_at + Span::from_seconds(at_s);
     (from, duration_s.map(|duration_s| from + Span::from_seconds(duration_s)))
 }
 
 /// Whether `now` is in this interval.
-#[must_use]
 pub fn is_within((from, until): (Time, Option<Time>), now: Time) -> bool {
     from <= now && until.is_none_or(|until| now < until)
 }

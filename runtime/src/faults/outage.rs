@@ -25,7 +25,6 @@ pub struct Outage {
 
 impl Outage {
     /// Outage caused by `fault` in a flight armed at `armed_at`; `None` if the target is not a process.
-    #[must_use]
     pub fn of(fault: &Fault, armed_at: Time) -> Option<Self> {
         let (from, until) = interval(fault.at_s, fault.duration_s, armed_at);
         Some(Self {
@@ -39,7 +38,6 @@ impl Outage {
     }
 
     /// Instant at which a turn of the role due `at` is executed; `None` for never.
-    #[must_use]
     pub fn postpone(&self, at: Time) -> Option<Time> {
         match (is_within((self.from, self.until), at), self.lateness) {
             (false, _) => Some(at),
@@ -50,7 +48,6 @@ impl Outage {
 }
 
 /// Process that is the target of a fault; `None` if the target is not a process.
-#[must_use]
 pub const fn role_of(target: FaultTarget) -> Option<Role> {
     match target {
         FaultTarget::Daemon => Some(Role::Daemon),

@@ -51,7 +51,6 @@ impl<T: Transport> FaultyTransport<T> {
     }
 
     /// Wraps `turn` of the process `target`, whose ports were opened here.
-    #[must_use]
     pub fn turn<R>(&self, target: FaultTarget, turn: R) -> FaultyTurn<T, R> {
         let Some(faults) = &self.faults else { return FaultyTurn::new(turn, None, Vec::new()) };
         // In virtual time the scheduler delays the turns of a slow process.

@@ -61,7 +61,6 @@ pub fn receiver(place: &InstancePaths) -> io::Result<ParcelReceiver> {
 
 /// Paths of the bare services, beside the instance `latency-PID-NUMBER` at `place`, without anything shared with the bus. The
 /// name is short because iceoryx2 uses it twice in the path of a socket, which the kernel limits to 107 bytes.
-#[must_use]
 pub fn beside(place: &InstancePaths) -> InstancePaths {
     let process = place.instance.split('-').nth(1).unwrap_or_default();
     let instance = format!("b-{process}");

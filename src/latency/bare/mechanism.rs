@@ -21,7 +21,6 @@ impl Mechanism {
         [Self::Futex, Self::Eventfd, Self::UnixDatagram, Self::UdpSocket, Self::Iceoryx2Listener];
 
     /// Name in figures and on the command line.
-    #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Futex => "futex",

@@ -27,7 +27,6 @@ pub type ParcelReceiver = Box<dyn FnMut() -> io::Result<Parcel>>;
 
 impl Parcel {
     /// A message sent now.
-    #[must_use]
     pub fn now() -> Self {
         Self { sent_at: Time::now(), filling: [1; WORDS - 1] }
     }

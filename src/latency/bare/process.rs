@@ -55,13 +55,11 @@ fn open_receiver(
 
 /// Directory for files exchanged by the measuring processes of an instance, in memory, so that no process waits for a disk. It is
 /// created for each measurement, with an unpredictable name and for this user only.
-#[must_use]
 pub fn directory(instance: &str) -> PathBuf {
     Path::new("/dev/shm").join(format!("oqtal-{instance}"))
 }
 
 /// A file of a mechanism: `port`, `ready` or `record`.
-#[must_use]
 pub fn file(context: &ProcessContext, mechanism: Mechanism, kind: &str) -> PathBuf {
     directory(&context.config.instance.name).join(format!("{}.{kind}", mechanism.name()))
 }

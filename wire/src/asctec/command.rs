@@ -49,7 +49,6 @@ impl ControlInput {
     pub const FRAME_LEN: usize = 17;
 
     /// Whether every field is within the range of the manual.
-    #[must_use]
     pub fn in_range(&self) -> bool {
         let stick = |counts: i16| (-FULL_STICK..=FULL_STICK).contains(&counts);
         stick(self.pitch)
@@ -60,7 +59,6 @@ impl ControlInput {
     }
 
     /// Encodes the frame. Values are not limited: see [`ControlInput::in_range`].
-    #[must_use]
     pub fn frame(&self) -> [u8; Self::FRAME_LEN] {
         let mut frame = [0; Self::FRAME_LEN];
         frame[..5].copy_from_slice(COMMAND_HEAD);
@@ -82,7 +80,6 @@ impl ControlInput {
 }
 
 /// Encodes the frame that requests telemetry.
-#[must_use]
 pub fn poll_frame(poll: Poll) -> [u8; POLL_LEN] {
     let [low, high] = poll.bits().to_le_bytes();
     [b'>', b'*', b'>', b'p', low, high]
@@ -147,7 +144,6 @@ impl<'a> CommandPacket<'a> {
     }
 
     /// The control input of the frame.
-    #[must_use]
     pub fn input(&self) -> ControlInput {
         let [pitch, roll, yaw, thrust, enabled] = [0, 1, 2, 3, 4].map(|index| self.word(index));
         ControlInput { pitch, roll, yaw, thrust, enabled }
@@ -175,7 +171,6 @@ impl PollPacket {
     }
 
     /// The requested telemetry.
-    #[must_use]
     pub fn poll(&self) -> Poll {
         self.0
     }

@@ -18,7 +18,6 @@ const ASCTEC: Algorithm<u16> = Algorithm {
 const CRC: Crc<u16> = Crc::<u16>::new(&ASCTEC);
 
 /// CRC of a telemetry payload; head, length and descriptor are not covered.
-#[must_use]
 pub fn crc16(payload: &[u8]) -> u16 {
     CRC.checksum(payload)
 }

@@ -42,13 +42,11 @@ impl Descriptor {
     ];
 
     /// The descriptor of a number on the wire; `None` if unknown.
-    #[must_use]
     pub fn from_wire(number: u8) -> Option<Self> {
         Self::ALL.into_iter().find(|descriptor| *descriptor as u8 == number)
     }
 
     /// Length of the telemetry payload \[bytes\].
-    #[must_use]
     pub const fn payload_len(self) -> usize {
         match self {
             Self::ImuRaw => 28,
@@ -89,19 +87,16 @@ impl Poll {
     const KNOWN: u16 = 0x0B9F;
 
     /// The poll of these bits; `None` if a bit is unknown or no bit is set.
-    #[must_use]
     pub const fn from_wire(bits: u16) -> Option<Self> {
         if bits == 0 || bits & !Self::KNOWN != 0 { None } else { Some(Self(bits)) }
     }
 
     /// The bits as on the wire \[-\].
-    #[must_use]
     pub const fn bits(self) -> u16 {
         self.0
     }
 
     /// Whether all telemetry of `other` is requested.
-    #[must_use]
     pub const fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0
     }

@@ -188,7 +188,6 @@ impl Scales {
     }
 
     /// Converts `sticks` to counts within the limits; the zero set-point if a value is not finite.
-    #[must_use]
     pub fn encode(&self, sticks: &Sticks) -> ControlInput {
         let Sticks { roll, pitch, yaw, thrust } = *sticks;
         if ![roll, pitch, yaw, thrust].iter().all(|value| value.is_finite()) {
@@ -206,7 +205,6 @@ impl Scales {
     }
 
     /// Converts counts to sticks; limited counts give the limited sticks.
-    #[must_use]
     pub fn decode(&self, input: &ControlInput) -> Sticks {
         let (signs, angle) = (&self.command_signs, self.counts_per_angle());
         Sticks {
@@ -219,7 +217,6 @@ impl Scales {
 
     /// Control input that, held, starts or stops the motors: no thrust and full yaw. Roll and pitch stay with the remote control, as in
     /// asctec_drivers.
-    #[must_use]
     pub fn motor_switch(&self) -> ControlInput {
         ControlInput {
             yaw: self.motor_yaw_counts,
@@ -229,7 +226,6 @@ impl Scales {
     }
 
     /// Whether `input` is a motor switch: no thrust, and the yaw stick at least at the switch position on its side.
-    #[must_use]
     pub fn is_motor_switch(&self, input: &ControlInput) -> bool {
         let yaw = i32::from(input.yaw);
         let switch = i32::from(self.motor_yaw_counts);
@@ -237,7 +233,6 @@ impl Scales {
     }
 
     /// Converts measurements on the wire to body axes.
-    #[must_use]
     pub fn decode_imu(&self, wire: &ImuCalc) -> Imu {
         let signs = self.telemetry_signs.as_array();
         let angles = [wire.angle_roll, wire.angle_nick, wire.angle_yaw];
@@ -253,7 +248,6 @@ impl Scales {
     }
 
     /// The inertial measurements as the vehicle sends them; what [`Imu`] does not hold is zero.
-    #[must_use]
     pub fn encode_imu(&self, imu: &Imu) -> ImuCalc {
         let signs = self.telemetry_signs.as_array();
         let angle = |axis: usize| signs[axis] * imu.angles[axis].to_degrees() * 1000.0;

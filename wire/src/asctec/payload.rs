@@ -17,7 +17,6 @@ macro_rules! payload {
             pub const LEN: usize = $(size_of::<$type>() +)* 0;
 
             /// Decodes the fields; `None` if `payload` has another length.
-            #[must_use]
             pub fn parse(payload: &[u8]) -> Option<Self> {
                 // The length is compared once: with offsets that are constants the compiler drops every other bounds check.
                 // With one check per field, LLVM spends 30 s on this function.
@@ -27,7 +26,6 @@ macro_rules! payload {
             }
 
             /// Encodes the payload.
-            #[must_use]
             pub fn payload(&self) -> [u8; Self::LEN] {
                 let mut payload = [0; Self::LEN];
                 let mut at = 0;

@@ -75,13 +75,11 @@ impl<'a> TelemetryPacket<'a> {
     }
 
     /// The descriptor.
-    #[must_use]
     pub fn descriptor(&self) -> Descriptor {
         self.descriptor
     }
 
     /// The payload, of the descriptor's length.
-    #[must_use]
     pub fn payload(&self) -> &'a [u8] {
         self.payload
     }
@@ -127,14 +125,12 @@ impl AcknowledgementPacket {
     }
 
     /// The kind of packet that is acknowledged.
-    #[must_use]
     pub fn descriptor(&self) -> Descriptor {
         self.0
     }
 }
 
 /// Encodes the acknowledgement of a packet of this kind.
-#[must_use]
 pub fn acknowledgement_frame(descriptor: Descriptor) -> [u8; ACKNOWLEDGEMENT_LEN] {
     [b'>', b'a', descriptor as u8, b'a', b'<']
 }

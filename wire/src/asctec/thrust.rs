@@ -50,13 +50,11 @@ impl ThrustTable {
     }
 
     /// Counts \[counts\] for the thrust `delta_c` \[-\]; beyond the table, the counts at its nearer end.
-    #[must_use]
     pub fn counts(&self, delta: f64) -> f64 {
         interpolate(&self.0, delta, [0, 1])
     }
 
     /// Thrust `delta_c` \[-\] for `counts` \[counts\]; beyond the table, the thrust at its nearer end.
-    #[must_use]
     pub fn delta(&self, counts: f64) -> f64 {
         interpolate(&self.0, counts, [1, 0])
     }

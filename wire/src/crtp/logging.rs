@@ -22,13 +22,11 @@ pub struct LogBlock {
 
 impl LogBlock {
     /// Block without variables.
-    #[must_use]
     pub fn new(id: u8) -> Self {
         Self { id, variables: [(LogType::U8, 0); MAX_LOG_VARIABLES], count: 0 }
     }
 
     /// The block with one more variable, sent in its stored type; unchanged if it has [`MAX_LOG_VARIABLES`] already.
-    #[must_use]
     pub fn with(mut self, kind: LogType, id: u16) -> Self {
         if let Some(place) = self.variables.get_mut(self.count) {
             *place = (kind, id);
@@ -38,7 +36,6 @@ impl LogBlock {
     }
 
     /// Types and numbers of the variables.
-    #[must_use]
     pub fn variables(&self) -> &[(LogType, u16)] {
         &self.variables[..self.count]
     }
@@ -88,7 +85,6 @@ impl<'a> LogFields<'a> {
     }
 
     /// Bytes that are not read yet.
-    #[must_use]
     pub fn rest(&self) -> &'a [u8] {
         self.fields.rest()
     }

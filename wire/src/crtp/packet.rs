@@ -49,7 +49,6 @@ impl CrtpPort {
     ];
 
     /// The port of this number; `None` if it is not used here.
-    #[must_use]
     pub fn from_wire(number: u8) -> Option<Self> {
         Self::ALL.into_iter().find(|port| *port as u8 == number)
     }
@@ -79,7 +78,6 @@ impl CrtpPacket {
     };
 
     /// Packet of `payload`, cut off beyond [`MAX_CRTP_PAYLOAD`].
-    #[must_use]
     pub fn new(port: CrtpPort, channel: u8, payload: &[u8]) -> Self {
         let mut packet = Self { bytes: [0; MAX_CRTP_PACKET], length: 1 };
         packet.bytes[0] = (port as u8) << 4 | LINK_BITS | (channel & 3);
@@ -102,31 +100,26 @@ impl CrtpPacket {
     }
 
     /// The packet as on the wire.
-    #[must_use]
     pub fn as_bytes(&self) -> &[u8] {
         &self.bytes[..self.length]
     }
 
     /// Number of the port \[-\].
-    #[must_use]
     pub fn port(&self) -> u8 {
         self.bytes[0] >> 4
     }
 
     /// Number of the channel \[-, 0..3\].
-    #[must_use]
     pub fn channel(&self) -> u8 {
         self.bytes[0] & 3
     }
 
     /// Bytes after the header.
-    #[must_use]
     pub fn payload(&self) -> &[u8] {
         &self.bytes[1..self.length]
     }
 
     /// Whether the packet has no data.
-    #[must_use]
     pub fn is_null(&self) -> bool {
         self.port() == CrtpPort::LinkService as u8 && self.channel() == 3
     }

@@ -48,7 +48,6 @@ impl PackedPose {
 
     /// Packs `pose` of the vehicle whose radio address ends with `vehicle`; `None` if it lies further than 32.767 m from the
     /// origin, or is not finite.
-    #[must_use]
     pub fn of(vehicle: u8, pose: &CrtpPose) -> Option<Self> {
         let is_finite = pose.attitude.iter().all(|component| component.is_finite());
         let mut position_mm = [0; 3];
@@ -61,7 +60,6 @@ impl PackedPose {
     }
 
     /// The pose.
-    #[must_use]
     pub fn pose(&self) -> CrtpPose {
         let position = self.position_mm.map(|counts| f64::from(counts) * 1e-3);
         CrtpPose { position, attitude: decompress(self.attitude) }
@@ -93,7 +91,6 @@ impl PackedPoses {
     pub const MAX: usize = 2;
 
     /// Packet of the first [`Self::MAX`] of `poses`.
-    #[must_use]
     pub fn of(poses: &[PackedPose]) -> Self {
         let count = poses.len().min(Self::MAX);
         let mut packed = Self { poses: [PackedPose::default(); Self::MAX], count };
@@ -102,7 +99,6 @@ impl PackedPoses {
     }
 
     /// The poses.
-    #[must_use]
     pub fn poses(&self) -> &[PackedPose] {
         &self.poses[..self.count]
     }

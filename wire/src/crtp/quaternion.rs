@@ -7,7 +7,6 @@ const FULL: u32 = (1 << 9) - 1;
 
 /// Compresses the unit quaternion `[x, y, z, w]` \[-\]; the attitude is kept to 0.28 degrees. Three components
 /// that are each wrong by half a step of the same sign make the largest wrong by three halves where all are alike.
-#[must_use]
 pub fn compress(quaternion: [f64; 4]) -> u32 {
     let magnitude = |index: &usize| quaternion[*index].abs();
     // The first of equal ones, as every other implementation has it.
@@ -22,7 +21,6 @@ pub fn compress(quaternion: [f64; 4]) -> u32 {
 }
 
 /// Returns the unit quaternion `[x, y, z, w]` \[-\] for `compressed`.
-#[must_use]
 pub fn decompress(compressed: u32) -> [f64; 4] {
     let largest = (compressed >> 30) as usize;
     let (mut quaternion, mut rest, mut squares) = ([0.0; 4], compressed, 0.0);

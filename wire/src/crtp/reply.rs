@@ -83,7 +83,6 @@ pub struct SupervisorAnswer {
 
 impl<'a> CrtpReply<'a> {
     /// The message of `packet`; `None` if it is not known here.
-    #[must_use]
     pub fn read(packet: &'a CrtpPacket) -> Option<Self> {
         if packet.is_null() {
             return Some(Self::Null);
@@ -116,7 +115,6 @@ impl<'a> CrtpReply<'a> {
     }
 
     /// Packet of this reply. Packets of log data are made by [`CrtpReply::log_data`].
-    #[must_use]
     pub fn packet(&self) -> CrtpPacket {
         let of = CrtpPacket::new;
         match self {
@@ -157,7 +155,6 @@ impl<'a> CrtpReply<'a> {
     }
 
     /// Packet of the log data of `block` at `clock_ms`, with each value \[-\] in its type.
-    #[must_use]
     pub fn log_data(
         block: u8,
         clock_ms: u32,
@@ -170,7 +167,6 @@ impl<'a> CrtpReply<'a> {
 
 impl SupervisorAnswer {
     /// Packet by which the supervisor's own port answers `command`, from protocol 12 on, in the state `state`.
-    #[must_use]
     pub fn packet(&self, command: SupervisorCommand, state: Supervision) -> CrtpPacket {
         let (code, holds) = match command {
             SupervisorCommand::Arm(_) => (1, state.contains(Supervision::ARMED)),

@@ -68,7 +68,6 @@ pub enum CrtpRequest {
 
 impl CrtpRequest {
     /// The packet of this message.
-    #[must_use]
     pub fn packet(&self) -> CrtpPacket {
         let of = CrtpPacket::new;
         match self {
@@ -103,7 +102,6 @@ impl CrtpRequest {
     }
 
     /// The message of `packet`; `None` if it is not known here.
-    #[must_use]
     pub fn read(packet: &CrtpPacket) -> Option<Self> {
         if packet.is_null() {
             return Some(Self::Null);

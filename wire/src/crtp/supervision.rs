@@ -26,25 +26,21 @@ impl Supervision {
     pub const CRASHED: Self = Self(1 << 7);
 
     /// State of these bits; unknown ones are kept.
-    #[must_use]
     pub const fn from_wire(bits: u16) -> Self {
         Self(bits)
     }
 
     /// The bits as on the wire \[-\].
-    #[must_use]
     pub const fn bits(self) -> u16 {
         self.0
     }
 
     /// Whether all bits of `other` are set.
-    #[must_use]
     pub const fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0
     }
 
     /// The bits of both.
-    #[must_use]
     pub const fn with(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }

@@ -21,7 +21,6 @@ pub enum TableKind {
 
 impl TableKind {
     /// Port of the table.
-    #[must_use]
     pub fn port(self) -> CrtpPort {
         match self {
             Self::Parameters => CrtpPort::Parameters,
@@ -52,7 +51,6 @@ const IDENTITY: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
 
 impl TableInfo {
     /// Size and identity of the table of `elements`: any change of a type or a name changes the CRC.
-    #[must_use]
     pub fn of<'a>(elements: impl Iterator<Item = TableElement<'a>>) -> Self {
         let (mut count, mut digest) = (0, IDENTITY.digest());
         for element in elements {

@@ -14,21 +14,18 @@ pub struct CrtpThrustCurve {
 
 impl CrtpThrustCurve {
     /// Curve of these coefficients \[N\]; `None` unless it rises from zero to full duty.
-    #[must_use]
     pub fn new([linear, quadratic]: [f64; 2]) -> Option<Self> {
         let rises = linear >= 0.0 && linear + 2.0 * quadratic >= 0.0 && linear + quadratic > 0.0;
         (rises && linear.is_finite() && quadratic.is_finite()).then_some(Self { linear, quadratic })
     }
 
     /// Collective thrust of `counts` \[N\].
-    #[must_use]
     pub fn force(&self, counts: u16) -> f64 {
         let duty = f64::from(counts.min(MAX_CRTP_THRUST)) / FULL_DUTY;
         duty * (self.linear + self.quadratic * duty)
     }
 
     /// Counts of a collective thrust `force` \[N\], within 0..60000; 0 for NaN.
-    #[must_use]
     pub fn counts(&self, force: f64) -> u16 {
         if force.is_nan() || force <= 0.0 {
             return 0;

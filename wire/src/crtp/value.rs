@@ -27,7 +27,6 @@ impl ParameterType {
     const MASK: u8 = 0x0F;
 
     /// The type that the byte of a table states; `None` if it has no name here.
-    #[must_use]
     pub fn from_wire(byte: u8) -> Option<Self> {
         Self::ALL.into_iter().find(|kind| *kind as u8 == byte & Self::MASK)
     }
@@ -50,7 +49,6 @@ pub struct CrtpValue {
 
 impl CrtpValue {
     /// The value `number` \[-\] as `kind`; rounded, and limited to what the type holds.
-    #[must_use]
     pub fn of(kind: ParameterType, number: f64) -> Self {
         let mut bytes = [0; 4];
         let length = kind.bytes();
@@ -69,7 +67,6 @@ impl CrtpValue {
     }
 
     /// The value of `bytes`; `None` for no bytes or more than four.
-    #[must_use]
     pub fn from_wire(bytes: &[u8]) -> Option<Self> {
         let mut value = Self { bytes: [0; 4], length: bytes.len() };
         value.bytes.get_mut(..bytes.len()).filter(|_| !bytes.is_empty())?.copy_from_slice(bytes);
@@ -77,13 +74,11 @@ impl CrtpValue {
     }
 
     /// The bytes as on the wire.
-    #[must_use]
     pub fn as_bytes(&self) -> &[u8] {
         &self.bytes[..self.length]
     }
 
     /// The number \[-\]; `None` if the value has not the length of `kind`.
-    #[must_use]
     pub fn number(&self, kind: ParameterType) -> Option<f64> {
         let bytes = self.bytes;
         let short = [bytes[0], bytes[1]];
@@ -125,13 +120,11 @@ impl LogType {
     const MASK: u8 = 0x0F;
 
     /// The type that the byte of a table states; `None` if it has no name here.
-    #[must_use]
     pub fn from_wire(byte: u8) -> Option<Self> {
         Self::ALL.into_iter().find(|kind| *kind as u8 == byte & Self::MASK)
     }
 
     /// Length \[bytes\].
-    #[must_use]
     pub fn length(self) -> usize {
         match self {
             Self::U8 | Self::I8 => 1,

@@ -91,7 +91,6 @@ const KINDS: [LinkKind<CameraLink>; 3] = [
 
 impl CameraProtocol {
     /// Kind of its links.
-    #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Qtm { .. } => "qtm",
@@ -101,7 +100,6 @@ impl CameraProtocol {
     }
 
     /// Default port of a server \[-\]: of QTM the one for little endian, of NatNet the one for commands.
-    #[must_use]
     pub const fn default_port(self) -> u16 {
         match self {
             Self::Qtm { .. } => qtm::LITTLE_ENDIAN_PORT,

@@ -30,7 +30,6 @@ impl CrtpLink {
     }
 
     /// The port on the bridge's side.
-    #[must_use]
     pub fn port(&self) -> PortSpec {
         match self {
             Self::Radio(radio) => PortSpec::Radio(*radio),

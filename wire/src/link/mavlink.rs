@@ -31,7 +31,6 @@ impl AutopilotKind {
     const ALL: [Self; 2] = [Self::Px4, Self::ArduPilot];
 
     /// Name in a link.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Px4 => "px4",

@@ -118,7 +118,6 @@ impl PortSpec {
     }
 
     /// Speed of a serial port \[baud\]; `None` for other ports.
-    #[must_use]
     pub fn baud(&self) -> Option<u32> {
         match self {
             Self::Serial(serial) => Some(serial.baud),

@@ -35,7 +35,6 @@ pub struct RadioSpec {
 
 impl RadioSpec {
     /// Number of this vehicle in packets for several vehicles: the last byte of its address.
-    #[must_use]
     pub fn vehicle_id(&self) -> u8 {
         self.address[4]
     }

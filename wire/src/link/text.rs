@@ -29,7 +29,6 @@ pub struct LinkText<'a> {
 
 impl<'a> LinkText<'a> {
     /// Splits `text`.
-    #[must_use]
     pub fn split(text: &'a str) -> Self {
         let mut parts = text.split(',');
         let head = parts.next().unwrap_or_default();

@@ -18,7 +18,6 @@ impl MavlinkAddress {
     pub const COMPUTER: u8 = 191;
 
     /// Whether a message to `target` is for this address.
-    #[must_use]
     pub fn is_meant_by(self, target: Self) -> bool {
         let is = |own: u8, wanted: u8| wanted == 0 || wanted == own;
         is(self.system, target.system) && is(self.component, target.component)

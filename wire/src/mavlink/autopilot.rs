@@ -61,7 +61,6 @@ impl ArduPilotMode {
     pub const LAND: Self = Self(9);
 
     /// Name in ground stations; empty for an unknown mode.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self.0 {
             0 => "Stabilize",
@@ -95,19 +94,16 @@ impl Px4Mode {
     pub const POSITION: Self = Self::main(3);
 
     /// Mode of this main mode.
-    #[must_use]
     pub const fn main(number: u8) -> Self {
         Self((number as u32) << 16)
     }
 
     /// Number of the main mode \[-\].
-    #[must_use]
     pub const fn main_number(self) -> u8 {
         (self.0 >> 16) as u8
     }
 
     /// Name of the main mode in ground stations; empty for an unknown mode.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match (self.main_number(), self.0 >> 24) {
             (1, _) => "Manual",
@@ -127,7 +123,6 @@ impl Px4Mode {
 
 impl AutopilotKind {
     /// The `custom_mode` in which this autopilot follows set-points \[-\].
-    #[must_use]
     pub fn setpoint_mode(self) -> u32 {
         match self {
             Self::Px4 => Px4Mode::OFFBOARD.0,
@@ -136,7 +131,6 @@ impl AutopilotKind {
     }
 
     /// Mode number in the command that selects this mode \[-\].
-    #[must_use]
     pub fn setpoint_mode_command(self) -> u32 {
         match self {
             Self::Px4 => u32::from(Px4Mode::OFFBOARD.main_number()),
@@ -145,7 +139,6 @@ impl AutopilotKind {
     }
 
     /// Whether `custom_mode` is the mode in which this autopilot follows set-points.
-    #[must_use]
     pub fn follows_setpoints(self, custom_mode: u32) -> bool {
         match self {
             Self::Px4 => Px4Mode(custom_mode).main_number() == Px4Mode::OFFBOARD.main_number(),
@@ -154,7 +147,6 @@ impl AutopilotKind {
     }
 
     /// Name of the mode `custom_mode`; empty for an unknown mode.
-    #[must_use]
     pub fn mode_name(self, custom_mode: u32) -> &'static str {
         match self {
             Self::Px4 => Px4Mode(custom_mode).name(),
@@ -163,7 +155,6 @@ impl AutopilotKind {
     }
 
     /// Whether integer parameters are sent as the integer's bits in the field of the real number.
-    #[must_use]
     pub fn sends_integers_as_bits(self) -> bool {
         self == Self::Px4
     }

@@ -4,13 +4,11 @@
 //! both ways, for vectors of either frame and for attitudes.
 
 /// Components of a vector in the other axes: positions and velocities in the world, rates in the body \[-\].
-#[must_use]
 pub fn vector_axes([x, y, z]: [f64; 3]) -> [f64; 3] {
     [x, -y, -z]
 }
 
 /// Attitude between the other axes, scalar last \[-\].
-#[must_use]
 pub fn attitude_axes([x, y, z, w]: [f64; 4]) -> [f64; 4] {
     [x, -y, -z, w]
 }

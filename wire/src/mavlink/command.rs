@@ -62,7 +62,6 @@ impl CommandKind {
     pub const REQUEST_MESSAGE: u16 = 512;
 
     /// Number of the command \[-\].
-    #[must_use]
     pub fn number(&self) -> u16 {
         match self {
             Self::SetMode { .. } => Self::SET_MODE,

@@ -43,19 +43,16 @@ pub struct MavlinkEncoder {
 
 impl MavlinkEncoder {
     /// Encoder of the sender `own`.
-    #[must_use]
     pub fn new(own: MavlinkAddress) -> Self {
         Self { own, sequence: 0, signer: None }
     }
 
     /// The sender.
-    #[must_use]
     pub fn own(&self) -> MavlinkAddress {
         self.own
     }
 
     /// Whether packets are signed.
-    #[must_use]
     pub fn signs(&self) -> bool {
         self.signer.is_some()
     }

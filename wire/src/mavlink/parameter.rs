@@ -11,7 +11,6 @@ pub struct ParameterName(pub(super) [u8; LENGTH]);
 
 impl ParameterName {
     /// Name of `text`; `None` if it is empty, longer than 16 bytes, or not of printable ASCII.
-    #[must_use]
     pub fn new(text: &str) -> Option<Self> {
         let is_name =
             (1..=LENGTH).contains(&text.len()) && text.bytes().all(|b| b.is_ascii_graphic());
@@ -23,7 +22,6 @@ impl ParameterName {
     }
 
     /// The text; empty if the bytes are not UTF-8.
-    #[must_use]
     pub fn as_str(&self) -> &str {
         let length = self.0.iter().position(|byte| *byte == 0).unwrap_or(LENGTH);
         str::from_utf8(&self.0[..length]).unwrap_or_default()
@@ -59,7 +57,6 @@ impl ParameterValue {
     }
 
     /// The value, where integers are sent `as_bits`, or else as numbers \[-\].
-    #[must_use]
     pub fn number(&self, as_bits: bool) -> f64 {
         if as_bits && !self.is_real {
             f64::from(self.raw.to_bits().cast_signed())
@@ -69,7 +66,6 @@ impl ParameterValue {
     }
 
     /// The same parameter with the value `number`, where integers are sent `as_bits`, or else as numbers.
-    #[must_use]
     pub fn with(self, number: f64, as_bits: bool) -> Self {
         let raw = if as_bits && !self.is_real {
             f32::from_bits((number.round() as i32).cast_unsigned())

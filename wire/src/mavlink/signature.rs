@@ -31,7 +31,6 @@ pub struct SigningKey([u8; 32]);
 
 impl SigningKey {
     /// Key of 64 hexadecimal digits; `None` for anything else.
-    #[must_use]
     pub fn from_hex(text: &str) -> Option<Self> {
         let mut key = [0; 32];
         if text.len() != 64 || !text.bytes().all(|byte| byte.is_ascii_hexdigit()) {
@@ -132,7 +131,6 @@ pub struct SignatureCheck {
 
 impl SignatureCheck {
     /// Check by `key`, where Unix time is `unix_us` \[us\].
-    #[must_use]
     pub fn new(key: SigningKey, unix_us: u64) -> Self {
         Self { key, newest: stamp_of(unix_us), streams: [None; MAX_SENDERS] }
     }

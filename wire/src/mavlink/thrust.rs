@@ -27,14 +27,12 @@ impl ThrustCurve {
     }
 
     /// Thrust of SET_ATTITUDE_TARGET \[0..1\] for the share `delta` of greatest thrust; 0 for zero, negative numbers and NaN.
-    #[must_use]
     pub fn thrust(&self, delta: f64) -> f64 {
         // Zero is the zero set-point, independent of the start of the curve.
         if delta > 0.0 { interpolate(&self.0, delta, [0, 1]) } else { 0.0 }
     }
 
     /// Share of greatest thrust \[0..1\] that `thrust` of SET_ATTITUDE_TARGET stands for.
-    #[must_use]
     pub fn delta(&self, thrust: f64) -> f64 {
         if thrust > 0.0 { interpolate(&self.0, thrust, [1, 0]) } else { 0.0 }
     }

@@ -60,20 +60,17 @@ const INTERVAL_NS: u64 = 500_000_000;
 
 impl NatNetClient {
     /// Client at the beginning; `unicast` asks for frames at the address of the command socket.
-    #[must_use]
     pub fn new(unicast: bool) -> Self {
         let output = Vec::with_capacity(OUTPUT_BYTES);
         Self { unicast, info: None, stage: NatNetStage::Connecting, due_ns: 0, output }
     }
 
     /// Next message that the client waits for.
-    #[must_use]
     pub fn stage(&self) -> NatNetStage {
         self.stage
     }
 
     /// The server info, once the server has answered.
-    #[must_use]
     pub fn info(&self) -> Option<&ServerInfo> {
         self.info.as_ref()
     }

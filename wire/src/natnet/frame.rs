@@ -31,7 +31,6 @@ pub struct NatNetBody {
 
 impl NatNetBody {
     /// Pose in the volume; `None` if the body is not tracked or its numbers are not finite.
-    #[must_use]
     pub fn pose(&self) -> Option<RigidPose> {
         let pose = RigidPose::new(self.position_m.map(f64::from), self.attitude.map(f64::from));
         pose.filter(|_| self.tracked)
@@ -114,19 +113,16 @@ impl<'a> NatNetFrame<'a> {
     }
 
     /// Number of the frame \[-\].
-    #[must_use]
     pub fn number(&self) -> i32 {
         self.number
     }
 
     /// Times.
-    #[must_use]
     pub fn times(&self) -> NatNetTimes {
         self.times
     }
 
     /// Whether the definitions have changed: ask for them again.
-    #[must_use]
     pub fn models_changed(&self) -> bool {
         self.models_changed
     }

@@ -25,13 +25,11 @@ impl NatNetVersion {
     pub const MODEL_ATTITUDES: Self = Self::new(4, 2);
 
     /// The version `major.minor`.
-    #[must_use]
     pub const fn new(major: u8, minor: u8) -> Self {
         Self { major, minor }
     }
 
     /// Whether the version is supported.
-    #[must_use]
     pub fn is_supported(self) -> bool {
         self >= Self::OLDEST && self.major <= 4
     }

@@ -62,7 +62,6 @@ pub struct NatNetServer {
 
 impl NatNetServer {
     /// A server without clients.
-    #[must_use]
     pub fn new(options: NatNetServerOptions) -> Self {
         let info = ServerInfo {
             name: "Motive".to_owned(),

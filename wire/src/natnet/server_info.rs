@@ -35,7 +35,6 @@ impl ServerInfo {
     }
 
     /// Whether a message has the same content. The name is ignored: it is not part of the protocol.
-    #[must_use]
     pub fn is_in(&self, content: &[u8]) -> bool {
         let numbers = |info: &Self| {
             (info.app_version, info.version, info.clock_hz, info.data_port, info.multicast)

@@ -108,7 +108,6 @@ struct Dialogue {
 
 impl QtmClient {
     /// Client at the beginning of a connection.
-    #[must_use]
     pub fn new(options: QtmClientOptions) -> Self {
         let stream = QtmStream::new(options.order, MAX_FROM_SERVER);
         let output = Vec::with_capacity(OUTPUT_BYTES);
@@ -146,7 +145,6 @@ impl QtmClient {
     }
 
     /// Version of the connection, once the server has agreed to it.
-    #[must_use]
     pub fn version(&self) -> Option<QtmVersion> {
         self.dialogue.version()
     }

@@ -60,7 +60,6 @@ pub struct InvalidQtmCommand(String);
 
 impl QtmCommand {
     /// Whether only the client in control may give the command.
-    #[must_use]
     pub fn is_privileged(&self) -> bool {
         matches!(
             self,

@@ -37,19 +37,16 @@ impl ComponentKind {
     ];
 
     /// The kind of a type on the wire.
-    #[must_use]
     pub fn from_number(number: u32) -> Option<Self> {
         Self::ALL.into_iter().find(|kind| kind.number() == number)
     }
 
     /// The kind of a name in a command, in any case.
-    #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|kind| kind.name().eq_ignore_ascii_case(name))
     }
 
     /// Type on the wire \[-\].
-    #[must_use]
     pub fn number(self) -> u32 {
         match self {
             Self::Markers => 1,
@@ -64,7 +61,6 @@ impl ComponentKind {
     }
 
     /// Name in a command.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Markers => "3D",
@@ -79,7 +75,6 @@ impl ComponentKind {
     }
 
     /// Length of one body or marker \[bytes\].
-    #[must_use]
     pub fn record_bytes(self) -> usize {
         match self {
             Self::Markers => 12,
@@ -93,7 +88,6 @@ impl ComponentKind {
     }
 
     /// Whether a record ends with a residual.
-    #[must_use]
     pub fn has_residual(self) -> bool {
         matches!(
             self,
@@ -113,13 +107,11 @@ pub struct ComponentSet {
 
 impl ComponentSet {
     /// No component.
-    #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
     /// The components with `kind`.
-    #[must_use]
     pub fn with(mut self, kind: ComponentKind) -> Self {
         if !self.iter().any(|known| known == kind)
             && let Some(place) = self.kinds.iter_mut().find(|place| place.is_none())
@@ -135,7 +127,6 @@ impl ComponentSet {
     }
 
     /// Whether there is no component.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.kinds[0].is_none()
     }

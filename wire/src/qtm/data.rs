@@ -51,13 +51,11 @@ impl<'a> DataPacket<'a> {
     }
 
     /// Time of exposure since the measurement began, on the server's clock \[us\].
-    #[must_use]
     pub fn timestamp_us(&self) -> u64 {
         self.timestamp_us
     }
 
     /// Number of the frame \[-\].
-    #[must_use]
     pub fn frame(&self) -> u32 {
         self.frame
     }
@@ -113,19 +111,16 @@ pub struct Component<'a> {
 
 impl<'a> Component<'a> {
     /// Kind.
-    #[must_use]
     pub fn kind(&self) -> ComponentKind {
         self.kind
     }
 
     /// Lost camera frames \[per mille\].
-    #[must_use]
     pub fn drop_rate(&self) -> u16 {
         self.drop_rate
     }
 
     /// Camera frames out of synchronisation \[per mille\].
-    #[must_use]
     pub fn out_of_sync(&self) -> u16 {
         self.out_of_sync
     }
@@ -144,7 +139,6 @@ impl<'a> Component<'a> {
     }
 
     /// Whether the records are bodies.
-    #[must_use]
     pub fn has_bodies(&self) -> bool {
         has_bodies(self.kind)
     }

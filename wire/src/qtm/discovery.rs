@@ -17,7 +17,6 @@ pub struct DiscoveryRequest {
 
 impl DiscoveryRequest {
     /// Parses a datagram; `None` if it is not a request.
-    #[must_use]
     pub fn parse(datagram: &[u8]) -> Option<Self> {
         let mut reader = ByteReader::new(datagram, ByteOrder::Little);
         let (_size, kind) = (reader.u32()?, reader.u32()?);
@@ -26,7 +25,6 @@ impl DiscoveryRequest {
     }
 
     /// The datagram.
-    #[must_use]
     pub fn to_datagram(self) -> Vec<u8> {
         let mut out = Vec::new();
         ByteWriter::new(&mut out, ByteOrder::Little).u32(REQUEST_BYTES).u32(7);
@@ -46,7 +44,6 @@ pub struct DiscoveryReply {
 
 impl DiscoveryReply {
     /// Parses a datagram; `None` if it is not a reply.
-    #[must_use]
     pub fn parse(datagram: &[u8]) -> Option<Self> {
         let mut reader = ByteReader::new(datagram, ByteOrder::Little);
         let (_size, kind) = (reader.u32()?, reader.u32()?);
@@ -56,7 +53,6 @@ impl DiscoveryReply {
     }
 
     /// The datagram.
-    #[must_use]
     pub fn to_datagram(&self) -> Vec<u8> {
         let mut out = Vec::new();
         let mut writer = ByteWriter::new(&mut out, ByteOrder::Little);

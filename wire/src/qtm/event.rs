@@ -40,14 +40,12 @@ const NAMED: [(u8, QtmEvent); 9] = [
 
 impl QtmEvent {
     /// The event of a number on the wire.
-    #[must_use]
     pub fn from_number(number: u8) -> Self {
         let named = NAMED.iter().find(|(known, _)| *known == number);
         named.map_or(Self::Other(number), |(_, event)| *event)
     }
 
     /// Number on the wire \[-\].
-    #[must_use]
     pub fn number(self) -> u8 {
         match self {
             Self::Other(number) => number,
@@ -56,7 +54,6 @@ impl QtmEvent {
     }
 
     /// Whether the event changes the state of the measurement, as reported by `GetState`.
-    #[must_use]
     pub fn is_state(self) -> bool {
         !matches!(self.number(), 11 | 12 | 13 | 16)
     }

@@ -16,25 +16,21 @@ pub struct QtmHost {
 
 impl QtmHost {
     /// A server with an open measurement.
-    #[must_use]
     pub fn new(parameters: QtmParameters) -> Self {
         Self { parameters, state: QtmEvent::Connected, master: None, events: Vec::new() }
     }
 
     /// Parameters.
-    #[must_use]
     pub fn parameters(&self) -> &QtmParameters {
         &self.parameters
     }
 
     /// State of the measurement.
-    #[must_use]
     pub fn state(&self) -> QtmEvent {
         self.state
     }
 
     /// Whether there are frames: a measurement is open.
-    #[must_use]
     pub fn has_data(&self) -> bool {
         self.state != QtmEvent::ConnectionClosed
     }

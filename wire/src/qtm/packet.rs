@@ -90,7 +90,6 @@ pub struct QtmStream {
 
 impl QtmStream {
     /// Stream of packets of at most `limit` bytes, with memory for one packet and the same number of bytes after it.
-    #[must_use]
     pub fn new(order: ByteOrder, limit: usize) -> Self {
         Self { order, limit, buffer: Vec::with_capacity(2 * limit), taken: 0 }
     }
@@ -119,7 +118,6 @@ impl QtmStream {
     }
 
     /// Number of bytes held that belong to no complete packet yet \[bytes\].
-    #[must_use]
     pub fn pending(&self) -> usize {
         self.buffer.len() - self.taken
     }

@@ -18,7 +18,6 @@ type Xml = Writer<Vec<u8>>;
 
 impl QtmParameters {
     /// Writes the requested and existing sections, as a server of this version does.
-    #[must_use]
     pub fn to_xml(&self, version: QtmVersion, selection: ParameterSelection) -> String {
         let mut xml = Writer::new(Vec::new());
         let root = format!("QTM_Parameters_Ver_{version}");

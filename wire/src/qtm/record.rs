@@ -40,7 +40,6 @@ pub enum NoPose {
 
 impl BodyRecord {
     /// The record of a body.
-    #[must_use]
     pub fn new(kind: ComponentKind, body: &BodySample) -> Self {
         let euler = matches!(kind, ComponentKind::BodiesEuler | ComponentKind::BodiesEulerResidual);
         let nan = f32::from_bits(u32::MAX);
@@ -109,7 +108,6 @@ pub struct MarkerRecord {
 
 impl MarkerRecord {
     /// The record of marker number `id` in a component of `kind`.
-    #[must_use]
     pub fn new(kind: ComponentKind, id: u32, marker: &MarkerSample) -> Self {
         let nan = f32::from_bits(u32::MAX);
         let unlabelled =

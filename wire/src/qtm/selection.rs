@@ -43,7 +43,6 @@ impl ParameterSelection {
     }
 
     /// Whether the selection contains nothing that the server has.
-    #[must_use]
     pub fn is_empty(self) -> bool {
         self == Self::default()
     }

@@ -36,7 +36,6 @@ impl QtmSession {
     }
 
     /// Opens the session of a new connection and greets its client. `client` is unique among the connections of the host.
-    #[must_use]
     pub fn open(client: u64, name: String, order: ByteOrder, out: &mut Vec<u8>) -> Self {
         // Clients compare the text: it has no full stop, unlike the document's.
         QtmWriter::new(out, order).command("QTM RT Interface connected");
@@ -45,25 +44,21 @@ impl QtmSession {
     }
 
     /// Number of the client \[-\].
-    #[must_use]
     pub fn client(&self) -> u64 {
         self.client
     }
 
     /// Byte order of the connection.
-    #[must_use]
     pub fn order(&self) -> ByteOrder {
         self.order
     }
 
     /// The stream requested by the client.
-    #[must_use]
     pub fn subscription(&self) -> Option<&StreamRequest> {
         self.subscription.as_ref()
     }
 
     /// Whether the session takes more bytes of the client. It does not while commands wait for their answers to be sent.
-    #[must_use]
     pub fn is_ready(&self) -> bool {
         self.stream.pending() < MAX_FROM_CLIENT
     }

@@ -40,7 +40,6 @@ pub enum StreamRate {
 
 impl StreamRate {
     /// Whether frame `number` of a server with this rate \[Hz\] belongs to the stream.
-    #[must_use]
     pub fn includes(self, number: u32, server_hz: u32) -> bool {
         match self {
             Self::AllFrames => true,

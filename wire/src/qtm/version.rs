@@ -23,13 +23,11 @@ impl QtmVersion {
     pub const NEWEST: Self = Self::new(1, 28);
 
     /// The version `major.minor`.
-    #[must_use]
     pub const fn new(major: u8, minor: u8) -> Self {
         Self { major, minor }
     }
 
     /// Whether both ends of this crate support the version.
-    #[must_use]
     pub fn is_supported(self) -> bool {
         (Self::OLDEST..=Self::NEWEST).contains(&self)
     }

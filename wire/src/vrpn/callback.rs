@@ -11,7 +11,6 @@ pub struct CallbackRequest {
 
 impl CallbackRequest {
     /// Parses a datagram; `None` if it is not a request with a numeric address.
-    #[must_use]
     pub fn parse(datagram: &[u8]) -> Option<Self> {
         let end = datagram.iter().position(|byte| *byte == 0).unwrap_or(datagram.len());
         let text = std::str::from_utf8(&datagram[..end]).ok()?;
@@ -21,7 +20,6 @@ impl CallbackRequest {
     }
 
     /// The datagram.
-    #[must_use]
     pub fn to_datagram(self) -> Vec<u8> {
         format!("{} {}\0", self.address.ip(), self.address.port()).into_bytes()
     }

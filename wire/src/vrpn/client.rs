@@ -106,7 +106,6 @@ impl Default for VrpnClient {
 
 impl VrpnClient {
     /// Client at the beginning of a connection.
-    #[must_use]
     pub fn new() -> Self {
         let mut output = Vec::with_capacity(OUTPUT_BYTES);
         output.extend_from_slice(&VrpnVersion::OURS.to_cookie());

@@ -31,7 +31,6 @@ impl VrpnVersion {
     pub const OURS: Self = Self { major: 7, minor: 38 };
 
     /// The cookie of this version, without a log of the connection.
-    #[must_use]
     pub fn to_cookie(self) -> [u8; COOKIE_BYTES] {
         let text = format!("vrpn: ver. {:02}.{:02}  0", self.major % 100, self.minor % 100);
         let mut cookie = [0; COOKIE_BYTES];

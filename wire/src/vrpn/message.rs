@@ -42,19 +42,16 @@ impl<'a> VrpnMessage<'a> {
     pub const DISCONNECT: i32 = -5;
 
     /// A message without time and payload.
-    #[must_use]
     pub fn new(sender: i32, kind: i32) -> Self {
         Self { seconds: 0, micros: 0, sender, kind, payload: &[] }
     }
 
     /// Time on the server's clock \[us\].
-    #[must_use]
     pub fn time_us(&self) -> u64 {
         u64::from(self.seconds) * 1_000_000 + u64::from(self.micros)
     }
 
     /// The name in a description; `None` if the payload is not a name.
-    #[must_use]
     pub fn described_name(&self) -> Option<&'a str> {
         let mut reader = ByteReader::new(self.payload, ByteOrder::Big);
         let length = reader.u32()? as usize;
@@ -118,7 +115,6 @@ impl Default for VrpnStream {
 
 impl VrpnStream {
     /// Stream from its first byte on, with memory for the longest message and as many bytes behind it.
-    #[must_use]
     pub fn new() -> Self {
         Self { buffer: Vec::with_capacity(2 * MAX_MESSAGE_BYTES), taken: 0 }
     }

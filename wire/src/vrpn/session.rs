@@ -32,7 +32,6 @@ pub struct VrpnSession {
 
 impl VrpnSession {
     /// Opens the session of a new connection; appends our cookie to `out`.
-    #[must_use]
     pub fn open(bodies: &[String], out: &mut Vec<u8>) -> Self {
         out.extend_from_slice(&VrpnVersion::OURS.to_cookie());
         Self {
@@ -46,7 +45,6 @@ impl VrpnSession {
     }
 
     /// Whether the client has sent its cookie, and so takes messages.
-    #[must_use]
     pub fn is_greeted(&self) -> bool {
         self.greeted
     }

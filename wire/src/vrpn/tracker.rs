@@ -16,13 +16,11 @@ pub struct TrackerPose {
 
 impl TrackerPose {
     /// The payload of a pose of the first sensor.
-    #[must_use]
     pub fn new(pose: &RigidPose) -> Self {
         Self { sensor: 0, position_m: pose.position_m, attitude: pose.attitude }
     }
 
     /// Parses a payload; `None` if it is too short.
-    #[must_use]
     pub fn parse(payload: &[u8]) -> Option<Self> {
         let mut reader = ByteReader::new(payload, ByteOrder::Big);
         let (sensor, _padding) = (reader.i32()?, reader.i32()?);
@@ -32,7 +30,6 @@ impl TrackerPose {
     }
 
     /// The payload.
-    #[must_use]
     pub fn to_payload(self) -> [u8; 64] {
         let mut payload = Vec::with_capacity(64);
         let mut writer = ByteWriter::new(&mut payload, ByteOrder::Big);
@@ -46,7 +43,6 @@ impl TrackerPose {
     }
 
     /// Pose in the volume; `None` if the numbers are not a pose.
-    #[must_use]
     pub fn pose(&self) -> Option<RigidPose> {
         RigidPose::new(self.position_m, self.attitude)
     }

@@ -22,7 +22,6 @@ impl Address {
     /// Address of every radio in reach.
     pub const BROADCAST: Self = Self::Long(0xFFFF);
     /// Whether the address, of 16 or 64 bits, is the broadcast address.
-    #[must_use]
     pub fn is_broadcast(self) -> bool {
         matches!(self, Self::Long(0xFFFF) | Self::Short(0xFFFF))
     }
@@ -94,7 +93,6 @@ enum Inbound {
 
 impl Carrier {
     /// Carrier to the radio `peer`.
-    #[must_use]
     pub fn new(framing: Framing, side: Side, peer: Address) -> Self {
         let decoder = match framing {
             Framing::Transparent => Inbound::Transparent,
@@ -117,7 +115,6 @@ impl Carrier {
     }
 
     /// Encodes the delivery report of request `id`, from a radio to its host; empty without framing, or if `id` is 0.
-    #[must_use]
     pub fn report(&self, id: u8, delivered: bool) -> WireBytes {
         // 0x01 and 0x21: no acknowledgement from the other radio.
         let frame = match self.peer {
@@ -139,7 +136,6 @@ impl Carrier {
     }
 
     /// Bytes that the framing adds to a payload, escapes not counted \[bytes\].
-    #[must_use]
     pub fn overhead(&self) -> usize {
         match (&self.decoder, self.side, self.peer) {
             (Inbound::Transparent, ..) => 0,
@@ -161,7 +157,6 @@ impl Carrier {
     }
 
     /// Counters of API frames since the start; zero without framing.
-    #[must_use]
     pub fn counters(&self) -> DecoderCounters {
         match &self.decoder {
             Inbound::Transparent => DecoderCounters::default(),

@@ -119,7 +119,6 @@ impl ApiFrame {
     }
 
     /// Encodes the frame for the serial port, with escapes (API mode 2) or without (mode 1).
-    #[must_use]
     pub fn to_wire(&self, escaped: bool) -> WireBytes {
         let mut data = FrameData { bytes: [0; MAX_DATA], length: 0 };
         match self {

@@ -67,13 +67,11 @@ impl<'a> ApiPacket<'a> {
     }
 
     /// Kind of frame \[-\].
-    #[must_use]
     pub fn kind(&self) -> u8 {
         self.kind
     }
 
     /// Bytes after the kind.
-    #[must_use]
     pub fn body(&self) -> &'a [u8] {
         self.body
     }
@@ -95,7 +93,6 @@ impl WireBytes {
     pub(super) const EMPTY: Self = Self { bytes: [0; MAX_WIRE], length: 0 };
 
     /// The bytes.
-    #[must_use]
     pub fn as_bytes(&self) -> &[u8] {
         &self.bytes[..self.length]
     }

@@ -27,7 +27,6 @@ const LABEL_WIDTH: u32 = 110;
 const LINE_WIDTH: u32 = 3;
 
 /// Traces over a common horizontal axis with the unit `unit`.
-#[must_use]
 pub fn over(title: &str, unit: &str, traces: Vec<Trace>) -> Markup {
     let points = || traces.iter().flat_map(|trace| &trace.points);
     let x = Axis::fitting(points().map(|point| point.0)).range;

@@ -45,7 +45,6 @@ pub struct Scene {
 
 impl Scene {
     /// An empty box.
-    #[must_use]
     pub fn new(edges: [Edge; 3]) -> Self {
         let mut scene =
             Self { edges, body: String::new(), labels: String::new(), legend: Vec::new() };
@@ -98,7 +97,6 @@ impl Scene {
     }
 
     /// Figure of the drawing, with title and legend.
-    #[must_use]
     pub fn figure(&self, title: &str) -> Markup {
         let (width, height) = SIZE;
         let drawing = html! {
@@ -180,7 +178,6 @@ impl Scene {
 }
 
 /// Box around `points`; no edge is shorter than a tenth of the longest.
-#[must_use]
 pub fn around<'a>(
     names: [&'static str; 3],
     points: impl Iterator<Item = &'a Point3> + Clone,

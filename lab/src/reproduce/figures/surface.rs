@@ -14,7 +14,6 @@ use super::scene::{Edge, Scene};
 const NAMES: [(&str, Ink); 2] = [("classic LQR", Ink::Second), ("OQTAL", Ink::Actual)];
 
 /// The four figures.
-#[must_use]
 pub fn all(surfaces: [&Surface; 2]) -> Vec<Figure> {
     CRITERIA.iter().map(|criterion| figure(criterion, surfaces)).collect()
 }

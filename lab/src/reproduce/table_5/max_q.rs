@@ -55,7 +55,6 @@ impl MaxQ {
     }
 
     /// Weight and how it was found, as cells of the nominal plant.
-    #[must_use]
     pub fn cells(self) -> (f64, &'static str) {
         match self {
             Self::Reached(weight) => (weight, "reached"),
@@ -64,7 +63,6 @@ impl MaxQ {
     }
 
     /// Weight found on the nominal plant, as cells of another plant.
-    #[must_use]
     pub fn cells_elsewhere(self) -> (f64, &'static str) {
         (self.cells().0, "the nominal plant's")
     }

@@ -21,19 +21,16 @@ enum Held {
 
 impl MotorSwitch {
     /// Switch of stopped motors, operated by holding the stick for `hold`.
-    #[must_use]
     pub fn new(hold: Span) -> Self {
         Self { hold, running_since: None, held: Held::No }
     }
 
     /// Whether the motors run.
-    #[must_use]
     pub fn is_running(&self) -> bool {
         self.running_since.is_some()
     }
 
     /// Time since the motors started; zero if they are stopped.
-    #[must_use]
     pub fn up_time(&self, now: Time) -> Span {
         self.running_since.map_or(Span::ZERO, |since| now.since(since))
     }

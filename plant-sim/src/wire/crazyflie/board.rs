@@ -189,13 +189,11 @@ impl CrazyflieBoard {
     }
 
     /// State of the supervisor.
-    #[must_use]
     pub fn supervision(&self) -> Supervision {
         self.supervisor.bits()
     }
 
     /// Whether the motors run, or would run with thrust.
-    #[must_use]
     pub fn motors_run(&self) -> bool {
         self.supervisor.may_run()
     }

@@ -49,7 +49,6 @@ pub struct SupervisorModel {
 
 impl SupervisorModel {
     /// Supervisor of a vehicle on the floor, switched on at `now`.
-    #[must_use]
     pub fn new(now: Time, arms_itself: bool) -> Self {
         Self {
             state: SupervisorState::Ready,
@@ -137,19 +136,16 @@ impl SupervisorModel {
     }
 
     /// Whether the motors may run.
-    #[must_use]
     pub fn may_run(&self) -> bool {
         !matches!(self.state, SupervisorState::Ready | SupervisorState::Locked)
     }
 
     /// Whether the vehicle holds itself level because set-points are missing.
-    #[must_use]
     pub fn levels_out(&self) -> bool {
         self.state == SupervisorState::LevelsOut
     }
 
     /// The state as the vehicle reports it.
-    #[must_use]
     pub fn bits(&self) -> Supervision {
         let state = self.state;
         let flies = matches!(state, SupervisorState::Flying | SupervisorState::LevelsOut);
