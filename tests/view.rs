@@ -121,6 +121,22 @@ fn without_control_a_browser_shows_changing_numbers_and_no_commands() {
 }
 
 #[test]
+fn a_stop_from_the_page_is_obeyed_among_connections_of_others() {
+    let testbed = Testbed::new("view-crowd");
+    let _processes = processes(&testbed);
+    testbed.wait_for_daemon();
+    let view = View::start(&testbed, &["--control", "--wait"]);
+    let counts: Vec<Arc<AtomicU64>> = (0..48).map(|_| Arc::default()).collect();
+    counts.iter().for_each(|count| reader(view.address, count));
+    let _idle: Vec<_> = (0..60).map(|_| TcpStream::connect(view.address).unwrap()).collect();
+    let (host, token) = (view.address, &view.token);
+    let head = format!("POST /control HTTP/1.1\r\nHost: {host}\r\nAuthorization: Bearer {token}");
+    for trial in 1..=20 {
+        assert_eq!(view.status(&head, r#"{"command": "stop"}"#), 200, "stop {trial}");
+    }
+}
+
+#[test]
 fn a_recording_is_shown_and_played_and_turned() {
     let testbed = Testbed::new("view-file");
     testbed.summary(&[&HOVER[..], &["--clock", "lockstep", "--out", "d"]].concat());

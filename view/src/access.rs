@@ -97,7 +97,8 @@ impl Access {
         Err(Response::error(401, "the token that `oqtal view` printed is needed"))
     }
 
-    fn has_token(&self, request: &Request) -> bool {
+    /// Whether `request` has the token.
+    pub fn has_token(&self, request: &Request) -> bool {
         let shown = request.header("authorization").and_then(|text| text.strip_prefix("Bearer "));
         match (&self.token, shown) {
             (Some(token), Some(shown)) => equal(token.as_bytes(), shown.as_bytes()),

@@ -12,7 +12,8 @@
 //! | `access.rs` | permission to read and to command |
 //! | `site.rs` | answers to requests |
 //! | `hub.rs` | updates to every open page; a page that does not read is disconnected |
-//! | `server.rs` | sockets with their time-outs and their maximum number |
+//! | `places.rs` | places of the open connections; token holders have their own |
+//! | `server.rs` | sockets with their time-outs |
 //! | `assets.rs` | files of the page, compiled into the program |
 #![forbid(unsafe_code)]
 
@@ -22,6 +23,7 @@ pub mod collect;
 mod history;
 pub mod hub;
 pub mod live;
+mod places;
 pub mod recorded;
 mod request;
 mod response;

@@ -1,22 +1,20 @@
-//! Sockets with their time-outs and their maximum number. One thread accepts; each connection has a separate thread, so that no
-//! connection delays another one or the feed.
+//! Sockets with their time-outs. One thread accepts; each connection has a separate thread, so that no connection delays another
+//! one or the feed.
 
 use std::io::{self, Read, Write};
-use std::net::{Shutdown, TcpListener, TcpStream};
+use std::net::{Shutdown, TcpListener};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use oqtal_bus::time::{Span, Time};
 use rustix::net::sockopt::set_socket_send_buffer_size;
 
 use crate::hub::Hub;
+use crate::places::{ConnectionClass, ConnectionPlace};
 use crate::request::{MOST_BODY_BYTES, MOST_HEAD_BYTES, Parsed, Request};
 use crate::response::{Response, stream_head};
 use crate::site::{Reply, Site};
 
-/// Greatest number of connections at a time; further ones are refused with status 503.
-pub const MOST_CONNECTIONS: usize = 48;
 /// Time within which a request must be complete.
 const REQUEST_TIMEOUT: Span = Span::from_millis(5000);
 /// Time within which the client must read a response.
@@ -30,61 +28,40 @@ const REFUSED_PAUSE: Duration = Duration::from_millis(50);
 
 /// Accepts connections until the process ends.
 pub fn serve(listener: &TcpListener, site: &Arc<Site>) {
-    let open = Arc::new(AtomicUsize::new(0));
+    let places = Arc::default();
     loop {
         let Ok((stream, _)) = listener.accept() else {
             std::thread::sleep(REFUSED_PAUSE);
             continue;
         };
-        let place = ConnectionPlace::take(&open);
+        let place = ConnectionPlace::take(&places, stream);
         let site = Arc::clone(site);
         let thread = std::thread::Builder::new().name("page".to_owned());
         // If a thread cannot be started, its connection is closed.
         let _ = thread.spawn(move || {
-            let mut connection = Connection { stream };
+            let mut connection = Connection { place };
             // A failed connection does not affect the others.
-            let _ = match place.is_free() {
-                true => connection.serve(&site),
-                false => connection.send(&Response::error(503, "too many pages are open"), "GET"),
-            };
-            let _ = connection.stream.shutdown(Shutdown::Both);
+            let _ = connection.serve(&site);
+            let _ = connection.place.stream().shutdown(Shutdown::Both);
         });
     }
 }
 
-/// Place of a connection among the open ones.
-struct ConnectionPlace {
-    open: Arc<AtomicUsize>,
-    number: usize,
-}
-
-impl ConnectionPlace {
-    fn take(open: &Arc<AtomicUsize>) -> Self {
-        Self { number: open.fetch_add(1, Ordering::Relaxed), open: Arc::clone(open) }
-    }
-
-    fn is_free(&self) -> bool {
-        self.number < MOST_CONNECTIONS
-    }
-}
-
-impl Drop for ConnectionPlace {
-    fn drop(&mut self) {
-        self.open.fetch_sub(1, Ordering::Relaxed);
-    }
-}
-
 struct Connection {
-    stream: TcpStream,
+    place: ConnectionPlace,
 }
 
 impl Connection {
     fn serve(&mut self, site: &Site) -> io::Result<()> {
-        self.stream.set_nodelay(true)?;
+        self.place.stream().set_nodelay(true)?;
         let request = match self.read(Time::now() + REQUEST_TIMEOUT)? {
             Ok(request) => request,
             Err(refusal) => return self.send(&refusal, "GET"),
         };
+        self.place.enter(match site.is_token_holder(&request) {
+            true => ConnectionClass::TokenHolder,
+            false => ConnectionClass::Anonymous,
+        });
         match site.answer(&request) {
             Reply::Whole(response) => self.send(&response, &request.method),
             Reply::Updates(hub) => self.follow(hub),
@@ -107,8 +84,8 @@ impl Connection {
             let Some(rest) = until(deadline) else {
                 return Ok(Err(Response::error(408, "the request came too slowly")));
             };
-            self.stream.set_read_timeout(Some(rest))?;
-            match self.stream.read(&mut part) {
+            self.place.stream().set_read_timeout(Some(rest))?;
+            match self.place.stream().read(&mut part) {
                 Ok(0) => return Err(io::ErrorKind::UnexpectedEof.into()),
                 Ok(length) => bytes.extend_from_slice(&part[..length]),
                 Err(error) if is_timeout(&error) => {}
@@ -123,7 +100,7 @@ impl Connection {
 
     /// Sends the history, then every update, until the page is closed or too slow.
     fn follow(&mut self, hub: &Hub) -> io::Result<()> {
-        set_socket_send_buffer_size(&self.stream, SEND_BUFFER_BYTES)?;
+        set_socket_send_buffer_size(self.place.stream(), SEND_BUFFER_BYTES)?;
         self.write(stream_head().as_bytes(), UPDATE_TIMEOUT)?;
         let (past, updates) = hub.subscribe();
         self.write(past.as_bytes(), RESPONSE_TIMEOUT)?;
@@ -138,8 +115,8 @@ impl Connection {
         let deadline = Time::now() + timeout;
         while !bytes.is_empty() {
             let rest = until(deadline).ok_or(io::ErrorKind::TimedOut)?;
-            self.stream.set_write_timeout(Some(rest))?;
-            match self.stream.write(bytes) {
+            self.place.stream().set_write_timeout(Some(rest))?;
+            match self.place.stream().write(bytes) {
                 Ok(0) => return Err(io::ErrorKind::WriteZero.into()),
                 Ok(length) => bytes = &bytes[length..],
                 Err(error) if is_timeout(&error) => {}

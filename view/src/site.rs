@@ -70,6 +70,11 @@ impl Site {
         Self { access, scene, subject }
     }
 
+    /// Whether `request` has the token.
+    pub fn is_token_holder(&self, request: &Request) -> bool {
+        self.access.has_token(request)
+    }
+
     /// The answer to `request`.
     pub fn answer(&self, request: &Request) -> Reply<'_> {
         self.checked(request).unwrap_or_else(Reply::Whole)

@@ -1,24 +1,41 @@
-//! The server over real sockets: updates, slow readers, slow requests, too many connections.
+//! The server over real sockets: updates, slow readers, slow requests, commands and pages among too many connections.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
+use oqtal_bus::code::OperatorCommand;
 use oqtal_config::Config;
 use oqtal_view::access::Access;
 use oqtal_view::collect::{Collected, EventMood, ViewedEvent};
 use oqtal_view::hub::Hub;
 use oqtal_view::scene::SceneDescription;
-use oqtal_view::server::{MOST_CONNECTIONS, serve};
-use oqtal_view::site::{Site, Subject};
+use oqtal_view::server::serve;
+use oqtal_view::site::{Operator, OperatorReply, Site, Subject};
 
-/// Starts a server of an instance that is fed by `hub`.
+/// Header with the token of the tests.
+const TOKEN: &str = "Authorization: Bearer secret\r\n";
+
+/// Operator that accepts every command.
+#[derive(Debug)]
+struct Echo;
+
+impl Operator for Echo {
+    fn execute(&self, command: OperatorCommand) -> OperatorReply {
+        OperatorReply { is_accepted: true, text: command.to_string() }
+    }
+}
+
+/// Starts a server of an instance that is fed by `hub` and accepts every command.
 fn start(hub: &Arc<Hub>) -> SocketAddr {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
-    let access = Access::new(address, false, false, None).unwrap();
-    let scene = SceneDescription::of_instance(&Config::default(), false);
-    let site = Arc::new(Site::new(access, &scene, Subject::Live(Arc::clone(hub), None)));
+    let access = Access::new(address, true, false, Some("secret".to_owned())).unwrap();
+    let scene = SceneDescription::of_instance(&Config::default(), true);
+    let subject = Subject::Live(Arc::clone(hub), Some(Box::new(Echo)));
+    let site = Arc::new(Site::new(access, &scene, subject));
     std::thread::spawn(move || serve(&listener, &site));
     address
 }
@@ -37,7 +54,13 @@ fn answer(mut stream: TcpStream) -> String {
 
 /// Opens the stream of updates and reads up to the past.
 fn follow(address: SocketAddr) -> BufReader<TcpStream> {
-    let mut page = BufReader::new(send(address, "GET /live HTTP/1.1\r\nHost: localhost\r\n\r\n"));
+    follow_with(address, "")
+}
+
+/// The same with a further header.
+fn follow_with(address: SocketAddr, header: &str) -> BufReader<TcpStream> {
+    let request = format!("GET /live HTTP/1.1\r\nHost: localhost\r\n{header}\r\n");
+    let mut page = BufReader::new(send(address, &request));
     let mut line = String::new();
     while !line.starts_with('{') {
         line.clear();
@@ -88,22 +111,73 @@ fn a_head_without_end_is_refused_when_it_is_too_long() {
     assert!(text.starts_with("HTTP/1.1 431 "), "{text}");
 }
 
+/// Sends 20 stops with the token, one after another; all must be accepted.
+#[track_caller]
+fn stops_20_of_20(address: SocketAddr) {
+    let body = r#"{"command": "stop"}"#;
+    let length = body.len();
+    let request = format!(
+        "POST /control HTTP/1.1\r\nHost: localhost\r\n{TOKEN}Content-Length: {length}\r\n\r\n{body}"
+    );
+    for trial in 1..=20 {
+        let text = answer(send(address, &request));
+        assert!(text.starts_with("HTTP/1.1 200 "), "stop {trial}: {text}");
+    }
+}
+
 #[test]
-fn further_pages_than_there_is_room_for_are_told_so_and_closed_ones_make_room() {
+fn a_stop_is_served_among_60_connections_without_a_request() {
+    let address = start(&Arc::default());
+    let _idle: Vec<_> = (0..60).map(|_| send(address, "")).collect();
+    stops_20_of_20(address);
+}
+
+#[test]
+fn a_stop_is_served_among_60_connections_that_send_byte_by_byte() {
+    let address = start(&Arc::default());
+    let is_over = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            let open = || send(address, "GET / HTTP/1.1\r\nx: ");
+            let mut slow: Vec<_> = (0..60).map(|_| open()).collect();
+            while !is_over.load(Ordering::Relaxed) {
+                for stream in &mut slow {
+                    if stream.write_all(b"a").is_err() {
+                        *stream = open();
+                    }
+                }
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        });
+        let stops = std::panic::catch_unwind(|| stops_20_of_20(address));
+        is_over.store(true, Ordering::Relaxed);
+        stops.unwrap();
+    });
+}
+
+#[test]
+fn a_stop_is_served_among_48_open_pages_and_60_connections_without_a_request() {
+    let hub = Arc::default();
+    let address = start(&hub);
+    let _pages: Vec<_> = (0..48).map(|_| follow(address)).collect();
+    stops_20_of_20(address);
+    let _idle: Vec<_> = (0..60).map(|_| send(address, "")).collect();
+    stops_20_of_20(address);
+}
+
+#[test]
+fn the_oldest_page_without_the_token_makes_room_and_one_with_the_token_stays() {
     let hub = Arc::new(Hub::default());
     let address = start(&hub);
-    let pages: Vec<_> = (0..MOST_CONNECTIONS).map(|_| follow(address)).collect();
-    let request = "GET /scene HTTP/1.1\r\nHost: localhost\r\n\r\n";
-    let mut text = String::new();
-    let mut refused = TcpStream::connect(address).unwrap();
-    // The refusal is sent without waiting for a request: a slow client must not occupy a place.
-    let _ = refused.read_to_string(&mut text);
-    assert!(text.starts_with("HTTP/1.1 503 "), "{text}");
-    for page in pages {
-        drop(page);
-    }
-    // The server detects a closed page when it writes to it.
-    while !answer(send(address, request)).starts_with("HTTP/1.1 200 ") {
-        hub.publish(&large(), None);
-    }
+    let mut holder = follow_with(address, TOKEN);
+    let mut pages: Vec<_> = (0..48).map(|_| follow(address)).collect();
+    hub.publish(&large(), None);
+    let read = |page: &mut BufReader<TcpStream>| {
+        let mut line = String::new();
+        let _ = page.read_line(&mut line);
+        line.len()
+    };
+    assert_eq!(read(&mut pages[0]), 0, "the oldest page is closed");
+    assert!(read(&mut pages[47]) > 20_000, "the newest page is open");
+    assert!(read(&mut holder) > 20_000, "the page with the token is open");
 }
