@@ -210,6 +210,7 @@ impl Crtp {
                 let state = self.status.supervision();
                 reply(VehicleReply::Battery(self.status.battery_v()));
                 reply(VehicleReply::Motors(self.arming.motors_run(state)));
+                reply(VehicleReply::BodyRate(self.status.body_rate()));
                 if arming::obstacle(state).is_some() {
                     self.refuse(reply);
                 }

@@ -27,6 +27,9 @@ pub struct VehicleMonitor {
     received_at: Time,
     battery_v: f64,
     estimate: VehicleEstimate,
+    body_rate: [f64; 3],
+    /// Arrival of that body rate.
+    body_rate_at: Time,
     refusal: VehicleRefusal,
     text: ShortText,
     motors_run: bool,
@@ -44,6 +47,8 @@ impl VehicleMonitor {
             received_at: Time::UNSET,
             battery_v: f64::NAN,
             estimate: VehicleEstimate::UNKNOWN,
+            body_rate: [0.0; 3],
+            body_rate_at: Time::UNSET,
             refusal: VehicleRefusal::None,
             text: ShortText::EMPTY,
             motors_run: false,
@@ -86,9 +91,13 @@ impl VehicleMonitor {
                 self.motors_run = run;
             }
             VehicleReply::Estimate(estimate) => self.estimate = estimate,
+            VehicleReply::BodyRate(rate) if rate.iter().all(|axis| axis.is_finite()) => {
+                (self.body_rate, self.body_rate_at) = (rate, now);
+            }
             VehicleReply::Refused(refusal) => self.refusal = refusal,
             VehicleReply::Text(VehicleText { is_trouble: true, text }) => self.text = text,
-            VehicleReply::Text(_)
+            VehicleReply::BodyRate(_)
+            | VehicleReply::Text(_)
             | VehicleReply::Control(_)
             | VehicleReply::Replaced
             | VehicleReply::Other => {}
@@ -112,6 +121,8 @@ impl VehicleMonitor {
             link_quality: self.quality(now),
             estimate_position: self.estimate.position,
             estimate_attitude: self.estimate.attitude,
+            body_rate: self.body_rate,
+            body_rate_at: self.body_rate_at,
             refusal: self.refusal.code(),
             estimator: self.estimate.state.code(),
             text: self.text,

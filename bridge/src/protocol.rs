@@ -59,6 +59,8 @@ pub enum VehicleReply {
     Refused(VehicleRefusal),
     /// Motion by the vehicle's own estimate.
     Estimate(VehicleEstimate),
+    /// Body rate by the vehicle's gyroscope \[rad/s, body\].
+    BodyRate([f64; 3]),
     /// Line of text for people.
     Text(VehicleText),
     /// Anything else.

@@ -79,6 +79,8 @@ pub struct PlantOptions {
     pub disturbance_spread: f64,
     /// Timed disturbances, each as `KIND@TIME[+DURATION]=VALUE`, in seconds after arming.
     pub disturb: Vec<TimedDisturbance>,
+    /// Whether the vehicle reports the body rate by its gyroscope, with noise and a bias drawn per seed.
+    pub gyroscope: bool,
     /// Rate at which the truth is sampled for cameras \[Hz\].
     pub frame_rate_hz: f64,
     /// Whether the simulated vehicle only provides the truth for the cameras, while another vehicle is behind the bridge: the

@@ -9,6 +9,7 @@
 //! | `dynamics.rs` | equations of motion |
 //! | `state.rs` | state of motion and its integration |
 //! | `world.rs` | gusts, drift, battery, floor |
+//! | `gyroscope.rs` | the gyroscope of the simulated vehicle |
 //! | `disturbance.rs` | timed disturbances, `plant.disturb` |
 //! | `spread.rs` | parameter spread of the vehicle |
 //! | `turn.rs` | one turn over the plant's ports |
@@ -26,6 +27,7 @@ mod command_radio;
 mod disturbance;
 mod dynamics;
 pub mod firmware;
+mod gyroscope;
 mod plant;
 mod rotors;
 mod socket;

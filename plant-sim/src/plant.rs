@@ -13,6 +13,7 @@ use oqtal_runtime::actuation::actuation_of;
 use crate::command_radio::CommandRadio;
 use crate::disturbance::{LoadSchedule, SceneDisturbance};
 use crate::dynamics::{Disturbance, Dynamics, PlantInput};
+use crate::gyroscope::Gyroscope;
 use crate::spread::drawn;
 use crate::state::State;
 use crate::world::{BatteryModel, Gust, imperfections, rest_on_floor};
@@ -48,6 +49,8 @@ pub struct Plant {
     camera: Grid,
     gust: Gust,
     battery: BatteryModel,
+    /// `None` for a vehicle that does not report its rate.
+    gyroscope: Option<Gyroscope>,
     drift: Vector3<f64>,
     constant_acceleration: Vector3<f64>,
     loads: LoadSchedule,
@@ -83,6 +86,7 @@ impl Plant {
             camera: Grid::new(start, options.frame_rate_hz),
             gust: Gust::new(&options, seed, 1.0 / INTEGRATION_HZ),
             battery: BatteryModel::new(&options),
+            gyroscope: options.gyroscope.then(|| Gyroscope::new(seed)),
             drift,
             constant_acceleration,
             loads: LoadSchedule::new(&options),
@@ -212,14 +216,22 @@ impl Plant {
         }
     }
 
+    /// Body rate by the vehicle's gyroscope \[rad/s, body\]; `None` if it has none.
+    pub fn measured_rate(&self) -> Option<[f64; 3]> {
+        self.gyroscope.as_ref().map(|gyroscope| gyroscope.measure(self.time, &self.state.rate))
+    }
+
     /// State of the vehicle.
     pub fn vehicle(&self) -> VehicleV1 {
+        let rate = self.measured_rate();
         VehicleV1 {
             command_sequence: self.last_command,
             lost: self.commands_lost,
             battery_v: self.battery.voltage(),
             link_quality: f64::NAN,
             estimate_position: [f64::NAN; 3],
+            body_rate: rate.unwrap_or_default(),
+            body_rate_at: rate.map_or(Time::UNSET, |_| self.time),
             armed: u8::from(self.armed),
             stopped: u8::from(self.stopped),
             link: 1,

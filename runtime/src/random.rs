@@ -39,6 +39,8 @@ pub enum RandomSource {
     CommandLoss = 12,
     /// Jitter of the simulated radio, one draw per command.
     CommandJitter = 13,
+    /// Bias and noise of the vehicle's gyroscope, by millisecond.
+    Gyroscope = 14,
     /// Injected faults.
     Fault = 20,
     /// Loss of commands on a radio with a fault, one draw per command.

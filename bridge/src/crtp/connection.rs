@@ -23,7 +23,7 @@ use super::search::TableSearch;
 const REPEAT: Span = Span::from_millis(150);
 /// First version of the protocol whose tables are read.
 const OLDEST_PROTOCOL: u8 = 4;
-/// Number of the block with battery and supervisor, and of that with the estimate \[-\].
+/// Number of the block with battery, supervisor and gyroscope, and of that with the estimate \[-\].
 pub const STATUS_BLOCK: u8 = 1;
 pub const ESTIMATE_BLOCK: u8 = 2;
 /// Number of log blocks \[-\].

@@ -6,12 +6,15 @@ use oqtal_wire::crtp::TableKind;
 pub type TableName = (&'static str, &'static str);
 
 /// Greatest number of names of one table \[-\].
-pub const MAX_NAMES: usize = 8;
+pub const MAX_NAMES: usize = 11;
 
 /// Log variables; the places are those of [`LogName`].
-const LOG_NAMES: [TableName; 8] = [
+const LOG_NAMES: [TableName; 11] = [
     ("pm", "vbat"),
     ("supervisor", "info"),
+    ("gyro", "x"),
+    ("gyro", "y"),
+    ("gyro", "z"),
     ("stateEstimate", "x"),
     ("stateEstimate", "y"),
     ("stateEstimate", "z"),
@@ -23,8 +26,10 @@ const LOG_NAMES: [TableName; 8] = [
 pub const BATTERY: usize = 0;
 /// Place of the supervisor's bits.
 pub const SUPERVISOR: usize = 1;
+/// Place of the first axis of the gyroscope \[deg/s\].
+pub const GYROSCOPE: usize = 2;
 /// Place of the first of position and attitude, which follow one another \[m, degrees\].
-pub const ESTIMATE: usize = 2;
+pub const ESTIMATE: usize = 5;
 
 /// Parameters.
 const PARAMETER_NAMES: [TableName; 7] = [

@@ -1,11 +1,11 @@
-//! State of a Crazyflie from its reports: battery, supervisor, its own estimate of its motion.
+//! State of a Crazyflie from its reports: battery, supervisor, gyroscope, its own estimate of its motion.
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_control::euler::EulerAngles;
 use oqtal_wire::crtp::{LogFields, Supervision};
 
 use super::connection::{CrtpConnection, ESTIMATE_BLOCK, STATUS_BLOCK};
-use super::names::{BATTERY, ESTIMATE, MAX_NAMES, SUPERVISOR};
+use super::names::{BATTERY, ESTIMATE, GYROSCOPE, MAX_NAMES, SUPERVISOR};
 
 /// State of the vehicle.
 #[derive(Clone, Copy, Debug)]
@@ -18,7 +18,7 @@ pub struct CrazyflieStatus {
 /// Part of the state that a report updated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum StatusUpdate {
-    /// Battery and supervisor were reported.
+    /// Battery, supervisor and gyroscope were reported.
     Status,
     /// The vehicle's estimate was reported.
     Estimate,
@@ -65,6 +65,11 @@ impl CrazyflieStatus {
     pub fn supervision(&self) -> Supervision {
         // `as` maps NaN to 0 and saturates numbers out of range.
         Supervision::from_wire(self.values[SUPERVISOR] as u16)
+    }
+
+    /// Body rate by the gyroscope \[rad/s, body\]; NaN if it is not reported. Its axes are ours: x forward, y left, z up.
+    pub fn body_rate(&self) -> [f64; 3] {
+        [0, 1, 2].map(|axis| self.values[GYROSCOPE + axis].to_radians())
     }
 
     /// Position \[m, world\] and attitude \[body to world\], scalar last, as the vehicle estimates them; `None` if it does not report

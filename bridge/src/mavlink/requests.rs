@@ -29,8 +29,8 @@ const MESSAGE_INTERVAL: u16 = 511;
 const SYNC_WITHIN: Span = Span::from_millis(100);
 
 /// Messages whose rates are requested, and their period \[us\]. The heartbeat reports mode and motors, and therefore the actions of
-/// a pilot.
-const RATES: [(u32, u32); 4] = [(0, 50_000), (1, 500_000), (32, 50_000), (31, 50_000)];
+/// a pilot; the attitude contains the body rate, by which poses are checked.
+const RATES: [(u32, u32); 4] = [(0, 50_000), (1, 500_000), (32, 50_000), (31, 20_000)];
 /// Flags of the estimator: EKF_STATUS_REPORT and ESTIMATOR_STATUS.
 const ESTIMATOR: [(AutopilotKind, u32); 2] =
     [(AutopilotKind::ArduPilot, 193), (AutopilotKind::Px4, 230)];

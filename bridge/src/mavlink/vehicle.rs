@@ -175,6 +175,8 @@ impl AutopilotState {
             MavlinkContent::Attitude(attitude) => {
                 self.note_time(attitude.time_ms);
                 self.estimate.attitude = attitude.attitude;
+                reply(VehicleReply::Estimate(self.estimate));
+                reply(VehicleReply::BodyRate(attitude.rate));
             }
             MavlinkContent::Estimator(flags) => {
                 let wanted = MavlinkContent::ESTIMATOR_READY;

@@ -85,6 +85,11 @@ message! {
         estimate_position: [f64; 3] ["m, world"],
         /// Attitude by the vehicle's own estimator, scalar last; zeros if it does not report it.
         estimate_attitude: [f64; 4] ["body to world"],
+        /// Body rate by the vehicle's own gyroscope; void while the next is unset.
+        body_rate: [f64; 3] ["rad/s, body"],
+        /// Instant of that body rate: of its measurement, or of its arrival where the vehicle's clock is not known;
+        /// [`Time::UNSET`] if the vehicle does not report it.
+        body_rate_at: Time ["ns"],
         /// 1 if the motors run.
         armed: u8 ["flag"],
         /// 1 while the motors are being started: a flight begins when they run.

@@ -253,7 +253,8 @@ impl EmulatedAutopilot {
 
     fn telemetry(&self, now: Time, stream: Stream, measured: &Measured) -> MavlinkContent {
         let time_ms = (self.clock(now).nanos() / 1_000_000) as u32;
-        let TruthV1 { position, velocity, attitude, rate, .. } = measured.truth;
+        let TruthV1 { position, velocity, attitude, .. } = measured.truth;
+        let rate = measured.rate;
         match stream {
             Stream::Heartbeat => MavlinkContent::Heartbeat(MavlinkHeartbeat {
                 autopilot: AutopilotFirmware::Known(self.kind),

@@ -11,8 +11,10 @@ use crate::plant::{Plant, PlantOutput};
 /// Measurements of the on-board computer.
 #[derive(Clone, Copy, Debug)]
 pub struct Measured {
-    /// Motion of the vehicle; the vehicle's own sensors are perfect.
+    /// Motion of the vehicle; the vehicle's own sensors but for the gyroscope are perfect.
     pub truth: TruthV1,
+    /// Body rate by the gyroscope \[rad/s, body\]; NaN if it has none.
+    pub rate: [f64; 3],
     /// Battery voltage \[V\].
     pub battery_v: f64,
 }
@@ -150,7 +152,8 @@ impl<L: LinkModel, B: OnBoardComputer> EmulatedVehicle<L, B> {
     /// Executes the bytes that have arrived, advances the on-board computer, sends replies, and commands the vehicle.
     fn act(&mut self, now: Time) {
         let Self { plant, link, board, arrived } = self;
-        let measured = Measured { truth: plant.truth(), battery_v: plant.battery_v() };
+        let rate = plant.measured_rate().unwrap_or([f64::NAN; 3]);
+        let measured = Measured { truth: plant.truth(), rate, battery_v: plant.battery_v() };
         arrived.clear();
         while link.receive(LinkDirection::Up, now, arrived) {
             board.receive(now, arrived, &measured);

@@ -43,6 +43,8 @@ pub const WELL: VehicleV1 = VehicleV1 {
     air_ns: 0,
     estimate_position: [f64::NAN; 3],
     estimate_attitude: [0.0; 4],
+    body_rate: [0.0; 3],
+    body_rate_at: Time::UNSET,
     armed: 0,
     starting: 0,
     stopped: 0,

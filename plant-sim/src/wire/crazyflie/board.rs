@@ -230,6 +230,7 @@ impl OnBoardComputer for CrazyflieBoard {
             battery_v: measured.battery_v,
             supervision: self.supervisor.bits(),
             estimate: self.estimate(&measured.truth),
+            rate: measured.rate,
         };
         let clock_ms = now.since(self.started).nanos() / 1_000_000;
         let clock_ms = u32::try_from(clock_ms).unwrap_or_default();

@@ -25,7 +25,7 @@ pub(super) const PARAMETERS: [Parameter; 9] = [
 pub(super) const STABILISATION: [usize; 3] = [3, 4, 5];
 
 /// All log variables, numbered from 0.
-const LOG_VARIABLES: [(&str, &str, LogType); 8] = [
+const LOG_VARIABLES: [(&str, &str, LogType); 11] = [
     ("pm", "vbat", LogType::F32),
     ("supervisor", "info", LogType::U16),
     ("stateEstimate", "x", LogType::F32),
@@ -34,6 +34,9 @@ const LOG_VARIABLES: [(&str, &str, LogType); 8] = [
     ("stateEstimate", "roll", LogType::F32),
     ("stateEstimate", "pitch", LogType::F32),
     ("stateEstimate", "yaw", LogType::F32),
+    ("gyro", "x", LogType::F32),
+    ("gyro", "y", LogType::F32),
+    ("gyro", "z", LogType::F32),
 ];
 
 /// Element `id` of a table; `None` beyond its end.
@@ -61,6 +64,8 @@ pub(super) struct Logged {
     pub(super) battery_v: f64,
     pub(super) supervision: Supervision,
     pub(super) estimate: CrtpPose,
+    /// Body rate by the gyroscope \[rad/s, body\].
+    pub(super) rate: [f64; 3],
 }
 
 impl Logged {
@@ -76,6 +81,7 @@ impl Logged {
             5 => roll.to_degrees(),
             6 => -pitch.to_degrees(),
             7 => yaw.to_degrees(),
+            8..=10 => self.rate[usize::from(id) - 8].to_degrees(),
             _ => 0.0,
         }
     }
