@@ -262,7 +262,8 @@ fn the_clocks_agree_with_every_fault_bit_for_bit() {
                 --fault pose:delayed=40ms@6+0.5 --fault command:delayed=25ms@4+1 \
                 --fault command:intermittent@6+0.3 --fault radio:intermittent@7+0.3 \
                 --fault vehicle:slow@4 --fault daemon:stop@7.5+0.07 --fault mocap-emu:slow=7ms@8+0.5 \
-                --fault plant-sim:stop@9+0.05";
+                --fault plant-sim:stop@9+0.05 --fault pose:drift=0.02m/s@5+0.2 --fault pose:noise=1mm@5+0.5 \
+                --fault pose:frozen-noise@7+0.05 --fault pose:mirror@8.1+0.05 --fault pose:rotate@8.2+0.05";
     let hash = |clock: &str| {
         let flown = fly(&HOVER, &format!("--clock {clock} {line}"));
         flown.lands();
@@ -295,6 +296,7 @@ fn faults_that_a_flight_cannot_have_are_refused() {
         (&["--fault", "bridge:stop@1"], 64, "the flight has no bridge"),
         (&["--fault", "daemon:kill@1", "--clock", "lockstep"], 64, "time waits for every process"),
         (&["--set", "fault.inject=[\"pose:off\"]"], 78, "TARGET:KIND[=VALUE]@TIME[+DURATION]"),
+        (&["--fault", "files:removed@1", "--clock", "in-process"], 64, "in real time only"),
         (
             &["--fault", "pose:off@1", "--vehicle", "link:asctec:/dev/null"],
             78,
@@ -303,6 +305,13 @@ fn faults_that_a_flight_cannot_have_are_refused() {
     ] {
         testbed.refuses(&[&["fly"], words].concat(), code, &[reason]);
     }
+}
+
+/// Noise and the loss of the instance's files do not end a flight.
+#[test]
+fn a_flight_survives_the_removal_of_its_files_and_noisy_poses() {
+    let line = "--fault files:removed@2 --fault pose:noise=1mm@2 --fault pose:noise=0.3deg@2";
+    fly(&BRIEF, line).lands();
 }
 
 /// Poses queue during a stall and then arrive together.

@@ -119,6 +119,8 @@ mod tests {
             ("pose:wrong=180deg@2.5", "pose:wrong=180deg@2.5"),
             ("command:delayed=80ms@1+2", "command:delayed=80ms@1+2"),
             ("radio:intermittent@1e1+2", "radio:intermittent=50%@10+2"),
+            ("pose:frozen-noise@4", "pose:frozen-noise=0.5mm@4"),
+            ("pose:drift=0.5deg/s@4", "pose:drift=0.5deg/s@4"),
             ("daemon:kill@3", "daemon:kill@3"),
             ("mocap-emu:stop@3+0.5", "mocap-emu:stop@3+0.5"),
         ] {

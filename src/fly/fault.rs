@@ -47,6 +47,9 @@ fn obstacle(fault: &Fault, config: &Config, roles: &[Role]) -> Option<&'static s
             "in lockstep time waits for every process; use --clock real or in-process, or `stop`",
         );
     }
+    if fault.target == FaultTarget::Files && config.clock.kind != ClockKind::Real {
+        return Some("files are removed in real time only; use --clock real");
+    }
     let is_there = match fault.target {
         FaultTarget::Radio => roles.contains(&Role::Plant) && !config.plant.shadow,
         target => role_of(target).is_none_or(|role| roles.contains(&role)),
@@ -58,6 +61,15 @@ fn obstacle(fault: &Fault, config: &Config, roles: &[Role]) -> Option<&'static s
         }
         (false, _) => Some("the flight does not start that process; name another target"),
     }
+}
+
+/// Action of a fault in real time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FaultAction {
+    /// An action on the process of a role.
+    Process(Role, ProcessAction),
+    /// The files of the instance are removed.
+    RemoveFiles,
 }
 
 /// Action of a fault on a process.
@@ -76,17 +88,17 @@ pub enum ProcessAction {
     Continue,
 }
 
-/// Faults of processes in a flight in real time, as actions at instants after arming.
+/// Faults of processes and files in a flight in real time, as actions at instants after arming.
 #[derive(Debug)]
 pub struct ProcessFaults {
     /// Actions in reverse order of time \[time after arming\].
-    actions: Vec<(Span, Role, ProcessAction)>,
+    actions: Vec<(Span, FaultAction)>,
     arming: ArmingWatch<Bus>,
     armed_at: Option<Time>,
 }
 
 impl ProcessFaults {
-    /// Faults of `config` that kill or stop processes in real time. In virtual time the turn scheduler executes them.
+    /// Faults of `config` that kill or stop processes, or remove files, in real time. In virtual time the turn scheduler executes them.
     ///
     /// # Errors
     /// The bus failed.
@@ -103,11 +115,11 @@ impl ProcessFaults {
     ///
     /// # Errors
     /// The bus failed.
-    pub fn due(&mut self, now: Time) -> Result<Option<(Role, ProcessAction)>, BusError> {
+    pub fn due(&mut self, now: Time) -> Result<Option<FaultAction>, BusError> {
         self.armed_at = self.arming.armed_at()?;
         let is_due = self.next().is_some_and(|next| next <= now);
         let action = if is_due { self.actions.pop() } else { None };
-        Ok(action.map(|(_, role, action)| (role, action)))
+        Ok(action.map(|(_, action)| action))
     }
 
     /// The instant of the next action; `None` before arming.
@@ -118,14 +130,17 @@ impl ProcessFaults {
 }
 
 /// Actions of a fault: its beginning, and its end if it has one.
-fn actions_of(fault: &Fault) -> Vec<(Span, Role, ProcessAction)> {
+fn actions_of(fault: &Fault) -> Vec<(Span, FaultAction)> {
+    let at = Span::from_seconds(fault.at_s);
     let is_restarted = fault.duration_s.is_some();
     let (begin, end) = match fault.kind {
         FaultKind::Kill => (ProcessAction::Kill { is_restarted }, ProcessAction::Start),
         FaultKind::Stop => (ProcessAction::Stop, ProcessAction::Continue),
+        FaultKind::Removed => return vec![(at, FaultAction::RemoveFiles)],
         _ => return Vec::new(),
     };
     let Some(role) = role_of(fault.target) else { return Vec::new() };
-    let end = is_restarted.then(|| (Span::from_seconds(fault.end_s()), role, end));
-    std::iter::once((Span::from_seconds(fault.at_s), role, begin)).chain(end).collect()
+    let end = is_restarted.then(|| (Span::from_seconds(fault.end_s()), end));
+    let actions = std::iter::once((at, begin)).chain(end);
+    actions.map(|(at, action)| (at, FaultAction::Process(role, action))).collect()
 }

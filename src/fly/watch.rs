@@ -14,7 +14,7 @@ use oqtal_config::Config;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::stop::{SetOnDrop, StopFlag};
 
-use super::fault::ProcessFaults;
+use super::fault::{FaultAction, ProcessFaults};
 use super::process_group::ProcessGroup;
 use super::progress::Interrupts;
 
@@ -56,8 +56,11 @@ impl<'a> ProcessWatch<'a> {
         let mut faults = ProcessFaults::open(&bus, self.config)?;
         while !self.over.is_set() {
             processes.failure().map_or(Ok(()), Err)?;
-            while let Some((role, action)) = faults.due(Time::now())? {
-                processes.apply(role, action)?;
+            while let Some(action) = faults.due(Time::now())? {
+                match action {
+                    FaultAction::Process(role, action) => processes.apply(role, action)?,
+                    FaultAction::RemoveFiles => self.remove_files()?,
+                }
             }
             let command = interrupts.next();
             if let (Some(OperatorCommand::Stop), Some(stop)) = (command, &stop) {
@@ -71,6 +74,13 @@ impl<'a> ProcessWatch<'a> {
             sleep(until_next.min(WATCH_PERIOD).to_duration());
         }
         Ok(())
+    }
+
+    fn remove_files(&self) -> Result<(), Failure> {
+        let directory = self.paths.directory();
+        std::fs::remove_dir_all(&directory).map_err(|error| {
+            Failure::new(Exit::System, format!("removing {}: {error}", directory.display()))
+        })
     }
 
     /// Ends the watch when the returned guard is dropped.

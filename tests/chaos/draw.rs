@@ -103,6 +103,11 @@ fn value(kind: FaultKind, target: FaultTarget, random: &mut Random) -> String {
             format!("={:.0}ms", random.between(1.0, 60.0))
         }
         (FaultKind::Slow, _) => format!("={:.1}Hz", random.between(1.0, 60.0)),
+        (FaultKind::FrozenNoise | FaultKind::Noise, _) => {
+            format!("={:.2}mm", random.between(0.05, 5.0))
+        }
+        (FaultKind::Drift, _) => format!("={:.2}m/s", random.between(0.02, 2.0)),
+        (FaultKind::Rotate, _) => format!("={:.0}deg", random.between(-180.0, 180.0)),
         (FaultKind::Delayed, _) => format!("={:.0}ms", random.between(1.0, 250.0)),
         (FaultKind::Intermittent, _) => format!("={:.0}%", random.between(5.0, 95.0)),
         _ => String::new(),

@@ -153,9 +153,20 @@ fn is_without_port(process: usize, code: Option<i32>) -> bool {
 fn topic_fault(random: &mut Random, at_s: f64) -> String {
     let target = random.pick(&["pose", "pose", "command", "vehicle", "radio"]);
     let kinds: &[&str] = match target {
-        "pose" => {
-            &["off", "stuck", "garbage", "wrong=0.4m", "slow=20Hz", "delayed=40ms", "intermittent"]
-        }
+        "pose" => &[
+            "off",
+            "stuck",
+            "garbage",
+            "wrong=0.4m",
+            "frozen-noise",
+            "noise",
+            "drift=1m/s",
+            "mirror",
+            "rotate",
+            "slow=20Hz",
+            "delayed=40ms",
+            "intermittent",
+        ],
         "radio" => &["off", "delayed=40ms", "intermittent"],
         _ => &["off", "stuck", "garbage", "wrong", "slow=20Hz", "delayed=40ms", "intermittent"],
     };

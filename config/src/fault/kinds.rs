@@ -40,6 +40,8 @@ words! {
         Bridge = "bridge",
         /// The process receiver.
         Receiver = "receiver",
+        /// The files of the instance.
+        Files = "files",
     }
 }
 
@@ -54,6 +56,16 @@ words! {
         Garbage = "garbage",
         /// Plausible but false: a pose shifted or turned, a command scaled, a vehicle with stopped motors.
         Wrong = "wrong",
+        /// The last pose is repeated with noise of this standard deviation.
+        FrozenNoise = "frozen-noise",
+        /// Poses have additional noise of this standard deviation.
+        Noise = "noise",
+        /// Poses drift away at this constant rate.
+        Drift = "drift",
+        /// Poses are mirrored.
+        Mirror = "mirror",
+        /// The path is turned about the vertical by this angle, and the attitude is not.
+        Rotate = "rotate",
         /// Samples arrive at most at this rate; each turn of a process takes longer by this time.
         Slow = "slow",
         /// All samples are delayed by this time.
@@ -64,6 +76,8 @@ words! {
         Kill = "kill",
         /// The process is suspended, and continued at the end of the fault.
         Stop = "stop",
+        /// The files are removed.
+        Removed = "removed",
     }
 }
 
@@ -80,6 +94,12 @@ words! {
         Millisecond = "ms",
         /// Hertz.
         Hertz = "Hz",
+        /// Millimetres.
+        Millimetre = "mm",
+        /// Metres per second.
+        MetrePerSecond = "m/s",
+        /// Degrees per second.
+        DegreePerSecond = "deg/s",
     }
 }
 
@@ -126,10 +146,12 @@ const PROCESSES: &[FaultTarget] = &[
     FaultTarget::Receiver,
 ];
 
-const RULES: [KindRule; 12] = {
-    use FaultKind::{Delayed, Garbage, Intermittent, Kill, Off, Slow, Stop, Stuck, Wrong};
-    use FaultTarget::{Command, Pose, Vehicle};
-    use FaultUnit::{Degree, Hertz, Metre, Millisecond, Percent};
+const RULES: [KindRule; 18] = {
+    use FaultKind::{Delayed, Drift, FrozenNoise, Garbage, Intermittent, Kill, Mirror, Noise};
+    use FaultKind::{Off, Removed, Rotate, Slow, Stop, Stuck, Wrong};
+    use FaultTarget::{Command, Files, Pose, Vehicle};
+    use FaultUnit::{Degree, DegreePerSecond, Hertz, Metre, MetrePerSecond, Millimetre};
+    use FaultUnit::{Millisecond, Percent};
     const DISTANCE: Allowed = (Metre, 0.3, 0.0, 1000.0);
     const ANGLE: Allowed = (Degree, 180.0, -180.0, 180.0);
     const SHARE: Allowed = (Percent, 50.0, -1000.0, 1000.0);
@@ -137,6 +159,11 @@ const RULES: [KindRule; 12] = {
     const DELAY: Allowed = (Millisecond, 60.0, 0.0, 10_000.0);
     const LOSS: Allowed = (Percent, 50.0, 0.0, 100.0);
     const LATE: Allowed = (Millisecond, 30.0, 0.0, 10_000.0);
+    const POSITION_NOISE: Allowed = (Millimetre, 0.5, 0.0, 1000.0);
+    const ATTITUDE_NOISE: Allowed = (Degree, 0.5, 0.0, 180.0);
+    const POSITION_DRIFT: Allowed = (MetrePerSecond, 0.1, -100.0, 100.0);
+    const ATTITUDE_DRIFT: Allowed = (DegreePerSecond, 0.5, -100.0, 100.0);
+    const QUARTER_TURN: Allowed = (Degree, 90.0, -180.0, 180.0);
     [
         KindRule { kind: Off, targets: LOSSY, magnitudes: &[] },
         KindRule { kind: Stuck, targets: TOPICS, magnitudes: &[] },
@@ -144,12 +171,18 @@ const RULES: [KindRule; 12] = {
         KindRule { kind: Wrong, targets: &[Pose], magnitudes: &[DISTANCE, ANGLE] },
         KindRule { kind: Wrong, targets: &[Command], magnitudes: &[SHARE] },
         KindRule { kind: Wrong, targets: &[Vehicle], magnitudes: &[] },
+        KindRule { kind: FrozenNoise, targets: &[Pose], magnitudes: &[POSITION_NOISE] },
+        KindRule { kind: Noise, targets: &[Pose], magnitudes: &[POSITION_NOISE, ATTITUDE_NOISE] },
+        KindRule { kind: Drift, targets: &[Pose], magnitudes: &[POSITION_DRIFT, ATTITUDE_DRIFT] },
+        KindRule { kind: Mirror, targets: &[Pose], magnitudes: &[] },
+        KindRule { kind: Rotate, targets: &[Pose], magnitudes: &[QUARTER_TURN] },
         KindRule { kind: Slow, targets: TOPICS, magnitudes: &[RATE] },
         KindRule { kind: Delayed, targets: LOSSY, magnitudes: &[DELAY] },
         KindRule { kind: Intermittent, targets: LOSSY, magnitudes: &[LOSS] },
         KindRule { kind: Kill, targets: PROCESSES, magnitudes: &[] },
         KindRule { kind: Stop, targets: PROCESSES, magnitudes: &[] },
         KindRule { kind: Slow, targets: LOOPS, magnitudes: &[LATE] },
+        KindRule { kind: Removed, targets: &[Files], magnitudes: &[] },
     ]
 };
 

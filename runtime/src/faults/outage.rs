@@ -55,9 +55,11 @@ pub const fn role_of(target: FaultTarget) -> Option<Role> {
         FaultTarget::MocapEmu => Some(Role::Mocap),
         FaultTarget::Bridge => Some(Role::Bridge),
         FaultTarget::Receiver => Some(Role::Receiver),
-        FaultTarget::Pose | FaultTarget::Command | FaultTarget::Vehicle | FaultTarget::Radio => {
-            None
-        }
+        FaultTarget::Pose
+        | FaultTarget::Command
+        | FaultTarget::Vehicle
+        | FaultTarget::Radio
+        | FaultTarget::Files => None,
     }
 }
 

@@ -11,7 +11,7 @@ use oqtal_config::{Fault, FaultKind};
 use rand::RngExt;
 
 use super::clock::FaultClock;
-use super::corrupt::{falsify, garble};
+use super::corrupt::{add_noise, distort, falsify, garble};
 use crate::random::{Generator, RandomSource, stream};
 
 /// Maximum number of delayed samples; older ones are lost.
@@ -21,19 +21,21 @@ const WORDS_PER_FAULT: u128 = 1 << 40;
 
 /// A fault of this topic with its random numbers.
 #[derive(Debug)]
-struct ActiveFault {
+struct ActiveFault<M> {
     fault: Fault,
     generator: Generator,
+    /// Instant and content of the first sample on which it acts.
+    first: Option<(Time, M)>,
     /// Instant at which a slow topic last delivered a sample.
     passed_at: Option<Time>,
 }
 
-impl ActiveFault {
+impl<M: Message> ActiveFault<M> {
     /// Fault number `index` of the configuration.
     fn new(fault: &Fault, index: usize, seed: u64) -> Self {
         let mut generator = stream(seed, RandomSource::Fault);
         generator.set_word_pos(index as u128 * WORDS_PER_FAULT);
-        Self { fault: fault.clone(), generator, passed_at: None }
+        Self { fault: fault.clone(), generator, first: None, passed_at: None }
     }
 
     /// Whether a sample that arrives at `now` is dropped.
@@ -54,12 +56,23 @@ impl ActiveFault {
         }
     }
 
-    /// Alters the numbers of a sample.
-    fn alter<M: Message>(&mut self, body: &mut M, last: Option<M>) {
+    /// Alters the numbers of a sample taken at `now`.
+    fn alter(&mut self, now: Time, body: &mut M, last: Option<M>) {
+        let (since, first) = *self.first.get_or_insert((now, *body));
         match self.fault.kind {
             FaultKind::Stuck => *body = last.unwrap_or(*body),
             FaultKind::Garbage => garble(body, &mut self.generator),
             FaultKind::Wrong => falsify(body, &self.fault, &mut self.generator.clone()),
+            FaultKind::FrozenNoise => {
+                *body = last.unwrap_or(*body);
+                add_noise(body, &self.fault, &mut self.generator);
+            }
+            FaultKind::Noise => add_noise(body, &self.fault, &mut self.generator),
+            FaultKind::Drift | FaultKind::Mirror | FaultKind::Rotate => {
+                let since_s = now.since(since).seconds();
+                let generator = &mut self.generator.clone();
+                distort(body, &self.fault, (&first, since_s), generator);
+            }
             _ => {}
         }
     }
@@ -77,7 +90,7 @@ impl ActiveFault {
 #[derive(Debug)]
 pub(super) struct Injector<T: Transport, M> {
     clock: Rc<FaultClock<T>>,
-    faults: Vec<ActiveFault>,
+    faults: Vec<ActiveFault<M>>,
     port: usize,
     delayed: VecDeque<(Time, Header, M)>,
     /// Last value before it was altered by a fault.
@@ -127,7 +140,7 @@ impl<T: Transport, M: Message> Injector<T, M> {
                 self.missing += 1;
                 return;
             }
-            active.alter(&mut body, self.last);
+            active.alter(now, &mut body, self.last);
             delay = delay + active.delay();
             altered = true;
         }

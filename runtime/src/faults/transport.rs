@@ -96,7 +96,8 @@ impl<T: Transport + std::fmt::Debug> Transport for FaultyTransport<T> {
 
 /// Whether a fault changes the content of messages, not only their arrival.
 fn is_altering(kind: FaultKind) -> bool {
-    matches!(kind, FaultKind::Stuck | FaultKind::Garbage | FaultKind::Wrong)
+    use FaultKind::{Drift, FrozenNoise, Garbage, Mirror, Noise, Rotate, Stuck, Wrong};
+    matches!(kind, Stuck | Garbage | Wrong | FrozenNoise | Noise | Drift | Mirror | Rotate)
 }
 
 /// Target whose faults the reader of a topic injects.
