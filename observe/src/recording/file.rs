@@ -193,11 +193,15 @@ impl RecordingFile {
         Some(())
     }
 
-    /// Adds the records of a chunk; `None`, without adding any, if they do not end at the end of the chunk.
+    /// Adds the records of a chunk; `None`, without adding any, if they do not end at the end of the chunk, or if one is a chunk:
+    /// chunks within chunks would exhaust the stack.
     fn add_chunk(&mut self, records: &[u8]) -> Option<()> {
         let mut rest = Cursor(records);
         while !rest.0.is_empty() {
-            rest.record()?;
+            let (opcode, _) = rest.record()?;
+            if opcode == Opcode::Chunk as u8 {
+                return None;
+            }
         }
         let mut rest = Cursor(records);
         while let Some((opcode, body)) = rest.record() {

@@ -11,6 +11,7 @@ use tempfile::TempDir;
 
 use super::mcap::Opcode;
 use super::mcap::decode::Cursor;
+use super::mcap::encode::Fields;
 use super::*;
 use crate::provenance::Provenance;
 use crate::sink::{Reception, Sink};
@@ -166,6 +167,33 @@ fn a_chunk_holds_half_a_second_at_most() {
         }
     }
     assert!(lengths.len() >= 6 && lengths.iter().all(|nanos| *nanos < 500_000_000), "{lengths:?}");
+}
+
+#[test]
+fn chunks_within_chunks_are_damage() {
+    let mut nested = Vec::new();
+    for _ in 0..2000 {
+        let records = std::mem::take(&mut nested);
+        let size = records.len() as u64;
+        nested.record(Opcode::Chunk, |bytes| {
+            bytes.u64s(&[0, 0, size]);
+            bytes.extend([0; 4]);
+            bytes.text("");
+            bytes.u64s(&[size]);
+            bytes.extend_from_slice(&records);
+        });
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let (path, _) = record(&directory, &configuration(), false);
+    let mut bytes = std::fs::read(&path).unwrap();
+    // After the last whole record of a file that is cut off.
+    bytes.truncate(bytes.len() * 3 / 4);
+    let mut rest = Cursor(&bytes[mcap::MAGIC.len()..]);
+    while rest.record().is_some() {}
+    bytes.truncate(bytes.len() - rest.0.len());
+    bytes.extend(nested);
+    let file = RecordingFile::parse(&path, &bytes).unwrap();
+    assert_eq!(file.cut_off.as_deref(), Some("record 0x06 is damaged"));
 }
 
 proptest! {
