@@ -127,7 +127,7 @@ impl Cli {
             Some(Command::Identify(args)) => args.execute(&recordings::read_flight),
             Some(Command::Cameras(command)) => command.execute(),
             Some(Command::Ctl(args)) => args.execute(),
-            Some(Command::Monitor(args)) => args.execute(),
+            Some(Command::Monitor(args)) => args.execute(crate::ctl::stop_text),
             Some(Command::View(args)) => args.execute(),
             Some(Command::Record(args)) => args.execute(),
             Some(Command::Info(args)) => args.execute(),

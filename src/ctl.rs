@@ -1,6 +1,8 @@
 //! `oqtal ctl`: operator commands to a running daemon, and the status of its instance.
 
 mod arm;
+mod land;
+mod reach;
 mod request;
 mod status;
 mod stop;
@@ -18,6 +20,7 @@ use oqtal_runtime::program::{print, say};
 use serde::Serialize;
 
 use oqtal_observe::status::{InstanceStatus, ProcessHealth, VehicleStatus, word};
+use reach::Address;
 use request::request;
 
 /// Arguments of `oqtal ctl`.
@@ -99,17 +102,19 @@ impl CtlArgs {
     /// No daemon answers (exit code 75), or it refuses the command (1).
     pub fn execute(&self) -> Result<Exit, Failure> {
         let (instance, config) = self.target()?;
-        let place = paths_of(&instance)?;
-        place.become_owner()?;
+        let address = Address { paths: paths_of(&instance)?, has_root: !instance.root.is_empty() };
         if let Request::Stop = self.command {
-            return stop::execute(&place, self.json);
+            return stop::execute(&address, self.json);
         }
-        let bus = Bus::open(&place)?;
         let named = config.as_ref().filter(|_| self.common.config.is_some());
         let expected = named.map(Config::hash);
-        let asked = self.ask(&bus, expected);
-        drop(bus);
-        let (response, status) = asked?;
+        let (response, status) = match self.command {
+            Request::Land => (Some(land::land(&address)?), InstanceStatus::default()),
+            _ => {
+                address.paths.become_owner()?;
+                self.ask(&Bus::open(&address.paths)?, expected)?
+            }
+        };
         let Some(response) = response else {
             status.lines().iter().for_each(|line| say(line));
             return Err(silent(&instance.name));
@@ -219,18 +224,44 @@ pub fn execute(
     paths: &InstancePaths,
     (command, expected): (OperatorCommand, Option<u64>),
 ) -> Result<String, Failure> {
-    if command == OperatorCommand::Stop {
-        let stop = stop::raise(paths)?;
-        return match stop.motors_off {
-            true => Ok(stop.to_string()),
-            false => Err(Failure::new(Exit::Flight, stop.to_string())),
-        };
-    }
-    let bus = Bus::open(paths)?;
-    let response = request(&bus, command, expected)?.ok_or_else(|| silent(&paths.instance))?;
+    let response = match command {
+        OperatorCommand::Stop => {
+            let stop = stop::raise(&here(paths))?;
+            return match stop.motors_off {
+                true => Ok(stop.to_string()),
+                false => Err(Failure::new(Exit::Flight, stop.to_string())),
+            };
+        }
+        OperatorCommand::Land => land::land(&here(paths))?,
+        _ => {
+            let bus = Bus::open(paths)?;
+            request(&bus, command, expected)?.ok_or_else(|| silent(&paths.instance))?
+        }
+    };
     let report = ControlReport::new(command, &response, InstanceStatus::default());
     report.check(&response, expected)?;
     Ok(report.to_text(&[]))
+}
+
+/// Ends a flight with `command`, a landing or a stop; returns whether the daemon or the vehicle obeys.
+pub fn end_flight(paths: &InstancePaths, command: OperatorCommand) -> bool {
+    if command == OperatorCommand::Stop {
+        let stopped = stop::raise(&here(paths));
+        return stopped.is_ok_and(|stop| stop.vehicle_obeys || stop.daemon_obeys);
+    }
+    execute(paths, (command, None)).is_ok()
+}
+
+/// Stops the vehicle of the instance at `paths`; returns the first line of the result.
+pub fn stop_text(paths: &InstancePaths) -> String {
+    let stopped = execute(paths, (OperatorCommand::Stop, None));
+    let text = stopped.unwrap_or_else(|failure| failure.message);
+    text.lines().next().unwrap_or_default().to_owned()
+}
+
+/// Address of the instance that the calling process observes.
+fn here(paths: &InstancePaths) -> Address {
+    Address { paths: paths.clone(), has_root: true }
 }
 
 impl ControlReport {
@@ -263,7 +294,11 @@ impl ControlReport {
         }
         let Self { command, cause, mode, obstacles, .. } = self;
         let listed = obstacles.join("; ");
-        let reasons = if obstacles.is_empty() { cause } else { &listed };
+        let reasons = match (obstacles.is_empty(), cause.as_str()) {
+            (false, _) => &listed,
+            (true, "") => "the flight did not begin",
+            (true, cause) => cause,
+        };
         let mut message = format!("{command} refused: {reasons} (daemon is {mode})");
         if response.cause == Cause::WrongMode.code()
             && *command == OperatorCommand::Disarm.to_string()

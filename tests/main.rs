@@ -39,5 +39,6 @@ mod reproduce;
 mod robustness;
 mod soak;
 mod stop;
+mod stop_paths;
 mod structure;
 mod view;

@@ -11,7 +11,7 @@ use crate::message::Message;
 use crate::node::{InstanceNode, OpenPorts};
 use crate::paths::InstancePaths;
 use crate::port::{Reader, Writer};
-use crate::stop::StopSwitch;
+use crate::stop::{SignalFlags, StopSwitch};
 use crate::topic::Topic;
 use crate::transport::Transport;
 use crate::wake::{EventPorts, Listener};
@@ -30,6 +30,7 @@ pub struct Bus {
     events: EventPorts,
     paths: InstancePaths,
     membership: Rc<Membership>,
+    signals: SignalFlags,
 }
 
 impl Bus {
@@ -44,7 +45,13 @@ impl Bus {
         let membership = Membership::join(paths)?;
         let node = Box::new(InstanceNode::join(paths, &membership)?);
         let events = EventPorts::new(Rc::clone(&membership));
-        Ok(Self { node, events, paths: paths.clone(), membership })
+        let signals = SignalFlags::default();
+        Ok(Self { node, events, paths: paths.clone(), membership, signals })
+    }
+
+    /// This bus for a process whose signal handlers set `signals`.
+    pub fn with_signals(self, signals: SignalFlags) -> Self {
+        Self { signals, ..self }
     }
 
     /// Paths and names of the instance.
@@ -92,7 +99,7 @@ impl Transport for Bus {
 
     fn stop_switch(&self) -> Result<StopSwitch, BusError> {
         let _lock = self.membership.lock()?;
-        StopSwitch::open(&self.paths)
+        Ok(StopSwitch::open(&self.paths)?.with_signals(self.signals.clone()))
     }
 
     fn observer<M: Message>(&self, topic: &Topic<M>) -> Result<Reader<M>, BusError> {

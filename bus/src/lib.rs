@@ -16,7 +16,8 @@
 //! | `ports.rs` | ports of iceoryx2, as bytes |
 //! | `node.rs` | a node of iceoryx2, which opens services and ports |
 //! | `control.rs` | requests of operators and their answers |
-//! | `stop.rs` | the operator's stop, in shared memory |
+//! | `stop.rs` | the operator's stop, in shared memory and by signal |
+//! | `obeying.rs` | processes that obey operators, found in /proc |
 //! | `wake.rs` | wake-up of sleeping processes |
 //! | `shared.rs` | words in a mapped file |
 //! | `membership.rs` | the processes of an instance |
@@ -38,6 +39,7 @@ pub mod memory;
 pub mod message;
 mod mismatch;
 mod node;
+pub mod obeying;
 pub mod obstacle;
 pub mod origin;
 pub mod paths;

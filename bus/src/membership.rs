@@ -155,7 +155,7 @@ impl Drop for Membership {
 }
 
 /// File whose shared lock marks the member processes.
-const MEMBERS: &str = "members";
+pub(crate) const MEMBERS: &str = "members";
 
 /// Removes files that exist.
 fn remove(directory: &Path, names: &[&str]) {

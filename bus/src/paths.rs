@@ -1,5 +1,6 @@
 //! Paths of an instance on this machine: directories, and the prefix of its names in shared memory.
 
+use std::fs::DirEntry;
 use std::path::{Path, PathBuf};
 
 use iceoryx2::prelude::{Config, SemanticString};
@@ -10,6 +11,9 @@ use crate::private;
 
 /// Name of the link to an emulated vehicle in the directory of an instance.
 pub(crate) const WIRE: &str = "wire";
+
+/// Root of the installed services.
+const SYSTEM_ROOT: &str = "/run/oqtal";
 
 /// Name and root directory of an instance. Buses with different paths are separate.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -43,9 +47,32 @@ impl InstancePaths {
     /// of the root, because all roots share one shared memory. The prefix does not depend on the path by which an existing root
     /// is named.
     pub fn prefix(&self) -> String {
-        let root = self.root.canonicalize().unwrap_or_else(|_| self.root.clone());
-        let root = fnv1a(FNV_OFFSET, root.as_os_str().as_encoded_bytes());
-        format!("oqtal_{}_{root:016x}_", self.instance)
+        format!("oqtal_{}_{:016x}_", self.instance, self.root_hash())
+    }
+
+    /// Hash of the root; the same for each path by which a root, or the last existing directory above it, is named.
+    pub(crate) fn root_hash(&self) -> u64 {
+        let root = self.root.ancestors().find_map(|above| {
+            let rest = self.root.strip_prefix(above).ok()?;
+            // Without the separator that `join` adds to a path before an empty rest.
+            Some(above.canonicalize().ok()?.join(rest).components().collect())
+        });
+        let root: PathBuf = root.unwrap_or_else(|| self.root.clone());
+        fnv1a(FNV_OFFSET, root.as_os_str().as_encoded_bytes())
+    }
+
+    /// Roots that instances of this machine have by default: `/run/oqtal`, `/run/user/UID/oqtal`, `/tmp/oqtal-UID`.
+    pub fn default_roots() -> Vec<PathBuf> {
+        let entries = |of: &str| std::fs::read_dir(of).into_iter().flatten().flatten();
+        let of_users = entries("/run/user").map(|user| user.path().join("oqtal"));
+        let is_ours = |entry: &DirEntry| {
+            let name = entry.file_name();
+            name.to_str().is_some_and(|name| {
+                name.strip_prefix("oqtal-").is_some_and(|user| user.parse::<u32>().is_ok())
+            })
+        };
+        let temporary = entries("/tmp").filter(is_ours).map(|entry| entry.path());
+        [PathBuf::from(SYSTEM_ROOT)].into_iter().chain(of_users).chain(temporary).collect()
     }
 
     /// Path of the shared words `name` of this instance.
@@ -136,7 +163,7 @@ impl InstancePaths {
 
 fn default_root() -> PathBuf {
     let writable = |path: &Path| rustix::fs::access(path, rustix::fs::Access::WRITE_OK).is_ok();
-    let run = Path::new("/run/oqtal");
+    let run = Path::new(SYSTEM_ROOT);
     if writable(run) || (!run.exists() && writable(Path::new("/run"))) {
         return run.to_path_buf();
     }

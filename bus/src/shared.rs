@@ -18,6 +18,8 @@ use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 pub struct SharedWords {
     memory: NonNull<AtomicU32>,
     count: usize,
+    /// Stays open, so that an operator finds the words through this process after the file was removed.
+    file: File,
 }
 
 impl SharedWords {
@@ -28,7 +30,7 @@ impl SharedWords {
     /// The file cannot be opened or is a link; [`io::ErrorKind::PermissionDenied`] if it belongs to another user;
     /// [`io::ErrorKind::InvalidData`] if it has another size; [`io::ErrorKind::StorageFull`] if there is no memory.
     pub fn open(path: &Path, count: usize) -> io::Result<Self> {
-        Self::map(&open_private(path, true)?, count)
+        Self::of_file(open_private(path, true)?, count)
     }
 
     /// As [`SharedWords::open`], for a file that exists.
@@ -36,21 +38,41 @@ impl SharedWords {
     /// # Errors
     /// As [`SharedWords::open`]; [`io::ErrorKind::NotFound`] if there is no such file.
     pub fn open_existing(path: &Path, count: usize) -> io::Result<Self> {
-        Self::map(&open_private(path, false)?, count)
+        Self::of_file(open_private(path, false)?, count)
     }
 
-    fn map(file: &File, count: usize) -> io::Result<Self> {
-        let size = count * size_of::<AtomicU32>();
-        match usize::try_from(file.metadata()?.len()) {
-            Ok(0) => fallocate(file, FallocateFlags::empty(), 0, size as u64)?,
-            Ok(present) if present == size => {}
+    /// The words at the beginning of a file in which a running process has mapped them.
+    ///
+    /// # Errors
+    /// [`io::ErrorKind::InvalidData`] if the file was shortened.
+    pub(crate) fn of_mapped_file(file: File, count: usize) -> io::Result<Self> {
+        if file.metadata()?.len() < size(count) {
+            return Err(io::ErrorKind::InvalidData.into());
+        }
+        Self::map(file, count)
+    }
+
+    fn of_file(file: File, count: usize) -> io::Result<Self> {
+        match file.metadata()?.len() {
+            0 => fallocate(&file, FallocateFlags::empty(), 0, size(count))?,
+            present if present == size(count) => {}
             _ => return Err(io::ErrorKind::InvalidData.into()),
         }
+        Self::map(file, count)
+    }
+
+    fn map(file: File, count: usize) -> io::Result<Self> {
+        let size = count * size_of::<AtomicU32>();
         let access = ProtFlags::READ | ProtFlags::WRITE;
         // SAFETY: no address is requested, so the kernel chooses a free range; no existing mapping is affected.
-        let memory = unsafe { mmap(ptr::null_mut(), size, access, MapFlags::SHARED, file, 0)? };
+        let memory = unsafe { mmap(ptr::null_mut(), size, access, MapFlags::SHARED, &file, 0)? };
         let memory = NonNull::new(memory.cast()).ok_or(io::ErrorKind::AddrNotAvailable)?;
-        Ok(Self { memory, count })
+        Ok(Self { memory, count, file })
+    }
+
+    /// Device and number of the file; `None` if the system refuses.
+    pub(crate) fn id(&self) -> Option<(u64, u64)> {
+        self.file.metadata().ok().map(|file| (file.dev(), file.ino()))
     }
 
     fn size(&self) -> usize {
@@ -71,10 +93,15 @@ impl Deref for SharedWords {
 
 impl Drop for SharedWords {
     fn drop(&mut self) {
-        // SAFETY: address and size are those of the mapping made by `open`, and no borrow of it outlives `self`.
+        // SAFETY: address and size are those of the mapping made by `map`, and no borrow of it outlives `self`.
         let unmapped = unsafe { munmap(self.memory.as_ptr().cast::<c_void>(), self.size()) };
         debug_assert!(unmapped.is_ok(), "{unmapped:?}");
     }
+}
+
+/// Size of `count` words \[bytes\].
+fn size(count: usize) -> u64 {
+    (count * size_of::<AtomicU32>()) as u64
 }
 
 /// Opens a file of this user without following a link, or creates it if `creates`.

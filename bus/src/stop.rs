@@ -5,10 +5,15 @@
 //! afterwards and the motors are known to be off: the daemon then knows that the flight is over, and a new flight needs an
 //! operator. The process of the vehicle and the daemon each confirm the number that they obey. Reading requires no lock and no
 //! other process; a stop outlives the processes that raised or obeyed it.
+//!
+//! A signal is a second path to both processes, which no removal of a file can cut: a process that receives it raises the stop
+//! itself.
 
+use std::fs::File;
 use std::ops::Deref;
 use std::rc::Rc;
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use crate::code::Actuation;
 use crate::error::BusError;
@@ -31,7 +36,22 @@ const DAEMON: usize = 4;
 pub(crate) const WORDS: usize = 5;
 
 /// Name of the file among the words of the instance.
-const FILE: &str = "stop";
+pub(crate) const FILE: &str = "stop";
+
+/// Operators' requests by signal: flags set by the signal handlers of this process and taken by its next turn.
+#[derive(Clone, Debug, Default)]
+pub struct SignalFlags {
+    /// A stop was requested.
+    pub stop: Arc<AtomicBool>,
+    /// A landing was requested.
+    pub land: Arc<AtomicBool>,
+}
+
+/// Takes a request: whether `flag` was set since the last call.
+fn take(flag: &AtomicBool) -> bool {
+    // The plain load keeps the cache line shared in turns without a request.
+    flag.load(Ordering::Acquire) && flag.swap(false, Ordering::AcqRel)
+}
 
 /// Shared words, between processes or in one process.
 #[derive(Clone, Debug)]
@@ -53,7 +73,10 @@ impl Deref for StopWords {
 
 /// Operator's stop of an instance: words shared by the process of the vehicle, the daemon, and the operators who raise it.
 #[derive(Clone, Debug)]
-pub struct StopSwitch(StopWords);
+pub struct StopSwitch {
+    words: StopWords,
+    signals: SignalFlags,
+}
 
 /// Confirmations of a stop by the processes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -68,7 +91,7 @@ pub struct StopReport {
 
 impl StopSwitch {
     pub(crate) fn local(words: Rc<[AtomicU32; WORDS]>) -> Self {
-        Self(StopWords::Local(words))
+        Self { words: StopWords::Local(words), signals: SignalFlags::default() }
     }
 
     /// The stop of the instance at `paths`, made if it does not exist; the caller holds the lock of the instance.
@@ -76,7 +99,32 @@ impl StopSwitch {
         let path = paths.words_file(FILE);
         let words = SharedWords::open(&path, WORDS)
             .map_err(|error| BusError::of_shared_file(FILE, path, &error))?;
-        Ok(Self(StopWords::Shared(Rc::new(words))))
+        Ok(Self::shared(words))
+    }
+
+    fn shared(words: SharedWords) -> Self {
+        Self { words: StopWords::Shared(Rc::new(words)), signals: SignalFlags::default() }
+    }
+
+    /// This switch for a process whose signal handlers set `signals`.
+    pub(crate) fn with_signals(self, signals: SignalFlags) -> Self {
+        Self { signals, ..self }
+    }
+
+    /// The stop in a file of words that a running process holds and that may have been removed.
+    ///
+    /// # Errors
+    /// The file was shortened, or cannot be mapped.
+    pub(crate) fn of_held_file(file: File) -> std::io::Result<Self> {
+        SharedWords::of_mapped_file(file, WORDS).map(Self::shared)
+    }
+
+    /// Whether both switches are the same words in shared memory.
+    pub fn is_same(&self, other: &Self) -> bool {
+        match (&self.words, &other.words) {
+            (StopWords::Shared(ours), StopWords::Shared(theirs)) => ours.id() == theirs.id(),
+            _ => false,
+        }
     }
 
     /// The stop of the instance at `paths`, without the lock, which another process may hold; `None` if no process that could
@@ -87,7 +135,7 @@ impl StopSwitch {
     pub fn existing(paths: &InstancePaths) -> Result<Option<Self>, BusError> {
         let path = paths.words_file(FILE);
         match SharedWords::open_existing(&path, WORDS) {
-            Ok(words) => Ok(Some(Self(StopWords::Shared(Rc::new(words))))),
+            Ok(words) => Ok(Some(Self::shared(words))),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
             Err(error) => Err(BusError::of_shared_file(FILE, path, &error)),
         }
@@ -95,7 +143,7 @@ impl StopSwitch {
 
     /// Raises a stop and returns its number. Takes effect in the next turn of the processes that obey it.
     pub fn raise(&self) -> u32 {
-        self.0[RAISED].fetch_add(1, Ordering::AcqRel).wrapping_add(1)
+        self.words[RAISED].fetch_add(1, Ordering::AcqRel).wrapping_add(1)
     }
 
     /// Processes that obey the stop `number`, or a later one.
@@ -109,12 +157,19 @@ impl StopSwitch {
         }
     }
 
+    /// Raises a stop for each request by signal.
+    fn raise_signalled(&self) {
+        if take(&self.signals.stop) {
+            self.raise();
+        }
+    }
+
     fn word(&self, word: usize) -> u32 {
-        self.0[word].load(Ordering::Acquire)
+        self.words[word].load(Ordering::Acquire)
     }
 
     fn set(&self, word: usize, value: u32) {
-        self.0[word].store(value, Ordering::Release);
+        self.words[word].store(value, Ordering::Release);
     }
 }
 
@@ -146,6 +201,7 @@ impl VehicleStop {
 
     /// Whether the motors must be off at `now`. To be called in every turn.
     pub fn is_in_force(&mut self, now: Time) -> bool {
+        self.switch.raise_signalled();
         let raised = self.switch.word(RAISED);
         if raised == self.switch.word(LIFTED) {
             self.in_force = None;
@@ -207,8 +263,14 @@ impl ControllerStop {
 
     /// Whether a stop was raised since the last call.
     pub fn is_newly_raised(&mut self) -> bool {
+        self.switch.raise_signalled();
         let raised = self.switch.word(RAISED);
         std::mem::replace(&mut self.seen, raised) != raised
+    }
+
+    /// Whether a landing was requested by signal since the last call.
+    pub fn is_landing_requested(&self) -> bool {
+        take(&self.switch.signals.land)
     }
 
     /// Confirms that "disarmed" was commanded after the newest seen stop.
@@ -218,108 +280,4 @@ impl ControllerStop {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::message::Stamps;
-
-    const NOW: Time = Time::VIRTUAL_START;
-
-    fn switch() -> StopSwitch {
-        StopSwitch::local(Rc::default())
-    }
-
-    /// Command with this actuation, published `millis` after [`NOW`].
-    fn command(actuation: Actuation, millis: i64) -> (Header, CommandV1) {
-        let command_published_at = NOW + Span::from_millis(millis);
-        let stamps = Stamps { command_published_at, ..Stamps::default() };
-        let body = CommandV1 { actuation: actuation.code(), ..CommandV1::default() };
-        (Header { stamps, ..Header::default() }, body)
-    }
-
-    #[test]
-    fn a_stop_is_in_force_until_disarmed_is_commanded_after_it() {
-        let switch = switch();
-        let mut vehicle = VehicleStop::new(switch.clone());
-        assert!(!vehicle.is_in_force(NOW));
-        let number = switch.raise();
-        assert!(vehicle.is_in_force(NOW));
-        let (header, body) = command(Actuation::Disarmed, 5);
-        vehicle.receive_command(&header, &body);
-        assert!(vehicle.is_in_force(NOW), "lifted before it was obeyed");
-        assert_eq!(switch.report(number), StopReport::default());
-        vehicle.confirm(true);
-        for (actuation, millis) in [(Actuation::Sticks, 5), (Actuation::Disarmed, -1)] {
-            let (header, body) = command(actuation, millis);
-            vehicle.receive_command(&header, &body);
-            assert!(vehicle.is_in_force(NOW), "{actuation} at {millis} ms");
-        }
-        let (header, body) = command(Actuation::Disarmed, 0);
-        vehicle.receive_command(&header, &body);
-        assert!(!vehicle.is_in_force(NOW));
-        let report = switch.report(number);
-        assert!(report.vehicle_obeys && report.motors_off && !report.daemon_obeys);
-    }
-
-    #[test]
-    fn a_stop_is_in_force_until_the_motors_are_known_to_be_off() {
-        let switch = switch();
-        let mut vehicle = VehicleStop::new(switch.clone());
-        let number = switch.raise();
-        assert!(vehicle.is_in_force(NOW));
-        vehicle.confirm(false);
-        for millis in [17, 400, 2999] {
-            let (header, body) = command(Actuation::Disarmed, millis);
-            vehicle.receive_command(&header, &body);
-            assert!(vehicle.is_in_force(NOW), "lifted after {millis} ms with motors running");
-        }
-        vehicle.confirm(true);
-        assert!(switch.report(number).motors_off);
-        let (header, body) = command(Actuation::Disarmed, 420);
-        vehicle.receive_command(&header, &body);
-        assert!(!vehicle.is_in_force(NOW));
-
-        // A vehicle that never reports does not block the instance permanently.
-        switch.raise();
-        assert!(vehicle.is_in_force(NOW));
-        vehicle.confirm(false);
-        let (header, body) = command(Actuation::Disarmed, 3000);
-        vehicle.receive_command(&header, &body);
-        assert!(!vehicle.is_in_force(NOW));
-    }
-
-    #[test]
-    fn each_stop_must_be_lifted_however_many_operators_raise_one() {
-        let switch = switch();
-        let mut vehicle = VehicleStop::new(switch.clone());
-        let first = switch.raise();
-        assert!(vehicle.is_in_force(NOW));
-        let second = switch.raise();
-        let later = NOW + Span::from_millis(3);
-        assert!(vehicle.is_in_force(later));
-        vehicle.confirm(false);
-        // Published before the second stop was seen.
-        let (header, body) = command(Actuation::Disarmed, 2);
-        vehicle.receive_command(&header, &body);
-        assert!(vehicle.is_in_force(later));
-        assert!(switch.report(first).vehicle_obeys && switch.report(second).vehicle_obeys);
-        assert!(!switch.report(second).motors_off);
-    }
-
-    #[test]
-    fn a_stop_without_a_vehicle_waits_for_one_and_a_restarted_daemon_sees_it_again() {
-        let switch = switch();
-        let mut daemon = ControllerStop::new(switch.clone());
-        let number = switch.raise();
-        assert!(daemon.is_newly_raised() && !daemon.is_newly_raised());
-        daemon.confirm();
-        assert!(switch.report(number).daemon_obeys);
-        assert!(ControllerStop::new(switch.clone()).is_newly_raised());
-        let mut vehicle = VehicleStop::new(switch.clone());
-        assert!(vehicle.is_in_force(NOW));
-        vehicle.confirm(true);
-        let (header, body) = command(Actuation::Disarmed, 1);
-        vehicle.receive_command(&header, &body);
-        assert!(!ControllerStop::new(switch.clone()).is_newly_raised());
-        assert!(!VehicleStop::new(switch).is_in_force(NOW));
-    }
-}
+mod tests;

@@ -90,6 +90,10 @@ pub struct DaemonTurn<T: Transport> {
 impl<T: Transport> DaemonTurn<T> {
     /// Executes the operators' requests that wait, and records them.
     fn execute_requests(&mut self, now: Time, configs_differ: bool) -> Result<(), BusError> {
+        // By signal: does not pass through the background thread.
+        if self.ports.stop.is_landing_requested() {
+            self.request(now, OperatorCommand::Land)?;
+        }
         let Self { ports, cycle, handle, .. } = self;
         while let Some((command, response)) =
             handle.poll_request(|command| cycle.request(now, command))

@@ -4,6 +4,7 @@ use oqtal_bus::bus::Bus;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::Message;
 use oqtal_bus::paths::InstancePaths;
+use oqtal_bus::stop::SignalFlags;
 use oqtal_bus::time::Span;
 use oqtal_bus::topic::{Role, Topic};
 use oqtal_config::{ClockKind, Config, InstanceOptions};
@@ -22,6 +23,8 @@ pub struct ProcessContext {
     pub config: Config,
     /// Stop flag of the process.
     pub stop: StopFlag,
+    /// Operators' requests by signal.
+    pub signals: SignalFlags,
     /// Role of this process.
     pub role: Role,
     /// Health record, from which the service manager is notified.
@@ -34,7 +37,7 @@ impl ProcessContext {
     /// # Errors
     /// See [`Bus::open`].
     pub fn bus(&self) -> Result<Bus, BusError> {
-        Bus::open(&self.paths()?)
+        Ok(Bus::open(&self.paths()?)?.with_signals(self.signals.clone()))
     }
 
     /// The heartbeat of this process.

@@ -19,8 +19,9 @@ use queue::{LogQueue, log_queue};
 /// Maximum time that a process waits at its end for the log to be written.
 const FLUSH_TIMEOUT: Duration = Duration::from_millis(200);
 
-/// Starts the log of `role`; records below `level` are discarded. The log is flushed when the returned guard is dropped.
-pub fn start(level: LogLevel, role: Role) -> LogGuard {
+/// Starts the log of `role`; records below `level` are discarded. The log is flushed when the returned guard is dropped. The log
+/// thread lives as long as the process and can have a `name`.
+pub fn start(level: LogLevel, role: Role, name: Option<String>) -> LogGuard {
     let level = match level {
         LogLevel::Error => Level::ERROR,
         LogLevel::Warn => Level::WARN,
@@ -30,10 +31,12 @@ pub fn start(level: LogLevel, role: Role) -> LogGuard {
     };
     let (queue, records) = log_queue();
     // Never joined: an output that does not drain must not prevent the process from ending.
-    std::thread::spawn(move || {
+    let thread = name.into_iter().fold(std::thread::Builder::new(), std::thread::Builder::name);
+    let started = thread.spawn(move || {
         let mut output = Output::of_process(role);
         records.drain_into(|record| output.write(record));
     });
+    started.expect("a process may start a thread");
     tracing_subscriber::registry().with(LevelFilter::from_level(level)).with(queue.clone()).init();
     LogGuard(queue)
 }

@@ -2,6 +2,8 @@
 
 use std::process::ExitCode;
 
+use oqtal_bus::obeying::{LAND_SIGNAL, STOP_SIGNAL, thread_name};
+use oqtal_bus::stop::SignalFlags;
 use oqtal_bus::topic::Role;
 use oqtal_config::Config;
 use rustix::process::{Pid, Signal};
@@ -57,11 +59,13 @@ fn run(role: Role, args: &CommonArgs, job: Job) -> Result<(), Failure> {
     if let Some(parent) = args.child {
         die_with(parent)?;
     }
+    let signals = obey_operators(role)?;
     let config = load(args)?;
-    let _log = log::start(config.log.level, role);
+    // Named once the handlers are installed: operators find the process by this name.
+    let _log = log::start(config.log.level, role, thread_name(&instance_paths(&config)?, role));
     let stop = stop_on_signals()?;
     stop_on_panics(&stop);
-    let context = ProcessContext { config, stop, role, health: Health::default() };
+    let context = ProcessContext { config, stop, signals, role, health: Health::default() };
     tracing::info!(
         instance = context.config.instance.name,
         config = format!("{:016x}", context.config.hash()),
@@ -71,6 +75,18 @@ fn run(role: Role, args: &CommonArgs, job: Job) -> Result<(), Failure> {
     let result = guarded(|| service::notified(&context, || job(&context)));
     tracing::info!("{} ends", role.name());
     result
+}
+
+/// Installs the handlers of operators' signals in a process of a vehicle and in a daemon.
+fn obey_operators(role: Role) -> Result<SignalFlags, Failure> {
+    let flags = SignalFlags::default();
+    if let Role::Plant | Role::Bridge | Role::Daemon = role {
+        for (signal, flag) in [(STOP_SIGNAL, &flags.stop), (LAND_SIGNAL, &flags.land)] {
+            signal_hook::flag::register(signal.as_raw(), flag.clone())
+                .map_err(|e| Failure::new(Exit::System, format!("handling signals failed: {e}")))?;
+        }
+    }
+    Ok(flags)
 }
 
 /// Ends this process when its parent process `parent` dies, so that no orphan remains.

@@ -69,11 +69,19 @@ pub fn print(text: &str) -> Result<(), Failure> {
 pub fn say(text: &str) {
     let line = format!("{text}\n");
     let (done, is_done) = channel();
-    std::thread::spawn(move || {
+    beside(move || {
         let _ = std::io::stderr().write_all(line.as_bytes());
         let _ = done.send(());
     });
     let _ = is_done.recv_timeout(SAY_TIMEOUT);
+}
+
+/// Executes `work` on a thread of its own, or on the calling thread if the system grants no other.
+pub fn beside(work: impl FnOnce() + Clone + Send + 'static) {
+    let again = work.clone();
+    if std::thread::Builder::new().spawn(work).is_err() {
+        again();
+    }
 }
 
 /// Prints help, version or a usage error, and returns its exit code.

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use clap::Args;
 use oqtal_bus::bus::Bus;
+use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_observe::instance::InstanceModel;
@@ -32,20 +33,21 @@ pub struct MonitorArgs {
 }
 
 impl MonitorArgs {
-    /// Shows the instance until q, Ctrl-C or SIGTERM.
+    /// Shows the instance until q, Ctrl-C or SIGTERM. `stop` stops the vehicle and returns the result as text.
     ///
     /// # Errors
     /// The output is not a terminal (exit code 64), no process runs on the instance (75), or the terminal or the bus failed.
-    pub fn execute(&self) -> Result<Exit, Failure> {
+    pub fn execute(&self, stop: fn(&InstancePaths) -> String) -> Result<Exit, Failure> {
         require_terminal()?;
         let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
         let paths = instance_paths(&config)?;
         paths.become_owner()?;
-        let stop = stop_on_signals()?;
+        let end = stop_on_signals()?;
         let bus = Bus::open(&paths)?;
         let observer = BusObserver::open(&bus, &InstanceModel::topics())?;
         let model = MonitorModel::new(&config.instance.name, Time::now());
-        let mut watch = Watch { observer, model, look: self.look(), stop };
+        let stop = (stop, paths);
+        let mut watch = Watch { observer, model, look: self.look(), end, stop };
         watch.find()?;
         watch.run()?;
         Ok(Exit::Ok)
@@ -75,14 +77,16 @@ struct Watch {
     observer: BusObserver,
     model: MonitorModel,
     look: ScreenLook,
-    stop: StopFlag,
+    end: StopFlag,
+    /// Stops the vehicle of the instance at these paths.
+    stop: (fn(&InstancePaths) -> String, InstancePaths),
 }
 
 impl Watch {
     /// Waits until a process of the instance publishes its health.
     fn find(&mut self) -> Result<(), Failure> {
         let give_up = Time::now() + SILENCE;
-        while !self.stop.is_set() {
+        while !self.end.is_set() {
             self.poll()?;
             if self.model.instance.is_alive() {
                 return Ok(());
@@ -104,13 +108,20 @@ impl Watch {
         let failed =
             |error: io::Error| Failure::new(Exit::System, format!("the terminal failed: {error}"));
         let mut terminal = OpenTerminal::enter().map_err(failed)?;
-        while !self.stop.is_set() {
+        while !self.end.is_set() {
             self.poll()?;
             let picture = draw(&self.model, self.look, terminal.size().map_err(failed)?);
             terminal.show(picture, self.look).map_err(failed)?;
             match terminal.key(PICTURE_PERIOD).map_err(failed)? {
                 Some(Key::Quit) => break,
-                Some(Key::Restart) => self.model.instance.restart_figures(),
+                Some(Key::Restart) => {
+                    self.model.instance.restart_figures();
+                    self.model.stop = None;
+                }
+                Some(Key::Stop) => {
+                    let (stop, paths) = &self.stop;
+                    self.model.stop = Some(stop(paths));
+                }
                 None => {}
             }
         }

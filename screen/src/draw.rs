@@ -47,8 +47,14 @@ impl Canvas {
 
     fn title(&mut self, model: &MonitorModel, area: Rect) {
         let age = model.instance.age().seconds();
-        let text = format!("oqtal monitor: {}, observed for {age:.0} s", model.name);
-        self.text(area, &text, Weight::Label);
+        let (text, weight) = match &model.stop {
+            Some(result) => (format!("{}: {result}", model.name), Weight::Alarm),
+            None => {
+                let name = &model.name;
+                (format!("oqtal monitor: {name}, observed for {age:.0} s"), Weight::Label)
+            }
+        };
+        self.text(area, &text, weight);
     }
 
     fn status(&mut self, model: &MonitorModel, area: Rect) {
@@ -125,10 +131,15 @@ impl Canvas {
         let left_out = parts.left_out();
         let text = if left_out.is_empty() {
             let per_column = STEP.seconds();
-            format!("q quits, r restarts the figures; charts: {per_column} s a column")
+            format!(
+                "q quits, r restarts the figures, S stops the motors; charts: {per_column} s a column"
+            )
         } else {
             let (width, height) = COMPLETE;
-            format!("q quits; not shown: {} ({width} x {height} shows all)", left_out.join(", "))
+            format!(
+                "q quits, S stops; not shown: {} ({width} x {height} shows all)",
+                left_out.join(", ")
+            )
         };
         self.text(area, &text, Weight::Label);
     }

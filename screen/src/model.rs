@@ -29,13 +29,15 @@ pub struct MonitorModel {
     pub instance: InstanceModel,
     /// Quantities over time.
     pub trends: Trends,
+    /// Result of the last stop by key.
+    pub stop: Option<String>,
 }
 
 impl MonitorModel {
     /// An empty model of the instance `name` at `now`.
     pub fn new(name: &str, now: Time) -> Self {
         let instance = InstanceModel::new(now, SILENCE);
-        Self { name: name.to_owned(), instance, trends: Trends::default() }
+        Self { name: name.to_owned(), instance, trends: Trends::default(), stop: None }
     }
 
     /// Starts a new instant; to be called before the samples received at it.

@@ -25,6 +25,8 @@ pub enum Key {
     Quit,
     /// Reset latencies and counters.
     Restart,
+    /// Stop the motors.
+    Stop,
 }
 
 /// Terminal in use. Its previous state is restored on drop.
@@ -141,6 +143,8 @@ fn meaning(bytes: &[u8]) -> Option<Key> {
         keys if keys.iter().any(|key| matches!(key, b'q' | b'Q' | &CTRL_C | &CTRL_D)) => {
             Some(Key::Quit)
         }
+        // With the shift key: not pressed by accident.
+        keys if keys.contains(&b'S') => Some(Key::Stop),
         keys => keys.contains(&b'r').then_some(Key::Restart),
     }
 }
@@ -181,6 +185,10 @@ mod tests {
         assert_eq!(meaning(b"c"), None);
         assert_eq!(meaning(b"\x1b[A"), None, "an arrow");
         assert_eq!(meaning(b"r"), Some(Key::Restart));
+        assert_eq!(
+            (meaning(b"S"), meaning(b"s"), meaning(b"rS")),
+            (Some(Key::Stop), None, Some(Key::Stop))
+        );
     }
 
     #[test]

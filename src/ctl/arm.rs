@@ -65,15 +65,29 @@ fn comes_to_rest(response: &ControlResponseV1) -> bool {
         && obstacles.iter().all(|obstacle| matches!(obstacle, Moving | Stopped | Tilted))
 }
 
-/// Answer of the daemon once the flight announced by `accepted` has begun, or was cancelled.
+/// Answer of the daemon once the flight announced by `accepted` has begun; a refusal if it was cancelled or has not begun in time.
 fn begun(bus: &Bus, accepted: ControlResponseV1) -> Result<ControlResponseV1, BusError> {
     let give_up = Time::now() + BEGIN_TIMEOUT;
     let mut newest = accepted;
-    while newest.mode == Mode::Waiting.code() && Time::now() < give_up {
-        std::thread::sleep(Duration::from_millis(10));
-        if let Some(status) = request(bus, OperatorCommand::Status, None)? {
-            newest = status;
+    while !is_in_flight(&newest) && !is_cancelled(&newest) {
+        if Time::now() >= give_up {
+            // The flight must not begin after the operator was told that it did not.
+            newest = request(bus, OperatorCommand::Disarm, None)?.unwrap_or(newest);
+            break;
         }
+        std::thread::sleep(Duration::from_millis(10));
+        newest = request(bus, OperatorCommand::Status, None)?.unwrap_or(newest);
     }
-    Ok(newest)
+    let is_begun = is_in_flight(&newest);
+    let answer = if is_begun { newest.answer } else { Answer::Refused.code() };
+    Ok(ControlResponseV1 { answer, ..newest })
+}
+
+fn is_in_flight(response: &ControlResponseV1) -> bool {
+    [Mode::Flying, Mode::Landing].map(Mode::code).contains(&response.mode)
+}
+
+/// Whether the loop itself reports that it does not fly. An answer in its place repeats the last known mode.
+fn is_cancelled(response: &ControlResponseV1) -> bool {
+    response.answer == Answer::Done.code() && response.mode == Mode::Disarmed.code()
 }

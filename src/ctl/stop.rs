@@ -1,21 +1,27 @@
-//! `oqtal ctl stop`: stops the vehicle in two independent ways, and reports which processes obey.
+//! A stop by every path: `oqtal ctl stop`, Ctrl-C in `oqtal fly`, the page and the monitor.
 //!
-//! The stop is first raised in shared memory, where the process of the vehicle and the daemon read it in their next turn without
-//! a lock or an answer. The daemon is then also requested to stop over the control service.
+//! 1. A signal to each process of the vehicle and of the daemon, found in /proc. It needs no file and no memory of the instance.
+//! 2. The stop words, where both processes read a stop in their next turn: through the files that the processes hold, which may
+//!    have been removed, and through the directory of the instance. Obedience is read from the same words.
+//! 3. A request to the daemon over the control service, on a separate thread.
 
-use std::sync::mpsc::{Receiver, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::Duration;
 
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Mode, OperatorCommand, SafetyState};
+use oqtal_bus::error::BusError;
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
+use oqtal_bus::obeying::STOP_SIGNAL;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::stop::{StopReport, StopSwitch};
 use oqtal_bus::time::{Span, Time};
 use oqtal_observe::status::word;
 use oqtal_runtime::process::{Exit, Failure};
-use oqtal_runtime::program::print;
+use oqtal_runtime::program::{beside, print};
 use serde::Serialize;
+
+use super::reach::{Address, Reached, name_of};
 
 /// Time after which the report is printed.
 const REPORT_TIMEOUT: Span = Span::from_millis(950);
@@ -27,67 +33,207 @@ const CHECK_PERIOD: Duration = Duration::from_millis(2);
 pub struct ObeyedStop {
     command: &'static str,
     /// Whether commands are withheld from the vehicle.
-    vehicle_obeys: bool,
+    pub vehicle_obeys: bool,
     /// Whether the vehicle's motors are known to be off.
     pub motors_off: bool,
     /// Whether the daemon commands "disarmed".
-    daemon_obeys: bool,
+    pub daemon_obeys: bool,
     /// Mode and state of the daemon; empty if it did not answer in time.
     mode: String,
     state: String,
+    /// Result of each path.
+    paths: Vec<String>,
+    /// Command that allows the next flight.
+    arm_again: String,
+    /// Whether the stop words of the vehicle's process, which would confirm the stop, cannot be read.
+    #[serde(skip)]
+    is_unconfirmed: bool,
 }
 
-/// Raises a stop on the instance at `paths`, and prints which processes obey.
+/// Stop words that were raised.
+#[derive(Debug, Default)]
+struct RaisedStops(Vec<RaisedStop>);
+
+#[derive(Debug)]
+struct RaisedStop {
+    switch: StopSwitch,
+    number: u32,
+    /// Whether the process of a vehicle reads these words.
+    is_vehicles: bool,
+}
+
+/// Stops the addressed vehicle, and prints which processes obey.
 ///
 /// # Errors
-/// The vehicle obeys, but has not reported that its motors are off (exit code 1); no process of a vehicle obeys (75); the
+/// The vehicle has not reported that its motors are off (exit code 1); no process of a vehicle obeys, or none runs (75); the
 /// instance belongs to another user (77).
-pub fn execute(paths: &InstancePaths, json: bool) -> Result<Exit, Failure> {
-    conclude(&raise(paths)?, json)
+pub fn execute(address: &Address, json: bool) -> Result<Exit, Failure> {
+    conclude(&raise(address)?, json)
 }
 
-/// Raises a stop on the instance at `paths`, and returns which processes obey within a second.
+/// Stops the addressed vehicle, and returns which processes obey within a second. As root, the calling thread becomes the owner
+/// of the instance.
 ///
 /// # Errors
 /// No process runs (75), or the instance belongs to another user (77).
-pub fn raise(paths: &InstancePaths) -> Result<ObeyedStop, Failure> {
+pub fn raise(address: &Address) -> Result<ObeyedStop, Failure> {
     let give_up = Time::now() + REPORT_TIMEOUT;
-    let Some(switch) = StopSwitch::existing(paths)? else {
-        let message = format!(
-            "stop: no process of oqtal runs on instance `{}`: nothing to stop",
-            paths.instance
-        );
-        return Err(Failure::new(Exit::Peer, message));
-    };
-    let number = switch.raise();
-    let answer = ask_daemon(paths.clone());
-    let mut response = None;
-    let mut report = switch.report(number);
-    while Time::now() < give_up && !(report.motors_off && report.daemon_obeys && response.is_some())
-    {
-        response = response.or_else(|| answer.recv_timeout(CHECK_PERIOD).ok());
-        if response.is_some() {
-            std::thread::sleep(CHECK_PERIOD);
+    let mut reached = Reached::find(address);
+    let (raised, mut paths) = raise_words(&mut reached)?;
+    let has = |is_vehicle| reached.processes.iter().any(|p| p.is_vehicle == is_vehicle);
+    let answers = ask_daemon(&reached.paths);
+    let (report, answer) = await_obedience(&raised, (&answers, has(false)), give_up);
+    paths.push(format!("control service: {}", said(&answer)));
+    Ok(ObeyedStop {
+        paths,
+        arm_again: arm_again(address, &reached.paths),
+        is_unconfirmed: has(true) && raised.vehicles().next().is_none(),
+        ..ObeyedStop::new(report, answer.ok().flatten().as_ref())
+    })
+}
+
+/// Signals the processes and raises the stop in all words; returns the words, and the result of each path.
+fn raise_words(reached: &mut Reached) -> Result<(RaisedStops, Vec<String>), Failure> {
+    let mut paths = reached.signal(STOP_SIGNAL, |_| true);
+    let mut raised = RaisedStops::default();
+    paths.extend(raised.raise_held(reached));
+    let in_directory = reached.paths.become_owner().and_then(|()| raised.raise_in(&reached.paths));
+    let is_nobody = reached.processes.is_empty();
+    match in_directory {
+        Ok(()) if is_nobody && raised.0.is_empty() => {
+            let instance = &reached.paths.instance;
+            let nobody =
+                format!("stop: no process of oqtal runs on instance `{instance}`: nothing to stop");
+            return Err(reached.nobody("stop", nobody));
         }
-        report = switch.report(number);
+        Err(error) if is_nobody => return Err(error.into()),
+        Err(error) => paths.push(format!("stop words in the directory: {error}")),
+        Ok(()) => {}
     }
-    Ok(ObeyedStop::new(report, response.as_ref()))
+    Ok((raised, paths))
+}
+
+/// Answer of the daemon; `None` if it did not answer in time.
+type DaemonAnswer = Result<Option<ControlResponseV1>, String>;
+
+/// Waits until the vehicle, and the daemon if there is one, obey and have answered, or until `give_up`.
+fn await_obedience(
+    raised: &RaisedStops,
+    (answers, has_daemon): (&Receiver<DaemonAnswer>, bool),
+    give_up: Time,
+) -> (StopReport, DaemonAnswer) {
+    let mut answer = None;
+    loop {
+        let report = raised.report();
+        let daemon_obeys = !has_daemon || (report.daemon_obeys && answer.is_some());
+        if (report.motors_off && daemon_obeys) || Time::now() >= give_up {
+            return (report, answer.unwrap_or(Ok(None)));
+        }
+        match answers.recv_timeout(CHECK_PERIOD) {
+            Ok(received) => answer = Some(received),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => std::thread::sleep(CHECK_PERIOD),
+        }
+    }
 }
 
 /// Sends the request on a separate thread, which is abandoned after the time-out: a suspended process may hold the lock of the
-/// instance.
-fn ask_daemon(paths: InstancePaths) -> Receiver<ControlResponseV1> {
+/// instance. A directory that was removed is not made again.
+fn ask_daemon(paths: &InstancePaths) -> Receiver<DaemonAnswer> {
     let (answers, answer) = channel();
-    std::thread::spawn(move || {
+    let paths = paths.clone();
+    beside(move || {
         let request = ControlRequestV1::of(OperatorCommand::Stop);
-        let asked = Bus::open(&paths)
-            .and_then(|bus| bus.control_client()?.ask(request, REPORT_TIMEOUT.scaled(0.8)));
-        if let Ok(Some(response)) = asked {
-            // Fails after the time-out, when the receiver has been dropped.
-            let _ = answers.send(response);
-        }
+        let asked = match paths.directory().exists() {
+            true => Bus::open(&paths)
+                .and_then(|bus| bus.control_client()?.ask(request, REPORT_TIMEOUT.scaled(0.8)))
+                .map_err(|error| error.to_string()),
+            false => Err(format!("{} does not exist", paths.directory().display())),
+        };
+        // Fails after the time-out, when the receiver has been dropped.
+        let _ = answers.send(asked);
     });
     answer
+}
+
+fn said(answer: &DaemonAnswer) -> &str {
+    match answer {
+        Ok(Some(_)) => "the daemon answered",
+        Ok(None) => "no answer",
+        Err(reason) => reason,
+    }
+}
+
+/// The command that arms again.
+fn arm_again(address: &Address, paths: &InstancePaths) -> String {
+    let InstancePaths { instance, root } = paths;
+    let is_other_root = address.has_root || *root != address.paths.root;
+    let root = if is_other_root { format!(" --root {}", root.display()) } else { String::new() };
+    format!("oqtal ctl arm --instance {instance}{root}")
+}
+
+impl RaisedStops {
+    /// Raises the stop in the words that the processes hold; returns a line for each whose words cannot be opened.
+    fn raise_held(&mut self, reached: &mut Reached) -> Vec<String> {
+        let mut lines = Vec::new();
+        for (process, held) in reached.processes.iter().zip(&mut reached.held) {
+            let result = match held {
+                Ok(files) => match files.stop.take() {
+                    Some(switch) => {
+                        self.raise(switch, process.is_vehicle);
+                        "raised".to_owned()
+                    }
+                    None => "not open, or shortened".to_owned(),
+                },
+                Err(error) => error.to_string(),
+            };
+            lines.push(format!("stop words of {}: {result}", name_of(process)));
+        }
+        lines
+    }
+
+    /// Raises the stop in the words in the directory of the instance, if there are any. They count as a vehicle's if those of its
+    /// process cannot be opened.
+    fn raise_in(&mut self, paths: &InstancePaths) -> Result<(), BusError> {
+        if let Some(switch) = StopSwitch::existing(paths)? {
+            let is_vehicles = self.vehicles().next().is_none();
+            self.raise(switch, is_vehicles);
+        }
+        Ok(())
+    }
+
+    /// Raises the stop once in each set of words.
+    fn raise(&mut self, switch: StopSwitch, is_vehicles: bool) {
+        match self.0.iter_mut().find(|raised| raised.switch.is_same(&switch)) {
+            Some(raised) => raised.is_vehicles |= is_vehicles,
+            None => {
+                let number = switch.raise();
+                self.0.push(RaisedStop { switch, number, is_vehicles });
+            }
+        }
+    }
+
+    /// Reports from the words that processes of vehicles read.
+    fn vehicles(&self) -> impl Iterator<Item = StopReport> {
+        let of_vehicles = self.0.iter().filter(|raised| raised.is_vehicles);
+        of_vehicles.map(RaisedStop::report)
+    }
+
+    /// Every vehicle must obey, and a daemon.
+    fn report(&self) -> StopReport {
+        let has_vehicle = self.vehicles().next().is_some();
+        StopReport {
+            vehicle_obeys: has_vehicle && self.vehicles().all(|report| report.vehicle_obeys),
+            motors_off: has_vehicle && self.vehicles().all(|report| report.motors_off),
+            daemon_obeys: self.0.iter().any(|raised| raised.report().daemon_obeys),
+        }
+    }
+}
+
+impl RaisedStop {
+    fn report(&self) -> StopReport {
+        self.switch.report(self.number)
+    }
 }
 
 /// Prints which processes obey; succeeds if the motors are known to be off.
@@ -95,16 +241,19 @@ fn conclude(stop: &ObeyedStop, json: bool) -> Result<Exit, Failure> {
     if json {
         print(&serde_json::to_string_pretty(stop).expect("a report holds only what JSON can say"))?;
     }
-    match stop {
+    let exit = match stop {
         ObeyedStop { motors_off: true, .. } => {
             if !json {
                 print(&stop.to_string())?;
             }
-            Ok(Exit::Ok)
+            return Ok(Exit::Ok);
         }
-        ObeyedStop { vehicle_obeys: true, .. } => Err(Failure::new(Exit::Flight, stop.to_string())),
-        _ => Err(Failure::new(Exit::Peer, stop.to_string())),
-    }
+        ObeyedStop { vehicle_obeys, is_unconfirmed, .. } if *vehicle_obeys || *is_unconfirmed => {
+            Exit::Flight
+        }
+        _ => Exit::Peer,
+    };
+    Err(Failure::new(exit, stop.to_string()))
 }
 
 impl ObeyedStop {
@@ -117,6 +266,9 @@ impl ObeyedStop {
             daemon_obeys,
             mode: word(response.and_then(|response| Mode::from_code(response.mode))),
             state: word(response.and_then(|response| SafetyState::from_code(response.state))),
+            paths: Vec::new(),
+            arm_again: String::new(),
+            is_unconfirmed: false,
         }
     }
 }
@@ -128,6 +280,10 @@ impl std::fmt::Display for ObeyedStop {
             (true, false) => {
                 "no command reaches the vehicle any more, but it has not reported that its motors are off"
             }
+            (false, false) if self.is_unconfirmed => {
+                "the vehicle's process was signalled, but this user cannot read whether it has obeyed; \
+                 repeat as root to know"
+            }
             (false, false) => {
                 "no vehicle has obeyed: neither plant-sim nor bridge runs, or it hangs, or has no port, or virtual time \
                  stands still; the stop stays raised until it is obeyed, or until every process of the instance has ended"
@@ -135,6 +291,10 @@ impl std::fmt::Display for ObeyedStop {
         };
         let daemon = if self.daemon_obeys { "the daemon obeys" } else { "no daemon has obeyed" };
         let what = if self.motors_off { "stopped" } else { "stop" };
-        write!(f, "{what}: {vehicle}; {daemon}")
+        write!(f, "{what}: {vehicle}; {daemon}")?;
+        if !self.motors_off {
+            self.paths.iter().try_for_each(|path| write!(f, "\n  {path}"))?;
+        }
+        write!(f, "\nto fly again: `{}`", self.arm_again)
     }
 }

@@ -4,15 +4,13 @@ use std::sync::Mutex;
 use std::thread::sleep;
 
 use oqtal_bus::bus::Bus;
-use oqtal_bus::code::{Answer, OperatorCommand};
-use oqtal_bus::control::ControlClient;
-use oqtal_bus::message::ControlRequestV1;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::transport::Transport;
 use oqtal_config::Config;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::stop::{SetOnDrop, StopFlag};
+
+use crate::ctl::end_flight;
 
 use super::fault::{FaultAction, ProcessFaults};
 use super::process_group::ProcessGroup;
@@ -51,8 +49,6 @@ impl<'a> ProcessWatch<'a> {
         // The flight ends with the watch in any case.
         let _stop = self.stop.set_on_drop();
         let bus = Bus::open(self.paths)?;
-        let client = bus.control_client().ok();
-        let stop = bus.stop_switch().ok();
         let mut faults = ProcessFaults::open(&bus, self.config)?;
         while !self.over.is_set() {
             processes.failure().map_or(Ok(()), Err)?;
@@ -62,12 +58,7 @@ impl<'a> ProcessWatch<'a> {
                     FaultAction::RemoveFiles => self.remove_files()?,
                 }
             }
-            let command = interrupts.next();
-            if let (Some(OperatorCommand::Stop), Some(stop)) = (command, &stop) {
-                // Takes effect in the process of the vehicle, independently of the daemon.
-                stop.raise();
-            }
-            if command.is_some_and(|command| !pass_on(client.as_ref(), command)) {
+            if interrupts.next().is_some_and(|command| !end_flight(self.paths, command)) {
                 return Err(Failure::new(Exit::Flight, "interrupted"));
             }
             let until_next = faults.next().map_or(WATCH_PERIOD, |next| next.since(Time::now()));
@@ -98,11 +89,4 @@ impl<'a> ProcessWatch<'a> {
             *slot = Some(failure);
         }
     }
-}
-
-/// Passes an operator's command to the daemon; `false` if there is no flight that it could end.
-fn pass_on(client: Option<&ControlClient>, command: OperatorCommand) -> bool {
-    let request = ControlRequestV1::of(command);
-    let response = client.and_then(|client| client.ask(request, Span::from_millis(500)).ok());
-    response.flatten().is_some_and(|response| response.answer != Answer::Refused.code())
 }

@@ -1,0 +1,225 @@
+//! Processes that obey an operator's signals, found in /proc by the name of one of their threads.
+//!
+//! Such a process names a thread after its role, its instance and its root ([`thread_name`]) once its signal handlers are
+//! installed. Every user can read the name, no removal of a file changes it, and it is visible from outside the namespaces of a
+//! service. A user of the process, and root, can also open the files that it holds, whether they were removed or not.
+
+use std::fs::{self, File, OpenOptions};
+use std::io;
+use std::os::fd::OwnedFd;
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+
+use rustix::fs::OFlags;
+use rustix::process::{Pid, PidfdFlags, Signal, geteuid, pidfd_open, pidfd_send_signal};
+
+use crate::message::{FNV_OFFSET, fnv1a};
+use crate::paths::InstancePaths;
+use crate::stop::{self, StopSwitch};
+use crate::topic::Role;
+use crate::{membership, remains};
+
+/// Signal that requests a stop. A process without a handler ignores it.
+pub const STOP_SIGNAL: Signal = Signal::URG;
+/// Signal that requests a landing from the daemon. It would end a process without a handler.
+pub const LAND_SIGNAL: Signal = Signal::USR1;
+
+/// Number of hexadecimal digits of each hash in a thread name \[-\]; the kernel keeps 15 characters of a name.
+const DIGITS: usize = 7;
+
+/// Name of a thread of a process with this role on the instance at `paths`: `v` for the process of a vehicle or `d` for the
+/// daemon, then hashes of the instance's name and of its root; `None` for a role that does not obey operators.
+pub fn thread_name(paths: &InstancePaths, role: Role) -> Option<String> {
+    let letter = match role {
+        Role::Plant | Role::Bridge => 'v',
+        Role::Daemon => 'd',
+        Role::Mocap | Role::Receiver | Role::Recorder => return None,
+    };
+    Some(format!("{letter}{}{}", instance_digits(&paths.instance), digits(paths.root_hash())))
+}
+
+fn instance_digits(instance: &str) -> String {
+    digits(fnv1a(FNV_OFFSET, instance.as_bytes()))
+}
+
+fn digits(hash: u64) -> String {
+    format!("{:0DIGITS$x}", (hash ^ hash >> 32) & ((1 << (4 * DIGITS)) - 1))
+}
+
+/// Running process that obeys operators.
+#[derive(Debug)]
+pub struct ObeyingProcess {
+    /// Process id.
+    pub pid: u32,
+    /// User that runs it.
+    pub user: u32,
+    /// Whether it is the process of a vehicle; otherwise it is a daemon.
+    pub is_vehicle: bool,
+    instance: String,
+    root: String,
+    handle: OwnedFd,
+}
+
+/// Files that a process holds.
+#[derive(Debug, Default)]
+pub struct HeldFiles {
+    /// Name and root of the process's instance, from the path of its files.
+    pub paths: Option<InstancePaths>,
+    /// The stop words that it reads; `None` if it has not opened them, or if they were shortened.
+    pub stop: Option<StopSwitch>,
+}
+
+impl ObeyingProcess {
+    /// All running processes that obey operators, of every user and instance.
+    pub fn all() -> Vec<Self> {
+        let entries = fs::read_dir("/proc").into_iter().flatten().flatten();
+        entries.filter_map(|entry| Self::of(entry.file_name().to_str()?.parse().ok()?)).collect()
+    }
+
+    /// The process `pid`, if it obeys operators.
+    fn of(pid: u32) -> Option<Self> {
+        let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
+        let field = |name: &str| status.lines().find_map(|line| line.strip_prefix(name));
+        let caught = u64::from_str_radix(field("SigCgt:")?.trim(), 16).ok()?;
+        if caught & (1 << (STOP_SIGNAL.as_raw() - 1)) == 0 {
+            return None;
+        }
+        let user = field("Uid:")?.split_whitespace().next()?.parse().ok()?;
+        // Opened before the name is read: if the number is given to another process in between, the handle's process has ended.
+        let handle = pidfd_open(Pid::from_raw(pid.cast_signed())?, PidfdFlags::empty()).ok()?;
+        let threads = fs::read_dir(format!("/proc/{pid}/task")).ok()?.flatten();
+        threads
+            .into_iter()
+            .find_map(|thread| {
+                let name = fs::read_to_string(thread.path().join("comm")).ok()?;
+                let (is_vehicle, instance, root) = parse(name.trim_end())?;
+                Some((is_vehicle, instance.to_owned(), root.to_owned()))
+            })
+            .map(|(is_vehicle, instance, root)| Self {
+                pid,
+                user,
+                is_vehicle,
+                instance,
+                root,
+                handle,
+            })
+    }
+
+    /// Whether it runs on an instance of this name, under any root.
+    pub fn is_of_instance(&self, instance: &str) -> bool {
+        self.instance == instance_digits(instance)
+    }
+
+    /// Whether its instance is under this root.
+    pub fn is_under(&self, paths: &InstancePaths) -> bool {
+        self.root == digits(paths.root_hash())
+    }
+
+    /// Whether this process may send it a signal: it runs as the same user, or this process is root's.
+    pub fn is_ours(&self) -> bool {
+        geteuid().is_root() || geteuid().as_raw() == self.user
+    }
+
+    /// Sends `signal` to the process; another process with the same number never receives it.
+    ///
+    /// # Errors
+    /// The process has ended, or belongs to another user.
+    pub fn signal(&self, signal: Signal) -> io::Result<()> {
+        Ok(pidfd_send_signal(&self.handle, signal)?)
+    }
+
+    /// Files that the process holds.
+    ///
+    /// # Errors
+    /// This process may not look at it: it belongs to another user, or runs in a user namespace and this process is not root's.
+    pub fn held_files(&self) -> io::Result<HeldFiles> {
+        let mut held = HeldFiles::default();
+        for entry in fs::read_dir(format!("/proc/{}/fd", self.pid))?.flatten() {
+            let Ok(link) = fs::read_link(entry.path()) else { continue };
+            let text = link.to_string_lossy();
+            let path = Path::new(text.strip_suffix(" (deleted)").unwrap_or(&text));
+            if is_stop_file(path) && held.stop.is_none() {
+                held.stop = self.open(&entry.path()).and_then(StopSwitch::of_held_file).ok();
+            }
+            held.paths = held.paths.or_else(|| paths_of(path));
+        }
+        Ok(held)
+    }
+
+    /// Opens a file that the process holds: a regular file of its own user, so that root, which may open everything, writes
+    /// nothing that this user could not write.
+    fn open(&self, descriptor: &Path) -> io::Result<File> {
+        let is_own = |file: &fs::Metadata| file.is_file() && file.uid() == self.user;
+        let flags = (OFlags::NONBLOCK | OFlags::CLOEXEC).bits().cast_signed();
+        let mut options = OpenOptions::new();
+        options.read(true).write(true).custom_flags(flags);
+        // Checked before as well: opening another kind of file may have an effect.
+        if is_own(&fs::metadata(descriptor)?) {
+            let file = options.open(descriptor)?;
+            if is_own(&file.metadata()?) {
+                return Ok(file);
+            }
+        }
+        Err(io::ErrorKind::PermissionDenied.into())
+    }
+}
+
+/// Role and hashes in the name of a thread; `None` for other threads.
+fn parse(name: &str) -> Option<(bool, &str, &str)> {
+    let (role, hashes) = name.split_at_checked(1)?;
+    let is_hash = |c: u8| c.is_ascii_digit() || (b'a'..=b'f').contains(&c);
+    let is_ours = hashes.len() == 2 * DIGITS && hashes.bytes().all(is_hash);
+    let (instance, root) = is_ours.then(|| hashes.split_at(DIGITS))?;
+    matches!(role, "v" | "d").then_some((role == "v", instance, root))
+}
+
+/// Whether `path` is that of the stop words of an instance.
+fn is_stop_file(path: &Path) -> bool {
+    let directory = path.parent().map(Path::as_os_str).unwrap_or_default();
+    let ours = remains::shared("oqtal_");
+    path.ends_with(stop::FILE)
+        && directory.as_encoded_bytes().starts_with(ours.as_os_str().as_encoded_bytes())
+}
+
+/// Paths of the instance of which `path` is the file of its members.
+fn paths_of(path: &Path) -> Option<InstancePaths> {
+    let directory = path.ends_with(membership::MEMBERS).then(|| path.parent())??;
+    let root = directory.parent().map(PathBuf::from)?;
+    InstancePaths::new(directory.file_name()?.to_str()?, Some(&root)).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_thread_name_names_role_instance_and_root_in_15_characters() {
+        let paths = |instance: &str, root: &str| {
+            InstancePaths::new(instance, Some(Path::new(root))).unwrap()
+        };
+        let lab = paths("lab", "/nowhere/oqtal");
+        let name = thread_name(&lab, Role::Bridge).unwrap();
+        assert_eq!(name.len(), 15);
+        let (is_vehicle, instance, root) = parse(&name).unwrap();
+        assert!(is_vehicle);
+        let daemon = thread_name(&lab, Role::Daemon).unwrap();
+        assert_eq!(parse(&daemon), Some((false, instance, root)));
+        assert_eq!(thread_name(&lab, Role::Mocap), None);
+        for other in [paths("lab2", "/nowhere/oqtal"), paths("lab", "/nowhere/oqtal2")] {
+            assert_ne!(thread_name(&other, Role::Daemon), Some(daemon.clone()));
+        }
+        for other in ["", "oqtal", "pages", "v0123", "x01234567890123", "v0123456789abcg", "é"] {
+            assert_eq!(parse(other), None, "{other}");
+        }
+    }
+
+    #[test]
+    fn paths_of_held_files_name_the_instance_and_its_stop() {
+        let held = paths_of(Path::new("/run/oqtal/lab/members")).unwrap();
+        assert_eq!((held.instance.as_str(), held.root.as_path()), ("lab", Path::new("/run/oqtal")));
+        assert_eq!(paths_of(Path::new("/run/oqtal/lab/stop")), None);
+        assert!(is_stop_file(Path::new("/dev/shm/oqtal_lab_0_1/stop")));
+        assert!(!is_stop_file(Path::new("/dev/shm/other/stop")));
+        assert!(!is_stop_file(Path::new("/dev/shm/oqtal_lab_0_1/pose.count")));
+    }
+}

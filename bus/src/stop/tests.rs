@@ -1,0 +1,126 @@
+use super::*;
+use crate::message::Stamps;
+
+const NOW: Time = Time::VIRTUAL_START;
+
+fn switch() -> StopSwitch {
+    StopSwitch::local(Rc::default())
+}
+
+/// Command with this actuation, published `millis` after [`NOW`].
+fn command(actuation: Actuation, millis: i64) -> (Header, CommandV1) {
+    let command_published_at = NOW + Span::from_millis(millis);
+    let stamps = Stamps { command_published_at, ..Stamps::default() };
+    let body = CommandV1 { actuation: actuation.code(), ..CommandV1::default() };
+    (Header { stamps, ..Header::default() }, body)
+}
+
+#[test]
+fn a_stop_is_in_force_until_disarmed_is_commanded_after_it() {
+    let switch = switch();
+    let mut vehicle = VehicleStop::new(switch.clone());
+    assert!(!vehicle.is_in_force(NOW));
+    let number = switch.raise();
+    assert!(vehicle.is_in_force(NOW));
+    let (header, body) = command(Actuation::Disarmed, 5);
+    vehicle.receive_command(&header, &body);
+    assert!(vehicle.is_in_force(NOW), "lifted before it was obeyed");
+    assert_eq!(switch.report(number), StopReport::default());
+    vehicle.confirm(true);
+    for (actuation, millis) in [(Actuation::Sticks, 5), (Actuation::Disarmed, -1)] {
+        let (header, body) = command(actuation, millis);
+        vehicle.receive_command(&header, &body);
+        assert!(vehicle.is_in_force(NOW), "{actuation} at {millis} ms");
+    }
+    let (header, body) = command(Actuation::Disarmed, 0);
+    vehicle.receive_command(&header, &body);
+    assert!(!vehicle.is_in_force(NOW));
+    let report = switch.report(number);
+    assert!(report.vehicle_obeys && report.motors_off && !report.daemon_obeys);
+}
+
+#[test]
+fn a_stop_is_in_force_until_the_motors_are_known_to_be_off() {
+    let switch = switch();
+    let mut vehicle = VehicleStop::new(switch.clone());
+    let number = switch.raise();
+    assert!(vehicle.is_in_force(NOW));
+    vehicle.confirm(false);
+    for millis in [17, 400, 2999] {
+        let (header, body) = command(Actuation::Disarmed, millis);
+        vehicle.receive_command(&header, &body);
+        assert!(vehicle.is_in_force(NOW), "lifted after {millis} ms with motors running");
+    }
+    vehicle.confirm(true);
+    assert!(switch.report(number).motors_off);
+    let (header, body) = command(Actuation::Disarmed, 420);
+    vehicle.receive_command(&header, &body);
+    assert!(!vehicle.is_in_force(NOW));
+
+    // A vehicle that never reports does not block the instance permanently.
+    switch.raise();
+    assert!(vehicle.is_in_force(NOW));
+    vehicle.confirm(false);
+    let (header, body) = command(Actuation::Disarmed, 3000);
+    vehicle.receive_command(&header, &body);
+    assert!(!vehicle.is_in_force(NOW));
+}
+
+#[test]
+fn each_stop_must_be_lifted_however_many_operators_raise_one() {
+    let switch = switch();
+    let mut vehicle = VehicleStop::new(switch.clone());
+    let first = switch.raise();
+    assert!(vehicle.is_in_force(NOW));
+    let second = switch.raise();
+    let later = NOW + Span::from_millis(3);
+    assert!(vehicle.is_in_force(later));
+    vehicle.confirm(false);
+    // Published before the second stop was seen.
+    let (header, body) = command(Actuation::Disarmed, 2);
+    vehicle.receive_command(&header, &body);
+    assert!(vehicle.is_in_force(later));
+    assert!(switch.report(first).vehicle_obeys && switch.report(second).vehicle_obeys);
+    assert!(!switch.report(second).motors_off);
+}
+
+#[test]
+fn a_signal_raises_a_stop_in_either_process() {
+    for is_vehicle in [true, false] {
+        let (shared, signals) = (switch(), SignalFlags::default());
+        let signalled = shared.clone().with_signals(signals.clone());
+        let of = |obeys: bool| if obeys { signalled.clone() } else { shared.clone() };
+        let mut vehicle = VehicleStop::new(of(is_vehicle));
+        let mut daemon = ControllerStop::new(of(!is_vehicle));
+        signals.stop.store(true, Ordering::Release);
+        signals.land.store(true, Ordering::Release);
+        // The process that receives the signal reads its words first.
+        let seen = if is_vehicle {
+            [vehicle.is_in_force(NOW), daemon.is_newly_raised()]
+        } else {
+            [daemon.is_newly_raised(), vehicle.is_in_force(NOW)]
+        };
+        assert_eq!(seen, [true, true]);
+        assert!(!daemon.is_newly_raised(), "raised once");
+        assert_eq!(daemon.is_landing_requested(), !is_vehicle);
+        assert!(!daemon.is_landing_requested());
+    }
+}
+
+#[test]
+fn a_stop_without_a_vehicle_waits_for_one_and_a_restarted_daemon_sees_it_again() {
+    let switch = switch();
+    let mut daemon = ControllerStop::new(switch.clone());
+    let number = switch.raise();
+    assert!(daemon.is_newly_raised() && !daemon.is_newly_raised());
+    daemon.confirm();
+    assert!(switch.report(number).daemon_obeys);
+    assert!(ControllerStop::new(switch.clone()).is_newly_raised());
+    let mut vehicle = VehicleStop::new(switch.clone());
+    assert!(vehicle.is_in_force(NOW));
+    vehicle.confirm(true);
+    let (header, body) = command(Actuation::Disarmed, 1);
+    vehicle.receive_command(&header, &body);
+    assert!(!ControllerStop::new(switch.clone()).is_newly_raised());
+    assert!(!VehicleStop::new(switch).is_in_force(NOW));
+}

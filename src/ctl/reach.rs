@@ -1,0 +1,121 @@
+//! Processes that an operator addresses, found without the bus and without their files.
+
+use std::io;
+use std::path::PathBuf;
+
+use oqtal_bus::obeying::{HeldFiles, ObeyingProcess};
+use oqtal_bus::paths::InstancePaths;
+use oqtal_runtime::process::{Exit, Failure};
+use rustix::process::Signal;
+
+/// Instance that an operator addresses.
+#[derive(Clone, Debug)]
+pub struct Address {
+    /// Name and root.
+    pub paths: InstancePaths,
+    /// Whether the operator gave the root. Otherwise the name counts under every root: a stop that reaches one vehicle too many
+    /// is better than one that reaches none.
+    pub has_root: bool,
+}
+
+/// Processes that obey operators, as seen from an address.
+#[derive(Debug)]
+pub struct Reached {
+    /// Addressed processes.
+    pub processes: Vec<ObeyingProcess>,
+    /// Files held by each of them.
+    pub held: Vec<io::Result<HeldFiles>>,
+    /// Name and root of the instance on which they run, or of the address.
+    pub paths: InstancePaths,
+    others: Vec<ObeyingProcess>,
+    address: Address,
+}
+
+impl Reached {
+    /// Searches all processes of this machine. Root opens the files that they hold, but nothing in a directory of theirs.
+    pub fn find(address: &Address) -> Self {
+        let Address { paths, has_root } = address;
+        let is_addressed = |process: &ObeyingProcess| {
+            let is_here = !has_root || process.is_under(paths);
+            process.is_ours() && process.is_of_instance(&paths.instance) && is_here
+        };
+        let (processes, others): (Vec<_>, Vec<_>) =
+            ObeyingProcess::all().into_iter().partition(is_addressed);
+        let held: Vec<_> = processes.iter().map(ObeyingProcess::held_files).collect();
+        let from_files = held.iter().flatten().filter_map(|files| files.paths.clone());
+        let known = std::iter::once(paths.clone()).chain(from_files).chain(under_roots(paths));
+        let is_theirs = |paths: &InstancePaths| processes.iter().any(|p| p.is_under(paths));
+        let found = known.into_iter().find(is_theirs).unwrap_or_else(|| paths.clone());
+        Self { processes, held, paths: found, others, address: address.clone() }
+    }
+
+    /// Sends `signal` to each addressed process for which `applies` holds; returns a line with the result for each.
+    pub fn signal(&self, signal: Signal, applies: impl Fn(&ObeyingProcess) -> bool) -> Vec<String> {
+        let report = |process: &ObeyingProcess| {
+            let result = process.signal(signal).map_or_else(|e| e.to_string(), |()| "sent".into());
+            format!("signal to {}: {result}", name_of(process))
+        };
+        self.processes.iter().filter(|process| applies(process)).map(report).collect()
+    }
+
+    /// Failure of `command` without an addressed process; `nobody` states this. Another user's process on the instance is a
+    /// missing permission.
+    pub fn nobody(&self, command: &str, nobody: String) -> Failure {
+        let Address { paths, has_root } = &self.address;
+        let is_meant = |process: &&ObeyingProcess| {
+            let is_here = !has_root || process.is_under(paths);
+            process.is_of_instance(&paths.instance) && is_here
+        };
+        if let Some(process) = self.others.iter().find(is_meant) {
+            let root = std::iter::once(paths.clone())
+                .chain(under_roots(paths))
+                .find(|paths| process.is_under(paths))
+                .map_or_else(String::new, |paths| format!(" in {}", paths.root.display()));
+            let message = format!(
+                "{command}: instance `{}` runs{root} as user {}: no permission for {}; run `sudo oqtal ctl {command} --instance {}`",
+                paths.instance,
+                process.user,
+                name_of(process),
+                paths.instance
+            );
+            return Failure::new(Exit::Permission, message);
+        }
+        let mut lines = vec![nobody, format!("  searched: all processes; {}", self.searched())];
+        lines.extend(self.others.iter().map(|other| format!("  runs: {}", place_of(other))));
+        Failure::new(Exit::Peer, lines.join("\n"))
+    }
+
+    /// Roots of the instances that this machine may have.
+    fn searched(&self) -> String {
+        let mut roots = vec![self.address.paths.root.clone()];
+        for root in InstancePaths::default_roots() {
+            if !roots.contains(&root) {
+                roots.push(root);
+            }
+        }
+        let names: Vec<_> = roots.iter().map(|root| root.display().to_string()).collect();
+        names.join(", ")
+    }
+}
+
+/// The instance of this name under each default root.
+fn under_roots(paths: &InstancePaths) -> impl Iterator<Item = InstancePaths> {
+    let instance = paths.instance.clone();
+    let under = move |root: PathBuf| InstancePaths { instance: instance.clone(), root };
+    InstancePaths::default_roots().into_iter().map(under)
+}
+
+/// Role and number of a process.
+pub fn name_of(process: &ObeyingProcess) -> String {
+    let role = if process.is_vehicle { "the vehicle's process" } else { "the daemon," };
+    format!("{role} {}", process.pid)
+}
+
+/// Role, number, user and, as far as it can be read, instance of a process.
+fn place_of(process: &ObeyingProcess) -> String {
+    let paths = process.held_files().ok().and_then(|files| files.paths);
+    let place = paths.map_or_else(String::new, |paths| {
+        format!(", instance `{}` in {}", paths.instance, paths.root.display())
+    });
+    format!("{} of user {}{place}", name_of(process), process.user)
+}

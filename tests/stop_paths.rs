@@ -1,0 +1,281 @@
+//! Stops and landings of a vehicle whose files were removed or whose control service cannot be reached: real processes.
+//! OQTAL_TEST_LOST_STOPS sets the number of stops for each loss and pair of losses; the study also prints and bounds the times.
+
+use std::fs::{self, File};
+use std::path::PathBuf;
+use std::process::Command;
+
+use crate::common::obedience::LandingWatch;
+use crate::common::random::length;
+use crate::common::{Running, Testbed, assert_refused, json, stderr, wait_for};
+use oqtal_bus::bus::Bus;
+use oqtal_bus::code::{Actuation, OperatorCommand};
+use oqtal_bus::control::ControlClient;
+use oqtal_bus::message::{CommandV1, ControlRequestV1, Stamps, VehicleV1};
+use oqtal_bus::port::{Reader, Writer};
+use oqtal_bus::time::{Span, Time};
+use oqtal_bus::topic::{COMMAND, VEHICLE};
+use oqtal_bus::transport::{Publish, Subscribe, Transport};
+use rustix::fs::{FlockOperation, flock};
+
+/// Loss of files of a running instance.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Loss {
+    /// The stop words were removed.
+    Stop,
+    /// The stop words were replaced by a file of another size.
+    StopReplaced,
+    /// The stop words have another size.
+    StopLonger,
+    /// All shared memory was removed, as at the log-out of a user with `RemoveIPC=yes`.
+    Memory,
+    /// The root was removed.
+    Root,
+    /// The members were removed, and another process joined.
+    Members,
+}
+
+const LOSSES: [Loss; 6] =
+    [Loss::Stop, Loss::StopReplaced, Loss::StopLonger, Loss::Memory, Loss::Root, Loss::Members];
+
+/// Stop words of the testbed; `None` after a loss of the link to them.
+fn stop_words(testbed: &Testbed) -> Option<PathBuf> {
+    let link = testbed.paths().directory().join("shared");
+    fs::canonicalize(link).ok().map(|shared| shared.join("stop"))
+}
+
+impl Loss {
+    /// Causes the loss. After another loss there may be nothing left to lose.
+    fn strike(self, testbed: &Testbed) {
+        let directory = testbed.paths().directory();
+        match (self, stop_words(testbed)) {
+            (Self::Stop, Some(words)) => drop(fs::remove_file(words)),
+            (Self::StopReplaced, Some(words)) => {
+                let _ = fs::remove_file(&words);
+                let _ = fs::write(words, [0; 12]);
+            }
+            (Self::StopLonger, Some(words)) => {
+                let _ = File::options().write(true).open(words).map(|file| file.set_len(64));
+            }
+            (Self::Memory, _) => {
+                for name in testbed.remains() {
+                    let path = PathBuf::from("/dev/shm").join(name);
+                    let _ = fs::remove_file(&path).or_else(|_| fs::remove_dir_all(path));
+                }
+            }
+            (Self::Root, _) => drop(fs::remove_dir_all(testbed.path("run"))),
+            (Self::Members, _) => {
+                let _ = fs::remove_file(directory.join("members"));
+                testbed.oqtal(&["ctl", "status"]).output().unwrap();
+            }
+            (_, None) => {}
+        }
+    }
+}
+
+/// `oqtal ctl` of an operator who does not name the root.
+fn rootless(testbed: &Testbed, words: &[&str]) -> Command {
+    let mut command = testbed.study(&[&["ctl"], words].concat());
+    command.args(["--instance", testbed.instance()]);
+    command
+}
+
+/// `oqtal ctl stop --json`, with the root in every second `round`.
+fn stop_command(testbed: &Testbed, round: u64) -> Command {
+    match round % 2 {
+        0 => rootless(testbed, &["stop", "--json"]),
+        _ => testbed.oqtal(&["ctl", "stop", "--json"]),
+    }
+}
+
+/// Waits for the stop that was requested at `asked_at`; in the study it must act within half a second.
+fn acts(vehicles: &mut Reader<VehicleV1>, what: &str, asked_at: Time, mut meanwhile: impl FnMut()) {
+    let stopped_at = wait_for(what, || {
+        meanwhile();
+        let (header, vehicle) = vehicles.receive().unwrap()?;
+        (vehicle.armed == 0).then_some(header.stamps.received_at)
+    });
+    let took = stopped_at.since(asked_at);
+    println!("{what}: {:.0} ms", took.seconds() * 1e3);
+    assert!(length("OQTAL_TEST_LOST_STOPS", 0) == 0 || took < Span::from_millis(500), "{what}");
+}
+
+/// Daemon of the test, which commands thrust whatever is stopped: the process of the vehicle alone must stop.
+struct BlindDaemon {
+    commands: Writer<CommandV1>,
+    vehicles: Reader<VehicleV1>,
+}
+
+impl BlindDaemon {
+    fn open(bus: &Bus) -> Self {
+        let commands = bus.writer(&COMMAND).unwrap();
+        Self { commands, vehicles: bus.observer(&VEHICLE).unwrap() }
+    }
+
+    fn command(commands: &mut Writer<CommandV1>, actuation: Actuation) {
+        let stamps = Stamps { command_published_at: Time::now(), ..Stamps::default() };
+        let body = CommandV1 { actuation: actuation.code(), thrust: 0.3, ..CommandV1::default() };
+        commands.send(1, stamps, body).unwrap();
+        commands.notify().unwrap();
+    }
+
+    fn until(&mut self, what: &str, actuation: Actuation, holds: impl Fn(&VehicleV1) -> bool) {
+        wait_for(what, || {
+            Self::command(&mut self.commands, actuation);
+            self.vehicles.latest().unwrap().filter(|(_, vehicle)| holds(vehicle))
+        });
+    }
+
+    fn is_stopped(&mut self, what: &str, mut operator: Command) {
+        self.until("motors", Actuation::Sticks, |vehicle| vehicle.armed == 1);
+        let asked_at = Time::now();
+        let operator = Running::start(&mut operator);
+        let Self { commands, vehicles } = self;
+        acts(vehicles, what, asked_at, || Self::command(commands, Actuation::Sticks));
+        let output = operator.wait();
+        assert_eq!(output.status.code(), Some(0), "{what}: {}", stderr(&output));
+        assert_eq!(json(&output)["motors_off"], true, "{what}");
+        self.until("the end of the stop", Actuation::Disarmed, |vehicle| vehicle.stopped == 0);
+    }
+}
+
+#[test]
+fn f68_the_process_of_a_vehicle_alone_stops_after_each_pair_of_losses() {
+    let rounds = length("OQTAL_TEST_LOST_STOPS", 1);
+    for (number, first) in LOSSES.into_iter().enumerate() {
+        for second in &LOSSES[number..] {
+            let testbed = Testbed::new("lost-pair");
+            let bus = testbed.bus();
+            let mut daemon = BlindDaemon::open(&bus);
+            let _plant = testbed.start(&["plant-sim", "run"]);
+            daemon.until("a vehicle", Actuation::Disarmed, |_| true);
+            first.strike(&testbed);
+            second.strike(&testbed);
+            for round in 0..rounds {
+                let what = format!("{first:?}, {second:?}, {round}");
+                daemon.is_stopped(&what, stop_command(&testbed, round + number as u64));
+            }
+        }
+    }
+}
+
+/// Flight of three processes; its ports were opened before any loss.
+struct Laboratory {
+    vehicles: Reader<VehicleV1>,
+    client: ControlClient,
+    _processes: [Running; 3],
+}
+
+impl Laboratory {
+    fn start(testbed: &Testbed, bus: &Bus) -> Self {
+        let (vehicles, client) = (bus.observer(&VEHICLE).unwrap(), bus.control_client().unwrap());
+        let mut laboratory = Self { vehicles, client, _processes: testbed.services() };
+        laboratory.arm();
+        laboratory
+    }
+
+    fn arm(&mut self) {
+        wait_for("motors", || {
+            let request = ControlRequestV1::of(OperatorCommand::Arm);
+            self.client.ask(request, Span::from_millis(500)).unwrap();
+            self.vehicles.latest().unwrap().filter(|(_, vehicle)| vehicle.armed == 1)
+        });
+    }
+
+    fn is_stopped(&mut self, what: &str, mut operator: Command) {
+        self.arm();
+        let asked_at = Time::now();
+        let output = operator.output().unwrap();
+        acts(&mut self.vehicles, what, asked_at, || {});
+        assert_eq!(output.status.code(), Some(0), "{what}: {}", stderr(&output));
+        let answer = json(&output);
+        assert_eq!((&answer["motors_off"], &answer["daemon_obeys"]), (&true.into(), &true.into()));
+    }
+}
+
+#[test]
+fn f68_a_flight_stops_after_each_loss_and_the_daemon_obeys() {
+    let rounds = length("OQTAL_TEST_LOST_STOPS", 1);
+    for (number, loss) in LOSSES.into_iter().enumerate() {
+        let testbed = Testbed::new("lost-flight");
+        let bus = testbed.bus();
+        let mut laboratory = Laboratory::start(&testbed, &bus);
+        loss.strike(&testbed);
+        for round in 0..rounds {
+            let operator = stop_command(&testbed, round + number as u64);
+            laboratory.is_stopped(&format!("{loss:?}, {round}"), operator);
+        }
+    }
+}
+
+#[test]
+fn only_the_addressed_instance_stops_and_others_are_listed() {
+    let (testbed, other) = (Testbed::new("addressed"), Testbed::new("other"));
+    let (bus, other_bus) = (testbed.bus(), other.bus());
+    let (mut daemon, mut other_daemon) = (BlindDaemon::open(&bus), BlindDaemon::open(&other_bus));
+    let _other_plant = other.start(&["plant-sim", "run"]);
+    other_daemon.until("motors", Actuation::Sticks, |vehicle| vehicle.armed == 1);
+    let nobody = rootless(&testbed, &["stop"]).output().unwrap();
+    let listed = format!("instance `{}` in {}", other.instance(), other.path("run").display());
+    assert_refused(&nobody, 75, &["nothing to stop", "searched: ", "/run/oqtal", &listed]);
+    let _plant = testbed.start(&["plant-sim", "run"]);
+    daemon.is_stopped("addressed", stop_command(&testbed, 0));
+    // The same name under another root is addressed by name, and not by root.
+    let elsewhere = other.path("elsewhere").display().to_string();
+    let words = ["ctl", "stop", "--instance", other.instance(), "--root", &elsewhere];
+    let nobody = testbed.study(&words).output().unwrap();
+    assert_refused(&nobody, 75, &["nothing to stop", &listed]);
+    other_daemon.until("motors", Actuation::Sticks, |vehicle| vehicle.armed == 1);
+    while let Some((_, vehicle)) = other_daemon.vehicles.receive().unwrap() {
+        assert_eq!(vehicle.stopped, 0);
+    }
+}
+
+/// Number of clients of the control service in one instance \[-\].
+const CLIENTS: usize = 8;
+
+#[test]
+fn f68_a_landing_passes_a_control_service_without_a_place_for_the_operator() {
+    let testbed = Testbed::new("land-crowded");
+    let bus = testbed.bus();
+    let _processes = testbed.services();
+    testbed.take_off(&bus);
+    let mut landing = LandingWatch::open(&bus);
+    let _crowd: Vec<_> = (0..CLIENTS).map_while(|_| bus.control_client().ok()).collect();
+    let output = rootless(&testbed, &["land"]).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    landing.lands();
+}
+
+#[test]
+fn f68_a_landing_passes_a_locked_and_a_removed_instance() {
+    for is_locked in [true, false] {
+        let testbed = Testbed::new("land-locked");
+        let bus = testbed.bus();
+        let _processes = testbed.services();
+        testbed.take_off(&bus);
+        let mut landing = LandingWatch::open(&bus);
+        let directory = File::open(testbed.paths().directory()).unwrap();
+        match is_locked {
+            true => flock(&directory, FlockOperation::LockExclusive).unwrap(),
+            false => Loss::Root.strike(&testbed),
+        }
+        let output = rootless(&testbed, &["land"]).output().unwrap();
+        assert_refused(&output, 1, &["requested by signal", "the daemon, "]);
+        landing.lands();
+    }
+}
+
+#[test]
+fn arming_fails_if_no_flight_follows() {
+    let testbed = Testbed::new("arm-nothing");
+    // Virtual time does not begin without the others.
+    let _daemon = testbed.start(&["daemon", "run", "--set", "clock.kind=lockstep"]);
+    let bus = testbed.bus();
+    let client = bus.control_client().unwrap();
+    wait_for("a daemon", || {
+        let request = ControlRequestV1::of(OperatorCommand::Status);
+        client.ask(request, Span::from_millis(500)).unwrap()
+    });
+    testbed.refuses(&["ctl", "arm"], 1, &["arm refused", "the flight did not begin"]);
+}
