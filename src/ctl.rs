@@ -20,8 +20,8 @@ use oqtal_runtime::program::{print, say};
 use serde::Serialize;
 
 use oqtal_observe::status::{InstanceStatus, ProcessHealth, VehicleStatus, word};
-use reach::Address;
-use request::request;
+use reach::AddressedInstance;
+use request::{request, silent};
 
 /// Arguments of `oqtal ctl`.
 #[derive(Args, Debug)]
@@ -102,7 +102,8 @@ impl CtlArgs {
     /// No daemon answers (exit code 75), or it refuses the command (1).
     pub fn execute(&self) -> Result<Exit, Failure> {
         let (instance, config) = self.target()?;
-        let address = Address { paths: paths_of(&instance)?, has_root: !instance.root.is_empty() };
+        let address =
+            AddressedInstance { paths: paths_of(&instance)?, has_root: !instance.root.is_empty() };
         if let Request::Stop = self.command {
             return stop::execute(&address, self.json);
         }
@@ -196,13 +197,6 @@ fn effect(command: OperatorCommand, mode: Option<Mode>, answer: &str) -> String 
     }
 }
 
-fn silent(instance: &str) -> Failure {
-    let message = format!(
-        "no daemon answers on instance `{instance}`; start one with `oqtal daemon run --instance {instance}`"
-    );
-    Failure::new(Exit::Peer, message)
-}
-
 /// Fails if no daemon answers on `instance`; the message names the alternative `otherwise`.
 ///
 /// # Errors
@@ -259,9 +253,9 @@ pub fn stop_text(paths: &InstancePaths) -> String {
     text.lines().next().unwrap_or_default().to_owned()
 }
 
-/// Address of the instance that the calling process observes.
-fn here(paths: &InstancePaths) -> Address {
-    Address { paths: paths.clone(), has_root: true }
+/// AddressedInstance of the instance that the calling process observes.
+fn here(paths: &InstancePaths) -> AddressedInstance {
+    AddressedInstance { paths: paths.clone(), has_root: true }
 }
 
 impl ControlReport {

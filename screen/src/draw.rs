@@ -137,7 +137,7 @@ impl Canvas {
         } else {
             let (width, height) = COMPLETE;
             format!(
-                "q quits, S stops; not shown: {} ({width} x {height} shows all)",
+                "q quits, S stops; not shown: {} (needs {width} x {height})",
                 left_out.join(", ")
             )
         };

@@ -16,8 +16,8 @@ use oqtal_bus::transport::{Subscribe, Transport};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::beside;
 
-use super::reach::{Address, Reached};
-use super::silent;
+use super::reach::{AddressedInstance, Reached};
+use super::request::silent;
 
 /// Time within which a running daemon answers a request.
 const ANSWER_TIMEOUT: Span = Span::from_millis(300);
@@ -33,7 +33,7 @@ type LandingAnswer = Result<Option<ControlResponseV1>, BusError>;
 ///
 /// # Errors
 /// The daemon was signalled and has not confirmed (exit code 1), no daemon runs (75), or it belongs to another user (77).
-pub fn land(address: &Address) -> Result<ControlResponseV1, Failure> {
+pub fn land(address: &AddressedInstance) -> Result<ControlResponseV1, Failure> {
     let reached = Reached::find(address);
     let paths = &reached.paths;
     let is_daemon = |process: &ObeyingProcess| !process.is_vehicle;
@@ -63,7 +63,7 @@ pub fn land(address: &Address) -> Result<ControlResponseV1, Failure> {
     Err(Failure::new(Exit::Flight, message))
 }
 
-fn silent_text(address: &Address) -> String {
+fn silent_text(address: &AddressedInstance) -> String {
     format!("land: {}", silent(&address.paths.instance).message)
 }
 

@@ -10,7 +10,7 @@ use rustix::process::Signal;
 
 /// Instance that an operator addresses.
 #[derive(Clone, Debug)]
-pub struct Address {
+pub struct AddressedInstance {
     /// Name and root.
     pub paths: InstancePaths,
     /// Whether the operator gave the root. Otherwise the name counts under every root: a stop that reaches one vehicle too many
@@ -28,13 +28,13 @@ pub struct Reached {
     /// Name and root of the instance on which they run, or of the address.
     pub paths: InstancePaths,
     others: Vec<ObeyingProcess>,
-    address: Address,
+    address: AddressedInstance,
 }
 
 impl Reached {
     /// Searches all processes of this machine. Root opens the files that they hold, but nothing in a directory of theirs.
-    pub fn find(address: &Address) -> Self {
-        let Address { paths, has_root } = address;
+    pub fn find(address: &AddressedInstance) -> Self {
+        let AddressedInstance { paths, has_root } = address;
         let is_addressed = |process: &ObeyingProcess| {
             let is_here = !has_root || process.is_under(paths);
             process.is_ours() && process.is_of_instance(&paths.instance) && is_here
@@ -61,7 +61,7 @@ impl Reached {
     /// Failure of `command` without an addressed process; `nobody` states this. Another user's process on the instance is a
     /// missing permission.
     pub fn nobody(&self, command: &str, nobody: String) -> Failure {
-        let Address { paths, has_root } = &self.address;
+        let AddressedInstance { paths, has_root } = &self.address;
         let is_meant = |process: &&ObeyingProcess| {
             let is_here = !has_root || process.is_under(paths);
             process.is_of_instance(&paths.instance) && is_here

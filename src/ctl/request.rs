@@ -5,6 +5,7 @@ use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
 use oqtal_bus::time::{Span, Time};
+use oqtal_runtime::process::{Exit, Failure};
 
 /// Time within which a running daemon answers.
 const ANSWER_TIMEOUT: Span = Span::from_millis(2000);
@@ -22,4 +23,12 @@ pub fn request(
         ..ControlRequestV1::of(command)
     };
     bus.control_client()?.ask(request, ANSWER_TIMEOUT)
+}
+
+/// Failure of a command without an answer.
+pub fn silent(instance: &str) -> Failure {
+    let message = format!(
+        "no daemon answers on instance `{instance}`; start one with `oqtal daemon run --instance {instance}`"
+    );
+    Failure::new(Exit::Peer, message)
 }

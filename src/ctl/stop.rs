@@ -21,7 +21,7 @@ use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::{beside, print};
 use serde::Serialize;
 
-use super::reach::{Address, Reached, name_of};
+use super::reach::{AddressedInstance, Reached, name_of};
 
 /// Time after which the report is printed.
 const REPORT_TIMEOUT: Span = Span::from_millis(950);
@@ -67,7 +67,7 @@ struct RaisedStop {
 /// # Errors
 /// The vehicle has not reported that its motors are off (exit code 1); no process of a vehicle obeys, or none runs (75); the
 /// instance belongs to another user (77).
-pub fn execute(address: &Address, json: bool) -> Result<Exit, Failure> {
+pub fn execute(address: &AddressedInstance, json: bool) -> Result<Exit, Failure> {
     conclude(&raise(address)?, json)
 }
 
@@ -76,7 +76,7 @@ pub fn execute(address: &Address, json: bool) -> Result<Exit, Failure> {
 ///
 /// # Errors
 /// No process runs (75), or the instance belongs to another user (77).
-pub fn raise(address: &Address) -> Result<ObeyedStop, Failure> {
+pub fn raise(address: &AddressedInstance) -> Result<ObeyedStop, Failure> {
     let give_up = Time::now() + REPORT_TIMEOUT;
     let mut reached = Reached::find(address);
     let (raised, mut paths) = raise_words(&mut reached)?;
@@ -165,7 +165,7 @@ fn said(answer: &DaemonAnswer) -> &str {
 }
 
 /// The command that arms again.
-fn arm_again(address: &Address, paths: &InstancePaths) -> String {
+fn arm_again(address: &AddressedInstance, paths: &InstancePaths) -> String {
     let InstancePaths { instance, root } = paths;
     let is_other_root = address.has_root || *root != address.paths.root;
     let root = if is_other_root { format!(" --root {}", root.display()) } else { String::new() };
