@@ -3,7 +3,7 @@
 use std::os::unix::process::CommandExt;
 use std::process::Command;
 
-use crate::common::{Running, Testbed, assert_refused, is_root, wait_for};
+use crate::common::{Running, Testbed, assert_refused, is_root, stderr, wait_for};
 use rustix::process::Signal;
 
 #[test]
@@ -53,4 +53,49 @@ fn f28_names_that_another_user_planted_in_shared_memory_do_no_harm() {
     assert!(left.is_empty() && !root.join(testbed.instance()).exists(), "{left:?}");
     planted.iter().for_each(|path| std::fs::remove_dir(path).unwrap());
     std::os::unix::fs::chown(&root, Some(0), Some(0)).unwrap();
+}
+
+/// `oqtal` with these arguments as another user, without a directory of that user's session.
+fn as_user(user: u32, program: &str, words: &[&str]) -> Command {
+    let mut command = Command::new(program);
+    command.args(words).env_remove("XDG_RUNTIME_DIR").current_dir("/").uid(user).gid(user);
+    command
+}
+
+#[test]
+fn f28_a_stop_names_the_owner_s_directory_acts_as_root_and_needs_no_thread() {
+    if !is_root() {
+        return;
+    }
+    let testbed = Testbed::new("owner");
+    let (owner, oqtal) = (65_533, env!("CARGO_BIN_EXE_oqtal"));
+    let root = format!("/tmp/oqtal-{owner}");
+    let place = ["--instance", testbed.instance()];
+    // The root by default of a user without a session.
+    let words = [&["plant-sim", "run"], &place[..]].concat();
+    let plant = Running::start(&mut as_user(owner, oqtal, &words));
+    let stop = [&["ctl", "stop"], &place[..]].concat();
+    wait_for("a stop by the owner", || {
+        as_user(owner, oqtal, &stop).output().unwrap().status.success().then_some(())
+    });
+    let other = as_user(65_534, oqtal, &stop).output().unwrap();
+    assert_refused(&other, 77, &[&root, "sudo oqtal ctl stop", testbed.instance()]);
+    let by_root = as_user(0, oqtal, &stop).output().unwrap();
+    assert!(by_root.status.success(), "{}", stderr(&by_root));
+    // A process that may start no thread.
+    let limited = [&["--nproc=1:1", oqtal], &stop[..]].concat();
+    let limited = as_user(owner, "prlimit", &limited).output().unwrap();
+    assert!(limited.status.success(), "{}", stderr(&limited));
+    std::fs::remove_dir_all(&root).unwrap();
+    for user in [owner, 0] {
+        let stopped = as_user(user, oqtal, &stop).output().unwrap();
+        assert!(stopped.status.success(), "user {user}, no root: {}", stderr(&stopped));
+    }
+    assert!(!std::path::Path::new(&root).exists(), "made by another user");
+    plant.signal(Signal::TERM);
+    drop(plant.wait());
+    testbed.remains().iter().for_each(|name| {
+        let path = std::path::Path::new("/dev/shm").join(name);
+        let _ = std::fs::remove_file(&path).or_else(|_| std::fs::remove_dir_all(path));
+    });
 }
