@@ -17,6 +17,7 @@ use crate::fence::FenceOptions;
 use crate::instance::{ClockOptions, InstanceOptions, LogOptions};
 use crate::layer::FILE_KEYS;
 use crate::mocap::MocapOptions;
+use crate::nearest_key::with_nearest_key;
 use crate::origin::Origins;
 use crate::plant::PlantOptions;
 use crate::realtime::RealtimeOptions;
@@ -151,7 +152,8 @@ impl Config {
         for setting in preset::named_by(&settings)?.iter().chain(&settings) {
             setting.insert_into(&mut table)?;
             // Applied one at a time, so that the error names the offending setting.
-            deserialize(&table).map_err(|reason| setting.refused(&reason))?;
+            deserialize(&table)
+                .map_err(|reason| setting.refused(&with_nearest_key(setting, reason, DEFAULTS)))?;
             origins.record(setting);
         }
         let config = deserialize(&table)

@@ -34,6 +34,12 @@ const OTHERS: [(&str, &str); 8] = [
     ("safety.pose-rate-hz", "mocap.rate-hz"),
 ];
 
+/// Values of the filter's noise for cameras without noise, with which a filter cannot work: (key, value).
+const WITHOUT_NOISE: [(&str, f64); 2] = [
+    ("control.predictive.filter.attitude-noise-deg", 0.2),
+    ("control.predictive.filter.position-noise-mm", 0.5),
+];
+
 /// The key that `key` may follow; `None` if it cannot follow one. A key in a table that follows another table follows the key
 /// with the same name there.
 pub(crate) fn followed_by(key: &str) -> Option<String> {
@@ -63,7 +69,11 @@ pub(crate) fn resolve(table: &mut Table) {
         let word = follow_word(key);
         match (value_at_mut(table, key), value) {
             (Some(Value::Table(own)), Value::Table(followed)) => complete(own, &followed),
-            (Some(own), value) if own.as_str() == word.as_deref() => *own = value,
+            (Some(own), value) if own.as_str() == word.as_deref() => {
+                let is_zero = value.as_float() == Some(0.0) || value.as_integer() == Some(0);
+                let least = WITHOUT_NOISE.iter().find(|(filter, _)| is_zero && filter == key);
+                *own = least.map_or(value, |(_, noise)| (*noise).into());
+            }
             _ => {}
         }
     }

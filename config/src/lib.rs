@@ -10,7 +10,7 @@
 //! | `setting.rs`, `layer.rs`, `preset.rs` | values with their origins, from flags, files, the environment, presets |
 //! | `place.rs` | the instance in a configuration with errors |
 //! | `follow.rs` | keys that follow those of another section |
-//! | `renamed.rs` | keys of earlier versions |
+//! | `renamed.rs`, `nearest_key.rs` | keys of earlier versions; the key that an unknown one was meant to be |
 //! | `origin.rs`, `error.rs` | origins of values, and the error that names them |
 //! | `text.rs` | files read as text |
 //! | `airframe.rs` | values common to `[vehicle]` and `[plant]` |
@@ -35,6 +35,7 @@ mod mocap;
 mod mocap_cameras;
 mod mocap_room;
 mod mocap_serve;
+mod nearest_key;
 mod origin;
 mod period;
 mod place;

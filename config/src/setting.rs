@@ -91,11 +91,10 @@ where
     parsed.map_err(|error| OptionError::new(key, format!("`{text}`"), format!("{object}: {error}")))
 }
 
-/// The TOML value of `text`, or `text` itself as a string if it is not TOML.
+/// The TOML value of `text`, or `text` itself as a string if it is not TOML. `.5` and `5.` are numbers, too, unlike in TOML.
 pub(crate) fn word_or_toml(text: &str) -> Value {
     let parsed: Result<Table, _> = format!("value = {text}").parse();
-    parsed
-        .ok()
-        .and_then(|mut table| table.remove("value"))
-        .unwrap_or_else(|| Value::String(text.to_owned()))
+    let number = || text.parse().ok().filter(|_| text.contains('.')).map(Value::Float);
+    let value = parsed.ok().and_then(|mut table| table.remove("value"));
+    value.or_else(number).unwrap_or_else(|| Value::String(text.to_owned()))
 }

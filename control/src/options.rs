@@ -68,11 +68,26 @@ impl Rule {
 
 impl fmt::Display for Rule {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
+        match *self {
             Self::Positive => f.write_str("a finite number above 0"),
             Self::NotNegative => f.write_str("a finite number, 0 or above"),
             Self::PositiveOrInfinite => f.write_str("above 0 (inf for no limit)"),
-            Self::Between(low, high) => write!(f, "between {low} and {high}"),
+            Self::Between(low, f64::MAX) => write!(f, "at least {}", Figure(low)),
+            Self::Between(low, high) => write!(f, "between {} and {}", Figure(low), Figure(high)),
+        }
+    }
+}
+
+/// A number as text, in scientific notation if it would have many digits.
+struct Figure(f64);
+
+impl fmt::Display for Figure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            value if value != 0.0 && value.is_finite() && !(1e-6..1e9).contains(&value.abs()) => {
+                write!(f, "{value:e}")
+            }
+            value => write!(f, "{value}"),
         }
     }
 }
@@ -83,7 +98,7 @@ impl fmt::Display for Rule {
 /// The first option whose value breaks its rule.
 pub fn check_options<const N: usize>(table: [(&str, f64, Rule); N]) -> Result<(), OptionError> {
     let broken = table.into_iter().find(|(_, value, rule)| !rule.allows(*value));
-    broken.map_or(Ok(()), |(key, value, rule)| Err(OptionError::new(key, value, rule)))
+    broken.map_or(Ok(()), |(key, value, rule)| Err(OptionError::new(key, Figure(value), rule)))
 }
 
 #[cfg(test)]
@@ -105,6 +120,16 @@ mod tests {
         assert_eq!(allowed(Rule::Positive), [false, false, true, false, false]);
         assert_eq!(allowed(Rule::NotNegative), [false, true, true, false, false]);
         assert_eq!(allowed(Rule::PositiveOrInfinite), [false, false, true, true, false]);
+    }
+
+    #[test]
+    fn bounds_and_values_are_short() {
+        let error = |value, rule| check_options([("x", value, rule)]).unwrap_err().to_string();
+        assert_eq!(error(0.0, Rule::Between(1.0, f64::MAX)), "`x` is 0, it must be at least 1");
+        assert_eq!(
+            error(-1e300, Rule::Between(1e-7, 45.0)),
+            "`x` is -1e300, it must be between 1e-7 and 45"
+        );
     }
 
     #[test]

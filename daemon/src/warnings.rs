@@ -10,6 +10,8 @@ use oqtal_control::trajectory::{
 const STEP_S: f64 = 0.01;
 /// Most points at which the reference is looked at \[-\].
 const MOST_POINTS: f64 = 20_000.0;
+/// Thrust over weight above which a note is printed \[-\].
+const MOST_THRUST: f64 = 20.0;
 /// Distance between hover point and first waypoint above which a note is printed \[m\].
 const TOLD_JUMP_M: f64 = 0.5;
 
@@ -20,6 +22,7 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
         return all;
     }
     all.extend(config.rate_warning());
+    all.extend(implausible(config));
     all.extend(law_replaced(config));
     let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
     let samples = samples(&plan);
@@ -32,12 +35,36 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     all
 }
 
+/// Notes on values of the vehicle that are probably written in another unit.
+fn implausible(config: &Config) -> Vec<String> {
+    let vehicle = &config.vehicle;
+    let weight_n = vehicle.mass_kg * vehicle.gravity_m_s2;
+    let ratio = vehicle.max_thrust_n / weight_n;
+    let checks = [
+        ("mass-kg", vehicle.mass_kg, 0.01..=50.0, "kg"),
+        ("rate-lag-ms", vehicle.rate_lag_ms, 1.0..=1000.0, "ms"),
+        ("thrust-lag-ms", vehicle.thrust_lag_ms, 0.0..=1000.0, "ms"),
+        ("command-delay-ms", vehicle.command_delay_ms, 0.0..=1000.0, "ms"),
+    ];
+    let unusual = checks.into_iter().filter(|(_, value, usual, _)| !usual.contains(value));
+    let mut notes: Vec<_> = unusual
+        .map(|(key, value, _, unit)| format!("vehicle.{key} is {value}, unusual in {unit}"))
+        .collect();
+    if ratio > MOST_THRUST && weight_n > 0.0 {
+        let thrust_n = vehicle.max_thrust_n;
+        notes.push(format!(
+            "vehicle.max-thrust-n is {thrust_n}, {ratio:.0} times the weight of {weight_n:.2} N: all rotors together, in newtons"
+        ));
+    }
+    notes
+}
+
 /// Note that the configured law has no effect, because the vehicle has its own attitude loop.
 fn law_replaced(config: &Config) -> Option<String> {
     let replaced = config.vehicle.interface.holds_attitude() && !config.control.is_predictive();
     replaced.then(|| {
         format!(
-            "vehicle.interface is \"attitude\": the vehicle's own loop takes the place of the attitude law, and {} flies as every other but oqtal-dt",
+            "vehicle.interface is \"attitude\": the vehicle's own loop takes the place of the attitude law; {} flies like every law but oqtal-dt and mpc, which also predict the motion",
             config.control.controller
         )
     })
@@ -140,9 +167,17 @@ mod tests {
     fn a_law_whose_place_the_vehicle_takes_is_told() {
         let attitude = "vehicle.interface=attitude";
         let text = told(&[attitude, "control.controller=lqr"], None).join("\n");
-        assert!(text.contains("lqr flies as every other but oqtal-dt"), "{text}");
+        assert!(text.contains("lqr flies like every law but oqtal-dt"), "{text}");
         assert!(told(&[attitude, "control.controller=oqtal-dt"], None).is_empty());
         assert!(told(&["control.controller=lqr"], None).is_empty());
+    }
+
+    #[test]
+    fn values_in_another_unit_are_told() {
+        let text =
+            told(&["vehicle.max-thrust-n=22000", "vehicle.rate-lag-ms=50000"], None).join("\n");
+        assert!(text.contains("4485 times the weight of 4.91 N"), "{text}");
+        assert!(text.contains("vehicle.rate-lag-ms is 50000, unusual in ms"), "{text}");
     }
 
     #[test]

@@ -69,6 +69,9 @@ impl Axis {
             };
             return Ok(Self { key, values: spaced(first, last, number) });
         }
+        if range.len() > 1 {
+            return Err(form.to_owned());
+        }
         let one = |text: &str| Setting::parse("", &format!("{key}={text}")).map(|s| s.value);
         let values: Result<_, _> = values.split(',').map(one).collect();
         values.map(|values| Self { key: key.clone(), values }).map_err(|_| form.to_owned())

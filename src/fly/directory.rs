@@ -37,7 +37,7 @@ impl FlightDirectory {
         if let Some(flight) = given.filter(|directory| directory.join(CONFIG).exists()) {
             let flight = flight.display();
             let reason = format!("{flight} holds a flight already; give another --out, or --force");
-            return Err(Failure::new(Exit::System, reason));
+            return Err(Failure::new(Exit::Usage, reason));
         }
         Self::create_or_replace(given, config)
     }

@@ -1,0 +1,88 @@
+//! The key that an unknown key was probably meant to be.
+
+use toml::{Table, Value};
+
+use crate::setting::Setting;
+
+/// Least similarity of a suggested key \[-\], from 0 to 1.
+const SIMILAR: f64 = 0.85;
+
+/// `reason` for which `setting` was refused; for an unknown key, with the key of the file `shipped` that was probably meant.
+pub(crate) fn with_nearest_key(setting: &Setting, reason: String, shipped: &str) -> String {
+    if !reason.starts_with("unknown field") {
+        return reason;
+    }
+    match nearest(&setting.key, shipped) {
+        Some(known) if setting.origin.starts_with("OQTAL_") => {
+            format!("unknown key; did you mean the variable {}?", variable(&known))
+        }
+        Some(known) => format!("unknown key; did you mean `{known}`?"),
+        None => reason,
+    }
+}
+
+/// The variable of the environment that sets the key `key`.
+fn variable(key: &str) -> String {
+    format!("OQTAL_{}", key.to_ascii_uppercase().replace('.', "__").replace('-', "_"))
+}
+
+/// The key of the file `shipped` that is most like `key`.
+fn nearest(key: &str, shipped: &str) -> Option<String> {
+    let plain = |key: &str| key.replace(['.', '_'], "-").to_ascii_lowercase();
+    let wanted = plain(key);
+    let likeness = |known: &String| {
+        // A key without its unit, or without its section.
+        let known = plain(known);
+        let is_part = known.strip_prefix(&wanted).is_some_and(|rest| rest.starts_with('-'))
+            || known.strip_suffix(&wanted).is_some_and(|rest| rest.ends_with('-'));
+        if is_part { 1.0 } else { strsim::jaro(&known, &wanted) }
+    };
+    let table: Table = shipped.parse().ok()?;
+    let mut keys = Vec::new();
+    collect(&table, "", &mut keys);
+    let rated = keys.into_iter().map(|key| (likeness(&key), key));
+    let best = rated.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.len().cmp(&a.1.len())))?;
+    (best.0 >= SIMILAR).then_some(best.1)
+}
+
+/// Collects the dotted keys of `table`, which is the section `path`.
+fn collect(table: &Table, path: &str, keys: &mut Vec<String>) {
+    for (name, value) in table {
+        let key = if path.is_empty() { name.clone() } else { format!("{path}.{name}") };
+        match value {
+            Value::Table(inner) => collect(inner, &key, keys),
+            _ => keys.push(key),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::DEFAULTS;
+
+    #[test]
+    fn a_key_that_is_almost_right_is_suggested() {
+        for (written, meant) in [
+            ("vehicle.mass", "vehicle.mass-kg"),
+            ("vehicle-mass-kg", "vehicle.mass-kg"),
+            ("vehicle.mas-kg", "vehicle.mass-kg"),
+            ("mass-kg", "plant.mass-kg"),
+            ("vehicle.max_thrust_n", "vehicle.max-thrust-n"),
+            ("control.controler", "control.controller"),
+        ] {
+            assert_eq!(nearest(written, DEFAULTS).as_deref(), Some(meant), "{written}");
+        }
+        assert_eq!(nearest("zebra.stripes", DEFAULTS), None);
+    }
+
+    #[test]
+    fn a_variable_is_suggested_for_a_variable() {
+        let told = |key: &str, origin: &str, reason: &str| {
+            with_nearest_key(&Setting::flag(origin, key, 1.0), reason.to_owned(), DEFAULTS)
+        };
+        let text = told("vehicle-mass-kg", "OQTAL_VEHICLE_MASS_KG", "unknown field `x`");
+        assert!(text.ends_with("the variable OQTAL_VEHICLE__MASS_KG?"), "{text}");
+        assert_eq!(told("vehicle.mass-kg", "--set", "not a number"), "not a number");
+    }
+}
