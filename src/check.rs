@@ -1,4 +1,4 @@
-//! `oqtal check FILE`: the effective configuration, and its differences from the shipped vehicle.
+//! `oqtal check FILE…`: the effective configuration, and its differences from the shipped vehicle.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -12,17 +12,18 @@ use toml::{Table, Value};
 /// Arguments of `oqtal check`.
 #[derive(Args, Debug)]
 pub struct CheckArgs {
-    /// Configuration file (TOML) [default: the built-in values]
-    file: Option<PathBuf>,
+    /// Configuration files (TOML), later ones override earlier ones [default: the built-in values]
+    #[arg(value_name = "FILE")]
+    files: Vec<PathBuf>,
 }
 
 impl CheckArgs {
     /// Checks the configuration like every process, and prints it.
     ///
     /// # Errors
-    /// The file has an error (exit code 78, with its line), or a file that it names is invalid (65).
+    /// A file has an error (exit code 78, with its line), or a file that it names is invalid (65).
     pub fn execute(&self) -> Result<Exit, Failure> {
-        let config = Config::load(self.file.as_deref(), &[])?;
+        let config = Config::load(&self.files, &[])?;
         check_instance(&config)?;
         oqtal_bridge::check_options(&config).map_err(|error| config.locate(&error))?;
         oqtal_daemon::check(&config)?;

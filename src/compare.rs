@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use oqtal_observe::compare::{Comparison, MOST_FLIGHTS};
+use oqtal_observe::recording::recording_path;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 
@@ -13,7 +14,7 @@ use crate::recordings;
 #[derive(Args, Debug)]
 pub struct CompareArgs {
     /// The recordings
-    #[arg(num_args = 2.., required = true, value_name = "FILE")]
+    #[arg(num_args = 2.., required = true, value_name = "FILE", value_parser = recording_path)]
     files: Vec<PathBuf>,
     /// The page with overlaid plots
     #[arg(long, value_name = "FILE", default_value = "compare.html")]

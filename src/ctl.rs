@@ -107,7 +107,7 @@ impl CtlArgs {
         if let Request::Stop = self.command {
             return stop::execute(&address, self.json);
         }
-        let named = config.as_ref().filter(|_| self.common.config.is_some());
+        let named = config.as_ref().filter(|_| !self.common.config.is_empty());
         let expected = named.map(Config::hash);
         let (response, status) = match self.command {
             Request::Land => (Some(land::land(&address)?), InstanceStatus::default()),
@@ -135,7 +135,7 @@ impl CtlArgs {
     /// Instance and configuration. A flight must be ended even with an invalid configuration: a command that ends one needs only
     /// the instance, and errors are only reported.
     fn target(&self) -> Result<(InstanceOptions, Option<Config>), Failure> {
-        let (file, ends_flight) = (self.common.config.as_deref(), self.command.ends_flight());
+        let (file, ends_flight) = (&self.common.config, self.command.ends_flight());
         let loaded = self.common.settings().and_then(|settings| Config::load(file, &settings));
         match loaded {
             Ok(config) => Ok((config.instance.clone(), Some(config))),

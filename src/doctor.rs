@@ -65,7 +65,7 @@ impl DoctorArgs {
     /// # Errors
     /// The configuration is invalid.
     pub fn execute(&self) -> Result<Exit, Failure> {
-        let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
+        let config = Config::load(&self.common.config, &self.common.settings()?)?;
         let findings = examine(&System::live(&instance_paths(&config)?.root));
         print(&if self.json { json(&findings) } else { text(&findings) })?;
         let problem = findings.iter().find(|finding| finding.level == Level::Problem);

@@ -4,7 +4,9 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use oqtal_observe::csv;
-use oqtal_observe::recording::{CsvExport, RecordingFile, Tables, TumExport, flight, play};
+use oqtal_observe::recording::{
+    CsvExport, RecordingFile, Tables, TumExport, flight, play, recording_path,
+};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 
@@ -13,7 +15,8 @@ use crate::recordings::{self, failure};
 /// Arguments of `oqtal export`.
 #[derive(Args, Debug)]
 pub struct ExportArgs {
-    /// The recording
+    /// The recording: a file, the directory of a flight, or `latest`
+    #[arg(value_parser = recording_path)]
     file: PathBuf,
     /// Format of the files
     #[arg(long, value_enum)]

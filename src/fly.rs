@@ -134,7 +134,7 @@ impl FlyArgs {
     /// The flight could not be flown, or its results could not be written. A flight with a bad outcome gives an exit code, not an
     /// error.
     pub fn execute(&self) -> Result<Exit, Failure> {
-        let mut config = Config::load(self.common.config.as_deref(), &self.settings()?)?;
+        let mut config = Config::load(&self.common.config, &self.settings()?)?;
         check_instance(&config)?;
         let commands = CommandLink::open(self.vehicle.as_ref(), &mut config)?;
         let poses = PosePath::open(self.mocap.as_ref(), &commands, &mut config)?;

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use oqtal_observe::recording::RecordingOverview;
+use oqtal_observe::recording::{RecordingOverview, recording_path};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 
@@ -12,7 +12,8 @@ use crate::recordings;
 /// Arguments of `oqtal info`.
 #[derive(Args, Debug)]
 pub struct InfoArgs {
-    /// The recording
+    /// The recording: a file, the directory of a flight, or `latest`
+    #[arg(value_parser = recording_path)]
     file: PathBuf,
     /// Print the overview as JSON
     #[arg(long)]

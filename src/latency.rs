@@ -79,7 +79,7 @@ impl LatencyArgs {
     /// # Errors
     /// With --attach no daemon is running (exit code 75); or a process could not be started or ended.
     pub fn execute(&self) -> Result<Exit, Failure> {
-        let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
+        let config = Config::load(&self.common.config, &self.common.settings()?)?;
         let stop = stop_on_signals()?;
         let figures =
             if self.attach { self.attach(&config, &stop)? } else { self.at_rest(&config, &stop)? };

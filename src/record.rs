@@ -49,7 +49,7 @@ impl RecordArgs {
     /// # Errors
     /// No daemon runs (with `--attach`, exit code 75), a file cannot be written (71), or the bus refuses.
     pub fn execute(&self) -> Result<Exit, Failure> {
-        let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
+        let config = Config::load(&self.common.config, &self.common.settings()?)?;
         let stop = stop_on_signals()?;
         let place = instance_paths(&config)?;
         let bus = Bus::open(&place)?;

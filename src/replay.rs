@@ -8,7 +8,9 @@ use oqtal_bus::message::CommandV1;
 use oqtal_config::{Config, Setting};
 use oqtal_control::trajectory::{Trajectory, Waypoints};
 use oqtal_lab::replay::{ReplayResult, ReplayedTick, replay};
-use oqtal_observe::recording::{DaemonHistory, InputHistory, RecordingFile, WAYPOINTS_FILE, play};
+use oqtal_observe::recording::{
+    DaemonHistory, InputHistory, RecordingFile, WAYPOINTS_FILE, play, recording_path,
+};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 use serde::Serialize;
@@ -21,7 +23,8 @@ const LISTED: usize = 10;
 /// Arguments of `oqtal replay`.
 #[derive(Args, Debug)]
 pub struct ReplayArgs {
-    /// The recording
+    /// The recording: a file, the directory of a flight, or `latest`
+    #[arg(value_parser = recording_path)]
     file: PathBuf,
     /// Replay with another attitude law (open loop)
     #[arg(long, value_name = "NAME")]

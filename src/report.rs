@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use oqtal_observe::recording::recording_path;
 use oqtal_observe::summary::Summary;
 use oqtal_observe::{report, table};
 use oqtal_runtime::process::{Exit, Failure};
@@ -14,7 +15,8 @@ use crate::recordings;
 /// Arguments of `oqtal report`.
 #[derive(Args, Debug)]
 pub struct ReportArgs {
-    /// The recording
+    /// The recording: a file, the directory of a flight, or `latest`
+    #[arg(value_parser = recording_path)]
     file: PathBuf,
     /// The page [default: FILE with .html in place of .mcap]
     #[arg(long, value_name = "FILE")]

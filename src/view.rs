@@ -14,6 +14,7 @@ use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::Time;
 use oqtal_config::Config;
 use oqtal_observe::observer::BusObserver;
+use oqtal_observe::recording::recording_path;
 use oqtal_runtime::health::SILENCE;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths, stop_on_signals};
 use oqtal_runtime::program::say;
@@ -40,7 +41,8 @@ const TOKEN_BYTES: usize = 16;
 /// Arguments of `oqtal view`.
 #[derive(Args, Debug)]
 pub struct ViewArgs {
-    /// A recording; without one the running instance is shown
+    /// A recording, the directory of a flight, or `latest`; without one the running instance is shown
+    #[arg(value_parser = recording_path)]
     file: Option<PathBuf>,
     /// Address and port of the page; another address than this machine's own needs --token. Port 0 is any free one
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:8600")]
@@ -87,7 +89,7 @@ impl ViewArgs {
     }
 
     fn show_instance(&self, access: Access) -> Result<Exit, Failure> {
-        let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
+        let config = Config::load(&self.common.config, &self.common.settings()?)?;
         let paths = instance_paths(&config)?;
         paths.become_owner()?;
         let stop = stop_on_signals()?;
@@ -110,7 +112,7 @@ impl ViewArgs {
         hub: &Arc<Hub>,
     ) -> Site {
         let scene = SceneDescription::of_instance(config, self.control);
-        let expected = self.common.config.is_some().then(|| config.hash());
+        let expected = (!self.common.config.is_empty()).then(|| config.hash());
         let operator = BusOperator::new(paths, expected);
         let operator = self.control.then(|| Box::new(operator) as _);
         Site::new(access.clone(), &scene, Subject::Live(Arc::clone(hub), operator))

@@ -231,8 +231,8 @@ fn faults_tested(text: &str) -> Vec<String> {
 #[test]
 fn the_shipped_configuration_is_the_defaults_and_shows_every_key() {
     let file = root().join("deploy/oqtal.toml");
-    let shipped = Config::load(Some(&file), &[]).unwrap();
-    assert_eq!(shipped, Config::load(None, &[]).unwrap());
+    let shipped = Config::load(std::slice::from_ref(&file), &[]).unwrap();
+    assert_eq!(shipped, Config::load(&[], &[]).unwrap());
 
     let shown: toml::Table = read("deploy/oqtal.toml").parse().unwrap();
     let known: toml::Table = shipped.to_toml().parse().unwrap();
@@ -280,8 +280,8 @@ fn every_preset_file_equals_the_preset_of_its_name() {
     ] {
         let by_name = [oqtal_config::Setting::flag("test", key, name)];
         let by_file = root().join(format!("deploy/presets/{file}.toml"));
-        let loaded = Config::load(Some(&by_file), &[]).unwrap();
-        assert_eq!(loaded, Config::load(None, &by_name).unwrap(), "{file}");
+        let loaded = Config::load(std::slice::from_ref(&by_file), &[]).unwrap();
+        assert_eq!(loaded, Config::load(&[], &by_name).unwrap(), "{file}");
     }
 }
 

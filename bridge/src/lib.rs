@@ -185,7 +185,7 @@ impl RadioArgs {
 
 impl SetupArgs {
     fn execute(&self) -> Result<Exit, Failure> {
-        let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
+        let config = Config::load(&self.common.config, &self.common.settings()?)?;
         let spec: LinkSpec = self
             .link
             .parse()

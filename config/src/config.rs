@@ -98,12 +98,12 @@ impl Default for Config {
 }
 
 impl Config {
-    /// Effective configuration from `file` (if any), the environment and `flags`.
+    /// Effective configuration from `files`, of which later ones override earlier ones, the environment and `flags`.
     ///
     /// # Errors
-    /// The file cannot be read or parsed, a key is unknown, a value has the wrong type or breaks a rule; with its origin.
-    pub fn load(file: Option<&Path>, flags: &[Setting]) -> Result<Self, ConfigError> {
-        let mut settings = Self::layers(file)?;
+    /// A file cannot be read or parsed, a key is unknown, a value has the wrong type or breaks a rule; with its origin.
+    pub fn load(files: &[PathBuf], flags: &[Setting]) -> Result<Self, ConfigError> {
+        let mut settings = Self::layers(files)?;
         settings.extend_from_slice(flags);
         Self::from_settings(&settings)
     }
@@ -116,12 +116,16 @@ impl Config {
         layer::from_file(file)
     }
 
-    /// Settings of `file`, if any, overridden by those of the environment.
+    /// Settings of `files`, overridden by those of the environment.
     ///
     /// # Errors
-    /// The file cannot be read, or is not TOML; with its line.
-    pub fn layers(file: Option<&Path>) -> Result<Vec<Setting>, ConfigError> {
-        let mut settings = file.map_or(Ok(Vec::new()), Self::file_settings)?;
+    /// A file cannot be read, or is not TOML, or gives a thrust without the mass that it lifts; with its line.
+    pub fn layers(files: &[PathBuf]) -> Result<Vec<Setting>, ConfigError> {
+        let mut settings = Vec::new();
+        for file in files {
+            settings.extend(Self::file_settings(file)?);
+        }
+        refuse_thrust_alone(&settings)?;
         settings.extend(layer::from_environment(std::env::vars_os()));
         Ok(settings)
     }
@@ -260,6 +264,17 @@ impl Config {
         let mut hasher = fnv::FnvHasher::default();
         hasher.write(flown.to_string().as_bytes());
         hasher.finish()
+    }
+}
+
+/// Refuses files with a thrust and without a mass: the mass of the preset would be flown with another vehicle's thrust.
+fn refuse_thrust_alone(settings: &[Setting]) -> Result<(), ConfigError> {
+    let has = |key: &str| settings.iter().any(|setting| setting.key == key);
+    let thrust = settings.iter().find(|setting| setting.key == "vehicle.max-thrust-n");
+    match thrust.filter(|_| !has("vehicle.mass-kg")) {
+        Some(thrust) => Err(thrust
+            .refused("given without `vehicle.mass-kg`; add the mass that this vehicle has [kg]")),
+        None => Ok(()),
     }
 }
 

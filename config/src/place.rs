@@ -2,7 +2,7 @@
 //! or half-edited file.
 
 use std::ffi::OsString;
-use std::path::Path;
+use std::path::PathBuf;
 
 use toml::Table;
 
@@ -16,19 +16,23 @@ use crate::setting::Setting;
 const SECTION: &str = "instance";
 
 impl InstanceOptions {
-    /// The instance according to `file` (if any), the environment and `flags`, as far as they are readable. Settings of other
+    /// The instance according to `files`, the environment and `flags`, as far as they are readable. Settings of other
     /// sections are ignored. Unusable settings are left out and returned as errors.
-    pub fn salvage(file: Option<&Path>, flags: &[Setting]) -> (Self, Vec<ConfigError>) {
-        Self::salvage_under(file, std::env::vars_os(), flags)
+    pub fn salvage(files: &[PathBuf], flags: &[Setting]) -> (Self, Vec<ConfigError>) {
+        Self::salvage_under(files, std::env::vars_os(), flags)
     }
 
     fn salvage_under(
-        file: Option<&Path>,
+        files: &[PathBuf],
         variables: impl Iterator<Item = (OsString, OsString)>,
         flags: &[Setting],
     ) -> (Self, Vec<ConfigError>) {
-        let (mut settings, mut errors) =
-            file.map_or_else(Default::default, |file| layer::salvage(file, SECTION));
+        let (mut settings, mut errors) = (Vec::new(), Vec::new());
+        for file in files {
+            let (readable, wrong) = layer::salvage(file, SECTION);
+            settings.extend(readable);
+            errors.extend(wrong);
+        }
         settings.extend(layer::from_environment(variables));
         settings.extend_from_slice(flags);
         let mut table: Table =
@@ -68,7 +72,7 @@ mod tests {
             flags.iter().map(|text| Setting::parse("--set", text).unwrap()).collect();
         let foreign = [("OQTAL_FOO", "1"), ("OQTAL_VEHICLE__MASS_KG", "banana")];
         let variables = foreign.map(|(name, value)| (name.into(), value.into())).into_iter();
-        let (instance, errors) = InstanceOptions::salvage_under(Some(&path), variables, &flags);
+        let (instance, errors) = InstanceOptions::salvage_under(&[path], variables, &flags);
         (instance.name, instance.root, errors.len())
     }
 

@@ -48,7 +48,7 @@ fn the_effective_configuration_shows_the_plant_in_numbers_and_is_read_back_as_it
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("effective.toml");
     std::fs::write(&file, &text).unwrap();
-    assert_eq!(Config::load(Some(&file), &[]).unwrap(), config);
+    assert_eq!(Config::load(std::slice::from_ref(&file), &[]).unwrap(), config);
 }
 
 #[test]

@@ -110,7 +110,7 @@ fn a_parameter_that_a_hover_does_not_determine_is_not_written() {
     let identification = identified(&flight);
     let drag = identification.of_key("vehicle.drag-per-s")[0];
     assert_eq!(drag.missing, Some(rules::DRAG.motion), "{drag:?}");
-    let text = vehicle_toml::toml(&identification, "hummingbird");
+    let text = vehicle_toml::toml(&identification, &flight.config);
     assert!(!text.contains("\ndrag-per-s"), "{text}");
     assert!(text.contains(rules::DRAG.motion), "{text}");
     assert_eq!(identification.vehicle(&flight.config.vehicle).drag_per_s, 0.25);
@@ -123,8 +123,8 @@ fn findings_are_a_layer_of_the_configuration() {
     let identification = identified(&flight);
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("vehicle.toml");
-    std::fs::write(&file, vehicle_toml::toml(&identification, "hummingbird")).unwrap();
-    let layered = Config::load(Some(&file), &[]).unwrap();
+    std::fs::write(&file, vehicle_toml::toml(&identification, &flight.config)).unwrap();
+    let layered = Config::load(std::slice::from_ref(&file), &[]).unwrap();
     let found = identification.vehicle(&flight.config.vehicle);
     assert!((found.rate_lag_ms - 60.0).abs() < 3.0, "{found:?}");
     let [a, b] = [&layered.vehicle, &found].map(|vehicle| {
@@ -132,7 +132,28 @@ fn findings_are_a_layer_of_the_configuration() {
     });
     // The file has as many digits as the intervals support.
     assert!(a.iter().zip(&b).all(|(a, b)| (a / b - 1.0).abs() < 0.01), "{a:?} {b:?}");
-    assert_eq!(layered.vehicle.mass_kg, flight.config.vehicle.mass_kg);
+}
+
+#[test]
+fn the_file_of_a_vehicle_has_its_mass_and_what_the_laboratory_was_told() {
+    let settings = ["vehicle.mass-kg=0.9", "vehicle.max-thrust-n=22", "fence.x-m=[-3.0,3.0]"]
+        .map(|text| Setting::parse("test", text).unwrap());
+    let flight = excitation_flight::fly(&Config::from_settings(&settings).unwrap()).unwrap();
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("vehicle.toml");
+    std::fs::write(&file, vehicle_toml::toml(&identified(&flight), &flight.config)).unwrap();
+    let layered = Config::load(std::slice::from_ref(&file), &[]).unwrap();
+    assert_eq!(layered.vehicle.mass_kg, 0.9);
+    assert!((layered.vehicle.max_thrust_n / 22.0 - 1.0).abs() < 0.01);
+    assert_eq!(layered.fence, flight.config.fence);
+
+    std::fs::write(&file, "[vehicle]\nmax-thrust-n = 22.0\n").unwrap();
+    let refused = Config::load(std::slice::from_ref(&file), &[]).unwrap_err().to_string();
+    assert!(refused.contains(":2: ") && refused.contains("without `vehicle.mass-kg`"), "{refused}");
+    // A file that lacks the mass is completed by another one.
+    let mass = directory.path().join("mass.toml");
+    std::fs::write(&mass, "[vehicle]\nmass-kg = 0.9\n").unwrap();
+    assert_eq!(Config::load(&[file, mass], &[]).unwrap().vehicle.mass_kg, 0.9);
 }
 
 /// A vehicle of `model` under oscillating commands for five seconds, without noise.

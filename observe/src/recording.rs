@@ -19,6 +19,7 @@
 //! | `mcap.rs` | the container format |
 //! | `writer.rs` | one MCAP file |
 //! | `file.rs` | reading of a recording |
+//! | `location.rs` | names of recordings on the command line |
 //! | `playback.rs` | a recording as samples for a sink, and as a flight |
 //! | `history.rs` | inputs of the daemon, turn by turn |
 //! | `export.rs` | a recording as text |
@@ -33,6 +34,7 @@ mod facts;
 mod fault_schedule;
 mod file;
 mod history;
+mod location;
 mod mcap;
 mod overview;
 mod playback;
@@ -51,6 +53,7 @@ pub use export::{CsvExport, Tables, TumExport};
 pub use facts::{Facts, WAYPOINTS_FILE};
 pub use file::{RecordedChannel, RecordedMessage, RecordingFile, RecordingFileError};
 pub use history::{DaemonHistory, InputHistory, RecordedTurn};
+pub use location::{RECORDING, recording_path};
 pub use overview::{RecordingOverview, TopicOverview};
 pub use playback::{config, flight, play};
 pub use sink::{McapRecorder, RecordingPlan};

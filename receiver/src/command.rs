@@ -114,7 +114,7 @@ impl DiscoverArgs {
 
 impl ProbeArgs {
     fn execute(&self) -> Result<Exit, Failure> {
-        let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
+        let config = Config::load(&self.common.config, &self.common.settings()?)?;
         let link: Result<CameraLink, InvalidLink> = self.link.parse();
         let link = link.map_err(|error| Failure::new(Exit::Usage, error.to_string()))?;
         let duration = Span::from_millis(i64::from(self.seconds) * 1000);

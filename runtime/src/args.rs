@@ -8,9 +8,9 @@ use oqtal_config::{ConfigError, Setting};
 /// Arguments common to all processes.
 #[derive(Args, Clone, Debug, Default)]
 pub struct CommonArgs {
-    /// Configuration file (TOML); see `oqtal check`
+    /// Configuration file (TOML), see `oqtal check`; may be repeated, later files override earlier ones
     #[arg(long, value_name = "FILE")]
-    pub config: Option<PathBuf>,
+    pub config: Vec<PathBuf>,
     /// Name of the instance, 1 to 32 of a-z, 0-9 and -: only processes of one instance exchange messages
     #[arg(long, value_name = "NAME")]
     pub instance: Option<String>,

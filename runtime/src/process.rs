@@ -52,7 +52,7 @@ pub fn describe(config: &Config) -> String {
 }
 
 fn load(args: &CommonArgs) -> Result<Config, Failure> {
-    Ok(Config::load(args.config.as_deref(), &args.settings()?)?)
+    Ok(Config::load(&args.config, &args.settings()?)?)
 }
 
 fn run(role: Role, args: &CommonArgs, job: Job) -> Result<(), Failure> {

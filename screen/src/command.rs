@@ -39,7 +39,7 @@ impl MonitorArgs {
     /// The output is not a terminal (exit code 64), no process runs on the instance (75), or the terminal or the bus failed.
     pub fn execute(&self, stop: fn(&InstancePaths) -> String) -> Result<Exit, Failure> {
         require_terminal()?;
-        let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
+        let config = Config::load(&self.common.config, &self.common.settings()?)?;
         let paths = instance_paths(&config)?;
         paths.become_owner()?;
         let end = stop_on_signals()?;

@@ -4,6 +4,7 @@ use std::net::{Ipv4Addr, TcpListener, UdpSocket};
 
 use oqtal_bus::topic::Role;
 use oqtal_config::{ClockKind, Config, Setting};
+use oqtal_observe::recording::recording_path;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_wire::link::CameraLink;
 
@@ -44,7 +45,9 @@ pub fn parse(text: &str) -> Result<MocapSource, String> {
     }
     match text.split_once(':') {
         None if text == "emulated" => Ok(MocapSource::Emulated),
-        Some(("replay", file)) if !file.is_empty() => Ok(MocapSource::Replay(file.to_owned())),
+        Some(("replay", file)) if !file.is_empty() => {
+            Ok(MocapSource::Replay(recording_path(file)?.display().to_string()))
+        }
         Some(("link", link)) => match link.parse::<CameraLink>() {
             Ok(link) if link.bodies.len() == 1 && link.bodies[0].instance.is_none() => {
                 Ok(MocapSource::Linked(link))

@@ -8,6 +8,7 @@ use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 
 use oqtal_observe::flight::Flight;
+use oqtal_observe::recording::RECORDING;
 use oqtal_observe::summary::Summary;
 use oqtal_observe::{csv, report};
 
@@ -93,7 +94,7 @@ impl FlightDirectory {
 
     /// Path of the recording.
     pub fn recording(&self) -> PathBuf {
-        self.directory.join("flight.mcap")
+        self.directory.join(RECORDING)
     }
 
     /// Writes summary, report and telemetry of the flight.

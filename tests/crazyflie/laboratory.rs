@@ -40,7 +40,7 @@ pub struct Laboratory {
 /// The shipped Crazyflie in still air, without additional delay behind its radio.
 pub fn configuration() -> Config {
     let preset = Setting::flag("test", "vehicle.preset", "crazyflie-2.1");
-    let mut config = Config::load(None, &[preset]).unwrap();
+    let mut config = Config::load(&[], &[preset]).unwrap();
     let plant = &mut config.plant;
     (plant.gust_sd_m_s2, plant.rate_drift_deg_s, plant.force_n) = (0.0, [0.0; 3], [0.0; 3]);
     plant.wire.latency_ms = 0.5;

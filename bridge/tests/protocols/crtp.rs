@@ -28,7 +28,7 @@ const PARAMETERS: [(&str, &str); 3] = [
 
 fn bridge(now: Time) -> Bridge {
     let preset = Setting::flag("test", "vehicle.preset", "crazyflie-2.1");
-    let config = Config::load(None, &[preset]).unwrap();
+    let config = Config::load(&[], &[preset]).unwrap();
     let link = "crtp:udp:127.0.0.1:19850".parse().unwrap();
     let protocol = Crtp::new(&config, TableStore::without_file(), None).unwrap();
     Bridge::new(&config, Box::new(protocol), transport(&link, Address::BROADCAST), now)

@@ -28,7 +28,7 @@ pub const PX4: Protocol = Protocol {
 const HEARTBEAT: Span = Span::from_millis(50);
 
 fn config(preset: &str) -> Config {
-    Config::load(None, &[Setting::flag("test", "vehicle.preset", preset)]).unwrap()
+    Config::load(&[], &[Setting::flag("test", "vehicle.preset", preset)]).unwrap()
 }
 
 fn bridge(now: Time, preset: &str) -> Bridge {

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use oqtal_config::{Config, Interface, Setting};
 use oqtal_observe::flight::Flight;
+use oqtal_observe::recording::recording_path;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 
@@ -22,7 +23,7 @@ pub type ReadFlight = dyn Fn(&Path) -> Result<Flight, Failure>;
 #[derive(Args, Debug)]
 pub struct IdentifyArgs {
     /// Recordings of flights of one vehicle, best of `oqtal fly --trajectory excitation`
-    #[arg(value_name = "FILE")]
+    #[arg(value_name = "FILE", value_parser = recording_path)]
     files: Vec<PathBuf>,
     /// Fly the excitation in virtual time and identify the simulated vehicle of `[plant]`, with a controller configured for `[vehicle]`
     #[arg(long, conflicts_with = "files")]
@@ -33,9 +34,9 @@ pub struct IdentifyArgs {
     /// Greatest thrust as measured [N], in place of the mass
     #[arg(long, value_name = "N", value_parser = thrust, conflicts_with = "mass")]
     max_thrust: Option<f64>,
-    /// Configuration file (TOML) of the vehicle and its surroundings, with --fly
+    /// Configuration file (TOML) of the vehicle and its surroundings, with --fly; may be repeated, later files override earlier ones
     #[arg(long, value_name = "FILE", conflicts_with = "files")]
-    config: Option<PathBuf>,
+    config: Vec<PathBuf>,
     /// Any key of the configuration, with --fly, as in --set mocap.preset=measured; may be repeated
     #[arg(long = "set", value_name = "KEY=VALUE", conflicts_with = "files")]
     settings: Vec<String>,
@@ -81,7 +82,7 @@ impl IdentifyArgs {
         let identification = identify(&data, &vehicle, self.scale())?;
         let json = json(&identification)?;
         if let Some(directory) = &self.out {
-            let toml = vehicle_toml::toml(&identification, &vehicle.preset);
+            let toml = vehicle_toml::toml(&identification, &first.config);
             write(directory, "vehicle.toml", &toml)?;
             write(directory, "identification.json", &json)?;
             write(directory, "identification.html", page::html(&identification, &data))?;
@@ -130,7 +131,7 @@ impl IdentifyArgs {
     }
 
     fn own_settings(&self) -> Result<Vec<Setting>, Failure> {
-        let mut settings = Config::layers(self.config.as_deref())?;
+        let mut settings = Config::layers(&self.config)?;
         for text in &self.settings {
             settings.push(Setting::parse("--set", text)?);
         }

@@ -97,5 +97,21 @@ pub fn text(identification: &Identification) -> String {
     let table = text_table::blocks(&[name], &figures, &rows);
     let remarks = remarks(identification);
     let remarks: Vec<String> = remarks.iter().map(|line| wrapped(line, 2)).collect();
-    format!("{table}\n{}", remarks.join("\n"))
+    let first = too_little_motion(identification).map_or(String::new(), |line| line + "\n\n");
+    format!("{first}{table}\n{}", remarks.join("\n"))
+}
+
+/// Headline for flights that determine less than half of the vehicle.
+fn too_little_motion(identification: &Identification) -> Option<String> {
+    let keys = identification.keys();
+    let shown = keys.iter().filter(|key| identification.values(key).is_some()).count();
+    (2 * shown < keys.len()).then(|| {
+        let all = keys.len();
+        wrapped(
+            &format!(
+                "These flights move too little: they determine {shown} of {all} parameters. Fly `oqtal fly --trajectory excitation`, and identify that flight."
+            ),
+            0,
+        )
+    })
 }

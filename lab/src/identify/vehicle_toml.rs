@@ -1,4 +1,7 @@
-//! Findings as a configuration file.
+//! Findings as a configuration file, complete with the settings of the flight.
+
+use oqtal_config::{Config, Setting};
+use toml::{Table, Value};
 
 use super::digits::with_interval;
 use super::finding::ParameterFinding;
@@ -7,27 +10,74 @@ use super::identification::Identification;
 /// Column of the remarks \[characters\].
 const REMARKS_AT: usize = 40;
 
-/// `[vehicle]` and the noise of the filters in TOML, based on the preset of this name: the interval beside each value, and a
-/// remark in place of an undetermined value.
-pub fn toml(identification: &Identification, preset: &str) -> String {
+/// Sections that belong to one flight, and not to the vehicle and its laboratory.
+const OF_ONE_FLIGHT: [&str; 8] =
+    ["clock", "fault", "instance", "log", "plant", "realtime", "record", "trajectory"];
+
+/// A configuration with the findings, the interval beside each value, and with all settings of `config`, the configuration of the
+/// flight, that describe the vehicle and its laboratory.
+pub fn toml(identification: &Identification, config: &Config) -> String {
+    let poses = identification.poses;
     let mut text = format!(
-        "# The vehicle, identified by `oqtal identify` from {} poses in the air. Behind each value: its 95 % interval\n\
-         # and the configured value. Keys that are not here keep their values.\n",
-        identification.poses
+        "# The vehicle, identified by `oqtal identify` from {poses} poses in the air. Behind each identified value: its 95 %\n\
+         # interval and the value before. All other keys have the value with which the vehicle flew; keys that are not here\n\
+         # have the value of the preset.\n"
     );
-    let mut section = "";
+    let mut lines = configured(identification, config);
     for key in identification.keys() {
-        let (own, name) = key.rsplit_once('.').unwrap_or(("", key));
+        let (section, name) = key.rsplit_once('.').unwrap_or(("", key));
+        lines.push((section.to_owned(), line(identification, key, name)));
+    }
+    // The sort is stable: in a section the configured keys, with the preset first, are before the identified ones.
+    lines.sort_by(|a, b| a.0.cmp(&b.0));
+    let mut section = String::new();
+    for (own, line) in lines {
         if own != section {
             text += &format!("\n[{own}]\n");
-            if own == "vehicle" {
-                text += &format!("preset = \"{preset}\"\n");
-            }
             section = own;
         }
-        text += &line(identification, key, name);
+        text += &line;
     }
     text
+}
+
+/// Section and line of each key that was not identified and that differs from the preset of the vehicle; always of preset and mass.
+fn configured(identification: &Identification, config: &Config) -> Vec<(String, String)> {
+    let preset = Setting::flag("identify", "vehicle.preset", config.vehicle.preset.as_str());
+    let shipped = Config::from_settings(&[preset]).unwrap_or_default();
+    let (mut now, mut before) = (Vec::new(), Vec::new());
+    flatten(&config_table(config), "", &mut now);
+    flatten(&config_table(&shipped), "", &mut before);
+    let is_written = |(section, name, value): &&(String, String, Value)| {
+        let key = format!("{section}.{name}");
+        let is_own = !OF_ONE_FLIGHT.iter().any(|other| section.split('.').next() == Some(other));
+        let is_told = !before.iter().any(|(s, n, v)| (s, n, v) == (section, name, value));
+        let is_always = ["vehicle.preset", "vehicle.mass-kg"].contains(&key.as_str());
+        let is_played = key == "mocap.replay" || key == "safety.observe-only";
+        is_own && (is_told || is_always) && !is_played && identification.values(&key).is_none()
+    };
+    let mut lines: Vec<_> = now
+        .iter()
+        .filter(is_written)
+        .map(|(section, name, value)| (section.clone(), format!("{name} = {value}\n")))
+        .collect();
+    lines.sort_by_key(|(_, line)| !line.starts_with("preset"));
+    lines
+}
+
+fn config_table(config: &Config) -> Table {
+    config.to_toml().parse().expect("the text of a configuration is TOML")
+}
+
+/// Appends the keys of `table`, which is the section `path`, as section, name and value.
+fn flatten(table: &Table, path: &str, keys: &mut Vec<(String, String, Value)>) {
+    for (name, value) in table {
+        match value {
+            Value::Table(inner) if path.is_empty() => flatten(inner, name, keys),
+            Value::Table(inner) => flatten(inner, &format!("{path}.{name}"), keys),
+            _ => keys.push((path.to_owned(), name.clone(), value.clone())),
+        }
+    }
 }
 
 fn line(identification: &Identification, key: &str, name: &str) -> String {

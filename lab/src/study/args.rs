@@ -10,9 +10,9 @@ use oqtal_runtime::process::{Exit, Failure};
 /// Arguments of the commands that fly simulated flights in large numbers.
 #[derive(Args, Clone, Debug, Default)]
 pub struct StudyArgs {
-    /// Configuration file (TOML) of the vehicle and its environment; see `oqtal check`
+    /// Configuration file (TOML) of the vehicle and its environment, see `oqtal check`; may be repeated, later files override earlier ones
     #[arg(long, value_name = "FILE")]
-    config: Option<PathBuf>,
+    config: Vec<PathBuf>,
     /// Any key of the configuration, as in --set vehicle.mass-kg=0.6; may be repeated
     #[arg(long = "set", value_name = "KEY=VALUE")]
     settings: Vec<String>,
@@ -31,7 +31,7 @@ impl StudyArgs {
     /// # Errors
     /// The file or a setting is invalid (exit code 78), or the configuration replaces the cameras by a recording (64).
     pub fn settings(&self) -> Result<Vec<Setting>, Failure> {
-        let mut settings = Config::layers(self.config.as_deref())?;
+        let mut settings = Config::layers(&self.config)?;
         for text in &self.settings {
             settings.push(Setting::parse("--set", text)?);
         }

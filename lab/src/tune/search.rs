@@ -319,7 +319,7 @@ mod tests {
         let file = directory.path().join("tuned.toml");
         let common = Setting::flag("--set", "vehicle.mass-kg", 0.6);
         std::fs::write(&file, tuned.to_toml(&[&common])).unwrap();
-        let config = oqtal_config::Config::load(Some(&file), &[]).unwrap();
+        let config = oqtal_config::Config::load(std::slice::from_ref(&file), &[]).unwrap();
         assert_eq!((config.control.lqr.attitude_weight, config.vehicle.mass_kg), (12.34, 0.6));
         assert_eq!(config.control.controller, oqtal_control::controller::ControllerName::Lqr);
     }
