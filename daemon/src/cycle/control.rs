@@ -192,4 +192,18 @@ mod tests {
             assert_eq!(*control.sent(), expected, "{thrust_n} N");
         }
     }
+
+    #[test]
+    fn f41_thrust_is_lowered_by_a_tenth_per_second_down_to_half() {
+        let thrust_n = |overdue_s| {
+            let command = VehicleCommand::level(Interface::Rate, 0.0, 10.0);
+            with_reduced_thrust(command, overdue_s).thrust_n().unwrap()
+        };
+        for (overdue_s, expected_n) in
+            [(f64::NEG_INFINITY, 10.0), (1.5, 10.0), (2.5, 9.0), (6.5, 5.0), (1e3, 5.0)]
+        {
+            let found_n = thrust_n(overdue_s);
+            assert!((found_n - expected_n).abs() < 1e-12, "{overdue_s} s: {found_n} N");
+        }
+    }
 }

@@ -116,6 +116,11 @@ fn f05_repeats_and_time_running_back_are_refused() {
         feed.check_at(feed.frame + 1, feed.time - FRAME, feed.time, pose_at(0.0)),
         Err(Cause::Order)
     );
+    assert_eq!(
+        feed.check_at(feed.frame + 2, feed.time, feed.time, pose_at(0.0)),
+        Err(Cause::Order),
+        "another frame of the same instant"
+    );
 }
 
 #[test]

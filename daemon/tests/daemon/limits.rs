@@ -31,6 +31,21 @@ fn f37_the_hard_border_of_the_fence_is_not_crossed_under_power() {
 }
 
 #[test]
+fn f37_the_delay_of_the_radio_is_part_of_the_prediction() {
+    let mut flight =
+        Flight::hovering(&[set("fence.x-m=[-2.0, 2.0]"), set("vehicle.command-delay-ms=80")]);
+    flight.bench.radio = Span::from_millis(80);
+    flight.run(200);
+    flight.wind = Vector3::x() * 6.0;
+    while flight.state() != SafetyState::Stop || flight.is_powered() {
+        flight.run(1);
+        let x = flight.motion.position.x;
+        assert!(x < 2.0 || !flight.is_powered(), "{x} m under power");
+    }
+    assert_eq!(flight.cause(), Cause::Fence);
+}
+
+#[test]
 fn f47_outside_the_soft_border_the_vehicle_goes_back_and_holds() {
     let mut flight =
         Flight::hovering(&[set("fence.x-m=[-2.0, 2.0]"), set("fence.soft-margin-m=1.2")]);
@@ -176,6 +191,18 @@ fn f43_a_vehicle_that_is_too_fast_lands_at_once() {
     let waited = until(&mut flight, SafetyState::Land);
     assert_eq!(flight.cause(), Cause::Speed);
     assert!(waited <= 250, "{waited} ms");
+}
+
+#[test]
+fn f43_a_vehicle_that_climbs_too_fast_lands() {
+    let mut flight = Flight::hovering(&[
+        set("fence.z-m=[-0.5, 500.0]"),
+        set("safety.speed-limit-m-s=2.0"),
+        set("safety.tracking-limit-m=500.0"),
+    ]);
+    flight.wind = Vector3::z() * 12.0;
+    until(&mut flight, SafetyState::Land);
+    assert_eq!(flight.cause(), Cause::Speed);
 }
 
 #[test]

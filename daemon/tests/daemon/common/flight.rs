@@ -11,7 +11,7 @@ use oqtal_control::predictive::{Bias, ModelInput, Motion, VehicleModel};
 use oqtal_control::quaternion::Attitude;
 use oqtal_daemon::{CommandModel, Tick};
 
-use super::{Bench, FRAME, RADIO};
+use super::{Bench, FRAME};
 
 /// A setting of a test.
 pub fn set(text: &str) -> Setting {
@@ -109,7 +109,7 @@ impl Flight {
         };
         if let Some(tick) = tick {
             self.last_command = tick.command;
-            self.on_air.push_back((self.bench.now + RADIO, tick.command));
+            self.on_air.push_back((self.bench.now + self.bench.radio, tick.command));
         }
         tick
     }

@@ -12,7 +12,7 @@ use oqtal_daemon::{Cycle, Tick, trajectory};
 
 pub const FRAME: Span = Span::from_nanos(16_666_667);
 pub const LATENCY: Span = Span::from_millis(15);
-pub const RADIO: Span = Span::from_millis(20);
+const RADIO: Span = Span::from_millis(20);
 
 pub const LAWS: [&str; ControllerName::NAMES.len()] = ControllerName::NAMES;
 
@@ -29,6 +29,8 @@ pub struct Bench {
     pub latency: Span,
     /// Arrival of a pose to the command about it.
     pub compute: Span,
+    /// Command to its effect.
+    pub radio: Span,
     /// The process that publishes the state of the vehicle.
     pub source: u64,
 }
@@ -74,6 +76,7 @@ impl Bench {
             silent: false,
             latency: LATENCY,
             compute: Span::default(),
+            radio: RADIO,
             source: 1,
         }
     }
@@ -109,7 +112,7 @@ impl Bench {
         self.sent += 1;
         let stamps = Stamps { command_published_at: self.now + self.compute, ..sent.stamps };
         self.cycle.report(&stamps, self.sent);
-        let stamps = Stamps { applied_at: self.now + RADIO, ..stamps };
+        let stamps = Stamps { applied_at: self.now + self.radio, ..stamps };
         let vehicle = VehicleV1 { command_sequence: self.sent, ..self.vehicle };
         if !self.silent {
             let header = Header { source: self.source, stamps, ..Header::default() };
