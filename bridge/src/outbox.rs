@@ -108,8 +108,8 @@ impl Outbox {
         Some((kind, self.line.add(now, length)))
     }
 
-    /// Looks at the port, which has `queued` bytes yet to send; returns whether everything handed over is to be discarded: a
-    /// frame stands, or the port holds bytes back, for longer than a period.
+    /// Whether all bytes handed over must be discarded: a frame has not been taken completely, or the port, which has still to send
+    /// `queued` bytes, has held bytes back, for longer than a period.
     pub fn is_stuck(&mut self, now: Time, queued: usize) -> bool {
         let tolerated = self.line.ahead(now) + self.setpoint.scaled(BACKLOG_SETPOINTS);
         let holds_back = self.line.time_for(queued) > tolerated;

@@ -17,9 +17,9 @@ use crate::setpoint::VehicleSetpoint;
 pub struct ForwardedCommand {
     /// Sequence of the command \[-\].
     pub command: u64,
-    /// Sequence of its pose \[-\].
+    /// Sequence of the pose that the command is about \[-\].
     pub pose: u64,
-    /// Its stamps, arrival at the bridge included.
+    /// Stamps of the command, including its arrival at the bridge.
     pub stamps: Stamps,
 }
 

@@ -99,7 +99,7 @@ impl VehicleLink for UdpLink {
         let sent = match &self.learned {
             None => self.socket.send(bytes),
             Some(LearnedPeer { address: Some(peer), .. }) => self.socket.send_to(bytes, peer),
-            // Nobody to send to yet: the frame is gone, as on a network.
+            // No peer is known yet: the frame is lost, as on a network.
             Some(LearnedPeer { address: None, .. }) => return Ok(bytes.len()),
         };
         match sent {

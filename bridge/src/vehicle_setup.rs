@@ -34,9 +34,9 @@ const READ_BUFFER: usize = 2048;
 pub struct ParameterReport {
     /// The parameter.
     pub wanted: &'static WantedParameter,
-    /// Its value as found \[-\]; `None` if the vehicle has none of this name.
+    /// Value found in the vehicle \[-\]; `None` if the vehicle has no parameter of this name.
     pub found: Option<f64>,
-    /// Its value as read back after it was set \[-\]; `None` if it was not set.
+    /// Value read back after the parameter was set \[-\]; `None` if it was not set.
     pub set: Option<f64>,
 }
 

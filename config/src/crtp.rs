@@ -59,7 +59,7 @@ impl CrtpVehicleOptions {
 }
 
 fn check_curve([linear, quadratic]: [f64; 2]) -> Result<(), OptionError> {
-    // Not falling at full duty, and some thrust there.
+    // At full duty the curve does not fall, and the thrust is positive.
     let rises = linear >= 0.0 && linear + 2.0 * quadratic >= 0.0 && linear + quadratic > 0.0;
     let found = format!("[{linear}, {quadratic}]");
     let rule = "coefficients of a thrust that rises from zero to full duty";

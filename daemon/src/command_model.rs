@@ -79,7 +79,7 @@ pub(crate) fn motion_tracker(config: &Config, model: VehicleModel) -> MotionTrac
 /// The inertia of `[vehicle]`.
 ///
 /// # Errors
-/// It is not symmetric positive definite.
+/// The inertia is not symmetric positive definite.
 pub fn inertia(vehicle: &VehicleOptions) -> Result<Inertia, OptionError> {
     vehicle.inertia().map_err(|error| {
         OptionError::new("vehicle.inertia-kg-m2", "unusable", format!("an inertia: {error}"))

@@ -116,9 +116,9 @@ impl Cycle {
         })
     }
 
-    /// The instant of the next tick if no pose arrives before. A pose that arrived too soon after the last tick, and after which
-    /// no other is expected soon, is acted on as soon as a tick is allowed again; the next pose then arrives in time, and ticks
-    /// are in step with poses at once.
+    /// The instant of the next tick if no pose arrives before. A pose that arrived too soon after the last tick is used as soon as
+    /// a tick is allowed again, unless the cameras are faster than the loop. The next pose then arrives in time, so that ticks are
+    /// in step with poses at once.
     pub fn next_event(&self) -> Time {
         if self.intake.has_fresh() && !self.timing.decimates {
             self.timing.earliest()

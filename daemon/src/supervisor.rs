@@ -120,9 +120,9 @@ pub const LIMITS: [SafetyRow; 32] = {
 /// Progress of a row.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct RowState {
-    /// Since when the condition holds.
+    /// Instant since which the condition holds.
     held_since: Option<Time>,
-    /// When it held last.
+    /// Last instant at which the condition held.
     held_at: Option<Time>,
     is_active: bool,
 }

@@ -20,7 +20,7 @@ pub struct CameraConnection {
     pub stream: Box<dyn CameraStream>,
     /// Program and version of the server.
     pub server: String,
-    /// Its bodies.
+    /// Bodies of the server.
     pub bodies: Vec<CameraBody>,
     /// Wanted bodies in the order of their routes; all if none was wanted.
     pub wanted: Vec<String>,

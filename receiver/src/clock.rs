@@ -25,8 +25,8 @@ pub use step::{StepHypothesis, StepWatch};
 const LEARNING_TIME: Span = Span::from_millis(500);
 /// Least number of frames from which a clock is estimated \[-\].
 const LEARNING_FRAMES: u32 = 12;
-/// Least arrival before the line, or contraction of stamps, by which the server's clock counts as set; a smaller one corrects the
-/// line.
+/// Least time by which a frame arrives before the line, or by which stamps contract, that means that the server's clock was set; a
+/// shorter one only corrects the line.
 const IMPOSSIBLE: Span = Span::from_millis(25);
 /// Least lowering of the line within a second by which all earlier pairs are discarded.
 const SMALL_STEP: Span = Span::from_millis(1);
@@ -38,8 +38,8 @@ const CONTRADICTIONS: u32 = 5;
 const CONTRADICTION_TIME: Span = Span::from_millis(100);
 /// Silence after which the clock is unknown: the server may have been restarted.
 const SILENCE: Span = Span::from_millis(1000);
-/// The error of the line, 99 times of 100, is below this many mean delays over the number of frames \[-\]. Found by simulation, for
-/// uniform and exponential delays; the tests hold it.
+/// Bound of the error of the line in 99 of 100 cases, in mean delays divided by the number of frames \[-\]. Found by simulation with
+/// uniform and exponential delays; the tests verify it.
 const UNCERTAINTY_FACTOR: f64 = 40.0;
 
 /// An instant of capture.

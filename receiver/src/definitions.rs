@@ -43,7 +43,7 @@ impl BodyDefinitions {
     /// Reads what was received. Allocates.
     ///
     /// # Errors
-    /// It cannot be read: the bodies stay what they were.
+    /// The definitions cannot be read: the bodies stay as they were.
     pub fn read(&mut self) -> Result<(), String> {
         self.state = DefinitionState::Unreadable;
         let bodies = read(&self.bytes, self.format)?;
@@ -56,7 +56,7 @@ impl BodyDefinitions {
 /// The bodies that received definitions name.
 ///
 /// # Errors
-/// They cannot be read.
+/// The definitions cannot be read.
 pub fn read(bytes: &[u8], format: DefinitionFormat) -> Result<Vec<CameraBody>, String> {
     match format {
         DefinitionFormat::Qtm => {

@@ -25,7 +25,7 @@ impl PoseTransform {
             // y up becomes z up: the axis that pointed to the viewer points to -y.
             UpAxis::Y => UnitQuaternion::from_euler_angles(std::f64::consts::FRAC_PI_2, 0.0, 0.0),
         };
-        // Where y is up in the room it is up in the frames of the bodies, too, which are aligned with the room when they are made.
+        // If y is up in the room, it is also up in the frames of the bodies, which are aligned with the room when they are created.
         Self {
             room: rotation(options.room_rotation_deg) * upright,
             room_origin: options.room_position_m.into(),

@@ -60,7 +60,7 @@ impl SocketSet {
 
     fn remove(&self, stream: &dyn CameraStream) {
         for socket in stream.sockets().into_iter().flatten() {
-            // It is closed soon anyway.
+            // The socket is closed soon in any case.
             let _ = epoll::delete(&self.0, socket.as_fd());
         }
     }

@@ -105,7 +105,7 @@ fn write(path: &Path, text: &str) -> io::Result<()> {
     fs::create_dir_all(directory)?;
     let fresh = directory.join(format!(".crazyflie-tables.{}", std::process::id()));
     let mut options = fs::File::options();
-    // Never through a link that another user may have put there.
+    // A link that another user may have put there is not followed.
     let mut file = options.write(true).create_new(true).open(&fresh)?;
     let written = io::Write::write_all(&mut file, text.as_bytes());
     drop(file);

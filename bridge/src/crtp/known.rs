@@ -13,7 +13,7 @@ const MAX_TABLES: usize = 64;
 pub struct KnownElement {
     /// Number of the element \[-\].
     pub id: u16,
-    /// Its type as on the wire \[-\].
+    /// Type of the element as on the wire \[-\].
     pub kind: u8,
 }
 
@@ -22,7 +22,7 @@ pub struct KnownElement {
 pub struct KnownTable {
     /// Which of the vehicle's tables.
     pub table: TableKind,
-    /// Its CRC \[-\].
+    /// CRC of the table \[-\].
     pub crc: u32,
     /// The names in the order of [`names`].
     pub elements: [Option<KnownElement>; MAX_NAMES],

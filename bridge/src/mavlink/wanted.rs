@@ -5,7 +5,7 @@ use oqtal_wire::link::AutopilotKind;
 /// Rule for the value of a parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum WantedValue {
-    /// This value \[unit of the parameter\].
+    /// Exactly this value \[unit of the parameter\].
     Exactly(f64),
     /// Any value with these bits set.
     Bits(u32),

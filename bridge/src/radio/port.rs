@@ -20,9 +20,9 @@ const MAX_QUEUED: usize = 32;
 /// Vehicle behind the first Crazyradio.
 #[derive(Clone, Debug)]
 pub struct RadioPortOptions {
-    /// Its radio.
+    /// Radio of the vehicle.
     pub vehicle: RadioSpec,
-    /// Greatest rate of packets other than set-points to it \[1/s\].
+    /// Greatest rate of packets other than set-points to the vehicle \[1/s\].
     pub packets_per_s: f64,
 }
 

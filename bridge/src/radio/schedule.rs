@@ -50,7 +50,7 @@ pub struct RadioCounts {
 struct RadioVehicle {
     setpoint: Option<Waiting>,
     others: VecDeque<Waiting>,
-    /// When the next packet other than a set-point may go.
+    /// Instant from which the next packet other than a set-point may be sent.
     free_at: Time,
     poll_at: Time,
     on_air: Option<Waiting>,
@@ -325,7 +325,7 @@ mod tests {
         for vehicle in 0..2 {
             let counts = schedule.counts(vehicle);
             assert!(counts.setpoints >= 599 && counts.dropped == 0, "{counts:?}");
-            // Its share, and set-points.
+            // The share of the vehicle, and set-points.
             assert!(counts.sent <= 2500 + counts.setpoints, "{counts:?}");
         }
         // Behind the exchange that runs, and the other vehicle's set-point.

@@ -27,9 +27,9 @@ const BRIDGE_SILENCE: Span = Span::from_millis(1000);
 /// Vehicle on a shared radio, as `80/2M/E7E7E7E701@127.0.0.1:19851`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SharedVehicle {
-    /// Its radio.
+    /// Radio of the vehicle.
     pub radio: RadioSpec,
-    /// Address for its bridge.
+    /// Address for the bridge of the vehicle.
     pub address: SocketAddr,
 }
 

@@ -47,7 +47,7 @@ pub struct UsbDongle {
     interface: Interface,
     output: Endpoint<Bulk, Out>,
     input: Endpoint<Bulk, In>,
-    /// Its settings; `None` if unknown.
+    /// Present settings of the radio; `None` if unknown.
     target: Option<RadioSpec>,
 }
 

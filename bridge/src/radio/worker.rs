@@ -19,7 +19,7 @@ pub struct RadioWorker<D> {
     vehicles: Vec<RadioSpec>,
     schedule: RadioSchedule,
     packs_poses: bool,
-    /// When the last account was given, and the traffic until then.
+    /// Instant of the last log record about traffic, and the traffic until then.
     account: (Time, Vec<RadioCounts>),
 }
 

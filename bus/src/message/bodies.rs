@@ -236,9 +236,9 @@ message! {
         vehicle_source: u64 ["-"],
         /// Number of the vehicle message taken among those of its writer; 0 if none was taken.
         vehicle_number: u64 ["-"],
-        /// Number of the message on topic `read/pose` with the pose as the daemon read it; 0 if nothing alters poses.
+        /// Number of the message on topic `read/pose` with the pose as the daemon read it; 0 if no fault alters poses.
         pose_read: u64 ["-"],
-        /// Number of the message on topic `read/vehicle` with the vehicle message as the daemon read it; 0 if nothing alters them.
+        /// Number of the message on topic `read/vehicle` with the vehicle message as the daemon read it; 0 if no fault alters such messages.
         vehicle_read: u64 ["-"],
         /// Sequence of the command published in this turn; 0 if no tick was made.
         command_sequence: u64 ["-"],

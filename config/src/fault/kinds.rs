@@ -108,7 +108,7 @@ words! {
 pub struct Magnitude {
     /// The number \[unit of the next field\].
     pub value: f64,
-    /// Its unit.
+    /// Unit of the number.
     pub unit: FaultUnit,
 }
 

@@ -13,9 +13,9 @@ pub struct StateTransition {
 }
 
 impl StateTransition {
-    /// `F` and the covariance that white noise of density `second` in the derivative of the second state and `third` in that of
-    /// the third add in `dt_s` \[s\], each in its unit per root second. The third state counts as constant in its effect on the
-    /// others.
+    /// The transition `f`, and the covariance added in `dt_s` \[s\] by white noise in the derivatives of the second and the third
+    /// state, of the densities `second` and `third` \[unit of the state per root second\]. The effect of the third state on the
+    /// others is computed as if it were constant.
     pub fn new(f: Matrix3<f64>, [second, third]: [f64; 2], dt_s: f64) -> Self {
         let (s, t) = (second * second * dt_s, third * third * dt_s);
         #[rustfmt::skip]

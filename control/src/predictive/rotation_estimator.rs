@@ -1,12 +1,12 @@
 //! Recursive prediction-error estimate of the response to commanded rates: gain, lag and hidden delay.
 //!
 //! About each axis the state `[theta; omega; d]` follows `omega' = (g u(t - s) + d - omega) / l`, the sticks' demand `u` with
-//! the gain `g`, the lag `l` and the delay `s` that no report shows. A Kalman filter estimates the state for the parameters
-//! of the moment; the sensitivity of its prediction to them is propagated beside it, and with it the innovations correct the
-//! parameters too (Friedland, *Treatment of bias in recursive filtering*, IEEE Trans. Automatic Control 14, 1969; Ljung,
-//! *Asymptotic behavior of the extended Kalman filter as a parameter estimator*, the same, 24, 1979). The axes share the
-//! parameters; their coupling, of the size of the angle turned between two poses, is neglected as in the attitude filter. Roll
-//! and pitch teach them: yaw, which rotors turn by their drag alone, answers more slowly on most vehicles.
+//! the gain `g`, the lag `l` and the delay `s` that no report shows. A Kalman filter estimates the state for the present
+//! parameters. The sensitivity of its prediction to the parameters is propagated with the state; through it the innovations
+//! correct the parameters, too (Friedland, *Treatment of bias in recursive filtering*, IEEE Trans. Automatic Control 14, 1969;
+//! Ljung, *Asymptotic behavior of the extended Kalman filter as a parameter estimator*, the same, 24, 1979). The axes share the
+//! parameters; their coupling, of the size of the angle turned between two poses, is neglected as in the attitude filter. Only
+//! roll and pitch correct the parameters: yaw, which rotors turn by their drag alone, responds more slowly on most vehicles.
 
 use nalgebra::{Matrix3, RowVector3, Vector3};
 

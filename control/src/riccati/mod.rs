@@ -12,15 +12,15 @@
 //!    about the geometric mean of the closed-loop poles, which is the scaling of Byers (*Linear
 //!    Algebra Appl.* 85, 1987) for the sign function.
 //! 3. Refine by Newton's method (Kleinman, *IEEE TAC* 13, 1968; Hewer, *IEEE TAC* 16, 1971). Its
-//!    step is an estimate of the error, and comes out of squaring the closed loop (Smith, *SIAM J.
-//!    Appl. Math.* 16, 1968), which ends only if the loop is stable. No solution is returned
-//!    without both. One step is usual; where rounding would spoil a second one, the residual is
-//!    taken to twice the working precision.
+//!    step estimates the error. It is computed by squaring the closed loop (Smith, *SIAM J. Appl.
+//!    Math.* 16, 1968), which converges only if the loop is stable. A solution is returned only if
+//!    the step is small and the loop stable. One step is usual; where rounding would spoil a second
+//!    one, the residual is computed in twice the working precision.
 //!
 //! Why doubling: it needs only products and inverses of `N x N` blocks, and it is the fastest of
 //! the known methods at these sizes. The Schur and sign-function methods work on the Hamiltonian of
-//! size `2N`, a type that stable Rust cannot name in a function generic in `N`. The known weakness
-//! of doubling, digits lost where data or poles are widely spread, is what steps 1 and 3 make good.
+//! size `2N`, a type that stable Rust cannot name in a function generic in `N`. Steps 1 and 3
+//! compensate the known weakness of doubling: digits are lost where data or poles are widely spread.
 //!
 //! Nothing here allocates, and every loop is bounded.
 

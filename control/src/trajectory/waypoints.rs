@@ -44,7 +44,7 @@ struct Knot {
     t_s: f64,
     /// x, y, z \[m\] and yaw \[rad\].
     value: Vector4<f64>,
-    /// Their rates of change.
+    /// Rate of change of `value` \[m/s, rad/s\].
     slope: Vector4<f64>,
 }
 
@@ -73,7 +73,7 @@ pub enum WaypointProblem {
     },
     /// A field is not a number, or not one of plausible size.
     Number {
-        /// Its column.
+        /// Column of the field.
         column: &'static str,
     },
     /// A point is below the floor, from which the flight starts.

@@ -154,8 +154,8 @@ impl FlightControl {
     }
 }
 
-/// `command` with less thrust if the landing has not ended although its reference has, `overdue_s` ago \[s\]: a vehicle whose thrust is
-/// greater, or whose mass is smaller, than configured stays above the reference by more than the loops correct.
+/// `command` with less thrust if the vehicle has not landed although the reference of the landing ended `overdue_s` ago \[s\]. A
+/// vehicle with more thrust or less mass than configured stays above the reference, by more than the loops correct.
 fn with_reduced_thrust(command: VehicleCommand, overdue_s: f64) -> VehicleCommand {
     let VehicleCommand::Armed { rotation, thrust_n, attitude } = command else {
         return command;

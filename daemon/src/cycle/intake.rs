@@ -19,9 +19,9 @@ use crate::vehicle::VehicleWatch;
 /// Time without an accepted pose after which poses count as missing \[periods\]: the second deadline in a row, three periods after
 /// the last pose. Sources that poll, are late by a frame or are a little slower than the loop miss the first one.
 const MISSING_PERIODS: f64 = 2.5;
-/// Age of the tracked motion from which on it is propagated without poses \[s\]: less than the commands that are remembered.
+/// Age of the tracked motion above which it is propagated without poses \[s\]: less than the time for which commands are stored.
 const OLD_TRACK_S: f64 = 0.5;
-/// Age of the motion propagated without poses \[s\]: more than that of any pose that is accepted.
+/// Age of the motion after this propagation \[s\]: greater than the age of any pose that is accepted.
 const PROPAGATED_TRACK_S: f64 = 0.25;
 
 /// Observations of the daemon, and the motion that follows from them.

@@ -23,7 +23,7 @@ pub(super) struct OutlierHypothesis {
     first: PoseResidual,
     /// The instant at which the pose was measured \[s\].
     since_s: f64,
-    /// Time between the pose before it and the pose \[s\].
+    /// Time between the pose and the one before it \[s\].
     gap_s: f64,
 }
 

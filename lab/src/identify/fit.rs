@@ -29,7 +29,7 @@ pub struct FitParameter {
 pub struct FitResult {
     /// The parameters \[unit of each\].
     pub values: Vec<f64>,
-    /// Their covariance \[product of their units\]; 0 for a fixed parameter.
+    /// Covariance of the parameters \[product of their units\]; 0 for a fixed parameter.
     pub covariance: DMatrix<f64>,
 }
 

@@ -26,9 +26,9 @@ pub struct Sighting<'a> {
 /// A triangulated marker.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MarkerPoint {
-    /// Its position \[m, world\].
+    /// Position of the marker \[m, world\].
     pub position: Vector3<f64>,
-    /// Number of cameras that saw it \[-\].
+    /// Number of cameras that saw the marker \[-\].
     pub cameras: usize,
     /// Sum of the squared distances between observed and projected image points \[pixels^2\].
     pub squared_px: f64,

@@ -15,9 +15,9 @@ const BINS: usize = 10;
 struct Lowerings {
     /// Number of the tenth of a second \[-\].
     tenth: u64,
-    /// Stamp before the first of them \[ns, server clock\].
+    /// Stamp before the first lowering \[ns, server clock\].
     before_ns: u64,
-    /// Their sum \[ns\].
+    /// Sum of the lowerings \[ns\].
     by_ns: f64,
 }
 
@@ -29,9 +29,9 @@ pub struct LoweringWatch {
 
 impl LoweringWatch {
     /// Takes a lowering by `by_ns` \[ns\] with the frame that arrived at `arrival`; the frame before had the stamp `before_ns`
-    /// \[ns, server clock\]. If the lowerings of the last second add up to more than `least`, the stamp before the first of them is
-    /// returned. A slight lowering long before a step makes that stamp too early by a second at most: the pairs kept from before the
-    /// step lie above the line and turn it by no more than its greatest drift.
+    /// \[ns, server clock\]. Returns the stamp before the first lowering of the last second if the lowerings in it add up to more than
+    /// `least`. A slight lowering long before a step makes this stamp too early, by at most a second: the pairs from before the step
+    /// that are then kept lie above the line, and change its slope by no more than the greatest drift.
     pub fn add(
         &mut self,
         by_ns: f64,

@@ -59,7 +59,7 @@ pub enum CrtpRequest {
     CreateBlock(LogBlock),
     /// Starts a log block.
     StartBlock {
-        /// Its number \[-\].
+        /// Number of the block \[-\].
         id: u8,
         /// Period \[10 ms\].
         period: u8,

@@ -8,21 +8,21 @@ pub const SUPERVISOR_PROTOCOL: u8 = 12;
 pub struct Supervision(u16);
 
 impl Supervision {
-    /// It would accept a request to arm.
+    /// A request to arm would be accepted.
     pub const CAN_BE_ARMED: Self = Self(1 << 0);
-    /// It is armed.
+    /// The vehicle is armed.
     pub const ARMED: Self = Self(1 << 1);
-    /// It arms automatically.
+    /// The vehicle arms automatically.
     pub const ARMS_ITSELF: Self = Self(1 << 2);
-    /// Its motors may run.
+    /// The motors may run.
     pub const CAN_FLY: Self = Self(1 << 3);
-    /// It flies, or has flown within the last 2 s.
+    /// The vehicle flies, or has flown within the last 2 s.
     pub const FLYING: Self = Self(1 << 4);
-    /// It lies on its side or its back.
+    /// The vehicle lies on its side or its back.
     pub const TUMBLED: Self = Self(1 << 5);
-    /// It is locked until it is restarted.
+    /// The vehicle is locked until it is restarted.
     pub const LOCKED: Self = Self(1 << 6);
-    /// It has crashed, and must be recovered.
+    /// The vehicle has crashed and must be recovered.
     pub const CRASHED: Self = Self(1 << 7);
 
     /// State of these bits; unknown ones are kept.

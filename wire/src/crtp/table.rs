@@ -68,7 +68,7 @@ impl TableInfo {
 pub struct TableElement<'a> {
     /// Number of the element \[-\].
     pub id: u16,
-    /// Its type, as [`super::ParameterType`] or [`super::LogType`] reads it \[-\].
+    /// Type of the element, as [`super::ParameterType`] or [`super::LogType`] reads it \[-\].
     pub kind: u8,
     /// Name of its group.
     pub group: &'a str,

@@ -80,7 +80,7 @@ pub enum AckResult {
     Accepted,
     /// Cannot be executed now.
     TemporarilyRejected,
-    /// Its parameters are wrong.
+    /// The parameters of the command are wrong.
     Denied,
     /// Unknown.
     Unsupported,

@@ -158,7 +158,7 @@ pub enum MavlinkContent {
     Acknowledged {
         /// Number of the command \[-\].
         command: u16,
-        /// Its result.
+        /// Result of the command.
         result: AckResult,
     },
     /// STATUSTEXT.
@@ -183,7 +183,7 @@ pub enum MavlinkContent {
     Parameter {
         /// The parameter.
         name: ParameterName,
-        /// Its value.
+        /// Value of the parameter.
         value: ParameterValue,
     },
     /// LOCAL_POSITION_NED.

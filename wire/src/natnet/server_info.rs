@@ -29,7 +29,7 @@ impl ServerInfo {
     /// Parses the content of the message.
     ///
     /// # Errors
-    /// It is truncated, or its clock does not advance.
+    /// The content is truncated, or the clock in it does not advance.
     pub fn parse(content: &[u8]) -> Result<Self, NatNetError> {
         Self::read(content).ok_or(NatNetError::Content("the server info"))
     }
