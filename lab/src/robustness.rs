@@ -87,11 +87,10 @@ pub struct RobustnessArgs {
 /// The page.
 const PAGE: PageHead = PageHead {
     title: "Robustness",
-    lead: "Every law flies the same draws of plants that differ from the model that all laws are designed for. [vehicle] is \
-     the same in all draws; the drawn values, including the noise of the cameras, are unknown to the laws, except for delays \
-     that stamps show. `oqtal-dt` and the laws on its stack adapt the model in flight, except with the gains of \
-     deploy/tuned/fixed. Gains of one directory were found alike; gains found over such a spread cannot be compared with gains \
-     found near the model.",
+    lead: "Every law flies the same draws of plants that differ from the model that all laws are designed for, `[vehicle]`. The \
+     laws do not know the drawn values, except for delays that stamps show. `oqtal-dt` and the laws on its stack adapt the \
+     model in flight, except with the gains of deploy/tuned/fixed. Gains found over such a spread cannot be compared with \
+     gains found near the model.",
     file: "robustness",
 };
 

@@ -193,17 +193,20 @@ pub fn spread(spread: &PlantSpread) -> Sheet {
     Sheet {
         name: "spread".to_owned(),
         title: "The spread".to_owned(),
-        notes: vec![SPREAD_NOTE.to_owned()],
+        notes: SPREAD_NOTES.map(str::to_owned).to_vec(),
         columns: vec![("drawn", "drawn")],
         rows: spread.keys.iter().map(row).collect(),
         ..Sheet::default()
     }
 }
 
-const SPREAD_NOTE: &str = "Evenly between the bounds, each key by itself. A spread of your own is a file in TOML, each key of the \
-     configuration with one of these forms: `between = [LOW, HIGH]`, a number; `factor = [LOW, HIGH]`, the configured value times a \
-     number; `each-factor`, every element of a list times a number of its own; `one-factor`, one element of a list, drawn too, times a \
-     number; `choose = [VALUES]`, one of them. As in `[plant]` with `mass-kg = { factor = [0.9, 1.1] }`.";
+const SPREAD_NOTES: [&str; 2] = [
+    "Evenly between the bounds, each key independently.",
+    "A spread of your own is a TOML file with one of these forms for each key of the configuration: `between = [LOW, HIGH]`, a \
+     number; `factor = [LOW, HIGH]`, the configured value times a number; `each-factor`, each element of a list times its own \
+     number; `one-factor`, a randomly chosen element times a number; `choose = [VALUES]`, one of them. Example: `mass-kg = { \
+     factor = [0.9, 1.1] }` in `[plant]`.",
+];
 
 #[cfg(test)]
 mod tests {
