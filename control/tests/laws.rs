@@ -20,7 +20,7 @@ mod solves;
 use nalgebra::{Matrix3, Vector3};
 use oqtal_control::controller::{
     AttitudeLaw, AttitudeReference, AttitudeState, ControlOptions, Controller, ControllerName,
-    InputForm, RateFeedback, RateInput, TorqueInput,
+    InputForm, LawTerms, RateFeedback, RateInput, TorqueInput,
 };
 use oqtal_control::quantity::{AngularAcceleration, BodyRate, StickCommand, Torque};
 use oqtal_control::quaternion::Attitude;

@@ -3,7 +3,8 @@
 use nalgebra::Vector3;
 use oqtal_config::{Config, Interface};
 use oqtal_control::controller::{
-    AttitudeLaw, AttitudeState, Controller, ControllerName, InputForm, RateInput, TorqueInput,
+    AttitudeLaw, AttitudeState, Controller, ControllerName, InputForm, LawTerms, RateInput,
+    TorqueInput,
 };
 use oqtal_control::estimator::Estimate;
 use oqtal_control::options::OptionError;
@@ -43,6 +44,8 @@ pub struct ControlOutput {
     pub setpoint: PositionCommand,
     /// The command to the vehicle.
     pub command: VehicleCommand,
+    /// Terms of the rotation command.
+    pub terms: LawTerms,
     /// Whether the rotation command is at its limit.
     pub saturated: bool,
 }
@@ -163,22 +166,22 @@ where
 
     fn compute(&mut self, input: &LawInput) -> Option<ControlOutput> {
         let LawInput { now_s, dt_s, estimate, tracker, reference } = input;
-        let (setpoint, rotation, attitude) = match &mut self.loops {
+        let (setpoint, rotation, terms, attitude) = match &mut self.loops {
             Loops::Paper(position, law) => {
                 let setpoint = position.update(estimate, reference, *dt_s);
                 let state = AttitudeState { attitude: estimate.attitude, rate: estimate.rate };
                 let rotation = law.update(&state, &setpoint.attitude, *dt_s);
-                (setpoint, rotation, setpoint.attitude.attitude)
+                (setpoint, rotation, law.terms(), setpoint.attitude.attitude)
             }
             Loops::Predictive(autopilot) => {
                 let output = autopilot.compute(*now_s, tracker, reference)?;
-                (output.setpoint, I::command_from(output.u), output.attitude)
+                (output.setpoint, I::command_from(output.u), output.terms, output.attitude)
             }
         };
         let rotation: RotationCommand = rotation.into();
         let command = VehicleCommand::Armed { rotation, thrust_n: setpoint.thrust_n, attitude };
         let saturated = rotation.vector().amax() / self.limit >= SATURATED;
-        Some(ControlOutput { setpoint, command, saturated })
+        Some(ControlOutput { setpoint, command, terms, saturated })
     }
 
     fn set_loop(&mut self, which: OuterLoop, gains: PidGains) {

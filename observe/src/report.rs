@@ -42,6 +42,7 @@ fn of_flight(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
         (motion::attitude(timeline))
         (motion::velocity(timeline))
         (motion::command(timeline))
+        (motion::terms(timeline))
         (latency::latency(timeline.flight, summary))
         (events::events(timeline, summary))
         (words(timeline.flight, summary))

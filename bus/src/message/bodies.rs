@@ -150,6 +150,15 @@ message! {
         attitude_sent: [f64; 4] ["body to world"],
         /// Collective thrust sent, as a share of the vehicle's greatest thrust.
         thrust: f64 ["0..1"],
+        /// Feedback of the errors of attitude and rate in the law's rotation command, before the limits; NaN when not flying, as the
+        /// next three.
+        proportional_term: [f64; 3] ["-1..1 or N m, body"],
+        /// Integral action in that command.
+        integral_term: [f64; 3] ["-1..1 or N m, body"],
+        /// Motion of the reference and gyroscopic torque in that command.
+        feed_forward_term: [f64; 3] ["-1..1 or N m, body"],
+        /// Compensation of the estimated disturbance in that command.
+        disturbance_term: [f64; 3] ["-1..1 or N m, body"],
         /// Age of the newest accepted pose at this tick; NaN if there was none yet.
         pose_age_s: f64 ["s"],
         /// Delay of the daemon's wake-up after the deadline it asked for, or after the pose's arrival.

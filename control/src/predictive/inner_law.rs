@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::controller::{
-    AttitudeLaw, AttitudeReference, AttitudeState, Controller, InputForm, OqtalDt,
+    AttitudeLaw, AttitudeReference, AttitudeState, Controller, InputForm, LawTerms, OqtalDt,
 };
 
 /// The attitude law of an [`Autopilot`](super::Autopilot).
@@ -44,6 +44,14 @@ impl<I: InputForm> InnerLaw<I> {
         match self {
             Self::Own(law) => law.reset(),
             Self::Other(law) => law.reset(),
+        }
+    }
+
+    /// Terms of the last input.
+    pub(super) fn terms(&self) -> LawTerms {
+        match self {
+            Self::Own(law) => law.terms(),
+            Self::Other(law) => law.terms(),
         }
     }
 

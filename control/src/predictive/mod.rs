@@ -50,7 +50,7 @@ mod tracker;
 use nalgebra::Vector3;
 
 use crate::controller::{
-    AttitudeReference, AttitudeState, Controller, InputForm, OqtalDt, OqtalDtOptions,
+    AttitudeReference, AttitudeState, Controller, InputForm, LawTerms, OqtalDt, OqtalDtOptions,
 };
 use crate::options::OptionError;
 use crate::position::{PositionCommand, PositionOptions};
@@ -102,6 +102,8 @@ pub struct PredictiveOutput {
     pub setpoint: PositionCommand,
     /// Input of the rotation, within the vehicle's range \[N m, body axes, in rate form -1..1\].
     pub u: Vector3<f64>,
+    /// Terms of that input, before the adapted gain and the vehicle's limits.
+    pub terms: LawTerms,
     /// Command to a vehicle with its own attitude loop, body to world.
     pub attitude: Attitude,
 }
@@ -177,7 +179,8 @@ impl<I: InputForm + Copy> Autopilot<I> {
         }
         let ahead = Ahead { motion, bias: tracker.bias(), dt_s, delay_s };
         let setpoint = self.setpoint(&ahead, tracker.model().mass_kg, reference)?;
-        let u = self.rotate(&ahead, &setpoint.attitude, &tracker.effect().gain);
+        let disturbance = -self.design.input.input_for(&ahead.bias.demand);
+        let u = self.rotate(&ahead, &setpoint.attitude, &disturbance, &tracker.effect().gain);
         let attitude = self.attitude_command(&setpoint.attitude, &ahead.bias.demand);
         self.setpoint_buffer.push(now_s + delay_s, setpoint);
         self.last_s = Some(now_s);
@@ -186,6 +189,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
         Some(PredictiveOutput {
             setpoint: PositionCommand { thrust_n: setpoint.thrust_n, ..now },
             u,
+            terms: LawTerms { disturbance, ..self.attitude.terms() },
             attitude,
         })
     }
@@ -242,19 +246,19 @@ impl<I: InputForm + Copy> Autopilot<I> {
         wanted.attitude.turned_by(rate / gain_per_s)
     }
 
-    /// The law's input minus the estimated bias, for a vehicle whose rate is `gain` times the commanded one \[-\].
+    /// The law's input with the compensation of the estimated bias, `disturbance`, for a vehicle whose rate is `gain` times the
+    /// commanded one \[-\].
     fn rotate(
         &mut self,
         ahead: &Ahead,
         wanted: &AttitudeReference,
+        disturbance: &Vector3<f64>,
         gain: &Vector3<f64>,
     ) -> Vector3<f64> {
-        let Ahead { motion, bias, dt_s, .. } = ahead;
+        let Ahead { motion, dt_s, .. } = ahead;
         let state = AttitudeState { attitude: motion.attitude, rate: BodyRate(motion.rate) };
-        let Design { input, .. } = &self.design;
-        let demanded = self.attitude.input(&state, wanted, *dt_s);
-        let u = demanded - input.input_for(&bias.demand);
-        input.saturate(&u.component_div(gain))
+        let u = self.attitude.input(&state, wanted, *dt_s) + disturbance;
+        self.design.input.saturate(&u.component_div(gain))
     }
 }
 

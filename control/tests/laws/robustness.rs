@@ -42,6 +42,28 @@ fn q_and_minus_q_give_the_same_command_half_a_turn_away() {
     }
 }
 
+/// The terms of a law add up to its command before the limits.
+fn check_terms<I: Form>(input: I, state: AttitudeState, reference: AttitudeReference) {
+    for name in ALL {
+        let mut law = law(name, &ControlOptions::default(), input);
+        for _ in 0..3 {
+            let command = law.update(&state, &reference, DT_S).numbers();
+            let LawTerms { proportional, integral, feed_forward, disturbance } = law.terms();
+            let sum = proportional + integral + feed_forward + disturbance;
+            let off = (input.saturate(&sum) - command).amax();
+            assert!(off < 1e-9, "{name:?}: {sum:?} for {command:?}");
+        }
+    }
+}
+
+proptest! {
+    #[test]
+    fn the_terms_of_a_law_add_up_to_its_command(state in state(), reference in reference()) {
+        check_terms(sticks(), state, reference);
+        check_terms(spacecraft(), state, reference);
+    }
+}
+
 /// A number as a broken sensor or a corrupted message might give it.
 fn any_number() -> impl Strategy<Value = f64> {
     prop_oneof![

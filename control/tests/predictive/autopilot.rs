@@ -2,7 +2,7 @@
 
 use oqtal_control::controller::AttitudeReference;
 use oqtal_control::predictive::{
-    Bias, CommandHistory, CommandReport, ModelInput, Motion, PositionLaw,
+    Bias, CommandHistory, CommandReport, ModelInput, Motion, PositionLaw, PredictiveOutput,
 };
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::trajectory::{Phase, Reference};
@@ -49,6 +49,10 @@ impl Bench {
 
     /// One tick: a pose is captured and arrives, a command is sent, the vehicle moves on to the next pose.
     fn turn(&mut self, reference: &Reference) -> Option<Vector3<f64>> {
+        self.step(reference).map(|output| output.u)
+    }
+
+    fn step(&mut self, reference: &Reference) -> Option<PredictiveOutput> {
         let captured_s = self.now_s();
         let sent_s = captured_s + LATENCY_S;
         self.tracker.take(captured_s, &self.pose());
@@ -64,7 +68,7 @@ impl Bench {
         self.history.push(self.tick, sent_s, input);
         let span = (captured_s, self.now_s());
         self.motion = self.history.propagate(&quadrotor(), (&self.motion, &self.bias), span);
-        output.map(|output| output.u)
+        output
     }
 }
 
@@ -123,6 +127,9 @@ fn steady_disturbances_are_learnt_and_leave_no_error() {
     }
     assert!(bench.motion.position.norm() < 1e-4, "off by {}", bench.motion.position);
     assert!(bench.motion.attitude.angle_to(&Attitude::LEVEL) < 0.02);
+    let compensation = bench.step(&hover()).unwrap().terms.disturbance;
+    let off = compensation + bias.demand / AUTHORITY;
+    assert!(off.amax() < 1e-3, "the law shows the disturbance that it compensates: {off}");
 }
 
 #[test]

@@ -167,6 +167,7 @@ fn with_reduced_thrust(command: VehicleCommand, overdue_s: f64) -> VehicleComman
 #[cfg(test)]
 mod tests {
     use nalgebra::Vector3;
+    use oqtal_control::controller::LawTerms;
     use oqtal_control::position::PositionCommand;
     use oqtal_control::quaternion::Attitude;
     use oqtal_control::tracking_error::AttitudeReference;
@@ -186,7 +187,8 @@ mod tests {
             let command = VehicleCommand::level(config.vehicle.interface, 0.0, thrust_n);
             let attitude = AttitudeReference::at_rest(Attitude::LEVEL);
             let setpoint = PositionCommand { attitude, thrust_n, velocity: Vector3::zeros() };
-            let output = ControlOutput { setpoint, command, saturated: false };
+            let terms = LawTerms::default();
+            let output = ControlOutput { setpoint, command, terms, saturated: false };
             control.command(now, &directive, Some(&output), &intake);
             let expected = if is_armed { command } else { VehicleCommand::Disarmed };
             assert_eq!(*control.sent(), expected, "{thrust_n} N");

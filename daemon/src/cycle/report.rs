@@ -2,6 +2,7 @@
 
 use oqtal_bus::message::{CommandV1, Header, PoseV1, TelemetryV1};
 use oqtal_bus::time::{Span, Time};
+use oqtal_control::controller::LawTerms;
 use oqtal_control::predictive::{AdaptedModel, MotionTracker};
 use oqtal_control::trajectory::Reference;
 
@@ -25,6 +26,10 @@ impl TickReport {
             planned_landing_s: f64::NAN,
             reference_velocity: unknown,
             reference_yaw: f64::NAN,
+            proportional_term: unknown,
+            integral_term: unknown,
+            feed_forward_term: unknown,
+            disturbance_term: unknown,
             pose_age_s: f64::NAN,
             pose_position: unknown,
             pose_attitude: [f64::NAN; 4],
@@ -150,6 +155,16 @@ fn record_adapted(telemetry: &mut TelemetryV1, adapted: &AdaptedModel) {
     telemetry.fell_back = u8::from(adapted.fell_back);
 }
 
+/// Fills in the terms of the law, in the order of [`LawTerms`].
+fn record_terms(telemetry: &mut TelemetryV1, terms: [[f64; 3]; 4]) {
+    [
+        telemetry.proportional_term,
+        telemetry.integral_term,
+        telemetry.feed_forward_term,
+        telemetry.disturbance_term,
+    ] = terms;
+}
+
 /// Fills in reference and set-points: the last ones while coasting, NaN when not flying.
 fn record_setpoints(
     telemetry: &mut TelemetryV1,
@@ -168,9 +183,13 @@ fn record_setpoints(
             telemetry.velocity_command = [f64::NAN; 3];
             telemetry.attitude_command = [f64::NAN; 4];
             telemetry.saturated = 0;
+            record_terms(telemetry, [[f64::NAN; 3]; 4]);
         }
     }
-    if let Some(ControlOutput { setpoint, saturated, .. }) = output {
+    if let Some(ControlOutput { setpoint, saturated, terms, .. }) = output {
+        let LawTerms { proportional, integral, feed_forward, disturbance } = *terms;
+        let terms = [proportional, integral, feed_forward, disturbance];
+        record_terms(telemetry, terms.map(Into::into));
         telemetry.velocity_command = setpoint.velocity.into();
         telemetry.attitude_command = setpoint.attitude.attitude.xyzw();
         telemetry.saturated = u8::from(*saturated);

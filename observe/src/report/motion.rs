@@ -1,6 +1,7 @@
 //! Position, velocity, attitude and command over time.
 
 use maud::{Markup, html};
+use oqtal_bus::message::TelemetryV1;
 use oqtal_config::Interface;
 use oqtal_control::quaternion::Attitude;
 
@@ -90,6 +91,27 @@ pub fn command(timeline: &Timeline<'_>) -> Markup {
                 (body_rate(timeline))
                 (over_time(timeline, "Battery voltage [V]", vec![voltage]))
             }
+        },
+    )
+}
+
+/// Terms of the law's rotation command.
+pub fn terms(timeline: &Timeline<'_>) -> Markup {
+    let unit = match timeline.flight.config.vehicle.interface {
+        Interface::Rate | Interface::Attitude => "-1..1",
+        Interface::Torque => "N m, body",
+    };
+    let term = |name: &str, of: fn(&TelemetryV1) -> [f64; 3]| {
+        let title = format!("{name} [{unit}]");
+        by_component(timeline, &title, ["roll", "pitch", "yaw"], |s| of(&s.telemetry))
+    };
+    section(
+        "Terms of the law",
+        html! {
+            (term("Feedback", |t| t.proportional_term))
+            (term("Integral action", |t| t.integral_term))
+            (term("Feed-forward", |t| t.feed_forward_term))
+            (term("Compensation of the estimated disturbance", |t| t.disturbance_term))
         },
     )
 }
