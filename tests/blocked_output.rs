@@ -65,7 +65,7 @@ fn all_obey(name: &str, start: impl Fn(&mut Command) -> Running) {
 }
 
 #[test]
-fn f34_an_operator_is_obeyed_and_processes_end_although_nobody_reads_their_log() {
+fn f34_an_operator_is_obeyed_and_processes_end_although_their_log_is_not_read() {
     let (_reader, pipe) = full_pipe();
     all_obey("blocked", |command| {
         Running::start_with_stderr(command, Stdio::from(pipe.try_clone().unwrap()))

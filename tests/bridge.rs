@@ -16,7 +16,7 @@ use rustix::process::Signal;
 use vehicle::{Manner, PtyVehicle};
 
 #[test]
-fn a_flight_leaves_nothing_in_shared_memory_whatever_is_dropped_first() {
+fn a_flight_leaves_nothing_in_shared_memory_in_any_order_of_drops() {
     let (flight, commander) = airborne("remains");
     let BridgeFlight { testbed, bus, reports, bridge, vehicle } = flight;
     bridge.signal(Signal::TERM);

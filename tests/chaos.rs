@@ -105,7 +105,7 @@ impl Tally {
 }
 
 #[test]
-fn whatever_fails_no_flight_leaves_the_fence_stays_powered_when_tipped_or_commands_nonsense() {
+fn no_failure_makes_a_flight_leave_the_fence_stay_powered_when_tipped_or_command_nonsense() {
     let (count, first) =
         (length("OQTAL_TEST_CHAOS_FLIGHTS", 40), length("OQTAL_TEST_CHAOS_SEED", 1));
     let (tally, violations) = (Mutex::new(Tally::default()), Mutex::new(Vec::new()));

@@ -124,7 +124,7 @@ fn oqtal_dt_follows_a_prescribed_attitude_three_times_as_closely() {
 /// A command delay that exceeds the configured one by more than a tick is measured: the attitude is held as accurately as with
 /// the configured delay. With a delay hidden from the stamps, the fixed model ignores it and the adapted model identifies it.
 #[test]
-fn oqtal_dt_learns_the_delay_of_the_loop() {
+fn oqtal_dt_measures_the_delay_of_the_loop() {
     let error = |words: &[&str]| {
         let summary = fly(&[&["--controller", "oqtal-dt"], words].concat());
         number(&summary, "/attitude_error_deg/mean")

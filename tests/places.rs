@@ -28,7 +28,7 @@ fn all_find_each_other(testbed: &Testbed, order: [usize; 3]) -> Vec<Running> {
 }
 
 #[test]
-fn f32_processes_find_each_other_in_whatever_order_they_start() {
+fn f32_processes_find_each_other_in_any_order_of_their_starts() {
     for order in ORDERS {
         let testbed = Testbed::new("order");
         for process in all_find_each_other(&testbed, order) {

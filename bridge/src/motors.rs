@@ -270,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn no_sequence_begins_without_a_fresh_status_but_to_take_a_start_back() {
+    fn without_a_fresh_status_no_sequence_begins_except_to_cancel_a_start() {
         for state in STATES {
             for conditions in all_conditions().filter(|c| !c.running && !c.stopped) {
                 let next = after(state, 10, conditions);

@@ -95,7 +95,7 @@ mod tests {
     };
 
     #[test]
-    fn the_newest_pose_goes_out_once_at_its_rate_with_its_time_and_never_an_old_one() {
+    fn the_newest_pose_is_sent_once_at_its_rate_with_its_time_and_no_old_one() {
         let mut relay = PoseRelay::new(Span::from_millis(50));
         relay.receive(at(15), &header(0), &SEEN);
         assert_eq!(relay.take(at(16), PERIOD).unwrap().captured_at, at(0));

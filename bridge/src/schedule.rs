@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn words_go_only_where_there_is_room() {
+    fn words_are_drawn_only_where_there_is_room() {
         let mut schedule = schedule();
         let ahead = Span::from_millis(3);
         schedule.add_setpoint(at(0), true);
@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn words_are_so_far_apart_that_everything_has_its_time() {
+    fn periodic_frames_leave_time_for_every_exchange() {
         let period = Span::from_millis(16);
         let (setpoint, exchange) = (Span::from_millis(10), Span::from_millis(14));
         assert_eq!(spacing(period, Span::from_millis(4), Span::from_millis(8)), Some(period));

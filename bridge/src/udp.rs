@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn others_leave_room_for_the_vehicle_that_answers_however_much_they_send() {
+    fn a_flood_of_others_leaves_room_for_the_vehicle_that_answers() {
         let (mut link, vehicles) = listening(2);
         let [vehicle, other] = &vehicles[..] else { panic!("two vehicles") };
         let mut buffer = [0; 16];

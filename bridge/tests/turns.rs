@@ -167,7 +167,7 @@ fn bytes_that_a_port_keeps_although_they_were_discarded_are_waited_for() {
 }
 
 #[test]
-fn motors_count_as_running_without_a_status_while_the_vehicle_answers() {
+fn motors_without_a_status_count_as_running_while_the_vehicle_answers() {
     let mut bridge = bridge();
     bridge.receive_bytes(START, &status(1), &mut |_| {});
     let mut armed = |millis: i64, acknowledged: bool| {

@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn anything_else_is_told_the_grammar() {
+    fn any_other_text_is_refused_with_the_grammar() {
         for wrong in [
             "",
             "force",

@@ -89,7 +89,7 @@ fn an_error_names_the_setting_that_made_the_value_impossible() {
 }
 
 #[test]
-fn a_value_that_follows_is_blamed_on_what_it_follows() {
+fn an_error_of_a_derived_value_names_its_source() {
     let message = error(&["vehicle.rate-lag-ms=0.5"]);
     assert!(message.starts_with("flag 0: `vehicle.rate-lag-ms` is 0.5"), "{message}");
     let own = error(&["plant.rate-lag-ms=0.5"]);
@@ -97,7 +97,7 @@ fn a_value_that_follows_is_blamed_on_what_it_follows() {
 }
 
 #[test]
-fn an_interface_or_a_preset_that_is_none_is_told_those_there_are() {
+fn an_unknown_interface_or_preset_is_refused_with_the_known_ones() {
     let interface = error(&["vehicle.interface=thrust"]);
     assert!(interface.contains("`rate`, `torque`, `attitude`"), "{interface}");
     let preset = error(&["vehicle.preset=boat"]);

@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn rates_are_held_over_a_gap_and_go_on_from_there() {
+    fn rates_are_held_over_a_gap_and_continue_from_there() {
         let mut estimator = estimator();
         for k in 0..60 {
             let t_s = f64::from(k) * DT_S;
@@ -222,7 +222,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn constant_motion_is_found_whatever_the_spacing_of_the_poses(
+        fn constant_motion_is_found_for_any_spacing_of_the_poses(
             velocity in vector3(3.0),
             rate in vector3(3.0),
             spacing_s in prop::collection::vec(0.001..0.049, 100),

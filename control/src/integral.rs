@@ -55,7 +55,7 @@ mod tests {
     const X: Vector3<f64> = Vector3::new(1.0, 0.0, 0.0);
 
     #[test]
-    fn it_integrates_up_to_its_limit() {
+    fn the_integral_grows_up_to_its_limit() {
         let mut integral = Integral::new(0.25);
         integral.step(&X, &X, &Vector3::zeros(), 0.1);
         assert_eq!(*integral.value(), 0.1 * X);
@@ -68,7 +68,7 @@ mod tests {
     }
 
     #[test]
-    fn it_stands_still_only_while_it_would_drive_a_saturated_command_further_out() {
+    fn the_integral_stops_only_while_it_would_increase_the_saturation() {
         let mut integral = Integral::new(1.0);
         integral.step(&X, &X, &X, 0.1);
         assert_eq!(*integral.value(), Vector3::zeros());
@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_finite_adds_nothing() {
+    fn numbers_that_are_not_finite_add_nothing() {
         let mut integral = Integral::new(1.0);
         for (error, dt_s) in
             [(f64::NAN, 0.1), (f64::INFINITY, 0.1), (1.0, f64::NAN), (1.0, f64::INFINITY)]

@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn signs_and_infinity_are_told_apart() {
+    fn signs_and_infinity_are_distinguished() {
         let allowed =
             |rule: Rule| [-1.0, 0.0, 1.0, f64::INFINITY, f64::NAN].map(|x| rule.allows(x));
         assert_eq!(allowed(Rule::Positive), [false, false, true, false, false]);
@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn message_names_key_value_and_what_is_allowed() {
+    fn a_message_names_key_value_and_allowed_values() {
         let table =
             [("mass-kg", 0.5, Rule::Positive), ("tilt-limit-deg", 75.0, Rule::Between(1.0, 60.0))];
         let error = check_options(table).unwrap_err().within("position");

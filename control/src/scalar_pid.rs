@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn reset_forgets_the_past() {
+    fn a_reset_discards_the_past() {
         let mut used = pid(1.0, 1.0, 1.0);
         used.update(1.0, 0.5);
         used.update(2.0, 0.5);

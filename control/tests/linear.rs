@@ -38,7 +38,7 @@ fn an_oscillator_turns() {
 }
 
 #[test]
-fn what_is_small_beside_one_keeps_its_digits() {
+fn a_number_small_beside_one_keeps_its_digits() {
     let slow = Matrix2::new(-1e-12, 0.0, 0.0, -1e3);
     let (_, bd) = discretise(&slow, &Vector2::new(1.0, 1.0), 1.0);
     assert!(close(&bd, &Vector2::new(1.0, 1e-3), 1e-12));

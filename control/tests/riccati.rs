@@ -205,7 +205,7 @@ proptest! {
     }
 
     #[test]
-    fn whatever_the_data_the_answer_is_finite_or_an_error(
+    fn for_any_data_the_answer_is_finite_or_an_error(
         a in prop::array::uniform9(any::<f64>()),
         b in prop::array::uniform3(any::<f64>()),
         q in prop::array::uniform3(any::<f64>()),

@@ -46,7 +46,7 @@ fn a_chirp_sweeps_about_roll_and_then_about_pitch() {
 }
 
 #[test]
-fn a_chirp_says_how_it_turns() {
+fn the_rates_of_a_chirp_are_the_derivatives_of_its_attitude() {
     let chirp = trajectory(TrajectoryKind::AttitudeChirp);
     let h = 1e-4;
     for (start_s, _) in CHIRP_AXES {

@@ -49,7 +49,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_thrust_of_a_descent_is_below_the_hovers_whatever_was_estimated() {
+    fn the_thrust_of_a_descent_is_below_hover_for_any_estimate() {
         let descent = BlindDescent::of(&Config::default());
         let weight_n = descent.mass_kg * descent.gravity_m_s2;
         let share = |lift| descent.thrust_n(lift) / weight_n;

@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn from_a_known_start_the_point_that_is_outside_is_told() {
+    fn from_a_known_start_a_point_outside_is_reported() {
         let settings = ["fence.x-m=[-0.5, 9.0]", "fence.soft-margin-m=0.2"];
         assert_eq!(check(&settings, Some(Vector3::x() * 3.0)), Ok(()));
         let told = check(&settings, Some(Vector3::x() * 8.0)).unwrap_err();

@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn speed_that_no_limit_allows_is_told_with_its_instant_and_a_remedy() {
+    fn a_speed_beyond_the_limit_is_reported_with_its_instant_and_a_remedy() {
         let kind = "trajectory.kind=waypoints";
         let told_of = |text| told(&[kind], Some(text)).join("\n");
         assert!(told_of("t,x,y,z\n0,0,0,1\n20,6,0,1\n").is_empty());
@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn a_law_whose_place_the_vehicle_takes_is_told() {
+    fn a_warning_names_a_law_that_the_vehicle_replaces() {
         let attitude = "vehicle.interface=attitude";
         let text = told(&[attitude, "control.controller=lqr"], None).join("\n");
         assert!(text.contains("lqr flies like every law but oqtal-dt"), "{text}");
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn values_in_another_unit_are_told() {
+    fn values_in_another_unit_are_reported() {
         let text =
             told(&["vehicle.max-thrust-n=22000", "vehicle.rate-lag-ms=50000"], None).join("\n");
         assert!(text.contains("4485 times the weight of 4.91 N"), "{text}");
@@ -181,14 +181,14 @@ mod tests {
     }
 
     #[test]
-    fn a_far_first_waypoint_is_told() {
+    fn a_far_first_waypoint_is_reported() {
         let kind = "trajectory.kind=waypoints";
         let text = told(&[kind], Some("t,x,y,z\n0,3,0,1\n9,3,0,1\n")).join("\n");
         assert!(text.contains("[3.00, 0.00, 1.00] m is 3.00 m from the hover point"), "{text}");
     }
 
     #[test]
-    fn a_rate_that_the_cameras_cannot_give_is_told() {
+    fn a_rate_that_the_cameras_cannot_deliver_is_reported() {
         let text = told(&["control.rate-hz=80"], None).join("\n");
         assert!(text.contains("60.0000 Hz") || text.contains("60 Hz"), "{text}");
     }

@@ -135,7 +135,7 @@ fn findings_are_a_layer_of_the_configuration() {
 }
 
 #[test]
-fn the_file_of_a_vehicle_has_its_mass_and_what_the_laboratory_was_told() {
+fn the_file_of_a_vehicle_has_its_mass_and_the_given_settings() {
     let settings = ["vehicle.mass-kg=0.9", "vehicle.max-thrust-n=22", "fence.x-m=[-3.0,3.0]"]
         .map(|text| Setting::parse("test", text).unwrap());
     let flight = excitation_flight::fly(&Config::from_settings(&settings).unwrap()).unwrap();

@@ -53,7 +53,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_body_that_moves_looks_where_it_goes() {
+    fn a_moving_body_faces_its_direction_of_motion() {
         for scene in [SceneName::Circle, SceneName::Lemniscate] {
             for step in 0..100 {
                 let (t, dt) = (f64::from(step) * 0.08, 1e-4);

@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn a_name_goes_before_a_number_and_only_some_protocols_have_numbers() {
+    fn a_name_takes_precedence_over_a_number_and_only_some_protocols_have_numbers() {
         let wanted = || RouteTable::new(vec!["7".to_owned()]);
         let bodies = || [body(7, "c"), body(9, "7")];
         for mut table in [wanted(), wanted().with_numbers()] {

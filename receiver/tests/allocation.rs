@@ -93,7 +93,7 @@ fn questions() -> Vec<u8> {
 }
 
 #[test]
-fn a_vrpn_server_that_asks_and_renames_without_an_end_makes_nobody_allocate() {
+fn endless_requests_and_names_of_a_vrpn_server_cause_no_allocation() {
     let names = ["quad".to_owned()];
     let mut greeting = Vec::new();
     let mut session = VrpnSession::open(&names, &mut greeting);
@@ -122,7 +122,7 @@ fn a_vrpn_server_that_asks_and_renames_without_an_end_makes_nobody_allocate() {
 }
 
 #[test]
-fn a_qtm_server_with_events_and_bodies_without_an_end_makes_nobody_allocate() {
+fn endless_events_and_bodies_of_a_qtm_server_cause_no_allocation() {
     let body = QtmBody { name: "quad".to_owned(), ..QtmBody::default() };
     let parameters = QtmParameters { bodies: Some(vec![body]), ..QtmParameters::default() };
     let (mut host, mut greeting) = (QtmHost::new(parameters), Vec::new());

@@ -163,7 +163,7 @@ fn f53_a_server_whose_clock_is_set_publishes_nothing_until_it_is_known_again() {
 }
 
 #[test]
-fn f54_a_new_connection_knows_neither_the_clock_nor_the_count_of_the_one_before() {
+fn f54_a_new_connection_uses_neither_the_clock_nor_the_count_of_the_last() {
     let mut cameras = Cameras::known();
     cameras.receiver.forget();
     assert!(!cameras.receiver.clock(0).is_known && !cameras.receiver.is_tracked(0));

@@ -78,7 +78,7 @@ fn a_restarted_count_is_followed_and_frame_numbers_do_not_decrease() {
 }
 
 #[test]
-fn numbers_of_32_bits_go_round_without_a_loss() {
+fn numbers_of_32_bits_wrap_around_without_a_loss() {
     let mut gate = FrameGate::new(&ReceiverOptions {
         stamps: StampSource::Arrival,
         ..Config::default().receiver

@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn it_ends_when_no_role_has_another_event() {
+    fn virtual_time_ends_when_no_role_has_another_event() {
         assert_eq!(clock_after_start([None; 4]).turn(), None);
     }
 }

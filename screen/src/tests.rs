@@ -131,7 +131,7 @@ fn a_flight_is_seen_whole_in_80_by_24() {
 }
 
 #[test]
-fn every_size_is_drawn_and_says_what_it_leaves_out() {
+fn every_size_is_drawn_with_a_note_of_omitted_parts() {
     let model = in_flight();
     for (width, height) in (0..100).step_by(3).flat_map(|w| (0..32).map(move |h| (w, h))) {
         let seen = seen(&model, (width, height));
@@ -147,7 +147,7 @@ fn every_size_is_drawn_and_says_what_it_leaves_out() {
 }
 
 #[test]
-fn states_are_told_in_words_and_without_colour_no_cell_has_one() {
+fn states_are_words_and_without_colour_no_cell_has_one() {
     let mut model = in_flight();
     let now = model.instance.now + Span::from_millis(10);
     model.advance(now);
@@ -207,7 +207,7 @@ fn an_instance_that_ends_is_told_and_one_that_comes_back_is_shown_again() {
 }
 
 #[test]
-fn an_observer_that_was_too_slow_says_so() {
+fn an_observer_that_was_too_slow_reports_the_loss() {
     let mut model = in_flight();
     model.lost(ObservedTopic::Telemetry, POSE.quality.buffer as u64);
     let seen = seen(&model, (80, 24));

@@ -80,7 +80,7 @@ fn a_fit_machine_gets_no_advice() {
 }
 
 #[test]
-fn whatever_could_be_better_comes_with_its_command() {
+fn every_advice_has_its_command() {
     let cases = [
         (
             "proc/self/limits",

@@ -182,7 +182,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_form_is_read_and_anything_else_is_told_the_forms() {
+    fn every_form_is_read_and_any_other_text_is_refused_with_the_forms() {
         assert!(matches!(parse("emulated"), Ok(MocapSource::Emulated)));
         assert!(matches!(parse("vrpn"), Ok(MocapSource::Served("vrpn"))));
         assert!(matches!(parse("replay:a.csv"), Ok(MocapSource::Replay(_))));

@@ -299,7 +299,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_form_is_read_and_anything_else_is_told_the_forms() {
+    fn every_form_is_read_and_any_other_text_is_refused_with_the_forms() {
         let config = Config::default();
         for kind in ["asctec,baud=115200,xbee=api2", "mavlink,autopilot=px4,system=3", "crtp"] {
             let bridged = parse(&format!("bridge:{kind}")).unwrap();

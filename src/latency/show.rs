@@ -128,7 +128,7 @@ mod tests {
     use oqtal_observe::latency::DistributionSummary;
 
     #[test]
-    fn it_fits_a_terminal_and_shows_every_hop_and_mechanism() {
+    fn the_table_fits_a_terminal_and_shows_every_hop_and_mechanism() {
         let summary = DistributionSummary {
             count: 600,
             min_ns: 10_000,

@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn commands_are_executed_and_a_refusal_is_said() {
+    fn commands_are_executed_and_a_refusal_is_reported() {
         let post = |site: &Site, body: &str| status(site, &request("POST", "/control", body));
         let with = site(true);
         assert_eq!(post(&with, r#"{"command": "arm"}"#), 200);

@@ -138,7 +138,7 @@ proptest! {
     }
 
     #[test]
-    fn it_does_not_matter_how_the_bytes_were_split(
+    fn the_split_of_the_bytes_does_not_matter(
         (commands, _) in stream(command()),
         (telemetry, _) in stream(vehicle_frame()),
         pieces in prop::collection::vec(0..40_usize, 0..60),

@@ -71,7 +71,7 @@ fn replies() -> Vec<CrtpReply<'static>> {
 }
 
 #[test]
-fn what_a_vehicle_says_is_read_by_the_host() {
+fn the_host_reads_the_messages_of_a_vehicle() {
     for reply in replies() {
         let packet = CrtpPacket::parse(reply.packet().as_bytes()).unwrap();
         assert_eq!(CrtpReply::read(&packet), Some(reply));

@@ -211,7 +211,7 @@ proptest! {
     }
 
     #[test]
-    fn whatever_the_sticks_the_counts_are_in_range(
+    fn for_any_sticks_the_counts_are_in_range(
         scales in scales(),
         [roll, pitch, yaw, thrust] in prop::array::uniform4(any::<f64>()),
     ) {

@@ -99,7 +99,7 @@ fn a_version_that_is_not_spoken_is_named() {
 }
 
 #[test]
-fn what_a_server_does_not_know_it_says() {
+fn a_server_reports_what_it_does_not_support() {
     let mut server = NatNetServer::new(NatNetServerOptions::default());
     let mut answer = |text: &[u8]| {
         let mut out = Vec::new();

@@ -115,7 +115,7 @@ fn a_client_asks_for_older_versions_until_one_is_spoken() {
 }
 
 #[test]
-fn another_server_is_told_from_qtm() {
+fn another_server_is_distinguished_from_qtm() {
     let mut client = QtmClient::new(QtmClientOptions::default());
     let mut bytes = Vec::new();
     QtmWriter::new(&mut bytes, ByteOrder::Little).command("SMTP ready");

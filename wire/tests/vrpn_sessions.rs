@@ -79,7 +79,7 @@ fn another_version_and_another_protocol_are_refused() {
 
 proptest! {
     #[test]
-    fn poses_arrive_as_sent_whatever_the_pieces(frame in frame(), piece in 1..100_usize) {
+    fn poses_arrive_as_sent_in_any_pieces(frame in frame(), piece in 1..100_usize) {
         let names: Vec<String> = (0..frame.bodies.len()).map(|n| format!("body {n}")).collect();
         let (mut client, mut session) = connected(&names.iter().map(String::as_str).collect::<Vec<_>>());
         let mut sent = Vec::new();

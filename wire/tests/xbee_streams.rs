@@ -130,7 +130,7 @@ proptest! {
     }
 
     #[test]
-    fn it_does_not_matter_how_the_bytes_were_split(
+    fn the_split_of_the_bytes_does_not_matter(
         (plain, _) in stream(false),
         (escaped, _) in stream(true),
         pieces in prop::collection::vec(0..40_usize, 0..60),

@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn of_a_vehicle_that_arms_by_itself_the_bridge_keeps_account() {
+    fn the_bridge_tracks_the_motors_of_a_vehicle_that_arms_by_itself() {
         let mut arming = Arming::new();
         let state = Supervision::ARMED.with(Supervision::CAN_FLY).with(Supervision::ARMS_ITSELF);
         assert!(!arming.motors_run(state));

@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn the_newest_set_point_goes_first_and_no_old_packet_goes_at_all() {
+    fn the_newest_set_point_is_sent_first_and_no_old_packet_is_sent() {
         let mut schedule = RadioSchedule::new(1, 250.0);
         schedule.push(at(0), 0, CrtpRequest::Source.packet());
         schedule.push(at(1), 0, setpoint(1));

@@ -98,7 +98,7 @@ fn f29_half_made_services_are_replaced_and_complete_ones_kept() {
 }
 
 #[test]
-fn f27_all_memory_of_a_port_is_there_when_it_is_opened() {
+fn f27_all_memory_of_a_port_is_allocated_when_it_is_opened() {
     use std::os::unix::fs::MetadataExt;
     let root = tempfile::tempdir().unwrap();
     let place = place(root.path());

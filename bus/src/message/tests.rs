@@ -100,7 +100,7 @@ fn a_schema_covers_the_header_and_the_stamps_before_the_body() {
 }
 
 #[test]
-fn a_table_tells_where_each_field_lies_in_the_bytes() {
+fn a_table_gives_the_offset_of_each_field() {
     let mut bytes = [0; ProbeV1::SIZE];
     PROBE.encode(&mut bytes);
     let [number, vector, time] = ProbeV1::FIELDS else { panic!("{:?}", ProbeV1::FIELDS) };

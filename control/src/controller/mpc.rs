@@ -349,7 +349,7 @@ mod tests {
 
     /// From nearly half a turn, sampled as in flight: the limits are active for most of the way.
     #[test]
-    fn it_comes_to_its_reference_from_far_away() {
+    fn the_law_reaches_its_reference_from_far_away() {
         let mut law = Mpc::new(MpcOptions::default(), input(), PERIOD_S).unwrap();
         let (mut attitude, mut rate) =
             (Attitude::from_rotation_vector(Vector3::new(2.0, -1.5, 1.0)), Vector3::zeros());

@@ -156,7 +156,7 @@ proptest! {
     /// With integral action, cells and limits every law comes to its reference. The error need not decrease
     /// monotonically until the integral has settled.
     #[test]
-    fn every_law_comes_to_its_reference_in_rate_form(
+    fn every_law_reaches_its_reference_in_rate_form(
         target in attitude(),
         turn in far_turn(),
     ) {
@@ -210,7 +210,7 @@ proptest! {
     }
 
     #[test]
-    fn every_law_comes_to_its_reference_in_torque_form(
+    fn every_law_reaches_its_reference_in_torque_form(
         target in attitude(),
         turn in far_turn(),
         spin in vector(0.5),
@@ -281,7 +281,7 @@ proptest! {
 
     /// Fed forward, the reference's motion is followed without any error to correct.
     #[test]
-    fn fed_forward_a_reference_is_followed_without_error(reference in reference()) {
+    fn with_feed_forward_a_reference_is_followed_without_error(reference in reference()) {
         let mut options = ControlOptions::default();
         options.oqtal.feed_forward = true;
         let state = AttitudeState {

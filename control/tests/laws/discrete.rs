@@ -32,7 +32,7 @@ fn spectral_radius<I: Form>(options: OqtalDtOptions, input: I) -> f64 {
 proptest! {
     /// As printed, the gains are unstable at 60 Hz from `q/r = 2^12` on.
     #[test]
-    fn every_pole_lies_inside_the_unit_circle_whatever_the_weights(
+    fn every_pole_lies_inside_the_unit_circle_for_any_weights(
         attitude in 0.0..20.0_f64,
         rate in -10.0..20.0_f64,
         input in 0.0..20.0_f64,
@@ -95,7 +95,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
     #[test]
-    fn it_recovers_from_175_degrees(axis in direction(), weak: bool) {
+    fn oqtal_dt_recovers_from_175_degrees(axis in direction(), weak: bool) {
         let turn = axis * 175.0_f64.to_radians();
         let max_torque = if weak { 1.0 } else { MAX_TORQUE };
         let input = TorqueInput::new(uneven_inertia(), max_torque).unwrap();
@@ -105,7 +105,7 @@ proptest! {
     }
 
     #[test]
-    fn it_recovers_from_a_tumble_of_20_rad_per_s(
+    fn oqtal_dt_recovers_from_a_tumble_of_20_rad_per_s(
         axis in direction(),
         attitude in attitude(),
         weak: bool,

@@ -15,7 +15,7 @@ fn vee(skew: &Matrix3<f64>) -> Vector3<f64> {
 
 proptest! {
     #[test]
-    fn it_is_the_law_of_its_source(state in state(), reference in reference()) {
+    fn the_law_is_that_of_its_source(state in state(), reference in reference()) {
         let inertia = uneven_inertia();
         let input = TorqueInput::new(inertia, 1e6).unwrap();
         let options = ControlOptions::spacecraft();
@@ -37,7 +37,7 @@ proptest! {
 
     /// The attitude error of the source, `2 lambda eps` elsewhere in this crate.
     #[test]
-    fn it_fades_towards_half_a_turn(axis in vector(1.0)) {
+    fn the_feedback_fades_towards_half_a_turn(axis in vector(1.0)) {
         prop_assume!(axis.norm() > 1e-3);
         let pull = |degrees: f64| {
             let turn = axis.normalize() * degrees.to_radians();
@@ -52,7 +52,7 @@ proptest! {
 /// A command is held for a period while the rate follows it: on a reference that accelerates, it must be ahead by so much that the
 /// rate grows as that of the reference does. The lag is the configured one, or one that was told in flight.
 #[test]
-fn its_feed_forward_knows_the_lag_of_the_rate() {
+fn the_feed_forward_inverts_the_lag_of_the_rate() {
     let (configured_s, told_s) = (0.05, 0.1);
     let acceleration = Vector3::new(1.5, -1.0, 0.5);
     let reference = AttitudeReference {

@@ -131,7 +131,7 @@ fn check_garbage<I: Form>(input: I, options: &ControlOptions, range: f64, garbag
 
 proptest! {
     #[test]
-    fn no_number_whatever_reaches_a_command(
+    fn no_invalid_number_reaches_a_command(
         garbage in prop::collection::vec(garbage(), 1..5),
         feed_forward: bool,
     ) {

@@ -54,7 +54,7 @@ fn the_classic_law_answers_a_small_step_as_its_linear_loop_does() {
 }
 
 #[test]
-fn the_linear_loop_comes_to_its_set_point() {
+fn the_linear_loop_reaches_its_set_point() {
     let target = Vector3::new(0.3, -0.2, 0.1);
     for integral_weight in [0.0, 0.01] {
         let last = linear(&options(integral_weight)).step_response(&target, 0.5, 400).last();

@@ -50,7 +50,7 @@ fn the_classic_law_solves_more_often_the_further_the_body_turns() {
 
 /// The rate is not a state of the model in rate form: neither error nor noise in it may select a gain.
 #[test]
-fn in_rate_form_the_rate_has_no_say_in_when_oqtal_solves() {
+fn in_rate_form_the_rate_does_not_affect_when_oqtal_solves() {
     let mut law = law(ControllerName::Oqtal, &ControlOptions::default(), sticks());
     for tick in 0..10 {
         let rate = BodyRate(Vector3::repeat(f64::from(tick)));
@@ -65,7 +65,7 @@ fn in_rate_form_the_rate_has_no_say_in_when_oqtal_solves() {
 
 /// With this rule the number of solutions is near that of Table V.
 #[test]
-fn the_rate_has_a_say_in_when_the_classic_law_solves() {
+fn the_rate_affects_when_the_classic_law_solves() {
     let mut law = law(ControllerName::Lqr, &ControlOptions::default(), sticks());
     for p in [0.0, 0.4, 0.6, 1.1] {
         let rate = BodyRate(Vector3::new(p, 0.0, 0.0));
@@ -117,7 +117,7 @@ fn the_second_derivative_of_eps_makes_noise_solve_and_a_filter_less() {
 }
 
 #[test]
-fn a_new_flight_knows_no_second_derivative_of_the_last() {
+fn a_new_flight_does_not_use_the_second_derivative_of_the_last() {
     let mut options = ControlOptions::spacecraft();
     (options.oqtal.jacobian, options.oqtal.eps_ddot) = (Jacobian::Exact, EpsDdot::Differenced);
     let fresh = law(ControllerName::Oqtal, &options, spacecraft());

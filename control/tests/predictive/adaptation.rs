@@ -196,7 +196,7 @@ fn the_thrust_follows_the_acceleration_that_it_lacks_within_bounds() {
 }
 
 #[test]
-fn what_was_learnt_is_forgotten_on_the_floor() {
+fn the_adaptation_is_reset_on_the_floor() {
     let hidden = RateResponse { gain: 0.7, lag_s: 0.09, delay_s: 0.02 };
     let mut adaptation = adaptation();
     let configured = adaptation.model();

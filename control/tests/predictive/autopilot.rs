@@ -242,7 +242,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(32))]
 
     #[test]
-    fn no_number_whatever_reaches_a_command_or_spoils_a_later_one(
+    fn no_invalid_number_reaches_a_command_or_affects_a_later_one(
         numbers in prop::collection::vec(prop::array::uniform8(garbage()), 1..30),
     ) {
         let mut bench = Bench::new(Bias::default());

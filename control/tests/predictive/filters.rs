@@ -41,7 +41,7 @@ fn check_dual(transition: &StateTransition, sd: f64) {
 }
 
 #[test]
-fn the_covariances_settle_where_our_own_riccati_solver_says() {
+fn the_covariances_converge_to_the_solution_of_our_riccati_solver() {
     let options = options();
     let (gain_per_s, greatest_rate) = (5.0, Vector3::repeat(AUTHORITY));
     let attitude_loop = Rotation::AttitudeLoop { gain_per_s, greatest_rate, lag_s: LAG_S };
@@ -160,7 +160,7 @@ fn innovations_of_the_attitude_filter_are_white_and_of_the_size_it_expects() {
 
 proptest! {
     #[test]
-    fn a_covariance_stays_symmetric_and_positive_whatever_the_spacing_of_the_poses(
+    fn a_covariance_stays_symmetric_and_positive_for_any_spacing_of_the_poses(
         spacing_s in prop::collection::vec(1e-4..0.5_f64, 1..200),
     ) {
         let options = options();

@@ -33,7 +33,7 @@ fn a_command_acts_a_delay_after_it_was_sent_and_until_the_next_does() {
 }
 
 #[test]
-fn the_delay_is_learnt_from_what_the_vehicle_says() {
+fn the_delay_is_measured_from_the_reports_of_the_vehicle() {
     let mut history = CommandHistory::new(0.0);
     for sequence in 1..200 {
         let sent_s = sequence as f64 * PERIOD_S;
@@ -72,7 +72,7 @@ fn a_delay_found_in_the_rotation_delays_the_demand_and_not_the_thrust() {
 }
 
 #[test]
-fn what_is_not_finite_or_older_than_the_last_is_not_remembered() {
+fn commands_that_are_not_finite_or_older_than_the_last_are_not_stored() {
     let mut history = CommandHistory::new(DELAY_S);
     history.push(1, 1.0, thrust(1.0));
     let before = history;
@@ -140,7 +140,7 @@ fn reports_that_were_missed_make_no_command_a_lost_one() {
 }
 
 #[test]
-fn a_vehicle_without_reports_is_flown_by_what_was_sent() {
+fn a_vehicle_without_reports_is_predicted_from_the_sent_commands() {
     let mut history = CommandHistory::new(DELAY_S);
     for tick in 1..=100 {
         history.push(tick, tick as f64 * PERIOD_S, thrust(tick as f64));

@@ -77,7 +77,7 @@ proptest! {
     }
 
     #[test]
-    fn it_brakes_in_time_whatever_its_options(target in vector(3.0), options in any_options()) {
+    fn the_reference_brakes_in_time_for_any_options(target in vector(3.0), options in any_options()) {
         let courses = towards(target, options, 15.0);
         within(&courses, options)?;
         for course in &courses {
@@ -88,7 +88,7 @@ proptest! {
 
     /// The limits hold for any jumps of the target.
     #[test]
-    fn it_keeps_its_limits_when_the_target_jumps(
+    fn the_reference_keeps_its_limits_when_the_target_jumps(
         targets in prop::collection::vec((vector(3.0), 1..90_usize), 1..8),
         options in any_options(),
     ) {
@@ -106,7 +106,7 @@ proptest! {
 
     /// Each derivative is the rate of change of the previous one in the last part of a tick.
     #[test]
-    fn its_derivatives_are_those_of_its_position(target in vector(3.0)) {
+    fn the_derivatives_are_those_of_the_position(target in vector(3.0)) {
         let courses = towards(target, (ReferenceModelOptions::default(), LIMITS), 3.0);
         for pair in courses.windows(2) {
             let [from, to] = [pair[0], pair[1]];

@@ -80,7 +80,7 @@ fn missing_frames_are_counted_by_their_numbers() {
 }
 
 #[test]
-fn a_burst_of_which_the_last_is_seen_is_superseded_and_not_lost() {
+fn a_burst_of_which_the_last_pose_is_read_is_superseded_and_not_lost() {
     let (mut guard, mut tracker) = on_the_ground();
     let mut show = |frame: u64, message: u64| {
         let now = Time::VIRTUAL_START + Span::from_millis(17 * frame.cast_signed());

@@ -95,7 +95,7 @@ impl Watch {
 }
 
 #[test]
-fn it_starts_blind_and_turns_nominal_with_good_poses() {
+fn the_state_is_coast_at_first_and_nominal_with_good_poses() {
     let mut watch = Watch { supervisor: Supervisor::default(), now: Time::VIRTUAL_START };
     assert_eq!((watch.supervisor.state(), watch.supervisor.cause()), (Coast, Cause::NoPose));
     assert_eq!(watch.tick(&GOOD), Nominal);
@@ -198,7 +198,7 @@ fn stop_is_latched_against_everything_but_arming_with_good_poses_and_a_vehicle()
 
 /// Each limit, its state, its time \[ms\], its cause.
 #[test]
-fn every_limit_acts_within_its_bound_and_tells_its_cause() {
+fn every_limit_acts_within_its_bound_and_reports_its_cause() {
     let with = |change: fn(&mut LimitConditions)| {
         let mut conditions = FLYING;
         change(&mut conditions.limits);
@@ -258,7 +258,7 @@ fn a_condition_that_chatters_neither_acts_nor_lets_go() {
 }
 
 #[test]
-fn a_landing_ends_with_the_flight_and_a_worse_limit_goes_first() {
+fn a_landing_ends_with_the_flight_and_a_worse_limit_takes_precedence() {
     let fast =
         SafetyConditions { limits: LimitConditions { too_fast: true, ..NO_LIMITS }, ..FLYING };
     let mut watch = Watch::nominal();

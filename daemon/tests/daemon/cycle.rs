@@ -37,7 +37,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
-    fn f06_no_pose_whatever_makes_a_command_that_is_not_finite_and_in_range(
+    fn f06_every_pose_gives_a_command_that_is_finite_and_in_range(
         poses in prop::collection::vec((any_pose(), any::<bool>()), 1..60),
         law in prop::sample::select(LAWS.to_vec()),
         vehicle in prop::sample::select(vec!["hummingbird", "spacecraft"]),
@@ -72,7 +72,7 @@ proptest! {
 }
 
 #[test]
-fn it_is_disarmed_until_asked_to_fly_and_sees() {
+fn the_vehicle_is_disarmed_until_a_flight_is_requested_and_poses_are_good() {
     let mut bench = Bench::new(&[]);
     for _ in 0..20 {
         let tick = bench.show(still(bench.frame)).expect("a tick on every pose");
@@ -298,7 +298,7 @@ fn arming_means_now_or_not_at_all() {
 }
 
 #[test]
-fn a_pose_from_the_future_is_refused_and_blinds_nobody() {
+fn a_pose_from_the_future_is_refused_and_later_ones_are_accepted() {
     let mut bench = Bench::flying(&[]);
     let stamps = Stamps { captured_at: bench.now + Span::from_millis(5000), ..Stamps::default() };
     let header = Header { pose_sequence: bench.frame + 1, stamps, ..Header::default() };

@@ -50,7 +50,7 @@ fn f48_a_blind_vehicle_is_level_and_sinks_to_the_floor_and_its_motors_stop() {
 }
 
 #[test]
-fn f48_a_descent_ends_whatever_was_predicted() {
+fn f48_a_descent_ends_after_any_prediction() {
     let mut flight = hovering(&[set("safety.descend-ms=700")]);
     // So strong a lift that the vehicle climbs.
     flight.lift = 1.3;

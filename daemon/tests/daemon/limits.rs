@@ -46,7 +46,7 @@ fn f37_the_delay_of_the_radio_is_part_of_the_prediction() {
 }
 
 #[test]
-fn f47_outside_the_soft_border_the_vehicle_goes_back_and_holds() {
+fn f47_outside_the_soft_border_the_vehicle_returns_and_holds() {
     let mut flight =
         Flight::hovering(&[set("fence.x-m=[-2.0, 2.0]"), set("fence.soft-margin-m=1.2")]);
     flight.wind = Vector3::x() * 3.5;
@@ -91,7 +91,7 @@ fn f38_a_vehicle_that_turns_over_slowly_enough_to_be_admitted_is_stopped_for_its
 }
 
 #[test]
-fn f38_a_tilted_vehicle_is_told() {
+fn f38_a_tilted_vehicle_is_reported() {
     let mut flight = Flight::hovering(&[set("safety.tilt-warning-deg=5.0")]);
     flight.wind = Vector3::x() * 1.2;
     until(&mut flight, SafetyState::Degraded);
@@ -222,7 +222,7 @@ fn f44_a_vehicle_that_stays_far_from_its_reference_lands() {
 }
 
 #[test]
-fn f45_f46_an_empty_battery_and_a_bad_link_end_the_flight_and_poor_ones_are_told() {
+fn f45_f46_an_empty_battery_and_a_bad_link_end_the_flight_and_poor_ones_are_reported() {
     for (volts, quality, state, cause) in [
         (9.5, 1.0, SafetyState::Land, Cause::Battery),
         (10.0, 1.0, SafetyState::Degraded, Cause::Battery),
@@ -242,7 +242,7 @@ fn f45_f46_an_empty_battery_and_a_bad_link_end_the_flight_and_poor_ones_are_told
 }
 
 #[test]
-fn f04_poses_that_grow_old_are_told_and_then_end_the_flight() {
+fn f04_poses_that_grow_old_are_reported_and_then_end_the_flight() {
     let mut flight = Flight::hovering(&[]);
     flight.bench.latency = Span::from_millis(55);
     let waited = until(&mut flight, SafetyState::Degraded);
@@ -255,7 +255,7 @@ fn f04_poses_that_grow_old_are_told_and_then_end_the_flight() {
 }
 
 #[test]
-fn f11_more_than_one_frame_in_twenty_lost_is_told() {
+fn f11_a_loss_of_more_than_one_frame_in_twenty_is_reported() {
     let mut flight = Flight::hovering(&[]);
     let mut frame = 0;
     let waited = flight.until(SafetyState::Degraded, |pose| {
@@ -269,7 +269,7 @@ fn f11_more_than_one_frame_in_twenty_lost_is_told() {
 }
 
 #[test]
-fn f22_three_late_ticks_in_a_row_are_told() {
+fn f22_three_late_ticks_in_a_row_are_reported() {
     let mut bench = Bench::flying(&[]);
     let mut tick = |late: i64| {
         bench.compute = Span::from_millis(late);
@@ -285,7 +285,7 @@ fn f22_three_late_ticks_in_a_row_are_told() {
 
 /// The turns themselves are late: each finds a pose that was published just now.
 #[test]
-fn f22_late_turns_on_recent_poses_are_told() {
+fn f22_late_turns_on_recent_poses_are_reported() {
     let mut bench = Bench::flying(&[]);
     let mut tick = |late: i64| {
         bench.now = bench.now + Span::from_millis(late);
@@ -304,7 +304,7 @@ fn f22_late_turns_on_recent_poses_are_told() {
 }
 
 #[test]
-fn f31_another_configuration_is_told_in_flight_and_keeps_on_the_ground() {
+fn f31_another_configuration_is_reported_in_flight() {
     let mut flight = Flight::hovering(&[]);
     flight.bench.cycle.notice_configurations(true);
     flight.run(1);
@@ -329,7 +329,7 @@ fn refusal(bench: &mut Bench, pose: impl Fn(u64) -> PoseV1) -> Vec<ArmingObstacl
 }
 
 #[test]
-fn arming_tells_every_reason_against_it_at_once() {
+fn arming_reports_every_reason_against_it_at_once() {
     use ArmingObstacle as O;
     let mut bench = Bench::new(&[set("safety.arming-z-m=[-0.1, 0.2]")]);
     bench.vehicle = REAL;

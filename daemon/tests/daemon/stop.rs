@@ -41,7 +41,7 @@ fn f15_the_tick_after_a_stop_commands_disarmed_and_the_state_is_latched() {
 }
 
 #[test]
-fn a_vehicle_that_says_it_was_stopped_ends_the_flight_and_is_not_armed() {
+fn a_vehicle_that_reports_a_stop_ends_the_flight_and_is_not_armed() {
     let mut bench = Bench::flying(&[]);
     bench.vehicle = VehicleV1 { stopped: 1, ..bench.vehicle };
     bench.miss();

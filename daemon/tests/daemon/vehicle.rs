@@ -37,7 +37,7 @@ fn arming_is_refused_while_the_vehicle_is_silent_and_a_flight_that_waits_waits_f
 }
 
 #[test]
-fn f18_a_vehicle_that_falls_silent_in_flight_is_told_to_stop_within_its_limit() {
+fn f18_a_vehicle_that_falls_silent_in_flight_is_stopped_within_its_limit() {
     for (silent, link) in [(true, 1), (false, 0)] {
         let mut bench = Bench::flying(&[]);
         (bench.silent, bench.vehicle.link) = (silent, link);
@@ -238,7 +238,7 @@ fn arming_itself(simulated: u8) -> Bench {
 }
 
 #[test]
-fn a_daemon_that_arms_at_start_flies_once_and_only_what_is_simulated() {
+fn a_daemon_that_arms_at_start_flies_once_and_only_a_simulated_vehicle() {
     for (simulated, outcome, mode) in
         [(1, AutoTakeoff::Started, Mode::Flying), (0, AutoTakeoff::Refused, Mode::Disarmed)]
     {
@@ -309,7 +309,7 @@ fn f18_the_tick_that_takes_off_by_itself_asks_whether_the_vehicle_is_simulated()
 }
 
 #[test]
-fn f18_a_flight_asked_for_is_not_flown_with_another_vehicle_than_was_there() {
+fn f18_a_requested_flight_is_not_flown_with_another_vehicle() {
     for (first, second) in [(WELL, REAL), (REAL, WELL), (REAL, REAL)] {
         let mut bench = Bench::new(&[]);
         bench.vehicle = first;

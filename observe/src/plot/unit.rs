@@ -60,7 +60,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn three_digits_are_shown_whatever_the_size() {
+    fn three_digits_are_shown_for_any_size() {
         let cases = [
             (0.083_14, "0.0831"),
             (-1.0, "-1.00"),

@@ -84,7 +84,7 @@ fn are_the_first(read: &[(Reception, PoseV1)]) -> bool {
 }
 
 #[test]
-fn what_was_recorded_is_read() {
+fn a_recording_is_read_as_written() {
     let directory = tempfile::tempdir().unwrap();
     let config = configuration();
     let (path, result) = record(&directory, &config, false);

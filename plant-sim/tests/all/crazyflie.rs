@@ -147,7 +147,7 @@ fn an_old_vehicle_has_no_supervisors_port() {
 }
 
 #[test]
-fn a_vehicle_that_arms_by_itself_says_so() {
+fn a_vehicle_that_arms_by_itself_reports_it() {
     let mut host = Host::new(|config| config.plant.wire.crtp.arms_itself = true);
     host.send(CrtpRequest::Supervision);
     host.pass(200, None);

@@ -160,7 +160,7 @@ fn a_sagging_battery_takes_thrust_away() {
 }
 
 #[test]
-fn a_torque_turns_the_spacecraft_as_euler_says() {
+fn a_torque_turns_the_spacecraft_by_eulers_equation() {
     let settings =
         [("vehicle.preset", "spacecraft".into()), ("plant.command-delay-ms", 0.0.into())];
     let mut bench = Bench::new(&calm(&settings));

@@ -143,7 +143,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_header_holds_port_and_channel_whatever_a_radio_counts_there() {
+    fn the_header_holds_port_and_channel_for_any_counter_of_the_radio() {
         let packet = CrtpPacket::new(CrtpPort::Commander, 0, &[]);
         assert_eq!(packet.as_bytes(), [0x3C]);
         for header in [0x30, 0x34, 0x38, 0x3C] {

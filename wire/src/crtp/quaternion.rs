@@ -58,7 +58,7 @@ mod tests {
         }
 
         #[test]
-        fn whatever_arrives_is_a_unit_quaternion(compressed: u32) {
+        fn every_decoded_quaternion_has_unit_norm(compressed: u32) {
             let norm: f64 = decompress(compressed).iter().map(|c| c * c).sum();
             prop_assert!((norm - 1.0).abs() < 1e-9);
         }

@@ -36,7 +36,7 @@ fn minimum(
 }
 
 #[test]
-fn it_finds_the_bottom_of_a_bowl() {
+fn the_search_finds_the_minimum_of_a_paraboloid() {
     for colony in COLONIES {
         let best = minimum(sphere, 4, 4000, colony);
         assert!(best.value < 1e-6, "{best:?}");
@@ -44,7 +44,7 @@ fn it_finds_the_bottom_of_a_bowl() {
 }
 
 #[test]
-fn it_follows_a_bent_valley() {
+fn the_search_follows_a_bent_valley() {
     for colony in COLONIES {
         let best = minimum(rosenbrock, 2, 20_000, colony);
         assert!(best.value < 0.05, "{best:?}");
@@ -52,7 +52,7 @@ fn it_follows_a_bent_valley() {
 }
 
 #[test]
-fn it_is_not_caught_in_one_of_many_dips() {
+fn the_search_leaves_local_minima() {
     for colony in COLONIES {
         let best = minimum(rastrigin, 4, 8000, colony);
         assert!(best.value < 1e-3, "{best:?}");
@@ -79,7 +79,7 @@ fn an_objective_without_values_leaves_no_best_value() {
 
 proptest! {
     #[test]
-    fn it_stays_within_bounds_and_budget_and_repeats(
+    fn the_search_stays_within_bounds_and_budget_and_repeats(
         seed in any::<u64>(),
         budget in 40_usize..400,
         low in -3.0..0.0_f64,
