@@ -57,8 +57,6 @@ impl ArduPilotMode {
     pub const GUIDED_NO_GPS: Self = Self(20);
     /// Angles by the pilot's sticks: the mode after the start.
     pub const STABILIZE: Self = Self(0);
-    /// Automatic landing.
-    pub const LAND: Self = Self(9);
 
     /// Name in ground stations; empty for an unknown mode.
     pub fn name(self) -> &'static str {

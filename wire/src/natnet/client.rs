@@ -75,11 +75,6 @@ impl NatNetClient {
         self.info.as_ref()
     }
 
-    /// Reconnects, for instance to a server that was silent and may have been restarted with other bodies.
-    pub fn reconnect(&mut self) {
-        *self = Self::new(self.unicast);
-    }
-
     /// Asks for the definitions again, as after [`NatNetFrame::models_changed`] or a body of an unknown number.
     pub fn request_models(&mut self) {
         if self.info.is_some() {

@@ -34,10 +34,6 @@ impl<'a> VrpnMessage<'a> {
     pub const SENDER_DESCRIPTION: i32 = -1;
     /// Type of the description of a type.
     pub const TYPE_DESCRIPTION: i32 = -2;
-    /// Type of a request for datagrams: the sender is the port, the payload the address.
-    pub const UDP_DESCRIPTION: i32 = -3;
-    /// Type of a request for a log.
-    pub const LOG_DESCRIPTION: i32 = -4;
     /// Type of the last message.
     pub const DISCONNECT: i32 = -5;
 
