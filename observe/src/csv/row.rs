@@ -103,6 +103,10 @@ impl Row<'_> {
         cells.numbers(t.sticks);
         cells.numbers(t.torque);
         cells.numbers(t.attitude_sent);
+        cells.numbers(t.proportional_term);
+        cells.numbers(t.integral_term);
+        cells.numbers(t.feed_forward_term);
+        cells.numbers(t.disturbance_term);
         cells.numbers([t.thrust, t.pose_age_s * 1e3, t.wakeup_lateness_ns as f64 * 1e-3]);
         cells.counts([t.riccati_solves, t.riccati_failures, t.deadline_misses]);
         cells.counts([t.poses_lost, t.poses_superseded, t.poses_refused]);
