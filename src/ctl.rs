@@ -145,7 +145,7 @@ impl CtlArgs {
                 let all = std::iter::once(&error).chain(errors.iter().filter(|e| **e != error));
                 all.for_each(|error| say(&format!("oqtal: warning: {error}")));
                 say(&format!(
-                    "oqtal: the configuration has errors; `{}` goes to instance `{}` all the same",
+                    "oqtal: the configuration has errors; `{}` is sent to instance `{}` nevertheless",
                     self.command.command(),
                     instance.name
                 ));

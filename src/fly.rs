@@ -229,7 +229,7 @@ fn check_pose_rate(mission: &Mission) -> Result<(), Failure> {
         return Ok(());
     }
     let message = format!(
-        "{}: its poses come at {poses_hz:.1} Hz, too seldom for a loop at {loop_hz} Hz, which would not make one tick; \
+        "{}: its poses arrive at {poses_hz:.1} Hz, too rarely for a loop at {loop_hz} Hz, which would not make one tick; \
          play it with --set control.rate-hz={}",
         mission.config.mocap.replay,
         poses_hz.round().max(1.0)

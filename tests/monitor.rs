@@ -141,7 +141,7 @@ fn without_an_instance_or_a_terminal_the_remedy_is_reported() {
     assert_refused(&output, 64, &["not a terminal", "ctl status --json"]);
     let Some(tmux) = Tmux::start(&testbed, (200, 24)) else { return };
     tmux.monitor("");
-    tmux.shows(&["nothing runs on instance", "oqtal fly --instance", "ended 75"]);
+    tmux.shows(&["no process of instance", "oqtal fly --instance", "ended 75"]);
     assert!(!tmux.is_on_other_screen());
 }
 

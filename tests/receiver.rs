@@ -113,7 +113,7 @@ fn f55_missing_versions_ports_and_permissions_are_reported() {
     let _taken = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, natnet.port + 1)).unwrap();
     let cases = [
         (format!("qtm:127.0.0.1:{old},body=quad"), 76, "no version of the RT protocol from"),
-        (format!("qtm:127.0.0.1:{mute},body=quad"), 71, "it says nothing"),
+        (format!("qtm:127.0.0.1:{mute},body=quad"), 71, "it sends nothing"),
         (natnet.link(",body=quad"), 75, "is used by another process"),
         ("natnet:255.255.255.255,body=quad".to_owned(), 77, "no permission for 255.255.255.255"),
     ];

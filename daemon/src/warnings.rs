@@ -1,4 +1,4 @@
-//! Warnings before a flight: settings that the flight cannot satisfy. It is flown all the same.
+//! Warnings before a flight: settings that the flight cannot satisfy. The flight takes place nevertheless.
 
 use nalgebra::Vector3;
 use oqtal_config::Config;

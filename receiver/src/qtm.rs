@@ -44,7 +44,7 @@ pub struct QtmConnection {
 }
 
 /// Agreement of frames and definitions on the number of bodies. Frames name bodies by their place alone: where the numbers differ,
-/// a place says nothing.
+/// a place identifies no body.
 #[derive(Clone, Copy, Debug)]
 struct BodyAgreement {
     holds: bool,
@@ -112,14 +112,14 @@ impl QtmConnection {
     fn shake_hands(&mut self, attempt: &Attempt) -> Result<Vec<CameraBody>, ConnectError> {
         loop {
             if attempt.is_over() {
-                return Err(attempt.silent("it says nothing"));
+                return Err(attempt.silent("it sends nothing"));
             }
             let refused = |error: io::Error| attempt.refused(&error);
             self.control.set_read_timeout(Some(attempt.left())).map_err(refused)?;
             let count =
                 self.control.read(&mut self.buffer).map_err(|error| match error.kind() {
                     io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock => {
-                        attempt.silent("it says nothing")
+                        attempt.silent("it sends nothing")
                     }
                     _ => attempt.refused(&error),
                 })?;

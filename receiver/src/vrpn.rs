@@ -97,7 +97,7 @@ impl VrpnConnection {
                 named_by = (Time::now() + NAMING_TIME).min(attempt.deadline);
             }
         }
-        if self.greeted.is_some() { Ok(()) } else { Err(attempt.silent("it says nothing")) }
+        if self.greeted.is_some() { Ok(()) } else { Err(attempt.silent("it sends nothing")) }
     }
 
     /// Handles the messages that were received; `pose` takes those of poses, with sender and time \[us, server clock\].

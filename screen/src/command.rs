@@ -94,7 +94,7 @@ impl Watch {
             if Time::now() > give_up {
                 let name = &self.model.name;
                 let message = format!(
-                    "nothing runs on instance `{name}`; start `oqtal fly --instance {name}` or its services, or name another with --instance"
+                    "no process of instance `{name}` runs; start `oqtal fly --instance {name}` or its services, or name another with --instance"
                 );
                 return Err(Failure::new(Exit::Peer, message));
             }

@@ -66,7 +66,7 @@ fn state(model: &InstanceModel) -> StatusLine {
         .map_or_else(String::new, |age| format!(", last tick {:.0} s ago", age.seconds()));
     let text = match model.is_alive() {
         true => format!("no daemon ticks{seen}"),
-        false => format!("nothing runs{seen}: waiting for it to come back"),
+        false => format!("no process runs{seen}: waiting for the instance"),
     };
     line(label, text, Weight::Alarm)
 }

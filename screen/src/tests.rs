@@ -188,7 +188,7 @@ fn an_instance_that_ends_is_told_and_one_that_comes_back_is_shown_again() {
     model.advance(gone);
     let picture = seen(&model, (80, 24));
     for expected in [
-        "nothing runs, last tick 2 s ago: waiting for it to come back",
+        "no process runs, last tick 2 s ago: waiting for the instance",
         "daemon SILENT",
         "the instance has ended",
         "plant-sim silent, mocap-emu silent, daemon silent",

@@ -14,7 +14,7 @@ const ENOUGH_FREE: u64 = 128 * MIB;
 
 /// Checks the free shared memory for the topics.
 pub fn shared(system: &System) -> Option<Finding> {
-    let why = "topics live in /dev/shm; a process that finds it full is killed by SIGBUS, not told by an error";
+    let why = "topics live in /dev/shm; a process that finds it full is killed by SIGBUS instead of getting an error";
     let remedy = "sudo mount -o remount,size=512M /dev/shm";
     let Some((total, free)) = system.shared_memory else {
         let missing = Finding::ok("shared memory", why, "no /dev/shm");

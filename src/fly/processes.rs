@@ -109,7 +109,7 @@ fn report_missing_rights(flight: &Flight) {
     let missing = daemon.realtime.missing(&flight.config.realtime);
     if flight.config.clock.kind == ClockKind::Real && !missing.is_empty() {
         say(&format!(
-            "oqtal: this machine did not grant {}; `oqtal doctor` says how to get it",
+            "oqtal: this machine did not grant {}; `oqtal doctor` names the remedies",
             missing.join(" and ")
         ));
     }

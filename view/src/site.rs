@@ -104,17 +104,17 @@ impl Site {
                 self.access.may_read(request)?;
                 Ok(Reply::Whole(Response::ok(JSON, document.clone())))
             }
-            _ => Err(Response::error(404, "nothing is here; the page is at /")),
+            _ => Err(Response::error(404, "not found; the page is at /")),
         }
     }
 
     fn control(&self, request: &Request) -> Result<Response, Response> {
         if request.method != "POST" {
-            return Err(Response::error(405, "commands come by POST"));
+            return Err(Response::error(405, "commands require POST"));
         }
         self.access.may_control(request)?;
         let Subject::Live(_, Some(operator)) = &self.subject else {
-            return Err(Response::error(403, "a recording takes no commands"));
+            return Err(Response::error(403, "a recording accepts no commands"));
         };
         let command = command(&request.body)?;
         let OperatorReply { is_accepted, text } = operator.execute(command);
