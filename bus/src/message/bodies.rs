@@ -171,7 +171,7 @@ message! {
         deadline_misses: u64 ["-"],
         /// Camera frames that never became a pose, in total.
         poses_lost: u64 ["-"],
-        /// Poses that a newer one overtook before the daemon looked, in total.
+        /// Poses that were superseded by a newer one before the daemon read them, in total.
         poses_superseded: u64 ["-"],
         /// Poses refused by the guard, in total.
         poses_refused: u64 ["-"],
@@ -187,17 +187,17 @@ message! {
         pose_attitude: [f64; 4] ["body to world"],
         /// Distance of the markers from the fitted body, as measured; NaN if unknown.
         pose_residual_m: f64 ["m"],
-        /// Position at that capture by the filter of the control stack itself; NaN if it has none, as the next three.
+        /// Position at that capture by the motion tracker; NaN if the law does not fly on it, as the next three.
         filter_position: [f64; 3] ["m, world"],
-        /// Velocity by that filter.
+        /// Velocity by the tracker.
         filter_velocity: [f64; 3] ["m/s, world"],
-        /// Attitude by that filter, scalar last.
+        /// Attitude by the tracker, scalar last.
         filter_attitude: [f64; 4] ["body to world"],
-        /// Body rate by that filter.
+        /// Body rate by the tracker.
         filter_rate: [f64; 3] ["rad/s, body"],
-        /// Measured position minus the one that filter expected; NaN without a filter and on the floor, as the next two.
+        /// Measured position minus the one that the tracker expected; NaN for other laws and on the floor, as the next two.
         innovation_position: [f64; 3] ["m, world"],
-        /// Rotation from the attitude expected by that filter to the measured one.
+        /// Rotation from the attitude expected by the tracker to the measured one.
         innovation_attitude: [f64; 3] ["rad, body"],
         /// Squares of both innovations over their expected variances, mean of the axes: 1 for a filter with a correct noise model.
         nis: [f64; 2] ["-"],
