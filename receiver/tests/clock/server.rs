@@ -1,25 +1,11 @@
 //! A camera server with its own clock behind a network with delays, in virtual time.
 #![allow(dead_code, reason = "each test uses its part")]
 
+#[path = "../../../tests/common/random.rs"]
+mod random;
+
 use oqtal_bus::time::{Span, Time};
-
-/// Random numbers of the tests: a 64-bit generator (SplitMix64).
-pub struct Random(pub u64);
-
-impl Random {
-    /// A number in 0..1.
-    pub fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    fn exponential_ms(&mut self, mean_ms: f64) -> f64 {
-        -mean_ms * (1.0 - self.uniform()).ln()
-    }
-}
+pub use random::Random;
 
 /// A server with its own clock behind a network with delays.
 pub struct Server {
@@ -70,14 +56,18 @@ impl Server {
         let stamp_ns = self.offset_ns + (true_s * (1.0 + self.drift) * 1e9) as u64;
         let delay_ms = match self.jitter {
             Jitter::Uniform => 4.9 * self.random.uniform(),
-            Jitter::Exponential => self.random.exponential_ms(1.5),
+            Jitter::Exponential => exponential_ms(1.5, &mut self.random),
             Jitter::Stalls if self.random.uniform() < 0.005 => {
                 100.0 + 400.0 * self.random.uniform()
             }
-            Jitter::Stalls => self.random.exponential_ms(1.5),
+            Jitter::Stalls => exponential_ms(1.5, &mut self.random),
         };
         let arrival = captured + LEAST_DELAY + Span::from_seconds(delay_ms * 1e-3);
         self.last_arrival = arrival.max(self.last_arrival + Span::from_nanos(1000));
         (captured, stamp_ns, self.last_arrival)
     }
+}
+
+fn exponential_ms(mean_ms: f64, random: &mut Random) -> f64 {
+    -mean_ms * (1.0 - random.uniform()).ln()
 }
