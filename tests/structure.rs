@@ -70,6 +70,11 @@ fn words_are_plain() {
 }
 
 #[test]
+fn lines_of_documents_have_at_most_400_characters_outside_tables() {
+    assert_none("lines of more than 400 characters", &words::long_lines());
+}
+
+#[test]
 fn every_file_is_in_the_table_of_its_crate() {
     assert_none("differences between files and the table in lib.rs", &tables::wrong());
 }

@@ -37,6 +37,9 @@ const BEGINNINGS: [&str; 3] = ["What ", "Those ", "Who "];
 /// The key of `oqtal ctl status --json`, which programs read.
 const JSON_KEY: &str = "\"heard\"";
 
+/// Greatest length of a line of a document outside a table \[characters\].
+const MAX_LINE: usize = 400;
+
 /// Files without this rule: this one, and the changelog of earlier versions.
 const EXEMPT: [&str; 2] = ["tests/structure/words.rs", "CHANGELOG.md"];
 
@@ -51,6 +54,18 @@ pub fn used() -> Vec<String> {
             let uses = uses(line, path.ends_with(".rs"));
             found.extend(uses.into_iter().map(|text| format!("{path}:{number}: {text}")));
         }
+    }
+    found
+}
+
+/// Lines of documents outside tables that are longer than a paragraph may be, one line each.
+pub fn long_lines() -> Vec<String> {
+    let mut found = Vec::new();
+    for path in documents() {
+        let text = read(&path);
+        let is_long = |line: &str| !line.starts_with('|') && line.chars().count() > MAX_LINE;
+        let long = (1..).zip(text.lines()).filter(|(_, line)| is_long(line));
+        found.extend(long.map(|(number, _)| format!("{path}:{number}")));
     }
     found
 }
