@@ -26,6 +26,7 @@
 //! | `supervisor.rs` | the table of limits, and the safety state |
 //! | `mission.rs` | the flight under way |
 //! | `stack.rs` | the control stack: from motion and reference to the command |
+//! | `handover.rs` | bumpless transfer from one control stack to another |
 //! | `warmup.rs` | dry-run ticks that keep the caches warm |
 //! | `input_record.rs` | records of the inputs of the loop, for a replay |
 //! | `turn.rs` | one turn of the process over its ports |
@@ -49,6 +50,7 @@ mod flight_room;
 mod floor;
 mod gate;
 mod guard;
+mod handover;
 mod input_record;
 mod limits;
 mod loop_health;
@@ -89,6 +91,7 @@ use flight_marker::FlightMarker;
 pub use flight_room::require_room;
 pub use gate::MotionGate;
 pub use guard::{Accepted, Guard};
+pub use handover::{Handover, SlewLimits};
 pub use limits::{FlightLimits, FlightView, LimitConditions};
 pub use loop_health::LoopHealth;
 pub use mission::ActiveMission;
