@@ -45,6 +45,8 @@ enum Request {
     Arm,
     /// Call off a flight that has not begun; refused in flight, where `land` and `stop` end it
     Disarm,
+    /// Give control back to the configured law after the fallback law took over
+    Resume,
     /// Descend at the present position, then motors off
     Land,
     /// Motors off at once, in flight too: the vehicle falls. They stay off until `arm`
@@ -57,6 +59,7 @@ impl Request {
             Self::Status => OperatorCommand::Status,
             Self::Arm => OperatorCommand::Arm,
             Self::Disarm => OperatorCommand::Disarm,
+            Self::Resume => OperatorCommand::Resume,
             Self::Land => OperatorCommand::Land,
             Self::Stop => OperatorCommand::Stop,
         }

@@ -10,7 +10,8 @@ use oqtal_bus::topic::{COMMAND, TELEMETRY, TRUTH, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_config::{Config, Setting};
 use oqtal_daemon::{
-    CacheWarmup, Cycle, DaemonPorts, DaemonTurn, OperatorRequests, loop_handoff, trajectory,
+    CacheWarmup, Cycle, DaemonPorts, DaemonTurn, LawPort, OperatorRequests, loop_handoff,
+    trajectory,
 };
 use oqtal_mocap_emu::{Cameras, EmulatedCameras};
 use oqtal_plant_sim::PlantOutput;
@@ -36,7 +37,7 @@ struct NoisyFlight {
     vehicle: AsctecVehicle,
     bridge: Bridge,
     cameras: PoseTurn<MemoryBus, EmulatedCameras<MemoryBus>>,
-    daemon: DaemonTurn<MemoryBus>,
+    daemon: DaemonTurn<'static, MemoryBus>,
     /// Kept open: a closed hand-off does not accept a status.
     _requests: OperatorRequests,
     truths: MemoryWriter<TruthV1>,
@@ -71,7 +72,13 @@ impl NoisyFlight {
             vehicle: AsctecVehicle::new(&config, wire, now).unwrap(),
             bridge,
             cameras: PoseTurn::open(&bus, cameras).unwrap(),
-            daemon: DaemonTurn { ports, cycle, warmup: CacheWarmup::never(), handle },
+            daemon: DaemonTurn {
+                ports,
+                cycle,
+                warmup: CacheWarmup::never(),
+                handle,
+                law: LawPort::default(),
+            },
             _requests: requests,
             truths: bus.writer(&TRUTH).unwrap(),
             vehicles: bus.writer(&VEHICLE).unwrap(),

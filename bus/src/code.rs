@@ -152,10 +152,40 @@ code! {
         NotReady = 28 => "not ready",
         /// A pilot or the vehicle itself took control: a flight ends, and no commands are sent.
         ControlTaken = 29 => "another has control",
+        /// The fallback law flies: the configured law failed.
+        Fallback = 35 => "fallback law",
         /// The request was read after the operator's time-out for the answer.
         Expired = 40 => "request came too late",
         /// The operator expects another configuration of the daemon.
         OtherConfig = 41 => "another configuration expected",
+    }
+}
+
+code! {
+    /// Reason for which a law's command is not flown, and the fallback law's is.
+    #[derive(Default)]
+    HandoverCause {
+        /// The command is flown.
+        #[default]
+        None = 0 => "",
+        /// The external law did not answer within its budget.
+        Missing = 1 => "no answer in time",
+        /// A number of the command is not finite.
+        NotFinite = 2 => "not finite",
+        /// The command exceeds the vehicle's range.
+        OutOfRange = 3 => "out of range",
+        /// The answer is to another question.
+        OtherQuestion = 4 => "answer to another question",
+        /// The command leads to a greater tilt than `envelope.tilt-deg`.
+        Tilt = 5 => "leads to too much tilt",
+        /// The command leads to a greater body rate than `envelope.rate-rad-s`.
+        Rate = 6 => "leads to too high a rate",
+        /// The command leads to a greater speed than `envelope.speed-m-s`.
+        Speed = 7 => "leads to too high a speed",
+        /// The command leads so close to the fence that the vehicle could not be stopped before it.
+        Fence = 8 => "leads to the fence",
+        /// The command leads so close to the floor that the descent could not be stopped before it.
+        Floor = 9 => "leads to the floor",
     }
 }
 
@@ -224,6 +254,8 @@ code! {
         Disarm = 4 => "disarm",
         /// Motors off now, latched.
         Stop = 5 => "stop",
+        /// Give control back to the configured law, after the fallback law took over.
+        Resume = 20 => "resume",
     }
 }
 

@@ -18,7 +18,7 @@ use rustix::fs::{FlockOperation, OFlags, flock};
 use rustix::io::Errno;
 
 use crate::error::{BusError, system};
-use crate::paths::{InstancePaths, WIRE};
+use crate::paths::{InstancePaths, LAW, WIRE};
 use crate::time::{Span, Time};
 use crate::{private, remains};
 
@@ -62,7 +62,7 @@ impl Membership {
             let members = open_members(&directory)?;
             if flock(&members, FlockOperation::NonBlockingLockExclusive).is_ok() {
                 remains::remove_all(&paths.prefix(), &directory);
-                remove(&directory, &[WIRE]);
+                remove(&directory, &[WIRE, LAW]);
                 private::make(&paths.prefix(), &directory)?;
             }
             flock(&members, FlockOperation::NonBlockingLockShared)
@@ -148,7 +148,7 @@ impl Drop for Membership {
         if flock(&self.members, FlockOperation::NonBlockingLockExclusive).is_ok() {
             remains::remove_all(&self.prefix, &self.directory);
             // Only an empty directory is removed; a process waiting for its lock checks this.
-            remove(&self.directory, &[WIRE, private::LINK, MEMBERS]);
+            remove(&self.directory, &[WIRE, LAW, private::LINK, MEMBERS]);
             let _ = std::fs::remove_dir(&self.directory);
         }
     }

@@ -7,6 +7,7 @@
 mod bodies;
 mod control;
 mod definition;
+mod external;
 mod field;
 mod header;
 mod schema;
@@ -18,6 +19,7 @@ pub use bodies::{
     VehicleV1,
 };
 pub use control::{ControlRequestV1, ControlResponseV1};
+pub use external::{ExternalV1, StateV1};
 pub use field::{Field, FieldType};
 pub use header::{Header, Stamps};
 pub use schema::{AnyMessage, FNV_OFFSET, Message, fnv1a};

@@ -12,6 +12,9 @@ use crate::private;
 /// Name of the link to an emulated vehicle in the directory of an instance.
 pub(crate) const WIRE: &str = "wire";
 
+/// Name of the socket of an external law in the directory of an instance.
+pub(crate) const LAW: &str = "law";
+
 /// Root of the installed services.
 const SYSTEM_ROOT: &str = "/run/oqtal";
 
@@ -88,6 +91,11 @@ impl InstancePaths {
     /// Path of the link to an emulated vehicle of this instance. It is removed when the last process leaves.
     pub fn wire(&self) -> PathBuf {
         self.directory().join(WIRE)
+    }
+
+    /// Path of the socket of an external law of this instance. It is removed when the daemon ends, or the last process leaves.
+    pub fn law(&self) -> PathBuf {
+        self.directory().join(LAW)
     }
 
     /// Makes the root directory and the configuration of iceoryx2 for this instance, without the prefix, which is drawn when the

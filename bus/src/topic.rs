@@ -7,8 +7,8 @@ mod observed;
 pub use observed::{ObservedTopic, Sample, TopicVisitor};
 
 use crate::message::{
-    CommandV1, HealthV1, InputV1, Message, PoseV1, TelemetryV1, TimeAdvanceV1, TruthV1, TurnDoneV1,
-    VehicleV1,
+    CommandV1, ExternalV1, HealthV1, InputV1, Message, PoseV1, StateV1, TelemetryV1, TimeAdvanceV1,
+    TruthV1, TurnDoneV1, VehicleV1,
 };
 
 /// Number of samples by which an observer may lag before it loses the oldest.
@@ -77,6 +77,11 @@ pub const COMMAND: Topic<CommandV1> = Topic::new("command", COMMANDS);
 pub const VEHICLE: Topic<VehicleV1> = Topic::new("vehicle", STREAM);
 /// Daemon to observers, once per tick.
 pub const TELEMETRY: Topic<TelemetryV1> = Topic::new("telemetry", STREAM);
+
+/// Daemon to observers: state and reference as passed to an external law, once per tick in flight.
+pub const LAW_STATE: Topic<StateV1> = Topic::new("state", RECORDED);
+/// Daemon to observers: the external law's answer, once per question.
+pub const EXTERNAL: Topic<ExternalV1> = Topic::new("external", RECORDED);
 
 /// Daemon to recorders, once per turn that received a message or a request.
 pub const INPUT: Topic<InputV1> = Topic::new("input", RECORDED);

@@ -41,6 +41,8 @@ impl Config {
             let others: &[_] = if is_of_ranges { &["fence.soft-margin-m"] } else { &[] };
             BrokenRule { error, others }
         })?;
+        self.envelope.check()?;
+        self.external.check()?;
         self.bridge.check()?;
         self.receiver.check()?;
         self.record.check()?;

@@ -12,6 +12,7 @@ use toml::{Table, Value};
 
 use crate::bridge::BridgeOptions;
 use crate::error::{BrokenRule, ConfigError};
+use crate::external::{EnvelopeOptions, ExternalOptions};
 use crate::fault::FaultOptions;
 use crate::fence::FenceOptions;
 use crate::instance::{ClockOptions, InstanceOptions, LogOptions};
@@ -74,6 +75,10 @@ pub struct Config {
     pub safety: SafetyOptions,
     /// `[fence]`: the space in which the vehicle may fly.
     pub fence: FenceOptions,
+    /// `[envelope]`: where a command must not lead.
+    pub envelope: EnvelopeOptions,
+    /// `[external]`: a law outside the daemon.
+    pub external: ExternalOptions,
     /// `[bridge]`: connection to a real vehicle.
     pub bridge: BridgeOptions,
     /// `[receiver]`: connection to a real camera system.

@@ -1,9 +1,11 @@
 //! The background thread of the daemon: logs, health, operator requests.
 
+use std::os::fd::OwnedFd;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use crossbeam_channel::Sender;
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::control::ControlServer;
@@ -19,6 +21,7 @@ use oqtal_runtime::health::{Health, Heartbeat};
 use oqtal_runtime::process::{Failure, ProcessContext};
 
 use crate::cycle::AutoTakeoff;
+use crate::law_socket::LawListener;
 
 /// An operator's request that the loop has not answered by then is answered with "accepted".
 const REPLY_TIMEOUT: Duration = Duration::from_millis(60);
@@ -241,6 +244,7 @@ pub struct DaemonWorker {
     health: Health,
     config_hash: u64,
     peers: Vec<Peer>,
+    law: Option<LawListener>,
     // The ports live as long as the bus they were opened on.
     _bus: Bus,
 }
@@ -250,20 +254,28 @@ impl DaemonWorker {
     ///
     /// # Errors
     /// Another daemon serves the instance, or the bus refuses.
-    pub fn open(context: &ProcessContext, requests: OperatorRequests) -> Result<Self, Failure> {
+    pub fn open(
+        context: &ProcessContext,
+        requests: OperatorRequests,
+        connected: Sender<OwnedFd>,
+    ) -> Result<Self, Failure> {
         let bus = context.bus()?;
+        let is_external = context.config.control.is_external();
+        let law = is_external.then(|| LawListener::open(context.paths()?.law(), connected));
+        let law = law.transpose()?;
         let requests = OperatorRequests { config_hash: context.config.hash(), ..requests };
         let (server, heartbeat) = (bus.control_server()?, context.heartbeat(&bus)?);
         let peers = PEERS.iter().map(|role| Peer::open(&bus, *role)).collect::<Result<_, _>>()?;
         let (health, config_hash) = (context.health.clone(), context.config.hash());
-        Ok(Self { requests, server, heartbeat, health, config_hash, peers, _bus: bus })
+        Ok(Self { requests, server, heartbeat, health, config_hash, peers, law, _bus: bus })
     }
 }
 
 impl BackgroundWorker for DaemonWorker {
     fn poll(&mut self) {
-        let Self { requests, server, heartbeat, health, config_hash, peers, .. } = self;
+        let Self { requests, server, heartbeat, health, config_hash, peers, law, .. } = self;
         requests.take_changes();
+        law.iter_mut().for_each(LawListener::poll);
         // Every peer is checked, so that none keeps an old message.
         let others =
             peers.iter_mut().filter_map(|peer| peer.has_other_config(*config_hash).then_some(()));

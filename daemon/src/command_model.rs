@@ -67,7 +67,7 @@ impl CommandModel {
 /// The tracker of the motion of a vehicle with the model `model`, for the law of `config`.
 pub(crate) fn motion_tracker(config: &Config, model: VehicleModel) -> MotionTracker {
     let delay_s = config.vehicle.command_delay_ms * 1e-3;
-    if config.control.is_predictive() {
+    if config.control.is_predictive() || config.control.fallback.is_some() {
         return MotionTracker::new(model, config.safety.filter, delay_s)
             .predictive(&config.control.predictive);
     }

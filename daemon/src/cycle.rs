@@ -9,6 +9,7 @@
 mod auto_takeoff;
 mod control;
 mod course;
+mod guarded;
 mod intake;
 mod mode;
 mod report;
@@ -18,7 +19,8 @@ mod supervision;
 
 use oqtal_bus::code::{OperatorCommand, SafetyState};
 use oqtal_bus::message::{
-    CommandV1, ControlResponseV1, Header, PoseV1, Stamps, TelemetryV1, VehicleV1,
+    CommandV1, ControlResponseV1, ExternalV1, Header, PoseV1, Stamps, StateV1, TelemetryV1,
+    VehicleV1,
 };
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
@@ -28,10 +30,14 @@ use oqtal_control::scalar_pid::PidGains;
 use oqtal_control::trajectory::Trajectory;
 
 pub use auto_takeoff::AutoTakeoff;
-use control::{ControlTick, FlightControl};
+use control::{ControlTick, Directive, FlightControl};
+use guarded::{GuardedControl, LawTick};
 use intake::Intake;
 use report::TickReport;
 use supervision::FlightSupervision;
+
+use crate::external::{ExternalLaw, LawPort};
+use crate::stack::ControlOutput;
 
 /// Time after the last tick at which the loop acts without a pose \[periods\].
 const DEADLINE_PERIODS: f64 = 1.5;
@@ -98,6 +104,8 @@ pub struct Cycle {
     intake: Intake,
     supervision: FlightSupervision,
     control: FlightControl,
+    /// The law under its fallback; `None` if the law of `control` flies alone.
+    guarded: Option<GuardedControl>,
     report: TickReport,
 }
 
@@ -112,6 +120,7 @@ impl Cycle {
             intake: Intake::new(config, &trajectory)?,
             supervision: FlightSupervision::new(config, trajectory),
             control: FlightControl::new(config)?,
+            guarded: GuardedControl::new(config)?,
             report: TickReport::new(),
         })
     }
@@ -127,8 +136,18 @@ impl Cycle {
         }
     }
 
-    /// Takes a pose, if one arrived, and acts if a tick is due; returns `None` if not.
+    /// Takes a pose, if one arrived, and acts if a tick is due, without an external law; returns `None` if not.
     pub fn step(&mut self, now: Time, arrival: Option<&(Header, PoseV1)>) -> Option<Tick> {
+        self.step_with(now, arrival, &mut LawPort::default())
+    }
+
+    /// As [`Cycle::step`], with `law` where `control.controller` is external.
+    pub fn step_with(
+        &mut self,
+        now: Time,
+        arrival: Option<&(Header, PoseV1)>,
+        law: &mut dyn ExternalLaw,
+    ) -> Option<Tick> {
         if let Some(arrival) = arrival {
             let is_flying = self.supervision.is_flying();
             let is_stopped = self.supervision.safety().state() == SafetyState::Stop;
@@ -137,10 +156,10 @@ impl Cycle {
             }
         }
         let due = if arrival.is_some() { self.timing.earliest() } else { self.next_event() };
-        (now >= due).then(|| self.tick(now, arrival.map(|(header, _)| header)))
+        (now >= due).then(|| self.tick(now, arrival.map(|(header, _)| header), law))
     }
 
-    fn tick(&mut self, now: Time, arrival: Option<&Header>) -> Tick {
+    fn tick(&mut self, now: Time, arrival: Option<&Header>, law: &mut dyn ExternalLaw) -> Tick {
         let deadline = self.next_event();
         let dt_s = self.timing.tick(now);
         let fresh = self.intake.begin_tick(now, arrival.is_some());
@@ -150,9 +169,11 @@ impl Cycle {
         let (directive, restarts) = self.supervision.step(now, is_fresh, &mut self.intake, &sent);
         if restarts {
             self.control.reset();
+            self.guarded.iter_mut().for_each(GuardedControl::restart);
         }
-        let output =
-            self.control.compute(&ControlTick { now, dt_s, is_fresh }, &directive, &self.intake);
+        let tick = ControlTick { now, dt_s, is_fresh };
+        let computed = self.control.compute(&tick, &directive, &self.intake);
+        let output = self.select_law((&tick, &directive), computed, law);
         let [message, command] =
             self.control.command(now, &directive, output.as_ref(), &self.intake);
 
@@ -167,6 +188,35 @@ impl Cycle {
             stamps: Stamps { woken_at: now, ..stamps },
             command,
         }
+    }
+
+    /// The output of the law that is flown, with that of the control stack, `computed`.
+    fn select_law(
+        &mut self,
+        (tick, directive): (&ControlTick, &Directive),
+        computed: Option<ControlOutput>,
+        law: &mut dyn ExternalLaw,
+    ) -> Option<ControlOutput> {
+        let Some(guarded) = &mut self.guarded else { return computed };
+        guarded.begin_tick();
+        let delay = Span::from_seconds(self.intake.tracker().effect_delay_s());
+        let law_tick = LawTick {
+            tick,
+            directive,
+            intake: &self.intake,
+            last: self.control.sent(),
+            reference_ahead: self.supervision.course().reference_at(tick.now + delay),
+            is_free: self.supervision.is_free_flight(),
+        };
+        let selected = computed.map(|output| guarded.select(&law_tick, output, law));
+        self.supervision.notice_law(guarded.report());
+        self.report.record_law(guarded.report());
+        selected
+    }
+
+    /// Question and answer of the last tick; `None` if no external law was asked.
+    pub fn exchange(&self) -> Option<(&StateV1, &ExternalV1)> {
+        self.guarded.as_ref().and_then(GuardedControl::exchange)
     }
 
     /// Takes the state of the vehicle, and the instant at which a command took effect.
@@ -190,6 +240,9 @@ impl Cycle {
 
     /// Executes an operator's request and returns the reply.
     pub fn request(&mut self, now: Time, command: OperatorCommand) -> ControlResponseV1 {
+        if command == OperatorCommand::Resume && self.supervision.is_flying() {
+            self.guarded.iter_mut().for_each(GuardedControl::resume);
+        }
         self.supervision.request(now, command, &mut self.intake)
     }
 

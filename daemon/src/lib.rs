@@ -10,12 +10,18 @@
 //! | `cycle/course.rs` | mission and reference |
 //! | `cycle/requests.rs`, `cycle/auto_takeoff.rs` | requests that wait for the next tick |
 //! | `cycle/control.rs` | the command of a tick |
+//! | `cycle/guarded.rs` | a law under its fallback |
 //! | `cycle/report.rs` | telemetry of a tick |
 //! | `command.rs` | the command in SI units, and its message |
 //! | `command_model.rs` | the effect of commands on the vehicle, the tracker of its motion |
 //! | `guard.rs` | the checks of a pose |
 //! | `gate.rs` | the gate on the innovation: a pose against the motion predicted from the commands |
 //! | `pose_noise.rs` | whether a source repeats poses |
+//! | `law_guard.rs` | the selection between a law and its fallback |
+//! | `envelope.rs` | the motion to which a command leads, against its limits |
+//! | `external.rs` | a law outside the daemon: questions and answers |
+//! | `law_socket.rs` | an external law in another process |
+//! | `handover.rs` | a change of the control stack without a jump of the command |
 //! | `limits.rs`, `fence.rs`, `floor.rs` | the limits of a flight |
 //! | `descent.rs` | descent without poses of a vehicle with its own attitude loop |
 //! | `flight_room.rs` | the path of a flight against the fence |
@@ -26,7 +32,6 @@
 //! | `supervisor.rs` | the table of limits, and the safety state |
 //! | `mission.rs` | the flight under way |
 //! | `stack.rs` | the control stack: from motion and reference to the command |
-//! | `handover.rs` | bumpless transfer from one control stack to another |
 //! | `warmup.rs` | dry-run ticks that keep the caches warm |
 //! | `input_record.rs` | records of the inputs of the loop, for a replay |
 //! | `turn.rs` | one turn of the process over its ports |
@@ -44,6 +49,8 @@ mod command;
 mod command_model;
 mod cycle;
 mod descent;
+mod envelope;
+mod external;
 mod fence;
 mod flight_marker;
 mod flight_room;
@@ -52,6 +59,8 @@ mod gate;
 mod guard;
 mod handover;
 mod input_record;
+mod law_guard;
+mod law_socket;
 mod limits;
 mod loop_health;
 mod mission;
@@ -65,7 +74,10 @@ mod warmup;
 mod warnings;
 mod waypoint_file;
 
+use std::os::fd::OwnedFd;
 use std::rc::Rc;
+
+use crossbeam_channel::Receiver;
 
 use oqtal_bus::bus::Bus;
 use oqtal_bus::error::BusError;
@@ -86,12 +98,15 @@ pub use background::{Condition, LoopHandle, OperatorRequests, loop_handoff};
 pub use command::{RotationCommand, VehicleCommand};
 pub use command_model::CommandModel;
 pub use cycle::{AutoTakeoff, Cycle, Tick};
+pub use envelope::{Candidate, Envelope};
+pub use external::{ExternalLaw, LawPort};
 pub use fence::Fence;
 use flight_marker::FlightMarker;
 pub use flight_room::require_room;
 pub use gate::MotionGate;
 pub use guard::{Accepted, Guard};
 pub use handover::{Handover, SlewLimits};
+use law_socket::SocketLaw;
 pub use limits::{FlightLimits, FlightView, LimitConditions};
 pub use loop_health::LoopHealth;
 pub use mission::ActiveMission;
@@ -122,9 +137,14 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let warmup =
         if clock.is_virtual() { CacheWarmup::never() } else { CacheWarmup::of(&context.config) };
     let (handle, requests) = loop_handoff();
+    let (connected, connections) = law_socket::connections();
+    let law = law_of(context, connections);
+    if context.config.control.is_external() {
+        ports.open_exchange(&faulty)?;
+    }
     with_background(
         context,
-        || DaemonWorker::open(context, requests),
+        || DaemonWorker::open(context, requests, connected),
         || {
             // Set once the ports are held: a daemon that could not start leaves no marker.
             let marker = FlightMarker::of(bus.paths());
@@ -134,12 +154,21 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
             }
             ports.announce_start(started_at, stays)?;
             context.enter_realtime();
-            let turn = DaemonTurn { ports, cycle, warmup, handle };
+            let turn = DaemonTurn { ports, cycle, warmup, handle, law };
             process_loop::run(&mut faulty.turn(FaultTarget::Daemon, turn), &mut clock, None)?;
             marker.remove();
             Ok(())
         },
     )
+}
+
+/// The external law, if `control.controller` is one: a process that arrives through `connections`.
+fn law_of(context: &ProcessContext, connections: Receiver<OwnedFd>) -> LawPort<'static> {
+    if context.config.control.is_external() {
+        LawPort::of(SocketLaw::new(connections, context.stop.clone()))
+    } else {
+        LawPort::default()
+    }
 }
 
 /// Whether the daemon could fly with `config`.

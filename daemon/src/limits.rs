@@ -63,6 +63,8 @@ pub struct LimitConditions {
     pub configs_differ: bool,
     /// The reference is invalid.
     pub setpoint_refused: bool,
+    /// The fallback law flies: the configured law failed.
+    pub law_fails: bool,
 }
 
 /// A flight in one tick.

@@ -152,7 +152,7 @@ where
             let autopilot =
                 Autopilot::new(design, control.oqtal_dt, &control.predictive, &config.position)
                     .map_err(|error| error.within("control.oqtal-dt"))?;
-            Loops::Predictive(match control.controller {
+            Loops::Predictive(match control.built_in() {
                 ControllerName::OqtalDt => autopilot,
                 _ => autopilot.with_law(law()?),
             })

@@ -72,7 +72,7 @@ pub struct SafetyRow {
 
 /// All limits, the most severe first.
 #[rustfmt::skip]
-pub const LIMITS: [SafetyRow; 32] = {
+pub const LIMITS: [SafetyRow; 33] = {
     use Ending::{Armed, Gone, Landed, PosesGood};
     use SafetyRow as Row;
     [
@@ -105,6 +105,7 @@ pub const LIMITS: [SafetyRow; 32] = {
         Row { id: "F18", cause: Some(Cause::NoVehicle), when: |c| c.vehicle_silent, after_ms: 0, action: Coast, ends: Gone(0) },
         // Warn.
         Row { id: "F35", cause: Some(Cause::Setpoint), when: |c| c.limits.setpoint_refused, after_ms: 0, action: Degraded, ends: Gone(500) },
+        Row { id: "F70", cause: Some(Cause::Fallback), when: |c| c.limits.law_fails, after_ms: 0, action: Degraded, ends: Gone(0) },
         Row { id: "F38", cause: Some(Cause::Tilt), when: |c| c.limits.tilted, after_ms: 100, action: Degraded, ends: Gone(1000) },
         Row { id: "F45", cause: Some(Cause::Battery), when: |c| c.limits.battery_low, after_ms: 2000, action: Degraded, ends: Gone(2000) },
         Row { id: "F46", cause: Some(Cause::Link), when: |c| c.limits.link_poor, after_ms: 2000, action: Degraded, ends: Gone(2000) },

@@ -3,16 +3,20 @@
 use oqtal_bus::code::{Actuation, OperatorCommand};
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{
-    CommandV1, ControlResponseV1, Header, InputV1, PoseV1, Stamps, TelemetryV1, VehicleV1,
+    CommandV1, ControlResponseV1, ExternalV1, Header, InputV1, PoseV1, Stamps, StateV1,
+    TelemetryV1, VehicleV1,
 };
 use oqtal_bus::stop::ControllerStop;
 use oqtal_bus::time::Time;
-use oqtal_bus::topic::{COMMAND, INPUT, POSE, POSE_READ, TELEMETRY, VEHICLE, VEHICLE_READ};
+use oqtal_bus::topic::{
+    COMMAND, EXTERNAL, INPUT, LAW_STATE, POSE, POSE_READ, TELEMETRY, VEHICLE, VEHICLE_READ,
+};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_runtime::turn::{Turn, TurnClock};
 
 use crate::background::{Condition, LoopHandle};
 use crate::cycle::Cycle;
+use crate::external::LawPort;
 use crate::input_record;
 use crate::warmup::CacheWarmup;
 
@@ -25,6 +29,8 @@ pub struct DaemonPorts<T: Transport> {
     telemetry: T::Writer<TelemetryV1>,
     stop: ControllerStop,
     inputs: T::Writer<InputV1>,
+    /// Questions to an external law and its answers; `None` for a built-in law.
+    exchange: Option<(T::Writer<StateV1>, T::Writer<ExternalV1>)>,
     /// Copies of what was read, where faults by hand alter it; `None` where it is read as it was sent.
     poses_read: Option<T::Writer<PoseV1>>,
     vehicles_read: Option<T::Writer<VehicleV1>>,
@@ -44,9 +50,32 @@ impl<T: Transport> DaemonPorts<T> {
             telemetry: bus.writer(&TELEMETRY)?,
             stop: ControllerStop::new(bus.stop_switch()?),
             inputs: bus.writer(&INPUT)?,
+            exchange: None,
             poses_read: bus.alters(&POSE).then(|| bus.writer(&POSE_READ)).transpose()?,
             vehicles_read: bus.alters(&VEHICLE).then(|| bus.writer(&VEHICLE_READ)).transpose()?,
         })
+    }
+
+    /// Opens the topics of questions to an external law and of its answers.
+    ///
+    /// # Errors
+    /// The transport failed.
+    pub fn open_exchange(&mut self, bus: &T) -> Result<(), BusError> {
+        self.exchange = Some((bus.writer(&LAW_STATE)?, bus.writer(&EXTERNAL)?));
+        Ok(())
+    }
+
+    /// Publishes question and answer of a tick; returns the number of the answer, 0 if no external law was asked.
+    fn publish_exchange(
+        &mut self,
+        exchange: Option<(&StateV1, &ExternalV1)>,
+    ) -> Result<u64, BusError> {
+        let (Some((state, answer)), Some((states, answers))) = (exchange, &mut self.exchange)
+        else {
+            return Ok(0);
+        };
+        states.send(0, Stamps::default(), *state)?;
+        answers.send(0, Stamps::default(), *answer)
     }
 
     /// Publishes copies of the samples taken in a turn if they may have been altered, and names the copies in `input`.
@@ -76,7 +105,7 @@ impl<T: Transport> DaemonPorts<T> {
 
 /// The turn of the daemon.
 #[derive(Debug)]
-pub struct DaemonTurn<T: Transport> {
+pub struct DaemonTurn<'l, T: Transport> {
     /// The ports.
     pub ports: DaemonPorts<T>,
     /// The controller.
@@ -85,9 +114,11 @@ pub struct DaemonTurn<T: Transport> {
     pub warmup: CacheWarmup,
     /// The hand-off to the background thread.
     pub handle: LoopHandle,
+    /// The external law, if `control.controller` is one.
+    pub law: LawPort<'l>,
 }
 
-impl<T: Transport> DaemonTurn<T> {
+impl<T: Transport> DaemonTurn<'_, T> {
     /// Executes the operators' requests that wait, and records them.
     fn execute_requests(&mut self, now: Time, configs_differ: bool) -> Result<(), BusError> {
         // By signal: does not pass through the background thread.
@@ -127,13 +158,13 @@ impl<T: Transport> DaemonTurn<T> {
     }
 }
 
-impl<T: Transport> Turn for DaemonTurn<T> {
+impl<T: Transport> Turn for DaemonTurn<'_, T> {
     fn next_event(&self, _now: Time) -> Option<Time> {
         Some(self.warmup.or(self.cycle.next_event()))
     }
 
     fn turn<C: TurnClock>(&mut self, clock: &mut C) -> Result<(), BusError> {
-        let Self { ports, cycle, warmup, handle } = self;
+        let Self { ports, cycle, warmup, handle, law } = self;
         let configs_differ = handle.configs_differ();
         cycle.notice_configurations(configs_differ);
         let arrival = ports.poses.latest()?;
@@ -149,7 +180,7 @@ impl<T: Transport> Turn for DaemonTurn<T> {
             cycle.request(now, OperatorCommand::Stop);
             input.stop = 1;
         }
-        if let Some(tick) = cycle.step(now, arrival.as_ref()) {
+        if let Some(tick) = cycle.step_with(now, arrival.as_ref(), law) {
             let computed_at = clock.now();
             let stamps = Stamps { computed_at, command_published_at: clock.now(), ..tick.stamps };
             let sequence = ports.commands.send(tick.pose_sequence, stamps, tick.command)?;
@@ -160,6 +191,7 @@ impl<T: Transport> Turn for DaemonTurn<T> {
             let telemetry = cycle.report(&stamps, sequence);
             ports.telemetry.send(tick.pose_sequence, stamps, *telemetry)?;
             input.command_sequence = sequence;
+            input.external_number = ports.publish_exchange(cycle.exchange())?;
             handle.publish_status(Condition::of(cycle.telemetry(), cycle.auto_takeoff()));
         } else if warmup.perform(now, cycle) {
             ports.commands.warm_up();

@@ -4,19 +4,26 @@
 //! With the same settings every command equals the recorded one bit for bit, since all inputs of the daemon and the instants of
 //! its turns are recorded. With other settings a replay is open loop: it computes the daemon's commands for the recorded poses.
 
+use std::cell::Cell;
 use std::collections::VecDeque;
+use std::rc::Rc;
 
 use oqtal_bus::code::{Cause, InputKind, OperatorCommand};
 use oqtal_bus::error::BusError;
 use oqtal_bus::memory::{MemoryBus, MemoryReader, MemoryWriter};
-use oqtal_bus::message::{CommandV1, Header, Message, PoseV1, Stamps, TelemetryV1, VehicleV1};
+use oqtal_bus::message::{
+    CommandV1, ExternalV1, Header, Message, PoseV1, Stamps, StateV1, TelemetryV1, VehicleV1,
+};
 use oqtal_bus::stop::StopSwitch;
 use oqtal_bus::time::Time;
 use oqtal_bus::topic::{COMMAND, POSE, TELEMETRY, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_config::Config;
 use oqtal_control::trajectory::Trajectory;
-use oqtal_daemon::{CacheWarmup, Cycle, DaemonPorts, DaemonTurn, OperatorRequests, loop_handoff};
+use oqtal_daemon::{
+    CacheWarmup, Cycle, DaemonPorts, DaemonTurn, ExternalLaw, LawPort, OperatorRequests,
+    loop_handoff,
+};
 use oqtal_observe::recording::{DaemonHistory, RecordedTurn};
 use oqtal_runtime::process::Failure;
 use oqtal_runtime::turn::{Turn, TurnClock};
@@ -86,7 +93,9 @@ struct ReplayBench {
     poses: MemoryWriter<PoseV1>,
     vehicles: MemoryWriter<VehicleV1>,
     stop: StopSwitch,
-    daemon: DaemonTurn<MemoryBus>,
+    daemon: DaemonTurn<'static, MemoryBus>,
+    /// Recorded answer of an external law in the present turn.
+    answer: Rc<Cell<Option<ExternalV1>>>,
     requests: OperatorRequests,
     commands: MemoryReader<CommandV1>,
     telemetry: MemoryReader<TelemetryV1>,
@@ -107,11 +116,14 @@ impl ReplayBench {
         }
         let (handle, requests) = loop_handoff();
         let ports = DaemonPorts::open(&bus)?;
+        let answer = Rc::new(Cell::new(None));
+        let law = LawPort::of(RecordedLaw(Rc::clone(&answer)));
         Ok(Self {
             poses: bus.writer(&POSE)?,
             vehicles: bus.writer(&VEHICLE)?,
             stop: bus.stop_switch()?,
-            daemon: DaemonTurn { ports, cycle, warmup: CacheWarmup::never(), handle },
+            daemon: DaemonTurn { ports, cycle, warmup: CacheWarmup::never(), handle, law },
+            answer,
             requests,
             commands: bus.observer(&COMMAND)?,
             telemetry: bus.observer(&TELEMETRY)?,
@@ -121,9 +133,12 @@ impl ReplayBench {
 
     /// Executes a turn with its recorded inputs and instants.
     fn turn(&mut self, turn: &RecordedTurn) -> Result<(), BusError> {
-        let RecordedTurn { input, pose, vehicle, command, .. } = turn;
-        let taken =
-            [(input.pose_number, pose.is_some()), (input.vehicle_number, vehicle.is_some())];
+        let RecordedTurn { input, pose, vehicle, command, answer, .. } = turn;
+        let taken = [
+            (input.pose_number, pose.is_some()),
+            (input.vehicle_number, vehicle.is_some()),
+            (input.external_number, answer.is_some()),
+        ];
         let missing = taken.iter().filter(|(number, is_recorded)| *number != 0 && !is_recorded);
         self.result.missing += missing.count() as u64;
         if let Some((header, pose)) = pose {
@@ -132,6 +147,7 @@ impl ReplayBench {
         if let Some((header, vehicle)) = vehicle {
             self.vehicles.forward(*header, *vehicle);
         }
+        self.answer.set(answer.filter(|answer| answer.answered_at.is_set()));
         self.requests.note_configs_differ(input.configs_differ == 1);
         if input.stop == 1 {
             self.stop.raise();
@@ -176,6 +192,17 @@ impl ReplayBench {
             self.daemon.cycle.request(input.time, command);
             self.result.requests += 1;
         }
+    }
+}
+
+/// An external law that gives its recorded answers.
+struct RecordedLaw(Rc<Cell<Option<ExternalV1>>>);
+
+impl ExternalLaw for RecordedLaw {
+    fn reset(&mut self) {}
+
+    fn answer(&mut self, _: &StateV1) -> Option<ExternalV1> {
+        self.0.get()
     }
 }
 

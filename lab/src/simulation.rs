@@ -10,6 +10,7 @@ use oqtal_bus::error::BusError;
 use oqtal_bus::memory::MemoryBus;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
+use oqtal_daemon::{ExternalLaw, LawPort};
 use oqtal_observe::flight::Flight;
 use oqtal_observe::observer::BusObserver;
 use oqtal_observe::recorder::Recorder;
@@ -64,7 +65,27 @@ pub fn fly_recorded(
     recording: Option<McapRecorder>,
     mut watch: impl FnMut(&Recorder) -> Option<OperatorCommand>,
 ) -> Result<RecordedFlight, Failure> {
-    Simulation::new(mission, recording)?.run(Span::ZERO, &mut watch)
+    Simulation::new(mission, recording, LawPort::default())?.run(Span::ZERO, &mut watch)
+}
+
+/// Flies `mission`, whose `control.controller` is external, with `law`. The same law, configuration and seed give the same flight.
+///
+/// # Errors
+/// An option of the fallback law is invalid.
+pub fn fly_with_law(mission: &Mission, law: &mut dyn ExternalLaw) -> Result<Flight, Failure> {
+    fly_law_recorded(mission, None, law).map(|(flight, _)| flight)
+}
+
+/// Flies as [`fly_with_law`], and passes every sample to `recording`.
+///
+/// # Errors
+/// An option of the fallback law is invalid.
+pub fn fly_law_recorded(
+    mission: &Mission,
+    recording: Option<McapRecorder>,
+    law: &mut dyn ExternalLaw,
+) -> Result<RecordedFlight, Failure> {
+    Simulation::new(mission, recording, LawPort::of(law))?.run(Span::ZERO, &mut |_| None)
 }
 
 /// Flies, and continues to record for `aftermath` after the outcome is decided, for example to see whether the motors of an
@@ -73,11 +94,17 @@ pub fn fly_recorded(
 /// # Errors
 /// An option of the law is invalid.
 pub fn fly_past_the_end(mission: &Mission, aftermath: Span) -> Result<Flight, Failure> {
-    Simulation::new(mission, None)?.run(aftermath, &mut |_| None).map(|(flight, _)| flight)
+    Simulation::new(mission, None, LawPort::default())?
+        .run(aftermath, &mut |_| None)
+        .map(|(flight, _)| flight)
 }
 
 impl<'a> Simulation<'a> {
-    fn new(mission: &'a Mission, recording: Option<McapRecorder>) -> Result<Self, Failure> {
+    fn new(
+        mission: &'a Mission,
+        recording: Option<McapRecorder>,
+        law: LawPort<'a>,
+    ) -> Result<Self, Failure> {
         let (config, start) = (&mission.config, Time::VIRTUAL_START);
         let bus = Rc::new(MemoryBus::new());
         let topics = match recording {
@@ -92,7 +119,7 @@ impl<'a> Simulation<'a> {
             mission,
             faults: TurnFaults::open(bus.as_ref(), config)?,
             kills: Vec::new(),
-            processes: Processes::open(mission, &bus, start, every_millisecond)?,
+            processes: Processes::open(mission, &bus, every_millisecond, law)?,
             virtual_clock: VirtualClock::new(start, roles(config)),
             observer,
             recorder: Recorder::new(config),

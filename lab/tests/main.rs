@@ -2,6 +2,7 @@
 //! `cargo test -p oqtal-lab --test studies margins::` executes one module.
 
 mod cameras;
+mod external;
 mod identify;
 mod margins;
 mod metrics;

@@ -2,7 +2,9 @@
 
 use std::fmt;
 
-use oqtal_bus::code::{Answer, Cause, InputKind, Mode, OperatorCommand, SafetyState};
+use oqtal_bus::code::{
+    Answer, Cause, HandoverCause, InputKind, Mode, OperatorCommand, SafetyState,
+};
 use oqtal_bus::message::{InputV1, TelemetryV1};
 
 /// Mode, safety state and cause of the daemon in a tick, and whether it uses the configured model instead of the adapted one.
@@ -80,10 +82,22 @@ pub fn changes(before: &TelemetryV1, now: &TelemetryV1) -> Vec<String> {
     let model = before.fell_back != now.fell_back && now.mode == Mode::Flying.code();
     let condition = DaemonCondition::of(now);
     let states = state.then(|| condition.state_text());
+    let law = law_change(before, now);
     let models = model.then(|| condition.model_text().to_owned());
     let more = counted.into_iter().filter(|(_, before, now)| now > before);
     let counts = more.map(|(name, before, now)| format!("{name}: {}", now - before));
-    states.into_iter().chain(models).chain(counts).collect()
+    states.into_iter().chain(law).chain(models).chain(counts).collect()
+}
+
+/// A change between a law and its fallback as text; `None` without one, and before the law first flies.
+fn law_change(before: &TelemetryV1, now: &TelemetryV1) -> Option<String> {
+    let cause = word(HandoverCause::from_code(now.handover_cause));
+    if now.handovers > before.handovers {
+        Some(format!("fallback law: {cause}"))
+    } else {
+        let returns = now.handovers > 0 && now.fallback < before.fallback;
+        returns.then(|| "the law flies again".to_owned())
+    }
 }
 
 /// Events at the beginning and, if it is finite, at the end of the period of `what`: time after arming \[s\] and text.

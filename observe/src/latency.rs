@@ -25,6 +25,8 @@ pub const HOPS: [&str; 5] = [
 /// Parts of the first hop if a receiver publishes the poses of a real camera system.
 pub const RECEIVER: [&str; 2] = ["capture_to_receive", "receive_to_publish"];
 
+/// Name of the part of `compute` in which an external law answers.
+pub const ANSWER: &str = "question_to_answer";
 /// Name of the hop over a wire, after the others.
 pub const WIRE: &str = "wire";
 
@@ -35,8 +37,19 @@ pub const AIR: &str = "air_configured";
 pub const WHOLE: &str = "sensor_to_actuator";
 
 /// Names of all distributions, in the order of the stages.
-pub const NAMES: [&str; HOPS.len() + RECEIVER.len() + 3] =
-    [HOPS[0], RECEIVER[0], RECEIVER[1], HOPS[1], HOPS[2], HOPS[3], HOPS[4], WIRE, AIR, WHOLE];
+pub const NAMES: [&str; HOPS.len() + RECEIVER.len() + 4] = [
+    HOPS[0],
+    RECEIVER[0],
+    RECEIVER[1],
+    HOPS[1],
+    HOPS[2],
+    ANSWER,
+    HOPS[3],
+    HOPS[4],
+    WIRE,
+    AIR,
+    WHOLE,
+];
 
 /// Time from the last stamp of a command to its effect; zero for a vehicle simulated on the bus.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -171,14 +184,22 @@ impl HopDistributions {
         let whole = sensor_to_actuator(stamps, onward);
         let [capture, publish, compute, command, vehicle, whole] =
             [capture, publish, compute, command, vehicle, whole].map(Some);
-        let spans =
-            [capture, received, published, publish, compute, command, vehicle, wire, air, whole];
+        let spans = [
+            capture, received, published, publish, compute, None, command, vehicle, wire, air,
+            whole,
+        ];
         for (distribution, span) in self.0.iter_mut().zip(spans) {
             span.into_iter().for_each(|span| distribution.add(span));
         }
     }
 
-    /// Distributions by name: every hop and their sum; wire, air and the parts of the first hop only if they have samples.
+    /// Adds the time in which an external law answered.
+    pub fn add_answer(&mut self, span: Span) {
+        let answers = NAMES.iter().zip(&mut self.0).find(|(name, _)| **name == ANSWER);
+        answers.into_iter().for_each(|(_, distribution)| distribution.add(span));
+    }
+
+    /// Distributions by name: every hop and their sum; wire, air and the parts of hops only if they have samples.
     pub fn iter(&self) -> impl Iterator<Item = (&'static str, &Distribution)> {
         let always = |name: &str| HOPS.contains(&name) || name == WHOLE;
         NAMES.into_iter().zip(&self.0).filter(move |(name, hop)| always(name) || hop.count() > 0)

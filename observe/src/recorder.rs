@@ -43,11 +43,12 @@ pub struct Recorder {
 
 impl Recorder {
     /// Topics required for the evaluation of a flight.
-    pub const TOPICS: [ObservedTopic; 4] = [
+    pub const TOPICS: [ObservedTopic; 5] = [
         ObservedTopic::Telemetry,
         ObservedTopic::Truth,
         ObservedTopic::Pose,
         ObservedTopic::Vehicle,
+        ObservedTopic::External,
     ];
 
     /// A recorder for a flight under `config`.
@@ -239,6 +240,9 @@ impl Sink for Recorder {
             Sample::Telemetry(telemetry) => self.telemetry(reception, telemetry),
             Sample::Pose(pose) => self.pose(reception, pose),
             Sample::Vehicle(vehicle) => self.vehicle(reception, vehicle),
+            Sample::External(answer) if answer.answered_at.is_set() => {
+                self.flight.hops.add_answer(answer.answered_at.since(answer.asked_at));
+            }
             _ => {}
         }
     }

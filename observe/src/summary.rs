@@ -1,13 +1,15 @@
 //! The figures of a flight: `summary.json`.
 
 use std::collections::BTreeMap;
+use std::fmt;
 
 use crate::latency::{Distribution, DistributionSummary};
 use nalgebra::Vector3;
-use oqtal_bus::code::SafetyState;
+use oqtal_bus::code::{HandoverCause, SafetyState};
 use oqtal_bus::message::{FNV_OFFSET, fnv1a};
 use oqtal_config::{ClockKind, Config, Interface};
 use oqtal_control::metrics::Statistics;
+use oqtal_control::trajectory::Phase;
 use serde::Serialize;
 
 use crate::command_path::CommandPath;
@@ -40,6 +42,27 @@ pub struct TopicCounts {
     pub pose: u64,
     /// Commands \[-\]; lost ones from gaps in their sequence.
     pub command: u64,
+}
+
+/// Hand-overs from a law to its fallback.
+#[derive(Clone, Debug, Serialize)]
+pub struct HandoverFigures {
+    /// Number \[-\].
+    pub count: u64,
+    /// Number by reason \[-\].
+    pub causes: BTreeMap<String, u64>,
+    /// Ticks of the trajectory that the fallback flew \[-\].
+    pub fallback_ticks: usize,
+}
+
+impl fmt::Display for HandoverFigures {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.count)?;
+        for (index, (cause, count)) in self.causes.iter().enumerate() {
+            write!(f, "{}{cause} {count}", if index == 0 { ": " } else { ", " })?;
+        }
+        write!(f, "; {} ticks of the trajectory by the fallback law", self.fallback_ticks)
+    }
 }
 
 /// Figures of a flight. Errors are computed over the scored window and are `None` if it is empty.
@@ -82,6 +105,8 @@ pub struct Summary {
     pub period_jitter: Option<DistributionSummary>,
     /// Resource use of the daemon; `None` if it was not a separate process.
     pub daemon: Option<ProcessUsage>,
+    /// Hand-overs to the fallback law; `None` for a law without one.
+    pub handovers: Option<HandoverFigures>,
     /// Safety states passed through, in order.
     pub state_sequence: Vec<String>,
     /// Injected faults, in order of their beginnings.
@@ -134,6 +159,7 @@ impl Summary {
             wakeup_lateness: in_real_time(config, &flight.wakeup_lateness),
             period_jitter: in_real_time(config, &flight.period_jitter),
             daemon: flight.daemon.clone(),
+            handovers: handovers(flight),
             state_sequence: state_sequence(flight),
             faults: InjectedFault::all(flight),
             disturbances: AppliedDisturbance::all(flight),
@@ -235,6 +261,27 @@ fn effort(flight: &Flight) -> Option<f64> {
     let mut any = false;
     let sum: f64 = norms.inspect(|_| any = true).sum();
     any.then_some(sum * period_s)
+}
+
+/// The hand-overs of `flight`; `None` if its law has no fallback.
+fn handovers(flight: &Flight) -> Option<HandoverFigures> {
+    let control = &flight.config.control;
+    if !control.is_external() && control.fallback.is_none() {
+        return None;
+    }
+    let mut figures = HandoverFigures { count: 0, causes: BTreeMap::new(), fallback_ticks: 0 };
+    let mut last = 0;
+    for FlightSample { telemetry, .. } in flight.armed() {
+        if telemetry.handovers > last {
+            let cause = HandoverCause::from_code(telemetry.handover_cause).unwrap_or_default();
+            *figures.causes.entry(cause.to_string()).or_default() += 1;
+            figures.count += 1;
+        }
+        last = telemetry.handovers;
+        let is_on_trajectory = telemetry.phase == Phase::Trajectory as u8;
+        figures.fallback_ticks += usize::from(is_on_trajectory && telemetry.fallback == 1);
+    }
+    Some(figures)
 }
 
 /// Safety states from arming to the end of the record; all of them if the vehicle was never armed. On the ground the daemon waits

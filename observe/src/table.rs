@@ -111,7 +111,10 @@ fn counts(summary: &Summary) -> String {
     let faults: Vec<&str> = summary.faults.iter().map(|fault| fault.fault.as_str()).collect();
     let loads = summary.disturbances.iter();
     let loads: Vec<&str> = loads.map(|load| load.disturbance.as_str()).collect();
-    let faults = listed("faults: ", &faults) + &listed("disturbances: ", &loads);
+    let handovers = summary.handovers.as_ref().map(|it| format!("\nhand-overs: {it}"));
+    let faults = handovers.unwrap_or_default()
+        + &listed("faults: ", &faults)
+        + &listed("disturbances: ", &loads);
     // Neither is meaningful in virtual time, in which nothing is late.
     let deadlines = match summary.wakeup_lateness {
         Some(_) => format!(", deadlines missed {deadline_misses}"),

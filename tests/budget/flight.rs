@@ -8,7 +8,8 @@ use oqtal_bus::topic::{Role, TELEMETRY};
 use oqtal_bus::transport::{Subscribe, Transport};
 use oqtal_config::{Config, Setting};
 use oqtal_daemon::{
-    CacheWarmup, Cycle, DaemonPorts, DaemonTurn, OperatorRequests, loop_handoff, trajectory,
+    CacheWarmup, Cycle, DaemonPorts, DaemonTurn, LawPort, OperatorRequests, loop_handoff,
+    trajectory,
 };
 use oqtal_mocap_emu::{Cameras, EmulatedCameras};
 use oqtal_plant_sim::{Plant, PlantTurn, Stepping};
@@ -48,7 +49,7 @@ pub fn fly(law: &str, resolve: &str, mut count: impl FnMut(&mut dyn FnMut())) ->
 struct Flight {
     plant: PlantTurn<MemoryBus>,
     cameras: PoseTurn<MemoryBus, EmulatedCameras<MemoryBus>>,
-    daemon: DaemonTurn<MemoryBus>,
+    daemon: DaemonTurn<'static, MemoryBus>,
     /// Kept open: a closed hand-off does not accept a status.
     _requests: OperatorRequests,
     telemetry: MemoryReader<TelemetryV1>,
@@ -68,7 +69,13 @@ impl Flight {
         Self {
             plant: PlantTurn::open(&bus, plant, Stepping::Exact, config).unwrap(),
             cameras: PoseTurn::open(&bus, cameras).unwrap(),
-            daemon: DaemonTurn { ports, cycle, warmup: CacheWarmup::never(), handle },
+            daemon: DaemonTurn {
+                ports,
+                cycle,
+                warmup: CacheWarmup::never(),
+                handle,
+                law: LawPort::default(),
+            },
             _requests: requests,
             telemetry: bus.reader(&TELEMETRY).unwrap(),
             armed_ticks: 0,

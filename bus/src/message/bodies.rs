@@ -227,6 +227,12 @@ message! {
         fell_back: u8 ["flag"],
         /// 1 if the attitude command hit its limit.
         saturated: u8 ["flag"],
+        /// Times in this flight at which the fallback law took over from a law that failed.
+        handovers: u64 ["-"],
+        /// [`crate::code::HandoverCause`] of the last of them.
+        handover_cause: u8 ["code"],
+        /// 1 if the fallback law computed the command of this tick.
+        fallback: u8 ["flag"],
     }
 }
 
@@ -249,6 +255,8 @@ message! {
         pose_read: u64 ["-"],
         /// Number of the message on topic `read/vehicle` with the vehicle message as the daemon read it; 0 if no fault alters such messages.
         vehicle_read: u64 ["-"],
+        /// Number of the message on topic `external` with the answer of an external law; 0 if none was asked.
+        external_number: u64 ["-"],
         /// Sequence of the command published in this turn; 0 if no tick was made.
         command_sequence: u64 ["-"],
         /// [`crate::code::InputKind`] of this record.

@@ -3,10 +3,12 @@
 use std::fmt;
 
 use super::{
-    COMMAND, INPUT, POSE, POSE_READ, Role, TELEMETRY, TRUTH, Topic, VEHICLE, VEHICLE_READ,
+    COMMAND, EXTERNAL, INPUT, LAW_STATE, POSE, POSE_READ, Role, TELEMETRY, TRUTH, Topic, VEHICLE,
+    VEHICLE_READ,
 };
 use crate::message::{
-    AnyMessage, CommandV1, HealthV1, InputV1, Message, PoseV1, TelemetryV1, TruthV1, VehicleV1,
+    AnyMessage, CommandV1, ExternalV1, HealthV1, InputV1, Message, PoseV1, StateV1, TelemetryV1,
+    TruthV1, VehicleV1,
 };
 
 /// Operation on any topic, such as opening a reader or decoding a body.
@@ -101,6 +103,10 @@ observed_topics! {
     PoseRead(PoseV1) = POSE_READ,
     /// Topic `read/vehicle`.
     VehicleRead(VehicleV1) = VEHICLE_READ,
+    /// Topic `state`.
+    State(StateV1) = LAW_STATE,
+    /// Topic `external`.
+    External(ExternalV1) = EXTERNAL,
     /// Topic `input`, after the topics whose messages it refers to.
     Input(InputV1) = INPUT,
 }

@@ -16,6 +16,7 @@
 //! that belongs to a name. To add a law, write its file and give it a line in each list below; the compiler names the lists that
 //! lack it. `docs/your-own-law.md` is an example.
 
+mod fallback;
 mod feedback;
 mod filtered_rate;
 mod geometric;
@@ -74,10 +75,12 @@ pub enum ControllerName {
     Indi,
     /// Linear model predictive control. Not in the paper.
     Mpc,
+    /// A law outside the daemon; a built-in law, the fallback, flies whenever it fails.
+    External,
 }
 
 impl ControllerName {
-    /// Every law.
+    /// Every built-in law.
     pub const ALL: [Self; 8] = [
         Self::Pid,
         Self::Lqr,
@@ -95,7 +98,10 @@ impl ControllerName {
 
     /// Name in a configuration.
     pub const fn name(self) -> &'static str {
-        Self::NAMES[self as usize]
+        match self {
+            Self::External => "external",
+            built_in => Self::NAMES[built_in as usize],
+        }
     }
 
     /// Gains that `oqtal tune` searches, the one that the study of the greatest gain raises first. Keys are relative to the
@@ -110,6 +116,7 @@ impl ControllerName {
             Self::Px4 => Px4Options::TUNED,
             Self::Indi => IndiOptions::TUNED,
             Self::Mpc => MpcOptions::TUNED,
+            Self::External => &[],
         }
     }
 
@@ -144,6 +151,10 @@ pub struct ControlOptions {
     pub rate_hz: f64,
     /// Law that flies.
     pub controller: ControllerName,
+    /// Law that takes over when `controller` fails; `None`: [`GEOMETRIC`](ControllerName::Geometric) for an external law, none for a
+    /// built-in one.
+    #[serde(with = "fallback")]
+    pub fallback: Option<ControllerName>,
     /// Options of the quaternion PID.
     pub pid: PidOptions,
     /// Options of the classic LQR.
@@ -173,6 +184,7 @@ impl Default for ControlOptions {
         Self {
             rate_hz: 60.0,
             controller: ControllerName::default(),
+            fallback: None,
             pid: PidOptions::default(),
             lqr: LqrOptions::default(),
             oqtal: OqtalOptions::default(),
@@ -204,9 +216,30 @@ impl ControlOptions {
         }
     }
 
-    /// Whether the autopilot of [`crate::predictive`] is around the law that flies.
+    /// Whether the law that flies is outside the daemon.
+    pub fn is_external(&self) -> bool {
+        self.controller == ControllerName::External
+    }
+
+    /// The built-in law that is computed: the one that flies, or the fallback of an external one.
+    pub fn built_in(&self) -> ControllerName {
+        match self.controller {
+            ControllerName::External => self.fallback.unwrap_or(ControllerName::Geometric),
+            built_in => built_in,
+        }
+    }
+
+    /// Whether the autopilot of [`crate::predictive`] is around the built-in law that is computed. It always is around the fallback
+    /// of an external law: it has no integrals of the position error, which wind up while another law flies.
     pub fn is_predictive(&self) -> bool {
-        self.controller.is_predictive() || self.stack == LawStack::Predictive
+        self.is_external() || self.built_in().is_predictive() || self.stack == LawStack::Predictive
+    }
+
+    /// The options of the fallback of a built-in law, which flies within the autopilot of [`crate::predictive`]; `None` without a
+    /// fallback, and for an external law, whose fallback these options describe.
+    pub fn of_fallback(&self) -> Option<Self> {
+        let controller = self.fallback.filter(|_| !self.is_external())?;
+        Some(Self { controller, fallback: None, stack: LawStack::Predictive, ..*self })
     }
 
     /// Checks every option.
@@ -263,7 +296,7 @@ impl<I: InputForm> Controller<I> {
     /// An option of that law whose value is not allowed, with its key in the section `[control]`: `pid.gain`.
     pub fn new(options: &ControlOptions, input: I) -> Result<Self, OptionError> {
         let period_s = 1.0 / options.rate_hz;
-        let law = match options.controller {
+        let law = match options.built_in() {
             ControllerName::Pid => QuaternionPid::new(options.pid, input).map(Self::Pid),
             ControllerName::Lqr => ClassicLqr::new(options.lqr, input).map(Self::Lqr),
             ControllerName::Oqtal => Oqtal::new(options.oqtal, input).map(Self::Oqtal),
@@ -276,8 +309,11 @@ impl<I: InputForm> Controller<I> {
             ControllerName::Px4 => Px4Attitude::new(options.px4, input).map(Self::Px4),
             ControllerName::Indi => Indi::new(options.indi, input).map(Self::Indi),
             ControllerName::Mpc => Mpc::new(options.mpc, input, period_s).map(Self::Mpc),
+            ControllerName::External => {
+                return Err(OptionError::new("fallback", "external", "a built-in law"));
+            }
         };
-        law.map_err(|error| error.within(options.controller.name()))
+        law.map_err(|error| error.within(options.built_in().name()))
     }
 
     fn law(&self) -> &dyn AttitudeLaw<Command = I::Command> {

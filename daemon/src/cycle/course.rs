@@ -6,7 +6,9 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_control::estimator::Estimate;
 use oqtal_control::euler::EulerAngles;
-use oqtal_control::trajectory::{FlightPlan, Phase, StartPoint, Trajectory, TrajectoryOptions};
+use oqtal_control::trajectory::{
+    FlightPlan, Phase, Reference, StartPoint, Trajectory, TrajectoryOptions,
+};
 
 use crate::fence::Fence;
 use crate::floor;
@@ -62,6 +64,12 @@ impl FlightCourse {
     /// The reference of this tick.
     pub(super) fn setpoint(&self) -> &CheckedSetpoint {
         &self.setpoint
+    }
+
+    /// The reference of the plan at `at`; `None` without one, and while the reference is refused.
+    pub(super) fn reference_at(&self, at: Time) -> Option<Reference> {
+        let mission = self.mission.as_ref().filter(|_| !self.setpoint.is_refused)?;
+        Some(mission.reference(at))
     }
 
     /// Records a position inside the soft border of the fence \[m, world\].

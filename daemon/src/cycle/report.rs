@@ -8,6 +8,7 @@ use oqtal_control::trajectory::Reference;
 
 use super::intake::Intake;
 use super::supervision::FlightSupervision;
+use crate::law_guard::GuardReport;
 use crate::mission::ActiveMission;
 use crate::stack::ControlOutput;
 
@@ -132,6 +133,13 @@ impl TickReport {
         telemetry.torque = message.torque;
         telemetry.attitude_sent = message.attitude;
         telemetry.thrust = message.thrust;
+    }
+
+    /// Records the selection between the law and its fallback.
+    pub(super) fn record_law(&mut self, guard: &GuardReport) {
+        self.telemetry.handovers = guard.handovers;
+        self.telemetry.handover_cause = guard.cause.code();
+        self.telemetry.fallback = u8::from(guard.is_fallback);
     }
 
     /// Records how late the loop was woken up.

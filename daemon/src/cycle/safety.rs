@@ -174,6 +174,7 @@ impl SafetyMonitor {
             return conditions;
         }
         self.health.check(&mut conditions);
+        conditions.law_fails = requests.law_fails;
         conditions.setpoint_refused = course.setpoint().is_refused;
         if let Some(vehicle) = intake.vehicle().answer(tick.now) {
             self.limits.check_vehicle(vehicle, &mut conditions);

@@ -5,7 +5,7 @@ use oqtal_bus::message::{ControlResponseV1, Header, VehicleV1};
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_bus::time::Time;
 use oqtal_config::Config;
-use oqtal_control::trajectory::Trajectory;
+use oqtal_control::trajectory::{Phase, Trajectory};
 
 use super::auto_takeoff::AutoTakeoff;
 use super::control::Directive;
@@ -15,6 +15,7 @@ use super::mode::{ModeAction, ModeConditions, transition};
 use super::requests::Requests;
 use super::safety::{SafetyMonitor, SafetyTick};
 use crate::command::VehicleCommand;
+use crate::law_guard::GuardReport;
 
 /// Safety, mode and course of the flight.
 #[derive(Clone, Debug)]
@@ -83,6 +84,20 @@ impl FlightSupervision {
     /// Whether the daemon commands a flying vehicle.
     pub(super) fn is_flying(&self) -> bool {
         self.is_armed() && !self.observe_only
+    }
+
+    /// Whether the flight is between take-off and landing, without a fault to which the daemon reacts.
+    pub(super) fn is_free_flight(&self) -> bool {
+        let phase = self.course.setpoint().reference.map(|reference| reference.phase);
+        self.mode == Mode::Flying
+            && !self.observe_only
+            && self.safety.state() <= SafetyState::Degraded
+            && matches!(phase, Some(Phase::Settle | Phase::Trajectory))
+    }
+
+    /// Records the selection between the law and its fallback.
+    pub(super) fn notice_law(&mut self, guard: &GuardReport) {
+        self.requests.law_fails = guard.law_fails && self.is_flying();
     }
 
     /// Whether a mission is active, flown or only observed.
@@ -244,6 +259,8 @@ impl FlightSupervision {
             OperatorCommand::Fly => Ok(self.wait_for_flight(false)),
             OperatorCommand::Land => self.land(now, intake),
             OperatorCommand::Disarm => self.disarm(intake),
+            OperatorCommand::Resume if self.is_flying() => Ok(Answer::Accepted),
+            OperatorCommand::Resume => Err(Cause::WrongMode),
             OperatorCommand::Stop => {
                 self.requests.stop = true;
                 self.call_off();

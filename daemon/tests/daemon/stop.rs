@@ -6,7 +6,7 @@ use oqtal_bus::memory::MemoryBus;
 use oqtal_bus::message::VehicleV1;
 use oqtal_bus::topic::{COMMAND, TELEMETRY};
 use oqtal_bus::transport::{Subscribe, Transport};
-use oqtal_daemon::{CacheWarmup, DaemonPorts, DaemonTurn, loop_handoff};
+use oqtal_daemon::{CacheWarmup, DaemonPorts, DaemonTurn, LawPort, loop_handoff};
 use oqtal_runtime::turn::step;
 
 #[test]
@@ -21,6 +21,7 @@ fn f15_the_tick_after_a_stop_commands_disarmed_and_the_state_is_latched() {
         cycle: bench.cycle,
         warmup: CacheWarmup::never(),
         handle: loop_handoff().0,
+        law: LawPort::default(),
     };
     let now = turn.cycle.next_event();
     step(&mut turn, now).unwrap();

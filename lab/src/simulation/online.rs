@@ -3,6 +3,7 @@
 use oqtal_bus::time::{Span, Time};
 use oqtal_control::position::OuterLoop;
 use oqtal_control::scalar_pid::PidGains;
+use oqtal_daemon::LawPort;
 use oqtal_observe::flight::{Flight, FlightSample};
 use oqtal_runtime::process::Failure;
 
@@ -22,7 +23,7 @@ impl<'a> OnlineFlight<'a> {
     /// # Errors
     /// An option of the law is invalid.
     pub fn begin(mission: &'a Mission) -> Result<Self, Failure> {
-        let mut simulation = Simulation::new(mission, None)?;
+        let mut simulation = Simulation::new(mission, None, LawPort::default())?;
         simulation.begin()?;
         Ok(Self { simulation, began: Time::now(), is_over: false })
     }

@@ -10,7 +10,7 @@ use oqtal_bus::topic::Role;
 use oqtal_config::FaultTarget;
 use oqtal_control::position::OuterLoop;
 use oqtal_control::scalar_pid::PidGains;
-use oqtal_daemon::{CacheWarmup, Cycle, DaemonPorts, DaemonTurn, loop_handoff};
+use oqtal_daemon::{CacheWarmup, Cycle, DaemonPorts, DaemonTurn, LawPort, loop_handoff};
 use oqtal_mocap_emu::{Cameras, EmulatedCameras, Playback, Start};
 use oqtal_plant_sim::{Plant, PlantTurn, Stepping};
 use oqtal_runtime::faults::{FaultyTransport, FaultyTurn};
@@ -40,7 +40,7 @@ pub(super) struct Processes<'a> {
     every_millisecond: bool,
     plant: Process<PlantTurn<Ports>>,
     poses: PoseProcess,
-    daemon: Process<DaemonTurn<Ports>>,
+    daemon: Process<DaemonTurn<'a, Ports>>,
 }
 
 impl<'a> Processes<'a> {
@@ -48,16 +48,17 @@ impl<'a> Processes<'a> {
     pub(super) fn open(
         mission: &'a Mission,
         bus: &Rc<MemoryBus>,
-        start: Time,
         every_millisecond: bool,
+        law: LawPort<'a>,
     ) -> Result<Self, Failure> {
+        let start = Time::VIRTUAL_START;
         Ok(Self {
             mission,
             bus: Rc::clone(bus),
             every_millisecond,
             plant: plant(mission, bus, start, every_millisecond)?,
             poses: PoseProcess::open(mission, bus, start)?,
-            daemon: daemon(mission, bus, start)?,
+            daemon: daemon(mission, bus, start, law)?,
         })
     }
 
@@ -67,7 +68,10 @@ impl<'a> Processes<'a> {
         match role {
             Role::Plant => self.plant = plant(mission, bus, now, *every_millisecond)?,
             Role::Mocap => self.poses = PoseProcess::open(mission, bus, now)?,
-            Role::Daemon => self.daemon = daemon(mission, bus, now)?,
+            Role::Daemon => {
+                let law = std::mem::take(&mut self.daemon.turn.law);
+                self.daemon = daemon(mission, bus, now, law)?;
+            }
             Role::Recorder | Role::Bridge | Role::Receiver => {}
         }
         Ok(())
@@ -117,11 +121,12 @@ fn plant(
     Ok(faulty.turn(FaultTarget::PlantSim, turn))
 }
 
-fn daemon(
+fn daemon<'l>(
     mission: &Mission,
     bus: &Rc<MemoryBus>,
     start: Time,
-) -> Result<Process<DaemonTurn<Ports>>, Failure> {
+    law: LawPort<'l>,
+) -> Result<Process<DaemonTurn<'l, Ports>>, Failure> {
     let config = &mission.config;
     let faulty = FaultyTransport::new(bus, config)?;
     let cycle = Cycle::new(config, mission.trajectory.clone(), start)
@@ -129,8 +134,11 @@ fn daemon(
     // The background side is dropped: a simulation has no requests from other threads.
     let (handle, _) = loop_handoff();
     let mut ports = DaemonPorts::open(&faulty)?;
+    if config.control.is_external() {
+        ports.open_exchange(&faulty)?;
+    }
     ports.announce_start(start, false)?;
-    let turn = DaemonTurn { ports, cycle, warmup: CacheWarmup::never(), handle };
+    let turn = DaemonTurn { ports, cycle, warmup: CacheWarmup::never(), handle, law };
     Ok(faulty.turn(FaultTarget::Daemon, turn))
 }
 

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use oqtal_bus::code::InputKind;
-use oqtal_bus::message::{CommandV1, Header, InputV1, PoseV1, TelemetryV1, VehicleV1};
+use oqtal_bus::message::{CommandV1, ExternalV1, Header, InputV1, PoseV1, TelemetryV1, VehicleV1};
 use oqtal_bus::topic::{ObservedTopic, Sample};
 
 use crate::sink::{Reception, Sink};
@@ -20,6 +20,8 @@ pub struct RecordedTurn {
     pub pose: Option<(Header, PoseV1)>,
     /// The vehicle message taken.
     pub vehicle: Option<(Header, VehicleV1)>,
+    /// The answer of an external law, or the record that there was none.
+    pub answer: Option<ExternalV1>,
     /// The command published.
     pub command: Option<(Header, CommandV1)>,
     /// The telemetry published.
@@ -51,6 +53,7 @@ pub struct InputHistory {
     histories: Vec<DaemonHistory>,
     poses: HashMap<Identity, (Header, PoseV1)>,
     vehicles: HashMap<Identity, (Header, VehicleV1)>,
+    answers: HashMap<Identity, ExternalV1>,
     commands: HashMap<Identity, (Header, CommandV1)>,
     /// Samples as read by the daemon, by daemon and number.
     poses_read: HashMap<Identity, PoseV1>,
@@ -85,9 +88,10 @@ impl InputHistory {
                 || !messages.keys().any(|(other, later)| *other == source && *later >= number);
             number > 0 && found.is_none() && is_last()
         }
-        let RecordedTurn { input, pose, vehicle, command, .. } = turn;
+        let RecordedTurn { input, pose, vehicle, answer, command, .. } = turn;
         is_missing(*pose, &self.poses, (input.pose_source, input.pose_number))
             || is_missing(*vehicle, &self.vehicles, (input.vehicle_source, input.vehicle_number))
+            || is_missing(*answer, &self.answers, (source, input.external_number))
             || is_missing(*command, &self.commands, (source, input.command_sequence))
             || is_missing(*pose, &self.poses_read, (source, input.pose_read))
             || is_missing(*vehicle, &self.vehicles_read, (source, input.vehicle_read))
@@ -99,6 +103,7 @@ impl InputHistory {
         let named = self.named(source, turn.input);
         turn.pose = turn.pose.or(named.pose);
         turn.vehicle = turn.vehicle.or(named.vehicle);
+        turn.answer = turn.answer.or(named.answer);
         turn.command = turn.command.or(named.command);
         turn.telemetry = self.telemetry.get(&(source, turn.input.time.nanos())).copied();
     }
@@ -115,6 +120,7 @@ impl InputHistory {
                 .vehicles
                 .get(&(input.vehicle_source, input.vehicle_number))
                 .and_then(|sent| as_read(*sent, (source, input.vehicle_read), &self.vehicles_read)),
+            answer: self.answers.get(&(source, input.external_number)).copied(),
             command: self.commands.get(&(source, input.command_sequence)).copied(),
             telemetry: None,
         }
@@ -164,7 +170,8 @@ impl Sink for InputHistory {
             Sample::PoseRead(pose) => drop(self.poses_read.insert(identity, *pose)),
             Sample::VehicleRead(vehicle) => drop(self.vehicles_read.insert(identity, *vehicle)),
             Sample::Input(input) => self.input(header, input),
-            Sample::Truth(_) | Sample::Health(..) => {}
+            Sample::External(answer) => drop(self.answers.insert(identity, *answer)),
+            Sample::Truth(_) | Sample::State(_) | Sample::Health(..) => {}
         }
     }
 

@@ -64,10 +64,12 @@ pub struct McapRecorder {
 impl McapRecorder {
     /// Topics recorded in a flight under `config`.
     pub fn topics(config: &Config) -> Vec<ObservedTopic> {
-        use ObservedTopic::{PoseRead, VehicleRead};
-        // Published only if injected faults alter the daemon's inputs.
-        let is_published = |topic: &ObservedTopic| {
-            !config.fault.inject.is_empty() || ![PoseRead, VehicleRead].contains(topic)
+        use ObservedTopic::{External, PoseRead, State, VehicleRead};
+        let is_published = |topic: &ObservedTopic| match topic {
+            // Published only if injected faults alter the daemon's inputs.
+            PoseRead | VehicleRead => !config.fault.inject.is_empty(),
+            State | External => config.control.is_external(),
+            _ => true,
         };
         ObservedTopic::all().filter(is_published).collect()
     }
@@ -290,6 +292,8 @@ impl Sink for McapRecorder {
             Sample::Health(_, health) if self.is_real => {
                 self.record(reception, sample, health.time);
             }
+            Sample::State(state) => self.record(reception, sample, state.time),
+            Sample::External(answer) => self.record(reception, sample, answer.asked_at),
             Sample::PoseRead(_) | Sample::VehicleRead(_) | Sample::Health(..) => {
                 self.record(reception, sample, Time::UNSET);
             }

@@ -25,6 +25,7 @@ const INKS: [Ink; NAMES.len()] = [
     Ink::Actual,
     Ink::Second,
     Ink::Third,
+    Ink::Third,
     Ink::Fourth,
     Ink::Fifth,
     Ink::Sixth,

@@ -1,0 +1,162 @@
+//! The law of a flight under its fallback: an external law, or a built-in one with `control.fallback`.
+
+use oqtal_bus::code::HandoverCause;
+use oqtal_bus::message::{ExternalV1, StateV1};
+use oqtal_config::Config;
+use oqtal_control::options::OptionError;
+use oqtal_control::predictive::Motion;
+use oqtal_control::trajectory::Reference;
+
+use super::control::{ControlTick, Directive};
+use super::intake::Intake;
+use crate::command::VehicleCommand;
+use crate::external::{ExternalControl, ExternalLaw, QuestionView};
+use crate::guard::seconds;
+use crate::law_guard::{GuardReport, GuardedTick, LawGuard};
+use crate::stack::{ControlOutput, ControlStack, LawInput};
+
+/// The tick of a guarded law.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LawTick<'a> {
+    /// The tick.
+    pub(super) tick: &'a ControlTick,
+    /// The task of the control.
+    pub(super) directive: &'a Directive,
+    /// The motion of the vehicle.
+    pub(super) intake: &'a Intake,
+    /// The command of the last tick.
+    pub(super) last: &'a VehicleCommand,
+    /// The reference for the effect of the command of this tick.
+    pub(super) reference_ahead: Option<Reference>,
+    /// Whether the law may fly.
+    pub(super) is_free: bool,
+}
+
+/// The law that is guarded.
+// Not boxed: the cache warm-up copies the law, and a copy must not allocate.
+#[derive(Clone, Debug)]
+#[allow(clippy::large_enum_variant)]
+enum GuardedLaw {
+    /// Outside the daemon; the control stack is its fallback.
+    External(ExternalControl),
+    /// The law of the control stack; its fallback is this one.
+    BuiltIn(ControlStack),
+}
+
+/// A guarded law, with its fallback.
+#[derive(Clone, Debug)]
+pub(super) struct GuardedControl {
+    law: GuardedLaw,
+    guard: LawGuard,
+}
+
+impl GuardedControl {
+    /// The guarded law of `config`; `None` if the law of the control stack flies without a fallback.
+    ///
+    /// # Errors
+    /// An option of the fallback law or of the vehicle is not allowed.
+    pub(super) fn new(config: &Config) -> Result<Option<Self>, OptionError> {
+        let law = match config.control.of_fallback() {
+            Some(control) => {
+                let mut config = config.clone();
+                config.control = control;
+                GuardedLaw::BuiltIn(ControlStack::new(&config)?)
+            }
+            None if config.control.is_external() => {
+                GuardedLaw::External(ExternalControl::new(config))
+            }
+            None => return Ok(None),
+        };
+        Ok(Some(Self { law, guard: LawGuard::new(config)? }))
+    }
+
+    /// Resets both laws for a new flight.
+    pub(super) fn restart(&mut self) {
+        self.guard.restart();
+        match &mut self.law {
+            GuardedLaw::External(external) => external.restart(),
+            GuardedLaw::BuiltIn(fallback) => fallback.reset(),
+        }
+    }
+
+    /// Begins a tick.
+    pub(super) fn begin_tick(&mut self) {
+        if let GuardedLaw::External(external) = &mut self.law {
+            external.begin_tick();
+        }
+    }
+
+    /// Gives control back to a law that failed.
+    pub(super) fn resume(&mut self) {
+        self.guard.resume();
+    }
+
+    /// The state of the selection.
+    pub(super) fn report(&self) -> &GuardReport {
+        self.guard.report()
+    }
+
+    /// Question and answer of this tick; `None` if no external law was asked.
+    pub(super) fn exchange(&self) -> Option<(&StateV1, &ExternalV1)> {
+        match &self.law {
+            GuardedLaw::External(external) => external.exchange(),
+            GuardedLaw::BuiltIn(_) => None,
+        }
+    }
+
+    /// Selects between `output`, that of the control stack, and that of the other law, which may be `outside`.
+    pub(super) fn select(
+        &mut self,
+        law_tick: &LawTick,
+        output: ControlOutput,
+        outside: &mut dyn ExternalLaw,
+    ) -> ControlOutput {
+        let LawTick { tick, intake, directive, last, is_free, .. } = *law_tick;
+        let tracker = intake.tracker();
+        let now_s = seconds(tick.now);
+        let (Directive::Fly { reference, .. }, Some(ahead)) =
+            (directive, tracker.motion_at(now_s + tracker.effect_delay_s()))
+        else {
+            return output;
+        };
+        let (law, fallback) = match &mut self.law {
+            GuardedLaw::External(external) => {
+                let reference = law_tick.reference_ahead.as_ref().unwrap_or(reference);
+                (ask(external, law_tick, (&ahead, reference), (&output, outside)), output)
+            }
+            GuardedLaw::BuiltIn(stack) => {
+                let computed = intake.motion(tick.now, tick.is_fresh).and_then(|estimate| {
+                    let dt_s = tick.dt_s;
+                    stack.compute(&LawInput { now_s, dt_s, estimate, tracker, reference })
+                });
+                let Some(fallback) = computed else { return output };
+                (finite(output), fallback)
+            }
+        };
+        let guarded = GuardedTick { ahead: &ahead, tracker, last, dt_s: tick.dt_s, is_free };
+        let (selected, verdict) = self.guard.select(&guarded, law, fallback);
+        if let GuardedLaw::External(external) = &mut self.law {
+            external.record(verdict, !self.guard.report().is_fallback);
+        }
+        selected
+    }
+}
+
+/// The output of the external law.
+fn ask(
+    external: &mut ExternalControl,
+    law_tick: &LawTick,
+    (ahead, reference): (&Motion, &Reference),
+    (fallback, outside): (&ControlOutput, &mut dyn ExternalLaw),
+) -> Result<ControlOutput, HandoverCause> {
+    let (now, tracker) = (law_tick.tick.now, law_tick.intake.tracker());
+    external.ask(&QuestionView { now, ahead, tracker, reference, fallback }, outside)
+}
+
+/// `output`, if its command is finite.
+fn finite(output: ControlOutput) -> Result<ControlOutput, HandoverCause> {
+    match output.command.finite_or_disarmed() {
+        VehicleCommand::Disarmed => Err(HandoverCause::NotFinite),
+        VehicleCommand::Armed { .. } => Ok(output),
+    }
+}

@@ -1,0 +1,265 @@
+//! A law outside the daemon: the question that it is asked in every tick of a flight, and the check of its answer.
+
+use std::fmt;
+
+use nalgebra::Vector3;
+use oqtal_bus::code::HandoverCause;
+use oqtal_bus::message::{ExternalV1, StateV1};
+use oqtal_bus::time::{Span, Time};
+use oqtal_config::{Config, Interface};
+use oqtal_control::predictive::{Motion, MotionTracker};
+use oqtal_control::quantity::{StickCommand, Torque};
+use oqtal_control::quaternion::Attitude;
+use oqtal_control::trajectory::Reference;
+
+use crate::command::{RotationCommand, VehicleCommand};
+use crate::stack::ControlOutput;
+
+/// Part by which an answer may exceed the vehicle's range, and a quaternion the norm of 1, as rounding does \[-\].
+const TOLERANCE: f64 = 1e-6;
+/// Fraction of its limit above which a rotation command counts as saturated \[-\].
+const SATURATED: f64 = 1.0 - 1e-9;
+
+/// A law outside the daemon: in this process, or behind a socket.
+pub trait ExternalLaw {
+    /// Restarts integrals and filters: a flight begins.
+    fn reset(&mut self);
+
+    /// The command for `state`, in units of the vehicle: see [`ExternalV1`]. `None` without an answer in time.
+    fn answer(&mut self, state: &StateV1) -> Option<ExternalV1>;
+}
+
+impl<L: ExternalLaw + ?Sized> ExternalLaw for &mut L {
+    fn reset(&mut self) {
+        (**self).reset();
+    }
+
+    fn answer(&mut self, state: &StateV1) -> Option<ExternalV1> {
+        (**self).answer(state)
+    }
+}
+
+/// The external law of a daemon, or none.
+#[derive(Default)]
+pub struct LawPort<'l>(Option<Box<dyn ExternalLaw + 'l>>);
+
+impl<'l> LawPort<'l> {
+    /// The port to `law`.
+    pub fn of(law: impl ExternalLaw + 'l) -> Self {
+        Self(Some(Box::new(law)))
+    }
+}
+
+impl ExternalLaw for LawPort<'_> {
+    fn reset(&mut self) {
+        self.0.iter_mut().for_each(|law| law.reset());
+    }
+
+    fn answer(&mut self, state: &StateV1) -> Option<ExternalV1> {
+        self.0.as_mut()?.answer(state)
+    }
+}
+
+impl fmt::Debug for LawPort<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("LawPort").field(&self.0.is_some()).finish()
+    }
+}
+
+/// The flight at a tick in which an external law is asked.
+#[derive(Clone, Copy, Debug)]
+pub struct QuestionView<'a> {
+    /// The present instant.
+    pub now: Time,
+    /// The motion predicted for the command's effect.
+    pub ahead: &'a Motion,
+    /// Bias and delay of the prediction.
+    pub tracker: &'a MotionTracker,
+    /// The reference for the command's effect.
+    pub reference: &'a Reference,
+    /// The output of the fallback law.
+    pub fallback: &'a ControlOutput,
+}
+
+/// Questions to an external law, and its answers. No method but the constructor allocates.
+#[derive(Clone, Debug)]
+pub struct ExternalControl {
+    interface: Interface,
+    budget: Span,
+    is_virtual: bool,
+    greatest_rate: Vector3<f64>,
+    greatest_torque: f64,
+    greatest_thrust: f64,
+    /// The question of this tick, with the fields that do not change.
+    question: StateV1,
+    /// The answer of this tick; `None` if the law was not asked.
+    answer: Option<ExternalV1>,
+    /// Whether the law is to be reset before the next question.
+    restarts: bool,
+}
+
+impl ExternalControl {
+    /// The questions of a daemon of `config`.
+    pub fn new(config: &Config) -> Self {
+        let vehicle = &config.vehicle;
+        Self {
+            interface: vehicle.interface,
+            budget: Span::from_seconds(config.external.budget_us * 1e-6),
+            is_virtual: config.clock.kind != oqtal_config::ClockKind::Real,
+            greatest_rate: vehicle.rate_authority_rad_s.into(),
+            greatest_torque: vehicle.max_torque_nm,
+            greatest_thrust: vehicle.max_thrust_n,
+            question: StateV1 {
+                period_s: 1.0 / config.control.rate_hz,
+                mass: vehicle.mass_kg,
+                gravity: vehicle.gravity_m_s2,
+                greatest_thrust: vehicle.max_thrust_n,
+                greatest_rate: vehicle.rate_authority_rad_s,
+                greatest_torque: vehicle.max_torque_nm,
+                ..StateV1::default()
+            },
+            answer: None,
+            restarts: true,
+        }
+    }
+
+    /// A flight begins.
+    pub fn restart(&mut self) {
+        self.restarts = true;
+    }
+
+    /// Begins a tick in which the law was not asked yet.
+    pub fn begin_tick(&mut self) {
+        self.question.flown = self.answer.take().map_or(0, |answer| u64::from(answer.flown));
+    }
+
+    /// Question and answer of this tick; `None` if the law was not asked.
+    pub fn exchange(&self) -> Option<(&StateV1, &ExternalV1)> {
+        self.answer.as_ref().map(|answer| (&self.question, answer))
+    }
+
+    /// Records whether the answer of this tick is flown, and why not.
+    pub fn record(&mut self, verdict: HandoverCause, flown: bool) {
+        if let Some(answer) = &mut self.answer {
+            (answer.verdict, answer.flown) = (verdict.code(), u8::from(flown));
+        }
+    }
+
+    /// Asks `law` and returns its output, or why its answer cannot be flown.
+    ///
+    /// # Errors
+    /// There is no answer to this question, or it is not finite or out of range.
+    pub fn ask(
+        &mut self,
+        view: &QuestionView,
+        law: &mut dyn ExternalLaw,
+    ) -> Result<ControlOutput, HandoverCause> {
+        if std::mem::take(&mut self.restarts) {
+            law.reset();
+            self.question.flight += 1;
+        }
+        self.fill_in(view);
+        let answered = law.answer(&self.question);
+        let StateV1 { sequence, time, .. } = self.question;
+        let mut answer = answered.unwrap_or_default();
+        answer.question = sequence;
+        if !answer.asked_at.is_set() {
+            answer.asked_at = time;
+        }
+        match answered {
+            Some(_) if !answer.answered_at.is_set() => answer.answered_at = time,
+            Some(_) => {}
+            None => answer.answered_at = Time::UNSET,
+        }
+        self.answer = Some(answer);
+        answered
+            .ok_or(HandoverCause::Missing)
+            .and_then(|answer| self.output(&answer, view.fallback))
+    }
+
+    fn fill_in(&mut self, view: &QuestionView) {
+        let QuestionView { now, ahead, tracker, reference, fallback } = *view;
+        let (bias, unknown) = (tracker.bias(), [f64::NAN; 3]);
+        let prescribed = reference.attitude;
+        let question = &mut self.question;
+        question.sequence += 1;
+        question.time = now;
+        question.acts_at = now + Span::from_seconds(tracker.effect_delay_s());
+        question.answer_by = if self.is_virtual { Time::UNSET } else { now + self.budget };
+        question.position = ahead.position.into();
+        question.velocity = ahead.velocity.into();
+        question.attitude = ahead.attitude.xyzw();
+        question.rate = ahead.rate.into();
+        question.thrust = ahead.thrust_n;
+        question.acceleration_bias = bias.acceleration.into();
+        question.demand_bias = bias.demand.into();
+        question.reference_position = reference.position.into();
+        question.reference_velocity = reference.velocity.into();
+        question.reference_yaw = reference.yaw_rad;
+        question.reference_attitude = prescribed.map_or([f64::NAN; 4], |it| it.attitude.xyzw());
+        question.reference_rate = prescribed.map_or(unknown, |it| it.rate.0.into());
+        if let VehicleCommand::Armed { rotation, thrust_n, attitude } = fallback.command {
+            let rotation_of = |is_torque: bool| match rotation {
+                RotationCommand::Torque(Torque(torque)) if is_torque => torque,
+                RotationCommand::Sticks(StickCommand(sticks)) if !is_torque => {
+                    sticks.component_mul(&self.greatest_rate)
+                }
+                _ => Vector3::zeros(),
+            };
+            question.fallback_rate = rotation_of(false).into();
+            question.fallback_torque = rotation_of(true).into();
+            question.fallback_attitude = attitude.xyzw();
+            question.fallback_thrust = thrust_n;
+        }
+    }
+
+    /// The output of an answer; set-points for the report are those of the fallback law.
+    fn output(
+        &self,
+        answer: &ExternalV1,
+        fallback: &ControlOutput,
+    ) -> Result<ControlOutput, HandoverCause> {
+        let ExternalV1 { sequence, rate, torque, attitude, thrust, .. } = *answer;
+        if sequence != self.question.sequence {
+            return Err(HandoverCause::OtherQuestion);
+        }
+        let share = Vector3::from(rate).component_div(&self.greatest_rate);
+        let turn = Vector3::from(torque) / self.greatest_torque;
+        let (share, is_torque) = match self.interface {
+            Interface::Torque => (turn, true),
+            Interface::Rate | Interface::Attitude => (share, false),
+        };
+        let orientation = self.orientation(attitude)?;
+        if !(share.iter().all(|number| number.is_finite()) && thrust.is_finite()) {
+            return Err(HandoverCause::NotFinite);
+        }
+        let most = 1.0 + TOLERANCE;
+        let thrusts = -TOLERANCE..=most;
+        if share.amax() > most || !thrusts.contains(&(thrust / self.greatest_thrust)) {
+            return Err(HandoverCause::OutOfRange);
+        }
+        let limited = share.map(|number| number.clamp(-1.0, 1.0));
+        let rotation = match is_torque {
+            true => Torque(limited * self.greatest_torque).into(),
+            false => StickCommand(limited).into(),
+        };
+        let attitude = orientation.unwrap_or(fallback.setpoint.attitude.attitude);
+        let thrust_n = thrust.clamp(0.0, self.greatest_thrust);
+        let command = VehicleCommand::Armed { rotation, thrust_n, attitude };
+        let saturated = !self.interface.holds_attitude() && limited.amax() >= SATURATED;
+        Ok(ControlOutput { command, saturated, ..*fallback })
+    }
+
+    /// The attitude of an answer; `None` if the vehicle does not need it and it is not of unit norm.
+    fn orientation(&self, xyzw: [f64; 4]) -> Result<Option<Attitude>, HandoverCause> {
+        let norm = xyzw.iter().map(|number| number * number).sum::<f64>().sqrt();
+        let is_unit = (norm - 1.0).abs() <= 1e-3;
+        match Attitude::from_xyzw(xyzw).filter(|_| is_unit) {
+            None if self.interface.holds_attitude() => Err(match norm.is_finite() {
+                true => HandoverCause::OutOfRange,
+                false => HandoverCause::NotFinite,
+            }),
+            orientation => Ok(orientation),
+        }
+    }
+}

@@ -1,0 +1,186 @@
+//! Selection between a law and its fallback, tick by tick. The fallback law is computed in every tick; the law's command is flown
+//! while it passes the checks of the answer and of the envelope.
+//!
+//! A command that leads out of the envelope, or is not a number, is replaced at once. In every other change of the law the command
+//! continues from the last one; the command in transition must pass the envelope, too.
+
+use oqtal_bus::code::HandoverCause;
+use oqtal_config::Config;
+use oqtal_control::options::OptionError;
+use oqtal_control::predictive::{Motion, MotionTracker};
+
+use crate::command::VehicleCommand;
+use crate::envelope::{Candidate, Envelope};
+use crate::handover::Handover;
+use crate::stack::ControlOutput;
+
+/// A tick in which a law is selected.
+#[derive(Clone, Copy, Debug)]
+pub struct GuardedTick<'a> {
+    /// The motion predicted for the command's effect.
+    pub ahead: &'a Motion,
+    /// The model of the prediction.
+    pub tracker: &'a MotionTracker,
+    /// The last command.
+    pub last: &'a VehicleCommand,
+    /// Time since the last tick \[s\].
+    pub dt_s: f64,
+    /// Whether the law may fly: neither in take-off and landing nor while the daemon reacts to a fault.
+    pub is_free: bool,
+}
+
+/// State of the selection for telemetry.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct GuardReport {
+    /// Failures of the law in this flight \[-\].
+    pub handovers: u64,
+    /// Reason for the last one.
+    pub cause: HandoverCause,
+    /// Whether the fallback law computed the last command.
+    pub is_fallback: bool,
+    /// Whether it did so although the law might have flown.
+    pub law_fails: bool,
+}
+
+/// Selection between a law and its fallback. No method but the constructor allocates.
+#[derive(Clone, Debug)]
+pub struct LawGuard {
+    envelope: Envelope,
+    handover: Handover,
+    return_answers: u32,
+    /// Good commands of the law in a row \[-\].
+    good: u32,
+    /// Whether the law failed and has not returned.
+    failed: bool,
+    /// Whether an operator gives control back to the law.
+    resumes: bool,
+    report: GuardReport,
+}
+
+impl LawGuard {
+    /// The selection of `config`; the fallback flies.
+    ///
+    /// # Errors
+    /// The vehicle has no model.
+    pub fn new(config: &Config) -> Result<Self, OptionError> {
+        Ok(Self {
+            envelope: Envelope::new(config)?,
+            handover: Handover::new(config),
+            return_answers: config.external.return_answers,
+            good: 0,
+            failed: false,
+            resumes: false,
+            report: GuardReport { is_fallback: true, ..GuardReport::default() },
+        })
+    }
+
+    /// A flight begins: the fallback flies until the law may.
+    pub fn restart(&mut self) {
+        self.handover.reset();
+        (self.good, self.failed, self.resumes) = (0, false, false);
+        self.report = GuardReport { is_fallback: true, ..GuardReport::default() };
+    }
+
+    /// Gives control back to a law that failed, at its next good command.
+    pub fn resume(&mut self) {
+        self.resumes = self.failed;
+    }
+
+    /// The state of the selection.
+    pub fn report(&self) -> &GuardReport {
+        &self.report
+    }
+
+    /// Selects the output of a tick: that of the law if it is good, else `fallback`. Returns it with the reason against the law's,
+    /// [`HandoverCause::None`] if there is none.
+    pub fn select(
+        &mut self,
+        tick: &GuardedTick,
+        law: Result<ControlOutput, HandoverCause>,
+        fallback: ControlOutput,
+    ) -> (ControlOutput, HandoverCause) {
+        let cause = match &law {
+            Ok(output) => self.check(tick, &output.command),
+            Err(cause) => *cause,
+        };
+        self.good = if cause == HandoverCause::None { self.good.saturating_add(1) } else { 0 };
+        let selected = match law {
+            Ok(output) if cause == HandoverCause::None && tick.is_free && self.may_return() => {
+                self.towards_law(tick, output)
+            }
+            _ => Err(cause),
+        };
+        match selected {
+            Ok(output) => {
+                (self.failed, self.resumes) = (false, false);
+                (self.report.is_fallback, self.report.law_fails) = (false, false);
+                (output, cause)
+            }
+            Err(reason) => (self.towards_fallback(tick, fallback, reason), reason),
+        }
+    }
+
+    fn may_return(&self) -> bool {
+        let has_recovered = self.return_answers > 0 && self.good >= self.return_answers;
+        !self.failed || self.resumes || has_recovered
+    }
+
+    /// The law's `output` in transition from the last command, or why the transition must not be flown.
+    fn towards_law(
+        &mut self,
+        tick: &GuardedTick,
+        output: ControlOutput,
+    ) -> Result<ControlOutput, HandoverCause> {
+        let mut handover = self.handover.clone();
+        if self.report.is_fallback {
+            handover.begin();
+        }
+        let command = handover.apply(tick.last, output.command, tick.dt_s);
+        if command != output.command {
+            match self.check(tick, &command) {
+                HandoverCause::None => {}
+                cause => return Err(cause),
+            }
+        }
+        self.handover = handover;
+        Ok(ControlOutput { command, ..output })
+    }
+
+    fn towards_fallback(
+        &mut self,
+        tick: &GuardedTick,
+        fallback: ControlOutput,
+        reason: HandoverCause,
+    ) -> ControlOutput {
+        self.report.law_fails = tick.is_free;
+        if !self.report.is_fallback {
+            self.report.is_fallback = true;
+            if tick.is_free {
+                (self.failed, self.good, self.resumes) = (true, 0, false);
+                self.report.handovers += 1;
+                self.report.cause = reason;
+            }
+            self.handover.reset();
+            if !is_dangerous(reason) {
+                self.handover.begin();
+            }
+        }
+        let command = self.handover.apply(tick.last, fallback.command, tick.dt_s);
+        if command == fallback.command || self.check(tick, &command) == HandoverCause::None {
+            return ControlOutput { command, ..fallback };
+        }
+        self.handover.reset();
+        fallback
+    }
+
+    fn check(&self, tick: &GuardedTick, command: &VehicleCommand) -> HandoverCause {
+        let GuardedTick { ahead, tracker, .. } = *tick;
+        self.envelope.check(&Candidate { command, ahead, tracker })
+    }
+}
+
+/// Whether the last command may lead further in the direction of the danger.
+fn is_dangerous(cause: HandoverCause) -> bool {
+    use HandoverCause::{Fence, Floor, NotFinite, OutOfRange, Rate, Speed, Tilt};
+    matches!(cause, NotFinite | OutOfRange | Tilt | Rate | Speed | Fence | Floor)
+}

@@ -1,0 +1,209 @@
+//! An external law in another process, behind a Unix socket of packets (SOCK_SEQPACKET): one packet for a question, one for its
+//! answer. The packets are described in docs/your-own-law.md.
+//!
+//! The background thread accepts a connection of the same user and passes it to the loop. The loop sends the question, waits for the
+//! answer until its deadline, and discards answers to earlier questions; all memory is on the stack. In virtual time, which stands
+//! still meanwhile, it waits for the first connection, and ten seconds for an answer.
+
+use std::os::fd::OwnedFd;
+use std::path::PathBuf;
+
+use crossbeam_channel::{Receiver, Sender, bounded};
+use oqtal_bus::message::{ExternalV1, Message, StateV1};
+use oqtal_bus::time::{Span, Time};
+use oqtal_runtime::process::{Exit, Failure};
+use oqtal_runtime::stop::StopFlag;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fs::Mode;
+use rustix::io::Errno;
+use rustix::net::{
+    AddressFamily, RecvFlags, SendFlags, SocketAddrUnix, SocketFlags, SocketType, accept_with,
+    bind, listen, recv, send, socket_with, sockopt,
+};
+
+use crate::external::ExternalLaw;
+
+/// Beginning of a question, and of an answer.
+const QUESTION: [u8; 8] = *b"OQTALST1";
+const ANSWER: [u8; 8] = *b"OQTALEX1";
+/// Length of the part of an answer that the law sends, up to the thrust \[bytes\].
+const ANSWERED: usize = 8 * (1 + 3 + 3 + 4 + 1);
+/// Longest wait after which the stop flag is checked.
+const STOP_CHECK: Span = Span::from_millis(20);
+/// Time for an answer in virtual time, by the clock of the machine: only a law that hangs needs it.
+const VIRTUAL_TIMEOUT: Span = Span::from_millis(10_000);
+
+/// Both ends of the hand-over of connections.
+pub(crate) fn connections() -> (Sender<OwnedFd>, Receiver<OwnedFd>) {
+    bounded(1)
+}
+
+/// A law behind a socket, for the loop.
+#[derive(Debug)]
+pub(crate) struct SocketLaw {
+    connections: Receiver<OwnedFd>,
+    connection: Option<OwnedFd>,
+    /// Whether a law has been connected.
+    was_connected: bool,
+    stop: StopFlag,
+}
+
+impl SocketLaw {
+    /// A law that arrives through `connections`; waiting ends with `stop`.
+    pub(crate) fn new(connections: Receiver<OwnedFd>, stop: StopFlag) -> Self {
+        Self { connections, connection: None, was_connected: false, stop }
+    }
+
+    /// Takes a new connection; waits for the first one if `is_virtual`.
+    fn connect(&mut self, is_virtual: bool) {
+        let wait = std::time::Duration::from_nanos(STOP_CHECK.nanos().unsigned_abs());
+        while is_virtual && !self.was_connected && !self.stop.is_set() {
+            self.connection = self.connections.recv_timeout(wait).ok();
+            self.was_connected = self.connection.is_some();
+        }
+        if let Ok(connection) = self.connections.try_recv() {
+            (self.connection, self.was_connected) = (Some(connection), true);
+        }
+    }
+
+    /// The answer to the question `sequence` before the instant `until`, with the instant of its receipt; another answer if only
+    /// others arrive; `None` without any, and if the law is gone.
+    fn receive(&mut self, sequence: u64, until: Time) -> Option<ExternalV1> {
+        let (mut bytes, mut other) = ([0; ANSWER.len() + ANSWERED + 1], None);
+        while !self.stop.is_set() {
+            let connection = self.connection.as_ref()?;
+            let received = match recv(connection, &mut bytes, RecvFlags::DONTWAIT) {
+                Ok((_, length)) if length > 0 => decoded(&bytes[..length]),
+                Err(Errno::AGAIN | Errno::INTR) => {
+                    wait_readable(connection, until.since(Time::now()));
+                    None
+                }
+                Ok(_) | Err(_) => {
+                    self.connection = None;
+                    return other;
+                }
+            };
+            let now = Time::now();
+            other = received.map(|answer| ExternalV1 { answered_at: now, ..answer }).or(other);
+            let is_found = received.is_some_and(|answer| answer.sequence == sequence);
+            if is_found || now >= until {
+                break;
+            }
+        }
+        other
+    }
+}
+
+impl ExternalLaw for SocketLaw {
+    /// The number of the flight in the next question tells the law.
+    fn reset(&mut self) {}
+
+    fn answer(&mut self, state: &StateV1) -> Option<ExternalV1> {
+        let is_virtual = !state.answer_by.is_set();
+        self.connect(is_virtual);
+        let connection = self.connection.as_ref()?;
+        let mut bytes = [0; QUESTION.len() + StateV1::SIZE];
+        bytes[..QUESTION.len()].copy_from_slice(&QUESTION);
+        state.encode(&mut bytes[QUESTION.len()..]);
+        let asked_at = Time::now();
+        // A law that does not read leaves its buffer full: it gets no further question.
+        match send(connection, &bytes, SendFlags::DONTWAIT | SendFlags::NOSIGNAL) {
+            Ok(_) | Err(Errno::AGAIN) => {}
+            Err(_) => self.connection = None,
+        }
+        let until = if is_virtual { asked_at + VIRTUAL_TIMEOUT } else { state.answer_by };
+        let answer = self.receive(state.sequence, until)?;
+        Some(match is_virtual {
+            true => ExternalV1 { answered_at: state.time, ..answer },
+            false => ExternalV1 { asked_at, ..answer },
+        })
+    }
+}
+
+/// The answer in a packet; `None` for a packet of another kind.
+fn decoded(packet: &[u8]) -> Option<ExternalV1> {
+    let body = packet.strip_prefix(&ANSWER).filter(|body| body.len() == ANSWERED)?;
+    let mut bytes = [0; ExternalV1::SIZE];
+    bytes[..ANSWERED].copy_from_slice(body);
+    Some(ExternalV1::decode(&bytes))
+}
+
+fn wait_readable(connection: &OwnedFd, longest: Span) {
+    let nanos = longest.min(STOP_CHECK).max(Span::ZERO).nanos();
+    let timeout = Timespec { tv_sec: nanos / 1_000_000_000, tv_nsec: nanos % 1_000_000_000 };
+    // Every result is followed by another attempt to receive.
+    let _ = poll(&mut [PollFd::new(connection, PollFlags::IN)], Some(&timeout));
+}
+
+/// The socket on which an external law connects, for the background thread. Its file is removed with it.
+#[derive(Debug)]
+pub(crate) struct LawListener {
+    socket: OwnedFd,
+    path: PathBuf,
+    connections: Sender<OwnedFd>,
+    /// A second descriptor of the connection in use.
+    present: Option<OwnedFd>,
+}
+
+impl LawListener {
+    /// Listens at `path`, for this user alone.
+    ///
+    /// # Errors
+    /// The socket cannot be made (exit code 71).
+    pub(crate) fn open(path: PathBuf, connections: Sender<OwnedFd>) -> Result<Self, Failure> {
+        let socket = bound(&path).map_err(|error| {
+            let text = format!("socket {} of the external law: {error}", path.display());
+            Failure::new(Exit::System, text)
+        })?;
+        tracing::info!("an external law connects at {}", path.display());
+        Ok(Self { socket, path, connections, present: None })
+    }
+
+    /// Accepts the law that waits. While one is connected, others are refused.
+    pub(crate) fn poll(&mut self) {
+        let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
+        let Ok(connection) = accept_with(&self.socket, flags) else { return };
+        let Ok(peer) = sockopt::socket_peercred(&connection) else { return };
+        let own = rustix::process::geteuid();
+        let pid = peer.pid;
+        if peer.uid != own && !peer.uid.is_root() {
+            tracing::warn!(?pid, "external law of another user refused");
+        } else if self.present.as_ref().is_some_and(is_open) {
+            tracing::warn!(?pid, "external law refused: another one is connected");
+        } else if let Ok(present) = connection.try_clone()
+            && self.connections.try_send(connection).is_ok()
+        {
+            tracing::info!(?pid, "external law connected");
+            self.present = Some(present);
+        }
+    }
+}
+
+impl Drop for LawListener {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(&self.path);
+    }
+}
+
+/// A listening socket at `path`, mode 0600.
+fn bound(path: &std::path::Path) -> std::io::Result<OwnedFd> {
+    let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
+    let socket = socket_with(AddressFamily::UNIX, SocketType::SEQPACKET, flags, None)?;
+    // The file gets the mode of the socket when it is made.
+    rustix::fs::fchmod(&socket, Mode::RUSR | Mode::WUSR)?;
+    match std::fs::remove_file(path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error),
+        _ => {}
+    }
+    bind(&socket, &SocketAddrUnix::new(path)?)?;
+    listen(&socket, 4)?;
+    Ok(socket)
+}
+
+/// Whether the process at the other end holds the connection open.
+fn is_open(connection: &OwnedFd) -> bool {
+    let mut polled = [PollFd::new(connection, PollFlags::RDHUP)];
+    let none = Timespec { tv_sec: 0, tv_nsec: 0 };
+    poll(&mut polled, Some(&none)).is_ok()
+        && !polled[0].revents().intersects(PollFlags::HUP | PollFlags::RDHUP | PollFlags::ERR)
+}
