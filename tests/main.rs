@@ -18,6 +18,7 @@ mod data;
 mod disturbances;
 mod doctor;
 mod documents;
+mod external_law;
 mod faults;
 mod faults_injected;
 mod firmware;

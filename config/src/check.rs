@@ -72,7 +72,19 @@ impl Config {
             return Err(BrokenRule { error: OptionError::new(key, lift, allowed), others });
         }
         self.check_faults()?;
+        self.check_budget()?;
         self.check_motor_start()
+    }
+
+    /// Checks that an external law leaves half of a period to the rest of the loop.
+    fn check_budget(&self) -> Result<(), BrokenRule> {
+        let (budget_us, most_us) = (self.external.budget_us, 0.5e6 / self.control.rate_hz);
+        if !self.control.is_external() || budget_us <= most_us {
+            return Ok(());
+        }
+        let allowed = format!("at most half a period of control.rate-hz, {most_us:.0}");
+        let error = OptionError::new("external.budget-us", budget_us, allowed);
+        Err(BrokenRule { error, others: &["control.rate-hz", "control.controller"] })
     }
 
     /// Protects real vehicles from accidental faults: a bridge's link must lead to the simulated vehicle.

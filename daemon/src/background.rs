@@ -7,10 +7,10 @@ use std::time::Duration;
 
 use crossbeam_channel::Sender;
 use oqtal_bus::bus::Bus;
-use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, SafetyState};
+use oqtal_bus::code::{Answer, Cause, OperatorCommand, SafetyState};
 use oqtal_bus::control::ControlServer;
 use oqtal_bus::error::BusError;
-use oqtal_bus::message::{ControlRequestV1, ControlResponseV1, HealthV1, TelemetryV1};
+use oqtal_bus::message::{ControlRequestV1, ControlResponseV1, HealthV1};
 use oqtal_bus::port::Reader;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
@@ -20,50 +20,12 @@ use oqtal_runtime::handoff::{BackgroundHandle, RtHandle, handoff};
 use oqtal_runtime::health::{Health, Heartbeat};
 use oqtal_runtime::process::{Failure, ProcessContext};
 
+use crate::condition::Condition;
 use crate::cycle::AutoTakeoff;
 use crate::law_socket::LawListener;
 
 /// An operator's request that the loop has not answered by then is answered with "accepted".
 const REPLY_TIMEOUT: Duration = Duration::from_millis(60);
-
-/// The condition of the loop that operators see.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Condition {
-    mode: u8,
-    state: u8,
-    cause: u8,
-    /// Reasons against a flight.
-    obstacles: u32,
-    /// Sequence of the command at which it changed.
-    command_sequence: u64,
-    /// Changes before it that found the queue full.
-    unlogged: u64,
-    auto_takeoff: AutoTakeoff,
-}
-
-impl Condition {
-    /// The condition in a tick's `telemetry`, with the state of the automatic flight at start-up.
-    pub fn of(telemetry: &TelemetryV1, auto_takeoff: AutoTakeoff) -> Self {
-        let TelemetryV1 { mode, state, cause, obstacles, command_sequence, .. } = *telemetry;
-        Self { mode, state, cause, obstacles, command_sequence, unlogged: 0, auto_takeoff }
-    }
-
-    fn differs_from(&self, other: &Self) -> bool {
-        let changing = |c: &Self| (c.mode, c.state, c.cause, c.obstacles, c.auto_takeoff);
-        changing(self) != changing(other)
-    }
-
-    /// Text, state and cause; `None` for codes that this version does not know.
-    fn text(&self) -> Option<(String, SafetyState, Cause)> {
-        let mode = Mode::from_code(self.mode)?;
-        let (state, cause) = (SafetyState::from_code(self.state)?, Cause::from_code(self.cause)?);
-        let text = match cause {
-            Cause::None => format!("{mode}, {state}"),
-            cause => format!("{mode}, {state}: {cause}"),
-        };
-        Some((text, state, cause))
-    }
-}
 
 /// Number by which a request and its reply find each other.
 type RequestNumber = u64;

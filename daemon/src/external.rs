@@ -48,6 +48,11 @@ impl<'l> LawPort<'l> {
     pub fn of(law: impl ExternalLaw + 'l) -> Self {
         Self(Some(Box::new(law)))
     }
+
+    /// Whether there is no law.
+    pub fn is_none(&self) -> bool {
+        self.0.is_none()
+    }
 }
 
 impl ExternalLaw for LawPort<'_> {
@@ -261,5 +266,77 @@ impl ExternalControl {
             }),
             orientation => Ok(orientation),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use oqtal_config::Setting;
+    use oqtal_control::position::PositionCommand;
+
+    use super::*;
+
+    const FINE: ExternalV1 = ExternalV1 {
+        sequence: 1,
+        rate: [2.0, -1.0, 0.0],
+        torque: [1.0, -0.5, 0.0],
+        attitude: [0.0, 0.0, 0.0, 1.0],
+        thrust: 5.0,
+        question: 0,
+        asked_at: Time::UNSET,
+        answered_at: Time::UNSET,
+        verdict: 0,
+        flown: 0,
+    };
+
+    /// The command for `answer`, by the interface of the vehicle.
+    fn command(interface: &str, answer: ExternalV1) -> Result<VehicleCommand, HandoverCause> {
+        let setting = Setting::flag("--set", "vehicle.interface", interface);
+        let config = Config::from_settings(&[setting]).unwrap();
+        let mut external = ExternalControl::new(&config);
+        external.question.sequence = 1;
+        let fallback = ControlOutput {
+            setpoint: PositionCommand {
+                attitude: Default::default(),
+                thrust_n: 0.0,
+                velocity: Vector3::zeros(),
+            },
+            command: VehicleCommand::Disarmed,
+            saturated: false,
+        };
+        external.output(&answer, &fallback).map(|output| output.command)
+    }
+
+    #[test]
+    fn f70_an_answer_becomes_a_command_within_the_range_of_the_vehicle() {
+        let (attitude, thrust_n) = (Attitude::LEVEL, 5.0);
+        let sticks = StickCommand(Vector3::new(1.0, -0.5, 0.0)).into();
+        let torque = Torque(Vector3::new(1.0, -0.5, 0.0)).into();
+        for (interface, rotation) in [("rate", sticks), ("attitude", sticks), ("torque", torque)] {
+            let expected = VehicleCommand::Armed { rotation, thrust_n, attitude };
+            assert_eq!(command(interface, FINE), Ok(expected), "{interface}");
+        }
+    }
+
+    #[test]
+    fn f70_an_answer_that_is_not_a_number_out_of_range_or_to_another_question_is_refused() {
+        use HandoverCause::{NotFinite, OtherQuestion, OutOfRange};
+        let nan = f64::NAN;
+        for (interface, answer, cause) in [
+            ("rate", ExternalV1 { sequence: 0, ..FINE }, OtherQuestion),
+            ("rate", ExternalV1 { rate: [0.0, nan, 0.0], ..FINE }, NotFinite),
+            ("torque", ExternalV1 { torque: [nan; 3], ..FINE }, NotFinite),
+            ("attitude", ExternalV1 { attitude: [nan; 4], ..FINE }, NotFinite),
+            ("rate", ExternalV1 { thrust: f64::INFINITY, ..FINE }, NotFinite),
+            ("rate", ExternalV1 { rate: [2.1, 0.0, 0.0], ..FINE }, OutOfRange),
+            ("torque", ExternalV1 { torque: [0.0, -1.1, 0.0], ..FINE }, OutOfRange),
+            ("attitude", ExternalV1 { attitude: [0.0; 4], ..FINE }, OutOfRange),
+            ("rate", ExternalV1 { thrust: -0.1, ..FINE }, OutOfRange),
+            ("rate", ExternalV1 { thrust: 20.1, ..FINE }, OutOfRange),
+        ] {
+            assert_eq!(command(interface, answer), Err(cause), "{interface}: {answer:?}");
+        }
+        let unused = ExternalV1 { attitude: [nan; 4], torque: [nan; 3], ..FINE };
+        assert!(command("rate", unused).is_ok());
     }
 }

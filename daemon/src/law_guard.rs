@@ -153,12 +153,14 @@ impl LawGuard {
         reason: HandoverCause,
     ) -> ControlOutput {
         self.report.law_fails = tick.is_free;
+        if tick.is_free && !self.failed && reason != HandoverCause::None {
+            self.report.cause = reason;
+        }
         if !self.report.is_fallback {
             self.report.is_fallback = true;
             if tick.is_free {
                 (self.failed, self.good, self.resumes) = (true, 0, false);
                 self.report.handovers += 1;
-                self.report.cause = reason;
             }
             self.handover.reset();
             if !is_dangerous(reason) {

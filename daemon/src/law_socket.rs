@@ -207,3 +207,61 @@ fn is_open(connection: &OwnedFd) -> bool {
     poll(&mut polled, Some(&none)).is_ok()
         && !polled[0].revents().intersects(PollFlags::HUP | PollFlags::RDHUP | PollFlags::ERR)
 }
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::fs::PermissionsExt;
+
+    use super::*;
+
+    fn connected(path: &std::path::Path) -> OwnedFd {
+        let flags = SocketFlags::CLOEXEC;
+        let law = socket_with(AddressFamily::UNIX, SocketType::SEQPACKET, flags, None).unwrap();
+        rustix::net::connect(&law, &SocketAddrUnix::new(path).unwrap()).unwrap();
+        law
+    }
+
+    fn answers(law: &OwnedFd, sequence: u64) {
+        let mut bytes = [0; ExternalV1::SIZE];
+        ExternalV1 { sequence, thrust: 4.9, ..ExternalV1::default() }.encode(&mut bytes);
+        let packet = [&ANSWER[..], &bytes[..ANSWERED]].concat();
+        send(law, &packet, SendFlags::empty()).unwrap();
+    }
+
+    #[test]
+    fn a_law_answers_this_question_and_a_second_law_is_refused() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("law");
+        let (sender, receiver) = connections();
+        let mut listener = LawListener::open(path.clone(), sender).unwrap();
+        assert_eq!(path.metadata().unwrap().permissions().mode() & 0o777, 0o600);
+        let (first, second) = (connected(&path), connected(&path));
+        listener.poll();
+        listener.poll();
+        let mut law = SocketLaw::new(receiver, StopFlag::default());
+        // Late, right, twice; then nothing but the second of the two.
+        for sequence in [4, 5, 5] {
+            answers(&first, sequence);
+        }
+        let ask = |law: &mut SocketLaw, sequence, budget_ms| {
+            let answer_by = Time::now() + Span::from_millis(budget_ms);
+            law.answer(&StateV1 { sequence, answer_by, ..StateV1::default() })
+        };
+        let answer = ask(&mut law, 5, 60_000).unwrap();
+        assert_eq!((answer.sequence, answer.thrust), (5, 4.9));
+        assert!(answer.answered_at >= answer.asked_at && answer.asked_at.is_set());
+        assert_eq!(ask(&mut law, 6, 1).unwrap().sequence, 5, "the answer to another question");
+        assert_eq!(ask(&mut law, 7, 1), None);
+        let mut bytes = [0; QUESTION.len() + StateV1::SIZE];
+        let (_, length) = recv(&first, &mut bytes, RecvFlags::empty()).unwrap();
+        assert_eq!((length, &bytes[..16]), (bytes.len(), &b"OQTALST1\x05\0\0\0\0\0\0\0"[..]));
+        assert_eq!(recv(&second, &mut bytes, RecvFlags::empty()).unwrap().1, 0, "refused");
+        drop(first);
+        assert_eq!(ask(&mut law, 8, 60_000), None, "a law that is gone is not waited for");
+        let _third = connected(&path);
+        listener.poll();
+        assert_eq!(law.connections.len(), 1);
+        drop(listener);
+        assert!(!path.exists());
+    }
+}

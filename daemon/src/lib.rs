@@ -35,6 +35,7 @@
 //! | `warmup.rs` | dry-run ticks that keep the caches warm |
 //! | `input_record.rs` | records of the inputs of the loop, for a replay |
 //! | `turn.rs` | one turn of the process over its ports |
+//! | `condition.rs` | the condition of the loop, for logs and health |
 //! | `background.rs` | the background thread: logs, health, operator requests |
 //! | `flight_marker.rs` | the file that prevents an automatic take-off after a crash |
 //! | `warnings.rs` | warnings before a flight |
@@ -47,6 +48,7 @@ mod arming;
 mod background;
 mod command;
 mod command_model;
+mod condition;
 mod cycle;
 mod descent;
 mod envelope;
@@ -94,9 +96,10 @@ use oqtal_runtime::process_loop;
 
 pub use arming::{ArmingCheck, ArmingView};
 use background::DaemonWorker;
-pub use background::{Condition, LoopHandle, OperatorRequests, loop_handoff};
+pub use background::{LoopHandle, OperatorRequests, loop_handoff};
 pub use command::{RotationCommand, VehicleCommand};
 pub use command_model::CommandModel;
+pub use condition::Condition;
 pub use cycle::{AutoTakeoff, Cycle, Tick};
 pub use envelope::{Candidate, Envelope};
 pub use external::{ExternalLaw, LawPort};

@@ -14,7 +14,8 @@ use oqtal_bus::topic::{
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_runtime::turn::{Turn, TurnClock};
 
-use crate::background::{Condition, LoopHandle};
+use crate::background::LoopHandle;
+use crate::condition::Condition;
 use crate::cycle::Cycle;
 use crate::external::LawPort;
 use crate::input_record;

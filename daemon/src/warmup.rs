@@ -3,11 +3,12 @@
 
 use std::hint::black_box;
 
-use oqtal_bus::message::{Header, PoseV1, Stamps, VehicleV1};
+use oqtal_bus::message::{ExternalV1, Header, PoseV1, Stamps, StateV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 
 use crate::cycle::Cycle;
+use crate::external::ExternalLaw;
 
 /// Schedule of the warm-up, and the messages that it uses. Without a lead there is no warm-up.
 #[derive(Clone, Debug)]
@@ -77,9 +78,21 @@ impl CacheWarmup {
         if let Some((header, vehicle)) = &self.vehicle {
             copy.receive_vehicle(due + lead, header, vehicle);
         }
-        let tick = copy.step(due + lead, Some(&(header, pose)));
+        let mut law = Repeated(cycle.exchange().map(|(_, answer)| *answer));
+        let tick = copy.step_with(due + lead, Some(&(header, pose)), &mut law);
         black_box(tick.map(|tick| *copy.report(&tick.stamps, 0)));
         true
+    }
+}
+
+/// An external law that repeats its last answer.
+struct Repeated(Option<ExternalV1>);
+
+impl ExternalLaw for Repeated {
+    fn reset(&mut self) {}
+
+    fn answer(&mut self, state: &StateV1) -> Option<ExternalV1> {
+        self.0.map(|answer| ExternalV1 { sequence: state.sequence, ..answer })
     }
 }
 

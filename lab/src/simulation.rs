@@ -106,6 +106,10 @@ impl<'a> Simulation<'a> {
         law: LawPort<'a>,
     ) -> Result<Self, Failure> {
         let (config, start) = (&mission.config, Time::VIRTUAL_START);
+        if config.control.is_external() && law.is_none() {
+            let text = "`control.controller` is external: a flight in one process has no law of another one; use `--clock lockstep` or `real`";
+            return Err(Failure::new(Exit::Config, text));
+        }
         let bus = Rc::new(MemoryBus::new());
         let topics = match recording {
             Some(_) => McapRecorder::topics(config),

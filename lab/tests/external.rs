@@ -1,6 +1,7 @@
 //! An external law in an in-process flight: it flies; whatever it answers, no vehicle is lost.
 
 mod pd;
+mod propagation;
 mod sabotage;
 
 use oqtal_bus::code::HandoverCause;
@@ -13,6 +14,7 @@ use oqtal_observe::flight::{Flight, Outcome};
 use oqtal_observe::summary::Summary;
 
 use pd::PositionPd;
+use propagation::Watched;
 use sabotage::{Sabotage, Saboteur};
 
 /// A mission under an external law, with these settings.
@@ -42,6 +44,14 @@ fn an_external_law_flies_the_square_and_the_same_bits_twice() {
     assert_eq!(flown, flights[0].scored().count());
     let error_m = summaries[0].position_error_m.as_ref().unwrap().mean;
     assert!(error_m < 0.3, "{error_m} m");
+}
+
+#[test]
+fn an_external_law_flies_a_vehicle_commanded_by_attitudes() {
+    let mission = mission(&["vehicle.interface=attitude", "clock.seed=7"]);
+    let flight = fly_with_law(&mission, &mut PositionPd::default()).unwrap();
+    assert_eq!((flight.outcome, handovers(&flight).0), (Outcome::Landed, 0));
+    assert!(flight.scored().all(|sample| sample.telemetry.fallback == 0));
 }
 
 /// A law that answers once, then no more.
@@ -81,18 +91,19 @@ fn sabotaged(sabotage: Sabotage, seed: usize) -> (Outcome, u64, HandoverCause) {
     (flight.outcome, count, cause)
 }
 
-/// `OQTAL_TEST_SABOTAGE_RUNS` flights, by default 5 of each kind.
+/// `OQTAL_TEST_SABOTAGE_RUNS` flights, by default 5 of each kind, from number `OQTAL_TEST_SABOTAGE_FROM` on.
 #[test]
 fn f70_no_vehicle_is_lost_whatever_a_law_answers() {
-    let runs = std::env::var("OQTAL_TEST_SABOTAGE_RUNS").ok().and_then(|text| text.parse().ok());
+    let number = |name: &str| std::env::var(name).ok().and_then(|text| text.parse().ok());
     let kinds = Sabotage::ALL.len();
-    let runs: usize = runs.unwrap_or(5 * kinds);
+    let runs: usize = number("OQTAL_TEST_SABOTAGE_RUNS").unwrap_or(5 * kinds);
+    let first = number("OQTAL_TEST_SABOTAGE_FROM").unwrap_or(0);
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let results = std::thread::scope(|scope| {
         let workers: Vec<_> = (0..threads)
             .map(|worker| {
                 scope.spawn(move || {
-                    let seeds = (worker..runs).step_by(threads);
+                    let seeds = (first + worker..first + runs).step_by(threads);
                     let fly = |seed| (seed, sabotaged(Sabotage::ALL[seed % kinds], seed / kinds));
                     seeds.map(fly).collect::<Vec<_>>()
                 })
@@ -113,4 +124,57 @@ fn f70_no_vehicle_is_lost_whatever_a_law_answers() {
     }
     println!("{} flights, {} lost", results.len(), lost.len());
     assert!(lost.is_empty(), "{lost:#?}");
+}
+
+#[test]
+fn f70_the_fallback_takes_over_in_the_first_tick_whose_answer_leads_out_of_the_envelope() {
+    let kinds = [
+        Sabotage::FullStick,
+        Sabotage::WrongSign,
+        Sabotage::Runaway,
+        Sabotage::NoThrust,
+        Sabotage::FullThrust,
+        Sabotage::WrongVelocity,
+    ];
+    let mut compared = 0;
+    for (kind, seed) in kinds.into_iter().flat_map(|kind| (0..4).map(move |seed| (kind, seed))) {
+        let seed_setting = format!("clock.seed={seed}");
+        let fixed = "control.predictive.adaptation.adapt=false";
+        let mut settings = vec![seed_setting.as_str(), fixed, "external.return-answers=0"];
+        settings.extend_from_slice(sabotage::ROOM);
+        settings.extend_from_slice(sabotage::TRAJECTORIES[seed % 4]);
+        let law = Saboteur::new(kind, seed);
+        let mut watched = Watched { law, leads_out: Vec::new() };
+        let flight = fly_with_law(&mission(&settings), &mut watched).unwrap();
+        assert_eq!(flight.outcome, Outcome::Landed, "{kind:?} {seed}");
+        let taken = flight.samples.iter().find(|sample| sample.telemetry.handovers > 0);
+        let taken = taken.map(|sample| sample.telemetry.time);
+        let began = flight.samples.iter().find(|sample| sample.telemetry.fallback == 0);
+        let began = began.unwrap().telemetry.time;
+        for (time, [small, large]) in watched.leads_out {
+            let is_flown = time > began && taken.is_none_or(|taken| time < taken);
+            assert!(!(large && is_flown), "{kind:?} {seed}: flown at {time:?}");
+            if Some(time) == taken {
+                assert!(small, "{kind:?} {seed}: no reason at {time:?}");
+                compared += 1;
+            }
+        }
+    }
+    assert!(compared >= 16, "{compared} hand-overs");
+}
+
+#[test]
+fn f70_a_fallback_law_catches_a_built_in_law_that_does_not_hold_the_vehicle() {
+    let wild = ["control.controller=pid", "control.pid.gain=80", "trajectory.kind=hover"];
+    let flown = |fallback: &str| {
+        let mission = mission(&[&wild[..], &[fallback]].concat());
+        oqtal_lab::simulation::fly(&mission).unwrap()
+    };
+    let (alone, guarded) = (flown("control.fallback=auto"), flown("control.fallback=geometric"));
+    let worst = |flight: &Flight| Summary::of(flight).attitude_error_deg.map_or(180.0, |it| it.max);
+    println!("{:?} {:?}", Summary::of(&alone).outcome, worst(&alone));
+    println!("{:?} {:?} {:?}", guarded.outcome, worst(&guarded), handovers(&guarded));
+    assert_eq!(guarded.outcome, Outcome::Landed);
+    assert!(handovers(&guarded).0 > 0);
+    assert!(worst(&guarded) < worst(&alone));
 }

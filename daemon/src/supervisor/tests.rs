@@ -41,6 +41,7 @@ const NO_LIMITS: LimitConditions = LimitConditions {
     overrun: false,
     configs_differ: false,
     setpoint_refused: false,
+    law_fails: false,
 };
 
 /// A supervisor and its clock.

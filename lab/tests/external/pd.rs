@@ -51,6 +51,7 @@ impl PositionPd {
         ExternalV1 {
             sequence: state.sequence,
             rate: rate.zip_map(&most, |rate, most| rate.clamp(-most, most)).into(),
+            attitude: attitude.turned_by(turn).xyzw(),
             thrust: thrust.clamp(0.0, state.greatest_thrust),
             ..ExternalV1::default()
         }

@@ -131,74 +131,76 @@ impl Saboteur {
     }
 
     fn failing(&mut self, state: &StateV1, good: ExternalV1) -> Option<ExternalV1> {
-        let Self { direction, size, .. } = *self;
         let since = state.sequence - self.from;
-        let since_s = since as f64 * state.period_s;
-        let most = state.greatest_rate[0];
-        let clamped = |rate: Vector3<f64>| rate.map(|rate| rate.clamp(-most, most)).into();
-        let rate = Vector3::from(good.rate);
-        let thrust = |n: f64| n.clamp(0.0, state.greatest_thrust);
-        let moved = |offset: Vector3<f64>, velocity: Vector3<f64>| StateV1 {
-            reference_position: (Vector3::from(state.reference_position) + offset).into(),
-            reference_velocity: (Vector3::from(state.reference_velocity) + velocity).into(),
-            ..*state
-        };
         Some(match self.sabotage {
             Sabotage::Killed => return None,
             Sabotage::SleepsForASecond if since % 90 < 60 => return None,
             Sabotage::SleepsForASecond => good,
             Sabotage::NotANumber => ExternalV1 { thrust: f64::NAN, ..good },
-            Sabotage::WrongSign => ExternalV1 { rate: clamped(-rate * (1.0 + size)), ..good },
-            Sabotage::FullStick => {
-                ExternalV1 { rate: clamped(direction.map(f64::signum) * most), ..good }
-            }
-            Sabotage::DivergingGain => {
-                let gain = (since_s * (0.3 + 2.0 * size)).exp();
-                let law = PositionPd {
-                    attitude_gain: self.law.attitude_gain * gain,
-                    position_gain: self.law.position_gain * gain.sqrt(),
-                    ..self.law
-                };
-                law.command(state)
-            }
-            Sabotage::ConstantBias => {
-                ExternalV1 { rate: clamped(rate + direction * size * most), ..good }
-            }
             Sabotage::LastQuestion => ExternalV1 { sequence: state.sequence - 1, ..good },
             Sabotage::Late => {
-                let back = (2.0 + 20.0 * size) as usize;
+                let back = (2.0 + 20.0 * self.size) as usize;
                 let old = self.history[self.history.len().saturating_sub(back)];
                 ExternalV1 { sequence: state.sequence, ..old }
-            }
-            Sabotage::Noise => {
-                let random = &mut self.random;
-                let rate = Vector3::from_fn(|_, _| random.next(-most, most) * size);
-                ExternalV1 {
-                    rate: rate.into(),
-                    thrust: good.thrust * random.next(0.5, 1.5),
-                    ..good
-                }
             }
             Sabotage::HeldCommand => {
                 let held = self.history[(self.from as usize - 1).min(self.history.len() - 1)];
                 ExternalV1 { sequence: state.sequence, ..held }
             }
-            Sabotage::FullThrust => ExternalV1 { thrust: state.greatest_thrust, ..good },
-            Sabotage::NoThrust => ExternalV1 { thrust: 0.0, ..good },
-            Sabotage::ThrustBias => ExternalV1 {
-                thrust: thrust(good.thrust * (1.0 + 0.5 * direction.z.signum() * size)),
-                ..good
-            },
-            Sabotage::Runaway => {
-                let speed = direction * (0.5 + 2.5 * size);
-                self.law.command(&moved(speed * since_s, speed))
+            Sabotage::DivergingGain | Sabotage::Runaway | Sabotage::WrongVelocity => {
+                self.misled(state, since as f64 * state.period_s)
             }
-            Sabotage::WrongVelocity => {
-                let law = PositionPd { velocity_gain: -size * self.law.velocity_gain, ..self.law };
-                law.command(state)
-            }
-            Sabotage::OutOfRange => ExternalV1 { rate: (direction * most * 3.0).into(), ..good },
+            _ => self.falsified(state, good),
         })
+    }
+
+    /// The answer of a law with wrong gains or a wrong reference, `since_s` \[s\] after its failure.
+    fn misled(&self, state: &StateV1, since_s: f64) -> ExternalV1 {
+        let Self { law, direction, size, .. } = *self;
+        let gain = (since_s * (0.3 + 2.0 * size)).exp();
+        let speed = direction * (0.5 + 2.5 * size);
+        match self.sabotage {
+            Sabotage::DivergingGain => PositionPd {
+                attitude_gain: law.attitude_gain * gain,
+                position_gain: law.position_gain * gain.sqrt(),
+                ..law
+            }
+            .command(state),
+            Sabotage::WrongVelocity => {
+                PositionPd { velocity_gain: -size * law.velocity_gain, ..law }.command(state)
+            }
+            _ => law.command(&StateV1 {
+                reference_position: (Vector3::from(state.reference_position) + speed * since_s)
+                    .into(),
+                reference_velocity: (Vector3::from(state.reference_velocity) + speed).into(),
+                ..*state
+            }),
+        }
+    }
+
+    /// A good answer, falsified.
+    fn falsified(&mut self, state: &StateV1, good: ExternalV1) -> ExternalV1 {
+        let (direction, size, most) = (self.direction, self.size, state.greatest_rate[0]);
+        let turned = |rate: Vector3<f64>| ExternalV1 {
+            rate: rate.map(|rate| rate.clamp(-most, most)).into(),
+            ..good
+        };
+        let lifted = |n: f64| ExternalV1 { thrust: n.clamp(0.0, state.greatest_thrust), ..good };
+        let rate = Vector3::from(good.rate);
+        match self.sabotage {
+            Sabotage::WrongSign => turned(-rate * (1.0 + size)),
+            Sabotage::FullStick => turned(direction.map(f64::signum) * most),
+            Sabotage::ConstantBias => turned(rate + direction * size * most),
+            Sabotage::Noise => {
+                let random = &mut self.random;
+                let rate = Vector3::from_fn(|_, _| random.next(-most, most) * size);
+                ExternalV1 { rate: rate.into(), ..lifted(good.thrust * random.next(0.5, 1.5)) }
+            }
+            Sabotage::FullThrust => lifted(f64::INFINITY),
+            Sabotage::NoThrust => lifted(0.0),
+            Sabotage::ThrustBias => lifted(good.thrust * (1.0 + 0.5 * direction.z.signum() * size)),
+            _ => ExternalV1 { rate: (direction * most * 3.0).into(), ..good },
+        }
     }
 }
 

@@ -1,0 +1,62 @@
+//! The condition of the loop that the background thread logs and reports.
+
+use oqtal_bus::code::{Cause, HandoverCause, Mode, SafetyState};
+use oqtal_bus::message::TelemetryV1;
+
+use crate::cycle::AutoTakeoff;
+
+/// The condition of the loop that operators see.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Condition {
+    pub(crate) mode: u8,
+    pub(crate) state: u8,
+    pub(crate) cause: u8,
+    /// Reasons against a flight.
+    pub(crate) obstacles: u32,
+    /// Sequence of the command at which it changed.
+    pub(crate) command_sequence: u64,
+    /// Changes before it that found the queue full.
+    pub(crate) unlogged: u64,
+    pub(crate) auto_takeoff: AutoTakeoff,
+    /// Why the fallback law flies.
+    pub(crate) handover_cause: u8,
+}
+
+impl Condition {
+    /// The condition in a tick's `telemetry`, with the state of the automatic flight at start-up.
+    pub fn of(telemetry: &TelemetryV1, auto_takeoff: AutoTakeoff) -> Self {
+        let TelemetryV1 { mode, state, cause, obstacles, command_sequence, .. } = *telemetry;
+        let handover_cause = telemetry.handover_cause;
+        Self {
+            mode,
+            state,
+            cause,
+            obstacles,
+            command_sequence,
+            unlogged: 0,
+            auto_takeoff,
+            handover_cause,
+        }
+    }
+
+    pub(crate) fn differs_from(&self, other: &Self) -> bool {
+        let changing =
+            |c: &Self| (c.mode, c.state, c.cause, c.obstacles, c.auto_takeoff, c.handover_cause);
+        changing(self) != changing(other)
+    }
+
+    /// Text, state and cause; `None` for codes that this version does not know.
+    pub(crate) fn text(&self) -> Option<(String, SafetyState, Cause)> {
+        let mode = Mode::from_code(self.mode)?;
+        let (state, cause) = (SafetyState::from_code(self.state)?, Cause::from_code(self.cause)?);
+        let text = match cause {
+            Cause::None => format!("{mode}, {state}"),
+            Cause::Fallback => {
+                let reason = HandoverCause::from_code(self.handover_cause).unwrap_or_default();
+                format!("{mode}, {state}: {cause}, {reason}")
+            }
+            cause => format!("{mode}, {state}: {cause}"),
+        };
+        Some((text, state, cause))
+    }
+}

@@ -1,0 +1,177 @@
+//! An external law in a process of its own: the examples in Python and C fly, and whatever becomes of the process, the vehicle lands.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use oqtal_bus::message::{ExternalV1, Field, FieldType, Message, StateV1};
+use oqtal_bus::topic::TELEMETRY;
+use oqtal_bus::transport::{Subscribe, Transport};
+use rustix::process::Signal;
+use serde_json::Value;
+
+use crate::common::{Running, Testbed, json, number, skipped, stderr, wait_for};
+
+const EXAMPLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/external_law");
+/// A flight of 13 s.
+const SHORT: [&str; 8] = [
+    "--trajectory",
+    "hover",
+    "--duration",
+    "6",
+    "--set",
+    "trajectory.settle-s=1",
+    "--controller",
+    "external",
+];
+
+/// The fields of a structure of the C header after `magic`: element type, name, number of elements.
+fn fields_of(structure: &str) -> Vec<(String, String, usize)> {
+    let header = std::fs::read_to_string(Path::new(EXAMPLES).join("oqtal_law.h")).unwrap();
+    let body = header.split(&format!("struct {structure} {{")).nth(1).unwrap();
+    let lines = body.split('}').next().unwrap().lines().filter_map(|line| line.split_once(';'));
+    let fields = lines.map(|(declaration, _)| {
+        let (kind, name) = declaration.trim().split_once(' ').unwrap();
+        let (name, length) = name.split_once('[').unwrap_or((name, "1]"));
+        let length = length.trim_end_matches(']').parse().unwrap();
+        (kind.to_owned(), name.to_owned(), length)
+    });
+    fields.skip(1).collect()
+}
+
+fn described(fields: &[Field]) -> Vec<(String, String, usize)> {
+    let kind = |element| match element {
+        FieldType::F64 => "double",
+        FieldType::U64 | FieldType::Time => "uint64_t",
+        _ => "?",
+    };
+    let described = fields.iter().map(|field| (kind(field.element), field.name, field.length));
+    described.map(|(kind, name, length)| (kind.to_owned(), name.to_owned(), length)).collect()
+}
+
+#[test]
+fn the_structures_of_the_c_header_are_the_messages() {
+    assert_eq!(fields_of("oqtal_state"), described(StateV1::FIELDS));
+    let answer = fields_of("oqtal_answer");
+    assert_eq!(answer, described(&ExternalV1::FIELDS[..answer.len()]));
+    assert_eq!(answer.last().unwrap().1, "thrust");
+}
+
+/// The script, once the socket of its instance exists; `None` without Python.
+fn script(testbed: &Testbed) -> Option<Command> {
+    if Command::new("python3").arg("--version").output().is_err() {
+        skipped("there is no python3");
+        return None;
+    }
+    let mut command = Command::new("python3");
+    command.arg(Path::new(EXAMPLES).join("pd.py")).arg(socket(testbed));
+    Some(command)
+}
+
+fn socket(testbed: &Testbed) -> PathBuf {
+    testbed.paths().law()
+}
+
+/// Flies with the process of `law`, which connects as soon as the daemon listens; returns summary and output of the law.
+fn flown(testbed: &Testbed, words: &[&str], law: &mut Command) -> (Value, String) {
+    let flight = testbed.start(&[&["fly", "--json"], words].concat());
+    wait_for("the socket", || socket(testbed).exists().then_some(()));
+    let law = Running::start(law);
+    let output = flight.wait();
+    assert!(output.status.success(), "{}", stderr(&output));
+    let told = law.wait();
+    (json(&output), String::from_utf8_lossy(&told.stdout).into_owned() + &stderr(&told))
+}
+
+fn handovers(summary: &Value) -> &Value {
+    &summary["handovers"]
+}
+
+#[test]
+fn the_scripts_in_python_and_c_fly_the_square_in_lockstep_with_the_same_bits_each_time() {
+    let square = ["--clock", "lockstep", "--seed", "7", "--controller", "external"];
+    let once = |law: Option<Command>, testbed: &Testbed| {
+        let (summary, told) = flown(testbed, &square, &mut law?);
+        assert_eq!(summary["outcome"], "landed", "{told}");
+        assert_eq!(handovers(&summary)["count"], 0, "{summary:#}");
+        assert_eq!(handovers(&summary)["fallback_ticks"], 0);
+        let error_m = number(&summary, "/position_error_m/mean");
+        println!("lockstep: {error_m:.3} m; {told}");
+        assert!(error_m < 0.3, "{error_m} m");
+        Some(summary["trajectory_hash"].as_str().unwrap().to_owned())
+    };
+    let hashes = ["law-a", "law-b"].map(Testbed::new).map(|it| once(script(&it), &it));
+    assert_eq!(hashes[0], hashes[1]);
+    let testbed = Testbed::new("law-c");
+    let program = testbed.path("pd");
+    let mut compiler = Command::new("cc");
+    compiler.args(["-std=gnu99", "-O2", "-Wall", "-Wextra", "-Werror", "-o"]).arg(&program);
+    compiler.arg(Path::new(EXAMPLES).join("pd.c")).arg("-lm");
+    match compiler.output() {
+        Err(_) => skipped("there is no C compiler `cc`"),
+        Ok(output) => {
+            assert!(output.status.success(), "{}", stderr(&output));
+            let mut law = Command::new(program);
+            law.arg(socket(&testbed));
+            once(Some(law), &testbed);
+        }
+    }
+}
+
+#[test]
+fn a_recording_with_an_external_law_replays_bit_for_bit_without_it() {
+    let testbed = Testbed::new("law-replay");
+    let Some(mut law) = script(&testbed) else { return };
+    let words = [&SHORT[..], &["--clock", "lockstep", "--out", "flown"]].concat();
+    let (summary, _) = flown(&testbed, &words, &mut law);
+    assert_eq!(summary["outcome"], "landed");
+    let recording = testbed.path("flown/flight.mcap").display().to_string();
+    testbed.succeeds(&["replay", &recording]);
+}
+
+/// Fate of the process of a law in flight.
+#[derive(Clone, Copy, Debug)]
+enum Fate {
+    Lives,
+    Killed,
+    Stopped,
+}
+
+/// Flies in real time; the law's process meets its fate two seconds into the hover.
+fn in_real_time(fate: Fate) {
+    let testbed = Testbed::new("law-real");
+    let Some(mut law) = script(&testbed) else { return };
+    let flight = testbed.start(&[&["fly", "--json"], &SHORT[..]].concat());
+    wait_for("the socket", || socket(&testbed).exists().then_some(()));
+    let law = Running::start(law.stdin(Stdio::null()));
+    let bus = testbed.bus();
+    let mut telemetry = bus.observer(&TELEMETRY).unwrap();
+    wait_for("the hover", || {
+        let (_, tick) = telemetry.latest().unwrap()?;
+        (tick.mission_s > 5.0).then_some(())
+    });
+    match fate {
+        Fate::Lives => {}
+        Fate::Killed => law.signal(Signal::KILL),
+        Fate::Stopped => law.signal(Signal::STOP),
+    }
+    let output = flight.wait();
+    assert!(output.status.success(), "{fate:?}: {}", stderr(&output));
+    let summary = json(&output);
+    println!("{fate:?}: {:#}", handovers(&summary));
+    if !matches!(fate, Fate::Lives) {
+        assert!(number(&summary, "/handovers/causes/no answer in time") >= 1.0, "{summary:#}");
+    }
+    assert_eq!(summary["outcome"], "landed", "{fate:?}");
+}
+
+#[test]
+fn f70_a_process_that_is_killed_or_stopped_in_flight_does_not_cost_the_vehicle() {
+    in_real_time(Fate::Killed);
+    in_real_time(Fate::Stopped);
+    let runs = std::env::var("OQTAL_TEST_LAW_RUNS").ok().and_then(|text| text.parse().ok());
+    for _ in 0..runs.unwrap_or(0) {
+        for fate in [Fate::Lives, Fate::Killed, Fate::Stopped] {
+            in_real_time(fate);
+        }
+    }
+}
