@@ -7,6 +7,7 @@ use oqtal_bus::code::HandoverCause;
 use oqtal_bus::message::{ExternalV1, StateV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, Interface};
+use oqtal_control::controller::LawTerms;
 use oqtal_control::predictive::{Motion, MotionTracker};
 use oqtal_control::quantity::{StickCommand, Torque};
 use oqtal_control::quaternion::Attitude;
@@ -244,7 +245,7 @@ impl ExternalControl {
             return Err(HandoverCause::OutOfRange);
         }
         let limited = share.map(|number| number.clamp(-1.0, 1.0));
-        let rotation = match is_torque {
+        let rotation: RotationCommand = match is_torque {
             true => Torque(limited * self.greatest_torque).into(),
             false => StickCommand(limited).into(),
         };
@@ -252,7 +253,8 @@ impl ExternalControl {
         let thrust_n = thrust.clamp(0.0, self.greatest_thrust);
         let command = VehicleCommand::Armed { rotation, thrust_n, attitude };
         let saturated = !self.interface.holds_attitude() && limited.amax() >= SATURATED;
-        Ok(ControlOutput { command, saturated, ..*fallback })
+        let terms = LawTerms { proportional: rotation.vector(), ..LawTerms::default() };
+        Ok(ControlOutput { command, saturated, terms, ..*fallback })
     }
 
     /// The attitude of an answer; `None` if the vehicle does not need it and it is not of unit norm.
@@ -302,6 +304,7 @@ mod tests {
                 velocity: Vector3::zeros(),
             },
             command: VehicleCommand::Disarmed,
+            terms: LawTerms::default(),
             saturated: false,
         };
         external.output(&answer, &fallback).map(|output| output.command)
