@@ -16,7 +16,7 @@ message! {
         /// Number of the flight since the daemon started, from 1: a law restarts its integrals when it changes.
         flight: u64 ["-"],
         /// 1 if the answer to the last question was flown; a law may stop its integrals while it is 0.
-        flown: u64 ["flag"],
+        flown: u64 ["-"],
         /// Instant of the tick.
         time: Time ["ns"],
         /// Predicted instant of the command's effect, for which state and reference are given.

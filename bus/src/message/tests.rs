@@ -10,7 +10,7 @@ use super::*;
 use crate::time::Time;
 
 /// Every unit that a field may have.
-const UNITS: [&str; 18] = [
+const UNITS: [&str; 24] = [
     "-",
     "code",
     "flag",
@@ -29,6 +29,12 @@ const UNITS: [&str; 18] = [
     "-1..1, body",
     "rad, world",
     "N, body",
+    "-1..1 or N m, body",
+    "rad/s or rad/s^2, body",
+    "m/s^2, world",
+    "m/s^2",
+    "N",
+    "kg",
 ];
 
 /// Name, schema and table of every message.
@@ -43,6 +49,8 @@ fn all() -> Vec<(&'static str, u64, &'static [Field])> {
         entry::<VehicleV1>(),
         entry::<TelemetryV1>(),
         entry::<InputV1>(),
+        entry::<StateV1>(),
+        entry::<ExternalV1>(),
         entry::<HealthV1>(),
         entry::<ControlRequestV1>(),
         entry::<ControlResponseV1>(),
