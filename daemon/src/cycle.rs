@@ -41,6 +41,8 @@ use crate::stack::ControlOutput;
 
 /// Time after the last tick at which the loop acts without a pose \[periods\].
 const DEADLINE_PERIODS: f64 = 1.5;
+/// Least time between two commands, for a vehicle that reports no longer time of a command on its wire.
+const LEAST_SPACING: Span = Span::from_nanos(500_000);
 
 /// The output of one tick.
 #[derive(Clone, Copy, Debug)]
@@ -57,10 +59,12 @@ pub struct Tick {
 #[derive(Clone, Debug)]
 struct LoopTiming {
     period: Span,
-    /// Least time between two ticks: the poses of cameras faster than the loop are decimated.
+    /// Regular time from one tick to the next on a pose: the poses of cameras faster than the loop are decimated.
     spacing: Span,
     decimates: bool,
     last_tick: Time,
+    /// Whether the last tick had no pose.
+    was_blind: bool,
     /// The deadline of the last tick.
     deadline: Time,
 }
@@ -74,13 +78,24 @@ impl LoopTiming {
             spacing: period.scaled(1.0 - 0.5 / poses_per_tick),
             decimates: poses_per_tick > 1.0,
             last_tick: now,
+            was_blind: false,
             deadline: now,
         }
     }
 
-    /// The first instant at which a tick is allowed.
+    /// The first instant of a tick without a new pose.
     fn earliest(&self) -> Time {
         self.last_tick + self.spacing
+    }
+
+    /// The first instant of a tick on a new pose, for a vehicle whose command takes `wire` on its wire. Only commands must not be
+    /// closer than the wire allows: a pose after a stall is flown on as soon as it arrives. Poses that are decimated keep the
+    /// regular spacing after a tick on a pose.
+    fn earliest_on_pose(&self, wire: Span) -> Time {
+        if self.decimates && !self.was_blind {
+            return self.earliest();
+        }
+        self.last_tick + wire.max(LEAST_SPACING).min(self.spacing)
     }
 
     /// The instant of the next tick if no pose arrives before.
@@ -88,11 +103,11 @@ impl LoopTiming {
         self.last_tick + self.period.scaled(DEADLINE_PERIODS)
     }
 
-    /// Begins a tick; returns the time since the last one \[s\].
-    fn tick(&mut self, now: Time) -> f64 {
+    /// Begins a tick, `is_blind` without a pose; returns the time since the last one \[s\].
+    fn tick(&mut self, now: Time, is_blind: bool) -> f64 {
         let (least, most) = (self.period.scaled(0.5), self.period.scaled(2.0));
         let dt = now.since(self.last_tick).min(most).max(least);
-        (self.deadline, self.last_tick) = (self.latest(), now);
+        (self.deadline, self.last_tick, self.was_blind) = (self.latest(), now, is_blind);
         dt.seconds()
     }
 }
@@ -125,12 +140,11 @@ impl Cycle {
         })
     }
 
-    /// The instant of the next tick if no pose arrives before. A pose that arrived too soon after the last tick is used as soon as
-    /// a tick is allowed again, unless the cameras are faster than the loop. The next pose then arrives in time, so that ticks are
-    /// in step with poses at once.
+    /// The instant of the next tick if no pose arrives before. A pose that arrived too soon after the last tick is flown on as soon
+    /// as the vehicle's wire allows, unless poses are decimated and the next one comes soon.
     pub fn next_event(&self) -> Time {
         if self.intake.has_fresh() && !self.timing.decimates {
-            self.timing.earliest()
+            self.timing.earliest_on_pose(self.intake.vehicle().wire())
         } else {
             self.timing.latest()
         }
@@ -155,15 +169,21 @@ impl Cycle {
                 self.report.record_pose(arrival, self.intake.tracker());
             }
         }
-        let due = if arrival.is_some() { self.timing.earliest() } else { self.next_event() };
+        let due = match arrival {
+            Some(_) if self.intake.has_fresh() => {
+                self.timing.earliest_on_pose(self.intake.vehicle().wire())
+            }
+            Some(_) => self.timing.earliest(),
+            None => self.next_event(),
+        };
         (now >= due).then(|| self.tick(now, arrival.map(|(header, _)| header), law))
     }
 
     fn tick(&mut self, now: Time, arrival: Option<&Header>, law: &mut dyn ExternalLaw) -> Tick {
         let deadline = self.next_event();
-        let dt_s = self.timing.tick(now);
         let fresh = self.intake.begin_tick(now, arrival.is_some());
         let is_fresh = fresh.is_some();
+        let dt_s = self.timing.tick(now, !is_fresh);
 
         let sent = *self.control.sent();
         let (directive, restarts) = self.supervision.step(now, is_fresh, &mut self.intake, &sent);

@@ -125,6 +125,11 @@ impl VehicleWatch {
         self.last.map(|(_, vehicle)| vehicle.simulated != 0)
     }
 
+    /// Time of a command on the vehicle's wire, as last reported; 0 without a wire.
+    pub fn wire(&self) -> Span {
+        self.last.map_or(Span::ZERO, |(_, vehicle)| Span::from_nanos(vehicle.wire_ns))
+    }
+
     fn is_old(&self, now: Time, instant: Option<Time>) -> bool {
         instant.is_none_or(|instant| now.since(instant) > self.silence)
     }

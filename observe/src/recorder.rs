@@ -20,7 +20,8 @@ const ON_FLOOR_M: f64 = 0.05;
 const AT_REST_M_S: f64 = 0.1;
 /// Time at rest after which the flight has ended.
 const REST: Span = Span::from_millis(500);
-/// Time for which ticks wait for the first truth sample; without one, a real vehicle is observed by real cameras.
+/// Time for which ticks wait for truth: without a first sample, a real vehicle is observed by real cameras; without a further one, its
+/// source has ended, and the flight ends as the daemon reports.
 const TRUTH_TIMEOUT: Span = Span::from_millis(1000);
 
 /// Recorder of one flight.
@@ -120,11 +121,11 @@ impl Recorder {
         }
     }
 
-    /// Records the waiting ticks without truth if none is published.
+    /// Records the waiting ticks without truth if none has been published for too long.
     fn give_up_truth(&mut self) {
         let Some((first, last)) = self.join.waiting() else { return };
-        let may_come = self.flight.samples.is_empty() && last.since(first) < TRUTH_TIMEOUT;
-        if self.join.newest().is_some() || may_come {
+        let is_known_absent = self.join.newest().is_none() && !self.flight.samples.is_empty();
+        if last.since(first) < TRUTH_TIMEOUT && !is_known_absent {
             return;
         }
         while let Some(telemetry) = self.join.next_tick() {
@@ -252,5 +253,44 @@ impl Sink for Recorder {
             Some((_, total)) => *total += count,
             None => self.lost.push((topic, count)),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The flight of a daemon that reports `states`, one tick of 20 ms each, with truth in the first `true_ticks` of them.
+    fn recorded(states: &[SafetyState], true_ticks: usize) -> Recorder {
+        let mut recorder = Recorder::new(&Config::default());
+        for (k, state) in states.iter().enumerate() {
+            let time = Time::VIRTUAL_START + Span::from_millis(20).scaled(k as f64);
+            let reception = Reception { received_at: time, ..Reception::default() };
+            let is_stopped = *state == SafetyState::Stop;
+            let mode = if is_stopped { Mode::Disarmed } else { Mode::Flying };
+            let (mode, state) = (mode.code(), state.code());
+            let position = [0.0, 0.0, 1.0];
+            let telemetry = TelemetryV1 { time, mode, state, position, ..TelemetryV1::default() };
+            recorder.sample(&reception, Sample::Telemetry(&telemetry));
+            let attitude = [0.0, 0.0, 0.0, 1.0];
+            let truth = TruthV1 { time, position, attitude, ..TruthV1::default() };
+            if k < true_ticks {
+                recorder.sample(&reception, Sample::Truth(&truth));
+            }
+        }
+        recorder
+    }
+
+    #[test]
+    fn a_flight_whose_truth_ends_ends_as_the_daemon_reports() {
+        let flown = [SafetyState::Nominal; 50];
+        let ended = [SafetyState::Coast; 25];
+        let stopped = [SafetyState::Stop; 50];
+        let states = [&flown[..], &ended, &stopped].concat();
+        assert_eq!(recorded(&states, 50).outcome(), Some(Outcome::Stopped));
+        assert_eq!(recorded(&states[..75], 50).outcome(), None, "the daemon has not stopped yet");
+        let flight = recorded(&states, 50).finish(Outcome::Timeout, 1.0);
+        let coasted = flight.samples.iter().any(|sample| sample.telemetry.state == 2);
+        assert!(coasted, "the states after the end of the truth are recorded");
     }
 }
