@@ -116,7 +116,9 @@ impl CtlArgs {
             Request::Land => (Some(land::land(&address)?), InstanceStatus::default()),
             _ => {
                 address.paths.become_owner()?;
-                self.ask(&Bus::open(&address.paths)?, expected)?
+                let bus = Bus::open_running(&address.paths)?;
+                let bus = bus.ok_or_else(|| silent(&instance.name))?;
+                self.ask(&bus, expected)?
             }
         };
         let Some(response) = response else {
@@ -231,7 +233,7 @@ pub fn execute(
         }
         OperatorCommand::Land => land::land(&here(paths))?,
         _ => {
-            let bus = Bus::open(paths)?;
+            let bus = Bus::open_running(paths)?.ok_or_else(|| silent(&paths.instance))?;
             request(&bus, command, expected)?.ok_or_else(|| silent(&paths.instance))?
         }
     };

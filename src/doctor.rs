@@ -7,7 +7,7 @@
 //! | `scheduling.rs` | permissions, preemption, throttling |
 //! | `processor.rs` | number, clock source, frequency and idle states of processors |
 //! | `memory.rs` | shared memory, locked memory, swap |
-//! | `place.rs` | files of instances, files left by killed processes, serial ports |
+//! | `place.rs` | files of instances, who may remove them, objects left by killed processes, serial ports |
 //!
 //! Not checked: timer slack, which every loop sets for itself; transparent huge pages, since locked memory is resident before
 //! it is used; the time of day, since all clocks are monotonic.
@@ -23,7 +23,7 @@ use clap::Args;
 use oqtal_config::Config;
 use oqtal_observe::explain::wrapped;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths};
-use oqtal_runtime::program::print;
+use oqtal_runtime::program::{print, say};
 
 use finding::{Finding, Level};
 use system::System;
@@ -32,9 +32,11 @@ use system::System;
 type MachineCheck = fn(&System) -> Option<Finding>;
 
 /// Checks, blocking ones first.
-const CHECKS: [MachineCheck; 14] = [
+const CHECKS: [MachineCheck; 16] = [
     memory::shared,
     place::root,
+    place::sharing,
+    place::log_out,
     place::remains,
     place::serial_ports,
     scheduling::permission,
@@ -55,6 +57,9 @@ pub struct DoctorArgs {
     /// Print one JSON document instead of text
     #[arg(long)]
     json: bool,
+    /// First remove the objects that killed processes left in shared memory
+    #[arg(long)]
+    remove_strays: bool,
     #[command(flatten)]
     common: CommonArgs,
 }
@@ -66,7 +71,11 @@ impl DoctorArgs {
     /// The configuration is invalid.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let config = Config::load(&self.common.config, &self.common.settings()?)?;
-        let findings = examine(&System::live(&instance_paths(&config)?.root));
+        let system = System::live(&instance_paths(&config)?.root);
+        if self.remove_strays {
+            place::remove_strays(&system).iter().for_each(|run| say(&format!("removed: {run}")));
+        }
+        let findings = examine(&system);
         print(&if self.json { json(&findings) } else { text(&findings) })?;
         let problem = findings.iter().find(|finding| finding.level == Level::Problem);
         Ok(problem.map_or(Exit::Ok, |finding| finding.exit))

@@ -146,7 +146,7 @@ impl LatencyArgs {
     fn attach(&self, config: &Config, stop: &StopFlag) -> Result<LatencyFigures, Failure> {
         let place = instance_paths(config)?;
         place.become_owner()?;
-        let bus = Bus::open(&place)?;
+        let bus = Bus::open(&place)?.for_observer();
         let figures = self.attach_to(&bus, config, stop);
         drop(bus);
         figures

@@ -52,7 +52,7 @@ impl RecordArgs {
         let config = Config::load(&self.common.config, &self.common.settings()?)?;
         let stop = stop_on_signals()?;
         let place = instance_paths(&config)?;
-        let bus = Bus::open(&place)?;
+        let bus = Bus::open(&place)?.for_observer();
         if self.attach {
             require_daemon(&bus, &config.instance.name, "record without --attach")?;
         }

@@ -93,7 +93,7 @@ impl ViewArgs {
         let paths = instance_paths(&config)?;
         paths.become_owner()?;
         let stop = stop_on_signals()?;
-        let bus = Bus::open(&paths)?;
+        let bus = Bus::open(&paths)?.for_observer();
         if !self.wait {
             require_daemon(&bus, &config.instance.name, "open the page with --wait")?;
         }

@@ -1,6 +1,6 @@
 //! `oqtal doctor` on this machine: the form of its findings, and the files left by a killed daemon.
 
-use crate::common::{Testbed, json, wait_for};
+use crate::common::{Testbed, json, stderr, wait_for};
 use oqtal_bus::transport::{Subscribe, Transport};
 use rustix::process::Signal;
 use serde_json::Value;
@@ -32,8 +32,13 @@ fn every_check_reports_its_finding_and_every_problem_a_remedy() {
 fn a_dead_instance_is_found_and_named_in_its_remedy() {
     let testbed = Testbed::new("dead");
     find_the_dead(&testbed);
+    // `ctl status` removes nothing.
+    let before = testbed.remains();
+    testbed.refuses(&["ctl", "status"], 75, &["no daemon answers"]);
+    assert_eq!(testbed.remains(), before);
     // Remedy proposed by the finding.
-    testbed.oqtal(&["ctl", "status"]).output().unwrap();
+    let output = testbed.oqtal(&["doctor", "--remove-strays"]).output().unwrap();
+    assert!(stderr(&output).contains(&format!("removed: {} (", testbed.instance())));
     assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
 }
 
@@ -51,7 +56,5 @@ fn find_the_dead(testbed: &Testbed) {
     };
     let found = remains(examine(testbed));
     assert!(found["found"].as_str().unwrap().contains(testbed.instance()), "{found}");
-    let remedy = found["remedy"].as_str().unwrap();
-    assert!(remedy.starts_with("oqtal ctl status --root"), "{found}");
-    assert!(remedy.contains(&format!("--instance {}", testbed.instance())), "{found}");
+    assert_eq!(found["remedy"], "oqtal doctor --remove-strays", "{found}");
 }

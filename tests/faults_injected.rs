@@ -307,9 +307,9 @@ fn faults_that_a_flight_cannot_have_are_refused() {
     }
 }
 
-/// Noise and the loss of the instance's files do not end a flight.
+/// The loss of the instance's files ends a flight by a landing, also with noisy poses.
 #[test]
-fn a_flight_survives_the_removal_of_its_files_and_noisy_poses() {
+fn f68_a_flight_lands_after_the_removal_of_its_files_with_noisy_poses() {
     let line = "--fault files:removed@2 --fault pose:noise=1mm@2 --fault pose:noise=0.3deg@2";
     fly(&BRIEF, line).lands();
 }

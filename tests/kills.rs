@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use crate::common::random::{Random, length};
 use crate::common::{Running, SERVICES, Testbed, children, is_alive, stderr, wait_for};
+use crate::lost_files;
 use oqtal_bus::code::SafetyState;
 use oqtal_bus::topic::TELEMETRY;
 use oqtal_bus::transport::{Subscribe, Transport};
@@ -143,6 +144,43 @@ fn f29_a_process_killed_while_it_starts_does_not_hinder_the_others() {
             kill(Some(started));
         }
         starts_again(&testbed, &mut running, &format!("{kills} single processes, seed {seed}"));
+        ends_without_remains(&testbed, running);
+    }
+}
+
+/// Removes one file of the instance, in its directory or in shared memory, or all of either.
+fn remove_something(testbed: &Testbed, random: &mut Random) {
+    let directory = testbed.paths().directory();
+    let mut files = lost_files::objects(testbed);
+    files.extend(["members", "shared", "services", "nodes", ""].map(|name| directory.join(name)));
+    match random.below(8) {
+        0 => lost_files::objects(testbed).iter().for_each(lost_files::remove),
+        _ => lost_files::remove(&files[random.below(files.len() as u64) as usize]),
+    }
+}
+
+#[test]
+fn f68_processes_killed_between_removals_of_their_files_start_again_and_stop() {
+    let (kills, seeds) = study(3);
+    for seed in 1..=seeds {
+        let testbed = Testbed::new("removals");
+        let mut random = Random(seed + 91);
+        let mut running = [None, None, None];
+        for number in 0..kills {
+            lost_files::work_again(&testbed, &mut running);
+            remove_something(&testbed, &mut random);
+            let stop = testbed.oqtal(&["ctl", "stop"]).output().unwrap();
+            assert_eq!(stop.status.code(), Some(0), "{number}: {}", stderr(&stop));
+            let which = random.below(4) as usize;
+            let victims = if which < 3 { which..which + 1 } else { 0..3 };
+            pause(&mut random);
+            for process in running[victims].iter_mut().filter_map(Option::take) {
+                process.signal(Signal::KILL);
+                drop(process.wait());
+            }
+        }
+        lost_files::work_again(&testbed, &mut running);
+        println!("{kills} kills, seed {seed}: every start and every stop worked");
         ends_without_remains(&testbed, running);
     }
 }

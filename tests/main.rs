@@ -26,6 +26,7 @@ mod flights;
 mod identify;
 mod kills;
 mod latency;
+mod lost_files;
 mod mavlink;
 mod mavlink_flights;
 mod monitor;

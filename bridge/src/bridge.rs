@@ -170,6 +170,11 @@ impl Bridge {
         (self.stop_sent, self.stop_sent && self.gate.motors_are_off())
     }
 
+    /// Whether the motors run, or may run because of what the bridge sent.
+    pub fn motors_may_run(&self) -> bool {
+        self.gate.may_run() || self.gate.last_status_running()
+    }
+
     /// Takes bytes, or one packet, that the port received.
     pub fn receive_bytes(&mut self, now: Time, bytes: &[u8], note: &mut dyn FnMut(Note)) {
         let Self { transport, protocol, monitor, gate, .. } = self;

@@ -10,7 +10,7 @@ use oqtal_bus::stop::VehicleStop;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{COMMAND, POSE, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
-use oqtal_runtime::health::Health;
+use oqtal_runtime::health::{Health, MotorState};
 use oqtal_runtime::turn::{Turn, TurnClock};
 
 use crate::background::BridgeHandle;
@@ -123,6 +123,10 @@ impl<T: Transport> Turn for BridgeTurn<T> {
         let last = self.bridge.report(clock.now(), None, Span::ZERO);
         let _ = self.ports.report(last);
         Ok(())
+    }
+
+    fn motors(&self) -> MotorState {
+        if self.bridge.motors_may_run() { MotorState::MayRun } else { MotorState::Off }
     }
 
     fn health(&self, now: Time) -> HealthV1 {

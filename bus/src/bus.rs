@@ -8,13 +8,14 @@ use crate::control::{ControlClient, ControlServer};
 use crate::error::BusError;
 use crate::membership::Membership;
 use crate::message::Message;
-use crate::node::{InstanceNode, OpenPorts};
+use crate::node::{InstanceNode, OpenPorts, ReaderPlace};
 use crate::paths::InstancePaths;
 use crate::port::{Reader, Writer};
-use crate::stop::{SignalFlags, StopSwitch};
+use crate::stop::{self, SignalFlags, StopSwitch};
 use crate::topic::Topic;
 use crate::transport::Transport;
 use crate::wake::{EventPorts, Listener};
+use crate::watch::InstanceWatch;
 
 /// Maximum shared memory for the ports of one process \[KiB\], rounded up; the daemon needs most.
 const NEEDED_KIB: u64 = 7 * 1024;
@@ -31,6 +32,7 @@ pub struct Bus {
     paths: InstancePaths,
     membership: Rc<Membership>,
     signals: SignalFlags,
+    place: ReaderPlace,
 }
 
 impl Bus {
@@ -46,12 +48,42 @@ impl Bus {
         let node = Box::new(InstanceNode::join(paths, &membership)?);
         let events = EventPorts::new(Rc::clone(&membership));
         let signals = SignalFlags::default();
-        Ok(Self { node, events, paths: paths.clone(), membership, signals })
+        let place = ReaderPlace::Reserved;
+        Ok(Self { node, events, paths: paths.clone(), membership, signals, place })
+    }
+
+    /// Joins the instance at `paths` if it has members; `None` otherwise. Creates no directory, and removes nothing of an instance
+    /// without members.
+    ///
+    /// # Errors
+    /// As [`Bus::open`].
+    pub fn open_running(paths: &InstancePaths) -> Result<Option<Self>, BusError> {
+        match std::fs::symlink_metadata(&paths.root) {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+            Err(_) => Err(BusError::Permission { path: paths.root.clone() }),
+            Ok(_) => {
+                paths.prepare()?;
+                Membership::exists(paths).then(|| Self::open(paths)).transpose()
+            }
+        }
+    }
+
+    /// Watch over the files of the instance, for a thread that may block.
+    ///
+    /// # Errors
+    /// The process has too many open files.
+    pub fn watch(&self) -> Result<InstanceWatch, BusError> {
+        self.membership.watch()
     }
 
     /// This bus for a process whose signal handlers set `signals`.
     pub fn with_signals(self, signals: SignalFlags) -> Self {
         Self { signals, ..self }
+    }
+
+    /// This bus for an observer, whose readers take the places for observers: [`BusError::Crowded`] if there is none.
+    pub fn for_observer(self) -> Self {
+        Self { place: ReaderPlace::Observer, ..self }
     }
 
     /// Paths and names of the instance.
@@ -94,16 +126,18 @@ impl Transport for Bus {
     }
 
     fn reader<M: Message>(&self, topic: &Topic<M>) -> Result<Reader<M>, BusError> {
-        Ok(Reader::new(self.node.reader(&topic.spec(), 1)?, topic.name))
+        Ok(Reader::new(self.node.reader(&topic.spec(), 1, self.place)?, topic.name))
     }
 
     fn stop_switch(&self) -> Result<StopSwitch, BusError> {
         let _lock = self.membership.lock()?;
-        Ok(StopSwitch::open(&self.paths)?.with_signals(self.signals.clone()))
+        let path = self.membership.words_file(stop::FILE);
+        Ok(StopSwitch::open(path)?.with_signals(self.signals.clone()))
     }
 
     fn observer<M: Message>(&self, topic: &Topic<M>) -> Result<Reader<M>, BusError> {
-        Ok(Reader::new(self.node.reader(&topic.spec(), topic.quality.buffer)?, topic.name))
+        let reader = self.node.reader(&topic.spec(), topic.quality.buffer, self.place)?;
+        Ok(Reader::new(reader, topic.name))
     }
 }
 

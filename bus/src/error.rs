@@ -16,6 +16,18 @@ pub enum BusError {
         /// The instance.
         instance: String,
     },
+    /// The topic has its maximum number of observers.
+    #[error(
+        "topic `{topic}` has {count} observers, the most that it can have: {holders}; end one of them first"
+    )]
+    Crowded {
+        /// The topic.
+        topic: &'static str,
+        /// Number of observers \[-\].
+        count: usize,
+        /// Process ids and names of the observers.
+        holders: String,
+    },
     /// A running process was built from other definitions of the messages.
     #[error(
         "`{topic}` is used by a running process of another version; stop it and start all processes from one build"

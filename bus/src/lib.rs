@@ -24,6 +24,7 @@
 //! | `paths.rs` | directories and names of an instance |
 //! | `private.rs` | the part of shared memory that is inaccessible to other users |
 //! | `remains.rs` | files left behind by dead processes |
+//! | `watch.rs` | files of a living instance that were removed |
 //! | `suspend.rs` | suspension of the machine |
 //! | `error.rs` | errors of the bus |
 //! | `mismatch.rs` | kinds of errors when a service is opened |
@@ -46,7 +47,7 @@ pub mod paths;
 pub mod port;
 mod ports;
 mod private;
-mod remains;
+pub mod remains;
 pub mod shared;
 pub mod stop;
 pub mod suspend;
@@ -55,3 +56,4 @@ pub mod time;
 pub mod topic;
 pub mod transport;
 pub mod wake;
+pub mod watch;

@@ -1,10 +1,13 @@
 //! Membership of an instance: its processes, and the lock for changes to its files.
 //!
-//! Membership consists of two locks (`flock`). The kernel releases them when the process that holds them ends, for any reason:
+//! Membership consists of three locks (`flock`). The kernel releases them when the process that holds them ends, for any reason:
 //! - the directory of the instance: locked exclusively for the short time in which a process joins, opens or closes ports, or
 //!   leaves. Incomplete files found by the holder were left by a dead process.
-//! - the file `members` in it: shared, as long as the process is a member. A process that gets an exclusive lock is the only
-//!   member.
+//! - the directory of the run in shared memory: shared, as long as the process is a member ([`crate::private`]).
+//! - the file `members`: shared as well. It tells that an instance lives whose directory in shared memory was removed.
+//!
+//! No file of a living instance is removed, whichever other file of it is missing. The processes notice a missing file
+//! themselves ([`crate::watch`]).
 
 use std::cell::Cell;
 use std::fs::{DirBuilder, File, OpenOptions};
@@ -19,8 +22,10 @@ use rustix::io::Errno;
 
 use crate::error::{BusError, system};
 use crate::paths::{InstancePaths, LAW, WIRE};
+use crate::private::{self, InstanceRun, is_same};
+use crate::remains;
 use crate::time::{Span, Time};
-use crate::{private, remains};
+use crate::watch::{InstanceWatch, Members};
 
 /// Running processes hold the lock for milliseconds; a process that holds it longer was stopped or hangs.
 const LOCK_TIMEOUT: Span = Span::from_millis(3000);
@@ -33,7 +38,8 @@ pub(crate) struct Membership {
     prefix: String,
     directory: PathBuf,
     lock: File,
-    members: File,
+    members: Members,
+    run: InstanceRun,
     /// Number of [`InstanceLock`]s of this membership \[-\].
     depth: Cell<u32>,
     /// Whether the lock was not free when a port was last closed.
@@ -45,7 +51,7 @@ pub(crate) struct Membership {
 pub(crate) struct InstanceLock<'a>(&'a Membership);
 
 impl Membership {
-    /// Joins the instance at `paths`. If there are no other members, files left by dead processes are removed.
+    /// Joins the instance at `paths`. Files left by dead processes are removed; files that belong to a living run stay.
     ///
     /// # Errors
     /// The instance belongs to another user, or a suspended process holds its lock.
@@ -56,23 +62,41 @@ impl Membership {
             let lock = open_directory(&directory)?;
             acquire(&lock, &directory, give_up)?;
             // The last process may have removed the directory before the lock was free.
-            if !is_current(&lock, &directory) {
+            if !is_same(&lock, &directory) {
                 continue;
             }
-            let members = open_members(&directory)?;
-            if flock(&members, FlockOperation::NonBlockingLockExclusive).is_ok() {
-                remains::remove_all(&paths.prefix(), &directory);
-                remove(&directory, &[WIRE, LAW]);
-                private::make(&paths.prefix(), &directory)?;
-            }
-            flock(&members, FlockOperation::NonBlockingLockShared)
-                .map_err(|e| system(format!("joining {}", directory.display()), &e))?;
             let prefix = paths.prefix();
+            let run = match InstanceRun::join(&prefix, &directory)? {
+                Some(run) => run,
+                None => start_run(&prefix, &directory)?,
+            };
+            remains::remove_dead(&prefix, &[run.path.clone()]);
+            let members = Members::default();
+            members.join(&directory)?;
             let (depth, closes_unlocked) = (Cell::new(0), Cell::new(false));
-            let joined = Self { prefix, directory, lock, members, depth, closes_unlocked };
+            let joined = Self { prefix, directory, lock, members, run, depth, closes_unlocked };
             let _ = flock(&joined.lock, FlockOperation::Unlock);
             return Ok(Rc::new(joined));
         }
+    }
+
+    /// Whether a process is a member of the instance at `paths`. Creates and removes nothing.
+    pub(crate) fn exists(paths: &InstancePaths) -> bool {
+        let directory = paths.directory();
+        private::linked(&directory).is_some_and(|run| private::is_alive(&run))
+            || has_members(&directory)
+            || remains::runs(remains::SHARED_MEMORY.as_ref(), &paths.prefix())
+                .iter()
+                .any(remains::RunRemains::is_alive)
+    }
+
+    /// Watch over the files of this membership.
+    ///
+    /// # Errors
+    /// The process has too many open files.
+    pub(crate) fn watch(&self) -> Result<InstanceWatch, BusError> {
+        let run = self.run.clone_handle().map_err(|e| system("watching the instance", &e))?;
+        Ok(InstanceWatch::new(self.directory.clone(), run, self.members.clone()))
     }
 
     /// Locks the files of the instance. A lock already held by this membership is shared.
@@ -102,20 +126,17 @@ impl Membership {
 
     /// Path of the shared words `name` of this instance.
     pub(crate) fn words_file(&self, name: &str) -> PathBuf {
-        self.directory.join(private::LINK).join(name)
+        self.run.path.join(name)
     }
 
-    /// Prefix of the names of iceoryx2; the caller holds the lock.
-    ///
-    /// # Errors
-    /// As [`private::prefix`].
-    pub(crate) fn private_prefix(&self, _lock: &InstanceLock<'_>) -> Result<String, BusError> {
-        private::prefix(&self.directory)
+    /// Prefix of the names of iceoryx2.
+    pub(crate) fn private_prefix(&self) -> String {
+        self.run.prefix()
     }
 
     /// Removes incomplete files of dead processes; the caller holds the lock.
     pub(crate) fn remove_half_made(&self, _lock: &InstanceLock<'_>) {
-        remains::remove_half_made(&self.prefix, &self.directory);
+        remains::remove_half_made(&self.run.prefix(), &self.directory);
     }
 
     /// Allocates the memory of all shared files of the instance; the caller holds the lock.
@@ -123,12 +144,13 @@ impl Membership {
     /// # Errors
     /// Shared memory is full.
     pub(crate) fn reserve_memory(&self, _lock: &InstanceLock<'_>) -> Result<(), BusError> {
-        remains::reserve_memory(&self.prefix).map_err(|size| BusError::full(size.div_ceil(1024)))
+        remains::reserve_memory(&self.run.prefix())
+            .map_err(|size| BusError::full(size.div_ceil(1024)))
     }
 
     /// Revokes other users' access to files in shared memory; the caller holds the lock.
     pub(crate) fn make_private(&self, _lock: &InstanceLock<'_>) {
-        remains::make_private(&self.prefix);
+        remains::make_private(&self.run.prefix());
     }
 }
 
@@ -145,13 +167,37 @@ impl Drop for InstanceLock<'_> {
 impl Drop for Membership {
     fn drop(&mut self) {
         let Some(_lock) = self.lock_to_close() else { return };
-        if flock(&self.members, FlockOperation::NonBlockingLockExclusive).is_ok() {
-            remains::remove_all(&self.prefix, &self.directory);
+        if !self.run.ends() {
+            return;
+        }
+        let is_linked = self.run.is_linked(&self.directory);
+        remains::remove_run(&self.run.path);
+        // After a loss the directory may belong to another run.
+        if is_same(&self.lock, &self.directory) && is_linked {
+            remains::remove_dead(&self.prefix, &[]);
+            remains::remove_services(&self.directory);
             // Only an empty directory is removed; a process waiting for its lock checks this.
             remove(&self.directory, &[WIRE, LAW, private::LINK, MEMBERS]);
             let _ = std::fs::remove_dir(&self.directory);
         }
     }
+}
+
+/// Starts a run of the instance; the caller holds its lock. Members that hold the file `members` lost their run: they end by
+/// themselves, and their objects stay until then.
+fn start_run(prefix: &str, directory: &Path) -> Result<InstanceRun, BusError> {
+    let lost: Vec<_> =
+        private::linked(directory).filter(|_| has_members(directory)).into_iter().collect();
+    remains::remove_dead(prefix, &lost);
+    remains::remove_services(directory);
+    remove(directory, &[WIRE, LAW, MEMBERS]);
+    InstanceRun::start(prefix, directory)
+}
+
+/// Whether a process holds the file `members` in `directory`.
+fn has_members(directory: &Path) -> bool {
+    let file = File::open(directory.join(MEMBERS));
+    file.is_ok_and(|file| flock(&file, FlockOperation::NonBlockingLockExclusive).is_err())
 }
 
 /// File whose shared lock marks the member processes.
@@ -164,7 +210,7 @@ fn remove(directory: &Path, names: &[&str]) {
     }
 }
 
-fn open_directory(directory: &Path) -> Result<File, BusError> {
+pub(crate) fn open_directory(directory: &Path) -> Result<File, BusError> {
     let failed = |e: &io::Error| system(format!("opening {}", directory.display()), e);
     match DirBuilder::new().mode(0o700).create(directory) {
         Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(failed(&error)),
@@ -184,15 +230,7 @@ fn open_directory(directory: &Path) -> Result<File, BusError> {
     Ok(file)
 }
 
-fn open_members(directory: &Path) -> Result<File, BusError> {
-    let path = directory.join(MEMBERS);
-    let flags = (OFlags::NOFOLLOW | OFlags::CLOEXEC).bits().cast_signed();
-    let mut options = OpenOptions::new();
-    options.read(true).write(true).create(true).truncate(false).mode(0o600).custom_flags(flags);
-    options.open(&path).map_err(|e| system(format!("opening {}", path.display()), &e))
-}
-
-fn acquire(lock: &File, directory: &Path, give_up: Time) -> Result<(), BusError> {
+pub(crate) fn acquire(lock: &File, directory: &Path, give_up: Time) -> Result<(), BusError> {
     loop {
         match flock(lock, FlockOperation::NonBlockingLockExclusive) {
             Ok(()) => return Ok(()),
@@ -204,12 +242,5 @@ fn acquire(lock: &File, directory: &Path, give_up: Time) -> Result<(), BusError>
             }
             Err(error) => return Err(system(format!("locking {}", directory.display()), &error)),
         }
-    }
-}
-
-fn is_current(lock: &File, directory: &Path) -> bool {
-    match (lock.metadata(), std::fs::symlink_metadata(directory)) {
-        (Ok(ours), Ok(present)) => (ours.dev(), ours.ino()) == (present.dev(), present.ino()),
-        _ => false,
     }
 }

@@ -7,8 +7,8 @@ use std::time::Duration;
 use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::port::publisher::PublisherCreateError;
 use iceoryx2::prelude::{
-    AttributeVerifier, FileName, Node, NodeBuilder, SemanticString, ServiceName,
-    SignalHandlingMode, ipc,
+    AttributeVerifier, CallbackProgression, FileName, Node, NodeBuilder, PortFactory, PortName,
+    SemanticString, ServiceName, SignalHandlingMode, ipc,
 };
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 use iceoryx2::service::port_factory::{publish_subscribe, request_response};
@@ -33,11 +33,35 @@ const CLEANUP_TIMEOUT: Duration = Duration::from_millis(500);
 type TopicService = publish_subscribe::PortFactory<ipc::Service, [u8], Header>;
 type ControlService = request_response::PortFactory<ipc::Service, [u8], (), [u8], ()>;
 
+/// Place of a reader at a topic.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum ReaderPlace {
+    /// One of the places for the loop, the recorder of a flight, and operators.
+    Reserved,
+    /// One of the places for observers.
+    Observer,
+}
+
+impl ReaderPlace {
+    /// Name of the reader's port, by which observers are counted.
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Reserved => "reserved",
+            Self::Observer => "observer",
+        }
+    }
+}
+
 /// Opens the ports of an instance. This trait keeps the code of iceoryx2 in one place, so that it is compiled once, including its
 /// destructors.
 pub(crate) trait OpenPorts: fmt::Debug {
     fn writer(&self, topic: &TopicSpec) -> Result<Box<dyn RawWriter>, BusError>;
-    fn reader(&self, topic: &TopicSpec, buffer: usize) -> Result<Box<dyn RawReader>, BusError>;
+    fn reader(
+        &self,
+        topic: &TopicSpec,
+        buffer: usize,
+        place: ReaderPlace,
+    ) -> Result<Box<dyn RawReader>, BusError>;
     fn server(&self) -> Result<Box<dyn RawServer>, BusError>;
     fn client(&self) -> Result<Box<dyn RawClient>, BusError>;
 }
@@ -66,7 +90,7 @@ impl InstanceNode {
         config.global.service.cleanup_dead_nodes_on_open = false;
         let lock = membership.lock()?;
         let bad_root = |error| system("naming the files of the instance", &error);
-        let prefix = membership.private_prefix(&lock)?;
+        let prefix = membership.private_prefix();
         config.global.prefix = FileName::new(prefix.as_bytes()).map_err(bad_root)?;
         let created = NodeBuilder::new()
             .config(&config)
@@ -163,12 +187,21 @@ impl OpenPorts for InstanceNode {
         Ok(self.port(&lock, publisher, topic.name)?)
     }
 
-    fn reader(&self, topic: &TopicSpec, buffer: usize) -> Result<Box<dyn RawReader>, BusError> {
+    fn reader(
+        &self,
+        topic: &TopicSpec,
+        buffer: usize,
+        place: ReaderPlace,
+    ) -> Result<Box<dyn RawReader>, BusError> {
         let lock = self.membership.lock()?;
-        let created = self.topic(&lock, topic)?.subscriber_builder().buffer_size(buffer).create();
-        let subscriber =
-            created.map_err(|e| system(format!("reading topic `{}`", topic.name), &e))?;
-        Ok(self.port(&lock, subscriber, topic.name)?)
+        let service = self.topic(&lock, topic)?;
+        if place == ReaderPlace::Observer {
+            admit_observer(&service, topic)?;
+        }
+        let failed = |e: &dyn fmt::Debug| system(format!("reading topic `{}`", topic.name), e);
+        let name = PortName::new(place.name()).map_err(|e| failed(&e))?;
+        let created = service.subscriber_builder().buffer_size(buffer).name(&name).create();
+        Ok(self.port(&lock, created.map_err(|e| failed(&e))?, topic.name)?)
     }
 
     fn server(&self) -> Result<Box<dyn RawServer>, BusError> {
@@ -195,6 +228,32 @@ impl Drop for InstanceNode {
             node.blocking_cleanup_dead_nodes(CLEANUP_TIMEOUT);
         }
     }
+}
+
+/// Refuses another observer of a topic that has its maximum number of them. The caller holds the lock, under which readers are
+/// opened and closed.
+fn admit_observer(service: &TopicService, topic: &TopicSpec) -> Result<(), BusError> {
+    let mut holders = Vec::new();
+    service.dynamic_config().list_subscribers(|reader| {
+        if reader.subscriber_name.as_str() == ReaderPlace::Observer.name() {
+            let pid = reader.node_id.pid::<ipc::Service>().map_or(0, |pid| pid.value());
+            holders.push(command_of(pid.unsigned_abs()));
+        }
+        CallbackProgression::Continue
+    });
+    if holders.len() < topic.quality.observers {
+        return Ok(());
+    }
+    Err(BusError::Crowded { topic: topic.name, count: holders.len(), holders: holders.join(", ") })
+}
+
+/// Process id, program and first argument of a process, as in "`oqtal record` (123)".
+fn command_of(pid: u32) -> String {
+    let line = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+    let words = line.split(|byte| *byte == 0).take(2).map(String::from_utf8_lossy);
+    let words: Vec<_> =
+        words.map(|word| word.rsplit('/').next().unwrap_or("").to_owned()).collect();
+    format!("`{}` ({pid})", words.join(" ").trim_end())
 }
 
 fn service_name(name: &str) -> Result<ServiceName, BusError> {

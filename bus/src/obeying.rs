@@ -10,12 +10,14 @@ use std::os::fd::OwnedFd;
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::OFlags;
 use rustix::process::{Pid, PidfdFlags, Signal, geteuid, pidfd_open, pidfd_send_signal};
 
 use crate::message::{FNV_OFFSET, fnv1a};
 use crate::paths::InstancePaths;
 use crate::stop::{self, StopSwitch};
+use crate::time::Time;
 use crate::topic::Role;
 use crate::{membership, remains};
 
@@ -118,6 +120,22 @@ impl ObeyingProcess {
     /// Whether this process may send it a signal: it runs as the same user, or this process is root's.
     pub fn is_ours(&self) -> bool {
         geteuid().is_root() || geteuid().as_raw() == self.user
+    }
+
+    /// Instant of its start, to a hundredth of a second; `None` if it has ended.
+    pub fn started_at(&self) -> Option<Time> {
+        const NANOS_PER_TICK: u64 = 10_000_000;
+        let stat = fs::read_to_string(format!("/proc/{}/stat", self.pid)).ok()?;
+        // Behind the name, which may contain spaces: state is field 3, the start in ticks of the boot-time clock field 22.
+        let ticks: u64 = stat.rsplit(')').next()?.split_whitespace().nth(19)?.parse().ok()?;
+        Some(Time::from_nanos(ticks * NANOS_PER_TICK))
+    }
+
+    /// Whether the process is still running.
+    pub fn is_running(&self) -> bool {
+        // A handle becomes readable when its process ends.
+        let mut handle = [PollFd::new(&self.handle, PollFlags::IN)];
+        poll(&mut handle, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })) == Ok(0)
     }
 
     /// Sends `signal` to the process; another process with the same number never receives it.

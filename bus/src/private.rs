@@ -4,12 +4,17 @@
 //! The first process of an instance draws a random number. Names of this run of the instance begin with it and [`SEPARATOR`]. It
 //! is also the name of a directory that only its owner can access and that contains the shared words. A link in the directory of
 //! the instance points to this directory.
+//!
+//! Every member process holds a shared lock (`flock`) on the directory of its run. A run lives while its directory is locked,
+//! whatever happened to the files of the instance.
 
-use std::fs::DirBuilder;
+use std::fs::{DirBuilder, File, OpenOptions};
 use std::hash::{BuildHasher, RandomState};
 use std::io;
-use std::os::unix::fs::{DirBuilderExt, symlink};
-use std::path::Path;
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, symlink};
+use std::path::{Path, PathBuf};
+
+use rustix::fs::{FlockOperation, OFlags, RenameFlags, flock, renameat_with};
 
 use crate::error::{BusError, system};
 use crate::remains;
@@ -21,42 +26,130 @@ pub(crate) const LINK: &str = "shared";
 /// of the private directory has no separator.
 const SEPARATOR: char = '_';
 
-/// Makes the private directory of the instance with this prefix and directory, and the link to it. To be called under the lock
-/// while the instance has no members.
-///
-/// # Errors
-/// The operating system refuses.
-pub(crate) fn make(prefix: &str, directory: &Path) -> Result<(), BusError> {
-    let private = loop {
-        let random = RandomState::new().hash_one(std::process::id());
-        let path = remains::shared(&format!("{prefix}{random:016x}"));
-        match DirBuilder::new().mode(0o700).create(&path) {
-            Ok(()) => break path,
-            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
-            Err(error) => return Err(system(format!("creating {}", path.display()), &error)),
-        }
-    };
-    let link = directory.join(LINK);
-    let made = match std::fs::remove_file(&link) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
-        _ => symlink(&private, &link),
-    };
-    made.map_err(|error| system(format!("linking {}", link.display()), &error))
+/// Run of an instance in which this process takes part: its private directory, with a shared lock on it.
+#[derive(Debug)]
+pub(crate) struct InstanceRun {
+    /// Private directory.
+    pub(crate) path: PathBuf,
+    lock: File,
 }
 
-/// Prefix of the names of iceoryx2 in the current run of the instance with this directory.
-///
-/// # Errors
-/// The link to the private directory was removed.
-pub(crate) fn prefix(directory: &Path) -> Result<String, BusError> {
-    let link = directory.join(LINK);
-    let failed = |reason: &dyn std::fmt::Debug| {
-        system(
-            format!("reading {} (remedy: end all processes of the instance)", link.display()),
-            reason,
-        )
-    };
-    let private = std::fs::read_link(&link).map_err(|error| failed(&error))?;
-    let name = private.file_name().ok_or_else(|| failed(&private))?;
-    Ok(format!("{}{SEPARATOR}", name.to_string_lossy()))
+impl InstanceRun {
+    /// Takes part in the living run of the instance with this prefix and directory, and restores a missing link to it; `None` if
+    /// there is none, or if the services of a run to which no link leads were removed. To be called under the lock.
+    ///
+    /// # Errors
+    /// The link cannot be restored.
+    pub(crate) fn join(prefix: &str, directory: &Path) -> Result<Option<Self>, BusError> {
+        match linked(directory) {
+            Some(path) => Ok(Self::enter(path)),
+            None => {
+                let mut runs = remains::runs(remains::SHARED_MEMORY.as_ref(), prefix).into_iter();
+                let whole = runs.find(|run| run.is_alive() && run.has_services(directory));
+                let joined = whole.and_then(|run| Self::enter(run.directory()));
+                joined.iter().try_for_each(|run| run.link(directory))?;
+                Ok(joined)
+            }
+        }
+    }
+
+    /// Takes part in the run with the private directory `path`; `None` if it has no member.
+    fn enter(path: PathBuf) -> Option<Self> {
+        let lock = open_own(&path)?;
+        let is_alive = flock(&lock, FlockOperation::NonBlockingLockExclusive).is_err();
+        let joined = flock(&lock, FlockOperation::NonBlockingLockShared).is_ok();
+        (is_alive && joined).then_some(Self { path, lock })
+    }
+
+    /// Starts a run of the instance with this prefix and directory, and makes the link to it. To be called under the lock while no
+    /// run lives.
+    ///
+    /// # Errors
+    /// The operating system refuses.
+    pub(crate) fn start(prefix: &str, directory: &Path) -> Result<Self, BusError> {
+        let random = RandomState::new().hash_one(std::process::id());
+        let path = remains::shared(&format!("{prefix}{random:016x}"));
+        let failed = |error: io::Error| system(format!("creating {}", path.display()), &error);
+        // Locked before it has its name: a directory of this name without a lock was left by dead processes.
+        let unnamed = remains::shared(&format!(".{prefix}{random:016x}"));
+        DirBuilder::new().mode(0o700).create(&unnamed).map_err(failed)?;
+        let locked =
+            open_own(&unnamed).ok_or_else(|| failed(io::ErrorKind::PermissionDenied.into()))?;
+        flock(&locked, FlockOperation::NonBlockingLockShared).map_err(|e| failed(e.into()))?;
+        let cwd = rustix::fs::CWD;
+        renameat_with(cwd, &unnamed, cwd, &path, RenameFlags::NOREPLACE)
+            .map_err(|e| failed(e.into()))?;
+        let run = Self { path, lock: locked };
+        run.link(directory)?;
+        Ok(run)
+    }
+
+    /// Makes the link to this run in the directory of its instance; the caller holds the lock.
+    ///
+    /// # Errors
+    /// The operating system refuses.
+    pub(crate) fn link(&self, directory: &Path) -> Result<(), BusError> {
+        let link = directory.join(LINK);
+        let made = match std::fs::remove_file(&link) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+            _ => symlink(&self.path, &link),
+        };
+        made.map_err(|error| system(format!("linking {}", link.display()), &error))
+    }
+
+    /// Whether the link in the directory of the instance leads to this run.
+    pub(crate) fn is_linked(&self, directory: &Path) -> bool {
+        linked(directory).is_some_and(|path| path == self.path)
+    }
+
+    /// Prefix of the names of iceoryx2 in this run.
+    pub(crate) fn prefix(&self) -> String {
+        let name = self.path.file_name().unwrap_or_default();
+        format!("{}{SEPARATOR}", name.to_string_lossy())
+    }
+
+    /// Whether the private directory is still there under its name.
+    pub(crate) fn is_present(&self) -> bool {
+        is_same(&self.lock, &self.path)
+    }
+
+    /// Whether no other process takes part. The run then ends: nobody else joins it any more.
+    pub(crate) fn ends(&self) -> bool {
+        flock(&self.lock, FlockOperation::NonBlockingLockExclusive).is_ok()
+    }
+
+    /// A handle to the same run, which counts as the same member.
+    pub(crate) fn clone_handle(&self) -> io::Result<Self> {
+        Ok(Self { path: self.path.clone(), lock: self.lock.try_clone()? })
+    }
+}
+
+/// Whether a process takes part in the run with this private directory.
+pub(crate) fn is_alive(path: &Path) -> bool {
+    open(path).is_some_and(|lock| flock(&lock, FlockOperation::NonBlockingLockExclusive).is_err())
+}
+
+/// Private directory to which the link in the directory of an instance leads.
+pub(crate) fn linked(directory: &Path) -> Option<PathBuf> {
+    std::fs::read_link(directory.join(LINK)).ok()
+}
+
+/// Whether `path` names the file that is open as `file`.
+pub(crate) fn is_same(file: &File, path: &Path) -> bool {
+    match (file.metadata(), std::fs::symlink_metadata(path)) {
+        (Ok(ours), Ok(present)) => (ours.dev(), ours.ino()) == (present.dev(), present.ino()),
+        _ => false,
+    }
+}
+
+/// Opens a directory of this user.
+fn open_own(path: &Path) -> Option<File> {
+    let file = open(path)?;
+    let is_own = file.metadata().ok()?.uid() == rustix::process::geteuid().as_raw();
+    is_own.then_some(file)
+}
+
+fn open(path: &Path) -> Option<File> {
+    let flags = (OFlags::DIRECTORY | OFlags::NOFOLLOW | OFlags::CLOEXEC).bits().cast_signed();
+    OpenOptions::new().read(true).custom_flags(flags).open(path).ok()
 }

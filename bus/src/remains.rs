@@ -1,5 +1,6 @@
 //! Files that processes of an instance left behind, in its directory and in shared memory.
 
+use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::Read;
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
@@ -9,8 +10,10 @@ use rustix::fs::{FallocateFlags, Mode, OFlags, fallocate};
 use rustix::io::Errno;
 use rustix::process::geteuid;
 
+use crate::private;
+
 /// Directory of shared memory.
-const SHARED_MEMORY: &str = "/dev/shm";
+pub const SHARED_MEMORY: &str = "/dev/shm";
 
 /// Path of the file or directory `name` in shared memory.
 pub(crate) fn shared(name: &str) -> PathBuf {
@@ -23,13 +26,98 @@ const LONGEST_DESCRIPTION: u64 = 1 << 16;
 /// Directories of iceoryx2 in an instance's directory.
 const DIRECTORIES: [&str; 2] = ["nodes", "services"];
 
-/// Removes all files of an instance without members. A file that cannot be removed stays: the process that opens it reports the
-/// error.
-pub(crate) fn remove_all(prefix: &str, directory: &Path) {
-    for file in files(Path::new(SHARED_MEMORY), prefix) {
-        // A link is removed, not followed.
-        let _ = fs::remove_file(&file).or_else(|_| fs::remove_dir_all(file));
+/// Length of the random number of a run in the names of its objects \[characters\].
+const RANDOM: usize = 16;
+
+/// Objects of one run of an instance in shared memory.
+#[derive(Debug)]
+pub struct RunRemains {
+    /// Name of the instance.
+    pub instance: String,
+    /// Beginning of the names of all objects of the run, and name of its private directory.
+    pub name: String,
+    /// The objects, and the private directory.
+    pub objects: Vec<PathBuf>,
+    memory: PathBuf,
+}
+
+impl RunRemains {
+    /// Private directory of the run, which may have been removed.
+    pub(crate) fn directory(&self) -> PathBuf {
+        self.memory.join(&self.name)
     }
+
+    /// Whether a process takes part in the run, by the lock on its private directory.
+    pub fn is_alive(&self) -> bool {
+        private::is_alive(&self.directory())
+    }
+
+    /// Whether descriptions of services of this run are in the directory of the instance.
+    pub(crate) fn has_services(&self, directory: &Path) -> bool {
+        !files(&directory.join("services"), &self.name).is_empty()
+    }
+
+    /// Removes the objects. An object that cannot be removed stays, like another user's.
+    pub fn remove(&self) {
+        for object in &self.objects {
+            // A link is removed, not followed.
+            let _ = fs::remove_file(object).or_else(|_| fs::remove_dir_all(object));
+        }
+    }
+}
+
+/// Runs with objects in the directory `memory` of shared memory whose names begin with `prefix`, of this user or others.
+pub fn runs(memory: &Path, prefix: &str) -> Vec<RunRemains> {
+    let mut runs: BTreeMap<String, RunRemains> = BTreeMap::new();
+    for object in files(memory, prefix) {
+        let name = object.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let Some((instance, run)) = run_of(&name) else { continue };
+        let new = || RunRemains {
+            instance: instance.to_owned(),
+            name: run.to_owned(),
+            objects: Vec::new(),
+            memory: memory.to_path_buf(),
+        };
+        runs.entry(run.to_owned()).or_insert_with(new).objects.push(object);
+    }
+    runs.into_values().collect()
+}
+
+/// Name of the run in the name of an object, or in the path of one below the directory of shared memory.
+pub fn run_name(object: &str) -> Option<&str> {
+    run_of(object.split('/').next()?).map(|(_, run)| run)
+}
+
+/// Instance, and name of the run, in the name of an object: `oqtal_INSTANCE_ROOT_RANDOM...`. A name without a random number of a
+/// run is a run of its own.
+fn run_of(name: &str) -> Option<(&str, &str)> {
+    let (instance, rest) = name.strip_prefix("oqtal_")?.split_once('_')?;
+    let (_root, random) = rest.split_once('_')?;
+    let end = name.len() - random.len() + RANDOM;
+    Some((instance, name.get(..end).unwrap_or(name)))
+}
+
+/// Removes the objects of all runs with this prefix that have no member, except those with a private directory in `kept`.
+pub(crate) fn remove_dead(prefix: &str, kept: &[PathBuf]) {
+    for run in runs(SHARED_MEMORY.as_ref(), prefix) {
+        if !kept.contains(&run.directory()) && !run.is_alive() {
+            run.remove();
+        }
+    }
+    // A process was killed before it gave its private directory a name.
+    files(SHARED_MEMORY.as_ref(), &format!(".{prefix}")).into_iter().for_each(|unnamed| {
+        let _ = fs::remove_dir(unnamed);
+    });
+}
+
+/// Removes the objects of the run with the private directory `path`.
+pub(crate) fn remove_run(path: &Path) {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    runs(SHARED_MEMORY.as_ref(), &name).iter().for_each(RunRemains::remove);
+}
+
+/// Removes nodes and services of iceoryx2 in the directory of an instance.
+pub(crate) fn remove_services(directory: &Path) {
     for name in DIRECTORIES {
         let _ = fs::remove_dir_all(directory.join(name));
     }

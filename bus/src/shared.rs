@@ -5,6 +5,7 @@ use std::ffi::c_void;
 use std::fs::{File, OpenOptions};
 use std::io;
 use std::ops::Deref;
+use std::os::fd::AsRawFd;
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::Path;
 use std::ptr::{self, NonNull};
@@ -13,12 +14,21 @@ use std::sync::atomic::AtomicU32;
 use rustix::fs::{FallocateFlags, OFlags, fallocate};
 use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 
+use shortened::MappingGuard;
+
+mod shortened;
+
+pub(crate) use shortened::take_shortened;
+
 /// Words in a file of `/dev/shm`, shared with every process that opens the same file. Unmapped when dropped.
 #[derive(Debug)]
 pub struct SharedWords {
     memory: NonNull<AtomicU32>,
     count: usize,
-    /// Stays open, so that an operator finds the words through this process after the file was removed.
+    /// `None` only while the words are being dropped.
+    guard: Option<MappingGuard>,
+    /// Stays open, so that an operator finds the words through this process after the file was removed, and so that the file can be
+    /// given its size again.
     file: File,
 }
 
@@ -67,7 +77,8 @@ impl SharedWords {
         // SAFETY: no address is requested, so the kernel chooses a free range; no existing mapping is affected.
         let memory = unsafe { mmap(ptr::null_mut(), size, access, MapFlags::SHARED, &file, 0)? };
         let memory = NonNull::new(memory.cast()).ok_or(io::ErrorKind::AddrNotAvailable)?;
-        Ok(Self { memory, count, file })
+        let guard = MappingGuard::new(memory.addr().get(), size, file.as_raw_fd());
+        Ok(Self { memory, count, guard: Some(guard), file })
     }
 
     /// Device and number of the file; `None` if the system refuses.
@@ -86,13 +97,15 @@ impl Deref for SharedWords {
     fn deref(&self) -> &[AtomicU32] {
         // SAFETY: the mapping begins at a page, is `count` words long, and is unmapped only by `drop`, which no borrow of `self`
         // outlives. Any bits are a valid `AtomicU32`, and other processes may write through their mappings at the same time,
-        // since every access is atomic. The file is never shortened: the owner's processes open it only with `open`.
+        // since every access is atomic. If the file is shortened, the access is repeated by the guard of the mapping.
         unsafe { std::slice::from_raw_parts(self.memory.as_ptr(), self.count) }
     }
 }
 
 impl Drop for SharedWords {
     fn drop(&mut self) {
+        // Another mapping may get this address.
+        self.guard = None;
         // SAFETY: address and size are those of the mapping made by `map`, and no borrow of it outlives `self`.
         let unmapped = unsafe { munmap(self.memory.as_ptr().cast::<c_void>(), self.size()) };
         debug_assert!(unmapped.is_ok(), "{unmapped:?}");
@@ -102,6 +115,21 @@ impl Drop for SharedWords {
 /// Size of `count` words \[bytes\].
 fn size(count: usize) -> u64 {
     (count * size_of::<AtomicU32>()) as u64
+}
+
+/// Gives the file of `count` words at `path` its size; returns whether it had another one. An empty file is just being made.
+///
+/// # Errors
+/// The file cannot be opened, or the system refuses.
+pub(crate) fn restore_size(path: &Path, count: usize) -> io::Result<bool> {
+    let file = open_private(path, false)?;
+    match file.metadata()?.len() {
+        0 => return Ok(false),
+        present if present == size(count) => return Ok(false),
+        longer if longer > size(count) => file.set_len(size(count))?,
+        _ => fallocate(&file, FallocateFlags::empty(), 0, size(count))?,
+    }
+    Ok(true)
 }
 
 /// Opens a file of this user without following a link, or creates it if `creates`.
@@ -134,6 +162,23 @@ mod tests {
         assert_eq!(std::fs::metadata(&path).unwrap().mode() & 0o777, 0o600);
         drop(one);
         assert_eq!(other[2].load(Ordering::Relaxed), 7);
+    }
+
+    #[test]
+    fn f69_words_of_a_shortened_file_are_zero_and_shared_again() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("words");
+        let (one, other) =
+            (SharedWords::open(&path, 3).unwrap(), SharedWords::open(&path, 3).unwrap());
+        for round in 1..=3 {
+            one[1].store(7, Ordering::Relaxed);
+            OpenOptions::new().write(true).open(&path).unwrap().set_len(0).unwrap();
+            assert_eq!(other[1].load(Ordering::Relaxed), 0, "{round}");
+            one[1].fetch_add(1, Ordering::Relaxed);
+            assert_eq!(other[1].load(Ordering::Relaxed), 1, "{round}");
+            let shortened = take_shortened();
+            assert!(shortened.contains(&(path.clone(), true)), "{shortened:?}");
+        }
     }
 
     #[test]

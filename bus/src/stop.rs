@@ -11,6 +11,7 @@
 
 use std::fs::File;
 use std::ops::Deref;
+use std::path::PathBuf;
 use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -22,18 +23,11 @@ use crate::paths::InstancePaths;
 use crate::shared::SharedWords;
 use crate::time::{Span, Time};
 
-/// Number of stops raised so far.
-const RAISED: usize = 0;
-/// Newest stop lifted by the vehicle's process.
-const LIFTED: usize = 1;
-/// Newest stop obeyed by the vehicle's process: no command of the daemon reaches the motors.
-const OBEYED: usize = 2;
-/// Newest stop for which the motors are known to be off.
-const MOTORS_OFF: usize = 3;
-/// Newest stop obeyed by the daemon: it commands "disarmed".
-const DAEMON: usize = 4;
-/// Number of words.
-pub(crate) const WORDS: usize = 5;
+mod words;
+
+pub use words::StopReport;
+pub(crate) use words::WORDS;
+use words::{DaemonView, VehicleView};
 
 /// Name of the file among the words of the instance.
 pub(crate) const FILE: &str = "stop";
@@ -78,25 +72,13 @@ pub struct StopSwitch {
     signals: SignalFlags,
 }
 
-/// Confirmations of a stop by the processes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct StopReport {
-    /// The process of the vehicle does not pass commands to the motors.
-    pub vehicle_obeys: bool,
-    /// The vehicle's motors are known to be off.
-    pub motors_off: bool,
-    /// The daemon commands "disarmed".
-    pub daemon_obeys: bool,
-}
-
 impl StopSwitch {
     pub(crate) fn local(words: Rc<[AtomicU32; WORDS]>) -> Self {
         Self { words: StopWords::Local(words), signals: SignalFlags::default() }
     }
 
-    /// The stop of the instance at `paths`, made if it does not exist; the caller holds the lock of the instance.
-    pub(crate) fn open(paths: &InstancePaths) -> Result<Self, BusError> {
-        let path = paths.words_file(FILE);
+    /// The stop in the file at `path`, made if it does not exist; the caller holds the lock of the instance.
+    pub(crate) fn open(path: PathBuf) -> Result<Self, BusError> {
         let words = SharedWords::open(&path, WORDS)
             .map_err(|error| BusError::of_shared_file(FILE, path, &error))?;
         Ok(Self::shared(words))
@@ -143,18 +125,12 @@ impl StopSwitch {
 
     /// Raises a stop and returns its number. Takes effect in the next turn of the processes that obey it.
     pub fn raise(&self) -> u32 {
-        self.words[RAISED].fetch_add(1, Ordering::AcqRel).wrapping_add(1)
+        words::raise(&self.words)
     }
 
     /// Processes that obey the stop `number`, or a later one.
     pub fn report(&self, number: u32) -> StopReport {
-        // Numbers wrap around: the later of two numbers is less than half of all numbers ahead.
-        let reached = |word| self.word(word).wrapping_sub(number) < u32::MAX / 2;
-        StopReport {
-            vehicle_obeys: reached(OBEYED),
-            motors_off: reached(MOTORS_OFF),
-            daemon_obeys: reached(DAEMON),
-        }
+        words::report(&self.words, number)
     }
 
     /// Raises a stop for each request by signal.
@@ -162,14 +138,6 @@ impl StopSwitch {
         if take(&self.signals.stop) {
             self.raise();
         }
-    }
-
-    fn word(&self, word: usize) -> u32 {
-        self.words[word].load(Ordering::Acquire)
-    }
-
-    fn set(&self, word: usize, value: u32) {
-        self.words[word].store(value, Ordering::Release);
     }
 }
 
@@ -190,28 +158,25 @@ struct StopInForce {
 #[derive(Debug)]
 pub struct VehicleStop {
     switch: StopSwitch,
+    view: VehicleView,
     in_force: Option<StopInForce>,
 }
 
 impl VehicleStop {
     /// Vehicle's side, for the only process that controls the motors.
     pub fn new(switch: StopSwitch) -> Self {
-        Self { switch, in_force: None }
+        let view = VehicleView::new(&switch.words);
+        Self { switch, view, in_force: None }
     }
 
     /// Whether the motors must be off at `now`. To be called in every turn.
     pub fn is_in_force(&mut self, now: Time) -> bool {
         self.switch.raise_signalled();
-        let raised = self.switch.word(RAISED);
-        if raised == self.switch.word(LIFTED) {
-            self.in_force = None;
-        } else if self.in_force.is_none_or(|stop| stop.number != raised) {
-            self.in_force = Some(StopInForce {
-                number: raised,
-                since: now,
-                is_confirmed: false,
-                motors_off: false,
-            });
+        let raised = self.view.in_force(&self.switch.words);
+        if self.in_force.map(|stop| stop.number) != raised {
+            let begin =
+                |number| StopInForce { number, since: now, is_confirmed: false, motors_off: false };
+            self.in_force = raised.map(begin);
         }
         self.in_force.is_some()
     }
@@ -225,11 +190,8 @@ impl VehicleStop {
     pub fn confirm(&mut self, motors_off: bool) {
         let Some(stop) = &mut self.in_force else { return };
         stop.is_confirmed = true;
-        self.switch.set(OBEYED, stop.number);
-        if motors_off {
-            stop.motors_off = true;
-            self.switch.set(MOTORS_OFF, stop.number);
-        }
+        stop.motors_off |= motors_off;
+        words::confirm(&self.switch.words, stop.number, motors_off);
     }
 
     /// Takes a command of the daemon. A "disarmed" published after the stop in force was seen lifts the stop once the motors are
@@ -241,7 +203,7 @@ impl VehicleStop {
         let is_after = !published_at.is_set() || published_at >= stop.since;
         let is_overdue = published_at.is_set() && published_at.since(stop.since) >= UNREPORTED;
         if is_disarmed && is_after && (stop.motors_off || is_overdue) {
-            self.switch.set(LIFTED, stop.number);
+            words::lift(&self.switch.words, stop.number);
             self.in_force = None;
         }
     }
@@ -251,21 +213,20 @@ impl VehicleStop {
 #[derive(Debug)]
 pub struct ControllerStop {
     switch: StopSwitch,
-    seen: u32,
+    view: DaemonView,
 }
 
 impl ControllerStop {
     /// Side of a daemon that starts: a stop not lifted by the vehicle counts as new.
     pub fn new(switch: StopSwitch) -> Self {
-        let seen = switch.word(LIFTED);
-        Self { switch, seen }
+        let view = DaemonView::new(&switch.words);
+        Self { switch, view }
     }
 
     /// Whether a stop was raised since the last call.
     pub fn is_newly_raised(&mut self) -> bool {
         self.switch.raise_signalled();
-        let raised = self.switch.word(RAISED);
-        std::mem::replace(&mut self.seen, raised) != raised
+        self.view.is_newly_raised(&self.switch.words)
     }
 
     /// Whether a landing was requested by signal since the last call.
@@ -275,7 +236,7 @@ impl ControllerStop {
 
     /// Confirms that "disarmed" was commanded after the newest seen stop.
     pub fn confirm(&self) {
-        self.switch.set(DAEMON, self.seen);
+        self.view.confirm(&self.switch.words);
     }
 }
 

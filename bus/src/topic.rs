@@ -23,18 +23,26 @@ pub struct Quality {
     pub buffer: usize,
     /// Maximum number of readers \[-\].
     pub readers: usize,
+    /// Maximum number of observers among them \[-\]. The other places belong to the loop, the recorder of a flight, and operators.
+    pub observers: usize,
 }
 
+/// Maximum number of observers of a topic: `oqtal record`, `monitor`, `view`, `latency`.
+const OBSERVERS: usize = 4;
+
 /// Samples of a loop: readers in the loop keep the newest, observers receive all.
-const STREAM: Quality = Quality { history: 1, buffer: OBSERVER_BUFFER, readers: 8 };
-/// Like [`STREAM`] without history: a late reader does not receive an old command.
-const COMMANDS: Quality = Quality { history: 0, ..STREAM };
+const STREAM: Quality =
+    Quality { history: 1, buffer: OBSERVER_BUFFER, readers: 8, observers: OBSERVERS };
+/// Like [`STREAM`], for topics that processes with injected faults read, too.
+const WATCHED: Quality = Quality { readers: 12, ..STREAM };
+/// Like [`WATCHED`] without history: a late reader does not receive an old command.
+const COMMANDS: Quality = Quality { history: 0, ..WATCHED };
 /// Samples for observers only.
-const RECORDED: Quality = Quality { history: 1, buffer: OBSERVER_BUFFER / 4, readers: 8 };
+const RECORDED: Quality = Quality { buffer: OBSERVER_BUFFER / 4, ..STREAM };
 /// State described completely by the newest sample; observers receive all.
-const STATE: Quality = Quality { history: 1, buffer: 16, readers: 8 };
+const STATE: Quality = Quality { buffer: 16, ..STREAM };
 /// Request or reply between two processes.
-const EXCHANGE: Quality = Quality { history: 1, buffer: 1, readers: 1 };
+const EXCHANGE: Quality = Quality { history: 1, buffer: 1, readers: 1, observers: 0 };
 
 /// A publish-subscribe topic: name, message type and quality.
 #[derive(Debug)]
@@ -74,7 +82,7 @@ pub const POSE: Topic<PoseV1> = Topic::new("pose", STREAM);
 /// Daemon to plant or bridge and observers, at the loop's rate. The limit of one writer locks out a second controller.
 pub const COMMAND: Topic<CommandV1> = Topic::new("command", COMMANDS);
 /// Plant or bridge to daemon and observers, once per applied command.
-pub const VEHICLE: Topic<VehicleV1> = Topic::new("vehicle", STREAM);
+pub const VEHICLE: Topic<VehicleV1> = Topic::new("vehicle", WATCHED);
 /// Daemon to observers, once per tick.
 pub const TELEMETRY: Topic<TelemetryV1> = Topic::new("telemetry", STREAM);
 

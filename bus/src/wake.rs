@@ -8,7 +8,7 @@ use std::cell::Cell;
 use std::num::NonZeroU32;
 use std::path::PathBuf;
 use std::rc::Rc;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use rustix::event::Timespec;
 use rustix::io::Errno;
@@ -19,6 +19,11 @@ use crate::membership::Membership;
 use crate::shared::SharedWords;
 use crate::suspend::ClockReadings;
 use crate::time::{Span, Time};
+
+mod event_count;
+
+/// Number of words of an event \[-\].
+pub(crate) const WORDS: usize = 1;
 
 /// Matches every waker.
 const ANY: NonZeroU32 = NonZeroU32::MAX;
@@ -59,7 +64,8 @@ impl EventPorts {
     fn open(&self, topic: &str) -> Result<SharedWords, BusError> {
         let _lock = self.membership.lock()?;
         let path = self.path(topic);
-        SharedWords::open(&path, 1).map_err(|error| BusError::of_shared_file(topic, path, &error))
+        SharedWords::open(&path, WORDS)
+            .map_err(|error| BusError::of_shared_file(topic, path, &error))
     }
 
     pub(crate) fn path(&self, topic: &str) -> PathBuf {
@@ -73,9 +79,10 @@ struct FutexWaker(SharedWords);
 
 impl FutexWaker {
     fn wake(&self) -> Result<(), Errno> {
-        self.0[0].fetch_add(1, Ordering::Release);
-        // The futex is not private: the sleepers are in other processes.
-        futex::wake(&self.0[0], futex::Flags::empty(), i32::MAX.unsigned_abs()).map(drop)
+        event_count::notify(&self.0[0], |count| {
+            // The futex is not private: the sleepers are in other processes.
+            futex::wake(count, futex::Flags::empty(), i32::MAX.unsigned_abs()).map(drop)
+        })
     }
 }
 
@@ -89,17 +96,19 @@ struct FutexWaiter {
 impl FutexWaiter {
     /// Sleeps until the count differs from the last seen one, or until `deadline`. May return early.
     fn wait(&self, deadline: Time) -> Result<(), Errno> {
-        let count = &self.words[0];
-        let seen = self.seen.get();
-        if count.load(Ordering::Acquire) == seen && Time::now() < deadline {
-            let deadline = timespec(ClockReadings::now().on_monotonic(deadline));
-            match futex::wait_bitset(count, futex::Flags::empty(), seen, Some(&deadline), ANY) {
-                Ok(()) | Err(Errno::AGAIN | Errno::TIMEDOUT | Errno::INTR) => {}
-                Err(error) => return Err(error),
-            }
-        }
-        self.seen.set(count.load(Ordering::Acquire));
-        Ok(())
+        event_count::wait(&self.words[0], &self.seen, |count, seen| sleep(count, seen, deadline))
+    }
+}
+
+/// Sleeps while `count` is `seen`, until `deadline` at the latest.
+fn sleep(count: &AtomicU32, seen: u32, deadline: Time) -> Result<(), Errno> {
+    if Time::now() >= deadline {
+        return Ok(());
+    }
+    let deadline = timespec(ClockReadings::now().on_monotonic(deadline));
+    match futex::wait_bitset(count, futex::Flags::empty(), seen, Some(&deadline), ANY) {
+        Ok(()) | Err(Errno::AGAIN | Errno::TIMEDOUT | Errno::INTR) => Ok(()),
+        Err(error) => Err(error),
     }
 }
 

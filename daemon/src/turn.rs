@@ -1,6 +1,6 @@
 //! One turn of the daemon over its ports: take the pose, compute, publish the command; telemetry and status afterwards.
 
-use oqtal_bus::code::{Actuation, OperatorCommand};
+use oqtal_bus::code::{Actuation, Mode, OperatorCommand};
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{
     CommandV1, ControlResponseV1, ExternalV1, Header, InputV1, PoseV1, Stamps, StateV1,
@@ -12,6 +12,7 @@ use oqtal_bus::topic::{
     COMMAND, EXTERNAL, INPUT, LAW_STATE, POSE, POSE_READ, TELEMETRY, VEHICLE, VEHICLE_READ,
 };
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
+use oqtal_runtime::health::MotorState;
 use oqtal_runtime::turn::{Turn, TurnClock};
 
 use crate::background::LoopHandle;
@@ -204,6 +205,14 @@ impl<T: Transport> Turn for DaemonTurn<'_, T> {
             ports.inputs.send(0, Stamps::default(), input)?;
         }
         self.execute_requests(now, configs_differ)
+    }
+
+    fn motors(&self) -> MotorState {
+        if self.cycle.telemetry().mode == Mode::Disarmed.code() {
+            MotorState::Off
+        } else {
+            MotorState::MayRun
+        }
     }
 
     /// Motors off.

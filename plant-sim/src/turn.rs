@@ -8,7 +8,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{COMMAND, TRUTH, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_config::Config;
-use oqtal_runtime::health::Health;
+use oqtal_runtime::health::{Health, MotorState};
 use oqtal_runtime::turn::{Turn, TurnClock};
 
 use crate::disturbance::DisturbanceClock;
@@ -154,6 +154,10 @@ impl<T: Transport> Turn for PlantTurn<T> {
             Stepping::Exact => self.plant.next_event(),
             Stepping::Sampled => self.plant.next_sample(),
         })
+    }
+
+    fn motors(&self) -> MotorState {
+        if self.plant.vehicle().armed == 0 { MotorState::Off } else { MotorState::MayRun }
     }
 
     fn turn<C: TurnClock>(&mut self, clock: &mut C) -> Result<(), BusError> {

@@ -13,6 +13,7 @@ use oqtal_control::options::OptionError;
 use crate::exit::{Exit, Failure};
 use crate::health::{Health, Heartbeat};
 use crate::loop_clock::LoopClock;
+use crate::lost_files::Watches;
 use crate::realtime;
 use crate::stop::StopFlag;
 
@@ -29,15 +30,18 @@ pub struct ProcessContext {
     pub role: Role,
     /// Health record, from which the service manager is notified.
     pub health: Health,
+    pub(crate) watches: Watches,
 }
 
 impl ProcessContext {
-    /// Joins the instance.
+    /// Joins the instance; its files are watched until the process ends.
     ///
     /// # Errors
     /// See [`Bus::open`].
     pub fn bus(&self) -> Result<Bus, BusError> {
-        Ok(Bus::open(&self.paths()?)?.with_signals(self.signals.clone()))
+        let bus = Bus::open(&self.paths()?)?;
+        self.watches.add(bus.watch()?);
+        Ok(bus.with_signals(self.signals.clone()))
     }
 
     /// The heartbeat of this process.

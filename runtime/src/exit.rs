@@ -57,7 +57,7 @@ impl Failure {
 impl From<BusError> for Failure {
     fn from(error: BusError) -> Self {
         let exit = match &error {
-            BusError::Held { .. } => Exit::Peer,
+            BusError::Held { .. } | BusError::Crowded { .. } => Exit::Peer,
             BusError::Version { .. } => Exit::Version,
             BusError::Permission { .. } => Exit::Permission,
             BusError::Name { .. } => Exit::Usage,

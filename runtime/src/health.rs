@@ -1,7 +1,7 @@
 //! Health of a process: a record shared by its threads, and the heartbeat on its health topic. The loop itself sends the
 //! heartbeat, so that a hung loop sends none.
 
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use oqtal_bus::bus::Bus;
@@ -27,7 +27,21 @@ struct HealthRecord {
     polls: AtomicU64,
     late_turns: AtomicU64,
     runs_late: AtomicBool,
+    motors: AtomicU8,
     status: Mutex<String>,
+}
+
+/// State of the motors that a process controls.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(u8)]
+pub enum MotorState {
+    /// The process controls no motors, or does not know their state.
+    #[default]
+    Unreported = 0,
+    /// They run, or may run.
+    MayRun = 1,
+    /// They are off.
+    Off = 2,
 }
 
 /// The health record at one instant.
@@ -64,6 +78,20 @@ impl Health {
     /// Counts a poll of the background thread.
     pub(crate) fn count_poll(&self) {
         self.0.polls.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Records the state of the motors after a turn.
+    pub(crate) fn set_motors(&self, motors: MotorState) {
+        self.0.motors.store(motors as u8, Ordering::Relaxed);
+    }
+
+    /// State of the motors after the last turn.
+    pub(crate) fn motors(&self) -> MotorState {
+        match self.0.motors.load(Ordering::Relaxed) {
+            0 => MotorState::Unreported,
+            1 => MotorState::MayRun,
+            _ => MotorState::Off,
+        }
     }
 
     /// Records the overruns of the loop.

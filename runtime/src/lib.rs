@@ -18,6 +18,7 @@
 //! | `handoff.rs` | bounded queues between both threads |
 //! | `health.rs` | health record and heartbeat |
 //! | `log.rs` | the log, written by a separate thread |
+//! | `lost_files.rs` | removed files of the instance, and the end of a process after a loss |
 //! | `service.rs` | notifications to the service manager |
 //! | `stop.rs` | stop flag of a process |
 //! | `faults.rs` | injected faults, as decorators of ports and turns |
@@ -39,6 +40,7 @@ pub mod health;
 mod lockstep;
 mod log;
 pub mod loop_clock;
+mod lost_files;
 pub mod overrun;
 pub mod pose_source;
 pub mod process;

@@ -7,7 +7,7 @@ use std::os::fd::OwnedFd;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 
-use crate::health::Health;
+use crate::health::{Health, MotorState};
 use crate::lockstep::{Follower, Leader};
 use crate::overrun::OverrunMonitor;
 use crate::stop::{STOP_CHECK, StopFlag};
@@ -87,6 +87,11 @@ impl LoopClock {
     fn new(clock: Clock, stop: StopFlag, now: Time) -> Self {
         let overruns = OverrunMonitor::new(Span::from_millis(1000));
         Self { clock, stop, health: Health::default(), overruns, due: None, now, published: false }
+    }
+
+    /// Records the state of the motors after a turn.
+    pub(crate) fn note_motors(&self, motors: MotorState) {
+        self.health.set_motors(motors);
     }
 
     /// Counts the turns in `health`; a turn that ends more than `period` after it was due is late.

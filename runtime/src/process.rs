@@ -9,6 +9,7 @@ use oqtal_config::Config;
 use rustix::process::{Pid, Signal};
 
 use crate::log;
+use crate::lost_files::{Watches, watched};
 use crate::program::{conclude, guarded, print};
 use crate::service;
 use crate::stop::StopFlag;
@@ -65,14 +66,21 @@ fn run(role: Role, args: &CommonArgs, job: Job) -> Result<(), Failure> {
     let _log = log::start(config.log.level, role, thread_name(&instance_paths(&config)?, role));
     let stop = stop_on_signals()?;
     stop_on_panics(&stop);
-    let context = ProcessContext { config, stop, signals, role, health: Health::default() };
+    let context = ProcessContext {
+        config,
+        stop,
+        signals,
+        role,
+        health: Health::default(),
+        watches: Watches::default(),
+    };
     tracing::info!(
         instance = context.config.instance.name,
         config = format!("{:016x}", context.config.hash()),
         "{} starts",
         role.name()
     );
-    let result = guarded(|| service::notified(&context, || job(&context)));
+    let result = guarded(|| service::notified(&context, || watched(&context, || job(&context))));
     tracing::info!("{} ends", role.name());
     result
 }

@@ -33,6 +33,7 @@ fn turns(
 ) -> Result<(), BusError> {
     while clock.wait(turn.next_event(clock.now()))?.is_some() {
         turn.turn(clock)?;
+        clock.note_motors(turn.motors());
         if let Some(heartbeat) = &mut heartbeat {
             heartbeat.beat(turn.health(clock.now()))?;
         }

@@ -8,6 +8,7 @@ use oqtal_bus::message::{HealthV1, Message};
 use oqtal_bus::time::Time;
 use oqtal_bus::transport::Publish;
 
+use crate::health::MotorState;
 use crate::virtual_clock::TurnResult;
 
 /// The clock during a turn.
@@ -44,6 +45,11 @@ pub trait Turn {
     /// The transport failed.
     fn shut_down<C: TurnClock>(&mut self, _clock: &mut C) -> Result<(), BusError> {
         Ok(())
+    }
+
+    /// State of the motors that this process controls.
+    fn motors(&self) -> MotorState {
+        MotorState::Unreported
     }
 
     /// The state that the process reports on its health topic.

@@ -43,7 +43,7 @@ impl MonitorArgs {
         let paths = instance_paths(&config)?;
         paths.become_owner()?;
         let end = stop_on_signals()?;
-        let bus = Bus::open(&paths)?;
+        let bus = Bus::open(&paths)?.for_observer();
         let observer = BusObserver::open(&bus, &InstanceModel::topics())?;
         let model = MonitorModel::new(&config.instance.name, Time::now());
         let stop = (stop, paths);

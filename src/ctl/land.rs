@@ -78,15 +78,11 @@ fn request(paths: &InstancePaths) -> Receiver<LandingAnswer> {
     answer
 }
 
-/// Asks the daemon and, without an answer, waits until its telemetry shows the landing that the signal requests. A directory that
-/// was removed is not made again.
+/// Asks the daemon and, without an answer, waits until its telemetry shows the landing that the signal requests.
 fn ask(paths: &InstancePaths) -> LandingAnswer {
     let give_up = Time::now() + TIMEOUT;
     paths.become_owner()?;
-    if !paths.directory().exists() {
-        return Ok(None);
-    }
-    let bus = Bus::open(paths)?;
+    let Some(bus) = Bus::open_running(paths)? else { return Ok(None) };
     let request = ControlRequestV1::of(OperatorCommand::Land);
     let answered = bus.control_client().and_then(|client| client.ask(request, ANSWER_TIMEOUT));
     if let Ok(Some(response)) = answered {

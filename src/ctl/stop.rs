@@ -138,17 +138,19 @@ fn await_obedience(
 }
 
 /// Sends the request on a separate thread, which is abandoned after the time-out: a suspended process may hold the lock of the
-/// instance. A directory that was removed is not made again.
+/// instance.
 fn ask_daemon(paths: &InstancePaths) -> Receiver<DaemonAnswer> {
     let (answers, answer) = channel();
     let paths = paths.clone();
     beside(move || {
         let request = ControlRequestV1::of(OperatorCommand::Stop);
-        let asked = match paths.directory().exists() {
-            true => Bus::open(&paths)
-                .and_then(|bus| bus.control_client()?.ask(request, REPORT_TIMEOUT.scaled(0.8)))
+        let asked = match Bus::open_running(&paths) {
+            Ok(Some(bus)) => bus
+                .control_client()
+                .and_then(|client| client.ask(request, REPORT_TIMEOUT.scaled(0.8)))
                 .map_err(|error| error.to_string()),
-            false => Err(format!("{} does not exist", paths.directory().display())),
+            Ok(None) => Err(format!("nobody in {}", paths.directory().display())),
+            Err(error) => Err(error.to_string()),
         };
         // Fails after the time-out, when the receiver has been dropped.
         let _ = answers.send(asked);

@@ -1,8 +1,9 @@
 //! Checks of the files of instances, files left by killed processes, and serial ports.
 
 use std::collections::BTreeSet;
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
 
-use oqtal_bus::paths::InstancePaths;
+use oqtal_bus::remains::{self, RunRemains};
 use oqtal_runtime::process::Exit;
 
 use super::finding::Finding;
@@ -21,45 +22,104 @@ pub fn root(system: &System) -> Option<Finding> {
     })
 }
 
-/// Checks for instances in shared memory without a running process.
+/// Checks whether others can remove the files of an instance.
+pub fn sharing(system: &System) -> Option<Finding> {
+    let directory = system.instances.display();
+    let path = system.root.join(system.instances.strip_prefix("/").unwrap_or(&system.instances));
+    let mode = std::fs::metadata(path).map_or(0, |metadata| metadata.permissions().mode());
+    let why = "who may write there can remove the files of a flight, which is then landed";
+    let finding = |found: String| Finding::ok("sharing", why, found);
+    Some(match mode & 0o022 {
+        0 => finding(format!("nobody else may write in {directory}")),
+        _ => finding(format!("others may write in {directory}"))
+            .advise(format!("chmod go-w {directory}")),
+    })
+}
+
+/// Checks whether the log-out of this user removes the shared memory of running processes.
+pub fn log_out(system: &System) -> Option<Finding> {
+    let user = system.value("proc/self/status", "Uid").unwrap_or_default();
+    let user: u32 = user.split_whitespace().next().and_then(|user| user.parse().ok()).unwrap_or(0);
+    let why = "with RemoveIPC=yes, systemd removes the shared memory of a user at the last log-out; a flight is then landed";
+    let finding = |found: &str| Finding::ok("log-out", why, found);
+    let is_lingering = std::env::var("USER")
+        .is_ok_and(|name| system.list("var/lib/systemd/linger").contains(&name));
+    // systemd exempts users of the system.
+    let is_exempt = user < FIRST_USER || is_lingering;
+    let has_logind = system.list("run/systemd").iter().any(|name| name == "system");
+    Some(match has_logind && !is_exempt && removes_ipc(system) {
+        false => finding("keeps shared memory"),
+        true => finding("removes the shared memory of running processes").advise(
+            "printf '[Login]\\nRemoveIPC=no\\n' | sudo tee /etc/systemd/logind.conf.d/oqtal.conf # then restart the machine",
+        ),
+    })
+}
+
+/// First number of users who are persons.
+const FIRST_USER: u32 = 1000;
+
+/// Whether `RemoveIPC=` of systemd-logind is yes, its default.
+fn removes_ipc(system: &System) -> bool {
+    let main = ["usr/lib/systemd/logind.conf", "etc/systemd/logind.conf"].map(str::to_owned);
+    let more = ["usr/lib/systemd/logind.conf.d", "etc/systemd/logind.conf.d"].map(|directory| {
+        let names = system.list(directory).into_iter();
+        names.map(|name| format!("{directory}/{name}")).collect::<Vec<_>>()
+    });
+    let files = main.into_iter().chain(more.into_iter().flatten());
+    let values = files.filter_map(|file| {
+        let text = system.read(&file)?;
+        let line = text.lines().rev().find_map(|line| line.trim().strip_prefix("RemoveIPC="))?;
+        Some(["yes", "true", "on", "1"].contains(&line.trim().to_lowercase().as_str()))
+    });
+    values.last().unwrap_or(true)
+}
+
+/// Checks for objects in shared memory without a running process.
 pub fn remains(system: &System) -> Option<Finding> {
-    let files = system.list("dev/shm");
-    let held = mapped(system);
-    let dead: BTreeSet<&str> = files
-        .iter()
-        .filter_map(|file| instance_of(system, file))
-        .filter(|instance| !held.contains(*instance))
-        .collect();
+    let strays = strays(system);
     let why =
         "a killed process frees no shared memory; the next of its instance does, others never";
     let finding = |found: String| Finding::ok("remains of dead instances", why, found);
-    Some(match dead.first() {
-        None => finding("none".to_owned()),
-        Some(first) => {
-            let all: Vec<&str> = dead.iter().copied().collect();
-            finding(all.join(", ")).advise(format!(
-                "oqtal ctl status --root {} --instance {first} # joins and tidies up",
-                system.instances.display()
-            ))
+    Some(match strays.is_empty() {
+        true => finding("none".to_owned()),
+        false => {
+            let all: Vec<_> = strays.iter().map(described).collect();
+            finding(all.join(", ")).advise("oqtal doctor --remove-strays")
         }
     })
 }
 
-/// Instance with this root to which a file in shared memory belongs.
-fn instance_of<'a>(system: &System, file: &'a str) -> Option<&'a str> {
-    let (instance, _) = file.strip_prefix("oqtal_")?.split_once('_')?;
-    let place = InstancePaths::new(instance, Some(&system.instances)).ok()?;
-    file.starts_with(&place.prefix()).then_some(instance)
+/// Removes objects in shared memory without a running process; returns what was removed.
+pub fn remove_strays(system: &System) -> Vec<String> {
+    let strays = strays(system);
+    strays.iter().for_each(RunRemains::remove);
+    strays.iter().map(described).collect()
 }
 
-/// Instances whose shared memory is mapped by a process.
+fn described(run: &RunRemains) -> String {
+    format!("{} ({} objects)", run.instance, run.objects.len())
+}
+
+/// Runs of instances in shared memory without a running process, as far as this user can remove them.
+fn strays(system: &System) -> Vec<RunRemains> {
+    let mapped = mapped(system);
+    let user = rustix::process::geteuid();
+    let is_ours = |run: &RunRemains| {
+        let mut owners = run.objects.iter().filter_map(|path| std::fs::symlink_metadata(path).ok());
+        user.is_root() || owners.all(|object| object.uid() == user.as_raw())
+    };
+    let runs = remains::runs(&system.root.join("dev/shm"), "oqtal_").into_iter();
+    runs.filter(|run| !run.is_alive() && is_ours(run) && !mapped.contains(&run.name)).collect()
+}
+
+/// Names of runs whose objects are mapped by a process: members keep them although the directory of the run was removed.
 fn mapped(system: &System) -> BTreeSet<String> {
     let mut held = BTreeSet::new();
     let processes = system.list("proc");
     for pid in processes.iter().filter(|name| name.bytes().all(|digit| digit.is_ascii_digit())) {
         let maps = system.read(&format!("proc/{pid}/maps")).unwrap_or_default();
         let files = maps.lines().filter_map(|line| line.split("/dev/shm/").nth(1));
-        held.extend(files.filter_map(|file| instance_of(system, file)).map(str::to_owned));
+        held.extend(files.filter_map(remains::run_name).map(str::to_owned));
     }
     held
 }

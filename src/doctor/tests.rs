@@ -186,21 +186,49 @@ fn a_folder_that_cannot_be_written_forbids_a_flight() {
 }
 
 #[test]
-fn an_instance_is_dead_when_no_process_has_its_memory() {
+fn a_run_is_dead_when_no_process_has_its_memory_and_its_objects_are_removed_on_request() {
     let machine = Machine::fit();
-    let file = |instance: &str, root: &str| {
-        let prefix = InstancePaths::new(instance, Some(Path::new(root))).unwrap().prefix();
-        format!("dev/shm/{prefix}1.data")
+    let run = |instance: &str| {
+        let root = Some(Path::new("/run/oqtal"));
+        let prefix = InstancePaths::new(instance, root).unwrap().prefix();
+        format!("dev/shm/{prefix}0123456789abcdef")
     };
-    machine.write(&file("alive", "/run/oqtal"), "");
-    machine.write(&file("dead-one", "/run/oqtal"), "");
-    machine.write(&file("elsewhere", "/run/other"), "");
+    let (alive, dead) = (run("alive"), run("dead-one"));
+    for object in [format!("{alive}_1.data"), format!("{dead}_1.data"), format!("{dead}/stop")] {
+        machine.write(&object, "");
+    }
     machine.write("dev/shm/of_another_program", "");
-    let map = format!("7f00-7f01 rw-s 00000000 00:19 5  /{}\n", file("alive", "/run/oqtal"));
-    machine.write("proc/17/maps", &map);
+    machine.write("proc/17/maps", &format!("7f00-7f01 rw-s 00000000 00:19 5  /{alive}_1.data\n"));
     let finding = machine.finding("remains of dead instances");
-    assert_eq!((finding.level, finding.found.as_str()), (Level::Advice, "dead-one"));
-    assert!(finding.remedy.unwrap().contains("--instance dead-one"));
+    assert_eq!((finding.level, finding.found.as_str()), (Level::Advice, "dead-one (2 objects)"));
+    assert_eq!(place::remove_strays(&machine.system), ["dead-one (2 objects)"]);
+    assert_eq!(machine.finding("remains of dead instances").level, Level::Ok);
+    assert_eq!(machine.system.list("dev/shm").len(), 2);
+    // Locked by a member, although no map can be read.
+    machine.write(&format!("{dead}/stop"), "");
+    let lock = std::fs::File::open(machine.root.path().join(&dead)).unwrap();
+    rustix::fs::flock(&lock, rustix::fs::FlockOperation::LockShared).unwrap();
+    assert_eq!(machine.finding("remains of dead instances").level, Level::Ok);
+}
+
+#[test]
+fn a_log_out_that_removes_shared_memory_and_a_shared_root_are_told() {
+    let machine = Machine::fit();
+    machine.write("proc/self/status", "Name:\toqtal\nUid:\t1000\t1000\t1000\t1000\n");
+    assert_eq!(machine.finding("log-out").level, Level::Ok);
+    machine.write("run/systemd/system/nothing", "");
+    assert_eq!(machine.finding("log-out").level, Level::Advice);
+    machine.write("etc/systemd/logind.conf", "[Login]\n#RemoveIPC=yes\nRemoveIPC=no\n");
+    assert_eq!(machine.finding("log-out").level, Level::Ok);
+    machine.write("etc/systemd/logind.conf.d/other.conf", "[Login]\nRemoveIPC=yes\n");
+    assert_eq!(machine.finding("log-out").level, Level::Advice);
+    let root = machine.root.path().join("run/oqtal");
+    std::fs::create_dir_all(&root).unwrap();
+    for (mode, level) in [(0o700, Level::Ok), (0o755, Level::Ok), (0o777, Level::Advice)] {
+        std::fs::set_permissions(&root, std::os::unix::fs::PermissionsExt::from_mode(mode))
+            .unwrap();
+        assert_eq!(machine.finding("sharing").level, level, "{mode:o}");
+    }
 }
 
 #[test]

@@ -44,7 +44,8 @@ fn files(place: &InstancePaths) -> Vec<std::path::PathBuf> {
     let named = |path: &std::path::PathBuf| {
         path.file_name().unwrap().to_string_lossy().starts_with(&place.prefix())
     };
-    let own = std::fs::read_dir(&place.root).unwrap().map(|entry| entry.unwrap().path());
+    let own =
+        std::fs::read_dir(&place.root).into_iter().flatten().map(|entry| entry.unwrap().path());
     shared.filter(named).chain(own).collect()
 }
 
@@ -165,7 +166,7 @@ fn f26_a_service_of_other_definitions_is_another_version_not_a_fault_of_the_syst
     let place = place(root.path());
     let bus = Bus::open(&place).unwrap();
     let mut config = place.prepare().unwrap();
-    let prefix = crate::private::prefix(&place.directory()).unwrap();
+    let prefix = bus.membership.private_prefix();
     config.global.prefix = prefix.as_str().try_into().unwrap();
     let node: Node<ipc::Service> = NodeBuilder::new().config(&config).create().unwrap();
     let named = |name: &str| node.service_builder(&ServiceName::new(name).unwrap());
@@ -196,4 +197,112 @@ fn f26_a_service_of_other_definitions_is_another_version_not_a_fault_of_the_syst
 fn a_root_that_cannot_be_made_is_a_fault_of_the_system() {
     let error = Bus::open(&place(std::path::Path::new("/dev/null/oqtal"))).unwrap_err();
     assert!(matches!(error, BusError::System { .. }), "{error}");
+}
+
+/// Checks of a watch until a loss of a file in use counts.
+fn check_twice(watch: &mut InstanceWatch) -> Vec<crate::watch::LostFile> {
+    [watch.check(), watch.check()].concat()
+}
+
+#[test]
+fn f68_members_and_link_of_a_living_instance_are_restored_and_no_object_is_removed() {
+    let root = tempfile::tempdir().unwrap();
+    let place = place(root.path());
+    let bus = Bus::open(&place).unwrap();
+    let (_pose, _stop) = (bus.writer(&POSE).unwrap(), bus.stop_switch().unwrap());
+    let mut watch = bus.watch().unwrap();
+    let objects = guessable(&place);
+    for names in [&["members"][..], &["shared"], &["members", "shared"]] {
+        assert_eq!(check_twice(&mut watch), []);
+        names.iter().for_each(|name| std::fs::remove_file(place.directory().join(name)).unwrap());
+        // A process that joins, and leaves, before the loss was noticed.
+        drop(Bus::open_running(&place).unwrap().expect("the instance lives"));
+        assert_eq!(guessable(&place), objects, "{names:?}");
+        names.iter().for_each(|name| drop(std::fs::remove_file(place.directory().join(name))));
+        let restored = watch.check();
+        assert!(restored.iter().all(|file| file.is_restored), "{restored:?}");
+        assert_eq!(restored.len(), names.len(), "{restored:?}");
+        let other = Bus::open(&place).unwrap();
+        assert!(matches!(other.writer(&POSE), Err(BusError::Held { .. })), "{names:?}");
+    }
+}
+
+#[test]
+fn f68_after_another_loss_a_new_run_begins_beside_the_lost_one() {
+    type Lose = fn(&InstancePaths, &Bus);
+    let losses: [Lose; 4] = [
+        |place, _| std::fs::remove_dir_all(&place.root).unwrap(),
+        |_, bus| std::fs::remove_dir_all(bus.membership.words_file("")).unwrap(),
+        |_, bus| std::fs::remove_file(bus.membership.words_file("stop")).unwrap(),
+        |place, _| {
+            let objects = guessable(place).into_iter().map(|name| crate::remains::shared(&name));
+            objects
+                .filter(|path| path.is_file())
+                .for_each(|path| std::fs::remove_file(path).unwrap());
+        },
+    ];
+    for (number, lose) in losses.into_iter().enumerate() {
+        let parent = tempfile::tempdir().unwrap();
+        let place = place(&parent.path().join("run"));
+        let bus = Bus::open(&place).unwrap();
+        let (pose, _stop) = (bus.writer(&POSE).unwrap(), bus.stop_switch().unwrap());
+        let mut watch = bus.watch().unwrap();
+        lose(&place, &bus);
+        let lost = check_twice(&mut watch);
+        assert!(lost.iter().any(|file| !file.is_restored), "{number}: {lost:?}");
+        let objects = guessable(&place);
+        let next = Bus::open(&place).unwrap();
+        assert!(objects.iter().all(|name| guessable(&place).contains(name)), "{number}");
+        let readers = (next.reader(&TRUTH).unwrap(), next.stop_switch().unwrap());
+        drop((pose, _stop, bus, watch));
+        assert!(Bus::open(&place).unwrap().reader(&TRUTH).is_ok(), "{number}");
+        drop((readers, next));
+        assert_eq!(guessable(&place), [""; 0], "{number}");
+    }
+}
+
+#[test]
+fn f29_objects_of_a_dead_run_are_removed_by_the_next_process_that_joins() {
+    let root = tempfile::tempdir().unwrap();
+    let place = place(root.path());
+    let _bus = Bus::open(&place).unwrap();
+    let dead = crate::remains::shared(&format!("{}0123456789abcdef", place.prefix()));
+    std::fs::create_dir(&dead).unwrap();
+    std::fs::write(dead.join("stop"), "").unwrap();
+    let object = std::path::PathBuf::from(format!("{}_1_2.data", dead.display()));
+    std::fs::write(&object, "").unwrap();
+    let unnamed = crate::remains::shared(&format!(".{}0123456789abcdef", place.prefix()));
+    std::fs::create_dir(&unnamed).unwrap();
+    assert!(Bus::open_running(&place).unwrap().is_some());
+    assert!(!dead.exists() && !object.exists() && !unnamed.exists());
+}
+
+#[test]
+fn an_instance_without_members_is_not_made_by_asking_for_it() {
+    let parent = tempfile::tempdir().unwrap();
+    let place = place(&parent.path().join("run"));
+    assert!(Bus::open_running(&place).unwrap().is_none());
+    assert!(!place.root.exists());
+    std::fs::create_dir_all(place.directory()).unwrap();
+    std::fs::write(place.directory().join("members"), "").unwrap();
+    assert!(Bus::open_running(&place).unwrap().is_none());
+    assert!(place.directory().join("members").exists());
+}
+
+#[test]
+fn f71_observers_leave_the_places_of_the_loop() {
+    let root = tempfile::tempdir().unwrap();
+    let place = place(root.path());
+    let most = POSE.quality.observers;
+    let bus = Bus::open(&place).unwrap().for_observer();
+    let observers: Vec<_> = (0..most).map(|_| bus.observer(&POSE).unwrap()).collect();
+    let error = bus.observer(&POSE).unwrap_err().to_string();
+    let (count, own) = (format!("has {most} observers"), format!("({})", std::process::id()));
+    assert!(error.contains(&count) && error.contains(&own), "{error}");
+    let lab = Bus::open(&place).unwrap();
+    let reserved: Vec<_> =
+        (most..POSE.quality.readers).map(|_| lab.reader(&POSE).unwrap()).collect();
+    drop(reserved);
+    drop(observers);
+    assert!(bus.observer(&POSE).is_ok());
 }

@@ -124,3 +124,36 @@ fn a_stop_without_a_vehicle_waits_for_one_and_a_restarted_daemon_sees_it_again()
     assert!(!ControllerStop::new(switch.clone()).is_newly_raised());
     assert!(!VehicleStop::new(switch).is_in_force(NOW));
 }
+
+#[test]
+fn f69_zeroed_words_lift_no_stop_and_raise_one_after_an_earlier_stop() {
+    for was_lifted in [false, true] {
+        let switch = switch();
+        let mut vehicle = VehicleStop::new(switch.clone());
+        let mut daemon = ControllerStop::new(switch.clone());
+        switch.raise();
+        assert!(vehicle.is_in_force(NOW) && daemon.is_newly_raised());
+        vehicle.confirm(true);
+        if was_lifted {
+            let (header, body) = command(Actuation::Disarmed, 0);
+            vehicle.receive_command(&header, &body);
+            assert!(!vehicle.is_in_force(NOW));
+        }
+        switch.words.iter().for_each(|word| word.store(0, Ordering::Release));
+        assert!(daemon.is_newly_raised());
+        assert!(vehicle.is_in_force(NOW));
+        // It ends as every stop.
+        vehicle.confirm(true);
+        let (header, body) = command(Actuation::Disarmed, 0);
+        vehicle.receive_command(&header, &body);
+        assert!(!vehicle.is_in_force(NOW));
+    }
+}
+
+#[test]
+fn f69_zeroed_words_without_an_earlier_stop_raise_none() {
+    let switch = switch();
+    let mut vehicle = VehicleStop::new(switch.clone());
+    switch.words.iter().for_each(|word| word.store(0, Ordering::Release));
+    assert!(!vehicle.is_in_force(NOW) && !ControllerStop::new(switch).is_newly_raised());
+}

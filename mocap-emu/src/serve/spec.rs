@@ -8,6 +8,7 @@ use oqtal_wire::natnet::COMMAND_PORT;
 use oqtal_wire::qtm::LITTLE_ENDIAN_PORT;
 use oqtal_wire::vrpn::VRPN_PORT;
 
+use super::address::port_after;
 use super::model::BodyModels;
 use super::natnet_server::{NatNetSettings, NatNetSocket};
 use super::qtm_server::QtmServer;
@@ -26,6 +27,35 @@ impl ServeSpec {
     /// Whether no protocol is served.
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
+    }
+
+    /// Protocol, transport and number of every port that is opened.
+    fn ports(&self) -> Vec<(&'static str, &'static str, u16)> {
+        let mut ports = Vec::new();
+        let mut add = |protocol, first: Option<u16>, used: &[(&'static str, u16)]| {
+            let first = first.filter(|port| *port != 0).into_iter();
+            ports.extend(first.flat_map(|port| {
+                used.iter().map(move |(transport, distance)| {
+                    (protocol, *transport, port_after(port, *distance))
+                })
+            }));
+        };
+        add("qtm", self.qtm, &[("TCP", 0), ("TCP", 1), ("UDP", 3)]);
+        add("vrpn", self.vrpn, &[("TCP", 0), ("UDP", 0)]);
+        add("natnet", self.natnet, &[("UDP", 0)]);
+        ports
+    }
+
+    /// Refuses two protocols that need the same port.
+    fn check_ports(&self) -> Result<(), InvalidServeSpec> {
+        let ports = self.ports();
+        let clash = ports.iter().enumerate().find_map(|(number, (protocol, transport, port))| {
+            let (other, ..) = ports[number + 1..]
+                .iter()
+                .find(|(_, other, later)| (other, later) == (transport, port))?;
+            Some(InvalidServeSpec::SamePort(protocol, other, transport, *port))
+        });
+        clash.map_or(Ok(()), Err)
     }
 
     /// Opens the servers.
@@ -60,6 +90,9 @@ pub enum InvalidServeSpec {
     /// Port that is not a number up to 65535.
     #[error("`{0}` is not a port of {1}; write a number up to 65535, or 0 for any free port")]
     Port(String, String),
+    /// Two protocols that need the same port.
+    #[error("{0} and {1} both need {2} port {3}; give one of them another port")]
+    SamePort(&'static str, &'static str, &'static str, u16),
     /// Protocol that is named twice.
     #[error("{0} is named twice")]
     Twice(String),
@@ -93,6 +126,7 @@ impl FromStr for ServeSpec {
                 return Err(InvalidServeSpec::Twice(name.to_owned()));
             }
         }
+        spec.check_ports()?;
         Ok(spec)
     }
 }
@@ -106,7 +140,10 @@ mod tests {
         let spec: ServeSpec = "qtm,vrpn:0, natnet:4000".parse().unwrap();
         assert_eq!(spec, ServeSpec { qtm: Some(22223), vrpn: Some(0), natnet: Some(4000) });
         assert!("".parse::<ServeSpec>().unwrap().is_empty());
-        for wrong in ["vicon", "qtm:", "qtm:65536", "qtm,qtm:1"] {
+        let clash = "qtm:3882,vrpn".parse::<ServeSpec>().unwrap_err().to_string();
+        assert!(clash.starts_with("qtm and vrpn both need TCP port 3883"), "{clash}");
+        assert!("natnet:0,vrpn:0,qtm:3879".parse::<ServeSpec>().is_ok());
+        for wrong in ["vicon", "qtm:", "qtm:65536", "qtm,qtm:1", "qtm:4000,natnet:4003"] {
             assert!(wrong.parse::<ServeSpec>().is_err(), "{wrong}");
         }
     }

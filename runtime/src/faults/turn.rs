@@ -10,6 +10,7 @@ use oqtal_bus::transport::Transport;
 use oqtal_config::{Fault, FaultKind};
 
 use super::clock::FaultClock;
+use crate::health::MotorState;
 use crate::turn::{Turn, TurnClock};
 
 /// Turn that is also woken when a delayed sample is due, and that first sleeps while the process is slow.
@@ -48,6 +49,10 @@ impl<T: Transport, R: Turn> Turn for FaultyTurn<T, R> {
 
     fn shut_down<C: TurnClock>(&mut self, clock: &mut C) -> Result<(), BusError> {
         self.turn.shut_down(clock)
+    }
+
+    fn motors(&self) -> MotorState {
+        self.turn.motors()
     }
 
     fn health(&self, now: Time) -> HealthV1 {

@@ -1,0 +1,29 @@
+//! Event count: a word that a notifier increments, and on which listeners sleep while it is unchanged. Sleep and wake-up are
+//! arguments. `bus/loom` executes every interleaving of this file.
+
+use std::cell::Cell;
+
+use super::{AtomicU32, Ordering};
+
+/// Counts an event, then wakes all sleepers.
+pub(crate) fn notify<E>(
+    count: &AtomicU32,
+    wake: impl FnOnce(&AtomicU32) -> Result<(), E>,
+) -> Result<(), E> {
+    count.fetch_add(1, Ordering::Release);
+    wake(count)
+}
+
+/// Sleeps if no event was counted since `seen`, which it then updates. `sleep` must return at once if the count differs from the
+/// number that it is passed, and may return early.
+pub(crate) fn wait<E>(
+    count: &AtomicU32,
+    seen: &Cell<u32>,
+    sleep: impl FnOnce(&AtomicU32, u32) -> Result<(), E>,
+) -> Result<(), E> {
+    if count.load(Ordering::Acquire) == seen.get() {
+        sleep(count, seen.get())?;
+    }
+    seen.set(count.load(Ordering::Acquire));
+    Ok(())
+}

@@ -1,0 +1,164 @@
+//! Watch over the files of a living instance: notices files that were removed, and restores those that can be restored.
+//!
+//! The file `members` and the link to the private directory are made again. Words, and files of iceoryx2, cannot be given back to
+//! the processes that have mapped them: the processes of the instance keep them, but no process can join. The members then end the
+//! flight and leave, and the next process starts a new run of the instance.
+
+use std::fs::{self, File, OpenOptions};
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use rustix::fs::{FlockOperation, OFlags, flock};
+
+use crate::error::{BusError, system};
+use crate::membership::{MEMBERS, acquire, open_directory};
+use crate::private::{InstanceRun, is_same};
+use crate::time::{Span, Time};
+use crate::{shared, stop, wake};
+
+/// Maximum time for which a repair waits for the lock of the instance.
+const REPAIR_TIMEOUT: Span = Span::from_millis(100);
+
+/// The file `members`, locked by this process; replaced if it was removed.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Members(Arc<Mutex<Option<File>>>);
+
+impl Members {
+    /// Opens and locks the file in `directory`; the caller holds the lock of the instance.
+    pub(crate) fn join(&self, directory: &Path) -> Result<(), BusError> {
+        let path = directory.join(MEMBERS);
+        let flags = (OFlags::NOFOLLOW | OFlags::CLOEXEC).bits().cast_signed();
+        let mut options = OpenOptions::new();
+        options.read(true).write(true).create(true).truncate(false).mode(0o600).custom_flags(flags);
+        let file = options
+            .open(&path)
+            .map_err(|error| system(format!("opening {}", path.display()), &error))?;
+        flock(&file, FlockOperation::NonBlockingLockShared)
+            .map_err(|error| system(format!("joining {}", directory.display()), &error))?;
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(file);
+        Ok(())
+    }
+
+    fn are_present(&self, directory: &Path) -> bool {
+        let held = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        held.as_ref().is_some_and(|file| is_same(file, &directory.join(MEMBERS)))
+    }
+}
+
+/// File of a living instance that was removed or shortened.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LostFile {
+    /// Path of the file.
+    pub path: PathBuf,
+    /// Whether it was made again, or has its size again. Otherwise no process can join this run of the instance.
+    pub is_restored: bool,
+}
+
+/// Watch over the files of one membership.
+#[derive(Debug)]
+pub struct InstanceWatch {
+    directory: PathBuf,
+    run: InstanceRun,
+    members: Members,
+    /// Files that were missing at the last check.
+    missing: Vec<PathBuf>,
+}
+
+impl InstanceWatch {
+    pub(crate) fn new(directory: PathBuf, run: InstanceRun, members: Members) -> Self {
+        Self { directory, run, members, missing: Vec::new() }
+    }
+
+    /// Files that were removed or shortened, of those that this process uses. A file in use counts if it was missing at the last check, too: it
+    /// may be one that this process is just closing.
+    pub fn check(&mut self) -> Vec<LostFile> {
+        let mut lost = Vec::new();
+        let losses = [
+            (self.directory.clone(), self.directory.is_dir()),
+            (self.run.path.clone(), self.run.is_present()),
+        ];
+        lost.extend(losses.into_iter().filter(|(_, is_present)| !is_present).map(unrestored));
+        if lost.is_empty() {
+            lost.extend(self.restore());
+        }
+        let missing = self.removed_files();
+        let confirmed = missing.iter().filter(|path| self.missing.contains(path));
+        lost.extend(confirmed.map(|path| unrestored((path.clone(), false))));
+        lost.extend(self.restore_sizes());
+        let shortened = shared::take_shortened().into_iter();
+        lost.extend(shortened.map(|(path, is_restored)| LostFile { path, is_restored }));
+        self.missing = missing;
+        lost
+    }
+
+    /// Makes members and link again if they are missing.
+    fn restore(&self) -> Vec<LostFile> {
+        let link = self.directory.join(crate::private::LINK);
+        let (members, linked) =
+            (self.members.are_present(&self.directory), self.run.is_linked(&self.directory));
+        let mut lost = Vec::new();
+        if members && linked {
+            return lost;
+        }
+        let Ok(lock) = open_directory(&self.directory) else { return lost };
+        if acquire(&lock, &self.directory, Time::now() + REPAIR_TIMEOUT).is_err() {
+            // Tried again at the next check.
+            return lost;
+        }
+        if !linked {
+            // A link to another run belongs to processes that joined after this run had been lost.
+            let is_restored =
+                fs::symlink_metadata(&link).is_err() && self.run.link(&self.directory).is_ok();
+            lost.push(LostFile { path: link, is_restored });
+        }
+        if !members && lost.iter().all(|file| file.is_restored) {
+            let is_restored = self.members.join(&self.directory).is_ok();
+            lost.push(LostFile { path: self.directory.join(MEMBERS), is_restored });
+        }
+        lost
+    }
+
+    /// Gives shared words their size again: no process opens words of another size.
+    fn restore_sizes(&self) -> Vec<LostFile> {
+        let entries = fs::read_dir(&self.run.path).into_iter().flatten().flatten();
+        let restore = |path: PathBuf| {
+            let words = if path.ends_with(stop::FILE) { stop::WORDS } else { wake::WORDS };
+            let is_restored = shared::restore_size(&path, words).ok()?;
+            is_restored.then_some(LostFile { path, is_restored })
+        };
+        entries.filter_map(|entry| restore(entry.path())).collect()
+    }
+
+    /// Removed files that this process has open: shared words, and files of iceoryx2. Connections, and the memory of another
+    /// process, which is open for reading, may disappear before this process closes them.
+    fn removed_files(&self) -> Vec<PathBuf> {
+        let objects = self.run.path.as_os_str().as_encoded_bytes();
+        let entries = fs::read_dir("/proc/self/fd").into_iter().flatten().flatten();
+        let removed = entries.filter_map(|entry| {
+            let link = fs::read_link(entry.path()).ok()?;
+            let path = PathBuf::from(link.to_str()?.strip_suffix(" (deleted)")?);
+            let bytes = path.as_os_str().as_encoded_bytes();
+            let is_ours = bytes.starts_with(objects)
+                || (path.starts_with(&self.directory) && !path.ends_with(MEMBERS));
+            (is_ours && !is_of_peer(&path, &entry.path())).then_some(path)
+        });
+        removed.collect()
+    }
+}
+
+/// Whether `path`, open as `descriptor`, is a file that another process may remove while this one has it open.
+fn is_of_peer(path: &Path, descriptor: &Path) -> bool {
+    let extension = path.extension().unwrap_or_default();
+    let is_writable =
+        || fs::symlink_metadata(descriptor).is_ok_and(|link| mode(&link) & 0o200 != 0);
+    extension == "connection" || (extension == "data" && !is_writable())
+}
+
+fn mode(metadata: &fs::Metadata) -> u32 {
+    std::os::unix::fs::PermissionsExt::mode(&metadata.permissions())
+}
+
+fn unrestored((path, _): (PathBuf, bool)) -> LostFile {
+    LostFile { path, is_restored: false }
+}

@@ -1,0 +1,156 @@
+//! Watch over the files of the instance during the life of a process, on a separate thread.
+//!
+//! A file that can be restored is reported. After any other loss a flight is landed, and the process ends once it can do so safely:
+//! the next start, by the service manager or by hand, then finds a whole instance.
+
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use oqtal_bus::obeying::ObeyingProcess;
+use oqtal_bus::paths::InstancePaths;
+use oqtal_bus::time::{Span, Time};
+use oqtal_bus::watch::{InstanceWatch, LostFile};
+
+use crate::context::ProcessContext;
+use crate::exit::{Exit, Failure};
+use crate::health::MotorState;
+
+/// Time between two checks; a loss is confirmed by the second one.
+const CHECK_PERIOD: Duration = Duration::from_millis(300);
+/// Time for which the motors are off before the process ends: an operator receives an answer within it.
+const MOTORS_OFF: Span = Span::from_millis(1000);
+/// Time after which a process without motors ends although others may still fly: longer than any landing.
+const LONGEST_LANDING: Span = Span::from_millis(60_000);
+
+/// Watches of the memberships of a process.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Watches(Arc<Mutex<Vec<InstanceWatch>>>);
+
+impl Watches {
+    /// Adds the watch of a membership.
+    pub(crate) fn add(&self, watch: InstanceWatch) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(watch);
+    }
+
+    /// Files that were removed; each file once.
+    fn check(&self) -> Vec<LostFile> {
+        let mut watches = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut lost: Vec<LostFile> = Vec::new();
+        for file in watches.iter_mut().flat_map(InstanceWatch::check) {
+            if !lost.iter().any(|known| known.path == file.path) {
+                lost.push(file);
+            }
+        }
+        lost
+    }
+}
+
+/// Executes `job` beside the watch.
+///
+/// # Errors
+/// The error of `job`; a file of the instance was removed that cannot be restored (exit code 71).
+pub(crate) fn watched(
+    context: &ProcessContext,
+    job: impl FnOnce() -> Result<(), Failure>,
+) -> Result<(), Failure> {
+    std::thread::scope(|threads| {
+        // Closed when the job ends, also after a panic.
+        let (job_runs, over) = channel::<()>();
+        let watch = move || watch_until(context, &over);
+        let watching = match std::thread::Builder::new().spawn_scoped(threads, watch) {
+            Ok(watching) => Some(watching),
+            Err(error) => {
+                tracing::warn!("the files of the instance are not watched: {error}");
+                None
+            }
+        };
+        let result = job();
+        drop(job_runs);
+        let lost = watching.and_then(|watching| watching.join().ok().flatten());
+        result.and(lost.map_or(Ok(()), Err))
+    })
+}
+
+/// Checks the files until the job is over; returns the reason if it ended the process.
+fn watch_until(context: &ProcessContext, over: &Receiver<()>) -> Option<Failure> {
+    let mut departure: Option<Departure> = None;
+    // Instants of the last two checks without a loss; one found at the second check may have been there at the first.
+    let mut whole = [Time::now(); 2];
+    while over.recv_timeout(CHECK_PERIOD) == Err(RecvTimeoutError::Timeout) {
+        let lost = context.watches.check();
+        for file in &lost {
+            let path = file.path.display();
+            if file.is_restored {
+                tracing::warn!(
+                    "{path} was removed or shortened while the instance runs, and is restored"
+                );
+            } else if departure.is_none() {
+                departure = Some(Departure::begin(context, file, whole[0]));
+            }
+        }
+        if lost.iter().all(|file| file.is_restored) {
+            whole = [whole[1], Time::now()];
+        }
+        if let Some(departure) = &mut departure
+            && departure.is_safe(context.health.motors(), Time::now())
+        {
+            context.stop.set();
+            return Some(Failure::new(Exit::System, departure.reason.clone()));
+        }
+    }
+    None
+}
+
+/// End of a process after a loss.
+#[derive(Debug)]
+struct Departure {
+    reason: String,
+    begun_at: Time,
+    motors_off_since: Option<Time>,
+    /// Other processes of vehicles and daemons at the time of the loss.
+    flying: Vec<ObeyingProcess>,
+}
+
+impl Departure {
+    /// Reports the loss, which happened after `whole_at`, and requests a landing from the loop of a daemon.
+    fn begin(context: &ProcessContext, file: &LostFile, whole_at: Time) -> Self {
+        let reason = format!(
+            "{} was removed while the instance runs: no process can join it any more; start its processes again",
+            file.path.display()
+        );
+        tracing::error!("{reason}; a flight is landed first");
+        context.signals.land.store(true, Ordering::Release);
+        let flying = context.paths().map(|paths| others(&paths, whole_at)).unwrap_or_default();
+        Self { reason, begun_at: Time::now(), motors_off_since: None, flying }
+    }
+
+    /// Whether the process can end: its motors have been off for a second; a process without motors waits for those that have.
+    fn is_safe(&mut self, motors: MotorState, now: Time) -> bool {
+        match motors {
+            MotorState::Off => now.since(*self.motors_off_since.get_or_insert(now)) >= MOTORS_OFF,
+            MotorState::MayRun => {
+                self.motors_off_since = None;
+                false
+            }
+            MotorState::Unreported => {
+                let have_ended = self.flying.iter().all(|process| !process.is_running());
+                (have_ended && !self.flying.is_empty())
+                    || now.since(self.begun_at) >= LONGEST_LANDING
+            }
+        }
+    }
+}
+
+/// Processes of vehicles and daemons on the instance at `paths` that were started before `whole_at`, without this one. Later ones
+/// belong to the next run of the instance.
+fn others(paths: &InstancePaths, whole_at: Time) -> Vec<ObeyingProcess> {
+    let is_here = |process: &ObeyingProcess| {
+        process.pid != std::process::id()
+            && process.started_at().is_some_and(|at| at < whole_at)
+            && process.is_of_instance(&paths.instance)
+            && process.is_under(paths)
+    };
+    ObeyingProcess::all().into_iter().filter(is_here).collect()
+}

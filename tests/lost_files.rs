@@ -1,0 +1,165 @@
+//! Files of a running instance that are removed or shortened, and observers that take places: real processes.
+
+use std::fs::{self, File};
+use std::path::PathBuf;
+
+use crate::common::{Running, SERVICES, Testbed, stderr, wait_for};
+use oqtal_bus::code::{Cause, Mode, SafetyState};
+use oqtal_bus::time::{Span, Time};
+use oqtal_bus::topic::TELEMETRY;
+use oqtal_bus::transport::{Subscribe, Transport};
+use rustix::process::Signal;
+
+/// Objects of the testbed in shared memory.
+pub fn objects(testbed: &Testbed) -> Vec<PathBuf> {
+    testbed.remains().into_iter().map(|name| PathBuf::from("/dev/shm").join(name)).collect()
+}
+
+/// Removes a file, link or directory that may have been removed already.
+pub fn remove(path: &PathBuf) {
+    let _ = fs::remove_file(path).or_else(|_| fs::remove_dir_all(path));
+}
+
+/// Starts the processes that do not run, as a service manager does, until the daemon among them is in the state Nominal, or keeps an
+/// operator's stop. A process that ended by itself had lost a file of the instance, exit code 71.
+pub fn work_again(testbed: &Testbed, running: &mut [Option<Running>; 3]) {
+    wait_for("accepted poses", || {
+        for (slot, process) in running.iter_mut().zip(SERVICES) {
+            if let Some(ended) = slot.take_if(|process| !process.runs()) {
+                let output = ended.wait();
+                assert_eq!(output.status.code(), Some(71), "{process}: {}", stderr(&output));
+            }
+            slot.get_or_insert_with(|| testbed.start(&[process, "run"]));
+        }
+        let daemon = running[2].as_ref().map(Running::id)?;
+        // The processes may just be leaving one run of the instance for the next one.
+        let bus = testbed.bus();
+        let mut telemetry = bus.observer(&TELEMETRY).unwrap();
+        let give_up = Time::now() + Span::from_millis(500);
+        while Time::now() < give_up {
+            if let Some((header, tick)) = telemetry.latest().unwrap()
+                && header.origin().process() == daemon
+                && (tick.state == SafetyState::Nominal.code()
+                    || tick.cause == Cause::Operator.code())
+            {
+                return Some(());
+            }
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+        None
+    });
+}
+
+type Loss = (&'static str, fn(&Testbed));
+
+const LOSSES: [Loss; 4] = [
+    ("root", |testbed| fs::remove_dir_all(testbed.path("run")).unwrap()),
+    ("stop words", |testbed| {
+        fs::remove_file(testbed.paths().directory().join("shared/stop")).unwrap();
+    }),
+    ("shared memory", |testbed| objects(testbed).iter().for_each(remove)),
+    ("one service", |testbed| {
+        let is_service = |path: &PathBuf| path.extension().is_some_and(|end| end == "dynamic");
+        remove(objects(testbed).iter().find(|path| is_service(path)).unwrap());
+    }),
+];
+
+#[test]
+fn f68_a_flight_lands_after_a_loss_and_the_processes_work_when_started_again() {
+    for (name, lose) in LOSSES {
+        let testbed = Testbed::new("lost-lands");
+        let bus = testbed.bus();
+        let mut telemetry = bus.observer(&TELEMETRY).unwrap();
+        let processes = testbed.services();
+        testbed.take_off(&bus);
+        while telemetry.receive().unwrap().is_some() {}
+        lose(&testbed);
+        let mut modes = Vec::new();
+        wait_for(&format!("the end of the flight after the loss of the {name}"), || {
+            let (_, tick) = telemetry.receive().unwrap()?;
+            if modes.last() != Some(&tick.mode) {
+                modes.push(tick.mode);
+            }
+            (tick.mode == Mode::Disarmed.code()).then_some(())
+        });
+        let expected = [Mode::Flying, Mode::Landing, Mode::Disarmed].map(Mode::code);
+        assert!(modes.ends_with(&expected[1..]), "{name}: {modes:?}");
+        drop((telemetry, bus));
+        work_again(&testbed, &mut processes.map(Some));
+    }
+}
+
+#[test]
+fn f68_a_daemon_killed_after_a_loss_starts_again() {
+    for (_, lose) in LOSSES {
+        let testbed = Testbed::new("lost-killed");
+        let mut running = [None, None, None];
+        work_again(&testbed, &mut running);
+        lose(&testbed);
+        let daemon = running[2].take().unwrap();
+        daemon.signal(Signal::KILL);
+        drop(daemon.wait());
+        work_again(&testbed, &mut running);
+        let stop = testbed.oqtal(&["ctl", "stop"]).output().unwrap();
+        assert_eq!(stop.status.code(), Some(0), "{}", stderr(&stop));
+    }
+}
+
+#[test]
+fn f69_a_flight_goes_on_and_stops_after_all_shared_words_were_shortened() {
+    let testbed = Testbed::new("shortened");
+    let bus = testbed.bus();
+    let mut telemetry = bus.observer(&TELEMETRY).unwrap();
+    let mut processes = testbed.services();
+    testbed.take_off(&bus);
+    while telemetry.receive().unwrap().is_some() {}
+    let words: Vec<_> = fs::read_dir(testbed.paths().directory().join("shared")).unwrap().collect();
+    assert!(words.len() > 5);
+    for size in [0, 1, 64] {
+        for file in &words {
+            let file = File::options().write(true).open(file.as_ref().unwrap().path());
+            file.unwrap().set_len(size).unwrap();
+        }
+        let mut ticks = 0;
+        wait_for("ticks of a flight", || {
+            let (_, tick) = telemetry.receive().unwrap()?;
+            assert_eq!(tick.mode, Mode::Flying.code());
+            ticks += 1;
+            (ticks > 60).then_some(())
+        });
+    }
+    assert!(processes.iter_mut().all(Running::runs));
+    let stop = testbed.oqtal(&["ctl", "stop"]).output().unwrap();
+    assert_eq!(stop.status.code(), Some(0), "{}", stderr(&stop));
+}
+
+#[test]
+fn f71_eight_recorders_started_first_leave_the_places_of_a_flight() {
+    let testbed = Testbed::new("recorders");
+    let record = |number: i32| {
+        let out = testbed.path(&format!("{number}.mcap")).display().to_string();
+        testbed.start(&["record", "--out", &out])
+    };
+    let mut recorders: Vec<_> = (0..8).map(record).collect();
+    wait_for("four refusals", || {
+        let running = recorders.iter_mut().filter_map(|recorder| recorder.runs().then_some(()));
+        (running.count() == 4).then_some(())
+    });
+    let (running, refused): (Vec<_>, Vec<_>) = recorders
+        .into_iter()
+        .map(|mut recorder| (recorder.runs(), recorder))
+        .partition(|(runs, _)| *runs);
+    for (_, recorder) in refused {
+        let output = recorder.wait();
+        assert_eq!(output.status.code(), Some(75), "{}", stderr(&output));
+        let message = stderr(&output);
+        assert!(
+            message.contains("4 observers") && message.contains("`oqtal record` ("),
+            "{message}"
+        );
+    }
+    // Two are suspended: their places stay theirs.
+    running[..2].iter().for_each(|(_, recorder)| recorder.signal(Signal::STOP));
+    testbed.lands(&["--trajectory", "hover", "--duration", "1"]);
+    running.iter().for_each(|(_, recorder)| recorder.signal(Signal::KILL));
+}
