@@ -28,7 +28,7 @@
 //! | `suspend.rs` | suspension of the machine |
 //! | `error.rs` | errors of the bus |
 //! | `mismatch.rs` | kinds of errors when a service is opened |
-// Mapping of shared memory in `shared.rs`.
+// Mapping of shared memory in `shared.rs`, and the guard of its mappings.
 #![deny(unsafe_code)]
 
 pub mod bus;

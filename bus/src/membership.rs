@@ -70,7 +70,7 @@ impl Membership {
                 Some(run) => run,
                 None => start_run(&prefix, &directory)?,
             };
-            remains::remove_dead(&prefix, &[run.path.clone()]);
+            remains::remove_dead(&prefix);
             let members = Members::default();
             members.join(&directory)?;
             let (depth, closes_unlocked) = (Cell::new(0), Cell::new(false));
@@ -96,7 +96,9 @@ impl Membership {
     /// The process has too many open files.
     pub(crate) fn watch(&self) -> Result<InstanceWatch, BusError> {
         let run = self.run.clone_handle().map_err(|e| system("watching the instance", &e))?;
-        Ok(InstanceWatch::new(self.directory.clone(), run, self.members.clone()))
+        // Open files are named by paths without links.
+        let directory = self.directory.canonicalize().unwrap_or_else(|_| self.directory.clone());
+        Ok(InstanceWatch::new(directory, run, self.members.clone()))
     }
 
     /// Locks the files of the instance. A lock already held by this membership is shared.
@@ -174,7 +176,7 @@ impl Drop for Membership {
         remains::remove_run(&self.run.path);
         // After a loss the directory may belong to another run.
         if is_same(&self.lock, &self.directory) && is_linked {
-            remains::remove_dead(&self.prefix, &[]);
+            remains::remove_dead(&self.prefix);
             remains::remove_services(&self.directory);
             // Only an empty directory is removed; a process waiting for its lock checks this.
             remove(&self.directory, &[WIRE, LAW, private::LINK, MEMBERS]);
@@ -183,12 +185,9 @@ impl Drop for Membership {
     }
 }
 
-/// Starts a run of the instance; the caller holds its lock. Members that hold the file `members` lost their run: they end by
-/// themselves, and their objects stay until then.
+/// Starts a run of the instance; the caller holds its lock. Processes that still hold the file `members` lost their run: they end by
+/// themselves.
 fn start_run(prefix: &str, directory: &Path) -> Result<InstanceRun, BusError> {
-    let lost: Vec<_> =
-        private::linked(directory).filter(|_| has_members(directory)).into_iter().collect();
-    remains::remove_dead(prefix, &lost);
     remains::remove_services(directory);
     remove(directory, &[WIRE, LAW, MEMBERS]);
     InstanceRun::start(prefix, directory)

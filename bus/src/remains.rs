@@ -59,7 +59,11 @@ impl RunRemains {
 
     /// Removes the objects. An object that cannot be removed stays, like another user's.
     pub fn remove(&self) {
-        for object in &self.objects {
+        // The directory last: its lock tells whether the run lives.
+        let directory = self.directory();
+        let (last, first): (Vec<_>, Vec<_>) =
+            self.objects.iter().partition(|object| **object == directory);
+        for object in first.into_iter().chain(last) {
             // A link is removed, not followed.
             let _ = fs::remove_file(object).or_else(|_| fs::remove_dir_all(object));
         }
@@ -97,10 +101,12 @@ fn run_of(name: &str) -> Option<(&str, &str)> {
     Some((instance, name.get(..end).unwrap_or(name)))
 }
 
-/// Removes the objects of all runs with this prefix that have no member, except those with a private directory in `kept`.
-pub(crate) fn remove_dead(prefix: &str, kept: &[PathBuf]) {
+/// Removes the objects of all runs with this prefix that have no member.
+pub(crate) fn remove_dead(prefix: &str) {
     for run in runs(SHARED_MEMORY.as_ref(), prefix) {
-        if !kept.contains(&run.directory()) && !run.is_alive() {
+        let is_in_use =
+            if run.directory().exists() { run.is_alive() } else { is_mapped(&run.name) };
+        if !is_in_use {
             run.remove();
         }
     }
@@ -108,6 +114,13 @@ pub(crate) fn remove_dead(prefix: &str, kept: &[PathBuf]) {
     files(SHARED_MEMORY.as_ref(), &format!(".{prefix}")).into_iter().for_each(|unnamed| {
         let _ = fs::remove_dir(unnamed);
     });
+}
+
+/// Whether a process of this user has mapped an object of the run `name`, whose members may be alive without its directory.
+fn is_mapped(name: &str) -> bool {
+    let processes = fs::read_dir("/proc").into_iter().flatten().flatten();
+    let maps = processes.filter_map(|process| fs::read_to_string(process.path().join("maps")).ok());
+    maps.into_iter().any(|maps| maps.contains(name))
 }
 
 /// Removes the objects of the run with the private directory `path`.

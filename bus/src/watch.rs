@@ -34,7 +34,8 @@ impl Members {
         let file = options
             .open(&path)
             .map_err(|error| system(format!("opening {}", path.display()), &error))?;
-        flock(&file, FlockOperation::NonBlockingLockShared)
+        // Waits at most for a process that is just looking whether there are members.
+        flock(&file, FlockOperation::LockShared)
             .map_err(|error| system(format!("joining {}", directory.display()), &error))?;
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(file);
         Ok(())
