@@ -118,7 +118,7 @@ impl Cli {
             None => self.fly.execute(),
             Some(Command::Fly(args)) => args.execute(),
             Some(Command::Campaign(args)) => {
-                args.execute(&|directory| Ok(Box::new(BusFlightSeries::begin(directory)?)))
+                args.execute(&|at, resumed| Ok(Box::new(BusFlightSeries::begin(at, resumed)?)))
             }
             Some(Command::Sweep(args)) => args.execute(),
             Some(Command::Reproduce(args)) => args.execute(),

@@ -99,23 +99,27 @@ pub struct FlyArgs {
 #[derive(Debug)]
 pub struct BusFlightSeries {
     interrupts: Interrupts,
-    directory: Option<PathBuf>,
+    directory: PathBuf,
+    is_resumed: bool,
 }
 
 impl BusFlightSeries {
-    /// Series whose flights are written into `directory`, or each into `flights/INSTANCE-N` without one.
+    /// Series whose flights are written into `directory`; a resumed one replaces flights that it did not complete.
     ///
     /// # Errors
     /// The operating system refuses the signal handler.
-    pub fn begin(directory: Option<PathBuf>) -> Result<Self, Failure> {
-        Ok(Self { interrupts: Interrupts::listen()?, directory })
+    pub fn begin(directory: PathBuf, is_resumed: bool) -> Result<Self, Failure> {
+        Ok(Self { interrupts: Interrupts::listen()?, directory, is_resumed })
     }
 }
 
 impl FlightSeries for BusFlightSeries {
     fn fly(&self, mission: &Mission, name: &str) -> Result<Flight, Failure> {
-        let directory = self.directory.as_ref().map(|directory| directory.join(name));
-        let directory = FlightDirectory::create(directory.as_deref(), &mission.config)?;
+        let directory = Some(self.directory.join(name));
+        let directory = match self.is_resumed {
+            true => FlightDirectory::create_or_replace(directory.as_deref(), &mission.config)?,
+            false => FlightDirectory::create(directory.as_deref(), &mission.config)?,
+        };
         let (paths, interrupts) = (&FlightPaths::default(), &self.interrupts);
         let bus_flight = BusFlight { mission, paths, directory: &directory, interrupts };
         let (flight, recording) = bus_flight.fly()?;

@@ -7,23 +7,23 @@ use std::path::PathBuf;
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
-use oqtal_config::{ClockKind, Setting};
+use oqtal_config::{ClockKind, Config, Setting};
+use oqtal_control::trajectory::TrajectoryKind;
 use oqtal_observe::flight::Flight;
 use oqtal_observe::summary::name_of;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::{print, say};
 
-use crate::csv_text;
 use crate::mission::Mission;
-use crate::output::{make, write};
-use crate::progress::Progress;
-use crate::sheet::Sheet;
+use crate::output::{StudyOutput, complete};
+use crate::sheet::{Column, Sheet, SheetCell, SheetRow};
 use crate::study::args::{StudyArgs, parse_seeds};
-use crate::study::flights::Test;
+use crate::study::flights::{Test, readable};
 use crate::study::gains::{self, GainSource};
 use crate::study::law::{self, StudyLaw};
-use crate::study::metric::METRIC;
-use crate::study::{Case, EVALUATION_SEEDS, Flown, Run, Study};
+use crate::study::metric::{HOVER, POSITION};
+use crate::study::table::mean_of;
+use crate::study::{Case, EVALUATION_SEEDS, Flown, Study, failure, records};
 
 /// A series of flights through processes, one after another.
 pub trait FlightSeries {
@@ -34,8 +34,8 @@ pub trait FlightSeries {
     fn fly(&self, mission: &Mission, name: &str) -> Result<Flight, Failure>;
 }
 
-/// Begins a series of flights; writes their results into the directory if one is given.
-pub type BeginSeries = dyn Fn(Option<PathBuf>) -> Result<Box<dyn FlightSeries>, Failure>;
+/// Begins a series of flights, whose results are written into the directory. A resumed series may replace a flight.
+pub type BeginSeries = dyn Fn(PathBuf, bool) -> Result<Box<dyn FlightSeries>, Failure>;
 
 /// Arguments of `oqtal campaign`.
 #[derive(Args, Debug)]
@@ -62,12 +62,29 @@ pub struct CampaignArgs {
     /// Print JSON instead of a table
     #[arg(long)]
     json: bool,
-    /// Directory of campaign.json, campaign.csv (one row for each run) and the files of flights through processes [default: none]
+    /// Directory of campaign.json, campaign.csv (one row for each run) and the files of flights through processes [default:
+    /// results/campaign-N]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Go on with an interrupted campaign: that of --out, or the last one in results/
+    #[arg(long)]
+    resume: bool,
     #[command(flatten)]
     study: StudyArgs,
 }
+
+/// Case of every test on the configured trajectory.
+const PLAIN: &str = "";
+/// Case of a hover with disturbances.
+const DISTURBED: &str = "gust and payload";
+/// Case of the circle.
+const CIRCLE: &str = "circle";
+/// Payload over the mass of the vehicle \[-\].
+const PAYLOAD: f64 = 0.1;
+
+/// Note below the tables.
+const NOTE: &str = "Most of the position error on a square is the way to the corner, equal for all laws: compare settling and \
+     overshoot there.\nFor flights of your own begin with `--controller oqtal-dt`; the default of `fly` is the paper's law, `oqtal`.";
 
 impl CampaignArgs {
     /// Flies all runs and prints the comparison.
@@ -75,18 +92,20 @@ impl CampaignArgs {
     /// # Errors
     /// The directory cannot be written, a setting is invalid, or a flight could not be flown.
     pub fn execute(&self, begin: &BeginSeries) -> Result<Exit, Failure> {
-        if let Some(directory) = &self.out {
-            make(directory)?;
+        let settings = self.study.settings()?;
+        let laws = gains::chosen(&self.controllers, &self.gains, &settings)?;
+        let cases = self.cases(&Config::from_settings(&settings)?);
+        let output = StudyOutput::begin("campaign", self.out.as_deref(), self.resume)?;
+        let flown = self.fly(&laws, &cases, (&output, begin))?;
+        let (json, text) = self.results(&flown, &cases);
+        let plain = flown.iter().filter(|row| row.case == PLAIN);
+        output.write("campaign.json", &json)?;
+        output.write("campaign.csv", records::runs_csv(plain)?)?;
+        complete(&output.journal)?;
+        match self.json {
+            true => print(json.trim_end())?,
+            false => print(&format!("{text}\nresults: {}", output.directory.display()))?,
         }
-        let flown = self.fly(begin)?;
-        let sheet = self.sheet(&flown);
-        let (json, text) = (format!("{:#}\n", sheet.to_json()), sheet.to_text());
-        if let Some(directory) = &self.out {
-            let runs = runs_csv(&flown, self.seeds())?;
-            write(directory, "campaign.json", &json)?;
-            write(directory, "campaign.csv", &runs)?;
-        }
-        print(if self.json { json.trim_end() } else { &text })?;
         Ok(Exit::Ok)
     }
 
@@ -96,71 +115,111 @@ impl CampaignArgs {
         self.seeds.clone().unwrap_or(from_first)
     }
 
+    /// Every test on the configured trajectory; if that is the square, also a circle, and a hover with a gust and a payload unless
+    /// disturbances are configured.
+    fn cases(&self, config: &Config) -> Vec<Case> {
+        let mut cases = vec![Case::of_seeds(PLAIN, self.seeds())];
+        if config.trajectory.kind != TrajectoryKind::Square {
+            return cases;
+        }
+        if config.plant.disturb.is_empty() {
+            let payload = readable(PAYLOAD * config.vehicle.mass_kg);
+            let loads = ["gust@16+3=3,0,0m/s".to_owned(), format!("mass@24={payload}kg")];
+            let loads = Setting::flag("campaign", "plant.disturb", loads.to_vec());
+            let hover = Case::of_seeds(DISTURBED, self.seeds()).flown_as(&[Test::Hover]);
+            cases.push(hover.with(loads));
+        }
+        let circle = Setting::flag("campaign", "trajectory.kind", "circle");
+        cases.push(Case::of_seeds(CIRCLE, self.seeds()).flown_as(&[Test::Path]).with(circle));
+        cases
+    }
+
+    /// JSON document and text.
+    fn results(&self, flown: &[Flown], cases: &[Case]) -> (String, String) {
+        let sheet = self.sheet(flown);
+        let mut document = sheet.to_json();
+        document["tests"] = records::tests(flown);
+        document["failures"] = records::failures(flown);
+        document["flights"] = records::flights(flown);
+        let is_chosen = self.best.is_some_and(|best| best < self.seeds().count() as u64);
+        let hidden: &[&str] = if is_chosen {
+            &["riccati_solves", "runs"]
+        } else {
+            &["riccati_solves", "runs", "best"]
+        };
+        let table = sheet.without(hidden).to_text();
+        let note = if cases.len() > 1 { format!("\n{NOTE}") } else { String::new() };
+        (format!("{document:#}\n"), format!("{table}\n{}{note}", failure::text(flown)))
+    }
+
     fn sheet(&self, flown: &[Flown]) -> Sheet {
         let Range { start, end } = self.seeds();
         let runs = end - start;
         let best = self.best.filter(|best| *best < runs);
         let averaged = match best {
             Some(best) => format!("position, velocity and attitude over the best {best}"),
-            None => "means ± standard deviations over all".to_owned(),
+            None => "means ± standard deviations".to_owned(),
         };
         let best = best.unwrap_or(runs) as usize;
+        let plain = flown.iter().filter(|row| row.case == PLAIN);
         Sheet {
             name: "campaign".to_owned(),
             title: format!("{runs} runs of each law, seeds {start} to {}: {averaged}", end - 1),
-            columns: table::COLUMNS.to_vec(),
-            rows: flown.iter().map(|flown| table::row(flown, best, None)).collect(),
+            columns: FIRST.into_iter().chain(table::COLUMNS).collect(),
+            rows: plain.map(|row| campaign_row(flown, row, best)).collect(),
             ..Sheet::default()
         }
     }
 
-    fn fly(&self, begin: &BeginSeries) -> Result<Vec<Flown>, Failure> {
-        let laws = gains::chosen(&self.controllers, &self.gains, &self.study.settings()?)?;
-        let cases = [Case::of_seeds("campaign", self.seeds())];
-        match self.clock {
-            ClockKind::InProcess => {
-                let study = Study { name: "campaign", laws: &laws, cases: &cases };
-                study.fly(&Progress::default())
-            }
-            ClockKind::Real | ClockKind::Lockstep => {
-                let clock = Setting::flag("--clock", "clock.kind", self.clock.name());
-                let laws: Vec<StudyLaw> =
-                    laws.iter().map(|law| law.with(std::slice::from_ref(&clock))).collect();
-                let study = Study { name: "campaign", laws: &laws, cases: &cases };
-                self.fly_in_turn(&study, &*begin(self.out.clone())?)
-            }
-        }
-    }
-
-    /// Flies through processes, one flight after another.
-    fn fly_in_turn(
+    fn fly(
         &self,
-        study: &Study<'_>,
-        series: &dyn FlightSeries,
+        laws: &[StudyLaw],
+        cases: &[Case],
+        (output, begin): (&StudyOutput, &BeginSeries),
     ) -> Result<Vec<Flown>, Failure> {
-        let seeds = self.seeds();
-        let total = study.laws.len() as u64 * (seeds.end - seeds.start) * Test::ALL.len() as u64;
+        if self.clock == ClockKind::InProcess {
+            return Study { name: "campaign", laws, cases }.fly(&output.progress);
+        }
+        let clock = Setting::flag("--clock", "clock.kind", self.clock.name());
+        let laws: Vec<StudyLaw> =
+            laws.iter().map(|law| law.with(std::slice::from_ref(&clock))).collect();
+        let study = Study { name: "campaign", laws: &laws, cases };
+        let series = begin(output.directory.clone(), self.resume)?;
+        let flights = |case: &Case| case.conditions.len() * case.tests.len();
+        let total = laws.len() * cases.iter().map(flights).sum::<usize>();
         let mut number = 0;
-        study.fly_in_turn(&mut |mission: &Mission| {
+        study.fly_in_turn(&output.progress, &mut |mission: &Mission| {
             number += 1;
             let kind = name_of(&mission.config.trajectory.kind);
             let law = name_of(&mission.config.control.controller);
             let seed = mission.config.clock.seed;
+            let is_disturbed = kind == "hover" && !mission.config.plant.disturb.is_empty();
+            let kind = if is_disturbed { format!("disturbed-{kind}") } else { kind };
             say(&format!("flight {number} of {total}: {law}, {kind}, seed {seed}"));
             series.fly(mission, &format!("{law}-{kind}-{seed}"))
         })
     }
 }
 
-/// Formats every run as a row: law, seed, and the metrics by name; empty for a flight that did not land.
-fn runs_csv(flown: &[Flown], seeds: Range<u64>) -> Result<String, Failure> {
-    let names = ["controller", "seed"].into_iter().chain(METRIC.map(|metric| metric.key));
-    let row = |(law, seed, run): (&Flown, u64, &Run)| {
-        let named = [law.law.controller.to_owned(), seed.to_string()];
-        named.into_iter().chain(run.figures.map(csv_text::number)).collect()
+/// Columns before those of Table V.
+const FIRST: [Column; 3] = [
+    ("disturbed_hover_max_mm", "gust, payload: max [mm]"),
+    ("disturbed_hover_rms_mm", "RMS [mm]"),
+    ("circle_error_m", "circle [m]"),
+];
+
+/// Row of a law: the disturbed hover and the circle, if they were flown, and Table V.
+fn campaign_row(flown: &[Flown], plain: &Flown, best: usize) -> SheetRow {
+    let law = |row: &&Flown| row.law.name == plain.law.name;
+    let of = |case: &str| flown.iter().find(|row| row.case == case && law(row));
+    let metric = |case: &str, metric: usize| {
+        of(case).map_or(SheetCell::None, |row| mean_of(&row.values(metric)))
     };
-    let runs = flown
-        .iter()
-        .flat_map(|law| seeds.clone().zip(&law.runs).map(move |(seed, run)| (law, seed, run)));
-    csv_text::table(names, runs.map(row))
+    let first = [
+        of(DISTURBED).map_or(SheetCell::None, records::greatest_hover),
+        metric(DISTURBED, HOVER),
+        metric(CIRCLE, POSITION),
+    ];
+    let row = table::row(plain, best, None);
+    SheetRow { cells: first.into_iter().chain(row.cells).collect(), ..row }
 }

@@ -18,6 +18,7 @@
 //! | `csv_text.rs` | tables as CSV |
 //! | `output.rs` | the output directory `--out` |
 //! | `progress.rs` | progress bars |
+//! | `journal.rs` | results of an interrupted study |
 //! | `random.rs` | random numbers of studies |
 #![forbid(unsafe_code)]
 
@@ -25,6 +26,7 @@ pub mod cameras;
 pub mod campaign;
 pub mod csv_text;
 pub mod identify;
+pub mod journal;
 pub mod mission;
 pub mod output;
 pub mod progress;

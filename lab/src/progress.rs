@@ -1,10 +1,16 @@
-//! Progress of a study on standard error: bars in a terminal, else a line every ten seconds.
+//! Progress of a study: shown on standard error, as bars in a terminal, else as a line every ten seconds; and kept in a journal.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use oqtal_bus::time::{Span, Time};
-use oqtal_runtime::program::say;
+use oqtal_runtime::process::{Exit, Failure};
+use oqtal_runtime::program::{interrupt_flag, say};
+use oqtal_runtime::stop::StopFlag;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use crate::journal::Journal;
 
 /// Time between two lines.
 const LINE_PERIOD: Span = Span::from_millis(10_000);
@@ -16,15 +22,72 @@ pub struct Progress {
     begun_at: Time,
     /// Number of periods after which the last line was printed \[-\].
     lines: AtomicU64,
+    journal: Option<Journal>,
+    /// Set by Ctrl-C.
+    interrupted: StopFlag,
 }
 
 impl Default for Progress {
     fn default() -> Self {
-        Self { bars: MultiProgress::new(), begun_at: Time::now(), lines: AtomicU64::new(0) }
+        Self {
+            bars: MultiProgress::new(),
+            begun_at: Time::now(),
+            lines: AtomicU64::new(0),
+            journal: None,
+            interrupted: StopFlag::default(),
+        }
     }
 }
 
 impl Progress {
+    /// Progress that is kept in `journal`. Ctrl-C ends the study after the flights in progress; a second one ends the program.
+    pub fn kept_in(journal: Journal) -> Self {
+        if journal.resumed() > 0 {
+            say(&format!(
+                "resumed: {} results are in {}",
+                journal.resumed(),
+                journal.path().display()
+            ));
+        }
+        Self { journal: Some(journal), interrupted: interrupt_flag(), ..Self::default() }
+    }
+
+    /// The result with this key from the journal, or else the one that `make` returns, which is then kept.
+    ///
+    /// # Errors
+    /// The error of `make`, the journal cannot be written, or the study was interrupted (exit code 1).
+    pub fn kept<T: Serialize + DeserializeOwned>(
+        &self,
+        key: u64,
+        make: impl FnOnce() -> Result<T, Failure>,
+    ) -> Result<T, Failure> {
+        let Some(journal) = &self.journal else { return make() };
+        if let Some(result) = journal.find(key) {
+            return Ok(result);
+        }
+        self.check()?;
+        let result = make()?;
+        journal.keep(key, &result)?;
+        Ok(result)
+    }
+
+    /// Fails if the study was interrupted.
+    ///
+    /// # Errors
+    /// The study was interrupted (exit code 1).
+    pub fn check(&self) -> Result<(), Failure> {
+        match &self.journal {
+            Some(journal) if self.interrupted.is_set() => {
+                let reason = format!(
+                    "interrupted; {} keeps what was flown: the same command with --resume goes on",
+                    journal.path().display()
+                );
+                Err(Failure::new(Exit::Flight, reason))
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// Begins a task of `steps` steps.
     pub fn start(&self, name: &str, steps: usize) -> Bar<'_> {
         let bar = self.bars.add(ProgressBar::new(steps as u64));

@@ -33,8 +33,7 @@ use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 use serde_json::{Value, json};
 
-use crate::output::make;
-use crate::progress::Progress;
+use crate::output::{self, StudyOutput};
 use crate::sheet::Sheet;
 
 use chapter::{Chapter, ExperimentContext};
@@ -109,9 +108,12 @@ pub struct ReproduceArgs {
     /// Tune the gains of Table V again instead of using the shipped ones; takes minutes for each law
     #[arg(long)]
     retune: bool,
-    /// Directory of reproduction.html, reproduction.md and reproduction.json
-    #[arg(long, value_name = "DIR", default_value = "reproduction")]
-    out: PathBuf,
+    /// Directory of reproduction.html, reproduction.md and reproduction.json [default: results/reproduce-N]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Go on with an interrupted reproduction: that of --out, or the last one in results/
+    #[arg(long)]
+    resume: bool,
     /// Print all rows as JSON instead of tables
     #[arg(long)]
     json: bool,
@@ -130,13 +132,10 @@ impl ReproduceArgs {
     /// # Errors
     /// The directory cannot be written, or a setting in the environment is invalid.
     pub fn execute(&self) -> Result<Exit, Failure> {
-        make(&self.out)?;
-        let context = ExperimentContext {
-            lander: Lander::new()?,
-            retune: self.retune,
-            directory: self.out.clone(),
-            progress: Progress::default(),
-        };
+        let StudyOutput { directory, progress, journal } =
+            StudyOutput::begin("reproduce", self.out.as_deref(), self.resume)?;
+        let context =
+            ExperimentContext { lander: Lander::new()?, retune: self.retune, directory, progress };
         let selected = EXPERIMENTS.iter().filter(|experiment| self.selects(experiment));
         let chapters: Result<Vec<Chapter>, Failure> =
             selected.map(|experiment| (experiment.run)(&context)).collect();
@@ -146,6 +145,7 @@ impl ReproduceArgs {
         context
             .keep("reproduction.md", &page::markdown(&page::PAPER, &chapters, &self.command()))?;
         context.keep("reproduction.json", &json)?;
+        output::complete(&journal)?;
         if self.json {
             print(json.trim_end())?;
         } else {
@@ -155,7 +155,7 @@ impl ReproduceArgs {
             for Claim { claim, verdict, found, .. } in claims(&chapters) {
                 print(&wrapped(&format!("{}: {claim}: {found}.", verdict.shown()), 2))?;
             }
-            print(&format!("\npage: {}", self.out.join("reproduction.html").display()))?;
+            print(&format!("\npage: {}", context.directory.join("reproduction.html").display()))?;
         }
         Ok(Exit::Ok)
     }

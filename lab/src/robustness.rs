@@ -23,7 +23,7 @@ use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 use serde_json::{Value, json};
 
-use crate::output::{make, write};
+use crate::output::{StudyOutput, complete};
 use crate::progress::Progress;
 use crate::reproduce::chapter::Chapter;
 use crate::reproduce::page::{self, PageHead};
@@ -58,9 +58,14 @@ pub struct RobustnessArgs {
     /// Seed of the draws
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     seed: u64,
-    /// Gains of the laws: `configured`, `tuned`, or a directory with files LAW.toml; several sources are flown beside each other,
-    /// without the laws that a directory lacks
-    #[arg(long, value_name = "SOURCES", value_delimiter = ',', default_value = "tuned")]
+    /// Gains of the laws: `configured`, `tuned`, a folder of deploy/tuned, or a directory with files LAW.toml; several sources are
+    /// flown beside each other, without the laws that a source lacks
+    #[arg(
+        long,
+        value_name = "SOURCES",
+        value_delimiter = ',',
+        default_value = "tuned,spread,shipped"
+    )]
     gains: Vec<GainSource>,
     /// Also every draw of --spread, and of --wide, with the vehicle that `oqtal identify` finds from one flight in place of [vehicle]
     #[arg(long)]
@@ -74,15 +79,22 @@ pub struct RobustnessArgs {
     /// Also responses to a step, a force and a gust
     #[arg(long)]
     responses: bool,
-    /// Directory of robustness.html, robustness.md and robustness.json
-    #[arg(long, value_name = "DIR", default_value = "robustness")]
-    out: PathBuf,
+    /// Directory of robustness.html, robustness.md and robustness.json [default: results/robustness-N]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Go on with an interrupted study: that of --out, or the last one in results/
+    #[arg(long)]
+    resume: bool,
     /// Print JSON instead of tables
     #[arg(long)]
     json: bool,
     #[command(flatten)]
     study: StudyArgs,
 }
+
+/// Setting of the study unless it is given: with the shipped limit, the integrators of the laws on the default stack cannot hold the
+/// heaviest vehicles, and their hover errors are three to four times as large.
+const INTEGRAL_LIMIT: (&str, f64) = ("position.velocity-integral-limit-m-s2", 4.0);
 
 /// The page.
 const PAGE: PageHead = PageHead {
@@ -101,35 +113,36 @@ impl RobustnessArgs {
     /// A spread is given twice (exit code 64), a file or setting is invalid (78), or the directory cannot be written (71).
     pub fn execute(&self) -> Result<Exit, Failure> {
         self.check_spreads()?;
-        make(&self.out)?;
-        let (mut document, chapters) = self.flown()?;
+        let output = StudyOutput::begin("robustness", self.out.as_deref(), self.resume)?;
+        let (mut document, chapters) = self.flown(&output.progress)?;
         let sheets: Vec<&Sheet> = chapters.iter().flat_map(|chapter| &chapter.sheets).collect();
         document["tables"] = sheets.iter().map(|sheet| sheet.to_json()).collect();
         let document = format!("{document:#}\n");
         let text: Vec<String> = sheets.iter().map(|sheet| sheet.to_text()).collect();
-        self.keep("robustness.html", &page::html(&PAGE, &chapters))?;
-        self.keep("robustness.md", &page::markdown(&PAGE, &chapters, &self.command()))?;
-        self.keep("robustness.json", &document)?;
+        output.write("robustness.html", page::html(&PAGE, &chapters))?;
+        output.write("robustness.md", page::markdown(&PAGE, &chapters, &self.command()))?;
+        output.write("robustness.json", &document)?;
+        complete(&output.journal)?;
         if self.json {
             print(document.trim_end())?;
         } else {
-            let page = self.out.join("robustness.html");
+            let page = output.directory.join("robustness.html");
             print(&format!("{}\n\npage: {}", text.join("\n\n"), page.display()))?;
         }
         Ok(Exit::Ok)
     }
 
     /// Flies all parts of the study. Returns draws and loops as JSON, and the chapters of the page.
-    fn flown(&self) -> Result<(Value, Vec<Chapter>), Failure> {
-        let common = self.study.settings()?;
+    fn flown(&self, progress: &Progress) -> Result<(Value, Vec<Chapter>), Failure> {
+        let mut common = vec![Setting::flag("robustness", INTEGRAL_LIMIT.0, INTEGRAL_LIMIT.1)];
+        common.extend(self.study.settings()?);
         let laws = laws(&self.laws, &self.gains, &common)?;
-        let progress = Progress::default();
-        let loops = if self.margins { margins::all(&laws, &progress)? } else { Vec::new() };
-        let study = MonteCarlo { laws: &laws, common: &common, progress: &progress };
+        let loops = if self.margins { margins::all(&laws, progress)? } else { Vec::new() };
+        let study = MonteCarlo { laws: &laws, common: &common, progress };
         let (mut document, mut chapters) = self.over_draws(&study)?;
         document["loops"] = margins::document(&loops);
         if self.responses {
-            chapters.push(responses::chapter(&responses::all(&laws, &progress)?));
+            chapters.push(responses::chapter(&responses::all(&laws, progress)?));
         }
         chapters.extend((!loops.is_empty()).then(|| margins::chapter(&loops)));
         Ok((document, chapters))
@@ -226,10 +239,6 @@ impl RobustnessArgs {
             .concat(),
             self.study.words()
         )
-    }
-
-    fn keep(&self, name: &str, text: &str) -> Result<(), Failure> {
-        write(&self.out, name, text)
     }
 }
 

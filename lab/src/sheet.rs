@@ -53,19 +53,33 @@ pub enum SheetCell {
     Count(u64),
     /// A text.
     Text(String),
+    /// Value over a part of the flights: the others did not land as planned.
+    Partial(Box<SheetCell>),
     /// No value.
     None,
 }
 
 impl SheetCell {
-    fn to_json(&self) -> Value {
+    /// The cell as JSON: a number, a text, an object of two numbers, or null.
+    pub fn to_json(&self) -> Value {
         match self {
             Self::Number(number) => json!(number),
             Self::Spread(mean, sd) => json!({ "mean": mean, "sd": sd }),
             Self::Interval(mean, half) => json!({ "mean": mean, "half_width": half }),
             Self::Count(count) => json!(count),
             Self::Text(text) => json!(text),
+            Self::Partial(cell) => cell.to_json(),
             Self::None => Value::Null,
+        }
+    }
+
+    /// The number or the mean \[unit of the column\]; NaN if there is none.
+    fn number(&self) -> f64 {
+        match self {
+            Self::Number(number) | Self::Spread(number, _) | Self::Interval(number, _) => *number,
+            Self::Count(count) => *count as f64,
+            Self::Partial(cell) => cell.number(),
+            Self::Text(_) | Self::None => f64::NAN,
         }
     }
 
@@ -78,6 +92,7 @@ impl SheetCell {
             }
             Self::Count(count) => count.to_string(),
             Self::Text(text) => text.clone(),
+            Self::Partial(cell) => format!("{} *", cell.show()),
             Self::None => MISSING.to_owned(),
         }
     }
@@ -145,16 +160,7 @@ impl SheetRow {
     /// Number in a column, including counts \[unit of the column\]; NaN if the cell has none.
     pub fn number(&self, columns: &[Column], key: &str) -> f64 {
         let cell = columns.iter().zip(&self.cells).find(|((name, _), _)| *name == key);
-        match cell {
-            Some((
-                _,
-                SheetCell::Number(number)
-                | SheetCell::Spread(number, _)
-                | SheetCell::Interval(number, _),
-            )) => *number,
-            Some((_, SheetCell::Count(count))) => *count as f64,
-            _ => f64::NAN,
-        }
+        cell.map_or(f64::NAN, |(_, cell)| cell.number())
     }
 
     /// The row as a JSON object with flat keys.
@@ -192,6 +198,18 @@ pub struct Sheet {
 }
 
 impl Sheet {
+    /// The sheet without the columns that have one of these keys.
+    pub fn without(mut self, keys: &[&str]) -> Self {
+        let is_kept: Vec<bool> = self.columns.iter().map(|(key, _)| !keys.contains(key)).collect();
+        let mut kept = is_kept.iter();
+        self.columns.retain(|_| *kept.next().expect("one for each column"));
+        for row in &mut self.rows {
+            let mut kept = is_kept.iter();
+            row.cells.retain(|_| *kept.next().expect("one for each column"));
+        }
+        self
+    }
+
     /// Rows of one variant.
     pub fn of(&self, variant: Variant) -> impl Iterator<Item = &SheetRow> {
         self.rows.iter().filter(move |row| row.variant == variant)

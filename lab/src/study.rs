@@ -24,16 +24,20 @@
 //! ```
 //!
 //! Flights are flown on all cores; the result does not depend on the number of threads. A flight that does not land as planned
-//! has infinite figures for its test ([`Run::has_landed`]), so that it ranks below any flight that does.
+//! has infinite figures for its test ([`Run::has_landed`]), so that it ranks below any flight that does; [`failure`] counts such
+//! flights by test and cause.
 
 pub mod args;
+pub mod failure;
 pub mod flights;
 pub mod gains;
 pub mod law;
 pub mod metric;
+pub mod records;
 pub mod table;
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use oqtal_config::Setting;
 use oqtal_control::statistics::{Interval, mean, quantile};
@@ -59,6 +63,8 @@ pub struct Case {
     pub name: String,
     /// The flights.
     pub conditions: Vec<FlightCondition>,
+    /// Tests that are flown in each condition.
+    pub tests: Vec<Test>,
 }
 
 impl Case {
@@ -70,12 +76,22 @@ impl Case {
     /// Flights on `plant`, one per seed; the case is named after the plant.
     pub fn on(plant: PlantVariant, seeds: Range<u64>) -> Self {
         let condition = |seed| FlightCondition { seed, plant, settings: Vec::new() };
-        Self { name: plant.name.to_owned(), conditions: seeds.map(condition).collect() }
+        Self::of(plant.name, seeds.map(condition).collect())
+    }
+
+    /// Flights of every test in these conditions.
+    pub fn of(name: impl Into<String>, conditions: Vec<FlightCondition>) -> Self {
+        Self { name: name.into(), conditions, tests: Test::ALL.to_vec() }
     }
 
     /// The case with another name.
     pub fn named(self, name: impl Into<String>) -> Self {
         Self { name: name.into(), ..self }
+    }
+
+    /// The case with these tests alone.
+    pub fn flown_as(self, tests: &[Test]) -> Self {
+        Self { tests: tests.to_vec(), ..self }
     }
 
     /// The case with this setting in every flight.
@@ -103,46 +119,63 @@ pub struct Flown {
     pub law: StudyLaw,
     /// Name of the case.
     pub case: String,
-    /// Runs, one per condition of the case.
+    /// Conditions of the case.
+    pub conditions: Arc<[FlightCondition]>,
+    /// Runs, one per condition.
     pub runs: Vec<Run>,
 }
 
 impl Study<'_> {
-    /// Flies the study on all cores. Returns the rows grouped by law, in the order of the cases.
+    /// Flies the study on all cores. Returns the rows grouped by law, in the order of the cases. Runs are kept in the journal of
+    /// `progress`, and those that it holds already are not flown again.
     ///
     /// # Errors
-    /// A setting is invalid; in this case no flight is flown.
+    /// A setting is invalid; in this case no flight is flown. The journal cannot be written (exit code 71).
     pub fn fly(&self, progress: &Progress) -> Result<Vec<Flown>, Failure> {
         self.check()?;
         let bar = progress.start(self.name, self.flights().len());
-        self.fly_and_tell(&|| bar.inc())
+        let run = self.fly_each(&|flights: TestFlights| {
+            let run = progress.kept(flights.key(), || flights.fly(&mut |m| simulation::fly(m)));
+            bar.inc();
+            run
+        });
+        Ok(self.rows(run?))
     }
 
     /// Flies the study as [`Self::fly`] does, without a progress bar.
     ///
     /// # Errors
-    /// A setting is invalid.
-    pub fn fly_quietly(&self) -> Result<Vec<Flown>, Failure> {
-        self.fly_and_tell(&|| ())
+    /// As [`Self::fly`]; the settings are not checked before the first flight.
+    pub fn fly_without_bar(&self, progress: &Progress) -> Result<Vec<Flown>, Failure> {
+        let runs = self.fly_each(&|flights: TestFlights| {
+            progress.kept(flights.key(), || flights.fly(&mut |m| simulation::fly(m)))
+        });
+        Ok(self.rows(runs?))
     }
 
-    fn fly_and_tell(&self, flown: &(impl Fn() + Sync)) -> Result<Vec<Flown>, Failure> {
-        let fly = |(law, condition): (&StudyLaw, &FlightCondition)| {
-            let run =
-                TestFlights::new(law, condition)?.fly(&mut |mission| simulation::fly(mission));
-            flown();
-            run
+    fn fly_each(
+        &self,
+        fly: &(impl Fn(TestFlights) -> Result<Run, Failure> + Sync),
+    ) -> Result<Vec<Run>, Failure> {
+        let run = |(law, case, condition): (&StudyLaw, &Case, &FlightCondition)| {
+            fly(TestFlights::new(law, condition, &case.tests)?)
         };
-        let runs: Result<Vec<Run>, Failure> = self.flights().into_par_iter().map(fly).collect();
-        Ok(self.rows(runs?))
+        self.flights().into_par_iter().map(run).collect()
     }
 
     /// Flies the study sequentially, using `fly` for each flight. Returns the rows like [`Self::fly`].
     ///
     /// # Errors
-    /// A setting is invalid, or `fly` failed.
-    pub fn fly_in_turn(&self, fly: &mut FlyMission<'_>) -> Result<Vec<Flown>, Failure> {
-        let run = |(law, condition)| TestFlights::new(law, condition)?.fly(fly);
+    /// A setting is invalid, `fly` failed, or the journal cannot be written.
+    pub fn fly_in_turn(
+        &self,
+        progress: &Progress,
+        fly: &mut FlyMission<'_>,
+    ) -> Result<Vec<Flown>, Failure> {
+        let run = |(law, case, condition): (&StudyLaw, &Case, _)| {
+            let flights = TestFlights::new(law, condition, &case.tests)?;
+            progress.kept(flights.key(), || flights.fly(fly))
+        };
         let runs: Result<Vec<Run>, Failure> = self.flights().into_iter().map(run).collect();
         Ok(self.rows(runs?))
     }
@@ -154,23 +187,28 @@ impl Study<'_> {
         pairs.try_for_each(|(law, first)| flights::config(law, first, Test::Path).map(|_| ()))
     }
 
-    fn flights(&self) -> Vec<(&StudyLaw, &FlightCondition)> {
-        let conditions = || self.cases.iter().flat_map(|case| &case.conditions);
-        self.laws
-            .iter()
-            .flat_map(|law| conditions().map(move |condition| (law, condition)))
-            .collect()
+    fn flights(&self) -> Vec<(&StudyLaw, &Case, &FlightCondition)> {
+        let mut flights = Vec::new();
+        for law in self.laws {
+            for case in self.cases {
+                flights.extend(case.conditions.iter().map(|condition| (law, case, condition)));
+            }
+        }
+        flights
     }
 
     fn rows(&self, runs: Vec<Run>) -> Vec<Flown> {
+        let conditions: Vec<Arc<[FlightCondition]>> =
+            self.cases.iter().map(|case| case.conditions.clone().into()).collect();
         let mut runs = runs.into_iter();
-        let mut row = |law: &StudyLaw, case: &Case| Flown {
+        let mut row = |law: &StudyLaw, index: usize| Flown {
             law: law.clone(),
-            case: case.name.clone(),
-            runs: runs.by_ref().take(case.conditions.len()).collect(),
+            case: self.cases[index].name.clone(),
+            conditions: conditions[index].clone(),
+            runs: runs.by_ref().take(conditions[index].len()).collect(),
         };
-        let pairs = self.laws.iter().flat_map(|law| self.cases.iter().map(move |case| (law, case)));
-        pairs.map(|(law, case)| row(law, case)).collect()
+        let pairs = self.laws.iter().flat_map(|law| (0..self.cases.len()).map(move |k| (law, k)));
+        pairs.map(|(law, index)| row(law, index)).collect()
     }
 }
 
@@ -185,13 +223,16 @@ impl Flown {
         std::array::from_fn(|metric| mean(&self.values(metric)))
     }
 
-    /// Mean of each figure over the flights that landed as planned; infinite if none did.
+    /// One figure of each flight that landed as planned, where it has a meaning.
+    pub fn landed(&self, metric: usize) -> Vec<f64> {
+        let mut landed = self.values(metric);
+        landed.retain(|figure| figure.is_finite());
+        landed
+    }
+
+    /// Mean of each figure over the flights that landed as planned; NaN if none did.
     pub fn mean_of_landed(&self) -> Figures {
-        std::array::from_fn(|metric| {
-            let mut landed = self.values(metric);
-            landed.retain(|figure| figure.is_finite());
-            if landed.is_empty() { f64::INFINITY } else { mean(&landed) }
-        })
+        std::array::from_fn(|metric| mean(&self.landed(metric)))
     }
 
     /// Mean of a figure over all runs, with its confidence interval.
@@ -218,15 +259,27 @@ impl Flown {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use flights::TestEnd;
     use metric::METRICS;
+    use oqtal_observe::flight::Outcome;
 
-    /// Row whose figures all have these values, one per run.
+    /// Run whose figures all have this value; of a flight that was stopped if it is infinite.
+    pub(crate) fn run(figure: f64, riccati_solves: u64) -> Run {
+        let (outcome, cause) = match figure.is_finite() {
+            true => (Outcome::Landed, None),
+            false => (Outcome::Stopped, Some("motors stopped: speed".to_owned())),
+        };
+        let ends = Test::ALL.map(|test| TestEnd { test, outcome, cause: cause.clone() });
+        Run { figures: [figure; METRICS], hover_max_mm: figure, riccati_solves, ends: ends.into() }
+    }
+
+    /// Row whose figures all have these values, one per run; seeds from 0 on.
     pub(crate) fn flown(controller: &'static str, figures: &[f64]) -> Flown {
-        let run = |figure: &f64| Run { figures: [*figure; METRICS], riccati_solves: 0 };
         Flown {
             law: StudyLaw::new(controller, Vec::new(), ""),
             case: String::new(),
-            runs: figures.iter().map(run).collect(),
+            conditions: Case::of_seeds("", 0..figures.len() as u64).conditions.into(),
+            runs: figures.iter().map(|figure| run(*figure, 0)).collect(),
         }
     }
 
@@ -246,10 +299,10 @@ pub(crate) mod tests {
         let laws = ["pid", "lqr"].map(|name| StudyLaw::new(name, Vec::new(), ""));
         let cases = [Case::of_seeds("a", 1..3), Case::of_seeds("b", 7..8)];
         let study = Study { name: "", laws: &laws, cases: &cases };
-        let seeds: Vec<u64> = study.flights().iter().map(|(_, condition)| condition.seed).collect();
+        let seeds: Vec<u64> =
+            study.flights().iter().map(|(.., condition)| condition.seed).collect();
         assert_eq!(seeds, [1, 2, 7, 1, 2, 7]);
-        let run = |solves| Run { figures: [0.0; METRICS], riccati_solves: solves };
-        let rows = study.rows((0..6).map(run).collect());
+        let rows = study.rows((0..6).map(|solves| run(0.0, solves)).collect());
         let shown = rows.iter().map(|row| (&*row.law.name, &*row.case, row.riccati_solves()));
         assert_eq!(
             shown.collect::<Vec<_>>(),

@@ -11,13 +11,14 @@ use oqtal_runtime::program::print;
 use serde_json::{Value, json};
 
 use crate::csv_text;
-use crate::output::{check_file, write_file};
+use crate::output::{StudyOutput, complete, write_file};
 use crate::progress::Progress;
 use crate::study::args::{StudyArgs, parse_seeds};
 use crate::study::gains::{self, GainSource};
 use crate::study::law;
-use crate::study::metric::METRIC;
-use crate::study::{Case, Flown, Study};
+use crate::study::metric::{METRIC, METRICS};
+use crate::study::table::mean_of;
+use crate::study::{Case, Flown, Run, Study, failure, records};
 use crate::text_table;
 
 /// Greatest number of combinations of values \[-\].
@@ -41,9 +42,12 @@ pub struct SweepArgs {
     /// Print one JSON document per row instead of a table
     #[arg(long)]
     json: bool,
-    /// File of the table as CSV [default: none]
+    /// File of the table as CSV [default: sweep.csv in results/sweep-N]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// Go on with an interrupted sweep: the last one in results/, or that beside --out
+    #[arg(long)]
+    resume: bool,
     #[command(flatten)]
     study: StudyArgs,
 }
@@ -97,8 +101,7 @@ struct SweepRow {
 impl SweepRow {
     /// Fraction of the seeds for which all flights landed as planned \[0..1\].
     fn landed(&self) -> f64 {
-        let landed = self.flown.runs.iter().filter(|run| run.is_complete());
-        landed.count() as f64 / self.flown.runs.len() as f64
+        1e-2 * self.flown.percent(Run::all_landed)
     }
 }
 
@@ -108,33 +111,37 @@ impl SweepArgs {
     /// # Errors
     /// A key or value is invalid (exit code 78), there are too many combinations (64), or the file cannot be written (71).
     pub fn execute(&self) -> Result<Exit, Failure> {
-        if let Some(file) = &self.out {
-            check_file(file)?;
-        }
-        let rows = self.fly()?;
-        if let Some(file) = &self.out {
-            write_file(file, self.csv(&rows)?)?;
-        }
+        let output = match &self.out {
+            Some(file) => StudyOutput::beside(file, self.resume)?,
+            None => StudyOutput::begin("sweep", None, self.resume)?,
+        };
+        let rows = self.fly(&output.progress)?;
+        let file = self.out.clone().unwrap_or_else(|| output.directory.join("sweep.csv"));
+        write_file(&file, self.csv(&rows)?)?;
+        complete(&output.journal)?;
         match self.json {
             true => rows.iter().try_for_each(|row| print(&self.document(row).to_string()))?,
-            false => print(&self.text(&rows))?,
+            false => print(&format!("{}\ntable: {}", self.text(&rows), file.display()))?,
         }
         Ok(Exit::Ok)
     }
 
     /// Flies the sweep. Returns the rows grouped by combination.
-    fn fly(&self) -> Result<Vec<SweepRow>, Failure> {
+    fn fly(&self, progress: &Progress) -> Result<Vec<SweepRow>, Failure> {
         let combinations = combinations(&self.axes)?;
         let laws = gains::chosen(&self.laws, &self.gains, &self.study.settings()?)?;
         let case = |values: &Vec<toml::Value>| {
-            let mut case = Case::of_seeds("sweep", self.seeds.clone());
+            let pairs = self.axes.iter().zip(values);
+            let name = pairs.map(|(axis, value)| format!("{}={}", axis.key, shown(value)));
+            let name = name.collect::<Vec<_>>().join(" ");
+            let mut case = Case::of_seeds(name, self.seeds.clone());
             for (axis, value) in self.axes.iter().zip(values) {
                 case = case.with(Setting::flag("sweep", &axis.key, value.clone()));
             }
             case
         };
         let cases: Vec<Case> = combinations.iter().map(case).collect();
-        let flown = Study { name: "sweep", laws: &laws, cases: &cases }.fly(&Progress::default())?;
+        let flown = Study { name: "sweep", laws: &laws, cases: &cases }.fly(progress)?;
         let row = |(index, values): (usize, &Vec<toml::Value>)| {
             let of_laws = flown[index..].iter().step_by(cases.len());
             let row = |flown: &Flown| SweepRow { values: values.clone(), flown: flown.clone() };
@@ -163,25 +170,32 @@ impl SweepArgs {
         for (metric, figure) in METRIC.iter().zip(row.flown.mean_of_landed()) {
             document[metric.key] = json!(figure);
         }
+        let flown = std::slice::from_ref(&row.flown);
+        document["tests"] = records::tests(flown);
+        document["failures"] = records::failures(flown);
+        document["flights"] = records::flights(flown);
         document
     }
 
     fn text(&self, rows: &[SweepRow]) -> String {
         let keys = self.axes.iter().map(|axis| axis.key.clone());
-        let titles = METRIC.map(|metric| metric.title.to_owned());
         let named: Vec<String> = keys.chain(["law".to_owned()]).collect();
+        // A figure without a value in any row has no meaning for the trajectory.
+        let has_value =
+            |metric: &usize| rows.iter().any(|row| !row.flown.landed(*metric).is_empty());
+        let metrics: Vec<usize> = (0..METRICS).filter(has_value).collect();
+        let titles = metrics.iter().map(|metric| METRIC[*metric].title.to_owned());
         let figures: Vec<String> = ["landed".to_owned()].into_iter().chain(titles).collect();
         let lines = rows.iter().map(|row| {
-            let cells = row.flown.mean_of_landed().map(text_table::number);
+            let cells = metrics.iter().map(|metric| mean_of(&row.flown.values(*metric)).show());
             let landed = format!("{:.0} %", 1e2 * row.landed());
             let values = row.values.iter().map(shown).chain([row.flown.law.name.clone()]);
             (values.collect(), [landed].into_iter().chain(cells).collect())
         });
-        format!(
-            "means of the flights that landed, of {} for each row\n{}",
-            self.seeds.clone().count(),
-            text_table::blocks(&named, &figures, &lines.collect::<Vec<_>>())
-        )
+        let table = text_table::blocks(&named, &figures, &lines.collect::<Vec<_>>());
+        let flown: Vec<Flown> = rows.iter().map(|row| row.flown.clone()).collect();
+        let seeds = self.seeds.clone().count();
+        format!("means over {seeds} seeds for each row\n{table}\n{}", failure::text(&flown))
     }
 }
 

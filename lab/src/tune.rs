@@ -5,8 +5,10 @@ mod cma_es;
 pub mod online;
 pub mod optimiser;
 pub mod outer;
+pub mod page;
 pub mod search;
 pub mod space;
+pub mod trade;
 
 use std::ops::Range;
 use std::path::PathBuf;
@@ -17,7 +19,7 @@ use oqtal_config::Setting;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 
-use crate::output::{check_file, write_file};
+use crate::output::{StudyOutput, check_file, complete, write_file};
 use crate::progress::Progress;
 use crate::robustness::draws::{Draw, TUNING_SEED};
 use crate::robustness::spread::PlantSpread;
@@ -50,10 +52,16 @@ pub struct TuneArgs {
     /// Optimiser
     #[arg(long, value_enum, default_value_t)]
     optimiser: Optimiser,
+    /// Weights of the components of the objective; those not given keep their defaults, which the table at the end shows
+    #[arg(long, value_name = "KEY=W,...", value_delimiter = ',')]
+    weights: Vec<String>,
     /// File of the tuned configuration; with several laws, or if it exists as a directory, the directory of files LAW.toml [default:
-    /// tuned.toml, or tuned]
+    /// results/tune-N]
     #[arg(long, value_name = "PATH")]
     out: Option<PathBuf>,
+    /// Go on with an interrupted search: that of --out, or the last one in results/
+    #[arg(long)]
+    resume: bool,
     #[command(flatten)]
     study: StudyArgs,
 }
@@ -65,14 +73,26 @@ impl TuneArgs {
     /// A file cannot be written, or a setting is invalid.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let names = self.names();
-        let flights = self.flights()?;
+        let mut flights = self.flights()?;
+        flights.weights = trade::parse_weights(&self.weights)
+            .map_err(|reason| Failure::new(Exit::Usage, format!("--weights: {reason}")))?;
+        let given = self.out.as_ref().filter(|out| names.len() == 1 && !out.is_dir());
+        let output = match given {
+            Some(file) => StudyOutput::beside(file, self.resume)?,
+            None => StudyOutput::begin("tune", self.out.as_deref(), self.resume)?,
+        };
         for name in &names {
-            let file = self.file(name, names.len());
+            let own = output.directory.join(format!("{name}.toml"));
+            let file = given.cloned().unwrap_or(own);
             check_file(&file)?;
-            let tuned = tune(name, &self.budget(), &flights, &Progress::default())?;
+            let tuned = tune(name, &self.budget(), &flights, &output.progress)?;
             write_file(&file, tuned.to_toml(&self.own(&flights)))?;
-            print(&format!("{tuned}configuration: {}", file.display()))?;
+            let page = file.with_extension("html");
+            write_file(&page, page::html(&tuned))?;
+            let (page, file) = (page.display(), file.display());
+            print(&format!("{tuned}page: {page}\nconfiguration: {file}"))?;
         }
+        complete(&output.journal)?;
         Ok(Exit::Ok)
     }
 
@@ -95,13 +115,6 @@ impl TuneArgs {
         let all = is_asked(&"all");
         let laws = law::names().filter(|name| all || is_asked(name));
         laws.chain(["outer"].into_iter().filter(is_asked)).collect()
-    }
-
-    /// Output file for `name`, one of `count`.
-    fn file(&self, name: &str, count: usize) -> PathBuf {
-        let out = self.out.clone();
-        let out = out.unwrap_or_else(|| if count == 1 { "tuned.toml" } else { "tuned" }.into());
-        if count == 1 && !out.is_dir() { out } else { out.join(format!("{name}.toml")) }
     }
 
     /// Settings of the study that belong in a tuned configuration: all except those of environment variables, which apply to

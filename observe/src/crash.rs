@@ -43,6 +43,16 @@ pub enum Crash {
 }
 
 impl Crash {
+    /// Description without figures.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Floor | Self::Hard { .. } => "hit the floor",
+            Self::TurnedOver { .. } => "turned over",
+            Self::Lost { .. } => "flew away",
+            Self::DaemonDied => "fell: the daemon died in flight",
+        }
+    }
+
     /// Crash of an armed vehicle in the state of `sample`; `None` if it flies.
     pub fn of(sample: &FlightSample, fence: &FenceOptions) -> Option<Self> {
         let phase = sample.telemetry.phase;

@@ -32,6 +32,7 @@ fn is_shown(condition: &str, summary: &Summary) -> bool {
     let is_real_time = summary.wakeup_lateness.is_some();
     match condition {
         "errors" => summary.position_error_m.is_some(),
+        "corners" => summary.corners.is_some(),
         "hops" => has_hops,
         "hops in real time" => has_hops && is_real_time,
         "wire" => has_hops && summary.wire.is_some(),

@@ -9,7 +9,7 @@ use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::time::Time;
 use oqtal_config::Config;
 use oqtal_control::trajectory::Phase;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::command_path::CommandPath;
 use crate::crash::Crash;
@@ -18,7 +18,7 @@ use crate::kernel::ProcessUsage;
 use crate::wire::WireRecord;
 
 /// Outcome of a flight.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Outcome {
     /// On the floor, at rest, disarmed.
@@ -183,6 +183,25 @@ impl Flight {
             }
             _ => None,
         }
+    }
+
+    /// Reason as of [`Flight::shortfall`], without instants and figures, so that flights with the same reason can be counted; `None`
+    /// for a flight that landed as planned.
+    pub fn cause(&self) -> Option<String> {
+        Some(match (self.outcome, self.crash) {
+            (Outcome::Landed, _) => match self.early_landing() {
+                Some(sample) => format!("landed by the daemon: {}", cause_of(sample)),
+                None => self.landing_on_request().map(|_| "landed on request".to_owned())?,
+            },
+            (Outcome::Stopped, _) => {
+                let cause = self.samples.last().map_or(Cause::None, cause_of);
+                format!("motors stopped: {cause}")
+            }
+            (Outcome::Crashed, Some(crash)) => crash.name().to_owned(),
+            (Outcome::Timeout, _) if self.armed().next().is_none() => "no take-off".to_owned(),
+            (Outcome::Timeout, _) => "not ended in time".to_owned(),
+            (outcome, _) => outcome.to_string(),
+        })
     }
 
     /// Time of the last armed tick after arming, as text; empty without an armed tick.

@@ -20,6 +20,7 @@
 //! | `command_path.rs` | path of commands to the vehicle |
 //! | `wire.rs` | figures of the wire to a vehicle |
 //! | `crash.rs` | detection of crashes |
+//! | `corners.rs` | figures at the corners of a path |
 //! | `fault.rs` | faults and disturbances of a flight |
 //! | `table.rs` | the closing table in the terminal |
 //! | `explain.rs` | explanations of the terms of the closing table |
@@ -34,6 +35,7 @@
 
 pub mod command_path;
 pub mod compare;
+pub mod corners;
 pub mod crash;
 pub mod csv;
 pub mod event;

@@ -143,6 +143,13 @@ fn flight_figures(summary: &Summary) -> Vec<KeyFigure> {
         let [mean, rms, max] = [error.mean, error.rms, error.max].map(significant);
         (format!("{mean}°"), format!("rms {rms}°, max {max}°"))
     });
+    figures.extend(summary.corners.as_ref().map(|corners| {
+        let way =
+            format!("{:.0} % of the position error is the way there", 1e2 * corners.approach_share);
+        let overshoot = unit::length(corners.overshoot_m);
+        let settled = format!("{:.2} s, overshoot {overshoot}", corners.settle_s);
+        ("Corners: within 5 cm after", settled, way)
+    }));
     figures.push(("Mean attitude error", attitude, detail));
     let whole = summary.hops.get(WHOLE).copied().unwrap_or_default();
     let tail = format!("p99 {}, max {}", span(whole.p99_ns), span(whole.max_ns));

@@ -13,6 +13,7 @@ use oqtal_control::trajectory::Phase;
 use serde::Serialize;
 
 use crate::command_path::CommandPath;
+use crate::corners::CornerFigures;
 use crate::fault::{AppliedDisturbance, InjectedFault};
 use crate::flight::{Flight, FlightSample, Outcome};
 use crate::kernel::ProcessUsage;
@@ -84,6 +85,8 @@ pub struct Summary {
     pub position_error_m: Option<ErrorFigures>,
     pub velocity_error_m_s: Option<ErrorFigures>,
     pub attitude_error_deg: Option<ErrorFigures>,
+    /// Figures at the corners; `None` for a path without corners.
+    pub corners: Option<CornerFigures>,
     /// Integral of the norm of sticks \[s\] or torque \[N m s\] over the scored window, Table II.
     pub effort: Option<f64>,
     pub riccati_solves: u64,
@@ -146,6 +149,7 @@ impl Summary {
             position_error_m: figures(FlightSample::position_error),
             velocity_error_m_s: figures(FlightSample::velocity_error),
             attitude_error_deg: figures(|sample| sample.attitude_error().map(f64::to_degrees)),
+            corners: CornerFigures::of(flight),
             effort: effort(flight),
             riccati_solves: last.riccati_solves,
             speed_factor: flight.speed_factor,

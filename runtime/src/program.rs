@@ -11,6 +11,7 @@ use std::time::Duration;
 use clap::Parser;
 
 use crate::exit::{Exit, Failure};
+use crate::stop::StopFlag;
 
 /// Maximum time that a message waits for standard error.
 const SAY_TIMEOUT: Duration = Duration::from_millis(300);
@@ -30,6 +31,18 @@ fn survive_size_limits() {
     // The flag is never read: with any handler the write returns an error. If the registration fails, the signal ends the
     // process.
     let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::default());
+}
+
+/// Flag that Ctrl-C or SIGTERM sets; if it is set already, the signal ends the program. Never set if the registration fails: the
+/// first signal then ends the program.
+pub fn interrupt_flag() -> StopFlag {
+    let flag = StopFlag::default();
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        let ended = Exit::Flight as i32;
+        let _ = signal_hook::flag::register_conditional_shutdown(signal, ended, flag.shared())
+            .and_then(|_| signal_hook::flag::register(signal, flag.shared()));
+    }
+    flag
 }
 
 /// Executes `work` and converts a panic to a failure; values are dropped as after an error.

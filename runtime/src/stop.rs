@@ -23,6 +23,11 @@ impl StopFlag {
         self.0.load(Ordering::Acquire)
     }
 
+    /// The flag itself, for a signal handler.
+    pub(crate) fn shared(&self) -> Arc<AtomicBool> {
+        self.0.clone()
+    }
+
     /// Requests the end of the process when the returned guard goes out of scope, also after a panic.
     pub fn set_on_drop(&self) -> SetOnDrop {
         SetOnDrop(self.clone())

@@ -1,10 +1,9 @@
 //! Table V: a row of figures for each law.
 
-use oqtal_control::statistics::{mean, standard_deviation};
-
 use crate::sheet::{Column, SheetCell, SheetRow};
 use crate::study::Flown;
 use crate::study::metric::{METRIC, METRICS, POSITION};
+use crate::study::table::{marked, mean_of, spread};
 
 /// The columns: the metrics, then counts.
 pub const COLUMNS: [Column; METRICS + 5] = {
@@ -26,18 +25,18 @@ pub const COLUMNS: [Column; METRICS + 5] = {
 const SPREADS: usize = 3;
 
 /// Row of a law. For the metrics with a spread, the `best` runs are averaged; `max_q` is the greatest weight of the law and how
-/// it was found.
+/// it was found. Flights that did not land are left out.
 pub fn row(flown: &Flown, best: usize, max_q: Option<(f64, &str)>) -> SheetRow {
-    let best = best_runs(flown, best);
-    let of_all = flown.mean();
+    let wanted = best.min(flown.runs.len());
+    let best = best_runs(flown, wanted);
     let cell = |metric: usize| match metric {
         _ if metric < SPREADS => {
             let values = flown.values(metric);
             let values: Vec<f64> = best.iter().map(|run| values[*run]).collect();
-            SheetCell::Spread(mean(&values), standard_deviation(&values))
+            marked(spread(&values), best.len() < wanted)
         }
         // All runs: a choice of runs by position error would bias the other metrics.
-        _ => SheetCell::Number(of_all[metric]),
+        _ => mean_of(&flown.values(metric)),
     };
     let (weight, found) = max_q.unzip();
     let counts = [
@@ -52,10 +51,10 @@ pub fn row(flown: &Flown, best: usize, max_q: Option<(f64, &str)>) -> SheetRow {
     SheetRow::new(variant, flown.law.controller, settings, cells)
 }
 
-/// The `count` runs with the least position error.
+/// The `count` runs with the least position error; fewer if fewer landed.
 fn best_runs(flown: &Flown, count: usize) -> Vec<usize> {
     let errors = flown.values(POSITION);
-    let mut order: Vec<usize> = (0..errors.len()).collect();
+    let mut order: Vec<usize> = (0..errors.len()).filter(|run| errors[*run].is_finite()).collect();
     order.sort_by(|a, b| errors[*a].total_cmp(&errors[*b]));
     order.truncate(count);
     order
@@ -74,5 +73,7 @@ mod tests {
             panic!("no spread")
         };
         assert!((mean - 0.15).abs() < 1e-12 && (sd - 0.005_f64.sqrt()).abs() < 1e-12);
+        assert_eq!(best_runs(&flown, 4), [1, 3, 0], "a flight that did not land is not averaged");
+        assert_eq!(row(&flown, 4, None).cells[POSITION].show(), "0.2000 ± 0.10 *");
     }
 }

@@ -9,7 +9,7 @@ use crate::study::metric::{CHIRP, DOUBLET, HOVER};
 use crate::study::table::column;
 
 /// Law that is compared with all others.
-const OURS: &str = "oqtal-dt";
+pub(super) const OURS: &str = "oqtal-dt";
 
 const NOTE: &str = "In each draw the best of the others in that figure, whatever its gains: no single law has all of these figures. \
      The settings name the others.";

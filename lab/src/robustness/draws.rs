@@ -72,7 +72,7 @@ impl Draw {
             plant: NOMINAL,
             settings: draw.settings.clone(),
         };
-        Case { name: "draws".to_owned(), conditions: draws.iter().map(condition).collect() }
+        Case::of("draws", draws.iter().map(condition).collect())
     }
 
     /// Drawn value of a key.

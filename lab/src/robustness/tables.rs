@@ -1,5 +1,7 @@
 //! The tables of the Monte-Carlo study.
 
+use std::collections::BTreeSet;
+
 use oqtal_control::statistics::{mean, rank_correlation};
 use toml::Value;
 
@@ -7,7 +9,8 @@ use super::against;
 use super::draws::Draw;
 use super::spread::{PlantSpread, SpreadKey};
 use crate::sheet::{Sheet, SheetCell, SheetRow, Variant};
-use crate::study::flights::Test;
+use crate::study::failure::{self, FailedFlights};
+use crate::study::flights::{Test, TestEnd};
 use crate::study::metric::{ATTITUDE, CHIRP, DOUBLET, HOVER, JITTER, METRIC, METRICS, SETTLE};
 use crate::study::table::column;
 use crate::study::{Flown, Run};
@@ -20,8 +23,59 @@ const MOST_FAILURES: usize = 5;
 /// Figures of the laws over the draws, and the draws in which a law did not land.
 pub fn all(flown: &[Flown], draws: &[Draw]) -> Vec<Sheet> {
     let against = Some(against::table(flown)).filter(|sheet| !sheet.rows.is_empty());
-    let details = [landed(flown), distributions(flown), broken(flown, draws)];
-    [summary(flown)].into_iter().chain(against).chain(details).collect()
+    let details =
+        [landed(flown), failures(flown, draws), distributions(flown), broken(flown, draws)];
+    let headline = Some(headline(flown)).filter(|sheet| sheet.rows.len() > 1);
+    headline.into_iter().chain([summary(flown)]).chain(against).chain(details).collect()
+}
+
+/// The figures by which the README compares: those of each row of `oqtal-dt`, and in each column the best of the laws with an
+/// estimator and a position loop of their own.
+fn headline(flown: &[Flown]) -> Sheet {
+    type Row<'a> = (String, Vec<&'a Flown>);
+    let best = |metric: usize, share: f64| {
+        move |(_, laws): &Row<'_>| {
+            laws.iter().map(|law| law.quantile(metric, share)).fold(f64::NAN, f64::min)
+        }
+    };
+    let columns = [
+        column("hover_p95_mm", "hover, 95 % point [mm]", best(HOVER, 0.95)),
+        column("chirp_median_deg", "chirp, median [°]", best(CHIRP, 0.5)),
+        column("jitter_median_rad_s", "jitter, median [rad/s]", best(JITTER, 0.5)),
+    ];
+    let is_ours = |law: &&Flown| law.law.controller == against::OURS;
+    let own = flown.iter().filter(is_ours).map(|law| (law.law.name.clone(), vec![law]));
+    let others: Vec<&Flown> =
+        flown.iter().filter(|law| !is_ours(law) && !law.law.is_predictive()).collect();
+    let names: BTreeSet<&str> = others.iter().map(|law| law.law.controller).collect();
+    let best = (format!("best of {} other laws", names.len()), others);
+    let rows: Vec<Row<'_>> =
+        own.chain([best].into_iter().filter(|(_, laws)| !laws.is_empty())).collect();
+    let names = |(name, _): &Row<'_>| (name.clone(), Variant::Ours, String::new());
+    Sheet::tabulate(("headline", "oqtal-dt and the best of the other laws in each column"), &columns, &rows, names)
+        .with_note("The other laws fly with an estimator and a position loop of their own. No single one has all figures of its row.")
+}
+
+/// Flights that did not land as planned, by law, test and cause.
+fn failures(flown: &[Flown], draws: &[Draw]) -> Sheet {
+    let groups = failure::failed(flown);
+    let columns = [
+        column("cause", "cause", |group: &FailedFlights<'_>| group.cause),
+        column("flights", "flights", |group: &FailedFlights<'_>| group.conditions.len() as u64),
+        column("draws", "draws", |group: &FailedFlights<'_>| {
+            let seeds = group.conditions.iter().map(|condition| condition.seed);
+            let runs: Vec<String> = seeds
+                .filter_map(|seed| draws.iter().find(|draw| draw.seed == seed))
+                .map(|draw| draw.run.to_string())
+                .collect();
+            SheetCell::Text(runs.join(" "))
+        }),
+    ];
+    let names = |group: &FailedFlights<'_>| {
+        (group.law.name.clone(), Variant::Ours, group.test.name().to_owned())
+    };
+    let title = "Flights that did not land as planned, by test and cause";
+    Sheet::tabulate(("failures", title), &columns, &groups, names).as_detail()
 }
 
 /// One row for each law.
@@ -136,8 +190,8 @@ fn shown_draws(law: &Flown) -> Vec<usize> {
 
 /// Tests of a run that did not land as planned.
 fn not_landed(run: &Run) -> SheetCell {
-    let failed = Test::ALL.into_iter().filter(|test| !run.has_landed(*test)).map(Test::name);
-    let failed: Vec<&str> = failed.collect();
+    let cause = |end: &TestEnd| Some(format!("{}: {}", end.test.name(), end.cause.as_ref()?));
+    let failed: Vec<String> = run.ends.iter().filter_map(cause).collect();
     if failed.is_empty() { SheetCell::None } else { SheetCell::Text(failed.join(", ")) }
 }
 

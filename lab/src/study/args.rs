@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use clap::Args;
 use oqtal_config::{Config, Setting};
 use oqtal_runtime::process::{Exit, Failure};
+use toml::Value;
 
 /// Arguments of the commands that fly simulated flights in large numbers.
 #[derive(Args, Clone, Debug, Default)]
@@ -57,6 +58,33 @@ impl StudyArgs {
         let words = config.chain(set).chain(plant).chain(trajectory);
         words.map(|(flag, value)| format!(" {flag} {}", quoted(&value))).collect()
     }
+}
+
+/// `settings` as words of a command line of `oqtal fly`, each preceded by a space: files, the trajectory, disturbances, and each
+/// other key. Settings of environment variables are left out: they apply to every command.
+pub fn words_of(settings: &[Setting]) -> String {
+    let mut words: Vec<String> = Vec::new();
+    for Setting { key, value, origin } in settings {
+        let file = origin.rsplit_once(':').map_or(&origin[..], |(file, _)| file);
+        let word = match (&key[..], value) {
+            ("clock.kind", _) => continue,
+            _ if origin.starts_with("OQTAL_") => continue,
+            _ if file.ends_with(".toml") => format!(" --config {}", quoted(file)),
+            ("trajectory.kind", Value::String(name)) => format!(" --trajectory {name}"),
+            ("plant.disturb", Value::Array(all)) => {
+                let texts = all.iter().filter_map(Value::as_str);
+                texts.map(|text| format!(" --disturb {}", quoted(text))).collect()
+            }
+            (key, value) => {
+                let value = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+                format!(" --set {}", quoted(&format!("{key}={value}").replace(' ', "")))
+            }
+        };
+        if !words.contains(&word) {
+            words.push(word);
+        }
+    }
+    words.concat()
 }
 
 /// `word`, quoted if a shell would split or change it.

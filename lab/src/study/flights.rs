@@ -1,8 +1,13 @@
 //! Flights by which laws are compared: the configured trajectory (a square), a hover and two prescribed attitudes.
 
+use std::ops::RangeInclusive;
+
+use oqtal_bus::message::{FNV_OFFSET, fnv1a};
 use oqtal_config::{Config, Setting};
+use oqtal_control::trajectory::Trajectory;
 use oqtal_observe::flight::{Flight, Outcome};
 use oqtal_runtime::process::Failure;
+use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
 use super::law::StudyLaw;
@@ -24,29 +29,75 @@ pub struct FlightCondition {
     pub settings: Vec<Setting>,
 }
 
-/// Flights of one law in one condition: one per test.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// End of the flight of one test.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TestEnd {
+    /// The test.
+    pub test: Test,
+    /// Outcome of the flight.
+    pub outcome: Outcome,
+    /// Reason why the flight does not count; `None` if it landed as planned.
+    pub cause: Option<String>,
+}
+
+/// Flights of one law in one condition: one per test of the case.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(into = "KeptRun", try_from = "KeptRun")]
 pub struct Run {
-    /// Figures; infinite for a test whose flight did not land as planned.
+    /// Figures; infinite for a test that was not flown or whose flight did not land as planned, NaN where they have no meaning.
     pub figures: Figures,
+    /// Greatest position error in hover \[mm\].
+    pub hover_max_mm: f64,
     /// Number of Riccati equations solved on the path \[-\].
     pub riccati_solves: u64,
+    /// End of each flight.
+    pub ends: Vec<TestEnd>,
 }
 
 impl Run {
     /// Whether the flight of `test` landed as planned.
     pub fn has_landed(&self, test: Test) -> bool {
-        self.figures[test.figure()].is_finite()
+        self.ends.iter().any(|end| end.test == test && end.cause.is_none())
     }
 
     /// Whether every flight landed as planned.
     pub fn all_landed(&self) -> bool {
-        Test::ALL.iter().all(|test| self.has_landed(*test))
+        self.ends.iter().all(|end| end.cause.is_none())
     }
 
     /// Whether all figures are finite: every flight landed as planned, and its path has corners.
     pub fn is_complete(&self) -> bool {
         self.figures.iter().all(|figure| figure.is_finite())
+    }
+}
+
+/// Run in a journal: floating-point numbers as their bits, so that a resumed study has the result of an uninterrupted one.
+#[derive(Serialize, Deserialize)]
+struct KeptRun {
+    /// The figures, followed by the greatest hover error.
+    bits: Vec<u64>,
+    riccati_solves: u64,
+    ends: Vec<TestEnd>,
+}
+
+impl From<Run> for KeptRun {
+    fn from(run: Run) -> Self {
+        let figures = run.figures.into_iter().chain([run.hover_max_mm]);
+        let Run { riccati_solves, ends, .. } = run;
+        Self { bits: figures.map(f64::to_bits).collect(), riccati_solves, ends }
+    }
+}
+
+impl TryFrom<KeptRun> for Run {
+    type Error = &'static str;
+
+    fn try_from(kept: KeptRun) -> Result<Self, Self::Error> {
+        let KeptRun { bits, riccati_solves, ends } = kept;
+        let values: Vec<f64> = bits.into_iter().map(f64::from_bits).collect();
+        let wrong = "another number of figures";
+        let (hover_max_mm, figures) = values.split_last().ok_or(wrong)?;
+        let figures = figures.try_into().map_err(|_| wrong)?;
+        Ok(Self { figures, hover_max_mm: *hover_max_mm, riccati_solves, ends })
     }
 }
 
@@ -88,7 +139,8 @@ pub const MISMATCHED: [PlantVariant; 5] = [
 ];
 
 /// One flight of a condition.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Test {
     /// The configured trajectory, by default the paper's square.
     Path,
@@ -110,7 +162,7 @@ impl Test {
     }
 
     /// Trajectory of the test; `None` for the configured one.
-    fn trajectory(self) -> Option<&'static str> {
+    pub fn trajectory(self) -> Option<&'static str> {
         match self {
             Self::Path => None,
             Self::Hover => Some("hover"),
@@ -119,13 +171,13 @@ impl Test {
         }
     }
 
-    /// Index of the first figure of the test.
-    pub fn figure(self) -> usize {
+    /// Indices of the figures of the test.
+    pub fn figures(self) -> RangeInclusive<usize> {
         match self {
-            Self::Path => POSITION,
-            Self::Hover => HOVER,
-            Self::Chirp => CHIRP,
-            Self::Doublet => DOUBLET,
+            Self::Path => POSITION..=OVERSHOOT,
+            Self::Hover => HOVER..=JITTER,
+            Self::Chirp => CHIRP..=CHIRP,
+            Self::Doublet => DOUBLET..=DOUBLET,
         }
     }
 }
@@ -198,57 +250,73 @@ pub fn readable(value: f64) -> f64 {
 /// Flies a mission, in this process or in separate processes.
 pub type FlyMission<'a> = dyn FnMut(&Mission) -> Result<Flight, Failure> + 'a;
 
-/// Flies `config` using `fly`. Returns the flight and its mission, or `None` if the vehicle did not land as planned.
-///
-/// # Errors
-/// An option of the law is invalid, or `fly` failed.
-pub fn landed(
-    config: Config,
-    fly: &mut FlyMission<'_>,
-) -> Result<Option<(Flight, Mission)>, Failure> {
-    let mission = Mission::new(config)?;
-    let flight = fly(&mission)?;
-    let is_complete = flight.outcome == Outcome::Landed && flight.shortfall().is_none();
-    Ok(is_complete.then_some((flight, mission)))
-}
-
 /// Flies the configured trajectory on the configured plant; `None` if the vehicle did not land as planned.
 ///
 /// # Errors
 /// A setting is invalid.
 pub fn path(law: &StudyLaw, seed: u64) -> Result<Option<Flight>, Failure> {
     let condition = FlightCondition { seed, plant: NOMINAL, settings: Vec::new() };
-    let flown =
-        landed(config(law, &condition, Test::Path)?, &mut |mission| simulation::fly(mission))?;
-    Ok(flown.map(|(flight, _)| flight))
+    let flight = simulation::fly(&Mission::new(config(law, &condition, Test::Path)?)?)?;
+    Ok(Some(flight).filter(|flight| flight.cause().is_none()))
 }
 
-/// Flights of a law in one condition: one configuration per test in [`Test::ALL`].
-pub(super) struct TestFlights([Config; Test::ALL.len()]);
+/// Flights of a law in one condition: one configuration for each test.
+pub(super) struct TestFlights(Vec<(Test, Config)>);
 
 impl TestFlights {
-    pub(super) fn new(law: &StudyLaw, condition: &FlightCondition) -> Result<Self, Failure> {
-        let [path, hover, chirp, doublet] = Test::ALL.map(|test| config(law, condition, test));
-        Ok(Self([path?, hover?, chirp?, doublet?]))
+    pub(super) fn new(
+        law: &StudyLaw,
+        condition: &FlightCondition,
+        tests: &[Test],
+    ) -> Result<Self, Failure> {
+        let configs = tests.iter().map(|test| Ok((*test, config(law, condition, *test)?)));
+        configs.collect::<Result<_, Failure>>().map(Self)
+    }
+
+    /// Key of these flights in a journal: equal for equal tests and configurations.
+    pub(super) fn key(&self) -> u64 {
+        self.0.iter().fold(FNV_OFFSET, |hash, (test, config)| {
+            fnv1a(fnv1a(hash, test.name().as_bytes()), &config.hash().to_le_bytes())
+        })
     }
 
     /// Flies every test using `fly`.
     pub(super) fn fly(self, fly: &mut FlyMission<'_>) -> Result<Run, Failure> {
-        let mut figures = [f64::INFINITY; METRICS];
-        let mut riccati_solves = 0;
-        for (test, config) in Test::ALL.into_iter().zip(self.0) {
-            let Some((flight, mission)) = landed(config, fly)? else { continue };
-            match test {
-                Test::Path => {
-                    figures[POSITION..=OVERSHOOT].copy_from_slice(&of_path(&flight));
-                    let last = flight.samples.last();
-                    riccati_solves = last.map_or(0, |sample| sample.telemetry.riccati_solves);
-                }
-                Test::Hover => figures[HOVER..=JITTER].copy_from_slice(&of_hover(&flight)),
-                Test::Chirp => figures[CHIRP] = of_attitude(&flight, &mission.trajectory)[0],
-                Test::Doublet => figures[DOUBLET] = of_attitude(&flight, &mission.trajectory)[1],
+        let mut run = Run {
+            figures: [f64::INFINITY; METRICS],
+            hover_max_mm: f64::INFINITY,
+            riccati_solves: 0,
+            ends: Vec::with_capacity(self.0.len()),
+        };
+        for (test, config) in self.0 {
+            let mission = Mission::new(config)?;
+            let flight = fly(&mission)?;
+            let end = TestEnd { test, outcome: flight.outcome, cause: flight.cause() };
+            if end.cause.is_none() {
+                run.note(test, &flight, &mission.trajectory);
             }
+            run.ends.push(end);
         }
-        Ok(Run { figures, riccati_solves })
+        Ok(run)
+    }
+}
+
+impl Run {
+    /// Adds the figures of a flight that landed as planned.
+    fn note(&mut self, test: Test, flight: &Flight, trajectory: &Trajectory) {
+        match test {
+            Test::Path => {
+                self.figures[test.figures()].copy_from_slice(&of_path(flight));
+                let last = flight.samples.last();
+                self.riccati_solves = last.map_or(0, |sample| sample.telemetry.riccati_solves);
+            }
+            Test::Hover => {
+                self.figures[test.figures()].copy_from_slice(&of_hover(flight));
+                let errors = flight.scored().map(|sample| sample.position_error().norm());
+                self.hover_max_mm = 1e3 * errors.fold(0.0, f64::max);
+            }
+            Test::Chirp => self.figures[CHIRP] = of_attitude(flight, trajectory)[0],
+            Test::Doublet => self.figures[DOUBLET] = of_attitude(flight, trajectory)[1],
+        }
     }
 }

@@ -10,7 +10,8 @@ use toml::{Table, Value};
 
 use super::law::{StudyLaw, named};
 
-/// Name and text of every file in `deploy/tuned`, output of `oqtal tune`.
+/// Name and text of every file in `deploy/tuned` and its folders, output of `oqtal tune`; the names of the latter begin with that
+/// of the folder.
 const FILES: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/tuned.rs"));
 
 /// Settings in `deploy/tuned/NAME.toml`, for a law or for the outer loops; empty without such a file.
@@ -48,8 +49,15 @@ pub enum GainSource {
     Configured,
     /// `deploy/tuned`: gains of all laws, tuned alike for the shipped vehicle.
     Tuned,
+    /// A folder of `deploy/tuned`: gains of some laws.
+    Set(&'static str),
     /// `DIR/LAW.toml`, as written by `oqtal tune --out DIR`.
     Directory(PathBuf),
+}
+
+/// Names of the folders of `deploy/tuned`, one for each file.
+fn sets() -> impl Iterator<Item = &'static str> {
+    FILES.iter().filter_map(|(name, _)| Some(name.split_once('/')?.0))
 }
 
 impl FromStr for GainSource {
@@ -59,7 +67,10 @@ impl FromStr for GainSource {
         Ok(match text {
             "configured" => Self::Configured,
             "tuned" => Self::Tuned,
-            directory => Self::Directory(directory.into()),
+            name => match sets().find(|set| *set == name) {
+                Some(set) => Self::Set(set),
+                None => Self::Directory(name.into()),
+            },
         })
     }
 }
@@ -69,16 +80,18 @@ impl fmt::Display for GainSource {
         match self {
             Self::Configured => f.write_str("configured"),
             Self::Tuned => f.write_str("tuned"),
+            Self::Set(set) => f.write_str(set),
             Self::Directory(directory) => directory.display().fmt(f),
         }
     }
 }
 
 impl GainSource {
-    /// Whether the source has gains for the law `controller`; a directory may lack them.
+    /// Whether the source has gains for the law `controller`; a set or a directory may lack them.
     pub fn has(&self, controller: &str) -> bool {
         match self {
             Self::Configured | Self::Tuned => true,
+            Self::Set(set) => !tuned(&format!("{set}/{controller}")).is_empty(),
             Self::Directory(directory) => directory.join(format!("{controller}.toml")).is_file(),
         }
     }
@@ -94,6 +107,16 @@ impl GainSource {
                 none if none.is_empty() => (none, "configured gains, not tuned".to_owned()),
                 tuned => (tuned, "tuned alike, deploy/tuned".to_owned()),
             },
+            Self::Set(set) => {
+                let own = tuned(&format!("{set}/{controller}"));
+                if own.is_empty() {
+                    let reason = format!(
+                        "deploy/tuned/{set} has no gains of {controller}; choose other gains"
+                    );
+                    return Err(Failure::new(Exit::Usage, reason));
+                }
+                (own, format!("gains of deploy/tuned/{set}"))
+            }
             Self::Directory(directory) => {
                 let file = directory.join(format!("{controller}.toml"));
                 let settings = Config::file_settings(&file).map_err(|error| {
@@ -131,7 +154,8 @@ mod tests {
     fn every_law_and_the_outer_loops_have_a_file_and_every_file_is_one_of_them() {
         let names = || law::names().chain(["outer"]);
         for (name, _) in FILES {
-            assert!(names().any(|known| known == *name), "deploy/tuned/{name}.toml");
+            let law = name.split_once('/').map_or(*name, |(_, law)| law);
+            assert!(names().any(|known| known == law), "deploy/tuned/{name}.toml");
             assert!(!tuned(name).is_empty(), "deploy/tuned/{name}.toml");
         }
         for name in names() {

@@ -8,14 +8,11 @@ use oqtal_control::metrics::Statistics;
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::trajectory::Trajectory;
 
+use oqtal_observe::corners::CornerFigures;
 use oqtal_observe::flight::{Flight, FlightSample};
 
-/// Position error below which a corner is settled \[m\].
-const SETTLED_M: f64 = 0.05;
 /// Attitude error below which an attitude step is settled \[deg\].
 const SETTLED_DEG: f64 = 1.5;
-/// Change of the reference in one tick that counts as a step \[m\].
-const CORNER_M: f64 = 0.1;
 /// Change of a prescribed attitude in one tick that counts as a step \[deg\].
 const STEP_DEG: f64 = 5.0;
 
@@ -73,7 +70,8 @@ const fn metric(key: &'static str, title: &'static str, weight: f64) -> Metric {
 /// Metrics of one run; infinite for a flight that did not land.
 pub type Figures = [f64; METRICS];
 
-/// Mean position, velocity and attitude error of a flight along a path, and settling time and overshoot at its corners.
+/// Mean position, velocity and attitude error of a flight along a path, and settling time and overshoot at its corners; NaN for a
+/// path without corners.
 ///
 /// Velocity and attitude errors are relative to the newest set-point of the law. `oqtal-dt` computes set-points for the instant
 /// at which its command takes effect, and telemetry shows each of them at that instant.
@@ -89,7 +87,8 @@ pub fn of_path(flight: &Flight) -> [f64; 5] {
             attitude.add(set_attitude.angle_to(&sample.attitude()).to_degrees());
         }
     }
-    let (settle_s, overshoot_m) = corners(flight);
+    let corners = CornerFigures::of(flight);
+    let [settle_s, overshoot_m] = corners.map_or([f64::NAN; 2], |c| [c.settle_s, c.overshoot_m]);
     [position.mean(), velocity.mean(), attitude.mean(), settle_s, 1e3 * overshoot_m]
 }
 
@@ -121,34 +120,6 @@ fn newest_set_point(samples: &[FlightSample], ahead: Span) -> (Vector3<f64>, Att
     let (from, to) = (a.attitude_command(), b.attitude_command());
     let attitude = from.turned_by(from.rotation_to(&to) * share);
     (velocity(a).lerp(&velocity(b), share), attitude)
-}
-
-/// Mean settling time \[s\] and mean overshoot \[m\] at the corners.
-fn corners(flight: &Flight) -> (f64, f64) {
-    let samples: Vec<&FlightSample> = flight.scored().collect();
-    let reference = |sample: &FlightSample| Vector3::from(sample.telemetry.reference_position);
-    let before = flight.armed().take_while(|sample| sample.telemetry.scored == 0).last();
-    let mut from = before.map_or_else(Vector3::zeros, reference);
-    let (mut settle, mut overshoot) = (Statistics::default(), Statistics::default());
-    for corner in samples.chunk_by(|a, b| (reference(a) - reference(b)).norm() < CORNER_M) {
-        let to = reference(corner[0]);
-        let direction = (to - from).try_normalize(CORNER_M).unwrap_or_else(Vector3::zeros);
-        from = to;
-        if direction == Vector3::zeros() {
-            continue;
-        }
-        let beyond = corner.iter().map(|sample| sample.position_error().dot(&direction));
-        overshoot.add(beyond.fold(0.0, f64::max));
-        settle.add(settled(corner, |sample| sample.position_error().norm() > SETTLED_M));
-    }
-    (settle.mean(), overshoot.mean())
-}
-
-/// Time from the first sample to the last that is `outside` \[s\].
-fn settled(samples: &[&FlightSample], outside: impl Fn(&FlightSample) -> bool) -> f64 {
-    let start = samples[0].telemetry.time;
-    let last = samples.iter().rfind(|sample| outside(sample));
-    last.map_or(0.0, |sample| sample.telemetry.time.since(start).seconds())
 }
 
 /// RMS of the position error \[mm\], and of the command change per tick \[rad/s\], in a hover.

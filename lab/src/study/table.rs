@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use oqtal_control::statistics::{mean, standard_deviation};
+
 use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
 
 /// A column over rows `R`.
@@ -29,6 +31,28 @@ impl<R: ?Sized> fmt::Debug for StudyColumn<'_, R> {
 /// The cells of a row.
 pub fn cells<R: ?Sized>(columns: &[StudyColumn<'_, R>], row: &R) -> Vec<SheetCell> {
     columns.iter().map(|column| (column.cell)(row)).collect()
+}
+
+/// Mean and standard deviation of `values`; no value if there are none.
+pub fn spread(values: &[f64]) -> SheetCell {
+    match values.is_empty() {
+        true => SheetCell::None,
+        false => SheetCell::Spread(mean(values), standard_deviation(values)),
+    }
+}
+
+/// Mean of the finite values, marked if some are infinite: those of flights that did not land.
+pub fn mean_of(values: &[f64]) -> SheetCell {
+    let finite: Vec<f64> = values.iter().copied().filter(|value| value.is_finite()).collect();
+    if finite.is_empty() {
+        return SheetCell::None;
+    }
+    marked(SheetCell::Number(mean(&finite)), values.iter().any(|value| value.is_infinite()))
+}
+
+/// `cell`, marked if it is over a part of the flights.
+pub fn marked(cell: SheetCell, is_partial: bool) -> SheetCell {
+    if is_partial { SheetCell::Partial(Box::new(cell)) } else { cell }
 }
 
 /// Names of a row of a sheet: law, origin, settings.

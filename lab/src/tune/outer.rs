@@ -10,7 +10,9 @@ use oqtal_observe::flight::{Flight, FlightSample};
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
-use super::search::{Budget, TrainingFlights, Tuned, configured, search, settings, values};
+use super::search::{
+    Budget, SearchPath, TrainingFlights, Tuned, configured, search, settings, values,
+};
 use crate::progress::Progress;
 use crate::study::flights::path;
 use crate::study::metric::of_hover;
@@ -95,6 +97,8 @@ pub fn tune(
         start: 1.0,
         budget: *budget,
         draws: 0,
+        components: Vec::new(),
+        path: SearchPath::default(),
     })
 }
 

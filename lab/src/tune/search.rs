@@ -12,13 +12,14 @@ use rayon::prelude::*;
 use super::bee_colony::Best;
 use super::optimiser::Optimiser;
 use super::space::parameters;
+use super::trade::{self, Component, Weights, default_weights};
 use crate::progress::Progress;
 use crate::robustness::draws::Draw;
 use crate::study::flights::{
     AUTHORITY, Change, DELAY, NOMINAL, PlantVariant, RATE_LAG, readable, table, value_at,
 };
 use crate::study::law::StudyLaw;
-use crate::study::metric::{Figures, METRIC, METRICS};
+use crate::study::metric::{Figures, METRICS};
 use crate::study::{Case, FlightCondition, Flown, Study, TRAINING_SEEDS};
 
 /// Plants used for tuning, one per training seed, so that gains do not rely on one exactly known plant.
@@ -60,6 +61,8 @@ pub struct TrainingFlights {
     pub case: Case,
     /// Number of draws of a spread \[-\]; 0 for plants near the configured one.
     pub draws: usize,
+    /// Weights of the metrics in the objective \[-\].
+    pub weights: Weights,
 }
 
 impl Default for TrainingFlights {
@@ -73,14 +76,14 @@ impl TrainingFlights {
     pub fn near(settings: Vec<Setting>, seeds: Range<u64>) -> Self {
         let plants = seeds.zip(TRAINING.into_iter().cycle());
         let condition = |(seed, plant)| FlightCondition { seed, plant, settings: Vec::new() };
-        let case =
-            Case { name: "training".to_owned(), conditions: plants.map(condition).collect() };
-        Self { settings, case, draws: 0 }
+        let case = Case::of("training", plants.map(condition).collect());
+        Self { settings, case, draws: 0, weights: default_weights() }
     }
 
     /// One flight per draw of a spread.
     pub fn over(settings: Vec<Setting>, draws: &[Draw]) -> Self {
-        Self { settings, case: Draw::case(draws), draws: draws.len() }
+        let (case, draws) = (Draw::case(draws), draws.len());
+        Self { settings, case, draws, weights: default_weights() }
     }
 
     /// Seeds of the flights.
@@ -93,37 +96,48 @@ impl TrainingFlights {
         StudyLaw::new(controller, [&self.settings, gains].concat(), "")
     }
 
-    fn fly(&self, law: &StudyLaw) -> Result<Flown, Failure> {
+    fn fly(&self, law: &StudyLaw, progress: &Progress) -> Result<Flown, Failure> {
         let (laws, cases) = (std::slice::from_ref(law), std::slice::from_ref(&self.case));
-        let mut flown = Study { name: "training", laws, cases }.fly_quietly()?;
+        let mut flown = Study { name: "training", laws, cases }.fly_without_bar(progress)?;
         Ok(flown.pop().expect("one law flew one case"))
     }
 
     /// Reference figures: those of `oqtal` with its configured gains, without the gains of the study.
-    fn reference(&self) -> Result<Figures, Failure> {
+    fn reference(&self, progress: &Progress) -> Result<Figures, Failure> {
         let stack = Setting::flag("tune", "control.stack", "default");
-        let flown = self.fly(&self.law("oqtal", &[stack]))?;
+        let flown = self.fly(&self.law("oqtal", &[stack]), progress)?;
         Ok(match self.draws {
             0 => flown.mean(),
             _ => std::array::from_fn(|metric| flown.quantile(metric, 0.5)),
         })
     }
 
-    /// Objective of a law \[-\]; lower is better.
-    fn objective(&self, law: &StudyLaw, reference: &Figures) -> Result<f64, Failure> {
-        let flown = self.fly(law)?;
+    /// Figures of a law, of which the objective is made.
+    fn figures(
+        &self,
+        law: &StudyLaw,
+        reference: &Figures,
+        progress: &Progress,
+    ) -> Result<Figures, Failure> {
+        let flown = self.fly(law, progress)?;
         Ok(match self.draws {
-            0 => objective(&flown.mean(), reference),
-            _ => objective(&quadratic_mean(&flown, reference), reference),
+            0 => flown.mean(),
+            _ => quadratic_mean(&flown, reference),
         })
     }
 }
 
-/// Weighted mean of the metrics, each divided by the reference \[-\].
-fn objective(figures: &Figures, reference: &Figures) -> f64 {
-    let weights: f64 = METRIC.iter().map(|metric| metric.weight).sum();
-    let share = |index: usize| METRIC[index].weight * figures[index] / reference[index].max(1e-9);
-    (0..METRICS).map(share).sum::<f64>() / weights
+/// Weighted mean of the metrics, each divided by the reference \[-\]; lower is better. Metrics without a meaning for the flights
+/// are left out.
+fn objective(figures: &Figures, reference: &Figures, weights: &Weights) -> f64 {
+    let counted = (0..METRICS).filter(|metric| !reference[*metric].is_nan());
+    let total: f64 = counted.clone().map(|metric| weights[metric]).sum();
+    // A weight of zero leaves out an infinite figure, too.
+    let share = |k: usize| match weights[k] {
+        0.0 => 0.0,
+        weight => weight * figures[k] / reference[k].max(1e-9),
+    };
+    counted.map(share).sum::<f64>() / total
 }
 
 /// Upper bound of a figure over the reference, also for a flight that did not land \[-\].
@@ -154,6 +168,19 @@ pub struct Tuned {
     pub budget: Budget,
     /// Number of draws of a spread on which the gains were evaluated \[-\]; 0 for plants near the configured one.
     pub draws: usize,
+    /// Components of the objective and margins, at the configured gains and at those found; empty for the outer loops.
+    pub components: Vec<Component>,
+    /// Path of the search; empty for the outer loops.
+    pub path: SearchPath,
+}
+
+/// The points of a search, in order of their evaluation.
+#[derive(Clone, Debug, Default)]
+pub struct SearchPath {
+    /// Objective at each point \[-\].
+    pub objectives: Vec<f64>,
+    /// Gains at each point \[units of the keys\].
+    pub gains: Vec<Vec<f64>>,
 }
 
 impl Tuned {
@@ -207,7 +234,13 @@ impl fmt::Display for Tuned {
                 writeln!(f, "  no better than the configured gains, {start:.4}: they are kept")?
             }
         }
-        self.values.iter().try_for_each(|(key, value)| writeln!(f, "  {key} = {value}"))
+        self.values.iter().try_for_each(|(key, value)| writeln!(f, "  {key} = {value}"))?;
+        if self.components.is_empty() {
+            return Ok(());
+        }
+        writeln!(f, "{}", trade::sheet(&self.components).to_text())?;
+        let warnings = trade::warnings(&self.components);
+        warnings.iter().try_for_each(|warning| writeln!(f, "warning: {warning}"))
     }
 }
 
@@ -248,7 +281,7 @@ pub fn search(
 /// Tunes a law, with the estimator and the position loops around it, on `flights`.
 ///
 /// # Errors
-/// A setting is invalid.
+/// A setting is invalid, or the search was interrupted.
 pub fn law(
     controller: ControllerName,
     budget: &Budget,
@@ -258,22 +291,37 @@ pub fn law(
     let config = Config::from_settings(&flights.settings)?;
     let (name, parameters) = (controller.name(), parameters(controller, config.control.stack));
     let bar = progress.start(&format!("tuning {name}"), budget.points);
-    let reference = flights.reference()?;
-    let evaluate = |gains: &[Setting]| flights.objective(&flights.law(name, gains), &reference);
-    let start = evaluate(&[])?;
-    let from = configured(&parameters, &config);
+    let reference = flights.reference(progress)?;
+    let figures =
+        |gains: &[Setting]| flights.figures(&flights.law(name, gains), &reference, progress);
+    let value = |figures: Figures| objective(&figures, &reference, &flights.weights);
+    let before = figures(&[])?;
+    let (start, from) = (value(before), configured(&parameters, &config));
+    let mut path = SearchPath::default();
     let best = search(&parameters, &from, budget, |points| {
         let evaluate = |point: &Vec<f64>| {
-            let value = evaluate(&settings(&values(&parameters, point))).unwrap_or(f64::INFINITY);
+            let value =
+                figures(&settings(&values(&parameters, point))).map_or(f64::INFINITY, value);
             bar.inc();
             value
         };
-        points.par_iter().map(evaluate).collect()
+        let found: Vec<f64> = points.par_iter().map(evaluate).collect();
+        path.objectives.extend(&found);
+        path.gains.extend(points.iter().map(|p| p.iter().map(|log| log.exp()).collect()));
+        found
     });
-    let (values, objective) = match best.value < start {
-        true => (values(&parameters, &best.point), best.value),
-        false => (from, start),
+    progress.check()?;
+    let (values, objective, after) = match best.value < start {
+        true => {
+            let values = values(&parameters, &best.point);
+            let after = figures(&settings(&values))?;
+            (values, best.value, after)
+        }
+        false => (from, start, before),
     };
+    let laws = [Vec::new(), settings(&values)].map(|gains| flights.law(name, &gains));
+    let mut components = trade::components(&flights.weights, &before, &after);
+    components.extend(trade::margins(&laws[0], &laws[1]));
     Ok(Tuned {
         target: name.to_owned(),
         values,
@@ -281,6 +329,8 @@ pub fn law(
         start,
         budget: *budget,
         draws: flights.draws,
+        components,
+        path,
     })
 }
 
@@ -289,10 +339,14 @@ pub fn law(
 /// # Errors
 /// A setting is invalid.
 pub fn before_and_after(law: &StudyLaw) -> Result<[f64; 2], Failure> {
-    let flights = TrainingFlights::default();
-    let reference = flights.fly(&flights.law("oqtal", &[]))?.mean();
-    let shipped = flights.objective(&flights.law(law.controller, &[]), &reference)?;
-    Ok([shipped, flights.objective(law, &reference)?])
+    let (flights, progress) = (TrainingFlights::default(), Progress::default());
+    let reference = flights.fly(&flights.law("oqtal", &[]), &progress)?.mean();
+    let of = |law: &StudyLaw| {
+        let figures = flights.figures(law, &reference, &progress)?;
+        Ok(objective(&figures, &reference, &flights.weights))
+    };
+    let shipped: Result<f64, Failure> = of(&flights.law(law.controller, &[]));
+    Ok([shipped?, of(law)?])
 }
 
 #[cfg(test)]
@@ -302,7 +356,7 @@ mod tests {
     #[test]
     fn the_objective_of_the_reference_is_one() {
         let figures = std::array::from_fn(|index| 1.0 + index as f64);
-        assert!((objective(&figures, &figures) - 1.0).abs() < 1e-12);
+        assert!((objective(&figures, &figures, &default_weights()) - 1.0).abs() < 1e-12);
     }
 
     #[test]
@@ -314,6 +368,8 @@ mod tests {
             start: 0.9,
             budget: Budget::default(),
             draws: 0,
+            components: Vec::new(),
+            path: SearchPath::default(),
         };
         let directory = tempfile::tempdir().unwrap();
         let file = directory.path().join("tuned.toml");

@@ -1,0 +1,141 @@
+//! Journal of a study: the results so far, so that an interrupted study can be resumed.
+//!
+//! A line of JSON for each result; the first line identifies the program.
+
+use std::collections::HashMap;
+use std::fs::{self, File};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+use oqtal_runtime::files;
+use oqtal_runtime::process::{Exit, Failure};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+/// One result as a line of the file.
+#[derive(Serialize, Deserialize)]
+struct JournalLine {
+    key: u64,
+    kept: Value,
+}
+
+/// Journal of a study.
+#[derive(Debug)]
+pub struct Journal {
+    path: PathBuf,
+    file: Mutex<File>,
+    kept: HashMap<u64, Value>,
+}
+
+impl Journal {
+    /// An empty journal in the file `path`, which is replaced.
+    ///
+    /// # Errors
+    /// The file cannot be written (exit code 71).
+    pub fn create(path: &Path) -> Result<Self, Failure> {
+        let head = format!("{}\n", program());
+        let file = files::create(path).and_then(|mut file| {
+            file.write_all(head.as_bytes())?;
+            Ok(file)
+        });
+        let file = file.map_err(|error| unwritable(path, &error))?;
+        Ok(Self { path: path.to_owned(), file: Mutex::new(file), kept: HashMap::new() })
+    }
+
+    /// The journal in the file `path`, with the results of an interrupted study. A line that was not written to its end is left out.
+    ///
+    /// # Errors
+    /// The file does not exist (exit code 64), was written by another build of the program (64), or cannot be written (71).
+    pub fn resume(path: &Path) -> Result<Self, Failure> {
+        let usage = |reason: &str| {
+            let reason = format!("--resume: {}: {reason}; leave out --resume", path.display());
+            Failure::new(Exit::Usage, reason)
+        };
+        let text = fs::read_to_string(path).map_err(|_| usage("no interrupted study"))?;
+        let (head, lines) = text.split_once('\n').unwrap_or((&text, ""));
+        if head != program() {
+            return Err(usage("flown by another build of this program"));
+        }
+        let line = |line| serde_json::from_str::<JournalLine>(line).ok();
+        let lines: Vec<JournalLine> = lines.lines().filter_map(line).collect();
+        // Written again without the torn line.
+        let journal = Self::create(path)?;
+        lines.iter().try_for_each(|line| journal.append(line))?;
+        Ok(Self { kept: lines.into_iter().map(|line| (line.key, line.kept)).collect(), ..journal })
+    }
+
+    /// Number of results before the study was interrupted \[-\].
+    pub fn resumed(&self) -> usize {
+        self.kept.len()
+    }
+
+    /// Result with this key from before the interruption; `None` if there is none of this type.
+    pub fn find<T: DeserializeOwned>(&self, key: u64) -> Option<T> {
+        T::deserialize(self.kept.get(&key)?).ok()
+    }
+
+    /// Adds a result.
+    ///
+    /// # Errors
+    /// The file cannot be written (exit code 71).
+    pub fn keep(&self, key: u64, result: &impl Serialize) -> Result<(), Failure> {
+        let kept = serde_json::to_value(result).expect("a result is plain JSON");
+        self.append(&JournalLine { key, kept })
+    }
+
+    fn append(&self, line: &JournalLine) -> Result<(), Failure> {
+        let line = format!("{}\n", serde_json::to_string(line).expect("a line is plain JSON"));
+        let mut file = self.file.lock().expect("no holder of this lock panics");
+        file.write_all(line.as_bytes()).map_err(|error| unwritable(&self.path, &error))
+    }
+
+    /// The path of the file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+}
+
+/// Identification of this build: version, size and time of the executable file.
+fn program() -> String {
+    let file = std::env::current_exe().and_then(fs::metadata);
+    let modified = file.as_ref().ok().and_then(|file| file.modified().ok());
+    let size = file.as_ref().map_or(0, fs::Metadata::len);
+    format!("oqtal {} {size} {modified:?}", env!("CARGO_PKG_VERSION"))
+}
+
+fn unwritable(path: &Path, error: &io::Error) -> Failure {
+    Failure::new(Exit::System, format!("{}: {error}; give another --out", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_resumed_journal_holds_every_result_but_a_torn_line() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("journal");
+        let journal = Journal::create(&path).unwrap();
+        for (key, result) in (0..).zip(["a", "b", "c"]) {
+            journal.keep(key, &result).unwrap();
+        }
+        let text = fs::read_to_string(&path).unwrap();
+        fs::write(&path, &text[..text.len() - 3]).unwrap();
+        let resumed = Journal::resume(&path).unwrap();
+        let found = [0, 1, 2].map(|key| resumed.find::<String>(key));
+        assert_eq!(found, [Some("a".to_owned()), Some("b".to_owned()), None]);
+        assert_eq!((Journal::resume(&path).unwrap().resumed(), resumed.find::<u64>(0)), (2, None));
+    }
+
+    #[test]
+    fn a_journal_of_another_build_is_refused() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("journal");
+        fs::write(&path, "oqtal 0.0.0 1 None\n").unwrap();
+        let failure = Journal::resume(&path).unwrap_err();
+        assert!(failure.to_string().contains("another build"), "{failure}");
+        assert!(Journal::resume(&directory.path().join("none")).is_err());
+    }
+}

@@ -1,0 +1,167 @@
+//! Flights of a study that did not land as planned: counted by law, case, test and cause, with the command that flies one again.
+
+use std::collections::BTreeMap;
+
+use oqtal_config::Setting;
+use oqtal_observe::flight::Outcome;
+use serde_json::{Value, json};
+
+use super::Flown;
+use super::args::words_of;
+use super::flights::{FlightCondition, Run, Test, TestEnd};
+use super::law::StudyLaw;
+
+/// Number of seeds that the text lists for each cause \[-\].
+const SHOWN_SEEDS: usize = 8;
+
+/// Flights of one law in one case that did not land as planned, all with one test and cause.
+#[derive(Clone, Debug)]
+pub struct FailedFlights<'a> {
+    /// The law.
+    pub law: &'a StudyLaw,
+    /// Name of the case.
+    pub case: &'a str,
+    /// The test.
+    pub test: Test,
+    /// Outcome of the flights.
+    pub outcome: Outcome,
+    /// Cause, without figures.
+    pub cause: &'a str,
+    /// Conditions of the failed flights.
+    pub conditions: Vec<&'a FlightCondition>,
+    /// Number of flights of this law with this test in the case \[-\].
+    pub of: usize,
+}
+
+/// The failed flights of all rows.
+pub fn failed(rows: &[Flown]) -> Vec<FailedFlights<'_>> {
+    rows.iter().flat_map(of_row).collect()
+}
+
+fn of_row(row: &Flown) -> Vec<FailedFlights<'_>> {
+    let mut groups: BTreeMap<(usize, &str), FailedFlights<'_>> = BTreeMap::new();
+    for (run, condition) in row.runs.iter().zip(row.conditions.iter()) {
+        for TestEnd { test, outcome, cause } in &run.ends {
+            let Some(cause) = cause.as_deref() else { continue };
+            let group =
+                groups.entry((*test.figures().start(), cause)).or_insert_with(|| FailedFlights {
+                    law: &row.law,
+                    case: &row.case,
+                    test: *test,
+                    outcome: *outcome,
+                    cause,
+                    conditions: Vec::new(),
+                    of: row.runs.len(),
+                });
+            group.conditions.push(condition);
+        }
+    }
+    groups.into_values().collect()
+}
+
+impl FailedFlights<'_> {
+    /// Command that flies the first of these flights again.
+    pub fn command(&self) -> String {
+        again(self.law, self.conditions[0], self.test)
+    }
+
+    /// The group as JSON.
+    pub fn to_json(&self) -> Value {
+        let seeds: Vec<u64> = self.conditions.iter().map(|condition| condition.seed).collect();
+        json!({
+            "controller": self.law.name,
+            "case": self.case,
+            "test": self.test.name(),
+            "outcome": self.outcome,
+            "cause": self.cause,
+            "count": seeds.len(),
+            "of": self.of,
+            "seeds": seeds,
+            "again": self.command(),
+        })
+    }
+
+    /// Case and test.
+    fn flown(&self) -> String {
+        let case = if self.case.is_empty() { String::new() } else { format!("{}, ", self.case) };
+        format!("{case}{}", self.test.name())
+    }
+
+    fn to_text(&self) -> String {
+        let seeds: Vec<String> =
+            self.conditions.iter().take(SHOWN_SEEDS).map(|c| c.seed.to_string()).collect();
+        let more = if self.conditions.len() > SHOWN_SEEDS { ", …" } else { "" };
+        let plural = if self.conditions.len() == 1 { "seed" } else { "seeds" };
+        format!(
+            "  {}, {}: {} of {}, {}\n    {plural} {}{more}; again: {}",
+            self.law.name,
+            self.flown(),
+            self.conditions.len(),
+            self.of,
+            self.cause,
+            seeds.join(", "),
+            self.command()
+        )
+    }
+}
+
+/// Command that flies a test of `law` in `condition` again in one process.
+pub fn again(law: &StudyLaw, condition: &FlightCondition, test: Test) -> String {
+    let mut settings: Vec<Setting> = [&law.settings[..], &condition.settings].concat();
+    settings.extend(test.trajectory().map(|name| Setting::flag("", "trajectory.kind", name)));
+    format!(
+        "oqtal fly --clock in-process --controller {} --seed {}{}",
+        law.controller,
+        condition.seed,
+        words_of(&settings)
+    )
+}
+
+/// Number of flights of these rows, and of those that did not land as planned \[-\].
+pub fn counts(rows: &[Flown]) -> (usize, usize) {
+    let ends = || rows.iter().flat_map(|row| &row.runs).flat_map(|run: &Run| &run.ends);
+    (ends().count(), ends().filter(|end| end.cause.is_some()).count())
+}
+
+/// Text about all flights: a line if all landed as planned, else the failed ones by law, test and cause.
+pub fn text(rows: &[Flown]) -> String {
+    let (flights, failures) = counts(rows);
+    if failures == 0 {
+        return format!("all {flights} flights landed as planned");
+    }
+    let groups: Vec<String> = failed(rows).iter().map(FailedFlights::to_text).collect();
+    format!(
+        "{failures} of {flights} flights did not land as planned; figures marked * are of the others:\n{}",
+        groups.join("\n")
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::study::tests::flown;
+
+    #[test]
+    fn failed_flights_are_counted_by_test_and_cause_and_can_be_flown_again() {
+        let mut row = flown("pid", &[1.0, f64::INFINITY, 2.0, f64::INFINITY]);
+        row.law.settings.push(Setting::flag("--set", "vehicle.mass-kg", 0.6));
+        row.runs[3].ends[0].cause = Some("hit the floor".to_owned());
+        let rows = [flown("lqr", &[1.0]), row];
+        let groups = failed(&rows);
+        assert_eq!(groups.len(), 5, "two causes of the path, one of each other test");
+        let path = groups.iter().find(|group| group.cause == "hit the floor").unwrap();
+        assert_eq!((path.test, path.conditions[0].seed, path.of), (Test::Path, 3, 4));
+        let hover = groups.iter().find(|group| group.test == Test::Hover).unwrap();
+        assert_eq!(hover.conditions.len(), 2);
+        let command = "oqtal fly --clock in-process --controller pid --seed 1 \
+                       --set vehicle.mass-kg=0.6 --trajectory hover";
+        assert_eq!(hover.command(), command);
+        let text = text(&rows);
+        assert!(text.starts_with("8 of 20 flights did not land"), "{text}");
+        assert!(
+            text.contains("hover: 2 of 4, motors stopped: speed\n    seeds 1, 3; again"),
+            "{text}"
+        );
+        assert_eq!(super::text(&rows[..1]), "all 4 flights landed as planned");
+    }
+}

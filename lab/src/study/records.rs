@@ -1,0 +1,110 @@
+//! Rows of a study as JSON and CSV: one for each law and test, one for each flight, one for each run.
+
+use oqtal_runtime::process::Failure;
+use serde_json::{Map, Value, json};
+
+use super::flights::{Run, Test, TestEnd};
+use super::metric::{METRIC, METRICS};
+use super::table::{mean_of, spread};
+use super::{Flown, failure};
+use crate::csv_text;
+use crate::sheet::SheetCell;
+
+/// Figures of a run that belong to a test, by name.
+fn figures(test: Test) -> Vec<(&'static str, usize)> {
+    let mut figures: Vec<(&str, usize)> = test.figures().map(|k| (METRIC[k].key, k)).collect();
+    figures.extend((test == Test::Hover).then_some(("hover_max_mm", METRICS)));
+    figures
+}
+
+fn figure(run: &Run, index: usize) -> f64 {
+    if index < METRICS { run.figures[index] } else { run.hover_max_mm }
+}
+
+/// One object for each law, case and test: counts of landed flights, causes of the others, mean and standard deviation of each
+/// figure over the landed ones.
+pub fn tests(flown: &[Flown]) -> Value {
+    let tests = |row: &Flown| -> Vec<Test> {
+        row.runs.first().map_or_else(Vec::new, |run| run.ends.iter().map(|end| end.test).collect())
+    };
+    flown.iter().flat_map(|row| tests(row).into_iter().map(|test| of_test(row, test))).collect()
+}
+
+fn of_test(row: &Flown, test: Test) -> Value {
+    let landed: Vec<&Run> = row.runs.iter().filter(|run| run.has_landed(test)).collect();
+    let mut object = head(row, test);
+    object.insert("runs".to_owned(), json!(row.runs.len()));
+    object.insert("landed".to_owned(), json!(landed.len()));
+    let mut causes: Map<String, Value> = Map::new();
+    for end in row.runs.iter().flat_map(|run| &run.ends).filter(|end| end.test == test) {
+        if let Some(cause) = &end.cause {
+            let count = causes.get(cause).and_then(Value::as_u64).unwrap_or(0);
+            causes.insert(cause.clone(), json!(count + 1));
+        }
+    }
+    object.insert("causes".to_owned(), Value::Object(causes));
+    for (key, index) in figures(test) {
+        let values: Vec<f64> = landed.iter().map(|run| figure(run, index)).collect();
+        object.insert(key.to_owned(), spread(&values).to_json());
+    }
+    Value::Object(object)
+}
+
+fn head(row: &Flown, test: Test) -> Map<String, Value> {
+    let case = if row.case.is_empty() { Value::Null } else { json!(row.case) };
+    let head = [("controller", json!(row.law.name)), ("case", case), ("test", json!(test.name()))];
+    head.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
+}
+
+/// One object for each flight: outcome, cause if it did not land as planned, and its figures.
+pub fn flights(flown: &[Flown]) -> Value {
+    let of_run = |row: &Flown, seed: u64, run: &Run| -> Vec<Value> {
+        let of_end = |TestEnd { test, outcome, cause }: &TestEnd| {
+            let mut object = head(row, *test);
+            object.insert("seed".to_owned(), json!(seed));
+            object.insert("outcome".to_owned(), json!(outcome));
+            object.insert("cause".to_owned(), json!(cause));
+            for (key, index) in figures(*test) {
+                object.insert(key.to_owned(), json!(figure(run, index)));
+            }
+            Value::Object(object)
+        };
+        run.ends.iter().map(of_end).collect()
+    };
+    let of_row = |row: &Flown| {
+        let runs = row.conditions.iter().zip(&row.runs);
+        runs.flat_map(|(condition, run)| of_run(row, condition.seed, run)).collect::<Vec<_>>()
+    };
+    flown.iter().flat_map(of_row).collect()
+}
+
+/// The failed flights as JSON.
+pub fn failures(flown: &[Flown]) -> Value {
+    failure::failed(flown).iter().map(failure::FailedFlights::to_json).collect()
+}
+
+/// Every run as a row: law, seed, the metrics by name, empty for a flight that did not land; then the end of each flight,
+/// `landed` or the cause.
+///
+/// # Errors
+/// An internal error (exit code 70).
+pub fn runs_csv<'a>(flown: impl Iterator<Item = &'a Flown>) -> Result<String, Failure> {
+    let names = ["controller", "seed"].into_iter().chain(METRIC.map(|metric| metric.key));
+    let ends = Test::ALL.map(Test::name);
+    let row = |law: &Flown, seed: u64, run: &Run| {
+        let named = [law.law.controller.to_owned(), seed.to_string()];
+        let figures = run.figures.map(csv_text::number);
+        let end = |end: &TestEnd| end.cause.clone().unwrap_or_else(|| "landed".to_owned());
+        named.into_iter().chain(figures).chain(run.ends.iter().map(end)).collect::<Vec<_>>()
+    };
+    let rows = flown.flat_map(|law| {
+        let runs = law.conditions.iter().zip(&law.runs);
+        runs.map(move |(condition, run)| row(law, condition.seed, run)).collect::<Vec<_>>()
+    });
+    csv_text::table(names.chain(ends), rows)
+}
+
+/// Mean of the greatest hover error over the landed flights \[mm\].
+pub fn greatest_hover(flown: &Flown) -> SheetCell {
+    mean_of(&flown.runs.iter().map(|run| run.hover_max_mm).collect::<Vec<_>>())
+}

@@ -1,0 +1,100 @@
+//! Page of a search: what it traded, and its path.
+
+use maud::{Markup, html};
+use oqtal_observe::page::page;
+use oqtal_observe::plot::axis::Axis;
+use oqtal_observe::plot::chart::{Mark, Plot};
+use oqtal_observe::plot::figure::{HALF, figure};
+use oqtal_observe::plot::palette::Ink;
+use oqtal_observe::plot::trace::Point;
+
+use super::search::{SearchPath, Tuned};
+use super::trade;
+
+/// Height of a plot \[pixels\].
+const HEIGHT: u32 = 420;
+/// Width of the labels of a vertical axis \[pixels\].
+const LABEL_WIDTH: u32 = 110;
+/// Values of the objective above this multiple of its start are not drawn \[-\].
+const DRAWN: f64 = 2.0;
+
+/// The HTML page of `tuned`.
+pub fn html(tuned: &Tuned) -> String {
+    let sheet = trade::sheet(&tuned.components);
+    let title = format!("oqtal: gains of {}", tuned.target);
+    let body = html! {
+        header {
+            p.eyebrow { "oqtal tune" }
+            h1 { "Gains of " (tuned.target) }
+            p.note { (tuned.headline()) "; " (format!("{:.4}", tuned.start)) " at the configured gains; lower is better." }
+            @for warning in trade::warnings(&tuned.components) { p.note { "Warning: " (warning) } }
+        }
+        main {
+            @if !sheet.rows.is_empty() {
+                section {
+                    h2 { (sheet.title) }
+                    table {
+                        thead { tr { th {} @for (_, heading) in &sheet.columns { th { (heading) } } } }
+                        tbody {
+                            @for row in &sheet.rows {
+                                tr { td { (row.controller) } @for cell in &row.cells { td { (cell.show()) } } }
+                            }
+                        }
+                    }
+                }
+            }
+            section { h2 { "Path of the search" } div.grid { (plots(tuned)) } }
+        }
+    };
+    page(&title, "td { font-variant-numeric: tabular-nums; }", &body)
+}
+
+fn plots(tuned: &Tuned) -> Markup {
+    let SearchPath { objectives, gains } = &tuned.path;
+    let shown = |value: &f64| if *value <= DRAWN * tuned.start { *value } else { f64::NAN };
+    let points = |values: &mut dyn Iterator<Item = f64>| -> Vec<Point> {
+        values.enumerate().map(|(k, value)| (k as f64 + 1.0, value)).collect()
+    };
+    let mut best = f64::INFINITY;
+    let mut least = objectives.iter().map(|value| {
+        best = best.min(*value);
+        shown(&best)
+    });
+    let least = points(&mut least);
+    let evaluated = points(&mut objectives.iter().map(shown));
+    html! {
+        (plot("objective: each point, and the best so far", vec![
+            discs(Ink::Second, evaluated),
+            vec![Mark::Line(Ink::Actual, 3, least)],
+        ]))
+        @for (k, (key, _)) in tuned.values.iter().enumerate() {
+            @let values = points(&mut gains.iter().map(|gains| gains[k]));
+            (plot(key, vec![discs(Ink::Second, values)]))
+        }
+    }
+}
+
+fn discs(ink: Ink, points: Vec<Point>) -> Vec<Mark> {
+    points.into_iter().map(|point| Mark::Disc(ink, point)).collect()
+}
+
+/// Plot over the number of evaluated points.
+fn plot(title: &str, marks: Vec<Vec<Mark>>) -> Markup {
+    let shapes: Vec<Mark> = marks.into_iter().flatten().collect();
+    let points = || {
+        shapes.iter().flat_map(|mark| match mark {
+            Mark::Disc(_, point) => vec![*point],
+            Mark::Line(_, _, points) => points.clone(),
+            _ => Vec::new(),
+        })
+    };
+    let last = points().map(|point| point.0).fold(1.0, f64::max);
+    let plot = Plot {
+        size: (HALF, HEIGHT),
+        label_width: LABEL_WIDTH,
+        x: Axis::linear(0.0..last, 8.0, ""),
+        y: Axis::fitting(points().map(|point| point.1).filter(|value| value.is_finite())),
+        shapes: shapes.clone(),
+    };
+    figure(title, &[], &plot)
+}

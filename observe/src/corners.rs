@@ -1,0 +1,71 @@
+//! Figures at the corners of a path: the instants at which the reference position steps.
+
+use nalgebra::Vector3;
+use oqtal_control::metrics::Statistics;
+use serde::Serialize;
+
+use crate::flight::Flight;
+use crate::flight_sample::FlightSample;
+
+/// Position error below which a corner is settled \[m\].
+const SETTLED_M: f64 = 0.05;
+/// Change of the reference in one tick that counts as a step \[m\].
+const STEP_M: f64 = 0.1;
+
+/// Figures at the corners of a path.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct CornerFigures {
+    /// Number of steps of the reference in the scored window \[-\].
+    pub count: u64,
+    /// Mean length of a step \[m\].
+    pub step_m: f64,
+    /// Mean time from a step to the last position error above 5 cm \[s\].
+    pub settle_s: f64,
+    /// Mean overshoot in the direction of the step \[m\].
+    pub overshoot_m: f64,
+    /// Mean position error, once settled, until the next step \[m\]; NaN if no corner settled.
+    pub settled_error_m: f64,
+    /// Share of the scored position error, integrated over time, between each step and its settling \[0..1\].
+    pub approach_share: f64,
+}
+
+impl CornerFigures {
+    /// Figures of the scored window; `None` for a path without corners.
+    pub fn of(flight: &Flight) -> Option<Self> {
+        let samples: Vec<&FlightSample> = flight.scored().collect();
+        let before = flight.armed().take_while(|sample| sample.telemetry.scored == 0).last();
+        let mut from = before.map_or_else(Vector3::zeros, reference);
+        let [mut step, mut settle, mut overshoot, mut rest] = [Statistics::default(); 4];
+        let (mut approach, mut whole) = (0.0, 0.0);
+        for corner in samples.chunk_by(|a, b| (reference(a) - reference(b)).norm() < STEP_M) {
+            let error = |sample: &&FlightSample| sample.position_error().norm();
+            whole += corner.iter().map(error).sum::<f64>();
+            let to = reference(corner[0]);
+            let length = (to - from).norm();
+            let direction = (to - from).try_normalize(STEP_M);
+            from = to;
+            let Some(direction) = direction else { continue };
+            let beyond = corner.iter().map(|sample| sample.position_error().dot(&direction));
+            overshoot.add(beyond.fold(0.0, f64::max));
+            let last = corner.iter().rposition(|sample| error(sample) > SETTLED_M);
+            let (under_way, settled) = corner.split_at(last.map_or(0, |last| last + 1));
+            let time = |sample: &FlightSample| sample.telemetry.time;
+            settle.add(last.map_or(0.0, |k| time(corner[k]).since(time(corner[0])).seconds()));
+            approach += under_way.iter().map(error).sum::<f64>();
+            settled.iter().for_each(|sample| rest.add(error(sample)));
+            step.add(length);
+        }
+        (step.count() > 0).then(|| Self {
+            count: step.count(),
+            step_m: step.mean(),
+            settle_s: settle.mean(),
+            overshoot_m: overshoot.mean(),
+            settled_error_m: if rest.count() > 0 { rest.mean() } else { f64::NAN },
+            approach_share: approach / whole,
+        })
+    }
+}
+
+fn reference(sample: &FlightSample) -> Vector3<f64> {
+    Vector3::from(sample.telemetry.reference_position)
+}
