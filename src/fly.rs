@@ -148,6 +148,9 @@ impl FlyArgs {
         check_pose_rate(&mission)?;
         let warnings = oqtal_daemon::warnings(&mission.config, &mission.trajectory);
         warnings.iter().for_each(|warning| say(&format!("oqtal: warning: {warning}")));
+        if !self.json && self.has_default_law(&mission.config) {
+            say("oqtal: flies the paper's law; for your own flights use --controller oqtal-dt");
+        }
         let directory = match self.force {
             true => FlightDirectory::create_or_replace(self.out.as_deref(), &mission.config)?,
             false => FlightDirectory::create(self.out.as_deref(), &mission.config)?,
@@ -186,6 +189,12 @@ impl FlyArgs {
                 Ok(Exit::Flight)
             }
         }
+    }
+
+    /// Whether nothing but the built-in configuration chose the law of the paper.
+    fn has_default_law(&self, config: &Config) -> bool {
+        let is_chosen = self.controller.is_some() || !self.common.config.is_empty();
+        !is_chosen && config.control.controller == ControllerName::Oqtal && !config.is_replay()
     }
 
     /// The flags as settings of the configuration.

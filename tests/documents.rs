@@ -7,7 +7,6 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use crate::common::sources::{Source, assert_none, read, root, sources};
-use crate::common::{Testbed, stderr};
 use oqtal_bus::code::{Cause, Mode, SafetyState};
 use oqtal_config::Config;
 use oqtal_control::controller::ControlOptions;
@@ -16,9 +15,7 @@ use oqtal_control::position::PositionOptions;
 use oqtal_control::predictive::PredictiveOptions;
 use oqtal_control::trajectory::TrajectoryOptions;
 use oqtal_runtime::process::Exit;
-use text::{
-    Table, cited_equations, cited_errata, code_blocks, errata, has_word, links, numbers, quoted,
-};
+use text::{Table, cited_equations, cited_errata, errata, has_word, links, numbers, quoted};
 
 /// Every Markdown file at the root and in `docs`, except the generated ones.
 fn documents() -> Vec<String> {
@@ -324,38 +321,6 @@ fn every_alarm_is_explained_to_operators() {
     assert_eq!(explained("cause"), all(&|code| Some(Cause::from_code(code)?.to_string())));
     assert_eq!(explained("state"), all(&|code| Some(SafetyState::from_code(code)?.to_string())));
     assert_eq!(explained("mode"), all(&|code| Some(Mode::from_code(code)?.to_string())));
-}
-
-#[test]
-fn every_flight_in_readme_and_commands_flies() {
-    let testbed = Testbed::new("readme");
-    let blocks = ["README.md", "docs/commands.md"].map(|document| code_blocks(&read(document)));
-    let commands: Vec<&str> = blocks
-        .iter()
-        .flatten()
-        .flat_map(|block| block.lines())
-        .map(|line| line.split(" # ").next().unwrap_or_default().trim())
-        .filter(|line| line.starts_with("oqtal fly") || line.starts_with("oqtal check"))
-        .collect();
-    assert!(commands.len() >= 5, "{commands:?}");
-    for line in commands {
-        let words: Vec<&str> = line.split_whitespace().skip(1).collect();
-        let mut command = testbed.study(&words);
-        command.current_dir(root());
-        command.env("OQTAL_INSTANCE__NAME", testbed.instance());
-        command.env("OQTAL_ROOT", testbed.path("run"));
-        if line.starts_with("oqtal fly") {
-            // Virtual time unless the line sets a clock.
-            command
-                .env("OQTAL_CLOCK__KIND", "in-process")
-                .arg("--out")
-                .arg(testbed.path("out"))
-                .arg("--force");
-        }
-        let output = command.output().unwrap();
-        let said = String::from_utf8_lossy(&output.stdout);
-        assert!(output.status.success(), "{line}\n{said}{}", stderr(&output));
-    }
 }
 
 #[test]

@@ -21,3 +21,31 @@ fn every_cell_of_the_notebook_runs_and_draws() {
     let said = String::from_utf8_lossy(&output.stdout);
     assert!(said.contains("landed: mean position error") && said.contains("3 figures"), "{said}");
 }
+
+#[test]
+fn every_block_of_the_page_about_pandas_runs_on_the_flights_of_the_page() {
+    let Some(python) = peers::python("notebook.py") else { return };
+    let testbed = Testbed::new("pandas");
+    let page = std::fs::read_to_string(root().join("docs/pandas.md")).unwrap();
+    let blocks = |kind: &str| -> Vec<String> {
+        let begun = format!("```{kind}\n");
+        let blocks = page.split(&begun).skip(1).filter_map(|rest| rest.split("```").next());
+        blocks.map(str::to_owned).collect()
+    };
+    let (lines, programs) = (blocks("sh").concat(), blocks("python"));
+    let campaign = "oqtal campaign --runs 1 --controllers pid";
+    for line in lines.lines().chain([campaign]) {
+        let words: Vec<&str> = line.split_whitespace().skip(1).collect();
+        let mut command = testbed.study(&words);
+        command.env("OQTAL_ROOT", testbed.path("run"));
+        let output = command.env("OQTAL_INSTANCE__NAME", testbed.instance()).output().unwrap();
+        assert!(output.status.success(), "{line}: {}", stderr(&output));
+    }
+    assert_eq!(programs.len(), 3);
+    for program in programs {
+        let mut command = std::process::Command::new(python.get_program());
+        let output = command.arg("-c").arg(&program).current_dir(testbed.path("")).output();
+        let output = output.unwrap();
+        assert!(output.status.success(), "{program}\n{}", stderr(&output));
+    }
+}

@@ -48,7 +48,7 @@ fn draws_do_not_depend_on_law_or_threads_and_can_be_flown_again() {
         assert!((again - expected).abs() < 1e-6, "{law}: {again} mm, {expected} mm");
     }
     for file in ["robustness.html", "robustness.md", "robustness.json"] {
-        assert!(testbed.path("robustness").join(file).is_file(), "{file}");
+        assert!(testbed.path("results/robustness-1").join(file).is_file(), "{file}");
     }
 }
 

@@ -21,7 +21,7 @@ use crate::study::args::{StudyArgs, parse_seeds};
 use crate::study::flights::{Test, readable};
 use crate::study::gains::{self, GainSource};
 use crate::study::law::{self, StudyLaw};
-use crate::study::metric::{HOVER, POSITION};
+use crate::study::metric::{CHIRP, DOUBLET, HOVER, JITTER, POSITION};
 use crate::study::table::mean_of;
 use crate::study::{Case, EVALUATION_SEEDS, Flown, Study, failure, records};
 
@@ -165,7 +165,7 @@ impl CampaignArgs {
         Sheet {
             name: "campaign".to_owned(),
             title: format!("{runs} runs of each law, seeds {start} to {}: {averaged}", end - 1),
-            columns: FIRST.into_iter().chain(table::COLUMNS).collect(),
+            columns: in_order(&FIRST.into_iter().chain(table::COLUMNS).collect::<Vec<_>>()),
             rows: plain.map(|row| campaign_row(flown, row, best)).collect(),
             ..Sheet::default()
         }
@@ -221,5 +221,13 @@ fn campaign_row(flown: &[Flown], plain: &Flown, best: usize) -> SheetRow {
         metric(CIRCLE, POSITION),
     ];
     let row = table::row(plain, best, None);
-    SheetRow { cells: first.into_iter().chain(row.cells).collect(), ..row }
+    SheetRow { cells: in_order(&first.into_iter().chain(row.cells).collect::<Vec<_>>()), ..row }
+}
+
+/// Cells of a row with the figures that tell laws apart first: disturbed hover, circle, chirp, doublet, hover, jitter.
+fn in_order<T: Clone>(cells: &[T]) -> Vec<T> {
+    let first = [0, 1, 2].into_iter().chain([CHIRP, DOUBLET, HOVER, JITTER].map(|k| k + 3));
+    let first: Vec<usize> = first.collect();
+    let others = (0..cells.len()).filter(|index| !first.contains(index));
+    first.iter().copied().chain(others).map(|index| cells[index].clone()).collect()
 }

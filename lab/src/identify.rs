@@ -7,7 +7,7 @@
 //! | `turning.rs`, `lifting.rs`, `estimate.rs` | the fits of rotation and translation, and their order |
 //! | `fit.rs`, `noise.rs`, `robust.rs`, `residuals.rs` | least squares, noise, outliers, tests |
 //! | `finding.rs`, `camera_figures.rs`, `identification.rs` | estimates of parameters, and the rules for accepting them |
-//! | `overview.rs`, `vehicle_toml.rs`, `page.rs`, `digits.rs` | text, configuration, page |
+//! | `overview.rs`, `vehicle_toml.rs`, `page.rs`, `frequency_response.rs`, `digits.rs` | text, configuration, page |
 //! | `excitation_flight.rs`, `hidden_plants.rs` | the excitation flight; errors of identifications |
 //! | `command.rs` | the command line |
 
@@ -19,6 +19,7 @@ pub mod estimate;
 pub mod excitation_flight;
 pub mod finding;
 pub mod fit;
+pub mod frequency_response;
 pub mod hidden_plants;
 pub mod identification;
 pub mod inner_loop;

@@ -34,7 +34,11 @@ impl Mission {
         if !config.safety.observe_only {
             // With emulated cameras the vehicle starts at the origin.
             let start = config.receiver.link.is_empty().then(Vector3::zeros);
-            oqtal_daemon::require_room(&config, &trajectory, start)?;
+            let room = oqtal_daemon::require_room(&config, &trajectory, start);
+            room.map_err(|failure| match first_outside(&config) {
+                Some(at) => Failure::new(failure.exit, format!("{at}; {failure}")),
+                None => failure,
+            })?;
         }
         let recording = match config.is_replay() {
             true => Some(read_recording(&config.mocap.replay)?),
@@ -66,4 +70,26 @@ impl Mission {
     pub fn unfinished_outcome(&self) -> Outcome {
         if self.recording.is_some() { Outcome::Replayed } else { Outcome::Timeout }
     }
+}
+
+/// File and line of the first waypoint outside the box of the fence, with the waypoint; `None` if there is none.
+fn first_outside(config: &Config) -> Option<String> {
+    let file = config.trajectory.waypoints_file.as_ref()?;
+    let text = std::fs::read_to_string(file).ok()?;
+    let names: Vec<&str> = text.lines().next()?.split(',').map(str::trim).collect();
+    let columns = ["x", "y", "z"].map(|axis| names.iter().position(|name| *name == axis));
+    let ranges = [config.fence.x_m, config.fence.y_m, config.fence.z_m];
+    let point = |line: &str| -> Option<Vec<f64>> {
+        let cells: Vec<&str> = line.split(',').collect();
+        columns.iter().map(|column| cells.get((*column)?)?.trim().parse().ok()).collect()
+    };
+    let is_outside = |point: &[f64]| {
+        point.iter().zip(ranges).any(|(value, [low, high])| *value < low || *value > high)
+    };
+    text.lines().enumerate().skip(1).find_map(|(index, line)| {
+        let point = point(line).filter(|point| is_outside(point))?;
+        let [x, y, z] = point[..] else { return None };
+        let place = format!("{}:{}", file.display(), index + 1);
+        Some(format!("{place}: the waypoint x = {x} m, y = {y} m, z = {z} m is outside [fence]"))
+    })
 }

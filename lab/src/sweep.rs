@@ -73,6 +73,11 @@ impl Axis {
             };
             return Ok(Self { key, values: spaced(first, last, number) });
         }
+        if let [first, last] = range[..] {
+            return Err(format!(
+                "`{values}` has no number of values: write {key}={first}:{last}:7 for seven values from {first} to {last}"
+            ));
+        }
         if range.len() > 1 {
             return Err(form.to_owned());
         }
@@ -237,7 +242,8 @@ mod tests {
         assert_eq!(lag.values, [30.0, 60.0, 90.0].map(toml::Value::from));
         let cells = Axis::parse("control.oqtal.cells=floor,centred").unwrap();
         assert_eq!(cells.values, ["floor", "centred"].map(toml::Value::from));
-        for text in ["lag", "lag=1:2:1", "lag=1:2:x", "lag=a:2:3", "lag=0:inf:3"] {
+        assert!(Axis::parse("lag=30:90").unwrap_err().contains("write lag=30:90:7"));
+        for text in ["lag", "lag=1:2", "lag=1:2:1", "lag=1:2:x", "lag=a:2:3", "lag=0:inf:3"] {
             assert!(Axis::parse(text).is_err(), "{text}");
         }
     }

@@ -62,11 +62,6 @@ pub fn quoted(text: &str) -> Vec<&str> {
     prose.flat_map(|part| part.split('`').skip(1).step_by(2)).collect()
 }
 
-/// The code blocks.
-pub fn code_blocks(text: &str) -> Vec<String> {
-    text.split("```").skip(1).step_by(2).map(str::to_owned).collect()
-}
-
 /// The targets of links and images.
 pub fn links(text: &str) -> Vec<String> {
     let until = |end: char| move |part: &str| part.split(end).next().unwrap_or("").to_owned();

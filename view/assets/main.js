@@ -99,6 +99,9 @@ function live(store, panel) {
   return () => store.last(store.ticks)?.[0] ?? 0;
 }
 
+// Time after arming at which a recording is opened: the vehicle takes off.
+const TAKE_OFF_S = 1.0;
+
 async function recorded(store, player) {
   const recording = await load("recording");
   store.add(recording);
@@ -107,7 +110,9 @@ async function recorded(store, player) {
   const thinned = recording.thinning > 1 ? `One tick in ${recording.thinning} is shown. ` : "";
   const cut = recording.cut_off ? `The file is cut off (${recording.cut_off}) and shown up to there.` : "";
   notice(thinned + cut);
-  player.made = new Player(ticks[0]?.[0] ?? 0, ticks.length ? store.last(ticks)[0] : 1);
+  // The vehicle is armed at 0; before, there may be no pose.
+  const [from, to] = ticks.length ? [ticks[0][0], store.last(ticks)[0]] : [0, 1];
+  player.made = new Player(from, to, Math.min(to, Math.max(from, TAKE_OFF_S)));
   let last = performance.now();
   return () => {
     const now = performance.now();

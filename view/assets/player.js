@@ -3,12 +3,13 @@
 const element = (id) => document.getElementById(id);
 
 export class Player {
-  constructor(from, to) {
-    this.time = from;
+  // `at` is the time shown first.
+  constructor(from, to, at) {
+    this.time = at;
     this.span = [from, to];
     this.isPlaying = false;
     this.slider = element("time");
-    Object.assign(this.slider, { min: from, max: to, value: from });
+    Object.assign(this.slider, { min: from, max: to, value: at });
     element("player").hidden = false;
     this.slider.addEventListener("input", () => this.seek(Number(this.slider.value)));
     element("play").addEventListener("click", () => this.toggle());

@@ -14,7 +14,7 @@ use super::excitation_flight;
 use super::hidden_plants::{HiddenPlants, study};
 use super::identification::{Scale, identify};
 use super::{overview, page, vehicle_toml};
-use crate::output::{make, write};
+use crate::output::{make, next_free, write};
 
 /// Reads the flight of a recording.
 pub type ReadFlight = dyn Fn(&Path) -> Result<Flight, Failure>;
@@ -47,7 +47,7 @@ pub struct IdentifyArgs {
     /// Seed of every random source, with --fly
     #[arg(long, value_name = "N", conflicts_with = "files")]
     seed: Option<u32>,
-    /// Directory of vehicle.toml, identification.json and identification.html [default: none]
+    /// Directory of vehicle.toml, identification.json and identification.html [default: results/identify-N]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Print JSON instead of a table
@@ -69,9 +69,7 @@ impl IdentifyArgs {
         if let Some(count) = self.hidden_plants {
             return self.study(count);
         }
-        if let Some(directory) = &self.out {
-            make(directory)?;
-        }
+        self.out.as_deref().map_or(Ok(()), make)?;
         let flights = self.flights(read)?;
         let Some(first) = flights.first() else {
             let reason = "nothing to identify a vehicle from; give recordings, or --fly";
@@ -81,15 +79,13 @@ impl IdentifyArgs {
         let data: Vec<FlightData> = flights.iter().map(FlightData::of).collect();
         let identification = identify(&data, &vehicle, self.scale())?;
         let json = json(&identification)?;
-        if let Some(directory) = &self.out {
-            let toml = vehicle_toml::toml(&identification, &first.config);
-            write(directory, "vehicle.toml", &toml)?;
-            write(directory, "identification.json", &json)?;
-            write(directory, "identification.html", page::html(&identification, &data))?;
-        }
-        let written = self.out.as_ref().map_or(String::new(), |directory| {
-            format!("\nwritten: {}", directory.join("vehicle.toml").display())
-        });
+        let directory = self.out.clone().map_or_else(|| next_free("identify"), Ok)?;
+        write(&directory, "vehicle.toml", vehicle_toml::toml(&identification, &first.config))?;
+        write(&directory, "identification.json", &json)?;
+        write(&directory, "identification.html", page::html(&identification, &data))?;
+        let [vehicle, page] =
+            ["vehicle.toml", "identification.html"].map(|name| directory.join(name));
+        let written = format!("\npage: {}\nwritten: {}", page.display(), vehicle.display());
         let text = overview::text(&identification) + &written;
         print(if self.json { json.trim_end() } else { &text })?;
         Ok(Exit::Ok)

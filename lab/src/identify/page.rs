@@ -8,6 +8,7 @@ use oqtal_observe::plot::palette::Ink;
 use oqtal_observe::plot::trace::{Point, Trace};
 
 use super::data::{FlightData, PoseRecord};
+use super::frequency_response::figures;
 use super::identification::Identification;
 use super::overview::{HEADINGS, cells, remarks};
 
@@ -15,6 +16,10 @@ use super::overview::{HEADINGS, cells, remarks};
 const RATE_POSES: usize = 3;
 /// Number of poses on either side over which an acceleration is the second difference of positions \[-\].
 const ACCELERATION_POSES: usize = 7;
+/// Note above the frequency responses.
+const RESPONSES: &str = "From the commanded to the flown rates, in units of the rate at full stick, beside the fitted model. Where the \
+     coherence is low, the flight does not excite that frequency, or noise hides the answer: the measured points are not to be \
+     relied on there. The loop is closed: noise that the controller answers pulls such points towards the controller's inverse.";
 const STYLE: &str = "td { font-variant-numeric: tabular-nums; } .remark { max-width: 95ch; }";
 
 /// The HTML page of `identification`, made from `flights`.
@@ -29,6 +34,11 @@ pub fn html(identification: &Identification, flights: &[FlightData]) -> String {
             section { h2 { "Findings" } (findings(identification)) }
             section { h2 { "Tests of the residuals" } (residuals(identification)) }
             @for (number, data) in flights.iter().enumerate() {
+                section {
+                    h2 { "Frequency responses, flight " (number + 1) }
+                    p.note.remark { (RESPONSES) }
+                    div.grid { (figures(data, &identification.estimate.turning.models[number])) }
+                }
                 section {
                     h2 { "Measured and predicted, flight " (number + 1) }
                     div.grid { (plots(identification, data, number)) }

@@ -52,7 +52,8 @@ pub fn mean_of(values: &[f64]) -> SheetCell {
 
 /// `cell`, marked if it is over a part of the flights.
 pub fn marked(cell: SheetCell, is_partial: bool) -> SheetCell {
-    if is_partial { SheetCell::Partial(Box::new(cell)) } else { cell }
+    let has_value = cell != SheetCell::None;
+    if is_partial && has_value { SheetCell::Partial(Box::new(cell)) } else { cell }
 }
 
 /// Names of a row of a sheet: law, origin, settings.
