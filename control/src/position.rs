@@ -15,7 +15,7 @@ use crate::tracking_error::AttitudeReference;
 use crate::trajectory::Reference;
 
 /// Greatest value allowed for the tilt limit \[deg\].
-const GREATEST_TILT_DEG: f64 = 60.0;
+pub(crate) const GREATEST_TILT_DEG: f64 = 60.0;
 
 /// Norm below which the direction of a vector is undefined \[unit of the vector\].
 const SMALLEST_NORM: f64 = 1e-9;

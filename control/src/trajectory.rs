@@ -18,4 +18,4 @@ pub use options::{TrajectoryKind, TrajectoryOptions};
 pub use path::Trajectory;
 pub use plan::{FlightPlan, StartPoint};
 pub use reference::{Phase, Reference};
-pub use waypoints::{WaypointError, WaypointProblem, Waypoints};
+pub use waypoints::{WaypointCurve, WaypointError, WaypointProblem, Waypoints};

@@ -16,13 +16,24 @@ fn trajectory(kind: TrajectoryKind) -> Trajectory {
     options(kind).trajectory(None).unwrap()
 }
 
-/// The stated velocity is the derivative of the stated position, and the position has no jumps.
+/// Every stated derivative is that of the one before it, and position, velocity and acceleration have no jumps.
 fn assert_smooth(sample: impl Fn(f64) -> Reference, duration_s: f64) {
     let h = 1e-4;
     for k in 0..(duration_s / 0.01) as u32 {
         let t_s = f64::from(k) * 0.01;
-        let slope = (sample(t_s + h).position - sample(t_s - h).position) / (2.0 * h);
-        assert!((slope - sample(t_s).velocity).norm() < 2e-3, "at {t_s} s");
+        let [before, now, after] = [-h, 0.0, h].map(|off_s| sample(t_s + off_s));
+        let courses = [before, after].map(|it| [it.position, it.velocity, it.acceleration]);
+        for (order, derivative) in [now.velocity, now.acceleration].iter().enumerate() {
+            let slope = (courses[1][order] - courses[0][order]) / (2.0 * h);
+            assert!((slope - derivative).norm() < 2e-3, "derivative {order} at {t_s} s");
+        }
+        assert!((courses[1][2] - courses[0][2]).norm() < 2e-2, "acceleration at {t_s} s");
+        // Jerk and snap jump where a ramp begins or ends.
+        let slope = (courses[1][2] - courses[0][2]) / (2.0 * h);
+        let jumps = (after.jerk - before.jerk).norm() > 1e-2;
+        assert!(jumps || (slope - now.jerk).norm() < 2e-3, "jerk at {t_s} s");
+        let slope = (after.jerk - before.jerk) / (2.0 * h);
+        assert!(jumps || (slope - now.snap).norm() < 1e-2, "snap at {t_s} s");
     }
 }
 

@@ -4,7 +4,8 @@ use std::fmt::Write;
 
 use nalgebra::Vector3;
 use oqtal_control::trajectory::{
-    Trajectory, TrajectoryKind, TrajectoryOptions, WaypointProblem, Waypoints,
+    Reference, Trajectory, TrajectoryKind, TrajectoryOptions, WaypointCurve, WaypointProblem,
+    Waypoints,
 };
 use proptest::prelude::*;
 
@@ -52,6 +53,43 @@ fn dense_points_of_a_smooth_path_give_back_the_path() {
         let reference = path.sample(t_s);
         assert!((reference.position.x - (0.6 * t_s).sin()).abs() < 2e-3);
         assert!((reference.velocity.y - 0.4).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn least_snap_passes_through_the_points_at_rest_at_the_ends_and_smooth_in_between() {
+    let options = TrajectoryOptions {
+        kind: TrajectoryKind::Waypoints,
+        waypoints_curve: WaypointCurve::MinimumSnap,
+        ..TrajectoryOptions::default()
+    };
+    let text = "t,x,y,z,yaw_deg\n0,0,0,1,0\n1.5,1,0.5,1.2,6\n2,2,0.5,1,18\n5,2,-1,1.5,20\n";
+    let path = options.trajectory(Some(Waypoints::parse(text).unwrap())).unwrap();
+    for (t_s, [x, y, z]) in
+        [(1.5, [1.0, 0.5, 1.2]), (2.0, [2.0, 0.5, 1.0]), (5.0, [2.0, -1.0, 1.5])]
+    {
+        let off = path.sample(t_s).position - Vector3::new(x, y, z);
+        assert!(off.norm() < 1e-9, "{off} at {t_s} s");
+    }
+    for t_s in [0.0, 5.0] {
+        let end = path.sample(t_s);
+        assert!(end.velocity.norm() + end.acceleration.norm() + end.jerk.norm() < 1e-7, "{end:?}");
+    }
+    let h = 1e-4;
+    for k in 1..500 {
+        let t_s = f64::from(k) * 0.01;
+        let [before, now, after] = [-h, 0.0, h].map(|off_s| path.sample(t_s + off_s));
+        let slope = |of: fn(&Reference) -> Vector3<f64>| (of(&after) - of(&before)) / (2.0 * h);
+        assert!((slope(|it| it.position) - now.velocity).norm() < 1e-4, "velocity at {t_s} s");
+        assert!(
+            (slope(|it| it.velocity) - now.acceleration).norm() < 1e-3,
+            "acceleration at {t_s} s"
+        );
+        assert!((slope(|it| it.acceleration) - now.jerk).norm() < 1e-2, "jerk at {t_s} s");
+        assert!((slope(|it| it.jerk) - now.snap).norm() < 1e-1, "snap at {t_s} s");
+        // The fifth derivative is continuous at the points too: the snap has no kink.
+        let kink = (after.snap - now.snap * 2.0 + before.snap).norm();
+        assert!(kink < 1e-3, "{kink} at {t_s} s");
     }
 }
 

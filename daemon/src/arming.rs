@@ -11,7 +11,7 @@ use oqtal_config::Config;
 use oqtal_control::trajectory::Trajectory;
 
 use crate::fence::Fence;
-use crate::flight_room::path;
+use crate::flight_room::{path, stops};
 use crate::guard::Accepted;
 use crate::limits::FlightLimits;
 
@@ -48,6 +48,8 @@ pub struct ArmingCheck {
     allows_emulated: bool,
     /// The trajectory relative to its start \[m\].
     path: Arc<[Vector3<f64>]>,
+    /// Where the vehicle stops if it brakes at a point of the path, likewise.
+    stops: Arc<[Vector3<f64>]>,
     recent: [Option<Accepted>; REST_POSES],
     next: usize,
     /// Instant of the newest of them.
@@ -66,6 +68,7 @@ impl ArmingCheck {
             tilt: safety.arming_tilt_deg.to_radians().cos(),
             allows_emulated: safety.allow_emulated_poses,
             path: path(config, trajectory).into_iter().map(|(_, point)| point).collect(),
+            stops: stops(config, trajectory).into_iter().map(|(_, point)| point).collect(),
             recent: [None; REST_POSES],
             next: 0,
             newest_at: Time::UNSET,
@@ -132,6 +135,7 @@ impl ArmingCheck {
 
     fn leaves_fence(&self, start: &Vector3<f64>) -> bool {
         let is_inside = |point| self.fence().inside_soft_m(&(start + point)) > 0.0;
-        !self.path.iter().all(is_inside)
+        let stops_inside = |point| self.fence().inside_m(&(start + point)) > 0.0;
+        !(self.path.iter().all(is_inside) && self.stops.iter().all(stops_inside))
     }
 }

@@ -3,7 +3,25 @@
 use std::sync::Arc;
 
 use nalgebra::{Vector2, Vector3};
-use oqtal_config::FenceOptions;
+use oqtal_config::{Config, FenceOptions};
+
+/// Share of the acceleration at `position.tilt-limit-deg` with which a vehicle brakes, its delays included \[-\].
+const BRAKING_SHARE: f64 = 0.75;
+
+/// Deceleration with which a vehicle stops at the soft border \[m/s^2\].
+pub(crate) fn braking_m_s2(config: &Config) -> f64 {
+    let tilt = config.position.tilt_limit_deg.to_radians();
+    BRAKING_SHARE * config.vehicle.gravity_m_s2 * tilt.tan()
+}
+
+/// The point at which a vehicle at `position` \[m, world\] with `velocity` \[m/s, world\] stops under `braking` \[m/s^2\].
+pub(crate) fn stopping_point(
+    position: &Vector3<f64>,
+    velocity: &Vector3<f64>,
+    braking: f64,
+) -> Vector3<f64> {
+    position + velocity * (0.5 * velocity.norm() / braking)
+}
 
 /// The borders. A copy shares the corners, so that copying does not allocate.
 #[derive(Clone, Debug)]

@@ -3,10 +3,11 @@
 use nalgebra::Vector3;
 use oqtal_config::Config;
 use oqtal_control::options::OptionError;
-use oqtal_control::trajectory::{FlightPlan, StartPoint, Trajectory};
+use oqtal_control::trajectory::{FlightPlan, Reference, StartPoint, Trajectory};
 use oqtal_runtime::process::Failure;
 
-use crate::fence::Fence;
+use crate::fence::{Fence, braking_m_s2, stopping_point};
+use crate::flyable::check_demand;
 use crate::waypoint_file::trajectory as trajectory_of;
 
 /// Points of a flight that are compared with the fence \[-\].
@@ -14,10 +15,27 @@ const PATH_POINTS: u32 = 256;
 
 /// The path of a flight relative to its start: times \[s\] and positions \[m\].
 pub(crate) fn path(config: &Config, trajectory: &Trajectory) -> Vec<(f64, Vector3<f64>)> {
+    let by_position = |reference: &Reference| reference.position;
+    sampled(config, trajectory, by_position)
+}
+
+/// The same of the points at which the vehicle would stop if it had to brake.
+pub(crate) fn stops(config: &Config, trajectory: &Trajectory) -> Vec<(f64, Vector3<f64>)> {
+    let braking = braking_m_s2(config);
+    sampled(config, trajectory, |Reference { position, velocity, .. }| {
+        stopping_point(position, velocity, braking)
+    })
+}
+
+fn sampled(
+    config: &Config,
+    trajectory: &Trajectory,
+    point: impl Fn(&Reference) -> Vector3<f64>,
+) -> Vec<(f64, Vector3<f64>)> {
     let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
     let step_s = plan.end_s() / f64::from(PATH_POINTS);
     let times = (0..PATH_POINTS).map(|index| f64::from(index) * step_s);
-    times.map(|t_s| (t_s, plan.sample(t_s).position)).collect()
+    times.map(|t_s| (t_s, point(&plan.sample(t_s)))).collect()
 }
 
 /// Whether `trajectory` fits inside the soft border of the fence: from anywhere, or from `start` \[m, world\] where it is known.
@@ -30,6 +48,21 @@ fn check_room(
     start: Option<Vector3<f64>>,
 ) -> Result<(), OptionError> {
     let path = path(config, trajectory);
+    check_span(config, &path, config.fence.soft_margin_m)?;
+    let stops = stops(config, trajectory);
+    check_span(config, &stops, 0.0)?;
+    start.map_or(Ok(()), |start| {
+        check_from(config, &path, (start, config.fence.soft_margin_m))?;
+        check_from(config, &stops, (start, 0.0))
+    })
+}
+
+/// Whether `path` is narrower than the fence by `margin_m` \[m\] on both sides.
+fn check_span(
+    config: &Config,
+    path: &[(f64, Vector3<f64>)],
+    margin_m: f64,
+) -> Result<(), OptionError> {
     let (low, high) = corners(config);
     for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
         let along = |point: &(f64, Vector3<f64>)| point.1[axis];
@@ -40,13 +73,14 @@ fn check_room(
         // A flight begins on the floor, at the lower border or above it.
         let (span_m, margins) =
             if name == "z" { (along(to), 1.0) } else { (along(to) - along(from), 2.0) };
-        let needed_m = span_m + margins * config.fence.soft_margin_m;
+        let needed_m = span_m + margins * margin_m;
         let width_m = high[axis] - low[axis];
         // A comparison with NaN is false.
         let fits = needed_m < width_m;
         if !fits {
             let allowed = format!(
-                "wider than {needed_m:.2} m, soft-margin-m included: the trajectory goes from {name} = {:.2} m at {:.1} s to {name} = {:.2} m at {:.1} s",
+                "wider than {needed_m:.2} m, {}: the trajectory goes from {name} = {:.2} m at {:.1} s to {name} = {:.2} m at {:.1} s",
+                room(margin_m),
                 along(from),
                 from.0,
                 along(to),
@@ -55,14 +89,20 @@ fn check_room(
             return Err(border_error(config, name, allowed));
         }
     }
-    start.map_or(Ok(()), |start| check_from(config, &path, start))
+    Ok(())
 }
 
-/// Whether `trajectory` fits inside the soft border of the fence: from anywhere, or from `start` \[m, world\] where it is known.
+/// The words for a path with this margin \[m\], or with the way to stop.
+fn room(margin_m: f64) -> &'static str {
+    if margin_m > 0.0 { "soft-margin-m included" } else { "the way to brake included" }
+}
+
+/// Whether `trajectory` can be flown: whether it fits inside the soft border of the fence, from anywhere, or from `start` \[m, world\]
+/// where it is known, and whether the vehicle can follow it.
 ///
 /// # Errors
-/// The key of the border, the points of the trajectory for which it leaves no room, and the setting at fault (exit code 78).
-pub fn require_room(
+/// The key of the border, or of the limit of the vehicle, the points of the trajectory that exceed it, and the setting at fault (exit code 78).
+pub fn require_flyable(
     config: &Config,
     trajectory: &Trajectory,
     start: Option<Vector3<f64>>,
@@ -71,19 +111,24 @@ pub fn require_room(
     let has_room = |config: &Config| {
         !trajectory_of(config).is_ok_and(|path| check_room(config, &path, start).is_err())
     };
-    let located = |error: &OptionError| config.locate_change(error, has_room).into();
-    check_room(config, trajectory, start).map_err(|error| located(&error))
+    check_room(config, trajectory, start)
+        .map_err(|error| Failure::from(config.locate_change(&error, has_room)))?;
+    let is_flyable = |config: &Config| {
+        !trajectory_of(config).is_ok_and(|path| check_demand(config, &path).is_err())
+    };
+    check_demand(config, trajectory)
+        .map_err(|error| config.locate_change(&error, is_flyable).into())
 }
 
-/// Whether a flight along `path` from `start` \[m, world\] stays inside the soft border.
+/// Whether a flight along `path` from `start` \[m, world\] stays inside the fence by `margin_m` \[m\].
 fn check_from(
     config: &Config,
     path: &[(f64, Vector3<f64>)],
-    start: Vector3<f64>,
+    (start, margin_m): (Vector3<f64>, f64),
 ) -> Result<(), OptionError> {
     let fence = Fence::new(&config.fence);
     let is_outside = |point: &&(f64, Vector3<f64>)| {
-        let is_inside = fence.inside_soft_m(&(start + point.1)) > 0.0;
+        let is_inside = fence.inside_by_m(&(start + point.1), margin_m) > 0.0;
         !is_inside
     };
     let Some((t_s, point)) = path.iter().find(is_outside) else { return Ok(()) };
@@ -92,8 +137,11 @@ fn check_from(
     let beyond = |axis: &usize| (at[*axis] - high[*axis]).max(low[*axis] - at[*axis]);
     let axis = (0..3).max_by(|a, b| beyond(a).total_cmp(&beyond(b))).unwrap_or_default();
     let allowed = format!(
-        "around the whole trajectory, by more than soft-margin-m: at {t_s:.1} s the trajectory is at [{:.2}, {:.2}, {:.2}] m",
-        at.x, at.y, at.z
+        "around the whole trajectory, {}: at {t_s:.1} s the trajectory is at [{:.2}, {:.2}, {:.2}] m",
+        room(margin_m),
+        at.x,
+        at.y,
+        at.z
     );
     Err(border_error(config, ["x", "y", "z"][axis], allowed))
 }

@@ -25,6 +25,7 @@
 //! | `limits.rs`, `fence.rs`, `floor.rs` | the limits of a flight |
 //! | `descent.rs` | descent without poses of a vehicle with its own attitude loop |
 //! | `flight_room.rs` | the path of a flight against the fence |
+//! | `flyable.rs` | the demand of a flight on the vehicle |
 //! | `arming.rs` | the reasons against a flight |
 //! | `setpoint.rs` | the check of the reference |
 //! | `loop_health.rs` | age and losses of poses, late ticks |
@@ -57,6 +58,7 @@ mod fence;
 mod flight_marker;
 mod flight_room;
 mod floor;
+mod flyable;
 mod gate;
 mod guard;
 mod handover;
@@ -105,7 +107,7 @@ pub use envelope::{Candidate, Envelope};
 pub use external::{ExternalLaw, LawPort};
 pub use fence::Fence;
 use flight_marker::FlightMarker;
-pub use flight_room::require_room;
+pub use flight_room::require_flyable;
 pub use gate::MotionGate;
 pub use guard::{Accepted, Guard};
 pub use handover::{Handover, SlewLimits};
@@ -199,7 +201,7 @@ fn fitting_trajectory(config: &Config) -> Result<Trajectory, Failure> {
     let trajectory = trajectory(config)?;
     // A recording is only observed.
     if !config.safety.observe_only {
-        require_room(config, &trajectory, None)?;
+        require_flyable(config, &trajectory, None)?;
     }
     Ok(trajectory)
 }

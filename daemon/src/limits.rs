@@ -6,7 +6,7 @@ use oqtal_config::Config;
 use oqtal_control::predictive::Track;
 use oqtal_control::trajectory::Reference;
 
-use crate::fence::Fence;
+use crate::fence::{Fence, braking_m_s2, stopping_point};
 use crate::floor::{LIFTING, OFF_FLOOR_M};
 
 /// Standard deviations of the predicted position by which the border of the fence is kept \[-\].
@@ -25,7 +25,7 @@ const SINKS_M_S: f64 = 0.1;
 pub struct LimitConditions {
     /// The vehicle would cross the hard border of the fence before a Stop takes effect.
     pub leaves_fence: bool,
-    /// The vehicle is outside the soft border.
+    /// The vehicle is outside the soft border, or is too fast to stop before the hard one.
     pub in_fence_margin: bool,
     /// The vehicle is faster than `safety.speed-limit-m-s`.
     pub too_fast: bool,
@@ -87,6 +87,8 @@ pub struct FlightView<'a> {
 pub struct FlightLimits {
     /// The fence.
     pub fence: Fence,
+    /// Deceleration of a vehicle that stops at the fence \[m/s^2\].
+    braking: f64,
     speed: f64,
     /// Cosines of the tilts.
     tilt_warning: f64,
@@ -107,6 +109,7 @@ impl FlightLimits {
         let lift = vehicle.gravity_m_s2 + config.position.vertical_acceleration_limit_m_s2;
         Self {
             fence: Fence::new(&config.fence),
+            braking: braking_m_s2(config),
             speed: safety.speed_limit_m_s,
             tilt_warning: safety.tilt_warning_deg.to_radians().cos(),
             tilt: safety.tilt_limit_deg.to_radians().cos(),
@@ -132,7 +135,9 @@ impl FlightLimits {
         let is_within = |distance: f64, limit: f64| distance <= limit;
         // Comparisons with NaN are false: a motion that is not finite is outside and tipped.
         conditions.leaves_fence = !is_inside(inside);
-        conditions.in_fence_margin = !is_inside(self.fence.inside_soft_m(&motion.position));
+        let stop = stopping_point(&motion.position, &motion.velocity, self.braking);
+        conditions.in_fence_margin = !is_inside(self.fence.inside_soft_m(&motion.position))
+            || !is_inside(self.fence.inside_m(&stop));
         conditions.too_fast = !is_within(motion.velocity.norm(), self.speed);
         conditions.tilted = !is_upright(self.tilt_warning);
         conditions.tipped = !is_upright(self.tilt);

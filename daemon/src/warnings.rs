@@ -26,11 +26,14 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     all.extend(law_replaced(config));
     let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
     let samples = samples(&plan);
-    let limits = &config.position;
-    let horizontal = ("horizontal", limits.horizontal_velocity_limit_m_s);
-    all.extend(too_fast(&samples, config, horizontal, |velocity| velocity.xy().norm()));
-    let vertical = ("vertical", limits.vertical_velocity_limit_m_s);
-    all.extend(too_fast(&samples, config, vertical, |velocity| velocity.z.abs()));
+    // The predictive stack feeds the motion of the reference forward, beside these limits.
+    if !config.control.is_predictive() {
+        let limits = &config.position;
+        let horizontal = ("horizontal", limits.horizontal_velocity_limit_m_s);
+        all.extend(too_fast(&samples, config, horizontal, |velocity| velocity.xy().norm()));
+        let vertical = ("vertical", limits.vertical_velocity_limit_m_s);
+        all.extend(too_fast(&samples, config, vertical, |velocity| velocity.z.abs()));
+    }
     all.extend(jump(&plan, config));
     all
 }

@@ -34,8 +34,8 @@ impl Mission {
         if !config.safety.observe_only {
             // With emulated cameras the vehicle starts at the origin.
             let start = config.receiver.link.is_empty().then(Vector3::zeros);
-            let room = oqtal_daemon::require_room(&config, &trajectory, start);
-            room.map_err(|failure| match first_outside(&config) {
+            let flyable = oqtal_daemon::require_flyable(&config, &trajectory, start);
+            flyable.map_err(|failure| match first_outside(&config) {
                 Some(at) => Failure::new(failure.exit, format!("{at}; {failure}")),
                 None => failure,
             })?;

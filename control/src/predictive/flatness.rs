@@ -3,6 +3,7 @@
 
 use nalgebra::Vector3;
 
+use super::reference_model::Course;
 use crate::position::attitude_along;
 use crate::quantity::{AngularAcceleration, BodyRate};
 use crate::tracking_error::AttitudeReference;
@@ -23,6 +24,15 @@ pub struct Force {
 }
 
 impl Force {
+    /// The force with which a vehicle with the drag `drag_per_s` \[1/s\] follows `course` under `gravity_m_s2` \[m/s^2\].
+    pub fn along(course: &Course, gravity_m_s2: f64, drag_per_s: f64) -> Self {
+        Self {
+            value: course.acceleration + course.velocity * drag_per_s + Vector3::z() * gravity_m_s2,
+            slope: course.jerk + course.acceleration * drag_per_s,
+            curvature: course.snap + course.jerk * drag_per_s,
+        }
+    }
+
     fn at(&self, t_s: f64) -> Vector3<f64> {
         self.value + (self.slope + self.curvature * (t_s / 2.0)) * t_s
     }

@@ -19,7 +19,7 @@
 //! | `rotation_estimator.rs`, `adaptation.rs` | the model adapted in flight |
 //! | `reference_model.rs` | a reference with limited speed, acceleration and jerk |
 //! | `position_law.rs`, `command_filter.rs` | desired acceleration |
-//! | `flatness.rs` | attitude, rate and angular acceleration for a force |
+//! | `flatness.rs`, `demand.rs` | attitude, rate and angular acceleration for a force; the demand of a reference on the vehicle |
 //! | `look_ahead.rs` | a prescribed attitude at the time of effect |
 //! | `inner_law.rs` | the attitude law: [`OqtalDt`], or another one for comparison |
 //! | `setpoint_buffer.rs` | set-points by the time for which they are valid |
@@ -31,6 +31,7 @@
 mod adaptation;
 mod attitude_filter;
 mod command_filter;
+mod demand;
 mod flatness;
 mod history;
 mod inner_law;
@@ -61,6 +62,7 @@ use crate::trajectory::Reference;
 pub use adaptation::{Adaptation, AdaptedModel};
 pub use attitude_filter::AttitudeFilter;
 pub use command_filter::{CommandFilter, Smooth};
+pub use demand::MotionDemand;
 pub use flatness::Force;
 pub use history::{CommandEffect, CommandHistory, CommandReport};
 use inner_law::InnerLaw;
@@ -132,7 +134,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
         loops: &PositionOptions,
     ) -> Result<Self, OptionError> {
         Ok(Self {
-            position: PositionLaw::new(options, loops, design.model.gravity_m_s2),
+            position: PositionLaw::new(options, loops, &design.model),
             attitude: InnerLaw::Own(OqtalDt::new(law, design.input, design.period_s)?),
             setpoint_buffer: SetpointBuffer::new(),
             look_ahead: LookAhead::default(),
@@ -178,7 +180,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
             self.attitude.set_rate_lag(adapted.rate_lag_s, self.design.period_s);
         }
         let ahead = Ahead { motion, bias: tracker.bias(), dt_s, delay_s };
-        let setpoint = self.setpoint(&ahead, tracker.model().mass_kg, reference)?;
+        let setpoint = self.setpoint(&ahead, tracker.model(), reference)?;
         let disturbance = -self.design.input.input_for(&ahead.bias.demand);
         let u = self.rotate(&ahead, &setpoint.attitude, &disturbance, &tracker.effect().gain);
         let attitude = self.attitude_command(&setpoint.attitude, &ahead.bias.demand);
@@ -194,11 +196,11 @@ impl<I: InputForm + Copy> Autopilot<I> {
         })
     }
 
-    /// The set-point for a vehicle of the mass `mass_kg` \[kg\] in the predicted motion.
+    /// The set-point for a vehicle with this `model` in the predicted motion.
     fn setpoint(
         &mut self,
         ahead: &Ahead,
-        mass_kg: f64,
+        model: &VehicleModel,
         reference: &Reference,
     ) -> Option<PositionCommand> {
         let Ahead { motion, bias, dt_s, delay_s } = ahead;
@@ -212,7 +214,10 @@ impl<I: InputForm + Copy> Autopilot<I> {
             }
         };
         let cosine = motion.attitude.to_world(&Vector3::z()).z.max(LEAST_COSINE);
-        let thrust_n = mass_kg * force.value.z / cosine;
+        // A thrust that changes is ahead of its lag, and of half the time for which the command is held.
+        let lead_s = model.thrust_lag_s + dt_s / 2.0;
+        let growth = force.value.dot(&force.slope) / force.value.norm();
+        let thrust_n = model.mass_kg * (force.value.z / cosine + growth * lead_s);
         let numbers = velocity.iter().chain(&force.value).chain([&thrust_n]);
         if attitude.is_finite() && numbers.copied().all(f64::is_finite) {
             return Some(PositionCommand { attitude, thrust_n, velocity });

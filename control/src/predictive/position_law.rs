@@ -2,23 +2,28 @@
 //! the predicted motion. There is no integral action: the filters estimate the bias.
 //!
 //! ```text
-//! a = a_r + F{k_v (v_r + k_p (p_r - p) - v) - b}
+//! a = a_r + D v_r + F{k_v (v_r + k_p (p_r - p) - v) - b}
 //! ```
 //!
-//! `F` is the command filter. The vertical axis does not affect the attitude; it has no filter and separate gains.
+//! `F` is the command filter, `D` the drag. The vertical axis does not affect the attitude; it has no filter and separate gains.
+//! The limits apply to the correction and to the offset from the reference; the motion of the reference itself is fed forward up to
+//! the greatest tilt.
 
 use nalgebra::{Vector2, Vector3};
 
 use super::command_filter::{CommandFilter, Smooth};
 use super::flatness::Force;
-use super::model::{Bias, Motion};
+use super::model::{Bias, Motion, VehicleModel};
 use super::options::PredictiveOptions;
 use super::reference_model::{Course, MotionLimits, ReferenceModel};
-use crate::position::PositionOptions;
+use crate::position::{GREATEST_TILT_DEG, PositionOptions};
 use crate::trajectory::Reference;
 
 /// Fraction of the tilt limit available to the reference \[-\]; the rest is reserved for corrections.
 const REFERENCE_SHARE: f64 = 0.9;
+
+/// Least lift over the weight \[-\]: below, a small force would turn the vehicle over.
+const LEAST_LIFT: f64 = 0.2;
 
 /// Distance from the reference beyond which the vehicle counts as pushed away \[m\]: the reference then restarts from the
 /// vehicle, so that the return also satisfies the limits.
@@ -38,18 +43,20 @@ pub struct Setpoint {
 pub struct PositionLaw {
     options: PredictiveOptions,
     gravity_m_s2: f64,
+    drag_per_s: f64,
     tilt_tangent: f64,
     vertical_acceleration: f64,
     horizontal: ReferenceModel,
     vertical: ReferenceModel,
     filter: CommandFilter,
-    /// The velocity of the last reference \[m/s\]; `None` while the position is not controlled.
-    following: Option<Vector3<f64>>,
+    /// Whether there was a reference in the last step.
+    is_following: bool,
 }
 
 impl PositionLaw {
-    /// The law within the limits of `loops`, under `gravity_m_s2` \[m/s^2\].
-    pub fn new(options: &PredictiveOptions, loops: &PositionOptions, gravity_m_s2: f64) -> Self {
+    /// The law for a vehicle within the limits of `loops`.
+    pub fn new(options: &PredictiveOptions, loops: &PositionOptions, model: &VehicleModel) -> Self {
+        let VehicleModel { gravity_m_s2, drag_per_s, .. } = *model;
         let tilt_tangent = loops.tilt_limit_deg.to_radians().tan();
         let model = |speed, acceleration| {
             ReferenceModel::new(options.reference, MotionLimits { speed, acceleration })
@@ -57,6 +64,7 @@ impl PositionLaw {
         Self {
             options: *options,
             gravity_m_s2,
+            drag_per_s,
             tilt_tangent,
             vertical_acceleration: loops.vertical_acceleration_limit_m_s2,
             horizontal: model(
@@ -68,13 +76,13 @@ impl PositionLaw {
                 REFERENCE_SHARE * loops.vertical_acceleration_limit_m_s2,
             ),
             filter: CommandFilter::new(options.command_bandwidth_rad_s),
-            following: None,
+            is_following: false,
         }
     }
 
     /// Restarts from the vehicle's position in the next step.
     pub fn reset(&mut self) {
-        self.following = None;
+        self.is_following = false;
         self.filter.reset();
     }
 
@@ -86,7 +94,7 @@ impl PositionLaw {
         reference: &Reference,
         (dt_s, delay_s): (f64, f64),
     ) -> Setpoint {
-        let course = self.follow(motion, reference, (dt_s, delay_s));
+        let (target, course) = self.follow(motion, reference, (dt_s, delay_s));
         let gains = &self.options;
         let [position_gain, velocity_gain] = [
             (gains.position_gain_per_s, gains.vertical_position_gain_per_s),
@@ -98,35 +106,39 @@ impl PositionLaw {
         let missing = velocity - motion.velocity;
         let corrective = missing.component_mul(&velocity_gain) - bias.acceleration;
 
-        let limit = self.vertical_acceleration;
-        let lift = self.gravity_m_s2 + (course.acceleration.z + corrective.z).clamp(-limit, limit);
+        let (limit, gravity) = (self.vertical_acceleration, self.gravity_m_s2);
+        let [target, own] =
+            [target, course].map(|course| Force::along(&course, gravity, self.drag_per_s));
+        let lift = target.value.z
+            + (own.value.z - target.value.z + corrective.z)
+                .clamp(-limit, limit)
+                .max(LEAST_LIFT * gravity - target.value.z);
         let limit = lift * self.tilt_tangent;
         let smooth = match reference.attitude {
             None => self.filter.update(&corrective.xy().cap_magnitude(limit), dt_s),
             Some(_) => Smooth::default(),
         };
         let force = Force {
-            value: (course.acceleration.xy() + smooth.value).push(lift),
-            slope: (course.jerk.xy() + smooth.slope).push(0.0),
-            curvature: (course.snap.xy() + smooth.curvature).push(0.0),
+            value: (own.value.xy() + smooth.value).push(lift),
+            slope: own.slope + smooth.slope.push(0.0),
+            curvature: own.curvature + smooth.curvature.push(0.0),
         };
+        let limit =
+            (limit + target.value.xy().norm()).min(lift * GREATEST_TILT_DEG.to_radians().tan());
         Setpoint { velocity, force: within(force, limit) }
     }
 
-    /// Advances the reference model and returns its output. While the position is not controlled, and when the
+    /// Advances the reference model and returns the motion of the reference and the output. While the position is not controlled, and when the
     /// vehicle was pushed away, the model restarts from the vehicle.
     fn follow(
         &mut self,
         motion: &Motion,
         reference: &Reference,
         (dt_s, delay_s): (f64, f64),
-    ) -> Course {
-        let Reference { position, velocity, .. } = *reference;
-        let target = Course { position, velocity, ..Course::default() };
-        let target = Course { acceleration: self.acceleration(&velocity, dt_s), ..target };
-        let target = target.after(delay_s);
+    ) -> (Course, Course) {
+        let target = Course::of(reference).after(delay_s);
         let (horizontal, vertical) = (axes(&target, HORIZONTAL), axes(&target, VERTICAL));
-        let begins = self.following.is_none();
+        let begins = !std::mem::replace(&mut self.is_following, true);
         if begins {
             self.vertical.restart(vertical.position, vertical.velocity);
         } else if strays(&self.vertical, motion, VERTICAL) {
@@ -140,16 +152,7 @@ impl PositionLaw {
             self.horizontal.advance(&horizontal, dt_s);
         }
         self.vertical.advance(&vertical, dt_s);
-        self.following = Some(velocity);
-        sum(self.horizontal.course(), self.vertical.course())
-    }
-
-    /// Acceleration of the reference, from the difference of its velocities; zero if the velocity jumps.
-    fn acceleration(&self, velocity: &Vector3<f64>, dt_s: f64) -> Vector3<f64> {
-        let last = self.following.unwrap_or(*velocity);
-        let acceleration = (velocity - last) / dt_s;
-        let greatest = self.gravity_m_s2 * self.tilt_tangent;
-        if acceleration.norm() <= greatest { acceleration } else { Vector3::zeros() }
+        (target, self.horizontal.course().plus(&self.vertical.course(), 1.0))
     }
 }
 
@@ -173,16 +176,6 @@ fn axes(course: &Course, axes: Vector3<f64>) -> Course {
         acceleration: course.acceleration.component_mul(&axes),
         jerk: course.jerk.component_mul(&axes),
         snap: course.snap.component_mul(&axes),
-    }
-}
-
-fn sum(a: &Course, b: &Course) -> Course {
-    Course {
-        position: a.position + b.position,
-        velocity: a.velocity + b.velocity,
-        acceleration: a.acceleration + b.acceleration,
-        jerk: a.jerk + b.jerk,
-        snap: a.snap + b.snap,
     }
 }
 

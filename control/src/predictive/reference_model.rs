@@ -1,14 +1,18 @@
-//! Reference model: approaches the given reference with limited speed, acceleration and jerk, without overshoot of a
-//! target at rest.
+//! Reference model: approaches the given reference with limited speed, acceleration and jerk relative to it, without overshoot of
+//! a target at rest.
 //!
 //! ```text
-//! leader    v = v_t + min(max(w, f(d - w T_c)), f(d)) e/|e|,   |v'| <= a_max
+//! leader    v = min(max(w, f(d - w T_c)), f(d)) e/|e|,   |v'| <= a_max
 //!           f(d) = min(k_p d, sqrt(2 a_b (d - a_b / 2 k_p^2)), v_max)
-//! course    (1 + T s)^2 course = leader,   T = a_max / (2 j_max)
+//! offset    (1 + T s)^2 offset = leader,   T = a_max / (2 j_max)
+//! course    target + offset
 //! ```
 //!
-//! A *leader* without inertia approaches the target within the limits of speed and acceleration: `e` is the remaining distance as
-//! a vector, `d` its length and `w` the closing speed. It brakes along `f` and accelerates only as long as it could coast for
+//! The *offset* from the target starts where the target jumps: it takes up the jump of position, velocity and acceleration, so that
+//! the course is continuous, and fades. A smooth target has no offset and is passed on unchanged, with its derivatives.
+//!
+//! A *leader* without inertia takes the offset to zero within the limits of speed and acceleration: `e` is the remaining distance
+//! as a vector, `d` its length and `w` the closing speed. It brakes along `f` and accelerates only as long as it could coast for
 //! `T_c` before braking. The output is the leader filtered by two equal lags. Their impulse response is non-negative, so the
 //! output satisfies the leader's limits of speed and acceleration and does not overshoot where the leader does not. The jerk is
 //! `(a_1 - a_2) / T`, with the accelerations behind the first and the second lag; it is at most `j_max` while the leader's own is
@@ -18,6 +22,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use crate::options::{OptionError, Rule, check_options};
+use crate::trajectory::Reference;
 
 /// Steps of the integration per tick: short against the lags.
 const STEPS: u32 = 4;
@@ -88,12 +93,44 @@ pub struct Course {
 }
 
 impl Course {
-    /// Extrapolates the course by `dt_s` \[s\] with constant acceleration.
+    /// The motion of `reference`.
+    pub fn of(reference: &Reference) -> Self {
+        let Reference { position, velocity, acceleration, jerk, snap, .. } = *reference;
+        Self { position, velocity, acceleration, jerk, snap }
+    }
+
+    /// Extrapolates the course by `dt_s` \[s\] with constant snap.
     pub fn after(&self, dt_s: f64) -> Self {
+        let [half, third, fourth] = [dt_s / 2.0, dt_s / 3.0, dt_s / 4.0];
+        let Self { position, velocity, acceleration, jerk, snap } = self;
         Self {
-            position: self.position + (self.velocity + self.acceleration * (dt_s / 2.0)) * dt_s,
-            velocity: self.velocity + self.acceleration * dt_s,
+            position: position
+                + (velocity + (acceleration + (jerk + snap * fourth) * third) * half) * dt_s,
+            velocity: velocity + (acceleration + (jerk + snap * third) * half) * dt_s,
+            acceleration: acceleration + (jerk + snap * half) * dt_s,
+            jerk: jerk + snap * dt_s,
+            snap: *snap,
+        }
+    }
+
+    /// The course with which a first-order lag of `lag_s` \[s\] gives this one, up to the acceleration.
+    fn ahead_of_lag(&self, lag_s: f64) -> Self {
+        Self {
+            position: self.position + self.velocity * lag_s,
+            velocity: self.velocity + self.acceleration * lag_s,
+            acceleration: self.acceleration + self.jerk * lag_s,
             ..*self
+        }
+    }
+
+    /// The sum with `share` times `other`.
+    pub(super) fn plus(&self, other: &Self, share: f64) -> Self {
+        Self {
+            position: self.position + other.position * share,
+            velocity: self.velocity + other.velocity * share,
+            acceleration: self.acceleration + other.acceleration * share,
+            jerk: self.jerk + other.jerk * share,
+            snap: self.snap + other.snap * share,
         }
     }
 
@@ -110,43 +147,50 @@ impl Course {
 pub struct ReferenceModel {
     options: ReferenceModelOptions,
     limits: MotionLimits,
+    target: Course,
+    /// The leader, the leader filtered by one lag, and the offset: each relative to the target.
     leader: Course,
-    /// The leader filtered by one lag.
     between: Course,
-    course: Course,
+    offset: Course,
 }
 
 impl ReferenceModel {
     /// A model at rest at the origin.
     pub fn new(options: ReferenceModelOptions, limits: MotionLimits) -> Self {
-        let [leader, between, course] = [Course::default(); 3];
-        Self { options, limits, leader, between, course }
+        let [target, leader, between, offset] = [Course::default(); 4];
+        Self { options, limits, target, leader, between, offset }
     }
 
     /// The present course.
-    pub fn course(&self) -> &Course {
-        &self.course
+    pub fn course(&self) -> Course {
+        self.target.plus(&self.offset, 1.0)
     }
 
     /// Restarts from `position` \[m, world\] and `velocity` \[m/s, world\].
     pub fn restart(&mut self, position: Vector3<f64>, velocity: Vector3<f64>) {
-        let velocity = velocity.cap_magnitude(self.limits.speed);
-        self.course = Course { position, velocity, ..Course::default() };
-        self.between = self.course.after(self.lag_s());
-        self.leader = self.between.after(self.lag_s());
+        self.target = Course { position, velocity, ..Course::default() };
+        [self.leader, self.between, self.offset] = [Course::default(); 3];
     }
 
-    /// Advances by `dt_s` \[s\] towards `target`, given for the end of the step; its jerk and snap are not used.
+    /// Advances by `dt_s` \[s\] towards `target`, given for the end of the step.
     pub fn advance(&mut self, target: &Course, dt_s: f64) {
+        let mut jump = target.plus(&self.target.after(dt_s), -1.0);
+        // Jerk and snap of the offset are those of the lags.
+        (jump.jerk, jump.snap) = Default::default();
+        self.offset = self.offset.plus(&jump, -1.0);
+        let jump = jump.ahead_of_lag(self.lag_s());
+        self.between = self.between.plus(&jump, -1.0);
+        self.leader = self.leader.plus(&jump.ahead_of_lag(self.lag_s()), -1.0);
+        self.target = *target;
         let h = dt_s / f64::from(STEPS);
-        for step in 1..=STEPS {
-            self.lead(&target.after(-h * f64::from(STEPS - step)), h);
+        for _ in 0..STEPS {
+            self.lead(h);
             let share = h / (h + self.lag_s());
             self.between.approach(&self.leader, share);
-            let Course { acceleration, jerk, .. } = self.course;
-            self.course.approach(&self.between, share);
-            self.course.jerk = (self.course.acceleration - acceleration) / h;
-            self.course.snap = (self.course.jerk - jerk) / h;
+            let Course { acceleration, jerk, .. } = self.offset;
+            self.offset.approach(&self.between, share);
+            self.offset.jerk = (self.offset.acceleration - acceleration) / h;
+            self.offset.snap = (self.offset.jerk - jerk) / h;
         }
     }
 
@@ -155,32 +199,26 @@ impl ReferenceModel {
         self.limits.acceleration / (2.0 * self.options.jerk_limit_m_s3)
     }
 
-    /// Advances the leader by `h` \[s\] towards `target`.
-    fn lead(&mut self, target: &Course, h: f64) {
-        let acceleration = (self.velocity(target, h) - self.leader.velocity) / h;
+    /// Advances the leader by `h` \[s\] towards the target.
+    fn lead(&mut self, h: f64) {
+        let acceleration = (self.velocity() - self.leader.velocity) / h;
         let acceleration = acceleration.cap_magnitude(self.limits.acceleration);
         // Both terms are within the limit of acceleration, and therefore every value between them.
-        let from = self.course.acceleration;
+        let from = self.offset.acceleration;
         let reach = self.limits.acceleration + self.options.jerk_limit_m_s3 * h;
         self.leader.acceleration = from + (acceleration - from).cap_magnitude(reach);
         self.leader.velocity += self.leader.acceleration * h;
         self.leader.position += self.leader.velocity * h;
     }
 
-    /// The velocity of the leader for the next `h` \[s\].
-    fn velocity(&self, target: &Course, h: f64) -> Vector3<f64> {
-        // After the lags this is the target itself.
-        let lag_s = self.lag_s();
-        let (position, velocity) = (target.position, target.velocity);
-        let position = position + (velocity * 2.0 + target.acceleration * lag_s) * lag_s;
-        let velocity = velocity + target.acceleration * (2.0 * lag_s);
-        let way = position - velocity * h - self.leader.position;
+    /// The velocity of the leader for the next step.
+    fn velocity(&self) -> Vector3<f64> {
+        let way = -self.leader.position;
         let distance = way.norm();
         let direction = if distance > ARRIVED_M { way / distance } else { Vector3::zeros() };
-        let closing = direction.dot(&(self.leader.velocity - velocity)).max(0.0);
-        let roll = closing * ROLL * lag_s;
-        let speed = closing.clamp(self.approach(distance - roll), self.approach(distance));
-        (velocity + direction * speed).cap_magnitude(self.limits.speed)
+        let closing = direction.dot(&self.leader.velocity).max(0.0);
+        let roll = closing * ROLL * self.lag_s();
+        direction * closing.clamp(self.approach(distance - roll), self.approach(distance))
     }
 
     /// `f` at `distance` \[m\]: the speed of approach \[m/s\].

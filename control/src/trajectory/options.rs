@@ -9,7 +9,7 @@ use super::attitude::{AttitudeChirp, AttitudeDoublet};
 use super::excitation::Excitation;
 use super::path::{Trajectory, TrajectoryShape};
 use super::shape::{Circle, Hover, Lemniscate, MAX_DURATION_S, Square, Step};
-use super::waypoints::Waypoints;
+use super::waypoints::{WaypointCurve, Waypoints};
 use crate::options::{OptionError, Rule, check_options};
 
 /// Kind of trajectory.
@@ -48,6 +48,8 @@ pub struct TrajectoryOptions {
     /// File of the waypoints, for [`TrajectoryKind::Waypoints`]. The caller reads the file: see [`Waypoints::parse`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub waypoints_file: Option<PathBuf>,
+    /// Curve between the waypoints.
+    pub waypoints_curve: WaypointCurve,
     /// Height of the hover point over the floor \[m\].
     pub height_m: f64,
     /// Time of the take-off \[s\].
@@ -80,6 +82,7 @@ impl Default for TrajectoryOptions {
             kind: TrajectoryKind::Square,
             duration_s: None,
             waypoints_file: None,
+            waypoints_curve: WaypointCurve::default(),
             height_m: 1.0,
             take_off_s: 2.5,
             settle_s: 4.0,
@@ -133,7 +136,9 @@ impl TrajectoryOptions {
                 TrajectoryShape::AttitudeDoublet(self.attitude_doublet)
             }
             TrajectoryKind::Excitation => TrajectoryShape::Excitation(self.excitation),
-            TrajectoryKind::Waypoints => TrajectoryShape::Waypoints(waypoints?),
+            TrajectoryKind::Waypoints => {
+                TrajectoryShape::Waypoints(waypoints?.along(self.waypoints_curve))
+            }
         };
         Some(Trajectory { shape, hover_point: Vector3::new(0.0, 0.0, self.height_m) })
     }

@@ -34,7 +34,17 @@ impl Trajectory {
     /// The reference at `t_s` \[s\] after the start of the trajectory. Times before the start count as the start,
     /// times after the end as the end.
     pub fn sample(&self, t_s: f64) -> Reference {
-        let t_s = t_s.min(self.duration_s()).max(0.0);
+        let duration_s = self.duration_s();
+        let mut reference = self.course(t_s.min(duration_s).max(0.0));
+        if t_s >= duration_s {
+            // At rest from here on, whatever the derivatives at the end of the curve.
+            [reference.acceleration, reference.jerk, reference.snap] = [Vector3::zeros(); 3];
+        }
+        reference
+    }
+
+    /// The reference at `t_s` \[s\] in 0..duration.
+    fn course(&self, t_s: f64) -> Reference {
         let mut reference = match &self.shape {
             TrajectoryShape::Hover(_) => Reference::rest(Vector3::zeros(), Phase::Trajectory),
             TrajectoryShape::Step(step) => step.sample(t_s),

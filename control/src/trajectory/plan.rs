@@ -129,10 +129,8 @@ impl FlightPlan {
         if t_s >= self.take_off_s {
             return Reference::rest(self.trajectory.hover_point, Phase::Settle);
         }
-        let (progress, slope) = minimum_jerk(t_s / self.take_off_s);
-        let position = self.trajectory.hover_point * progress;
-        let velocity = self.trajectory.hover_point * (slope / self.take_off_s);
-        Reference { velocity, ..Reference::rest(position, Phase::TakeOff) }
+        let course = minimum_jerk(t_s / self.take_off_s, self.take_off_s);
+        Reference::moving(course.map(|share| self.trajectory.hover_point * share), Phase::TakeOff)
     }
 }
 
@@ -156,19 +154,29 @@ impl Landing {
     };
 
     fn sample(&self, t_s: f64) -> Reference {
-        let (progress, slope) = minimum_jerk((t_s - self.start_s) / self.duration_s);
-        let position = self.from.position - Vector3::z() * (self.depth_m * progress);
-        Reference {
-            velocity: -Vector3::z() * (self.depth_m * slope / self.duration_s),
-            yaw_rad: self.from.yaw_rad,
-            ..Reference::rest(position, Phase::Landing)
-        }
+        let mut unit_s = 1.0;
+        let mut course = minimum_jerk((t_s - self.start_s) / self.duration_s, 1.0).map(|share| {
+            let down = self.depth_m * share / unit_s;
+            unit_s *= self.duration_s;
+            -Vector3::z() * down
+        });
+        course[0] += self.from.position;
+        Reference { yaw_rad: self.from.yaw_rad, ..Reference::moving(course, Phase::Landing) }
     }
 }
 
-/// The minimum-jerk course from rest at 0 to rest at 1, and its slope, for `progress` 0..1: the polynomial of fifth
-/// degree whose first and second derivatives vanish at both ends (Flash and Hogan, J. Neurosci. 5 (1985) 1688).
-fn minimum_jerk(progress: f64) -> (f64, f64) {
+/// The minimum-jerk course from rest at 0 to rest at 1 in `duration_s` \[s\], with its first four derivatives by time, for `progress`
+/// 0..1: the polynomial of fifth degree whose first and second derivatives vanish at both ends (Flash and Hogan, J. Neurosci. 5
+/// (1985) 1688).
+fn minimum_jerk(progress: f64, duration_s: f64) -> [f64; 5] {
     let x = progress.clamp(0.0, 1.0);
-    (x * x * x * (10.0 + x * (6.0 * x - 15.0)), 30.0 * x * x * (1.0 - x) * (1.0 - x))
+    let rest = 1.0 - x;
+    let moves = if (0.0..1.0).contains(&progress) { 1.0 } else { 0.0 };
+    [
+        x * x * x * (10.0 + x * (6.0 * x - 15.0)),
+        30.0 * x * x * rest * rest / duration_s,
+        60.0 * x * rest * (rest - x) / duration_s.powi(2),
+        moves * (60.0 - 360.0 * x * rest) / duration_s.powi(3),
+        moves * 360.0 * (x - rest) / duration_s.powi(4),
+    ]
 }

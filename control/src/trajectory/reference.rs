@@ -13,6 +13,12 @@ pub struct Reference {
     pub position: Vector3<f64>,
     /// Desired velocity \[m/s, world\]; zero where the position jumps.
     pub velocity: Vector3<f64>,
+    /// Desired acceleration \[m/s^2, world\], for laws that feed it forward, like jerk and snap.
+    pub acceleration: Vector3<f64>,
+    /// Desired jerk \[m/s^3, world\].
+    pub jerk: Vector3<f64>,
+    /// Desired snap \[m/s^4, world\].
+    pub snap: Vector3<f64>,
     /// Desired 3-2-1 yaw \[rad\].
     pub yaw_rad: f64,
     /// Prescribed attitude in place of the horizontal position, with rate and acceleration for laws that feed them forward.
@@ -24,12 +30,22 @@ pub struct Reference {
 impl Reference {
     /// A reference at rest at `position` \[m, world\], at zero yaw.
     pub fn rest(position: Vector3<f64>, phase: Phase) -> Self {
-        Self { position, velocity: Vector3::zeros(), yaw_rad: 0.0, attitude: None, phase }
+        Self::moving(
+            [position, Vector3::zeros(), Vector3::zeros(), Vector3::zeros(), Vector3::zeros()],
+            phase,
+        )
+    }
+
+    /// A reference with this position and its first four derivatives \[m, s, world\], at zero yaw.
+    pub fn moving(course: [Vector3<f64>; 5], phase: Phase) -> Self {
+        let [position, velocity, acceleration, jerk, snap] = course;
+        Self { position, velocity, acceleration, jerk, snap, yaw_rad: 0.0, attitude: None, phase }
     }
 
     /// Whether every number is finite.
     pub fn is_finite(&self) -> bool {
-        self.position.iter().chain(&self.velocity).all(|number| number.is_finite())
+        let vectors = [self.position, self.velocity, self.acceleration, self.jerk, self.snap];
+        vectors.iter().flatten().all(|number| number.is_finite())
             && self.yaw_rad.is_finite()
             && self.attitude.is_none_or(|attitude| attitude.is_finite())
     }

@@ -4,7 +4,7 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::reference::{Phase, Reference};
@@ -169,20 +169,42 @@ impl Circle {
     }
 
     pub(super) fn sample(&self, t_s: f64) -> Reference {
-        let (angle, rate) = self.sweep().sample(t_s);
-        let (sin, cos) = angle.sin_cos();
-        let position = Vector2::new(cos - 1.0, sin) * self.radius_m;
-        moving(position, Vector2::new(-sin, cos) * self.radius_m * rate)
+        let sweep = self.sweep().sample(t_s);
+        let (sin, cos) = sweep[0].sin_cos();
+        let curve = [[cos - 1.0, sin], [-sin, cos], [-cos, -sin], [sin, -cos], [cos, sin]];
+        along(curve.map(|[x, y]| Vector3::new(x, y, 0.0) * self.radius_m), sweep)
     }
 }
 
-/// The lemniscate of Gerono, a horizontal figure of eight along x, twice as long as wide, crossing at the hover point:
-/// x = a sin s, y = a sin s cos s.
+/// The plane of a [`Lemniscate`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum CurvePlane {
+    /// Of x and y.
+    Horizontal,
+    /// Of x and z.
+    Upright,
+}
+
+impl CurvePlane {
+    /// The direction across x.
+    fn across(self) -> Vector3<f64> {
+        match self {
+            Self::Horizontal => Vector3::y(),
+            Self::Upright => Vector3::z(),
+        }
+    }
+}
+
+/// The lemniscate of Gerono, a figure of eight along x, twice as long as wide, crossing at the hover point: x = a sin s,
+/// y = a sin s cos s, or z in place of y.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 pub struct Lemniscate {
     /// Half its length, a \[m\].
     pub half_length_m: f64,
+    /// The plane of the figure.
+    pub plane: CurvePlane,
     /// Time of one round at full speed \[s\].
     pub period_s: f64,
     /// Number of rounds \[-\].
@@ -193,7 +215,13 @@ pub struct Lemniscate {
 
 impl Default for Lemniscate {
     fn default() -> Self {
-        Self { half_length_m: 0.65, period_s: 8.0, laps: 3, ramp_s: 2.0 }
+        Self {
+            half_length_m: 0.65,
+            plane: CurvePlane::Horizontal,
+            period_s: 8.0,
+            laps: 3,
+            ramp_s: 2.0,
+        }
     }
 }
 
@@ -212,18 +240,31 @@ impl Lemniscate {
     }
 
     pub(super) fn sample(&self, t_s: f64) -> Reference {
-        let (angle, rate) = self.sweep().sample(t_s);
-        let (sin, cos) = angle.sin_cos();
-        let position = Vector2::new(sin, sin * cos) * self.half_length_m;
-        moving(position, Vector2::new(cos, cos * cos - sin * sin) * self.half_length_m * rate)
+        let sweep = self.sweep().sample(t_s);
+        let (sin, cos) = sweep[0].sin_cos();
+        let (double_sin, double_cos) = (sin * cos, cos * cos - sin * sin);
+        let curve = [
+            [sin, double_sin],
+            [cos, double_cos],
+            [-sin, -4.0 * double_sin],
+            [-cos, -4.0 * double_cos],
+            [sin, 16.0 * double_sin],
+        ];
+        let across = self.plane.across();
+        along(curve.map(|[x, y]| (Vector3::x() * x + across * y) * self.half_length_m), sweep)
     }
 }
 
-fn moving(position: Vector2<f64>, velocity: Vector2<f64>) -> Reference {
-    Reference {
-        velocity: velocity.push(0.0),
-        ..Reference::rest(position.push(0.0), Phase::Trajectory)
-    }
+/// The reference on a curve with these derivatives by an angle with those derivatives by time \[m, rad, s\]: Faa di Bruno's formula.
+fn along(curve: [Vector3<f64>; 5], sweep: [f64; 5]) -> Reference {
+    let ([p, c1, c2, c3, c4], [_, s1, s2, s3, s4]) = (curve, sweep);
+    let acceleration = c2 * (s1 * s1) + c1 * s2;
+    let jerk = c3 * (s1 * s1 * s1) + c2 * (3.0 * s1 * s2) + c1 * s3;
+    let snap = c4 * s1.powi(4)
+        + c3 * (6.0 * s1 * s1 * s2)
+        + c2 * (3.0 * s2 * s2 + 4.0 * s1 * s3)
+        + c1 * s4;
+    Reference::moving([p, c1 * s1, acceleration, jerk, snap], Phase::Trajectory)
 }
 
 /// Angle as a function of time on a closed curve that starts and ends at rest. The angular speed rises and falls by 3
@@ -241,26 +282,30 @@ impl Sweep {
         self.period_s * f64::from(self.laps) + self.ramp_s
     }
 
-    /// Angle \[rad\] and angular speed \[rad/s\] at `t_s` in 0..duration.
-    fn sample(&self, t_s: f64) -> (f64, f64) {
+    /// Angle at `t_s` in 0..duration, with its first four derivatives \[rad, s\].
+    fn sample(&self, t_s: f64) -> [f64; 5] {
         let remaining_s = self.duration_s() - t_s;
         if t_s <= remaining_s {
             return self.rise(t_s);
         }
-        let (angle, speed) = self.rise(remaining_s);
-        (TAU * f64::from(self.laps) - angle, speed)
+        let [angle, speed, second, third, fourth] = self.rise(remaining_s);
+        [TAU * f64::from(self.laps) - angle, speed, -second, third, -fourth]
     }
 
     /// The first half of the course.
-    fn rise(&self, t_s: f64) -> (f64, f64) {
+    fn rise(&self, t_s: f64) -> [f64; 5] {
         let full_speed = TAU / self.period_s;
         if t_s >= self.ramp_s {
-            return (full_speed * (t_s - 0.5 * self.ramp_s), full_speed);
+            return [full_speed * (t_s - 0.5 * self.ramp_s), full_speed, 0.0, 0.0, 0.0];
         }
         let x = t_s / self.ramp_s;
-        (
+        let scale = full_speed / self.ramp_s;
+        [
             full_speed * self.ramp_s * x * x * x * (1.0 - 0.5 * x),
             full_speed * x * x * (3.0 - 2.0 * x),
-        )
+            scale * 6.0 * x * (1.0 - x),
+            scale / self.ramp_s * (6.0 - 12.0 * x),
+            scale / (self.ramp_s * self.ramp_s) * -12.0,
+        ]
     }
 }

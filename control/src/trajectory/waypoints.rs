@@ -4,7 +4,8 @@ use std::f64::consts::TAU;
 use std::fmt;
 use std::sync::Arc;
 
-use nalgebra::Vector4;
+use nalgebra::{Matrix3, Matrix3x4, Vector3, Vector4};
+use serde::{Deserialize, Serialize};
 
 use super::reference::{Phase, Reference};
 
@@ -30,13 +31,24 @@ const LEAST_SPACING_S: f64 = 1e-3;
 /// world, yaw in degrees relative to that at the start. The column `yaw_deg` may be absent. Yaw turns the shorter way. A column
 /// without the unit in its name is refused: a yaw of 90 would be flown as 14 turns.
 ///
-/// Between the points each coordinate follows the piecewise cubic of Fritsch and Butland (SIAM J. Sci. Stat. Comput. 5
-/// (1984) 300), at rest at the first and the last: the velocity is continuous and every coordinate stays in the
-/// interval between two neighbouring points, so the path does not overshoot.
+/// The path is at rest at the first and the last point. Between the points each coordinate follows a [`WaypointCurve`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Waypoints {
     /// At least two, the first at time 0. Reference-counted, so that a plan can be copied without allocation.
     knots: Arc<[Knot]>,
+}
+
+/// The curve of each coordinate between waypoints.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum WaypointCurve {
+    /// The piecewise cubic of Fritsch and Butland (SIAM J. Sci. Stat. Comput. 5 (1984) 300): the velocity is continuous and every
+    /// coordinate stays in the interval between two neighbouring points, so the path does not overshoot.
+    #[default]
+    Monotone,
+    /// The piecewise polynomial of seventh degree of least integral of the squared snap (Mellinger and Kumar, ICRA 2011): continuous up
+    /// to the sixth derivative, for fast flights. It may leave the interval between two points.
+    MinimumSnap,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,8 +56,9 @@ struct Knot {
     t_s: f64,
     /// x, y, z \[m\] and yaw \[rad\].
     value: Vector4<f64>,
-    /// Rate of change of `value` \[m/s, rad/s\].
-    slope: Vector4<f64>,
+    /// Their first three derivatives; of the cubic only the first.
+    rates: [Vector4<f64>; 3],
+    curve: WaypointCurve,
 }
 
 /// Error in a table of waypoints.
@@ -148,6 +161,17 @@ impl Waypoints {
         Ok(Self { knots: knots.into() })
     }
 
+    /// The path through the same points along `curve`.
+    pub fn along(self, curve: WaypointCurve) -> Self {
+        let mut knots = self.knots.to_vec();
+        knots.iter_mut().for_each(|knot| (knot.curve, knot.rates) = (curve, Default::default()));
+        match curve {
+            WaypointCurve::Monotone => set_slopes(&mut knots),
+            WaypointCurve::MinimumSnap => minimise_snap(&mut knots),
+        }
+        Self { knots: knots.into() }
+    }
+
     /// Time of the last point \[s\].
     pub(super) fn duration_s(&self) -> f64 {
         self.knots[self.knots.len() - 1].t_s
@@ -157,11 +181,11 @@ impl Waypoints {
     pub(super) fn sample(&self, t_s: f64) -> Reference {
         let next =
             self.knots.partition_point(|knot| knot.t_s <= t_s).clamp(1, self.knots.len() - 1);
-        let (value, rate) = interpolate(&self.knots[next - 1], &self.knots[next], t_s);
+        let course = self.knots[next - 1].towards(&self.knots[next], t_s);
+        let yaw_rad = course[0].w;
         Reference {
-            velocity: rate.xyz(),
-            yaw_rad: value.w,
-            ..Reference::rest(value.xyz(), Phase::Trajectory)
+            yaw_rad,
+            ..Reference::moving(course.map(|value| value.xyz()), Phase::Trajectory)
         }
     }
 }
@@ -200,7 +224,8 @@ fn parse_knot(text: &str, fields: usize, previous: Option<&Knot>) -> Result<Knot
         Some(previous) => yaw -= TAU * ((yaw - previous.value.w) / TAU).round(),
         None => {}
     }
-    Ok(Knot { t_s, value: Vector4::new(x, y, z, yaw), slope: Vector4::zeros() })
+    let value = Vector4::new(x, y, z, yaw);
+    Ok(Knot { t_s, value, rates: Default::default(), curve: WaypointCurve::default() })
 }
 
 /// The slopes at the inner points; those at the ends stay zero.
@@ -210,7 +235,7 @@ fn set_slopes(knots: &mut [Knot]) {
         let (h0, h1) = (here.t_s - before.t_s, after.t_s - here.t_s);
         let chord0 = (here.value - before.value) / h0;
         let chord1 = (after.value - here.value) / h1;
-        knots[k].slope = chord0.zip_map(&chord1, |d0, d1| {
+        knots[k].rates[0] = chord0.zip_map(&chord1, |d0, d1| {
             // A coordinate that turns or stands still at the point has no slope there.
             if d0 * d1 <= 0.0 {
                 return 0.0;
@@ -222,16 +247,106 @@ fn set_slopes(knots: &mut [Knot]) {
     }
 }
 
-/// Value and rate of the cubic with the values and slopes of two points (Hermite's form).
-fn interpolate(from: &Knot, to: &Knot, t_s: f64) -> (Vector4<f64>, Vector4<f64>) {
-    let h = to.t_s - from.t_s;
-    let s = (t_s - from.t_s) / h;
-    let r = 1.0 - s;
-    let rise = to.value - from.value;
-    let value = from.value + rise * (s * s * (3.0 - 2.0 * s)) + from.slope * (h * s * r * r)
-        - to.slope * (h * s * s * r);
-    let rate = rise * (6.0 * s * r / h)
-        + from.slope * (r * (1.0 - 3.0 * s))
-        + to.slope * (s * (3.0 * s - 2.0));
-    (value, rate)
+impl Knot {
+    /// Value and first four derivatives at `t_s` \[s\], between this point and the next, `to`.
+    fn towards(&self, to: &Self, t_s: f64) -> [Vector4<f64>; 5] {
+        let h = to.t_s - self.t_s;
+        let s = (t_s - self.t_s) / h;
+        match self.curve {
+            WaypointCurve::Monotone => self.cubic(to, h, s),
+            WaypointCurve::MinimumSnap => {
+                let terms = septic(h, to.value - self.value, [&self.rates, &to.rates]);
+                let mut course = derivatives(&terms, h, s);
+                course[0] += self.value;
+                std::array::from_fn(|order| course[order])
+            }
+        }
+    }
+
+    /// The cubic with the values and slopes of two points (Hermite's form).
+    fn cubic(&self, to: &Self, h: f64, s: f64) -> [Vector4<f64>; 5] {
+        let (r, rise) = (1.0 - s, to.value - self.value);
+        let [from_slope, to_slope] = [self.rates[0], to.rates[0]];
+        let value = self.value + rise * (s * s * (3.0 - 2.0 * s)) + from_slope * (h * s * r * r)
+            - to_slope * (h * s * s * r);
+        let rate = rise * (6.0 * s * r / h)
+            + from_slope * (r * (1.0 - 3.0 * s))
+            + to_slope * (s * (3.0 * s - 2.0));
+        let second = rise * (6.0 * (r - s) / (h * h))
+            + (from_slope * (6.0 * s - 4.0) + to_slope * (6.0 * s - 2.0)) / h;
+        let third = (rise * (-2.0 / h) + from_slope + to_slope) * (6.0 / (h * h));
+        [value, rate, second, third, Vector4::zeros()]
+    }
+}
+
+/// Coefficients, of the share of the interval `h` \[s\], of the polynomial of seventh degree from 0 to `rise` with these first three
+/// derivatives at its ends.
+fn septic(h: f64, rise: Vector4<f64>, [from, to]: [&[Vector4<f64>; 3]; 2]) -> [Vector4<f64>; 8] {
+    let (a1, a2, a3) = (from[0] * h, from[1] * (h * h / 2.0), from[2] * (h * h * h / 6.0));
+    let p = rise - a1 - a2 - a3;
+    let v = to[0] * h - a1 - a2 * 2.0 - a3 * 3.0;
+    let a = to[1] * (h * h) - a2 * 2.0 - a3 * 6.0;
+    let j = to[2] * (h * h * h) - a3 * 6.0;
+    [
+        Vector4::zeros(),
+        a1,
+        a2,
+        a3,
+        p * 35.0 - v * 15.0 + a * 2.5 - j / 6.0,
+        p * -84.0 + v * 39.0 - a * 7.0 + j / 2.0,
+        p * 70.0 - v * 34.0 + a * 6.5 - j / 2.0,
+        p * -20.0 + v * 10.0 - a * 2.0 + j / 6.0,
+    ]
+}
+
+/// Value and first six derivatives of the polynomial `terms` of the share of the interval `h` \[s\], at the share `s`.
+fn derivatives(terms: &[Vector4<f64>; 8], h: f64, s: f64) -> [Vector4<f64>; 7] {
+    let mut terms = *terms;
+    let mut scale = 1.0;
+    std::array::from_fn(|_| {
+        let value = terms.iter().rev().fold(Vector4::zeros(), |sum, term| sum * s + term) * scale;
+        for order in 1..terms.len() {
+            terms[order - 1] = terms[order] * order as f64;
+        }
+        terms[7] = Vector4::zeros();
+        scale /= h;
+        value
+    })
+}
+
+/// The derivatives at the inner points with which the fourth to sixth derivatives are continuous too: the condition of least squared
+/// snap. A block-tridiagonal system, solved from the first point to the last and back.
+fn minimise_snap(knots: &mut [Knot]) {
+    let none = [Vector4::zeros(); 3];
+    // The fourth to sixth derivatives at one end of an interval, for a unit in each of the three derivatives at the start or end.
+    let block = |h: f64, of_end: bool, at: f64| {
+        let column = |index: usize| {
+            let mut unit = none;
+            unit[index].x = 1.0;
+            let ends = if of_end { [&none, &unit] } else { [&unit, &none] };
+            let course = derivatives(&septic(h, Vector4::zeros(), ends), h, at);
+            Vector3::new(course[4].x, course[5].x, course[6].x)
+        };
+        Matrix3::from_columns(&[column(0), column(1), column(2)])
+    };
+    let forced = |h: f64, rise: Vector4<f64>, at: f64| {
+        let course = derivatives(&septic(h, rise, [&none, &none]), h, at);
+        Matrix3x4::from_rows(&[4, 5, 6].map(|order| course[order].transpose()))
+    };
+    let mut swept: Vec<(Matrix3<f64>, Matrix3x4<f64>)> = Vec::with_capacity(knots.len());
+    for points in knots.windows(3) {
+        let [h0, h1] = [points[1].t_s - points[0].t_s, points[2].t_s - points[1].t_s];
+        let right = forced(h1, points[2].value - points[1].value, 0.0)
+            - forced(h0, points[1].value - points[0].value, 1.0);
+        let before = block(h0, false, 1.0);
+        let (chain, known) = swept.last().copied().unwrap_or_default();
+        let here = block(h0, true, 1.0) - block(h1, false, 0.0) - before * chain;
+        let inverse = here.try_inverse().unwrap_or_default();
+        swept.push((inverse * -block(h1, true, 0.0), inverse * (right - before * known)));
+    }
+    let mut next = Matrix3x4::zeros();
+    for (knot, (chain, known)) in knots[1..].iter_mut().zip(&swept).rev() {
+        next = known - chain * next;
+        knot.rates = std::array::from_fn(|order| next.row(order).transpose());
+    }
 }

@@ -27,7 +27,7 @@ fn towards(
     (0..ticks)
         .map(|_| {
             model.advance(&target, PERIOD_S);
-            *model.course()
+            model.course()
         })
         .collect()
 }
@@ -98,7 +98,7 @@ proptest! {
             let target = Course { position, ..Course::default() };
             for _ in 0..ticks {
                 model.advance(&target, PERIOD_S);
-                courses.push(*model.course());
+                courses.push(model.course());
             }
         }
         within(&courses, options)?;

@@ -1,0 +1,118 @@
+//! What a trajectory demands of the vehicle, before the start: thrust, tilt, body rates, speed, and the way to stop inside the fence.
+
+use nalgebra::Vector3;
+use oqtal_config::{Config, Interface};
+use oqtal_control::options::OptionError;
+use oqtal_control::predictive::{Course, MotionDemand};
+use oqtal_control::trajectory::{FlightPlan, Phase, StartPoint, Trajectory};
+
+use crate::command_model::CommandModel;
+
+/// Shortest time between two points that are looked at \[s\], and most points \[-\].
+const STEP_S: f64 = 0.02;
+const MOST_POINTS: f64 = 20_000.0;
+
+/// Shares of the vehicle's thrust, of its body rates, and of the limits of speed and tilt that a trajectory may demand \[-\]; the rest is
+/// for corrections.
+const THRUST_SHARE: f64 = 0.9;
+const RATE_SHARE: f64 = 0.8;
+const LIMIT_SHARE: f64 = 0.97;
+const TILT_SHARE: f64 = 0.9;
+
+/// Greatest factor of time that is tried \[-\].
+const SLOWEST: f64 = 1e3;
+
+/// A limit with its key and value, and the demand on it.
+struct Demand {
+    key: &'static str,
+    limit: f64,
+    /// The value with which the trajectory could be flown: above the demand by the share that is kept.
+    needed: f64,
+    unit: &'static str,
+}
+
+impl Demand {
+    fn excess(&self) -> f64 {
+        self.needed / self.limit
+    }
+}
+
+/// Whether the vehicle can fly `trajectory`: with 0.9 of its thrust, 0.8 of its rates, and inside the limits of speed and tilt.
+///
+/// # Errors
+/// The key of the limit, the first point at which the trajectory exceeds it most, and the factor of time with which it would not.
+pub(crate) fn check_demand(config: &Config, trajectory: &Trajectory) -> Result<(), OptionError> {
+    let model = CommandModel::new(config)?.model;
+    let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
+    let begin_s = config.trajectory.take_off_s + config.trajectory.settle_s;
+    let step_s = STEP_S.max(trajectory.duration_s() / MOST_POINTS);
+    let points = (trajectory.duration_s() / step_s) as u32;
+    let courses = (0..=points).filter_map(|index| {
+        let t_s = f64::from(index) * step_s;
+        let reference = plan.sample(begin_s + t_s);
+        let is_tested =
+            reference.phase == Phase::Trajectory && reference.velocity != Vector3::zeros();
+        is_tested.then(|| (t_s, Course::of(&reference)))
+    });
+    let courses: Vec<(f64, Course)> = courses.collect();
+    let worst = |slower: f64| {
+        let demands = courses.iter().flat_map(|(t_s, course)| {
+            let demand = MotionDemand::of(course, slower, &model);
+            demands(config, &demand).map(|demand| (*t_s, demand))
+        });
+        demands.max_by(|a, b| a.1.excess().total_cmp(&b.1.excess()))
+    };
+    let exceeds = |slower: f64| worst(slower).is_some_and(|(_, demand)| demand.excess() > 1.0);
+    let Some((t_s, demand)) = worst(1.0).filter(|(_, demand)| demand.excess() > 1.0) else {
+        return Ok(());
+    };
+    let remedy = match least_factor(exceeds) {
+        Some(factor) => format!("; flown {factor:.2} times as slowly it would do"),
+        None => String::new(),
+    };
+    let Demand { key, limit, needed, unit } = demand;
+    let allowed = format!("at least {needed:.2}{unit} for the trajectory at {t_s:.2} s{remedy}");
+    Err(OptionError::new(key, limit, allowed))
+}
+
+/// The demands on the limits of the vehicle and of the flight.
+fn demands(config: &Config, demand: &MotionDemand) -> [Demand; 6] {
+    let (vehicle, safety) = (&config.vehicle, &config.safety);
+    let of = |key, limit, needed, unit| Demand { key, limit, needed, unit };
+    let tilt_deg = demand.tilt_rad.to_degrees() / TILT_SHARE;
+    let [roll, pitch, yaw] = [0, 1, 2].map(|axis| {
+        // Of a vehicle commanded by torque the rates have no limit of their own.
+        let is_limited = vehicle.interface != Interface::Torque;
+        let needed = if is_limited { demand.rate[axis].abs() / RATE_SHARE } else { 0.0 };
+        of("vehicle.rate-authority-rad-s", vehicle.rate_authority_rad_s[axis], needed, " rad/s")
+    });
+    [
+        of("vehicle.max-thrust-n", vehicle.max_thrust_n, demand.thrust_n / THRUST_SHARE, " N"),
+        of("safety.tilt-limit-deg", safety.tilt_limit_deg.min(60.0), tilt_deg, " deg"),
+        of(
+            "safety.speed-limit-m-s",
+            safety.speed_limit_m_s,
+            demand.speed_m_s / LIMIT_SHARE,
+            " m/s",
+        ),
+        roll,
+        pitch,
+        yaw,
+    ]
+}
+
+/// The least factor of time with which nothing `exceeds`, to a hundredth; `None` without one.
+fn least_factor(exceeds: impl Fn(f64) -> bool) -> Option<f64> {
+    let (mut low, mut high) = (1.0, 2.0);
+    while exceeds(high) {
+        (low, high) = (high, 2.0 * high);
+        if high > SLOWEST {
+            return None;
+        }
+    }
+    while high - low > 5e-3 {
+        let middle = 0.5 * (low + high);
+        if exceeds(middle) { low = middle } else { high = middle }
+    }
+    Some((high * 100.0).ceil() / 100.0)
+}
