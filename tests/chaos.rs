@@ -19,7 +19,7 @@ use oqtal_observe::flight::{Flight, Outcome};
 /// Time for which a flight is observed after its end.
 const AFTERMATH: Span = Span::from_millis(1500);
 
-fn mission(settings: &[String]) -> Mission {
+pub fn mission(settings: &[String]) -> Mission {
     let settings: Vec<Setting> =
         settings.iter().map(|text| Setting::parse("--set", text).unwrap()).collect();
     Mission::new(Config::from_settings(&settings).unwrap()).unwrap()
@@ -32,7 +32,7 @@ fn command(settings: &[String]) -> String {
 }
 
 /// Calls `work` with 0 to `count`, on all processors.
-fn on_all_processors(count: u64, work: impl Fn(u64) + Sync) {
+pub fn on_all_processors(count: u64, work: impl Fn(u64) + Sync) {
     let next = AtomicU64::new(0);
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     std::thread::scope(|scope| {

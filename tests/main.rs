@@ -33,6 +33,7 @@ mod mavlink_flights;
 mod monitor;
 mod notebook;
 mod places;
+mod pose_faults;
 mod prediction;
 mod privileged;
 mod receiver;

@@ -154,6 +154,10 @@ code! {
         ControlTaken = 29 => "another has control",
         /// The fallback law flies: the configured law failed.
         Fallback = 35 => "fallback law",
+        /// The poses do not follow the rotation or the tilt of the vehicle: they are frozen, mirrored or turned.
+        Contradiction = 30 => "poses do not follow the vehicle",
+        /// The attitude seen by the cameras drifts away from the vehicle's gyroscope.
+        AttitudeDrift = 31 => "attitude drifts from the gyroscope",
         /// The request was read after the operator's time-out for the answer.
         Expired = 40 => "request came too late",
         /// The operator expects another configuration of the daemon.

@@ -18,6 +18,15 @@ pub struct SafetyOptions {
     pub max_rate_rad_s: f64,
     /// Greatest distance in flight of a pose from the motion predicted from the sent commands \[standard deviations\].
     pub gate_sigma: f64,
+    /// Evidence against poses that do not follow the vehicle, above which they are not accepted \[-\].
+    pub consistency_limit: f64,
+    /// Turn of the heading in a quiet hover of a vehicle that reports no rates, by which poses show that they follow it \[deg\]; 0 for
+    /// none.
+    pub probe_yaw_deg: f64,
+    /// Greatest noise of a position that is learned \[mm\].
+    pub max_position_noise_mm: f64,
+    /// Greatest noise of an attitude that is learned \[deg\].
+    pub max_attitude_noise_deg: f64,
     /// Number of consecutive good poses after which poses are accepted again.
     pub recovery_poses: u32,
     /// Time without accepted poses during which the vehicle is flown on the predicted motion \[ms\].
@@ -79,6 +88,10 @@ impl SafetyOptions {
             ("max-speed-m-s", self.max_speed_m_s, Rule::Positive),
             ("max-rate-rad-s", self.max_rate_rad_s, Rule::Positive),
             ("gate-sigma", self.gate_sigma, Rule::Positive),
+            ("consistency-limit", self.consistency_limit, Rule::Positive),
+            ("probe-yaw-deg", self.probe_yaw_deg, Rule::Between(0.0, 20.0)),
+            ("max-position-noise-mm", self.max_position_noise_mm, Rule::Between(1e-3, 100.0)),
+            ("max-attitude-noise-deg", self.max_attitude_noise_deg, Rule::Between(1e-3, 5.0)),
             ("recovery-poses", f64::from(self.recovery_poses), Rule::Between(1.0, f64::MAX)),
             ("predict-ms", self.predict_ms, Rule::NotNegative),
             ("coast-ms", self.coast_ms, Rule::Positive),

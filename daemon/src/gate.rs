@@ -8,9 +8,10 @@ use oqtal_config::Config;
 use oqtal_control::predictive::{MeasuredPose, MotionTracker, Track};
 
 use crate::floor::LIFTING;
+use crate::measured_noise::PoseDeviations;
 use crate::pose_noise::PoseNoise;
 use outlier::{HypothesisTest, OutlierHypothesis};
-use residual::PoseResidual;
+use residual::{PoseResidual, Tolerance};
 
 /// Refused poses in a row that match each other and not the motion, after which they count as poses of another body or of swapped
 /// markers \[-\].
@@ -51,6 +52,7 @@ pub struct MotionGate {
     /// The motion since which a pose that stays the same is compared with the prediction.
     changed: Option<Track>,
     noise: PoseNoise,
+    tolerance: Tolerance,
     refused: Option<Refused>,
 }
 
@@ -63,8 +65,14 @@ impl MotionGate {
             hypothesis: None,
             changed: None,
             noise: PoseNoise::default(),
+            tolerance: Tolerance::default(),
             refused: None,
         }
+    }
+
+    /// Takes the measured noise of the poses.
+    pub fn set_noise(&mut self, noise: &PoseDeviations) {
+        self.tolerance = Tolerance::of(noise);
     }
 
     /// Restarts at the beginning or end of a flight, with the motion that `tracker` has then.
@@ -94,7 +102,7 @@ impl MotionGate {
         let Some(mut expected) = tracker.predict(t_s) else { return Ok(()) };
         let mut residual = PoseResidual::of(&expected, pose);
         let mut without = self.hypothesis.map(|found| tracker.advanced(&found.without, t_s));
-        if let Some(returned) = without.filter(|track| returns_to(track, &residual, pose)) {
+        if let Some(returned) = without.filter(|track| self.returns_to(track, &residual, pose)) {
             // The pose was an outlier: the motion is that without it.
             (expected, self.hypothesis, without) = (returned, None, None);
             residual = PoseResidual::of(&expected, pose);
@@ -111,8 +119,10 @@ impl MotionGate {
         }
         let hypothesis = self.test_hypothesis(tracker, without, pose)?;
         let gap_s = t_s - self.admitted_s;
-        self.hypothesis =
-            hypothesis.or_else(|| OutlierHypothesis::about(&expected, residual, gap_s));
+        let is_significant = residual.is_significant(&self.tolerance);
+        self.hypothesis = hypothesis.or_else(|| {
+            is_significant.then(|| OutlierHypothesis::about(&expected, residual, gap_s))
+        });
         self.refused = None;
         tracker.correct(&expected, &residual.0, pose);
         self.admitted_s = t_s;
@@ -148,8 +158,8 @@ impl MotionGate {
     /// admitted only at the predicted position of the vehicle.
     fn lies_on(&self, expected: &Track, residual: &PoseResidual, sigma: f64) -> bool {
         let is_refused = self.refused.is_some_and(|refused| match refused.poses {
-            RELABEL_POSES.. => residual.is_significant(),
-            _ => refused.residual.matches(residual),
+            RELABEL_POSES.. => residual.is_significant(&self.tolerance),
+            _ => refused.residual.matches(residual, &self.tolerance),
         });
         // A comparison with NaN is false.
         expected.innovation(&residual.0).sigma() <= sigma
@@ -157,11 +167,20 @@ impl MotionGate {
             && !is_refused
     }
 
+    /// Whether `pose` lies on the motion `without` an outlier, and nearer to it than to the motion with it, from which it has
+    /// `residual`.
+    fn returns_to(&self, without: &Track, residual: &PoseResidual, pose: &MeasuredPose) -> bool {
+        let other = PoseResidual::of(without, pose);
+        !other.is_significant(&self.tolerance) && other.distance_m() < residual.distance_m()
+    }
+
     /// Records a refused pose, and returns why.
     fn refuse(&mut self, residual: PoseResidual) -> Cause {
         let poses = match self.refused {
             Some(refused) if refused.poses >= RELABEL_POSES => RELABEL_POSES,
-            Some(refused) if refused.residual.matches(&residual) => refused.poses + 1,
+            Some(refused) if refused.residual.matches(&residual, &self.tolerance) => {
+                refused.poses + 1
+            }
             _ => 1,
         };
         self.refused = Some(Refused { residual, poses });
@@ -191,10 +210,4 @@ impl MotionGate {
 fn may_stand(tracker: &MotionTracker, track: &Track) -> bool {
     let weight_n = tracker.model().mass_kg * tracker.model().gravity_m_s2;
     track.is_at_floor(tracker.floor_m()) && track.motion.thrust_n < LIFTING * weight_n
-}
-
-/// Whether `pose` lies on the motion `without` an outlier, and nearer to it than to the motion with it, from which it has `residual`.
-fn returns_to(without: &Track, residual: &PoseResidual, pose: &MeasuredPose) -> bool {
-    let other = PoseResidual::of(without, pose);
-    !other.is_significant() && other.distance_m() < residual.distance_m()
 }

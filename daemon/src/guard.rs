@@ -9,6 +9,7 @@ use oqtal_control::predictive::{MeasuredPose, MotionTracker};
 use oqtal_control::quaternion::Attitude;
 
 use crate::gate::MotionGate;
+use crate::measured_noise::PoseDeviations;
 
 /// Distance added to the greatest flight between two poses, so that noise does not count as a jump \[m\].
 const JUMP_MARGIN_M: f64 = 0.05;
@@ -76,6 +77,11 @@ impl Guard {
             accepted: 0,
             good_in_a_row: 0,
         }
+    }
+
+    /// Takes the measured noise of the poses.
+    pub fn set_noise(&mut self, noise: &PoseDeviations) {
+        self.gate.set_noise(noise);
     }
 
     /// Begins a flight at the last accepted pose, on the floor below it.

@@ -22,6 +22,9 @@
 //! | `external.rs` | a law outside the daemon: questions and answers |
 //! | `law_socket.rs` | an external law in another process |
 //! | `handover.rs` | a change of the control stack without a jump of the command |
+//! | `measured_noise.rs`, `delayed_mean.rs` | the noise of the poses |
+//! | `consistency.rs` | consistency of the poses with the rotation and the tilt of the vehicle |
+//! | `probe.rs` | a turn of the heading that shows whether poses follow the vehicle |
 //! | `limits.rs`, `fence.rs`, `floor.rs` | the limits of a flight |
 //! | `descent.rs` | descent without poses of a vehicle with its own attitude loop |
 //! | `flight_room.rs` | the path of a flight against the fence |
@@ -50,7 +53,9 @@ mod background;
 mod command;
 mod command_model;
 mod condition;
+mod consistency;
 mod cycle;
+mod delayed_mean;
 mod descent;
 mod envelope;
 mod external;
@@ -67,8 +72,10 @@ mod law_guard;
 mod law_socket;
 mod limits;
 mod loop_health;
+mod measured_noise;
 mod mission;
 mod pose_noise;
+mod probe;
 mod setpoint;
 mod stack;
 mod supervisor;

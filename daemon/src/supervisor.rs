@@ -72,7 +72,7 @@ pub struct SafetyRow {
 
 /// All limits, the most severe first.
 #[rustfmt::skip]
-pub const LIMITS: [SafetyRow; 33] = {
+pub const LIMITS: [SafetyRow; 35] = {
     use Ending::{Armed, Gone, Landed, PosesGood};
     use SafetyRow as Row;
     [
@@ -97,11 +97,13 @@ pub const LIMITS: [SafetyRow; 33] = {
         Row { id: "F45", cause: Some(Cause::Battery), when: |c| c.limits.battery_empty, after_ms: 2000, action: Land, ends: Landed },
         Row { id: "F46", cause: Some(Cause::Link), when: |c| c.limits.link_bad, after_ms: 2000, action: Land, ends: Landed },
         Row { id: "F04", cause: Some(Cause::PosesLate), when: |c| c.limits.poses_too_old, after_ms: 500, action: Land, ends: Landed },
+        Row { id: "F59", cause: Some(Cause::AttitudeDrift), when: |c| c.limits.attitude_drifts, after_ms: 0, action: Land, ends: Landed },
         Row { id: "F47", cause: Some(Cause::HeldTooLong), when: |c| c.limits.in_fence_margin, after_ms: 10_000, action: Land, ends: Landed },
         // Hold the position.
         Row { id: "F47", cause: Some(Cause::Fence), when: |c| c.limits.in_fence_margin, after_ms: 0, action: Hold, ends: Gone(500) },
         // Fly on the prediction, then hold the last command; on the ground: no take-off.
         Row { id: "F01", cause: None, when: |c| c.poses_missing, after_ms: 0, action: Coast, ends: PosesGood },
+        Row { id: "F58", cause: Some(Cause::Contradiction), when: |c| c.limits.poses_contradict, after_ms: 0, action: Coast, ends: Landed },
         Row { id: "F18", cause: Some(Cause::NoVehicle), when: |c| c.vehicle_silent, after_ms: 0, action: Coast, ends: Gone(0) },
         // Warn.
         Row { id: "F35", cause: Some(Cause::Setpoint), when: |c| c.limits.setpoint_refused, after_ms: 0, action: Degraded, ends: Gone(500) },

@@ -201,6 +201,12 @@ message! {
         innovation_attitude: [f64; 3] ["rad, body"],
         /// Squares of both innovations over their expected variances, mean of the axes: 1 for a filter with a correct noise model.
         nis: [f64; 2] ["-"],
+        /// Measured standard deviation of the position along each axis.
+        pose_noise_m: f64 ["m"],
+        /// Measured standard deviation of the attitude about each axis.
+        pose_noise_rad: f64 ["rad"],
+        /// Evidence that poses are not those of the vehicle, over its limits: rotation, direction of the path, drift of the attitude.
+        pose_evidence: [f64; 3] ["-"],
         /// Rate over the commanded one by the model adapted in flight; NaN if none is, as the next three.
         adapted_rate_gain: f64 ["-"],
         /// Lag of the rate by that model.

@@ -123,6 +123,15 @@ impl Adaptation {
         *self = Self::new(&self.options, &self.filter, &self.nominal);
     }
 
+    /// Takes further poses with the attitude noise of `filter`.
+    pub fn set_noise(&mut self, filter: &FilterOptions) {
+        self.filter = *filter;
+        if let Some(rotating) = &mut self.rotating {
+            rotating.adapted.set_noise(filter);
+            rotating.fixed.set_noise(filter);
+        }
+    }
+
     /// Takes the attitude measured at `t_s` \[s\] in flight, and the external vertical acceleration that the position filter
     /// estimates then \[m/s^2, world\].
     pub fn take(

@@ -215,7 +215,7 @@ impl CommandHistory {
 
     /// Expected input in effect at `t_s` \[s\] and the end of its effect \[s\]; demand and attitude are corrected by
     /// [`Self::effect`], thrust is as reported; zero before the first command.
-    fn acting(&self, t_s: f64) -> (ModelInput, f64) {
+    pub(super) fn acting(&self, t_s: f64) -> (ModelInput, f64) {
         let CommandEffect { delay_s, gain } = self.effect;
         let (turning, turning_until_s) = self.reported(t_s, delay_s);
         let (lifting, lifting_until_s) = self.reported(t_s, 0.0);

@@ -83,6 +83,11 @@ impl AxisFilter {
         self.noise
     }
 
+    /// Sets the standard deviation of a measurement \[unit of the first state\].
+    pub fn set_noise(&mut self, noise: f64) {
+        self.noise = noise;
+    }
+
     /// Walk of the second and of the third state \[unit of the state per root second\].
     pub fn walks(&self) -> [f64; 2] {
         self.walks

@@ -39,6 +39,15 @@ impl Default for FilterOptions {
 }
 
 impl FilterOptions {
+    /// The options with the noise of a measured position \[m\] and attitude \[rad\], where it is greater.
+    pub fn with_measured_noise(&self, position_m: f64, attitude_rad: f64) -> Self {
+        Self {
+            position_noise_mm: self.position_noise_mm.max(position_m * 1e3),
+            attitude_noise_deg: self.attitude_noise_deg.max(attitude_rad.to_degrees()),
+            ..*self
+        }
+    }
+
     /// Checks every option.
     ///
     /// # Errors

@@ -120,6 +120,11 @@ impl RotationEstimator {
         Self { bounds: self.bounds, parameters, covariance, sensitivity, ..*other }
     }
 
+    /// Takes further poses with the attitude noise of `options`.
+    pub fn set_noise(&mut self, options: &FilterOptions) {
+        self.filter.axis.set_noise(options.attitude_noise_deg.to_radians());
+    }
+
     /// Estimated response.
     pub fn response(&self) -> RateResponse {
         RateResponse::of(&self.parameters)

@@ -122,6 +122,11 @@ impl Filters {
         Self { attitude: AttitudeFilter::new(noise), position: PositionFilter::new(noise, limit) }
     }
 
+    fn set_noise(&mut self, noise: &FilterOptions) {
+        self.attitude.axis.set_noise(noise.attitude_noise_deg.to_radians());
+        self.position.axis.set_noise(noise.position_noise_mm * 1e-3);
+    }
+
     /// Propagates the covariances over `dt_s` \[s\].
     fn predict(&mut self, model: &VehicleModel, dt_s: f64) {
         let Self { attitude, position } = self;
@@ -159,6 +164,14 @@ impl Track {
             is_lifted: false,
             filters: estimation.unwrap_or(admission),
             admission: estimation.map(|_| admission),
+        }
+    }
+
+    /// Corrects by further poses with the noise `noise`; walks are kept.
+    pub fn set_noise(&mut self, noise: &TrackNoise) {
+        self.filters.set_noise(noise.estimation.as_ref().unwrap_or(&noise.admission));
+        if let Some(admission) = &mut self.admission {
+            admission.set_noise(&noise.admission);
         }
     }
 

@@ -15,6 +15,9 @@ use crate::estimator::Estimate;
 /// Fraction of the weight that the thrust reaches when the vehicle is about to leave the floor \[-\].
 const LIFTING: f64 = 0.9;
 
+/// Share of the measured noise with which a law that predicts reckons at least \[-\].
+const ESTIMATED_SHARE: f64 = 0.8;
+
 /// Distance of a pose from the predicted position above which a tracker without a gate restarts at the pose \[m\].
 const LOST_M: f64 = 1.0;
 
@@ -25,6 +28,9 @@ pub struct MotionTracker {
     nominal: VehicleModel,
     /// The model that predicts: the configured one, adapted.
     model: VehicleModel,
+    /// The configured noise.
+    expected: TrackNoise,
+    /// The noise in use: the configured one, or the measured one where it is greater.
     noise: TrackNoise,
     history: CommandHistory,
     /// `None` for a fixed model.
@@ -43,10 +49,12 @@ impl MotionTracker {
     /// The tracker of a vehicle on the ground with the model `model`, for a law that does not predict. Poses are admitted with the
     /// noise `admission`; `delay_s` is the delay from sending a command to its effect until one is measured \[s\].
     pub fn new(model: VehicleModel, admission: FilterOptions, delay_s: f64) -> Self {
+        let expected = TrackNoise { admission, estimation: None };
         Self {
             nominal: model,
             model,
-            noise: TrackNoise { admission, estimation: None },
+            expected,
+            noise: expected,
             history: CommandHistory::new(delay_s),
             adaptation: None,
             floor_m: 0.0,
@@ -62,8 +70,8 @@ impl MotionTracker {
             .adaptation
             .adapt
             .then(|| Adaptation::new(&options.adaptation, &options.filter, &self.nominal));
-        let noise = TrackNoise { estimation: Some(options.filter), ..self.noise };
-        Self { noise, adaptation, ..self }
+        let noise = TrackNoise { estimation: Some(options.filter), ..self.expected };
+        Self { expected: noise, noise, adaptation, ..self }
     }
 
     /// Begins a flight with the vehicle at rest in `pose`, measured at `t_s` \[s\], above a floor at `floor_m` \[m, world z\].
@@ -83,6 +91,23 @@ impl MotionTracker {
         self.innovation = None;
     }
 
+    /// Takes the measured noise of positions \[m\] and attitudes \[rad\]. Where it is greater than configured, it is used in place of it,
+    /// for a law that predicts once it is greater by a quarter: the measurement has an error too.
+    pub fn set_measured_noise(&mut self, position_m: f64, attitude_rad: f64) {
+        let estimation = self.expected.estimation.map(|expected| {
+            expected
+                .with_measured_noise(ESTIMATED_SHARE * position_m, ESTIMATED_SHARE * attitude_rad)
+        });
+        let admission = self.expected.admission.with_measured_noise(position_m, attitude_rad);
+        self.noise = TrackNoise { admission, estimation };
+        if let Some(track) = &mut self.track {
+            track.set_noise(&self.noise);
+        }
+        if let Some((adaptation, filter)) = self.adaptation.as_mut().zip(estimation) {
+            adaptation.set_noise(&filter);
+        }
+    }
+
     /// Takes the motion of a vehicle on the ground, measured at `t_s` \[s\].
     pub fn rest(&mut self, t_s: f64, measured: &Estimate) {
         self.resting = Some((t_s, Motion::of(measured, 0.0)));
@@ -91,6 +116,11 @@ impl MotionTracker {
     /// Records a command sent at `sent_s` \[s\].
     pub fn sent(&mut self, sequence: u64, sent_s: f64, input: ModelInput) {
         self.history.push(sequence, sent_s, input);
+    }
+
+    /// Expected input in effect at `t_s` \[s\], with the adapted delay and gain, and the end of its effect \[s\].
+    pub fn acting(&self, t_s: f64) -> (ModelInput, f64) {
+        self.history.acting(t_s)
     }
 
     /// Records that a command took effect.

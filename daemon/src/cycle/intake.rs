@@ -13,7 +13,9 @@ use oqtal_control::trajectory::Trajectory;
 use crate::arming::{ArmingCheck, ArmingView};
 use crate::command::VehicleCommand;
 use crate::command_model::{CommandModel, motion_tracker};
+use crate::consistency::PoseConsistency;
 use crate::guard::{Accepted, Guard, seconds};
+use crate::measured_noise::{MeasuredNoise, PoseDeviations};
 use crate::vehicle::VehicleWatch;
 
 /// Time without an accepted pose after which poses count as missing \[periods\]: the second deadline in a row, three periods after
@@ -34,6 +36,8 @@ pub(super) struct Intake {
     /// Good poses in a row that allow a flight \[-\].
     recovery_poses: u32,
     guard: Guard,
+    noise: MeasuredNoise,
+    consistency: PoseConsistency,
     tracker: MotionTracker,
     commands: CommandModel,
     estimator: Estimator,
@@ -59,6 +63,8 @@ impl Intake {
             missing_after: Span::period_of(config.control.rate_hz).scaled(MISSING_PERIODS),
             recovery_poses: config.safety.recovery_poses,
             guard: Guard::new(config),
+            noise: MeasuredNoise::new(config),
+            consistency: PoseConsistency::new(config),
             tracker: motion_tracker(config, commands.model),
             commands,
             estimator: Estimator::new(config.control.estimator),
@@ -78,6 +84,11 @@ impl Intake {
         flying: bool,
         keeps: bool,
     ) -> bool {
+        if flying && self.consistency.contradicts() {
+            self.missing = Cause::Contradiction;
+            self.guard.missed();
+            return false;
+        }
         match self.guard.check(&mut self.tracker, now, arrival, flying) {
             Ok(accepted) => {
                 let captured_s = seconds(accepted.captured_at);
@@ -86,6 +97,7 @@ impl Intake {
                 if self.tracker.track().is_none() {
                     self.tracker.rest(captured_s, &estimate);
                 }
+                self.check_consistency(captured_s, &accepted);
                 self.fresh = Some(arrival.0);
                 self.arming.take(&accepted);
                 true
@@ -103,6 +115,9 @@ impl Intake {
     /// Takes the state of the vehicle, and the instant at which a command took effect.
     pub(super) fn receive_vehicle(&mut self, now: Time, header: &Header, vehicle: &VehicleV1) {
         self.vehicle.receive(now, header.source, vehicle);
+        if vehicle.body_rate_at.is_set() {
+            self.consistency.receive_rate(seconds(vehicle.body_rate_at), vehicle.body_rate.into());
+        }
         let follows = self.vehicle.follows(header.sequence);
         let applied_at = header.stamps.applied_at;
         if applied_at.is_set() {
@@ -110,6 +125,18 @@ impl Intake {
             let acts_s = seconds(applied_at + remaining);
             let sequence = vehicle.command_sequence;
             self.tracker.applied(CommandReport { sequence, acts_s, follows });
+        }
+    }
+
+    /// Measures the noise of an accepted pose, and checks that it follows the vehicle.
+    fn check_consistency(&mut self, captured_s: f64, accepted: &Accepted) {
+        let pose = accepted.pose();
+        let noise = self.noise.deviations();
+        self.consistency.take(&self.tracker, captured_s, &pose, &noise);
+        if self.noise.take(captured_s, &pose, self.consistency.is_quiet()) {
+            let PoseDeviations { position_m, attitude_rad } = self.noise.deviations();
+            self.tracker.set_measured_noise(position_m, attitude_rad);
+            self.guard.set_noise(&self.noise.deviations());
         }
     }
 
@@ -193,6 +220,16 @@ impl Intake {
         &self.guard
     }
 
+    /// The measured noise of the poses.
+    pub(super) fn noise(&self) -> &MeasuredNoise {
+        &self.noise
+    }
+
+    /// The tests of the consistency of poses and vehicle.
+    pub(super) fn consistency(&self) -> &PoseConsistency {
+        &self.consistency
+    }
+
     /// The state of the vehicle.
     pub(super) fn vehicle(&self) -> &VehicleWatch {
         &self.vehicle
@@ -211,11 +248,13 @@ impl Intake {
     /// Begins a flight at the last accepted pose.
     pub(super) fn begin_flight(&mut self, now: Time) {
         self.vehicle.begin_flight(now);
+        self.consistency.restart();
         self.guard.begin_flight(&mut self.tracker);
     }
 
     /// Ends the flight.
     pub(super) fn end_flight(&mut self) {
         self.guard.end_flight(&mut self.tracker);
+        self.consistency.restart();
     }
 }

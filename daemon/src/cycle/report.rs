@@ -9,6 +9,7 @@ use oqtal_control::trajectory::Reference;
 use super::intake::Intake;
 use super::supervision::FlightSupervision;
 use crate::law_guard::GuardReport;
+use crate::consistency::PoseEvidence;
 use crate::mission::ActiveMission;
 use crate::stack::ControlOutput;
 
@@ -104,6 +105,11 @@ impl TickReport {
         telemetry.attitude = estimate.attitude.xyzw();
         telemetry.rate = estimate.rate.0.into();
         telemetry.pose_age_s = intake.pose_age(now).map_or(f64::NAN, Span::seconds);
+        let noise = intake.noise().deviations();
+        telemetry.pose_noise_m = noise.position_m;
+        telemetry.pose_noise_rad = noise.attitude_rad;
+        let PoseEvidence { response, direction, drift } = *intake.consistency().evidence();
+        telemetry.pose_evidence = [response, direction, drift];
         let guard = intake.guard();
         telemetry.poses_lost = guard.lost();
         telemetry.poses_superseded = guard.superseded();

@@ -175,6 +175,8 @@ impl SafetyMonitor {
         }
         self.health.check(&mut conditions);
         conditions.law_fails = requests.law_fails;
+        conditions.poses_contradict = intake.consistency().contradicts();
+        conditions.attitude_drifts = intake.consistency().drifts();
         conditions.setpoint_refused = course.setpoint().is_refused;
         if let Some(vehicle) = intake.vehicle().answer(tick.now) {
             self.limits.check_vehicle(vehicle, &mut conditions);

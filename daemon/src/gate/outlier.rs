@@ -39,11 +39,9 @@ pub(super) enum HypothesisTest {
 }
 
 impl OutlierHypothesis {
-    /// The hypothesis about a pose with the residual `first` from `expected`, after a gap of `gap_s` \[s\]; `None` if the residual is
-    /// not significant.
-    pub(super) fn about(expected: &Track, first: PoseResidual, gap_s: f64) -> Option<Self> {
-        let since_s = expected.t_s;
-        first.is_significant().then_some(Self { without: *expected, first, since_s, gap_s })
+    /// The hypothesis about a pose with the significant residual `first` from `expected`, after a gap of `gap_s` \[s\].
+    pub(super) fn about(expected: &Track, first: PoseResidual, gap_s: f64) -> Self {
+        Self { without: *expected, first, since_s: expected.t_s, gap_s }
     }
 
     /// The hypothesis with the motion `without` at a later instant.

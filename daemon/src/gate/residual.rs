@@ -3,6 +3,8 @@
 use nalgebra::Vector3;
 use oqtal_control::predictive::{Deviation, MeasuredPose, Track};
 
+use crate::measured_noise::PoseDeviations;
+
 /// Distance within which two residuals match \[m\].
 const MATCH_M: f64 = 0.015;
 /// Angle within which two residuals match \[rad\].
@@ -20,6 +22,35 @@ const CONSTANT_SHARE: f64 = 0.3;
 /// The same over the growth of an offset by a constant velocity since the gap began \[-\]: half of that growth. After a long gap the
 /// growth is small.
 const CONSTANT_GROWTH: f64 = 0.5;
+
+/// Standard deviations of the measured noise within which two residuals match if that is more \[-\].
+const MATCH_SIGMA: f64 = 5.0;
+
+/// Distance and angle within which two residuals match.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Tolerance {
+    /// \[m\].
+    offset: f64,
+    /// \[rad\].
+    turn: f64,
+}
+
+impl Default for Tolerance {
+    /// Of poses with little noise.
+    fn default() -> Self {
+        Self { offset: MATCH_M, turn: MATCH_RAD }
+    }
+}
+
+impl Tolerance {
+    /// Of poses with this noise.
+    pub(super) fn of(noise: &PoseDeviations) -> Self {
+        Self {
+            offset: MATCH_M.max(MATCH_SIGMA * noise.position_m),
+            turn: MATCH_RAD.max(MATCH_SIGMA * noise.attitude_rad),
+        }
+    }
+}
 
 /// A pose relative to the predicted motion.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -41,18 +72,18 @@ impl PoseResidual {
         self.0.turn.norm()
     }
 
-    /// Whether both are residuals of one body, one frame after the other.
-    pub(super) fn matches(&self, other: &Self) -> bool {
+    /// Whether both are residuals of one body within `tolerance`, one frame after the other.
+    pub(super) fn matches(&self, other: &Self, tolerance: &Tolerance) -> bool {
         let are_alike = |a: &Vector3<f64>, b: &Vector3<f64>, least: f64| {
             (a - b).norm() <= least.max(MATCH_SHARE * a.norm().max(b.norm()))
         };
-        are_alike(&self.0.offset, &other.0.offset, MATCH_M)
-            && are_alike(&self.0.turn, &other.0.turn, MATCH_RAD)
+        are_alike(&self.0.offset, &other.0.offset, tolerance.offset)
+            && are_alike(&self.0.turn, &other.0.turn, tolerance.turn)
     }
 
-    /// Whether the residual exceeds the noise.
-    pub(super) fn is_significant(&self) -> bool {
-        !self.matches(&Self::default())
+    /// Whether the residual exceeds `tolerance`.
+    pub(super) fn is_significant(&self, tolerance: &Tolerance) -> bool {
+        !self.matches(&Self::default(), tolerance)
     }
 
     /// Whether the residual is large and has not changed since `first`, for a time of `growth` gaps \[-\]. A body that only moved may

@@ -1,0 +1,252 @@
+//! Consistency of the poses with the vehicle: poses that do not follow the vehicle's rotation, or whose path does not follow its tilt,
+//! are not poses of the vehicle, however plausible each of them is.
+//!
+//! The gate compares a pose with the motion predicted from the poses before it, and follows whatever changes slowly. Here the
+//! rotation seen by the cameras is compared with that of the vehicle's own gyroscope where it is reported, else with that of the commands
+//! sent, neither of which contains a pose:
+//!
+//! | test | compares | finds |
+//! |---|---|---|
+//! | [`response`] | rotations faster than a second, about each axis | frozen, mirrored or exchanged axes, with any noise |
+//! | [`drift`] | angles over some seconds, with the gyroscope only | a slow rotation of the cameras' body |
+//! | [`direction`] | acceleration seen, and acceleration by tilt and thrust | a path turned against the attitude |
+//!
+//! Response and direction are cumulative sums that do not fall below zero (Page, *Continuous inspection schemes*, Biometrika 41,
+//! 1954) of the difference between two squared residuals: of the hypothesis that the poses follow the vehicle, and of the hypothesis
+//! that they do not (Basseville and Nikiforov, *Detection of Abrupt Changes*, 1993, section 2.2). Each sample is bounded, so that it needs
+//! many of them (Huber, *Robust Statistics*, 1981), and normalised by the measured noise. Without rotation there is no evidence for
+//! either.
+
+mod commanded;
+mod direction;
+mod drift;
+mod response;
+mod vehicle_rates;
+mod washout;
+
+use nalgebra::Vector3;
+use oqtal_config::Config;
+use oqtal_control::predictive::{MeasuredPose, MotionTracker};
+
+use crate::delayed_mean::DelayedMean;
+use crate::floor::AIRBORNE_M;
+use crate::measured_noise::PoseDeviations;
+use commanded::CommandedRotation;
+use direction::DirectionTest;
+use drift::{DriftLimit, DriftTest};
+use response::{ResponseLimit, ResponseTest};
+use vehicle_rates::VehicleRates;
+use washout::WashOut;
+
+/// Longest interval between two poses over which rotations are compared \[s\]; after a longer one the tests begin again.
+const LONGEST_S: f64 = 0.3;
+/// Least deviation of rotations that agree \[rad\]: gyroscope and model are not exact.
+const LEAST_DEVIATION_RAD: f64 = 0.002;
+/// Least deviation of such rotations over the measured noise \[-\].
+const NOISE_SHARE: f64 = 1.2;
+/// Time constant of the deviation between rotations that agree \[s\].
+const DEVIATION_S: f64 = 2.0;
+/// Time in the air after which rotations by commands are compared \[s\].
+const SETTLED_S: f64 = 2.5;
+/// Deviation between rotations that agree, over the told noise, until it is measured \[-\].
+const TOLD_SHARE: f64 = 1.5;
+/// Evidence, as a share of its limit, above which no noise is learned \[-\].
+const QUIET: f64 = 0.5;
+
+/// Evidence against the poses over its limit: 1 and more ends a flight \[-\].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PoseEvidence {
+    /// The rotation seen does not follow that of the vehicle.
+    pub response: f64,
+    /// The path does not follow the tilt.
+    pub direction: f64,
+    /// The attitude drifts away from the gyroscope.
+    pub drift: f64,
+}
+
+/// The tests of the consistency of poses and vehicle.
+#[derive(Clone, Debug)]
+pub struct PoseConsistency {
+    limit: f64,
+    rates: VehicleRates,
+    commanded: CommandedRotation,
+    /// The last pose in the air, with its instant \[s\].
+    last: Option<(f64, MeasuredPose)>,
+    /// Whether the last interval was compared with the gyroscope.
+    by_gyroscope: bool,
+    /// Time in the air with rotations of the same source \[s\].
+    airborne_s: f64,
+    seen: WashOut,
+    driven: WashOut,
+    /// Mean square of the difference of both \[rad^2\].
+    deviation: DelayedMean,
+    response: ResponseTest,
+    drift: DriftTest,
+    direction: DirectionTest,
+    evidence: PoseEvidence,
+    contradicts: bool,
+    drifts: bool,
+}
+
+impl PoseConsistency {
+    /// The tests of `config`, on the ground.
+    pub fn new(config: &Config) -> Self {
+        let told = config.control.predictive.filter.attitude_noise_deg.to_radians();
+        let deviation = TOLD_SHARE * told + LEAST_DEVIATION_RAD;
+        Self {
+            limit: config.safety.consistency_limit,
+            rates: VehicleRates::default(),
+            commanded: CommandedRotation::default(),
+            last: None,
+            by_gyroscope: false,
+            airborne_s: 0.0,
+            seen: WashOut::default(),
+            driven: WashOut::default(),
+            deviation: DelayedMean::new(deviation * deviation, DEVIATION_S),
+            response: ResponseTest::default(),
+            drift: DriftTest::default(),
+            direction: DirectionTest::default(),
+            evidence: PoseEvidence::default(),
+            contradicts: false,
+            drifts: false,
+        }
+    }
+
+    /// Restarts at the beginning or end of a flight.
+    pub fn restart(&mut self) {
+        self.clear();
+        (self.contradicts, self.drifts) = (false, false);
+    }
+
+    /// Takes a rate that the vehicle's gyroscope measured at `t_s` \[s\] \[rad/s, body\].
+    pub fn receive_rate(&mut self, t_s: f64, rate: Vector3<f64>) {
+        self.rates.receive(t_s, rate);
+    }
+
+    /// Whether the poses of this flight are not those of the vehicle.
+    pub fn contradicts(&self) -> bool {
+        self.contradicts
+    }
+
+    /// Whether the attitudes of this flight drift away from the gyroscope.
+    pub fn drifts(&self) -> bool {
+        self.drifts
+    }
+
+    /// Whether the last seconds have shown whether poses follow the vehicle; always if it reports its rates.
+    pub fn is_conclusive(&self) -> bool {
+        self.by_gyroscope || self.last.is_none() || self.response.potential() >= self.limit
+    }
+
+    /// The present evidence.
+    pub fn evidence(&self) -> &PoseEvidence {
+        &self.evidence
+    }
+
+    /// Whether no test of the rotation raises evidence, so that noise may be learned.
+    pub fn is_quiet(&self) -> bool {
+        self.evidence.response.max(self.evidence.drift) < QUIET
+    }
+
+    /// Takes an admitted pose measured at `t_s` \[s\], in flight with the motion of `tracker` corrected by it; `noise` is the measured
+    /// noise.
+    pub fn take(
+        &mut self,
+        tracker: &MotionTracker,
+        t_s: f64,
+        pose: &MeasuredPose,
+        noise: &PoseDeviations,
+    ) {
+        let is_airborne =
+            tracker.track().is_some() && pose.position.z > tracker.floor_m() + AIRBORNE_M;
+        if !is_airborne {
+            self.airborne_s = 0.0;
+            self.clear();
+        }
+        let Some((last_s, last)) = self.last.replace((t_s, *pose)) else { return };
+        let dt_s = t_s - last_s;
+        if dt_s > LONGEST_S {
+            self.clear();
+            self.begin_again();
+            return;
+        }
+        let seen = last.attitude.rotation_to(&pose.attitude);
+        let measured = self.rates.turn(last_s, t_s);
+        if measured.is_some() != self.by_gyroscope {
+            self.by_gyroscope = measured.is_some();
+            self.begin_again();
+        }
+        if !is_airborne && measured.is_none() {
+            return;
+        }
+        let driven =
+            measured.unwrap_or_else(|| self.commanded.turn(tracker, &last.attitude, (last_s, t_s)));
+        self.airborne_s += dt_s;
+        self.test_rotation((&seen, &driven), noise, (t_s, dt_s), is_airborne);
+        if is_airborne {
+            self.test_direction(tracker, pose, noise, dt_s);
+        }
+        self.contradicts |= self.evidence.response.max(self.evidence.direction) >= 1.0;
+    }
+
+    fn test_rotation(
+        &mut self,
+        (seen, driven): (&Vector3<f64>, &Vector3<f64>),
+        noise: &PoseDeviations,
+        (t_s, dt_s): (f64, f64),
+        is_airborne: bool,
+    ) {
+        let (limit, response_limit) = match self.by_gyroscope {
+            true => (DriftLimit::GYROSCOPE, ResponseLimit::GYROSCOPE),
+            false => (DriftLimit::COMMANDS, ResponseLimit::COMMANDS),
+        };
+        let (drift, is_sudden) = self.drift.take((seen, driven), &limit, noise.attitude_rad, dt_s);
+        let (seen, driven) = (self.seen.take(seen, dt_s), self.driven.take(driven, dt_s));
+        self.deviation.take(t_s, (seen - driven).norm_squared() / 3.0);
+        // The bias of the rate that the commands counteract is washed out first.
+        if !is_airborne || !self.by_gyroscope && self.airborne_s < SETTLED_S {
+            self.drift.restart();
+            return;
+        }
+        self.evidence.drift = drift;
+        self.contradicts |= drift >= 1.0 && (is_sudden || !self.by_gyroscope);
+        self.drifts |= drift >= 1.0 && !is_sudden && self.by_gyroscope;
+        let least = LEAST_DEVIATION_RAD.max(NOISE_SHARE * noise.attitude_rad);
+        let variance = self.deviation.mean().max(least * least);
+        let sum = self.response.take((&seen, &driven), &response_limit, variance, dt_s);
+        self.evidence.response = sum / self.limit;
+        if self.evidence.response > QUIET {
+            self.deviation.discard();
+        }
+    }
+
+    fn test_direction(
+        &mut self,
+        tracker: &MotionTracker,
+        pose: &MeasuredPose,
+        noise: &PoseDeviations,
+        dt_s: f64,
+    ) {
+        let Some(track) = tracker.track() else { return };
+        let thrust = track.motion.attitude.to_world(&Vector3::z()) * track.motion.thrust_n;
+        let acceleration = thrust.xy() / tracker.model().mass_kg;
+        let sum = self.direction.take(&pose.position, &acceleration, noise.position_m, dt_s);
+        self.evidence.direction = sum / self.limit;
+    }
+
+    /// Discards the evidence.
+    fn clear(&mut self) {
+        (self.response, self.direction) = (ResponseTest::default(), DirectionTest::default());
+        self.drift.restart();
+        self.evidence = PoseEvidence::default();
+        self.deviation.discard();
+    }
+
+    /// Discards the rotations: they have a gap, or are of another source.
+    fn begin_again(&mut self) {
+        self.airborne_s = 0.0;
+        self.commanded = CommandedRotation::default();
+        (self.seen, self.driven) = (WashOut::default(), WashOut::default());
+        self.drift = DriftTest::default();
+    }
+}

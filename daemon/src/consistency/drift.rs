@@ -1,0 +1,85 @@
+//! Test whether the angle seen by the cameras departs from that of the vehicle.
+
+use nalgebra::Vector3;
+
+/// Time constant with which the bias of the vehicle's rate is learned \[s\]; at the beginning the time since then.
+const BIAS_S: f64 = 20.0;
+/// Time during which the bias is learned before the test begins \[s\].
+const LEARNED_S: f64 = 3.0;
+/// Time constant of the low-pass on the difference \[s\].
+const SMOOTHING_S: f64 = 0.25;
+/// Standard deviations of the noise of the attitude that are added to the limit \[-\].
+const LIMIT_SIGMA: f64 = 3.2;
+/// Share of the limit at which a difference begins to grow \[-\], and the time to the limit below which it is not a drift but a fault of
+/// all rotations \[s\].
+const GROWING: f64 = 0.5;
+const SUDDEN_S: f64 = 1.0;
+
+/// Accuracy of the rotation with which poses are compared.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct DriftLimit {
+    /// Time constant with which a difference of the angles decays \[s\].
+    decay_s: f64,
+    /// Difference of the angles that counts as drift \[rad\].
+    angle_rad: f64,
+    /// Share of the angle seen lately that is added to it \[-\]: errors of scale and alignment.
+    share: f64,
+}
+
+impl DriftLimit {
+    /// Of the gyroscope: 1.3 deg over some seconds.
+    pub(super) const GYROSCOPE: Self = Self { decay_s: 8.0, angle_rad: 0.022, share: 0.15 };
+    /// Of the commands: a vehicle may have half of the configured rate authority, and wind may turn it.
+    pub(super) const COMMANDS: Self = Self { decay_s: 2.0, angle_rad: 0.105, share: 1.0 };
+}
+
+/// Difference of the angles by cameras and vehicle.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct DriftTest {
+    bias: Vector3<f64>,
+    /// Time of the test \[s\].
+    elapsed_s: f64,
+    difference: Vector3<f64>,
+    smooth: Vector3<f64>,
+    /// Angle seen lately \[rad\].
+    seen: Vector3<f64>,
+    /// Time since which the difference exceeds [`GROWING`] \[s\].
+    growing_s: f64,
+}
+
+impl DriftTest {
+    /// Takes the rotations seen and driven over `dt_s` \[s\] \[rad, body axes\]; `deviation_rad` is the noise of the attitude \[rad\].
+    /// Returns the greatest difference over its limit \[-\], and whether it has grown suddenly.
+    pub(super) fn take(
+        &mut self,
+        (seen, driven): (&Vector3<f64>, &Vector3<f64>),
+        limit: &DriftLimit,
+        deviation_rad: f64,
+        dt_s: f64,
+    ) -> (f64, bool) {
+        self.elapsed_s += dt_s;
+        let step = seen - driven;
+        let decay = (1.0 - dt_s / limit.decay_s).max(0.0);
+        self.seen = self.seen * decay + seen;
+        self.difference = self.difference * decay + step - self.bias * dt_s;
+        if self.elapsed_s < LEARNED_S {
+            self.difference = Vector3::zeros();
+        }
+        self.smooth += (self.difference - self.smooth) * (dt_s / SMOOTHING_S).min(1.0);
+        let limit_rad =
+            limit.angle_rad + LIMIT_SIGMA * deviation_rad + limit.share * self.seen.norm();
+        let ratio = self.smooth.amax() / limit_rad;
+        self.growing_s = if ratio < GROWING { 0.0 } else { self.growing_s + dt_s };
+        // A drift is not learned as a bias.
+        if ratio < GROWING {
+            self.bias += (step - self.bias * dt_s) / self.elapsed_s.clamp(0.5, BIAS_S);
+        }
+        (ratio, self.growing_s < SUDDEN_S)
+    }
+
+    /// Begins again with the learned bias.
+    pub(super) fn restart(&mut self) {
+        let Self { bias, elapsed_s, .. } = *self;
+        *self = Self { bias, elapsed_s, ..Self::default() };
+    }
+}

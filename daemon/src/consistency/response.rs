@@ -1,0 +1,63 @@
+//! Test whether the rotation seen by the cameras follows the rotation of the vehicle.
+
+use nalgebra::Vector3;
+
+/// Accuracy of the rotation with which poses are compared.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ResponseLimit {
+    /// Least rotation seen over that of the vehicle at which poses follow it \[-\].
+    share: f64,
+    /// Square of a rotation, over the variance of agreeing ones, that is not evidence \[-\]: a vehicle follows the slow noise of its
+    /// poses, which then show no rotation.
+    margin: f64,
+}
+
+impl ResponseLimit {
+    /// Of the gyroscope.
+    pub(super) const GYROSCOPE: Self = Self { share: 0.3, margin: 1.5 };
+    /// Of the commands: the vehicle may have half of the configured authority, and another lag and delay.
+    pub(super) const COMMANDS: Self = Self { share: 0.2, margin: 2.0 };
+}
+
+/// Time for which a rotation shows whether poses follow it \[s\].
+const POTENTIAL_S: f64 = 2.0;
+/// Rate at which evidence is counted \[1/s\]: samples closer together share their noise.
+const COUNTS_PER_S: f64 = 60.0;
+
+/// Longest interval that counts \[s\]: after a gap one sample is still one.
+const LONGEST_S: f64 = 0.035;
+
+/// Sum of evidence about each axis that the rotation `seen` is not that of the vehicle.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct ResponseTest {
+    sums: Vector3<f64>,
+    potential: Vector3<f64>,
+}
+
+impl ResponseTest {
+    /// Takes the rotations seen and driven, both washed out \[rad, body axes\], after `dt_s` \[s\]; their difference has the variance
+    /// `variance` \[rad^2\] about each axis while they agree. Returns the greatest sum \[-\].
+    pub(super) fn take(
+        &mut self,
+        (seen, driven): (&Vector3<f64>, &Vector3<f64>),
+        limit: &ResponseLimit,
+        variance: f64,
+        dt_s: f64,
+    ) -> f64 {
+        for axis in 0..3 {
+            let (seen, driven) = (seen[axis], driven[axis]);
+            let square = driven * driven;
+            let unseen = limit.share * square - limit.margin * variance;
+            let counts = COUNTS_PER_S * dt_s.min(LONGEST_S) / (variance + square);
+            self.sums[axis] = (self.sums[axis] + (unseen - seen * driven) * counts).max(0.0);
+            self.potential[axis] *= (1.0 - dt_s / POTENTIAL_S).max(0.0);
+            self.potential[axis] += unseen.max(0.0) * counts;
+        }
+        self.sums.max()
+    }
+
+    /// Greatest sum that the rotations of the last seconds would have reached if poses had shown none \[-\].
+    pub(super) fn potential(&self) -> f64 {
+        self.potential.max()
+    }
+}

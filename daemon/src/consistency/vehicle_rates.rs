@@ -1,0 +1,98 @@
+//! Rotation of the vehicle by its own gyroscope: the integral of the reported rates.
+
+use nalgebra::Vector3;
+
+/// Number of reports that are kept \[-\]: longer than the age of a pose at 250 reports a second.
+const KEPT: usize = 32;
+/// Greatest time between two reports over which their rate is integrated, and for which the last one is continued \[s\].
+const LONGEST_S: f64 = 0.15;
+
+/// A report: its instant \[s\], its rate \[rad/s, body\], and the angles turned until then \[rad, body\].
+type Report = (f64, Vector3<f64>, Vector3<f64>);
+
+/// The last reports of the gyroscope.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct VehicleRates {
+    reports: [Report; KEPT],
+    next: usize,
+    /// Number of reports since the last gap \[-\].
+    count: usize,
+}
+
+impl Default for VehicleRates {
+    /// Before the first report.
+    fn default() -> Self {
+        let void = (f64::NEG_INFINITY, Vector3::zeros(), Vector3::zeros());
+        Self { reports: [void; KEPT], next: 0, count: 0 }
+    }
+}
+
+impl VehicleRates {
+    /// Takes a report of `rate` \[rad/s, body\] at `t_s` \[s\]. One that is not later than the last, or not finite, is ignored.
+    pub(super) fn receive(&mut self, t_s: f64, rate: Vector3<f64>) {
+        let (last_s, last_rate, angle) = *self.back(1);
+        let dt_s = t_s - last_s;
+        // Comparisons with NaN are false.
+        if !(dt_s > 0.0 && t_s.is_finite() && rate.amax() < 100.0) {
+            return;
+        }
+        let follows = dt_s <= LONGEST_S;
+        let turned = if follows { (last_rate + rate) * (0.5 * dt_s) } else { Vector3::zeros() };
+        self.count = if follows { (self.count + 1).min(KEPT) } else { 1 };
+        self.reports[self.next] = (t_s, rate, angle + turned);
+        self.next = (self.next + 1) % KEPT;
+    }
+
+    /// Rotation from `from_s` to `to_s` \[s\] \[rad, body axes\]; `None` if the reports do not cover it.
+    pub(super) fn turn(&self, from_s: f64, to_s: f64) -> Option<Vector3<f64>> {
+        Some(self.angle(to_s)? - self.angle(from_s)?)
+    }
+
+    /// Angles turned until `t_s` \[s\] \[rad, body\].
+    fn angle(&self, t_s: f64) -> Option<Vector3<f64>> {
+        let back = (1..=self.count).find(|back| self.back(*back).0 <= t_s)?;
+        let (at_s, rate, angle) = *self.back(back);
+        let dt_s = t_s - at_s;
+        if back == 1 {
+            return (dt_s <= LONGEST_S).then(|| angle + rate * dt_s);
+        }
+        let (next_s, next_rate, _) = *self.back(back - 1);
+        let slope = (next_rate - rate) / (next_s - at_s);
+        Some(angle + rate * dt_s + slope * (0.5 * dt_s * dt_s))
+    }
+
+    /// The report `back` reports ago \[-\]; 1 for the newest.
+    fn back(&self, back: usize) -> &Report {
+        &self.reports[(self.next + KEPT - back) % KEPT]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rates_are_integrated_between_any_two_instants_that_reports_cover() {
+        let mut rates = VehicleRates::default();
+        assert!(rates.turn(0.0, 0.1).is_none());
+        // Angle t^2 / 2, reported 50 times a second.
+        (0..50)
+            .for_each(|k| rates.receive(0.02 * f64::from(k), Vector3::x() * 0.02 * f64::from(k)));
+        let turn = rates.turn(0.507, 0.773).unwrap();
+        assert!((turn.x - 0.5 * (0.773 * 0.773 - 0.507 * 0.507)).abs() < 1e-12, "{turn}");
+        assert!(rates.turn(0.1, 0.7).is_none(), "older than the reports kept");
+        assert!(rates.turn(0.9, 1.1).is_some() && rates.turn(0.9, 1.2).is_none());
+    }
+
+    #[test]
+    fn a_gap_or_a_report_that_is_not_finite_is_not_integrated() {
+        let mut rates = VehicleRates::default();
+        for (t_s, rate) in [(0.0, 1.0), (0.1, f64::NAN), (0.1, f64::INFINITY), (0.05, 1.0)] {
+            rates.receive(t_s, Vector3::repeat(rate));
+        }
+        assert!((rates.turn(0.0, 0.05).unwrap().x - 0.05).abs() < 1e-12);
+        rates.receive(0.3, Vector3::repeat(1.0));
+        assert!(rates.turn(0.05, 0.31).is_none());
+        assert!(rates.turn(0.3, 0.35).is_some());
+    }
+}

@@ -1,0 +1,239 @@
+//! Poses that are plausible one by one and are not those of the vehicle, F58 to F60, and flights that must not be ended by their tests.
+//! OQTAL_TEST_POSE_FAULTS sets the number of seeds of the faults, OQTAL_TEST_POSE_FLIGHTS that of flights without a fault,
+//! OQTAL_TEST_POSE_SEED the first of both. Thresholds were chosen on seeds below 20000.
+
+use std::sync::Mutex;
+
+use crate::chaos::{mission, on_all_processors};
+use crate::common::random::{Random, length};
+use oqtal_bus::code::{Cause, SafetyState};
+use oqtal_control::controller::ControllerName;
+use oqtal_lab::simulation::fly;
+use oqtal_observe::flight::{Flight, FlightSample, Outcome};
+
+/// First seed of the flights of this test.
+const FIRST_SEED: u64 = 20_000;
+/// Time of a fault after arming \[s\], about.
+const FAULT_S: f64 = 9.0;
+/// Laws of the study of faults.
+const LAWS: [&str; 4] = ["pid", "oqtal", "geometric", "oqtal-dt"];
+
+/// Result of a fault.
+#[derive(Clone, Copy, Debug)]
+struct Reaction {
+    /// Time from the fault to the change of state \[s\]; infinite without one.
+    after_s: f64,
+    /// Distance of the vehicle then from its place at the fault \[m\], or the greatest one.
+    moved_m: f64,
+    state: SafetyState,
+    cause: Cause,
+}
+
+/// Flies with a fault of the poses and returns the reaction; `None` if the flight ended before.
+fn react(settings: &[String], fault: &str, at_s: f64) -> Option<Reaction> {
+    let injected = format!("fault.inject=[\"pose:{fault}@{at_s}\"]");
+    let flight = fly(&mission(&[settings, &[injected]].concat())).unwrap();
+    let armed = flight.armed().next()?.telemetry.time;
+    let elapsed_s = |sample: &FlightSample| sample.telemetry.time.since(armed).seconds() - at_s;
+    let faulty: Vec<_> = flight.samples.iter().filter(|sample| elapsed_s(sample) >= 0.0).collect();
+    let begin = faulty.first()?.position();
+    let moved = |sample: &FlightSample| (sample.position() - begin).norm();
+    let changed = |sample: &&&FlightSample| sample.telemetry.state > SafetyState::Degraded.code();
+    let Some(sample) = faulty.iter().find(changed) else {
+        let moved_m = faulty.iter().map(|sample| moved(sample)).fold(0.0, f64::max);
+        let (state, cause) = (SafetyState::Nominal, Cause::None);
+        return Some(Reaction { after_s: f64::INFINITY, moved_m, state, cause });
+    };
+    Some(Reaction {
+        after_s: elapsed_s(sample),
+        moved_m: moved(sample),
+        state: SafetyState::from_code(sample.telemetry.state)?,
+        cause: Cause::from_code(sample.telemetry.cause)?,
+    })
+}
+
+/// Reactions to `fault` of every law in every shape, `seeds` each; prints their distribution.
+fn study(fault: impl Fn(u64) -> String + Sync, shapes: &[&str], extra: &[&str]) -> Vec<Reaction> {
+    let seeds = length("OQTAL_TEST_POSE_FAULTS", 1);
+    let first = length("OQTAL_TEST_POSE_SEED", FIRST_SEED);
+    let mut all = Vec::new();
+    for shape in shapes {
+        let found = Mutex::new(Vec::new());
+        on_all_processors(seeds * LAWS.len() as u64, |index| {
+            let (law, seed) = (LAWS[index as usize % LAWS.len()], first + index);
+            let mut settings = vec![
+                format!("control.controller={law}"),
+                format!("trajectory.kind={shape}"),
+                format!("clock.seed={seed}"),
+            ];
+            settings.extend(extra.iter().map(|&text| text.to_owned()));
+            let at_s = FAULT_S + 0.1 * (seed % 40) as f64;
+            let reaction = react(&settings, &fault(index), at_s);
+            found.lock().unwrap().push(reaction.expect("a flight until the fault"));
+        });
+        let found = found.into_inner().unwrap();
+        print(shape, &fault(0), &found);
+        all.extend(found);
+    }
+    all
+}
+
+fn print(shape: &str, fault: &str, found: &[Reaction]) {
+    let mut times: Vec<f64> = found.iter().map(|reaction| reaction.after_s).collect();
+    times.sort_by(f64::total_cmp);
+    let moved_m = found.iter().map(|reaction| reaction.moved_m).fold(0.0, f64::max);
+    let quantile = |share: f64| times[((times.len() - 1) as f64 * share) as usize];
+    let ends: std::collections::BTreeSet<String> =
+        found.iter().map(|reaction| format!("{} {}", reaction.state, reaction.cause)).collect();
+    let [least, median, high, most] = [0.0, 0.5, 0.9, 1.0].map(quantile);
+    println!(
+        "{fault:<20} {shape:<11} {:>4} flights: {least:.2} {median:.2} {high:.2} {most:.2} s, \
+         {moved_m:.2} m: {}",
+        found.len(),
+        ends.into_iter().collect::<Vec<_>>().join("; ")
+    );
+}
+
+/// A frozen pose with noise of 0.1 to 2 mm and 0.04 to 0.8 deg.
+fn frozen(index: u64) -> String {
+    format!("frozen-noise={}mm", [0.5, 0.1, 1.0, 2.0][(index / LAWS.len() as u64) as usize % 4])
+}
+
+#[test]
+fn f58_a_frozen_pose_with_noise_ends_a_flight_in_motion_within_a_second() {
+    for gyroscope in ["plant.gyroscope=true", "plant.gyroscope=false"] {
+        for reaction in study(frozen, &["circle", "lemniscate", "square"], &[gyroscope]) {
+            assert!(
+                reaction.after_s <= 1.0 || reaction.moved_m <= 1.5,
+                "{gyroscope}: {reaction:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn f58_a_frozen_pose_with_noise_ends_a_hover_within_two_seconds() {
+    for reaction in study(frozen, &["hover"], &[]) {
+        assert!(reaction.after_s <= 2.0, "{reaction:?}");
+    }
+}
+
+#[test]
+fn f58_a_frozen_pose_ends_a_hover_without_rates_of_the_vehicle_within_six_seconds() {
+    let extra = ["plant.gyroscope=false"];
+    let noisy = study(frozen, &["hover"], &extra);
+    // Cameras without noise that repeat their pose exactly: only the heading probe tells.
+    let still = study(|_| "stuck".to_owned(), &["hover"], &["mocap.preset=ideal", extra[0]]);
+    for reaction in noisy.into_iter().chain(still) {
+        assert!(reaction.after_s <= 6.0 && reaction.moved_m < 1.5, "{reaction:?}");
+    }
+}
+
+#[test]
+fn f58_a_mirrored_pose_ends_a_flight_in_the_first_metre() {
+    for shape in ["hover", "circle", "square"] {
+        for reaction in study(|_| "mirror".to_owned(), &[shape], &[]) {
+            assert!(reaction.moved_m <= 1.0 && reaction.after_s < 6.0, "{reaction:?}");
+        }
+    }
+}
+
+#[test]
+fn f59_an_attitude_that_drifts_against_the_gyroscope_lands_the_vehicle() {
+    for reaction in study(|_| "drift=0.5deg/s".to_owned(), &["hover", "circle"], &[]) {
+        assert!(reaction.after_s <= 10.0 && reaction.moved_m < 2.0, "{reaction:?}");
+        assert_eq!(reaction.cause, Cause::AttitudeDrift);
+    }
+}
+
+#[test]
+fn f60_a_path_turned_against_the_attitude_ends_a_flight() {
+    for reaction in study(|_| "rotate=90deg".to_owned(), &["hover", "circle", "square"], &[]) {
+        assert!(reaction.after_s <= 20.0, "{reaction:?}");
+    }
+}
+
+/// Settings of a flight without a fault: any law, shape, cameras, noise told or not, plant, wind, gusts, pushes and losses.
+fn innocent(seed: u64) -> Vec<String> {
+    let random = &mut Random(seed << 32);
+    let shapes = ["hover", "circle", "lemniscate", "square", "step", "attitude-chirp"];
+    let mut settings = vec![
+        format!("clock.seed={seed}"),
+        format!("control.controller={}", random.pick(&ControllerName::NAMES)),
+        format!("trajectory.kind={}", random.pick(&shapes)),
+        format!("mocap.preset={}", random.pick(&["ideal", "qualisys", "measured", "room"])),
+        format!("plant.fidelity={}", random.pick(&["eq61", "rotors"])),
+        format!("plant.gyroscope={}", random.one_in(2)),
+    ];
+    if random.one_in(2) {
+        settings.push(format!("mocap.attitude-noise-deg={:.3}", random.between(0.02, 0.8)));
+        settings.push(format!("mocap.position-noise-mm={:.3}", random.between(0.05, 2.0)));
+        settings.push("control.predictive.filter.attitude-noise-deg=0.2".to_owned());
+        settings.push("control.predictive.filter.position-noise-mm=0.5".to_owned());
+    }
+    if random.one_in(2) {
+        settings.extend(other_plant(random));
+    }
+    if random.one_in(3) {
+        let (x, y) = (random.between(-0.8, 0.8), random.between(-0.8, 0.8));
+        settings.push(format!("plant.force-n=[{x:.3}, {y:.3}, {:.3}]", random.between(-0.1, 0.1)));
+        settings.push(format!("plant.gust-sd-m-s2={:.3}", random.between(0.03, 0.6)));
+    }
+    if random.one_in(4) {
+        let push = [(); 3].map(|()| format!("{:.2}", random.between(-1.5, 1.5))).join(",");
+        let (at_s, for_s) = (random.between(4.0, 15.0), random.between(0.1, 3.0));
+        settings.push(format!("plant.disturb=[\"force@{at_s:.1}+{for_s:.1}={push}N\"]"));
+    }
+    if random.one_in(3) {
+        settings.push(format!("mocap.dropout-probability={:.3}", random.between(0.0, 0.05)));
+        settings.push(format!("plant.command-loss-probability={:.3}", random.between(0.0, 0.1)));
+    }
+    settings
+}
+
+/// A plant about twice as far off its model as in the spread of `oqtal robustness`, each axis for itself.
+fn other_plant(random: &mut Random) -> Vec<String> {
+    let common = random.between(0.7, 1.3);
+    let rates = [(); 3].map(|()| format!("{:.3}", 2.0 * common * random.between(0.8, 1.2)));
+    vec![
+        format!("plant.rate-authority-rad-s=[{}]", rates.join(", ")),
+        format!("plant.rate-lag-ms={:.1}", random.between(20.0, 110.0)),
+        format!("plant.hidden-delay-ms={:.1}", random.between(0.0, 30.0)),
+        format!("plant.mass-kg={:.3}", 0.5 * random.between(0.8, 1.2)),
+        format!("plant.thrust-lag-ms={:.1}", random.between(10.0, 110.0)),
+    ]
+}
+
+/// Whether a test of the poses ended the flight.
+fn is_accused(flight: &Flight) -> bool {
+    let causes = [Cause::Contradiction.code(), Cause::AttitudeDrift.code()];
+    flight.samples.iter().any(|sample| causes.contains(&sample.telemetry.cause))
+}
+
+#[test]
+fn no_flight_with_right_poses_is_ended_by_the_tests_of_poses() {
+    let count = length("OQTAL_TEST_POSE_FLIGHTS", 24);
+    let first = length("OQTAL_TEST_POSE_SEED", FIRST_SEED);
+    let (ended, landed) = (Mutex::new(Vec::new()), Mutex::new(0_u64));
+    let greatest = Mutex::new([0.0_f64; 3]);
+    on_all_processors(count, |index| {
+        let settings = innocent(first + index);
+        let flight = fly(&mission(&settings)).unwrap();
+        for evidence in flight.samples.iter().map(|sample| sample.telemetry.pose_evidence) {
+            let mut greatest = greatest.lock().unwrap();
+            *greatest = std::array::from_fn(|test| greatest[test].max(evidence[test]));
+        }
+        *landed.lock().unwrap() += u64::from(flight.outcome == Outcome::Landed);
+        if is_accused(&flight) {
+            ended.lock().unwrap().push(format!("{}: {}", flight.outcome, settings.join(" ")));
+        }
+    });
+    let (ended, landed) = (ended.into_inner().unwrap(), landed.into_inner().unwrap());
+    println!(
+        "{count} flights, {landed} landed, {} ended by a test of poses; greatest evidence {:.2?}",
+        ended.len(),
+        greatest.into_inner().unwrap()
+    );
+    assert!(ended.is_empty(), "{}:\n  {}", ended.len(), ended.join("\n  "));
+    assert!(landed >= count / 2, "{landed} of {count} landed");
+}
