@@ -55,9 +55,9 @@ pub struct Tick {
     pub command: CommandV1,
 }
 
-/// Timing of the loop.
+/// Timing of the loop: the instants of ticks.
 #[derive(Clone, Debug)]
-struct LoopTiming {
+pub struct LoopTiming {
     period: Span,
     /// Regular time from one tick to the next on a pose: the poses of cameras faster than the loop are decimated.
     spacing: Span,
@@ -70,7 +70,8 @@ struct LoopTiming {
 }
 
 impl LoopTiming {
-    fn new(config: &Config, now: Time) -> Self {
+    /// The timing of `config`, with a tick at `now`.
+    pub fn new(config: &Config, now: Time) -> Self {
         let period = Span::period_of(config.control.rate_hz);
         let poses_per_tick = config.poses_per_tick();
         Self {
@@ -99,12 +100,28 @@ impl LoopTiming {
     }
 
     /// The instant of the next tick if no pose arrives before.
-    fn latest(&self) -> Time {
+    pub fn latest(&self) -> Time {
         self.last_tick + self.period.scaled(DEADLINE_PERIODS)
     }
 
+    /// The instant of the next tick if no pose arrives before, for a vehicle whose command takes `wire` on its wire; `has_fresh`: whether
+    /// a pose waits that no tick has used. Such a pose is flown on as soon as the wire allows, unless poses are decimated and the next
+    /// one comes soon.
+    pub fn next_event(&self, has_fresh: bool, wire: Span) -> Time {
+        if has_fresh && !self.decimates { self.earliest_on_pose(wire) } else { self.latest() }
+    }
+
+    /// The instant from which on a tick is due, with a pose that has just arrived, usable (`has_fresh`) or not, or without one.
+    pub fn due(&self, has_arrived: bool, has_fresh: bool, wire: Span) -> Time {
+        match (has_arrived, has_fresh) {
+            (true, true) => self.earliest_on_pose(wire),
+            (true, false) => self.earliest(),
+            (false, _) => self.next_event(has_fresh, wire),
+        }
+    }
+
     /// Begins a tick, `is_blind` without a pose; returns the time since the last one \[s\].
-    fn tick(&mut self, now: Time, is_blind: bool) -> f64 {
+    pub fn tick(&mut self, now: Time, is_blind: bool) -> f64 {
         let (least, most) = (self.period.scaled(0.5), self.period.scaled(2.0));
         let dt = now.since(self.last_tick).min(most).max(least);
         (self.deadline, self.last_tick, self.was_blind) = (self.latest(), now, is_blind);
@@ -140,14 +157,9 @@ impl Cycle {
         })
     }
 
-    /// The instant of the next tick if no pose arrives before. A pose that arrived too soon after the last tick is flown on as soon
-    /// as the vehicle's wire allows, unless poses are decimated and the next one comes soon.
+    /// The instant of the next tick if no pose arrives before.
     pub fn next_event(&self) -> Time {
-        if self.intake.has_fresh() && !self.timing.decimates {
-            self.timing.earliest_on_pose(self.intake.vehicle().wire())
-        } else {
-            self.timing.latest()
-        }
+        self.timing.next_event(self.intake.has_fresh(), self.intake.vehicle().wire())
     }
 
     /// Takes a pose, if one arrived, and acts if a tick is due, without an external law; returns `None` if not.
@@ -169,13 +181,8 @@ impl Cycle {
                 self.report.record_pose(arrival, self.intake.tracker());
             }
         }
-        let due = match arrival {
-            Some(_) if self.intake.has_fresh() => {
-                self.timing.earliest_on_pose(self.intake.vehicle().wire())
-            }
-            Some(_) => self.timing.earliest(),
-            None => self.next_event(),
-        };
+        let (has_fresh, wire) = (self.intake.has_fresh(), self.intake.vehicle().wire());
+        let due = self.timing.due(arrival.is_some(), has_fresh, wire);
         (now >= due).then(|| self.tick(now, arrival.map(|(header, _)| header), law))
     }
 

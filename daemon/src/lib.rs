@@ -109,7 +109,7 @@ pub use background::{LoopHandle, OperatorRequests, loop_handoff};
 pub use command::{RotationCommand, VehicleCommand};
 pub use command_model::CommandModel;
 pub use condition::Condition;
-pub use cycle::{AutoTakeoff, Cycle, Tick};
+pub use cycle::{AutoTakeoff, Cycle, LoopTiming, Tick};
 pub use envelope::{Candidate, Envelope};
 pub use external::{ExternalLaw, LawPort};
 pub use fence::Fence;

@@ -12,6 +12,7 @@
 //! | `identify.rs` | `oqtal identify`: parameters of a vehicle from its flights |
 //! | `reproduce.rs` | `oqtal reproduce`: the experiments of the paper |
 //! | `cameras.rs` | `oqtal cameras`: emulated cameras against recordings |
+//! | `environment.rs` | an environment for reinforcement learning |
 //! | `replay.rs` | `oqtal replay`: a recording replayed through the daemon |
 //! | `sheet.rs` | tables of printed and computed figures |
 //! | `text_table.rs` | tables for a terminal of 80 columns |
@@ -25,6 +26,7 @@
 pub mod cameras;
 pub mod campaign;
 pub mod csv_text;
+pub mod environment;
 pub mod identify;
 pub mod journal;
 pub mod mission;

@@ -1,6 +1,8 @@
-//! Progress of a study: shown on standard error, as bars in a terminal, else as a line every ten seconds; and kept in a journal.
+//! Progress of a study: on standard error as bars in a terminal, else as a line every ten seconds; or passed to a watch. Results are kept
+//! in a journal.
 
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::fmt;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use oqtal_bus::time::{Span, Time};
@@ -15,8 +17,11 @@ use crate::journal::Journal;
 /// Time between two lines.
 const LINE_PERIOD: Span = Span::from_millis(10_000);
 
+/// Receiver of the progress of a task: its name, the number of finished steps, and of all steps. Called in the threads of the study;
+/// `false` cancels the study.
+pub type ProgressWatch = dyn Fn(&str, u64, u64) -> bool + Send + Sync;
+
 /// The progress of a command.
-#[derive(Debug)]
 pub struct Progress {
     bars: MultiProgress,
     begun_at: Time,
@@ -25,6 +30,17 @@ pub struct Progress {
     journal: Option<Journal>,
     /// Set by Ctrl-C.
     interrupted: StopFlag,
+    /// Receiver in place of standard error.
+    watch: Option<Box<ProgressWatch>>,
+    is_cancelled: AtomicBool,
+}
+
+impl fmt::Debug for Progress {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Progress")
+            .field("is_watched", &self.watch.is_some())
+            .finish_non_exhaustive()
+    }
 }
 
 impl Default for Progress {
@@ -35,11 +51,18 @@ impl Default for Progress {
             lines: AtomicU64::new(0),
             journal: None,
             interrupted: StopFlag::default(),
+            watch: None,
+            is_cancelled: AtomicBool::new(false),
         }
     }
 }
 
 impl Progress {
+    /// Progress that is passed to `watch`; nothing is printed.
+    pub fn watched(watch: Box<ProgressWatch>) -> Self {
+        Self { watch: Some(watch), ..Self::default() }
+    }
+
     /// Progress that is kept in `journal`. Ctrl-C ends the study after the flights in progress; a second one ends the program.
     pub fn kept_in(journal: Journal) -> Self {
         if journal.resumed() > 0 {
@@ -74,8 +97,11 @@ impl Progress {
     /// Fails if the study was interrupted.
     ///
     /// # Errors
-    /// The study was interrupted (exit code 1).
+    /// The study was interrupted, or its watch cancelled it (exit code 1).
     pub fn check(&self) -> Result<(), Failure> {
+        if self.is_cancelled.load(Ordering::Relaxed) {
+            return Err(Failure::new(Exit::Flight, "interrupted"));
+        }
         match &self.journal {
             Some(journal) if self.interrupted.is_set() => {
                 let reason = format!(
@@ -90,7 +116,11 @@ impl Progress {
 
     /// Begins a task of `steps` steps.
     pub fn start(&self, name: &str, steps: usize) -> Bar<'_> {
-        let bar = self.bars.add(ProgressBar::new(steps as u64));
+        let bar = match &self.watch {
+            None => self.bars.add(ProgressBar::new(steps as u64)),
+            Some(_) => ProgressBar::hidden(),
+        };
+        bar.set_length(steps as u64);
         let style = ProgressStyle::with_template("{msg:24} {bar:30.cyan/blue} {pos:>6}/{len}");
         bar.set_style(style.expect("the template is constant and valid"));
         bar.set_message(name.to_owned());
@@ -124,7 +154,12 @@ impl Bar<'_> {
     /// Advances by `steps`.
     pub fn add(&self, steps: usize) {
         self.bar.inc(steps as u64);
-        if self.progress.bars.is_hidden() {
+        if let Some(watch) = &self.progress.watch {
+            let all = self.bar.length().unwrap_or(0);
+            if !watch(&self.bar.message(), self.bar.position(), all) {
+                self.progress.is_cancelled.store(true, Ordering::Relaxed);
+            }
+        } else if self.progress.bars.is_hidden() {
             self.progress.print_line(&self.bar);
         }
     }

@@ -1,5 +1,6 @@
 //! An in-process flight: the turns of all processes over topics in memory, in the order of the virtual clock.
 
+pub mod lane;
 pub mod online;
 mod processes;
 

@@ -137,7 +137,7 @@ impl Study<'_> {
         let run = self.fly_each(&|flights: TestFlights| {
             let run = progress.kept(flights.key(), || flights.fly(&mut |m| simulation::fly(m)));
             bar.inc();
-            run
+            progress.check().and(run)
         });
         Ok(self.rows(run?))
     }

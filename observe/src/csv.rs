@@ -1,8 +1,9 @@
 //! `telemetry.csv`: one row for each tick, units in the column names, an empty cell for an unknown value.
 //!
 //! `csv/columns.md` is the list of the columns and their dictionary, a part of `docs/data.md`; `csv/row.rs` makes the cells, in
-//! the same order.
+//! the same order; `csv/column.rs` collects them as columns.
 
+mod column;
 mod row;
 
 use std::collections::HashMap;
@@ -10,7 +11,9 @@ use std::io::Write;
 
 use crate::flight::{AppliedCommand, Flight};
 
-use row::Row;
+use column::ColumnSink;
+pub use column::{Column, ColumnValues};
+use row::{CellSink, Row};
 
 /// The columns as a table in Markdown: names, unit and frame, instant, meaning.
 const DICTIONARY: &str = include_str!("csv/columns.md");
@@ -22,15 +25,53 @@ const DICTIONARY: &str = include_str!("csv/columns.md");
 pub fn write(flight: &Flight, out: impl Write) -> ::csv::Result<()> {
     let mut writer = ::csv::Writer::from_writer(out);
     writer.write_record(names())?;
+    let mut cells = TextCells::default();
+    rows(flight).try_for_each(|row| {
+        cells.0.clear();
+        row.write(&mut cells);
+        writer.write_record(&cells.0)
+    })?;
+    writer.flush()?;
+    Ok(())
+}
+
+/// The ticks of `flight` as columns, in the order and with the names of the file.
+pub fn columns(flight: &Flight) -> Vec<Column> {
+    let mut sink = ColumnSink::new(names());
+    rows(flight).for_each(|row| {
+        sink.begin_row();
+        row.write(&mut sink);
+    });
+    sink.into_columns()
+}
+
+/// The rows of the file, one for each tick.
+fn rows(flight: &Flight) -> impl Iterator<Item = Row<'_>> {
     let applied: HashMap<u64, &AppliedCommand> =
         flight.applied.iter().map(|command| (command.sequence, command)).collect();
     let origin = flight.origin();
-    for sample in &flight.samples {
+    flight.samples.iter().map(move |sample| {
         let applied = applied.get(&sample.telemetry.command_sequence).copied();
-        writer.write_record(Row { sample, applied, origin }.cells())?;
+        Row { sample, applied, origin }
+    })
+}
+
+/// Cells as text: numbers as the shortest decimals that reproduce them exactly.
+#[derive(Default)]
+struct TextCells(Vec<String>);
+
+impl CellSink for TextCells {
+    fn number(&mut self, value: f64) {
+        self.0.push(if value.is_nan() { String::new() } else { value.to_string() });
     }
-    writer.flush()?;
-    Ok(())
+
+    fn count(&mut self, value: u64) {
+        self.0.push(value.to_string());
+    }
+
+    fn word(&mut self, word: String) {
+        self.0.push(word);
+    }
 }
 
 /// The columns as a table in Markdown: names, unit and frame, instant, meaning.
@@ -73,6 +114,24 @@ mod tests {
             assert_eq!(number("stick_pitch"), sample.telemetry.sticks[1]);
             assert_eq!(number("thrust"), sample.telemetry.thrust);
             assert_eq!(row[column("state")] == "Coast", sample.telemetry.fresh == 0);
+        }
+    }
+
+    #[test]
+    fn columns_have_the_cells_of_the_file() {
+        let flight = fixture::square();
+        let (names, rows) = read(&flight);
+        let columns = columns(&flight);
+        assert_eq!(columns.iter().map(|column| column.name).collect::<Vec<_>>(), names);
+        for (index, Column { name, values }) in columns.iter().enumerate() {
+            let mut text = TextCells::default();
+            match values {
+                ColumnValues::Numbers(numbers) => numbers.iter().for_each(|n| text.number(*n)),
+                ColumnValues::Counts(counts) => counts.iter().for_each(|n| text.count(*n)),
+                ColumnValues::Words(words) => text.0.clone_from(words),
+            }
+            let cells = rows.iter().map(|row| row[index].clone());
+            assert_eq!(text.0, cells.collect::<Vec<_>>(), "{name}");
         }
     }
 

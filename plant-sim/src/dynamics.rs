@@ -117,6 +117,17 @@ impl Dynamics {
             Body::Rotors(rotors) => rotors.thrust_coefficient * state.actuators.norm_squared(),
         }
     }
+
+    /// State of the actuators at which the thrust supports the weight.
+    pub fn hovering(&self) -> Vector4<f64> {
+        let weight_n = self.translation.gravity / self.translation.per_mass;
+        match &self.body {
+            Body::Spacecraft(_) | Body::Eq61(_) => Vector4::x() * weight_n,
+            Body::Rotors(rotors) => {
+                Vector4::repeat((weight_n / (4.0 * rotors.thrust_coefficient)).sqrt())
+            }
+        }
+    }
 }
 
 /// Translation, common to all vehicles: a point mass under thrust, weight, drag and gusts.

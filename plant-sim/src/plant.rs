@@ -115,6 +115,13 @@ impl Plant {
         Self { samples_milliseconds: false, ..self }
     }
 
+    /// Places the vehicle in the air with this motion, with the thrust of a hover, which the command `thrust` \[0..1\] holds.
+    pub fn place(&mut self, motion: State, thrust: f64) {
+        self.state = State { actuators: self.dynamics.hovering(), ..motion };
+        let actuation = self.accepts.code();
+        self.act_on(&CommandV1 { actuation, thrust, ..CommandV1::default() });
+    }
+
     /// The next instant that other processes depend on: a camera frame, a command that takes effect, or a command time-out.
     pub fn next_event(&self) -> Time {
         [self.radio.next_effect(), self.command_timeout_at]

@@ -111,6 +111,11 @@ impl<T: Transport> PlantTurn<T> {
         Self { health, ..self }
     }
 
+    /// The plant, in virtual time between two turns.
+    pub fn plant(&mut self) -> &mut Plant {
+        &mut self.plant
+    }
+
     /// Skips the excess of a long pause in real time: integrating it would take longer than the loop's sleep.
     fn skip_pause(&mut self, now: Time) {
         if self.stepping == Stepping::Sampled {

@@ -8,8 +8,8 @@ use oqtal_control::trajectory::Reference;
 
 use super::intake::Intake;
 use super::supervision::FlightSupervision;
-use crate::law_guard::GuardReport;
 use crate::consistency::PoseEvidence;
+use crate::law_guard::GuardReport;
 use crate::mission::ActiveMission;
 use crate::stack::ControlOutput;
 

@@ -22,12 +22,12 @@ use oqtal_runtime::virtual_clock::TurnResult;
 use crate::mission::Mission;
 
 /// The ports of a process.
-type Ports = FaultyTransport<MemoryBus>;
+pub(super) type Ports = FaultyTransport<MemoryBus>;
 /// The turn of a process.
-type Process<R> = FaultyTurn<MemoryBus, R>;
+pub(super) type Process<R> = FaultyTurn<MemoryBus, R>;
 
 /// The process that publishes poses.
-enum PoseProcess {
+pub(super) enum PoseProcess {
     Cameras(Box<Process<PoseTurn<Ports, EmulatedCameras<MemoryBus>>>>),
     Playback(Box<Process<PoseTurn<Ports, Playback<MemoryBus>>>>),
 }
@@ -81,10 +81,7 @@ impl<'a> Processes<'a> {
     pub(super) fn step(&mut self, role: Role, now: Time) -> Result<TurnResult, BusError> {
         match role {
             Role::Plant => step(&mut self.plant, now),
-            Role::Mocap => match &mut self.poses {
-                PoseProcess::Cameras(turn) => step(turn.as_mut(), now),
-                PoseProcess::Playback(turn) => step(turn.as_mut(), now),
-            },
+            Role::Mocap => self.poses.step(now),
             Role::Daemon => step(&mut self.daemon, now),
             // These roles do not run in virtual time.
             Role::Recorder | Role::Bridge | Role::Receiver => Ok(TurnResult::default()),
@@ -107,7 +104,8 @@ impl<'a> Processes<'a> {
     }
 }
 
-fn plant(
+/// The plant of `mission`; with `every_millisecond` it publishes the truth at each integration step.
+pub(super) fn plant(
     mission: &Mission,
     bus: &Rc<MemoryBus>,
     start: Time,
@@ -143,7 +141,20 @@ fn daemon<'l>(
 }
 
 impl PoseProcess {
-    fn open(mission: &Mission, bus: &Rc<MemoryBus>, start: Time) -> Result<Self, Failure> {
+    /// Executes a turn.
+    pub(super) fn step(&mut self, now: Time) -> Result<TurnResult, BusError> {
+        match self {
+            Self::Cameras(turn) => step(turn.as_mut(), now),
+            Self::Playback(turn) => step(turn.as_mut(), now),
+        }
+    }
+
+    /// Opens the process of the poses of `mission`.
+    pub(super) fn open(
+        mission: &Mission,
+        bus: &Rc<MemoryBus>,
+        start: Time,
+    ) -> Result<Self, Failure> {
         let config = &mission.config;
         let faulty = FaultyTransport::new(bus, config)?;
         Ok(match &mission.recording {

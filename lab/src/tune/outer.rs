@@ -78,6 +78,9 @@ pub fn tune(
         let start = configured(&tuned.parameters, &config);
         let best = search(&tuned.parameters, &start, &share, |points| {
             let evaluate = |point: &Vec<f64>| {
+                if progress.check().is_err() {
+                    return f64::INFINITY;
+                }
                 let gains = [found.clone(), values(&tuned.parameters, point)].concat();
                 let [error, jitter] = figures(tuned, &gains, flights).unwrap_or([f64::INFINITY; 2]);
                 bar.inc();
@@ -86,6 +89,7 @@ pub fn tune(
             };
             points.par_iter().map(evaluate).collect()
         });
+        progress.check()?;
         let is_better = best.value < 1.0;
         found.extend(if is_better { values(&tuned.parameters, &best.point) } else { start });
         objective += best.value.min(1.0) / LOOPS.len() as f64;

@@ -300,6 +300,9 @@ pub fn law(
     let mut path = SearchPath::default();
     let best = search(&parameters, &from, budget, |points| {
         let evaluate = |point: &Vec<f64>| {
+            if progress.check().is_err() {
+                return f64::INFINITY;
+            }
             let value =
                 figures(&settings(&values(&parameters, point))).map_or(f64::INFINITY, value);
             bar.inc();

@@ -19,36 +19,44 @@ pub struct Row<'a> {
     pub origin: Time,
 }
 
-/// Cells in the order of the columns.
-struct Cells(Vec<String>);
+/// Receiver of the cells of a row, in the order of the columns.
+pub trait CellSink {
+    /// Receives a number; NaN for an unknown one.
+    fn number(&mut self, value: f64);
 
-impl Cells {
-    /// Adds numbers, each as the shortest decimal text that reproduces it exactly; NaN gives an empty cell.
+    /// Receives a count.
+    fn count(&mut self, value: u64);
+
+    /// Receives a word; an empty one for a code unknown to this version.
+    fn word(&mut self, word: String);
+}
+
+/// A receiver, with cells passed in groups.
+struct Cells<'a, S>(&'a mut S);
+
+impl<S: CellSink> Cells<'_, S> {
     fn numbers<const N: usize>(&mut self, values: [f64; N]) {
-        let text = |value: f64| if value.is_nan() { String::new() } else { value.to_string() };
-        self.0.extend(values.map(text));
+        values.into_iter().for_each(|value| self.0.number(value));
     }
 
     fn counts<const N: usize>(&mut self, values: [u64; N]) {
-        self.0.extend(values.map(|value| value.to_string()));
+        values.into_iter().for_each(|value| self.0.count(value));
     }
 
-    /// Adds a word; an empty cell for a code unknown to this version.
     fn word(&mut self, word: Option<impl ToString>) {
-        self.0.push(word.map_or_else(String::new, |word| word.to_string()));
+        self.0.word(word.map_or_else(String::new, |word| word.to_string()));
     }
 }
 
 impl Row<'_> {
-    /// The cells of the row.
-    pub fn cells(&self) -> Vec<String> {
-        let mut cells = Cells(Vec::with_capacity(128));
+    /// Passes the cells of the row to `sink`.
+    pub fn write(&self, sink: &mut impl CellSink) {
+        let mut cells = Cells(sink);
         self.tick(&mut cells);
         self.motion(&mut cells);
         self.command(&mut cells);
         self.filter(&mut cells);
         self.applied(&mut cells);
-        cells.0
     }
 
     fn telemetry(&self) -> &TelemetryV1 {
@@ -60,7 +68,7 @@ impl Row<'_> {
         if at.is_set() { at.since(self.origin).seconds() } else { f64::NAN }
     }
 
-    fn tick(&self, cells: &mut Cells) {
+    fn tick(&self, cells: &mut Cells<'_, impl CellSink>) {
         let t = self.telemetry();
         cells.numbers([self.seconds(t.time)]);
         cells.word(Mode::from_code(t.mode));
@@ -73,7 +81,7 @@ impl Row<'_> {
         cells.counts([t.scored, t.fresh, t.saturated].map(u64::from));
     }
 
-    fn motion(&self, cells: &mut Cells) {
+    fn motion(&self, cells: &mut Cells<'_, impl CellSink>) {
         let t = self.telemetry();
         cells.numbers(t.position);
         cells.numbers(t.velocity);
@@ -96,7 +104,7 @@ impl Row<'_> {
         cells.numbers([t.reference_yaw]);
     }
 
-    fn command(&self, cells: &mut Cells) {
+    fn command(&self, cells: &mut Cells<'_, impl CellSink>) {
         let t = self.telemetry();
         cells.numbers(t.velocity_command);
         cells.numbers(t.attitude_command);
@@ -113,7 +121,7 @@ impl Row<'_> {
         cells.counts([t.command_sequence]);
     }
 
-    fn filter(&self, cells: &mut Cells) {
+    fn filter(&self, cells: &mut Cells<'_, impl CellSink>) {
         let t = self.telemetry();
         cells.numbers(t.pose_position);
         cells.numbers(t.pose_attitude);
@@ -134,7 +142,7 @@ impl Row<'_> {
     }
 
     /// Adds the hops of the command and their sum \[us\], and the battery voltage \[V\].
-    fn applied(&self, cells: &mut Cells) {
+    fn applied(&self, cells: &mut Cells<'_, impl CellSink>) {
         let mut spans_us = [f64::NAN; HOPS.len() + 1];
         if let Some((command, spans)) = self.applied.and_then(|c| Some((c, hops(&c.stamps)?))) {
             let whole = sensor_to_actuator(&command.stamps, command.onward);

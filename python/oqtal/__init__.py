@@ -1,0 +1,69 @@
+"""oqtal for Python: flights of a multirotor in an indoor laboratory, in this process.
+
+>>> import oqtal
+>>> flight = oqtal.fly(controller="oqtal-dt", trajectory="hover", seed=7)
+>>> flight.summary["outcome"]
+'landed'
+"""
+
+from typing import TYPE_CHECKING, Any
+
+from oqtal import paper
+from oqtal._native import REVISION as __revision__
+from oqtal._native import VERSION as __version__
+from oqtal.errors import (
+    AccessError,
+    ConfigError,
+    DataError,
+    FlightError,
+    InternalError,
+    LawError,
+    OqtalError,
+    PeerError,
+    SystemFailure,
+    UsageError,
+    VersionError,
+)
+from oqtal.flight import Flight, fly
+from oqtal.studies import Identification, Tuned, campaign, identify, laws, robustness, sweep, tune
+from oqtal.table import Table
+
+if TYPE_CHECKING:
+    from oqtal.gym import OqtalVectorEnv
+
+
+def make_vec(num_envs: int, env: str = "Oqtal-Hover-v0", **options: Any) -> "OqtalVectorEnv":
+    """Vehicles in an environment of ``oqtal.gym``, stepped in Rust on all processors; requires gymnasium."""
+    from oqtal import gym
+
+    return gym.make_vec(num_envs, env, **options)
+
+
+__all__ = [
+    "AccessError",
+    "ConfigError",
+    "DataError",
+    "Flight",
+    "FlightError",
+    "Identification",
+    "InternalError",
+    "LawError",
+    "OqtalError",
+    "PeerError",
+    "SystemFailure",
+    "Table",
+    "Tuned",
+    "UsageError",
+    "VersionError",
+    "__revision__",
+    "__version__",
+    "campaign",
+    "fly",
+    "identify",
+    "laws",
+    "make_vec",
+    "paper",
+    "robustness",
+    "sweep",
+    "tune",
+]

@@ -1,0 +1,225 @@
+"""Flights: flown in this process, or read from recordings and telemetry."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from oqtal import _native
+from oqtal.errors import DataError, InternalError, UsageError
+from oqtal.settings import ConfigLike, sources, texts
+from oqtal.table import Table
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import polars as pl
+    from matplotlib.figure import Figure
+
+#: Columns of words; all others are numbers.
+WORDS = ("mode", "state", "cause", "phase")
+
+
+class Flight:
+    """A flight: ``flight["true_x_m"]`` is an array with one number for each tick of the controller.
+
+    The columns have the names of docs/data.md, ``summary`` the entries of ``summary.json``.
+    """
+
+    def __init__(
+        self,
+        *,
+        native: _native.Flight | None = None,
+        columns: Table | None = None,
+        summary: Mapping[str, Any] | None = None,
+        repeat: Callable[[str], Any] | None = None,
+    ) -> None:
+        self._native = native
+        self._columns = columns
+        self._summary = dict(summary) if summary is not None else None
+        self._repeat = repeat
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Flight:
+        """Reads a recording (``.mcap``), the telemetry of a flight (``.csv``), or the directory of a flight."""
+        file = Path(path)
+        if file.is_dir():
+            recorded = file / "flight.mcap"
+            file = recorded if recorded.exists() else file / "telemetry.csv"
+        if file.suffix == ".csv":
+            return cls._read_csv(file)
+
+        def copy(to: str) -> None:
+            shutil.copyfile(file, to)
+
+        return cls(native=_native.read(str(file)), repeat=copy)
+
+    @classmethod
+    def _read_csv(cls, file: Path) -> Flight:
+        try:
+            with file.open(newline="") as lines:
+                head, *rows = list(csv.reader(lines))
+        except (OSError, ValueError) as error:
+            raise DataError(f"{file}: {error}; give telemetry.csv or a recording") from error
+        if "t_s" not in head:
+            raise DataError(f"{file} has no column t_s: it is not the telemetry of a flight")
+        cells = dict(zip(head, zip(*rows, strict=True), strict=True)) if rows else {name: () for name in head}
+        try:
+            columns = {name: _column(name, values) for name, values in cells.items()}
+        except ValueError as error:
+            raise DataError(f"{file}: {error}") from error
+        summary = file.with_name("summary.json")
+        found = json.loads(summary.read_text()) if summary.exists() else None
+        return cls(columns=Table(columns), summary=found)
+
+    @property
+    def columns(self) -> Table:
+        """The ticks as columns."""
+        if self._columns is None:
+            assert self._native is not None
+            self._columns = Table(self._native.columns())
+        return self._columns
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """The figures of the flight, ``summary.json``."""
+        if self._summary is None:
+            if self._native is None:
+                raise DataError("the telemetry has no summary.json beside it; read the recording")
+            self._summary = json.loads(self._native.summary())
+        return self._summary
+
+    @property
+    def config(self) -> str:
+        """The effective configuration as TOML."""
+        return self._whole("the configuration").config()
+
+    @property
+    def cut_off(self) -> str:
+        """Reason why a recording ends early; empty for a complete one."""
+        return self._native.cut_off if self._native else ""
+
+    @property
+    def scored(self) -> Table:
+        """The ticks over which errors are computed."""
+        return self.columns.where(self.columns["scored"] == 1)
+
+    def __getitem__(self, name: str) -> np.ndarray[Any, Any]:
+        return self.columns[name]
+
+    def vector(self, name: str) -> np.ndarray[Any, Any]:
+        """Columns that form a vector, one row for each tick: ``"true_{}_m"``, ``"true_v{}_m_s"``, ``"true_rate_{}_rad_s"``, or
+        ``"true_q{}"`` for a quaternion with the scalar last."""
+        names = [name.format(axis) for axis in "xyzw"]
+        if names[3] not in self.columns:
+            names.pop()
+        return np.column_stack([self.columns[each] for each in names])
+
+    def position_error(self) -> np.ndarray[Any, Any]:
+        """Distance of the true position from the reference at each tick [m]."""
+        squares = sum((self[f"true_{axis}_m"] - self[f"ref_{axis}_m"]) ** 2 for axis in "xyz")
+        return np.asarray(np.sqrt(squares))
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The ticks as a data frame of pandas."""
+        return self.columns.to_pandas()
+
+    def to_polars(self) -> pl.DataFrame:
+        """The ticks as a data frame of Polars."""
+        return self.columns.to_polars()
+
+    def plot(self) -> Figure:
+        """Draws path, position error and attitude with matplotlib; returns the figure."""
+        from oqtal.plots import flight
+
+        return flight(self)
+
+    def report(self, path: str | os.PathLike[str]) -> Path:
+        """Writes the report of the flight, one HTML page, and returns its path."""
+        self._whole("a report").report(os.fspath(path))
+        return Path(path)
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Writes the flight: a recording (``.mcap``), the ticks (``.csv``) or the figures (``.json``).
+
+        A flight of this process is flown again for its recording: it repeats bit for bit.
+        """
+        file = Path(path)
+        if file.suffix == ".csv":
+            self._whole("telemetry").write_csv(str(file))
+        elif file.suffix == ".json":
+            file.write_text(json.dumps(self.summary, indent=2))
+        elif file.suffix == ".mcap":
+            self._record(file)
+        else:
+            raise UsageError(f"{file}: the suffix is .mcap, .csv or .json")
+        return file
+
+    def _record(self, file: Path) -> None:
+        self._whole("a recording")
+        if self._repeat is None:
+            raise UsageError("this flight cannot be flown again; give record=PATH when it is flown")
+        again = self._repeat(str(file))
+        if again is not None and json.loads(again.summary())["trajectory_hash"] != self.summary["trajectory_hash"]:
+            raise InternalError(f"{file}: the flight did not repeat bit for bit")
+
+    def _whole(self, wanted: str) -> _native.Flight:
+        if self._native is None:
+            raise DataError(f"telemetry does not suffice for {wanted}; read the recording")
+        return self._native
+
+    def __repr__(self) -> str:
+        shown = self.summary
+        error = shown["position_error_m"]
+        mean = "" if error is None else f", mean position error {1e3 * error['mean']:.1f} mm"
+        return f"<Flight {shown['controller']}, {shown['trajectory']}: {shown['outcome']}{mean}>"
+
+
+def _column(name: str, values: Sequence[str]) -> np.ndarray[Any, Any]:
+    if name in WORDS:
+        return np.array(values, dtype=str)
+    if values and all(value.isdigit() for value in values):
+        return np.array(values, dtype=np.int64)
+    return np.array([value or "nan" for value in values], dtype=float)
+
+
+def fly(
+    config: ConfigLike = None,
+    *,
+    controller: str | None = None,
+    trajectory: str | None = None,
+    duration: float | None = None,
+    seed: int | None = None,
+    vehicle: str | None = None,
+    plant: Mapping[str, Any] | None = None,
+    disturb: str | Sequence[str] | None = None,
+    faults: str | Sequence[str] | None = None,
+    settings: Mapping[str, Any] | None = None,
+    record: str | os.PathLike[str] | None = None,
+) -> Flight:
+    """Flies in virtual time in this process, as ``oqtal fly --clock in-process`` does.
+
+    ``config``: a file, several files, or keys with values. ``plant`` and ``settings``: keys of ``[plant]``, and any keys; nested
+    dictionaries are sections, and ``_`` stands for ``-``. ``disturb`` and ``faults``: as ``--disturb`` and ``--fault``.
+    ``record``: a recording is written while flying.
+    """
+    call = sources(
+        config,
+        settings,
+        plant,
+        controller=("control.controller", controller),
+        trajectory=("trajectory.kind", trajectory),
+        duration=("trajectory.duration-s", duration),
+        seed=("clock.seed", seed),
+        vehicle=("vehicle.preset", vehicle),
+        disturb=("plant.disturb", texts(disturb)),
+        faults=("fault.inject", texts(faults)),
+    )
+    native = _native.fly(call, None if record is None else os.fspath(record))
+    return Flight(native=native, repeat=lambda path: _native.fly(call, path))

@@ -1,0 +1,164 @@
+"""Environments of Gymnasium: hover, track, recover, with cameras, delays, radio and noise in the loop.
+
+One step is one control tick (1/60 s). Importing this module registers ``Oqtal-Hover-v0``, ``Oqtal-Track-v0``, ``Oqtal-Recover-v0``.
+
+Action, four numbers from -1 to 1: body rates about x, y, z over the greatest ones, and thrust, where -1 is none and 1 the greatest.
+
+Observation, 25 numbers, as the cameras give them some 15 ms late: position and velocity relative to the reference [m, m/s, world],
+attitude (quaternion, body to world, scalar last and not negative), body rate [rad/s], and the last three actions with the newest
+first, of which some have not reached the vehicle yet (thrust from 0 to 1). Velocity and rate are filtered differences of poses.
+
+Reward: ``1 / (1 + (e / 0.3 m)^2)`` for the true distance ``e`` from the reference, less 0.02 for each rad/s of body rate and for a
+change of the action by 1; ``Recover`` has half of the first, and a half for an upright vehicle. An episode is terminated when the
+vehicle is 2 m from its reference or on the floor, and truncated after its duration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from oqtal import _native
+from oqtal.errors import UsageError
+from oqtal.settings import ConfigLike, sources
+
+Array = NDArray[Any]
+
+#: Tasks by the names of their environments.
+TASKS = {"Oqtal-Hover-v0": "hover", "Oqtal-Track-v0": "track", "Oqtal-Recover-v0": "recover"}
+#: Duration of an episode [s].
+DURATION_S = 8.0
+
+
+def _spaces() -> tuple[spaces.Box, spaces.Box]:
+    observation = spaces.Box(-np.inf, np.inf, (_native.OBSERVATION,), np.float32)
+    return observation, spaces.Box(-1.0, 1.0, (4,), np.float32)
+
+
+def _lanes(
+    task: str,
+    count: int,
+    seed: int,
+    duration: float,
+    threads: int,
+    call: tuple[ConfigLike, Mapping[str, Any] | None, Mapping[str, Any] | None],
+) -> _native.Lanes:
+    return _native.Lanes(sources(*call), task, count, seed, (float(duration), threads))
+
+
+def commands(actions: Any) -> Array:
+    """Sticks from -1 to 1 and thrust from 0 to 1 for the actions of an environment."""
+    found = np.clip(np.asarray(actions, dtype=float).reshape(-1, 4), -1.0, 1.0)
+    found[:, 3] = (found[:, 3] + 1.0) / 2.0
+    return found
+
+
+class OqtalEnv(gymnasium.Env[Array, Array]):
+    """One vehicle."""
+
+    metadata = {"render_modes": []}  # noqa: RUF012
+
+    def __init__(
+        self,
+        task: str = "hover",
+        *,
+        config: ConfigLike = None,
+        plant: Mapping[str, Any] | None = None,
+        settings: Mapping[str, Any] | None = None,
+        duration: float = DURATION_S,
+        render_mode: str | None = None,
+    ) -> None:
+        self.observation_space, self.action_space = _spaces()
+        self.render_mode = render_mode
+        self._lanes = _lanes(task, 1, 0, duration, 1, (config, settings, plant))
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        """Begins the episode of ``seed``; without one, of a random seed."""
+        super().reset(seed=seed)
+        episode = int(self.np_random.integers(2**31)) if seed is None else seed
+        self._lanes.reset([episode])
+        return self._lanes.observations()[0], {"seed": episode, "truth": self._lanes.truths()[0]}
+
+    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """Flies for one control tick."""
+        self._lanes.step(commands(action))
+        reward, terminated, truncated = self._lanes.results()
+        info = {"truth": self._lanes.truths()[0]}
+        return self._lanes.observations()[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
+
+
+class OqtalVectorEnv(VectorEnv[Array, Array, Array]):
+    """Vehicles stepped together on all processors. A lane whose episode has ended begins the next one in the following step."""
+
+    metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        task: str = "hover",
+        *,
+        config: ConfigLike = None,
+        plant: Mapping[str, Any] | None = None,
+        settings: Mapping[str, Any] | None = None,
+        duration: float = DURATION_S,
+        threads: int = 0,
+    ) -> None:
+        self.num_envs = num_envs
+        self.single_observation_space, self.single_action_space = _spaces()
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._lanes = _lanes(task, num_envs, 0, duration, threads, (config, settings, plant))
+        self._next_seed = num_envs
+        self._over: NDArray[np.bool_] = np.zeros(num_envs, dtype=bool)
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
+        """Begins new episodes: of the seeds ``seed``, ``seed + 1``, …, of a list of seeds, or of the next ones."""
+        first = self._next_seed if seed is None else seed
+        seeds = [first + lane for lane in range(self.num_envs)] if isinstance(first, int) else list(first)
+        self._next_seed = max((each for each in seeds if each is not None), default=self._next_seed - 1) + 1
+        self._lanes.reset(seeds)
+        self._over[:] = False
+        return self._lanes.observations(), {}
+
+    def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
+        """Flies every vehicle for one control tick."""
+        self._lanes.step(commands(actions))
+        rewards, terminated, truncated = self._lanes.results()
+        if self._over.any():
+            seeds: list[int | None] = [None] * self.num_envs
+            for lane in np.flatnonzero(self._over):
+                seeds[lane] = self._next_seed
+                self._next_seed += 1
+            self._lanes.reset(seeds)
+            rewards[self._over], terminated[self._over], truncated[self._over] = 0.0, False, False
+        self._over = terminated | truncated
+        return self._lanes.observations(), rewards, terminated, truncated, {}
+
+    def truths(self) -> Array:
+        """True position [m], velocity [m/s], attitude, body rate [rad/s] and time [s] of every vehicle, 14 numbers each."""
+        return self._lanes.truths()
+
+
+def make_vec(num_envs: int, env: str = "Oqtal-Hover-v0", **options: Any) -> OqtalVectorEnv:
+    """``num_envs`` vehicles in the environment ``env``, stepped in Rust on all processors."""
+    if env not in TASKS:
+        raise UsageError(f"`{env}` is not an environment; expected one of {', '.join(TASKS)}")
+    return OqtalVectorEnv(num_envs, TASKS[env], **options)
+
+
+for _name, _task in TASKS.items():
+    gymnasium.register(
+        _name,
+        entry_point="oqtal.gym:OqtalEnv",
+        vector_entry_point="oqtal.gym:OqtalVectorEnv",
+        kwargs={"task": _task},
+    )

@@ -1,0 +1,260 @@
+"""Studies on all processors: campaigns, sweeps, robustness, identification, tuning. Each returns a table or an object with one."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from oqtal import _native
+from oqtal.errors import UsageError
+from oqtal.flight import Flight
+from oqtal.settings import ConfigLike, Setting, Sources, sources
+from oqtal.table import Table
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+#: Called with the name of a task, the steps done, and all steps. ``True`` draws a bar, also in a notebook.
+Progress: TypeAlias = "bool | Callable[[str, int, int], None]"
+#: Seed of the flights, and settings.
+Condition: TypeAlias = tuple[int, list[Setting]]
+
+#: First of the seeds by which laws are compared; none is used for tuning.
+FIRST_SEED = 200
+#: Tasks for each worker of a cluster: few enough for little overhead, enough for an even load.
+TASKS_PER_WORKER = 4
+
+
+def laws() -> list[str]:
+    """Names of the laws."""
+    return _native.laws()
+
+
+def campaign(
+    laws: Sequence[str] | None = None,
+    config: ConfigLike = None,
+    *,
+    runs: int = 25,
+    seeds: Iterable[int] | None = None,
+    gains: str = "configured",
+    trajectory: str | None = None,
+    plant: Mapping[str, Any] | None = None,
+    settings: Mapping[str, Any] | None = None,
+    progress: Progress = False,
+    threads: int = 0,
+    client: Client | None = None,
+) -> Table:
+    """Flies laws on the same seeds, as ``oqtal campaign``: one row for each law and seed, with the columns of ``campaign.csv``.
+
+    ``client``: a client of dask.distributed, whose workers fly; the rows are the same, bit for bit.
+    """
+    call = sources(config, settings, plant, trajectory=("trajectory.kind", trajectory))
+    chosen = range(FIRST_SEED, FIRST_SEED + runs) if seeds is None else seeds
+    conditions: list[Condition] = [(int(seed), []) for seed in chosen]
+    return _fly(call, laws, gains, conditions, progress, threads, client)
+
+
+def sweep(
+    axes: Mapping[str, Iterable[Any]],
+    laws: Sequence[str] | None = None,
+    config: ConfigLike = None,
+    *,
+    seeds: Iterable[int] = range(FIRST_SEED, FIRST_SEED + 5),
+    gains: str = "configured",
+    trajectory: str | None = None,
+    plant: Mapping[str, Any] | None = None,
+    settings: Mapping[str, Any] | None = None,
+    progress: Progress = False,
+    threads: int = 0,
+    client: Client | None = None,
+) -> Table:
+    """Flies every combination of values, ``{"plant.rate-lag-ms": [50, 80]}``: one row for each law, combination and seed."""
+    call = sources(config, settings, plant, trajectory=("trajectory.kind", trajectory))
+    values = {key: list(of_key) for key, of_key in axes.items()}
+    combinations = list(itertools.product(*values.values()))
+    flown = [(combination, int(seed)) for combination in combinations for seed in list(seeds)]
+    if not flown:
+        raise UsageError("nothing to fly; give each key at least one value, and at least one seed")
+    conditions: list[Condition] = [
+        (seed, [("sweep", key, value) for key, value in zip(values, combination, strict=True)])
+        for combination, seed in flown
+    ]
+    table = _fly(call, laws, gains, conditions, progress, threads, client)
+    count = table.rows // len(conditions)
+    swept = {
+        key: np.tile([combination[index] for combination, _ in flown], count) for index, key in enumerate(values)
+    }
+    return Table({**swept, **table})
+
+
+def robustness(
+    laws: Sequence[str] | None = None,
+    config: ConfigLike = None,
+    *,
+    runs: int = 100,
+    seed: int = 1,
+    spread: str = "vehicle",
+    wide: bool = False,
+    gains: str = "tuned",
+    plant: Mapping[str, Any] | None = None,
+    settings: Mapping[str, Any] | None = None,
+    progress: Progress = False,
+    threads: int = 0,
+    client: Client | None = None,
+) -> Table:
+    """Flies laws on plants drawn at random, as ``oqtal robustness``: one row for each law and draw, with the drawn values.
+
+    ``spread``: ``"vehicle"``, ``"everything"`` or a file (docs/robustness.md); ``wide``: with every range twice as wide.
+    """
+    call = sources(config, settings, plant)
+    conditions = _native.draws(call, spread, (runs, seed), wide)
+    table = _fly(call, laws, gains, conditions, progress, threads, client)
+    count = table.rows // len(conditions)
+    drawn: dict[str, Any] = {"draw": np.tile(np.arange(len(conditions)), count)}
+    for _, key, first in conditions[0][1]:
+        values = [dict((name, value) for _, name, value in drawn_of)[key] for _, drawn_of in conditions]
+        if isinstance(first, list):
+            columns = {f"{key}.{index}": of_axis for index, of_axis in enumerate(zip(*values, strict=True))}
+        else:
+            columns = {key: tuple(values)}
+        drawn.update({name: np.tile(of_key, count) for name, of_key in columns.items()})
+    return Table({**drawn, **table})
+
+
+class Identification:
+    """Parameters of a vehicle found from its flights."""
+
+    def __init__(self, document: Mapping[str, Any], toml: str) -> None:
+        #: All results, as ``identification.json`` of ``oqtal identify``.
+        self.document = document
+        #: The vehicle as a configuration.
+        self.toml = toml
+
+    @property
+    def table(self) -> Table:
+        """The parameters: value, half the width of the 95 % interval, value of the configuration."""
+        findings = self.document["findings"]
+        text = ("name", "key", "unit", "missing")
+        columns: dict[str, Any] = {name: [finding[name] or "" for finding in findings] for name in text}
+        for name in ("value", "half_width", "before"):
+            columns[name] = [np.nan if finding[name] is None else finding[name] for finding in findings]
+        order = ("name", "value", "half_width", "before", "unit", "key", "missing")
+        return Table({name: columns[name] for name in order})
+
+    def save(self, path: str | Path) -> Path:
+        """Writes the configuration of the vehicle, for ``config=`` and ``--config``."""
+        Path(path).write_text(self.toml)
+        return Path(path)
+
+    def __repr__(self) -> str:
+        return repr(self.table)
+
+
+def identify(
+    flights: Flight | Sequence[Flight] | None = None,
+    config: ConfigLike = None,
+    *,
+    mass: float | None = None,
+    max_thrust: float | None = None,
+    seed: int | None = None,
+    plant: Mapping[str, Any] | None = None,
+    settings: Mapping[str, Any] | None = None,
+) -> Identification:
+    """Identifies a vehicle from ``flights`` with the trajectory ``excitation``; without flights, from one flown now.
+
+    ``mass`` as weighed [kg], or ``max_thrust`` as measured [N]: flights determine only their ratio.
+    """
+    if flights is None:
+        flown = [_native.fly_excitation(sources(config, settings, plant, seed=("clock.seed", seed)))]
+    else:
+        flown = [flight._whole("an identification") for flight in ([flights] if isinstance(flights, Flight) else flights)]
+    document, toml = _native.identify(flown, mass, max_thrust)
+    return Identification(json.loads(document), toml)
+
+
+class Tuned:
+    """Gains found by a search."""
+
+    def __init__(self, values: Mapping[str, float], objective: float, start: float, toml: str) -> None:
+        #: Values of the keys.
+        self.values = dict(values)
+        #: Objective at these gains; lower is better, and 1 for the law ``oqtal`` as configured.
+        self.objective = objective
+        #: Objective at the configured gains.
+        self.start = start
+        #: The gains as a configuration.
+        self.toml = toml
+
+    def save(self, path: str | Path) -> Path:
+        """Writes the configuration, for ``config=`` and ``--config``."""
+        Path(path).write_text(self.toml)
+        return Path(path)
+
+    def __repr__(self) -> str:
+        return f"<Tuned: objective {self.objective:.4f}, {self.start:.4f} at the configured gains>"
+
+
+def tune(
+    target: str,
+    config: ConfigLike = None,
+    *,
+    budget: int = 300,
+    seed: int = 1,
+    seeds: range = range(101, 107),
+    spread: str | None = None,
+    optimiser: str = "cma-es",
+    plant: Mapping[str, Any] | None = None,
+    settings: Mapping[str, Any] | None = None,
+    progress: Progress = False,
+    threads: int = 0,
+) -> Tuned:
+    """Tunes the gains of a law on simulated flights, as ``oqtal tune``; ``target="outer"`` tunes the position loops."""
+    call = sources(config, settings, plant)
+    flights = (seeds.start, seeds.stop)
+    told = _progress(progress)
+    values, *rest = _native.tune(call, target, (budget, seed, optimiser), flights, spread, told, threads)
+    return Tuned(dict(values), *rest)
+
+
+def _fly(
+    call: Sources,
+    laws: Sequence[str] | None,
+    gains: str,
+    conditions: list[Condition],
+    progress: Progress,
+    threads: int,
+    client: Client | None,
+) -> Table:
+    names = _native.laws() if laws is None else [laws] if isinstance(laws, str) else list(laws)
+    if not conditions:
+        raise UsageError("nothing to fly; give at least one seed")
+    if client is None:
+        return Table(_native.study(call, names, gains, conditions, _progress(progress), threads))
+    tasks = max(1, TASKS_PER_WORKER * len(client.scheduler_info()["workers"]) // len(names))
+    length = -(-len(conditions) // tasks)
+    parts = [conditions[start : start + length] for start in range(0, len(conditions), length)]
+    ordered = [name for name in _native.laws() if name in names] or names
+    pairs = [(name, part) for name in ordered for part in parts]
+    # The tasks of a lost worker are flown again by another one: dask repeats them.
+    futures = [client.submit(_native.study, call, [name], gains, part, None, 1, pure=False) for name, part in pairs]
+    rows = client.gather(futures)
+    return Table({name: np.concatenate([np.asarray(part[name]) for part in rows]) for name in rows[0]})
+
+
+def _progress(progress: Progress) -> Callable[[str, int, int], None] | None:
+    """The receiver of progress: the given one, a bar, or none."""
+    return _bar if progress is True else progress or None
+
+
+def _bar(name: str, done: int, all_steps: int) -> None:
+    """Draws a bar in one line of the terminal or of a notebook's output."""
+    filled = 30 * done // max(all_steps, 1)
+    end = "\n" if done >= all_steps else ""
+    sys.stderr.write(f"\r{name:24} {'█' * filled}{'·' * (30 - filled)} {done}/{all_steps}{end}")
+    sys.stderr.flush()

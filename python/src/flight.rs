@@ -1,0 +1,179 @@
+//! Flights in this process, recordings of flights, and their columns and pages.
+
+use std::path::{Path, PathBuf};
+
+use numpy::PyArray1;
+use oqtal_bus::code::OperatorCommand;
+use oqtal_config::{ClockKind, Config};
+use oqtal_lab::mission::Mission;
+use oqtal_lab::simulation::{self, RecordedFlight};
+use oqtal_observe::csv::{self, ColumnValues};
+use oqtal_observe::flight::Flight;
+use oqtal_observe::provenance::Provenance;
+use oqtal_observe::recording::{self, McapRecorder, RecordingFile, RecordingFileError, RecordingPlan};
+use oqtal_observe::report;
+use oqtal_observe::summary::Summary;
+use oqtal_runtime::files;
+use oqtal_runtime::process::{Exit, Failure};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::settings::Sources;
+use crate::task::{self, SignalPoll};
+
+/// Version and revision of this build.
+const PROVENANCE: Provenance =
+    Provenance { version: env!("CARGO_PKG_VERSION"), revision: env!("REVISION_OF_OQTAL") };
+
+/// A flight with its results.
+#[pyclass(frozen, module = "oqtal._native", name = "Flight")]
+pub struct PyFlight {
+    /// The flight.
+    pub flight: Flight,
+    /// Reason why the recording ends early; empty for a complete one and for a flight of this process.
+    #[pyo3(get)]
+    cut_off: String,
+}
+
+impl PyFlight {
+    /// A flight of this process.
+    pub fn of(flight: Flight) -> Self {
+        Self { flight, cut_off: String::new() }
+    }
+}
+
+#[pymethods]
+impl PyFlight {
+    /// Arrays by the names of `docs/data.md`.
+    fn columns<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let columns = py.detach(|| csv::columns(&self.flight));
+        let arrays = PyDict::new(py);
+        for column in columns {
+            match column.values {
+                ColumnValues::Numbers(numbers) => {
+                    arrays.set_item(column.name, PyArray1::from_vec(py, numbers))?;
+                }
+                ColumnValues::Counts(counts) => {
+                    let counts = counts.into_iter().map(u64::cast_signed).collect();
+                    arrays.set_item(column.name, PyArray1::from_vec(py, counts))?;
+                }
+                ColumnValues::Words(words) => arrays.set_item(column.name, words)?,
+            }
+        }
+        Ok(arrays)
+    }
+
+    /// `summary.json`.
+    fn summary(&self, py: Python<'_>) -> String {
+        py.detach(|| Summary::of(&self.flight).to_json(PROVENANCE))
+    }
+
+    /// The effective configuration as TOML.
+    fn config(&self) -> String {
+        self.flight.config.to_toml()
+    }
+
+    /// Writes the report, one HTML page.
+    fn report(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        let page = || report::html(&self.flight, &Summary::of(&self.flight));
+        task::detached(py, || written(&path, files::write(&path, page())))
+    }
+
+    /// Writes the ticks as CSV.
+    fn write_csv(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        task::detached(py, || {
+            let file = files::create(&path);
+            written(&path, file.and_then(|file| Ok(csv::write(&self.flight, std::io::BufWriter::new(file))?)))
+        })
+    }
+}
+
+fn written(path: &Path, result: std::io::Result<()>) -> Result<(), Failure> {
+    let failed = |error| Failure::new(Exit::System, format!("{}: {error}; give another path", path.display()));
+    result.map_err(failed)
+}
+
+/// Flies in this process, and records into `recording`.
+#[pyfunction]
+#[pyo3(signature = (sources, recording=None))]
+fn fly(py: Python<'_>, sources: Sources, recording: Option<PathBuf>) -> PyResult<PyFlight> {
+    let mut poll = SignalPoll::new();
+    let flown = task::detached(py, || flown(&sources, recording.as_deref(), &mut poll));
+    if let Some(raised) = poll.raised {
+        return Err(raised);
+    }
+    Ok(PyFlight::of(flown?))
+}
+
+/// The mission of a call, flown in virtual time in this process.
+pub fn mission(sources: &Sources) -> Result<Mission, Failure> {
+    let mut config = sources.config()?;
+    config.clock.kind = ClockKind::InProcess;
+    Mission::new(config)
+}
+
+fn flown(sources: &Sources, recording: Option<&Path>, poll: &mut SignalPoll) -> Result<Flight, Failure> {
+    let mission = mission(sources)?;
+    let recorder = recording.map(|path| recorder(path, &mission.config)).transpose()?;
+    let flown = simulation::fly_recorded(&mission, recorder, |_| {
+        poll.is_raised().then_some(OperatorCommand::Stop)
+    })?;
+    checked(flown)
+}
+
+/// A recorder of a flight under `config` into a new file.
+fn recorder(path: &Path, config: &Config) -> Result<McapRecorder, Failure> {
+    let plan = RecordingPlan {
+        path: path.to_owned(),
+        config,
+        provenance: PROVENANCE,
+        rotates: false,
+        complain: |_| (),
+    };
+    McapRecorder::create(&plan)
+        .map_err(|error| Failure::new(Exit::System, format!("{}: {error}; give another path", path.display())))
+}
+
+/// The flight, if its recording is complete.
+fn checked((flight, recording): RecordedFlight) -> Result<Flight, Failure> {
+    match recording.and_then(|recording| recording.failure) {
+        Some(failure) => Err(Failure::new(Exit::System, failure)),
+        None => Ok(flight),
+    }
+}
+
+/// Reads the flight of a recording.
+#[pyfunction]
+fn read(py: Python<'_>, path: PathBuf) -> PyResult<PyFlight> {
+    task::detached(py, || {
+        let file = RecordingFile::read(&path).map_err(unreadable)?;
+        let flight = recording::flight(&file).map_err(unreadable)?;
+        if flight.samples.is_empty() {
+            let message = format!("{} has no tick of a daemon: nothing to show", path.display());
+            return Err(Failure::new(Exit::Data, message));
+        }
+        Ok(PyFlight { flight, cut_off: file.cut_off.unwrap_or_default() })
+    })
+}
+
+fn unreadable(error: RecordingFileError) -> Failure {
+    let exit = match error {
+        RecordingFileError::Io { .. } | RecordingFileError::Foreign { .. } => Exit::Data,
+        RecordingFileError::Version { .. } => Exit::Version,
+    };
+    Failure::new(exit, error.to_string())
+}
+
+/// The effective configuration of a call as TOML.
+#[pyfunction]
+fn config(py: Python<'_>, sources: Sources) -> PyResult<String> {
+    task::detached(py, || Ok(sources.config()?.to_toml()))
+}
+
+/// Registers the functions and the class.
+pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_class::<PyFlight>()?;
+    module.add_function(wrap_pyfunction!(fly, module)?)?;
+    module.add_function(wrap_pyfunction!(read, module)?)?;
+    module.add_function(wrap_pyfunction!(config, module)?)
+}

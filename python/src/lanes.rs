@@ -1,0 +1,279 @@
+//! Environments stepped together: each lane by one of a few threads, which it never leaves.
+
+use std::ops::Range;
+use std::sync::Mutex;
+use std::sync::mpsc::{Receiver, Sender, channel};
+
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
+use oqtal_config::{ClockKind, Config};
+use oqtal_lab::environment::{ACTION, Environment, OBSERVATION, StepResult, Task};
+use oqtal_runtime::process::{Exit, Failure};
+use pyo3::prelude::*;
+
+use crate::error;
+use crate::settings::Sources;
+use crate::task;
+
+/// Length of the truth of a lane: position, velocity, attitude, body rate, time.
+const TRUTH: usize = 14;
+/// Length of a pose.
+const POSE: usize = 7;
+
+/// State of one lane after a step.
+#[derive(Clone, Copy, Debug, Default)]
+struct LaneState {
+    observation: Observation,
+    truth: [f64; TRUTH],
+    pose: [f64; POSE],
+    result: StepResult,
+}
+
+/// Newtype for the length, which has no default.
+#[derive(Clone, Copy, Debug)]
+struct Observation([f64; OBSERVATION]);
+
+impl Default for Observation {
+    fn default() -> Self {
+        Self([0.0; OBSERVATION])
+    }
+}
+
+/// A request to a thread: an action, or the seed of a new episode, for each of its lanes; `None` leaves a lane as it is.
+enum Request {
+    Step(Vec<[f64; ACTION]>),
+    Reset(Vec<Option<u64>>),
+}
+
+/// Answer of a thread.
+type Reply = Result<Vec<LaneState>, Failure>;
+
+/// A thread with its lanes.
+struct Worker {
+    lanes: Range<usize>,
+    requests: Mutex<Sender<Request>>,
+    replies: Mutex<Receiver<Reply>>,
+}
+
+impl Worker {
+    /// Starts a thread for `lanes` of `config`, lane `i` with the seed `first + i`.
+    fn start(config: &Config, task: Task, duration_s: f64, (lanes, first): (Range<usize>, u64)) -> Self {
+        let (requests, incoming) = channel();
+        let (outgoing, replies) = channel();
+        let (config, seeds) = (config.clone(), lanes.clone());
+        std::thread::spawn(move || {
+            error::catch_panics_of_thread(true);
+            let lane = |index: usize| {
+                let mut config = config.clone();
+                config.clock.seed = first + index as u64;
+                Environment::new(config, task, duration_s)
+            };
+            let mut lanes = match seeds.map(lane).collect::<Result<Vec<_>, Failure>>() {
+                Ok(lanes) => lanes,
+                Err(failure) => return drop(outgoing.send(Err(failure))),
+            };
+            // The first reply: the lanes at the start of their episodes.
+            let mut reply = Ok(lanes.iter_mut().map(|lane| state(lane, StepResult::default())).collect());
+            // The thread ends with its owner.
+            while outgoing.send(reply).is_ok()
+                && let Ok(request) = incoming.recv()
+            {
+                reply = answer(&mut lanes, request);
+            }
+        });
+        Self { lanes, requests: Mutex::new(requests), replies: Mutex::new(replies) }
+    }
+
+    fn send(&self, request: Request) -> Result<(), Failure> {
+        let sent = self.requests.lock().map_err(|_| ended()).map(|requests| requests.send(request));
+        sent?.map_err(|_| ended())
+    }
+
+    fn reply(&self) -> Reply {
+        let reply = self.replies.lock().map_err(|_| ended()).map(|replies| replies.recv());
+        reply?.map_err(|_| ended())?
+    }
+}
+
+/// Failure of a thread that has ended.
+fn ended() -> Failure {
+    Failure::new(Exit::Internal, "a thread of the environments has ended; make them again")
+}
+
+fn answer(lanes: &mut [Environment], request: Request) -> Reply {
+    match request {
+        Request::Step(actions) => lanes
+            .iter_mut()
+            .zip(actions)
+            .map(|(lane, action)| {
+                let result = lane.step(action)?;
+                Ok(state(lane, result))
+            })
+            .collect(),
+        Request::Reset(seeds) => lanes
+            .iter_mut()
+            .zip(seeds)
+            .map(|(lane, seed)| {
+                seed.map_or(Ok(()), |seed| lane.reset(seed))?;
+                Ok(state(lane, StepResult::default()))
+            })
+            .collect(),
+    }
+}
+
+fn state(lane: &mut Environment, result: StepResult) -> LaneState {
+    let truth = lane.truth();
+    let t_s = truth.time.since(oqtal_bus::time::Time::VIRTUAL_START).seconds();
+    let numbers = truth.position.into_iter().chain(truth.velocity).chain(truth.attitude).chain(truth.rate);
+    let mut numbers = numbers.chain([t_s]);
+    LaneState {
+        observation: Observation(lane.observation()),
+        truth: std::array::from_fn(|_| numbers.next().unwrap_or(f64::NAN)),
+        pose: lane.pose(),
+        result,
+    }
+}
+
+/// Environments of one configuration, stepped together on all processors.
+#[pyclass(frozen, module = "oqtal._native")]
+struct Lanes {
+    workers: Vec<Worker>,
+    states: Mutex<Vec<LaneState>>,
+    process: u32,
+}
+
+#[pymethods]
+impl Lanes {
+    /// `count` lanes of a task; lane `i` begins with the episode of the seed `seed + i`.
+    #[new]
+    fn new(
+        py: Python<'_>,
+        sources: Sources,
+        task: &str,
+        count: usize,
+        seed: u64,
+        limits: (f64, usize),
+    ) -> PyResult<Self> {
+        let (duration_s, threads) = limits;
+        let known = Task::parse(task);
+        let task = known.ok_or_else(|| {
+            error::usage(format!("`{task}` is not a task; expected hover, track, recover or floor"))
+        })?;
+        if count == 0 || duration_s.is_nan() || duration_s <= 0.0 {
+            return Err(error::usage("the number of lanes and the duration of an episode are above 0"));
+        }
+        task::detached(py, || {
+            let mut config = sources.config()?;
+            config.clock.kind = ClockKind::InProcess;
+            let processors = std::thread::available_parallelism().map_or(1, usize::from);
+            let threads = if threads == 0 { processors } else { threads }.min(count);
+            let share = |index: usize| index * count / threads;
+            let workers: Vec<Worker> = (0..threads)
+                .map(|index| {
+                    let lanes = (share(index)..share(index + 1), seed);
+                    Worker::start(&config, task, duration_s, lanes)
+                })
+                .collect();
+            let lanes = Self { workers, states: Mutex::default(), process: std::process::id() };
+            lanes.gather()?;
+            Ok(lanes)
+        })
+    }
+
+    /// Commands one action for each lane, `(count, 4)`: sticks from -1 to 1 and thrust from 0 to 1; NaN switches the motors off.
+    fn step(&self, py: Python<'_>, actions: PyReadonlyArray2<'_, f64>) -> PyResult<()> {
+        let count = self.count()?;
+        if actions.shape() != [count, ACTION] {
+            let found = actions.shape();
+            return Err(error::usage(format!("actions have the shape {found:?}; expected [{count}, {ACTION}]")));
+        }
+        let actions = actions.as_array();
+        let action = |lane| std::array::from_fn(|index| actions[[lane, index]]);
+        let rows: Vec<Vec<[f64; ACTION]>> =
+            self.workers.iter().map(|worker| worker.lanes.clone().map(action).collect()).collect();
+        py.detach(|| self.request(rows.into_iter().map(Request::Step))).map_err(error::raised)
+    }
+
+    /// Begins the episodes of `seeds`, one for each lane; `None` leaves a lane as it is.
+    fn reset(&self, py: Python<'_>, seeds: Vec<Option<u64>>) -> PyResult<()> {
+        let count = self.count()?;
+        if seeds.len() != count {
+            return Err(error::usage(format!("{} seeds for {count} lanes", seeds.len())));
+        }
+        let of_worker = |worker: &Worker| Request::Reset(seeds[worker.lanes.clone()].to_vec());
+        let requests: Vec<Request> = self.workers.iter().map(of_worker).collect();
+        py.detach(|| self.request(requests.into_iter())).map_err(error::raised)
+    }
+
+    /// Observations, `(count, 25)`.
+    fn observations<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        self.rows(py, |state| state.observation.0.map(|number| number as f32))
+    }
+
+    /// True position, velocity, attitude, body rate, and the time, `(count, 14)`.
+    fn truths<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        self.rows(py, |state| state.truth)
+    }
+
+    /// Newest poses as measured, `(count, 7)`.
+    fn poses<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        self.rows(py, |state| state.pose)
+    }
+
+    /// Rewards of the last step, whether episodes have terminated, and whether their time is over.
+    #[allow(clippy::type_complexity)]
+    fn results<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<bool>>, Bound<'py, PyArray1<bool>>)> {
+        let states = self.states.lock().map_err(|_| error::raised(ended()))?;
+        let results = || states.iter().map(|state| state.result);
+        Ok((
+            PyArray1::from_iter(py, results().map(|result| result.reward)),
+            PyArray1::from_iter(py, results().map(|result| result.terminated)),
+            PyArray1::from_iter(py, results().map(|result| result.truncated)),
+        ))
+    }
+}
+
+impl Lanes {
+    /// Number of lanes, in the process that made them.
+    fn count(&self) -> PyResult<usize> {
+        if std::process::id() != self.process {
+            return Err(error::usage("environments do not survive a fork: make them in the new process"));
+        }
+        Ok(self.workers.last().map_or(0, |worker| worker.lanes.end))
+    }
+
+    /// Sends a request to each thread, and gathers the replies.
+    fn request(&self, requests: impl Iterator<Item = Request>) -> Result<(), Failure> {
+        self.workers.iter().zip(requests).try_for_each(|(worker, request)| worker.send(request))?;
+        self.gather()
+    }
+
+    /// Waits for a reply of every thread.
+    fn gather(&self) -> Result<(), Failure> {
+        let mut states = self.states.lock().map_err(|_| ended())?;
+        states.clear();
+        let replies: Vec<Reply> = self.workers.iter().map(Worker::reply).collect();
+        for reply in replies {
+            states.extend(reply?);
+        }
+        Ok(())
+    }
+
+    /// Rows of an array, one for each lane.
+    fn rows<'py, T: numpy::Element + Copy, const N: usize>(
+        &self,
+        py: Python<'py>,
+        row: impl Fn(&LaneState) -> [T; N],
+    ) -> PyResult<Bound<'py, PyArray2<T>>> {
+        let states = self.states.lock().map_err(|_| error::raised(ended()))?;
+        PyArray1::from_iter(py, states.iter().flat_map(row)).reshape([states.len(), N])
+    }
+}
+
+/// Registers the class.
+pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_class::<Lanes>()?;
+    module.add("OBSERVATION", OBSERVATION)
+}

@@ -1,0 +1,100 @@
+//! Python values as settings of the configuration.
+
+use std::path::PathBuf;
+
+use oqtal_config::{Config, Setting};
+use oqtal_runtime::process::Failure;
+use pyo3::prelude::*;
+use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
+use toml::{Table, Value};
+
+use crate::error;
+
+/// Files and settings of a call: `(files, [(origin, key, value), …])`.
+#[derive(Debug)]
+pub struct Sources {
+    files: Vec<PathBuf>,
+    settings: Vec<Setting>,
+}
+
+impl<'a, 'py> FromPyObject<'a, 'py> for Sources {
+    type Error = PyErr;
+
+    fn extract(object: Borrowed<'a, 'py, PyAny>) -> PyResult<Self> {
+        let (files, given): (Vec<PathBuf>, Vec<(String, String, Bound<'py, PyAny>)>) =
+            object.extract()?;
+        let settings: PyResult<Vec<Setting>> = given.into_iter().map(setting_of).collect();
+        Ok(Self { files, settings: settings? })
+    }
+}
+
+impl Sources {
+    /// The settings of files and environment, overridden by those of the call.
+    ///
+    /// # Errors
+    /// A file is invalid.
+    pub fn settings(&self) -> Result<Vec<Setting>, Failure> {
+        let mut settings = Config::layers(&self.files)?;
+        settings.extend_from_slice(&self.settings);
+        Ok(settings)
+    }
+
+    /// The effective configuration.
+    ///
+    /// # Errors
+    /// A file or a setting is invalid.
+    pub fn config(&self) -> Result<Config, Failure> {
+        Ok(Config::from_settings(&self.settings()?)?)
+    }
+}
+
+/// Setting of a call.
+///
+/// # Errors
+/// The value has no form in TOML.
+pub fn setting_of((origin, key, value): (String, String, Bound<'_, PyAny>)) -> PyResult<Setting> {
+    let value = toml_of(&value).map_err(|kind| {
+        let reason = "a setting is a number, a text, True, False, or a list of them";
+        error::usage(format!("{origin}: {key} is {kind}; {reason}"))
+    })?;
+    Ok(Setting { key, value, origin })
+}
+
+/// `value` in TOML; the name of its type if it has no such form.
+fn toml_of(value: &Bound<'_, PyAny>) -> Result<Value, String> {
+    let unknown = |_: PyErr| type_name(value);
+    if value.is_instance_of::<PyBool>() {
+        return value.extract::<bool>().map(Value::from).map_err(unknown);
+    }
+    if value.is_instance_of::<PyInt>() {
+        return value.extract::<i64>().map(Value::from).map_err(|_| "an integer beyond 64 bits".to_owned());
+    }
+    if value.is_instance_of::<PyFloat>() {
+        return value.extract::<f64>().map(Value::from).map_err(unknown);
+    }
+    if value.is_instance_of::<PyString>() {
+        return value.extract::<String>().map(Value::from).map_err(unknown);
+    }
+    if let Ok(table) = value.cast::<PyDict>() {
+        let entry = |(key, value): (Bound<'_, PyAny>, Bound<'_, PyAny>)| {
+            Ok((key.extract::<String>().map_err(|_| type_name(&key))?, toml_of(&value)?))
+        };
+        return table.iter().map(entry).collect::<Result<Table, String>>().map(Value::from);
+    }
+    if value.is_instance_of::<PyList>() || value.is_instance_of::<PyTuple>() {
+        let items = value.try_iter().map_err(unknown)?;
+        let item = |item: PyResult<Bound<'_, PyAny>>| toml_of(&item.map_err(unknown)?);
+        return items.map(item).collect::<Result<Vec<Value>, String>>().map(Value::from);
+    }
+    // Scalars and arrays of NumPy.
+    match value.call_method0("tolist") {
+        Ok(plain) if !plain.is(value) => toml_of(&plain),
+        _ => Err(type_name(value)),
+    }
+}
+
+/// Name of the type of `value`, for messages.
+fn type_name(value: &Bound<'_, PyAny>) -> String {
+    let name = value.get_type().name().map(|name| name.to_string());
+    format!("of type `{}`", name.unwrap_or_else(|_| "unknown".to_owned()))
+}

@@ -1,0 +1,234 @@
+//! Studies: figures of laws under conditions, draws of a spread, identification and tuning.
+
+use std::ops::Range;
+
+use clap::ValueEnum;
+use numpy::PyArray1;
+use oqtal_config::{Config, Setting};
+use oqtal_lab::identify::data::FlightData;
+use oqtal_lab::identify::identification::{Identification, Scale, identify as identification_of};
+use oqtal_lab::identify::{excitation_flight, vehicle_toml};
+use oqtal_lab::progress::Progress;
+use oqtal_lab::robustness::draws::{Draw, MOST_DRAWS, TUNING_SEED};
+use oqtal_lab::robustness::spread::PlantSpread;
+use oqtal_lab::study::flights::NOMINAL;
+use oqtal_lab::study::gains::{self, GainSource};
+use oqtal_lab::study::law;
+use oqtal_lab::study::metric::METRIC;
+use oqtal_lab::study::{Case, FlightCondition, Flown, Study};
+use oqtal_lab::tune::optimiser::Optimiser;
+use oqtal_lab::tune::search::{Budget, TrainingFlights, Tuned};
+use oqtal_lab::tune::{space, tune as tuned};
+use oqtal_observe::flight::Flight;
+use oqtal_runtime::process::{Exit, Failure};
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyList};
+use toml::Value;
+
+use crate::error;
+use crate::flight::PyFlight;
+use crate::settings::{Sources, setting_of};
+use crate::task;
+
+/// A setting of a call: its origin, key and value.
+type GivenSetting<'py> = (String, String, Bound<'py, PyAny>);
+
+/// Names of the laws of studies, in the order of tables.
+#[pyfunction]
+fn laws() -> Vec<&'static str> {
+    law::names().collect()
+}
+
+/// Refuses names that are not in `known`.
+fn check_names(names: &[String], known: &[&str], what: &str) -> PyResult<()> {
+    match names.iter().find(|name| !known.contains(&name.as_str())) {
+        None if names.is_empty() => Err(error::usage(format!("no {what}; give one of {}", known.join(", ")))),
+        None => Ok(()),
+        Some(name) => {
+            Err(error::usage(format!("`{name}` is not a {what}; expected one of {}", known.join(", "))))
+        }
+    }
+}
+
+/// Flies every law under every condition, `(seed, settings)`. Returns the columns of a table with one row for each law and
+/// condition, grouped by law: the figures are those of `oqtal campaign`, NaN for a flight that did not land as planned.
+#[pyfunction]
+#[pyo3(signature = (sources, names, gain_source, conditions, progress=None, threads=0))]
+fn study<'py>(
+    py: Python<'py>,
+    sources: Sources,
+    names: Vec<String>,
+    gain_source: &str,
+    conditions: Vec<(u64, Vec<GivenSetting<'py>>)>,
+    progress: Option<Bound<'py, PyAny>>,
+    threads: usize,
+) -> PyResult<Bound<'py, PyDict>> {
+    check_names(&names, &law::names().collect::<Vec<_>>(), "law")?;
+    let condition = |(seed, settings): (u64, Vec<GivenSetting<'py>>)| {
+        let settings: PyResult<Vec<Setting>> = settings.into_iter().map(setting_of).collect();
+        Ok(FlightCondition { seed, plant: NOMINAL, settings: settings? })
+    };
+    let conditions: PyResult<Vec<FlightCondition>> = conditions.into_iter().map(condition).collect();
+    let case = Case { name: "study".to_owned(), conditions: conditions? };
+    let gain_source: GainSource = gain_source.parse().unwrap_or_default();
+    let flown = task::study(py, progress.as_ref(), threads, |progress| {
+        let laws = gains::chosen(&names, &gain_source, &sources.settings()?)?;
+        Study { name: "flights", laws: &laws, cases: std::slice::from_ref(&case) }.fly(progress)
+    })?;
+    table(py, &flown, &case)
+}
+
+/// The rows of a study as columns.
+fn table<'py>(py: Python<'py>, flown: &[Flown], case: &Case) -> PyResult<Bound<'py, PyDict>> {
+    let runs = || flown.iter().flat_map(|row| row.runs.iter());
+    let columns = PyDict::new(py);
+    let names = flown.iter().flat_map(|row| vec![row.law.name.clone(); row.runs.len()]);
+    columns.set_item("controller", names.collect::<Vec<_>>())?;
+    let seeds = flown.iter().flat_map(|_| case.conditions.iter().map(|c| c.seed.cast_signed()));
+    columns.set_item("seed", PyArray1::from_iter(py, seeds))?;
+    columns.set_item("landed", PyArray1::from_iter(py, runs().map(|run| run.is_complete())))?;
+    for (index, metric) in METRIC.iter().enumerate() {
+        let figures = runs().map(|run| run.figures[index]);
+        let shown = figures.map(|figure| if figure.is_finite() { figure } else { f64::NAN });
+        columns.set_item(metric.key, PyArray1::from_iter(py, shown))?;
+    }
+    let solves = runs().map(|run| run.riccati_solves.cast_signed());
+    columns.set_item("riccati_solves", PyArray1::from_iter(py, solves))?;
+    Ok(columns)
+}
+
+/// Draws `runs` plants of a spread, as by `oqtal robustness`: `[(seed of the flights, [(origin, key, value), …]), …]`.
+#[pyfunction]
+#[pyo3(signature = (sources, spread, count, is_wide=false))]
+fn draws<'py>(
+    py: Python<'py>,
+    sources: Sources,
+    spread: &str,
+    count: (u64, u64),
+    is_wide: bool,
+) -> PyResult<Bound<'py, PyList>> {
+    let (runs, seed) = count;
+    if !(1..=MOST_DRAWS).contains(&runs) || !(1..=1_000_000).contains(&seed) {
+        let message = format!("runs is from 1 to {MOST_DRAWS}, seed from 1 to 1000000; found {runs} and {seed}");
+        return Err(error::usage(message));
+    }
+    let drawn = task::detached(py, || {
+        let named = PlantSpread::named(spread)?;
+        let named = if is_wide { named.twice_as_wide() } else { named };
+        Draw::several(&named, &sources.settings()?, (seed, 0..runs))
+    })?;
+    let list = PyList::empty(py);
+    for draw in drawn {
+        let settings: PyResult<Vec<_>> = draw
+            .settings
+            .into_iter()
+            .map(|setting| Ok((setting.origin, setting.key, python_of(py, &setting.value)?)))
+            .collect();
+        list.append((draw.seed, settings?))?;
+    }
+    Ok(list)
+}
+
+/// `value` in Python.
+fn python_of<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>> {
+    Ok(match value {
+        Value::Float(number) => number.into_pyobject(py)?.into_any(),
+        Value::Integer(number) => number.into_pyobject(py)?.into_any(),
+        Value::Boolean(truth) => truth.into_pyobject(py)?.to_owned().into_any(),
+        Value::Array(values) => {
+            let values: PyResult<Vec<_>> = values.iter().map(|value| python_of(py, value)).collect();
+            PyList::new(py, values?)?.into_any()
+        }
+        other => other.as_str().map_or_else(|| other.to_string(), str::to_owned).into_pyobject(py)?.into_any(),
+    })
+}
+
+/// Identifies the vehicle that flew `flights`; returns the identification as JSON, and the configuration as TOML.
+#[pyfunction]
+#[pyo3(signature = (flights, mass_kg=None, max_thrust_n=None))]
+fn identify(
+    py: Python<'_>,
+    flights: Vec<Bound<'_, PyFlight>>,
+    mass_kg: Option<f64>,
+    max_thrust_n: Option<f64>,
+) -> PyResult<(String, String)> {
+    let flights: Vec<&Flight> = flights.iter().map(|flight| &flight.get().flight).collect();
+    let scale = match (mass_kg, max_thrust_n) {
+        (Some(mass_kg), _) => Scale::Mass(mass_kg),
+        (None, Some(thrust_n)) => Scale::Thrust(thrust_n),
+        (None, None) => Scale::Unknown,
+    };
+    task::detached(py, || {
+        let Some(first) = flights.first() else {
+            return Err(Failure::new(Exit::Usage, "nothing to identify a vehicle from; give flights"));
+        };
+        let data: Vec<FlightData> = flights.iter().map(|flight| FlightData::of(flight)).collect();
+        let identification = identification_of(&data, &first.config.vehicle, scale)?;
+        Ok((json(&identification)?, vehicle_toml::toml(&identification, &first.config)))
+    })
+}
+
+fn json(identification: &Identification) -> Result<String, Failure> {
+    serde_json::to_string(identification)
+        .map_err(|error| Failure::new(Exit::Internal, error.to_string()))
+}
+
+/// Flies the excitation from which a vehicle is identified.
+#[pyfunction]
+fn fly_excitation(py: Python<'_>, sources: Sources) -> PyResult<PyFlight> {
+    let flight = task::detached(py, || excitation_flight::fly(&sources.config()?))?;
+    Ok(PyFlight::of(flight))
+}
+
+/// Tunes the gains of a law, or of the position loops; returns `{key: value}`, the objective at these gains and at the configured
+/// ones, and the configuration as TOML.
+#[pyfunction]
+#[pyo3(signature = (sources, target, search, seeds, spread=None, progress=None, threads=0))]
+fn tune<'py>(
+    py: Python<'py>,
+    sources: Sources,
+    target: &str,
+    search: (usize, u64, String),
+    seeds: (u64, u64),
+    spread: Option<String>,
+    progress: Option<Bound<'py, PyAny>>,
+    threads: usize,
+) -> PyResult<(Vec<(String, f64)>, f64, f64, String)> {
+    let (points, seed, optimiser) = search;
+    let known: Vec<&str> = space::names().filter(|name| *name != "all").collect();
+    check_names(&[target.to_owned()], &known, "target of tuning")?;
+    let optimiser = Optimiser::from_str(&optimiser, false)
+        .map_err(|_| error::usage(format!("`{optimiser}` is neither cma-es nor bee-colony")))?;
+    if points == 0 || seeds.1 <= seeds.0 {
+        return Err(error::usage("the budget is at least 1 point, and seeds are a range that is not empty"));
+    }
+    let budget = Budget { points, seed, optimiser };
+    let work = |progress: &Progress| {
+        let flights = training(&sources, seeds.0..seeds.1, spread.as_deref())?;
+        let found = tuned(target, &budget, &flights, progress)?;
+        Ok((flights, found))
+    };
+    let (flights, found): (TrainingFlights, Tuned) = task::study(py, progress.as_ref(), threads, work)?;
+    let own = |setting: &&Setting| !setting.origin.starts_with("OQTAL_");
+    let toml = found.to_toml(&flights.settings.iter().filter(own).collect::<Vec<_>>());
+    Ok((found.values, found.objective, found.start, toml))
+}
+
+/// The flights on which gains are evaluated.
+fn training(sources: &Sources, seeds: Range<u64>, spread: Option<&str>) -> Result<TrainingFlights, Failure> {
+    let settings = sources.settings()?;
+    Config::from_settings(&settings)?;
+    let Some(spread) = spread else { return Ok(TrainingFlights::near(settings, seeds)) };
+    let draws = Draw::several(&PlantSpread::named(spread)?, &settings, (TUNING_SEED, seeds))?;
+    Ok(TrainingFlights::over(settings, &draws))
+}
+
+/// Registers the functions.
+pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_function(wrap_pyfunction!(laws, module)?)?;
+    module.add_function(wrap_pyfunction!(study, module)?)?;
+    module.add_function(wrap_pyfunction!(draws, module)?)?;
+    module.add_function(wrap_pyfunction!(identify, module)?)?;
+    module.add_function(wrap_pyfunction!(fly_excitation, module)?)?;
+    module.add_function(wrap_pyfunction!(tune, module)?)
+}

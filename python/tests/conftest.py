@@ -1,0 +1,40 @@
+"""Fixtures of all tests."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+import oqtal
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="session")
+def square() -> oqtal.Flight:
+    """A flight along the square."""
+    return oqtal.fly(seed=7)
+
+
+@pytest.fixture(scope="session")
+def program() -> str:
+    """The program, if it is built: `OQTAL`, or the one of the development build."""
+    path = os.environ.get("OQTAL", str(ROOT / "target/debug/oqtal"))
+    if not Path(path).exists():
+        pytest.skip(f"{path} is not built; name the program with OQTAL")
+    return path
+
+
+@pytest.fixture
+def run(program: str, tmp_path: Path):
+    """Runs the program in a directory of the test."""
+
+    def run(*words: object) -> str:
+        done = subprocess.run([program, *map(str, words)], cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    return run

@@ -1,0 +1,137 @@
+"""Environments: Gymnasium's checks, and lanes equal to flights."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import oqtal
+from oqtal import _native
+
+gymnasium = pytest.importorskip("gymnasium")
+
+from oqtal import gym  # noqa: E402
+
+#: Action of the thrust that carries the weight.
+HOVER = 2 * 0.5 * 9.81 / 20 - 1
+
+
+@pytest.mark.parametrize("name", gym.TASKS)
+@pytest.mark.filterwarnings("ignore:.*infinity:UserWarning")
+def test_environments_pass_the_check(name):
+    from gymnasium.utils.env_checker import check_env
+
+    check_env(gymnasium.make(name).unwrapped, skip_render_check=True)
+
+
+def truth_of(flight: oqtal.Flight) -> np.ndarray:
+    vectors = ("true_{}_m", "true_v{}_m_s", "true_q{}", "true_rate_{}_rad_s")
+    return np.hstack([flight.vector(name) for name in vectors])
+
+
+def commands_of(flight: oqtal.Flight) -> np.ndarray:
+    actions = np.column_stack([flight[f"stick_{axis}"] for axis in ("roll", "pitch", "yaw")] + [flight["thrust"]])
+    armed = np.isin(flight["mode"], ["flying", "landing"])
+    return np.where(armed[:, None], actions, np.nan)
+
+
+def assert_lanes_equal(flights: list[oqtal.Flight], seed: int, sources) -> None:
+    """Lanes with the commands of flights have their truth and their poses, bit for bit."""
+    lanes = _native.Lanes(sources, "floor", len(flights), seed, (1e9, 0))
+    count = min(len(flight["t_s"]) for flight in flights)
+    commands = np.stack([commands_of(flight)[:count] for flight in flights])
+    truths = np.stack([truth_of(flight)[:count] for flight in flights])
+    poses = np.stack([np.hstack([f.vector("pose_{}_m"), f.vector("pose_q{}")])[:count] for f in flights])
+    for tick in range(count):
+        np.testing.assert_array_equal(lanes.truths()[:, :13], truths[:, tick], f"tick {tick}")
+        seen = lanes.poses()
+        known = ~np.isnan(poses[:, tick])
+        np.testing.assert_array_equal(seen[known], poses[:, tick][known], f"tick {tick}")
+        lanes.step(np.ascontiguousarray(commands[:, tick]))
+
+
+@pytest.mark.parametrize("law", ["pid", "oqtal", "oqtal-dt"])
+def test_every_lane_equals_the_flight_of_its_seed(law):
+    flights = [oqtal.fly(controller=law, seed=seed) for seed in range(300, 312)]
+    assert_lanes_equal(flights, 300, ([], []))
+
+
+def test_lanes_have_faults_and_disturbances_of_flights():
+    arguments = {
+        "settings": {"mocap.preset": "measured", "plant.fidelity": "rotors"},
+        "disturb": ["gust@8+2=0,3,0m/s", "mass@12=0.05kg"],
+        "faults": ["command:drop=0.1@6+3"],
+    }
+    flights = [oqtal.fly(seed=seed, **arguments) for seed in range(2)]
+    settings = [
+        ("t", "mocap.preset", "measured"),
+        ("t", "plant.fidelity", "rotors"),
+        ("t", "plant.disturb", arguments["disturb"]),
+        ("t", "fault.inject", arguments["faults"]),
+    ]
+    assert_lanes_equal(flights, 0, ([], settings))
+
+
+def test_lanes_do_not_depend_on_threads_and_neighbours():
+    actions = np.random.default_rng(1).uniform(-0.2, 0.2, (60, 7, 4))
+    histories = []
+    for threads in (1, 2, 7):
+        env = oqtal.make_vec(7, threads=threads)
+        env.reset(seed=5)
+        histories.append([env.step(action)[0] for action in actions])
+    np.testing.assert_array_equal(histories[0], histories[1])
+    np.testing.assert_array_equal(histories[0], histories[2])
+    single = gymnasium.make("Oqtal-Hover-v0").unwrapped
+    single.reset(seed=8)
+    alone = [single.step(action[3])[0] for action in actions]
+    np.testing.assert_array_equal(alone, np.array(histories[0])[:, 3])
+
+
+def test_an_episode_that_has_ended_begins_anew_in_the_next_step():
+    env = oqtal.make_vec(3, duration=0.2)
+    env.reset(seed=1)
+    hover = np.tile([0.0, 0.0, 0.0, 0.0], (3, 1))
+    ends = [env.step(hover)[3] for _ in range(30)]
+    over = np.flatnonzero(np.array(ends)[:, 0])
+    assert len(over) >= 2 and (np.diff(over) > 5).all()
+    _, rewards, *_ = env.step(np.tile([0.0, 0.0, 0.0, np.nan], (3, 1)))
+    assert np.isfinite(rewards).all()
+
+
+def test_vehicles_that_fall_are_terminated():
+    env = oqtal.make_vec(2)
+    env.reset(seed=1)
+    fallen = [env.step(np.tile([0.0, 0.0, 0.0, -1.0], (2, 1)))[2].all() for _ in range(50)]
+    assert any(fallen)
+
+
+def test_hover_can_be_held():
+    # A proportional law on the observation: the environment is stable under a plain controller.
+    env = oqtal.make_vec(8, duration=4.0)
+    seen, _ = env.reset(seed=2)
+    total = np.zeros(8)
+    for _ in range(200):
+        position, velocity, attitude = seen[:, :3], seen[:, 3:6], seen[:, 6:10]
+        tilt = np.clip(-0.6 * position[:, :2] - 0.5 * velocity[:, :2], -0.3, 0.3)
+        rates = np.column_stack(
+            [-tilt[:, 1] - 2 * attitude[:, 0], tilt[:, 0] - 2 * attitude[:, 1], -2 * attitude[:, 2]]
+        )
+        thrust = HOVER - 0.5 * position[:, 2] - 0.4 * velocity[:, 2]
+        seen, rewards, terminated, *_ = env.step(np.column_stack([np.clip(rates, -1, 1), thrust]))
+        assert not terminated.any()
+        total += rewards
+    assert (total / 200 > 0.4).all(), total / 200
+
+
+def test_what_environments_cannot_have_is_refused():
+    for arguments, word in [
+        ({"settings": {"vehicle.preset": "spacecraft"}}, "interface"),
+        ({"settings": {"fault.inject": ["daemon:stop@1+1"]}}, "daemon:stop"),
+    ]:
+        with pytest.raises(oqtal.ConfigError, match=word):
+            oqtal.make_vec(1, **arguments)
+    with pytest.raises(oqtal.UsageError, match="Oqtal-Fly"):
+        oqtal.make_vec(1, "Oqtal-Fly-v0")
+    env = oqtal.make_vec(2)
+    with pytest.raises(oqtal.UsageError, match="shape"):
+        env._lanes.step(np.zeros((3, 4)))

@@ -1,0 +1,118 @@
+"""Studies: the same rows as those of the program, on any number of threads and workers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import oqtal
+
+LAWS = ["pid", "oqtal-dt"]
+
+
+@pytest.fixture(scope="module")
+def rows() -> oqtal.Table:
+    return oqtal.campaign(LAWS, runs=3)
+
+
+def assert_equal(found: oqtal.Table, expected: oqtal.Table) -> None:
+    assert list(found) == list(expected)
+    for name, values in expected.items():
+        np.testing.assert_array_equal(found[name], values, name)
+
+
+def test_a_campaign_has_the_rows_of_the_program(rows, run, tmp_path: Path):
+    run("campaign", "--controllers", ",".join(LAWS), "--runs", 3, "--out", "campaign")
+    head, *lines = (tmp_path / "campaign/campaign.csv").read_text().splitlines()
+    cells = [line.split(",") for line in lines]
+    for index, name in enumerate(head.split(",")):
+        expected = [row[index] for row in cells]
+        found = rows[name]
+        if found.dtype.kind in "fi":
+            np.testing.assert_array_equal(found, [float(cell or "nan") for cell in expected], name)
+        else:
+            assert list(found) == expected
+
+
+def test_rows_do_not_depend_on_threads(rows):
+    told = []
+    again = oqtal.campaign(LAWS, seeds=range(200, 203), threads=1, progress=lambda *step: told.append(step))
+    assert_equal(again, rows)
+    assert told[-1] == ("flights", 6, 6)
+
+
+def test_progress_that_raises_ends_the_study():
+    def refuse(*_):
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        oqtal.campaign(["mpc"], runs=100_000, progress=refuse)
+
+
+def test_a_sweep_varies_keys(rows):
+    lags = [50.0, 80.0]
+    swept = oqtal.sweep({"plant.rate-lag-ms": lags}, LAWS, seeds=range(200, 203))
+    assert swept.rows == len(lags) * len(LAWS) * 3
+    nominal = swept.where(swept["plant.rate-lag-ms"] == 50.0)
+    np.testing.assert_array_equal(nominal["hover_rms_mm"], rows["hover_rms_mm"])
+    slow = swept.where(swept["plant.rate-lag-ms"] == 80.0)
+    assert (slow["chirp4_rms_deg"] != nominal["chirp4_rms_deg"]).all()
+    with pytest.raises(oqtal.ConfigError, match="plant.nothing"):
+        oqtal.sweep({"plant.nothing": [1.0]}, LAWS)
+
+
+def test_robustness_flies_the_draws_of_the_program(run, tmp_path: Path):
+    import json
+
+    found = oqtal.robustness(["oqtal-dt"], runs=3)
+    printed = run("robustness", "--laws", "oqtal-dt", "--runs", 3, "--out", tmp_path / "robustness", "--json")
+    draws = json.loads(printed)["draws"]
+    assert [draw["seed"] for draw in draws] == list(found["seed"])
+    expected = [draw["laws"]["oqtal-dt"]["hover_rms_mm"] for draw in draws]
+    np.testing.assert_array_equal(found["hover_rms_mm"], expected)
+    np.testing.assert_array_equal(found["plant.mass-kg"], [draw["drawn"]["plant.mass-kg"] for draw in draws])
+
+
+def test_a_vehicle_is_identified_and_flown(tmp_path: Path):
+    true = {"rate_lag_ms": 70.0}
+    found = oqtal.identify(plant=true, mass=0.5, seed=3)
+    lag = found.table.where(found.table["key"] == "vehicle.rate-lag-ms")
+    assert abs(lag["value"][0] - 70.0) < 5 * lag["half_width"][0]
+    file = found.save(tmp_path / "vehicle.toml")
+    assert oqtal.fly(file, controller="oqtal-dt", plant=true).summary["outcome"] == "landed"
+    recorded = oqtal.fly(trajectory="excitation", settings={"trajectory.settle-s": 1.0}, plant=true, seed=3)
+    again = oqtal.identify(recorded, mass=0.5)
+    assert list(again.table["name"]) == list(found.table["name"])
+    with pytest.raises(oqtal.UsageError, match="flights"):
+        oqtal.identify([])
+
+
+def test_gains_are_tuned(tmp_path: Path):
+    found = oqtal.tune("pid", budget=8, seeds=range(101, 103))
+    assert found.objective <= found.start and found.values
+    assert oqtal.fly(found.save(tmp_path / "tuned.toml")).summary["controller"] == "pid"
+    with pytest.raises(oqtal.UsageError, match="nobody"):
+        oqtal.tune("nobody")
+
+
+def test_names_of_laws_are_checked():
+    assert "oqtal-dt" in oqtal.laws()
+    with pytest.raises(oqtal.UsageError, match="nobody"):
+        oqtal.campaign(["nobody"])
+
+
+def test_workers_of_a_cluster_fly_the_same_rows(rows):
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        assert_equal(oqtal.campaign(LAWS, runs=3, client=client), rows)
+
+
+def test_tables_are_shown(rows):
+    assert "hover_rms_mm" in repr(rows) and "<table>" in rows._repr_html_()
+    with pytest.raises(KeyError, match="nothing"):
+        rows["nothing"]
