@@ -8,9 +8,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from oqtal import paper
-from oqtal._native import REVISION as __revision__
-from oqtal._native import VERSION as __version__
+from oqtal import _native, paper
 from oqtal.errors import (
     AccessError,
     ConfigError,
@@ -27,6 +25,9 @@ from oqtal.errors import (
 from oqtal.flight import Flight, fly
 from oqtal.studies import Identification, Tuned, campaign, identify, laws, robustness, sweep, tune
 from oqtal.table import Table
+
+__version__ = _native.VERSION
+__revision__ = _native.REVISION
 
 if TYPE_CHECKING:
     from oqtal.gym import OqtalVectorEnv

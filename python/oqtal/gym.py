@@ -55,7 +55,7 @@ def _lanes(
 
 def commands(actions: Any) -> Array:
     """Sticks from -1 to 1 and thrust from 0 to 1 for the actions of an environment."""
-    found = np.clip(np.asarray(actions, dtype=float).reshape(-1, 4), -1.0, 1.0)
+    found: Array = np.clip(np.asarray(actions, dtype=float).reshape(-1, 4), -1.0, 1.0)
     found[:, 3] = (found[:, 3] + 1.0) / 2.0
     return found
 

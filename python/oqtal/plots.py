@@ -18,7 +18,8 @@ def flight(flown: Flight) -> Figure:
     ticks = flown.columns
     time = ticks["t_s"]
     source = "true" if np.isfinite(ticks["true_x_m"]).any() else "est"
-    figure, ((above, height), (error, tilt)) = plt.subplots(2, 2, figsize=(11, 7), layout="constrained")
+    figure: Figure = plt.figure(figsize=(11, 7), layout="constrained")
+    (above, height), (error, tilt) = figure.subplots(2, 2)
     above.plot(ticks["ref_x_m"], ticks["ref_y_m"], "--", color="gray", label="reference")
     above.plot(ticks[f"{source}_x_m"], ticks[f"{source}_y_m"], label=source)
     above.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", title="From above")

@@ -82,14 +82,11 @@ def sweep(
     if not flown:
         raise UsageError("nothing to fly; give each key at least one value, and at least one seed")
     conditions: list[Condition] = [
-        (seed, [("sweep", key, value) for key, value in zip(values, combination, strict=True)])
-        for combination, seed in flown
+        (seed, [("sweep", key, value) for key, value in zip(values, combination, strict=True)]) for combination, seed in flown
     ]
     table = _fly(call, laws, gains, conditions, progress, threads, client)
     count = table.rows // len(conditions)
-    swept = {
-        key: np.tile([combination[index] for combination, _ in flown], count) for index, key in enumerate(values)
-    }
+    swept = {key: np.tile([combination[index] for combination, _ in flown], count) for index, key in enumerate(values)}
     return Table({**swept, **table})
 
 
@@ -173,7 +170,8 @@ def identify(
     if flights is None:
         flown = [_native.fly_excitation(sources(config, settings, plant, seed=("clock.seed", seed)))]
     else:
-        flown = [flight._whole("an identification") for flight in ([flights] if isinstance(flights, Flight) else flights)]
+        given = [flights] if isinstance(flights, Flight) else flights
+        flown = [flight._whole("an identification") for flight in given]
     document, toml = _native.identify(flown, mass, max_thrust)
     return Identification(json.loads(document), toml)
 
@@ -218,8 +216,9 @@ def tune(
     call = sources(config, settings, plant)
     flights = (seeds.start, seeds.stop)
     told = _progress(progress)
-    values, *rest = _native.tune(call, target, (budget, seed, optimiser), flights, spread, told, threads)
-    return Tuned(dict(values), *rest)
+    search = (budget, seed, optimiser)
+    values, objective, start, toml = _native.tune(call, target, search, flights, spread, told, threads)
+    return Tuned(dict(values), objective, start, toml)
 
 
 def _fly(

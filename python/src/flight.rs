@@ -10,7 +10,9 @@ use oqtal_lab::simulation::{self, RecordedFlight};
 use oqtal_observe::csv::{self, ColumnValues};
 use oqtal_observe::flight::Flight;
 use oqtal_observe::provenance::Provenance;
-use oqtal_observe::recording::{self, McapRecorder, RecordingFile, RecordingFileError, RecordingPlan};
+use oqtal_observe::recording::{
+    self, McapRecorder, RecordingFile, RecordingFileError, RecordingPlan,
+};
 use oqtal_observe::report;
 use oqtal_observe::summary::Summary;
 use oqtal_runtime::files;
@@ -83,13 +85,18 @@ impl PyFlight {
     fn write_csv(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         task::detached(py, || {
             let file = files::create(&path);
-            written(&path, file.and_then(|file| Ok(csv::write(&self.flight, std::io::BufWriter::new(file))?)))
+            written(
+                &path,
+                file.and_then(|file| Ok(csv::write(&self.flight, std::io::BufWriter::new(file))?)),
+            )
         })
     }
 }
 
 fn written(path: &Path, result: std::io::Result<()>) -> Result<(), Failure> {
-    let failed = |error| Failure::new(Exit::System, format!("{}: {error}; give another path", path.display()));
+    let failed = |error| {
+        Failure::new(Exit::System, format!("{}: {error}; give another path", path.display()))
+    };
     result.map_err(failed)
 }
 
@@ -112,7 +119,11 @@ pub fn mission(sources: &Sources) -> Result<Mission, Failure> {
     Mission::new(config)
 }
 
-fn flown(sources: &Sources, recording: Option<&Path>, poll: &mut SignalPoll) -> Result<Flight, Failure> {
+fn flown(
+    sources: &Sources,
+    recording: Option<&Path>,
+    poll: &mut SignalPoll,
+) -> Result<Flight, Failure> {
     let mission = mission(sources)?;
     let recorder = recording.map(|path| recorder(path, &mission.config)).transpose()?;
     let flown = simulation::fly_recorded(&mission, recorder, |_| {
@@ -130,8 +141,9 @@ fn recorder(path: &Path, config: &Config) -> Result<McapRecorder, Failure> {
         rotates: false,
         complain: |_| (),
     };
-    McapRecorder::create(&plan)
-        .map_err(|error| Failure::new(Exit::System, format!("{}: {error}; give another path", path.display())))
+    McapRecorder::create(&plan).map_err(|error| {
+        Failure::new(Exit::System, format!("{}: {error}; give another path", path.display()))
+    })
 }
 
 /// The flight, if its recording is complete.

@@ -56,7 +56,12 @@ struct Worker {
 
 impl Worker {
     /// Starts a thread for `lanes` of `config`, lane `i` with the seed `first + i`.
-    fn start(config: &Config, task: Task, duration_s: f64, (lanes, first): (Range<usize>, u64)) -> Self {
+    fn start(
+        config: &Config,
+        task: Task,
+        duration_s: f64,
+        (lanes, first): (Range<usize>, u64),
+    ) -> Self {
         let (requests, incoming) = channel();
         let (outgoing, replies) = channel();
         let (config, seeds) = (config.clone(), lanes.clone());
@@ -72,7 +77,8 @@ impl Worker {
                 Err(failure) => return drop(outgoing.send(Err(failure))),
             };
             // The first reply: the lanes at the start of their episodes.
-            let mut reply = Ok(lanes.iter_mut().map(|lane| state(lane, StepResult::default())).collect());
+            let mut reply =
+                Ok(lanes.iter_mut().map(|lane| state(lane, StepResult::default())).collect());
             // The thread ends with its owner.
             while outgoing.send(reply).is_ok()
                 && let Ok(request) = incoming.recv()
@@ -123,7 +129,8 @@ fn answer(lanes: &mut [Environment], request: Request) -> Reply {
 fn state(lane: &mut Environment, result: StepResult) -> LaneState {
     let truth = lane.truth();
     let t_s = truth.time.since(oqtal_bus::time::Time::VIRTUAL_START).seconds();
-    let numbers = truth.position.into_iter().chain(truth.velocity).chain(truth.attitude).chain(truth.rate);
+    let numbers =
+        truth.position.into_iter().chain(truth.velocity).chain(truth.attitude).chain(truth.rate);
     let mut numbers = numbers.chain([t_s]);
     LaneState {
         observation: Observation(lane.observation()),
@@ -159,7 +166,9 @@ impl Lanes {
             error::usage(format!("`{task}` is not a task; expected hover, track, recover or floor"))
         })?;
         if count == 0 || duration_s.is_nan() || duration_s <= 0.0 {
-            return Err(error::usage("the number of lanes and the duration of an episode are above 0"));
+            return Err(error::usage(
+                "the number of lanes and the duration of an episode are above 0",
+            ));
         }
         task::detached(py, || {
             let mut config = sources.config()?;
@@ -184,7 +193,9 @@ impl Lanes {
         let count = self.count()?;
         if actions.shape() != [count, ACTION] {
             let found = actions.shape();
-            return Err(error::usage(format!("actions have the shape {found:?}; expected [{count}, {ACTION}]")));
+            return Err(error::usage(format!(
+                "actions have the shape {found:?}; expected [{count}, {ACTION}]"
+            )));
         }
         let actions = actions.as_array();
         let action = |lane| std::array::from_fn(|index| actions[[lane, index]]);
@@ -224,7 +235,8 @@ impl Lanes {
     fn results<'py>(
         &self,
         py: Python<'py>,
-    ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<bool>>, Bound<'py, PyArray1<bool>>)> {
+    ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<bool>>, Bound<'py, PyArray1<bool>>)>
+    {
         let states = self.states.lock().map_err(|_| error::raised(ended()))?;
         let results = || states.iter().map(|state| state.result);
         Ok((
@@ -239,7 +251,9 @@ impl Lanes {
     /// Number of lanes, in the process that made them.
     fn count(&self) -> PyResult<usize> {
         if std::process::id() != self.process {
-            return Err(error::usage("environments do not survive a fork: make them in the new process"));
+            return Err(error::usage(
+                "environments do not survive a fork: make them in the new process",
+            ));
         }
         Ok(self.workers.last().map_or(0, |worker| worker.lanes.end))
     }

@@ -39,11 +39,15 @@ fn vector3(vector: &GivenVector<'_>, name: &str) -> PyResult<Vector3<f64>> {
 
 fn attitude(vector: &GivenVector<'_>, name: &str) -> PyResult<Attitude> {
     let numbers = numbers::<4>(vector, name)?;
-    let unusable = || error::usage(format!("{name} is not a quaternion [x, y, z, w] that can be normalised"));
+    let unusable =
+        || error::usage(format!("{name} is not a quaternion [x, y, z, w] that can be normalised"));
     Attitude::from_xyzw(numbers).ok_or_else(unusable)
 }
 
-fn matrix_of<'py, const R: usize, const C: usize>(py: Python<'py>, matrix: &SMatrix<f64, R, C>) -> Matrix<'py> {
+fn matrix_of<'py, const R: usize, const C: usize>(
+    py: Python<'py>,
+    matrix: &SMatrix<f64, R, C>,
+) -> Matrix<'py> {
     rows_of(py, &DMatrix::from_fn(R, C, |row, column| matrix[(row, column)]))
 }
 
@@ -61,7 +65,8 @@ fn tracking_error<'py>(
     rate: GivenVector<'py>,
     desired_rate: GivenVector<'py>,
 ) -> PyResult<(Bound<'py, PyArray1<f64>>, f64, Matrix<'py>, Bound<'py, PyArray1<f64>>)> {
-    let error = AttitudeError::between(&attitude(&desired, "desired")?, &attitude(&actual, "attitude")?);
+    let error =
+        AttitudeError::between(&attitude(&desired, "desired")?, &attitude(&actual, "attitude")?);
     let (rate, desired_rate) = (vector3(&rate, "rate")?, vector3(&desired_rate, "desired_rate")?);
     let omega_e = error.rate_error(BodyRate(rate), BodyRate(desired_rate));
     let eps = error.eps().as_slice().to_pyarray(py);
@@ -69,7 +74,8 @@ fn tracking_error<'py>(
 }
 
 fn jacobian(name: &str) -> PyResult<Jacobian> {
-    serde_json::from_value(Value::from(name)).map_err(|error| error::usage(format!("jacobian: {error}")))
+    serde_json::from_value(Value::from(name))
+        .map_err(|error| error::usage(format!("jacobian: {error}")))
 }
 
 /// The matrix `A` of Eq. (41) for the state `[omega_e; eps]`, by the model `name` at an operating point.
@@ -133,7 +139,11 @@ type Solver<const N: usize, const M: usize> = fn(
 ) -> Result<Solution<N, M>, RiccatiError>;
 
 /// `given` in the upper left corner of a matrix with `fill` on the rest of its diagonal.
-fn padded<const R: usize, const C: usize>(given: &GivenMatrix<'_>, name: &str, fill: f64) -> PyResult<SMatrix<f64, R, C>> {
+fn padded<const R: usize, const C: usize>(
+    given: &GivenMatrix<'_>,
+    name: &str,
+    fill: f64,
+) -> PyResult<SMatrix<f64, R, C>> {
     let given = given.as_array();
     let [rows, columns] = [given.shape()[0], given.shape()[1]];
     if rows > R || columns > C {
@@ -149,11 +159,14 @@ fn padded<const R: usize, const C: usize>(given: &GivenMatrix<'_>, name: &str, f
 impl<'py> Equation<'py> {
     /// Checks the shapes; returns the numbers of states and inputs.
     fn shape(&self) -> PyResult<(usize, usize)> {
-        let shape = |matrix: &GivenMatrix<'py>| (matrix.as_array().shape()[0], matrix.as_array().shape()[1]);
+        let shape = |matrix: &GivenMatrix<'py>| {
+            (matrix.as_array().shape()[0], matrix.as_array().shape()[1])
+        };
         let (n, m) = shape(&self.b);
         let found = [shape(&self.a), shape(&self.b), shape(&self.q), shape(&self.r)];
         let is_right = n > 0 && m > 0 && found == [(n, n), (n, m), (n, n), (m, m)];
-        let reason = || format!("a, b, q, r are {found:?}; expected (n, n), (n, m), (n, n), (m, m)");
+        let reason =
+            || format!("a, b, q, r are {found:?}; expected (n, n), (n, m), (n, n), (m, m)");
         is_right.then_some((n, m)).ok_or_else(|| error::usage(reason()))
     }
 
@@ -171,7 +184,8 @@ impl<'py> Equation<'py> {
         });
         let (q, r) = (padded(&self.q, "q", 1.0)?, padded(&self.r, "r", 1.0)?);
         let Solution { p, k } = solver(&a, &b, &q, &r).map_err(data)?;
-        let part = |rows, columns, at: &dyn Fn(usize, usize) -> f64| DMatrix::from_fn(rows, columns, at);
+        let part =
+            |rows, columns, at: &dyn Fn(usize, usize) -> f64| DMatrix::from_fn(rows, columns, at);
         Ok((part(n, n, &|i, j| p[(i, j)]), part(m, n, &|i, j| k[(i, j)])))
     }
 }
@@ -203,7 +217,8 @@ fn riccati<'py>(
     let size = a.as_array().iter().fold(0.0, |size: f64, entry| size.max(entry.abs()));
     let decay = if is_discrete { 0.0 } else { -size.max(f64::MIN_POSITIVE) };
     let equation = Equation { a, b, q, r };
-    let (p, k) = if is_discrete { solve!(equation, dare, decay)? } else { solve!(equation, care, decay)? };
+    let (p, k) =
+        if is_discrete { solve!(equation, dare, decay)? } else { solve!(equation, care, decay)? };
     Ok((rows_of(py, &p), rows_of(py, &k)))
 }
 
@@ -216,9 +231,11 @@ fn gravity_turn<'py>(
     start: (f64, f64),
     times: GivenVector<'py>,
 ) -> PyResult<(f64, Matrix<'py>)> {
-    let turn = GravityTurn::new(ratios.0, ratios.1, start.0, start.1).map_err(|error| error::usage(error.to_string()))?;
+    let turn = GravityTurn::new(ratios.0, ratios.1, start.0, start.1)
+        .map_err(|error| error::usage(error.to_string()))?;
     let row = |time_s: &f64| {
-        let TurnState { time_s, angle_rad, down_range_m, drop_m, forward_m_s, sink_m_s } = turn.at_time(*time_s);
+        let TurnState { time_s, angle_rad, down_range_m, drop_m, forward_m_s, sink_m_s } =
+            turn.at_time(*time_s);
         vec![time_s, angle_rad, down_range_m, drop_m, forward_m_s, sink_m_s]
     };
     let rows: Vec<Vec<f64>> = times.as_array().iter().map(row).collect();

@@ -67,7 +67,10 @@ fn toml_of(value: &Bound<'_, PyAny>) -> Result<Value, String> {
         return value.extract::<bool>().map(Value::from).map_err(unknown);
     }
     if value.is_instance_of::<PyInt>() {
-        return value.extract::<i64>().map(Value::from).map_err(|_| "an integer beyond 64 bits".to_owned());
+        return value
+            .extract::<i64>()
+            .map(Value::from)
+            .map_err(|_| "an integer beyond 64 bits".to_owned());
     }
     if value.is_instance_of::<PyFloat>() {
         return value.extract::<f64>().map(Value::from).map_err(unknown);

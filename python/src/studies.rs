@@ -42,11 +42,14 @@ fn laws() -> Vec<&'static str> {
 /// Refuses names that are not in `known`.
 fn check_names(names: &[String], known: &[&str], what: &str) -> PyResult<()> {
     match names.iter().find(|name| !known.contains(&name.as_str())) {
-        None if names.is_empty() => Err(error::usage(format!("no {what}; give one of {}", known.join(", ")))),
-        None => Ok(()),
-        Some(name) => {
-            Err(error::usage(format!("`{name}` is not a {what}; expected one of {}", known.join(", "))))
+        None if names.is_empty() => {
+            Err(error::usage(format!("no {what}; give one of {}", known.join(", "))))
         }
+        None => Ok(()),
+        Some(name) => Err(error::usage(format!(
+            "`{name}` is not a {what}; expected one of {}",
+            known.join(", ")
+        ))),
     }
 }
 
@@ -68,7 +71,8 @@ fn study<'py>(
         let settings: PyResult<Vec<Setting>> = settings.into_iter().map(setting_of).collect();
         Ok(FlightCondition { seed, plant: NOMINAL, settings: settings? })
     };
-    let conditions: PyResult<Vec<FlightCondition>> = conditions.into_iter().map(condition).collect();
+    let conditions: PyResult<Vec<FlightCondition>> =
+        conditions.into_iter().map(condition).collect();
     let case = Case { name: "study".to_owned(), conditions: conditions? };
     let gain_source: GainSource = gain_source.parse().unwrap_or_default();
     let flown = task::study(py, progress.as_ref(), threads, |progress| {
@@ -109,7 +113,9 @@ fn draws<'py>(
 ) -> PyResult<Bound<'py, PyList>> {
     let (runs, seed) = count;
     if !(1..=MOST_DRAWS).contains(&runs) || !(1..=1_000_000).contains(&seed) {
-        let message = format!("runs is from 1 to {MOST_DRAWS}, seed from 1 to 1000000; found {runs} and {seed}");
+        let message = format!(
+            "runs is from 1 to {MOST_DRAWS}, seed from 1 to 1000000; found {runs} and {seed}"
+        );
         return Err(error::usage(message));
     }
     let drawn = task::detached(py, || {
@@ -136,10 +142,15 @@ fn python_of<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>>
         Value::Integer(number) => number.into_pyobject(py)?.into_any(),
         Value::Boolean(truth) => truth.into_pyobject(py)?.to_owned().into_any(),
         Value::Array(values) => {
-            let values: PyResult<Vec<_>> = values.iter().map(|value| python_of(py, value)).collect();
+            let values: PyResult<Vec<_>> =
+                values.iter().map(|value| python_of(py, value)).collect();
             PyList::new(py, values?)?.into_any()
         }
-        other => other.as_str().map_or_else(|| other.to_string(), str::to_owned).into_pyobject(py)?.into_any(),
+        other => other
+            .as_str()
+            .map_or_else(|| other.to_string(), str::to_owned)
+            .into_pyobject(py)?
+            .into_any(),
     })
 }
 
@@ -160,7 +171,10 @@ fn identify(
     };
     task::detached(py, || {
         let Some(first) = flights.first() else {
-            return Err(Failure::new(Exit::Usage, "nothing to identify a vehicle from; give flights"));
+            return Err(Failure::new(
+                Exit::Usage,
+                "nothing to identify a vehicle from; give flights",
+            ));
         };
         let data: Vec<FlightData> = flights.iter().map(|flight| FlightData::of(flight)).collect();
         let identification = identification_of(&data, &first.config.vehicle, scale)?;
@@ -200,7 +214,9 @@ fn tune<'py>(
     let optimiser = Optimiser::from_str(&optimiser, false)
         .map_err(|_| error::usage(format!("`{optimiser}` is neither cma-es nor bee-colony")))?;
     if points == 0 || seeds.1 <= seeds.0 {
-        return Err(error::usage("the budget is at least 1 point, and seeds are a range that is not empty"));
+        return Err(error::usage(
+            "the budget is at least 1 point, and seeds are a range that is not empty",
+        ));
     }
     let budget = Budget { points, seed, optimiser };
     let work = |progress: &Progress| {
@@ -208,14 +224,19 @@ fn tune<'py>(
         let found = tuned(target, &budget, &flights, progress)?;
         Ok((flights, found))
     };
-    let (flights, found): (TrainingFlights, Tuned) = task::study(py, progress.as_ref(), threads, work)?;
+    let (flights, found): (TrainingFlights, Tuned) =
+        task::study(py, progress.as_ref(), threads, work)?;
     let own = |setting: &&Setting| !setting.origin.starts_with("OQTAL_");
     let toml = found.to_toml(&flights.settings.iter().filter(own).collect::<Vec<_>>());
     Ok((found.values, found.objective, found.start, toml))
 }
 
 /// The flights on which gains are evaluated.
-fn training(sources: &Sources, seeds: Range<u64>, spread: Option<&str>) -> Result<TrainingFlights, Failure> {
+fn training(
+    sources: &Sources,
+    seeds: Range<u64>,
+    spread: Option<&str>,
+) -> Result<TrainingFlights, Failure> {
     let settings = sources.settings()?;
     Config::from_settings(&settings)?;
     let Some(spread) = spread else { return Ok(TrainingFlights::near(settings, seeds)) };

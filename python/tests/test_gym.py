@@ -60,7 +60,7 @@ def test_lanes_have_faults_and_disturbances_of_flights():
     arguments = {
         "settings": {"mocap.preset": "measured", "plant.fidelity": "rotors"},
         "disturb": ["gust@8+2=0,3,0m/s", "mass@12=0.05kg"],
-        "faults": ["command:drop=0.1@6+3"],
+        "faults": ["command:intermittent=20%@6+3"],
     }
     flights = [oqtal.fly(seed=seed, **arguments) for seed in range(2)]
     settings = [
@@ -73,7 +73,7 @@ def test_lanes_have_faults_and_disturbances_of_flights():
 
 
 def test_lanes_do_not_depend_on_threads_and_neighbours():
-    actions = np.random.default_rng(1).uniform(-0.2, 0.2, (60, 7, 4))
+    actions = np.random.default_rng(1).uniform(-0.05, 0.05, (40, 7, 4)) + [0.0, 0.0, 0.0, HOVER]
     histories = []
     for threads in (1, 2, 7):
         env = oqtal.make_vec(7, threads=threads)
@@ -101,8 +101,8 @@ def test_an_episode_that_has_ended_begins_anew_in_the_next_step():
 def test_vehicles_that_fall_are_terminated():
     env = oqtal.make_vec(2)
     env.reset(seed=1)
-    fallen = [env.step(np.tile([0.0, 0.0, 0.0, -1.0], (2, 1)))[2].all() for _ in range(50)]
-    assert any(fallen)
+    fallen = [env.step(np.tile([0.0, 0.0, 0.0, -1.0], (2, 1)))[2] for _ in range(60)]
+    assert np.any(fallen, axis=0).all()
 
 
 def test_hover_can_be_held():
@@ -113,9 +113,7 @@ def test_hover_can_be_held():
     for _ in range(200):
         position, velocity, attitude = seen[:, :3], seen[:, 3:6], seen[:, 6:10]
         tilt = np.clip(-0.6 * position[:, :2] - 0.5 * velocity[:, :2], -0.3, 0.3)
-        rates = np.column_stack(
-            [-tilt[:, 1] - 2 * attitude[:, 0], tilt[:, 0] - 2 * attitude[:, 1], -2 * attitude[:, 2]]
-        )
+        rates = np.column_stack([-tilt[:, 1] - 2 * attitude[:, 0], tilt[:, 0] - 2 * attitude[:, 1], -2 * attitude[:, 2]])
         thrust = HOVER - 0.5 * position[:, 2] - 0.4 * velocity[:, 2]
         seen, rewards, terminated, *_ = env.step(np.column_stack([np.clip(rates, -1, 1), thrust]))
         assert not terminated.any()

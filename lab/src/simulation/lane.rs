@@ -21,9 +21,9 @@ use oqtal_runtime::virtual_clock::{TurnResult, VirtualClock};
 use super::processes::{Ports, PoseProcess, Process, plant};
 use crate::mission::Mission;
 
-/// The processes that act in a lane; the lane's owner acts as the daemon.
 /// Time of a command on the wire of the simulated vehicle, which has none.
 const NO_WIRE: Span = Span::ZERO;
+/// The processes that act in a lane; the lane's owner acts as the daemon.
 const ROLES: [Role; 3] = [Role::Plant, Role::Mocap, Role::Daemon];
 
 /// Plant and cameras at a control tick.
@@ -97,8 +97,8 @@ impl Lane {
                 Role::Plant => step(&mut self.plant, at)?,
                 Role::Mocap => self.poses.step(at)?,
                 _ if self.is_tick(at)? => {
-                    // The truth at the tick: the plant integrates to this instant in its next turn in any case.
-                    step(&mut self.plant, at)?;
+                    // The truth at the tick. Events of the plant up to now have had their turns: there is nothing to publish.
+                    self.plant.turn.plant().advance(at, |_| ());
                     return Ok(());
                 }
                 _ => TurnResult { next: Some(self.next_event()), published: false },
