@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use oqtal_observe::{csv, mat};
 use oqtal_observe::recording::{
     CsvExport, RecordingFile, Tables, TumExport, flight, play, recording_path,
 };
+use oqtal_observe::{csv, mat};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 

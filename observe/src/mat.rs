@@ -107,7 +107,8 @@ mod tests {
 
     /// Names, classes and numbers of rows of the arrays in a file; panics if an element is not within its bounds.
     fn arrays(file: &[u8]) -> Vec<(String, u8, i32)> {
-        let word = |bytes: &[u8], at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
+        let word =
+            |bytes: &[u8], at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
         let mut found = Vec::new();
         let mut rest = &file[128..];
         while !rest.is_empty() {
