@@ -13,6 +13,7 @@ use crate::ctl::CtlArgs;
 use crate::doctor::DoctorArgs;
 use crate::export::ExportArgs;
 use crate::fly::{BusFlightSeries, FlyArgs};
+use crate::gateway::GatewayCommand;
 use crate::info::InfoArgs;
 use crate::latency::{LatencyArgs, PartArgs};
 use crate::manual::{CompletionsArgs, ManArgs};
@@ -63,6 +64,9 @@ enum Command {
     Cameras(CamerasCommand),
     /// Send a command to a running daemon, or show the status of its instance
     Ctl(CtlArgs),
+    /// Pass references and requests of programs in any language to a running daemon
+    #[command(subcommand)]
+    Gateway(GatewayCommand),
     /// Show a running instance in this terminal
     Monitor(MonitorArgs),
     /// Show a running instance or a recording on a page in the browser
@@ -127,6 +131,7 @@ impl Cli {
             Some(Command::Identify(args)) => args.execute(&recordings::read_flight),
             Some(Command::Cameras(command)) => command.execute(),
             Some(Command::Ctl(args)) => args.execute(),
+            Some(Command::Gateway(command)) => command.execute(),
             Some(Command::Monitor(args)) => args.execute(crate::ctl::stop_text),
             Some(Command::View(args)) => args.execute(),
             Some(Command::Record(args)) => args.execute(),

@@ -1,6 +1,7 @@
 //! `oqtal ctl`: operator commands to a running daemon, and the status of its instance.
 
 mod arm;
+mod change;
 mod land;
 mod reach;
 mod request;
@@ -11,7 +12,7 @@ use clap::{Args, ValueEnum};
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::error::BusError;
-use oqtal_bus::message::ControlResponseV1;
+use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_bus::paths::InstancePaths;
 use oqtal_config::{Config, InstanceOptions};
@@ -21,7 +22,7 @@ use serde::Serialize;
 
 use oqtal_observe::status::{InstanceStatus, ProcessHealth, VehicleStatus, word};
 use reach::AddressedInstance;
-use request::{request, silent};
+use request::{request, send, silent};
 
 /// Arguments of `oqtal ctl`.
 #[derive(Args, Debug)]
@@ -29,6 +30,10 @@ pub struct CtlArgs {
     /// The command to the daemon
     #[arg(value_enum)]
     command: Request,
+    /// Of `goto`: X Y Z in m and, if wanted, YAW in degrees; of `fly`: a trajectory; of `set`: KEY=VALUE ...; of `get`: a key; of
+    /// `reload`: a file; of `controller`: a law
+    #[arg(value_name = "ARGUMENT", allow_negative_numbers = true)]
+    arguments: Vec<String>,
     /// Print the answer as JSON
     #[arg(long)]
     json: bool,
@@ -38,7 +43,7 @@ pub struct CtlArgs {
 
 /// A command of the operator.
 #[derive(Clone, Copy, Debug, ValueEnum)]
-enum Request {
+pub enum Request {
     /// Show the state of the daemon, the processes and the vehicle
     Status,
     /// Start the motors and fly the configured trajectory; refused unless the vehicle is ready
@@ -49,6 +54,22 @@ enum Request {
     Resume,
     /// Descend at the present position, then motors off
     Land,
+    /// Fly to a point and stay there
+    Goto,
+    /// Fly another trajectory from the present point, then stay
+    Fly,
+    /// Come to rest and stay
+    Hover,
+    /// Change settings between two ticks, all of them or none
+    Set,
+    /// Show the value of a setting
+    Get,
+    /// Take the last change of settings back
+    Undo,
+    /// Change the settings that differ in a file, or in the files of the daemon
+    Reload,
+    /// Change the attitude law
+    Controller,
     /// Motors off at once, in flight too: the vehicle falls. They stay off until `arm`
     Stop,
 }
@@ -61,6 +82,13 @@ impl Request {
             Self::Disarm => OperatorCommand::Disarm,
             Self::Resume => OperatorCommand::Resume,
             Self::Land => OperatorCommand::Land,
+            Self::Goto => OperatorCommand::Goto,
+            Self::Fly => OperatorCommand::Trajectory,
+            Self::Hover => OperatorCommand::Hover,
+            Self::Set | Self::Controller => OperatorCommand::Set,
+            Self::Get => OperatorCommand::Get,
+            Self::Undo => OperatorCommand::Undo,
+            Self::Reload => OperatorCommand::Reload,
             Self::Stop => OperatorCommand::Stop,
         }
     }
@@ -81,6 +109,9 @@ struct ControlReport {
     mode: String,
     state: String,
     cause: String,
+    /// The settings that took effect, the requested value, or the reason of a refusal.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    text: String,
     /// Obstacles to a take-off; empty in flight.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     obstacles: Vec<String>,
@@ -104,6 +135,7 @@ impl CtlArgs {
     /// # Errors
     /// No daemon answers (exit code 75), or it refuses the command (1).
     pub fn execute(&self) -> Result<Exit, Failure> {
+        let request = change::request_of(self.command, &self.arguments)?;
         let (instance, config) = self.target()?;
         let address =
             AddressedInstance { paths: paths_of(&instance)?, has_root: !instance.root.is_empty() };
@@ -118,7 +150,7 @@ impl CtlArgs {
                 address.paths.become_owner()?;
                 let bus = Bus::open_running(&address.paths)?;
                 let bus = bus.ok_or_else(|| silent(&instance.name))?;
-                self.ask(&bus, expected)?
+                self.ask(&bus, request, expected)?
             }
         };
         let Some(response) = response else {
@@ -164,11 +196,12 @@ impl CtlArgs {
     fn ask(
         &self,
         bus: &Bus,
+        body: ControlRequestV1,
         expected: Option<u64>,
     ) -> Result<(Option<ControlResponseV1>, InstanceStatus), BusError> {
         let response = match self.command {
             Request::Arm => arm::ask(bus, expected)?,
-            _ => request(bus, self.command.command(), expected)?,
+            _ => send(bus, body, expected)?,
         };
         let differs = response.is_some_and(|response| {
             response.answer == Answer::Refused.code() && names_configurations(&response)
@@ -242,6 +275,28 @@ pub fn execute(
     Ok(report.to_text(&[]))
 }
 
+/// Executes a request with arguments as `oqtal ctl` does, made by the author with whom `sign` signs it, and returns the answer as
+/// text.
+///
+/// # Errors
+/// As [`execute`]; or the arguments are not those of the command.
+pub fn execute_for(
+    paths: &InstancePaths,
+    (command, arguments): (Request, &[String]),
+    sign: impl FnOnce(ControlRequestV1) -> ControlRequestV1,
+) -> Result<String, Failure> {
+    let body = sign(change::request_of(command, arguments)?);
+    let operator = command.command();
+    if command.ends_flight() {
+        return execute(paths, (operator, None));
+    }
+    let response = request::send_signed(&Bus::open(paths)?, body, None)?;
+    let response = response.ok_or_else(|| silent(&paths.instance))?;
+    let report = ControlReport::new(operator, &response, InstanceStatus::default());
+    report.check(&response, None)?;
+    Ok(report.to_text(&[]))
+}
+
 /// Ends a flight with `command`, a landing or a stop; returns whether the daemon or the vehicle obeys.
 pub fn end_flight(paths: &InstancePaths, command: OperatorCommand) -> bool {
     if command == OperatorCommand::Stop {
@@ -275,6 +330,7 @@ impl ControlReport {
             mode: word(Mode::from_code(response.mode)),
             state: word(SafetyState::from_code(response.state)),
             cause: word(Cause::from_code(response.cause)),
+            text: response.text.as_str().to_owned(),
             obstacles: ArmingObstacles::from_bits(response.obstacles)
                 .iter()
                 .map(|obstacle| obstacle.to_string())
@@ -291,7 +347,7 @@ impl ControlReport {
         if response.answer != Answer::Refused.code() {
             return Ok(());
         }
-        let Self { command, cause, mode, obstacles, .. } = self;
+        let Self { command, cause, mode, obstacles, text, .. } = self;
         let listed = obstacles.join("; ");
         let reasons = match (obstacles.is_empty(), cause.as_str()) {
             (false, _) => &listed,
@@ -299,6 +355,9 @@ impl ControlReport {
             (true, cause) => cause,
         };
         let mut message = format!("{command} refused: {reasons} (daemon is {mode})");
+        if !text.is_empty() {
+            message += &format!(": {text}");
+        }
         if response.cause == Cause::WrongMode.code()
             && *command == OperatorCommand::Disarm.to_string()
         {
@@ -320,18 +379,17 @@ impl ControlReport {
 
     /// The answer and the lines of the status as text.
     fn to_text(&self, lines: &[String]) -> String {
-        let Self { effect, mode, state, cause, .. } = self;
+        let Self { effect, mode, state, cause, text, .. } = self;
+        if self.command == OperatorCommand::Get.to_string() {
+            return text.clone();
+        }
         let because = if cause.is_empty() { String::new() } else { format!(" ({cause})") };
         let first = match self.command == OperatorCommand::Status.to_string() {
             true => format!("daemon: {mode}, {state}{because}"),
             false => format!("{effect}; {mode}, {state}{because}"),
         };
+        let first = [first].into_iter().chain(text.lines().map(|line| format!("  {line}")));
         let against = self.obstacles.iter().map(|obstacle| format!("no take-off: {obstacle}"));
-        [first]
-            .into_iter()
-            .chain(against)
-            .chain(lines.iter().cloned())
-            .collect::<Vec<_>>()
-            .join("\n")
+        first.chain(against).chain(lines.iter().cloned()).collect::<Vec<_>>().join("\n")
     }
 }

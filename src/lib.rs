@@ -9,6 +9,7 @@ pub mod ctl;
 pub mod doctor;
 pub mod export;
 pub mod fly;
+pub mod gateway;
 pub mod info;
 pub mod latency;
 mod manual;

@@ -158,6 +158,12 @@ code! {
         Contradiction = 30 => "poses do not follow the vehicle",
         /// The attitude seen by the cameras drifts away from the vehicle's gyroscope.
         AttitudeDrift = 31 => "attitude drifts from the gyroscope",
+        /// A planner's references stopped.
+        ReferencesEnded = 36 => "references ended",
+        /// A setting is invalid, or cannot change while the daemon runs.
+        Setting = 37 => "setting refused",
+        /// The flight takes off.
+        TakeOff = 38 => "during the take-off",
         /// The request was read after the operator's time-out for the answer.
         Expired = 40 => "request came too late",
         /// The operator expects another configuration of the daemon.
@@ -260,6 +266,40 @@ code! {
         Stop = 5 => "stop",
         /// Give control back to the configured law, after the fallback law took over.
         Resume = 20 => "resume",
+        /// Fly to a point and stay there.
+        Goto = 6 => "goto",
+        /// Fly another trajectory from the present point.
+        Trajectory = 7 => "fly",
+        /// Come to rest and stay.
+        Hover = 8 => "hover",
+        /// Change settings.
+        Set = 9 => "set",
+        /// Report a setting.
+        Get = 10 => "get",
+        /// Take the last change of settings back.
+        Undo = 11 => "undo",
+        /// Change the settings that differ in a file.
+        Reload = 12 => "reload",
+    }
+}
+
+impl OperatorCommand {
+    /// Whether a request changes a flight or its settings beyond arming, landing and stop.
+    pub const fn changes_flight(self) -> bool {
+        matches!(
+            self,
+            Self::Goto | Self::Trajectory | Self::Hover | Self::Set | Self::Undo | Self::Reload
+        )
+    }
+}
+
+code! {
+    /// Kind of a reference.
+    ReferenceKind {
+        /// Position with its derivatives, and yaw with its rate.
+        Position = 1 => "position",
+        /// Attitude and body rate, and the height.
+        Attitude = 2 => "attitude",
     }
 }
 

@@ -1,22 +1,38 @@
-//! Short text in a message.
+//! Texts in messages.
 
 use std::fmt;
 
-/// Capacity \[bytes\].
-const CAPACITY: usize = 56;
-
-/// Text of up to 56 bytes of UTF-8; longer text is cut.
+/// Text of up to `N` bytes of UTF-8; longer text is cut.
 #[derive(Clone, Copy, PartialEq, Eq)]
 #[repr(transparent)]
-pub struct ShortText([u8; CAPACITY]);
+pub struct Text<const N: usize>([u8; N]);
 
-impl ShortText {
+/// Text of up to 56 bytes.
+pub type ShortText = Text<56>;
+/// Text of up to 1000 bytes: settings, or the reason of a refusal.
+pub type LongText = Text<1000>;
+
+impl<const N: usize> Text<N> {
     /// No text.
-    pub const EMPTY: Self = Self([0; CAPACITY]);
+    pub const EMPTY: Self = Self([0; N]);
+
+    /// Text of `lines`, one under another; `None` if they are longer than the text may be.
+    pub fn of_lines<'a>(lines: impl IntoIterator<Item = &'a str>) -> Option<Self> {
+        let mut bytes = [0; N];
+        let mut length = 0;
+        for line in lines {
+            let separator = if length == 0 { "" } else { "\n" };
+            for part in [separator, line] {
+                bytes.get_mut(length..length + part.len())?.copy_from_slice(part.as_bytes());
+                length += part.len();
+            }
+        }
+        Some(Self(bytes))
+    }
 
     /// Message text from `text`, without control characters.
     pub fn new(text: &str) -> Self {
-        let mut bytes = [0; CAPACITY];
+        let mut bytes = [0; N];
         let mut length = 0;
         for character in text.chars().filter(|character| !character.is_control()) {
             let width = character.len_utf8();
@@ -39,7 +55,7 @@ impl ShortText {
 
     /// The text; empty for received bytes that are not UTF-8.
     pub fn as_str(&self) -> &str {
-        let length = self.0.iter().position(|byte| *byte == 0).unwrap_or(CAPACITY);
+        let length = self.0.iter().position(|byte| *byte == 0).unwrap_or(N);
         str::from_utf8(&self.0[..length]).unwrap_or_default()
     }
 
@@ -49,29 +65,29 @@ impl ShortText {
     }
 
     /// The bytes, padded with zeros.
-    pub(crate) const fn bytes(self) -> [u8; CAPACITY] {
+    pub(crate) const fn bytes(self) -> [u8; N] {
         self.0
     }
 
     /// Text of the bytes of a message.
-    pub(crate) const fn from_bytes(bytes: [u8; CAPACITY]) -> Self {
+    pub(crate) const fn from_bytes(bytes: [u8; N]) -> Self {
         Self(bytes)
     }
 }
 
-impl Default for ShortText {
+impl<const N: usize> Default for Text<N> {
     fn default() -> Self {
         Self::EMPTY
     }
 }
 
-impl fmt::Display for ShortText {
+impl<const N: usize> fmt::Display for Text<N> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(self.as_str())
     }
 }
 
-impl fmt::Debug for ShortText {
+impl<const N: usize> fmt::Debug for Text<N> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:?}", self.as_str())
     }
@@ -88,6 +104,8 @@ mod tests {
         assert_eq!(long.as_str().chars().count(), 28);
         assert_eq!(ShortText::from_ascii(b"a\xffb\0c").as_str(), "a?b");
         assert_eq!(ShortText::from_ascii(&[b'x'; 200]).as_str().len(), 56);
+        assert_eq!(Text::<5>::of_lines(["a=1", "b"]).unwrap().as_str(), "a=1\nb");
+        assert_eq!(Text::<4>::of_lines(["a=1", "b"]), None);
         assert!(ShortText::from_bytes([0xff; 56]).is_empty() && ShortText::EMPTY.is_empty());
     }
 }

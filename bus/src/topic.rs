@@ -7,8 +7,8 @@ mod observed;
 pub use observed::{ObservedTopic, Sample, TopicVisitor};
 
 use crate::message::{
-    CommandV1, ExternalV1, HealthV1, InputV1, Message, PoseV1, StateV1, TelemetryV1, TimeAdvanceV1,
-    TruthV1, TurnDoneV1, VehicleV1,
+    CommandV1, EventV1, ExternalV1, HealthV1, InputV1, Message, PoseV1, ReferenceV1, StateV1,
+    TelemetryV1, TimeAdvanceV1, TruthV1, TurnDoneV1, VehicleV1,
 };
 
 /// Number of samples by which an observer may lag before it loses the oldest.
@@ -98,6 +98,12 @@ pub const INPUT: Topic<InputV1> = Topic::new("input", RECORDED);
 pub const POSE_READ: Topic<PoseV1> = Topic::new("read/pose", RECORDED);
 /// Daemon to observers: messages of the vehicle as read by the daemon, published if an injected fault alters them.
 pub const VEHICLE_READ: Topic<VehicleV1> = Topic::new("read/vehicle", RECORDED);
+
+/// A planner to daemon and observers, at any rate. The limit of one writer locks out a second planner.
+pub const REFERENCE: Topic<ReferenceV1> =
+    Topic::new("reference", Quality { buffer: 64, ..COMMANDS });
+/// Daemon to observers: requests that change a flight or its settings.
+pub const EVENT: Topic<EventV1> = Topic::new("event", STATE);
 
 /// Name of the request-response service of the daemon.
 pub const CONTROL: &str = "control";

@@ -35,6 +35,7 @@ impl Config {
         self.control.check().map_err(|error| error.within("control"))?;
         self.position.check().map_err(|error| error.within("position"))?;
         self.trajectory.check().map_err(|error| error.within("trajectory"))?;
+        self.reference.check()?;
         self.safety.check()?;
         self.fence.check().map_err(|error| {
             let is_of_ranges = !error.key.ends_with("polygon-m");

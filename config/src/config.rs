@@ -24,6 +24,7 @@ use crate::plant::PlantOptions;
 use crate::realtime::RealtimeOptions;
 use crate::receiver::ReceiverOptions;
 use crate::record::RecordOptions;
+use crate::reference::ReferenceOptions;
 use crate::safety::SafetyOptions;
 use crate::setting::Setting;
 use crate::vehicle::VehicleOptions;
@@ -71,6 +72,8 @@ pub struct Config {
     pub position: PositionOptions,
     /// `[trajectory]`: the flight.
     pub trajectory: TrajectoryOptions,
+    /// `[reference]`: references from outside, and legs to a point.
+    pub reference: ReferenceOptions,
     /// `[safety]`: acceptance of poses, and limits.
     pub safety: SafetyOptions,
     /// `[fence]`: the space in which the vehicle may fly.
@@ -306,7 +309,7 @@ fn keep_file_name(table: &mut Table, key: &str) {
 }
 
 /// Configuration from a complete table; the reason on one line if it is invalid.
-fn deserialize(table: &Table) -> Result<Config, String> {
+pub(crate) fn deserialize(table: &Table) -> Result<Config, String> {
     let mut table = table.clone();
     follow::resolve(&mut table);
     observe_replay(&mut table);

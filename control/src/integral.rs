@@ -42,6 +42,11 @@ impl Integral {
         }
     }
 
+    /// Takes over the value of `other`, within the limit of this integral.
+    pub fn adopt(&mut self, other: &Self) {
+        self.value = other.value.map(|component| component.clamp(-self.limit, self.limit));
+    }
+
     /// Sets the integral to zero.
     pub fn reset(&mut self) {
         self.value = Vector3::zeros();

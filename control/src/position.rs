@@ -226,6 +226,14 @@ impl PositionLoops {
         pid.set_gains(gains);
     }
 
+    /// Takes over the state of the PIDs of `old`, which flew until now. Options are kept.
+    pub fn adopt(&mut self, old: &Self) {
+        self.horizontal_position.adopt(&old.horizontal_position);
+        self.horizontal_velocity.adopt(&old.horizontal_velocity);
+        self.vertical_position.adopt(&old.vertical_position);
+        self.vertical_velocity.adopt(&old.vertical_velocity);
+    }
+
     /// Resets the state of all PIDs. Options are kept.
     pub fn reset(&mut self) {
         self.horizontal_position.reset();
@@ -289,6 +297,12 @@ impl HorizontalPids {
     fn cap(&mut self, command: Vector2<f64>, limit: f64) -> Vector2<f64> {
         self.capped = command.norm() > limit;
         command.cap_magnitude(limit)
+    }
+
+    fn adopt(&mut self, old: &Self) {
+        self.x.adopt(&old.x);
+        self.y.adopt(&old.y);
+        self.capped = old.capped;
     }
 
     fn reset(&mut self) {

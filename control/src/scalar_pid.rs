@@ -72,6 +72,14 @@ impl Pid {
         self.gains = gains;
     }
 
+    /// Takes over the state of `old`, within the limits of this PID: the integral term does not jump.
+    pub fn adopt(&mut self, old: &Self) {
+        let limit = self.limits.integral;
+        let integral = old.integral.clamp(-limit, limit);
+        let Self { frozen, derivative, previous_error, output, .. } = *old;
+        *self = Self { frozen, integral, derivative, previous_error, output, ..*self };
+    }
+
     /// The output for the present error, `dt_s` \[s\] after the error before it.
     ///
     /// If the result is not finite, or `dt_s` is not positive and finite, the state is unchanged and the last output

@@ -4,6 +4,7 @@
 //! around it. Both are pure functions of time.
 
 mod attitude;
+mod detour;
 mod excitation;
 mod options;
 mod path;
@@ -13,6 +14,7 @@ pub mod shape;
 mod waypoints;
 
 pub use attitude::{AttitudeChirp, AttitudeDoublet};
+pub use detour::{Detour, Leg, LegLimits, ReferenceMotion};
 pub use excitation::Excitation;
 pub use options::{TrajectoryKind, TrajectoryOptions};
 pub use path::Trajectory;

@@ -19,8 +19,8 @@ mod supervision;
 
 use oqtal_bus::code::{OperatorCommand, SafetyState};
 use oqtal_bus::message::{
-    CommandV1, ControlResponseV1, ExternalV1, Header, PoseV1, Stamps, StateV1, TelemetryV1,
-    VehicleV1,
+    CommandV1, ControlResponseV1, ExternalV1, Header, PoseV1, ReferenceV1, Stamps, StateV1,
+    TelemetryV1, VehicleV1,
 };
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
@@ -31,12 +31,14 @@ use oqtal_control::trajectory::Trajectory;
 
 pub use auto_takeoff::AutoTakeoff;
 use control::{ControlTick, Directive, FlightControl};
+pub(crate) use course::leg_limits;
 use guarded::{GuardedControl, LawTick};
 use intake::Intake;
 use report::TickReport;
 use supervision::FlightSupervision;
 
 use crate::external::{ExternalLaw, LawPort};
+use crate::live::FlightChange;
 use crate::stack::ControlOutput;
 
 /// Time after the last tick at which the loop acts without a pose \[periods\].
@@ -252,6 +254,11 @@ impl Cycle {
         self.intake.receive_vehicle(now, header, vehicle);
     }
 
+    /// Takes a reference of a planner.
+    pub fn receive_reference(&mut self, now: Time, header: &Header, message: &ReferenceV1) {
+        self.supervision.receive_reference(now, header.source, message, &self.intake);
+    }
+
     /// Records that the command of the last tick was published, and returns the telemetry of that tick.
     pub fn report(&mut self, stamps: &Stamps, command_sequence: u64) -> &TelemetryV1 {
         let sent_at = stamps.command_published_at;
@@ -271,6 +278,17 @@ impl Cycle {
             self.guarded.iter_mut().for_each(GuardedControl::resume);
         }
         self.supervision.request(now, command, &mut self.intake)
+    }
+
+    /// Makes `change` and returns the reply. Settings always take effect; what they replace is in `change` afterwards.
+    pub fn change(&mut self, now: Time, change: &mut FlightChange) -> ControlResponseV1 {
+        if let FlightChange::Settings(live) = change {
+            self.control.exchange_stack(&mut live.stack, live.keeps_law);
+            if let Some(tracker) = &live.tracker {
+                self.intake.change_law(tracker);
+            }
+        }
+        self.supervision.change(now, change, &self.intake)
     }
 
     /// Records whether processes of the instance run with different configurations.

@@ -49,6 +49,10 @@ impl Fence {
     /// Distance from `position` \[m, world\] to a border that lies `margin` \[m\] further inside at the sides and at the top, but
     /// not at the bottom \[m\]: positive inside.
     pub fn inside_by_m(&self, position: &Vector3<f64>, margin: f64) -> f64 {
+        // The minimum of a number and NaN is the number.
+        if position.iter().any(|coordinate| !coordinate.is_finite()) {
+            return f64::NAN;
+        }
         (self.below_top(position) - margin).min(position.z - self.low.z)
     }
 
@@ -129,9 +133,12 @@ mod tests {
     #[test]
     fn nowhere_is_inside_if_the_position_is_not_finite() {
         for corners in [&[][..], &[[0.0, 0.0], [4.0, 0.0], [4.0, 2.0]]] {
-            let nan = Vector3::repeat(f64::NAN);
-            let is_inside = fence(corners).inside_m(&nan) > 0.0;
-            assert!(!is_inside);
+            let one =
+                |axis: usize| Vector3::from_fn(|row, _| if row == axis { f64::NAN } else { 0.5 });
+            for nowhere in [Vector3::repeat(f64::NAN), one(0), one(1), one(2)] {
+                let is_inside = fence(corners).inside_m(&nowhere) > 0.0;
+                assert!(!is_inside, "{nowhere}");
+            }
         }
     }
 }

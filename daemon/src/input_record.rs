@@ -1,7 +1,7 @@
 //! Records of the inputs of the loop, for topic `input`: with them a replay executes the same turns again.
 
 use oqtal_bus::code::{InputKind, OperatorCommand};
-use oqtal_bus::message::{ControlResponseV1, Header, InputV1, PoseV1, VehicleV1};
+use oqtal_bus::message::{ControlResponseV1, Header, InputV1, PoseV1, ReferenceV1, VehicleV1};
 use oqtal_bus::time::Time;
 
 /// The record of the start of the daemon.
@@ -15,11 +15,16 @@ pub fn of(
     now: Time,
     pose: Option<&(Header, PoseV1)>,
     vehicle: Option<&(Header, VehicleV1)>,
+    reference: Option<&(Header, ReferenceV1)>,
 ) -> InputV1 {
     let (pose_source, pose_number) = pose.map_or((0, 0), |(header, _)| identity(header));
     let (vehicle_source, vehicle_number) = vehicle.map_or((0, 0), |(header, _)| identity(header));
+    let (reference_source, reference_number) =
+        reference.map_or((0, 0), |(header, _)| identity(header));
     InputV1 {
         time: now,
+        reference_source,
+        reference_number,
         pose_source,
         pose_number,
         vehicle_source,
@@ -48,6 +53,8 @@ pub fn request(now: Time, command: OperatorCommand, response: &ControlResponseV1
 
 /// Whether the turn changed the state of the daemon: a sample was taken, or a tick was made.
 pub fn is_worth_recording(input: &InputV1) -> bool {
-    let InputV1 { pose_number, vehicle_number, command_sequence, stop, .. } = *input;
-    [pose_number, vehicle_number, command_sequence, u64::from(stop)].iter().any(|&word| word != 0)
+    let InputV1 { pose_number, vehicle_number, reference_number, command_sequence, stop, .. } =
+        *input;
+    let words = [pose_number, vehicle_number, reference_number, command_sequence, u64::from(stop)];
+    words.iter().any(|&word| word != 0)
 }

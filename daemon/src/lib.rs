@@ -30,6 +30,8 @@
 //! | `flight_room.rs` | the path of a flight against the fence |
 //! | `flyable.rs` | the demand of a flight on the vehicle |
 //! | `arming.rs` | the reasons against a flight |
+//! | `live.rs` | changes of a flight and of settings while the daemon runs |
+//! | `stream.rs` | references of a planner |
 //! | `setpoint.rs` | the check of the reference |
 //! | `loop_health.rs` | age and losses of poses, late ticks |
 //! | `vehicle.rs` | monitor of the vehicle |
@@ -39,8 +41,9 @@
 //! | `warmup.rs` | dry-run ticks that keep the caches warm |
 //! | `input_record.rs` | records of the inputs of the loop, for a replay |
 //! | `turn.rs` | one turn of the process over its ports |
-//! | `condition.rs` | the condition of the loop, for logs and health |
 //! | `background.rs` | the background thread: logs, health, operator requests |
+//! | `operator.rs` | operator requests, from the background thread to the loop |
+//! | `condition.rs` | the condition of the loop, for logs and health |
 //! | `flight_marker.rs` | the file that prevents an automatic take-off after a crash |
 //! | `warnings.rs` | warnings before a flight |
 //! | `waypoint_file.rs` | the trajectory of a configuration |
@@ -71,13 +74,16 @@ mod input_record;
 mod law_guard;
 mod law_socket;
 mod limits;
+mod live;
 mod loop_health;
 mod measured_noise;
 mod mission;
+mod operator;
 mod pose_noise;
 mod probe;
 mod setpoint;
 mod stack;
+mod stream;
 mod supervisor;
 mod turn;
 mod vehicle;
@@ -105,7 +111,6 @@ use oqtal_runtime::process_loop;
 
 pub use arming::{ArmingCheck, ArmingView};
 use background::DaemonWorker;
-pub use background::{LoopHandle, OperatorRequests, loop_handoff};
 pub use command::{RotationCommand, VehicleCommand};
 pub use command_model::CommandModel;
 pub use condition::Condition;
@@ -120,11 +125,14 @@ pub use guard::{Accepted, Guard};
 pub use handover::{Handover, SlewLimits};
 use law_socket::SocketLaw;
 pub use limits::{FlightLimits, FlightView, LimitConditions};
+pub use live::{FlightChange, LiveControl, LiveSettings, PreparedChange, Refusal};
 pub use loop_health::LoopHealth;
 pub use mission::ActiveMission;
+pub use operator::{LoopHandle, LoopRequest, OperatorRequests, loop_handoff};
 pub use pose_noise::PoseNoise;
 pub use setpoint::{CheckedSetpoint, SetpointGuard};
 pub use stack::{ControlOutput, ControlStack, LawInput};
+pub use stream::ReferenceStream;
 pub use supervisor::{Ending, LIMITS, SafetyConditions, SafetyRow, Supervisor};
 pub use turn::{DaemonPorts, DaemonTurn};
 pub use vehicle::VehicleWatch;

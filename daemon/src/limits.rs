@@ -69,6 +69,10 @@ pub struct LimitConditions {
     pub setpoint_refused: bool,
     /// The fallback law flies: the configured law failed.
     pub law_fails: bool,
+    /// The vehicle holds its position because a planner's references ended.
+    pub references_ended: bool,
+    /// It has for longer than `reference.land-after-ms`.
+    pub references_overdue: bool,
 }
 
 /// A flight in one tick.

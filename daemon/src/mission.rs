@@ -1,14 +1,18 @@
 //! The current flight: its plan and its start.
 
-use nalgebra::Vector3;
+use nalgebra::{Vector3, Vector4};
 use oqtal_bus::time::Time;
 use oqtal_control::estimator::Estimate;
-use oqtal_control::trajectory::{FlightPlan, Phase, Reference, StartPoint};
+use oqtal_control::trajectory::{
+    Detour, FlightPlan, Phase, Reference, ReferenceMotion, StartPoint,
+};
 
 use crate::floor::LANDED_M;
 
 /// Time after the end of the landing's reference within which the vehicle must have landed \[s\].
 const LANDING_GRACE_S: f64 = 8.0;
+/// Time over which the motion of the reference is a difference \[s\].
+const DIFFERENCE_S: f64 = 1e-3;
 
 /// The current flight.
 #[derive(Clone, Debug)]
@@ -101,6 +105,41 @@ impl ActiveMission {
         match &self.path {
             FlightPath::Plan(plan, _) => plan.sample(self.elapsed_s(now)),
             FlightPath::Observe(point) => Reference::rest(*point, Phase::Trajectory),
+        }
+    }
+
+    /// Whether the mission waits.
+    pub fn is_held(&self) -> bool {
+        self.held.is_some()
+    }
+
+    /// The motion of the reference at `now`.
+    pub fn motion(&self, now: Time) -> ReferenceMotion {
+        let FlightPath::Plan(plan, _) = &self.path else {
+            let still = self.reference(now);
+            return ReferenceMotion::between(&still, &still, DIFFERENCE_S);
+        };
+        if let Some((_, still)) = &self.held {
+            return ReferenceMotion::between(still, still, DIFFERENCE_S);
+        }
+        let t_s = self.elapsed_s(now);
+        ReferenceMotion::between(&plan.sample(t_s - DIFFERENCE_S), &plan.sample(t_s), DIFFERENCE_S)
+    }
+
+    /// The point on the floor at which the flight began, with its heading \[m, world; rad\].
+    pub fn origin(&self) -> Vector4<f64> {
+        match &self.path {
+            FlightPath::Plan(plan, _) => plan.origin(),
+            FlightPath::Observe(point) => point.push(0.0),
+        }
+    }
+
+    /// Flies `detour` from `now` on, in place of the rest of the plan; no landing is planned any more.
+    pub fn redirect(&mut self, now: Time, detour: Detour) {
+        let elapsed_s = self.elapsed_s(now);
+        if let FlightPath::Plan(plan, _) = &mut self.path {
+            plan.redirect(elapsed_s, detour);
+            self.changes += 1;
         }
     }
 

@@ -122,6 +122,16 @@ impl ControlStack {
         }
     }
 
+    /// Continues a flight that `old` controlled: takes over the state of loops and laws that both stacks have, and the whole
+    /// attitude law if `keeps_law`: its options are the same.
+    pub fn adopt(&mut self, old: &Self, keeps_law: bool) {
+        match (self, old) {
+            (Self::Rate(stack), Self::Rate(old)) => stack.adopt(old, keeps_law),
+            (Self::Torque(stack), Self::Torque(old)) => stack.adopt(old, keeps_law),
+            _ => {}
+        }
+    }
+
     /// Resets integrators and filters for a new flight. Counters are kept.
     pub fn reset(&mut self) {
         match self {
@@ -187,6 +197,23 @@ where
     fn set_loop(&mut self, which: OuterLoop, gains: PidGains) {
         if let Loops::Paper(position, _) = &mut self.loops {
             position.set_gains(which, gains);
+        }
+    }
+
+    fn adopt(&mut self, old: &Self, keeps_law: bool) {
+        match (&mut self.loops, &old.loops) {
+            (Loops::Paper(position, law), Loops::Paper(old_position, old_law)) => {
+                position.adopt(old_position);
+                if keeps_law {
+                    *law = *old_law;
+                } else {
+                    law.adopt(old_law);
+                }
+            }
+            (Loops::Predictive(autopilot), Loops::Predictive(old)) => {
+                autopilot.adopt(old, keeps_law);
+            }
+            _ => {}
         }
     }
 

@@ -99,6 +99,7 @@ pub const LIMITS: [SafetyRow; 35] = {
         Row { id: "F04", cause: Some(Cause::PosesLate), when: |c| c.limits.poses_too_old, after_ms: 500, action: Land, ends: Landed },
         Row { id: "F59", cause: Some(Cause::AttitudeDrift), when: |c| c.limits.attitude_drifts, after_ms: 0, action: Land, ends: Landed },
         Row { id: "F47", cause: Some(Cause::HeldTooLong), when: |c| c.limits.in_fence_margin, after_ms: 10_000, action: Land, ends: Landed },
+        Row { id: "F35", cause: Some(Cause::ReferencesEnded), when: |c| c.limits.references_overdue, after_ms: 0, action: Land, ends: Landed },
         // Hold the position.
         Row { id: "F47", cause: Some(Cause::Fence), when: |c| c.limits.in_fence_margin, after_ms: 0, action: Hold, ends: Gone(500) },
         // Fly on the prediction, then hold the last command; on the ground: no take-off.
@@ -108,6 +109,7 @@ pub const LIMITS: [SafetyRow; 35] = {
         // Warn.
         Row { id: "F35", cause: Some(Cause::Setpoint), when: |c| c.limits.setpoint_refused, after_ms: 0, action: Degraded, ends: Gone(500) },
         Row { id: "F70", cause: Some(Cause::Fallback), when: |c| c.limits.law_fails, after_ms: 0, action: Degraded, ends: Gone(0) },
+        Row { id: "F35", cause: Some(Cause::ReferencesEnded), when: |c| c.limits.references_ended, after_ms: 0, action: Degraded, ends: Gone(0) },
         Row { id: "F38", cause: Some(Cause::Tilt), when: |c| c.limits.tilted, after_ms: 100, action: Degraded, ends: Gone(1000) },
         Row { id: "F45", cause: Some(Cause::Battery), when: |c| c.limits.battery_low, after_ms: 2000, action: Degraded, ends: Gone(2000) },
         Row { id: "F46", cause: Some(Cause::Link), when: |c| c.limits.link_poor, after_ms: 2000, action: Degraded, ends: Gone(2000) },

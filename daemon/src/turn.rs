@@ -3,23 +3,25 @@
 use oqtal_bus::code::{Actuation, Mode, OperatorCommand};
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{
-    CommandV1, ControlResponseV1, ExternalV1, Header, InputV1, PoseV1, Stamps, StateV1,
-    TelemetryV1, VehicleV1,
+    CommandV1, ControlResponseV1, ExternalV1, Header, InputV1, PoseV1, ReferenceV1, Stamps,
+    StateV1, TelemetryV1, VehicleV1,
 };
 use oqtal_bus::stop::ControllerStop;
 use oqtal_bus::time::Time;
 use oqtal_bus::topic::{
-    COMMAND, EXTERNAL, INPUT, LAW_STATE, POSE, POSE_READ, TELEMETRY, VEHICLE, VEHICLE_READ,
+    COMMAND, EXTERNAL, INPUT, LAW_STATE, POSE, POSE_READ, REFERENCE, TELEMETRY, VEHICLE,
+    VEHICLE_READ,
 };
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_runtime::health::MotorState;
 use oqtal_runtime::turn::{Turn, TurnClock};
 
-use crate::background::LoopHandle;
 use crate::condition::Condition;
 use crate::cycle::Cycle;
 use crate::external::LawPort;
 use crate::input_record;
+use crate::live::FlightChange;
+use crate::operator::{LoopHandle, LoopRequest};
 use crate::warmup::CacheWarmup;
 
 /// The daemon's ports in the loop.
@@ -27,6 +29,7 @@ use crate::warmup::CacheWarmup;
 pub struct DaemonPorts<T: Transport> {
     poses: T::Reader<PoseV1>,
     vehicles: T::Reader<VehicleV1>,
+    references: T::Reader<ReferenceV1>,
     commands: T::Writer<CommandV1>,
     telemetry: T::Writer<TelemetryV1>,
     stop: ControllerStop,
@@ -49,6 +52,7 @@ impl<T: Transport> DaemonPorts<T> {
             commands,
             poses: bus.reader(&POSE)?,
             vehicles: bus.reader(&VEHICLE)?,
+            references: bus.reader(&REFERENCE)?,
             telemetry: bus.writer(&TELEMETRY)?,
             stop: ControllerStop::new(bus.stop_switch()?),
             inputs: bus.writer(&INPUT)?,
@@ -128,17 +132,34 @@ impl<T: Transport> DaemonTurn<'_, T> {
             self.request(now, OperatorCommand::Land)?;
         }
         let Self { ports, cycle, handle, .. } = self;
-        while let Some((command, response)) =
-            handle.poll_request(|command| cycle.request(now, command))
+        while let Some((command, event, response)) =
+            handle.poll_request(|request| execute(cycle, now, request))
         {
             let request = input_record::request(now, command, &response);
+            let configs_differ = u8::from(configs_differ);
             ports.inputs.send(
                 0,
                 Stamps::default(),
-                InputV1 { configs_differ: u8::from(configs_differ), ..request },
+                InputV1 { configs_differ, event, ..request },
             )?;
         }
         Ok(())
+    }
+
+    /// Makes a change of the flight that came between two turns, from the request with the number `event`, and records it.
+    ///
+    /// # Errors
+    /// The transport failed.
+    pub fn change(
+        &mut self,
+        now: Time,
+        (command, event): (OperatorCommand, u64),
+        change: &mut FlightChange,
+    ) -> Result<ControlResponseV1, BusError> {
+        let response = self.cycle.change(now, change);
+        let input = InputV1 { event, ..input_record::request(now, command, &response) };
+        self.ports.inputs.send(0, Stamps::default(), input)?;
+        Ok(response)
     }
 
     /// Executes an operator's request that came between two turns and records it.
@@ -160,6 +181,14 @@ impl<T: Transport> DaemonTurn<'_, T> {
     }
 }
 
+/// Executes a request of the background thread.
+fn execute(cycle: &mut Cycle, now: Time, request: &mut LoopRequest) -> ControlResponseV1 {
+    match request {
+        LoopRequest::Operator(command) => cycle.request(now, *command),
+        LoopRequest::Change { change, .. } => cycle.change(now, change),
+    }
+}
+
 impl<T: Transport> Turn for DaemonTurn<'_, T> {
     fn next_event(&self, _now: Time) -> Option<Time> {
         Some(self.warmup.or(self.cycle.next_event()))
@@ -176,7 +205,12 @@ impl<T: Transport> Turn for DaemonTurn<'_, T> {
         if let Some((header, vehicle)) = &vehicle {
             cycle.receive_vehicle(now, header, vehicle);
         }
-        let mut input = input_record::of(now, arrival.as_ref(), vehicle.as_ref());
+        let reference = ports.references.latest()?;
+        if let Some((header, message)) = &reference {
+            cycle.receive_reference(now, header, message);
+        }
+        let mut input =
+            input_record::of(now, arrival.as_ref(), vehicle.as_ref(), reference.as_ref());
         input.configs_differ = u8::from(configs_differ);
         if ports.stop.is_newly_raised() {
             cycle.request(now, OperatorCommand::Stop);

@@ -12,20 +12,21 @@ use oqtal_bus::code::{Cause, InputKind, OperatorCommand};
 use oqtal_bus::error::BusError;
 use oqtal_bus::memory::{MemoryBus, MemoryReader, MemoryWriter};
 use oqtal_bus::message::{
-    CommandV1, ExternalV1, Header, Message, PoseV1, Stamps, StateV1, TelemetryV1, VehicleV1,
+    CommandV1, ControlRequestV1, EventV1, ExternalV1, Header, Message, PoseV1, ReferenceV1, Stamps,
+    StateV1, TelemetryV1, VehicleV1,
 };
 use oqtal_bus::stop::StopSwitch;
 use oqtal_bus::time::Time;
-use oqtal_bus::topic::{COMMAND, POSE, TELEMETRY, VEHICLE};
+use oqtal_bus::topic::{COMMAND, POSE, REFERENCE, TELEMETRY, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_config::Config;
 use oqtal_control::trajectory::Trajectory;
 use oqtal_daemon::{
-    CacheWarmup, Cycle, DaemonPorts, DaemonTurn, ExternalLaw, LawPort, OperatorRequests,
-    loop_handoff,
+    CacheWarmup, Cycle, DaemonPorts, DaemonTurn, ExternalLaw, LawPort, LiveSettings,
+    OperatorRequests, Refusal, loop_handoff,
 };
 use oqtal_observe::recording::{DaemonHistory, RecordedTurn};
-use oqtal_runtime::process::Failure;
+use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::turn::{Turn, TurnClock};
 
 /// A tick, recorded and replayed.
@@ -81,7 +82,7 @@ pub fn replay(
     for turn in turns {
         match InputKind::from_code(turn.input.kind) {
             Some(InputKind::Turn) => bench.turn(turn)?,
-            Some(InputKind::Request) => bench.request(turn),
+            Some(InputKind::Request) => bench.request(turn)?,
             Some(InputKind::Start) | None => {}
         }
     }
@@ -92,6 +93,8 @@ pub fn replay(
 struct ReplayBench {
     poses: MemoryWriter<PoseV1>,
     vehicles: MemoryWriter<VehicleV1>,
+    references: MemoryWriter<ReferenceV1>,
+    settings: LiveSettings,
     stop: StopSwitch,
     daemon: DaemonTurn<'static, MemoryBus>,
     /// Recorded answer of an external law in the present turn.
@@ -121,6 +124,8 @@ impl ReplayBench {
         Ok(Self {
             poses: bus.writer(&POSE)?,
             vehicles: bus.writer(&VEHICLE)?,
+            references: bus.writer(&REFERENCE)?,
+            settings: LiveSettings::new(config, &[]),
             stop: bus.stop_switch()?,
             daemon: DaemonTurn { ports, cycle, warmup: CacheWarmup::never(), handle, law },
             answer,
@@ -133,11 +138,12 @@ impl ReplayBench {
 
     /// Executes a turn with its recorded inputs and instants.
     fn turn(&mut self, turn: &RecordedTurn) -> Result<(), BusError> {
-        let RecordedTurn { input, pose, vehicle, command, answer, .. } = turn;
+        let RecordedTurn { input, pose, vehicle, reference, command, answer, .. } = turn;
         let taken = [
             (input.pose_number, pose.is_some()),
             (input.vehicle_number, vehicle.is_some()),
             (input.external_number, answer.is_some()),
+            (input.reference_number, reference.is_some()),
         ];
         let missing = taken.iter().filter(|(number, is_recorded)| *number != 0 && !is_recorded);
         self.result.missing += missing.count() as u64;
@@ -148,6 +154,9 @@ impl ReplayBench {
             self.vehicles.forward(*header, *vehicle);
         }
         self.answer.set(answer.filter(|answer| answer.answered_at.is_set()));
+        if let Some((header, reference)) = reference {
+            self.references.forward(*header, *reference);
+        }
         self.requests.note_configs_differ(input.configs_differ == 1);
         if input.stop == 1 {
             self.stop.raise();
@@ -183,15 +192,36 @@ impl ReplayBench {
     }
 
     /// Executes a request, unless it was refused as expired before it reached the daemon.
-    fn request(&mut self, turn: &RecordedTurn) {
+    fn request(&mut self, turn: &RecordedTurn) -> Result<(), Failure> {
         let input = &turn.input;
         if let Some(command) = OperatorCommand::from_code(input.request)
             && input.cause != Cause::Expired.code()
         {
             self.daemon.cycle.notice_configurations(input.configs_differ == 1);
-            self.daemon.cycle.request(input.time, command);
+            match &turn.event {
+                Some(event) => self.change(input.time, command, event)?,
+                None if input.event != 0 => self.result.missing += 1,
+                None => drop(self.daemon.cycle.request(input.time, command)),
+            }
             self.result.requests += 1;
         }
+        Ok(())
+    }
+
+    /// Makes a recorded change of the flight or its settings.
+    fn change(
+        &mut self,
+        now: Time,
+        command: OperatorCommand,
+        event: &EventV1,
+    ) -> Result<(), Failure> {
+        let EventV1 { point, yaw, text, .. } = *event;
+        let request = ControlRequestV1 { point, yaw, text, ..ControlRequestV1::of(command) };
+        let refused = |refusal: Refusal| Failure::new(Exit::Data, refusal.reason);
+        let mut prepared = self.settings.prepare(command, &request).map_err(refused)?;
+        self.settings.commit(&mut prepared);
+        self.daemon.cycle.change(now, &mut prepared.change);
+        Ok(())
     }
 }
 

@@ -42,6 +42,8 @@ struct Simulation<'a> {
     now: Time,
     /// Instant at which the flight ends.
     end: Time,
+    /// Time between two checks of the flight.
+    poll_period: Span,
 }
 
 /// A flight, with its recording if one was made.
@@ -131,6 +133,7 @@ impl<'a> Simulation<'a> {
             recording,
             now: start,
             end: start + mission.timeout(),
+            poll_period: POLL_PERIOD,
         })
     }
 
@@ -154,7 +157,7 @@ impl<'a> Simulation<'a> {
         Ok(())
     }
 
-    /// Flies for one [`POLL_PERIOD`]; `false` once the flight and `aftermath` are over.
+    /// Flies until the next check; `false` once the flight and `aftermath` are over.
     fn advance(
         &mut self,
         aftermath: Span,
@@ -171,7 +174,7 @@ impl<'a> Simulation<'a> {
                 if at >= self.end {
                     return Ok(false);
                 }
-                TurnResult { next: Some(self.end.min(at + POLL_PERIOD)), published: false }
+                TurnResult { next: Some(self.end.min(at + self.poll_period)), published: false }
             } else {
                 self.step(role, at)?
             };

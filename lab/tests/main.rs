@@ -4,6 +4,7 @@
 mod cameras;
 mod external;
 mod identify;
+mod live;
 mod margins;
 mod metrics;
 mod online_tuning;

@@ -5,7 +5,8 @@ use std::fmt;
 use oqtal_bus::code::{
     Answer, Cause, HandoverCause, InputKind, Mode, OperatorCommand, SafetyState,
 };
-use oqtal_bus::message::{InputV1, TelemetryV1};
+use oqtal_bus::message::{EventV1, InputV1, TelemetryV1};
+use oqtal_bus::origin::Origin;
 
 /// Mode, safety state and cause of the daemon in a tick, and whether it uses the configured model instead of the adapted one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,6 +67,24 @@ impl fmt::Display for DaemonCondition {
     }
 }
 
+/// Text of a request that changes a flight or its settings, with its author and, if it was refused, the reason.
+pub fn of_operator(event: &EventV1) -> String {
+    let EventV1 { program, user, text, reason, point: [x, y, z], yaw, .. } = event;
+    let command = OperatorCommand::from_code(event.command);
+    let what = match command {
+        Some(OperatorCommand::Goto) if yaw.is_nan() => format!("{x:.2} {y:.2} {z:.2}"),
+        Some(OperatorCommand::Goto) => format!("{x:.2} {y:.2} {z:.2} {yaw:.2}"),
+        _ => text.as_str().replace('\n', " "),
+    };
+    let pid = Origin::from_bits(event.process).process();
+    let said = format!("operator: {} {what}", word(command)).trim_end().to_owned();
+    let said = format!("{said} ({program}, process {pid} of user {user})");
+    match Cause::from_code(event.cause).filter(|_| event.answer == Answer::Refused.code()) {
+        None => said,
+        Some(cause) => format!("{said}: refused, {cause} {reason}").trim_end().to_owned(),
+    }
+}
+
 fn word(code: Option<impl ToString>) -> String {
     code.map_or_else(|| "?".to_owned(), |code| code.to_string())
 }
@@ -117,6 +136,8 @@ pub fn of_input(input: &InputV1) -> Option<String> {
         InputKind::Turn => {
             (input.stop == 1).then(|| format!("operator: {}", OperatorCommand::Stop))
         }
+        // The message on topic `event` says more.
+        InputKind::Request if input.event != 0 => None,
         InputKind::Request => {
             let command = OperatorCommand::from_code(input.request)?;
             let answer = Answer::from_code(input.answer)?;

@@ -222,7 +222,8 @@ impl Flight {
         let planned_s = landing.planned_landing_s;
         let period_s = 1.0 / self.config.control.rate_hz;
         // The landing begins in the tick after its planned instant.
-        if planned_s.is_nan() || landing.mission_s > planned_s - period_s {
+        // Infinite: an operator changed the flight, which then has no planned landing.
+        if !planned_s.is_finite() || landing.mission_s > planned_s - period_s {
             return None;
         }
         let options = &self.config.trajectory;

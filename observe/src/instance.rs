@@ -75,7 +75,11 @@ impl InstanceModel {
 
     /// Topics required for the whole model.
     pub fn topics() -> Vec<ObservedTopic> {
-        [Self::status_topics(), vec![ObservedTopic::Command, ObservedTopic::Input]].concat()
+        [
+            Self::status_topics(),
+            vec![ObservedTopic::Command, ObservedTopic::Input, ObservedTopic::Event],
+        ]
+        .concat()
     }
 
     /// Sets the instant of the following samples, and adds events for processes that have become silent.
@@ -226,6 +230,7 @@ impl Sink for InstanceModel {
             Sample::Input(input) => {
                 event::of_input(input).into_iter().for_each(|text| self.add_event(text));
             }
+            Sample::Event(event) => self.add_event(event::of_operator(event)),
             Sample::Health(role, health) => self.health(reception, role, health),
             _ => {}
         }

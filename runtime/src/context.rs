@@ -1,5 +1,7 @@
 //! Context of a running process: configuration, role, stop flag, health, and functions that open ports and clocks.
 
+use std::path::PathBuf;
+
 use oqtal_bus::bus::Bus;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::Message;
@@ -28,6 +30,8 @@ pub struct ProcessContext {
     pub signals: SignalFlags,
     /// Role of this process.
     pub role: Role,
+    /// Files of the configuration.
+    pub files: Vec<PathBuf>,
     /// Health record, from which the service manager is notified.
     pub health: Health,
     pub(crate) watches: Watches,

@@ -73,6 +73,11 @@ impl<Note, Request, Reply> BackgroundHandle<Note, Request, Reply> {
         self.requests.try_send(request).map_err(crossbeam_channel::TrySendError::into_inner)
     }
 
+    /// Whether a request would find the queue full.
+    pub fn is_full(&self) -> bool {
+        self.requests.is_full()
+    }
+
     /// Replies of the real-time thread, for waiting.
     pub fn replies(&self) -> &Receiver<Reply> {
         &self.replies

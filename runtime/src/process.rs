@@ -71,6 +71,7 @@ fn run(role: Role, args: &CommonArgs, job: Job) -> Result<(), Failure> {
         stop,
         signals,
         role,
+        files: args.config.clone(),
         health: Health::default(),
         watches: Watches::default(),
     };

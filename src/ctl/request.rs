@@ -17,11 +17,27 @@ pub fn request(
     command: OperatorCommand,
     expected: Option<u64>,
 ) -> Result<Option<ControlResponseV1>, BusError> {
-    let request = ControlRequestV1 {
-        valid_until: Time::now() + ANSWER_TIMEOUT,
-        config_hash: expected.unwrap_or(0),
-        ..ControlRequestV1::of(command)
-    };
+    send(bus, ControlRequestV1::of(command), expected)
+}
+
+/// As [`request`], for a request with a content.
+pub fn send(
+    bus: &Bus,
+    request: ControlRequestV1,
+    expected: Option<u64>,
+) -> Result<Option<ControlResponseV1>, BusError> {
+    send_signed(bus, request.by("oqtal"), expected)
+}
+
+/// As [`send`], for a request with its author.
+pub fn send_signed(
+    bus: &Bus,
+    request: ControlRequestV1,
+    expected: Option<u64>,
+) -> Result<Option<ControlResponseV1>, BusError> {
+    let valid_until = Time::now() + ANSWER_TIMEOUT;
+    let config_hash = expected.unwrap_or(0);
+    let request = ControlRequestV1 { valid_until, config_hash, ..request };
     bus.control_client()?.ask(request, ANSWER_TIMEOUT)
 }
 

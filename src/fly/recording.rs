@@ -130,7 +130,10 @@ impl FlightRecording<'_> {
         if !recorder.wire().answered() && timeout.is_some_and(|timeout| flown >= timeout) {
             return Err(self.link.never_answered());
         }
-        let is_late = flown >= self.mission.timeout();
+        // A flight that an operator changes has no planned end.
+        let is_open =
+            recorder.latest().is_some_and(|s| s.telemetry.planned_landing_s.is_infinite());
+        let is_late = !is_open && flown >= self.mission.timeout();
         let is_over = recorder.outcome().is_some()
             || is_late && (is_virtual || self.has_landed_late(state)?);
         Ok(is_over && self.motors_rest(state))

@@ -221,6 +221,10 @@ impl Sink for Collector {
                     self.note(input.time, (EventMood::Neutral, text));
                 }
             }
+            Sample::Event(request) => {
+                let at = self.latest().map_or(Time::UNSET, |tick| tick.time);
+                self.note(at, (EventMood::Neutral, event::of_operator(request)));
+            }
             _ => {}
         }
     }

@@ -59,7 +59,7 @@ pub fn line(collected: &Collected, status: Option<&LiveStatus>) -> String {
 impl LiveView {
     /// Topics shown on a page.
     pub fn topics() -> Vec<ObservedTopic> {
-        let others = [ObservedTopic::Truth, ObservedTopic::Input];
+        let others = [ObservedTopic::Truth, ObservedTopic::Input, ObservedTopic::Event];
         InstanceModel::status_topics().into_iter().chain(others).collect()
     }
 

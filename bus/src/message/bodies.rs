@@ -263,8 +263,14 @@ message! {
         vehicle_read: u64 ["-"],
         /// Number of the message on topic `external` with the answer of an external law; 0 if none was asked.
         external_number: u64 ["-"],
+        /// Writer of the reference taken, as in its header; 0 if none was taken.
+        reference_source: u64 ["-"],
+        /// Number of the reference taken among those of its writer; 0 if none was taken.
+        reference_number: u64 ["-"],
         /// Sequence of the command published in this turn; 0 if no tick was made.
         command_sequence: u64 ["-"],
+        /// Number of a request, as in [`super::EventV1`]; 0 for a request without such a message.
+        event: u64 ["-"],
         /// [`crate::code::InputKind`] of this record.
         kind: u8 ["code"],
         /// [`crate::code::OperatorCommand`] of a request.
@@ -279,6 +285,34 @@ message! {
         configs_differ: u8 ["flag"],
         /// At the start: 1 if the automatic flight at start-up was cancelled.
         stays: u8 ["flag"],
+    }
+}
+
+message! {
+    /// Topic `reference`: the motion that a planner requests, in place of the configured trajectory.
+    ReferenceV1 = "oqtal.Reference.v1" {
+        /// Instant of this motion, by the clock of the flight. Between samples the daemon extrapolates from it.
+        time: Time ["ns"],
+        /// Instant until which the sample is followed, by the same clock.
+        valid_until: Time ["ns"],
+        /// [`crate::code::ReferenceKind`].
+        kind: u8 ["code"],
+        /// Position; of a reference of the attitude, only the height counts.
+        position: [f64; 3] ["m, world"],
+        /// Velocity.
+        velocity: [f64; 3] ["m/s, world"],
+        /// Acceleration.
+        acceleration: [f64; 3] ["m/s^2, world"],
+        /// Jerk.
+        jerk: [f64; 3] ["m/s^3, world"],
+        /// 3-2-1 yaw.
+        yaw: f64 ["rad, world"],
+        /// Rate of the yaw.
+        yaw_rate: f64 ["rad/s, world"],
+        /// Attitude as scalar-last quaternion, for a reference of the attitude.
+        attitude: [f64; 4] ["body to world"],
+        /// Body rate, for a reference of the attitude.
+        rate: [f64; 3] ["rad/s, body"],
     }
 }
 

@@ -5,6 +5,8 @@ use super::field::{Field, Value, total_size};
 use super::header::HEADER_SCHEMA;
 use super::schema::{Message, schema};
 use crate::code::OperatorCommand;
+use crate::origin::Origin;
+use crate::text::{LongText, ShortText};
 use crate::time::Time;
 
 message! {
@@ -17,13 +19,41 @@ message! {
         valid_until: Time ["ns"],
         /// Hash of the configuration that a flight is to begin with; 0 for any.
         config_hash: u64 ["-"],
+        /// Process that makes the request, as [`Origin::bits`].
+        process: u64 ["-"],
+        /// User of that process, as the process states it: the files of the instance admit its owner and root only.
+        user: u32 ["-"],
+        /// Name of that process.
+        program: ShortText ["text"],
+        /// Point of a goto.
+        point: [f64; 3] ["m, world"],
+        /// 3-2-1 yaw of a goto; NaN for the present one.
+        yaw: f64 ["rad, world"],
+        /// Settings `KEY=VALUE`, one per line; a key; the name of a trajectory; the path of a file.
+        text: LongText ["text"],
     }
 }
 
 impl ControlRequestV1 {
-    /// A request without conditions.
+    /// A request without conditions, of an unnamed author.
     pub const fn of(command: OperatorCommand) -> Self {
-        Self { command: command.code(), valid_until: Time::UNSET, config_hash: 0 }
+        Self {
+            command: command.code(),
+            valid_until: Time::UNSET,
+            config_hash: 0,
+            process: 0,
+            user: 0,
+            program: ShortText::EMPTY,
+            point: [0.0; 3],
+            yaw: f64::NAN,
+            text: LongText::EMPTY,
+        }
+    }
+
+    /// This request, made by the calling process under the name `program`.
+    pub fn by(self, program: &str) -> Self {
+        let (process, user) = (Origin::own().bits(), rustix::process::getuid().as_raw());
+        Self { process, user, program: ShortText::new(program), ..self }
     }
 }
 
@@ -42,5 +72,38 @@ message! {
         config_hash: u64 ["-"],
         /// [`crate::obstacle::ArmingObstacles`]: conditions that prevent a flight.
         obstacles: u32 ["-"],
+        /// Reason of a refusal, or the requested value; empty for none.
+        text: LongText ["text"],
+    }
+}
+
+message! {
+    /// Topic `event`: a request to the daemon that changes a flight or its settings. A request that the loop refuses has a second
+    /// message with the same number.
+    EventV1 = "oqtal.Event.v1" {
+        /// Instant at which the daemon checked the request, by the clock of the machine.
+        time: Time ["ns"],
+        /// Number of the request among those of this daemon, from 1; [`super::InputV1`] names it.
+        number: u64 ["-"],
+        /// [`crate::code::OperatorCommand`].
+        command: u8 ["code"],
+        /// [`crate::code::Answer`].
+        answer: u8 ["code"],
+        /// [`crate::code::Cause`] of a refusal.
+        cause: u8 ["code"],
+        /// Author of the request, as in [`ControlRequestV1`].
+        process: u64 ["-"],
+        /// User of that process.
+        user: u32 ["-"],
+        /// Name of that process.
+        program: ShortText ["text"],
+        /// Point of a goto.
+        point: [f64; 3] ["m, world"],
+        /// 3-2-1 yaw of a goto; NaN for the present one.
+        yaw: f64 ["rad, world"],
+        /// Text of the request; for a file, the settings that it changes.
+        text: LongText ["text"],
+        /// Reason of a refusal.
+        reason: LongText ["text"],
     }
 }

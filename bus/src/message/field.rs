@@ -1,6 +1,6 @@
 //! Fields of messages: their description, and the encoding of their values.
 
-use crate::text::ShortText;
+use crate::text::Text;
 use crate::time::Time;
 
 /// Type of the elements of a field.
@@ -115,12 +115,12 @@ impl Value for Time {
     }
 }
 
-impl Value for ShortText {
+impl<const N: usize> Value for Text<N> {
     const ELEMENT: FieldType = FieldType::U8;
-    const LENGTH: usize = size_of::<Self>();
+    const LENGTH: usize = N;
 
     fn put(self, bytes: &mut [u8]) -> &mut [u8] {
-        let (own, rest) = bytes.split_at_mut(size_of::<Self>());
+        let (own, rest) = bytes.split_at_mut(N);
         own.copy_from_slice(&self.bytes());
         rest
     }

@@ -10,7 +10,7 @@ use super::*;
 use crate::time::Time;
 
 /// Every unit that a field may have.
-const UNITS: [&str; 24] = [
+const UNITS: [&str; 26] = [
     "-",
     "code",
     "flag",
@@ -22,6 +22,9 @@ const UNITS: [&str; 24] = [
     "0..1",
     "m, world",
     "m/s, world",
+    "m/s^2, world",
+    "m/s^3, world",
+    "rad/s, world",
     "body to world",
     "rad/s, body",
     "rad, body",
@@ -31,7 +34,6 @@ const UNITS: [&str; 24] = [
     "N, body",
     "-1..1 or N m, body",
     "rad/s or rad/s^2, body",
-    "m/s^2, world",
     "m/s^2",
     "N",
     "kg",
@@ -51,6 +53,8 @@ fn all() -> Vec<(&'static str, u64, &'static [Field])> {
         entry::<InputV1>(),
         entry::<StateV1>(),
         entry::<ExternalV1>(),
+        entry::<ReferenceV1>(),
+        entry::<EventV1>(),
         entry::<HealthV1>(),
         entry::<ControlRequestV1>(),
         entry::<ControlResponseV1>(),

@@ -3,12 +3,12 @@
 use std::fmt;
 
 use super::{
-    COMMAND, EXTERNAL, INPUT, LAW_STATE, POSE, POSE_READ, Role, TELEMETRY, TRUTH, Topic, VEHICLE,
-    VEHICLE_READ,
+    COMMAND, EVENT, EXTERNAL, INPUT, LAW_STATE, POSE, POSE_READ, REFERENCE, Role, TELEMETRY, TRUTH,
+    Topic, VEHICLE, VEHICLE_READ,
 };
 use crate::message::{
-    AnyMessage, CommandV1, ExternalV1, HealthV1, InputV1, Message, PoseV1, StateV1, TelemetryV1,
-    TruthV1, VehicleV1,
+    AnyMessage, CommandV1, EventV1, ExternalV1, HealthV1, InputV1, Message, PoseV1, ReferenceV1,
+    StateV1, TelemetryV1, TruthV1, VehicleV1,
 };
 
 /// Operation on any topic, such as opening a reader or decoding a body.
@@ -107,6 +107,10 @@ observed_topics! {
     State(StateV1) = LAW_STATE,
     /// Topic `external`.
     External(ExternalV1) = EXTERNAL,
+    /// Topic `reference`.
+    Reference(ReferenceV1) = REFERENCE,
+    /// Topic `event`.
+    Event(EventV1) = EVENT,
     /// Topic `input`, after the topics whose messages it refers to.
     Input(InputV1) = INPUT,
 }

@@ -93,6 +93,11 @@ pub struct Geometric<I> {
 }
 
 impl<I: InputForm> Geometric<I> {
+    /// Takes over the integral action of `old`, which flew until now.
+    pub(super) fn adopt(&mut self, old: &Self) {
+        self.e_i.adopt(&old.e_i);
+    }
+
     /// The law with these options.
     ///
     /// # Errors

@@ -136,6 +136,11 @@ pub struct ClassicLqr<I> {
 }
 
 impl<I: InputForm> ClassicLqr<I> {
+    /// Takes over the integral action of `old`, which flew until now.
+    pub(super) fn adopt(&mut self, old: &Self) {
+        self.theta_i.adopt(&old.theta_i);
+    }
+
     /// The law with these options. The first Riccati equation is solved in the first step.
     ///
     /// # Errors

@@ -163,6 +163,11 @@ pub struct Oqtal<I> {
 }
 
 impl<I: InputForm> Oqtal<I> {
+    /// Takes over the integral action of `old`, which flew until now.
+    pub(super) fn adopt(&mut self, old: &Self) {
+        self.eps_i.adopt(&old.eps_i);
+    }
+
     /// The law with these options. The first Riccati equation is solved in the first step.
     ///
     /// # Errors

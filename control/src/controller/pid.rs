@@ -92,6 +92,11 @@ pub struct QuaternionPid<I> {
 }
 
 impl<I: InputForm> QuaternionPid<I> {
+    /// Takes over the integral action of `old`, which flew until now.
+    pub(super) fn adopt(&mut self, old: &Self) {
+        self.eps_i.adopt(&old.eps_i);
+    }
+
     /// The law with these options.
     ///
     /// # Errors

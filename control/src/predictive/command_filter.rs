@@ -27,6 +27,11 @@ impl CommandFilter {
         Self { bandwidth, smooth: Smooth::default() }
     }
 
+    /// Takes over the state of `old`.
+    pub fn adopt(&mut self, old: &Self) {
+        self.smooth = old.smooth;
+    }
+
     /// Sets the filter to rest.
     pub fn reset(&mut self) {
         self.smooth = Smooth::default();

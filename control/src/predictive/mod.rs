@@ -149,6 +149,18 @@ impl<I: InputForm + Copy> Autopilot<I> {
         Self { attitude: InnerLaw::Other(law), ..self }
     }
 
+    /// Continues a flight that `old` controlled, with the attitude law of `old` if `keeps_law`.
+    pub fn adopt(&mut self, old: &Self, keeps_law: bool) {
+        match (&mut self.attitude, &old.attitude) {
+            (attitude, old) if keeps_law => *attitude = *old,
+            (InnerLaw::Other(law), InnerLaw::Other(old)) => law.adopt(old),
+            _ => {}
+        }
+        self.position.adopt(&old.position);
+        self.setpoint_buffer = old.setpoint_buffer;
+        (self.look_ahead, self.last_s) = (old.look_ahead, old.last_s);
+    }
+
     /// Restarts with a vehicle on the floor.
     pub fn reset(&mut self) {
         self.attitude.reset();

@@ -80,6 +80,14 @@ impl PositionLaw {
         }
     }
 
+    /// Takes over the state of `old`, which flew until now.
+    pub fn adopt(&mut self, old: &Self) {
+        self.horizontal.adopt(&old.horizontal);
+        self.vertical.adopt(&old.vertical);
+        self.filter.adopt(&old.filter);
+        self.following = old.following;
+    }
+
     /// Restarts from the vehicle's position in the next step.
     pub fn reset(&mut self) {
         self.is_following = false;

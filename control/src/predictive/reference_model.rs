@@ -172,6 +172,11 @@ impl ReferenceModel {
         [self.leader, self.between, self.offset] = [Course::default(); 3];
     }
 
+    /// Takes over the state of `old`, which flew until now. Options and limits are kept.
+    pub fn adopt(&mut self, old: &Self) {
+        *self = Self { options: self.options, limits: self.limits, ..*old };
+    }
+
     /// Advances by `dt_s` \[s\] towards `target`, given for the end of the step.
     pub fn advance(&mut self, target: &Course, dt_s: f64) {
         let mut jump = target.plus(&self.target.after(dt_s), -1.0);

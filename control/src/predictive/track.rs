@@ -175,6 +175,20 @@ impl Track {
         }
     }
 
+    /// The track for a law that uses filters of `noise`: motion and bias are kept.
+    pub fn with_noise(&self, noise: &TrackNoise) -> Self {
+        let MeasuredPose { position, attitude } =
+            MeasuredPose { position: self.motion.position, attitude: self.motion.attitude };
+        let mut next = Self::at_rest(noise, self.t_s, &MeasuredPose { position, attitude });
+        let bias = self.bias();
+        let filters = [Some(&mut next.filters), next.admission.as_mut()];
+        for Filters { attitude, position } in filters.into_iter().flatten() {
+            attitude.axis.shift_bias(&bias.demand);
+            position.axis.shift_bias(&bias.acceleration);
+        }
+        Self { motion: self.motion, is_lifted: self.is_lifted, ..next }
+    }
+
     /// The track at `t_s` \[s\] without a further pose; unchanged if `t_s` is not later.
     pub fn advanced(&self, t_s: f64, propagation: &Propagation) -> Self {
         let dt_s = t_s - self.t_s;

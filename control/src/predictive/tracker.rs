@@ -74,6 +74,14 @@ impl MotionTracker {
         Self { expected: noise, noise, adaptation, ..self }
     }
 
+    /// Continues the flight with the model, the noise and the adaptation of `other`, for another law.
+    pub fn change_law(&mut self, other: &Self) {
+        (self.nominal, self.model, self.noise) = (other.nominal, other.model, other.noise);
+        (self.adaptation, self.innovation) = (other.adaptation, None);
+        self.history.set_effect(CommandEffect::default());
+        self.track = self.track.map(|track| track.with_noise(&other.noise));
+    }
+
     /// Begins a flight with the vehicle at rest in `pose`, measured at `t_s` \[s\], above a floor at `floor_m` \[m, world z\].
     pub fn begin(&mut self, t_s: f64, pose: &MeasuredPose, floor_m: f64) {
         self.track = Some(Track::at_rest(&self.noise, t_s, pose));

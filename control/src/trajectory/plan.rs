@@ -1,12 +1,11 @@
 //! A whole flight: take-off, settling, trajectory, landing.
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Vector3, Vector4};
 
+use super::detour::{Detour, placed};
 use super::options::TrajectoryOptions;
 use super::path::{Trajectory, TrajectoryShape};
 use super::reference::{Phase, Reference};
-use crate::quaternion::Attitude;
-use crate::tracking_error::AttitudeReference;
 
 /// Depth below the floor at which the landing ends \[m\], so that the vehicle reaches the floor even if the floor is
 /// slightly lower.
@@ -50,6 +49,8 @@ pub struct FlightPlan {
     descent_m_s: f64,
     planned_landing_s: f64,
     landing: Landing,
+    /// The change of the flight, and its start from that of the flight \[s\].
+    detour: Option<(f64, Detour)>,
 }
 
 impl FlightPlan {
@@ -65,6 +66,7 @@ impl FlightPlan {
             descent_m_s: options.descent_m_s,
             planned_landing_s: end_s,
             landing: Landing::NEVER,
+            detour: None,
         };
         plan.land_from(end_s, plan.sample(end_s).into());
         plan
@@ -75,14 +77,22 @@ impl FlightPlan {
         if t_s > self.landing.start_s {
             return self.landing.sample(t_s);
         }
-        let mut reference = self.relative(t_s);
-        let heading = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), self.start.yaw_rad);
-        reference.position += self.start.position;
-        reference.yaw_rad += self.start.yaw_rad;
-        if let Some(AttitudeReference { attitude, .. }) = &mut reference.attitude {
-            *attitude = Attitude::from_unit_quaternion(heading * attitude.unit_quaternion());
+        match &self.detour {
+            Some((start_s, detour)) if t_s >= *start_s => detour.sample(t_s - start_s),
+            _ => placed(self.relative(t_s), &self.origin()),
         }
-        reference
+    }
+
+    /// Start of the flight, the origin of its path, with the zero of its yaw \[m, world; rad\].
+    pub fn origin(&self) -> Vector4<f64> {
+        self.start.position.push(self.start.yaw_rad)
+    }
+
+    /// Flies `detour` from `t_s` \[s\] after the start of the flight on, in place of the rest of the plan. No landing is planned any
+    /// more.
+    pub fn redirect(&mut self, t_s: f64, detour: Detour) {
+        self.detour = Some((t_s, detour));
+        (self.landing, self.planned_landing_s) = (Landing::NEVER, f64::INFINITY);
     }
 
     /// Time from the start of the flight at which the landing is planned, even if another landing has begun earlier \[s\].
@@ -112,7 +122,8 @@ impl FlightPlan {
             }
             _ => (self.trajectory_start_s, self.trajectory_start_s + self.trajectory.duration_s()),
         };
-        (from_s..=to_s.min(self.landing.start_s)).contains(&t_s)
+        let redirected_s = self.detour.as_ref().map_or(f64::INFINITY, |(start_s, _)| *start_s);
+        (from_s..=to_s.min(self.landing.start_s).min(redirected_s)).contains(&t_s)
             && (!self.trajectory.is_of_attitude() || self.sample(t_s).attitude.is_some())
     }
 

@@ -13,6 +13,7 @@ use super::intake::Intake;
 use crate::command::VehicleCommand;
 use crate::descent::BlindDescent;
 use crate::guard::seconds;
+use crate::handover::Handover;
 use crate::stack::{ControlOutput, ControlStack, LawInput};
 
 /// Time after the end of the landing's reference from which on thrust is reduced \[s\].
@@ -53,6 +54,7 @@ pub(super) struct FlightControl {
     interface: Interface,
     max_thrust_n: f64,
     stack: ControlStack,
+    handover: Handover,
     descent: BlindDescent,
     /// The last command, repeated while poses are missing.
     held: VehicleCommand,
@@ -71,6 +73,7 @@ impl FlightControl {
             interface: config.vehicle.interface,
             max_thrust_n: config.vehicle.max_thrust_n,
             stack: ControlStack::new(config)?,
+            handover: Handover::new(config),
             descent: BlindDescent::of(config),
             held: VehicleCommand::Disarmed,
             sent: VehicleCommand::Disarmed,
@@ -90,6 +93,15 @@ impl FlightControl {
     /// Resets integrators and filters for a new flight.
     pub(super) fn reset(&mut self) {
         self.stack.reset();
+        self.handover.reset();
+    }
+
+    /// Replaces the control stack by `stack`, which continues the flight, and returns the old one in its place. `keeps_law` if the
+    /// attitude law has the same options.
+    pub(super) fn exchange_stack(&mut self, stack: &mut ControlStack, keeps_law: bool) {
+        stack.adopt(&self.stack, keeps_law);
+        std::mem::swap(&mut self.stack, stack);
+        self.handover.begin();
     }
 
     /// Replaces the gains of one of the outer loops of Fig. 16.
@@ -105,13 +117,15 @@ impl FlightControl {
         intake: &Intake,
     ) -> Option<ControlOutput> {
         let Directive::Fly { reference, .. } = directive else { return None };
-        self.stack.compute(&LawInput {
+        let output = self.stack.compute(&LawInput {
             now_s: seconds(tick.now),
             dt_s: tick.dt_s,
             estimate: intake.motion(tick.now, tick.is_fresh)?,
             tracker: intake.tracker(),
             reference,
-        })
+        })?;
+        let command = self.handover.apply(&self.held, output.command, tick.dt_s);
+        Some(ControlOutput { command, ..output })
     }
 
     /// The command for `directive`: that of `output` where the law computed one, else the last one. Records it as sent, unless the

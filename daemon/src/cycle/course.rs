@@ -1,24 +1,30 @@
 //! The course of a flight: its mission, and the reference that is flown in a tick.
 
-use nalgebra::Vector3;
-use oqtal_bus::code::SafetyState;
+use nalgebra::{Vector3, Vector4};
+use oqtal_bus::code::{Cause, SafetyState};
+use oqtal_bus::message::ReferenceV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_control::estimator::Estimate;
 use oqtal_control::euler::EulerAngles;
 use oqtal_control::trajectory::{
-    FlightPlan, Phase, Reference, StartPoint, Trajectory, TrajectoryOptions,
+    Detour, FlightPlan, Leg, LegLimits, Phase, Reference, ReferenceMotion, StartPoint, Trajectory,
+    TrajectoryOptions,
 };
 
 use crate::fence::Fence;
 use crate::floor;
+use crate::live::{FlightChange, LiveControl};
 use crate::mission::ActiveMission;
 use crate::setpoint::{CheckedSetpoint, SetpointGuard};
+use crate::stream::ReferenceStream;
 
 /// Speed below which a vehicle is at rest \[m/s\].
 const REST_M_S: f64 = 0.1;
 /// Time for which a vehicle that landed must be at rest.
 const REST: Span = Span::from_millis(500);
+/// Points of a detour that are compared with the fence \[-\].
+const DETOUR_POINTS: u32 = 64;
 
 /// Course of a flight.
 #[derive(Clone, Debug)]
@@ -27,7 +33,12 @@ pub(super) struct FlightCourse {
     weight_n: f64,
     trajectory: Trajectory,
     options: TrajectoryOptions,
+    legs: LegLimits,
+    fence: Fence,
+    stream: ReferenceStream,
     check: SetpointGuard,
+    /// The last estimate of position \[m, world\] and velocity \[m/s, world\].
+    vehicle: [Vector3<f64>; 2],
     mission: Option<ActiveMission>,
     /// The reference of this tick: it is flown, and the limits of the flight are relative to it.
     setpoint: CheckedSetpoint,
@@ -46,7 +57,11 @@ impl FlightCourse {
             observe_only: config.safety.observe_only,
             weight_n: config.vehicle.mass_kg * config.vehicle.gravity_m_s2,
             options: config.trajectory.clone(),
-            check: SetpointGuard::new(fence),
+            legs: leg_limits(config),
+            stream: ReferenceStream::new(config, fence.clone()),
+            check: SetpointGuard::new(fence.clone()),
+            fence,
+            vehicle: [Vector3::zeros(); 2],
             mission: None,
             setpoint: CheckedSetpoint::default(),
             inside: None,
@@ -66,10 +81,11 @@ impl FlightCourse {
         &self.setpoint
     }
 
-    /// The reference of the plan at `at`; `None` without one, and while the reference is refused.
+    /// The reference of the plan, or of a planner, at `at`; `None` without one, and while the reference is refused.
     pub(super) fn reference_at(&self, at: Time) -> Option<Reference> {
         let mission = self.mission.as_ref().filter(|_| !self.setpoint.is_refused)?;
-        Some(mission.reference(at))
+        let streamed = self.stream.reference(at).filter(|_| !mission.is_held());
+        Some(streamed.unwrap_or_else(|| mission.reference(at)))
     }
 
     /// Records a position inside the soft border of the fence \[m, world\].
@@ -85,6 +101,7 @@ impl FlightCourse {
         };
         let plan = FlightPlan::new(&self.options, self.trajectory.clone(), start);
         self.check.reset();
+        self.stream.reset();
         (self.inside, self.at_rest_since, self.is_descent) = (None, None, false);
         self.mission = Some(ActiveMission::fly(plan, estimate.position.z, now));
         self.update_setpoint(now);
@@ -104,12 +121,133 @@ impl FlightCourse {
 
     /// Checks the reference at `now`: once in a tick, and again where the plan has changed in it.
     pub(super) fn update_setpoint(&mut self, now: Time) {
+        self.expire_stream(now);
         let Some(mission) = &self.mission else { return };
-        let reference = mission.reference(now);
+        let streamed = self.stream.reference(now).filter(|_| !mission.is_held());
+        let reference = streamed.unwrap_or_else(|| mission.reference(now));
         self.setpoint = match self.observe_only {
             true => CheckedSetpoint { reference: Some(reference), is_refused: false },
             false => self.check.pass(mission.changes(), &reference),
         };
+        self.setpoint.is_refused |= self.stream.take_refused();
+    }
+
+    /// Records the estimate of the vehicle's motion.
+    pub(super) fn record_estimate(&mut self, estimate: &Estimate) {
+        self.vehicle = [estimate.position, estimate.velocity];
+    }
+
+    /// The motion of the reference at `now`; `None` on the ground. Of a planner's attitude it is the motion of the vehicle.
+    fn motion(&self, now: Time) -> Option<ReferenceMotion> {
+        let mission = self.mission.as_ref()?;
+        let Some(mut motion) = self.stream.motion(now) else { return Some(mission.motion(now)) };
+        if self.stream.prescribes_attitude() {
+            let [position, velocity] = self.vehicle;
+            motion.value = position.xy().push(motion.value.z).push(motion.value.w);
+            motion.rate = velocity.xy().push(0.0).push(0.0);
+            motion.acceleration = Vector4::zeros();
+        }
+        Some(motion)
+    }
+
+    /// Brings the vehicle to rest where a planner's references ended.
+    fn expire_stream(&mut self, now: Time) {
+        let Some(motion) = self.motion(now).filter(|_| self.stream.expire(now)) else { return };
+        self.stop_from(now, &motion);
+    }
+
+    fn stop_from(&mut self, now: Time, motion: &ReferenceMotion) {
+        if let Some(mission) = &mut self.mission {
+            mission.redirect(now, Detour::stay(Leg::stop(motion, &self.legs)));
+        }
+    }
+
+    /// Ends a planner's stream; without another command the vehicle comes to rest.
+    fn end_stream(&mut self, now: Time) {
+        if let Some(motion) = self.motion(now).filter(|_| self.stream.is_followed()) {
+            self.stop_from(now, &motion);
+        }
+        self.stream.end();
+    }
+
+    /// Whether the vehicle holds its position because a planner's references ended, and whether it has for so long that it must
+    /// land.
+    pub(super) fn stream_ended(&self, now: Time) -> [bool; 2] {
+        self.stream.ended(now)
+    }
+
+    /// Whether the flight can be changed: it is not in its take-off or landing.
+    fn require_changeable(&self) -> Result<(), Cause> {
+        match self.setpoint.reference.map(|reference| reference.phase) {
+            Some(Phase::Settle | Phase::Trajectory) => Ok(()),
+            Some(Phase::TakeOff) => Err(Cause::TakeOff),
+            Some(Phase::Landing) | None => Err(Cause::WrongMode),
+        }
+    }
+
+    /// Takes a planner's reference, of the writer `source`; without effect during take-off and landing.
+    pub(super) fn receive_reference(&mut self, now: Time, source: u64, message: &ReferenceV1) {
+        if self.require_changeable().is_err() {
+            return;
+        }
+        let Some(present) = self.motion(now) else { return };
+        let was_followed = self.stream.is_followed();
+        self.stream.receive(now, (source, message), &present);
+        if self.stream.is_followed() && !was_followed {
+            // The plan is not resumed after the stream.
+            self.stop_from(now, &present);
+        }
+    }
+
+    /// Changes the flight from the present motion of the reference on.
+    ///
+    /// # Errors
+    /// The flight takes off or lands, or its path would leave the soft border of the fence.
+    pub(super) fn change(&mut self, now: Time, change: &FlightChange) -> Result<(), Cause> {
+        self.require_changeable()?;
+        let (Some(motion), Some(mission)) = (self.motion(now), &self.mission) else {
+            return Err(Cause::WrongMode);
+        };
+        let detour = match change {
+            FlightChange::Goto(target) => {
+                let yaw = if target.w.is_nan() { motion.value.w } else { target.w };
+                let target = target.xyz().push(yaw);
+                Detour::stay(Leg::to(&motion, &target, &self.legs))
+            }
+            FlightChange::Trajectory(trajectory) => {
+                let trajectory = Trajectory::clone(trajectory);
+                Detour::fly(trajectory, &motion, &mission.origin(), &self.legs)
+            }
+            FlightChange::Hover => Detour::stay(Leg::stop(&motion, &self.legs)),
+            FlightChange::Settings(_) => return Ok(()),
+        };
+        // The reference of the stop after a fast motion is what it is.
+        let is_hover = matches!(change, FlightChange::Hover);
+        if !is_hover && !self.is_inside(&detour) {
+            return Err(Cause::Fence);
+        }
+        self.stream.end();
+        if let Some(mission) = &mut self.mission {
+            mission.redirect(now, detour);
+        }
+        self.update_setpoint(now);
+        Ok(())
+    }
+
+    /// Whether `detour` stays inside the soft border of the fence.
+    fn is_inside(&self, detour: &Detour) -> bool {
+        (0..=DETOUR_POINTS).all(|index| {
+            let t_s = detour.duration_s() * f64::from(index) / f64::from(DETOUR_POINTS);
+            self.fence.inside_soft_m(&detour.sample(t_s).position) > 0.0
+        })
+    }
+
+    /// Exchanges the options of later flights and changes with those of `live`; the flight under way is not changed.
+    pub(super) fn exchange(&mut self, live: &mut LiveControl) {
+        std::mem::swap(&mut self.trajectory, &mut live.trajectory);
+        std::mem::swap(&mut self.options, &mut live.options);
+        self.legs = live.legs;
+        self.stream.set_limits(&live.stream);
     }
 
     /// Holds the vehicle, which is at `position` \[m, world\], lands or waits for the end of a descent if the safety state demands it,
@@ -121,6 +259,9 @@ impl FlightCourse {
         position: Vector3<f64>,
         is_landing: bool,
     ) -> bool {
+        if state >= SafetyState::Hold {
+            self.end_stream(now);
+        }
         let Some(mission) = self.mission.as_mut().filter(|_| !self.observe_only) else {
             return is_landing;
         };
@@ -156,6 +297,7 @@ impl FlightCourse {
     /// Lands above `position` \[m, world\], from the height and at the heading of the reference that was flown last.
     pub(super) fn land(&mut self, now: Time, position: Vector3<f64>) {
         let height = self.setpoint.reference.map_or(position.z, |last| last.position.z);
+        self.end_stream(now);
         if let Some(mission) = &mut self.mission {
             let point = self.setpoint.at(position.xy().push(height));
             mission.land_from(now, point.into());
@@ -194,6 +336,17 @@ impl FlightCourse {
             return false;
         }
         now.since(*self.at_rest_since.get_or_insert(now)) >= REST
+    }
+}
+
+/// The limits of a leg by `[reference]`.
+pub(crate) fn leg_limits(config: &Config) -> LegLimits {
+    let options = &config.reference;
+    LegLimits {
+        horizontal_m_s: options.leg_horizontal_m_s,
+        vertical_m_s: options.leg_vertical_m_s,
+        acceleration_m_s2: options.leg_acceleration_m_s2,
+        yaw_rate_rad_s: options.leg_yaw_rate_deg_s.to_radians(),
     }
 }
 

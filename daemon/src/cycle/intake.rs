@@ -235,6 +235,11 @@ impl Intake {
         &self.vehicle
     }
 
+    /// Continues the flight with the model, the noise and the adaptation of `tracker`, for another law.
+    pub(super) fn change_law(&mut self, tracker: &MotionTracker) {
+        self.tracker.change_law(tracker);
+    }
+
     /// Reasons against a flight.
     pub(super) fn obstacles(&self, now: Time, configs_differ: bool) -> ArmingObstacles {
         self.arming.obstacles(&ArmingView {

@@ -178,6 +178,8 @@ impl SafetyMonitor {
         conditions.poses_contradict = intake.consistency().contradicts();
         conditions.attitude_drifts = intake.consistency().drifts();
         conditions.setpoint_refused = course.setpoint().is_refused;
+        [conditions.references_ended, conditions.references_overdue] =
+            course.stream_ended(tick.now);
         if let Some(vehicle) = intake.vehicle().answer(tick.now) {
             self.limits.check_vehicle(vehicle, &mut conditions);
         }

@@ -1,7 +1,7 @@
 //! Supervision of the cycle: safety state, mode and course of the flight; from them, the directive of the tick.
 
 use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, SafetyState};
-use oqtal_bus::message::{ControlResponseV1, Header, VehicleV1};
+use oqtal_bus::message::{ControlResponseV1, Header, ReferenceV1, VehicleV1};
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_bus::time::Time;
 use oqtal_config::Config;
@@ -16,6 +16,7 @@ use super::requests::Requests;
 use super::safety::{SafetyMonitor, SafetyTick};
 use crate::command::VehicleCommand;
 use crate::law_guard::GuardReport;
+use crate::live::FlightChange;
 use crate::probe::HeadingProbe;
 
 /// Safety, mode and course of the flight.
@@ -143,6 +144,7 @@ impl FlightSupervision {
         intake: &mut Intake,
         sent: &VehicleCommand,
     ) -> (Directive, bool) {
+        self.course.record_estimate(&intake.estimate());
         self.course.update_setpoint(now);
         let tick = SafetyTick {
             now,
@@ -275,7 +277,19 @@ impl FlightSupervision {
                 self.call_off();
                 Ok(Answer::Accepted)
             }
+            // These come with what the loop needs for them.
+            _ => Err(Cause::WrongMode),
         };
+        self.response(now, result, intake)
+    }
+
+    /// The reply to a request with this result.
+    fn response(
+        &self,
+        now: Time,
+        result: Result<Answer, Cause>,
+        intake: &Intake,
+    ) -> ControlResponseV1 {
         let (answer, cause) = match result {
             Ok(answer) => (answer, self.safety.cause()),
             Err(cause) => (Answer::Refused, cause),
@@ -287,6 +301,50 @@ impl FlightSupervision {
             cause: cause.code(),
             obstacles: self.find_obstacles(now, intake).bits(),
             ..ControlResponseV1::default()
+        }
+    }
+
+    /// Makes a change of the flight, or of the settings, and returns the reply.
+    pub(super) fn change(
+        &mut self,
+        now: Time,
+        change: &mut FlightChange,
+        intake: &Intake,
+    ) -> ControlResponseV1 {
+        let result = match change {
+            FlightChange::Settings(live) => {
+                self.course.exchange(live);
+                Ok(())
+            }
+            change => {
+                self.require_changeable(intake).and_then(|()| self.course.change(now, change))
+            }
+        };
+        self.response(now, result.map(|()| Answer::Done), intake)
+    }
+
+    /// Whether the course of a flight can be changed: a vehicle flies, and nothing holds or ends the flight.
+    fn require_changeable(&self, intake: &Intake) -> Result<(), Cause> {
+        let state = self.safety.state();
+        match self.mode {
+            _ if self.observe_only => Err(Cause::WrongMode),
+            Mode::Flying if self.is_held(intake) => Err(Cause::TakeOff),
+            Mode::Flying if state >= SafetyState::Hold => Err(self.safety.cause()),
+            Mode::Flying => Ok(()),
+            _ => Err(Cause::WrongMode),
+        }
+    }
+
+    /// Takes a planner's reference, of the writer `source`, in a flight whose course can be changed.
+    pub(super) fn receive_reference(
+        &mut self,
+        now: Time,
+        source: u64,
+        message: &ReferenceV1,
+        intake: &Intake,
+    ) {
+        if self.require_changeable(intake).is_ok() {
+            self.course.receive_reference(now, source, message);
         }
     }
 

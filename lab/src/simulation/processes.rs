@@ -4,13 +4,17 @@ use std::rc::Rc;
 
 use oqtal_bus::code::{Answer, OperatorCommand};
 use oqtal_bus::error::BusError;
-use oqtal_bus::memory::MemoryBus;
+use oqtal_bus::memory::{MemoryBus, MemoryWriter};
+use oqtal_bus::message::{ControlRequestV1, ControlResponseV1, EventV1, ReferenceV1, Stamps};
 use oqtal_bus::time::Time;
-use oqtal_bus::topic::Role;
+use oqtal_bus::topic::{EVENT, REFERENCE, Role};
+use oqtal_bus::transport::{Publish, Transport};
 use oqtal_config::FaultTarget;
 use oqtal_control::position::OuterLoop;
 use oqtal_control::scalar_pid::PidGains;
-use oqtal_daemon::{CacheWarmup, Cycle, DaemonPorts, DaemonTurn, LawPort, loop_handoff};
+use oqtal_daemon::{
+    CacheWarmup, Cycle, DaemonPorts, DaemonTurn, LawPort, LiveSettings, Refusal, loop_handoff,
+};
 use oqtal_mocap_emu::{Cameras, EmulatedCameras, Playback, Start};
 use oqtal_plant_sim::{Plant, PlantTurn, Stepping};
 use oqtal_runtime::faults::{FaultyTransport, FaultyTurn};
@@ -41,6 +45,10 @@ pub(super) struct Processes<'a> {
     plant: Process<PlantTurn<Ports>>,
     poses: PoseProcess,
     daemon: Process<DaemonTurn<'a, Ports>>,
+    settings: LiveSettings,
+    events: MemoryWriter<EventV1>,
+    /// Requests that changed the flight or its settings so far.
+    count: u64,
 }
 
 impl<'a> Processes<'a> {
@@ -59,6 +67,9 @@ impl<'a> Processes<'a> {
             plant: plant(mission, bus, start, every_millisecond)?,
             poses: PoseProcess::open(mission, bus, start)?,
             daemon: daemon(mission, bus, start, law)?,
+            settings: LiveSettings::new(&mission.config, &[]),
+            events: bus.writer(&EVENT)?,
+            count: 0,
         })
     }
 
@@ -71,10 +82,18 @@ impl<'a> Processes<'a> {
             Role::Daemon => {
                 let law = std::mem::take(&mut self.daemon.turn.law);
                 self.daemon = daemon(mission, bus, now, law)?;
+                self.settings = LiveSettings::new(&mission.config, &[]);
+                self.count = 0;
+                self.events = bus.writer(&EVENT)?;
             }
             Role::Recorder | Role::Bridge | Role::Receiver => {}
         }
         Ok(())
+    }
+
+    /// A writer of references, as of a planner.
+    pub(super) fn references(&self) -> Result<MemoryWriter<ReferenceV1>, BusError> {
+        self.bus.writer(&REFERENCE)
     }
 
     /// Executes a turn of `role`.
@@ -92,6 +111,33 @@ impl<'a> Processes<'a> {
     pub(super) fn set_loop(&mut self, which: OuterLoop, gains: PidGains) -> Result<(), Failure> {
         let set = self.daemon.turn.cycle.set_loop(which, gains);
         set.map_err(|error| Failure::new(Exit::Config, error.within("position").to_string()))
+    }
+
+    /// Makes a request that changes the flight or its settings, as the daemon's background thread does, and returns the reply.
+    pub(super) fn change(
+        &mut self,
+        now: Time,
+        command: OperatorCommand,
+        request: &ControlRequestV1,
+    ) -> Result<Result<ControlResponseV1, Refusal>, BusError> {
+        let mut prepared = match self.settings.prepare(command, request) {
+            Ok(prepared) => prepared,
+            Err(refusal) => return Ok(Err(refusal)),
+        };
+        self.settings.commit(&mut prepared);
+        self.count += 1;
+        let ControlRequestV1 { point, yaw, .. } = *request;
+        let event = EventV1 {
+            number: self.count,
+            command: command.code(),
+            point,
+            yaw,
+            text: prepared.text,
+            ..EventV1::default()
+        };
+        self.events.send(0, Stamps::default(), event)?;
+        let named = (command, self.count);
+        self.daemon.turn.change(now, named, &mut prepared.change).map(Ok)
     }
 
     /// Passes an operator's command to the daemon; `false` if it is refused.

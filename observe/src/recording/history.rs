@@ -3,7 +3,9 @@
 use std::collections::HashMap;
 
 use oqtal_bus::code::InputKind;
-use oqtal_bus::message::{CommandV1, ExternalV1, Header, InputV1, PoseV1, TelemetryV1, VehicleV1};
+use oqtal_bus::message::{
+    CommandV1, EventV1, ExternalV1, Header, InputV1, PoseV1, ReferenceV1, TelemetryV1, VehicleV1,
+};
 use oqtal_bus::topic::{ObservedTopic, Sample};
 
 use crate::sink::{Reception, Sink};
@@ -22,6 +24,10 @@ pub struct RecordedTurn {
     pub vehicle: Option<(Header, VehicleV1)>,
     /// The answer of an external law, or the record that there was none.
     pub answer: Option<ExternalV1>,
+    /// The planner's reference taken.
+    pub reference: Option<(Header, ReferenceV1)>,
+    /// The request that changed the flight or its settings.
+    pub event: Option<EventV1>,
     /// The command published.
     pub command: Option<(Header, CommandV1)>,
     /// The telemetry published.
@@ -54,6 +60,9 @@ pub struct InputHistory {
     poses: HashMap<Identity, (Header, PoseV1)>,
     vehicles: HashMap<Identity, (Header, VehicleV1)>,
     answers: HashMap<Identity, ExternalV1>,
+    references: HashMap<Identity, (Header, ReferenceV1)>,
+    /// Events by daemon and number of the request.
+    events: HashMap<Identity, EventV1>,
     commands: HashMap<Identity, (Header, CommandV1)>,
     /// Samples as read by the daemon, by daemon and number.
     poses_read: HashMap<Identity, PoseV1>,
@@ -88,10 +97,12 @@ impl InputHistory {
                 || !messages.keys().any(|(other, later)| *other == source && *later >= number);
             number > 0 && found.is_none() && is_last()
         }
-        let RecordedTurn { input, pose, vehicle, answer, command, .. } = turn;
+        let RecordedTurn { input, pose, vehicle, answer, reference, command, .. } = turn;
+        let named = (input.reference_source, input.reference_number);
         is_missing(*pose, &self.poses, (input.pose_source, input.pose_number))
             || is_missing(*vehicle, &self.vehicles, (input.vehicle_source, input.vehicle_number))
             || is_missing(*answer, &self.answers, (source, input.external_number))
+            || is_missing(*reference, &self.references, named)
             || is_missing(*command, &self.commands, (source, input.command_sequence))
             || is_missing(*pose, &self.poses_read, (source, input.pose_read))
             || is_missing(*vehicle, &self.vehicles_read, (source, input.vehicle_read))
@@ -104,6 +115,8 @@ impl InputHistory {
         turn.pose = turn.pose.or(named.pose);
         turn.vehicle = turn.vehicle.or(named.vehicle);
         turn.answer = turn.answer.or(named.answer);
+        turn.reference = turn.reference.or(named.reference);
+        turn.event = turn.event.or(named.event);
         turn.command = turn.command.or(named.command);
         turn.telemetry = self.telemetry.get(&(source, turn.input.time.nanos())).copied();
     }
@@ -121,6 +134,11 @@ impl InputHistory {
                 .get(&(input.vehicle_source, input.vehicle_number))
                 .and_then(|sent| as_read(*sent, (source, input.vehicle_read), &self.vehicles_read)),
             answer: self.answers.get(&(source, input.external_number)).copied(),
+            reference: self
+                .references
+                .get(&(input.reference_source, input.reference_number))
+                .copied(),
+            event: self.events.get(&(source, input.event)).copied(),
             command: self.commands.get(&(source, input.command_sequence)).copied(),
             telemetry: None,
         }
@@ -169,6 +187,13 @@ impl Sink for InputHistory {
             }
             Sample::PoseRead(pose) => drop(self.poses_read.insert(identity, *pose)),
             Sample::VehicleRead(vehicle) => drop(self.vehicles_read.insert(identity, *vehicle)),
+            Sample::Reference(reference) => {
+                self.references.insert(identity, (header, *reference));
+            }
+            // A request that the loop refused has a second event, which is not made again.
+            Sample::Event(event) => {
+                self.events.entry((header.source, event.number)).or_insert(*event);
+            }
             Sample::Input(input) => self.input(header, input),
             Sample::External(answer) => drop(self.answers.insert(identity, *answer)),
             Sample::Truth(_) | Sample::State(_) | Sample::Health(..) => {}

@@ -4,7 +4,7 @@ use std::io;
 use std::path::PathBuf;
 
 use oqtal_bus::code::SafetyState;
-use oqtal_bus::message::{InputV1, PoseV1, TelemetryV1, TruthV1};
+use oqtal_bus::message::{EventV1, InputV1, PoseV1, TelemetryV1, TruthV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Sample};
 use oqtal_config::{ClockKind, Config};
@@ -245,6 +245,14 @@ impl McapRecorder {
         self.note_condition(received_at, telemetry);
     }
 
+    fn operator_event(&mut self, reception: &Reception, event: &EventV1) {
+        // Events use the machine's clock, also in virtual time.
+        let time = if self.is_real { event.time } else { reception.received_at };
+        self.record(reception, Sample::Event(event), time);
+        let at = (reception.received_at, time);
+        self.event(at, LogSeverity::Info, ("daemon", &event::of_operator(event)));
+    }
+
     fn input(&mut self, reception: &Reception, input: &InputV1) {
         self.record(reception, Sample::Input(input), input.time);
         if let Some(text) = event::of_input(input) {
@@ -287,6 +295,8 @@ impl Sink for McapRecorder {
                 self.faults.vehicle(vehicle);
                 self.record(reception, sample, stamps.applied_at);
             }
+            Sample::Reference(reference) => self.record(reception, sample, reference.time),
+            Sample::Event(event) => self.operator_event(reception, event),
             Sample::Input(input) => self.input(reception, input),
             // Health messages use the machine's clock, also in virtual time.
             Sample::Health(_, health) if self.is_real => {

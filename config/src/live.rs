@@ -1,0 +1,150 @@
+//! Settings that change while the daemon runs: which may, the configuration with them, and differences between configurations.
+
+use toml::{Table, Value};
+
+use crate::config::{Config, DEFAULTS, deserialize};
+use crate::error::ConfigError;
+use crate::nearest_key::with_nearest_key;
+use crate::renamed;
+use crate::setting::Setting;
+
+/// Sections whose keys may change in flight.
+const LIVE: [&str; 4] = ["control", "position", "trajectory", "reference"];
+
+/// Keys whose change needs a restart of the daemon alone, since they are in none of the sections that the processes share, or of
+/// keys in a live section.
+const RESTART: [(&str, &str); 4] = [
+    ("control.rate-hz", ALL),
+    ("control.estimator", ALL),
+    ("control.fallback", ALL),
+    ("log", "the daemon"),
+];
+/// Processes to restart for any other key: they must run with one configuration.
+const ALL: &str = "every process of the instance";
+
+/// The processes to restart for a change of `key`; `None` if the key may change in flight.
+fn restart_for(key: &str) -> Option<&'static str> {
+    let is_within = |section: &str| {
+        key.strip_prefix(section).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+    };
+    let listed = RESTART.iter().find(|(section, _)| is_within(section));
+    let is_live = LIVE.iter().any(|section| is_within(section));
+    listed.map(|(_, process)| *process).or((!is_live).then_some(ALL))
+}
+
+impl Config {
+    /// This configuration with `settings`, checked as a whole.
+    ///
+    /// # Errors
+    /// The first setting whose key is unknown or whose value breaks a rule, or a key that cannot change in flight.
+    pub fn with_live(&self, settings: &[Setting]) -> Result<Self, ConfigError> {
+        let mut table = self.to_table();
+        let mut origins = self.origins.clone();
+        for setting in &renamed::with_present_keys(settings) {
+            setting.insert_into(&mut table)?;
+            deserialize(&table)
+                .map_err(|reason| setting.refused(&with_nearest_key(setting, reason, DEFAULTS)))?;
+            origins.record(setting);
+        }
+        let error = |reason| ConfigError { origin: "settings".to_owned(), reason };
+        let config = Self { origins, ..deserialize(&table).map_err(error)? };
+        config.check()?;
+        let changed = self.differences(&config).map_err(|key| error(key))?;
+        let fixed = changed.iter().find_map(|text| {
+            let key = text.split('=').next().unwrap_or_default();
+            restart_for(key).map(|process| (key, process))
+        });
+        let is_external = self.control.is_external() || config.control.is_external();
+        let fixed = fixed.or_else(|| {
+            let changes = self.control.controller != config.control.controller;
+            (is_external && changes).then_some(("control.controller", ALL))
+        });
+        match fixed {
+            None => Ok(config),
+            Some((key, process)) => {
+                Err(error(format!("`{key}`: cannot change in flight; restart {process} with it")))
+            }
+        }
+    }
+
+    /// The value of the dotted key `key`, or of a section, as TOML on one line; `None` if there is none.
+    pub fn value(&self, key: &str) -> Option<String> {
+        let mut value = Value::Table(self.to_table());
+        for name in key.split('.') {
+            value = value.as_table_mut()?.remove(name)?;
+        }
+        Some(value.to_string())
+    }
+
+    /// Settings of `other` that differ from this configuration, as `KEY=VALUE`.
+    ///
+    /// # Errors
+    /// A key of this configuration that `other` does not have, with its remedy.
+    pub fn differences(&self, other: &Self) -> Result<Vec<String>, String> {
+        let (mut own, mut others) = (Vec::new(), Vec::new());
+        flatten("", &Value::Table(self.to_table()), &mut own);
+        flatten("", &Value::Table(other.to_table()), &mut others);
+        if let Some((key, _)) = own.iter().find(|(key, _)| others.iter().all(|(it, _)| it != key)) {
+            return Err(format!("`{key}`: cannot be removed in flight; set it to a value"));
+        }
+        let changed = others.into_iter().filter(|entry| !own.contains(entry));
+        Ok(changed.map(|(key, value)| format!("{key}={value}")).collect())
+    }
+
+    fn to_table(&self) -> Table {
+        Table::try_from(self).expect("a configuration holds only what TOML can say")
+    }
+}
+
+/// Adds every key below `path` with its value.
+fn flatten(path: &str, value: &Value, entries: &mut Vec<(String, String)>) {
+    match value {
+        Value::Table(table) => {
+            for (name, value) in table {
+                let dot = if path.is_empty() { "" } else { "." };
+                flatten(&format!("{path}{dot}{name}"), value, entries);
+            }
+        }
+        value => entries.push((path.to_owned(), value.to_string())),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn changed(config: &Config, texts: &[&str]) -> Result<Config, String> {
+        let settings: Vec<_> =
+            texts.iter().map(|text| Setting::parse("set", text).unwrap()).collect();
+        config.with_live(&settings).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn a_live_setting_changes_its_key_alone_and_is_a_difference() {
+        let config = Config::default();
+        let next =
+            changed(&config, &["position.horizontal-position.kp=1.7", "control.controller=lqr"])
+                .unwrap();
+        assert_eq!(next.value("position.horizontal-position.kp").as_deref(), Some("1.7"));
+        let differences = config.differences(&next).unwrap();
+        assert_eq!(differences.len(), 2, "{differences:?}");
+        assert_eq!(changed(&config, &[&differences[0], &differences[1]]).unwrap(), next);
+    }
+
+    #[test]
+    fn a_key_that_needs_a_restart_or_is_wrong_is_refused_with_its_name() {
+        let config = Config::default();
+        for (text, part) in [
+            ("vehicle.mass-kg=0.6", "restart every process"),
+            ("control.rate-hz=100", "restart every process"),
+            ("control.estimator.rate-cutoff-hz=3", "restart every process"),
+            ("position.tilt-limit-deg=95", "must be"),
+            ("position.tilt-limit-dog=9", "tilt-limit-deg"),
+            ("control.controller=none", "unknown variant"),
+        ] {
+            let told = changed(&config, &[text]).unwrap_err();
+            let key = text.split_once('=').unwrap().0;
+            assert!(told.contains(part) && told.contains(key), "{told}");
+        }
+    }
+}

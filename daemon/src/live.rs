@@ -1,0 +1,286 @@
+//! Changes of a flight under way: those of its course, and settings that take effect between two ticks.
+//!
+//! Everything that may fail or allocate happens on the background thread: a request is parsed, its settings are merged into the
+//! configuration and checked as a whole, and what the loop needs is built. The loop exchanges it with its own between two ticks;
+//! the background thread drops the rest.
+
+use std::path::{Path, PathBuf};
+
+use nalgebra::{Vector3, Vector4};
+use oqtal_bus::code::{Cause, OperatorCommand};
+use oqtal_bus::message::ControlRequestV1;
+use oqtal_bus::text::LongText;
+use oqtal_config::{Config, ConfigError, Setting};
+use oqtal_control::predictive::MotionTracker;
+use oqtal_control::trajectory::{LegLimits, Trajectory, TrajectoryOptions};
+use oqtal_runtime::process::Failure;
+
+use crate::command_model::{CommandModel, motion_tracker};
+use crate::cycle::leg_limits;
+use crate::fence::Fence;
+use crate::flight_room::require_room;
+use crate::stack::ControlStack;
+use crate::stream::ReferenceStream;
+use crate::waypoint_file;
+
+/// Number of changes of settings that can be taken back \[-\].
+const MOST_UNDONE: usize = 32;
+/// Name of the request in errors.
+const ORIGIN: &str = "set";
+
+/// The parts of the control that settings change, as the loop takes them.
+#[derive(Debug)]
+pub struct LiveControl {
+    pub(crate) stack: ControlStack,
+    /// Whether the attitude law has the same options as before: it then goes on with its state.
+    pub(crate) keeps_law: bool,
+    /// The tracker of the motion, if the law needs another one.
+    pub(crate) tracker: Option<MotionTracker>,
+    pub(crate) trajectory: Trajectory,
+    pub(crate) options: TrajectoryOptions,
+    pub(crate) legs: LegLimits,
+    pub(crate) stream: ReferenceStream,
+}
+
+impl LiveControl {
+    /// The control of `next`, which follows `present`.
+    ///
+    /// # Errors
+    /// An option of the law is not allowed, or the trajectory cannot be read or does not fit inside the fence.
+    fn new(present: &Config, next: &Config) -> Result<Self, Failure> {
+        let located = |error| Failure::from(next.locate(&error));
+        let trajectory = waypoint_file::trajectory(next)?;
+        require_room(next, &trajectory, None)?;
+        let of_tracker =
+            |config: &Config| (config.control.is_predictive(), config.control.predictive);
+        let tracker = if of_tracker(present) == of_tracker(next) {
+            None
+        } else {
+            let model = CommandModel::new(next).map_err(located)?.model;
+            Some(motion_tracker(next, model))
+        };
+        Ok(Self {
+            stack: ControlStack::new(next).map_err(located)?,
+            keeps_law: present.control == next.control,
+            tracker,
+            trajectory,
+            options: next.trajectory.clone(),
+            legs: leg_limits(next),
+            stream: ReferenceStream::new(next, Fence::new(&next.fence)),
+        })
+    }
+}
+
+/// A change that the loop makes.
+#[derive(Debug)]
+pub enum FlightChange {
+    /// Fly to a point and stay there: x, y, z \[m, world\] and yaw \[rad\], NaN for the present one.
+    Goto(Vector4<f64>),
+    /// Fly this trajectory next, then stay.
+    Trajectory(Box<Trajectory>),
+    /// Come to rest and stay.
+    Hover,
+    /// Control with other settings.
+    Settings(Box<LiveControl>),
+}
+
+/// Refusal of a request.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Refusal {
+    /// Cause.
+    pub cause: Cause,
+    /// Reason, with the key at fault; empty if the cause says it.
+    pub reason: String,
+}
+
+impl Refusal {
+    fn of_setting(reason: impl ToString) -> Self {
+        Self { cause: Cause::Setting, reason: reason.to_string() }
+    }
+}
+
+impl From<ConfigError> for Refusal {
+    fn from(error: ConfigError) -> Self {
+        Self::of_setting(error)
+    }
+}
+
+impl From<Failure> for Refusal {
+    fn from(failure: Failure) -> Self {
+        Self::of_setting(failure.message)
+    }
+}
+
+/// A request that was checked.
+#[derive(Debug)]
+pub struct PreparedChange {
+    /// The change for the loop.
+    pub change: FlightChange,
+    /// Text of the request, for the recording: what a replay prepares the same change from.
+    pub text: LongText,
+    /// The settings after the change, and whether they are those before the last one.
+    settings: Option<(Config, bool)>,
+}
+
+impl PreparedChange {
+    /// Whether the change is one of settings.
+    pub fn changes_settings(&self) -> bool {
+        self.settings.is_some()
+    }
+}
+
+/// The settings with which a daemon flies, and those before.
+#[derive(Clone, Debug)]
+pub struct LiveSettings {
+    present: Config,
+    /// Earlier settings, the last ones at the end.
+    earlier: Vec<Config>,
+    files: Vec<PathBuf>,
+}
+
+impl LiveSettings {
+    /// The settings of `config`, which was read from `files`.
+    pub fn new(config: &Config, files: &[PathBuf]) -> Self {
+        Self { present: config.clone(), earlier: Vec::new(), files: files.to_vec() }
+    }
+
+    /// The present settings.
+    pub fn present(&self) -> &Config {
+        &self.present
+    }
+
+    /// Number of changes that can be taken back \[-\].
+    pub fn changes(&self) -> usize {
+        self.earlier.len()
+    }
+
+    /// The value of a key.
+    ///
+    /// # Errors
+    /// There is no such key.
+    pub fn get(&self, key: &str) -> Result<String, Refusal> {
+        let value = self.present.value(key);
+        value.ok_or_else(|| Refusal::of_setting(format!("`{key}`: there is no such key")))
+    }
+
+    /// Checks `request` and builds what the loop needs for it. The settings change with [`LiveSettings::commit`].
+    ///
+    /// # Errors
+    /// The request is invalid; the reason names the key at fault.
+    pub fn prepare(
+        &self,
+        command: OperatorCommand,
+        request: &ControlRequestV1,
+    ) -> Result<PreparedChange, Refusal> {
+        let text = request.text;
+        let course = |change| Ok(PreparedChange { change, text, settings: None });
+        match command {
+            OperatorCommand::Goto => {
+                let target = Vector3::from(request.point).push(request.yaw);
+                self.require_inside(&target)?;
+                course(FlightChange::Goto(target))
+            }
+            OperatorCommand::Hover => course(FlightChange::Hover),
+            OperatorCommand::Trajectory => {
+                course(FlightChange::Trajectory(Box::new(self.trajectory(text.as_str())?)))
+            }
+            OperatorCommand::Undo => {
+                let earlier = self.earlier.last().cloned();
+                let none = || Refusal::of_setting("no change of settings to take back");
+                self.settings(earlier.ok_or_else(none)?, text, true)
+            }
+            // A recorded reload states the settings that it changed.
+            OperatorCommand::Reload if !(text.is_empty() || text.as_str().starts_with('/')) => {
+                self.set(text)
+            }
+            OperatorCommand::Reload => self.reload(text.as_str()),
+            _ => self.set(text),
+        }
+    }
+
+    /// Takes the settings of a change that was handed to the loop.
+    pub fn commit(&mut self, prepared: &mut PreparedChange) {
+        match prepared.settings.take() {
+            Some((settings, true)) => {
+                self.present = settings;
+                self.earlier.pop();
+            }
+            Some((settings, false)) => {
+                self.earlier.push(std::mem::replace(&mut self.present, settings));
+                let surplus = self.earlier.len().saturating_sub(MOST_UNDONE);
+                self.earlier.drain(..surplus);
+            }
+            None => {}
+        }
+    }
+
+    fn settings(
+        &self,
+        next: Config,
+        text: LongText,
+        is_undo: bool,
+    ) -> Result<PreparedChange, Refusal> {
+        let live = LiveControl::new(&self.present, &next)?;
+        let change = FlightChange::Settings(Box::new(live));
+        Ok(PreparedChange { change, text, settings: Some((next, is_undo)) })
+    }
+
+    /// Changes the settings `KEY=VALUE` in the lines of `text`.
+    fn set(&self, text: LongText) -> Result<PreparedChange, Refusal> {
+        let lines = text.as_str().lines();
+        let settings: Vec<_> =
+            lines.map(|line| Setting::parse(ORIGIN, line)).collect::<Result<_, _>>()?;
+        if settings.is_empty() {
+            return Err(Refusal::of_setting("no KEY=VALUE given"));
+        }
+        self.settings(self.present.with_live(&settings)?, text, false)
+    }
+
+    /// Changes the settings that differ in the file `path`, or in the files with which the daemon was started.
+    fn reload(&self, path: &str) -> Result<PreparedChange, Refusal> {
+        let named = [PathBuf::from(path)];
+        let files = if path.is_empty() { &self.files[..] } else { &named };
+        if files.is_empty() {
+            return Err(Refusal::of_setting("the daemon was started without a file; name one"));
+        }
+        let mut settings = Vec::new();
+        for file in files {
+            settings.extend(Config::file_settings(Path::new(file))?);
+        }
+        let next = self.present.with_live(&settings)?;
+        let changed = self.present.differences(&next).map_err(Refusal::of_setting)?;
+        let Some(text) = LongText::of_lines(changed.iter().map(String::as_str)) else {
+            let reason = format!("{} settings differ, too many for one request", changed.len());
+            return Err(Refusal::of_setting(reason));
+        };
+        if changed.is_empty() {
+            return Err(Refusal::of_setting("no setting differs"));
+        }
+        self.settings(next, text, false)
+    }
+
+    /// The trajectory with the name `kind` and the present options.
+    fn trajectory(&self, kind: &str) -> Result<Trajectory, Refusal> {
+        let kind = Setting::flag("fly", "trajectory.kind", kind);
+        let config = self.present.with_live(&[kind])?;
+        let trajectory = waypoint_file::trajectory(&config)?;
+        require_room(&config, &trajectory, None)?;
+        Ok(trajectory)
+    }
+
+    /// Fails unless `target` is a point inside the soft border of the fence.
+    fn require_inside(&self, target: &Vector4<f64>) -> Result<(), Refusal> {
+        let fence = &self.present.fence;
+        // A comparison with NaN is false.
+        let is_inside = Fence::new(fence).inside_soft_m(&target.xyz()) > 0.0;
+        if is_inside && !target.w.is_infinite() {
+            return Ok(());
+        }
+        let [x, y, z, w]: [f64; 4] = (*target).into();
+        let reason = format!(
+            "the point [{x}, {y}, {z}] m, yaw {w} rad, must be inside the soft border of the fence: fence.x-m = {:?}, fence.y-m = {:?}, fence.z-m = {:?}, fence.soft-margin-m = {}",
+            fence.x_m, fence.y_m, fence.z_m, fence.soft_margin_m
+        );
+        Err(Refusal { cause: Cause::Fence, reason })
+    }
+}

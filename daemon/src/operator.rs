@@ -1,0 +1,399 @@
+//! Requests of operators: from the background thread, which checks them, to the loop, which executes them between two turns.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use oqtal_bus::code::{Answer, Cause, OperatorCommand};
+use oqtal_bus::message::{ControlRequestV1, ControlResponseV1, EventV1};
+use oqtal_bus::text::LongText;
+use oqtal_bus::time::Time;
+use oqtal_runtime::handoff::{BackgroundHandle, RtHandle, handoff};
+
+use crate::condition::Condition;
+use crate::cycle::AutoTakeoff;
+use crate::live::{FlightChange, LiveSettings, PreparedChange, Refusal};
+
+/// An operator's request that the loop has not answered by then is answered with "accepted".
+const REPLY_TIMEOUT: Duration = Duration::from_millis(60);
+
+/// Number by which a request and its reply find each other.
+type RequestNumber = u64;
+type NumberedRequest = (RequestNumber, LoopRequest, ValidUntil);
+/// Instant after which a request must not begin a flight; unset for no limit.
+type ValidUntil = Time;
+/// The reply, with what the request replaced, to be dropped on the background thread.
+type NumberedReply = (RequestNumber, ControlResponseV1, LoopRequest);
+
+/// A request to the loop.
+#[derive(Debug)]
+pub enum LoopRequest {
+    /// A request that consists of its command.
+    Operator(OperatorCommand),
+    /// A change of the flight or its settings.
+    Change {
+        /// The command.
+        command: OperatorCommand,
+        /// Number of the request on topic `event`.
+        event: u64,
+        /// The change.
+        change: FlightChange,
+    },
+}
+
+impl LoopRequest {
+    /// The command, with the number of the request on topic `event`; 0 for none.
+    fn name(&self) -> (OperatorCommand, u64) {
+        match self {
+            Self::Operator(command) => (*command, 0),
+            Self::Change { command, event, .. } => (*command, *event),
+        }
+    }
+}
+
+/// The real-time thread's end of the hand-off.
+#[derive(Debug)]
+pub struct LoopHandle {
+    queues: RtHandle<Condition, NumberedRequest, NumberedReply>,
+    configs_differ: Arc<AtomicBool>,
+    last: Condition,
+}
+
+/// The background thread's end of the hand-off.
+#[derive(Debug)]
+pub struct OperatorRequests {
+    queues: BackgroundHandle<Condition, NumberedRequest, NumberedReply>,
+    configs_differ: Arc<AtomicBool>,
+    count: RequestNumber,
+    /// The last known condition of the loop.
+    pub(crate) last: Condition,
+    config_hash: u64,
+    /// `None` without a daemon's background thread.
+    settings: Option<LiveSettings>,
+    /// Number of requests that change a flight or its settings so far.
+    events: u64,
+}
+
+/// Both ends.
+pub fn loop_handoff() -> (LoopHandle, OperatorRequests) {
+    let (realtime, background) = handoff();
+    let differ = Arc::new(AtomicBool::new(false));
+    let last = Condition::default();
+    (
+        LoopHandle { queues: realtime, configs_differ: Arc::clone(&differ), last },
+        OperatorRequests {
+            queues: background,
+            configs_differ: differ,
+            count: 0,
+            last,
+            config_hash: 0,
+            settings: None,
+            events: 0,
+        },
+    )
+}
+
+impl LoopHandle {
+    /// Whether the processes of the instance run with different configurations, by the last check of the background thread.
+    pub fn configs_differ(&self) -> bool {
+        self.configs_differ.load(Ordering::Relaxed)
+    }
+
+    /// Replies to the operator's request that waits, if any, with the result of `answer`; returns its command, its number on topic
+    /// `event` and the reply, `None` if none waits. A request to fly that is read too late is refused. The operator waits by the
+    /// machine's clock, also for a flight in virtual time.
+    pub fn poll_request(
+        &self,
+        mut answer: impl FnMut(&mut LoopRequest) -> ControlResponseV1,
+    ) -> Option<(OperatorCommand, u64, ControlResponseV1)> {
+        let (number, mut request, valid_until) = self.queues.request()?;
+        let (command, event) = request.name();
+        let is_late = valid_until.is_set() && Time::now() > valid_until;
+        let response = if is_late && must_be_timely(command) {
+            let status = answer(&mut LoopRequest::Operator(OperatorCommand::Status));
+            refused(Cause::Expired, status)
+        } else {
+            answer(&mut request)
+        };
+        self.queues.reply((number, response, request));
+        Some((command, event, response))
+    }
+
+    /// Passes a changed condition to the background thread, with the number of changes before it that found the queue full.
+    pub fn publish_status(&mut self, condition: Condition) {
+        if condition.differs_from(&self.last) {
+            self.last = Condition { unlogged: self.queues.dropped_notes(), ..condition };
+            self.queues.note(self.last);
+        }
+    }
+}
+
+impl OperatorRequests {
+    /// Tells the loop whether the processes of the instance run with different configurations.
+    pub fn note_configs_differ(&self, differ: bool) {
+        self.configs_differ.store(differ, Ordering::Relaxed);
+    }
+
+    /// Takes in and logs the changes of the condition.
+    pub(crate) fn take_changes(&mut self) {
+        for condition in self.queues.notes() {
+            condition.log();
+            if condition.auto_takeoff == AutoTakeoff::Refused
+                && self.last.auto_takeoff != AutoTakeoff::Refused
+            {
+                tracing::warn!(
+                    "no take-off at start: the vehicle is not simulated; arm with `oqtal ctl arm` when everybody is clear"
+                );
+            }
+            self.last = condition;
+        }
+    }
+
+    /// These requests, for a daemon with the configuration hash `config_hash` and these settings.
+    pub(crate) fn with_settings(self, config_hash: u64, settings: LiveSettings) -> Self {
+        Self { config_hash, settings: Some(settings), ..self }
+    }
+
+    /// The reply of a loop in the last known condition.
+    fn present(&self, answer: Answer) -> ControlResponseV1 {
+        let Condition { mode, state, cause, obstacles, .. } = self.last;
+        let (answer, config_hash) = (answer.code(), self.config_hash);
+        let text = LongText::EMPTY;
+        ControlResponseV1 { answer, mode, state, cause, config_hash, obstacles, text }
+    }
+
+    /// Answers a request: checks it, passes it to the loop, and waits for the reply. `publish` receives the events.
+    pub(crate) fn ask(
+        &mut self,
+        request: ControlRequestV1,
+        publish: &mut dyn FnMut(EventV1),
+    ) -> ControlResponseV1 {
+        let Some(command) = OperatorCommand::from_code(request.command) else {
+            return self.present(Answer::Refused);
+        };
+        let is_other = request.config_hash != 0 && request.config_hash != self.config_hash;
+        if is_other && begins_flight(command) {
+            return refused(Cause::OtherConfig, self.present(Answer::Refused));
+        }
+        if command.changes_flight() {
+            return self.change(command, &request, publish);
+        }
+        if command == OperatorCommand::Get {
+            return self.get(request.text.as_str());
+        }
+        self.pass_on(LoopRequest::Operator(command), request.valid_until)
+    }
+
+    /// Reports the value of the setting `key`.
+    fn get(&self, key: &str) -> ControlResponseV1 {
+        let present = self.present(Answer::Done);
+        let value = self.settings.as_ref().map(|settings| settings.get(key));
+        match value {
+            Some(Ok(value)) => ControlResponseV1 { text: LongText::new(&value), ..present },
+            Some(Err(refusal)) => with_reason(&refusal, present),
+            None => self.present(Answer::Refused),
+        }
+    }
+
+    /// Prepares a change and passes it to the loop; its events go to `publish`.
+    fn change(
+        &mut self,
+        command: OperatorCommand,
+        request: &ControlRequestV1,
+        publish: &mut dyn FnMut(EventV1),
+    ) -> ControlResponseV1 {
+        let Some(settings) = &self.settings else { return self.present(Answer::Refused) };
+        let prepared = settings.prepare(command, request);
+        self.events += 1;
+        let mut event = EventV1 { number: self.events, ..event(request, Answer::Accepted) };
+        let response = match prepared {
+            Err(refusal) => with_reason(&refusal, self.present(Answer::Refused)),
+            Ok(_) if self.queues.is_full() => {
+                refused(Cause::Expired, self.present(Answer::Refused))
+            }
+            Ok(prepared) => {
+                event.text = prepared.text;
+                publish(event);
+                self.hand_over(prepared, &event, request.valid_until)
+            }
+        };
+        if response.answer == Answer::Refused.code() {
+            publish(refused_event(event, &response));
+        }
+        response
+    }
+
+    /// Passes a change to the loop. Settings do not expire: those of the loop and of this thread must agree.
+    fn hand_over(
+        &mut self,
+        mut prepared: PreparedChange,
+        event: &EventV1,
+        valid_until: Time,
+    ) -> ControlResponseV1 {
+        let is_of_settings = prepared.changes_settings();
+        if let Some(settings) = &mut self.settings {
+            settings.commit(&mut prepared);
+        }
+        let command = OperatorCommand::from_code(event.command).unwrap_or(OperatorCommand::Set);
+        let change = LoopRequest::Change { command, event: event.number, change: prepared.change };
+        let limit = if is_of_settings { Time::UNSET } else { valid_until };
+        let response = self.pass_on(change, limit);
+        let text = if is_of_settings { event.text } else { response.text };
+        ControlResponseV1 { text, ..response }
+    }
+
+    /// Passes a request to the loop and waits for the reply, at most [`REPLY_TIMEOUT`]: the loop may stand still.
+    fn pass_on(&mut self, request: LoopRequest, valid_until: Time) -> ControlResponseV1 {
+        self.count += 1;
+        let (config_hash, reply) = (self.config_hash, |answer| self.present(answer));
+        if self.queues.send((self.count, request, valid_until)).is_err() {
+            return reply(Answer::Refused);
+        }
+        let timeout = crossbeam_channel::after(REPLY_TIMEOUT);
+        loop {
+            crossbeam_channel::select! {
+                recv(self.queues.replies()) -> answer => match answer {
+                    Ok((number, response, _)) if number == self.count => {
+                        return ControlResponseV1 { config_hash, ..response };
+                    }
+                    // The late reply to an earlier request.
+                    Ok(_) => {}
+                    Err(_) => return reply(Answer::Refused),
+                },
+                recv(timeout) -> _ => return reply(Answer::Accepted),
+            }
+        }
+    }
+}
+
+/// Whether motors may start because of `command`: it must not be executed late, or under another configuration than expected.
+fn begins_flight(command: OperatorCommand) -> bool {
+    matches!(command, OperatorCommand::Arm | OperatorCommand::Fly)
+}
+
+/// Whether `command` must not be executed late.
+fn must_be_timely(command: OperatorCommand) -> bool {
+    let is_course = matches!(command, OperatorCommand::Goto | OperatorCommand::Trajectory);
+    begins_flight(command) || is_course
+}
+
+/// The event of `request`, with this answer.
+fn event(request: &ControlRequestV1, answer: Answer) -> EventV1 {
+    let ControlRequestV1 { command, process, user, program, point, yaw, text, .. } = *request;
+    let (time, answer) = (Time::now(), answer.code());
+    let base = EventV1 { time, command, answer, process, user, program, ..EventV1::default() };
+    EventV1 { point, yaw, text, ..base }
+}
+
+/// `event`, refused with `response`.
+fn refused_event(event: EventV1, response: &ControlResponseV1) -> EventV1 {
+    let ControlResponseV1 { cause, text: reason, .. } = *response;
+    EventV1 { answer: Answer::Refused.code(), cause, reason, ..event }
+}
+
+/// The refusal `refusal`, with mode and state as in `present`.
+fn with_reason(refusal: &Refusal, present: ControlResponseV1) -> ControlResponseV1 {
+    let text = LongText::new(&refusal.reason);
+    ControlResponseV1 { text, ..refused(refusal.cause, present) }
+}
+
+/// The refusal for the reason `cause`, with mode and state as in `present`.
+fn refused(cause: Cause, present: ControlResponseV1) -> ControlResponseV1 {
+    ControlResponseV1 { answer: Answer::Refused.code(), cause: cause.code(), ..present }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn asks(command: OperatorCommand) -> ControlRequestV1 {
+        ControlRequestV1::of(command)
+    }
+
+    fn answers(answer: Answer) -> ControlResponseV1 {
+        ControlResponseV1 { answer: answer.code(), ..ControlResponseV1::default() }
+    }
+
+    #[test]
+    fn no_operator_gets_the_reply_to_the_request_of_another() {
+        let (handle, mut requests) = loop_handoff();
+        // The loop stands still: the first operator gets no reply from it.
+        let first = requests.ask(asks(OperatorCommand::Status), &mut |_| {});
+        assert_eq!(first.answer, Answer::Accepted.code());
+        let second =
+            std::thread::spawn(move || requests.ask(asks(OperatorCommand::Land), &mut |_| {}));
+        assert!(handle.poll_request(|_| answers(Answer::Refused)).is_some());
+        // The loop runs again once the second request is there, too.
+        let land = |request: &mut LoopRequest| {
+            assert_eq!(request.name().0, OperatorCommand::Land);
+            answers(Answer::Done)
+        };
+        while handle.poll_request(land).is_none() {
+            std::thread::yield_now();
+        }
+        let second = second.join().unwrap().answer;
+        // Accepted: this machine took longer for the above than an operator waits.
+        assert!([Answer::Done, Answer::Accepted].map(Answer::code).contains(&second));
+    }
+
+    #[test]
+    fn a_request_to_fly_expires_and_a_stop_does_not() {
+        let (handle, requests) = loop_handoff();
+        let long_ago = Time::now();
+        for (command, is_executed) in [
+            (OperatorCommand::Arm, false),
+            (OperatorCommand::Fly, false),
+            (OperatorCommand::Land, true),
+            (OperatorCommand::Stop, true),
+        ] {
+            requests.queues.send((0, LoopRequest::Operator(command), long_ago)).unwrap();
+            let mut executed = false;
+            while Time::now() == long_ago {}
+            let asked = handle.poll_request(|asked| {
+                executed |= asked.name().0 == command;
+                answers(Answer::Done)
+            });
+            assert_eq!(asked.map(|(command, ..)| command), Some(command));
+            let (_, response, _) = requests.queues.replies().recv().unwrap();
+            assert_eq!(executed, is_executed, "{command}");
+            let is_refused = response.cause == Cause::Expired.code();
+            assert_eq!(is_refused, !is_executed, "{command}");
+        }
+    }
+
+    #[test]
+    fn a_request_to_fly_with_another_configuration_is_refused() {
+        let (_handle, requests) = loop_handoff();
+        let mut requests = OperatorRequests { config_hash: 7, ..requests };
+        let request = ControlRequestV1 { config_hash: 8, ..asks(OperatorCommand::Arm) };
+        let response = requests.ask(request, &mut |_| {});
+        assert_eq!((response.answer, response.config_hash), (Answer::Refused.code(), 7));
+        assert_eq!(response.cause, Cause::OtherConfig.code());
+        for config_hash in [0, 7] {
+            let response = requests.ask(ControlRequestV1 { config_hash, ..request }, &mut |_| {});
+            assert_eq!(response.answer, Answer::Accepted.code());
+        }
+        let stop = requests
+            .ask(ControlRequestV1 { config_hash: 8, ..asks(OperatorCommand::Stop) }, &mut |_| {});
+        assert_eq!(stop.answer, Answer::Accepted.code());
+    }
+
+    #[test]
+    fn changes_that_found_the_queue_full_are_counted_in_the_next_one() {
+        let (mut handle, mut requests) = loop_handoff();
+        let condition = |mode| Condition { mode, ..Condition::default() };
+        let mut mode = 0;
+        let mut publish = |handle: &mut LoopHandle| {
+            mode = 1 - mode;
+            handle.publish_status(condition(mode));
+        };
+        while handle.queues.dropped_notes() < 3 {
+            publish(&mut handle);
+        }
+        requests.take_changes();
+        assert_eq!(requests.last.unlogged, 0);
+        publish(&mut handle);
+        requests.take_changes();
+        assert_eq!(requests.last.unlogged, 3);
+    }
+}

@@ -1,0 +1,354 @@
+//! References of a planner, topic `reference`: their check, the reference between two of them, and their end.
+//!
+//! The newest accepted reference is followed until its validity ends; between two it is extrapolated. A request of an operator that
+//! changes the flight ends the stream: further references of the same planner are ignored until it pauses.
+
+use nalgebra::Vector3;
+use oqtal_bus::code::ReferenceKind;
+use oqtal_bus::message::ReferenceV1;
+use oqtal_bus::time::{Span, Time};
+use oqtal_config::Config;
+use oqtal_control::quantity::BodyRate;
+use oqtal_control::quaternion::Attitude;
+use oqtal_control::tracking_error::AttitudeReference;
+use oqtal_control::trajectory::{Phase, Reference, ReferenceMotion};
+
+use crate::fence::Fence;
+
+/// Pause after which a planner's references count as a new stream.
+const PAUSE: Span = Span::from_millis(500);
+/// Deviation of the norm of a quaternion from 1 above which it is invalid \[-\].
+const NORM_TOLERANCE: f64 = 1e-3;
+
+/// Limits of a planner's references.
+#[derive(Clone, Debug)]
+struct StreamLimits {
+    speed_m_s: f64,
+    acceleration_m_s2: f64,
+    jump_m: f64,
+    cosine_of_tilt: f64,
+    longest_validity: Span,
+    fence: Fence,
+}
+
+/// A reference that was accepted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct FollowedReference {
+    time: Time,
+    valid_until: Time,
+    motion: ReferenceMotion,
+    jerk: Vector3<f64>,
+    attitude: Option<AttitudeReference>,
+}
+
+impl FollowedReference {
+    /// The motion at `now`.
+    fn motion(&self, now: Time) -> ReferenceMotion {
+        let dt_s = now.since(self.time).seconds();
+        let mut motion = self.motion.after(dt_s);
+        let bend = self.jerk * (dt_s * dt_s / 2.0);
+        motion.value += (bend * (dt_s / 3.0)).push(0.0);
+        motion.rate += bend.push(0.0);
+        motion.acceleration += (self.jerk * dt_s).push(0.0);
+        motion
+    }
+
+    fn reference(&self, now: Time) -> Reference {
+        let ReferenceMotion { value, rate, .. } = self.motion(now);
+        let dt_s = now.since(self.time).seconds();
+        let turned = |prescribed: AttitudeReference| AttitudeReference {
+            attitude: prescribed.attitude.turned_by(prescribed.rate.0 * dt_s),
+            ..prescribed
+        };
+        Reference {
+            velocity: rate.xyz(),
+            yaw_rad: value.w,
+            attitude: self.attitude.map(turned),
+            ..Reference::rest(value.xyz(), Phase::Trajectory)
+        }
+    }
+}
+
+/// Writer of references, and the instant of its last one.
+type Writer = (u64, Time);
+
+/// The references of a planner. No method allocates.
+#[derive(Clone, Debug)]
+pub struct ReferenceStream {
+    limits: StreamLimits,
+    land_after: Span,
+    followed: Option<FollowedReference>,
+    /// Since when the vehicle holds its position because the references ended.
+    ended_since: Option<Time>,
+    /// The planner whose stream an operator ended.
+    ignored: Option<Writer>,
+    last: Option<Writer>,
+    is_refused: bool,
+}
+
+impl ReferenceStream {
+    /// The stream of `config` inside `fence`, before the first reference.
+    pub fn new(config: &Config, fence: Fence) -> Self {
+        Self {
+            limits: StreamLimits::new(config, fence),
+            land_after: Span::from_seconds(config.reference.land_after_ms * 1e-3),
+            followed: None,
+            ended_since: None,
+            ignored: None,
+            last: None,
+            is_refused: false,
+        }
+    }
+
+    /// Replaces the limits by those of `other`.
+    pub fn set_limits(&mut self, other: &Self) {
+        self.limits = other.limits.clone();
+        self.land_after = other.land_after;
+    }
+
+    /// Forgets all references: a flight begins.
+    pub fn reset(&mut self) {
+        (self.followed, self.ended_since, self.is_refused) = (None, None, false);
+    }
+
+    /// Ends the stream: an operator or the safety monitor determines the flight.
+    pub fn end(&mut self) {
+        self.reset();
+        self.ignored = self.last;
+    }
+
+    /// Takes a reference of the writer `source`; `present` is the motion of the reference that is flown at `now`.
+    pub fn receive(
+        &mut self,
+        now: Time,
+        (source, message): (u64, &ReferenceV1),
+        present: &ReferenceMotion,
+    ) {
+        self.last = Some((source, now));
+        if let Some((ignored, at)) = &mut self.ignored {
+            if *ignored == source && now.since(*at) < PAUSE {
+                *at = now;
+                return;
+            }
+            self.ignored = None;
+        }
+        match self.limits.check(now, message, present) {
+            Some(reference) => (self.followed, self.ended_since) = (Some(reference), None),
+            None => self.is_refused = true,
+        }
+    }
+
+    /// Whether references are followed.
+    pub fn is_followed(&self) -> bool {
+        self.followed.is_some()
+    }
+
+    /// The reference at `now`; `None` if none is followed.
+    pub fn reference(&self, now: Time) -> Option<Reference> {
+        self.followed.map(|followed| followed.reference(now))
+    }
+
+    /// The motion of the reference at `now`; `None` if none is followed.
+    pub fn motion(&self, now: Time) -> Option<ReferenceMotion> {
+        self.followed.map(|followed| followed.motion(now))
+    }
+
+    /// Whether the followed reference prescribes an attitude.
+    pub fn prescribes_attitude(&self) -> bool {
+        self.followed.is_some_and(|followed| followed.attitude.is_some())
+    }
+
+    /// Ends the stream if the validity of its last reference is over at `now`; returns whether it ended.
+    pub fn expire(&mut self, now: Time) -> bool {
+        let is_over = self.followed.is_some_and(|followed| now > followed.valid_until);
+        if is_over {
+            (self.followed, self.ended_since) = (None, Some(now));
+        }
+        is_over
+    }
+
+    /// Whether the vehicle holds its position because the references ended, and whether it has for so long that it must land.
+    pub fn ended(&self, now: Time) -> [bool; 2] {
+        let is_over = self.ended_since.is_some_and(|since| now.since(since) >= self.land_after);
+        [self.ended_since.is_some(), is_over]
+    }
+
+    /// Whether a reference was refused since the last call.
+    pub fn take_refused(&mut self) -> bool {
+        std::mem::take(&mut self.is_refused)
+    }
+}
+
+impl StreamLimits {
+    fn new(config: &Config, fence: Fence) -> Self {
+        let options = &config.reference;
+        Self {
+            speed_m_s: options.speed_limit_m_s,
+            acceleration_m_s2: options.acceleration_limit_m_s2,
+            jump_m: options.jump_limit_m,
+            cosine_of_tilt: config.position.tilt_limit_deg.to_radians().cos(),
+            longest_validity: Span::from_seconds(options.longest_validity_ms * 1e-3),
+            fence,
+        }
+    }
+
+    /// The reference of `message`; `None` if it is invalid, too old, or beyond a limit.
+    fn check(
+        &self,
+        now: Time,
+        message: &ReferenceV1,
+        present: &ReferenceMotion,
+    ) -> Option<FollowedReference> {
+        let age = now.since(message.time);
+        let is_timely = age <= self.longest_validity
+            && Span::ZERO - age <= self.longest_validity
+            && message.valid_until > now;
+        if !is_timely {
+            return None;
+        }
+        let kind = ReferenceKind::from_code(message.kind)?;
+        let [position, velocity, acceleration, jerk] =
+            [message.position, message.velocity, message.acceleration, message.jerk]
+                .map(Vector3::from);
+        let motion = ReferenceMotion {
+            value: position.push(message.yaw),
+            rate: velocity.push(message.yaw_rate),
+            acceleration: acceleration.push(0.0),
+        };
+        let valid_until = message.valid_until.min(now + self.longest_validity);
+        let mut reference =
+            FollowedReference { time: message.time, valid_until, motion, jerk, attitude: None };
+        if kind == ReferenceKind::Attitude {
+            reference.attitude = Some(self.attitude(message)?);
+            // The horizontal position is not controlled.
+            reference.motion.value.x = present.value.x;
+            reference.motion.value.y = present.value.y;
+            reference.motion.rate.x = 0.0;
+            reference.motion.rate.y = 0.0;
+        }
+        self.allows(now, &reference, present).then_some(reference)
+    }
+
+    /// Whether `reference` is within the limits, now and at the end of its validity. Comparisons with NaN are false.
+    fn allows(&self, now: Time, reference: &FollowedReference, present: &ReferenceMotion) -> bool {
+        let [now, end] = [now, reference.valid_until].map(|at| reference.motion(at));
+        let jump_m = (now.value - present.value).xyz().norm();
+        let is_slow = |motion: &ReferenceMotion| motion.rate.xyz().norm() <= self.speed_m_s;
+        jump_m <= self.jump_m
+            && is_slow(&now)
+            && now.acceleration.xyz().norm() <= self.acceleration_m_s2
+            && end.acceleration.xyz().norm().is_finite()
+            && now.value.w.is_finite()
+            && now.rate.w.is_finite()
+            && self.fence.inside_soft_m(&now.value.xyz()) > 0.0
+    }
+
+    /// The attitude of `message`; `None` if it is not a rotation, or tilted beyond the limit.
+    fn attitude(&self, message: &ReferenceV1) -> Option<AttitudeReference> {
+        let norm = message.attitude.iter().map(|part| part * part).sum::<f64>().sqrt();
+        let rate = Vector3::from(message.rate);
+        let is_rotation = (norm - 1.0).abs() <= NORM_TOLERANCE;
+        if !is_rotation || !rate.iter().all(|part| part.is_finite()) {
+            return None;
+        }
+        let attitude = Attitude::from_xyzw(message.attitude)?;
+        let is_upright = attitude.to_world(&Vector3::z()).z >= self.cosine_of_tilt;
+        is_upright.then(|| AttitudeReference {
+            rate: BodyRate(rate),
+            ..AttitudeReference::at_rest(attitude)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const START: Time = Time::VIRTUAL_START;
+
+    fn stream() -> ReferenceStream {
+        let config = Config::default();
+        ReferenceStream::new(&config, Fence::new(&config.fence))
+    }
+
+    fn at(millis: i64) -> Time {
+        START + Span::from_millis(millis)
+    }
+
+    /// A reference at x = 0.5 m/s times the time since the start, at 1 m, valid for two periods of 60 Hz.
+    fn sample(millis: i64) -> ReferenceV1 {
+        ReferenceV1 {
+            time: at(millis),
+            valid_until: at(millis + 33),
+            kind: ReferenceKind::Position.code(),
+            position: [0.5e-3 * millis as f64, 0.0, 1.0],
+            velocity: [0.5, 0.0, 0.0],
+            ..ReferenceV1::default()
+        }
+    }
+
+    fn present() -> ReferenceMotion {
+        ReferenceMotion { value: [0.0, 0.0, 1.0, 0.0].into(), ..ReferenceMotion::default() }
+    }
+
+    #[test]
+    fn f35_between_two_references_the_last_is_extrapolated_until_its_validity_ends() {
+        let mut stream = stream();
+        stream.receive(at(0), (7, &sample(0)), &present());
+        let reference = stream.reference(at(20)).unwrap();
+        assert!((reference.position - Vector3::new(0.01, 0.0, 1.0)).norm() < 1e-12);
+        assert!(!stream.expire(at(33)) && stream.expire(at(34)));
+        assert_eq!((stream.reference(at(34)), stream.ended(at(40))), (None, [true, false]));
+        assert_eq!(stream.ended(at(34 + 5000)), [true, true]);
+        stream.receive(at(60), (7, &sample(60)), &present());
+        assert_eq!(stream.ended(at(60)), [false, false]);
+    }
+
+    #[test]
+    fn f35_a_planners_reference_beyond_a_limit_leaves_the_last_valid_one_in_force() {
+        let good = sample(10);
+        let wrong = [
+            ReferenceV1 { position: [f64::NAN, 0.0, 1.0], ..good },
+            ReferenceV1 { position: [1.0, 0.0, 1.0], ..good },
+            ReferenceV1 { velocity: [9.0, 0.0, 0.0], ..good },
+            ReferenceV1 { acceleration: [0.0, 0.0, 20.0], ..good },
+            ReferenceV1 { jerk: [f64::INFINITY, 0.0, 0.0], ..good },
+            ReferenceV1 { yaw: f64::NAN, ..good },
+            ReferenceV1 { valid_until: at(9), ..good },
+            ReferenceV1 { time: at(-2000), ..good },
+            ReferenceV1 { kind: 9, ..good },
+            ReferenceV1 { kind: ReferenceKind::Attitude.code(), attitude: [0.0; 4], ..good },
+            ReferenceV1 {
+                kind: ReferenceKind::Attitude.code(),
+                attitude: [1.0, 0.0, 0.0, 0.0],
+                ..good
+            },
+        ];
+        for message in wrong {
+            let mut stream = stream();
+            stream.receive(at(0), (7, &sample(0)), &present());
+            assert!(!stream.take_refused());
+            let before = stream.reference(at(10));
+            stream.receive(at(10), (7, &message), &stream.motion(at(10)).unwrap());
+            assert!(stream.take_refused(), "{message:?}");
+            assert_eq!(stream.reference(at(10)), before, "{message:?}");
+        }
+    }
+
+    #[test]
+    fn an_operator_ends_a_stream_until_its_planner_pauses() {
+        let mut stream = stream();
+        stream.receive(at(0), (7, &sample(0)), &present());
+        stream.end();
+        for millis in [10, 400, 800] {
+            stream.receive(at(millis), (7, &sample(millis)), &present());
+            assert!(!stream.is_followed());
+        }
+        let resting = ReferenceV1 { position: [0.0, 0.0, 1.0], ..sample(1400) };
+        stream.receive(at(1400), (7, &resting), &present());
+        assert!(stream.is_followed(), "it paused");
+        stream.end();
+        stream.receive(at(1410), (8, &ReferenceV1 { time: at(1410), ..resting }), &present());
+        assert!(stream.is_followed(), "another planner");
+    }
+}

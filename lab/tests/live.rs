@@ -1,0 +1,308 @@
+//! Flights that are changed in flight: points, trajectories, settings and laws by request, and references of a planner.
+
+use std::path::Path;
+
+use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, ReferenceKind};
+use oqtal_bus::message::{ControlRequestV1, ControlResponseV1, ReferenceV1, TelemetryV1};
+use oqtal_bus::text::LongText;
+use oqtal_bus::time::Span;
+use oqtal_config::{Config, Setting};
+use oqtal_daemon::SlewLimits;
+use oqtal_lab::mission::Mission;
+use oqtal_lab::replay::replay;
+use oqtal_lab::simulation::online::OnlineFlight;
+use oqtal_observe::flight::Outcome;
+use oqtal_observe::provenance::Provenance;
+use oqtal_observe::recording::{InputHistory, McapRecorder, RecordingFile, RecordingPlan, play};
+
+/// The mission of a hover for `duration_s` \[s\], with `more` settings.
+fn hover(duration_s: f64, more: &[&str]) -> Mission {
+    let mut settings: Vec<_> =
+        more.iter().map(|text| Setting::parse("test", text).unwrap()).collect();
+    settings.push(Setting::flag("test", "trajectory.kind", "hover"));
+    settings.push(Setting::flag("test", "trajectory.duration-s", duration_s));
+    settings.push(Setting::flag("test", "clock.kind", "in-process"));
+    Mission::new(Config::from_settings(&settings).unwrap()).unwrap()
+}
+
+fn request(text: &str) -> ControlRequestV1 {
+    let text = LongText::of_lines(text.split(' ')).unwrap();
+    ControlRequestV1 { text, ..ControlRequestV1::of(OperatorCommand::Set) }
+}
+
+fn goto(point: [f64; 3]) -> ControlRequestV1 {
+    ControlRequestV1 { point, ..ControlRequestV1::of(OperatorCommand::Goto) }
+}
+
+fn is_done(response: &ControlResponseV1) -> bool {
+    response.answer == Answer::Done.code()
+}
+
+fn last<'a>(flight: &'a OnlineFlight<'_>) -> &'a TelemetryV1 {
+    &flight.samples().last().unwrap().telemetry
+}
+
+fn fly_for(flight: &mut OnlineFlight<'_>, seconds: f64) {
+    let until = flight.now() + Span::from_seconds(seconds);
+    while flight.now() < until && flight.advance().unwrap() {}
+}
+
+/// Greatest change of the reference's position between two ticks, over their distance in time \[m/s\].
+fn fastest_reference(flight: &OnlineFlight<'_>) -> f64 {
+    let samples = flight.samples();
+    let flown = |tick: &TelemetryV1| tick.mission_s.is_finite() && tick.reference_yaw.is_finite();
+    let pairs = samples.windows(2).map(|pair| (&pair[0].telemetry, &pair[1].telemetry));
+    let speed = |(a, b): (&TelemetryV1, &TelemetryV1)| {
+        let way = |axis: usize| (b.reference_position[axis] - a.reference_position[axis]).powi(2);
+        (0..3).map(way).sum::<f64>().sqrt() / b.time.since(a.time).seconds()
+    };
+    pairs.filter(|(a, b)| flown(a) && flown(b)).map(speed).fold(0.0, f64::max)
+}
+
+#[test]
+fn points_trajectories_and_a_stop_follow_one_another_smoothly_in_one_flight() {
+    let mission = hover(60.0, &[]);
+    let mut flight = OnlineFlight::begin(&mission).unwrap();
+    fly_for(&mut flight, 1.5);
+    let refused = flight.change(OperatorCommand::Goto, &goto([1.0, 0.0, 1.0])).unwrap().unwrap();
+    assert_eq!(refused.cause, Cause::TakeOff.code(), "during the take-off");
+    fly_for(&mut flight, 6.0);
+    flight.end_after(Span::from_millis(90_000));
+    let outside = flight.change(OperatorCommand::Goto, &goto([1e3, 0.0, 1.0])).unwrap();
+    assert_eq!(outside.unwrap_err().cause, Cause::Fence);
+    assert!(is_done(
+        &flight.change(OperatorCommand::Goto, &goto([1.0, 0.5, 1.3])).unwrap().unwrap()
+    ));
+    fly_for(&mut flight, 1.2);
+    // Back before the point is reached.
+    assert!(is_done(
+        &flight.change(OperatorCommand::Goto, &goto([0.0, 0.0, 1.0])).unwrap().unwrap()
+    ));
+    fly_for(&mut flight, 8.0);
+    assert_eq!(last(&flight).reference_position.map(|x| (x * 1e6).round() / 1e6), [0.0, 0.0, 1.0]);
+    let circle = flight.change(OperatorCommand::Trajectory, &request("circle")).unwrap().unwrap();
+    assert!(is_done(&circle));
+    fly_for(&mut flight, 10.0);
+    let hover = ControlRequestV1::of(OperatorCommand::Hover);
+    assert!(is_done(&flight.change(OperatorCommand::Hover, &hover).unwrap().unwrap()));
+    fly_for(&mut flight, 5.0);
+    assert!(last(&flight).reference_velocity.iter().all(|v| v.abs() < 1e-9));
+    let fastest = fastest_reference(&flight);
+    assert!(fastest < 0.8, "{fastest} m/s");
+    assert!(flight.request(OperatorCommand::Land).unwrap());
+    let refused = flight.change(OperatorCommand::Goto, &goto([1.0, 0.0, 1.0])).unwrap().unwrap();
+    assert_eq!(refused.cause, Cause::WrongMode.code(), "during a landing");
+    let flown = flight.finish().unwrap();
+    assert_eq!(flown.outcome, Outcome::Landed);
+}
+
+/// A random number in 0..1, from a linear congruential generator with a stable sequence.
+struct Draw(u64);
+
+impl Draw {
+    fn next(&mut self) -> f64 {
+        self.0 =
+            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    fn of<'a>(&mut self, texts: &[&'a str]) -> &'a str {
+        texts[(self.next() * texts.len() as f64) as usize]
+    }
+}
+
+/// A random request, with the text that its refusal must contain; an empty one for a valid request.
+fn draw(draw: &mut Draw, directory: &Path) -> (OperatorCommand, ControlRequestV1, &'static str) {
+    let is_valid = draw.next() < 0.5;
+    match (draw.next() * 4.0) as u32 {
+        0 if is_valid => {
+            let text = draw.of(&[
+                "position.horizontal-position.kp=1.3",
+                "position.vertical-velocity.kp=3.3 position.vertical-velocity.ki=1.1",
+                "control.oqtal.integral-weight=0.02",
+                "control.lqr.integral-weight=0.02",
+                "trajectory.circle.radius-m=0.5",
+            ]);
+            (OperatorCommand::Set, request(text), "")
+        }
+        0 => {
+            let (text, key) = [
+                ("position.horizontal-position.kp=-1", "position.horizontal-position.kp"),
+                ("position.tilt-limit-deg=1e9", "position.tilt-limit-deg"),
+                ("position.horizontal-position.kp=1 vehicle.mass-kg=0.7", "vehicle.mass-kg"),
+                ("control.nothing=1", "control.nothing"),
+                ("control.rate-hz=120", "control.rate-hz"),
+            ][(draw.next() * 5.0) as usize];
+            (OperatorCommand::Set, request(text), key)
+        }
+        1 if is_valid => {
+            let law = draw.of(&["pid", "lqr", "oqtal", "geometric", "oqtal-dt"]);
+            (OperatorCommand::Set, request(&format!("control.controller={law}")), "")
+        }
+        1 => (OperatorCommand::Set, request("control.controller=best"), "control.controller"),
+        2 => {
+            let (name, text, key) = match is_valid {
+                true => (
+                    "good.toml",
+                    format!("[position]\ntilt-limit-deg = {}\n", 14.0 + draw.next()),
+                    "",
+                ),
+                false => ("bad.toml", "[fence]\nx-m = [-9.5, 9.5]\n".to_owned(), "fence.x-m"),
+            };
+            let path = directory.join(name);
+            std::fs::write(&path, text).unwrap();
+            (OperatorCommand::Reload, request(path.to_str().unwrap()), key)
+        }
+        _ => {
+            let [x, y, z] = [draw.next(), draw.next(), 0.8 + 0.4 * draw.next()];
+            let point = if is_valid { [x - 0.5, y - 0.5, z] } else { [x + 50.0, f64::NAN, z] };
+            (OperatorCommand::Goto, goto(point), if is_valid { "" } else { "fence.x-m" })
+        }
+    }
+}
+
+#[test]
+fn a_thousand_random_requests_leave_the_command_in_range_and_replay_bit_for_bit() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("flight.mcap");
+    let mission = hover(600.0, &[]);
+    let config = &mission.config;
+    let provenance = Provenance { version: "test", revision: "test" };
+    let plan = RecordingPlan {
+        path: path.clone(),
+        config,
+        provenance,
+        rotates: false,
+        complain: |text| panic!("{text}"),
+    };
+    let recorder = McapRecorder::create(&plan).unwrap();
+    let mut flight = OnlineFlight::begin_recorded(&mission, Some(recorder)).unwrap();
+    fly_for(&mut flight, 7.0);
+    flight.pause_every(Span::from_millis(50));
+    let mut random = Draw(7);
+    let mut refused = 0;
+    for number in 0..1000 {
+        let (command, request, key) = draw(&mut random, directory.path());
+        let answer = flight.change(command, &request).unwrap();
+        match answer {
+            Ok(response) => {
+                // The loop may refuse a goto whose way leaves the fence, and nothing else.
+                assert!(
+                    key.is_empty() && is_done(&response),
+                    "{number}: {command} {:?} {response:?}",
+                    request.text
+                );
+            }
+            Err(refusal) => {
+                refused += 1;
+                let is_same = refusal.reason.contains("no setting differs");
+                assert!(
+                    is_same || !key.is_empty() && refusal.reason.contains(key),
+                    "{number}: {command} {:?} {refusal:?}",
+                    request.text
+                );
+            }
+        }
+        assert!(flight.advance().unwrap(), "{number}: the flight ended");
+    }
+    assert!((300..700).contains(&refused), "{refused}");
+    assert_eq!(last(&flight).mode, Mode::Flying.code());
+    let slew = SlewLimits::of(config);
+    let samples: Vec<_> = flight.samples().iter().map(|sample| sample.telemetry).collect();
+    for pair in samples.windows(2).filter(|pair| pair[0].mode == Mode::Flying.code()) {
+        let [before, now] = [&pair[0], &pair[1]];
+        assert!(
+            now.sticks.iter().all(|stick| stick.abs() <= 1.0) && (0.0..=1.0).contains(&now.thrust)
+        );
+        // One step of the hand-over, and the change that the laws make by themselves in a flight without requests.
+        let thrust = (now.thrust - before.thrust).abs();
+        let step = slew.thrust_n_per_s / config.vehicle.max_thrust_n
+            * now.time.since(before.time).seconds();
+        assert!(thrust <= step + 0.1, "{thrust}");
+    }
+    assert!(flight.request(OperatorCommand::Land).unwrap());
+    flight.end_after(Span::from_millis(20_000));
+    assert_eq!(flight.finish().unwrap().outcome, Outcome::Landed);
+    let mut histories = InputHistory::default();
+    play(&RecordingFile::read(&path).unwrap(), &mut histories).unwrap();
+    let histories = histories.finish();
+    let result = replay(config, &mission.trajectory, &histories[0]).unwrap();
+    assert!(
+        result.ticks.len() > 3000 && result.requests > 400,
+        "{} {}",
+        result.ticks.len(),
+        result.requests
+    );
+    assert!(result.is_identical());
+}
+
+/// A planner's reference of the shipped circle from the hover point, at `t_s` \[s\] after its start.
+fn circle(t_s: f64, config: &Config, anchor: [f64; 3]) -> ([f64; 3], [f64; 3]) {
+    let mut options = config.trajectory.clone();
+    options.kind = oqtal_control::trajectory::TrajectoryKind::Circle;
+    let trajectory = options.trajectory(None).unwrap();
+    let (reference, start) = (trajectory.sample(t_s), trajectory.sample(0.0));
+    let position =
+        std::array::from_fn(|axis| anchor[axis] + (reference.position - start.position)[axis]);
+    (position, reference.velocity.into())
+}
+
+/// Root of the mean square distance of the vehicle from the reference, over the samples from `from` on \[m\].
+fn error_m(flight: &OnlineFlight<'_>, from: usize) -> f64 {
+    let samples = &flight.samples()[from..];
+    let sum: f64 = samples.iter().map(|sample| sample.position_error().norm_squared()).sum();
+    (sum / samples.len() as f64).sqrt()
+}
+
+#[test]
+fn f35_a_planner_flies_the_circle_as_well_as_the_daemon_and_its_end_holds_and_lands() {
+    let mission = hover(120.0, &["reference.land-after-ms=2000"]);
+    let mut flight = OnlineFlight::begin(&mission).unwrap();
+    fly_for(&mut flight, 8.0);
+    let builtin_from = flight.samples().len();
+    assert!(is_done(
+        &flight.change(OperatorCommand::Trajectory, &request("circle")).unwrap().unwrap()
+    ));
+    fly_for(&mut flight, 26.0);
+    let builtin = error_m(&flight, builtin_from);
+    fly_for(&mut flight, 4.0);
+    for rate_hz in [60.0, 240.0, 10.0] {
+        let period = Span::from_seconds(1.0 / rate_hz);
+        flight.pause_every(period);
+        let (from, began) = (flight.samples().len(), flight.now());
+        let anchor = last(&flight).reference_position;
+        while flight.now().since(began).seconds() < 26.0 {
+            let now = flight.now();
+            let t_s = now.since(began).seconds();
+            let (position, velocity) = circle(t_s, &mission.config, anchor);
+            let (_, before) = circle(t_s - 1e-3, &mission.config, anchor);
+            let acceleration = std::array::from_fn(|axis| (velocity[axis] - before[axis]) / 1e-3);
+            flight
+                .publish(ReferenceV1 {
+                    time: now,
+                    valid_until: now + period.scaled(2.0),
+                    kind: ReferenceKind::Position.code(),
+                    position,
+                    velocity,
+                    acceleration,
+                    ..ReferenceV1::default()
+                })
+                .unwrap();
+            assert!(flight.advance().unwrap());
+        }
+        let streamed = error_m(&flight, from);
+        println!("{rate_hz} Hz: {:.2} mm, built in {:.2} mm", 1e3 * streamed, 1e3 * builtin);
+        assert!(streamed < 1.1 * builtin, "{rate_hz} Hz: {streamed} m, built in {builtin} m");
+        assert_eq!(last(&flight).cause, Cause::None.code(), "{rate_hz} Hz");
+        // The planner is gone: hold, then a new planner, at last a landing.
+        let ended = flight.now();
+        flight.pause_every(Span::from_millis(250));
+        fly_for(&mut flight, 1.0);
+        let held = flight.samples().iter().map(|sample| &sample.telemetry);
+        let mut held = held.filter(|tick| tick.cause == Cause::ReferencesEnded.code());
+        let first = held.find(|tick| tick.time > ended).unwrap().time;
+        assert!(first.since(ended) <= period.scaled(2.0) + Span::from_millis(34), "{rate_hz} Hz");
+    }
+    let flown = flight.finish().unwrap();
+    assert_eq!(flown.outcome, Outcome::Landed);
+}

@@ -1,0 +1,112 @@
+//! `oqtal gateway run`: references and requests of programs in any language, over a Unix datagram socket.
+//!
+//! The protocol is in docs/references.md. The socket is `gateway.sock` in the directory of the instance; its mode admits the owner
+//! of the instance and root only, and the kernel states the sender of each datagram.
+
+mod protocol;
+mod socket;
+
+use clap::{Args, Subcommand, ValueEnum};
+use oqtal_bus::bus::Bus;
+use oqtal_bus::message::{ReferenceV1, Stamps};
+use oqtal_bus::port::Writer;
+use oqtal_bus::time::Time;
+use oqtal_bus::topic::REFERENCE;
+use oqtal_bus::transport::{Publish, Transport};
+use oqtal_config::Config;
+use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths, stop_on_signals};
+use oqtal_runtime::program::say;
+
+use crate::ctl;
+use protocol::{Content, Reply};
+use socket::{GatewaySocket, Sender};
+
+/// Name of the socket in the directory of the instance.
+const SOCKET: &str = "gateway.sock";
+
+/// `oqtal gateway`.
+#[derive(Subcommand, Debug)]
+pub enum GatewayCommand {
+    /// Pass references and requests of programs on this machine to the daemon, until interrupted
+    Run(GatewayArgs),
+}
+
+/// Arguments of `oqtal gateway run`.
+#[derive(Args, Debug)]
+pub struct GatewayArgs {
+    #[command(flatten)]
+    common: CommonArgs,
+}
+
+impl GatewayCommand {
+    /// Serves the socket until it is interrupted.
+    ///
+    /// # Errors
+    /// The instance belongs to another user (exit code 77), another gateway serves it (75), or the bus refuses.
+    pub fn execute(&self) -> Result<Exit, Failure> {
+        let Self::Run(GatewayArgs { common }) = self;
+        let config = Config::load(&common.config, &common.settings()?)?;
+        let stop = stop_on_signals()?;
+        let paths = instance_paths(&config)?;
+        paths.become_owner()?;
+        let bus = Bus::open(&paths)?;
+        let path = paths.directory().join(SOCKET);
+        let socket = GatewaySocket::bind(&path)?;
+        say(&format!("oqtal: gateway at {}; Ctrl-C ends", path.display()));
+        let mut gateway = Gateway { bus, references: None };
+        let mut datagram = vec![0; protocol::LONGEST_DATAGRAM];
+        while !stop.is_set() {
+            let Some((length, sender)) = socket.receive(&mut datagram)? else { continue };
+            let reply = gateway.serve(&datagram[..length], &sender);
+            if let Some(reply) = reply {
+                socket.reply(&sender, &reply.to_json());
+            }
+        }
+        Ok(Exit::Ok)
+    }
+}
+
+/// Ports of the gateway.
+struct Gateway {
+    bus: Bus,
+    /// Opened with the first reference: the topic has one writer.
+    references: Option<Writer<ReferenceV1>>,
+}
+
+impl Gateway {
+    /// Executes a datagram; `None` for a reference that was passed on, which has no reply.
+    fn serve(&mut self, datagram: &[u8], sender: &Sender) -> Option<Reply> {
+        let content = match protocol::parse(datagram, Time::now()) {
+            Ok(content) => content,
+            Err(reason) => return Some(Reply::refused(reason)),
+        };
+        let result = match content {
+            Content::Reference(reference) => match self.publish(*reference) {
+                Ok(()) => return None,
+                Err(failure) => Err(failure),
+            },
+            Content::Request { command, arguments } => self.request(&command, &arguments, sender),
+        };
+        Some(result.map_or_else(|failure| Reply::refused(failure.message), Reply::done))
+    }
+
+    fn publish(&mut self, reference: ReferenceV1) -> Result<(), Failure> {
+        let writer = match &mut self.references {
+            Some(writer) => writer,
+            none => none.insert(self.bus.writer(&REFERENCE)?),
+        };
+        writer.send(0, Stamps::default(), reference)?;
+        Ok(())
+    }
+
+    fn request(
+        &self,
+        command: &str,
+        arguments: &[String],
+        sender: &Sender,
+    ) -> Result<String, Failure> {
+        let known = ctl::Request::from_str(command, false);
+        let command = known.map_err(|reason| Failure::new(Exit::Usage, reason))?;
+        ctl::execute_for(self.bus.paths(), (command, arguments), |request| sender.sign(request))
+    }
+}
