@@ -18,7 +18,7 @@ use oqtal_runtime::process::Failure;
 use crate::command_model::{CommandModel, motion_tracker};
 use crate::cycle::leg_limits;
 use crate::fence::Fence;
-use crate::flight_room::require_room;
+use crate::flight_room::require_flyable;
 use crate::stack::ControlStack;
 use crate::stream::ReferenceStream;
 use crate::waypoint_file;
@@ -50,7 +50,7 @@ impl LiveControl {
     fn new(present: &Config, next: &Config) -> Result<Self, Failure> {
         let located = |error| Failure::from(next.locate(&error));
         let trajectory = waypoint_file::trajectory(next)?;
-        require_room(next, &trajectory, None)?;
+        require_flyable(next, &trajectory, None)?;
         let of_tracker =
             |config: &Config| (config.control.is_predictive(), config.control.predictive);
         let tracker = if of_tracker(present) == of_tracker(next) {
@@ -264,7 +264,7 @@ impl LiveSettings {
         let kind = Setting::flag("fly", "trajectory.kind", kind);
         let config = self.present.with_live(&[kind])?;
         let trajectory = waypoint_file::trajectory(&config)?;
-        require_room(&config, &trajectory, None)?;
+        require_flyable(&config, &trajectory, None)?;
         Ok(trajectory)
     }
 

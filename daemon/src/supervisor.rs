@@ -72,7 +72,7 @@ pub struct SafetyRow {
 
 /// All limits, the most severe first.
 #[rustfmt::skip]
-pub const LIMITS: [SafetyRow; 35] = {
+pub const LIMITS: [SafetyRow; 37] = {
     use Ending::{Armed, Gone, Landed, PosesGood};
     use SafetyRow as Row;
     [

@@ -85,7 +85,7 @@ impl PositionLaw {
         self.horizontal.adopt(&old.horizontal);
         self.vertical.adopt(&old.vertical);
         self.filter.adopt(&old.filter);
-        self.following = old.following;
+        self.is_following = old.is_following;
     }
 
     /// Restarts from the vehicle's position in the next step.
