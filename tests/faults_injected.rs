@@ -5,6 +5,8 @@ use serde_json::Value;
 
 /// A short flight in virtual time: 3 s of hover, 13 s in total. The faults begin in the hover.
 const HOVER: [&str; 6] = ["fly", "--trajectory", "hover", "--duration", "3", "--json"];
+/// A longer one, for faults that take their time.
+const LONG_HOVER: [&str; 6] = ["fly", "--trajectory", "hover", "--duration", "20", "--json"];
 /// A shorter flight in real time, for faults that end it.
 const BRIEF: [&str; 6] = ["fly", "--trajectory", "hover", "--duration", "1", "--json"];
 
@@ -377,4 +379,22 @@ fn f45_an_empty_battery_ends_the_flight() {
         "--clock lockstep --set safety.battery-low-v=12.45 --set safety.battery-empty-v=12.4";
     let flown = fly(&HOVER, line);
     assert!(flown.lands().by("battery low").passed("Land"), "{}", flown.summary);
+}
+
+#[test]
+fn f58_mirrored_poses_stop_the_motors() {
+    let flown = fly(&HOVER, "--clock lockstep --fault pose:mirror@4");
+    flown.is_stopped_for("poses do not follow the vehicle");
+}
+
+#[test]
+fn f59_an_attitude_that_drifts_lands_the_vehicle() {
+    let flown = fly(&LONG_HOVER, "--clock in-process --fault pose:drift=1deg/s@8");
+    assert!(flown.by("attitude drifts from the gyroscope").passed("Land"), "{}", flown.summary);
+}
+
+#[test]
+fn f60_a_path_turned_against_the_attitude_stops_the_motors() {
+    let flown = fly(&LONG_HOVER, "--clock in-process --fault pose:rotate=180deg@6");
+    flown.is_stopped_for("poses do not follow the vehicle");
 }

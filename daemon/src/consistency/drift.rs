@@ -9,7 +9,7 @@ const LEARNED_S: f64 = 3.0;
 /// Time constant of the low-pass on the difference \[s\].
 const SMOOTHING_S: f64 = 0.25;
 /// Standard deviations of the noise of the attitude that are added to the limit \[-\].
-const LIMIT_SIGMA: f64 = 3.2;
+const LIMIT_SIGMA: f64 = 4.0;
 /// Share of the limit at which a difference begins to grow \[-\], and the time to the limit below which it is not a drift but a fault of
 /// all rotations \[s\].
 const GROWING: f64 = 0.5;
@@ -27,10 +27,10 @@ pub(super) struct DriftLimit {
 }
 
 impl DriftLimit {
-    /// Of the gyroscope: 1.3 deg over some seconds.
-    pub(super) const GYROSCOPE: Self = Self { decay_s: 8.0, angle_rad: 0.022, share: 0.15 };
+    /// Of the gyroscope: 1.7 deg over some seconds.
+    pub(super) const GYROSCOPE: Self = Self { decay_s: 8.0, angle_rad: 0.03, share: 0.15 };
     /// Of the commands: a vehicle may have half of the configured rate authority, and wind may turn it.
-    pub(super) const COMMANDS: Self = Self { decay_s: 2.0, angle_rad: 0.105, share: 1.0 };
+    pub(super) const COMMANDS: Self = Self { decay_s: 2.0, angle_rad: 0.16, share: 1.5 };
 }
 
 /// Difference of the angles by cameras and vehicle.
@@ -70,8 +70,8 @@ impl DriftTest {
             limit.angle_rad + LIMIT_SIGMA * deviation_rad + limit.share * self.seen.norm();
         let ratio = self.smooth.amax() / limit_rad;
         self.growing_s = if ratio < GROWING { 0.0 } else { self.growing_s + dt_s };
-        // A drift is not learned as a bias.
-        if ratio < GROWING {
+        // A drift is not learned as a bias, once the bias is known.
+        if ratio < GROWING || self.elapsed_s < BIAS_S {
             self.bias += (step - self.bias * dt_s) / self.elapsed_s.clamp(0.5, BIAS_S);
         }
         (ratio, self.growing_s < SUDDEN_S)

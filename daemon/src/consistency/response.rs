@@ -16,7 +16,7 @@ impl ResponseLimit {
     /// Of the gyroscope.
     pub(super) const GYROSCOPE: Self = Self { share: 0.3, margin: 1.5 };
     /// Of the commands: the vehicle may have half of the configured authority, and another lag and delay.
-    pub(super) const COMMANDS: Self = Self { share: 0.2, margin: 2.0 };
+    pub(super) const COMMANDS: Self = Self { share: 0.2, margin: 3.0 };
 }
 
 /// Time for which a rotation shows whether poses follow it \[s\].

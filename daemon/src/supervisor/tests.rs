@@ -38,6 +38,8 @@ const NO_LIMITS: LimitConditions = LimitConditions {
     poses_old: false,
     poses_too_old: false,
     poses_lost: false,
+    poses_contradict: false,
+    attitude_drifts: false,
     overrun: false,
     configs_differ: false,
     setpoint_refused: false,
