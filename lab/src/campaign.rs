@@ -66,7 +66,7 @@ pub struct CampaignArgs {
     /// results/campaign-N]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Go on with an interrupted campaign: that of --out, or the last one in results/
+    /// Continue an interrupted campaign: that of --out, or the last one in results/
     #[arg(long)]
     resume: bool,
     #[command(flatten)]
@@ -83,8 +83,8 @@ const CIRCLE: &str = "circle";
 const PAYLOAD: f64 = 0.1;
 
 /// Note below the tables.
-const NOTE: &str = "Most of the position error on a square is the way to the corner, equal for all laws: compare settling and \
-     overshoot there.\nFor flights of your own begin with `--controller oqtal-dt`; the default of `fly` is the paper's law, `oqtal`.";
+const NOTE: &str = "Most of the position error on a square is the way to the corner, equal for all\nlaws: compare settling and \
+     overshoot there. For flights of your own begin with\n`--controller oqtal-dt`; the default of `fly` is the paper's law, `oqtal`.";
 
 impl CampaignArgs {
     /// Flies all runs and prints the comparison.

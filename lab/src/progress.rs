@@ -105,7 +105,7 @@ impl Progress {
         match &self.journal {
             Some(journal) if self.interrupted.is_set() => {
                 let reason = format!(
-                    "interrupted; {} keeps what was flown: the same command with --resume goes on",
+                    "interrupted; {} keeps what was flown: the same command with --resume continues",
                     journal.path().display()
                 );
                 Err(Failure::new(Exit::Flight, reason))

@@ -111,7 +111,7 @@ pub struct ReproduceArgs {
     /// Directory of reproduction.html, reproduction.md and reproduction.json [default: results/reproduce-N]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Go on with an interrupted reproduction: that of --out, or the last one in results/
+    /// Continue an interrupted reproduction: that of --out, or the last one in results/
     #[arg(long)]
     resume: bool,
     /// Print all rows as JSON instead of tables

@@ -82,7 +82,7 @@ pub struct RobustnessArgs {
     /// Directory of robustness.html, robustness.md and robustness.json [default: results/robustness-N]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Go on with an interrupted study: that of --out, or the last one in results/
+    /// Continue an interrupted study: that of --out, or the last one in results/
     #[arg(long)]
     resume: bool,
     /// Print JSON instead of tables
@@ -95,6 +95,9 @@ pub struct RobustnessArgs {
 /// Setting of the study unless it is given: with the shipped limit, the integrators of the laws on the default stack cannot hold the
 /// heaviest vehicles, and their hover errors are three to four times as large.
 const INTEGRAL_LIMIT: (&str, f64) = ("position.velocity-integral-limit-m-s2", 4.0);
+
+/// Origin of a setting of the study itself.
+const STUDY: &str = "robustness";
 
 /// The page.
 const PAGE: PageHead = PageHead {
@@ -134,7 +137,7 @@ impl RobustnessArgs {
 
     /// Flies all parts of the study. Returns draws and loops as JSON, and the chapters of the page.
     fn flown(&self, progress: &Progress) -> Result<(Value, Vec<Chapter>), Failure> {
-        let mut common = vec![Setting::flag("robustness", INTEGRAL_LIMIT.0, INTEGRAL_LIMIT.1)];
+        let mut common = vec![Setting::flag(STUDY, INTEGRAL_LIMIT.0, INTEGRAL_LIMIT.1)];
         common.extend(self.study.settings()?);
         let laws = laws(&self.laws, &self.gains, &common)?;
         let loops = if self.margins { margins::all(&laws, progress)? } else { Vec::new() };
@@ -150,8 +153,7 @@ impl RobustnessArgs {
 
     /// The Monte-Carlo studies.
     fn over_draws(&self, study: &MonteCarlo<'_>) -> Result<(Value, Vec<Chapter>), Failure> {
-        let several =
-            |spread: &PlantSpread| Draw::several(spread, study.common, (self.seed, 0..self.runs));
+        let several = |spread: &PlantSpread| self.draws(spread, study.common);
         let spread = PlantSpread::named(&self.spread)?;
         let draws = several(&spread)?;
         let other = |name: &String| {
@@ -179,6 +181,16 @@ impl RobustnessArgs {
             keep("other_draws", study.others(&others)?);
         }
         Ok((document, chapters))
+    }
+
+    /// Draws of a spread. Their arguments include the setting of the study, so that a draw can be flown again.
+    fn draws(&self, spread: &PlantSpread, common: &[Setting]) -> Result<Vec<Draw>, Failure> {
+        let mut draws = Draw::several(spread, common, (self.seed, 0..self.runs))?;
+        let of_study = common.iter().rfind(|setting| setting.key == INTEGRAL_LIMIT.0);
+        if let Some(setting) = of_study.filter(|setting| setting.origin == STUDY) {
+            draws.iter_mut().for_each(|draw| draw.settings.insert(0, setting.clone()));
+        }
+        Ok(draws)
     }
 
     /// Draws of `--spread`, and the single plants. Returns draws with figures as JSON, and their chapter.
@@ -254,6 +266,9 @@ pub fn laws(
     let mut laws = Vec::new();
     for source in sources {
         let own: Vec<&str> = law::named(names).filter(|law| source.has(law)).collect();
+        if own.is_empty() && matches!(source, GainSource::Set(_)) && sources.len() > 1 {
+            continue;
+        }
         if own.is_empty() {
             let reason = format!(
                 "{source} has no gains of a law of --laws; make them with `oqtal tune LAW --out {source}/LAW.toml`"

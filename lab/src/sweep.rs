@@ -45,7 +45,7 @@ pub struct SweepArgs {
     /// File of the table as CSV [default: sweep.csv in results/sweep-N]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Go on with an interrupted sweep: the last one in results/, or that beside --out
+    /// Continue an interrupted sweep: the last one in results/, or that beside --out
     #[arg(long)]
     resume: bool,
     #[command(flatten)]

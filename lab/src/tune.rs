@@ -52,14 +52,14 @@ pub struct TuneArgs {
     /// Optimiser
     #[arg(long, value_enum, default_value_t)]
     optimiser: Optimiser,
-    /// Weights of the components of the objective; those not given keep their defaults, which the table at the end shows
+    /// MetricWeights of the components of the objective; those not given keep their defaults, which the table at the end shows
     #[arg(long, value_name = "KEY=W,...", value_delimiter = ',')]
     weights: Vec<String>,
     /// File of the tuned configuration; with several laws, or if it exists as a directory, the directory of files LAW.toml [default:
     /// results/tune-N]
     #[arg(long, value_name = "PATH")]
     out: Option<PathBuf>,
-    /// Go on with an interrupted search: that of --out, or the last one in results/
+    /// Continue an interrupted search: that of --out, or the last one in results/
     #[arg(long)]
     resume: bool,
     #[command(flatten)]

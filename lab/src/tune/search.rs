@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::bee_colony::Best;
 use super::optimiser::Optimiser;
 use super::space::parameters;
-use super::trade::{self, Component, Weights, default_weights};
+use super::trade::{self, MetricWeights, TradedFigure, default_weights};
 use crate::progress::Progress;
 use crate::robustness::draws::Draw;
 use crate::study::flights::{
@@ -61,8 +61,8 @@ pub struct TrainingFlights {
     pub case: Case,
     /// Number of draws of a spread \[-\]; 0 for plants near the configured one.
     pub draws: usize,
-    /// Weights of the metrics in the objective \[-\].
-    pub weights: Weights,
+    /// MetricWeights of the metrics in the objective \[-\].
+    pub weights: MetricWeights,
 }
 
 impl Default for TrainingFlights {
@@ -129,7 +129,7 @@ impl TrainingFlights {
 
 /// Weighted mean of the metrics, each divided by the reference \[-\]; lower is better. Metrics without a meaning for the flights
 /// are left out.
-fn objective(figures: &Figures, reference: &Figures, weights: &Weights) -> f64 {
+fn objective(figures: &Figures, reference: &Figures, weights: &MetricWeights) -> f64 {
     let counted = (0..METRICS).filter(|metric| !reference[*metric].is_nan());
     let total: f64 = counted.clone().map(|metric| weights[metric]).sum();
     // A weight of zero leaves out an infinite figure, too.
@@ -169,7 +169,7 @@ pub struct Tuned {
     /// Number of draws of a spread on which the gains were evaluated \[-\]; 0 for plants near the configured one.
     pub draws: usize,
     /// Components of the objective and margins, at the configured gains and at those found; empty for the outer loops.
-    pub components: Vec<Component>,
+    pub components: Vec<TradedFigure>,
     /// Path of the search; empty for the outer loops.
     pub path: SearchPath,
 }

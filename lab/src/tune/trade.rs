@@ -1,4 +1,4 @@
-//! What a search traded: each component of the objective, and the margins of the attitude loop, before and after.
+//! Figures that a search traded: each component of the objective, and the margins of the attitude loop, before and after.
 
 use oqtal_config::{Config, Interface};
 use serde_json::{Value, json};
@@ -12,22 +12,22 @@ use crate::study::metric::{Figures, METRIC};
 /// Relative change for the worse above which a component is warned of \[-\].
 const WORSE: f64 = 0.05;
 
-/// Weights of the metrics in the objective \[-\].
-pub type Weights = Figures;
+/// MetricWeights of the metrics in the objective \[-\].
+pub type MetricWeights = Figures;
 
 /// The weights used unless others are given.
-pub fn default_weights() -> Weights {
+pub fn default_weights() -> MetricWeights {
     METRIC.map(|metric| metric.weight)
 }
 
 /// A figure before and after a search.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Component {
+pub struct TradedFigure {
     /// Name in JSON.
     pub key: &'static str,
     /// Name with unit.
     pub title: &'static str,
-    /// Weight in the objective; `None` for a margin, which is not part of it.
+    /// Weight in the objective \[-\]; `None` for a margin, which is not part of it.
     pub weight: Option<f64>,
     /// Value at the configured gains \[unit of the title\].
     pub before: f64,
@@ -35,7 +35,7 @@ pub struct Component {
     pub after: f64,
 }
 
-impl Component {
+impl TradedFigure {
     /// Relative change \[-\]; NaN without a value.
     fn change(&self) -> f64 {
         self.after / self.before - 1.0
@@ -51,8 +51,8 @@ impl Component {
 }
 
 /// The components of the objective, those without a meaning left out.
-pub fn components(weights: &Weights, before: &Figures, after: &Figures) -> Vec<Component> {
-    let component = |index: usize| Component {
+pub fn components(weights: &MetricWeights, before: &Figures, after: &Figures) -> Vec<TradedFigure> {
+    let component = |index: usize| TradedFigure {
         key: METRIC[index].key,
         title: METRIC[index].title,
         weight: Some(weights[index]),
@@ -64,13 +64,13 @@ pub fn components(weights: &Weights, before: &Figures, after: &Figures) -> Vec<C
 }
 
 /// Least margins over the axes of the linear model; empty for a vehicle that is not commanded by rates.
-pub fn margins(before: &StudyLaw, after: &StudyLaw) -> Vec<Component> {
+pub fn margins(before: &StudyLaw, after: &StudyLaw) -> Vec<TradedFigure> {
     let [Some(before), Some(after)] = [before, after].map(|law| least(&law.config().ok()?)) else {
         return Vec::new();
     };
     let component = |k: usize| {
         let (key, title) = Margins::COLUMNS[k];
-        Component { key, title, weight: None, before: before[k], after: after[k] }
+        TradedFigure { key, title, weight: None, before: before[k], after: after[k] }
     };
     (0..before.len()).map(component).filter(|component| component.before.is_finite()).collect()
 }
@@ -89,8 +89,8 @@ fn least(config: &Config) -> Option<[f64; 4]> {
 }
 
 /// Table of the components.
-pub fn sheet(components: &[Component]) -> Sheet {
-    let row = |component: &Component| {
+pub fn sheet(components: &[TradedFigure]) -> Sheet {
+    let row = |component: &TradedFigure| {
         let weight = component.weight.map_or(SheetCell::None, SheetCell::Number);
         let number = |number: f64| {
             if number.is_finite() { SheetCell::Number(number) } else { SheetCell::None }
@@ -117,8 +117,8 @@ pub fn sheet(components: &[Component]) -> Sheet {
 }
 
 /// Warnings about components that got worse by more than 5 %.
-pub fn warnings(components: &[Component]) -> Vec<String> {
-    let warning = |component: &Component| {
+pub fn warnings(components: &[TradedFigure]) -> Vec<String> {
+    let warning = |component: &TradedFigure| {
         let remedy = match component.weight {
             Some(_) => format!("; a greater weight, as in --weights {}=W, keeps it", component.key),
             None => String::new(),
@@ -132,7 +132,7 @@ pub fn warnings(components: &[Component]) -> Vec<String> {
 ///
 /// # Errors
 /// A key is not that of a component, or a weight is negative or not a number.
-pub fn parse_weights(texts: &[String]) -> Result<Weights, String> {
+pub fn parse_weights(texts: &[String]) -> Result<MetricWeights, String> {
     let mut weights = default_weights();
     for text in texts {
         let known = METRIC.map(|metric| metric.key).join(", ");
@@ -150,8 +150,8 @@ pub fn parse_weights(texts: &[String]) -> Result<Weights, String> {
 }
 
 /// The components as JSON.
-pub fn to_json(components: &[Component]) -> Value {
-    let object = |c: &Component| json!({ "key": c.key, "weight": c.weight, "before": c.before, "after": c.after });
+pub fn to_json(components: &[TradedFigure]) -> Value {
+    let object = |c: &TradedFigure| json!({ "key": c.key, "weight": c.weight, "before": c.before, "after": c.after });
     components.iter().map(object).collect()
 }
 
@@ -159,8 +159,8 @@ pub fn to_json(components: &[Component]) -> Value {
 mod tests {
     use super::*;
 
-    fn component(weight: Option<f64>, after: f64) -> Component {
-        Component { key: "hover_rms_mm", title: "hover", weight, before: 1.0, after }
+    fn component(weight: Option<f64>, after: f64) -> TradedFigure {
+        TradedFigure { key: "hover_rms_mm", title: "hover", weight, before: 1.0, after }
     }
 
     #[test]
