@@ -8,7 +8,7 @@ mod request;
 mod status;
 mod stop;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::error::BusError;
@@ -20,6 +20,7 @@ use oqtal_runtime::process::{CommonArgs, Exit, Failure, paths_of};
 use oqtal_runtime::program::{print, say};
 use serde::Serialize;
 
+pub use change::CtlRequest;
 use oqtal_observe::status::{InstanceStatus, ProcessHealth, VehicleStatus, word};
 use reach::AddressedInstance;
 use request::{request, send, silent};
@@ -29,7 +30,7 @@ use request::{request, send, silent};
 pub struct CtlArgs {
     /// The command to the daemon
     #[arg(value_enum)]
-    command: Request,
+    command: CtlRequest,
     /// Of `goto`: X Y Z in m and, if wanted, YAW in degrees; of `fly`: a trajectory; of `set`: KEY=VALUE ...; of `get`: a key; of
     /// `reload`: a file; of `controller`: a law
     #[arg(value_name = "ARGUMENT", allow_negative_numbers = true)]
@@ -39,64 +40,6 @@ pub struct CtlArgs {
     json: bool,
     #[command(flatten)]
     common: CommonArgs,
-}
-
-/// A command of the operator.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum Request {
-    /// Show the state of the daemon, the processes and the vehicle
-    Status,
-    /// Start the motors and fly the configured trajectory; refused unless the vehicle is ready
-    Arm,
-    /// Call off a flight that has not begun; refused in flight, where `land` and `stop` end it
-    Disarm,
-    /// Give control back to the configured law after the fallback law took over
-    Resume,
-    /// Descend at the present position, then motors off
-    Land,
-    /// Fly to a point and stay there
-    Goto,
-    /// Fly another trajectory from the present point, then stay
-    Fly,
-    /// Come to rest and stay
-    Hover,
-    /// Change settings between two ticks, all of them or none
-    Set,
-    /// Show the value of a setting
-    Get,
-    /// Take the last change of settings back
-    Undo,
-    /// Change the settings that differ in a file, or in the files of the daemon
-    Reload,
-    /// Change the attitude law
-    Controller,
-    /// Motors off at once, in flight too: the vehicle falls. They stay off until `arm`
-    Stop,
-}
-
-impl Request {
-    fn command(self) -> OperatorCommand {
-        match self {
-            Self::Status => OperatorCommand::Status,
-            Self::Arm => OperatorCommand::Arm,
-            Self::Disarm => OperatorCommand::Disarm,
-            Self::Resume => OperatorCommand::Resume,
-            Self::Land => OperatorCommand::Land,
-            Self::Goto => OperatorCommand::Goto,
-            Self::Fly => OperatorCommand::Trajectory,
-            Self::Hover => OperatorCommand::Hover,
-            Self::Set | Self::Controller => OperatorCommand::Set,
-            Self::Get => OperatorCommand::Get,
-            Self::Undo => OperatorCommand::Undo,
-            Self::Reload => OperatorCommand::Reload,
-            Self::Stop => OperatorCommand::Stop,
-        }
-    }
-
-    /// Whether the command ends a flight.
-    fn ends_flight(self) -> bool {
-        matches!(self, Self::Land | Self::Stop)
-    }
 }
 
 /// Answer of the daemon, as printed.
@@ -139,13 +82,13 @@ impl CtlArgs {
         let (instance, config) = self.target()?;
         let address =
             AddressedInstance { paths: paths_of(&instance)?, has_root: !instance.root.is_empty() };
-        if let Request::Stop = self.command {
+        if let CtlRequest::Stop = self.command {
             return stop::execute(&address, self.json);
         }
         let named = config.as_ref().filter(|_| !self.common.config.is_empty());
         let expected = named.map(Config::hash);
         let (response, status) = match self.command {
-            Request::Land => (Some(land::land(&address)?), InstanceStatus::default()),
+            CtlRequest::Land => (Some(land::land(&address)?), InstanceStatus::default()),
             _ => {
                 address.paths.become_owner()?;
                 let bus = Bus::open_running(&address.paths)?;
@@ -200,14 +143,14 @@ impl CtlArgs {
         expected: Option<u64>,
     ) -> Result<(Option<ControlResponseV1>, InstanceStatus), BusError> {
         let response = match self.command {
-            Request::Arm => arm::ask(bus, expected)?,
+            CtlRequest::Arm => arm::ask(bus, expected)?,
             _ => send(bus, body, expected)?,
         };
         let differs = response.is_some_and(|response| {
             response.answer == Answer::Refused.code() && names_configurations(&response)
         });
         let status = match self.command {
-            Request::Status => status::observe(bus)?,
+            CtlRequest::Status => status::observe(bus)?,
             _ if differs => status::observe(bus)?,
             _ => InstanceStatus::default(),
         };
@@ -282,7 +225,7 @@ pub fn execute(
 /// As [`execute`]; or the arguments are not those of the command.
 pub fn execute_for(
     paths: &InstancePaths,
-    (command, arguments): (Request, &[String]),
+    (command, arguments): (CtlRequest, &[String]),
     sign: impl FnOnce(ControlRequestV1) -> ControlRequestV1,
 ) -> Result<String, Failure> {
     let body = sign(change::request_of(command, arguments)?);

@@ -17,8 +17,8 @@ use oqtal_config::Config;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths, stop_on_signals};
 use oqtal_runtime::program::say;
 
-use crate::ctl;
-use protocol::{Content, Reply};
+use crate::ctl::{self, CtlRequest};
+use protocol::{Content, GatewayReply};
 use socket::{GatewaySocket, Sender};
 
 /// Name of the socket in the directory of the instance.
@@ -75,10 +75,10 @@ struct Gateway {
 
 impl Gateway {
     /// Executes a datagram; `None` for a reference that was passed on, which has no reply.
-    fn serve(&mut self, datagram: &[u8], sender: &Sender) -> Option<Reply> {
+    fn serve(&mut self, datagram: &[u8], sender: &Sender) -> Option<GatewayReply> {
         let content = match protocol::parse(datagram, Time::now()) {
             Ok(content) => content,
-            Err(reason) => return Some(Reply::refused(reason)),
+            Err(reason) => return Some(GatewayReply::refused(reason)),
         };
         let result = match content {
             Content::Reference(reference) => match self.publish(*reference) {
@@ -87,7 +87,10 @@ impl Gateway {
             },
             Content::Request { command, arguments } => self.request(&command, &arguments, sender),
         };
-        Some(result.map_or_else(|failure| Reply::refused(failure.message), Reply::done))
+        Some(
+            result
+                .map_or_else(|failure| GatewayReply::refused(failure.message), GatewayReply::done),
+        )
     }
 
     fn publish(&mut self, reference: ReferenceV1) -> Result<(), Failure> {
@@ -105,7 +108,7 @@ impl Gateway {
         arguments: &[String],
         sender: &Sender,
     ) -> Result<String, Failure> {
-        let known = ctl::Request::from_str(command, false);
+        let known = CtlRequest::from_str(command, false);
         let command = known.map_err(|reason| Failure::new(Exit::Usage, reason))?;
         ctl::execute_for(self.bus.paths(), (command, arguments), |request| sender.sign(request))
     }

@@ -31,7 +31,6 @@ use oqtal_control::trajectory::Trajectory;
 
 pub use auto_takeoff::AutoTakeoff;
 use control::{ControlTick, Directive, FlightControl};
-pub(crate) use course::leg_limits;
 use guarded::{GuardedControl, LawTick};
 use intake::Intake;
 use report::TickReport;

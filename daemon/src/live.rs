@@ -16,7 +16,6 @@ use oqtal_control::trajectory::{LegLimits, Trajectory, TrajectoryOptions};
 use oqtal_runtime::process::Failure;
 
 use crate::command_model::{CommandModel, motion_tracker};
-use crate::cycle::leg_limits;
 use crate::fence::Fence;
 use crate::flight_room::require_flyable;
 use crate::stack::ControlStack;
@@ -32,7 +31,7 @@ const ORIGIN: &str = "set";
 #[derive(Debug)]
 pub struct LiveControl {
     pub(crate) stack: ControlStack,
-    /// Whether the attitude law has the same options as before: it then goes on with its state.
+    /// Whether the attitude law has the same options as before: it then keeps its state.
     pub(crate) keeps_law: bool,
     /// The tracker of the motion, if the law needs another one.
     pub(crate) tracker: Option<MotionTracker>,
@@ -282,5 +281,16 @@ impl LiveSettings {
             fence.x_m, fence.y_m, fence.z_m, fence.soft_margin_m
         );
         Err(Refusal { cause: Cause::Fence, reason })
+    }
+}
+
+/// The limits of a leg by `[reference]`.
+pub(crate) fn leg_limits(config: &Config) -> LegLimits {
+    let options = &config.reference;
+    LegLimits {
+        horizontal_m_s: options.leg_horizontal_m_s,
+        vertical_m_s: options.leg_vertical_m_s,
+        acceleration_m_s2: options.leg_acceleration_m_s2,
+        yaw_rate_rad_s: options.leg_yaw_rate_deg_s.to_radians(),
     }
 }

@@ -2,17 +2,76 @@
 
 use std::path::Path;
 
+use clap::ValueEnum;
+use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::message::ControlRequestV1;
 use oqtal_bus::text::LongText;
 use oqtal_runtime::process::{Exit, Failure};
 
-use super::Request;
+/// A command of the operator.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum CtlRequest {
+    /// Show the state of the daemon, the processes and the vehicle
+    Status,
+    /// Start the motors and fly the configured trajectory; refused unless the vehicle is ready
+    Arm,
+    /// Call off a flight that has not begun; refused in flight, where `land` and `stop` end it
+    Disarm,
+    /// Give control back to the configured law after the fallback law took over
+    Resume,
+    /// Descend at the present position, then motors off
+    Land,
+    /// Fly to a point and stay there
+    Goto,
+    /// Fly another trajectory from the present point, then stay
+    Fly,
+    /// Come to rest and stay
+    Hover,
+    /// Change settings between two ticks, all of them or none
+    Set,
+    /// Show the value of a setting
+    Get,
+    /// Take the last change of settings back
+    Undo,
+    /// Change the settings that differ in a file, or in the files of the daemon
+    Reload,
+    /// Change the attitude law
+    Controller,
+    /// Motors off at once, in flight too: the vehicle falls. They stay off until `arm`
+    Stop,
+}
+
+impl CtlRequest {
+    /// The command to the daemon.
+    pub fn command(self) -> OperatorCommand {
+        match self {
+            Self::Status => OperatorCommand::Status,
+            Self::Arm => OperatorCommand::Arm,
+            Self::Disarm => OperatorCommand::Disarm,
+            Self::Resume => OperatorCommand::Resume,
+            Self::Land => OperatorCommand::Land,
+            Self::Goto => OperatorCommand::Goto,
+            Self::Fly => OperatorCommand::Trajectory,
+            Self::Hover => OperatorCommand::Hover,
+            Self::Set | Self::Controller => OperatorCommand::Set,
+            Self::Get => OperatorCommand::Get,
+            Self::Undo => OperatorCommand::Undo,
+            Self::Reload => OperatorCommand::Reload,
+            Self::Stop => OperatorCommand::Stop,
+        }
+    }
+
+    /// Whether the command ends a flight.
+    pub fn ends_flight(self) -> bool {
+        matches!(self, Self::Land | Self::Stop)
+    }
+}
 
 /// The request for `command` with `arguments`.
 ///
 /// # Errors
 /// The arguments are not those of the command (exit code 64).
-pub fn request_of(command: Request, arguments: &[String]) -> Result<ControlRequestV1, Failure> {
+pub fn request_of(command: CtlRequest, arguments: &[String]) -> Result<ControlRequestV1, Failure> {
     let base = ControlRequestV1::of(command.command());
     let with_text = |lines: &[String]| {
         let text = LongText::of_lines(lines.iter().map(String::as_str));
@@ -20,16 +79,18 @@ pub fn request_of(command: Request, arguments: &[String]) -> Result<ControlReque
         Ok(ControlRequestV1 { text, ..base })
     };
     match (command, arguments) {
-        (Request::Goto, [_, _, _] | [_, _, _, _]) => goto(base, arguments),
-        (Request::Goto, _) => Err(usage("goto needs X Y Z in m and, if wanted, YAW in degrees")),
-        (Request::Fly, [_]) | (Request::Get, [_]) => with_text(arguments),
-        (Request::Fly, _) => Err(usage("fly needs the name of a trajectory, as in `fly circle`")),
-        (Request::Get, _) => Err(usage("get needs a key, as in `get position.tilt-limit-deg`")),
-        (Request::Controller, [law]) => with_text(&[format!("control.controller={law}")]),
-        (Request::Controller, _) => Err(usage("controller needs the name of a law")),
-        (Request::Set, [_, ..]) => with_text(arguments),
-        (Request::Set, _) => Err(usage("set needs KEY=VALUE, as in `set control.oqtal.gain=2`")),
-        (Request::Reload, [file]) => {
+        (CtlRequest::Goto, [_, _, _] | [_, _, _, _]) => goto(base, arguments),
+        (CtlRequest::Goto, _) => Err(usage("goto needs X Y Z in m and, if wanted, YAW in degrees")),
+        (CtlRequest::Fly, [_]) | (CtlRequest::Get, [_]) => with_text(arguments),
+        (CtlRequest::Fly, _) => {
+            Err(usage("fly needs the name of a trajectory, as in `fly circle`"))
+        }
+        (CtlRequest::Get, _) => Err(usage("get needs a key, as in `get position.tilt-limit-deg`")),
+        (CtlRequest::Controller, [law]) => with_text(&[format!("control.controller={law}")]),
+        (CtlRequest::Controller, _) => Err(usage("controller needs the name of a law")),
+        (CtlRequest::Set, [_, ..]) => with_text(arguments),
+        (CtlRequest::Set, _) => Err(usage("set needs KEY=VALUE, as in `set control.oqtal.gain=2`")),
+        (CtlRequest::Reload, [file]) => {
             let path = std::path::absolute(Path::new(file));
             let path = path.map_err(|error| usage(&format!("{file}: {error}")))?;
             with_text(&[path.display().to_string()])
@@ -57,33 +118,33 @@ fn usage(reason: &str) -> Failure {
 mod tests {
     use super::*;
 
-    fn of(command: Request, arguments: &[&str]) -> Result<ControlRequestV1, Failure> {
+    fn of(command: CtlRequest, arguments: &[&str]) -> Result<ControlRequestV1, Failure> {
         let arguments: Vec<_> = arguments.iter().map(|text| (*text).to_owned()).collect();
         request_of(command, &arguments)
     }
 
     #[test]
     fn arguments_become_the_content_of_a_request() {
-        let goto = of(Request::Goto, &["1", "-2", "0.5", "90"]).unwrap();
+        let goto = of(CtlRequest::Goto, &["1", "-2", "0.5", "90"]).unwrap();
         assert_eq!((goto.point, goto.yaw), ([1.0, -2.0, 0.5], 90_f64.to_radians()));
-        assert!(of(Request::Goto, &["1", "2", "3"]).unwrap().yaw.is_nan());
-        let set = of(Request::Set, &["a.b=1", "c.d=2"]).unwrap();
+        assert!(of(CtlRequest::Goto, &["1", "2", "3"]).unwrap().yaw.is_nan());
+        let set = of(CtlRequest::Set, &["a.b=1", "c.d=2"]).unwrap();
         assert_eq!(set.text.as_str(), "a.b=1\nc.d=2");
-        let law = of(Request::Controller, &["pid"]).unwrap();
+        let law = of(CtlRequest::Controller, &["pid"]).unwrap();
         assert_eq!(law.text.as_str(), "control.controller=pid");
-        assert!(of(Request::Reload, &["x.toml"]).unwrap().text.as_str().starts_with('/'));
+        assert!(of(CtlRequest::Reload, &["x.toml"]).unwrap().text.as_str().starts_with('/'));
     }
 
     #[test]
     fn other_arguments_are_a_usage_error() {
-        let wrong: [(Request, &[&str]); 7] = [
-            (Request::Goto, &["1", "2"]),
-            (Request::Goto, &["1", "2", "nan"]),
-            (Request::Set, &[]),
-            (Request::Fly, &[]),
-            (Request::Get, &["a", "b"]),
-            (Request::Stop, &["now"]),
-            (Request::Controller, &[]),
+        let wrong: [(CtlRequest, &[&str]); 7] = [
+            (CtlRequest::Goto, &["1", "2"]),
+            (CtlRequest::Goto, &["1", "2", "nan"]),
+            (CtlRequest::Set, &[]),
+            (CtlRequest::Fly, &[]),
+            (CtlRequest::Get, &["a", "b"]),
+            (CtlRequest::Stop, &["now"]),
+            (CtlRequest::Controller, &[]),
         ];
         for (command, arguments) in wrong {
             assert_eq!(of(command, arguments).unwrap_err().exit, Exit::Usage, "{arguments:?}");

@@ -61,7 +61,7 @@ struct ReferenceObject {
 /// The content of `datagram`, received at `now`.
 ///
 /// # Errors
-/// What is wrong with it.
+/// The text names the field at fault.
 pub fn parse(datagram: &[u8], now: Time) -> Result<Content, String> {
     let object: Datagram = serde_json::from_slice(datagram).map_err(|error| error.to_string())?;
     if object.version != VERSION {
@@ -100,13 +100,13 @@ impl ReferenceObject {
 
 /// Reply to a datagram.
 #[derive(Debug, Serialize)]
-pub struct Reply {
+pub struct GatewayReply {
     version: u32,
     answer: &'static str,
     text: String,
 }
 
-impl Reply {
+impl GatewayReply {
     /// A request was executed.
     pub fn done(text: String) -> Self {
         Self { version: VERSION, answer: "done", text }

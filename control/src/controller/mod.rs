@@ -16,6 +16,7 @@
 //! that belongs to a name. To add a law, write its file and give it a line in each list below; the compiler names the lists that
 //! lack it. `docs/your-own-law.md` is an example.
 
+mod adopt;
 mod fallback;
 mod feedback;
 mod filtered_rate;
@@ -314,18 +315,6 @@ impl<I: InputForm> Controller<I> {
             }
         };
         law.map_err(|error| error.within(options.built_in().name()))
-    }
-
-    /// Continues a flight that `old` controlled: a law of the same kind takes over its integral action.
-    pub fn adopt(&mut self, old: &Self) {
-        match (self, old) {
-            (Self::Pid(law), Self::Pid(old)) => law.adopt(old),
-            (Self::Lqr(law), Self::Lqr(old)) => law.adopt(old),
-            (Self::Oqtal(law), Self::Oqtal(old)) => law.adopt(old),
-            (Self::Geometric(law), Self::Geometric(old)) => law.adopt(old),
-            // These laws have no integral action.
-            _ => {}
-        }
     }
 
     fn law(&self) -> &dyn AttitudeLaw<Command = I::Command> {

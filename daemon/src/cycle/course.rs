@@ -14,7 +14,7 @@ use oqtal_control::trajectory::{
 
 use crate::fence::Fence;
 use crate::floor;
-use crate::live::{FlightChange, LiveControl};
+use crate::live::{FlightChange, LiveControl, leg_limits};
 use crate::mission::ActiveMission;
 use crate::setpoint::{CheckedSetpoint, SetpointGuard};
 use crate::stream::ReferenceStream;
@@ -336,17 +336,6 @@ impl FlightCourse {
             return false;
         }
         now.since(*self.at_rest_since.get_or_insert(now)) >= REST
-    }
-}
-
-/// The limits of a leg by `[reference]`.
-pub(crate) fn leg_limits(config: &Config) -> LegLimits {
-    let options = &config.reference;
-    LegLimits {
-        horizontal_m_s: options.leg_horizontal_m_s,
-        vertical_m_s: options.leg_vertical_m_s,
-        acceleration_m_s2: options.leg_acceleration_m_s2,
-        yaw_rate_rad_s: options.leg_yaw_rate_deg_s.to_radians(),
     }
 }
 
