@@ -2,9 +2,10 @@
 //! fallback law recovers.
 //!
 //! A command that is sent now acts until the next one does, or the one after it if that one is lost: it is held for two periods.
-//! Then the prediction turns the vehicle level, as the fallback law would, until the horizon. In all that time tilt, rate and speed
-//! must be within their limits, and from every point the vehicle must come to rest inside the fence and above the floor, with part
-//! of the acceleration that the position loops command. This is a test of one step: the state after it is one from which the
+//! Then the prediction turns the vehicle level, as the fallback law would, until the horizon, and on until it is level: a tilted
+//! vehicle gains speed. In all that time tilt, rate and speed must be within their limits, and from every point the vehicle must come
+//! to rest inside the fence and above the floor: after the time in which it turns to the tilt that brakes, with part of the
+//! acceleration that the position loops command. This is a test of one step: the state after it is one from which the
 //! fallback recovers, so that the next tick may still refuse the law (L. Sha, *Using simplicity to control complexity*, IEEE
 //! Software 18, 2001). Holding the command for the whole horizon instead would refuse every law that turns at full stick.
 
@@ -30,8 +31,12 @@ const STEP_S: f64 = 0.02;
 const LEVEL_GAIN: f64 = 4.0;
 /// Share of the acceleration available to the position loops with which the vehicle is stopped \[-\].
 const BRAKING_SHARE: f64 = 0.5;
-/// Time until the vehicle is slowed down \[s\].
+/// Time after which the fallback law turns the vehicle to brake \[s\].
 const REACTION_S: f64 = 0.1;
+/// Cosine of the tilt below which a vehicle counts as level \[-\]: that of 10 degrees.
+const LEVEL_COSINE: f64 = 0.985;
+/// Longest prediction \[s\].
+const LONGEST_S: f64 = 1.0;
 /// Least cosine of the tilt by which the thrust of a hover is divided \[-\].
 const LEAST_COSINE: f64 = 0.5;
 
@@ -48,6 +53,8 @@ pub struct Envelope {
     margin_m: f64,
     /// Decelerations of the stop \[m/s^2\]: horizontal, of a climb, of a descent.
     braking: [f64; 3],
+    /// Time until the vehicle brakes \[s\]: horizontally, vertically.
+    reaction_s: [f64; 2],
     greatest_thrust_n: f64,
     /// Greatest demand about each axis \[rad/s or rad/s^2, body axes\].
     greatest_demand: Vector3<f64>,
@@ -75,6 +82,8 @@ impl Envelope {
         let lift = vehicle.max_thrust_n / vehicle.mass_kg - vehicle.gravity_m_s2;
         let climb = position.vertical_acceleration_limit_m_s2;
         let sideways = vehicle.gravity_m_s2 * position.tilt_limit_deg.to_radians().tan();
+        let [roll, pitch, _] = vehicle.rate_authority_rad_s;
+        let turn_s = position.tilt_limit_deg.to_radians() / roll.min(pitch);
         let greatest_demand = match &commands.model.rotation {
             Rotation::RigidBody { inertia } => {
                 (inertia.inverse() * Vector3::repeat(vehicle.max_torque_nm)).abs()
@@ -90,6 +99,10 @@ impl Envelope {
             speed: limits.speed_m_s,
             margin_m: limits.fence_margin_m,
             braking: [sideways, climb, climb.min(lift)].map(|most| BRAKING_SHARE * most),
+            reaction_s: [
+                REACTION_S + turn_s + vehicle.rate_lag_ms * 1e-3,
+                REACTION_S + vehicle.thrust_lag_ms * 1e-3,
+            ],
             greatest_thrust_n: vehicle.max_thrust_n,
             greatest_demand,
             commands,
@@ -105,16 +118,17 @@ impl Envelope {
         held.demand = held.demand.component_mul(&gain);
         let (mut motion, mut t_s) = (*ahead, 0.0);
         loop {
+            let upright = motion.attitude.to_world(&Vector3::z()).z;
             let cause = self.outside(&motion, floor_m);
-            if cause != HandoverCause::None || t_s >= self.horizon_s {
+            let is_over = t_s >= self.horizon_s && upright >= LEVEL_COSINE || t_s >= LONGEST_S;
+            if cause != HandoverCause::None || is_over {
                 return cause;
             }
-            let (input, until_s) = if t_s < self.held_s {
-                (held, self.held_s)
+            let (input, end_s) = if t_s < self.held_s {
+                (held, (t_s + STEP_S).min(self.held_s))
             } else {
-                (self.level(&motion, &model, &bias), self.horizon_s)
+                (self.level(&motion, &model, &bias), t_s + STEP_S)
             };
-            let end_s = (t_s + STEP_S).min(until_s);
             motion = model.advance(&motion, &input, &bias, end_s - t_s);
             t_s = end_s;
         }
@@ -141,8 +155,9 @@ impl Envelope {
         let [sideways, climb, descent] = self.braking;
         let (velocity, horizontal) = (motion.velocity, motion.velocity.xy().norm());
         let vertical = if velocity.z > 0.0 { climb } else { descent };
-        let path_s = |speed: f64, braking: f64| REACTION_S + speed / (2.0 * braking);
-        let (h_s, v_s) = (path_s(horizontal, sideways), path_s(velocity.z.abs(), vertical));
+        let [turn_s, lift_s] = self.reaction_s;
+        let h_s = turn_s + horizontal / (2.0 * sideways);
+        let v_s = lift_s + velocity.z.abs() / (2.0 * vertical);
         motion.position + velocity.component_mul(&Vector3::new(h_s, h_s, v_s))
     }
 

@@ -117,7 +117,10 @@ fn f70_no_vehicle_is_lost_whatever_a_law_answers() {
         let handed: usize = of_kind.iter().filter(|(_, (_, count, _))| *count > 0).count();
         println!("{kind:?}: {} flights, {handed} with a hand-over", of_kind.len());
         for (seed, (outcome, count, cause)) in of_kind {
-            if *outcome != Outcome::Landed {
+            // A law that drives to the fence again and again is held there, and its flight ends late.
+            if *outcome == Outcome::Timeout {
+                println!("{kind:?} {}: still flies, {count} hand-overs", seed / kinds);
+            } else if *outcome != Outcome::Landed {
                 lost.push(format!("{kind:?} {}: {outcome}, {count} {cause}", seed / kinds));
             }
         }

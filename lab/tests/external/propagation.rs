@@ -42,12 +42,16 @@ fn leads_out(state: &StateV1, answer: &ExternalV1, size: f64) -> bool {
     let mut thrust = state.thrust;
     let (drift, wind) = (Vector3::from(state.demand_bias), Vector3::from(state.acceleration_bias));
     let most = state.greatest_rate[0];
-    for step in 0..=300 {
+    for step in 0..=1000 {
         let t_s = f64::from(step) * STEP_S;
         if is_outside((&p, &v), (&r, &rate), size) {
             return true;
         }
         let up: Vector3<f64> = r.row(2).transpose();
+        // Level to 10 degrees.
+        if t_s >= 0.3 && up.z >= 0.985 {
+            return false;
+        }
         let (command, lift) = if t_s < 2.0 * state.period_s {
             (Vector3::from(answer.rate), answer.thrust)
         } else {
@@ -74,10 +78,14 @@ fn is_outside(
     (r, rate): (&Matrix3<f64>, &Vector3<f64>),
     size: f64,
 ) -> bool {
-    let way = |speed: f64, braking: f64| speed * 0.1 + speed * speed.abs() / (2.0 * braking);
+    // The turn to 15 degrees at 2 rad/s takes 0.131 s; the lags of rate and thrust are equal.
+    let way = |speed: f64, turn_s: f64, braking: f64| {
+        speed * (0.1 + turn_s + LAG_S) + speed * speed.abs() / (2.0 * braking)
+    };
     let flat = Vector3::new(v.x, v.y, 0.0);
-    let share = if flat.norm() > 0.0 { way(flat.norm(), SIDEWAYS) / flat.norm() } else { 0.0 };
-    let rest = p + flat * share + Vector3::z() * way(v.z, VERTICAL);
+    let share =
+        if flat.norm() > 0.0 { way(flat.norm(), 0.131, SIDEWAYS) / flat.norm() } else { 0.0 };
+    let rest = p + flat * share + Vector3::z() * way(v.z, 0.0, VERTICAL);
     // 0.3 m inside, more or less for another size of the envelope.
     let margin = 0.3 - (size - 1.0);
     let limit_m = 3.5 - margin;
