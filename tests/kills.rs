@@ -170,7 +170,9 @@ fn f68_processes_killed_between_removals_of_their_files_start_again_and_stop() {
             lost_files::work_again(&testbed, &mut running);
             remove_something(&testbed, &mut random);
             let stop = testbed.oqtal(&["ctl", "stop"]).output().unwrap();
-            assert_eq!(stop.status.code(), Some(0), "{number}: {}", stderr(&stop));
+            // After an earlier loss the vehicle's process may just have left, with its motors off.
+            let has_left = !running[0].as_mut().is_some_and(Running::runs);
+            assert!(stop.status.success() || has_left, "{number}: {}", stderr(&stop));
             let which = random.below(4) as usize;
             let victims = if which < 3 { which..which + 1 } else { 0..3 };
             pause(&mut random);

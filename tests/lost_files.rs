@@ -106,7 +106,7 @@ fn f68_a_daemon_killed_after_a_loss_starts_again() {
 }
 
 #[test]
-fn f69_a_flight_goes_on_and_stops_after_all_shared_words_were_shortened() {
+fn f69_a_flight_continues_and_stops_after_all_shared_words_were_shortened() {
     let testbed = Testbed::new("shortened");
     let bus = testbed.bus();
     let mut telemetry = bus.observer(&TELEMETRY).unwrap();

@@ -10,7 +10,7 @@ use oqtal_bus::stop::VehicleStop;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{COMMAND, POSE, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
-use oqtal_runtime::health::{Health, MotorState};
+use oqtal_runtime::health::{Health, MotorActivity};
 use oqtal_runtime::turn::{Turn, TurnClock};
 
 use crate::background::BridgeHandle;
@@ -125,8 +125,8 @@ impl<T: Transport> Turn for BridgeTurn<T> {
         Ok(())
     }
 
-    fn motors(&self) -> MotorState {
-        if self.bridge.motors_may_run() { MotorState::MayRun } else { MotorState::Off }
+    fn motors(&self) -> MotorActivity {
+        if self.bridge.motors_may_run() { MotorActivity::MayRun } else { MotorActivity::Off }
     }
 
     fn health(&self, now: Time) -> HealthV1 {

@@ -20,7 +20,9 @@
 //! | `obeying.rs` | processes that obey operators, found in /proc |
 //! | `wake.rs` | wake-up of sleeping processes |
 //! | `shared.rs` | words in a mapped file |
+//! | `atomic.rs` | atomic words, replaced in a model of all interleavings |
 //! | `membership.rs` | the processes of an instance |
+//! | `member_files.rs` | the files by whose locks it is joined |
 //! | `paths.rs` | directories and names of an instance |
 //! | `private.rs` | the part of shared memory that is inaccessible to other users |
 //! | `remains.rs` | files left behind by dead processes |
@@ -31,10 +33,12 @@
 // Mapping of shared memory in `shared.rs`, and the guard of its mappings.
 #![deny(unsafe_code)]
 
+mod atomic;
 pub mod bus;
 pub mod code;
 pub mod control;
 pub mod error;
+mod member_files;
 mod membership;
 pub mod memory;
 pub mod message;

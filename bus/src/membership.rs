@@ -10,22 +10,19 @@
 //! themselves ([`crate::watch`]).
 
 use std::cell::Cell;
-use std::fs::{DirBuilder, File, OpenOptions};
-use std::io;
-use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
-use std::time::Duration;
 
-use rustix::fs::{FlockOperation, OFlags, flock};
-use rustix::io::Errno;
+use rustix::fs::{FlockOperation, flock};
 
 use crate::error::{BusError, system};
+use crate::member_files::{MEMBERS, Members, acquire, has_members, open_directory};
 use crate::paths::{InstancePaths, LAW, WIRE};
 use crate::private::{self, InstanceRun, is_same};
 use crate::remains;
 use crate::time::{Span, Time};
-use crate::watch::{InstanceWatch, Members};
+use crate::watch::InstanceWatch;
 
 /// Running processes hold the lock for milliseconds; a process that holds it longer was stopped or hangs.
 const LOCK_TIMEOUT: Span = Span::from_millis(3000);
@@ -83,7 +80,7 @@ impl Membership {
     /// Whether a process is a member of the instance at `paths`. Creates and removes nothing.
     pub(crate) fn exists(paths: &InstancePaths) -> bool {
         let directory = paths.directory();
-        private::linked(&directory).is_some_and(|run| private::is_alive(&run))
+        private::linked(&directory).is_some_and(|run| remains::is_alive(&run))
             || has_members(&directory)
             || remains::runs(remains::SHARED_MEMORY.as_ref(), &paths.prefix())
                 .iter()
@@ -193,53 +190,9 @@ fn start_run(prefix: &str, directory: &Path) -> Result<InstanceRun, BusError> {
     InstanceRun::start(prefix, directory)
 }
 
-/// Whether a process holds the file `members` in `directory`.
-fn has_members(directory: &Path) -> bool {
-    let file = File::open(directory.join(MEMBERS));
-    file.is_ok_and(|file| flock(&file, FlockOperation::NonBlockingLockExclusive).is_err())
-}
-
-/// File whose shared lock marks the member processes.
-pub(crate) const MEMBERS: &str = "members";
-
 /// Removes files that exist.
 fn remove(directory: &Path, names: &[&str]) {
     for name in names {
         let _ = std::fs::remove_file(directory.join(name));
-    }
-}
-
-pub(crate) fn open_directory(directory: &Path) -> Result<File, BusError> {
-    let failed = |e: &io::Error| system(format!("opening {}", directory.display()), e);
-    match DirBuilder::new().mode(0o700).create(directory) {
-        Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(failed(&error)),
-        _ => {}
-    }
-    let flags = (OFlags::DIRECTORY | OFlags::NOFOLLOW | OFlags::CLOEXEC).bits().cast_signed();
-    let opened = OpenOptions::new().read(true).custom_flags(flags).open(directory);
-    let file = match opened {
-        // The directory was removed between the two steps and is made again.
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return open_directory(directory),
-        other => other.map_err(|e| failed(&e))?,
-    };
-    let owner = file.metadata().map_err(|e| failed(&e))?.uid();
-    if owner != rustix::process::geteuid().as_raw() {
-        return Err(BusError::Permission { path: directory.to_path_buf() });
-    }
-    Ok(file)
-}
-
-pub(crate) fn acquire(lock: &File, directory: &Path, give_up: Time) -> Result<(), BusError> {
-    loop {
-        match flock(lock, FlockOperation::NonBlockingLockExclusive) {
-            Ok(()) => return Ok(()),
-            Err(Errno::WOULDBLOCK | Errno::INTR) if Time::now() < give_up => {
-                std::thread::sleep(Duration::from_millis(1));
-            }
-            Err(Errno::WOULDBLOCK | Errno::INTR) => {
-                return Err(BusError::Locked { path: directory.to_path_buf() });
-            }
-            Err(error) => return Err(system(format!("locking {}", directory.display()), &error)),
-        }
     }
 }

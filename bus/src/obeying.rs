@@ -19,7 +19,7 @@ use crate::paths::InstancePaths;
 use crate::stop::{self, StopSwitch};
 use crate::time::Time;
 use crate::topic::Role;
-use crate::{membership, remains};
+use crate::{member_files, remains};
 
 /// Signal that requests a stop. A process without a handler ignores it.
 pub const STOP_SIGNAL: Signal = Signal::URG;
@@ -201,7 +201,7 @@ fn is_stop_file(path: &Path) -> bool {
 
 /// Paths of the instance of which `path` is the file of its members.
 fn paths_of(path: &Path) -> Option<InstancePaths> {
-    let directory = path.ends_with(membership::MEMBERS).then(|| path.parent())??;
+    let directory = path.ends_with(member_files::MEMBERS).then(|| path.parent())??;
     let root = directory.parent().map(PathBuf::from)?;
     InstancePaths::new(directory.file_name()?.to_str()?, Some(&root)).ok()
 }

@@ -8,13 +8,13 @@
 //! Every member process holds a shared lock (`flock`) on the directory of its run. A run lives while its directory is locked,
 //! whatever happened to the files of the instance.
 
-use std::fs::{DirBuilder, File, OpenOptions};
+use std::fs::{DirBuilder, File};
 use std::hash::{BuildHasher, RandomState};
 use std::io;
-use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, symlink};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, symlink};
 use std::path::{Path, PathBuf};
 
-use rustix::fs::{FlockOperation, OFlags, RenameFlags, flock, renameat_with};
+use rustix::fs::{FlockOperation, RenameFlags, flock, renameat_with};
 
 use crate::error::{BusError, system};
 use crate::remains;
@@ -55,7 +55,7 @@ impl InstanceRun {
 
     /// Takes part in the run with the private directory `path`; `None` if it has no member.
     fn enter(path: PathBuf) -> Option<Self> {
-        let lock = open_own(&path)?;
+        let lock = remains::open_own_directory(&path)?;
         let is_alive = flock(&lock, FlockOperation::NonBlockingLockExclusive).is_err();
         let joined = flock(&lock, FlockOperation::NonBlockingLockShared).is_ok();
         (is_alive && joined).then_some(Self { path, lock })
@@ -73,8 +73,8 @@ impl InstanceRun {
         // Locked before it has its name: a directory of this name without a lock was left by dead processes.
         let unnamed = remains::shared(&format!(".{prefix}{random:016x}"));
         DirBuilder::new().mode(0o700).create(&unnamed).map_err(failed)?;
-        let locked =
-            open_own(&unnamed).ok_or_else(|| failed(io::ErrorKind::PermissionDenied.into()))?;
+        let locked = remains::open_own_directory(&unnamed)
+            .ok_or_else(|| failed(io::ErrorKind::PermissionDenied.into()))?;
         flock(&locked, FlockOperation::NonBlockingLockShared).map_err(|e| failed(e.into()))?;
         let cwd = rustix::fs::CWD;
         renameat_with(cwd, &unnamed, cwd, &path, RenameFlags::NOREPLACE)
@@ -124,11 +124,6 @@ impl InstanceRun {
     }
 }
 
-/// Whether a process takes part in the run with this private directory.
-pub(crate) fn is_alive(path: &Path) -> bool {
-    open(path).is_some_and(|lock| flock(&lock, FlockOperation::NonBlockingLockExclusive).is_err())
-}
-
 /// Private directory to which the link in the directory of an instance leads.
 pub(crate) fn linked(directory: &Path) -> Option<PathBuf> {
     std::fs::read_link(directory.join(LINK)).ok()
@@ -140,16 +135,4 @@ pub(crate) fn is_same(file: &File, path: &Path) -> bool {
         (Ok(ours), Ok(present)) => (ours.dev(), ours.ino()) == (present.dev(), present.ino()),
         _ => false,
     }
-}
-
-/// Opens a directory of this user.
-fn open_own(path: &Path) -> Option<File> {
-    let file = open(path)?;
-    let is_own = file.metadata().ok()?.uid() == rustix::process::geteuid().as_raw();
-    is_own.then_some(file)
-}
-
-fn open(path: &Path) -> Option<File> {
-    let flags = (OFlags::DIRECTORY | OFlags::NOFOLLOW | OFlags::CLOEXEC).bits().cast_signed();
-    OpenOptions::new().read(true).custom_flags(flags).open(path).ok()
 }

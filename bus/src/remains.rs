@@ -1,16 +1,14 @@
 //! Files that processes of an instance left behind, in its directory and in shared memory.
 
 use std::collections::BTreeMap;
-use std::fs::{self, File};
+use std::fs::{self, File, OpenOptions};
 use std::io::Read;
-use std::os::unix::fs::{MetadataExt, PermissionsExt};
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
-use rustix::fs::{FallocateFlags, Mode, OFlags, fallocate};
+use rustix::fs::{FallocateFlags, FlockOperation, Mode, OFlags, fallocate, flock};
 use rustix::io::Errno;
 use rustix::process::geteuid;
-
-use crate::private;
 
 /// Directory of shared memory.
 pub const SHARED_MEMORY: &str = "/dev/shm";
@@ -49,7 +47,7 @@ impl RunRemains {
 
     /// Whether a process takes part in the run, by the lock on its private directory.
     pub fn is_alive(&self) -> bool {
-        private::is_alive(&self.directory())
+        is_alive(&self.directory())
     }
 
     /// Whether descriptions of services of this run are in the directory of the instance.
@@ -218,6 +216,24 @@ pub(crate) fn reserve_memory(prefix: &str) -> Result<(), u64> {
         }
     }
     Ok(())
+}
+
+/// Whether a process takes part in the run with this private directory.
+pub(crate) fn is_alive(path: &Path) -> bool {
+    open_directory(path)
+        .is_some_and(|lock| flock(&lock, FlockOperation::NonBlockingLockExclusive).is_err())
+}
+
+/// Opens a directory of this user.
+pub(crate) fn open_own_directory(path: &Path) -> Option<File> {
+    let file = open_directory(path)?;
+    let is_own = file.metadata().ok()?.uid() == rustix::process::geteuid().as_raw();
+    is_own.then_some(file)
+}
+
+fn open_directory(path: &Path) -> Option<File> {
+    let flags = (OFlags::DIRECTORY | OFlags::NOFOLLOW | OFlags::CLOEXEC).bits().cast_signed();
+    OpenOptions::new().read(true).custom_flags(flags).open(path).ok()
 }
 
 /// Opens a regular file of this user with a single name. All users see the names in shared memory; a file or link planted there

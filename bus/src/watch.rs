@@ -4,48 +4,16 @@
 //! the processes that have mapped them: the processes of the instance keep them, but no process can join. The members then end the
 //! flight and leave, and the next process starts a new run of the instance.
 
-use std::fs::{self, File, OpenOptions};
-use std::os::unix::fs::OpenOptionsExt;
+use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
 
-use rustix::fs::{FlockOperation, OFlags, flock};
-
-use crate::error::{BusError, system};
-use crate::membership::{MEMBERS, acquire, open_directory};
-use crate::private::{InstanceRun, is_same};
+use crate::member_files::{MEMBERS, Members, acquire, open_directory};
+use crate::private::InstanceRun;
 use crate::time::{Span, Time};
 use crate::{shared, stop, wake};
 
 /// Maximum time for which a repair waits for the lock of the instance.
 const REPAIR_TIMEOUT: Span = Span::from_millis(100);
-
-/// The file `members`, locked by this process; replaced if it was removed.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Members(Arc<Mutex<Option<File>>>);
-
-impl Members {
-    /// Opens and locks the file in `directory`; the caller holds the lock of the instance.
-    pub(crate) fn join(&self, directory: &Path) -> Result<(), BusError> {
-        let path = directory.join(MEMBERS);
-        let flags = (OFlags::NOFOLLOW | OFlags::CLOEXEC).bits().cast_signed();
-        let mut options = OpenOptions::new();
-        options.read(true).write(true).create(true).truncate(false).mode(0o600).custom_flags(flags);
-        let file = options
-            .open(&path)
-            .map_err(|error| system(format!("opening {}", path.display()), &error))?;
-        // Waits at most for a process that is just looking whether there are members.
-        flock(&file, FlockOperation::LockShared)
-            .map_err(|error| system(format!("joining {}", directory.display()), &error))?;
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(file);
-        Ok(())
-    }
-
-    fn are_present(&self, directory: &Path) -> bool {
-        let held = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        held.as_ref().is_some_and(|file| is_same(file, &directory.join(MEMBERS)))
-    }
-}
 
 /// File of a living instance that was removed or shortened.
 #[derive(Clone, Debug, PartialEq, Eq)]

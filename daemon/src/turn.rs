@@ -13,7 +13,7 @@ use oqtal_bus::topic::{
     VEHICLE_READ,
 };
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
-use oqtal_runtime::health::MotorState;
+use oqtal_runtime::health::MotorActivity;
 use oqtal_runtime::turn::{Turn, TurnClock};
 
 use crate::condition::Condition;
@@ -241,11 +241,11 @@ impl<T: Transport> Turn for DaemonTurn<'_, T> {
         self.execute_requests(now, configs_differ)
     }
 
-    fn motors(&self) -> MotorState {
+    fn motors(&self) -> MotorActivity {
         if self.cycle.telemetry().mode == Mode::Disarmed.code() {
-            MotorState::Off
+            MotorActivity::Off
         } else {
-            MotorState::MayRun
+            MotorActivity::MayRun
         }
     }
 

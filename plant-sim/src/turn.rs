@@ -8,7 +8,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{COMMAND, TRUTH, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_config::Config;
-use oqtal_runtime::health::{Health, MotorState};
+use oqtal_runtime::health::{Health, MotorActivity};
 use oqtal_runtime::turn::{Turn, TurnClock};
 
 use crate::disturbance::DisturbanceClock;
@@ -161,8 +161,8 @@ impl<T: Transport> Turn for PlantTurn<T> {
         })
     }
 
-    fn motors(&self) -> MotorState {
-        if self.plant.vehicle().armed == 0 { MotorState::Off } else { MotorState::MayRun }
+    fn motors(&self) -> MotorActivity {
+        if self.plant.vehicle().armed == 0 { MotorActivity::Off } else { MotorActivity::MayRun }
     }
 
     fn turn<C: TurnClock>(&mut self, clock: &mut C) -> Result<(), BusError> {

@@ -34,7 +34,7 @@ struct HealthRecord {
 /// State of the motors that a process controls.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u8)]
-pub enum MotorState {
+pub enum MotorActivity {
     /// The process controls no motors, or does not know their state.
     #[default]
     Unreported = 0,
@@ -81,16 +81,16 @@ impl Health {
     }
 
     /// Records the state of the motors after a turn.
-    pub(crate) fn set_motors(&self, motors: MotorState) {
+    pub(crate) fn set_motors(&self, motors: MotorActivity) {
         self.0.motors.store(motors as u8, Ordering::Relaxed);
     }
 
     /// State of the motors after the last turn.
-    pub(crate) fn motors(&self) -> MotorState {
+    pub(crate) fn motors(&self) -> MotorActivity {
         match self.0.motors.load(Ordering::Relaxed) {
-            0 => MotorState::Unreported,
-            1 => MotorState::MayRun,
-            _ => MotorState::Off,
+            0 => MotorActivity::Unreported,
+            1 => MotorActivity::MayRun,
+            _ => MotorActivity::Off,
         }
     }
 

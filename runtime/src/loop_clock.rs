@@ -7,7 +7,7 @@ use std::os::fd::OwnedFd;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 
-use crate::health::{Health, MotorState};
+use crate::health::{Health, MotorActivity};
 use crate::lockstep::{Follower, Leader};
 use crate::overrun::OverrunMonitor;
 use crate::stop::{STOP_CHECK, StopFlag};
@@ -90,7 +90,7 @@ impl LoopClock {
     }
 
     /// Records the state of the motors after a turn.
-    pub(crate) fn note_motors(&self, motors: MotorState) {
+    pub(crate) fn note_motors(&self, motors: MotorActivity) {
         self.health.set_motors(motors);
     }
 

@@ -15,7 +15,7 @@ use oqtal_bus::watch::{InstanceWatch, LostFile};
 
 use crate::context::ProcessContext;
 use crate::exit::{Exit, Failure};
-use crate::health::MotorState;
+use crate::health::MotorActivity;
 
 /// Time between two checks; a loss is confirmed by the second one.
 const CHECK_PERIOD: Duration = Duration::from_millis(300);
@@ -127,14 +127,16 @@ impl Departure {
     }
 
     /// Whether the process can end: its motors have been off for a second; a process without motors waits for those that have.
-    fn is_safe(&mut self, motors: MotorState, now: Time) -> bool {
+    fn is_safe(&mut self, motors: MotorActivity, now: Time) -> bool {
         match motors {
-            MotorState::Off => now.since(*self.motors_off_since.get_or_insert(now)) >= MOTORS_OFF,
-            MotorState::MayRun => {
+            MotorActivity::Off => {
+                now.since(*self.motors_off_since.get_or_insert(now)) >= MOTORS_OFF
+            }
+            MotorActivity::MayRun => {
                 self.motors_off_since = None;
                 false
             }
-            MotorState::Unreported => {
+            MotorActivity::Unreported => {
                 let have_ended = self.flying.iter().all(|process| !process.is_running());
                 (have_ended && !self.flying.is_empty())
                     || now.since(self.begun_at) >= LONGEST_LANDING

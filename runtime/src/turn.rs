@@ -8,7 +8,7 @@ use oqtal_bus::message::{HealthV1, Message};
 use oqtal_bus::time::Time;
 use oqtal_bus::transport::Publish;
 
-use crate::health::MotorState;
+use crate::health::MotorActivity;
 use crate::virtual_clock::TurnResult;
 
 /// The clock during a turn.
@@ -48,8 +48,8 @@ pub trait Turn {
     }
 
     /// State of the motors that this process controls.
-    fn motors(&self) -> MotorState {
-        MotorState::Unreported
+    fn motors(&self) -> MotorActivity {
+        MotorActivity::Unreported
     }
 
     /// The state that the process reports on its health topic.

@@ -4,10 +4,13 @@
 //! condition variable.
 #![cfg(test)]
 
-use loom::sync::atomic::{AtomicU32, Ordering};
+use atomic::{AtomicU32, Ordering};
 use loom::sync::{Arc, Condvar, Mutex};
 use loom::thread;
 
+mod atomic {
+    pub(crate) use loom::sync::atomic::{AtomicU32, Ordering};
+}
 #[path = "../../src/wake/event_count.rs"]
 mod event_count;
 #[path = "../../src/stop/words.rs"]

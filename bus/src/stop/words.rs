@@ -1,6 +1,6 @@
 //! The protocol of the stop words, wherever the words are. `bus/loom` executes every interleaving of this file.
 
-use super::{AtomicU32, Ordering};
+use crate::atomic::{AtomicU32, Ordering};
 
 /// Number of stops raised so far.
 const RAISED: usize = 0;

@@ -3,7 +3,7 @@
 
 use std::cell::Cell;
 
-use super::{AtomicU32, Ordering};
+use crate::atomic::{AtomicU32, Ordering};
 
 /// Counts an event, then wakes all sleepers.
 pub(crate) fn notify<E>(

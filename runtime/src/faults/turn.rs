@@ -10,7 +10,7 @@ use oqtal_bus::transport::Transport;
 use oqtal_config::{Fault, FaultKind};
 
 use super::clock::FaultClock;
-use crate::health::MotorState;
+use crate::health::MotorActivity;
 use crate::turn::{Turn, TurnClock};
 
 /// Turn that is also woken when a delayed sample is due, and that first sleeps while the process is slow.
@@ -51,7 +51,7 @@ impl<T: Transport, R: Turn> Turn for FaultyTurn<T, R> {
         self.turn.shut_down(clock)
     }
 
-    fn motors(&self) -> MotorState {
+    fn motors(&self) -> MotorActivity {
         self.turn.motors()
     }
 
