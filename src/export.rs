@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
+use oqtal_observe::csv;
 use oqtal_observe::recording::{
     CsvExport, RecordingFile, Tables, TumExport, flight, play, recording_path,
 };
-use oqtal_observe::{csv, mat};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 
@@ -24,7 +24,7 @@ pub struct ExportArgs {
     /// Topics, separated by commas [default: all; for csv the table of ticks that `oqtal fly` writes as well]
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     topics: Vec<String>,
-    /// Directory of the files [default: FILE without .mcap, and -csv or -tum]; for mat the file [default: FILE with .mat]
+    /// Directory of the files [default: FILE without .mcap, and -csv or -tum]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
@@ -36,8 +36,6 @@ enum ExportFormat {
     Csv,
     /// Trajectories: lines `time x y z qx qy qz qw`
     Tum,
-    /// The ticks for MATLAB, Octave and scipy, a variable for each column; times as integers of nanoseconds
-    Mat,
 }
 
 impl ExportFormat {
@@ -45,7 +43,6 @@ impl ExportFormat {
         match self {
             Self::Csv => "csv",
             Self::Tum => "tum",
-            Self::Mat => "mat",
         }
     }
 }
@@ -57,9 +54,6 @@ impl ExportArgs {
     /// The file is not a recording (exit code 65) or of another version (76), a topic is unknown (64), or a file cannot be written.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let file = recordings::read(&self.file)?;
-        if let ExportFormat::Mat = self.format {
-            return self.mat(&file);
-        }
         let extension = self.format.extension();
         let mut tables = self.tables(&file)?;
         if !self.topics.is_empty() {
@@ -78,21 +72,6 @@ impl ExportArgs {
         Ok(Exit::Ok)
     }
 
-    /// Writes the ticks as one MAT-file and prints its path.
-    fn mat(&self, file: &RecordingFile) -> Result<Exit, Failure> {
-        if !self.topics.is_empty() {
-            let reason = "--format mat has the ticks, not topics; leave out --topics";
-            return Err(Failure::new(Exit::Usage, reason));
-        }
-        let path = self.out.clone().unwrap_or_else(|| self.file.with_extension("mat"));
-        let mut content = Vec::new();
-        mat::write(&flight(file).map_err(failure)?, &mut content)
-            .map_err(|error| Failure::new(Exit::Internal, error.to_string()))?;
-        recordings::write(&path, content)?;
-        print(&path.display().to_string())?;
-        Ok(Exit::Ok)
-    }
-
     /// Every table of the format.
     fn tables(&self, file: &RecordingFile) -> Result<Tables, Failure> {
         match self.format {
@@ -101,7 +80,7 @@ impl ExportArgs {
                 play(file, &mut export).map_err(failure)?;
                 Ok(export.tables)
             }
-            ExportFormat::Csv | ExportFormat::Mat => {
+            ExportFormat::Csv => {
                 let mut export = CsvExport::default();
                 play(file, &mut export).map_err(failure)?;
                 let mut ticks = Vec::new();

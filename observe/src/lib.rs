@@ -27,7 +27,6 @@
 //! | `report.rs` | the report of a flight, one HTML page |
 //! | `compare.rs` | comparison of several flights |
 //! | `csv.rs` | `telemetry.csv` |
-//! | `mat.rs` | the ticks as a MAT-file |
 //! | `page.rs` | HTML pages in one style |
 //! | `plot.rs` | plots as SVG |
 //! | `kernel.rs` | scheduling and resource use of a process |
@@ -48,7 +47,6 @@ pub mod instance;
 pub mod kernel;
 pub mod latency;
 pub mod loop_monitor;
-pub mod mat;
 pub mod nearest;
 pub mod observed_process;
 pub mod observer;

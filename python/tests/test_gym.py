@@ -56,18 +56,16 @@ def test_every_lane_equals_the_flight_of_its_seed(law):
     assert_lanes_equal(flights, 300, ([], []))
 
 
-def test_lanes_have_faults_and_disturbances_of_flights():
+def test_lanes_have_cameras_and_disturbances_of_flights():
     arguments = {
         "settings": {"mocap.preset": "measured", "plant.fidelity": "rotors"},
         "disturb": ["gust@8+2=0,3,0m/s", "mass@12=0.05kg"],
-        "faults": ["command:intermittent=20%@6+3"],
     }
     flights = [oqtal.fly(seed=seed, **arguments) for seed in range(2)]
     settings = [
         ("t", "mocap.preset", "measured"),
         ("t", "plant.fidelity", "rotors"),
         ("t", "plant.disturb", arguments["disturb"]),
-        ("t", "fault.inject", arguments["faults"]),
     ]
     assert_lanes_equal(flights, 0, ([], settings))
 

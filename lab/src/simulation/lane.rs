@@ -97,8 +97,8 @@ impl Lane {
                 Role::Plant => step(&mut self.plant, at)?,
                 Role::Mocap => self.poses.step(at)?,
                 _ if self.is_tick(at)? => {
-                    // The truth at the tick. Events of the plant up to now have had their turns: there is nothing to publish.
-                    self.plant.turn.plant().advance(at, |_| ());
+                    // The truth at the tick: the plant integrates to this instant in its next turn in any case.
+                    step(&mut self.plant, at)?;
                     return Ok(());
                 }
                 _ => TurnResult { next: Some(self.next_event()), published: false },
