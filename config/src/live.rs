@@ -136,7 +136,7 @@ mod tests {
         let config = Config::default();
         for (text, part) in [
             ("vehicle.mass-kg=0.6", "restart every process"),
-            ("control.rate-hz=100", "restart every process"),
+            ("control.rate-hz=50", "restart every process"),
             ("control.estimator.rate-cutoff-hz=3", "restart every process"),
             ("position.tilt-limit-deg=95", "must be"),
             ("position.tilt-limit-dog=9", "tilt-limit-deg"),

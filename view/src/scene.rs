@@ -147,7 +147,7 @@ mod tests {
             scene.causes[Cause::OtherConfig.code() as usize],
             "another configuration expected"
         );
-        assert_eq!(scene.causes[35], "");
+        assert_eq!(scene.causes[34], "");
         assert_eq!(scene.phases, ["", "take-off", "settle", "trajectory", "landing"]);
     }
 

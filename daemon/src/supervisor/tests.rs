@@ -43,6 +43,8 @@ const NO_LIMITS: LimitConditions = LimitConditions {
     overrun: false,
     configs_differ: false,
     setpoint_refused: false,
+    references_ended: false,
+    references_overdue: false,
     law_fails: false,
 };
 
