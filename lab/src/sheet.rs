@@ -214,8 +214,7 @@ impl Sheet {
         self.rows.iter().filter(move |row| row.variant == variant)
     }
 
-    /// Whether the figure of `row` in the column with the index `column` reproduces the figure printed for the law; `None`
-    /// without a printed figure.
+    /// Whether the figure of `row` in column `column` reproduces the one printed for the law; `None` without a printed one.
     pub fn mark(&self, row: &SheetRow, column: usize) -> Option<bool> {
         if !self.is_marked || row.variant != Variant::AsPrinted {
             return None;
@@ -236,8 +235,7 @@ impl Sheet {
         }
     }
 
-    /// Numbers in the columns `keys` of the first row of a law and variant whose settings contain all of `words`; NaN if there is
-    /// no such row.
+    /// Numbers in the columns `keys` of the first row of a law and variant with all of `words` in its settings, else NaN.
     pub fn figures<const N: usize>(
         &self,
         (controller, variant): (&str, Variant),
@@ -272,8 +270,7 @@ impl Sheet {
         (!are_ours, differ)
     }
 
-    /// The sheet as tables for the terminal. Names common to all rows are written once above them; columns without a value are
-    /// left out.
+    /// The sheet as tables for the terminal; names common to all rows are above them, columns without a value left out.
     pub fn to_text(&self) -> String {
         let (shared, own) = self.names();
         let title = [self.title.clone()].into_iter().chain(shared).collect::<Vec<_>>().join("\n");
@@ -290,8 +287,7 @@ impl Sheet {
         format!("{title}\n{}", text_table::blocks(&named, &figures, &rows))
     }
 
-    /// Row names: texts common to all rows, and headings with the cells of each row. Settings that differ are listed above the
-    /// table with the number of their row.
+    /// Texts common to all rows, and headings with the names of each row; settings that differ are listed above the table.
     fn names(&self) -> (Vec<String>, Vec<(&'static str, Vec<String>)>) {
         let column = |cell: fn(&SheetRow) -> &str| -> Vec<String> {
             self.rows.iter().map(|row| cell(row).to_owned()).collect()
@@ -315,8 +311,7 @@ impl Sheet {
         (above, own)
     }
 
-    /// The sheet as Markdown, one block of rows per variant. The variant is left out if all rows are ours, the settings if all
-    /// rows share them.
+    /// The sheet as Markdown, a block for each variant; no variant if all rows are ours, no settings if all rows share them.
     pub fn to_markdown(&self) -> String {
         let (variants, settings) = self.differing();
         // An unescaped bar would end the cell.
