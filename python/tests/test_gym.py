@@ -71,7 +71,7 @@ def test_lanes_have_cameras_and_disturbances_of_flights():
 
 
 def test_lanes_do_not_depend_on_threads_and_neighbours():
-    actions = np.random.default_rng(1).uniform(-0.05, 0.05, (40, 7, 4)) + [0.0, 0.0, 0.0, HOVER]
+    actions = np.random.default_rng(1).uniform(-0.05, 0.05, (40, 7, 4)) + np.array([0.0, 0.0, 0.0, HOVER])
     histories = []
     for threads in (1, 2, 7):
         env = oqtal.make_vec(7, threads=threads)
