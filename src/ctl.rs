@@ -23,7 +23,7 @@ use serde::Serialize;
 pub use change::CtlRequest;
 use oqtal_observe::status::{InstanceStatus, ProcessHealth, VehicleStatus, word};
 use reach::AddressedInstance;
-use request::{request, send, silent};
+use request::{request, running_bus, send, silent};
 
 /// Arguments of `oqtal ctl`.
 #[derive(Args, Debug)]
@@ -91,9 +91,7 @@ impl CtlArgs {
             CtlRequest::Land => (Some(land::land(&address)?), InstanceStatus::default()),
             _ => {
                 address.paths.become_owner()?;
-                let bus = Bus::open_running(&address.paths)?;
-                let bus = bus.ok_or_else(|| silent(&instance.name))?;
-                self.ask(&bus, request, expected)?
+                self.ask(&running_bus(&address.paths)?, request, expected)?
             }
         };
         let Some(response) = response else {
@@ -208,10 +206,8 @@ pub fn execute(
             };
         }
         OperatorCommand::Land => land::land(&here(paths))?,
-        _ => {
-            let bus = Bus::open_running(paths)?.ok_or_else(|| silent(&paths.instance))?;
-            request(&bus, command, expected)?.ok_or_else(|| silent(&paths.instance))?
-        }
+        _ => request(&running_bus(paths)?, command, expected)?
+            .ok_or_else(|| silent(&paths.instance))?,
     };
     let report = ControlReport::new(command, &response, InstanceStatus::default());
     report.check(&response, expected)?;

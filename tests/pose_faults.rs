@@ -1,4 +1,4 @@
-//! Poses that are plausible one by one and are not those of the vehicle, F58 to F60, and flights that must not be ended by their tests.
+//! Poses that are plausible one by one and are not those of the vehicle, F58, and flights that must not be ended by their tests.
 //! OQTAL_TEST_POSE_FAULTS sets the number of seeds of the faults, OQTAL_TEST_POSE_FLIGHTS that of flights without a fault,
 //! OQTAL_TEST_POSE_SEED the first of both. Thresholds were chosen on seeds below 20000.
 
@@ -53,7 +53,7 @@ fn react(settings: &[String], fault: &str, at_s: f64) -> Option<Reaction> {
 }
 
 /// Reactions to `fault` of every law in every shape, `seeds` each; prints their distribution.
-fn study(fault: impl Fn(u64) -> String + Sync, shapes: &[&str], extra: &[&str]) -> Vec<Reaction> {
+fn study(fault: impl Fn(u64) -> String + Sync, shapes: &[&str]) -> Vec<Reaction> {
     let seeds = length("OQTAL_TEST_POSE_FAULTS", 1);
     let first = length("OQTAL_TEST_POSE_SEED", FIRST_SEED);
     let mut all = Vec::new();
@@ -61,12 +61,11 @@ fn study(fault: impl Fn(u64) -> String + Sync, shapes: &[&str], extra: &[&str]) 
         let found = Mutex::new(Vec::new());
         on_all_processors(seeds * LAWS.len() as u64, |index| {
             let (law, seed) = (LAWS[index as usize % LAWS.len()], first + index);
-            let mut settings = vec![
+            let settings = vec![
                 format!("control.controller={law}"),
                 format!("trajectory.kind={shape}"),
                 format!("clock.seed={seed}"),
             ];
-            settings.extend(extra.iter().map(|&text| text.to_owned()));
             let at_s = FAULT_S + 0.1 * (seed % 40) as f64;
             let reaction = react(&settings, &fault(index), at_s);
             found.lock().unwrap().push(reaction.expect("a flight until the fault"));
@@ -100,56 +99,23 @@ fn frozen(index: u64) -> String {
 }
 
 #[test]
-fn f58_a_frozen_pose_with_noise_ends_a_flight_in_motion_within_a_second() {
-    for gyroscope in ["plant.gyroscope=true", "plant.gyroscope=false"] {
-        for reaction in study(frozen, &["circle", "lemniscate", "square"], &[gyroscope]) {
-            assert!(
-                reaction.after_s <= 1.0 || reaction.moved_m <= 1.5,
-                "{gyroscope}: {reaction:?}"
-            );
-        }
+fn f58_a_frozen_pose_with_noise_ends_a_flight_in_motion() {
+    for reaction in study(frozen, &["circle", "lemniscate", "square"]) {
+        assert!(reaction.after_s <= 1.0 || reaction.moved_m <= 1.5, "{reaction:?}");
     }
 }
 
 #[test]
-fn f58_a_frozen_pose_with_noise_ends_a_hover_within_two_seconds() {
-    for reaction in study(frozen, &["hover"], &[]) {
-        assert!(reaction.after_s <= 2.0, "{reaction:?}");
-    }
-}
-
-#[test]
-fn f58_a_frozen_pose_ends_a_hover_without_rates_of_the_vehicle_within_six_seconds() {
-    let extra = ["plant.gyroscope=false"];
-    let noisy = study(frozen, &["hover"], &extra);
-    // Cameras without noise that repeat their pose exactly: only the heading probe tells.
-    let still = study(|_| "stuck".to_owned(), &["hover"], &["mocap.preset=ideal", extra[0]]);
-    for reaction in noisy.into_iter().chain(still) {
-        assert!(reaction.after_s <= 6.0 && reaction.moved_m < 1.5, "{reaction:?}");
+fn f58_a_frozen_pose_with_noise_ends_a_hover() {
+    for reaction in study(frozen, &["hover"]) {
+        assert!(reaction.after_s <= 4.0 && reaction.moved_m <= 1.5, "{reaction:?}");
     }
 }
 
 #[test]
 fn f58_a_mirrored_pose_ends_a_flight_in_the_first_metre() {
-    for shape in ["hover", "circle", "square"] {
-        for reaction in study(|_| "mirror".to_owned(), &[shape], &[]) {
-            assert!(reaction.moved_m <= 1.0 && reaction.after_s < 6.0, "{reaction:?}");
-        }
-    }
-}
-
-#[test]
-fn f59_an_attitude_that_drifts_against_the_gyroscope_lands_the_vehicle() {
-    for reaction in study(|_| "drift=0.5deg/s".to_owned(), &["hover", "circle"], &[]) {
-        assert!(reaction.after_s <= 10.0 && reaction.moved_m < 2.0, "{reaction:?}");
-        assert_eq!(reaction.cause, Cause::AttitudeDrift);
-    }
-}
-
-#[test]
-fn f60_a_path_turned_against_the_attitude_ends_a_flight() {
-    for reaction in study(|_| "rotate=90deg".to_owned(), &["hover", "circle", "square"], &[]) {
-        assert!(reaction.after_s <= 20.0, "{reaction:?}");
+    for reaction in study(|_| "mirror".to_owned(), &["hover", "circle", "square"]) {
+        assert!(reaction.moved_m <= 1.0 && reaction.after_s < 6.0, "{reaction:?}");
     }
 }
 
@@ -206,8 +172,9 @@ fn other_plant(random: &mut Random) -> Vec<String> {
 
 /// Whether a test of the poses ended the flight.
 fn is_accused(flight: &Flight) -> bool {
-    let causes = [Cause::Contradiction.code(), Cause::AttitudeDrift.code()];
-    flight.samples.iter().any(|sample| causes.contains(&sample.telemetry.cause))
+    flight.samples.iter().map(|sample| &sample.telemetry).any(|tick| {
+        tick.cause == Cause::Contradiction.code() && tick.state > SafetyState::Degraded.code()
+    })
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::rc::Rc;
 use rustix::process::{Resource, getrlimit};
 
 use crate::control::{ControlClient, ControlServer};
-use crate::error::BusError;
+use crate::error::{BusError, system};
 use crate::membership::Membership;
 use crate::message::Message;
 use crate::node::{InstanceNode, OpenPorts, ReaderPlace};
@@ -60,7 +60,10 @@ impl Bus {
     pub fn open_running(paths: &InstancePaths) -> Result<Option<Self>, BusError> {
         match std::fs::symlink_metadata(&paths.root) {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
-            Err(_) => Err(BusError::Permission { path: paths.root.clone() }),
+            Err(error) if error.kind() == std::io::ErrorKind::PermissionDenied => {
+                Err(BusError::Permission { path: paths.root.clone() })
+            }
+            Err(error) => Err(system(format!("opening {}", paths.root.display()), &error)),
             Ok(_) => {
                 paths.prepare()?;
                 Membership::exists(paths).then(|| Self::open(paths)).transpose()
@@ -73,7 +76,8 @@ impl Bus {
     /// # Errors
     /// The process has too many open files.
     pub fn watch(&self) -> Result<InstanceWatch, BusError> {
-        self.membership.watch()
+        let (directory, run, members) = self.membership.files()?;
+        Ok(InstanceWatch::new(directory, run, members))
     }
 
     /// This bus for a process whose signal handlers set `signals`.

@@ -156,8 +156,6 @@ code! {
         Fallback = 35 => "fallback law",
         /// The poses do not follow the rotation or the tilt of the vehicle: they are frozen, mirrored or turned.
         Contradiction = 30 => "poses do not follow the vehicle",
-        /// The attitude seen by the cameras drifts away from the vehicle's gyroscope.
-        AttitudeDrift = 31 => "attitude drifts from the gyroscope",
         /// A planner's references stopped.
         ReferencesEnded = 36 => "references ended",
         /// A setting is invalid, or cannot change while the daemon runs.

@@ -22,7 +22,6 @@ use crate::paths::{InstancePaths, LAW, WIRE};
 use crate::private::{self, InstanceRun, is_same};
 use crate::remains;
 use crate::time::{Span, Time};
-use crate::watch::InstanceWatch;
 
 /// Running processes hold the lock for milliseconds; a process that holds it longer was stopped or hangs.
 const LOCK_TIMEOUT: Span = Span::from_millis(3000);
@@ -87,15 +86,15 @@ impl Membership {
                 .any(remains::RunRemains::is_alive)
     }
 
-    /// Watch over the files of this membership.
+    /// Directory, run and members of this membership, for a watch over their files.
     ///
     /// # Errors
     /// The process has too many open files.
-    pub(crate) fn watch(&self) -> Result<InstanceWatch, BusError> {
+    pub(crate) fn files(&self) -> Result<(PathBuf, InstanceRun, Members), BusError> {
         let run = self.run.clone_handle().map_err(|e| system("watching the instance", &e))?;
         // Open files are named by paths without links.
         let directory = self.directory.canonicalize().unwrap_or_else(|_| self.directory.clone());
-        Ok(InstanceWatch::new(directory, run, self.members.clone()))
+        Ok((directory, run, self.members.clone()))
     }
 
     /// Locks the files of the instance. A lock already held by this membership is shared.

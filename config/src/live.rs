@@ -49,7 +49,7 @@ impl Config {
         let error = |reason| ConfigError { origin: "settings".to_owned(), reason };
         let config = Self { origins, ..deserialize(&table).map_err(error)? };
         config.check()?;
-        let changed = self.differences(&config).map_err(|key| error(key))?;
+        let changed = self.differences(&config).map_err(error)?;
         let fixed = changed.iter().find_map(|text| {
             let key = text.split('=').next().unwrap_or_default();
             restart_for(key).map(|process| (key, process))

@@ -20,9 +20,6 @@ pub struct SafetyOptions {
     pub gate_sigma: f64,
     /// Evidence against poses that do not follow the vehicle, above which they are not accepted \[-\].
     pub consistency_limit: f64,
-    /// Turn of the heading in a quiet hover of a vehicle that reports no rates, by which poses show that they follow it \[deg\]; 0 for
-    /// none.
-    pub probe_yaw_deg: f64,
     /// Greatest noise of a position that is learned \[mm\].
     pub max_position_noise_mm: f64,
     /// Greatest noise of an attitude that is learned \[deg\].
@@ -89,7 +86,6 @@ impl SafetyOptions {
             ("max-rate-rad-s", self.max_rate_rad_s, Rule::Positive),
             ("gate-sigma", self.gate_sigma, Rule::Positive),
             ("consistency-limit", self.consistency_limit, Rule::Positive),
-            ("probe-yaw-deg", self.probe_yaw_deg, Rule::Between(0.0, 20.0)),
             ("max-position-noise-mm", self.max_position_noise_mm, Rule::Between(1e-3, 100.0)),
             ("max-attitude-noise-deg", self.max_attitude_noise_deg, Rule::Between(1e-3, 5.0)),
             ("recovery-poses", f64::from(self.recovery_poses), Rule::Between(1.0, f64::MAX)),

@@ -53,14 +53,14 @@ const TOLD_SHARE: f64 = 1.5;
 /// Evidence, as a share of its limit, above which no noise is learned \[-\].
 const QUIET: f64 = 0.5;
 
-/// Evidence against the poses over its limit: 1 and more ends a flight \[-\].
+/// Evidence against the poses over its limit: 1 and more is told, and with a gyroscope that of the response ends a flight \[-\].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PoseEvidence {
-    /// The rotation seen does not follow that of the vehicle.
+    /// Evidence that the rotation seen does not follow that of the vehicle \[-\].
     pub response: f64,
-    /// The path does not follow the tilt.
+    /// Evidence that the path does not follow the tilt \[-\].
     pub direction: f64,
-    /// The attitude drifts away from the gyroscope.
+    /// Evidence that the attitude drifts away from the gyroscope \[-\].
     pub drift: f64,
 }
 
@@ -85,7 +85,6 @@ pub struct PoseConsistency {
     direction: DirectionTest,
     evidence: PoseEvidence,
     contradicts: bool,
-    drifts: bool,
 }
 
 impl PoseConsistency {
@@ -108,14 +107,13 @@ impl PoseConsistency {
             direction: DirectionTest::default(),
             evidence: PoseEvidence::default(),
             contradicts: false,
-            drifts: false,
         }
     }
 
     /// Restarts at the beginning or end of a flight.
     pub fn restart(&mut self) {
         self.clear();
-        (self.contradicts, self.drifts) = (false, false);
+        self.contradicts = false;
     }
 
     /// Takes a rate that the vehicle's gyroscope measured at `t_s` \[s\] \[rad/s, body\].
@@ -123,19 +121,16 @@ impl PoseConsistency {
         self.rates.receive(t_s, rate);
     }
 
-    /// Whether the poses of this flight are not those of the vehicle.
+    /// Whether the poses of this flight do not follow the rotation that the vehicle's gyroscope measures.
     pub fn contradicts(&self) -> bool {
         self.contradicts
     }
 
-    /// Whether the attitudes of this flight drift away from the gyroscope.
-    pub fn drifts(&self) -> bool {
-        self.drifts
-    }
-
-    /// Whether the last seconds have shown whether poses follow the vehicle; always if it reports its rates.
-    pub fn is_conclusive(&self) -> bool {
-        self.by_gyroscope || self.last.is_none() || self.response.potential() >= self.limit
+    /// Whether a test finds that the poses do not agree with the vehicle. Drift and direction, and the response to commands of a vehicle
+    /// that reports no rates, find it in one of a hundred flights with right poses, too: they warn.
+    pub fn disagrees(&self) -> bool {
+        let PoseEvidence { response, direction, drift } = self.evidence;
+        response.max(direction).max(drift) >= 1.0
     }
 
     /// The present evidence.
@@ -186,7 +181,7 @@ impl PoseConsistency {
         if is_airborne {
             self.test_direction(tracker, pose, noise, dt_s);
         }
-        self.contradicts |= self.evidence.response.max(self.evidence.direction) >= 1.0;
+        self.contradicts |= self.by_gyroscope && self.evidence.response >= 1.0;
     }
 
     fn test_rotation(
@@ -200,7 +195,7 @@ impl PoseConsistency {
             true => (DriftLimit::GYROSCOPE, ResponseLimit::GYROSCOPE),
             false => (DriftLimit::COMMANDS, ResponseLimit::COMMANDS),
         };
-        let (drift, is_sudden) = self.drift.take((seen, driven), &limit, noise.attitude_rad, dt_s);
+        let drift = self.drift.take((seen, driven), &limit, noise.attitude_rad, dt_s);
         let (seen, driven) = (self.seen.take(seen, dt_s), self.driven.take(driven, dt_s));
         self.deviation.take(t_s, (seen - driven).norm_squared() / 3.0);
         // The bias of the rate that the commands counteract is washed out first.
@@ -209,8 +204,6 @@ impl PoseConsistency {
             return;
         }
         self.evidence.drift = drift;
-        self.contradicts |= drift >= 1.0 && (is_sudden || !self.by_gyroscope);
-        self.drifts |= drift >= 1.0 && !is_sudden && self.by_gyroscope;
         let least = LEAST_DEVIATION_RAD.max(NOISE_SHARE * noise.attitude_rad);
         let variance = self.deviation.mean().max(least * least);
         let sum = self.response.take((&seen, &driven), &response_limit, variance, dt_s);

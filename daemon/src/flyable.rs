@@ -1,4 +1,4 @@
-//! What a trajectory demands of the vehicle, before the start: thrust, tilt, body rates, speed, and the way to stop inside the fence.
+//! Demand of a trajectory on the vehicle, checked before the start: thrust, tilt, body rates, speed, and the way to stop inside the fence.
 
 use nalgebra::Vector3;
 use oqtal_config::{Config, Interface};

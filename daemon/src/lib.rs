@@ -24,7 +24,6 @@
 //! | `handover.rs` | a change of the control stack without a jump of the command |
 //! | `measured_noise.rs`, `delayed_mean.rs` | the noise of the poses |
 //! | `consistency.rs` | consistency of the poses with the rotation and the tilt of the vehicle |
-//! | `probe.rs` | a turn of the heading that shows whether poses follow the vehicle |
 //! | `limits.rs`, `fence.rs`, `floor.rs` | the limits of a flight |
 //! | `descent.rs` | descent without poses of a vehicle with its own attitude loop |
 //! | `flight_room.rs` | the path of a flight against the fence |
@@ -80,7 +79,6 @@ mod measured_noise;
 mod mission;
 mod operator;
 mod pose_noise;
-mod probe;
 mod setpoint;
 mod stack;
 mod stream;

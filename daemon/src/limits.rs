@@ -57,10 +57,10 @@ pub struct LimitConditions {
     pub poses_too_old: bool,
     /// More frames are lost or refused than `safety.pose-loss-warning`.
     pub poses_lost: bool,
-    /// Poses do not follow the vehicle.
+    /// Poses do not follow the rotation that the vehicle's gyroscope measures.
     pub poses_contradict: bool,
-    /// The attitude seen by the cameras drifts away from the gyroscope.
-    pub attitude_drifts: bool,
+    /// A test finds that poses do not agree with the vehicle.
+    pub poses_disagree: bool,
     /// The loop was late in several ticks in a row.
     pub overrun: bool,
     /// Processes of the instance run with different configurations.

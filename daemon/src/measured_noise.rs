@@ -27,11 +27,14 @@ pub struct PoseDeviations {
     pub attitude_rad: f64,
 }
 
+/// Instant of a pose \[s\], its position \[m\] and the angle turned since the first pose \[rad, body\].
+type TimedPose = (f64, Vector3<f64>, Vector3<f64>);
+
 /// Measurement of the noise of poses.
 #[derive(Clone, Debug)]
 pub struct MeasuredNoise {
-    /// Instants \[s\], positions \[m\] and angles turned since the first pose \[rad, body\] of the last three poses, the newest first.
-    last: [Option<(f64, Vector3<f64>, Vector3<f64>)>; 3],
+    /// The last three poses, the newest first.
+    last: [Option<TimedPose>; 3],
     attitude: Attitude,
     position: DelayedMean,
     angle: DelayedMean,

@@ -25,7 +25,9 @@ pub struct ActiveMission {
     held: Option<(Time, Reference)>,
 }
 
+// Not boxed: the real-time thread does not allocate.
 #[derive(Clone, Debug)]
+#[allow(clippy::large_enum_variant)]
 enum FlightPath {
     /// A flight from take-off to landing, and the height of the floor \[m\].
     Plan(FlightPlan, f64),

@@ -97,7 +97,6 @@ pub const LIMITS: [SafetyRow; 37] = {
         Row { id: "F45", cause: Some(Cause::Battery), when: |c| c.limits.battery_empty, after_ms: 2000, action: Land, ends: Landed },
         Row { id: "F46", cause: Some(Cause::Link), when: |c| c.limits.link_bad, after_ms: 2000, action: Land, ends: Landed },
         Row { id: "F04", cause: Some(Cause::PosesLate), when: |c| c.limits.poses_too_old, after_ms: 500, action: Land, ends: Landed },
-        Row { id: "F59", cause: Some(Cause::AttitudeDrift), when: |c| c.limits.attitude_drifts, after_ms: 0, action: Land, ends: Landed },
         Row { id: "F47", cause: Some(Cause::HeldTooLong), when: |c| c.limits.in_fence_margin, after_ms: 10_000, action: Land, ends: Landed },
         Row { id: "F35", cause: Some(Cause::ReferencesEnded), when: |c| c.limits.references_overdue, after_ms: 0, action: Land, ends: Landed },
         // Hold the position.
@@ -115,6 +114,7 @@ pub const LIMITS: [SafetyRow; 37] = {
         Row { id: "F46", cause: Some(Cause::Link), when: |c| c.limits.link_poor, after_ms: 2000, action: Degraded, ends: Gone(2000) },
         Row { id: "F04", cause: Some(Cause::PosesLate), when: |c| c.limits.poses_old, after_ms: 200, action: Degraded, ends: Gone(1000) },
         Row { id: "F11", cause: Some(Cause::PosesLost), when: |c| c.limits.poses_lost, after_ms: 0, action: Degraded, ends: Gone(1000) },
+        Row { id: "F59", cause: Some(Cause::Contradiction), when: |c| c.limits.poses_disagree, after_ms: 0, action: Degraded, ends: Gone(1000) },
         Row { id: "F22", cause: Some(Cause::Overrun), when: |c| c.limits.overrun, after_ms: 0, action: Degraded, ends: Gone(0) },
         Row { id: "F31", cause: Some(Cause::Configuration), when: |c| c.limits.configs_differ, after_ms: 0, action: Degraded, ends: Gone(0) },
         Row { id: "F44", cause: Some(Cause::Tracking), when: |c| c.limits.far_off, after_ms: 1000, action: Degraded, ends: Gone(1000) },

@@ -84,6 +84,20 @@ impl<T: Transport> DaemonPorts<T> {
         answers.send(0, Stamps::default(), *answer)
     }
 
+    /// Publishes the record of a turn's inputs if it is worth it.
+    fn record(
+        &mut self,
+        pose: Option<&(Header, PoseV1)>,
+        vehicle: Option<&(Header, VehicleV1)>,
+        mut input: InputV1,
+    ) -> Result<(), BusError> {
+        if input_record::is_worth_recording(&input) {
+            self.publish_copies(pose, vehicle, &mut input)?;
+            self.inputs.send(0, Stamps::default(), input)?;
+        }
+        Ok(())
+    }
+
     /// Publishes copies of the samples taken in a turn if they may have been altered, and names the copies in `input`.
     fn publish_copies(
         &mut self,
@@ -234,10 +248,7 @@ impl<T: Transport> Turn for DaemonTurn<'_, T> {
         }
         arrival.iter().for_each(|arrival| warmup.expect(now, arrival));
         vehicle.iter().for_each(|vehicle| warmup.receive_vehicle(vehicle));
-        if input_record::is_worth_recording(&input) {
-            ports.publish_copies(arrival.as_ref(), vehicle.as_ref(), &mut input)?;
-            ports.inputs.send(0, Stamps::default(), input)?;
-        }
+        ports.record(arrival.as_ref(), vehicle.as_ref(), input)?;
         self.execute_requests(now, configs_differ)
     }
 

@@ -111,6 +111,8 @@ impl Draw {
     }
 }
 
+// One table.
+#[allow(clippy::too_many_lines)]
 /// A random request, with the text that its refusal must contain; an empty one for a valid request.
 fn draw(draw: &mut Draw, directory: &Path) -> (OperatorCommand, ControlRequestV1, &'static str) {
     let is_valid = draw.next() < 0.5;
@@ -161,6 +163,8 @@ fn draw(draw: &mut Draw, directory: &Path) -> (OperatorCommand, ControlRequestV1
     }
 }
 
+// One flight.
+#[allow(clippy::too_many_lines)]
 #[test]
 fn a_thousand_random_requests_leave_the_command_in_range_and_replay_bit_for_bit() {
     let directory = tempfile::tempdir().unwrap();
@@ -254,6 +258,8 @@ fn error_m(flight: &OnlineFlight<'_>, from: usize) -> f64 {
     (sum / samples.len() as f64).sqrt()
 }
 
+// One flight.
+#[allow(clippy::too_many_lines)]
 #[test]
 fn f35_a_planner_flies_the_circle_as_well_as_the_daemon_and_its_end_holds_and_lands() {
     let mission = hover(120.0, &["reference.land-after-ms=2000"]);

@@ -12,7 +12,7 @@ use std::io::Write;
 use crate::flight::{AppliedCommand, Flight};
 
 use column::ColumnSink;
-pub use column::{Column, ColumnValues};
+pub use column::{ColumnValues, TelemetryColumn};
 use row::{CellSink, Row};
 
 /// The columns as a table in Markdown: names, unit and frame, instant, meaning.
@@ -36,7 +36,7 @@ pub fn write(flight: &Flight, out: impl Write) -> ::csv::Result<()> {
 }
 
 /// The ticks of `flight` as columns, in the order and with the names of the file.
-pub fn columns(flight: &Flight) -> Vec<Column> {
+pub fn columns(flight: &Flight) -> Vec<TelemetryColumn> {
     let mut sink = ColumnSink::new(names());
     rows(flight).for_each(|row| {
         sink.begin_row();
@@ -123,7 +123,7 @@ mod tests {
         let (names, rows) = read(&flight);
         let columns = columns(&flight);
         assert_eq!(columns.iter().map(|column| column.name).collect::<Vec<_>>(), names);
-        for (index, Column { name, values }) in columns.iter().enumerate() {
+        for (index, TelemetryColumn { name, values }) in columns.iter().enumerate() {
             let mut text = TextCells::default();
             match values {
                 ColumnValues::Numbers(numbers) => numbers.iter().for_each(|n| text.number(*n)),

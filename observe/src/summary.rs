@@ -132,8 +132,6 @@ impl Summary {
         let config = &flight.config;
         let last = flight.samples.last().map(|sample| sample.telemetry).unwrap_or_default();
         let (ticks, duration_s) = extent(flight.armed());
-        let figures =
-            |error: fn(&FlightSample) -> Vector3<f64>| error_figures(flight.scored().map(error));
         Self {
             controller: name_of(&config.control.controller),
             trajectory: name_of(&config.trajectory.kind),
@@ -146,9 +144,9 @@ impl Summary {
             outcome: flight.outcome,
             shortfall: flight.shortfall(),
             error_source: error_source(flight),
-            position_error_m: figures(FlightSample::position_error),
-            velocity_error_m_s: figures(FlightSample::velocity_error),
-            attitude_error_deg: figures(|sample| sample.attitude_error().map(f64::to_degrees)),
+            position_error_m: scored_figures(flight, FlightSample::position_error),
+            velocity_error_m_s: scored_figures(flight, FlightSample::velocity_error),
+            attitude_error_deg: scored_figures(flight, attitude_error_deg),
             corners: CornerFigures::of(flight),
             effort: effort(flight),
             riccati_solves: last.riccati_solves,
@@ -235,6 +233,18 @@ fn extent<'a>(mut samples: impl Iterator<Item = &'a FlightSample>) -> (usize, f6
     let Some(first) = samples.next() else { return (0, 0.0) };
     let (count, last) = samples.fold((1, first), |(count, _), sample| (count + 1, sample));
     (count, last.telemetry.time.since(first.telemetry.time).seconds())
+}
+
+fn scored_figures(
+    flight: &Flight,
+    error: fn(&FlightSample) -> Vector3<f64>,
+) -> Option<ErrorFigures> {
+    error_figures(flight.scored().map(error))
+}
+
+/// Rotation from the commanded to the true attitude \[deg, commanded body axes\].
+fn attitude_error_deg(sample: &FlightSample) -> Vector3<f64> {
+    sample.attitude_error().map(f64::to_degrees)
 }
 
 fn error_figures(errors: impl Iterator<Item = Vector3<f64>>) -> Option<ErrorFigures> {

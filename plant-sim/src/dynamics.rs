@@ -94,39 +94,27 @@ impl Dynamics {
     }
 
     /// Advances `state` by `h` seconds under a constant input and disturbance.
-    pub fn advance(
-        &self,
-        state: &mut State,
-        h: f64,
-        input: &PlantInput,
-        disturbance: &Disturbance,
-    ) {
-        let moved = |s: &State, response| self.translation.derivative(s, response, disturbance);
+    pub fn advance(&self, state: &mut State, h: f64, input: &PlantInput, outer: &Disturbance) {
+        let moved = |s: &State, response| self.translation.derivative(s, response, outer);
         // One dispatch per step instead of one at each of the four Runge-Kutta stages.
         match &self.body {
             Body::Spacecraft(it) => state.advance(h, |s| moved(s, it.response(s, input))),
-            Body::Eq61(it) => state.advance(h, |s| moved(s, it.response(s, input, disturbance))),
-            Body::Rotors(it) => state.advance(h, |s| moved(s, it.response(s, input, disturbance))),
+            Body::Eq61(it) => state.advance(h, |s| moved(s, it.response(s, input, outer))),
+            Body::Rotors(it) => state.advance(h, |s| moved(s, it.response(s, input, outer))),
         }
     }
 
     /// Present thrust \[N\].
     pub fn thrust(&self, state: &State) -> f64 {
-        match &self.body {
-            Body::Spacecraft(_) | Body::Eq61(_) => state.actuators.x,
-            Body::Rotors(rotors) => rotors.thrust_coefficient * state.actuators.norm_squared(),
-        }
+        let Body::Rotors(rotors) = &self.body else { return state.actuators.x };
+        rotors.thrust_coefficient * state.actuators.norm_squared()
     }
 
     /// State of the actuators at which the thrust supports the weight.
     pub fn hovering(&self) -> Vector4<f64> {
         let weight_n = self.translation.gravity / self.translation.per_mass;
-        match &self.body {
-            Body::Spacecraft(_) | Body::Eq61(_) => Vector4::x() * weight_n,
-            Body::Rotors(rotors) => {
-                Vector4::repeat((weight_n / (4.0 * rotors.thrust_coefficient)).sqrt())
-            }
-        }
+        let Body::Rotors(rotors) = &self.body else { return Vector4::x() * weight_n };
+        Vector4::repeat((weight_n / (4.0 * rotors.thrust_coefficient)).sqrt())
     }
 }
 
@@ -140,8 +128,8 @@ struct Translation {
 
 impl Translation {
     fn new(plant: &PlantOptions) -> Self {
-        let per_mass = plant.mass_kg.recip();
-        Self { per_mass, gravity: plant.gravity_m_s2, drag: plant.drag_per_s }
+        let (per_mass, gravity) = (plant.mass_kg.recip(), plant.gravity_m_s2);
+        Self { per_mass, gravity, drag: plant.drag_per_s }
     }
 
     /// Derivative of `state` for a body with the response `response`.

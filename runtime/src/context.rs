@@ -15,9 +15,9 @@ use oqtal_control::options::OptionError;
 use crate::exit::{Exit, Failure};
 use crate::health::{Health, Heartbeat};
 use crate::loop_clock::LoopClock;
-use crate::lost_files::Watches;
 use crate::realtime;
 use crate::stop::StopFlag;
+use crate::watches::Watches;
 
 /// Context of a running process.
 #[derive(Debug)]

@@ -19,6 +19,7 @@
 //! | `health.rs` | health record and heartbeat |
 //! | `log.rs` | the log, written by a separate thread |
 //! | `lost_files.rs` | removed files of the instance, and the end of a process after a loss |
+//! | `watches.rs` | watches over the files of the joined instances |
 //! | `service.rs` | notifications to the service manager |
 //! | `stop.rs` | stop flag of a process |
 //! | `faults.rs` | injected faults, as decorators of ports and turns |
@@ -52,3 +53,4 @@ mod service;
 pub mod stop;
 pub mod turn;
 pub mod virtual_clock;
+mod watches;

@@ -5,17 +5,17 @@
 
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
-use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use oqtal_bus::obeying::ObeyingProcess;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::watch::{InstanceWatch, LostFile};
+use oqtal_bus::watch::LostFile;
 
 use crate::context::ProcessContext;
 use crate::exit::{Exit, Failure};
 use crate::health::MotorActivity;
+use crate::watches::Watches;
 
 /// Time between two checks; a loss is confirmed by the second one.
 const CHECK_PERIOD: Duration = Duration::from_millis(300);
@@ -23,29 +23,6 @@ const CHECK_PERIOD: Duration = Duration::from_millis(300);
 const MOTORS_OFF: Span = Span::from_millis(1000);
 /// Time after which a process without motors ends although others may still fly: longer than any landing.
 const LONGEST_LANDING: Span = Span::from_millis(60_000);
-
-/// Watches of the memberships of a process.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Watches(Arc<Mutex<Vec<InstanceWatch>>>);
-
-impl Watches {
-    /// Adds the watch of a membership.
-    pub(crate) fn add(&self, watch: InstanceWatch) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(watch);
-    }
-
-    /// Files that were removed; each file once.
-    fn check(&self) -> Vec<LostFile> {
-        let mut watches = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut lost: Vec<LostFile> = Vec::new();
-        for file in watches.iter_mut().flat_map(InstanceWatch::check) {
-            if !lost.iter().any(|known| known.path == file.path) {
-                lost.push(file);
-            }
-        }
-        lost
-    }
-}
 
 /// Executes `job` beside the watch.
 ///

@@ -9,10 +9,11 @@ use oqtal_config::Config;
 use rustix::process::{Pid, Signal};
 
 use crate::log;
-use crate::lost_files::{Watches, watched};
+use crate::lost_files::watched;
 use crate::program::{conclude, guarded, print};
 use crate::service;
 use crate::stop::StopFlag;
+use crate::watches::Watches;
 
 pub use crate::args::{CommonArgs, ProcessCommand};
 pub use crate::context::{ProcessContext, check_instance, instance_paths, paths_of, roles};

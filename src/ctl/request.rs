@@ -4,11 +4,14 @@ use oqtal_bus::bus::Bus;
 use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
+use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
 use oqtal_runtime::process::{Exit, Failure};
 
 /// Time within which a running daemon answers.
 const ANSWER_TIMEOUT: Span = Span::from_millis(2000);
+/// Time between two checks whether an instance has started.
+const START_POLL: std::time::Duration = std::time::Duration::from_millis(20);
 
 /// Sends a command that expires to the daemon; `None` without an answer. `expected`: hash of the configuration that the daemon
 /// must run with.
@@ -39,6 +42,23 @@ pub fn send_signed(
     let config_hash = expected.unwrap_or(0);
     let request = ControlRequestV1 { valid_until, config_hash, ..request };
     bus.control_client()?.ask(request, ANSWER_TIMEOUT)
+}
+
+/// The bus of the instance at `paths`, which may just be starting.
+///
+/// # Errors
+/// No process of the instance runs (exit code 75), or the bus refuses.
+pub fn running_bus(paths: &InstancePaths) -> Result<Bus, Failure> {
+    let give_up = Time::now() + ANSWER_TIMEOUT;
+    loop {
+        if let Some(bus) = Bus::open_running(paths)? {
+            return Ok(bus);
+        }
+        if Time::now() > give_up {
+            return Err(silent(&paths.instance));
+        }
+        std::thread::sleep(START_POLL);
+    }
 }
 
 /// Failure of a command without an answer.

@@ -66,12 +66,12 @@ fn removes_ipc(system: &System) -> bool {
         names.map(|name| format!("{directory}/{name}")).collect::<Vec<_>>()
     });
     let files = main.into_iter().chain(more.into_iter().flatten());
-    let values = files.filter_map(|file| {
+    let mut values = files.rev().filter_map(|file| {
         let text = system.read(&file)?;
         let line = text.lines().rev().find_map(|line| line.trim().strip_prefix("RemoveIPC="))?;
         Some(["yes", "true", "on", "1"].contains(&line.trim().to_lowercase().as_str()))
     });
-    values.last().unwrap_or(true)
+    values.next().unwrap_or(true)
 }
 
 /// Checks for objects in shared memory without a running process.

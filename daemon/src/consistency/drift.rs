@@ -10,10 +10,8 @@ const LEARNED_S: f64 = 3.0;
 const SMOOTHING_S: f64 = 0.25;
 /// Standard deviations of the noise of the attitude that are added to the limit \[-\].
 const LIMIT_SIGMA: f64 = 4.0;
-/// Share of the limit at which a difference begins to grow \[-\], and the time to the limit below which it is not a drift but a fault of
-/// all rotations \[s\].
-const GROWING: f64 = 0.5;
-const SUDDEN_S: f64 = 1.0;
+/// Share of the limit below which a difference is learned as a bias \[-\].
+const LEARNED: f64 = 0.5;
 
 /// Accuracy of the rotation with which poses are compared.
 #[derive(Clone, Copy, Debug)]
@@ -43,20 +41,18 @@ pub(super) struct DriftTest {
     smooth: Vector3<f64>,
     /// Angle seen lately \[rad\].
     seen: Vector3<f64>,
-    /// Time since which the difference exceeds [`GROWING`] \[s\].
-    growing_s: f64,
 }
 
 impl DriftTest {
     /// Takes the rotations seen and driven over `dt_s` \[s\] \[rad, body axes\]; `deviation_rad` is the noise of the attitude \[rad\].
-    /// Returns the greatest difference over its limit \[-\], and whether it has grown suddenly.
+    /// Returns the greatest difference over its limit \[-\].
     pub(super) fn take(
         &mut self,
         (seen, driven): (&Vector3<f64>, &Vector3<f64>),
         limit: &DriftLimit,
         deviation_rad: f64,
         dt_s: f64,
-    ) -> (f64, bool) {
+    ) -> f64 {
         self.elapsed_s += dt_s;
         let step = seen - driven;
         let decay = (1.0 - dt_s / limit.decay_s).max(0.0);
@@ -69,12 +65,11 @@ impl DriftTest {
         let limit_rad =
             limit.angle_rad + LIMIT_SIGMA * deviation_rad + limit.share * self.seen.norm();
         let ratio = self.smooth.amax() / limit_rad;
-        self.growing_s = if ratio < GROWING { 0.0 } else { self.growing_s + dt_s };
         // A drift is not learned as a bias, once the bias is known.
-        if ratio < GROWING || self.elapsed_s < BIAS_S {
+        if ratio < LEARNED || self.elapsed_s < BIAS_S {
             self.bias += (step - self.bias * dt_s) / self.elapsed_s.clamp(0.5, BIAS_S);
         }
-        (ratio, self.growing_s < SUDDEN_S)
+        ratio
     }
 
     /// Begins again with the learned bias.

@@ -19,8 +19,6 @@ impl ResponseLimit {
     pub(super) const COMMANDS: Self = Self { share: 0.2, margin: 3.0 };
 }
 
-/// Time for which a rotation shows whether poses follow it \[s\].
-const POTENTIAL_S: f64 = 2.0;
 /// Rate at which evidence is counted \[1/s\]: samples closer together share their noise.
 const COUNTS_PER_S: f64 = 60.0;
 
@@ -31,7 +29,6 @@ const LONGEST_S: f64 = 0.035;
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ResponseTest {
     sums: Vector3<f64>,
-    potential: Vector3<f64>,
 }
 
 impl ResponseTest {
@@ -50,14 +47,7 @@ impl ResponseTest {
             let unseen = limit.share * square - limit.margin * variance;
             let counts = COUNTS_PER_S * dt_s.min(LONGEST_S) / (variance + square);
             self.sums[axis] = (self.sums[axis] + (unseen - seen * driven) * counts).max(0.0);
-            self.potential[axis] *= (1.0 - dt_s / POTENTIAL_S).max(0.0);
-            self.potential[axis] += unseen.max(0.0) * counts;
         }
         self.sums.max()
-    }
-
-    /// Greatest sum that the rotations of the last seconds would have reached if poses had shown none \[-\].
-    pub(super) fn potential(&self) -> f64 {
-        self.potential.max()
     }
 }

@@ -24,7 +24,9 @@ const REDUCED_PER_S: f64 = 0.1;
 const GREATEST_REDUCTION: f64 = 0.5;
 
 /// Task of the control in one tick.
+// Not boxed: the real-time thread does not allocate.
 #[derive(Clone, Copy, Debug)]
+#[allow(clippy::large_enum_variant)]
 pub(super) enum Directive {
     /// Motors off.
     Disarm,

@@ -176,7 +176,7 @@ impl SafetyMonitor {
         self.health.check(&mut conditions);
         conditions.law_fails = requests.law_fails;
         conditions.poses_contradict = intake.consistency().contradicts();
-        conditions.attitude_drifts = intake.consistency().drifts();
+        conditions.poses_disagree = intake.consistency().disagrees();
         conditions.setpoint_refused = course.setpoint().is_refused;
         [conditions.references_ended, conditions.references_overdue] =
             course.stream_ended(tick.now);

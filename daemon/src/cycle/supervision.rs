@@ -5,7 +5,7 @@ use oqtal_bus::message::{ControlResponseV1, Header, ReferenceV1, VehicleV1};
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_bus::time::Time;
 use oqtal_config::Config;
-use oqtal_control::trajectory::{Phase, Reference, Trajectory};
+use oqtal_control::trajectory::{Phase, Trajectory};
 
 use super::auto_takeoff::AutoTakeoff;
 use super::control::Directive;
@@ -17,7 +17,6 @@ use super::safety::{SafetyMonitor, SafetyTick};
 use crate::command::VehicleCommand;
 use crate::law_guard::GuardReport;
 use crate::live::FlightChange;
-use crate::probe::HeadingProbe;
 
 /// Safety, mode and course of the flight.
 #[derive(Clone, Debug)]
@@ -27,9 +26,6 @@ pub(super) struct FlightSupervision {
     requests: Requests,
     safety: SafetyMonitor,
     course: FlightCourse,
-    probe: HeadingProbe,
-    /// Present turn of the heading by the probe \[rad\].
-    probe_rad: f64,
     /// Reasons against a flight, as of the last tick.
     obstacles: ArmingObstacles,
 }
@@ -47,8 +43,6 @@ impl FlightSupervision {
             requests: Requests { auto_takeoff, ..Requests::default() },
             course: FlightCourse::new(config, trajectory, safety.fence().clone()),
             safety,
-            probe: HeadingProbe::new(config.safety.probe_yaw_deg.to_radians()),
-            probe_rad: 0.0,
             obstacles: ArmingObstacles::default(),
         }
     }
@@ -162,8 +156,6 @@ impl FlightSupervision {
             self.mode = mode;
             restarts |= self.perform(now, action, intake);
         }
-        let is_conclusive = self.mode != Mode::Flying || intake.consistency().is_conclusive();
-        self.probe_rad = self.probe.turn_rad(now, is_conclusive);
         (self.directive(now, intake), restarts)
     }
 
@@ -235,8 +227,7 @@ impl FlightSupervision {
             Directive::Descend
         } else {
             let overdue_s = course.mission().map_or(0.0, |mission| mission.overdue_s(now));
-            let yaw_rad = reference.yaw_rad + self.probe_rad;
-            Directive::Fly { reference: Reference { yaw_rad, ..reference }, overdue_s }
+            Directive::Fly { reference, overdue_s }
         }
     }
 

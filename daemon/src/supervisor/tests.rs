@@ -39,7 +39,7 @@ const NO_LIMITS: LimitConditions = LimitConditions {
     poses_too_old: false,
     poses_lost: false,
     poses_contradict: false,
-    attitude_drifts: false,
+    poses_disagree: false,
     overrun: false,
     configs_differ: false,
     setpoint_refused: false,

@@ -198,7 +198,7 @@ fn an_operator_stop_acts_with_the_next_tick_and_latches() {
 }
 
 #[test]
-fn f22_a_pose_after_its_deadline_is_flown_on_at_once_and_commands_are_no_closer_than_their_wire() {
+fn f22_a_pose_after_its_deadline_is_flown_on_at_once_and_commands_keep_the_time_of_their_wire() {
     for (wire_ms, at_once) in [(0, true), (1, true), (4, false), (300, false)] {
         let mut bench = Bench::flying(&[]);
         bench.vehicle.wire_ns = Span::from_millis(wire_ms).nanos();

@@ -183,6 +183,14 @@ pub struct SearchPath {
     pub gains: Vec<Vec<f64>>,
 }
 
+impl SearchPath {
+    /// Adds `points`, given by the logarithms of their gains, with their objectives.
+    fn add(&mut self, points: &[Vec<f64>], objectives: &[f64]) {
+        self.objectives.extend(objectives);
+        self.gains.extend(points.iter().map(|p| p.iter().map(|log| log.exp()).collect()));
+    }
+}
+
 impl Tuned {
     /// Command and result on one line.
     pub fn headline(&self) -> String {
@@ -297,20 +305,16 @@ pub fn law(
     let value = |figures: Figures| objective(&figures, &reference, &flights.weights);
     let before = figures(&[])?;
     let (start, from) = (value(before), configured(&parameters, &config));
+    let gains_at = |point: &[f64]| settings(&values(&parameters, point));
     let mut path = SearchPath::default();
     let best = search(&parameters, &from, budget, |points| {
         let evaluate = |point: &Vec<f64>| {
-            if progress.check().is_err() {
-                return f64::INFINITY;
-            }
-            let value =
-                figures(&settings(&values(&parameters, point))).map_or(f64::INFINITY, value);
+            let figures = progress.check().and_then(|()| figures(&gains_at(point)));
             bar.inc();
-            value
+            figures.map_or(f64::INFINITY, value)
         };
         let found: Vec<f64> = points.par_iter().map(evaluate).collect();
-        path.objectives.extend(&found);
-        path.gains.extend(points.iter().map(|p| p.iter().map(|log| log.exp()).collect()));
+        path.add(points, &found);
         found
     });
     progress.check()?;
@@ -325,16 +329,8 @@ pub fn law(
     let laws = [Vec::new(), settings(&values)].map(|gains| flights.law(name, &gains));
     let mut components = trade::components(&flights.weights, &before, &after);
     components.extend(trade::margins(&laws[0], &laws[1]));
-    Ok(Tuned {
-        target: name.to_owned(),
-        values,
-        objective,
-        start,
-        budget: *budget,
-        draws: flights.draws,
-        components,
-        path,
-    })
+    let (target, budget, draws) = (name.to_owned(), *budget, flights.draws);
+    Ok(Tuned { target, values, objective, start, budget, draws, components, path })
 }
 
 /// Objective of a law with its shipped gains, and with the gains of `law`, on the training seeds.

@@ -4,7 +4,7 @@ use super::row::CellSink;
 
 /// A column.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Column {
+pub struct TelemetryColumn {
     /// Name, with the unit.
     pub name: &'static str,
     /// Values, one for each tick.
@@ -24,7 +24,7 @@ pub enum ColumnValues {
 
 /// Collects the cells of rows by column.
 pub(super) struct ColumnSink {
-    columns: Vec<Column>,
+    columns: Vec<TelemetryColumn>,
     /// Index of the column of the next cell.
     next: usize,
 }
@@ -32,7 +32,7 @@ pub(super) struct ColumnSink {
 impl ColumnSink {
     /// Columns without rows; the first row decides the kinds of their values.
     pub(super) fn new(names: impl Iterator<Item = &'static str>) -> Self {
-        let column = |name| Column { name, values: ColumnValues::Numbers(Vec::new()) };
+        let column = |name| TelemetryColumn { name, values: ColumnValues::Numbers(Vec::new()) };
         Self { columns: names.map(column).collect(), next: 0 }
     }
 
@@ -40,7 +40,7 @@ impl ColumnSink {
         self.next = 0;
     }
 
-    pub(super) fn into_columns(self) -> Vec<Column> {
+    pub(super) fn into_columns(self) -> Vec<TelemetryColumn> {
         self.columns
     }
 
