@@ -15,7 +15,6 @@ use oqtal_bus::watch::LostFile;
 use crate::context::ProcessContext;
 use crate::exit::{Exit, Failure};
 use crate::health::MotorActivity;
-use crate::watches::Watches;
 
 /// Time between two checks; a loss is confirmed by the second one.
 const CHECK_PERIOD: Duration = Duration::from_millis(300);
