@@ -11,7 +11,7 @@ use oqtal_lab::identify::{excitation_flight, vehicle_toml};
 use oqtal_lab::progress::Progress;
 use oqtal_lab::robustness::draws::{Draw, MOST_DRAWS, TUNING_SEED};
 use oqtal_lab::robustness::spread::PlantSpread;
-use oqtal_lab::study::flights::NOMINAL;
+use oqtal_lab::study::flights::{NOMINAL, Test};
 use oqtal_lab::study::gains::{self, GainSource};
 use oqtal_lab::study::law;
 use oqtal_lab::study::metric::METRIC;
@@ -73,7 +73,8 @@ fn study<'py>(
     };
     let conditions: PyResult<Vec<FlightCondition>> =
         conditions.into_iter().map(condition).collect();
-    let case = Case { name: "study".to_owned(), conditions: conditions? };
+    let (name, tests) = ("study".to_owned(), Test::ALL.to_vec());
+    let case = Case { name, conditions: conditions?, tests };
     let gain_source: GainSource = gain_source.parse().unwrap_or_default();
     let flown = task::study(py, progress.as_ref(), threads, |progress| {
         let laws = gains::chosen(&names, &gain_source, &sources.settings()?)?;
