@@ -114,7 +114,7 @@ fn changes_are_shown_resizing_works_and_the_terminal_is_restored() {
     tmux.shows(&["stopped: motors off until `arm`", "mode      disarmed"]);
     tmux.run(&["send-keys", "r"]);
     drop(running);
-    tmux.shows(&["waiting for it to come back", "the instance has ended"]);
+    tmux.shows(&["waiting for the instance", "the instance has ended"]);
     let running = services(&testbed);
     tmux.shows(&["state     Nominal"]);
     tmux.run(&["resize-window", "-x", "80", "-y", "24"]);
