@@ -204,7 +204,7 @@ message! {
         /// Measured standard deviation of the position along each axis.
         pose_noise_m: f64 ["m"],
         /// Measured standard deviation of the attitude about each axis.
-        pose_noise_rad: f64 ["rad"],
+        pose_noise_rad: f64 ["rad, body"],
         /// Evidence that poses are not those of the vehicle, over its limits: rotation, direction of the path, drift of the attitude.
         pose_evidence: [f64; 3] ["-"],
         /// Rate over the commanded one by the model adapted in flight; NaN if none is, as the next three.

@@ -12,8 +12,8 @@ const LEAST_DURATION_S: f64 = 0.5;
 const CHECKED_POINTS: u32 = 32;
 /// Factor by which a leg above its limits is prolonged, and the greatest number of times \[-\].
 const PROLONGED: (f64, u32) = (1.15, 40);
-/// Time for which a leg may keep its first acceleration, above the limit of the speed \[s\].
-const ACCELERATING_S: f64 = 0.5;
+/// Time in which an acceleration at the limit goes to zero at the beginning of a leg \[s\].
+const RELEASE_S: f64 = 0.5;
 /// Tolerance of the limits \[-\].
 const TOLERANCE: f64 = 1.0 + 1e-6;
 
@@ -61,6 +61,17 @@ impl ReferenceMotion {
         Self { value, rate: rate + acceleration * dt_s, acceleration }
     }
 
+    /// The motion `t_s` \[s\] later if the acceleration goes to zero at a constant rate within `release_s` \[s\], which is not before.
+    fn released(&self, t_s: f64, release_s: f64) -> Self {
+        let Self { value, rate, acceleration } = *self;
+        let share = t_s / release_s;
+        Self {
+            value: value + (rate + acceleration * (t_s * (0.5 - share / 6.0))) * t_s,
+            rate: rate + acceleration * (t_s * (1.0 - share / 2.0)),
+            acceleration: acceleration * (1.0 - share),
+        }
+    }
+
     /// The same motion with accelerations of at most `limit` \[m/s^2, rad/s^2\].
     fn within(&self, limit: f64) -> Self {
         let acceleration = self.acceleration.map(|value| value.clamp(-limit, limit));
@@ -68,11 +79,16 @@ impl ReferenceMotion {
     }
 }
 
-/// A leg from a motion to rest: in each coordinate the polynomial of fifth degree with the value and the first two derivatives of
-/// the start, and rest without acceleration at the end.
+/// A leg from a motion to rest. The acceleration of the start is released first: a polynomial that begins with it exceeds the limits
+/// the more, the longer it lasts. Then follows in each coordinate the polynomial of fifth degree from that motion to rest without
+/// acceleration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Leg {
-    duration_s: f64,
+    start: ReferenceMotion,
+    /// Time in which the acceleration of the start is released \[s\].
+    release_s: f64,
+    /// Duration of the polynomial \[s\].
+    polynomial_s: f64,
     /// Coefficients of the powers of time, the lowest first.
     coefficients: [Vector4<f64>; 6],
 }
@@ -80,77 +96,75 @@ pub struct Leg {
 impl Leg {
     /// The leg from `from` to rest at `target` (x, y, z \[m, world\] and yaw \[rad\]; yaw turns the shorter way).
     pub fn to(from: &ReferenceMotion, target: &Vector4<f64>, limits: &LegLimits) -> Self {
-        let from = from.within(limits.acceleration_m_s2);
-        let mut rise = target - from.value;
-        rise.w = rise.w.sin().atan2(rise.w.cos());
-        Self::shortest(&from, limits, |_| rise)
+        Self::shortest(from, limits, |from, _| {
+            let mut rise = target - from.value;
+            rise.w = rise.w.sin().atan2(rise.w.cos());
+            rise
+        })
     }
 
     /// The leg from `from` to rest, along the present motion.
     pub fn stop(from: &ReferenceMotion, limits: &LegLimits) -> Self {
-        let from = from.within(limits.acceleration_m_s2);
         // With this rise the term of fifth degree vanishes, and the velocity does not change its sign.
-        let rise = |t_s: f64| from.rate * (t_s / 2.0) + from.acceleration * (t_s * t_s / 12.0);
-        Self::shortest(&from, limits, rise)
+        Self::shortest(from, limits, |from, t_s| from.rate * (t_s / 2.0))
     }
 
-    /// The shortest leg found within `limits`; `rise` is the way as a function of the duration \[s\].
+    /// The shortest leg found within `limits`; `rise` is the way of the polynomial from its first motion, by its duration \[s\].
     fn shortest(
         from: &ReferenceMotion,
         limits: &LegLimits,
-        rise: impl Fn(f64) -> Vector4<f64>,
+        rise: impl Fn(&ReferenceMotion, f64) -> Vector4<f64>,
     ) -> Self {
-        let mut leg = Self::lasting(LEAST_DURATION_S, from, &rise(LEAST_DURATION_S));
+        let start = from.within(limits.acceleration_m_s2);
+        let release_s = RELEASE_S * start.acceleration.norm() / limits.acceleration_m_s2;
+        let first = if release_s > 0.0 { start.released(release_s, release_s) } else { start };
+        let lasting = |polynomial_s: f64| {
+            let coefficients = to_rest(&first, &rise(&first, polynomial_s), polynomial_s);
+            Self { start, release_s, polynomial_s, coefficients }
+        };
+        let mut leg = lasting(LEAST_DURATION_S);
         for _ in 0..PROLONGED.1 {
-            if leg.is_within(from, limits) {
+            if leg.is_within(limits) {
                 break;
             }
-            let duration_s = leg.duration_s * PROLONGED.0;
-            leg = Self::lasting(duration_s, from, &rise(duration_s));
+            leg = lasting(leg.polynomial_s * PROLONGED.0);
         }
         leg
     }
 
-    fn lasting(t_s: f64, from: &ReferenceMotion, rise: &Vector4<f64>) -> Self {
-        let (speed, bend) = (from.rate * t_s, from.acceleration * (t_s * t_s));
-        let terms = [
-            (rise * 20.0 - speed * 12.0 - bend * 3.0) / (2.0 * t_s.powi(3)),
-            (rise * -30.0 + speed * 16.0 + bend * 3.0) / (2.0 * t_s.powi(4)),
-            (rise * 12.0 - speed * 6.0 - bend) / (2.0 * t_s.powi(5)),
-        ];
-        let [cubic, quartic, quintic] = terms;
-        let coefficients =
-            [from.value, from.rate, from.acceleration / 2.0, cubic, quartic, quintic];
-        Self { duration_s: t_s, coefficients }
-    }
-
-    /// Whether the leg stays within `limits`, or within the speed and the acceleration with which it begins.
-    fn is_within(&self, from: &ReferenceMotion, limits: &LegLimits) -> bool {
+    /// Whether the leg stays within `limits`, or within the speed and the acceleration with which its polynomial or the release begins.
+    fn is_within(&self, limits: &LegLimits) -> bool {
+        let (from, first) = (&self.start, self.motion(self.release_s).rate);
         let beyond = |value: f64, limit: f64, begins: f64| value > limit.max(begins) * TOLERANCE;
+        let pulled = from.acceleration.xyz().norm();
         (0..=CHECKED_POINTS).all(|index| {
-            let t_s = self.duration_s * f64::from(index) / f64::from(CHECKED_POINTS);
-            let motion = self.motion(t_s);
-            let (rate, began) = (motion.rate, from.rate);
-            let (pull, pulled) = (motion.acceleration.xyz().norm(), from.acceleration.xyz().norm());
-            let gained = ACCELERATING_S * pulled;
-            !(beyond(rate.xy().norm(), limits.horizontal_m_s, began.xy().norm() + gained)
-                || beyond(rate.z.abs(), limits.vertical_m_s, began.z.abs() + gained)
-                || beyond(rate.w.abs(), limits.yaw_rate_rad_s, began.w.abs())
-                || beyond(pull, limits.acceleration_m_s2, pulled))
+            let motion =
+                self.motion(self.duration_s() * f64::from(index) / f64::from(CHECKED_POINTS));
+            let begins = |part: fn(&Vector4<f64>) -> f64| part(&from.rate).max(part(&first));
+            let level = |rate: &Vector4<f64>| rate.xy().norm();
+            let (up, turn) =
+                (|rate: &Vector4<f64>| rate.z.abs(), |rate: &Vector4<f64>| rate.w.abs());
+            !(beyond(level(&motion.rate), limits.horizontal_m_s, begins(level))
+                || beyond(up(&motion.rate), limits.vertical_m_s, begins(up))
+                || beyond(turn(&motion.rate), limits.yaw_rate_rad_s, begins(turn))
+                || beyond(motion.acceleration.xyz().norm(), limits.acceleration_m_s2, pulled))
         })
     }
 
     /// Duration \[s\].
     pub fn duration_s(&self) -> f64 {
-        self.duration_s
+        self.release_s + self.polynomial_s
     }
 
     /// The motion at `t_s` \[s\] after the start of the leg; at rest after its end.
     pub fn motion(&self, t_s: f64) -> ReferenceMotion {
-        let t = t_s.clamp(0.0, self.duration_s);
+        if t_s < self.release_s {
+            return self.start.released(t_s.max(0.0), self.release_s);
+        }
+        let t = (t_s - self.release_s).clamp(0.0, self.polynomial_s);
         let [c0, c1, c2, c3, c4, c5] = self.coefficients;
         let value = c0 + (c1 + (c2 + (c3 + (c4 + c5 * t) * t) * t) * t) * t;
-        if t_s >= self.duration_s {
+        if t_s >= self.duration_s() {
             return ReferenceMotion { value, ..ReferenceMotion::default() };
         }
         ReferenceMotion {
@@ -159,6 +173,15 @@ impl Leg {
             acceleration: c2 * 2.0 + (c3 * 6.0 + (c4 * 12.0 + c5 * (20.0 * t)) * t) * t,
         }
     }
+}
+
+/// Coefficients of the polynomial from the rate of `from`, without acceleration, by `rise` to rest after `t_s` \[s\].
+fn to_rest(from: &ReferenceMotion, rise: &Vector4<f64>, t_s: f64) -> [Vector4<f64>; 6] {
+    let speed = from.rate * t_s;
+    let cubic = (rise * 10.0 - speed * 6.0) / t_s.powi(3);
+    let quartic = (rise * -15.0 + speed * 8.0) / t_s.powi(4);
+    let quintic = (rise * 6.0 - speed * 3.0) / t_s.powi(5);
+    [from.value, from.rate, Vector4::zeros(), cubic, quartic, quintic]
 }
 
 /// A change of a flight: a leg, and the trajectory that is flown after it.
@@ -190,21 +213,21 @@ impl Detour {
             return Self { leg, then: Some((trajectory, *start)) };
         }
         let leg = Leg::stop(from, limits);
-        let origin = leg.motion(leg.duration_s).value - first;
+        let origin = leg.motion(leg.duration_s()).value - first;
         Self { leg, then: Some((trajectory, origin)) }
     }
 
     /// Duration of leg and trajectory \[s\].
     pub fn duration_s(&self) -> f64 {
         let then_s = self.then.as_ref().map_or(0.0, |(trajectory, _)| trajectory.duration_s());
-        self.leg.duration_s + then_s
+        self.leg.duration_s() + then_s
     }
 
     /// The reference `t_s` \[s\] after the start of the detour.
     pub fn sample(&self, t_s: f64) -> Reference {
         match &self.then {
-            Some((trajectory, origin)) if t_s >= self.leg.duration_s => {
-                placed(trajectory.sample(t_s - self.leg.duration_s), origin)
+            Some((trajectory, origin)) if t_s >= self.leg.duration_s() => {
+                placed(trajectory.sample(t_s - self.leg.duration_s()), origin)
             }
             _ => {
                 let ReferenceMotion { value, rate, .. } = self.leg.motion(t_s);
