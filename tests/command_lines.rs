@@ -10,11 +10,12 @@ use crate::common::sources::{read, root};
 use crate::common::{Testbed, stderr};
 
 /// Beginnings of lines that are parsed and not executed, with the reason.
-const PARSED: [(&str, &str); 16] = [
+const PARSED: [(&str, &str); 17] = [
     ("oqtal receiver", "needs a camera system"),
     ("oqtal bridge", "needs a vehicle"),
     ("oqtal fly --config deploy/presets", "needs a firmware: tests/firmware flies these lines"),
     ("oqtal mocap-emu serve", "runs until Ctrl-C: tests/receiver"),
+    ("oqtal gateway run", "runs until Ctrl-C"),
     ("oqtal record", "needs a running instance: tests/recordings"),
     ("oqtal monitor", "needs a running instance: tests/monitor"),
     ("oqtal doctor", "its exit code depends on the machine: tests/doctor"),
