@@ -10,11 +10,13 @@ use crate::common::sources::{read, root};
 use crate::common::{Testbed, stderr};
 
 /// Beginnings of lines that are parsed and not executed, with the reason.
-const PARSED: [(&str, &str); 17] = [
+const PARSED: [(&str, &str); 19] = [
     ("oqtal receiver", "needs a camera system"),
     ("oqtal bridge", "needs a vehicle"),
     ("oqtal fly --config deploy/presets", "needs a firmware: tests/firmware flies these lines"),
     ("oqtal mocap-emu serve", "runs until Ctrl-C: tests/receiver"),
+    ("oqtal fly --controller external", "waits for a script: tests/external_law"),
+    ("oqtal ctl", "needs a running instance: tests/flights"),
     ("oqtal gateway run", "runs until Ctrl-C"),
     ("oqtal record", "needs a running instance: tests/recordings"),
     ("oqtal monitor", "needs a running instance: tests/monitor"),
