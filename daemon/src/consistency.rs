@@ -8,7 +8,7 @@
 //! | test | compares | finds |
 //! |---|---|---|
 //! | [`response`] | rotations faster than a second, about each axis | frozen, mirrored or exchanged axes, with any noise |
-//! | [`drift`] | angles over some seconds, with the gyroscope only | a slow rotation of the cameras' body |
+//! | [`drift`] | angles over some seconds | a slow rotation of the cameras' body |
 //! | [`direction`] | acceleration seen, and acceleration by tilt and thrust | a path turned against the attitude |
 //!
 //! Response and direction are cumulative sums that do not fall below zero (Page, *Continuous inspection schemes*, Biometrika 41,
@@ -16,6 +16,8 @@
 //! that they do not (Basseville and Nikiforov, *Detection of Abrupt Changes*, 1993, section 2.2). Each sample is bounded, so that it needs
 //! many of them (Huber, *Robust Statistics*, 1981), and normalised by the measured noise. Without rotation there is no evidence for
 //! either.
+//!
+//! Only the response to a gyroscope ends a flight; the other evidence warns, since wind and a wrong model of the vehicle add to it.
 
 mod commanded;
 mod direction;

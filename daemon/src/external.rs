@@ -50,7 +50,7 @@ impl<'l> LawPort<'l> {
         Self(Some(Box::new(law)))
     }
 
-    /// Whether there is no law.
+    /// Whether the port has no law.
     pub fn is_none(&self) -> bool {
         self.0.is_none()
     }
@@ -154,7 +154,7 @@ impl ExternalControl {
     /// Asks `law` and returns its output, or why its answer cannot be flown.
     ///
     /// # Errors
-    /// There is no answer to this question, or it is not finite or out of range.
+    /// The law does not answer this question, or its answer is not finite or out of range.
     pub fn ask(
         &mut self,
         view: &QuestionView,

@@ -156,10 +156,12 @@ impl LiveSettings {
     /// The value of a key.
     ///
     /// # Errors
-    /// There is no such key.
+    /// The key does not exist.
     pub fn get(&self, key: &str) -> Result<String, Refusal> {
         let value = self.present.value(key);
-        value.ok_or_else(|| Refusal::of_setting(format!("`{key}`: there is no such key")))
+        value.ok_or_else(|| {
+            Refusal::of_setting(format!("`{key}` is not a key of the configuration"))
+        })
     }
 
     /// Checks `request` and builds what the loop needs for it. The settings change with [`LiveSettings::commit`].

@@ -111,60 +111,103 @@ impl Draw {
     }
 }
 
-// One table.
-#[allow(clippy::too_many_lines)]
-/// A random request, with the text that its refusal must contain; an empty one for a valid request.
-fn draw(draw: &mut Draw, directory: &Path) -> (OperatorCommand, ControlRequestV1, &'static str) {
+/// A request, and the text that its refusal must contain; an empty one for a valid request.
+type Drawn = (OperatorCommand, ControlRequestV1, &'static str);
+
+/// A random request.
+fn draw(draw: &mut Draw, directory: &Path) -> Drawn {
     let is_valid = draw.next() < 0.5;
     match (draw.next() * 4.0) as u32 {
-        0 if is_valid => {
-            let text = draw.of(&[
-                "position.horizontal-position.kp=1.3",
-                "position.vertical-velocity.kp=3.3 position.vertical-velocity.ki=1.1",
-                "control.oqtal.integral-weight=0.02",
-                "control.lqr.integral-weight=0.02",
-                "trajectory.circle.radius-m=0.5",
-            ]);
-            (OperatorCommand::Set, request(text), "")
-        }
-        0 => {
-            let (text, key) = [
-                ("position.horizontal-position.kp=-1", "position.horizontal-position.kp"),
-                ("position.tilt-limit-deg=1e9", "position.tilt-limit-deg"),
-                ("position.horizontal-position.kp=1 vehicle.mass-kg=0.7", "vehicle.mass-kg"),
-                ("control.nothing=1", "control.nothing"),
-                ("control.rate-hz=120", "control.rate-hz"),
-            ][(draw.next() * 5.0) as usize];
-            (OperatorCommand::Set, request(text), key)
-        }
-        1 if is_valid => {
-            let law = draw.of(&["pid", "lqr", "oqtal", "geometric", "oqtal-dt"]);
-            (OperatorCommand::Set, request(&format!("control.controller={law}")), "")
-        }
-        1 => (OperatorCommand::Set, request("control.controller=best"), "control.controller"),
-        2 => {
-            let (name, text, key) = match is_valid {
-                true => (
-                    "good.toml",
-                    format!("[position]\ntilt-limit-deg = {}\n", 14.0 + draw.next()),
-                    "",
-                ),
-                false => ("bad.toml", "[fence]\nx-m = [-9.5, 9.5]\n".to_owned(), "fence.x-m"),
-            };
-            let path = directory.join(name);
-            std::fs::write(&path, text).unwrap();
-            (OperatorCommand::Reload, request(path.to_str().unwrap()), key)
-        }
-        _ => {
-            let [x, y, z] = [draw.next(), draw.next(), 0.8 + 0.4 * draw.next()];
-            let point = if is_valid { [x - 0.5, y - 0.5, z] } else { [x + 50.0, f64::NAN, z] };
-            (OperatorCommand::Goto, goto(point), if is_valid { "" } else { "fence.x-m" })
-        }
+        0 => draw_settings(draw, is_valid),
+        1 => draw_law(draw, is_valid),
+        2 => draw_file(draw, is_valid, directory),
+        _ => draw_goto(draw, is_valid),
     }
 }
 
-// One flight.
-#[allow(clippy::too_many_lines)]
+fn draw_settings(draw: &mut Draw, is_valid: bool) -> Drawn {
+    if is_valid {
+        let text = draw.of(&[
+            "position.horizontal-position.kp=1.3",
+            "position.vertical-velocity.kp=3.3 position.vertical-velocity.ki=1.1",
+            "control.oqtal.integral-weight=0.02",
+            "control.lqr.integral-weight=0.02",
+            "trajectory.circle.radius-m=0.5",
+        ]);
+        return (OperatorCommand::Set, request(text), "");
+    }
+    let (text, key) = [
+        ("position.horizontal-position.kp=-1", "position.horizontal-position.kp"),
+        ("position.tilt-limit-deg=1e9", "position.tilt-limit-deg"),
+        ("position.horizontal-position.kp=1 vehicle.mass-kg=0.7", "vehicle.mass-kg"),
+        ("control.nothing=1", "control.nothing"),
+        ("control.rate-hz=120", "control.rate-hz"),
+    ][(draw.next() * 5.0) as usize];
+    (OperatorCommand::Set, request(text), key)
+}
+
+fn draw_law(draw: &mut Draw, is_valid: bool) -> Drawn {
+    if !is_valid {
+        return (OperatorCommand::Set, request("control.controller=best"), "control.controller");
+    }
+    let law = draw.of(&["pid", "lqr", "oqtal", "geometric", "oqtal-dt"]);
+    (OperatorCommand::Set, request(&format!("control.controller={law}")), "")
+}
+
+fn draw_file(draw: &mut Draw, is_valid: bool, directory: &Path) -> Drawn {
+    let (name, text, key) = if is_valid {
+        ("good.toml", format!("[position]\ntilt-limit-deg = {}\n", 14.0 + draw.next()), "")
+    } else {
+        ("bad.toml", "[fence]\nx-m = [-9.5, 9.5]\n".to_owned(), "fence.x-m")
+    };
+    let path = directory.join(name);
+    std::fs::write(&path, text).unwrap();
+    (OperatorCommand::Reload, request(path.to_str().unwrap()), key)
+}
+
+fn draw_goto(draw: &mut Draw, is_valid: bool) -> Drawn {
+    let [x, y, z] = [draw.next(), draw.next(), 0.8 + 0.4 * draw.next()];
+    let (point, key) =
+        if is_valid { ([x - 0.5, y - 0.5, z], "") } else { ([x + 50.0, f64::NAN, z], "fence.x-m") };
+    (OperatorCommand::Goto, goto(point), key)
+}
+
+/// Sends `count` random requests, of which the valid ones alone may be done; returns how many were refused.
+fn send_at_random(flight: &mut OnlineFlight<'_>, count: usize, directory: &Path) -> usize {
+    let mut random = Draw(7);
+    let mut refused = 0;
+    for number in 0..count {
+        let (command, request, key) = draw(&mut random, directory);
+        let answer = flight.change(command, &request).unwrap();
+        // The loop may refuse a goto whose way leaves the fence, and nothing else.
+        let is_right = match &answer {
+            Ok(response) => key.is_empty() && is_done(response),
+            Err(refusal) => {
+                refused += 1;
+                refusal.reason.contains("no setting differs")
+                    || !key.is_empty() && refusal.reason.contains(key)
+            }
+        };
+        assert!(is_right, "{number}: {command} {:?} {answer:?}", request.text);
+        assert!(flight.advance().unwrap(), "{number}: the flight ended");
+    }
+    refused
+}
+
+/// Asserts that commands are within their range, and that the thrust follows its slew limit.
+fn assert_commands(flight: &OnlineFlight<'_>, config: &Config) {
+    let slew = SlewLimits::of(config).thrust_n_per_s / config.vehicle.max_thrust_n;
+    let samples: Vec<_> = flight.samples().iter().map(|sample| sample.telemetry).collect();
+    for pair in samples.windows(2).filter(|pair| pair[0].mode == Mode::Flying.code()) {
+        let [before, now] = [&pair[0], &pair[1]];
+        assert!(now.sticks.iter().all(|stick| stick.abs() <= 1.0));
+        assert!((0.0..=1.0).contains(&now.thrust));
+        // One step of the hand-over, and the change that the laws make by themselves in a flight without requests.
+        let thrust = (now.thrust - before.thrust).abs();
+        assert!(thrust <= slew * now.time.since(before.time).seconds() + 0.1, "{thrust}");
+    }
+}
+
 #[test]
 fn a_thousand_random_requests_leave_the_command_in_range_and_replay_bit_for_bit() {
     let directory = tempfile::tempdir().unwrap();
@@ -183,47 +226,10 @@ fn a_thousand_random_requests_leave_the_command_in_range_and_replay_bit_for_bit(
     let mut flight = OnlineFlight::begin_recorded(&mission, Some(recorder)).unwrap();
     fly_for(&mut flight, 7.0);
     flight.pause_every(Span::from_millis(50));
-    let mut random = Draw(7);
-    let mut refused = 0;
-    for number in 0..1000 {
-        let (command, request, key) = draw(&mut random, directory.path());
-        let answer = flight.change(command, &request).unwrap();
-        match answer {
-            Ok(response) => {
-                // The loop may refuse a goto whose way leaves the fence, and nothing else.
-                assert!(
-                    key.is_empty() && is_done(&response),
-                    "{number}: {command} {:?} {response:?}",
-                    request.text
-                );
-            }
-            Err(refusal) => {
-                refused += 1;
-                let is_same = refusal.reason.contains("no setting differs");
-                assert!(
-                    is_same || !key.is_empty() && refusal.reason.contains(key),
-                    "{number}: {command} {:?} {refusal:?}",
-                    request.text
-                );
-            }
-        }
-        assert!(flight.advance().unwrap(), "{number}: the flight ended");
-    }
+    let refused = send_at_random(&mut flight, 1000, directory.path());
     assert!((300..700).contains(&refused), "{refused}");
     assert_eq!(last(&flight).mode, Mode::Flying.code());
-    let slew = SlewLimits::of(config);
-    let samples: Vec<_> = flight.samples().iter().map(|sample| sample.telemetry).collect();
-    for pair in samples.windows(2).filter(|pair| pair[0].mode == Mode::Flying.code()) {
-        let [before, now] = [&pair[0], &pair[1]];
-        assert!(
-            now.sticks.iter().all(|stick| stick.abs() <= 1.0) && (0.0..=1.0).contains(&now.thrust)
-        );
-        // One step of the hand-over, and the change that the laws make by themselves in a flight without requests.
-        let thrust = (now.thrust - before.thrust).abs();
-        let step = slew.thrust_n_per_s / config.vehicle.max_thrust_n
-            * now.time.since(before.time).seconds();
-        assert!(thrust <= step + 0.1, "{thrust}");
-    }
+    assert_commands(&flight, config);
     assert!(flight.request(OperatorCommand::Land).unwrap());
     flight.end_after(Span::from_millis(20_000));
     assert_eq!(flight.finish().unwrap().outcome, Outcome::Landed);
@@ -251,6 +257,31 @@ fn circle(t_s: f64, config: &Config, anchor: [f64; 3]) -> ([f64; 3], [f64; 3]) {
     (position, reference.velocity.into())
 }
 
+/// Publishes the references of a circle each `period` for 26 s, from the present reference on.
+fn stream_circle(flight: &mut OnlineFlight<'_>, config: &Config, period: Span) {
+    let began = flight.now();
+    let anchor = last(flight).reference_position;
+    while flight.now().since(began).seconds() < 26.0 {
+        let now = flight.now();
+        let t_s = now.since(began).seconds();
+        let (position, velocity) = circle(t_s, config, anchor);
+        let (_, before) = circle(t_s - 1e-3, config, anchor);
+        let acceleration = std::array::from_fn(|axis| (velocity[axis] - before[axis]) / 1e-3);
+        flight
+            .publish(ReferenceV1 {
+                time: now,
+                valid_until: now + period.scaled(2.0),
+                kind: ReferenceKind::Position.code(),
+                position,
+                velocity,
+                acceleration,
+                ..ReferenceV1::default()
+            })
+            .unwrap();
+        assert!(flight.advance().unwrap());
+    }
+}
+
 /// Root of the mean square distance of the vehicle from the reference, over the samples from `from` on \[m\].
 fn error_m(flight: &OnlineFlight<'_>, from: usize) -> f64 {
     let samples = &flight.samples()[from..];
@@ -258,8 +289,6 @@ fn error_m(flight: &OnlineFlight<'_>, from: usize) -> f64 {
     (sum / samples.len() as f64).sqrt()
 }
 
-// One flight.
-#[allow(clippy::too_many_lines)]
 #[test]
 fn f35_a_planner_flies_the_circle_as_well_as_the_daemon_and_its_end_holds_and_lands() {
     let mission = hover(120.0, &["reference.land-after-ms=2000"]);
@@ -275,27 +304,8 @@ fn f35_a_planner_flies_the_circle_as_well_as_the_daemon_and_its_end_holds_and_la
     for rate_hz in [60.0, 240.0, 10.0] {
         let period = Span::from_seconds(1.0 / rate_hz);
         flight.pause_every(period);
-        let (from, began) = (flight.samples().len(), flight.now());
-        let anchor = last(&flight).reference_position;
-        while flight.now().since(began).seconds() < 26.0 {
-            let now = flight.now();
-            let t_s = now.since(began).seconds();
-            let (position, velocity) = circle(t_s, &mission.config, anchor);
-            let (_, before) = circle(t_s - 1e-3, &mission.config, anchor);
-            let acceleration = std::array::from_fn(|axis| (velocity[axis] - before[axis]) / 1e-3);
-            flight
-                .publish(ReferenceV1 {
-                    time: now,
-                    valid_until: now + period.scaled(2.0),
-                    kind: ReferenceKind::Position.code(),
-                    position,
-                    velocity,
-                    acceleration,
-                    ..ReferenceV1::default()
-                })
-                .unwrap();
-            assert!(flight.advance().unwrap());
-        }
+        let from = flight.samples().len();
+        stream_circle(&mut flight, &mission.config, period);
         let streamed = error_m(&flight, from);
         println!("{rate_hz} Hz: {:.2} mm, built in {:.2} mm", 1e3 * streamed, 1e3 * builtin);
         assert!(streamed < 1.1 * builtin, "{rate_hz} Hz: {streamed} m, built in {builtin} m");
