@@ -76,10 +76,10 @@ pub fn fly_recorded(
 /// # Errors
 /// An option of the fallback law is invalid.
 pub fn fly_with_law(mission: &Mission, law: &mut dyn ExternalLaw) -> Result<Flight, Failure> {
-    fly_law_recorded(mission, None, law).map(|(flight, _)| flight)
+    fly_law_recorded(mission, None, law, |_| None).map(|(flight, _)| flight)
 }
 
-/// Flies as [`fly_with_law`], and passes every sample to `recording`.
+/// Flies as [`fly_with_law`], passes every sample to `recording`, and sends the daemon the command that `watch` returns.
 ///
 /// # Errors
 /// An option of the fallback law is invalid.
@@ -87,8 +87,9 @@ pub fn fly_law_recorded(
     mission: &Mission,
     recording: Option<McapRecorder>,
     law: &mut dyn ExternalLaw,
+    mut watch: impl FnMut(&Recorder) -> Option<OperatorCommand>,
 ) -> Result<RecordedFlight, Failure> {
-    Simulation::new(mission, recording, LawPort::of(law))?.run(Span::ZERO, &mut |_| None)
+    Simulation::new(mission, recording, LawPort::of(law))?.run(Span::ZERO, &mut watch)
 }
 
 /// Flies, and continues to record for `aftermath` after the outcome is decided, for example to see whether the motors of an

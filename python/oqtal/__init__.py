@@ -23,6 +23,7 @@ from oqtal.errors import (
     VersionError,
 )
 from oqtal.flight import Flight, fly
+from oqtal.python_law import Command, Reference, State, law, serve
 from oqtal.studies import Identification, Tuned, campaign, identify, laws, robustness, sweep, tune
 from oqtal.table import Table
 
@@ -42,6 +43,7 @@ def make_vec(num_envs: int, env: str = "Oqtal-Hover-v0", **options: Any) -> "Oqt
 
 __all__ = [
     "AccessError",
+    "Command",
     "ConfigError",
     "DataError",
     "Flight",
@@ -51,6 +53,8 @@ __all__ = [
     "LawError",
     "OqtalError",
     "PeerError",
+    "Reference",
+    "State",
     "SystemFailure",
     "Table",
     "Tuned",
@@ -61,10 +65,12 @@ __all__ = [
     "campaign",
     "fly",
     "identify",
+    "law",
     "laws",
     "make_vec",
     "paper",
     "robustness",
+    "serve",
     "sweep",
     "tune",
 ]

@@ -14,6 +14,7 @@ import numpy as np
 
 from oqtal import _native
 from oqtal.errors import DataError, InternalError, UsageError
+from oqtal.python_law import LawAdapter
 from oqtal.settings import ConfigLike, sources, texts
 from oqtal.table import Table
 
@@ -202,18 +203,22 @@ def fly(
     faults: str | Sequence[str] | None = None,
     settings: Mapping[str, Any] | None = None,
     record: str | os.PathLike[str] | None = None,
+    law: Any = None,
 ) -> Flight:
     """Flies in virtual time in this process, as ``oqtal fly --clock in-process`` does.
 
     ``config``: a file, several files, or keys with values. ``plant`` and ``settings``: keys of ``[plant]``, and any keys; nested
     dictionaries are sections, and ``_`` stands for ``-``. ``disturb`` and ``faults``: as ``--disturb`` and ``--fault``.
-    ``record``: a recording is written while flying.
+    ``record``: a recording is written while flying. ``law``: a law of ``oqtal.python_law``, which flies from the end of take-off to
+    the landing, in place of ``controller``.
     """
+    if law is not None and controller not in (None, "external"):
+        raise UsageError("give law or controller; the law that flies if law fails is control.fallback")
     call = sources(
         config,
         settings,
         plant,
-        controller=("control.controller", controller),
+        controller=("control.controller", controller if law is None else "external"),
         trajectory=("trajectory.kind", trajectory),
         duration=("trajectory.duration-s", duration),
         seed=("clock.seed", seed),
@@ -221,5 +226,6 @@ def fly(
         disturb=("plant.disturb", texts(disturb)),
         faults=("fault.inject", texts(faults)),
     )
-    native = _native.fly(call, None if record is None else os.fspath(record))
-    return Flight(native=native, repeat=lambda path: _native.fly(call, path))
+    adapter = None if law is None else LawAdapter(law)
+    native = _native.fly(call, None if record is None else os.fspath(record), adapter)
+    return Flight(native=native, repeat=lambda path: native.fly_again(call, path))

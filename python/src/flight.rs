@@ -5,11 +5,13 @@ use std::path::{Path, PathBuf};
 use numpy::PyArray1;
 use oqtal_bus::code::OperatorCommand;
 use oqtal_config::{ClockKind, Config};
+use oqtal_daemon::ExternalLaw;
 use oqtal_lab::mission::Mission;
 use oqtal_lab::simulation::{self, RecordedFlight};
 use oqtal_observe::csv::{self, ColumnValues};
 use oqtal_observe::flight::Flight;
 use oqtal_observe::provenance::Provenance;
+use oqtal_observe::recorder::Recorder;
 use oqtal_observe::recording::{
     self, McapRecorder, RecordingFile, RecordingFileError, RecordingPlan,
 };
@@ -20,6 +22,7 @@ use oqtal_runtime::process::{Exit, Failure};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
+use crate::law::{LawTape, PythonLaw, TapedLaw};
 use crate::settings::Sources;
 use crate::task::{self, SignalPoll};
 
@@ -35,12 +38,14 @@ pub struct PyFlight {
     /// Reason why the recording ends early; empty for a complete one and for a flight of this process.
     #[pyo3(get)]
     cut_off: String,
+    /// Answers of a law in Python; empty without one.
+    tape: LawTape,
 }
 
 impl PyFlight {
     /// A flight of this process.
     pub fn of(flight: Flight) -> Self {
-        Self { flight, cut_off: String::new() }
+        Self { flight, cut_off: String::new(), tape: LawTape::new() }
     }
 }
 
@@ -81,6 +86,13 @@ impl PyFlight {
         task::detached(py, || written(&path, files::write(&path, page())))
     }
 
+    /// Flies again as `sources` say, with the answers of the law, and records into `path`.
+    fn fly_again(&self, py: Python<'_>, sources: Sources, path: PathBuf) -> PyResult<Self> {
+        let mut taped = TapedLaw(self.tape.iter());
+        let law = (!self.tape.is_empty()).then_some(&mut taped as &mut (dyn ExternalLaw + Send));
+        flown(py, &sources, Some(&path), law).map(Self::of)
+    }
+
     /// Writes the ticks as CSV.
     fn write_csv(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         task::detached(py, || {
@@ -100,16 +112,24 @@ fn written(path: &Path, result: std::io::Result<()>) -> Result<(), Failure> {
     result.map_err(failed)
 }
 
-/// Flies in this process, and records into `recording`.
+/// Flies in this process, with `law` as `control.controller`, and records into `recording`.
 #[pyfunction]
-#[pyo3(signature = (sources, recording=None))]
-fn fly(py: Python<'_>, sources: Sources, recording: Option<PathBuf>) -> PyResult<PyFlight> {
-    let mut poll = SignalPoll::new();
-    let flown = task::detached(py, || flown(&sources, recording.as_deref(), &mut poll));
-    if let Some(raised) = poll.raised {
-        return Err(raised);
+#[pyo3(signature = (sources, recording=None, law=None))]
+fn fly(
+    py: Python<'_>,
+    sources: Sources,
+    recording: Option<PathBuf>,
+    law: Option<Py<PyAny>>,
+) -> PyResult<PyFlight> {
+    let Some(law) = law else {
+        return flown(py, &sources, recording.as_deref(), None).map(PyFlight::of);
+    };
+    let mut law = PythonLaw::new(law);
+    let flight = flown(py, &sources, recording.as_deref(), Some(&mut law));
+    match law.raised {
+        Some(raised) => Err(raised),
+        None => Ok(PyFlight { tape: law.tape, ..PyFlight::of(flight?) }),
     }
-    Ok(PyFlight::of(flown?))
 }
 
 /// The mission of a call, flown in virtual time in this process.
@@ -119,17 +139,24 @@ pub fn mission(sources: &Sources) -> Result<Mission, Failure> {
     Mission::new(config)
 }
 
+/// Flies the mission of `sources`. A signal ends the flight, and so does an exception of the law.
 fn flown(
+    py: Python<'_>,
     sources: &Sources,
     recording: Option<&Path>,
-    poll: &mut SignalPoll,
-) -> Result<Flight, Failure> {
-    let mission = mission(sources)?;
-    let recorder = recording.map(|path| recorder(path, &mission.config)).transpose()?;
-    let flown = simulation::fly_recorded(&mission, recorder, |_| {
-        poll.is_raised().then_some(OperatorCommand::Stop)
-    })?;
-    checked(flown)
+    law: Option<&mut (dyn ExternalLaw + Send)>,
+) -> PyResult<Flight> {
+    let mut poll = SignalPoll::new();
+    let flown = task::detached(py, || {
+        let mission = mission(sources)?;
+        let recorder = recording.map(|path| recorder(path, &mission.config)).transpose()?;
+        let watch = |_: &Recorder| poll.is_raised().then_some(OperatorCommand::Stop);
+        checked(match law {
+            None => simulation::fly_recorded(&mission, recorder, watch),
+            Some(law) => simulation::fly_law_recorded(&mission, recorder, law, watch),
+        }?)
+    });
+    poll.raised.map_or(flown, Err)
 }
 
 /// A recorder of a flight under `config` into a new file.
@@ -164,7 +191,7 @@ fn read(py: Python<'_>, path: PathBuf) -> PyResult<PyFlight> {
             let message = format!("{} has no tick of a daemon: nothing to show", path.display());
             return Err(Failure::new(Exit::Data, message));
         }
-        Ok(PyFlight { flight, cut_off: file.cut_off.unwrap_or_default() })
+        Ok(PyFlight { cut_off: file.cut_off.unwrap_or_default(), ..PyFlight::of(flight) })
     })
 }
 

@@ -7,6 +7,7 @@
 //! | `task.rs` | work without the interpreter's lock, which signals end |
 //! | `settings.rs` | Python values as settings of the configuration |
 //! | `flight.rs` | flights and recordings, their columns and pages |
+//! | `law.rs` | laws written in Python |
 //! | `lanes.rs` | environments stepped together |
 //! | `studies.rs` | campaigns, sweeps, robustness, identification, tuning |
 //! | `paper.rs` | tracking error, error models, Riccati equations, gravity turn |
@@ -14,6 +15,7 @@
 mod error;
 mod flight;
 mod lanes;
+mod law;
 mod paper;
 mod settings;
 mod studies;

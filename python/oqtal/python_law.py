@@ -1,0 +1,196 @@
+"""Laws written in Python: in a flight of this process, or as a process beside a daemon.
+
+A law is a callable ``law(state, reference, dt)``, or an object with a method ``step(state, reference, dt)`` and, where it has an
+integral or a filter, ``reset()``, which is called at the start of a flight. It returns a ``Command``, the pair ``(rate, thrust)``, or
+four numbers: body rates [rad/s] and thrust [N]. State and reference are those at the instant at which the command takes effect.
+Commands are limited to the range of the vehicle.
+"""
+
+from __future__ import annotations
+
+import socket
+import struct
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oqtal.errors import LawError, PeerError
+
+Vector = NDArray[np.float64]
+Law = TypeVar("Law")
+
+#: Numbers of a question after its counters and instants, in order, with their lengths: ``oqtal.State.v1`` in docs/your-own-law.md.
+LENGTHS = {
+    "period": 1, "position": 3, "velocity": 3, "attitude": 4, "rate": 3, "thrust": 1, "acceleration_bias": 3, "demand_bias": 3,
+    "reference_position": 3, "reference_velocity": 3, "reference_yaw": 1, "reference_attitude": 4, "reference_rate": 3,
+    "fallback_rate": 3, "fallback_torque": 3, "fallback_attitude": 4, "fallback_thrust": 1,
+    "mass": 1, "gravity": 1, "greatest_thrust": 1, "greatest_rate": 3, "greatest_torque": 1,
+}  # fmt: skip
+#: Counters and instants before them.
+COUNTERS = struct.Struct("<8s6Q")
+#: Beginning of an answer, and its counter.
+ANSWER = struct.Struct("<8sQ")
+
+
+def _fields(numbers: Vector) -> Iterator[tuple[str, Any]]:
+    start = 0
+    for name, length in LENGTHS.items():
+        yield name, float(numbers[start]) if length == 1 else numbers[start : start + length]
+        start += length
+
+
+class State:
+    """The vehicle at the instant at which the command takes effect. Vectors are arrays of NumPy, and cannot be written."""
+
+    #: Position [m, world] and velocity [m/s, world].
+    position: Vector
+    velocity: Vector
+    #: Attitude, a quaternion from body to world with the scalar last; body rate [rad/s].
+    attitude: Vector
+    rate: Vector
+    #: Thrust along body z [N].
+    thrust: float
+    #: Estimated acceleration by other causes than thrust, weight and drag [m/s^2, world]; estimated error of the command [rad/s].
+    acceleration_bias: Vector
+    demand_bias: Vector
+    #: Command of the built-in law that flies if this one fails: rates [rad/s] and thrust [N].
+    fallback_rate: Vector
+    fallback_thrust: float
+    #: Model of the vehicle: mass [kg], gravity [m/s^2], greatest thrust [N], greatest rates [rad/s].
+    mass: float
+    gravity: float
+    greatest_thrust: float
+    greatest_rate: Vector
+
+    def __init__(self, numbers: Vector) -> None:
+        self.__dict__.update(_fields(numbers))
+
+    def to_body(self, vector: Any) -> Vector:
+        """Components in body axes of a vector in world axes."""
+        axis, scalar = -self.attitude[:3], self.attitude[3]
+        once = 2.0 * np.cross(axis, vector)
+        return np.asarray(vector + scalar * once + np.cross(axis, once))
+
+    @property
+    def yaw(self) -> float:
+        """Yaw [rad]."""
+        x, y, z, w = self.attitude
+        return float(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+
+
+class Reference:
+    """The reference at the instant at which the command takes effect."""
+
+    def __init__(self, state: Any) -> None:
+        #: Position [m, world], velocity [m/s, world] and yaw [rad].
+        self.position: Vector = state.reference_position
+        self.velocity: Vector = state.reference_velocity
+        self.yaw: float = state.reference_yaw
+        #: Prescribed attitude and rate in place of the horizontal position; ``None`` if none is.
+        self.attitude: Vector | None = None if np.isnan(state.reference_attitude[0]) else state.reference_attitude
+        self.rate: Vector | None = None if self.attitude is None else state.reference_rate
+
+
+@dataclass
+class Command:
+    """Command of a law."""
+
+    #: Body rates [rad/s].
+    rate: Any
+    #: Thrust along body z [N].
+    thrust: float
+    #: Torque [N m, body], for a vehicle commanded by torque; attitude, for one that holds attitudes.
+    torque: Any = (0.0, 0.0, 0.0)
+    attitude: Any = (0.0, 0.0, 0.0, 0.0)
+
+
+def _numbers(value: Any, length: int, name: str) -> Vector:
+    try:
+        found = np.asarray(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise LawError(f"{name} of the law's command is {value!r}; expected {length} numbers") from error
+    if found.shape != (length,):
+        raise LawError(f"{name} of the law's command has the shape {found.shape}; expected ({length},)")
+    if not np.isfinite(found).all():
+        raise LawError(f"{name} of the law's command is {found}; expected finite numbers")
+    return found
+
+
+def _command(value: Any) -> Command:
+    if isinstance(value, Command):
+        return value
+    try:
+        parts = list(value)
+    except TypeError:
+        parts = []
+    if len(parts) == 2:
+        return Command(parts[0], parts[1])
+    if len(parts) == 4:
+        return Command(parts[:3], parts[3])
+    raise LawError(f"the law returned {value!r}; expected (rates, thrust), four numbers, or an oqtal.Command")
+
+
+class LawAdapter:
+    """A law as the flight asks it: numbers in, numbers out."""
+
+    def __init__(self, law: Any) -> None:
+        law = law() if isinstance(law, type) else law
+        step = getattr(law, "step", law)
+        if not callable(step):
+            raise LawError(f"{law!r} is not a law: expected a function (state, reference, dt), or an object with the method step(state, reference, dt)")
+        self._step: Callable[[State, Reference, float], Any] = step
+        self._reset: Callable[[], object] | None = getattr(law, "reset", None)
+
+    def reset(self) -> None:
+        """A flight begins."""
+        if self._reset is not None:
+            self._reset()
+
+    def answer(self, numbers: Vector) -> Vector:
+        """The command for a question: rates, torque, attitude, thrust."""
+        numbers.flags.writeable = False
+        state = State(numbers)
+        try:
+            command = _command(self._step(state, Reference(state), float(numbers[0])))
+        except LawError:
+            raise
+        except Exception as error:
+            raise LawError(f"the law raised {type(error).__name__}: {error}") from error
+        rate = np.clip(_numbers(command.rate, 3, "rate"), -state.greatest_rate, state.greatest_rate)
+        torque, attitude = _numbers(command.torque, 3, "torque"), _numbers(command.attitude, 4, "attitude")
+        thrust = np.clip(_numbers([command.thrust], 1, "thrust"), 0.0, state.greatest_thrust)
+        return np.concatenate([rate, torque, attitude, thrust])
+
+
+def serve(law: Any, path: str) -> int:
+    """Answers the questions of the daemon behind the socket ``path`` until it ends; returns the number of answers."""
+    adapter, answers, flight = LawAdapter(law), 0, None
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as daemon:
+        try:
+            daemon.connect(path)
+        except OSError as error:
+            raise PeerError(f"{path}: {error}; start a daemon with control.controller = \"external\"") from error
+        while packet := daemon.recv(4096):
+            _, sequence, number, *_ = COUNTERS.unpack_from(packet)
+            if number != flight:
+                flight = number
+                adapter.reset()
+            answer = adapter.answer(np.frombuffer(packet, dtype="<f8", offset=COUNTERS.size))
+            try:
+                daemon.send(ANSWER.pack(b"OQTALEX1", sequence) + answer.astype("<f8").tobytes())
+            except ConnectionError:
+                break
+            answers += 1
+    return answers
+
+
+def law(law: Law) -> Law:
+    """Decorator: in a program that is executed with the path of a daemon's socket as its argument, answers that daemon."""
+    is_program = getattr(law, "__module__", None) == "__main__"
+    if is_program and len(sys.argv) == 2:
+        serve(law, sys.argv[1])
+    return law
