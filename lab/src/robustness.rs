@@ -109,6 +109,31 @@ const PAGE: PageHead = PageHead {
     file: "robustness",
 };
 
+/// The settings under which all draws are flown: `given`, over the one of the study itself.
+pub fn with_defaults(given: Vec<Setting>) -> Vec<Setting> {
+    let mut common = vec![Setting::flag(STUDY, INTEGRAL_LIMIT.0, INTEGRAL_LIMIT.1)];
+    common.extend(given);
+    common
+}
+
+/// Draws of a spread by seed and range of numbers, under settings of [`with_defaults`]. Each contains the setting of the study, so that
+/// it can be flown again alone.
+///
+/// # Errors
+/// A draw is not a valid configuration.
+pub fn draw_plants(
+    spread: &PlantSpread,
+    common: &[Setting],
+    numbers: (u64, std::ops::Range<u64>),
+) -> Result<Vec<Draw>, Failure> {
+    let mut draws = Draw::several(spread, common, numbers)?;
+    let of_study = common.iter().rfind(|setting| setting.key == INTEGRAL_LIMIT.0);
+    if let Some(setting) = of_study.filter(|setting| setting.origin == STUDY) {
+        draws.iter_mut().for_each(|draw| draw.settings.insert(0, setting.clone()));
+    }
+    Ok(draws)
+}
+
 impl RobustnessArgs {
     /// Flies all draws, writes the page and prints the tables.
     ///
@@ -137,8 +162,7 @@ impl RobustnessArgs {
 
     /// Flies all parts of the study. Returns draws and loops as JSON, and the chapters of the page.
     fn flown(&self, progress: &Progress) -> Result<(Value, Vec<Chapter>), Failure> {
-        let mut common = vec![Setting::flag(STUDY, INTEGRAL_LIMIT.0, INTEGRAL_LIMIT.1)];
-        common.extend(self.study.settings()?);
+        let common = with_defaults(self.study.settings()?);
         let laws = laws(&self.laws, &self.gains, &common)?;
         let loops = if self.margins { margins::all(&laws, progress)? } else { Vec::new() };
         let study = MonteCarlo { laws: &laws, common: &common, progress };
@@ -183,14 +207,8 @@ impl RobustnessArgs {
         Ok((document, chapters))
     }
 
-    /// Draws of a spread. Their arguments include the setting of the study, so that a draw can be flown again.
     fn draws(&self, spread: &PlantSpread, common: &[Setting]) -> Result<Vec<Draw>, Failure> {
-        let mut draws = Draw::several(spread, common, (self.seed, 0..self.runs))?;
-        let of_study = common.iter().rfind(|setting| setting.key == INTEGRAL_LIMIT.0);
-        if let Some(setting) = of_study.filter(|setting| setting.origin == STUDY) {
-            draws.iter_mut().for_each(|draw| draw.settings.insert(0, setting.clone()));
-        }
-        Ok(draws)
+        draw_plants(spread, common, (self.seed, 0..self.runs))
     }
 
     /// Draws of `--spread`, and the single plants. Returns draws with figures as JSON, and their chapter.

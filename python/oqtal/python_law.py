@@ -110,6 +110,8 @@ class Command:
 
 def _numbers(value: Any, length: int, name: str) -> Vector:
     try:
+        if np.iscomplexobj(value):
+            raise TypeError
         found = np.asarray(value, dtype=float)
     except (TypeError, ValueError) as error:
         raise LawError(f"{name} of the law's command is {value!r}; expected {length} numbers") from error

@@ -9,6 +9,7 @@ use oqtal_lab::identify::data::FlightData;
 use oqtal_lab::identify::identification::{Identification, Scale, identify as identification_of};
 use oqtal_lab::identify::{excitation_flight, vehicle_toml};
 use oqtal_lab::progress::Progress;
+use oqtal_lab::robustness;
 use oqtal_lab::robustness::draws::{Draw, MOST_DRAWS, TUNING_SEED};
 use oqtal_lab::robustness::spread::PlantSpread;
 use oqtal_lab::study::flights::{NOMINAL, Test};
@@ -97,6 +98,10 @@ fn table<'py>(py: Python<'py>, flown: &[Flown], case: &Case) -> PyResult<Bound<'
         let shown = figures.map(|figure| if figure.is_finite() { figure } else { f64::NAN });
         columns.set_item(metric.key, PyArray1::from_iter(py, shown))?;
     }
+    for (index, test) in Test::ALL.iter().enumerate() {
+        let ends = runs().map(|run| run.ends[index].cause_or_landed());
+        columns.set_item(test.name(), ends.collect::<Vec<_>>())?;
+    }
     let solves = runs().map(|run| run.riccati_solves.cast_signed());
     columns.set_item("riccati_solves", PyArray1::from_iter(py, solves))?;
     Ok(columns)
@@ -122,7 +127,8 @@ fn draws<'py>(
     let drawn = task::detached(py, || {
         let named = PlantSpread::named(spread)?;
         let named = if is_wide { named.twice_as_wide() } else { named };
-        Draw::several(&named, &sources.settings()?, (seed, 0..runs))
+        let common = robustness::with_defaults(sources.settings()?);
+        robustness::draw_plants(&named, &common, (seed, 0..runs))
     })?;
     let list = PyList::empty(py);
     for draw in drawn {

@@ -109,7 +109,6 @@ def mutating(state, reference, dt):
         (3, ["3", "step"]),
     ],
 )
-@pytest.mark.filterwarnings("ignore::numpy.exceptions.ComplexWarning")
 def test_a_law_that_fails_raises(law, words):
     with pytest.raises(oqtal.LawError) as raised:
         oqtal.fly(law=law, trajectory="hover")

@@ -40,6 +40,13 @@ pub struct TestEnd {
     pub cause: Option<String>,
 }
 
+impl TestEnd {
+    /// The cause, or `landed`.
+    pub fn cause_or_landed(&self) -> &str {
+        self.cause.as_deref().unwrap_or("landed")
+    }
+}
+
 /// Flights of one law in one condition: one per test of the case.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(into = "KeptRun", try_from = "KeptRun")]

@@ -94,8 +94,8 @@ pub fn runs_csv<'a>(flown: impl Iterator<Item = &'a Flown>) -> Result<String, Fa
     let row = |law: &Flown, seed: u64, run: &Run| {
         let named = [law.law.controller.to_owned(), seed.to_string()];
         let figures = run.figures.map(csv_text::number);
-        let end = |end: &TestEnd| end.cause.clone().unwrap_or_else(|| "landed".to_owned());
-        named.into_iter().chain(figures).chain(run.ends.iter().map(end)).collect::<Vec<_>>()
+        let ends = run.ends.iter().map(|end| end.cause_or_landed().to_owned());
+        named.into_iter().chain(figures).chain(ends).collect::<Vec<_>>()
     };
     let rows = flown.flat_map(|law| {
         let runs = law.conditions.iter().zip(&law.runs);
