@@ -1,8 +1,8 @@
 """Laws written in Python: in a flight of this process, or as a process beside a daemon.
 
 A law is a callable ``law(state, reference, dt)``, or an object with a method ``step(state, reference, dt)`` and, where it has an
-integral or a filter, ``reset()``, which is called at the start of a flight. It returns a ``Command``, the pair ``(rate, thrust)``, or
-four numbers: body rates [rad/s] and thrust [N]. State and reference are those at the instant at which the command takes effect.
+integral or a filter, ``reset()``, which is called at the start of a flight. It returns a ``Command``, the pair ``(rate, thrust)``,
+or four numbers: body rates [rad/s] and thrust [N]. State and reference are those at the instant at which the command takes effect.
 Commands are limited to the range of the vehicle.
 """
 
@@ -143,7 +143,7 @@ class LawAdapter:
         law = law() if isinstance(law, type) else law
         step = getattr(law, "step", law)
         if not callable(step):
-            raise LawError(f"{law!r} is not a law: expected a function (state, reference, dt), or an object with the method step(state, reference, dt)")
+            raise LawError(f"{law!r} is not a law: expected a function (state, reference, dt), or an object with the method step")
         self._step: Callable[[State, Reference, float], Any] = step
         self._reset: Callable[[], object] | None = getattr(law, "reset", None)
 
@@ -175,7 +175,7 @@ def serve(law: Any, path: str) -> int:
         try:
             daemon.connect(path)
         except OSError as error:
-            raise PeerError(f"{path}: {error}; start a daemon with control.controller = \"external\"") from error
+            raise PeerError(f'{path}: {error}; start a daemon with control.controller = "external"') from error
         while packet := daemon.recv(4096):
             _, sequence, number, *_ = COUNTERS.unpack_from(packet)
             if number != flight:
