@@ -158,6 +158,11 @@ fn f71_eight_recorders_started_first_leave_the_places_of_a_flight() {
             "{message}"
         );
     }
+    // A recorder has its places once its file exists.
+    wait_for("four recordings", || {
+        let exists = |number: &i32| testbed.path(&format!("{number}.mcap")).exists();
+        ((0..8).filter(exists).count() == 4).then_some(())
+    });
     // Two are suspended: their places stay theirs.
     running[..2].iter().for_each(|(_, recorder)| recorder.signal(Signal::STOP));
     testbed.lands(&["--trajectory", "hover", "--duration", "1"]);
