@@ -131,8 +131,8 @@ impl FlightRecording<'_> {
             return Err(self.link.never_answered());
         }
         // A flight that an operator changes has no planned end; a replay has none either, and ends with its recording.
-        let has_plan = |s: &FlightSample| s.telemetry.planned_landing_s.is_finite();
-        let is_open = self.mission.recording.is_none() && !recorder.latest().is_none_or(has_plan);
+        let is_open = self.mission.recording.is_none()
+            && recorder.latest().is_some_and(|s| s.telemetry.planned_landing_s.is_infinite());
         let is_late = !is_open && flown >= self.mission.timeout();
         let is_over = recorder.outcome().is_some()
             || is_late && (is_virtual || self.has_landed_late(state)?);
