@@ -16,7 +16,7 @@ const PARSED: [(&str, &str); 19] = [
     ("oqtal fly --config deploy/presets", "needs a firmware: tests/firmware flies these lines"),
     ("oqtal mocap-emu serve", "runs until Ctrl-C: tests/receiver"),
     ("oqtal fly --controller external", "waits for a script: tests/external_law"),
-    ("oqtal ctl", "needs a running instance: tests/flights"),
+    ("oqtal ctl", "needs a running instance: tests/faults, lab/tests/live.rs"),
     ("oqtal gateway run", "runs until Ctrl-C"),
     ("oqtal record", "needs a running instance: tests/recordings"),
     ("oqtal monitor", "needs a running instance: tests/monitor"),

@@ -66,11 +66,11 @@ def test_a_sweep_varies_keys(rows):
 def test_robustness_flies_the_draws_of_the_program(run, tmp_path: Path):
     import json
 
-    found = oqtal.robustness(["oqtal-dt"], runs=3, gains="shipped")
-    printed = run("robustness", "--laws", "oqtal-dt", "--gains", "shipped", "--runs", 3, "--out", tmp_path / "robustness", "--json")
+    found = oqtal.robustness(["oqtal-dt"], runs=3)
+    printed = run("robustness", "--laws", "oqtal-dt", "--runs", 3, "--out", tmp_path / "robustness", "--json")
     draws = json.loads(printed)["draws"]
     assert [draw["seed"] for draw in draws] == list(found["seed"])
-    expected = [draw["laws"]["oqtal-dt"]["hover_rms_mm"] for draw in draws]
+    expected = [draw["laws"]["oqtal-dt, tuned"]["hover_rms_mm"] for draw in draws]
     np.testing.assert_array_equal(found["hover_rms_mm"], expected)
     np.testing.assert_array_equal(found["plant.mass-kg"], [draw["drawn"]["plant.mass-kg"] for draw in draws])
 
