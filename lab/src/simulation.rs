@@ -55,10 +55,10 @@ pub type RecordedFlight = (Flight, Option<RecordingResult>);
 /// # Errors
 /// An option of the law is invalid.
 pub fn fly(mission: &Mission) -> Result<Flight, Failure> {
-    fly_recorded(mission, None, |_| None).map(|(flight, _)| flight)
+    fly_recorded(mission, None, LawPort::default(), |_| None).map(|(flight, _)| flight)
 }
 
-/// Flies, passes every sample to `recording`, and calls `watch` with the recorder every [`POLL_PERIOD`]; `watch` may return an
+/// Flies with `law` as the external law, passes every sample to `recording`, and calls `watch` with the recorder every [`POLL_PERIOD`]; `watch` may return an
 /// operator's command.
 ///
 /// # Errors
@@ -66,9 +66,10 @@ pub fn fly(mission: &Mission) -> Result<Flight, Failure> {
 pub fn fly_recorded(
     mission: &Mission,
     recording: Option<McapRecorder>,
+    law: LawPort<'_>,
     mut watch: impl FnMut(&Recorder) -> Option<OperatorCommand>,
 ) -> Result<RecordedFlight, Failure> {
-    Simulation::new(mission, recording, LawPort::default())?.run(Span::ZERO, &mut watch)
+    Simulation::new(mission, recording, law)?.run(Span::ZERO, &mut watch)
 }
 
 /// Flies `mission`, whose `control.controller` is external, with `law`. The same law, configuration and seed give the same flight.
@@ -76,20 +77,7 @@ pub fn fly_recorded(
 /// # Errors
 /// An option of the fallback law is invalid.
 pub fn fly_with_law(mission: &Mission, law: &mut dyn ExternalLaw) -> Result<Flight, Failure> {
-    fly_law_recorded(mission, None, law, |_| None).map(|(flight, _)| flight)
-}
-
-/// Flies as [`fly_with_law`], passes every sample to `recording`, and sends the daemon the command that `watch` returns.
-///
-/// # Errors
-/// An option of the fallback law is invalid.
-pub fn fly_law_recorded(
-    mission: &Mission,
-    recording: Option<McapRecorder>,
-    law: &mut dyn ExternalLaw,
-    mut watch: impl FnMut(&Recorder) -> Option<OperatorCommand>,
-) -> Result<RecordedFlight, Failure> {
-    Simulation::new(mission, recording, LawPort::of(law))?.run(Span::ZERO, &mut watch)
+    fly_recorded(mission, None, LawPort::of(law), |_| None).map(|(flight, _)| flight)
 }
 
 /// Flies, and continues to record for `aftermath` after the outcome is decided, for example to see whether the motors of an

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use numpy::PyArray1;
 use oqtal_bus::code::OperatorCommand;
 use oqtal_config::{ClockKind, Config};
-use oqtal_daemon::ExternalLaw;
+use oqtal_daemon::{ExternalLaw, LawPort};
 use oqtal_lab::mission::Mission;
 use oqtal_lab::simulation::{self, RecordedFlight};
 use oqtal_observe::csv::{self, ColumnValues};
@@ -139,7 +139,7 @@ pub fn mission(sources: &Sources) -> Result<Mission, Failure> {
     Mission::new(config)
 }
 
-/// Flies the mission of `sources`. A signal ends the flight, and so does an exception of the law.
+/// Flies the mission of `sources`. A signal ends the flight; after an exception of the law the fallback law flies it to its end.
 fn flown(
     py: Python<'_>,
     sources: &Sources,
@@ -151,10 +151,8 @@ fn flown(
         let mission = mission(sources)?;
         let recorder = recording.map(|path| recorder(path, &mission.config)).transpose()?;
         let watch = |_: &Recorder| poll.is_raised().then_some(OperatorCommand::Stop);
-        checked(match law {
-            None => simulation::fly_recorded(&mission, recorder, watch),
-            Some(law) => simulation::fly_law_recorded(&mission, recorder, law, watch),
-        }?)
+        let law = law.map_or_else(LawPort::default, |law| LawPort::of(law));
+        checked(simulation::fly_recorded(&mission, recorder, law, watch)?)
     });
     poll.raised.map_or(flown, Err)
 }

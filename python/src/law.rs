@@ -59,16 +59,14 @@ impl ExternalLaw for PythonLaw {
     }
 
     fn answer(&mut self, state: &StateV1) -> Option<ExternalV1> {
-        let answer = match self.raised {
-            Some(_) => None,
-            None => match Python::attach(|py| self.asked(py, state)) {
-                Ok(answer) => Some(answer),
-                Err(raised) => {
-                    self.raised = Some(raised);
-                    None
-                }
-            },
+        let asked = match self.raised {
+            None => Python::attach(|py| self.asked(py, state)).map(Some),
+            Some(_) => Ok(None),
         };
+        let answer = asked.unwrap_or_else(|raised| {
+            self.raised = Some(raised);
+            None
+        });
         self.tape.push(answer);
         answer
     }

@@ -6,6 +6,7 @@ use oqtal_bus::message::ControlRequestV1;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::Span;
 use oqtal_config::{ClockKind, RecordedFlights};
+use oqtal_daemon::LawPort;
 use oqtal_lab::mission::Mission;
 use oqtal_lab::simulation::{self, RecordedFlight};
 use oqtal_observe::flight::Flight;
@@ -58,10 +59,11 @@ impl BusFlight<'_> {
     pub fn fly_in_process(&self) -> Result<RecordedFlight, Failure> {
         let recording = self.recording(&[RecordedFlights::All])?;
         let progress = FlightProgress::new(self.mission);
-        let flown = simulation::fly_recorded(self.mission, recording, |recorder| {
-            progress.show(recorder);
-            self.interrupts.next()
-        });
+        let flown =
+            simulation::fly_recorded(self.mission, recording, LawPort::default(), |recorder| {
+                progress.show(recorder);
+                self.interrupts.next()
+            });
         progress.finish();
         flown
     }
