@@ -121,7 +121,7 @@ impl MotionTracker {
         self.resting = Some((t_s, Motion::of(measured, 0.0)));
     }
 
-    /// Records a command sent at `sent_s` \[s\].
+    /// Records a command sent at `sent_s` \[s\], within the range of its interface: nothing bounds the motion that it predicts.
     pub fn sent(&mut self, sequence: u64, sent_s: f64, input: ModelInput) {
         self.history.push(sequence, sent_s, input);
     }

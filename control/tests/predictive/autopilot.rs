@@ -256,8 +256,9 @@ proptest! {
             };
             bench.tracker.take(bench.now_s() + g.abs().min(1e-3), &pose);
             bench.tick += 1;
-            let demand = Vector3::new(a, b, c);
-            let input = ModelInput { demand, attitude: Attitude::LEVEL, thrust_n: d };
+            // Commands are limited to the range of their interface before they are sent; clamping keeps NaN.
+            let demand = Vector3::new(a, b, c).map(|stick| stick.clamp(-1.0, 1.0)) * AUTHORITY;
+            let input = ModelInput { demand, attitude: Attitude::LEVEL, thrust_n: d.clamp(0.0, 20.0) };
             bench.tracker.sent(bench.tick, bench.now_s(), input);
             let report = CommandReport { sequence: bench.tick, acts_s: h, follows: true };
             bench.tracker.applied(report);
