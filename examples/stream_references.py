@@ -1,15 +1,17 @@
 #!/usr/bin/env python3
 """Flies a circle of references through `oqtal gateway run`, with Python's standard library.
 
-Usage: stream_references.py [SOCKET] [RATE_HZ] [SECONDS]
-The vehicle must hover at [0, 0, 1] m.
+The vehicle must hover at [0, 0, 1] m. From another machine, through `oqtal gateway run --udp 0.0.0.0:8610 --key gateway.key`:
+
+    python3 stream_references.py --udp HOST:8610 --key gateway.key
 """
 
+import argparse
+import hmac
 import json
 import math
 import os
 import socket
-import sys
 import time
 
 RADIUS_M = 0.5
@@ -38,21 +40,63 @@ def reference(t, start, valid_ms):
     }
 
 
+class Local:
+    """The gateway's socket on this machine."""
+
+    def __init__(self, path):
+        self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.socket.connect(path)
+
+    def send(self, message):
+        self.socket.send(json.dumps(message).encode())
+
+
+class Remote:
+    """A gateway on the network: each datagram has a code of the key, the gateway's session, and a sequence number that grows."""
+
+    def __init__(self, address, key):
+        host, port = address.rsplit(":", 1)
+        self.key = key
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.connect((host, int(port)))
+        self.socket.settimeout(2.0)
+        self.session = "none"
+        # Refused, since the session is another; the reply tells the present one.
+        self.send({"version": 1})
+        code, text = self.socket.recv(4096).split(b" ", 1)
+        if not hmac.compare_digest(code, self.code(text)):
+            raise SystemExit("the reply is not from a holder of the key")
+        self.session = text.split(b" ", 1)[0].decode()
+
+    def code(self, text):
+        return hmac.new(self.key, text, "sha256").hexdigest().encode()
+
+    def send(self, message):
+        text = f"{self.session} {time.time_ns()}\n{json.dumps(message)}".encode()
+        self.socket.send(self.code(text) + b" " + text)
+
+
 def main():
-    arguments = sys.argv[1:]
-    default = f"/tmp/oqtal-{os.getuid()}/default/gateway.sock"
-    path = arguments[0] if arguments else default
-    rate_hz = float(arguments[1]) if len(arguments) > 1 else 60.0
-    seconds = float(arguments[2]) if len(arguments) > 2 else 20.0
-    gateway = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-    gateway.connect(path)
-    began = time.clock_gettime(time.CLOCK_BOOTTIME)
-    due = began
-    while due - began < seconds:
-        message = reference(due - began, (0.0, 0.0, 1.0), 2000 / rate_hz)
-        message["time_ns"] = int(due * 1e9)
-        gateway.send(json.dumps({"version": 1, "reference": message}).encode())
-        due += 1 / rate_hz
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--socket", default=f"/tmp/oqtal-{os.getuid()}/default/gateway.sock")
+    parser.add_argument("--udp", metavar="HOST:PORT")
+    parser.add_argument("--key", metavar="FILE")
+    parser.add_argument("--rate-hz", type=float, default=60.0)
+    parser.add_argument("--seconds", type=float, default=20.0)
+    given = parser.parse_args()
+    if given.udp:
+        with open(given.key) as file:
+            gateway = Remote(given.udp, bytes.fromhex(file.read().strip()))
+    else:
+        gateway = Local(given.socket)
+    begun = due = time.clock_gettime(time.CLOCK_BOOTTIME)
+    while due - begun < given.seconds:
+        message = reference(due - begun, (0.0, 0.0, 1.0), 2000 / given.rate_hz)
+        if not given.udp:
+            # The clock of this machine; without it the instant of reception counts.
+            message["time_ns"] = int(due * 1e9)
+        gateway.send({"version": 1, "reference": message})
+        due += 1 / given.rate_hz
         time.sleep(max(0.0, due - time.clock_gettime(time.CLOCK_BOOTTIME)))
 
 

@@ -1,10 +1,15 @@
-//! `oqtal gateway run`: references and requests of programs in any language, over a Unix datagram socket.
+//! `oqtal gateway run`: references and requests of programs in any language.
 //!
-//! The protocol is in docs/references.md. The socket is `gateway.sock` in the directory of the instance; its mode admits the owner
-//! of the instance and root only, and the kernel states the sender of each datagram.
+//! The protocol is in docs/references.md. Programs on this machine use `gateway.sock` in the directory of the instance; its mode
+//! admits the owner of the instance and root only, and the kernel states the sender of each datagram. Programs on the network need
+//! a key.
 
 mod protocol;
 mod socket;
+mod udp;
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
 
 use clap::{Args, Subcommand, ValueEnum};
 use oqtal_bus::bus::Bus;
@@ -19,7 +24,8 @@ use oqtal_runtime::program::say;
 
 use crate::ctl::{self, CtlRequest};
 use protocol::{Content, GatewayReply};
-use socket::{GatewaySocket, Sender};
+use socket::{GatewaySocket, Received, Sender, UnixGateway};
+use udp::{Key, UdpGateway};
 
 /// Name of the socket in the directory of the instance.
 const SOCKET: &str = "gateway.sock";
@@ -27,37 +33,50 @@ const SOCKET: &str = "gateway.sock";
 /// `oqtal gateway`.
 #[derive(Subcommand, Debug)]
 pub enum GatewayCommand {
-    /// Pass references and requests of programs on this machine to the daemon, until interrupted
+    /// Pass references and requests of programs to the daemon, until interrupted
     Run(GatewayArgs),
 }
 
 /// Arguments of `oqtal gateway run`.
 #[derive(Args, Debug)]
 pub struct GatewayArgs {
+    /// Serve this address of the network in place of the Unix socket; port 0 is any free one
+    #[arg(long, value_name = "ADDRESS:PORT", requires = "key")]
+    udp: Option<SocketAddr>,
+    /// File with the key of the programs on the network: 64 hexadecimal digits, readable by its owner only
+    #[arg(long, value_name = "FILE", requires = "udp")]
+    key: Option<PathBuf>,
     #[command(flatten)]
     common: CommonArgs,
 }
 
 impl GatewayCommand {
-    /// Serves the socket until it is interrupted.
+    /// Serves a socket until it is interrupted.
     ///
     /// # Errors
-    /// The instance belongs to another user (exit code 77), another gateway serves it (75), or the bus refuses.
+    /// The instance belongs to another user (exit code 77), another gateway serves it (75), the key is unsuitable (65, 77), or the
+    /// bus refuses.
     pub fn execute(&self) -> Result<Exit, Failure> {
-        let Self::Run(GatewayArgs { common }) = self;
+        let Self::Run(GatewayArgs { udp, key, common }) = self;
+        // Read with the caller's rights.
+        let key = key.as_deref().map(Key::read).transpose()?;
         let config = Config::load(&common.config, &common.settings()?)?;
         let stop = stop_on_signals()?;
         let paths = instance_paths(&config)?;
         paths.become_owner()?;
         let bus = Bus::open(&paths)?;
-        let path = paths.directory().join(SOCKET);
-        let socket = GatewaySocket::bind(&path)?;
-        say(&format!("oqtal: gateway at {}; Ctrl-C ends", path.display()));
+        let mut socket: Box<dyn GatewaySocket> = match udp.zip(key) {
+            Some((address, key)) => Box::new(UdpGateway::bind(address, key)?),
+            None => Box::new(UnixGateway::bind(&paths.directory().join(SOCKET))?),
+        };
+        say(&format!("oqtal: gateway at {}; Ctrl-C ends", socket.address()));
         let mut gateway = Gateway { bus, references: None };
         let mut datagram = vec![0; protocol::LONGEST_DATAGRAM];
         while !stop.is_set() {
-            let Some((length, sender)) = socket.receive(&mut datagram)? else { continue };
-            let reply = gateway.serve(&datagram[..length], &sender);
+            let Some(Received { content, sender }) = socket.receive(&mut datagram)? else {
+                continue;
+            };
+            let reply = gateway.serve(&datagram[content], &sender);
             if let Some(reply) = reply {
                 socket.reply(&sender, &reply.to_json());
             }

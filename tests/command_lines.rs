@@ -17,7 +17,7 @@ const PARSED: [(&str, &str); 19] = [
     ("oqtal mocap-emu serve", "runs until Ctrl-C: tests/receiver"),
     ("oqtal fly --controller external", "waits for a script: tests/external_law"),
     ("oqtal ctl", "needs a running instance: tests/faults, lab/tests/live.rs"),
-    ("oqtal gateway run", "runs until Ctrl-C"),
+    ("oqtal gateway run", "runs until Ctrl-C: tests/gateway"),
     ("oqtal record", "needs a running instance: tests/recordings"),
     ("oqtal monitor", "needs a running instance: tests/monitor"),
     ("oqtal doctor", "its exit code depends on the machine: tests/doctor"),

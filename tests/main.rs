@@ -24,6 +24,7 @@ mod faults;
 mod faults_injected;
 mod firmware;
 mod flights;
+mod gateway;
 mod identify;
 mod kills;
 mod latency;

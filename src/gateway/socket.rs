@@ -1,8 +1,10 @@
-//! The socket of the gateway, with the sender of each datagram as the kernel states it.
+//! Sockets of the gateway; the Unix datagram socket, with the sender of each datagram as the kernel states it.
 
 use std::fs::Permissions;
 use std::io::{ErrorKind, IoSliceMut};
 use std::mem::MaybeUninit;
+use std::net::SocketAddr;
+use std::ops::Range;
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::UnixDatagram;
 use std::path::{Path, PathBuf};
@@ -18,35 +20,80 @@ use rustix::net::{
 };
 
 /// Time after which a wait for a datagram ends, so that a stop is noticed.
-const TIMEOUT: Duration = Duration::from_millis(100);
+pub const TIMEOUT: Duration = Duration::from_millis(100);
+
+/// Source of datagrams.
+pub trait GatewaySocket {
+    /// The address for programs.
+    fn address(&self) -> String;
+
+    /// Waits for a datagram; `None` if none came for a while, or one that nobody may send.
+    ///
+    /// # Errors
+    /// The operating system refuses.
+    fn receive(&mut self, datagram: &mut [u8]) -> Result<Option<Received>, Failure>;
+
+    /// Sends `text` to `sender`; nothing if it has no address or does not receive.
+    fn reply(&self, sender: &Sender, text: &str);
+}
+
+/// A datagram received.
+#[derive(Debug)]
+pub struct Received {
+    /// Range of the JSON object in the datagram.
+    pub content: Range<usize>,
+    /// The sender.
+    pub sender: Sender,
+}
 
 /// Sender of a datagram.
 #[derive(Debug)]
 pub struct Sender {
-    address: Option<PathBuf>,
-    credentials: Option<UCred>,
+    /// Where it receives replies.
+    pub address: Option<Address>,
+    /// Process on this machine; 0 for one of the network.
+    pub process: u32,
+    /// Its user; the user of the gateway for the network.
+    pub user: u32,
+    /// Program or network address.
+    pub program: String,
+}
+
+/// Address of a sender.
+#[derive(Debug)]
+pub enum Address {
+    /// A socket of this machine.
+    Path(PathBuf),
+    /// One of the network, and the sequence number of the datagram.
+    Network(SocketAddr, u64),
 }
 
 impl Sender {
     /// `request` with the sender as its author.
     pub fn sign(&self, request: ControlRequestV1) -> ControlRequestV1 {
-        let Some(UCred { pid, uid, .. }) = self.credentials else { return request };
-        let pid = pid.as_raw_pid().unsigned_abs();
-        let name = std::fs::read_to_string(format!("/proc/{pid}/comm")).unwrap_or_default();
-        let process = Origin::new(Origin::own().host(), pid).bits();
-        let program = ShortText::new(&format!("gateway: {}", name.trim()));
-        ControlRequestV1 { process, user: uid.as_raw(), program, ..request }
+        let process = Origin::new(Origin::own().host(), self.process).bits();
+        let program = ShortText::new(&format!("gateway: {}", self.program));
+        ControlRequestV1 { process, user: self.user, program, ..request }
+    }
+
+    /// The sender whose process and user the kernel states.
+    fn local(address: Option<PathBuf>, credentials: Option<UCred>) -> Option<Self> {
+        let UCred { pid, uid, .. } = credentials?;
+        let process = pid.as_raw_pid().unsigned_abs();
+        let name = std::fs::read_to_string(format!("/proc/{process}/comm")).unwrap_or_default();
+        let address = address.map(Address::Path);
+        Some(Self { address, process, user: uid.as_raw(), program: name.trim().to_owned() })
     }
 }
 
 /// The socket, which is removed with this object.
 #[derive(Debug)]
-pub struct GatewaySocket {
+pub struct UnixGateway {
     socket: UnixDatagram,
     path: PathBuf,
 }
 
-impl GatewaySocket {
+impl UnixGateway {
     /// Opens the socket at `path`; one left by a killed gateway is removed.
     ///
     /// # Errors
@@ -72,12 +119,14 @@ impl GatewaySocket {
         sockopt::set_socket_passcred(&socket, true).map_err(|error| failed(error.into()))?;
         Ok(Self { socket, path: path.to_owned() })
     }
+}
 
-    /// Waits for a datagram; returns its length and sender, `None` if none came for a while.
-    ///
-    /// # Errors
-    /// The operating system refuses.
-    pub fn receive(&self, datagram: &mut [u8]) -> Result<Option<(usize, Sender)>, Failure> {
+impl GatewaySocket for UnixGateway {
+    fn address(&self) -> String {
+        self.path.display().to_string()
+    }
+
+    fn receive(&mut self, datagram: &mut [u8]) -> Result<Option<Received>, Failure> {
         let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmCredentials(1))];
         let mut control = RecvAncillaryBuffer::new(&mut space);
         let mut parts = [IoSliceMut::new(datagram)];
@@ -97,12 +146,12 @@ impl GatewaySocket {
         let address = received.address.and_then(|any| SocketAddrUnix::try_from(any).ok());
         let path = address.as_ref().and_then(SocketAddrUnix::path);
         let address = path.and_then(|path| path.to_str().ok().map(PathBuf::from));
-        Ok(Some((received.bytes, Sender { address, credentials })))
+        let sender = Sender::local(address, credentials);
+        Ok(sender.map(|sender| Received { content: 0..received.bytes, sender }))
     }
 
-    /// Sends `text` to `sender`; nothing if it has no address or does not receive.
-    pub fn reply(&self, sender: &Sender, text: &str) {
-        if let Some(address) = &sender.address {
+    fn reply(&self, sender: &Sender, text: &str) {
+        if let Some(Address::Path(address)) = &sender.address {
             let _ = self.socket.set_nonblocking(true);
             let _ = self.socket.send_to(text.as_bytes(), address);
             let _ = self.socket.set_nonblocking(false);
@@ -110,7 +159,7 @@ impl GatewaySocket {
     }
 }
 
-impl Drop for GatewaySocket {
+impl Drop for UnixGateway {
     fn drop(&mut self) {
         let _ = std::fs::remove_file(&self.path);
     }

@@ -1,0 +1,233 @@
+//! The network socket of the gateway: datagrams with a code (HMAC-SHA256, RFC 2104) that only holders of the key can make.
+//!
+//! ```text
+//! CODE SESSION SEQUENCE\n
+//! {"version": 1, ...}
+//! ```
+//!
+//! `CODE` is of all that follows its space, in hexadecimal digits. A datagram that was seen before is refused: each start of the
+//! gateway has a random `SESSION`, in which `SEQUENCE` must grow. A datagram without a valid code has no reply.
+
+use std::fmt::Write;
+use std::io::{ErrorKind, Read};
+use std::net::{SocketAddr, UdpSocket};
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+
+use hmac::{Hmac, KeyInit, Mac};
+use oqtal_runtime::process::{Exit, Failure};
+use rustix::process::getuid;
+use sha2::Sha256;
+
+use super::protocol::GatewayReply;
+use super::socket::{Address, GatewaySocket, Received, Sender, TIMEOUT};
+
+/// Length of key and code \[bytes\].
+const KEY_BYTES: usize = 32;
+/// Number of random bytes of a session.
+const SESSION_BYTES: usize = 16;
+
+/// A secret key.
+pub struct Key([u8; KEY_BYTES]);
+
+impl Key {
+    /// The key in `file`, as 64 hexadecimal digits.
+    ///
+    /// # Errors
+    /// The file cannot be read (exit code 71), holds no key (65), or is readable by others (77).
+    pub fn read(file: &Path) -> Result<Self, Failure> {
+        let name = file.display();
+        let make = format!("create one with: (umask 077; openssl rand -hex 32 > {name})");
+        let failed = |error: std::io::Error| {
+            Failure::new(Exit::System, format!("{name}: {error}; {make}"))
+        };
+        let mode = std::fs::metadata(file).map_err(failed)?.permissions().mode();
+        if mode & 0o077 != 0 {
+            let message = format!("{name}: other users may read the key; chmod 600 {name}");
+            return Err(Failure::new(Exit::Permission, message));
+        }
+        let text = std::fs::read_to_string(file).map_err(failed)?;
+        let key = from_hex(text.trim().as_bytes());
+        key.map(Self).ok_or_else(|| {
+            let message = format!("{name}: a key has 64 hexadecimal digits; {make}");
+            Failure::new(Exit::Data, message)
+        })
+    }
+
+    fn code(&self, text: &[u8]) -> Hmac<Sha256> {
+        let code = Hmac::<Sha256>::new_from_slice(&self.0).expect("HMAC takes keys of any length");
+        code.chain_update(text)
+    }
+
+    /// `text` with its code.
+    fn signed(&self, text: &str) -> String {
+        format!("{} {text}", to_hex(&self.code(text.as_bytes()).finalize().into_bytes()))
+    }
+
+    /// The part of `datagram` that its code confirms; `None` for a wrong code.
+    fn confirmed<'a>(&self, datagram: &'a [u8]) -> Option<&'a [u8]> {
+        let (code, text) = datagram.split_at_checked(2 * KEY_BYTES)?;
+        let text = text.strip_prefix(b" ")?;
+        // Takes the same time for every wrong code.
+        self.code(text).verify_slice(&from_hex::<KEY_BYTES>(code)?).ok()?;
+        Some(text)
+    }
+}
+
+/// The present session, in which each sequence number counts once.
+struct Session {
+    name: String,
+    last: u64,
+}
+
+impl Session {
+    /// Takes the first line of a datagram, `SESSION SEQUENCE`.
+    ///
+    /// # Errors
+    /// The datagram is of another session or was seen before.
+    fn admit(&mut self, line: &str) -> Result<u64, &'static str> {
+        let (session, sequence) = line.split_once(' ').ok_or("the first line is incomplete")?;
+        let sequence: u64 = sequence.parse().map_err(|_| "the sequence is not a number")?;
+        if session != self.name {
+            return Err("another session: use that of this reply");
+        }
+        if sequence <= self.last {
+            return Err("the sequence must be greater than the last one");
+        }
+        self.last = sequence;
+        Ok(sequence)
+    }
+}
+
+/// A socket on the network.
+pub struct UdpGateway {
+    socket: UdpSocket,
+    key: Key,
+    session: Session,
+}
+
+impl UdpGateway {
+    /// Opens the socket at `address`.
+    ///
+    /// # Errors
+    /// The operating system refuses (exit code 71).
+    pub fn bind(address: SocketAddr, key: Key) -> Result<Self, Failure> {
+        let failed =
+            |error: std::io::Error| Failure::new(Exit::System, format!("{address}: {error}"));
+        let socket = UdpSocket::bind(address).map_err(failed)?;
+        socket.set_read_timeout(Some(TIMEOUT)).map_err(failed)?;
+        let mut random = [0; SESSION_BYTES];
+        std::fs::File::open("/dev/urandom")
+            .and_then(|mut file| file.read_exact(&mut random))
+            .map_err(failed)?;
+        Ok(Self { socket, key, session: Session { name: to_hex(&random), last: 0 } })
+    }
+
+    fn send(&self, address: SocketAddr, sequence: u64, text: &str) {
+        let text = self.key.signed(&format!("{} {sequence}\n{text}", self.session.name));
+        let _ = self.socket.send_to(text.as_bytes(), address);
+    }
+}
+
+impl GatewaySocket for UdpGateway {
+    fn address(&self) -> String {
+        self.socket.local_addr().map_or_else(|error| error.to_string(), |it| format!("udp:{it}"))
+    }
+
+    fn receive(&mut self, datagram: &mut [u8]) -> Result<Option<Received>, Failure> {
+        let (length, address) = match self.socket.recv_from(datagram) {
+            Ok(received) => received,
+            Err(error)
+                if matches!(
+                    error.kind(),
+                    ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted
+                ) =>
+            {
+                return Ok(None);
+            }
+            Err(error) => return Err(Failure::new(Exit::System, format!("UDP: {error}"))),
+        };
+        let Some(text) = self.key.confirmed(&datagram[..length]) else { return Ok(None) };
+        let line_end = text.iter().position(|byte| *byte == b'\n').unwrap_or(text.len());
+        let line = String::from_utf8_lossy(&text[..line_end]);
+        match self.session.admit(&line) {
+            Ok(sequence) => {
+                let start = (length - text.len() + line_end + 1).min(length);
+                let sender = Sender {
+                    address: Some(Address::Network(address, sequence)),
+                    process: 0,
+                    user: getuid().as_raw(),
+                    program: address.to_string(),
+                };
+                Ok(Some(Received { content: start..length, sender }))
+            }
+            Err(reason) => {
+                self.send(address, 0, &GatewayReply::refused(reason.to_owned()).to_json());
+                Ok(None)
+            }
+        }
+    }
+
+    fn reply(&self, sender: &Sender, text: &str) {
+        if let Some(Address::Network(address, sequence)) = sender.address {
+            self.send(address, sequence, text);
+        }
+    }
+}
+
+fn to_hex(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::new(), |mut text, byte| {
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
+}
+
+/// `N` bytes from twice as many hexadecimal digits.
+fn from_hex<const N: usize>(digits: &[u8]) -> Option<[u8; N]> {
+    let mut bytes = [0; N];
+    if digits.len() != 2 * N {
+        return None;
+    }
+    for (byte, pair) in bytes.iter_mut().zip(digits.chunks_exact(2)) {
+        let digit = |at: usize| char::from(pair[at]).to_digit(16);
+        *byte = u8::try_from(16 * digit(0)? + digit(1)?).ok()?;
+    }
+    Some(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The second case of RFC 4231 has a key of another length; this code is from Python's `hmac`, with 32 bytes of 0x0b.
+    #[test]
+    fn codes_are_those_of_another_implementation() {
+        let signed = Key([0x0b; KEY_BYTES]).signed("Hi There");
+        let code = "198a607eb44bfbc69903a0f1cf2bbdc5ba0aa3f3d9ae3c1c7a3b1696a0b68cf7";
+        assert_eq!(signed, format!("{code} Hi There"));
+    }
+
+    #[test]
+    fn no_byte_of_a_datagram_can_be_changed() {
+        let key = Key([7; KEY_BYTES]);
+        let datagram = key.signed("session 5\n{}").into_bytes();
+        assert_eq!(key.confirmed(&datagram), Some(&b"session 5\n{}"[..]));
+        assert_eq!(Key([8; KEY_BYTES]).confirmed(&datagram), None);
+        for index in 0..datagram.len() {
+            let mut changed = datagram.clone();
+            changed[index] ^= 1;
+            assert_eq!(key.confirmed(&changed), None, "byte {index}");
+            assert_ne!(key.confirmed(&datagram[..index]), Some(&b"session 5\n{}"[..]));
+        }
+    }
+
+    #[test]
+    fn a_sequence_number_counts_once() {
+        let mut session = Session { name: "ab".to_owned(), last: 0 };
+        assert_eq!(session.admit("ab 5"), Ok(5));
+        for line in ["ab 5", "ab 4", "cd 6", "ab", "ab x", ""] {
+            assert!(session.admit(line).is_err(), "{line}");
+        }
+        assert_eq!(session.admit("ab 6"), Ok(6));
+    }
+}

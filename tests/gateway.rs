@@ -1,0 +1,74 @@
+//! `oqtal gateway run` as a process: references of a program move the vehicle, from this machine and over the network.
+
+use std::fs::{File, Permissions};
+use std::os::unix::fs::PermissionsExt;
+use std::process::Command;
+
+use oqtal_bus::code::Mode;
+use oqtal_bus::topic::TELEMETRY;
+use oqtal_bus::transport::{Subscribe, Transport};
+
+use crate::common::network::free_port;
+use crate::common::{Running, Testbed, json, skipped, stderr, wait_for};
+
+const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/stream_references.py");
+
+/// A gateway that serves.
+fn gateway(testbed: &Testbed, words: &[&str]) -> Running {
+    let told = testbed.path("gateway.txt");
+    let mut command = testbed.oqtal(&[&["gateway", "run"], words].concat());
+    let process = Running::start_with_stderr(&mut command, File::create(&told).unwrap().into());
+    wait_for("the gateway", || {
+        std::fs::read_to_string(&told).unwrap().contains("gateway at").then_some(())
+    });
+    process
+}
+
+/// The script flies half a circle, after which the vehicle rests and lands since the references end.
+fn flies_half_a_circle(testbed: &Testbed, gateway_words: &[&str], script_words: &[&str]) {
+    if Command::new("python3").arg("--version").output().is_err() {
+        skipped("there is no python3");
+        return;
+    }
+    let flight = testbed.start(&["fly", "--json", "--trajectory", "hover", "--duration", "600"]);
+    testbed.wait_for_daemon();
+    let mut telemetry = testbed.bus().observer(&TELEMETRY).unwrap();
+    let mut last = None;
+    let mut tick = move || {
+        last = telemetry.latest().unwrap().map(|(_, tick)| tick).or(last);
+        last
+    };
+    wait_for("the hover", || {
+        tick().is_some_and(|tick| tick.mode == Mode::Flying.code() && tick.position[2] > 0.9).then_some(())
+    });
+    let _gateway = gateway(testbed, gateway_words);
+    let mut command = Command::new("python3");
+    command.arg(SCRIPT).args(script_words).args(["--seconds", "5"]);
+    let script = Running::start(&mut command);
+    wait_for("the far side of the circle", || tick()?.position[0].lt(&-0.8).then_some(()));
+    let output = script.wait();
+    assert!(output.status.success(), "{}", stderr(&output));
+    let summary = json(&flight.wait());
+    assert_eq!(summary["outcome"], "landed", "{summary:#}");
+}
+
+#[test]
+fn a_program_on_this_machine_flies_the_vehicle() {
+    let testbed = Testbed::new("gateway-local");
+    let socket = testbed.paths().directory().join("gateway.sock").display().to_string();
+    flies_half_a_circle(&testbed, &[], &["--socket", &socket]);
+}
+
+#[test]
+fn a_program_on_the_network_flies_the_vehicle_with_the_key() {
+    let testbed = Testbed::new("gateway-udp");
+    let key = testbed.write("gateway.key", &format!("{}\n", "0123456789abcdef".repeat(4)));
+    let name = key.display().to_string();
+    let address = format!("127.0.0.1:{}", free_port());
+    let words = ["gateway", "run", "--udp", &address, "--key", &name];
+    std::fs::set_permissions(&key, Permissions::from_mode(0o644)).unwrap();
+    testbed.refuses(&words, 77, &["other users", "chmod 600"]);
+    testbed.refuses(&words[..4], 64, &["--key"]);
+    std::fs::set_permissions(&key, Permissions::from_mode(0o600)).unwrap();
+    flies_half_a_circle(&testbed, &words[2..], &["--udp", &address, "--key", &name]);
+}
