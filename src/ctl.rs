@@ -8,7 +8,7 @@ mod request;
 mod status;
 mod stop;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::error::BusError;
@@ -188,51 +188,32 @@ pub fn require_daemon(bus: &Bus, instance: &str, otherwise: &str) -> Result<(), 
     Err(Failure::new(exit, format!("{message}, or {otherwise}")))
 }
 
-/// Executes a command like `oqtal ctl`, on the calling thread, and returns the answer as text. `expected`: hash of the
-/// configuration that the daemon must run with.
+/// Executes a request like `oqtal ctl`, on the calling thread, made by the author with whom `sign` signs it; returns the answer as
+/// text. `expected`: hash of the configuration that the daemon must run with.
 ///
 /// # Errors
-/// No daemon answers, or it refuses; or the motors are not known to be off after a stop.
+/// No daemon answers, or it refuses; the motors are not known to be off after a stop; the arguments are not those of the command.
 pub fn execute(
     paths: &InstancePaths,
-    (command, expected): (OperatorCommand, Option<u64>),
+    (command, arguments): (CtlRequest, &[String]),
+    expected: Option<u64>,
+    sign: impl FnOnce(ControlRequestV1) -> ControlRequestV1,
 ) -> Result<String, Failure> {
+    let body = sign(change::request_of(command, arguments)?.by("oqtal"));
     let response = match command {
-        OperatorCommand::Stop => {
+        CtlRequest::Stop => {
             let stop = stop::raise(&here(paths))?;
             return match stop.motors_off {
                 true => Ok(stop.to_string()),
                 false => Err(Failure::new(Exit::Flight, stop.to_string())),
             };
         }
-        OperatorCommand::Land => land::land(&here(paths))?,
-        _ => request(&running_bus(paths)?, command, expected)?
+        CtlRequest::Land => land::land(&here(paths))?,
+        _ => request::send_signed(&running_bus(paths)?, body, expected)?
             .ok_or_else(|| silent(&paths.instance))?,
     };
-    let report = ControlReport::new(command, &response, InstanceStatus::default());
+    let report = ControlReport::new(command.command(), &response, InstanceStatus::default());
     report.check(&response, expected)?;
-    Ok(report.to_text(&[]))
-}
-
-/// Executes a request with arguments as `oqtal ctl` does, made by the author with whom `sign` signs it, and returns the answer as
-/// text.
-///
-/// # Errors
-/// As [`execute`]; or the arguments are not those of the command.
-pub fn execute_for(
-    paths: &InstancePaths,
-    (command, arguments): (CtlRequest, &[String]),
-    sign: impl FnOnce(ControlRequestV1) -> ControlRequestV1,
-) -> Result<String, Failure> {
-    let body = sign(change::request_of(command, arguments)?);
-    let operator = command.command();
-    if command.ends_flight() {
-        return execute(paths, (operator, None));
-    }
-    let response = request::send_signed(&Bus::open(paths)?, body, None)?;
-    let response = response.ok_or_else(|| silent(&paths.instance))?;
-    let report = ControlReport::new(operator, &response, InstanceStatus::default());
-    report.check(&response, None)?;
     Ok(report.to_text(&[]))
 }
 
@@ -242,14 +223,19 @@ pub fn end_flight(paths: &InstancePaths, command: OperatorCommand) -> bool {
         let stopped = stop::raise(&here(paths));
         return stopped.is_ok_and(|stop| stop.vehicle_obeys || stop.daemon_obeys);
     }
-    execute(paths, (command, None)).is_ok()
+    execute(paths, (CtlRequest::Land, &[]), None, |request| request).is_ok()
 }
 
-/// Stops the vehicle of the instance at `paths`; returns the first line of the result.
-pub fn stop_text(paths: &InstancePaths) -> String {
-    let stopped = execute(paths, (OperatorCommand::Stop, None));
-    let text = stopped.unwrap_or_else(|failure| failure.message);
-    text.lines().next().unwrap_or_default().to_owned()
+/// Executes `line`, written as after `oqtal ctl`; returns the answer as one line.
+pub fn execute_line(paths: &InstancePaths, line: &str) -> String {
+    let mut words = line.split_whitespace().map(str::to_owned);
+    let command = words.next().unwrap_or_default();
+    let known = CtlRequest::from_str(&command, false);
+    let result = known
+        .map_err(|_| Failure::new(Exit::Usage, format!("`{command}` is not a request")))
+        .and_then(|known| execute(paths, (known, &Vec::from_iter(words)), None, |request| request));
+    let text = result.unwrap_or_else(|failure| failure.message);
+    text.lines().map(str::trim).collect::<Vec<_>>().join("; ")
 }
 
 /// AddressedInstance of the instance that the calling process observes.

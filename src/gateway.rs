@@ -129,6 +129,7 @@ impl Gateway {
     ) -> Result<String, Failure> {
         let known = CtlRequest::from_str(command, false);
         let command = known.map_err(|reason| Failure::new(Exit::Usage, reason))?;
-        ctl::execute_for(self.bus.paths(), (command, arguments), |request| sender.sign(request))
+        let sign = |request| sender.sign(request);
+        ctl::execute(self.bus.paths(), (command, arguments), None, sign)
     }
 }

@@ -15,12 +15,16 @@ use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths, stop_on_
 use oqtal_runtime::stop::StopFlag;
 
 use crate::draw::draw;
+use crate::keys::Key;
 use crate::look::ScreenLook;
 use crate::model::MonitorModel;
-use crate::terminal::{Key, OpenTerminal};
+use crate::terminal::OpenTerminal;
 
 /// Refresh period of the picture.
 const PICTURE_PERIOD: Duration = Duration::from_millis(100);
+
+/// Executes a request to the instance at these paths and returns the answer as one line.
+pub type Request = fn(&InstancePaths, &str) -> String;
 
 /// Arguments of `oqtal monitor`.
 #[derive(Args, Debug)]
@@ -33,11 +37,12 @@ pub struct MonitorArgs {
 }
 
 impl MonitorArgs {
-    /// Shows the instance until q, Ctrl-C or SIGTERM. `stop` stops the vehicle and returns the result as text.
+    /// Shows the instance until q, Ctrl-C or SIGTERM. `request` executes a request as after `oqtal ctl`, and returns the answer as
+    /// one line.
     ///
     /// # Errors
     /// The output is not a terminal (exit code 64), no process runs on the instance (75), or the terminal or the bus failed.
-    pub fn execute(&self, stop: fn(&InstancePaths) -> String) -> Result<Exit, Failure> {
+    pub fn execute(&self, request: Request) -> Result<Exit, Failure> {
         require_terminal()?;
         let config = Config::load(&self.common.config, &self.common.settings()?)?;
         let paths = instance_paths(&config)?;
@@ -46,8 +51,8 @@ impl MonitorArgs {
         let bus = Bus::open(&paths)?.for_observer();
         let observer = BusObserver::open(&bus, &InstanceModel::topics())?;
         let model = MonitorModel::new(&config.instance.name, Time::now());
-        let stop = (stop, paths);
-        let mut watch = Watch { observer, model, look: self.look(), end, stop };
+        let request = (request, paths);
+        let mut watch = Watch { observer, model, look: self.look(), end, request };
         watch.find()?;
         watch.run()?;
         Ok(Exit::Ok)
@@ -78,8 +83,8 @@ struct Watch {
     model: MonitorModel,
     look: ScreenLook,
     end: StopFlag,
-    /// Stops the vehicle of the instance at these paths.
-    stop: (fn(&InstancePaths) -> String, InstancePaths),
+    /// Executor of requests, and the paths of the instance.
+    request: (Request, InstancePaths),
 }
 
 impl Watch {
@@ -112,20 +117,24 @@ impl Watch {
             self.poll()?;
             let picture = draw(&self.model, self.look, terminal.size().map_err(failed)?);
             terminal.show(picture, self.look).map_err(failed)?;
-            match terminal.key(PICTURE_PERIOD).map_err(failed)? {
+            let Some(bytes) = terminal.keys(PICTURE_PERIOD).map_err(failed)? else { continue };
+            match self.model.keyboard.take(&bytes) {
                 Some(Key::Quit) => break,
                 Some(Key::Restart) => {
                     self.model.instance.restart_figures();
-                    self.model.stop = None;
+                    self.model.answer = None;
                 }
-                Some(Key::Stop) => {
-                    let (stop, paths) = &self.stop;
-                    self.model.stop = Some(stop(paths));
-                }
+                Some(Key::Stop) => self.request("stop"),
+                Some(Key::Request(line)) => self.request(&line),
                 None => {}
             }
         }
         Ok(())
+    }
+
+    fn request(&mut self, line: &str) {
+        let (request, paths) = &self.request;
+        self.model.answer = Some(request(paths, line));
     }
 
     fn poll(&mut self) -> Result<(), Failure> {

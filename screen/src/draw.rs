@@ -47,10 +47,11 @@ impl Canvas {
 
     fn title(&mut self, model: &MonitorModel, area: Rect) {
         let age = model.instance.age().seconds();
-        let (text, weight) = match &model.stop {
-            Some(result) => (format!("{}: {result}", model.name), Weight::Alarm),
-            None => {
-                let name = &model.name;
+        let name = &model.name;
+        let (text, weight) = match (&model.keyboard.line, &model.answer) {
+            (Some(line), _) => (format!("{name}: {line}_"), Weight::Plain),
+            (None, Some(answer)) => (format!("{name}: {answer}"), Weight::Alarm),
+            (None, None) => {
                 (format!("oqtal monitor: {name}, observed for {age:.0} s"), Weight::Label)
             }
         };
@@ -132,7 +133,7 @@ impl Canvas {
         let text = if left_out.is_empty() {
             let per_column = STEP.seconds();
             format!(
-                "q quits, r restarts the figures, S stops the motors; charts: {per_column} s a column"
+                "q quits, r restarts the figures, S stops, : request; charts: {per_column} s a column"
             )
         } else {
             let (width, height) = COMPLETE;

@@ -12,12 +12,14 @@
 //! | `look.rs` | colours and symbols, or words and letters alone |
 //! | `picture.rs` | cells of a terminal |
 //! | `draw.rs` | the picture of the model |
+//! | `keys.rs` | meaning of keys, and the line of a request |
 //! | `terminal.rs` | the terminal, and its restoration |
 //! | `command.rs` | the command and its loop |
 #![forbid(unsafe_code)]
 
 mod command;
 mod draw;
+mod keys;
 mod layout;
 mod lines;
 mod look;

@@ -7,6 +7,7 @@ use oqtal_observe::latency::{OnwardTime, hops, sensor_to_actuator};
 use oqtal_observe::sink::{Reception, Sink};
 use oqtal_runtime::health::SILENCE;
 
+use crate::keys::Keyboard;
 use crate::trend::Trend;
 
 /// Quantities that are shown over time.
@@ -29,15 +30,19 @@ pub struct MonitorModel {
     pub instance: InstanceModel,
     /// Quantities over time.
     pub trends: Trends,
-    /// Result of the last stop by key.
-    pub stop: Option<String>,
+    /// Keys, with the request being typed.
+    pub keyboard: Keyboard,
+    /// Answer to the last request.
+    pub answer: Option<String>,
 }
 
 impl MonitorModel {
     /// An empty model of the instance `name` at `now`.
     pub fn new(name: &str, now: Time) -> Self {
         let instance = InstanceModel::new(now, SILENCE);
-        Self { name: name.to_owned(), instance, trends: Trends::default(), stop: None }
+        let name = name.to_owned();
+        let (trends, keyboard) = (Trends::default(), Keyboard::default());
+        Self { name, instance, trends, keyboard, answer: None }
     }
 
     /// Starts a new instant; to be called before the samples received at it.

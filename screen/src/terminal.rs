@@ -18,17 +18,6 @@ const ENTER: &[u8] = b"\x1b[?1049h\x1b[?25l";
 const LEAVE: &[u8] = b"\x1b[?1049l\x1b[?25h";
 const CLEAR: &str = "\x1b[0m\x1b[2J";
 
-/// Operator request by a key.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Key {
-    /// End.
-    Quit,
-    /// Reset latencies and counters.
-    Restart,
-    /// Stop the motors.
-    Stop,
-}
-
 /// Terminal in use. Its previous state is restored on drop.
 #[derive(Debug)]
 pub struct OpenTerminal {
@@ -94,11 +83,11 @@ impl OpenTerminal {
         output.flush()
     }
 
-    /// Waits at most `timeout` for a key; `None` if none was pressed. A closed terminal counts as the key that quits.
+    /// Waits at most `timeout` for keys; returns their bytes, none of a closed terminal, `None` if no key was pressed.
     ///
     /// # Errors
     /// The terminal fails.
-    pub fn key(&mut self, timeout: Duration) -> io::Result<Option<Key>> {
+    pub fn keys(&mut self, timeout: Duration) -> io::Result<Option<Vec<u8>>> {
         let output = stdout();
         let mut ends =
             [PollFd::new(&self.keys, PollFlags::IN), PollFd::new(&output, PollFlags::empty())];
@@ -110,14 +99,14 @@ impl OpenTerminal {
         };
         let gone = PollFlags::HUP | PollFlags::ERR | PollFlags::NVAL;
         if ends.iter().any(|end| end.revents().intersects(gone)) {
-            return Ok(Some(Key::Quit));
+            return Ok(Some(Vec::new()));
         }
         if !ends[0].revents().contains(PollFlags::IN) {
             return Ok(None);
         }
         let mut bytes = [0; 64];
         let length = self.keys.read(&mut bytes)?;
-        Ok(meaning(&bytes[..length]))
+        Ok(Some(bytes[..length].to_vec()))
     }
 }
 
@@ -129,24 +118,6 @@ fn sequences(row: &[Cell], look: ScreenLook) -> String {
         text.extend(cells.iter().map(|(character, _)| character));
     }
     text
-}
-
-/// Request for the bytes of one or more keys; no bytes mean the end of the input.
-fn meaning(bytes: &[u8]) -> Option<Key> {
-    const CTRL_C: u8 = 3;
-    const CTRL_D: u8 = 4;
-    const ESCAPE: u8 = 0x1b;
-    match bytes {
-        [] | [ESCAPE] => Some(Key::Quit),
-        // A key that sends several bytes, such as an arrow key.
-        [ESCAPE, ..] => None,
-        keys if keys.iter().any(|key| matches!(key, b'q' | b'Q' | &CTRL_C | &CTRL_D)) => {
-            Some(Key::Quit)
-        }
-        // With the shift key: not pressed by accident.
-        keys if keys.contains(&b'S') => Some(Key::Stop),
-        keys => keys.contains(&b'r').then_some(Key::Restart),
-    }
 }
 
 impl SavedTerminal {
@@ -176,20 +147,6 @@ fn restore_on_panic(saved: SavedTerminal) {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn keys_that_end_and_keys_that_do_not() {
-        for end in [&b"q"[..], b"Q", b"\x03", b"\x04", b"\x1b", b""] {
-            assert_eq!(meaning(end), Some(Key::Quit), "{end:?}");
-        }
-        assert_eq!(meaning(b"c"), None);
-        assert_eq!(meaning(b"\x1b[A"), None, "an arrow");
-        assert_eq!(meaning(b"r"), Some(Key::Restart));
-        assert_eq!(
-            (meaning(b"S"), meaning(b"s"), meaning(b"rS")),
-            (Some(Key::Stop), None, Some(Key::Stop))
-        );
-    }
 
     #[test]
     fn a_row_changes_its_look_where_the_weight_changes() {

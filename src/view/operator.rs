@@ -2,11 +2,11 @@
 
 use std::sync::{Mutex, TryLockError};
 
-use oqtal_bus::code::OperatorCommand;
+use clap::ValueEnum;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_view::site::{Operator, OperatorReply};
 
-use crate::ctl;
+use crate::ctl::{self, CtlRequest};
 
 /// Sends commands to the daemon of an instance, one at a time; a stop does not wait for other commands.
 #[derive(Debug)]
@@ -25,18 +25,20 @@ impl BusOperator {
 }
 
 impl Operator for BusOperator {
-    fn execute(&self, command: OperatorCommand) -> OperatorReply {
-        let busy = match command {
-            OperatorCommand::Stop => None,
-            _ => Some(self.busy.try_lock()),
+    fn execute(&self, command: &str, arguments: &[String]) -> OperatorReply {
+        let refused = |text: String| OperatorReply { is_accepted: false, text };
+        let Ok(command) = CtlRequest::from_str(command, false) else {
+            return refused(format!("`{command}` is not a request"));
         };
+        let busy = (!matches!(command, CtlRequest::Stop)).then(|| self.busy.try_lock());
         if let Some(Err(TryLockError::WouldBlock)) = busy {
-            let text = "another command is being answered".to_owned();
-            return OperatorReply { is_accepted: false, text };
+            return refused("another command is being answered".to_owned());
         }
-        match ctl::execute(&self.paths, (command, self.expected)) {
+        // A change in flight makes another configuration, which may not keep the next one from the daemon.
+        let expected = self.expected.filter(|_| matches!(command, CtlRequest::Arm));
+        match ctl::execute(&self.paths, (command, arguments), expected, |request| request) {
             Ok(text) => OperatorReply { is_accepted: true, text },
-            Err(failure) => OperatorReply { is_accepted: false, text: failure.message },
+            Err(failure) => refused(failure.message),
         }
     }
 }

@@ -73,11 +73,23 @@ async function control(page, context) {
 	}
 	await page.waitForFunction(() => parseFloat(document.getElementById('z')?.textContent) > 0.3, null, TIMEOUT);
 	const armed = await text(page, 'answer');
+	await until(page, 'mode', 'trajectory');
+	await page.fill('#goto-x', '0.4');
+	await page.click('#goto button:not([type])');
+	await until(page, 'answer', 'goto: done');
+	await page.waitForFunction(() => parseFloat(document.getElementById('x')?.textContent) > 0.3, null, TIMEOUT);
+	// The first gain of the law that flies, to the middle of its slider.
+	await page.$eval('#gains input', (slider) => {
+		slider.value = 500;
+		slider.dispatchEvent(new Event('change'));
+	});
+	await until(page, 'answer', 'set');
+	const tuned = await text(page, 'answer');
 	await page.click('#land');
 	await until(page, 'answer', 'landing');
 	const landing = await text(page, 'answer');
 	await until(page, 'mode', 'disarmed');
-	return { refused, armed, landing, pixels: await page.evaluate(drawn) };
+	return { refused, armed, tuned, landing, pixels: await page.evaluate(drawn) };
 }
 
 async function recorded(page) {

@@ -1,12 +1,15 @@
-// Commands of an operator: the token first, then arm (twice, to be sure), land, stop.
+// Commands of an operator: the token first, then arm (twice, to be sure), land, stop, go to a point, and change law and gains.
 
 import { Refused, command, hasToken, setToken } from "./feed.js";
+import { Tuning } from "./tuning.js";
 
 const SURE_MS = 4000;
 
 const element = (id) => document.getElementById(id);
 
-export function offerControl() {
+let tuning;
+
+export function offerControl(scene) {
   element("control").hidden = false;
   element("unlock").addEventListener("submit", (event) => {
     event.preventDefault();
@@ -23,6 +26,12 @@ export function offerControl() {
     else send("arm");
   });
   element("land").addEventListener("click", () => send("land"));
+  element("hover").addEventListener("click", () => send("hover"));
+  element("goto").addEventListener("submit", (event) => {
+    event.preventDefault();
+    send("goto", ["goto-x", "goto-y", "goto-z"].map((id) => element(id).value));
+  });
+  tuning = new Tuning(scene.gains, send);
   element("stop").addEventListener("click", () => send("stop"));
   if (hasToken()) unlock();
 }
@@ -37,15 +46,17 @@ async function unlock() {
   if (!(await send("status"))) return;
   element("unlock").hidden = true;
   element("commands").hidden = false;
+  element("tuning").hidden = false;
+  tuning.refresh();
 }
 
 // Sends a command and shows the answer; returns whether the token is right.
-async function send(name) {
+async function send(name, args = []) {
   const answer = element("answer");
   answer.className = "answer muted";
   answer.textContent = `${name} …`;
   try {
-    answer.textContent = await command(name);
+    answer.textContent = await command(name, args);
     return true;
   } catch (error) {
     answer.className = "answer bad";
@@ -53,6 +64,7 @@ async function send(name) {
     if (error.status === 401) {
       element("unlock").hidden = false;
       element("commands").hidden = true;
+      element("tuning").hidden = true;
     }
     return error instanceof Refused && error.status !== 401;
   }

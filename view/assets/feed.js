@@ -31,8 +31,8 @@ export async function load(path) {
   return (await request(path)).json();
 }
 
-export async function command(name) {
-  const body = JSON.stringify({ command: name });
+export async function command(name, args = []) {
+  const body = JSON.stringify({ command: name, arguments: args.map(String) });
   return (await (await request("control", { method: "POST", body })).text()).trim();
 }
 

@@ -133,7 +133,7 @@ async function main() {
   const room = new Room(element("room"), scene, store);
   const charts = new Charts(element("charts"), scene, store, seek);
   buttons(room);
-  if (scene.has_control) offerControl();
+  if (scene.has_control) offerControl(scene);
   const time = scene.is_live ? live(store, panel) : await recorded(store, player);
   const frame = () => {
     const t = time();

@@ -27,6 +27,7 @@ const FILES: &[(&str, &str, &str)] = &files! {
     "panel.js": SCRIPT,
     "player.js": SCRIPT,
     "control.js": SCRIPT,
+    "tuning.js": SCRIPT,
 };
 
 /// The file at `path`.

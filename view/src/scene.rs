@@ -2,6 +2,7 @@
 
 use oqtal_bus::code::{Cause, Mode, SafetyState};
 use oqtal_config::{Config, FenceOptions, Interface};
+use oqtal_control::controller::ControllerName;
 use oqtal_control::trajectory::{Phase, TrajectoryKind};
 use oqtal_observe::latency::HOPS;
 use serde::Serialize;
@@ -34,6 +35,18 @@ pub struct SceneDescription {
     /// Words by code; empty for unused codes.
     causes: Vec<String>,
     phases: Vec<String>,
+    /// Gains that an operator can change in flight.
+    gains: Vec<Gain>,
+}
+
+/// A gain of a law.
+#[derive(Clone, Debug, Serialize)]
+struct Gain {
+    law: &'static str,
+    /// Key in the configuration.
+    key: String,
+    low: f64,
+    high: f64,
 }
 
 /// The fence.
@@ -62,7 +75,8 @@ impl SceneDescription {
     /// The description of a running instance.
     pub fn of_instance(config: &Config, has_control: bool) -> Self {
         let title = config.instance.name.clone();
-        Self { is_live: true, has_control, ..Self::new(config, title) }
+        let gains = if has_control { gains() } else { Vec::new() };
+        Self { is_live: true, has_control, gains, ..Self::new(config, title) }
     }
 
     /// The description of the recording named `title`.
@@ -96,8 +110,20 @@ impl SceneDescription {
             states: codes(SafetyState::from_code),
             causes: codes(Cause::from_code),
             phases: codes(Phase::from_number),
+            gains: Vec::new(),
         }
     }
+}
+
+/// The tuned gains of every law, with their tuning ranges.
+fn gains() -> Vec<Gain> {
+    let of_law = |law: ControllerName| {
+        law.tuned_gains().iter().map(move |range| {
+            let key = format!("control.{}.{}", law.name(), range.key);
+            Gain { law: law.name(), key, low: range.low, high: range.high }
+        })
+    };
+    ControllerName::ALL.into_iter().flat_map(of_law).collect()
 }
 
 impl FenceBorder {

@@ -3,7 +3,6 @@
 use std::fmt;
 use std::sync::Arc;
 
-use oqtal_bus::code::OperatorCommand;
 use serde::Deserialize;
 
 use crate::access::Access;
@@ -15,10 +14,27 @@ use crate::scene::SceneDescription;
 
 const JSON: &str = "application/json";
 
+/// Commands of `oqtal ctl` that a page can send. `reload` is not one: it reads a file of this machine.
+const COMMANDS: [&str; 13] = [
+    "status",
+    "arm",
+    "disarm",
+    "resume",
+    "land",
+    "goto",
+    "fly",
+    "hover",
+    "set",
+    "get",
+    "undo",
+    "controller",
+    "stop",
+];
+
 /// Executes commands of operators.
 pub trait Operator: fmt::Debug + Send + Sync {
-    /// Executes a command and returns the reply.
-    fn execute(&self, command: OperatorCommand) -> OperatorReply;
+    /// Executes a command of `oqtal ctl` with its arguments, and returns the reply.
+    fn execute(&self, command: &str, arguments: &[String]) -> OperatorReply;
 }
 
 /// Reply to a command.
@@ -61,6 +77,8 @@ pub enum Reply<'a> {
 #[serde(deny_unknown_fields)]
 struct CommandBody {
     command: String,
+    #[serde(default)]
+    arguments: Vec<String>,
 }
 
 impl Site {
@@ -116,26 +134,21 @@ impl Site {
         let Subject::Live(_, Some(operator)) = &self.subject else {
             return Err(Response::error(403, "a recording accepts no commands"));
         };
-        let command = command(&request.body)?;
-        let OperatorReply { is_accepted, text } = operator.execute(command);
+        let CommandBody { command, arguments } = command(&request.body)?;
+        let OperatorReply { is_accepted, text } = operator.execute(&command, &arguments);
         let status = if is_accepted { 200 } else { 409 };
         Ok(Response { status, ..Response::error(status, &text) })
     }
 }
 
 /// The command of a body.
-fn command(body: &[u8]) -> Result<OperatorCommand, Response> {
-    use OperatorCommand::{Arm, Land, Status, Stop};
-    let known = [Arm, Land, Stop, Status];
+fn command(body: &[u8]) -> Result<CommandBody, Response> {
     let parsed: Option<CommandBody> = serde_json::from_slice(body).ok();
-    let found = known.into_iter().find(|known| {
-        parsed.as_ref().is_some_and(|CommandBody { command }| *command == known.to_string())
-    });
-    found.ok_or_else(|| {
-        Response::error(
-            400,
-            "a command is {\"command\": \"arm\"}, \"land\", \"stop\" or \"status\"",
-        )
+    let known = parsed.filter(|body| COMMANDS.contains(&&*body.command));
+    known.ok_or_else(|| {
+        let example = r#"{"command": "goto", "arguments": ["0", "0", "1"]}"#;
+        let names = COMMANDS.join(", ");
+        Response::error(400, &format!("a command has the form {example}; commands: {names}"))
     })
 }
 
@@ -148,9 +161,9 @@ mod tests {
     struct Echo;
 
     impl Operator for Echo {
-        fn execute(&self, command: OperatorCommand) -> OperatorReply {
-            let is_accepted = command != OperatorCommand::Land;
-            OperatorReply { is_accepted, text: command.to_string() }
+        fn execute(&self, command: &str, arguments: &[String]) -> OperatorReply {
+            let text = format!("{command} {}", arguments.join(" "));
+            OperatorReply { is_accepted: command != "land", text }
         }
     }
 
@@ -200,7 +213,8 @@ mod tests {
         let with = site(true);
         assert_eq!(post(&with, r#"{"command": "arm"}"#), 200);
         assert_eq!(post(&with, r#"{"command": "land"}"#), 409);
-        for wrong in ["", "arm", r#"{"command": "fly"}"#, r#"{"command": "arm", "x": 1}"#] {
+        assert_eq!(post(&with, r#"{"command": "goto", "arguments": ["0", "0", "1"]}"#), 200);
+        for wrong in ["", "arm", r#"{"command": "reload"}"#, r#"{"command": "arm", "x": 1}"#] {
             assert_eq!(post(&with, wrong), 400, "{wrong}");
         }
         assert_eq!(post(&site(false), r#"{"command": "arm"}"#), 403);

@@ -6,7 +6,6 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use oqtal_bus::code::OperatorCommand;
 use oqtal_config::Config;
 use oqtal_view::access::Access;
 use oqtal_view::collect::{Collected, EventMood, ViewedEvent};
@@ -23,8 +22,8 @@ const TOKEN: &str = "Authorization: Bearer secret\r\n";
 struct Echo;
 
 impl Operator for Echo {
-    fn execute(&self, command: OperatorCommand) -> OperatorReply {
-        OperatorReply { is_accepted: true, text: command.to_string() }
+    fn execute(&self, command: &str, _: &[String]) -> OperatorReply {
+        OperatorReply { is_accepted: true, text: command.to_owned() }
     }
 }
 

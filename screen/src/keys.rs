@@ -1,0 +1,109 @@
+//! Meaning of keys: single keys, and a line in which a request is typed.
+
+/// Longest request line \[characters\].
+const LONGEST: usize = 200;
+
+const CTRL_C: u8 = 3;
+const CTRL_D: u8 = 4;
+const BACKSPACE: u8 = 8;
+const DELETE: u8 = 127;
+const ESCAPE: u8 = 0x1b;
+
+/// Operator request by keys.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Key {
+    /// End.
+    Quit,
+    /// Reset latencies and counters.
+    Restart,
+    /// Stop the motors.
+    Stop,
+    /// Send a request, as after `oqtal ctl`.
+    Request(String),
+}
+
+/// Interpreter of keys.
+#[derive(Debug, Default)]
+pub struct Keyboard {
+    /// The request being typed.
+    pub line: Option<String>,
+}
+
+impl Keyboard {
+    /// Takes the bytes of one or more keys; no bytes mean the end of the input. The keys that quit and stop do so in a request
+    /// too, in which they have no other use.
+    pub fn take(&mut self, bytes: &[u8]) -> Option<Key> {
+        if bytes.is_empty() || bytes.iter().any(|key| matches!(*key, CTRL_C | CTRL_D)) {
+            return Some(Key::Quit);
+        }
+        // With the shift key: not pressed by accident.
+        if bytes[0] != ESCAPE && bytes.contains(&b'S') {
+            self.line = None;
+            return Some(Key::Stop);
+        }
+        match (self.line.is_some(), bytes) {
+            (true, [ESCAPE]) => self.line = None,
+            (false, [ESCAPE]) => return Some(Key::Quit),
+            // A key that sends several bytes, such as an arrow key.
+            (_, [ESCAPE, ..]) => {}
+            (_, keys) => return keys.iter().find_map(|key| self.press(*key)),
+        }
+        None
+    }
+
+    fn press(&mut self, key: u8) -> Option<Key> {
+        let Some(line) = &mut self.line else {
+            match key {
+                b'q' | b'Q' => return Some(Key::Quit),
+                b'r' => return Some(Key::Restart),
+                b':' => self.line = Some(String::new()),
+                _ => {}
+            }
+            return None;
+        };
+        match key {
+            b'\r' | b'\n' => {
+                return self.line.take().filter(|line| !line.trim().is_empty()).map(Key::Request);
+            }
+            BACKSPACE | DELETE => drop(line.pop()),
+            b' '..=b'~' if line.len() < LONGEST => line.push(char::from(key)),
+            _ => {}
+        }
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_that_end_and_keys_that_do_not() {
+        let meaning = |bytes: &[u8]| Keyboard::default().take(bytes);
+        for end in [&b"q"[..], b"Q", b"\x03", b"\x04", b"\x1b", b""] {
+            assert_eq!(meaning(end), Some(Key::Quit), "{end:?}");
+        }
+        assert_eq!(meaning(b"c"), None);
+        assert_eq!(meaning(b"\x1b[A"), None, "an arrow");
+        assert_eq!(meaning(b"r"), Some(Key::Restart));
+        assert_eq!(
+            (meaning(b"S"), meaning(b"s"), meaning(b"rS")),
+            (Some(Key::Stop), None, Some(Key::Stop))
+        );
+    }
+
+    #[test]
+    fn a_request_is_typed_corrected_and_sent() {
+        let mut keyboard = Keyboard::default();
+        assert_eq!(keyboard.take(b":gotq\x7fo 1 -2"), None);
+        assert_eq!(keyboard.take(b"\x1b[A"), None);
+        assert_eq!(keyboard.line.as_deref(), Some("goto 1 -2"));
+        assert_eq!(keyboard.take(b" 1\r"), Some(Key::Request("goto 1 -2 1".to_owned())));
+        assert_eq!((keyboard.take(b":land"), keyboard.take(b"\x1b")), (None, None));
+        assert_eq!(keyboard.line, None);
+        assert_eq!(keyboard.take(b":  \r"), None);
+        // Neither waits for the end of a line.
+        assert_eq!((keyboard.take(b":goS"), keyboard.line.take()), (Some(Key::Stop), None));
+        assert_eq!((keyboard.take(b":go"), keyboard.take(b"\x03")), (None, Some(Key::Quit)));
+    }
+}
