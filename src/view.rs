@@ -47,7 +47,7 @@ pub struct ViewArgs {
     /// Address and port of the page; another address than this machine's own needs --token. Port 0 is any free one
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:8600")]
     listen: SocketAddr,
-    /// Offer arm, land and stop to holders of the token that is printed
+    /// Offer the commands of an operator to holders of the token that is printed
     #[arg(long, conflicts_with = "file")]
     control: bool,
     /// Show nothing without the token that is printed
@@ -134,8 +134,8 @@ impl ViewArgs {
         say(&format!("oqtal: http://{address}/ shows {subject}; Ctrl-C ends"));
         if let Some(token) = &access.token {
             let purpose = match (self.control, access.guards_reading) {
-                (true, true) => "to see it, to arm, land and stop",
-                (true, false) => "to arm, land and stop",
+                (true, true) => "to see it and to command",
+                (true, false) => "to command",
                 (false, _) => "to see it",
             };
             say(&format!("oqtal: token {purpose}: {token}"));

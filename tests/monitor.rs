@@ -106,10 +106,12 @@ fn changes_are_shown_resizing_works_and_the_terminal_is_restored() {
         testbed.oqtal(&["ctl", "arm"]).output().unwrap().status.success().then_some(())
     });
     tmux.shows(&["mode      flying", "operator: arm", "motors run"]);
+    tmux.line(":get control.controller");
+    tmux.shows(&[": \"oqtal\""]);
     tmux.run(&["resize-window", "-x", "50", "-y", "12"]);
     tmux.shows(&["not shown: charts, hops", "state     Nominal"]);
     tmux.run(&["resize-window", "-x", "120", "-y", "40"]);
-    tmux.shows(&["q quits, r restarts", "S stops the motors", "sensor_to_actuator"]);
+    tmux.shows(&["q quits, r restarts", "sensor_to_actuator"]);
     tmux.run(&["send-keys", "S"]);
     tmux.shows(&["stopped: motors off until `arm`", "mode      disarmed"]);
     tmux.run(&["send-keys", "r"]);
