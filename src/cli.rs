@@ -132,7 +132,7 @@ impl Cli {
             Some(Command::Cameras(command)) => command.execute(),
             Some(Command::Ctl(args)) => args.execute(),
             Some(Command::Gateway(command)) => command.execute(),
-            Some(Command::Monitor(args)) => args.execute(crate::ctl::stop_text),
+            Some(Command::Monitor(args)) => args.execute(oqtal_operator::stop_text),
             Some(Command::View(args)) => args.execute(),
             Some(Command::Record(args)) => args.execute(),
             Some(Command::Info(args)) => args.execute(),

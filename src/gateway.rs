@@ -14,10 +14,10 @@ use oqtal_bus::time::Time;
 use oqtal_bus::topic::REFERENCE;
 use oqtal_bus::transport::{Publish, Transport};
 use oqtal_config::Config;
+use oqtal_operator::CtlRequest;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths, stop_on_signals};
 use oqtal_runtime::program::say;
 
-use crate::ctl::{self, CtlRequest};
 use protocol::{Content, GatewayReply};
 use socket::{GatewaySocket, Sender};
 
@@ -110,6 +110,8 @@ impl Gateway {
     ) -> Result<String, Failure> {
         let known = CtlRequest::from_str(command, false);
         let command = known.map_err(|reason| Failure::new(Exit::Usage, reason))?;
-        ctl::execute_for(self.bus.paths(), (command, arguments), |request| sender.sign(request))
+        oqtal_operator::execute_for(self.bus.paths(), (command, arguments), |request| {
+            sender.sign(request)
+        })
     }
 }

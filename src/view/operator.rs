@@ -6,8 +6,6 @@ use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_view::site::{Operator, OperatorReply};
 
-use crate::ctl;
-
 /// Sends commands to the daemon of an instance, one at a time; a stop does not wait for other commands.
 #[derive(Debug)]
 pub struct BusOperator {
@@ -34,7 +32,7 @@ impl Operator for BusOperator {
             let text = "another command is being answered".to_owned();
             return OperatorReply { is_accepted: false, text };
         }
-        match ctl::execute(&self.paths, (command, self.expected)) {
+        match oqtal_operator::execute(&self.paths, (command, self.expected)) {
             Ok(text) => OperatorReply { is_accepted: true, text },
             Err(failure) => OperatorReply { is_accepted: false, text: failure.message },
         }
