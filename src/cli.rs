@@ -132,7 +132,7 @@ impl Cli {
             Some(Command::Cameras(command)) => command.execute(),
             Some(Command::Ctl(args)) => args.execute(),
             Some(Command::Gateway(command)) => command.execute(),
-            Some(Command::Monitor(args)) => args.execute(crate::ctl::execute_line),
+            Some(Command::Monitor(args)) => args.execute(oqtal_operator::execute_line),
             Some(Command::View(args)) => args.execute(),
             Some(Command::Record(args)) => args.execute(),
             Some(Command::Info(args)) => args.execute(),

@@ -19,10 +19,10 @@ use oqtal_bus::time::Time;
 use oqtal_bus::topic::REFERENCE;
 use oqtal_bus::transport::{Publish, Transport};
 use oqtal_config::Config;
+use oqtal_operator::CtlRequest;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths, stop_on_signals};
 use oqtal_runtime::program::say;
 
-use crate::ctl::{self, CtlRequest};
 use protocol::{Content, GatewayReply};
 use socket::{GatewaySocket, Received, Sender, UnixGateway};
 use udp::{Key, UdpGateway};
@@ -130,6 +130,6 @@ impl Gateway {
         let known = CtlRequest::from_str(command, false);
         let command = known.map_err(|reason| Failure::new(Exit::Usage, reason))?;
         let sign = |request| sender.sign(request);
-        ctl::execute(self.bus.paths(), (command, arguments), None, sign)
+        oqtal_operator::execute(self.bus.paths(), (command, arguments), None, sign)
     }
 }

@@ -13,11 +13,11 @@ use oqtal_observe::kernel::ThreadScheduling;
 use oqtal_observe::observer::BusObserver;
 use oqtal_observe::recording::{Facts, McapRecorder, RecordingPlan, RecordingResult};
 use oqtal_observe::sink::{Reception, Sink, Tee};
+use oqtal_operator::require_daemon;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths, stop_on_signals};
 use oqtal_runtime::program::{print, say};
 use oqtal_runtime::stop::StopFlag;
 
-use crate::ctl::require_daemon;
 use crate::provenance::PROVENANCE;
 use crate::recordings;
 

@@ -15,6 +15,7 @@ use oqtal_bus::time::Time;
 use oqtal_config::Config;
 use oqtal_observe::observer::BusObserver;
 use oqtal_observe::recording::recording_path;
+use oqtal_operator::require_daemon;
 use oqtal_runtime::health::SILENCE;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths, stop_on_signals};
 use oqtal_runtime::program::say;
@@ -27,7 +28,6 @@ use oqtal_view::scene::SceneDescription;
 use oqtal_view::server;
 use oqtal_view::site::{Site, Subject};
 
-use crate::ctl::require_daemon;
 use crate::recordings::{self, failure};
 use operator::BusOperator;
 

@@ -39,7 +39,9 @@ fn flies_half_a_circle(testbed: &Testbed, gateway_words: &[&str], script_words: 
         last
     };
     wait_for("the hover", || {
-        tick().is_some_and(|tick| tick.mode == Mode::Flying.code() && tick.position[2] > 0.9).then_some(())
+        tick()
+            .is_some_and(|tick| tick.mode == Mode::Flying.code() && tick.position[2] > 0.9)
+            .then_some(())
     });
     let _gateway = gateway(testbed, gateway_words);
     let mut command = Command::new("python3");

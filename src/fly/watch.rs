@@ -7,10 +7,9 @@ use oqtal_bus::bus::Bus;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
+use oqtal_operator::end_flight;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::stop::{SetOnDrop, StopFlag};
-
-use crate::ctl::end_flight;
 
 use super::fault::{FaultAction, ProcessFaults};
 use super::process_group::ProcessGroup;

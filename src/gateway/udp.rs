@@ -38,9 +38,8 @@ impl Key {
     pub fn read(file: &Path) -> Result<Self, Failure> {
         let name = file.display();
         let make = format!("create one with: (umask 077; openssl rand -hex 32 > {name})");
-        let failed = |error: std::io::Error| {
-            Failure::new(Exit::System, format!("{name}: {error}; {make}"))
-        };
+        let failed =
+            |error: std::io::Error| Failure::new(Exit::System, format!("{name}: {error}; {make}"));
         let mode = std::fs::metadata(file).map_err(failed)?.permissions().mode();
         if mode & 0o077 != 0 {
             let message = format!("{name}: other users may read the key; chmod 600 {name}");

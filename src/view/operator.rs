@@ -4,9 +4,8 @@ use std::sync::{Mutex, TryLockError};
 
 use clap::ValueEnum;
 use oqtal_bus::paths::InstancePaths;
+use oqtal_operator::CtlRequest;
 use oqtal_view::site::{Operator, OperatorReply};
-
-use crate::ctl::{self, CtlRequest};
 
 /// Sends commands to the daemon of an instance, one at a time; a stop does not wait for other commands.
 #[derive(Debug)]
@@ -36,7 +35,9 @@ impl Operator for BusOperator {
         }
         // A change in flight makes another configuration, which may not keep the next one from the daemon.
         let expected = self.expected.filter(|_| matches!(command, CtlRequest::Arm));
-        match ctl::execute(&self.paths, (command, arguments), expected, |request| request) {
+        match oqtal_operator::execute(&self.paths, (command, arguments), expected, |request| {
+            request
+        }) {
             Ok(text) => OperatorReply { is_accepted: true, text },
             Err(failure) => refused(failure.message),
         }

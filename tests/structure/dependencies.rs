@@ -15,6 +15,7 @@ const ORDER: &[(&str, &[&str])] = &[
     ("bridge", &["control", "bus", "config", "runtime", "wire"]),
     ("receiver", &["control", "bus", "config", "runtime", "wire"]),
     ("observe", &["control", "bus", "config"]),
+    ("operator", &["bus", "runtime", "observe"]),
     ("screen", &["bus", "config", "runtime", "observe"]),
     ("view", &["control", "bus", "config", "observe"]),
     (

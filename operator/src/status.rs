@@ -1,4 +1,4 @@
-//! Status of a running instance, for `oqtal ctl status`.
+//! Observation of the status of a running instance.
 
 use std::time::Duration;
 

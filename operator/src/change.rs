@@ -1,4 +1,4 @@
-//! Requests that change a flight or its settings, from the arguments of the command line.
+//! The commands of an operator, and their requests to the daemon.
 
 use std::path::Path;
 

@@ -18,10 +18,10 @@ use oqtal_bus::stop::{StopReport, StopSwitch};
 use oqtal_bus::time::{Span, Time};
 use oqtal_observe::status::word;
 use oqtal_runtime::process::{Exit, Failure};
-use oqtal_runtime::program::{beside, print};
+use oqtal_runtime::program::beside;
 use serde::Serialize;
 
-use super::reach::{AddressedInstance, Reached, name_of};
+use crate::reach::{AddressedInstance, Reached, name_of};
 
 /// Time after which the report is printed.
 const REPORT_TIMEOUT: Span = Span::from_millis(950);
@@ -60,15 +60,6 @@ struct RaisedStop {
     number: u32,
     /// Whether the process of a vehicle reads these words.
     is_vehicles: bool,
-}
-
-/// Stops the addressed vehicle, and prints which processes obey.
-///
-/// # Errors
-/// The vehicle has not reported that its motors are off (exit code 1); no process of a vehicle obeys, or none runs (75); the
-/// instance belongs to another user (77).
-pub fn execute(address: &AddressedInstance, json: bool) -> Result<Exit, Failure> {
-    conclude(&raise(address)?, json)
 }
 
 /// Stops the addressed vehicle, and returns which processes obey within a second. As root, the calling thread becomes the owner
@@ -238,26 +229,6 @@ impl RaisedStop {
     }
 }
 
-/// Prints which processes obey; succeeds if the motors are known to be off.
-fn conclude(stop: &ObeyedStop, json: bool) -> Result<Exit, Failure> {
-    if json {
-        print(&serde_json::to_string_pretty(stop).expect("a report holds only what JSON can say"))?;
-    }
-    let exit = match stop {
-        ObeyedStop { motors_off: true, .. } => {
-            if !json {
-                print(&stop.to_string())?;
-            }
-            return Ok(Exit::Ok);
-        }
-        ObeyedStop { vehicle_obeys, is_unconfirmed, .. } if *vehicle_obeys || *is_unconfirmed => {
-            Exit::Flight
-        }
-        _ => Exit::Peer,
-    };
-    Err(Failure::new(exit, stop.to_string()))
-}
-
 impl ObeyedStop {
     fn new(report: StopReport, response: Option<&ControlResponseV1>) -> Self {
         let StopReport { vehicle_obeys, motors_off, daemon_obeys } = report;
@@ -272,6 +243,24 @@ impl ObeyedStop {
             arm_again: String::new(),
             is_unconfirmed: false,
         }
+    }
+
+    /// Succeeds if the motors are known to be off.
+    ///
+    /// # Errors
+    /// The vehicle has not reported that its motors are off (exit code 1), or no process of a vehicle obeys (75).
+    pub fn check(&self) -> Result<(), Failure> {
+        let exit = match self.vehicle_obeys || self.is_unconfirmed {
+            _ if self.motors_off => return Ok(()),
+            true => Exit::Flight,
+            false => Exit::Peer,
+        };
+        Err(Failure::new(exit, self.to_string()))
+    }
+
+    /// The report as JSON.
+    pub fn to_json(&self) -> String {
+        serde_json::to_string_pretty(self).expect("a report holds only what JSON can say")
     }
 }
 

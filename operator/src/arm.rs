@@ -1,4 +1,4 @@
-//! `oqtal ctl arm`: waits until a stopped simulated vehicle is at rest, and until the flight has begun.
+//! Arming: waits until a stopped simulated vehicle is at rest, and until the flight has begun.
 
 use std::time::Duration;
 
@@ -10,9 +10,8 @@ use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::VEHICLE;
 use oqtal_bus::transport::{Subscribe, Transport};
-use oqtal_runtime::program::say;
 
-use super::request::request;
+use crate::request::request;
 
 /// Maximum time for the vehicle to come to rest: a fall from the height of a room, and half a second without motion.
 const REST_TIMEOUT: Span = Span::from_millis(5000);
@@ -23,18 +22,24 @@ const BEGIN_TIMEOUT: Span = Span::from_millis(900);
 /// Time between two requests.
 const PERIOD: Duration = Duration::from_millis(50);
 
-/// Arms, and returns the daemon's last answer; `None` if there is none.
+/// Arms, and returns the daemon's last answer; `None` if there is none. `tell` receives the reason of a wait; once `is_cancelled`, a
+/// flight that has not begun is called off.
 ///
 /// # Errors
 /// The bus refuses.
-pub fn ask(bus: &Bus, expected: Option<u64>) -> Result<Option<ControlResponseV1>, BusError> {
+pub fn ask(
+    bus: &Bus,
+    expected: Option<u64>,
+    tell: &mut dyn FnMut(&str),
+    is_cancelled: &dyn Fn() -> bool,
+) -> Result<Option<ControlResponseV1>, BusError> {
     let mut vehicles = bus.observer::<VehicleV1>(&VEHICLE)?;
     let asked_at = Time::now();
     let (mut simulated, mut is_reported) = (None, false);
     loop {
         let Some(response) = request(bus, OperatorCommand::Arm, expected)? else { return Ok(None) };
         if response.answer != Answer::Refused.code() {
-            return begun(bus, response).map(Some);
+            return begun(bus, response, is_cancelled).map(Some);
         }
         if let Some((_, vehicle)) = vehicles.latest()? {
             simulated = Some(vehicle.simulated == 1);
@@ -45,11 +50,12 @@ pub fn ask(bus: &Bus, expected: Option<u64>) -> Result<Option<ControlResponseV1>
             Some(false) => Span::ZERO,
             None => VEHICLE_TIMEOUT,
         };
-        if !comes_to_rest(&response) || Time::now().since(asked_at) >= timeout {
+        let is_over = Time::now().since(asked_at) >= timeout || is_cancelled();
+        if is_over || !comes_to_rest(&response) {
             return Ok(Some(response));
         }
         if simulated == Some(true) && !is_reported {
-            say("arm: waits until the stopped vehicle is at rest; Ctrl-C cancels");
+            tell("arm: waits until the stopped vehicle is at rest; Ctrl-C cancels");
             is_reported = true;
         }
         std::thread::sleep(PERIOD);
@@ -66,11 +72,15 @@ fn comes_to_rest(response: &ControlResponseV1) -> bool {
 }
 
 /// Answer of the daemon once the flight announced by `accepted` has begun; a refusal if it was cancelled or has not begun in time.
-fn begun(bus: &Bus, accepted: ControlResponseV1) -> Result<ControlResponseV1, BusError> {
+fn begun(
+    bus: &Bus,
+    accepted: ControlResponseV1,
+    is_cancelled: &dyn Fn() -> bool,
+) -> Result<ControlResponseV1, BusError> {
     let give_up = Time::now() + BEGIN_TIMEOUT;
     let mut newest = accepted;
-    while !is_in_flight(&newest) && !is_cancelled(&newest) {
-        if Time::now() >= give_up {
+    while !is_in_flight(&newest) && !is_called_off(&newest) {
+        if Time::now() >= give_up || is_cancelled() {
             // The flight must not begin after the operator was told that it did not.
             newest = request(bus, OperatorCommand::Disarm, None)?.unwrap_or(newest);
             break;
@@ -88,6 +98,6 @@ fn is_in_flight(response: &ControlResponseV1) -> bool {
 }
 
 /// Whether the loop itself reports that it does not fly. An answer in its place repeats the last known mode.
-fn is_cancelled(response: &ControlResponseV1) -> bool {
+fn is_called_off(response: &ControlResponseV1) -> bool {
     response.answer == Answer::Done.code() && response.mode == Mode::Disarmed.code()
 }

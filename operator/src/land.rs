@@ -16,8 +16,8 @@ use oqtal_bus::transport::{Subscribe, Transport};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::beside;
 
-use super::reach::{AddressedInstance, Reached};
-use super::request::silent;
+use crate::reach::{AddressedInstance, Reached};
+use crate::request::silent;
 
 /// Time within which a running daemon answers a request.
 const ANSWER_TIMEOUT: Span = Span::from_millis(300);

@@ -1,0 +1,100 @@
+//! An operator's commands to a running instance: arm, land, stop, changes in flight, status. Used by `oqtal ctl`, the page, the
+//! monitor, the gateway and the Python package.
+//!
+//! | file | subject |
+//! |---|---|
+//! | `change.rs` | the commands, and their requests to the daemon |
+//! | `request.rs` | a request and its answer |
+//! | `report.rs` | the answer as text and as JSON |
+//! | `arm.rs` | arming: waits until the flight has begun |
+//! | `land.rs` | a landing by two paths |
+//! | `stop.rs` | a stop by every path |
+//! | `reach.rs` | processes of an instance, found without the bus |
+//! | `status.rs` | observation of a status |
+#![forbid(unsafe_code)]
+
+pub mod arm;
+mod change;
+pub mod land;
+mod reach;
+mod report;
+pub mod request;
+pub mod status;
+pub mod stop;
+
+use clap::ValueEnum;
+use oqtal_bus::bus::Bus;
+use oqtal_bus::code::OperatorCommand;
+use oqtal_bus::message::ControlRequestV1;
+use oqtal_bus::paths::InstancePaths;
+use oqtal_observe::status::InstanceStatus;
+use oqtal_runtime::process::{Exit, Failure};
+
+pub use change::{CtlRequest, request_of};
+pub use reach::AddressedInstance;
+pub use report::ControlReport;
+use request::{request, running_bus, silent};
+
+/// Fails if no daemon answers on `instance`; the message names the alternative `otherwise`.
+///
+/// # Errors
+/// No daemon answers (exit code 75), or the bus refuses.
+pub fn require_daemon(bus: &Bus, instance: &str, otherwise: &str) -> Result<(), Failure> {
+    if request(bus, OperatorCommand::Status, None)?.is_some() {
+        return Ok(());
+    }
+    let Failure { exit, message } = silent(instance);
+    Err(Failure::new(exit, format!("{message}, or {otherwise}")))
+}
+
+/// Executes a request like `oqtal ctl`, on the calling thread, made by the author with whom `sign` signs it; returns the answer as
+/// text. `expected`: hash of the configuration that the daemon must run with.
+///
+/// # Errors
+/// No daemon answers, or it refuses; the motors are not known to be off after a stop; the arguments are not those of the command.
+pub fn execute(
+    paths: &InstancePaths,
+    (command, arguments): (CtlRequest, &[String]),
+    expected: Option<u64>,
+    sign: impl FnOnce(ControlRequestV1) -> ControlRequestV1,
+) -> Result<String, Failure> {
+    let body = sign(request_of(command, arguments)?.by("oqtal"));
+    let response = match command {
+        CtlRequest::Stop => {
+            let stop = stop::raise(&here(paths))?;
+            return stop.check().map(|()| stop.to_string());
+        }
+        CtlRequest::Land => land::land(&here(paths))?,
+        _ => request::send_signed(&running_bus(paths)?, body, expected)?
+            .ok_or_else(|| silent(&paths.instance))?,
+    };
+    let report = ControlReport::new(command.command(), &response, InstanceStatus::default());
+    report.check(&response, expected)?;
+    Ok(report.to_text(&[]))
+}
+
+/// Executes `line`, written as after `oqtal ctl`; returns the answer as one line.
+pub fn execute_line(paths: &InstancePaths, line: &str) -> String {
+    let mut words = line.split_whitespace().map(str::to_owned);
+    let command = words.next().unwrap_or_default();
+    let known = CtlRequest::from_str(&command, false);
+    let result = known
+        .map_err(|_| Failure::new(Exit::Usage, format!("`{command}` is not a request")))
+        .and_then(|known| execute(paths, (known, &Vec::from_iter(words)), None, |request| request));
+    let text = result.unwrap_or_else(|failure| failure.message);
+    text.lines().map(str::trim).collect::<Vec<_>>().join("; ")
+}
+
+/// Ends a flight with `command`, a landing or a stop; returns whether the daemon or the vehicle obeys.
+pub fn end_flight(paths: &InstancePaths, command: OperatorCommand) -> bool {
+    if command == OperatorCommand::Stop {
+        let stopped = stop::raise(&here(paths));
+        return stopped.is_ok_and(|stop| stop.vehicle_obeys || stop.daemon_obeys);
+    }
+    execute(paths, (CtlRequest::Land, &[]), None, |request| request).is_ok()
+}
+
+/// Address of the instance that the calling process observes.
+fn here(paths: &InstancePaths) -> AddressedInstance {
+    AddressedInstance { paths: paths.clone(), has_root: true }
+}

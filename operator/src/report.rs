@@ -1,0 +1,141 @@
+//! The daemon's answer to a command, as text and as JSON.
+
+use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, SafetyState};
+use oqtal_bus::message::ControlResponseV1;
+use oqtal_bus::obstacle::ArmingObstacles;
+use oqtal_observe::status::{InstanceStatus, ProcessHealth, VehicleStatus, word};
+use oqtal_runtime::process::{Exit, Failure};
+use serde::Serialize;
+
+/// Answer of the daemon, as printed.
+#[derive(Debug, Serialize)]
+pub struct ControlReport {
+    command: String,
+    answer: String,
+    /// Effect of the command as text.
+    effect: String,
+    mode: String,
+    state: String,
+    cause: String,
+    /// The settings that took effect, the requested value, or the reason of a refusal.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    text: String,
+    /// Obstacles to a take-off; empty in flight.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    obstacles: Vec<String>,
+    /// Health of the processes; set, like the fields below, with `status` only.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    processes: Vec<ProcessHealth>,
+    /// Whether all observed processes run with one configuration.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    config_agrees: Option<bool>,
+    /// State of the vehicle; absent if no process publishes it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    vehicle: Option<VehicleStatus>,
+    /// Estimated position \[m, world\].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    position_m: Option<[f64; 3]>,
+}
+
+impl ControlReport {
+    /// The answer `response` to `command`; `status` of the instance if the command shows it.
+    pub fn new(
+        command: OperatorCommand,
+        response: &ControlResponseV1,
+        status: InstanceStatus,
+    ) -> Self {
+        let config_agrees = status.config_agrees();
+        let InstanceStatus { processes, vehicle, position_m } = status;
+        let answer = word(Answer::from_code(response.answer));
+        Self {
+            command: command.to_string(),
+            effect: effect(command, Mode::from_code(response.mode), &answer),
+            answer,
+            mode: word(Mode::from_code(response.mode)),
+            state: word(SafetyState::from_code(response.state)),
+            cause: word(Cause::from_code(response.cause)),
+            text: response.text.as_str().to_owned(),
+            obstacles: ArmingObstacles::from_bits(response.obstacles)
+                .iter()
+                .map(|obstacle| obstacle.to_string())
+                .collect(),
+            processes,
+            config_agrees,
+            vehicle,
+            position_m,
+        }
+    }
+
+    /// Fails if the daemon refused the command. `expected`: hash of the configuration that it must run with.
+    ///
+    /// # Errors
+    /// The daemon refused the command (exit code 1).
+    pub fn check(
+        &self,
+        response: &ControlResponseV1,
+        expected: Option<u64>,
+    ) -> Result<(), Failure> {
+        if response.answer != Answer::Refused.code() {
+            return Ok(());
+        }
+        let Self { command, cause, mode, obstacles, text, .. } = self;
+        let listed = obstacles.join("; ");
+        let reasons = match (obstacles.is_empty(), cause.as_str()) {
+            (false, _) => &listed,
+            (true, "") => "the flight did not begin",
+            (true, cause) => cause,
+        };
+        let mut message = format!("{command} refused: {reasons} (daemon is {mode})");
+        if !text.is_empty() {
+            message += &format!(": {text}");
+        }
+        if response.cause == Cause::WrongMode.code()
+            && *command == OperatorCommand::Disarm.to_string()
+        {
+            message += "; `land` or `stop` ends a flight";
+        }
+        if response.cause == Cause::OtherConfig.code() {
+            message += &format!(
+                "; the daemon runs with {:016x}, expected is {:016x}: compare both with `oqtal check`",
+                response.config_hash,
+                expected.unwrap_or(0)
+            );
+        }
+        Err(Failure::new(Exit::Flight, message))
+    }
+
+    /// The report as JSON.
+    pub fn to_json(&self) -> String {
+        serde_json::to_string_pretty(self).expect("a report is plain JSON")
+    }
+
+    /// The answer and the lines of the status as text.
+    pub fn to_text(&self, lines: &[String]) -> String {
+        let Self { effect, mode, state, cause, text, .. } = self;
+        if self.command == OperatorCommand::Get.to_string() {
+            return text.clone();
+        }
+        let because = if cause.is_empty() { String::new() } else { format!(" ({cause})") };
+        let first = match self.command == OperatorCommand::Status.to_string() {
+            true => format!("daemon: {mode}, {state}{because}"),
+            false => format!("{effect}; {mode}, {state}{because}"),
+        };
+        let first = [first].into_iter().chain(text.lines().map(|line| format!("  {line}")));
+        let against = self.obstacles.iter().map(|obstacle| format!("no take-off: {obstacle}"));
+        first.chain(against).chain(lines.iter().cloned()).collect::<Vec<_>>().join("\n")
+    }
+}
+
+/// Effect of an accepted command, from the mode after it.
+fn effect(command: OperatorCommand, mode: Option<Mode>, answer: &str) -> String {
+    match (command, mode) {
+        (OperatorCommand::Arm, Some(Mode::Flying)) => "armed, the flight has begun".to_owned(),
+        (OperatorCommand::Land, Some(Mode::Landing)) => {
+            "landing where it is; motors off on the floor".to_owned()
+        }
+        (OperatorCommand::Land | OperatorCommand::Disarm, Some(Mode::Disarmed)) => {
+            format!("{command}: motors off")
+        }
+        _ => format!("{command}: {answer}"),
+    }
+}
