@@ -83,7 +83,7 @@ async function control(page, context) {
 		slider.value = 500;
 		slider.dispatchEvent(new Event('change'));
 	});
-	await until(page, 'answer', 'set');
+	await until(page, 'answer', 'set: done');
 	const tuned = await text(page, 'answer');
 	await page.click('#land');
 	await until(page, 'answer', 'landing');

@@ -31,9 +31,16 @@ export async function load(path) {
   return (await request(path)).json();
 }
 
-export async function command(name, args = []) {
+let previous = Promise.resolve();
+
+// Sends a command of an operator and returns the answer. The server executes one at a time; only a stop does not wait.
+export function command(name, args = []) {
   const body = JSON.stringify({ command: name, arguments: args.map(String) });
-  return (await (await request("control", { method: "POST", body })).text()).trim();
+  const send = async () => (await (await request("control", { method: "POST", body })).text()).trim();
+  if (name === "stop") return send();
+  const answer = previous.then(send);
+  previous = answer.catch(() => {});
+  return answer;
 }
 
 // Calls `take` with each update, and `begin` before the first one of each connection. Connects again for ever; `tell` is told.

@@ -28,7 +28,7 @@ export class Tuning {
       const law = (await command("get", ["control.controller"])).replaceAll('"', "");
       element("law").value = law;
       const own = this.gains.filter((gain) => gain.law === law);
-      const values = await Promise.all(own.map(({ key }) => value(key)));
+      const values = await Promise.all(own.map(async ({ key }) => Number(await command("get", [key]))));
       element("gains").replaceChildren(...own.map((gain, index) => this.slider(gain, values[index])));
     } catch {
       element("gains").replaceChildren();
@@ -50,12 +50,4 @@ export class Tuning {
     slider.addEventListener("change", () => this.change("set", [`${key}=${chosen()}`]));
     return line;
   }
-}
-
-// One after the other: the server executes one command at a time.
-let last = Promise.resolve();
-
-function value(key) {
-  last = last.catch(() => {}).then(() => command("get", [key]));
-  return last.then(Number);
 }
