@@ -10,7 +10,6 @@ use std::time::Duration;
 
 use clap::Args;
 use oqtal_bus::bus::Bus;
-use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::Time;
 use oqtal_config::Config;
 use oqtal_observe::observer::BusObserver;
@@ -98,28 +97,23 @@ impl ViewArgs {
             require_daemon(&bus, &config.instance.name, "open the page with --wait")?;
         }
         let hub = Arc::new(Hub::default());
-        let site = self.live_site((&access, paths), &config, &hub);
+        let expected = (!self.common.config.is_empty()).then(|| config.hash());
+        let daemon_file = paths.config();
+        let operator = BusOperator::new(paths, expected);
+        let operator = self.control.then(|| Box::new(operator) as _);
+        let subject = Subject::Live(Arc::clone(&hub), operator);
+        let mut daemon = DaemonConfig { file: daemon_file, text: String::new() };
+        let shown = daemon.changed().unwrap_or_else(|| config.clone());
+        let scene = SceneDescription::of_instance(&shown, self.control);
+        let site = Site::new(access.clone(), &scene, subject);
         let observer = BusObserver::open(&bus, &LiveView::topics())?;
-        self.open(site, &access, &format!("instance `{}`", config.instance.name))?;
-        feed(observer, &config, (&hub, &stop))?;
+        let site = self.open(site, &access, &format!("instance `{}`", config.instance.name))?;
+        self.feed((observer, daemon), &shown, (&site, &hub, &stop))?;
         Ok(Exit::Ok)
     }
 
-    fn live_site(
-        &self,
-        (access, paths): (&Access, InstancePaths),
-        config: &Config,
-        hub: &Arc<Hub>,
-    ) -> Site {
-        let scene = SceneDescription::of_instance(config, self.control);
-        let expected = (!self.common.config.is_empty()).then(|| config.hash());
-        let operator = BusOperator::new(paths, expected);
-        let operator = self.control.then(|| Box::new(operator) as _);
-        Site::new(access.clone(), &scene, Subject::Live(Arc::clone(hub), operator))
-    }
-
     /// Starts serving the site, and prints its address.
-    fn open(&self, site: Site, access: &Access, subject: &str) -> Result<(), Failure> {
+    fn open(&self, site: Site, access: &Access, subject: &str) -> Result<Arc<Site>, Failure> {
         let failed = |error: std::io::Error| {
             let message = format!("{}: {error}; choose another with --listen", self.listen);
             Failure::new(Exit::System, message)
@@ -127,9 +121,10 @@ impl ViewArgs {
         let listener = TcpListener::bind(self.listen).map_err(failed)?;
         let address = listener.local_addr().map_err(failed)?;
         let site = Arc::new(site);
+        let served = Arc::clone(&site);
         std::thread::Builder::new()
             .name("pages".to_owned())
-            .spawn(move || server::serve(&listener, &site))
+            .spawn(move || server::serve(&listener, &served))
             .map_err(failed)?;
         say(&format!("oqtal: http://{address}/ shows {subject}; Ctrl-C ends"));
         if let Some(token) = &access.token {
@@ -145,25 +140,47 @@ impl ViewArgs {
                 "oqtal: token and page cross the network unencrypted: use a private network or an ssh tunnel",
             );
         }
+        Ok(site)
+    }
+
+    /// Feeds the pages until the command is interrupted. They show the room of the daemon that runs, that of `config` before one does.
+    fn feed(
+        &self,
+        (mut observer, mut daemon): (BusObserver, DaemonConfig),
+        config: &Config,
+        (site, hub, stop): (&Site, &Hub, &StopFlag),
+    ) -> Result<(), Failure> {
+        let mut view = LiveView::new(config, SILENCE);
+        while !stop.is_set() {
+            if let Some(config) = daemon.changed() {
+                site.change_scene(&SceneDescription::of_instance(&config, self.control));
+                view = LiveView::new(&config, SILENCE);
+            }
+            std::thread::sleep(UPDATE_PERIOD);
+            let now = Time::now();
+            observer.poll(now, &mut view)?;
+            let (collected, status) = view.take(now);
+            hub.publish(&collected, status);
+        }
         Ok(())
     }
 }
 
-/// Feeds the pages until the command is interrupted.
-fn feed(
-    mut observer: BusObserver,
-    config: &Config,
-    (hub, stop): (&Hub, &StopFlag),
-) -> Result<(), Failure> {
-    let mut view = LiveView::new(config, SILENCE);
-    while !stop.is_set() {
-        std::thread::sleep(UPDATE_PERIOD);
-        let now = Time::now();
-        observer.poll(now, &mut view)?;
-        let (collected, status) = view.take(now);
-        hub.publish(&collected, status);
+/// Configuration of the daemon of an instance, as it wrote it at its start.
+#[derive(Debug)]
+struct DaemonConfig {
+    file: PathBuf,
+    text: String,
+}
+
+impl DaemonConfig {
+    /// The configuration, if it is another one than at the last call.
+    fn changed(&mut self) -> Option<Config> {
+        let text = std::fs::read_to_string(&self.file).ok().filter(|text| *text != self.text)?;
+        let config = Config::parse(&self.file.to_string_lossy(), &text, &[]).ok()?;
+        self.text = text;
+        Some(config)
     }
-    Ok(())
 }
 
 fn needs_token(listen: SocketAddr) -> Failure {

@@ -1,5 +1,5 @@
-//! Processes killed at random instants of their first half second, on one instance: the next start succeeds. OQTAL_TEST_KILLS
-//! sets the kills per seed, OQTAL_TEST_KILL_SEEDS the number of seeds.
+//! Processes killed at random instants on one instance: the next start succeeds, and nothing of them stays in shared memory.
+//! OQTAL_TEST_KILLS sets the kills per seed, OQTAL_TEST_KILL_SEEDS the number of seeds.
 
 use std::time::{Duration, Instant};
 
@@ -7,9 +7,13 @@ use crate::common::random::{Random, length};
 use crate::common::{Running, SERVICES, Testbed, children, is_alive, stderr, wait_for};
 use crate::lost_files;
 use oqtal_bus::code::SafetyState;
+use oqtal_bus::remains::{self, SHARED_MEMORY};
 use oqtal_bus::topic::TELEMETRY;
 use oqtal_bus::transport::{Subscribe, Transport};
 use rustix::process::Signal;
+
+/// Number of killed flights before one that lands.
+const KILLS_PER_LANDING: u64 = 25;
 
 /// Waits for up to half a second.
 fn pause(random: &mut Random) {
@@ -93,19 +97,24 @@ fn kill_flight(flight: Running, random: &mut Random) {
 }
 
 #[test]
-fn f29_flights_killed_while_they_start_do_not_hinder_the_next() {
+fn f29_flights_killed_at_random_instants_leave_nothing_after_the_next_flight() {
     let (kills, seeds) = study(4);
     for seed in 1..=seeds {
         let testbed = Testbed::new("doors");
         let mut random = Random(seed);
-        for _ in 0..kills {
+        for number in 1..=kills {
             let flight = testbed.start(&["fly", "--trajectory", "hover", "--duration", "60"]);
-            pause(&mut random);
+            // Most are killed while they start, the others in the air.
+            let rounds = if random.one_in(4) { 8 } else { 1 };
+            (0..rounds).for_each(|_| pause(&mut random));
             kill_flight(flight, &mut random);
+            if number.is_multiple_of(KILLS_PER_LANDING) || number == kills {
+                testbed.lands(&["--trajectory", "hover", "--duration", "1", "--clock", "lockstep"]);
+                assert_eq!(testbed.remains(), [""; 0], "after {number} kills, seed {seed}");
+                assert!(!testbed.paths().directory().exists());
+            }
         }
-        let mut running = [None, None, None];
-        starts_again(&testbed, &mut running, &format!("{kills} flights, seed {seed}"));
-        ends_without_remains(&testbed, running);
+        println!("{kills} killed flights, seed {seed}: nothing of them is left after each landing");
     }
 }
 
@@ -148,6 +157,14 @@ fn f29_a_process_killed_while_it_starts_does_not_hinder_the_others() {
     }
 }
 
+/// Waits until shared memory contains only the run of the processes that run.
+fn only_one_run_is_left(testbed: &Testbed) {
+    wait_for("the removal of earlier runs", || {
+        let runs = remains::runs(SHARED_MEMORY.as_ref(), &testbed.paths().prefix());
+        (runs.len() == 1 && runs[0].is_alive()).then_some(())
+    });
+}
+
 /// Removes one file of the instance, in its directory or in shared memory, or all of either.
 fn remove_something(testbed: &Testbed, random: &mut Random) {
     let directory = testbed.paths().directory();
@@ -168,6 +185,7 @@ fn f68_processes_killed_between_removals_of_their_files_start_again_and_stop() {
         let mut running = [None, None, None];
         for number in 0..kills {
             lost_files::work_again(&testbed, &mut running);
+            only_one_run_is_left(&testbed);
             remove_something(&testbed, &mut random);
             let stop = testbed.oqtal(&["ctl", "stop"]).output().unwrap();
             // After an earlier loss the vehicle's process may just have left, with its motors off.
@@ -182,6 +200,7 @@ fn f68_processes_killed_between_removals_of_their_files_start_again_and_stop() {
             }
         }
         lost_files::work_again(&testbed, &mut running);
+        only_one_run_is_left(&testbed);
         println!("{kills} kills, seed {seed}: every start and every stop worked");
         ends_without_remains(&testbed, running);
     }

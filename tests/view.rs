@@ -10,7 +10,7 @@ use std::process::{Child, ChildStderr, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use crate::common::{Running, SERVICES, Testbed, number, peers, signal, skipped, stderr};
+use crate::common::{Running, SERVICES, Testbed, number, peers, signal, skipped, stderr, wait_for};
 use oqtal_observe::latency::WHOLE;
 use rustix::process::Signal;
 use serde_json::Value;
@@ -120,6 +120,35 @@ fn without_control_a_browser_shows_changing_numbers_and_no_commands() {
     assert_eq!(view.status(&format!("{post}\r\nAuthorization: Bearer x"), "{}"), 403);
     let Some(seen) = browser(&view, "live") else { return };
     assert_eq!(seen["control"], false);
+}
+
+/// The scene of the page, without the head of the answer.
+fn scene(view: &View) -> Value {
+    let mut stream = TcpStream::connect(view.address).unwrap();
+    write!(stream, "GET /scene HTTP/1.1\r\nHost: {}\r\n\r\n", view.address).unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).unwrap();
+    serde_json::from_str(answer.split("\r\n\r\n").nth(1).unwrap()).unwrap()
+}
+
+#[test]
+fn the_page_shows_the_room_of_the_daemon_whatever_its_flags() {
+    let testbed = Testbed::new("view-flags");
+    let start = |flags: &[&str]| testbed.start(&[&["daemon", "run"], flags].concat());
+    let daemon = start(&["--set", "clock.seed=5", "--set", "fence.x-m=[-3,3]"]);
+    testbed.wait_for_daemon();
+    let view = View::start(&testbed, &[]);
+    assert_eq!(scene(&view)["fence"]["corners"][0][0], -3.0);
+    let status = testbed.oqtal(&["ctl", "status", "--json"]).output().unwrap();
+    let status: Value = serde_json::from_slice(&status.stdout).unwrap();
+    let runs = status.pointer("/processes/2/heard/config_hash");
+    assert_eq!(Some(&scene(&view)["config_hash"]), runs, "{status:#}");
+    daemon.signal(Signal::TERM);
+    daemon.wait();
+    let _daemon = start(&["--set", "fence.x-m=[-2,2]"]);
+    wait_for("the room of the next daemon", || {
+        (scene(&view)["fence"]["corners"][0][0] == -2.0).then_some(())
+    });
 }
 
 #[test]

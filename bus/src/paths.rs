@@ -15,6 +15,9 @@ pub(crate) const WIRE: &str = "wire";
 /// Name of the socket of an external law in the directory of an instance.
 pub(crate) const LAW: &str = "law";
 
+/// Name of the daemon's configuration in the directory of an instance.
+pub(crate) const CONFIG: &str = "config.toml";
+
 /// Root of the installed services.
 const SYSTEM_ROOT: &str = "/run/oqtal";
 
@@ -96,6 +99,11 @@ impl InstancePaths {
     /// Path of the socket of an external law of this instance. It is removed when the daemon ends, or the last process leaves.
     pub fn law(&self) -> PathBuf {
         self.directory().join(LAW)
+    }
+
+    /// Path of the configuration with which the daemon of this instance was started. It is removed when the last process leaves.
+    pub fn config(&self) -> PathBuf {
+        self.directory().join(CONFIG)
     }
 
     /// Makes the root directory and the configuration of iceoryx2 for this instance, without the prefix, which is drawn when the

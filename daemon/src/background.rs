@@ -14,6 +14,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{EVENT, Role};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_runtime::background::BackgroundWorker;
+use oqtal_runtime::files;
 use oqtal_runtime::health::{Health, Heartbeat};
 use oqtal_runtime::process::{Failure, ProcessContext};
 
@@ -85,6 +86,11 @@ impl DaemonWorker {
         let (server, heartbeat) = (bus.control_server()?, context.heartbeat(&bus)?);
         let peers = PEERS.iter().map(|role| Peer::open(&bus, *role)).collect::<Result<_, _>>()?;
         let (health, events) = (context.health.clone(), bus.writer(&EVENT)?);
+        // For observers, which need not be given the flags of the daemon.
+        let file = context.paths()?.config();
+        if let Err(error) = files::write(&file, context.config.to_toml()) {
+            tracing::warn!("{}: {error}", file.display());
+        }
         Ok(Self { requests, server, heartbeat, health, config_hash, peers, events, law, _bus: bus })
     }
 }

@@ -158,7 +158,8 @@ impl Testbed {
         std::fs::read_dir("/dev/shm")
             .unwrap()
             .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
-            .filter(|name| name.starts_with(&prefix))
+            // A directory that is not yet in use begins with a dot.
+            .filter(|name| name.trim_start_matches('.').starts_with(&prefix))
             .collect()
     }
 }

@@ -76,6 +76,13 @@ class Rate {
   }
 }
 
+// Shows the room of the daemon that runs, once its configuration is known.
+async function renew({ config_hash: shown }) {
+  const { config_hash: hash } = await load("scene");
+  if (hash !== shown) location.reload();
+  else notice("The daemon's configuration cannot be read: room, cameras and faults may be others than shown.");
+}
+
 function live(store, panel) {
   const rate = new Rate();
   let shown = 0;
@@ -86,7 +93,9 @@ function live(store, panel) {
       const now = performance.now();
       const updates = rate.count(now);
       if (update.status) {
-        notice(panel.status(update.status));
+        const isOther = panel.status(update.status);
+        if (isOther) renew(panel.scene);
+        else notice("");
         const silence = update.status.silence_s;
         if (silence === null) tell("waiting for the first tick", "warning");
         else if (silence > 1) tell(`no tick for ${silence.toFixed(0)} s`, "bad");

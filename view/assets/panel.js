@@ -84,8 +84,8 @@ export class Panel {
     figure.className = (value !== null && mood(value)) || "";
   }
 
-  // Processes, and what keeps a flight from beginning.
-  status({ processes, obstacles, config_agrees: agrees, config_hash: hash }) {
+  // Processes, and what keeps a flight from beginning; returns whether the daemon runs with another configuration than is shown.
+  status({ processes, obstacles, config_agrees: agrees }) {
     this.list("obstacles", obstacles.map((text) => ({ name: text, text: "" })), "hindrances");
     const lines = processes.filter(({ heard }) => heard).map(({ name, heard }) => {
       const isSilent = heard.age_ms > SILENT_MS;
@@ -96,8 +96,7 @@ export class Panel {
     if (agrees === false) lines.push({ name: "configurations differ", text: "restart with one --config", mood: "warning" });
     this.list("processes", lines);
     const daemon = processes.find(({ heard }) => heard?.daemon)?.heard;
-    const isOther = daemon && daemon.config_hash !== hash;
-    return isOther ? "The daemon runs with another configuration than this page shows: give its --config and flags to oqtal view." : "";
+    return Boolean(daemon) && daemon.config_hash !== this.scene.config_hash;
   }
 
   list(id, lines, card = `${id}-card`) {

@@ -21,7 +21,6 @@ const STATUS_PERIOD: Span = Span::from_millis(250);
 pub struct LiveView {
     collector: Collector,
     instance: InstanceModel,
-    config_hash: String,
     last_status: Time,
 }
 
@@ -32,8 +31,6 @@ pub struct LiveStatus {
     vehicle: Option<VehicleStatus>,
     /// Whether all processes run with one configuration; `None` if none was observed.
     config_agrees: Option<bool>,
-    /// Hash of the configuration shown on the page.
-    config_hash: String,
     /// Conditions that prevent a flight.
     obstacles: Vec<String>,
     /// Time since the newest tick was received \[s\]; `None` before the first.
@@ -68,7 +65,6 @@ impl LiveView {
         Self {
             collector: Collector::new(config),
             instance: InstanceModel::new(Time::UNSET, timeout),
-            config_hash: format!("{:016x}", config.hash()),
             last_status: Time::UNSET,
         }
     }
@@ -92,7 +88,6 @@ impl LiveView {
         let obstacles = ArmingObstacles::from_bits(tick.map_or(0, |tick| tick.body.obstacles));
         LiveStatus {
             config_agrees,
-            config_hash: self.config_hash.clone(),
             processes: status.processes,
             vehicle: status.vehicle,
             obstacles: obstacles.iter().map(|obstacle| obstacle.to_string()).collect(),

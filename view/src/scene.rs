@@ -13,6 +13,8 @@ use crate::row::{TICK_COLUMNS, VEHICLE_COLUMNS};
 #[derive(Clone, Debug, Serialize)]
 pub struct SceneDescription {
     title: String,
+    /// Hash of the configuration.
+    config_hash: String,
     controller: &'static str,
     trajectory: TrajectoryKind,
     /// Whether the page shows a running instance, not a recording.
@@ -88,6 +90,7 @@ impl SceneDescription {
         let has_truth = !config.is_replay() && !config.plant.shadow;
         Self {
             title,
+            config_hash: format!("{:016x}", config.hash()),
             controller: config.control.controller.name(),
             trajectory: config.trajectory.kind,
             is_live: false,

@@ -1,7 +1,7 @@
 //! Replies to requests, independent of sockets.
 
 use std::fmt;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use serde::Deserialize;
 
@@ -59,7 +59,7 @@ pub enum Subject {
 #[derive(Debug)]
 pub struct Site {
     access: Access,
-    scene: String,
+    scene: Mutex<String>,
     subject: Subject,
 }
 
@@ -84,8 +84,12 @@ struct CommandBody {
 impl Site {
     /// A site that shows `subject`.
     pub fn new(access: Access, scene: &SceneDescription, subject: Subject) -> Self {
-        let scene = serde_json::to_string(scene).expect("a scene is plain JSON");
-        Self { access, scene, subject }
+        Self { access, scene: Mutex::new(json(scene)), subject }
+    }
+
+    /// Shows the subject in another `scene`; open pages load it when they notice that the daemon runs with another configuration.
+    pub fn change_scene(&self, scene: &SceneDescription) {
+        *self.scene.lock().unwrap_or_else(PoisonError::into_inner) = json(scene);
     }
 
     /// Whether `request` has the token.
@@ -112,7 +116,8 @@ impl Site {
         match (&*request.path, &self.subject) {
             ("/scene", _) => {
                 self.access.may_read(request)?;
-                Ok(Reply::Whole(Response::ok(JSON, self.scene.clone())))
+                let scene = self.scene.lock().unwrap_or_else(PoisonError::into_inner).clone();
+                Ok(Reply::Whole(Response::ok(JSON, scene)))
             }
             ("/live", Subject::Live(hub, _)) => {
                 self.access.may_read(request)?;
@@ -139,6 +144,10 @@ impl Site {
         let status = if is_accepted { 200 } else { 409 };
         Ok(Response { status, ..Response::error(status, &text) })
     }
+}
+
+fn json(scene: &SceneDescription) -> String {
+    serde_json::to_string(scene).expect("a scene is plain JSON")
 }
 
 /// The command of a body.
