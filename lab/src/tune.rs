@@ -52,7 +52,7 @@ pub struct TuneArgs {
     /// Optimiser
     #[arg(long, value_enum, default_value_t)]
     optimiser: Optimiser,
-    /// MetricWeights of the components of the objective; those not given keep their defaults, which the table at the end shows
+    /// Weights of the components of the objective; those not given keep their defaults, which the table at the end shows
     #[arg(long, value_name = "KEY=W,...", value_delimiter = ',')]
     weights: Vec<String>,
     /// File of the tuned configuration; with several laws, or if it exists as a directory, the directory of files LAW.toml [default:

@@ -61,7 +61,7 @@ pub struct TrainingFlights {
     pub case: Case,
     /// Number of draws of a spread \[-\]; 0 for plants near the configured one.
     pub draws: usize,
-    /// MetricWeights of the metrics in the objective \[-\].
+    /// Weights of the metrics in the objective \[-\].
     pub weights: MetricWeights,
 }
 

@@ -12,7 +12,7 @@ use crate::study::metric::{Figures, METRIC};
 /// Relative change for the worse above which a component is warned of \[-\].
 const WORSE: f64 = 0.05;
 
-/// MetricWeights of the metrics in the objective \[-\].
+/// Weights of the metrics in the objective \[-\].
 pub type MetricWeights = Figures;
 
 /// The weights used unless others are given.

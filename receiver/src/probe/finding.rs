@@ -27,7 +27,7 @@ pub struct ProbeFinding {
     pub remedy: &'static str,
 }
 
-/// FitnessVerdict on a camera system.
+/// Verdict on a camera system.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FitnessVerdict {

@@ -32,7 +32,7 @@ impl MavlinkId {
     pub(super) const ODOMETRY: u32 = 331;
 }
 
-/// MavlinkPayload with the zeros at its end.
+/// Payload with the zeros at its end.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MavlinkPayload {
     bytes: [u8; MAX_PAYLOAD],
@@ -41,12 +41,12 @@ pub(super) struct MavlinkPayload {
 }
 
 impl MavlinkPayload {
-    /// MavlinkPayload without fields.
+    /// Payload without fields.
     pub(super) fn new() -> Self {
         Self { bytes: [0; MAX_PAYLOAD], length: 0 }
     }
 
-    /// MavlinkPayload of received bytes; those that were not sent are zeros.
+    /// Payload of received bytes; those that were not sent are zeros.
     pub(super) fn received(sent: &[u8]) -> Self {
         let mut payload = Self::new();
         payload.put(sent);
