@@ -14,7 +14,7 @@ use oqtal_bus::time::Time;
 use oqtal_bus::topic::REFERENCE;
 use oqtal_bus::transport::{Publish, Transport};
 use oqtal_config::Config;
-use oqtal_operator::CtlRequest;
+use oqtal_operator::{AddressedInstance, CtlRequest};
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths, stop_on_signals};
 use oqtal_runtime::program::say;
 
@@ -110,8 +110,7 @@ impl Gateway {
     ) -> Result<String, Failure> {
         let known = CtlRequest::from_str(command, false);
         let command = known.map_err(|reason| Failure::new(Exit::Usage, reason))?;
-        oqtal_operator::execute_for(self.bus.paths(), (command, arguments), |request| {
-            sender.sign(request)
-        })
+        let address = AddressedInstance::at(self.bus.paths());
+        oqtal_operator::execute_for(&address, (command, arguments), |request| sender.sign(request))
     }
 }

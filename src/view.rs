@@ -113,7 +113,7 @@ impl ViewArgs {
     ) -> Site {
         let scene = SceneDescription::of_instance(config, self.control);
         let expected = (!self.common.config.is_empty()).then(|| config.hash());
-        let operator = BusOperator::new(paths, expected);
+        let operator = BusOperator::new(&paths, expected);
         let operator = self.control.then(|| Box::new(operator) as _);
         Site::new(access.clone(), &scene, Subject::Live(Arc::clone(hub), operator))
     }

@@ -22,10 +22,12 @@
 //! | `location.rs` | names of recordings on the command line |
 //! | `playback.rs` | a recording as samples for a sink, and as a flight |
 //! | `history.rs` | inputs of the daemon, turn by turn |
+//! | `cell.rs` | messages as rows of typed cells |
 //! | `export.rs` | a recording as text |
 //! | `overview.rs` | contents of a recording: `oqtal info` |
 
 mod cdr;
+pub mod cell;
 mod channel;
 mod chunk;
 mod closing;

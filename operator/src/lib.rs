@@ -52,17 +52,17 @@ pub fn require_daemon(bus: &Bus, instance: &str, otherwise: &str) -> Result<(), 
 /// # Errors
 /// No daemon answers, or it refuses; or the motors are not known to be off after a stop.
 pub fn execute(
-    paths: &InstancePaths,
+    address: &AddressedInstance,
     (command, expected): (OperatorCommand, Option<u64>),
 ) -> Result<String, Failure> {
     let response = match command {
         OperatorCommand::Stop => {
-            let stop = stop::raise(&here(paths))?;
+            let stop = stop::raise(address)?;
             return stop.check().map(|()| stop.to_string());
         }
-        OperatorCommand::Land => land::land(&here(paths))?,
-        _ => request(&running_bus(paths)?, command, expected)?
-            .ok_or_else(|| silent(&paths.instance))?,
+        OperatorCommand::Land => land::land(address)?,
+        _ => request(&running_bus(&address.paths)?, command, expected)?
+            .ok_or_else(|| silent(&address.paths.instance))?,
     };
     let report = ControlReport::new(command, &response, InstanceStatus::default());
     report.check(&response, expected)?;
@@ -75,17 +75,17 @@ pub fn execute(
 /// # Errors
 /// As [`execute`]; or the arguments are not those of the command.
 pub fn execute_for(
-    paths: &InstancePaths,
+    address: &AddressedInstance,
     (command, arguments): (CtlRequest, &[String]),
     sign: impl FnOnce(ControlRequestV1) -> ControlRequestV1,
 ) -> Result<String, Failure> {
     let body = sign(request_of(command, arguments)?);
     let operator = command.command();
     if command.ends_flight() {
-        return execute(paths, (operator, None));
+        return execute(address, (operator, None));
     }
-    let response = request::send_signed(&running_bus(paths)?, body, None)?;
-    let response = response.ok_or_else(|| silent(&paths.instance))?;
+    let response = request::send_signed(&running_bus(&address.paths)?, body, None)?;
+    let response = response.ok_or_else(|| silent(&address.paths.instance))?;
     let report = ControlReport::new(operator, &response, InstanceStatus::default());
     report.check(&response, None)?;
     Ok(report.to_text(&[]))
@@ -94,20 +94,15 @@ pub fn execute_for(
 /// Ends a flight with `command`, a landing or a stop; returns whether the daemon or the vehicle obeys.
 pub fn end_flight(paths: &InstancePaths, command: OperatorCommand) -> bool {
     if command == OperatorCommand::Stop {
-        let stopped = stop::raise(&here(paths));
+        let stopped = stop::raise(&AddressedInstance::at(paths));
         return stopped.is_ok_and(|stop| stop.vehicle_obeys || stop.daemon_obeys);
     }
-    execute(paths, (command, None)).is_ok()
+    execute(&AddressedInstance::at(paths), (command, None)).is_ok()
 }
 
 /// Stops the vehicle of the instance at `paths`; returns the first line of the result.
 pub fn stop_text(paths: &InstancePaths) -> String {
-    let stopped = execute(paths, (OperatorCommand::Stop, None));
+    let stopped = execute(&AddressedInstance::at(paths), (OperatorCommand::Stop, None));
     let text = stopped.unwrap_or_else(|failure| failure.message);
     text.lines().next().unwrap_or_default().to_owned()
-}
-
-/// Address of the instance that the calling process observes.
-fn here(paths: &InstancePaths) -> AddressedInstance {
-    AddressedInstance { paths: paths.clone(), has_root: true }
 }

@@ -3,17 +3,12 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-use oqtal_bus::message::{Field, FieldType, Header, Stamps, TelemetryV1};
+use oqtal_bus::message::TelemetryV1;
 use oqtal_bus::time::Time;
 use oqtal_bus::topic::{ObservedTopic, Sample};
 
-use super::schema::member_name;
+use super::cell::{self, Cell};
 use crate::sink::{Reception, Sink};
-
-/// Names of vector components in columns.
-const COMPONENTS: [&str; 4] = ["x", "y", "z", "w"];
-/// Unit of a field that contains the bytes of a text.
-const TEXT: &str = "text";
 
 /// Texts by name.
 pub type Tables = BTreeMap<String, String>;
@@ -27,28 +22,11 @@ pub struct CsvExport {
 
 impl Sink for CsvExport {
     fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
-        let (topic, message) = (sample.topic(), sample.body());
-        let table = self.tables.entry(topic.to_string()).or_insert_with(|| {
-            let fields = [Header::FIELDS, Stamps::FIELDS, message.fields()].concat();
-            let names: Vec<_> = fields.iter().flat_map(columns).collect();
-            format!("received_at_ns,{}\n", names.join(","))
+        let table = self.tables.entry(sample.topic().to_string()).or_insert_with(|| {
+            let names = cell::names(sample.body().fields());
+            names.join(",") + "\n"
         });
-        let Header { sequence, pose_sequence, schema, source, stamps } = &reception.header;
-        let words = [reception.received_at.nanos(), *sequence, *pose_sequence, *schema, *source];
-        let words = words.into_iter().chain(stamps.to_words());
-        let mut cells: Vec<String> = words.map(|word| word.to_string()).collect();
-        let packed = message.packed();
-        let mut rest = packed.as_slice();
-        for field in message.fields() {
-            let (bytes, behind) = rest.split_at(field.size());
-            rest = behind;
-            match field.unit {
-                TEXT => cells.push(quoted(bytes)),
-                _ => cells.extend(
-                    bytes.chunks(field.element.size()).map(|bytes| text_of(field.element, bytes)),
-                ),
-            }
-        }
+        let cells: Vec<String> = cell::cells(reception, &sample).map(text_of).collect();
         table.push_str(&cells.join(","));
         table.push('\n');
     }
@@ -57,34 +35,14 @@ impl Sink for CsvExport {
     fn lost(&mut self, _: ObservedTopic, _: u64) {}
 }
 
-/// Columns of a field: one for each element.
-fn columns(field: &Field) -> Vec<String> {
-    let name = member_name(field);
-    match field.length {
-        1 => vec![name],
-        _ if field.unit == TEXT => vec![name],
-        length => {
-            COMPONENTS[..length].iter().map(|component| format!("{name}_{component}")).collect()
-        }
-    }
-}
-
-/// The bytes of a text as a quoted cell, without the trailing zeros.
-fn quoted(bytes: &[u8]) -> String {
-    let text = String::from_utf8_lossy(bytes);
-    format!("\"{}\"", text.trim_end_matches('\0').replace('"', "\"\""))
-}
-
-/// An element as text; empty for NaN.
-fn text_of(element: FieldType, bytes: &[u8]) -> String {
-    let mut word = [0; 8];
-    word[..bytes.len()].copy_from_slice(bytes);
-    let number = u64::from_le_bytes(word);
-    match element {
-        FieldType::U8 | FieldType::U32 | FieldType::U64 | FieldType::Time => number.to_string(),
-        FieldType::I64 => number.cast_signed().to_string(),
-        FieldType::F64 if f64::from_bits(number).is_nan() => String::new(),
-        FieldType::F64 => f64::from_bits(number).to_string(),
+/// A cell as text: quoted if it is one, empty for NaN.
+fn text_of(cell: Cell) -> String {
+    match cell {
+        Cell::Count(count) => count.to_string(),
+        Cell::Signed(number) => number.to_string(),
+        Cell::Number(number) if number.is_nan() => String::new(),
+        Cell::Number(number) => number.to_string(),
+        Cell::Text(text) => format!("\"{}\"", text.replace('"', "\"\"")),
     }
 }
 
