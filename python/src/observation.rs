@@ -6,10 +6,9 @@ use std::sync::mpsc::{Sender, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use oqtal_bus::message::Message;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::{ObservedTopic, Sample, Topic, TopicVisitor};
+use oqtal_bus::topic::{ObservedTopic, Sample};
 use oqtal_observe::instance::InstanceModel;
 use oqtal_observe::observer::BusObserver;
 use oqtal_observe::recording::cell::{self, Cell};
@@ -96,7 +95,7 @@ impl Rows {
     /// Rows of the messages of `topic`.
     fn of_topic(topic: ObservedTopic) -> Self {
         Self {
-            names: topic.visit(Names),
+            names: cell::names_of(topic),
             topics: vec![topic],
             new: Vec::new(),
             lost: 0,
@@ -138,21 +137,6 @@ impl Sink for Rows {
             Some(model) => model.lost(topic, count),
             None => self.lost += count,
         }
-    }
-}
-
-/// Names of the columns of a topic.
-struct Names;
-
-impl TopicVisitor for Names {
-    type Output = Vec<String>;
-
-    fn visit<M: Message>(
-        self,
-        _: &Topic<M>,
-        _: impl for<'a> Fn(&'a M) -> Sample<'a> + 'static,
-    ) -> Self::Output {
-        cell::names(M::FIELDS)
     }
 }
 

@@ -55,8 +55,8 @@ def assert_lanes_equal(flights: list[oqtal.Flight], seed: int, sources) -> None:
         lanes.step(np.ascontiguousarray(commands[:, tick]))
 
 
-#: Flights of each law: OQTAL_TEST_LANES=200 takes some minutes.
-LANES = int(os.environ.get("OQTAL_TEST_LANES", "12"))
+#: Flights of each law: OQTAL_TEST_LANES=200 takes some minutes. Removed, since OQTAL_ variables are settings.
+LANES = int(os.environ.pop("OQTAL_TEST_LANES", "12"))
 
 
 @pytest.mark.parametrize("law", ["pid", "oqtal", "oqtal-dt"])

@@ -1,7 +1,7 @@
 //! Messages as rows of typed cells, with the names of their columns.
 
-use oqtal_bus::message::{Field, FieldType, Header, Stamps};
-use oqtal_bus::topic::Sample;
+use oqtal_bus::message::{Field, FieldType, Header, Message, Stamps};
+use oqtal_bus::topic::{ObservedTopic, Sample, Topic, TopicVisitor};
 
 use super::schema::member_name;
 use crate::sink::Reception;
@@ -24,11 +24,35 @@ pub enum Cell {
     Text(String),
 }
 
-/// Names of the columns of messages with these fields, with their units: reception, header, stamps, body.
+/// Names of the columns of messages with these fields, with their units: reception by the recorder, header, stamps, body. A name of
+/// header or stamps that the body has, too, begins with `header_`.
 pub fn names(fields: &[Field]) -> Vec<String> {
-    let fields = [Header::FIELDS, Stamps::FIELDS, fields].concat();
-    let columns = fields.iter().flat_map(columns);
-    std::iter::once("received_at_ns".to_owned()).chain(columns).collect()
+    let body: Vec<String> = fields.iter().flat_map(columns).collect();
+    let header = [Header::FIELDS, Stamps::FIELDS].concat();
+    let mut names = vec!["recorded_at_ns".to_owned()];
+    names.extend(header.iter().flat_map(columns).map(|name| match body.contains(&name) {
+        true => format!("header_{name}"),
+        false => name,
+    }));
+    names.extend(body);
+    names
+}
+
+/// Names of the columns of `topic`.
+pub fn names_of(topic: ObservedTopic) -> Vec<String> {
+    struct Names;
+    impl TopicVisitor for Names {
+        type Output = Vec<String>;
+
+        fn visit<M: Message>(
+            self,
+            _: &Topic<M>,
+            _: impl for<'a> Fn(&'a M) -> Sample<'a> + 'static,
+        ) -> Self::Output {
+            names(M::FIELDS)
+        }
+    }
+    topic.visit(Names)
 }
 
 /// Columns of a field: one for each element.
@@ -76,5 +100,21 @@ fn cell_of(element: FieldType, bytes: &[u8]) -> Cell {
         FieldType::U8 | FieldType::U32 | FieldType::U64 | FieldType::Time => Cell::Count(number),
         FieldType::I64 => Cell::Signed(number.cast_signed()),
         FieldType::F64 => Cell::Number(f64::from_bits(number)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_columns_are_distinct_and_legal_in_matlab() {
+        for topic in ObservedTopic::all() {
+            let names = names_of(topic);
+            let distinct: std::collections::BTreeSet<_> = names.iter().collect();
+            assert_eq!(distinct.len(), names.len(), "{topic}");
+            let is_legal = |name: &str| name.len() < 64 && name.starts_with(char::is_alphabetic);
+            assert!(names.iter().all(|name| is_legal(name)), "{topic}: {names:?}");
+        }
     }
 }

@@ -1,6 +1,8 @@
-//! Recordings as text: CSV with one row per message, and trajectories in the format of the TUM benchmark.
+//! Recordings for other tools: CSV with one row per message, columns for MAT-files, and trajectories in the format of the TUM
+//! benchmark.
 
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::fmt::Write;
 
 use oqtal_bus::message::TelemetryV1;
@@ -8,6 +10,7 @@ use oqtal_bus::time::Time;
 use oqtal_bus::topic::{ObservedTopic, Sample};
 
 use super::cell::{self, Cell};
+use crate::csv::ColumnValues;
 use crate::sink::{Reception, Sink};
 
 /// Texts by name.
@@ -33,6 +36,54 @@ impl Sink for CsvExport {
 
     /// Ignores losses; a recording contains them as events.
     fn lost(&mut self, _: ObservedTopic, _: u64) {}
+}
+
+/// Export of every topic as columns: header and body of each message, with units in the names.
+#[derive(Debug, Default)]
+pub struct ColumnExport {
+    /// Columns by topic.
+    pub tables: BTreeMap<String, Vec<(String, ColumnValues)>>,
+}
+
+impl Sink for ColumnExport {
+    fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
+        let cells = cell::cells(reception, &sample);
+        match self.tables.entry(sample.topic().to_string()) {
+            Entry::Vacant(vacant) => {
+                let names = cell::names(sample.body().fields()).into_iter();
+                vacant.insert(names.zip(cells.map(first)).collect());
+            }
+            Entry::Occupied(mut table) => {
+                table.get_mut().iter_mut().zip(cells).for_each(|((_, column), cell)| {
+                    push(column, cell);
+                });
+            }
+        }
+    }
+
+    /// Ignores losses; a recording contains them as events.
+    fn lost(&mut self, _: ObservedTopic, _: u64) {}
+}
+
+/// A column with its first cell.
+fn first(cell: Cell) -> ColumnValues {
+    match cell {
+        Cell::Count(count) => ColumnValues::Counts(vec![count]),
+        Cell::Signed(number) => ColumnValues::Signed(vec![number]),
+        Cell::Number(number) => ColumnValues::Numbers(vec![number]),
+        Cell::Text(text) => ColumnValues::Words(vec![text]),
+    }
+}
+
+/// Appends a cell to the column of its kind.
+fn push(column: &mut ColumnValues, cell: Cell) {
+    match (column, cell) {
+        (ColumnValues::Counts(counts), Cell::Count(count)) => counts.push(count),
+        (ColumnValues::Signed(numbers), Cell::Signed(number)) => numbers.push(number),
+        (ColumnValues::Numbers(numbers), Cell::Number(number)) => numbers.push(number),
+        (ColumnValues::Words(words), Cell::Text(text)) => words.push(text),
+        _ => {}
+    }
 }
 
 /// A cell as text: quoted if it is one, empty for NaN.
