@@ -1,12 +1,13 @@
-//! `oqtal export FILE`: a recording as text files for other tools.
+//! `oqtal export FILE`: a recording as files for other tools.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use oqtal_observe::csv;
 use oqtal_observe::recording::{
-    CsvExport, RecordingFile, Tables, TumExport, flight, play, recording_path,
+    ColumnExport, CsvExport, RecordingFile, Tables, TumExport, flight, play, recording_path,
 };
+use oqtal_observe::{csv, mat};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 
@@ -21,27 +22,36 @@ pub struct ExportArgs {
     /// Format of the files
     #[arg(long, value_enum)]
     format: ExportFormat,
-    /// Topics, separated by commas [default: all; for csv the table of ticks that `oqtal fly` writes as well]
+    /// Topics, separated by commas [default: all; for csv and mat the table of ticks that `oqtal fly` writes as well]
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     topics: Vec<String>,
-    /// Directory of the files [default: FILE without .mcap, and -csv or -tum]
+    /// Directory of the files [default: FILE without .mcap, and -csv, -mat or -tum]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
 
-/// A format of text files.
+/// A format of files.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum ExportFormat {
     /// A row for each message, units in the column names
     Csv,
+    /// MATLAB, Octave, SciPy: a variable for each column of the CSV
+    Mat,
     /// Trajectories: lines `time x y z qx qy qz qw`
     Tum,
 }
+
+/// Contents of files by the names of their tables.
+type Files = BTreeMap<String, Vec<u8>>;
+
+/// Name of the table of ticks.
+const TICKS: &str = "ticks";
 
 impl ExportFormat {
     fn extension(self) -> &'static str {
         match self {
             Self::Csv => "csv",
+            Self::Mat => "mat",
             Self::Tum => "tum",
         }
     }
@@ -72,13 +82,24 @@ impl ExportArgs {
         Ok(Exit::Ok)
     }
 
-    /// Every table of the format.
-    fn tables(&self, file: &RecordingFile) -> Result<Tables, Failure> {
+    /// The files of the format by the names of their tables.
+    fn tables(&self, file: &RecordingFile) -> Result<Files, Failure> {
+        let of_text =
+            |tables: Tables| tables.into_iter().map(|(n, t)| (n, t.into_bytes())).collect();
         match self.format {
             ExportFormat::Tum => {
                 let mut export = TumExport::default();
                 play(file, &mut export).map_err(failure)?;
-                Ok(export.tables)
+                Ok(of_text(export.tables))
+            }
+            ExportFormat::Mat => {
+                let mut export = ColumnExport::default();
+                play(file, &mut export).map_err(failure)?;
+                let ticks = csv::columns(&flight(file).map_err(failure)?).into_iter();
+                let ticks = mat::file(ticks.map(|column| (column.name, column.values)));
+                let tables =
+                    export.tables.into_iter().map(|(name, table)| (name, mat::file(table)));
+                Ok(tables.chain([(TICKS.to_owned(), ticks)]).collect())
             }
             ExportFormat::Csv => {
                 let mut export = CsvExport::default();
@@ -86,14 +107,14 @@ impl ExportArgs {
                 let mut ticks = Vec::new();
                 csv::write(&flight(file).map_err(failure)?, &mut ticks)
                     .map_err(|error| Failure::new(Exit::Internal, error.to_string()))?;
-                let ticks = String::from_utf8_lossy(&ticks).into_owned();
-                export.tables.insert("ticks".to_owned(), ticks);
-                Ok(export.tables)
+                let mut files = of_text(export.tables);
+                files.insert(TICKS.to_owned(), ticks);
+                Ok(files)
             }
         }
     }
 
-    fn check_topics(&self, tables: &Tables) -> Result<(), Failure> {
+    fn check_topics(&self, tables: &Files) -> Result<(), Failure> {
         let Some(unknown) = self.topics.iter().find(|name| !tables.contains_key(*name)) else {
             return Ok(());
         };

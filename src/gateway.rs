@@ -19,7 +19,7 @@ use oqtal_bus::time::Time;
 use oqtal_bus::topic::REFERENCE;
 use oqtal_bus::transport::{Publish, Transport};
 use oqtal_config::Config;
-use oqtal_operator::CtlRequest;
+use oqtal_operator::{AddressedInstance, CtlRequest};
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths, stop_on_signals};
 use oqtal_runtime::program::say;
 
@@ -129,7 +129,8 @@ impl Gateway {
     ) -> Result<String, Failure> {
         let known = CtlRequest::from_str(command, false);
         let command = known.map_err(|reason| Failure::new(Exit::Usage, reason))?;
+        let address = AddressedInstance::at(self.bus.paths());
         let sign = |request| sender.sign(request);
-        oqtal_operator::execute(self.bus.paths(), (command, arguments), None, sign)
+        oqtal_operator::execute(&address, (command, arguments), None, sign)
     }
 }

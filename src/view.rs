@@ -99,7 +99,7 @@ impl ViewArgs {
         let hub = Arc::new(Hub::default());
         let expected = (!self.common.config.is_empty()).then(|| config.hash());
         let daemon_file = paths.config();
-        let operator = BusOperator::new(paths, expected);
+        let operator = BusOperator::new(&paths, expected);
         let operator = self.control.then(|| Box::new(operator) as _);
         let subject = Subject::Live(Arc::clone(&hub), operator);
         let mut daemon = DaemonConfig { file: daemon_file, text: String::new() };

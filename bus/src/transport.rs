@@ -35,6 +35,11 @@ pub trait Subscribe<M: Message> {
     /// Number of samples missed so far, from gaps in their sequence numbers.
     fn lost(&self) -> u64;
 
+    /// Number of samples so far that an injected fault dropped or held back when they arrived.
+    fn withheld(&self) -> u64 {
+        0
+    }
+
     /// Passes every waiting sample to `use_sample`, oldest first, with the number of samples lost so far \[-\].
     ///
     /// # Errors

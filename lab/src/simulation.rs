@@ -109,7 +109,7 @@ impl<'a> Simulation<'a> {
         };
         // Opened before the daemon, whose start is recorded.
         let observer = BusObserver::open(bus.as_ref(), &topics)?;
-        // Each tick of the daemon has a truth sample, unless a fault withholds its command from the plant.
+        // Each tick of the daemon has a truth sample, unless a fault keeps the plant from acting.
         let every_millisecond = recording.is_some() || !config.fault.inject.is_empty();
         Ok(Self {
             mission,

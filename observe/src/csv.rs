@@ -128,6 +128,7 @@ mod tests {
             match values {
                 ColumnValues::Numbers(numbers) => numbers.iter().for_each(|n| text.number(*n)),
                 ColumnValues::Counts(counts) => counts.iter().for_each(|n| text.count(*n)),
+                ColumnValues::Signed(_) => panic!("{name} has spans of time"),
                 ColumnValues::Words(words) => text.0.clone_from(words),
             }
             let cells = rows.iter().map(|row| row[index].clone());

@@ -27,6 +27,7 @@
 //! | `report.rs` | the report of a flight, one HTML page |
 //! | `compare.rs` | comparison of several flights |
 //! | `csv.rs` | `telemetry.csv` |
+//! | `mat.rs` | tables as MAT-files |
 //! | `page.rs` | HTML pages in one style |
 //! | `plot.rs` | plots as SVG |
 //! | `kernel.rs` | scheduling and resource use of a process |
@@ -47,6 +48,7 @@ pub mod instance;
 pub mod kernel;
 pub mod latency;
 pub mod loop_monitor;
+pub mod mat;
 pub mod nearest;
 pub mod observed_process;
 pub mod observer;

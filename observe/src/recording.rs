@@ -22,10 +22,12 @@
 //! | `location.rs` | names of recordings on the command line |
 //! | `playback.rs` | a recording as samples for a sink, and as a flight |
 //! | `history.rs` | inputs of the daemon, turn by turn |
-//! | `export.rs` | a recording as text |
+//! | `cell.rs` | messages as rows of typed cells |
+//! | `export.rs` | a recording as text and as columns |
 //! | `overview.rs` | contents of a recording: `oqtal info` |
 
 mod cdr;
+pub mod cell;
 mod channel;
 mod chunk;
 mod closing;
@@ -49,7 +51,7 @@ mod writer;
 
 pub use cdr::{decode, encode};
 pub use closing::ClosingFacts;
-pub use export::{CsvExport, Tables, TumExport};
+pub use export::{ColumnExport, CsvExport, Tables, TumExport};
 pub use facts::{Facts, WAYPOINTS_FILE};
 pub use file::{RecordedChannel, RecordedMessage, RecordingFile, RecordingFileError};
 pub use history::{DaemonHistory, InputHistory, RecordedTurn};

@@ -53,7 +53,7 @@ pub fn require_daemon(bus: &Bus, instance: &str, otherwise: &str) -> Result<(), 
 /// # Errors
 /// No daemon answers, or it refuses; the motors are not known to be off after a stop; the arguments are not those of the command.
 pub fn execute(
-    paths: &InstancePaths,
+    address: &AddressedInstance,
     (command, arguments): (CtlRequest, &[String]),
     expected: Option<u64>,
     sign: impl FnOnce(ControlRequestV1) -> ControlRequestV1,
@@ -61,12 +61,12 @@ pub fn execute(
     let body = sign(request_of(command, arguments)?.by("oqtal"));
     let response = match command {
         CtlRequest::Stop => {
-            let stop = stop::raise(&here(paths))?;
+            let stop = stop::raise(address)?;
             return stop.check().map(|()| stop.to_string());
         }
-        CtlRequest::Land => land::land(&here(paths))?,
-        _ => request::send_signed(&running_bus(paths)?, body, expected)?
-            .ok_or_else(|| silent(&paths.instance))?,
+        CtlRequest::Land => land::land(address)?,
+        _ => request::send_signed(&running_bus(&address.paths)?, body, expected)?
+            .ok_or_else(|| silent(&address.paths.instance))?,
     };
     let report = ControlReport::new(command.command(), &response, InstanceStatus::default());
     report.check(&response, expected)?;
@@ -77,10 +77,12 @@ pub fn execute(
 pub fn execute_line(paths: &InstancePaths, line: &str) -> String {
     let mut words = line.split_whitespace().map(str::to_owned);
     let command = words.next().unwrap_or_default();
-    let known = CtlRequest::from_str(&command, false);
-    let result = known
+    let result = CtlRequest::from_str(&command, false)
         .map_err(|_| Failure::new(Exit::Usage, format!("`{command}` is not a request")))
-        .and_then(|known| execute(paths, (known, &Vec::from_iter(words)), None, |request| request));
+        .and_then(|known| {
+            let (address, arguments) = (AddressedInstance::at(paths), Vec::from_iter(words));
+            execute(&address, (known, &arguments), None, |request| request)
+        });
     let text = result.unwrap_or_else(|failure| failure.message);
     text.lines().map(str::trim).collect::<Vec<_>>().join("; ")
 }
@@ -88,13 +90,9 @@ pub fn execute_line(paths: &InstancePaths, line: &str) -> String {
 /// Ends a flight with `command`, a landing or a stop; returns whether the daemon or the vehicle obeys.
 pub fn end_flight(paths: &InstancePaths, command: OperatorCommand) -> bool {
     if command == OperatorCommand::Stop {
-        let stopped = stop::raise(&here(paths));
+        let stopped = stop::raise(&AddressedInstance::at(paths));
         return stopped.is_ok_and(|stop| stop.vehicle_obeys || stop.daemon_obeys);
     }
-    execute(paths, (CtlRequest::Land, &[]), None, |request| request).is_ok()
-}
-
-/// Address of the instance that the calling process observes.
-fn here(paths: &InstancePaths) -> AddressedInstance {
-    AddressedInstance { paths: paths.clone(), has_root: true }
+    let land = (CtlRequest::Land, &[][..]);
+    execute(&AddressedInstance::at(paths), land, None, |request| request).is_ok()
 }

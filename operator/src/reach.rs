@@ -18,6 +18,13 @@ pub struct AddressedInstance {
     pub has_root: bool,
 }
 
+impl AddressedInstance {
+    /// Address of the instance at `paths`, such as one that the calling process observes.
+    pub fn at(paths: &InstancePaths) -> Self {
+        Self { paths: paths.clone(), has_root: true }
+    }
+}
+
 /// Processes that obey operators, as seen from an address.
 #[derive(Debug)]
 pub struct Reached {

@@ -68,6 +68,8 @@ pub(crate) fn log_skipped(skipped: Span) {
 #[derive(Debug)]
 pub struct PlantTurn<T: Transport> {
     commands: T::Reader<CommandV1>,
+    /// Commands that faults withheld so far.
+    withheld: u64,
     outputs: Outputs<T>,
     stop: VehicleStop,
     /// Instant at which the state of the vehicle was last published because of a stop.
@@ -93,6 +95,7 @@ impl<T: Transport> PlantTurn<T> {
         let is_shadow = config.plant.shadow;
         Ok(Self {
             commands: bus.reader(&COMMAND)?,
+            withheld: 0,
             outputs: Outputs {
                 truths: bus.writer(&TRUTH)?,
                 vehicles: (!is_shadow).then(|| bus.writer(&VEHICLE)).transpose()?,
@@ -180,10 +183,15 @@ impl<T: Transport> Turn for PlantTurn<T> {
         });
         published?;
         self.obey_stop(arrival.as_ref(), clock)?;
+        let withheld = self.commands.withheld();
+        let is_tick = arrival.is_some() || withheld != self.withheld;
+        self.withheld = withheld;
         let Self { plant, outputs, .. } = self;
         if let Some((header, command)) = arrival {
             self.health.count_input();
             plant.receive(now, header, command, self.commands.lost());
+        }
+        if is_tick {
             // Truth at the daemon's tick, for the evaluation of the flight.
             outputs.publish(PlantOutput::Truth(plant.truth()), clock)?;
         }

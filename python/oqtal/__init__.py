@@ -23,6 +23,7 @@ from oqtal.errors import (
     VersionError,
 )
 from oqtal.flight import Flight, fly
+from oqtal.instance import Instance, Observation, connect
 from oqtal.python_law import Command, Reference, State, law, serve
 from oqtal.studies import Identification, Tuned, campaign, identify, laws, robustness, sweep, tune
 from oqtal.table import Table
@@ -49,8 +50,10 @@ __all__ = [
     "Flight",
     "FlightError",
     "Identification",
+    "Instance",
     "InternalError",
     "LawError",
+    "Observation",
     "OqtalError",
     "PeerError",
     "Reference",
@@ -63,6 +66,7 @@ __all__ = [
     "__revision__",
     "__version__",
     "campaign",
+    "connect",
     "fly",
     "identify",
     "law",

@@ -64,6 +64,9 @@ impl PyFlight {
                     let counts = counts.into_iter().map(u64::cast_signed).collect();
                     arrays.set_item(column.name, PyArray1::from_vec(py, counts))?;
                 }
+                ColumnValues::Signed(numbers) => {
+                    arrays.set_item(column.name, PyArray1::from_vec(py, numbers))?;
+                }
                 ColumnValues::Words(words) => arrays.set_item(column.name, words)?,
             }
         }

@@ -9,13 +9,17 @@
 //! | `flight.rs` | flights and recordings, their columns and pages |
 //! | `law.rs` | laws written in Python |
 //! | `lanes.rs` | environments stepped together |
+//! | `instance.rs` | a running instance: commands and references |
+//! | `observation.rs` | observation of a running instance |
 //! | `studies.rs` | campaigns, sweeps, robustness, identification, tuning |
 //! | `paper.rs` | tracking error, error models, Riccati equations, gravity turn |
 
 mod error;
 mod flight;
+mod instance;
 mod lanes;
 mod law;
+mod observation;
 mod paper;
 mod settings;
 mod studies;
@@ -31,6 +35,8 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("REVISION", env!("REVISION_OF_OQTAL"))?;
     flight::register(module)?;
     lanes::register(module)?;
+    instance::register(module)?;
+    observation::register(module)?;
     studies::register(module)?;
     paper::register(module)
 }

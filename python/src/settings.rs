@@ -39,6 +39,11 @@ impl Sources {
         Ok(settings)
     }
 
+    /// The settings of the call alone, as `KEY=VALUE` in TOML.
+    pub fn texts(&self) -> Vec<String> {
+        self.settings.iter().map(|setting| format!("{}={}", setting.key, setting.value)).collect()
+    }
+
     /// The effective configuration.
     ///
     /// # Errors

@@ -45,6 +45,34 @@ fn caught<T>(
     Ok(result?.map_err(error::raised))
 }
 
+/// Executes `work` without the interpreter's lock on a thread of its own; a signal sets the flag that `work` receives, and ends the call
+/// without waiting for the thread.
+pub fn interruptible<T: Send + 'static>(
+    py: Python<'_>,
+    work: impl FnOnce(&AtomicBool) -> Result<T, Failure> + Send + 'static,
+) -> PyResult<T> {
+    let cancelled = Arc::new(AtomicBool::new(false));
+    let (of_thread, (finished, result)) = (Arc::clone(&cancelled), channel());
+    std::thread::spawn(move || {
+        // The caller may have been interrupted.
+        let _ = finished.send(caught(|| work(&of_thread)));
+    });
+    py.detach(move || {
+        loop {
+            match result.recv_timeout(POLL_PERIOD) {
+                Ok(result) => return result.unwrap_or_else(|panic| Err(error::of_panic(&*panic))),
+                Err(RecvTimeoutError::Timeout) => {
+                    let checked = Python::attach(|py| py.check_signals());
+                    checked.inspect_err(|_| cancelled.store(true, Ordering::Relaxed))?;
+                }
+                Err(RecvTimeoutError::Disconnected) => {
+                    return Err(error::of_panic(&"the thread has ended"));
+                }
+            }
+        }
+    })
+}
+
 /// Executes the study `work` without the interpreter's lock, on `threads` threads of its own, by default one for each processor; calls
 /// `progress` with the name of the task, the steps done, and all steps.
 pub fn study<T: Send>(

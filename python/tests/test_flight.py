@@ -199,3 +199,31 @@ def test_dictionary_of_the_columns(square):
         cells = [row[1] for row in csv.reader(lines, delimiter="|") if len(row) > 2]
     names = [name.strip("`") for cell in cells[2:] for name in cell.split()]
     assert names == list(square.columns)
+
+
+def test_exports_for_matlab_have_the_columns(square, run, tmp_path: Path):
+    matlab = pytest.importorskip("scipy.io")
+    square.save(tmp_path / "square.mcap")
+    for form in ("csv", "mat"):
+        run("export", "square.mcap", "--format", form)
+    ticks = matlab.loadmat(tmp_path / "square-mat/ticks.mat")
+    for name, values in square.columns.items():
+        found = ticks[name]
+        if name in WORDS:
+            assert [word.rstrip() for word in found] == list(values)
+        else:
+            np.testing.assert_array_equal(found[:, 0], values, name)
+    for table in (tmp_path / "square-csv").glob("*.csv"):
+        with table.open(newline="") as lines:
+            names, *rows = csv.reader(lines)
+        found = matlab.loadmat(tmp_path / "square-mat" / f"{table.stem}.mat")
+        for name, cells in zip(names, zip(*rows, strict=True), strict=True):
+            assert name.isidentifier() and len(name) < 64
+            values = found[name]
+            if values.dtype.kind == "U":
+                assert [text.rstrip() for text in values] == list(cells)
+            elif values.dtype.kind == "f":
+                np.testing.assert_array_equal(values[:, 0], [float(cell or "nan") for cell in cells], name)
+            else:
+                assert values.dtype == (np.int64 if name.endswith("_ns") else np.uint64)
+                assert list(map(str, values[:, 0])) == list(cells), name

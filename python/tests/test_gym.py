@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import numpy as np
 import pytest
 
@@ -42,18 +44,47 @@ def assert_lanes_equal(flights: list[oqtal.Flight], seed: int, sources) -> None:
     commands = np.stack([commands_of(flight)[:count] for flight in flights])
     truths = np.stack([truth_of(flight)[:count] for flight in flights])
     poses = np.stack([np.hstack([f.vector("pose_{}_m"), f.vector("pose_q{}")])[:count] for f in flights])
+    times = np.stack([np.round(1e9 * (flight["t_s"] - flight["t_s"][0]))[:count] for flight in flights])
+    began = lanes.truths()[:, 13]
     for tick in range(count):
         np.testing.assert_array_equal(lanes.truths()[:, :13], truths[:, tick], f"tick {tick}")
+        np.testing.assert_array_equal(np.round(1e9 * (lanes.truths()[:, 13] - began)), times[:, tick], f"tick {tick}")
         seen = lanes.poses()
         known = ~np.isnan(poses[:, tick])
         np.testing.assert_array_equal(seen[known], poses[:, tick][known], f"tick {tick}")
         lanes.step(np.ascontiguousarray(commands[:, tick]))
 
 
+#: Flights of each law: OQTAL_TEST_LANES=200 takes some minutes. Removed, since OQTAL_ variables are settings.
+LANES = int(os.environ.pop("OQTAL_TEST_LANES", "12"))
+
+
 @pytest.mark.parametrize("law", ["pid", "oqtal", "oqtal-dt"])
 def test_every_lane_equals_the_flight_of_its_seed(law):
-    flights = [oqtal.fly(controller=law, seed=seed) for seed in range(300, 312)]
+    flights = [oqtal.fly(controller=law, seed=seed) for seed in range(300, 300 + LANES)]
     assert_lanes_equal(flights, 300, ([], []))
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        "command:off@5+0.1",
+        "command:delayed=40ms@5+3",
+        "command:intermittent=30%@5+3",
+        "command:wrong=80%@6+0.3",
+        "command:stuck@5+0.2",
+        "pose:off@5+0.05",
+        "pose:delayed=30ms@5+3",
+        "pose:intermittent=20%@5+3",
+        "pose:noise=2mm@5+3",
+        "radio:delayed=30ms@5+3",
+    ],
+)
+def test_lanes_have_the_faults_of_flights(fault):
+    flights = [
+        oqtal.fly(controller="oqtal-dt", trajectory="hover", duration=6, seed=seed, faults=fault) for seed in range(300, 302)
+    ]
+    assert_lanes_equal(flights, 300, ([], [("t", "fault.inject", [fault])]))
 
 
 def test_lanes_have_cameras_and_disturbances_of_flights():

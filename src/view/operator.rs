@@ -4,13 +4,13 @@ use std::sync::{Mutex, TryLockError};
 
 use clap::ValueEnum;
 use oqtal_bus::paths::InstancePaths;
-use oqtal_operator::CtlRequest;
+use oqtal_operator::{AddressedInstance, CtlRequest};
 use oqtal_view::site::{Operator, OperatorReply};
 
 /// Sends commands to the daemon of an instance, one at a time; a stop does not wait for other commands.
 #[derive(Debug)]
 pub struct BusOperator {
-    paths: InstancePaths,
+    address: AddressedInstance,
     /// Hash of the configuration that the daemon must run with.
     expected: Option<u64>,
     busy: Mutex<()>,
@@ -18,8 +18,8 @@ pub struct BusOperator {
 
 impl BusOperator {
     /// Operator of the instance at `paths`; `expected` is the hash of the configuration that the daemon must run with.
-    pub fn new(paths: InstancePaths, expected: Option<u64>) -> Self {
-        Self { paths, expected, busy: Mutex::new(()) }
+    pub fn new(paths: &InstancePaths, expected: Option<u64>) -> Self {
+        Self { address: AddressedInstance::at(paths), expected, busy: Mutex::new(()) }
     }
 }
 
@@ -35,9 +35,8 @@ impl Operator for BusOperator {
         }
         // A change in flight makes another configuration, which may not keep the next one from the daemon.
         let expected = self.expected.filter(|_| matches!(command, CtlRequest::Arm));
-        match oqtal_operator::execute(&self.paths, (command, arguments), expected, |request| {
-            request
-        }) {
+        let request = (command, arguments);
+        match oqtal_operator::execute(&self.address, request, expected, |request| request) {
             Ok(text) => OperatorReply { is_accepted: true, text },
             Err(failure) => refused(failure.message),
         }

@@ -11,11 +11,12 @@ use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps, TruthV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{COMMAND, POSE, Role};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
+use oqtal_config::FaultTarget;
 use oqtal_daemon::LoopTiming;
 use oqtal_plant_sim::{PlantTurn, State};
 use oqtal_runtime::faults::{FaultyReader, FaultyTransport};
 use oqtal_runtime::process::{Exit, Failure};
-use oqtal_runtime::turn::step;
+use oqtal_runtime::turn::{Turn, TurnClock, step};
 use oqtal_runtime::virtual_clock::{TurnResult, VirtualClock};
 
 use super::processes::{Ports, PoseProcess, Process, plant};
@@ -30,14 +31,36 @@ const ROLES: [Role; 3] = [Role::Plant, Role::Mocap, Role::Daemon];
 pub struct Lane {
     plant: Process<PlantTurn<Ports>>,
     poses: PoseProcess,
+    ticks: Process<Ticks>,
     virtual_clock: VirtualClock,
-    arrivals: FaultyReader<MemoryBus, PoseV1>,
     commands: MemoryWriter<CommandV1>,
+    now: Time,
+}
+
+/// The part of the daemon's turn before a command: takes the pose, and decides whether a tick is due.
+struct Ticks {
+    arrivals: FaultyReader<MemoryBus, PoseV1>,
     timing: LoopTiming,
     /// Newest pose, and whether no tick has used it.
     pose: Option<(Header, PoseV1)>,
     is_fresh: bool,
-    now: Time,
+    is_due: bool,
+}
+
+impl Turn for Ticks {
+    fn next_event(&self, _now: Time) -> Option<Time> {
+        Some(self.timing.next_event(self.is_fresh, NO_WIRE))
+    }
+
+    fn turn<C: TurnClock>(&mut self, clock: &mut C) -> Result<(), BusError> {
+        let arrival = self.arrivals.latest()?;
+        let has_arrived = arrival.is_some();
+        if let Some(pose) = arrival.filter(|(_, pose)| pose.tracked != 0) {
+            (self.pose, self.is_fresh) = (Some(pose), true);
+        }
+        self.is_due = clock.now() >= self.timing.due(has_arrived, self.is_fresh, NO_WIRE);
+        Ok(())
+    }
 }
 
 impl Lane {
@@ -57,15 +80,19 @@ impl Lane {
             plant.turn.plant().place(start, share.powf(options.thrust_exponent.recip()));
         }
         let faulty = FaultyTransport::new(&bus, config)?;
-        let mut lane = Self {
-            plant,
-            poses: PoseProcess::open(mission, &bus, now)?,
-            virtual_clock: VirtualClock::new(now, &ROLES),
+        let ticks = Ticks {
             arrivals: faulty.reader(&POSE)?,
-            commands: faulty.writer(&COMMAND)?,
             timing: LoopTiming::new(config, now),
             pose: None,
             is_fresh: false,
+            is_due: false,
+        };
+        let mut lane = Self {
+            plant,
+            poses: PoseProcess::open(mission, &bus, now)?,
+            ticks: faulty.turn(FaultTarget::Daemon, ticks),
+            virtual_clock: VirtualClock::new(now, &ROLES),
+            commands: faulty.writer(&COMMAND)?,
             now,
         };
         lane.advance()?;
@@ -77,14 +104,15 @@ impl Lane {
     /// # Errors
     /// The transport failed.
     pub fn command(&mut self, command: CommandV1) -> Result<(), BusError> {
-        let header = self.pose.as_ref().filter(|_| self.is_fresh).map(|(header, _)| header);
+        let ticks = &mut self.ticks.turn;
+        let header = ticks.pose.as_ref().filter(|_| ticks.is_fresh).map(|(header, _)| header);
         let stamps = header.map_or_else(Stamps::default, |header| header.stamps);
         let sequence = header.map_or(0, |header| header.pose_sequence);
         let published = Stamps { woken_at: self.now, command_published_at: self.now, ..stamps };
-        self.timing.tick(self.now, !self.is_fresh);
-        self.is_fresh = false;
+        ticks.timing.tick(self.now, !ticks.is_fresh);
+        ticks.is_fresh = false;
         self.commands.send(sequence, published, command)?;
-        let next = Some(self.timing.latest());
+        let next = self.ticks.next_event(self.now);
         self.virtual_clock.done(Role::Daemon, TurnResult { next, published: true });
         self.advance()
     }
@@ -96,30 +124,16 @@ impl Lane {
             let result = match role {
                 Role::Plant => step(&mut self.plant, at)?,
                 Role::Mocap => self.poses.step(at)?,
-                _ if self.is_tick(at)? => {
-                    // The truth at the tick: the plant integrates to this instant in its next turn in any case.
-                    step(&mut self.plant, at)?;
-                    return Ok(());
-                }
-                _ => TurnResult { next: Some(self.next_event()), published: false },
+                _ => step(&mut self.ticks, at)?,
             };
+            if role == Role::Daemon && self.ticks.turn.is_due {
+                // The truth at the tick: the plant integrates to this instant in its next turn in any case.
+                step(&mut self.plant, at)?;
+                return Ok(());
+            }
             self.virtual_clock.done(role, result);
         }
         Ok(())
-    }
-
-    /// Takes the pose that has arrived; whether a tick is due.
-    fn is_tick(&mut self, now: Time) -> Result<bool, BusError> {
-        let arrival = self.arrivals.latest()?;
-        let has_arrived = arrival.is_some();
-        if let Some(pose) = arrival.filter(|(_, pose)| pose.tracked != 0) {
-            (self.pose, self.is_fresh) = (Some(pose), true);
-        }
-        Ok(now >= self.timing.due(has_arrived, self.is_fresh, NO_WIRE))
-    }
-
-    fn next_event(&self) -> Time {
-        self.timing.next_event(self.is_fresh, NO_WIRE)
     }
 
     /// Instant of the present tick.
@@ -129,7 +143,7 @@ impl Lane {
 
     /// Newest pose with its header; `None` before the first one.
     pub fn pose(&self) -> Option<&(Header, PoseV1)> {
-        self.pose.as_ref()
+        self.ticks.turn.pose.as_ref()
     }
 
     /// True state of the vehicle at the present tick.

@@ -16,8 +16,10 @@ pub struct TelemetryColumn {
 pub enum ColumnValues {
     /// Numbers \[unit in the column's name\]; NaN for an unknown one.
     Numbers(Vec<f64>),
-    /// Counts \[-\].
+    /// Counts \[-\], or instants \[ns\].
     Counts(Vec<u64>),
+    /// Spans of time \[ns\]; in exported topics only.
+    Signed(Vec<i64>),
     /// Words; an empty one for a code unknown to this version.
     Words(Vec<String>),
 }

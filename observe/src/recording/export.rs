@@ -1,19 +1,17 @@
-//! Recordings as text: CSV with one row per message, and trajectories in the format of the TUM benchmark.
+//! Recordings for other tools: CSV with one row per message, columns for MAT-files, and trajectories in the format of the TUM
+//! benchmark.
 
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::fmt::Write;
 
-use oqtal_bus::message::{Field, FieldType, Header, Stamps, TelemetryV1};
+use oqtal_bus::message::TelemetryV1;
 use oqtal_bus::time::Time;
 use oqtal_bus::topic::{ObservedTopic, Sample};
 
-use super::schema::member_name;
+use super::cell::{self, Cell};
+use crate::csv::ColumnValues;
 use crate::sink::{Reception, Sink};
-
-/// Names of vector components in columns.
-const COMPONENTS: [&str; 4] = ["x", "y", "z", "w"];
-/// Unit of a field that contains the bytes of a text.
-const TEXT: &str = "text";
 
 /// Texts by name.
 pub type Tables = BTreeMap<String, String>;
@@ -27,28 +25,11 @@ pub struct CsvExport {
 
 impl Sink for CsvExport {
     fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
-        let (topic, message) = (sample.topic(), sample.body());
-        let table = self.tables.entry(topic.to_string()).or_insert_with(|| {
-            let fields = [Header::FIELDS, Stamps::FIELDS, message.fields()].concat();
-            let names: Vec<_> = fields.iter().flat_map(columns).collect();
-            format!("received_at_ns,{}\n", names.join(","))
+        let table = self.tables.entry(sample.topic().to_string()).or_insert_with(|| {
+            let names = cell::names(sample.body().fields());
+            names.join(",") + "\n"
         });
-        let Header { sequence, pose_sequence, schema, source, stamps } = &reception.header;
-        let words = [reception.received_at.nanos(), *sequence, *pose_sequence, *schema, *source];
-        let words = words.into_iter().chain(stamps.to_words());
-        let mut cells: Vec<String> = words.map(|word| word.to_string()).collect();
-        let packed = message.packed();
-        let mut rest = packed.as_slice();
-        for field in message.fields() {
-            let (bytes, behind) = rest.split_at(field.size());
-            rest = behind;
-            match field.unit {
-                TEXT => cells.push(quoted(bytes)),
-                _ => cells.extend(
-                    bytes.chunks(field.element.size()).map(|bytes| text_of(field.element, bytes)),
-                ),
-            }
-        }
+        let cells: Vec<String> = cell::cells(reception, &sample).map(text_of).collect();
         table.push_str(&cells.join(","));
         table.push('\n');
     }
@@ -57,34 +38,62 @@ impl Sink for CsvExport {
     fn lost(&mut self, _: ObservedTopic, _: u64) {}
 }
 
-/// Columns of a field: one for each element.
-fn columns(field: &Field) -> Vec<String> {
-    let name = member_name(field);
-    match field.length {
-        1 => vec![name],
-        _ if field.unit == TEXT => vec![name],
-        length => {
-            COMPONENTS[..length].iter().map(|component| format!("{name}_{component}")).collect()
+/// Export of every topic as columns: header and body of each message, with units in the names.
+#[derive(Debug, Default)]
+pub struct ColumnExport {
+    /// Columns by topic.
+    pub tables: BTreeMap<String, Vec<(String, ColumnValues)>>,
+}
+
+impl Sink for ColumnExport {
+    fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
+        let cells = cell::cells(reception, &sample);
+        match self.tables.entry(sample.topic().to_string()) {
+            Entry::Vacant(vacant) => {
+                let names = cell::names(sample.body().fields()).into_iter();
+                vacant.insert(names.zip(cells.map(first)).collect());
+            }
+            Entry::Occupied(mut table) => {
+                table.get_mut().iter_mut().zip(cells).for_each(|((_, column), cell)| {
+                    push(column, cell);
+                });
+            }
         }
+    }
+
+    /// Ignores losses; a recording contains them as events.
+    fn lost(&mut self, _: ObservedTopic, _: u64) {}
+}
+
+/// A column with its first cell.
+fn first(cell: Cell) -> ColumnValues {
+    match cell {
+        Cell::Count(count) => ColumnValues::Counts(vec![count]),
+        Cell::Signed(number) => ColumnValues::Signed(vec![number]),
+        Cell::Number(number) => ColumnValues::Numbers(vec![number]),
+        Cell::Text(text) => ColumnValues::Words(vec![text]),
     }
 }
 
-/// The bytes of a text as a quoted cell, without the trailing zeros.
-fn quoted(bytes: &[u8]) -> String {
-    let text = String::from_utf8_lossy(bytes);
-    format!("\"{}\"", text.trim_end_matches('\0').replace('"', "\"\""))
+/// Appends a cell to the column of its kind.
+fn push(column: &mut ColumnValues, cell: Cell) {
+    match (column, cell) {
+        (ColumnValues::Counts(counts), Cell::Count(count)) => counts.push(count),
+        (ColumnValues::Signed(numbers), Cell::Signed(number)) => numbers.push(number),
+        (ColumnValues::Numbers(numbers), Cell::Number(number)) => numbers.push(number),
+        (ColumnValues::Words(words), Cell::Text(text)) => words.push(text),
+        _ => {}
+    }
 }
 
-/// An element as text; empty for NaN.
-fn text_of(element: FieldType, bytes: &[u8]) -> String {
-    let mut word = [0; 8];
-    word[..bytes.len()].copy_from_slice(bytes);
-    let number = u64::from_le_bytes(word);
-    match element {
-        FieldType::U8 | FieldType::U32 | FieldType::U64 | FieldType::Time => number.to_string(),
-        FieldType::I64 => number.cast_signed().to_string(),
-        FieldType::F64 if f64::from_bits(number).is_nan() => String::new(),
-        FieldType::F64 => f64::from_bits(number).to_string(),
+/// A cell as text: quoted if it is one, empty for NaN.
+fn text_of(cell: Cell) -> String {
+    match cell {
+        Cell::Count(count) => count.to_string(),
+        Cell::Signed(number) => number.to_string(),
+        Cell::Number(number) if number.is_nan() => String::new(),
+        Cell::Number(number) => number.to_string(),
+        Cell::Text(text) => format!("\"{}\"", text.replace('"', "\"\"")),
     }
 }
 

@@ -96,6 +96,7 @@ pub(super) struct Injector<T: Transport, M> {
     /// Last value before it was altered by a fault.
     last: Option<M>,
     missing: u64,
+    withheld: u64,
 }
 
 impl<T: Transport, M: Message> Injector<T, M> {
@@ -113,6 +114,7 @@ impl<T: Transport, M: Message> Injector<T, M> {
             delayed: VecDeque::with_capacity(MOST_DELAYED),
             last: None,
             missing: 0,
+            withheld: 0,
         })
     }
 
@@ -138,6 +140,7 @@ impl<T: Transport, M: Message> Injector<T, M> {
             }
             if active.is_missing(now) {
                 self.missing += 1;
+                self.withheld += 1;
                 return;
             }
             active.alter(now, &mut body, self.last);
@@ -150,7 +153,9 @@ impl<T: Transport, M: Message> Injector<T, M> {
             self.delayed.pop_front();
             self.missing += 1;
         }
-        self.delayed.push_back(((now + delay).max(last_due), header, body));
+        let due = (now + delay).max(last_due);
+        self.withheld += u64::from(due > now);
+        self.delayed.push_back((due, header, body));
     }
 }
 
@@ -171,6 +176,10 @@ impl<T: Transport + std::fmt::Debug, M: Message> Subscribe<M> for FaultyReader<T
 
     fn lost(&self) -> u64 {
         self.inner.lost() + self.injector.as_ref().map_or(0, |injector| injector.missing)
+    }
+
+    fn withheld(&self) -> u64 {
+        self.injector.as_ref().map_or(0, |injector| injector.withheld)
     }
 
     fn drain(&mut self, mut use_sample: impl FnMut(u64, &Header, &M)) -> Result<(), BusError> {

@@ -1,0 +1,205 @@
+"""A running instance: observation, an operator's commands, and references of a planner.
+
+Nothing here is part of the control loop. A process that is killed leaves nothing behind: the loop flies on as after any end of an
+observer or of a planner.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from oqtal import _native
+from oqtal.errors import PeerError, UsageError
+from oqtal.settings import ConfigLike, flat, sources
+from oqtal.table import Table
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: Time without a message after which a stream has ended [s].
+SILENCE_S = 2.0
+#: Longest wait between two looks at the clock [s].
+SLICE_S = 0.1
+
+
+class Observation(Iterator[dict[str, Any]]):
+    """Messages of a topic, or events, as dictionaries with the names of ``oqtal export --format csv``.
+
+    An observation takes one of the few places for observers at its topics until it is closed: by ``with``, ``close``, its end, or
+    the end of the process. A slow reader loses the oldest messages, which ``lost`` counts; it cannot delay the loop.
+    """
+
+    def __init__(self, native: _native.Observation, seconds: float | None, timeout: float | None, subject: str) -> None:
+        self._native = native
+        self._end = np.inf if seconds is None else time.monotonic() + seconds
+        self._timeout = timeout
+        self._subject = subject
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the entries."""
+        return self._native.names
+
+    @property
+    def lost(self) -> int:
+        """Number of messages lost so far."""
+        return self._native.lost
+
+    def __next__(self) -> dict[str, Any]:
+        silent_from = time.monotonic()
+        while (now := time.monotonic()) < self._end:
+            row = self._native.next(min(SLICE_S, self._end - now))
+            if row is not None:
+                return row
+            if self._timeout is not None and time.monotonic() - silent_from > self._timeout:
+                self.close()
+                raise PeerError(f"no message of {self._subject} for {self._timeout:g} s: its writer has ended, or does not publish")
+        self.close()
+        raise StopIteration
+
+    def table(self) -> Table:
+        """All messages until the end of the observation; give ``seconds`` when it is opened."""
+        rows = list(self)
+        return Table({name: np.array([row[name] for row in rows]) for name in self.names})
+
+    def to_pandas(self) -> pd.DataFrame:
+        """As ``table``, as a data frame of pandas."""
+        return self.table().to_pandas()
+
+    def close(self) -> None:
+        """Leaves the topic."""
+        self._native.close()
+
+    def __enter__(self) -> Observation:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+
+class Instance:
+    """A running instance. Commands are those of ``oqtal ctl``: each returns the daemon's answer, or raises its refusal."""
+
+    def __init__(self, native: _native.Connection) -> None:
+        self._native = native
+
+    @property
+    def name(self) -> str:
+        """Name of the instance."""
+        return self._native.name
+
+    def status(self) -> dict[str, Any]:
+        """Mode, safety state, obstacles to a take-off, processes, vehicle and position, as ``oqtal ctl status --json``."""
+        found: dict[str, Any] = json.loads(self._native.status())
+        return found
+
+    def arm(self) -> str:
+        """Starts the motors and flies the configured trajectory; waits until the flight has begun."""
+        return self._native.request("arm", [])
+
+    def disarm(self) -> str:
+        """Calls off a flight that has not begun; refused in flight."""
+        return self._native.request("disarm", [])
+
+    def land(self) -> str:
+        """Descends at the present position, by request or, if it is not answered, by signal."""
+        return self._native.request("land", [])
+
+    def stop(self) -> str:
+        """Motors off at once, in flight too, by every path of ``oqtal ctl stop``; raises unless the motors are known to be off."""
+        return self._native.request("stop", [])
+
+    def goto(self, x: float, y: float, z: float, yaw: float | None = None) -> str:
+        """Flies to a point [m, world], with ``yaw`` [rad] if it is given, and stays there."""
+        numbers = [x, y, z] if yaw is None else [x, y, z, np.degrees(yaw)]
+        return self._native.request("goto", [repr(float(number)) for number in numbers])
+
+    def hover(self) -> str:
+        """Comes to rest and stays."""
+        return self._native.request("hover", [])
+
+    def fly(self, trajectory: str) -> str:
+        """Flies another trajectory from the present point, then stays."""
+        return self._native.request("fly", [trajectory])
+
+    def resume(self) -> str:
+        """Gives control back to the configured law after the fallback law took over."""
+        return self._native.request("resume", [])
+
+    def set(self, settings: Mapping[str, Any]) -> str:
+        """Changes settings between two ticks, all of them or none: ``{"control.oqtal.gain": 2.0}``."""
+        return self._native.set(([], list(flat(settings, "set"))))
+
+    def get(self, key: str) -> Any:
+        """The value of a setting."""
+        text = self._native.request("get", [key])
+        try:
+            return json.loads(text)
+        except ValueError:
+            return text
+
+    def undo(self) -> str:
+        """Takes the last change of settings back."""
+        return self._native.request("undo", [])
+
+    def reference(
+        self,
+        position: Sequence[float],
+        velocity: Sequence[float] = (0.0, 0.0, 0.0),
+        acceleration: Sequence[float] = (0.0, 0.0, 0.0),
+        jerk: Sequence[float] = (0.0, 0.0, 0.0),
+        *,
+        yaw: float = 0.0,
+        yaw_rate: float = 0.0,
+        attitude: Sequence[float] | None = None,
+        rate: Sequence[float] = (0.0, 0.0, 0.0),
+        valid: float = 0.1,
+    ) -> None:
+        """Publishes a reference of now, valid for ``valid`` seconds; a planner sends one in each of its periods.
+
+        docs/references.md describes references. ``attitude``: a prescribed attitude [x, y, z, w] with its body rate. The topic has
+        one writer: this process, until it ends.
+        """
+        turned = (0.0, 0.0, 0.0, 1.0) if attitude is None else attitude
+        vectors = [("position", position, 3), ("velocity", velocity, 3), ("acceleration", acceleration, 3), ("jerk", jerk, 3)]
+        vectors += [("yaw and yaw_rate", [yaw, yaw_rate], 2), ("attitude", turned, 4), ("rate", rate, 3)]
+        for name, vector, length in vectors:
+            if len(vector) != length:
+                raise UsageError(f"{name} has {len(vector)} numbers; expected {length}")
+        numbers = [float(number) for _, vector, _ in vectors for number in vector]
+        self._native.reference(numbers, attitude is not None, float(valid))
+
+    def observe(self, topic: str, *, seconds: float | None = None, timeout: float | None = SILENCE_S) -> Observation:
+        """Messages of a topic of docs/recordings.md from now on, for ``seconds``; after ``timeout`` without one, ``PeerError``."""
+        return Observation(self._native.observe(topic), seconds, timeout, topic)
+
+    def poses(self, *, seconds: float | None = None, timeout: float | None = SILENCE_S) -> Observation:
+        """Poses as measured by the cameras."""
+        return self.observe("pose", seconds=seconds, timeout=timeout)
+
+    def telemetry(self, *, seconds: float | None = None, timeout: float | None = SILENCE_S) -> Observation:
+        """State, decisions and counters of the daemon, one message in each tick."""
+        return self.observe("telemetry", seconds=seconds, timeout=timeout)
+
+    def events(self, *, seconds: float | None = None) -> Observation:
+        """Changes of mode and state, requests of operators, processes that come and go: ``t_s`` [s] from now on, and ``event``."""
+        return self.observe("events", seconds=seconds, timeout=None)
+
+    def __repr__(self) -> str:
+        return f"<Instance {self.name}>"
+
+
+def connect(instance: str | None = None, *, root: str | None = None, config: ConfigLike = None) -> Instance:
+    """Connects to a running instance, by default that of the configuration.
+
+    Raises ``PeerError`` if no daemon answers, and ``VersionError`` if its messages are of another version.
+    A forked process is refused.
+    """
+    named = sources(config, instance=("instance.name", instance), root=("instance.root", root))
+    return Instance(_native.Connection(named))
