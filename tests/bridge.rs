@@ -5,7 +5,7 @@ mod ports;
 mod vehicle;
 
 use crate::common::{Running, signal, stderr, wait_for};
-use flight::{BridgeFlight, PERIOD, airborne, is_zero, stick};
+use flight::{BridgeFlight, PERIOD, TIME_OUT, airborne, is_zero, stick};
 use oqtal_bus::bus::Bus;
 use oqtal_bus::message::{CommandV1, PoseV1, Stamps};
 use oqtal_bus::time::{Span, Time};
@@ -167,7 +167,7 @@ fn daemon_falls(name: &str, sent: Signal) {
     std::thread::scope(|threads| {
         let testbed = &flight.testbed;
         threads.spawn(|| publish_poses(&testbed.bus(), &stop));
-        let daemon = testbed.start(&["daemon", "run"]);
+        let daemon = testbed.start(&[&["daemon", "run"], &TIME_OUT[..]].concat());
         wait_for("the daemon to arm", || {
             testbed.oqtal(&["ctl", "arm"]).output().unwrap().status.success().then_some(())
         });

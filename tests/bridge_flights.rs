@@ -73,7 +73,8 @@ fn on_the_bench_a_shadow_stands_in_for_the_truth() {
     let (bench, elsewhere) = (Testbed::new("bench"), Testbed::new("elsewhere"));
     let (_vehicle, link) = waiting_vehicle(&elsewhere);
     let vehicle = format!("link:{link}");
-    let words = ["--vehicle", &vehicle, "--set", "safety.allow-emulated-poses=true"];
+    let settings = ["safety.allow-emulated-poses=true", "bridge.vehicle-time-out-ms=1000"];
+    let words = ["--vehicle", &vehicle, "--set", settings[0], "--set", settings[1]];
     let summary = bench.lands(&[&words, &hover("1")[..]].concat());
     assert_eq!(summary["error_source"], "pose");
     assert!(summary["trajectory_hash"].is_null());

@@ -34,6 +34,30 @@ fn a_vehicle_is_found_gets_poses_and_estimates_its_position() {
 }
 
 #[test]
+fn f72_the_time_out_of_the_vehicle_is_read_also_after_another_changed_it() {
+    for kind in BOTH {
+        let mut air = Air::new(kind, &["plant.wire.time-out-ms=3000"]);
+        assert_eq!(air.report.time_out_s, 0.0, "{kind:?}");
+        air.fly_for(2000, disarmed());
+        assert_eq!(air.report.time_out_s, 3.0, "{kind:?}");
+        air.vehicle.autopilot().set_time_out(0.1);
+        air.fly_for(700, disarmed());
+        assert!((air.report.time_out_s - 0.1).abs() < 1e-6, "{kind:?}: {:?}", air.report);
+        air.fly_for(4500, flight(0.3));
+        let report = air.report;
+        air.cut_for(150);
+        assert!(air.height() > 0.2 && report.armed == 1, "{kind:?}");
+        air.fly_for(100, flight(0.3));
+        // ArduCopter keeps its mode.
+        let is_px4 = kind == AutopilotKind::Px4;
+        assert_eq!(air.report.control == ControlHolder::Another.code(), is_px4, "{kind:?}");
+        air.vehicle.autopilot().set_time_out(-1.0);
+        air.fly_for(700, disarmed());
+        assert_eq!(air.report.time_out_s, 0.0, "{kind:?}: no time-out");
+    }
+}
+
+#[test]
 fn motors_start_fly_and_stop_by_mode_arming_and_disarming() {
     for kind in BOTH {
         let mut air = Air::new(kind, &[]);

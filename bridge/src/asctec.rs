@@ -29,6 +29,7 @@ use crate::protocol::{
     FrameSizes, PeriodicFrame, PeriodicTimer, VehicleFrame, VehicleProtocol, VehicleReply,
 };
 use crate::setpoint::VehicleSetpoint;
+use crate::timing::millis;
 
 /// Length of head, length, descriptor, checksum and tail around a telemetry payload \[bytes\].
 const ENVELOPE: usize = 11;
@@ -41,6 +42,7 @@ pub struct Asctec {
     yaw_authority: f64,
     decoder: HostDecoder,
     status_timer: PeriodicTimer,
+    time_out: Option<Span>,
 }
 
 impl Asctec {
@@ -51,11 +53,13 @@ impl Asctec {
     pub fn new(config: &Config) -> Result<Self, OptionError> {
         let [_, _, yaw_authority] = config.vehicle.rate_authority_rad_s;
         let status_period = Span::period_of(config.bridge.status_rate_hz);
+        let time_out_ms = config.bridge.vehicle_time_out_ms;
         Ok(Self {
             scales: options::scales(config)?,
             yaw_authority,
             decoder: HostDecoder::new(),
             status_timer: PeriodicTimer::new(status_period),
+            time_out: (time_out_ms > 0.0).then(|| millis(time_out_ms)),
         })
     }
 
@@ -102,6 +106,10 @@ impl VehicleProtocol for Asctec {
         let request = || VehicleFrame::of(&poll_frame(Poll::LL_STATUS));
         let is_due = self.status_timer.is_due(now, is_status_urgent);
         is_due.then(|| PeriodicFrame { frame: request(), is_answered: true })
+    }
+
+    fn time_out(&self) -> Option<Span> {
+        self.time_out
     }
 
     fn emergency_stop(&mut self) -> VehicleFrame {

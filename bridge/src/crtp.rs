@@ -56,6 +56,8 @@ pub use cache::{TableKeeper, TableStore};
 const ECHO_PERIOD: Span = Span::from_millis(100);
 /// Time between two keep-alives; the vehicle needs one per second.
 const KEEP_ALIVE_PERIOD: Span = Span::from_millis(200);
+/// Time without a set-point after which the vehicle levels out, a constant of its firmware: COMMANDER_WDT_TIMEOUT_STABILIZE.
+const LEVEL_AFTER: Span = Span::from_millis(500);
 /// Most packets behind one set-point \[-\]: with it, what the shortest queue of firmware holds.
 const WORDS: usize = 3;
 /// Longest time between two reads of the port.
@@ -316,6 +318,10 @@ impl VehicleProtocol for Crtp {
         }
         let echo = || frame(&CrtpRequest::Echo(now.since(Time::UNSET).nanos().cast_unsigned()));
         self.echo.is_due(now, false).then(|| PeriodicFrame { frame: echo(), is_answered: true })
+    }
+
+    fn time_out(&self) -> Option<Span> {
+        self.connection.is_ready().then_some(LEVEL_AFTER)
     }
 
     fn emergency_stop(&mut self) -> VehicleFrame {

@@ -244,6 +244,10 @@ impl VehicleProtocol for Mavlink {
         (!frame.bytes().is_empty()).then_some(PeriodicFrame { frame, is_answered })
     }
 
+    fn time_out(&self) -> Option<Span> {
+        self.requests.time_out()
+    }
+
     fn emergency_stop(&mut self) -> VehicleFrame {
         match self.vehicle.known() {
             Some((target, _)) => self.frame(&StartSequence::forced_stop().to(target)),
@@ -266,6 +270,10 @@ impl VehicleProtocol for Mavlink {
                 MavlinkContent::Acknowledged { command, result } => {
                     requests.acknowledged(command);
                     starting.acknowledged(now, command, result, reply);
+                }
+                MavlinkContent::Parameter { name, value } => {
+                    requests.receive_parameter(vehicle, &name, &value);
+                    reply(VehicleReply::Other);
                 }
                 content => vehicle.receive(now, &content, reply),
             }

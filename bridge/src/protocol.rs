@@ -177,6 +177,10 @@ pub trait VehicleProtocol: Debug + Send {
     /// independent of its period.
     fn periodic(&mut self, now: Time, is_status_urgent: bool) -> Option<PeriodicFrame>;
 
+    /// Time without set-points after which the vehicle acts by itself: levels out, stops its motors, or changes its mode. `None` if it
+    /// is not known.
+    fn time_out(&self) -> Option<Span>;
+
     /// Encodes the command that stops the motors at once.
     fn emergency_stop(&mut self) -> VehicleFrame;
 

@@ -52,6 +52,8 @@ obstacles! {
     ControlTaken = 11 => "a pilot or the vehicle itself has control",
     /// The vehicle's own estimate of its motion is not ready.
     EstimatorNotReady = 12 => "the vehicle's own estimate of its motion is not ready",
+    /// A real vehicle is not known to act by itself soon enough if set-points end.
+    NoTimeOut = 13 => "the vehicle's own time-out without set-points is unknown or too long (oqtal bridge setup, bridge.vehicle-time-out-ms, safety.vehicle-time-out-ms)",
 }
 
 /// A set of reasons against arming.

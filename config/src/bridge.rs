@@ -27,6 +27,8 @@ pub struct BridgeOptions {
     pub silence_ms: f64,
     /// Command timeout \[control periods\]: a command published longer ago is not sent; a zero set-point is sent instead.
     pub command_timeout_periods: f64,
+    /// Time without a set-point after which the vehicle acts by itself, for a protocol that does not report it \[ms\]; 0 if unknown.
+    pub vehicle_time_out_ms: f64,
     /// Time after which starting or stopping the motors is abandoned \[ms\].
     pub motor_sequence_ms: f64,
     /// Time for which the daemon must command "disarmed" before the motors are stopped \[ms\].
@@ -50,6 +52,7 @@ impl BridgeOptions {
             ("status-rate-hz", self.status_rate_hz, Rule::Positive),
             ("silence-ms", self.silence_ms, Rule::Positive),
             ("command-timeout-periods", self.command_timeout_periods, COMMAND_TIMEOUT_PERIODS),
+            ("vehicle-time-out-ms", self.vehicle_time_out_ms, Rule::NotNegative),
             ("motor-sequence-ms", self.motor_sequence_ms, Rule::Positive),
             ("rest-ms", self.rest_ms, Rule::Positive),
             ("air-latency-ms", self.air_latency_ms, Rule::NotNegative),

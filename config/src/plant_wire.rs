@@ -27,7 +27,7 @@ pub struct PlantWireOptions {
     pub bit_error_rate: f64,
     /// Time for which no thrust and full yaw must be held to start or stop the motors \[ms\].
     pub motor_switch_ms: f64,
-    /// Time without a command after which the vehicle stops its motors \[ms\].
+    /// Time without a command after which the vehicle stops its motors, or an autopilot of MAVLink takes over \[ms\].
     pub time_out_ms: f64,
     /// The host's XBee as the vehicle addresses it, 4 or 16 hexadecimal digits; API modes only. Parsed by plant-sim.
     pub xbee_address: String,

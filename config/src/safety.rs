@@ -39,6 +39,8 @@ pub struct SafetyOptions {
     /// Time after the beginning of a flight within which the motors of a real vehicle must run \[ms\]; otherwise the flight is
     /// stopped.
     pub motor_start_ms: f64,
+    /// Greatest time-out of a real vehicle, after which it acts by itself without set-points \[ms\]; infinite: also none.
+    pub vehicle_time_out_ms: f64,
     /// Greatest speed in flight \[m/s\].
     pub speed_limit_m_s: f64,
     /// Tilt in flight above which the daemon warns \[deg\].
@@ -93,6 +95,7 @@ impl SafetyOptions {
             ("coast-ms", self.coast_ms, Rule::Positive),
             ("descend-ms", self.descend_ms, Rule::Between(0.0, 10_000.0)),
             ("descend-thrust", self.descend_thrust, Rule::Between(0.5, 0.97)),
+            ("vehicle-time-out-ms", self.vehicle_time_out_ms, Rule::PositiveOrInfinite),
             ("speed-limit-m-s", self.speed_limit_m_s, Rule::Positive),
             ("tilt-warning-deg", self.tilt_warning_deg, Rule::Between(0.0, 180.0)),
             ("tilt-limit-deg", self.tilt_limit_deg, Rule::Between(0.0, 180.0)),

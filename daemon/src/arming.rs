@@ -46,6 +46,8 @@ pub struct ArmingCheck {
     heights: [f64; 2],
     tilt: f64,
     allows_emulated: bool,
+    /// Greatest time-out of a real vehicle \[s\]; infinite: also none.
+    time_out_s: f64,
     /// The trajectory relative to its start \[m\].
     path: Arc<[Vector3<f64>]>,
     /// Where the vehicle stops if it brakes at a point of the path, likewise.
@@ -67,6 +69,7 @@ impl ArmingCheck {
             heights: safety.arming_z_m,
             tilt: safety.arming_tilt_deg.to_radians().cos(),
             allows_emulated: safety.allow_emulated_poses,
+            time_out_s: safety.vehicle_time_out_ms * 1e-3,
             path: path(config, trajectory).into_iter().map(|(_, point)| point).collect(),
             stops: stops(config, trajectory).into_iter().map(|(_, point)| point).collect(),
             recent: [None; REST_POSES],
@@ -90,6 +93,10 @@ impl ArmingCheck {
     pub fn obstacles(&self, view: &ArmingView) -> ArmingObstacles {
         use ArmingObstacle as O;
         let real = view.vehicle.is_some_and(|vehicle| vehicle.simulated == 0);
+        // Single precision on the wire of an autopilot.
+        let is_soon = |after_s: f64| after_s > 0.0 && after_s <= self.time_out_s * (1.0 + 1e-6);
+        let acts = self.time_out_s.is_infinite()
+            || view.vehicle.is_none_or(|vehicle| is_soon(vehicle.time_out_s));
         let low = view.vehicle.is_some_and(|vehicle| self.limits.is_battery_low(vehicle));
         let has_code = |code: fn(&VehicleV1) -> u8, value| {
             view.vehicle.is_some_and(|vehicle| code(vehicle) == value)
@@ -99,6 +106,7 @@ impl ArmingCheck {
         let general = ArmingObstacles::default()
             .with(O::ControlTaken, taken)
             .with(O::EstimatorNotReady, lost)
+            .with(O::NoTimeOut, real && !acts)
             .with(O::NoPoses, !view.poses_good || view.last.is_none())
             .with(O::VehicleSilent, view.vehicle.is_none())
             .with(O::BatteryLow, low)

@@ -151,6 +151,7 @@ mod tests {
         estimate_attitude: [0.0; 4],
         body_rate: [0.0; 3],
         body_rate_at: Time::UNSET,
+        time_out_s: 0.0,
         armed: 0,
         starting: 0,
         stopped: 0,

@@ -99,6 +99,8 @@ pub struct VehicleStatus {
     stopped: bool,
     battery_v: Option<f64>,
     link_quality: Option<f64>,
+    /// Time without set-points after which the vehicle acts by itself \[s\].
+    time_out_s: Option<f64>,
     /// Holder of control over the vehicle.
     control: String,
     /// Reason why the last request was refused; empty for none.
@@ -123,6 +125,7 @@ impl VehicleStatus {
             stopped: vehicle.stopped != 0,
             battery_v: known(vehicle.battery_v),
             link_quality: known(vehicle.link_quality),
+            time_out_s: known((vehicle.time_out_s * 1e3).round() * 1e-3).filter(|s| *s > 0.0),
             control: word(ControlHolder::from_code(vehicle.control)),
             refusal: word(VehicleRefusal::from_code(vehicle.refusal)),
             estimator: word(EstimatorState::from_code(vehicle.estimator)),
@@ -149,6 +152,11 @@ impl fmt::Display for VehicleStatus {
         }
         if let Some(share) = self.link_quality {
             write!(f, ", link quality {:.0} %", share * 100.0)?;
+        }
+        match self.time_out_s {
+            Some(seconds) => write!(f, ", acts by itself {seconds} s after the last set-point")?,
+            None if self.simulated => {}
+            None => write!(f, ", its time-out without set-points is unknown")?,
         }
         if self.control == ControlHolder::Another.to_string() {
             write!(f, ", control: {}", self.control)?;
@@ -232,4 +240,20 @@ impl fmt::Display for ProcessHealth {
 /// Name of a code; empty for a code unknown to this version.
 pub fn word(code: Option<impl ToString>) -> String {
     code.map_or_else(String::new, |code| code.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn f72_the_time_out_of_a_real_vehicle_is_told() {
+        let told = |simulated, time_out_s| {
+            let vehicle = VehicleV1 { simulated, time_out_s, ..VehicleV1::default() };
+            VehicleStatus::new(&vehicle).to_string()
+        };
+        assert!(told(0, 0.5).contains("acts by itself 0.5 s after the last set-point"));
+        assert!(told(0, 0.0).contains("time-out without set-points is unknown"));
+        assert!(!told(1, 0.0).contains("set-point"));
+    }
 }

@@ -187,13 +187,17 @@ impl CommandLink {
                 config.plant.wire.link = vehicle.to_string();
                 config.plant.shadow = false;
                 config.safety.allow_emulated_poses = true;
+                config.bridge.vehicle_time_out_ms = config.plant.wire.time_out_ms;
             }
             Self::Linked(link) => {
                 config.bridge.link = link.to_string();
                 config.plant.wire.link.clear();
                 // A vehicle that publishes its truth is emulated, and its poses are its own.
                 config.plant.shadow = config.plant.truth.is_empty() && !is_truth_published(config)?;
-                config.safety.allow_emulated_poses |= !config.plant.shadow;
+                if !config.plant.shadow {
+                    config.safety.allow_emulated_poses = true;
+                    config.bridge.vehicle_time_out_ms = config.plant.wire.time_out_ms;
+                }
             }
         }
         Ok(())

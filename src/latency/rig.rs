@@ -65,6 +65,7 @@ impl Rig {
         config.clock.kind = ClockKind::Real;
         config.mocap.replay.clear();
         config.safety.observe_only = false;
+        config.safety.vehicle_time_out_ms = f64::INFINITY;
         config.trajectory.kind = TrajectoryKind::Hover;
         config.trajectory.duration_s = Some(LONGEST_FLIGHT_S);
         let place = instance_paths(&config)?;

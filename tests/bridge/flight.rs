@@ -15,6 +15,9 @@ use crate::common::{Running, Testbed, WAIT_TIMEOUT, wait_for};
 /// Control period at 60 Hz.
 pub const PERIOD: std::time::Duration = std::time::Duration::from_nanos(16_666_667);
 
+/// Configuration of a vehicle that acts by itself.
+pub const TIME_OUT: [&str; 2] = ["--set", "bridge.vehicle-time-out-ms=1000"];
+
 /// A bridge, the vehicle at its link, and the bus of the test.
 pub struct BridgeFlight {
     pub testbed: Testbed,
@@ -30,7 +33,8 @@ impl BridgeFlight {
         let vehicle = PtyVehicle::new(&testbed.path("port"), manner);
         let bus = testbed.bus();
         let reports = bus.observer(&VEHICLE).unwrap();
-        let bridge = testbed.start(&["bridge", "run", "--link", &vehicle.link()]);
+        let link = vehicle.link();
+        let bridge = testbed.start(&[&["bridge", "run", "--link", &link], &TIME_OUT[..]].concat());
         wait_for("frames", || (vehicle.log().setpoints.len() > 3).then_some(()));
         Self { testbed, vehicle, bridge, bus, reports }
     }

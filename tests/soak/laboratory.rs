@@ -41,7 +41,7 @@ impl Laboratory {
         }
         let text = format!(
             "clock.seed = 7\nplant.wire.link = \"{link}\"\nbridge.link = \"{link}\"\n\
-             safety.allow-emulated-poses = true\n\
+             safety.allow-emulated-poses = true\nbridge.vehicle-time-out-ms = 1000.0\n\
              trajectory.kind = \"hover\"\ntrajectory.duration-s = 600.0\n\
              fault.inject = [{}]\n",
             faults.join(", ")

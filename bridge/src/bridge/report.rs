@@ -25,6 +25,7 @@ impl Bridge {
             lost: self.commands_lost,
             wire_ns: wire.nanos(),
             air_ns: air.nanos(),
+            time_out_s: self.protocol.time_out().map_or(0.0, Span::seconds),
             armed: u8::from(answers && self.gate.last_status_running()),
             starting: u8::from(self.gate.is_starting()),
             stopped: u8::from(self.stopped_since.is_some()),

@@ -1,18 +1,23 @@
-//! Messages besides set-points and poses: heartbeats, message rates, the origin of the world, exchanges of clocks.
+//! Messages besides set-points and poses: heartbeats, message rates, the origin of the world, exchanges of clocks, the time-out of
+//! the vehicle.
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_wire::link::AutopilotKind;
 use oqtal_wire::mavlink::{
-    AutopilotFirmware, CommandKind, MavlinkContent, MavlinkHeartbeat, Timesync, VehicleCommandLong,
+    AutopilotFirmware, CommandKind, MavlinkContent, MavlinkHeartbeat, ParameterName, ParameterValue,
+    Timesync, VehicleCommandLong,
 };
 
 use super::vehicle::AutopilotState;
+use super::wanted::time_out_parameter;
 use crate::protocol::{PeriodicTimer, VehicleReply};
 
 /// Period of the bridge's own heartbeat, by which autopilots detect a companion computer.
 const HEARTBEAT: Span = Span::from_millis(500);
 /// Period of the world's origin, which is sent until the vehicle has a position.
 const ORIGIN: Span = Span::from_millis(1000);
+/// Period of the request for the vehicle's time-out, which another ground station may change.
+const TIME_OUT: Span = Span::from_millis(500);
 /// Time-out of the acknowledgement of a message rate.
 const RATE_WITHIN: Span = Span::from_millis(200);
 /// Number of requests for each message rate \[-\].
@@ -52,6 +57,9 @@ pub(super) struct PeriodicRequests {
     origin: PeriodicTimer,
     sync: PeriodicTimer,
     poll: PeriodicTimer,
+    parameter: PeriodicTimer,
+    /// Time-out of the vehicle; `None` before it is reported, or if the vehicle has none.
+    time_out: Option<Span>,
     rates: RateRequests,
     /// Request of the vehicle that has not been answered yet.
     answer: Option<Timesync>,
@@ -67,6 +75,8 @@ impl PeriodicRequests {
             origin: PeriodicTimer::new(ORIGIN),
             sync: PeriodicTimer::new(sync),
             poll: PeriodicTimer::new(HEARTBEAT_AGE),
+            parameter: PeriodicTimer::new(TIME_OUT),
+            time_out: None,
             rates: RateRequests::default(),
             answer: None,
             asked: None,
@@ -78,6 +88,8 @@ impl PeriodicRequests {
         self.heartbeat.restart();
         self.origin.restart();
         self.sync.restart();
+        self.parameter.restart();
+        self.time_out = None;
         (self.rates, self.answer, self.asked) = (RateRequests::default(), None, None);
     }
 
@@ -118,7 +130,29 @@ impl PeriodicRequests {
         if needs_origin && self.origin.is_due(now, false) {
             return Some((MavlinkContent::GlobalOrigin { system: target.system }, false));
         }
-        None
+        let name = ParameterName::new(time_out_parameter(kind))?;
+        let is_due = self.parameter.is_due(now, false);
+        is_due.then_some((MavlinkContent::ParameterRequest { target, name }, false))
+    }
+
+    /// Time without set-points after which the vehicle acts by itself; `None` if it is not known.
+    pub(super) fn time_out(&self) -> Option<Span> {
+        self.time_out
+    }
+
+    /// Takes the parameter `name` of `vehicle`, requested here or by another ground station.
+    pub(super) fn receive_parameter(
+        &mut self,
+        vehicle: &AutopilotState,
+        name: &ParameterName,
+        value: &ParameterValue,
+    ) {
+        let Some((_, kind)) = vehicle.known() else { return };
+        if name.as_str() == time_out_parameter(kind) {
+            let seconds = value.number(kind.sends_integers_as_bits());
+            // Comparisons with NaN are false.
+            self.time_out = (seconds > 0.0).then(|| Span::from_seconds(seconds));
+        }
     }
 
     /// Takes an exchange of clocks: a request is answered with the next message.

@@ -85,6 +85,14 @@ pub fn wanted_parameters(kind: AutopilotKind) -> &'static [WantedParameter] {
     }
 }
 
+/// Parameter with the time without set-points \[s\] after which an autopilot of this kind acts by itself.
+pub(super) fn time_out_parameter(kind: AutopilotKind) -> &'static str {
+    match kind {
+        AutopilotKind::ArduPilot => "GUID_TIMEOUT",
+        AutopilotKind::Px4 => "COM_OF_LOSS_T",
+    }
+}
+
 impl WantedValue {
     /// Whether `value` \[-\] satisfies the rule.
     pub fn is_met_by(self, value: f64) -> bool {

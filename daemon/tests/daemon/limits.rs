@@ -4,7 +4,7 @@ use super::common::flight::{Flight, set};
 use super::common::{Bench, LAWS, REAL, still};
 use nalgebra::Vector3;
 use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, SafetyState};
-use oqtal_bus::message::{CommandV1, PoseV1};
+use oqtal_bus::message::{CommandV1, PoseV1, VehicleV1};
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_bus::time::Span;
 
@@ -369,6 +369,29 @@ fn a_flight_does_not_begin_at_an_outlier_nor_where_its_path_leaves_the_fence() {
     let mut bench = Bench::new(&[]);
     let at_the_edge = |frame| PoseV1 { position: [6.9, 0.0, 0.0], ..still(frame) };
     assert_eq!(refusal(&mut bench, at_the_edge), [ArmingObstacle::PathOutsideFence]);
+}
+
+#[test]
+fn f72_a_real_vehicle_without_a_time_out_of_its_own_is_armed_only_where_that_is_allowed() {
+    for (limit_ms, time_out_s, is_armed) in [
+        ("1000", 0.0, false),
+        ("1000", f64::NAN, false),
+        ("1000", f64::from(1.0_f32), true),
+        ("1000", 1.01, false),
+        ("100", f64::from(0.1_f32), true),
+        ("100", 0.5, false),
+        ("inf", 0.0, true),
+    ] {
+        let mut bench = Bench::new(&[set(&format!("safety.vehicle-time-out-ms={limit_ms}"))]);
+        bench.vehicle = VehicleV1 { time_out_s, ..REAL };
+        for _ in 0..20 {
+            bench.show(still(bench.frame));
+        }
+        let response = bench.cycle.request(bench.now, OperatorCommand::Arm);
+        let told: Vec<_> = ArmingObstacles::from_bits(response.obstacles).iter().collect();
+        let reasons = if is_armed { vec![] } else { vec![ArmingObstacle::NoTimeOut] };
+        assert_eq!(told, reasons, "{limit_ms} ms, {time_out_s} s");
+    }
 }
 
 #[test]

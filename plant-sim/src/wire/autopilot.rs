@@ -1,10 +1,11 @@
 //! Emulated autopilot, PX4 or ArduCopter: modes, arming and its refusals, set-points and their time-out, telemetry, parameters.
-//! Its behaviour, as far as a bridge can observe it, matches measurements of the firmware. Pure.
+//! Its behaviour, as far as a bridge can observe it, matches measurements of the firmware. Both time-outs are at first
+//! `plant.wire.time-out-ms`. Pure.
 //!
 //! | | ArduCopter | PX4 |
 //! |---|---|---|
 //! | set-points are followed in | Guided_NoGPS | Offboard, entered only while set-points arrive |
-//! | without a set-point for | 3 s: level, height held, mode unchanged | 1 s: Position, level and sinking |
+//! | without a set-point for | `GUID_TIMEOUT`: level, height held, mode unchanged | `COM_OF_LOSS_T`: Position, level and sinking |
 //! | position is known | 1.5 s after poses and the origin of the world | 1.5 s after poses by ODOMETRY |
 //! | no thrust after arming for | 2 s | 1 s |
 //! | heartbeats | at the requested rate | once a second, and on request |
@@ -28,7 +29,7 @@ use oqtal_wire::mavlink::{
 use super::datagrams::DatagramModel;
 use super::vehicle::{EmulatedVehicle, FrameCounters, Measured, OnBoardComputer};
 use crate::plant::Plant;
-use motion::{OFFBOARD_TIMEOUT, SetpointFollower};
+use motion::SetpointFollower;
 use parameters::ParameterTable;
 use streams::{Stream, TelemetryStreams};
 
@@ -106,7 +107,7 @@ impl EmulatedAutopilot {
             armed_at: Time::UNSET,
             follower: SetpointFollower::new(config, kind)?,
             streams: TelemetryStreams::new(started),
-            parameters: ParameterTable::new(kind),
+            parameters: ParameterTable::new(kind, config.plant.wire.time_out_ms * 1e-3),
             poses_since: None,
             posed_at: None,
             has_origin: false,
@@ -162,6 +163,11 @@ impl EmulatedAutopilot {
     /// Changes the mode, as a pilot does by R/C.
     pub fn pilot_takes_over(&mut self) {
         self.custom_mode = Self::first_mode(self.kind);
+    }
+
+    /// Sets the time without a set-point after which the autopilot takes over, as another ground station does \[s\].
+    pub fn set_time_out(&mut self, seconds: f32) {
+        self.parameters.set_time_out(seconds);
     }
 
     /// Time from arming to the first thrust.
@@ -295,7 +301,7 @@ impl OnBoardComputer for EmulatedAutopilot {
         self.follower.watch_height(now, measured.truth.position[2]);
         let leaves = self.kind == AutopilotKind::Px4
             && self.follows()
-            && !self.follower.flows(now, OFFBOARD_TIMEOUT);
+            && !self.follower.flows(now, self.parameters.time_out());
         if leaves {
             self.custom_mode = Px4Mode::POSITION.0;
             if self.is_armed {
@@ -321,7 +327,8 @@ impl OnBoardComputer for EmulatedAutopilot {
         if !self.is_armed || now.since(self.armed_at) < self.spool_up() {
             return CommandV1::default();
         }
-        self.follower.command(now, truth, self.follows())
+        let follows = self.follows() && self.follower.flows(now, self.parameters.time_out());
+        self.follower.command(now, truth, follows)
     }
 
     fn counters(&self) -> FrameCounters {

@@ -12,10 +12,6 @@ use crate::wire::command::{attitude_command, rate_command};
 
 const LEVEL: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
 
-/// Time without a set-point after which ArduCopter levels, GUID_TIMEOUT.
-const GUIDED_TIMEOUT: Span = Span::from_millis(3000);
-/// Time without a set-point after which PX4 leaves Offboard, COM_OF_LOSS_T.
-pub(super) const OFFBOARD_TIMEOUT: Span = Span::from_millis(1000);
 /// Height below which the vehicle may have landed \[m\].
 const FLOOR_M: f64 = 0.05;
 /// Time below that height after which the vehicle counts as landed.
@@ -87,14 +83,10 @@ impl SetpointFollower {
         self.low_since.is_some_and(|since| now.since(since) >= LANDED_AFTER)
     }
 
-    /// Command for running motors: by set-points if the mode `follows` them, otherwise by the autopilot.
+    /// Command for running motors: by set-points if `follows`, otherwise by the autopilot.
     pub(super) fn command(&self, now: Time, truth: &TruthV1, follows: bool) -> CommandV1 {
-        let age = match self.kind {
-            AutopilotKind::ArduPilot => GUIDED_TIMEOUT,
-            AutopilotKind::Px4 => OFFBOARD_TIMEOUT,
-        };
         match &self.newest {
-            Some((_, target)) if follows && self.flows(now, age) => self.flight(target),
+            Some((_, target)) if follows => self.flight(target),
             // Armed and not yet flown: the rotors idle.
             None => self.level(truth, 0.0),
             Some(_) if self.has_landed(now) => self.level(truth, 0.0),
