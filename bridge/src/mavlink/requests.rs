@@ -4,8 +4,8 @@
 use oqtal_bus::time::{Span, Time};
 use oqtal_wire::link::AutopilotKind;
 use oqtal_wire::mavlink::{
-    AutopilotFirmware, CommandKind, MavlinkContent, MavlinkHeartbeat, ParameterName, ParameterValue,
-    Timesync, VehicleCommandLong,
+    AutopilotFirmware, CommandKind, MavlinkContent, MavlinkHeartbeat, ParameterName,
+    ParameterValue, Timesync, VehicleCommandLong,
 };
 
 use super::vehicle::AutopilotState;
