@@ -25,7 +25,7 @@ use oqtal_runtime::program::say;
 
 use protocol::{Content, GatewayReply};
 use socket::{GatewaySocket, Received, Sender, UnixGateway};
-use udp::{Key, UdpGateway};
+use udp::{GatewayKey, UdpGateway};
 
 /// Name of the socket in the directory of the instance.
 const SOCKET: &str = "gateway.sock";
@@ -59,7 +59,7 @@ impl GatewayCommand {
     pub fn execute(&self) -> Result<Exit, Failure> {
         let Self::Run(GatewayArgs { udp, key, common }) = self;
         // Read with the caller's rights.
-        let key = key.as_deref().map(Key::read).transpose()?;
+        let key = key.as_deref().map(GatewayKey::read).transpose()?;
         let config = Config::load(&common.config, &common.settings()?)?;
         let stop = stop_on_signals()?;
         let paths = instance_paths(&config)?;

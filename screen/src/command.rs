@@ -24,7 +24,7 @@ use crate::terminal::OpenTerminal;
 const PICTURE_PERIOD: Duration = Duration::from_millis(100);
 
 /// Executes a request to the instance at these paths and returns the answer as one line.
-pub type Request = fn(&InstancePaths, &str) -> String;
+pub type ExecuteLine = fn(&InstancePaths, &str) -> String;
 
 /// Arguments of `oqtal monitor`.
 #[derive(Args, Debug)]
@@ -42,7 +42,7 @@ impl MonitorArgs {
     ///
     /// # Errors
     /// The output is not a terminal (exit code 64), no process runs on the instance (75), or the terminal or the bus failed.
-    pub fn execute(&self, request: Request) -> Result<Exit, Failure> {
+    pub fn execute(&self, request: ExecuteLine) -> Result<Exit, Failure> {
         require_terminal()?;
         let config = Config::load(&self.common.config, &self.common.settings()?)?;
         let paths = instance_paths(&config)?;
@@ -84,7 +84,7 @@ struct Watch {
     look: ScreenLook,
     end: StopFlag,
     /// Executor of requests, and the paths of the instance.
-    request: (Request, InstancePaths),
+    request: (ExecuteLine, InstancePaths),
 }
 
 impl Watch {

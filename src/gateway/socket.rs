@@ -50,7 +50,7 @@ pub struct Received {
 #[derive(Debug)]
 pub struct Sender {
     /// Where it receives replies.
-    pub address: Option<Address>,
+    pub address: Option<SenderAddress>,
     /// Process on this machine; 0 for one of the network.
     pub process: u32,
     /// Its user; the user of the gateway for the network.
@@ -61,7 +61,7 @@ pub struct Sender {
 
 /// Address of a sender.
 #[derive(Debug)]
-pub enum Address {
+pub enum SenderAddress {
     /// A socket of this machine.
     Path(PathBuf),
     /// One of the network, and the sequence number of the datagram.
@@ -81,7 +81,7 @@ impl Sender {
         let UCred { pid, uid, .. } = credentials?;
         let process = pid.as_raw_pid().unsigned_abs();
         let name = std::fs::read_to_string(format!("/proc/{process}/comm")).unwrap_or_default();
-        let address = address.map(Address::Path);
+        let address = address.map(SenderAddress::Path);
         Some(Self { address, process, user: uid.as_raw(), program: name.trim().to_owned() })
     }
 }
@@ -151,7 +151,7 @@ impl GatewaySocket for UnixGateway {
     }
 
     fn reply(&self, sender: &Sender, text: &str) {
-        if let Some(Address::Path(address)) = &sender.address {
+        if let Some(SenderAddress::Path(address)) = &sender.address {
             let _ = self.socket.set_nonblocking(true);
             let _ = self.socket.send_to(text.as_bytes(), address);
             let _ = self.socket.set_nonblocking(false);

@@ -20,7 +20,7 @@ use rustix::process::getuid;
 use sha2::Sha256;
 
 use super::protocol::GatewayReply;
-use super::socket::{Address, GatewaySocket, Received, Sender, TIMEOUT};
+use super::socket::{GatewaySocket, Received, Sender, SenderAddress, TIMEOUT};
 
 /// Length of key and code \[bytes\].
 const KEY_BYTES: usize = 32;
@@ -28,9 +28,9 @@ const KEY_BYTES: usize = 32;
 const SESSION_BYTES: usize = 16;
 
 /// A secret key.
-pub struct Key([u8; KEY_BYTES]);
+pub struct GatewayKey([u8; KEY_BYTES]);
 
-impl Key {
+impl GatewayKey {
     /// The key in `file`, as 64 hexadecimal digits.
     ///
     /// # Errors
@@ -101,7 +101,7 @@ impl Session {
 /// A socket on the network.
 pub struct UdpGateway {
     socket: UdpSocket,
-    key: Key,
+    key: GatewayKey,
     session: Session,
 }
 
@@ -110,7 +110,7 @@ impl UdpGateway {
     ///
     /// # Errors
     /// The operating system refuses (exit code 71).
-    pub fn bind(address: SocketAddr, key: Key) -> Result<Self, Failure> {
+    pub fn bind(address: SocketAddr, key: GatewayKey) -> Result<Self, Failure> {
         let failed =
             |error: std::io::Error| Failure::new(Exit::System, format!("{address}: {error}"));
         let socket = UdpSocket::bind(address).map_err(failed)?;
@@ -153,7 +153,7 @@ impl GatewaySocket for UdpGateway {
             Ok(sequence) => {
                 let start = (length - text.len() + line_end + 1).min(length);
                 let sender = Sender {
-                    address: Some(Address::Network(address, sequence)),
+                    address: Some(SenderAddress::Network(address, sequence)),
                     process: 0,
                     user: getuid().as_raw(),
                     program: address.to_string(),
@@ -168,7 +168,7 @@ impl GatewaySocket for UdpGateway {
     }
 
     fn reply(&self, sender: &Sender, text: &str) {
-        if let Some(Address::Network(address, sequence)) = sender.address {
+        if let Some(SenderAddress::Network(address, sequence)) = sender.address {
             self.send(address, sequence, text);
         }
     }
@@ -201,17 +201,17 @@ mod tests {
     /// The second case of RFC 4231 has a key of another length; this code is from Python's `hmac`, with 32 bytes of 0x0b.
     #[test]
     fn codes_are_those_of_another_implementation() {
-        let signed = Key([0x0b; KEY_BYTES]).signed("Hi There");
+        let signed = GatewayKey([0x0b; KEY_BYTES]).signed("Hi There");
         let code = "198a607eb44bfbc69903a0f1cf2bbdc5ba0aa3f3d9ae3c1c7a3b1696a0b68cf7";
         assert_eq!(signed, format!("{code} Hi There"));
     }
 
     #[test]
     fn no_byte_of_a_datagram_can_be_changed() {
-        let key = Key([7; KEY_BYTES]);
+        let key = GatewayKey([7; KEY_BYTES]);
         let datagram = key.signed("session 5\n{}").into_bytes();
         assert_eq!(key.confirmed(&datagram), Some(&b"session 5\n{}"[..]));
-        assert_eq!(Key([8; KEY_BYTES]).confirmed(&datagram), None);
+        assert_eq!(GatewayKey([8; KEY_BYTES]).confirmed(&datagram), None);
         for index in 0..datagram.len() {
             let mut changed = datagram.clone();
             changed[index] ^= 1;

@@ -393,19 +393,3 @@ fn f72_a_real_vehicle_without_a_time_out_of_its_own_is_armed_only_where_that_is_
         assert_eq!(told, reasons, "{limit_ms} ms, {time_out_s} s");
     }
 }
-
-#[test]
-fn a_real_vehicle_flies_on_emulated_poses_only_where_that_is_allowed() {
-    for (allowed, reasons) in [(false, vec![ArmingObstacle::EmulatedPoses]), (true, vec![])] {
-        let mut bench = Bench::new(&[set(&format!("safety.allow-emulated-poses={allowed}"))]);
-        bench.vehicle = REAL;
-        for _ in 0..20 {
-            bench.show(PoseV1 { simulated: 1, ..still(bench.frame) });
-        }
-        let response = bench.cycle.request(bench.now, OperatorCommand::Arm);
-        let told: Vec<_> = ArmingObstacles::from_bits(response.obstacles).iter().collect();
-        assert_eq!(told, reasons);
-        let answer = if allowed { Answer::Accepted } else { Answer::Refused };
-        assert_eq!(response.answer, answer.code());
-    }
-}

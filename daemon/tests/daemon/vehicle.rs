@@ -1,10 +1,12 @@
 //! Which flights begin and end because of what the vehicle says of itself.
 
+use super::common::flight::set;
 use super::common::{Bench, FRAME, LAWS, REAL, WELL, still};
 use oqtal_bus::code::{
     Actuation, Answer, Cause, ControlHolder, EstimatorState, Mode, OperatorCommand, SafetyState,
 };
-use oqtal_bus::message::{CommandV1, Header, VehicleV1};
+use oqtal_bus::message::{CommandV1, Header, PoseV1, VehicleV1};
+use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_bus::time::Span;
 use oqtal_config::Setting;
 use oqtal_daemon::{AutoTakeoff, Tick};
@@ -325,5 +327,21 @@ fn f18_a_requested_flight_is_not_flown_with_another_vehicle() {
         bench.cycle.request(bench.now, OperatorCommand::Fly);
         bench.show(still(bench.frame));
         assert_eq!(bench.mode(), Some(Mode::Flying), "asked for again");
+    }
+}
+
+#[test]
+fn a_real_vehicle_flies_on_emulated_poses_only_where_that_is_allowed() {
+    for (allowed, reasons) in [(false, vec![ArmingObstacle::EmulatedPoses]), (true, vec![])] {
+        let mut bench = Bench::new(&[set(&format!("safety.allow-emulated-poses={allowed}"))]);
+        bench.vehicle = REAL;
+        for _ in 0..20 {
+            bench.show(PoseV1 { simulated: 1, ..still(bench.frame) });
+        }
+        let response = bench.cycle.request(bench.now, OperatorCommand::Arm);
+        let told: Vec<_> = ArmingObstacles::from_bits(response.obstacles).iter().collect();
+        assert_eq!(told, reasons);
+        let answer = if allowed { Answer::Accepted } else { Answer::Refused };
+        assert_eq!(response.answer, answer.code());
     }
 }

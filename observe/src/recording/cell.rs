@@ -13,7 +13,7 @@ const TEXT: &str = "text";
 
 /// Cell of a row.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Cell {
+pub enum FieldCell {
     /// A count, a code, a flag, or an instant \[ns\].
     Count(u64),
     /// A span of time \[ns\].
@@ -68,10 +68,13 @@ fn columns(field: &Field) -> Vec<String> {
 }
 
 /// The row of a message, with a cell for each of its [`names`].
-pub fn cells(reception: &Reception, sample: &Sample<'_>) -> impl Iterator<Item = Cell> + use<> {
+pub fn cells(
+    reception: &Reception,
+    sample: &Sample<'_>,
+) -> impl Iterator<Item = FieldCell> + use<> {
     let Header { sequence, pose_sequence, schema, source, stamps } = reception.header;
     let words = [reception.received_at.nanos(), sequence, pose_sequence, schema, source];
-    let words = words.into_iter().chain(stamps.to_words()).map(Cell::Count);
+    let words = words.into_iter().chain(stamps.to_words()).map(FieldCell::Count);
     let message = sample.body();
     let packed = message.packed();
     let mut rest = packed.as_slice();
@@ -80,7 +83,7 @@ pub fn cells(reception: &Reception, sample: &Sample<'_>) -> impl Iterator<Item =
         let (bytes, behind) = rest.split_at(field.size());
         rest = behind;
         match field.unit {
-            TEXT => body.push(Cell::Text(text_of(bytes))),
+            TEXT => body.push(FieldCell::Text(text_of(bytes))),
             _ => body.extend(bytes.chunks(field.element.size()).map(|b| cell_of(field.element, b))),
         }
     }
@@ -92,14 +95,16 @@ fn text_of(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).trim_end_matches('\0').to_owned()
 }
 
-fn cell_of(element: FieldType, bytes: &[u8]) -> Cell {
+fn cell_of(element: FieldType, bytes: &[u8]) -> FieldCell {
     let mut word = [0; 8];
     word[..bytes.len()].copy_from_slice(bytes);
     let number = u64::from_le_bytes(word);
     match element {
-        FieldType::U8 | FieldType::U32 | FieldType::U64 | FieldType::Time => Cell::Count(number),
-        FieldType::I64 => Cell::Signed(number.cast_signed()),
-        FieldType::F64 => Cell::Number(f64::from_bits(number)),
+        FieldType::U8 | FieldType::U32 | FieldType::U64 | FieldType::Time => {
+            FieldCell::Count(number)
+        }
+        FieldType::I64 => FieldCell::Signed(number.cast_signed()),
+        FieldType::F64 => FieldCell::Number(f64::from_bits(number)),
     }
 }
 

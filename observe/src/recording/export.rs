@@ -9,7 +9,7 @@ use oqtal_bus::message::TelemetryV1;
 use oqtal_bus::time::Time;
 use oqtal_bus::topic::{ObservedTopic, Sample};
 
-use super::cell::{self, Cell};
+use super::cell::{self, FieldCell};
 use crate::csv::ColumnValues;
 use crate::sink::{Reception, Sink};
 
@@ -66,34 +66,34 @@ impl Sink for ColumnExport {
 }
 
 /// A column with its first cell.
-fn first(cell: Cell) -> ColumnValues {
+fn first(cell: FieldCell) -> ColumnValues {
     match cell {
-        Cell::Count(count) => ColumnValues::Counts(vec![count]),
-        Cell::Signed(number) => ColumnValues::Signed(vec![number]),
-        Cell::Number(number) => ColumnValues::Numbers(vec![number]),
-        Cell::Text(text) => ColumnValues::Words(vec![text]),
+        FieldCell::Count(count) => ColumnValues::Counts(vec![count]),
+        FieldCell::Signed(number) => ColumnValues::Signed(vec![number]),
+        FieldCell::Number(number) => ColumnValues::Numbers(vec![number]),
+        FieldCell::Text(text) => ColumnValues::Words(vec![text]),
     }
 }
 
 /// Appends a cell to the column of its kind.
-fn push(column: &mut ColumnValues, cell: Cell) {
+fn push(column: &mut ColumnValues, cell: FieldCell) {
     match (column, cell) {
-        (ColumnValues::Counts(counts), Cell::Count(count)) => counts.push(count),
-        (ColumnValues::Signed(numbers), Cell::Signed(number)) => numbers.push(number),
-        (ColumnValues::Numbers(numbers), Cell::Number(number)) => numbers.push(number),
-        (ColumnValues::Words(words), Cell::Text(text)) => words.push(text),
+        (ColumnValues::Counts(counts), FieldCell::Count(count)) => counts.push(count),
+        (ColumnValues::Signed(numbers), FieldCell::Signed(number)) => numbers.push(number),
+        (ColumnValues::Numbers(numbers), FieldCell::Number(number)) => numbers.push(number),
+        (ColumnValues::Words(words), FieldCell::Text(text)) => words.push(text),
         _ => {}
     }
 }
 
 /// A cell as text: quoted if it is one, empty for NaN.
-fn text_of(cell: Cell) -> String {
+fn text_of(cell: FieldCell) -> String {
     match cell {
-        Cell::Count(count) => count.to_string(),
-        Cell::Signed(number) => number.to_string(),
-        Cell::Number(number) if number.is_nan() => String::new(),
-        Cell::Number(number) => number.to_string(),
-        Cell::Text(text) => format!("\"{}\"", text.replace('"', "\"\"")),
+        FieldCell::Count(count) => count.to_string(),
+        FieldCell::Signed(number) => number.to_string(),
+        FieldCell::Number(number) if number.is_nan() => String::new(),
+        FieldCell::Number(number) => number.to_string(),
+        FieldCell::Text(text) => format!("\"{}\"", text.replace('"', "\"\"")),
     }
 }
 
