@@ -11,7 +11,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Sample};
 use oqtal_observe::instance::InstanceModel;
 use oqtal_observe::observer::BusObserver;
-use oqtal_observe::recording::cell::{self, Cell};
+use oqtal_observe::recording::cell::{self, FieldCell};
 use oqtal_observe::sink::{Reception, Sink};
 use oqtal_operator::request::running_bus;
 use oqtal_runtime::health::SILENCE;
@@ -61,7 +61,7 @@ fn observe(
 /// Rows that wait to be taken.
 #[derive(Default)]
 struct Waiting {
-    rows: VecDeque<Vec<Cell>>,
+    rows: VecDeque<Vec<FieldCell>>,
     /// Rows that were not taken in time, and samples that the bus overwrote.
     lost: u64,
     /// The end of the observation, and its reason.
@@ -85,7 +85,7 @@ impl Shared {
 struct Rows {
     names: Vec<String>,
     topics: Vec<ObservedTopic>,
-    new: Vec<Vec<Cell>>,
+    new: Vec<Vec<FieldCell>>,
     lost: u64,
     /// Model whose events are the rows; `None` if they are the messages of a topic.
     model: Option<Box<InstanceModel>>,
@@ -114,7 +114,9 @@ impl Rows {
     fn take(&mut self, now: Time, waiting: &mut Waiting) {
         if let Some(model) = &mut self.model {
             model.advance(now);
-            let row = |(t, text): (Span, String)| vec![Cell::Number(t.seconds()), Cell::Text(text)];
+            let row = |(t, text): (Span, String)| {
+                vec![FieldCell::Number(t.seconds()), FieldCell::Text(text)]
+            };
             self.new.extend(model.events.drain(..).map(row));
         }
         waiting.rows.extend(self.new.drain(..));
@@ -219,14 +221,18 @@ impl Observation {
 }
 
 impl Observation {
-    fn dictionary<'py>(&self, py: Python<'py>, row: Vec<Cell>) -> PyResult<Bound<'py, PyDict>> {
+    fn dictionary<'py>(
+        &self,
+        py: Python<'py>,
+        row: Vec<FieldCell>,
+    ) -> PyResult<Bound<'py, PyDict>> {
         let found = PyDict::new(py);
         for (name, cell) in self.names.iter().zip(row) {
             match cell {
-                Cell::Count(count) => found.set_item(name, count)?,
-                Cell::Signed(number) => found.set_item(name, number)?,
-                Cell::Number(number) => found.set_item(name, number)?,
-                Cell::Text(text) => found.set_item(name, text)?,
+                FieldCell::Count(count) => found.set_item(name, count)?,
+                FieldCell::Signed(number) => found.set_item(name, number)?,
+                FieldCell::Number(number) => found.set_item(name, number)?,
+                FieldCell::Text(text) => found.set_item(name, text)?,
             }
         }
         Ok(found)
