@@ -123,11 +123,12 @@ mod tests {
     #[test]
     fn the_squares_of_residuals_are_least_for_the_true_variances() {
         let mut random = stream(7, RandomSource::Cameras);
+        // Every other one has the other value.
+        let alternate = |k: usize, other: f64| if k.is_multiple_of(2) { 1.0 } else { other };
         let values: Vec<Vector3<f64>> =
-            (0..4000).map(|k| normal3(&mut random) * if k % 2 == 0 { 1.0 } else { 1.5 }).collect();
+            (0..4000).map(|k| normal3(&mut random) * alternate(k, 1.5)).collect();
         let sum = |variance: f64| {
-            let expected = |k: usize| if k % 2 == 0 { 1.0 } else { variance };
-            let variances = (0..values.len()).map(expected).collect();
+            let variances = (0..values.len()).map(|k| alternate(k, variance)).collect();
             let innovations = Innovations { values: values.clone(), variances };
             residuals(std::iter::once(&innovations), 1.0).iter().map(|r| r * r).sum::<f64>()
         };
