@@ -18,4 +18,5 @@ pub mod record;
 mod recordings;
 pub mod replay;
 pub mod report;
+mod token;
 pub mod view;

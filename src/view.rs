@@ -2,11 +2,10 @@
 
 mod operator;
 
-use std::io::Read;
 use std::net::{SocketAddr, TcpListener};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use clap::Args;
 use oqtal_bus::bus::Bus;
@@ -28,14 +27,13 @@ use oqtal_view::server;
 use oqtal_view::site::{Site, Subject};
 
 use crate::recordings::{self, failure};
+use crate::token::random_token;
 use operator::BusOperator;
 
 /// Update period: 40 updates per second.
 const UPDATE_PERIOD: Duration = Duration::from_millis(25);
 /// Period of the checks for an interrupt while a recording is shown.
 const CHECK_PERIOD: Duration = Duration::from_millis(50);
-/// Number of random bytes of a token.
-const TOKEN_BYTES: usize = 16;
 
 /// Arguments of `oqtal view`.
 #[derive(Args, Debug)]
@@ -66,7 +64,7 @@ impl ViewArgs {
     /// The address needs a token (exit code 64) or is in use (71); the file is not a recording (65) or of another version (76); no
     /// daemon runs (75, without `--wait`).
     pub fn execute(&self) -> Result<Exit, Failure> {
-        let token = (self.control || self.token).then(new_token).transpose()?;
+        let token = (self.control || self.token).then(random_token).transpose()?;
         let access = Access::new(self.listen, self.control, self.token, token);
         let access = access.ok_or_else(|| needs_token(self.listen))?;
         match &self.file {
@@ -102,7 +100,7 @@ impl ViewArgs {
         let operator = BusOperator::new(&paths, expected);
         let operator = self.control.then(|| Box::new(operator) as _);
         let subject = Subject::Live(Arc::clone(&hub), operator);
-        let mut daemon = DaemonConfig { file: daemon_file, text: String::new() };
+        let mut daemon = DaemonConfig { file: daemon_file, written: None };
         let shown = daemon.changed().unwrap_or_else(|| config.clone());
         let scene = SceneDescription::of_instance(&shown, self.control);
         let site = Site::new(access.clone(), &scene, subject);
@@ -170,15 +168,21 @@ impl ViewArgs {
 #[derive(Debug)]
 struct DaemonConfig {
     file: PathBuf,
-    text: String,
+    /// Instant at which the file was written when it was read last.
+    written: Option<SystemTime>,
 }
 
 impl DaemonConfig {
-    /// The configuration, if it is another one than at the last call.
+    /// The configuration, if it was written since the last call.
     fn changed(&mut self) -> Option<Config> {
-        let text = std::fs::read_to_string(&self.file).ok().filter(|text| *text != self.text)?;
+        let written = std::fs::metadata(&self.file).and_then(|file| file.modified()).ok();
+        if written.is_none() || written == self.written {
+            return None;
+        }
+        let text = std::fs::read_to_string(&self.file).ok()?;
+        // A file that is not complete yet is read again.
         let config = Config::parse(&self.file.to_string_lossy(), &text, &[]).ok()?;
-        self.text = text;
+        self.written = written;
         Some(config)
     }
 }
@@ -188,12 +192,4 @@ fn needs_token(listen: SocketAddr) -> Failure {
         "--listen {listen}: other machines can reach this address; give --token, so that only its holders see the page"
     );
     Failure::new(Exit::Usage, message)
-}
-
-/// Unpredictable token.
-fn new_token() -> Result<String, Failure> {
-    let mut bytes = [0; TOKEN_BYTES];
-    let read = std::fs::File::open("/dev/urandom").and_then(|mut file| file.read_exact(&mut bytes));
-    read.map_err(|error| Failure::new(Exit::System, format!("/dev/urandom: {error}")))?;
-    Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
 }

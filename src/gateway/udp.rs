@@ -8,24 +8,23 @@
 //! `CODE` is of all that follows its space, in hexadecimal digits. A datagram that was seen before is refused: each start of the
 //! gateway has a random `SESSION`, in which `SEQUENCE` must grow. A datagram without a valid code has no reply.
 
-use std::fmt::Write;
-use std::io::{ErrorKind, Read};
+use std::io::ErrorKind;
 use std::net::{SocketAddr, UdpSocket};
-use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
 use hmac::{Hmac, KeyInit, Mac};
+use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
+use oqtal_wire::hex::{from_hex, to_hex};
 use rustix::process::getuid;
 use sha2::Sha256;
 
 use super::protocol::GatewayReply;
 use super::socket::{GatewaySocket, Received, Sender, SenderAddress, TIMEOUT};
+use crate::token::random_token;
 
 /// Length of key and code \[bytes\].
 const KEY_BYTES: usize = 32;
-/// Number of random bytes of a session.
-const SESSION_BYTES: usize = 16;
 
 /// A secret key.
 pub struct GatewayKey([u8; KEY_BYTES]);
@@ -34,18 +33,17 @@ impl GatewayKey {
     /// The key in `file`, as 64 hexadecimal digits.
     ///
     /// # Errors
-    /// The file cannot be read (exit code 71), holds no key (65), or is readable by others (77).
+    /// The file cannot be read (exit code 71), holds no key (65), or is not this user's alone (77).
     pub fn read(file: &Path) -> Result<Self, Failure> {
         let name = file.display();
         let make = format!("create one with: (umask 077; openssl rand -hex 32 > {name})");
-        let failed =
-            |error: std::io::Error| Failure::new(Exit::System, format!("{name}: {error}; {make}"));
-        let mode = std::fs::metadata(file).map_err(failed)?.permissions().mode();
-        if mode & 0o077 != 0 {
-            let message = format!("{name}: other users may read the key; chmod 600 {name}");
-            return Err(Failure::new(Exit::Permission, message));
-        }
-        let text = std::fs::read_to_string(file).map_err(failed)?;
+        let text = files::read_secret(file).map_err(|error| match error.kind() {
+            ErrorKind::PermissionDenied => {
+                let reason = "a key must be hidden from other users";
+                Failure::new(Exit::Permission, format!("{name}: {reason}: {error}"))
+            }
+            _ => Failure::new(Exit::System, format!("{name}: {error}; {make}")),
+        })?;
         let key = from_hex(text.trim().as_bytes());
         key.map(Self).ok_or_else(|| {
             let message = format!("{name}: a key has 64 hexadecimal digits; {make}");
@@ -115,11 +113,7 @@ impl UdpGateway {
             |error: std::io::Error| Failure::new(Exit::System, format!("{address}: {error}"));
         let socket = UdpSocket::bind(address).map_err(failed)?;
         socket.set_read_timeout(Some(TIMEOUT)).map_err(failed)?;
-        let mut random = [0; SESSION_BYTES];
-        std::fs::File::open("/dev/urandom")
-            .and_then(|mut file| file.read_exact(&mut random))
-            .map_err(failed)?;
-        Ok(Self { socket, key, session: Session { name: to_hex(&random), last: 0 } })
+        Ok(Self { socket, key, session: Session { name: random_token()?, last: 0 } })
     }
 
     fn send(&self, address: SocketAddr, sequence: u64, text: &str) {
@@ -172,26 +166,6 @@ impl GatewaySocket for UdpGateway {
             self.send(address, sequence, text);
         }
     }
-}
-
-fn to_hex(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::new(), |mut text, byte| {
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
-}
-
-/// `N` bytes from twice as many hexadecimal digits.
-fn from_hex<const N: usize>(digits: &[u8]) -> Option<[u8; N]> {
-    let mut bytes = [0; N];
-    if digits.len() != 2 * N {
-        return None;
-    }
-    for (byte, pair) in bytes.iter_mut().zip(digits.chunks_exact(2)) {
-        let digit = |at: usize| char::from(pair[at]).to_digit(16);
-        *byte = u8::try_from(16 * digit(0)? + digit(1)?).ok()?;
-    }
-    Some(bytes)
 }
 
 #[cfg(test)]

@@ -20,6 +20,7 @@
 //! | [`mavlink`] | MAVLink 2, for PX4 and ArduPilot |
 //! | [`link`] | text forms of links: `asctec:/dev/ttyUSB0,baud=57600,xbee=api2` |
 //! | [`stream`] | frames from arbitrary bytes, with bounded work |
+//! | [`hex`] | bytes as hexadecimal digits |
 //! | [`text`] | text of another machine, escaped for a log |
 //! | `interpolation` | straight lines between the points of a table |
 //! | `bytes` | numbers in packets |
@@ -33,6 +34,7 @@ pub mod asctec;
 mod bytes;
 pub mod crazyflie_sitl;
 pub mod crtp;
+pub mod hex;
 mod interpolation;
 pub mod link;
 pub mod mavlink;

@@ -9,6 +9,7 @@ use sha2::{Digest, Sha256};
 
 use super::address::MavlinkAddress;
 use super::packet_bytes::MavlinkWire;
+use crate::hex::from_hex;
 
 /// Length of a signature, with the number of its link and its stamp \[bytes\].
 pub(super) const SIGNATURE: usize = 13;
@@ -32,14 +33,7 @@ pub struct SigningKey([u8; 32]);
 impl SigningKey {
     /// Key of 64 hexadecimal digits; `None` for anything else.
     pub fn from_hex(text: &str) -> Option<Self> {
-        let mut key = [0; 32];
-        if text.len() != 64 || !text.bytes().all(|byte| byte.is_ascii_hexdigit()) {
-            return None;
-        }
-        for (place, index) in key.iter_mut().zip((0..64).step_by(2)) {
-            *place = u8::from_str_radix(&text[index..index + 2], 16).ok()?;
-        }
-        Some(Self(key))
+        from_hex(text.as_bytes()).map(Self)
     }
 
     /// Signature of `bytes`: a packet up to the stamp of its signature.
