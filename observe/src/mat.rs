@@ -35,16 +35,15 @@ pub fn file<N: AsRef<str>>(columns: impl IntoIterator<Item = (N, ColumnValues)>)
 
 /// The content of a variable: flags, dimensions, name, values.
 fn variable(name: &str, values: ColumnValues) -> Vec<u8> {
-    let is_instant = name.ends_with("_ns");
     let (class, kind, size, data) = match values {
         ColumnValues::Numbers(numbers) => {
             (DOUBLE_CLASS, DOUBLE, [numbers.len(), 1], bytes(&numbers, |n| n.to_le_bytes()))
         }
-        ColumnValues::Counts(counts) if !is_instant => {
-            (UINT64_CLASS, UINT64, [counts.len(), 1], bytes(&counts, |n| n.to_le_bytes()))
-        }
-        ColumnValues::Counts(words) => {
-            (INT64_CLASS, INT64, [words.len(), 1], bytes(&words, |n| n.to_le_bytes()))
+        ColumnValues::Counts(counts) => {
+            let is_instant = name.ends_with("_ns");
+            let (class, kind) =
+                if is_instant { (INT64_CLASS, INT64) } else { (UINT64_CLASS, UINT64) };
+            (class, kind, [counts.len(), 1], bytes(&counts, |n| n.to_le_bytes()))
         }
         ColumnValues::Signed(numbers) => {
             (INT64_CLASS, INT64, [numbers.len(), 1], bytes(&numbers, |n| n.to_le_bytes()))

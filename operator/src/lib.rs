@@ -25,7 +25,7 @@ pub mod stop;
 use clap::ValueEnum;
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::OperatorCommand;
-use oqtal_bus::message::ControlRequestV1;
+use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
 use oqtal_bus::paths::InstancePaths;
 use oqtal_observe::status::InstanceStatus;
 use oqtal_runtime::process::{Exit, Failure};
@@ -68,8 +68,20 @@ pub fn execute(
         _ => request::send_signed(&running_bus(&address.paths)?, body, expected)?
             .ok_or_else(|| silent(&address.paths.instance))?,
     };
-    let report = ControlReport::new(command.command(), &response, InstanceStatus::default());
-    report.check(&response, expected)?;
+    accepted(command.command(), &response, expected)
+}
+
+/// The daemon's answer `response` to `command` as text.
+///
+/// # Errors
+/// The daemon refused the command (exit code 1).
+pub fn accepted(
+    command: OperatorCommand,
+    response: &ControlResponseV1,
+    expected: Option<u64>,
+) -> Result<String, Failure> {
+    let report = ControlReport::new(command, response, InstanceStatus::default());
+    report.check(response, expected)?;
     Ok(report.to_text(&[]))
 }
 

@@ -250,11 +250,11 @@ impl ObeyedStop {
     /// # Errors
     /// The vehicle has not reported that its motors are off (exit code 1), or no process of a vehicle obeys (75).
     pub fn check(&self) -> Result<(), Failure> {
-        let exit = match self.vehicle_obeys || self.is_unconfirmed {
-            _ if self.motors_off => return Ok(()),
-            true => Exit::Flight,
-            false => Exit::Peer,
-        };
+        if self.motors_off {
+            return Ok(());
+        }
+        let exit =
+            if self.vehicle_obeys || self.is_unconfirmed { Exit::Flight } else { Exit::Peer };
         Err(Failure::new(exit, self.to_string()))
     }
 

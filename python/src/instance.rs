@@ -16,10 +16,9 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::REFERENCE;
 use oqtal_bus::transport::{Publish, Transport};
 use oqtal_bus::watch::InstanceWatch;
-use oqtal_observe::status::InstanceStatus;
 use oqtal_operator::request::{running_bus, send, silent};
 use oqtal_operator::{
-    AddressedInstance, ControlReport, CtlRequest, arm, execute, require_daemon, status,
+    AddressedInstance, ControlReport, CtlRequest, accepted, arm, execute, require_daemon, status,
 };
 use oqtal_runtime::process::{Exit, Failure, paths_of};
 use pyo3::prelude::*;
@@ -160,9 +159,7 @@ fn arm(paths: &InstancePaths, cancelled: &AtomicBool) -> Result<String, Failure>
     let is_cancelled = || cancelled.load(Ordering::Relaxed);
     let response = arm::ask(&bus, None, &mut |_| {}, &is_cancelled)?;
     let response = response.ok_or_else(|| silent(&paths.instance))?;
-    let report = ControlReport::new(OperatorCommand::Arm, &response, InstanceStatus::default());
-    report.check(&response, None)?;
-    Ok(report.to_text(&[]))
+    accepted(OperatorCommand::Arm, &response, None)
 }
 
 /// Failure of a thread that has ended.
