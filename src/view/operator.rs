@@ -33,10 +33,8 @@ impl Operator for BusOperator {
         if let Some(Err(TryLockError::WouldBlock)) = busy {
             return refused("another command is being answered".to_owned());
         }
-        // A change in flight makes another configuration, which may not keep the next one from the daemon.
-        let expected = self.expected.filter(|_| matches!(command, CtlRequest::Arm));
         let request = (command, arguments);
-        match oqtal_operator::execute(&self.address, request, expected, |request| request) {
+        match oqtal_operator::execute(&self.address, request, self.expected, |request| request) {
             Ok(text) => OperatorReply { is_accepted: true, text },
             Err(failure) => refused(failure.message),
         }
