@@ -22,12 +22,13 @@ use oqtal_wire::link::LinkSpec;
 use oqtal_wire::xbee::Address;
 
 /// A minute of hover through one wrong bit in a hundred.
-const SETTINGS: [&str; 5] = [
+const SETTINGS: [&str; 6] = [
     "clock.seed=7",
     "trajectory.kind=hover",
     "trajectory.hover.duration-s=60.0",
     "plant.wire.bit-error-rate=0.01",
     "safety.allow-emulated-poses=true",
+    "bridge.vehicle-time-out-ms=1000",
 ];
 /// Time-out of the flight.
 const TIMEOUT: Span = Span::from_millis(100_000);

@@ -67,8 +67,9 @@ fn a_vehicle_at_a_link_seen_by_cameras_at_a_link_flies_and_lands() {
     // The cameras answer once they see the vehicle.
     let probe = ["receiver", "probe", &cameras["link:".len()..], "--seconds", "1", "--json"];
     wait_for("the cameras", || here.oqtal(&probe).output().unwrap().status.success().then_some(()));
-    let summary =
-        here.lands(&[&["--mocap", &cameras, "--vehicle", &vehicle][..], &HOVER[..4]].concat());
+    let time_out = "bridge.vehicle-time-out-ms=1000";
+    let links = ["--mocap", &cameras, "--vehicle", &vehicle, "--set", time_out];
+    let summary = here.lands(&[&links[..], &HOVER[..4]].concat());
     assert_eq!(summary["error_source"], "pose", "{summary}");
     assert!(number(&summary, "/hops/capture_to_receive/count") > 100.0, "{summary}");
 }
