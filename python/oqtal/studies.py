@@ -52,6 +52,9 @@ def campaign(
 ) -> Table:
     """Flies laws on the same seeds, as ``oqtal campaign``: one row for each law and seed, with the columns of ``campaign.csv``.
 
+    Four flights for each row: trajectory, hover, chirp, doublet. On the square the command flies two more, a disturbed hover and a
+    circle.
+
     ``client``: a client of dask.distributed, whose workers fly; the rows are the same, bit for bit.
     """
     call = sources(config, settings, plant, trajectory=("trajectory.kind", trajectory))
