@@ -46,8 +46,13 @@ impl<M> History<M> {
         self.discarded + self.samples.len() as u64
     }
 
-    /// Adds a sample. Samples that every reader has received or lost are discarded in bulk, when the memory is full.
+    /// Adds a sample, or only counts it if the topic has no reader. Samples that every reader has received or lost are discarded
+    /// in bulk, when the memory is full.
     fn push(&mut self, header: Header, body: M) {
+        if self.cursors.is_empty() {
+            self.discarded += 1;
+            return;
+        }
         if self.samples.len() == self.samples.capacity() {
             let sent = self.sent() + 1;
             let oldest = self.cursors.iter().map(|cursor| cursor.oldest(sent)).min();
@@ -209,6 +214,18 @@ impl<M: Message> Subscribe<M> for MemoryReader<M> {
     fn lost(&self) -> u64 {
         self.lost
     }
+
+    fn latest(&mut self) -> Result<Option<(Header, M)>, BusError> {
+        let next = self.skip_lost();
+        let history = self.history.borrow();
+        let sent = history.sent();
+        if next == sent {
+            return Ok(None);
+        }
+        self.cursor.next.set(sent);
+        self.has_received = true;
+        Ok(history.samples.back().copied())
+    }
 }
 
 #[cfg(test)]
@@ -233,6 +250,33 @@ mod tests {
         let seen: Vec<u64> =
             std::iter::from_fn(|| observer.receive().unwrap()).map(|(h, _)| h.sequence).collect();
         assert_eq!((seen, observer.lost()), (vec![1, 2, 3], 0));
+    }
+
+    #[test]
+    fn the_latest_sample_is_the_newest_and_older_ones_are_not_lost() {
+        let bus = MemoryBus::new();
+        let mut observer = bus.observer(&COMMAND).unwrap();
+        let mut writer = bus.writer(&COMMAND).unwrap();
+        assert_eq!(observer.latest().unwrap(), None);
+        for _ in 0..3 {
+            writer.send(0, Stamps::default(), CommandV1::default()).unwrap();
+        }
+        let latest = observer.latest().unwrap().map(|(header, _)| header.sequence);
+        assert_eq!((latest, observer.latest().unwrap(), observer.lost()), (Some(3), None, 0));
+    }
+
+    #[test]
+    fn a_reader_receives_what_is_sent_after_it_was_opened() {
+        let bus = MemoryBus::new();
+        let mut writer = bus.writer(&COMMAND).unwrap();
+        for _ in 0..9 {
+            writer.send(0, Stamps::default(), CommandV1::default()).unwrap();
+        }
+        let mut reader = bus.reader(&COMMAND).unwrap();
+        assert_eq!(reader.receive().unwrap(), None);
+        writer.send(0, Stamps::default(), CommandV1::default()).unwrap();
+        let received = reader.receive().unwrap().map(|(header, _)| header.sequence);
+        assert_eq!((received, reader.lost()), (Some(10), 0));
     }
 
     #[test]

@@ -182,6 +182,15 @@ impl<T: Transport + std::fmt::Debug, M: Message> Subscribe<M> for FaultyReader<T
         self.injector.as_ref().map_or(0, |injector| injector.withheld)
     }
 
+    fn latest(&mut self) -> Result<Option<(Header, M)>, BusError> {
+        let Some(injector) = &mut self.injector else { return self.inner.latest() };
+        let mut newest = None;
+        while let Some(sample) = injector.receive(&mut self.inner)? {
+            newest = Some(sample);
+        }
+        Ok(newest)
+    }
+
     fn drain(&mut self, mut use_sample: impl FnMut(u64, &Header, &M)) -> Result<(), BusError> {
         if self.injector.is_none() {
             return self.inner.drain(use_sample);
