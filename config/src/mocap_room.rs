@@ -42,6 +42,19 @@ pub struct RoomOptions {
 }
 
 impl RoomOptions {
+    /// Whether any effect draws random numbers.
+    pub fn is_random(&self) -> bool {
+        [
+            self.send_period_ms,
+            self.stalls_per_1000_s,
+            self.position_drift_mm,
+            self.attitude_drift_deg,
+            self.heavy_tail_probability,
+        ]
+        .iter()
+        .any(|amount| *amount > 0.0)
+    }
+
     pub(crate) fn check(&self) -> Result<(), OptionError> {
         let share = Rule::Between(0.0, 1.0);
         check_options([

@@ -10,21 +10,17 @@ use oqtal_runtime::pose_source::Delivery;
 use oqtal_runtime::random::{Generator, RandomSource, stream};
 use rand::RngExt;
 
-use crate::drift::Drift;
 use crate::markers::MarkerCameras;
 use crate::pose_noise;
+use crate::room::{Room, RoomFrame, WORDS_PER_FRAME};
 use crate::transit::{FrameSender, Transit};
-
-/// Random words reserved for each frame: the noise of a frame does not depend on earlier frames.
-const WORDS_PER_FRAME: u128 = 256;
 
 /// Emulated cameras, from the capture of a frame to the delivery of its pose. Pure: time is an argument.
 #[derive(Clone, Debug)]
 pub struct Cameras {
     mocap: MocapOptions,
     generator: Generator,
-    room: Generator,
-    drift: Drift,
+    room: Room,
     /// Marker model, used if `mocap.model = "markers"`.
     markers: Option<MarkerCameras>,
     sender: FrameSender,
@@ -40,8 +36,7 @@ impl Cameras {
         let transit = Transit::new(mocap);
         Self {
             generator: stream(seed, RandomSource::Cameras),
-            room: stream(seed, RandomSource::Room),
-            drift: Drift::new(mocap),
+            room: Room::new(mocap, seed),
             markers: (mocap.model == MocapModel::Markers).then(|| MarkerCameras::new(mocap, seed)),
             sender: FrameSender::new(mocap),
             in_flight: VecDeque::with_capacity(transit.capacity()),
@@ -53,23 +48,22 @@ impl Cameras {
 
     /// Captures a frame of the true state; its pose is queued for delivery unless the frame is not sent or dropped.
     pub fn capture(&mut self, truth: &TruthV1) {
-        for generator in [&mut self.generator, &mut self.room] {
-            generator.set_word_pos(u128::from(truth.capture) * WORDS_PER_FRAME);
-        }
+        self.generator.set_word_pos(u128::from(truth.capture) * WORDS_PER_FRAME);
+        let room = self.room.draw(truth.capture);
         self.began.get_or_insert(truth.time);
-        let pose = self.measure(truth);
+        let pose = self.measure(truth, &room);
         let jitter: f64 = self.generator.random();
         let latency_ms = self.mocap.latency_ms + jitter * self.mocap.jitter_ms;
         let latency = Span::from_seconds(latency_ms * 1e-3);
         let is_lost = self.transit.loses_frame(&mut self.generator);
-        self.transit.advance(truth.time, &mut self.room);
-        let Some(sent) = self.sender.send(truth.capture, truth.time, &mut self.room) else {
+        self.transit.advance(truth.time, room.stall);
+        let Some(sent) = self.sender.send(truth.capture, truth.time, room.sending) else {
             return;
         };
         if is_lost {
             return;
         }
-        if let Some(deliver_at) = self.transit.arrival(sent.at, latency, &mut self.room) {
+        if let Some(deliver_at) = self.transit.arrival(sent.at, latency, room.spacing) {
             let captured_at = self.stamp(truth.time, deliver_at);
             let stamps = Stamps { captured_at, ..Stamps::default() };
             self.in_flight.push_back((deliver_at, Delivery { frame: sent.number, stamps, pose }));
@@ -90,11 +84,10 @@ impl Cameras {
         self.in_flight.pop_front().map(|(_, delivery)| delivery)
     }
 
-    fn measure(&mut self, truth: &TruthV1) -> PoseV1 {
-        let drift = self.drift.advance(&mut self.room);
+    fn measure(&mut self, truth: &TruthV1, room: &RoomFrame) -> PoseV1 {
         match &mut self.markers {
             Some(markers) => markers.pose(truth),
-            None => pose_noise::measure(&self.mocap, truth, drift, &mut self.generator),
+            None => pose_noise::measure(&self.mocap, truth, room.noise, &mut self.generator),
         }
     }
 

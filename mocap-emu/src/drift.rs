@@ -19,6 +19,10 @@ pub struct UnitError {
 }
 
 impl UnitError {
+    /// No error.
+    pub const ZERO: Self =
+        Self { position: Vector3::new(0.0, 0.0, 0.0), attitude: Vector3::new(0.0, 0.0, 0.0) };
+
     /// Independent normal numbers.
     pub fn white(generator: &mut Generator) -> Self {
         Self { position: normal3(generator), attitude: normal3(generator) }

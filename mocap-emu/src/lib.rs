@@ -5,6 +5,7 @@
 //! | `body.rs` | the body whose poses are published |
 //! | `cameras.rs` | emulated cameras: measurement, connection and stamp together |
 //! | `pose_noise.rs`, `drift.rs` | measurement by noise on the true pose |
+//! | `room.rs` | random numbers behind the effects of a real room |
 //! | `markers.rs` | measurement from simulated image points of markers |
 //! | `transit.rs` | frames sent, stalls, arrival |
 //! | `recording.rs` | recordings: formats, parser, timing |
@@ -28,6 +29,7 @@ pub mod markers;
 mod pose_noise;
 pub mod recording;
 mod replay;
+mod room;
 mod scene;
 pub mod serve;
 mod source;

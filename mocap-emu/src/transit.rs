@@ -31,14 +31,13 @@ impl FrameSender {
         Self { mocap: mocap.clone(), next: None, sent: 0 }
     }
 
-    /// Sends the frame `number`, captured at `captured_at`, if a tick finds it the newest one.
+    /// Sends the frame `number`, captured at `captured_at`, if a tick finds it the newest one; with [`RoomFrame::sending`].
     pub fn send(
         &mut self,
         number: u64,
         captured_at: Time,
-        generator: &mut Generator,
+        [skip, late, lateness]: [f64; 3],
     ) -> Option<SentFrame> {
-        let [skip, late, lateness] = [(); 3].map(|()| generator.random::<f64>());
         let room = &self.mocap.room;
         if room.send_period_ms == 0.0 {
             return Some(SentFrame { number, at: captured_at });
@@ -106,9 +105,8 @@ impl Transit {
         lost
     }
 
-    /// Starts a stall at `now` at random; to be called once per camera frame.
-    pub fn advance(&mut self, now: Time, generator: &mut Generator) {
-        let [begins, length, loses] = [(); 3].map(|()| generator.random::<f64>());
+    /// Starts a stall at `now` at random, by [`RoomFrame::stall`]; to be called once per camera frame.
+    pub fn advance(&mut self, now: Time, [begins, length, loses]: [f64; 3]) {
         let room = &self.mocap.room;
         let probability = room.stalls_per_1000_s * 1e-3 / self.mocap.rate_hz;
         if now >= self.stalled_until && begins < probability {
@@ -120,14 +118,9 @@ impl Transit {
     }
 
     /// Arrival of a pose that is sent at `sent_at` and takes `latency`; `None` if it is lost in a stall. Poses share one
-    /// connection and keep their order; poses behind a late one arrive with it, as a burst.
-    pub fn arrival(
-        &mut self,
-        sent_at: Time,
-        latency: Span,
-        generator: &mut Generator,
-    ) -> Option<Time> {
-        let spacing_ms = 2.0 * generator.random::<f64>() * self.mocap.room.queue_spacing_ms;
+    /// connection and keep their order; poses behind a late one arrive with it, as a burst, `spacing` of [`RoomFrame`] apart.
+    pub fn arrival(&mut self, sent_at: Time, latency: Span, spacing: f64) -> Option<Time> {
+        let spacing_ms = 2.0 * spacing * self.mocap.room.queue_spacing_ms;
         let arrival = sent_at + latency;
         let is_stalled = arrival < self.stalled_until;
         if is_stalled && self.loses {
