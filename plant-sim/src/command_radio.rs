@@ -122,8 +122,9 @@ impl CommandRadio {
 
     /// The next command that takes effect by `now`, and the instant that the vehicle reports as its effect.
     pub fn receive(&mut self, now: Time) -> Option<(OnAir, Time)> {
-        let next = self.on_air.front().copied().filter(|on_air| on_air.acts_at <= now)?;
-        self.on_air.pop_front();
+        // Most calls find nothing due: only then is the command copied.
+        self.next_effect().filter(|acts_at| *acts_at <= now)?;
+        let next = self.on_air.pop_front()?;
         Some((next, next.acts_at - self.hidden_delay))
     }
 }

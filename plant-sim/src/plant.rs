@@ -124,10 +124,9 @@ impl Plant {
 
     /// The next instant that other processes depend on: a camera frame, a command that takes effect, or a command time-out.
     pub fn next_event(&self) -> Time {
-        [self.radio.next_effect(), self.command_timeout_at]
-            .into_iter()
-            .flatten()
-            .fold(self.camera.next(), Time::min)
+        let frame = self.camera.next();
+        let effect = self.radio.next_effect().map_or(frame, |effect| effect.min(frame));
+        self.command_timeout_at.map_or(effect, |timeout| timeout.min(effect))
     }
 
     /// The next instant at which observers expect a sample of the truth.

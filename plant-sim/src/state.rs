@@ -70,13 +70,11 @@ impl State {
     /// Advances the state by `h` seconds, by one classic Runge-Kutta step of fourth order.
     #[inline]
     pub fn advance(&mut self, h: f64, derivative: impl Fn(&Self) -> Derivative) {
-        // A loop instead of four statements: the derivative has one call site and is inlined.
-        let (mut slope, mut sum) = (Derivative::default(), Derivative::default());
-        for (ahead, weight) in [(0.0, 1.0), (h / 2.0, 2.0), (h / 2.0, 2.0), (h, 1.0)] {
-            slope = derivative(&(*self + slope * ahead));
-            sum = sum + slope * weight;
-        }
-        *self = *self + sum * (h / 6.0);
+        let first = derivative(self);
+        let second = derivative(&(*self + first * (h / 2.0)));
+        let third = derivative(&(*self + second * (h / 2.0)));
+        let fourth = derivative(&(*self + third * h));
+        *self = *self + (first + second * 2.0 + third * 2.0 + fourth) * (h / 6.0);
         self.attitude *= self.attitude.norm().recip();
     }
 }
