@@ -78,6 +78,8 @@ pub struct Environment {
     /// Duration of an episode \[s\].
     duration_s: f64,
     lane: Lane,
+    /// Reference at the present tick.
+    reference: Reference,
     estimator: Estimator,
     estimate: Estimate,
     /// Capture of the newest pose used.
@@ -96,9 +98,18 @@ impl Environment {
         let mission = Mission::new(config)?;
         let lane = begin(&mission, task)?;
         let (past, captured_at) = ([[0.0; ACTION]; PAST], Time::UNSET);
-        let estimate = Estimate::default();
-        let mut new =
-            Self { mission, task, duration_s, lane, estimator, estimate, captured_at, past };
+        let (reference, estimate) = (mission.trajectory.sample(0.0), Estimate::default());
+        let mut new = Self {
+            mission,
+            task,
+            duration_s,
+            lane,
+            reference,
+            estimator,
+            estimate,
+            captured_at,
+            past,
+        };
         new.observe();
         Ok(new)
     }
@@ -138,8 +149,11 @@ impl Environment {
         Ok(self.result(if is_finite { change.norm() } else { 0.0 }))
     }
 
-    /// Takes the newest pose into the estimate.
+    /// Takes the reference of the present tick, and the newest pose into the estimate.
     fn observe(&mut self) {
+        if self.task == Task::Track {
+            self.reference = self.mission.trajectory.sample(self.elapsed_s());
+        }
         let Some((header, pose)) = self.lane.pose() else { return };
         let captured_at = header.stamps.captured_at;
         if captured_at == self.captured_at {
@@ -152,23 +166,14 @@ impl Environment {
         }
     }
 
-    /// Reference at the present tick.
-    fn reference(&self) -> Reference {
-        let t_s = match self.task {
-            Task::Track => self.elapsed_s(),
-            Task::Hover | Task::Recover | Task::Floor => 0.0,
-        };
-        self.mission.trajectory.sample(t_s)
-    }
-
     /// Time since the start of the episode \[s\].
     fn elapsed_s(&self) -> f64 {
         self.lane.now().since(Time::VIRTUAL_START).seconds()
     }
 
     fn result(&mut self, change: f64) -> StepResult {
-        let (truth, reference) = (self.lane.truth(), self.reference());
-        let error = (Vector3::from(truth.position) - reference.position).norm();
+        let truth = self.lane.truth();
+        let error = (Vector3::from(truth.position) - self.reference.position).norm();
         let near = 1.0 / (1.0 + (error / HALF_REWARD_M).powi(2));
         let [x, y, ..] = truth.attitude;
         // Cosine of the tilt.
@@ -191,7 +196,7 @@ impl Environment {
     /// and not negative, body rate \[rad/s\], past actions with the newest first.
     pub fn observation(&self) -> [f64; OBSERVATION] {
         let (Estimate { position, velocity, attitude, rate }, reference) =
-            (self.estimate, self.reference());
+            (self.estimate, &self.reference);
         let q = attitude.xyzw();
         let sign = if q[3] < 0.0 { -1.0 } else { 1.0 };
         let vector = |vector: Vector3<f64>| <[f64; 3]>::from(vector).into_iter();
