@@ -2,6 +2,7 @@
 
 use std::hash::Hasher;
 use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
 
 use oqtal_control::ControlOptions;
 use oqtal_control::options::OptionError;
@@ -35,6 +36,13 @@ pub const DEFAULTS: &str = include_str!("../../deploy/oqtal.toml");
 
 /// Origin of the values of the shipped file.
 const SHIPPED: &str = "deploy/oqtal.toml, as built in";
+
+/// The shipped file as a table and as a configuration: parsed once, since a study makes a configuration for each flight.
+static SHIPPED_CONFIG: LazyLock<Result<(Table, Config), String>> = LazyLock::new(|| {
+    let table: Table =
+        DEFAULTS.parse().expect("the shipped configuration is TOML: a test holds it");
+    deserialize(&table).map(|config| (table, config))
+});
 
 /// Sections and keys that may differ between the processes of one flight: the ends of wires are set only for the process at that
 /// end.
@@ -154,22 +162,20 @@ impl Config {
     /// # Errors
     /// As [`Config::load`], without files.
     pub fn from_settings(settings: &[Setting]) -> Result<Self, ConfigError> {
-        let mut table: Table =
-            DEFAULTS.parse().expect("the shipped configuration is TOML: a test holds it");
-        // Otherwise the error would name the first setting if the shipped file lacks a section.
-        deserialize(&table).map_err(|reason| ConfigError { origin: SHIPPED.to_owned(), reason })?;
+        // An error of its own: otherwise it would name the first setting if the shipped file lacks a section.
+        let (mut table, mut config) = SHIPPED_CONFIG
+            .clone()
+            .map_err(|reason| ConfigError { origin: SHIPPED.to_owned(), reason })?;
         let mut origins = Origins::default();
         origins.rename_warnings = renamed::warnings(settings);
         let settings = renamed::with_present_keys(settings);
         for setting in preset::named_by(&settings)?.iter().chain(&settings) {
             setting.insert_into(&mut table)?;
             // Applied one at a time, so that the error names the offending setting.
-            deserialize(&table)
+            config = deserialize(&table)
                 .map_err(|reason| setting.refused(&with_nearest_key(setting, reason, DEFAULTS)))?;
             origins.record(setting);
         }
-        let config = deserialize(&table)
-            .map_err(|reason| ConfigError { origin: SHIPPED.to_owned(), reason })?;
         let config = Self { origins, ..config };
         config.check()?;
         Ok(config)

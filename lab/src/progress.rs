@@ -75,21 +75,24 @@ impl Progress {
         Self { journal: Some(journal), interrupted: interrupt_flag(), ..Self::default() }
     }
 
-    /// The result with this key from the journal, or else the one that `make` returns, which is then kept.
+    /// The result of `work` from the journal, where its `key` names it, or else the one that `make` returns, which is then kept.
+    /// Without a journal no key is computed.
     ///
     /// # Errors
     /// The error of `make`, the journal cannot be written, or the study was interrupted (exit code 1).
-    pub fn kept<T: Serialize + DeserializeOwned>(
+    pub fn kept<W, T: Serialize + DeserializeOwned>(
         &self,
-        key: u64,
-        make: impl FnOnce() -> Result<T, Failure>,
+        work: W,
+        key: impl FnOnce(&W) -> u64,
+        make: impl FnOnce(W) -> Result<T, Failure>,
     ) -> Result<T, Failure> {
-        let Some(journal) = &self.journal else { return make() };
+        let Some(journal) = &self.journal else { return make(work) };
+        let key = key(&work);
         if let Some(result) = journal.find(key) {
             return Ok(result);
         }
         self.check()?;
-        let result = make()?;
+        let result = make(work)?;
         journal.keep(key, &result)?;
         Ok(result)
     }

@@ -45,7 +45,6 @@ use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
 use crate::progress::Progress;
-use crate::simulation;
 pub use flights::{FlightCondition, Run};
 use flights::{FlyMission, NOMINAL, PlantVariant, Test, TestFlights};
 use law::StudyLaw;
@@ -135,7 +134,7 @@ impl Study<'_> {
         self.check()?;
         let bar = progress.start(self.name, self.flights().len());
         let run = self.fly_each(&|flights: TestFlights| {
-            let run = progress.kept(flights.key(), || flights.fly(&mut |m| simulation::fly(m)));
+            let run = progress.kept(flights, TestFlights::key, TestFlights::fly_here);
             bar.inc();
             progress.check().and(run)
         });
@@ -148,7 +147,7 @@ impl Study<'_> {
     /// As [`Self::fly`]; the settings are not checked before the first flight.
     pub fn fly_without_bar(&self, progress: &Progress) -> Result<Vec<Flown>, Failure> {
         let runs = self.fly_each(&|flights: TestFlights| {
-            progress.kept(flights.key(), || flights.fly(&mut |m| simulation::fly(m)))
+            progress.kept(flights, TestFlights::key, TestFlights::fly_here)
         });
         Ok(self.rows(runs?))
     }
@@ -174,7 +173,7 @@ impl Study<'_> {
     ) -> Result<Vec<Flown>, Failure> {
         let run = |(law, case, condition): (&StudyLaw, &Case, _)| {
             let flights = TestFlights::new(law, condition, &case.tests)?;
-            progress.kept(flights.key(), || flights.fly(fly))
+            progress.kept(flights, TestFlights::key, |flights| flights.fly(fly))
         };
         let runs: Result<Vec<Run>, Failure> = self.flights().into_iter().map(run).collect();
         Ok(self.rows(runs?))

@@ -287,6 +287,11 @@ impl TestFlights {
         })
     }
 
+    /// Flies every test in this process.
+    pub(super) fn fly_here(self) -> Result<Run, Failure> {
+        self.fly(&mut |mission| simulation::fly(mission))
+    }
+
     /// Flies every test using `fly`.
     pub(super) fn fly(self, fly: &mut FlyMission<'_>) -> Result<Run, Failure> {
         let mut run = Run {
