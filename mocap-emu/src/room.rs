@@ -9,16 +9,16 @@ use crate::drift::{Drift, UnitError};
 /// Random words reserved for each frame: the effects on a frame do not depend on the numbers drawn for earlier frames.
 pub const WORDS_PER_FRAME: u128 = 256;
 
-/// Random numbers for one frame; each number without a distribution of its own is uniform \[0..1\].
+/// Random numbers for one frame; all but the noise are uniform.
 #[derive(Clone, Copy, Debug)]
 pub struct RoomFrame {
-    /// Drift of the pose, and scale factor of all its noise.
+    /// Drift of the pose, and scale factor of all its noise \[-\].
     pub noise: (UnitError, f64),
-    /// Beginning, length and loss of a stall.
+    /// Beginning, length and loss of a stall \[0..1\].
     pub stall: [f64; 3],
-    /// Whether the camera computer misses a period, whether it sends late, and how late.
+    /// Whether the camera computer misses a period, whether it sends late, and how late \[0..1\].
     pub sending: [f64; 3],
-    /// Time from the pose before in a queue.
+    /// Time from the pose before in a queue, over twice its mean \[0..1\].
     pub spacing: f64,
 }
 

@@ -31,7 +31,7 @@ impl FrameSender {
         Self { mocap: mocap.clone(), next: None, sent: 0 }
     }
 
-    /// Sends the frame `number`, captured at `captured_at`, if a tick finds it the newest one; with [`RoomFrame::sending`].
+    /// Sends the frame `number`, captured at `captured_at`, if a tick finds it the newest one; with `RoomFrame::sending`.
     pub fn send(
         &mut self,
         number: u64,
@@ -105,7 +105,7 @@ impl Transit {
         lost
     }
 
-    /// Starts a stall at `now` at random, by [`RoomFrame::stall`]; to be called once per camera frame.
+    /// Starts a stall at `now` at random, by `RoomFrame::stall`; to be called once per camera frame.
     pub fn advance(&mut self, now: Time, [begins, length, loses]: [f64; 3]) {
         let room = &self.mocap.room;
         let probability = room.stalls_per_1000_s * 1e-3 / self.mocap.rate_hz;
@@ -118,7 +118,7 @@ impl Transit {
     }
 
     /// Arrival of a pose that is sent at `sent_at` and takes `latency`; `None` if it is lost in a stall. Poses share one
-    /// connection and keep their order; poses behind a late one arrive with it, as a burst, `spacing` of [`RoomFrame`] apart.
+    /// connection and keep their order; poses behind a late one arrive with it, as a burst, `RoomFrame::spacing` apart.
     pub fn arrival(&mut self, sent_at: Time, latency: Span, spacing: f64) -> Option<Time> {
         let spacing_ms = 2.0 * spacing * self.mocap.room.queue_spacing_ms;
         let arrival = sent_at + latency;
