@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use oqtal_bus::code::{Answer, Cause, OperatorCommand};
-use oqtal_bus::message::{ControlRequestV1, ControlResponseV1, EventV1};
+use oqtal_bus::message::{AS_STARTED, ControlRequestV1, ControlResponseV1, EventV1};
 use oqtal_bus::text::LongText;
 use oqtal_bus::time::Time;
 use oqtal_runtime::handoff::{BackgroundHandle, RtHandle, handoff};
@@ -175,6 +175,9 @@ impl OperatorRequests {
         if is_other && begins_flight(command) {
             return refused(Cause::OtherConfig, self.present(Answer::Refused));
         }
+        if begins_flight(command) {
+            return self.begin(command, &request);
+        }
         if command.changes_flight() {
             return self.change(command, &request, publish);
         }
@@ -182,6 +185,19 @@ impl OperatorRequests {
             return self.get(request.text.as_str());
         }
         self.pass_on(LoopRequest::Operator(command), request.valid_until)
+    }
+
+    /// Passes a request for a flight on; the answer names the settings that were changed since the start.
+    fn begin(&mut self, command: OperatorCommand, request: &ControlRequestV1) -> ControlResponseV1 {
+        let changed = self.settings.as_ref().map_or(LongText::EMPTY, LiveSettings::changed);
+        if !changed.is_empty() && request.text.as_str() == AS_STARTED {
+            let present = self.present(Answer::Refused);
+            return refused(Cause::OtherConfig, ControlResponseV1 { text: changed, ..present });
+        }
+        let response = self.pass_on(LoopRequest::Operator(command), request.valid_until);
+        let is_refused = response.answer == Answer::Refused.code();
+        let text = if is_refused { response.text } else { changed };
+        ControlResponseV1 { text, ..response }
     }
 
     /// Reports the value of the setting `key`.

@@ -6,6 +6,7 @@ use oqtal_bus::error::BusError;
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
+use oqtal_bus::topic::Role;
 use oqtal_runtime::process::{Exit, Failure};
 
 /// Time within which a running daemon answers.
@@ -61,7 +62,18 @@ pub fn running_bus(paths: &InstancePaths) -> Result<Bus, Failure> {
     }
 }
 
-/// Failure of a command without an answer.
+/// Failure of a command without an answer on the bus of a running instance: names a daemon that runs and does not answer.
+pub fn unanswered(bus: &Bus) -> Failure {
+    let instance = &bus.paths().instance;
+    let Ok(Some(daemon)) = bus.holder(&Role::Daemon.health()) else { return silent(instance) };
+    let message = format!(
+        "{daemon} runs on instance `{instance}`, but does not answer: it hangs, or was stopped by a signal; continue it by SIGCONT, or end \
+         it; `oqtal ctl stop --instance {instance}` stops the motors"
+    );
+    Failure::new(Exit::Peer, message)
+}
+
+/// Failure of a command to an instance without a daemon.
 pub fn silent(instance: &str) -> Failure {
     let message = format!(
         "no daemon answers on instance `{instance}`; start one with `oqtal daemon run --instance {instance}`"
