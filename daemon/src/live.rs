@@ -292,8 +292,9 @@ impl LiveSettings {
             return Ok(());
         }
         let [x, y, z, w]: [f64; 4] = (*target).into();
+        let yaw = if w.is_nan() { String::new() } else { format!(", yaw {} deg,", w.to_degrees()) };
         let reason = format!(
-            "the point [{x}, {y}, {z}] m, yaw {w} rad, must be inside the soft border of the fence: fence.x-m = {:?}, fence.y-m = {:?}, fence.z-m = {:?}, fence.soft-margin-m = {}",
+            "the point [{x}, {y}, {z}] m{yaw} must be inside the soft border of the fence: fence.x-m = {:?}, fence.y-m = {:?}, fence.z-m = {:?}, fence.soft-margin-m = {}",
             fence.x_m, fence.y_m, fence.z_m, fence.soft_margin_m
         );
         Err(Refusal { cause: Cause::Fence, reason })
