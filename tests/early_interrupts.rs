@@ -41,7 +41,7 @@ fn interrupt(words: &[&str], file: &str, delay: Duration, kind: Signal) {
     } else {
         assert!(message.contains("landing; Ctrl-C"), "{words:?} {delay:?}: {message}");
     }
-    drop(bus);
+    drop((truths, bus));
     assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
 }
 

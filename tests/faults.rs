@@ -244,7 +244,8 @@ fn arming_tells_which_settings_were_changed_since_the_start() {
     testbed.wait_for_daemon();
     let ctl = |words: &[&str]| {
         let output = testbed.oqtal(&[&["ctl"], words].concat()).output().unwrap();
-        (output.status.code(), String::from_utf8(output.stdout).unwrap(), stderr(&output))
+        let told = String::from_utf8_lossy(&output.stdout).into_owned();
+        (output.status.code(), told, stderr(&output))
     };
     let set = "position.tilt-limit-deg=8";
     assert_eq!(ctl(&["set", set]).0, Some(0));
