@@ -51,8 +51,8 @@ impl CtlArgs {
     /// As [`CtlArgs::execute`]; `document` receives an answer as JSON, also that of a refusal.
     fn run(&self, document: &mut Option<String>) -> Result<Exit, Failure> {
         let request = request_of(self.command, &self.arguments)?;
-        self.check_settings()?;
         let (instance, config) = self.target()?;
+        self.check_settings()?;
         let address =
             AddressedInstance { paths: paths_of(&instance)?, has_root: !instance.root.is_empty() };
         if let CtlRequest::Stop = self.command {
