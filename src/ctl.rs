@@ -3,17 +3,17 @@
 use clap::Args;
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::Answer;
-use oqtal_bus::error::BusError;
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_config::{Config, InstanceOptions};
 use oqtal_observe::status::InstanceStatus;
-use oqtal_operator::request::{running_bus, send, silent};
+use oqtal_operator::request::{running_bus, send, unanswered};
 use oqtal_operator::{
     AddressedInstance, ControlReport, CtlRequest, arm, land, request_of, status, stop,
 };
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, paths_of};
 use oqtal_runtime::program::{print, say};
+use serde::Serialize;
 
 /// Arguments of `oqtal ctl`.
 #[derive(Args, Debug)]
@@ -38,48 +38,85 @@ impl CtlArgs {
     /// # Errors
     /// No daemon answers (exit code 75), or it refuses the command (1).
     pub fn execute(&self) -> Result<Exit, Failure> {
+        let mut document = None;
+        let result = self.run(&mut document);
+        if self.json {
+            let failed = |failure: &Failure| Unanswered::new(self.command, failure).to_json();
+            let answer = document.or_else(|| result.as_ref().err().map(failed));
+            answer.map_or(Ok(()), |answer| print(&answer))?;
+        }
+        result
+    }
+
+    /// As [`CtlArgs::execute`]; `document` receives an answer as JSON, also that of a refusal.
+    fn run(&self, document: &mut Option<String>) -> Result<Exit, Failure> {
         let request = request_of(self.command, &self.arguments)?;
         let (instance, config) = self.target()?;
+        self.check_settings()?;
         let address =
             AddressedInstance { paths: paths_of(&instance)?, has_root: !instance.root.is_empty() };
         if let CtlRequest::Stop = self.command {
-            return self.stop(&address);
+            return self.stop(&address, document);
         }
         let named = config.as_ref().filter(|_| !self.common.config.is_empty());
         let expected = named.map(Config::hash);
         let (response, status) = match self.command {
-            CtlRequest::Land => (Some(land::land(&address)?), InstanceStatus::default()),
+            CtlRequest::Land => (land::land(&address)?, InstanceStatus::default()),
             _ => {
                 address.paths.become_owner()?;
                 self.ask(&running_bus(&address.paths)?, request, expected)?
             }
         };
-        let Some(response) = response else {
-            status.lines().iter().for_each(|line| say(line));
-            return Err(silent(&instance.name));
-        };
         let lines = status.lines();
         let report = ControlReport::new(self.command.command(), &response, status);
+        *document = Some(report.to_json());
         let refused = report.check(&response, expected);
         if refused.is_err() {
             // The processes with their configurations, if these differ.
             lines.iter().for_each(|line| say(line));
         }
         refused?;
-        print(&if self.json { report.to_json() } else { report.to_text(&lines) })?;
+        if !self.json {
+            print(&report.to_text(&lines))?;
+        }
         Ok(Exit::Ok)
     }
 
     /// Stops the addressed vehicle, and prints which processes obey.
-    fn stop(&self, address: &AddressedInstance) -> Result<Exit, Failure> {
+    fn stop(
+        &self,
+        address: &AddressedInstance,
+        document: &mut Option<String>,
+    ) -> Result<Exit, Failure> {
         let stop = stop::raise(address)?;
-        let checked = stop.check();
-        if self.json {
-            print(&stop.to_json())?;
-        } else if checked.is_ok() {
+        *document = Some(stop.to_json());
+        stop.check()?;
+        if !self.json {
             print(&stop.to_string())?;
         }
-        checked.map(|()| Exit::Ok)
+        Ok(Exit::Ok)
+    }
+
+    /// Refuses a `--set` that would have no effect: only those of the instance, and of the configuration that `arm` expects, have
+    /// one. A command that ends a flight is sent nevertheless.
+    fn check_settings(&self) -> Result<(), Failure> {
+        let is_used = |text: &&String| text.trim_start().starts_with("instance.");
+        let names_expected =
+            matches!(self.command, CtlRequest::Arm) && !self.common.config.is_empty();
+        let Some(unused) = self.common.settings.iter().find(|text| !is_used(text)) else {
+            return Ok(());
+        };
+        if names_expected {
+            return Ok(());
+        }
+        let message = format!(
+            "ctl: --set {unused} would have no effect: `oqtal ctl set KEY=VALUE` changes a setting of the running daemon"
+        );
+        if self.command.ends_flight() {
+            say(&format!("oqtal: warning: {message}"));
+            return Ok(());
+        }
+        Err(Failure::new(Exit::Usage, message))
     }
 
     /// Instance and configuration. A flight must be ended even with an invalid configuration: a command that ends one needs only
@@ -105,13 +142,13 @@ impl CtlArgs {
         }
     }
 
-    /// Answer of the daemon, `None` if there is none, and the status of the instance if the command needs it.
+    /// Answer of the daemon, and the status of the instance if the command needs it.
     fn ask(
         &self,
         bus: &Bus,
         body: ControlRequestV1,
         expected: Option<u64>,
-    ) -> Result<(Option<ControlResponseV1>, InstanceStatus), BusError> {
+    ) -> Result<(ControlResponseV1, InstanceStatus), Failure> {
         let response = match self.command {
             CtlRequest::Arm => arm::ask(bus, expected, &mut say, &|| false)?,
             _ => send(bus, body, expected)?,
@@ -124,7 +161,34 @@ impl CtlArgs {
             _ if differs => status::observe(bus)?,
             _ => InstanceStatus::default(),
         };
+        let Some(response) = response else {
+            status.lines().iter().for_each(|line| say(line));
+            return Err(unanswered(bus));
+        };
         Ok((response, status))
+    }
+}
+
+/// The answer as JSON to a command that nobody answered.
+#[derive(Debug, Serialize)]
+struct Unanswered {
+    command: String,
+    /// Always "none".
+    answer: &'static str,
+    /// Reason, with the remedy.
+    error: String,
+    /// Exit code of the command \[-\].
+    exit_code: u8,
+}
+
+impl Unanswered {
+    fn new(command: CtlRequest, failure: &Failure) -> Self {
+        let (command, error) = (command.command().to_string(), failure.message.clone());
+        Self { command, answer: "none", error, exit_code: failure.exit as u8 }
+    }
+
+    fn to_json(&self) -> String {
+        serde_json::to_string_pretty(self).expect("plain JSON")
     }
 }
 

@@ -4,6 +4,7 @@ mod cameras;
 mod directory;
 mod fault;
 mod flight_record;
+mod landing;
 mod paths;
 mod process_group;
 mod processes;

@@ -54,7 +54,7 @@ impl RecordArgs {
         let place = instance_paths(&config)?;
         let bus = Bus::open(&place)?.for_observer();
         if self.attach {
-            require_daemon(&bus, &config.instance.name, "record without --attach")?;
+            require_daemon(&bus, "record without --attach")?;
         }
         let observer = BusObserver::open(&bus, &McapRecorder::topics(&config))?;
         let recorder = self.begin(&config)?;

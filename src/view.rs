@@ -92,7 +92,7 @@ impl ViewArgs {
         let stop = stop_on_signals()?;
         let bus = Bus::open(&paths)?.for_observer();
         if !self.wait {
-            require_daemon(&bus, &config.instance.name, "open the page with --wait")?;
+            require_daemon(&bus, "open the page with --wait")?;
         }
         let hub = Arc::new(Hub::default());
         let expected = (!self.common.config.is_empty()).then(|| config.hash());

@@ -1,7 +1,7 @@
 //! Faults of processes: killed, stopped or started twice, and interrupts by an operator. Uses real processes and signals.
 
 use crate::common::{
-    Running, Testbed, assert_refused, is_alive, json, number, signal, stderr, wait_for,
+    Running, SERVICES, Testbed, assert_refused, is_alive, json, number, signal, stderr, wait_for,
 };
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::Mode;
@@ -119,7 +119,7 @@ fn two_interrupts_stop() {
 fn f25_a_second_daemon_is_refused_and_the_first_flies_on() {
     let testbed = Testbed::new("second");
     let (flight, _bus, daemon, _) = airborne(&testbed);
-    let held = format!("held by process {daemon}");
+    let held = format!("is held by `oqtal daemon` ({daemon})");
     testbed.refuses(&["daemon", "run"], 75, &["topic `command`", &held]);
     assert!(is_alive(daemon));
     flight.signal(Signal::INT);
@@ -129,8 +129,9 @@ fn f25_a_second_daemon_is_refused_and_the_first_flies_on() {
 #[test]
 fn a_second_flight_leaves_the_first_alone() {
     let testbed = Testbed::new("company");
-    let (flight, _bus, daemon, _) = airborne(&testbed);
-    testbed.refuses(&["fly", "--trajectory", "hover"], 75, &["a daemon already runs"]);
+    let (flight, _bus, daemon, plant) = airborne(&testbed);
+    let runs = format!("`oqtal plant-sim` ({plant}) already runs on instance");
+    testbed.refuses(&["fly", "--trajectory", "hover"], 75, &[&runs, "--instance"]);
     assert!(is_alive(daemon));
     flight.signal(Signal::INT);
     assert!(flight.wait().status.success());
@@ -177,7 +178,8 @@ fn f31_status_reports_every_process_and_whether_their_configurations_agree() {
     assert_eq!(alone["processes"][2]["name"], "daemon");
     assert_eq!(alone["processes"][2]["heard"]["pid"], daemon.id());
     assert_eq!(alone["processes"][2]["heard"]["daemon"]["mode"], "disarmed");
-    assert!(alone["processes"][0]["heard"].is_null(), "a plant that does not run is silent");
+    assert!(alone["processes"][0]["heard"].is_null(), "a plant that does not run");
+    assert!(alone["processes"][0]["silent"].is_null(), "a plant that does not run is not silent");
     assert_eq!(alone["config_agrees"], true);
     let plant = testbed.start(&["plant-sim", "run"]);
     let mocap = testbed.start(&["mocap-emu", "run", "--set", "mocap.rate-hz=100"]);
@@ -191,9 +193,12 @@ fn f31_status_reports_every_process_and_whether_their_configurations_agree() {
     let text = testbed.oqtal(&["ctl", "status"]).output().unwrap().stdout;
     let text = String::from_utf8(text).unwrap();
     assert!(text.contains("configurations differ"), "{text}");
+    assert!(text.contains("bridge     not started, or ended"), "{text}");
     plant.signal(Signal::STOP);
+    let hangs = format!("`oqtal plant-sim` ({})", plant.id());
     wait_for("the silence of a plant that hangs", || {
-        status()["processes"][0]["heard"].is_null().then_some(())
+        let plant = &status()["processes"][0];
+        plant["heard"].is_null().then(|| assert_eq!(plant["silent"], hangs))
     });
 }
 
@@ -201,9 +206,65 @@ fn f31_status_reports_every_process_and_whether_their_configurations_agree() {
 fn ctl_reaches_a_daemon_and_reports_a_missing_one() {
     let testbed = Testbed::new("ctl");
     testbed.refuses(&["ctl", "status"], 75, &["no daemon answers"]);
-    let _daemon = testbed.start(&["daemon", "run"]);
+    for command in ["status", "arm", "land", "stop", "goto"] {
+        let arguments = if command == "goto" { &["0", "0", "1"][..] } else { &[] };
+        let words = [&["ctl", "--json", command], arguments].concat();
+        let output = testbed.oqtal(&words).output().unwrap();
+        let answer = json(&output);
+        assert_eq!(answer["command"], command, "{answer}");
+        assert_eq!(answer["answer"], "none", "{answer}");
+        assert_eq!(answer["exit_code"], 75, "{answer}");
+        assert_eq!(output.status.code(), Some(75));
+        assert!(stderr(&output).contains(answer["error"].as_str().unwrap()), "{answer}");
+    }
+    let daemon = testbed.start(&["daemon", "run"]);
     let status = testbed.oqtal(&["ctl", "status"]).output().unwrap();
     assert!(status.status.success(), "{}", stderr(&status));
     assert!(String::from_utf8_lossy(&status.stdout).contains("disarmed"));
     testbed.refuses(&["ctl", "arm"], 1, &["no pose"]);
+    let refused = testbed.oqtal(&["ctl", "arm", "--json"]).output().unwrap();
+    assert_eq!(refused.status.code(), Some(1));
+    assert_eq!(json(&refused)["answer"], "refused");
+    let unused = ["ctl", "goto", "0", "0", "1", "--set", "reference.leg-vertical-m-s=2"];
+    testbed.refuses(&unused, 64, &["--set reference.leg-vertical-m-s=2", "oqtal ctl set"]);
+    daemon.signal(Signal::STOP);
+    let hangs = format!("`oqtal daemon` ({}) runs on instance", daemon.id());
+    testbed.refuses(&["ctl", "arm"], 75, &[&hangs, "does not answer"]);
+    daemon.signal(Signal::CONT);
+}
+
+/// `arm --config` expects the configuration of the file alone; without it, the answer lists what was changed.
+#[test]
+fn arming_tells_which_settings_were_changed_since_the_start() {
+    let testbed = Testbed::new("changed");
+    let file = testbed.write("lab.toml", "[trajectory]\nkind = \"hover\"\n");
+    let config = ["--config", file.to_str().unwrap()];
+    let _processes =
+        SERVICES.map(|process| testbed.start(&[&[process, "run"], &config[..]].concat()));
+    testbed.wait_for_daemon();
+    let ctl = |words: &[&str]| {
+        let output = testbed.oqtal(&[&["ctl"], words].concat()).output().unwrap();
+        let told = String::from_utf8_lossy(&output.stdout).into_owned();
+        (output.status.code(), told, stderr(&output))
+    };
+    let set = "position.tilt-limit-deg=8";
+    assert_eq!(ctl(&["set", set]).0, Some(0));
+    let expected = [&["arm"], &config[..]].concat();
+    let (code, _, message) = ctl(&expected);
+    assert_eq!(code, Some(1), "{message}");
+    for part in ["another configuration expected", "position.tilt-limit-deg=8", "`undo`"] {
+        assert!(message.contains(part), "no {part} in: {message}");
+    }
+    let armed = |words: &[&str]| {
+        wait_for("a flight", || {
+            let (code, told, _) = ctl(words);
+            (code == Some(0)).then_some(told)
+        })
+    };
+    let told = armed(&["arm"]);
+    assert!(told.contains("since the daemon's start:\n  position.tilt-limit-deg=8"), "{told}");
+    assert_eq!(ctl(&["stop"]).0, Some(0));
+    assert_eq!(ctl(&["undo"]).0, Some(0));
+    let told = armed(&expected);
+    assert!(!told.contains("since the daemon's start"), "{told}");
 }

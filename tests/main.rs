@@ -19,6 +19,7 @@ mod data;
 mod disturbances;
 mod doctor;
 mod documents;
+mod early_interrupts;
 mod external_law;
 mod faults;
 mod faults_injected;

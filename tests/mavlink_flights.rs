@@ -73,7 +73,7 @@ fn a_refusal_to_arm_is_logged_in_the_words_of_the_vehicle() {
     let out = testbed.path("out");
     let setting = "plant.wire.mavlink.refuses-arming-ms=60000";
     let words = ["--vehicle", "bridge:mavlink", "--set", setting, "--out", out.to_str().unwrap()];
-    assert_refused(&testbed.fly(&words), 1, &[]);
+    assert_refused(&testbed.fly(&words), 1, &["motors not running"]);
     let log = std::fs::read_to_string(out.join("bridge.log")).unwrap();
     assert!(log.contains("the vehicle refuses to arm"), "{log}");
     assert!(log.contains("the vehicle says: Arm: Gyros inconsistent"), "{log}");

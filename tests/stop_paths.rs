@@ -12,6 +12,7 @@ use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Actuation, OperatorCommand};
 use oqtal_bus::control::ControlClient;
 use oqtal_bus::message::{CommandV1, ControlRequestV1, Stamps, VehicleV1};
+use oqtal_bus::obeying::ObeyingProcess;
 use oqtal_bus::port::{Reader, Writer};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{COMMAND, VEHICLE};
@@ -279,4 +280,20 @@ fn arming_fails_if_no_flight_follows() {
         client.ask(request, Span::from_millis(500)).unwrap()
     });
     testbed.refuses(&["ctl", "arm"], 1, &["arm refused", "the flight did not begin"]);
+}
+
+/// A vehicle that waits for the lock of its instance has no stop words yet.
+#[test]
+fn a_stop_of_a_vehicle_that_starts_does_not_ask_for_another_user() {
+    let testbed = Testbed::new("starting");
+    let directory = testbed.paths().directory();
+    fs::create_dir_all(&directory).unwrap();
+    let lock = File::open(&directory).unwrap();
+    flock(&lock, FlockOperation::LockExclusive).unwrap();
+    let plant = testbed.start(&["plant-sim", "run"]);
+    let is_found = || ObeyingProcess::all().iter().any(|process| process.pid == plant.id());
+    wait_for("the plant", || is_found().then_some(()));
+    let output = testbed.oqtal(&["ctl", "stop"]).output().unwrap();
+    assert_refused(&output, 1, &["is only starting", "repeat to know"]);
+    assert!(!stderr(&output).contains("as root"), "{}", stderr(&output));
 }

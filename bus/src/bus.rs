@@ -95,6 +95,14 @@ impl Bus {
         &self.paths
     }
 
+    /// Name and id of the process that writes a topic, as in "`oqtal daemon` (123)"; `None` if nobody does.
+    ///
+    /// # Errors
+    /// The operating system refuses, or the topic was made by another version.
+    pub fn holder<M: Message>(&self, topic: &Topic<M>) -> Result<Option<String>, BusError> {
+        self.node.holder(&topic.spec())
+    }
+
     /// Opens a listener for notifications of a topic.
     ///
     /// # Errors

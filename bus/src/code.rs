@@ -113,8 +113,8 @@ code! {
         Operator = 9 => "operator",
         /// Not possible in the present mode.
         WrongMode = 10 => "not possible in this mode",
-        /// Neither plant nor bridge answers, the vehicle behind the bridge does not answer, its motors stopped in flight or never
-        /// started, or another process replaced the plant or bridge.
+        /// Neither plant nor bridge answers, the vehicle behind the bridge does not answer, or another process replaced the plant
+        /// or bridge.
         NoVehicle = 11 => "vehicle silent",
         /// Poses agree with each other but not with the predicted motion: they are of another body, or of swapped markers.
         Relabel = 12 => "pose of another body",
@@ -166,6 +166,8 @@ code! {
         Expired = 40 => "request came too late",
         /// The operator expects another configuration of the daemon.
         OtherConfig = 41 => "another configuration expected",
+        /// In flight: the motors did not start, or stopped.
+        MotorsNotRunning = 42 => "motors not running",
     }
 }
 

@@ -1,5 +1,6 @@
 //! Errors of the bus.
 
+use std::fmt;
 use std::io;
 use std::path::PathBuf;
 
@@ -8,13 +9,15 @@ use std::path::PathBuf;
 pub enum BusError {
     /// Another writer holds the topic.
     #[error(
-        "topic `{topic}` of instance `{instance}` already has a writer; stop that process first, or use another --instance"
+        "topic `{topic}` of instance `{instance}` is held by {holder}; end that process first, or use another --instance"
     )]
     Held {
         /// The topic.
         topic: &'static str,
         /// The instance.
         instance: String,
+        /// Name and id of the process that writes the topic.
+        holder: String,
     },
     /// The topic has its maximum number of observers.
     #[error(
@@ -92,8 +95,18 @@ pub enum BusError {
     },
 }
 
-pub(crate) fn system(action: impl Into<String>, reason: &dyn std::fmt::Debug) -> BusError {
-    BusError::System { action: action.into(), reason: format!("{reason:?}") }
+/// The operating system refused `action`.
+pub(crate) fn system(action: impl Into<String>, reason: &dyn fmt::Display) -> BusError {
+    BusError::System { action: action.into(), reason: reason.to_string() }
+}
+
+/// iceoryx2 refused `action`; its errors are names without a text.
+pub(crate) fn of_iceoryx(action: impl Into<String>, error: &dyn fmt::Debug) -> BusError {
+    let reason = format!(
+        "iceoryx2 reports {error:?}: a file in the directory of the instance or in /dev/shm cannot be made, opened or read; \
+         `oqtal doctor` examines both, and ending all processes of the instance removes them"
+    );
+    BusError::System { action: action.into(), reason }
 }
 
 impl BusError {

@@ -7,7 +7,7 @@ use iceoryx2::service::builder::request_response::{
     RequestResponseOpenError, RequestResponseOpenOrCreateError,
 };
 
-use crate::error::{BusError, system};
+use crate::error::{BusError, of_iceoryx};
 use crate::paths::InstancePaths;
 
 /// Kind of an error.
@@ -36,13 +36,9 @@ pub(crate) trait OpenError: std::fmt::Debug {
         match self.trouble() {
             Trouble::Mismatch | Trouble::Corrupted => BusError::Version { topic: name.to_owned() },
             Trouble::Permission => BusError::Permission { path: paths.root.clone() },
-            Trouble::System => system(
-                format!(
-                    "opening `{name}` of instance `{}` (remedy: end all its processes)",
-                    paths.instance
-                ),
-                self,
-            ),
+            Trouble::System => {
+                of_iceoryx(format!("opening `{name}` of instance `{}`", paths.instance), self)
+            }
         }
     }
 }

@@ -4,6 +4,7 @@ use std::fmt;
 use std::rc::Rc;
 use std::time::Duration;
 
+use iceoryx2::identifiers::UniqueNodeId;
 use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::port::publisher::PublisherCreateError;
 use iceoryx2::prelude::{
@@ -14,7 +15,7 @@ use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 use iceoryx2::service::port_factory::{publish_subscribe, request_response};
 
 use crate::control::{CONTROL_SCHEMA, CONTROL_SIZES, RawClient, RawServer};
-use crate::error::{BusError, system};
+use crate::error::{BusError, of_iceoryx};
 use crate::membership::{InstanceLock, Membership};
 use crate::message::Header;
 use crate::mismatch::{OpenError, Trouble};
@@ -56,6 +57,7 @@ impl ReaderPlace {
 /// destructors.
 pub(crate) trait OpenPorts: fmt::Debug {
     fn writer(&self, topic: &TopicSpec) -> Result<Box<dyn RawWriter>, BusError>;
+    fn holder(&self, topic: &TopicSpec) -> Result<Option<String>, BusError>;
     fn reader(
         &self,
         topic: &TopicSpec,
@@ -89,7 +91,7 @@ impl InstanceNode {
         config.global.node.cleanup_dead_nodes_on_destruction = false;
         config.global.service.cleanup_dead_nodes_on_open = false;
         let lock = membership.lock()?;
-        let bad_root = |error| system("naming the files of the instance", &error);
+        let bad_root = |error| of_iceoryx("naming the files of the instance", &error);
         let prefix = membership.private_prefix();
         config.global.prefix = FileName::new(prefix.as_bytes()).map_err(bad_root)?;
         let created = NodeBuilder::new()
@@ -100,7 +102,7 @@ impl InstanceNode {
             NodeCreationFailure::InsufficientPermissions => {
                 BusError::Permission { path: paths.root.clone() }
             }
-            other => system(format!("joining {}", paths.directory().display()), &other),
+            other => of_iceoryx(format!("joining {}", paths.directory().display()), &other),
         })?;
         node.blocking_cleanup_dead_nodes(CLEANUP_TIMEOUT);
         membership.remove_half_made(&lock);
@@ -176,15 +178,22 @@ impl InstanceNode {
 impl OpenPorts for InstanceNode {
     fn writer(&self, topic: &TopicSpec) -> Result<Box<dyn RawWriter>, BusError> {
         let lock = self.membership.lock()?;
-        let builder = self.topic(&lock, topic)?;
-        let created = builder.publisher_builder().initial_max_slice_len(topic.size).create();
+        let service = self.topic(&lock, topic)?;
+        let created = service.publisher_builder().initial_max_slice_len(topic.size).create();
         let publisher = created.map_err(|error| match error {
-            PublisherCreateError::ExceedsMaxSupportedPublishers => {
-                BusError::Held { topic: topic.name, instance: self.paths.instance.clone() }
-            }
-            other => system(format!("writing topic `{}`", topic.name), &other),
+            PublisherCreateError::ExceedsMaxSupportedPublishers => BusError::Held {
+                topic: topic.name,
+                instance: self.paths.instance.clone(),
+                holder: writer(&service).map_or_else(|| "another process".to_owned(), command_of),
+            },
+            other => of_iceoryx(format!("writing topic `{}`", topic.name), &other),
         })?;
         Ok(self.port(&lock, publisher, topic.name)?)
+    }
+
+    fn holder(&self, topic: &TopicSpec) -> Result<Option<String>, BusError> {
+        let lock = self.membership.lock()?;
+        Ok(writer(&self.topic(&lock, topic)?).map(command_of))
     }
 
     fn reader(
@@ -198,7 +207,7 @@ impl OpenPorts for InstanceNode {
         if place == ReaderPlace::Observer {
             admit_observer(&service, topic)?;
         }
-        let failed = |e: &dyn fmt::Debug| system(format!("reading topic `{}`", topic.name), e);
+        let failed = |e: &dyn fmt::Debug| of_iceoryx(format!("reading topic `{}`", topic.name), e);
         let name = PortName::new(place.name()).map_err(|e| failed(&e))?;
         let created = service.subscriber_builder().buffer_size(buffer).name(&name).create();
         Ok(self.port(&lock, created.map_err(|e| failed(&e))?, topic.name)?)
@@ -208,7 +217,7 @@ impl OpenPorts for InstanceNode {
         let lock = self.membership.lock()?;
         let builder = self.control(&lock)?;
         let created = builder.server_builder().initial_max_slice_len(CONTROL_SIZES.1).create();
-        let server = created.map_err(|e| system(format!("serving `{CONTROL}`"), &e))?;
+        let server = created.map_err(|e| of_iceoryx(format!("serving `{CONTROL}`"), &e))?;
         Ok(self.port(&lock, server, CONTROL)?)
     }
 
@@ -216,7 +225,7 @@ impl OpenPorts for InstanceNode {
         let lock = self.membership.lock()?;
         let builder = self.control(&lock)?;
         let created = builder.client_builder().initial_max_slice_len(CONTROL_SIZES.0).create();
-        let client = created.map_err(|e| system(format!("asking `{CONTROL}`"), &e))?;
+        let client = created.map_err(|e| of_iceoryx(format!("asking `{CONTROL}`"), &e))?;
         Ok(self.port(&lock, client, CONTROL)?)
     }
 }
@@ -236,8 +245,7 @@ fn admit_observer(service: &TopicService, topic: &TopicSpec) -> Result<(), BusEr
     let mut holders = Vec::new();
     service.dynamic_config().list_subscribers(|reader| {
         if reader.subscriber_name.as_str() == ReaderPlace::Observer.name() {
-            let pid = reader.node_id.pid::<ipc::Service>().map_or(0, |pid| pid.value());
-            holders.push(command_of(pid.unsigned_abs()));
+            holders.push(command_of(pid_of(&reader.node_id)));
         }
         CallbackProgression::Continue
     });
@@ -245,6 +253,21 @@ fn admit_observer(service: &TopicService, topic: &TopicSpec) -> Result<(), BusEr
         return Ok(());
     }
     Err(BusError::Crowded { topic: topic.name, count: holders.len(), holders: holders.join(", ") })
+}
+
+/// Process id of the writer of a topic; `None` without one.
+fn writer(service: &TopicService) -> Option<u32> {
+    let mut pid = None;
+    service.dynamic_config().list_publishers(|writer| {
+        pid = Some(pid_of(&writer.node_id));
+        CallbackProgression::Stop
+    });
+    pid
+}
+
+/// Process id of a node; 0 if it is unknown.
+fn pid_of(node: &UniqueNodeId) -> u32 {
+    node.pid::<ipc::Service>().map_or(0, |pid| pid.value()).unsigned_abs()
 }
 
 /// Process id, program and first argument of a process, as in "`oqtal record` (123)".
@@ -257,12 +280,12 @@ fn command_of(pid: u32) -> String {
 }
 
 fn service_name(name: &str) -> Result<ServiceName, BusError> {
-    ServiceName::new(name).map_err(|e| system(format!("naming `{name}`"), &e))
+    ServiceName::new(name).map_err(|e| of_iceoryx(format!("naming `{name}`"), &e))
 }
 
 /// Attribute with which both ends of a service verify that they were built from the same definitions.
 fn schema_attribute(schema: u64) -> Result<AttributeVerifier, BusError> {
-    let failed = |e: &dyn fmt::Debug| system("naming a schema", e);
+    let failed = |e: &dyn fmt::Debug| of_iceoryx("naming a schema", e);
     let key = AttributeKey::try_from("schema").map_err(|e| failed(&e))?;
     let value = AttributeValue::try_from(format!("{schema:016x}").as_str());
     let value = value.map_err(|e| failed(&e))?;

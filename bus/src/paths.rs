@@ -128,7 +128,10 @@ impl InstancePaths {
             std::io::ErrorKind::PermissionDenied => {
                 BusError::Permission { path: self.root.clone() }
             }
-            _ => system(format!("creating {}", self.root.display()), &error),
+            _ => system(
+                format!("creating {}", self.root.display()),
+                &format_args!("{error}; give another --root"),
+            ),
         })?;
         self.refuse_another_user()?;
         let mut config = Config::default();

@@ -11,7 +11,7 @@ use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::ipc;
 
 use crate::control::{Answerer, RawClient, RawServer, wrong_size};
-use crate::error::{BusError, system};
+use crate::error::{BusError, of_iceoryx};
 use crate::membership::Membership;
 use crate::message::Header;
 use crate::port::{RawReader, RawWriter};
@@ -41,7 +41,7 @@ impl<P> Port<P> {
     }
 
     fn failed(&self, action: &str, reason: &dyn fmt::Debug) -> BusError {
-        system(format!("{action} `{}`", self.name), reason)
+        of_iceoryx(format!("{action} `{}`", self.name), reason)
     }
 }
 

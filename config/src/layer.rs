@@ -29,8 +29,10 @@ pub(crate) fn from_file(path: &Path) -> Result<Vec<Setting>, ConfigError> {
 /// The text of the file at `path`.
 fn read(path: &Path) -> Result<String, ConfigError> {
     let origin = || path.display().to_string();
-    read_text(path, LONGEST_FILE_MIB)
-        .map_err(|error| ConfigError { origin: origin(), reason: error.to_string() })
+    read_text(path, LONGEST_FILE_MIB).map_err(|error| ConfigError {
+        origin: origin(),
+        reason: format!("{error}; give another file"),
+    })
 }
 
 /// Converts the offset of a byte in `text`, the content of the file `name`, to `FILE:LINE`.

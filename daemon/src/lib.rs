@@ -94,12 +94,7 @@ use std::rc::Rc;
 
 use crossbeam_channel::Receiver;
 
-use oqtal_bus::bus::Bus;
-use oqtal_bus::error::BusError;
-use oqtal_bus::message::HealthV1;
-use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::{POSE, Role};
-use oqtal_bus::transport::{Subscribe, Transport};
+use oqtal_bus::topic::POSE;
 use oqtal_config::{Config, FaultTarget};
 use oqtal_control::trajectory::Trajectory;
 use oqtal_runtime::background::with_background;
@@ -147,7 +142,7 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     warnings(&context.config, &trajectory).iter().for_each(|told| tracing::warn!("{told}"));
     let bus = Rc::new(context.bus()?);
     let faulty = FaultyTransport::new(&bus, &context.config)?;
-    let mut ports = DaemonPorts::open(&faulty).map_err(|error| name_holder(&bus, error))?;
+    let mut ports = DaemonPorts::open(&faulty)?;
     let mut clock = context.loop_clock(&bus, &POSE)?;
     let started_at = clock.now();
     let mut cycle = Cycle::new(&context.config, trajectory, started_at)
@@ -217,21 +212,4 @@ fn fitting_trajectory(config: &Config) -> Result<Trajectory, Failure> {
         require_flyable(config, &trajectory, None)?;
     }
     Ok(trajectory)
-}
-
-/// Names the process that holds the command topic, if its heartbeat arrives in time.
-fn name_holder(bus: &Bus, error: BusError) -> Failure {
-    let held = matches!(error, BusError::Held { .. });
-    let mut failure = Failure::from(error);
-    if let (true, Ok(mut health)) = (held, bus.reader::<HealthV1>(&Role::Daemon.health())) {
-        let give_up = Time::now() + Span::from_millis(1200);
-        while Time::now() < give_up {
-            if let Ok(Some((header, _))) = health.latest() {
-                failure.message += &format!(" (held by {})", header.origin());
-                break;
-            }
-            std::thread::sleep(std::time::Duration::from_millis(20));
-        }
-    }
-    failure
 }

@@ -131,6 +131,7 @@ impl PreparedChange {
 /// The settings with which a daemon flies, and those before.
 #[derive(Clone, Debug)]
 pub struct LiveSettings {
+    started: Config,
     present: Config,
     /// Earlier settings, the last ones at the end.
     earlier: Vec<Config>,
@@ -140,12 +141,25 @@ pub struct LiveSettings {
 impl LiveSettings {
     /// The settings of `config`, which was read from `files`.
     pub fn new(config: &Config, files: &[PathBuf]) -> Self {
-        Self { present: config.clone(), earlier: Vec::new(), files: files.to_vec() }
+        let (started, present) = (config.clone(), config.clone());
+        Self { started, present, earlier: Vec::new(), files: files.to_vec() }
     }
 
     /// The present settings.
     pub fn present(&self) -> &Config {
         &self.present
+    }
+
+    /// Settings that differ from those with which the daemon was started, one per line below a title; empty if none does.
+    pub fn changed(&self) -> LongText {
+        let changed = self.started.differences(&self.present).unwrap_or_default();
+        if changed.is_empty() {
+            return LongText::EMPTY;
+        }
+        let title = "settings changed since the daemon's start:";
+        let lines = [title].into_iter().chain(changed.iter().map(String::as_str));
+        let count = || format!("{} settings were changed since the daemon's start", changed.len());
+        LongText::of_lines(lines).unwrap_or_else(|| LongText::new(&count()))
     }
 
     /// Number of changes that can be taken back \[-\].
@@ -278,8 +292,9 @@ impl LiveSettings {
             return Ok(());
         }
         let [x, y, z, w]: [f64; 4] = (*target).into();
+        let yaw = if w.is_nan() { String::new() } else { format!(", yaw {} deg,", w.to_degrees()) };
         let reason = format!(
-            "the point [{x}, {y}, {z}] m, yaw {w} rad, must be inside the soft border of the fence: fence.x-m = {:?}, fence.y-m = {:?}, fence.z-m = {:?}, fence.soft-margin-m = {}",
+            "the point [{x}, {y}, {z}] m{yaw} must be inside the soft border of the fence: fence.x-m = {:?}, fence.y-m = {:?}, fence.z-m = {:?}, fence.soft-margin-m = {}",
             fence.x_m, fence.y_m, fence.z_m, fence.soft_margin_m
         );
         Err(Refusal { cause: Cause::Fence, reason })

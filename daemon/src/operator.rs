@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use oqtal_bus::code::{Answer, Cause, OperatorCommand};
-use oqtal_bus::message::{ControlRequestV1, ControlResponseV1, EventV1};
+use oqtal_bus::message::{AS_STARTED, ControlRequestV1, ControlResponseV1, EventV1};
 use oqtal_bus::text::LongText;
 use oqtal_bus::time::Time;
 use oqtal_runtime::handoff::{BackgroundHandle, RtHandle, handoff};
@@ -175,6 +175,9 @@ impl OperatorRequests {
         if is_other && begins_flight(command) {
             return refused(Cause::OtherConfig, self.present(Answer::Refused));
         }
+        if begins_flight(command) {
+            return self.begin(command, &request);
+        }
         if command.changes_flight() {
             return self.change(command, &request, publish);
         }
@@ -182,6 +185,19 @@ impl OperatorRequests {
             return self.get(request.text.as_str());
         }
         self.pass_on(LoopRequest::Operator(command), request.valid_until)
+    }
+
+    /// Passes a request for a flight on; the answer names the settings that were changed since the start.
+    fn begin(&mut self, command: OperatorCommand, request: &ControlRequestV1) -> ControlResponseV1 {
+        let changed = self.settings.as_ref().map_or(LongText::EMPTY, LiveSettings::changed);
+        if !changed.is_empty() && request.text.as_str() == AS_STARTED {
+            let present = self.present(Answer::Refused);
+            return refused(Cause::OtherConfig, ControlResponseV1 { text: changed, ..present });
+        }
+        let response = self.pass_on(LoopRequest::Operator(command), request.valid_until);
+        let is_refused = response.answer == Answer::Refused.code();
+        let text = if is_refused { response.text } else { changed };
+        ControlResponseV1 { text, ..response }
     }
 
     /// Reports the value of the setting `key`.
@@ -303,97 +319,4 @@ fn refused(cause: Cause, present: ControlResponseV1) -> ControlResponseV1 {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn asks(command: OperatorCommand) -> ControlRequestV1 {
-        ControlRequestV1::of(command)
-    }
-
-    fn answers(answer: Answer) -> ControlResponseV1 {
-        ControlResponseV1 { answer: answer.code(), ..ControlResponseV1::default() }
-    }
-
-    #[test]
-    fn no_operator_gets_the_reply_to_the_request_of_another() {
-        let (handle, mut requests) = loop_handoff();
-        // The loop stands still: the first operator gets no reply from it.
-        let first = requests.ask(asks(OperatorCommand::Status), &mut |_| {});
-        assert_eq!(first.answer, Answer::Accepted.code());
-        let second =
-            std::thread::spawn(move || requests.ask(asks(OperatorCommand::Land), &mut |_| {}));
-        assert!(handle.poll_request(|_| answers(Answer::Refused)).is_some());
-        // The loop runs again once the second request is there, too.
-        let land = |request: &mut LoopRequest| {
-            assert_eq!(request.name().0, OperatorCommand::Land);
-            answers(Answer::Done)
-        };
-        while handle.poll_request(land).is_none() {
-            std::thread::yield_now();
-        }
-        let second = second.join().unwrap().answer;
-        // Accepted: this machine took longer for the above than an operator waits.
-        assert!([Answer::Done, Answer::Accepted].map(Answer::code).contains(&second));
-    }
-
-    #[test]
-    fn a_request_to_fly_expires_and_a_stop_does_not() {
-        let (handle, requests) = loop_handoff();
-        let long_ago = Time::now();
-        for (command, is_executed) in [
-            (OperatorCommand::Arm, false),
-            (OperatorCommand::Fly, false),
-            (OperatorCommand::Land, true),
-            (OperatorCommand::Stop, true),
-        ] {
-            requests.queues.send((0, LoopRequest::Operator(command), long_ago)).unwrap();
-            let mut executed = false;
-            while Time::now() == long_ago {}
-            let asked = handle.poll_request(|asked| {
-                executed |= asked.name().0 == command;
-                answers(Answer::Done)
-            });
-            assert_eq!(asked.map(|(command, ..)| command), Some(command));
-            let (_, response, _) = requests.queues.replies().recv().unwrap();
-            assert_eq!(executed, is_executed, "{command}");
-            let is_refused = response.cause == Cause::Expired.code();
-            assert_eq!(is_refused, !is_executed, "{command}");
-        }
-    }
-
-    #[test]
-    fn a_request_to_fly_with_another_configuration_is_refused() {
-        let (_handle, requests) = loop_handoff();
-        let mut requests = OperatorRequests { config_hash: 7, ..requests };
-        let request = ControlRequestV1 { config_hash: 8, ..asks(OperatorCommand::Arm) };
-        let response = requests.ask(request, &mut |_| {});
-        assert_eq!((response.answer, response.config_hash), (Answer::Refused.code(), 7));
-        assert_eq!(response.cause, Cause::OtherConfig.code());
-        for config_hash in [0, 7] {
-            let response = requests.ask(ControlRequestV1 { config_hash, ..request }, &mut |_| {});
-            assert_eq!(response.answer, Answer::Accepted.code());
-        }
-        let stop = requests
-            .ask(ControlRequestV1 { config_hash: 8, ..asks(OperatorCommand::Stop) }, &mut |_| {});
-        assert_eq!(stop.answer, Answer::Accepted.code());
-    }
-
-    #[test]
-    fn changes_that_found_the_queue_full_are_counted_in_the_next_one() {
-        let (mut handle, mut requests) = loop_handoff();
-        let condition = |mode| Condition { mode, ..Condition::default() };
-        let mut mode = 0;
-        let mut publish = |handle: &mut LoopHandle| {
-            mode = 1 - mode;
-            handle.publish_status(condition(mode));
-        };
-        while handle.queues.dropped_notes() < 3 {
-            publish(&mut handle);
-        }
-        requests.take_changes();
-        assert_eq!(requests.last.unlogged, 0);
-        publish(&mut handle);
-        requests.take_changes();
-        assert_eq!(requests.last.unlogged, 3);
-    }
-}
+mod tests;

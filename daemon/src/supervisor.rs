@@ -25,9 +25,11 @@ pub struct SafetyConditions {
     pub is_down: bool,
     /// On the ground: the vehicle does not answer, so that a flight must not begin.
     pub vehicle_silent: bool,
-    /// In flight: the vehicle has not answered for too long, its motors stand, or its bridge was restarted. Before a flight:
-    /// another vehicle took the place of the one for which the flight was requested.
+    /// In flight: the vehicle has not answered for too long, or its bridge was restarted. Before a flight: another vehicle took
+    /// the place of the one for which the flight was requested.
     pub vehicle_lost: bool,
+    /// In flight: the motors do not start, or stopped.
+    pub motors_do_not_run: bool,
     /// In flight: a pilot or the vehicle itself took control.
     pub control_taken: bool,
     /// An operator requested a stop.
@@ -72,7 +74,7 @@ pub struct SafetyRow {
 
 /// All limits, the most severe first.
 #[rustfmt::skip]
-pub const LIMITS: [SafetyRow; 37] = {
+pub const LIMITS: [SafetyRow; 38] = {
     use Ending::{Armed, Gone, Landed, PosesGood};
     use SafetyRow as Row;
     [
@@ -81,6 +83,7 @@ pub const LIMITS: [SafetyRow; 37] = {
         Row { id: "F02", cause: None, when: |c| c.blind_too_long && !c.may_descend, after_ms: 0, action: Stop, ends: Armed },
         Row { id: "F57", cause: Some(Cause::ControlTaken), when: |c| c.control_taken, after_ms: 0, action: Stop, ends: Armed },
         Row { id: "F18", cause: Some(Cause::NoVehicle), when: |c| c.vehicle_lost, after_ms: 0, action: Stop, ends: Armed },
+        Row { id: "F36", cause: Some(Cause::MotorsNotRunning), when: |c| c.motors_do_not_run, after_ms: 0, action: Stop, ends: Armed },
         Row { id: "F37", cause: Some(Cause::Fence), when: |c| c.limits.leaves_fence, after_ms: 0, action: Stop, ends: Armed },
         Row { id: "F38", cause: Some(Cause::Tilt), when: |c| c.limits.tipped, after_ms: 100, action: Stop, ends: Armed },
         Row { id: "F39", cause: Some(Cause::Crash), when: |c| c.limits.lies_on_floor, after_ms: 2000, action: Stop, ends: Armed },

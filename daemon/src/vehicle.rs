@@ -91,11 +91,15 @@ impl VehicleWatch {
         self.last.as_ref().map(|(_, vehicle)| vehicle).filter(|_| self.answers(now))
     }
 
-    /// Whether a flight must end: no reply for too long, motors that stopped or do not start, or a bridge that was restarted and
-    /// does not know of the flight.
+    /// Whether a flight must end: no reply for too long, or a bridge that was restarted and does not know of the flight.
     pub fn is_lost(&self, now: Time) -> bool {
+        self.is_replaced || self.is_old(now, self.answered_at)
+    }
+
+    /// Whether a flight must end: motors that stopped, or that do not start.
+    pub fn has_no_motors(&self, now: Time) -> bool {
         let stands = self.ran_at.is_some() && self.is_old(now, self.ran_at);
-        stands || self.is_replaced || self.is_old(now, self.answered_at) || self.does_not_start(now)
+        stands || self.does_not_start(now)
     }
 
     /// Whether a pilot or the vehicle itself has control, by the last message.
@@ -212,17 +216,17 @@ mod tests {
     }
 
     #[test]
-    fn motors_are_awaited_once_and_when_they_stop_again_the_vehicle_is_lost() {
+    fn f36_motors_are_awaited_once_and_end_the_flight_when_they_stop_again() {
         let mut watch = watch();
         let starting = VehicleV1 { starting: 1, ..WELL };
         watch.receive(at(0), BRIDGE, &starting);
-        assert!(watch.holds_flight() && !watch.is_lost(at(0)));
+        assert!(watch.holds_flight() && !watch.has_no_motors(at(0)));
         watch.receive(at(10), BRIDGE, &VehicleV1 { armed: 1, ..WELL });
         assert!(!watch.holds_flight());
         watch.receive(at(500), BRIDGE, &starting);
-        assert!(!watch.holds_flight() && !watch.is_lost(at(510)));
-        assert!(watch.is_lost(at(511)));
+        assert!(!watch.holds_flight() && !watch.has_no_motors(at(510)));
+        assert!(watch.has_no_motors(at(511)) && !watch.is_lost(at(511)));
         watch.begin_flight(at(511));
-        assert!(watch.holds_flight() && !watch.is_lost(at(511)));
+        assert!(watch.holds_flight() && !watch.has_no_motors(at(511)));
     }
 }

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use crate::latency::{Distribution, HopDistributions, OnwardTime};
-use oqtal_bus::code::Cause;
+use oqtal_bus::code::{Cause, SafetyState};
 use oqtal_bus::message::Stamps;
 use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::time::Time;
@@ -165,8 +165,8 @@ impl Flight {
                 None => self.landing_on_request(),
             },
             Outcome::Stopped => {
-                let last = self.samples.last()?;
-                Some(format!("the daemon stopped the motors{}: {}", self.when(), cause_of(last)))
+                let cause = self.stop_cause();
+                Some(format!("the daemon stopped the motors{}: {cause}", self.when()))
             }
             Outcome::Crashed => Some(format!("the vehicle {}{}", self.crash?, self.when())),
             Outcome::Timeout if self.armed().next().is_none() => {
@@ -193,15 +193,18 @@ impl Flight {
                 Some(sample) => format!("landed by the daemon: {}", cause_of(sample)),
                 None => self.landing_on_request().map(|_| "landed on request".to_owned())?,
             },
-            (Outcome::Stopped, _) => {
-                let cause = self.samples.last().map_or(Cause::None, cause_of);
-                format!("motors stopped: {cause}")
-            }
+            (Outcome::Stopped, _) => format!("motors stopped: {}", self.stop_cause()),
             (Outcome::Crashed, Some(crash)) => crash.name().to_owned(),
             (Outcome::Timeout, _) if self.armed().next().is_none() => "no take-off".to_owned(),
             (Outcome::Timeout, _) => "not ended in time".to_owned(),
             (outcome, _) => outcome.to_string(),
         })
+    }
+
+    /// Cause of the last tick in Stop; ticks that follow the end of the flight may have another state.
+    fn stop_cause(&self) -> Cause {
+        let is_stopped = |s: &&FlightSample| s.telemetry.state == SafetyState::Stop.code();
+        self.samples.iter().rev().find(is_stopped).map_or(Cause::None, cause_of)
     }
 
     /// Time of the last armed tick after arming, as text; empty without an armed tick.

@@ -135,9 +135,10 @@ impl InstanceModel {
 
     /// Status at `now`.
     pub fn status(&self, now: Time) -> InstanceStatus {
-        let processes = Role::PROCESSES.into_iter().zip(&self.processes).map(|(role, process)| {
-            ProcessHealth::new(role, process.as_ref(), (self.is_replaced(role), now))
-        });
+        let processes = Role::PROCESSES
+            .into_iter()
+            .zip(&self.processes)
+            .map(|(role, process)| ProcessHealth::new(role, process.as_ref(), now));
         let tick = self.tick.filter(|tick| tick.body.pose_age_s.is_finite());
         InstanceStatus {
             processes: processes.collect(),
@@ -270,16 +271,16 @@ mod tests {
         fresh.sample(&Reception::default(), Sample::Vehicle(&VehicleV1::default()));
         assert!(fresh.is_complete());
         let lines = fresh.status(Time::VIRTUAL_START).lines();
-        assert_eq!(lines[0], "plant-sim  not started");
+        assert_eq!(lines[0], "plant-sim  not started, or ended");
         assert!(lines[1].contains("20 ms ago"), "{lines:?}");
         let late = HealthV1 { time: Time::VIRTUAL_START, runs_late: 1, ..HealthV1::default() };
         receive(&mut fresh, Role::Mocap, late);
         assert!(fresh.status(Time::VIRTUAL_START).lines()[1].ends_with("runs late"));
         let stale = model(&roles, Span::from_millis(101));
-        assert_eq!(
-            stale.status(Time::VIRTUAL_START).lines()[1],
-            "mocap-emu  silent: not running, or hung"
-        );
+        let mut status = stale.status(Time::VIRTUAL_START);
+        assert_eq!(status.lines()[1], "mocap-emu  not started, or ended");
+        status.processes[1].note_holder(Some("`oqtal mocap-emu` (7)".to_owned()));
+        assert_eq!(status.lines()[1], "mocap-emu  silent: `oqtal mocap-emu` (7) runs, but hangs");
     }
 
     #[test]

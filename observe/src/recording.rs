@@ -55,7 +55,7 @@ pub use export::{ColumnExport, CsvExport, Tables, TumExport};
 pub use facts::{Facts, WAYPOINTS_FILE};
 pub use file::{RecordedChannel, RecordedMessage, RecordingFile, RecordingFileError};
 pub use history::{DaemonHistory, InputHistory, RecordedTurn};
-pub use location::{RECORDING, recording_path};
+pub use location::{RECORDING, SUMMARY, recording_path};
 pub use overview::{RecordingOverview, TopicOverview};
 pub use playback::{config, flight, play};
 pub use sink::{McapRecorder, RecordingPlan};

@@ -53,12 +53,12 @@ fn centimetres(value: f64) -> f64 {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ProcessHealth {
     name: &'static str,
-    /// Newest health message; `None` if the process is silent: not started, ended, hung, or waiting for virtual time.
+    /// Newest health message; `None` if the process is not started or silent: killed, hung, or waiting for virtual time.
     #[serde(rename = "heard")]
     report: Option<HealthReport>,
-    /// Whether another process replaces this one, so that it is not expected.
-    #[serde(skip)]
-    is_replaced: bool,
+    /// Name and id of a process that is silent although it runs; `None` if the process is not silent, or not running.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    silent: Option<String>,
 }
 
 /// Content of a health message.
@@ -172,15 +172,15 @@ impl fmt::Display for VehicleStatus {
 }
 
 impl ProcessHealth {
-    /// Health of the process `role`, observed as `process`, with a flag whether another process replaces it, and the present
-    /// instant.
-    pub fn new(
-        role: Role,
-        process: Option<&ObservedProcess>,
-        (is_replaced, now): (bool, Time),
-    ) -> Self {
+    /// Health of the process `role`, observed as `process`, at the instant `now`.
+    pub fn new(role: Role, process: Option<&ObservedProcess>, now: Time) -> Self {
         let report = process.map(|process| HealthReport::new(process, now));
-        Self { name: role.name(), report, is_replaced }
+        Self { name: role.name(), report, silent: None }
+    }
+
+    /// Notes the name and id of the process that has this place in the instance; `None` if there is none.
+    pub fn note_holder(&mut self, holder: Option<String>) {
+        self.silent = holder.filter(|_| self.report.is_none());
     }
 }
 
@@ -217,9 +217,10 @@ impl HealthReport {
 impl fmt::Display for ProcessHealth {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Some(report) = &self.report else {
-            let missing =
-                if self.is_replaced { "not started" } else { "silent: not running, or hung" };
-            return write!(f, "{:<10} {missing}", self.name);
+            return match &self.silent {
+                Some(holder) => write!(f, "{:<10} silent: {holder} runs, but hangs", self.name),
+                None => write!(f, "{:<10} not started, or ended", self.name),
+            };
         };
         let HealthReport { pid, age_ms, config_hash, daemon, .. } = report;
         let (name, state) = (self.name, report.state());

@@ -5,13 +5,14 @@ use std::time::Duration;
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Answer, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::error::BusError;
-use oqtal_bus::message::{ControlResponseV1, VehicleV1};
+use oqtal_bus::message::{AS_STARTED, ControlRequestV1, ControlResponseV1, VehicleV1};
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
+use oqtal_bus::text::LongText;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::VEHICLE;
 use oqtal_bus::transport::{Subscribe, Transport};
 
-use crate::request::request;
+use crate::request::{request, send};
 
 /// Maximum time for the vehicle to come to rest: a fall from the height of a room, and half a second without motion.
 const REST_TIMEOUT: Span = Span::from_millis(5000);
@@ -22,7 +23,8 @@ const BEGIN_TIMEOUT: Span = Span::from_millis(900);
 /// Time between two requests.
 const PERIOD: Duration = Duration::from_millis(50);
 
-/// Arms, and returns the daemon's last answer; `None` if there is none. `tell` receives the reason of a wait; once `is_cancelled`, a
+/// Arms, and returns the daemon's last answer; `None` if there is none. `expected`: hash of the configuration that the daemon must
+/// run with, without settings changed since its start. `tell` receives the reason of a wait; once `is_cancelled`, a
 /// flight that has not begun is called off.
 ///
 /// # Errors
@@ -33,11 +35,13 @@ pub fn ask(
     tell: &mut dyn FnMut(&str),
     is_cancelled: &dyn Fn() -> bool,
 ) -> Result<Option<ControlResponseV1>, BusError> {
+    let text = LongText::new(expected.map_or("", |_| AS_STARTED));
+    let arming = ControlRequestV1 { text, ..ControlRequestV1::of(OperatorCommand::Arm) };
     let mut vehicles = bus.observer::<VehicleV1>(&VEHICLE)?;
     let asked_at = Time::now();
     let (mut simulated, mut is_reported) = (None, false);
     loop {
-        let Some(response) = request(bus, OperatorCommand::Arm, expected)? else { return Ok(None) };
+        let Some(response) = send(bus, arming, expected)? else { return Ok(None) };
         if response.answer != Answer::Refused.code() {
             return begun(bus, response, is_cancelled).map(Some);
         }
@@ -90,7 +94,7 @@ fn begun(
     }
     let is_begun = is_in_flight(&newest);
     let answer = if is_begun { newest.answer } else { Answer::Refused.code() };
-    Ok(ControlResponseV1 { answer, ..newest })
+    Ok(ControlResponseV1 { answer, text: accepted.text, ..newest })
 }
 
 fn is_in_flight(response: &ControlResponseV1) -> bool {

@@ -64,7 +64,7 @@ pub fn land(address: &AddressedInstance) -> Result<ControlResponseV1, Failure> {
 }
 
 fn silent_text(address: &AddressedInstance) -> String {
-    format!("land: {}", silent(&address.paths.instance).message)
+    format!("land: {}", silent(&address.paths).message)
 }
 
 /// Requests a landing on a separate thread, as the owner of the instance.

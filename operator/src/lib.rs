@@ -33,17 +33,17 @@ use oqtal_runtime::process::{Exit, Failure};
 pub use change::{CtlRequest, request_of};
 pub use reach::AddressedInstance;
 pub use report::ControlReport;
-use request::{request, running_bus, silent};
+use request::{request, running_bus, unanswered};
 
-/// Fails if no daemon answers on `instance`; the message names the alternative `otherwise`.
+/// Fails if no daemon answers on `bus`; the message names the alternative `otherwise`.
 ///
 /// # Errors
 /// No daemon answers (exit code 75), or the bus refuses.
-pub fn require_daemon(bus: &Bus, instance: &str, otherwise: &str) -> Result<(), Failure> {
+pub fn require_daemon(bus: &Bus, otherwise: &str) -> Result<(), Failure> {
     if request(bus, OperatorCommand::Status, None)?.is_some() {
         return Ok(());
     }
-    let Failure { exit, message } = silent(instance);
+    let Failure { exit, message } = unanswered(bus);
     Err(Failure::new(exit, format!("{message}, or {otherwise}")))
 }
 
@@ -65,8 +65,10 @@ pub fn execute(
             return stop.check().map(|()| stop.to_string());
         }
         CtlRequest::Land => land::land(address)?,
-        _ => request::send_signed(&running_bus(&address.paths)?, body, expected)?
-            .ok_or_else(|| silent(&address.paths.instance))?,
+        _ => {
+            let bus = running_bus(&address.paths)?;
+            request::send_signed(&bus, body, expected)?.ok_or_else(|| unanswered(&bus))?
+        }
     };
     accepted(command.command(), &response, expected)
 }

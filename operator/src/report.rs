@@ -95,11 +95,16 @@ impl ControlReport {
             message += "; `land` or `stop` ends a flight";
         }
         if response.cause == Cause::OtherConfig.code() {
-            message += &format!(
-                "; the daemon runs with {:016x}, expected is {:016x}: compare both with `oqtal check`",
-                response.config_hash,
-                expected.unwrap_or(0)
-            );
+            let expected = expected.unwrap_or(0);
+            message += &if response.config_hash == expected {
+                "; `undo` takes the last change back, `arm` without --config flies with them"
+                    .to_owned()
+            } else {
+                format!(
+                    "; the daemon runs with {:016x}, expected is {expected:016x}: compare both with `oqtal check`",
+                    response.config_hash
+                )
+            };
         }
         Err(Failure::new(Exit::Flight, message))
     }
@@ -135,6 +140,10 @@ fn effect(command: OperatorCommand, mode: Option<Mode>, answer: &str) -> String 
         }
         (OperatorCommand::Land | OperatorCommand::Disarm, Some(Mode::Disarmed)) => {
             format!("{command}: motors off")
+        }
+        // The loop follows the new course; it may not have confirmed it yet.
+        (OperatorCommand::Goto | OperatorCommand::Trajectory | OperatorCommand::Hover, _) => {
+            format!("{command}: on its way")
         }
         _ => format!("{command}: {answer}"),
     }

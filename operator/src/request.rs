@@ -4,8 +4,10 @@ use oqtal_bus::bus::Bus;
 use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
+use oqtal_bus::obeying::ObeyingProcess;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
+use oqtal_bus::topic::Role;
 use oqtal_runtime::process::{Exit, Failure};
 
 /// Time within which a running daemon answers.
@@ -55,16 +57,55 @@ pub fn running_bus(paths: &InstancePaths) -> Result<Bus, Failure> {
             return Ok(bus);
         }
         if Time::now() > give_up {
-            return Err(silent(&paths.instance));
+            return Err(silent(paths));
         }
         std::thread::sleep(START_POLL);
     }
 }
 
-/// Failure of a command without an answer.
-pub fn silent(instance: &str) -> Failure {
+/// Failure of a command without an answer on the bus of a running instance: names a daemon that runs and does not answer.
+pub fn unanswered(bus: &Bus) -> Failure {
+    let paths = bus.paths();
+    let instance = &paths.instance;
+    let Ok(Some(daemon)) = bus.holder(&Role::Daemon.health()) else { return silent(paths) };
     let message = format!(
-        "no daemon answers on instance `{instance}`; start one with `oqtal daemon run --instance {instance}`"
+        "{daemon} runs on instance `{instance}`, but does not answer: it hangs, or was stopped by a signal; continue it by SIGCONT, or end \
+         it; `oqtal ctl stop --instance {instance}` stops the motors"
     );
     Failure::new(Exit::Peer, message)
+}
+
+/// Failure of a command to an instance on whose bus there is no daemon: names one that runs nevertheless.
+pub fn silent(paths: &InstancePaths) -> Failure {
+    let InstancePaths { instance, root } = paths;
+    let mut daemons = ObeyingProcess::all();
+    daemons.retain(|process| !process.is_vehicle && process.is_of_instance(instance));
+    let here = daemons.iter().find(|daemon| daemon.is_under(paths));
+    let (exit, message) = match (here, daemons.first()) {
+        (Some(daemon), _) => (
+            Exit::Peer,
+            format!(
+                "the daemon of instance `{instance}`, process {}, cannot be reached: it is starting, or files of the instance were \
+                 removed, after which it lands and ends; `oqtal ctl land` and `stop` reach it",
+                daemon.pid
+            ),
+        ),
+        (None, Some(daemon)) => (
+            if daemon.is_ours() { Exit::Peer } else { Exit::Permission },
+            format!(
+                "no daemon answers on instance `{instance}` in {}; process {} of user {} is one under another root: run as that user, or \
+                 give its --root",
+                root.display(),
+                daemon.pid,
+                daemon.user
+            ),
+        ),
+        (None, None) => (
+            Exit::Peer,
+            format!(
+                "no daemon answers on instance `{instance}`; start one with `oqtal daemon run --instance {instance}`"
+            ),
+        ),
+    };
+    Failure::new(exit, message)
 }

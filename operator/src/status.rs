@@ -5,6 +5,7 @@ use std::time::Duration;
 use oqtal_bus::bus::Bus;
 use oqtal_bus::error::BusError;
 use oqtal_bus::time::Time;
+use oqtal_bus::topic::Role;
 use oqtal_observe::instance::InstanceModel;
 use oqtal_observe::observer::BusObserver;
 use oqtal_observe::status::InstanceStatus;
@@ -22,5 +23,9 @@ pub fn observe(bus: &Bus) -> Result<InstanceStatus, BusError> {
         observer.poll(Time::now(), &mut model)?;
         std::thread::sleep(Duration::from_millis(5));
     }
-    Ok(model.status(Time::now()))
+    let mut status = model.status(Time::now());
+    for (role, process) in Role::PROCESSES.into_iter().zip(&mut status.processes) {
+        process.note_holder(bus.holder(&role.health())?);
+    }
+    Ok(status)
 }

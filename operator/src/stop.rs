@@ -45,9 +45,40 @@ pub struct ObeyedStop {
     paths: Vec<String>,
     /// Command that allows the next flight.
     arm_again: String,
-    /// Whether the stop words of the vehicle's process, which would confirm the stop, cannot be read.
+    /// Why the stop words of the vehicle's process, which would confirm the stop, cannot be read.
     #[serde(skip)]
-    is_unconfirmed: bool,
+    unconfirmed: Option<Unconfirmed>,
+}
+
+/// Reason why nobody can tell whether a signalled vehicle has obeyed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Unconfirmed {
+    /// This user may not look at the files of its process.
+    Unreadable,
+    /// Its process has not opened its stop words.
+    Starting,
+}
+
+impl Unconfirmed {
+    /// The reason, if no words of a vehicle were raised.
+    fn of(reached: &Reached, raised: &RaisedStops) -> Option<Self> {
+        let vehicles = || reached.processes.iter().zip(&reached.held).filter(|(p, _)| p.is_vehicle);
+        let is_unconfirmed = raised.vehicles().next().is_none() && vehicles().next().is_some();
+        let is_readable = vehicles().all(|(_, held)| held.is_ok());
+        is_unconfirmed.then_some(if is_readable { Self::Starting } else { Self::Unreadable })
+    }
+
+    const fn text(self) -> &'static str {
+        match self {
+            Self::Unreadable => {
+                "the vehicle's process was signalled, but this user cannot read whether it has obeyed; repeat as root to know"
+            }
+            Self::Starting => {
+                "the vehicle's process was signalled, but is only starting, or lost its files: whether it has obeyed cannot be read; \
+                 repeat to know"
+            }
+        }
+    }
 }
 
 /// Stop words that were raised.
@@ -78,7 +109,7 @@ pub fn raise(address: &AddressedInstance) -> Result<ObeyedStop, Failure> {
     Ok(ObeyedStop {
         paths,
         arm_again: arm_again(address, &reached.paths),
-        is_unconfirmed: has(true) && raised.vehicles().next().is_none(),
+        unconfirmed: Unconfirmed::of(&reached, &raised),
         ..ObeyedStop::new(report, answer.ok().flatten().as_ref())
     })
 }
@@ -241,7 +272,7 @@ impl ObeyedStop {
             state: word(response.and_then(|response| SafetyState::from_code(response.state))),
             paths: Vec::new(),
             arm_again: String::new(),
-            is_unconfirmed: false,
+            unconfirmed: None,
         }
     }
 
@@ -253,8 +284,11 @@ impl ObeyedStop {
         if self.motors_off {
             return Ok(());
         }
-        let exit =
-            if self.vehicle_obeys || self.is_unconfirmed { Exit::Flight } else { Exit::Peer };
+        let exit = if self.vehicle_obeys || self.unconfirmed.is_some() {
+            Exit::Flight
+        } else {
+            Exit::Peer
+        };
         Err(Failure::new(exit, self.to_string()))
     }
 
@@ -271,14 +305,11 @@ impl std::fmt::Display for ObeyedStop {
             (true, false) => {
                 "no command reaches the vehicle any more, but it has not reported that its motors are off"
             }
-            (false, false) if self.is_unconfirmed => {
-                "the vehicle's process was signalled, but this user cannot read whether it has obeyed; \
-                 repeat as root to know"
-            }
-            (false, false) => {
+            (false, false) => self.unconfirmed.map_or(
                 "no vehicle has obeyed: neither plant-sim nor bridge runs, or it hangs, or has no port, or virtual time \
-                 stands still; the stop stays raised until it is obeyed, or until every process of the instance has ended"
-            }
+                 stands still; the stop stays raised until it is obeyed, or until every process of the instance has ended",
+                Unconfirmed::text,
+            ),
         };
         let daemon = if self.daemon_obeys { "the daemon obeys" } else { "no daemon has obeyed" };
         let what = if self.motors_off { "stopped" } else { "stop" };

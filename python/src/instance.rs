@@ -16,7 +16,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::REFERENCE;
 use oqtal_bus::transport::{Publish, Transport};
 use oqtal_bus::watch::InstanceWatch;
-use oqtal_operator::request::{running_bus, send, silent};
+use oqtal_operator::request::{running_bus, send, unanswered};
 use oqtal_operator::{
     AddressedInstance, ControlReport, CtlRequest, accepted, arm, execute, require_daemon, status,
 };
@@ -65,11 +65,7 @@ impl Connection {
                 has_root: !instance.root.is_empty(),
             };
             address.paths.become_owner()?;
-            require_daemon(
-                &running_bus(&address.paths)?,
-                &address.paths.instance,
-                "wait until it has started",
-            )?;
+            require_daemon(&running_bus(&address.paths)?, "wait until it has started")?;
             Ok(address)
         })?;
         Ok(Self { address, references: Mutex::default() })
@@ -111,7 +107,7 @@ impl Connection {
             paths.become_owner()?;
             let bus = running_bus(&paths)?;
             let response = send(&bus, ControlRequestV1::of(OperatorCommand::Status), None)?;
-            let response = response.ok_or_else(|| silent(&paths.instance))?;
+            let response = response.ok_or_else(|| unanswered(&bus))?;
             let status = status::observe(&bus)?;
             Ok(ControlReport::new(OperatorCommand::Status, &response, status).to_json())
         })
@@ -158,7 +154,7 @@ fn arm(paths: &InstancePaths, cancelled: &AtomicBool) -> Result<String, Failure>
     let bus = running_bus(paths)?;
     let is_cancelled = || cancelled.load(Ordering::Relaxed);
     let response = arm::ask(&bus, None, &mut |_| {}, &is_cancelled)?;
-    let response = response.ok_or_else(|| silent(&paths.instance))?;
+    let response = response.ok_or_else(|| unanswered(&bus))?;
     accepted(OperatorCommand::Arm, &response, None)
 }
 

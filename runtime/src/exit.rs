@@ -50,8 +50,18 @@ pub struct Failure {
 impl Failure {
     /// Failure with this code and message.
     pub fn new(exit: Exit, message: impl Into<String>) -> Self {
-        Self { exit, message: message.into() }
+        Self { exit, message: without_error_numbers(message.into()) }
     }
+}
+
+/// `text` without the numbers that the standard library appends to errors of the operating system: " (os error 2)".
+pub(crate) fn without_error_numbers(mut text: String) -> String {
+    const NUMBER: &str = " (os error ";
+    while let Some(begin) = text.find(NUMBER) {
+        let length = text[begin..].find(')').map_or(text.len() - begin, |end| end + 1);
+        text.replace_range(begin..begin + length, "");
+    }
+    text
 }
 
 impl From<BusError> for Failure {
@@ -73,5 +83,21 @@ impl From<BusError> for Failure {
 impl From<ConfigError> for Failure {
     fn from(error: ConfigError) -> Self {
         Self::new(Exit::Config, error.to_string())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_message_has_no_number_of_an_error() {
+        let missing = |path: &str| std::fs::read(path).unwrap_err();
+        let message =
+            format!("a: {}; b: {}, give another", missing("/none"), missing("/dev/null/x"));
+        let failure = Failure::new(Exit::System, message);
+        let expected = "a: No such file or directory; b: Not a directory, give another";
+        assert_eq!(failure.message, expected);
+        assert_eq!(Failure::new(Exit::System, "x (os error 2").message, "x");
     }
 }

@@ -29,7 +29,7 @@ pub fn start(level: LogLevel, role: Role, name: Option<String>) -> LogGuard {
         LogLevel::Debug => Level::DEBUG,
         LogLevel::Trace => Level::TRACE,
     };
-    let (queue, records) = log_queue();
+    let (queue, records) = log_queue(level >= Level::DEBUG);
     // Never joined: an output that does not drain must not prevent the process from ending.
     let thread = name.into_iter().fold(std::thread::Builder::new(), std::thread::Builder::name);
     let started = thread.spawn(move || {

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use clap::Parser;
 
-use crate::exit::{Exit, Failure};
+use crate::exit::{Exit, Failure, without_error_numbers};
 use crate::stop::StopFlag;
 
 /// Maximum time that a message waits for standard error.
@@ -80,7 +80,7 @@ pub fn print(text: &str) -> Result<(), Failure> {
 /// Prints a message on standard error. Waits at most 300 ms for an output that does not drain. An error is ignored: there is no
 /// other channel to report it.
 pub fn say(text: &str) {
-    let line = format!("{text}\n");
+    let line = format!("{}\n", without_error_numbers(text.to_owned()));
     let (done, is_done) = channel();
     beside(move || {
         let _ = std::io::stderr().write_all(line.as_bytes());

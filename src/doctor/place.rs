@@ -14,6 +14,14 @@ pub fn root(system: &System) -> Option<Finding> {
     let directory = system.instances.display();
     let why = "processes find each other by files there, and all of them must run as one user";
     let finding = |found: String| Finding::ok("instances", why, found);
+    if let Some(owner) = system.instances_owner.map(|owner| system.user(owner)) {
+        // Taking it over would end the flights of its owner.
+        let remedy = format!(
+            "sudo -u {owner} oqtal doctor # for flights of that user; for your own: OQTAL_INSTANCE__ROOT=/tmp/oqtal-$UID"
+        );
+        let found = finding(format!("{directory} belongs to user {owner}"));
+        return Some(found.forbid(Exit::Permission, remedy));
+    }
     Some(if system.instances_writable {
         finding(format!("in {directory}"))
     } else {
@@ -25,6 +33,9 @@ pub fn root(system: &System) -> Option<Finding> {
 /// Checks whether others can remove the files of an instance.
 pub fn sharing(system: &System) -> Option<Finding> {
     let directory = system.instances.display();
+    if system.instances_owner.is_some() {
+        return None;
+    }
     let path = system.root.join(system.instances.strip_prefix("/").unwrap_or(&system.instances));
     let mode = std::fs::metadata(path).map_or(0, |metadata| metadata.permissions().mode());
     let why = "who may write there can remove the files of a flight, which is then landed";

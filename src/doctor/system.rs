@@ -1,6 +1,7 @@
 //! Facts used by the checks.
 
 use std::fs;
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 use rustix::fs::{Access, access, statvfs};
@@ -16,6 +17,8 @@ pub struct System {
     pub instances: PathBuf,
     /// Whether that directory can be written.
     pub instances_writable: bool,
+    /// Another user to whom that directory belongs; `None` if it is this user's, or does not exist.
+    pub instances_owner: Option<u32>,
 }
 
 impl System {
@@ -30,6 +33,10 @@ impl System {
                 .map(|space| (space.f_blocks * space.f_frsize, space.f_bavail * space.f_frsize)),
             instances: instances.to_path_buf(),
             instances_writable: standing.is_some_and(may_write),
+            instances_owner: fs::metadata(instances)
+                .map(|directory| directory.uid())
+                .ok()
+                .filter(|owner| *owner != rustix::process::geteuid().as_raw()),
         }
     }
 
@@ -37,6 +44,14 @@ impl System {
     pub fn read(&self, path: &str) -> Option<String> {
         let text = fs::read_to_string(self.root.join(path)).ok()?;
         Some(text.trim_end().to_owned())
+    }
+
+    /// Name of the user with this number, or else the number.
+    pub fn user(&self, number: u32) -> String {
+        let users = self.read("etc/passwd").unwrap_or_default();
+        let fields = users.lines().map(|line| line.split(':').collect::<Vec<_>>());
+        let known = |fields: &Vec<&str>| fields.get(2) == Some(&number.to_string().as_str());
+        fields.into_iter().find(known).map_or_else(|| number.to_string(), |f| f[0].to_owned())
     }
 
     /// The sorted names in a folder; empty if it cannot be read.

@@ -21,6 +21,7 @@ impl Machine {
             shared_memory: Some((1 << 30, 1 << 29)),
             instances: Path::new("/run/oqtal").to_path_buf(),
             instances_writable: true,
+            instances_owner: None,
         };
         let machine = Self { root, system };
         for (path, text) in [
@@ -183,6 +184,22 @@ fn a_folder_that_cannot_be_written_forbids_a_flight() {
     assert_eq!((finding.level, finding.exit), (Level::Problem, Exit::Permission));
     assert!(finding.remedy.unwrap().contains("/run/oqtal"));
     assert!(text(&examine(&machine.system)).ends_with("not fit to fly: 1 to mend first"));
+}
+
+#[test]
+fn a_folder_of_another_user_is_not_offered_for_a_change() {
+    let mut machine = Machine::fit();
+    machine.write("etc/passwd", "root:x:0:0::/root:/bin/sh\noqtal:x:990:990::/:/bin/false\n");
+    for (writable, owner, name) in [(false, 990, "oqtal"), (true, 990, "oqtal"), (true, 7, "7")] {
+        machine.system.instances_writable = writable;
+        machine.system.instances_owner = Some(owner);
+        let finding = machine.finding("instances");
+        assert_eq!((finding.level, finding.exit), (Level::Problem, Exit::Permission));
+        assert!(finding.found.ends_with(&format!("belongs to user {name}")), "{}", finding.found);
+        let remedy = finding.remedy.unwrap();
+        assert!(remedy.starts_with(&format!("sudo -u {name} oqtal doctor")), "{remedy}");
+        assert!(!examine(&machine.system).iter().any(|finding| finding.name == "sharing"));
+    }
 }
 
 #[test]

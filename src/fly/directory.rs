@@ -8,7 +8,7 @@ use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 
 use oqtal_observe::flight::Flight;
-use oqtal_observe::recording::RECORDING;
+use oqtal_observe::recording::{RECORDING, SUMMARY};
 use oqtal_observe::summary::Summary;
 use oqtal_observe::{csv, report};
 
@@ -102,7 +102,7 @@ impl FlightDirectory {
     /// # Errors
     /// A file cannot be written.
     pub fn write(&self, flight: &Flight, summary: &Summary) -> Result<(), Failure> {
-        self.save("summary.json", &summary.to_json(PROVENANCE))?;
+        self.save(SUMMARY, &summary.to_json(PROVENANCE))?;
         self.save("report.html", &report::html(flight, summary))?;
         let path = self.directory.join("telemetry.csv");
         let file = files::create(&path).map_err(|e| failed(&path, &e))?;

@@ -16,6 +16,7 @@ use rustix::process::Signal;
 use super::directory::FlightDirectory;
 use super::fault::ProcessAction;
 use super::paths::FlightPaths;
+use super::progress::Interrupts;
 use crate::child::{Child, command};
 
 /// Start-up time-out: a process that is not ready after this time counts as failed.
@@ -41,20 +42,22 @@ impl ProcessGroup {
     /// Starts the processes of `mission` with the configuration file in `directory`, which also contains their logs.
     ///
     /// # Errors
-    /// A process cannot be started, or ends before creating the link that the next one opens.
+    /// A process cannot be started, or ends before creating the link that the next one opens; or the operator interrupts.
     pub fn start(
         (mission, paths): (&Mission, &FlightPaths),
         directory: &FlightDirectory,
+        interrupts: &Interrupts,
     ) -> Result<Self, Failure> {
         let mut processes = Self { members: Vec::new(), config: directory.config() };
         let FlightPaths { commands, poses } = paths;
         let roles = poses.roles(commands.roles(&mission.config));
         for role in roles.into_iter().filter(|role| *role != Role::Recorder) {
             match (role, commands.awaited(), poses.awaited()) {
-                (Role::Bridge, Some(path), _) => processes.wait_for(path)?,
-                (Role::Receiver, _, Some(link)) => processes.wait_for_cameras(link)?,
+                (Role::Bridge, Some(path), _) => processes.wait_for(path, interrupts)?,
+                (Role::Receiver, _, Some(link)) => processes.wait_for_cameras(link, interrupts)?,
                 _ => {}
             }
+            interrupts.check()?;
             let command = command(&[role.name()], &processes.config)?;
             let child = Child::start(role.name(), command, directory.path())?;
             processes.members.push(Member { role, child, is_down: false });
@@ -86,11 +89,12 @@ impl ProcessGroup {
     }
 
     /// Waits until the plant has created `link`. A link older than the configuration file was left by a killed plant.
-    fn wait_for(&mut self, link: &Path) -> Result<(), Failure> {
+    fn wait_for(&mut self, link: &Path, interrupts: &Interrupts) -> Result<(), Failure> {
         let deadline = Time::now() + START_TIMEOUT;
         let made = |file: std::io::Result<Metadata>| file.and_then(|file| file.modified()).ok();
         let begun = made(fs::metadata(&self.config));
         while made(fs::symlink_metadata(link)).is_none_or(|at| Some(at) < begun) {
+            interrupts.check()?;
             if let Some(failure) = self.failure() {
                 return Err(failure);
             }
@@ -107,9 +111,14 @@ impl ProcessGroup {
     }
 
     /// Waits until the emulated cameras serve their body.
-    fn wait_for_cameras(&mut self, link: &CameraLink) -> Result<(), Failure> {
+    fn wait_for_cameras(
+        &mut self,
+        link: &CameraLink,
+        interrupts: &Interrupts,
+    ) -> Result<(), Failure> {
         let deadline = Time::now() + START_TIMEOUT;
         while let Err(error) = connect_to_all(link) {
+            interrupts.check()?;
             if let Some(failure) = self.failure() {
                 return Err(failure);
             }

@@ -1,10 +1,8 @@
 //! A flight through separate processes over the bus, in real time or in lockstep.
 
 use oqtal_bus::bus::Bus;
-use oqtal_bus::code::OperatorCommand;
-use oqtal_bus::message::ControlRequestV1;
 use oqtal_bus::paths::InstancePaths;
-use oqtal_bus::time::Span;
+use oqtal_bus::topic::Role;
 use oqtal_config::{ClockKind, RecordedFlights};
 use oqtal_daemon::LawPort;
 use oqtal_lab::mission::Mission;
@@ -22,7 +20,7 @@ use super::directory::FlightDirectory;
 use super::flight_record;
 use super::paths::FlightPaths;
 use super::process_group::ProcessGroup;
-use super::progress::{FlightProgress, Interrupts};
+use super::progress::{FlightProgress, Interrupts, tell_interrupt};
 use super::recording::FlightRecording;
 use super::watch::ProcessWatch;
 
@@ -62,7 +60,7 @@ impl BusFlight<'_> {
         let flown =
             simulation::fly_recorded(self.mission, recording, LawPort::default(), |recorder| {
                 progress.show(recorder);
-                self.interrupts.next()
+                self.interrupts.next().inspect(|command| tell_interrupt(*command))
             });
         progress.finish();
         flown
@@ -72,6 +70,21 @@ impl BusFlight<'_> {
     fn recording(&self, kinds: &[RecordedFlights]) -> Result<Option<McapRecorder>, Failure> {
         let wanted = kinds.contains(&self.mission.config.record.flights);
         wanted.then(|| flight_record::begin(self.mission, self.directory)).transpose()
+    }
+
+    /// Fails if another process has the place of one of this flight: it must not be used for it.
+    fn refuse_running_processes(&self, bus: &Bus) -> Result<(), Failure> {
+        let instance = &self.mission.config.instance.name;
+        let FlightPaths { commands, poses } = self.paths;
+        let roles = poses.roles(commands.roles(&self.mission.config));
+        for role in roles.into_iter().filter(|role| *role != Role::Recorder) {
+            let Some(holder) = bus.holder(&role.health())? else { continue };
+            let message = format!(
+                "{holder} already runs on instance `{instance}`; end it, or fly on another --instance"
+            );
+            return Err(Failure::new(Exit::Peer, message));
+        }
+        Ok(())
     }
 
     fn fly_at(&self, paths: &InstancePaths) -> Result<RecordedFlight, Failure> {
@@ -84,10 +97,11 @@ impl BusFlight<'_> {
             None => Recorder::TOPICS.to_vec(),
         };
         let observer = BusObserver::open(&bus, &topics)?;
-        refuse_running_daemon(&bus, &config.instance.name)?;
+        self.refuse_running_processes(&bus)?;
         let lockstep = config.clock.kind == ClockKind::Lockstep;
         let _one_processor = lockstep.then(OneProcessor::bind);
-        let mut processes = ProcessGroup::start((self.mission, self.paths), self.directory)?;
+        let (flight, interrupts) = ((self.mission, self.paths), self.interrupts);
+        let mut processes = ProcessGroup::start(flight, self.directory, interrupts)?;
         let stop = StopFlag::default();
         let watch = ProcessWatch::new(paths, config, &stop);
         let flight = std::thread::scope(|threads| {
@@ -114,19 +128,5 @@ fn report_missing_rights(flight: &Flight) {
             "oqtal: this machine did not grant {}; `oqtal doctor` names the remedies",
             missing.join(" and ")
         ));
-    }
-}
-
-/// Fails if a daemon is already running on this instance: it was not started by this flight and must not be used for it.
-fn refuse_running_daemon(bus: &Bus, instance: &str) -> Result<(), Failure> {
-    let status = ControlRequestV1::of(OperatorCommand::Status);
-    match bus.control_client()?.ask(status, Span::from_millis(100))? {
-        None => Ok(()),
-        Some(_) => {
-            let message = format!(
-                "a daemon already runs on instance `{instance}`; stop it, or fly on another --instance"
-            );
-            Err(Failure::new(Exit::Peer, message))
-        }
     }
 }

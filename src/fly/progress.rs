@@ -145,14 +145,33 @@ impl Interrupts {
         self.count.load(Ordering::Acquire) > 0
     }
 
+    /// Fails if there was an interrupt; to be called before the take-off.
+    ///
+    /// # Errors
+    /// There was an interrupt (exit code 1).
+    pub fn check(&self) -> Result<(), Failure> {
+        if self.any() { Err(before_take_off()) } else { Ok(()) }
+    }
+
     /// Operator command for interrupts since the last call; `None` without a new interrupt.
     pub fn next(&self) -> Option<OperatorCommand> {
         let count = self.count.load(Ordering::Acquire);
         if count == self.seen.swap(count, Ordering::AcqRel) {
             return None;
         }
-        let command = if count == 1 { OperatorCommand::Land } else { OperatorCommand::Stop };
-        say(if count == 1 { "landing; Ctrl-C again stops the motors" } else { "stopping" });
-        Some(command)
+        Some(if count == 1 { OperatorCommand::Land } else { OperatorCommand::Stop })
     }
+}
+
+/// Tells the operator the effect of an interrupt in flight.
+pub fn tell_interrupt(command: OperatorCommand) {
+    say(match command {
+        OperatorCommand::Land => "landing; Ctrl-C again stops the motors",
+        _ => "stopping",
+    });
+}
+
+/// Failure of a flight that was interrupted before its take-off.
+pub fn before_take_off() -> Failure {
+    Failure::new(Exit::Flight, "interrupted before the take-off")
 }

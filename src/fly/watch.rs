@@ -4,16 +4,23 @@ use std::sync::Mutex;
 use std::thread::sleep;
 
 use oqtal_bus::bus::Bus;
+use oqtal_bus::code::{Mode, OperatorCommand};
+use oqtal_bus::error::BusError;
+use oqtal_bus::message::TelemetryV1;
 use oqtal_bus::paths::InstancePaths;
+use oqtal_bus::port::Reader;
 use oqtal_bus::time::{Span, Time};
+use oqtal_bus::topic::TELEMETRY;
+use oqtal_bus::transport::{Subscribe, Transport};
 use oqtal_config::Config;
 use oqtal_operator::end_flight;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::stop::{SetOnDrop, StopFlag};
 
 use super::fault::{FaultAction, ProcessFaults};
+use super::landing::{self, Landing};
 use super::process_group::ProcessGroup;
-use super::progress::Interrupts;
+use super::progress::{Interrupts, before_take_off, tell_interrupt};
 
 /// Period of the checks of processes and interrupts.
 const WATCH_PERIOD: Span = Span::from_millis(20);
@@ -48,7 +55,9 @@ impl<'a> ProcessWatch<'a> {
         // The flight ends with the watch in any case.
         let _stop = self.stop.set_on_drop();
         let bus = Bus::open(self.paths)?;
+        let mut telemetry = bus.reader(&TELEMETRY)?;
         let mut faults = ProcessFaults::open(&bus, self.config)?;
+        let mut landing = None;
         while !self.over.is_set() {
             processes.failure().map_or(Ok(()), Err)?;
             while let Some(action) = faults.due(Time::now())? {
@@ -57,9 +66,26 @@ impl<'a> ProcessWatch<'a> {
                     FaultAction::RemoveFiles => self.remove_files()?,
                 }
             }
-            if interrupts.next().is_some_and(|command| !end_flight(self.paths, command)) {
-                return Err(Failure::new(Exit::Flight, "interrupted"));
+            match interrupts.next() {
+                // No process is asked: a request to land could be read before the one to fly. The processes end, the daemon
+                // first, which disarms the vehicle.
+                Some(OperatorCommand::Land) if !is_in_flight(&mut telemetry)? => {
+                    return Err(before_take_off());
+                }
+                Some(OperatorCommand::Land) => {
+                    tell_interrupt(OperatorCommand::Land);
+                    landing = Some(Landing::begin(|| landing::request(self.paths), Time::now()));
+                }
+                Some(command) => {
+                    tell_interrupt(command);
+                    landing = None;
+                    if !end_flight(self.paths, command) {
+                        return Err(Failure::new(Exit::Flight, "interrupted"));
+                    }
+                }
+                None => {}
             }
+            landing.as_mut().map_or(Ok(()), |landing| landing.check(Time::now()))?;
             let until_next = faults.next().map_or(WATCH_PERIOD, |next| next.since(Time::now()));
             sleep(until_next.min(WATCH_PERIOD).to_duration());
         }
@@ -88,4 +114,10 @@ impl<'a> ProcessWatch<'a> {
             *slot = Some(failure);
         }
     }
+}
+
+/// Whether the newest tick of the daemon is one of a flight.
+fn is_in_flight(telemetry: &mut Reader<TelemetryV1>) -> Result<bool, BusError> {
+    let tick = telemetry.latest()?;
+    Ok(tick.is_some_and(|(_, t)| [Mode::Flying, Mode::Landing].map(Mode::code).contains(&t.mode)))
 }

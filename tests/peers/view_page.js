@@ -76,14 +76,17 @@ async function control(page, context) {
 	await until(page, 'mode', 'trajectory');
 	await page.fill('#goto-x', '0.4');
 	await page.click('#goto button:not([type])');
-	await until(page, 'answer', 'goto: done');
+	await until(page, 'answer', 'goto: on its way');
 	await page.waitForFunction(() => parseFloat(document.getElementById('x')?.textContent) > 0.3, null, TIMEOUT);
 	// The first gain of the law that flies, to the middle of its slider.
 	await page.$eval('#gains input', (slider) => {
 		slider.value = 500;
 		slider.dispatchEvent(new Event('change'));
 	});
-	await until(page, 'answer', 'set: done');
+	// Accepted: the loop did not confirm it within the time that the daemon waits.
+	await page.waitForFunction(
+		() => /set: (done|accepted)/.test(document.getElementById('answer').textContent), null, TIMEOUT,
+	);
 	const tuned = await text(page, 'answer');
 	await page.click('#land');
 	await until(page, 'answer', 'landing');

@@ -9,6 +9,9 @@ use crate::origin::Origin;
 use crate::text::{LongText, ShortText};
 use crate::time::Time;
 
+/// Text of a request to arm that is refused if settings were changed since the daemon started.
+pub const AS_STARTED: &str = "as started";
+
 message! {
     /// Service `control`: request of an operator to the daemon.
     ControlRequestV1 = "oqtal.ControlRequest.v1" {
@@ -29,7 +32,7 @@ message! {
         point: [f64; 3] ["m, world"],
         /// 3-2-1 yaw of a goto; NaN for the present one.
         yaw: f64 ["rad, world"],
-        /// Settings `KEY=VALUE`, one per line; a key; the name of a trajectory; the path of a file.
+        /// Settings `KEY=VALUE`, one per line; a key; the name of a trajectory; the path of a file; [`AS_STARTED`].
         text: LongText ["text"],
     }
 }

@@ -138,6 +138,7 @@ impl SafetyMonitor {
             vehicle_silent: !is_armed && !self.observe_only && !vehicle.answers(now),
             vehicle_lost: std::mem::take(&mut requests.vehicle_replaced)
                 || is_flying && vehicle.is_lost(now),
+            motors_do_not_run: is_flying && vehicle.has_no_motors(now),
             control_taken: is_flying && vehicle.control_is_taken(),
             operator_stops: std::mem::take(&mut requests.stop),
             // No operator arms a recording: its state follows its poses.

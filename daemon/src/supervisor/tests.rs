@@ -14,6 +14,7 @@ const NOTHING: SafetyConditions = SafetyConditions {
     is_down: false,
     vehicle_silent: false,
     vehicle_lost: false,
+    motors_do_not_run: false,
     control_taken: false,
     operator_stops: false,
     operator_arms: false,
@@ -151,6 +152,17 @@ fn f18_a_lost_vehicle_stops_from_every_flying_state() {
     let lost = SafetyConditions { vehicle_lost: true, ..FLYING };
     let mut watch = Watch::nominal();
     assert_eq!(watch.tick(&lost), Stop);
+    assert_eq!(watch.supervisor.cause(), Cause::NoVehicle);
+}
+
+#[test]
+fn f36_motors_that_do_not_run_stop_a_flight_and_a_silent_vehicle_is_the_cause_of_both() {
+    let stands = SafetyConditions { motors_do_not_run: true, ..FLYING };
+    let mut watch = Watch::nominal();
+    assert_eq!(watch.tick(&stands), Stop);
+    watch.assert_ends(Stop, Cause::MotorsNotRunning);
+    let mut watch = Watch::nominal();
+    watch.tick(&SafetyConditions { vehicle_lost: true, ..stands });
     assert_eq!(watch.supervisor.cause(), Cause::NoVehicle);
 }
 

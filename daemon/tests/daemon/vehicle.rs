@@ -126,7 +126,7 @@ fn a_flight_begins_when_the_motors_run() {
 }
 
 #[test]
-fn f18_motors_that_stand_in_flight_end_it_be_they_started_again_or_not() {
+fn f36_motors_that_stand_in_flight_end_it_be_they_started_again_or_not() {
     for starting in [0, 1] {
         let mut bench = Bench::flying(&[]);
         bench.vehicle.armed = 1;
@@ -137,7 +137,7 @@ fn f18_motors_that_stand_in_flight_end_it_be_they_started_again_or_not() {
             bench.show(still(bench.frame)).unwrap();
             assert!(bench.now.since(since) <= Span::from_millis(500) + FRAME);
         }
-        assert_eq!(bench.cycle.telemetry().cause, Cause::NoVehicle.code());
+        assert_eq!(bench.cycle.telemetry().cause, Cause::MotorsNotRunning.code());
     }
 }
 
@@ -184,7 +184,7 @@ fn until_stop(bench: &mut Bench) -> Span {
         assert!(elapsed_s == 0.0 || elapsed_s.is_nan(), "flown in the head for {elapsed_s} s");
         assert!(bench.now.since(since) < Span::from_millis(10_000));
     }
-    assert_eq!(bench.cycle.telemetry().cause, Cause::NoVehicle.code());
+    assert_eq!(bench.cycle.telemetry().cause, Cause::MotorsNotRunning.code());
     assert_eq!(bench.mode(), Some(Mode::Disarmed));
     bench.now.since(since)
 }

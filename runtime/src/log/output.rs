@@ -7,6 +7,7 @@ use systemd_journal_logger::JournalLog;
 use tracing::Level;
 
 use super::queue::LogRecord;
+use crate::exit::without_error_numbers;
 
 /// Prefix of the journal's fields: `OQTAL_STATE`, `OQTAL_CAUSE`, `OQTAL_SEQUENCE`.
 const PREFIX: &str = "OQTAL_";
@@ -45,7 +46,8 @@ impl Output {
                     Level::TRACE => log::Level::Trace,
                 };
                 let fields = journal_fields(record);
-                let message = format_args!("{}", record.message);
+                let text = without_error_numbers(record.message.clone());
+                let message = format_args!("{text}");
                 let entry =
                     log::Record::builder().level(level).args(message).key_values(&fields).build();
                 let _ = journal.journal_send(&entry);
@@ -73,7 +75,7 @@ fn line(record: &LogRecord) -> String {
             false => format!(" {name}={value}"),
         })
         .collect();
-    format!("{time} {level:>5} {message}{fields}")
+    format!("{time} {level:>5} {}{fields}", without_error_numbers(message.clone()))
 }
 
 #[cfg(test)]

@@ -62,6 +62,9 @@ enum Entry {
 pub(super) struct LogQueue {
     entries: Sender<Entry>,
     dropped: Arc<AtomicU64>,
+    /// Whether records of iceoryx2 are logged as they come. Otherwise only its errors are, without their fields: it prints its
+    /// data structures.
+    is_detailed: bool,
 }
 
 /// The log thread's side.
@@ -70,12 +73,12 @@ pub(super) struct LogRecords {
     dropped: Arc<AtomicU64>,
 }
 
-/// Both sides of a new queue.
-pub(super) fn log_queue() -> (LogQueue, LogRecords) {
+/// Both sides of a new queue, which takes all records of iceoryx2 if it is `is_detailed`.
+pub(super) fn log_queue(is_detailed: bool) -> (LogQueue, LogRecords) {
     let (sender, receiver) = bounded(CAPACITY);
     let dropped = Arc::new(AtomicU64::new(0));
     (
-        LogQueue { entries: sender, dropped: Arc::clone(&dropped) },
+        LogQueue { entries: sender, dropped: Arc::clone(&dropped), is_detailed },
         LogRecords { entries: receiver, dropped },
     )
 }
@@ -98,8 +101,16 @@ impl LogQueue {
 
 impl<S: Subscriber> Layer<S> for LogQueue {
     fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
-        let mut record = LogRecord::new(*event.metadata().level());
+        let (level, target) = (*event.metadata().level(), event.metadata().target());
+        let is_brief = !self.is_detailed && target.starts_with("iceoryx2");
+        if is_brief && level != Level::ERROR {
+            return;
+        }
+        let mut record = LogRecord::new(level);
         event.record(&mut record);
+        if is_brief {
+            record.fields.clear();
+        }
         if self.entries.try_send(Entry::Record(record)).is_err() {
             self.dropped.fetch_add(1, Ordering::Relaxed);
         }
@@ -135,7 +146,7 @@ mod tests {
 
     #[test]
     fn an_output_that_does_not_drain_blocks_no_thread_and_drops_are_reported() {
-        let (queue, records) = log_queue();
+        let (queue, records) = log_queue(false);
         let subscriber = tracing_subscriber::registry().with(queue.clone());
         tracing::subscriber::with_default(subscriber, || {
             for number in 0..CAPACITY + 5 {
@@ -149,5 +160,22 @@ mod tests {
         assert_eq!(written.len(), CAPACITY + 1);
         assert!(written[0].message.starts_with("5 log records were dropped"), "{:?}", written[0]);
         assert_eq!(written[1].fields, [("number", "0".to_owned())]);
+    }
+
+    #[test]
+    fn of_iceoryx2_only_the_text_of_errors_is_logged_unless_details_are_wanted() {
+        for (is_detailed, expected) in [(false, vec![0, 1]), (true, vec![1, 1, 1])] {
+            let (queue, records) = log_queue(is_detailed);
+            let subscriber = tracing_subscriber::registry().with(queue.clone());
+            tracing::subscriber::with_default(subscriber, || {
+                tracing::warn!(target: "iceoryx2_bb_loggers::tracing", origin = 1, "removed");
+                tracing::error!(target: "iceoryx2_bb_loggers::tracing", origin = 1, "failed");
+                tracing::warn!(origin = 1, "ours");
+            });
+            drop(queue);
+            let mut fields = Vec::new();
+            records.drain_into(|record| fields.push(record.fields.len()));
+            assert_eq!(fields, expected);
+        }
     }
 }
