@@ -46,7 +46,14 @@ pub fn parse(text: &str) -> Result<MocapSource, String> {
     match text.split_once(':') {
         None if text == "emulated" => Ok(MocapSource::Emulated),
         Some(("replay", file)) if !file.is_empty() => {
-            Ok(MocapSource::Replay(recording_path(file)?.display().to_string()))
+            let file = recording_path(file)?.display().to_string();
+            if file.ends_with(".mcap") {
+                return Err(format!(
+                    "{file} has the messages of a flight, not only poses: `oqtal replay {file}` executes the daemon on them, \
+                     `oqtal export {file} --format tum` writes its poses as files for replay:FILE"
+                ));
+            }
+            Ok(MocapSource::Replay(file))
         }
         Some(("link", link)) => match link.parse::<CameraLink>() {
             Ok(link) if link.bodies.len() == 1 && link.bodies[0].instance.is_none() => {
@@ -186,6 +193,7 @@ mod tests {
         assert!(matches!(parse("emulated"), Ok(MocapSource::Emulated)));
         assert!(matches!(parse("vrpn"), Ok(MocapSource::Served("vrpn"))));
         assert!(matches!(parse("replay:a.csv"), Ok(MocapSource::Replay(_))));
+        assert!(parse("replay:d/flight.mcap").unwrap_err().contains("oqtal replay d/flight.mcap"));
         let Ok(MocapSource::Linked(link)) = parse("link:qtm:10.0.0.2,body=quad") else { panic!() };
         assert_eq!(link.to_string(), "qtm:10.0.0.2,body=quad");
         for wrong in ["", "optitrack", "replay:", "qtm:10.0.0.2"] {

@@ -28,6 +28,8 @@ const TRUTH_TIMEOUT: Span = Span::from_millis(500);
 const REPORTED_WITHIN: Span = Span::from_millis(1500);
 /// Default time within which a vehicle at a link must answer \[s\].
 const ANSWER_TIMEOUT_S: f64 = 20.0;
+/// Least time within which it must answer \[s\].
+const LEAST_ANSWER_TIMEOUT_S: f64 = 10.0;
 
 /// The value of the flag.
 #[derive(Clone, Debug)]
@@ -238,6 +240,8 @@ impl CommandLink {
     /// Time within which the vehicle must give its first answer; `None` without a bridge.
     pub fn answer_timeout(&self, config: &Config) -> Option<Span> {
         let seconds = config.trajectory.duration_s.unwrap_or(ANSWER_TIMEOUT_S);
+        // However short the trajectory: the processes have to start, too.
+        let seconds = seconds.max(LEAST_ANSWER_TIMEOUT_S);
         (*self != Self::Bus).then(|| Span::from_seconds(seconds))
     }
 
