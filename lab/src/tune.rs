@@ -23,7 +23,8 @@ use crate::output::{StudyOutput, check_file, complete, write_file};
 use crate::progress::Progress;
 use crate::robustness::draws::{Draw, TUNING_SEED};
 use crate::robustness::spread::PlantSpread;
-use crate::study::args::{StudyArgs, parse_seeds};
+use crate::study::TRAINING_SEEDS;
+use crate::study::args::{StudyArgs, parse_seeds, quoted};
 use crate::study::law;
 
 use optimiser::Optimiser;
@@ -76,6 +77,7 @@ impl TuneArgs {
         let mut flights = self.flights()?;
         flights.weights = trade::parse_weights(&self.weights)
             .map_err(|reason| Failure::new(Exit::Usage, format!("--weights: {reason}")))?;
+        flights.options = self.options();
         let given = self.out.as_ref().filter(|out| names.len() == 1 && !out.is_dir());
         let output = match given {
             Some(file) => StudyOutput::beside(file, self.resume)?,
@@ -103,6 +105,16 @@ impl TuneArgs {
         };
         let draws = Draw::several(&PlantSpread::named(spread)?, &settings, (TUNING_SEED, seeds))?;
         Ok(TrainingFlights::over(settings, &draws))
+    }
+
+    /// Arguments that select flights and weights, where they are not the default ones, each preceded by a space.
+    fn options(&self) -> String {
+        let Range { start, end } = self.seeds;
+        let seeds = (self.seeds != TRAINING_SEEDS).then(|| format!(" --seeds {start}-{}", end - 1));
+        let spread = self.spread.as_ref().map(|spread| format!(" --spread {}", quoted(spread)));
+        let weights = Some(self.weights.join(",")).filter(|weights| !weights.is_empty());
+        let weights = weights.map(|weights| format!(" --weights {}", quoted(&weights)));
+        [seeds, spread, weights, Some(self.study.words())].into_iter().flatten().collect()
     }
 
     fn budget(&self) -> Budget {

@@ -78,6 +78,64 @@ pub fn least_squares(
     Some(values)
 }
 
+/// Steps of a parameter by which two fits differ that ended in different optima \[-\].
+const APART_STEPS: f64 = 10.0;
+/// Relative decrease of the sum of squares for which another starting point is taken than the first \[-\].
+const BETTER: f64 = 1e-3;
+
+/// Fits from several starting points.
+#[derive(Clone, Debug, Default)]
+pub struct StartingPoints {
+    /// Number of starting points \[-\].
+    pub count: usize,
+    /// Number of fits that ended in another optimum than the best \[-\].
+    pub elsewhere: usize,
+    /// Least sum of squares of these, over that of the best, minus 1 \[-\].
+    pub excess_ratio: f64,
+}
+
+/// Moves `parameters` to the best optimum that a fit finds from their own initial values and from the other `starts`, which replace
+/// the first values. `None` if no fit can be computed.
+pub fn move_to_best(
+    parameters: &mut [FitParameter],
+    starts: &[Vec<f64>],
+    residuals: &dyn Fn(&[f64]) -> Vec<f64>,
+) -> Option<StartingPoints> {
+    let own: Vec<f64> = parameters.iter().map(|parameter| parameter.start).collect();
+    let others = starts.iter().map(|start| [&start[..], &own[start.len()..]].concat());
+    let fit = |start: Vec<f64>| {
+        let from = parameters.iter().zip(start);
+        let from: Vec<_> = from.map(|(p, start)| FitParameter { start, ..*p }).collect();
+        let values = least_squares(&from, residuals)?;
+        let square: f64 = residuals(&values).iter().map(|residual| residual * residual).sum();
+        square.is_finite().then_some((values, square))
+    };
+    let fits: Vec<(Vec<f64>, f64)> =
+        [own.clone()].into_iter().chain(others).filter_map(fit).collect();
+    let (first, least) = (fits.first()?, fits.iter().min_by(|a, b| a.1.total_cmp(&b.1))?);
+    let best = if least.1 < first.1 * (1.0 - BETTER) { least } else { first };
+    let is_apart = |values: &[f64]| {
+        let pairs = parameters.iter().zip(values).zip(&best.0);
+        pairs.into_iter().any(|((p, a), b)| !p.is_fixed && (a - b).abs() > APART_STEPS * p.step)
+    };
+    let elsewhere: Vec<f64> = fits
+        .iter()
+        .filter(|(values, _)| is_apart(values))
+        .map(|fit| fit.1 / best.1 - 1.0)
+        .collect();
+    let report = StartingPoints {
+        count: fits.len(),
+        elsewhere: elsewhere.len(),
+        excess_ratio: elsewhere.iter().copied().fold(f64::INFINITY, f64::min),
+    };
+    // The first keeps its own initial values: the fit that follows starts from them.
+    if !std::ptr::eq(best, first) {
+        let best = best.0.clone();
+        parameters.iter_mut().zip(best).for_each(|(parameter, start)| parameter.start = start);
+    }
+    Some(report)
+}
+
 /// Step of a derivative over the standard deviation of its parameter \[-\].
 const STEP_SHARE: f64 = 0.5;
 

@@ -10,7 +10,6 @@ use oqtal_observe::plot::figure::{HALF, figure};
 use oqtal_observe::plot::palette::Ink;
 use oqtal_observe::plot::trace::Point;
 use oqtal_runtime::process::Failure;
-use rayon::prelude::*;
 
 use super::probed;
 use crate::mission::Mission;
@@ -114,7 +113,6 @@ pub struct LawResponses {
 /// # Errors
 /// A setting is invalid.
 pub fn all(laws: &[StudyLaw], progress: &Progress) -> Result<Vec<LawResponses>, Failure> {
-    let bar = progress.start("responses", laws.len());
     let respond = |law: &StudyLaw| {
         let calm = probed::calm(&law.config()?);
         let fly = |event: ResponseEvent| -> Result<Option<Vec<Point>>, Failure> {
@@ -125,10 +123,9 @@ pub fn all(laws: &[StudyLaw], progress: &Progress) -> Result<Vec<LawResponses>, 
         };
         let [step, force, gust] = EVENTS;
         let curves = [fly(step)?, fly(force)?, fly(gust)?];
-        bar.inc();
         Ok(LawResponses { law: law.clone(), curves })
     };
-    laws.par_iter().map(respond).collect()
+    progress.each("responses", laws, respond)
 }
 
 /// The chapter of the page.

@@ -1,12 +1,13 @@
 //! The search for gains: the same optimiser, budget and seeds for every law.
 
 use std::collections::BTreeMap;
-use std::fmt;
 use std::ops::Range;
+use std::{fmt, slice};
 
 use oqtal_config::{Config, Setting};
 use oqtal_control::controller::{ControllerName, SearchRange};
-use oqtal_runtime::process::Failure;
+use oqtal_control::statistics::{mean, quantile};
+use oqtal_runtime::process::{Exit, Failure};
 use rayon::prelude::*;
 
 use super::bee_colony::Best;
@@ -15,11 +16,12 @@ use super::space::parameters;
 use super::trade::{self, MetricWeights, TradedFigure, default_weights};
 use crate::progress::Progress;
 use crate::robustness::draws::Draw;
+use crate::study::failure::{self, counts};
 use crate::study::flights::{
     AUTHORITY, Change, DELAY, NOMINAL, PlantVariant, RATE_LAG, readable, table, value_at,
 };
 use crate::study::law::StudyLaw;
-use crate::study::metric::{Figures, METRICS};
+use crate::study::metric::{Figures, METRIC, METRICS};
 use crate::study::{Case, FlightCondition, Flown, Study, TRAINING_SEEDS};
 
 /// Plants used for tuning, one per training seed, so that gains do not rely on one exactly known plant.
@@ -63,6 +65,8 @@ pub struct TrainingFlights {
     pub draws: usize,
     /// Weights of the metrics in the objective \[-\].
     pub weights: MetricWeights,
+    /// Arguments of `oqtal tune` that select flights and weights, each preceded by a space; empty for the default ones.
+    pub options: String,
 }
 
 impl Default for TrainingFlights {
@@ -77,13 +81,12 @@ impl TrainingFlights {
         let plants = seeds.zip(TRAINING.into_iter().cycle());
         let condition = |(seed, plant)| FlightCondition { seed, plant, settings: Vec::new() };
         let case = Case::of("training", plants.map(condition).collect());
-        Self { settings, case, draws: 0, weights: default_weights() }
+        Self { settings, case, draws: 0, weights: default_weights(), options: String::new() }
     }
 
     /// One flight per draw of a spread.
     pub fn over(settings: Vec<Setting>, draws: &[Draw]) -> Self {
-        let (case, draws) = (Draw::case(draws), draws.len());
-        Self { settings, case, draws, weights: default_weights() }
+        Self { draws: draws.len(), case: Draw::case(draws), ..Self::near(settings, 0..0) }
     }
 
     /// Seeds of the flights.
@@ -102,27 +105,32 @@ impl TrainingFlights {
         Ok(flown.pop().expect("one law flew one case"))
     }
 
-    /// Reference figures: those of `oqtal` with its configured gains, without the gains of the study.
+    /// Reference figures: those of `oqtal` with its configured gains, without the gains of the study. Flights that did not land are
+    /// left out; a metric without any flight that landed has the figure of the shipped vehicle.
     fn reference(&self, progress: &Progress) -> Result<Figures, Failure> {
         let stack = Setting::flag("tune", "control.stack", "default");
         let flown = self.fly(&self.law("oqtal", &[stack]), progress)?;
-        Ok(match self.draws {
-            0 => flown.mean(),
-            _ => std::array::from_fn(|metric| flown.quantile(metric, 0.5)),
-        })
+        let of = |metric: usize| {
+            let mut values = flown.bounded_values(metric);
+            let has_failed = values.contains(&f64::INFINITY);
+            values.retain(|value| *value != f64::INFINITY);
+            match self.draws {
+                _ if values.is_empty() && has_failed => METRIC[metric].shipped,
+                0 => mean(&values),
+                _ => quantile(values, 0.5).unwrap_or(f64::NAN),
+            }
+        };
+        Ok(std::array::from_fn(of))
     }
 
-    /// Figures of a law, of which the objective is made.
-    fn figures(
-        &self,
-        law: &StudyLaw,
-        reference: &Figures,
-        progress: &Progress,
-    ) -> Result<Figures, Failure> {
-        let flown = self.fly(law, progress)?;
-        Ok(match self.draws {
-            0 => flown.mean(),
-            _ => quadratic_mean(&flown, reference),
+    /// Figures of a law, of which the objective is made; infinite if a flight near the configured plant did not land.
+    fn figures(&self, flown: &Flown, reference: &Figures) -> Figures {
+        std::array::from_fn(|metric| {
+            let figures = flown.bounded_values(metric);
+            match self.draws {
+                0 => mean(&figures),
+                _ => quadratic_mean(&figures, WORST_SHARE * reference[metric]),
+            }
         })
     }
 }
@@ -141,16 +149,12 @@ fn objective(figures: &Figures, reference: &Figures, weights: &MetricWeights) ->
 }
 
 /// Upper bound of a figure over the reference, also for a flight that did not land \[-\].
-const WORST_SHARE: f64 = 20.0;
+pub(super) const WORST_SHARE: f64 = 20.0;
 
-/// Quadratic mean of each figure over the draws; the worst draws have the greatest weight.
-fn quadratic_mean(flown: &Flown, reference: &Figures) -> Figures {
-    std::array::from_fn(|metric| {
-        let figures = flown.values(metric);
-        let bounded = figures.iter().map(|figure| figure.min(WORST_SHARE * reference[metric]));
-        let squares: f64 = bounded.map(|figure| figure.powi(2)).sum();
-        (squares / figures.len() as f64).sqrt()
-    })
+/// Quadratic mean of a figure over the draws, each at most `greatest`; the worst draws have the greatest weight.
+fn quadratic_mean(figures: &[f64], greatest: f64) -> f64 {
+    let squares: f64 = figures.iter().map(|figure| figure.min(greatest).powi(2)).sum();
+    (squares / figures.len() as f64).sqrt()
 }
 
 /// Gains found by a search.
@@ -168,8 +172,12 @@ pub struct Tuned {
     pub budget: Budget,
     /// Number of draws of a spread on which the gains were evaluated \[-\]; 0 for plants near the configured one.
     pub draws: usize,
+    /// Arguments that select the flights and the weights.
+    pub options: String,
     /// Components of the objective and margins, at the configured gains and at those found; empty for the outer loops.
     pub components: Vec<TradedFigure>,
+    /// Number of flights that did not land as planned, at the configured gains and at those found, and of all \[-\].
+    pub failed: [usize; 3],
     /// Path of the search; empty for the outer loops.
     pub path: SearchPath,
 }
@@ -201,9 +209,27 @@ impl Tuned {
             draws => format!(" over {draws} draws of a spread"),
         };
         format!(
-            "tune {} --optimiser {optimiser} --budget {points} --seed {seed}: objective {objective:.4}{draws}",
-            self.target
+            "tune {} --optimiser {optimiser} --budget {points} --seed {seed}{}: objective {objective:.4}{draws}",
+            self.target, self.options
         )
+    }
+
+    /// The objective at the configured gains, as text, and whether these are kept.
+    pub fn comparison(&self) -> String {
+        let start = match self.start.is_finite() {
+            true => format!("{:.4} at the configured gains", self.start),
+            false => "none at the configured gains, with which a flight does not land".to_owned(),
+        };
+        match self.objective < self.start {
+            true => format!("{start}; lower is better"),
+            false => format!("{start}: no better ones were found, they are kept"),
+        }
+    }
+
+    /// Flights that did not land as planned, as text.
+    pub fn failures(&self) -> String {
+        let [before, after, all] = self.failed;
+        format!("not landed as planned: {before} of {all} flights before, {after} after")
     }
 
     /// Gains as a configuration file, with the settings `common` of the vehicle for which they were found.
@@ -234,19 +260,13 @@ impl Tuned {
 
 impl fmt::Display for Tuned {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{}", self.headline())?;
-        let (start, found) = (self.start, self.objective);
-        match found < start {
-            true => writeln!(f, "  {start:.4} at the configured gains; lower is better")?,
-            false => {
-                writeln!(f, "  no better than the configured gains, {start:.4}: they are kept")?
-            }
-        }
+        writeln!(f, "{}\n  {}", self.headline(), self.comparison())?;
         self.values.iter().try_for_each(|(key, value)| writeln!(f, "  {key} = {value}"))?;
         if self.components.is_empty() {
             return Ok(());
         }
-        writeln!(f, "{}", trade::sheet(&self.components).to_text())?;
+        let sheet = trade::sheet(&self.components, self.draws > 0);
+        writeln!(f, "{}\n{}", sheet.to_text(), self.failures())?;
         let warnings = trade::warnings(&self.components);
         warnings.iter().try_for_each(|warning| writeln!(f, "warning: {warning}"))
     }
@@ -289,7 +309,7 @@ pub fn search(
 /// Tunes a law, with the estimator and the position loops around it, on `flights`.
 ///
 /// # Errors
-/// A setting is invalid, or the search was interrupted.
+/// A setting is invalid, the search was interrupted, or no gains land every flight (exit code 1).
 pub fn law(
     controller: ControllerName,
     budget: &Budget,
@@ -300,18 +320,18 @@ pub fn law(
     let (name, parameters) = (controller.name(), parameters(controller, config.control.stack));
     let bar = progress.start(&format!("tuning {name}"), budget.points);
     let reference = flights.reference(progress)?;
-    let figures =
-        |gains: &[Setting]| flights.figures(&flights.law(name, gains), &reference, progress);
-    let value = |figures: Figures| objective(&figures, &reference, &flights.weights);
-    let before = figures(&[])?;
-    let (start, from) = (value(before), configured(&parameters, &config));
+    let fly = |gains: &[Setting]| flights.fly(&flights.law(name, gains), progress);
+    let figures = |flown: &Flown| flights.figures(flown, &reference);
+    let value = |flown: &Flown| objective(&figures(flown), &reference, &flights.weights);
+    let before = fly(&[])?;
+    let (start, from) = (value(&before), configured(&parameters, &config));
     let gains_at = |point: &[f64]| settings(&values(&parameters, point));
     let mut path = SearchPath::default();
     let best = search(&parameters, &from, budget, |points| {
         let evaluate = |point: &Vec<f64>| {
-            let figures = progress.check().and_then(|()| figures(&gains_at(point)));
+            let flown = progress.check().and_then(|()| fly(&gains_at(point)));
             bar.inc();
-            figures.map_or(f64::INFINITY, value)
+            flown.map_or(f64::INFINITY, |flown| value(&flown))
         };
         let found: Vec<f64> = points.par_iter().map(evaluate).collect();
         path.add(points, &found);
@@ -321,27 +341,40 @@ pub fn law(
     let (values, objective, after) = match best.value < start {
         true => {
             let values = values(&parameters, &best.point);
-            let after = figures(&settings(&values))?;
+            let after = fly(&settings(&values))?;
             (values, best.value, after)
         }
-        false => (from, start, before),
+        false if start.is_finite() => (from, start, before.clone()),
+        false => return Err(nothing_lands(name, best.evaluations, &before)),
     };
     let laws = [Vec::new(), settings(&values)].map(|gains| flights.law(name, &gains));
-    let mut components = trade::components(&flights.weights, &before, &after);
+    let flown = [before, after];
+    let mut components = trade::components(&flights.weights, &flown, flown.each_ref().map(figures));
     components.extend(trade::margins(&laws[0], &laws[1]));
-    let (target, budget, draws) = (name.to_owned(), *budget, flights.draws);
-    Ok(Tuned { target, values, objective, start, budget, draws, components, path })
+    let [(all, failed), (_, after)] = flown.each_ref().map(|flown| counts(slice::from_ref(flown)));
+    let (target, options) = (name.to_owned(), flights.options.clone());
+    let (budget, draws, failed) = (*budget, flights.draws, [failed, after, all]);
+    Ok(Tuned { target, values, objective, start, budget, draws, options, components, failed, path })
+}
+
+/// Failure of a search in which no gains land all flights; `before` was flown with the configured ones.
+fn nothing_lands(name: &str, evaluated: usize, before: &Flown) -> Failure {
+    let reason = format!(
+        "tune {name}: none of {evaluated} sets of gains lands every training flight, so none is better than another; with the configured gains:\n{}",
+        failure::text(slice::from_ref(before))
+    );
+    Failure::new(Exit::Flight, reason)
 }
 
 /// Objective of a law with its shipped gains, and with the gains of `law`, on the training seeds.
 ///
 /// # Errors
 /// A setting is invalid.
-pub fn before_and_after(law: &StudyLaw) -> Result<[f64; 2], Failure> {
-    let (flights, progress) = (TrainingFlights::default(), Progress::default());
-    let reference = flights.fly(&flights.law("oqtal", &[]), &progress)?.mean();
+pub fn before_and_after(law: &StudyLaw, progress: &Progress) -> Result<[f64; 2], Failure> {
+    let flights = TrainingFlights::default();
+    let reference = flights.reference(progress)?;
     let of = |law: &StudyLaw| {
-        let figures = flights.figures(law, &reference, &progress)?;
+        let figures = flights.figures(&flights.fly(law, progress)?, &reference);
         Ok(objective(&figures, &reference, &flights.weights))
     };
     let shipped: Result<f64, Failure> = of(&flights.law(law.controller, &[]));
@@ -367,7 +400,9 @@ mod tests {
             start: 0.9,
             budget: Budget::default(),
             draws: 0,
+            options: String::new(),
             components: Vec::new(),
+            failed: [0; 3],
             path: SearchPath::default(),
         };
         let directory = tempfile::tempdir().unwrap();
