@@ -23,6 +23,7 @@ use crate::nearest_key::with_nearest_key;
 use crate::origin::Origins;
 use crate::plant::PlantOptions;
 use crate::realtime::RealtimeOptions;
+use crate::reason::plain;
 use crate::receiver::ReceiverOptions;
 use crate::record::RecordOptions;
 use crate::reference::ReferenceOptions;
@@ -329,7 +330,7 @@ pub(crate) fn deserialize(table: &Table) -> Result<Config, String> {
     let mut table = table.clone();
     follow::resolve(&mut table);
     observe_replay(&mut table);
-    table.try_into().map_err(|error: toml::de::Error| error.message().to_owned())
+    table.try_into().map_err(|error: toml::de::Error| plain(error.message()))
 }
 
 /// During playback of a recording the daemon only observes, since no vehicle receives its commands.

@@ -45,6 +45,7 @@ mod plant;
 mod plant_wire;
 mod preset;
 mod realtime;
+mod reason;
 mod receiver;
 mod record;
 mod reference;

@@ -24,7 +24,7 @@ use crate::progress::Progress;
 use crate::robustness::draws::{Draw, TUNING_SEED};
 use crate::robustness::spread::PlantSpread;
 use crate::study::TRAINING_SEEDS;
-use crate::study::args::{StudyArgs, parse_seeds, quoted};
+use crate::study::args::{StudyArgs, parse_seeds, quoted, say_notes};
 use crate::study::law;
 
 use optimiser::Optimiser;
@@ -56,8 +56,7 @@ pub struct TuneArgs {
     /// Weights of the components of the objective; those not given keep their defaults, which the table at the end shows
     #[arg(long, value_name = "KEY=W,...", value_delimiter = ',')]
     weights: Vec<String>,
-    /// File of the tuned configuration; with several laws, or if it exists as a directory, the directory of files LAW.toml [default:
-    /// results/tune-N]
+    /// File NAME.toml of the tuned configuration of one law, or a directory of files LAW.toml [default: results/tune-N]
     #[arg(long, value_name = "PATH")]
     out: Option<PathBuf>,
     /// Continue an interrupted search: that of --out, or the last one in results/
@@ -78,7 +77,15 @@ impl TuneArgs {
         flights.weights = trade::parse_weights(&self.weights)
             .map_err(|reason| Failure::new(Exit::Usage, format!("--weights: {reason}")))?;
         flights.options = self.options();
-        let given = self.out.as_ref().filter(|out| names.len() == 1 && !out.is_dir());
+        let given = self.out.as_ref().filter(|out| out.extension().is_some_and(|e| e == "toml"));
+        if let Some(file) = given.filter(|_| names.len() > 1) {
+            let reason = format!(
+                "--out: {} is the file of one law, and {} are tuned; give a directory",
+                file.display(),
+                names.len()
+            );
+            return Err(Failure::new(Exit::Usage, reason));
+        }
         let output = match given {
             Some(file) => StudyOutput::beside(file, self.resume)?,
             None => StudyOutput::begin("tune", self.out.as_deref(), self.resume)?,
@@ -103,7 +110,9 @@ impl TuneArgs {
         let Some(spread) = self.spread.as_deref() else {
             return Ok(TrainingFlights::near(settings, seeds));
         };
-        let draws = Draw::several(&PlantSpread::named(spread)?, &settings, (TUNING_SEED, seeds))?;
+        let spread = PlantSpread::named(spread)?;
+        say_notes(spread.notes(&settings)?);
+        let draws = Draw::several(&spread, &settings, (TUNING_SEED, seeds))?;
         Ok(TrainingFlights::over(settings, &draws))
     }
 

@@ -253,3 +253,34 @@ fn long_run(scores: &DMatrix<f64>, series: &[usize]) -> DMatrix<f64> {
     }
     sum
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two minima in `x`: a shallow one near -1, and a deep one near 1.
+    fn residuals(values: &[f64]) -> Vec<f64> {
+        let x = values[0];
+        vec![x * x - 1.0, 0.3 * (x - 1.0), 0.1]
+    }
+
+    fn from(start: f64) -> Vec<FitParameter> {
+        vec![FitParameter { start, bounds: [-5.0, 5.0], step: 1e-3, is_fixed: false }]
+    }
+
+    #[test]
+    fn the_best_of_several_optima_is_taken_and_the_others_are_told() {
+        let mut parameters = from(-2.0);
+        let told = move_to_best(&mut parameters, &[vec![2.0], vec![-3.0]], &residuals).unwrap();
+        assert!((parameters[0].start - 1.0).abs() < 1e-6, "{parameters:?}");
+        assert_eq!((told.count, told.elsewhere), (3, 2));
+        assert!(told.excess_ratio > 1.0, "{told:?}");
+    }
+
+    #[test]
+    fn a_start_that_is_as_good_as_any_is_kept() {
+        let mut parameters = from(2.0);
+        let told = move_to_best(&mut parameters, &[vec![3.0]], &residuals).unwrap();
+        assert_eq!((parameters[0].start, told.elsewhere), (2.0, 0));
+    }
+}

@@ -107,3 +107,24 @@ fn tuned(
     let TableTwo { position_error, quaternion_error, effort, .. } = metrics;
     Ok([c, k, t, position_error, quaternion_error, effort, best.value])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicU64, Ordering};
+
+    #[test]
+    fn an_interrupted_table_ends_without_a_result() {
+        let last = Arc::new(AtomicU64::new(0));
+        let seen = last.clone();
+        let watch = move |_: &str, done: u64, _: u64| {
+            seen.fetch_max(done, Ordering::Relaxed);
+            false
+        };
+        let interrupted = chapter(&Lander::new().unwrap(), &Progress::watched(Box::new(watch)));
+        let failure = interrupted.map(|_| ()).unwrap_err();
+        assert!(failure.to_string().contains("interrupted"), "{failure}");
+        assert!(last.load(Ordering::Relaxed) > 0);
+    }
+}

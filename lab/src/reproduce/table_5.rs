@@ -277,7 +277,11 @@ fn search_values(laws: &[StudyLaw], progress: &Progress) -> Result<TextValues, F
     let searches: Result<Vec<String>, Failure> = tuned
         .map(|law| {
             let [shipped, tuned] = search::before_and_after(law, progress)?;
-            Ok(format!("{} {shipped:.3}, {tuned:.3}", law.controller))
+            let [shipped, tuned] = [shipped, tuned].map(|objective| match objective.is_finite() {
+                true => format!("{objective:.3}"),
+                false => "none, for a flight does not land".to_owned(),
+            });
+            Ok(format!("{} {shipped}, {tuned}", law.controller))
         })
         .collect();
     let seeds = |seeds: Range<u64>| format!("{} to {}", seeds.start, seeds.end - 1);

@@ -3,7 +3,7 @@
 use maud::Markup;
 use oqtal_config::Setting;
 use oqtal_control::euler::EulerAngles;
-use oqtal_observe::flight::{Flight, FlightSample, Outcome};
+use oqtal_observe::flight::{Flight, FlightSample};
 use oqtal_observe::plot::axis::Axis;
 use oqtal_observe::plot::chart::{Mark, Plot};
 use oqtal_observe::plot::figure::{HALF, figure};
@@ -104,7 +104,7 @@ impl ResponseEvent {
 #[derive(Clone, Debug)]
 pub struct LawResponses {
     law: StudyLaw,
-    /// One curve for each of [`EVENTS`]; `None` if the flight did not land.
+    /// One curve for each of [`EVENTS`]; `None` if the flight did not land as planned.
     curves: [Option<Vec<Point>>; EVENTS.len()],
 }
 
@@ -118,8 +118,7 @@ pub fn all(laws: &[StudyLaw], progress: &Progress) -> Result<Vec<LawResponses>, 
         let fly = |event: ResponseEvent| -> Result<Option<Vec<Point>>, Failure> {
             let config = law.with(&calm).with(&event.settings()).config()?;
             let flight = simulation::fly(&Mission::new(config)?)?;
-            let has_landed = flight.outcome == Outcome::Landed;
-            Ok(has_landed.then(|| event.curve(&flight)))
+            Ok(flight.cause().is_none().then(|| event.curve(&flight)))
         };
         let [step, force, gust] = EVENTS;
         let curves = [fly(step)?, fly(force)?, fly(gust)?];

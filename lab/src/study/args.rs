@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use clap::Args;
 use oqtal_config::{Config, Setting};
 use oqtal_runtime::process::{Exit, Failure};
+use oqtal_runtime::program::say;
 use toml::Value;
 
 /// Arguments of the commands that fly simulated flights in large numbers.
@@ -42,7 +43,9 @@ impl StudyArgs {
         if let Some(name) = &self.trajectory {
             settings.push(Setting::flag("--trajectory", "trajectory.kind", name.as_str()));
         }
-        if Config::from_settings(&settings)?.is_replay() {
+        let config = Config::from_settings(&settings)?;
+        warn(&config);
+        if config.is_replay() {
             let reason = "a study flies and does not play a recording; leave out `mocap.replay`";
             return Err(Failure::new(Exit::Usage, reason));
         }
@@ -58,6 +61,18 @@ impl StudyArgs {
         let words = config.chain(set).chain(plant).chain(trajectory);
         words.map(|(flag, value)| format!(" {flag} {}", quoted(&value))).collect()
     }
+}
+
+/// Prints the warnings of a flight of `config` on standard error; none if its trajectory cannot be read, which a flight reports.
+pub fn warn(config: &Config) {
+    if let Ok(trajectory) = oqtal_daemon::trajectory(config) {
+        say_notes(oqtal_daemon::warnings(config, &trajectory));
+    }
+}
+
+/// Prints warnings on standard error.
+pub fn say_notes(notes: impl IntoIterator<Item = String>) {
+    notes.into_iter().for_each(|note| say(&format!("oqtal: warning: {note}")));
 }
 
 /// `settings` as words of a command line of `oqtal fly`, each preceded by a space: files, the trajectory, disturbances, and each

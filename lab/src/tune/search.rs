@@ -392,6 +392,20 @@ mod tests {
     }
 
     #[test]
+    fn a_reference_that_does_not_land_has_the_figures_of_the_shipped_vehicle() {
+        // Too heavy for its thrust: no flight takes off.
+        let heavy = [Setting::flag("test", "plant.mass-kg", 2.0)];
+        let flights = TrainingFlights::near(heavy.to_vec(), 101..102);
+        let reference = flights.reference(&Progress::default()).unwrap();
+        assert_eq!(reference, METRIC.map(|metric| metric.shipped));
+        let budget = Budget { points: 1, ..Budget::default() };
+        let failure = law(ControllerName::Pid, &budget, &flights, &Progress::default());
+        let reason = failure.unwrap_err().to_string();
+        assert!(reason.contains("lands every training flight"), "{reason}");
+        assert!(reason.contains("pid, training, hover: 1 of 1"), "{reason}");
+    }
+
+    #[test]
     fn a_tuned_configuration_loads_with_the_gains_that_were_found() {
         let tuned = Tuned {
             target: "lqr".to_owned(),
