@@ -36,6 +36,7 @@ use crate::study::law::{self, StudyLaw};
 use draws::{Draw, MOST_DRAWS};
 use monte_carlo::{MonteCarlo, OtherSpread, SETS};
 use spread::PlantSpread;
+use tables::FAILURES;
 
 /// Arguments of `oqtal robustness`.
 #[derive(Args, Debug)]
@@ -151,7 +152,10 @@ impl RobustnessArgs {
             let notes = sheet.notes.iter().map(|note| wrapped(note, 2));
             [sheet.to_text()].into_iter().chain(notes).collect::<Vec<_>>().join("\n")
         };
-        let text: Vec<String> = sheets.iter().map(with_notes).collect();
+        // Details are on the page.
+        let is_shown = |sheet: &&&Sheet| !sheet.is_detail || sheet.name.ends_with(FAILURES);
+        let shown = sheets.iter().filter(is_shown).filter(|sheet| !sheet.rows.is_empty());
+        let text: Vec<String> = shown.map(with_notes).collect();
         output.write("robustness.html", page::html(&PAGE, &chapters))?;
         output.write("robustness.md", page::markdown(&PAGE, &chapters, &self.command()))?;
         output.write("robustness.json", &document)?;
@@ -160,7 +164,7 @@ impl RobustnessArgs {
             print(document.trim_end())?;
         } else {
             let page = output.directory.join("robustness.html");
-            print(&format!("{}\n\npage: {}", text.join("\n\n"), page.display()))?;
+            print(&format!("{}\n\npage, with details: {}", text.join("\n\n"), page.display()))?;
         }
         Ok(Exit::Ok)
     }

@@ -93,8 +93,8 @@ fn at(config: &Config, axis: usize, hertz: f64) -> Result<Complex<f64>, Failure>
     let flight = simulation::fly(&Mission::new(config)?)?;
     let gain = gain(&flight, axis, hertz).filter(|gain| gain.re.is_finite() && gain.im.is_finite());
     gain.ok_or_else(|| {
-        let outcome = flight.outcome;
-        Failure::new(Exit::Flight, format!("no loop gain at {hertz:.2} Hz: the flight {outcome}"))
+        let cause = flight.cause().unwrap_or_else(|| "too few ticks are scored".to_owned());
+        Failure::new(Exit::Flight, format!("no loop gain at {hertz:.2} Hz: {cause}"))
     })
 }
 
