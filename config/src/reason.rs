@@ -1,7 +1,7 @@
 //! Reasons of the TOML reader in the words of a configuration file, in place of those of the programming language.
 
 /// Types that the reader expects, and their plain names.
-const TYPES: [(&str, &str); 13] = [
+const TYPES: [(&str, &str); 14] = [
     ("f64", "a number"),
     ("f32", "a number"),
     ("u8", "a whole number from 0 to 255"),
@@ -13,6 +13,7 @@ const TYPES: [(&str, &str); 13] = [
     ("i64", "a whole number"),
     ("a boolean", "true or false"),
     ("a string", "a text in quotes"),
+    ("string only", "a text in quotes"),
     ("a sequence", "a list"),
     ("a map", "a section"),
 ];
@@ -25,7 +26,7 @@ const FOUND: [(&str, &str); 7] = [
     ("boolean ", ""),
     ("sequence", "a list"),
     ("map", "a section"),
-    ("unit", "nothing"),
+    ("unit variant", "another kind of value"),
 ];
 
 /// `message` in plain words.
@@ -83,7 +84,7 @@ mod tests {
             ("clock.seed=-1", "found `-1`, expected a whole number, not negative"),
             ("clock.seed=1.5", "found `1.5`, expected a whole number, not negative"),
             ("safety.observe-only=maybe", "found \"maybe\", expected true or false"),
-            ("vehicle=5", "found `5`, expected a section"),
+            ("control.controller=3", "found another kind of value, expected a text in quotes"),
             ("vehicle.preset=5", "found `5`, expected a text in quotes"),
         ] {
             let refused = Config::from_settings(&[Setting::parse("--set", text).unwrap()]);

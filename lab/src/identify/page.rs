@@ -19,7 +19,7 @@ const ACCELERATION_POSES: usize = 7;
 /// Note above the frequency responses.
 const RESPONSES: &str = "From the commanded to the flown rates, in units of the rate at full stick, beside the fitted model. The \
      loop is closed, so that only motion which the trajectory prescribes tells the vehicle from its controller: measured points are \
-     shown at the frequencies where the rate follows from it, with a coherence of at least 0.6.";
+     shown at the frequencies where the rate follows from it, with a coherence of at least 0.5.";
 const STYLE: &str = "td { font-variant-numeric: tabular-nums; } .remark { max-width: 95ch; }";
 
 /// The HTML page of `identification`, made from `flights`.

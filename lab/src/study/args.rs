@@ -76,15 +76,18 @@ pub fn say_notes(notes: impl IntoIterator<Item = String>) {
 }
 
 /// `settings` as words of a command line of `oqtal fly`, each preceded by a space: files, the trajectory, disturbances, and each
-/// other key. Settings of environment variables are left out: they apply to every command.
+/// other key; of a key that is set several times, the last value. Settings of environment variables are left out: they apply to
+/// every command.
 pub fn words_of(settings: &[Setting]) -> String {
     let mut words: Vec<String> = Vec::new();
-    for Setting { key, value, origin } in settings {
+    for (index, Setting { key, value, origin }) in settings.iter().enumerate() {
+        let is_replaced = settings[index + 1..].iter().any(|later| later.key == *key);
         let file = origin.rsplit_once(':').map_or(&origin[..], |(file, _)| file);
         let word = match (&key[..], value) {
             ("clock.kind", _) => continue,
             _ if origin.starts_with("OQTAL_") => continue,
             _ if file.ends_with(".toml") => format!(" --config {}", quoted(file)),
+            _ if is_replaced => continue,
             ("trajectory.kind", Value::String(name)) => format!(" --trajectory {name}"),
             ("plant.disturb", Value::Array(all)) => {
                 let texts = all.iter().filter_map(Value::as_str);
@@ -137,6 +140,13 @@ mod tests {
         for text in ["", "7-", "-7", "a-b", "9-8", "1..5", "99999999999"] {
             assert!(parse_seeds(text).is_err(), "{text}");
         }
+    }
+
+    #[test]
+    fn of_a_key_that_is_set_twice_the_last_value_is_written() {
+        let trajectory = |name: &str| Setting::flag("--trajectory", "trajectory.kind", name);
+        let settings = [trajectory("hover"), trajectory("attitude-chirp")];
+        assert_eq!(words_of(&settings), " --trajectory attitude-chirp");
     }
 
     #[test]

@@ -16,6 +16,7 @@ use super::space::parameters;
 use super::trade::{self, MetricWeights, TradedFigure, default_weights};
 use crate::progress::Progress;
 use crate::robustness::draws::Draw;
+use crate::study::args::say_notes;
 use crate::study::failure::{self, counts};
 use crate::study::flights::{
     AUTHORITY, Change, DELAY, NOMINAL, PlantVariant, RATE_LAG, readable, table, value_at,
@@ -110,17 +111,28 @@ impl TrainingFlights {
     fn reference(&self, progress: &Progress) -> Result<Figures, Failure> {
         let stack = Setting::flag("tune", "control.stack", "default");
         let flown = self.fly(&self.law("oqtal", &[stack]), progress)?;
-        let of = |metric: usize| {
-            let mut values = flown.bounded_values(metric);
+        let mut of_shipped: Vec<&str> = Vec::new();
+        let mut reference = [f64::NAN; METRICS];
+        for (index, metric) in METRIC.iter().enumerate() {
+            let mut values = flown.bounded_values(index);
             let has_failed = values.contains(&f64::INFINITY);
             values.retain(|value| *value != f64::INFINITY);
-            match self.draws {
-                _ if values.is_empty() && has_failed => METRIC[metric].shipped,
+            reference[index] = match self.draws {
+                _ if values.is_empty() && has_failed => {
+                    of_shipped.push(metric.title);
+                    metric.shipped
+                }
                 0 => mean(&values),
                 _ => quantile(values, 0.5).unwrap_or(f64::NAN),
-            }
-        };
-        Ok(std::array::from_fn(of))
+            };
+        }
+        say_notes((!of_shipped.is_empty()).then(|| {
+            format!(
+                "with the configured gains, `oqtal`, the reference, lands no flight that has {}: figures of the shipped vehicle take their place",
+                of_shipped.join(", ")
+            )
+        }));
+        Ok(reference)
     }
 
     /// Figures of a law, of which the objective is made; infinite if a flight near the configured plant did not land.
