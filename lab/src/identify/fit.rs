@@ -80,7 +80,7 @@ pub fn least_squares(
 
 /// Steps of a parameter by which two fits differ that ended in different optima \[-\].
 const APART_STEPS: f64 = 10.0;
-/// Relative decrease of the sum of squares for which another starting point is taken than the first \[-\].
+/// Relative decrease of the sum of squares for which another starting point is taken than the own one \[-\].
 const BETTER: f64 = 1e-3;
 
 /// Fits from several starting points.
@@ -110,10 +110,13 @@ pub fn move_to_best(
         let square: f64 = residuals(&values).iter().map(|residual| residual * residual).sum();
         square.is_finite().then_some((values, square))
     };
+    let own_fit = fit(own.clone());
     let fits: Vec<(Vec<f64>, f64)> =
-        [own.clone()].into_iter().chain(others).filter_map(fit).collect();
-    let (first, least) = (fits.first()?, fits.iter().min_by(|a, b| a.1.total_cmp(&b.1))?);
-    let best = if least.1 < first.1 * (1.0 - BETTER) { least } else { first };
+        own_fit.clone().into_iter().chain(others.filter_map(fit)).collect();
+    let least = fits.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
+    let own_fit = own_fit.filter(|own| own.1 * (1.0 - BETTER) <= least.1);
+    let is_own = own_fit.is_some();
+    let best = own_fit.unwrap_or_else(|| least.clone());
     let is_apart = |values: &[f64]| {
         let pairs = parameters.iter().zip(values).zip(&best.0);
         pairs.into_iter().any(|((p, a), b)| !p.is_fixed && (a - b).abs() > APART_STEPS * p.step)
@@ -128,10 +131,9 @@ pub fn move_to_best(
         elsewhere: elsewhere.len(),
         excess_ratio: elsewhere.iter().copied().fold(f64::INFINITY, f64::min),
     };
-    // The first keeps its own initial values: the fit that follows starts from them.
-    if !std::ptr::eq(best, first) {
-        let best = best.0.clone();
-        parameters.iter_mut().zip(best).for_each(|(parameter, start)| parameter.start = start);
+    // The fit that follows starts from the own initial values, if they lead to the best optimum.
+    if !is_own {
+        parameters.iter_mut().zip(best.0).for_each(|(parameter, start)| parameter.start = start);
     }
     Some(report)
 }
