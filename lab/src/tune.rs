@@ -9,6 +9,7 @@ pub mod page;
 pub mod search;
 pub mod space;
 pub mod trade;
+pub mod tuned;
 
 use std::ops::Range;
 use std::path::PathBuf;

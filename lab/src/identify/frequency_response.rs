@@ -241,7 +241,8 @@ mod tests {
                 position: Vector3::zeros(),
                 attitude: Attitude::from_rotation_vector(Vector3::x() * measured),
             });
-            angle += 2.0 * PERIOD_S * std::mem::replace(&mut sticks, [sticks[1], stick])[0];
+            angle += 2.0 * PERIOD_S * sticks[0];
+            sticks = [sticks[1], stick];
         }
         let authority = Vector3::new(2.0, 2.0, 2.0);
         let (delay_s, bias) = (2.0 * PERIOD_S, Vector3::zeros());

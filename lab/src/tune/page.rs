@@ -8,8 +8,8 @@ use oqtal_observe::plot::figure::{HALF, figure};
 use oqtal_observe::plot::palette::Ink;
 use oqtal_observe::plot::trace::Point;
 
-use super::search::{SearchPath, Tuned};
 use super::trade;
+use super::tuned::{SearchPath, Tuned};
 
 /// Height of a plot \[pixels\].
 const HEIGHT: u32 = 420;

@@ -4,7 +4,6 @@ use oqtal_config::{Config, Interface};
 use oqtal_observe::plot::unit::rounded;
 use serde_json::{Value, json};
 
-use super::search::WORST_SHARE;
 use crate::robustness::frequency::Margins;
 use crate::robustness::linear::LinearLoop;
 use crate::sheet::{Sheet, SheetCell, SheetRow, Variant};
@@ -14,6 +13,9 @@ use crate::study::metric::{Figures, METRIC};
 
 /// Relative change for the worse above which a component is warned of \[-\].
 const WORSE: f64 = 0.05;
+
+/// Upper bound of a figure over the reference, also for a flight that did not land \[-\].
+pub(super) const WORST_SHARE: f64 = 20.0;
 
 /// Weights of the metrics in the objective \[-\].
 pub type MetricWeights = Figures;
