@@ -45,7 +45,8 @@ impl TradedFigure {
     /// Relative change \[-\]; `None` without two values that can be compared.
     fn change(&self) -> Option<f64> {
         let [before, after] = self.values;
-        Some(after / before - 1.0).filter(|change| change.is_finite() && after.is_finite())
+        let change = after / before - 1.0;
+        (before.is_finite() && change.is_finite()).then_some(change)
     }
 
     /// Whether the figure got worse by more than 5 %: a greater error, or a smaller margin.
