@@ -62,8 +62,8 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
         READINGS.iter().flat_map(|reading| WEIGHTS.map(|weights| (reading, weights))).collect();
     let bar = progress.start("Table III", cases.len() * COLONY.most_evaluations());
     let row = |(number, (reading, weights)): (usize, &(&Reading, [f64; 2]))| {
-        let key = fnv1a(fnv1a(FNV_OFFSET, b"Table III"), &number.to_le_bytes());
-        let bits = progress.kept(key, || {
+        let key = |number: &usize| fnv1a(fnv1a(FNV_OFFSET, b"Table III"), &number.to_le_bytes());
+        let bits = progress.kept(number, key, |_| {
             let numbers = tuned((lander, progress), reading, *weights, &bar)?;
             Ok(numbers.map(f64::to_bits))
         })?;
