@@ -153,7 +153,11 @@ fn f30_a_bad_configuration_is_refused_with_file_and_line() {
         2,
         &["mas-kg", "unknown key", "did you mean `vehicle.mass-kg`"],
     );
-    bad_config("[vehicle]\nmass-kg = \"heavy\"\n", 2, &["vehicle.mass-kg", "invalid type"]);
+    bad_config(
+        "[vehicle]\nmass-kg = \"heavy\"\n",
+        2,
+        &["vehicle.mass-kg", "found \"heavy\", expected a number"],
+    );
     bad_config("[flight]\nx = 1\n", 2, &["flight"]);
     bad_config("[vehicle]\nmass-kg = \n", 2, &[]);
     bad_config(

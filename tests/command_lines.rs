@@ -1,5 +1,5 @@
 //! Every command line in the README and the documents is executed as written, in virtual time unless it names a clock; those that
-//! need hardware, a running instance or hours are parsed.
+//! need hardware, a running instance or minutes, such as `oqtal reproduce all`, are parsed only.
 
 use std::os::unix::fs::symlink;
 
@@ -23,7 +23,7 @@ const PARSED: [(&str, &str); 19] = [
     ("oqtal doctor", "its exit code depends on the machine: tests/doctor"),
     ("oqtal latency", "measures in real time: tests/latency"),
     ("oqtal replay latest --controller", "its exit code tells that commands differ: tests/replays"),
-    ("oqtal reproduce all", "minutes: tests/reproduce reproduces each experiment"),
+    ("oqtal reproduce all", "minutes, parsed only: tests/reproduce and lab run its experiments"),
     ("oqtal robustness", "minutes: tests/studies flies a short form"),
     ("oqtal cameras noise", "minutes: tests in lab/tests/cameras.rs"),
     ("oqtal identify --hidden-plants", "minutes: tests in lab/tests/identify.rs"),

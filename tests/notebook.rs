@@ -47,5 +47,11 @@ fn every_block_of_the_page_about_pandas_runs_on_the_flights_of_the_page() {
         let output = command.arg("-c").arg(&program).current_dir(testbed.path("")).output();
         let output = output.unwrap();
         assert!(output.status.success(), "{program}\n{}", stderr(&output));
+        // A mean for each case: the hover alone, and with a gust and a payload.
+        if program.contains("campaign") {
+            let said = String::from_utf8_lossy(&output.stdout);
+            let means = said.lines().filter(|line| line.starts_with("pid") || line.contains("NaN"));
+            assert!(means.count() == 2 && said.contains("gust and payload"), "{said}");
+        }
     }
 }

@@ -72,6 +72,37 @@ fn failed_flights_are_counted_with_cause_seeds_and_a_command_that_flies_one_agai
     }
 }
 
+/// A fence close around the square: some laws overshoot into its soft border, where the safety holds them.
+#[test]
+fn flights_that_the_fence_held_are_counted_and_not_averaged() {
+    let testbed = Testbed::new("held");
+    let near = ["--set", "plant.disturb=[\"gust@16+2=6,0,0m/s\"]", "--set", "fence.x-m=[-2.0,0.8]"];
+    let words = ["campaign", "--controllers", "pid", "--runs", "1", "--trajectory", "hover"];
+    let margin = ["--set", "fence.soft-margin-m=0.6"];
+    let campaign = document(&testbed, &[&words[..], &["--json"], &near, &margin].concat());
+    let held = |of: &&Value| of["cause"] == "held by the fence" && of["test"] == "hover";
+    let flight = rows(&campaign, "flights").iter().find(held).unwrap();
+    assert_eq!((&flight["outcome"], &flight["hover_rms_mm"]), (&"landed".into(), &Value::Null));
+    let failure = rows(&campaign, "failures").iter().find(held).unwrap();
+    assert_eq!(failure["seeds"], Value::from(vec![200]));
+}
+
+#[test]
+fn an_interrupted_table_3_keeps_its_finished_searches() {
+    let testbed = Testbed::new("table-3");
+    let words = ["reproduce", "table-3", "--json", "--out", "part"];
+    let journal = testbed.path("part/study.journal");
+    let kept = || std::fs::read_to_string(&journal).map_or(0, |text| text.lines().count());
+    let running = Running::start(&mut testbed.study(&words));
+    wait_for("a finished search", || (kept() > 1).then_some(()));
+    running.signal(Signal::TERM);
+    let output = running.wait();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("--resume"), "{}", stderr(&output));
+    let before = kept();
+    assert!((2..13).contains(&before), "{before} of 12 searches, and a head");
+}
+
 #[test]
 fn an_interrupted_campaign_is_resumed_with_the_result_of_an_uninterrupted_one() {
     let testbed = Testbed::new("resumed");

@@ -23,6 +23,7 @@ use crate::nearest_key::with_nearest_key;
 use crate::origin::Origins;
 use crate::plant::PlantOptions;
 use crate::realtime::RealtimeOptions;
+use crate::reason::plain;
 use crate::receiver::ReceiverOptions;
 use crate::record::RecordOptions;
 use crate::reference::ReferenceOptions;
@@ -216,6 +217,11 @@ impl Config {
         (self.safety.pose_rate_hz / self.control.rate_hz).round().max(1.0)
     }
 
+    /// Rate of the loop \[Hz\]: `control.rate-hz`, or the nearest one at which the cameras allow it to run.
+    pub fn loop_rate_hz(&self) -> f64 {
+        self.safety.pose_rate_hz / self.poses_per_tick()
+    }
+
     /// Replaces the paths of the files that a flight reads (waypoints, recording) using `place`. The path of a key file is not
     /// changed, since the key is a secret.
     ///
@@ -244,8 +250,7 @@ impl Config {
     /// Rates of cameras and loop, as text.
     pub fn pace(&self) -> String {
         let (cameras, wanted) = (self.safety.pose_rate_hz, self.control.rate_hz);
-        let every = self.poses_per_tick();
-        let rate = cameras / every;
+        let (every, rate) = (self.poses_per_tick(), self.loop_rate_hz());
         format!(
             "cameras at {cameras} Hz, control.rate-hz = {wanted}: the loop acts on one pose in {every}, at {rate:.4} Hz"
         )
@@ -253,9 +258,15 @@ impl Config {
 
     /// Warning that the loop cannot run at the requested rate, because it is not a whole number of poses; `None` if it can.
     pub fn rate_warning(&self) -> Option<String> {
-        let rate = self.safety.pose_rate_hz / self.poses_per_tick();
-        ((rate / self.control.rate_hz - 1.0).abs() > RATE_TOLERANCE)
-            .then(|| format!("{}; set mocap.rate-hz to a multiple of control.rate-hz", self.pace()))
+        let rate = self.loop_rate_hz();
+        ((rate / self.control.rate_hz - 1.0).abs() > RATE_TOLERANCE).then(|| {
+            format!(
+                "{}, while the laws are designed for {} Hz; set control.rate-hz = {}",
+                self.pace(),
+                self.control.rate_hz,
+                (rate * 1e3).round() * 1e-3
+            )
+        })
     }
 
     /// Warnings for settings with keys of earlier versions, with their origins.
@@ -319,7 +330,7 @@ pub(crate) fn deserialize(table: &Table) -> Result<Config, String> {
     let mut table = table.clone();
     follow::resolve(&mut table);
     observe_replay(&mut table);
-    table.try_into().map_err(|error: toml::de::Error| error.message().to_owned())
+    table.try_into().map_err(|error: toml::de::Error| plain(error.message()))
 }
 
 /// During playback of a recording the daemon only observes, since no vehicle receives its commands.

@@ -7,6 +7,7 @@ use toml::de::{DeTable, DeValue};
 use toml::{Spanned, Table, Value};
 
 use crate::error::ConfigError;
+use crate::reason::plain;
 use crate::setting::{Setting, word_or_toml};
 use crate::text::read_text;
 
@@ -43,7 +44,7 @@ fn place(name: String, text: &str) -> impl Fn(usize) -> String {
 /// Error of a file; `at` converts its offsets.
 fn located(at: &dyn Fn(usize) -> String, error: &toml::de::Error) -> ConfigError {
     let origin = at(error.span().map_or(0, |span| span.start));
-    ConfigError { origin, reason: error.message().to_owned() }
+    ConfigError { origin, reason: plain(error.message()) }
 }
 
 /// Settings of a file with this name and text, each with its line. Relative paths in it start at its directory, so that a

@@ -12,6 +12,7 @@
 //! | `follow.rs` | keys that follow those of another section |
 //! | `renamed.rs`, `nearest_key.rs` | keys of earlier versions; the key that an unknown one was meant to be |
 //! | `origin.rs`, `error.rs` | origins of values, and the error that names them |
+//! | `reason.rs` | reasons of the TOML reader in plain words |
 //! | `text.rs` | files read as text |
 //! | `airframe.rs` | values common to `[vehicle]` and `[plant]` |
 //! | `disturbance.rs`, `period.rs` | timed disturbances; the period of disturbances and faults |
@@ -45,6 +46,7 @@ mod plant;
 mod plant_wire;
 mod preset;
 mod realtime;
+mod reason;
 mod receiver;
 mod record;
 mod reference;

@@ -140,7 +140,7 @@ mod tests {
             ("control.estimator.rate-cutoff-hz=3", "restart every process"),
             ("position.tilt-limit-deg=95", "must be"),
             ("position.tilt-limit-dog=9", "tilt-limit-deg"),
-            ("control.controller=none", "unknown variant"),
+            ("control.controller=none", "unknown value"),
         ] {
             let told = changed(&config, &[text]).unwrap_err();
             let key = text.split_once('=').unwrap().0;

@@ -9,7 +9,7 @@ const SIMILAR: f64 = 0.85;
 
 /// `reason` for which `setting` was refused; for an unknown key, with the key of the file `shipped` that was probably meant.
 pub(crate) fn with_nearest_key(setting: &Setting, reason: String, shipped: &str) -> String {
-    if !reason.starts_with("unknown field") {
+    if !reason.starts_with("unknown key") {
         return reason;
     }
     match nearest(&setting.key, shipped) {
@@ -83,7 +83,7 @@ mod tests {
         let told = |key: &str, origin: &str, reason: &str| {
             with_nearest_key(&Setting::flag(origin, key, 1.0), reason.to_owned(), SHIPPED)
         };
-        let text = told("vehicle-mass-kg", "OQTAL_VEHICLE_MASS_KG", "unknown field `x`");
+        let text = told("vehicle-mass-kg", "OQTAL_VEHICLE_MASS_KG", "unknown key `x`");
         assert!(text.ends_with("the variable OQTAL_VEHICLE__MASS_KG?"), "{text}");
         assert_eq!(told("vehicle.mass-kg", "--set", "not a number"), "not a number");
     }

@@ -136,8 +136,11 @@ fn check_from(
     let (low, high) = corners(config);
     let beyond = |axis: &usize| (at[*axis] - high[*axis]).max(low[*axis] - at[*axis]);
     let axis = (0..3).max_by(|a, b| beyond(a).total_cmp(&beyond(b))).unwrap_or_default();
+    // A vehicle on a floor that is the border is outside.
+    let is_on_floor = axis == 2 && at.z <= low.z && point.z == 0.0;
+    let remedy = if is_on_floor { "; let the fence begin below the floor" } else { "" };
     let allowed = format!(
-        "around the whole trajectory, {}: at {t_s:.1} s the trajectory is at [{:.2}, {:.2}, {:.2}] m",
+        "around the whole trajectory, {}: at {t_s:.1} s the trajectory is at [{:.2}, {:.2}, {:.2}] m{remedy}",
         room(margin_m),
         at.x,
         at.y,

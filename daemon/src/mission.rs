@@ -145,10 +145,10 @@ impl ActiveMission {
         }
     }
 
-    /// Whether `now` lies in the scored window.
+    /// Whether `now` lies in the scored window, to which the time in which the mission waits does not belong.
     pub fn is_scored(&self, now: Time) -> bool {
         match &self.path {
-            FlightPath::Plan(plan, _) => plan.scored(self.elapsed_s(now)),
+            FlightPath::Plan(plan, _) => !self.is_held() && plan.scored(self.elapsed_s(now)),
             FlightPath::Observe(_) => false,
         }
     }

@@ -38,25 +38,44 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     all
 }
 
-/// Notes on values of the vehicle that are probably written in another unit.
+/// Notes on values of the vehicle, and of the simulated one where it differs, that are probably written in another unit.
 fn implausible(config: &Config) -> Vec<String> {
-    let vehicle = &config.vehicle;
-    let weight_n = vehicle.mass_kg * vehicle.gravity_m_s2;
-    let ratio = vehicle.max_thrust_n / weight_n;
+    let (vehicle, plant) = (&config.vehicle, &config.plant);
+    let modelled = unusual(
+        (vehicle.mass_kg, vehicle.gravity_m_s2, vehicle.max_thrust_n),
+        [vehicle.rate_lag_ms, vehicle.thrust_lag_ms, vehicle.command_delay_ms],
+    );
+    let mut simulated = unusual(
+        (plant.mass_kg, plant.gravity_m_s2, plant.max_thrust_n),
+        [plant.rate_lag_ms, plant.thrust_lag_ms, plant.command_delay_ms],
+    );
+    // A key of the plant that is not set follows the vehicle's.
+    simulated.retain(|note| !modelled.contains(note));
+    let of = |section: &'static str| move |note: String| format!("{section}.{note}");
+    modelled.into_iter().map(of("vehicle")).chain(simulated.into_iter().map(of("plant"))).collect()
+}
+
+/// Notes on a vehicle of this mass \[kg\], gravity \[m/s^2\] and thrust \[N\], with these lags of rate and thrust and this delay of
+/// commands \[ms\]; each begins with the key.
+fn unusual(
+    (mass_kg, gravity_m_s2, thrust_n): (f64, f64, f64),
+    [rate_ms, thrust_ms, delay_ms]: [f64; 3],
+) -> Vec<String> {
     let checks = [
-        ("mass-kg", vehicle.mass_kg, 0.01..=50.0, "kg"),
-        ("rate-lag-ms", vehicle.rate_lag_ms, 1.0..=1000.0, "ms"),
-        ("thrust-lag-ms", vehicle.thrust_lag_ms, 0.0..=1000.0, "ms"),
-        ("command-delay-ms", vehicle.command_delay_ms, 0.0..=1000.0, "ms"),
+        ("mass-kg", mass_kg, 0.01..=50.0, "kg"),
+        ("rate-lag-ms", rate_ms, 1.0..=1000.0, "ms"),
+        ("thrust-lag-ms", thrust_ms, 0.0..=1000.0, "ms"),
+        ("command-delay-ms", delay_ms, 0.0..=1000.0, "ms"),
     ];
     let unusual = checks.into_iter().filter(|(_, value, usual, _)| !usual.contains(value));
     let mut notes: Vec<_> = unusual
-        .map(|(key, value, _, unit)| format!("vehicle.{key} is {value}, unusual in {unit}"))
+        .map(|(key, value, _, unit)| format!("{key} is {value}, unusual in {unit}"))
         .collect();
+    let weight_n = mass_kg * gravity_m_s2;
+    let ratio = thrust_n / weight_n;
     if ratio > MOST_THRUST && weight_n > 0.0 {
-        let thrust_n = vehicle.max_thrust_n;
         notes.push(format!(
-            "vehicle.max-thrust-n is {thrust_n}, {ratio:.0} times the weight of {weight_n:.2} N: all rotors together, in newtons"
+            "max-thrust-n is {thrust_n}, {ratio:.0} times the weight of {weight_n:.2} N: all rotors together, in newtons"
         ));
     }
     notes
@@ -181,6 +200,9 @@ mod tests {
             told(&["vehicle.max-thrust-n=22000", "vehicle.rate-lag-ms=50000"], None).join("\n");
         assert!(text.contains("4485 times the weight of 4.91 N"), "{text}");
         assert!(text.contains("vehicle.rate-lag-ms is 50000, unusual in ms"), "{text}");
+        assert!(!text.contains("plant."), "the plant follows the vehicle: {text}");
+        let text = told(&["plant.max-thrust-n=22000"], None).join("\n");
+        assert!(text.starts_with("plant.max-thrust-n is 22000, 4485 times"), "{text}");
     }
 
     #[test]

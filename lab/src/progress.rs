@@ -9,6 +9,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::{interrupt_flag, say};
 use oqtal_runtime::stop::StopFlag;
+use rayon::prelude::*;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -115,6 +116,26 @@ impl Progress {
             }
             _ => Ok(()),
         }
+    }
+
+    /// Executes `step` for each of `items` on all cores, as the task `name`; returns the results in the order of the items.
+    ///
+    /// # Errors
+    /// The first error of `step`, or the study was interrupted (exit code 1).
+    pub fn each<T: Sync, R: Send>(
+        &self,
+        name: &str,
+        items: &[T],
+        step: impl Fn(&T) -> Result<R, Failure> + Sync,
+    ) -> Result<Vec<R>, Failure> {
+        let bar = self.start(name, items.len());
+        let one = |item: &T| {
+            self.check()?;
+            let result = step(item);
+            bar.inc();
+            result
+        };
+        items.par_iter().map(one).collect()
     }
 
     /// Begins a task of `steps` steps.

@@ -18,7 +18,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 use clap::builder::{NonEmptyStringValueParser, PossibleValuesParser};
-use oqtal_config::Setting;
+use oqtal_config::{Config, Setting};
+use oqtal_observe::explain::wrapped;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 use serde_json::{Value, json};
@@ -28,13 +29,14 @@ use crate::progress::Progress;
 use crate::reproduce::chapter::Chapter;
 use crate::reproduce::page::{self, PageHead};
 use crate::sheet::Sheet;
-use crate::study::args::StudyArgs;
+use crate::study::args::{StudyArgs, say_notes};
 use crate::study::gains::GainSource;
 use crate::study::law::{self, StudyLaw};
 
 use draws::{Draw, MOST_DRAWS};
 use monte_carlo::{MonteCarlo, OtherSpread, SETS};
 use spread::PlantSpread;
+use tables::FAILURES;
 
 /// Arguments of `oqtal robustness`.
 #[derive(Args, Debug)]
@@ -146,7 +148,14 @@ impl RobustnessArgs {
         let sheets: Vec<&Sheet> = chapters.iter().flat_map(|chapter| &chapter.sheets).collect();
         document["tables"] = sheets.iter().map(|sheet| sheet.to_json()).collect();
         let document = format!("{document:#}\n");
-        let text: Vec<String> = sheets.iter().map(|sheet| sheet.to_text()).collect();
+        let with_notes = |sheet: &&Sheet| {
+            let notes = sheet.notes.iter().map(|note| wrapped(note, 2));
+            [sheet.to_text()].into_iter().chain(notes).collect::<Vec<_>>().join("\n")
+        };
+        // Details are on the page.
+        let is_shown = |sheet: &&&Sheet| !sheet.is_detail || sheet.name.ends_with(FAILURES);
+        let shown = sheets.iter().filter(is_shown).filter(|sheet| !sheet.rows.is_empty());
+        let text: Vec<String> = shown.map(with_notes).collect();
         output.write("robustness.html", page::html(&PAGE, &chapters))?;
         output.write("robustness.md", page::markdown(&PAGE, &chapters, &self.command()))?;
         output.write("robustness.json", &document)?;
@@ -155,7 +164,7 @@ impl RobustnessArgs {
             print(document.trim_end())?;
         } else {
             let page = output.directory.join("robustness.html");
-            print(&format!("{}\n\npage: {}", text.join("\n\n"), page.display()))?;
+            print(&format!("{}\n\npage, with details: {}", text.join("\n\n"), page.display()))?;
         }
         Ok(Exit::Ok)
     }
@@ -163,6 +172,8 @@ impl RobustnessArgs {
     /// Flies all parts of the study. Returns draws and loops as JSON, and the chapters of the page.
     fn flown(&self, progress: &Progress) -> Result<(Value, Vec<Chapter>), Failure> {
         let common = with_defaults(self.study.settings()?);
+        let config = Config::from_settings(&common)?;
+        say_notes(self.gains.iter().find_map(|source| source.note(&config)));
         let laws = laws(&self.laws, &self.gains, &common)?;
         let loops = if self.margins { margins::all(&laws, progress)? } else { Vec::new() };
         let study = MonteCarlo { laws: &laws, common: &common, progress };
@@ -179,6 +190,7 @@ impl RobustnessArgs {
     fn over_draws(&self, study: &MonteCarlo<'_>) -> Result<(Value, Vec<Chapter>), Failure> {
         let several = |spread: &PlantSpread| self.draws(spread, study.common);
         let spread = PlantSpread::named(&self.spread)?;
+        say_notes(spread.notes(study.common)?);
         let draws = several(&spread)?;
         let other = |name: &String| {
             let spread = PlantSpread::named(name)?;

@@ -217,6 +217,11 @@ impl Flown {
         self.runs.iter().map(|run| run.figures[metric]).collect()
     }
 
+    /// One figure of every run, with the time until the next step for a step that did not settle.
+    pub fn bounded_values(&self, metric: usize) -> Vec<f64> {
+        self.runs.iter().map(|run| run.bounded(metric)).collect()
+    }
+
     /// Mean of each figure over all runs.
     pub fn mean(&self) -> Figures {
         std::array::from_fn(|metric| mean(&self.values(metric)))
@@ -269,7 +274,13 @@ pub(crate) mod tests {
             false => (Outcome::Stopped, Some("motors stopped: speed".to_owned())),
         };
         let ends = Test::ALL.map(|test| TestEnd { test, outcome, cause: cause.clone() });
-        Run { figures: [figure; METRICS], hover_max_mm: figure, riccati_solves, ends: ends.into() }
+        Run {
+            figures: [figure; METRICS],
+            least_settle_s: [figure; 2],
+            hover_max_mm: figure,
+            riccati_solves,
+            ends: ends.into(),
+        }
     }
 
     /// Row whose figures all have these values, one per run; seeds from 0 on.

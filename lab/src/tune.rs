@@ -9,6 +9,7 @@ pub mod page;
 pub mod search;
 pub mod space;
 pub mod trade;
+pub mod tuned;
 
 use std::ops::Range;
 use std::path::PathBuf;
@@ -23,7 +24,8 @@ use crate::output::{StudyOutput, check_file, complete, write_file};
 use crate::progress::Progress;
 use crate::robustness::draws::{Draw, TUNING_SEED};
 use crate::robustness::spread::PlantSpread;
-use crate::study::args::{StudyArgs, parse_seeds};
+use crate::study::TRAINING_SEEDS;
+use crate::study::args::{StudyArgs, parse_seeds, quoted, say_notes};
 use crate::study::law;
 
 use optimiser::Optimiser;
@@ -55,8 +57,7 @@ pub struct TuneArgs {
     /// Weights of the components of the objective; those not given keep their defaults, which the table at the end shows
     #[arg(long, value_name = "KEY=W,...", value_delimiter = ',')]
     weights: Vec<String>,
-    /// File of the tuned configuration; with several laws, or if it exists as a directory, the directory of files LAW.toml [default:
-    /// results/tune-N]
+    /// File NAME.toml of the tuned configuration of one law, or a directory of files LAW.toml [default: results/tune-N]
     #[arg(long, value_name = "PATH")]
     out: Option<PathBuf>,
     /// Continue an interrupted search: that of --out, or the last one in results/
@@ -76,7 +77,16 @@ impl TuneArgs {
         let mut flights = self.flights()?;
         flights.weights = trade::parse_weights(&self.weights)
             .map_err(|reason| Failure::new(Exit::Usage, format!("--weights: {reason}")))?;
-        let given = self.out.as_ref().filter(|out| names.len() == 1 && !out.is_dir());
+        flights.options = self.options();
+        let given = self.out.as_ref().filter(|out| out.extension().is_some_and(|e| e == "toml"));
+        if let Some(file) = given.filter(|_| names.len() > 1) {
+            let reason = format!(
+                "--out: {} is the file of one law, and {} are tuned; give a directory",
+                file.display(),
+                names.len()
+            );
+            return Err(Failure::new(Exit::Usage, reason));
+        }
         let output = match given {
             Some(file) => StudyOutput::beside(file, self.resume)?,
             None => StudyOutput::begin("tune", self.out.as_deref(), self.resume)?,
@@ -101,8 +111,20 @@ impl TuneArgs {
         let Some(spread) = self.spread.as_deref() else {
             return Ok(TrainingFlights::near(settings, seeds));
         };
-        let draws = Draw::several(&PlantSpread::named(spread)?, &settings, (TUNING_SEED, seeds))?;
+        let spread = PlantSpread::named(spread)?;
+        say_notes(spread.notes(&settings)?);
+        let draws = Draw::several(&spread, &settings, (TUNING_SEED, seeds))?;
         Ok(TrainingFlights::over(settings, &draws))
+    }
+
+    /// Arguments that select flights and weights, where they are not the default ones, each preceded by a space.
+    fn options(&self) -> String {
+        let Range { start, end } = self.seeds;
+        let seeds = (self.seeds != TRAINING_SEEDS).then(|| format!(" --seeds {start}-{}", end - 1));
+        let spread = self.spread.as_ref().map(|spread| format!(" --spread {}", quoted(spread)));
+        let weights = Some(self.weights.join(",")).filter(|weights| !weights.is_empty());
+        let weights = weights.map(|weights| format!(" --weights {}", quoted(&weights)));
+        [seeds, spread, weights, Some(self.study.words())].into_iter().flatten().collect()
     }
 
     fn budget(&self) -> Budget {

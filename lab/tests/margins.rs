@@ -24,8 +24,14 @@ fn the_margins_of_the_linear_model_are_those_that_are_flown() {
         Setting::flag("test", "plant.rate-lag-ms", 65.0),
         Setting::flag("test", "plant.hidden-delay-ms", 8.0),
     ];
-    let cases: [(&str, &[Setting], usize); 3] =
-        [("oqtal", &[], 0), ("oqtal-dt", &[], 0), ("oqtal-dt", &differing, 2)];
+    // The loop runs at 50 Hz, on every second pose.
+    let cameras = [Setting::flag("test", "mocap.rate-hz", 100.0)];
+    let cases: [(&str, &[Setting], usize); 4] = [
+        ("oqtal", &[], 0),
+        ("oqtal-dt", &[], 0),
+        ("oqtal-dt", &differing, 2),
+        ("oqtal", &cameras, 0),
+    ];
     for (name, more, axis) in cases {
         let pair = pair(&[&[law(name)][..], more].concat(), axis);
         let apart = greatest_difference(&pair);

@@ -4,10 +4,13 @@ use nalgebra::Vector3;
 use oqtal_bus::time::Span;
 use oqtal_config::{Config, Setting};
 use oqtal_control::quaternion::Attitude;
+use oqtal_control::trajectory::{FlightPlan, StartPoint};
 use oqtal_lab::mission::Mission;
 use oqtal_lab::simulation;
 use oqtal_lab::study::metric::{of_attitude, of_hover, of_path};
-use oqtal_observe::flight::{Flight, FlightSample};
+use oqtal_observe::corners::CornerFigures;
+use oqtal_observe::flight::{Flight, FlightSample, Outcome};
+use oqtal_observe::summary::Summary;
 
 /// Heading of the vehicle at the start \[rad\].
 const HEADING: f64 = 0.3;
@@ -24,19 +27,15 @@ fn flown(controller: &str, trajectory: &str) -> (Flight, Mission) {
     (flight, mission)
 }
 
-fn is_scored(sample: &FlightSample) -> bool {
-    sample.is_armed() && sample.telemetry.scored != 0
-}
-
 /// Flight of a prescribed attitude by a vehicle turned from it by `off` \[rad, body\], which may depend on the time since the
 /// last step \[s\].
-fn turned(trajectory: &str, off: impl Fn(f64) -> Vector3<f64>) -> [f64; 2] {
+fn turned(trajectory: &str, off: impl Fn(f64) -> Vector3<f64>) -> [f64; 3] {
     let (mut flight, mission) = flown("pid", trajectory);
     let options = &flight.config.trajectory;
     let start_s = options.take_off_s + options.settle_s;
     let heading = Attitude::from_rotation_vector(Vector3::z() * HEADING);
     let mut last: Option<(Attitude, f64)> = None;
-    for sample in flight.samples.iter_mut().filter(|sample| is_scored(sample)) {
+    for sample in flight.samples.iter_mut().filter(|sample| sample.is_scored()) {
         let t_s = sample.telemetry.mission_s - start_s;
         let Some(prescribed) = mission.trajectory.sample(t_s).attitude else { continue };
         let wanted = heading.unit_quaternion() * prescribed.attitude.unit_quaternion();
@@ -55,7 +54,7 @@ fn turned(trajectory: &str, off: impl Fn(f64) -> Vector3<f64>) -> [f64; 2] {
 #[test]
 fn the_chirp_is_scored_by_the_angle_about_every_axis() {
     for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
-        let [rms_deg, _] = turned("attitude-chirp", |_| axis * 1_f64.to_radians());
+        let [rms_deg, ..] = turned("attitude-chirp", |_| axis * 1_f64.to_radians());
         assert!((rms_deg - 1.0).abs() < 1e-3, "{axis}: {rms_deg} deg");
     }
 }
@@ -63,11 +62,79 @@ fn the_chirp_is_scored_by_the_angle_about_every_axis() {
 #[test]
 fn a_doublet_is_settled_after_the_last_pose_that_is_off() {
     let three_deg = Vector3::y() * 3_f64.to_radians();
-    let [_, settle_s] = turned("attitude-doublet", |since_s| match since_s < 0.5 {
+    let [_, settle_s, least_s] = turned("attitude-doublet", |since_s| match since_s < 0.5 {
         true => three_deg,
         false => Vector3::zeros(),
     });
-    assert!((settle_s - 0.5).abs() <= 1.0 / 60.0, "{settle_s} s");
+    assert!((settle_s - 0.5).abs() <= 1.0 / 60.0 && least_s == settle_s, "{settle_s} s");
+    let [_, settle_s, least_s] = turned("attitude-doublet", |_| three_deg);
+    assert!(settle_s == f64::INFINITY && least_s > 0.5, "never settled: {settle_s}, {least_s} s");
+}
+
+#[test]
+fn a_corner_that_does_not_settle_has_no_settling_time() {
+    let (mut flight, _) = flown("pid", "square");
+    let all = CornerFigures::of(&flight).unwrap();
+    assert!(all.settled == all.count && of_path(&flight)[3] == all.settle_s, "{all:?}");
+    // Away from the reference in the scored ticks from the second corner on.
+    let references: Vec<_> = flight.scored().map(|s| s.telemetry.reference_position).collect();
+    let first = references[0];
+    for sample in flight.samples.iter_mut().filter(|sample| sample.is_scored()) {
+        let reference = sample.telemetry.reference_position;
+        if let Some(truth) = sample.truth.as_mut().filter(|_| reference != first) {
+            truth.position = (Vector3::from(reference) + Vector3::z() * 0.2).into();
+        }
+    }
+    let some = CornerFigures::of(&flight).unwrap();
+    assert_eq!((some.count, some.settled), (all.count, 1), "{some:?}");
+    assert!(some.settle_s.is_finite() && some.least_settle_s > some.settle_s, "{some:?}");
+    assert_eq!(of_path(&flight)[3], f64::INFINITY);
+}
+
+/// A gust pushes a hovering vehicle beyond the soft border of the fence; the safety holds it there for a time.
+#[test]
+fn a_flight_that_the_fence_held_is_not_as_planned_and_its_held_ticks_are_not_scored() {
+    let set = |text: &str| Setting::parse("test", text).unwrap();
+    let settings = [
+        set("trajectory.kind=hover"),
+        set("fence.x-m=[-2.0,0.8]"),
+        set("fence.soft-margin-m=0.6"),
+        set("plant.disturb=[\"gust@16+2=6,0,0m/s\"]"),
+    ];
+    let mission = Mission::new(Config::from_settings(&settings).unwrap()).unwrap();
+    let flight = simulation::fly(&mission).unwrap();
+    assert_eq!(flight.outcome, Outcome::Landed, "{:?}", flight.shortfall());
+    assert_eq!(flight.cause().as_deref(), Some("held by the fence"));
+    assert!(flight.held_s() > 0.5, "{} s", flight.held_s());
+    assert!(flight.scored().all(|sample| !sample.is_held()));
+    let summary = Summary::of(&flight);
+    // The trajectory waits meanwhile, and is flown to its end.
+    let kept =
+        FlightPlan::new(&flight.config.trajectory, mission.trajectory, StartPoint::default());
+    let ticks = (0..6000).filter(|k| kept.scored(f64::from(*k) / 100.0)).count();
+    let scored_s = ticks as f64 / 100.0;
+    assert!((summary.scored_s - scored_s).abs() < 0.1, "{} of {scored_s} s", summary.scored_s);
+}
+
+#[test]
+fn effort_is_integrated_at_the_rate_of_the_loop() {
+    let effort = |settings: &[&str]| {
+        let settings = settings.iter().map(|text| Setting::parse("test", text).unwrap());
+        let config = Config::from_settings(&settings.collect::<Vec<_>>()).unwrap();
+        let loop_rate_hz = config.loop_rate_hz();
+        let flight = simulation::fly(&Mission::new(config).unwrap()).unwrap();
+        let norms = flight.scored().map(|s| Vector3::from(s.telemetry.sticks).norm());
+        let (count, sum) = norms.fold((0.0, 0.0), |(count, sum), norm| (count + 1.0, sum + norm));
+        // A mean over the ticks, times the time that they take.
+        let expected = sum / count * Summary::of(&flight).scored_s;
+        (loop_rate_hz, Summary::of(&flight).effort.unwrap() / expected)
+    };
+    for rate_hz in [50, 100] {
+        let cameras = format!("mocap.rate-hz={rate_hz}");
+        let (loop_rate_hz, ratio) = effort(&[&cameras, "trajectory.kind=circle"]);
+        assert_eq!(loop_rate_hz, 50.0, "cameras at {rate_hz} Hz");
+        assert!((ratio - 1.0).abs() < 0.01, "cameras at {rate_hz} Hz: {ratio}");
+    }
 }
 
 #[test]

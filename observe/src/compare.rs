@@ -94,13 +94,18 @@ impl Comparison {
 
     fn flown(&self) -> NamedTable {
         let files = std::iter::once("file".to_owned()).chain(self.names.iter().cloned()).collect();
+        let outcome = |flight: &Flight| match (flight.outcome, flight.cause()) {
+            (outcome, Some(cause)) if cause != outcome.to_string() => format!("{outcome}: {cause}"),
+            (outcome, _) => outcome.to_string(),
+        };
+        let outcomes = self.flights.iter().map(outcome);
         let rows = vec![
             files,
             self.row("controller", |s| s.controller.clone()),
             self.row("trajectory", |s| s.trajectory.clone()),
             self.row("vehicle", |s| s.vehicle.clone()),
             self.row("clock, seed", |s| format!("{}, {}", s.clock, s.seed)),
-            self.row("outcome", |s| s.outcome.to_string()),
+            std::iter::once("outcome".to_owned()).chain(outcomes).collect(),
             self.row("scored [s]", |s| significant(s.scored_s)),
         ];
         ("Flights", self.header("flight"), rows)

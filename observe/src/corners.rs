@@ -19,8 +19,13 @@ pub struct CornerFigures {
     pub count: u64,
     /// Mean length of a step \[m\].
     pub step_m: f64,
-    /// Mean time from a step to the last position error above 5 cm \[s\].
+    /// Number of steps after which the position error stays below 5 cm until the next step \[-\].
+    pub settled: u64,
+    /// Mean time from a step that settles to the last position error above 5 cm \[s\]; NaN if none settles.
     pub settle_s: f64,
+    /// The same mean over all steps, with the time until the next step for one that does not settle \[s\].
+    #[serde(skip)]
+    pub least_settle_s: f64,
     /// Mean overshoot in the direction of the step \[m\].
     pub overshoot_m: f64,
     /// Mean position error, once settled, until the next step \[m\]; NaN if no corner settled.
@@ -30,12 +35,22 @@ pub struct CornerFigures {
 }
 
 impl CornerFigures {
+    /// The settling time as text; if not every corner settled, how many did.
+    pub fn settling(&self) -> String {
+        let Self { count, settled, settle_s, .. } = self;
+        match *settled {
+            0 => "none within 5 cm before the next".to_owned(),
+            all if all == *count => format!("within 5 cm after {settle_s:.2} s"),
+            some => format!("{some} within 5 cm, after {settle_s:.2} s"),
+        }
+    }
+
     /// Figures of the scored window; `None` for a path without corners.
     pub fn of(flight: &Flight) -> Option<Self> {
         let samples: Vec<&FlightSample> = flight.scored().collect();
         let before = flight.armed().take_while(|sample| sample.telemetry.scored == 0).last();
         let mut from = before.map_or_else(Vector3::zeros, reference);
-        let [mut step, mut settle, mut overshoot, mut rest] = [Statistics::default(); 4];
+        let [mut step, mut settle, mut least, mut overshoot, mut rest] = [Statistics::default(); 5];
         let (mut approach, mut whole) = (0.0, 0.0);
         for corner in samples.chunk_by(|a, b| (reference(a) - reference(b)).norm() < STEP_M) {
             let error = |sample: &&FlightSample| sample.position_error().norm();
@@ -50,7 +65,11 @@ impl CornerFigures {
             let last = corner.iter().rposition(|sample| error(sample) > SETTLED_M);
             let (under_way, settled) = corner.split_at(last.map_or(0, |last| last + 1));
             let time = |sample: &FlightSample| sample.telemetry.time;
-            settle.add(last.map_or(0.0, |k| time(corner[k]).since(time(corner[0])).seconds()));
+            let after_s = last.map_or(0.0, |k| time(corner[k]).since(time(corner[0])).seconds());
+            least.add(after_s);
+            if !settled.is_empty() {
+                settle.add(after_s);
+            }
             approach += under_way.iter().map(error).sum::<f64>();
             settled.iter().for_each(|sample| rest.add(error(sample)));
             step.add(length);
@@ -58,7 +77,9 @@ impl CornerFigures {
         (step.count() > 0).then(|| Self {
             count: step.count(),
             step_m: step.mean(),
-            settle_s: settle.mean(),
+            settled: settle.count(),
+            settle_s: if settle.count() > 0 { settle.mean() } else { f64::NAN },
+            least_settle_s: least.mean(),
             overshoot_m: overshoot.mean(),
             settled_error_m: if rest.count() > 0 { rest.mean() } else { f64::NAN },
             approach_share: approach / whole,

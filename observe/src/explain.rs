@@ -50,7 +50,7 @@ fn with_values(meaning: &str, config: &Config, summary: &Summary) -> String {
     meaning
         .replace("{scored}", &format!("{:.1}", summary.scored_s))
         .replace("{source}", source)
-        .replace("{period}", &format!("{:.1}", 1e3 / config.control.rate_hz))
+        .replace("{period}", &format!("{:.1}", 1e3 / config.loop_rate_hz()))
         .replace("{coast}", &config.safety.coast_ms.to_string())
 }
 

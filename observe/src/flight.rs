@@ -17,6 +17,9 @@ pub use crate::flight_sample::FlightSample;
 use crate::kernel::ProcessUsage;
 use crate::wire::WireRecord;
 
+/// Cause of a flight that the fence held for a time.
+const HELD: &str = "held by the fence";
+
 /// Outcome of a flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -148,7 +151,7 @@ impl Flight {
 
     /// The ticks of the scored window, over which errors are computed.
     pub fn scored(&self) -> impl Iterator<Item = &FlightSample> {
-        self.armed().filter(|sample| sample.telemetry.scored != 0)
+        self.samples.iter().filter(|sample| sample.is_scored())
     }
 
     /// Reason why the flight did not end as planned: an operator or the daemon landed or stopped the vehicle, it crashed, or
@@ -191,11 +194,13 @@ impl Flight {
         Some(match (self.outcome, self.crash) {
             (Outcome::Landed, _) => match self.early_landing() {
                 Some(sample) => format!("landed by the daemon: {}", cause_of(sample)),
-                None => self.landing_on_request().map(|_| "landed on request".to_owned())?,
+                None if self.landing_on_request().is_some() => "landed on request".to_owned(),
+                None => self.is_held().then(|| HELD.to_owned())?,
             },
             (Outcome::Stopped, _) => format!("motors stopped: {}", self.stop_cause()),
             (Outcome::Crashed, Some(crash)) => crash.name().to_owned(),
             (Outcome::Timeout, _) if self.armed().next().is_none() => "no take-off".to_owned(),
+            (Outcome::Timeout, _) if self.is_held() => HELD.to_owned(),
             (Outcome::Timeout, _) => "not ended in time".to_owned(),
             (outcome, _) => outcome.to_string(),
         })
@@ -205,6 +210,27 @@ impl Flight {
     fn stop_cause(&self) -> Cause {
         let is_stopped = |s: &&FlightSample| s.telemetry.state == SafetyState::Stop.code();
         self.samples.iter().rev().find(is_stopped).map_or(Cause::None, cause_of)
+    }
+
+    /// Whether the fence held the vehicle before its landing.
+    fn is_held(&self) -> bool {
+        self.samples.iter().any(FlightSample::is_held)
+    }
+
+    /// Time from tick to tick, summed over the pairs of successive ticks of which both have a property \[s\].
+    fn time_s(&self, has: impl Fn(&FlightSample) -> bool) -> f64 {
+        let both = self.samples.windows(2).filter(|pair| pair.iter().all(&has));
+        both.map(|pair| pair[1].telemetry.time.since(pair[0].telemetry.time).seconds()).sum()
+    }
+
+    /// Time that is scored, without that for which the fence held the vehicle \[s\].
+    pub fn scored_s(&self) -> f64 {
+        self.time_s(FlightSample::is_scored)
+    }
+
+    /// Time for which the fence held the vehicle \[s\].
+    pub fn held_s(&self) -> f64 {
+        self.time_s(FlightSample::is_held)
     }
 
     /// Time of the last armed tick after arming, as text; empty without an armed tick.
@@ -223,7 +249,7 @@ impl Flight {
         }
         let landing = self.armed().find(|s| s.telemetry.phase == Phase::Landing as u8)?.telemetry;
         let planned_s = landing.planned_landing_s;
-        let period_s = 1.0 / self.config.control.rate_hz;
+        let period_s = 1.0 / self.config.loop_rate_hz();
         // The landing begins in the tick after its planned instant.
         // Infinite: an operator changed the flight, which then has no planned landing.
         if !planned_s.is_finite() || landing.mission_s > planned_s - period_s {

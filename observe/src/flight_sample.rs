@@ -20,6 +20,17 @@ impl FlightSample {
         [Mode::Flying.code(), Mode::Landing.code()].contains(&self.telemetry.mode)
     }
 
+    /// Whether errors are computed over this tick.
+    pub fn is_scored(&self) -> bool {
+        self.is_armed() && self.telemetry.scored != 0
+    }
+
+    /// Whether the fence holds the vehicle: the trajectory waits.
+    pub fn is_held(&self) -> bool {
+        [self.telemetry.mode, self.telemetry.state]
+            == [Mode::Flying.code(), SafetyState::Hold.code()]
+    }
+
     /// Whether the daemon is ending the flight.
     pub fn is_ended_by_daemon(&self) -> bool {
         (SafetyState::Land.code()..SafetyState::Stop.code()).contains(&self.telemetry.state)

@@ -190,7 +190,7 @@ impl Recorder {
         self.daemon_pid = Some(u64::from(reception.header.origin().process()));
         self.flight.wakeup_lateness.add(Span::from_nanos(telemetry.wakeup_lateness_ns));
         if let Some(last) = self.last_tick.replace(telemetry.time) {
-            let period = Span::period_of(self.flight.config.control.rate_hz);
+            let period = Span::period_of(self.flight.config.loop_rate_hz());
             let deviation = telemetry.time.since(last) - period;
             self.flight.period_jitter.add(Span::from_nanos(deviation.nanos().abs()));
         }

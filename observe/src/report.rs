@@ -89,9 +89,10 @@ fn circumstances(flight: &Flight, summary: &Summary) -> String {
         return format!("{} · {clock} clock · {duration_s:.1} s", flight.config.mocap.replay);
     }
     let against = if summary.error_source == "truth" { " against the truth" } else { "" };
+    let held = summary.held().map_or(String::new(), |held| format!(" · {held}"));
     format!(
         "{vehicle} · {clock} clock · seed {seed} · {duration_s:.1} s in flight, \
-         {scored_s:.1} s of it (shaded) scored{against}"
+         {scored_s:.1} s of it (shaded) scored{against}{held}"
     )
 }
 
@@ -147,8 +148,7 @@ fn flight_figures(summary: &Summary) -> Vec<KeyFigure> {
         let way =
             format!("{:.0} % of the position error is the way there", 1e2 * corners.approach_share);
         let overshoot = unit::length(corners.overshoot_m);
-        let settled = format!("{:.2} s, overshoot {overshoot}", corners.settle_s);
-        ("Corners: within 5 cm after", settled, way)
+        ("Corners", format!("{}, overshoot {overshoot}", corners.settling()), way)
     }));
     figures.push(("Mean attitude error", attitude, detail));
     let whole = summary.hops.get(WHOLE).copied().unwrap_or_default();

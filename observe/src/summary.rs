@@ -78,6 +78,8 @@ pub struct Summary {
     pub ticks: usize,
     pub duration_s: f64,
     pub scored_s: f64,
+    /// Time for which the fence held the vehicle, which is not scored \[s\].
+    pub held_s: f64,
     pub outcome: Outcome,
     /// Reason why the flight did not end as planned; `None` if it did.
     pub shortfall: Option<String>,
@@ -140,7 +142,8 @@ impl Summary {
             seed: config.clock.seed,
             ticks,
             duration_s,
-            scored_s: extent(flight.scored()).1,
+            scored_s: flight.scored_s(),
+            held_s: flight.held_s(),
             outcome: flight.outcome,
             shortfall: flight.shortfall(),
             error_source: error_source(flight),
@@ -168,6 +171,12 @@ impl Summary {
             config_hash: format!("{:016x}", config.hash()),
             trajectory_hash: trajectory_hash(flight),
         }
+    }
+
+    /// The time for which the fence held the vehicle, as text; `None` if it did not.
+    pub fn held(&self) -> Option<String> {
+        let held = || format!("held by the fence for {:.1} s, which is not scored", self.held_s);
+        (self.held_s > 0.0).then(held)
     }
 
     /// Safety states passed through, as text; only the first few if there are many.
@@ -267,7 +276,7 @@ fn effort(flight: &Flight) -> Option<f64> {
     if flight.config.vehicle.interface.holds_attitude() {
         return None;
     }
-    let period_s = 1.0 / flight.config.control.rate_hz;
+    let period_s = 1.0 / flight.config.loop_rate_hz();
     let norms = flight.scored().map(|sample| {
         Vector3::from(sample.telemetry.sticks).norm()
             + Vector3::from(sample.telemetry.torque).norm()

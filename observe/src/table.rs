@@ -23,6 +23,7 @@ pub fn closing(summary: &Summary) -> String {
         None if summary.outcome == Outcome::Landed => text += UNSCORED,
         None => {}
     }
+    text += &summary.held().map_or_else(String::new, |held| format!("{held}\n"));
     text += &summary.corners.as_ref().map_or_else(String::new, corners);
     if let Some(latencies) = latencies(summary) {
         text += &format!("{latencies}\n");
@@ -67,14 +68,15 @@ fn errors(summary: &Summary) -> Option<Table> {
 
 /// The figures at the corners in two lines: of the position error, how much is the step of the reference, not the law.
 fn corners(corners: &CornerFigures) -> String {
-    let CornerFigures { count, step_m, settle_s, overshoot_m, .. } = corners;
+    let CornerFigures { count, step_m, overshoot_m, .. } = corners;
     let settled = match corners.settled_error_m {
         error if error.is_nan() => "never settled".to_owned(),
         error => format!("{:.1} mm once settled", 1e3 * error),
     };
     format!(
-        "corners: {count} of {step_m:.2} m, within 5 cm after {settle_s:.2} s, overshoot {:.0} mm;\n\
+        "corners: {count} of {step_m:.2} m, {}, overshoot {:.0} mm;\n\
          position error: {:.0} % is the way to the corner, {settled}\n",
+        corners.settling(),
         1e3 * overshoot_m,
         1e2 * corners.approach_share
     )

@@ -101,7 +101,7 @@ impl SceneDescription {
                 Interface::Torque => "torque, N m",
                 Interface::Attitude => "attitude, deg",
             },
-            rate_hz: config.control.rate_hz,
+            rate_hz: config.loop_rate_hz(),
             battery_low_v: config.safety.battery_low_v,
             faults: config.fault.inject.iter().map(ToString::to_string).collect(),
             fence: FenceBorder::of(&config.fence),

@@ -15,6 +15,7 @@ use super::hidden_plants::{HiddenPlants, study};
 use super::identification::{Scale, identify};
 use super::{overview, page, vehicle_toml};
 use crate::output::{make, next_free, write};
+use crate::study::args::warn;
 
 /// Reads the flight of a recording.
 pub type ReadFlight = dyn Fn(&Path) -> Result<Flight, Failure>;
@@ -116,6 +117,7 @@ impl IdentifyArgs {
         if self.fly {
             let config = Config::from_settings(&self.own_settings()?)?;
             check_interface(&config)?;
+            warn(&config);
             flights.push(excitation_flight::fly(&config)?);
         }
         for file in &self.files {

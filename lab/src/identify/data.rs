@@ -5,6 +5,7 @@ use nalgebra::Vector3;
 use oqtal_bus::time::Time;
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::statistics::median;
+use oqtal_control::trajectory::Phase;
 use oqtal_observe::flight::{Flight, FlightSample};
 
 /// Height above the floor above which a flight is used \[m\]: below it, the floor exerts forces.
@@ -45,6 +46,9 @@ pub struct FlightData {
     pub air: Vec<PoseRecord>,
     /// All commands of the flight, in order of time.
     pub commands: Vec<CommandRecord>,
+    /// Instants of the ticks \[s\] with the attitude that the trajectory prescribes: roll and pitch, 0 where it prescribes none, and
+    /// the heading \[rad\]. No measurement has an effect on it.
+    pub prescribed: Vec<(f64, Vector3<f64>)>,
     /// Median time from the publication of a command to its effect, by its stamps \[s\]; `None` without such stamps.
     pub stamped_delay_s: Option<f64>,
 }
@@ -64,7 +68,7 @@ impl FlightData {
         let until_s = armed_until_s(flight);
         let air = poses[first..last].iter().copied();
         let air = air.filter(|pose| pose.captured_s < until_s).collect();
-        Self { rest, air, commands, stamped_delay_s }
+        Self { rest, air, commands, prescribed: prescribed(flight), stamped_delay_s }
     }
 }
 
@@ -93,6 +97,24 @@ fn poses(flight: &Flight) -> Vec<PoseRecord> {
         }
     }
     poses
+}
+
+/// The attitudes that the trajectory prescribes.
+fn prescribed(flight: &Flight) -> Vec<(f64, Vector3<f64>)> {
+    let options = &flight.config.trajectory;
+    let start_s = options.take_off_s + options.settle_s;
+    // Waypoints prescribe no attitude.
+    let trajectory = options.trajectory(None);
+    let at = |FlightSample { telemetry, .. }: &FlightSample| {
+        let is_flown = telemetry.phase == Phase::Trajectory as u8;
+        let trajectory = trajectory.as_ref().filter(|_| is_flown);
+        let reference = trajectory.and_then(|t| t.sample(telemetry.mission_s - start_s).attitude);
+        let tilt = reference.map_or_else(Vector3::zeros, |reference| {
+            Attitude::LEVEL.rotation_to(&reference.attitude)
+        });
+        (seconds(telemetry.time), tilt.xy().push(telemetry.reference_yaw))
+    };
+    flight.samples.iter().map(at).collect()
 }
 
 /// The commands that were not lost, and the median delay by their stamps \[s\].

@@ -78,6 +78,66 @@ pub fn least_squares(
     Some(values)
 }
 
+/// Steps of a parameter by which two fits differ that ended in different optima \[-\].
+const APART_STEPS: f64 = 10.0;
+/// Relative decrease of the sum of squares for which another starting point is taken than the own one \[-\].
+const BETTER: f64 = 1e-3;
+
+/// Fits from several starting points.
+#[derive(Clone, Debug, Default)]
+pub struct StartingPoints {
+    /// Number of starting points \[-\].
+    pub count: usize,
+    /// Number of fits that ended in another optimum than the best \[-\].
+    pub elsewhere: usize,
+    /// Least sum of squares of these, over that of the best, minus 1 \[-\].
+    pub excess_ratio: f64,
+}
+
+/// Moves `parameters` to the best optimum that a fit finds from their own initial values and from the other `starts`, which replace
+/// the first values. `None` if no fit can be computed.
+pub fn move_to_best(
+    parameters: &mut [FitParameter],
+    starts: &[Vec<f64>],
+    residuals: &dyn Fn(&[f64]) -> Vec<f64>,
+) -> Option<StartingPoints> {
+    let own: Vec<f64> = parameters.iter().map(|parameter| parameter.start).collect();
+    let others = starts.iter().map(|start| [&start[..], &own[start.len()..]].concat());
+    let fit = |start: Vec<f64>| {
+        let from = parameters.iter().zip(start);
+        let from: Vec<_> = from.map(|(p, start)| FitParameter { start, ..*p }).collect();
+        let values = least_squares(&from, residuals)?;
+        let square: f64 = residuals(&values).iter().map(|residual| residual * residual).sum();
+        square.is_finite().then_some((values, square))
+    };
+    let own_fit = fit(own.clone());
+    let fits: Vec<(Vec<f64>, f64)> =
+        own_fit.clone().into_iter().chain(others.filter_map(fit)).collect();
+    let least = fits.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
+    let own_fit = own_fit.filter(|own| own.1 * (1.0 - BETTER) <= least.1);
+    let is_own = own_fit.is_some();
+    let best = own_fit.unwrap_or_else(|| least.clone());
+    let is_apart = |values: &[f64]| {
+        let pairs = parameters.iter().zip(values).zip(&best.0);
+        pairs.into_iter().any(|((p, a), b)| !p.is_fixed && (a - b).abs() > APART_STEPS * p.step)
+    };
+    let elsewhere: Vec<f64> = fits
+        .iter()
+        .filter(|(values, _)| is_apart(values))
+        .map(|fit| fit.1 / best.1 - 1.0)
+        .collect();
+    let report = StartingPoints {
+        count: fits.len(),
+        elsewhere: elsewhere.len(),
+        excess_ratio: elsewhere.iter().copied().fold(f64::INFINITY, f64::min),
+    };
+    // The fit that follows starts from the own initial values, if they lead to the best optimum.
+    if !is_own {
+        parameters.iter_mut().zip(best.0).for_each(|(parameter, start)| parameter.start = start);
+    }
+    Some(report)
+}
+
 /// Step of a derivative over the standard deviation of its parameter \[-\].
 const STEP_SHARE: f64 = 0.5;
 
@@ -194,4 +254,35 @@ fn long_run(scores: &DMatrix<f64>, series: &[usize]) -> DMatrix<f64> {
         begin += length;
     }
     sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two minima in `x`: a shallow one near -1, and a deep one near 1.
+    fn residuals(values: &[f64]) -> Vec<f64> {
+        let x = values[0];
+        vec![x * x - 1.0, 0.3 * (x - 1.0), 0.1]
+    }
+
+    fn from(start: f64) -> Vec<FitParameter> {
+        vec![FitParameter { start, bounds: [-5.0, 5.0], step: 1e-3, is_fixed: false }]
+    }
+
+    #[test]
+    fn the_best_of_several_optima_is_taken_and_the_others_are_told() {
+        let mut parameters = from(-2.0);
+        let told = move_to_best(&mut parameters, &[vec![2.0], vec![-3.0]], &residuals).unwrap();
+        assert!((parameters[0].start - 1.0).abs() < 1e-6, "{parameters:?}");
+        assert_eq!((told.count, told.elsewhere), (3, 2));
+        assert!(told.excess_ratio > 1.0, "{told:?}");
+    }
+
+    #[test]
+    fn a_start_that_is_as_good_as_any_is_kept() {
+        let mut parameters = from(2.0);
+        let told = move_to_best(&mut parameters, &[vec![3.0]], &residuals).unwrap();
+        assert_eq!((parameters[0].start, told.elsewhere), (2.0, 0));
+    }
 }

@@ -1,9 +1,13 @@
 //! Frequency responses from the commanded to the flown rates, with their coherence, beside those of the fitted model.
+//!
+//! The loop is closed: noise that the controller answers is in the command and in the rate, and their ratio would tend to the inverse
+//! of the controller. The response is therefore the ratio of the cross-spectra of rate and command with the prescribed attitude,
+//! which no noise has an effect on (Ljung, *System Identification*, 2nd ed., 1999, chapter 13).
 
 use std::f64::consts::TAU;
 
 use maud::{Markup, html};
-use nalgebra::{Complex, UnitQuaternion};
+use nalgebra::{Complex, UnitQuaternion, Vector3};
 use oqtal_control::statistics::median;
 use oqtal_observe::plot::axis::Axis;
 use oqtal_observe::plot::chart::{Mark, Plot};
@@ -16,6 +20,8 @@ use super::rotation::RotationModel;
 
 /// Number of samples of a segment \[-\]: 4.3 s at 60 Hz.
 const SEGMENT: usize = 256;
+/// Least coherence at which a measured response is shown \[0..1\].
+const EXCITED: f64 = 0.5;
 /// Greatest frequency that is shown, over the rate of the poses \[-\].
 const MOST: f64 = 0.25;
 const AXES: [&str; 3] = ["roll", "pitch", "yaw"];
@@ -31,13 +37,20 @@ pub struct ResponsePoint {
     pub measured: Complex<f64>,
     /// That of the fitted model \[-\].
     pub model: Complex<f64>,
-    /// Coherence of command and rate \[0..1\]: 1 if the rate is explained by the command alone.
+    /// Coherence of prescribed attitude and rate \[0..1\]: 1 if the rate follows from what the trajectory prescribes.
     pub coherence: f64,
 }
 
-/// Frequency response of each axis, estimated by Welch's method from half-overlapping segments with Hann's window. Command and
-/// rate are means over the same intervals between poses, so that the intervals do not appear in the response. Empty if the flight
-/// is shorter than two segments.
+impl ResponsePoint {
+    /// Whether the trajectory excites this frequency.
+    fn is_excited(&self) -> bool {
+        self.coherence >= EXCITED
+    }
+}
+
+/// Frequency response of each axis, estimated by Welch's method from half-overlapping segments with Hann's window. Command, rate and
+/// the rate of the prescribed attitude are means over the same intervals between poses, so that the intervals do not appear in the
+/// response. Empty if the flight is shorter than two segments, or if the trajectory excites no frequency of the axis.
 pub fn responses(data: &FlightData, model: &RotationModel) -> [Vec<ResponsePoint>; 3] {
     let intervals: Vec<&[PoseRecord]> = data.air.windows(2).collect();
     let Some(period_s) = median(intervals.iter().map(|pair| duration(pair))) else {
@@ -46,8 +59,28 @@ pub fn responses(data: &FlightData, model: &RotationModel) -> [Vec<ResponsePoint
     std::array::from_fn(|axis| {
         let commands = held(&data.commands, &intervals, axis);
         let rates: Vec<f64> = intervals.iter().map(|pair| rate(pair, axis)).collect();
-        response(&commands, &rates, (period_s, axis), model)
+        let prescribed = prescribed(&data.prescribed, &intervals, axis);
+        let points = response([&prescribed, &commands, &rates], (period_s, axis), model);
+        if points.iter().any(ResponsePoint::is_excited) { points } else { Vec::new() }
     })
+}
+
+/// Mean rate of the prescribed attitude over each interval \[rad/s\].
+fn prescribed(
+    attitudes: &[(f64, Vector3<f64>)],
+    intervals: &[&[PoseRecord]],
+    axis: usize,
+) -> Vec<f64> {
+    let at = |time_s: f64| {
+        let after = attitudes.partition_point(|(tick_s, _)| *tick_s <= time_s);
+        attitudes.get(after.saturating_sub(1)).map_or(0.0, |(_, attitude)| attitude[axis])
+    };
+    let rate = |pair: &&[PoseRecord]| {
+        let turned: f64 = at(pair[1].captured_s) - at(pair[0].captured_s);
+        // A heading turns the shorter way.
+        turned.sin().atan2(turned.cos()) / duration(pair)
+    };
+    intervals.iter().map(rate).collect()
 }
 
 fn duration(pair: &[PoseRecord]) -> f64 {
@@ -84,8 +117,7 @@ fn held(commands: &[CommandRecord], intervals: &[&[PoseRecord]], axis: usize) ->
 }
 
 fn response(
-    commands: &[f64],
-    rates: &[f64],
+    [prescribed, commands, rates]: [&[f64]; 3],
     (period_s, axis): (f64, usize),
     model: &RotationModel,
 ) -> Vec<ResponsePoint> {
@@ -98,18 +130,19 @@ fn response(
     }
     let authority = model.authority[axis];
     let point = |bin: usize| {
-        let (mut across, mut input, mut output) = (Complex::new(0.0, 0.0), 0.0, 0.0);
+        let [mut to_command, mut to_rate] = [Complex::new(0.0, 0.0); 2];
+        let [mut input, mut output] = [0.0; 2];
         for start in &starts {
-            let segment = *start..start + SEGMENT;
-            let command = component(&commands[segment.clone()], bin);
-            let rate = component(&rates[segment], bin) / authority;
-            across += command.conj() * rate;
-            input += command.norm_sqr();
+            let part = |values: &[f64]| component(&values[*start..start + SEGMENT], bin);
+            let (source, rate) = (part(prescribed), part(rates) / authority);
+            to_command += source.conj() * part(commands);
+            to_rate += source.conj() * rate;
+            input += source.norm_sqr();
             output += rate.norm_sqr();
         }
         let hz = bin as f64 / (SEGMENT as f64 * period_s);
-        let measured = across / input;
-        let coherence = across.norm_sqr() / (input * output);
+        let measured = to_rate / to_command;
+        let coherence = to_rate.norm_sqr() / (input * output);
         ResponsePoint { hz, measured, model: of_model(model, hz), coherence }
     };
     (1..(MOST * SEGMENT as f64) as usize).map(point).collect()
@@ -138,6 +171,9 @@ fn of_model(model: &RotationModel, hz: f64) -> Complex<f64> {
 pub fn figures(data: &FlightData, model: &RotationModel) -> Markup {
     let responses = responses(data, model);
     html! {
+        @for (axis, _) in AXES.iter().zip(&responses).filter(|(_, points)| points.is_empty()) {
+            p.note { (axis) ": the trajectory excites no frequency, and without that the closed loop shows no response of the vehicle." }
+        }
         @for (axis, points) in AXES.iter().zip(&responses).filter(|(_, points)| !points.is_empty()) {
             (both(&format!("{axis}: gain [dB], of the rate at full stick"), points, |gain| {
                 20.0 * gain.norm().log10()
@@ -147,20 +183,19 @@ pub fn figures(data: &FlightData, model: &RotationModel) -> Markup {
                 // From 90 down: the phase of a delay does not jump at -180.
                 if degrees > 90.0 { degrees - 360.0 } else { degrees }
             }))
-            (coherence(&format!("{axis}: coherence of command and rate"), points))
+            (coherence(&format!("{axis}: coherence of prescribed attitude and rate"), points))
         }
     }
 }
 
 fn both(title: &str, points: &[ResponsePoint], value: impl Fn(Complex<f64>) -> f64) -> Markup {
-    let of = |of: fn(&ResponsePoint) -> Complex<f64>| -> Vec<Point> {
-        points.iter().map(|point| (point.hz.log10(), value(of(point)))).collect()
-    };
-    let discs = of(|point| point.measured).into_iter().map(|at| Mark::Disc(Ink::Second, at));
-    let line = Mark::Line(Ink::Actual, 3, of(|point| point.model));
-    let shapes: Vec<Mark> = discs.chain([line]).collect();
-    let values = of(|point| point.measured).into_iter().chain(of(|point| point.model));
-    let y = Axis::fitting(values.map(|point| point.1));
+    let at = |point: &ResponsePoint, gain| (point.hz.log10(), value(gain));
+    let excited = points.iter().filter(|point| point.is_excited());
+    let measured: Vec<Point> = excited.map(|point| at(point, point.measured)).collect();
+    let model: Vec<Point> = points.iter().map(|point| at(point, point.model)).collect();
+    let y = Axis::fitting(measured.iter().chain(&model).map(|point| point.1));
+    let discs = measured.into_iter().map(|at| Mark::Disc(Ink::Second, at));
+    let shapes: Vec<Mark> = discs.chain([Mark::Line(Ink::Actual, 3, model)]).collect();
     let legend = [("model", Ink::Actual), ("measured", Ink::Second)];
     figure(title, &legend, &over_frequency(points, y, shapes))
 }
@@ -180,41 +215,61 @@ fn over_frequency(points: &[ResponsePoint], y: Axis, shapes: Vec<Mark>) -> Plot 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::Vector3;
     use oqtal_control::quaternion::Attitude;
 
-    /// Rates that follow the commands after two samples, without a lag.
-    #[test]
-    fn the_response_of_a_pure_delay_has_its_gain_and_phase_and_full_coherence() {
-        let period_s = 1.0 / 60.0;
+    const PERIOD_S: f64 = 1.0 / 60.0;
+
+    /// Responses of a vehicle whose roll follows the sticks after two samples, without a lag, under a proportional law that answers
+    /// noise of `noise_rad`, and the prescribed roll, a random walk of `size_rad`.
+    fn flown(noise_rad: f64, size_rad: f64) -> [Vec<ResponsePoint>; 3] {
         let mut state = 1_u32;
         let mut noise = || {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             f64::from(state >> 8) / f64::from(1 << 24) - 0.5
         };
-        let sticks: Vec<f64> = (0..2000).map(|_| 0.2 * noise()).collect();
-        let mut data = FlightData::default();
-        let mut angle = 0.0;
-        for (k, stick) in sticks.iter().enumerate() {
-            let at_s = k as f64 * period_s;
-            let sticks_now = Vector3::new(*stick, 0.0, 0.0);
+        let (mut data, mut sticks) = (FlightData::default(), [0.0; 2]);
+        let [mut prescribed, mut angle] = [0.0; 2];
+        for k in 0..3000 {
+            let at_s = f64::from(k) * PERIOD_S;
+            prescribed += size_rad * noise();
+            let measured = angle + noise_rad * noise();
+            let stick = 2.0 * (prescribed - measured);
+            let sticks_now = Vector3::new(stick, 0.0, 0.0);
+            data.prescribed.push((at_s, Vector3::x() * prescribed));
             data.commands.push(CommandRecord { sent_s: at_s, sticks: sticks_now, thrust: 0.5 });
             data.air.push(PoseRecord {
                 captured_s: at_s,
                 latency_s: 0.0,
                 position: Vector3::zeros(),
-                attitude: Attitude::from_rotation_vector(Vector3::x() * angle),
+                attitude: Attitude::from_rotation_vector(Vector3::x() * measured),
             });
-            angle += 2.0 * period_s * if k >= 2 { sticks[k - 2] } else { 0.0 };
+            angle += 2.0 * PERIOD_S * sticks[0];
+            sticks = [sticks[1], stick];
         }
         let authority = Vector3::new(2.0, 2.0, 2.0);
-        let (delay_s, bias) = (2.0 * period_s, Vector3::zeros());
-        let model = RotationModel { delay_s, lag_s: 0.0, fast_s: 0.0, authority, bias };
-        let [roll, pitch, _] = responses(&data, &model);
+        let (delay_s, bias) = (2.0 * PERIOD_S, Vector3::zeros());
+        responses(&data, &RotationModel { delay_s, lag_s: 0.0, fast_s: 0.0, authority, bias })
+    }
+
+    #[test]
+    fn the_response_of_a_pure_delay_has_its_gain_and_phase_and_full_coherence() {
+        let [roll, pitch, _] = flown(0.0, 0.02);
         for point in &roll {
             assert!((point.measured - point.model).norm() < 0.05, "{point:?}");
-            assert!(point.coherence > 0.99, "{point:?}");
+            assert!(point.coherence > 0.95, "{point:?}");
         }
-        assert!(roll.len() > 50 && pitch.iter().all(|point| point.coherence.is_nan()));
+        assert!(roll.len() > 50 && pitch.is_empty());
+    }
+
+    #[test]
+    fn feedback_of_noise_does_not_take_the_place_of_the_vehicle() {
+        let [roll, ..] = flown(3e-3, 0.02);
+        let excited = roll.iter().filter(|point| point.is_excited());
+        for point in excited.clone() {
+            assert!((point.measured - point.model).norm() < 0.3, "{point:?}");
+        }
+        assert!(excited.count() > 20);
+        let [roll, ..] = flown(3e-3, 0.0);
+        assert!(roll.is_empty(), "nothing but the noise moves the vehicle");
     }
 }

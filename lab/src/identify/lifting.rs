@@ -3,7 +3,9 @@
 use nalgebra::{DVector, Vector3};
 
 use super::data::{FlightData, series};
-use super::fit::{FitParameter, FitResult, least_squares, precise_fit};
+use super::fit::{
+    FitParameter, FitResult, StartingPoints, least_squares, move_to_best, precise_fit,
+};
 use super::noise::{Likelihood, best_in_proportion, residuals};
 use super::rotation::RotationPass;
 use super::translation::{TranslationModel, TranslationNoise, TranslationPass, pass};
@@ -12,6 +14,8 @@ use super::translation::{TranslationModel, TranslationNoise, TranslationPass, pa
 const ROUNDS: usize = 2;
 /// Number of parameters before the biases.
 const SHARED: usize = 4;
+/// Lags of the thrust from which the fit starts beside the configured one \[s\].
+const STARTS_S: [f64; 2] = [0.01, 0.15];
 /// Range of the gust strength over the measurement noise \[1/s^2\].
 const GUSTS: [f64; 2] = [3.0, 10_000.0];
 /// Range of the correlation time of the gusts \[s\].
@@ -28,6 +32,8 @@ pub struct LiftingFit {
     pub noise: TranslationNoise,
     /// Predictions for each flight.
     pub passes: Vec<TranslationPass>,
+    /// Agreement of fits from several starting points.
+    pub starts: StartingPoints,
 }
 
 /// Flights with their predicted rotation.
@@ -50,6 +56,9 @@ pub fn lifting(
     let mut noise = TranslationNoise { measured_m: 0.5e-3, gust_ratio: 100.0, gust_s: 0.8 };
     let mut parameters = parameters(start, turned.flights.len(), is_curved);
     let series = series(turned.flights);
+    let residuals = |values: &[f64]| residuals_of(turned, &models(values, start), &noise);
+    let starts = STARTS_S.map(|lag_s| vec![start.thrust_m_s2, lag_s]);
+    let starts = move_to_best(&mut parameters, &starts, &residuals)?;
     for _ in 0..ROUNDS {
         let residuals = |values: &[f64]| residuals_of(turned, &models(values, start), &noise);
         let found = precise_fit(&mut parameters, &series, &residuals)?;
@@ -66,7 +75,7 @@ pub fn lifting(
     fit.covariance += &change * change.transpose();
     let models = models(&fit.values, start);
     let passes = passes(turned, &models, &noise);
-    Some(LiftingFit { models, fit, noise, passes })
+    Some(LiftingFit { models, fit, noise, passes, starts })
 }
 
 fn parameters(start: &TranslationModel, flights: usize, is_curved: bool) -> Vec<FitParameter> {

@@ -6,11 +6,15 @@ use oqtal_observe::plot::unit::{MISSING, rounded};
 use super::camera_figures::PoseLatency;
 use super::digits::with_interval;
 use super::finding::{ParameterFinding, rules};
+use super::fit::StartingPoints;
 use super::identification::Identification;
 use crate::text_table::{self, NamedRow};
 
 /// The headings of the findings.
 pub const HEADINGS: [&str; 5] = ["", "value", "± (95 %)", "before", "change"];
+
+/// Excess of the sum of squares below which two optima are equally likely \[-\].
+const INDISTINCT: f64 = 1e-3;
 
 /// Cells of a finding, in the order of [`HEADINGS`].
 pub fn cells(finding: &ParameterFinding) -> [String; 5] {
@@ -50,6 +54,12 @@ pub fn remarks(identification: &Identification) -> Vec<String> {
             names.join("; ")
         ),
     });
+    let fits = &identification.estimate;
+    for (name, starts) in
+        [("rotation", &fits.turning.starts), ("translation", &fits.lifting.starts)]
+    {
+        lines.extend(other_optima(name, starts));
+    }
     let hidden = identification.findings.iter().find(|f| f.name == rules::HIDDEN_DELAY.name);
     if hidden.is_some_and(|hidden| hidden.value + hidden.half_width < 0.0) {
         let effect = "part of the delay is counted as rate lag; their sum is right";
@@ -63,6 +73,21 @@ pub fn remarks(identification: &Identification) -> Vec<String> {
     }
     lines.push(cameras(identification));
     lines
+}
+
+/// Remark on fits that ended in another optimum than the best; `None` if all agree.
+fn other_optima(name: &str, starts: &StartingPoints) -> Option<String> {
+    let StartingPoints { count, elsewhere, excess_ratio } = *starts;
+    let best = match excess_ratio {
+        close if close < INDISTINCT => "as likely: the flight does not tell the two apart",
+        _ => "less likely: the best is taken",
+    };
+    let percent = rounded(1e2 * excess_ratio, 2);
+    (elsewhere > 0).then(|| {
+        format!(
+            "{name}: {elsewhere} of {count} starting points lead to other parameters, with squares {percent} % greater; {best}"
+        )
+    })
 }
 
 fn cameras(identification: &Identification) -> String {

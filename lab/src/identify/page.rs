@@ -17,9 +17,9 @@ const RATE_POSES: usize = 3;
 /// Number of poses on either side over which an acceleration is the second difference of positions \[-\].
 const ACCELERATION_POSES: usize = 7;
 /// Note above the frequency responses.
-const RESPONSES: &str = "From the commanded to the flown rates, in units of the rate at full stick, beside the fitted model. Where the \
-     coherence is low, the flight does not excite that frequency, or noise hides the answer: the measured points are not to be \
-     relied on there. The loop is closed: noise that the controller answers pulls such points towards the controller's inverse.";
+const RESPONSES: &str = "From the commanded to the flown rates, in units of the rate at full stick, beside the fitted model. The \
+     loop is closed, so that only motion which the trajectory prescribes tells the vehicle from its controller: measured points are \
+     shown at the frequencies where the rate follows from it, with a coherence of at least 0.5.";
 const STYLE: &str = "td { font-variant-numeric: tabular-nums; } .remark { max-width: 95ch; }";
 
 /// The HTML page of `identification`, made from `flights`.

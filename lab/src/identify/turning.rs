@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::data::{FlightData, series};
-use super::fit::{FitParameter, FitResult, precise_fit};
+use super::fit::{FitParameter, FitResult, StartingPoints, move_to_best, precise_fit};
 use super::noise::{Likelihood, best_in_proportion, residuals};
 use super::rotation::{RotationModel, RotationNoise, RotationPass, pass};
 
@@ -15,6 +15,8 @@ const FAST: usize = 5;
 const SHARED: usize = 6;
 /// Longest second lag \[s\].
 const LONGEST_FAST_S: f64 = 15e-3;
+/// Delays and lags from which the fit starts beside the configured ones \[s\].
+const STARTS_S: [[f64; 2]; 3] = [[5e-3, 0.15], [0.08, 0.02], [0.03, 0.06]];
 /// Range of the rate's random walk over the measurement noise \[1/s\].
 const WALKS: [f64; 2] = [0.1, 1000.0];
 
@@ -30,6 +32,8 @@ pub struct TurningFit {
     pub noise: RotationNoise,
     /// Predictions for each flight.
     pub passes: Vec<RotationPass>,
+    /// Agreement of fits from several starting points.
+    pub starts: StartingPoints,
 }
 
 /// Fits the rotation to `flights`, starting at `start`. The fit includes a second lag, so that a second-order loop does not bias
@@ -37,6 +41,9 @@ pub struct TurningFit {
 pub fn turning(flights: &[FlightData], start: &RotationModel) -> Option<TurningFit> {
     let mut noise = RotationNoise { measured_rad: 3e-3, walk_ratio: 30.0 };
     let mut parameters = parameters(start, flights.len());
+    let residuals = |values: &[f64]| residuals_of(flights, &models(values), &noise);
+    let starts = STARTS_S.map(Vec::from);
+    let starts = move_to_best(&mut parameters, &starts, &residuals)?;
     for _ in 0..ROUNDS {
         let found = fit_under(flights, &mut parameters, &noise)?;
         noise = noise_of(flights, &models(&found.values), noise);
@@ -46,7 +53,7 @@ pub fn turning(flights: &[FlightData], start: &RotationModel) -> Option<TurningF
     let fit = fit_under(flights, &mut parameters, &noise)?;
     let models = models(&fit.values);
     let passes = passes(flights, &models, &noise);
-    Some(TurningFit { models, fit, noise, passes })
+    Some(TurningFit { models, fit, noise, passes, starts })
 }
 
 impl TurningFit {

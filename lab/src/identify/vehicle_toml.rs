@@ -8,7 +8,7 @@ use super::finding::ParameterFinding;
 use super::identification::Identification;
 
 /// Column of the remarks \[characters\].
-const REMARKS_AT: usize = 40;
+const REMARKS_AT: usize = 39;
 
 /// Sections that belong to one flight, and not to the vehicle and its laboratory.
 const OF_ONE_FLIGHT: [&str; 8] =
@@ -98,7 +98,7 @@ fn line(identification: &Identification, key: &str, name: &str) -> String {
         [number] => number.clone(),
         several => format!("[{}]", several.join(", ")),
     };
-    format!("{:<REMARKS_AT$}# {remark}\n", format!("{name} = {numbers}"))
+    format!("{:<REMARKS_AT$} # {remark}\n", format!("{name} = {numbers}"))
 }
 
 /// `number` as a floating-point number of TOML.

@@ -7,7 +7,6 @@ use oqtal_control::quaternion::Attitude;
 use oqtal_control::schedule::{Cells, Resolve};
 use oqtal_control::tracking_error::AttitudeError;
 use oqtal_runtime::process::Failure;
-use rayon::prelude::*;
 
 use super::body::{Manoeuvre, RotatingBody};
 use super::chapter::{Chapter, invalid};
@@ -33,18 +32,11 @@ struct OptionCase {
 /// Flies the turn with every option.
 ///
 /// # Errors
-/// An option of a law is invalid.
+/// An option of a law is invalid, or the study was interrupted (exit code 1).
 pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure> {
-    let cases = cases();
-    let bar = progress.start("options of oqtal", cases.len());
-    let fly = |case: &OptionCase| {
-        let row = flown(lander, case)?;
-        bar.inc();
-        Ok(row)
-    };
-    let rows: Result<Vec<SheetRow>, Failure> = cases.par_iter().map(fly).collect();
+    let rows = progress.each("options of oqtal", &cases(), |case| flown(lander, case))?;
     let values = TextValues::new();
-    let sheets = vec![text::with_notes(text::table("options", rows?), &values)];
+    let sheets = vec![text::with_notes(text::table("options", rows), &values)];
     Ok(Chapter { sheets, ..text::chapter("options", &values) })
 }
 

@@ -3,7 +3,6 @@
 use nalgebra::Vector3;
 use oqtal_control::quaternion::Attitude;
 use oqtal_runtime::process::Failure;
-use rayon::prelude::*;
 
 use super::body::{Manoeuvre, ManoeuvreRecord, RotatingBody};
 use super::chapter::{Chapter, invalid};
@@ -28,32 +27,30 @@ const AXIS: Vector3<f64> = Vector3::new(0.6, -0.48, 0.64);
 /// Tests the recovery of both vehicles from both initial states under every law.
 ///
 /// # Errors
-/// An option of a law is invalid.
+/// An option of a law is invalid, or the study was interrupted (exit code 1).
 pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure> {
     let spacecraft = RotatingBody::Spacecraft(Box::new(lander.clone()), true);
     let quadrotor = RotatingBody::quadrotor()?;
     let mut cases: Vec<(&str, &RotatingBody, Entry)> =
         roster::each().into_iter().map(|entry| ("spacecraft, 5 N m", &spacecraft, entry)).collect();
     cases.extend(roster::shipped().into_iter().map(|entry| ("quadrotor", &quadrotor, entry)));
-    let bar = progress.start("recovery", cases.len());
     let recover = |(vehicle, body, entry): &(&str, &RotatingBody, Entry)| {
-        let rows = [("175° off", FAR_RAD, 0.0), ("tumble of 20 rad/s", 0.0, TUMBLE_RAD_S)].map(
-            |(start, angle, rate)| {
-                let manoeuvre = Manoeuvre {
-                    attitude: Attitude::from_rotation_vector(AXIS * angle),
-                    rate: AXIS * rate,
-                    target: Attitude::LEVEL,
-                    duration_s: DURATION_S,
-                };
-                let turned = body.turn(&entry.options, &manoeuvre).map_err(invalid)?;
-                Ok(row(entry, [vehicle, start], &turned))
-            },
-        );
-        bar.inc();
-        rows.into_iter().collect()
+        let rows: [Result<SheetRow, Failure>; 2] =
+            [("175° off", FAR_RAD, 0.0), ("tumble of 20 rad/s", 0.0, TUMBLE_RAD_S)].map(
+                |(start, angle, rate)| {
+                    let manoeuvre = Manoeuvre {
+                        attitude: Attitude::from_rotation_vector(AXIS * angle),
+                        rate: AXIS * rate,
+                        target: Attitude::LEVEL,
+                        duration_s: DURATION_S,
+                    };
+                    let turned = body.turn(&entry.options, &manoeuvre).map_err(invalid)?;
+                    Ok(row(entry, [vehicle, start], &turned))
+                },
+            );
+        rows.into_iter().collect::<Result<Vec<_>, _>>()
     };
-    let rows: Result<Vec<Vec<SheetRow>>, Failure> = cases.par_iter().map(recover).collect();
-    let rows = rows?.concat();
+    let rows = progress.each("recovery", &cases, recover)?.concat();
     let sheet = text::table("recovery", rows);
     let values = TextValues::from([("lost", listed(&lost(&sheet)).into())]);
     let sheets = vec![text::with_notes(sheet, &values)];

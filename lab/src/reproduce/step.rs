@@ -6,7 +6,6 @@ use oqtal_control::euler::EulerAngles;
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::schedule::Cells;
 use oqtal_runtime::process::{Exit, Failure};
-use rayon::prelude::*;
 
 use super::body::{Manoeuvre, ManoeuvreTick, RotatingBody};
 use super::chapter::{Chapter, invalid};
@@ -14,7 +13,7 @@ use super::expression::{TextValues, figure};
 use super::lander::{Lander, RATE_HZ};
 use super::roster::{self, Entry};
 use super::text;
-use crate::progress::{Bar, Progress};
+use crate::progress::Progress;
 use crate::sheet::{Sheet, SheetCell, SheetRow, Variant};
 
 /// Sizes of the step \[deg\].
@@ -32,17 +31,14 @@ const TILTS_DEG: [f64; 4] = [5.0, 15.0, 30.0, 60.0];
 /// Steps every Euler angle of both vehicles under every law.
 ///
 /// # Errors
-/// An option of a law is invalid.
+/// An option of a law is invalid, or the study was interrupted (exit code 1).
 pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure> {
     let spacecraft = RotatingBody::Spacecraft(Box::new(lander.clone()), false);
-    let entries = roster::each();
-    let bar =
-        progress.start("single step", 3 * entries.len() * (ANGLES_DEG.len() + TILTS_DEG.len()));
-    let mut rows = steps((&spacecraft, &ANGLES_DEG), &entries, &bar)?;
+    let mut rows = steps((&spacecraft, &ANGLES_DEG), &roster::each(), progress)?;
     let settled_of = settled(&rows);
     rows.push(linear(lander)?);
     let spacecraft = with_settled(text::table("step", rows), settled_of);
-    let rows = steps((&RotatingBody::quadrotor()?, &TILTS_DEG), &roster::shipped(), &bar)?;
+    let rows = steps((&RotatingBody::quadrotor()?, &TILTS_DEG), &roster::shipped(), progress)?;
     let settled_of = settled(&rows);
     let quadrotor = with_settled(text::table("step-quadrotor", rows), settled_of);
     Ok(Chapter { sheets: vec![spacecraft, quadrotor], ..text::chapter("step", &TextValues::new()) })
@@ -56,7 +52,7 @@ fn with_settled(sheet: Sheet, settled: String) -> Sheet {
 fn steps(
     (body, angles_deg): (&RotatingBody, &[f64]),
     entries: &[Entry],
-    bar: &Bar,
+    progress: &Progress,
 ) -> Result<Vec<SheetRow>, Failure> {
     let cases: Vec<(&Entry, usize, f64)> = entries
         .iter()
@@ -64,12 +60,7 @@ fn steps(
             (0..3).flat_map(move |axis| angles_deg.iter().map(move |angle| (entry, axis, *angle)))
         })
         .collect();
-    let step = |(entry, axis, angle): &(&Entry, usize, f64)| {
-        let row = stepped(body, entry, *axis, *angle)?;
-        bar.inc();
-        Ok(row)
-    };
-    cases.par_iter().map(step).collect()
+    progress.each("single step", &cases, |(entry, axis, angle)| stepped(body, entry, *axis, *angle))
 }
 
 /// Number of settled steps and longest settling time of each law, as text.

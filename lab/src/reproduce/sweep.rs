@@ -4,7 +4,6 @@ use oqtal_control::controller::ControlOptions;
 use oqtal_control::metrics::TableTwo;
 use oqtal_control::schedule::Cells;
 use oqtal_runtime::process::Failure;
-use rayon::prelude::*;
 
 use super::chapter::{Chapter, invalid};
 use super::criteria::{CRITERIA, Criterion, EXPONENTS, Surface};
@@ -69,18 +68,15 @@ const LAWS: [Law; 5] = [
 /// Flies the sweep.
 ///
 /// # Errors
-/// An option of a law is invalid.
+/// An option of a law is invalid, or the study was interrupted (exit code 1).
 pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure> {
-    let bar = progress.start("sweep", LAWS.len() * SIDE * SIDE);
-    let fly = |index: usize| {
+    let fly = |index: &usize| {
         let (law, point) = (&LAWS[index / (SIDE * SIDE)], index % (SIDE * SIDE));
         let weights = [point / SIDE, point % SIDE].map(|exponent| f64::powi(2.0, exponent as i32));
-        bar.inc();
-        lander.fly(&(law.options)(weights), &(law.descent)(), |_| ())
+        lander.fly(&(law.options)(weights), &(law.descent)(), |_| ()).map_err(invalid)
     };
-    let flown: Result<Surface, _> =
-        (0..LAWS.len() * SIDE * SIDE).into_par_iter().map(fly).collect();
-    let flown = flown.map_err(invalid)?;
+    let points: Vec<usize> = (0..LAWS.len() * SIDE * SIDE).collect();
+    let flown = progress.each("sweep", &points, fly)?;
     let surfaces: Vec<Surface> = flown.chunks(SIDE * SIDE).map(<[_]>::to_vec).collect();
     let values = TextValues::new();
     let sheets = [verdict(&surfaces), along_the_ratio(&surfaces), kept(&surfaces)];

@@ -3,9 +3,9 @@
 use std::ops::RangeInclusive;
 
 use crate::tune::bee_colony::BeeColony;
+use oqtal_bus::message::{FNV_OFFSET, fnv1a};
 use oqtal_control::controller::RateFeedback;
 use oqtal_control::metrics::{CostWeights, TableTwo};
-use oqtal_control::options::OptionError;
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
@@ -14,7 +14,7 @@ use super::expression::TextValues;
 use super::lander::{Descent, Lander};
 use super::roster;
 use super::text;
-use crate::progress::Progress;
+use crate::progress::{Bar, Progress};
 use crate::sheet::{SheetCell, SheetRow, Variant};
 
 /// Bounds of the search for the gains `c` \[1/s\], `k` \[1/s^2\] and `T` \[s\]. Not in the paper.
@@ -56,26 +56,36 @@ const READINGS: [Reading; 3] = [
 /// Tunes the PID for every pair of weights.
 ///
 /// # Errors
-/// An option of the law is invalid.
+/// An option of the law is invalid, or the study was interrupted (exit code 1).
 pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure> {
-    let bar = progress.start("Table III", 12 * COLONY.most_evaluations());
     let cases: Vec<(&Reading, [f64; 2])> =
         READINGS.iter().flat_map(|reading| WEIGHTS.map(|weights| (reading, weights))).collect();
-    let tune = |(reading, weights): &(&Reading, [f64; 2])| tuned(lander, reading, *weights, &bar);
-    let rows: Result<Vec<SheetRow>, OptionError> = cases.par_iter().map(tune).collect();
-    let sheet = text::table("III", rows.map_err(invalid)?);
+    let bar = progress.start("Table III", cases.len() * COLONY.most_evaluations());
+    let row = |(number, (reading, weights)): (usize, &(&Reading, [f64; 2]))| {
+        let key = |number: &usize| fnv1a(fnv1a(FNV_OFFSET, b"Table III"), &number.to_le_bytes());
+        let bits = progress.kept(number, key, |_| {
+            let numbers = tuned((lander, progress), reading, *weights, &bar)?;
+            Ok(numbers.map(f64::to_bits))
+        })?;
+        let [q, r] = weights;
+        let numbers = bits.map(|bits| SheetCell::Number(f64::from_bits(bits)));
+        let cells = [SheetCell::Text(format!("[{q}, {r}]"))].into_iter().chain(numbers).collect();
+        Ok(SheetRow::new(reading.variant, "pid", reading.settings, cells))
+    };
+    let rows: Result<Vec<SheetRow>, Failure> = cases.par_iter().enumerate().map(row).collect();
+    let sheet = text::table("III", rows?);
     let values = TextValues::new();
     let sheets = vec![text::with_notes(sheet, &values)];
     Ok(Chapter { sheets, ..text::chapter("table-3", &values) })
 }
 
+/// Gains `c`, `k` and `T` of the best PID, followed by its position error, quaternion error, effort and fitness.
 fn tuned(
-    lander: &Lander,
+    (lander, progress): (&Lander, &Progress),
     reading: &Reading,
-    weights: [f64; 2],
-    bar: &crate::progress::Bar,
-) -> Result<SheetRow, OptionError> {
-    let [q, r] = weights;
+    [q, r]: [f64; 2],
+    bar: &Bar,
+) -> Result<[f64; 7], Failure> {
     let fly = |point: &[f64]| {
         let options = roster::pid([point[0], point[1], point[2]], reading.rate);
         lander.fly(&options, &Descent::default(), |_| ())
@@ -84,15 +94,37 @@ fn tuned(
     let evaluate = |points: &[Vec<f64>]| {
         bar.add(points.len());
         let value = |point: &Vec<f64>| {
-            let metrics = fly(point).ok().flatten();
+            // An interrupted search evaluates nothing more.
+            let metrics = progress.check().ok().and_then(|()| fly(point).ok().flatten());
             metrics.map_or(f64::INFINITY, |metrics| fitness(&metrics))
         };
         points.iter().map(value).collect()
     };
     let best = COLONY.minimise(&BOUNDS, &[], evaluate);
-    let metrics = fly(&best.point)?.unwrap_or_default();
-    let figures = [metrics.position_error, metrics.quaternion_error, metrics.effort, best.value];
-    let numbers = best.point.iter().copied().chain(figures).map(SheetCell::from);
-    let cells = [SheetCell::Text(format!("[{q}, {r}]"))].into_iter().chain(numbers).collect();
-    Ok(SheetRow::new(reading.variant, "pid", reading.settings, cells))
+    progress.check()?;
+    let metrics = fly(&best.point).map_err(invalid)?.unwrap_or_default();
+    let [c, k, t] = std::array::from_fn(|axis| best.point[axis]);
+    let TableTwo { position_error, quaternion_error, effort, .. } = metrics;
+    Ok([c, k, t, position_error, quaternion_error, effort, best.value])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicU64, Ordering};
+
+    #[test]
+    fn an_interrupted_table_ends_without_a_result() {
+        let last = Arc::new(AtomicU64::new(0));
+        let seen = last.clone();
+        let watch = move |_: &str, done: u64, _: u64| {
+            seen.fetch_max(done, Ordering::Relaxed);
+            false
+        };
+        let interrupted = chapter(&Lander::new().unwrap(), &Progress::watched(Box::new(watch)));
+        let failure = interrupted.map(|_| ()).unwrap_err();
+        assert!(failure.to_string().contains("interrupted"), "{failure}");
+        assert!(last.load(Ordering::Relaxed) > 0);
+    }
 }

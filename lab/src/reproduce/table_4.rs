@@ -2,7 +2,6 @@
 
 use oqtal_control::metrics::{CostWeights, TableTwo};
 use oqtal_runtime::process::Failure;
-use rayon::prelude::*;
 
 use super::chapter::{Chapter, invalid};
 use super::expression::TextValues;
@@ -19,19 +18,16 @@ const COLUMNS: usize = 7;
 /// Flies all laws through the gravity turn.
 ///
 /// # Errors
-/// An option of a law is invalid.
+/// An option of a law is invalid, or the study was interrupted (exit code 1).
 pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure> {
-    let entries = roster::table_4();
-    let bar = progress.start("Table IV", entries.len());
     let fly = |entry: &Entry| {
         let metrics = lander.fly(&entry.options, &entry.descent, |_| ()).map_err(invalid)?;
-        bar.inc();
         let (name, settings) = (entry.controller, entry.settings.clone());
         Ok(SheetRow::new(entry.variant, name, settings, cells(metrics.as_ref(), entry.weights)))
     };
-    let flown: Result<Vec<SheetRow>, Failure> = entries.par_iter().map(fly).collect();
+    let flown = progress.each("Table IV", &roster::table_4(), fly)?;
     let values = TextValues::new();
-    let sheet = Sheet { is_marked: true, ..text::table("IV", flown?) };
+    let sheet = Sheet { is_marked: true, ..text::table("IV", flown) };
     Ok(Chapter {
         sheets: vec![text::with_notes(sheet, &values)],
         figures: figures::turn::all(lander).map_err(invalid)?,

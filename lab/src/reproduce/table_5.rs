@@ -4,7 +4,6 @@ use std::ops::Range;
 
 use oqtal_config::{Config, Setting};
 use oqtal_runtime::process::Failure;
-use rayon::prelude::*;
 
 use crate::campaign::table::{self, COLUMNS};
 use crate::study::flights::{MISMATCHED, NOMINAL, path};
@@ -37,12 +36,12 @@ const BEST: usize = 5;
 pub fn chapter(context: &ExperimentContext) -> Result<Chapter, Failure> {
     let laws = laws(context)?;
     let plants = fly(&laws, EVALUATION_SEEDS, &context.progress)?;
-    let max_q: Result<Vec<MaxQ>, Failure> = laws.iter().map(MaxQ::of).collect();
+    let max_q = context.progress.each("greatest weights", &laws, MaxQ::of)?;
     let flown: Vec<FlownLaws<'_>> =
         plants.iter().map(|(plant, flown)| FlownLaws { plant, flown }).collect();
     let (nominal, elsewhere) = flown.split_first().expect("the nominal plant was flown");
-    let values = values(&laws, nominal.flown)?;
-    let main = text::with_notes(main(nominal, elsewhere, &max_q?), &values);
+    let values = values(&laws, nominal.flown, &context.progress)?;
+    let main = text::with_notes(main(nominal, elsewhere, &max_q), &values);
     let compared = [
         comparison::against_the_best(nominal, elsewhere),
         comparison::intervals(nominal),
@@ -184,7 +183,6 @@ fn counts(context: &ExperimentContext) -> Result<Sheet, Failure> {
         .flat_map(|law| RULES.map(|rule| (law, rule)))
         .flat_map(|(law, rule)| widths.map(|width| (law, rule, width)))
         .collect();
-    let bar = context.progress.start("cells", cases.len());
     let fly = |(law, rule, (width, delta)): &(&'static str, &str, (&str, f64))| {
         let key = |name: &str| format!("control.{law}.{name}");
         let mut settings = vec![Setting::flag("cells", &key("cells"), *rule)];
@@ -196,7 +194,6 @@ fn counts(context: &ExperimentContext) -> Result<Sheet, Failure> {
         let flown = path(&StudyLaw::new(law, settings, ""), EVALUATION_SEEDS.start)?;
         let last = flown.and_then(|flight| flight.samples.last().copied());
         let solves = last.map(|sample| sample.telemetry.riccati_solves);
-        bar.inc();
         Ok(SheetRow::new(
             Variant::AsPrinted,
             *law,
@@ -204,8 +201,7 @@ fn counts(context: &ExperimentContext) -> Result<Sheet, Failure> {
             vec![(*rule).into(), (*width).into(), solves.into()],
         ))
     };
-    let rows: Result<Vec<SheetRow>, Failure> = cases.par_iter().map(fly).collect();
-    let rows = rows?;
+    let rows = context.progress.each("cells", &cases, fly)?;
     let values = TextValues::from([("fitting", listed(&fitting(&rows)).into())]);
     Ok(text::with_notes(text::table("cells", rows), &values))
 }
@@ -227,7 +223,11 @@ fn fitting(rows: &[SheetRow]) -> Vec<String> {
 }
 
 /// Values of the texts: tests, search for gains, and the bound of the position error by speed and tilt.
-fn values(laws: &[StudyLaw], nominal: &[Flown]) -> Result<TextValues, Failure> {
+fn values(
+    laws: &[StudyLaw],
+    nominal: &[Flown],
+    progress: &Progress,
+) -> Result<TextValues, Failure> {
     let Config { plant, mocap, position, trajectory, .. } = Config::default();
     let (square, chirp) = (trajectory.square, trajectory.attitude_chirp);
     let ways = (square.duration_s / square.dwell_s).floor();
@@ -264,20 +264,24 @@ fn values(laws: &[StudyLaw], nominal: &[Flown]) -> Result<TextValues, Failure> {
         ("tuned_from_m", least),
         ("tuned_to_m", most),
     ];
-    let mut values = search_values(laws)?;
+    let mut values = search_values(laws, progress)?;
     values.extend(numbers.map(|(name, number)| (name, number.into())));
     Ok(values)
 }
 
 /// Values of the texts on the search for gains.
-fn search_values(laws: &[StudyLaw]) -> Result<TextValues, Failure> {
+fn search_values(laws: &[StudyLaw], progress: &Progress) -> Result<TextValues, Failure> {
     let Budget { points, seed, optimiser } = Budget::default();
     let weights = METRIC.iter().map(|metric| format!("{} {}", metric.title, metric.weight));
     let tuned = laws.iter().filter(|law| law.variant == Variant::Ours);
     let searches: Result<Vec<String>, Failure> = tuned
         .map(|law| {
-            let [shipped, tuned] = search::before_and_after(law)?;
-            Ok(format!("{} {shipped:.3}, {tuned:.3}", law.controller))
+            let [shipped, tuned] = search::before_and_after(law, progress)?;
+            let [shipped, tuned] = [shipped, tuned].map(|objective| match objective.is_finite() {
+                true => format!("{objective:.3}"),
+                false => "none, for a flight does not land".to_owned(),
+            });
+            Ok(format!("{} {shipped}, {tuned}", law.controller))
         })
         .collect();
     let seeds = |seeds: Range<u64>| format!("{} to {}", seeds.start, seeds.end - 1);

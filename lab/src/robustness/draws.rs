@@ -4,7 +4,6 @@ use std::ops::Range;
 
 use oqtal_config::{Config, Setting};
 use oqtal_runtime::process::Failure;
-use rayon::prelude::*;
 use serde_json::{Map, Value as Json, json};
 use toml::Value;
 
@@ -105,18 +104,16 @@ pub fn identified(
     common: &[Setting],
     progress: &Progress,
 ) -> Result<Vec<Option<Draw>>, Failure> {
-    let bar = progress.start("identification", draws.len());
     let identify = |draw: &Draw| {
         let mut config = Config::from_settings(&[common, &draw.settings].concat())?;
         config.clock.seed = draw.seed;
         let identification = hidden_plants::identified(&config).ok();
-        bar.inc();
         Ok(identification.map(|identification| {
             let settings = [&draw.settings[..], &identification.settings()].concat();
             Draw { settings, ..draw.clone() }
         }))
     };
-    draws.par_iter().map(identify).collect()
+    progress.each("identification", draws, identify)
 }
 
 /// Draws with the figures of every law, as JSON.

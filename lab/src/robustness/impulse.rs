@@ -23,12 +23,13 @@ pub struct ImpulseResponse {
 }
 
 impl ImpulseResponse {
-    /// Responses of the law of `options` to attitude \[1/rad\] and rate \[s/rad\] about axis number `axis`.
+    /// Responses of the law of `options`, updated once in `period_s` \[s\], to attitude \[1/rad\] and rate \[s/rad\] about axis number
+    /// `axis`.
     ///
     /// # Errors
     /// An option of the law is not allowed.
     pub fn of(
-        options: &ControlOptions,
+        (options, period_s): (&ControlOptions, f64),
         input: RateInput,
         axis: usize,
     ) -> Result<[Self; 2], OptionError> {
@@ -42,14 +43,9 @@ impl ImpulseResponse {
         let response = |impulse: AttitudeState| -> Result<Self, OptionError> {
             let mut law = Controller::new(options, input)?;
             // The first update initialises the filters.
-            law.update(
-                &AttitudeState::default(),
-                &AttitudeReference::default(),
-                options.rate_hz.recip(),
-            );
+            law.update(&AttitudeState::default(), &AttitudeReference::default(), period_s);
             let tick = |index: usize| {
                 let state = if index == 0 { impulse } else { AttitudeState::default() };
-                let period_s = options.rate_hz.recip();
                 let command = law.update(&state, &AttitudeReference::default(), period_s);
                 -RateInput::u_from(command)[axis] / SMALL
             };
@@ -88,9 +84,10 @@ mod tests {
     use oqtal_control::controller::ControllerName;
 
     fn responses(controller: ControllerName, options: ControlOptions) -> [ImpulseResponse; 2] {
-        let input =
-            RateInput::new(Vector3::repeat(2.0)).unwrap().with_lag(0.05, 1.0 / 60.0).unwrap();
-        ImpulseResponse::of(&ControlOptions { controller, ..options }, input, 1).unwrap()
+        let period_s = 1.0 / 60.0;
+        let input = RateInput::new(Vector3::repeat(2.0)).unwrap().with_lag(0.05, period_s).unwrap();
+        let options = ControlOptions { controller, ..options };
+        ImpulseResponse::of((&options, period_s), input, 1).unwrap()
     }
 
     #[test]

@@ -52,7 +52,7 @@ impl LinearLoop {
     /// An option of the law is invalid.
     pub fn new(config: &Config, axis: usize) -> Result<Self, OptionError> {
         let (vehicle, plant) = (&config.vehicle, &config.plant);
-        let period_s = 1.0 / config.control.rate_hz;
+        let period_s = 1.0 / config.loop_rate_hz();
         let latency_s = 1e-3 * (config.mocap.latency_ms + 0.5 * config.mocap.jitter_ms);
         let model = AxisModel {
             authority: vehicle.rate_authority_rad_s[axis],
@@ -70,8 +70,8 @@ impl LinearLoop {
         let is_predictive = config.control.is_predictive();
         let predictor = is_predictive.then(|| (model, steady_gain(config, &model)));
         let input = RateInput::new(Vector3::from(vehicle.rate_authority_rad_s))?
-            .with_lag(1e-3 * vehicle.rate_lag_ms, period_s)?;
-        let law = ImpulseResponse::of(&config.control, input, axis)?;
+            .with_lag(1e-3 * vehicle.rate_lag_ms, 1.0 / config.control.rate_hz)?;
+        let law = ImpulseResponse::of((&config.control, period_s), input, axis)?;
         let rate_cutoff_hz = config.control.estimator.rate_cutoff_hz;
         Ok(Self { vehicle: plant, law, rate_cutoff_hz, predictor })
     }

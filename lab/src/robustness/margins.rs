@@ -47,6 +47,7 @@ pub fn all(laws: &[StudyLaw], progress: &Progress) -> Result<Vec<LoopPair>, Fail
             return Err(Failure::new(Exit::Config, reason));
         }
         for (index, axis) in AXES.into_iter().enumerate() {
+            progress.check()?;
             let linear = LinearLoop::new(&config, index).map_err(|error| config.locate(&error))?;
             let flown = probed::flown(&settings, index)?;
             loops.push(LoopPair { law: law.name.clone(), axis, linear: linear.response(), flown });

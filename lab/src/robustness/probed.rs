@@ -93,8 +93,8 @@ fn at(config: &Config, axis: usize, hertz: f64) -> Result<Complex<f64>, Failure>
     let flight = simulation::fly(&Mission::new(config)?)?;
     let gain = gain(&flight, axis, hertz).filter(|gain| gain.re.is_finite() && gain.im.is_finite());
     gain.ok_or_else(|| {
-        let outcome = flight.outcome;
-        Failure::new(Exit::Flight, format!("no loop gain at {hertz:.2} Hz: the flight {outcome}"))
+        let cause = flight.cause().unwrap_or_else(|| "too few ticks are scored".to_owned());
+        Failure::new(Exit::Flight, format!("no loop gain at {hertz:.2} Hz: {cause}"))
     })
 }
 
@@ -109,7 +109,7 @@ fn gain(flight: &Flight, axis: usize, hertz: f64) -> Option<Complex<f64>> {
         let at = sample.telemetry.time.since(Time::VIRTUAL_START);
         let seconds = at.seconds() - begin;
         // Half a tick from both ends, so that rounding of instants does not count a tick twice.
-        let half = 0.5 / flight.config.control.rate_hz;
+        let half = 0.5 / flight.config.loop_rate_hz();
         if !(-half..MEASURED_S - half).contains(&seconds) {
             continue;
         }
@@ -120,6 +120,6 @@ fn gain(flight: &Flight, axis: usize, hertz: f64) -> Option<Complex<f64>> {
         acting += turn * (stick + sine);
         ticks += 1;
     }
-    let expected = MEASURED_S * flight.config.control.rate_hz;
+    let expected = MEASURED_S * flight.config.loop_rate_hz();
     ((f64::from(ticks) - expected).abs() < 1.5).then(|| -commanded / acting)
 }

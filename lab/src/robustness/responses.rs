@@ -3,14 +3,13 @@
 use maud::Markup;
 use oqtal_config::Setting;
 use oqtal_control::euler::EulerAngles;
-use oqtal_observe::flight::{Flight, FlightSample, Outcome};
+use oqtal_observe::flight::{Flight, FlightSample};
 use oqtal_observe::plot::axis::Axis;
 use oqtal_observe::plot::chart::{Mark, Plot};
 use oqtal_observe::plot::figure::{HALF, figure};
 use oqtal_observe::plot::palette::Ink;
 use oqtal_observe::plot::trace::Point;
 use oqtal_runtime::process::Failure;
-use rayon::prelude::*;
 
 use super::probed;
 use crate::mission::Mission;
@@ -105,7 +104,7 @@ impl ResponseEvent {
 #[derive(Clone, Debug)]
 pub struct LawResponses {
     law: StudyLaw,
-    /// One curve for each of [`EVENTS`]; `None` if the flight did not land.
+    /// One curve for each of [`EVENTS`]; `None` if the flight did not land as planned.
     curves: [Option<Vec<Point>>; EVENTS.len()],
 }
 
@@ -114,21 +113,18 @@ pub struct LawResponses {
 /// # Errors
 /// A setting is invalid.
 pub fn all(laws: &[StudyLaw], progress: &Progress) -> Result<Vec<LawResponses>, Failure> {
-    let bar = progress.start("responses", laws.len());
     let respond = |law: &StudyLaw| {
         let calm = probed::calm(&law.config()?);
         let fly = |event: ResponseEvent| -> Result<Option<Vec<Point>>, Failure> {
             let config = law.with(&calm).with(&event.settings()).config()?;
             let flight = simulation::fly(&Mission::new(config)?)?;
-            let has_landed = flight.outcome == Outcome::Landed;
-            Ok(has_landed.then(|| event.curve(&flight)))
+            Ok(flight.cause().is_none().then(|| event.curve(&flight)))
         };
         let [step, force, gust] = EVENTS;
         let curves = [fly(step)?, fly(force)?, fly(gust)?];
-        bar.inc();
         Ok(LawResponses { law: law.clone(), curves })
     };
-    laws.par_iter().map(respond).collect()
+    progress.each("responses", laws, respond)
 }
 
 /// The chapter of the page.

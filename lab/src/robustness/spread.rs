@@ -171,6 +171,29 @@ impl PlantSpread {
         Self { keys: self.keys.iter().map(key).collect() }
     }
 
+    /// Notes on settings of `common` that the draws replace: those of the simulated vehicle, and values outside the range that is
+    /// drawn.
+    ///
+    /// # Errors
+    /// A setting is invalid.
+    pub fn notes(&self, common: &[Setting]) -> Result<Vec<String>, Failure> {
+        let own = flights::table(&Config::from_settings(common)?);
+        let shipped = flights::table(&Config::default());
+        let note = |SpreadKey { key, form }: &SpreadKey| {
+            let Form::Between(low, high) = form else { return None };
+            let [own, shipped] = [&own, &shipped].map(|table| value_at(table, key));
+            let is_set = common.iter().any(|setting| setting.key == *key);
+            let is_drawn = own?.as_float().is_some_and(|value| (*low..=*high).contains(&value));
+            (own != shipped && (is_set || !is_drawn)).then(|| {
+                format!(
+                    "{key} is {}, and the spread draws it from {low} to {high} in its place; give a --spread of your own (docs/robustness.md)",
+                    own.map_or_else(String::new, Value::to_string)
+                )
+            })
+        };
+        Ok(self.keys.iter().filter_map(note).collect())
+    }
+
     /// Settings of draw number `run` with the seed `seed`, about the values of `nominal`. Every key has a separate stream of
     /// random numbers: an additional key does not change the draws of other keys.
     ///
@@ -282,6 +305,23 @@ fn scaled(value: &Value, factor: f64) -> Option<Value> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn settings_that_the_draws_replace_are_told() {
+        let notes = |text: &str| {
+            let setting = Setting::parse("--set", text).unwrap();
+            PlantSpread::everything().notes(&[setting]).unwrap().join("\n")
+        };
+        assert_eq!(notes("vehicle.mass-kg=1.4"), "", "a factor is about the configured value");
+        assert_eq!(notes("vehicle.rate-lag-ms=60"), "", "within the range");
+        let outside = notes("vehicle.rate-lag-ms=20");
+        assert!(
+            outside.starts_with("plant.rate-lag-ms is 20.0, and the spread draws"),
+            "{outside}"
+        );
+        let replaced = notes("plant.rate-lag-ms=60");
+        assert!(replaced.contains("from 35 to 80 in its place"), "{replaced}");
+    }
 
     fn nominal() -> Table {
         Config::default().to_toml().parse().unwrap()

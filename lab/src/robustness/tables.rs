@@ -17,6 +17,10 @@ use crate::study::{Flown, Run};
 
 /// Number of keys per law in the table of dependences \[-\].
 const STRONGEST: usize = 4;
+/// Least number of draws for a rank correlation \[-\]: over fewer it is often near 1 by chance.
+const LEAST_DRAWS: usize = 9;
+/// Name of the table of failures.
+pub const FAILURES: &str = "failures";
 /// Number of draws without a landing shown per law \[-\].
 const MOST_FAILURES: usize = 5;
 
@@ -74,8 +78,8 @@ fn failures(flown: &[Flown], draws: &[Draw]) -> Sheet {
     let names = |group: &FailedFlights<'_>| {
         (group.law.name.clone(), Variant::Ours, group.test.name().to_owned())
     };
-    let title = "Flights that did not land as planned, by test and cause";
-    Sheet::tabulate(("failures", title), &columns, &groups, names).as_detail()
+    let title = "Flights that did not land as planned, or with a step that did not settle";
+    Sheet::tabulate((FAILURES, title), &columns, &groups, names).as_detail()
 }
 
 /// One row for each law.
@@ -172,9 +176,14 @@ fn broken(flown: &[Flown], draws: &[Draw]) -> Sheet {
     let rows = flown.iter().flat_map(|law| shown_draws(law).into_iter().map(move |k| (law, k)));
     let rows: Vec<Row<'_>> = rows.collect();
     let names = |(law, k): &Row<'_>| law.names_with(format!("draw {}", draws[*k].run));
-    Sheet::tabulate(("broken", "Flights that ended early"), &columns, &rows, names)
-        .with_note(BROKEN_NOTE)
-        .as_detail()
+    Sheet::tabulate(
+        ("broken", "Draws in which a flight failed, and the worst hover of each law"),
+        &columns,
+        &rows,
+        names,
+    )
+    .with_note(BROKEN_NOTE)
+    .as_detail()
 }
 
 /// The first draws in which a flight of `law` did not land, and the draw with the greatest hover error.
@@ -223,10 +232,12 @@ pub fn dependences(flown: &[Flown], draws: &[Draw], spread: &PlantSpread) -> She
         .as_detail()
 }
 
-/// Spearman's rank correlation of a figure with a drawn key \[-1..1\]; NaN if either is constant over all draws.
+/// Spearman's rank correlation of a figure with a drawn key \[-1..1\]; NaN if either is constant over all draws, or if there
+/// are too few draws.
 fn dependence(values: &[f64], draws: &[Draw], key: &str) -> f64 {
     let drawn: Vec<f64> = draws.iter().filter_map(|draw| draw.value(key)).map(mean_of).collect();
-    if drawn.len() == values.len() { rank_correlation(values, &drawn) } else { f64::NAN }
+    let is_enough = drawn.len() == values.len() && drawn.len() >= LEAST_DRAWS;
+    if is_enough { rank_correlation(values, &drawn) } else { f64::NAN }
 }
 
 /// Drawn value as one number: the mean of a list, 0 or 1 for a truth value, the length of a word.

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use clap::Args;
 use oqtal_config::{Config, Setting};
 use oqtal_runtime::process::{Exit, Failure};
+use oqtal_runtime::program::say;
 use toml::Value;
 
 /// Arguments of the commands that fly simulated flights in large numbers.
@@ -42,7 +43,9 @@ impl StudyArgs {
         if let Some(name) = &self.trajectory {
             settings.push(Setting::flag("--trajectory", "trajectory.kind", name.as_str()));
         }
-        if Config::from_settings(&settings)?.is_replay() {
+        let config = Config::from_settings(&settings)?;
+        warn(&config);
+        if config.is_replay() {
             let reason = "a study flies and does not play a recording; leave out `mocap.replay`";
             return Err(Failure::new(Exit::Usage, reason));
         }
@@ -60,16 +63,31 @@ impl StudyArgs {
     }
 }
 
+/// Prints the warnings of a flight of `config` on standard error; none if its trajectory cannot be read, which a flight reports.
+pub fn warn(config: &Config) {
+    if let Ok(trajectory) = oqtal_daemon::trajectory(config) {
+        say_notes(oqtal_daemon::warnings(config, &trajectory));
+    }
+}
+
+/// Prints warnings on standard error.
+pub fn say_notes(notes: impl IntoIterator<Item = String>) {
+    notes.into_iter().for_each(|note| say(&format!("oqtal: warning: {note}")));
+}
+
 /// `settings` as words of a command line of `oqtal fly`, each preceded by a space: files, the trajectory, disturbances, and each
-/// other key. Settings of environment variables are left out: they apply to every command.
+/// other key; of a key that is set several times, the last value. Settings of environment variables are left out: they apply to
+/// every command.
 pub fn words_of(settings: &[Setting]) -> String {
     let mut words: Vec<String> = Vec::new();
-    for Setting { key, value, origin } in settings {
+    for (index, Setting { key, value, origin }) in settings.iter().enumerate() {
+        let is_replaced = settings[index + 1..].iter().any(|later| later.key == *key);
         let file = origin.rsplit_once(':').map_or(&origin[..], |(file, _)| file);
         let word = match (&key[..], value) {
             ("clock.kind", _) => continue,
             _ if origin.starts_with("OQTAL_") => continue,
             _ if file.ends_with(".toml") => format!(" --config {}", quoted(file)),
+            _ if is_replaced => continue,
             ("trajectory.kind", Value::String(name)) => format!(" --trajectory {name}"),
             ("plant.disturb", Value::Array(all)) => {
                 let texts = all.iter().filter_map(Value::as_str);
@@ -122,6 +140,13 @@ mod tests {
         for text in ["", "7-", "-7", "a-b", "9-8", "1..5", "99999999999"] {
             assert!(parse_seeds(text).is_err(), "{text}");
         }
+    }
+
+    #[test]
+    fn of_a_key_that_is_set_twice_the_last_value_is_written() {
+        let trajectory = |name: &str| Setting::flag("--trajectory", "trajectory.kind", name);
+        let settings = [trajectory("hover"), trajectory("attitude-chirp")];
+        assert_eq!(words_of(&settings), " --trajectory attitude-chirp");
     }
 
     #[test]

@@ -1,4 +1,5 @@
-//! Flights of a study that did not land as planned: counted by law, case, test and cause, with the command that flies one again.
+//! Flights of a study that did not land as planned, and those with a step that did not settle: counted by law, case, test and
+//! cause, with the command that flies one again.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +15,10 @@ use super::law::StudyLaw;
 /// Number of seeds that the text lists for each cause \[-\].
 const SHOWN_SEEDS: usize = 8;
 
-/// Flights of one law in one case that did not land as planned, all with one test and cause.
+/// Cause of a flight that landed as planned and whose settling time has no value.
+const UNSETTLED: &str = "a step did not settle before the next";
+
+/// Flights of one law in one case whose figures are not complete, all with one test and cause.
 #[derive(Clone, Debug)]
 pub struct FailedFlights<'a> {
     /// The law.
@@ -33,7 +37,7 @@ pub struct FailedFlights<'a> {
     pub of: usize,
 }
 
-/// The failed flights of all rows.
+/// The flights of all rows that did not land as planned, or with a step that did not settle.
 pub fn failed(rows: &[Flown]) -> Vec<FailedFlights<'_>> {
     rows.iter().flat_map(of_row).collect()
 }
@@ -42,7 +46,8 @@ fn of_row(row: &Flown) -> Vec<FailedFlights<'_>> {
     let mut groups: BTreeMap<(usize, &str), FailedFlights<'_>> = BTreeMap::new();
     for (run, condition) in row.runs.iter().zip(row.conditions.iter()) {
         for TestEnd { test, outcome, cause } in &run.ends {
-            let Some(cause) = cause.as_deref() else { continue };
+            let unsettled = run.is_unsettled(*test).then_some(UNSETTLED);
+            let Some(cause) = cause.as_deref().or(unsettled) else { continue };
             let group =
                 groups.entry((*test.figures().start(), cause)).or_insert_with(|| FailedFlights {
                     law: &row.law,
@@ -123,17 +128,19 @@ pub fn counts(rows: &[Flown]) -> (usize, usize) {
     (ends().count(), ends().filter(|end| end.cause.is_some()).count())
 }
 
-/// Text about all flights: a line if all landed as planned, else the failed ones by law, test and cause.
+/// Text about all flights: how many landed as planned, and the others, and those with a step that did not settle, by law, test and
+/// cause.
 pub fn text(rows: &[Flown]) -> String {
     let (flights, failures) = counts(rows);
-    if failures == 0 {
-        return format!("all {flights} flights landed as planned");
-    }
+    let head = match failures {
+        0 => format!("all {flights} flights landed as planned"),
+        _ => format!("{failures} of {flights} flights did not land as planned"),
+    };
     let groups: Vec<String> = failed(rows).iter().map(FailedFlights::to_text).collect();
-    format!(
-        "{failures} of {flights} flights did not land as planned; figures marked * are of the others:\n{}",
-        groups.join("\n")
-    )
+    match groups.is_empty() {
+        true => head,
+        false => format!("{head}; figures marked * leave out:\n{}", groups.join("\n")),
+    }
 }
 
 #[cfg(test)]
@@ -163,5 +170,15 @@ mod tests {
             "{text}"
         );
         assert_eq!(super::text(&rows[..1]), "all 4 flights landed as planned");
+    }
+
+    #[test]
+    fn a_flight_with_a_step_that_did_not_settle_is_listed_and_has_landed() {
+        let mut rows = [flown("pid", &[1.0, 2.0])];
+        rows[0].runs[1].figures[crate::study::metric::SETTLE] = f64::INFINITY;
+        let text = text(&rows);
+        assert!(text.starts_with("all 8 flights landed as planned; figures marked *"), "{text}");
+        assert!(text.contains("pid, path: 1 of 2, a step did not settle"), "{text}");
+        assert!(text.contains("seed 1; again"), "{text}");
     }
 }

@@ -5,6 +5,7 @@ use std::ops::RangeInclusive;
 use oqtal_bus::message::{FNV_OFFSET, fnv1a};
 use oqtal_config::{Config, Setting};
 use oqtal_control::trajectory::Trajectory;
+use oqtal_observe::corners::CornerFigures;
 use oqtal_observe::flight::{Flight, Outcome};
 use oqtal_runtime::process::Failure;
 use serde::{Deserialize, Serialize};
@@ -12,8 +13,8 @@ use toml::{Table, Value};
 
 use super::law::StudyLaw;
 use super::metric::{
-    CHIRP, DOUBLET, Figures, HOVER, JITTER, METRICS, OVERSHOOT, POSITION, of_attitude, of_hover,
-    of_path,
+    CHIRP, DOUBLET, Figures, HOVER, JITTER, METRICS, OVERSHOOT, POSITION, SETTLE, of_attitude,
+    of_hover, of_path,
 };
 use crate::mission::Mission;
 use crate::simulation;
@@ -51,8 +52,12 @@ impl TestEnd {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(into = "KeptRun", try_from = "KeptRun")]
 pub struct Run {
-    /// Figures; infinite for a test that was not flown or whose flight did not land as planned, NaN where they have no meaning.
+    /// Figures; infinite for a test that was not flown or whose flight did not land as planned, and for a settling time that was
+    /// not reached; NaN where they have no meaning.
     pub figures: Figures,
+    /// Settling time on the path and after the steps of the doublet, with the time until the next step for one that did not
+    /// settle \[s\]: the objective of tuning is finite there.
+    pub least_settle_s: [f64; 2],
     /// Greatest position error in hover \[mm\].
     pub hover_max_mm: f64,
     /// Number of Riccati equations solved on the path \[-\].
@@ -72,16 +77,30 @@ impl Run {
         self.ends.iter().all(|end| end.cause.is_none())
     }
 
-    /// Whether all figures are finite: every flight landed as planned, and its path has corners.
-    pub fn is_complete(&self) -> bool {
-        self.figures.iter().all(|figure| figure.is_finite())
+    /// A figure, with the time until the next step for a step that did not settle.
+    pub fn bounded(&self, metric: usize) -> f64 {
+        match metric {
+            SETTLE => self.least_settle_s[0],
+            DOUBLET => self.least_settle_s[1],
+            _ => self.figures[metric],
+        }
+    }
+
+    /// Whether a flight of `test` landed as planned and a step in it did not settle.
+    pub fn is_unsettled(&self, test: Test) -> bool {
+        let settling = match test {
+            Test::Path => SETTLE,
+            Test::Doublet => DOUBLET,
+            Test::Hover | Test::Chirp => return false,
+        };
+        self.has_landed(test) && self.figures[settling] == f64::INFINITY
     }
 }
 
 /// Run in a journal: floating-point numbers as their bits, so that a resumed study has the result of an uninterrupted one.
 #[derive(Serialize, Deserialize)]
 struct KeptRun {
-    /// The figures, followed by the greatest hover error.
+    /// The figures, followed by the least settling times and the greatest hover error.
     bits: Vec<u64>,
     riccati_solves: u64,
     ends: Vec<TestEnd>,
@@ -89,7 +108,7 @@ struct KeptRun {
 
 impl From<Run> for KeptRun {
     fn from(run: Run) -> Self {
-        let figures = run.figures.into_iter().chain([run.hover_max_mm]);
+        let figures = run.figures.into_iter().chain(run.least_settle_s).chain([run.hover_max_mm]);
         let Run { riccati_solves, ends, .. } = run;
         Self { bits: figures.map(f64::to_bits).collect(), riccati_solves, ends }
     }
@@ -102,9 +121,11 @@ impl TryFrom<KeptRun> for Run {
         let KeptRun { bits, riccati_solves, ends } = kept;
         let values: Vec<f64> = bits.into_iter().map(f64::from_bits).collect();
         let wrong = "another number of figures";
-        let (hover_max_mm, figures) = values.split_last().ok_or(wrong)?;
+        let (figures, [path_s, doublet_s, hover_max_mm]) =
+            values.split_last_chunk().ok_or(wrong)?;
         let figures = figures.try_into().map_err(|_| wrong)?;
-        Ok(Self { figures, hover_max_mm: *hover_max_mm, riccati_solves, ends })
+        let (least_settle_s, hover_max_mm) = ([*path_s, *doublet_s], *hover_max_mm);
+        Ok(Self { figures, least_settle_s, hover_max_mm, riccati_solves, ends })
     }
 }
 
@@ -296,6 +317,7 @@ impl TestFlights {
     pub(super) fn fly(self, fly: &mut FlyMission<'_>) -> Result<Run, Failure> {
         let mut run = Run {
             figures: [f64::INFINITY; METRICS],
+            least_settle_s: [f64::INFINITY; 2],
             hover_max_mm: f64::INFINITY,
             riccati_solves: 0,
             ends: Vec::with_capacity(self.0.len()),
@@ -319,6 +341,8 @@ impl Run {
         match test {
             Test::Path => {
                 self.figures[test.figures()].copy_from_slice(&of_path(flight));
+                let corners = CornerFigures::of(flight);
+                self.least_settle_s[0] = corners.map_or(f64::NAN, |corners| corners.least_settle_s);
                 let last = flight.samples.last();
                 self.riccati_solves = last.map_or(0, |sample| sample.telemetry.riccati_solves);
             }
@@ -328,7 +352,10 @@ impl Run {
                 self.hover_max_mm = 1e3 * errors.fold(0.0, f64::max);
             }
             Test::Chirp => self.figures[CHIRP] = of_attitude(flight, trajectory)[0],
-            Test::Doublet => self.figures[DOUBLET] = of_attitude(flight, trajectory)[1],
+            Test::Doublet => {
+                [_, self.figures[DOUBLET], self.least_settle_s[1]] =
+                    of_attitude(flight, trajectory);
+            }
         }
     }
 }

@@ -8,6 +8,7 @@ use oqtal_config::{Config, Setting};
 use oqtal_runtime::process::{Exit, Failure};
 use toml::{Table, Value};
 
+use super::args::say_notes;
 use super::law::{StudyLaw, named};
 
 /// Name and text of every file in `deploy/tuned` and its folders, output of `oqtal tune`; the names of the latter begin with that
@@ -96,6 +97,16 @@ impl GainSource {
         }
     }
 
+    /// Note that the gains were found for the shipped vehicle, if `config` has another one.
+    pub fn note(&self, config: &Config) -> Option<String> {
+        let is_shipped_set = matches!(self, Self::Tuned | Self::Set(_));
+        (is_shipped_set && config.vehicle != Config::default().vehicle).then(|| {
+            format!(
+                "the gains {self} were found for the shipped vehicle, not for this one; find its own with `oqtal tune all --out gains` and give --gains gains"
+            )
+        })
+    }
+
     /// The law `controller` with its gains, under the settings `common` of a study.
     ///
     /// # Errors
@@ -142,6 +153,7 @@ pub fn chosen(
     source: &GainSource,
     common: &[Setting],
 ) -> Result<Vec<StudyLaw>, Failure> {
+    say_notes(source.note(&Config::from_settings(common)?));
     named(names).map(|controller| source.law(controller, common)).collect()
 }
 

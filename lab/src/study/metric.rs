@@ -25,6 +25,8 @@ pub struct Metric {
     pub title: &'static str,
     /// Weight in the objective of tuning \[-\].
     pub weight: f64,
+    /// Figure of the shipped `oqtal` with the shipped vehicle \[unit of the title\].
+    pub shipped: f64,
 }
 
 /// Number of metrics.
@@ -33,15 +35,15 @@ pub const METRICS: usize = 9;
 /// Metrics, in the order of [`Figures`]. In tuning, hover has double weight: it is the only position metric that depends neither
 /// on limits nor on a command filtered by the law itself, while there are two such metrics of a prescribed attitude.
 pub const METRIC: [Metric; METRICS] = [
-    metric("position_error_m", "position [m]", 1.0),
-    metric("velocity_error_m_s", "velocity [m/s]", 1.0),
-    metric("attitude_error_deg", "attitude [°]", 1.0),
-    metric("settle_s", "settled to 5 cm [s]", 1.0),
-    metric("overshoot_mm", "overshoot [mm]", 0.2),
-    metric("hover_rms_mm", "hover RMS [mm]", 2.0),
-    metric("jitter_rad_s", "jitter [rad/s]", 0.1),
-    metric("chirp4_rms_deg", "chirp 4° RMS [°]", 1.0),
-    metric("doublet_settle_s", "doublet settled [s]", 1.0),
+    metric("position_error_m", "position [m]", [1.0, 0.271]),
+    metric("velocity_error_m_s", "velocity [m/s]", [1.0, 0.0994]),
+    metric("attitude_error_deg", "attitude [°]", [1.0, 1.30]),
+    metric("settle_s", "settled to 5 cm [s]", [1.0, 2.05]),
+    metric("overshoot_mm", "overshoot [mm]", [0.2, 7.12]),
+    metric("hover_rms_mm", "hover RMS [mm]", [2.0, 9.98]),
+    metric("jitter_rad_s", "jitter [rad/s]", [0.1, 0.129]),
+    metric("chirp4_rms_deg", "chirp 4° RMS [°]", [1.0, 4.01]),
+    metric("doublet_settle_s", "doublet settled [s]", [1.0, 0.421]),
 ];
 
 /// Index of the position error in [`Figures`].
@@ -63,33 +65,44 @@ pub const CHIRP: usize = 7;
 /// Index of the settling time after an attitude step.
 pub const DOUBLET: usize = 8;
 
-const fn metric(key: &'static str, title: &'static str, weight: f64) -> Metric {
-    Metric { key, title, weight }
+const fn metric(key: &'static str, title: &'static str, [weight, shipped]: [f64; 2]) -> Metric {
+    Metric { key, title, weight, shipped }
 }
 
-/// Metrics of one run; infinite for a flight that did not land.
+/// Metrics of one run; infinite for a flight that did not land as planned, and for a settling time that was not reached; NaN
+/// without a meaning for the flight.
 pub type Figures = [f64; METRICS];
 
-/// Mean position, velocity and attitude error of a flight along a path, and settling time and overshoot at its corners; NaN for a
-/// path without corners.
+/// Value of `statistic`; NaN for a flight of which nothing is scored.
+fn of_scored(statistics: &Statistics, statistic: fn(&Statistics) -> f64) -> f64 {
+    if statistics.count() > 0 { statistic(statistics) } else { f64::NAN }
+}
+
+/// Mean position, velocity and attitude error of a flight along a path, and settling time and overshoot at its corners: NaN for a
+/// path without corners, an infinite settling time if a corner did not settle before the next.
 ///
 /// Velocity and attitude errors are relative to the newest set-point of the law. `oqtal-dt` computes set-points for the instant
 /// at which its command takes effect, and telemetry shows each of them at that instant.
 pub fn of_path(flight: &Flight) -> [f64; 5] {
+    let corners = CornerFigures::of(flight);
+    let [settle_s, overshoot_m] = corners.map_or([f64::NAN; 2], |corners| {
+        let is_settled = corners.settled == corners.count;
+        [if is_settled { corners.settle_s } else { f64::INFINITY }, corners.overshoot_m]
+    });
     let mut position = Statistics::default();
     flight.scored().for_each(|sample| position.add(sample.position_error().norm()));
     let (mut velocity, mut attitude) = (Statistics::default(), Statistics::default());
     let ahead = look_ahead(flight);
     for (index, sample) in flight.samples.iter().enumerate() {
-        if sample.is_armed() && sample.telemetry.scored != 0 {
+        if sample.is_scored() {
             let (set_velocity, set_attitude) = newest_set_point(&flight.samples[index..], ahead);
             velocity.add((sample.velocity() - set_velocity).norm());
             attitude.add(set_attitude.angle_to(&sample.attitude()).to_degrees());
         }
     }
-    let corners = CornerFigures::of(flight);
-    let [settle_s, overshoot_m] = corners.map_or([f64::NAN; 2], |c| [c.settle_s, c.overshoot_m]);
-    [position.mean(), velocity.mean(), attitude.mean(), settle_s, 1e3 * overshoot_m]
+    let [position, velocity, attitude] =
+        [position, velocity, attitude].map(|errors| of_scored(&errors, Statistics::mean));
+    [position, velocity, attitude, settle_s, 1e3 * overshoot_m]
 }
 
 /// Time from the computation of a set-point to the instant for which it is valid: the mean delay of commands with prediction,
@@ -134,14 +147,15 @@ pub fn of_hover(flight: &Flight) -> [f64; 2] {
             jitter.add((sticks - last).norm());
         }
     }
-    [error.rms(), jitter.rms()]
+    [error, jitter].map(|values| of_scored(&values, Statistics::rms))
 }
 
-/// Error of the true attitude relative to the prescribed one: RMS \[deg\] and mean settling time after a step \[s\].
+/// Error of the true attitude relative to the prescribed one: RMS \[deg\] and mean settling time after a step \[s\], infinite if
+/// one did not settle before the next; then the same mean with the time until the next step for one that did not settle \[s\].
 ///
 /// The trajectory prescribes the attitude, also for a law that filters its command. A flight rotates its trajectory by the
 /// measured initial heading of the vehicle.
-pub fn of_attitude(flight: &Flight, trajectory: &Trajectory) -> [f64; 2] {
+pub fn of_attitude(flight: &Flight, trajectory: &Trajectory) -> [f64; 3] {
     let options = &flight.config.trajectory;
     let start_s = options.take_off_s + options.settle_s;
     let begun = flight.scored().next();
@@ -159,11 +173,14 @@ pub fn of_attitude(flight: &Flight, trajectory: &Trajectory) -> [f64; 2] {
         .collect();
     let mut rms = Statistics::default();
     errors.iter().for_each(|(_, error, _)| rms.add(*error));
-    let mut settle = Statistics::default();
+    let (mut settle, mut is_settled) = (Statistics::default(), true);
     for step in errors.chunk_by(|a, b| a.2.angle_to(&b.2).to_degrees() < STEP_DEG) {
-        let outside = step.iter().rfind(|(_, error, _)| *error > SETTLED_DEG);
-        let start = step[0].0.telemetry.time;
-        settle.add(outside.map_or(0.0, |last| last.0.telemetry.time.since(start).seconds()));
+        let outside = step.iter().rposition(|(_, error, _)| *error > SETTLED_DEG);
+        let since = |at: usize| step[at].0.telemetry.time.since(step[0].0.telemetry.time);
+        settle.add(outside.map_or(0.0, |last| since(last).seconds()));
+        is_settled &= outside.is_none_or(|last| last + 1 < step.len());
     }
-    [rms.rms(), settle.mean()]
+    let least_s = of_scored(&settle, Statistics::mean);
+    let settle_s = if is_settled { least_s } else { f64::INFINITY };
+    [of_scored(&rms, Statistics::rms), settle_s, least_s]
 }

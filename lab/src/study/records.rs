@@ -44,7 +44,9 @@ fn of_test(row: &Flown, test: Test) -> Value {
     }
     object.insert("causes".to_owned(), Value::Object(causes));
     for (key, index) in figures(test) {
-        let values: Vec<f64> = landed.iter().map(|run| figure(run, index)).collect();
+        // A settling time that was not reached has no value.
+        let values = landed.iter().map(|run| figure(run, index)).filter(|value| value.is_finite());
+        let values: Vec<f64> = values.collect();
         object.insert(key.to_owned(), spread(&values).to_json());
     }
     Value::Object(object)

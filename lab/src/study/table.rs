@@ -41,7 +41,7 @@ pub fn spread(values: &[f64]) -> SheetCell {
     }
 }
 
-/// Mean of the finite values, marked if some are infinite: those of flights that did not land.
+/// Mean of the finite values, marked if some are infinite: those of flights that did not land as planned, or did not settle.
 pub fn mean_of(values: &[f64]) -> SheetCell {
     let finite: Vec<f64> = values.iter().copied().filter(|value| value.is_finite()).collect();
     if finite.is_empty() {

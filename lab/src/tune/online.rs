@@ -100,7 +100,7 @@ pub fn tune(
     progress: &Progress,
 ) -> Result<TunedInFlight, Failure> {
     let mission = mission(settings, named.len())?;
-    let mut search = OnlineSearch::begin(&mission)?;
+    let mut search = OnlineSearch::begin(&mission, progress)?;
     let bar = progress.start("tuning in flight", named.len() + 2);
     let before = search.compare()?;
     bar.inc();
@@ -116,7 +116,7 @@ pub fn tune(
     for (tuned, (which, _, axis)) in loops.iter_mut().zip(named) {
         tuned.error = [before, after].map(|figures| figures.error(*which, *axis));
     }
-    let rate_hz = mission.config.control.rate_hz;
+    let rate_hz = mission.config.loop_rate_hz();
     let flight = search.flight.finish()?;
     let away = flight.armed().map(strayed);
     Ok(TunedInFlight {
@@ -210,6 +210,7 @@ impl WindowFigures {
 /// Search in flight.
 struct OnlineSearch<'a> {
     flight: OnlineFlight<'a>,
+    progress: &'a Progress,
     authority: Vector3<f64>,
     /// Number of ticks of finished windows \[-\].
     seen: usize,
@@ -219,10 +220,10 @@ struct OnlineSearch<'a> {
 
 impl<'a> OnlineSearch<'a> {
     /// Takes off, and flies to the first window.
-    fn begin(mission: &'a Mission) -> Result<Self, Failure> {
+    fn begin(mission: &'a Mission, progress: &'a Progress) -> Result<Self, Failure> {
         let authority = Vector3::from(mission.config.vehicle.rate_authority_rad_s);
         let flight = OnlineFlight::begin(mission)?;
-        let mut search = Self { flight, authority, seen: 0, until_s: 0.0 };
+        let mut search = Self { flight, progress, authority, seen: 0, until_s: 0.0 };
         while search.flight.samples().last().is_none_or(|last| last.telemetry.scored == 0) {
             search.advance()?;
         }
@@ -237,6 +238,7 @@ impl<'a> OnlineSearch<'a> {
     }
 
     fn advance(&mut self) -> Result<(), Failure> {
+        self.progress.check()?;
         match self.flight.advance()? {
             true => Ok(()),
             false => {

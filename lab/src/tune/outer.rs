@@ -7,7 +7,7 @@
 use oqtal_config::{Config, Setting};
 use oqtal_control::controller::SearchRange;
 use oqtal_observe::flight::{Flight, FlightSample};
-use oqtal_runtime::process::Failure;
+use oqtal_runtime::process::{Exit, Failure};
 use rayon::prelude::*;
 
 use super::search::{
@@ -62,7 +62,7 @@ static LOOPS: [Loop; 4] = [
 /// found for the previous loops.
 ///
 /// # Errors
-/// A setting is invalid.
+/// A setting is invalid, the search was interrupted, or a path with the configured gains does not land (exit code 1).
 pub fn tune(
     budget: &Budget,
     flights: &TrainingFlights,
@@ -75,6 +75,10 @@ pub fn tune(
     let mut objective = 0.0;
     for tuned in &LOOPS {
         let reference = figures(tuned, &found, flights)?;
+        if !reference.iter().all(|figure| figure.is_finite()) {
+            let reason = "tune outer: a path with the configured gains of `oqtal` does not land, so that there is nothing to improve; tune the law first: `oqtal tune oqtal`";
+            return Err(Failure::new(Exit::Flight, reason));
+        }
         let start = configured(&tuned.parameters, &config);
         let best = search(&tuned.parameters, &start, &share, |points| {
             let evaluate = |point: &Vec<f64>| {
@@ -101,7 +105,9 @@ pub fn tune(
         start: 1.0,
         budget: *budget,
         draws: 0,
+        options: flights.options.clone(),
         components: Vec::new(),
+        failed: [0; 3],
         path: SearchPath::default(),
     })
 }
@@ -117,7 +123,7 @@ pub fn on_a_bound(settings: &[Setting]) -> Vec<String> {
     parameters.filter(lies).map(|parameter| parameter.key.to_string()).collect()
 }
 
-/// Mean error of the loop and command jitter, along paths after take-off.
+/// Mean error of the loop along the trajectories, and command jitter.
 fn figures(
     tuned: &Loop,
     gains: &[(String, f64)],
@@ -136,6 +142,6 @@ fn figures(
 
 fn mean(flight: &Flight, error: fn(&FlightSample) -> f64) -> f64 {
     let (count, sum) =
-        flight.armed().fold((0.0, 0.0), |(count, sum), sample| (count + 1.0, sum + error(sample)));
+        flight.scored().fold((0.0, 0.0), |(count, sum), sample| (count + 1.0, sum + error(sample)));
     sum / f64::max(count, 1.0)
 }

@@ -8,31 +8,32 @@ use oqtal_observe::plot::figure::{HALF, figure};
 use oqtal_observe::plot::palette::Ink;
 use oqtal_observe::plot::trace::Point;
 
-use super::search::{SearchPath, Tuned};
 use super::trade;
+use super::tuned::{SearchPath, Tuned};
 
 /// Height of a plot \[pixels\].
 const HEIGHT: u32 = 420;
 /// Width of the labels of a vertical axis \[pixels\].
 const LABEL_WIDTH: u32 = 110;
-/// Values of the objective above this multiple of its start are not drawn \[-\].
+/// Values of the objective above this multiple of its start, or of its end without one, are not drawn \[-\].
 const DRAWN: f64 = 2.0;
 
 /// The HTML page of `tuned`.
 pub fn html(tuned: &Tuned) -> String {
-    let sheet = trade::sheet(&tuned.components);
+    let sheet = trade::sheet(&tuned.components, tuned.draws > 0);
     let title = format!("oqtal: gains of {}", tuned.target);
     let body = html! {
         header {
             p.eyebrow { "oqtal tune" }
             h1 { "Gains of " (tuned.target) }
-            p.note { (tuned.headline()) "; " (format!("{:.4}", tuned.start)) " at the configured gains; lower is better." }
+            p.note { (tuned.headline()) "; " (tuned.comparison()) "." }
             @for warning in trade::warnings(&tuned.components) { p.note { "Warning: " (warning) } }
         }
         main {
             @if !sheet.rows.is_empty() {
                 section {
                     h2 { (sheet.title) }
+                    p.note { (tuned.failures()) }
                     table {
                         thead { tr { th {} @for (_, heading) in &sheet.columns { th { (heading) } } } }
                         tbody {
@@ -51,7 +52,8 @@ pub fn html(tuned: &Tuned) -> String {
 
 fn plots(tuned: &Tuned) -> Markup {
     let SearchPath { objectives, gains } = &tuned.path;
-    let shown = |value: &f64| if *value <= DRAWN * tuned.start { *value } else { f64::NAN };
+    let worst = if tuned.start.is_finite() { tuned.start } else { tuned.objective };
+    let shown = |value: &f64| if *value <= DRAWN * worst { *value } else { f64::NAN };
     let points = |values: &mut dyn Iterator<Item = f64>| -> Vec<Point> {
         values.enumerate().map(|(k, value)| (k as f64 + 1.0, value)).collect()
     };

@@ -1,25 +1,27 @@
 //! The search for gains: the same optimiser, budget and seeds for every law.
 
-use std::collections::BTreeMap;
-use std::fmt;
 use std::ops::Range;
+use std::slice;
 
 use oqtal_config::{Config, Setting};
 use oqtal_control::controller::{ControllerName, SearchRange};
-use oqtal_runtime::process::Failure;
+use oqtal_control::statistics::{mean, quantile};
+use oqtal_runtime::process::{Exit, Failure};
 use rayon::prelude::*;
 
 use super::bee_colony::Best;
-use super::optimiser::Optimiser;
 use super::space::parameters;
-use super::trade::{self, MetricWeights, TradedFigure, default_weights};
+use super::trade::{self, MetricWeights, WORST_SHARE, default_weights};
+pub use super::tuned::{Budget, SearchPath, Tuned, settings};
 use crate::progress::Progress;
 use crate::robustness::draws::Draw;
+use crate::study::args::say_notes;
+use crate::study::failure::{self, counts};
 use crate::study::flights::{
     AUTHORITY, Change, DELAY, NOMINAL, PlantVariant, RATE_LAG, readable, table, value_at,
 };
 use crate::study::law::StudyLaw;
-use crate::study::metric::{Figures, METRICS};
+use crate::study::metric::{Figures, METRIC, METRICS};
 use crate::study::{Case, FlightCondition, Flown, Study, TRAINING_SEEDS};
 
 /// Plants used for tuning, one per training seed, so that gains do not rely on one exactly known plant.
@@ -35,23 +37,6 @@ const TRAINING: [PlantVariant; 6] = [
     },
 ];
 
-/// Budget of a search.
-#[derive(Clone, Copy, Debug)]
-pub struct Budget {
-    /// Number of points to evaluate \[-\].
-    pub points: usize,
-    /// Seed of the optimiser.
-    pub seed: u64,
-    /// The optimiser.
-    pub optimiser: Optimiser,
-}
-
-impl Default for Budget {
-    fn default() -> Self {
-        Self { points: 300, seed: 1, optimiser: Optimiser::default() }
-    }
-}
-
 /// The flights on which gains are evaluated.
 #[derive(Clone, Debug)]
 pub struct TrainingFlights {
@@ -63,6 +48,8 @@ pub struct TrainingFlights {
     pub draws: usize,
     /// Weights of the metrics in the objective \[-\].
     pub weights: MetricWeights,
+    /// Arguments of `oqtal tune` that select flights and weights, each preceded by a space; empty for the default ones.
+    pub options: String,
 }
 
 impl Default for TrainingFlights {
@@ -77,13 +64,12 @@ impl TrainingFlights {
         let plants = seeds.zip(TRAINING.into_iter().cycle());
         let condition = |(seed, plant)| FlightCondition { seed, plant, settings: Vec::new() };
         let case = Case::of("training", plants.map(condition).collect());
-        Self { settings, case, draws: 0, weights: default_weights() }
+        Self { settings, case, draws: 0, weights: default_weights(), options: String::new() }
     }
 
     /// One flight per draw of a spread.
     pub fn over(settings: Vec<Setting>, draws: &[Draw]) -> Self {
-        let (case, draws) = (Draw::case(draws), draws.len());
-        Self { settings, case, draws, weights: default_weights() }
+        Self { draws: draws.len(), case: Draw::case(draws), ..Self::near(settings, 0..0) }
     }
 
     /// Seeds of the flights.
@@ -102,27 +88,43 @@ impl TrainingFlights {
         Ok(flown.pop().expect("one law flew one case"))
     }
 
-    /// Reference figures: those of `oqtal` with its configured gains, without the gains of the study.
+    /// Reference figures: those of `oqtal` with its configured gains, without the gains of the study. Flights that did not land are
+    /// left out; a metric without any flight that landed has the figure of the shipped vehicle.
     fn reference(&self, progress: &Progress) -> Result<Figures, Failure> {
         let stack = Setting::flag("tune", "control.stack", "default");
         let flown = self.fly(&self.law("oqtal", &[stack]), progress)?;
-        Ok(match self.draws {
-            0 => flown.mean(),
-            _ => std::array::from_fn(|metric| flown.quantile(metric, 0.5)),
-        })
+        let mut of_shipped: Vec<&str> = Vec::new();
+        let mut reference = [f64::NAN; METRICS];
+        for (index, metric) in METRIC.iter().enumerate() {
+            let mut values = flown.bounded_values(index);
+            let has_failed = values.contains(&f64::INFINITY);
+            values.retain(|value| *value != f64::INFINITY);
+            reference[index] = match self.draws {
+                _ if values.is_empty() && has_failed => {
+                    of_shipped.push(metric.title);
+                    metric.shipped
+                }
+                0 => mean(&values),
+                _ => quantile(values, 0.5).unwrap_or(f64::NAN),
+            };
+        }
+        say_notes((!of_shipped.is_empty()).then(|| {
+            format!(
+                "with the configured gains, `oqtal`, the reference, lands no flight that has {}: figures of the shipped vehicle take their place",
+                of_shipped.join(", ")
+            )
+        }));
+        Ok(reference)
     }
 
-    /// Figures of a law, of which the objective is made.
-    fn figures(
-        &self,
-        law: &StudyLaw,
-        reference: &Figures,
-        progress: &Progress,
-    ) -> Result<Figures, Failure> {
-        let flown = self.fly(law, progress)?;
-        Ok(match self.draws {
-            0 => flown.mean(),
-            _ => quadratic_mean(&flown, reference),
+    /// Figures of a law, of which the objective is made; infinite if a flight near the configured plant did not land.
+    fn figures(&self, flown: &Flown, reference: &Figures) -> Figures {
+        std::array::from_fn(|metric| {
+            let figures = flown.bounded_values(metric);
+            match self.draws {
+                0 => mean(&figures),
+                _ => quadratic_mean(&figures, WORST_SHARE * reference[metric]),
+            }
         })
     }
 }
@@ -140,121 +142,10 @@ fn objective(figures: &Figures, reference: &Figures, weights: &MetricWeights) ->
     counted.map(share).sum::<f64>() / total
 }
 
-/// Upper bound of a figure over the reference, also for a flight that did not land \[-\].
-const WORST_SHARE: f64 = 20.0;
-
-/// Quadratic mean of each figure over the draws; the worst draws have the greatest weight.
-fn quadratic_mean(flown: &Flown, reference: &Figures) -> Figures {
-    std::array::from_fn(|metric| {
-        let figures = flown.values(metric);
-        let bounded = figures.iter().map(|figure| figure.min(WORST_SHARE * reference[metric]));
-        let squares: f64 = bounded.map(|figure| figure.powi(2)).sum();
-        (squares / figures.len() as f64).sqrt()
-    })
-}
-
-/// Gains found by a search.
-#[derive(Clone, Debug)]
-pub struct Tuned {
-    /// Name of the law, or `outer`.
-    pub target: String,
-    /// Keys and values \[units of the keys\].
-    pub values: Vec<(String, f64)>,
-    /// Objective at these gains \[-\]; 1 for `oqtal` with its configured gains; lower is better.
-    pub objective: f64,
-    /// Objective at the configured gains, the start of the search \[-\].
-    pub start: f64,
-    /// Budget of the search.
-    pub budget: Budget,
-    /// Number of draws of a spread on which the gains were evaluated \[-\]; 0 for plants near the configured one.
-    pub draws: usize,
-    /// Components of the objective and margins, at the configured gains and at those found; empty for the outer loops.
-    pub components: Vec<TradedFigure>,
-    /// Path of the search; empty for the outer loops.
-    pub path: SearchPath,
-}
-
-/// The points of a search, in order of their evaluation.
-#[derive(Clone, Debug, Default)]
-pub struct SearchPath {
-    /// Objective at each point \[-\].
-    pub objectives: Vec<f64>,
-    /// Gains at each point \[units of the keys\].
-    pub gains: Vec<Vec<f64>>,
-}
-
-impl SearchPath {
-    /// Adds `points`, given by the logarithms of their gains, with their objectives.
-    fn add(&mut self, points: &[Vec<f64>], objectives: &[f64]) {
-        self.objectives.extend(objectives);
-        self.gains.extend(points.iter().map(|p| p.iter().map(|log| log.exp()).collect()));
-    }
-}
-
-impl Tuned {
-    /// Command and result on one line.
-    pub fn headline(&self) -> String {
-        let Budget { points, seed, optimiser } = self.budget;
-        let (optimiser, objective) = (optimiser.name(), self.objective);
-        let draws = match self.draws {
-            0 => String::new(),
-            draws => format!(" over {draws} draws of a spread"),
-        };
-        format!(
-            "tune {} --optimiser {optimiser} --budget {points} --seed {seed}: objective {objective:.4}{draws}",
-            self.target
-        )
-    }
-
-    /// Gains as a configuration file, with the settings `common` of the vehicle for which they were found.
-    pub fn to_toml(&self, common: &[&Setting]) -> String {
-        let law = Some(&self.target).filter(|target| *target != "outer");
-        let law = law.map(|law| ("control.controller", format!("\"{law}\"")));
-        let gains = self.values.iter().map(|(key, value)| (key.as_str(), format!("{value:?}")));
-        let own: Vec<_> = law.into_iter().chain(gains).collect();
-        // The last setting of a key takes precedence.
-        let mut lines: BTreeMap<&str, String> = BTreeMap::new();
-        for setting in common.iter().filter(|s| own.iter().all(|(key, _)| *key != s.key)) {
-            lines.insert(&setting.key, setting.value.to_string());
-        }
-        let line = |(key, value): (&str, String)| format!("{key} = {value}\n");
-        let common: String = lines.into_iter().map(line).collect();
-        format!(
-            "# oqtal {}\n{common}{}",
-            self.headline(),
-            own.into_iter().map(line).collect::<String>()
-        )
-    }
-
-    /// The gains as settings.
-    pub fn settings(&self) -> Vec<Setting> {
-        settings(&self.values)
-    }
-}
-
-impl fmt::Display for Tuned {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{}", self.headline())?;
-        let (start, found) = (self.start, self.objective);
-        match found < start {
-            true => writeln!(f, "  {start:.4} at the configured gains; lower is better")?,
-            false => {
-                writeln!(f, "  no better than the configured gains, {start:.4}: they are kept")?
-            }
-        }
-        self.values.iter().try_for_each(|(key, value)| writeln!(f, "  {key} = {value}"))?;
-        if self.components.is_empty() {
-            return Ok(());
-        }
-        writeln!(f, "{}", trade::sheet(&self.components).to_text())?;
-        let warnings = trade::warnings(&self.components);
-        warnings.iter().try_for_each(|warning| writeln!(f, "warning: {warning}"))
-    }
-}
-
-/// Gains as settings.
-pub(super) fn settings(values: &[(String, f64)]) -> Vec<Setting> {
-    values.iter().map(|(key, value)| Setting::flag("tune", key, *value)).collect()
+/// Quadratic mean of a figure over the draws, each at most `greatest`; the worst draws have the greatest weight.
+fn quadratic_mean(figures: &[f64], greatest: f64) -> f64 {
+    let squares: f64 = figures.iter().map(|figure| figure.min(greatest).powi(2)).sum();
+    (squares / figures.len() as f64).sqrt()
 }
 
 /// Values of `parameters` at a point given by their logarithms.
@@ -289,7 +180,7 @@ pub fn search(
 /// Tunes a law, with the estimator and the position loops around it, on `flights`.
 ///
 /// # Errors
-/// A setting is invalid, or the search was interrupted.
+/// A setting is invalid, the search was interrupted, or no gains land every flight (exit code 1).
 pub fn law(
     controller: ControllerName,
     budget: &Budget,
@@ -300,18 +191,18 @@ pub fn law(
     let (name, parameters) = (controller.name(), parameters(controller, config.control.stack));
     let bar = progress.start(&format!("tuning {name}"), budget.points);
     let reference = flights.reference(progress)?;
-    let figures =
-        |gains: &[Setting]| flights.figures(&flights.law(name, gains), &reference, progress);
-    let value = |figures: Figures| objective(&figures, &reference, &flights.weights);
-    let before = figures(&[])?;
-    let (start, from) = (value(before), configured(&parameters, &config));
+    let fly = |gains: &[Setting]| flights.fly(&flights.law(name, gains), progress);
+    let figures = |flown: &Flown| flights.figures(flown, &reference);
+    let value = |flown: &Flown| objective(&figures(flown), &reference, &flights.weights);
+    let before = fly(&[])?;
+    let (start, from) = (value(&before), configured(&parameters, &config));
     let gains_at = |point: &[f64]| settings(&values(&parameters, point));
     let mut path = SearchPath::default();
     let best = search(&parameters, &from, budget, |points| {
         let evaluate = |point: &Vec<f64>| {
-            let figures = progress.check().and_then(|()| figures(&gains_at(point)));
+            let flown = progress.check().and_then(|()| fly(&gains_at(point)));
             bar.inc();
-            figures.map_or(f64::INFINITY, value)
+            flown.map_or(f64::INFINITY, |flown| value(&flown))
         };
         let found: Vec<f64> = points.par_iter().map(evaluate).collect();
         path.add(points, &found);
@@ -321,27 +212,40 @@ pub fn law(
     let (values, objective, after) = match best.value < start {
         true => {
             let values = values(&parameters, &best.point);
-            let after = figures(&settings(&values))?;
+            let after = fly(&settings(&values))?;
             (values, best.value, after)
         }
-        false => (from, start, before),
+        false if start.is_finite() => (from, start, before.clone()),
+        false => return Err(nothing_lands(name, best.evaluations, &before)),
     };
     let laws = [Vec::new(), settings(&values)].map(|gains| flights.law(name, &gains));
-    let mut components = trade::components(&flights.weights, &before, &after);
+    let flown = [before, after];
+    let mut components = trade::components(&flights.weights, &flown, flown.each_ref().map(figures));
     components.extend(trade::margins(&laws[0], &laws[1]));
-    let (target, budget, draws) = (name.to_owned(), *budget, flights.draws);
-    Ok(Tuned { target, values, objective, start, budget, draws, components, path })
+    let [(all, failed), (_, after)] = flown.each_ref().map(|flown| counts(slice::from_ref(flown)));
+    let (target, options) = (name.to_owned(), flights.options.clone());
+    let (budget, draws, failed) = (*budget, flights.draws, [failed, after, all]);
+    Ok(Tuned { target, values, objective, start, budget, draws, options, components, failed, path })
+}
+
+/// Failure of a search in which no gains land all flights; `before` was flown with the configured ones.
+fn nothing_lands(name: &str, evaluated: usize, before: &Flown) -> Failure {
+    let reason = format!(
+        "tune {name}: none of {evaluated} sets of gains lands every training flight, so none is better than another; with the configured gains:\n{}",
+        failure::text(slice::from_ref(before))
+    );
+    Failure::new(Exit::Flight, reason)
 }
 
 /// Objective of a law with its shipped gains, and with the gains of `law`, on the training seeds.
 ///
 /// # Errors
 /// A setting is invalid.
-pub fn before_and_after(law: &StudyLaw) -> Result<[f64; 2], Failure> {
-    let (flights, progress) = (TrainingFlights::default(), Progress::default());
-    let reference = flights.fly(&flights.law("oqtal", &[]), &progress)?.mean();
+pub fn before_and_after(law: &StudyLaw, progress: &Progress) -> Result<[f64; 2], Failure> {
+    let flights = TrainingFlights::default();
+    let reference = flights.reference(progress)?;
     let of = |law: &StudyLaw| {
-        let figures = flights.figures(law, &reference, &progress)?;
+        let figures = flights.figures(&flights.fly(law, progress)?, &reference);
         Ok(objective(&figures, &reference, &flights.weights))
     };
     let shipped: Result<f64, Failure> = of(&flights.law(law.controller, &[]));
@@ -359,23 +263,16 @@ mod tests {
     }
 
     #[test]
-    fn a_tuned_configuration_loads_with_the_gains_that_were_found() {
-        let tuned = Tuned {
-            target: "lqr".to_owned(),
-            values: vec![("control.lqr.attitude-weight".to_owned(), 12.34)],
-            objective: 0.5,
-            start: 0.9,
-            budget: Budget::default(),
-            draws: 0,
-            components: Vec::new(),
-            path: SearchPath::default(),
-        };
-        let directory = tempfile::tempdir().unwrap();
-        let file = directory.path().join("tuned.toml");
-        let common = Setting::flag("--set", "vehicle.mass-kg", 0.6);
-        std::fs::write(&file, tuned.to_toml(&[&common])).unwrap();
-        let config = oqtal_config::Config::load(std::slice::from_ref(&file), &[]).unwrap();
-        assert_eq!((config.control.lqr.attitude_weight, config.vehicle.mass_kg), (12.34, 0.6));
-        assert_eq!(config.control.controller, oqtal_control::controller::ControllerName::Lqr);
+    fn a_reference_that_does_not_land_has_the_figures_of_the_shipped_vehicle() {
+        // Too heavy for its thrust: no flight takes off.
+        let heavy = [Setting::flag("test", "plant.mass-kg", 2.0)];
+        let flights = TrainingFlights::near(heavy.to_vec(), 101..102);
+        let reference = flights.reference(&Progress::default()).unwrap();
+        assert_eq!(reference, METRIC.map(|metric| metric.shipped));
+        let budget = Budget { points: 1, ..Budget::default() };
+        let failure = law(ControllerName::Pid, &budget, &flights, &Progress::default());
+        let reason = failure.unwrap_err().to_string();
+        assert!(reason.contains("lands every training flight"), "{reason}");
+        assert!(reason.contains("pid, training, hover: 1 of 1"), "{reason}");
     }
 }

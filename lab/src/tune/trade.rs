@@ -1,16 +1,21 @@
 //! Figures that a search traded: each component of the objective, and the margins of the attitude loop, before and after.
 
 use oqtal_config::{Config, Interface};
+use oqtal_observe::plot::unit::rounded;
 use serde_json::{Value, json};
 
 use crate::robustness::frequency::Margins;
 use crate::robustness::linear::LinearLoop;
 use crate::sheet::{Sheet, SheetCell, SheetRow, Variant};
+use crate::study::Flown;
 use crate::study::law::StudyLaw;
 use crate::study::metric::{Figures, METRIC};
 
 /// Relative change for the worse above which a component is warned of \[-\].
 const WORSE: f64 = 0.05;
+
+/// Upper bound of a figure over the reference, also for a flight that did not land \[-\].
+pub(super) const WORST_SHARE: f64 = 20.0;
 
 /// Weights of the metrics in the objective \[-\].
 pub type MetricWeights = Figures;
@@ -29,38 +34,59 @@ pub struct TradedFigure {
     pub title: &'static str,
     /// Weight in the objective \[-\]; `None` for a margin, which is not part of it.
     pub weight: Option<f64>,
-    /// Value at the configured gains \[unit of the title\].
-    pub before: f64,
-    /// Value at the gains found \[unit of the title\].
-    pub after: f64,
+    /// Values at the configured gains and at the gains found \[unit of the title\]; an error is infinite if a flight did not land, a
+    /// margin if there is no limit.
+    pub values: [f64; 2],
+    /// Whether each value contains the time until the next step for a step that did not settle.
+    pub is_least: [bool; 2],
 }
 
 impl TradedFigure {
-    /// Relative change \[-\]; NaN without a value.
-    fn change(&self) -> f64 {
-        self.after / self.before - 1.0
+    /// Relative change \[-\]; `None` without two values that can be compared.
+    fn change(&self) -> Option<f64> {
+        let [before, after] = self.values;
+        let change = after / before - 1.0;
+        (before.is_finite() && change.is_finite()).then_some(change)
     }
 
     /// Whether the figure got worse by more than 5 %: a greater error, or a smaller margin.
     fn is_worse(&self) -> bool {
+        let [before, after] = self.values;
         match self.weight {
-            Some(_) => self.change() > WORSE,
-            None => self.change() < -WORSE,
+            Some(_) => after > before * (1.0 + WORSE),
+            None => after < before * (1.0 - WORSE),
+        }
+    }
+
+    /// A value as text; `is_after` for the one at the gains found.
+    fn shown(&self, is_after: usize) -> String {
+        let least = if self.is_least[is_after] { "≥ " } else { "" };
+        match (self.values[is_after], self.weight) {
+            (value, _) if value.is_finite() => format!("{least}{}", rounded(value, 4)),
+            (_, Some(_)) => "not landed".to_owned(),
+            (_, None) => "no limit".to_owned(),
         }
     }
 }
 
-/// The components of the objective, those without a meaning left out.
-pub fn components(weights: &MetricWeights, before: &Figures, after: &Figures) -> Vec<TradedFigure> {
+/// The components of the objective, those without a meaning left out. `flown` and `figures` are those at the configured gains and
+/// at the gains found.
+pub fn components(
+    weights: &MetricWeights,
+    flown: &[Flown; 2],
+    figures: [Figures; 2],
+) -> Vec<TradedFigure> {
     let component = |index: usize| TradedFigure {
         key: METRIC[index].key,
         title: METRIC[index].title,
         weight: Some(weights[index]),
-        before: before[index],
-        after: after[index],
+        values: figures.map(|figures| figures[index]),
+        is_least: flown
+            .each_ref()
+            .map(|flown| flown.runs.iter().any(|run| run.figures[index] != run.bounded(index))),
     };
     let all = (0..METRIC.len()).map(component);
-    all.filter(|component| !component.before.is_nan()).collect()
+    all.filter(|component| component.values.iter().all(|value| !value.is_nan())).collect()
 }
 
 /// Least margins over the axes of the linear model; empty for a vehicle that is not commanded by rates.
@@ -68,11 +94,13 @@ pub fn margins(before: &StudyLaw, after: &StudyLaw) -> Vec<TradedFigure> {
     let [Some(before), Some(after)] = [before, after].map(|law| least(&law.config().ok()?)) else {
         return Vec::new();
     };
-    let component = |k: usize| {
+    let margin = |k: usize| {
         let (key, title) = Margins::COLUMNS[k];
-        TradedFigure { key, title, weight: None, before: before[k], after: after[k] }
+        let values = [before[k], after[k]];
+        TradedFigure { key, title, weight: None, values, is_least: [false; 2] }
     };
-    (0..before.len()).map(component).filter(|component| component.before.is_finite()).collect()
+    let all = (0..before.len()).map(margin);
+    all.filter(|margin| margin.values.iter().any(|value| value.is_finite())).collect()
 }
 
 /// Gain, phase, delay and disk margin, each the least of roll, pitch and yaw.
@@ -88,23 +116,25 @@ fn least(config: &Config) -> Option<[f64; 4]> {
     Some(least)
 }
 
-/// Table of the components.
-pub fn sheet(components: &[TradedFigure]) -> Sheet {
+/// Table of the components; `is_of_draws` if they are those of the draws of a spread.
+pub fn sheet(components: &[TradedFigure], is_of_draws: bool) -> Sheet {
     let row = |component: &TradedFigure| {
         let weight = component.weight.map_or(SheetCell::None, SheetCell::Number);
-        let number = |number: f64| {
-            if number.is_finite() { SheetCell::Number(number) } else { SheetCell::None }
-        };
-        let change = match 1e2 * component.change() {
-            percent if percent.is_finite() => SheetCell::Text(format!("{percent:+.1} %")),
-            _ => SheetCell::None,
-        };
-        let cells = vec![weight, number(component.before), number(component.after), change];
+        let [before, after] = [0, 1].map(|is_after| SheetCell::Text(component.shown(is_after)));
+        let change = component.change();
+        let change = change.map(|change| SheetCell::Text(format!("{:+.1} %", 1e2 * change)));
+        let cells = vec![weight, before, after, change.unwrap_or(SheetCell::None)];
         SheetRow::new(Variant::Ours, component.title, "", cells)
+    };
+    let title = match is_of_draws {
+        false => "Components of the objective, and margins of the linear model".to_owned(),
+        true => format!(
+            "Components of the objective, quadratic means in which a flight that does not land counts as {WORST_SHARE} times the reference, and margins of the linear model"
+        ),
     };
     Sheet {
         name: "trade".to_owned(),
-        title: "Components of the objective, and margins of the linear model".to_owned(),
+        title,
         columns: vec![
             ("weight", "weight"),
             ("before", "before"),
@@ -123,7 +153,11 @@ pub fn warnings(components: &[TradedFigure]) -> Vec<String> {
             Some(_) => format!("; a greater weight, as in --weights {}=W, keeps it", component.key),
             None => String::new(),
         };
-        format!("{} got worse by {:.0} %{remedy}", component.title, 1e2 * component.change().abs())
+        let by = match component.change() {
+            Some(change) => format!(" by {:.0} %", 1e2 * change.abs()),
+            None => format!(": {} before, {} after", component.shown(0), component.shown(1)),
+        };
+        format!("{} got worse{by}{remedy}", component.title)
     };
     components.iter().filter(|component| component.is_worse()).map(warning).collect()
 }
@@ -151,7 +185,7 @@ pub fn parse_weights(texts: &[String]) -> Result<MetricWeights, String> {
 
 /// The components as JSON.
 pub fn to_json(components: &[TradedFigure]) -> Value {
-    let object = |c: &TradedFigure| json!({ "key": c.key, "weight": c.weight, "before": c.before, "after": c.after });
+    let object = |c: &TradedFigure| json!({ "key": c.key, "weight": c.weight, "before": c.values[0], "after": c.values[1] });
     components.iter().map(object).collect()
 }
 
@@ -160,7 +194,8 @@ mod tests {
     use super::*;
 
     fn component(weight: Option<f64>, after: f64) -> TradedFigure {
-        TradedFigure { key: "hover_rms_mm", title: "hover", weight, before: 1.0, after }
+        let values = [1.0, after];
+        TradedFigure { key: "hover_rms_mm", title: "hover", weight, values, is_least: [false; 2] }
     }
 
     #[test]
@@ -175,6 +210,28 @@ mod tests {
         let said = warnings(&all);
         assert_eq!(said.len(), 2, "{said:?}");
         assert!(said[0].contains("20 %") && said[0].contains("--weights hover_rms_mm=W"));
+    }
+
+    #[test]
+    fn flights_that_do_not_land_and_margins_without_a_limit_are_named_and_not_compared() {
+        let traded = |weight, before, after| TradedFigure {
+            values: [before, after],
+            ..component(weight, 0.0)
+        };
+        let none = f64::INFINITY;
+        let all = [
+            traded(Some(1.0), none, 2.0),
+            traded(Some(1.0), 2.0, none),
+            traded(Some(1.0), none, none),
+            traded(None, none, 2.0),
+            traded(None, 2.0, none),
+        ];
+        let text = sheet(&all, false).to_text();
+        assert!(!text.contains('%') && text.contains("not landed"), "{text}");
+        let said = warnings(&all);
+        assert_eq!(said.len(), 2, "{said:?}");
+        assert!(said[0].contains("2.000 before, not landed after"), "{said:?}");
+        assert!(said[1].contains("no limit before, 2.000 after"), "{said:?}");
     }
 
     #[test]

@@ -1,0 +1,174 @@
+//! Gains found by a search: as text, as a configuration file, as settings.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use oqtal_config::Setting;
+
+use super::optimiser::Optimiser;
+use super::trade::{self, TradedFigure};
+
+/// Budget of a search.
+#[derive(Clone, Copy, Debug)]
+pub struct Budget {
+    /// Number of points to evaluate \[-\].
+    pub points: usize,
+    /// Seed of the optimiser.
+    pub seed: u64,
+    /// The optimiser.
+    pub optimiser: Optimiser,
+}
+
+impl Default for Budget {
+    fn default() -> Self {
+        Self { points: 300, seed: 1, optimiser: Optimiser::default() }
+    }
+}
+
+/// Gains found by a search.
+#[derive(Clone, Debug)]
+pub struct Tuned {
+    /// Name of the law, or `outer`.
+    pub target: String,
+    /// Keys and values \[units of the keys\].
+    pub values: Vec<(String, f64)>,
+    /// Objective at these gains \[-\]; 1 for `oqtal` with its configured gains; lower is better.
+    pub objective: f64,
+    /// Objective at the configured gains, the start of the search \[-\].
+    pub start: f64,
+    /// Budget of the search.
+    pub budget: Budget,
+    /// Number of draws of a spread on which the gains were evaluated \[-\]; 0 for plants near the configured one.
+    pub draws: usize,
+    /// Arguments that select the flights and the weights.
+    pub options: String,
+    /// Components of the objective and margins, at the configured gains and at those found; empty for the outer loops.
+    pub components: Vec<TradedFigure>,
+    /// Number of flights that did not land as planned, at the configured gains and at those found, and of all \[-\].
+    pub failed: [usize; 3],
+    /// Path of the search; empty for the outer loops.
+    pub path: SearchPath,
+}
+
+/// The points of a search, in order of their evaluation.
+#[derive(Clone, Debug, Default)]
+pub struct SearchPath {
+    /// Objective at each point \[-\].
+    pub objectives: Vec<f64>,
+    /// Gains at each point \[units of the keys\].
+    pub gains: Vec<Vec<f64>>,
+}
+
+impl SearchPath {
+    /// Adds `points`, given by the logarithms of their gains, with their objectives.
+    pub fn add(&mut self, points: &[Vec<f64>], objectives: &[f64]) {
+        self.objectives.extend(objectives);
+        self.gains.extend(points.iter().map(|p| p.iter().map(|log| log.exp()).collect()));
+    }
+}
+
+impl Tuned {
+    /// Command and result on one line.
+    pub fn headline(&self) -> String {
+        let Budget { points, seed, optimiser } = self.budget;
+        let (optimiser, objective) = (optimiser.name(), self.objective);
+        let draws = match self.draws {
+            0 => String::new(),
+            draws => format!(" over {draws} draws of a spread"),
+        };
+        format!(
+            "tune {} --optimiser {optimiser} --budget {points} --seed {seed}{}: objective {objective:.4}{draws}",
+            self.target, self.options
+        )
+    }
+
+    /// The objective at the configured gains, as text, and whether these are kept.
+    pub fn comparison(&self) -> String {
+        let start = match self.start.is_finite() {
+            true => format!("{:.4} at the configured gains", self.start),
+            false => "none at the configured gains, with which a flight does not land".to_owned(),
+        };
+        match self.objective < self.start {
+            true => format!("{start}; lower is better"),
+            false => format!("{start}: no better ones were found, they are kept"),
+        }
+    }
+
+    /// Flights that did not land as planned, as text.
+    pub fn failures(&self) -> String {
+        let [before, after, all] = self.failed;
+        format!("not landed as planned: {before} of {all} flights before, {after} after")
+    }
+
+    /// Gains as a configuration file, with the settings `common` of the vehicle for which they were found.
+    pub fn to_toml(&self, common: &[&Setting]) -> String {
+        let law = Some(&self.target).filter(|target| *target != "outer");
+        let law = law.map(|law| ("control.controller", format!("\"{law}\"")));
+        let gains = self.values.iter().map(|(key, value)| (key.as_str(), format!("{value:?}")));
+        let own: Vec<_> = law.into_iter().chain(gains).collect();
+        // The last setting of a key takes precedence.
+        let mut lines: BTreeMap<&str, String> = BTreeMap::new();
+        for setting in common.iter().filter(|s| own.iter().all(|(key, _)| *key != s.key)) {
+            lines.insert(&setting.key, setting.value.to_string());
+        }
+        let line = |(key, value): (&str, String)| format!("{key} = {value}\n");
+        let common: String = lines.into_iter().map(line).collect();
+        format!(
+            "# oqtal {}\n{common}{}",
+            self.headline(),
+            own.into_iter().map(line).collect::<String>()
+        )
+    }
+
+    /// The gains as settings.
+    pub fn settings(&self) -> Vec<Setting> {
+        settings(&self.values)
+    }
+}
+
+impl fmt::Display for Tuned {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}\n  {}", self.headline(), self.comparison())?;
+        self.values.iter().try_for_each(|(key, value)| writeln!(f, "  {key} = {value}"))?;
+        if self.components.is_empty() {
+            return Ok(());
+        }
+        let sheet = trade::sheet(&self.components, self.draws > 0);
+        writeln!(f, "{}\n{}", sheet.to_text(), self.failures())?;
+        let warnings = trade::warnings(&self.components);
+        warnings.iter().try_for_each(|warning| writeln!(f, "warning: {warning}"))
+    }
+}
+
+/// Gains as settings.
+pub fn settings(values: &[(String, f64)]) -> Vec<Setting> {
+    values.iter().map(|(key, value)| Setting::flag("tune", key, *value)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tuned_configuration_loads_with_the_gains_that_were_found() {
+        let tuned = Tuned {
+            target: "lqr".to_owned(),
+            values: vec![("control.lqr.attitude-weight".to_owned(), 12.34)],
+            objective: 0.5,
+            start: 0.9,
+            budget: Budget::default(),
+            draws: 0,
+            options: String::new(),
+            components: Vec::new(),
+            failed: [0; 3],
+            path: SearchPath::default(),
+        };
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("tuned.toml");
+        let common = Setting::flag("--set", "vehicle.mass-kg", 0.6);
+        std::fs::write(&file, tuned.to_toml(&[&common])).unwrap();
+        let config = oqtal_config::Config::load(std::slice::from_ref(&file), &[]).unwrap();
+        assert_eq!((config.control.lqr.attitude_weight, config.vehicle.mass_kg), (12.34, 0.6));
+        assert_eq!(config.control.controller, oqtal_control::controller::ControllerName::Lqr);
+    }
+}
