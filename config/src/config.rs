@@ -313,7 +313,24 @@ pub(crate) fn deserialize(table: &Table) -> Result<Config, String> {
     let mut table = table.clone();
     follow::resolve(&mut table);
     observe_replay(&mut table);
-    table.try_into().map_err(|error: toml::de::Error| error.message().to_owned())
+    table.try_into().map_err(|error: toml::de::Error| plain(error.message()))
+}
+
+/// Words of the deserialiser, which name types of Rust, with those of a user.
+const PLAIN: [(&str, &str); 8] = [
+    ("unit variant, expected string only", "not a text, expected one"),
+    ("expected f64", "expected a number"),
+    ("expected u8", "expected an integer from 0 to 255"),
+    ("expected u16", "expected an integer from 0 to 65535"),
+    ("expected u32", "expected an integer that is not negative"),
+    ("expected u64", "expected an integer that is not negative"),
+    ("expected usize", "expected an integer that is not negative"),
+    ("invalid type: sequence", "invalid type: list"),
+];
+
+/// `message` of the deserialiser without names of types of Rust.
+pub(crate) fn plain(message: &str) -> String {
+    PLAIN.iter().fold(message.to_owned(), |text, (word, plain)| text.replace(word, plain))
 }
 
 /// During playback of a recording the daemon only observes, since no vehicle receives its commands.

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use toml::Table;
 
-use crate::config::DEFAULTS;
+use crate::config::{DEFAULTS, plain};
 use crate::error::ConfigError;
 use crate::instance::InstanceOptions;
 use crate::layer;
@@ -57,7 +57,7 @@ fn is_of_instance(key: &str) -> bool {
 /// The section of the instance; the reason if it is invalid.
 fn instance(table: &Table) -> Result<InstanceOptions, String> {
     let section = table.get(SECTION).cloned().ok_or("missing")?;
-    section.try_into().map_err(|error: toml::de::Error| error.message().to_owned())
+    section.try_into().map_err(|error: toml::de::Error| plain(error.message()))
 }
 
 #[cfg(test)]
