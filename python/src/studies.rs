@@ -92,7 +92,7 @@ fn table<'py>(py: Python<'py>, flown: &[Flown], case: &Case) -> PyResult<Bound<'
     columns.set_item("controller", names.collect::<Vec<_>>())?;
     let seeds = flown.iter().flat_map(|_| case.conditions.iter().map(|c| c.seed.cast_signed()));
     columns.set_item("seed", PyArray1::from_iter(py, seeds))?;
-    columns.set_item("landed", PyArray1::from_iter(py, runs().map(|run| run.is_complete())))?;
+    columns.set_item("landed", PyArray1::from_iter(py, runs().map(|run| run.all_landed())))?;
     for (index, metric) in METRIC.iter().enumerate() {
         let figures = runs().map(|run| run.figures[index]);
         let shown = figures.map(|figure| if figure.is_finite() { figure } else { f64::NAN });
