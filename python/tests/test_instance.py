@@ -223,7 +223,7 @@ def test_nothing_is_printed(instance, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-#: What laws do in flight after a while, and what their process then says; empty for one that goes on.
+#: Actions of laws that have flown for a while, and what their process then says; empty for one that goes on.
 SABOTAGE = {
     "raises": ("raise ZeroDivisionError", "LawError: the law raised ZeroDivisionError"),
     "hangs": ("while True: pass", ""),
@@ -238,12 +238,12 @@ SABOTAGE = {
 
 LAW = """
 import os, sys, oqtal
-answers = 0
+flown = 0
 
 def law(state, reference, dt):
-    global answers
-    answers += 1
-    if answers > 90:
+    global flown
+    flown += state.flown
+    if flown > 20:
         {deed}
     return state.fallback_rate, state.fallback_thrust
 
