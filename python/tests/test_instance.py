@@ -17,8 +17,6 @@ import pytest
 
 import oqtal
 
-pytestmark = pytest.mark.real_time
-
 #: Longest wait for an event [s]; a test that waits longer has failed.
 TIMEOUT = 60.0
 SERVICES = ("plant-sim", "mocap-emu", "daemon")
