@@ -33,7 +33,6 @@ mod lost_files;
 mod mavlink;
 mod mavlink_flights;
 mod monitor;
-mod notebook;
 mod places;
 mod pose_faults;
 mod prediction;

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import csv
 import json
 import os
@@ -15,7 +16,7 @@ import numpy as np
 from oqtal import _native
 from oqtal.errors import DataError, InternalError, UsageError
 from oqtal.python_law import LawAdapter
-from oqtal.settings import ConfigLike, sources, texts
+from oqtal.settings import ConfigLike, check_names, integer, sources, texts
 from oqtal.table import Table
 
 if TYPE_CHECKING:
@@ -40,11 +41,13 @@ class Flight:
         columns: Table | None = None,
         summary: Mapping[str, Any] | None = None,
         repeat: Callable[[str], Any] | None = None,
+        config: str | None = None,
     ) -> None:
         self._native = native
         self._columns = columns
         self._summary = dict(summary) if summary is not None else None
         self._repeat = repeat
+        self._config = config
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Flight:
@@ -56,10 +59,10 @@ class Flight:
         if file.suffix == ".csv":
             return cls._read_csv(file)
 
-        def copy(to: str) -> None:
+        def write(to: str) -> None:
             shutil.copyfile(file, to)
 
-        return cls(native=_native.read(str(file)), repeat=copy)
+        return cls(native=_native.read(str(file)), repeat=write)
 
     @classmethod
     def _read_csv(cls, file: Path) -> Flight:
@@ -99,7 +102,7 @@ class Flight:
     @property
     def config(self) -> str:
         """The effective configuration as TOML."""
-        return self._whole("the configuration").config()
+        return self._whole("the configuration").config() if self._config is None else self._config
 
     @property
     def cut_off(self) -> str:
@@ -172,14 +175,31 @@ class Flight:
 
     def _whole(self, wanted: str) -> _native.Flight:
         if self._native is None:
-            raise DataError(f"telemetry does not suffice for {wanted}; read the recording")
+            raise DataError(f"the ticks alone, of a CSV file or a pickle, do not suffice for {wanted}; read the recording")
         return self._native
+
+    def __copy__(self) -> Flight:
+        return Flight(native=self._native, columns=self._columns, summary=self._summary, repeat=self._repeat, config=self._config)
+
+    def __deepcopy__(self, memo: Any) -> Flight:
+        copied = copy.copy(self)
+        copied._columns, copied._summary = copy.deepcopy((self._columns, self._summary), memo)
+        return copied
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A pickle has columns, summary and configuration, for example from a worker process; it cannot be saved as a recording."""
+        config = self._native.config() if self._native else self._config
+        return _unpickled, (self.columns, self._summary if self._native is None else self.summary, config)
 
     def __repr__(self) -> str:
         shown = self.summary
         error = shown["position_error_m"]
         mean = "" if error is None else f", mean position error {1e3 * error['mean']:.1f} mm"
         return f"<Flight {shown['controller']}, {shown['trajectory']}: {shown['outcome']}{mean}>"
+
+
+def _unpickled(columns: Table, summary: dict[str, Any] | None, config: str | None) -> Flight:
+    return Flight(columns=columns, summary=summary, config=config)
 
 
 def _column(name: str, values: Sequence[str]) -> np.ndarray[Any, Any]:
@@ -190,6 +210,7 @@ def _column(name: str, values: Sequence[str]) -> np.ndarray[Any, Any]:
     return np.array([value or "nan" for value in values], dtype=float)
 
 
+@check_names
 def fly(
     config: ConfigLike = None,
     *,
@@ -221,11 +242,11 @@ def fly(
         controller=("control.controller", controller if law is None else "external"),
         trajectory=("trajectory.kind", trajectory),
         duration=("trajectory.duration-s", duration),
-        seed=("clock.seed", seed),
+        seed=("clock.seed", None if seed is None else integer("seed", seed)),
         vehicle=("vehicle.preset", vehicle),
         disturb=("plant.disturb", texts(disturb)),
         faults=("fault.inject", texts(faults)),
     )
     adapter = None if law is None else LawAdapter(law)
     native = _native.fly(call, None if record is None else os.fspath(record), adapter)
-    return Flight(native=native, repeat=lambda path: native.fly_again(call, path))
+    return Flight(native=native, repeat=native.fly_again)

@@ -15,7 +15,7 @@ vehicle is 2 m from its reference or on the floor, and truncated after its durat
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium
@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from oqtal import _native
 from oqtal.errors import UsageError
-from oqtal.settings import ConfigLike, sources
+from oqtal.settings import ConfigLike, check_names, integer, sources
 
 Array = NDArray[Any]
 
@@ -50,12 +50,15 @@ def _lanes(
     threads: int,
     call: tuple[ConfigLike, Mapping[str, Any] | None, Mapping[str, Any] | None],
 ) -> _native.Lanes:
-    return _native.Lanes(sources(*call), task, count, seed, (float(duration), threads))
+    return _native.Lanes(sources(*call), task, count, seed, (float(duration), integer("threads", threads, 0, 1024)))
 
 
 def commands(actions: Any) -> Array:
     """Sticks from -1 to 1 and thrust from 0 to 1 for the actions of an environment."""
-    found: Array = np.clip(np.asarray(actions, dtype=float).reshape(-1, 4), -1.0, 1.0)
+    given: Array = np.asarray(actions, dtype=float)
+    if given.shape[-1:] != (4,):
+        raise UsageError(f"actions have the shape {given.shape}; expected 4 numbers for each vehicle")
+    found: Array = np.clip(given.reshape(-1, 4), -1.0, 1.0)
     found[:, 3] = (found[:, 3] + 1.0) / 2.0
     return found
 
@@ -65,6 +68,7 @@ class OqtalEnv(gymnasium.Env[Array, Array]):
 
     metadata = {"render_modes": []}  # noqa: RUF012
 
+    @check_names
     def __init__(
         self,
         task: str = "hover",
@@ -81,8 +85,9 @@ class OqtalEnv(gymnasium.Env[Array, Array]):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
         """Begins the episode of ``seed``; without one, of a random seed."""
-        super().reset(seed=seed)
-        episode = int(self.np_random.integers(2**31)) if seed is None else seed
+        given = None if seed is None else integer("seed", seed)
+        super().reset(seed=given)
+        episode = int(self.np_random.integers(2**31)) if given is None else given
         self._lanes.reset([episode])
         return self._lanes.observations()[0], {"seed": episode, "truth": self._lanes.truths()[0]}
 
@@ -99,6 +104,7 @@ class OqtalVectorEnv(VectorEnv[Array, Array, Array]):
 
     metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
 
+    @check_names
     def __init__(
         self,
         num_envs: int = 1,
@@ -110,7 +116,7 @@ class OqtalVectorEnv(VectorEnv[Array, Array, Array]):
         duration: float = DURATION_S,
         threads: int = 0,
     ) -> None:
-        self.num_envs = num_envs
+        self.num_envs = integer("num_envs", num_envs, 1, 2**20)
         self.single_observation_space, self.single_action_space = _spaces()
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -119,11 +125,17 @@ class OqtalVectorEnv(VectorEnv[Array, Array, Array]):
         self._over: NDArray[np.bool_] = np.zeros(num_envs, dtype=bool)
 
     def reset(
-        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
-        """Begins new episodes: of the seeds ``seed``, ``seed + 1``, …, of a list of seeds, or of the next ones."""
-        first = self._next_seed if seed is None else seed
-        seeds = [first + lane for lane in range(self.num_envs)] if isinstance(first, int) else list(first)
+        """Begins new episodes: of the seeds ``seed``, ``seed + 1``, …, of a list of seeds, or of the next ones.
+
+        ``None`` in a list lets the episode of a lane go on.
+        """
+        if isinstance(seed, Sequence):
+            seeds = [None if each is None else integer("a seed", each) for each in seed]
+        else:
+            first = self._next_seed if seed is None else integer("seed", seed)
+            seeds = [first + lane for lane in range(self.num_envs)]
         self._next_seed = max((each for each in seeds if each is not None), default=self._next_seed - 1) + 1
         self._lanes.reset(seeds)
         self._over[:] = False

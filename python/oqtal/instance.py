@@ -16,7 +16,7 @@ import numpy as np
 
 from oqtal import _native
 from oqtal.errors import PeerError, UsageError
-from oqtal.settings import ConfigLike, flat, sources
+from oqtal.settings import ConfigLike, check_names, flat, sources
 from oqtal.table import Table
 
 if TYPE_CHECKING:
@@ -195,6 +195,7 @@ class Instance:
         return f"<Instance {self.name}>"
 
 
+@check_names
 def connect(instance: str | None = None, *, root: str | None = None, config: ConfigLike = None) -> Instance:
     """Connects to a running instance, by default that of the configuration.
 

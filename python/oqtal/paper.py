@@ -57,6 +57,8 @@ def tracking_error(
 
 def error_model(jacobian: str, eps: ArrayLike, omega_e: ArrayLike, eps_ddot: ArrayLike = (0.0, 0.0, 0.0)) -> NDArray[np.float64]:
     """``A`` of Eq. (41) for the state ``[omega_e; eps]`` at an operating point, by one of ``JACOBIANS``."""
+    if jacobian not in JACOBIANS:
+        raise UsageError(f"jacobian is {jacobian!r}; expected one of {', '.join(JACOBIANS)}")
     given = (("eps", eps), ("omega_e", omega_e), ("eps_ddot", eps_ddot))
     return _native.error_model(jacobian, *(_array(values, 1, name) for name, values in given))
 

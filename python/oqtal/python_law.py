@@ -44,30 +44,44 @@ def _fields(numbers: Vector) -> Iterator[tuple[str, Any]]:
 
 
 class State:
-    """The vehicle at the instant at which the command takes effect. Vectors are arrays of NumPy, and cannot be written."""
+    """The vehicle at the instant at which the command takes effect. Vectors are arrays of NumPy, and cannot be written.
 
-    #: Position [m, world] and velocity [m/s, world].
+    ``position`` [m, world], ``velocity`` [m/s, world].
+    ``attitude``: a quaternion from body to world with the scalar last; ``rate`` [rad/s, body]; ``yaw`` [rad].
+    ``thrust`` along body z [N].
+    ``acceleration_bias``: estimated acceleration by other causes than thrust, weight and drag [m/s^2, world].
+    ``demand_bias``: estimated error of the command [rad/s, body].
+    ``fallback_rate`` [rad/s, body], ``fallback_thrust`` [N]: command of the built-in law that flies if this one fails.
+    ``mass`` [kg], ``gravity`` [m/s^2], ``greatest_thrust`` [N], ``greatest_rate`` [rad/s]: the model of the vehicle.
+    ``time``: instant of the tick [s], of which only differences have a meaning; ``period`` of the loop [s].
+    ``flown``: whether the last command of the law was flown; while it is not, an integral should stop.
+
+    For a vehicle commanded by torque or attitude also ``greatest_torque`` [N m], ``fallback_torque`` [N m, body] and
+    ``fallback_attitude``.
+    """
+
     position: Vector
     velocity: Vector
-    #: Attitude, a quaternion from body to world with the scalar last; body rate [rad/s].
     attitude: Vector
     rate: Vector
-    #: Thrust along body z [N].
     thrust: float
-    #: Estimated acceleration by other causes than thrust, weight and drag [m/s^2, world]; estimated error of the command [rad/s].
     acceleration_bias: Vector
     demand_bias: Vector
-    #: Command of the built-in law that flies if this one fails: rates [rad/s] and thrust [N].
     fallback_rate: Vector
     fallback_thrust: float
-    #: Model of the vehicle: mass [kg], gravity [m/s^2], greatest thrust [N], greatest rates [rad/s].
+    fallback_torque: Vector
+    fallback_attitude: Vector
     mass: float
     gravity: float
     greatest_thrust: float
     greatest_rate: Vector
+    greatest_torque: float
+    time: float
+    period: float
+    flown: bool
 
-    def __init__(self, numbers: Vector) -> None:
-        self.__dict__.update(_fields(numbers))
+    def __init__(self, numbers: Vector, flown: bool, time: float) -> None:
+        self.__dict__.update(_fields(numbers), flown=flown, time=time)
 
     def to_body(self, vector: Any) -> Vector:
         """Components in body axes of a vector in world axes."""
@@ -83,27 +97,29 @@ class State:
 
 
 class Reference:
-    """The reference at the instant at which the command takes effect."""
+    """The reference at the instant at which the command takes effect.
+
+    ``position`` [m, world], ``velocity`` [m/s, world; zero where the position jumps], ``yaw`` [rad].
+    ``attitude``, ``rate`` [rad/s, body]: prescribed in place of the horizontal position; ``None`` if none is.
+    """
 
     def __init__(self, state: Any) -> None:
-        #: Position [m, world], velocity [m/s, world] and yaw [rad].
         self.position: Vector = state.reference_position
         self.velocity: Vector = state.reference_velocity
         self.yaw: float = state.reference_yaw
-        #: Prescribed attitude and rate in place of the horizontal position; ``None`` if none is.
         self.attitude: Vector | None = None if np.isnan(state.reference_attitude[0]) else state.reference_attitude
         self.rate: Vector | None = None if self.attitude is None else state.reference_rate
 
 
 @dataclass
 class Command:
-    """Command of a law."""
+    """Command of a law: body rates ``rate`` [rad/s], ``thrust`` along body z [N].
 
-    #: Body rates [rad/s].
+    ``torque`` [N m, body] for a vehicle commanded by torque; ``attitude`` for one that holds attitudes.
+    """
+
     rate: Any
-    #: Thrust along body z [N].
     thrust: float
-    #: Torque [N m, body], for a vehicle commanded by torque; attitude, for one that holds attitudes.
     torque: Any = (0.0, 0.0, 0.0)
     attitude: Any = (0.0, 0.0, 0.0, 0.0)
 
@@ -150,14 +166,17 @@ class LawAdapter:
     def reset(self) -> None:
         """A flight begins."""
         if self._reset is not None:
-            self._reset()
+            try:
+                self._reset()
+            except Exception as error:
+                raise LawError(f"reset of the law raised {type(error).__name__}: {error}") from error
 
-    def answer(self, numbers: Vector) -> Vector:
+    def answer(self, numbers: Vector, flown: bool, time: float) -> Vector:
         """The command for a question: rates, torque, attitude, thrust."""
         numbers.flags.writeable = False
-        state = State(numbers)
+        state = State(numbers, flown, time)
         try:
-            command = _command(self._step(state, Reference(state), float(numbers[0])))
+            command = _command(self._step(state, Reference(state), state.period))
         except LawError:
             raise
         except Exception as error:
@@ -177,11 +196,12 @@ def serve(law: Any, path: str) -> int:
         except OSError as error:
             raise PeerError(f'{path}: {error}; start a daemon with control.controller = "external"') from error
         while packet := daemon.recv(4096):
-            _, sequence, number, *_ = COUNTERS.unpack_from(packet)
+            _, sequence, number, flown, time_ns, *_ = COUNTERS.unpack_from(packet)
             if number != flight:
                 flight = number
                 adapter.reset()
-            answer = adapter.answer(np.frombuffer(packet, dtype="<f8", offset=COUNTERS.size))
+            numbers = np.frombuffer(packet, dtype="<f8", offset=COUNTERS.size)
+            answer = adapter.answer(numbers, bool(flown), 1e-9 * time_ns)
             try:
                 daemon.send(ANSWER.pack(b"OQTALEX1", sequence) + answer.astype("<f8").tobytes())
             except ConnectionError:

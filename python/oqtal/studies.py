@@ -14,7 +14,7 @@ import numpy as np
 from oqtal import _native
 from oqtal.errors import UsageError
 from oqtal.flight import Flight
-from oqtal.settings import ConfigLike, Setting, Sources, sources
+from oqtal.settings import ConfigLike, Setting, Sources, check_names, integer, positive, sources
 from oqtal.table import Table
 
 if TYPE_CHECKING:
@@ -27,6 +27,8 @@ Condition: TypeAlias = tuple[int, list[Setting]]
 
 #: First of the seeds by which laws are compared; none is used for tuning.
 FIRST_SEED = 200
+#: Keys that a study of laws sets in each flight.
+SET_BY_LAWS = {"control.controller": "name the laws in laws=", "clock.seed": "give seeds="}
 #: Tasks for each worker of a cluster: few enough for little overhead, enough for an even load.
 TASKS_PER_WORKER = 4
 
@@ -36,6 +38,7 @@ def laws() -> list[str]:
     return _native.laws()
 
 
+@check_names
 def campaign(
     laws: Sequence[str] | None = None,
     config: ConfigLike = None,
@@ -57,12 +60,13 @@ def campaign(
 
     ``client``: a client of dask.distributed, whose workers fly; the rows are the same, bit for bit.
     """
-    call = sources(config, settings, plant, trajectory=("trajectory.kind", trajectory))
-    chosen = range(FIRST_SEED, FIRST_SEED + runs) if seeds is None else seeds
-    conditions: list[Condition] = [(int(seed), []) for seed in chosen]
+    call = sources(config, settings, plant, set_by=SET_BY_LAWS, trajectory=("trajectory.kind", trajectory))
+    chosen = _seeds(range(FIRST_SEED, FIRST_SEED + integer("runs", runs, 1)) if seeds is None else seeds)
+    conditions: list[Condition] = [(seed, []) for seed in chosen]
     return _fly(call, laws, gains, conditions, progress, threads, client)
 
 
+@check_names
 def sweep(
     axes: Mapping[str, Iterable[Any]],
     laws: Sequence[str] | None = None,
@@ -78,10 +82,17 @@ def sweep(
     client: Client | None = None,
 ) -> Table:
     """Flies every combination of values, ``{"plant.rate-lag-ms": [50, 80]}``: one row for each law, combination and seed."""
-    call = sources(config, settings, plant, trajectory=("trajectory.kind", trajectory))
-    values = {key: list(of_key) for key, of_key in axes.items()}
+    for key, of_key in axes.items():
+        if isinstance(of_key, str) or not isinstance(of_key, Iterable):
+            raise UsageError(f"axes: {key} is {of_key!r}; expected several values, as in [50, 80]")
+    values = {key.replace("_", "-"): list(of_key) for key, of_key in axes.items()}
+    set_by = SET_BY_LAWS | dict.fromkeys(values, "its values are those of axes")
+    call = sources(config, settings, plant, set_by=set_by, trajectory=("trajectory.kind", trajectory))
+    for key in SET_BY_LAWS.keys() & values:
+        raise UsageError(f"axes: {key} is set by this call; {SET_BY_LAWS[key]}")
     combinations = list(itertools.product(*values.values()))
-    flown = [(combination, int(seed)) for combination in combinations for seed in list(seeds)]
+    chosen = _seeds(seeds)
+    flown = [(combination, seed) for combination in combinations for seed in chosen]
     if not flown:
         raise UsageError("nothing to fly; give each key at least one value, and at least one seed")
     conditions: list[Condition] = [
@@ -93,6 +104,7 @@ def sweep(
     return Table({**swept, **table})
 
 
+@check_names
 def robustness(
     laws: Sequence[str] | None = None,
     config: ConfigLike = None,
@@ -112,8 +124,8 @@ def robustness(
 
     ``spread``: ``"vehicle"``, ``"everything"`` or a file (docs/robustness.md); ``wide``: with every range twice as wide.
     """
-    call = sources(config, settings, plant)
-    conditions = _native.draws(call, spread, (runs, seed), wide)
+    call = sources(config, settings, plant, set_by={**SET_BY_LAWS, "clock.seed": "seed= draws the flights' seeds"})
+    conditions = _native.draws(call, spread, (integer("runs", runs, 1), integer("seed", seed, 1)), wide)
     table = _fly(call, laws, gains, conditions, progress, threads, client)
     count = table.rows // len(conditions)
     drawn: dict[str, Any] = {"draw": np.tile(np.arange(len(conditions)), count)}
@@ -156,6 +168,7 @@ class Identification:
         return repr(self.table)
 
 
+@check_names
 def identify(
     flights: Flight | Sequence[Flight] | None = None,
     config: ConfigLike = None,
@@ -170,12 +183,21 @@ def identify(
 
     ``mass`` as weighed [kg], or ``max_thrust`` as measured [N]: flights determine only their ratio.
     """
+    if mass is not None and max_thrust is not None:
+        raise UsageError("give mass or max_thrust: flights determine their ratio, and one of them gives the other")
     if flights is None:
-        flown = [_native.fly_excitation(sources(config, settings, plant, seed=("clock.seed", seed)))]
+        set_by = {"trajectory.kind": "it flies `excitation`", "trajectory.duration-s": "it flies `excitation` to its end"}
+        named = ("clock.seed", None if seed is None else integer("seed", seed))
+        flown = [_native.fly_excitation(sources(config, settings, plant, set_by=set_by, seed=named))]
     else:
-        given = [flights] if isinstance(flights, Flight) else flights
+        given_too = {"config": config, "seed": seed, "plant": plant, "settings": settings}
+        if ignored := [name for name, value in given_too.items() if value is not None]:
+            raise UsageError(f"{', '.join(ignored)}: only without flights, which have a configuration of their own")
+        given = [flights] if isinstance(flights, Flight) else list(flights)
+        if not all(isinstance(flight, Flight) for flight in given):
+            raise UsageError(f"flights are {given!r}; expected oqtal.Flight, as from Flight.read")
         flown = [flight._whole("an identification") for flight in given]
-    document, toml = _native.identify(flown, mass, max_thrust)
+    document, toml = _native.identify(flown, positive("mass", mass), positive("max_thrust", max_thrust))
     return Identification(json.loads(document), toml)
 
 
@@ -201,13 +223,14 @@ class Tuned:
         return f"<Tuned: objective {self.objective:.4f}, {self.start:.4f} at the configured gains>"
 
 
+@check_names
 def tune(
     target: str,
     config: ConfigLike = None,
     *,
     budget: int = 300,
     seed: int = 1,
-    seeds: range = range(101, 107),
+    seeds: Iterable[int] = range(101, 107),
     spread: str | None = None,
     optimiser: str = "cma-es",
     plant: Mapping[str, Any] | None = None,
@@ -215,12 +238,18 @@ def tune(
     progress: Progress = False,
     threads: int = 0,
 ) -> Tuned:
-    """Tunes the gains of a law on simulated flights, as ``oqtal tune``; ``target="outer"`` tunes the position loops."""
-    call = sources(config, settings, plant)
-    flights = (seeds.start, seeds.stop)
+    """Tunes the gains of a law on simulated flights, as ``oqtal tune``; ``target="outer"`` tunes the position loops.
+
+    ``seeds``: consecutive seeds of the flights. ``spread``: as for ``robustness``; without it, plants near the configured one.
+    """
+    call = sources(config, settings, plant, set_by={"control.controller": "it is target", "clock.seed": "give seeds="})
+    chosen = _seeds(seeds)
+    flights = (chosen[0], chosen[-1] + 1) if chosen else (0, 0)
+    if chosen != list(range(*flights)):
+        raise UsageError(f"seeds are {chosen}; expected consecutive ones, as in range(101, 107)")
     told = _progress(progress)
-    search = (budget, seed, optimiser)
-    values, objective, start, toml = _native.tune(call, target, search, flights, spread, told, threads)
+    search = (integer("budget", budget, 1), integer("seed", seed), optimiser)
+    values, objective, start, toml = _native.tune(call, target, search, flights, spread, told, integer("threads", threads, 0, 1024))
     return Tuned(dict(values), objective, start, toml)
 
 
@@ -233,6 +262,7 @@ def _fly(
     threads: int,
     client: Client | None,
 ) -> Table:
+    threads = integer("threads", threads, 0, 1024)
     names = _native.laws() if laws is None else [laws] if isinstance(laws, str) else list(laws)
     if not conditions:
         raise UsageError("nothing to fly; give at least one seed")
@@ -247,6 +277,13 @@ def _fly(
     futures = [client.submit(_native.study, call, [name], gains, part, None, 1, pure=False) for name, part in pairs]
     rows = client.gather(futures)
     return Table({name: np.concatenate([np.asarray(part[name]) for part in rows]) for name in rows[0]})
+
+
+def _seeds(seeds: Iterable[int]) -> list[int]:
+    try:
+        return [integer("a seed", seed) for seed in seeds]
+    except TypeError:
+        raise UsageError(f"seeds is {seeds!r}; expected several, as in range(200, 225)") from None
 
 
 def _progress(progress: Progress) -> Callable[[str, int, int], None] | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,7 +27,10 @@ class Table(Mapping[str, NDArray[Any]]):
         try:
             return self._columns[name]
         except KeyError:
-            raise KeyError(f"no column `{name}`; there are {', '.join(self._columns)}") from None
+            begun = [column for column in self._columns if column.startswith(str(name))]
+            near = begun or get_close_matches(str(name), self._columns, 1)
+            remedy = f"did you mean `{near[0]}`?" if near else f"there are {', '.join(self._columns)}"
+            raise KeyError(f"no column `{name}`; {remedy}") from None
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._columns)

@@ -1,6 +1,7 @@
 //! Flights in this process, recordings of flights, and their columns and pages.
 
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use numpy::PyArray1;
 use oqtal_bus::code::OperatorCommand;
@@ -89,11 +90,12 @@ impl PyFlight {
         task::detached(py, || written(&path, files::write(&path, page())))
     }
 
-    /// Flies again as `sources` say, with the answers of the law, and records into `path`.
-    fn fly_again(&self, py: Python<'_>, sources: Sources, path: PathBuf) -> PyResult<Self> {
+    /// Flies again, with the same configuration and the answers of the law, and records into `path`.
+    fn fly_again(&self, py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         let mut taped = TapedLaw(self.tape.iter());
         let law = (!self.tape.is_empty()).then_some(&mut taped as &mut (dyn ExternalLaw + Send));
-        flown(py, &sources, Some(&path), law).map(Self::of)
+        flown(py, self.flight.config.clone(), Some(&path), law, &AtomicBool::default())
+            .map(Self::of)
     }
 
     /// Writes the ticks as CSV.
@@ -124,36 +126,36 @@ fn fly(
     recording: Option<PathBuf>,
     law: Option<Py<PyAny>>,
 ) -> PyResult<PyFlight> {
+    let mut config = task::detached(py, || sources.config())?;
+    config.clock.kind = ClockKind::InProcess;
     let Some(law) = law else {
-        return flown(py, &sources, recording.as_deref(), None).map(PyFlight::of);
+        return flown(py, config, recording.as_deref(), None, &AtomicBool::default())
+            .map(PyFlight::of);
     };
     let mut law = PythonLaw::new(law);
-    let flight = flown(py, &sources, recording.as_deref(), Some(&mut law));
+    let end = law.end();
+    let flight = flown(py, config, recording.as_deref(), Some(&mut law), &end);
     match law.raised {
         Some(raised) => Err(raised),
         None => Ok(PyFlight { tape: law.tape, ..PyFlight::of(flight?) }),
     }
 }
 
-/// The mission of a call, flown in virtual time in this process.
-pub fn mission(sources: &Sources) -> Result<Mission, Failure> {
-    let mut config = sources.config()?;
-    config.clock.kind = ClockKind::InProcess;
-    Mission::new(config)
-}
-
-/// Flies the mission of `sources`. A signal ends the flight; after an exception of the law the fallback law flies it to its end.
+/// Flies `config`. A signal ends the flight, and so does `end`.
 fn flown(
     py: Python<'_>,
-    sources: &Sources,
+    config: Config,
     recording: Option<&Path>,
     law: Option<&mut (dyn ExternalLaw + Send)>,
+    end: &AtomicBool,
 ) -> PyResult<Flight> {
     let mut poll = SignalPoll::new();
     let flown = task::detached(py, || {
-        let mission = mission(sources)?;
+        let mission = Mission::new(config)?;
         let recorder = recording.map(|path| recorder(path, &mission.config)).transpose()?;
-        let watch = |_: &Recorder| poll.is_raised().then_some(OperatorCommand::Stop);
+        let watch = |_: &Recorder| {
+            (poll.is_raised() || end.load(Ordering::Relaxed)).then_some(OperatorCommand::Stop)
+        };
         let law = law.map_or_else(LawPort::default, |law| LawPort::of(law));
         checked(simulation::fly_recorded(&mission, recorder, law, watch)?)
     });

@@ -1,7 +1,11 @@
 //! Laws written in Python, asked in the control ticks of a flight in this process.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use numpy::{PyArray1, PyArrayMethods};
 use oqtal_bus::message::{ExternalV1, Message, StateV1};
+use oqtal_bus::time::Time;
 use oqtal_daemon::ExternalLaw;
 use pyo3::prelude::*;
 
@@ -13,11 +17,13 @@ const ANSWER: usize = 3 + 3 + 4 + 1;
 /// Answers of a law, with which its flight can be flown again.
 pub type LawTape = Vec<Option<ExternalV1>>;
 
-/// A law of `oqtal.python_law`: an object with `reset()` and `answer(numbers)`.
+/// A law of `oqtal.python_law`: an object with `reset()` and `answer(numbers, flown, time_s)`.
 pub struct PythonLaw {
     object: Py<PyAny>,
     /// The exception that ended the law.
     pub raised: Option<PyErr>,
+    /// Whether there is one: its flight need not go on.
+    has_ended: Arc<AtomicBool>,
     /// Its answers.
     pub tape: LawTape,
 }
@@ -25,7 +31,17 @@ pub struct PythonLaw {
 impl PythonLaw {
     /// The law `object`.
     pub fn new(object: Py<PyAny>) -> Self {
-        Self { object, raised: None, tape: Vec::with_capacity(4096) }
+        Self { object, raised: None, has_ended: Arc::default(), tape: Vec::with_capacity(4096) }
+    }
+
+    /// Flag that is set once the law has raised an exception.
+    pub fn end(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.has_ended)
+    }
+
+    fn fail(&mut self, raised: PyErr) {
+        self.raised = Some(raised);
+        self.has_ended.store(true, Ordering::Relaxed);
     }
 
     /// Answer to `state`.
@@ -34,7 +50,9 @@ impl PythonLaw {
         state.encode(&mut bytes);
         let numbers = bytes[NUMBERS_AT..].as_chunks::<8>().0.iter().map(|b| f64::from_le_bytes(*b));
         let numbers = PyArray1::from_iter(py, numbers);
-        let answer = self.object.call_method1(py, "answer", (numbers,))?;
+        let time_s = state.time.since(Time::UNSET).seconds();
+        let question = (numbers, state.flown != 0, time_s);
+        let answer = self.object.call_method1(py, "answer", question)?;
         let answer = answer.bind(py).cast::<PyArray1<f64>>()?.readonly();
         let [rx, ry, rz, tx, ty, tz, qx, qy, qz, qw, thrust]: [f64; ANSWER] = answer
             .as_slice()?
@@ -53,8 +71,11 @@ impl PythonLaw {
 
 impl ExternalLaw for PythonLaw {
     fn reset(&mut self) {
-        if self.raised.is_none() {
-            self.raised = Python::attach(|py| self.object.call_method0(py, "reset")).err();
+        if self.raised.is_some() {
+            return;
+        }
+        if let Err(raised) = Python::attach(|py| self.object.call_method0(py, "reset")) {
+            self.fail(raised);
         }
     }
 
@@ -64,7 +85,7 @@ impl ExternalLaw for PythonLaw {
             Some(_) => Ok(None),
         };
         let answer = asked.unwrap_or_else(|raised| {
-            self.raised = Some(raised);
+            self.fail(raised);
             None
         });
         self.tape.push(answer);

@@ -33,6 +33,8 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     error::install_panic_hook();
     module.add("VERSION", env!("CARGO_PKG_VERSION"))?;
     module.add("REVISION", env!("REVISION_OF_OQTAL"))?;
+    #[cfg(debug_assertions)]
+    task::register(module)?;
     flight::register(module)?;
     lanes::register(module)?;
     instance::register(module)?;

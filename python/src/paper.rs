@@ -103,8 +103,9 @@ fn oqtal_gain<'py>(
     inertia: Option<GivenMatrix<'py>>,
     rate_authority: Option<GivenVector<'py>>,
 ) -> PyResult<Matrix<'py>> {
-    let options: OqtalOptions =
-        serde_json::from_str(options).map_err(|error| error::usage(format!("options: {error}")))?;
+    let options: OqtalOptions = serde_json::from_str::<Value>(options)
+        .and_then(serde_json::from_value)
+        .map_err(|error| error::usage(format!("options: {error}")))?;
     options.check().map_err(|error| error::usage(error.to_string()))?;
     let point = numbers::<6>(&point, "point")?.into();
     let gain = match (inertia, rate_authority) {

@@ -35,6 +35,20 @@ pub fn detached<T: Send>(
     py.detach(|| caught(work)).unwrap_or_else(|panic| Err(error::of_panic(&*panic)))
 }
 
+/// Panics, in this thread or in those of a study: the tests look at the exception.
+#[cfg(debug_assertions)]
+#[pyfunction]
+fn panic(py: Python<'_>, in_study: bool) -> PyResult<()> {
+    let work = || panic!("by hand");
+    if in_study { study(py, None, 2, |_| work()) } else { detached(py, work) }
+}
+
+/// Registers the function of the tests.
+#[cfg(debug_assertions)]
+pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_function(wrap_pyfunction!(panic, module)?)
+}
+
 /// Executes `work` with panics caught.
 fn caught<T>(
     work: impl FnOnce() -> Result<T, Failure>,

@@ -162,3 +162,34 @@ def test_what_environments_cannot_have_is_refused():
     env = oqtal.make_vec(2)
     with pytest.raises(oqtal.UsageError, match="shape"):
         env._lanes.step(np.zeros((3, 4)))
+
+
+def episode(env, seed: object) -> list[list[float]]:
+    seen = [env.reset(seed=seed)[0]]
+    seen += [env.step(np.array([0.1, 0.0, 0.0, HOVER]))[0] for _ in range(20)]
+    return [numbers.tolist() for numbers in seen]
+
+
+def test_episodes_follow_from_the_seed():
+    first, second = (gymnasium.make("Oqtal-Hover-v0").unwrapped for _ in range(2))
+    assert episode(first, 3) == episode(first, 3) == episode(second, np.int64(3))
+    # Without a seed the next episodes follow from the last one.
+    assert [episode(first, None) for _ in range(2)] == [episode(second, None) for _ in range(2)]
+    assert episode(first, None) != episode(first, None)
+    lanes = [oqtal.make_vec(3), oqtal.make_vec(3)]
+    for env in lanes:
+        env.reset(seed=np.int64(3))
+        env.reset()
+    np.testing.assert_array_equal(lanes[0].truths(), lanes[1].truths())
+    for seed in ("three", -1, 2.5):
+        with pytest.raises(oqtal.UsageError, match="seed is"):
+            first.reset(seed=seed)
+
+
+def test_actions_of_another_shape_are_refused():
+    env = oqtal.make_vec(2)
+    for actions in (np.zeros(7), np.zeros((2, 3)), np.zeros((3, 4))):
+        with pytest.raises(oqtal.UsageError, match="actions have the shape"):
+            env.step(actions)
+    with pytest.raises(oqtal.UsageError, match="did you mean `duration`"):
+        oqtal.make_vec(2, durations=3)

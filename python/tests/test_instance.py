@@ -40,13 +40,13 @@ def connected(place: dict[str, str]) -> oqtal.Instance:
             time.sleep(0.1)
 
 
-@pytest.fixture(scope="module")
-def place(program: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
-    """Name and root of an instance whose processes run in real time."""
-    directory = tmp_path_factory.mktemp("instance")
+@contextlib.contextmanager
+def running(program: str, directory: Path, *settings: str) -> Iterator[dict[str, str]]:
+    """Name and root of an instance whose processes run in real time until the end of the block."""
     place = {"instance": f"python-{os.getpid()}", "root": str(directory / "run")}
-    words = ["--instance", place["instance"], "--root", place["root"], "--set", "trajectory.kind=hover"]
-    words += ["--set", "trajectory.duration-s=600"]
+    words = ["--instance", place["instance"], "--root", place["root"]]
+    for setting in ("trajectory.kind=hover", "trajectory.duration-s=600", *settings):
+        words += ["--set", setting]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     processes = [subprocess.Popen([program, service, "run", *words], **quiet) for service in SERVICES]
     try:
@@ -58,6 +58,12 @@ def place(program: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[di
             process.terminate()
         for process in processes:
             process.wait(timeout=TIMEOUT)
+
+
+@pytest.fixture(scope="module")
+def place(program: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
+    with running(program, tmp_path_factory.mktemp("instance")) as place:
+        yield place
 
 
 @pytest.fixture
@@ -213,3 +219,55 @@ def test_nothing_is_printed(instance, capfd):
     with pytest.raises(oqtal.FlightError):
         instance.goto(0, 0, 1)
     assert capfd.readouterr() == ("", "")
+
+
+#: Actions of laws that have flown for a while, and what their process then says; empty for one that goes on.
+SABOTAGE = {
+    "raises": ("raise ZeroDivisionError", "LawError: the law raised ZeroDivisionError"),
+    "hangs": ("while True: pass", ""),
+    "returns another shape": ("return [0, 0], 5.0", "LawError: rate of the law's command has the shape (2,)"),
+    "returns another type": ("return 'rates', 'thrust'", "LawError: rate of the law's command is 'rates'"),
+    "returns no number": ("return [0, 0, float('nan')], 5.0", "LawError: rate of the law's command is [ 0.  0. nan]"),
+    "writes its inputs": ("state.position[:] = 0", "LawError: the law raised ValueError"),
+    "closes every file but stderr": ("os.closerange(0, 2); os.closerange(3, 64)", "Bad file descriptor"),
+    "exits": ("sys.exit('bye')", "bye"),
+    "overturns the vehicle": ("return [9, 0, 0], 20.0", ""),
+}
+
+LAW = """
+import os, sys, oqtal
+flown = 0
+
+def law(state, reference, dt):
+    global flown
+    flown += state.flown
+    if flown > 20:
+        {deed}
+    return state.fallback_rate, state.fallback_thrust
+
+oqtal.serve(law, {path!r})
+"""
+
+
+def test_laws_that_fail_in_flight_hand_over_to_the_trusted_law(program, tmp_path):
+    with running(program, tmp_path, "control.controller=external") as place:
+        instance, path = connected(place), str(tmp_path / "run" / place["instance"] / "law")
+        assert "the flight has begun" in instance.arm()
+        wait_for(lambda: instance.status()["mode"] == "flying", "no take-off")
+        for name, (deed, words) in SABOTAGE.items():
+            program = [sys.executable, "-W", "ignore", "-c", LAW.format(deed=deed, path=path)]
+            with instance.telemetry(seconds=TIMEOUT) as ticks:
+                law = subprocess.Popen(program, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+                has_flown, taken_over = False, False
+                for tick in ticks:
+                    has_flown |= tick["fallback"] == 0
+                    taken_over = has_flown and tick["fallback"] != 0
+                    if taken_over:
+                        break
+            if not words:
+                law.kill()
+            _, told = law.communicate(timeout=TIMEOUT)
+            assert taken_over and words in told, f"a law that {name}: {told}"
+        assert instance.status()["mode"] == "flying"
+        instance.land()
+        wait_for(lambda: instance.status()["mode"] == "disarmed", "no landing")

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
+import sys
+import textwrap
 import time
 
 import numpy as np
 import pytest
+from conftest import ROOT
 
 import oqtal
 
@@ -133,3 +137,103 @@ def test_a_law_that_hangs_is_interrupted():
     threading.Timer(0.5, _thread.interrupt_main).start()
     with pytest.raises(KeyboardInterrupt):
         oqtal.fly(law=hanging)
+
+
+def test_a_flight_ends_soon_after_its_law_raised():
+    calls = []
+
+    def failing(state, reference, dt):
+        calls.append(state.time)
+        if len(calls) == 100:
+            raise ZeroDivisionError
+        return plain(state, reference, dt)
+
+    with pytest.raises(oqtal.LawError):
+        oqtal.fly(law=failing, trajectory="hover", duration=100)
+    assert len(calls) == 100
+
+
+def test_a_law_sees_time_and_whether_it_flies():
+    seen = []
+
+    def watching(state, reference, dt):
+        seen.append((state.time, state.flown, dt, state.period))
+        return plain(state, reference, dt) if len(seen) != 50 else ([0, 0, 0], state.greatest_thrust)
+
+    flight = oqtal.fly(law=watching, trajectory="hover", duration=5)
+    times, flown, periods, same = (np.array(column) for column in zip(*seen, strict=True))
+    assert np.diff(times) == pytest.approx(periods[1:], abs=1e-6) and (periods == same).all()
+    assert flown.any() and not flown[0]
+    assert flight.summary["outcome"] == "landed"
+
+
+def test_a_reset_that_fails_raises():
+    class Failing(Pd):
+        def reset(self) -> None:
+            raise ZeroDivisionError("by hand")
+
+    with pytest.raises(oqtal.LawError, match="reset .*by hand"):
+        oqtal.fly(law=Failing)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float16, np.int64, object])
+def test_numbers_of_any_type_are_taken(dtype):
+    command = np.array([0, 0, 0, 5]).astype(dtype)
+    assert oqtal.fly(law=returning(command), trajectory="hover", duration=3).summary["controller"] == "external"
+
+
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+def test_a_law_may_fork():
+    children = []
+
+    def forking(state, reference, dt):
+        if len(children) < 3:
+            children.append(os.fork())
+            if children[-1] == 0:
+                os._exit(0)
+            os.waitpid(children[-1], 0)
+        return plain(state, reference, dt)
+
+    calm = oqtal.fly(law=plain, trajectory="hover", duration=3, seed=3)
+    forked = oqtal.fly(law=forking, trajectory="hover", duration=3, seed=3)
+    assert len(children) == 3 and forked.summary["trajectory_hash"] == calm.summary["trajectory_hash"]
+
+
+def test_a_law_may_close_the_output():
+    code = """
+    import os, sys, oqtal
+
+    def closing(state, reference, dt):
+        for stream in (0, 1):
+            try:
+                os.close(stream)
+            except OSError:
+                pass
+        return [0, 0, 0], state.mass * state.gravity
+
+    flight = oqtal.fly(law=closing, trajectory="hover", duration=3)
+    sys.stderr.write(flight.summary["controller"])
+    os._exit(0)
+    """
+    done = subprocess.run([sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, check=True, timeout=120)
+    assert done.stderr == "external" and not done.stdout
+
+
+def learned_policy():
+    """The policy of examples/learning.ipynb, by the program of the notebook."""
+    notebook = json.loads((ROOT / "examples/learning.ipynb").read_text())
+    sources = ["".join(cell["source"]) for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    source = next(source for source in sources if "class Policy" in source)
+    names = {"np": np}
+    exec(source[source.index("class Policy") :], names)
+    return names["Policy"](ROOT / "examples/hover_policy.npz")
+
+
+def test_a_learned_policy_hovers_behind_the_trusted_law():
+    assert (ROOT / "examples/hover_policy.npz").stat().st_size < 50_000
+    for seed in (3, 4):
+        flight = oqtal.fly(law=learned_policy(), trajectory="hover", seed=seed)
+        assert flight.summary["outcome"] == "landed"
+        assert flight.summary["position_error_m"]["mean"] < 0.05
+        # It flies nearly all of the trajectory itself.
+        assert flight.summary["handovers"]["fallback_ticks"] < 0.1 * (flight["scored"] == 1).sum()
