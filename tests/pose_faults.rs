@@ -52,8 +52,13 @@ fn react(settings: &[String], fault: &str, at_s: f64) -> Option<Reaction> {
     })
 }
 
-/// Reactions to `fault` of every law in every shape, `seeds` each; prints their distribution.
-fn study(fault: impl Fn(u64) -> String + Sync, shapes: &[&str]) -> Vec<Reaction> {
+/// Reactions to `fault` of every law in every shape, `seeds` each, of a vehicle that reports its rates or not; prints their
+/// distribution.
+fn study(
+    fault: impl Fn(u64) -> String + Sync,
+    shapes: &[&str],
+    has_gyroscope: bool,
+) -> Vec<Reaction> {
     let seeds = length("OQTAL_TEST_POSE_FAULTS", 1);
     let first = length("OQTAL_TEST_POSE_SEED", FIRST_SEED);
     let mut all = Vec::new();
@@ -65,6 +70,7 @@ fn study(fault: impl Fn(u64) -> String + Sync, shapes: &[&str]) -> Vec<Reaction>
                 format!("control.controller={law}"),
                 format!("trajectory.kind={shape}"),
                 format!("clock.seed={seed}"),
+                format!("plant.gyroscope={has_gyroscope}"),
             ];
             let at_s = FAULT_S + 0.1 * (seed % 40) as f64;
             let reaction = react(&settings, &fault(index), at_s);
@@ -100,22 +106,29 @@ fn frozen(index: u64) -> String {
 
 #[test]
 fn f58_a_frozen_pose_with_noise_ends_a_flight_in_motion() {
-    for reaction in study(frozen, &["circle", "lemniscate", "square"]) {
+    for reaction in study(frozen, &["circle", "lemniscate", "square"], true) {
         assert!(reaction.after_s <= 1.0 || reaction.moved_m <= 1.5, "{reaction:?}");
     }
 }
 
 #[test]
 fn f58_a_frozen_pose_with_noise_ends_a_hover() {
-    for reaction in study(frozen, &["hover"]) {
+    for reaction in study(frozen, &["hover"], true) {
         assert!(reaction.after_s <= 4.0 && reaction.moved_m <= 1.5, "{reaction:?}");
     }
 }
 
 #[test]
 fn f58_a_mirrored_pose_ends_a_flight_in_the_first_metre() {
-    for reaction in study(|_| "mirror".to_owned(), &["hover", "circle", "square"]) {
+    for reaction in study(|_| "mirror".to_owned(), &["hover", "circle", "square"], true) {
         assert!(reaction.moved_m <= 1.0 && reaction.after_s < 6.0, "{reaction:?}");
+    }
+}
+
+#[test]
+fn f58_the_heading_of_a_vehicle_without_rates_shows_that_poses_are_frozen() {
+    for reaction in study(frozen, &["hover", "circle", "lemniscate", "square"], false) {
+        assert!(reaction.after_s <= 2.0, "{reaction:?}");
     }
 }
 
@@ -182,12 +195,13 @@ fn no_flight_with_right_poses_is_ended_by_the_tests_of_poses() {
     let count = length("OQTAL_TEST_POSE_FLIGHTS", 24);
     let first = length("OQTAL_TEST_POSE_SEED", FIRST_SEED);
     let (ended, landed) = (Mutex::new(Vec::new()), Mutex::new(0_u64));
-    let greatest = Mutex::new([0.0_f64; 3]);
+    let greatest = Mutex::new([[0.0_f64; 3]; 2]);
     on_all_processors(count, |index| {
         let settings = innocent(first + index);
         let flight = fly(&mission(&settings)).unwrap();
+        let has_gyroscope = usize::from(flight.config.plant.gyroscope);
         for evidence in flight.samples.iter().map(|sample| sample.telemetry.pose_evidence) {
-            let mut greatest = greatest.lock().unwrap();
+            let greatest = &mut greatest.lock().unwrap()[has_gyroscope];
             *greatest = std::array::from_fn(|test| greatest[test].max(evidence[test]));
         }
         *landed.lock().unwrap() += u64::from(flight.outcome == Outcome::Landed);
@@ -197,7 +211,8 @@ fn no_flight_with_right_poses_is_ended_by_the_tests_of_poses() {
     });
     let (ended, landed) = (ended.into_inner().unwrap(), landed.into_inner().unwrap());
     println!(
-        "{count} flights, {landed} landed, {} ended by a test of poses; greatest evidence {:.2?}",
+        "{count} flights, {landed} landed, {} ended by a test of poses; greatest evidence without \
+         rates, with rates: {:.2?}",
         ended.len(),
         greatest.into_inner().unwrap()
     );

@@ -20,6 +20,9 @@ pub struct SafetyOptions {
     pub gate_sigma: f64,
     /// Evidence against poses that do not follow the vehicle, above which they are not accepted \[-\].
     pub consistency_limit: f64,
+    /// Amplitude of the oscillation of the heading reference, while nothing else shows that poses follow the vehicle \[deg\]. 0: no
+    /// oscillation, and frozen poses with noise may not be found in a hover.
+    pub probe_yaw_deg: f64,
     /// Greatest noise of a position that is learned \[mm\].
     pub max_position_noise_mm: f64,
     /// Greatest noise of an attitude that is learned \[deg\].
@@ -88,6 +91,7 @@ impl SafetyOptions {
             ("max-rate-rad-s", self.max_rate_rad_s, Rule::Positive),
             ("gate-sigma", self.gate_sigma, Rule::Positive),
             ("consistency-limit", self.consistency_limit, Rule::Positive),
+            ("probe-yaw-deg", self.probe_yaw_deg, Rule::Between(0.0, 10.0)),
             ("max-position-noise-mm", self.max_position_noise_mm, Rule::Between(1e-3, 100.0)),
             ("max-attitude-noise-deg", self.max_attitude_noise_deg, Rule::Between(1e-3, 5.0)),
             ("recovery-poses", f64::from(self.recovery_poses), Rule::Between(1.0, f64::MAX)),

@@ -10,6 +10,7 @@
 //! | [`response`] | rotations faster than a second, about each axis | frozen, mirrored or exchanged axes, with any noise |
 //! | [`drift`] | angles over some seconds | a slow rotation of the cameras' body |
 //! | [`direction`] | acceleration seen, and acceleration by tilt and thrust | a path turned against the attitude |
+//! | [`heading`] | rotation by a small oscillation of the heading reference | as response, in a hover too |
 //!
 //! Response and direction are cumulative sums that do not fall below zero (Page, *Continuous inspection schemes*, Biometrika 41,
 //! 1954) of the difference between two squared residuals: of the hypothesis that the poses follow the vehicle, and of the hypothesis
@@ -17,11 +18,13 @@
 //! many of them (Huber, *Robust Statistics*, 1981), and normalised by the measured noise. Without rotation there is no evidence for
 //! either.
 //!
-//! Only the response to a gyroscope ends a flight; the other evidence warns, since wind and a wrong model of the vehicle add to it.
+//! Only response and heading end a flight; the other evidence warns, since wind and a wrong model of the vehicle add to it. For the
+//! same reason the response of a vehicle without rates has a higher limit.
 
 mod commanded;
 mod direction;
 mod drift;
+mod heading;
 mod response;
 mod vehicle_rates;
 mod washout;
@@ -36,6 +39,7 @@ use crate::measured_noise::PoseDeviations;
 use commanded::CommandedRotation;
 use direction::DirectionTest;
 use drift::{DriftLimit, DriftTest};
+use heading::HeadingProbe;
 use response::{ResponseLimit, ResponseTest};
 use vehicle_rates::VehicleRates;
 use washout::WashOut;
@@ -48,6 +52,10 @@ const LEAST_DEVIATION_RAD: f64 = 0.002;
 const NOISE_SHARE: f64 = 1.2;
 /// Time constant of the deviation between rotations that agree \[s\].
 const DEVIATION_S: f64 = 2.0;
+/// Limit of the response to commands over that to a gyroscope \[-\].
+const COMMANDS_LIMIT: f64 = 2.5;
+/// Time without a rotation that shows whether poses follow the gyroscope, after which the heading oscillates \[s\].
+const UNCONFIRMED_S: f64 = 1.0;
 /// Time in the air after which rotations by commands are compared \[s\].
 const SETTLED_S: f64 = 2.5;
 /// Deviation between rotations that agree, over the told noise, until it is measured \[-\].
@@ -55,10 +63,10 @@ const TOLD_SHARE: f64 = 1.5;
 /// Evidence, as a share of its limit, above which no noise is learned \[-\].
 const QUIET: f64 = 0.5;
 
-/// Evidence against the poses over its limit: 1 and more is told, and with a gyroscope that of the response ends a flight \[-\].
+/// Evidence against the poses over its limit: 1 and more is told, and that of the response ends a flight \[-\].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PoseEvidence {
-    /// Evidence that the rotation seen does not follow that of the vehicle \[-\].
+    /// Evidence that the rotation seen does not follow that of the vehicle, of all rotations or of the heading's oscillation \[-\].
     pub response: f64,
     /// Evidence that the path does not follow the tilt \[-\].
     pub direction: f64,
@@ -85,6 +93,7 @@ pub struct PoseConsistency {
     response: ResponseTest,
     drift: DriftTest,
     direction: DirectionTest,
+    heading: HeadingProbe,
     evidence: PoseEvidence,
     contradicts: bool,
 }
@@ -107,6 +116,7 @@ impl PoseConsistency {
             response: ResponseTest::default(),
             drift: DriftTest::default(),
             direction: DirectionTest::default(),
+            heading: HeadingProbe::new(config.safety.probe_yaw_deg.to_radians()),
             evidence: PoseEvidence::default(),
             contradicts: false,
         }
@@ -123,13 +133,18 @@ impl PoseConsistency {
         self.rates.receive(t_s, rate);
     }
 
-    /// Whether the poses of this flight do not follow the rotation that the vehicle's gyroscope measures.
+    /// Offset of the heading reference at `t_s` \[s\], which shows whether poses follow the vehicle \[rad\].
+    pub fn heading_offset_rad(&self, t_s: f64) -> f64 {
+        self.heading.offset_rad(t_s)
+    }
+
+    /// Whether the poses of this flight do not follow the rotation of the vehicle.
     pub fn contradicts(&self) -> bool {
         self.contradicts
     }
 
-    /// Whether a test finds that the poses do not agree with the vehicle. Drift and direction, and the response to commands of a vehicle
-    /// that reports no rates, find it in one of a hundred flights with right poses, too: they warn.
+    /// Whether a test finds that the poses do not agree with the vehicle. Drift and direction find it in one of a hundred flights with
+    /// right poses, too: they warn.
     pub fn disagrees(&self) -> bool {
         let PoseEvidence { response, direction, drift } = self.evidence;
         response.max(direction).max(drift) >= 1.0
@@ -146,13 +161,13 @@ impl PoseConsistency {
     }
 
     /// Takes an admitted pose measured at `t_s` \[s\], in flight with the motion of `tracker` corrected by it; `noise` is the measured
-    /// noise.
+    /// noise, and `loses_commands` tells whether the vehicle misses many commands.
     pub fn take(
         &mut self,
         tracker: &MotionTracker,
-        t_s: f64,
-        pose: &MeasuredPose,
+        (t_s, pose): (f64, &MeasuredPose),
         noise: &PoseDeviations,
+        loses_commands: bool,
     ) {
         let is_airborne =
             tracker.track().is_some() && pose.position.z > tracker.floor_m() + AIRBORNE_M;
@@ -173,6 +188,10 @@ impl PoseConsistency {
             self.by_gyroscope = measured.is_some();
             self.begin_again();
         }
+        if measured.is_none() && loses_commands {
+            self.clear();
+            self.begin_again();
+        }
         if !is_airborne && measured.is_none() {
             return;
         }
@@ -183,7 +202,7 @@ impl PoseConsistency {
         if is_airborne {
             self.test_direction(tracker, pose, noise, dt_s);
         }
-        self.contradicts |= self.by_gyroscope && self.evidence.response >= 1.0;
+        self.contradicts |= self.evidence.response >= 1.0;
     }
 
     fn test_rotation(
@@ -209,7 +228,11 @@ impl PoseConsistency {
         let least = LEAST_DEVIATION_RAD.max(NOISE_SHARE * noise.attitude_rad);
         let variance = self.deviation.mean().max(least * least);
         let sum = self.response.take((&seen, &driven), &response_limit, variance, dt_s);
-        self.evidence.response = sum / self.limit;
+        let limit = if self.by_gyroscope { self.limit } else { COMMANDS_LIMIT * self.limit };
+        let needed = !self.by_gyroscope || self.response.unconfirmed_s() > UNCONFIRMED_S;
+        let angles = (seen.z, driven.z);
+        let heading = self.heading.take(needed, angles, noise.attitude_rad, (t_s, dt_s));
+        self.evidence.response = heading.max(sum / limit);
         if self.evidence.response > QUIET {
             self.deviation.discard();
         }
@@ -233,15 +256,17 @@ impl PoseConsistency {
     fn clear(&mut self) {
         (self.response, self.direction) = (ResponseTest::default(), DirectionTest::default());
         self.drift.restart();
+        self.heading.end();
         self.evidence = PoseEvidence::default();
         self.deviation.discard();
     }
 
-    /// Discards the rotations: they have a gap, or are of another source.
+    /// Discards the rotations: they have a gap, are of another source, or the commands do not reach the vehicle.
     fn begin_again(&mut self) {
         self.airborne_s = 0.0;
         self.commanded = CommandedRotation::default();
         (self.seen, self.driven) = (WashOut::default(), WashOut::default());
         self.drift = DriftTest::default();
+        self.heading.end();
     }
 }

@@ -124,6 +124,11 @@ impl VehicleWatch {
         vehicle.simulated == 0 && (given_up || now.since(since) > self.start)
     }
 
+    /// Share of answered requests to the vehicle, by the last message \[0..1\]; NaN before it and without a radio.
+    pub fn link_quality(&self) -> f64 {
+        self.last.map_or(f64::NAN, |(_, vehicle)| vehicle.link_quality)
+    }
+
     /// Whether the vehicle is simulated; `None` before the first message.
     pub fn is_simulated(&self) -> Option<bool> {
         self.last.map(|(_, vehicle)| vehicle.simulated != 0)

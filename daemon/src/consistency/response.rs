@@ -22,13 +22,25 @@ impl ResponseLimit {
 /// Rate at which evidence is counted \[1/s\]: samples closer together share their noise.
 const COUNTS_PER_S: f64 = 60.0;
 
+/// Rotation from which on samples count more \[rad\]: no wind or wrong model rotates a vehicle this far away from its commands.
+const LARGE_RAD: f64 = 0.08;
+/// Greatest weight of a large rotation \[-\].
+const GREATEST_WEIGHT: f64 = 6.0;
+
 /// Longest interval that counts \[s\]: after a gap one sample is still one.
 const LONGEST_S: f64 = 0.035;
 
-/// Sum of evidence about each axis that the rotation `seen` is not that of the vehicle.
+/// Log-likelihood ratio above which the rotation seen is that of the vehicle \[-\].
+const CONFIRMED: f64 = 7.0;
+
+/// Sum of evidence about each axis that the rotation `seen` is not that of the vehicle, and that it is.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ResponseTest {
     sums: Vector3<f64>,
+    /// Log-likelihood ratio of a rotation that is seen and of one that is not \[-\].
+    confirmation: f64,
+    /// Time since the poses were last found to follow the vehicle \[s\].
+    unconfirmed_s: f64,
 }
 
 impl ResponseTest {
@@ -41,13 +53,26 @@ impl ResponseTest {
         variance: f64,
         dt_s: f64,
     ) -> f64 {
+        let likelihood = (seen - driven * 0.5).dot(driven) / variance;
+        let counts = COUNTS_PER_S * dt_s.min(LONGEST_S);
+        self.confirmation = (self.confirmation + likelihood.clamp(-1.0, 1.0) * counts).max(0.0);
+        self.unconfirmed_s += dt_s;
+        if self.confirmation > CONFIRMED {
+            (self.confirmation, self.unconfirmed_s) = (0.0, 0.0);
+        }
         for axis in 0..3 {
             let (seen, driven) = (seen[axis], driven[axis]);
             let square = driven * driven;
             let unseen = limit.share * square - limit.margin * variance;
-            let counts = COUNTS_PER_S * dt_s.min(LONGEST_S) / (variance + square);
-            self.sums[axis] = (self.sums[axis] + (unseen - seen * driven) * counts).max(0.0);
+            let weight = (square / (LARGE_RAD * LARGE_RAD)).clamp(1.0, GREATEST_WEIGHT);
+            let weight = weight * counts / (variance + square);
+            self.sums[axis] = (self.sums[axis] + (unseen - seen * driven) * weight).max(0.0);
         }
         self.sums.max()
+    }
+
+    /// Time since the poses were last found to follow the vehicle \[s\].
+    pub(super) fn unconfirmed_s(&self) -> f64 {
+        self.unconfirmed_s
     }
 }

@@ -21,6 +21,8 @@ use crate::vehicle::VehicleWatch;
 /// Time without an accepted pose after which poses count as missing \[periods\]: the second deadline in a row, three periods after
 /// the last pose. Sources that poll, are late by a frame or are a little slower than the loop miss the first one.
 const MISSING_PERIODS: f64 = 2.5;
+/// Share of answered requests below which the vehicle is not expected to follow its commands \[0..1\].
+const LEAST_LINK: f64 = 0.8;
 /// Age of the tracked motion above which it is propagated without poses \[s\]: less than the time for which commands are stored.
 const OLD_TRACK_S: f64 = 0.5;
 /// Age of the motion after this propagation \[s\]: greater than the age of any pose that is accepted.
@@ -132,7 +134,8 @@ impl Intake {
     fn check_consistency(&mut self, captured_s: f64, accepted: &Accepted) {
         let pose = accepted.pose();
         let noise = self.noise.deviations();
-        self.consistency.take(&self.tracker, captured_s, &pose, &noise);
+        let loses_commands = self.vehicle.link_quality() < LEAST_LINK;
+        self.consistency.take(&self.tracker, (captured_s, &pose), &noise, loses_commands);
         if self.noise.take(captured_s, &pose, self.consistency.is_quiet()) {
             let PoseDeviations { position_m, attitude_rad } = self.noise.deviations();
             self.tracker.set_measured_noise(position_m, attitude_rad);

@@ -5,7 +5,7 @@ use oqtal_bus::message::{ControlResponseV1, Header, ReferenceV1, VehicleV1};
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_bus::time::Time;
 use oqtal_config::Config;
-use oqtal_control::trajectory::{Phase, Trajectory};
+use oqtal_control::trajectory::{Phase, Reference, Trajectory};
 
 use super::auto_takeoff::AutoTakeoff;
 use super::control::Directive;
@@ -15,6 +15,7 @@ use super::mode::{ModeAction, ModeConditions, transition};
 use super::requests::Requests;
 use super::safety::{SafetyMonitor, SafetyTick};
 use crate::command::VehicleCommand;
+use crate::guard::seconds;
 use crate::law_guard::GuardReport;
 use crate::live::FlightChange;
 
@@ -227,7 +228,8 @@ impl FlightSupervision {
             Directive::Descend
         } else {
             let overdue_s = course.mission().map_or(0.0, |mission| mission.overdue_s(now));
-            Directive::Fly { reference, overdue_s }
+            let yaw_rad = reference.yaw_rad + intake.consistency().heading_offset_rad(seconds(now));
+            Directive::Fly { reference: Reference { yaw_rad, ..reference }, overdue_s }
         }
     }
 
