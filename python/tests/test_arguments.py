@@ -77,8 +77,8 @@ def test_wrong_arguments_are_named(call, arguments, words):
         ({"vehicle.mass-kg": float("nan")}, ["mass-kg` is NaN"]),
         ({"vehicle.mass-kg": "heavy"}, ["mass-kg", "heavy", "expected a number"]),
         ({"vehicle.mass-kg": [1.0]}, ["mass-kg", "list", "expected a number"]),
-        ({"trajectory.kind": 3}, ["trajectory.kind", "not a text"]),
-        ({"vehicle.rate-authority-rad-s": [1.0, 2.0]}, ["rate-authority-rad-s", "length 2", "length 3"]),
+        ({"trajectory.kind": 3}, ["trajectory.kind", "expected a text"]),
+        ({"vehicle.rate-authority-rad-s": [1.0, 2.0]}, ["rate-authority-rad-s", "list of 2", "list of 3"]),
     ],
 )
 def test_errors_of_the_configuration_name_no_type_of_rust(settings, words):
