@@ -12,8 +12,9 @@ use oqtal_runtime::actuation::actuation_of;
 
 use crate::command_radio::CommandRadio;
 use crate::disturbance::{LoadSchedule, SceneDisturbance};
-use crate::dynamics::{Disturbance, Dynamics, PlantInput};
+use crate::dynamics::Dynamics;
 use crate::gyroscope::Gyroscope;
+use crate::input::{Disturbance, PlantInput};
 use crate::spread::drawn;
 use crate::state::State;
 use crate::world::{BatteryModel, Gust, imperfections, rest_on_floor};
