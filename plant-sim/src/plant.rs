@@ -116,6 +116,11 @@ impl Plant {
         Self { samples_milliseconds: false, ..self }
     }
 
+    /// Removes the gyroscope: for flights in which nobody reads the state of the vehicle. Its draws affect no other number.
+    pub fn remove_gyroscope(&mut self) {
+        self.gyroscope = None;
+    }
+
     /// Places the vehicle in the air with this motion, with the thrust of a hover, which the command `thrust` \[0..1\] holds.
     pub fn place(&mut self, motion: State, thrust: f64) {
         self.state = State { actuators: self.dynamics.hovering(), ..motion };
