@@ -167,6 +167,8 @@ impl Sub for Span {
 pub struct Grid {
     start: Time,
     rate_hz: f64,
+    /// Period of a rate whose period is a whole number of nanoseconds.
+    period: Option<Span>,
     index: u64,
     next: Time,
 }
@@ -174,7 +176,10 @@ pub struct Grid {
 impl Grid {
     /// A grid of `rate_hz` instants a second whose instant 0 is `start`.
     pub const fn new(start: Time, rate_hz: f64) -> Self {
-        Self { start, rate_hz, index: 0, next: start }
+        let period_ns = 1e9 / rate_hz;
+        let whole = Span(period_ns as i64);
+        let period = if whole.0 as f64 == period_ns { Some(whole) } else { None };
+        Self { start, rate_hz, period, index: 0, next: start }
     }
 
     /// Index of the next instant \[-\].
@@ -200,7 +205,11 @@ impl Grid {
     /// Advances by one instant.
     pub fn advance(&mut self) {
         self.index += 1;
-        self.next = self.start + Span::from_seconds(self.index as f64 / self.rate_hz);
+        let since = match self.period {
+            Some(period) => Span(period.0 * self.index.cast_signed()),
+            None => Span::from_seconds(self.index as f64 / self.rate_hz),
+        };
+        self.next = self.start + since;
     }
 }
 
@@ -223,6 +232,19 @@ mod tests {
             grid.advance();
         }
         assert_eq!(grid.next().since(Time::VIRTUAL_START), Span::from_seconds(3600.0));
+    }
+
+    #[test]
+    fn instants_are_the_same_by_a_whole_period_and_by_the_rate() {
+        for rate_hz in [50.0, 100.0, 240.0, 250.0, 1000.0] {
+            let mut grid = Grid::new(Time::VIRTUAL_START, rate_hz);
+            assert_eq!(grid.period.is_some(), rate_hz != 240.0);
+            for index in 1..=1_000_000_u32 {
+                grid.advance();
+                let since = Span::from_seconds(f64::from(index) / rate_hz);
+                assert_eq!(grid.next(), Time::VIRTUAL_START + since, "{rate_hz} Hz, {index}");
+            }
+        }
     }
 
     #[test]

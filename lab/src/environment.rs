@@ -199,13 +199,13 @@ impl Environment {
             (self.estimate, &self.reference);
         let q = attitude.xyzw();
         let sign = if q[3] < 0.0 { -1.0 } else { 1.0 };
-        let vector = |vector: Vector3<f64>| <[f64; 3]>::from(vector).into_iter();
-        let mut numbers = vector(position - reference.position)
-            .chain(vector(velocity - reference.velocity))
-            .chain(q.map(|number| sign * number))
-            .chain(vector(rate.0))
-            .chain(self.past.into_iter().flatten());
-        std::array::from_fn(|_| numbers.next().unwrap_or(0.0))
+        let mut numbers = [0.0; OBSERVATION];
+        numbers[..3].copy_from_slice((position - reference.position).as_slice());
+        numbers[3..6].copy_from_slice((velocity - reference.velocity).as_slice());
+        numbers[6..10].copy_from_slice(&q.map(|number| sign * number));
+        numbers[10..13].copy_from_slice(rate.0.as_slice());
+        numbers[13..].copy_from_slice(self.past.as_flattened());
+        numbers
     }
 
     /// Truth at the present tick.
@@ -216,8 +216,8 @@ impl Environment {
     /// Newest pose as measured: position \[m, world\], and attitude with the scalar last; NaN before the first one.
     pub fn pose(&self) -> [f64; 7] {
         let Some((_, pose)) = self.lane.pose() else { return [f64::NAN; 7] };
-        let mut numbers = pose.position.into_iter().chain(pose.attitude);
-        std::array::from_fn(|_| numbers.next().unwrap_or(f64::NAN))
+        let ([x, y, z], [i, j, k, w]) = (pose.position, pose.attitude);
+        [x, y, z, i, j, k, w]
     }
 }
 

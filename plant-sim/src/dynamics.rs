@@ -1,56 +1,13 @@
 //! Equations of motion of the simulated vehicles: state and input in, derivative out.
 
-use nalgebra::{Matrix4, Quaternion, UnitQuaternion, Vector3, Vector4};
+use nalgebra::{Matrix4, Quaternion, Vector3, Vector4};
 use oqtal_config::{Fidelity, Interface, PlantOptions};
 use oqtal_control::quantity::{BodyRate, Torque};
 use oqtal_control::rigid_body::Inertia;
 
-use crate::rotors::{RotorAir, mix};
-use crate::state::{Derivative, State};
-
-/// The command in effect.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct PlantInput {
-    /// Sticks `[delta_r, delta_p, delta_y]` of Eq. (61) \[-1..1, body\].
-    pub sticks: Vector3<f64>,
-    /// Torque \[N m, body\].
-    pub torque: Vector3<f64>,
-    /// Attitude to be held \[body to world\]; zero for none.
-    pub attitude: Quaternion<f64>,
-    /// Collective thrust `delta_c` of Eq. (61) \[0..1\].
-    pub thrust: f64,
-    /// Motor power of each rotor, commanded by a firmware in place of the rate loop \[0..1\]; `None` without a firmware.
-    pub motors: Option<Vector4<f64>>,
-}
-
-/// External disturbances, constant over an integration step.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Disturbance {
-    /// Acceleration by gusts and constant forces \[m/s^2, world\].
-    pub acceleration: Vector3<f64>,
-    /// Bias of the on-board rate loop \[rad/s, body\].
-    pub rate_drift: Vector3<f64>,
-    /// Angular acceleration by external torques \[rad/s^2, body\].
-    pub angular_acceleration: Vector3<f64>,
-    /// Air velocity at the rotors \[m/s, world\].
-    pub wind: Vector3<f64>,
-    /// Nominal mass over the mass with payload \[-\].
-    pub mass_ratio: f64,
-    /// Battery voltage over its nominal value \[-\]; 1 if thrust does not depend on the voltage.
-    pub voltage_ratio: f64,
-}
-
-impl Disturbance {
-    /// No disturbance.
-    pub const NONE: Self = Self {
-        acceleration: Vector3::new(0.0, 0.0, 0.0),
-        rate_drift: Vector3::new(0.0, 0.0, 0.0),
-        angular_acceleration: Vector3::new(0.0, 0.0, 0.0),
-        wind: Vector3::new(0.0, 0.0, 0.0),
-        mass_ratio: 1.0,
-        voltage_ratio: 1.0,
-    };
-}
+use crate::input::{Disturbance, PlantInput};
+use crate::rotors::{AirForces, RotorAir, mix};
+use crate::state::{Derivative, EquationsOfMotion, State};
 
 /// The equations of motion of a vehicle.
 #[derive(Clone, Debug)]
@@ -82,6 +39,28 @@ struct Response {
     actuators: Vector4<f64>,
 }
 
+/// A model of the forces and torques on a vehicle.
+trait Responsive {
+    /// The response of the body in `state`.
+    fn response(&self, state: &State, input: &PlantInput, outer: &Disturbance) -> Response;
+}
+
+/// A vehicle during an integration step.
+struct Moved<'a, B> {
+    translation: &'a Translation,
+    body: &'a B,
+    input: &'a PlantInput,
+    outer: &'a Disturbance,
+}
+
+impl<B: Responsive> EquationsOfMotion for Moved<'_, B> {
+    #[inline(always)]
+    fn derivative(&self, state: &State) -> Derivative {
+        let response = self.body.response(state, self.input, self.outer);
+        self.translation.derivative(state, response, self.outer)
+    }
+}
+
 impl Dynamics {
     /// The equations of motion of the simulated vehicle that `plant` describes.
     pub fn new(plant: &PlantOptions) -> Self {
@@ -95,12 +74,18 @@ impl Dynamics {
 
     /// Advances `state` by `h` seconds under a constant input and disturbance.
     pub fn advance(&self, state: &mut State, h: f64, input: &PlantInput, outer: &Disturbance) {
-        let moved = |s: &State, response| self.translation.derivative(s, response, outer);
+        let Self { translation, body } = self;
         // One dispatch per step instead of one at each of the four Runge-Kutta stages.
-        match &self.body {
-            Body::Spacecraft(it) => state.advance(h, |s| moved(s, it.response(s, input))),
-            Body::Eq61(it) => state.advance(h, |s| moved(s, it.response(s, input, outer))),
-            Body::Rotors(it) => state.advance(h, |s| moved(s, it.response(s, input, outer))),
+        match body {
+            Body::Spacecraft(body) => state.advance(h, &Moved { translation, body, input, outer }),
+            // The same statement twice: here the compiler omits the terms that this vehicle does not have.
+            Body::Eq61(body) if body.is_plain() => {
+                state.advance(h, &Moved { translation, body, input, outer });
+            }
+            Body::Eq61(body) => state.advance(h, &Moved { translation, body, input, outer }),
+            Body::Rotors(body) => {
+                state.advance(h, &Moved { translation, body: &**body, input, outer });
+            }
         }
     }
 
@@ -133,7 +118,7 @@ impl Translation {
     }
 
     /// Derivative of `state` for a body with the response `response`.
-    #[inline]
+    #[inline(always)]
     fn derivative(
         &self,
         state: &State,
@@ -150,7 +135,7 @@ impl Translation {
     }
 
     /// Newton's law in the world frame, in place of Eq. (15), erratum E-15.
-    #[inline]
+    #[inline(always)]
     fn acceleration(
         &self,
         state: &State,
@@ -180,9 +165,10 @@ impl LaggedThrust {
     }
 
     /// Rate of change of the actuators towards the collective thrust `delta_c`; `share` scales the greatest thrust \[-\].
-    #[inline]
+    #[inline(always)]
     fn change(&self, thrust: f64, delta_c: f64, share: f64) -> Vector4<f64> {
-        Vector4::x() * ((delta_c * (self.greatest * share) - thrust) * self.bandwidth)
+        let change = (delta_c * (self.greatest * share) - thrust) * self.bandwidth;
+        Vector4::new(change, 0.0, 0.0, 0.0)
     }
 }
 
@@ -198,9 +184,11 @@ impl Spacecraft {
         let inertia = plant.inertia().expect("the configuration was checked");
         Self { inertia, thrust: LaggedThrust::new(plant) }
     }
+}
 
-    #[inline]
-    fn response(&self, state: &State, input: &PlantInput) -> Response {
+impl Responsive for Spacecraft {
+    #[inline(always)]
+    fn response(&self, state: &State, input: &PlantInput, _outer: &Disturbance) -> Response {
         let thrust = state.actuators.x;
         Response {
             thrust,
@@ -229,20 +217,26 @@ impl RateCommand {
     }
 
     /// Set-point of the on-board rate loop, including its bias \[rad/s, body\].
-    #[inline]
+    #[inline(always)]
     fn rate(&self, state: &State, input: &PlantInput, disturbance: &Disturbance) -> Vector3<f64> {
         let command = match self.attitude_gain {
             // Eq. (61), erratum E-61.
             None => self.authority.component_mul(&input.sticks),
-            Some(gain) => self.towards(&input.attitude, state, gain),
+            Some(gain) => self.towards(&input.attitude, state.attitude, gain),
         };
         command + disturbance.rate_drift
     }
 
-    /// Body rate proportional to the remaining rotation to `attitude`, the shorter way round, within the authority.
-    #[inline(never)] // `rate` stays small enough to be inlined for a vehicle that takes sticks.
-    fn towards(&self, attitude: &Quaternion<f64>, state: &State, gain: f64) -> Vector3<f64> {
-        let error = state.attitude.conjugate() * attitude;
+    /// Body rate proportional to the remaining rotation to `target`, the shorter way round, within the authority.
+    // Not inlined, and without a reference to the state: that of a vehicle that takes sticks stays in registers.
+    #[inline(never)]
+    fn towards(
+        &self,
+        target: &Quaternion<f64>,
+        attitude: Quaternion<f64>,
+        gain: f64,
+    ) -> Vector3<f64> {
+        let error = attitude.conjugate() * target;
         let rate = error.imag() * (2.0 * gain).copysign(error.w);
         rate.zip_map(&self.authority, |rate, limit| rate.clamp(-limit, limit))
     }
@@ -268,13 +262,21 @@ impl Eq61 {
         }
     }
 
-    #[inline]
+    /// Whether the vehicle takes sticks and meets no aerodynamic effects on its rotors.
+    fn is_plain(&self) -> bool {
+        self.command.attitude_gain.is_none() && self.air.is_none()
+    }
+}
+
+impl Responsive for Eq61 {
+    #[inline(always)]
     fn response(&self, state: &State, input: &PlantInput, disturbance: &Disturbance) -> Response {
         let thrust = state.actuators.x;
         // The thrust of a rotor is proportional to the square of its voltage.
         let share = disturbance.voltage_ratio.powi(2);
         // The on-board loop, which Eq. (61) contains, holds the rate against aerodynamic torques.
-        let air = air_forces(self.air.as_ref(), (state, disturbance), |air| air.speeds(thrust));
+        let air =
+            AirForces::on(self.air.as_ref(), state, &disturbance.wind, |air| air.speeds(thrust));
         Response {
             thrust: thrust * air.ground_ratio,
             drag: air.drag,
@@ -283,32 +285,6 @@ impl Eq61 {
             actuators: self.thrust.change(thrust, input.thrust, share),
         }
     }
-}
-
-/// Aerodynamic effects on a vehicle.
-struct AirForces {
-    /// Drag of the rotors \[N, world\].
-    drag: Vector3<f64>,
-    /// Torque of that drag \[N m, body\].
-    torque: Vector3<f64>,
-    /// Thrust at this height over thrust far from the floor \[-\].
-    ground_ratio: f64,
-}
-
-/// Aerodynamic effects on rotors at these speeds \[rad/s\].
-#[inline]
-fn air_forces(
-    air: Option<&RotorAir>,
-    (state, disturbance): (&State, &Disturbance),
-    speeds: impl FnOnce(&RotorAir) -> Vector4<f64>,
-) -> AirForces {
-    let Some(air) = air else {
-        return AirForces { drag: Vector3::zeros(), torque: Vector3::zeros(), ground_ratio: 1.0 };
-    };
-    let attitude = UnitQuaternion::new_unchecked(state.attitude);
-    let velocity = attitude.inverse_transform_vector(&(state.velocity - disturbance.wind));
-    let (force, torque) = air.wrench(&speeds(air), &velocity, &state.rate);
-    AirForces { drag: attitude * force, torque, ground_ratio: air.ground_ratio(state.position.z) }
 }
 
 /// Four rotors on two crossed arms, with the on-board rate loop, or driven by a firmware. Opposite rotors turn in the same
@@ -349,25 +325,6 @@ impl Rotors {
         }
     }
 
-    #[inline]
-    fn response(&self, state: &State, input: &PlantInput, disturbance: &Disturbance) -> Response {
-        let speeds = state.actuators;
-        let wrench = self.mix * speeds.component_mul(&speeds);
-        let air = air_forces(self.air.as_ref(), (state, disturbance), |_| speeds);
-        let torque = wrench.fixed_rows::<3>(1).into_owned() + air.torque;
-        let targets = match &input.motors {
-            None => self.on_board_loop(state, input, disturbance),
-            Some(motors) => motors.map(|power| self.speed(power)) * disturbance.voltage_ratio,
-        };
-        Response {
-            thrust: wrench.x * air.ground_ratio,
-            drag: air.drag,
-            // Eq. (3), erratum E-03.
-            rate: self.inertia.acceleration(BodyRate(state.rate), Torque(torque)).0,
-            actuators: (targets - speeds) / self.rotor_lag,
-        }
-    }
-
     /// Rotor speed \[rad/s\] at this motor power and nominal voltage.
     fn speed(&self, power: f64) -> f64 {
         let thrust = power * (self.quadratic_thrust * power + 1.0 - self.quadratic_thrust);
@@ -392,5 +349,26 @@ impl Rotors {
         let wrench = Vector4::new(input.thrust * self.max_thrust, torque.x, torque.y, torque.z);
         (self.unmix * wrench)
             .map(|squared| squared.max(0.0).sqrt().min(self.max_speed) * disturbance.voltage_ratio)
+    }
+}
+
+impl Responsive for Rotors {
+    #[inline]
+    fn response(&self, state: &State, input: &PlantInput, disturbance: &Disturbance) -> Response {
+        let speeds = state.actuators;
+        let wrench = self.mix * speeds.component_mul(&speeds);
+        let air = AirForces::on(self.air.as_ref(), state, &disturbance.wind, |_| speeds);
+        let torque = wrench.fixed_rows::<3>(1).into_owned() + air.torque;
+        let targets = match &input.motors {
+            None => self.on_board_loop(state, input, disturbance),
+            Some(motors) => motors.map(|power| self.speed(power)) * disturbance.voltage_ratio,
+        };
+        Response {
+            thrust: wrench.x * air.ground_ratio,
+            drag: air.drag,
+            // Eq. (3), erratum E-03.
+            rate: self.inertia.acceleration(BodyRate(state.rate), Torque(torque)).0,
+            actuators: (targets - speeds) / self.rotor_lag,
+        }
     }
 }

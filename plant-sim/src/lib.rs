@@ -7,6 +7,7 @@
 //! |---|---|
 //! | `plant.rs` | the simulated vehicle, integrated from event to event |
 //! | `dynamics.rs` | equations of motion |
+//! | `input.rs` | their inputs: command and disturbance |
 //! | `state.rs` | state of motion and its integration |
 //! | `world.rs` | gusts, drift, battery, floor |
 //! | `gyroscope.rs` | the gyroscope of the simulated vehicle |
@@ -28,6 +29,7 @@ mod disturbance;
 mod dynamics;
 pub mod firmware;
 mod gyroscope;
+mod input;
 mod plant;
 mod rotors;
 mod socket;
@@ -50,11 +52,12 @@ use oqtal_wire::link::{LinkSpec, TruthSource};
 
 pub use command_radio::CommandLoss;
 pub use disturbance::{AppliedLoad, DisturbanceClock, LoadSchedule, SceneDisturbance};
-pub use dynamics::{Disturbance, Dynamics, PlantInput};
+pub use dynamics::Dynamics;
+pub use input::{Disturbance, PlantInput};
 pub use plant::{Plant, PlantOutput};
 pub use rotors::RotorAir;
 pub use spread::drawn;
-pub use state::{Derivative, State};
+pub use state::{Derivative, EquationsOfMotion, State};
 pub use turn::{PlantTurn, Stepping};
 
 /// Commands of the simulator's command line.

@@ -12,8 +12,9 @@ use oqtal_runtime::actuation::actuation_of;
 
 use crate::command_radio::CommandRadio;
 use crate::disturbance::{LoadSchedule, SceneDisturbance};
-use crate::dynamics::{Disturbance, Dynamics, PlantInput};
+use crate::dynamics::Dynamics;
 use crate::gyroscope::Gyroscope;
+use crate::input::{Disturbance, PlantInput};
 use crate::spread::drawn;
 use crate::state::State;
 use crate::world::{BatteryModel, Gust, imperfections, rest_on_floor};
@@ -113,6 +114,11 @@ impl Plant {
     /// recorder at the daemon's ticks.
     pub fn without_milliseconds(self) -> Self {
         Self { samples_milliseconds: false, ..self }
+    }
+
+    /// Removes the gyroscope: for flights in which nobody reads the state of the vehicle. Its draws affect no other number.
+    pub fn remove_gyroscope(&mut self) {
+        self.gyroscope = None;
     }
 
     /// Places the vehicle in the air with this motion, with the thrust of a hover, which the command `thrust` \[0..1\] holds.

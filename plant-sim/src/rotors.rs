@@ -9,8 +9,10 @@
 //! Close to the floor the same power gives more thrust, by `1 / (1 - (R / 4 z)^2)` (Cheeseman and Bennett, *The effect of the
 //! ground on a helicopter rotor in forward flight*, ARC R&M 3021, 1955).
 
-use nalgebra::{Matrix3x4, Matrix4, Vector3, Vector4};
+use nalgebra::{Matrix3x4, Matrix4, UnitQuaternion, Vector3, Vector4};
 use oqtal_config::{RotorLayout, RotorOptions};
+
+use crate::state::State;
 
 /// Height below which the ground effect is constant, over the radius of a rotor \[-\]: the formula is valid down to it.
 const LEAST_HEIGHT: f64 = 0.5;
@@ -103,5 +105,43 @@ impl RotorAir {
         let Some(radius) = self.radius else { return 1.0 };
         let share = radius / (4.0 * height.max(LEAST_HEIGHT * radius));
         (1.0 - share * share).recip()
+    }
+}
+
+/// Aerodynamic effects on a vehicle.
+pub(crate) struct AirForces {
+    /// Drag of the rotors \[N, world\].
+    pub drag: Vector3<f64>,
+    /// Torque of that drag \[N m, body\].
+    pub torque: Vector3<f64>,
+    /// Thrust at this height over thrust far from the floor \[-\].
+    pub ground_ratio: f64,
+}
+
+impl AirForces {
+    /// Aerodynamic effects on a vehicle in the air velocity `wind` \[m/s, world\]; `speeds` yields the speeds of its rotors
+    /// \[rad/s\]. None without `air`.
+    #[inline(always)]
+    pub fn on(
+        air: Option<&RotorAir>,
+        state: &State,
+        wind: &Vector3<f64>,
+        speeds: impl FnOnce(&RotorAir) -> Vector4<f64>,
+    ) -> Self {
+        match air {
+            None => Self { drag: Vector3::zeros(), torque: Vector3::zeros(), ground_ratio: 1.0 },
+            Some(air) => Self::on_rotors(air, speeds(air), *state, wind),
+        }
+    }
+
+    /// Aerodynamic effects on rotors at these speeds \[rad/s\].
+    // Not inlined, and without a reference to the state: that of a vehicle without these effects stays in registers.
+    #[inline(never)]
+    fn on_rotors(air: &RotorAir, speeds: Vector4<f64>, state: State, wind: &Vector3<f64>) -> Self {
+        let attitude = UnitQuaternion::new_unchecked(state.attitude);
+        let velocity = attitude.inverse_transform_vector(&(state.velocity - wind));
+        let (force, torque) = air.wrench(&speeds, &velocity, &state.rate);
+        let drag = attitude * force;
+        Self { drag, torque, ground_ratio: air.ground_ratio(state.position.z) }
     }
 }

@@ -74,6 +74,7 @@ impl Lane {
         check(mission)?;
         let (bus, now) = (Rc::new(MemoryBus::new()), Time::VIRTUAL_START);
         let mut plant = plant(mission, &bus, now, false)?;
+        plant.turn.plant().remove_gyroscope();
         if let Some(start) = start {
             let options = &config.plant;
             let share = options.mass_kg * options.gravity_m_s2 / options.max_thrust_n;
