@@ -30,11 +30,13 @@ mod vehicle_rates;
 mod washout;
 
 use nalgebra::Vector3;
+use oqtal_bus::time::Time;
 use oqtal_config::Config;
 use oqtal_control::predictive::{MeasuredPose, MotionTracker};
 
 use crate::delayed_mean::DelayedMean;
 use crate::floor::AIRBORNE_M;
+use crate::guard::seconds;
 use crate::measured_noise::PoseDeviations;
 use commanded::CommandedRotation;
 use direction::DirectionTest;
@@ -133,9 +135,9 @@ impl PoseConsistency {
         self.rates.receive(t_s, rate);
     }
 
-    /// Offset of the heading reference at `t_s` \[s\], which shows whether poses follow the vehicle \[rad\].
-    pub fn heading_offset_rad(&self, t_s: f64) -> f64 {
-        self.heading.offset_rad(t_s)
+    /// Offset of the heading reference at `now`, which shows whether poses follow the vehicle \[rad\].
+    pub fn heading_offset_rad(&self, now: Time) -> f64 {
+        self.heading.offset_rad(seconds(now))
     }
 
     /// Whether the poses of this flight do not follow the rotation of the vehicle.
@@ -161,13 +163,13 @@ impl PoseConsistency {
     }
 
     /// Takes an admitted pose measured at `t_s` \[s\], in flight with the motion of `tracker` corrected by it; `noise` is the measured
-    /// noise, and `loses_commands` tells whether the vehicle misses many commands.
+    /// noise, and `obeys` tells whether the vehicle can follow its commands.
     pub fn take(
         &mut self,
         tracker: &MotionTracker,
         (t_s, pose): (f64, &MeasuredPose),
         noise: &PoseDeviations,
-        loses_commands: bool,
+        obeys: bool,
     ) {
         let is_airborne =
             tracker.track().is_some() && pose.position.z > tracker.floor_m() + AIRBORNE_M;
@@ -188,7 +190,7 @@ impl PoseConsistency {
             self.by_gyroscope = measured.is_some();
             self.begin_again();
         }
-        if measured.is_none() && loses_commands {
+        if measured.is_none() && !obeys {
             self.clear();
             self.begin_again();
         }
@@ -261,7 +263,7 @@ impl PoseConsistency {
         self.deviation.discard();
     }
 
-    /// Discards the rotations: they have a gap, are of another source, or the commands do not reach the vehicle.
+    /// Discards the rotations: they have a gap, are of another source, or the vehicle cannot follow its commands.
     fn begin_again(&mut self) {
         self.airborne_s = 0.0;
         self.commanded = CommandedRotation::default();

@@ -17,7 +17,7 @@ mod requests;
 mod safety;
 mod supervision;
 
-use oqtal_bus::code::{OperatorCommand, SafetyState};
+use oqtal_bus::code::{Mode, OperatorCommand, SafetyState};
 use oqtal_bus::message::{
     CommandV1, ControlResponseV1, ExternalV1, Header, PoseV1, ReferenceV1, Stamps, StateV1,
     TelemetryV1, VehicleV1,
@@ -195,6 +195,7 @@ impl Cycle {
 
         let sent = *self.control.sent();
         let (directive, restarts) = self.supervision.step(now, is_fresh, &mut self.intake, &sent);
+        self.intake.record_landing(self.supervision.mode() == Mode::Landing);
         if restarts {
             self.control.reset();
             self.guarded.iter_mut().for_each(GuardedControl::restart);

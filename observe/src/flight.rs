@@ -220,7 +220,9 @@ impl Flight {
     /// Time from tick to tick, summed over the pairs of successive ticks of which both have a property \[s\].
     fn time_s(&self, has: impl Fn(&FlightSample) -> bool) -> f64 {
         let both = self.samples.windows(2).filter(|pair| pair.iter().all(&has));
-        both.map(|pair| pair[1].telemetry.time.since(pair[0].telemetry.time).seconds()).sum()
+        let times = both.map(|pair| pair[1].telemetry.time.since(pair[0].telemetry.time).seconds());
+        // An empty sum of floating-point numbers would be -0.
+        times.fold(0.0, |sum, time_s| sum + time_s)
     }
 
     /// Time that is scored, without that for which the fence held the vehicle \[s\].

@@ -132,7 +132,7 @@ fn a_port_without_permission_is_reported() {
 fn f25_a_second_bridge_is_refused_and_the_first_continues() {
     let flight = BridgeFlight::new("second-bridge", Manner::Answering);
     let link = flight.vehicle.link();
-    refused(&flight.testbed, &["run", "--link", &link], 75, &["vehicle", "already has a writer"]);
+    refused(&flight.testbed, &["run", "--link", &link], 75, &["vehicle", "is held by"]);
     // Another instance shares only the port with the first.
     let other = Testbed::new("other-bridge");
     refused(&other, &["run", "--link", &link], 75, &["used by another process"]);

@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn a_heading_that_follows_late_and_by_half_is_no_evidence_and_one_that_stays_or_opposes_is() {
+    fn a_heading_that_follows_late_and_by_half_does_not_count_and_one_that_stays_or_opposes_is() {
         assert_eq!(evidence(0.5, 0.1, 20.0), 0.0);
         assert!(evidence(0.0, 0.0, 3.0) > 1.0);
         assert!(evidence(-1.0, 0.0, 2.5) > 1.0);

@@ -51,6 +51,8 @@ pub(super) struct Intake {
     fresh_at: Option<Time>,
     /// Why the last pose that was due is missing.
     missing: Cause,
+    /// Whether the vehicle lands: it may stand on something already.
+    is_landing: bool,
 }
 
 impl Intake {
@@ -75,6 +77,7 @@ impl Intake {
             fresh: None,
             fresh_at: None,
             missing: Cause::NoPose,
+            is_landing: false,
         })
     }
 
@@ -134,13 +137,18 @@ impl Intake {
     fn check_consistency(&mut self, captured_s: f64, accepted: &Accepted) {
         let pose = accepted.pose();
         let noise = self.noise.deviations();
-        let loses_commands = self.vehicle.link_quality() < LEAST_LINK;
-        self.consistency.take(&self.tracker, (captured_s, &pose), &noise, loses_commands);
+        let obeys = !(self.is_landing || self.vehicle.link_quality() < LEAST_LINK);
+        self.consistency.take(&self.tracker, (captured_s, &pose), &noise, obeys);
         if self.noise.take(captured_s, &pose, self.consistency.is_quiet()) {
             let PoseDeviations { position_m, attitude_rad } = self.noise.deviations();
             self.tracker.set_measured_noise(position_m, attitude_rad);
             self.guard.set_noise(&self.noise.deviations());
         }
+    }
+
+    /// Records whether the vehicle lands.
+    pub(super) fn record_landing(&mut self, is_landing: bool) {
+        self.is_landing = is_landing;
     }
 
     /// Records the command published at `sent_at`.

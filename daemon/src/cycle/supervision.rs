@@ -15,7 +15,6 @@ use super::mode::{ModeAction, ModeConditions, transition};
 use super::requests::Requests;
 use super::safety::{SafetyMonitor, SafetyTick};
 use crate::command::VehicleCommand;
-use crate::guard::seconds;
 use crate::law_guard::GuardReport;
 use crate::live::FlightChange;
 
@@ -228,7 +227,7 @@ impl FlightSupervision {
             Directive::Descend
         } else {
             let overdue_s = course.mission().map_or(0.0, |mission| mission.overdue_s(now));
-            let yaw_rad = reference.yaw_rad + intake.consistency().heading_offset_rad(seconds(now));
+            let yaw_rad = reference.yaw_rad + intake.consistency().heading_offset_rad(now);
             Directive::Fly { reference: Reference { yaw_rad, ..reference }, overdue_s }
         }
     }

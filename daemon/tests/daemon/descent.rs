@@ -29,7 +29,8 @@ fn is_level(command: &CommandV1) -> bool {
 #[test]
 fn f48_a_blind_vehicle_is_level_and_sinks_to_the_floor_and_its_motors_stop() {
     for law in LAWS {
-        let mut flight = hovering(&[set(&format!("control.controller={law:?}"))]);
+        let law_set = set(&format!("control.controller={law:?}"));
+        let mut flight = hovering(&[law_set, set("safety.probe-yaw-deg=0")]);
         let waited = blind_until(&mut flight, SafetyState::Descend);
         assert!(waited <= 275, "{law}: {waited} ms");
         assert_eq!(flight.cause(), Cause::NoPose);

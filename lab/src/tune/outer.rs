@@ -58,6 +58,15 @@ static LOOPS: [Loop; 4] = [
     },
 ];
 
+/// Checks the error and the jitter with the configured gains, which the search improves.
+fn check_reference(reference: [f64; 2]) -> Result<(), Failure> {
+    if reference.iter().all(|figure| figure.is_finite()) {
+        return Ok(());
+    }
+    let reason = "tune outer: a path with the configured gains of `oqtal` does not land, so that there is nothing to improve; tune the law first: `oqtal tune oqtal`";
+    Err(Failure::new(Exit::Flight, reason))
+}
+
 /// Tunes the loops in turn around `oqtal` with its configured gains; each loop has its share of the budget and uses the gains
 /// found for the previous loops.
 ///
@@ -75,10 +84,7 @@ pub fn tune(
     let mut objective = 0.0;
     for tuned in &LOOPS {
         let reference = figures(tuned, &found, flights)?;
-        if !reference.iter().all(|figure| figure.is_finite()) {
-            let reason = "tune outer: a path with the configured gains of `oqtal` does not land, so that there is nothing to improve; tune the law first: `oqtal tune oqtal`";
-            return Err(Failure::new(Exit::Flight, reason));
-        }
+        check_reference(reference)?;
         let start = configured(&tuned.parameters, &config);
         let best = search(&tuned.parameters, &start, &share, |points| {
             let evaluate = |point: &Vec<f64>| {
