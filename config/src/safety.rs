@@ -20,8 +20,8 @@ pub struct SafetyOptions {
     pub gate_sigma: f64,
     /// Evidence against poses that do not follow the vehicle, above which they are not accepted \[-\].
     pub consistency_limit: f64,
-    /// Amplitude of the oscillation of the heading reference, while nothing else shows that poses follow the vehicle \[deg\]. 0: no
-    /// oscillation, and frozen poses with noise may not be found in a hover.
+    /// Amplitude of the oscillation of the heading reference of a vehicle without rates, or while no rotation confirms the poses
+    /// \[deg\]. 0: no oscillation, and frozen poses with noise may not be found in a hover.
     pub probe_yaw_deg: f64,
     /// Greatest noise of a position that is learned \[mm\].
     pub max_position_noise_mm: f64,

@@ -193,8 +193,10 @@ impl Collector {
         if self.truths.back().is_some_and(|last| last.time > truth.time) {
             self.truths.clear();
         }
+        // A recording is read in one go: its ticks must not wait until their truth is gone.
         if self.truths.len() == TRUTHS_KEPT {
-            self.truths.pop_front();
+            self.join();
+            self.truths.drain(..TRUTHS_KEPT / 2);
         }
         self.truths.push_back(*truth);
     }
@@ -271,6 +273,23 @@ mod tests {
         }
         let Collected { ticks, .. } = collector.take();
         assert_eq!((ticks[0][column("x")], ticks[0][column("position")]), (21.0, 20.0));
+    }
+
+    #[test]
+    fn every_tick_of_a_long_recording_is_compared_with_its_truth() {
+        let mut collector = Collector::new(&Config::default());
+        let reception = Reception::default();
+        for millis in 0..10_000 {
+            let time = Time::VIRTUAL_START + Span::from_millis(millis);
+            let truth = TruthV1 { time, position: [5.0; 3], ..TruthV1::default() };
+            collector.sample(&reception, Sample::Truth(&truth));
+            if millis % 20 == 0 {
+                let tick = tick(millis, SafetyState::Nominal, Mode::Flying);
+                collector.sample(&reception, Sample::Telemetry(&tick));
+            }
+        }
+        let Collected { ticks, .. } = collector.take();
+        assert!(ticks.len() == 500 && ticks.iter().all(|tick| tick[column("x")] == 5.0));
     }
 
     #[test]
