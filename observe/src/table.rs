@@ -46,7 +46,8 @@ fn headline(summary: &Summary) -> String {
 
 /// The table of errors; `None` if the scored window is empty.
 fn errors(summary: &Summary) -> Option<Table> {
-    let position = summary.position_error_m.as_ref();
+    // A single tick has no duration.
+    let position = summary.position_error_m.as_ref().filter(|_| summary.scored_s > 0.0);
     let (unit, per_metre) = unit_of_length(position.map_or(0.0, |error| error.max));
     let decimals = if unit == "mm" { 1 } else { 3 };
     let rows = [
