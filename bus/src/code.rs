@@ -60,6 +60,13 @@ code! {
     }
 }
 
+impl Mode {
+    /// Whether a mission is active, flown or only observed.
+    pub fn is_armed(self) -> bool {
+        matches!(self, Self::Flying | Self::Landing)
+    }
+}
+
 code! {
     /// Safety state, ordered by increasing severity.
     SafetyState {

@@ -65,7 +65,7 @@ const TOLD_SHARE: f64 = 1.5;
 /// Evidence, as a share of its limit, above which no noise is learned \[-\].
 const QUIET: f64 = 0.5;
 
-/// Evidence against the poses over its limit: 1 and more is told, and that of the response ends a flight \[-\].
+/// Evidence against the poses over its limit \[-\]: from 1 on it is reported, and that of the response ends a flight.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PoseEvidence {
     /// Evidence that the rotation seen does not follow that of the vehicle, of all rotations or of the heading's oscillation \[-\].

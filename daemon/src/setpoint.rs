@@ -34,6 +34,15 @@ impl CheckedSetpoint {
             .map_or((0.0, Phase::TakeOff), |reference| (reference.yaw_rad, reference.phase));
         Reference { yaw_rad, ..Reference::rest(point, phase) }
     }
+
+    /// The reference with its heading turned by `offset_rad` \[rad\].
+    pub fn turned(&self, offset_rad: f64) -> Option<Reference> {
+        let turned = |reference: Reference| Reference {
+            yaw_rad: reference.yaw_rad + offset_rad,
+            ..reference
+        };
+        self.reference.map(turned)
+    }
 }
 
 impl SetpointGuard {

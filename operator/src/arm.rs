@@ -98,7 +98,7 @@ fn begun(
 }
 
 fn is_in_flight(response: &ControlResponseV1) -> bool {
-    [Mode::Flying, Mode::Landing].map(Mode::code).contains(&response.mode)
+    Mode::from_code(response.mode).is_some_and(Mode::is_armed)
 }
 
 /// Whether the loop itself reports that it does not fly. An answer in its place repeats the last known mode.

@@ -75,7 +75,7 @@ pub fn unanswered(bus: &Bus) -> Failure {
     Failure::new(Exit::Peer, message)
 }
 
-/// Failure of a command to an instance on whose bus there is no daemon: names one that runs nevertheless.
+/// Failure of a command to an instance without a daemon on its bus: names a daemon that runs nevertheless.
 pub fn silent(paths: &InstancePaths) -> Failure {
     let InstancePaths { instance, root } = paths;
     let mut daemons = ObeyingProcess::all();

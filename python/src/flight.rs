@@ -156,7 +156,7 @@ fn flown(
         let watch = |_: &Recorder| {
             (poll.is_raised() || end.load(Ordering::Relaxed)).then_some(OperatorCommand::Stop)
         };
-        let law = law.map_or_else(LawPort::default, |law| LawPort::of(law));
+        let law = law.map_or_else(LawPort::default, LawPort::of);
         checked(simulation::fly_recorded(&mission, recorder, law, watch)?)
     });
     poll.raised.map_or(flown, Err)

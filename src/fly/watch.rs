@@ -119,5 +119,5 @@ impl<'a> ProcessWatch<'a> {
 /// Whether the newest tick of the daemon is one of a flight.
 fn is_in_flight(telemetry: &mut Reader<TelemetryV1>) -> Result<bool, BusError> {
     let tick = telemetry.latest()?;
-    Ok(tick.is_some_and(|(_, t)| [Mode::Flying, Mode::Landing].map(Mode::code).contains(&t.mode)))
+    Ok(tick.and_then(|(_, tick)| Mode::from_code(tick.mode)).is_some_and(Mode::is_armed))
 }

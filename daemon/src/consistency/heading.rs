@@ -3,7 +3,7 @@
 //! A vehicle that hovers hardly turns, and its poses then show little of whether they follow it. If the vehicle reports no rates, or if
 //! no rotation has confirmed the poses for a second, the heading reference oscillates by `safety.probe-yaw-deg`. The rotations about
 //! the vertical body axis, seen by the cameras and driven, are demodulated at the frequency of the oscillation (lock-in detection):
-//! noise and wind have little power there, and a law that sees no rotation commands more.
+//! noise and wind have little power there, and a law that sees no rotation commands more, so that evidence grows.
 
 use std::f64::consts::TAU;
 
@@ -13,18 +13,19 @@ const FREQUENCY_RAD_S: f64 = 0.9 * TAU;
 const MEMORY_S: f64 = 0.7;
 /// Time from the first oscillation until rotations are compared \[s\].
 const SETTLED_S: f64 = 1.2;
-/// Least share of the commanded rotation that is seen of a vehicle with half of the configured authority and other lags \[-\].
+/// Share of the driven rotation that must be seen \[-\]: a vehicle with half of the configured authority and longer lags shows more.
 const LEAST_SHARE: f64 = 0.25;
 /// Shortage of that share, integrated over time, which is the limit \[s\].
 const LIMIT_S: f64 = 0.1;
-/// Least amplitude of the rotation that is evidence, over that of the reference \[-\] and over the noise of the attitude \[-\].
-const LEAST_RAD_SHARE: f64 = 0.1;
+/// Least driven rotation that is evidence, over the amplitude of the reference \[-\].
+const LEAST_AMPLITUDE_SHARE: f64 = 0.1;
+/// Least driven rotation that is evidence, over the noise of the attitude \[-\].
 const LEAST_NOISE_SHARE: f64 = 0.3;
 /// Time in which the oscillation begins and ends \[s\].
 const RAMP_S: f64 = 0.5;
 
 /// The oscillation of the heading, and the test.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct HeadingProbe {
     amplitude_rad: f64,
     /// The instant at which the oscillation began \[s\]; `None` while there is none.
@@ -34,20 +35,14 @@ pub(super) struct HeadingProbe {
     /// Demodulated rotations, in phase and in quadrature \[rad\].
     seen: [f64; 2],
     driven: [f64; 2],
+    /// Shortage of the rotation seen, integrated over time \[s\].
     shortage_s: f64,
 }
 
 impl HeadingProbe {
-    /// A probe with the amplitude `amplitude_rad` \[rad\]; without one at 0.
+    /// A probe with this amplitude \[rad\]; 0 disables it.
     pub(super) fn new(amplitude_rad: f64) -> Self {
-        Self {
-            amplitude_rad,
-            since_s: None,
-            level: 0.0,
-            seen: [0.0; 2],
-            driven: [0.0; 2],
-            shortage_s: 0.0,
-        }
+        Self { amplitude_rad, ..Self::default() }
     }
 
     /// Ends the oscillation.
@@ -62,8 +57,8 @@ impl HeadingProbe {
         })
     }
 
-    /// Oscillates if it is `needed`. Takes the washed-out angles about the vertical body axis, seen and driven \[rad\], at `t_s` \[s\] after `dt_s` \[s\]; the
-    /// attitude has the noise `noise_rad` \[rad\]. Returns the evidence over its limit \[-\].
+    /// Takes the washed-out angles about the vertical body axis, seen and driven \[rad\], at `t_s` \[s\] after `dt_s` \[s\]; the attitude
+    /// has the noise `noise_rad` \[rad\]. The heading oscillates while this is `needed`. Returns the evidence over its limit \[-\].
     pub(super) fn take(
         &mut self,
         needed: bool,
@@ -86,7 +81,8 @@ impl HeadingProbe {
         }
         let product = |a: &[f64; 2], b: &[f64; 2]| a[0] * b[0] + a[1] * b[1];
         let power = product(&self.driven, &self.driven);
-        let least_rad = (LEAST_RAD_SHARE * self.amplitude_rad).max(LEAST_NOISE_SHARE * noise_rad);
+        let least_rad =
+            (LEAST_AMPLITUDE_SHARE * self.amplitude_rad).max(LEAST_NOISE_SHARE * noise_rad);
         if elapsed_s > SETTLED_S && power > least_rad * least_rad {
             let share = (product(&self.seen, &self.driven) / power).clamp(-1.0, 1.0);
             self.shortage_s = (self.shortage_s + (LEAST_SHARE - share) * dt_s).max(0.0);
@@ -112,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn a_heading_that_follows_late_and_by_half_does_not_count_and_one_that_stays_or_opposes_is() {
+    fn a_heading_that_follows_late_and_by_half_is_accepted_and_one_that_stays_or_opposes_is_not() {
         assert_eq!(evidence(0.5, 0.1, 20.0), 0.0);
         assert!(evidence(0.0, 0.0, 3.0) > 1.0);
         assert!(evidence(-1.0, 0.0, 2.5) > 1.0);

@@ -22,7 +22,7 @@ impl ResponseLimit {
 /// Rate at which evidence is counted \[1/s\]: samples closer together share their noise.
 const COUNTS_PER_S: f64 = 60.0;
 
-/// Rotation from which on samples count more \[rad\]: no wind or wrong model rotates a vehicle this far away from its commands.
+/// Driven rotation from which on samples count more \[rad\]: a law whose poses follow the vehicle seldom demands it.
 const LARGE_RAD: f64 = 0.08;
 /// Greatest weight of a large rotation \[-\].
 const GREATEST_WEIGHT: f64 = 6.0;

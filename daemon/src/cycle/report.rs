@@ -118,10 +118,10 @@ impl TickReport {
         telemetry.mode = supervision.mode().code();
         telemetry.state = supervision.safety().state().code();
         telemetry.cause = supervision.safety().cause().code();
-        let reference = supervision.course().setpoint().reference;
-        telemetry.phase = reference.map_or(0, |reference| reference.phase as u8);
         let offset_rad = intake.consistency().heading_offset_rad(now);
-        record_setpoints(telemetry, (reference.as_ref(), offset_rad), output);
+        let reference = supervision.course().setpoint().turned(offset_rad);
+        telemetry.phase = reference.map_or(0, |reference| reference.phase as u8);
+        record_setpoints(telemetry, reference.as_ref(), output);
     }
 
     /// Records the message of the tick, whether it is sent or not, with the law's counts of Riccati equations. `is_fresh` if the tick
@@ -183,14 +183,14 @@ fn record_terms(telemetry: &mut TelemetryV1, terms: [[f64; 3]; 4]) {
 /// Fills in reference and set-points: the last ones while coasting, NaN when not flying.
 fn record_setpoints(
     telemetry: &mut TelemetryV1,
-    (reference, heading_offset_rad): (Option<&Reference>, f64),
+    reference: Option<&Reference>,
     output: Option<&ControlOutput>,
 ) {
     match reference {
         Some(reference) => {
             telemetry.reference_position = reference.position.into();
             telemetry.reference_velocity = reference.velocity.into();
-            telemetry.reference_yaw = reference.yaw_rad + heading_offset_rad;
+            telemetry.reference_yaw = reference.yaw_rad;
         }
         None => {
             telemetry.reference_velocity = [f64::NAN; 3];

@@ -5,7 +5,7 @@ use oqtal_bus::message::{ControlResponseV1, Header, ReferenceV1, VehicleV1};
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_bus::time::Time;
 use oqtal_config::Config;
-use oqtal_control::trajectory::{Phase, Reference, Trajectory};
+use oqtal_control::trajectory::{Phase, Trajectory};
 
 use super::auto_takeoff::AutoTakeoff;
 use super::control::Directive;
@@ -103,7 +103,7 @@ impl FlightSupervision {
 
     /// Whether a mission is active, flown or only observed.
     fn is_armed(&self) -> bool {
-        matches!(self.mode, Mode::Flying | Mode::Landing)
+        self.mode.is_armed()
     }
 
     /// Whether the flight is held at its beginning until the motors run.
@@ -220,15 +220,15 @@ impl FlightSupervision {
 
     fn directive(&self, now: Time, intake: &Intake) -> Directive {
         let course = &self.course;
-        let Some(reference) = course.setpoint().reference else { return Directive::Disarm };
+        let turn = intake.consistency().heading_offset_rad(now);
+        let Some(reference) = course.setpoint().turned(turn) else { return Directive::Disarm };
         if self.is_held(intake) {
             Directive::Idle
         } else if self.safety.state() == SafetyState::Descend {
             Directive::Descend
         } else {
             let overdue_s = course.mission().map_or(0.0, |mission| mission.overdue_s(now));
-            let yaw_rad = reference.yaw_rad + intake.consistency().heading_offset_rad(now);
-            Directive::Fly { reference: Reference { yaw_rad, ..reference }, overdue_s }
+            Directive::Fly { reference, overdue_s }
         }
     }
 

@@ -35,7 +35,7 @@ pub struct TradedFigure {
     /// Weight in the objective \[-\]; `None` for a margin, which is not part of it.
     pub weight: Option<f64>,
     /// Values at the configured gains and at the gains found \[unit of the title\]; an error is infinite if a flight did not land, a
-    /// margin if there is no limit.
+    /// margin if nothing limits it.
     pub values: [f64; 2],
     /// Whether each value contains the time until the next step for a step that did not settle.
     pub is_least: [bool; 2],

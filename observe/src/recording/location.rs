@@ -95,9 +95,9 @@ struct Flown(bool);
 impl Sink for Flown {
     fn sample(&mut self, _: &Reception, sample: Sample<'_>) {
         if let Sample::Telemetry(tick) = sample {
-            let is_flight = [Mode::Flying, Mode::Landing].map(Mode::code).contains(&tick.mode);
+            let is_armed = Mode::from_code(tick.mode).is_some_and(Mode::is_armed);
             // Without motors the trajectory is held at its beginning.
-            self.0 |= is_flight && tick.mission_s > 0.0;
+            self.0 |= is_armed && tick.mission_s > 0.0;
         }
     }
 
