@@ -2,9 +2,10 @@
 
 use std::ops::Range;
 use std::sync::Mutex;
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{Receiver, RecvError, Sender, TryRecvError, channel};
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
+use oqtal_bus::time::{Span, Time};
 use oqtal_config::{ClockKind, Config};
 use oqtal_lab::environment::{ACTION, Environment, OBSERVATION, StepResult, Task};
 use oqtal_runtime::process::{Exit, Failure};
@@ -18,6 +19,9 @@ use crate::task;
 const TRUTH: usize = 14;
 /// Length of a pose.
 const POSE: usize = 7;
+
+/// Time for which a thread polls for its next request before it sleeps: waking it takes as long as some ten lanes.
+const POLL: Span = Span::from_nanos(100_000);
 
 /// State of one lane after a step.
 #[derive(Clone, Copy, Debug, Default)]
@@ -81,7 +85,7 @@ impl Worker {
                 Ok(lanes.iter_mut().map(|lane| state(lane, StepResult::default())).collect());
             // The thread ends with its owner.
             while outgoing.send(reply).is_ok()
-                && let Ok(request) = incoming.recv()
+                && let Ok(request) = next(&incoming)
             {
                 reply = answer(&mut lanes, request);
             }
@@ -98,6 +102,19 @@ impl Worker {
         let reply = self.replies.lock().map_err(|_| ended()).map(|replies| replies.recv());
         reply?.map_err(|_| ended())?
     }
+}
+
+/// The next request; an error if the owner was dropped.
+fn next(requests: &Receiver<Request>) -> Result<Request, RecvError> {
+    let sleep_at = Time::now() + POLL;
+    while Time::now() < sleep_at {
+        match requests.try_recv() {
+            Ok(request) => return Ok(request),
+            Err(TryRecvError::Empty) => std::hint::spin_loop(),
+            Err(TryRecvError::Disconnected) => return Err(RecvError),
+        }
+    }
+    requests.recv()
 }
 
 /// Failure of a thread that has ended.
@@ -128,7 +145,7 @@ fn answer(lanes: &mut [Environment], request: Request) -> Reply {
 
 fn state(lane: &mut Environment, result: StepResult) -> LaneState {
     let truth = lane.truth();
-    let t_s = truth.time.since(oqtal_bus::time::Time::VIRTUAL_START).seconds();
+    let t_s = truth.time.since(Time::VIRTUAL_START).seconds();
     let numbers =
         truth.position.into_iter().chain(truth.velocity).chain(truth.attitude).chain(truth.rate);
     let mut numbers = numbers.chain([t_s]);
