@@ -1,7 +1,7 @@
 """Environment steps per second: oqtal's, those of RotorPy and gym-pybullet-drones where they are installed, and the plant alone.
 
-``python python/benches/environments.py`` prints a table. All figures are of one run, on all processors. The plant alone is
-measured by ``cargo bench``, unless ``--no-plant`` is given.
+``python python/benches/environments.py`` prints a table, of one run. Batches are on all processors, single environments on one.
+The plant alone is measured on one processor by ``cargo bench``, unless ``--no-plant`` is given, and multiplied by their number.
 """
 
 from __future__ import annotations
@@ -130,9 +130,9 @@ def main() -> None:
         print(f"{name:72} {steps_per_second:12,.0f}", flush=True)
 
     cores = len(os.sched_getaffinity(0))
-    print(f"{f'control ticks of one vehicle per second, {cores} cores':72} {'':12}")
+    print("control ticks per second, all vehicles together")
     show("oqtal.make_vec(1): plant, cameras, radio, delay", oqtal_batch(1, given.seconds))
-    show(f"oqtal.make_vec({given.lanes})", oqtal_batch(given.lanes, given.seconds))
+    show(f"oqtal.make_vec({given.lanes}), {cores} cores", oqtal_batch(given.lanes, given.seconds))
     needed = ("rotorpy", "torch", "torchdiffeq", "roma")
     if all(importlib.util.find_spec(name) for name in needed):
         for steps in (1, 17):
@@ -143,9 +143,9 @@ def main() -> None:
     if given.no_plant:
         return
     step_s = plant_step_s()
-    show(f"oqtal's plant alone, {PLANT_STEPS:.1f} integration steps in a tick", cores / step_s / PLANT_STEPS)
-    print(f"{f'integration steps per second, {cores} cores':72} {'':12}")
-    show("oqtal's plant alone, with gusts, battery and radio", cores / step_s)
+    show(f"oqtal's plant alone, {PLANT_STEPS:.1f} steps in a tick, one core x {cores}", cores / step_s / PLANT_STEPS)
+    print("integration steps per second")
+    show(f"oqtal's plant alone, with gusts, battery and radio, one core x {cores}", cores / step_s)
     limit = cores * clock_hz() * FLOPS_PER_CYCLE / FLOPS
     show(f"limit: {cores} x {clock_hz() / 1e9:.2f} GHz x {FLOPS_PER_CYCLE} operations per cycle / {FLOPS} operations", limit)
 

@@ -161,7 +161,8 @@ fn state(lane: &mut Environment, result: StepResult) -> LaneState {
 #[pyclass(frozen, module = "oqtal._native")]
 struct Lanes {
     workers: Vec<Worker>,
-    states: Mutex<Vec<LaneState>>,
+    /// States of the lanes of each worker.
+    states: Mutex<Vec<Vec<LaneState>>>,
     process: u32,
 }
 
@@ -255,7 +256,7 @@ impl Lanes {
     ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<bool>>, Bound<'py, PyArray1<bool>>)>
     {
         let states = self.states.lock().map_err(|_| error::raised(ended()))?;
-        let results = || states.iter().map(|state| state.result);
+        let results = || states.iter().flatten().map(|state| state.result);
         Ok((
             PyArray1::from_iter(py, results().map(|result| result.reward)),
             PyArray1::from_iter(py, results().map(|result| result.terminated)),
@@ -283,12 +284,10 @@ impl Lanes {
 
     /// Waits for a reply of every thread.
     fn gather(&self) -> Result<(), Failure> {
-        let mut states = self.states.lock().map_err(|_| ended())?;
-        states.clear();
+        // Every reply is taken, lest that of a request be read as that of the next one.
         let replies: Vec<Reply> = self.workers.iter().map(Worker::reply).collect();
-        for reply in replies {
-            states.extend(reply?);
-        }
+        *self.states.lock().map_err(|_| ended())? =
+            replies.into_iter().collect::<Result<_, _>>()?;
         Ok(())
     }
 
@@ -299,7 +298,10 @@ impl Lanes {
         row: impl Fn(&LaneState) -> [T; N],
     ) -> PyResult<Bound<'py, PyArray2<T>>> {
         let states = self.states.lock().map_err(|_| error::raised(ended()))?;
-        PyArray1::from_iter(py, states.iter().flat_map(row)).reshape([states.len(), N])
+        let mut numbers = Vec::with_capacity(N * self.count()?);
+        states.iter().flatten().for_each(|state| numbers.extend(row(state)));
+        let rows = numbers.len() / N;
+        PyArray1::from_vec(py, numbers).reshape([rows, N])
     }
 }
 
