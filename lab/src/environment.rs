@@ -86,6 +86,8 @@ pub struct Environment {
     captured_at: Time,
     /// Past actions, the newest first.
     past: [[f64; ACTION]; PAST],
+    /// Steps since the start of the episode \[-\].
+    steps: u64,
 }
 
 impl Environment {
@@ -109,6 +111,7 @@ impl Environment {
             estimate,
             captured_at,
             past,
+            steps: 0,
         };
         new.observe();
         Ok(new)
@@ -123,7 +126,7 @@ impl Environment {
         self.lane = begin(&self.mission, self.task)?;
         self.estimator = Estimator::new(self.mission.config.control.estimator);
         (self.estimate, self.captured_at) = (Estimate::default(), Time::UNSET);
-        self.past = [[0.0; ACTION]; PAST];
+        (self.past, self.steps) = ([[0.0; ACTION]; PAST], 0);
         self.observe();
         Ok(())
     }
@@ -143,6 +146,7 @@ impl Environment {
         let is_finite = action.iter().all(|number| number.is_finite());
         self.lane.command(if is_finite { command } else { CommandV1::default() })?;
         let change = Vector4::from(action) - Vector4::from(self.past[0]);
+        self.steps += 1;
         self.past.rotate_right(1);
         self.past[0] = if is_finite { action } else { [0.0; ACTION] };
         self.observe();
@@ -183,12 +187,13 @@ impl Environment {
             Task::Hover | Task::Track | Task::Floor => near,
         };
         let rate = Vector3::from(truth.rate).norm();
+        let rate_hz = self.mission.config.control.rate_hz;
         let is_floor = self.task == Task::Floor;
         let is_down = truth.position[2] < FALLEN_M || error > LOST_M || !error.is_finite();
         StepResult {
             reward: reward - PENALTY * (rate + change),
             terminated: is_down && !is_floor,
-            truncated: self.elapsed_s() >= self.duration_s && !is_floor,
+            truncated: self.steps as f64 >= (self.duration_s * rate_hz).round() && !is_floor,
         }
     }
 
@@ -211,6 +216,13 @@ impl Environment {
     /// Truth at the present tick.
     pub fn truth(&mut self) -> TruthV1 {
         self.lane.truth()
+    }
+
+    /// Reference at the present tick: position \[m, world\], velocity \[m/s, world\].
+    pub fn reference(&self) -> [f64; 6] {
+        let ([x, y, z], [vx, vy, vz]) =
+            (self.reference.position.into(), self.reference.velocity.into());
+        [x, y, z, vx, vy, vz]
     }
 
     /// Newest pose as measured: position \[m, world\], and attitude with the scalar last; NaN before the first one.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 
 class OqtalError(Exception):
     """Base of all exceptions of this package."""
@@ -17,7 +19,12 @@ class FlightError(OqtalError):
 
 
 class LawError(FlightError):
-    """A law written in Python raised an exception, or returned something that is not a command."""
+    """A law written in Python raised an exception, or returned something that is not a command.
+
+    ``flight``: the flight until then, an ``oqtal.Flight``; ``None`` if the law failed before it or beside a daemon.
+    """
+
+    flight: Any = None
 
 
 class UsageError(OqtalError, ValueError):

@@ -7,14 +7,15 @@ import csv
 import json
 import os
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from oqtal import _native
-from oqtal.errors import DataError, InternalError, UsageError
+from oqtal.errors import DataError, InternalError, LawError, SystemFailure, UsageError
 from oqtal.python_law import LawAdapter
 from oqtal.settings import ConfigLike, check_names, integer, sources, texts
 from oqtal.table import Table
@@ -42,7 +43,13 @@ class Flight:
         summary: Mapping[str, Any] | None = None,
         repeat: Callable[[str], Any] | None = None,
         config: str | None = None,
+        answer_s: Iterable[float] = (),
+        limited: int = 0,
     ) -> None:
+        #: Computing times of a law in Python, one for each question [s]. The flight waits for them; a daemon does not.
+        self.answer_s: np.ndarray[Any, Any] = np.array(list(answer_s), dtype=float)
+        #: Number of commands of a law in Python that were limited to the range of the vehicle.
+        self.limited = limited
         self._native = native
         self._columns = columns
         self._summary = dict(summary) if summary is not None else None
@@ -114,6 +121,12 @@ class Flight:
         """The ticks over which errors are computed."""
         return self.columns.where(self.columns["scored"] == 1)
 
+    def __contains__(self, name: object) -> bool:
+        return name in self.columns
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.columns)
+
     def __getitem__(self, name: str) -> np.ndarray[Any, Any]:
         return self.columns[name]
 
@@ -152,7 +165,7 @@ class Flight:
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Writes the flight: a recording (``.mcap``), the ticks (``.csv``) or the figures (``.json``).
 
-        A flight of this process is flown again for its recording: it repeats bit for bit.
+        A file of that name is replaced. A flight of this process is flown again for its recording: it repeats bit for bit.
         """
         file = Path(path)
         if file.suffix == ".csv":
@@ -169,9 +182,16 @@ class Flight:
         self._whole("a recording")
         if self._repeat is None:
             raise UsageError("this flight cannot be flown again; give record=PATH when it is flown")
-        again = self._repeat(str(file))
-        if again is not None and json.loads(again.summary())["trajectory_hash"] != self.summary["trajectory_hash"]:
-            raise InternalError(f"{file}: the flight did not repeat bit for bit")
+        try:
+            directory = tempfile.TemporaryDirectory(dir=file.parent)
+        except OSError as error:
+            raise SystemFailure(f"{file}: {error}; give another path") from error
+        with directory:
+            new = Path(directory.name) / file.name
+            again = self._repeat(str(new))
+            if again is not None and json.loads(again.summary())["trajectory_hash"] != self.summary["trajectory_hash"]:
+                raise InternalError(f"{file}: the flight did not repeat bit for bit")
+            new.replace(file)
 
     def _whole(self, wanted: str) -> _native.Flight:
         if self._native is None:
@@ -179,7 +199,9 @@ class Flight:
         return self._native
 
     def __copy__(self) -> Flight:
-        return Flight(native=self._native, columns=self._columns, summary=self._summary, repeat=self._repeat, config=self._config)
+        copied = Flight(native=self._native, columns=self._columns, summary=self._summary, repeat=self._repeat, config=self._config)
+        copied.answer_s, copied.limited = self.answer_s, self.limited
+        return copied
 
     def __deepcopy__(self, memo: Any) -> Flight:
         copied = copy.copy(self)
@@ -192,10 +214,16 @@ class Flight:
         return _unpickled, (self.columns, self._summary if self._native is None else self.summary, config)
 
     def __repr__(self) -> str:
+        if self._summary is None and self._native is None:
+            return f"<Flight of {self.columns.rows} ticks, without summary.json>"
         shown = self.summary
-        error = shown["position_error_m"]
-        mean = "" if error is None else f", mean position error {1e3 * error['mean']:.1f} mm"
-        return f"<Flight {shown['controller']}, {shown['trajectory']}: {shown['outcome']}{mean}>"
+        error, handovers = shown["position_error_m"], shown["handovers"]
+        figure = f"mean position error {1e3 * error['mean']:.1f} mm" if error else "no tick is scored"
+        if handovers and handovers["count"]:
+            figure += f", {handovers['count']} hand-overs: the fallback law flew {handovers['fallback_ticks']} ticks"
+        if self.limited:
+            figure += f", {self.limited} commands limited to the range of the vehicle"
+        return f"<Flight {shown['controller']}, {shown['trajectory']}: {shown['outcome']}, {figure}>"
 
 
 def _unpickled(columns: Table, summary: dict[str, Any] | None, config: str | None) -> Flight:
@@ -230,11 +258,15 @@ def fly(
 
     ``config``: a file, several files, or keys with values. ``plant`` and ``settings``: keys of ``[plant]``, and any keys; nested
     dictionaries are sections, and ``_`` stands for ``-``. ``disturb`` and ``faults``: as ``--disturb`` and ``--fault``.
-    ``record``: a recording is written while flying. ``law``: a law of ``oqtal.python_law``, which flies from the end of take-off to
-    the landing, in place of ``controller``.
+    ``record``: a recording, a new file ``.mcap``, is written while flying. ``law``: a law of ``oqtal.python_law``, which flies from
+    the end of take-off to the landing, in place of ``controller``; a failure of the law ends the flight with ``LawError``.
     """
+    if law is None and controller == "external":
+        raise UsageError("give law=, a law in Python, in place of controller='external'")
     if law is not None and controller not in (None, "external"):
         raise UsageError("give law or controller; the law that flies if law fails is control.fallback")
+    if isinstance(vehicle, Mapping):
+        raise UsageError('vehicle is the name of a preset; parameters are config, as in fly({"vehicle": {"mass_kg": 0.6}})')
     call = sources(
         config,
         settings,
@@ -247,6 +279,16 @@ def fly(
         disturb=("plant.disturb", texts(disturb)),
         faults=("fault.inject", texts(faults)),
     )
+    file = None if record is None else os.fspath(record)
+    if file and not file.endswith(".mcap"):
+        raise UsageError(f"record is {file}; the suffix of a recording is .mcap")
     adapter = None if law is None else LawAdapter(law)
-    native = _native.fly(call, None if record is None else os.fspath(record), adapter)
-    return Flight(native=native, repeat=native.fly_again)
+    try:
+        native = _native.fly(call, file, adapter)
+    except LawError as error:
+        if error.flight is not None:
+            error.flight = Flight(native=error.flight)
+        raise
+    if adapter is None:
+        return Flight(native=native, repeat=native.fly_again)
+    return Flight(native=native, repeat=native.fly_again, answer_s=adapter.answer_s, limited=adapter.limited)

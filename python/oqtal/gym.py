@@ -1,6 +1,7 @@
 """Environments of Gymnasium: hover, track, recover, with cameras, delays, radio and noise in the loop.
 
-One step is one control tick (1/60 s). Importing this module registers ``Oqtal-Hover-v0``, ``Oqtal-Track-v0``, ``Oqtal-Recover-v0``.
+One step is one control tick, 1/60 s as shipped. Importing this module registers ``Oqtal-Hover-v0``, ``Oqtal-Track-v0`` and
+``Oqtal-Recover-v0``.
 
 Action, four numbers from -1 to 1: body rates about x, y, z over the greatest ones, and thrust, where -1 is none and 1 the greatest.
 
@@ -58,6 +59,8 @@ def commands(actions: Any) -> Array:
     given: Array = np.asarray(actions, dtype=float)
     if given.shape[-1:] != (4,):
         raise UsageError(f"actions have the shape {given.shape}; expected 4 numbers for each vehicle")
+    if not np.isfinite(given).all():
+        raise UsageError("an action is not finite")
     found: Array = np.clip(given.reshape(-1, 4), -1.0, 1.0)
     found[:, 3] = (found[:, 3] + 1.0) / 2.0
     return found
@@ -89,14 +92,17 @@ class OqtalEnv(gymnasium.Env[Array, Array]):
         super().reset(seed=given)
         episode = int(self.np_random.integers(2**31)) if given is None else given
         self._lanes.reset([episode])
-        return self._lanes.observations()[0], {"seed": episode, "truth": self._lanes.truths()[0]}
+        return self._lanes.observations()[0], {"seed": episode, **self._info()}
+
+    def _info(self) -> dict[str, Any]:
+        """Truth, and position [m] and velocity [m/s] of the reference, for rewards of one's own."""
+        return {"truth": self._lanes.truths()[0], "reference": self._lanes.references()[0]}
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Flies for one control tick."""
         self._lanes.step(commands(action))
         reward, terminated, truncated = self._lanes.results()
-        info = {"truth": self._lanes.truths()[0]}
-        return self._lanes.observations()[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
+        return self._lanes.observations()[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), self._info()
 
 
 class OqtalVectorEnv(VectorEnv[Array, Array, Array]):
@@ -158,6 +164,10 @@ class OqtalVectorEnv(VectorEnv[Array, Array, Array]):
     def truths(self) -> Array:
         """True position [m], velocity [m/s], attitude, body rate [rad/s] and time [s] of every vehicle, 14 numbers each."""
         return self._lanes.truths()
+
+    def references(self) -> Array:
+        """Position [m] and velocity [m/s] of the reference of every vehicle, 6 numbers each."""
+        return self._lanes.references()
 
 
 def make_vec(num_envs: int, env: str = "Oqtal-Hover-v0", **options: Any) -> OqtalVectorEnv:

@@ -138,7 +138,7 @@ class Instance:
 
     def get(self, key: str) -> Any:
         """The value of a setting."""
-        text = self._native.request("get", [key])
+        text = self._native.request("get", [key.replace("_", "-")])
         try:
             return json.loads(text)
         except ValueError:

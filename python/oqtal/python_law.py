@@ -3,7 +3,7 @@
 A law is a callable ``law(state, reference, dt)``, or an object with a method ``step(state, reference, dt)`` and, where it has an
 integral or a filter, ``reset()``, which is called at the start of a flight. It returns a ``Command``, the pair ``(rate, thrust)``,
 or four numbers: body rates [rad/s] and thrust [N]. State and reference are those at the instant at which the command takes effect.
-Commands are limited to the range of the vehicle.
+Commands are limited to the range of the vehicle; ``Flight.limited`` counts them.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ from __future__ import annotations
 import socket
 import struct
 import sys
+import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -34,6 +36,14 @@ LENGTHS = {
 COUNTERS = struct.Struct("<8s6Q")
 #: Beginning of an answer, and its counter.
 ANSWER = struct.Struct("<8sQ")
+
+
+def _shown(value: object) -> str:
+    """A state or a reference with its fields, for debugging."""
+    fields = (
+        f"{name}={np.round(field, 4) if isinstance(field, (float, np.ndarray)) else field}" for name, field in vars(value).items()
+    )
+    return f"{type(value).__name__}({', '.join(fields)})"
 
 
 def _fields(numbers: Vector) -> Iterator[tuple[str, Any]]:
@@ -83,6 +93,8 @@ class State:
     def __init__(self, numbers: Vector, flown: bool, time: float) -> None:
         self.__dict__.update(_fields(numbers), flown=flown, time=time)
 
+    __repr__ = _shown
+
     def to_body(self, vector: Any) -> Vector:
         """Components in body axes of a vector in world axes."""
         axis, scalar = -self.attitude[:3], self.attitude[3]
@@ -110,6 +122,8 @@ class Reference:
         self.attitude: Vector | None = None if np.isnan(state.reference_attitude[0]) else state.reference_attitude
         self.rate: Vector | None = None if self.attitude is None else state.reference_rate
 
+    __repr__ = _shown
+
 
 @dataclass
 class Command:
@@ -120,19 +134,20 @@ class Command:
 
     rate: Any
     thrust: float
-    torque: Any = (0.0, 0.0, 0.0)
+    torque: Any = None
     attitude: Any = (0.0, 0.0, 0.0, 0.0)
 
 
 def _numbers(value: Any, length: int, name: str) -> Vector:
+    wanted, shape = (f"{length} numbers", (length,)) if length > 1 else ("a number", ())
     try:
         if np.iscomplexobj(value):
             raise TypeError
         found = np.asarray(value, dtype=float)
     except (TypeError, ValueError) as error:
-        raise LawError(f"{name} of the law's command is {value!r}; expected {length} numbers") from error
-    if found.shape != (length,):
-        raise LawError(f"{name} of the law's command has the shape {found.shape}; expected ({length},)")
+        raise LawError(f"{name} of the law's command is {value!r}; expected {wanted}") from error
+    if found.shape != shape:
+        raise LawError(f"{name} of the law's command has the shape {found.shape}; expected {wanted}")
     if not np.isfinite(found).all():
         raise LawError(f"{name} of the law's command is {found}; expected finite numbers")
     return found
@@ -162,29 +177,48 @@ class LawAdapter:
             raise LawError(f"{law!r} is not a law: expected a function (state, reference, dt), or an object with the method step")
         self._step: Callable[[State, Reference, float], Any] = step
         self._reset: Callable[[], object] | None = getattr(law, "reset", None)
+        #: Computing times of the newest commands [s].
+        self.answer_s: deque[float] = deque(maxlen=2**16)
+        #: Number of commands that were limited to the range of the vehicle.
+        self.limited = 0
+        #: Instant of the first question of the flight [s].
+        self._first: float | None = None
 
     def reset(self) -> None:
         """A flight begins."""
+        self._first = None
         if self._reset is not None:
             try:
                 self._reset()
             except Exception as error:
                 raise LawError(f"reset of the law raised {type(error).__name__}: {error}") from error
 
-    def answer(self, numbers: Vector, flown: bool, time: float) -> Vector:
+    def answer(self, numbers: Vector, flown: bool, time_s: float) -> Vector:
         """The command for a question: rates, torque, attitude, thrust."""
-        numbers.flags.writeable = False
-        state = State(numbers, flown, time)
+        if self._first is None:
+            self._first = time_s
+        began = time.perf_counter()
         try:
-            command = _command(self._step(state, Reference(state), state.period))
-        except LawError:
-            raise
+            return self._answer(numbers, flown, time_s)
         except Exception as error:
-            raise LawError(f"the law raised {type(error).__name__}: {error}") from error
-        rate = np.clip(_numbers(command.rate, 3, "rate"), -state.greatest_rate, state.greatest_rate)
-        torque, attitude = _numbers(command.torque, 3, "torque"), _numbers(command.attitude, 4, "attitude")
-        thrust = np.clip(_numbers([command.thrust], 1, "thrust"), 0.0, state.greatest_thrust)
-        return np.concatenate([rate, torque, attitude, thrust])
+            said = str(error) if isinstance(error, LawError) else f"the law raised {type(error).__name__}: {error}"
+            cause = error.__cause__ if isinstance(error, LawError) else error
+            raise LawError(f"{said} ({time_s - self._first:.2f} s after its first command)") from cause
+        finally:
+            self.answer_s.append(time.perf_counter() - began)
+
+    def _answer(self, numbers: Vector, flown: bool, time_s: float) -> Vector:
+        numbers.flags.writeable = False
+        state = State(numbers, flown, time_s)
+        command = _command(self._step(state, Reference(state), state.period))
+        if command.torque is None and state.fallback_torque.any():
+            raise LawError("the vehicle is commanded by torque; return oqtal.Command(rate, thrust, torque=...)")
+        torque = np.zeros(3) if command.torque is None else _numbers(command.torque, 3, "torque")
+        rate, thrust = _numbers(command.rate, 3, "rate"), _numbers(command.thrust, 1, "thrust")
+        limited_rate = np.clip(rate, -state.greatest_rate, state.greatest_rate)
+        limited_thrust = np.clip(thrust, 0.0, state.greatest_thrust)
+        self.limited += bool((limited_rate != rate).any() or limited_thrust != thrust)
+        return np.concatenate([limited_rate, torque, _numbers(command.attitude, 4, "attitude"), [limited_thrust]])
 
 
 def serve(law: Any, path: str) -> int:
@@ -207,6 +241,8 @@ def serve(law: Any, path: str) -> int:
             except ConnectionError:
                 break
             answers += 1
+    if answers == 0:
+        raise PeerError(f"{path}: closed before the first question: another law is connected, or the daemon has ended")
     return answers
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -24,7 +25,11 @@ if TYPE_CHECKING:
 Progress: TypeAlias = "bool | Callable[[str, int, int], None]"
 #: Seed of the flights, and settings.
 Condition: TypeAlias = tuple[int, list[Setting]]
+#: A flight, or the path of its recording.
+FlightLike: TypeAlias = "Flight | str | os.PathLike[str]"
 
+#: Number of seeds of a campaign.
+RUNS = 25
 #: First of the seeds by which laws are compared; none is used for tuning.
 FIRST_SEED = 200
 #: Keys that a study of laws sets in each flight.
@@ -43,7 +48,7 @@ def campaign(
     laws: Sequence[str] | None = None,
     config: ConfigLike = None,
     *,
-    runs: int = 25,
+    runs: int | None = None,
     seeds: Iterable[int] | None = None,
     gains: str = "configured",
     trajectory: str | None = None,
@@ -55,13 +60,18 @@ def campaign(
 ) -> Table:
     """Flies laws on the same seeds, as ``oqtal campaign``: one row for each law and seed, with the columns of ``campaign.csv``.
 
+    ``runs``: number of seeds from 200 on, 25 by default, in place of ``seeds``.
+
     Four flights for each row: trajectory, hover, chirp, doublet. On the square the command flies two more, a disturbed hover and a
     circle.
 
     ``client``: a client of dask.distributed, whose workers fly; the rows are the same, bit for bit.
     """
     call = sources(config, settings, plant, set_by=SET_BY_LAWS, trajectory=("trajectory.kind", trajectory))
-    chosen = _seeds(range(FIRST_SEED, FIRST_SEED + integer("runs", runs, 1)) if seeds is None else seeds)
+    if runs is not None and seeds is not None:
+        raise UsageError("give runs or seeds: runs are the seeds from 200 on")
+    count = integer("runs", RUNS if runs is None else runs, 1)
+    chosen = _seeds(range(FIRST_SEED, FIRST_SEED + count) if seeds is None else seeds)
     conditions: list[Condition] = [(seed, []) for seed in chosen]
     return _fly(call, laws, gains, conditions, progress, threads, client)
 
@@ -170,7 +180,7 @@ class Identification:
 
 @check_names
 def identify(
-    flights: Flight | Sequence[Flight] | None = None,
+    flights: FlightLike | Sequence[FlightLike] | None = None,
     config: ConfigLike = None,
     *,
     mass: float | None = None,
@@ -179,7 +189,7 @@ def identify(
     plant: Mapping[str, Any] | None = None,
     settings: Mapping[str, Any] | None = None,
 ) -> Identification:
-    """Identifies a vehicle from ``flights`` with the trajectory ``excitation``; without flights, from one flown now.
+    """Identifies a vehicle from ``flights`` with the trajectory ``excitation``, or their recordings; without, from one flown now.
 
     ``mass`` as weighed [kg], or ``max_thrust`` as measured [N]: flights determine only their ratio.
     """
@@ -193,7 +203,8 @@ def identify(
         given_too = {"config": config, "seed": seed, "plant": plant, "settings": settings}
         if ignored := [name for name, value in given_too.items() if value is not None]:
             raise UsageError(f"{', '.join(ignored)}: only without flights, which have a configuration of their own")
-        given = [flights] if isinstance(flights, Flight) else list(flights)
+        listed = [flights] if isinstance(flights, (Flight, str, os.PathLike)) else list(flights)
+        given = [Flight.read(each) if isinstance(each, (str, os.PathLike)) else each for each in listed]
         if not all(isinstance(flight, Flight) for flight in given):
             raise UsageError(f"flights are {given!r}; expected oqtal.Flight, as from Flight.read")
         flown = [flight._whole("an identification") for flight in given]
@@ -238,10 +249,12 @@ def tune(
     progress: Progress = False,
     threads: int = 0,
 ) -> Tuned:
-    """Tunes the gains of a law on simulated flights, as ``oqtal tune``; ``target="outer"`` tunes the position loops.
+    """Tunes the gains of a built-in law on simulated flights, as ``oqtal tune``; ``target="outer"`` tunes the position loops.
 
     ``seeds``: consecutive seeds of the flights. ``spread``: as for ``robustness``; without it, plants near the configured one.
     """
+    if not isinstance(target, str):
+        raise UsageError(f"target is {target!r}; expected the name of a law, or outer")
     call = sources(config, settings, plant, set_by={"control.controller": "it is target", "clock.seed": "give seeds="})
     chosen = _seeds(seeds)
     flights = (chosen[0], chosen[-1] + 1) if chosen else (0, 0)
@@ -264,6 +277,8 @@ def _fly(
 ) -> Table:
     threads = integer("threads", threads, 0, 1024)
     names = _native.laws() if laws is None else [laws] if isinstance(laws, str) else list(laws)
+    if unnamed := next((law for law in names if not isinstance(law, str)), None):
+        raise UsageError(f"laws: {unnamed!r} is not a name; fly a law in Python by oqtal.fly(law=..., seed=...) for each seed")
     if not conditions:
         raise UsageError("nothing to fly; give at least one seed")
     if client is None:

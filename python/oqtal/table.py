@@ -13,8 +13,9 @@ if TYPE_CHECKING:
     import pandas as pd
     import polars as pl
 
-#: Rows shown of a long table.
+#: Rows, and columns, shown of a large table.
 SHOWN = 12
+SHOWN_COLUMNS = 20
 
 
 class Table(Mapping[str, NDArray[Any]]):
@@ -60,29 +61,31 @@ class Table(Mapping[str, NDArray[Any]]):
         return pl.DataFrame(self._columns, nan_to_null=True)
 
     def _cells(self) -> list[list[str]]:
-        """Names and the first rows as text."""
+        """Names and cells of the first rows and columns as text."""
 
         def text(value: Any) -> str:
             if isinstance(value, (float, np.floating)):
                 return "" if np.isnan(value) else f"{value:.4g}"
             return str(value)
 
-        shown = range(min(self.rows, SHOWN))
-        columns = self._columns.values()
-        return [list(self._columns), *([text(values[row]) for values in columns] for row in shown)]
+        names, shown = list(self)[:SHOWN_COLUMNS], range(min(self.rows, SHOWN))
+        return [names, *([text(self._columns[name][row]) for name in names] for row in shown)]
+
+    def _rest(self) -> str:
+        """The rows and columns that are not shown."""
+        further = ((self.rows - SHOWN, "rows"), (len(self) - SHOWN_COLUMNS, "columns"))
+        left = " and ".join(f"{count} further {what}" for count, what in further if count > 0)
+        return left and f"… {left}"
 
     def __repr__(self) -> str:
         cells = self._cells()
         widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
         lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in cells]
-        rest = self.rows - SHOWN
-        return "\n".join(lines + ([f"… {rest} further rows"] if rest > 0 else []))
+        return "\n".join([*lines, self._rest()]).rstrip()
 
     def _repr_html_(self) -> str:
         from html import escape
 
         head, *rows = ([escape(cell) for cell in row] for row in self._cells())
         body = "".join("<tr><td>" + "</td><td>".join(row) + "</td></tr>" for row in rows)
-        rest = self.rows - SHOWN
-        note = f"<p>… {rest} further rows</p>" if rest > 0 else ""
-        return f"<table><tr><th>{'</th><th>'.join(head)}</th></tr>{body}</table>{note}"
+        return f"<table><tr><th>{'</th><th>'.join(head)}</th></tr>{body}</table><p>{self._rest()}</p>"

@@ -135,10 +135,15 @@ fn fly(
     let mut law = PythonLaw::new(law);
     let end = law.end();
     let flight = flown(py, config, recording.as_deref(), Some(&mut law), &end);
-    match law.raised {
-        Some(raised) => Err(raised),
-        None => Ok(PyFlight { tape: law.tape, ..PyFlight::of(flight?) }),
+    let Some(raised) = law.raised else {
+        return Ok(PyFlight { tape: law.tape, ..PyFlight::of(flight?) });
+    };
+    if let Ok(flight) = flight
+        && !flight.samples.is_empty()
+    {
+        raised.value(py).setattr("flight", Py::new(py, PyFlight::of(flight))?)?;
     }
+    Err(raised)
 }
 
 /// Flies `config`. A signal ends the flight, and so does `end`.

@@ -17,6 +17,8 @@ use crate::task;
 
 /// Length of the truth of a lane: position, velocity, attitude, body rate, time.
 const TRUTH: usize = 14;
+/// Length of a reference: position, velocity.
+const REFERENCE: usize = 6;
 /// Length of a pose.
 const POSE: usize = 7;
 
@@ -29,6 +31,7 @@ struct LaneState {
     observation: Observation,
     truth: [f64; TRUTH],
     pose: [f64; POSE],
+    reference: [f64; REFERENCE],
     result: StepResult,
 }
 
@@ -153,6 +156,7 @@ fn state(lane: &mut Environment, result: StepResult) -> LaneState {
         observation: Observation(lane.observation()),
         truth: std::array::from_fn(|_| numbers.next().unwrap_or(f64::NAN)),
         pose: lane.pose(),
+        reference: lane.reference(),
         result,
     }
 }
@@ -246,6 +250,11 @@ impl Lanes {
     /// Newest poses as measured, `(count, 7)`.
     fn poses<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         self.rows(py, |state| state.pose)
+    }
+
+    /// Position and velocity of the references, `(count, 6)`.
+    fn references<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        self.rows(py, |state| state.reference)
     }
 
     /// Rewards of the last step, whether episodes have terminated, and whether their time is over.

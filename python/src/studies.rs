@@ -166,17 +166,17 @@ fn python_of<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>>
 #[pyo3(signature = (flights, mass_kg=None, max_thrust_n=None))]
 fn identify(
     py: Python<'_>,
-    flights: Vec<Bound<'_, PyFlight>>,
+    flights: Vec<Py<PyFlight>>,
     mass_kg: Option<f64>,
     max_thrust_n: Option<f64>,
 ) -> PyResult<(String, String)> {
-    let flights: Vec<&Flight> = flights.iter().map(|flight| &flight.get().flight).collect();
     let scale = match (mass_kg, max_thrust_n) {
         (Some(mass_kg), _) => Scale::Mass(mass_kg),
         (None, Some(thrust_n)) => Scale::Thrust(thrust_n),
         (None, None) => Scale::Unknown,
     };
-    task::detached(py, || {
+    task::interruptible(py, move |_| {
+        let flights: Vec<&Flight> = flights.iter().map(|flight| &flight.get().flight).collect();
         let Some(first) = flights.first() else {
             return Err(Failure::new(
                 Exit::Usage,

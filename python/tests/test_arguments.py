@@ -157,3 +157,19 @@ def test_a_flight_is_drawn_without_a_display(tmp_path: Path):
     environment = {name: value for name, value in os.environ.items() if name not in displays}
     subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path, env=environment)
     assert (tmp_path / "flight.png").stat().st_size > 1000
+
+
+def test_laws_in_python_are_no_names_of_studies():
+    def law(state, reference, dt):
+        return None
+
+    with pytest.raises(oqtal.UsageError, match=r"laws: .*law.* is not a name; .*oqtal.fly\(law="):
+        oqtal.campaign([law])
+    with pytest.raises(oqtal.UsageError, match="target is .*expected the name of a law"):
+        oqtal.tune(law)
+    with pytest.raises(oqtal.UsageError, match="runs or seeds"):
+        oqtal.campaign(["pid"], runs=2, seeds=[5])
+    with pytest.raises(oqtal.UsageError, match="name of a preset"):
+        oqtal.fly(vehicle={"mass_kg": 0.6})
+    with pytest.raises(oqtal.UsageError, match=r"suffix of a recording is .mcap"):
+        oqtal.fly(record="flight.txt")

@@ -227,3 +227,21 @@ def test_exports_for_matlab_have_the_columns(square, run, tmp_path: Path):
             else:
                 assert values.dtype == (np.int64 if name.endswith("_ns") else np.uint64)
                 assert list(map(str, values[:, 0])) == list(cells), name
+
+
+def test_a_short_flight_and_bare_telemetry_are_shown(square, tmp_path):
+    assert "no tick is scored" in repr(oqtal.fly(trajectory="hover", duration=5))
+    file = square.save(tmp_path / "ticks.csv")
+    assert "without summary.json" in repr(oqtal.Flight.read(file))
+    for _ in range(2):
+        recording = square.save(tmp_path / "flight.mcap")
+    assert [path.name for path in tmp_path.iterdir() if path.suffix != ".csv"] == ["flight.mcap"]
+    assert repr(oqtal.Flight.read(recording)) == repr(square)
+    assert "further columns" in repr(square.columns)
+
+
+def test_a_vehicle_is_identified_from_the_path_of_a_recording(tmp_path):
+    recording = oqtal.fly(trajectory="circle", duration=12).save(tmp_path / "circle.mcap")
+    table = oqtal.identify(recording, mass=0.5).table
+    (yaw,) = np.flatnonzero(table["name"] == "full stick, yaw")
+    assert table["missing"][yaw] == "a swing of the heading"

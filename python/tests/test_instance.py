@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import programs
 
 import oqtal
 
@@ -159,6 +160,17 @@ def test_a_flight_is_commanded(flying):
     assert any("goto 0.30 -0.20 1.20 0.50 (Python" in text for text in texts), texts
     assert any("land" in text for text in texts)
     assert "motors off" in flying.disarm()
+
+
+def test_the_program_of_the_document_commands_an_instance(flying, place, monkeypatch):
+    pytest.importorskip("pandas")
+    (program,) = (block for block in programs("docs/python.md") if "oqtal.connect" in block)
+    monkeypatch.setenv("OQTAL_INSTANCE__NAME", place["instance"])
+    monkeypatch.setenv("OQTAL_INSTANCE__ROOT", place["root"])
+    names: dict = {"oqtal": oqtal}
+    exec(compile(program, "docs/python.md", "exec"), names)
+    assert len(names["poses"]) > 60
+    wait_for(lambda: flying.status()["mode"] == "disarmed", "no landing")
 
 
 def test_references_are_flown_and_a_killed_process_hinders_nobody(flying, place):

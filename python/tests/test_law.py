@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import textwrap
@@ -99,7 +100,7 @@ def mutating(state, reference, dt):
         (mutating, ["ValueError", "read-only"]),
         (returning(None), ["None", "rates"]),
         (returning([1.0, 2.0, 3.0]), ["rates, thrust"]),
-        (returning(([1.0, 2.0], 3.0)), ["rate", "(2,)", "(3,)"]),
+        (returning(([1.0, 2.0], 3.0)), ["rate", "(2,)", "3 numbers"]),
         (returning((np.zeros((3, 1)), 3.0)), ["rate", "(3, 1)"]),
         (returning(([0.0, np.nan, 0.0], 3.0)), ["rate", "nan", "finite"]),
         (returning(([0.0, 0.0, 0.0], np.inf)), ["thrust", "inf", "finite"]),
@@ -237,3 +238,34 @@ def test_a_learned_policy_hovers_behind_the_trusted_law():
         assert flight.summary["position_error_m"]["mean"] < 0.05
         # It flies nearly all of the trajectory itself.
         assert flight.summary["handovers"]["fallback_ticks"] < 0.1 * (flight["scored"] == 1).sum()
+
+
+def test_a_law_that_fails_leaves_its_flight_and_the_instant():
+    asked = 0
+
+    def law(state, reference, dt):
+        nonlocal asked
+        asked += 1
+        return (state.fallback_rate * (np.nan if asked > 300 else 1), state.fallback_thrust)
+
+    with pytest.raises(oqtal.LawError, match=r"rate of the law.*finite.*\(5\.\d\d s after its first command\)") as raised:
+        oqtal.fly(law=law, trajectory="hover")
+    assert 300 < raised.value.flight.columns.rows < 1000
+
+
+def test_the_computing_times_of_a_law_and_the_hand_overs_are_shown():
+    flight = oqtal.fly(law=lambda state, reference, dt: (state.fallback_rate, 0.1), trajectory="hover", duration=10)
+    assert flight.answer_s.min() > 0 and len(flight.answer_s) >= 60
+    assert re.search(r"hand-overs: the fallback law flew \d+ ticks", repr(flight))
+
+
+def test_states_and_references_show_their_fields():
+    shown = []
+
+    def law(state, reference, dt):
+        shown.append(f"{state} {reference}")
+        return (state.fallback_rate, np.array([state.fallback_thrust]))
+
+    with pytest.raises(oqtal.LawError, match=r"thrust of the law's command has the shape \(1,\); expected a number"):
+        oqtal.fly(law=law)
+    assert re.search(r"State\(.*position=\[.*mass=0\.5.*\) Reference\(position=.*attitude=None", shown[0])
