@@ -11,6 +11,7 @@ use super::Flown;
 use super::args::words_of;
 use super::flights::{FlightCondition, Run, Test, TestEnd};
 use super::law::StudyLaw;
+use super::room;
 
 /// Number of seeds that the text lists for each cause \[-\].
 const SHOWN_SEEDS: usize = 8;
@@ -139,12 +140,13 @@ pub fn text(rows: &[Flown], table: &str) -> String {
         0 => format!("all {flights} flights landed as planned"),
         _ => format!("{failures} of {flights} flights did not land as planned"),
     };
-    let groups: Vec<String> = failed(rows).iter().map(FailedFlights::to_text).collect();
+    let failed = failed(rows);
+    let groups: Vec<String> = failed.iter().map(FailedFlights::to_text).collect();
     match groups.is_empty() {
         true => head,
         false => {
             let marks = if table.contains(MARK) { "; figures marked * leave out" } else { "" };
-            format!("{head}{marks}:\n{}", groups.join("\n"))
+            format!("{head}{marks}:\n{}{}", groups.join("\n"), room::remedies(&failed))
         }
     }
 }
