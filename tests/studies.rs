@@ -85,6 +85,13 @@ fn flights_that_the_fence_held_are_counted_and_not_averaged() {
     assert_eq!((&flight["outcome"], &flight["hover_rms_mm"]), (&"landed".into(), &Value::Null));
     let failure = rows(&campaign, "failures").iter().find(held).unwrap();
     assert_eq!(failure["seeds"], Value::from(vec![200]));
+    let doublet = ["--set", "fence.y-m=[-2.0,2.0]", "--set", "fence.x-m=[-2.5,2.5]"];
+    let small = ["--set", "fence.soft-margin-m=0.5"];
+    let words = ["campaign", "--controllers", "oqtal-dt", "--runs", "1", "--trajectory", "hover"];
+    let text = testbed.succeeds(&[&words[..], &doublet, &small].concat());
+    let remedy = "attitude-doublet, held by the fence: enlarge [fence] x-m, y-m, z-m, or lower \
+                  fence.soft-margin-m; with --set trajectory.attitude-doublet.angle-deg=";
+    assert!(text.contains(remedy), "{text}");
 }
 
 #[test]

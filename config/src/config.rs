@@ -23,7 +23,7 @@ use crate::nearest_key::with_nearest_key;
 use crate::origin::Origins;
 use crate::plant::PlantOptions;
 use crate::realtime::RealtimeOptions;
-use crate::reason::plain;
+use crate::reason::{self, plain};
 use crate::receiver::ReceiverOptions;
 use crate::record::RecordOptions;
 use crate::reference::ReferenceOptions;
@@ -173,8 +173,15 @@ impl Config {
         for setting in preset::named_by(&settings)?.iter().chain(&settings) {
             setting.insert_into(&mut table)?;
             // Applied one at a time, so that the error names the offending setting.
-            config = deserialize(&table)
-                .map_err(|reason| setting.refused(&with_nearest_key(setting, reason, DEFAULTS)))?;
+            config = deserialize(&table).map_err(|reason| {
+                let again = |value| {
+                    let (other, mut table) = (Setting { value, ..setting.clone() }, table.clone());
+                    other.insert_into(&mut table).ok()?;
+                    deserialize(&table).err()
+                };
+                let reason = reason::completed(reason, &setting.value, again);
+                setting.refused(&with_nearest_key(setting, reason, DEFAULTS))
+            })?;
             origins.record(setting);
         }
         let config = Self { origins, ..config };

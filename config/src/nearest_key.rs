@@ -9,6 +9,9 @@ const SIMILAR: f64 = 0.85;
 
 /// `reason` for which `setting` was refused; for an unknown key, with the key of the file `shipped` that was probably meant.
 pub(crate) fn with_nearest_key(setting: &Setting, reason: String, shipped: &str) -> String {
+    if let Some(inner) = first_of_section(&setting.key, shipped) {
+        return format!("a section; set its keys one by one, as `{}.{inner}`", setting.key);
+    }
     if !reason.starts_with("unknown key") {
         return reason;
     }
@@ -19,6 +22,15 @@ pub(crate) fn with_nearest_key(setting: &Setting, reason: String, shipped: &str)
         Some(known) => format!("unknown key; did you mean `{known}`?"),
         None => reason,
     }
+}
+
+/// The first key of the section `path` of the file `shipped`; `None` if that is not a section.
+fn first_of_section(path: &str, shipped: &str) -> Option<String> {
+    let table: Table = shipped.parse().ok()?;
+    let mut parts = path.split('.');
+    let first = table.get(parts.next()?)?;
+    let section = parts.try_fold(first, |section, part| section.get(part))?.as_table()?;
+    section.iter().find(|(_, value)| !value.is_table()).map(|(name, _)| name.clone())
 }
 
 /// The variable of the environment that sets the key `key`.

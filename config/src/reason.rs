@@ -1,5 +1,7 @@
 //! Reasons of the TOML reader in the words of a configuration file, in place of those of the programming language.
 
+use toml::Value;
+
 /// Types that the reader expects, and their plain names.
 const TYPES: [(&str, &str); 14] = [
     ("f64", "a number"),
@@ -29,6 +31,11 @@ const FOUND: [(&str, &str); 7] = [
     ("unit variant", "another kind of value"),
 ];
 
+/// Beginning of a reason that does not say what was found.
+const OTHER_KIND: &str = "found another kind of value";
+/// End of a reason that does not say how many elements a list must have.
+const TOO_MANY: &str = "expected fewer elements in array";
+
 /// `message` in plain words.
 pub(crate) fn plain(message: &str) -> String {
     for start in ["invalid type: ", "invalid value: "] {
@@ -52,6 +59,31 @@ pub(crate) fn plain(message: &str) -> String {
     renamed.into_iter().find_map(of).unwrap_or_else(|| message.to_owned())
 }
 
+/// `reason` for which `value` was refused, completed from the reason `again` for another value in its place, where the reader does
+/// not say what it found, or how many elements it expected.
+pub(crate) fn completed(
+    reason: String,
+    value: &Value,
+    again: impl Fn(Value) -> Option<String>,
+) -> String {
+    let is_choice = reason.starts_with(OTHER_KIND) || reason.starts_with("wanted exactly 1 ");
+    let other = match value {
+        Value::Array(all) if reason.ends_with(TOO_MANY) => {
+            Some((format!("a list of {}", all.len()), Value::Array(Vec::new())))
+        }
+        Value::Array(_) if is_choice => Some(("a list".to_owned(), String::new().into())),
+        Value::Table(_) if is_choice => Some(("a section".to_owned(), String::new().into())),
+        value if is_choice => Some((format!("`{value}`"), String::new().into())),
+        _ => None,
+    };
+    let completed = other.and_then(|(found, other)| {
+        let reason = again(other)?;
+        let (_, expected) = reason.split_once(", expected ")?;
+        Some(format!("found {found}, expected {expected}"))
+    });
+    completed.unwrap_or(reason)
+}
+
 fn type_named(expected: &str) -> String {
     if let Some(count) = expected.strip_prefix("an array of length ") {
         return format!("a list of {count}");
@@ -73,7 +105,7 @@ fn named(text: &str, names: &[(&str, &str)]) -> String {
 mod tests {
     use super::*;
     use serde::de::DeserializeOwned;
-    use toml::{Table, Value};
+    use toml::Table;
 
     fn said<T: DeserializeOwned>(value: impl Into<Value>) -> String {
         let read: Result<T, toml::de::Error> = value.into().try_into();

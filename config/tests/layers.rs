@@ -136,3 +136,20 @@ fn a_configuration_is_the_same_wherever_it_is_flown_and_at_both_ends_of_a_wire()
         assert_ne!(hash(&[other]), hash(&[]), "{other}");
     }
 }
+
+#[test]
+fn a_value_of_another_kind_is_refused_with_what_was_found_and_what_is_expected() {
+    for (setting, reason) in [
+        ("mocap={}", "`mocap`: a section; set its keys one by one, as `mocap."),
+        ("vehicle=[1]", "`vehicle`: a section; set its keys one by one, as `vehicle."),
+        ("record.flights=3", "found `3`, expected one of `none`, `processes`, `all`"),
+        ("record.flights={}", "found a section, expected one of `none`"),
+        ("record.flights=[\"all\"]", "found a list, expected one of `none`"),
+        ("fence.x-m=[1,2,3]", "found a list of 3, expected a list of 2"),
+        ("fence.x-m=[1]", "found a list of 1, expected a list of 2"),
+        ("fence.x-m=3", "found `3`, expected a list of 2"),
+    ] {
+        let error = error(&[setting]);
+        assert!(error.contains(reason), "{setting}: {error}");
+    }
+}

@@ -117,7 +117,6 @@ impl ExternalControl {
             greatest_thrust: vehicle.max_thrust_n,
             question: StateV1 {
                 period_s: 1.0 / config.control.rate_hz,
-                mass: vehicle.mass_kg,
                 gravity: vehicle.gravity_m_s2,
                 greatest_thrust: vehicle.max_thrust_n,
                 greatest_rate: vehicle.rate_authority_rad_s,
@@ -197,6 +196,8 @@ impl ExternalControl {
         question.attitude = ahead.attitude.xyzw();
         question.rate = ahead.rate.into();
         question.thrust = ahead.thrust_n;
+        // The bias is estimated with this mass, which the adaptation changes.
+        question.mass = tracker.model().mass_kg;
         question.acceleration_bias = bias.acceleration.into();
         question.demand_bias = bias.demand.into();
         question.reference_position = reference.position.into();

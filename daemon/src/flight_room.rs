@@ -138,7 +138,18 @@ fn check_from(
     let axis = (0..3).max_by(|a, b| beyond(a).total_cmp(&beyond(b))).unwrap_or_default();
     // A vehicle on a floor that is the border is outside.
     let is_on_floor = axis == 2 && at.z <= low.z && point.z == 0.0;
-    let remedy = if is_on_floor { "; let the fence begin below the floor" } else { "" };
+    let remedy = match is_on_floor {
+        true => "; let the fence begin below the floor".to_owned(),
+        false => {
+            let along = || path.iter().map(|(_, point)| start[axis] + point[axis]);
+            let from = along().fold(low[axis] + margin_m, f64::min) - margin_m;
+            let to = along().fold(high[axis] - margin_m, f64::max) + margin_m;
+            let name = ["x", "y", "z"][axis];
+            format!(
+                "; it fits beyond {from:.2} to {to:.2} m in {name}, with a smaller fence.soft-margin-m, or with smaller lengths in [trajectory]"
+            )
+        }
+    };
     let allowed = format!(
         "around the whole trajectory, {}: at {t_s:.1} s the trajectory is at [{:.2}, {:.2}, {:.2}] m{remedy}",
         room(margin_m),
@@ -213,7 +224,9 @@ mod tests {
         assert_eq!(check(&settings, Some(Vector3::x() * 3.0)), Ok(()));
         let told = check(&settings, Some(Vector3::x() * 8.0)).unwrap_err();
         assert!(
-            told.starts_with("`fence.x-m`") && told.contains(" m") && told.contains("at ["),
+            told.starts_with("`fence.x-m`")
+                && told.contains("it fits beyond -0.50 to ")
+                && told.contains("at ["),
             "{told}"
         );
     }

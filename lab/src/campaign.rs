@@ -149,7 +149,7 @@ impl CampaignArgs {
         };
         let table = sheet.without(hidden).to_text();
         let note = if cases.len() > 1 { format!("\n{NOTE}") } else { String::new() };
-        (format!("{document:#}\n"), format!("{table}\n{}{note}", failure::text(flown)))
+        (format!("{document:#}\n"), format!("{table}\n{}{note}", failure::text(flown, &table)))
     }
 
     fn sheet(&self, flown: &[Flown]) -> Sheet {

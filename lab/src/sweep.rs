@@ -200,7 +200,7 @@ impl SweepArgs {
         let table = text_table::blocks(&named, &figures, &lines.collect::<Vec<_>>());
         let flown: Vec<Flown> = rows.iter().map(|row| row.flown.clone()).collect();
         let seeds = self.seeds.clone().count();
-        format!("means over {seeds} seeds for each row\n{table}\n{}", failure::text(&flown))
+        format!("means over {seeds} seeds for each row\n{table}\n{}", failure::text(&flown, &table))
     }
 }
 

@@ -12,7 +12,7 @@ pub mod trade;
 pub mod tuned;
 
 use std::ops::Range;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
@@ -96,11 +96,15 @@ impl TuneArgs {
             let file = given.cloned().unwrap_or(own);
             check_file(&file)?;
             let tuned = tune(name, &self.budget(), &flights, &output.progress)?;
-            write_file(&file, tuned.to_toml(&self.own(&flights)))?;
+            let fly = self.flown_with(&file);
+            let note =
+                fly.as_ref().map(|fly| format!("for a flight with the same settings: {fly}"));
+            write_file(&file, tuned.to_toml(&self.own(&flights), &note.unwrap_or_default()))?;
             let page = file.with_extension("html");
             write_file(&page, page::html(&tuned))?;
             let (page, file) = (page.display(), file.display());
-            print(&format!("{tuned}page: {page}\nconfiguration: {file}"))?;
+            let fly = fly.map_or(String::new(), |fly| format!("\nfly with them: {fly}"));
+            print(&format!("{tuned}page: {page}\ngains: {file}{fly}"))?;
         }
         complete(&output.journal)?;
         Ok(Exit::Ok)
@@ -139,8 +143,14 @@ impl TuneArgs {
         laws.chain(["outer"].into_iter().filter(is_asked)).collect()
     }
 
-    /// Settings of the study that belong in a tuned configuration: all except those of environment variables, which apply to
-    /// every command.
+    /// Command that flies with the settings of the search and the gains of `file`; `None` if there are no settings.
+    fn flown_with(&self, file: &Path) -> Option<String> {
+        let words = Some(self.study.words()).filter(|words| !words.is_empty())?;
+        let gains = quoted(&file.display().to_string());
+        Some(format!("oqtal fly{words} --config {gains}"))
+    }
+
+    /// Settings of the search except those of environment variables, which apply to every command.
     fn own<'a>(&self, flights: &'a TrainingFlights) -> Vec<&'a Setting> {
         flights.settings.iter().filter(|setting| !setting.origin.starts_with("OQTAL_")).collect()
     }

@@ -54,6 +54,23 @@ fn an_external_law_flies_a_vehicle_commanded_by_attitudes() {
     assert!(flight.scored().all(|sample| sample.telemetry.fallback == 0));
 }
 
+/// The bias of an adapted model is small: a law that computed its thrust with another mass would hover low.
+#[test]
+fn an_external_law_without_an_integral_holds_its_height_with_an_adapted_mass() {
+    let mission = mission(&["trajectory.kind=hover", "plant.mass-kg=0.55", "clock.seed=7"]);
+    let flight = fly_with_law(&mission, &mut PositionPd::default()).unwrap();
+    let adapted = flight.samples.iter().any(|sample| sample.telemetry.adapted_thrust_gain < 0.97);
+    assert!(adapted, "the model is adapted");
+    let errors: Vec<f64> = flight
+        .scored()
+        .filter_map(|sample| {
+            Some(sample.truth?.position[2] - sample.telemetry.reference_position[2])
+        })
+        .collect();
+    let mean_m = errors.iter().sum::<f64>() / errors.len() as f64;
+    assert!(mean_m.abs() < 5e-3, "{mean_m} m");
+}
+
 /// A law that answers once, then no more.
 struct Once(u32);
 

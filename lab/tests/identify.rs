@@ -72,7 +72,7 @@ fn cameras_without_noise_and_commands_without_delay_are_identified() {
     let prompt = [Setting::flag("test", "plant.command-delay-ms", 0.0)];
     for (settings, delay_ms) in [(&ideal, 20.0), (&prompt, 0.0)] {
         let config = Config::from_settings(settings).unwrap();
-        let found = identified(&excitation_flight::fly(&config).unwrap());
+        let found = identified(&excitation_flight::fly(&config).unwrap().flight);
         let of = |name| found.findings.iter().find(|finding| finding.name == name).unwrap();
         let (delay, thrust) = (of(rules::DELAY.name), of(rules::THRUST_PER_MASS.name));
         assert!(delay.is_shown() && (delay.value - delay_ms).abs() < 0.5, "{delay:?}");
@@ -83,7 +83,7 @@ fn cameras_without_noise_and_commands_without_delay_are_identified() {
 #[test]
 fn neither_truth_nor_plant_nor_instants_of_effect_reach_the_estimator() {
     let config = hidden_plants::config(&[], HiddenPlants::LABORATORIES[0], 2).unwrap();
-    let flight = excitation_flight::fly(&config).unwrap();
+    let flight = excitation_flight::fly(&config).unwrap().flight;
     assert!(armed_s(&flight) <= LONGEST_S, "{}", armed_s(&flight));
     let mut blind = flight.clone();
     blind.samples.iter_mut().for_each(|sample| sample.truth = None);
@@ -97,6 +97,22 @@ fn neither_truth_nor_plant_nor_instants_of_effect_reach_the_estimator() {
     };
     assert_eq!(values(&seeing), values(&blind));
     assert_eq!(seeing.findings.len(), blind.findings.len() + 1);
+}
+
+#[test]
+fn an_excitation_that_assumed_another_mass_says_so_and_is_compared_with_the_configured_one() {
+    let heavy = [Setting::flag("test", "plant.mass-kg", 0.75)];
+    let config = Config::from_settings(&heavy).unwrap();
+    let flown = excitation_flight::fly(&config).unwrap();
+    let text = flown.assumption.unwrap();
+    for part in ["the configured mass of 0.5 kg the excitation failed", "assumes 0.650 kg"] {
+        assert!(text.contains(part), "{text}");
+    }
+    assert_eq!(flown.flight.config.vehicle, config.vehicle);
+    let found = identified(&flown.flight);
+    let [thrust] = found.of_key("vehicle.max-thrust-n")[..] else { panic!("one thrust") };
+    assert_eq!(thrust.before, Some(20.0));
+    assert!((thrust.value / (20.0 * 0.5 / 0.75) - 1.0).abs() < 0.02, "{thrust:?}");
 }
 
 #[test]
@@ -119,7 +135,7 @@ fn a_parameter_that_a_hover_does_not_determine_is_not_written() {
 #[test]
 fn findings_are_a_layer_of_the_configuration() {
     let settings = [Setting::flag("test", "plant.rate-lag-ms", 60.0)];
-    let flight = excitation_flight::fly(&Config::from_settings(&settings).unwrap()).unwrap();
+    let flight = excitation_flight::fly(&Config::from_settings(&settings).unwrap()).unwrap().flight;
     let identification = identified(&flight);
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("vehicle.toml");
@@ -138,7 +154,7 @@ fn findings_are_a_layer_of_the_configuration() {
 fn the_file_of_a_vehicle_has_its_mass_and_the_given_settings() {
     let settings = ["vehicle.mass-kg=0.9", "vehicle.max-thrust-n=22", "fence.x-m=[-3.0,3.0]"]
         .map(|text| Setting::parse("test", text).unwrap());
-    let flight = excitation_flight::fly(&Config::from_settings(&settings).unwrap()).unwrap();
+    let flight = excitation_flight::fly(&Config::from_settings(&settings).unwrap()).unwrap().flight;
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("vehicle.toml");
     std::fs::write(&file, vehicle_toml::toml(&identified(&flight), &flight.config)).unwrap();

@@ -18,7 +18,7 @@ use crate::kernel::ProcessUsage;
 use crate::wire::WireRecord;
 
 /// Cause of a flight that the fence held for a time.
-const HELD: &str = "held by the fence";
+pub const HELD: &str = "held by the fence";
 
 /// Outcome of a flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

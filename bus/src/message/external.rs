@@ -58,7 +58,7 @@ message! {
         fallback_attitude: [f64; 4] ["body to world"],
         /// Thrust that it commands.
         fallback_thrust: f64 ["N"],
-        /// Configured mass of the vehicle.
+        /// Mass of the vehicle in the model that predicts the state: the configured one, or the adapted one.
         mass: f64 ["kg"],
         /// Gravity, along -z of the world.
         gravity: f64 ["m/s^2"],

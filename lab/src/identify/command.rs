@@ -10,12 +10,12 @@ use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 
 use super::data::FlightData;
-use super::excitation_flight;
+use super::excitation_flight::{self, ExcitationFlight};
 use super::hidden_plants::{HiddenPlants, study};
 use super::identification::{Scale, identify};
 use super::{overview, page, vehicle_toml};
 use crate::output::{make, next_free, write};
-use crate::study::args::warn;
+use crate::study::args::{say_notes, warn};
 
 /// Reads the flight of a recording.
 pub type ReadFlight = dyn Fn(&Path) -> Result<Flight, Failure>;
@@ -118,7 +118,9 @@ impl IdentifyArgs {
             let config = Config::from_settings(&self.own_settings()?)?;
             check_interface(&config)?;
             warn(&config);
-            flights.push(excitation_flight::fly(&config)?);
+            let ExcitationFlight { flight, assumption } = excitation_flight::fly(&config)?;
+            say_notes(assumption);
+            flights.push(flight);
         }
         for file in &self.files {
             let flight = read(file)?;

@@ -18,17 +18,27 @@ const SETTLE_S: f64 = 1.0;
 const HEAVIER: &[f64] = &[1.3, 1.7, 2.2];
 const LIGHTER: &[f64] = &[0.8, 0.6];
 
+/// The excitation flight, with the configuration that was asked for.
+#[derive(Debug)]
+pub struct ExcitationFlight {
+    /// The flight. Its mass is the configured one, also if another was assumed.
+    pub flight: Flight,
+    /// The mass that the controller assumed in place of the configured one, and why, as text; `None` if it flew as configured.
+    pub assumption: Option<String>,
+}
+
 /// Flies the excitation with the law of `config`; the law uses `[vehicle]` only.
 ///
 /// # Errors
 /// A setting is invalid, or the flight did not end as planned (exit code 1).
-pub fn fly(config: &Config) -> Result<Flight, Failure> {
+pub fn fly(config: &Config) -> Result<ExcitationFlight, Failure> {
     let mut config = config.clone();
     config.trajectory.kind = TrajectoryKind::Excitation;
     config.trajectory.duration_s = None;
     config.trajectory.settle_s = SETTLE_S;
     let configured = config.vehicle.mass_kg;
     let mut flight = simulation::fly(&Mission::new(config.clone())?)?;
+    let first_failure = failure(&flight);
     let others = if is_too_heavy(&flight) { HEAVIER } else { LIGHTER };
     for assumed in others {
         if failure(&flight).is_none() {
@@ -37,7 +47,17 @@ pub fn fly(config: &Config) -> Result<Flight, Failure> {
         config.vehicle.mass_kg = configured * assumed;
         flight = simulation::fly(&Mission::new(config.clone())?)?;
     }
-    let Some(shortfall) = failure(&flight) else { return Ok(flight) };
+    let Some(shortfall) = failure(&flight) else {
+        let assumption = first_failure.map(|reason| {
+            let assumed = config.vehicle.mass_kg;
+            format!(
+                "with the configured mass of {configured} kg the excitation failed: {reason}; flown with a controller that assumes {assumed:.3} kg"
+            )
+        });
+        // Findings are compared with, and thrust is computed for, the configured mass.
+        flight.config.vehicle.mass_kg = configured;
+        return Ok(ExcitationFlight { flight, assumption });
+    };
     let remedy = "correct [vehicle] by hand, or fly slower: --set trajectory.excitation.tilt-deg=5";
     Err(Failure::new(Exit::Flight, format!("the excitation flight failed: {shortfall}; {remedy}")))
 }

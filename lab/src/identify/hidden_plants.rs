@@ -144,7 +144,7 @@ pub fn hidden_plant(config: &Config) -> Result<HiddenPlant, Failure> {
 /// The flight failed, or its data are insufficient.
 pub fn identified(config: &Config) -> Result<Identification, Failure> {
     let mass_kg = drawn(&config.plant, config.clock.seed).mass_kg;
-    let data = FlightData::of(&excitation_flight::fly(config)?);
+    let data = FlightData::of(&excitation_flight::fly(config)?.flight);
     identify(&[data], &config.vehicle, Scale::Mass(mass_kg))
 }
 

@@ -123,7 +123,7 @@ fn laws(context: &ExperimentContext) -> Result<Vec<StudyLaw>, Failure> {
             let name = law.controller;
             let tuned =
                 tune::tune(name, &Default::default(), &Default::default(), &context.progress)?;
-            context.keep(&format!("tuned/{name}.toml"), &tuned.to_toml(&[]))?;
+            context.keep(&format!("tuned/{name}.toml"), &tuned.to_toml(&[], ""))?;
             law.settings = tuned.settings();
             law.remark = "tuned alike, again".to_owned();
         }
@@ -137,7 +137,7 @@ fn outer(context: &ExperimentContext) -> Result<Sheet, Failure> {
         true => {
             let tuned =
                 tune::tune("outer", &Default::default(), &Default::default(), &context.progress)?;
-            context.keep("tuned/outer.toml", &tuned.to_toml(&[]))?;
+            context.keep("tuned/outer.toml", &tuned.to_toml(&[], ""))?;
             tuned.settings()
         }
         false => self::tuned("outer"),

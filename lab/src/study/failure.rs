@@ -11,9 +11,13 @@ use super::Flown;
 use super::args::words_of;
 use super::flights::{FlightCondition, Run, Test, TestEnd};
 use super::law::StudyLaw;
+use super::room;
 
 /// Number of seeds that the text lists for each cause \[-\].
 const SHOWN_SEEDS: usize = 8;
+
+/// Mark of a figure that is the mean of a part of the flights.
+const MARK: &str = " *";
 
 /// Cause of a flight that landed as planned and whose settling time has no value.
 const UNSETTLED: &str = "a step did not settle before the next";
@@ -129,17 +133,21 @@ pub fn counts(rows: &[Flown]) -> (usize, usize) {
 }
 
 /// Text about all flights: how many landed as planned, and the others, and those with a step that did not settle, by law, test and
-/// cause.
-pub fn text(rows: &[Flown]) -> String {
+/// cause. `table` is the text of the figures above it; its marks are explained.
+pub fn text(rows: &[Flown], table: &str) -> String {
     let (flights, failures) = counts(rows);
     let head = match failures {
         0 => format!("all {flights} flights landed as planned"),
         _ => format!("{failures} of {flights} flights did not land as planned"),
     };
-    let groups: Vec<String> = failed(rows).iter().map(FailedFlights::to_text).collect();
+    let failed = failed(rows);
+    let groups: Vec<String> = failed.iter().map(FailedFlights::to_text).collect();
     match groups.is_empty() {
         true => head,
-        false => format!("{head}; figures marked * leave out:\n{}", groups.join("\n")),
+        false => {
+            let marks = if table.contains(MARK) { "; figures marked * leave out" } else { "" };
+            format!("{head}{marks}:\n{}{}", groups.join("\n"), room::remedies(&failed))
+        }
     }
 }
 
@@ -163,21 +171,25 @@ mod tests {
         let command = "oqtal fly --clock in-process --controller pid --seed 1 \
                        --set vehicle.mass-kg=0.6 --trajectory hover";
         assert_eq!(hover.command(), command);
-        let text = text(&rows);
-        assert!(text.starts_with("8 of 20 flights did not land"), "{text}");
+        let text = text(&rows, "–");
+        assert!(text.starts_with("8 of 20 flights did not land as planned:"), "{text}");
         assert!(
             text.contains("hover: 2 of 4, motors stopped: speed\n    seeds 1, 3; again"),
             "{text}"
         );
-        assert_eq!(super::text(&rows[..1]), "all 4 flights landed as planned");
+        assert_eq!(super::text(&rows[..1], "–"), "all 4 flights landed as planned");
     }
 
     #[test]
     fn a_flight_with_a_step_that_did_not_settle_is_listed_and_has_landed() {
         let mut rows = [flown("pid", &[1.0, 2.0])];
         rows[0].runs[1].figures[crate::study::metric::SETTLE] = f64::INFINITY;
-        let text = text(&rows);
-        assert!(text.starts_with("all 8 flights landed as planned; figures marked *"), "{text}");
+        assert!(!text(&rows, "0.28").contains("marked"), "nothing is marked");
+        let text = text(&rows, "0.28 *");
+        assert!(
+            text.starts_with("all 8 flights landed as planned; figures marked * leave out:"),
+            "{text}"
+        );
         assert!(text.contains("pid, path: 1 of 2, a step did not settle"), "{text}");
         assert!(text.contains("seed 1; again"), "{text}");
     }

@@ -232,7 +232,7 @@ pub fn law(
 fn nothing_lands(name: &str, evaluated: usize, before: &Flown) -> Failure {
     let reason = format!(
         "tune {name}: none of {evaluated} sets of gains lands every training flight, so none is better than another; with the configured gains:\n{}",
-        failure::text(slice::from_ref(before))
+        failure::text(slice::from_ref(before), "")
     );
     Failure::new(Exit::Flight, reason)
 }

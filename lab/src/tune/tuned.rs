@@ -100,21 +100,27 @@ impl Tuned {
         format!("not landed as planned: {before} of {all} flights before, {after} after")
     }
 
-    /// Gains as a configuration file, with the settings `common` of the vehicle for which they were found.
-    pub fn to_toml(&self, common: &[&Setting]) -> String {
+    /// Gains as a configuration file: those found, and of the settings `common` of the search those of the law and the position
+    /// loops. `note` is a comment after the first line; empty for none.
+    pub fn to_toml(&self, common: &[&Setting], note: &str) -> String {
         let law = Some(&self.target).filter(|target| *target != "outer");
         let law = law.map(|law| ("control.controller", format!("\"{law}\"")));
         let gains = self.values.iter().map(|(key, value)| (key.as_str(), format!("{value:?}")));
         let own: Vec<_> = law.into_iter().chain(gains).collect();
         // The last setting of a key takes precedence.
         let mut lines: BTreeMap<&str, String> = BTreeMap::new();
-        for setting in common.iter().filter(|s| own.iter().all(|(key, _)| *key != s.key)) {
+        let is_kept = |setting: &&&Setting| {
+            let is_of_law = ["control.", "position."].iter().any(|s| setting.key.starts_with(s));
+            is_of_law && own.iter().all(|(key, _)| *key != setting.key)
+        };
+        for setting in common.iter().filter(is_kept) {
             lines.insert(&setting.key, setting.value.to_string());
         }
         let line = |(key, value): (&str, String)| format!("{key} = {value}\n");
         let common: String = lines.into_iter().map(line).collect();
+        let note = if note.is_empty() { String::new() } else { format!("# {note}\n") };
         format!(
-            "# oqtal {}\n{common}{}",
+            "# oqtal {}\n{note}{common}{}",
             self.headline(),
             own.into_iter().map(line).collect::<String>()
         )
@@ -165,10 +171,19 @@ mod tests {
         };
         let directory = tempfile::tempdir().unwrap();
         let file = directory.path().join("tuned.toml");
-        let common = Setting::flag("--set", "vehicle.mass-kg", 0.6);
-        std::fs::write(&file, tuned.to_toml(&[&common])).unwrap();
+        let common = [
+            Setting::flag("--set", "vehicle.mass-kg", 0.6),
+            Setting::flag("--set", "position.velocity-integral-limit-m-s2", 4.0),
+            Setting::flag("--set", "control.lqr.attitude-weight", 1.0),
+        ];
+        let text = tuned.to_toml(&common.each_ref(), "a note");
+        assert!(text.contains("\n# a note\n"), "{text}");
+        std::fs::write(&file, text).unwrap();
         let config = oqtal_config::Config::load(std::slice::from_ref(&file), &[]).unwrap();
-        assert_eq!((config.control.lqr.attitude_weight, config.vehicle.mass_kg), (12.34, 0.6));
+        let limit = config.position.velocity_integral_limit_m_s2;
+        assert_eq!((config.control.lqr.attitude_weight, limit), (12.34, 4.0));
+        let shipped = oqtal_config::Config::default();
+        assert_eq!(config.vehicle, shipped.vehicle, "the file has gains, and no vehicle");
         assert_eq!(config.control.controller, oqtal_control::controller::ControllerName::Lqr);
     }
 }

@@ -1,0 +1,98 @@
+//! Remedy for flights that the fence held: the keys of the room, and a size of the trajectory that is not held.
+
+use std::fmt;
+
+use oqtal_config::{Config, Setting};
+use oqtal_control::trajectory::TrajectoryKind;
+use oqtal_observe::flight::HELD;
+use oqtal_runtime::process::Failure;
+use toml::Value;
+
+use super::failure::FailedFlights;
+use super::flights::{FlightCondition, Test, config, readable};
+use super::law::StudyLaw;
+use crate::mission::Mission;
+use crate::simulation;
+
+/// Key of the size of a trajectory.
+const SIZES: [(TrajectoryKind, &str); 6] = [
+    (TrajectoryKind::Square, "trajectory.square.side-m"),
+    (TrajectoryKind::Circle, "trajectory.circle.radius-m"),
+    (TrajectoryKind::Lemniscate, "trajectory.lemniscate.half-length-m"),
+    (TrajectoryKind::Step, "trajectory.step.angle-deg"),
+    (TrajectoryKind::AttitudeChirp, "trajectory.attitude-chirp.amplitude-deg"),
+    (TrajectoryKind::AttitudeDoublet, "trajectory.attitude-doublet.angle-deg"),
+];
+
+/// Shares of the configured size that are tried, the greatest first \[-\].
+const SHARES: [f64; 8] = [0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2];
+
+/// Number of held flights of each law that are flown again with a smaller size \[-\].
+const TRIED: usize = 3;
+
+/// The held flights of one trajectory.
+struct HeldFlights<'a> {
+    kind: TrajectoryKind,
+    flights: Vec<(&'a StudyLaw, &'a FlightCondition, Test)>,
+}
+
+/// What to change, one line for each trajectory with held flights; empty if the fence held none.
+pub fn remedies(groups: &[FailedFlights<'_>]) -> String {
+    let mut held: Vec<HeldFlights<'_>> = Vec::new();
+    for group in groups.iter().filter(|group| group.cause == HELD) {
+        let Ok(first) = config(group.law, group.conditions[0], group.test) else { continue };
+        let own = group.conditions.iter().take(TRIED).map(|it| (group.law, *it, group.test));
+        match held.iter_mut().find(|held| held.kind == first.trajectory.kind) {
+            Some(held) => held.flights.extend(own),
+            None => held.push(HeldFlights { kind: first.trajectory.kind, flights: own.collect() }),
+        }
+    }
+    held.iter().map(|held| format!("\n{held}")).collect()
+}
+
+impl fmt::Display for HeldFlights<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = oqtal_observe::summary::name_of(&self.kind);
+        write!(
+            f,
+            "  {name}, held by the fence: enlarge [fence] x-m, y-m, z-m, or lower fence.soft-margin-m"
+        )?;
+        match self.fitting() {
+            Some((key, size)) => write!(f, "; with --set {key}={size} it is not held"),
+            None => Ok(()),
+        }
+    }
+}
+
+impl HeldFlights<'_> {
+    /// Key and greatest size with which none of the flights is held; `None` if there is none.
+    fn fitting(&self) -> Option<(&'static str, f64)> {
+        let (_, key) = SIZES.iter().find(|(kind, _)| *kind == self.kind)?;
+        let (law, condition, test) = self.flights[0];
+        let table: toml::Table = config(law, condition, test).ok()?.to_toml().parse().ok()?;
+        let mut parts = key.split('.');
+        let section = table.get(parts.next()?)?;
+        let size = parts.try_fold(section, |section, part| section.get(part))?;
+        let size = size.as_float()?;
+        let sizes = SHARES.map(|share| readable(share * size));
+        sizes.into_iter().map(|size| (*key, size)).find(|(key, size)| {
+            let is_free = |flight: &(&StudyLaw, &FlightCondition, Test)| {
+                flown_with(*flight, key, *size).is_ok_and(|cause| cause.is_none())
+            };
+            self.flights.iter().all(is_free)
+        })
+    }
+}
+
+/// Cause for which a flight with this size is not complete; `None` for a complete one.
+fn flown_with(
+    (law, condition, test): (&StudyLaw, &FlightCondition, Test),
+    key: &str,
+    size: f64,
+) -> Result<Option<String>, Failure> {
+    let size = Setting::flag("--set", key, Value::Float(size));
+    let settings = [&condition.settings[..], &[size]].concat();
+    let condition = FlightCondition { settings, ..condition.clone() };
+    let config: Config = config(law, &condition, test)?;
+    Ok(simulation::fly(&Mission::new(config)?)?.cause())
+}
