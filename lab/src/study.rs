@@ -34,7 +34,7 @@ pub mod gains;
 pub mod law;
 pub mod metric;
 pub mod records;
-pub mod room;
+mod room;
 pub mod table;
 
 use std::ops::Range;

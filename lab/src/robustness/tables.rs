@@ -12,7 +12,6 @@ use crate::sheet::{Sheet, SheetCell, SheetRow, Variant};
 use crate::study::failure::{self, FailedFlights};
 use crate::study::flights::{Test, TestEnd};
 use crate::study::metric::{ATTITUDE, CHIRP, DOUBLET, HOVER, JITTER, METRIC, METRICS, SETTLE};
-use crate::study::room;
 use crate::study::table::column;
 use crate::study::{Flown, Run};
 
@@ -81,7 +80,7 @@ fn failures(flown: &[Flown], draws: &[Draw]) -> Sheet {
     };
     let title = "Flights that did not land as planned, or with a step that did not settle";
     let sheet = Sheet::tabulate((FAILURES, title), &columns, &groups, names).as_detail();
-    match room::remedies(&groups) {
+    match failure::remedies(&groups) {
         none if none.is_empty() => sheet,
         remedies => sheet.with_note(remedies.trim()),
     }

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use oqtal_config::Setting;
-use oqtal_observe::flight::Outcome;
+use oqtal_observe::flight::{HELD, Outcome};
 use serde_json::{Value, json};
 
 use super::Flown;
@@ -132,6 +132,12 @@ pub fn counts(rows: &[Flown]) -> (usize, usize) {
     (ends().count(), ends().filter(|end| end.cause.is_some()).count())
 }
 
+/// Changes with which the flights that the fence held would not be held, one line for each trajectory; empty if it held none.
+pub fn remedies(groups: &[FailedFlights<'_>]) -> String {
+    let held = groups.iter().filter(|group| group.cause == HELD);
+    room::remedies(held.map(|group| (group.law, &group.conditions[..], group.test)))
+}
+
 /// Text about all flights: how many landed as planned, and the others, and those with a step that did not settle, by law, test and
 /// cause. `table` is the text of the figures above it; its marks are explained.
 pub fn text(rows: &[Flown], table: &str) -> String {
@@ -146,7 +152,7 @@ pub fn text(rows: &[Flown], table: &str) -> String {
         true => head,
         false => {
             let marks = if table.contains(MARK) { "; figures marked * leave out" } else { "" };
-            format!("{head}{marks}:\n{}{}", groups.join("\n"), room::remedies(&failed))
+            format!("{head}{marks}:\n{}{}", groups.join("\n"), remedies(&failed))
         }
     }
 }

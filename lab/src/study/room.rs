@@ -4,11 +4,9 @@ use std::fmt;
 
 use oqtal_config::{Config, Setting};
 use oqtal_control::trajectory::TrajectoryKind;
-use oqtal_observe::flight::HELD;
 use oqtal_runtime::process::Failure;
 use toml::Value;
 
-use super::failure::FailedFlights;
 use super::flights::{FlightCondition, Test, config, readable};
 use super::law::StudyLaw;
 use crate::mission::Mission;
@@ -36,12 +34,15 @@ struct HeldFlights<'a> {
     flights: Vec<(&'a StudyLaw, &'a FlightCondition, Test)>,
 }
 
-/// What to change, one line for each trajectory with held flights; empty if the fence held none.
-pub fn remedies(groups: &[FailedFlights<'_>]) -> String {
+/// Flights of one law and test that the fence held.
+pub type HeldGroup<'a> = (&'a StudyLaw, &'a [&'a FlightCondition], Test);
+
+/// Changes with which the flights of `groups` would not be held, one line for each trajectory; empty without groups.
+pub fn remedies<'a>(groups: impl IntoIterator<Item = HeldGroup<'a>>) -> String {
     let mut held: Vec<HeldFlights<'_>> = Vec::new();
-    for group in groups.iter().filter(|group| group.cause == HELD) {
-        let Ok(first) = config(group.law, group.conditions[0], group.test) else { continue };
-        let own = group.conditions.iter().take(TRIED).map(|it| (group.law, *it, group.test));
+    for (law, conditions, test) in groups {
+        let Ok(first) = config(law, conditions[0], test) else { continue };
+        let own = conditions.iter().take(TRIED).map(|condition| (law, *condition, test));
         match held.iter_mut().find(|held| held.kind == first.trajectory.kind) {
             Some(held) => held.flights.extend(own),
             None => held.push(HeldFlights { kind: first.trajectory.kind, flights: own.collect() }),
