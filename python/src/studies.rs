@@ -1,5 +1,6 @@
 //! Studies: figures of laws under conditions, draws of a spread, identification and tuning.
 
+use std::ffi::CString;
 use std::ops::Range;
 
 use clap::ValueEnum;
@@ -22,6 +23,7 @@ use oqtal_lab::tune::search::{Budget, TrainingFlights, Tuned};
 use oqtal_lab::tune::{space, tune as tuned};
 use oqtal_observe::flight::Flight;
 use oqtal_runtime::process::{Exit, Failure};
+use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use toml::Value;
@@ -197,8 +199,11 @@ fn json(identification: &Identification) -> Result<String, Failure> {
 /// Flies the excitation from which a vehicle is identified.
 #[pyfunction]
 fn fly_excitation(py: Python<'_>, sources: Sources) -> PyResult<PyFlight> {
-    let flight = task::detached(py, || excitation_flight::fly(&sources.config()?))?;
-    Ok(PyFlight::of(flight))
+    let flown = task::detached(py, || excitation_flight::fly(&sources.config()?))?;
+    if let Some(assumption) = flown.assumption.and_then(|text| CString::new(text).ok()) {
+        PyErr::warn(py, &py.get_type::<PyUserWarning>(), &assumption, 1)?;
+    }
+    Ok(PyFlight::of(flown.flight))
 }
 
 /// Tunes the gains of a law, or of the position loops; returns `{key: value}`, the objective at these gains and at the configured
@@ -234,7 +239,7 @@ fn tune<'py>(
     let (flights, found): (TrainingFlights, Tuned) =
         task::study(py, progress.as_ref(), threads, work)?;
     let own = |setting: &&Setting| !setting.origin.starts_with("OQTAL_");
-    let toml = found.to_toml(&flights.settings.iter().filter(own).collect::<Vec<_>>());
+    let toml = found.to_toml(&flights.settings.iter().filter(own).collect::<Vec<_>>(), "");
     Ok((found.values, found.objective, found.start, toml))
 }
 
