@@ -222,11 +222,11 @@ class Tuned:
         self.objective = objective
         #: Objective at the configured gains.
         self.start = start
-        #: The gains as a configuration.
+        #: The gains as a configuration, without the vehicle.
         self.toml = toml
 
     def save(self, path: str | Path) -> Path:
-        """Writes the configuration, for ``config=`` and ``--config``."""
+        """Writes the gains, for ``config=`` and ``--config``, after the file of the vehicle."""
         Path(path).write_text(self.toml)
         return Path(path)
 

