@@ -2,10 +2,10 @@
 
 use std::ops::Range;
 use std::sync::Mutex;
-use std::sync::mpsc::{Receiver, RecvError, Sender, TryRecvError, channel};
+use std::sync::mpsc::{Receiver, Sender, channel};
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
-use oqtal_bus::time::{Span, Time};
+use oqtal_bus::time::Time;
 use oqtal_config::{ClockKind, Config};
 use oqtal_lab::environment::{ACTION, Environment, OBSERVATION, StepResult, Task};
 use oqtal_runtime::process::{Exit, Failure};
@@ -21,9 +21,6 @@ const TRUTH: usize = 14;
 const REFERENCE: usize = 6;
 /// Length of a pose.
 const POSE: usize = 7;
-
-/// Time for which a thread polls for its next request before it sleeps: waking it takes as long as some ten lanes.
-const POLL: Span = Span::from_nanos(100_000);
 
 /// State of one lane after a step.
 #[derive(Clone, Copy, Debug, Default)]
@@ -88,7 +85,7 @@ impl Worker {
                 Ok(lanes.iter_mut().map(|lane| state(lane, StepResult::default())).collect());
             // The thread ends with its owner.
             while outgoing.send(reply).is_ok()
-                && let Ok(request) = next(&incoming)
+                && let Ok(request) = incoming.recv()
             {
                 reply = answer(&mut lanes, request);
             }
@@ -105,19 +102,6 @@ impl Worker {
         let reply = self.replies.lock().map_err(|_| ended()).map(|replies| replies.recv());
         reply?.map_err(|_| ended())?
     }
-}
-
-/// The next request; an error if the owner was dropped.
-fn next(requests: &Receiver<Request>) -> Result<Request, RecvError> {
-    let sleep_at = Time::now() + POLL;
-    while Time::now() < sleep_at {
-        match requests.try_recv() {
-            Ok(request) => return Ok(request),
-            Err(TryRecvError::Empty) => std::hint::spin_loop(),
-            Err(TryRecvError::Disconnected) => return Err(RecvError),
-        }
-    }
-    requests.recv()
 }
 
 /// Failure of a thread that has ended.
