@@ -100,7 +100,7 @@ class OqtalEnv(gymnasium.Env[Array, Array]):
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Flies for one control tick."""
-        self._lanes.step(commands(action))
+        self._lanes.step(commands(action), {})
         reward, terminated, truncated = self._lanes.results()
         return self._lanes.observations()[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), self._info()
 
@@ -149,15 +149,10 @@ class OqtalVectorEnv(VectorEnv[Array, Array, Array]):
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
         """Flies every vehicle for one control tick."""
-        self._lanes.step(commands(actions))
+        over = np.flatnonzero(self._over).tolist()
+        self._lanes.step(commands(actions), {lane: self._next_seed + index for index, lane in enumerate(over)})
+        self._next_seed += len(over)
         rewards, terminated, truncated = self._lanes.results()
-        if self._over.any():
-            seeds: list[int | None] = [None] * self.num_envs
-            for lane in np.flatnonzero(self._over):
-                seeds[lane] = self._next_seed
-                self._next_seed += 1
-            self._lanes.reset(seeds)
-            rewards[self._over], terminated[self._over], truncated[self._over] = 0.0, False, False
         self._over = terminated | truncated
         return self._lanes.observations(), rewards, terminated, truncated, {}
 

@@ -1,11 +1,12 @@
 //! Environments stepped together: each lane by one of a few threads, which it never leaves.
 
+use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::Mutex;
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{Receiver, RecvError, Sender, TryRecvError, channel};
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
-use oqtal_bus::time::Time;
+use oqtal_bus::time::{Span, Time};
 use oqtal_config::{ClockKind, Config};
 use oqtal_lab::environment::{ACTION, Environment, OBSERVATION, StepResult, Task};
 use oqtal_runtime::process::{Exit, Failure};
@@ -22,6 +23,9 @@ const REFERENCE: usize = 6;
 /// Length of a pose.
 const POSE: usize = 7;
 
+/// Time for which a thread polls for its next request before it sleeps: waking it takes as long as some twenty lanes.
+const POLL: Span = Span::from_nanos(200_000);
+
 /// State of one lane after a step.
 #[derive(Clone, Copy, Debug, Default)]
 struct LaneState {
@@ -32,9 +36,9 @@ struct LaneState {
     result: StepResult,
 }
 
-/// Newtype for the length, which has no default.
+/// Newtype for the length, which has no default; of 32 bits, as the environments give it.
 #[derive(Clone, Copy, Debug)]
-struct Observation([f64; OBSERVATION]);
+struct Observation([f32; OBSERVATION]);
 
 impl Default for Observation {
     fn default() -> Self {
@@ -42,11 +46,19 @@ impl Default for Observation {
     }
 }
 
-/// A request to a thread: an action, or the seed of a new episode, for each of its lanes; `None` leaves a lane as it is.
-enum Request {
-    Step(Vec<[f64; ACTION]>),
-    Reset(Vec<Option<u64>>),
+/// Request to a lane.
+#[derive(Clone, Copy, Debug)]
+enum LaneRequest {
+    /// Fly for one tick with an action.
+    Step([f64; ACTION]),
+    /// Begin the episode of a seed.
+    Reset(u64),
+    /// Stay.
+    None,
 }
+
+/// Requests to the lanes of a thread, in their order.
+type Request = Vec<LaneRequest>;
 
 /// Answer of a thread.
 type Reply = Result<Vec<LaneState>, Failure>;
@@ -85,7 +97,7 @@ impl Worker {
                 Ok(lanes.iter_mut().map(|lane| state(lane, StepResult::default())).collect());
             // The thread ends with its owner.
             while outgoing.send(reply).is_ok()
-                && let Ok(request) = incoming.recv()
+                && let Ok(request) = next(&incoming)
             {
                 reply = answer(&mut lanes, request);
             }
@@ -110,24 +122,29 @@ fn ended() -> Failure {
 }
 
 fn answer(lanes: &mut [Environment], request: Request) -> Reply {
-    match request {
-        Request::Step(actions) => lanes
-            .iter_mut()
-            .zip(actions)
-            .map(|(lane, action)| {
-                let result = lane.step(action)?;
-                Ok(state(lane, result))
-            })
-            .collect(),
-        Request::Reset(seeds) => lanes
-            .iter_mut()
-            .zip(seeds)
-            .map(|(lane, seed)| {
-                seed.map_or(Ok(()), |seed| lane.reset(seed))?;
-                Ok(state(lane, StepResult::default()))
-            })
-            .collect(),
+    let answered = |(lane, request): (&mut Environment, LaneRequest)| {
+        let result = match request {
+            LaneRequest::Step(action) => lane.step(action)?,
+            LaneRequest::Reset(seed) => lane.reset(seed).map(|()| StepResult::default())?,
+            LaneRequest::None => StepResult::default(),
+        };
+        Ok(state(lane, result))
+    };
+    lanes.iter_mut().zip(request).map(answered).collect()
+}
+
+/// The next request; an error if the owner was dropped.
+fn next(requests: &Receiver<Request>) -> Result<Request, RecvError> {
+    let sleep_at = Time::now() + POLL;
+    while Time::now() < sleep_at {
+        match requests.try_recv() {
+            Ok(request) => return Ok(request),
+            // The caller may need this processor.
+            Err(TryRecvError::Empty) => std::thread::yield_now(),
+            Err(TryRecvError::Disconnected) => return Err(RecvError),
+        }
     }
+    requests.recv()
 }
 
 fn state(lane: &mut Environment, result: StepResult) -> LaneState {
@@ -137,7 +154,7 @@ fn state(lane: &mut Environment, result: StepResult) -> LaneState {
         truth.position.into_iter().chain(truth.velocity).chain(truth.attitude).chain(truth.rate);
     let mut numbers = numbers.chain([t_s]);
     LaneState {
-        observation: Observation(lane.observation()),
+        observation: Observation(lane.observation().map(|number| number as f32)),
         truth: std::array::from_fn(|_| numbers.next().unwrap_or(f64::NAN)),
         pose: lane.pose(),
         reference: lane.reference(),
@@ -194,8 +211,14 @@ impl Lanes {
         })
     }
 
-    /// Commands one action for each lane, `(count, 4)`: sticks from -1 to 1 and thrust from 0 to 1; NaN switches the motors off.
-    fn step(&self, py: Python<'_>, actions: PyReadonlyArray2<'_, f64>) -> PyResult<()> {
+    /// Commands one action for each lane, `(count, 4)`: sticks from -1 to 1 and thrust from 0 to 1; NaN switches the motors off. A
+    /// lane with a seed begins the episode of this seed instead.
+    fn step(
+        &self,
+        py: Python<'_>,
+        actions: PyReadonlyArray2<'_, f64>,
+        seeds: HashMap<usize, u64>,
+    ) -> PyResult<()> {
         let count = self.count()?;
         if actions.shape() != [count, ACTION] {
             let found = actions.shape();
@@ -204,10 +227,10 @@ impl Lanes {
             )));
         }
         let actions = actions.as_array();
-        let action = |lane| std::array::from_fn(|index| actions[[lane, index]]);
-        let rows: Vec<Vec<[f64; ACTION]>> =
-            self.workers.iter().map(|worker| worker.lanes.clone().map(action).collect()).collect();
-        py.detach(|| self.request(rows.into_iter().map(Request::Step))).map_err(error::raised)
+        self.request(py, |lane| match seeds.get(&lane) {
+            Some(seed) => LaneRequest::Reset(*seed),
+            None => LaneRequest::Step(std::array::from_fn(|index| actions[[lane, index]])),
+        })
     }
 
     /// Begins the episodes of `seeds`, one for each lane; `None` leaves a lane as it is.
@@ -216,14 +239,12 @@ impl Lanes {
         if seeds.len() != count {
             return Err(error::usage(format!("{} seeds for {count} lanes", seeds.len())));
         }
-        let of_worker = |worker: &Worker| Request::Reset(seeds[worker.lanes.clone()].to_vec());
-        let requests: Vec<Request> = self.workers.iter().map(of_worker).collect();
-        py.detach(|| self.request(requests.into_iter())).map_err(error::raised)
+        self.request(py, |lane| seeds[lane].map_or(LaneRequest::None, LaneRequest::Reset))
     }
 
     /// Observations, `(count, 25)`.
     fn observations<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
-        self.rows(py, |state| state.observation.0.map(|number| number as f32))
+        self.rows(py, |state| state.observation.0)
     }
 
     /// True position, velocity, attitude, body rate, and the time, `(count, 14)`.
@@ -269,10 +290,16 @@ impl Lanes {
         Ok(self.workers.last().map_or(0, |worker| worker.lanes.end))
     }
 
-    /// Sends a request to each thread, and gathers the replies.
-    fn request(&self, requests: impl Iterator<Item = Request>) -> Result<(), Failure> {
-        self.workers.iter().zip(requests).try_for_each(|(worker, request)| worker.send(request))?;
-        self.gather()
+    /// Sends each thread the requests `of` its lanes, and gathers the replies.
+    fn request(&self, py: Python<'_>, of: impl Fn(usize) -> LaneRequest) -> PyResult<()> {
+        let requests: Vec<Request> =
+            self.workers.iter().map(|worker| worker.lanes.clone().map(&of).collect()).collect();
+        let send = || {
+            let mut pairs = self.workers.iter().zip(requests);
+            pairs.try_for_each(|(worker, request)| worker.send(request))?;
+            self.gather()
+        };
+        py.detach(send).map_err(error::raised)
     }
 
     /// Waits for a reply of every thread.
