@@ -190,7 +190,7 @@ class Flight:
             new = Path(directory.name) / file.name
             again = self._repeat(str(new))
             if again is not None and json.loads(again.summary())["trajectory_hash"] != self.summary["trajectory_hash"]:
-                raise InternalError(f"{file}: the flight did not repeat bit for bit")
+                raise InternalError(f"{file}: the flight did not repeat bit for bit; give record=PATH when it is flown")
             new.replace(file)
 
     def _whole(self, wanted: str) -> _native.Flight:
@@ -211,7 +211,8 @@ class Flight:
     def __reduce__(self) -> tuple[Any, ...]:
         """A pickle has columns, summary and configuration, for example from a worker process; it cannot be saved as a recording."""
         config = self._native.config() if self._native else self._config
-        return _unpickled, (self.columns, self._summary if self._native is None else self.summary, config)
+        summary = self._summary if self._native is None else self.summary
+        return _unpickled, (self.columns, summary, config, self.answer_s, self.limited)
 
     def __repr__(self) -> str:
         if self._summary is None and self._native is None:
@@ -226,8 +227,10 @@ class Flight:
         return f"<Flight {shown['controller']}, {shown['trajectory']}: {shown['outcome']}, {figure}>"
 
 
-def _unpickled(columns: Table, summary: dict[str, Any] | None, config: str | None) -> Flight:
-    return Flight(columns=columns, summary=summary, config=config)
+def _unpickled(
+    columns: Table, summary: dict[str, Any] | None, config: str | None, answer_s: Iterable[float], limited: int
+) -> Flight:
+    return Flight(columns=columns, summary=summary, config=config, answer_s=answer_s, limited=limited)
 
 
 def _column(name: str, values: Sequence[str]) -> np.ndarray[Any, Any]:
@@ -286,8 +289,8 @@ def fly(
     try:
         native = _native.fly(call, file, adapter)
     except LawError as error:
-        if error.flight is not None:
-            error.flight = Flight(native=error.flight)
+        if adapter and error.flight is not None:
+            error.flight = Flight(native=error.flight, answer_s=adapter.answer_s, limited=adapter.limited)
         raise
     if adapter is None:
         return Flight(native=native, repeat=native.fly_again)

@@ -60,7 +60,7 @@ def commands(actions: Any) -> Array:
     if given.shape[-1:] != (4,):
         raise UsageError(f"actions have the shape {given.shape}; expected 4 numbers for each vehicle")
     if not np.isfinite(given).all():
-        raise UsageError("an action is not finite")
+        raise UsageError("actions are not finite; expected numbers from -1 to 1")
     found: Array = np.clip(given.reshape(-1, 4), -1.0, 1.0)
     found[:, 3] = (found[:, 3] + 1.0) / 2.0
     return found
@@ -157,11 +157,12 @@ class OqtalVectorEnv(VectorEnv[Array, Array, Array]):
         return self._lanes.observations(), rewards, terminated, truncated, {}
 
     def truths(self) -> Array:
-        """True position [m], velocity [m/s], attitude, body rate [rad/s] and time [s] of every vehicle, 14 numbers each."""
+        """True position [m, world], velocity [m/s, world], attitude (quaternion, body to world, scalar last), body rate [rad/s] and
+        time [s] of every vehicle, 14 numbers each."""
         return self._lanes.truths()
 
     def references(self) -> Array:
-        """Position [m] and velocity [m/s] of the reference of every vehicle, 6 numbers each."""
+        """Position [m, world] and velocity [m/s, world] of the reference of every vehicle, 6 numbers each."""
         return self._lanes.references()
 
 

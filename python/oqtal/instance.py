@@ -163,8 +163,9 @@ class Instance:
     ) -> None:
         """Publishes a reference of now, valid for ``valid`` seconds; a planner sends one in each of its periods.
 
-        docs/references.md describes references. ``attitude``: a prescribed attitude [x, y, z, w] with its body rate. The topic has
-        one writer: this process, until it ends.
+        docs/references.md describes references: position to jerk [m to m/s^3, world], ``yaw`` [rad], ``yaw_rate`` [rad/s].
+        ``attitude``: a prescribed attitude [x, y, z, w], body to world, with its body rate ``rate`` [rad/s]. The topic has one
+        writer: this process, until it ends.
         """
         turned = (0.0, 0.0, 0.0, 1.0) if attitude is None else attitude
         vectors = [("position", position, 3), ("velocity", velocity, 3), ("acceleration", acceleration, 3), ("jerk", jerk, 3)]

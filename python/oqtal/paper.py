@@ -15,7 +15,7 @@ from oqtal import _native
 from oqtal.errors import UsageError
 from oqtal.table import Table
 
-#: Versions of the derivatives in the model of the error: the body itself, as printed in the paper (Eqs. (45) and (75)), and exact.
+#: Versions of the derivatives in the model of the error: decoupled axes, as printed in the paper (Eqs. (45) and (75)), and exact.
 JACOBIANS = ("decoupled", "printed-45", "printed-75", "exact-constant-lambda", "exact")
 
 

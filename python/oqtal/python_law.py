@@ -203,7 +203,7 @@ class LawAdapter:
         except Exception as error:
             said = str(error) if isinstance(error, LawError) else f"the law raised {type(error).__name__}: {error}"
             cause = error.__cause__ if isinstance(error, LawError) else error
-            raise LawError(f"{said} ({time_s - self._first:.2f} s after its first command)") from cause
+            raise LawError(f"{said} ({time_s - self._first:.2f} s after the first question)") from cause
         finally:
             self.answer_s.append(time.perf_counter() - began)
 
@@ -242,7 +242,7 @@ def serve(law: Any, path: str) -> int:
                 break
             answers += 1
     if answers == 0:
-        raise PeerError(f"{path}: closed before the first question: another law is connected, or the daemon has ended")
+        raise PeerError(f"{path}: closed before the first question: end another law at this socket, or start the daemon again")
     return answers
 
 

@@ -199,7 +199,7 @@ fn json(identification: &Identification) -> Result<String, Failure> {
 /// Flies the excitation from which a vehicle is identified.
 #[pyfunction]
 fn fly_excitation(py: Python<'_>, sources: Sources) -> PyResult<PyFlight> {
-    let flown = task::detached(py, || excitation_flight::fly(&sources.config()?))?;
+    let flown = task::interruptible(py, move |_| excitation_flight::fly(&sources.config()?))?;
     if let Some(assumption) = flown.assumption.and_then(|text| CString::new(text).ok()) {
         PyErr::warn(py, &py.get_type::<PyUserWarning>(), &assumption, 1)?;
     }

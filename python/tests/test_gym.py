@@ -125,6 +125,8 @@ def test_an_episode_that_has_ended_begins_anew_in_the_next_step():
     assert len(over) >= 2 and (np.diff(over) > 5).all()
     _, rewards, *_ = env.step(np.tile([0.0, 0.0, 0.0, -1.0], (3, 1)))
     assert np.isfinite(rewards).all()
+    with pytest.raises(oqtal.UsageError, match="actions are not finite"):
+        env.step(np.full((3, 4), np.nan))
 
 
 def test_vehicles_that_fall_are_terminated():

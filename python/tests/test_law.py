@@ -248,7 +248,7 @@ def test_a_law_that_fails_leaves_its_flight_and_the_instant():
         asked += 1
         return (state.fallback_rate * (np.nan if asked > 300 else 1), state.fallback_thrust)
 
-    with pytest.raises(oqtal.LawError, match=r"rate of the law.*finite.*\(5\.\d\d s after its first command\)") as raised:
+    with pytest.raises(oqtal.LawError, match=r"rate of the law.*finite.*\(5\.\d\d s after the first question\)") as raised:
         oqtal.fly(law=law, trajectory="hover")
     assert 300 < raised.value.flight.columns.rows < 1000
 

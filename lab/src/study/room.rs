@@ -1,7 +1,5 @@
 //! Remedy for flights that the fence held: the keys of the room, and a size of the trajectory that is not held.
 
-use std::fmt;
-
 use oqtal_config::{Config, Setting};
 use oqtal_control::trajectory::TrajectoryKind;
 use oqtal_runtime::process::Failure;
@@ -48,24 +46,23 @@ pub fn remedies<'a>(groups: impl IntoIterator<Item = HeldGroup<'a>>) -> String {
             None => held.push(HeldFlights { kind: first.trajectory.kind, flights: own.collect() }),
         }
     }
-    held.iter().map(|held| format!("\n{held}")).collect()
-}
-
-impl fmt::Display for HeldFlights<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let name = oqtal_observe::summary::name_of(&self.kind);
-        write!(
-            f,
-            "  {name}, held by the fence: enlarge [fence] x-m, y-m, z-m, or lower fence.soft-margin-m"
-        )?;
-        match self.fitting() {
-            Some((key, size)) => write!(f, "; with --set {key}={size} it is not held"),
-            None => Ok(()),
-        }
-    }
+    held.iter().map(|held| format!("\n{}", held.remedy())).collect()
 }
 
 impl HeldFlights<'_> {
+    /// The keys to change, after flights with smaller sizes.
+    fn remedy(&self) -> String {
+        let name = oqtal_observe::summary::name_of(&self.kind);
+        let smaller = self.fitting().map(|(key, size)| {
+            let count = self.flights.len();
+            format!("; with --set {key}={size} none of {count} flights that were repeated is held")
+        });
+        format!(
+            "  {name}, held by the fence: enlarge [fence] x-m, y-m, z-m, or lower fence.soft-margin-m{}",
+            smaller.unwrap_or_default()
+        )
+    }
+
     /// Key and greatest size with which none of the flights is held; `None` if there is none.
     fn fitting(&self) -> Option<(&'static str, f64)> {
         let (_, key) = SIZES.iter().find(|(kind, _)| *kind == self.kind)?;
