@@ -90,9 +90,11 @@ fn complete(own: &mut Table, followed: &Table) {
     }
 }
 
-fn value_at<'a>(table: &'a Table, key: &str) -> Option<&'a Value> {
-    let (section, name) = key.rsplit_once('.')?;
-    section.split('.').try_fold(table, |table, name| table.get(name)?.as_table())?.get(name)
+/// The value, or the section, of the dotted key `key`.
+pub(crate) fn value_at<'a>(table: &'a Table, key: &str) -> Option<&'a Value> {
+    let mut names = key.split('.');
+    let first = table.get(names.next()?)?;
+    names.try_fold(first, |value, name| value.get(name))
 }
 
 fn value_at_mut<'a>(table: &'a mut Table, key: &str) -> Option<&'a mut Value> {

@@ -2,6 +2,7 @@
 
 use toml::{Table, Value};
 
+use crate::follow::value_at;
 use crate::setting::Setting;
 
 /// Least similarity of a suggested key \[-\], from 0 to 1.
@@ -27,9 +28,7 @@ pub(crate) fn with_nearest_key(setting: &Setting, reason: String, shipped: &str)
 /// The first key of the section `path` of the file `shipped`; `None` if that is not a section.
 fn first_of_section(path: &str, shipped: &str) -> Option<String> {
     let table: Table = shipped.parse().ok()?;
-    let mut parts = path.split('.');
-    let first = table.get(parts.next()?)?;
-    let section = parts.try_fold(first, |section, part| section.get(part))?.as_table()?;
+    let section = value_at(&table, path)?.as_table()?;
     section.iter().find(|(_, value)| !value.is_table()).map(|(name, _)| name.clone())
 }
 

@@ -97,14 +97,22 @@ impl CampaignArgs {
         let cases = self.cases(&Config::from_settings(&settings)?);
         let output = StudyOutput::begin("campaign", self.out.as_deref(), self.resume)?;
         let flown = self.fly(&laws, &cases, (&output, begin))?;
-        let (json, text) = self.results(&flown, &cases);
+        let sheet = self.sheet(&flown);
+        let mut document = sheet.to_json();
+        document["tests"] = records::tests(&flown);
+        document["failures"] = records::failures(&flown);
+        document["flights"] = records::flights(&flown);
+        let json = format!("{document:#}\n");
         let plain = flown.iter().filter(|row| row.case == PLAIN);
         output.write("campaign.json", &json)?;
         output.write("campaign.csv", records::runs_csv(plain)?)?;
         complete(&output.journal)?;
         match self.json {
             true => print(json.trim_end())?,
-            false => print(&format!("{text}\nresults: {}", output.directory.display()))?,
+            false => {
+                let text = self.text(sheet, &flown, &cases);
+                print(&format!("{text}\nresults: {}", output.directory.display()))?;
+            }
         }
         Ok(Exit::Ok)
     }
@@ -134,13 +142,8 @@ impl CampaignArgs {
         cases
     }
 
-    /// JSON document and text.
-    fn results(&self, flown: &[Flown], cases: &[Case]) -> (String, String) {
-        let sheet = self.sheet(flown);
-        let mut document = sheet.to_json();
-        document["tests"] = records::tests(flown);
-        document["failures"] = records::failures(flown);
-        document["flights"] = records::flights(flown);
+    /// The table, with the failures and their remedies, for which flights are repeated.
+    fn text(&self, sheet: Sheet, flown: &[Flown], cases: &[Case]) -> String {
         let is_chosen = self.best.is_some_and(|best| best < self.seeds().count() as u64);
         let hidden: &[&str] = if is_chosen {
             &["riccati_solves", "runs"]
@@ -149,7 +152,7 @@ impl CampaignArgs {
         };
         let table = sheet.without(hidden).to_text();
         let note = if cases.len() > 1 { format!("\n{NOTE}") } else { String::new() };
-        (format!("{document:#}\n"), format!("{table}\n{}{note}", failure::text(flown, &table)))
+        format!("{table}\n{}{note}", failure::text(flown, &table))
     }
 
     fn sheet(&self, flown: &[Flown]) -> Sheet {

@@ -143,7 +143,7 @@ impl TuneArgs {
         laws.chain(["outer"].into_iter().filter(is_asked)).collect()
     }
 
-    /// Command that flies with the settings of the search and the gains of `file`; `None` if there are no settings.
+    /// Command that flies with the settings of the search and the gains of `file`; `None` without settings.
     fn flown_with(&self, file: &Path) -> Option<String> {
         let words = Some(self.study.words()).filter(|words| !words.is_empty())?;
         let gains = quoted(&file.display().to_string());

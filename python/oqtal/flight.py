@@ -199,9 +199,15 @@ class Flight:
         return self._native
 
     def __copy__(self) -> Flight:
-        copied = Flight(native=self._native, columns=self._columns, summary=self._summary, repeat=self._repeat, config=self._config)
-        copied.answer_s, copied.limited = self.answer_s, self.limited
-        return copied
+        return Flight(
+            native=self._native,
+            columns=self._columns,
+            summary=self._summary,
+            repeat=self._repeat,
+            config=self._config,
+            answer_s=self.answer_s,
+            limited=self.limited,
+        )
 
     def __deepcopy__(self, memo: Any) -> Flight:
         copied = copy.copy(self)

@@ -67,11 +67,7 @@ impl HeldFlights<'_> {
     fn fitting(&self) -> Option<(&'static str, f64)> {
         let (_, key) = SIZES.iter().find(|(kind, _)| *kind == self.kind)?;
         let (law, condition, test) = self.flights[0];
-        let table: toml::Table = config(law, condition, test).ok()?.to_toml().parse().ok()?;
-        let mut parts = key.split('.');
-        let section = table.get(parts.next()?)?;
-        let size = parts.try_fold(section, |section, part| section.get(part))?;
-        let size = size.as_float()?;
+        let size: f64 = config(law, condition, test).ok()?.value(key)?.parse().ok()?;
         let sizes = SHARES.map(|share| readable(share * size));
         sizes.into_iter().map(|size| (*key, size)).find(|(key, size)| {
             let is_free = |flight: &(&StudyLaw, &FlightCondition, Test)| {
