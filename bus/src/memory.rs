@@ -92,7 +92,7 @@ impl MemoryBus {
         let mut topics = self.topics.borrow_mut();
         let history = topics.entry(topic.name).or_insert_with(|| {
             // Capacity for readers of the newest sample: publishing to them does not allocate.
-            let samples = VecDeque::with_capacity(4);
+            let samples = VecDeque::with_capacity(1);
             Rc::new(RefCell::new(History::<M> {
                 samples,
                 discarded: 0,

@@ -89,7 +89,7 @@ impl Transit {
         let MocapOptions { room, .. } = &self.mocap;
         let longest_ms = self.mocap.latency_ms + self.mocap.jitter_ms + self.mocap.poll_ms;
         let stall_ms = if room.stalls_per_1000_s > 0.0 { 3.0 * room.stall_to_ms } else { 0.0 };
-        ((longest_ms + stall_ms) * 1e-3 * self.mocap.rate_hz) as usize + 64
+        ((longest_ms + stall_ms) * 1e-3 * self.mocap.rate_hz) as usize + 2
     }
 
     /// Whether the connection loses this frame. Dropouts begin at random and have geometrically distributed lengths.

@@ -76,7 +76,8 @@ impl CommandRadio {
     pub fn new(plant: &PlantOptions, seed: u64) -> Self {
         let millis = |millis: f64| Span::from_seconds(millis * 1e-3);
         Self {
-            on_air: VecDeque::with_capacity(64),
+            // Few: a ring uses all of its memory in turn, and the lanes of an environment share a cache.
+            on_air: VecDeque::with_capacity(4),
             delay: millis(plant.command_delay_ms),
             hidden_delay: millis(plant.hidden_delay_ms),
             jitter: (millis(plant.command_jitter_ms), stream(seed, RandomSource::CommandJitter)),
