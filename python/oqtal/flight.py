@@ -230,7 +230,10 @@ class Flight:
             figure += f", {handovers['count']} hand-overs: the fallback law flew {handovers['fallback_ticks']} ticks"
         if self.limited:
             figure += f", {self.limited} commands limited to the range of the vehicle"
-        return f"<Flight {shown['controller']}, {shown['trajectory']}: {shown['outcome']}, {figure}>"
+        outcome = shown["outcome"]
+        if shown.get("shortfall"):
+            outcome += f" ({shown['shortfall']})"
+        return f"<Flight {shown['controller']}, {shown['trajectory']}: {outcome}, {figure}>"
 
 
 def _unpickled(

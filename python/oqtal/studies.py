@@ -15,7 +15,7 @@ import numpy as np
 from oqtal import _native
 from oqtal.errors import UsageError
 from oqtal.flight import Flight
-from oqtal.settings import ConfigLike, Setting, Sources, check_names, integer, positive, sources
+from oqtal.settings import ConfigLike, Setting, Sources, check_names, flat, integer, positive, sources
 from oqtal.table import Table
 
 if TYPE_CHECKING:
@@ -92,10 +92,11 @@ def sweep(
     client: Client | None = None,
 ) -> Table:
     """Flies every combination of values, ``{"plant.rate-lag-ms": [50, 80]}``: one row for each law, combination and seed."""
-    for key, of_key in axes.items():
+    values: dict[str, list[Any]] = {}
+    for _, key, of_key in flat(axes, "axes"):
         if isinstance(of_key, str) or not isinstance(of_key, Iterable):
             raise UsageError(f"axes: {key} is {of_key!r}; expected several values, as in [50, 80]")
-    values = {key.replace("_", "-"): list(of_key) for key, of_key in axes.items()}
+        values[key] = list(of_key)
     set_by = SET_BY_LAWS | dict.fromkeys(values, "its values are those of axes")
     call = sources(config, settings, plant, set_by=set_by, trajectory=("trajectory.kind", trajectory))
     for key in SET_BY_LAWS.keys() & values:

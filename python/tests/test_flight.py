@@ -240,6 +240,11 @@ def test_a_short_flight_and_bare_telemetry_are_shown(square, tmp_path):
     assert "further columns" in repr(square.columns)
 
 
+def test_a_flight_that_lands_early_says_why():
+    flight = oqtal.fly(trajectory="hover", plant={"battery.capacity-ah": 0.05})
+    assert "landed (" in repr(flight) and "battery low)" in repr(flight)
+
+
 def test_a_vehicle_is_identified_from_the_path_of_a_recording(tmp_path):
     recording = oqtal.fly(trajectory="circle", duration=12).save(tmp_path / "circle.mcap")
     table = oqtal.identify(recording, mass=0.5).table

@@ -60,7 +60,9 @@ def test_a_sweep_varies_keys(rows):
     slow = swept.where(swept["plant.rate-lag-ms"] == 80.0)
     assert (slow["chirp4_rms_deg"] != nominal["chirp4_rms_deg"]).all()
     with pytest.raises(oqtal.ConfigError, match="plant.nothing"):
-        oqtal.sweep({"plant.nothing": [1.0]}, LAWS)
+        oqtal.sweep({"plant": {"nothing": [1.0]}}, LAWS)
+    with pytest.raises(oqtal.UsageError, match="position.tilt-limit-deg is 15"):
+        oqtal.sweep({"position": {"tilt_limit_deg": 15}}, LAWS)
 
 
 def test_robustness_flies_the_draws_of_the_program(run, tmp_path: Path):
