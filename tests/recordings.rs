@@ -64,6 +64,17 @@ fn a_flight_with_dropouts_outliers_and_a_landing_on_request_replays_bit_for_bit(
     replays(&testbed, "d/flight.mcap");
 }
 
+#[test]
+fn f68_a_landing_after_a_loss_of_files_is_told_and_replays_bit_for_bit() {
+    let testbed = Testbed::new("lost");
+    let words = [&HOVER[..], &["--fault", "files:removed@2", "--out", "d"]].concat();
+    let output = testbed.fly(&words);
+    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+    let file = RecordingFile::read(&testbed.path("d/flight.mcap")).unwrap();
+    assert!(tells(&file, "files of the instance removed"));
+    replays(&testbed, "d/flight.mcap");
+}
+
 /// Whether an event of the recording contains `text`.
 fn tells(file: &RecordingFile, text: &str) -> bool {
     let events = file.channels.iter().find(|(_, channel)| channel.topic == "events").unwrap().0;

@@ -136,6 +136,7 @@ pub fn of_input(input: &InputV1) -> Option<String> {
         InputKind::Turn => {
             (input.stop == 1).then(|| format!("operator: {}", OperatorCommand::Stop))
         }
+        InputKind::FilesLost => Some(Cause::FilesLost.to_string()),
         // The message on topic `event` says more.
         InputKind::Request if input.event != 0 => None,
         InputKind::Request => {
