@@ -1,8 +1,8 @@
 //! The flight recorder: a sink that joins every tick of the daemon with the truth, detects the end of the flight, and returns the
 //! recorded [`Flight`].
 
-use oqtal_bus::code::{Mode, SafetyState};
-use oqtal_bus::message::{PoseV1, TelemetryV1, TruthV1, VehicleV1};
+use oqtal_bus::code::{Answer, Mode, SafetyState};
+use oqtal_bus::message::{EventV1, PoseV1, TelemetryV1, TruthV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Sample};
 use oqtal_config::Config;
@@ -44,12 +44,13 @@ pub struct Recorder {
 
 impl Recorder {
     /// Topics required for the evaluation of a flight.
-    pub const TOPICS: [ObservedTopic; 5] = [
+    pub const TOPICS: [ObservedTopic; 6] = [
         ObservedTopic::Telemetry,
         ObservedTopic::Truth,
         ObservedTopic::Pose,
         ObservedTopic::Vehicle,
         ObservedTopic::External,
+        ObservedTopic::Event,
     ];
 
     /// A recorder for a flight under `config`.
@@ -231,6 +232,18 @@ impl Recorder {
     }
 }
 
+impl Recorder {
+    /// Takes a request that changes the flight. One that the loop refuses has a second event, with the same number.
+    fn change(&mut self, reception: &Reception, event: &EventV1) {
+        let changes = &mut self.flight.changes;
+        if event.answer == Answer::Refused.code() {
+            changes.retain(|(_, change)| change.number != event.number);
+        } else {
+            changes.push((reception.received_at, *event));
+        }
+    }
+}
+
 impl Sink for Recorder {
     fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
         match sample {
@@ -244,6 +257,7 @@ impl Sink for Recorder {
             Sample::External(answer) if answer.answered_at.is_set() => {
                 self.flight.hops.add_answer(answer.answered_at.since(answer.asked_at));
             }
+            Sample::Event(event) => self.change(reception, event),
             _ => {}
         }
     }
@@ -258,7 +272,14 @@ impl Sink for Recorder {
 
 #[cfg(test)]
 mod tests {
+    use oqtal_bus::code::OperatorCommand;
+    use oqtal_bus::text::LongText;
+    use oqtal_control::trajectory::Phase;
+
     use super::*;
+    use crate::compare::Comparison;
+    use crate::summary::Summary;
+    use crate::{report, table};
 
     /// The flight of a daemon that reports `states`, one tick of 20 ms each, with truth in the first `true_ticks` of them.
     fn recorded(states: &[SafetyState], true_ticks: usize) -> Recorder {
@@ -279,6 +300,47 @@ mod tests {
             }
         }
         recorder
+    }
+
+    #[test]
+    fn a_change_is_told_unless_it_is_refused_and_a_landing_after_it_was_requested() {
+        let mut recorder = Recorder::new(&Config::default());
+        let (planned_landing_s, mode) = (f64::INFINITY, Mode::Flying.code());
+        for tick in 0..4 {
+            let received_at = Time::VIRTUAL_START + Span::from_millis(500 * tick);
+            let phase = if tick < 3 { Phase::Trajectory } else { Phase::Landing } as u8;
+            let time = received_at;
+            let telemetry =
+                TelemetryV1 { time, mode, phase, planned_landing_s, ..TelemetryV1::default() };
+            let reception = Reception { received_at, ..Reception::default() };
+            recorder.sample(&reception, Sample::Telemetry(&telemetry));
+            let (position, attitude) = ([0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 1.0]);
+            let truth = TruthV1 { time, position, attitude, ..TruthV1::default() };
+            recorder.sample(&reception, Sample::Truth(&truth));
+            let text = LongText::new(&format!(
+                "control.controller=geometric\nposition.tilt-limit-deg={tick}"
+            ));
+            let command = OperatorCommand::Set.code();
+            let event =
+                EventV1 { number: tick.unsigned_abs(), command, text, ..EventV1::default() };
+            recorder.sample(&reception, Sample::Event(&event));
+            if tick != 1 {
+                let answer = Answer::Refused.code();
+                recorder.sample(&reception, Sample::Event(&EventV1 { answer, ..event }));
+            }
+        }
+        let flight = recorder.finish(Outcome::Landed, 1.0);
+        let summary = Summary::of(&flight);
+        assert_eq!(summary.shortfall.as_deref(), Some("landed on request 1.50 s after arming"));
+        assert_eq!((summary.changes.len(), summary.changes[0].time_s), (1, 0.5));
+        let told =
+            "changed in flight: 1, the last at 0.5 s: operator: set control.controller=geometric";
+        let closing = table::closing(&summary);
+        assert!(closing.replace("\n   ", "").contains(told), "{closing}");
+        assert!(closing.lines().all(|line| line.chars().count() <= 80), "{closing}");
+        assert!(report::html(&flight, &summary).contains(told));
+        let comparison = Comparison::new(vec![("a".to_owned(), flight)]).to_html();
+        assert!(comparison.contains("operator: set control.controller=geometric"));
     }
 
     #[test]
