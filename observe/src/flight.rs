@@ -99,13 +99,13 @@ pub struct Flight {
     pub samples: Vec<FlightSample>,
     /// Every pose received.
     pub arrivals: Vec<PoseArrival>,
-    /// Latencies of the applied commands.
+    /// Latencies of the commands that were applied while the vehicle was armed.
     pub hops: HopDistributions,
     /// Figures of the wire to the vehicle; empty without a wire.
     pub wire: WireRecord,
-    /// Wake-up lateness of the daemon.
+    /// Wake-up lateness of the daemon in the ticks from arming to disarming.
     pub wakeup_lateness: Distribution,
-    /// Deviation of the time between two ticks from the loop period.
+    /// Deviation of the time between two ticks from the loop period, from arming to disarming.
     pub period_jitter: Distribution,
     /// Number of commands that never reached the vehicle.
     pub commands_lost: u64,

@@ -36,7 +36,8 @@ pub struct Recorder {
     daemon_source: Option<u64>,
     /// Number of samples lost before the recorder received them, by topic.
     lost: Vec<(ObservedTopic, u64)>,
-    last_tick: Option<Time>,
+    /// Instant of the newest tick if the vehicle was armed in it.
+    armed_at: Option<Time>,
     join: NearestJoin<TelemetryV1, TruthV1>,
     flown: bool,
     resting_since: Option<Time>,
@@ -61,7 +62,7 @@ impl Recorder {
             daemon_pid: None,
             daemon_source: None,
             lost: Vec::new(),
-            last_tick: None,
+            armed_at: None,
             join: NearestJoin::default(),
             flown: false,
             resting_since: None,
@@ -189,12 +190,7 @@ impl Recorder {
             self.daemon_replaced();
         }
         self.daemon_pid = Some(u64::from(reception.header.origin().process()));
-        self.flight.wakeup_lateness.add(Span::from_nanos(telemetry.wakeup_lateness_ns));
-        if let Some(last) = self.last_tick.replace(telemetry.time) {
-            let period = Span::period_of(self.flight.config.loop_rate_hz());
-            let deviation = telemetry.time.since(last) - period;
-            self.flight.period_jitter.add(Span::from_nanos(deviation.nanos().abs()));
-        }
+        self.add_timing(telemetry);
         if self.has_no_truth() {
             self.push(FlightSample { telemetry: *telemetry, truth: None });
             return;
@@ -202,6 +198,19 @@ impl Recorder {
         self.join.add_tick(telemetry.time, *telemetry);
         self.join();
         self.give_up_truth();
+    }
+
+    /// Adds the timing of a tick in which the vehicle is armed.
+    fn add_timing(&mut self, telemetry: &TelemetryV1) {
+        let sample = FlightSample { telemetry: *telemetry, truth: None };
+        let last =
+            std::mem::replace(&mut self.armed_at, sample.is_armed().then_some(telemetry.time));
+        let Some(now) = self.armed_at else { return };
+        self.flight.wakeup_lateness.add(Span::from_nanos(telemetry.wakeup_lateness_ns));
+        if let Some(last) = last {
+            let deviation = now.since(last) - Span::period_of(self.flight.config.loop_rate_hz());
+            self.flight.period_jitter.add(Span::from_nanos(deviation.nanos().abs()));
+        }
     }
 
     fn pose(&mut self, reception: &Reception, pose: &PoseV1) {
@@ -224,7 +233,9 @@ impl Recorder {
             return;
         }
         let (stamps, onward) = (header.stamps, OnwardTime::of(vehicle));
-        flight.hops.add(&stamps, onward);
+        if self.armed_at.is_some() {
+            flight.hops.add(&stamps, onward);
+        }
         let (sequence, battery_v) = (vehicle.command_sequence, vehicle.battery_v);
         let last = flight.applied.last().map_or(0, |command| command.sequence);
         flight.commands_repeated += u64::from(sequence == last);
@@ -254,7 +265,7 @@ impl Sink for Recorder {
             Sample::Telemetry(telemetry) => self.telemetry(reception, telemetry),
             Sample::Pose(pose) => self.pose(reception, pose),
             Sample::Vehicle(vehicle) => self.vehicle(reception, vehicle),
-            Sample::External(answer) if answer.answered_at.is_set() => {
+            Sample::External(answer) if self.armed_at.is_some() && answer.answered_at.is_set() => {
                 self.flight.hops.add_answer(answer.answered_at.since(answer.asked_at));
             }
             Sample::Event(event) => self.change(reception, event),
@@ -273,11 +284,13 @@ impl Sink for Recorder {
 #[cfg(test)]
 mod tests {
     use oqtal_bus::code::OperatorCommand;
+    use oqtal_bus::message::{ExternalV1, Stamps};
     use oqtal_bus::text::LongText;
     use oqtal_control::trajectory::Phase;
 
     use super::*;
     use crate::compare::Comparison;
+    use crate::latency::ANSWER;
     use crate::summary::Summary;
     use crate::{report, table};
 
@@ -341,6 +354,46 @@ mod tests {
         assert!(report::html(&flight, &summary).contains(told));
         let comparison = Comparison::new(vec![("a".to_owned(), flight)]).to_html();
         assert!(comparison.contains("operator: set control.controller=geometric"));
+    }
+
+    #[test]
+    fn timing_and_hops_count_from_arming_to_disarming() {
+        let mut recorder = Recorder::new(&Config::default());
+        let modes = [Mode::Disarmed, Mode::Flying, Mode::Flying, Mode::Landing, Mode::Disarmed];
+        for (tick, mode) in (1..).zip(modes) {
+            // Every tick is late by its number, so that the distribution names the ticks it contains.
+            let wakeup_lateness_ns = 1000 * tick;
+            let time = Time::VIRTUAL_START + Span::from_millis(20 * tick);
+            let telemetry = TelemetryV1 {
+                time,
+                mode: mode.code(),
+                wakeup_lateness_ns,
+                ..TelemetryV1::default()
+            };
+            let mut reception = Reception::default();
+            recorder.sample(&reception, Sample::Telemetry(&telemetry));
+            let answer = ExternalV1 { asked_at: time, answered_at: time, ..Default::default() };
+            recorder.sample(&reception, Sample::External(&answer));
+            reception.header.stamps = Stamps {
+                captured_at: time,
+                pose_published_at: time,
+                woken_at: time,
+                computed_at: time,
+                command_published_at: time,
+                received_at: time,
+                applied_at: time,
+                ..Stamps::default()
+            };
+            recorder.sample(&reception, Sample::Vehicle(&VehicleV1::default()));
+        }
+        let flight = recorder.finish(Outcome::Landed, 1.0);
+        let lateness = flight.wakeup_lateness.summary();
+        assert_eq!((lateness.count, lateness.min_ns / 1000, lateness.max_ns / 1000), (3, 2, 4));
+        assert_eq!(flight.period_jitter.count(), 2, "the two periods between three ticks");
+        let hops: Vec<_> = flight.hops.iter().map(|(name, hop)| (name, hop.count())).collect();
+        assert!(hops.iter().all(|(_, count)| *count == 3), "{hops:?}");
+        assert!(hops.iter().any(|(name, _)| *name == ANSWER), "{hops:?}");
+        assert_eq!(flight.applied.len(), 5, "every applied command is recorded");
     }
 
     #[test]

@@ -96,7 +96,8 @@ fn latencies(summary: &Summary) -> Option<Table> {
     for (name, spans) in
         [("wake-up lateness", &summary.wakeup_lateness), ("period jitter", &summary.period_jitter)]
     {
-        table.add_rows(spans.iter().map(|spans| latency_row(name, spans)));
+        let spans = spans.iter().filter(|spans| spans.count > 0);
+        table.add_rows(spans.map(|spans| latency_row(name, spans)));
     }
     align(&mut table);
     (!table.is_empty()).then_some(table)
