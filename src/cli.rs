@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use clap::{CommandFactory, Parser, Subcommand};
 use oqtal_bus::topic::Role;
 use oqtal_runtime::process::{ProcessCommand, execute};
-use oqtal_runtime::program::conclude;
+use oqtal_runtime::program::{command_word, fail};
 
 use crate::check::CheckArgs;
 use crate::compare::CompareArgs;
@@ -118,6 +118,10 @@ enum Command {
 impl Cli {
     /// Executes the command and returns its exit code.
     pub fn execute(self) -> ExitCode {
+        let name = match &self.command {
+            Some(Command::Ctl(args)) => args.name(),
+            _ => command_word(),
+        };
         let result = match self.command {
             None => self.fly.execute(),
             Some(Command::Fly(args)) => args.execute(),
@@ -154,7 +158,7 @@ impl Cli {
             Some(Command::Receiver(command)) => return command.execute(),
             Some(Command::MocapEmu(command)) => return command.execute(),
         };
-        result.map_or_else(|failure| conclude("oqtal", &failure), Into::into)
+        result.map_or_else(|failure| fail(&name, &failure), Into::into)
     }
 }
 

@@ -13,7 +13,6 @@ use oqtal_operator::{
 };
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, paths_of};
 use oqtal_runtime::program::{print, say};
-use serde::Serialize;
 
 /// Arguments of `oqtal ctl`.
 #[derive(Args, Debug)]
@@ -40,12 +39,15 @@ impl CtlArgs {
     pub fn execute(&self) -> Result<Exit, Failure> {
         let mut document = None;
         let result = self.run(&mut document);
-        if self.json {
-            let failed = |failure: &Failure| Unanswered::new(self.command, failure).to_json();
-            let answer = document.or_else(|| result.as_ref().err().map(failed));
-            answer.map_or(Ok(()), |answer| print(&answer))?;
+        if let Some(answer) = document.filter(|_| self.json) {
+            print(&answer)?;
         }
         result
+    }
+
+    /// Name of the command.
+    pub fn name(&self) -> String {
+        self.command.command().to_string()
     }
 
     /// As [`CtlArgs::execute`]; `document` receives an answer as JSON, also that of a refusal.
@@ -166,29 +168,6 @@ impl CtlArgs {
             return Err(unanswered(bus));
         };
         Ok((response, status))
-    }
-}
-
-/// The answer as JSON to a command that nobody answered.
-#[derive(Debug, Serialize)]
-struct Unanswered {
-    command: String,
-    /// Always "none".
-    answer: &'static str,
-    /// Reason, with the remedy.
-    error: String,
-    /// Exit code of the command \[-\].
-    exit_code: u8,
-}
-
-impl Unanswered {
-    fn new(command: CtlRequest, failure: &Failure) -> Self {
-        let (command, error) = (command.command().to_string(), failure.message.clone());
-        Self { command, answer: "none", error, exit_code: failure.exit as u8 }
-    }
-
-    fn to_json(&self) -> String {
-        serde_json::to_string_pretty(self).expect("plain JSON")
     }
 }
 

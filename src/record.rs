@@ -13,6 +13,7 @@ use oqtal_observe::kernel::ThreadScheduling;
 use oqtal_observe::observer::BusObserver;
 use oqtal_observe::recording::{Facts, McapRecorder, RecordingPlan, RecordingResult};
 use oqtal_observe::sink::{Reception, Sink, Tee};
+use oqtal_operator::request::silent;
 use oqtal_operator::require_daemon;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths, stop_on_signals};
 use oqtal_runtime::program::{print, say};
@@ -23,6 +24,8 @@ use crate::recordings;
 
 /// Polling period: the resolution of the reception times.
 const POLL_PERIOD: Duration = Duration::from_millis(10);
+/// Time after which a recorder without a daemon tells what it waits for.
+const WAITS_SILENTLY: Span = Span::from_millis(1000);
 /// Highest number of a file `recordings/INSTANCE-N.mcap`.
 const MAX_NUMBER: u32 = 100_000;
 
@@ -93,13 +96,19 @@ impl RecordArgs {
     ) -> Result<(RecordingResult, u64), Failure> {
         let (mut observer, mut recorder) = parts;
         let mut daemon = DaemonFacts::default();
-        let end = self.seconds.map(|seconds| Time::now() + Span::from_seconds(seconds));
+        let began = Time::now();
+        let end = self.seconds.map(|seconds| began + Span::from_seconds(seconds));
+        let mut is_wait_told = false;
         while !stop.is_set() && !recorder.has_failed() {
             std::thread::sleep(POLL_PERIOD);
             let now = Time::now();
             recorder.note_clock(now);
             observer.poll(now, &mut Tee(&mut recorder, &mut daemon))?;
             daemon.record(config, &mut recorder);
+            if !is_wait_told && daemon.pid.is_none() && now.since(began) > WAITS_SILENTLY {
+                is_wait_told = true;
+                say(&format!("oqtal: waits for a daemon: {}", silent(&instance_paths(config)?)));
+            }
             if end.is_some_and(|end| now >= end) {
                 break;
             }

@@ -52,14 +52,18 @@ pub fn failure(error: RecordingFileError) -> Failure {
 /// Checks that a recording is complete.
 ///
 /// # Errors
-/// The recording ended early, or messages are missing (exit code 71).
+/// The recording ended early, messages are missing, or a file was removed (exit code 71).
 pub fn check(recording: &RecordingResult) -> Result<(), Failure> {
-    let RecordingResult { failure, dropped, .. } = recording;
+    let RecordingResult { failure, dropped, files, .. } = recording;
     if let Some(failure) = failure {
         return Err(Failure::new(Exit::System, format!("{failure}; free the disk, or give --out")));
     }
     if *dropped > 0 {
         let message = format!("{dropped} messages were not recorded: the disk is too slow");
+        return Err(Failure::new(Exit::System, message));
+    }
+    if let Some(removed) = files.iter().find(|path| !path.exists()) {
+        let message = format!("{} was removed while it was recorded", removed.display());
         return Err(Failure::new(Exit::System, message));
     }
     Ok(())

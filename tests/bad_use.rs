@@ -27,6 +27,27 @@ fn an_unknown_flag_is_a_usage_error() {
 }
 
 #[test]
+fn with_json_a_failure_is_one_document() {
+    let testbed = Testbed::new("failures");
+    for (words, code) in [
+        (&["info", "nowhere"][..], 65),
+        (&["replay", "nowhere"], 65),
+        (&["report", "nowhere"], 65),
+        (&["fly", "--controller", "magic"], 78),
+        (&["--controller", "magic"], 78),
+        (&["ctl", "bogus"], 64),
+    ] {
+        let output = testbed.study(&[words, &["--json"]].concat()).output().unwrap();
+        let document = json(&output);
+        let command = if words[0].starts_with('-') { "fly" } else { words[0] };
+        assert_eq!((&document["command"], &document["answer"]), (&command.into(), &"none".into()));
+        assert_eq!((output.status.code(), &document["exit_code"]), (Some(code), &code.into()));
+        let error = document["error"].as_str().unwrap();
+        assert!(!error.is_empty() && stderr(&output).contains(error), "{error}");
+    }
+}
+
+#[test]
 fn a_missing_configuration_file_is_named() {
     refused(&["--config", "nowhere.toml"], 78, &["nowhere.toml", "No such file"]);
 }

@@ -132,6 +132,8 @@ fn a_second_flight_leaves_the_first_alone() {
     let (flight, _bus, daemon, plant) = airborne(&testbed);
     let runs = format!("`oqtal plant-sim` ({plant}) already runs on instance");
     testbed.refuses(&["fly", "--trajectory", "hover"], 75, &[&runs, "--instance"]);
+    let directories = std::fs::read_dir(testbed.path("flights")).unwrap().count();
+    assert_eq!(directories, 1, "the refused flight leaves none");
     assert!(is_alive(daemon));
     flight.signal(Signal::INT);
     assert!(flight.wait().status.success());
@@ -221,7 +223,12 @@ fn ctl_reaches_a_daemon_and_reports_a_missing_one() {
     let status = testbed.oqtal(&["ctl", "status"]).output().unwrap();
     assert!(status.status.success(), "{}", stderr(&status));
     assert!(String::from_utf8_lossy(&status.stdout).contains("disarmed"));
+    let elsewhere = testbed.path("elsewhere").display().to_string();
+    let words = ["ctl", "status", "--instance", testbed.instance(), "--root", &elsewhere];
+    let here = format!("runs it under --root {}", testbed.path("run").display());
+    assert_refused(&testbed.study(&words).output().unwrap(), 75, &[&here]);
     testbed.refuses(&["ctl", "arm"], 1, &["no pose"]);
+    testbed.refuses(&["ctl", "land"], 1, &["land refused: the motors are off"]);
     let refused = testbed.oqtal(&["ctl", "arm", "--json"]).output().unwrap();
     assert_eq!(refused.status.code(), Some(1));
     assert_eq!(json(&refused)["answer"], "refused");

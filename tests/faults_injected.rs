@@ -313,7 +313,11 @@ fn faults_that_a_flight_cannot_have_are_refused() {
 #[test]
 fn f68_a_flight_lands_after_the_removal_of_its_files_with_noisy_poses() {
     let line = "--fault files:removed@2 --fault pose:noise=1mm@2 --fault pose:noise=0.3deg@2";
-    fly(&BRIEF, line).lands();
+    let flown = fly(&BRIEF, line);
+    assert!(flown.lands().by("files of the instance removed").passed("Land"), "{}", flown.summary);
+    let reason = flown.summary["shortfall"].as_str().unwrap();
+    assert!(reason.ends_with("before the end of the flight: files of the instance removed"));
+    assert_eq!(flown.code, Some(1), "{}", flown.message);
 }
 
 /// Poses queue during a stall and then arrive together.

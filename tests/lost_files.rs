@@ -3,7 +3,7 @@
 use std::fs::{self, File};
 use std::path::PathBuf;
 
-use crate::common::{Running, SERVICES, Testbed, stderr, wait_for};
+use crate::common::{Running, SERVICES, Testbed, assert_refused, stderr, wait_for};
 use oqtal_bus::code::{Cause, Mode, SafetyState};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::TELEMETRY;
@@ -50,11 +50,15 @@ pub fn work_again(testbed: &Testbed, running: &mut [Option<Running>; 3]) {
     });
 }
 
+/// Removes the root. A process may make a file in a directory that is being removed.
+fn remove_root(testbed: &Testbed) {
+    wait_for("the removal", || fs::remove_dir_all(testbed.path("run")).ok());
+}
+
 type Loss = (&'static str, fn(&Testbed));
 
 const LOSSES: [Loss; 4] = [
-    // A process may make a file in a directory that is being removed.
-    ("root", |testbed| wait_for("the removal", || fs::remove_dir_all(testbed.path("run")).ok())),
+    ("root", remove_root),
     ("stop words", |testbed| {
         fs::remove_file(testbed.paths().directory().join("shared/stop")).unwrap();
     }),
@@ -88,6 +92,23 @@ fn f68_a_flight_lands_after_a_loss_and_the_processes_work_when_started_again() {
         drop((telemetry, bus));
         work_again(&testbed, &mut processes.map(Some));
     }
+}
+
+#[test]
+fn f68_requests_after_a_loss_tell_that_the_daemon_runs() {
+    let testbed = Testbed::new("lost-told");
+    let [_plant, _cameras, daemon] = testbed.services();
+    testbed.wait_for_daemon();
+    // It stays until it is continued.
+    daemon.signal(Signal::STOP);
+    remove_root(&testbed);
+    for words in [&["status"][..], &["goto", "0", "0", "1"], &["arm"], &["status", "--json"]] {
+        let output = testbed.oqtal(&[&["ctl"], words].concat()).output().unwrap();
+        assert_refused(&output, 75, &[" runs, but cannot be reached"]);
+        let told = stderr(&output);
+        assert!(!told.contains("not started") && !told.contains("start one"), "{told}");
+    }
+    daemon.signal(Signal::CONT);
 }
 
 #[test]

@@ -112,7 +112,9 @@ fn changes_are_shown_resizing_works_and_the_terminal_is_restored() {
     tmux.shows(&["not shown: charts, hops", "state     Nominal"]);
     tmux.run(&["resize-window", "-x", "120", "-y", "40"]);
     tmux.shows(&["q quits, r restarts", "sensor_to_actuator"]);
-    tmux.run(&["send-keys", "S"]);
+    tmux.run(&["send-keys", ":S"]);
+    tmux.shows(&["(Ctrl-S stops): S_", "mode      flying"]);
+    tmux.run(&["send-keys", "C-s"]);
     tmux.shows(&["stopped: motors off until `arm`", "mode      disarmed"]);
     tmux.run(&["send-keys", "r"]);
     drop(running);

@@ -64,6 +64,33 @@ fn a_flight_with_dropouts_outliers_and_a_landing_on_request_replays_bit_for_bit(
     replays(&testbed, "d/flight.mcap");
 }
 
+#[test]
+fn f68_a_landing_after_a_loss_of_files_is_told_and_replays_bit_for_bit() {
+    let testbed = Testbed::new("lost");
+    let words = [&HOVER[..], &["--fault", "files:removed@2", "--out", "d"]].concat();
+    let output = testbed.fly(&words);
+    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+    let file = RecordingFile::read(&testbed.path("d/flight.mcap")).unwrap();
+    assert!(tells(&file, "files of the instance removed"));
+    replays(&testbed, "d/flight.mcap");
+}
+
+#[test]
+fn a_recording_that_is_removed_in_flight_is_told_and_no_condition_is_logged_twice() {
+    let testbed = Testbed::new("removed");
+    let words = [&["fly"], &HOVER[..], &["--out", "d"]].concat();
+    let flight = testbed.start(&words);
+    let path = testbed.path("d/flight.mcap");
+    wait_for("a recording", || std::fs::remove_file(&path).ok());
+    let output = flight.wait();
+    assert_refused(&output, 71, &["flight.mcap was removed while it was recorded"]);
+    let log = std::fs::read_to_string(testbed.path("d/daemon.log")).unwrap();
+    let conditions = log.lines().filter_map(|line| line.split_once(" state="));
+    let conditions: Vec<_> = conditions.map(|(line, _)| line.split_whitespace().skip(1)).collect();
+    assert!(conditions.len() > 3, "{log}");
+    assert!(conditions.windows(2).all(|pair| pair[0].clone().ne(pair[1].clone())), "{log}");
+}
+
 /// Whether an event of the recording contains `text`.
 fn tells(file: &RecordingFile, text: &str) -> bool {
     let events = file.channels.iter().find(|(_, channel)| channel.topic == "events").unwrap().0;
@@ -285,4 +312,11 @@ fn a_file_that_is_not_a_recording_is_refused_with_the_reason() {
     fails(&testbed, &existing, 71, &["File exists", "--out"]);
     fails(&testbed, &["report", "d/none.mcap"], 65, &["No such file"]);
     testbed.refuses(&["record", "--attach"], 75, &["no daemon answers on instance"]);
+    let output =
+        testbed.oqtal(&["record", "--seconds", "1.5", "--out", "w.mcap"]).output().unwrap();
+    assert!(
+        stderr(&output).contains("waits for a daemon: no daemon answers"),
+        "{}",
+        stderr(&output)
+    );
 }

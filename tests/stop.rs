@@ -177,6 +177,17 @@ fn stop_and_land_need_no_valid_configuration() {
 }
 
 #[test]
+fn a_stop_of_a_flight_of_fly_names_the_command_that_flies_again() {
+    let testbed = Testbed::new("stop-fly");
+    let bus = testbed.bus();
+    let flight = testbed.start(&["fly", "--trajectory", "hover", "--duration", "5"]);
+    testbed.take_off(&bus);
+    let (code, answer, message) = stop(&testbed);
+    assert_eq!((code, &answer["arm_again"]), (Some(0), &Value::from("oqtal fly")), "{message}");
+    assert_eq!(flight.wait().status.code(), Some(1));
+}
+
+#[test]
 fn answers_to_an_operator_state_the_result_and_arming_is_allowed_while_the_vehicle_falls() {
     let testbed = Testbed::new("stop-answers");
     let bus = testbed.bus();

@@ -175,6 +175,8 @@ code! {
         OtherConfig = 41 => "another configuration expected",
         /// In flight: the motors did not start, or stopped.
         MotorsNotRunning = 42 => "motors not running",
+        /// A file of the instance was removed, so that no process can join it any more.
+        FilesLost = 43 => "files of the instance removed",
     }
 }
 
@@ -331,6 +333,8 @@ code! {
         Turn = 1 => "turn",
         /// A request of an operator, executed at the end of the previous turn.
         Request = 2 => "request",
+        /// A loss of files of the instance, which took effect at the end of the previous turn.
+        FilesLost = 3 => "files lost",
     }
 }
 

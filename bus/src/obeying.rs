@@ -122,6 +122,16 @@ impl ObeyingProcess {
         geteuid().is_root() || geteuid().as_raw() == self.user
     }
 
+    /// The command of `oqtal` that started it and ends with it, such as `fly`; `None` for a process of its own.
+    pub fn started_by(&self) -> Option<String> {
+        let status = fs::read_to_string(format!("/proc/{}/status", self.pid)).ok()?;
+        let parent = status.lines().find_map(|line| line.strip_prefix("PPid:"))?.trim();
+        let words = fs::read_to_string(format!("/proc/{parent}/cmdline")).ok()?;
+        let mut words = words.split('\0');
+        let is_oqtal = Path::new(words.next()?).file_name()? == "oqtal";
+        is_oqtal.then(|| words.next().unwrap_or_default().to_owned())
+    }
+
     /// Instant of its start, to a hundredth of a second; `None` if it has ended.
     pub fn started_at(&self) -> Option<Time> {
         const NANOS_PER_TICK: u64 = 10_000_000;

@@ -32,13 +32,15 @@ use words::{DaemonView, VehicleView};
 /// Name of the file among the words of the instance.
 pub(crate) const FILE: &str = "stop";
 
-/// Operators' requests by signal: flags set by the signal handlers of this process and taken by its next turn.
+/// Requests to the loop of this process: flags set by its signal handlers and by the watch over its files, and taken by its next turn.
 #[derive(Clone, Debug, Default)]
 pub struct SignalFlags {
-    /// A stop was requested.
+    /// An operator requested a stop.
     pub stop: Arc<AtomicBool>,
-    /// A landing was requested.
+    /// An operator requested a landing.
     pub land: Arc<AtomicBool>,
+    /// A file of the instance was removed and cannot be restored.
+    pub files_lost: Arc<AtomicBool>,
 }
 
 /// Takes a request: whether `flag` was set since the last call.
@@ -232,6 +234,11 @@ impl ControllerStop {
     /// Whether a landing was requested by signal since the last call.
     pub fn is_landing_requested(&self) -> bool {
         take(&self.switch.signals.land)
+    }
+
+    /// Whether a file of the instance was lost since the last call.
+    pub fn are_files_lost(&self) -> bool {
+        take(&self.switch.signals.files_lost)
     }
 
     /// Confirms that "disarmed" was commanded after the newest seen stop.

@@ -296,6 +296,12 @@ impl Cycle {
         self.supervision.requests_mut().configs_differ = differ;
     }
 
+    /// Lands, since files of the instance were lost: no operator's request could reach another flight.
+    pub fn lose_files(&mut self, now: Time) {
+        self.supervision.requests_mut().files_lost = true;
+        self.supervision.request(now, OperatorCommand::Land, &mut self.intake);
+    }
+
     /// State of the automatic flight at start-up.
     pub fn auto_takeoff(&self) -> AutoTakeoff {
         self.supervision.requests().auto_takeoff

@@ -51,6 +51,11 @@ pub fn request(now: Time, command: OperatorCommand, response: &ControlResponseV1
     }
 }
 
+/// The record of a loss of files.
+pub fn lost_files(now: Time) -> InputV1 {
+    InputV1 { time: now, kind: InputKind::FilesLost.code(), ..InputV1::default() }
+}
+
 /// Whether the turn changed the state of the daemon: a sample was taken, or a tick was made.
 pub fn is_worth_recording(input: &InputV1) -> bool {
     let InputV1 { pose_number, vehicle_number, reference_number, command_sequence, stop, .. } =

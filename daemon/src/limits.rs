@@ -65,6 +65,8 @@ pub struct LimitConditions {
     pub overrun: bool,
     /// Processes of the instance run with different configurations.
     pub configs_differ: bool,
+    /// Files of the instance were removed.
+    pub files_lost: bool,
     /// The reference is invalid.
     pub setpoint_refused: bool,
     /// The fallback law flies: the configured law failed.

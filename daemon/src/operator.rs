@@ -137,7 +137,10 @@ impl OperatorRequests {
     /// Takes in and logs the changes of the condition.
     pub(crate) fn take_changes(&mut self) {
         for condition in self.queues.notes() {
-            condition.log();
+            // Obstacles to a take-off change without a change of mode or state.
+            if condition.text() != self.last.text() {
+                condition.log();
+            }
             if condition.auto_takeoff == AutoTakeoff::Refused
                 && self.last.auto_takeoff != AutoTakeoff::Refused
             {

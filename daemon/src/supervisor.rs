@@ -74,7 +74,7 @@ pub struct SafetyRow {
 
 /// All limits, the most severe first.
 #[rustfmt::skip]
-pub const LIMITS: [SafetyRow; 38] = {
+pub const LIMITS: [SafetyRow; 39] = {
     use Ending::{Armed, Gone, Landed, PosesGood};
     use SafetyRow as Row;
     [
@@ -102,6 +102,7 @@ pub const LIMITS: [SafetyRow; 38] = {
         Row { id: "F04", cause: Some(Cause::PosesLate), when: |c| c.limits.poses_too_old, after_ms: 500, action: Land, ends: Landed },
         Row { id: "F47", cause: Some(Cause::HeldTooLong), when: |c| c.limits.in_fence_margin, after_ms: 10_000, action: Land, ends: Landed },
         Row { id: "F35", cause: Some(Cause::ReferencesEnded), when: |c| c.limits.references_overdue, after_ms: 0, action: Land, ends: Landed },
+        Row { id: "F68", cause: Some(Cause::FilesLost), when: |c| c.limits.files_lost, after_ms: 0, action: Land, ends: Landed },
         // Hold the position.
         Row { id: "F47", cause: Some(Cause::Fence), when: |c| c.limits.in_fence_margin, after_ms: 0, action: Hold, ends: Gone(500) },
         // Fly on the prediction, then hold the last command; on the ground: no take-off.

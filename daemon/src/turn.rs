@@ -139,13 +139,17 @@ pub struct DaemonTurn<'l, T: Transport> {
 }
 
 impl<T: Transport> DaemonTurn<'_, T> {
-    /// Executes the operators' requests that wait, and records them.
+    /// Executes the operators' requests that wait, and the landing after a loss of files, and records them.
     fn execute_requests(&mut self, now: Time, configs_differ: bool) -> Result<(), BusError> {
         // By signal: does not pass through the background thread.
         if self.ports.stop.is_landing_requested() {
             self.request(now, OperatorCommand::Land)?;
         }
         let Self { ports, cycle, handle, .. } = self;
+        if ports.stop.are_files_lost() {
+            cycle.lose_files(now);
+            ports.inputs.send(0, Stamps::default(), input_record::lost_files(now))?;
+        }
         while let Some((command, event, response)) =
             handle.poll_request(|request| execute(cycle, now, request))
         {

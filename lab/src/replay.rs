@@ -83,6 +83,7 @@ pub fn replay(
         match InputKind::from_code(turn.input.kind) {
             Some(InputKind::Turn) => bench.turn(turn)?,
             Some(InputKind::Request) => bench.request(turn)?,
+            Some(InputKind::FilesLost) => bench.daemon.cycle.lose_files(turn.input.time),
             Some(InputKind::Start) | None => {}
         }
     }

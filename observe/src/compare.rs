@@ -99,7 +99,7 @@ impl Comparison {
             (outcome, _) => outcome.to_string(),
         };
         let outcomes = self.flights.iter().map(outcome);
-        let rows = vec![
+        let mut rows = vec![
             files,
             self.row("controller", |s| s.controller.clone()),
             self.row("trajectory", |s| s.trajectory.clone()),
@@ -108,6 +108,12 @@ impl Comparison {
             std::iter::once("outcome".to_owned()).chain(outcomes).collect(),
             self.row("scored [s]", |s| significant(s.scored_s)),
         ];
+        if self.summaries.iter().any(|summary| !summary.changes.is_empty()) {
+            rows.push(self.row("changed in flight", |s| {
+                let texts = s.changes.iter().map(|change| change.text.as_str());
+                texts.collect::<Vec<_>>().join("; ")
+            }));
+        }
         ("Flights", self.header("flight"), rows)
     }
 

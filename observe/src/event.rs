@@ -7,6 +7,9 @@ use oqtal_bus::code::{
 };
 use oqtal_bus::message::{EventV1, InputV1, TelemetryV1};
 use oqtal_bus::origin::Origin;
+use serde::Serialize;
+
+use crate::flight::Flight;
 
 /// Mode, safety state and cause of the daemon in a tick, and whether it uses the configured model instead of the adapted one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,6 +67,27 @@ impl fmt::Display for DaemonCondition {
             write!(f, "; {}", self.model_text())?;
         }
         Ok(())
+    }
+}
+
+/// Request that changed a flight or its settings.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ChangeInFlight {
+    /// Instant, from arming \[s\].
+    pub time_s: f64,
+    /// The request and its author.
+    pub text: String,
+}
+
+impl ChangeInFlight {
+    /// The changes of `flight`, in order.
+    pub fn all(flight: &Flight) -> Vec<Self> {
+        let origin = flight.origin();
+        let all = flight.changes.iter().map(|(at, event)| Self {
+            time_s: at.since(origin).seconds(),
+            text: of_operator(event),
+        });
+        all.collect()
     }
 }
 
@@ -136,6 +160,7 @@ pub fn of_input(input: &InputV1) -> Option<String> {
         InputKind::Turn => {
             (input.stop == 1).then(|| format!("operator: {}", OperatorCommand::Stop))
         }
+        InputKind::FilesLost => Some(Cause::FilesLost.to_string()),
         // The message on topic `event` says more.
         InputKind::Request if input.event != 0 => None,
         InputKind::Request => {

@@ -4,7 +4,7 @@ use std::fmt;
 
 use crate::latency::{Distribution, HopDistributions, OnwardTime};
 use oqtal_bus::code::{Cause, SafetyState};
-use oqtal_bus::message::Stamps;
+use oqtal_bus::message::{EventV1, Stamps};
 use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::time::Time;
 use oqtal_config::Config;
@@ -99,13 +99,13 @@ pub struct Flight {
     pub samples: Vec<FlightSample>,
     /// Every pose received.
     pub arrivals: Vec<PoseArrival>,
-    /// Latencies of the applied commands.
+    /// Latencies of the commands that were applied while the vehicle was armed.
     pub hops: HopDistributions,
     /// Figures of the wire to the vehicle; empty without a wire.
     pub wire: WireRecord,
-    /// Wake-up lateness of the daemon.
+    /// Wake-up lateness of the daemon in the ticks from arming to disarming.
     pub wakeup_lateness: Distribution,
-    /// Deviation of the time between two ticks from the loop period.
+    /// Deviation of the time between two ticks from the loop period, from arming to disarming.
     pub period_jitter: Distribution,
     /// Number of commands that never reached the vehicle.
     pub commands_lost: u64,
@@ -115,6 +115,8 @@ pub struct Flight {
     pub commands_repeated: u64,
     /// Every command that reached the vehicle.
     pub applied: Vec<AppliedCommand>,
+    /// Operators' requests that changed the flight or its settings, with their instants; without those that were refused.
+    pub changes: Vec<(Time, EventV1)>,
     /// Flight time over wall time, from the first to the last tick \[-\].
     pub speed_factor: f64,
     /// Resource use of the daemon; `None` if it was not a separate process.
@@ -139,6 +141,7 @@ impl Flight {
             poses_repeated: 0,
             commands_repeated: 0,
             applied: Vec::with_capacity(4096),
+            changes: Vec::new(),
             speed_factor: 0.0,
             daemon: None,
         }
@@ -237,14 +240,16 @@ impl Flight {
 
     /// Time of the last armed tick after arming, as text; empty without an armed tick.
     fn when(&self) -> String {
-        let (first, last) = (self.armed().next(), self.armed().last());
-        first.zip(last).map_or_else(String::new, |(first, last)| {
-            let after_s = last.telemetry.time.since(first.telemetry.time).seconds();
-            format!(" {after_s:.2} s after arming")
-        })
+        let last = self.armed().last();
+        last.map_or_else(String::new, |last| self.after_arming(last.telemetry.time))
     }
 
-    /// Fraction of the trajectory flown before a landing requested by an operator; `None` without such a landing.
+    /// The instant `at` as text.
+    fn after_arming(&self, at: Time) -> String {
+        format!(" {:.2} s after arming", at.since(self.origin()).seconds())
+    }
+
+    /// Part of the trajectory flown before a landing requested by an operator; `None` without such a landing.
     pub fn landing_on_request(&self) -> Option<String> {
         if self.early_landing().is_some() {
             return None;
@@ -253,9 +258,12 @@ impl Flight {
         let planned_s = landing.planned_landing_s;
         let period_s = 1.0 / self.config.loop_rate_hz();
         // The landing begins in the tick after its planned instant.
-        // Infinite: an operator changed the flight, which then has no planned landing.
-        if !planned_s.is_finite() || landing.mission_s > planned_s - period_s {
+        if planned_s.is_nan() || landing.mission_s > planned_s - period_s {
             return None;
+        }
+        // An operator changed the flight, which then had no planned landing.
+        if planned_s.is_infinite() {
+            return Some(format!("landed on request{}", self.after_arming(landing.time)));
         }
         let options = &self.config.trajectory;
         let before_s = options.take_off_s + options.settle_s;

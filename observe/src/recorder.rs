@@ -1,8 +1,8 @@
 //! The flight recorder: a sink that joins every tick of the daemon with the truth, detects the end of the flight, and returns the
 //! recorded [`Flight`].
 
-use oqtal_bus::code::{Mode, SafetyState};
-use oqtal_bus::message::{PoseV1, TelemetryV1, TruthV1, VehicleV1};
+use oqtal_bus::code::{Answer, Mode, SafetyState};
+use oqtal_bus::message::{EventV1, PoseV1, TelemetryV1, TruthV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Sample};
 use oqtal_config::Config;
@@ -36,7 +36,8 @@ pub struct Recorder {
     daemon_source: Option<u64>,
     /// Number of samples lost before the recorder received them, by topic.
     lost: Vec<(ObservedTopic, u64)>,
-    last_tick: Option<Time>,
+    /// Instant of the newest tick if the vehicle was armed in it.
+    armed_at: Option<Time>,
     join: NearestJoin<TelemetryV1, TruthV1>,
     flown: bool,
     resting_since: Option<Time>,
@@ -44,12 +45,13 @@ pub struct Recorder {
 
 impl Recorder {
     /// Topics required for the evaluation of a flight.
-    pub const TOPICS: [ObservedTopic; 5] = [
+    pub const TOPICS: [ObservedTopic; 6] = [
         ObservedTopic::Telemetry,
         ObservedTopic::Truth,
         ObservedTopic::Pose,
         ObservedTopic::Vehicle,
         ObservedTopic::External,
+        ObservedTopic::Event,
     ];
 
     /// A recorder for a flight under `config`.
@@ -60,7 +62,7 @@ impl Recorder {
             daemon_pid: None,
             daemon_source: None,
             lost: Vec::new(),
-            last_tick: None,
+            armed_at: None,
             join: NearestJoin::default(),
             flown: false,
             resting_since: None,
@@ -188,12 +190,7 @@ impl Recorder {
             self.daemon_replaced();
         }
         self.daemon_pid = Some(u64::from(reception.header.origin().process()));
-        self.flight.wakeup_lateness.add(Span::from_nanos(telemetry.wakeup_lateness_ns));
-        if let Some(last) = self.last_tick.replace(telemetry.time) {
-            let period = Span::period_of(self.flight.config.loop_rate_hz());
-            let deviation = telemetry.time.since(last) - period;
-            self.flight.period_jitter.add(Span::from_nanos(deviation.nanos().abs()));
-        }
+        self.add_timing(telemetry);
         if self.has_no_truth() {
             self.push(FlightSample { telemetry: *telemetry, truth: None });
             return;
@@ -201,6 +198,19 @@ impl Recorder {
         self.join.add_tick(telemetry.time, *telemetry);
         self.join();
         self.give_up_truth();
+    }
+
+    /// Adds the timing of a tick in which the vehicle is armed.
+    fn add_timing(&mut self, telemetry: &TelemetryV1) {
+        let sample = FlightSample { telemetry: *telemetry, truth: None };
+        let last =
+            std::mem::replace(&mut self.armed_at, sample.is_armed().then_some(telemetry.time));
+        let Some(now) = self.armed_at else { return };
+        self.flight.wakeup_lateness.add(Span::from_nanos(telemetry.wakeup_lateness_ns));
+        if let Some(last) = last {
+            let deviation = now.since(last) - Span::period_of(self.flight.config.loop_rate_hz());
+            self.flight.period_jitter.add(Span::from_nanos(deviation.nanos().abs()));
+        }
     }
 
     fn pose(&mut self, reception: &Reception, pose: &PoseV1) {
@@ -223,11 +233,25 @@ impl Recorder {
             return;
         }
         let (stamps, onward) = (header.stamps, OnwardTime::of(vehicle));
-        flight.hops.add(&stamps, onward);
+        if self.armed_at.is_some() {
+            flight.hops.add(&stamps, onward);
+        }
         let (sequence, battery_v) = (vehicle.command_sequence, vehicle.battery_v);
         let last = flight.applied.last().map_or(0, |command| command.sequence);
         flight.commands_repeated += u64::from(sequence == last);
         flight.applied.push(AppliedCommand { sequence, stamps, onward, battery_v });
+    }
+}
+
+impl Recorder {
+    /// Takes a request that changes the flight. One that the loop refuses has a second event, with the same number.
+    fn change(&mut self, reception: &Reception, event: &EventV1) {
+        let changes = &mut self.flight.changes;
+        if event.answer == Answer::Refused.code() {
+            changes.retain(|(_, change)| change.number != event.number);
+        } else {
+            changes.push((reception.received_at, *event));
+        }
     }
 }
 
@@ -241,9 +265,10 @@ impl Sink for Recorder {
             Sample::Telemetry(telemetry) => self.telemetry(reception, telemetry),
             Sample::Pose(pose) => self.pose(reception, pose),
             Sample::Vehicle(vehicle) => self.vehicle(reception, vehicle),
-            Sample::External(answer) if answer.answered_at.is_set() => {
+            Sample::External(answer) if self.armed_at.is_some() && answer.answered_at.is_set() => {
                 self.flight.hops.add_answer(answer.answered_at.since(answer.asked_at));
             }
+            Sample::Event(event) => self.change(reception, event),
             _ => {}
         }
     }
@@ -257,40 +282,4 @@ impl Sink for Recorder {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// The flight of a daemon that reports `states`, one tick of 20 ms each, with truth in the first `true_ticks` of them.
-    fn recorded(states: &[SafetyState], true_ticks: usize) -> Recorder {
-        let mut recorder = Recorder::new(&Config::default());
-        for (k, state) in states.iter().enumerate() {
-            let time = Time::VIRTUAL_START + Span::from_millis(20).scaled(k as f64);
-            let reception = Reception { received_at: time, ..Reception::default() };
-            let is_stopped = *state == SafetyState::Stop;
-            let mode = if is_stopped { Mode::Disarmed } else { Mode::Flying };
-            let (mode, state) = (mode.code(), state.code());
-            let position = [0.0, 0.0, 1.0];
-            let telemetry = TelemetryV1 { time, mode, state, position, ..TelemetryV1::default() };
-            recorder.sample(&reception, Sample::Telemetry(&telemetry));
-            let attitude = [0.0, 0.0, 0.0, 1.0];
-            let truth = TruthV1 { time, position, attitude, ..TruthV1::default() };
-            if k < true_ticks {
-                recorder.sample(&reception, Sample::Truth(&truth));
-            }
-        }
-        recorder
-    }
-
-    #[test]
-    fn a_flight_whose_truth_ends_ends_as_the_daemon_reports() {
-        let flown = [SafetyState::Nominal; 50];
-        let ended = [SafetyState::Coast; 25];
-        let stopped = [SafetyState::Stop; 50];
-        let states = [&flown[..], &ended, &stopped].concat();
-        assert_eq!(recorded(&states, 50).outcome(), Some(Outcome::Stopped));
-        assert_eq!(recorded(&states[..75], 50).outcome(), None, "the daemon has not stopped yet");
-        let flight = recorded(&states, 50).finish(Outcome::Timeout, 1.0);
-        let coasted = flight.samples.iter().any(|sample| sample.telemetry.state == 2);
-        assert!(coasted, "the states after the end of the truth are recorded");
-    }
-}
+mod tests;

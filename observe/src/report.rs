@@ -114,6 +114,7 @@ fn heading(flight: &Flight, summary: &Summary) -> Markup {
                 span.badge.(mood) { (summary.outcome) }
             }
             @if let Some(shortfall) = &summary.shortfall { p.note { (shortfall) } }
+            @if let Some(changed) = summary.changed() { p.note { (changed) } }
             p.note { (circumstances(flight, summary)) }
         }
     }

@@ -52,7 +52,8 @@ fn centimetres(value: f64) -> f64 {
 /// Health of one process.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ProcessHealth {
-    name: &'static str,
+    /// Name of its role.
+    pub name: &'static str,
     /// Newest health message; `None` if the process is not started or silent: killed, hung, or waiting for virtual time.
     #[serde(rename = "heard")]
     report: Option<HealthReport>,
@@ -176,6 +177,11 @@ impl ProcessHealth {
     pub fn new(role: Role, process: Option<&ObservedProcess>, now: Time) -> Self {
         let report = process.map(|process| HealthReport::new(process, now));
         Self { name: role.name(), report, silent: None }
+    }
+
+    /// Whether it publishes its health, or is known to be silent.
+    pub fn is_seen(&self) -> bool {
+        self.report.is_some() || self.silent.is_some()
     }
 
     /// Notes the name and id of the process that has this place in the instance; `None` if there is none.

@@ -14,6 +14,7 @@ use serde::Serialize;
 
 use crate::command_path::CommandPath;
 use crate::corners::CornerFigures;
+use crate::event::ChangeInFlight;
 use crate::fault::{AppliedDisturbance, InjectedFault};
 use crate::flight::{Flight, FlightSample, Outcome};
 use crate::kernel::ProcessUsage;
@@ -118,6 +119,8 @@ pub struct Summary {
     pub faults: Vec<InjectedFault>,
     /// Disturbances, in order of their beginnings.
     pub disturbances: Vec<AppliedDisturbance>,
+    /// Operators' requests that changed the flight or its settings, in order.
+    pub changes: Vec<ChangeInFlight>,
     pub config_hash: String,
     pub trajectory_hash: Option<String>,
 }
@@ -168,6 +171,7 @@ impl Summary {
             state_sequence: state_sequence(flight),
             faults: InjectedFault::all(flight),
             disturbances: AppliedDisturbance::all(flight),
+            changes: ChangeInFlight::all(flight),
             config_hash: format!("{:016x}", config.hash()),
             trajectory_hash: trajectory_hash(flight),
         }
@@ -177,6 +181,13 @@ impl Summary {
     pub fn held(&self) -> Option<String> {
         let held = || format!("held by the fence for {:.1} s, which is not scored", self.held_s);
         (self.held_s > 0.0).then(held)
+    }
+
+    /// Number of changes, with the last one; `None` without a change.
+    pub fn changed(&self) -> Option<String> {
+        let ChangeInFlight { time_s, text } = self.changes.last()?;
+        let count = self.changes.len();
+        Some(format!("changed in flight: {count}, the last at {time_s:.1} s: {text}"))
     }
 
     /// Safety states passed through, as text; only the first few if there are many.

@@ -30,7 +30,8 @@ pub fn closing(summary: &Summary) -> String {
     }
     text += &summary.wire.as_ref().map_or_else(String::new, wire);
     text += &counts(summary);
-    text + &summary.daemon.as_ref().map_or_else(String::new, process)
+    text += &summary.daemon.as_ref().map_or_else(String::new, process);
+    text + &summary.changed().map_or_else(String::new, |it| format!("\n{}", wrapped(&it, 4)))
 }
 
 fn headline(summary: &Summary) -> String {
@@ -95,7 +96,8 @@ fn latencies(summary: &Summary) -> Option<Table> {
     for (name, spans) in
         [("wake-up lateness", &summary.wakeup_lateness), ("period jitter", &summary.period_jitter)]
     {
-        table.add_rows(spans.iter().map(|spans| latency_row(name, spans)));
+        let spans = spans.iter().filter(|spans| spans.count > 0);
+        table.add_rows(spans.map(|spans| latency_row(name, spans)));
     }
     align(&mut table);
     (!table.is_empty()).then_some(table)

@@ -74,10 +74,8 @@ impl Reached {
             process.is_of_instance(&paths.instance) && is_here
         };
         if let Some(process) = self.others.iter().find(is_meant) {
-            let root = std::iter::once(paths.clone())
-                .chain(under_roots(paths))
-                .find(|paths| process.is_under(paths))
-                .map_or_else(String::new, |paths| format!(" in {}", paths.root.display()));
+            let root = root_of(process, paths)
+                .map_or_else(String::new, |root| format!(" in {}", root.display()));
             let message = format!(
                 "{command}: instance `{}` runs{root} as user {}: no permission for {}; run `sudo oqtal ctl {command} --instance {}`",
                 paths.instance,
@@ -110,6 +108,13 @@ fn under_roots(paths: &InstancePaths) -> impl Iterator<Item = InstancePaths> {
     let instance = paths.instance.clone();
     let under = move |root: PathBuf| InstancePaths { instance: instance.clone(), root };
     InstancePaths::default_roots().into_iter().map(under)
+}
+
+/// Root of the instance of `process`: that of `paths`, a default one, or one that its files name.
+pub fn root_of(process: &ObeyingProcess, paths: &InstancePaths) -> Option<PathBuf> {
+    let held = process.held_files().ok().and_then(|files| files.paths);
+    let mut known = std::iter::once(paths.clone()).chain(under_roots(paths)).chain(held);
+    known.find(|paths| process.is_under(paths)).map(|paths| paths.root)
 }
 
 /// Role and number of a process.

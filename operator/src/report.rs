@@ -80,7 +80,10 @@ impl ControlReport {
         }
         let Self { command, cause, mode, obstacles, text, .. } = self;
         let listed = obstacles.join("; ");
+        let has_motors_off =
+            *command == OperatorCommand::Land.to_string() && *mode == Mode::Disarmed.to_string();
         let reasons = match (obstacles.is_empty(), cause.as_str()) {
+            _ if has_motors_off => "the motors are off",
             (false, _) => &listed,
             (true, "") => "the flight did not begin",
             (true, cause) => cause,

@@ -10,6 +10,8 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
 use oqtal_runtime::process::{Exit, Failure};
 
+use crate::reach::{name_of, root_of};
+
 /// Time within which a running daemon answers.
 const ANSWER_TIMEOUT: Span = Span::from_millis(2000);
 /// Time between two checks whether an instance has started.
@@ -57,7 +59,7 @@ pub fn running_bus(paths: &InstancePaths) -> Result<Bus, Failure> {
             return Ok(bus);
         }
         if Time::now() > give_up {
-            return Err(silent(paths));
+            return Err(no_answer(paths, |_| true));
         }
         std::thread::sleep(START_POLL);
     }
@@ -77,35 +79,38 @@ pub fn unanswered(bus: &Bus) -> Failure {
 
 /// Failure of a command to an instance without a daemon on its bus: names a daemon that runs nevertheless.
 pub fn silent(paths: &InstancePaths) -> Failure {
+    no_answer(paths, |process| !process.is_vehicle)
+}
+
+/// Failure of a command to the instance at `paths`: names its process, of those that `is_meant` selects, under this root or another.
+fn no_answer(paths: &InstancePaths, is_meant: impl Fn(&ObeyingProcess) -> bool) -> Failure {
     let InstancePaths { instance, root } = paths;
-    let mut daemons = ObeyingProcess::all();
-    daemons.retain(|process| !process.is_vehicle && process.is_of_instance(instance));
-    let here = daemons.iter().find(|daemon| daemon.is_under(paths));
-    let (exit, message) = match (here, daemons.first()) {
-        (Some(daemon), _) => (
-            Exit::Peer,
-            format!(
-                "the daemon of instance `{instance}`, process {}, cannot be reached: it is starting, or files of the instance were \
-                 removed, after which it lands and ends; `oqtal ctl land` and `stop` reach it",
-                daemon.pid
-            ),
-        ),
-        (None, Some(daemon)) => (
-            if daemon.is_ours() { Exit::Peer } else { Exit::Permission },
-            format!(
-                "no daemon answers on instance `{instance}` in {}; process {} of user {} is one under another root: run as that user, or \
-                 give its --root",
-                root.display(),
-                daemon.pid,
-                daemon.user
-            ),
-        ),
-        (None, None) => (
-            Exit::Peer,
-            format!(
-                "no daemon answers on instance `{instance}`; start one with `oqtal daemon run --instance {instance}`"
-            ),
-        ),
+    let mut running = ObeyingProcess::all();
+    running.retain(|process| process.is_of_instance(instance) && is_meant(process));
+    if let Some(process) = running.iter().find(|process| process.is_under(paths)) {
+        let message = format!(
+            "{} of instance `{instance}` runs, but cannot be reached: it is starting, or files of the instance were removed, after which \
+             it lands and ends; `oqtal ctl land` and `stop` reach it",
+            name_of(process)
+        );
+        return Failure::new(Exit::Peer, message);
+    }
+    let nobody = format!("no daemon answers on instance `{instance}`");
+    let Some(process) = running.first() else {
+        let remedy = format!("start one with `oqtal daemon run --instance {instance}`");
+        return Failure::new(Exit::Peer, format!("{nobody}; {remedy}"));
     };
+    let other = root_of(process, paths)
+        .map_or_else(|| "another root".to_owned(), |root| format!("--root {}", root.display()));
+    let (exit, remedy) = match process.is_ours() {
+        true => (Exit::Peer, "give that root"),
+        false => (Exit::Permission, "run as that user, or as root with that root"),
+    };
+    let message = format!(
+        "{nobody} in {}; {} of user {} runs it under {other}: {remedy}",
+        root.display(),
+        name_of(process),
+        process.user
+    );
     Failure::new(exit, message)
 }

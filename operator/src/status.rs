@@ -4,11 +4,12 @@ use std::time::Duration;
 
 use oqtal_bus::bus::Bus;
 use oqtal_bus::error::BusError;
+use oqtal_bus::obeying::ObeyingProcess;
 use oqtal_bus::time::Time;
 use oqtal_bus::topic::Role;
 use oqtal_observe::instance::InstanceModel;
 use oqtal_observe::observer::BusObserver;
-use oqtal_observe::status::InstanceStatus;
+use oqtal_observe::status::{InstanceStatus, ProcessHealth};
 use oqtal_runtime::health::SILENCE;
 
 /// Observes the instance until every process was received or counts as silent.
@@ -27,5 +28,23 @@ pub fn observe(bus: &Bus) -> Result<InstanceStatus, BusError> {
     for (role, process) in Role::PROCESSES.into_iter().zip(&mut status.processes) {
         process.note_holder(bus.holder(&role.health())?);
     }
+    if has_lost_process(bus, &status) {
+        // Files of the instance were removed: its other processes may run as well.
+        status.processes.retain(ProcessHealth::is_seen);
+    }
     Ok(status)
+}
+
+/// Whether a process of the vehicle or a daemon runs that was not seen on the bus.
+fn has_lost_process(bus: &Bus, status: &InstanceStatus) -> bool {
+    let is_seen = |role: Role| {
+        status.processes.iter().any(|process| process.name == role.name() && process.is_seen())
+    };
+    ObeyingProcess::all().iter().any(|process| {
+        let roles =
+            if process.is_vehicle { &[Role::Plant, Role::Bridge][..] } else { &[Role::Daemon] };
+        let is_here =
+            process.is_of_instance(&bus.paths().instance) && process.is_under(bus.paths());
+        is_here && !roles.iter().any(|role| is_seen(*role))
+    })
 }

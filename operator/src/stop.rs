@@ -12,7 +12,7 @@ use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Mode, OperatorCommand, SafetyState};
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
-use oqtal_bus::obeying::STOP_SIGNAL;
+use oqtal_bus::obeying::{ObeyingProcess, STOP_SIGNAL};
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::stop::{StopReport, StopSwitch};
 use oqtal_bus::time::{Span, Time};
@@ -43,7 +43,7 @@ pub struct ObeyedStop {
     state: String,
     /// Result of each path.
     paths: Vec<String>,
-    /// Command that allows the next flight.
+    /// Command of the next flight.
     arm_again: String,
     /// Why the stop words of the vehicle's process, which would confirm the stop, cannot be read.
     #[serde(skip)]
@@ -108,7 +108,7 @@ pub fn raise(address: &AddressedInstance) -> Result<ObeyedStop, Failure> {
     paths.push(format!("control service: {}", said(&answer)));
     Ok(ObeyedStop {
         paths,
-        arm_again: arm_again(address, &reached.paths),
+        arm_again: fly_again(address, &reached),
         unconfirmed: Unconfirmed::of(&reached, &raised),
         ..ObeyedStop::new(report, answer.ok().flatten().as_ref())
     })
@@ -188,9 +188,12 @@ fn said(answer: &DaemonAnswer) -> &str {
     }
 }
 
-/// The command that arms again.
-fn arm_again(address: &AddressedInstance, paths: &InstancePaths) -> String {
-    let InstancePaths { instance, root } = paths;
+/// The command of the next flight: the one that started the processes and ends with this flight, or the one that arms again.
+fn fly_again(address: &AddressedInstance, reached: &Reached) -> String {
+    if let Some(command) = reached.processes.iter().find_map(ObeyingProcess::started_by) {
+        return format!("oqtal {command}").trim_end().to_owned();
+    }
+    let InstancePaths { instance, root } = &reached.paths;
     let is_other_root = address.has_root || *root != address.paths.root;
     let root = if is_other_root { format!(" --root {}", root.display()) } else { String::new() };
     format!("oqtal ctl arm --instance {instance}{root}")

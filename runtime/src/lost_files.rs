@@ -97,7 +97,7 @@ impl Departure {
             file.path.display()
         );
         tracing::error!("{reason}; a flight is landed first");
-        context.signals.land.store(true, Ordering::Release);
+        context.signals.files_lost.store(true, Ordering::Release);
         let flying = context.paths().map(|paths| others(&paths, whole_at)).unwrap_or_default();
         Self { reason, begun_at: Time::now(), motors_off_since: None, flying }
     }

@@ -5,13 +5,18 @@ use std::io::{ErrorKind, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::channel;
 use std::time::Duration;
 
 use clap::Parser;
+use serde::Serialize;
 
 use crate::exit::{Exit, Failure, without_error_numbers};
 use crate::stop::StopFlag;
+
+/// Whether results were printed on standard output.
+static HAS_PRINTED: AtomicBool = AtomicBool::new(false);
 
 /// Maximum time that a message waits for standard error.
 const SAY_TIMEOUT: Duration = Duration::from_millis(300);
@@ -57,6 +62,39 @@ pub fn guarded<T>(work: impl FnOnce() -> Result<T, Failure>) -> Result<T, Failur
     })
 }
 
+/// Concludes a failed `command` of `oqtal`, as [`conclude`]. With `--json`, the failure is also a document on standard output, unless
+/// the command has printed one.
+pub fn fail(command: &str, failure: &Failure) -> ExitCode {
+    print_failure(command, failure.exit, &failure.message);
+    conclude("oqtal", failure)
+}
+
+/// First word of the command line; `fly` without one.
+pub fn command_word() -> String {
+    let word = std::env::args_os().nth(1).map(|word| word.to_string_lossy().into_owned());
+    word.filter(|word| !word.starts_with('-')).unwrap_or_else(|| "fly".to_owned())
+}
+
+/// Failure of a command as JSON.
+#[derive(Debug, Serialize)]
+struct FailureDocument<'a> {
+    command: &'a str,
+    /// Always "none".
+    answer: &'static str,
+    /// Reason, with the remedy.
+    error: &'a str,
+    /// Exit code of the command \[-\].
+    exit_code: u8,
+}
+
+fn print_failure(command: &str, exit: Exit, error: &str) {
+    if std::env::args_os().any(|word| word == "--json") && !HAS_PRINTED.load(Ordering::Relaxed) {
+        let document = FailureDocument { command, answer: "none", error, exit_code: exit as u8 };
+        // The failure that is reported already matters more.
+        let _ = print(&serde_json::to_string_pretty(&document).expect("plain JSON"));
+    }
+}
+
 /// Prints on standard error the reason why `program` failed, and returns its exit code.
 pub fn conclude(program: &str, failure: &Failure) -> ExitCode {
     say(&format!("{program}: {failure}"));
@@ -68,6 +106,7 @@ pub fn conclude(program: &str, failure: &Failure) -> ExitCode {
 /// # Errors
 /// The output cannot be written, as on a full disk.
 pub fn print(text: &str) -> Result<(), Failure> {
+    HAS_PRINTED.store(true, Ordering::Relaxed);
     let mut output = std::io::stdout().lock();
     match writeln!(output, "{text}").and_then(|()| output.flush()) {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => {
@@ -101,7 +140,11 @@ pub fn beside(work: impl FnOnce() + Clone + Send + 'static) {
 fn explain(error: &clap::Error) -> ExitCode {
     // Ignored: standard output and error may be closed.
     let _ = error.print();
-    if error.use_stderr() { Exit::Usage.into() } else { Exit::Ok.into() }
+    if !error.use_stderr() {
+        return Exit::Ok.into();
+    }
+    print_failure(&command_word(), Exit::Usage, error.to_string().trim_end());
+    Exit::Usage.into()
 }
 
 /// The message of a panic.

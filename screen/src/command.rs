@@ -17,7 +17,7 @@ use oqtal_runtime::stop::StopFlag;
 use crate::draw::draw;
 use crate::keys::Key;
 use crate::look::ScreenLook;
-use crate::model::MonitorModel;
+use crate::model::{MonitorModel, ShownAnswer};
 use crate::terminal::OpenTerminal;
 
 /// Refresh period of the picture.
@@ -134,7 +134,8 @@ impl Watch {
 
     fn request(&mut self, line: &str) {
         let (request, paths) = &self.request;
-        self.model.answer = Some(request(paths, line));
+        let text = request(paths, line);
+        self.model.answer = Some(ShownAnswer::at(Time::now(), &text));
     }
 
     fn poll(&mut self) -> Result<(), Failure> {

@@ -3,7 +3,7 @@
 use crate::layout::{CHART_LINES, COMPLETE, ScreenParts};
 use crate::lines::{self, StatusLine};
 use crate::look::{ScreenLook, Weight};
-use crate::model::{MonitorModel, Trends};
+use crate::model::{MonitorModel, ShownAnswer, Trends};
 use crate::picture::{Picture, Rect};
 use crate::trend::{STEP, Trend};
 
@@ -49,8 +49,8 @@ impl Canvas {
         let age = model.instance.age().seconds();
         let name = &model.name;
         let (text, weight) = match (&model.keyboard.line, &model.answer) {
-            (Some(line), _) => (format!("{name}: {line}_"), Weight::Plain),
-            (None, Some(answer)) => (format!("{name}: {answer}"), Weight::Alarm),
+            (Some(line), _) => (format!("{name} (Ctrl-S stops): {line}_"), Weight::Plain),
+            (None, Some(ShownAnswer { text, .. })) => (format!("{name}, {text}"), Weight::Alarm),
             (None, None) => {
                 (format!("oqtal monitor: {name}, observed for {age:.0} s"), Weight::Label)
             }

@@ -5,6 +5,7 @@ const LONGEST: usize = 200;
 
 const CTRL_C: u8 = 3;
 const CTRL_D: u8 = 4;
+const CTRL_S: u8 = 19;
 const BACKSPACE: u8 = 8;
 const DELETE: u8 = 127;
 const ESCAPE: u8 = 0x1b;
@@ -30,14 +31,15 @@ pub struct Keyboard {
 }
 
 impl Keyboard {
-    /// Takes the bytes of one or more keys; no bytes mean the end of the input. The keys that quit and stop do so in a request
-    /// too, in which they have no other use.
+    /// Takes the bytes of one or more keys; no bytes mean the end of the input. Control keys quit and stop in a request too. The
+    /// letter S is a letter there, and in a text: pasted text arrives at once, and must not stop a flight.
     pub fn take(&mut self, bytes: &[u8]) -> Option<Key> {
         if bytes.is_empty() || bytes.iter().any(|key| matches!(*key, CTRL_C | CTRL_D)) {
             return Some(Key::Quit);
         }
         // With the shift key: not pressed by accident.
-        if bytes[0] != ESCAPE && bytes.contains(&b'S') {
+        let is_letter_alone = self.line.is_none() && bytes.iter().all(|key| *key == b'S');
+        if is_letter_alone || bytes.contains(&CTRL_S) {
             self.line = None;
             return Some(Key::Stop);
         }
@@ -86,10 +88,12 @@ mod tests {
         assert_eq!(meaning(b"c"), None);
         assert_eq!(meaning(b"\x1b[A"), None, "an arrow");
         assert_eq!(meaning(b"r"), Some(Key::Restart));
-        assert_eq!(
-            (meaning(b"S"), meaning(b"s"), meaning(b"rS")),
-            (Some(Key::Stop), None, Some(Key::Stop))
-        );
+        assert_eq!((meaning(b"S"), meaning(b"s"), meaning(b"rS")), (Some(Key::Stop), None, None));
+        for stop in [&b"SSS"[..], b"\x13", b"r\x13"] {
+            assert_eq!(meaning(stop), Some(Key::Stop), "{stop:?}");
+        }
+        assert_eq!(meaning(b"/home/Sam/Setup.toml\r"), None, "pasted");
+        assert_eq!(meaning(b"\x1bOS"), None, "F4");
     }
 
     #[test]
@@ -102,8 +106,14 @@ mod tests {
         assert_eq!((keyboard.take(b":land"), keyboard.take(b"\x1b")), (None, None));
         assert_eq!(keyboard.line, None);
         assert_eq!(keyboard.take(b":  \r"), None);
+        let paths =
+            [&b":reload /home/"[..], b"S", b"am/Setup.toml"].map(|keys| keyboard.take(keys));
+        assert_eq!(
+            (paths, keyboard.line.as_deref()),
+            ([const { None }; 3], Some("reload /home/Sam/Setup.toml"))
+        );
         // Neither waits for the end of a line.
-        assert_eq!((keyboard.take(b":goS"), keyboard.line.take()), (Some(Key::Stop), None));
+        assert_eq!((keyboard.take(b"\x13"), keyboard.line.take()), (Some(Key::Stop), None));
         assert_eq!((keyboard.take(b":go"), keyboard.take(b"\x03")), (None, Some(Key::Quit)));
     }
 }

@@ -1,6 +1,8 @@
 //! The model that `oqtal monitor` shows: the model of the instance, and three quantities over time.
 
-use oqtal_bus::time::Time;
+use oqtal_bus::code::Mode;
+use oqtal_bus::message::TelemetryV1;
+use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Sample};
 use oqtal_observe::instance::{InstanceModel, tracking_error_m};
 use oqtal_observe::latency::{OnwardTime, hops, sensor_to_actuator};
@@ -9,6 +11,9 @@ use oqtal_runtime::health::SILENCE;
 
 use crate::keys::Keyboard;
 use crate::trend::Trend;
+
+/// Longest time from the answer to `arm` to the first tick of its flight.
+const TAKE_OFF: Span = Span::from_millis(2000);
 
 /// Quantities that are shown over time.
 #[derive(Debug, Default)]
@@ -32,8 +37,28 @@ pub struct MonitorModel {
     pub trends: Trends,
     /// Keys, with the request being typed.
     pub keyboard: Keyboard,
-    /// Answer to the last request.
-    pub answer: Option<String>,
+    /// ShownAnswer to the last request, until another flight begins or another daemon is seen.
+    pub answer: Option<ShownAnswer>,
+    /// Source of the daemon's newest tick, and whether a mission was active in it.
+    daemon: Option<(u64, bool)>,
+}
+
+/// ShownAnswer to a request.
+#[derive(Debug)]
+pub struct ShownAnswer {
+    /// Instant of the answer.
+    at: Time,
+    /// Its time of day and its text.
+    pub text: String,
+}
+
+impl ShownAnswer {
+    /// The answer `text`, received at `at`.
+    pub fn at(at: Time, text: &str) -> Self {
+        let second = (at + Time::wall_offset()).nanos() / 1_000_000_000;
+        let [hours, minutes, seconds] = [second / 3600 % 24, second / 60 % 60, second % 60];
+        Self { at, text: format!("{hours:02}:{minutes:02}:{seconds:02} UTC: {text}") }
+    }
 }
 
 impl MonitorModel {
@@ -42,7 +67,7 @@ impl MonitorModel {
         let instance = InstanceModel::new(now, SILENCE);
         let name = name.to_owned();
         let (trends, keyboard) = (Trends::default(), Keyboard::default());
-        Self { name, instance, trends, keyboard, answer: None }
+        Self { name, instance, trends, keyboard, answer: None, daemon: None }
     }
 
     /// Starts a new instant; to be called before the samples received at it.
@@ -51,10 +76,25 @@ impl MonitorModel {
         let Trends { error, thrust, latency } = &mut self.trends;
         [error, thrust, latency].into_iter().for_each(|trend| trend.advance(now));
     }
+
+    /// Forgets the answer if the tick belongs to another flight or another daemon. The flight that a request begins takes off while
+    /// its answer is given.
+    fn forget_answer(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
+        let source = reception.header.source;
+        let is_armed = Mode::from_code(telemetry.mode).is_some_and(Mode::is_armed);
+        let before = self.daemon.replace((source, is_armed));
+        let is_other =
+            before.is_some_and(|(daemon, was_armed)| daemon != source || (is_armed && !was_armed));
+        let now = self.instance.now;
+        self.answer.take_if(|answer| is_other && now.since(answer.at) > TAKE_OFF);
+    }
 }
 
 impl Sink for MonitorModel {
     fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
+        if let Sample::Telemetry(telemetry) = sample {
+            self.forget_answer(reception, telemetry);
+        }
         let Trends { error, thrust, latency } = &mut self.trends;
         match sample {
             Sample::Telemetry(telemetry) => {

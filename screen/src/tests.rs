@@ -9,7 +9,7 @@ use oqtal_observe::sink::{Reception, Sink};
 
 use crate::draw::draw;
 use crate::look::ScreenLook;
-use crate::model::MonitorModel;
+use crate::model::{MonitorModel, ShownAnswer};
 use crate::picture::Picture;
 
 const PLAIN: ScreenLook = ScreenLook { has_colour: false, has_blocks: false };
@@ -204,6 +204,30 @@ fn an_instance_that_ends_is_told_and_one_that_comes_back_is_shown_again() {
     let picture = seen(&model, (100, 30));
     assert!(picture.contains("state     Nominal") && picture.contains("1 ticks"), "{picture}");
     assert!(picture.contains("daemon came, pid 4711"), "{picture}");
+}
+
+#[test]
+fn an_answer_is_shown_until_another_flight_or_daemon() {
+    for (source, mode) in [(4711, Mode::Flying), (4712, Mode::Disarmed)] {
+        let mut model = in_flight();
+        let mut tick = |seconds: i64, source, mode: Mode| {
+            let now = at(3000 + 1000 * seconds);
+            model.advance(now);
+            if seconds == 1 {
+                model.answer = Some(ShownAnswer::at(now, "landing where it is"));
+            }
+            let reception =
+                Reception { header: Header { source, ..Header::default() }, received_at: now };
+            let tick = TelemetryV1 { mode: mode.code(), ..flying(now) };
+            model.sample(&reception, Sample::Telemetry(&tick));
+            seen(&model, (80, 24)).contains("UTC: landing where it is")
+        };
+        assert!(tick(1, 4711, Mode::Landing) && tick(9, 4711, Mode::Disarmed));
+        assert!(!tick(10, source, mode), "{mode}");
+    }
+    let mut model = in_flight();
+    model.keyboard.take(b":go");
+    assert!(seen(&model, (80, 24)).contains("lab (Ctrl-S stops): go_"));
 }
 
 #[test]

@@ -26,6 +26,8 @@ const INPUTS: &str = "inputs";
 #[derive(Debug)]
 pub struct FlightDirectory {
     directory: PathBuf,
+    /// Whether it was made for this flight, with a name of its own.
+    is_new: bool,
 }
 
 impl FlightDirectory {
@@ -59,7 +61,7 @@ impl FlightDirectory {
             }
             None => next_free(&config.instance.name)?,
         };
-        let created = Self { directory };
+        let created = Self { directory, is_new: given.is_none() };
         let config = config.clone().with_files_at(|file| created.copy(file))?;
         created.save(CONFIG, &config.to_toml())?;
         Ok(created)
@@ -80,6 +82,14 @@ impl FlightDirectory {
             copy.map_err(|e| failed(&to, &e))?;
         }
         Ok(copied)
+    }
+
+    /// Removes the directory of a flight that was refused, if it was made for it.
+    pub fn discard(&self) {
+        if self.is_new {
+            // Ignored: the refusal is reported.
+            let _ = fs::remove_dir_all(&self.directory);
+        }
     }
 
     /// The path of the directory.

@@ -90,6 +90,7 @@ impl BusFlight<'_> {
     fn fly_at(&self, paths: &InstancePaths) -> Result<RecordedFlight, Failure> {
         let bus = Bus::open(paths)?;
         let config = &self.mission.config;
+        self.refuse_running_processes(&bus).inspect_err(|_| self.directory.discard())?;
         // The readers are opened before any process publishes.
         let recording = self.recording(&[RecordedFlights::Processes, RecordedFlights::All])?;
         let topics = match recording {
@@ -97,7 +98,6 @@ impl BusFlight<'_> {
             None => Recorder::TOPICS.to_vec(),
         };
         let observer = BusObserver::open(&bus, &topics)?;
-        self.refuse_running_processes(&bus)?;
         let lockstep = config.clock.kind == ClockKind::Lockstep;
         let _one_processor = lockstep.then(OneProcessor::bind);
         let (flight, interrupts) = ((self.mission, self.paths), self.interrupts);

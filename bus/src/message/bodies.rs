@@ -247,7 +247,7 @@ message! {
 message! {
     /// Topic `input`: inputs of the daemon's loop, in the order in which it acted on them: enough to execute the same turns again
     /// from a recording of the other topics. Once for the start of the daemon, for each turn in which a sample was taken or a tick
-    /// made, and for each request of an operator.
+    /// made, for each request of an operator, and for a loss of files.
     InputV1 = "oqtal.Input.v1" {
         /// Instant of the turn: when the daemon woke.
         time: Time ["ns"],

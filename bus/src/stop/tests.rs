@@ -103,7 +103,7 @@ fn a_signal_raises_a_stop_in_either_process() {
         assert_eq!(seen, [true, true]);
         assert!(!daemon.is_newly_raised(), "raised once");
         assert_eq!(daemon.is_landing_requested(), !is_vehicle);
-        assert!(!daemon.is_landing_requested());
+        assert!(!daemon.is_landing_requested() && !daemon.are_files_lost());
     }
 }
 

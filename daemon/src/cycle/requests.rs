@@ -15,6 +15,8 @@ pub(super) struct Requests {
     pub(super) vehicle_replaced: bool,
     /// Whether processes of the instance run with different configurations.
     pub(super) configs_differ: bool,
+    /// Whether files of the instance were lost.
+    pub(super) files_lost: bool,
     /// Whether the fallback law flew in the last tick although the law might have.
     pub(super) law_fails: bool,
 }

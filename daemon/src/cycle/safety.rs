@@ -176,6 +176,7 @@ impl SafetyMonitor {
         }
         self.health.check(&mut conditions);
         conditions.law_fails = requests.law_fails;
+        conditions.files_lost = requests.files_lost;
         conditions.poses_contradict = intake.consistency().contradicts();
         conditions.poses_disagree = intake.consistency().disagrees();
         conditions.setpoint_refused = course.setpoint().is_refused;

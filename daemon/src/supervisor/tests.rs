@@ -43,6 +43,7 @@ const NO_LIMITS: LimitConditions = LimitConditions {
     poses_disagree: false,
     overrun: false,
     configs_differ: false,
+    files_lost: false,
     setpoint_refused: false,
     references_ended: false,
     references_overdue: false,
@@ -221,7 +222,7 @@ fn every_limit_acts_within_its_bound_and_reports_its_cause() {
         change(&mut conditions.limits);
         conditions
     };
-    let rows: [(SafetyConditions, SafetyState, i64, Cause); 22] = [
+    let rows: [(SafetyConditions, SafetyState, i64, Cause); 23] = [
         (with(|l| l.leaves_fence = true), Stop, 0, Cause::Fence),
         (with(|l| l.tipped = true), Stop, 100, Cause::Tilt),
         (with(|l| l.lies_on_floor = true), Stop, 2000, Cause::Crash),
@@ -233,6 +234,7 @@ fn every_limit_acts_within_its_bound_and_reports_its_cause() {
         (with(|l| l.battery_empty = true), Land, 2000, Cause::Battery),
         (with(|l| l.link_bad = true), Land, 2000, Cause::Link),
         (with(|l| l.poses_too_old = true), Land, 500, Cause::PosesLate),
+        (with(|l| l.files_lost = true), Land, 0, Cause::FilesLost),
         (with(|l| l.in_fence_margin = true), Hold, 0, Cause::Fence),
         (with(|l| l.setpoint_refused = true), Degraded, 0, Cause::Setpoint),
         (with(|l| l.tilted = true), Degraded, 100, Cause::Tilt),

@@ -44,7 +44,8 @@ pub fn events(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
         let at = timeline.at(&pair[1]);
         changes(&pair[0].telemetry, &pair[1].telemetry).into_iter().map(move |what| (at, what))
     });
-    let mut events: Vec<(f64, String)> = events.chain(faults(summary)).collect();
+    let requests = summary.changes.iter().map(|change| (change.time_s, change.text.clone()));
+    let mut events: Vec<(f64, String)> = events.chain(faults(summary)).chain(requests).collect();
     events.sort_by(|a, b| a.0.total_cmp(&b.0));
     section(
         "Events",

@@ -65,7 +65,7 @@ pub fn latency(flight: &Flight, summary: &Summary) -> Markup {
                 (percentiles(&hops))
                 @if let Some(figures) = &summary.wire { (wire(figures)) }
             } @else {
-                p.note.wide { "No command reached a vehicle." }
+                p.note.wide { "No command reached a vehicle that was armed." }
             }
             (table(summary))
         },
@@ -216,6 +216,7 @@ fn table(summary: &Summary) -> Markup {
         [("wake-up lateness", &summary.wakeup_lateness), ("period jitter", &summary.period_jitter)];
     let of_loop =
         of_loop.into_iter().filter_map(|(name, spans)| Some((name.to_owned(), spans.as_ref()?)));
+    let of_loop = of_loop.filter(|(_, spans)| spans.count > 0);
     let at_last_byte = summary.wire.as_ref().map(|wire| &wire.command_age);
     let ages = at_last_byte.into_iter().flat_map(|age| {
         [("capture", &age.from_capture), ("publication", &age.from_publication)]

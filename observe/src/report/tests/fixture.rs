@@ -1,6 +1,6 @@
 //! Synthetic flights for tests: a square flown with lag and noise, and a recording with jitter and gaps.
 
-use crate::latency::{Distribution, HopDistributions, OnwardTime};
+use crate::latency::{HopDistributions, OnwardTime};
 use nalgebra::Vector3;
 use oqtal_bus::code::{Cause, Mode, SafetyState};
 use oqtal_bus::message::{Stamps, TelemetryV1, TruthV1};
@@ -9,9 +9,7 @@ use oqtal_config::Config;
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::trajectory::Phase;
 
-use crate::command_path::CommandPath;
 use crate::flight::{AppliedCommand, Flight, FlightSample, Outcome, PoseArrival};
-use crate::wire::WireRecord;
 
 const RATE_HZ: f64 = 60.0;
 /// Corners of the square \[m\], one every five seconds from [`FIRST_STEP_S`].
@@ -23,24 +21,8 @@ const END_S: f64 = 35.0;
 
 /// A flight without recorded data.
 pub fn empty() -> Flight {
-    Flight {
-        config: Config::default(),
-        command_path: CommandPath::Bus,
-        outcome: Outcome::Timeout,
-        crash: None,
-        samples: Vec::new(),
-        arrivals: Vec::new(),
-        hops: HopDistributions::default(),
-        wire: WireRecord::default(),
-        wakeup_lateness: Distribution::default(),
-        period_jitter: Distribution::default(),
-        commands_lost: 0,
-        poses_repeated: 0,
-        commands_repeated: 0,
-        applied: Vec::new(),
-        speed_factor: f64::NAN,
-        daemon: None,
-    }
+    let flight = Flight::new(&Config::default());
+    Flight { outcome: Outcome::Timeout, speed_factor: f64::NAN, ..flight }
 }
 
 /// Take-off, a square with corner steps, one short loss of poses, landing.

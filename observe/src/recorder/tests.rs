@@ -1,0 +1,121 @@
+//! Tests of the flight recorder with synthetic samples.
+
+use oqtal_bus::code::OperatorCommand;
+use oqtal_bus::message::{ExternalV1, Stamps};
+use oqtal_bus::text::LongText;
+use oqtal_control::trajectory::Phase;
+
+use super::*;
+use crate::compare::Comparison;
+use crate::latency::ANSWER;
+use crate::summary::Summary;
+use crate::{report, table};
+
+/// The flight of a daemon that reports `states`, one tick of 20 ms each, with truth in the first `true_ticks` of them.
+fn recorded(states: &[SafetyState], true_ticks: usize) -> Recorder {
+    let mut recorder = Recorder::new(&Config::default());
+    for (k, state) in states.iter().enumerate() {
+        let time = Time::VIRTUAL_START + Span::from_millis(20).scaled(k as f64);
+        let reception = Reception { received_at: time, ..Reception::default() };
+        let is_stopped = *state == SafetyState::Stop;
+        let mode = if is_stopped { Mode::Disarmed } else { Mode::Flying };
+        let (mode, state) = (mode.code(), state.code());
+        let position = [0.0, 0.0, 1.0];
+        let telemetry = TelemetryV1 { time, mode, state, position, ..TelemetryV1::default() };
+        recorder.sample(&reception, Sample::Telemetry(&telemetry));
+        let attitude = [0.0, 0.0, 0.0, 1.0];
+        let truth = TruthV1 { time, position, attitude, ..TruthV1::default() };
+        if k < true_ticks {
+            recorder.sample(&reception, Sample::Truth(&truth));
+        }
+    }
+    recorder
+}
+
+#[test]
+fn a_change_is_told_unless_it_is_refused_and_a_landing_after_it_was_requested() {
+    let mut recorder = Recorder::new(&Config::default());
+    let (planned_landing_s, mode) = (f64::INFINITY, Mode::Flying.code());
+    for tick in 0..4 {
+        let received_at = Time::VIRTUAL_START + Span::from_millis(500 * tick);
+        let phase = if tick < 3 { Phase::Trajectory } else { Phase::Landing } as u8;
+        let time = received_at;
+        let telemetry =
+            TelemetryV1 { time, mode, phase, planned_landing_s, ..TelemetryV1::default() };
+        let reception = Reception { received_at, ..Reception::default() };
+        recorder.sample(&reception, Sample::Telemetry(&telemetry));
+        let (position, attitude) = ([0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 1.0]);
+        let truth = TruthV1 { time, position, attitude, ..TruthV1::default() };
+        recorder.sample(&reception, Sample::Truth(&truth));
+        let text =
+            LongText::new(&format!("control.controller=geometric\nposition.tilt-limit-deg={tick}"));
+        let command = OperatorCommand::Set.code();
+        let event = EventV1 { number: tick.unsigned_abs(), command, text, ..EventV1::default() };
+        recorder.sample(&reception, Sample::Event(&event));
+        if tick != 1 {
+            let answer = Answer::Refused.code();
+            recorder.sample(&reception, Sample::Event(&EventV1 { answer, ..event }));
+        }
+    }
+    let flight = recorder.finish(Outcome::Landed, 1.0);
+    let summary = Summary::of(&flight);
+    assert_eq!(summary.shortfall.as_deref(), Some("landed on request 1.50 s after arming"));
+    assert_eq!((summary.changes.len(), summary.changes[0].time_s), (1, 0.5));
+    let told =
+        "changed in flight: 1, the last at 0.5 s: operator: set control.controller=geometric";
+    let closing = table::closing(&summary);
+    assert!(closing.replace("\n   ", "").contains(told), "{closing}");
+    assert!(closing.lines().all(|line| line.chars().count() <= 80), "{closing}");
+    assert!(report::html(&flight, &summary).contains(told));
+    let comparison = Comparison::new(vec![("a".to_owned(), flight)]).to_html();
+    assert!(comparison.contains("operator: set control.controller=geometric"));
+}
+
+#[test]
+fn timing_and_hops_count_from_arming_to_disarming() {
+    let mut recorder = Recorder::new(&Config::default());
+    let modes = [Mode::Disarmed, Mode::Flying, Mode::Flying, Mode::Landing, Mode::Disarmed];
+    for (tick, mode) in (1..).zip(modes) {
+        // Every tick is late by its number, so that the distribution names the ticks it contains.
+        let wakeup_lateness_ns = 1000 * tick;
+        let time = Time::VIRTUAL_START + Span::from_millis(20 * tick);
+        let telemetry =
+            TelemetryV1 { time, mode: mode.code(), wakeup_lateness_ns, ..TelemetryV1::default() };
+        let mut reception = Reception::default();
+        recorder.sample(&reception, Sample::Telemetry(&telemetry));
+        let answer = ExternalV1 { asked_at: time, answered_at: time, ..Default::default() };
+        recorder.sample(&reception, Sample::External(&answer));
+        reception.header.stamps = Stamps {
+            captured_at: time,
+            pose_published_at: time,
+            woken_at: time,
+            computed_at: time,
+            command_published_at: time,
+            received_at: time,
+            applied_at: time,
+            ..Stamps::default()
+        };
+        recorder.sample(&reception, Sample::Vehicle(&VehicleV1::default()));
+    }
+    let flight = recorder.finish(Outcome::Landed, 1.0);
+    let lateness = flight.wakeup_lateness.summary();
+    assert_eq!((lateness.count, lateness.min_ns / 1000, lateness.max_ns / 1000), (3, 2, 4));
+    assert_eq!(flight.period_jitter.count(), 2, "the two periods between three ticks");
+    let hops: Vec<_> = flight.hops.iter().map(|(name, hop)| (name, hop.count())).collect();
+    assert!(hops.iter().all(|(_, count)| *count == 3), "{hops:?}");
+    assert!(hops.iter().any(|(name, _)| *name == ANSWER), "{hops:?}");
+    assert_eq!(flight.applied.len(), 5, "every applied command is recorded");
+}
+
+#[test]
+fn a_flight_whose_truth_ends_ends_as_the_daemon_reports() {
+    let flown = [SafetyState::Nominal; 50];
+    let ended = [SafetyState::Coast; 25];
+    let stopped = [SafetyState::Stop; 50];
+    let states = [&flown[..], &ended, &stopped].concat();
+    assert_eq!(recorded(&states, 50).outcome(), Some(Outcome::Stopped));
+    assert_eq!(recorded(&states[..75], 50).outcome(), None, "the daemon has not stopped yet");
+    let flight = recorded(&states, 50).finish(Outcome::Timeout, 1.0);
+    let coasted = flight.samples.iter().any(|sample| sample.telemetry.state == 2);
+    assert!(coasted, "the states after the end of the truth are recorded");
+}
