@@ -118,10 +118,7 @@ enum Command {
 impl Cli {
     /// Executes the command and returns its exit code.
     pub fn execute(self) -> ExitCode {
-        let name = match &self.command {
-            Some(Command::Ctl(args)) => args.name(),
-            _ => command_word(),
-        };
+        let name = self.name();
         let result = match self.command {
             None => self.fly.execute(),
             Some(Command::Fly(args)) => args.execute(),
@@ -159,6 +156,14 @@ impl Cli {
             Some(Command::MocapEmu(command)) => return command.execute(),
         };
         result.map_or_else(|failure| fail(&name, &failure), Into::into)
+    }
+
+    /// Name of the command, or of the request of `ctl`.
+    fn name(&self) -> String {
+        match &self.command {
+            Some(Command::Ctl(args)) => args.name(),
+            _ => command_word(),
+        }
     }
 }
 

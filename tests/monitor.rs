@@ -92,6 +92,14 @@ fn services(testbed: &Testbed) -> [Running; 3] {
     running
 }
 
+/// Types an S, a letter in a request, and stops the motors there.
+fn stop_in_a_request(tmux: &Tmux<'_>) {
+    tmux.run(&["send-keys", ":S"]);
+    tmux.shows(&["(Ctrl-S stops): S_", "mode      flying"]);
+    tmux.run(&["send-keys", "C-s"]);
+    tmux.shows(&["stopped: motors off until `arm`", "mode      disarmed"]);
+}
+
 #[test]
 fn changes_are_shown_resizing_works_and_the_terminal_is_restored() {
     let testbed = Testbed::new("monitor");
@@ -112,10 +120,7 @@ fn changes_are_shown_resizing_works_and_the_terminal_is_restored() {
     tmux.shows(&["not shown: charts, hops", "state     Nominal"]);
     tmux.run(&["resize-window", "-x", "120", "-y", "40"]);
     tmux.shows(&["q quits, r restarts", "sensor_to_actuator"]);
-    tmux.run(&["send-keys", ":S"]);
-    tmux.shows(&["(Ctrl-S stops): S_", "mode      flying"]);
-    tmux.run(&["send-keys", "C-s"]);
-    tmux.shows(&["stopped: motors off until `arm`", "mode      disarmed"]);
+    stop_in_a_request(&tmux);
     tmux.run(&["send-keys", "r"]);
     drop(running);
     tmux.shows(&["waiting for the instance", "the instance has ended"]);

@@ -87,9 +87,18 @@ fn browser(view: &View, what: &str) -> Option<Value> {
     Some(seen)
 }
 
+/// Settings of a hover that poses do not end which a browser on the same machine makes late.
+const PATIENT: [&str; 4] = [
+    "trajectory.kind=hover",
+    "safety.max-pose-age-ms=1000",
+    "safety.pose-age-limit-ms=1000",
+    "safety.coast-ms=1000",
+];
+
 fn processes(testbed: &Testbed) -> [Running; 3] {
-    let hover = ["--set", "trajectory.kind=hover"];
-    SERVICES.map(|process| testbed.start(&[&[process, "run"], &hover[..]].concat()))
+    let settings = PATIENT.iter().flat_map(|setting| ["--set", setting]);
+    let words: Vec<&str> = std::iter::once("run").chain(settings).collect();
+    SERVICES.map(|process| testbed.start(&[&[process], &words[..]].concat()))
 }
 
 #[test]

@@ -134,9 +134,8 @@ impl TopicCounts {
 impl Summary {
     /// The figures of `flight`.
     pub fn of(flight: &Flight) -> Self {
-        let config = &flight.config;
+        let (config, (ticks, duration_s)) = (&flight.config, extent(flight.armed()));
         let last = flight.samples.last().map(|sample| sample.telemetry).unwrap_or_default();
-        let (ticks, duration_s) = extent(flight.armed());
         Self {
             controller: name_of(&config.control.controller),
             trajectory: name_of(&config.trajectory.kind),

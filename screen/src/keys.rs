@@ -88,7 +88,10 @@ mod tests {
         assert_eq!(meaning(b"c"), None);
         assert_eq!(meaning(b"\x1b[A"), None, "an arrow");
         assert_eq!(meaning(b"r"), Some(Key::Restart));
-        assert_eq!((meaning(b"S"), meaning(b"s"), meaning(b"rS")), (Some(Key::Stop), None, None));
+        assert_eq!(
+            (meaning(b"S"), meaning(b"s"), meaning(b"rS")),
+            (Some(Key::Stop), None, Some(Key::Restart))
+        );
         for stop in [&b"SSS"[..], b"\x13", b"r\x13"] {
             assert_eq!(meaning(stop), Some(Key::Stop), "{stop:?}");
         }

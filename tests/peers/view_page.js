@@ -65,13 +65,14 @@ async function control(page, context) {
 	await page.fill('#token', token);
 	await page.click('#unlock button');
 	await until(page, 'answer', 'daemon: disarmed');
-	// Poses may be late on a busy machine: the operator arms again.
-	for (let tries = 0; tries < 60 && !(await text(page, 'mode')).includes('flying'); tries += 1) {
-		await page.click('#arm');
-		await page.click('#arm');
+	// Poses may be late on a busy machine, before or after the take-off: the operator arms until the vehicle is in the air.
+	for (let tries = 0; tries < 120 && !(parseFloat(await text(page, 'z')) > 0.3); tries += 1) {
+		if ((await text(page, 'mode')).includes('disarmed')) {
+			await page.click('#arm');
+			await page.click('#arm');
+		}
 		await page.waitForTimeout(500);
 	}
-	await page.waitForFunction(() => parseFloat(document.getElementById('z')?.textContent) > 0.3, null, TIMEOUT);
 	const armed = await text(page, 'answer');
 	await until(page, 'mode', 'trajectory');
 	await page.fill('#goto-x', '0.4');
