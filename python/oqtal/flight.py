@@ -231,7 +231,7 @@ class Flight:
         if self.limited:
             figure += f", {self.limited} commands limited to the range of the vehicle"
         outcome = shown["outcome"]
-        if shown.get("shortfall"):
+        if outcome == "landed" and shown.get("shortfall"):
             outcome += f" ({shown['shortfall']})"
         return f"<Flight {shown['controller']}, {shown['trajectory']}: {outcome}, {figure}>"
 
