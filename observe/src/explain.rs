@@ -35,6 +35,7 @@ fn is_shown(condition: &str, summary: &Summary) -> bool {
         "corners" => summary.corners.is_some(),
         "hops" => has_hops,
         "hops in real time" => has_hops && is_real_time,
+        "answers" => is_real_time && summary.answers.is_some(),
         "wire" => has_hops && summary.wire.is_some(),
         "real time" => is_real_time,
         _ => true,

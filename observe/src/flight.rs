@@ -84,6 +84,22 @@ pub struct AppliedCommand {
     pub battery_v: f64,
 }
 
+/// Questions to an external law from arming to disarming.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct AnswerCounts {
+    /// Number of questions \[-\].
+    pub questions: u64,
+    /// Number of questions without an answer in time \[-\]: it came late, or there was none.
+    pub unanswered: u64,
+}
+
+impl fmt::Display for AnswerCounts {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { questions, unanswered } = self;
+        write!(f, "{unanswered} of {questions} questions without one in time")
+    }
+}
+
 /// The record of a flight.
 #[derive(Clone, Debug)]
 pub struct Flight {
@@ -115,6 +131,8 @@ pub struct Flight {
     pub commands_repeated: u64,
     /// Every command that reached the vehicle.
     pub applied: Vec<AppliedCommand>,
+    /// Questions to an external law; none without one.
+    pub answers: AnswerCounts,
     /// Operators' requests that changed the flight or its settings, with their instants; without those that were refused.
     pub changes: Vec<(Time, EventV1)>,
     /// Flight time over wall time, from the first to the last tick \[-\].
@@ -141,6 +159,7 @@ impl Flight {
             poses_repeated: 0,
             commands_repeated: 0,
             applied: Vec::with_capacity(4096),
+            answers: AnswerCounts::default(),
             changes: Vec::new(),
             speed_factor: 0.0,
             daemon: None,

@@ -25,7 +25,7 @@ pub const HOPS: [&str; 5] = [
 /// Parts of the first hop if a receiver publishes the poses of a real camera system.
 pub const RECEIVER: [&str; 2] = ["capture_to_receive", "receive_to_publish"];
 
-/// Name of the part of `compute` in which an external law answers.
+/// Name of the part of `compute` in which an external law answers; of the answers in time.
 pub const ANSWER: &str = "question_to_answer";
 /// Name of the hop over a wire, after the others.
 pub const WIRE: &str = "wire";

@@ -2,7 +2,7 @@
 //! recorded [`Flight`].
 
 use oqtal_bus::code::{Answer, Mode, SafetyState};
-use oqtal_bus::message::{EventV1, PoseV1, TelemetryV1, TruthV1, VehicleV1};
+use oqtal_bus::message::{EventV1, ExternalV1, PoseV1, TelemetryV1, TruthV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Sample};
 use oqtal_config::Config;
@@ -244,6 +244,18 @@ impl Recorder {
 }
 
 impl Recorder {
+    /// Counts a question to the external law, with the time of an answer that came in time: a late one is received with a later
+    /// question, or not at all.
+    fn answer(&mut self, answer: &ExternalV1) {
+        let flight = &mut self.flight;
+        flight.answers.questions += 1;
+        if answer.answered_at.is_set() && answer.sequence == answer.question {
+            flight.hops.add_answer(answer.answered_at.since(answer.asked_at));
+        } else {
+            flight.answers.unanswered += 1;
+        }
+    }
+
     /// Takes a request that changes the flight. One that the loop refuses has a second event, with the same number.
     fn change(&mut self, reception: &Reception, event: &EventV1) {
         let changes = &mut self.flight.changes;
@@ -265,9 +277,7 @@ impl Sink for Recorder {
             Sample::Telemetry(telemetry) => self.telemetry(reception, telemetry),
             Sample::Pose(pose) => self.pose(reception, pose),
             Sample::Vehicle(vehicle) => self.vehicle(reception, vehicle),
-            Sample::External(answer) if self.armed_at.is_some() && answer.answered_at.is_set() => {
-                self.flight.hops.add_answer(answer.answered_at.since(answer.asked_at));
-            }
+            Sample::External(answer) if self.armed_at.is_some() => self.answer(answer),
             Sample::Event(event) => self.change(reception, event),
             _ => {}
         }

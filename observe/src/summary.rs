@@ -6,7 +6,7 @@ use std::fmt;
 use crate::latency::{Distribution, DistributionSummary};
 use nalgebra::Vector3;
 use oqtal_bus::code::{HandoverCause, SafetyState};
-use oqtal_bus::message::{FNV_OFFSET, fnv1a};
+use oqtal_bus::message::{FNV_OFFSET, TelemetryV1, fnv1a};
 use oqtal_config::{ClockKind, Config, Interface};
 use oqtal_control::metrics::Statistics;
 use oqtal_control::trajectory::Phase;
@@ -16,7 +16,7 @@ use crate::command_path::CommandPath;
 use crate::corners::CornerFigures;
 use crate::event::ChangeInFlight;
 use crate::fault::{AppliedDisturbance, InjectedFault};
-use crate::flight::{Flight, FlightSample, Outcome};
+use crate::flight::{AnswerCounts, Flight, FlightSample, Outcome};
 use crate::kernel::ProcessUsage;
 use crate::provenance::Provenance;
 use crate::wire::WireFigures;
@@ -111,6 +111,8 @@ pub struct Summary {
     pub period_jitter: Option<DistributionSummary>,
     /// Resource use of the daemon; `None` if it was not a separate process.
     pub daemon: Option<ProcessUsage>,
+    /// Questions to an external law; `None` for another law.
+    pub answers: Option<AnswerCounts>,
     /// Hand-overs to the fallback law; `None` for a law without one.
     pub handovers: Option<HandoverFigures>,
     /// Safety states passed through, in order.
@@ -134,16 +136,15 @@ impl TopicCounts {
 impl Summary {
     /// The figures of `flight`.
     pub fn of(flight: &Flight) -> Self {
-        let (config, (ticks, duration_s)) = (&flight.config, extent(flight.armed()));
-        let last = flight.samples.last().map(|sample| sample.telemetry).unwrap_or_default();
+        let (config, last) = (&flight.config, last_tick(flight));
         Self {
             controller: name_of(&config.control.controller),
             trajectory: name_of(&config.trajectory.kind),
             vehicle: vehicle_name(flight),
             clock: name_of(&config.clock.kind),
             seed: config.clock.seed,
-            ticks,
-            duration_s,
+            ticks: flight.armed().count(),
+            duration_s: duration_s(flight),
             scored_s: flight.scored_s(),
             held_s: flight.held_s(),
             outcome: flight.outcome,
@@ -166,6 +167,7 @@ impl Summary {
             wakeup_lateness: in_real_time(config, &flight.wakeup_lateness),
             period_jitter: in_real_time(config, &flight.period_jitter),
             daemon: flight.daemon.clone(),
+            answers: config.control.is_external().then_some(flight.answers),
             handovers: handovers(flight),
             state_sequence: state_sequence(flight),
             faults: InjectedFault::all(flight),
@@ -247,11 +249,15 @@ fn vehicle_name(flight: &Flight) -> String {
     }
 }
 
-/// Number of samples, and the time from the first to the last \[s\].
-fn extent<'a>(mut samples: impl Iterator<Item = &'a FlightSample>) -> (usize, f64) {
-    let Some(first) = samples.next() else { return (0, 0.0) };
-    let (count, last) = samples.fold((1, first), |(count, _), sample| (count + 1, sample));
-    (count, last.telemetry.time.since(first.telemetry.time).seconds())
+/// The last tick; the default one of a flight without any.
+fn last_tick(flight: &Flight) -> TelemetryV1 {
+    flight.samples.last().map(|sample| sample.telemetry).unwrap_or_default()
+}
+
+/// Time from the first to the last armed tick \[s\].
+fn duration_s(flight: &Flight) -> f64 {
+    let ends = flight.armed().next().zip(flight.armed().last());
+    ends.map_or(0.0, |(first, last)| last.telemetry.time.since(first.telemetry.time).seconds())
 }
 
 fn scored_figures(

@@ -133,8 +133,10 @@ fn counts(summary: &Summary) -> String {
     let faults: Vec<&str> = summary.faults.iter().map(|fault| fault.fault.as_str()).collect();
     let loads = summary.disturbances.iter();
     let loads: Vec<&str> = loads.map(|load| load.disturbance.as_str()).collect();
+    let answers = summary.answers.map(|it| format!("\nanswers: {it}"));
     let handovers = summary.handovers.as_ref().map(|it| format!("\nhand-overs: {it}"));
-    let faults = handovers.unwrap_or_default()
+    let faults = answers.unwrap_or_default()
+        + &handovers.unwrap_or_default()
         + &listed("faults: ", &faults)
         + &listed("disturbances: ", &loads);
     // Neither is meaningful in virtual time, in which nothing is late.

@@ -3,6 +3,7 @@
 use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::message::{ExternalV1, Stamps};
 use oqtal_bus::text::LongText;
+use oqtal_config::Setting;
 use oqtal_control::trajectory::Phase;
 
 use super::*;
@@ -105,6 +106,30 @@ fn timing_and_hops_count_from_arming_to_disarming() {
     assert!(hops.iter().all(|(_, count)| *count == 3), "{hops:?}");
     assert!(hops.iter().any(|(name, _)| *name == ANSWER), "{hops:?}");
     assert_eq!(flight.applied.len(), 5, "every applied command is recorded");
+}
+
+#[test]
+fn answers_that_are_not_in_time_are_counted_and_have_no_time() {
+    let settings = [Setting::flag("test", "control.controller", "external")];
+    let mut recorder = Recorder::new(&Config::from_settings(&settings).unwrap());
+    let telemetry = TelemetryV1 { mode: Mode::Flying.code(), ..TelemetryV1::default() };
+    recorder.sample(&Reception::default(), Sample::Telemetry(&telemetry));
+    let asked_at = Time::VIRTUAL_START;
+    let answered_at = asked_at + Span::from_millis(3);
+    let good = ExternalV1 { sequence: 1, question: 1, asked_at, answered_at, ..Default::default() };
+    let none = ExternalV1 { sequence: 0, question: 2, answered_at: Time::UNSET, ..good };
+    // The answer to the second question, received with the third.
+    let late = ExternalV1 { sequence: 2, question: 3, answered_at: asked_at, ..good };
+    for answer in [good, none, late] {
+        recorder.sample(&Reception::default(), Sample::External(&answer));
+    }
+    let flight = recorder.finish(Outcome::Landed, 1.0);
+    let summary = Summary::of(&flight);
+    let hop = summary.hops[ANSWER];
+    assert_eq!((hop.count, hop.min_ns), (1, 3_000_000));
+    let told = "2 of 3 questions without one in time";
+    assert!(table::closing(&summary).contains(&format!("\nanswers: {told}")));
+    assert!(report::html(&flight, &summary).contains(told));
 }
 
 #[test]

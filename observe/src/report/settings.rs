@@ -10,12 +10,14 @@ use crate::plot::unit::MISSING;
 
 /// The section of the settings.
 pub fn settings(flight: &Flight, summary: &Summary) -> Markup {
+    let answers = summary.answers.map(|answers| answers.to_string());
     let handovers = summary.handovers.as_ref().map(ToString::to_string);
     let facts = [
         ("Clock", summary.clock.clone()),
         ("Seed", summary.seed.to_string()),
         ("Ticks", summary.ticks.to_string()),
         ("States", summary.states()),
+        ("Answers", answers.unwrap_or_else(|| MISSING.to_owned())),
         ("Hand-overs", handovers.unwrap_or_else(|| MISSING.to_owned())),
         ("Configuration hash", summary.config_hash.clone()),
         ("Trajectory hash", summary.trajectory_hash.clone().unwrap_or_else(|| MISSING.to_owned())),
