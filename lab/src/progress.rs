@@ -2,6 +2,7 @@
 //! in a journal.
 
 use std::fmt;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
@@ -18,9 +19,8 @@ use crate::journal::Journal;
 /// Time between two lines.
 const LINE_PERIOD: Span = Span::from_millis(10_000);
 
-/// Receiver of the progress of a task: its name, the number of finished steps, and of all steps. Called in the threads of the study;
-/// `false` cancels the study.
-pub type ProgressWatch = dyn Fn(&str, u64, u64) -> bool + Send + Sync;
+/// Receiver of the progress of a task: its name, the number of finished steps, and of all steps. Called in the threads of the study.
+pub type ProgressWatch = dyn Fn(&str, u64, u64) + Send + Sync;
 
 /// The progress of a command.
 pub struct Progress {
@@ -33,7 +33,8 @@ pub struct Progress {
     interrupted: StopFlag,
     /// Receiver in place of standard error.
     watch: Option<Box<ProgressWatch>>,
-    is_cancelled: AtomicBool,
+    /// Set from outside to end the study.
+    is_cancelled: Arc<AtomicBool>,
 }
 
 impl fmt::Debug for Progress {
@@ -53,18 +54,18 @@ impl Default for Progress {
             journal: None,
             interrupted: StopFlag::default(),
             watch: None,
-            is_cancelled: AtomicBool::new(false),
+            is_cancelled: Arc::default(),
         }
     }
 }
 
 impl Progress {
-    /// Progress that is passed to `watch`; nothing is printed.
-    pub fn watched(watch: Box<ProgressWatch>) -> Self {
-        Self { watch: Some(watch), ..Self::default() }
+    /// Progress that is passed to `watch`; nothing is printed. `is_cancelled` ends the study and its flights in progress.
+    pub fn watched(watch: Box<ProgressWatch>, is_cancelled: Arc<AtomicBool>) -> Self {
+        Self { watch: Some(watch), is_cancelled, ..Self::default() }
     }
 
-    /// Progress that is kept in `journal`. Ctrl-C ends the study after the flights in progress; a second one ends the program.
+    /// Progress that is kept in `journal`. Ctrl-C ends the study and its flights in progress; a second one ends the program.
     pub fn kept_in(journal: Journal) -> Self {
         if journal.resumed() > 0 {
             say(&format!(
@@ -87,12 +88,12 @@ impl Progress {
         key: impl FnOnce(&W) -> u64,
         make: impl FnOnce(W) -> Result<T, Failure>,
     ) -> Result<T, Failure> {
+        let make = |work| self.check().and_then(|()| make(work));
         let Some(journal) = &self.journal else { return make(work) };
         let key = key(&work);
         if let Some(result) = journal.find(key) {
             return Ok(result);
         }
-        self.check()?;
         let result = make(work)?;
         journal.keep(key, &result)?;
         Ok(result)
@@ -101,7 +102,7 @@ impl Progress {
     /// Fails if the study was interrupted.
     ///
     /// # Errors
-    /// The study was interrupted, or its watch cancelled it (exit code 1).
+    /// The study was interrupted or cancelled (exit code 1).
     pub fn check(&self) -> Result<(), Failure> {
         if self.is_cancelled.load(Ordering::Relaxed) {
             return Err(Failure::new(Exit::Flight, "interrupted"));
@@ -179,10 +180,7 @@ impl Bar<'_> {
     pub fn add(&self, steps: usize) {
         self.bar.inc(steps as u64);
         if let Some(watch) = &self.progress.watch {
-            let all = self.bar.length().unwrap_or(0);
-            if !watch(&self.bar.message(), self.bar.position(), all) {
-                self.progress.is_cancelled.store(true, Ordering::Relaxed);
-            }
+            watch(&self.bar.message(), self.bar.position(), self.bar.length().unwrap_or(0));
         } else if self.progress.bars.is_hidden() {
             self.progress.print_line(&self.bar);
         }

@@ -135,7 +135,8 @@ impl Study<'_> {
         self.check()?;
         let bar = progress.start(self.name, self.flights().len());
         let run = self.fly_each(&|flights: TestFlights| {
-            let run = progress.kept(flights, TestFlights::key, TestFlights::fly_here);
+            let run =
+                progress.kept(flights, TestFlights::key, |flights| flights.fly_here(progress));
             bar.inc();
             progress.check().and(run)
         });
@@ -148,7 +149,7 @@ impl Study<'_> {
     /// As [`Self::fly`]; the settings are not checked before the first flight.
     pub fn fly_without_bar(&self, progress: &Progress) -> Result<Vec<Flown>, Failure> {
         let runs = self.fly_each(&|flights: TestFlights| {
-            progress.kept(flights, TestFlights::key, TestFlights::fly_here)
+            progress.kept(flights, TestFlights::key, |flights| flights.fly_here(progress))
         });
         Ok(self.rows(runs?))
     }

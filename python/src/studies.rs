@@ -2,6 +2,7 @@
 
 use std::ffi::CString;
 use std::ops::Range;
+use std::sync::atomic::Ordering;
 
 use clap::ValueEnum;
 use numpy::PyArray1;
@@ -32,6 +33,9 @@ use crate::error;
 use crate::flight::PyFlight;
 use crate::settings::{Sources, setting_of};
 use crate::task;
+
+/// Number of plants that are drawn between two looks at an interrupt \[-\].
+const BATCH: usize = 20;
 
 /// A setting of a call: its origin, key and value.
 type GivenSetting<'py> = (String, String, Bound<'py, PyAny>);
@@ -126,14 +130,21 @@ fn draws<'py>(
         );
         return Err(error::usage(message));
     }
-    let drawn = task::detached(py, || {
-        let named = PlantSpread::named(spread)?;
+    let spread = spread.to_owned();
+    let drawn = task::interruptible(py, move |is_cancelled| {
+        let named = PlantSpread::named(&spread)?;
         let named = if is_wide { named.twice_as_wide() } else { named };
         let common = robustness::with_defaults(sources.settings()?);
-        robustness::draw_plants(&named, &common, (seed, 0..runs))
+        let draw = |first| {
+            let runs = first..runs.min(first + BATCH as u64);
+            robustness::draw_plants(&named, &common, (seed, runs))
+        };
+        let is_wanted = |_: &u64| !is_cancelled.load(Ordering::Relaxed);
+        let firsts = (0..runs).step_by(BATCH).take_while(is_wanted);
+        firsts.map(draw).collect::<Result<Vec<_>, _>>()
     })?;
     let list = PyList::empty(py);
-    for draw in drawn {
+    for draw in drawn.into_iter().flatten() {
         let settings: PyResult<Vec<_>> = draw
             .settings
             .into_iter()

@@ -22,7 +22,7 @@ const POLL_SPAN: Span = Span::from_millis(20);
 /// Progress of a study, shared with its threads.
 #[derive(Default)]
 struct Shared {
-    is_cancelled: AtomicBool,
+    is_cancelled: Arc<AtomicBool>,
     /// Name of the task, steps done, all steps.
     latest: Mutex<Option<(String, u64, u64)>>,
 }
@@ -118,14 +118,14 @@ pub fn study<T: Send>(
     })
 }
 
-/// Progress that records the latest step, and cancels the study.
+/// Progress that records the latest step, of a study that can be cancelled.
 fn watched(shared: &Arc<Shared>) -> Progress {
-    let shared = Arc::clone(shared);
-    Progress::watched(Box::new(move |name, done, all| {
+    let (shared, is_cancelled) = (Arc::clone(shared), Arc::clone(&shared.is_cancelled));
+    let watch = move |name: &str, done, all| {
         *shared.latest.lock().unwrap_or_else(PoisonError::into_inner) =
             Some((name.to_owned(), done, all));
-        !shared.is_cancelled.load(Ordering::Relaxed)
-    }))
+    };
+    Progress::watched(Box::new(watch), is_cancelled)
 }
 
 /// Executes `work` in a pool of its own: after a fork the threads of a shared one are gone.

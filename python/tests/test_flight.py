@@ -158,18 +158,27 @@ def test_flights_run_beside_other_threads():
 CALLS = {
     "fly": "[oqtal.fly(trajectory='hover', duration=100) for _ in range(10**6)]",
     "campaign": "oqtal.campaign(['oqtal', 'mpc'], runs=100000)",
+    # A flight of a week, and plants whose drawing takes minutes: neither is waited for.
+    "flight": "oqtal.campaign(['pid'], 'long.toml')",
+    "drawing": "oqtal.robustness(config=['long.toml'] * 2000, runs=10000)",
     "tune": "oqtal.tune('mpc', budget=100000)",
 }
 
 
 @pytest.mark.parametrize("call", CALLS)
-def test_ctrl_c_ends_every_call(call):
-    code = f"import oqtal\nprint('begun', flush=True)\n{CALLS[call]}"
-    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+def test_ctrl_c_ends_every_call(call, tmp_path: Path):
+    (tmp_path / "long.toml").write_text(
+        "trajectory.kind = 'hover'\ntrajectory.hover.duration-s = 604800.0\nplant.battery.capacity-ah = 1000.0\n"
+    )
+    command = [sys.executable, "-c", f"import oqtal\nprint('begun', flush=True)\n{CALLS[call]}"]
+    process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout.readline() == "begun\n"
     time.sleep(0.5)
     os.kill(process.pid, signal.SIGINT)
-    _, told = process.communicate(timeout=60)
+    try:
+        _, told = process.communicate(timeout=60)
+    finally:
+        process.kill()
     assert "KeyboardInterrupt" in told and process.returncode != 0
 
 

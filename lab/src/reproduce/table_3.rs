@@ -112,17 +112,20 @@ fn tuned(
 mod tests {
     use super::*;
     use std::sync::Arc;
-    use std::sync::atomic::{AtomicU64, Ordering};
+    use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
     #[test]
     fn an_interrupted_table_ends_without_a_result() {
         let last = Arc::new(AtomicU64::new(0));
         let seen = last.clone();
+        let is_cancelled = Arc::new(AtomicBool::new(false));
+        let cancel = is_cancelled.clone();
         let watch = move |_: &str, done: u64, _: u64| {
             seen.fetch_max(done, Ordering::Relaxed);
-            false
+            cancel.store(true, Ordering::Relaxed);
         };
-        let interrupted = chapter(&Lander::new().unwrap(), &Progress::watched(Box::new(watch)));
+        let progress = Progress::watched(Box::new(watch), is_cancelled);
+        let interrupted = chapter(&Lander::new().unwrap(), &progress);
         let failure = interrupted.map(|_| ()).unwrap_err();
         assert!(failure.to_string().contains("interrupted"), "{failure}");
         assert!(last.load(Ordering::Relaxed) > 0);

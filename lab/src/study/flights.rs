@@ -2,11 +2,14 @@
 
 use std::ops::RangeInclusive;
 
+use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::message::{FNV_OFFSET, fnv1a};
 use oqtal_config::{Config, Setting};
 use oqtal_control::trajectory::Trajectory;
+use oqtal_daemon::LawPort;
 use oqtal_observe::corners::CornerFigures;
 use oqtal_observe::flight::{Flight, Outcome};
+use oqtal_observe::recorder::Recorder;
 use oqtal_runtime::process::Failure;
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
@@ -17,6 +20,7 @@ use super::metric::{
     of_hover, of_path,
 };
 use crate::mission::Mission;
+use crate::progress::Progress;
 use crate::simulation;
 
 /// Conditions of one flight of every test.
@@ -308,9 +312,13 @@ impl TestFlights {
         })
     }
 
-    /// Flies every test in this process.
-    pub(super) fn fly_here(self) -> Result<Run, Failure> {
-        self.fly(&mut |mission| simulation::fly(mission))
+    /// Flies every test in this process. An interrupt of the study ends the flight in progress.
+    pub(super) fn fly_here(self, progress: &Progress) -> Result<Run, Failure> {
+        let watch = |_: &Recorder| progress.check().is_err().then_some(OperatorCommand::Stop);
+        self.fly(&mut |mission| {
+            let (flight, _) = simulation::fly_recorded(mission, None, LawPort::default(), watch)?;
+            progress.check().map(|()| flight)
+        })
     }
 
     /// Flies every test using `fly`.
