@@ -17,7 +17,7 @@ import numpy as np
 from oqtal import _native
 from oqtal.errors import DataError, InternalError, LawError, SystemFailure, UsageError
 from oqtal.python_law import LawAdapter
-from oqtal.settings import ConfigLike, check_names, integer, sources, texts
+from oqtal.settings import ConfigLike, check_names, integer, sources, texts, warn
 from oqtal.table import Table
 
 if TYPE_CHECKING:
@@ -295,6 +295,7 @@ def fly(
     if file and not file.endswith(".mcap"):
         raise UsageError(f"record is {file}; the suffix of a recording is .mcap")
     adapter = None if law is None else LawAdapter(law)
+    warn(call)
     try:
         native = _native.fly(call, file, adapter)
     except LawError as error:

@@ -6,10 +6,12 @@ import functools
 import inspect
 import operator
 import os
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any, ParamSpec, TypeAlias, TypeVar
 
+from oqtal import _native
 from oqtal.errors import UsageError
 
 #: A file, several files of which later ones override earlier ones, or keys with values.
@@ -111,6 +113,13 @@ def sources(
             raise UsageError(f"{key} is given by {origins[key]} and by {origin}; give it once")
         origins[key] = origin
     return files, given + own
+
+
+def warn(call: Sources) -> None:
+    """Warns of settings that a flight cannot satisfy, such as a fault after its end, at the line that called the caller."""
+    for text in _native.warnings(call):
+        # This function, its caller, the decorator, the user.
+        warnings.warn(text, stacklevel=4)
 
 
 def texts(values: str | Sequence[str] | None) -> list[str] | None:

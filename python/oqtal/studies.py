@@ -15,7 +15,7 @@ import numpy as np
 from oqtal import _native
 from oqtal.errors import UsageError
 from oqtal.flight import Flight
-from oqtal.settings import ConfigLike, Setting, Sources, check_names, flat, integer, positive, sources
+from oqtal.settings import ConfigLike, Setting, Sources, check_names, flat, integer, positive, sources, warn
 from oqtal.table import Table
 
 if TYPE_CHECKING:
@@ -68,6 +68,7 @@ def campaign(
     ``client``: a client of dask.distributed, whose workers fly; the rows are the same, bit for bit.
     """
     call = sources(config, settings, plant, set_by=SET_BY_LAWS, trajectory=("trajectory.kind", trajectory))
+    warn(call)
     if runs is not None and seeds is not None:
         raise UsageError("give runs or seeds: runs are the seeds from 200 on")
     count = integer("runs", RUNS if runs is None else runs, 1)
@@ -104,6 +105,7 @@ def sweep(
     combinations = list(itertools.product(*values.values()))
     chosen = _seeds(seeds)
     flown = [(combination, seed) for combination in combinations for seed in chosen]
+    warn(call)
     if not flown:
         raise UsageError("nothing to fly; give each key at least one value, and at least one seed")
     conditions: list[Condition] = [
@@ -141,6 +143,7 @@ def robustness(
     count = table.rows // len(conditions)
     drawn: dict[str, Any] = {"draw": np.tile(np.arange(len(conditions)), count)}
     for _, key, first in conditions[0][1]:
+    warn(call)
         values = [dict((name, value) for _, name, value in drawn_of)[key] for _, drawn_of in conditions]
         if isinstance(first, list):
             columns = {f"{key}.{index}": of_axis for index, of_axis in enumerate(zip(*values, strict=True))}
@@ -265,6 +268,7 @@ def tune(
     search = (integer("budget", budget, 1), integer("seed", seed), optimiser)
     values, objective, start, toml = _native.tune(call, target, search, flights, spread, told, integer("threads", threads, 0, 1024))
     return Tuned(dict(values), objective, start, toml)
+    warn(call)
 
 
 def _fly(

@@ -9,6 +9,7 @@ use oqtal_config::{ClockKind, Config};
 use oqtal_daemon::{ExternalLaw, LawPort};
 use oqtal_lab::mission::Mission;
 use oqtal_lab::simulation::{self, RecordedFlight};
+use oqtal_lab::study::args;
 use oqtal_observe::csv::{self, ColumnValues};
 use oqtal_observe::flight::Flight;
 use oqtal_observe::provenance::Provenance;
@@ -217,10 +218,17 @@ fn config(py: Python<'_>, sources: Sources) -> PyResult<String> {
     task::detached(py, || Ok(sources.config()?.to_toml()))
 }
 
+/// The warnings of the program about the settings of a call.
+#[pyfunction]
+fn warnings(py: Python<'_>, sources: Sources) -> PyResult<Vec<String>> {
+    task::interruptible(py, move |_| Ok(args::warnings(&sources.config()?)))
+}
+
 /// Registers the functions and the class.
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PyFlight>()?;
     module.add_function(wrap_pyfunction!(fly, module)?)?;
     module.add_function(wrap_pyfunction!(read, module)?)?;
-    module.add_function(wrap_pyfunction!(config, module)?)
+    module.add_function(wrap_pyfunction!(config, module)?)?;
+    module.add_function(wrap_pyfunction!(warnings, module)?)
 }

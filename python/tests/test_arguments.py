@@ -6,6 +6,7 @@ import copy
 import json
 import os
 import pickle
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -25,6 +26,17 @@ def test_integers_of_numpy_are_seeds():
     assert len(set(flown)) == 1
     rows = oqtal.campaign(["pid"], seeds=np.arange(2))
     assert list(rows["seed"]) == [0, 1]
+
+
+def test_what_begins_after_the_end_of_a_flight_is_warned_of_at_the_line_of_the_call():
+    calls = {
+        "mass@60=0.05kg": lambda load: oqtal.fly(disturb=load, **HOVER),
+        "pose:off@60+1": lambda fault: oqtal.campaign(["pid"], trajectory="hover", runs=1, settings={"fault.inject": [fault]}),
+    }
+    for text, call in calls.items():
+        with pytest.warns(UserWarning, match=rf"`{re.escape(text)}` begins 60 s after arming") as told:
+            call(text)
+        assert [warning.filename for warning in told] == [__file__]
 
 
 @pytest.mark.parametrize(

@@ -63,11 +63,15 @@ impl StudyArgs {
     }
 }
 
-/// Prints the warnings of a flight of `config` on standard error; none if its trajectory cannot be read, which a flight reports.
+/// Prints the warnings of a flight of `config` on standard error.
 pub fn warn(config: &Config) {
-    if let Ok(trajectory) = oqtal_daemon::trajectory(config) {
-        say_notes(oqtal_daemon::warnings(config, &trajectory));
-    }
+    say_notes(warnings(config));
+}
+
+/// The warnings of a flight of `config`; none if its trajectory cannot be read, which a flight reports.
+pub fn warnings(config: &Config) -> Vec<String> {
+    let trajectory = oqtal_daemon::trajectory(config);
+    trajectory.map_or_else(|_| Vec::new(), |it| oqtal_daemon::warnings(config, &it))
 }
 
 /// Prints warnings on standard error.
