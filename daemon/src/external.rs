@@ -202,6 +202,8 @@ impl ExternalControl {
         question.demand_bias = bias.demand.into();
         question.reference_position = reference.position.into();
         question.reference_velocity = reference.velocity.into();
+        question.reference_acceleration = reference.acceleration.into();
+        question.reference_jerk = reference.jerk.into();
         question.reference_yaw = reference.yaw_rad;
         question.reference_attitude = prescribed.map_or([f64::NAN; 4], |it| it.attitude.xyzw());
         question.reference_rate = prescribed.map_or(unknown, |it| it.rate.0.into());

@@ -42,6 +42,8 @@ struct oqtal_state {
     double greatest_thrust;       /* N */
     double greatest_rate[3];      /* rad/s, body */
     double greatest_torque;       /* N m, body */
+    double reference_acceleration[3]; /* m/s^2, world: of the trajectory; zero in a goto, and with references of a planner */
+    double reference_jerk[3];     /* m/s^3, world: likewise */
 };
 
 /* The answer. Only the numbers for the vehicle's interface are used. */

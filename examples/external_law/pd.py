@@ -9,12 +9,13 @@ import struct
 import sys
 import time
 
-STATE = struct.Struct("<8s6Q53d")
+STATE = struct.Struct("<8s6Q59d")
 ANSWER = struct.Struct("<8sQ11d")
 LENGTHS = {"period_s": 1, "position": 3, "velocity": 3, "attitude": 4, "rate": 3, "thrust": 1, "acceleration_bias": 3,
            "demand_bias": 3, "reference_position": 3, "reference_velocity": 3, "reference_yaw": 1, "reference_attitude": 4,
            "reference_rate": 3, "fallback_rate": 3, "fallback_torque": 3, "fallback_attitude": 4, "fallback_thrust": 1,
-           "mass": 1, "gravity": 1, "greatest_thrust": 1, "greatest_rate": 3, "greatest_torque": 1}
+           "mass": 1, "gravity": 1, "greatest_thrust": 1, "greatest_rate": 3, "greatest_torque": 1, "reference_acceleration": 3,
+           "reference_jerk": 3}
 
 
 def fields(packet):

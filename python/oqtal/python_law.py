@@ -31,6 +31,7 @@ LENGTHS = {
     "reference_position": 3, "reference_velocity": 3, "reference_yaw": 1, "reference_attitude": 4, "reference_rate": 3,
     "fallback_rate": 3, "fallback_torque": 3, "fallback_attitude": 4, "fallback_thrust": 1,
     "mass": 1, "gravity": 1, "greatest_thrust": 1, "greatest_rate": 3, "greatest_torque": 1,
+    "reference_acceleration": 3, "reference_jerk": 3,
 }  # fmt: skip
 #: Counters and instants before them.
 COUNTERS = struct.Struct("<8s6Q")
@@ -112,12 +113,16 @@ class Reference:
     """The reference at the instant at which the command takes effect.
 
     ``position`` [m, world], ``velocity`` [m/s, world; zero where the position jumps], ``yaw`` [rad].
+    ``acceleration`` [m/s^2, world], ``jerk`` [m/s^3, world]: those of the trajectory; zero on the way of a ``goto``, and while the
+    vehicle follows the references of a planner.
     ``attitude``, ``rate`` [rad/s, body]: prescribed in place of the horizontal position; ``None`` if none is.
     """
 
     def __init__(self, state: Any) -> None:
         self.position: Vector = state.reference_position
         self.velocity: Vector = state.reference_velocity
+        self.acceleration: Vector = state.reference_acceleration
+        self.jerk: Vector = state.reference_jerk
         self.yaw: float = state.reference_yaw
         self.attitude: Vector | None = None if np.isnan(state.reference_attitude[0]) else state.reference_attitude
         self.rate: Vector | None = None if self.attitude is None else state.reference_rate

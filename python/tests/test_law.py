@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import re
@@ -165,6 +166,24 @@ def test_a_law_sees_time_and_whether_it_flies():
     times, flown, periods, same = (np.array(column) for column in zip(*seen, strict=True))
     assert np.diff(times) == pytest.approx(periods[1:], abs=1e-6) and (periods == same).all()
     assert flown.any() and not flown[0]
+    assert flight.summary["outcome"] == "landed"
+
+
+def test_a_law_is_given_acceleration_and_jerk_of_the_trajectory():
+    seen = []
+
+    def watching(state, reference, dt):
+        seen.append([state.time, *reference.velocity, *reference.acceleration, *reference.jerk])
+        return plain(state, reference, dt)
+
+    flight = oqtal.fly(law=watching, trajectory="lemniscate", seed=3)
+    time_s, derivatives = np.array(seen)[:, 0], np.split(np.array(seen)[:, 1:], 3, axis=1)
+    # The middle of the trajectory: take-off and landing have derivatives that jump.
+    middle = slice(len(seen) // 3, 2 * len(seen) // 3)
+    for lower, upper in itertools.pairwise(derivatives):
+        slopes = np.gradient(lower, time_s, axis=0)[middle]
+        # The instants of effect jitter against those of the ticks, so that the slopes are not exact.
+        assert np.abs(upper[middle] - slopes).mean() < 0.02 * np.abs(upper[middle]).max()
     assert flight.summary["outcome"] == "landed"
 
 

@@ -68,6 +68,10 @@ message! {
         greatest_rate: [f64; 3] ["rad/s, body"],
         /// Greatest torque about each axis.
         greatest_torque: f64 ["N m, body"],
+        /// Acceleration of the trajectory; zero on the way of a `goto`, and while the references of a planner are followed.
+        reference_acceleration: [f64; 3] ["m/s^2, world"],
+        /// Jerk of the trajectory; zero in the same cases.
+        reference_jerk: [f64; 3] ["m/s^3, world"],
     }
 }
 
