@@ -92,11 +92,16 @@ def sweep(
     threads: int = 0,
     client: Client | None = None,
 ) -> Table:
-    """Flies every combination of values, ``{"plant.rate-lag-ms": [50, 80]}``: one row for each law, combination and seed."""
+    """Flies every combination of values: one row for each law, combination and seed.
+
+    ``axes``: keys with their values, ``{"plant.rate-lag-ms": [50, 80]}`` or nested, ``{"plant": {"rate_lag_ms": [50, 80]}}``.
+    """
     values: dict[str, list[Any]] = {}
     for _, key, of_key in flat(axes, "axes"):
         if isinstance(of_key, str) or not isinstance(of_key, Iterable):
             raise UsageError(f"axes: {key} is {of_key!r}; expected several values, as in [50, 80]")
+        if key in values:
+            raise UsageError(f"axes: {key} is given twice; give it once")
         values[key] = list(of_key)
     set_by = SET_BY_LAWS | dict.fromkeys(values, "its values are those of axes")
     call = sources(config, settings, plant, set_by=set_by, trajectory=("trajectory.kind", trajectory))

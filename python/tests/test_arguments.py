@@ -63,6 +63,7 @@ def test_what_begins_after_the_end_of_a_flight_is_warned_of_at_the_line_of_the_c
         (oqtal.sweep, {"axes": {"plant.rate-lag-ms": 50}}, ["plant.rate-lag-ms is 50", "[50, 80]"]),
         (oqtal.sweep, {"axes": {"plant.rate_lag_ms": [50]}, "plant": {"rate-lag-ms": 60}}, ["plant.rate-lag-ms", "axes"]),
         (oqtal.sweep, {"axes": {"clock.seed": [1, 2]}}, ["clock.seed", "seeds="]),
+        (oqtal.sweep, {"axes": {"plant": {"rate_lag_ms": [50]}, "plant.rate-lag-ms": [80]}}, ["plant.rate-lag-ms", "twice"]),
         (oqtal.robustness, {"settings": {"clock.seed": 3}}, ["clock.seed", "seed="]),
         (oqtal.identify, {"mass": -1}, ["mass is -1", "above 0"]),
         (oqtal.identify, {"mass": float("nan")}, ["mass is nan", "above 0"]),
