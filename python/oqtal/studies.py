@@ -105,12 +105,12 @@ def sweep(
         values[key] = list(of_key)
     set_by = SET_BY_LAWS | dict.fromkeys(values, "its values are those of axes")
     call = sources(config, settings, plant, set_by=set_by, trajectory=("trajectory.kind", trajectory))
+    warn(call)
     for key in SET_BY_LAWS.keys() & values:
         raise UsageError(f"axes: {key} is set by this call; {SET_BY_LAWS[key]}")
     combinations = list(itertools.product(*values.values()))
     chosen = _seeds(seeds)
     flown = [(combination, seed) for combination in combinations for seed in chosen]
-    warn(call)
     if not flown:
         raise UsageError("nothing to fly; give each key at least one value, and at least one seed")
     conditions: list[Condition] = [
@@ -143,12 +143,12 @@ def robustness(
     ``spread``: ``"vehicle"``, ``"everything"`` or a file (docs/robustness.md); ``wide``: with every range twice as wide.
     """
     call = sources(config, settings, plant, set_by={**SET_BY_LAWS, "clock.seed": "seed= draws the flights' seeds"})
+    warn(call)
     conditions = _native.draws(call, spread, (integer("runs", runs, 1), integer("seed", seed, 1)), wide)
     table = _fly(call, laws, gains, conditions, progress, threads, client)
     count = table.rows // len(conditions)
     drawn: dict[str, Any] = {"draw": np.tile(np.arange(len(conditions)), count)}
     for _, key, first in conditions[0][1]:
-    warn(call)
         values = [dict((name, value) for _, name, value in drawn_of)[key] for _, drawn_of in conditions]
         if isinstance(first, list):
             columns = {f"{key}.{index}": of_axis for index, of_axis in enumerate(zip(*values, strict=True))}
@@ -224,9 +224,11 @@ def identify(
 class Tuned:
     """Gains found by a search."""
 
-    def __init__(self, values: Mapping[str, float], objective: float, start: float, toml: str) -> None:
+    def __init__(self, values: Mapping[str, float], on_a_bound: Sequence[str], objective: float, start: float, toml: str) -> None:
         #: Values of the keys.
         self.values = dict(values)
+        #: Keys whose values are on a bound of the range that was searched: a better value may lie beyond.
+        self.on_a_bound = list(on_a_bound)
         #: Objective at these gains; lower is better, and 1 for the law ``oqtal`` as configured.
         self.objective = objective
         #: Objective at the configured gains.
@@ -240,7 +242,8 @@ class Tuned:
         return Path(path)
 
     def __repr__(self) -> str:
-        return f"<Tuned: objective {self.objective:.4f}, {self.start:.4f} at the configured gains>"
+        bounds = f"; on a bound of the search: {', '.join(self.on_a_bound)}" if self.on_a_bound else ""
+        return f"<Tuned: objective {self.objective:.4f}, {self.start:.4f} at the configured gains{bounds}>"
 
 
 @check_names
@@ -265,15 +268,16 @@ def tune(
     if not isinstance(target, str):
         raise UsageError(f"target is {target!r}; expected the name of a law, or outer")
     call = sources(config, settings, plant, set_by={"control.controller": "it is target", "clock.seed": "give seeds="})
+    warn(call)
     chosen = _seeds(seeds)
     flights = (chosen[0], chosen[-1] + 1) if chosen else (0, 0)
     if chosen != list(range(*flights)):
         raise UsageError(f"seeds are {chosen}; expected consecutive ones, as in range(101, 107)")
     told = _progress(progress)
     search = (integer("budget", budget, 1), integer("seed", seed), optimiser)
-    values, objective, start, toml = _native.tune(call, target, search, flights, spread, told, integer("threads", threads, 0, 1024))
-    return Tuned(dict(values), objective, start, toml)
-    warn(call)
+    found = _native.tune(call, target, search, flights, spread, told, integer("threads", threads, 0, 1024))
+    values, on_a_bound, objective, start, toml = found
+    return Tuned(dict(values), on_a_bound, objective, start, toml)
 
 
 def _fly(

@@ -217,8 +217,8 @@ fn fly_excitation(py: Python<'_>, sources: Sources) -> PyResult<PyFlight> {
     Ok(PyFlight::of(flown.flight))
 }
 
-/// Tunes the gains of a law, or of the position loops; returns `{key: value}`, the objective at these gains and at the configured
-/// ones, and the configuration as TOML.
+/// Tunes the gains of a law, or of the position loops; returns `{key: value}`, the keys of gains on a bound, the objective at these gains
+/// and at the configured ones, and the configuration as TOML.
 #[pyfunction]
 #[pyo3(signature = (sources, target, search, seeds, spread=None, progress=None, threads=0))]
 fn tune<'py>(
@@ -230,7 +230,7 @@ fn tune<'py>(
     spread: Option<String>,
     progress: Option<Bound<'py, PyAny>>,
     threads: usize,
-) -> PyResult<(Vec<(String, f64)>, f64, f64, String)> {
+) -> PyResult<(Vec<(String, f64)>, Vec<String>, f64, f64, String)> {
     let (points, seed, optimiser) = search;
     let known: Vec<&str> = space::names().filter(|name| *name != "all").collect();
     check_names(&[target.to_owned()], &known, "target of tuning")?;
@@ -251,7 +251,8 @@ fn tune<'py>(
         task::study(py, progress.as_ref(), threads, work)?;
     let own = |setting: &&Setting| !setting.origin.starts_with("OQTAL_");
     let toml = found.to_toml(&flights.settings.iter().filter(own).collect::<Vec<_>>(), "");
-    Ok((found.values, found.objective, found.start, toml))
+    let on_a_bound = found.on_a_bound().into_iter().map(|range| range.key.into_owned()).collect();
+    Ok((found.values, on_a_bound, found.objective, found.start, toml))
 }
 
 /// The flights on which gains are evaluated.

@@ -99,6 +99,14 @@ def test_gains_are_tuned(tmp_path: Path):
         oqtal.tune("nobody")
 
 
+def test_a_gain_on_a_bound_of_the_search_is_named():
+    # The configured gain is on the bound, and one point finds no better ones.
+    gain = {"position": {"horizontal_position": {"ki": 0.001}}}
+    found = oqtal.tune("pid", budget=1, seeds=range(101, 102), settings=gain)
+    assert found.objective == found.start and found.on_a_bound == ["position.horizontal-position.ki"]
+    assert "on a bound of the search: position.horizontal-position.ki" in repr(found)
+
+
 def test_names_of_laws_are_checked():
     assert "oqtal-dt" in oqtal.laws()
     with pytest.raises(oqtal.UsageError, match="nobody"):

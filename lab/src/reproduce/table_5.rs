@@ -142,7 +142,8 @@ fn outer(context: &ExperimentContext) -> Result<Sheet, Failure> {
         }
         false => self::tuned("outer"),
     };
-    let bounds = tune::outer::on_a_bound(&tuned);
+    let bounds = tune::space::on_a_bound("outer", &tuned).into_iter();
+    let bounds: Vec<String> = bounds.map(|range| range.key.into_owned()).collect();
     let laws =
         [("as shipped", Vec::new()), ("tuned one at a time", tuned)].map(|(outer, settings)| {
             StudyLaw::new("oqtal", settings, format!("q 80, outer loops {outer}"))

@@ -4,8 +4,7 @@
 //! X and Y share their gains, so there are four searches, inner loops first. Each has a separate objective: the error of the
 //! controlled variable relative to the loop's reference, and the command jitter.
 
-use oqtal_config::{Config, Setting};
-use oqtal_control::controller::SearchRange;
+use oqtal_config::Config;
 use oqtal_observe::flight::{Flight, FlightSample};
 use oqtal_runtime::process::{Exit, Failure};
 use rayon::prelude::*;
@@ -13,6 +12,7 @@ use rayon::prelude::*;
 use super::search::{
     Budget, SearchPath, TrainingFlights, Tuned, configured, search, settings, values,
 };
+use super::space::OUTER;
 use crate::progress::Progress;
 use crate::study::flights::path;
 use crate::study::metric::of_hover;
@@ -20,42 +20,15 @@ use crate::study::metric::of_hover;
 /// Weight of the command jitter relative to the error \[-\]: close tracking must not come at the expense of the attitude.
 const JITTER_WEIGHT: f64 = 1.0;
 
-/// One search: a pair of gains and its objective.
-struct Loop {
-    parameters: [SearchRange; 2],
-    /// Error of the variable controlled by the loop.
-    error: fn(&FlightSample) -> f64,
-}
+/// Error of the variable that a loop controls.
+type LoopError = fn(&FlightSample) -> f64;
 
-static LOOPS: [Loop; 4] = [
-    Loop {
-        parameters: [
-            SearchRange::new("position.vertical-velocity.kp", 0.5, 12.0),
-            SearchRange::new("position.vertical-velocity.ki", 0.05, 5.0),
-        ],
-        error: |sample| sample.velocity_error().z.abs(),
-    },
-    Loop {
-        parameters: [
-            SearchRange::new("position.horizontal-velocity.kp", 0.5, 12.0),
-            SearchRange::new("position.horizontal-velocity.ki", 0.05, 5.0),
-        ],
-        error: |sample| sample.velocity_error().xy().norm(),
-    },
-    Loop {
-        parameters: [
-            SearchRange::new("position.vertical-position.kp", 0.3, 5.0),
-            SearchRange::new("position.vertical-position.ki", 1e-3, 0.3),
-        ],
-        error: |sample| sample.position_error().z.abs(),
-    },
-    Loop {
-        parameters: [
-            SearchRange::new("position.horizontal-position.kp", 0.3, 5.0),
-            SearchRange::new("position.horizontal-position.ki", 1e-3, 0.3),
-        ],
-        error: |sample| sample.position_error().xy().norm(),
-    },
+/// Errors of the loops of [`OUTER`].
+static ERRORS: [LoopError; 4] = [
+    |sample| sample.velocity_error().z.abs(),
+    |sample| sample.velocity_error().xy().norm(),
+    |sample| sample.position_error().z.abs(),
+    |sample| sample.position_error().xy().norm(),
 ];
 
 /// Checks the error and the jitter with the configured gains, which the search improves.
@@ -78,31 +51,30 @@ pub fn tune(
     progress: &Progress,
 ) -> Result<Tuned, Failure> {
     let bar = progress.start("tuning the outer loops", budget.points);
-    let share = Budget { points: budget.points / LOOPS.len(), ..*budget };
+    let share = Budget { points: budget.points / OUTER.len(), ..*budget };
     let config = Config::from_settings(&flights.settings)?;
     let mut found: Vec<(String, f64)> = Vec::new();
     let mut objective = 0.0;
-    for tuned in &LOOPS {
-        let reference = figures(tuned, &found, flights)?;
+    for (parameters, error) in OUTER.iter().zip(ERRORS) {
+        let reference = figures(error, &found, flights)?;
         check_reference(reference)?;
-        let start = configured(&tuned.parameters, &config);
-        let best = search(&tuned.parameters, &start, &share, |points| {
+        let start = configured(parameters, &config);
+        let best = search(parameters, &start, &share, |points| {
             let evaluate = |point: &Vec<f64>| {
                 if progress.check().is_err() {
                     return f64::INFINITY;
                 }
-                let gains = [found.clone(), values(&tuned.parameters, point)].concat();
-                let [error, jitter] = figures(tuned, &gains, flights).unwrap_or([f64::INFINITY; 2]);
+                let gains = [found.clone(), values(parameters, point)].concat();
+                let [off, jitter] = figures(error, &gains, flights).unwrap_or([f64::INFINITY; 2]);
                 bar.inc();
-                (error / reference[0] + JITTER_WEIGHT * jitter / reference[1])
-                    / (1.0 + JITTER_WEIGHT)
+                (off / reference[0] + JITTER_WEIGHT * jitter / reference[1]) / (1.0 + JITTER_WEIGHT)
             };
             points.par_iter().map(evaluate).collect()
         });
         progress.check()?;
         let is_better = best.value < 1.0;
-        found.extend(if is_better { values(&tuned.parameters, &best.point) } else { start });
-        objective += best.value.min(1.0) / LOOPS.len() as f64;
+        found.extend(if is_better { values(parameters, &best.point) } else { start });
+        objective += best.value.min(1.0) / OUTER.len() as f64;
     }
     Ok(Tuned {
         target: "outer".to_owned(),
@@ -118,26 +90,15 @@ pub fn tune(
     })
 }
 
-/// Gains among `settings` that lie on a bound of the search, up to the rounding of written values.
-pub fn on_a_bound(settings: &[Setting]) -> Vec<String> {
-    let parameters = LOOPS.iter().flat_map(|tuned| &tuned.parameters);
-    let lies = |parameter: &&SearchRange| {
-        let set = settings.iter().find(|setting| setting.key == parameter.key);
-        let value = set.and_then(|setting| setting.value.as_float());
-        value.is_some_and(|v| v <= parameter.low * 1.001 || v >= parameter.high * 0.999)
-    };
-    parameters.filter(lies).map(|parameter| parameter.key.to_string()).collect()
-}
-
 /// Mean error of the loop along the trajectories, and command jitter.
 fn figures(
-    tuned: &Loop,
+    error: LoopError,
     gains: &[(String, f64)],
     flights: &TrainingFlights,
 ) -> Result<[f64; 2], Failure> {
     let law = flights.law("oqtal", &settings(gains));
     let fly = |seed| {
-        let figures = |flight: Flight| [mean(&flight, tuned.error), of_hover(&flight)[1]];
+        let figures = |flight: Flight| [mean(&flight, error), of_hover(&flight)[1]];
         Ok(path(&law, seed)?.map_or([f64::INFINITY; 2], figures))
     };
     let all: Result<Vec<[f64; 2]>, Failure> = flights.seeds().into_par_iter().map(fly).collect();
@@ -146,7 +107,7 @@ fn figures(
     Ok([share(0), share(1)])
 }
 
-fn mean(flight: &Flight, error: fn(&FlightSample) -> f64) -> f64 {
+fn mean(flight: &Flight, error: LoopError) -> f64 {
     let (count, sum) =
         flight.scored().fold((0.0, 0.0), |(count, sum), sample| (count + 1.0, sum + error(sample)));
     sum / f64::max(count, 1.0)

@@ -27,7 +27,7 @@ pub fn html(tuned: &Tuned) -> String {
             p.eyebrow { "oqtal tune" }
             h1 { "Gains of " (tuned.target) }
             p.note { (tuned.headline()) "; " (tuned.comparison()) "." }
-            @for warning in trade::warnings(&tuned.components) { p.note { "Warning: " (warning) } }
+            @for warning in tuned.warnings() { p.note { "Warning: " (warning) } }
         }
         main {
             @if !sheet.rows.is_empty() {

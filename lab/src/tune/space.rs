@@ -1,5 +1,6 @@
 //! Search space of each law: its own gains, and the gains of estimator and position loops.
 
+use oqtal_config::Setting;
 use oqtal_control::LawStack;
 use oqtal_control::controller::{ControllerName, SearchRange};
 
@@ -35,14 +36,52 @@ static LOOPS: [SearchRange; 8] = [
     SearchRange::new("position.vertical-velocity.ki", 0.05, 10.0),
 ];
 
+/// Gains of the position loops, tuned one loop after the other: vertical velocity, horizontal velocity, height, horizontal position.
+pub static OUTER: [[SearchRange; 2]; 4] = [
+    [
+        SearchRange::new("position.vertical-velocity.kp", 0.5, 12.0),
+        SearchRange::new("position.vertical-velocity.ki", 0.05, 5.0),
+    ],
+    [
+        SearchRange::new("position.horizontal-velocity.kp", 0.5, 12.0),
+        SearchRange::new("position.horizontal-velocity.ki", 0.05, 5.0),
+    ],
+    [
+        SearchRange::new("position.vertical-position.kp", 0.3, 5.0),
+        SearchRange::new("position.vertical-position.ki", 1e-3, 0.3),
+    ],
+    [
+        SearchRange::new("position.horizontal-position.kp", 0.3, 5.0),
+        SearchRange::new("position.horizontal-position.ki", 1e-3, 0.3),
+    ],
+];
+
 /// All gains tuned with a law in a stack: first the law's own gains, beginning with the one raised for `max_q`, then those of the
 /// stack.
 pub fn parameters(law: ControllerName, stack: LawStack) -> Vec<SearchRange> {
     let is_predictive = law.is_predictive() || stack == LawStack::Predictive;
     let around: &[SearchRange] = if is_predictive { &PREDICTOR } else { &LOOPS };
+    own(law).chain(around.iter().cloned()).collect()
+}
+
+fn own(law: ControllerName) -> impl Iterator<Item = SearchRange> {
     let section = format!("control.{}", law.name());
-    let own = law.tuned_gains().iter().map(|gain| gain.within(&section));
-    own.chain(around.iter().cloned()).collect()
+    law.tuned_gains().iter().map(move |gain| gain.within(&section))
+}
+
+/// The ranges of the search for `target`, a law in either stack or the position loops, with a gain of `settings` on a bound, up to the
+/// rounding of written values.
+pub fn on_a_bound(target: &str, settings: &[Setting]) -> Vec<SearchRange> {
+    let ranges: Vec<SearchRange> = match law::of_name(target) {
+        Some(law) => own(law).chain(PREDICTOR.iter().chain(&LOOPS).cloned()).collect(),
+        None => OUTER.concat(),
+    };
+    let lies = |range: &SearchRange| {
+        let set = settings.iter().find(|setting| setting.key == range.key);
+        let value = set.and_then(|setting| setting.value.as_float());
+        value.is_some_and(|value| value <= range.low * 1.001 || value >= range.high * 0.999)
+    };
+    ranges.into_iter().filter(lies).collect()
 }
 
 #[cfg(test)]
@@ -51,6 +90,21 @@ mod tests {
     use crate::study::flights::{table, value_at};
     use crate::study::gains::tuned;
     use oqtal_config::Config;
+
+    #[test]
+    fn a_gain_on_either_bound_is_found_and_one_inside_is_not() {
+        let [low, high, inside] =
+            ["vertical-velocity.kp", "horizontal-position.ki", "vertical-position.kp"]
+                .map(|key| format!("position.{key}"));
+        let settings = [(&low, 1.0), (&high, 0.2999), (&inside, 2.0)]
+            .map(|(key, v)| Setting::flag("", key, v));
+        let found = |target| {
+            let ranges = on_a_bound(target, &settings).into_iter();
+            ranges.map(|range| range.key.into_owned()).collect::<Vec<_>>()
+        };
+        assert_eq!(found("pid"), [high.clone(), low]);
+        assert_eq!(found("outer"), [high], "the ranges of the loops alone are wider");
+    }
 
     #[test]
     fn every_law_has_a_gain_of_its_own_to_tune() {

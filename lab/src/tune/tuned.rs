@@ -4,8 +4,10 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use oqtal_config::Setting;
+use oqtal_control::controller::SearchRange;
 
 use super::optimiser::Optimiser;
+use super::space;
 use super::trade::{self, TradedFigure};
 
 /// Budget of a search.
@@ -100,6 +102,21 @@ impl Tuned {
         format!("not landed as planned: {before} of {all} flights before, {after} after")
     }
 
+    /// Ranges with a gain on a bound.
+    pub fn on_a_bound(&self) -> Vec<SearchRange> {
+        space::on_a_bound(&self.target, &self.settings())
+    }
+
+    /// Warnings about gains on a bound of their range, and about components that got worse.
+    pub fn warnings(&self) -> Vec<String> {
+        let on_a_bound = self.on_a_bound().into_iter().map(|SearchRange { key, low, high }| {
+            format!(
+                "{key} is on a bound of its range, {low} to {high}: a better value may lie beyond; set it by hand and compare with `oqtal campaign`"
+            )
+        });
+        on_a_bound.chain(trade::warnings(&self.components)).collect()
+    }
+
     /// Gains as a configuration file: those found, and of the settings `common` of the search those of the law and the position
     /// loops. `note` is a comment after the first line; empty for none.
     pub fn to_toml(&self, common: &[&Setting], note: &str) -> String {
@@ -136,13 +153,11 @@ impl fmt::Display for Tuned {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "{}\n  {}", self.headline(), self.comparison())?;
         self.values.iter().try_for_each(|(key, value)| writeln!(f, "  {key} = {value}"))?;
-        if self.components.is_empty() {
-            return Ok(());
+        if !self.components.is_empty() {
+            let sheet = trade::sheet(&self.components, self.draws > 0);
+            writeln!(f, "{}\n{}", sheet.to_text(), self.failures())?;
         }
-        let sheet = trade::sheet(&self.components, self.draws > 0);
-        writeln!(f, "{}\n{}", sheet.to_text(), self.failures())?;
-        let warnings = trade::warnings(&self.components);
-        warnings.iter().try_for_each(|warning| writeln!(f, "warning: {warning}"))
+        self.warnings().iter().try_for_each(|warning| writeln!(f, "warning: {warning}"))
     }
 }
 
@@ -169,6 +184,13 @@ mod tests {
             failed: [0; 3],
             path: SearchPath::default(),
         };
+        let on_a_bound = Tuned {
+            values: vec![("control.lqr.attitude-weight".to_owned(), 1e9)],
+            ..tuned.clone()
+        };
+        let told = "\nwarning: control.lqr.attitude-weight is on a bound of its range, ";
+        assert!(on_a_bound.to_string().contains(told), "{on_a_bound}");
+        assert!(!tuned.to_string().contains(told), "{tuned}");
         let directory = tempfile::tempdir().unwrap();
         let file = directory.path().join("tuned.toml");
         let common = [
