@@ -272,11 +272,15 @@ fn pid_of(node: &UniqueNodeId) -> u32 {
 
 /// Process id, program and first argument of a process, as in "`oqtal record` (123)".
 fn command_of(pid: u32) -> String {
-    let line = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
-    let words = line.split(|byte| *byte == 0).take(2).map(String::from_utf8_lossy);
-    let words: Vec<_> =
-        words.map(|word| word.rsplit('/').next().unwrap_or("").to_owned()).collect();
+    let words = command_line(pid).map(|word| word.rsplit('/').next().unwrap_or("").to_owned());
     format!("`{}` ({pid})", words.join(" ").trim_end())
+}
+
+/// Program and first argument of a process; empty if there are none.
+pub(crate) fn command_line(pid: u32) -> [String; 2] {
+    let line = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+    let mut words = line.split(|byte| *byte == 0).map(String::from_utf8_lossy);
+    [(); 2].map(|()| words.next().unwrap_or_default().into_owned())
 }
 
 fn service_name(name: &str) -> Result<ServiceName, BusError> {

@@ -15,6 +15,7 @@ use rustix::fs::OFlags;
 use rustix::process::{Pid, PidfdFlags, Signal, geteuid, pidfd_open, pidfd_send_signal};
 
 use crate::message::{FNV_OFFSET, fnv1a};
+use crate::node::command_line;
 use crate::paths::InstancePaths;
 use crate::stop::{self, StopSwitch};
 use crate::time::Time;
@@ -71,6 +72,11 @@ pub struct HeldFiles {
     pub stop: Option<StopSwitch>,
 }
 
+/// Value of the field `name` of /proc/PID/status.
+fn field<'a>(status: &'a str, name: &str) -> Option<&'a str> {
+    status.lines().find_map(|line| line.strip_prefix(name)).map(str::trim)
+}
+
 impl ObeyingProcess {
     /// All running processes that obey operators, of every user and instance.
     pub fn all() -> Vec<Self> {
@@ -81,12 +87,11 @@ impl ObeyingProcess {
     /// The process `pid`, if it obeys operators.
     fn of(pid: u32) -> Option<Self> {
         let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
-        let field = |name: &str| status.lines().find_map(|line| line.strip_prefix(name));
-        let caught = u64::from_str_radix(field("SigCgt:")?.trim(), 16).ok()?;
+        let caught = u64::from_str_radix(field(&status, "SigCgt:")?, 16).ok()?;
         if caught & (1 << (STOP_SIGNAL.as_raw() - 1)) == 0 {
             return None;
         }
-        let user = field("Uid:")?.split_whitespace().next()?.parse().ok()?;
+        let user = field(&status, "Uid:")?.split_whitespace().next()?.parse().ok()?;
         // Opened before the name is read: if the number is given to another process in between, the handle's process has ended.
         let handle = pidfd_open(Pid::from_raw(pid.cast_signed())?, PidfdFlags::empty()).ok()?;
         let threads = fs::read_dir(format!("/proc/{pid}/task")).ok()?.flatten();
@@ -125,11 +130,8 @@ impl ObeyingProcess {
     /// The command of `oqtal` that started it and ends with it, such as `fly`; `None` for a process of its own.
     pub fn started_by(&self) -> Option<String> {
         let status = fs::read_to_string(format!("/proc/{}/status", self.pid)).ok()?;
-        let parent = status.lines().find_map(|line| line.strip_prefix("PPid:"))?.trim();
-        let words = fs::read_to_string(format!("/proc/{parent}/cmdline")).ok()?;
-        let mut words = words.split('\0');
-        let is_oqtal = Path::new(words.next()?).file_name()? == "oqtal";
-        is_oqtal.then(|| words.next().unwrap_or_default().to_owned())
+        let [program, command] = command_line(field(&status, "PPid:")?.parse().ok()?);
+        (Path::new(&program).file_name()? == "oqtal").then_some(command)
     }
 
     /// Instant of its start, to a hundredth of a second; `None` if it has ended.

@@ -17,7 +17,7 @@ pub struct FlightSample {
 impl FlightSample {
     /// Whether the vehicle was armed in this tick.
     pub fn is_armed(&self) -> bool {
-        Mode::from_code(self.telemetry.mode).is_some_and(Mode::is_armed)
+        self.telemetry.is_armed()
     }
 
     /// Whether errors are computed over this tick.

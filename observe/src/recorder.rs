@@ -202,9 +202,8 @@ impl Recorder {
 
     /// Adds the timing of a tick in which the vehicle is armed.
     fn add_timing(&mut self, telemetry: &TelemetryV1) {
-        let sample = FlightSample { telemetry: *telemetry, truth: None };
-        let last =
-            std::mem::replace(&mut self.armed_at, sample.is_armed().then_some(telemetry.time));
+        let armed_at = telemetry.is_armed().then_some(telemetry.time);
+        let last = std::mem::replace(&mut self.armed_at, armed_at);
         let Some(now) = self.armed_at else { return };
         self.flight.wakeup_lateness.add(Span::from_nanos(telemetry.wakeup_lateness_ns));
         if let Some(last) = last {
@@ -241,9 +240,7 @@ impl Recorder {
         flight.commands_repeated += u64::from(sequence == last);
         flight.applied.push(AppliedCommand { sequence, stamps, onward, battery_v });
     }
-}
 
-impl Recorder {
     /// Counts a question to the external law, with the time of an answer that came in time: a late one is received with a later
     /// question, or not at all.
     fn answer(&mut self, answer: &ExternalV1) {

@@ -1,6 +1,5 @@
 //! The model that `oqtal monitor` shows: the model of the instance, and three quantities over time.
 
-use oqtal_bus::code::Mode;
 use oqtal_bus::message::TelemetryV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Sample};
@@ -37,13 +36,13 @@ pub struct MonitorModel {
     pub trends: Trends,
     /// Keys, with the request being typed.
     pub keyboard: Keyboard,
-    /// ShownAnswer to the last request, until another flight begins or another daemon is seen.
+    /// Answer to the last request, until another flight begins or another daemon is seen.
     pub answer: Option<ShownAnswer>,
     /// Source of the daemon's newest tick, and whether a mission was active in it.
     daemon: Option<(u64, bool)>,
 }
 
-/// ShownAnswer to a request.
+/// Answer to a request.
 #[derive(Debug)]
 pub struct ShownAnswer {
     /// Instant of the answer.
@@ -80,8 +79,7 @@ impl MonitorModel {
     /// Forgets the answer if the tick belongs to another flight or another daemon. The flight that a request begins takes off while
     /// its answer is given.
     fn forget_answer(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
-        let source = reception.header.source;
-        let is_armed = Mode::from_code(telemetry.mode).is_some_and(Mode::is_armed);
+        let (source, is_armed) = (reception.header.source, telemetry.is_armed());
         let before = self.daemon.replace((source, is_armed));
         let is_other =
             before.is_some_and(|(daemon, was_armed)| daemon != source || (is_armed && !was_armed));

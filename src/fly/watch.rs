@@ -4,7 +4,7 @@ use std::sync::Mutex;
 use std::thread::sleep;
 
 use oqtal_bus::bus::Bus;
-use oqtal_bus::code::{Mode, OperatorCommand};
+use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::TelemetryV1;
 use oqtal_bus::paths::InstancePaths;
@@ -118,6 +118,5 @@ impl<'a> ProcessWatch<'a> {
 
 /// Whether the newest tick of the daemon is one of a flight.
 fn is_in_flight(telemetry: &mut Reader<TelemetryV1>) -> Result<bool, BusError> {
-    let tick = telemetry.latest()?;
-    Ok(tick.and_then(|(_, tick)| Mode::from_code(tick.mode)).is_some_and(Mode::is_armed))
+    Ok(telemetry.latest()?.is_some_and(|(_, tick)| tick.is_armed()))
 }

@@ -4,6 +4,7 @@ use super::definition::{message, structure};
 use super::field::{Field, Value, total_size};
 use super::header::HEADER_SCHEMA;
 use super::schema::{Message, schema};
+use crate::code::Mode;
 use crate::text::ShortText;
 use crate::time::Time;
 
@@ -340,6 +341,13 @@ message! {
         runs_late: u8 ["flag"],
         /// [`crate::obstacle::ArmingObstacles`] of the daemon.
         obstacles: u32 ["-"],
+    }
+}
+
+impl TelemetryV1 {
+    /// Whether a mission is active, flown or only observed.
+    pub fn is_armed(&self) -> bool {
+        Mode::from_code(self.mode).is_some_and(Mode::is_armed)
     }
 }
 

@@ -4,7 +4,6 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-use oqtal_bus::code::Mode;
 use oqtal_bus::topic::{ObservedTopic, Sample};
 
 use super::file::RecordingFile;
@@ -95,9 +94,8 @@ struct Flown(bool);
 impl Sink for Flown {
     fn sample(&mut self, _: &Reception, sample: Sample<'_>) {
         if let Sample::Telemetry(tick) = sample {
-            let is_armed = Mode::from_code(tick.mode).is_some_and(Mode::is_armed);
             // Without motors the trajectory is held at its beginning.
-            self.0 |= is_armed && tick.mission_s > 0.0;
+            self.0 |= tick.is_armed() && tick.mission_s > 0.0;
         }
     }
 
