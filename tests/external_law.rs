@@ -75,10 +75,14 @@ fn socket(testbed: &Testbed) -> PathBuf {
 fn flown(testbed: &Testbed, words: &[&str], law: &mut Command) -> (Value, String) {
     let flight = testbed.start(&[&["fly", "--json"], words].concat());
     wait_for("the socket", || socket(testbed).exists().then_some(()));
-    let law = Running::start(law);
+    // Its connection ends with the flight. In lockstep a flight waits for its law: one that ended by itself would be waited for.
+    let told = Running::start(law).wait();
+    if !told.status.success() {
+        flight.signal(Signal::INT);
+    }
     let output = flight.wait();
+    assert!(told.status.success(), "{}", stderr(&told));
     assert!(output.status.success(), "{}", stderr(&output));
-    let told = law.wait();
     (json(&output), String::from_utf8_lossy(&told.stdout).into_owned() + &stderr(&told))
 }
 

@@ -191,12 +191,15 @@ fn bound(path: &std::path::Path) -> std::io::Result<OwnedFd> {
     let socket = socket_with(AddressFamily::UNIX, SocketType::SEQPACKET, flags, None)?;
     // The file gets the mode of the socket when it is made.
     rustix::fs::fchmod(&socket, Mode::RUSR | Mode::WUSR)?;
-    match std::fs::remove_file(path) {
+    // Bound and listening under another name: a law that waits for the file finds it listening.
+    let unready = path.with_extension("new");
+    match std::fs::remove_file(&unready) {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error),
         _ => {}
     }
-    bind(&socket, &SocketAddrUnix::new(path)?)?;
+    bind(&socket, &SocketAddrUnix::new(&unready)?)?;
     listen(&socket, 4)?;
+    std::fs::rename(&unready, path)?;
     Ok(socket)
 }
 
