@@ -54,16 +54,8 @@ def _lanes(
     return _native.Lanes(sources(*call), task, count, seed, (float(duration), integer("threads", threads, 0, 1024)))
 
 
-def commands(actions: Any) -> Array:
-    """Sticks from -1 to 1 and thrust from 0 to 1 for the actions of an environment."""
-    given: Array = np.asarray(actions, dtype=float)
-    if given.shape[-1:] != (4,):
-        raise UsageError(f"actions have the shape {given.shape}; expected 4 numbers for each vehicle")
-    if not np.isfinite(given).all():
-        raise UsageError("actions are not finite; expected numbers from -1 to 1")
-    found: Array = np.clip(given.reshape(-1, 4), -1.0, 1.0)
-    found[:, 3] = (found[:, 3] + 1.0) / 2.0
-    return found
+def _numbers(actions: Any) -> Array:
+    return np.asarray(actions, dtype=float)
 
 
 class OqtalEnv(gymnasium.Env[Array, Array]):
@@ -100,9 +92,8 @@ class OqtalEnv(gymnasium.Env[Array, Array]):
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Flies for one control tick."""
-        self._lanes.step(commands(action), {})
-        reward, terminated, truncated = self._lanes.results()
-        return self._lanes.observations()[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), self._info()
+        seen, reward, terminated, truncated = self._lanes.act(_numbers(action), False)
+        return seen[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), self._info()
 
 
 class OqtalVectorEnv(VectorEnv[Array, Array, Array]):
@@ -127,8 +118,6 @@ class OqtalVectorEnv(VectorEnv[Array, Array, Array]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._lanes = _lanes(task, num_envs, 0, duration, threads, (config, settings, plant))
-        self._next_seed = num_envs
-        self._over: NDArray[np.bool_] = np.zeros(num_envs, dtype=bool)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -140,21 +129,15 @@ class OqtalVectorEnv(VectorEnv[Array, Array, Array]):
         if isinstance(seed, Sequence):
             seeds = [None if each is None else integer("a seed", each) for each in seed]
         else:
-            first = self._next_seed if seed is None else integer("seed", seed)
+            first = self._lanes.next_seed() if seed is None else integer("seed", seed)
             seeds = [first + lane for lane in range(self.num_envs)]
-        self._next_seed = max((each for each in seeds if each is not None), default=self._next_seed - 1) + 1
         self._lanes.reset(seeds)
-        self._over[:] = False
         return self._lanes.observations(), {}
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
         """Flies every vehicle for one control tick."""
-        over = np.flatnonzero(self._over).tolist()
-        self._lanes.step(commands(actions), {lane: self._next_seed + index for index, lane in enumerate(over)})
-        self._next_seed += len(over)
-        rewards, terminated, truncated = self._lanes.results()
-        self._over = terminated | truncated
-        return self._lanes.observations(), rewards, terminated, truncated, {}
+        seen, rewards, terminated, truncated = self._lanes.act(_numbers(actions), True)
+        return seen, rewards, terminated, truncated, {}
 
     def truths(self) -> Array:
         """True position [m, world], velocity [m/s, world], attitude (quaternion, body to world, scalar last), body rate [rad/s] and

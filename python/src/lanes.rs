@@ -1,175 +1,51 @@
-//! Environments stepped together: each lane by one of a few threads, which it never leaves.
+//! Environments stepped together: a share of the lanes by the caller, the others by threads of their own.
 
-use std::collections::HashMap;
-use std::ops::Range;
+mod share;
+
 use std::sync::Mutex;
-use std::sync::mpsc::{Receiver, RecvError, Sender, TryRecvError, channel};
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
-use oqtal_bus::time::{Span, Time};
-use oqtal_config::{ClockKind, Config};
-use oqtal_lab::environment::{ACTION, Environment, OBSERVATION, StepResult, Task};
-use oqtal_runtime::process::{Exit, Failure};
+use numpy::{
+    PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyReadonlyArrayDyn, PyUntypedArrayMethods,
+};
+use oqtal_bus::time::Time;
+use oqtal_config::ClockKind;
+use oqtal_lab::environment::{ACTION, Environment, OBSERVATION, Task};
+use oqtal_runtime::process::Failure;
 use pyo3::prelude::*;
 
 use crate::error;
 use crate::settings::Sources;
 use crate::task;
+use share::{LaneRequest, Outcome, Share, Worker, lock};
 
 /// Length of the truth of a lane: position, velocity, attitude, body rate, time.
 const TRUTH: usize = 14;
-/// Length of a reference: position, velocity.
-const REFERENCE: usize = 6;
-/// Length of a pose.
-const POSE: usize = 7;
-
-/// Time for which a thread polls for its next request before it sleeps: waking it takes as long as some twenty lanes.
-const POLL: Span = Span::from_nanos(200_000);
-
-/// State of one lane after a step.
-#[derive(Clone, Copy, Debug, Default)]
-struct LaneState {
-    observation: Observation,
-    truth: [f64; TRUTH],
-    pose: [f64; POSE],
-    reference: [f64; REFERENCE],
-    result: StepResult,
-}
-
-/// Newtype for the length, which has no default; of 32 bits, as the environments give it.
-#[derive(Clone, Copy, Debug)]
-struct Observation([f32; OBSERVATION]);
-
-impl Default for Observation {
-    fn default() -> Self {
-        Self([0.0; OBSERVATION])
-    }
-}
-
-/// Request to a lane.
-#[derive(Clone, Copy, Debug)]
-enum LaneRequest {
-    /// Fly for one tick with an action.
-    Step([f64; ACTION]),
-    /// Begin the episode of a seed.
-    Reset(u64),
-    /// Stay.
-    None,
-}
-
-/// Requests to the lanes of a thread, in their order.
-type Request = Vec<LaneRequest>;
-
-/// Answer of a thread.
-type Reply = Result<Vec<LaneState>, Failure>;
-
-/// A thread with its lanes.
-struct Worker {
-    lanes: Range<usize>,
-    requests: Mutex<Sender<Request>>,
-    replies: Mutex<Receiver<Reply>>,
-}
-
-impl Worker {
-    /// Starts a thread for `lanes` of `config`, lane `i` with the seed `first + i`.
-    fn start(
-        config: &Config,
-        task: Task,
-        duration_s: f64,
-        (lanes, first): (Range<usize>, u64),
-    ) -> Self {
-        let (requests, incoming) = channel();
-        let (outgoing, replies) = channel();
-        let (config, seeds) = (config.clone(), lanes.clone());
-        std::thread::spawn(move || {
-            error::catch_panics_of_thread(true);
-            let lane = |index: usize| {
-                let mut config = config.clone();
-                config.clock.seed = first + index as u64;
-                Environment::new(config, task, duration_s)
-            };
-            let mut lanes = match seeds.map(lane).collect::<Result<Vec<_>, Failure>>() {
-                Ok(lanes) => lanes,
-                Err(failure) => return drop(outgoing.send(Err(failure))),
-            };
-            // The first reply: the lanes at the start of their episodes.
-            let mut reply =
-                Ok(lanes.iter_mut().map(|lane| state(lane, StepResult::default())).collect());
-            // The thread ends with its owner.
-            while outgoing.send(reply).is_ok()
-                && let Ok(request) = next(&incoming)
-            {
-                reply = answer(&mut lanes, request);
-            }
-        });
-        Self { lanes, requests: Mutex::new(requests), replies: Mutex::new(replies) }
-    }
-
-    fn send(&self, request: Request) -> Result<(), Failure> {
-        let sent = self.requests.lock().map_err(|_| ended()).map(|requests| requests.send(request));
-        sent?.map_err(|_| ended())
-    }
-
-    fn reply(&self) -> Reply {
-        let reply = self.replies.lock().map_err(|_| ended()).map(|replies| replies.recv());
-        reply?.map_err(|_| ended())?
-    }
-}
-
-/// Failure of a thread that has ended.
-fn ended() -> Failure {
-    Failure::new(Exit::Internal, "a thread of the environments has ended; make them again")
-}
-
-fn answer(lanes: &mut [Environment], request: Request) -> Reply {
-    let answered = |(lane, request): (&mut Environment, LaneRequest)| {
-        let result = match request {
-            LaneRequest::Step(action) => lane.step(action)?,
-            LaneRequest::Reset(seed) => lane.reset(seed).map(|()| StepResult::default())?,
-            LaneRequest::None => StepResult::default(),
-        };
-        Ok(state(lane, result))
-    };
-    lanes.iter_mut().zip(request).map(answered).collect()
-}
-
-/// The next request; an error if the owner was dropped.
-fn next(requests: &Receiver<Request>) -> Result<Request, RecvError> {
-    let sleep_at = Time::now() + POLL;
-    while Time::now() < sleep_at {
-        match requests.try_recv() {
-            Ok(request) => return Ok(request),
-            // The caller may need this processor.
-            Err(TryRecvError::Empty) => std::thread::yield_now(),
-            Err(TryRecvError::Disconnected) => return Err(RecvError),
-        }
-    }
-    requests.recv()
-}
-
-fn state(lane: &mut Environment, result: StepResult) -> LaneState {
-    let truth = lane.truth();
-    let t_s = truth.time.since(Time::VIRTUAL_START).seconds();
-    let numbers =
-        truth.position.into_iter().chain(truth.velocity).chain(truth.attitude).chain(truth.rate);
-    let mut numbers = numbers.chain([t_s]);
-    LaneState {
-        observation: Observation(lane.observation().map(|number| number as f32)),
-        truth: std::array::from_fn(|_| numbers.next().unwrap_or(f64::NAN)),
-        pose: lane.pose(),
-        reference: lane.reference(),
-        result,
-    }
-}
 
 /// Environments of one configuration, stepped together on all processors.
 #[pyclass(frozen, module = "oqtal._native")]
 struct Lanes {
-    workers: Vec<Worker>,
-    /// States of the lanes of each worker.
-    states: Mutex<Vec<Vec<LaneState>>>,
+    shares: Mutex<Shares>,
+    /// Number of lanes, and the process that made them.
+    count: usize,
     process: u32,
 }
+
+/// All lanes.
+struct Shares {
+    /// Stepped by the caller: with as many threads as processors, none waits for a processor.
+    own: Share,
+    workers: Vec<Worker>,
+    /// Seed of the next episode of a lane whose episode ends.
+    next_seed: u64,
+}
+
+/// Observations, rewards, whether episodes have terminated, and whether their time is over.
+type Results<'py> = (
+    Bound<'py, PyArray2<f32>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<bool>>,
+    Bound<'py, PyArray1<bool>>,
+);
 
 #[pymethods]
 impl Lanes {
@@ -193,136 +69,213 @@ impl Lanes {
                 "the number of lanes and the duration of an episode are above 0",
             ));
         }
-        task::detached(py, || {
+        let shares = task::detached(py, || {
             let mut config = sources.config()?;
             config.clock.kind = ClockKind::InProcess;
             let processors = std::thread::available_parallelism().map_or(1, usize::from);
             let threads = if threads == 0 { processors } else { threads }.min(count);
-            let share = |index: usize| index * count / threads;
-            let workers: Vec<Worker> = (0..threads)
-                .map(|index| {
-                    let lanes = (share(index)..share(index + 1), seed);
-                    Worker::start(&config, task, duration_s, lanes)
-                })
-                .collect();
-            let lanes = Self { workers, states: Mutex::default(), process: std::process::id() };
-            lanes.gather()?;
-            Ok(lanes)
-        })
+            let end = |index: usize| seed + (index * count / threads) as u64;
+            let share = |index| Share::new(&config, task, duration_s, end(index)..end(index + 1));
+            let workers = (1..threads).map(|index| share(index).map(Worker::start));
+            let (own, workers) = (share(0)?, workers.collect::<Result<_, _>>()?);
+            Ok(Shares { own, workers, next_seed: seed + count as u64 })
+        })?;
+        Ok(Self { shares: Mutex::new(shares), count, process: std::process::id() })
     }
 
-    /// Commands one action for each lane, `(count, 4)`: sticks from -1 to 1 and thrust from 0 to 1; NaN switches the motors off. A
-    /// lane with a seed begins the episode of this seed instead.
-    fn step(
+    /// Takes one action for each lane, four numbers from -1 to 1: body rates, and thrust. A lane whose episode has ended begins the next
+    /// one instead if `is_endless`.
+    fn act<'py>(
         &self,
-        py: Python<'_>,
-        actions: PyReadonlyArray2<'_, f64>,
-        seeds: HashMap<usize, u64>,
-    ) -> PyResult<()> {
-        let count = self.count()?;
-        if actions.shape() != [count, ACTION] {
-            let found = actions.shape();
-            return Err(error::usage(format!(
-                "actions have the shape {found:?}; expected [{count}, {ACTION}]"
-            )));
+        py: Python<'py>,
+        actions: PyReadonlyArrayDyn<'py, f64>,
+        is_endless: bool,
+    ) -> PyResult<Results<'py>> {
+        self.check_process()?;
+        if actions.shape().last() != Some(&ACTION) || actions.len() != self.count * ACTION {
+            return Err(self.misshaped(actions.shape()));
         }
-        let actions = actions.as_array();
-        self.request(py, |lane| match seeds.get(&lane) {
-            Some(seed) => LaneRequest::Reset(*seed),
-            None => LaneRequest::Step(std::array::from_fn(|index| actions[[lane, index]])),
-        })
+        let numbers: Vec<f64> = actions.as_array().iter().copied().collect();
+        if !numbers.iter().all(|number| number.is_finite()) {
+            return Err(error::usage("actions are not finite; expected numbers from -1 to 1"));
+        }
+        self.request(py, |shares| {
+            let mut requests: Vec<_> = numbers.as_chunks().0.iter().map(stepped).collect();
+            if is_endless {
+                let mut next_seed = shares.next_seed;
+                let mut requests = requests.iter_mut();
+                shares.each_outcome(|Outcome { result, .. }| {
+                    let request = requests.next();
+                    if result.terminated || result.truncated {
+                        request.into_iter().for_each(|it| *it = LaneRequest::Reset(next_seed));
+                        next_seed += 1;
+                    }
+                })?;
+                shares.next_seed = next_seed;
+            }
+            Ok(requests)
+        })?;
+        self.results(py)
+    }
+
+    /// Commands each lane, `(count, 4)`: sticks from -1 to 1 and thrust from 0 to 1; NaN switches the motors off.
+    fn command(&self, py: Python<'_>, commands: PyReadonlyArray2<'_, f64>) -> PyResult<()> {
+        self.check_process()?;
+        if commands.shape() != [self.count, ACTION] {
+            return Err(self.misshaped(commands.shape()));
+        }
+        let numbers: Vec<f64> = commands.as_array().iter().copied().collect();
+        let commands = numbers.as_chunks().0.iter().copied();
+        let requests = commands.map(LaneRequest::Step).collect();
+        self.request(py, |_| Ok(requests))
     }
 
     /// Begins the episodes of `seeds`, one for each lane; `None` leaves a lane as it is.
     fn reset(&self, py: Python<'_>, seeds: Vec<Option<u64>>) -> PyResult<()> {
-        let count = self.count()?;
-        if seeds.len() != count {
-            return Err(error::usage(format!("{} seeds for {count} lanes", seeds.len())));
+        self.check_process()?;
+        if seeds.len() != self.count {
+            return Err(error::usage(format!("{} seeds for {} lanes", seeds.len(), self.count)));
         }
-        self.request(py, |lane| seeds[lane].map_or(LaneRequest::None, LaneRequest::Reset))
+        self.request(py, |shares| {
+            shares.next_seed = seeds.iter().flatten().max().map_or(shares.next_seed, |it| it + 1);
+            let requests = seeds.iter().map(|it| it.map_or(LaneRequest::None, LaneRequest::Reset));
+            Ok(requests.collect())
+        })
+    }
+
+    /// Seed of the next episode of a lane whose episode ends.
+    fn next_seed(&self) -> PyResult<u64> {
+        self.check_process()?;
+        Ok(lock(&self.shares).map_err(error::raised)?.next_seed)
     }
 
     /// Observations, `(count, 25)`.
     fn observations<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
-        self.rows(py, |state| state.observation.0)
+        Ok(self.results(py)?.0)
     }
 
     /// True position, velocity, attitude, body rate, and the time, `(count, 14)`.
     fn truths<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        self.rows(py, |state| state.truth)
+        self.rows(py, |lane| {
+            let truth = lane.truth();
+            let t_s = truth.time.since(Time::VIRTUAL_START).seconds();
+            let parts = truth.position.into_iter().chain(truth.velocity).chain(truth.attitude);
+            let mut numbers = parts.chain(truth.rate).chain([t_s]);
+            std::array::from_fn::<_, TRUTH, _>(|_| numbers.next().unwrap_or(f64::NAN))
+        })
     }
 
     /// Newest poses as measured, `(count, 7)`.
     fn poses<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        self.rows(py, |state| state.pose)
+        self.rows(py, |lane| lane.pose())
     }
 
     /// Position and velocity of the references, `(count, 6)`.
     fn references<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        self.rows(py, |state| state.reference)
+        self.rows(py, |lane| lane.reference())
+    }
+}
+
+impl Lanes {
+    /// The threads live in the process that made them.
+    fn check_process(&self) -> PyResult<()> {
+        if std::process::id() == self.process {
+            return Ok(());
+        }
+        Err(error::usage("environments do not survive a fork: make them in the new process"))
     }
 
-    /// Rewards of the last step, whether episodes have terminated, and whether their time is over.
-    #[allow(clippy::type_complexity)]
-    fn results<'py>(
+    fn misshaped(&self, shape: &[usize]) -> PyErr {
+        error::usage(format!(
+            "actions have the shape {shape:?}; expected [{}, {ACTION}]",
+            self.count
+        ))
+    }
+
+    /// Carries out one request `of` each lane.
+    fn request(
         &self,
-        py: Python<'py>,
-    ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<bool>>, Bound<'py, PyArray1<bool>>)>
-    {
-        let states = self.states.lock().map_err(|_| error::raised(ended()))?;
-        let results = || states.iter().flatten().map(|state| state.result);
+        py: Python<'_>,
+        of: impl FnOnce(&mut Shares) -> Result<Vec<LaneRequest>, Failure> + Send,
+    ) -> PyResult<()> {
+        task::detached(py, || {
+            let mut shares = lock(&self.shares)?;
+            let requests = of(&mut shares)?;
+            shares.carry_out(&requests)
+        })
+    }
+
+    /// Outcomes of the last requests.
+    fn results<'py>(&self, py: Python<'py>) -> PyResult<Results<'py>> {
+        self.check_process()?;
+        let mut observations = Vec::with_capacity(OBSERVATION * self.count);
+        let mut results = Vec::with_capacity(self.count);
+        let shares = lock(&self.shares).map_err(error::raised)?;
+        let each = shares.each_outcome(|outcome| {
+            observations.extend_from_slice(&outcome.observation);
+            results.push(outcome.result);
+        });
+        each.map_err(error::raised)?;
+        let results = || results.iter();
         Ok((
+            PyArray1::from_vec(py, observations).reshape([self.count, OBSERVATION])?,
             PyArray1::from_iter(py, results().map(|result| result.reward)),
             PyArray1::from_iter(py, results().map(|result| result.terminated)),
             PyArray1::from_iter(py, results().map(|result| result.truncated)),
         ))
     }
-}
-
-impl Lanes {
-    /// Number of lanes, in the process that made them.
-    fn count(&self) -> PyResult<usize> {
-        if std::process::id() != self.process {
-            return Err(error::usage(
-                "environments do not survive a fork: make them in the new process",
-            ));
-        }
-        Ok(self.workers.last().map_or(0, |worker| worker.lanes.end))
-    }
-
-    /// Sends each thread the requests `of` its lanes, and gathers the replies.
-    fn request(&self, py: Python<'_>, of: impl Fn(usize) -> LaneRequest) -> PyResult<()> {
-        let requests: Vec<Request> =
-            self.workers.iter().map(|worker| worker.lanes.clone().map(&of).collect()).collect();
-        let send = || {
-            let mut pairs = self.workers.iter().zip(requests);
-            pairs.try_for_each(|(worker, request)| worker.send(request))?;
-            self.gather()
-        };
-        py.detach(send).map_err(error::raised)
-    }
-
-    /// Waits for a reply of every thread.
-    fn gather(&self) -> Result<(), Failure> {
-        // Every reply is taken, lest that of a request be read as that of the next one.
-        let replies: Vec<Reply> = self.workers.iter().map(Worker::reply).collect();
-        *self.states.lock().map_err(|_| ended())? =
-            replies.into_iter().collect::<Result<_, _>>()?;
-        Ok(())
-    }
 
     /// Rows of an array, one for each lane.
-    fn rows<'py, T: numpy::Element + Copy, const N: usize>(
+    fn rows<'py, const N: usize>(
         &self,
         py: Python<'py>,
-        row: impl Fn(&LaneState) -> [T; N],
-    ) -> PyResult<Bound<'py, PyArray2<T>>> {
-        let states = self.states.lock().map_err(|_| error::raised(ended()))?;
-        let mut numbers = Vec::with_capacity(N * self.count()?);
-        states.iter().flatten().for_each(|state| numbers.extend(row(state)));
-        let rows = numbers.len() / N;
-        PyArray1::from_vec(py, numbers).reshape([rows, N])
+        row: impl Fn(&mut Environment) -> [f64; N],
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        self.check_process()?;
+        let mut numbers = Vec::with_capacity(N * self.count);
+        let mut shares = lock(&self.shares).map_err(error::raised)?;
+        let add = |lane: &mut Environment| numbers.extend(row(lane));
+        shares.each_lane(add).map_err(error::raised)?;
+        PyArray1::from_vec(py, numbers).reshape([self.count, N])
     }
+}
+
+impl Shares {
+    /// Carries out one request for each lane, on all threads.
+    fn carry_out(&mut self, requests: &[LaneRequest]) -> Result<(), Failure> {
+        let (own, mut rest) = requests.split_at(self.own.lanes.len());
+        for worker in &self.workers {
+            let (of_worker, others) = rest.split_at(worker.share()?.lanes.len());
+            worker.send(of_worker)?;
+            rest = others;
+        }
+        let done = self.own.carry_out(own);
+        // Every reply is taken, lest that of a request be read as that of the next one.
+        let replies: Vec<_> = self.workers.iter().map(Worker::reply).collect();
+        replies.into_iter().chain([done]).collect()
+    }
+
+    fn each_outcome(&self, mut take: impl FnMut(&Outcome)) -> Result<(), Failure> {
+        self.own.outcomes.iter().for_each(&mut take);
+        self.workers.iter().try_for_each(|worker| {
+            worker.share()?.outcomes.iter().for_each(&mut take);
+            Ok(())
+        })
+    }
+
+    fn each_lane(&mut self, mut take: impl FnMut(&mut Environment)) -> Result<(), Failure> {
+        self.own.lanes.iter_mut().for_each(&mut take);
+        self.workers.iter().try_for_each(|worker| {
+            worker.share()?.lanes.iter_mut().for_each(&mut take);
+            Ok(())
+        })
+    }
+}
+
+/// Request of an action: its numbers are limited, and the thrust is from 0 to 1.
+fn stepped(action: &[f64; ACTION]) -> LaneRequest {
+    let [roll, pitch, yaw, thrust] = action.map(|number| number.clamp(-1.0, 1.0));
+    LaneRequest::Step([roll, pitch, yaw, (thrust + 1.0) / 2.0])
 }
 
 /// Registers the class.

@@ -8,7 +8,7 @@
 //! | `settings.rs` | Python values as settings of the configuration |
 //! | `flight.rs` | flights and recordings, their columns and pages |
 //! | `law.rs` | laws written in Python |
-//! | `lanes.rs` | environments stepped together |
+//! | `lanes.rs`, `lanes/` | environments stepped together |
 //! | `instance.rs` | a running instance: commands and references |
 //! | `observation.rs` | observation of a running instance |
 //! | `studies.rs` | campaigns, sweeps, robustness, identification, tuning |

@@ -52,7 +52,7 @@ def assert_lanes_equal(flights: list[oqtal.Flight], seed: int, sources) -> None:
         seen = lanes.poses()
         known = ~np.isnan(poses[:, tick])
         np.testing.assert_array_equal(seen[known], poses[:, tick][known], f"tick {tick}")
-        lanes.step(np.ascontiguousarray(commands[:, tick]), {})
+        lanes.command(commands[:, tick])
 
 
 #: Flights of each law: OQTAL_TEST_LANES=200 takes some minutes. Removed, since OQTAL_ variables are settings.
@@ -163,7 +163,7 @@ def test_what_environments_cannot_have_is_refused():
         oqtal.make_vec(1, "Oqtal-Fly-v0")
     env = oqtal.make_vec(2)
     with pytest.raises(oqtal.UsageError, match="shape"):
-        env._lanes.step(np.zeros((3, 4)), {})
+        env._lanes.command(np.zeros((3, 4)))
 
 
 def episode(env, seed: object) -> list[list[float]]:
