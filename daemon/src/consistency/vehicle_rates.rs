@@ -1,7 +1,7 @@
 //! Rotation of the vehicle by its own gyroscope: the integral of the reported rates.
 //!
-//! A Crazyflie reports ten times a second, and turns into a tilt within that time. Its rotation is known up to its last report only, and
-//! is compared with poses once the next report has arrived.
+//! A vehicle may turn into a tilt between two reports, if one of them is lost or late. Its rotation is known up to its last report only,
+//! and is compared with poses once the next report has arrived.
 
 use nalgebra::Vector3;
 
