@@ -335,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn turns_between_two_reports_of_the_gyroscope_are_no_evidence() {
+    fn a_turn_between_two_reports_of_the_gyroscope_raises_little_evidence() {
         for phase in 0..20 {
             let phase_s = 5e-3 * f64::from(phase);
             let evidence = evidence(phase_s);
