@@ -6,7 +6,9 @@ mod laboratory;
 use std::net::UdpSocket;
 
 use crate::common::network::free_port;
-use crate::common::{Testbed, assert_as_good_as, assert_refused, number, peers, stderr, wait_for};
+use crate::common::{
+    TWO_CORNERS, Testbed, assert_as_good_as, assert_refused, number, peers, stderr, wait_for,
+};
 use laboratory::{Laboratory, configuration};
 use oqtal_bridge::Note;
 use oqtal_bus::code::VehicleRefusal;
@@ -119,11 +121,10 @@ fn f67_a_crazyflie_that_restarts_is_set_up_again_before_it_flies() {
 #[test]
 fn a_square_over_crtp_is_as_good_as_the_direct_simulation() {
     let testbed = Testbed::new("crtp");
-    let flown = testbed.lands(&["--vehicle", "bridge:crtp", "--seed", "7"]);
+    let flown = testbed.lands(&[&["--vehicle", "bridge:crtp"], &TWO_CORNERS[..]].concat());
     assert_eq!(flown["vehicle"], "bridge:crtp");
-    let vehicle = ["--vehicle", "sim:crazyflie-2.1"];
-    let direct =
-        testbed.summary(&[&vehicle[..], &["--clock", "in-process", "--seed", "7"]].concat());
+    let direct = ["--vehicle", "sim:crazyflie-2.1", "--clock", "in-process"];
+    let direct = testbed.summary(&[&direct[..], &TWO_CORNERS].concat());
     assert_as_good_as(&flown, &direct);
     assert!(number(&flown, "/wire/link_quality/mean") > 0.95);
 }

@@ -17,10 +17,14 @@ use std::path::{Path, PathBuf};
 use rustix::fs::{FlockOperation, RenameFlags, flock, renameat_with};
 
 use crate::error::{BusError, system};
-use crate::remains;
+use crate::remains::{self, RunRemains};
 
 /// Name of the link in the directory of an instance.
 pub(crate) const LINK: &str = "shared";
+
+/// File in the directory of a run of which a file was removed that cannot be restored: the path of that file. Its members leave, and no
+/// process joins it.
+const LOSS: &str = "loss";
 
 /// Separator after the random number in the names of iceoryx2, which refuses to list files if a name equals the prefix. The name
 /// of the private directory has no separator.
@@ -42,10 +46,16 @@ impl InstanceRun {
     /// The link cannot be restored.
     pub(crate) fn join(prefix: &str, directory: &Path) -> Result<Option<Self>, BusError> {
         match linked(directory) {
+            Some(path) if loss(&path).is_some() => Ok(None),
             Some(path) => Ok(Self::enter(path)),
             None => {
                 let mut runs = remains::runs(remains::SHARED_MEMORY.as_ref(), prefix).into_iter();
-                let whole = runs.find(|run| run.is_alive() && run.has_services(directory));
+                let is_whole = |run: &RunRemains| {
+                    run.is_alive()
+                        && run.has_services(directory)
+                        && loss(&run.directory()).is_none()
+                };
+                let whole = runs.find(is_whole);
                 let joined = whole.and_then(|run| Self::enter(run.directory()));
                 joined.iter().try_for_each(|run| run.link(directory))?;
                 Ok(joined)
@@ -122,6 +132,23 @@ impl InstanceRun {
     pub(crate) fn clone_handle(&self) -> io::Result<Self> {
         Ok(Self { path: self.path.clone(), lock: self.lock.try_clone()? })
     }
+}
+
+/// Records in the directory `run` of a run the loss of `path`, for its members that do not use that file. Without the directory, they
+/// notice a loss by themselves.
+pub(crate) fn record_loss(run: &Path, path: &Path) {
+    let _ = std::fs::write(run.join(LOSS), path.as_os_str().as_encoded_bytes());
+}
+
+/// The lost file that is recorded in the directory `run` of a run.
+pub(crate) fn loss(run: &Path) -> Option<PathBuf> {
+    let path = std::fs::read_to_string(run.join(LOSS)).ok()?;
+    Some(PathBuf::from(path))
+}
+
+/// Whether `path` is the record of a loss.
+pub(crate) fn is_loss(path: &Path) -> bool {
+    path.ends_with(LOSS)
 }
 
 /// Private directory to which the link in the directory of an instance leads.

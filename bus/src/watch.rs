@@ -1,14 +1,14 @@
 //! Watch over the files of a living instance: notices files that were removed, and restores those that can be restored.
 //!
 //! The file `members` and the link to the private directory are made again. Words, and files of iceoryx2, cannot be given back to
-//! the processes that have mapped them: the processes of the instance keep them, but no process can join. The members then end the
-//! flight and leave, and the next process starts a new run of the instance.
+//! the processes that have mapped them: the processes of the instance keep them, but no process can join. The members, also those that
+//! do not use the lost file, then end the flight and leave, and the next process starts a new run of the instance.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::member_files::{MEMBERS, Members, acquire, open_directory};
-use crate::private::InstanceRun;
+use crate::private::{self, InstanceRun};
 use crate::time::{Span, Time};
 use crate::{shared, stop, wake};
 
@@ -54,6 +54,12 @@ impl InstanceWatch {
         let missing = self.removed_files();
         let confirmed = missing.iter().filter(|path| self.missing.contains(path));
         lost.extend(confirmed.map(|path| unrestored((path.clone(), false))));
+        match lost.iter().find(|file| !file.is_restored) {
+            Some(file) => private::record_loss(&self.run.path, &file.path),
+            None => {
+                lost.extend(private::loss(&self.run.path).map(|path| unrestored((path, false))))
+            }
+        }
         lost.extend(self.restore_sizes());
         let shortened = shared::take_shortened().into_iter();
         lost.extend(shortened.map(|(path, is_restored)| LostFile { path, is_restored }));
@@ -92,6 +98,9 @@ impl InstanceWatch {
     fn restore_sizes(&self) -> Vec<LostFile> {
         let entries = fs::read_dir(&self.run.path).into_iter().flatten().flatten();
         let restore = |path: PathBuf| {
+            if private::is_loss(&path) {
+                return None;
+            }
             let words = if path.ends_with(stop::FILE) { stop::WORDS } else { wake::WORDS };
             let is_restored = shared::restore_size(&path, words).ok()?;
             is_restored.then_some(LostFile { path, is_restored })

@@ -18,7 +18,7 @@ pub struct CrtpOptions {
     pub thrust_curve_n: [f64; 2],
     /// Rate at which poses go to the vehicle's own estimator \[Hz\]; 0 for none.
     pub pose_rate_hz: f64,
-    /// Rate at which the vehicle reports battery and supervisor \[Hz\].
+    /// Rate at which the vehicle reports its estimate, and, if it is above 50 Hz, battery, supervisor and gyroscope \[Hz\].
     pub log_rate_hz: f64,
     /// Whether the vehicle stops its motors and locks itself a second after the last packet of the bridge.
     pub keep_alive: bool,

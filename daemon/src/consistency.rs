@@ -25,6 +25,7 @@ mod commanded;
 mod direction;
 mod drift;
 mod heading;
+mod pending;
 mod response;
 mod vehicle_rates;
 mod washout;
@@ -42,6 +43,7 @@ use commanded::CommandedRotation;
 use direction::DirectionTest;
 use drift::{DriftLimit, DriftTest};
 use heading::HeadingProbe;
+use pending::{PendingRotations, SeenRotation};
 use response::{ResponseLimit, ResponseTest};
 use vehicle_rates::VehicleRates;
 use washout::WashOut;
@@ -84,8 +86,10 @@ pub struct PoseConsistency {
     commanded: CommandedRotation,
     /// The last pose in the air, with its instant \[s\].
     last: Option<(f64, MeasuredPose)>,
-    /// Whether the last interval was compared with the gyroscope.
+    /// Whether rotations are compared with the gyroscope.
     by_gyroscope: bool,
+    /// Rotations seen after the last report of the gyroscope.
+    pending: PendingRotations,
     /// Time in the air with rotations of the same source \[s\].
     airborne_s: f64,
     seen: WashOut,
@@ -111,6 +115,7 @@ impl PoseConsistency {
             commanded: CommandedRotation::default(),
             last: None,
             by_gyroscope: false,
+            pending: PendingRotations::default(),
             airborne_s: 0.0,
             seen: WashOut::default(),
             driven: WashOut::default(),
@@ -184,36 +189,49 @@ impl PoseConsistency {
             self.begin_again();
             return;
         }
-        let seen = last.attitude.rotation_to(&pose.attitude);
-        let measured = self.rates.turn(last_s, t_s);
-        if measured.is_some() != self.by_gyroscope {
-            self.by_gyroscope = measured.is_some();
+        let turn = last.attitude.rotation_to(&pose.attitude);
+        let seen = SeenRotation { from_s: last_s, to_s: t_s, turn, is_airborne };
+        let by_gyroscope = self.rates.are_reported(t_s);
+        if by_gyroscope != self.by_gyroscope {
+            self.by_gyroscope = by_gyroscope;
             self.begin_again();
         }
-        if measured.is_none() && !obeys {
+        if by_gyroscope {
+            self.pending.push(seen);
+            self.compare_with_gyroscope(noise, is_airborne);
+        } else if !obeys {
             self.clear();
             self.begin_again();
+        } else if is_airborne {
+            let driven = self.commanded.turn(tracker, &last.attitude, (last_s, t_s));
+            self.test_rotation(&seen, &driven, noise);
         }
-        if !is_airborne && measured.is_none() {
-            return;
-        }
-        let driven =
-            measured.unwrap_or_else(|| self.commanded.turn(tracker, &last.attitude, (last_s, t_s)));
-        self.airborne_s += dt_s;
-        self.test_rotation((&seen, &driven), noise, (t_s, dt_s), is_airborne);
         if is_airborne {
             self.test_direction(tracker, pose, noise, dt_s);
         }
         self.contradicts |= self.evidence.response >= 1.0;
     }
 
+    /// Compares the rotations whose end the reports of the gyroscope have reached.
+    fn compare_with_gyroscope(&mut self, noise: &PoseDeviations, is_airborne: bool) {
+        while let Some(mut seen) = self.pending.take_if(|to_s| self.rates.reach(to_s)) {
+            let Some(driven) = self.rates.turn(seen.from_s, seen.to_s) else {
+                self.begin_again();
+                return;
+            };
+            seen.is_airborne &= is_airborne;
+            self.test_rotation(&seen, &driven, noise);
+        }
+    }
+
     fn test_rotation(
         &mut self,
-        (seen, driven): (&Vector3<f64>, &Vector3<f64>),
+        &SeenRotation { from_s, to_s: t_s, turn: ref seen, is_airborne }: &SeenRotation,
+        driven: &Vector3<f64>,
         noise: &PoseDeviations,
-        (t_s, dt_s): (f64, f64),
-        is_airborne: bool,
     ) {
+        let dt_s = t_s - from_s;
+        self.airborne_s += dt_s;
         let (limit, response_limit) = match self.by_gyroscope {
             true => (DriftLimit::GYROSCOPE, ResponseLimit::GYROSCOPE),
             false => (DriftLimit::COMMANDS, ResponseLimit::COMMANDS),
@@ -267,8 +285,61 @@ impl PoseConsistency {
     fn begin_again(&mut self) {
         self.airborne_s = 0.0;
         self.commanded = CommandedRotation::default();
+        self.pending = PendingRotations::default();
         (self.seen, self.driven) = (WashOut::default(), WashOut::default());
         self.drift = DriftTest::default();
         self.heading.end();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use oqtal_control::euler::EulerAngles;
+    use oqtal_control::quaternion::Attitude;
+
+    use super::*;
+    use crate::command_model::{CommandModel, motion_tracker};
+
+    /// Greatest evidence of the response in eight seconds in which the vehicle turns into a tilt and back each second, at poses of
+    /// 60 Hz and reports of the gyroscope of 10 Hz, the first of them at `phase_s` \[s\].
+    fn evidence(phase_s: f64) -> f64 {
+        let config = Config::default();
+        let mut tracker = motion_tracker(&config, CommandModel::new(&config).unwrap().model);
+        let pose = |pitch| {
+            let angles = EulerAngles { roll: 0.0, pitch, yaw: 0.0 };
+            let attitude = Attitude::from_xyzw(angles.xyzw()).unwrap();
+            MeasuredPose { position: Vector3::z(), attitude }
+        };
+        tracker.begin(0.0, &pose(0.0), 0.0);
+        // 15 deg within 0.13 s, as at a corner of the square, and slight rotations in between.
+        let rate = |t_s: f64| match t_s.fract() {
+            t_s if t_s < 0.13 => 2.0,
+            t_s if (0.33..0.46).contains(&t_s) => -2.0,
+            t_s => 0.2 * (40.0 * t_s).sin(),
+        };
+        let noise = PoseDeviations { position_m: 0.5e-3, attitude_rad: 3.5e-3 };
+        let mut tests = PoseConsistency::new(&config);
+        let (mut pitch, mut greatest) = (0.0, 0.0_f64);
+        for ms in 0..8000 {
+            let t_s = 1e-3 * f64::from(ms);
+            pitch += 1e-3 * rate(t_s);
+            if (t_s - phase_s).rem_euclid(0.1) < 0.5e-3 {
+                tests.receive_rate(t_s, Vector3::y() * rate(t_s));
+            }
+            if ms % 17 == 0 {
+                tests.take(&tracker, (t_s, &pose(pitch)), &noise, true);
+                greatest = greatest.max(tests.evidence().response);
+            }
+        }
+        greatest
+    }
+
+    #[test]
+    fn a_turn_between_two_reports_of_the_gyroscope_raises_little_evidence() {
+        for phase in 0..20 {
+            let phase_s = 5e-3 * f64::from(phase);
+            let evidence = evidence(phase_s);
+            assert!(evidence < 0.7, "{evidence}, reports from {phase_s} s on");
+        }
     }
 }

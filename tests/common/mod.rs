@@ -21,6 +21,9 @@ use tempfile::TempDir;
 /// Time-out of every wait: a test that waits longer has failed.
 pub const WAIT_TIMEOUT: Duration = Duration::from_secs(60);
 
+/// The square with its first two corners: what compares a flight in real time with the same in virtual time.
+pub const TWO_CORNERS: [&str; 6] = ["--trajectory", "square", "--duration", "6", "--seed", "7"];
+
 /// Processes of a simulated flight.
 pub const SERVICES: [&str; 3] = ["plant-sim", "mocap-emu", "daemon"];
 

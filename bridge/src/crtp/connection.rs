@@ -26,6 +26,9 @@ const OLDEST_PROTOCOL: u8 = 4;
 /// Number of the block with battery, supervisor and gyroscope, and of that with the estimate \[-\].
 pub const STATUS_BLOCK: u8 = 1;
 pub const ESTIMATE_BLOCK: u8 = 2;
+/// Longest time between two reports of the gyroscope: the daemon compares their integral with poses, and a vehicle turns into a tilt
+/// within a tenth of a second.
+const GYROSCOPE_PERIOD: Span = Span::from_millis(20);
 /// Number of log blocks \[-\].
 const BLOCKS: usize = 2;
 /// A block exists already: the answer to a request that was repeated. An error of C.
@@ -55,7 +58,7 @@ pub struct ConnectionOptions {
     pub holds_attitude: bool,
     /// Whether poses are sent to the vehicle's estimator.
     pub sends_poses: bool,
-    /// Time between two reports.
+    /// Time between two reports; those of the gyroscope are at most [`GYROSCOPE_PERIOD`] apart.
     pub report_period: Span,
 }
 
@@ -128,9 +131,11 @@ impl CrtpConnection {
             }
             Step::CreateBlock(block) => Some(CrtpRequest::CreateBlock(self.block(block))),
             Step::StartBlock(block) => {
-                let period = self.options.report_period.nanos() / 10_000_000;
-                let period = u8::try_from(period.clamp(1, 254)).unwrap_or(u8::MAX);
-                Some(CrtpRequest::StartBlock { id: block_id(block), period })
+                let (id, reports) = (block_id(block), self.options.report_period);
+                let has_gyroscope = id == STATUS_BLOCK;
+                let period = if has_gyroscope { reports.min(GYROSCOPE_PERIOD) } else { reports };
+                let period = u8::try_from((period.nanos() / 10_000_000).clamp(1, 254));
+                Some(CrtpRequest::StartBlock { id, period: period.unwrap_or(u8::MAX) })
             }
             Step::Table(_) | Step::Ready | Step::Unusable => None,
         }

@@ -228,6 +228,19 @@ fn f68_members_and_link_of_a_living_instance_are_restored_and_no_object_is_remov
 }
 
 #[test]
+fn f68_a_loss_is_told_to_processes_that_do_not_use_the_file_and_nobody_joins_that_run() {
+    let root = tempfile::tempdir().unwrap();
+    let place = place(root.path());
+    let bus = Bus::open(&place).unwrap();
+    let mut watch = bus.watch().unwrap();
+    let (run, path) = (bus.membership.words_file(""), std::path::PathBuf::from("/lost.dynamic"));
+    crate::private::record_loss(&run, &path);
+    assert_eq!(watch.check(), [crate::watch::LostFile { path, is_restored: false }]);
+    let next = Bus::open(&place).unwrap();
+    assert_ne!(next.membership.words_file(""), run);
+}
+
+#[test]
 fn f68_after_another_loss_a_new_run_begins_beside_the_lost_one() {
     type Lose = fn(&InstancePaths, &Bus);
     let losses: [Lose; 4] = [

@@ -1,11 +1,16 @@
 //! Rotation of the vehicle by its own gyroscope: the integral of the reported rates.
+//!
+//! A vehicle may turn into a tilt between two reports, if one of them is lost or late. Its rotation is known up to its last report only,
+//! and is compared with poses once the next report has arrived.
 
 use nalgebra::Vector3;
 
 /// Number of reports that are kept \[-\]: longer than the age of a pose at 250 reports a second.
 const KEPT: usize = 32;
-/// Greatest time between two reports over which their rate is integrated, and for which the last one is continued \[s\].
+/// Greatest time between two reports over which their rate is integrated, and for which the next one is awaited \[s\].
 const LONGEST_S: f64 = 0.15;
+/// Time for which the last rate is continued \[s\]: the age of the newest report of a vehicle that reports at the rate of the cameras.
+const CONTINUED_S: f64 = 0.04;
 
 /// A report: its instant \[s\], its rate \[rad/s, body\], and the angles turned until then \[rad, body\].
 type Report = (f64, Vector3<f64>, Vector3<f64>);
@@ -43,6 +48,16 @@ impl VehicleRates {
         self.next = (self.next + 1) % KEPT;
     }
 
+    /// Whether the vehicle reports its rates at `now_s` \[s\].
+    pub(super) fn are_reported(&self, now_s: f64) -> bool {
+        self.count > 0 && now_s - self.back(1).0 <= LONGEST_S
+    }
+
+    /// Whether no further report is needed for the rotation until `t_s` \[s\].
+    pub(super) fn reach(&self, t_s: f64) -> bool {
+        t_s - self.back(1).0 <= CONTINUED_S
+    }
+
     /// Rotation from `from_s` to `to_s` \[s\] \[rad, body axes\]; `None` if the reports do not cover it.
     pub(super) fn turn(&self, from_s: f64, to_s: f64) -> Option<Vector3<f64>> {
         Some(self.angle(to_s)? - self.angle(from_s)?)
@@ -54,7 +69,7 @@ impl VehicleRates {
         let (at_s, rate, angle) = *self.back(back);
         let dt_s = t_s - at_s;
         if back == 1 {
-            return (dt_s <= LONGEST_S).then(|| angle + rate * dt_s);
+            return (dt_s <= CONTINUED_S).then(|| angle + rate * dt_s);
         }
         let (next_s, next_rate, _) = *self.back(back - 1);
         let slope = (next_rate - rate) / (next_s - at_s);
@@ -81,7 +96,9 @@ mod tests {
         let turn = rates.turn(0.507, 0.773).unwrap();
         assert!((turn.x - 0.5 * (0.773 * 0.773 - 0.507 * 0.507)).abs() < 1e-12, "{turn}");
         assert!(rates.turn(0.1, 0.7).is_none(), "older than the reports kept");
-        assert!(rates.turn(0.9, 1.1).is_some() && rates.turn(0.9, 1.2).is_none());
+        assert!(rates.turn(0.9, 1.01).is_some() && rates.turn(0.9, 1.1).is_none());
+        assert!(rates.reach(1.01) && !rates.reach(1.1));
+        assert!(rates.are_reported(1.1) && !rates.are_reported(1.2));
     }
 
     #[test]
@@ -93,6 +110,6 @@ mod tests {
         assert!((rates.turn(0.0, 0.05).unwrap().x - 0.05).abs() < 1e-12);
         rates.receive(0.3, Vector3::repeat(1.0));
         assert!(rates.turn(0.05, 0.31).is_none());
-        assert!(rates.turn(0.3, 0.35).is_some());
+        assert!(rates.turn(0.3, 0.33).is_some());
     }
 }
