@@ -101,7 +101,8 @@ fn entry(
     let weights = match options.controller {
         ControllerName::Pid => [10.0, 1.0],
         ControllerName::Lqr => [options.lqr.attitude_weight, options.lqr.input_weight],
-        ControllerName::OqtalDt => {
+        // `mpc` has the weights of `oqtal-dt`.
+        ControllerName::OqtalDt | ControllerName::Mpc => {
             [options.oqtal_dt.attitude_weight, options.oqtal_dt.input_weight]
         }
         _ => [options.oqtal.attitude_weight, options.oqtal.input_weight],
