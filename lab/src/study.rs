@@ -24,7 +24,7 @@
 //! ```
 //!
 //! Flights are flown on all cores; the result does not depend on the number of threads. A flight that does not land as planned
-//! has infinite figures for its test ([`Run::has_landed`]), so that it ranks below any flight that does; [`failure`] counts such
+//! has infinite figures for its test ([`Run::is_as_planned`]), so that it ranks below any flight that does; [`failure`] counts such
 //! flights by test and cause.
 
 pub mod args;
@@ -133,11 +133,13 @@ impl Study<'_> {
     /// A setting is invalid; in this case no flight is flown. The journal cannot be written (exit code 71).
     pub fn fly(&self, progress: &Progress) -> Result<Vec<Flown>, Failure> {
         self.check()?;
-        let bar = progress.start(self.name, self.flights().len());
+        let tests = self.flights().iter().map(|(_, case, _)| case.tests.len()).sum();
+        let bar = progress.start(self.name, tests);
         let run = self.fly_each(&|flights: TestFlights| {
+            let tests = flights.count();
             let run =
                 progress.kept(flights, TestFlights::key, |flights| flights.fly_here(progress));
-            bar.inc();
+            bar.add(tests);
             progress.check().and(run)
         });
         Ok(self.rows(run?))
@@ -302,7 +304,7 @@ pub(crate) mod tests {
         let flown = flown("pid", &values);
         let quantiles = [0.5, 0.95, 1.0].map(|share| flown.quantile(0, share));
         assert_eq!(quantiles, [50.0, 95.0, f64::INFINITY]);
-        assert_eq!((flown.percent(Run::all_landed), flown.mean()[0]), (99.0, f64::INFINITY));
+        assert_eq!((flown.percent(Run::all_as_planned), flown.mean()[0]), (99.0, f64::INFINITY));
         assert_eq!(flown.mean_of_landed()[0], (4950.0 - 17.0) / 99.0);
     }
 

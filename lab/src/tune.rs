@@ -20,7 +20,7 @@ use oqtal_config::Setting;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 
-use crate::output::{StudyOutput, check_file, complete, write_file};
+use crate::output::{ExistingArgs, StudyOutput, check_file, complete, write_file};
 use crate::progress::Progress;
 use crate::robustness::draws::{Draw, TUNING_SEED};
 use crate::robustness::spread::PlantSpread;
@@ -60,9 +60,8 @@ pub struct TuneArgs {
     /// File NAME.toml of the tuned configuration of one law, or a directory of files LAW.toml [default: results/tune-N]
     #[arg(long, value_name = "PATH")]
     out: Option<PathBuf>,
-    /// Continue an interrupted search: that of --out, or the last one in results/
-    #[arg(long)]
-    resume: bool,
+    #[command(flatten)]
+    existing: ExistingArgs,
     #[command(flatten)]
     study: StudyArgs,
 }
@@ -88,8 +87,11 @@ impl TuneArgs {
             return Err(Failure::new(Exit::Usage, reason));
         }
         let output = match given {
-            Some(file) => StudyOutput::beside(file, self.resume)?,
-            None => StudyOutput::begin("tune", self.out.as_deref(), self.resume)?,
+            Some(file) => StudyOutput::beside(file, self.existing)?,
+            None => {
+                let files: Vec<String> = names.iter().map(|name| format!("{name}.toml")).collect();
+                StudyOutput::begin("tune", self.out.as_deref(), &files, self.existing)?
+            }
         };
         for name in &names {
             let own = output.directory.join(format!("{name}.toml"));

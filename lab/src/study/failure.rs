@@ -11,6 +11,7 @@ use super::Flown;
 use super::args::words_of;
 use super::flights::{FlightCondition, Run, Test, TestEnd};
 use super::law::StudyLaw;
+use super::records::case_name;
 use super::room;
 
 /// Number of seeds that the text lists for each cause \[-\].
@@ -79,7 +80,7 @@ impl FailedFlights<'_> {
         let seeds: Vec<u64> = self.conditions.iter().map(|condition| condition.seed).collect();
         json!({
             "controller": self.law.name,
-            "case": self.case,
+            "case": case_name(self.case),
             "test": self.test.name(),
             "outcome": self.outcome,
             "cause": self.cause,
@@ -138,9 +139,14 @@ pub fn remedies(groups: &[FailedFlights<'_>]) -> String {
     room::remedies(held.map(|group| (group.law, &group.conditions[..], group.test)))
 }
 
-/// Text about all flights: how many landed as planned, and the others, and those with a step that did not settle, by law, test and
-/// cause. `table` is the text of the figures above it; its marks are explained.
+/// Text about all flights, [`listed`], and the remedies for those that the fence held.
 pub fn text(rows: &[Flown], table: &str) -> String {
+    listed(rows, table) + &remedies(&failed(rows))
+}
+
+/// How many of all flights landed as planned, and the others, and those with a step that did not settle, by law, test and cause.
+/// `table` is the text of the figures above it; its marks are explained.
+pub fn listed(rows: &[Flown], table: &str) -> String {
     let (flights, failures) = counts(rows);
     let head = match failures {
         0 => format!("all {flights} flights landed as planned"),
@@ -152,7 +158,7 @@ pub fn text(rows: &[Flown], table: &str) -> String {
         true => head,
         false => {
             let marks = if table.contains(MARK) { "; figures marked * leave out" } else { "" };
-            format!("{head}{marks}:\n{}{}", groups.join("\n"), remedies(&failed))
+            format!("{head}{marks}:\n{}", groups.join("\n"))
         }
     }
 }
@@ -177,6 +183,7 @@ mod tests {
         let command = "oqtal fly --clock in-process --controller pid --seed 1 \
                        --set vehicle.mass-kg=0.6 --trajectory hover";
         assert_eq!(hover.command(), command);
+        assert_eq!(hover.to_json()["case"], Value::Null, "as in the rows of tests and flights");
         let text = text(&rows, "–");
         assert!(text.starts_with("8 of 20 flights did not land as planned:"), "{text}");
         assert!(
