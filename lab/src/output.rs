@@ -231,7 +231,7 @@ mod tests {
         // An interruption before the first result loses nothing.
         begin(ExistingArgs::default()).unwrap();
         let begun = begin(ExistingArgs::default()).unwrap();
-        begun.progress.kept(1, |_| 7, |one| Ok(one)).unwrap();
+        begun.progress.kept(1, |_| 7, Ok).unwrap();
         assert!(refused().to_string().contains("--resume"), "{}", refused());
         assert_eq!(refused().exit, Exit::Usage);
         begin(RESUME).unwrap();

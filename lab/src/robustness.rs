@@ -281,7 +281,7 @@ impl RobustnessArgs {
     }
 }
 
-/// What was flown.
+/// All flown parts of the study.
 #[derive(Debug, Default)]
 struct FlownStudy {
     /// Draws and loops as JSON.

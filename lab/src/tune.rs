@@ -93,23 +93,39 @@ impl TuneArgs {
                 StudyOutput::begin("tune", self.out.as_deref(), &files, self.existing)?
             }
         };
-        for name in &names {
+        for name in names {
             let own = output.directory.join(format!("{name}.toml"));
             let file = given.cloned().unwrap_or(own);
-            check_file(&file)?;
-            let tuned = tune(name, &self.budget(), &flights, &output.progress)?;
-            let fly = self.flown_with(&file);
-            let note =
-                fly.as_ref().map(|fly| format!("for a flight with the same settings: {fly}"));
-            write_file(&file, tuned.to_toml(&self.own(&flights), &note.unwrap_or_default()))?;
-            let page = file.with_extension("html");
-            write_file(&page, page::html(&tuned))?;
-            let (page, file) = (page.display(), file.display());
-            let fly = fly.map_or(String::new(), |fly| format!("\nfly with them: {fly}"));
-            print(&format!("{tuned}page: {page}\ngains: {file}{fly}"))?;
+            self.tune_into(&file, name, (&flights, &output))?;
         }
         complete(&output.journal)?;
         Ok(Exit::Ok)
+    }
+
+    /// Tunes the law `name`, and writes its configuration into `file` and the page beside it.
+    fn tune_into(
+        &self,
+        file: &Path,
+        name: &str,
+        (flights, output): (&TrainingFlights, &StudyOutput),
+    ) -> Result<(), Failure> {
+        check_file(file)?;
+        let tuned = tune(name, &self.budget(), flights, &output.progress);
+        let tuned = tuned.inspect_err(|failure| {
+            // A search that found nothing would find nothing again; an interrupted one can be resumed.
+            if failure.exit == Exit::Flight && output.progress.check().is_ok() {
+                // Ignored: the failure is reported.
+                let _ = complete(&output.journal);
+            }
+        })?;
+        let fly = self.flown_with(file);
+        let note = fly.as_ref().map(|fly| format!("for a flight with the same settings: {fly}"));
+        write_file(file, tuned.to_toml(&self.own(flights), &note.unwrap_or_default()))?;
+        let page = file.with_extension("html");
+        write_file(&page, page::html(&tuned))?;
+        let (page, file) = (page.display(), file.display());
+        let fly = fly.map_or(String::new(), |fly| format!("\nfly with them: {fly}"));
+        print(&format!("{tuned}page: {page}\ngains: {file}{fly}"))
     }
 
     fn flights(&self) -> Result<TrainingFlights, Failure> {

@@ -80,10 +80,8 @@ fn failures(flown: &[Flown], draws: &[Draw]) -> Sheet {
     };
     let title = "Flights that did not land as planned, or with a step that did not settle";
     let sheet = Sheet::tabulate((FAILURES, title), &columns, &groups, names).as_detail();
-    match failure::remedies(&groups) {
-        none if none.is_empty() => sheet,
-        remedies => sheet.with_note(remedies.trim()),
-    }
+    let remedies = failure::remedies(&groups);
+    remedies.trim().lines().fold(sheet, |sheet, remedy| sheet.with_note(remedy.trim()))
 }
 
 /// One row for each law.

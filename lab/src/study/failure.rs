@@ -9,9 +9,8 @@ use serde_json::{Value, json};
 
 use super::Flown;
 use super::args::words_of;
-use super::flights::{FlightCondition, Run, Test, TestEnd};
+use super::flights::{FlightCondition, Run, Test, TestEnd, changed};
 use super::law::StudyLaw;
-use super::records::case_name;
 use super::room;
 
 /// Number of seeds that the text lists for each cause \[-\].
@@ -115,9 +114,15 @@ impl FailedFlights<'_> {
     }
 }
 
+/// Name of a case; null for a case without one.
+pub fn case_name(case: &str) -> Value {
+    if case.is_empty() { Value::Null } else { json!(case) }
+}
+
 /// Command that flies a test of `law` in `condition` again in one process.
 pub fn again(law: &StudyLaw, condition: &FlightCondition, test: Test) -> String {
-    let mut settings: Vec<Setting> = [&law.settings[..], &condition.settings].concat();
+    let plant = changed(law, condition.plant).expect("the condition was flown");
+    let mut settings: Vec<Setting> = [&law.settings[..], &condition.settings, &plant].concat();
     settings.extend(test.trajectory().map(|name| Setting::flag("", "trajectory.kind", name)));
     format!(
         "oqtal fly --clock in-process --controller {} --seed {}{}",
@@ -191,6 +196,15 @@ mod tests {
             "{text}"
         );
         assert_eq!(super::text(&rows[..1], "–"), "all 4 flights landed as planned");
+    }
+
+    #[test]
+    fn a_flight_on_another_plant_is_flown_again_on_it() {
+        let plant = crate::study::flights::MISMATCHED[3];
+        let condition = FlightCondition { seed: 7, plant, settings: Vec::new() };
+        let command = again(&StudyLaw::new("pid", Vec::new(), ""), &condition, Test::Hover);
+        let changed = "--seed 7 --set plant.rate-lag-ms=30.0 --trajectory hover";
+        assert!(command.ends_with(changed), "{command}");
     }
 
     #[test]

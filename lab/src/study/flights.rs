@@ -235,7 +235,7 @@ pub fn config(law: &StudyLaw, condition: &FlightCondition, test: Test) -> Result
 }
 
 /// Changes of `plant` as settings, relative to the configuration of the law.
-fn changed(law: &StudyLaw, plant: PlantVariant) -> Result<Vec<Setting>, Failure> {
+pub(super) fn changed(law: &StudyLaw, plant: PlantVariant) -> Result<Vec<Setting>, Failure> {
     if plant.changes.is_empty() {
         return Ok(Vec::new());
     }

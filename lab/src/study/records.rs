@@ -58,14 +58,9 @@ fn of_test(row: &Flown, test: Test) -> Value {
 }
 
 fn head(row: &Flown, test: Test) -> Map<String, Value> {
-    let case = case_name(&row.case);
+    let case = failure::case_name(&row.case);
     let head = [("controller", json!(row.law.name)), ("case", case), ("test", json!(test.name()))];
     head.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
-}
-
-/// Name of a case; null for a case without one.
-pub fn case_name(case: &str) -> Value {
-    if case.is_empty() { Value::Null } else { json!(case) }
 }
 
 /// One object for each flight: outcome, cause if it did not land as planned, and its figures.
