@@ -325,6 +325,20 @@ pub(crate) mod tests {
     }
 
     #[test]
+    fn progress_counts_flights() {
+        use std::sync::{Arc, Mutex};
+        let laws = [StudyLaw::new("pid", Vec::new(), "")];
+        let cases = [Case::of_seeds("", 1..3).flown_as(&[Test::Chirp, Test::Doublet])];
+        let told = Arc::new(Mutex::new(Vec::new()));
+        let teller = Arc::clone(&told);
+        let watch = move |_: &str, done: u64, all: u64| teller.lock().unwrap().push((done, all));
+        let progress = Progress::watched(Box::new(watch), Arc::default());
+        let rows = Study { name: "", laws: &laws, cases: &cases }.fly(&progress).unwrap();
+        assert_eq!(told.lock().unwrap().last(), Some(&(4, 4)));
+        assert_eq!(failure::counts(&rows).0, 4);
+    }
+
+    #[test]
     fn an_invalid_setting_is_found_before_the_first_flight() {
         let laws = [StudyLaw::new("pid", Vec::new(), "")];
         let cases = [

@@ -278,6 +278,18 @@ mod tests {
     }
 
     #[test]
+    fn an_option_of_campaign_is_refused_with_the_option_of_a_sweep() {
+        #[derive(Debug, clap::Parser)]
+        struct Line {
+            #[command(flatten)]
+            _sweep: SweepArgs,
+        }
+        let line = ["sweep", "plant.mass-kg=1,2", "--runs", "3"];
+        let refused = <Line as clap::Parser>::try_parse_from(line).unwrap_err().to_string();
+        assert!(refused.contains("--seeds"), "{refused}");
+    }
+
+    #[test]
     fn combinations_are_all_of_them_and_bounded() {
         let axis = |text| Axis::parse(text).unwrap();
         let all = combinations(&[axis("a=1:2:2"), axis("b=x,y,z")]).unwrap();

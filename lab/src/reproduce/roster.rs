@@ -227,3 +227,17 @@ pub fn shipped() -> Vec<Entry> {
     };
     each().into_iter().map(shipped).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_cost_of_a_law_has_the_weights_that_it_flies_with() {
+        let entries = table_4();
+        let of = |name| entries.iter().find(|entry| entry.controller == name).unwrap();
+        let weights = of("mpc").options.oqtal_dt;
+        assert_eq!(of("mpc").weights, [weights.attitude_weight, weights.input_weight]);
+        assert_ne!(of("mpc").weights, of("geometric").weights);
+    }
+}
