@@ -15,15 +15,22 @@ pub struct CheckArgs {
     /// Configuration files (TOML), later ones override earlier ones [default: the built-in values]
     #[arg(value_name = "FILE")]
     files: Vec<PathBuf>,
+    /// Any key of the configuration, as in --set vehicle.mass-kg=0.6; may be repeated
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    settings: Vec<String>,
+    /// A key of `[plant]`, where the simulated vehicle differs from the one that the laws are designed for, as in
+    /// --plant rate-lag-ms=80; may be repeated
+    #[arg(long = "plant", value_name = "KEY=VALUE")]
+    plant: Vec<String>,
 }
 
 impl CheckArgs {
     /// Checks the configuration like every process, and prints it.
     ///
     /// # Errors
-    /// A file has an error (exit code 78, with its line), or a file that it names is invalid (65).
+    /// A file or a setting has an error (exit code 78, with its origin), or a file that it names is invalid (65).
     pub fn execute(&self) -> Result<Exit, Failure> {
-        let config = Config::load(&self.files, &[])?;
+        let config = Config::load(&self.files, &self.flags()?)?;
         check_instance(&config)?;
         oqtal_bridge::check_options(&config).map_err(|error| config.locate(&error))?;
         oqtal_daemon::check(&config)?;
@@ -34,6 +41,12 @@ impl CheckArgs {
         changes(&config)?.iter().for_each(|line| say(&format!("oqtal: {line}")));
         print(&describe(&config))?;
         Ok(Exit::Ok)
+    }
+
+    fn flags(&self) -> Result<Vec<Setting>, Failure> {
+        let set = self.settings.iter().map(|text| Setting::parse("--set", text));
+        let plant = self.plant.iter().map(|text| Setting::parse_in("plant", "--plant", text));
+        Ok(set.chain(plant).collect::<Result<_, _>>()?)
     }
 }
 
@@ -73,6 +86,19 @@ fn change(key: &str, now: &Value, before: Option<&Value>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn settings_of_the_command_line_are_those_of_the_flight_commands() {
+        #[derive(clap::Parser)]
+        struct Line {
+            #[command(flatten)]
+            check: CheckArgs,
+        }
+        let line = ["check", "--set", "vehicle.rate-lag-ms=60", "--plant", "rate-lag-ms=80"];
+        let check = <Line as clap::Parser>::try_parse_from(line).unwrap().check;
+        let config = Config::load(&check.files, &check.flags().unwrap()).unwrap();
+        assert_eq!((config.vehicle.rate_lag_ms, config.plant.rate_lag_ms), (60.0, 80.0));
+    }
 
     #[test]
     fn differences_from_the_preset_are_listed() {

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use oqtal_lab::output::next_free;
 use oqtal_observe::compare::{Comparison, MOST_FLIGHTS};
 use oqtal_observe::recording::recording_path;
 use oqtal_runtime::process::{Exit, Failure};
@@ -16,9 +17,9 @@ pub struct CompareArgs {
     /// The recordings
     #[arg(num_args = 2.., required = true, value_name = "FILE", value_parser = recording_path)]
     files: Vec<PathBuf>,
-    /// The page with overlaid plots
-    #[arg(long, value_name = "FILE", default_value = "compare.html")]
-    out: PathBuf,
+    /// The page with overlaid plots [default: compare.html in results/compare-N]
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
 }
 
 impl CompareArgs {
@@ -38,8 +39,12 @@ impl CompareArgs {
         }
         let comparison = Comparison::new(flights);
         print(&comparison.to_text())?;
-        recordings::write(&self.out, comparison.to_html())?;
-        print(&format!("plots: {}", self.out.display()))?;
+        let page = match &self.out {
+            Some(file) => file.clone(),
+            None => next_free("compare")?.join("compare.html"),
+        };
+        recordings::write(&page, comparison.to_html())?;
+        print(&format!("plots: {}", page.display()))?;
         Ok(Exit::Ok)
     }
 }

@@ -149,7 +149,7 @@ impl FlyArgs {
         check_pose_rate(&mission)?;
         let warnings = oqtal_daemon::warnings(&mission.config, &mission.trajectory);
         warnings.iter().for_each(|warning| say(&format!("oqtal: warning: {warning}")));
-        if !self.json && self.has_default_law(&mission.config) {
+        if !self.json && has_default_law(&mission.config) {
             say("oqtal: flies the paper's law; for your own flights use --controller oqtal-dt");
         }
         let directory = match self.force {
@@ -179,7 +179,7 @@ impl FlyArgs {
         }
         if let Some(shortfall) = &summary.shortfall {
             say(&format!("oqtal: {shortfall}"));
-            // A landing that the operator requested is a success.
+            // A landing that the operator requested is a success: the flight ended as last asked for.
             let is_requested =
                 flight.outcome == Outcome::Landed && flight.landing_on_request().is_some();
             return Ok(if is_requested { Exit::Ok } else { Exit::Flight });
@@ -190,12 +190,6 @@ impl FlyArgs {
                 Ok(Exit::Flight)
             }
         }
-    }
-
-    /// Whether nothing but the built-in configuration chose the law of the paper.
-    fn has_default_law(&self, config: &Config) -> bool {
-        let is_chosen = self.controller.is_some() || !self.common.config.is_empty();
-        !is_chosen && config.control.controller == ControllerName::Oqtal && !config.is_replay()
     }
 
     /// The flags as settings of the configuration.
@@ -235,6 +229,12 @@ impl FlyArgs {
     }
 }
 
+/// Whether nothing but the built-in configuration chose the law of the paper.
+fn has_default_law(config: &Config) -> bool {
+    let is_chosen = config.is_set("control.controller");
+    !is_chosen && config.control.controller == ControllerName::Oqtal && !config.is_replay()
+}
+
 /// Fails if the pose rate of a recording is too low for a single tick of the loop.
 fn check_pose_rate(mission: &Mission) -> Result<(), Failure> {
     let Some(recording) = &mission.recording else { return Ok(()) };
@@ -249,4 +249,17 @@ fn check_pose_rate(mission: &Mission) -> Result<(), Failure> {
         poses_hz.round().max(1.0)
     );
     Err(Failure::new(Exit::Config, message))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_file_that_chooses_a_law_is_a_choice_of_the_law() {
+        let with = |text: &str| has_default_law(&Config::parse("my.toml", text, &[]).unwrap());
+        assert!(with("[vehicle]\nrate-lag-ms = 55.0\n"));
+        assert!(!with("[control]\ncontroller = \"oqtal\"\n"));
+        assert!(!with("[control]\ncontroller = \"pid\"\n"));
+    }
 }

@@ -13,7 +13,10 @@ fn a_recorded_flight_is_identified_and_differences_are_reported() {
     let places = ["flight", "flight/flight.mcap", "found"].map(|name| testbed.path(name));
     let [out, recording, found] = places.each_ref().map(|path| path.to_str().unwrap());
     testbed.lands(&[&flown[..], &recorded, &PLANT, &["--out", out]].concat());
-    let table = testbed.succeeds(&["identify", recording, "--mass", "0.5", "--out", found]);
+    let identify = ["identify", recording, "--mass", "0.5", "--out", found];
+    let table = testbed.succeeds(&identify);
+    let again = testbed.study(&identify).output().unwrap();
+    assert_refused(&again, 64, &["vehicle.toml exists already", "--force"]);
     let widest = table.lines().map(|line| line.chars().count()).max();
     assert!(widest <= Some(80), "{widest:?} columns\n{table}");
     let file = format!("{found}/vehicle.toml");

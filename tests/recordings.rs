@@ -149,7 +149,7 @@ fn two_recordings_are_compared_and_shown() {
     }
     let text = testbed.succeeds(&["compare", "d1/flight.mcap", "d2/flight.mcap"]);
     assert!(text.contains("clock.seed") && text.contains("position [m], mean"), "{text}");
-    assert!(testbed.path("compare.html").exists());
+    assert!(testbed.path("results/compare-1/compare.html").exists());
     let info = json(&testbed.succeeds(&["info", "d1/flight.mcap", "--json"]));
     assert_eq!(info["is_complete"], true);
     assert_eq!(info["facts"]["oqtal.recording"]["version"], env!("CARGO_PKG_VERSION"));

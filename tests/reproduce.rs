@@ -276,7 +276,9 @@ fn a_sweep_prints_a_document_for_each_combination_and_law() {
     assert_eq!(documents[3]["plant.rate-lag-ms"], 60.0);
     assert!(documents.iter().all(|row| row["landed"] == 1.0 && row["hover_rms_mm"].is_number()));
     let csv = std::fs::read_to_string(testbed.path("sweep.csv")).unwrap();
-    assert!(csv.starts_with("plant.rate-lag-ms,plant.mass-kg,controller,landed,position_error_m"));
+    assert!(csv.starts_with(
+        "plant.rate-lag-ms,plant.mass-kg,controller,landed,as_planned,position_error_m"
+    ));
     assert_eq!(csv.lines().count(), 5);
     let table = sweep(&[]);
     assert!(table.lines().all(|line| line.chars().count() <= 80), "{table}");

@@ -5,7 +5,7 @@ use rustix::process::Signal;
 use serde_json::Value;
 
 use crate::common::sources::read;
-use crate::common::{Running, Testbed, stderr, wait_for};
+use crate::common::{Running, Testbed, assert_refused, stderr, wait_for};
 
 const CAMPAIGN: [&str; 5] = ["campaign", "--controllers", "pid,oqtal-dt", "--runs", "2"];
 
@@ -125,11 +125,25 @@ fn an_interrupted_campaign_is_resumed_with_the_result_of_an_uninterrupted_one() 
     assert_eq!(output.status.code(), Some(1));
     assert!(stderr(&output).contains("--resume"), "{}", stderr(&output));
     let before = flown();
+    let refused = testbed.study(&part).output().unwrap();
+    assert_refused(&refused, 64, &["interrupted study", "--resume", "--force"]);
     let resumed = testbed.succeeds(&[&part[..], &["--resume"]].concat());
     assert!(before > 4 && resumed == whole, "{before} lines before");
     assert!(!journal.exists());
+    assert_refused(&testbed.study(&part).output().unwrap(), 64, &["exists already", "--force"]);
     let again = testbed.study(&[&part[..], &["--resume"]].concat()).output().unwrap();
     assert_eq!(again.status.code(), Some(64), "{}", stderr(&again));
+}
+
+#[test]
+fn a_search_that_finds_nothing_leaves_no_file_of_gains() {
+    let testbed = Testbed::new("nothing-found");
+    let words = ["tune", "pid", "--budget", "1", "--seeds", "101-101", "--out", "gains"];
+    for _ in 0..2 {
+        let heavy = [&words[..], &["--plant", "mass-kg=2"]].concat();
+        assert_refused(&testbed.study(&heavy).output().unwrap(), 1, &["none of 1 sets of gains"]);
+        assert_eq!(std::fs::read_dir(testbed.path("gains")).unwrap().count(), 0);
+    }
 }
 
 /// The numbers of the row of the README's table of results that begins with `name`.

@@ -130,8 +130,8 @@ impl ObeyingProcess {
     /// The command of `oqtal` that started it and ends with it, such as `fly`; `None` for a process of its own.
     pub fn started_by(&self) -> Option<String> {
         let status = fs::read_to_string(format!("/proc/{}/status", self.pid)).ok()?;
-        let [program, command] = command_line(field(&status, "PPid:")?.parse().ok()?);
-        (Path::new(&program).file_name()? == "oqtal").then_some(command)
+        let [program, word] = command_line(field(&status, "PPid:")?.parse().ok()?);
+        (Path::new(&program).file_name()? == "oqtal").then(|| command_of(&word).to_owned())
     }
 
     /// Instant of its start, to a hundredth of a second; `None` if it has ended.
@@ -194,6 +194,11 @@ impl ObeyingProcess {
     }
 }
 
+/// Command of `oqtal` whose first argument is `word`: `fly` if that is an option, or missing.
+pub fn command_of(word: &str) -> &str {
+    if word.is_empty() || word.starts_with('-') { "fly" } else { word }
+}
+
 /// Role and hashes in the name of a thread; `None` for other threads.
 fn parse(name: &str) -> Option<(bool, &str, &str)> {
     let (role, hashes) = name.split_at_checked(1)?;
@@ -241,6 +246,12 @@ mod tests {
         for other in ["", "oqtal", "pages", "v0123", "x01234567890123", "v0123456789abcg", "é"] {
             assert_eq!(parse(other), None, "{other}");
         }
+    }
+
+    #[test]
+    fn a_command_line_without_a_command_is_that_of_a_flight() {
+        let commands = ["campaign", "fly", "--trajectory", ""].map(command_of);
+        assert_eq!(commands, ["campaign", "fly", "fly", "fly"]);
     }
 
     #[test]

@@ -214,6 +214,11 @@ impl Config {
         deserialize(&table).ok()
     }
 
+    /// Whether a file, preset, variable or flag set `key`, or a key in it.
+    pub fn is_set(&self, key: &str) -> bool {
+        self.origins.has(key)
+    }
+
     /// Whether a recording is played instead of the cameras.
     pub fn is_replay(&self) -> bool {
         !self.mocap.replay.is_empty()

@@ -30,6 +30,11 @@ impl Origins {
         self.settings.push(setting.clone());
     }
 
+    /// Whether a setting touches `key`.
+    pub(crate) fn has(&self, key: &str) -> bool {
+        self.settings.iter().any(|setting| are_nested(&setting.key, key))
+    }
+
     /// As [`Origins::locate_rule`]. If no setting touches an option of the rule, the error is blamed on the first setting with which
     /// `is_kept`, told the settings up to it, no longer holds.
     pub(crate) fn locate_change(

@@ -15,7 +15,7 @@ use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::{print, say};
 
 use crate::mission::Mission;
-use crate::output::{StudyOutput, complete};
+use crate::output::{ExistingArgs, StudyOutput, complete};
 use crate::sheet::{Column, Sheet, SheetCell, SheetRow};
 use crate::study::args::{StudyArgs, parse_seeds};
 use crate::study::flights::{Test, readable};
@@ -34,15 +34,16 @@ pub trait FlightSeries {
     fn fly(&self, mission: &Mission, name: &str) -> Result<Flight, Failure>;
 }
 
-/// Begins a series of flights, whose results are written into the directory. A resumed series may replace a flight.
+/// Begins a series of flights, whose results are written into the directory, and whether it may replace a flight: one that is
+/// resumed, or replaces results, may.
 pub type BeginSeries = dyn Fn(PathBuf, bool) -> Result<Box<dyn FlightSeries>, Failure>;
 
 /// Arguments of `oqtal campaign`.
 #[derive(Args, Debug)]
 pub struct CampaignArgs {
     /// Laws to compare
-    #[arg(long, visible_alias = "laws", value_name = "A,B,C", value_delimiter = ',', value_parser = PossibleValuesParser::new(law::names()), default_values = law::names())]
-    controllers: Vec<String>,
+    #[arg(long, visible_alias = "controllers", value_name = "A,B,C", value_delimiter = ',', value_parser = PossibleValuesParser::new(law::names()), default_values = law::names())]
+    laws: Vec<String>,
     /// Gains of the laws: `configured`, those of `oqtal fly`; `tuned`, deploy/tuned, found for the shipped vehicle; or a directory
     /// with a file LAW.toml for each law, as written by `oqtal tune`
     #[arg(long, value_name = "SOURCE", default_value = "configured")]
@@ -66,13 +67,14 @@ pub struct CampaignArgs {
     /// results/campaign-N]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Continue an interrupted campaign: that of --out, or the last one in results/
-    #[arg(long)]
-    resume: bool,
+    #[command(flatten)]
+    existing: ExistingArgs,
     #[command(flatten)]
     study: StudyArgs,
 }
 
+/// Files of the results.
+const FILES: [&str; 2] = ["campaign.json", "campaign.csv"];
 /// Case of every test on the configured trajectory.
 const PLAIN: &str = "";
 /// Case of a hover with disturbances.
@@ -93,9 +95,9 @@ impl CampaignArgs {
     /// The directory cannot be written, a setting is invalid, or a flight could not be flown.
     pub fn execute(&self, begin: &BeginSeries) -> Result<Exit, Failure> {
         let settings = self.study.settings()?;
-        let laws = gains::chosen(&self.controllers, &self.gains, &settings)?;
+        let laws = gains::chosen(&self.laws, &self.gains, &settings)?;
         let cases = self.cases(&Config::from_settings(&settings)?);
-        let output = StudyOutput::begin("campaign", self.out.as_deref(), self.resume)?;
+        let output = StudyOutput::begin("campaign", self.out.as_deref(), &FILES, self.existing)?;
         let flown = self.fly(&laws, &cases, (&output, begin))?;
         let sheet = self.sheet(&flown);
         let mut document = sheet.to_json();
@@ -104,8 +106,8 @@ impl CampaignArgs {
         document["flights"] = records::flights(&flown);
         let json = format!("{document:#}\n");
         let plain = flown.iter().filter(|row| row.case == PLAIN);
-        output.write("campaign.json", &json)?;
-        output.write("campaign.csv", records::runs_csv(plain)?)?;
+        output.write(FILES[0], &json)?;
+        output.write(FILES[1], records::runs_csv(plain)?)?;
         complete(&output.journal)?;
         match self.json {
             true => print(json.trim_end())?,
@@ -161,7 +163,7 @@ impl CampaignArgs {
         let best = self.best.filter(|best| *best < runs);
         let averaged = match best {
             Some(best) => format!("position, velocity and attitude over the best {best}"),
-            None => "means ± standard deviations".to_owned(),
+            None => "means; position, velocity and attitude ± standard deviation".to_owned(),
         };
         let best = best.unwrap_or(runs) as usize;
         let plain = flown.iter().filter(|row| row.case == PLAIN);
@@ -187,7 +189,7 @@ impl CampaignArgs {
         let laws: Vec<StudyLaw> =
             laws.iter().map(|law| law.with(std::slice::from_ref(&clock))).collect();
         let study = Study { name: "campaign", laws: &laws, cases };
-        let series = begin(output.directory.clone(), self.resume)?;
+        let series = begin(output.directory.clone(), self.existing.resume || self.existing.force)?;
         let flights = |case: &Case| case.conditions.len() * case.tests.len();
         let total = laws.len() * cases.iter().map(flights).sum::<usize>();
         let mut number = 0;

@@ -66,6 +66,11 @@ impl Journal {
         Ok(Self { kept: lines.into_iter().map(|line| (line.key, line.kept)).collect(), ..journal })
     }
 
+    /// Whether `path` is a journal with a result, of any build of the program.
+    pub fn has_results(path: &Path) -> bool {
+        fs::read_to_string(path).is_ok_and(|text| text.lines().count() > 1)
+    }
+
     /// Number of results before the study was interrupted \[-\].
     pub fn resumed(&self) -> usize {
         self.kept.len()

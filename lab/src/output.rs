@@ -1,8 +1,10 @@
-//! Output of a study: the output directory with its files and its journal, or one file.
+//! Output of a study: the output directory with its files and its journal, or one file. Results of another study are not replaced
+//! unless that is asked for.
 
 use std::path::{Path, PathBuf};
 use std::{fs, io};
 
+use clap::Args;
 use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 
@@ -16,6 +18,17 @@ const MAX_NUMBER: u32 = 100_000;
 /// File in the directory of a study that is in progress or was interrupted.
 const JOURNAL: &str = "study.journal";
 
+/// Arguments about results that the output of a study holds already.
+#[derive(Args, Clone, Copy, Debug, Default)]
+pub struct ExistingArgs {
+    /// Continue an interrupted study: that of --out, or the last one of this command in results/
+    #[arg(long)]
+    pub resume: bool,
+    /// Replace results, or the part of an interrupted study, that --out holds already
+    #[arg(long, requires = "out", conflicts_with = "resume")]
+    pub force: bool,
+}
+
 /// Output directory of a study, and its progress.
 #[derive(Debug)]
 pub struct StudyOutput {
@@ -28,34 +41,53 @@ pub struct StudyOutput {
 }
 
 impl StudyOutput {
-    /// Makes the directory `given`, by default the first `results/COMMAND-N` that does not exist. With `resume` the directory is
-    /// that of an interrupted study, by default the newest one of `command`.
+    /// Makes the directory `given`, by default the first `results/COMMAND-N` that does not exist; the study will write `files` into
+    /// it. To be resumed, the directory is that of an interrupted study, by default the newest one of `command`.
     ///
     /// # Errors
-    /// There is no interrupted study (exit code 64), or the directory cannot be made or written (71).
-    pub fn begin(command: &str, given: Option<&Path>, resume: bool) -> Result<Self, Failure> {
-        let directory = match (given, resume) {
+    /// The directory holds one of the files or an interrupted study, or there is none to resume (exit code 64); the directory cannot
+    /// be made or written (71).
+    pub fn begin(
+        command: &str,
+        given: Option<&Path>,
+        files: &[impl AsRef<Path>],
+        existing: ExistingArgs,
+    ) -> Result<Self, Failure> {
+        let directory = match (given, existing.resume) {
             (Some(directory), _) => directory.to_owned(),
             (None, true) => newest(command)?,
             (None, false) => next_free(command)?,
         };
         make(&directory)?;
+        let files: Vec<PathBuf> = files.iter().map(|name| directory.join(name)).collect();
         let journal = directory.join(JOURNAL);
-        Self::open(directory, journal, resume)
+        Self::open(directory, journal, &files, existing)
     }
 
     /// Output into the directory of `file`, with a journal beside it, `NAME.journal`.
     ///
     /// # Errors
     /// As [`Self::begin`].
-    pub fn beside(file: &Path, resume: bool) -> Result<Self, Failure> {
+    pub fn beside(file: &Path, existing: ExistingArgs) -> Result<Self, Failure> {
         check_file(file)?;
         let directory = file.parent().unwrap_or(Path::new("")).to_owned();
-        Self::open(directory, file.with_extension("journal"), resume)
+        Self::open(directory, file.with_extension("journal"), &[file.to_owned()], existing)
     }
 
-    fn open(directory: PathBuf, journal: PathBuf, resume: bool) -> Result<Self, Failure> {
-        let opened = if resume { Journal::resume(&journal)? } else { Journal::create(&journal)? };
+    fn open(
+        directory: PathBuf,
+        journal: PathBuf,
+        files: &[PathBuf],
+        existing: ExistingArgs,
+    ) -> Result<Self, Failure> {
+        if !existing.resume && !existing.force {
+            check_not_begun(&journal)?;
+            check_free(files)?;
+        }
+        let opened = match existing.resume {
+            true => Journal::resume(&journal)?,
+            false => Journal::create(&journal)?,
+        };
         Ok(Self { directory, progress: Progress::kept_in(opened), journal })
     }
 
@@ -66,6 +98,28 @@ impl StudyOutput {
     pub fn write(&self, name: &str, text: impl AsRef<[u8]>) -> Result<(), Failure> {
         write(&self.directory, name, text)
     }
+}
+
+/// Refuses to replace files that exist.
+///
+/// # Errors
+/// One of the files exists (exit code 64).
+pub fn check_free(files: &[PathBuf]) -> Result<(), Failure> {
+    let Some(file) = files.iter().find(|file| file.is_file()) else { return Ok(()) };
+    let reason = format!("{} exists already; give another --out, or --force", file.display());
+    Err(Failure::new(Exit::Usage, reason))
+}
+
+/// Refuses to replace the journal of an interrupted study.
+fn check_not_begun(journal: &Path) -> Result<(), Failure> {
+    if !Journal::has_results(journal) {
+        return Ok(());
+    }
+    let reason = format!(
+        "{} is of an interrupted study; continue it with --resume, or give another --out, or --force to begin again",
+        journal.display()
+    );
+    Err(Failure::new(Exit::Usage, reason))
 }
 
 /// Removes the journal of a complete study.
@@ -140,13 +194,16 @@ pub fn write_file(file: &Path, text: impl AsRef<[u8]>) -> Result<(), Failure> {
         .map_err(|error| unwritable(file, &error))
 }
 
-/// Checks that `file` can be written, and keeps its content; to be called before a study, so that a failure is detected early.
+/// Checks that `file` can be written, and keeps its content; to be called before a study, so that a failure is detected early. A file
+/// that does not exist is not left behind.
 ///
 /// # Errors
 /// The file cannot be written (exit code 71).
 pub fn check_file(file: &Path) -> Result<(), Failure> {
+    let is_new = file.symlink_metadata().is_err();
     make_parent(file)
         .and_then(|()| files::check_writable(file))
+        .and_then(|()| if is_new { fs::remove_file(file) } else { Ok(()) })
         .map_err(|error| unwritable(file, &error))
 }
 
@@ -156,4 +213,47 @@ fn make_parent(file: &Path) -> io::Result<()> {
 
 fn unwritable(path: &Path, error: &io::Error) -> Failure {
     Failure::new(Exit::System, format!("{}: {error}; give another --out", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RESUME: ExistingArgs = ExistingArgs { resume: true, force: false };
+    const FORCE: ExistingArgs = ExistingArgs { resume: false, force: true };
+
+    #[test]
+    fn results_and_an_interrupted_study_are_replaced_only_by_force() {
+        let directory = tempfile::tempdir().unwrap();
+        let out = directory.path().join("out");
+        let begin = |existing| StudyOutput::begin("study", Some(&out), &["study.csv"], existing);
+        let refused = || begin(ExistingArgs::default()).unwrap_err();
+        // An interruption before the first result loses nothing.
+        begin(ExistingArgs::default()).unwrap();
+        let begun = begin(ExistingArgs::default()).unwrap();
+        begun.progress.kept(1, |_| 7, Ok).unwrap();
+        assert!(refused().to_string().contains("--resume"), "{}", refused());
+        assert_eq!(refused().exit, Exit::Usage);
+        begin(RESUME).unwrap();
+        assert!(refused().to_string().contains("--resume"), "{}", refused());
+        let again = begin(FORCE).unwrap();
+        again.write("study.csv", "first").unwrap();
+        complete(&again.journal).unwrap();
+        assert!(refused().to_string().contains("study.csv exists already"), "{}", refused());
+        assert_eq!(refused().exit, Exit::Usage);
+        begin(FORCE).unwrap().write("study.csv", "second").unwrap();
+    }
+
+    #[test]
+    fn output_into_a_file_that_exists_is_refused_and_the_check_leaves_no_file() {
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("new/table.csv");
+        let output = StudyOutput::beside(&file, ExistingArgs::default()).unwrap();
+        assert!(!file.exists());
+        complete(&output.journal).unwrap();
+        write_file(&file, "kept").unwrap();
+        assert!(StudyOutput::beside(&file, ExistingArgs::default()).is_err());
+        StudyOutput::beside(&file, FORCE).unwrap();
+        assert_eq!(fs::read_to_string(&file).unwrap(), "kept");
+    }
 }

@@ -33,7 +33,7 @@ use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 use serde_json::{Value, json};
 
-use crate::output::{self, StudyOutput};
+use crate::output::{self, ExistingArgs, StudyOutput};
 use crate::sheet::Sheet;
 
 use chapter::{Chapter, ExperimentContext};
@@ -96,6 +96,8 @@ const EXPERIMENTS: [Experiment; 9] = [
     },
 ];
 
+/// Files of the results.
+const FILES: [&str; 3] = ["reproduction.html", "reproduction.md", "reproduction.json"];
 /// Name that selects all experiments.
 const ALL: &str = "all";
 
@@ -111,9 +113,8 @@ pub struct ReproduceArgs {
     /// Directory of reproduction.html, reproduction.md and reproduction.json [default: results/reproduce-N]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Continue an interrupted reproduction: that of --out, or the last one in results/
-    #[arg(long)]
-    resume: bool,
+    #[command(flatten)]
+    existing: ExistingArgs,
     /// Print all rows as JSON instead of tables
     #[arg(long)]
     json: bool,
@@ -133,7 +134,7 @@ impl ReproduceArgs {
     /// The directory cannot be written, or a setting in the environment is invalid.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let StudyOutput { directory, progress, journal } =
-            StudyOutput::begin("reproduce", self.out.as_deref(), self.resume)?;
+            StudyOutput::begin("reproduce", self.out.as_deref(), &FILES, self.existing)?;
         let context =
             ExperimentContext { lander: Lander::new()?, retune: self.retune, directory, progress };
         let selected = EXPERIMENTS.iter().filter(|experiment| self.selects(experiment));
@@ -141,10 +142,10 @@ impl ReproduceArgs {
             selected.map(|experiment| (experiment.run)(&context)).collect();
         let chapters = chapters?;
         let json = format!("{:#}\n", to_json(&chapters));
-        context.keep("reproduction.html", &page::html(&page::PAPER, &chapters))?;
-        context
-            .keep("reproduction.md", &page::markdown(&page::PAPER, &chapters, &self.command()))?;
-        context.keep("reproduction.json", &json)?;
+        let [page, markdown, document] = FILES;
+        context.keep(page, &page::html(&page::PAPER, &chapters))?;
+        context.keep(markdown, &page::markdown(&page::PAPER, &chapters, &self.command()))?;
+        context.keep(document, &json)?;
         output::complete(&journal)?;
         if self.json {
             print(json.trim_end())?;
@@ -155,7 +156,7 @@ impl ReproduceArgs {
             for Claim { claim, verdict, found, .. } in claims(&chapters) {
                 print(&wrapped(&format!("{}: {claim}: {found}.", verdict.shown()), 2))?;
             }
-            print(&format!("\npage: {}", context.directory.join("reproduction.html").display()))?;
+            print(&format!("\npage: {}", context.directory.join(page).display()))?;
         }
         Ok(Exit::Ok)
     }

@@ -22,9 +22,9 @@ use oqtal_config::{Config, Setting};
 use oqtal_observe::explain::wrapped;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
-use serde_json::{Value, json};
+use serde_json::Value;
 
-use crate::output::{StudyOutput, complete};
+use crate::output::{ExistingArgs, StudyOutput, complete};
 use crate::progress::Progress;
 use crate::reproduce::chapter::Chapter;
 use crate::reproduce::page::{self, PageHead};
@@ -32,9 +32,10 @@ use crate::sheet::Sheet;
 use crate::study::args::{StudyArgs, say_notes};
 use crate::study::gains::GainSource;
 use crate::study::law::{self, StudyLaw};
+use crate::study::{Flown, failure, records};
 
 use draws::{Draw, MOST_DRAWS};
-use monte_carlo::{MonteCarlo, OtherSpread, SETS};
+use monte_carlo::{FlownDraws, MonteCarlo, OtherSpread, SETS};
 use spread::PlantSpread;
 use tables::FAILURES;
 
@@ -84,15 +85,19 @@ pub struct RobustnessArgs {
     /// Directory of robustness.html, robustness.md and robustness.json [default: results/robustness-N]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Continue an interrupted study: that of --out, or the last one in results/
-    #[arg(long)]
-    resume: bool,
+    #[command(flatten)]
+    existing: ExistingArgs,
     /// Print JSON instead of tables
     #[arg(long)]
     json: bool,
     #[command(flatten)]
     study: StudyArgs,
 }
+
+/// Files of the results.
+const FILES: [&str; 3] = ["robustness.html", "robustness.md", "robustness.json"];
+/// Key in the document, and name as a case, of the draws of `--spread`.
+const DRAWS: &str = "draws";
 
 /// Setting of the study unless it is given: with the shipped limit, the integrators of the laws on the default stack cannot hold the
 /// heaviest vehicles, and their hover errors are three to four times as large.
@@ -143,51 +148,46 @@ impl RobustnessArgs {
     /// A spread is given twice (exit code 64), a file or setting is invalid (78), or the directory cannot be written (71).
     pub fn execute(&self) -> Result<Exit, Failure> {
         self.check_spreads()?;
-        let output = StudyOutput::begin("robustness", self.out.as_deref(), self.resume)?;
-        let (mut document, chapters) = self.flown(&output.progress)?;
-        let sheets: Vec<&Sheet> = chapters.iter().flat_map(|chapter| &chapter.sheets).collect();
-        document["tables"] = sheets.iter().map(|sheet| sheet.to_json()).collect();
+        let output = StudyOutput::begin("robustness", self.out.as_deref(), &FILES, self.existing)?;
+        let FlownStudy { mut document, chapters, flown } = self.flown(&output.progress)?;
+        let sheets = || chapters.iter().flat_map(|chapter| &chapter.sheets);
+        document["tables"] = sheets().map(Sheet::to_json).collect();
+        document["failures"] = records::failures(&flown);
         let document = format!("{document:#}\n");
-        let with_notes = |sheet: &&Sheet| {
-            let notes = sheet.notes.iter().map(|note| wrapped(note, 2));
-            [sheet.to_text()].into_iter().chain(notes).collect::<Vec<_>>().join("\n")
-        };
-        // Details are on the page.
-        let is_shown = |sheet: &&&Sheet| !sheet.is_detail || sheet.name.ends_with(FAILURES);
-        let shown = sheets.iter().filter(is_shown).filter(|sheet| !sheet.rows.is_empty());
-        let text: Vec<String> = shown.map(with_notes).collect();
-        output.write("robustness.html", page::html(&PAGE, &chapters))?;
-        output.write("robustness.md", page::markdown(&PAGE, &chapters, &self.command()))?;
-        output.write("robustness.json", &document)?;
+        let [page, markdown, json] = FILES;
+        output.write(page, page::html(&PAGE, &chapters))?;
+        output.write(markdown, page::markdown(&PAGE, &chapters, &self.command()))?;
+        output.write(json, &document)?;
         complete(&output.journal)?;
         if self.json {
             print(document.trim_end())?;
         } else {
-            let page = output.directory.join("robustness.html");
-            print(&format!("{}\n\npage, with details: {}", text.join("\n\n"), page.display()))?;
+            let text = text(&sheets().collect::<Vec<_>>(), &flown);
+            let page = output.directory.join(page);
+            print(&format!("{text}\n\npage, with details: {}", page.display()))?;
         }
         Ok(Exit::Ok)
     }
 
-    /// Flies all parts of the study. Returns draws and loops as JSON, and the chapters of the page.
-    fn flown(&self, progress: &Progress) -> Result<(Value, Vec<Chapter>), Failure> {
+    /// Flies all parts of the study.
+    fn flown(&self, progress: &Progress) -> Result<FlownStudy, Failure> {
         let common = with_defaults(self.study.settings()?);
         let config = Config::from_settings(&common)?;
         say_notes(self.gains.iter().find_map(|source| source.note(&config)));
         let laws = laws(&self.laws, &self.gains, &common)?;
         let loops = if self.margins { margins::all(&laws, progress)? } else { Vec::new() };
         let study = MonteCarlo { laws: &laws, common: &common, progress };
-        let (mut document, mut chapters) = self.over_draws(&study)?;
-        document["loops"] = margins::document(&loops);
+        let mut flown = self.over_draws(&study)?;
+        flown.document["loops"] = margins::document(&loops);
         if self.responses {
-            chapters.push(responses::chapter(&responses::all(&laws, progress)?));
+            flown.chapters.push(responses::chapter(&responses::all(&laws, progress)?));
         }
-        chapters.extend((!loops.is_empty()).then(|| margins::chapter(&loops)));
-        Ok((document, chapters))
+        flown.chapters.extend((!loops.is_empty()).then(|| margins::chapter(&loops)));
+        Ok(flown)
     }
 
     /// The Monte-Carlo studies.
-    fn over_draws(&self, study: &MonteCarlo<'_>) -> Result<(Value, Vec<Chapter>), Failure> {
+    fn over_draws(&self, study: &MonteCarlo<'_>) -> Result<FlownStudy, Failure> {
         let several = |spread: &PlantSpread| self.draws(spread, study.common);
         let spread = PlantSpread::named(&self.spread)?;
         say_notes(spread.notes(study.common)?);
@@ -201,35 +201,31 @@ impl RobustnessArgs {
             self.other_spreads.iter().map(other).collect();
         let others = others?;
         let wide = if self.wide { several(&spread.twice_as_wide())? } else { Vec::new() };
-        let (flown, first) = self.first_chapter(study, (&spread, &draws))?;
-        let (mut document, mut chapters) = (json!({ "draws": flown }), vec![first]);
-        let mut keep = |key: &str, (flown, chapter): (Value, Chapter)| {
-            document[key] = flown;
-            chapters.push(chapter);
-        };
+        let mut all = FlownStudy::default();
+        all.keep(DRAWS, self.first_chapter(study, (&spread, &draws))?);
         let is_asked = |is_part: bool, is_asked: bool| is_asked || !is_part;
         for set in SETS.iter().filter(|set| {
             is_asked(set.is_wide, self.wide) && is_asked(set.is_identified, self.identified)
         }) {
-            keep(set.key, study.chapter(set, if set.is_wide { &wide } else { &draws })?);
+            all.keep(set.key, study.chapter(set, if set.is_wide { &wide } else { &draws })?);
         }
         if !others.is_empty() {
-            keep("other_draws", study.others(&others)?);
+            all.keep("other_draws", study.others(&others)?);
         }
-        Ok((document, chapters))
+        Ok(all)
     }
 
     fn draws(&self, spread: &PlantSpread, common: &[Setting]) -> Result<Vec<Draw>, Failure> {
         draw_plants(spread, common, (self.seed, 0..self.runs))
     }
 
-    /// Draws of `--spread`, and the single plants. Returns draws with figures as JSON, and their chapter.
+    /// Draws of `--spread`, and the single plants.
     fn first_chapter(
         &self,
         study: &MonteCarlo<'_>,
         (spread, draws): (&PlantSpread, &[Draw]),
-    ) -> Result<(Value, Chapter), Failure> {
-        let (document, flown) = study.fly(draws)?;
+    ) -> Result<FlownDraws, Failure> {
+        let (document, flown) = study.fly(DRAWS, draws)?;
         let mut sheets = tables::all(&flown, draws);
         sheets.push(tables::dependences(&flown, draws, spread));
         sheets.push(tables::spread(spread));
@@ -241,7 +237,8 @@ impl RobustnessArgs {
             self.runs
         );
         let title = "Monte-Carlo";
-        Ok((document, Chapter { title, intro: vec![intro], sheets, ..Chapter::default() }))
+        let chapter = Chapter { title, intro: vec![intro], sheets, ..Chapter::default() };
+        Ok(FlownDraws { document, chapter, flown })
     }
 
     /// Refuses a spread that occurs in both `--spread` and `--other-spreads`.
@@ -284,6 +281,37 @@ impl RobustnessArgs {
     }
 }
 
+/// All flown parts of the study.
+#[derive(Debug, Default)]
+struct FlownStudy {
+    /// Draws and loops as JSON.
+    document: Value,
+    /// Chapters of the page.
+    chapters: Vec<Chapter>,
+    /// The row of every law on every set of draws.
+    flown: Vec<Flown>,
+}
+
+impl FlownStudy {
+    /// Adds a set of draws.
+    fn keep(&mut self, key: &str, draws: FlownDraws) {
+        self.document[key] = draws.document;
+        self.chapters.push(draws.chapter);
+        self.flown.extend(draws.flown);
+    }
+}
+
+/// The tables without details, which are on the page, and the flights that failed, with the remedies from their tables.
+fn text(sheets: &[&Sheet], flown: &[Flown]) -> String {
+    let notes = |sheet: &Sheet| sheet.notes.iter().map(|note| wrapped(note, 2)).collect::<Vec<_>>();
+    let shown = sheets.iter().filter(|sheet| !sheet.is_detail && !sheet.rows.is_empty());
+    let tables = shown.map(|sheet| [&[sheet.to_text()], &notes(sheet)[..]].concat().join("\n"));
+    let remedies = sheets.iter().filter(|sheet| sheet.name.ends_with(FAILURES));
+    let failures = [failure::listed(flown, "")].into_iter();
+    let failures = failures.chain(remedies.flat_map(|sheet| notes(sheet)));
+    tables.chain([failures.collect::<Vec<_>>().join("\n")]).collect::<Vec<_>>().join("\n\n")
+}
+
 /// Laws with each source of gains.
 ///
 /// # Errors
@@ -319,4 +347,28 @@ pub fn laws(
         }
     }
     Ok(laws)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::study::tests::flown;
+
+    #[test]
+    fn failed_flights_are_below_the_tables_with_seeds_command_and_remedy() {
+        let mut row = flown("pid", &[1.0, f64::INFINITY]);
+        row.case = DRAWS.to_owned();
+        row.law.settings.push(Setting::flag("--set", "mocap.latency-ms", 12.0));
+        let table = Sheet { title: "table".to_owned(), ..Sheet::default() };
+        let details = Sheet { name: FAILURES.to_owned(), is_detail: true, ..table.clone() };
+        let details = details.with_note("remedy");
+        let text = text(&[&table, &details], &[row.clone()]);
+        let command = "seed 1; again: oqtal fly --clock in-process --controller pid --seed 1 --set mocap.latency-ms=12.0";
+        for part in ["4 of 8 flights did not land as planned", "pid, draws, path: 1 of 2", command]
+        {
+            assert!(text.contains(part), "{part} in\n{text}");
+        }
+        assert!(text.ends_with("remedy"), "{text}");
+        assert_eq!(records::failures(&[row])[0]["seeds"], serde_json::json!([1]));
+    }
 }

@@ -24,7 +24,7 @@
 //! ```
 //!
 //! Flights are flown on all cores; the result does not depend on the number of threads. A flight that does not land as planned
-//! has infinite figures for its test ([`Run::has_landed`]), so that it ranks below any flight that does; [`failure`] counts such
+//! has infinite figures for its test ([`Run::is_as_planned`]), so that it ranks below any flight that does; [`failure`] counts such
 //! flights by test and cause.
 
 pub mod args;
@@ -133,11 +133,13 @@ impl Study<'_> {
     /// A setting is invalid; in this case no flight is flown. The journal cannot be written (exit code 71).
     pub fn fly(&self, progress: &Progress) -> Result<Vec<Flown>, Failure> {
         self.check()?;
-        let bar = progress.start(self.name, self.flights().len());
+        let tests = self.flights().iter().map(|(_, case, _)| case.tests.len()).sum();
+        let bar = progress.start(self.name, tests);
         let run = self.fly_each(&|flights: TestFlights| {
+            let tests = flights.count();
             let run =
                 progress.kept(flights, TestFlights::key, |flights| flights.fly_here(progress));
-            bar.inc();
+            bar.add(tests);
             progress.check().and(run)
         });
         Ok(self.rows(run?))
@@ -302,7 +304,7 @@ pub(crate) mod tests {
         let flown = flown("pid", &values);
         let quantiles = [0.5, 0.95, 1.0].map(|share| flown.quantile(0, share));
         assert_eq!(quantiles, [50.0, 95.0, f64::INFINITY]);
-        assert_eq!((flown.percent(Run::all_landed), flown.mean()[0]), (99.0, f64::INFINITY));
+        assert_eq!((flown.percent(Run::all_as_planned), flown.mean()[0]), (99.0, f64::INFINITY));
         assert_eq!(flown.mean_of_landed()[0], (4950.0 - 17.0) / 99.0);
     }
 
@@ -320,6 +322,20 @@ pub(crate) mod tests {
             shown.collect::<Vec<_>>(),
             [("pid", "a", 1), ("pid", "b", 2), ("lqr", "a", 4), ("lqr", "b", 5)]
         );
+    }
+
+    #[test]
+    fn progress_counts_flights() {
+        use std::sync::{Arc, Mutex};
+        let laws = [StudyLaw::new("pid", Vec::new(), "")];
+        let cases = [Case::of_seeds("", 1..3).flown_as(&[Test::Chirp, Test::Doublet])];
+        let told = Arc::new(Mutex::new(Vec::new()));
+        let teller = Arc::clone(&told);
+        let watch = move |_: &str, done: u64, all: u64| teller.lock().unwrap().push((done, all));
+        let progress = Progress::watched(Box::new(watch), Arc::default());
+        let rows = Study { name: "", laws: &laws, cases: &cases }.fly(&progress).unwrap();
+        assert_eq!(told.lock().unwrap().last(), Some(&(4, 4)));
+        assert_eq!(rows[0].runs.iter().map(|run| run.ends.len()).sum::<usize>(), 4);
     }
 
     #[test]

@@ -4,14 +4,14 @@ use std::ops::Range;
 use std::path::PathBuf;
 
 use clap::Args;
-use clap::builder::PossibleValuesParser;
+use clap::builder::{PossibleValuesParser, UnknownArgumentValueParser};
 use oqtal_config::Setting;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 use serde_json::{Value, json};
 
 use crate::csv_text;
-use crate::output::{StudyOutput, complete, write_file};
+use crate::output::{ExistingArgs, StudyOutput, complete, write_file};
 use crate::progress::Progress;
 use crate::study::args::{StudyArgs, parse_seeds};
 use crate::study::gains::{self, GainSource};
@@ -23,6 +23,9 @@ use crate::text_table;
 
 /// Greatest number of combinations of values \[-\].
 const MOST_COMBINATIONS: usize = 100_000;
+
+/// File of the table.
+const FILE: &str = "sweep.csv";
 
 /// Arguments of `oqtal sweep`.
 #[derive(Args, Debug)]
@@ -39,15 +42,17 @@ pub struct SweepArgs {
     /// Seeds of the flights of each combination (both included)
     #[arg(long, value_name = "FIRST-LAST", value_parser = parse_seeds, default_value = "200-204")]
     seeds: Range<u64>,
+    // Known to `campaign`: the error names the option of this command.
+    #[arg(long, hide = true, value_parser = UnknownArgumentValueParser::suggest_arg("--seeds"))]
+    _runs: Option<String>,
     /// Print one JSON document per row instead of a table
     #[arg(long)]
     json: bool,
     /// File of the table as CSV [default: sweep.csv in results/sweep-N]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Continue an interrupted sweep: the last one in results/, or that beside --out
-    #[arg(long)]
-    resume: bool,
+    #[command(flatten)]
+    existing: ExistingArgs,
     #[command(flatten)]
     study: StudyArgs,
 }
@@ -104,9 +109,14 @@ struct SweepRow {
 }
 
 impl SweepRow {
-    /// Fraction of the seeds for which all flights landed as planned \[0..1\].
+    /// Fraction of the seeds for which all flights landed \[0..1\].
     fn landed(&self) -> f64 {
         1e-2 * self.flown.percent(Run::all_landed)
+    }
+
+    /// Fraction of the seeds for which all flights landed as planned \[0..1\].
+    fn as_planned(&self) -> f64 {
+        1e-2 * self.flown.percent(Run::all_as_planned)
     }
 }
 
@@ -117,11 +127,11 @@ impl SweepArgs {
     /// A key or value is invalid (exit code 78), there are too many combinations (64), or the file cannot be written (71).
     pub fn execute(&self) -> Result<Exit, Failure> {
         let output = match &self.out {
-            Some(file) => StudyOutput::beside(file, self.resume)?,
-            None => StudyOutput::begin("sweep", None, self.resume)?,
+            Some(file) => StudyOutput::beside(file, self.existing)?,
+            None => StudyOutput::begin("sweep", None, &[FILE], self.existing)?,
         };
         let rows = self.fly(&output.progress)?;
-        let file = self.out.clone().unwrap_or_else(|| output.directory.join("sweep.csv"));
+        let file = self.out.clone().unwrap_or_else(|| output.directory.join(FILE));
         write_file(&file, self.csv(&rows)?)?;
         complete(&output.journal)?;
         match self.json {
@@ -157,10 +167,13 @@ impl SweepArgs {
 
     fn csv(&self, rows: &[SweepRow]) -> Result<String, Failure> {
         let keys = self.axes.iter().map(|axis| axis.key.as_str());
-        let names = keys.chain(["controller", "landed"]).chain(METRIC.map(|metric| metric.key));
+        let names = keys
+            .chain(["controller", "landed", "as_planned"])
+            .chain(METRIC.map(|metric| metric.key));
         let fields = |row: &SweepRow| {
             let values = row.values.iter().map(shown);
-            let own = [row.flown.law.name.clone(), csv_text::number(row.landed())];
+            let shares = [row.landed(), row.as_planned()].map(csv_text::number);
+            let own = [row.flown.law.name.clone()].into_iter().chain(shares);
             let figures = row.flown.mean_of_landed().map(csv_text::number);
             values.chain(own).chain(figures).collect()
         };
@@ -168,7 +181,11 @@ impl SweepArgs {
     }
 
     fn document(&self, row: &SweepRow) -> Value {
-        let mut document = json!({ "controller": row.flown.law.name, "landed": row.landed() });
+        let mut document = json!({
+            "controller": row.flown.law.name,
+            "landed": row.landed(),
+            "as_planned": row.as_planned(),
+        });
         for (axis, value) in self.axes.iter().zip(&row.values) {
             document[&axis.key] = json!(value);
         }
@@ -190,12 +207,13 @@ impl SweepArgs {
             |metric: &usize| rows.iter().any(|row| !row.flown.landed(*metric).is_empty());
         let metrics: Vec<usize> = (0..METRICS).filter(has_value).collect();
         let titles = metrics.iter().map(|metric| METRIC[*metric].title.to_owned());
-        let figures: Vec<String> = ["landed".to_owned()].into_iter().chain(titles).collect();
+        let shares = ["landed", "as planned"].map(str::to_owned);
+        let figures: Vec<String> = shares.into_iter().chain(titles).collect();
         let lines = rows.iter().map(|row| {
             let cells = metrics.iter().map(|metric| mean_of(&row.flown.values(*metric)).show());
-            let landed = format!("{:.0} %", 1e2 * row.landed());
+            let shares = [row.landed(), row.as_planned()].map(|it| format!("{:.0} %", 1e2 * it));
             let values = row.values.iter().map(shown).chain([row.flown.law.name.clone()]);
-            (values.collect(), [landed].into_iter().chain(cells).collect())
+            (values.collect(), shares.into_iter().chain(cells).collect())
         });
         let table = text_table::blocks(&named, &figures, &lines.collect::<Vec<_>>());
         let flown: Vec<Flown> = rows.iter().map(|row| row.flown.clone()).collect();
@@ -246,6 +264,29 @@ mod tests {
         for text in ["lag", "lag=1:2", "lag=1:2:1", "lag=1:2:x", "lag=a:2:3", "lag=0:inf:3"] {
             assert!(Axis::parse(text).is_err(), "{text}");
         }
+    }
+
+    #[test]
+    fn a_flight_that_the_fence_held_has_landed_and_not_as_planned() {
+        let mut flown = crate::study::tests::flown("pid", &[1.0, 1.0]);
+        flown.runs[0].ends[0].cause = Some(oqtal_observe::flight::HELD.to_owned());
+        let row = SweepRow { values: Vec::new(), flown };
+        assert_eq!((row.landed(), row.as_planned()), (1.0, 0.5));
+        let tests = records::tests(std::slice::from_ref(&row.flown));
+        assert_eq!((&tests[0]["landed"], &tests[0]["as_planned"]), (&json!(2), &json!(1)));
+        assert_eq!(tests[0]["case"], records::flights(&[row.flown])[0]["case"]);
+    }
+
+    #[test]
+    fn an_option_of_campaign_is_refused_with_the_option_of_a_sweep() {
+        #[derive(Debug, clap::Parser)]
+        struct Line {
+            #[command(flatten)]
+            _sweep: SweepArgs,
+        }
+        let line = ["sweep", "plant.mass-kg=1,2", "--runs", "3"];
+        let refused = <Line as clap::Parser>::try_parse_from(line).unwrap_err().to_string();
+        assert!(refused.contains("--seeds"), "{refused}");
     }
 
     #[test]

@@ -20,7 +20,7 @@ use oqtal_config::Setting;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 
-use crate::output::{StudyOutput, check_file, complete, write_file};
+use crate::output::{ExistingArgs, StudyOutput, check_file, complete, write_file};
 use crate::progress::Progress;
 use crate::robustness::draws::{Draw, TUNING_SEED};
 use crate::robustness::spread::PlantSpread;
@@ -60,9 +60,8 @@ pub struct TuneArgs {
     /// File NAME.toml of the tuned configuration of one law, or a directory of files LAW.toml [default: results/tune-N]
     #[arg(long, value_name = "PATH")]
     out: Option<PathBuf>,
-    /// Continue an interrupted search: that of --out, or the last one in results/
-    #[arg(long)]
-    resume: bool,
+    #[command(flatten)]
+    existing: ExistingArgs,
     #[command(flatten)]
     study: StudyArgs,
 }
@@ -88,26 +87,45 @@ impl TuneArgs {
             return Err(Failure::new(Exit::Usage, reason));
         }
         let output = match given {
-            Some(file) => StudyOutput::beside(file, self.resume)?,
-            None => StudyOutput::begin("tune", self.out.as_deref(), self.resume)?,
+            Some(file) => StudyOutput::beside(file, self.existing)?,
+            None => {
+                let files: Vec<String> = names.iter().map(|name| format!("{name}.toml")).collect();
+                StudyOutput::begin("tune", self.out.as_deref(), &files, self.existing)?
+            }
         };
-        for name in &names {
+        for name in names {
             let own = output.directory.join(format!("{name}.toml"));
             let file = given.cloned().unwrap_or(own);
-            check_file(&file)?;
-            let tuned = tune(name, &self.budget(), &flights, &output.progress)?;
-            let fly = self.flown_with(&file);
-            let note =
-                fly.as_ref().map(|fly| format!("for a flight with the same settings: {fly}"));
-            write_file(&file, tuned.to_toml(&self.own(&flights), &note.unwrap_or_default()))?;
-            let page = file.with_extension("html");
-            write_file(&page, page::html(&tuned))?;
-            let (page, file) = (page.display(), file.display());
-            let fly = fly.map_or(String::new(), |fly| format!("\nfly with them: {fly}"));
-            print(&format!("{tuned}page: {page}\ngains: {file}{fly}"))?;
+            self.tune_into(&file, name, (&flights, &output))?;
         }
         complete(&output.journal)?;
         Ok(Exit::Ok)
+    }
+
+    /// Tunes the law `name`, and writes its configuration into `file` and the page beside it.
+    fn tune_into(
+        &self,
+        file: &Path,
+        name: &str,
+        (flights, output): (&TrainingFlights, &StudyOutput),
+    ) -> Result<(), Failure> {
+        check_file(file)?;
+        let tuned = tune(name, &self.budget(), flights, &output.progress);
+        let tuned = tuned.inspect_err(|failure| {
+            // A search that found nothing would find nothing again; an interrupted one can be resumed.
+            if failure.exit == Exit::Flight && output.progress.check().is_ok() {
+                // Ignored: the failure is reported.
+                let _ = complete(&output.journal);
+            }
+        })?;
+        let fly = self.flown_with(file);
+        let note = fly.as_ref().map(|fly| format!("for a flight with the same settings: {fly}"));
+        write_file(file, tuned.to_toml(&self.own(flights), &note.unwrap_or_default()))?;
+        let page = file.with_extension("html");
+        write_file(&page, page::html(&tuned))?;
+        let (page, file) = (page.display(), file.display());
+        let fly = fly.map_or(String::new(), |fly| format!("\nfly with them: {fly}"));
+        print(&format!("{tuned}page: {page}\ngains: {file}{fly}"))
     }
 
     fn flights(&self) -> Result<TrainingFlights, Failure> {

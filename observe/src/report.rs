@@ -146,10 +146,12 @@ fn flight_figures(summary: &Summary) -> Vec<KeyFigure> {
         (format!("{mean}°"), format!("rms {rms}°, max {max}°"))
     });
     figures.extend(summary.corners.as_ref().map(|corners| {
-        let way =
-            format!("{:.0} % of the position error is the way there", 1e2 * corners.approach_share);
-        let overshoot = unit::length(corners.overshoot_m);
-        ("Corners", format!("{}, overshoot {overshoot}", corners.settling()), way)
+        let detail = format!(
+            "settled {}; {:.0} % of the position error is the way there",
+            corners.settling(),
+            1e2 * corners.approach_share
+        );
+        ("Overshoot at corners", unit::length(corners.overshoot_m), detail)
     }));
     figures.push(("Mean attitude error", attitude, detail));
     let whole = summary.hops.get(WHOLE).copied().unwrap_or_default();

@@ -191,7 +191,7 @@ fn said(answer: &DaemonAnswer) -> &str {
 /// The command of the next flight: the one that started the processes and ends with this flight, or the one that arms again.
 fn fly_again(address: &AddressedInstance, reached: &Reached) -> String {
     if let Some(command) = reached.processes.iter().find_map(ObeyingProcess::started_by) {
-        return format!("oqtal {command}").trim_end().to_owned();
+        return format!("oqtal {command}");
     }
     let InstancePaths { instance, root } = &reached.paths;
     let is_other_root = address.has_root || *root != address.paths.root;

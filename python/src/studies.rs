@@ -18,7 +18,7 @@ use oqtal_lab::study::flights::{NOMINAL, Test};
 use oqtal_lab::study::gains::{self, GainSource};
 use oqtal_lab::study::law;
 use oqtal_lab::study::metric::METRIC;
-use oqtal_lab::study::{Case, FlightCondition, Flown, Study};
+use oqtal_lab::study::{Case, FlightCondition, Flown, Run, Study};
 use oqtal_lab::tune::optimiser::Optimiser;
 use oqtal_lab::tune::search::{Budget, TrainingFlights, Tuned};
 use oqtal_lab::tune::{space, tune as tuned};
@@ -98,7 +98,8 @@ fn table<'py>(py: Python<'py>, flown: &[Flown], case: &Case) -> PyResult<Bound<'
     columns.set_item("controller", names.collect::<Vec<_>>())?;
     let seeds = flown.iter().flat_map(|_| case.conditions.iter().map(|c| c.seed.cast_signed()));
     columns.set_item("seed", PyArray1::from_iter(py, seeds))?;
-    columns.set_item("landed", PyArray1::from_iter(py, runs().map(|run| run.all_landed())))?;
+    columns.set_item("landed", PyArray1::from_iter(py, runs().map(Run::all_landed)))?;
+    columns.set_item("as_planned", PyArray1::from_iter(py, runs().map(Run::all_as_planned)))?;
     for (index, metric) in METRIC.iter().enumerate() {
         let figures = runs().map(|run| run.figures[index]);
         let shown = figures.map(|figure| if figure.is_finite() { figure } else { f64::NAN });

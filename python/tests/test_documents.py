@@ -56,7 +56,7 @@ def test_every_block_of_the_page_about_pandas_runs_on_the_flights_of_the_page(fi
     monkeypatch.setenv("OQTAL_ROOT", str(tmp_path / "run"))
     commands = re.findall(r"^oqtal (.*)$", (ROOT / "docs/pandas.md").read_text(), re.MULTILINE)
     assert len(commands) == 3
-    for command in [*commands, "campaign --runs 1 --controllers pid"]:
+    for command in [*commands, "campaign --runs 1 --laws pid"]:
         run(*command.split())
     assert len(programs("docs/pandas.md")) == 3
     for block in programs("docs/pandas.md"):

@@ -24,7 +24,7 @@ def assert_equal(found: oqtal.Table, expected: oqtal.Table) -> None:
 
 
 def test_a_campaign_has_the_rows_of_the_program(rows, run, tmp_path: Path):
-    run("campaign", "--controllers", ",".join(LAWS), "--runs", 3, "--out", "campaign")
+    run("campaign", "--laws", ",".join(LAWS), "--runs", 3, "--out", "campaign")
     head, *lines = (tmp_path / "campaign/campaign.csv").read_text().splitlines()
     cells = [line.split(",") for line in lines]
     for index, name in enumerate(head.split(",")):
@@ -40,7 +40,7 @@ def test_rows_do_not_depend_on_threads(rows):
     told = []
     again = oqtal.campaign(LAWS, seeds=range(200, 203), threads=1, progress=lambda *step: told.append(step))
     assert_equal(again, rows)
-    assert told[-1] == ("flights", 6, 6)
+    assert told[-1] == ("flights", 24, 24)
 
 
 def test_progress_that_raises_ends_the_study():

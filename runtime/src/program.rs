@@ -10,6 +10,7 @@ use std::sync::mpsc::channel;
 use std::time::Duration;
 
 use clap::Parser;
+use oqtal_bus::obeying::command_of;
 use serde::Serialize;
 
 use crate::exit::{Exit, Failure, without_error_numbers};
@@ -72,7 +73,7 @@ pub fn fail(command: &str, failure: &Failure) -> ExitCode {
 /// First word of the command line; `fly` without one.
 pub fn command_word() -> String {
     let word = std::env::args_os().nth(1).map(|word| word.to_string_lossy().into_owned());
-    word.filter(|word| !word.starts_with('-')).unwrap_or_else(|| "fly".to_owned())
+    command_of(&word.unwrap_or_default()).to_owned()
 }
 
 /// Failure of a command as JSON.

@@ -14,11 +14,16 @@ use super::excitation_flight::{self, ExcitationFlight};
 use super::hidden_plants::{HiddenPlants, study};
 use super::identification::{Scale, identify};
 use super::{overview, page, vehicle_toml};
-use crate::output::{make, next_free, write};
+use crate::output::{check_free, make, next_free, write};
 use crate::study::args::{say_notes, warn};
 
 /// Reads the flight of a recording.
 pub type ReadFlight = dyn Fn(&Path) -> Result<Flight, Failure>;
+
+/// Files of the results.
+const FILES: [&str; 3] = ["vehicle.toml", "identification.json", "identification.html"];
+/// Files of a study of hidden plants.
+const STUDY_FILES: [&str; 2] = ["hidden-plants.json", "hidden-plants.md"];
 
 /// Arguments of `oqtal identify`.
 #[derive(Args, Debug)]
@@ -51,6 +56,9 @@ pub struct IdentifyArgs {
     /// Directory of vehicle.toml, identification.json and identification.html [default: results/identify-N]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Replace results that --out holds already
+    #[arg(long, requires = "out")]
+    force: bool,
     /// Print JSON instead of a table
     #[arg(long)]
     json: bool,
@@ -64,13 +72,13 @@ impl IdentifyArgs {
     /// Identifies the vehicle, prints the findings and writes them.
     ///
     /// # Errors
-    /// A setting is invalid (exit code 78), a recording is invalid or too short (65), the flight failed (1), or a file cannot be
-    /// written (71).
+    /// The directory holds results (exit code 64), a setting is invalid (78), a recording is invalid or too short (65), the flight
+    /// failed (1), or a file cannot be written (71).
     pub fn execute(&self, read: &ReadFlight) -> Result<Exit, Failure> {
         if let Some(count) = self.hidden_plants {
             return self.study(count);
         }
-        self.out.as_deref().map_or(Ok(()), make)?;
+        self.check_out(&FILES)?;
         let flights = self.flights(read)?;
         let Some(first) = flights.first() else {
             let reason = "nothing to identify a vehicle from; give recordings, or --fly";
@@ -81,23 +89,35 @@ impl IdentifyArgs {
         let identification = identify(&data, &vehicle, self.scale())?;
         let json = json(&identification)?;
         let directory = self.out.clone().map_or_else(|| next_free("identify"), Ok)?;
-        write(&directory, "vehicle.toml", vehicle_toml::toml(&identification, &first.config))?;
-        write(&directory, "identification.json", &json)?;
-        write(&directory, "identification.html", page::html(&identification, &data))?;
-        let [vehicle, page] =
-            ["vehicle.toml", "identification.html"].map(|name| directory.join(name));
+        let [vehicle, document, page] = FILES;
+        write(&directory, vehicle, vehicle_toml::toml(&identification, &first.config))?;
+        write(&directory, document, &json)?;
+        write(&directory, page, page::html(&identification, &data))?;
+        let [vehicle, page] = [vehicle, page].map(|name| directory.join(name));
         let written = format!("\npage: {}\nwritten: {}", page.display(), vehicle.display());
         let text = overview::text(&identification) + &written;
         print(if self.json { json.trim_end() } else { &text })?;
         Ok(Exit::Ok)
     }
 
+    /// Makes the directory of `--out`, and refuses one that holds one of `files` unless they may be replaced.
+    fn check_out(&self, files: &[&str]) -> Result<(), Failure> {
+        let Some(directory) = &self.out else { return Ok(()) };
+        let files: Vec<PathBuf> = files.iter().map(|name| directory.join(name)).collect();
+        if !self.force {
+            check_free(&files)?;
+        }
+        make(directory)
+    }
+
     fn study(&self, count: u64) -> Result<Exit, Failure> {
+        self.check_out(&STUDY_FILES)?;
         let study = study(&self.own_settings()?, 1..count + 1, HiddenPlants::LABORATORIES)?;
         let (json, tables) = (json(&study)?, study.to_markdown());
         if let Some(directory) = &self.out {
-            write(directory, "hidden-plants.json", &json)?;
-            write(directory, "hidden-plants.md", &tables)?;
+            let [document, markdown] = STUDY_FILES;
+            write(directory, document, &json)?;
+            write(directory, markdown, &tables)?;
         }
         print(if self.json { json.trim_end() } else { tables.trim_end() })?;
         Ok(Exit::Ok)

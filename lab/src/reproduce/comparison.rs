@@ -178,7 +178,7 @@ fn distinguished(nominal: &FlownLaws<'_>) -> TextValues {
 
 /// Plants on which a flight of [`OURS`] did not land.
 fn unstable<'a>(mismatched: &[FlownLaws<'a>]) -> Vec<&'a str> {
-    let landed = |flown: &Flown| flown.runs.iter().all(Run::all_landed);
+    let landed = |flown: &Flown| flown.runs.iter().all(Run::all_as_planned);
     let lost = mismatched.iter().filter(|laws| !laws.ours().is_some_and(landed));
     lost.map(|laws| laws.plant).collect()
 }

@@ -81,10 +81,10 @@ impl GroupComparison<'_> {
     /// Number of draws with a test that this law did not land and another law did.
     fn lost_alone(&self) -> u64 {
         let others_land =
-            |draw: usize, test| self.others.iter().any(|law| law.runs[draw].has_landed(test));
+            |draw: usize, test| self.others.iter().any(|law| law.runs[draw].is_as_planned(test));
         let is_lost = |draw: &usize| {
             let own = &self.own.runs[*draw];
-            Test::ALL.into_iter().any(|test| !own.has_landed(test) && others_land(*draw, test))
+            Test::ALL.into_iter().any(|test| !own.is_as_planned(test) && others_land(*draw, test))
         };
         (0..self.own.runs.len()).filter(is_lost).count() as u64
     }

@@ -10,7 +10,7 @@ use toml::Value;
 use super::spread::PlantSpread;
 use crate::identify::hidden_plants;
 use crate::progress::Progress;
-use crate::study::args::quoted;
+use crate::study::args::words_of;
 use crate::study::flights::{NOMINAL, table, value_at};
 use crate::study::metric::METRIC;
 use crate::study::{Case, FlightCondition, Flown};
@@ -65,13 +65,13 @@ impl Draw {
     }
 
     /// The draws as one case of a study.
-    pub fn case(draws: &[Self]) -> Case {
+    pub fn case(name: &str, draws: &[Self]) -> Case {
         let condition = |draw: &Self| FlightCondition {
             seed: draw.seed,
             plant: NOMINAL,
             settings: draw.settings.clone(),
         };
-        Case::of("draws", draws.iter().map(condition).collect())
+        Case::of(name, draws.iter().map(condition).collect())
     }
 
     /// Drawn value of a key.
@@ -79,19 +79,10 @@ impl Draw {
         self.settings.iter().find(|setting| setting.key == key).map(|setting| &setting.value)
     }
 
-    /// Arguments of `oqtal fly` and `oqtal campaign` that give the same plant.
-    pub fn arguments(&self) -> String {
-        let argument = |setting: &Setting| match setting.key.strip_prefix("plant.") {
-            Some(key) => format!("--plant {}", word(key, &setting.value)),
-            None => format!("--set {}", word(&setting.key, &setting.value)),
-        };
-        self.settings.iter().map(argument).collect::<Vec<_>>().join(" ")
+    /// Arguments of `oqtal fly` that give the same plant and vehicle, under the settings `common` of the study.
+    pub fn arguments(&self, common: &[Setting]) -> String {
+        words_of(&[common, &self.settings].concat()).trim_start().to_owned()
     }
-}
-
-/// `KEY=VALUE`, quoted for a shell.
-fn word(key: &str, value: &Value) -> String {
-    quoted(&format!("{key}={value}").replace(' ', ""))
 }
 
 /// Flies and identifies the plant of every draw. The law of `common` uses `[vehicle]` only; the weighed mass is given. Returns
@@ -116,8 +107,8 @@ pub fn identified(
     progress.each("identification", draws, identify)
 }
 
-/// Draws with the figures of every law, as JSON.
-pub fn document(flown: &[Flown], draws: &[Draw]) -> Json {
+/// Draws under the settings `common`, with the figures of every law, as JSON.
+pub fn document(flown: &[Flown], draws: &[Draw], common: &[Setting]) -> Json {
     let figures = |draw: usize| {
         let of = |law: &Flown| {
             let values = METRIC.iter().zip(law.runs[draw].figures);
@@ -131,7 +122,7 @@ pub fn document(flown: &[Flown], draws: &[Draw]) -> Json {
         json!({
             "draw": draw.run,
             "seed": draw.seed,
-            "arguments": draw.arguments(),
+            "arguments": draw.arguments(common),
             "drawn": Json::Object(drawn.collect()),
             "laws": figures(index),
         })

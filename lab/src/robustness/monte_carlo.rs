@@ -69,6 +69,17 @@ pub struct OtherSpread {
     pub draws: Vec<Draw>,
 }
 
+/// A set of draws that was flown.
+#[derive(Clone, Debug)]
+pub struct FlownDraws {
+    /// The draws with figures, as JSON.
+    pub document: Value,
+    /// Their chapter.
+    pub chapter: Chapter,
+    /// The row of every law; each set of draws is a case.
+    pub flown: Vec<Flown>,
+}
+
 /// Laws, settings and progress bars of all sets of draws.
 #[derive(Clone, Copy, Debug)]
 pub struct MonteCarlo<'a> {
@@ -81,30 +92,30 @@ pub struct MonteCarlo<'a> {
 }
 
 impl MonteCarlo<'_> {
-    /// Flies the draws. Returns draws with figures as JSON, and the row of every law.
+    /// Flies the draws as the case `name`. Returns draws with figures as JSON, and the row of every law.
     ///
     /// # Errors
     /// A setting is invalid (exit code 78).
-    pub fn fly(&self, draws: &[Draw]) -> Result<(Value, Vec<Flown>), Failure> {
-        let cases = [Draw::case(draws)];
+    pub fn fly(&self, name: &str, draws: &[Draw]) -> Result<(Value, Vec<Flown>), Failure> {
+        let cases = [Draw::case(name, draws)];
         let flown = Study { name: "draws", laws: self.laws, cases: &cases }.fly(self.progress)?;
-        Ok((draws::document(&flown, draws), flown))
+        Ok((draws::document(&flown, draws, self.common), flown))
     }
 
-    /// Flies `drawn` as described by `set`. Returns draws with figures as JSON, and their chapter.
+    /// Flies `drawn` as described by `set`.
     ///
     /// # Errors
     /// A setting is invalid (exit code 78).
-    pub fn chapter(&self, set: &DrawSet, drawn: &[Draw]) -> Result<(Value, Chapter), Failure> {
+    pub fn chapter(&self, set: &DrawSet, drawn: &[Draw]) -> Result<FlownDraws, Failure> {
         let (draws, intro) = match set.is_identified {
             false => (drawn.to_vec(), format!("{} Gains are those from above.", set.draws)),
             true => self.identified(set, drawn)?,
         };
-        let (document, flown) = self.fly(&draws)?;
+        let (document, flown) = self.fly(set.key, &draws)?;
         let sheets = named(set.tables, tables::all(&flown, &draws));
         let chapter =
             Chapter { title: set.title, intro: vec![intro], sheets, ..Chapter::default() };
-        Ok((document, chapter))
+        Ok(FlownDraws { document, chapter, flown })
     }
 
     /// Draws with their identified vehicles; a draw that could not be identified keeps its configured vehicle.
@@ -122,25 +133,26 @@ impl MonteCarlo<'_> {
         Ok((pairs.map(|(found, draw)| found.unwrap_or_else(|| draw.clone())).collect(), intro))
     }
 
-    /// Flies the draws of further spreads. Returns the draws of each with figures as JSON, and their chapter.
+    /// Flies the draws of further spreads; the document has a key for each.
     ///
     /// # Errors
     /// A setting is invalid (exit code 78).
-    pub fn others(&self, others: &[OtherSpread]) -> Result<(Value, Chapter), Failure> {
-        let (mut documents, mut sheets) = (Map::new(), Vec::new());
+    pub fn others(&self, others: &[OtherSpread]) -> Result<FlownDraws, Failure> {
+        let (mut documents, mut sheets, mut all) = (Map::new(), Vec::new(), Vec::new());
         for OtherSpread { name, spread, draws } in others {
-            let (document, flown) = self.fly(draws)?;
+            let (document, flown) = self.fly(name, draws)?;
             documents.insert(name.clone(), document);
             let own = tables::all(&flown, draws).into_iter().chain([tables::spread(spread)]);
             let titled =
                 |sheet: Sheet| Sheet { title: format!("{}: {name}", sheet.title), ..sheet };
             sheets.extend(named(name, own.collect()).into_iter().map(titled));
+            all.extend(flown);
         }
         let intro = vec![
             "The same number of draws of other spreads. Gains are those from above.".to_owned(),
         ];
         let chapter = Chapter { title: "Other spreads", intro, sheets, ..Chapter::default() };
-        Ok((Value::Object(documents), chapter))
+        Ok(FlownDraws { document: Value::Object(documents), chapter, flown: all })
     }
 }
 

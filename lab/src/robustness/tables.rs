@@ -21,14 +21,14 @@ const STRONGEST: usize = 4;
 const LEAST_DRAWS: usize = 9;
 /// Name of the table of failures.
 pub const FAILURES: &str = "failures";
-/// Number of draws without a landing shown per law \[-\].
+/// Number of draws with a failed flight shown per law \[-\].
 const MOST_FAILURES: usize = 5;
 
-/// Figures of the laws over the draws, and the draws in which a law did not land.
+/// Figures of the laws over the draws, and the draws in which a law did not land as planned.
 pub fn all(flown: &[Flown], draws: &[Draw]) -> Vec<Sheet> {
     let against = Some(against::table(flown)).filter(|sheet| !sheet.rows.is_empty());
     let details =
-        [landed(flown), failures(flown, draws), distributions(flown), broken(flown, draws)];
+        [as_planned(flown), failures(flown, draws), distributions(flown), broken(flown, draws)];
     let headline = Some(headline(flown)).filter(|sheet| sheet.rows.len() > 1);
     headline.into_iter().chain([summary(flown)]).chain(against).chain(details).collect()
 }
@@ -80,10 +80,8 @@ fn failures(flown: &[Flown], draws: &[Draw]) -> Sheet {
     };
     let title = "Flights that did not land as planned, or with a step that did not settle";
     let sheet = Sheet::tabulate((FAILURES, title), &columns, &groups, names).as_detail();
-    match failure::remedies(&groups) {
-        none if none.is_empty() => sheet,
-        remedies => sheet.with_note(remedies.trim()),
-    }
+    let remedies = failure::remedies(&groups);
+    remedies.trim().lines().fold(sheet, |sheet, remedy| sheet.with_note(remedy.trim()))
 }
 
 /// One row for each law.
@@ -91,7 +89,9 @@ fn summary(flown: &[Flown]) -> Sheet {
     let median = |metric: usize| move |law: &Flown| law.quantile(metric, 0.5);
     let p95 = |metric: usize| move |law: &Flown| law.quantile(metric, 0.95);
     let columns = [
-        column("landed_percent", "all four landed [%]", |law: &Flown| law.percent(Run::all_landed)),
+        column("as_planned_percent", "all four as planned [%]", |law: &Flown| {
+            law.percent(Run::all_as_planned)
+        }),
         column("hover_median_mm", "hover, median [mm]", median(HOVER)),
         column("hover_p95_mm", "hover, 95 % point [mm]", p95(HOVER)),
         column("hover_worst_mm", "hover, worst [mm]", |law: &Flown| law.quantile(HOVER, 1.0)),
@@ -106,20 +106,23 @@ fn summary(flown: &[Flown]) -> Sheet {
         .with_note(SUMMARY_NOTE)
 }
 
-const SUMMARY_NOTE: &str = "A flight that did not land counts as worse than any that did; a value is missing where the \
-     quantile is such a flight. Jitter is the activity of the command.";
+const SUMMARY_NOTE: &str = "A flight that did not land as planned, or that the fence held for a time, counts as worse than any \
+     that did; a value is missing where the quantile is such a flight. Jitter is the activity of the command.";
 
-fn landed(flown: &[Flown]) -> Sheet {
-    let one = |test: Test| move |law: &Flown| law.percent(|run| run.has_landed(test));
+fn as_planned(flown: &[Flown]) -> Sheet {
+    let one = |test: Test| move |law: &Flown| law.percent(|run| run.is_as_planned(test));
     let columns = [
-        column("landed", "all four landed [%]", |law: &Flown| law.percent(Run::all_landed)),
-        column("landed_path", "path [%]", one(Test::Path)),
-        column("landed_hover", "hover [%]", one(Test::Hover)),
-        column("landed_chirp", "chirp [%]", one(Test::Chirp)),
-        column("landed_doublet", "doublet [%]", one(Test::Doublet)),
+        column("all", "all four [%]", |law: &Flown| law.percent(Run::all_as_planned)),
+        column("path", "path [%]", one(Test::Path)),
+        column("hover", "hover [%]", one(Test::Hover)),
+        column("chirp", "chirp [%]", one(Test::Chirp)),
+        column("doublet", "doublet [%]", one(Test::Doublet)),
+        column("landed", "all four landed, held by the fence or not [%]", |law: &Flown| {
+            law.percent(Run::all_landed)
+        }),
     ];
     let title = "Share of the draws in which the flights landed as planned";
-    Sheet::tabulate(("landed", title), &columns, flown, Flown::names).as_detail()
+    Sheet::tabulate(("as_planned", title), &columns, flown, Flown::names).as_detail()
 }
 
 fn distributions(flown: &[Flown]) -> Sheet {
@@ -164,17 +167,18 @@ fn worse_than_the_best_other(flown: &[Flown], law: usize, metric: usize) -> f64 
     own.iter().enumerate().filter(is_worse).count() as f64 / own.len() as f64
 }
 
-/// Draws without a landing of each law, and the draw with the worst hover.
+/// Draws of each law in which a flight did not land as planned, and the draw with the worst hover.
 fn broken(flown: &[Flown], draws: &[Draw]) -> Sheet {
     type Row<'a> = (&'a Flown, usize);
     let columns = [
         column("hover_rms_mm", "hover RMS [mm]", |(law, draw): &Row<'_>| {
             law.runs[*draw].figures[HOVER]
         }),
-        column("failed", "not landed", |(law, draw): &Row<'_>| not_landed(&law.runs[*draw])),
-        column("arguments", "arguments of `oqtal fly`", |(_, draw): &Row<'_>| {
-            let draw = &draws[*draw];
-            SheetCell::Text(format!("--seed {} {}", draw.seed, draw.arguments()))
+        column("failed", "not as planned", |(law, draw): &Row<'_>| not_landed(&law.runs[*draw])),
+        column("again", "again", |(law, draw): &Row<'_>| {
+            let failed = law.runs[*draw].ends.iter().find(|end| end.cause.is_some());
+            let test = failed.map_or(Test::Hover, |end| end.test);
+            SheetCell::Text(failure::again(&law.law, &law.conditions[*draw], test))
         }),
     ];
     let rows = flown.iter().flat_map(|law| shown_draws(law).into_iter().map(move |k| (law, k)));
@@ -190,9 +194,9 @@ fn broken(flown: &[Flown], draws: &[Draw]) -> Sheet {
     .as_detail()
 }
 
-/// The first draws in which a flight of `law` did not land, and the draw with the greatest hover error.
+/// The first draws in which a flight of `law` did not land as planned, and the draw with the greatest hover error.
 fn shown_draws(law: &Flown) -> Vec<usize> {
-    let failed = (0..law.runs.len()).filter(|draw| !law.runs[*draw].all_landed());
+    let failed = (0..law.runs.len()).filter(|draw| !law.runs[*draw].all_as_planned());
     let mut shown: Vec<usize> = failed.take(MOST_FAILURES).collect();
     let hover = law.values(HOVER);
     let landed = (0..hover.len()).filter(|draw| hover[*draw].is_finite());
@@ -208,10 +212,9 @@ fn not_landed(run: &Run) -> SheetCell {
     if failed.is_empty() { SheetCell::None } else { SheetCell::Text(failed.join(", ")) }
 }
 
-const BROKEN_NOTE: &str = "Of each law the first draws in which a flight did not land, and the one with the greatest error in \
-     hover. On the chirp the position loop is open and the vehicle drifts: one that does not come back within 3 s of the sweep's \
-     end is landed by the daemon, although its attitude was held. `oqtal fly --clock in-process --trajectory hover --controller \
-     LAW` with these arguments flies the draw again, a chirp with `--trajectory attitude-chirp`; gains that are not those of the configuration are added by `--config deploy/tuned/LAW.toml`.";
+const BROKEN_NOTE: &str = "Of each law the first draws in which a flight did not land as planned, and the one with the greatest \
+     error in hover, each with the command that flies it again. On the chirp the position loop is open and the vehicle drifts: one that does not come back within 3 s of the sweep's \
+     end is landed by the daemon, although its attitude was held.";
 
 /// Keys with the strongest rank correlation with the hover error, for each law.
 pub fn dependences(flown: &[Flown], draws: &[Draw], spread: &PlantSpread) -> Sheet {
@@ -301,6 +304,36 @@ mod tests {
         let sheet = distributions(&laws);
         assert_eq!(sheet.rows[0].number(&sheet.columns, "worst_draw"), 1.0);
         assert_eq!(shown_draws(&laws[0]), [1, 2, 0]);
+    }
+
+    #[test]
+    fn a_draw_that_failed_is_flown_again_with_the_settings_of_the_study_itself() {
+        let mut law = flown("pid", &[1.0, f64::INFINITY]);
+        let of_file = |key: &str, value: f64| Setting {
+            origin: "my.toml:3".to_owned(),
+            ..Setting::flag("", key, value)
+        };
+        law.law.settings =
+            vec![of_file("vehicle.mass-kg", 1.3), Setting::flag("--set", "mocap.latency-ms", 12.0)];
+        let draw =
+            Draw { run: 1, seed: 1, settings: vec![Setting::flag("spread", "plant.mass-kg", 1.2)] };
+        law.conditions = Draw::case("", &[draw.clone(), draw.clone()]).conditions.into();
+        let sheet = broken(&[law.clone()], &[draw.clone(), draw.clone()]);
+        let again = |row: usize| sheet.rows[row].cells[2].show();
+        let settings = "--config my.toml --set mocap.latency-ms=12.0 --set plant.mass-kg=1.2";
+        let flown = "oqtal fly --clock in-process --controller pid --seed 1";
+        assert_eq!(again(0), format!("{flown} {settings}"), "the failed path");
+        assert_eq!(again(1), format!("{flown} {settings} --trajectory hover"), "the worst hover");
+        assert_eq!(draw.arguments(&law.law.settings), settings);
+    }
+
+    #[test]
+    fn a_flight_that_the_fence_held_has_landed_and_not_as_planned() {
+        let mut law = flown("pid", &[1.0, 1.0]);
+        law.runs[0].ends[1].cause = Some(oqtal_observe::flight::HELD.to_owned());
+        let sheet = as_planned(&[law]);
+        let share = |key: &str| sheet.rows[0].number(&sheet.columns, key);
+        assert_eq!(["all", "hover", "path", "landed"].map(share), [50.0, 50.0, 100.0, 100.0]);
     }
 
     #[test]

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 use super::Flown;
 use super::args::words_of;
-use super::flights::{FlightCondition, Run, Test, TestEnd};
+use super::flights::{FlightCondition, Run, Test, TestEnd, changed};
 use super::law::StudyLaw;
 use super::room;
 
@@ -79,7 +79,7 @@ impl FailedFlights<'_> {
         let seeds: Vec<u64> = self.conditions.iter().map(|condition| condition.seed).collect();
         json!({
             "controller": self.law.name,
-            "case": self.case,
+            "case": case_name(self.case),
             "test": self.test.name(),
             "outcome": self.outcome,
             "cause": self.cause,
@@ -114,9 +114,15 @@ impl FailedFlights<'_> {
     }
 }
 
+/// Name of a case; null for a case without one.
+pub fn case_name(case: &str) -> Value {
+    if case.is_empty() { Value::Null } else { json!(case) }
+}
+
 /// Command that flies a test of `law` in `condition` again in one process.
 pub fn again(law: &StudyLaw, condition: &FlightCondition, test: Test) -> String {
-    let mut settings: Vec<Setting> = [&law.settings[..], &condition.settings].concat();
+    let plant = changed(law, condition.plant).expect("the condition was flown");
+    let mut settings: Vec<Setting> = [&law.settings[..], &condition.settings, &plant].concat();
     settings.extend(test.trajectory().map(|name| Setting::flag("", "trajectory.kind", name)));
     format!(
         "oqtal fly --clock in-process --controller {} --seed {}{}",
@@ -138,9 +144,14 @@ pub fn remedies(groups: &[FailedFlights<'_>]) -> String {
     room::remedies(held.map(|group| (group.law, &group.conditions[..], group.test)))
 }
 
-/// Text about all flights: how many landed as planned, and the others, and those with a step that did not settle, by law, test and
-/// cause. `table` is the text of the figures above it; its marks are explained.
+/// Text about all flights, [`listed`], and the remedies for those that the fence held.
 pub fn text(rows: &[Flown], table: &str) -> String {
+    listed(rows, table) + &remedies(&failed(rows))
+}
+
+/// How many of all flights landed as planned, and the others, and those with a step that did not settle, by law, test and cause.
+/// `table` is the text of the figures above it; its marks are explained.
+pub fn listed(rows: &[Flown], table: &str) -> String {
     let (flights, failures) = counts(rows);
     let head = match failures {
         0 => format!("all {flights} flights landed as planned"),
@@ -152,7 +163,7 @@ pub fn text(rows: &[Flown], table: &str) -> String {
         true => head,
         false => {
             let marks = if table.contains(MARK) { "; figures marked * leave out" } else { "" };
-            format!("{head}{marks}:\n{}{}", groups.join("\n"), remedies(&failed))
+            format!("{head}{marks}:\n{}", groups.join("\n"))
         }
     }
 }
@@ -177,6 +188,7 @@ mod tests {
         let command = "oqtal fly --clock in-process --controller pid --seed 1 \
                        --set vehicle.mass-kg=0.6 --trajectory hover";
         assert_eq!(hover.command(), command);
+        assert_eq!(hover.to_json()["case"], Value::Null, "as in the rows of tests and flights");
         let text = text(&rows, "–");
         assert!(text.starts_with("8 of 20 flights did not land as planned:"), "{text}");
         assert!(
@@ -184,6 +196,15 @@ mod tests {
             "{text}"
         );
         assert_eq!(super::text(&rows[..1], "–"), "all 4 flights landed as planned");
+    }
+
+    #[test]
+    fn a_flight_on_another_plant_is_flown_again_on_it() {
+        let plant = crate::study::flights::MISMATCHED[3];
+        let condition = FlightCondition { seed: 7, plant, settings: Vec::new() };
+        let command = again(&StudyLaw::new("pid", Vec::new(), ""), &condition, Test::Hover);
+        let changed = "--seed 7 --set plant.rate-lag-ms=30.0 --trajectory hover";
+        assert!(command.ends_with(changed), "{command}");
     }
 
     #[test]

@@ -72,13 +72,18 @@ pub struct Run {
 
 impl Run {
     /// Whether the flight of `test` landed as planned.
-    pub fn has_landed(&self, test: Test) -> bool {
+    pub fn is_as_planned(&self, test: Test) -> bool {
         self.ends.iter().any(|end| end.test == test && end.cause.is_none())
     }
 
     /// Whether every flight landed as planned.
-    pub fn all_landed(&self) -> bool {
+    pub fn all_as_planned(&self) -> bool {
         self.ends.iter().all(|end| end.cause.is_none())
+    }
+
+    /// Whether every flight landed, as planned or not: one that the fence held for a time has landed, too.
+    pub fn all_landed(&self) -> bool {
+        self.ends.iter().all(|end| end.outcome == Outcome::Landed)
     }
 
     /// A figure, with the time until the next step for a step that did not settle.
@@ -97,7 +102,7 @@ impl Run {
             Test::Doublet => DOUBLET,
             Test::Hover | Test::Chirp => return false,
         };
-        self.has_landed(test) && self.figures[settling] == f64::INFINITY
+        self.is_as_planned(test) && self.figures[settling] == f64::INFINITY
     }
 }
 
@@ -230,7 +235,7 @@ pub fn config(law: &StudyLaw, condition: &FlightCondition, test: Test) -> Result
 }
 
 /// Changes of `plant` as settings, relative to the configuration of the law.
-fn changed(law: &StudyLaw, plant: PlantVariant) -> Result<Vec<Setting>, Failure> {
+pub(super) fn changed(law: &StudyLaw, plant: PlantVariant) -> Result<Vec<Setting>, Failure> {
     if plant.changes.is_empty() {
         return Ok(Vec::new());
     }
@@ -303,6 +308,11 @@ impl TestFlights {
     ) -> Result<Self, Failure> {
         let configs = tests.iter().map(|test| Ok((*test, config(law, condition, *test)?)));
         configs.collect::<Result<_, Failure>>().map(Self)
+    }
+
+    /// Number of flights \[-\].
+    pub(super) fn count(&self) -> usize {
+        self.0.len()
     }
 
     /// Key of these flights in a journal: equal for equal tests and configurations.

@@ -130,13 +130,17 @@ impl GainSource {
             }
             Self::Directory(directory) => {
                 let file = directory.join(format!("{controller}.toml"));
-                let settings = Config::file_settings(&file).map_err(|error| {
-                    let reason = format!(
-                        "{error}; make it with `oqtal tune {controller} --out {}`",
-                        directory.display()
-                    );
-                    Failure::new(Exit::Config, reason)
-                })?;
+                let remedy = |reason: &str, force: &str| {
+                    let command =
+                        format!("oqtal tune {controller} --out {}{force}", directory.display());
+                    Failure::new(Exit::Config, format!("{reason}; make it with `{command}`"))
+                };
+                let settings =
+                    Config::file_settings(&file).map_err(|error| remedy(&error.to_string(), ""))?;
+                if settings.is_empty() {
+                    let reason = format!("{}: no gains, the file has no keys", file.display());
+                    return Err(remedy(&reason, " --force"));
+                }
                 (settings, format!("gains of {}", directory.display()))
             }
         };
@@ -161,6 +165,17 @@ pub fn chosen(
 mod tests {
     use super::*;
     use crate::study::law;
+
+    #[test]
+    fn a_file_without_gains_is_refused_with_the_remedy() {
+        let directory = tempfile::tempdir().unwrap();
+        std::fs::write(directory.path().join("pid.toml"), "# no keys\n").unwrap();
+        let failure = GainSource::Directory(directory.path().into()).law("pid", &[]).unwrap_err();
+        assert_eq!(failure.exit, Exit::Config);
+        for part in ["pid.toml: no gains", "`oqtal tune pid --out", "--force`"] {
+            assert!(failure.message.contains(part), "{part}: {failure}");
+        }
+    }
 
     #[test]
     fn every_law_and_the_outer_loops_have_a_file_and_every_file_is_one_of_them() {

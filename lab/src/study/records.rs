@@ -1,5 +1,6 @@
 //! Rows of a study as JSON and CSV: one for each law and test, one for each flight, one for each run.
 
+use oqtal_observe::flight::Outcome;
 use oqtal_runtime::process::Failure;
 use serde_json::{Map, Value, json};
 
@@ -21,8 +22,8 @@ fn figure(run: &Run, index: usize) -> f64 {
     if index < METRICS { run.figures[index] } else { run.hover_max_mm }
 }
 
-/// One object for each law, case and test: counts of landed flights, causes of the others, mean and standard deviation of each
-/// figure over the landed ones.
+/// One object for each law, case and test: counts of flights that landed, and of those that did so as planned, causes of the others,
+/// mean and standard deviation of each figure over those as planned.
 pub fn tests(flown: &[Flown]) -> Value {
     let tests = |row: &Flown| -> Vec<Test> {
         row.runs.first().map_or_else(Vec::new, |run| run.ends.iter().map(|end| end.test).collect())
@@ -31,12 +32,15 @@ pub fn tests(flown: &[Flown]) -> Value {
 }
 
 fn of_test(row: &Flown, test: Test) -> Value {
-    let landed: Vec<&Run> = row.runs.iter().filter(|run| run.has_landed(test)).collect();
+    let as_planned: Vec<&Run> = row.runs.iter().filter(|run| run.is_as_planned(test)).collect();
+    let ends = || row.runs.iter().flat_map(|run| &run.ends).filter(|end| end.test == test);
+    let landed = ends().filter(|end| end.outcome == Outcome::Landed).count();
     let mut object = head(row, test);
     object.insert("runs".to_owned(), json!(row.runs.len()));
-    object.insert("landed".to_owned(), json!(landed.len()));
+    object.insert("landed".to_owned(), json!(landed));
+    object.insert("as_planned".to_owned(), json!(as_planned.len()));
     let mut causes: Map<String, Value> = Map::new();
-    for end in row.runs.iter().flat_map(|run| &run.ends).filter(|end| end.test == test) {
+    for end in ends() {
         if let Some(cause) = &end.cause {
             let count = causes.get(cause).and_then(Value::as_u64).unwrap_or(0);
             causes.insert(cause.clone(), json!(count + 1));
@@ -45,7 +49,8 @@ fn of_test(row: &Flown, test: Test) -> Value {
     object.insert("causes".to_owned(), Value::Object(causes));
     for (key, index) in figures(test) {
         // A settling time that was not reached has no value.
-        let values = landed.iter().map(|run| figure(run, index)).filter(|value| value.is_finite());
+        let values = as_planned.iter().map(|run| figure(run, index));
+        let values = values.filter(|value| value.is_finite());
         let values: Vec<f64> = values.collect();
         object.insert(key.to_owned(), spread(&values).to_json());
     }
@@ -53,7 +58,7 @@ fn of_test(row: &Flown, test: Test) -> Value {
 }
 
 fn head(row: &Flown, test: Test) -> Map<String, Value> {
-    let case = if row.case.is_empty() { Value::Null } else { json!(row.case) };
+    let case = failure::case_name(&row.case);
     let head = [("controller", json!(row.law.name)), ("case", case), ("test", json!(test.name()))];
     head.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
 }

@@ -10,13 +10,14 @@ use super::law::StudyLaw;
 use crate::mission::Mission;
 use crate::simulation;
 
-/// Key of the size of a trajectory.
+/// Key of the size of a trajectory. During the chirp the position loop is open, and the vehicle drifts the further the longer it lasts,
+/// whatever its amplitude.
 const SIZES: [(TrajectoryKind, &str); 6] = [
     (TrajectoryKind::Square, "trajectory.square.side-m"),
     (TrajectoryKind::Circle, "trajectory.circle.radius-m"),
     (TrajectoryKind::Lemniscate, "trajectory.lemniscate.half-length-m"),
     (TrajectoryKind::Step, "trajectory.step.angle-deg"),
-    (TrajectoryKind::AttitudeChirp, "trajectory.attitude-chirp.amplitude-deg"),
+    (TrajectoryKind::AttitudeChirp, "trajectory.attitude-chirp.sweep-s"),
     (TrajectoryKind::AttitudeDoublet, "trajectory.attitude-doublet.angle-deg"),
 ];
 
@@ -55,7 +56,11 @@ impl HeldFlights<'_> {
         let name = oqtal_observe::summary::name_of(&self.kind);
         let smaller = self.fitting().map(|(key, size)| {
             let count = self.flights.len();
-            format!("; with --set {key}={size} none of {count} flights that were repeated is held")
+            let are_held = match count {
+                1 => "the flight that was repeated is not held".to_owned(),
+                _ => format!("none of {count} flights that were repeated is held"),
+            };
+            format!("; with --set {key}={size} {are_held}")
         });
         format!(
             "  {name}, held by the fence: enlarge [fence] x-m, y-m, z-m, or lower fence.soft-margin-m{}",
@@ -89,4 +94,27 @@ fn flown_with(
     let condition = FlightCondition { settings, ..condition.clone() };
     let config: Config = config(law, &condition, test)?;
     Ok(simulation::fly(&Mission::new(config)?)?.cause())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::study::flights::NOMINAL;
+
+    /// In a small room the vehicle drifts to the fence during the chirp, also without amplitude.
+    #[test]
+    fn a_chirp_that_the_fence_held_has_a_duration_that_fits() {
+        let settings = [
+            Setting::flag("test", "fence.x-m", vec![-2.5, 2.5]),
+            Setting::flag("test", "fence.y-m", vec![-2.5, 2.5]),
+            Setting::flag("test", "fence.z-m", vec![-0.5, 3.0]),
+            Setting::flag("test", "plant.force-n", vec![0.06, 0.0, 0.0]),
+        ];
+        let law = StudyLaw::new("px4", settings.to_vec(), "");
+        let condition = FlightCondition { seed: 200, plant: NOMINAL, settings: Vec::new() };
+        let remedy = remedies([(&law, &[&condition][..], Test::Chirp)]);
+        assert!(remedy.contains("attitude-chirp, held by the fence: enlarge [fence]"), "{remedy}");
+        assert!(remedy.contains("--set trajectory.attitude-chirp.sweep-s="), "{remedy}");
+        assert!(remedy.ends_with("the flight that was repeated is not held"), "{remedy}");
+    }
 }

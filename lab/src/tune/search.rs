@@ -69,7 +69,7 @@ impl TrainingFlights {
 
     /// One flight per draw of a spread.
     pub fn over(settings: Vec<Setting>, draws: &[Draw]) -> Self {
-        Self { draws: draws.len(), case: Draw::case(draws), ..Self::near(settings, 0..0) }
+        Self { draws: draws.len(), case: Draw::case("draws", draws), ..Self::near(settings, 0..0) }
     }
 
     /// Seeds of the flights.

@@ -89,6 +89,9 @@ impl RecordingOverview {
                 text += &format!("  {}\n", wrapped(&format!("{key}: {}", in_words(value)), 4));
             }
         }
+        if topics.values().all(|topic| topic.messages == 0) {
+            return format!("{text}\nno samples\n");
+        }
         let mut rows = table::table(&["topic", "messages", "Hz", "kB", "schema"]);
         for (name, topic) in topics.iter().filter(|(_, topic)| topic.messages > 0) {
             let TopicOverview { messages, rate_hz, bytes, schema } = topic;
@@ -134,7 +137,22 @@ fn utc(nanos: u64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::utc;
+    use super::{RecordingOverview, utc};
+
+    #[test]
+    fn a_recording_without_samples_says_so_in_place_of_an_empty_table() {
+        let empty = RecordingOverview {
+            file: "cut.mcap".to_owned(),
+            bytes: 3000,
+            duration_s: 0.0,
+            began: None,
+            is_complete: false,
+            facts: Default::default(),
+            topics: Default::default(),
+        };
+        let text = empty.to_text();
+        assert_eq!(text, "cut.mcap: 0.00 MB, 0.0 s, cut off\n\nno samples\n");
+    }
 
     #[test]
     fn dates_are_those_of_the_calendar() {

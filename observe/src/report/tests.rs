@@ -28,6 +28,9 @@ fn a_flight_has_every_section_and_needs_nothing_else() {
         assert!(!elsewhere.contains(reference), "{reference}");
     }
     assert!(page.contains("Coast: no pose"));
+    // The figure of the card is one figure, its sentence is the detail below.
+    let card = page.split("Overshoot at corners").nth(1).expect("the square has corners");
+    assert!(card.chars().take(120).collect::<String>().contains(" mm"), "{}", &card[..120]);
 }
 
 #[test]
