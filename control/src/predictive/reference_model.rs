@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! leader    v = min(max(w, f(d - w T_c)), f(d)) e/|e|,   |v'| <= a_max
-//!           f(d) = min(k_p d, sqrt(2 a_b (d - a_b / 2 k_p^2)), v_max),   v_max = max(v_lim - |v_target|, v_lim / 4)
+//!           f(d) = min(k_p d, sqrt(2 a_b (d - a_b / 2 k_p^2)), v_max)
 //! offset    (1 + T s)^2 offset = leader,   T = a_max / (2 j_max)
 //! course    target + offset
 //! ```
@@ -17,9 +17,6 @@
 //! output satisfies the leader's limits of speed and acceleration and does not overshoot where the leader does not. The jerk is
 //! `(a_1 - a_2) / T`, with the accelerations behind the first and the second lag; it is at most `j_max` while the leader's own is
 //! within `2 j_max T = a_max` of `a_2`. Not in the paper.
-//!
-//! The speed of a moving target and that of the approach add up: together they are within `v_lim` as long as a quarter of it is left
-//! for the approach.
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -38,9 +35,6 @@ const ROLL: f64 = 4.0;
 
 /// Greatest `a_b` as a fraction of the greatest acceleration \[-\]; the rest keeps the leader on `f`.
 const BRAKING_SHARE: f64 = 0.9;
-
-/// Least `v_max` as a fraction of the greatest speed \[-\]: a fast target is approached, too.
-const CATCH_UP_SHARE: f64 = 0.25;
 
 /// Options of the [`ReferenceModel`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -232,12 +226,6 @@ impl ReferenceModel {
         direction * closing.clamp(self.approach(distance - roll), self.approach(distance))
     }
 
-    /// `v_max` \[m/s\].
-    fn greatest_speed(&self) -> f64 {
-        let speed = self.limits.speed;
-        (speed - self.target.velocity.norm()).max(CATCH_UP_SHARE * speed)
-    }
-
     /// `f` at `distance` \[m\]: the speed of approach \[m/s\].
     fn approach(&self, distance: f64) -> f64 {
         let k_p = self.options.position_gain_per_s;
@@ -248,6 +236,6 @@ impl ReferenceModel {
         } else {
             (2.0 * a_b * (distance - near / 2.0)).sqrt()
         };
-        speed.min(self.greatest_speed())
+        speed.min(self.limits.speed)
     }
 }

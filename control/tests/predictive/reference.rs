@@ -154,22 +154,6 @@ fn a_moving_target_is_followed_without_lag() {
 }
 
 #[test]
-fn a_vehicle_that_is_left_behind_keeps_the_limit_of_speed_and_arrives() {
-    for direction in [Vector3::x(), -Vector3::x(), Vector3::y()] {
-        let mut model = ReferenceModel::new(ReferenceModelOptions::default(), LIMITS);
-        let velocity = direction * 0.5;
-        let mut target = Course { position: Vector3::x() * 2.0, velocity, ..Course::default() };
-        for _ in 0..900 {
-            target = target.after(PERIOD_S);
-            model.advance(&target, PERIOD_S);
-            let speed = model.course().velocity.norm();
-            assert!(speed <= LIMITS.speed * (1.0 + 1e-9), "{speed} m/s");
-        }
-        assert!((model.course().position - target.position).norm() < 1e-3);
-    }
-}
-
-#[test]
 fn the_command_filter_is_critically_damped_and_exact() {
     let (w, input) = (14.0, Vector2::new(1.0, -2.0));
     let mut filter = CommandFilter::new(w);
