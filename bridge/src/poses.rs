@@ -48,7 +48,7 @@ impl PoseRelay {
         self.waiting = Some(Waiting { published_at, pose });
     }
 
-    /// Takes the pose that is due at `now`, where poses are sent `period` apart.
+    /// Takes the pose that is due at `now`, where poses are sent every `period`.
     pub fn take(&mut self, now: Time, period: Span) -> Option<VehiclePose> {
         let Waiting { published_at, pose } = self.waiting?;
         if !is_within(now, published_at, self.age) {
@@ -58,7 +58,11 @@ impl PoseRelay {
         if self.sent_at.is_set() && now.since(self.sent_at) < period.scaled(1.0 - TOLERANCE) {
             return None;
         }
-        (self.waiting, self.sent_at) = (None, now);
+        self.waiting = None;
+        // A pose that had to wait does not delay the next one.
+        let due_at = self.sent_at + period;
+        let has_waited = self.sent_at.is_set() && (due_at..due_at + period).contains(&now);
+        self.sent_at = if has_waited { due_at } else { now };
         Some(pose)
     }
 
@@ -103,7 +107,10 @@ mod tests {
         relay.receive(at(23), &header(4), &SEEN);
         relay.receive(at(23), &header(8), &SEEN);
         assert!(relay.take(at(34), PERIOD).is_none(), "too soon");
-        assert_eq!(relay.take(at(39), PERIOD).unwrap().captured_at, at(8));
+        assert_eq!(relay.take(at(42), PERIOD).unwrap().captured_at, at(8));
+        relay.receive(at(50), &header(32), &SEEN);
+        assert!(relay.take(at(54), PERIOD).is_none(), "too soon");
+        assert!(relay.take(at(56), PERIOD).is_some(), "the last one had waited");
         relay.receive(at(55), &header(40), &SEEN);
         assert!(relay.take(at(106), PERIOD).is_none(), "published more than 50 ms ago");
     }
