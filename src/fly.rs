@@ -166,14 +166,17 @@ impl FlyArgs {
         recording.as_ref().map_or(Ok(()), recordings::check).map(|()| exit)
     }
 
-    /// Prints the figures before it writes the files, so that they are shown even if the disk is full.
+    /// Prints the figures and writes the files: each also if the other fails, since the disk is full or the terminal was closed.
     fn conclude(&self, flight: &Flight, directory: &FlightDirectory) -> Result<Exit, Failure> {
         let summary = Summary::of(flight);
-        print(&if self.json { summary.to_json(PROVENANCE) } else { table::closing(&summary) })?;
+        let mut figures =
+            if self.json { summary.to_json(PROVENANCE) } else { table::closing(&summary) };
         if self.explain {
-            print(&format!("\n{}\n", explain::text(&explain::terms(flight, &summary))))?;
+            figures += &format!("\n\n{}\n", explain::text(&explain::terms(flight, &summary)));
         }
+        let printed = print(&figures);
         directory.write(flight, &summary)?;
+        printed?;
         if !self.json {
             print(&format!("report: {}", directory.report().display()))?;
         }

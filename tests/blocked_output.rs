@@ -136,3 +136,15 @@ fn f34_an_operator_is_obeyed_and_processes_end_although_the_journal_hangs() {
     });
     assert_eq!(std::fs::read_to_string(directory.path().join("stderr")).unwrap(), "");
 }
+
+#[test]
+fn a_flight_whose_figures_cannot_be_printed_keeps_its_files() {
+    let testbed = Testbed::new("unprinted");
+    let mut flight = testbed.oqtal(&["fly", "--clock", "in-process", "--out", "flown"]);
+    let full = OpenOptions::new().write(true).open("/dev/full").unwrap();
+    let output = flight.stdout(full).output().unwrap();
+    assert_eq!(output.status.code(), Some(71), "{}", stderr(&output));
+    for name in ["summary.json", "telemetry.csv", "report.html"] {
+        assert!(testbed.path("flown").join(name).metadata().unwrap().len() > 0, "{name}");
+    }
+}

@@ -75,7 +75,7 @@ fn socket(testbed: &Testbed) -> PathBuf {
 fn flown(testbed: &Testbed, words: &[&str], law: &mut Command) -> (Value, String) {
     let flight = testbed.start(&[&["fly", "--json"], words].concat());
     wait_for("the socket", || socket(testbed).exists().then_some(()));
-    // Its connection ends with the flight. In lockstep a flight waits for its law: one that ended by itself would be waited for.
+    // Its connection ends with the flight. In lockstep a law that ended early would block the flight.
     let told = Running::start(law).wait();
     if !told.status.success() {
         flight.signal(Signal::INT);

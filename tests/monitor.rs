@@ -1,6 +1,11 @@
-//! `oqtal monitor` in a real terminal (tmux): changes are shown, resizing works, the terminal is restored. Skipped without tmux.
+//! `oqtal monitor` in a real terminal (tmux): changes are shown, resizing works, the terminal is restored; and `oqtal fly` whose
+//! terminal is closed. Skipped without tmux.
 
 use std::process::{Command, Stdio};
+
+use oqtal_bus::code::Mode;
+use oqtal_bus::topic::TELEMETRY;
+use oqtal_bus::transport::{Subscribe, Transport};
 
 use crate::common::{Running, Testbed, assert_refused, is_alive, skipped, stderr, wait_for};
 use rustix::process::{Pid, Signal, kill_process};
@@ -25,14 +30,14 @@ impl<'a> Tmux<'a> {
         Some(tmux)
     }
 
+    fn command(&self, words: &[&str]) -> Command {
+        let mut tmux = Command::new("tmux");
+        tmux.arg("-S").arg(self.testbed.path("tmux")).args(words).stdin(Stdio::null());
+        tmux
+    }
+
     fn run(&self, words: &[&str]) -> String {
-        let output = Command::new("tmux")
-            .arg("-S")
-            .arg(self.testbed.path("tmux"))
-            .args(words)
-            .stdin(Stdio::null())
-            .output()
-            .unwrap();
+        let output = self.command(words).output().unwrap();
         assert!(output.status.success(), "tmux {words:?}: {}", stderr(&output));
         String::from_utf8_lossy(&output.stdout).into_owned()
     }
@@ -82,7 +87,8 @@ impl<'a> Tmux<'a> {
 
 impl Drop for Tmux<'_> {
     fn drop(&mut self) {
-        self.run(&["kill-server"]);
+        // A test may have ended the server.
+        let _ = self.command(&["kill-server"]).output();
     }
 }
 
@@ -167,4 +173,33 @@ fn a_monitor_whose_terminal_is_closed_ends() {
     tmux.run(&["set-option", "-g", "exit-empty", "off"]);
     tmux.run(&["kill-session"]);
     wait_for("the end of the monitor", || (!is_alive(pid)).then_some(()));
+}
+
+/// bash passes the loss of its terminal on to its jobs, so that they are told twice.
+#[test]
+fn a_flight_whose_terminal_is_closed_lands_and_keeps_its_results() {
+    let testbed = Testbed::new("hung-up");
+    let Some(tmux) = Tmux::start(&testbed, (80, 24)) else { return };
+    let shell = Command::new("bash").args(["--norc", "-c", "true"]).status();
+    if !shell.is_ok_and(|status| status.success()) {
+        return skipped("no bash");
+    }
+    let flight = testbed.oqtal(&["fly", "--trajectory", "hover", "--duration", "60"]);
+    let words = flight.get_args().map(|word| word.display().to_string());
+    let program = flight.get_program().display().to_string();
+    let line = [program].into_iter().chain(words).collect::<Vec<_>>().join(" ");
+    tmux.line("bash --norc");
+    tmux.line(&format!("cd {}; {line} --out flown", testbed.path("").display()));
+    let bus = testbed.bus();
+    let mut telemetry = bus.observer(&TELEMETRY).unwrap();
+    wait_for("the hover", || {
+        let (_, tick) = telemetry.latest().unwrap()?;
+        (tick.mode == Mode::Flying.code() && tick.position[2] > 0.3).then_some(())
+    });
+    tmux.run(&["kill-server"]);
+    let summary = wait_for("the results", || {
+        let text = std::fs::read_to_string(testbed.path("flown/summary.json")).ok()?;
+        serde_json::from_str::<serde_json::Value>(&text).ok()
+    });
+    assert_eq!(summary["outcome"], "landed", "{summary:#}");
 }

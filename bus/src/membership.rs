@@ -18,7 +18,7 @@ use rustix::fs::{FlockOperation, flock};
 
 use crate::error::{BusError, system};
 use crate::member_files::{MEMBERS, Members, acquire, has_members, open_directory};
-use crate::paths::{CONFIG, InstancePaths, LAW, WIRE};
+use crate::paths::{CONFIG, InstancePaths, LAW, LAW_UNREADY, WIRE};
 use crate::private::{self, InstanceRun, is_same};
 use crate::remains;
 use crate::time::{Span, Time};
@@ -175,7 +175,7 @@ impl Drop for Membership {
             remains::remove_dead(&self.prefix);
             remains::remove_services(&self.directory);
             // Only an empty directory is removed; a process waiting for its lock checks this.
-            remove(&self.directory, &[WIRE, LAW, CONFIG, private::LINK, MEMBERS]);
+            remove(&self.directory, &[WIRE, LAW, LAW_UNREADY, CONFIG, private::LINK, MEMBERS]);
             let _ = std::fs::remove_dir(&self.directory);
         }
     }
@@ -185,7 +185,7 @@ impl Drop for Membership {
 /// themselves.
 fn start_run(prefix: &str, directory: &Path) -> Result<InstanceRun, BusError> {
     remains::remove_services(directory);
-    remove(directory, &[WIRE, LAW, CONFIG, MEMBERS]);
+    remove(directory, &[WIRE, LAW, LAW_UNREADY, CONFIG, MEMBERS]);
     InstanceRun::start(prefix, directory)
 }
 

@@ -15,6 +15,9 @@ pub(crate) const WIRE: &str = "wire";
 /// Name of the socket of an external law in the directory of an instance.
 pub(crate) const LAW: &str = "law";
 
+/// Name of that socket until the daemon listens on it.
+pub const LAW_UNREADY: &str = "law~";
+
 /// Name of the daemon's configuration in the directory of an instance.
 pub(crate) const CONFIG: &str = "config.toml";
 

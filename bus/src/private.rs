@@ -22,8 +22,8 @@ use crate::remains::{self, RunRemains};
 /// Name of the link in the directory of an instance.
 pub(crate) const LINK: &str = "shared";
 
-/// File in the directory of a run of which a file was removed that cannot be restored: the path of that file. Its members leave, and no
-/// process joins it.
+/// Link in the directory of a run of which a file was lost that cannot be restored, to the path of that file: made at once, and only
+/// once. The members of that run leave, and no process joins it.
 const LOSS: &str = "loss";
 
 /// Separator after the random number in the names of iceoryx2, which refuses to list files if a name equals the prefix. The name
@@ -137,18 +137,12 @@ impl InstanceRun {
 /// Records in the directory `run` of a run the loss of `path`, for its members that do not use that file. Without the directory, they
 /// notice a loss by themselves.
 pub(crate) fn record_loss(run: &Path, path: &Path) {
-    let _ = std::fs::write(run.join(LOSS), path.as_os_str().as_encoded_bytes());
+    let _ = std::os::unix::fs::symlink(path, run.join(LOSS));
 }
 
 /// The lost file that is recorded in the directory `run` of a run.
 pub(crate) fn loss(run: &Path) -> Option<PathBuf> {
-    let path = std::fs::read_to_string(run.join(LOSS)).ok()?;
-    Some(PathBuf::from(path))
-}
-
-/// Whether `path` is the record of a loss.
-pub(crate) fn is_loss(path: &Path) -> bool {
-    path.ends_with(LOSS)
+    std::fs::read_link(run.join(LOSS)).ok()
 }
 
 /// Private directory to which the link in the directory of an instance leads.

@@ -39,8 +39,8 @@ impl InstanceWatch {
         Self { directory, run, members, missing: Vec::new() }
     }
 
-    /// Files that were removed or shortened, of those that this process uses. A file in use counts if it was missing at the last check, too: it
-    /// may be one that this process is just closing.
+    /// Files that were removed or shortened, of those that this process uses, and one whose loss another process recorded. A file in use
+    /// counts if it was missing at the last check, too: it may be one that this process is just closing.
     pub fn check(&mut self) -> Vec<LostFile> {
         let mut lost = Vec::new();
         let losses = [
@@ -52,14 +52,14 @@ impl InstanceWatch {
             lost.extend(self.restore());
         }
         let missing = self.removed_files();
-        let confirmed = missing.iter().filter(|path| self.missing.contains(path));
-        lost.extend(confirmed.map(|path| unrestored((path.clone(), false))));
-        match lost.iter().find(|file| !file.is_restored) {
-            Some(file) => private::record_loss(&self.run.path, &file.path),
-            None => {
-                lost.extend(private::loss(&self.run.path).map(|path| unrestored((path, false))))
-            }
+        let removed = missing.iter().filter(|path| self.missing.contains(path));
+        let mut removed: Vec<_> = removed.cloned().collect();
+        match removed.first() {
+            // Not a failed repair: it may be this process that fails.
+            Some(path) => private::record_loss(&self.run.path, path),
+            None => removed.extend(private::loss(&self.run.path)),
         }
+        lost.extend(removed.into_iter().map(|path| unrestored((path, false))));
         lost.extend(self.restore_sizes());
         let shortened = shared::take_shortened().into_iter();
         lost.extend(shortened.map(|(path, is_restored)| LostFile { path, is_restored }));
@@ -98,9 +98,6 @@ impl InstanceWatch {
     fn restore_sizes(&self) -> Vec<LostFile> {
         let entries = fs::read_dir(&self.run.path).into_iter().flatten().flatten();
         let restore = |path: PathBuf| {
-            if private::is_loss(&path) {
-                return None;
-            }
             let words = if path.ends_with(stop::FILE) { stop::WORDS } else { wake::WORDS };
             let is_restored = shared::restore_size(&path, words).ok()?;
             is_restored.then_some(LostFile { path, is_restored })

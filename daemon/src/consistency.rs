@@ -212,7 +212,7 @@ impl PoseConsistency {
         self.contradicts |= self.evidence.response >= 1.0;
     }
 
-    /// Compares the rotations whose end the reports of the gyroscope have reached.
+    /// Compares the rotations that the reports of the gyroscope now cover.
     fn compare_with_gyroscope(&mut self, noise: &PoseDeviations, is_airborne: bool) {
         while let Some(mut seen) = self.pending.take_if(|to_s| self.rates.reach(to_s)) {
             let Some(driven) = self.rates.turn(seen.from_s, seen.to_s) else {

@@ -10,6 +10,7 @@ use std::path::PathBuf;
 
 use crossbeam_channel::{Receiver, Sender, bounded};
 use oqtal_bus::message::{ExternalV1, Message, StateV1};
+use oqtal_bus::paths::LAW_UNREADY;
 use oqtal_bus::time::{Span, Time};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::stop::StopFlag;
@@ -192,7 +193,7 @@ fn bound(path: &std::path::Path) -> std::io::Result<OwnedFd> {
     // The file gets the mode of the socket when it is made.
     rustix::fs::fchmod(&socket, Mode::RUSR | Mode::WUSR)?;
     // Bound and listening under another name: a law that waits for the file finds it listening.
-    let unready = path.with_extension("new");
+    let unready = path.with_file_name(LAW_UNREADY);
     match std::fs::remove_file(&unready) {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error),
         _ => {}

@@ -1,10 +1,10 @@
 //! Journal of a study: the results so far, so that an interrupted study can be resumed.
 //!
-//! A line of JSON for each result; the first line identifies the program.
+//! A line of JSON for each result; the first line identifies the program. The file is locked as long as the study runs.
 
 use std::collections::HashMap;
-use std::fs::{self, File};
-use std::io::{self, Write};
+use std::fs::{self, File, TryLockError};
+use std::io::{self, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
@@ -33,26 +33,35 @@ impl Journal {
     /// An empty journal in the file `path`, which is replaced.
     ///
     /// # Errors
-    /// The file cannot be written (exit code 71).
+    /// The file is of a study that is running (exit code 64), or cannot be written (71).
     pub fn create(path: &Path) -> Result<Self, Failure> {
+        Self::begin(path, &locked(path)?)
+    }
+
+    fn begin(path: &Path, file: &File) -> Result<Self, Failure> {
         let head = format!("{}\n", program());
-        let file = files::create(path).and_then(|mut file| {
+        let begun = file.set_len(0).and_then(|()| {
+            let mut file = file.try_clone()?;
+            file.rewind()?;
             file.write_all(head.as_bytes())?;
             Ok(file)
         });
-        let file = file.map_err(|error| unwritable(path, &error))?;
+        let file = begun.map_err(|error| unwritable(path, &error))?;
         Ok(Self { path: path.to_owned(), file: Mutex::new(file), kept: HashMap::new() })
     }
 
     /// The journal in the file `path`, with the results of an interrupted study. A line that was not written to its end is left out.
     ///
     /// # Errors
-    /// The file does not exist (exit code 64), was written by another build of the program (64), or cannot be written (71).
+    /// The file does not exist, was written by another build of the program, or is of a study that is running (exit code 64); it cannot
+    /// be written (71).
     pub fn resume(path: &Path) -> Result<Self, Failure> {
         let usage = |reason: &str| {
             let reason = format!("--resume: {}: {reason}; leave out --resume", path.display());
             Failure::new(Exit::Usage, reason)
         };
+        fs::metadata(path).map_err(|_| usage("no interrupted study"))?;
+        let file = locked(path)?;
         let text = fs::read_to_string(path).map_err(|_| usage("no interrupted study"))?;
         let (head, lines) = text.split_once('\n').unwrap_or((&text, ""));
         if head != program() {
@@ -61,14 +70,19 @@ impl Journal {
         let line = |line| serde_json::from_str::<JournalLine>(line).ok();
         let lines: Vec<JournalLine> = lines.lines().filter_map(line).collect();
         // Written again without the torn line.
-        let journal = Self::create(path)?;
+        let journal = Self::begin(path, &file)?;
         lines.iter().try_for_each(|line| journal.append(line))?;
         Ok(Self { kept: lines.into_iter().map(|line| (line.key, line.kept)).collect(), ..journal })
     }
 
     /// Whether `path` is a journal with a result, of any build of the program.
-    pub fn has_results(path: &Path) -> bool {
-        fs::read_to_string(path).is_ok_and(|text| text.lines().count() > 1)
+    ///
+    /// # Errors
+    /// It is of a study that is running (exit code 64).
+    pub fn has_results(path: &Path) -> Result<bool, Failure> {
+        let Ok(text) = fs::read_to_string(path) else { return Ok(false) };
+        locked(path)?;
+        Ok(text.lines().count() > 1)
     }
 
     /// Number of results before the study was interrupted \[-\].
@@ -102,6 +116,19 @@ impl Journal {
     }
 }
 
+/// The file `path`, locked until it is closed.
+fn locked(path: &Path) -> Result<File, Failure> {
+    let file = files::open(path).map_err(|error| unwritable(path, &error))?;
+    match file.try_lock() {
+        Ok(()) => Ok(file),
+        Err(TryLockError::WouldBlock) => {
+            let reason = "of a study that is running; wait for its end, or give another --out";
+            Err(Failure::new(Exit::Usage, format!("{} is {reason}", path.display())))
+        }
+        Err(TryLockError::Error(error)) => Err(unwritable(path, &error)),
+    }
+}
+
 /// Identification of this build: version, size and time of the executable file.
 fn program() -> String {
     let file = std::env::current_exe().and_then(fs::metadata);
@@ -126,12 +153,21 @@ mod tests {
         for (key, result) in (0..).zip(["a", "b", "c"]) {
             journal.keep(key, &result).unwrap();
         }
+        for begin in [Journal::create, Journal::resume] {
+            let failure = begin(&path).unwrap_err().to_string();
+            assert!(failure.contains("a study that is running"), "{failure}");
+        }
+        assert!(Journal::has_results(&path).is_err());
+        drop(journal);
+        assert!(Journal::has_results(&path).unwrap());
         let text = fs::read_to_string(&path).unwrap();
         fs::write(&path, &text[..text.len() - 3]).unwrap();
         let resumed = Journal::resume(&path).unwrap();
         let found = [0, 1, 2].map(|key| resumed.find::<String>(key));
         assert_eq!(found, [Some("a".to_owned()), Some("b".to_owned()), None]);
-        assert_eq!((Journal::resume(&path).unwrap().resumed(), resumed.find::<u64>(0)), (2, None));
+        assert_eq!(resumed.find::<u64>(0), None);
+        drop(resumed);
+        assert_eq!(Journal::resume(&path).unwrap().resumed(), 2);
     }
 
     #[test]

@@ -45,7 +45,7 @@ impl StudyOutput {
     /// it. To be resumed, the directory is that of an interrupted study, by default the newest one of `command`.
     ///
     /// # Errors
-    /// The directory holds one of the files or an interrupted study, or there is none to resume (exit code 64); the directory cannot
+    /// The directory holds one of the files or an interrupted or running study, or there is none to resume (exit code 64); the directory cannot
     /// be made or written (71).
     pub fn begin(
         command: &str,
@@ -112,7 +112,7 @@ pub fn check_free(files: &[PathBuf]) -> Result<(), Failure> {
 
 /// Refuses to replace the journal of an interrupted study.
 fn check_not_begun(journal: &Path) -> Result<(), Failure> {
-    if !Journal::has_results(journal) {
+    if !Journal::has_results(journal)? {
         return Ok(());
     }
     let reason = format!(

@@ -96,7 +96,7 @@ pub struct AnswerCounts {
 impl fmt::Display for AnswerCounts {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { questions, unanswered } = self;
-        write!(f, "{unanswered} of {questions} questions without one in time")
+        write!(f, "{unanswered} of {questions} questions had no answer in time")
     }
 }
 
@@ -206,7 +206,13 @@ impl Flight {
                     "the flight lasted too long and was ended{when}: it began late, or was held up, as by the fence"
                 ))
             }
-            _ => None,
+            Outcome::Unfinished => {
+                let when = self.when();
+                Some(format!(
+                    "the record ends{when}, before the flight did: a process of the flight ended, or the recording was cut off"
+                ))
+            }
+            Outcome::Replayed => None,
         }
     }
 

@@ -72,7 +72,12 @@ pub fn catch_panics_of_thread(is_caught: bool) {
 
 /// Exception for a panic that ended work for Python.
 pub fn of_panic(_payload: &(dyn Any + Send)) -> PyErr {
+    of_class("InternalError", last_panic())
+}
+
+/// Message of the last panic in work for Python.
+pub fn last_panic() -> String {
     let mut last = LAST_PANIC.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
     let message = last.take().unwrap_or_else(|| "the computation panicked".to_owned());
-    of_class("InternalError", format!("{message}; please report this as a defect of oqtal"))
+    format!("{message}; please report this as a defect of oqtal")
 }

@@ -9,7 +9,7 @@ use numpy::{
 };
 use oqtal_bus::time::Time;
 use oqtal_config::ClockKind;
-use oqtal_lab::environment::{ACTION, Environment, OBSERVATION, Task};
+use oqtal_lab::environment::{ACTION, Environment, OBSERVATION, StepResult, Task};
 use oqtal_runtime::process::Failure;
 use pyo3::prelude::*;
 
@@ -39,8 +39,14 @@ struct Shares {
     next_seed: u64,
 }
 
+/// Results of all lanes.
+struct Results {
+    observations: Vec<f32>,
+    steps: Vec<StepResult>,
+}
+
 /// Observations, rewards, whether episodes have terminated, and whether their time is over.
-type Results<'py> = (
+type ResultArrays<'py> = (
     Bound<'py, PyArray2<f32>>,
     Bound<'py, PyArray1<f64>>,
     Bound<'py, PyArray1<bool>>,
@@ -76,7 +82,7 @@ impl Lanes {
             let threads = if threads == 0 { processors } else { threads }.min(count);
             let end = |index: usize| seed + (index * count / threads) as u64;
             let share = |index| Share::new(&config, task, duration_s, end(index)..end(index + 1));
-            let workers = (1..threads).map(|index| share(index).map(Worker::start));
+            let workers = (1..threads).map(|index| share(index).and_then(Worker::start));
             let (own, workers) = (share(0)?, workers.collect::<Result<_, _>>()?);
             Ok(Shares { own, workers, next_seed: seed + count as u64 })
         })?;
@@ -90,7 +96,7 @@ impl Lanes {
         py: Python<'py>,
         actions: PyReadonlyArrayDyn<'py, f64>,
         is_endless: bool,
-    ) -> PyResult<Results<'py>> {
+    ) -> PyResult<ResultArrays<'py>> {
         self.check_process()?;
         if actions.shape().last() != Some(&ACTION) || actions.len() != self.count * ACTION {
             return Err(self.misshaped(actions.shape()));
@@ -99,7 +105,7 @@ impl Lanes {
         if !numbers.iter().all(|number| number.is_finite()) {
             return Err(error::usage("actions are not finite; expected numbers from -1 to 1"));
         }
-        self.request(py, |shares| {
+        let results = self.request(py, |shares| {
             let mut requests: Vec<_> = numbers.as_chunks().0.iter().map(stepped).collect();
             if is_endless {
                 let mut next_seed = shares.next_seed;
@@ -115,7 +121,7 @@ impl Lanes {
             }
             Ok(requests)
         })?;
-        self.results(py)
+        results.arrays(py)
     }
 
     /// Commands each lane, `(count, 4)`: sticks from -1 to 1 and thrust from 0 to 1; NaN switches the motors off.
@@ -127,31 +133,37 @@ impl Lanes {
         let numbers: Vec<f64> = commands.as_array().iter().copied().collect();
         let commands = numbers.as_chunks().0.iter().copied();
         let requests = commands.map(LaneRequest::Step).collect();
-        self.request(py, |_| Ok(requests))
+        self.request(py, |_| Ok(requests)).map(drop)
     }
 
     /// Begins the episodes of `seeds`, one for each lane; `None` leaves a lane as it is.
     fn reset(&self, py: Python<'_>, seeds: Vec<Option<u64>>) -> PyResult<()> {
         self.check_process()?;
         if seeds.len() != self.count {
-            return Err(error::usage(format!("{} seeds for {} lanes", seeds.len(), self.count)));
+            return Err(error::usage(format!(
+                "{} seeds for {} lanes; give one for each lane",
+                seeds.len(),
+                self.count
+            )));
         }
         self.request(py, |shares| {
             shares.next_seed = seeds.iter().flatten().max().map_or(shares.next_seed, |it| it + 1);
             let requests = seeds.iter().map(|it| it.map_or(LaneRequest::None, LaneRequest::Reset));
             Ok(requests.collect())
         })
+        .map(drop)
     }
 
     /// Seed of the next episode of a lane whose episode ends.
-    fn next_seed(&self) -> PyResult<u64> {
+    fn next_seed(&self, py: Python<'_>) -> PyResult<u64> {
         self.check_process()?;
-        Ok(lock(&self.shares).map_err(error::raised)?.next_seed)
+        task::detached(py, || Ok(lock(&self.shares)?.next_seed))
     }
 
     /// Observations, `(count, 25)`.
     fn observations<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
-        Ok(self.results(py)?.0)
+        self.check_process()?;
+        Ok(task::detached(py, || lock(&self.shares)?.results())?.arrays(py)?.0)
     }
 
     /// True position, velocity, attitude, body rate, and the time, `(count, 14)`.
@@ -192,50 +204,32 @@ impl Lanes {
         ))
     }
 
-    /// Carries out one request `of` each lane.
+    /// Carries out one request `of` each lane, and returns the results.
     fn request(
         &self,
         py: Python<'_>,
         of: impl FnOnce(&mut Shares) -> Result<Vec<LaneRequest>, Failure> + Send,
-    ) -> PyResult<()> {
+    ) -> PyResult<Results> {
         task::detached(py, || {
             let mut shares = lock(&self.shares)?;
             let requests = of(&mut shares)?;
-            shares.carry_out(&requests)
+            shares.carry_out(&requests)?;
+            shares.results()
         })
-    }
-
-    /// Outcomes of the last requests.
-    fn results<'py>(&self, py: Python<'py>) -> PyResult<Results<'py>> {
-        self.check_process()?;
-        let mut observations = Vec::with_capacity(OBSERVATION * self.count);
-        let mut results = Vec::with_capacity(self.count);
-        let shares = lock(&self.shares).map_err(error::raised)?;
-        let each = shares.each_outcome(|outcome| {
-            observations.extend_from_slice(&outcome.observation);
-            results.push(outcome.result);
-        });
-        each.map_err(error::raised)?;
-        let results = || results.iter();
-        Ok((
-            PyArray1::from_vec(py, observations).reshape([self.count, OBSERVATION])?,
-            PyArray1::from_iter(py, results().map(|result| result.reward)),
-            PyArray1::from_iter(py, results().map(|result| result.terminated)),
-            PyArray1::from_iter(py, results().map(|result| result.truncated)),
-        ))
     }
 
     /// Rows of an array, one for each lane.
     fn rows<'py, const N: usize>(
         &self,
         py: Python<'py>,
-        row: impl Fn(&mut Environment) -> [f64; N],
+        row: impl Fn(&mut Environment) -> [f64; N] + Sync,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         self.check_process()?;
-        let mut numbers = Vec::with_capacity(N * self.count);
-        let mut shares = lock(&self.shares).map_err(error::raised)?;
-        let add = |lane: &mut Environment| numbers.extend(row(lane));
-        shares.each_lane(add).map_err(error::raised)?;
+        let numbers = task::detached(py, || {
+            let mut numbers = Vec::with_capacity(N * self.count);
+            lock(&self.shares)?.each_lane(|lane| numbers.extend(row(lane)))?;
+            Ok(numbers)
+        })?;
         PyArray1::from_vec(py, numbers).reshape([self.count, N])
     }
 }
@@ -250,9 +244,18 @@ impl Shares {
             rest = others;
         }
         let done = self.own.carry_out(own);
-        // Every reply is taken, lest that of a request be read as that of the next one.
+        // Every reply is taken even after a failure; otherwise the next request would read it.
         let replies: Vec<_> = self.workers.iter().map(Worker::reply).collect();
         replies.into_iter().chain([done]).collect()
+    }
+
+    fn results(&self) -> Result<Results, Failure> {
+        let mut results = Results { observations: Vec::new(), steps: Vec::new() };
+        self.each_outcome(|outcome| {
+            results.observations.extend_from_slice(&outcome.observation);
+            results.steps.push(outcome.result);
+        })?;
+        Ok(results)
     }
 
     fn each_outcome(&self, mut take: impl FnMut(&Outcome)) -> Result<(), Failure> {
@@ -269,6 +272,18 @@ impl Shares {
             worker.share()?.lanes.iter_mut().for_each(&mut take);
             Ok(())
         })
+    }
+}
+
+impl Results {
+    fn arrays<'py>(self, py: Python<'py>) -> PyResult<ResultArrays<'py>> {
+        let rows = [self.steps.len(), OBSERVATION];
+        Ok((
+            PyArray1::from_vec(py, self.observations).reshape(rows)?,
+            PyArray1::from_iter(py, self.steps.iter().map(|step| step.reward)),
+            PyArray1::from_iter(py, self.steps.iter().map(|step| step.terminated)),
+            PyArray1::from_iter(py, self.steps.iter().map(|step| step.truncated)),
+        ))
     }
 }
 

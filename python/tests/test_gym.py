@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 
 import numpy as np
 import pytest
@@ -127,6 +128,38 @@ def test_an_episode_that_has_ended_begins_anew_in_the_next_step():
     assert np.isfinite(rewards).all()
     with pytest.raises(oqtal.UsageError, match="actions are not finite"):
         env.step(np.full((3, 4), np.nan))
+
+
+def test_a_partial_reset_leaves_the_other_lanes_as_they_are():
+    env = oqtal.make_vec(2, duration=0.2)
+    env.reset(seed=1)
+    hover = np.tile([0.0, 0.0, 0.0, HOVER], (2, 1))
+    while not env.step(hover)[3].any():
+        pass
+    env.reset(seed=[5, None])
+    began = env.truths()[:, 13]
+    env.step(hover)
+    assert env.truths()[0, 13] > began[0]
+    assert env.truths()[1, 13] < began[1], "its episode had ended"
+
+
+def test_each_thread_gets_the_results_of_its_own_step():
+    env = oqtal.make_vec(4, duration=1e3)
+    env.reset(seed=1)
+    seen: list[tuple[float, float]] = []
+
+    def fly(action: float) -> None:
+        actions = np.tile([action, 0.0, 0.0, HOVER], (4, 1))
+        # The newest of the past actions in an observation.
+        seen.extend((action, float(number)) for _ in range(20) for number in env.step(actions)[0][:, 13])
+
+    threads = [threading.Thread(target=fly, args=(action,)) for action in (0.01, 0.02)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(seen) == 2 * 20 * 4
+    assert all(found == pytest.approx(action) for action, found in seen)
 
 
 def test_vehicles_that_fall_are_terminated():

@@ -42,6 +42,14 @@ pub fn create(path: &Path) -> io::Result<File> {
     open_unlinked(OpenOptions::new().write(true).truncate(true), path)
 }
 
+/// Opens a file to read and write it, and creates it if it does not exist; a link is not followed.
+///
+/// # Errors
+/// The path is a link, or the file cannot be opened.
+pub fn open(path: &Path) -> io::Result<File> {
+    open_unlinked(OpenOptions::new().read(true).write(true), path)
+}
+
 /// Opens a file with `options`, creating it if it does not exist; a link is not followed.
 fn open_unlinked(options: &mut OpenOptions, path: &Path) -> io::Result<File> {
     let flags = (OFlags::NOFOLLOW | OFlags::CLOEXEC).bits().cast_signed();

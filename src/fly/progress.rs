@@ -1,6 +1,7 @@
 //! Progress bar and interrupts of a flight in progress.
 
 use std::cell::Cell;
+use std::fs::File;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -118,7 +119,7 @@ fn vehicle(vehicle: &VehicleV1) -> String {
     format!("{state}, {battery_v:.1} V, link {:.0} %", 100.0 * link_quality)
 }
 
-/// Interrupts by Ctrl-C: the first lands the vehicle, the second stops the motors.
+/// Interrupts by Ctrl-C: the first lands the vehicle, the second stops the motors. The loss of the terminal lands the vehicle.
 #[derive(Debug)]
 pub struct Interrupts {
     count: Arc<AtomicU32>,
@@ -133,8 +134,15 @@ impl Interrupts {
     pub fn listen() -> Result<Self, Failure> {
         let count = Arc::new(AtomicU32::new(0));
         let counter = Arc::clone(&count);
+        let has_terminal = || File::open("/dev/tty").is_ok();
+        let had_terminal = has_terminal();
         ctrlc::set_handler(move || {
-            counter.fetch_add(1, Ordering::AcqRel);
+            // The loss of a terminal is signalled by the shell and by the kernel: they are not a second Ctrl-C.
+            if had_terminal && !has_terminal() {
+                counter.fetch_max(1, Ordering::AcqRel);
+            } else {
+                counter.fetch_add(1, Ordering::AcqRel);
+            }
         })
         .map_err(|e| Failure::new(Exit::System, format!("handling signals failed: {e}")))?;
         Ok(Self { count, seen: AtomicU32::new(0) })

@@ -94,16 +94,18 @@ impl FlightRecording<'_> {
             running_at: None,
             landing_since: None,
         };
-        while let Some(now) = clock.next_poll()? {
+        let mut is_over = false;
+        while !is_over && let Some(now) = clock.next_poll()? {
             state.now = now;
             state.poll(&mut observer)?;
             progress.show(&state.recorder);
-            if self.check(&mut state, clock.is_virtual())? {
-                break;
-            }
+            is_over = self.check(&mut state, clock.is_virtual())?;
         }
         progress.finish();
-        Ok(self.conclude(state))
+        // A flight is cut off by an interrupt before the take-off, and by the end of a process.
+        let unfinished =
+            if is_over { self.mission.unfinished_outcome() } else { Outcome::Unfinished };
+        Ok(self.conclude(state, unfinished))
     }
 
     /// Checks the flight after new samples were recorded; `true` if it has ended.
@@ -171,8 +173,8 @@ impl FlightRecording<'_> {
             || now.since(since) >= timeout
     }
 
-    /// Reports losses and closes the record.
-    fn conclude(&self, state: Progressing) -> RecordedFlight {
+    /// Reports losses and closes the record; a flight without a landing or crash has the outcome `unfinished`.
+    fn conclude(&self, state: Progressing, unfinished: Outcome) -> RecordedFlight {
         let Progressing { recorder, recording, mut daemon, first, now, landing_since, .. } = state;
         for (topic, lost) in recorder.lost() {
             say(&format!(
@@ -186,7 +188,7 @@ impl FlightRecording<'_> {
             daemon.update(pid);
         }
         let command_path = self.link.command_path();
-        let flight = recorder.finish(self.mission.unfinished_outcome(), speed_factor);
+        let flight = recorder.finish(unfinished, speed_factor);
         let outcome = match flight.outcome {
             Outcome::Landed if landing_since.is_some() => Outcome::Timeout,
             outcome => outcome,

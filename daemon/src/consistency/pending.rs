@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-/// Most rotations that wait \[-\]: at 60 Hz more than between two reports. Beyond it the newest ones are joined.
+/// Capacity \[-\]: at 60 Hz more rotations than between two reports. Beyond it the newest ones are joined.
 const KEPT: usize = 16;
 
 /// Rotation between two poses.
@@ -37,7 +37,7 @@ impl PendingRotations {
         }
     }
 
-    /// Takes the oldest rotation if `is_due` of its end \[s\].
+    /// Removes and returns the oldest rotation if `is_due` holds for its end \[s\].
     pub(super) fn take_if(&mut self, is_due: impl FnOnce(f64) -> bool) -> Option<SeenRotation> {
         let oldest = self.waiting[..self.count].first().copied()?;
         is_due(oldest.to_s).then(|| {

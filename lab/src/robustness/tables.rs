@@ -106,7 +106,7 @@ fn summary(flown: &[Flown]) -> Sheet {
         .with_note(SUMMARY_NOTE)
 }
 
-const SUMMARY_NOTE: &str = "A flight that did not land as planned, or that the fence held for a time, counts as worse than any \
+const SUMMARY_NOTE: &str = "A flight that did not land as planned, for example because the fence held it for a time, counts as worse than any \
      that did; a value is missing where the quantile is such a flight. Jitter is the activity of the command.";
 
 fn as_planned(flown: &[Flown]) -> Sheet {

@@ -127,7 +127,7 @@ fn answers_that_are_not_in_time_are_counted_and_have_no_time() {
     let summary = Summary::of(&flight);
     let hop = summary.hops[ANSWER];
     assert_eq!((hop.count, hop.min_ns), (1, 3_000_000));
-    let told = "2 of 3 questions without one in time";
+    let told = "2 of 3 questions had no answer in time";
     assert!(table::closing(&summary).contains(&format!("\nanswers: {told}")));
     assert!(report::html(&flight, &summary).contains(told));
 }

@@ -70,7 +70,7 @@ impl Share {
             let result = match *request {
                 LaneRequest::Step(command) => lane.step(command)?,
                 LaneRequest::Reset(seed) => lane.reset(seed).map(|()| StepResult::default())?,
-                LaneRequest::None => StepResult::default(),
+                LaneRequest::None => continue,
             };
             *slot = outcome(lane, result);
         }
@@ -91,12 +91,12 @@ pub struct Worker {
 
 impl Worker {
     /// Starts a thread, which ends with its owner.
-    pub fn start(share: Share) -> Self {
+    pub fn start(share: Share) -> Result<Self, Failure> {
         let (requests, incoming) = channel::<Vec<_>>();
         let (outgoing, replies) = channel();
         let share = Arc::new(Mutex::new(share));
         let stepped = Arc::clone(&share);
-        std::thread::spawn(move || {
+        let work = move || {
             error::catch_panics_of_thread(true);
             while let Ok(requests) = receive(&incoming) {
                 let done = lock(&stepped).and_then(|mut share| share.carry_out(&requests));
@@ -104,8 +104,13 @@ impl Worker {
                     break;
                 }
             }
-        });
-        Self { share, requests, replies }
+        };
+        std::thread::Builder::new().spawn(work).map_err(|error| {
+            let reason =
+                format!("no further thread for the environments: {error}; give fewer `threads`");
+            Failure::new(Exit::System, reason)
+        })?;
+        Ok(Self { share, requests, replies })
     }
 
     /// The share, once the thread has replied.
@@ -124,14 +129,15 @@ impl Worker {
     }
 }
 
-/// Locks what a panic may have left half done.
+/// Locks `mutex`; fails if a holder panicked, since its lanes may be half stepped.
 pub fn lock<T>(mutex: &Mutex<T>) -> Result<MutexGuard<'_, T>, Failure> {
     mutex.lock().map_err(|_| ended())
 }
 
-/// Failure of a thread that has ended.
+/// Failure of lanes after a panic.
 fn ended() -> Failure {
-    Failure::new(Exit::Internal, "a thread of the environments has ended; make them again")
+    let reason = format!("environments that failed must be made again: {}", error::last_panic());
+    Failure::new(Exit::Internal, reason)
 }
 
 /// The next message; an error if the other end is gone.
