@@ -35,7 +35,8 @@ fn collect(file: &str, prefix: &str, table: &Table, settings: &mut Vec<Setting>)
         match value {
             Value::Table(inner) => collect(file, &format!("{key}."), inner, settings),
             value => {
-                let origin = format!("deploy/tuned/{file}.toml");
+                // Not the name of a file: the text is in the program, and a command that repeats a flight names the keys.
+                let origin = format!("gains of deploy/tuned/{file}");
                 settings.push(Setting { key, value: value.clone(), origin });
             }
         }
