@@ -103,6 +103,7 @@ impl CampaignArgs {
         let flown = self.fly(&laws, &cases, (&output, begin))?;
         let sheet = self.sheet(&flown);
         let mut document = sheet.to_json();
+        records::add_source(&mut document);
         document["tests"] = records::tests(&flown);
         document["failures"] = records::failures(&flown);
         document["flights"] = records::flights(&flown);

@@ -137,6 +137,26 @@ pub fn words_of(settings: &[Setting]) -> String {
     words.concat()
 }
 
+/// The command line of this study, without the arguments about its output.
+pub fn command() -> String {
+    command_of(std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()))
+}
+
+fn command_of(arguments: impl Iterator<Item = String>) -> String {
+    let mut command = "oqtal".to_owned();
+    let mut is_place = false;
+    for word in arguments {
+        let is_of_output = is_place
+            || word.starts_with("--out=")
+            || ["--out", "--resume", "--force", "--json"].contains(&word.as_str());
+        is_place = word == "--out";
+        if !is_of_output {
+            command += &format!(" {}", quoted(&word));
+        }
+    }
+    command
+}
+
 /// `word`, quoted if a shell would split or change it.
 pub fn quoted(word: &str) -> String {
     let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "-_./=,:+".contains(letter);
@@ -197,6 +217,16 @@ mod tests {
         let words = format!("{words}{}", words_of(&crate::study::gains::tuned("pid")));
         assert!(words.contains(" --set control.pid.gain="), "{words}");
         assert!(!words.contains("--config") && !words.contains("controller"), "{words}");
+    }
+
+    #[test]
+    fn the_command_of_a_study_is_that_of_its_continuation() {
+        let of = |words: &[&str]| command_of(words.iter().map(|word| (*word).to_owned()));
+        let command = "oqtal campaign --set 'a=b c' --runs 6";
+        let words =
+            ["campaign", "--out", "d", "--set", "a=b c", "--runs", "6", "--resume", "--json"];
+        assert_eq!(of(&words), command);
+        assert_eq!(of(&["campaign", "--set", "a=b c", "--out=d", "--runs", "6"]), command);
     }
 
     #[test]
