@@ -241,6 +241,8 @@ mod tests {
         begin(ExistingArgs::default()).unwrap();
         let begun = begin(ExistingArgs::default()).unwrap();
         begun.progress.kept(1, |_| 7, Ok).unwrap();
+        // A study that is in progress is refused as such: it has ended here.
+        drop(begun);
         assert!(refused().to_string().contains("--resume"), "{}", refused());
         assert_eq!(refused().exit, Exit::Usage);
         begin(RESUME).unwrap();
