@@ -212,14 +212,6 @@ mod tests {
     }
 
     #[test]
-    fn the_gains_of_the_program_are_written_as_keys_without_a_file() {
-        let words = words_of(&crate::study::gains::tuned("shipped/oqtal"));
-        let words = format!("{words}{}", words_of(&crate::study::gains::tuned("pid")));
-        assert!(words.contains(" --set control.pid.gain="), "{words}");
-        assert!(!words.contains("--config") && !words.contains("controller"), "{words}");
-    }
-
-    #[test]
     fn the_command_of_a_study_is_that_of_its_continuation() {
         let of = |words: &[&str]| command_of(words.iter().map(|word| (*word).to_owned()));
         let command = "oqtal campaign --set 'a=b c' --runs 6";
