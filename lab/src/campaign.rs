@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use oqtal_config::{ClockKind, Config, Setting};
-use oqtal_control::trajectory::TrajectoryKind;
+use oqtal_control::trajectory::{FlightPlan, StartPoint, TrajectoryKind};
 use oqtal_observe::flight::Flight;
 use oqtal_observe::summary::name_of;
 use oqtal_runtime::process::{Exit, Failure};
@@ -17,7 +17,7 @@ use oqtal_runtime::program::{print, say};
 use crate::mission::Mission;
 use crate::output::{ExistingArgs, StudyOutput, complete};
 use crate::sheet::{Column, Sheet, SheetCell, SheetRow};
-use crate::study::args::{StudyArgs, parse_seeds};
+use crate::study::args::{StudyArgs, parse_seeds, say_notes};
 use crate::study::flights::{Test, readable};
 use crate::study::gains::{self, GainSource};
 use crate::study::law::{self, StudyLaw};
@@ -81,6 +81,8 @@ const PLAIN: &str = "";
 const DISTURBED: &str = "gust and payload";
 /// Case of the circle.
 const CIRCLE: &str = "circle";
+/// Time of the payload, the later of the two disturbances, from arming \[s\].
+const PAYLOAD_S: f64 = 24.0;
 /// Payload over the mass of the vehicle \[-\].
 const PAYLOAD: f64 = 0.1;
 
@@ -101,6 +103,7 @@ impl CampaignArgs {
         let flown = self.fly(&laws, &cases, (&output, begin))?;
         let sheet = self.sheet(&flown);
         let mut document = sheet.to_json();
+        records::add_source(&mut document);
         document["tests"] = records::tests(&flown);
         document["failures"] = records::failures(&flown);
         document["flights"] = records::flights(&flown);
@@ -126,15 +129,20 @@ impl CampaignArgs {
     }
 
     /// Every test on the configured trajectory; if that is the square, also a circle, and a hover with a gust and a payload unless
-    /// disturbances are configured.
+    /// disturbances are configured or the hover ends before them.
     fn cases(&self, config: &Config) -> Vec<Case> {
         let mut cases = vec![Case::of_seeds(PLAIN, self.seeds())];
         if config.trajectory.kind != TrajectoryKind::Square {
             return cases;
         }
-        if config.plant.disturb.is_empty() {
+        let landing_s = hover_ends_s(config);
+        if config.plant.disturb.is_empty() && landing_s <= PAYLOAD_S {
+            say_notes([format!(
+                "the hover with gust and payload is left out: the payload is added {PAYLOAD_S} s after arming, and the landing begins after {landing_s:.1} s; give a longer trajectory.duration-s"
+            )]);
+        } else if config.plant.disturb.is_empty() {
             let payload = readable(PAYLOAD * config.vehicle.mass_kg);
-            let loads = ["gust@16+3=3,0,0m/s".to_owned(), format!("mass@24={payload}kg")];
+            let loads = ["gust@16+3=3,0,0m/s".to_owned(), format!("mass@{PAYLOAD_S}={payload}kg")];
             let loads = Setting::flag("campaign", "plant.disturb", loads.to_vec());
             let hover = Case::of_seeds(DISTURBED, self.seeds()).flown_as(&[Test::Hover]);
             cases.push(hover.with(loads));
@@ -206,6 +214,14 @@ impl CampaignArgs {
     }
 }
 
+/// Time at which the landing of a hover begins, from arming \[s\]; infinite if the hover is invalid, which its flight reports.
+fn hover_ends_s(config: &Config) -> f64 {
+    let mut hover = config.clone();
+    hover.trajectory.kind = TrajectoryKind::Hover;
+    let plan = |trajectory| FlightPlan::new(&hover.trajectory, trajectory, StartPoint::default());
+    oqtal_daemon::trajectory(&hover).map_or(f64::INFINITY, |it| plan(it).planned_landing_s())
+}
+
 /// Columns before those of Table V.
 const FIRST: [Column; 3] = [
     ("disturbed_hover_max_mm", "gust, payload: max [mm]"),
@@ -235,4 +251,27 @@ fn in_order<T: Clone>(cells: &[T]) -> Vec<T> {
     let first: Vec<usize> = first.collect();
     let others = (0..cells.len()).filter(|index| !first.contains(index));
     first.iter().copied().chain(others).map(|index| cells[index].clone()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Debug, clap::Parser)]
+    struct Line {
+        #[command(flatten)]
+        campaign: CampaignArgs,
+    }
+
+    #[test]
+    fn a_hover_that_ends_before_its_loads_is_left_out() {
+        let line = <Line as clap::Parser>::parse_from(["campaign"]);
+        let cases = |duration_s| {
+            let mut config = Config::default();
+            config.trajectory.duration_s = duration_s;
+            line.campaign.cases(&config).into_iter().map(|case| case.name).collect::<Vec<_>>()
+        };
+        assert_eq!(cases(None), [PLAIN, DISTURBED, CIRCLE]);
+        assert_eq!(cases(Some(12.0)), [PLAIN, CIRCLE]);
+    }
 }

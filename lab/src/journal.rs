@@ -1,6 +1,7 @@
 //! Journal of a study: the results so far, so that an interrupted study can be resumed.
 //!
-//! A line of JSON for each result; the first line identifies the program. The file is locked as long as the study runs.
+//! A line of JSON for each result; the first line identifies the program and the arguments of the study. The file is locked as
+//! long as the study runs.
 
 use std::collections::HashMap;
 use std::fs::{self, File, TryLockError};
@@ -8,11 +9,14 @@ use std::io::{self, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
+use oqtal_bus::message::{FNV_OFFSET, fnv1a};
 use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+
+use crate::study::args::command;
 
 /// One result as a line of the file.
 #[derive(Serialize, Deserialize)]
@@ -39,7 +43,7 @@ impl Journal {
     }
 
     fn begin(path: &Path, file: &File) -> Result<Self, Failure> {
-        let head = format!("{}\n", program());
+        let head = format!("{} {}\n", program(), own_arguments());
         let begun = file.set_len(0).and_then(|()| {
             let mut file = file.try_clone()?;
             file.rewind()?;
@@ -64,7 +68,7 @@ impl Journal {
         let file = locked(path)?;
         let text = fs::read_to_string(path).map_err(|_| usage("no interrupted study"))?;
         let (head, lines) = text.split_once('\n').unwrap_or((&text, ""));
-        if head != program() {
+        if head.rsplit_once(' ').is_none_or(|(of, _)| of != program()) {
             return Err(usage("flown by another build of this program"));
         }
         let line = |line| serde_json::from_str::<JournalLine>(line).ok();
@@ -83,6 +87,13 @@ impl Journal {
         let Ok(text) = fs::read_to_string(path) else { return Ok(false) };
         locked(path)?;
         Ok(text.lines().count() > 1)
+    }
+
+    /// Whether `path` is a journal of a study with the arguments of this one.
+    pub fn has_these_arguments(path: &Path) -> bool {
+        let own = own_arguments();
+        let text = fs::read_to_string(path).unwrap_or_default();
+        text.lines().next().is_some_and(|head| head.ends_with(&own))
     }
 
     /// Number of results before the study was interrupted \[-\].
@@ -137,6 +148,11 @@ fn program() -> String {
     format!("oqtal {} {size} {modified:?}", env!("CARGO_PKG_VERSION"))
 }
 
+/// Hash of the arguments of this study, as text.
+fn own_arguments() -> String {
+    format!("{:016x}", fnv1a(FNV_OFFSET, command().as_bytes()))
+}
+
 fn unwritable(path: &Path, error: &io::Error) -> Failure {
     Failure::new(Exit::System, format!("{}: {error}; give another --out", path.display()))
 }
@@ -177,6 +193,9 @@ mod tests {
         fs::write(&path, "oqtal 0.0.0 1 None\n").unwrap();
         let failure = Journal::resume(&path).unwrap_err();
         assert!(failure.to_string().contains("another build"), "{failure}");
+        assert!(!Journal::has_these_arguments(&path), "the head has no hash");
+        Journal::create(&path).unwrap();
+        assert!(Journal::has_these_arguments(&path));
         assert!(Journal::resume(&directory.path().join("none")).is_err());
     }
 }

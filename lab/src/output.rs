@@ -21,7 +21,7 @@ const JOURNAL: &str = "study.journal";
 /// Arguments about results that the output of a study holds already.
 #[derive(Args, Clone, Copy, Debug, Default)]
 pub struct ExistingArgs {
-    /// Continue an interrupted study: that of --out, or the last one of this command in results/
+    /// Continue an interrupted study: that of --out, or the last one with the same arguments in results/
     #[arg(long)]
     pub resume: bool,
     /// Replace results, or the part of an interrupted study, that --out holds already
@@ -42,7 +42,8 @@ pub struct StudyOutput {
 
 impl StudyOutput {
     /// Makes the directory `given`, by default the first `results/COMMAND-N` that does not exist; the study will write `files` into
-    /// it. To be resumed, the directory is that of an interrupted study, by default the newest one of `command`.
+    /// it. To be resumed, the directory is that of an interrupted study, by default the newest one of `command` with the same
+    /// arguments.
     ///
     /// # Errors
     /// The directory holds one of the files or an interrupted or running study, or there is none to resume (exit code 64); the directory cannot
@@ -151,7 +152,7 @@ pub fn next_free(command: &str) -> Result<PathBuf, Failure> {
     Err(Failure::new(Exit::System, reason))
 }
 
-/// The directory `results/COMMAND-N` with the highest number that has a journal.
+/// The directory `results/COMMAND-N` with the highest number that has a journal of these arguments.
 fn newest(command: &str) -> Result<PathBuf, Failure> {
     let entries = fs::read_dir(RESULTS).into_iter().flatten().flatten();
     let numbered = entries.filter_map(|entry| {
@@ -159,10 +160,18 @@ fn newest(command: &str) -> Result<PathBuf, Failure> {
         let number: u32 = name.strip_prefix(command)?.strip_prefix('-')?.parse().ok()?;
         entry.path().join(JOURNAL).is_file().then(|| (number, entry.path()))
     });
-    let newest = numbered.max().map(|(_, directory)| directory);
-    newest.ok_or_else(|| {
+    let (own, mut others): (Vec<_>, Vec<_>) =
+        numbered.partition(|(_, path)| Journal::has_these_arguments(&path.join(JOURNAL)));
+    others.sort();
+    own.into_iter().max().map(|(_, directory)| directory).ok_or_else(|| {
+        let others: Vec<String> =
+            others.iter().map(|(_, path)| path.display().to_string()).collect();
+        let others = match others.is_empty() {
+            true => String::new(),
+            false => format!(" with these arguments ({} had others)", others.join(", ")),
+        };
         let reason = format!(
-            "--resume: no interrupted {command} in {RESULTS}/; give its directory with --out, or leave out --resume"
+            "--resume: no interrupted {command} in {RESULTS}/{others}; give its directory with --out, or leave out --resume"
         );
         Failure::new(Exit::Usage, reason)
     })
@@ -232,6 +241,8 @@ mod tests {
         begin(ExistingArgs::default()).unwrap();
         let begun = begin(ExistingArgs::default()).unwrap();
         begun.progress.kept(1, |_| 7, Ok).unwrap();
+        // A study that is in progress is refused as such: it has ended here.
+        drop(begun);
         assert!(refused().to_string().contains("--resume"), "{}", refused());
         assert_eq!(refused().exit, Exit::Usage);
         begin(RESUME).unwrap();

@@ -152,6 +152,7 @@ impl RobustnessArgs {
         let FlownStudy { mut document, chapters, flown } = self.flown(&output.progress)?;
         let sheets = || chapters.iter().flat_map(|chapter| &chapter.sheets);
         document["tables"] = sheets().map(Sheet::to_json).collect();
+        records::add_source(&mut document);
         document["failures"] = records::failures(&flown);
         let document = format!("{document:#}\n");
         let [page, markdown, json] = FILES;

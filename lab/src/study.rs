@@ -45,6 +45,7 @@ use oqtal_control::statistics::{Interval, mean, quantile};
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
+use crate::mission::Mission;
 use crate::progress::Progress;
 pub use flights::{FlightCondition, Run};
 use flights::{FlyMission, NOMINAL, PlantVariant, Test, TestFlights};
@@ -130,7 +131,7 @@ impl Study<'_> {
     /// `progress`, and those that it holds already are not flown again.
     ///
     /// # Errors
-    /// A setting is invalid; in this case no flight is flown. The journal cannot be written (exit code 71).
+    /// A setting is invalid, or a trajectory is not inside the fence; in this case no flight is flown. The journal cannot be written (exit code 71).
     pub fn fly(&self, progress: &Progress) -> Result<Vec<Flown>, Failure> {
         self.check()?;
         let tests = self.flights().iter().map(|(_, case, _)| case.tests.len()).sum();
@@ -175,6 +176,7 @@ impl Study<'_> {
         progress: &Progress,
         fly: &mut FlyMission<'_>,
     ) -> Result<Vec<Flown>, Failure> {
+        self.check()?;
         let run = |(law, case, condition): (&StudyLaw, &Case, _)| {
             let flights = TestFlights::new(law, condition, &case.tests)?;
             progress.kept(flights, TestFlights::key, |flights| flights.fly(fly))
@@ -183,11 +185,17 @@ impl Study<'_> {
         Ok(self.rows(runs?))
     }
 
-    /// Checks the settings of every law in every case.
+    /// Checks settings and trajectories of every law in every case.
     fn check(&self) -> Result<(), Failure> {
-        let firsts = || self.cases.iter().filter_map(|case| case.conditions.first());
-        let mut pairs = self.laws.iter().flat_map(|law| firsts().map(move |first| (law, first)));
-        pairs.try_for_each(|(law, first)| flights::config(law, first, Test::Path).map(|_| ()))
+        for law in self.laws {
+            for case in self.cases {
+                let Some(first) = case.conditions.first() else { continue };
+                for test in &case.tests {
+                    Mission::new(flights::config(law, first, *test)?)?;
+                }
+            }
+        }
+        Ok(())
     }
 
     fn flights(&self) -> Vec<(&StudyLaw, &Case, &FlightCondition)> {
@@ -348,6 +356,21 @@ pub(crate) mod tests {
         let study = Study { name: "", laws: &laws, cases: &cases };
         let failure = study.fly(&Progress::default()).unwrap_err();
         assert!(failure.to_string().contains("plant.nothing"), "{failure}");
+    }
+
+    #[test]
+    fn a_test_that_does_not_fit_the_fence_is_found_before_the_first_flight() {
+        let laws = [StudyLaw::new("pid", Vec::new(), "")];
+        let narrow = Setting::flag("", "fence.x-m", vec![-1.0, 1.0]);
+        let cases = [Case::of_seeds("", 1..2).flown_as(&[Test::Hover, Test::Doublet]).with(narrow)];
+        let mut flights = 0;
+        let study = Study { name: "", laws: &laws, cases: &cases };
+        let flown = study.fly_in_turn(&Progress::default(), &mut |mission| {
+            flights += 1;
+            crate::simulation::fly(mission)
+        });
+        assert!(flown.unwrap_err().to_string().contains("fence"));
+        assert_eq!(flights, 0);
     }
 
     #[test]

@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 use crate::csv_text;
 use crate::output::{ExistingArgs, StudyOutput, complete, write_file};
 use crate::progress::Progress;
-use crate::study::args::{StudyArgs, parse_seeds};
+use crate::study::args::{StudyArgs, parse_seeds, refuse_key_of_study};
 use crate::study::gains::{self, GainSource};
 use crate::study::law;
 use crate::study::metric::{METRIC, METRICS};
@@ -143,6 +143,8 @@ impl SweepArgs {
 
     /// Flies the sweep. Returns the rows grouped by combination.
     fn fly(&self, progress: &Progress) -> Result<Vec<SweepRow>, Failure> {
+        let axes = self.axes.iter();
+        axes.map(|axis| refuse_key_of_study(&axis.key, &axis.key)).collect::<Result<(), _>>()?;
         let combinations = combinations(&self.axes)?;
         let laws = gains::chosen(&self.laws, &self.gains, &self.study.settings()?)?;
         let case = |values: &Vec<toml::Value>| {

@@ -19,6 +19,8 @@ use crate::wire::WireRecord;
 
 /// Cause of a flight that the fence held for a time.
 pub const HELD: &str = "held by the fence";
+/// Cause of a flight that the fence held, and that had not ended when its time was over.
+pub const HELD_UNENDED: &str = "held by the fence, did not end";
 
 /// Outcome of a flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -228,7 +230,7 @@ impl Flight {
             (Outcome::Stopped, _) => format!("motors stopped: {}", self.stop_cause()),
             (Outcome::Crashed, Some(crash)) => crash.name().to_owned(),
             (Outcome::Timeout, _) if self.armed().next().is_none() => "no take-off".to_owned(),
-            (Outcome::Timeout, _) if self.is_held() => HELD.to_owned(),
+            (Outcome::Timeout, _) if self.is_held() => HELD_UNENDED.to_owned(),
             (Outcome::Timeout, _) => "not ended in time".to_owned(),
             (outcome, _) => outcome.to_string(),
         })

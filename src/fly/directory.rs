@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use oqtal_bus::topic::Role;
 use oqtal_config::Config;
 use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
@@ -19,6 +20,10 @@ const MAX_NUMBER: u32 = 100_000;
 
 /// File with the effective configuration.
 const CONFIG: &str = "config.toml";
+/// File with the figures of every tick.
+const TELEMETRY: &str = "telemetry.csv";
+/// File with the report.
+const REPORT: &str = "report.html";
 /// Folder in the directory with copies of the files that the flight reads.
 const INPUTS: &str = "inputs";
 
@@ -45,7 +50,8 @@ impl FlightDirectory {
         Self::create_or_replace(given, config)
     }
 
-    /// As [`FlightDirectory::create`]; replaces the files of a flight that the directory contains.
+    /// As [`FlightDirectory::create`]; replaces the files of a flight that the directory contains. Those that this flight may not
+    /// write, as recording and logs, are removed.
     ///
     /// # Errors
     /// The directory cannot be created or written.
@@ -62,7 +68,11 @@ impl FlightDirectory {
             None => next_free(&config.instance.name)?,
         };
         let created = Self { directory, is_new: given.is_none() };
+        // The files that the flight reads are copied first: one of them may be in the directory.
         let config = config.clone().with_files_at(|file| created.copy(file))?;
+        if created.config().exists() {
+            created.remove_results()?;
+        }
         created.save(CONFIG, &config.to_toml())?;
         Ok(created)
     }
@@ -82,6 +92,21 @@ impl FlightDirectory {
             copy.map_err(|e| failed(&to, &e))?;
         }
         Ok(copied)
+    }
+
+    /// Removes what an older flight wrote: results and logs.
+    fn remove_results(&self) -> Result<(), Failure> {
+        let results = [RECORDING, SUMMARY, REPORT, TELEMETRY].map(str::to_owned).into_iter();
+        let logs = Role::PROCESSES.map(|role| format!("{}.log", role.name()));
+        for path in results.chain(logs).map(|name| self.directory.join(name)) {
+            match fs::remove_file(&path) {
+                Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                    return Err(failed(&path, &error));
+                }
+                _ => {}
+            }
+        }
+        Ok(())
     }
 
     /// Removes the directory of a flight that was refused, if it was made for it.
@@ -113,15 +138,15 @@ impl FlightDirectory {
     /// A file cannot be written.
     pub fn write(&self, flight: &Flight, summary: &Summary) -> Result<(), Failure> {
         self.save(SUMMARY, &summary.to_json(PROVENANCE))?;
-        self.save("report.html", &report::html(flight, summary))?;
-        let path = self.directory.join("telemetry.csv");
+        self.save(REPORT, &report::html(flight, summary))?;
+        let path = self.directory.join(TELEMETRY);
         let file = files::create(&path).map_err(|e| failed(&path, &e))?;
         csv::write(flight, std::io::BufWriter::new(file)).map_err(|e| failed(&path, &e))
     }
 
     /// Path of the report.
     pub fn report(&self) -> PathBuf {
-        self.directory.join("report.html")
+        self.directory.join(REPORT)
     }
 
     fn save(&self, name: &str, text: &str) -> Result<(), Failure> {
@@ -154,4 +179,26 @@ fn failed(path: &Path, error: &dyn std::fmt::Display) -> Failure {
         Exit::System,
         format!("{}: {error}; give another directory with --out", path.display()),
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_replaced_flight_leaves_no_result_and_no_log_behind() {
+        let directory = tempfile::tempdir().unwrap();
+        let out = Some(directory.path());
+        let config = Config::default();
+        FlightDirectory::create(out, &config).unwrap();
+        for name in [RECORDING, SUMMARY, "daemon.log", "notes.txt"] {
+            fs::write(directory.path().join(name), "old").unwrap();
+        }
+        assert!(FlightDirectory::create(out, &config).is_err());
+        FlightDirectory::create_or_replace(out, &config).unwrap();
+        let entries = fs::read_dir(directory.path()).unwrap();
+        let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name()).collect();
+        names.sort();
+        assert_eq!(names, [CONFIG, "notes.txt"]);
+    }
 }

@@ -39,7 +39,13 @@ pub fn remarks(identification: &Identification) -> Vec<String> {
     let mut lines = Vec::new();
     for finding in identification.findings.iter().filter(|finding| !finding.is_shown()) {
         let motion = finding.missing.unwrap_or_default();
-        lines.push(format!("{}: not shown, and not written. Missing: {motion}", finding.name));
+        let name = finding.name;
+        lines.push(match identification.estimate.turning.models.len() {
+            1 => format!("{name}: not shown, and not written. Missing: {motion}"),
+            _ => format!(
+                "{name}: not shown, and not written. Its interval is too wide: the recordings may contradict each other (identify each alone), or lack {motion}"
+            ),
+        });
     }
     let coloured: Vec<&str> = identification
         .residuals

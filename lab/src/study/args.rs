@@ -31,11 +31,14 @@ impl StudyArgs {
     /// Settings of every flight of the study, in order of precedence.
     ///
     /// # Errors
-    /// The file or a setting is invalid (exit code 78), or the configuration replaces the cameras by a recording (64).
+    /// The file or a setting is invalid (exit code 78); a key is that of the law or the seed, which the study sets, or the
+    /// configuration replaces the cameras by a recording (64).
     pub fn settings(&self) -> Result<Vec<Setting>, Failure> {
         let mut settings = Config::layers(&self.config)?;
         for text in &self.settings {
-            settings.push(Setting::parse("--set", text)?);
+            let setting = Setting::parse("--set", text)?;
+            refuse_key_of_study(&format!("--set {text}"), &setting.key)?;
+            settings.push(setting);
         }
         for text in &self.plant {
             settings.push(Setting::parse_in("plant", "--plant", text)?);
@@ -52,15 +55,43 @@ impl StudyArgs {
         Ok(settings)
     }
 
-    /// The arguments as words of a command line, each preceded by a space.
+    /// The arguments, and the settings of environment variables, as words of a command line, each preceded by a space.
     pub fn words(&self) -> String {
         let config = self.config.iter().map(|file| ("--config", file.display().to_string()));
+        let variables = environment().into_iter().map(|setting| ("--set", assignment(&setting)));
         let set = self.settings.iter().map(|text| ("--set", text.clone()));
         let plant = self.plant.iter().map(|text| ("--plant", text.clone()));
         let trajectory = self.trajectory.iter().map(|name| ("--trajectory", name.clone()));
-        let words = config.chain(set).chain(plant).chain(trajectory);
+        let words = config.chain(variables).chain(set).chain(plant).chain(trajectory);
         words.map(|(flag, value)| format!(" {flag} {}", quoted(&value))).collect()
     }
+}
+
+/// Refuses the keys that a study sets for each flight, where `given` would set them.
+///
+/// # Errors
+/// The key is that of the law or the seed (exit code 64).
+pub fn refuse_key_of_study(given: &str, key: &str) -> Result<(), Failure> {
+    let remedy = match key {
+        "control.controller" => {
+            "flies the laws that are named to it; give them with --laws, or as `oqtal tune LAW`"
+        }
+        "clock.seed" => "has seeds of its own; give --seeds, --seed or --runs",
+        _ => return Ok(()),
+    };
+    Err(Failure::new(Exit::Usage, format!("{given}: a study {remedy}")))
+}
+
+/// Settings of environment variables.
+fn environment() -> Vec<Setting> {
+    // They were valid when the study read its settings.
+    Config::layers(&[]).unwrap_or_default()
+}
+
+/// A setting as `KEY=VALUE`.
+fn assignment(Setting { key, value, .. }: &Setting) -> String {
+    let value = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+    format!("{key}={value}")
 }
 
 /// Prints the warnings of a flight of `config` on standard error.
@@ -80,16 +111,16 @@ pub fn say_notes(notes: impl IntoIterator<Item = String>) {
 }
 
 /// `settings` as words of a command line of `oqtal fly`, each preceded by a space: files, the trajectory, disturbances, and each
-/// other key; of a key that is set several times, the last value. Settings of environment variables are left out: they apply to
-/// every command.
+/// other key, those of environment variables and of gains of deploy/tuned too; of a key that is set several times, the last value.
+/// The law is left out: the command names it.
 pub fn words_of(settings: &[Setting]) -> String {
     let mut words: Vec<String> = Vec::new();
-    for (index, Setting { key, value, origin }) in settings.iter().enumerate() {
+    for (index, setting) in settings.iter().enumerate() {
+        let Setting { key, value, origin } = setting;
         let is_replaced = settings[index + 1..].iter().any(|later| later.key == *key);
         let file = origin.rsplit_once(':').map_or(&origin[..], |(file, _)| file);
         let word = match (&key[..], value) {
-            ("clock.kind", _) => continue,
-            _ if origin.starts_with("OQTAL_") => continue,
+            ("clock.kind" | "control.controller", _) => continue,
             _ if file.ends_with(".toml") => format!(" --config {}", quoted(file)),
             _ if is_replaced => continue,
             ("trajectory.kind", Value::String(name)) => format!(" --trajectory {name}"),
@@ -97,16 +128,33 @@ pub fn words_of(settings: &[Setting]) -> String {
                 let texts = all.iter().filter_map(Value::as_str);
                 texts.map(|text| format!(" --disturb {}", quoted(text))).collect()
             }
-            (key, value) => {
-                let value = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
-                format!(" --set {}", quoted(&format!("{key}={value}").replace(' ', "")))
-            }
+            _ => format!(" --set {}", quoted(&assignment(setting))),
         };
         if !words.contains(&word) {
             words.push(word);
         }
     }
     words.concat()
+}
+
+/// The command line of this study, without the arguments about its output.
+pub fn command() -> String {
+    command_of(std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()))
+}
+
+fn command_of(arguments: impl Iterator<Item = String>) -> String {
+    let mut command = "oqtal".to_owned();
+    let mut is_place = false;
+    for word in arguments {
+        let is_of_output = is_place
+            || word.starts_with("--out=")
+            || ["--out", "--resume", "--force", "--json"].contains(&word.as_str());
+        is_place = word == "--out";
+        if !is_of_output {
+            command += &format!(" {}", quoted(&word));
+        }
+    }
+    command
 }
 
 /// `word`, quoted if a shell would split or change it.
@@ -151,6 +199,37 @@ mod tests {
         let trajectory = |name: &str| Setting::flag("--trajectory", "trajectory.kind", name);
         let settings = [trajectory("hover"), trajectory("attitude-chirp")];
         assert_eq!(words_of(&settings), " --trajectory attitude-chirp");
+    }
+
+    #[test]
+    fn every_setting_is_written_and_spaces_in_a_value_stay() {
+        let settings = [
+            Setting::flag("OQTAL_PLANT__RATE_LAG_MS", "plant.rate-lag-ms", 110),
+            Setting::flag("--set", "trajectory.waypoints-file", "my way.csv"),
+        ];
+        let words = " --set plant.rate-lag-ms=110 --set 'trajectory.waypoints-file=my way.csv'";
+        assert_eq!(words_of(&settings), words);
+    }
+
+    #[test]
+    fn the_command_of_a_study_is_that_of_its_continuation() {
+        let of = |words: &[&str]| command_of(words.iter().map(|word| (*word).to_owned()));
+        let command = "oqtal campaign --set 'a=b c' --runs 6";
+        let words =
+            ["campaign", "--out", "d", "--set", "a=b c", "--runs", "6", "--resume", "--json"];
+        assert_eq!(of(&words), command);
+        assert_eq!(of(&["campaign", "--set", "a=b c", "--out=d", "--runs", "6"]), command);
+    }
+
+    #[test]
+    fn keys_that_a_study_sets_are_refused_with_the_option_for_them() {
+        for (setting, remedy) in [("control.controller=pid", "--laws"), ("clock.seed=5", "--seeds")]
+        {
+            let settings = vec![setting.to_owned()];
+            let refused = StudyArgs { settings, ..StudyArgs::default() }.settings().unwrap_err();
+            assert_eq!(refused.exit, Exit::Usage);
+            assert!(refused.message.contains(remedy), "{refused}");
+        }
     }
 
     #[test]

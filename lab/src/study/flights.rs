@@ -367,7 +367,8 @@ impl Run {
             Test::Hover => {
                 self.figures[test.figures()].copy_from_slice(&of_hover(flight));
                 let errors = flight.scored().map(|sample| sample.position_error().norm());
-                self.hover_max_mm = 1e3 * errors.fold(0.0, f64::max);
+                // NaN without a scored sample.
+                self.hover_max_mm = 1e3 * errors.fold(f64::NAN, f64::max);
             }
             Test::Chirp => self.figures[CHIRP] = of_attitude(flight, trajectory)[0],
             Test::Doublet => {

@@ -35,7 +35,8 @@ fn collect(file: &str, prefix: &str, table: &Table, settings: &mut Vec<Setting>)
         match value {
             Value::Table(inner) => collect(file, &format!("{key}."), inner, settings),
             value => {
-                let origin = format!("deploy/tuned/{file}.toml");
+                // Not the name of a file: the text is in the program, and a command that repeats a flight names the keys.
+                let origin = format!("gains of deploy/tuned/{file}");
                 settings.push(Setting { key, value: value.clone(), origin });
             }
         }
@@ -164,6 +165,7 @@ pub fn chosen(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::study::args::words_of;
     use crate::study::law;
 
     #[test]
@@ -175,6 +177,13 @@ mod tests {
         for part in ["pid.toml: no gains", "`oqtal tune pid --out", "--force`"] {
             assert!(failure.message.contains(part), "{part}: {failure}");
         }
+    }
+
+    #[test]
+    fn the_gains_of_the_program_are_written_as_keys_without_a_file() {
+        let words = words_of(&tuned("pid"));
+        assert!(words.contains(" --set control.pid.gain="), "{words}");
+        assert!(!words.contains("--config") && !words.contains("controller"), "{words}");
     }
 
     #[test]
