@@ -143,8 +143,7 @@ impl SweepArgs {
 
     /// Flies the sweep. Returns the rows grouped by combination.
     fn fly(&self, progress: &Progress) -> Result<Vec<SweepRow>, Failure> {
-        let axes = self.axes.iter();
-        axes.map(|axis| refuse_key_of_study(&axis.key, &axis.key)).collect::<Result<(), _>>()?;
+        self.axes.iter().try_for_each(|axis| refuse_key_of_study(&axis.key, &axis.key))?;
         let combinations = combinations(&self.axes)?;
         let laws = gains::chosen(&self.laws, &self.gains, &self.study.settings()?)?;
         let case = |values: &Vec<toml::Value>| {

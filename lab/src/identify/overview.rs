@@ -38,14 +38,7 @@ pub fn cells(finding: &ParameterFinding) -> [String; 5] {
 pub fn remarks(identification: &Identification) -> Vec<String> {
     let mut lines = Vec::new();
     for finding in identification.findings.iter().filter(|finding| !finding.is_shown()) {
-        let motion = finding.missing.unwrap_or_default();
-        let name = finding.name;
-        lines.push(match identification.estimate.turning.models.len() {
-            1 => format!("{name}: not shown, and not written. Missing: {motion}"),
-            _ => format!(
-                "{name}: not shown, and not written. Its interval is too wide: the recordings may contradict each other (identify each alone), or lack {motion}"
-            ),
-        });
+        lines.push(not_shown(finding, identification.estimate.turning.models.len()));
     }
     let coloured: Vec<&str> = identification
         .residuals
@@ -79,6 +72,17 @@ pub fn remarks(identification: &Identification) -> Vec<String> {
     }
     lines.push(cameras(identification));
     lines
+}
+
+/// Remark on a value that `recordings` recordings do not determine.
+fn not_shown(finding: &ParameterFinding, recordings: usize) -> String {
+    let (name, motion) = (finding.name, finding.missing.unwrap_or_default());
+    match recordings {
+        1 => format!("{name}: not shown, and not written. Missing: {motion}"),
+        _ => format!(
+            "{name}: not shown, and not written. Its interval is too wide: the recordings may contradict each other (identify each alone), or lack {motion}"
+        ),
+    }
 }
 
 /// Remark on fits that ended in another optimum than the best; `None` if all agree.
