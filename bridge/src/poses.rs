@@ -17,20 +17,21 @@ struct Waiting {
     pose: VehiclePose,
 }
 
-/// The newest pose, and when one was sent last.
+/// The newest pose, and when the last one that was sent was due.
 #[derive(Clone, Debug)]
 pub struct PoseRelay {
     /// Age since its publication above which a pose is not sent.
     age: Span,
     waiting: Option<Waiting>,
     captured_at: Time,
-    sent_at: Time,
+    /// Instant at which the last pose was due.
+    last_due_at: Time,
 }
 
 impl PoseRelay {
     /// Relay of poses published at most `age` ago.
     pub fn new(age: Span) -> Self {
-        Self { age, waiting: None, captured_at: Time::UNSET, sent_at: Time::UNSET }
+        Self { age, waiting: None, captured_at: Time::UNSET, last_due_at: Time::UNSET }
     }
 
     /// Takes a pose from the bus at `now`; poses that are not finite, of a lost body, not newer than the last one, or of the future are
@@ -55,14 +56,15 @@ impl PoseRelay {
             self.waiting = None;
             return None;
         }
-        if self.sent_at.is_set() && now.since(self.sent_at) < period.scaled(1.0 - TOLERANCE) {
+        if self.last_due_at.is_set() && now.since(self.last_due_at) < period.scaled(1.0 - TOLERANCE)
+        {
             return None;
         }
         self.waiting = None;
-        // A pose that had to wait does not delay the next one.
-        let due_at = self.sent_at + period;
-        let has_waited = self.sent_at.is_set() && (due_at..due_at + period).contains(&now);
-        self.sent_at = if has_waited { due_at } else { now };
+        // A pose that had to wait does not delay the next one, and one that came early does.
+        let due_at = self.last_due_at + period;
+        let is_next = self.last_due_at.is_set() && now < due_at + period;
+        self.last_due_at = if is_next { due_at } else { now };
         Some(pose)
     }
 

@@ -133,9 +133,9 @@ fn results_of_root_are_written_neither_through_links_nor_into_directories_of_ano
         "mkdir \"$2\" && ln -s \"$1\" \"$2/campaign.csv\" && ln -s \"$1\" \"$2/tuned.toml\"";
     let made = as_nobody(script, &[kept.clone(), theirs.clone()]);
     assert!(made.status.success(), "{}", stderr(&made));
-    let campaign =
-        ["campaign", "--controllers", "pid", "--runs", "1", "--best", "1", "--clock", "in-process"];
-    let tune = ["tune", "pid", "--budget", "1", "--seeds", "1"];
+    let campaign = "campaign --force --controllers pid --runs 1 --best 1 --clock in-process";
+    let campaign: Vec<_> = campaign.split(' ').collect();
+    let tune = ["tune", "pid", "--budget", "1", "--seeds", "1", "--force"];
     let fly = ["fly", "--clock", "in-process", "--trajectory", "hover", "--duration", "0.2"];
     for (words, out, says) in [
         (&campaign[..], theirs.clone(), "a link, which is not followed"),
