@@ -91,14 +91,14 @@ impl ChangeInFlight {
     }
 }
 
-/// Text of a request that changes a flight or its settings, as typed, with its author and, if it was refused, the reason.
+/// Text of a request that changes a flight or its settings, with its author and, if it was refused, the reason.
 pub fn of_operator(event: &EventV1) -> String {
     let EventV1 { program, user, text, reason, point: [x, y, z], yaw, .. } = event;
     let command = OperatorCommand::from_code(event.command);
     let what = match command {
         Some(OperatorCommand::Goto) if yaw.is_nan() => format!("{x:.2} {y:.2} {z:.2}"),
         Some(OperatorCommand::Goto) => {
-            format!("{x:.2} {y:.2} {z:.2} {:.0}", yaw.to_degrees())
+            format!("{x:.2} {y:.2} {z:.2} {:.0}°", yaw.to_degrees())
         }
         _ => text.as_str().replace('\n', " "),
     };

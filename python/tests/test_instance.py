@@ -157,7 +157,7 @@ def test_a_flight_is_commanded(flying):
         texts.append(event["event"])
         if "motors off" in texts[-1]:
             break
-    assert any("goto 0.30 -0.20 1.20 0.50 (Python" in text for text in texts), texts
+    assert any("goto 0.30 -0.20 1.20 29° (Python" in text for text in texts), texts
     assert any("land" in text for text in texts)
     assert "motors off" in flying.disarm()
 
