@@ -17,21 +17,21 @@ struct Waiting {
     pose: VehiclePose,
 }
 
-/// The newest pose, and when the last one that was sent was due.
+/// The newest pose, and when the next one is due.
 #[derive(Clone, Debug)]
 pub struct PoseRelay {
     /// Age since its publication above which a pose is not sent.
     age: Span,
     waiting: Option<Waiting>,
     captured_at: Time,
-    /// Instant at which the last pose was due.
-    last_due_at: Time,
+    /// Instant at which the next pose is due; unset before the first.
+    due_at: Time,
 }
 
 impl PoseRelay {
     /// Relay of poses published at most `age` ago.
     pub fn new(age: Span) -> Self {
-        Self { age, waiting: None, captured_at: Time::UNSET, last_due_at: Time::UNSET }
+        Self { age, waiting: None, captured_at: Time::UNSET, due_at: Time::UNSET }
     }
 
     /// Takes a pose from the bus at `now`; poses that are not finite, of a lost body, not newer than the last one, or of the future are
@@ -56,15 +56,13 @@ impl PoseRelay {
             self.waiting = None;
             return None;
         }
-        if self.last_due_at.is_set() && now.since(self.last_due_at) < period.scaled(1.0 - TOLERANCE)
-        {
+        if self.due_at.since(now) > period.scaled(TOLERANCE) {
             return None;
         }
-        self.waiting = None;
         // A pose that had to wait does not delay the next one, and one that came early does.
-        let due_at = self.last_due_at + period;
-        let is_next = self.last_due_at.is_set() && now < due_at + period;
-        self.last_due_at = if is_next { due_at } else { now };
+        let is_in_rhythm = now < self.due_at + period;
+        self.due_at = if is_in_rhythm { self.due_at } else { now } + period;
+        self.waiting = None;
         Some(pose)
     }
 

@@ -131,7 +131,7 @@ impl ObeyingProcess {
     pub fn started_by(&self) -> Option<String> {
         let status = fs::read_to_string(format!("/proc/{}/status", self.pid)).ok()?;
         let [program, word] = command_line(field(&status, "PPid:")?.parse().ok()?);
-        (Path::new(&program).file_name()? == "oqtal").then(|| command_of(&word).to_owned())
+        (Path::new(&program).file_name()? == "oqtal").then(|| subcommand(&word).to_owned())
     }
 
     /// Instant of its start, to a hundredth of a second; `None` if it has ended.
@@ -194,8 +194,8 @@ impl ObeyingProcess {
     }
 }
 
-/// Command of `oqtal` whose first argument is `word`: `fly` if that is an option, or missing.
-pub fn command_of(word: &str) -> &str {
+/// Subcommand of a command line of `oqtal` whose first argument is `word`: `fly` if that is an option, or missing.
+pub fn subcommand(word: &str) -> &str {
     if word.is_empty() || word.starts_with('-') { "fly" } else { word }
 }
 
@@ -250,7 +250,7 @@ mod tests {
 
     #[test]
     fn a_command_line_without_a_command_is_that_of_a_flight() {
-        let commands = ["campaign", "fly", "--trajectory", ""].map(command_of);
+        let commands = ["campaign", "fly", "--trajectory", ""].map(subcommand);
         assert_eq!(commands, ["campaign", "fly", "fly", "fly"]);
     }
 

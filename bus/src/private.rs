@@ -137,7 +137,7 @@ impl InstanceRun {
 /// Records in the directory `run` of a run the loss of `path`, for its members that do not use that file. Without the directory, they
 /// notice a loss by themselves.
 pub(crate) fn record_loss(run: &Path, path: &Path) {
-    let _ = std::os::unix::fs::symlink(path, run.join(LOSS));
+    let _ = symlink(path, run.join(LOSS));
 }
 
 /// The lost file that is recorded in the directory `run` of a run.

@@ -1,11 +1,12 @@
 //! A daemon that was killed, also by its watchdog, must not take off automatically after a restart. While a daemon that may take
 //! off automatically runs, a file records its start; only an orderly end removes the file.
 
-use std::fs::{File, remove_file};
+use std::fs::File;
 use std::io::ErrorKind;
 use std::path::PathBuf;
 
 use oqtal_bus::paths::InstancePaths;
+use oqtal_runtime::files;
 
 /// The file of one instance.
 #[derive(Debug)]
@@ -34,11 +35,8 @@ impl FlightMarker {
 
     /// Removes the marker, if it is there.
     pub fn remove(&self) {
-        match remove_file(&self.0) {
-            Err(error) if error.kind() != ErrorKind::NotFound => {
-                tracing::warn!("{}: {error}; remove it before the next start", self.0.display());
-            }
-            _ => {}
+        if let Err(error) = files::remove(&self.0) {
+            tracing::warn!("{}: {error}; remove it before the next start", self.0.display());
         }
     }
 }

@@ -12,6 +12,7 @@ use crossbeam_channel::{Receiver, Sender, bounded};
 use oqtal_bus::message::{ExternalV1, Message, StateV1};
 use oqtal_bus::paths::LAW_UNREADY;
 use oqtal_bus::time::{Span, Time};
+use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::stop::StopFlag;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -194,10 +195,7 @@ fn bound(path: &std::path::Path) -> std::io::Result<OwnedFd> {
     rustix::fs::fchmod(&socket, Mode::RUSR | Mode::WUSR)?;
     // Bound and listening under another name: a law that waits for the file finds it listening.
     let unready = path.with_file_name(LAW_UNREADY);
-    match std::fs::remove_file(&unready) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error),
-        _ => {}
-    }
+    files::remove(&unready)?;
     bind(&socket, &SocketAddrUnix::new(&unready)?)?;
     listen(&socket, 4)?;
     std::fs::rename(&unready, path)?;

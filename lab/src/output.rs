@@ -46,8 +46,8 @@ impl StudyOutput {
     /// arguments.
     ///
     /// # Errors
-    /// The directory holds one of the files or an interrupted or running study, or there is none to resume (exit code 64); the directory cannot
-    /// be made or written (71).
+    /// The directory holds one of the files or an interrupted or running study, or there is none to resume (exit code 64); the
+    /// directory cannot be made or written (71).
     pub fn begin(
         command: &str,
         given: Option<&Path>,
@@ -128,10 +128,7 @@ fn check_not_begun(journal: &Path) -> Result<(), Failure> {
 /// # Errors
 /// The file cannot be removed (exit code 71).
 pub fn complete(journal: &Path) -> Result<(), Failure> {
-    match fs::remove_file(journal) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(unwritable(journal, &error)),
-        _ => Ok(()),
-    }
+    files::remove(journal).map_err(|error| unwritable(journal, &error))
 }
 
 /// Makes the first `results/COMMAND-N` that does not exist.

@@ -131,7 +131,8 @@ impl Study<'_> {
     /// `progress`, and those that it holds already are not flown again.
     ///
     /// # Errors
-    /// A setting is invalid, or a trajectory is not inside the fence; in this case no flight is flown. The journal cannot be written (exit code 71).
+    /// A setting is invalid, or a trajectory is not inside the fence; in this case no flight is flown. The journal cannot be written
+    /// (exit code 71).
     pub fn fly(&self, progress: &Progress) -> Result<Vec<Flown>, Failure> {
         self.check()?;
         let tests = self.flights().iter().map(|(_, case, _)| case.tests.len()).sum();

@@ -83,8 +83,8 @@ class OqtalEnv(gymnasium.Env[Array, Array]):
         given = None if seed is None else integer("seed", seed)
         super().reset(seed=given)
         episode = int(self.np_random.integers(2**31)) if given is None else given
-        self._lanes.reset([episode])
-        return self._lanes.observations()[0], {"seed": episode, **self._info()}
+        seen = self._lanes.reset([episode])
+        return seen[0], {"seed": episode, **self._info()}
 
     def _info(self) -> dict[str, Any]:
         """Truth, and position [m] and velocity [m/s] of the reference, for rewards of one's own."""
@@ -131,8 +131,7 @@ class OqtalVectorEnv(VectorEnv[Array, Array, Array]):
         else:
             first = self._lanes.next_seed() if seed is None else integer("seed", seed)
             seeds = [first + lane for lane in range(self.num_envs)]
-        self._lanes.reset(seeds)
-        return self._lanes.observations(), {}
+        return self._lanes.reset(seeds), {}
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
         """Flies every vehicle for one control tick."""

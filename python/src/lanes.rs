@@ -136,8 +136,12 @@ impl Lanes {
         self.request(py, |_| Ok(requests)).map(drop)
     }
 
-    /// Begins the episodes of `seeds`, one for each lane; `None` leaves a lane as it is.
-    fn reset(&self, py: Python<'_>, seeds: Vec<Option<u64>>) -> PyResult<()> {
+    /// Begins the episodes of `seeds`, one for each lane; `None` leaves a lane as it is. Returns the observations, `(count, 25)`.
+    fn reset<'py>(
+        &self,
+        py: Python<'py>,
+        seeds: Vec<Option<u64>>,
+    ) -> PyResult<Bound<'py, PyArray2<f32>>> {
         self.check_process()?;
         if seeds.len() != self.count {
             return Err(error::usage(format!(
@@ -146,24 +150,18 @@ impl Lanes {
                 self.count
             )));
         }
-        self.request(py, |shares| {
+        let results = self.request(py, |shares| {
             shares.next_seed = seeds.iter().flatten().max().map_or(shares.next_seed, |it| it + 1);
             let requests = seeds.iter().map(|it| it.map_or(LaneRequest::None, LaneRequest::Reset));
             Ok(requests.collect())
-        })
-        .map(drop)
+        })?;
+        Ok(results.arrays(py)?.0)
     }
 
     /// Seed of the next episode of a lane whose episode ends.
     fn next_seed(&self, py: Python<'_>) -> PyResult<u64> {
         self.check_process()?;
         task::detached(py, || Ok(lock(&self.shares)?.next_seed))
-    }
-
-    /// Observations, `(count, 25)`.
-    fn observations<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
-        self.check_process()?;
-        Ok(task::detached(py, || lock(&self.shares)?.results())?.arrays(py)?.0)
     }
 
     /// True position, velocity, attitude, body rate, and the time, `(count, 14)`.

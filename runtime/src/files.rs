@@ -75,6 +75,17 @@ pub fn check_writable(path: &Path) -> io::Result<()> {
     open_unlinked(OpenOptions::new().append(true), path).map(drop)
 }
 
+/// Removes a file, which may be missing.
+///
+/// # Errors
+/// The file exists, and cannot be removed.
+pub fn remove(path: &Path) -> io::Result<()> {
+    match std::fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+        _ => Ok(()),
+    }
+}
+
 /// Writes `content` to a file made by [`create`].
 ///
 /// # Errors

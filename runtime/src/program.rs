@@ -10,7 +10,7 @@ use std::sync::mpsc::channel;
 use std::time::Duration;
 
 use clap::Parser;
-use oqtal_bus::obeying::command_of;
+use oqtal_bus::obeying::subcommand;
 use serde::Serialize;
 
 use crate::exit::{Exit, Failure, without_error_numbers};
@@ -73,7 +73,7 @@ pub fn fail(command: &str, failure: &Failure) -> ExitCode {
 /// First word of the command line; `fly` without one.
 pub fn command_word() -> String {
     let word = std::env::args_os().nth(1).map(|word| word.to_string_lossy().into_owned());
-    command_of(&word.unwrap_or_default()).to_owned()
+    subcommand(&word.unwrap_or_default()).to_owned()
 }
 
 /// Failure of a command as JSON.

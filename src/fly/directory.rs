@@ -99,12 +99,7 @@ impl FlightDirectory {
         let results = [RECORDING, SUMMARY, REPORT, TELEMETRY].map(str::to_owned).into_iter();
         let logs = Role::PROCESSES.map(|role| format!("{}.log", role.name()));
         for path in results.chain(logs).map(|name| self.directory.join(name)) {
-            match fs::remove_file(&path) {
-                Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-                    return Err(failed(&path, &error));
-                }
-                _ => {}
-            }
+            files::remove(&path).map_err(|error| failed(&path, &error))?;
         }
         Ok(())
     }

@@ -2,6 +2,7 @@
 
 use oqtal_lab::mission::Mission;
 use oqtal_observe::recording::{McapRecorder, RecordingPlan};
+use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::say;
 
@@ -18,10 +19,7 @@ pub fn begin(mission: &Mission, directory: &FlightDirectory) -> Result<McapRecor
         let message = format!("{}: {error}; give another directory with --out", path.display());
         Failure::new(Exit::System, message)
     };
-    match std::fs::remove_file(&path) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(failed(error)),
-        _ => {}
-    }
+    files::remove(&path).map_err(failed)?;
     McapRecorder::create(&RecordingPlan {
         path: path.clone(),
         config: &mission.config,

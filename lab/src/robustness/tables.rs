@@ -106,8 +106,8 @@ fn summary(flown: &[Flown]) -> Sheet {
         .with_note(SUMMARY_NOTE)
 }
 
-const SUMMARY_NOTE: &str = "A flight that did not land as planned, for example because the fence held it for a time, counts as worse than any \
-     that did; a value is missing where the quantile is such a flight. Jitter is the activity of the command.";
+const SUMMARY_NOTE: &str = "A flight that did not land as planned, for example because the fence held it for a time, counts as \
+     worse than any that did; a value is missing where the quantile is such a flight. Jitter is the activity of the command.";
 
 fn as_planned(flown: &[Flown]) -> Sheet {
     let one = |test: Test| move |law: &Flown| law.percent(|run| run.is_as_planned(test));
@@ -213,8 +213,8 @@ fn not_landed(run: &Run) -> SheetCell {
 }
 
 const BROKEN_NOTE: &str = "Of each law the first draws in which a flight did not land as planned, and the one with the greatest \
-     error in hover, each with the command that flies it again. On the chirp the position loop is open and the vehicle drifts: one that does not come back within 3 s of the sweep's \
-     end is landed by the daemon, although its attitude was held.";
+     error in hover, each with the command that flies it again. On the chirp the position loop is open and the vehicle drifts: one \
+     that does not come back within 3 s of the sweep's end is landed by the daemon, although its attitude was held.";
 
 /// Keys with the strongest rank correlation with the hover error, for each law.
 pub fn dependences(flown: &[Flown], draws: &[Draw], spread: &PlantSpread) -> Sheet {

@@ -10,8 +10,8 @@ use super::law::StudyLaw;
 use crate::mission::Mission;
 use crate::simulation;
 
-/// Key of the size of a trajectory. During the chirp the position loop is open, and the vehicle drifts
-/// further the longer the chirp lasts, at any amplitude.
+/// Key of the size of a trajectory. During the chirp the position loop is open, and the vehicle drifts further the
+/// longer the chirp lasts, at any amplitude.
 const SIZES: [(TrajectoryKind, &str); 6] = [
     (TrajectoryKind::Square, "trajectory.square.side-m"),
     (TrajectoryKind::Circle, "trajectory.circle.radius-m"),

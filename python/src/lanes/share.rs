@@ -24,7 +24,7 @@ pub enum LaneRequest {
     None,
 }
 
-/// What a lane gives after a request.
+/// Observation and result of a lane after a request.
 #[derive(Clone, Copy, Debug)]
 pub struct Outcome {
     /// Observation, of 32 bits as the environments give it.
