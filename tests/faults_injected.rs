@@ -163,6 +163,8 @@ fn f14_a_daemon_that_is_replaced_does_not_take_off_again() {
     let new: Vec<usize> = (0..times.len()).filter(|&tick| times[tick] > 4.2).collect();
     assert!(new.iter().any(|&tick| states[tick] == "Nominal"), "{states:?}");
     assert!(new.iter().all(|&tick| modes[tick] == "disarmed" && thrusts[tick] == 0.0));
+    let flown = fly(&HOVER, "--clock in-process --fault daemon:kill@4");
+    assert_eq!(flown.summary["outcome"], "unfinished", "{}", flown.summary);
 }
 
 #[test]

@@ -12,12 +12,13 @@ use oqtal_bus::memory::MemoryBus;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
 use oqtal_daemon::{ExternalLaw, LawPort};
-use oqtal_observe::flight::Flight;
+use oqtal_observe::flight::{Flight, Outcome};
 use oqtal_observe::observer::BusObserver;
 use oqtal_observe::recorder::Recorder;
 use oqtal_observe::recording::{McapRecorder, RecordingResult};
 use oqtal_observe::sink::Tee;
 use oqtal_runtime::faults::outage::{Outage, TurnFaults};
+use oqtal_runtime::health::SILENCE;
 use oqtal_runtime::process::{Exit, Failure, roles};
 use oqtal_runtime::virtual_clock::{TurnResult, VirtualClock};
 
@@ -40,6 +41,8 @@ struct Simulation<'a> {
     recording: Option<McapRecorder>,
     /// Present instant.
     now: Time,
+    /// Last turn of the daemon.
+    daemon_at: Time,
     /// Instant at which the flight ends.
     end: Time,
     /// Time between two checks of the flight.
@@ -121,6 +124,7 @@ impl<'a> Simulation<'a> {
             recorder: Recorder::new(config),
             recording,
             now: start,
+            daemon_at: start,
             end: start + mission.timeout(),
             poll_period: POLL_PERIOD,
         })
@@ -182,7 +186,12 @@ impl<'a> Simulation<'a> {
     fn close(self, began: Time) -> RecordedFlight {
         let flown_s = self.now.since(Time::VIRTUAL_START).seconds();
         let speed = flown_s / Time::now().since(began).seconds().max(1e-9);
-        let flight = self.recorder.finish(self.mission.unfinished_outcome(), speed);
+        let outcome = match self.now.since(self.daemon_at) > SILENCE {
+            // By an injected fault.
+            true => Outcome::Unfinished,
+            false => self.mission.unfinished_outcome(),
+        };
+        let flight = self.recorder.finish(outcome, speed);
         let recording = self.recording.map(|recording| recording.close(&flight));
         (flight, recording)
     }
@@ -209,6 +218,7 @@ impl<'a> Simulation<'a> {
         }
         let result = self.processes.step(role, now)?;
         if role == Role::Daemon {
+            self.daemon_at = now;
             // Once per tick, so that waiting samples stay in the caches.
             self.record(now)?;
         }

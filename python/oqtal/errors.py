@@ -13,7 +13,7 @@ class OqtalError(Exception):
 
 
 class FlightError(OqtalError):
-    """A flight did not end as requested."""
+    """A flight did not end as requested, or the daemon refused a request."""
 
     exit_code = 1
 

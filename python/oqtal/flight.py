@@ -8,6 +8,7 @@ import json
 import os
 import shutil
 import tempfile
+import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from oqtal import _native
-from oqtal.errors import DataError, InternalError, LawError, SystemFailure, UsageError
+from oqtal.errors import DataError, LawError, SystemFailure, UsageError
 from oqtal.python_law import LawAdapter
-from oqtal.settings import ConfigLike, check_names, integer, sources, texts, warn
+from oqtal.settings import ConfigLike, check_names, integer, sources, texts, warn, write_text
 from oqtal.table import Table
 
 if TYPE_CHECKING:
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
     import polars as pl
     from matplotlib.figure import Figure
 
+#: Most flights that a law may fly one within the other: each needs the stack of the thread.
+MOST_NESTED = 8
+_nested = threading.local()
 #: Columns of words; all others are numbers.
 WORDS = ("mode", "state", "cause", "phase")
 
@@ -41,7 +45,7 @@ class Flight:
         native: _native.Flight | None = None,
         columns: Table | None = None,
         summary: Mapping[str, Any] | None = None,
-        repeat: Callable[[str], Any] | None = None,
+        repeat: Callable[[str], _native.Flight] | None = None,
         config: str | None = None,
         answer_s: Iterable[float] = (),
         limited: int = 0,
@@ -66,8 +70,12 @@ class Flight:
         if file.suffix == ".csv":
             return cls._read_csv(file)
 
-        def write(to: str) -> None:
-            shutil.copyfile(file, to)
+        def write(to: str) -> _native.Flight:
+            try:
+                shutil.copyfile(file, to)
+            except OSError as error:
+                raise SystemFailure(f"{file}: {error.strerror}; the recording that was read is gone") from error
+            return _native.read(to)
 
         return cls(native=_native.read(str(file)), repeat=write)
 
@@ -76,17 +84,22 @@ class Flight:
         try:
             with file.open(newline="") as lines:
                 head, *rows = list(csv.reader(lines))
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, csv.Error) as error:
             raise DataError(f"{file}: {error}; give telemetry.csv or a recording") from error
         if "t_s" not in head:
             raise DataError(f"{file} has no column t_s: it is not the telemetry of a flight")
-        cells = dict(zip(head, zip(*rows, strict=True), strict=True)) if rows else {name: () for name in head}
+        if cut := next((number for number, row in enumerate(rows, 2) if len(row) != len(head)), None):
+            raise DataError(f"{file}:{cut}: the line is cut off; read the recording, or delete the line")
         try:
-            columns = {name: _column(name, values) for name, values in cells.items()}
-        except ValueError as error:
+            cells = zip(*rows, strict=True) if rows else [()] * len(head)
+            columns = {name: _column(name, values) for name, values in zip(head, cells, strict=True)}
+        except (ValueError, OverflowError) as error:
             raise DataError(f"{file}: {error}") from error
         summary = file.with_name("summary.json")
-        found = json.loads(summary.read_text()) if summary.exists() else None
+        try:
+            found = json.loads(summary.read_text()) if summary.exists() else None
+        except (OSError, ValueError) as error:
+            raise DataError(f"{summary}: {error}; delete it, or read the recording") from error
         return cls(columns=Table(columns), summary=found)
 
     @property
@@ -133,13 +146,15 @@ class Flight:
     def vector(self, name: str) -> np.ndarray[Any, Any]:
         """Columns that form a vector, one row for each tick: ``"true_{}_m"``, ``"true_v{}_m_s"``, ``"true_rate_{}_rad_s"``, or
         ``"true_q{}"`` for a quaternion with the scalar last."""
+        if "{}" not in name:
+            raise UsageError(f'{name!r} is one column; a vector has braces for its axis, as in "true_{{}}_m"')
         names = [name.format(axis) for axis in "xyzw"]
         if names[3] not in self.columns:
             names.pop()
         return np.column_stack([self.columns[each] for each in names])
 
     def position_error(self) -> np.ndarray[Any, Any]:
-        """Distance of the true position from the reference at each tick [m]."""
+        """Distance of the true position from the reference at each tick [m]; NaN where the truth is not known."""
         squares = sum((self[f"true_{axis}_m"] - self[f"ref_{axis}_m"]) ** 2 for axis in "xyz")
         return np.asarray(np.sqrt(squares))
 
@@ -152,7 +167,7 @@ class Flight:
         return self.columns.to_polars()
 
     def plot(self) -> Figure:
-        """Draws path, position error and attitude with matplotlib; returns the figure."""
+        """Draws the path from above, height, position error and tilt with matplotlib; returns the figure."""
         from oqtal.plots import flight
 
         return flight(self)
@@ -171,7 +186,7 @@ class Flight:
         if file.suffix == ".csv":
             self._whole("telemetry").write_csv(str(file))
         elif file.suffix == ".json":
-            file.write_text(json.dumps(self.summary, indent=2))
+            write_text(file, json.dumps(self.summary, indent=2))
         elif file.suffix == ".mcap":
             self._record(file)
         else:
@@ -189,13 +204,16 @@ class Flight:
         with directory:
             new = Path(directory.name) / file.name
             again = self._repeat(str(new))
-            if again is not None and json.loads(again.summary())["trajectory_hash"] != self.summary["trajectory_hash"]:
-                raise InternalError(f"{file}: the flight did not repeat bit for bit; give record=PATH when it is flown")
-            new.replace(file)
+            if json.loads(again.summary())["trajectory_hash"] != self.summary["trajectory_hash"]:
+                raise DataError(f"{file}: the flight is another one now: its recording was replaced, or its law has changed")
+            try:
+                new.replace(file)
+            except OSError as error:
+                raise SystemFailure(f"{file}: {error.strerror}; give another path") from error
 
-    def _whole(self, wanted: str) -> _native.Flight:
+    def _whole(self, purpose: str) -> _native.Flight:
         if self._native is None:
-            raise DataError(f"the ticks alone, of a CSV file or a pickle, do not suffice for {wanted}; read the recording")
+            raise DataError(f"the ticks alone, of a CSV file or a pickle, do not suffice for {purpose}; read the recording")
         return self._native
 
     def __copy__(self) -> Flight:
@@ -226,12 +244,12 @@ class Flight:
         shown = self.summary
         error, handovers = shown["position_error_m"], shown["handovers"]
         figure = f"mean position error {1e3 * error['mean']:.1f} mm" if error else "no tick is scored"
-        if handovers and handovers["count"]:
+        if handovers and handovers["fallback_ticks"]:
             figure += f", {handovers['count']} hand-overs: the fallback law flew {handovers['fallback_ticks']} ticks"
         if self.limited:
             figure += f", {self.limited} commands limited to the range of the vehicle"
         outcome = shown["outcome"]
-        if outcome == "landed" and shown.get("shortfall"):
+        if shown.get("shortfall"):
             outcome += f" ({shown['shortfall']})"
         return f"<Flight {shown['controller']}, {shown['trajectory']}: {outcome}, {figure}>"
 
@@ -296,12 +314,19 @@ def fly(
         raise UsageError(f"record is {file}; the suffix of a recording is .mcap")
     adapter = None if law is None else LawAdapter(law)
     warn(call)
+    nested = getattr(_nested, "flights", 0)
+    if nested >= MOST_NESTED:
+        raise UsageError(f"the law flies its own flights, nested {nested} times; let it call oqtal.fly with another law")
+    _nested.flights = nested + 1
     try:
         native = _native.fly(call, file, adapter)
     except LawError as error:
         if adapter and error.flight is not None:
-            error.flight = Flight(native=error.flight, answer_s=adapter.answer_s, limited=adapter.limited)
+            summary = json.loads(error.flight.summary()) | {"shortfall": str(error)}
+            error.flight = Flight(native=error.flight, summary=summary, answer_s=adapter.answer_s, limited=adapter.limited)
         raise
+    finally:
+        _nested.flights = nested
     if adapter is None:
         return Flight(native=native, repeat=native.fly_again)
     return Flight(native=native, repeat=native.fly_again, answer_s=adapter.answer_s, limited=adapter.limited)

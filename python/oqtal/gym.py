@@ -9,9 +9,14 @@ Observation, 25 numbers, as the cameras give them some 15 ms late: position and 
 attitude (quaternion, body to world, scalar last and not negative), body rate [rad/s], and the last three actions with the newest
 first, of which some have not reached the vehicle yet (thrust from 0 to 1). Velocity and rate are filtered differences of poses.
 
-Reward: ``1 / (1 + (e / 0.3 m)^2)`` for the true distance ``e`` from the reference, less 0.02 for each rad/s of body rate and for a
-change of the action by 1; ``Recover`` has half of the first, and a half for an upright vehicle. An episode is terminated when the
-vehicle is 2 m from its reference or on the floor, and truncated after its duration.
+Reward: ``n = 1 / (1 + (e / 0.3 m)^2)`` for the true distance ``e`` from the reference, less 0.02 for each rad/s of body rate and
+0.02 times the norm of the change of the action, with thrust from 0 to 1. ``Recover`` has ``n / 2 + (1 + cos(tilt)) / 4`` in place
+of ``n``. An episode is terminated when the vehicle is 2 m from its reference or on the floor, and truncated after its duration.
+
+``Hover`` and ``Recover`` hold the first point of ``[trajectory]``, as shipped (1.3, 0, 1) m. The seed draws the start: ``Hover``
+within 0.3 m, 0.3 m/s, 0.2 rad and 0.3 rad/s on each axis, ``Track`` within 0.02 m of the reference, ``Recover`` within 0.5 m, 1 m/s
+and 1 rad/s at any attitude. ``gymnasium.make`` and ``make_vec`` take ``duration`` [s], and like ``oqtal.fly`` ``config``, ``plant``
+and ``settings``.
 """
 
 from __future__ import annotations
@@ -124,13 +129,17 @@ class OqtalVectorEnv(VectorEnv[Array, Array, Array]):
     ) -> tuple[Array, dict[str, Any]]:
         """Begins new episodes: of the seeds ``seed``, ``seed + 1``, …, of a list of seeds, or of the next ones.
 
-        ``None`` in a list lets the episode of a lane go on.
+        ``None`` in a list, and ``False`` in ``options["reset_mask"]``, let the episode of a lane go on.
         """
         if isinstance(seed, Sequence):
             seeds = [None if each is None else integer("a seed", each) for each in seed]
         else:
             first = self._lanes.next_seed() if seed is None else integer("seed", seed)
             seeds = [first + lane for lane in range(self.num_envs)]
+        if (mask := (options or {}).get("reset_mask")) is not None:
+            if np.shape(mask) != (self.num_envs,):
+                raise UsageError(f"reset_mask has the shape {np.shape(mask)}; expected ({self.num_envs},)")
+            seeds = [each if chosen else None for each, chosen in zip(seeds, mask, strict=False)]
         return self._lanes.reset(seeds), {}
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:

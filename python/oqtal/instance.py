@@ -1,7 +1,7 @@
 """A running instance: observation, an operator's commands, and references of a planner.
 
-Nothing here is part of the control loop. A process that is killed leaves nothing behind: the loop flies on as after any end of an
-observer or of a planner.
+Nothing here is part of the control loop, and no end of this process stops it. The shared memory of a killed observer is freed with
+the instance; after the end of a planner the vehicle comes to rest and, ``reference.land-after-ms`` later, lands.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 #: Time without a message after which a stream has ended [s].
 SILENCE_S = 2.0
+#: Time without any message after which an observation for a shorter time than that has failed, too [s].
+FIRST_S = 0.5
 #: Longest wait between two looks at the clock [s].
 SLICE_S = 0.1
 
@@ -31,15 +33,18 @@ SLICE_S = 0.1
 class Observation(Iterator[dict[str, Any]]):
     """Messages of a topic, or events, as dictionaries with the names of ``oqtal export --format csv``.
 
-    An observation takes one of the few places for observers at its topics until it is closed: by ``with``, ``close``, its end, or
+    An observation takes one of the places for observers of its topic until it is closed: by ``with``, ``close``, its end, or
     the end of the process. A slow reader loses the oldest messages, which ``lost`` counts; it cannot delay the loop.
     """
 
-    def __init__(self, native: _native.Observation, seconds: float | None, timeout: float | None, subject: str) -> None:
+    def __init__(self, native: _native.Observation, seconds: float, timeout: float | None, subject: str) -> None:
         self._native = native
-        self._end = np.inf if seconds is None else time.monotonic() + seconds
+        # The messages until then wait, also for a reader that comes later.
+        self._end = time.monotonic() + seconds
         self._timeout = timeout
         self._subject = subject
+        self._is_closed = False
+        self._is_empty = True
 
     @property
     def names(self) -> list[str]:
@@ -52,16 +57,25 @@ class Observation(Iterator[dict[str, Any]]):
         return self._native.lost
 
     def __next__(self) -> dict[str, Any]:
-        silent_from = time.monotonic()
-        while (now := time.monotonic()) < self._end:
-            row = self._native.next(min(SLICE_S, self._end - now))
+        asked_at = time.monotonic()
+        is_over = False
+        while not (is_over or self._is_closed):
+            now = time.monotonic()
+            row = self._native.next(min(SLICE_S, max(0.0, self._end - now)))
             if row is not None:
+                self._is_empty = False
                 return row
-            if self._timeout is not None and time.monotonic() - silent_from > self._timeout:
-                self.close()
-                raise PeerError(f"no message of {self._subject} for {self._timeout:g} s: its writer has ended, or does not publish")
+            is_over = now >= self._end
+            if self._timeout is not None and time.monotonic() - asked_at > self._timeout:
+                raise self._silent(self._timeout)
+        if self._timeout is not None and self._is_empty and not self._is_closed and now - asked_at > FIRST_S:
+            raise self._silent(now - asked_at)
         self.close()
         raise StopIteration
+
+    def _silent(self, seconds: float) -> PeerError:
+        self.close()
+        return PeerError(f"no message of {self._subject} for {seconds:.1f} s: its writer has ended, or does not publish")
 
     def table(self) -> Table:
         """All messages until the end of the observation; give ``seconds`` when it is opened."""
@@ -73,7 +87,8 @@ class Observation(Iterator[dict[str, Any]]):
         return self.table().to_pandas()
 
     def close(self) -> None:
-        """Leaves the topic."""
+        """Leaves the topic; an iteration under way ends."""
+        self._is_closed = True
         self._native.close()
 
     def __enter__(self) -> Observation:
@@ -84,7 +99,10 @@ class Observation(Iterator[dict[str, Any]]):
 
 
 class Instance:
-    """A running instance. Commands are those of ``oqtal ctl``: each returns the daemon's answer, or raises its refusal."""
+    """A running instance. Methods are the commands of ``oqtal ctl``: each returns the daemon's answer, or raises its refusal.
+
+    Another law is set by ``set({"control.controller": "geometric"})``.
+    """
 
     def __init__(self, native: _native.Connection) -> None:
         self._native = native
@@ -133,7 +151,7 @@ class Instance:
         return self._native.request("resume", [])
 
     def set(self, settings: Mapping[str, Any]) -> str:
-        """Changes settings between two ticks, all of them or none: ``{"control.oqtal.gain": 2.0}``."""
+        """Changes settings between two ticks, all of them or none: ``{"control.oqtal.attitude-weight": 60}``."""
         return self._native.set(([], list(flat(settings, "set"))))
 
     def get(self, key: str) -> Any:
@@ -165,7 +183,8 @@ class Instance:
 
         docs/references.md describes references: position to jerk [m to m/s^3, world], ``yaw`` [rad], ``yaw_rate`` [rad/s].
         ``attitude``: a prescribed attitude [x, y, z, w], body to world, with its body rate ``rate`` [rad/s]. The topic has one
-        writer: this process, until it ends.
+        writer: this process, until it ends. Nobody answers: a reference that the daemon refuses shows as the state Degraded with
+        the cause ``set-point refused``. Without a daemon, ``PeerError`` within two seconds.
         """
         turned = (0.0, 0.0, 0.0, 1.0) if attitude is None else attitude
         vectors = [("position", position, 3), ("velocity", velocity, 3), ("acceleration", acceleration, 3), ("jerk", jerk, 3)]
@@ -173,12 +192,17 @@ class Instance:
         for name, vector, length in vectors:
             if len(vector) != length:
                 raise UsageError(f"{name} has {len(vector)} numbers; expected {length}")
+            if not np.isfinite(vector).all():
+                raise UsageError(f"{name} is {vector}; expected finite numbers")
         numbers = [float(number) for _, vector, _ in vectors for number in vector]
         self._native.reference(numbers, attitude is not None, float(valid))
 
     def observe(self, topic: str, *, seconds: float | None = None, timeout: float | None = SILENCE_S) -> Observation:
         """Messages of a topic of docs/recordings.md from now on, for ``seconds``; after ``timeout`` without one, ``PeerError``."""
-        return Observation(self._native.observe(topic), seconds, timeout, topic)
+        duration = np.inf if seconds is None else float(seconds)
+        if not duration > 0.0:
+            raise UsageError(f"seconds is {seconds}; expected a number above 0")
+        return Observation(self._native.observe(topic, duration), duration, timeout, topic)
 
     def poses(self, *, seconds: float | None = None, timeout: float | None = SILENCE_S) -> Observation:
         """Poses as measured by the cameras."""

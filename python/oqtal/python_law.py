@@ -3,7 +3,7 @@
 A law is a callable ``law(state, reference, dt)``, or an object with a method ``step(state, reference, dt)`` and, where it has an
 integral or a filter, ``reset()``, which is called at the start of a flight. It returns a ``Command``, the pair ``(rate, thrust)``,
 or four numbers: body rates [rad/s] and thrust [N]. State and reference are those at the instant at which the command takes effect.
-Commands are limited to the range of the vehicle; ``Flight.limited`` counts them.
+Rates, torque and thrust are limited to the range of the vehicle; ``Flight.limited`` counts such commands.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import socket
 import struct
 import sys
 import time
+import traceback
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -134,7 +135,8 @@ class Reference:
 class Command:
     """Command of a law: body rates ``rate`` [rad/s], ``thrust`` along body z [N].
 
-    ``torque`` [N m, body] for a vehicle commanded by torque; ``attitude`` for one that holds attitudes.
+    ``torque`` [N m, body] for a vehicle commanded by torque; ``attitude``, body to world with the scalar last, for one that holds
+    attitudes: without it the fallback law flies.
     """
 
     rate: Any
@@ -173,7 +175,7 @@ def _command(value: Any) -> Command:
 
 
 class LawAdapter:
-    """A law as the flight asks it: numbers in, numbers out."""
+    """Adapter between a flight and a law: converts questions and answers to arrays."""
 
     def __init__(self, law: Any) -> None:
         law = law() if isinstance(law, type) else law
@@ -206,9 +208,11 @@ class LawAdapter:
         try:
             return self._answer(numbers, flown, time_s)
         except Exception as error:
-            said = str(error) if isinstance(error, LawError) else f"the law raised {type(error).__name__}: {error}"
+            # Formatted by the library: the text of an exception may fail.
+            text = "".join(traceback.format_exception_only(error)).strip()
+            message = str(error) if isinstance(error, LawError) else f"the law raised {text}"
             cause = error.__cause__ if isinstance(error, LawError) else error
-            raise LawError(f"{said} ({time_s - self._first:.2f} s after the first question)") from cause
+            raise LawError(f"{message} ({time_s - self._first:.2f} s after the first question)") from cause
         finally:
             self.answer_s.append(time.perf_counter() - began)
 
@@ -219,11 +223,19 @@ class LawAdapter:
         if command.torque is None and state.fallback_torque.any():
             raise LawError("the vehicle is commanded by torque; return oqtal.Command(rate, thrust, torque=...)")
         torque = np.zeros(3) if command.torque is None else _numbers(command.torque, 3, "torque")
-        rate, thrust = _numbers(command.rate, 3, "rate"), _numbers(command.thrust, 1, "thrust")
-        limited_rate = np.clip(rate, -state.greatest_rate, state.greatest_rate)
-        limited_thrust = np.clip(thrust, 0.0, state.greatest_thrust)
-        self.limited += bool((limited_rate != rate).any() or limited_thrust != thrust)
-        return np.concatenate([limited_rate, torque, _numbers(command.attitude, 4, "attitude"), [limited_thrust]])
+        given = np.concatenate([_numbers(command.rate, 3, "rate"), torque, [_numbers(command.thrust, 1, "thrust")]])
+        most = np.concatenate([state.greatest_rate, np.full(3, state.greatest_torque), [state.greatest_thrust]])
+        limited = np.clip(given, np.append(-most[:6], 0.0), most)
+        self.limited += bool((limited != given).any())
+        return np.concatenate([limited[:6], _numbers(command.attitude, 4, "attitude"), limited[6:]])
+
+
+def _received(daemon: socket.socket) -> bytes:
+    """The next question; none once the daemon has ended."""
+    try:
+        return daemon.recv(4096)
+    except ConnectionError:
+        return b""
 
 
 def serve(law: Any, path: str) -> int:
@@ -233,8 +245,9 @@ def serve(law: Any, path: str) -> int:
         try:
             daemon.connect(path)
         except OSError as error:
-            raise PeerError(f'{path}: {error}; start a daemon with control.controller = "external"') from error
-        while packet := daemon.recv(4096):
+            remedy = 'start a daemon with control.controller = "external", or give `law` in the directory of its instance'
+            raise PeerError(f"{path}: {error}; {remedy}") from error
+        while packet := _received(daemon):
             _, sequence, number, flown, time_ns, *_ = COUNTERS.unpack_from(packet)
             if number != flight:
                 flight = number

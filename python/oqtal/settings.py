@@ -9,10 +9,11 @@ import os
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Any, ParamSpec, TypeAlias, TypeVar
 
 from oqtal import _native
-from oqtal.errors import UsageError
+from oqtal.errors import SystemFailure, UsageError
 
 #: A file, several files of which later ones override earlier ones, or keys with values.
 ConfigLike: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | Mapping[str, Any] | None"
@@ -20,8 +21,8 @@ ConfigLike: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str
 Setting: TypeAlias = tuple[str, str, Any]
 Parameters = ParamSpec("Parameters")
 Result = TypeVar("Result")
-#: Files and settings, as the extension module takes them.
-Sources: TypeAlias = tuple[list[str], list[Setting]]
+#: Files and settings, as the extension module takes them; without a list of files the settings are complete.
+Sources: TypeAlias = tuple[list[str] | None, list[Setting]]
 
 
 def flat(values: Mapping[str, Any], origin: str, section: str = "") -> Iterator[Setting]:
@@ -120,6 +121,15 @@ def warn(call: Sources) -> None:
     for text in _native.warnings(call):
         # This function, its caller, the decorator, the user.
         warnings.warn(text, stacklevel=4)
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> Path:
+    """Writes a file and returns its path."""
+    try:
+        Path(path).write_text(text)
+    except OSError as error:
+        raise SystemFailure(f"{path}: {error.strerror}; give another path") from error
+    return Path(path)
 
 
 def texts(values: str | Sequence[str] | None) -> list[str] | None:

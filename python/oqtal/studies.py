@@ -1,4 +1,4 @@
-"""Studies on all processors: campaigns, sweeps, robustness, identification, tuning. Each returns a table or an object with one."""
+"""Studies on all processors: campaigns, sweeps, robustness, identification, tuning."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import numpy as np
 from oqtal import _native
 from oqtal.errors import UsageError
 from oqtal.flight import Flight
-from oqtal.settings import ConfigLike, Setting, Sources, check_names, flat, integer, positive, sources, warn
+from oqtal.settings import ConfigLike, Setting, Sources, check_names, flat, integer, positive, sources, warn, write_text
 from oqtal.table import Table
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def campaign(
     *,
     runs: int | None = None,
     seeds: Iterable[int] | None = None,
-    gains: str = "configured",
+    gains: str | os.PathLike[str] = "configured",
     trajectory: str | None = None,
     plant: Mapping[str, Any] | None = None,
     settings: Mapping[str, Any] | None = None,
@@ -65,7 +65,9 @@ def campaign(
     Four flights for each row: trajectory, hover, chirp, doublet. On the square the command flies two more, a disturbed hover and a
     circle.
 
-    ``client``: a client of dask.distributed, whose workers fly; the rows are the same, bit for bit.
+    ``gains``: ``"configured"``; ``"tuned"``, ``"spread"`` or ``"shipped"`` of deploy/tuned; or a folder of ``oqtal tune all``.
+
+    ``client``: a client of dask.distributed, whose workers fly; on machines of one kind the rows are the same, bit for bit.
     """
     call = sources(config, settings, plant, set_by=SET_BY_LAWS, trajectory=("trajectory.kind", trajectory))
     warn(call)
@@ -84,7 +86,7 @@ def sweep(
     config: ConfigLike = None,
     *,
     seeds: Iterable[int] = range(FIRST_SEED, FIRST_SEED + 5),
-    gains: str = "configured",
+    gains: str | os.PathLike[str] = "configured",
     trajectory: str | None = None,
     plant: Mapping[str, Any] | None = None,
     settings: Mapping[str, Any] | None = None,
@@ -95,14 +97,15 @@ def sweep(
     """Flies every combination of values: one row for each law, combination and seed.
 
     ``axes``: keys with their values, ``{"plant.rate-lag-ms": [50, 80]}`` or nested, ``{"plant": {"rate_lag_ms": [50, 80]}}``.
+    ``gains``, ``client``: as for ``campaign``.
     """
     values: dict[str, list[Any]] = {}
-    for _, key, of_key in flat(axes, "axes"):
-        if isinstance(of_key, str) or not isinstance(of_key, Iterable):
-            raise UsageError(f"axes: {key} is {of_key!r}; expected several values, as in [50, 80]")
+    for _, key, given in flat(axes, "axes"):
+        if isinstance(given, str) or not isinstance(given, Iterable):
+            raise UsageError(f"axes: {key} is {given!r}; expected several values, as in [50, 80]")
         if key in values:
             raise UsageError(f"axes: {key} is given twice; give it once")
-        values[key] = list(of_key)
+        values[key] = list(given)
     set_by = SET_BY_LAWS | dict.fromkeys(values, "its values are those of axes")
     call = sources(config, settings, plant, set_by=set_by, trajectory=("trajectory.kind", trajectory))
     warn(call)
@@ -118,7 +121,7 @@ def sweep(
     ]
     table = _fly(call, laws, gains, conditions, progress, threads, client)
     count = table.rows // len(conditions)
-    swept = {key: np.tile([combination[index] for combination, _ in flown], count) for index, key in enumerate(values)}
+    swept = {key: np.tile(_cells([combination[index] for combination, _ in flown]), count) for index, key in enumerate(values)}
     return Table({**swept, **table})
 
 
@@ -129,22 +132,24 @@ def robustness(
     *,
     runs: int = 100,
     seed: int = 1,
-    spread: str = "vehicle",
+    spread: str | os.PathLike[str] = "vehicle",
     wide: bool = False,
-    gains: str = "tuned",
+    gains: str | os.PathLike[str] = "tuned",
     plant: Mapping[str, Any] | None = None,
     settings: Mapping[str, Any] | None = None,
     progress: Progress = False,
     threads: int = 0,
     client: Client | None = None,
 ) -> Table:
-    """Flies laws on plants drawn at random, as ``oqtal robustness``: one row for each law and draw, with the drawn values.
+    """Flies laws on plants drawn at random, as ``oqtal robustness`` with one set of gains: one row for each law and draw,
+    with the drawn values.
 
     ``spread``: ``"vehicle"``, ``"everything"`` or a file (docs/robustness.md); ``wide``: with every range twice as wide.
+    ``gains``, ``client``: as for ``campaign``; ``oqtal robustness`` flies the tuned, the spread and the shipped gains.
     """
     call = sources(config, settings, plant, set_by={**SET_BY_LAWS, "clock.seed": "seed= draws the flights' seeds"})
     warn(call)
-    conditions = _native.draws(call, spread, (integer("runs", runs, 1), integer("seed", seed, 1)), wide)
+    conditions = _native.draws(call, os.fspath(spread), (integer("runs", runs, 1), integer("seed", seed, 1)), wide)
     table = _fly(call, laws, gains, conditions, progress, threads, client)
     count = table.rows // len(conditions)
     drawn: dict[str, Any] = {"draw": np.tile(np.arange(len(conditions)), count)}
@@ -180,8 +185,7 @@ class Identification:
 
     def save(self, path: str | Path) -> Path:
         """Writes the configuration of the vehicle, for ``config=`` and ``--config``."""
-        Path(path).write_text(self.toml)
-        return Path(path)
+        return write_text(path, self.toml)
 
     def __repr__(self) -> str:
         return repr(self.table)
@@ -198,7 +202,8 @@ def identify(
     plant: Mapping[str, Any] | None = None,
     settings: Mapping[str, Any] | None = None,
 ) -> Identification:
-    """Identifies a vehicle from ``flights`` with the trajectory ``excitation``, or their recordings; without, from one flown now.
+    """Identifies a vehicle from ``flights`` with the trajectory ``excitation``, or their recordings; without flights, from one
+    that is flown now, with a larger assumed mass if the first attempt does not lift off.
 
     ``mass`` as weighed [kg], or ``max_thrust`` as measured [N]: flights determine only their ratio.
     """
@@ -238,8 +243,7 @@ class Tuned:
 
     def save(self, path: str | Path) -> Path:
         """Writes the gains, for ``config=`` and ``--config``, after the file of the vehicle."""
-        Path(path).write_text(self.toml)
-        return Path(path)
+        return write_text(path, self.toml)
 
     def __repr__(self) -> str:
         bounds = f"; on a bound of the search: {', '.join(self.on_a_bound)}" if self.on_a_bound else ""
@@ -254,7 +258,7 @@ def tune(
     budget: int = 300,
     seed: int = 1,
     seeds: Iterable[int] = range(101, 107),
-    spread: str | None = None,
+    spread: str | os.PathLike[str] | None = None,
     optimiser: str = "cma-es",
     plant: Mapping[str, Any] | None = None,
     settings: Mapping[str, Any] | None = None,
@@ -273,9 +277,10 @@ def tune(
     flights = (chosen[0], chosen[-1] + 1) if chosen else (0, 0)
     if chosen != list(range(*flights)):
         raise UsageError(f"seeds are {chosen}; expected consecutive ones, as in range(101, 107)")
-    told = _progress(progress)
+    report = _progress(progress)
     search = (integer("budget", budget, 1), integer("seed", seed), optimiser)
-    found = _native.tune(call, target, search, flights, spread, told, integer("threads", threads, 0, 1024))
+    drawn = None if spread is None else os.fspath(spread)
+    found = _native.tune(call, target, search, flights, drawn, report, integer("threads", threads, 0, 1024))
     values, on_a_bound, objective, start, toml = found
     return Tuned(dict(values), on_a_bound, objective, start, toml)
 
@@ -283,13 +288,13 @@ def tune(
 def _fly(
     call: Sources,
     laws: Sequence[str] | None,
-    gains: str,
+    gains: str | os.PathLike[str],
     conditions: list[Condition],
     progress: Progress,
     threads: int,
     client: Client | None,
 ) -> Table:
-    threads = integer("threads", threads, 0, 1024)
+    threads, gains = integer("threads", threads, 0, 1024), os.fspath(gains)
     names = _native.laws() if laws is None else [laws] if isinstance(laws, str) else list(laws)
     if unnamed := next((law for law in names if not isinstance(law, str)), None):
         raise UsageError(f"laws: {unnamed!r} is not a name; fly a law in Python by oqtal.fly(law=..., seed=...) for each seed")
@@ -297,15 +302,30 @@ def _fly(
         raise UsageError("nothing to fly; give at least one seed")
     if client is None:
         return Table(_native.study(call, names, gains, conditions, _progress(progress), threads))
-    tasks = max(1, TASKS_PER_WORKER * len(client.scheduler_info()["workers"]) // len(names))
-    length = -(-len(conditions) // tasks)
+    if progress is not False or threads:
+        raise UsageError("progress and threads are those of this machine; leave them out, and look at the client's dashboard")
+    # Files, gains and environment are those of this machine.
+    chosen = _native.resolved(call, names, gains)
+    count = max(1, TASKS_PER_WORKER * len(client.scheduler_info()["workers"]) // len(chosen))
+    length = -(-len(conditions) // count)
     parts = [conditions[start : start + length] for start in range(0, len(conditions), length)]
-    ordered = [name for name in _native.laws() if name in names] or names
-    pairs = [(name, part) for name in ordered for part in parts]
+    tasks = [(name, settings, part) for name, settings in chosen for part in parts]
     # The tasks of a lost worker are flown again by another one: dask repeats them.
-    futures = [client.submit(_native.study, call, [name], gains, part, None, 1, pure=False) for name, part in pairs]
+    futures = [
+        client.submit(_native.study, (None, settings), [name], "configured", part, None, 1, pure=False)
+        for name, settings, part in tasks
+    ]
     rows = client.gather(futures)
     return Table({name: np.concatenate([np.asarray(part[name]) for part in rows]) for name in rows[0]})
+
+
+def _cells(values: list[Any]) -> np.ndarray[Any, Any]:
+    """One cell for each value, a list or a vector included."""
+    if all(np.ndim(value) == 0 for value in values):
+        return np.array(values)
+    cells = np.empty(len(values), dtype=object)
+    cells[:] = [list(value) for value in values]
+    return cells
 
 
 def _seeds(seeds: Iterable[int]) -> list[int]:

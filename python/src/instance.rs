@@ -13,13 +13,14 @@ use oqtal_bus::code::{OperatorCommand, ReferenceKind};
 use oqtal_bus::message::{ControlRequestV1, ReferenceV1, Stamps};
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::REFERENCE;
-use oqtal_bus::transport::{Publish, Transport};
+use oqtal_bus::topic::{REFERENCE, Role};
+use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_bus::watch::InstanceWatch;
 use oqtal_operator::request::{running_bus, send, unanswered};
 use oqtal_operator::{
     AddressedInstance, ControlReport, CtlRequest, accepted, arm, execute, require_daemon, status,
 };
+use oqtal_runtime::health::SILENCE;
 use oqtal_runtime::process::{Exit, Failure, paths_of};
 use pyo3::prelude::*;
 
@@ -142,10 +143,11 @@ impl Connection {
         py.detach(|| self.publish(reference)).map_err(error::raised)
     }
 
-    /// Opens the observation of a topic, or of `events`.
-    fn observe(&self, py: Python<'_>, topic: &str) -> PyResult<Observation> {
+    /// Opens the observation of a topic, or of `events`, for `seconds`.
+    fn observe(&self, py: Python<'_>, topic: &str, seconds: f64) -> PyResult<Observation> {
         check_process()?;
-        Observation::open(py, &self.address.paths, topic)
+        let duration = Span::from_seconds(seconds.clamp(0.0, 1e9));
+        Observation::open(py, &self.address.paths, topic, duration)
     }
 }
 
@@ -206,8 +208,18 @@ fn write(
     let bus = running_bus(paths)?;
     let mut watch = Watch::of(&bus)?;
     let mut writer = bus.writer(&REFERENCE)?;
+    let mut health = bus.observer(&Role::Daemon.health())?;
+    let mut heard_at = Time::now();
     while let Ok(reference) = incoming.recv() {
-        watch.check(Time::now())?;
+        let now = Time::now();
+        watch.check(now)?;
+        while health.receive()?.is_some() {
+            heard_at = now;
+        }
+        if now.since(heard_at) > SILENCE {
+            let text = "the daemon is silent, so that nobody follows this reference; connect again once it runs";
+            return Err(Failure::new(Exit::Peer, text));
+        }
         writer.send(0, Stamps::default(), reference)?;
         if results.send(Ok(())).is_err() {
             break;

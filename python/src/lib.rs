@@ -25,12 +25,15 @@ mod settings;
 mod studies;
 mod task;
 
+use numpy::PyArray1;
 use pyo3::prelude::*;
 
 /// Registers the functions and classes of the module.
 #[pymodule]
 fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     error::install_panic_hook();
+    // NumPy is loaded here: in a later call a signal could interrupt it.
+    PyArray1::<f64>::zeros(module.py(), 0, false);
     module.add("VERSION", env!("CARGO_PKG_VERSION"))?;
     module.add("REVISION", env!("REVISION_OF_OQTAL"))?;
     #[cfg(debug_assertions)]

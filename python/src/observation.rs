@@ -28,9 +28,9 @@ const POLL_PERIOD: Duration = Duration::from_millis(2);
 /// Maximum number of rows that wait to be taken; the oldest are lost \[-\].
 const MAX_ROWS: usize = 8192;
 
-/// Observes until the owner is dropped; `opened` receives whether the ports could be opened.
+/// Observes for `duration`, and not longer than the owner exists; `opened` receives whether the ports could be opened.
 fn observe(
-    paths: &InstancePaths,
+    (paths, duration): (&InstancePaths, Span),
     mut rows: Rows,
     shared: &Shared,
     opened: &Sender<Result<(), Failure>>,
@@ -48,8 +48,9 @@ fn observe(
         }
     };
     let _ = opened.send(Ok(()));
-    while !shared.is_closed.load(Ordering::Relaxed) {
-        let now = Time::now();
+    let (begin, mut now) = (Time::now(), Time::now());
+    while !shared.is_closed.load(Ordering::Relaxed) && now.since(begin) < duration {
+        now = Time::now();
         watch.check(now)?;
         observer.poll(now, &mut rows)?;
         rows.take(now, &mut shared.lock());
@@ -150,8 +151,13 @@ pub struct Observation {
 }
 
 impl Observation {
-    /// Observes the topic `topic`, or `events`, of the instance at `paths`.
-    pub fn open(py: Python<'_>, paths: &InstancePaths, topic: &str) -> PyResult<Self> {
+    /// Observes the topic `topic`, or `events`, of the instance at `paths` for `duration`.
+    pub fn open(
+        py: Python<'_>,
+        paths: &InstancePaths,
+        topic: &str,
+        duration: Span,
+    ) -> PyResult<Self> {
         let known = ObservedTopic::all().find(|observed| observed.name() == topic);
         let rows = match (known, topic) {
             (_, "events") => Rows::of_events(),
@@ -169,7 +175,7 @@ impl Observation {
             let (opened, is_open) = channel();
             std::thread::spawn(move || {
                 error::catch_panics_of_thread(true);
-                let end = observe(&paths, rows, &of_thread, &opened);
+                let end = observe((&paths, duration), rows, &of_thread, &opened);
                 of_thread.lock().end = Some(end);
             });
             is_open.recv().unwrap_or_else(|_| Err(ended()))

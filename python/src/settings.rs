@@ -10,10 +10,14 @@ use toml::{Table, Value};
 
 use crate::error;
 
-/// Files and settings of a call: `(files, [(origin, key, value), …])`.
+/// Deepest nesting of a value \[-\].
+const MAX_DEPTH: u32 = 16;
+
+/// Files and settings of a call: `(files, [(origin, key, value), …])`. With `None` in place of files neither files nor the
+/// environment are read: the settings are complete.
 #[derive(Debug)]
 pub struct Sources {
-    files: Vec<PathBuf>,
+    files: Option<Vec<PathBuf>>,
     settings: Vec<Setting>,
 }
 
@@ -21,7 +25,7 @@ impl<'a, 'py> FromPyObject<'a, 'py> for Sources {
     type Error = PyErr;
 
     fn extract(object: Borrowed<'a, 'py, PyAny>) -> PyResult<Self> {
-        let (files, given): (Vec<PathBuf>, Vec<(String, String, Bound<'py, PyAny>)>) =
+        let (files, given): (Option<Vec<PathBuf>>, Vec<(String, String, Bound<'py, PyAny>)>) =
             object.extract()?;
         let settings: PyResult<Vec<Setting>> = given.into_iter().map(setting_of).collect();
         Ok(Self { files, settings: settings? })
@@ -34,7 +38,8 @@ impl Sources {
     /// # Errors
     /// A file is invalid.
     pub fn settings(&self) -> Result<Vec<Setting>, Failure> {
-        let mut settings = Config::layers(&self.files)?;
+        let layers = self.files.as_deref().map(Config::layers);
+        let mut settings = layers.transpose()?.unwrap_or_default();
         settings.extend_from_slice(&self.settings);
         Ok(settings)
     }
@@ -58,15 +63,16 @@ impl Sources {
 /// # Errors
 /// The value has no form in TOML.
 pub fn setting_of((origin, key, value): (String, String, Bound<'_, PyAny>)) -> PyResult<Setting> {
-    let value = toml_of(&value).map_err(|kind| {
+    let value = toml_of(&value, MAX_DEPTH).map_err(|kind| {
         let reason = "a setting is a number, a text, True, False, or a list of them";
         error::usage(format!("{origin}: {key} is {kind}; {reason}"))
     })?;
     Ok(Setting { key, value, origin })
 }
 
-/// `value` in TOML; the name of its type if it has no such form.
-fn toml_of(value: &Bound<'_, PyAny>) -> Result<Value, String> {
+/// `value`, nested at most `depth` times, in TOML; the name of its type if it has no such form.
+fn toml_of(value: &Bound<'_, PyAny>, depth: u32) -> Result<Value, String> {
+    let Some(depth) = depth.checked_sub(1) else { return Err("nested too deeply".to_owned()) };
     let unknown = |_: PyErr| type_name(value);
     if value.is_instance_of::<PyBool>() {
         return value.extract::<bool>().map(Value::from).map_err(unknown);
@@ -85,18 +91,18 @@ fn toml_of(value: &Bound<'_, PyAny>) -> Result<Value, String> {
     }
     if let Ok(table) = value.cast::<PyDict>() {
         let entry = |(key, value): (Bound<'_, PyAny>, Bound<'_, PyAny>)| {
-            Ok((key.extract::<String>().map_err(|_| type_name(&key))?, toml_of(&value)?))
+            Ok((key.extract::<String>().map_err(|_| type_name(&key))?, toml_of(&value, depth)?))
         };
         return table.iter().map(entry).collect::<Result<Table, String>>().map(Value::from);
     }
     if value.is_instance_of::<PyList>() || value.is_instance_of::<PyTuple>() {
         let items = value.try_iter().map_err(unknown)?;
-        let item = |item: PyResult<Bound<'_, PyAny>>| toml_of(&item.map_err(unknown)?);
+        let item = |item: PyResult<Bound<'_, PyAny>>| toml_of(&item.map_err(unknown)?, depth);
         return items.map(item).collect::<Result<Vec<Value>, String>>().map(Value::from);
     }
     // Scalars and arrays of NumPy.
     match value.call_method0("tolist") {
-        Ok(plain) if !plain.is(value) => toml_of(&plain),
+        Ok(plain) if !plain.is(value) => toml_of(&plain, depth),
         _ => Err(type_name(value)),
     }
 }

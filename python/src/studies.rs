@@ -146,14 +146,30 @@ fn draws<'py>(
     })?;
     let list = PyList::empty(py);
     for draw in drawn.into_iter().flatten() {
-        let settings: PyResult<Vec<_>> = draw
-            .settings
-            .into_iter()
-            .map(|setting| Ok((setting.origin, setting.key, python_of(py, &setting.value)?)))
-            .collect();
-        list.append((draw.seed, settings?))?;
+        list.append((draw.seed, given(py, draw.settings)?))?;
     }
     Ok(list)
+}
+
+/// The laws of a study with all their settings, those of files, environment and gains included: what another machine needs to fly
+/// the same. `[(name, [(origin, key, value), …]), …]`.
+#[pyfunction]
+fn resolved<'py>(
+    py: Python<'py>,
+    sources: Sources,
+    names: Vec<String>,
+    gain_source: &str,
+) -> PyResult<Vec<(String, Vec<GivenSetting<'py>>)>> {
+    check_names(&names, &law::names().collect::<Vec<_>>(), "law")?;
+    let gain_source: GainSource = gain_source.parse().unwrap_or_default();
+    let laws = task::detached(py, || gains::chosen(&names, &gain_source, &sources.settings()?))?;
+    laws.into_iter().map(|law| Ok((law.name, given(py, law.settings)?))).collect()
+}
+
+/// Settings in Python.
+fn given(py: Python<'_>, settings: Vec<Setting>) -> PyResult<Vec<GivenSetting<'_>>> {
+    let given = |Setting { origin, key, value }| Ok((origin, key, python_of(py, &value)?));
+    settings.into_iter().map(given).collect()
 }
 
 /// `value` in Python.
@@ -274,6 +290,7 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(laws, module)?)?;
     module.add_function(wrap_pyfunction!(study, module)?)?;
     module.add_function(wrap_pyfunction!(draws, module)?)?;
+    module.add_function(wrap_pyfunction!(resolved, module)?)?;
     module.add_function(wrap_pyfunction!(identify, module)?)?;
     module.add_function(wrap_pyfunction!(fly_excitation, module)?)?;
     module.add_function(wrap_pyfunction!(tune, module)?)

@@ -124,6 +124,13 @@ def test_a_misspelt_column_is_named(square):
         square["true_x"]
 
 
+def test_values_that_contain_themselves_are_refused():
+    endless: list[object] = []
+    endless.append(endless)
+    with pytest.raises(oqtal.UsageError, match="nested too deeply"):
+        oqtal.fly(settings={"fault.inject": endless})
+
+
 def test_flights_are_copied_and_pickled(square, tmp_path: Path):
     for copied in (copy.copy(square), copy.deepcopy(square), pickle.loads(pickle.dumps(square))):
         assert copied.summary == square.summary and copied.config == square.config

@@ -44,6 +44,17 @@ def test_figures_follow_from_the_columns(square):
     assert square["tick"].dtype == np.int64 and set(square["phase"]) >= {"take-off", "landing"}
 
 
+def test_a_vector_has_braces_for_its_axis(square):
+    assert square.vector("true_{}_m").shape == (len(square["t_s"]), 3)
+    with pytest.raises(oqtal.UsageError, match="braces"):
+        square.vector("true_x_m")
+
+
+def test_a_crash_is_shown_with_its_reason():
+    crashed = oqtal.fly(trajectory="hover", plant={"mass_kg": 0.9})
+    assert crashed.summary["outcome"] != "landed" and crashed.summary["shortfall"] in repr(crashed)
+
+
 def test_arguments_are_settings(square):
     flown = oqtal.fly(
         {"vehicle": {"mass-kg": 0.55}, "control.controller": "pid"},
@@ -108,10 +119,26 @@ def test_files_that_are_no_flights_are_refused(tmp_path: Path, square):
         square.save(tmp_path / "flight.xls")
     with pytest.raises(oqtal.SystemFailure, match="nowhere"):
         square.save(tmp_path / "nowhere/flight.mcap")
-    square.save(tmp_path / "telemetry.csv")
+    with pytest.raises(oqtal.SystemFailure, match="nowhere"):
+        square.save(tmp_path / "nowhere/summary.json")
+    telemetry = square.save(tmp_path / "telemetry.csv")
+    (tmp_path / "cut.csv").write_text(telemetry.read_text()[:-9])
+    with pytest.raises(oqtal.DataError, match=r"cut.csv:\d+: the line is cut off"):
+        oqtal.Flight.read(tmp_path / "cut.csv")
     ticks = oqtal.Flight.read(tmp_path)
     with pytest.raises(oqtal.DataError, match="recording"):
         ticks.report(tmp_path / "report.html")
+
+
+def test_a_recording_that_was_replaced_is_not_saved_as_the_one_that_was_read(tmp_path: Path, square):
+    first = square.save(tmp_path / "flight.mcap")
+    read = oqtal.Flight.read(first)
+    oqtal.fly(trajectory="hover", duration=1).save(first)
+    with pytest.raises(oqtal.DataError, match="another one now"):
+        read.save(tmp_path / "copy.mcap")
+    first.unlink()
+    with pytest.raises(oqtal.SystemFailure, match=r"flight.mcap.* is gone"):
+        read.save(tmp_path / "copy.mcap")
 
 
 def test_a_cut_off_recording_is_read_as_far_as_it_goes(tmp_path: Path, square):

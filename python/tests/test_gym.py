@@ -143,6 +143,19 @@ def test_a_partial_reset_leaves_the_other_lanes_as_they_are():
     assert env.truths()[1, 13] < began[1], "its episode had ended"
 
 
+def test_a_mask_selects_the_lanes_that_are_reset():
+    env = oqtal.make_vec(2)
+    env.reset(seed=1)
+    hover = np.tile([0.0, 0.0, 0.0, HOVER], (2, 1))
+    env.step(hover)
+    began = env.truths()[:, 13]
+    env.reset(options={"reset_mask": np.array([True, False])})
+    after = env.truths()[:, 13]
+    assert after[0] < began[0] and after[1] == began[1]
+    with pytest.raises(oqtal.UsageError, match="reset_mask"):
+        env.reset(options={"reset_mask": [True]})
+
+
 def test_each_thread_gets_the_results_of_its_own_step():
     env = oqtal.make_vec(4, duration=1e3)
     env.reset(seed=1)

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -132,6 +133,10 @@ def test_topics_are_iterators_and_frames(instance):
     pandas = pytest.importorskip("pandas")
     poses = instance.poses(seconds=1.0).to_pandas()
     assert isinstance(poses, pandas.DataFrame) and len(poses) > 20
+    # Messages wait for a reader that comes after the end.
+    late = instance.poses(seconds=0.5)
+    time.sleep(1.0)
+    assert 10 < len(list(late)) < 40
     assert set(poses["tracked"]) == {1} and poses["captured_at_ns"].is_monotonic_increasing
     assert poses[["position_m_x", "position_m_y", "position_m_z"]].abs().max().max() < 0.1
     with instance.telemetry() as ticks:
@@ -141,6 +146,11 @@ def test_topics_are_iterators_and_frames(instance):
         instance.observe("nothing")
     with pytest.raises(oqtal.PeerError, match="no message of reference for 0.3 s"):
         list(instance.observe("reference", timeout=0.3))
+    with pytest.raises(oqtal.PeerError, match="no message of reference"):
+        instance.observe("reference", seconds=0.8).table()
+    closed = instance.events()
+    threading.Timer(0.2, closed.close).start()
+    assert all("event" in row for row in closed)
 
 
 def test_a_flight_is_commanded(flying):
@@ -196,6 +206,27 @@ def test_references_are_flown_and_a_killed_process_hinders_nobody(flying, place)
     assert flying.status()["mode"] == "flying"
     with pytest.raises(oqtal.UsageError, match="position has 2 numbers"):
         flying.reference([0.0, 1.0])
+    with pytest.raises(oqtal.UsageError, match="yaw and yaw_rate .* finite"):
+        flying.reference([0.0, 0.0, 1.0], yaw=float("nan"))
+
+
+def test_a_planner_learns_that_the_daemon_is_silent(program, tmp_path):
+    with running(program, tmp_path) as place:
+        instance = connected(place)
+        instance.reference([0.0, 0.0, 1.0])
+        daemon = next(process["heard"]["pid"] for process in instance.status()["processes"] if process["name"] == "daemon")
+        os.kill(daemon, signal.SIGSTOP)
+
+        def stream():
+            for _ in range(int(TIMEOUT / 0.02)):
+                instance.reference([0.0, 0.0, 1.0])
+                time.sleep(0.02)
+
+        try:
+            with pytest.raises(oqtal.PeerError, match="the daemon is silent"):
+                stream()
+        finally:
+            os.kill(daemon, signal.SIGCONT)
 
 
 def test_a_stop_reaches_the_vehicle_in_flight(flying):

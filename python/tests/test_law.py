@@ -126,6 +126,35 @@ def test_its_own_exception_is_the_cause():
 def test_numbers_out_of_range_are_limited():
     flight = oqtal.fly(law=returning(([100.0, 0, 0], 5.0)), trajectory="hover")
     assert flight.summary["outcome"] in ("landed", "stopped", "crashed")
+    assert flight.limited > 0
+
+
+def test_a_flight_that_the_law_did_not_fly_says_so():
+    # An attitude is missing: no answer is flown, and no hand-over counted.
+    law = returning(([0.0, 0, 0], 5.0))
+    flight = oqtal.fly(law=law, trajectory="hover", duration=2, settings={"vehicle.interface": "attitude"})
+    assert flight.summary["handovers"]["count"] == 0
+    assert f"the fallback law flew {flight.summary['handovers']['fallback_ticks']} ticks" in repr(flight)
+
+
+def test_a_law_that_flies_itself_is_refused():
+    def itself(state, reference, dt):
+        return oqtal.fly(law=itself, trajectory="hover", duration=1)
+
+    with pytest.raises(oqtal.LawError, match="nested 8 times"):
+        oqtal.fly(law=itself, trajectory="hover", duration=1)
+
+
+def test_an_exception_without_a_text_is_told():
+    class Mute(Exception):
+        def __str__(self):
+            raise ValueError("no text")
+
+    def law(state, reference, dt):
+        raise Mute
+
+    with pytest.raises(oqtal.LawError, match="Mute"):
+        oqtal.fly(law=law)
 
 
 def test_a_law_that_hangs_is_interrupted():
@@ -270,6 +299,7 @@ def test_a_law_that_fails_leaves_its_flight_and_the_instant():
     with pytest.raises(oqtal.LawError, match=r"rate of the law.*finite.*\(5\.\d\d s after the first question\)") as raised:
         oqtal.fly(law=law, trajectory="hover")
     assert 300 < raised.value.flight.columns.rows < 1000
+    assert raised.value.flight.summary["shortfall"] == str(raised.value)
 
 
 def test_the_computing_times_of_a_law_and_the_hand_overs_are_shown():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -59,6 +60,9 @@ def test_a_sweep_varies_keys(rows):
     np.testing.assert_array_equal(nominal["hover_rms_mm"], rows["hover_rms_mm"])
     slow = swept.where(swept["plant.rate-lag-ms"] == 80.0)
     assert (slow["chirp4_rms_deg"] != nominal["chirp4_rms_deg"]).all()
+    short = {"seeds": [200], "trajectory": "hover", "settings": {"trajectory.duration-s": 2}}
+    vectors = oqtal.sweep({"vehicle.rate-authority-rad-s": [[2, 2, 2], [3, 2, 2]]}, ["pid"], **short)
+    assert list(vectors["vehicle.rate-authority-rad-s"]) == [[2, 2, 2], [3, 2, 2]]
     with pytest.raises(oqtal.ConfigError, match="plant.nothing"):
         oqtal.sweep({"plant": {"nothing": [1.0]}}, LAWS)
     with pytest.raises(oqtal.UsageError, match="position.tilt-limit-deg is 15"):
@@ -113,13 +117,22 @@ def test_names_of_laws_are_checked():
         oqtal.campaign(["nobody"])
 
 
-def test_workers_of_a_cluster_fly_the_same_rows(rows):
+def test_workers_of_a_cluster_fly_the_same_rows(rows, monkeypatch, tmp_path: Path):
     distributed = pytest.importorskip("distributed")
     with (
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
         distributed.Client(cluster) as client,
     ):
         assert_equal(oqtal.campaign(LAWS, runs=3, client=client), rows)
+        # Files and variables are those of the caller, whose directory the workers do not share.
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setenv("OQTAL_PLANT__MASS_KG", "0.6")
+        Path("my.toml").write_text("[vehicle]\nmass-kg = 0.55\n")
+        oqtal.tune("pid", budget=2, seeds=[101]).save("pid.toml")
+        files: dict[str, Any] = {"config": "my.toml", "gains": Path(), "seeds": [3]}
+        assert_equal(oqtal.campaign(["pid"], **files, client=client), oqtal.campaign(["pid"], **files))
+        with pytest.raises(oqtal.UsageError, match="dashboard"):
+            oqtal.campaign(LAWS, runs=1, client=client, progress=True)
 
 
 def test_tables_are_shown(rows):

@@ -16,7 +16,11 @@
 //! `T_c` before braking. The output is the leader filtered by two equal lags. Their impulse response is non-negative, so the
 //! output satisfies the leader's limits of speed and acceleration and does not overshoot where the leader does not. The jerk is
 //! `(a_1 - a_2) / T`, with the accelerations behind the first and the second lag; it is at most `j_max` while the leader's own is
-//! within `2 j_max T = a_max` of `a_2`. Not in the paper.
+//! within `2 j_max T = a_max` of `a_2`.
+//!
+//! A target further away than [`NEAR_M`] is approached at its present position, as if it moved slower, from [`FAR_M`] on as if it
+//! were at rest: otherwise the speed of a chase would be the sum of both speeds, and its course could leave the room. Not in the
+//! paper.
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -32,6 +36,12 @@ const ARRIVED_M: f64 = 1e-9;
 
 /// `T_c` over `T` \[-\]: after this time the limit of jerk allows the change from full acceleration to full braking.
 const ROLL: f64 = 4.0;
+
+/// Distance up to which the motion of the target is part of the course \[m\].
+const NEAR_M: f64 = 0.25;
+
+/// Distance from which on the course does not depend on the motion of the target \[m\].
+const FAR_M: f64 = 2.0;
 
 /// Greatest `a_b` as a fraction of the greatest acceleration \[-\]; the rest keeps the leader on `f`.
 const BRAKING_SHARE: f64 = 0.9;
@@ -113,6 +123,18 @@ impl Course {
         }
     }
 
+    /// The same position with `share` of the motion.
+    fn slowed(&self, share: f64) -> Self {
+        let Self { position, velocity, acceleration, jerk, snap } = *self;
+        Self {
+            position,
+            velocity: velocity * share,
+            acceleration: acceleration * share,
+            jerk: jerk * share,
+            snap: snap * share,
+        }
+    }
+
     /// The course with which a first-order lag of `lag_s` \[s\] gives this one, up to the acceleration.
     fn ahead_of_lag(&self, lag_s: f64) -> Self {
         Self {
@@ -179,6 +201,8 @@ impl ReferenceModel {
 
     /// Advances by `dt_s` \[s\] towards `target`, given for the end of the step.
     pub fn advance(&mut self, target: &Course, dt_s: f64) {
+        let distance = (target.position - self.course().after(dt_s).position).norm();
+        let target = &target.slowed(((FAR_M - distance) / (FAR_M - NEAR_M)).clamp(0.0, 1.0));
         let mut jump = target.plus(&self.target.after(dt_s), -1.0);
         // Jerk and snap of the offset are those of the lags.
         (jump.jerk, jump.snap) = Default::default();

@@ -104,6 +104,34 @@ proptest! {
         within(&courses, options)?;
     }
 
+    #[test]
+    fn a_chase_neither_adds_both_speeds_nor_leaves_the_room_of_start_and_target(
+        start in vector(3.0),
+        turn in 0.0..std::f64::consts::TAU,
+    ) {
+        let (radius, rate) = (1.55, 1.29);
+        let limits = MotionLimits { speed: 2.5, acceleration: 4.0 };
+        let mut model = ReferenceModel::new(ReferenceModelOptions::default(), limits);
+        model.restart(start, Vector3::zeros());
+        for tick in 1..=1200 {
+            let (sin, cos) = (turn + rate * PERIOD_S * f64::from(tick)).sin_cos();
+            let (out, along) = (Vector3::new(cos, sin, 0.0), Vector3::new(-sin, cos, 0.0));
+            let target = Course {
+                position: out * radius,
+                velocity: along * (radius * rate),
+                acceleration: -out * (radius * rate.powi(2)),
+                jerk: -along * (radius * rate.powi(3)),
+                snap: out * (radius * rate.powi(4)),
+            };
+            model.advance(&target, PERIOD_S);
+            let course = model.course();
+            prop_assert!(course.velocity.norm() < 2.8, "{} m/s", course.velocity.norm());
+            let past = course.position.norm() - start.norm().max(radius);
+            prop_assert!(past < 0.05, "{past} m further out than start and target");
+        }
+        prop_assert!((model.course().position.norm() - radius).abs() < 1e-3, "not caught up");
+    }
+
     /// Each derivative is the rate of change of the previous one in the last part of a tick.
     #[test]
     fn the_derivatives_are_those_of_the_position(target in vector(3.0)) {
