@@ -41,6 +41,10 @@ def _array(values: ArrayLike, dimensions: int, name: str) -> NDArray[np.float64]
     array = np.ascontiguousarray(values, dtype=float)
     if array.ndim != dimensions:
         raise UsageError(f"{name} has {array.ndim} dimensions; expected {dimensions}")
+    if not np.isfinite(array).all():
+        raise UsageError(f"{name} is {values!r}; expected finite numbers")
+    if name == "eps" and np.linalg.norm(array) > 1.0:
+        raise UsageError(f"eps is {values!r}; the vector part of a unit quaternion has a norm of at most 1")
     return array
 
 
@@ -105,7 +109,7 @@ def dare(a: ArrayLike, b: ArrayLike, q: ArrayLike, r: ArrayLike) -> RiccatiSolut
 
 
 class GravityTurn:
-    """Descent with constant thrust opposite to the velocity, Eqs. (58) to (60): it ends in a hover."""
+    """Descent with constant thrust opposite to the velocity, Eqs. (58) to (60): at rest at ``hover_time_s``, then rising."""
 
     def __init__(self, thrust_ratio: float, gravity: float, speed: float, angle: float) -> None:
         """``thrust_ratio``: thrust over weight. ``gravity`` [m/s^2]. ``speed`` [m/s] at ``angle`` from the vertical [rad]."""

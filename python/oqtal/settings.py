@@ -19,6 +19,8 @@ from oqtal.errors import SystemFailure, UsageError
 ConfigLike: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | Mapping[str, Any] | None"
 #: Origin, key, value.
 Setting: TypeAlias = tuple[str, str, Any]
+#: Why `clock.kind` is refused.
+VIRTUAL_TIME = "clock.kind: flights of this package are in virtual time; `oqtal fly` flies in real time"
 Parameters = ParamSpec("Parameters")
 Result = TypeVar("Result")
 #: Files and settings, as the extension module takes them; without a list of files the settings are complete.
@@ -66,7 +68,7 @@ def integer(name: str, value: Any, least: int = 0, most: int = 2**63 - 1) -> int
     if not least <= found <= most:
         raise UsageError(
             f"{name} is {found}; expected {least} to {most}"
-            if most < 2**63 - 1
+            if most < 2**63 - 1 or found > most
             else f"{name} is {found}; expected at least {least}"
         )
     return found
@@ -96,6 +98,8 @@ def sources(
     given: list[Setting] = []
     if isinstance(config, Mapping):
         given += flat(config, "config")
+        if any(key == "clock.kind" for _, key, _ in given):
+            raise UsageError(f"config: {VIRTUAL_TIME}")
     elif isinstance(config, (str, os.PathLike)):
         files = [os.fspath(config)]
     elif config is not None and not isinstance(config, Sequence):
@@ -107,7 +111,7 @@ def sources(
     origins: dict[str, str] = {}
     for origin, key, _ in own:
         if key == "clock.kind":
-            raise UsageError(f"{origin}: flights of this package are in virtual time; `oqtal fly` flies in real time")
+            raise UsageError(f"{origin}: {VIRTUAL_TIME}")
         if set_by and key in set_by:
             raise UsageError(f"{origin}: {key} is set by this call; {set_by[key]}")
         if key in origins:

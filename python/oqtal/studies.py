@@ -6,6 +6,7 @@ import itertools
 import json
 import os
 import sys
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -166,20 +167,26 @@ def robustness(
 class Identification:
     """Parameters of a vehicle found from its flights."""
 
-    def __init__(self, document: Mapping[str, Any], toml: str) -> None:
+    def __init__(self, document: Mapping[str, Any], toml: str, remarks: Sequence[str] = ()) -> None:
         #: All results, as ``identification.json`` of ``oqtal identify``.
         self.document = document
         #: The vehicle as a configuration.
         self.toml = toml
+        #: What the flights did not show, whether residuals are white, and what the cameras did.
+        self.remarks = list(remarks)
 
     @property
     def table(self) -> Table:
-        """The parameters: value, half the width of the 95 % interval, value of the configuration."""
+        """The parameters: value, half the width of the 95 % interval, value of the configuration.
+
+        The flights do not show a parameter with an entry in ``missing``: its value is NaN, and is not written.
+        """
         findings = self.document["findings"]
         text = ("name", "key", "unit", "missing")
         columns: dict[str, Any] = {name: [finding[name] or "" for finding in findings] for name in text}
         for name in ("value", "half_width", "before"):
             columns[name] = [np.nan if finding[name] is None else finding[name] for finding in findings]
+        columns["value"] = [np.nan if finding["missing"] else finding["value"] for finding in findings]
         order = ("name", "value", "half_width", "before", "unit", "key", "missing")
         return Table({name: columns[name] for name in order})
 
@@ -188,7 +195,7 @@ class Identification:
         return write_text(path, self.toml)
 
     def __repr__(self) -> str:
-        return repr(self.table)
+        return "\n".join([repr(self.table), *self.remarks])
 
 
 @check_names
@@ -222,8 +229,13 @@ def identify(
         if not all(isinstance(flight, Flight) for flight in given):
             raise UsageError(f"flights are {given!r}; expected oqtal.Flight, as from Flight.read")
         flown = [flight._whole("an identification") for flight in given]
-    document, toml = _native.identify(flown, positive("mass", mass), positive("max_thrust", max_thrust))
-    return Identification(json.loads(document), toml)
+    document, toml, remarks = _native.identify(flown, positive("mass", mass), positive("max_thrust", max_thrust))
+    for cut in [flight.cut_off for flight in flown if flight.cut_off]:
+        warnings.warn(f"a recording is cut off: {cut}", stacklevel=3)
+    found = Identification(json.loads(document), toml, remarks)
+    if missing := ", ".join(found.table.where(found.table["missing"] != "")["name"]):
+        warnings.warn(f"not shown by the flights, and not written: {missing}; see remarks", stacklevel=3)
+    return found
 
 
 class Tuned:

@@ -41,13 +41,13 @@ pub struct PyFlight {
     #[pyo3(get)]
     cut_off: String,
     /// Answers of a law in Python; empty without one.
-    tape: LawTape,
+    tape: Option<LawTape>,
 }
 
 impl PyFlight {
     /// A flight of this process.
     pub fn of(flight: Flight) -> Self {
-        Self { flight, cut_off: String::new(), tape: LawTape::new() }
+        Self { flight, cut_off: String::new(), tape: None }
     }
 }
 
@@ -93,8 +93,8 @@ impl PyFlight {
 
     /// Flies again, with the same configuration and the answers of the law, and records into `path`.
     fn fly_again(&self, py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        let mut taped = TapedLaw(self.tape.iter());
-        let law = (!self.tape.is_empty()).then_some(&mut taped as &mut (dyn ExternalLaw + Send));
+        let mut taped = self.tape.as_ref().map(|tape| TapedLaw(tape.iter()));
+        let law = taped.as_mut().map(|law| law as &mut (dyn ExternalLaw + Send));
         flown(py, self.flight.config.clone(), Some(&path), law, &AtomicBool::default())
             .map(Self::of)
     }
@@ -137,7 +137,7 @@ fn fly(
     let end = law.end();
     let flight = flown(py, config, recording.as_deref(), Some(&mut law), &end);
     let Some(raised) = law.raised else {
-        return Ok(PyFlight { tape: law.tape, ..PyFlight::of(flight?) });
+        return Ok(PyFlight { tape: Some(law.tape), ..PyFlight::of(flight?) });
     };
     if let Ok(flight) = flight
         && !flight.samples.is_empty()

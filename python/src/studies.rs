@@ -9,7 +9,7 @@ use numpy::PyArray1;
 use oqtal_config::{Config, Setting};
 use oqtal_lab::identify::data::FlightData;
 use oqtal_lab::identify::identification::{Identification, Scale, identify as identification_of};
-use oqtal_lab::identify::{excitation_flight, vehicle_toml};
+use oqtal_lab::identify::{excitation_flight, overview, vehicle_toml};
 use oqtal_lab::progress::Progress;
 use oqtal_lab::robustness;
 use oqtal_lab::robustness::draws::{Draw, MOST_DRAWS, TUNING_SEED};
@@ -191,7 +191,7 @@ fn python_of<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>>
     })
 }
 
-/// Identifies the vehicle that flew `flights`; returns the identification as JSON, and the configuration as TOML.
+/// Identifies the vehicle that flew `flights`; returns the identification as JSON, the configuration as TOML, and remarks.
 #[pyfunction]
 #[pyo3(signature = (flights, mass_kg=None, max_thrust_n=None))]
 fn identify(
@@ -199,7 +199,7 @@ fn identify(
     flights: Vec<Py<PyFlight>>,
     mass_kg: Option<f64>,
     max_thrust_n: Option<f64>,
-) -> PyResult<(String, String)> {
+) -> PyResult<(String, String, Vec<String>)> {
     let scale = match (mass_kg, max_thrust_n) {
         (Some(mass_kg), _) => Scale::Mass(mass_kg),
         (None, Some(thrust_n)) => Scale::Thrust(thrust_n),
@@ -215,7 +215,8 @@ fn identify(
         };
         let data: Vec<FlightData> = flights.iter().map(|flight| FlightData::of(flight)).collect();
         let identification = identification_of(&data, &first.config.vehicle, scale)?;
-        Ok((json(&identification)?, vehicle_toml::toml(&identification, &first.config)))
+        let toml = vehicle_toml::toml(&identification, &first.config);
+        Ok((json(&identification)?, toml, overview::remarks(&identification)))
     })
 }
 
