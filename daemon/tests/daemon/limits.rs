@@ -61,6 +61,30 @@ fn f47_outside_the_soft_border_the_vehicle_returns_and_holds() {
     assert!(flight.motion.position.xy().norm() < 0.1, "on with the mission");
 }
 
+/// Whatever a law does there: the wind pushes the vehicle to the soft border from both sides.
+#[test]
+fn f47_a_vehicle_that_swings_across_the_soft_border_is_landed_after_ten_seconds_of_hold() {
+    let mut flight =
+        Flight::hovering(&[set("fence.x-m=[-2.0, 2.0]"), set("fence.soft-margin-m=1.2")]);
+    let (mut held, mut crossings, mut was_outside) = (0, 0, false);
+    while flight.state() != SafetyState::Land {
+        let is_outside = flight.motion.position.x > 0.8;
+        crossings += u32::from(is_outside != was_outside);
+        was_outside = is_outside;
+        flight.wind = Vector3::x() * if is_outside { -1.0 } else { 3.0 };
+        flight.run(1);
+        held += u32::from(flight.state() == SafetyState::Hold);
+        assert!(held <= 602, "{held} ticks of hold");
+    }
+    assert!(crossings > 4, "{crossings} crossings");
+    assert_eq!(flight.cause(), Cause::HeldTooLong);
+    flight.wind = Vector3::zeros();
+    while flight.is_powered() {
+        flight.run(1);
+    }
+    assert!(flight.motion.position.z < 0.05, "{:?}", flight.motion);
+}
+
 #[test]
 fn f38_a_vehicle_that_tips_is_stopped_within_half_a_second() {
     for rate in [Vector3::x() * 5.0, Vector3::y() * -9.0, Vector3::new(14.0, 3.0, 0.0)] {
