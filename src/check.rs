@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use oqtal_config::{Config, Setting};
-use oqtal_runtime::process::{Exit, Failure, check_instance, describe};
+use oqtal_runtime::process::{Exit, Failure, SettingArgs, check_instance, describe};
 use oqtal_runtime::program::{print, say};
 use toml::{Table, Value};
 
@@ -15,13 +15,8 @@ pub struct CheckArgs {
     /// Configuration files (TOML), later ones override earlier ones [default: the built-in values]
     #[arg(value_name = "FILE")]
     files: Vec<PathBuf>,
-    /// Any key of the configuration, as in --set vehicle.mass-kg=0.6; may be repeated
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    settings: Vec<String>,
-    /// A key of `[plant]`, where the simulated vehicle differs from the one that the laws are designed for, as in
-    /// --plant rate-lag-ms=80; may be repeated
-    #[arg(long = "plant", value_name = "KEY=VALUE")]
-    plant: Vec<String>,
+    #[command(flatten)]
+    settings: SettingArgs,
 }
 
 impl CheckArgs {
@@ -30,7 +25,7 @@ impl CheckArgs {
     /// # Errors
     /// A file or a setting has an error (exit code 78, with its origin), or a file that it names is invalid (65).
     pub fn execute(&self) -> Result<Exit, Failure> {
-        let config = Config::load(&self.files, &self.flags()?)?;
+        let config = Config::load(&self.files, &self.settings.settings()?)?;
         check_instance(&config)?;
         oqtal_bridge::check_options(&config).map_err(|error| config.locate(&error))?;
         oqtal_daemon::check(&config)?;
@@ -41,12 +36,6 @@ impl CheckArgs {
         changes(&config)?.iter().for_each(|line| say(&format!("oqtal: {line}")));
         print(&describe(&config))?;
         Ok(Exit::Ok)
-    }
-
-    fn flags(&self) -> Result<Vec<Setting>, Failure> {
-        let set = self.settings.iter().map(|text| Setting::parse("--set", text));
-        let plant = self.plant.iter().map(|text| Setting::parse_in("plant", "--plant", text));
-        Ok(set.chain(plant).collect::<Result<_, _>>()?)
     }
 }
 
@@ -96,7 +85,7 @@ mod tests {
         }
         let line = ["check", "--set", "vehicle.rate-lag-ms=60", "--plant", "rate-lag-ms=80"];
         let check = <Line as clap::Parser>::try_parse_from(line).unwrap().check;
-        let config = Config::load(&check.files, &check.flags().unwrap()).unwrap();
+        let config = Config::load(&check.files, &check.settings.settings().unwrap()).unwrap();
         assert_eq!((config.vehicle.rate_lag_ms, config.plant.rate_lag_ms), (60.0, 80.0));
     }
 

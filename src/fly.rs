@@ -20,7 +20,7 @@ use oqtal_config::{ClockKind, Config, Fault, Setting, TimedDisturbance};
 use oqtal_control::controller::ControllerName;
 use oqtal_lab::campaign::FlightSeries;
 use oqtal_lab::mission::Mission;
-use oqtal_runtime::process::{CommonArgs, Exit, Failure, check_instance};
+use oqtal_runtime::process::{CommonArgs, Exit, Failure, PlantArgs, check_instance};
 use oqtal_runtime::program::{print, say};
 
 use oqtal_observe::explain;
@@ -76,10 +76,8 @@ pub struct FlyArgs {
     faults: Vec<Fault>,
     #[arg(long = "disturb", value_name = "KIND@TIME[+DURATION]=VALUE", help = fault::DISTURB_HELP)]
     disturb: Vec<TimedDisturbance>,
-    /// A key of `[plant]`, where the simulated vehicle differs from the one that the laws are designed for, as in
-    /// --plant rate-lag-ms=80; repeatable
-    #[arg(long = "plant", value_name = "KEY=VALUE")]
-    plant: Vec<String>,
+    #[command(flatten)]
+    plant: PlantArgs,
     /// Directory of the results [default: flights/INSTANCE-N]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -101,23 +99,23 @@ pub struct FlyArgs {
 pub struct BusFlightSeries {
     interrupts: Interrupts,
     directory: PathBuf,
-    is_resumed: bool,
+    replaces: bool,
 }
 
 impl BusFlightSeries {
-    /// Series whose flights are written into `directory`; a resumed one replaces flights that it did not complete.
+    /// Series whose flights are written into `directory`. One that is resumed, or replaces results, `replaces` flights there.
     ///
     /// # Errors
     /// The operating system refuses the signal handler.
-    pub fn begin(directory: PathBuf, is_resumed: bool) -> Result<Self, Failure> {
-        Ok(Self { interrupts: Interrupts::listen()?, directory, is_resumed })
+    pub fn begin(directory: PathBuf, replaces: bool) -> Result<Self, Failure> {
+        Ok(Self { interrupts: Interrupts::listen()?, directory, replaces })
     }
 }
 
 impl FlightSeries for BusFlightSeries {
     fn fly(&self, mission: &Mission, name: &str) -> Result<Flight, Failure> {
         let directory = Some(self.directory.join(name));
-        let directory = match self.is_resumed {
+        let directory = match self.replaces {
             true => FlightDirectory::create_or_replace(directory.as_deref(), &mission.config)?,
             false => FlightDirectory::create(directory.as_deref(), &mission.config)?,
         };
@@ -198,9 +196,7 @@ impl FlyArgs {
     /// The flags as settings of the configuration.
     fn settings(&self) -> Result<Vec<Setting>, Failure> {
         let mut settings = self.common.settings()?;
-        for text in &self.plant {
-            settings.push(Setting::parse_in("plant", "--plant", text)?);
-        }
+        settings.extend(self.plant.settings()?);
         let mut set = |flag: &str, key: &str, value: Option<toml::Value>| {
             if let Some(value) = value {
                 settings.push(Setting::flag(flag, key, value));

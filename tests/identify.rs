@@ -17,6 +17,18 @@ fn a_recorded_flight_is_identified_and_differences_are_reported() {
     let table = testbed.succeeds(&identify);
     let again = testbed.study(&identify).output().unwrap();
     assert_refused(&again, 64, &["vehicle.toml exists already", "--force"]);
+    let text = std::fs::read_to_string(testbed.path("found/identification.json")).unwrap();
+    let document: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let command = document["command"].as_str().unwrap();
+    assert!(
+        command.starts_with("oqtal identify /") && command.ends_with("--mass 0.5"),
+        "{command}"
+    );
+    assert!(document["config_hash"].is_string() && testbed.path("found/config.toml").is_file());
+    let grams = ["identify", recording, "--mass", "500", "--out", "grams"];
+    let grams = testbed.study(&grams).output().unwrap();
+    let note = "vehicle.mass-kg is 500, unusual in kg";
+    assert!(stderr(&grams).contains(note), "{}", stderr(&grams));
     let widest = table.lines().map(|line| line.chars().count()).max();
     assert!(widest <= Some(80), "{widest:?} columns\n{table}");
     let file = format!("{found}/vehicle.toml");

@@ -36,6 +36,13 @@ fn a_campaign_compares_a_disturbed_hover_and_a_circle_and_has_a_row_for_each_tes
     }
     assert!(text.lines().all(|line| line.chars().count() <= 120), "{text}");
     assert!(testbed.path("results/campaign-2/campaign.csv").is_file());
+    // Results say what they are of, and the configuration beside them is read back as it is.
+    assert_eq!(campaign["command"], "oqtal campaign --controllers pid,oqtal-dt --runs 2");
+    let again = ["check", "results/campaign-1/config.toml"];
+    let checked = testbed.succeeds(&again);
+    let copy = std::fs::read_to_string(testbed.path(again[1])).unwrap();
+    assert!(copy.starts_with("# Configuration of `oqtal campaign --controllers pid,oqtal-dt"));
+    assert!(checked.lines().skip(1).eq(copy.trim_end().lines().skip(1)), "{copy}\n{checked}");
 }
 
 #[test]
@@ -65,7 +72,14 @@ fn failed_flights_are_counted_with_cause_seeds_and_a_command_that_flies_one_agai
     let text = testbed.succeeds(&[&CAMPAIGN[..], &heavy].concat());
     assert!(text.contains("24 of 24 flights did not land"), "{text}");
     let key = "plant.mass-kg=0.5,2.0";
-    let sweep = testbed.succeeds(&["sweep", key, "--laws", "pid", "--seeds", "200-201"]);
+    let words = ["sweep", key, "--laws", "pid", "--seeds", "200-201"];
+    let rows = testbed.succeeds(&[&words[..], &["--json", "--out", "a.csv"]].concat());
+    for row in rows.lines().map(|row| serde_json::from_str::<Value>(row).unwrap()) {
+        assert_eq!(row["command"], format!("oqtal {}", words.join(" ")));
+        assert!(row["version"].is_string() && row["config_hash"].is_string(), "{row}");
+    }
+    assert!(testbed.path("a.csv").is_file() && testbed.path("a.config.toml").is_file());
+    let sweep = testbed.succeeds(&words);
     for said in ["100 %", "0 %", "8 of 16 flights did not land", "seeds 200, 201; again: oqtal fly"]
     {
         assert!(sweep.contains(said), "{said} in\n{sweep}");

@@ -153,8 +153,8 @@ code! {
         Configuration = 25 => "configurations differ",
         /// The reference is invalid; the last valid one is held.
         Setpoint = 26 => "set-point refused",
-        /// The position was held for too long.
-        HeldTooLong = 27 => "held for too long",
+        /// The fence held the flight for too long.
+        HeldTooLong = 27 => "held by the fence for too long",
         /// Obstacles prevent a flight; the reply lists them.
         NotReady = 28 => "not ready",
         /// A pilot or the vehicle itself took control: a flight ends, and no commands are sent.

@@ -5,8 +5,6 @@ use oqtal_control::options::{OptionError, Rule, check_options};
 use oqtal_control::rigid_body::{Inertia, InertiaError};
 use serde::{Deserialize, Serialize};
 
-use crate::error::BrokenRule;
-
 /// Kind of command that a vehicle takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -57,12 +55,12 @@ pub(crate) struct Airframe<'a> {
 
 impl Airframe<'_> {
     /// Checks all values.
-    pub(crate) fn check(&self) -> Result<(), BrokenRule> {
+    pub(crate) fn check(&self) -> Result<(), OptionError> {
         self.check_numbers().map_err(|error| error.within(self.section))?;
         if let Err(error) = inertia(self.inertia_kg_m2) {
             let allowed = format!("symmetric positive definite: {error}");
             let key = format!("{}.inertia-kg-m2", self.section);
-            return Err(OptionError::new(key, "unusable", allowed).into());
+            return Err(OptionError::new(key, "unusable", allowed));
         }
         let weight = self.mass_kg * self.gravity_m_s2;
         if self.max_thrust_n > weight {
@@ -70,11 +68,7 @@ impl Airframe<'_> {
         }
         let allowed = format!("above the weight of {weight:.2} N");
         let key = format!("{}.max-thrust-n", self.section);
-        let others: &[&str] = match self.section {
-            "plant" => &["plant.mass-kg", "plant.gravity-m-s2"],
-            _ => &["vehicle.mass-kg", "vehicle.gravity-m-s2"],
-        };
-        Err(BrokenRule { error: OptionError::new(key, self.max_thrust_n, allowed), others })
+        Err(OptionError::new(key, self.max_thrust_n, allowed))
     }
 
     fn check_numbers(&self) -> Result<(), OptionError> {

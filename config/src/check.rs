@@ -3,7 +3,7 @@
 use oqtal_control::options::OptionError;
 
 use crate::config::Config;
-use crate::error::{BrokenRule, ConfigError};
+use crate::error::ConfigError;
 use crate::instance::ClockKind;
 use crate::setting::Setting;
 
@@ -14,21 +14,20 @@ impl Config {
     /// Checks the rules for single values, and for several together.
     ///
     /// # Errors
-    /// The first broken rule, with the origin of the offending value.
+    /// The first broken rule, with the origin of the value that broke it.
     pub fn check(&self) -> Result<(), ConfigError> {
-        self.check_rules().map_err(|broken| {
-            let is_kept = |settings: &[Setting]| {
-                Self::unchecked(settings).is_none_or(|config| config.check_rules().is_ok())
-            };
-            self.origins.locate_change(&broken, is_kept)
+        self.check_rules().map_err(|error| {
+            let breaks = |config: Self| config.check_rules().is_err_and(|it| it.key == error.key);
+            let is_kept = |settings: &[Setting]| !Self::unchecked(settings).is_some_and(breaks);
+            self.origins.locate_change(&error, is_kept)
         })
     }
 
-    fn check_rules(&self) -> Result<(), BrokenRule> {
+    fn check_rules(&self) -> Result<(), OptionError> {
         self.check_sections().and_then(|()| self.check_together())
     }
 
-    fn check_sections(&self) -> Result<(), BrokenRule> {
+    fn check_sections(&self) -> Result<(), OptionError> {
         self.vehicle.check()?;
         self.plant.check()?;
         self.mocap.check()?;
@@ -37,40 +36,33 @@ impl Config {
         self.trajectory.check().map_err(|error| error.within("trajectory"))?;
         self.reference.check()?;
         self.safety.check()?;
-        self.fence.check().map_err(|error| {
-            let is_of_ranges = !error.key.ends_with("polygon-m");
-            let others: &[_] = if is_of_ranges { &["fence.soft-margin-m"] } else { &[] };
-            BrokenRule { error, others }
-        })?;
+        self.fence.check()?;
         self.envelope.check()?;
         self.external.check()?;
         self.bridge.check()?;
         self.receiver.check()?;
         self.record.check()?;
-        Ok(self.realtime.check()?)
+        self.realtime.check()
     }
 
     /// Checks the rules for values of several sections.
-    fn check_together(&self) -> Result<(), BrokenRule> {
+    fn check_together(&self) -> Result<(), OptionError> {
         if !self.plant.wire.link.is_empty() && self.clock.kind != ClockKind::Real {
             let link = format!("`{}`", self.plant.wire.link);
             let allowed = "empty unless clock.kind = \"real\"";
-            let error = OptionError::new("plant.wire.link", link, allowed);
-            return Err(BrokenRule { error, others: &["clock.kind"] });
+            return Err(OptionError::new("plant.wire.link", link, allowed));
         }
         let (poses, loops) = (self.safety.pose_rate_hz, self.control.rate_hz);
         if poses < loops * LEAST_POSES_PER_TICK {
             let allowed = format!("at least two thirds of control.rate-hz, {loops}");
-            let error = OptionError::new("safety.pose-rate-hz", poses, allowed);
-            return Err(BrokenRule { error, others: &["control.rate-hz", "mocap.rate-hz"] });
+            return Err(OptionError::new("safety.pose-rate-hz", poses, allowed));
         }
         let (lift, gravity) =
             (self.position.vertical_acceleration_limit_m_s2, self.vehicle.gravity_m_s2);
         if lift >= gravity {
             let key = "position.vertical-acceleration-limit-m-s2";
             let allowed = format!("below gravity, {gravity}: thrust only pushes");
-            let others = &["vehicle.gravity-m-s2", "vehicle.preset"];
-            return Err(BrokenRule { error: OptionError::new(key, lift, allowed), others });
+            return Err(OptionError::new(key, lift, allowed));
         }
         self.check_faults()?;
         self.check_budget()?;
@@ -78,18 +70,17 @@ impl Config {
     }
 
     /// Checks that an external law leaves half of a period to the rest of the loop.
-    fn check_budget(&self) -> Result<(), BrokenRule> {
+    fn check_budget(&self) -> Result<(), OptionError> {
         let (budget_us, most_us) = (self.external.budget_us, 0.5e6 / self.control.rate_hz);
         if !self.control.is_external() || budget_us <= most_us {
             return Ok(());
         }
         let allowed = format!("at most half a period of control.rate-hz, {most_us:.0}");
-        let error = OptionError::new("external.budget-us", budget_us, allowed);
-        Err(BrokenRule { error, others: &["control.rate-hz", "control.controller"] })
+        Err(OptionError::new("external.budget-us", budget_us, allowed))
     }
 
     /// Protects real vehicles from accidental faults: a bridge's link must lead to the simulated vehicle.
-    fn check_faults(&self) -> Result<(), BrokenRule> {
+    fn check_faults(&self) -> Result<(), OptionError> {
         let is_real = !self.bridge.link.is_empty() && self.plant.wire.link.is_empty();
         let Some(first) = self.fault.inject.first() else { return Ok(()) };
         if !is_real || self.fault.with_real_vehicle {
@@ -97,12 +88,11 @@ impl Config {
         }
         let allowed =
             "empty with a real vehicle at bridge.link, unless fault.with-real-vehicle = true";
-        let error = OptionError::new("fault.inject", format!("`{first}`"), allowed);
-        Err(BrokenRule { error, others: &["bridge.link", "fault.with-real-vehicle"] })
+        Err(OptionError::new("fault.inject", format!("`{first}`"), allowed))
     }
 
     /// Checks that the daemon does not abandon a start of motors on which the bridge still reports.
-    fn check_motor_start(&self) -> Result<(), BrokenRule> {
+    fn check_motor_start(&self) -> Result<(), OptionError> {
         let sequence_ms = self.bridge.motor_sequence_ms;
         let least_ms = sequence_ms + self.safety.vehicle_silence_ms;
         if self.safety.motor_start_ms >= least_ms {
@@ -111,9 +101,6 @@ impl Config {
         let allowed = format!(
             "at least {least_ms}, bridge.motor-sequence-ms and safety.vehicle-silence-ms together"
         );
-        Err(BrokenRule {
-            error: OptionError::new("safety.motor-start-ms", self.safety.motor_start_ms, allowed),
-            others: &["bridge.motor-sequence-ms", "safety.vehicle-silence-ms"],
-        })
+        Err(OptionError::new("safety.motor-start-ms", self.safety.motor_start_ms, allowed))
     }
 }

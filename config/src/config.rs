@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
 use crate::bridge::BridgeOptions;
-use crate::error::{BrokenRule, ConfigError};
+use crate::error::ConfigError;
 use crate::external::{EnvelopeOptions, ExternalOptions};
 use crate::fault::FaultOptions;
 use crate::fence::FenceOptions;
@@ -194,22 +194,21 @@ impl Config {
         self.origins.locate(error)
     }
 
-    /// As [`Config::locate`]. An error whose option no setting touches is blamed on the first setting with which `is_kept` no longer
-    /// holds: a long trajectory, for instance, and not the border of the room that it leaves.
+    /// Adds the origin of the setting since which `is_kept` no longer holds to `error`: a long trajectory, for instance, and not the
+    /// border of the room that it leaves.
     pub fn locate_change(
         &self,
         error: &OptionError,
         is_kept: impl Fn(&Self) -> bool,
     ) -> ConfigError {
-        let broken = BrokenRule { error: error.clone(), others: &[] };
         let is_kept =
             |settings: &[Setting]| Self::unchecked(settings).is_none_or(|it| is_kept(&it));
-        self.origins.locate_change(&broken, is_kept)
+        self.origins.locate_change(error, is_kept)
     }
 
     /// Configuration from `settings` without a check of the rules; `None` if they cannot be parsed.
     pub(crate) fn unchecked(settings: &[Setting]) -> Option<Self> {
-        let mut table: Table = DEFAULTS.parse().ok()?;
+        let (mut table, _) = SHIPPED_CONFIG.clone().ok()?;
         settings.iter().try_for_each(|setting| setting.insert_into(&mut table)).ok()?;
         deserialize(&table).ok()
     }

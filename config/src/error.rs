@@ -1,7 +1,5 @@
 //! Error of a configuration, with its reason and origin.
 
-use oqtal_control::options::OptionError;
-
 /// A configuration that cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{origin}: {reason}")]
@@ -11,19 +9,4 @@ pub struct ConfigError {
     pub origin: String,
     /// Reason, on one line.
     pub reason: String,
-}
-
-/// An [`OptionError`], with the other options in the broken rule.
-#[derive(Debug)]
-pub(crate) struct BrokenRule {
-    /// The option that breaks the rule, with its full key.
-    pub(crate) error: OptionError,
-    /// Full keys of the other options in the rule.
-    pub(crate) others: &'static [&'static str],
-}
-
-impl From<OptionError> for BrokenRule {
-    fn from(error: OptionError) -> Self {
-        Self { error, others: &[] }
-    }
 }

@@ -2,7 +2,7 @@
 
 use oqtal_control::options::OptionError;
 
-use crate::error::{BrokenRule, ConfigError};
+use crate::error::ConfigError;
 use crate::follow::followed_by;
 use crate::setting::Setting;
 
@@ -35,51 +35,40 @@ impl Origins {
         self.settings.iter().any(|setting| are_nested(&setting.key, key))
     }
 
-    /// As [`Origins::locate_rule`]. If no setting touches an option of the rule, the error is blamed on the first setting with which
-    /// `is_kept`, told the settings up to it, no longer holds.
+    /// Blames `error` on the key since whose setting `is_kept`, told the settings up to it, no longer holds; without one, as
+    /// [`Origins::locate`].
     pub(crate) fn locate_change(
         &self,
-        broken: &BrokenRule,
+        error: &OptionError,
         is_kept: impl Fn(&[Setting]) -> bool,
     ) -> ConfigError {
-        let located = self.locate_rule(broken);
-        if located.origin != BUILT_IN {
-            return located;
-        }
-        let changes = (1..=self.settings.len()).find(|count| !is_kept(&self.settings[..*count]));
-        let Some(setting) = changes.and_then(|count| self.settings.get(count - 1)) else {
-            return located;
+        let settings = &self.settings;
+        let last_kept = (0..settings.len()).rev().find(|count| is_kept(&settings[..*count]));
+        let Some(first) = last_kept.map(|count| &settings[count]) else {
+            return self.locate(error);
         };
-        let Setting { key, value, origin } = setting;
-        let reason = format!("with `{key}` = {value}: {}", located.reason);
-        ConfigError { origin: origin.clone(), reason }
+        blame(error, settings.iter().rfind(|setting| setting.key == first.key))
     }
 
     /// Adds the origin of the option in `error`; for an option that follows another one, the origin of the followed option.
     pub(crate) fn locate(&self, error: &OptionError) -> ConfigError {
-        self.locate_rule(&BrokenRule { error: error.clone(), others: &[] })
-    }
-
-    /// Adds the origin to a broken rule: that of the last-set option in the rule.
-    pub(crate) fn locate_rule(&self, broken: &BrokenRule) -> ConfigError {
-        let BrokenRule { error, others } = broken;
+        let last = |key: &str| self.settings.iter().rev().find(|set| are_nested(&set.key, key));
         let followed = followed_by(&error.key);
-        let last = |concerned: &dyn Fn(&str) -> bool| {
-            self.settings.iter().rev().find(|set| concerned(&set.key))
-        };
-        let found = last(&|set| are_nested(set, &error.key) || others.contains(&set))
-            .or_else(|| last(&|set| followed.as_deref().is_some_and(|key| are_nested(set, key))));
-        let (set, origin) =
-            found.map_or(("", BUILT_IN), |setting| (setting.key.as_str(), setting.origin.as_str()));
-        let reason = match (&followed, found) {
-            (Some(key), _) if key == set => format!("{error} (it follows `{key}`)"),
-            (_, Some(other)) if !are_nested(set, &error.key) => {
-                format!("with `{set}` = {}: {error}", other.value)
-            }
-            _ => error.to_string(),
-        };
-        ConfigError { origin: origin.to_owned(), reason }
+        blame(error, last(&error.key).or_else(|| followed.as_deref().and_then(last)))
     }
+}
+
+/// The error with its origin, the setting that caused it; `None` for a built-in value.
+fn blame(error: &OptionError, setting: Option<&Setting>) -> ConfigError {
+    let Some(Setting { key, value, origin }) = setting else {
+        return ConfigError { origin: BUILT_IN.to_owned(), reason: error.to_string() };
+    };
+    let reason = match followed_by(&error.key) {
+        Some(followed) if followed == *key => format!("{error} (it follows `{key}`)"),
+        _ if are_nested(key, &error.key) => error.to_string(),
+        _ => format!("with `{key}` = {value}: {error}"),
+    };
+    ConfigError { origin: origin.clone(), reason }
 }
 
 /// Whether the keys are equal, or one is a section that contains the other.

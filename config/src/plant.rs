@@ -6,7 +6,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::airframe::{A_STEP, Airframe, Interface, inertia};
 use crate::disturbance::{DisturbanceKind, TimedDisturbance};
-use crate::error::BrokenRule;
 use crate::plant_wire::PlantWireOptions;
 
 /// Greatest fraction of the vehicle's mass that disturbances may remove \[-\].
@@ -191,7 +190,7 @@ impl PlantOptions {
         inertia(&self.inertia_kg_m2)
     }
 
-    pub(crate) fn check(&self) -> Result<(), BrokenRule> {
+    pub(crate) fn check(&self) -> Result<(), OptionError> {
         self.airframe().check()?;
         let own = check_options([
             ("spread", self.spread, Rule::Between(0.0, 0.5)),
@@ -218,7 +217,7 @@ impl PlantOptions {
     }
 
     /// Checks that disturbances leave some of the vehicle's mass.
-    fn check_mass(&self) -> Result<(), BrokenRule> {
+    fn check_mass(&self) -> Result<(), OptionError> {
         let taken = self.disturb.iter().map(|disturbance| match disturbance.kind {
             DisturbanceKind::Mass(mass_kg) => (-mass_kg).max(0.0),
             _ => 0.0,
@@ -228,30 +227,25 @@ impl PlantOptions {
             return Ok(());
         }
         let allowed = format!("not below -{:.3} kg in all", MOST_TAKEN * least_kg);
-        let error = OptionError::new("plant.disturb", format!("-{taken_kg} kg in all"), allowed);
-        Err(BrokenRule { error, others: &["plant.mass-kg", "vehicle.mass-kg", "plant.spread"] })
+        Err(OptionError::new("plant.disturb", format!("-{taken_kg} kg in all"), allowed))
     }
 
     /// Checks that the vehicle has one command path, and that torque commands come over the bus.
-    fn check_links(&self) -> Result<(), BrokenRule> {
+    fn check_links(&self) -> Result<(), OptionError> {
         if !self.truth.is_empty() && !self.wire.link.is_empty() {
             let link = format!("`{}`", self.wire.link);
             let allowed = "empty where plant.truth names a source of the truth";
-            let error = OptionError::new("plant.wire.link", link, allowed);
-            return Err(BrokenRule { error, others: &["plant.truth"] });
+            return Err(OptionError::new("plant.wire.link", link, allowed));
         }
         let links = [("plant.wire.link", &self.wire.link), ("plant.truth", &self.truth)];
         let torque = self.interface == Interface::Torque;
         match links.into_iter().find(|(_, link)| torque && !link.is_empty()) {
             None => Ok(()),
-            Some((key, link)) => Err(BrokenRule {
-                error: OptionError::new(
-                    key,
-                    format!("`{link}`"),
-                    "empty for a vehicle that is commanded by torque (plant.interface = \"torque\")",
-                ),
-                others: &["plant.interface", "vehicle.interface", "vehicle.preset"],
-            }),
+            Some((key, link)) => Err(OptionError::new(
+                key,
+                format!("`{link}`"),
+                "empty for a vehicle that is commanded by torque (plant.interface = \"torque\")",
+            )),
         }
     }
 

@@ -1,10 +1,10 @@
 //! `[vehicle]`: the controller's model of the vehicle. Laws, estimators, predictor and tuning are designed for it.
 
+use oqtal_control::options::OptionError;
 use oqtal_control::rigid_body::{Inertia, InertiaError};
 use serde::{Deserialize, Serialize};
 
 use crate::airframe::{Airframe, Interface, inertia};
-use crate::error::BrokenRule;
 use crate::preset;
 
 /// `[vehicle]`.
@@ -48,7 +48,7 @@ impl VehicleOptions {
         inertia(&self.inertia_kg_m2)
     }
 
-    pub(crate) fn check(&self) -> Result<(), BrokenRule> {
+    pub(crate) fn check(&self) -> Result<(), OptionError> {
         preset::check("vehicle.preset", &self.preset)?;
         Airframe {
             section: "vehicle",

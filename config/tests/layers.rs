@@ -77,7 +77,7 @@ fn an_error_names_the_setting_that_made_the_value_impossible() {
         too_fast.contains("`safety.pose-rate-hz` is 60") && too_fast.starts_with("flag 1: "),
         "{too_fast}"
     );
-    let too_slow = error(&["control.rate-hz=100", "mocap.rate-hz=30"]);
+    let too_slow = error(&["control.rate-hz=50", "mocap.rate-hz=30"]);
     assert!(too_slow.starts_with("flag 1: ") && too_slow.contains("it follows `mocap.rate-hz`"));
     let too_long = error(&["bridge.motor-sequence-ms=4000"]);
     assert!(
@@ -86,6 +86,11 @@ fn an_error_names_the_setting_that_made_the_value_impossible() {
     );
     let wired = error(&["plant.wire.link=asctec:/tmp/x", "clock.kind=lockstep"]);
     assert!(wired.contains("`plant.wire.link`") && wired.starts_with("flag 1: "), "{wired}");
+    // A value that another one made possible is not the cause, and of a key that is set twice the value in effect is named.
+    let replaced = error(&["vehicle.mass-kg=5", "vehicle.max-thrust-n=90", "vehicle.mass-kg=10"]);
+    assert!(replaced.starts_with("flag 2: with `vehicle.mass-kg` = 10"), "{replaced}");
+    let twice = error(&["vehicle.mass-kg=-1", "vehicle.mass-kg=-2"]);
+    assert!(twice.starts_with("flag 1: `vehicle.mass-kg` is -2"), "{twice}");
 }
 
 #[test]

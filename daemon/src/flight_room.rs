@@ -107,17 +107,17 @@ pub fn require_flyable(
     trajectory: &Trajectory,
     start: Option<Vector3<f64>>,
 ) -> Result<(), Failure> {
-    // A configuration whose trajectory cannot be made is another error than this one.
-    let has_room = |config: &Config| {
-        !trajectory_of(config).is_ok_and(|path| check_room(config, &path, start).is_err())
+    let check = |config: &Config, trajectory: &Trajectory| {
+        check_room(config, trajectory, start).and_then(|()| check_demand(config, trajectory))
     };
-    check_room(config, trajectory, start)
-        .map_err(|error| Failure::from(config.locate_change(&error, has_room)))?;
-    let is_flyable = |config: &Config| {
-        !trajectory_of(config).is_ok_and(|path| check_demand(config, &path).is_err())
-    };
-    check_demand(config, trajectory)
-        .map_err(|error| config.locate_change(&error, is_flyable).into())
+    check(config, trajectory).map_err(|error| {
+        // A configuration whose trajectory cannot be made is another error than this one.
+        let breaks = |config: &Config| {
+            trajectory_of(config)
+                .is_ok_and(|path| check(config, &path).is_err_and(|other| other.key == error.key))
+        };
+        config.locate_change(&error, |config| !breaks(config)).into()
+    })
 }
 
 /// Whether a flight along `path` from `start` \[m, world\] stays inside the fence by `margin_m` \[m\].
@@ -216,6 +216,27 @@ mod tests {
         assert!(narrow(polygon).starts_with("`fence.polygon-m`"), "{}", narrow(polygon));
         let told = check(&["trajectory.height-m=3.0", "fence.z-m=[0.0, 3.5]"], None).unwrap_err();
         assert!(told.starts_with("`fence.z-m`") && told.contains("z = 3.00 m"), "{told}");
+    }
+
+    #[test]
+    fn of_a_room_that_is_too_narrow_the_setting_that_made_it_so_is_named() {
+        let blamed = |settings: [&str; 3]| {
+            let settings = settings.iter().enumerate();
+            let settings: Vec<_> = settings
+                .map(|(index, text)| Setting::parse(&format!("flag {index}"), text).unwrap())
+                .collect();
+            let config = Config::from_settings(&settings).unwrap();
+            let path = trajectory(&config).unwrap();
+            require_flyable(&config, &path, Some(Vector3::zeros())).unwrap_err().to_string()
+        };
+        let (border, margin) = ("fence.y-m=[-2.25, 2.25]", "fence.soft-margin-m=0.5");
+        let told = blamed([border, margin, "fence.soft-margin-m=1.0"]);
+        let blame = "flag 2: with `fence.soft-margin-m` = 1.0: `fence.y-m` is [-2.25, 2.25]";
+        assert!(told.starts_with(blame), "{told}");
+        let told = blamed([margin, border, "fence.y-m=[-1.7, 1.7]"]);
+        assert!(told.starts_with("flag 2: `fence.y-m` is [-1.7, 1.7]"), "{told}");
+        let told = blamed([border, margin, "trajectory.square.side-m=2.0"]);
+        assert!(told.starts_with("flag 2: with `trajectory.square.side-m` = 2.0"), "{told}");
     }
 
     #[test]

@@ -27,6 +27,8 @@ pub struct LimitConditions {
     pub leaves_fence: bool,
     /// The vehicle is outside the soft border, or is too fast to stop before the hard one.
     pub in_fence_margin: bool,
+    /// The fence held the flight for longer than a flight may be held.
+    pub held_too_long: bool,
     /// The vehicle is faster than `safety.speed-limit-m-s`.
     pub too_fast: bool,
     /// The vehicle is tilted by more than `safety.tilt-warning-deg`.

@@ -1,7 +1,7 @@
 //! The current flight: its plan and its start.
 
 use nalgebra::{Vector3, Vector4};
-use oqtal_bus::time::Time;
+use oqtal_bus::time::{Span, Time};
 use oqtal_control::estimator::Estimate;
 use oqtal_control::trajectory::{
     Detour, FlightPlan, Phase, Reference, ReferenceMotion, StartPoint,
@@ -11,6 +11,8 @@ use crate::floor::LANDED_M;
 
 /// Time after the end of the landing's reference within which the vehicle must have landed \[s\].
 const LANDING_GRACE_S: f64 = 8.0;
+/// Time for which a flight may be held, all holds together.
+const MOST_HELD: Span = Span::from_millis(10_000);
 /// Time over which the motion of the reference is a difference \[s\].
 const DIFFERENCE_S: f64 = 1e-3;
 
@@ -23,6 +25,8 @@ pub struct ActiveMission {
     changes: u32,
     /// Since when the mission waits, and the reference meanwhile.
     held: Option<(Time, Reference)>,
+    /// Time for which it waited before, since the last change of its course.
+    waited: Span,
 }
 
 // Not boxed: the real-time thread does not allocate.
@@ -38,12 +42,16 @@ enum FlightPath {
 impl ActiveMission {
     /// The flight of `plan` from `now` on, from the floor at `floor_m` \[m, world z\].
     pub fn fly(plan: FlightPlan, floor_m: f64, now: Time) -> Self {
-        Self { began: now, path: FlightPath::Plan(plan, floor_m), changes: 0, held: None }
+        Self::begin(now, FlightPath::Plan(plan, floor_m))
     }
 
     /// Observes a vehicle with the fixed reference `point` \[m, world\].
     pub fn observe(point: Vector3<f64>, now: Time) -> Self {
-        Self { began: now, path: FlightPath::Observe(point), changes: 0, held: None }
+        Self::begin(now, FlightPath::Observe(point))
+    }
+
+    fn begin(began: Time, path: FlightPath) -> Self {
+        Self { began, path, changes: 0, held: None, waited: Span::ZERO }
     }
 
     /// Number of changes of the plan so far, as by a landing: the reference may jump at one \[-\].
@@ -74,8 +82,15 @@ impl ActiveMission {
     pub fn resume(&mut self, now: Time) {
         if let Some((since, _)) = self.held.take() {
             self.began = self.began + now.since(since);
+            self.waited = self.waited + now.since(since);
             self.changes += 1;
         }
+    }
+
+    /// Whether the mission waited for too long, in one hold or in several.
+    pub fn is_held_too_long(&self, now: Time) -> bool {
+        let present = self.held.map_or(Span::ZERO, |(since, _)| now.since(since));
+        self.waited + present >= MOST_HELD
     }
 
     /// Whether the landing should have ended by `now`.
@@ -141,6 +156,7 @@ impl ActiveMission {
         let elapsed_s = self.elapsed_s(now);
         if let FlightPath::Plan(plan, _) = &mut self.path {
             plan.redirect(elapsed_s, detour);
+            self.waited = Span::ZERO;
             self.changes += 1;
         }
     }
@@ -169,5 +185,40 @@ impl ActiveMission {
         reference.phase == Phase::Landing
             && reference.position.z < *floor_m
             && estimate.position.z < floor_m + LANDED_M
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::live::leg_limits;
+    use oqtal_config::Config;
+    use oqtal_control::trajectory::Leg;
+
+    /// Whatever a law does at the border of the fence: the holds of a flight are counted together.
+    #[test]
+    fn f47_a_flight_is_held_for_ten_seconds_in_all_and_a_new_course_begins_the_count_again() {
+        let config = Config::default();
+        let trajectory = crate::trajectory(&config).unwrap();
+        let plan = FlightPlan::new(&config.trajectory, trajectory, StartPoint::default());
+        let mut mission = ActiveMission::fly(plan, 0.0, Time::VIRTUAL_START);
+        let still = Reference::rest(Vector3::z(), Phase::Trajectory);
+        let mut now = Time::VIRTUAL_START;
+        for hold in 0..19 {
+            mission.hold(now, still);
+            assert!(!mission.is_held_too_long(now), "{hold}");
+            now = now + Span::from_millis(520);
+            mission.resume(now);
+            now = now + Span::from_millis(300);
+        }
+        mission.hold(now, still);
+        assert!(!mission.is_held_too_long(now + Span::from_millis(119)));
+        assert!(mission.is_held_too_long(now + Span::from_millis(120)));
+        now = now + Span::from_millis(120);
+        mission.resume(now);
+        assert!(mission.is_held_too_long(now), "until the vehicle has landed");
+        let stop = Leg::stop(&mission.motion(now), &leg_limits(&config));
+        mission.redirect(now, Detour::stay(stop));
+        assert!(!mission.is_held_too_long(now));
     }
 }

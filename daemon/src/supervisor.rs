@@ -100,7 +100,7 @@ pub const LIMITS: [SafetyRow; 39] = {
         Row { id: "F45", cause: Some(Cause::Battery), when: |c| c.limits.battery_empty, after_ms: 2000, action: Land, ends: Landed },
         Row { id: "F46", cause: Some(Cause::Link), when: |c| c.limits.link_bad, after_ms: 2000, action: Land, ends: Landed },
         Row { id: "F04", cause: Some(Cause::PosesLate), when: |c| c.limits.poses_too_old, after_ms: 500, action: Land, ends: Landed },
-        Row { id: "F47", cause: Some(Cause::HeldTooLong), when: |c| c.limits.in_fence_margin, after_ms: 10_000, action: Land, ends: Landed },
+        Row { id: "F47", cause: Some(Cause::HeldTooLong), when: |c| c.limits.held_too_long, after_ms: 0, action: Land, ends: Landed },
         Row { id: "F35", cause: Some(Cause::ReferencesEnded), when: |c| c.limits.references_overdue, after_ms: 0, action: Land, ends: Landed },
         Row { id: "F68", cause: Some(Cause::FilesLost), when: |c| c.limits.files_lost, after_ms: 0, action: Land, ends: Landed },
         // Hold the position.

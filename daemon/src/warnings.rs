@@ -1,5 +1,7 @@
 //! Warnings before a flight: settings that the flight cannot satisfy. The flight takes place nevertheless.
 
+use std::ops::RangeInclusive;
+
 use nalgebra::Vector3;
 use oqtal_config::Config;
 use oqtal_control::trajectory::{
@@ -12,6 +14,13 @@ const STEP_S: f64 = 0.01;
 const MOST_POINTS: f64 = 20_000.0;
 /// Thrust over weight above which a note is printed \[-\].
 const MOST_THRUST: f64 = 20.0;
+/// Rate at full stick above which a note is printed \[rad/s\].
+const MOST_AUTHORITY: f64 = 20.0;
+/// Lags and delays without a note \[ms\], apart from none.
+const USUAL_MS: RangeInclusive<f64> = 0.2..=1000.0;
+/// Moments of inertia without a note, over mass to the power of 5/3, with which they grow for bodies of one shape and density
+/// \[kg^(-2/3) m^2\].
+const USUAL_INERTIA: RangeInclusive<f64> = 2e-5..=4.0;
 /// Distance between hover point and first waypoint above which a note is printed \[m\].
 const TOLD_JUMP_M: f64 = 0.5;
 
@@ -59,33 +68,55 @@ fn implausible(config: &Config) -> Vec<String> {
     let modelled = unusual(
         (vehicle.mass_kg, vehicle.gravity_m_s2, vehicle.max_thrust_n),
         [vehicle.rate_lag_ms, vehicle.thrust_lag_ms, vehicle.command_delay_ms],
+        (&vehicle.inertia_kg_m2, &vehicle.rate_authority_rad_s),
     );
     let mut simulated = unusual(
         (plant.mass_kg, plant.gravity_m_s2, plant.max_thrust_n),
         [plant.rate_lag_ms, plant.thrust_lag_ms, plant.command_delay_ms],
+        (&plant.inertia_kg_m2, &plant.rate_authority_rad_s),
     );
     // A key of the plant that is not set follows the vehicle's.
     simulated.retain(|note| !modelled.contains(note));
     let of = |section: &'static str| move |note: String| format!("{section}.{note}");
-    modelled.into_iter().map(of("vehicle")).chain(simulated.into_iter().map(of("plant"))).collect()
+    let cameras = unusual_time("latency-ms", config.mocap.latency_ms);
+    let of_vehicles =
+        modelled.into_iter().map(of("vehicle")).chain(simulated.into_iter().map(of("plant")));
+    of_vehicles.chain(cameras.map(of("mocap"))).collect()
+}
+
+/// Note on a lag or delay \[ms\] that is probably written in another unit.
+fn unusual_time(key: &str, value_ms: f64) -> Option<String> {
+    let is_usual = value_ms == 0.0 || USUAL_MS.contains(&value_ms);
+    (!is_usual).then(|| format!("{key} is {value_ms}, unusual in ms"))
 }
 
 /// Notes on a vehicle of this mass \[kg\], gravity \[m/s^2\] and thrust \[N\], with these lags of rate and thrust and this delay of
-/// commands \[ms\]; each begins with the key.
+/// commands \[ms\], this inertia \[kg m^2, body\] and these rates at full stick \[rad/s, body\]; each begins with the key.
 fn unusual(
     (mass_kg, gravity_m_s2, thrust_n): (f64, f64, f64),
     [rate_ms, thrust_ms, delay_ms]: [f64; 3],
+    (inertia, authority): (&[[f64; 3]; 3], &[f64; 3]),
 ) -> Vec<String> {
-    let checks = [
-        ("mass-kg", mass_kg, 0.01..=50.0, "kg"),
-        ("rate-lag-ms", rate_ms, 1.0..=1000.0, "ms"),
-        ("thrust-lag-ms", thrust_ms, 0.0..=1000.0, "ms"),
-        ("command-delay-ms", delay_ms, 0.0..=1000.0, "ms"),
-    ];
-    let unusual = checks.into_iter().filter(|(_, value, usual, _)| !usual.contains(value));
-    let mut notes: Vec<_> = unusual
-        .map(|(key, value, _, unit)| format!("{key} is {value}, unusual in {unit}"))
-        .collect();
+    let is_mass_usual = (0.01..=50.0).contains(&mass_kg);
+    let mass = (!is_mass_usual).then(|| format!("mass-kg is {mass_kg}, unusual in kg"));
+    let times =
+        [("rate-lag-ms", rate_ms), ("thrust-lag-ms", thrust_ms), ("command-delay-ms", delay_ms)];
+    let times = times.into_iter().filter_map(|(key, value_ms)| unusual_time(key, value_ms));
+    let mut notes: Vec<_> = mass.into_iter().chain(times).collect();
+    let per_mass = mass_kg.powf(5.0 / 3.0);
+    let moments = (0..3).map(|axis| inertia[axis][axis]).filter(|_| is_mass_usual);
+    if let Some(moment) = moments.into_iter().find(|it| !USUAL_INERTIA.contains(&(it / per_mass))) {
+        notes.push(format!(
+            "inertia-kg-m2 has {moment}, unusual in kg m^2: the mass of {mass_kg} kg would be {:.4} m from the axis",
+            (moment / mass_kg).sqrt()
+        ));
+    }
+    if let Some(rate) = authority.iter().find(|rate| **rate > MOST_AUTHORITY) {
+        notes.push(format!(
+            "rate-authority-rad-s has {rate}, unusual in rad/s: {:.0} deg/s at full stick",
+            rate.to_degrees()
+        ));
+    }
     let weight_n = mass_kg * gravity_m_s2;
     let ratio = thrust_n / weight_n;
     if ratio > MOST_THRUST && weight_n > 0.0 {
@@ -218,6 +249,32 @@ mod tests {
         assert!(!text.contains("plant."), "the plant follows the vehicle: {text}");
         let text = told(&["plant.max-thrust-n=22000"], None).join("\n");
         assert!(text.starts_with("plant.max-thrust-n is 22000, 4485 times"), "{text}");
+    }
+
+    #[test]
+    fn seconds_degrees_and_a_wrong_power_of_ten_of_the_inertia_are_reported() {
+        for (setting, note) in [
+            ("vehicle.command-delay-ms=0.035", "vehicle.command-delay-ms is 0.035, unusual in ms"),
+            ("plant.thrust-lag-ms=0.05", "plant.thrust-lag-ms is 0.05, unusual in ms"),
+            ("mocap.latency-ms=0.03", "mocap.latency-ms is 0.03, unusual in ms"),
+            (
+                "vehicle.rate-authority-rad-s=[115, 115, 115]",
+                "has 115, unusual in rad/s: 6589 deg/s",
+            ),
+            (
+                "vehicle.inertia-kg-m2=[[3.65,0,0],[0,3.68,0],[0,0,7.03]]",
+                "has 3.65, unusual in kg m^2",
+            ),
+            ("vehicle.inertia-kg-m2=[[3e-6,0,0],[0,3e-6,0],[0,0,7e-6]]", "kg would be 0.0024 m"),
+        ] {
+            let text = told(&[setting], None);
+            assert!(text.len() == 1 && text[0].contains(note), "{setting}: {text:?}");
+        }
+        for preset in ["crazyflie-2.1", "ardupilot-quad", "px4-quad", "spacecraft"] {
+            let preset = format!("vehicle.preset={preset}");
+            let text = told(&[&preset, "mocap.preset=ideal", "trajectory.kind=hover"], None);
+            assert!(text.iter().all(|note| !note.contains("unusual")), "{text:?}");
+        }
     }
 
     #[test]

@@ -15,7 +15,7 @@ use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::{print, say};
 
 use crate::mission::Mission;
-use crate::output::{ExistingArgs, StudyOutput, complete};
+use crate::output::{ExistingArgs, StudyOutput};
 use crate::sheet::{Column, Sheet, SheetCell, SheetRow};
 use crate::study::args::{StudyArgs, parse_seeds, say_notes};
 use crate::study::flights::{Test, readable};
@@ -98,12 +98,16 @@ impl CampaignArgs {
     pub fn execute(&self, begin: &BeginSeries) -> Result<Exit, Failure> {
         let settings = self.study.settings()?;
         let laws = gains::chosen(&self.laws, &self.gains, &settings)?;
-        let cases = self.cases(&Config::from_settings(&settings)?);
-        let output = StudyOutput::begin("campaign", self.out.as_deref(), &FILES, self.existing)?;
+        let config = Config::from_settings(&settings)?;
+        let cases = self.cases(&config);
+        let (best, runs) = (self.best.unwrap_or(0), self.seeds().count() as u64);
+        say_notes((best > runs).then(|| format!("--best {best}: all {runs} runs are averaged")));
+        let of = ("campaign", &config);
+        let output = StudyOutput::begin(of, self.out.as_deref(), &FILES, self.existing)?;
         let flown = self.fly(&laws, &cases, (&output, begin))?;
         let sheet = self.sheet(&flown);
         let mut document = sheet.to_json();
-        records::add_source(&mut document);
+        output.stamp(&mut document);
         document["tests"] = records::tests(&flown);
         document["failures"] = records::failures(&flown);
         document["flights"] = records::flights(&flown);
@@ -111,7 +115,7 @@ impl CampaignArgs {
         let plain = flown.iter().filter(|row| row.case == PLAIN);
         output.write(FILES[0], &json)?;
         output.write(FILES[1], records::runs_csv(plain)?)?;
-        complete(&output.journal)?;
+        output.complete()?;
         match self.json {
             true => print(json.trim_end())?,
             false => {

@@ -61,7 +61,10 @@ impl Journal {
     /// be written (71).
     pub fn resume(path: &Path) -> Result<Self, Failure> {
         let usage = |reason: &str| {
-            let reason = format!("--resume: {}: {reason}; leave out --resume", path.display());
+            let reason = format!(
+                "--resume: {}: {reason}; to fly the study from its beginning, give another --out, or --force",
+                path.display()
+            );
             Failure::new(Exit::Usage, reason)
         };
         fs::metadata(path).map_err(|_| usage("no interrupted study"))?;

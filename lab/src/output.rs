@@ -1,15 +1,18 @@
 //! Output of a study: the output directory with its files and its journal, or one file. Results of another study are not replaced
-//! unless that is asked for.
+//! unless that is asked for. All results name what they are of: the command, the version of the program, the configuration.
 
 use std::path::{Path, PathBuf};
 use std::{fs, io};
 
 use clap::Args;
+use oqtal_config::Config;
 use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
+use serde_json::{Value, json};
 
 use crate::journal::Journal;
 use crate::progress::Progress;
+use crate::study::args::command;
 
 /// Folder of the directories of studies.
 const RESULTS: &str = "results";
@@ -17,6 +20,8 @@ const RESULTS: &str = "results";
 const MAX_NUMBER: u32 = 100_000;
 /// File in the directory of a study that is in progress or was interrupted.
 const JOURNAL: &str = "study.journal";
+/// File with the configuration of the study.
+pub const CONFIG: &str = "config.toml";
 
 /// Arguments about results that the output of a study holds already.
 #[derive(Args, Clone, Copy, Debug, Default)]
@@ -29,6 +34,20 @@ pub struct ExistingArgs {
     pub force: bool,
 }
 
+/// Adds to a document what it is of: the command, the version of the program, and the hash of `config`, the configuration of all
+/// flights but for what the command names.
+pub fn stamp(document: &mut Value, config: &Config) {
+    document["command"] = json!(command());
+    document["version"] = json!(env!("CARGO_PKG_VERSION"));
+    document["config_hash"] = json!(format!("{:016x}", config.hash()));
+}
+
+/// `config` as a file, below comments with the command and the version of the program.
+pub fn copy_of(config: &Config) -> String {
+    let (command, version) = (command(), env!("CARGO_PKG_VERSION"));
+    format!("# Configuration of `{command}`, oqtal {version}.\n{}", config.to_toml())
+}
+
 /// Output directory of a study, and its progress.
 #[derive(Debug)]
 pub struct StudyOutput {
@@ -38,18 +57,21 @@ pub struct StudyOutput {
     pub progress: Progress,
     /// Path of the journal.
     pub journal: PathBuf,
+    /// Path of the copy of the configuration.
+    copy: PathBuf,
+    config: Config,
 }
 
 impl StudyOutput {
-    /// Makes the directory `given`, by default the first `results/COMMAND-N` that does not exist; the study will write `files` into
-    /// it. To be resumed, the directory is that of an interrupted study, by default the newest one of `command` with the same
+    /// Makes the directory `given`, by default the first `results/COMMAND-N` that does not exist; the study of `config` will write
+    /// `files` into it. To be resumed, the directory is that of an interrupted study, by default the newest one of `command` with the same
     /// arguments.
     ///
     /// # Errors
     /// The directory holds one of the files or an interrupted or running study, or there is none to resume (exit code 64); the
     /// directory cannot be made or written (71).
     pub fn begin(
-        command: &str,
+        (command, config): (&str, &Config),
         given: Option<&Path>,
         files: &[impl AsRef<Path>],
         existing: ExistingArgs,
@@ -61,35 +83,60 @@ impl StudyOutput {
         };
         make(&directory)?;
         let files: Vec<PathBuf> = files.iter().map(|name| directory.join(name)).collect();
-        let journal = directory.join(JOURNAL);
-        Self::open(directory, journal, &files, existing)
+        let own = [JOURNAL, CONFIG].map(|name| directory.join(name));
+        Self::open((directory, config), own, &files, existing)
     }
 
-    /// Output into the directory of `file`, with a journal beside it, `NAME.journal`.
+    /// Output into the directory of `file`, with a journal and the configuration beside it, `NAME.journal` and `NAME.config.toml`.
     ///
     /// # Errors
     /// As [`Self::begin`].
-    pub fn beside(file: &Path, existing: ExistingArgs) -> Result<Self, Failure> {
+    pub fn beside(file: &Path, config: &Config, existing: ExistingArgs) -> Result<Self, Failure> {
         check_file(file)?;
         let directory = file.parent().unwrap_or(Path::new("")).to_owned();
-        Self::open(directory, file.with_extension("journal"), &[file.to_owned()], existing)
+        let own = ["journal", CONFIG].map(|extension| file.with_extension(extension));
+        Self::open((directory, config), own, &[file.to_owned()], existing)
     }
 
     fn open(
-        directory: PathBuf,
-        journal: PathBuf,
+        (directory, config): (PathBuf, &Config),
+        [journal, copy]: [PathBuf; 2],
         files: &[PathBuf],
         existing: ExistingArgs,
     ) -> Result<Self, Failure> {
         if !existing.resume && !existing.force {
             check_not_begun(&journal)?;
             check_free(files)?;
+            check_free(std::slice::from_ref(&copy))?;
         }
         let opened = match existing.resume {
             true => Journal::resume(&journal)?,
             false => Journal::create(&journal)?,
         };
-        Ok(Self { directory, progress: Progress::kept_in(opened), journal })
+        let progress = Progress::kept_in(opened);
+        Ok(Self { directory, progress, journal, copy, config: config.clone() })
+    }
+
+    /// Adds to a document of the results what they are of.
+    pub fn stamp(&self, document: &mut Value) {
+        stamp(document, &self.config);
+    }
+
+    /// Completes the study, whose results are written: writes the configuration and removes the journal.
+    ///
+    /// # Errors
+    /// A file cannot be written or removed (exit code 71).
+    pub fn complete(&self) -> Result<(), Failure> {
+        write_file(&self.copy, copy_of(&self.config))?;
+        self.discard()
+    }
+
+    /// Removes the journal.
+    ///
+    /// # Errors
+    /// The file cannot be removed (exit code 71).
+    pub fn discard(&self) -> Result<(), Failure> {
+        files::remove(&self.journal).map_err(|error| unwritable(&self.journal, &error))
     }
 
     /// Writes a file into the directory.
@@ -121,14 +168,6 @@ fn check_not_begun(journal: &Path) -> Result<(), Failure> {
         journal.display()
     );
     Err(Failure::new(Exit::Usage, reason))
-}
-
-/// Removes the journal of a complete study.
-///
-/// # Errors
-/// The file cannot be removed (exit code 71).
-pub fn complete(journal: &Path) -> Result<(), Failure> {
-    files::remove(journal).map_err(|error| unwritable(journal, &error))
 }
 
 /// Makes the first `results/COMMAND-N` that does not exist.
@@ -232,7 +271,9 @@ mod tests {
     fn results_and_an_interrupted_study_are_replaced_only_by_force() {
         let directory = tempfile::tempdir().unwrap();
         let out = directory.path().join("out");
-        let begin = |existing| StudyOutput::begin("study", Some(&out), &["study.csv"], existing);
+        let config = Config::default();
+        let of = ("study", &config);
+        let begin = |existing| StudyOutput::begin(of, Some(&out), &["study.csv"], existing);
         let refused = || begin(ExistingArgs::default()).unwrap_err();
         // An interruption before the first result loses nothing.
         begin(ExistingArgs::default()).unwrap();
@@ -246,22 +287,29 @@ mod tests {
         assert!(refused().to_string().contains("--resume"), "{}", refused());
         let again = begin(FORCE).unwrap();
         again.write("study.csv", "first").unwrap();
-        complete(&again.journal).unwrap();
+        again.complete().unwrap();
+        let copy = fs::read_to_string(out.join(CONFIG)).unwrap();
+        assert_eq!(Config::parse(CONFIG, &copy, &[]).unwrap(), config);
+        assert!(copy.starts_with("# Configuration of `oqtal"), "{}", &copy[..80]);
         assert!(refused().to_string().contains("study.csv exists already"), "{}", refused());
         assert_eq!(refused().exit, Exit::Usage);
         begin(FORCE).unwrap().write("study.csv", "second").unwrap();
+        fs::remove_file(out.join("study.csv")).unwrap();
+        assert!(refused().to_string().contains("config.toml exists already"), "{}", refused());
     }
 
     #[test]
     fn output_into_a_file_that_exists_is_refused_and_the_check_leaves_no_file() {
         let directory = tempfile::tempdir().unwrap();
         let file = directory.path().join("new/table.csv");
-        let output = StudyOutput::beside(&file, ExistingArgs::default()).unwrap();
+        let beside = |existing| StudyOutput::beside(&file, &Config::default(), existing);
+        let output = beside(ExistingArgs::default()).unwrap();
         assert!(!file.exists());
-        complete(&output.journal).unwrap();
+        output.complete().unwrap();
+        assert!(file.with_extension(CONFIG).exists());
         write_file(&file, "kept").unwrap();
-        assert!(StudyOutput::beside(&file, ExistingArgs::default()).is_err());
-        StudyOutput::beside(&file, FORCE).unwrap();
+        assert!(beside(ExistingArgs::default()).is_err());
+        beside(FORCE).unwrap();
         assert_eq!(fs::read_to_string(&file).unwrap(), "kept");
     }
 }

@@ -28,13 +28,15 @@ use std::path::PathBuf;
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
+use oqtal_config::Config;
 use oqtal_observe::explain::wrapped;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 use serde_json::{Value, json};
 
-use crate::output::{self, ExistingArgs, StudyOutput};
+use crate::output::{ExistingArgs, StudyOutput};
 use crate::sheet::Sheet;
+use crate::study::args::command;
 
 use chapter::{Chapter, ExperimentContext};
 use claims::{Claim, claims};
@@ -57,22 +59,22 @@ const EXPERIMENTS: [Experiment; 9] = [
     Experiment {
         name: "table-4",
         figures: &["figure-10", "figure-11", "figure-12", "figure-13", "figure-14"],
-        run: |context| table_4::chapter(&context.lander, &context.progress),
+        run: |context| table_4::chapter(&context.lander, &context.output.progress),
     },
     Experiment {
         name: "table-3",
         figures: &[],
-        run: |context| table_3::chapter(&context.lander, &context.progress),
+        run: |context| table_3::chapter(&context.lander, &context.output.progress),
     },
     Experiment {
         name: "sweep",
         figures: &["figure-6", "figure-7", "figure-8", "figure-9"],
-        run: |context| sweep::chapter(&context.lander, &context.progress),
+        run: |context| sweep::chapter(&context.lander, &context.output.progress),
     },
     Experiment {
         name: "step",
         figures: &[],
-        run: |context| step::chapter(&context.lander, &context.progress),
+        run: |context| step::chapter(&context.lander, &context.output.progress),
     },
     Experiment {
         name: "table-5",
@@ -82,17 +84,17 @@ const EXPERIMENTS: [Experiment; 9] = [
     Experiment {
         name: "outer-in-flight",
         figures: &[],
-        run: |context| online::chapter(&context.progress),
+        run: |context| online::chapter(&context.output.progress),
     },
     Experiment {
         name: "options",
         figures: &[],
-        run: |context| options::chapter(&context.lander, &context.progress),
+        run: |context| options::chapter(&context.lander, &context.output.progress),
     },
     Experiment {
         name: "recovery",
         figures: &[],
-        run: |context| recovery::chapter(&context.lander, &context.progress),
+        run: |context| recovery::chapter(&context.lander, &context.output.progress),
     },
 ];
 
@@ -133,20 +135,24 @@ impl ReproduceArgs {
     /// # Errors
     /// The directory cannot be written, or a setting in the environment is invalid.
     pub fn execute(&self) -> Result<Exit, Failure> {
-        let StudyOutput { directory, progress, journal } =
-            StudyOutput::begin("reproduce", self.out.as_deref(), &FILES, self.existing)?;
-        let context =
-            ExperimentContext { lander: Lander::new()?, retune: self.retune, directory, progress };
+        // Each experiment sets what the paper names, over the built-in values.
+        let of = ("reproduce", &Config::default());
+        let output = StudyOutput::begin(of, self.out.as_deref(), &FILES, self.existing)?;
+        let (lander, retune) = (Lander::new()?, self.retune);
+        let context = ExperimentContext { lander, retune, output };
         let selected = EXPERIMENTS.iter().filter(|experiment| self.selects(experiment));
         let chapters: Result<Vec<Chapter>, Failure> =
             selected.map(|experiment| (experiment.run)(&context)).collect();
         let chapters = chapters?;
-        let json = format!("{:#}\n", to_json(&chapters));
+        let mut json = to_json(&chapters);
+        context.output.stamp(&mut json);
+        let json = format!("{json:#}\n");
         let [page, markdown, document] = FILES;
-        context.keep(page, &page::html(&page::PAPER, &chapters))?;
-        context.keep(markdown, &page::markdown(&page::PAPER, &chapters, &self.command()))?;
-        context.keep(document, &json)?;
-        output::complete(&journal)?;
+        let output = &context.output;
+        output.write(page, page::html(&page::PAPER, &chapters))?;
+        output.write(markdown, page::markdown(&page::PAPER, &chapters, &command()))?;
+        output.write(document, &json)?;
+        output.complete()?;
         if self.json {
             print(json.trim_end())?;
         } else {
@@ -156,7 +162,7 @@ impl ReproduceArgs {
             for Claim { claim, verdict, found, .. } in claims(&chapters) {
                 print(&wrapped(&format!("{}: {claim}: {found}.", verdict.shown()), 2))?;
             }
-            print(&format!("\npage: {}", context.directory.join(page).display()))?;
+            print(&format!("\npage: {}", output.directory.join(page).display()))?;
         }
         Ok(Exit::Ok)
     }
@@ -167,12 +173,6 @@ impl ReproduceArgs {
                 || experiment.figures.contains(&name.as_str())
         };
         self.what.iter().any(|name| named(&name))
-    }
-
-    /// Command line of this run.
-    fn command(&self) -> String {
-        let retune = if self.retune { " --retune" } else { "" };
-        format!("oqtal reproduce {}{retune}", self.what.join(" "))
     }
 }
 

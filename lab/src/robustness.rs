@@ -24,12 +24,12 @@ use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 use serde_json::Value;
 
-use crate::output::{ExistingArgs, StudyOutput, complete};
+use crate::output::{ExistingArgs, StudyOutput};
 use crate::progress::Progress;
 use crate::reproduce::chapter::Chapter;
 use crate::reproduce::page::{self, PageHead};
 use crate::sheet::Sheet;
-use crate::study::args::{StudyArgs, say_notes};
+use crate::study::args::{StudyArgs, command, say_notes};
 use crate::study::gains::GainSource;
 use crate::study::law::{self, StudyLaw};
 use crate::study::{Flown, failure, records};
@@ -148,18 +148,22 @@ impl RobustnessArgs {
     /// A spread is given twice (exit code 64), a file or setting is invalid (78), or the directory cannot be written (71).
     pub fn execute(&self) -> Result<Exit, Failure> {
         self.check_spreads()?;
-        let output = StudyOutput::begin("robustness", self.out.as_deref(), &FILES, self.existing)?;
-        let FlownStudy { mut document, chapters, flown } = self.flown(&output.progress)?;
+        let common = with_defaults(self.study.settings()?);
+        let config = Config::from_settings(&common)?;
+        say_notes(self.gains.iter().find_map(|source| source.note(&config)));
+        let of = ("robustness", &config);
+        let output = StudyOutput::begin(of, self.out.as_deref(), &FILES, self.existing)?;
+        let FlownStudy { mut document, chapters, flown } = self.flown(&common, &output.progress)?;
         let sheets = || chapters.iter().flat_map(|chapter| &chapter.sheets);
         document["tables"] = sheets().map(Sheet::to_json).collect();
-        records::add_source(&mut document);
+        output.stamp(&mut document);
         document["failures"] = records::failures(&flown);
         let document = format!("{document:#}\n");
         let [page, markdown, json] = FILES;
         output.write(page, page::html(&PAGE, &chapters))?;
-        output.write(markdown, page::markdown(&PAGE, &chapters, &self.command()))?;
+        output.write(markdown, page::markdown(&PAGE, &chapters, &command()))?;
         output.write(json, &document)?;
-        complete(&output.journal)?;
+        output.complete()?;
         if self.json {
             print(document.trim_end())?;
         } else {
@@ -171,13 +175,10 @@ impl RobustnessArgs {
     }
 
     /// Flies all parts of the study.
-    fn flown(&self, progress: &Progress) -> Result<FlownStudy, Failure> {
-        let common = with_defaults(self.study.settings()?);
-        let config = Config::from_settings(&common)?;
-        say_notes(self.gains.iter().find_map(|source| source.note(&config)));
-        let laws = laws(&self.laws, &self.gains, &common)?;
+    fn flown(&self, common: &[Setting], progress: &Progress) -> Result<FlownStudy, Failure> {
+        let laws = laws(&self.laws, &self.gains, common)?;
         let loops = if self.margins { margins::all(&laws, progress)? } else { Vec::new() };
-        let study = MonteCarlo { laws: &laws, common: &common, progress };
+        let study = MonteCarlo { laws: &laws, common, progress };
         let mut flown = self.over_draws(&study)?;
         flown.document["loops"] = margins::document(&loops);
         if self.responses {
@@ -252,33 +253,6 @@ impl RobustnessArgs {
             }
             None => Ok(()),
         }
-    }
-
-    /// Command line of this run: the arguments that determine draws and laws.
-    fn command(&self) -> String {
-        let gains: Vec<String> = self.gains.iter().map(ToString::to_string).collect();
-        format!(
-            "oqtal robustness --laws {} --gains {} --spread {}{} --runs {} --seed {}{}{}",
-            self.laws.join(","),
-            gains.join(","),
-            self.spread,
-            match &self.other_spreads[..] {
-                [] => String::new(),
-                others => format!(" --other-spreads {}", others.join(",")),
-            },
-            self.runs,
-            self.seed,
-            [
-                (self.wide, " --wide"),
-                (self.identified, " --identified"),
-                (self.plants, " --plants"),
-                (self.margins, " --margins"),
-                (self.responses, " --responses"),
-            ]
-            .map(|(is_set, flag)| if is_set { flag } else { "" })
-            .concat(),
-            self.study.words()
-        )
     }
 }
 

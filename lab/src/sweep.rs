@@ -5,13 +5,13 @@ use std::path::PathBuf;
 
 use clap::Args;
 use clap::builder::{PossibleValuesParser, UnknownArgumentValueParser};
-use oqtal_config::Setting;
+use oqtal_config::{Config, Setting};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 use serde_json::{Value, json};
 
 use crate::csv_text;
-use crate::output::{ExistingArgs, StudyOutput, complete, write_file};
+use crate::output::{ExistingArgs, StudyOutput, write_file};
 use crate::progress::Progress;
 use crate::study::args::{StudyArgs, parse_seeds, refuse_key_of_study};
 use crate::study::gains::{self, GainSource};
@@ -76,6 +76,9 @@ impl Axis {
             let (Some(first), Some(last), Some(number)) = (end(first), end(last), number) else {
                 return Err(format!("{form}; NUMBER is from 2 to 10000"));
             };
+            if first == last {
+                return Err(format!("FIRST and LAST are both {first}: write {key}={first}"));
+            }
             return Ok(Self { key, values: spaced(first, last, number) });
         }
         if let [first, last] = range[..] {
@@ -126,26 +129,33 @@ impl SweepArgs {
     /// # Errors
     /// A key or value is invalid (exit code 78), there are too many combinations (64), or the file cannot be written (71).
     pub fn execute(&self) -> Result<Exit, Failure> {
+        let settings = self.study.settings()?;
+        let config = Config::from_settings(&settings)?;
         let output = match &self.out {
-            Some(file) => StudyOutput::beside(file, self.existing)?,
-            None => StudyOutput::begin("sweep", None, &[FILE], self.existing)?,
+            Some(file) => StudyOutput::beside(file, &config, self.existing)?,
+            None => StudyOutput::begin(("sweep", &config), None, &[FILE], self.existing)?,
         };
-        let rows = self.fly(&output.progress)?;
+        let rows = self.fly(&settings, &output.progress)?;
         let file = self.out.clone().unwrap_or_else(|| output.directory.join(FILE));
         write_file(&file, self.csv(&rows)?)?;
-        complete(&output.journal)?;
+        output.complete()?;
+        let document = |row| {
+            let mut document = self.document(row);
+            output.stamp(&mut document);
+            document.to_string()
+        };
         match self.json {
-            true => rows.iter().try_for_each(|row| print(&self.document(row).to_string()))?,
+            true => rows.iter().try_for_each(|row| print(&document(row)))?,
             false => print(&format!("{}\ntable: {}", self.text(&rows), file.display()))?,
         }
         Ok(Exit::Ok)
     }
 
     /// Flies the sweep. Returns the rows grouped by combination.
-    fn fly(&self, progress: &Progress) -> Result<Vec<SweepRow>, Failure> {
+    fn fly(&self, settings: &[Setting], progress: &Progress) -> Result<Vec<SweepRow>, Failure> {
         self.axes.iter().try_for_each(|axis| refuse_key_of_study(&axis.key, &axis.key))?;
         let combinations = combinations(&self.axes)?;
-        let laws = gains::chosen(&self.laws, &self.gains, &self.study.settings()?)?;
+        let laws = gains::chosen(&self.laws, &self.gains, settings)?;
         let case = |values: &Vec<toml::Value>| {
             let pairs = self.axes.iter().zip(values);
             let name = pairs.map(|(axis, value)| format!("{}={}", axis.key, shown(value)));
@@ -262,7 +272,9 @@ mod tests {
         let cells = Axis::parse("control.oqtal.cells=floor,centred").unwrap();
         assert_eq!(cells.values, ["floor", "centred"].map(toml::Value::from));
         assert!(Axis::parse("lag=30:90").unwrap_err().contains("write lag=30:90:7"));
-        for text in ["lag", "lag=1:2", "lag=1:2:1", "lag=1:2:x", "lag=a:2:3", "lag=0:inf:3"] {
+        for text in
+            ["lag", "lag=1:2", "lag=1:2:1", "lag=1:2:x", "lag=a:2:3", "lag=0:inf:3", "lag=4:4:3"]
+        {
             assert!(Axis::parse(text).is_err(), "{text}");
         }
     }

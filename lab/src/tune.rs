@@ -16,11 +16,11 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
-use oqtal_config::Setting;
+use oqtal_config::{Config, Setting};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 
-use crate::output::{ExistingArgs, StudyOutput, check_file, complete, write_file};
+use crate::output::{ExistingArgs, StudyOutput, check_file, write_file};
 use crate::progress::Progress;
 use crate::robustness::draws::{Draw, TUNING_SEED};
 use crate::robustness::spread::PlantSpread;
@@ -86,11 +86,12 @@ impl TuneArgs {
             );
             return Err(Failure::new(Exit::Usage, reason));
         }
+        let config = Config::from_settings(&flights.settings)?;
         let output = match given {
-            Some(file) => StudyOutput::beside(file, self.existing)?,
+            Some(file) => StudyOutput::beside(file, &config, self.existing)?,
             None => {
                 let files: Vec<String> = names.iter().map(|name| format!("{name}.toml")).collect();
-                StudyOutput::begin("tune", self.out.as_deref(), &files, self.existing)?
+                StudyOutput::begin(("tune", &config), self.out.as_deref(), &files, self.existing)?
             }
         };
         for name in names {
@@ -98,7 +99,7 @@ impl TuneArgs {
             let file = given.cloned().unwrap_or(own);
             self.tune_into(&file, name, (&flights, &output))?;
         }
-        complete(&output.journal)?;
+        output.complete()?;
         Ok(Exit::Ok)
     }
 
@@ -115,7 +116,7 @@ impl TuneArgs {
             // A search that found nothing would find nothing again; an interrupted one can be resumed.
             if failure.exit == Exit::Flight && output.progress.check().is_ok() {
                 // Ignored: the failure is reported.
-                let _ = complete(&output.journal);
+                let _ = output.discard();
             }
         })?;
         let fly = self.flown_with(file);

@@ -8,9 +8,11 @@ use oqtal_control::trajectory::{FlightPlan, StartPoint};
 use oqtal_lab::mission::Mission;
 use oqtal_lab::simulation;
 use oqtal_lab::study::metric::{of_attitude, of_hover, of_path};
+use oqtal_observe::attitude_steps::AttitudeSteps;
 use oqtal_observe::corners::CornerFigures;
 use oqtal_observe::flight::{Flight, FlightSample, Outcome};
 use oqtal_observe::summary::Summary;
+use oqtal_observe::table::closing;
 
 /// Heading of the vehicle at the start \[rad\].
 const HEADING: f64 = 0.3;
@@ -29,7 +31,7 @@ fn flown(controller: &str, trajectory: &str) -> (Flight, Mission) {
 
 /// Flight of a prescribed attitude by a vehicle turned from it by `off` \[rad, body\], which may depend on the time since the
 /// last step \[s\].
-fn turned(trajectory: &str, off: impl Fn(f64) -> Vector3<f64>) -> [f64; 3] {
+fn turned(trajectory: &str, off: impl Fn(f64) -> Vector3<f64>) -> Flight {
     let (mut flight, mission) = flown("pid", trajectory);
     let options = &flight.config.trajectory;
     let start_s = options.take_off_s + options.settle_s;
@@ -47,14 +49,16 @@ fn turned(trajectory: &str, off: impl Fn(f64) -> Vector3<f64>) -> [f64; 3] {
         let truth = sample.truth.as_mut().unwrap();
         truth.attitude = wanted.turned_by(off(t_s - since_s)).xyzw();
     }
-    of_attitude(&flight, &mission.trajectory)
+    flight
 }
 
 /// The result is the same about every axis; the initial heading is taken into account.
 #[test]
 fn the_chirp_is_scored_by_the_angle_about_every_axis() {
     for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
-        let [rms_deg, ..] = turned("attitude-chirp", |_| axis * 1_f64.to_radians());
+        let flight = turned("attitude-chirp", |_| axis * 1_f64.to_radians());
+        let [rms_deg, ..] = of_attitude(&flight);
+        assert_eq!(Summary::of(&flight).attitude_steps, None);
         assert!((rms_deg - 1.0).abs() < 1e-3, "{axis}: {rms_deg} deg");
     }
 }
@@ -62,12 +66,21 @@ fn the_chirp_is_scored_by_the_angle_about_every_axis() {
 #[test]
 fn a_doublet_is_settled_after_the_last_pose_that_is_off() {
     let three_deg = Vector3::y() * 3_f64.to_radians();
-    let [_, settle_s, least_s] = turned("attitude-doublet", |since_s| match since_s < 0.5 {
+    let flight = turned("attitude-doublet", |since_s| match since_s < 0.5 {
         true => three_deg,
         false => Vector3::zeros(),
     });
+    let [_, settle_s, least_s] = of_attitude(&flight);
+    let summary = Summary::of(&flight);
+    let AttitudeSteps { count, settled, settle_s: told_s, .. } = summary.attitude_steps.unwrap();
+    assert!(count > 1 && (settled, told_s) == (count, settle_s), "{settled} of {count}");
+    let line = format!("steps of the attitude: {count}, within 1.5 deg after {settle_s:.2} s");
+    assert!(closing(&summary).contains(&line), "{line} in\n{}", closing(&summary));
     assert!((settle_s - 0.5).abs() <= 1.0 / 60.0 && least_s == settle_s, "{settle_s} s");
-    let [_, settle_s, least_s] = turned("attitude-doublet", |_| three_deg);
+    let flight = turned("attitude-doublet", |_| three_deg);
+    let [_, settle_s, least_s] = of_attitude(&flight);
+    let told = closing(&Summary::of(&flight));
+    assert!(told.contains("none within 1.5 deg before the next"), "{told}");
     assert!(settle_s == f64::INFINITY && least_s > 0.5, "never settled: {settle_s}, {least_s} s");
 }
 

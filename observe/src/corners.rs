@@ -37,12 +37,7 @@ pub struct CornerFigures {
 impl CornerFigures {
     /// The settling time as text; if not every corner settled, how many did.
     pub fn settling(&self) -> String {
-        let Self { count, settled, settle_s, .. } = self;
-        match *settled {
-            0 => "none within 5 cm before the next".to_owned(),
-            all if all == *count => format!("within 5 cm after {settle_s:.2} s"),
-            some => format!("{some} within 5 cm, after {settle_s:.2} s"),
-        }
+        settling("5 cm", [self.count, self.settled], self.settle_s)
     }
 
     /// Figures of the scored window; `None` for a path without corners.
@@ -84,6 +79,15 @@ impl CornerFigures {
             settled_error_m: if rest.count() > 0 { rest.mean() } else { f64::NAN },
             approach_share: approach / whole,
         })
+    }
+}
+
+/// The settling time of steps as text; if not every step settled to within `limit`, how many did.
+pub(crate) fn settling(limit: &str, [count, settled]: [u64; 2], settle_s: f64) -> String {
+    match settled {
+        0 => format!("none within {limit} before the next"),
+        all if all == count => format!("within {limit} after {settle_s:.2} s"),
+        some => format!("{some} within {limit}, after {settle_s:.2} s"),
     }
 }
 

@@ -33,6 +33,7 @@ fn is_shown(condition: &str, summary: &Summary) -> bool {
     match condition {
         "errors" => summary.position_error_m.is_some(),
         "corners" => summary.corners.is_some(),
+        "attitude steps" => summary.attitude_steps.is_some(),
         "hops" => has_hops,
         "hops in real time" => has_hops && is_real_time,
         "answers" => is_real_time && summary.answers.is_some(),

@@ -17,10 +17,8 @@ pub use crate::flight_sample::FlightSample;
 use crate::kernel::ProcessUsage;
 use crate::wire::WireRecord;
 
-/// Cause of a flight that the fence held for a time.
+/// Cause of a flight that the fence held for a time; the cause of one that was landed for it contains the words.
 pub const HELD: &str = "held by the fence";
-/// Cause of a flight that the fence held, and that had not ended when its time was over.
-pub const HELD_UNENDED: &str = "held by the fence, did not end";
 
 /// Outcome of a flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -230,7 +228,6 @@ impl Flight {
             (Outcome::Stopped, _) => format!("motors stopped: {}", self.stop_cause()),
             (Outcome::Crashed, Some(crash)) => crash.name().to_owned(),
             (Outcome::Timeout, _) if self.armed().next().is_none() => "no take-off".to_owned(),
-            (Outcome::Timeout, _) if self.is_held() => HELD_UNENDED.to_owned(),
             (Outcome::Timeout, _) => "not ended in time".to_owned(),
             (outcome, _) => outcome.to_string(),
         })

@@ -20,7 +20,7 @@
 //! | `command_path.rs` | path of commands to the vehicle |
 //! | `wire.rs` | figures of the wire to a vehicle |
 //! | `crash.rs` | detection of crashes |
-//! | `corners.rs` | figures at the corners of a path |
+//! | `corners.rs`, `attitude_steps.rs` | figures at the corners of a path, and of a prescribed attitude |
 //! | `fault.rs` | faults and disturbances of a flight |
 //! | `table.rs` | the closing table in the terminal |
 //! | `explain.rs` | explanations of the terms of the closing table |
@@ -34,6 +34,7 @@
 //! | `provenance.rs` | the build of the program |
 #![forbid(unsafe_code)]
 
+pub mod attitude_steps;
 pub mod command_path;
 pub mod compare;
 pub mod corners;

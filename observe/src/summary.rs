@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
+use crate::attitude_steps::AttitudeSteps;
 use crate::latency::{Distribution, DistributionSummary};
 use nalgebra::Vector3;
 use oqtal_bus::code::{HandoverCause, SafetyState};
@@ -90,6 +91,8 @@ pub struct Summary {
     pub attitude_error_deg: Option<ErrorFigures>,
     /// Figures at the corners; `None` for a path without corners.
     pub corners: Option<CornerFigures>,
+    /// Settling after the steps of an `attitude-doublet`; `None` for another trajectory.
+    pub attitude_steps: Option<AttitudeSteps>,
     /// Integral of the norm of sticks \[s\] or torque \[N m s\] over the scored window, Table II.
     pub effort: Option<f64>,
     pub riccati_solves: u64,
@@ -154,6 +157,7 @@ impl Summary {
             velocity_error_m_s: scored_figures(flight, FlightSample::velocity_error),
             attitude_error_deg: scored_figures(flight, attitude_error_deg),
             corners: CornerFigures::of(flight),
+            attitude_steps: AttitudeSteps::of(flight),
             effort: effort(flight),
             riccati_solves: last.riccati_solves,
             speed_factor: flight.speed_factor,

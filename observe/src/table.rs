@@ -25,6 +25,9 @@ pub fn closing(summary: &Summary) -> String {
     }
     text += &summary.held().map_or_else(String::new, |held| format!("{held}\n"));
     text += &summary.corners.as_ref().map_or_else(String::new, corners);
+    text += &summary.attitude_steps.map_or_else(String::new, |steps| {
+        format!("steps of the attitude: {}, {}\n", steps.count, steps.settling())
+    });
     if let Some(latencies) = latencies(summary) {
         text += &format!("{latencies}\n");
     }

@@ -31,17 +31,13 @@ impl CommonArgs {
     /// # Errors
     /// A `--set` without `=`.
     pub fn settings(&self) -> Result<Vec<Setting>, ConfigError> {
-        let parsed: Result<Vec<_>, _> = self.parsed().collect();
+        let parsed: Result<Vec<_>, _> = set_flags(&self.settings).collect();
         parsed.map(|settings| self.with_place(settings))
     }
 
     /// These flags as settings, without any `--set` that has no `=`.
     pub fn usable_settings(&self) -> Vec<Setting> {
-        self.with_place(self.parsed().filter_map(Result::ok).collect())
-    }
-
-    fn parsed(&self) -> impl Iterator<Item = Result<Setting, ConfigError>> {
-        self.settings.iter().map(|text| Setting::parse("--set", text))
+        self.with_place(set_flags(&self.settings).filter_map(Result::ok).collect())
     }
 
     /// `settings`, followed by the flags that name the instance.
@@ -55,6 +51,58 @@ impl CommonArgs {
         }
         settings
     }
+}
+
+/// Settings of a command that flies a simulated vehicle, or checks the configuration for one.
+#[derive(Args, Clone, Debug, Default)]
+pub struct SettingArgs {
+    /// Any key of the configuration, as in --set vehicle.mass-kg=0.6; may be repeated
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// The simulated vehicle, where it differs.
+    #[command(flatten)]
+    pub plant: PlantArgs,
+}
+
+impl SettingArgs {
+    /// These flags as settings.
+    ///
+    /// # Errors
+    /// A flag without `=`.
+    pub fn settings(&self) -> Result<Vec<Setting>, ConfigError> {
+        let set: Result<Vec<_>, _> = set_flags(&self.set).collect();
+        Ok([set?, self.plant.settings()?].concat())
+    }
+
+    /// These flags as words of a command line: flag and value.
+    pub fn words(&self) -> impl Iterator<Item = (&'static str, String)> {
+        let set = self.set.iter().map(|text| ("--set", text.clone()));
+        set.chain(self.plant.plant.iter().map(|text| ("--plant", text.clone())))
+    }
+}
+
+/// Differences of the simulated vehicle.
+#[derive(Args, Clone, Debug, Default)]
+pub struct PlantArgs {
+    /// A key of `[plant]`, where the simulated vehicle differs from the one that the laws are designed for, as in
+    /// --plant rate-lag-ms=80; may be repeated
+    #[arg(long = "plant", value_name = "KEY=VALUE")]
+    pub plant: Vec<String>,
+}
+
+impl PlantArgs {
+    /// These flags as settings.
+    ///
+    /// # Errors
+    /// A flag without `=`.
+    pub fn settings(&self) -> Result<Vec<Setting>, ConfigError> {
+        self.plant.iter().map(|text| Setting::parse_in("plant", "--plant", text)).collect()
+    }
+}
+
+/// The texts of `--set` as settings.
+fn set_flags(texts: &[String]) -> impl Iterator<Item = Result<Setting, ConfigError>> {
+    texts.iter().map(|text| Setting::parse("--set", text))
 }
 
 /// The commands of a process.

@@ -206,6 +206,7 @@ impl SafetyMonitor {
             return;
         };
         conditions.landing_overdue = mission.is_landing_overdue(tick.now);
+        conditions.held_too_long = mission.is_held_too_long(tick.now);
         let flight = FlightView {
             motion,
             floor_m: tracker.floor_m(),

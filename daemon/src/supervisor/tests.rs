@@ -24,6 +24,7 @@ const NOTHING: SafetyConditions = SafetyConditions {
 const NO_LIMITS: LimitConditions = LimitConditions {
     leaves_fence: false,
     in_fence_margin: false,
+    held_too_long: false,
     too_fast: false,
     tilted: false,
     tipped: false,
@@ -222,7 +223,7 @@ fn every_limit_acts_within_its_bound_and_reports_its_cause() {
         change(&mut conditions.limits);
         conditions
     };
-    let rows: [(SafetyConditions, SafetyState, i64, Cause); 23] = [
+    let rows: [(SafetyConditions, SafetyState, i64, Cause); 24] = [
         (with(|l| l.leaves_fence = true), Stop, 0, Cause::Fence),
         (with(|l| l.tipped = true), Stop, 100, Cause::Tilt),
         (with(|l| l.lies_on_floor = true), Stop, 2000, Cause::Crash),
@@ -235,6 +236,7 @@ fn every_limit_acts_within_its_bound_and_reports_its_cause() {
         (with(|l| l.link_bad = true), Land, 2000, Cause::Link),
         (with(|l| l.poses_too_old = true), Land, 500, Cause::PosesLate),
         (with(|l| l.files_lost = true), Land, 0, Cause::FilesLost),
+        (with(|l| l.held_too_long = true), Land, 0, Cause::HeldTooLong),
         (with(|l| l.in_fence_margin = true), Hold, 0, Cause::Fence),
         (with(|l| l.setpoint_refused = true), Degraded, 0, Cause::Setpoint),
         (with(|l| l.tilted = true), Degraded, 100, Cause::Tilt),
@@ -291,16 +293,4 @@ fn a_landing_ends_with_the_flight_and_a_worse_limit_takes_precedence() {
     let mut watch = Watch::nominal();
     watch.until(Land, &fast);
     assert_eq!(watch.tick(&GOOD), Nominal, "on the ground");
-}
-
-#[test]
-fn f47_a_position_is_not_held_for_ever() {
-    let margin = SafetyConditions {
-        limits: LimitConditions { in_fence_margin: true, ..NO_LIMITS },
-        ..FLYING
-    };
-    let mut watch = Watch::nominal();
-    assert!((10_000..=10_010).contains(&watch.until(Land, &margin)));
-    assert_eq!(watch.supervisor.cause(), Cause::HeldTooLong);
-    watch.assert_ends(Land, Cause::HeldTooLong);
 }

@@ -14,54 +14,6 @@ fn until(flight: &mut Flight, state: SafetyState) -> i64 {
 }
 
 #[test]
-fn f37_the_hard_border_of_the_fence_is_not_crossed_under_power() {
-    let polygon = "fence.polygon-m=[[-2.0, -2.0], [2.0, -2.0], [2.0, 2.0], [-2.0, 2.0]]";
-    for fence in ["fence.x-m=[-2.0, 2.0]", polygon] {
-        for acceleration in [3.0, 6.0, -6.0] {
-            let mut flight = Flight::hovering(&[set(fence), set("fence.soft-margin-m=0.5")]);
-            flight.wind = Vector3::x() * acceleration;
-            while flight.state() != SafetyState::Stop || flight.is_powered() {
-                flight.run(1);
-                let x = flight.motion.position.x;
-                assert!(x.abs() < 2.0 || !flight.is_powered(), "{fence}: {x} m under power");
-            }
-            assert_eq!(flight.cause(), Cause::Fence);
-        }
-    }
-}
-
-#[test]
-fn f37_the_delay_of_the_radio_is_part_of_the_prediction() {
-    let mut flight =
-        Flight::hovering(&[set("fence.x-m=[-2.0, 2.0]"), set("vehicle.command-delay-ms=80")]);
-    flight.bench.radio = Span::from_millis(80);
-    flight.run(200);
-    flight.wind = Vector3::x() * 6.0;
-    while flight.state() != SafetyState::Stop || flight.is_powered() {
-        flight.run(1);
-        let x = flight.motion.position.x;
-        assert!(x < 2.0 || !flight.is_powered(), "{x} m under power");
-    }
-    assert_eq!(flight.cause(), Cause::Fence);
-}
-
-#[test]
-fn f47_outside_the_soft_border_the_vehicle_returns_and_holds() {
-    let mut flight =
-        Flight::hovering(&[set("fence.x-m=[-2.0, 2.0]"), set("fence.soft-margin-m=1.2")]);
-    flight.wind = Vector3::x() * 3.5;
-    until(&mut flight, SafetyState::Hold);
-    assert_eq!(flight.cause(), Cause::Fence);
-    // The soft border is at 0.8 m.
-    let [held, ..] = flight.bench.cycle.telemetry().reference_position;
-    assert!((0.75..=0.8).contains(&held), "held at {held} m");
-    flight.wind = Vector3::zeros();
-    until(&mut flight, SafetyState::Nominal);
-    flight.run(300);
-    assert!(flight.motion.position.xy().norm() < 0.1, "on with the mission");
-}
-
-#[test]
 fn f38_a_vehicle_that_tips_is_stopped_within_half_a_second() {
     for rate in [Vector3::x() * 5.0, Vector3::y() * -9.0, Vector3::new(14.0, 3.0, 0.0)] {
         let mut flight = Flight::hovering(&[]);

@@ -3,6 +3,7 @@
 mod common;
 mod cycle;
 mod descent;
+mod fence;
 mod gate;
 mod limits;
 mod margins;

@@ -6,7 +6,7 @@ use clap::Args;
 use oqtal_config::{Config, Interface, Setting};
 use oqtal_observe::flight::Flight;
 use oqtal_observe::recording::recording_path;
-use oqtal_runtime::process::{Exit, Failure};
+use oqtal_runtime::process::{Exit, Failure, SettingArgs};
 use oqtal_runtime::program::print;
 
 use super::data::FlightData;
@@ -14,25 +14,25 @@ use super::excitation_flight::{self, ExcitationFlight};
 use super::hidden_plants::{HiddenPlants, study};
 use super::identification::{Scale, identify};
 use super::{overview, page, vehicle_toml};
-use crate::output::{check_free, make, next_free, write};
-use crate::study::args::{say_notes, warn};
+use crate::output::{CONFIG, check_free, copy_of, make, next_free, stamp, write};
+use crate::study::args::{say_notes, warn, warnings};
 
 /// Reads the flight of a recording.
 pub type ReadFlight = dyn Fn(&Path) -> Result<Flight, Failure>;
 
 /// Files of the results.
-const FILES: [&str; 3] = ["vehicle.toml", "identification.json", "identification.html"];
+const FILES: [&str; 4] = ["vehicle.toml", "identification.json", "identification.html", CONFIG];
 /// Files of a study of hidden plants.
-const STUDY_FILES: [&str; 2] = ["hidden-plants.json", "hidden-plants.md"];
+const STUDY_FILES: [&str; 3] = ["hidden-plants.json", "hidden-plants.md", CONFIG];
 
 /// Arguments of `oqtal identify`.
 #[derive(Args, Debug)]
 pub struct IdentifyArgs {
     /// Recordings of flights of one vehicle, best of `oqtal fly --trajectory excitation`
-    #[arg(value_name = "FILE", value_parser = recording_path)]
+    #[arg(value_name = "FILE", value_parser = recording_path, conflicts_with_all = ["fly", "config", "set", "plant", "seed"])]
     files: Vec<PathBuf>,
     /// Fly the excitation in virtual time and identify the simulated vehicle of `[plant]`, with a controller configured for `[vehicle]`
-    #[arg(long, conflicts_with = "files")]
+    #[arg(long)]
     fly: bool,
     /// Mass as weighed [kg]: flights determine only the thrust over the mass [default: that of `[vehicle]`]
     #[arg(long, value_name = "KG", value_parser = mass)]
@@ -41,17 +41,12 @@ pub struct IdentifyArgs {
     #[arg(long, value_name = "N", value_parser = thrust, conflicts_with = "mass")]
     max_thrust: Option<f64>,
     /// Configuration file (TOML) of the vehicle and its surroundings, with --fly; may be repeated, later files override earlier ones
-    #[arg(long, value_name = "FILE", conflicts_with = "files")]
+    #[arg(long, value_name = "FILE")]
     config: Vec<PathBuf>,
-    /// Any key of the configuration, with --fly, as in --set mocap.preset=measured; may be repeated
-    #[arg(long = "set", value_name = "KEY=VALUE", conflicts_with = "files")]
-    settings: Vec<String>,
-    /// A key of `[plant]`, where the vehicle differs from `[vehicle]`, as in --plant rate-lag-ms=65; may be
-    /// repeated
-    #[arg(long = "plant", value_name = "KEY=VALUE", conflicts_with = "files")]
-    plant: Vec<String>,
+    #[command(flatten)]
+    settings: SettingArgs,
     /// Seed of every random source, with --fly
-    #[arg(long, value_name = "N", conflicts_with = "files")]
+    #[arg(long, value_name = "N")]
     seed: Option<u32>,
     /// Directory of vehicle.toml, identification.json and identification.html [default: results/identify-N]
     #[arg(long, value_name = "DIR")]
@@ -87,16 +82,22 @@ impl IdentifyArgs {
         let vehicle = first.config.vehicle.clone();
         let data: Vec<FlightData> = flights.iter().map(FlightData::of).collect();
         let identification = identify(&data, &vehicle, self.scale())?;
-        let json = json(&identification)?;
+        let json = json(&identification, &first.config)?;
         let directory = self.out.clone().map_or_else(|| next_free("identify"), Ok)?;
-        let [vehicle, document, page] = FILES;
-        write(&directory, vehicle, vehicle_toml::toml(&identification, &first.config))?;
+        let [vehicle, document, page, copy] = FILES;
+        let found = vehicle_toml::toml(&identification, &first.config);
+        write(&directory, vehicle, &found)?;
         write(&directory, document, &json)?;
         write(&directory, page, page::html(&identification, &data))?;
+        write(&directory, copy, copy_of(&first.config))?;
         let [vehicle, page] = [vehicle, page].map(|name| directory.join(name));
         let written = format!("\npage: {}\nwritten: {}", page.display(), vehicle.display());
         let text = overview::text(&identification) + &written;
         print(if self.json { json.trim_end() } else { &text })?;
+        let known = warnings(&first.config);
+        let found = Config::parse(FILES[0], &found, &[]);
+        let notes = found.map_or_else(|error| vec![error.to_string()], |it| warnings(&it));
+        say_notes(notes.into_iter().filter(|note| !known.contains(note)));
         Ok(Exit::Ok)
     }
 
@@ -112,10 +113,13 @@ impl IdentifyArgs {
 
     fn study(&self, count: u64) -> Result<Exit, Failure> {
         self.check_out(&STUDY_FILES)?;
-        let study = study(&self.own_settings()?, 1..count + 1, HiddenPlants::LABORATORIES)?;
-        let (json, tables) = (json(&study)?, study.to_markdown());
+        let settings = self.own_settings()?;
+        let config = Config::from_settings(&settings)?;
+        let study = study(&settings, 1..count + 1, HiddenPlants::LABORATORIES)?;
+        let (json, tables) = (json(&study, &config)?, study.to_markdown());
         if let Some(directory) = &self.out {
-            let [document, markdown] = STUDY_FILES;
+            let [document, markdown, copy] = STUDY_FILES;
+            write(directory, copy, copy_of(&config))?;
             write(directory, document, &json)?;
             write(directory, markdown, &tables)?;
         }
@@ -152,12 +156,7 @@ impl IdentifyArgs {
 
     fn own_settings(&self) -> Result<Vec<Setting>, Failure> {
         let mut settings = Config::layers(&self.config)?;
-        for text in &self.settings {
-            settings.push(Setting::parse("--set", text)?);
-        }
-        for text in &self.plant {
-            settings.push(Setting::parse_in("plant", "--plant", text)?);
-        }
+        settings.extend(self.settings.settings()?);
         let seed = self.seed.map(|seed| Setting::flag("--seed", "clock.seed", i64::from(seed)));
         settings.extend(seed);
         Ok(settings)
@@ -180,9 +179,12 @@ fn check_interface(config: &Config) -> Result<(), Failure> {
     Err(Failure::new(Exit::Usage, reason))
 }
 
-fn json(value: &impl serde::Serialize) -> Result<String, Failure> {
-    let text = serde_json::to_string_pretty(value);
-    text.map(|text| text + "\n").map_err(|error| Failure::new(Exit::Internal, error.to_string()))
+/// A result of flights of `config` as a document.
+fn json(value: &impl serde::Serialize, config: &Config) -> Result<String, Failure> {
+    let document = serde_json::to_value(value);
+    let mut document = document.map_err(|error| Failure::new(Exit::Internal, error.to_string()))?;
+    stamp(&mut document, config);
+    Ok(format!("{document:#}\n"))
 }
 
 /// Parses a mass that is plausible for an indoor vehicle \[kg\].

@@ -221,13 +221,11 @@ pub fn figures(config: &Config, vehicle: &VehicleOptions) -> Result<Option<[f64;
         config.vehicle = vehicle.clone();
         config.control.controller = ControllerName::OqtalDt;
         config.trajectory.kind = kind;
-        let mission = Mission::new(config)?;
-        let flight = simulation::fly(&mission)?;
-        Ok::<_, Failure>(flight.shortfall().is_none().then_some((flight, mission)))
+        let flight = simulation::fly(&Mission::new(config)?)?;
+        Ok::<_, Failure>(Some(flight).filter(|flight| flight.shortfall().is_none()))
     };
-    let hover = fly(TrajectoryKind::Hover)?.map(|(flight, _)| of_hover(&flight)[0]);
-    let chirp = fly(TrajectoryKind::AttitudeChirp)?;
-    let chirp = chirp.map(|(flight, mission)| of_attitude(&flight, &mission.trajectory)[0]);
+    let hover = fly(TrajectoryKind::Hover)?.map(|flight| of_hover(&flight)[0]);
+    let chirp = fly(TrajectoryKind::AttitudeChirp)?.map(|flight| of_attitude(&flight)[0]);
     Ok(hover.zip(chirp).map(|(hover, chirp)| [hover, chirp]))
 }
 

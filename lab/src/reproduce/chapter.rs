@@ -1,12 +1,9 @@
 //! A chapter of the reproduction: the result of one experiment, and the context shared by all experiments.
 
-use std::path::PathBuf;
-
 use oqtal_control::options::OptionError;
 use oqtal_runtime::process::{Exit, Failure};
 
-use crate::output::write;
-use crate::progress::Progress;
+use crate::output::StudyOutput;
 use crate::sheet::Sheet;
 
 use super::figures::Figure;
@@ -32,20 +29,8 @@ pub struct ExperimentContext {
     pub lander: Lander,
     /// Whether gains are tuned again.
     pub retune: bool,
-    /// Directory of the results.
-    pub directory: PathBuf,
-    /// Progress bars in the terminal.
-    pub progress: Progress,
-}
-
-impl ExperimentContext {
-    /// Writes a file into the directory of the results.
-    ///
-    /// # Errors
-    /// The file cannot be written.
-    pub fn keep(&self, name: &str, text: &str) -> Result<(), Failure> {
-        write(&self.directory, name, text)
-    }
+    /// Directory of the results, and progress.
+    pub output: StudyOutput,
 }
 
 /// Failure for an invalid option of an experiment. The options are constants, so it is a fault of the program.

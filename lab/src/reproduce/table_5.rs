@@ -35,12 +35,12 @@ const BEST: usize = 5;
 /// A setting is invalid.
 pub fn chapter(context: &ExperimentContext) -> Result<Chapter, Failure> {
     let laws = laws(context)?;
-    let plants = fly(&laws, EVALUATION_SEEDS, &context.progress)?;
-    let max_q = context.progress.each("greatest weights", &laws, MaxQ::of)?;
+    let plants = fly(&laws, EVALUATION_SEEDS, &context.output.progress)?;
+    let max_q = context.output.progress.each("greatest weights", &laws, MaxQ::of)?;
     let flown: Vec<FlownLaws<'_>> =
         plants.iter().map(|(plant, flown)| FlownLaws { plant, flown }).collect();
     let (nominal, elsewhere) = flown.split_first().expect("the nominal plant was flown");
-    let values = values(&laws, nominal.flown, &context.progress)?;
+    let values = values(&laws, nominal.flown, &context.output.progress)?;
     let main = text::with_notes(main(nominal, elsewhere, &max_q), &values);
     let compared = [
         comparison::against_the_best(nominal, elsewhere),
@@ -121,9 +121,13 @@ fn laws(context: &ExperimentContext) -> Result<Vec<StudyLaw>, Failure> {
     if context.retune {
         for law in laws.iter_mut().filter(|law| law.variant == Variant::Ours) {
             let name = law.controller;
-            let tuned =
-                tune::tune(name, &Default::default(), &Default::default(), &context.progress)?;
-            context.keep(&format!("tuned/{name}.toml"), &tuned.to_toml(&[], ""))?;
+            let tuned = tune::tune(
+                name,
+                &Default::default(),
+                &Default::default(),
+                &context.output.progress,
+            )?;
+            context.output.write(&format!("tuned/{name}.toml"), tuned.to_toml(&[], ""))?;
             law.settings = tuned.settings();
             law.remark = "tuned alike, again".to_owned();
         }
@@ -135,9 +139,13 @@ fn laws(context: &ExperimentContext) -> Result<Vec<StudyLaw>, Failure> {
 fn outer(context: &ExperimentContext) -> Result<Sheet, Failure> {
     let tuned = match context.retune {
         true => {
-            let tuned =
-                tune::tune("outer", &Default::default(), &Default::default(), &context.progress)?;
-            context.keep("tuned/outer.toml", &tuned.to_toml(&[], ""))?;
+            let tuned = tune::tune(
+                "outer",
+                &Default::default(),
+                &Default::default(),
+                &context.output.progress,
+            )?;
+            context.output.write("tuned/outer.toml", tuned.to_toml(&[], ""))?;
             tuned.settings()
         }
         false => self::tuned("outer"),
@@ -149,7 +157,8 @@ fn outer(context: &ExperimentContext) -> Result<Sheet, Failure> {
             StudyLaw::new("oqtal", settings, format!("q 80, outer loops {outer}"))
         });
     let cases = [Case::on(NOMINAL, EVALUATION_SEEDS)];
-    let flown = Study { name: "outer loops", laws: &laws, cases: &cases }.fly(&context.progress)?;
+    let flown =
+        Study { name: "outer loops", laws: &laws, cases: &cases }.fly(&context.output.progress)?;
     let row = |flown: &Flown| Ok(table::row(flown, BEST, Some(MaxQ::of(&flown.law)?.cells())));
     let rows: Result<Vec<SheetRow>, Failure> = flown.iter().map(row).collect();
     let (better, worse) = changed(&flown[0], &flown[1]);
@@ -202,7 +211,7 @@ fn counts(context: &ExperimentContext) -> Result<Sheet, Failure> {
             vec![(*rule).into(), (*width).into(), solves.into()],
         ))
     };
-    let rows = context.progress.each("cells", &cases, fly)?;
+    let rows = context.output.progress.each("cells", &cases, fly)?;
     let values = TextValues::from([("fitting", listed(&fitting(&rows)).into())]);
     Ok(text::with_notes(text::table("cells", rows), &values))
 }

@@ -27,10 +27,11 @@ pub fn table(flown: &[Flown]) -> Sheet {
         flown.iter().partition(|law| law.law.controller == OURS);
     let outside: Vec<&Flown> =
         others.iter().copied().filter(|law| !law.law.is_predictive()).collect();
-    let groups = [
-        ("laws on the default stack", outside),
-        ("all other laws, those on the predictive stack too", others),
-    ];
+    let are_all_outside = outside.len() == others.len();
+    let mut groups = vec![("laws on the default stack", outside)];
+    if !are_all_outside {
+        groups.push(("all other laws, those on the predictive stack too", others));
+    }
     let of_groups = |own| {
         groups
             .iter()
@@ -118,6 +119,7 @@ mod tests {
             [25.0, 50.0]
         );
         assert_eq!(sheet.rows[0].cells[6].show(), "1");
+        assert_eq!(table(&laws[..3]).rows.len(), 1, "no other law is on the predictive stack");
         assert!(table(&laws[..1]).rows.is_empty());
     }
 }

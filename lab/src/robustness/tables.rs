@@ -214,7 +214,8 @@ fn not_landed(run: &Run) -> SheetCell {
 
 const BROKEN_NOTE: &str = "Of each law the first draws in which a flight did not land as planned, and the one with the greatest \
      error in hover, each with the command that flies it again. On the chirp the position loop is open and the vehicle drifts: one \
-     that does not come back within 3 s of the sweep's end is landed by the daemon, although its attitude was held.";
+     that does not come back within 3 s of the sweep's end, or that the fence held for 10 s, is landed by the daemon, although its \
+     attitude was held.";
 
 /// Keys with the strongest rank correlation with the hover error, for each law.
 pub fn dependences(flown: &[Flown], draws: &[Draw], spread: &PlantSpread) -> Sheet {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use oqtal_config::{Config, Setting};
-use oqtal_runtime::process::{Exit, Failure};
+use oqtal_runtime::process::{Exit, Failure, SettingArgs};
 use oqtal_runtime::program::say;
 use toml::Value;
 
@@ -15,13 +15,8 @@ pub struct StudyArgs {
     /// Configuration file (TOML) of the vehicle and its environment, see `oqtal check`; may be repeated, later files override earlier ones
     #[arg(long, value_name = "FILE")]
     config: Vec<PathBuf>,
-    /// Any key of the configuration, as in --set vehicle.mass-kg=0.6; may be repeated
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    settings: Vec<String>,
-    /// A key of `[plant]` by which the simulated vehicle differs from the one that the laws are designed for, as in
-    /// --plant rate-lag-ms=80; may be repeated
-    #[arg(long = "plant", value_name = "KEY=VALUE")]
-    plant: Vec<String>,
+    #[command(flatten)]
+    settings: SettingArgs,
     /// Trajectory on which the errors of position, velocity and attitude are measured [default: that of the configuration, `square`]
     #[arg(long, value_name = "NAME")]
     trajectory: Option<String>,
@@ -35,14 +30,10 @@ impl StudyArgs {
     /// configuration replaces the cameras by a recording (64).
     pub fn settings(&self) -> Result<Vec<Setting>, Failure> {
         let mut settings = Config::layers(&self.config)?;
-        for text in &self.settings {
-            let setting = Setting::parse("--set", text)?;
-            refuse_key_of_study(&format!("--set {text}"), &setting.key)?;
-            settings.push(setting);
-        }
-        for text in &self.plant {
-            settings.push(Setting::parse_in("plant", "--plant", text)?);
-        }
+        let own = self.settings.settings()?;
+        own.iter()
+            .try_for_each(|set| refuse_key_of_study(&format!("--set {}", set.key), &set.key))?;
+        settings.extend(own);
         if let Some(name) = &self.trajectory {
             settings.push(Setting::flag("--trajectory", "trajectory.kind", name.as_str()));
         }
@@ -59,10 +50,8 @@ impl StudyArgs {
     pub fn words(&self) -> String {
         let config = self.config.iter().map(|file| ("--config", file.display().to_string()));
         let variables = environment().into_iter().map(|setting| ("--set", assignment(&setting)));
-        let set = self.settings.iter().map(|text| ("--set", text.clone()));
-        let plant = self.plant.iter().map(|text| ("--plant", text.clone()));
         let trajectory = self.trajectory.iter().map(|name| ("--trajectory", name.clone()));
-        let words = config.chain(variables).chain(set).chain(plant).chain(trajectory);
+        let words = config.chain(variables).chain(self.settings.words()).chain(trajectory);
         words.map(|(flag, value)| format!(" {flag} {}", quoted(&value))).collect()
     }
 }
@@ -90,8 +79,12 @@ fn environment() -> Vec<Setting> {
 
 /// A setting as `KEY=VALUE`.
 fn assignment(Setting { key, value, .. }: &Setting) -> String {
-    let value = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
-    format!("{key}={value}")
+    format!("{key}={}", written(value))
+}
+
+/// A value as a word of a command line, before it is quoted.
+fn written(value: &Value) -> String {
+    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
 }
 
 /// Prints the warnings of a flight of `config` on standard error.
@@ -137,9 +130,15 @@ pub fn words_of(settings: &[Setting]) -> String {
     words.concat()
 }
 
-/// The command line of this study, without the arguments about its output.
+/// The command line of this study as it was typed, behind the settings of environment variables, and without the arguments about
+/// its output and the variables of its instance.
 pub fn command() -> String {
-    command_of(std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()))
+    let is_of_study = |setting: &Setting| !setting.key.starts_with("instance.");
+    let variables = environment().into_iter().filter(is_of_study);
+    let variables = variables
+        .map(|Setting { value, origin, .. }| format!("{origin}={} ", quoted(&written(&value))));
+    let words = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned());
+    variables.collect::<String>() + &command_of(words)
 }
 
 fn command_of(arguments: impl Iterator<Item = String>) -> String {
@@ -184,6 +183,7 @@ pub fn parse_seeds(text: &str) -> Result<Range<u64>, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use oqtal_runtime::process::PlantArgs;
 
     #[test]
     fn seeds_are_a_range_with_both_ends_or_one() {
@@ -225,7 +225,7 @@ mod tests {
     fn keys_that_a_study_sets_are_refused_with_the_option_for_them() {
         for (setting, remedy) in [("control.controller=pid", "--laws"), ("clock.seed=5", "--seeds")]
         {
-            let settings = vec![setting.to_owned()];
+            let settings = SettingArgs { set: vec![setting.to_owned()], ..SettingArgs::default() };
             let refused = StudyArgs { settings, ..StudyArgs::default() }.settings().unwrap_err();
             assert_eq!(refused.exit, Exit::Usage);
             assert!(refused.message.contains(remedy), "{refused}");
@@ -234,8 +234,9 @@ mod tests {
 
     #[test]
     fn a_key_of_the_plant_does_not_change_the_vehicle() {
-        let plant = vec!["rate-lag-ms=80".to_owned()];
-        let settings = StudyArgs { plant, ..StudyArgs::default() }.settings().unwrap();
+        let plant = PlantArgs { plant: vec!["rate-lag-ms=80".to_owned()] };
+        let settings = SettingArgs { plant, ..SettingArgs::default() };
+        let settings = StudyArgs { settings, ..StudyArgs::default() }.settings().unwrap();
         let config = Config::from_settings(&settings).unwrap();
         assert_eq!((config.plant.rate_lag_ms, config.vehicle.rate_lag_ms), (80.0, 50.0));
     }

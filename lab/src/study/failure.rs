@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use oqtal_config::Setting;
-use oqtal_observe::flight::{HELD, HELD_UNENDED, Outcome};
+use oqtal_observe::flight::{HELD, Outcome};
 use serde_json::{Value, json};
 
 use super::Flown;
@@ -140,7 +140,7 @@ pub fn counts(rows: &[Flown]) -> (usize, usize) {
 
 /// Changes with which the flights that the fence held would not be held, one line for each trajectory; empty if it held none.
 pub fn remedies(groups: &[FailedFlights<'_>]) -> String {
-    let held = groups.iter().filter(|group| [HELD, HELD_UNENDED].contains(&group.cause));
+    let held = groups.iter().filter(|group| group.cause.contains(HELD));
     room::remedies(held.map(|group| (group.law, &group.conditions[..], group.test)))
 }
 
@@ -153,11 +153,18 @@ pub fn text(rows: &[Flown], table: &str) -> String {
 /// `table` is the text of the figures above it; its marks are explained.
 pub fn listed(rows: &[Flown], table: &str) -> String {
     let (flights, failures) = counts(rows);
-    let head = match failures {
-        0 => format!("all {flights} flights landed as planned"),
-        _ => format!("{failures} of {flights} flights did not land as planned"),
-    };
     let failed = failed(rows);
+    let unsettled = failed.iter().filter(|group| group.cause == UNSETTLED);
+    let head = match (failures, unsettled.map(|group| group.conditions.len()).sum::<usize>()) {
+        (0, 0) => format!("all {flights} flights landed as planned"),
+        (0, some) => format!(
+            "all {flights} flights landed as planned, {some} of them with a step that did not settle"
+        ),
+        (_, 0) => format!("{failures} of {flights} flights did not land as planned"),
+        (_, some) => format!(
+            "{failures} of {flights} flights did not land as planned, and {some} had a step that did not settle"
+        ),
+    };
     let groups: Vec<String> = failed.iter().map(FailedFlights::to_text).collect();
     match groups.is_empty() {
         true => head,
@@ -214,10 +221,16 @@ mod tests {
         assert!(!text(&rows, "0.28").contains("marked"), "nothing is marked");
         let text = text(&rows, "0.28 *");
         assert!(
-            text.starts_with("all 8 flights landed as planned; figures marked * leave out:"),
+            text.starts_with(
+                "all 8 flights landed as planned, 1 of them with a step that did not settle; figures marked * leave out:"
+            ),
             "{text}"
         );
         assert!(text.contains("pid, path: 1 of 2, a step did not settle"), "{text}");
         assert!(text.contains("seed 1; again"), "{text}");
+        let failed = flown("lqr", &[f64::INFINITY]);
+        let text = super::text(&[rows[0].clone(), failed], "");
+        let head = "4 of 12 flights did not land as planned, and 1 had a step that did not settle:";
+        assert!(text.starts_with(head), "{text}");
     }
 }

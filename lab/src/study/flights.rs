@@ -5,7 +5,6 @@ use std::ops::RangeInclusive;
 use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::message::{FNV_OFFSET, fnv1a};
 use oqtal_config::{Config, Setting};
-use oqtal_control::trajectory::Trajectory;
 use oqtal_daemon::LawPort;
 use oqtal_observe::corners::CornerFigures;
 use oqtal_observe::flight::{Flight, Outcome};
@@ -345,7 +344,7 @@ impl TestFlights {
             let flight = fly(&mission)?;
             let end = TestEnd { test, outcome: flight.outcome, cause: flight.cause() };
             if end.cause.is_none() {
-                run.note(test, &flight, &mission.trajectory);
+                run.note(test, &flight);
             }
             run.ends.push(end);
         }
@@ -355,7 +354,7 @@ impl TestFlights {
 
 impl Run {
     /// Adds the figures of a flight that landed as planned.
-    fn note(&mut self, test: Test, flight: &Flight, trajectory: &Trajectory) {
+    fn note(&mut self, test: Test, flight: &Flight) {
         match test {
             Test::Path => {
                 self.figures[test.figures()].copy_from_slice(&of_path(flight));
@@ -370,10 +369,9 @@ impl Run {
                 // NaN without a scored sample.
                 self.hover_max_mm = 1e3 * errors.fold(f64::NAN, f64::max);
             }
-            Test::Chirp => self.figures[CHIRP] = of_attitude(flight, trajectory)[0],
+            Test::Chirp => self.figures[CHIRP] = of_attitude(flight)[0],
             Test::Doublet => {
-                [_, self.figures[DOUBLET], self.least_settle_s[1]] =
-                    of_attitude(flight, trajectory);
+                [_, self.figures[DOUBLET], self.least_settle_s[1]] = of_attitude(flight);
             }
         }
     }

@@ -3,18 +3,12 @@
 use nalgebra::Vector3;
 use oqtal_bus::message::Stamps;
 use oqtal_bus::time::Span;
-use oqtal_control::euler::EulerAngles;
 use oqtal_control::metrics::Statistics;
 use oqtal_control::quaternion::Attitude;
-use oqtal_control::trajectory::Trajectory;
 
+use oqtal_observe::attitude_steps::{AttitudeSteps, prescribed};
 use oqtal_observe::corners::CornerFigures;
 use oqtal_observe::flight::{Flight, FlightSample};
-
-/// Attitude error below which an attitude step is settled \[deg\].
-const SETTLED_DEG: f64 = 1.5;
-/// Change of a prescribed attitude in one tick that counts as a step \[deg\].
-const STEP_DEG: f64 = 5.0;
 
 /// Metric by which laws are compared.
 #[derive(Clone, Copy, Debug)]
@@ -152,35 +146,13 @@ pub fn of_hover(flight: &Flight) -> [f64; 2] {
 
 /// Error of the true attitude relative to the prescribed one: RMS \[deg\] and mean settling time after a step \[s\], infinite if
 /// one did not settle before the next; then the same mean with the time until the next step for one that did not settle \[s\].
-///
-/// The trajectory prescribes the attitude, also for a law that filters its command. A flight rotates its trajectory by the
-/// measured initial heading of the vehicle.
-pub fn of_attitude(flight: &Flight, trajectory: &Trajectory) -> [f64; 3] {
-    let options = &flight.config.trajectory;
-    let start_s = options.take_off_s + options.settle_s;
-    let begun = flight.scored().next();
-    let commanded = begun.map_or(Attitude::LEVEL, FlightSample::attitude_command);
-    let yaw_rad = EulerAngles::from_attitude(&commanded).yaw;
-    let heading = Attitude::from_rotation_vector(Vector3::z() * yaw_rad);
-    let errors: Vec<(&FlightSample, f64, _)> = flight
-        .scored()
-        .filter_map(|sample| {
-            let prescribed = trajectory.sample(sample.telemetry.mission_s - start_s).attitude?;
-            let prescribed = heading.unit_quaternion() * prescribed.attitude.unit_quaternion();
-            let prescribed = Attitude::from_unit_quaternion(prescribed);
-            Some((sample, sample.attitude().angle_to(&prescribed).to_degrees(), prescribed))
-        })
-        .collect();
+/// The times are NaN for a trajectory other than `attitude-doublet`.
+pub fn of_attitude(flight: &Flight) -> [f64; 3] {
     let mut rms = Statistics::default();
-    errors.iter().for_each(|(_, error, _)| rms.add(*error));
-    let (mut settle, mut is_settled) = (Statistics::default(), true);
-    for step in errors.chunk_by(|a, b| a.2.angle_to(&b.2).to_degrees() < STEP_DEG) {
-        let outside = step.iter().rposition(|(_, error, _)| *error > SETTLED_DEG);
-        let since = |at: usize| step[at].0.telemetry.time.since(step[0].0.telemetry.time);
-        settle.add(outside.map_or(0.0, |last| since(last).seconds()));
-        is_settled &= outside.is_none_or(|last| last + 1 < step.len());
-    }
-    let least_s = of_scored(&settle, Statistics::mean);
-    let settle_s = if is_settled { least_s } else { f64::INFINITY };
+    prescribed(flight).iter().for_each(|at| rms.add(at.error_deg));
+    let [settle_s, least_s] = AttitudeSteps::of(flight).map_or([f64::NAN; 2], |steps| {
+        let is_settled = steps.settled == steps.count;
+        [if is_settled { steps.settle_s } else { f64::INFINITY }, steps.least_settle_s]
+    });
     [of_scored(&rms, Statistics::rms), settle_s, least_s]
 }

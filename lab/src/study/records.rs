@@ -4,7 +4,6 @@ use oqtal_observe::flight::Outcome;
 use oqtal_runtime::process::Failure;
 use serde_json::{Map, Value, json};
 
-use super::args::command;
 use super::flights::{Run, Test, TestEnd};
 use super::metric::{METRIC, METRICS};
 use super::table::{mean_of, spread};
@@ -21,12 +20,6 @@ fn figures(test: Test) -> Vec<(&'static str, usize)> {
 
 fn figure(run: &Run, index: usize) -> f64 {
     if index < METRICS { run.figures[index] } else { run.hover_max_mm }
-}
-
-/// Adds to a document the command of the study and the version of the program.
-pub fn add_source(document: &mut Value) {
-    document["command"] = json!(command());
-    document["version"] = json!(env!("CARGO_PKG_VERSION"));
 }
 
 /// One object for each law, case and test: counts of flights that landed, and of those that did so as planned, causes of the others,
