@@ -30,7 +30,7 @@ use crate::reproduce::chapter::Chapter;
 use crate::reproduce::page::{self, PageHead};
 use crate::sheet::Sheet;
 use crate::study::args::{StudyArgs, command, say_notes};
-use crate::study::gains::GainSource;
+use crate::study::gains::{self, GainSource};
 use crate::study::law::{self, StudyLaw};
 use crate::study::{Flown, failure, records};
 
@@ -321,6 +321,7 @@ pub fn laws(
             });
         }
     }
+    say_notes(gains::replaced(&laws, common));
     Ok(laws)
 }
 

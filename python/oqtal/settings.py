@@ -127,6 +127,13 @@ def warn(call: Sources) -> None:
         warnings.warn(text, stacklevel=4)
 
 
+def warn_of_study(depth: int = 5) -> None:
+    """Issues the warnings of a study, such as gains that were found for another vehicle, ``depth`` calls above."""
+    for text in _native.notes():
+        # This function, `_fly`, the study, the decorator, the user.
+        warnings.warn(text, stacklevel=depth)
+
+
 def write_text(path: str | os.PathLike[str], text: str) -> Path:
     """Writes a file and returns its path."""
     try:

@@ -16,7 +16,19 @@ import numpy as np
 from oqtal import _native
 from oqtal.errors import UsageError
 from oqtal.flight import Flight
-from oqtal.settings import ConfigLike, Setting, Sources, check_names, flat, integer, positive, sources, warn, write_text
+from oqtal.settings import (
+    ConfigLike,
+    Setting,
+    Sources,
+    check_names,
+    flat,
+    integer,
+    positive,
+    sources,
+    warn,
+    warn_of_study,
+    write_text,
+)
 from oqtal.table import Table
 
 if TYPE_CHECKING:
@@ -293,6 +305,7 @@ def tune(
     search = (integer("budget", budget, 1), integer("seed", seed), optimiser)
     drawn = None if spread is None else os.fspath(spread)
     found = _native.tune(call, target, search, flights, drawn, report, integer("threads", threads, 0, 1024))
+    warn_of_study(4)
     values, on_a_bound, objective, start, toml = found
     return Tuned(dict(values), on_a_bound, objective, start, toml)
 
@@ -313,11 +326,14 @@ def _fly(
     if not conditions:
         raise UsageError("nothing to fly; give at least one seed")
     if client is None:
-        return Table(_native.study(call, names, gains, conditions, _progress(progress), threads))
+        table = Table(_native.study(call, names, gains, conditions, _progress(progress), threads))
+        warn_of_study()
+        return table
     if progress is not False or threads:
         raise UsageError("progress and threads are those of this machine; leave them out, and look at the client's dashboard")
     # Files, gains and environment are those of this machine.
     chosen = _native.resolved(call, names, gains)
+    warn_of_study()
     count = max(1, TASKS_PER_WORKER * len(client.scheduler_info()["workers"]) // len(chosen))
     length = -(-len(conditions) // count)
     parts = [conditions[start : start + length] for start in range(0, len(conditions), length)]

@@ -3,6 +3,7 @@
 use std::ffi::CString;
 use std::ops::Range;
 use std::sync::atomic::Ordering;
+use std::sync::{Mutex, PoisonError};
 
 use clap::ValueEnum;
 use numpy::PyArray1;
@@ -14,6 +15,7 @@ use oqtal_lab::progress::Progress;
 use oqtal_lab::robustness;
 use oqtal_lab::robustness::draws::{Draw, MOST_DRAWS, TUNING_SEED};
 use oqtal_lab::robustness::spread::PlantSpread;
+use oqtal_lab::study::args::receive_notes;
 use oqtal_lab::study::flights::{NOMINAL, Test};
 use oqtal_lab::study::gains::{self, GainSource};
 use oqtal_lab::study::law;
@@ -39,6 +41,15 @@ const BATCH: usize = 20;
 
 /// A setting of a call: its origin, key and value.
 type GivenSetting<'py> = (String, String, Bound<'py, PyAny>);
+
+/// Warnings of studies that were not taken yet.
+static NOTES: Mutex<Vec<String>> = Mutex::new(Vec::new());
+
+/// Takes the warnings of the studies so far.
+#[pyfunction]
+fn notes() -> Vec<String> {
+    std::mem::take(&mut NOTES.lock().unwrap_or_else(PoisonError::into_inner))
+}
 
 /// Names of the laws of studies, in the order of tables.
 #[pyfunction]
@@ -288,6 +299,8 @@ fn training(
 
 /// Registers the functions.
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    receive_notes(|note| NOTES.lock().unwrap_or_else(PoisonError::into_inner).push(note));
+    module.add_function(wrap_pyfunction!(notes, module)?)?;
     module.add_function(wrap_pyfunction!(laws, module)?)?;
     module.add_function(wrap_pyfunction!(study, module)?)?;
     module.add_function(wrap_pyfunction!(draws, module)?)?;

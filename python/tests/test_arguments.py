@@ -39,6 +39,17 @@ def test_what_begins_after_the_end_of_a_flight_is_warned_of_at_the_line_of_the_c
         assert [warning.filename for warning in told] == [__file__]
 
 
+def test_gains_of_another_vehicle_and_replaced_gains_are_warned_of(capfd):
+    heavy = {"vehicle": {"mass_kg": 0.6}, "control": {"pid": {"gain": 3.0}}}
+    with pytest.warns(UserWarning, match="gains") as issued:
+        oqtal.robustness(["pid"], heavy, runs=1)
+    texts = [str(warning.message) for warning in issued]
+    assert any("found for the shipped vehicle" in text for text in texts), texts
+    assert any("replace control.pid.gain" in text for text in texts), texts
+    assert {warning.filename for warning in issued} == {__file__}
+    assert capfd.readouterr() == ("", "")
+
+
 @pytest.mark.parametrize(
     ("call", "arguments", "words"),
     [

@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 use std::path::PathBuf;
+use std::sync::OnceLock;
 
 use clap::Args;
 use oqtal_config::{Config, Setting};
@@ -98,9 +99,20 @@ pub fn warnings(config: &Config) -> Vec<String> {
     trajectory.map_or_else(|_| Vec::new(), |it| oqtal_daemon::warnings(config, &it))
 }
 
+/// Receiver of warnings in place of standard error.
+static RECEIVER: OnceLock<fn(String)> = OnceLock::new();
+
+/// Passes all later warnings to `receiver` instead of printing them.
+pub fn receive_notes(receiver: fn(String)) {
+    let _ = RECEIVER.set(receiver);
+}
+
 /// Prints warnings on standard error.
 pub fn say_notes(notes: impl IntoIterator<Item = String>) {
-    notes.into_iter().for_each(|note| say(&format!("oqtal: warning: {note}")));
+    notes.into_iter().for_each(|note| match RECEIVER.get() {
+        Some(receive) => receive(note),
+        None => say(&format!("oqtal: warning: {note}")),
+    });
 }
 
 /// `settings` as words of a command line of `oqtal fly`, each preceded by a space: files, the trajectory, disturbances, and each

@@ -159,7 +159,27 @@ pub fn chosen(
     common: &[Setting],
 ) -> Result<Vec<StudyLaw>, Failure> {
     say_notes(source.note(&Config::from_settings(common)?));
-    named(names).map(|controller| source.law(controller, common)).collect()
+    let laws = named(names).map(|controller| source.law(controller, common));
+    let laws = laws.collect::<Result<Vec<_>, _>>()?;
+    say_notes(replaced(&laws, common));
+    Ok(laws)
+}
+
+/// Note on the settings of a study that the gains of `laws` replace.
+pub fn replaced(laws: &[StudyLaw], common: &[Setting]) -> Option<String> {
+    let mut keys: Vec<&str> = Vec::new();
+    for gain in laws.iter().flat_map(|law| &law.settings[common.len()..]) {
+        let mut given = common.iter().filter(|setting| setting.key == gain.key);
+        if given.any(|setting| setting.value != gain.value) && !keys.contains(&&*gain.key) {
+            keys.push(&gain.key);
+        }
+    }
+    (!keys.is_empty()).then(|| {
+        format!(
+            "the gains of this study replace {}; fly them with `configured` gains",
+            keys.join(", ")
+        )
+    })
 }
 
 #[cfg(test)]
