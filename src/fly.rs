@@ -20,7 +20,7 @@ use oqtal_config::{ClockKind, Config, Fault, Setting, TimedDisturbance};
 use oqtal_control::controller::ControllerName;
 use oqtal_lab::campaign::FlightSeries;
 use oqtal_lab::mission::Mission;
-use oqtal_runtime::process::{CommonArgs, Exit, Failure, PlantArgs, check_instance};
+use oqtal_runtime::process::{CommonArgs, Exit, Failure, PlantKeyArgs, check_instance};
 use oqtal_runtime::program::{print, say};
 
 use oqtal_observe::explain;
@@ -77,7 +77,7 @@ pub struct FlyArgs {
     #[arg(long = "disturb", value_name = "KIND@TIME[+DURATION]=VALUE", help = fault::DISTURB_HELP)]
     disturb: Vec<TimedDisturbance>,
     #[command(flatten)]
-    plant: PlantArgs,
+    plant: PlantKeyArgs,
     /// Directory of the results [default: flights/INSTANCE-N]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,

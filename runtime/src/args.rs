@@ -61,7 +61,7 @@ pub struct SettingArgs {
     pub set: Vec<String>,
     /// The simulated vehicle, where it differs.
     #[command(flatten)]
-    pub plant: PlantArgs,
+    pub plant: PlantKeyArgs,
 }
 
 impl SettingArgs {
@@ -83,14 +83,14 @@ impl SettingArgs {
 
 /// Differences of the simulated vehicle.
 #[derive(Args, Clone, Debug, Default)]
-pub struct PlantArgs {
+pub struct PlantKeyArgs {
     /// A key of `[plant]`, where the simulated vehicle differs from the one that the laws are designed for, as in
     /// --plant rate-lag-ms=80; may be repeated
     #[arg(long = "plant", value_name = "KEY=VALUE")]
     pub plant: Vec<String>,
 }
 
-impl PlantArgs {
+impl PlantKeyArgs {
     /// These flags as settings.
     ///
     /// # Errors

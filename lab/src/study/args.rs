@@ -195,7 +195,7 @@ pub fn parse_seeds(text: &str) -> Result<Range<u64>, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use oqtal_runtime::process::PlantArgs;
+    use oqtal_runtime::process::PlantKeyArgs;
 
     #[test]
     fn seeds_are_a_range_with_both_ends_or_one() {
@@ -246,7 +246,7 @@ mod tests {
 
     #[test]
     fn a_key_of_the_plant_does_not_change_the_vehicle() {
-        let plant = PlantArgs { plant: vec!["rate-lag-ms=80".to_owned()] };
+        let plant = PlantKeyArgs { plant: vec!["rate-lag-ms=80".to_owned()] };
         let settings = SettingArgs { plant, ..SettingArgs::default() };
         let settings = StudyArgs { settings, ..StudyArgs::default() }.settings().unwrap();
         let config = Config::from_settings(&settings).unwrap();
