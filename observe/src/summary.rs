@@ -139,7 +139,11 @@ impl TopicCounts {
 impl Summary {
     /// The figures of `flight`.
     pub fn of(flight: &Flight) -> Self {
-        let (config, last) = (&flight.config, last_tick(flight));
+        Self::at(flight, &flight.config, &last_tick(flight))
+    }
+
+    /// The figures of `flight` under `config`, whose last tick is `last`.
+    fn at(flight: &Flight, config: &Config, last: &TelemetryV1) -> Self {
         Self {
             controller: name_of(&config.control.controller),
             trajectory: name_of(&config.trajectory.kind),
