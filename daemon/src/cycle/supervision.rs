@@ -62,6 +62,13 @@ impl FlightSupervision {
         &mut self.requests
     }
 
+    /// Records that a flight will be requested, unless it begins by itself.
+    pub(super) fn expect_flight(&mut self) {
+        if self.requests.auto_takeoff == AutoTakeoff::None && !self.observe_only {
+            self.requests.auto_takeoff = AutoTakeoff::Expected;
+        }
+    }
+
     /// The safety monitor.
     pub(super) fn safety(&self) -> &SafetyMonitor {
         &self.safety
@@ -121,7 +128,8 @@ impl FlightSupervision {
     ) {
         let is_another = intake.vehicle().source().is_some_and(|known| known != header.source);
         if is_another && self.mode == Mode::Waiting {
-            self.call_off();
+            self.requests.cancel_auto_takeoff();
+            self.mode = Mode::Disarmed;
             self.requests.vehicle_replaced = true;
         }
         if vehicle.stopped != 0 && self.is_flying() {
@@ -203,9 +211,7 @@ impl FlightSupervision {
             ModeAction::BeginFlight => {
                 intake.begin_flight(now);
                 self.course.begin_flight(now, &estimate);
-                if self.requests.auto_takeoff == AutoTakeoff::Pending {
-                    self.requests.auto_takeoff = AutoTakeoff::Started;
-                }
+                self.requests.begin_flight();
             }
             ModeAction::BeginObservation => {
                 self.course.begin_observation(now, estimate.position);
@@ -259,6 +265,7 @@ impl FlightSupervision {
             OperatorCommand::Fly if self.observe_only => Err(Cause::WrongMode),
             // A repeated request: the first reply may have been lost.
             OperatorCommand::Fly if self.mode != Mode::Disarmed => Ok(Answer::Done),
+            OperatorCommand::Fly if self.is_called_off() => Err(Cause::Operator),
             OperatorCommand::Fly => Ok(self.wait_for_flight(false)),
             OperatorCommand::Land => self.land(now, intake),
             OperatorCommand::Disarm => self.disarm(intake),
@@ -362,12 +369,19 @@ impl FlightSupervision {
         Answer::Accepted
     }
 
-    /// Cancels a flight that has not begun.
-    fn call_off(&mut self) {
-        self.requests.cancel_auto_takeoff();
-        if self.mode == Mode::Waiting {
+    /// Calls off a flight that has not begun, also one that is only expected; returns whether there was one.
+    fn call_off(&mut self) -> bool {
+        self.requests.call_off();
+        let is_waiting = self.mode == Mode::Waiting;
+        if is_waiting {
             self.mode = Mode::Disarmed;
         }
+        is_waiting || self.is_called_off()
+    }
+
+    /// Whether an operator called off the flight at start-up.
+    fn is_called_off(&self) -> bool {
+        self.requests.auto_takeoff == AutoTakeoff::CalledOff
     }
 
     fn disarm(&mut self, intake: &mut Intake) -> Result<Answer, Cause> {
@@ -382,7 +396,9 @@ impl FlightSupervision {
     }
 
     fn land(&mut self, now: Time, intake: &mut Intake) -> Result<Answer, Cause> {
-        self.call_off();
+        if self.call_off() {
+            return Ok(Answer::Done);
+        }
         if self.is_held(intake) {
             self.end_flight(intake);
             return Ok(Answer::Done);
