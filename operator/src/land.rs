@@ -27,6 +27,8 @@ const ANSWER_TIMEOUT: Span = Span::from_millis(300);
 const SIGNAL_DELAY: Duration = Duration::from_millis(400);
 /// Ticks that may be older than a signal: the stored one, and one whose turn had begun \[-\].
 const OLDER_TICKS: u32 = 2;
+/// Pause between two requests.
+const REPEAT_PERIOD: Duration = Duration::from_millis(50);
 /// Time after which the command gives up.
 const TIMEOUT: Span = Span::from_millis(950);
 
@@ -90,13 +92,15 @@ fn request(paths: &InstancePaths, is_signalled: &Arc<AtomicBool>) -> Receiver<La
 /// Asks the daemon, which may be starting, until its loop answers or, once `is_signalled`, its telemetry shows that it obeys. The
 /// request may be repeated: a loop that has not answered in time has accepted it.
 fn ask(paths: &InstancePaths, is_signalled: &AtomicBool) -> LandingAnswer {
-    let give_up = Time::now() + TIMEOUT;
+    // Early enough for the command to receive the answer.
+    let give_up = Time::now() + TIMEOUT.scaled(0.9);
     paths.become_owner()?;
     let request = ControlRequestV1::of(OperatorCommand::Land);
     let mut accepted = None;
     while Time::now() < give_up {
         let Some(bus) = Bus::open_running(paths)? else { return Ok(accepted) };
-        let answered = bus.control_client().and_then(|client| client.ask(request, ANSWER_TIMEOUT));
+        let timeout = ANSWER_TIMEOUT.min(give_up.since(Time::now()));
+        let answered = bus.control_client().and_then(|client| client.ask(request, timeout));
         let answer = answered.ok().flatten();
         if answer.is_some_and(|response| response.answer != Answer::Accepted.code()) {
             return Ok(answer);
@@ -105,6 +109,7 @@ fn ask(paths: &InstancePaths, is_signalled: &AtomicBool) -> LandingAnswer {
         if accepted.is_none() && is_signalled.load(Ordering::Acquire) {
             return await_obedience(&bus, give_up);
         }
+        std::thread::sleep(REPEAT_PERIOD);
     }
     Ok(accepted)
 }
