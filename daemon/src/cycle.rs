@@ -314,7 +314,7 @@ impl Cycle {
 
     /// Records that the command which started the daemon will request a flight: until then an operator can call it off.
     pub fn expect_flight(&mut self) {
-        self.supervision.expect_flight();
+        self.supervision.requests_mut().expect_flight();
     }
 
     /// Replaces the gains of one of the outer loops of Fig. 16, in flight; gains that do not pass their check are refused.

@@ -166,7 +166,8 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
             if stays {
                 cycle.cancel_auto_takeoff();
             }
-            let awaited = context.is_child.then_some(OperatorCommand::Fly);
+            let is_flown = context.is_child && !context.config.safety.observe_only;
+            let awaited = is_flown.then_some(OperatorCommand::Fly);
             awaited.iter().for_each(|_| cycle.expect_flight());
             ports.announce_start(started_at, stays, awaited)?;
             context.enter_realtime();

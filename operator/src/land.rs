@@ -27,6 +27,8 @@ const ANSWER_TIMEOUT: Span = Span::from_millis(300);
 const SIGNAL_DELAY: Duration = Duration::from_millis(400);
 /// Ticks that may be older than a signal: the stored one, and one whose turn had begun \[-\].
 const OLDER_TICKS: u32 = 2;
+/// Time between two searches for the daemon.
+const SEARCH_PERIOD: Duration = Duration::from_millis(100);
 /// Pause between two requests.
 const REPEAT_PERIOD: Duration = Duration::from_millis(50);
 /// Time after which the command gives up.
@@ -45,20 +47,23 @@ pub fn land(address: &AddressedInstance) -> Result<ControlResponseV1, Failure> {
     let is_daemon = |process: &ObeyingProcess| !process.is_vehicle;
     // Of several daemons with the same name, one is asked.
     let mut lines = reached.signal(LAND_SIGNAL, |p| is_daemon(p) && !p.is_under(paths));
-    let is_signalled = Arc::default();
+    let is_signalled = Arc::new(AtomicBool::default());
     let answer = request(paths, &is_signalled);
+    let give_up = Time::now() + TIMEOUT;
     let mut answered = answer.recv_timeout(SIGNAL_DELAY);
-    if let Ok(Ok(Some(response))) = answered {
-        return Ok(response);
+    while !matches!(answered, Ok(Ok(Some(_)))) {
+        // Searched each time: the daemon may be starting.
+        let found = Reached::find(address);
+        let found = found.signal(LAND_SIGNAL, |p| is_daemon(p) && p.is_under(paths));
+        is_signalled.fetch_or(!found.is_empty(), Ordering::AcqRel);
+        lines.extend(found);
+        if answered.is_ok() || Time::now() >= give_up {
+            break;
+        }
+        answered = answer.recv_timeout(SEARCH_PERIOD);
     }
-    // Searched again: the daemon may have started in the meantime.
-    let reached = Reached::find(address);
-    let signalled = reached.signal(LAND_SIGNAL, |p| is_daemon(p) && p.is_under(paths));
-    is_signalled.store(!signalled.is_empty(), Ordering::Release);
-    lines.extend(signalled);
-    if answered.is_err() {
-        answered = answer.recv_timeout((TIMEOUT - Span::from_millis(400)).to_duration());
-    }
+    lines.sort();
+    lines.dedup();
     let said = match answered {
         Ok(Ok(Some(response))) => return Ok(response),
         Ok(Err(error)) if lines.is_empty() => return Err(error.into()),

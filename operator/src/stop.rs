@@ -112,10 +112,14 @@ pub fn raise(address: &AddressedInstance) -> Result<ObeyedStop, Failure> {
     let mut reached = Reached::find(address);
     let (raised, mut paths) = raise_words(&mut reached)?;
     // Before the processes end, as those of `oqtal fly` do.
-    let arm_again = fly_again(address, &reached);
+    let mut arm_again = fly_again(address, &reached);
     let answers = ask_daemon(&reached.paths);
     let (report, answer) = await_obedience(&raised, &reached, &answers, give_up);
     paths.push(format!("control service: {}", said(&answer)));
+    if reached.processes.is_empty() {
+        // Some may have started.
+        arm_again = fly_again(address, &Reached::find(address));
+    }
     Ok(ObeyedStop {
         paths,
         arm_again,

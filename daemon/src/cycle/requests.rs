@@ -29,11 +29,24 @@ impl Requests {
         }
     }
 
-    /// Calls off the flight at start-up, if it has not begun.
-    pub(super) fn call_off(&mut self) {
+    /// Records that a flight will be requested, unless it begins by itself.
+    pub(super) fn expect_flight(&mut self) {
+        if self.auto_takeoff == AutoTakeoff::None {
+            self.auto_takeoff = AutoTakeoff::Expected;
+        }
+    }
+
+    /// Calls off the flight at start-up, if it has not begun; returns whether it is called off.
+    pub(super) fn call_off(&mut self) -> bool {
         if matches!(self.auto_takeoff, AutoTakeoff::Pending | AutoTakeoff::Expected) {
             self.auto_takeoff = AutoTakeoff::CalledOff;
         }
+        self.is_called_off()
+    }
+
+    /// Whether an operator called off the flight at start-up.
+    pub(super) fn is_called_off(&self) -> bool {
+        self.auto_takeoff == AutoTakeoff::CalledOff
     }
 
     /// Records that a flight begins.

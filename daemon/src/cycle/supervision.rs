@@ -62,13 +62,6 @@ impl FlightSupervision {
         &mut self.requests
     }
 
-    /// Records that a flight will be requested, unless it begins by itself.
-    pub(super) fn expect_flight(&mut self) {
-        if self.requests.auto_takeoff == AutoTakeoff::None && !self.observe_only {
-            self.requests.auto_takeoff = AutoTakeoff::Expected;
-        }
-    }
-
     /// The safety monitor.
     pub(super) fn safety(&self) -> &SafetyMonitor {
         &self.safety
@@ -265,7 +258,7 @@ impl FlightSupervision {
             OperatorCommand::Fly if self.observe_only => Err(Cause::WrongMode),
             // A repeated request: the first reply may have been lost.
             OperatorCommand::Fly if self.mode != Mode::Disarmed => Ok(Answer::Done),
-            OperatorCommand::Fly if self.is_called_off() => Err(Cause::Operator),
+            OperatorCommand::Fly if self.requests.is_called_off() => Err(Cause::Operator),
             OperatorCommand::Fly => Ok(self.wait_for_flight(false)),
             OperatorCommand::Land => self.land(now, intake),
             OperatorCommand::Disarm => self.disarm(intake),
@@ -371,17 +364,9 @@ impl FlightSupervision {
 
     /// Calls off a flight that has not begun, also one that is only expected; returns whether there was one.
     fn call_off(&mut self) -> bool {
-        self.requests.call_off();
         let is_waiting = self.mode == Mode::Waiting;
-        if is_waiting {
-            self.mode = Mode::Disarmed;
-        }
-        is_waiting || self.is_called_off()
-    }
-
-    /// Whether an operator called off the flight at start-up.
-    fn is_called_off(&self) -> bool {
-        self.requests.auto_takeoff == AutoTakeoff::CalledOff
+        self.mode = if is_waiting { Mode::Disarmed } else { self.mode };
+        self.requests.call_off() || is_waiting
     }
 
     fn disarm(&mut self, intake: &mut Intake) -> Result<Answer, Cause> {
@@ -396,14 +381,13 @@ impl FlightSupervision {
     }
 
     fn land(&mut self, now: Time, intake: &mut Intake) -> Result<Answer, Cause> {
-        if self.call_off() {
-            return Ok(Answer::Done);
-        }
-        if self.is_held(intake) {
-            self.end_flight(intake);
-            return Ok(Answer::Done);
-        }
+        let is_called_off = self.call_off();
         match self.mode {
+            _ if is_called_off => Ok(Answer::Done),
+            _ if self.is_held(intake) => {
+                self.end_flight(intake);
+                Ok(Answer::Done)
+            }
             Mode::Flying if !self.observe_only => {
                 self.course.land(now, intake.estimate().position);
                 self.mode = Mode::Landing;

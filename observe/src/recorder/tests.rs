@@ -83,7 +83,9 @@ fn a_course_of_an_earlier_flight_is_not_one_of_this_flight_and_settings_stay() {
         let event = EventV1 { number, command: command.code(), ..EventV1::default() };
         recorder.sample(&reception, Sample::Event(&event));
     };
-    [Goto, Set, Trajectory, Hover].map(|command| change(&mut recorder, command));
+    for command in [Goto, Set, Trajectory, Hover] {
+        change(&mut recorder, command);
+    }
     for mode in [Mode::Disarmed, Mode::Flying, Mode::Flying] {
         let telemetry = TelemetryV1 { mode: mode.code(), ..TelemetryV1::default() };
         recorder.sample(&reception, Sample::Telemetry(&telemetry));
