@@ -241,8 +241,10 @@ impl OperatorRequests {
         let present = self.present(Answer::Done);
         if key.is_empty() {
             let changed = self.settings.as_ref().map_or(LongText::EMPTY, LiveSettings::changed);
-            let text = [&self.flown(), changed.as_str()].join("\n");
-            return ControlResponseV1 { text: LongText::new(text.trim_end()), ..present };
+            let flown = self.flown();
+            let lines = std::iter::once(flown.as_str()).chain(changed.as_str().lines());
+            let text = LongText::of_lines(lines).unwrap_or_else(|| LongText::new(&flown));
+            return ControlResponseV1 { text, ..present };
         }
         let value = self.settings.as_ref().map(|settings| settings.get(key));
         match value {

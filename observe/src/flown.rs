@@ -35,7 +35,8 @@ pub fn changed_before(bus: &Bus) -> Option<EventV1> {
     let command = OperatorCommand::Set.code();
     let base = EventV1 { time: Time::now(), command, ..EventV1::default() };
     let ControlRequestV1 { process, user, program, .. } = request();
-    Some(EventV1 { process, user, program, text: LongText::new(changed), ..base })
+    let text = LongText::of_lines(changed.lines())?;
+    Some(EventV1 { process, user, program, text, ..base })
 }
 
 /// The daemon's answer: law and trajectory in the first line, below it the changed settings.

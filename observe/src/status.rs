@@ -40,14 +40,24 @@ impl InstanceStatus {
 
     /// Whether a daemon publishes its health.
     pub fn has_daemon(&self) -> bool {
-        let mut processes = self.processes.iter();
-        processes.any(|process| process.name == Role::Daemon.name() && process.report.is_some())
+        self.has(&[Role::Daemon])
+    }
+
+    /// Whether a process of one of these roles publishes its health.
+    fn has(&self, roles: &[Role]) -> bool {
+        let is_meant =
+            |process: &ProcessHealth| roles.iter().any(|role| role.name() == process.name);
+        self.processes.iter().any(|process| process.report.is_some() && is_meant(process))
     }
 
     /// Status as text: one line per process, the vehicle and the position.
     pub fn lines(&self) -> Vec<String> {
         let mut lines: Vec<String> = self.processes.iter().map(ToString::to_string).collect();
-        lines.extend(self.vehicle.as_ref().map(|vehicle| format!("{:<10} {vehicle}", "vehicle")));
+        let unknown = "unknown: its process runs, but published nothing during this observation";
+        let vehicle = self.vehicle.as_ref().map(ToString::to_string);
+        let vehicle =
+            vehicle.or_else(|| self.has(&[Role::Plant, Role::Bridge]).then(|| unknown.to_owned()));
+        lines.extend(vehicle.map(|vehicle| format!("{:<10} {vehicle}", "vehicle")));
         if let Some((position, age_s)) = self.position {
             let [x, y, z] = position.map(centimetres);
             let is_old = age_s > OLD_POSITION_S;

@@ -96,27 +96,36 @@ impl ControlReport {
         if !text.is_empty() {
             message += &format!(": {text}");
         }
-        if response.cause == Cause::WrongMode.code()
-            && *command == OperatorCommand::Disarm.to_string()
-        {
-            message += "; `land` or `stop` ends a flight";
-        }
-        if response.cause == Cause::TakeOff.code() {
-            message += "; repeat it once the vehicle has taken off";
-        }
-        if response.cause == Cause::OtherConfig.code() {
-            let expected = expected.unwrap_or(0);
-            message += &if response.config_hash == expected {
-                "; `undo` takes the last change back, `arm` without --config flies with them"
-                    .to_owned()
-            } else {
-                format!(
-                    "; the daemon runs with the hash {:016x}, that of the file is {expected:016x}, as `oqtal check` prints it",
-                    response.config_hash
-                )
-            };
-        }
+        message += &self.remedy(response, expected);
         Err(Failure::new(Exit::Flight, message))
+    }
+
+    /// What the operator can do after a refusal; empty if its cause says it.
+    fn remedy(&self, response: &ControlResponseV1, expected: Option<u64>) -> String {
+        use OperatorCommand::{Disarm, Goto, Hover, Trajectory};
+        let is_one_of = |commands: &[OperatorCommand]| {
+            commands.iter().any(|command| command.to_string() == self.command)
+        };
+        let remedy = match Cause::from_code(response.cause) {
+            Some(Cause::WrongMode) if is_one_of(&[Disarm]) => "`land` or `stop` ends a flight",
+            Some(Cause::WrongMode)
+                if response.mode == Mode::Disarmed.code()
+                    && is_one_of(&[Goto, Trajectory, Hover]) =>
+            {
+                "`oqtal ctl arm` begins a flight"
+            }
+            Some(Cause::TakeOff) => "repeat it once the vehicle has taken off",
+            Some(Cause::OtherConfig) if Some(response.config_hash) == expected.or(Some(0)) => {
+                "`undo` takes the last change back, `arm` without --config flies with them"
+            }
+            Some(Cause::OtherConfig) => &format!(
+                "the daemon runs with the hash {:016x}, that of the file is {:016x}, as `oqtal check` prints it",
+                response.config_hash,
+                expected.unwrap_or(0)
+            ),
+            _ => return String::new(),
+        };
+        format!("; {remedy}")
     }
 
     /// The report as JSON.
