@@ -72,7 +72,7 @@ pub struct OperatorRequests {
     settings: Option<LiveSettings>,
     /// Number of requests that change a flight or its settings so far.
     events: u64,
-    /// What an operator had the vehicle fly in place of the configured trajectory; `None` for nothing else.
+    /// Course by an operator in place of the configured trajectory; `None` without one.
     course: Option<String>,
 }
 

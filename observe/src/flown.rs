@@ -1,4 +1,4 @@
-//! What flies, asked of the daemon: law and trajectory, and the settings that were changed since its start.
+//! Law, trajectory and changed settings of a running daemon, asked of it by an observer.
 
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Answer, OperatorCommand};

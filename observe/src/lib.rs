@@ -14,7 +14,7 @@
 //! | `event.rs` | events as text |
 //! | `flight.rs` | a recorded flight |
 //! | `flight_sample.rs` | one tick of a flight |
-//! | `flown.rs` | what flies, asked of the daemon |
+//! | `flown.rs` | law, trajectory and changed settings, asked of the daemon |
 //! | `nearest.rs` | joins ticks with the samples nearest in time |
 //! | `summary.rs` | figures of a flight, `summary.json` |
 //! | `latency.rs` | latency by hops, from capture to effect |

@@ -213,7 +213,7 @@ impl Recorder {
         let armed_at = telemetry.is_armed().then_some(telemetry.time);
         let last = std::mem::replace(&mut self.armed_at, armed_at);
         if last.is_none() && armed_at.is_some() {
-            // Settings stay as they are; the course begins anew.
+            // Settings stay as they are; the course begins again.
             self.flight.changes.retain(|(_, change)| !changes_course(change));
         }
         let Some(now) = self.armed_at else { return };

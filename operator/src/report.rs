@@ -100,7 +100,7 @@ impl ControlReport {
         Err(Failure::new(Exit::Flight, message))
     }
 
-    /// What the operator can do after a refusal; empty if its cause says it.
+    /// Remedy of a refusal; empty if its cause says it.
     fn remedy(&self, response: &ControlResponseV1, expected: Option<u64>) -> String {
         use OperatorCommand::{Disarm, Goto, Hover, Trajectory};
         let is_one_of = |commands: &[OperatorCommand]| {
