@@ -11,13 +11,17 @@ use oqtal_runtime::program::print;
 
 use crate::recordings;
 
+/// Name of the page in a directory.
+const PAGE: &str = "compare.html";
+
 /// Arguments of `oqtal compare`.
 #[derive(Args, Debug)]
 pub struct CompareArgs {
     /// The recordings
     #[arg(num_args = 2.., required = true, value_name = "FILE", value_parser = recording_path)]
     files: Vec<PathBuf>,
-    /// The page with overlaid plots [default: compare.html in results/compare-N]
+    /// The page with overlaid plots, or its directory; only a page of oqtal is replaced [default: compare.html in
+    /// results/compare-N]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
 }
@@ -32,6 +36,7 @@ impl CompareArgs {
             let message = format!("at most {MOST_FLIGHTS} recordings can be compared");
             return Err(Failure::new(Exit::Usage, message));
         }
+        let out = self.out.as_ref().map(|out| recordings::page_path(out, PAGE)).transpose()?;
         let mut flights = Vec::new();
         for path in &self.files {
             let flown = recordings::read_flight(path)?;
@@ -39,9 +44,9 @@ impl CompareArgs {
         }
         let comparison = Comparison::new(flights);
         print(&comparison.to_text())?;
-        let page = match &self.out {
-            Some(file) => file.clone(),
-            None => next_free("compare")?.join("compare.html"),
+        let page = match out {
+            Some(page) => page,
+            None => next_free("compare")?.join(PAGE),
         };
         recordings::write(&page, comparison.to_html())?;
         print(&format!("plots: {}", page.display()))?;

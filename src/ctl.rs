@@ -2,7 +2,7 @@
 
 use clap::Args;
 use oqtal_bus::bus::Bus;
-use oqtal_bus::code::Answer;
+use oqtal_bus::code::{Answer, Cause};
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_config::{Config, InstanceOptions};
@@ -20,8 +20,8 @@ pub struct CtlArgs {
     /// The command to the daemon
     #[arg(value_enum)]
     command: CtlRequest,
-    /// Of `goto`: X Y Z in m and, if wanted, YAW in degrees; of `fly`: a trajectory; of `set`: KEY=VALUE ...; of `get`: a key; of
-    /// `reload`: a file; of `controller`: a law
+    /// Of `goto`: X Y Z in m and, if wanted, YAW in degrees; of `fly`: a trajectory; of `set`: KEY=VALUE ...; of `get`: a key, or
+    /// none; of `reload`: a file; of `controller`: a law
     #[arg(value_name = "ARGUMENT", allow_negative_numbers = true)]
     arguments: Vec<String>,
     /// Print the answer as JSON
@@ -76,6 +76,8 @@ impl CtlArgs {
         if refused.is_err() {
             // The processes with their configurations, if these differ.
             lines.iter().for_each(|line| say(line));
+            let told = named.and_then(|config| differences(config, &address, &response));
+            told.iter().for_each(|line| say(line));
         }
         refused?;
         if !self.json {
@@ -151,24 +153,44 @@ impl CtlArgs {
         body: ControlRequestV1,
         expected: Option<u64>,
     ) -> Result<(ControlResponseV1, InstanceStatus), Failure> {
+        let mut status = InstanceStatus::default();
         let response = match self.command {
             CtlRequest::Arm => arm::ask(bus, expected, &mut say, &|| false)?,
+            CtlRequest::Status => {
+                status = status::observe(bus)?;
+                // A daemon that is not seen would not answer either.
+                if status.has_daemon() { send(bus, body, expected)? } else { None }
+            }
             _ => send(bus, body, expected)?,
         };
         let differs = response.is_some_and(|response| {
             response.answer == Answer::Refused.code() && names_configurations(&response)
         });
-        let status = match self.command {
-            CtlRequest::Status => status::observe(bus)?,
-            _ if differs => status::observe(bus)?,
-            _ => InstanceStatus::default(),
-        };
+        if differs {
+            status = status::observe(bus)?;
+        }
         let Some(response) = response else {
             status.lines().iter().for_each(|line| say(line));
             return Err(unanswered(bus));
         };
         Ok((response, status))
     }
+}
+
+/// Settings of the daemon, as of its start, that differ from `expected`; `None` if it did not refuse for that reason, or its file
+/// cannot be read.
+fn differences(
+    expected: &Config,
+    address: &AddressedInstance,
+    response: &ControlResponseV1,
+) -> Option<String> {
+    let is_other =
+        response.cause == Cause::OtherConfig.code() && response.config_hash != expected.hash();
+    let file = is_other.then(|| address.paths.config())?;
+    let text = std::fs::read_to_string(&file).ok()?;
+    let daemon = Config::parse(&file.to_string_lossy(), &text, &[]).ok()?;
+    let of_daemon = daemon.flown_differences(expected);
+    (!of_daemon.is_empty()).then(|| format!("the daemon was started with {}", of_daemon.join(", ")))
 }
 
 /// Whether the daemon reports that processes run with different configurations.

@@ -33,6 +33,7 @@ use crate::recordings;
 
 use cameras::{MocapSource, PosePath};
 use directory::FlightDirectory;
+pub use directory::REPORT;
 use paths::FlightPaths;
 use processes::BusFlight;
 use progress::Interrupts;

@@ -25,7 +25,7 @@ use std::time::Duration;
 
 use clap::Args;
 use oqtal_bus::bus::Bus;
-use oqtal_bus::code::OperatorCommand;
+use oqtal_bus::code::{Answer, Cause, OperatorCommand};
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::ControlRequestV1;
 use oqtal_bus::time::{Span, Time};
@@ -39,6 +39,7 @@ use figures::{ConditionFigures, LatencyFigures};
 use oqtal_observe::kernel::ThreadScheduling;
 use oqtal_observe::loop_monitor::LoopMonitor;
 use oqtal_observe::observer::BusObserver;
+use oqtal_observe::status::word;
 use rig::Rig;
 
 pub use part::PartArgs;
@@ -225,7 +226,14 @@ fn take_off(bus: &Bus, observation: &mut Observation, rig: &mut Rig) -> Result<(
         if Time::now() >= give_up {
             return Err(Failure::new(Exit::Peer, "the test chain did not begin to fly"));
         }
-        asked = asked || client.ask(request, Span::from_millis(200))?.is_some();
+        if !asked && let Some(response) = client.ask(request, Span::from_millis(200))? {
+            if response.answer == Answer::Refused.code() {
+                let cause = word(Cause::from_code(response.cause));
+                let message = format!("the daemon of the test chain refuses to fly: {cause}");
+                return Err(Failure::new(Exit::Flight, message));
+            }
+            asked = true;
+        }
         std::thread::sleep(Duration::from_millis(10));
         observation.poll()?;
     }

@@ -9,6 +9,7 @@ use oqtal_bus::bus::Bus;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Role, Sample};
 use oqtal_config::Config;
+use oqtal_observe::flown::changed_before;
 use oqtal_observe::kernel::ThreadScheduling;
 use oqtal_observe::observer::BusObserver;
 use oqtal_observe::recording::{Facts, McapRecorder, RecordingPlan, RecordingResult};
@@ -61,7 +62,7 @@ impl RecordArgs {
         }
         let observer = BusObserver::open(&bus, &McapRecorder::topics(&config))?;
         let recorder = self.begin(&config)?;
-        let (result, lost) = self.record(&config, (observer, recorder), &stop)?;
+        let (result, lost) = self.record(&config, (&bus, observer, recorder), &stop)?;
         conclude(&result, lost)
     }
 
@@ -91,12 +92,17 @@ impl RecordArgs {
     fn record(
         &self,
         config: &Config,
-        parts: (BusObserver, McapRecorder),
+        parts: (&Bus, BusObserver, McapRecorder),
         stop: &StopFlag,
     ) -> Result<(RecordingResult, u64), Failure> {
-        let (mut observer, mut recorder) = parts;
+        let (bus, mut observer, mut recorder) = parts;
         let mut daemon = DaemonFacts::default();
         let began = Time::now();
+        recorder.note_clock(began);
+        if let Some(changed) = changed_before(bus) {
+            let reception = Reception { received_at: began, ..Reception::default() };
+            recorder.sample(&reception, Sample::Event(&changed));
+        }
         let end = self.seconds.map(|seconds| began + Span::from_seconds(seconds));
         let mut is_wait_told = false;
         while !stop.is_set() && !recorder.has_failed() {

@@ -1,8 +1,9 @@
 //! Reading of recordings for the commands that use them.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use oqtal_observe::flight::Flight;
+use oqtal_observe::page::is_page;
 use oqtal_observe::recording::{self, RecordingFile, RecordingFileError, RecordingResult};
 use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
@@ -69,11 +70,34 @@ pub fn check(recording: &RecordingResult) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Path of the page `out`, which is `name` in it if it is a directory.
+///
+/// # Errors
+/// A file is there that is not a page of oqtal, such as the recording itself (exit code 64).
+pub fn page_path(out: &Path, name: &str) -> Result<PathBuf, Failure> {
+    let path = if out.is_dir() { out.join(name) } else { out.to_owned() };
+    // Pipes and devices are not read.
+    let is_foreign = path.is_file() && !std::fs::read(&path).is_ok_and(|found| is_page(&found));
+    if is_foreign {
+        let message = format!(
+            "{} exists and is not a page of oqtal, so it is not replaced; give another --out",
+            path.display()
+        );
+        return Err(Failure::new(Exit::Usage, message));
+    }
+    Ok(path)
+}
+
 /// Writes a file of results.
 ///
 /// # Errors
-/// The file cannot be written.
+/// The file is a recording (exit code 64), or cannot be written (71).
 pub fn write(path: &Path, content: impl AsRef<[u8]>) -> Result<(), Failure> {
+    if path.is_file() && recording::is_recording(path) {
+        let message =
+            format!("{} is a recording, so it is not replaced; give another --out", path.display());
+        return Err(Failure::new(Exit::Usage, message));
+    }
     files::write(path, content)
         .map_err(|error| Failure::new(Exit::System, format!("{}: {error}", path.display())))
 }

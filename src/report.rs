@@ -3,12 +3,13 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use oqtal_observe::recording::recording_path;
+use oqtal_observe::recording::{RECORDING, recording_path};
 use oqtal_observe::summary::Summary;
 use oqtal_observe::{report, table};
 use oqtal_runtime::process::{Exit, Failure};
-use oqtal_runtime::program::print;
+use oqtal_runtime::program::{print, say};
 
+use crate::fly::REPORT;
 use crate::provenance::PROVENANCE;
 use crate::recordings;
 
@@ -18,7 +19,8 @@ pub struct ReportArgs {
     /// The recording: a file, the directory of a flight, or `latest`
     #[arg(value_parser = recording_path)]
     file: PathBuf,
-    /// The page [default: FILE with .html in place of .mcap]
+    /// The page, or its directory; only a page of oqtal is replaced [default: report.html of the flight, or FILE with .html in place
+    /// of .mcap]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Print the summary as JSON instead of a table
@@ -32,14 +34,25 @@ impl ReportArgs {
     /// # Errors
     /// The file is not a recording (exit code 65) or of another version (76), or the page cannot be written.
     pub fn execute(&self) -> Result<Exit, Failure> {
+        let path = recordings::page_path(&self.page(), REPORT)?;
         let flight = recordings::read_flight(&self.file)?;
         let summary = Summary::of(&flight);
         print(&if self.json { summary.to_json(PROVENANCE) } else { table::closing(&summary) })?;
-        let path = self.out.clone().unwrap_or_else(|| self.file.with_extension("html"));
         recordings::write(&path, report::html(&flight, &summary))?;
         if !self.json {
             print(&format!("report: {}", path.display()))?;
+            summary.shortfall.iter().for_each(|shortfall| say(&format!("oqtal: {shortfall}")));
         }
         Ok(Exit::Ok)
+    }
+
+    /// The page of --out; by default the one that `oqtal fly` writes as well.
+    fn page(&self) -> PathBuf {
+        let is_of_flight = self.file.file_name().is_some_and(|name| name == RECORDING);
+        let default = || match is_of_flight {
+            true => self.file.with_file_name(REPORT),
+            false => self.file.with_extension("html"),
+        };
+        self.out.clone().unwrap_or_else(default)
     }
 }

@@ -11,6 +11,7 @@ use clap::Args;
 use oqtal_bus::bus::Bus;
 use oqtal_bus::time::Time;
 use oqtal_config::Config;
+use oqtal_observe::flown::FlownQuery;
 use oqtal_observe::observer::BusObserver;
 use oqtal_observe::recording::recording_path;
 use oqtal_operator::require_daemon;
@@ -106,7 +107,7 @@ impl ViewArgs {
         let site = Site::new(access.clone(), &scene, subject);
         let observer = BusObserver::open(&bus, &LiveView::topics())?;
         let site = self.open(site, &access, &format!("instance `{}`", config.instance.name))?;
-        self.feed((observer, daemon), &shown, (&site, &hub, &stop))?;
+        self.feed((&bus, observer, daemon), &shown, (&site, &hub, &stop))?;
         Ok(Exit::Ok)
     }
 
@@ -144,11 +145,12 @@ impl ViewArgs {
     /// Feeds the pages until the command is interrupted. They show the room of the daemon that runs, that of `config` before one does.
     fn feed(
         &self,
-        (mut observer, mut daemon): (BusObserver, DaemonConfig),
+        (bus, mut observer, mut daemon): (&Bus, BusObserver, DaemonConfig),
         config: &Config,
         (site, hub, stop): (&Site, &Hub, &StopFlag),
     ) -> Result<(), Failure> {
         let mut view = LiveView::new(config, SILENCE);
+        let mut flown = FlownQuery::default();
         while !stop.is_set() {
             if let Some(config) = daemon.changed() {
                 site.change_scene(&SceneDescription::of_instance(&config, self.control));
@@ -157,6 +159,7 @@ impl ViewArgs {
             std::thread::sleep(UPDATE_PERIOD);
             let now = Time::now();
             observer.poll(now, &mut view)?;
+            view.take_flown(flown.poll(bus, now));
             let (collected, status) = view.take(now);
             hub.publish(&collected, status);
         }

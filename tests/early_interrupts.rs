@@ -53,6 +53,60 @@ fn an_interrupt_at_any_moment_of_the_start_ends_the_flight() {
     }
 }
 
+/// Whatever the answer to `command`, `ctl land` or `stop` at an instant of the start, it is what happens.
+#[track_caller]
+fn answer_is_true(command: &str, delay: Duration) {
+    let testbed = Testbed::new("start-ctl");
+    let bus = testbed.bus();
+    let mut truths = bus.observer(&TRUTH).unwrap();
+    let mut flight = testbed.start(&[&["fly"], &LONG[..]].concat());
+    let awaited = testbed.path("d/plant-sim.log");
+    wait_for("a start", || awaited.exists().then_some(()));
+    std::thread::sleep(delay);
+    let answer = testbed.oqtal(&["ctl", command]).output().unwrap();
+    let said = String::from_utf8_lossy(&answer.stdout).into_owned() + &stderr(&answer);
+    let is_called_off = said.starts_with("the flight is called off");
+    match answer.status.code() {
+        Some(0) => {
+            let known = ["the flight is called off", "landing", "stopped"];
+            assert!(known.iter().any(|text| said.starts_with(text)), "{command} {delay:?}: {said}");
+        }
+        // Nobody was asked, and the flight begins.
+        Some(75) if said.contains("a flight that begins now is not") => flight.signal(Signal::INT),
+        // Requested, and obeyed later.
+        Some(1) if said.contains("requested by signal") || command == "stop" => {}
+        Some(75) if said.contains("stays raised until it is obeyed") => {}
+        code => panic!("{command} {delay:?}: {code:?}: {said}"),
+    }
+    let mut highest_m = 0.0_f64;
+    wait_for("the end of the flight", || {
+        while let Some((_, truth)) = truths.receive().unwrap() {
+            highest_m = highest_m.max(truth.position[2]);
+        }
+        (!flight.runs()).then_some(())
+    });
+    let output = flight.wait();
+    let message = stderr(&output);
+    if is_called_off {
+        assert!(highest_m < ON_FLOOR_M, "{delay:?}: {said}, but {highest_m} m");
+        assert_eq!(output.status.code(), Some(1), "{message}");
+        let reason = "called off before the take-off: an operator asked to land";
+        assert!(message.contains(reason), "{delay:?}: {message}");
+    }
+    if said.starts_with("stopped") {
+        assert!(message.contains("operator"), "{delay:?}: {message}");
+    }
+}
+
+#[test]
+fn an_operators_answer_is_true_at_any_moment_of_the_start() {
+    for millis in (0..8).map(|number| 50 * number) {
+        for command in ["land", "stop"] {
+            answer_is_true(command, Duration::from_millis(millis));
+        }
+    }
+}
+
 /// The processes are started one after another: each log marks a stage.
 #[test]
 fn an_interrupt_between_two_processes_starts_no_other() {

@@ -40,10 +40,11 @@ fn a_recording_reproduces_the_report_and_replays_bit_for_bit() {
         let setting = format!("record.flights={flights}");
         let words = [&HOVER[..], &["--clock", clock, "--set", &setting, "--out", "d"]].concat();
         let summary = testbed.summary(&words);
+        let page = |name: &str| std::fs::read_to_string(testbed.path("d").join(name)).unwrap();
+        let flown = page("report.html");
         let again = testbed.succeeds(&["report", "d/flight.mcap", "--json"]);
         assert_eq!(json(&again), summary, "{clock}");
-        let page = |name: &str| std::fs::read_to_string(testbed.path("d").join(name)).unwrap();
-        assert!(page("flight.html") == page("report.html"), "{clock}: the pages differ");
+        assert!(page("report.html") == flown, "{clock}: the pages differ");
         testbed.succeeds(&["export", "d/flight.mcap", "--format", "csv"]);
         assert!(page("flight-csv/ticks.csv") == page("telemetry.csv"), "{clock}: tables differ");
         replays(&testbed, "d/flight.mcap");
@@ -150,6 +151,19 @@ fn two_recordings_are_compared_and_shown() {
     let text = testbed.succeeds(&["compare", "d1/flight.mcap", "d2/flight.mcap"]);
     assert!(text.contains("clock.seed") && text.contains("position [m], mean"), "{text}");
     assert!(testbed.path("results/compare-1/compare.html").exists());
+    // A directory receives the page, and a page is replaced; no other file is, least of all a recording.
+    let compare = ["compare", "d1", "d2", "--out"];
+    testbed.succeeds(&[&compare[..], &["results"]].concat());
+    testbed.succeeds(&[&compare[..], &["results/compare.html"]].concat());
+    let recorded = std::fs::read(testbed.path("d1/flight.mcap")).unwrap();
+    for file in ["d1/flight.mcap", "d1/config.toml"] {
+        let part = format!("{file} exists and is not a page");
+        fails(&testbed, &[&compare[..], &[file]].concat(), 64, &[&part]);
+        fails(&testbed, &["report", "d1", "--out", file], 64, &[&part]);
+        assert!(testbed.path(file).exists());
+    }
+    fails(&testbed, &["replay", "d1", "--out", "d1/flight.mcap"], 64, &["is a recording"]);
+    assert!(std::fs::read(testbed.path("d1/flight.mcap")).unwrap() == recorded);
     let info = json(&testbed.succeeds(&["info", "d1/flight.mcap", "--json"]));
     assert_eq!(info["is_complete"], true);
     assert_eq!(info["facts"]["oqtal.recording"]["version"], env!("CARGO_PKG_VERSION"));

@@ -277,7 +277,7 @@ fn command_of(pid: u32) -> String {
 }
 
 /// Program and first argument of a process; empty if there are none.
-pub(crate) fn command_line(pid: u32) -> [String; 2] {
+fn command_line(pid: u32) -> [String; 2] {
     let line = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
     let mut words = line.split(|byte| *byte == 0).map(String::from_utf8_lossy);
     [(); 2].map(|()| words.next().unwrap_or_default().into_owned())

@@ -15,7 +15,6 @@ use rustix::fs::OFlags;
 use rustix::process::{Pid, PidfdFlags, Signal, geteuid, pidfd_open, pidfd_send_signal};
 
 use crate::message::{FNV_OFFSET, fnv1a};
-use crate::node::command_line;
 use crate::paths::InstancePaths;
 use crate::stop::{self, StopSwitch};
 use crate::time::Time;
@@ -127,11 +126,17 @@ impl ObeyingProcess {
         geteuid().is_root() || geteuid().as_raw() == self.user
     }
 
-    /// The command of `oqtal` that started it and ends with it, such as `fly`; `None` for a process of its own.
+    /// The command of `oqtal` that started it and ends with it, such as `oqtal fly --duration 5`, as typed in a shell; `None` for a
+    /// process of its own.
     pub fn started_by(&self) -> Option<String> {
         let status = fs::read_to_string(format!("/proc/{}/status", self.pid)).ok()?;
-        let [program, word] = command_line(field(&status, "PPid:")?.parse().ok()?);
-        (Path::new(&program).file_name()? == "oqtal").then(|| subcommand(&word).to_owned())
+        let line = fs::read(format!("/proc/{}/cmdline", field(&status, "PPid:")?)).ok()?;
+        let line = String::from_utf8_lossy(&line);
+        let (program, arguments) =
+            line.trim_end_matches('\0').split_once('\0').unwrap_or((&line, ""));
+        let is_ours = Path::new(program.trim_end_matches('\0')).file_name()? == "oqtal";
+        let words = arguments.split_terminator('\0').map(quoted);
+        is_ours.then(|| ["oqtal".to_owned()].into_iter().chain(words).collect::<Vec<_>>().join(" "))
     }
 
     /// Instant of its start, to a hundredth of a second; `None` if it has ended.
@@ -194,6 +199,15 @@ impl ObeyingProcess {
     }
 }
 
+/// A word of a command line as a shell reads it.
+fn quoted(word: &str) -> String {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./:=,@%+".contains(c);
+    if !word.is_empty() && word.chars().all(is_plain) {
+        return word.to_owned();
+    }
+    format!("'{}'", word.replace('\'', r"'\''"))
+}
+
 /// Subcommand of a command line of `oqtal` whose first argument is `word`: `fly` if that is an option, or missing.
 pub fn subcommand(word: &str) -> &str {
     if word.is_empty() || word.starts_with('-') { "fly" } else { word }
@@ -252,6 +266,12 @@ mod tests {
     fn a_command_line_without_a_command_is_that_of_a_flight() {
         let commands = ["campaign", "fly", "--trajectory", ""].map(subcommand);
         assert_eq!(commands, ["campaign", "fly", "fly", "fly"]);
+    }
+
+    #[test]
+    fn a_word_of_a_command_line_is_quoted_for_a_shell() {
+        let words = ["--set", "fence.x-m=[-1, 1]", "it's", ""].map(quoted);
+        assert_eq!(words, ["--set", "'fence.x-m=[-1, 1]'", r"'it'\''s'", "''"]);
     }
 
     #[test]

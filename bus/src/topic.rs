@@ -102,8 +102,8 @@ pub const VEHICLE_READ: Topic<VehicleV1> = Topic::new("read/vehicle", RECORDED);
 /// A planner to daemon and observers, at any rate. The limit of one writer locks out a second planner.
 pub const REFERENCE: Topic<ReferenceV1> =
     Topic::new("reference", Quality { buffer: 64, ..COMMANDS });
-/// Daemon to observers: requests that change a flight or its settings.
-pub const EVENT: Topic<EventV1> = Topic::new("event", STATE);
+/// Daemon to observers: requests that change a flight or its settings. A late observer receives no request of an earlier flight.
+pub const EVENT: Topic<EventV1> = Topic::new("event", Quality { history: 0, ..STATE });
 
 /// Name of the request-response service of the daemon.
 pub const CONTROL: &str = "control";

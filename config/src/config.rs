@@ -293,13 +293,18 @@ impl Config {
     /// Hash of the effective configuration, without the settings that say where and how it is flown: instance, kind of clock,
     /// log, ends of wires, and directories of input files.
     pub fn hash(&self) -> u64 {
+        let mut hasher = fnv::FnvHasher::default();
+        hasher.write(self.flown().to_string().as_bytes());
+        hasher.finish()
+    }
+
+    /// The settings that the hash covers.
+    pub(crate) fn flown(&self) -> Table {
         let mut flown =
             Table::try_from(self).expect("a configuration holds only what TOML can say");
         NOT_FLOWN.iter().for_each(|key| remove(&mut flown, key));
         FILE_KEYS.iter().for_each(|key| keep_file_name(&mut flown, key));
-        let mut hasher = fnv::FnvHasher::default();
-        hasher.write(flown.to_string().as_bytes());
-        hasher.finish()
+        flown
     }
 }
 

@@ -91,6 +91,15 @@ impl Config {
         Ok(changed.map(|(key, value)| format!("{key}={value}")).collect())
     }
 
+    /// Settings of this configuration because of which its hash differs from that of `other`, as `KEY=VALUE`.
+    pub fn flown_differences(&self, other: &Self) -> Vec<String> {
+        let (mut own, mut others) = (Vec::new(), Vec::new());
+        flatten("", &Value::Table(self.flown()), &mut own);
+        flatten("", &Value::Table(other.flown()), &mut others);
+        let differing = own.into_iter().filter(|entry| !others.contains(entry));
+        differing.map(|(key, value)| format!("{key}={value}")).collect()
+    }
+
     fn to_table(&self) -> Table {
         Table::try_from(self).expect("a configuration holds only what TOML can say")
     }

@@ -42,7 +42,10 @@ fn nearest(key: &str, shipped: &str) -> Option<String> {
     let plain = |key: &str| key.replace(['.', '_'], "-").to_ascii_lowercase();
     let wanted = plain(key);
     let likeness = |known: &String| {
-        // A key without its unit, or without its section.
+        // A key without its unit, or without its section, or without a section within.
+        if has_words(known, key) {
+            return 1.0;
+        }
         let known = plain(known);
         let is_part = known.strip_prefix(&wanted).is_some_and(|rest| rest.starts_with('-'))
             || known.strip_suffix(&wanted).is_some_and(|rest| rest.ends_with('-'));
@@ -54,6 +57,12 @@ fn nearest(key: &str, shipped: &str) -> Option<String> {
     let rated = keys.into_iter().map(|key| (likeness(&key), key));
     let best = rated.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.len().cmp(&a.1.len())))?;
     (best.0 >= SIMILAR).then_some(best.1)
+}
+
+/// Whether the parts of the dotted key `wanted` are among those of `known`, in this order.
+fn has_words(known: &str, wanted: &str) -> bool {
+    let mut parts = known.split('.');
+    wanted.split('.').all(|word| parts.any(|part| part == word))
 }
 
 /// Collects the dotted keys of `table`, which is the section `path`.
@@ -71,8 +80,8 @@ fn collect(table: &Table, path: &str, keys: &mut Vec<String>) {
 mod tests {
     use super::*;
 
-    const SHIPPED: &str =
-        "[vehicle]\nmass-kg = 0.5\nmax-thrust-n = 9.8\n[control]\ncontroller = 'pid'\n";
+    const SHIPPED: &str = "[vehicle]\nmass-kg = 0.5\nmax-thrust-n = 9.8\n[control]\ncontroller = 'pid'\n\
+                           [trajectory]\nheight-m = 1.0\n[trajectory.circle]\nradius-m = 1.0\n";
 
     #[test]
     fn a_key_that_is_almost_right_is_suggested() {
@@ -83,6 +92,7 @@ mod tests {
             ("mass-kg", "vehicle.mass-kg"),
             ("vehicle.max_thrust_n", "vehicle.max-thrust-n"),
             ("control.controler", "control.controller"),
+            ("trajectory.radius-m", "trajectory.circle.radius-m"),
         ] {
             assert_eq!(nearest(written, SHIPPED).as_deref(), Some(meant), "{written}");
         }

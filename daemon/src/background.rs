@@ -130,12 +130,15 @@ fn log_event(event: &EventV1) {
     let Some(command) = OperatorCommand::from_code(event.command) else { return };
     let what = match command {
         OperatorCommand::Goto => format!("{command} {x} {y} {z}"),
-        _ => format!("{command} {}", text.as_str().replace('\n', " ")),
+        _ => format!("{command} {}", text.as_str().replace('\n', " ")).trim_end().to_owned(),
     };
     let pid = Origin::from_bits(*process).process();
     let author = format!("{program} (user {user}, process {pid})");
     match Cause::from_code(event.cause).filter(|_| event.answer == Answer::Refused.code()) {
         None => tracing::info!("{what}, by {author}"),
-        Some(cause) => tracing::warn!("{what}, by {author}: refused, {cause} {reason}"),
+        Some(cause) if reason.is_empty() => {
+            tracing::warn!("{what}, by {author}: refused, {cause}");
+        }
+        Some(cause) => tracing::warn!("{what}, by {author}: refused, {cause}: {reason}"),
     }
 }

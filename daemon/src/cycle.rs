@@ -302,7 +302,7 @@ impl Cycle {
         self.supervision.request(now, OperatorCommand::Land, &mut self.intake);
     }
 
-    /// State of the automatic flight at start-up.
+    /// State of the flight at start-up.
     pub fn auto_takeoff(&self) -> AutoTakeoff {
         self.supervision.requests().auto_takeoff
     }
@@ -310,6 +310,11 @@ impl Cycle {
     /// Cancels the automatic flight at start-up.
     pub fn cancel_auto_takeoff(&mut self) {
         self.supervision.requests_mut().cancel_auto_takeoff();
+    }
+
+    /// Records that the command which started the daemon will request a flight: until then an operator can call it off.
+    pub fn expect_flight(&mut self) {
+        self.supervision.requests_mut().expect_flight();
     }
 
     /// Replaces the gains of one of the outer loops of Fig. 16, in flight; gains that do not pass their check are refused.

@@ -94,6 +94,7 @@ use std::rc::Rc;
 
 use crossbeam_channel::Receiver;
 
+use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::topic::POSE;
 use oqtal_config::{Config, FaultTarget};
 use oqtal_control::trajectory::Trajectory;
@@ -165,7 +166,10 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
             if stays {
                 cycle.cancel_auto_takeoff();
             }
-            ports.announce_start(started_at, stays)?;
+            let is_flown = context.is_child && !context.config.safety.observe_only;
+            let awaited = is_flown.then_some(OperatorCommand::Fly);
+            awaited.iter().for_each(|_| cycle.expect_flight());
+            ports.announce_start(started_at, stays, awaited)?;
             context.enter_realtime();
             let turn = DaemonTurn { ports, cycle, warmup, handle, law };
             process_loop::run(&mut faulty.turn(FaultTarget::Daemon, turn), &mut clock, None)?;

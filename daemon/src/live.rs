@@ -202,7 +202,11 @@ impl LiveSettings {
             OperatorCommand::Undo => {
                 let earlier = self.earlier.last().cloned();
                 let none = || Refusal::of_setting("no change of settings to take back");
-                self.settings(earlier.ok_or_else(none)?, text, true)
+                let earlier = earlier.ok_or_else(none)?;
+                // What changes, for the recording; a replay takes the settings back itself.
+                let changed = self.present.differences(&earlier).unwrap_or_default();
+                let text = LongText::of_lines(changed.iter().map(String::as_str)).unwrap_or(text);
+                self.settings(earlier, text, true)
             }
             // A recorded reload states the settings that it changed.
             OperatorCommand::Reload if !(text.is_empty() || text.as_str().starts_with('/')) => {

@@ -72,6 +72,8 @@ pub struct OperatorRequests {
     settings: Option<LiveSettings>,
     /// Number of requests that change a flight or its settings so far.
     events: u64,
+    /// Course by an operator in place of the configured trajectory; `None` without one.
+    course: Option<String>,
 }
 
 /// Both ends.
@@ -89,6 +91,7 @@ pub fn loop_handoff() -> (LoopHandle, OperatorRequests) {
             config_hash: 0,
             settings: None,
             events: 0,
+            course: None,
         },
     )
 }
@@ -179,7 +182,7 @@ impl OperatorRequests {
             return refused(Cause::OtherConfig, self.present(Answer::Refused));
         }
         if begins_flight(command) {
-            return self.begin(command, &request);
+            return self.begin(command, &request, publish);
         }
         if command.changes_flight() {
             return self.change(command, &request, publish);
@@ -187,11 +190,33 @@ impl OperatorRequests {
         if command == OperatorCommand::Get {
             return self.get(request.text.as_str());
         }
-        self.pass_on(LoopRequest::Operator(command), request.valid_until)
+        let response = self.pass_on(LoopRequest::Operator(command), request.valid_until);
+        match command {
+            OperatorCommand::Status => {
+                ControlResponseV1 { text: LongText::new(&self.flown()), ..response }
+            }
+            _ => response,
+        }
     }
 
-    /// Passes a request for a flight on; the answer names the settings that were changed since the start.
-    fn begin(&mut self, command: OperatorCommand, request: &ControlRequestV1) -> ControlResponseV1 {
+    /// Law and trajectory that fly, or would fly next.
+    fn flown(&self) -> String {
+        let Some(config) = self.settings.as_ref().map(LiveSettings::present) else {
+            return String::new();
+        };
+        let configured = config.value("trajectory.kind").unwrap_or_default();
+        let course = self.course.as_deref().unwrap_or(configured.trim_matches('"'));
+        format!("law {}, trajectory {course}", config.control.controller.name())
+    }
+
+    /// Passes a request for a flight on; the answer, and an event for recordings that began later, name the settings that were
+    /// changed since the start.
+    fn begin(
+        &mut self,
+        command: OperatorCommand,
+        request: &ControlRequestV1,
+        publish: &mut dyn FnMut(EventV1),
+    ) -> ControlResponseV1 {
         let changed = self.settings.as_ref().map_or(LongText::EMPTY, LiveSettings::changed);
         if !changed.is_empty() && request.text.as_str() == AS_STARTED {
             let present = self.present(Answer::Refused);
@@ -199,13 +224,28 @@ impl OperatorRequests {
         }
         let response = self.pass_on(LoopRequest::Operator(command), request.valid_until);
         let is_refused = response.answer == Answer::Refused.code();
+        if !is_refused {
+            self.course = None;
+        }
+        if !is_refused && !changed.is_empty() {
+            self.events += 1;
+            let event = event(request, Answer::Accepted);
+            publish(EventV1 { number: self.events, text: changed, ..event });
+        }
         let text = if is_refused { response.text } else { changed };
         ControlResponseV1 { text, ..response }
     }
 
-    /// Reports the value of the setting `key`.
+    /// Reports the value of the setting `key`; without a key, what flies and the settings that were changed since the start.
     fn get(&self, key: &str) -> ControlResponseV1 {
         let present = self.present(Answer::Done);
+        if key.is_empty() {
+            let changed = self.settings.as_ref().map_or(LongText::EMPTY, LiveSettings::changed);
+            let flown = self.flown();
+            let lines = std::iter::once(flown.as_str()).chain(changed.as_str().lines());
+            let text = LongText::of_lines(lines).unwrap_or_else(|| LongText::new(&flown));
+            return ControlResponseV1 { text, ..present };
+        }
         let value = self.settings.as_ref().map(|settings| settings.get(key));
         match value {
             Some(Ok(value)) => ControlResponseV1 { text: LongText::new(&value), ..present },
@@ -257,6 +297,13 @@ impl OperatorRequests {
         let change = LoopRequest::Change { command, event: event.number, change: prepared.change };
         let limit = if is_of_settings { Time::UNSET } else { valid_until };
         let response = self.pass_on(change, limit);
+        if response.answer != Answer::Refused.code() {
+            self.course = match command {
+                OperatorCommand::Trajectory => Some(event.text.as_str().to_owned()),
+                OperatorCommand::Goto | OperatorCommand::Hover => Some(command.to_string()),
+                _ => self.course.take(),
+            };
+        }
         let text = if is_of_settings { event.text } else { response.text };
         ControlResponseV1 { text, ..response }
     }

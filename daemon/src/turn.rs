@@ -114,12 +114,19 @@ impl<T: Transport> DaemonPorts<T> {
         Ok(())
     }
 
-    /// Publishes that the daemon starts at `now`; `stays` if the automatic flight at start-up was cancelled.
+    /// Publishes that the daemon starts at `now`; `stays` if the automatic flight at start-up was cancelled; with the request that
+    /// is `awaited` from the command that started the daemon.
     ///
     /// # Errors
     /// The transport failed.
-    pub fn announce_start(&mut self, now: Time, stays: bool) -> Result<(), BusError> {
-        self.inputs.send(0, Stamps::default(), input_record::start(now, stays)).map(drop)
+    pub fn announce_start(
+        &mut self,
+        now: Time,
+        stays: bool,
+        awaited: Option<OperatorCommand>,
+    ) -> Result<(), BusError> {
+        let record = input_record::start(now, stays, awaited);
+        self.inputs.send(0, Stamps::default(), record).map(drop)
     }
 }
 

@@ -87,15 +87,20 @@ impl StudyOutput {
         Self::open((directory, config), own, &files, existing)
     }
 
-    /// Output into the directory of `file`, with a journal and the configuration beside it, `NAME.journal` and `NAME.config.toml`.
+    /// Output into the directory of the first of `files`, with a journal and the configuration beside it, `NAME.journal` and
+    /// `NAME.config.toml`.
     ///
     /// # Errors
     /// As [`Self::begin`].
-    pub fn beside(file: &Path, config: &Config, existing: ExistingArgs) -> Result<Self, Failure> {
-        check_file(file)?;
-        let directory = file.parent().unwrap_or(Path::new("")).to_owned();
-        let own = ["journal", CONFIG].map(|extension| file.with_extension(extension));
-        Self::open((directory, config), own, &[file.to_owned()], existing)
+    pub fn beside(
+        files: &[PathBuf],
+        config: &Config,
+        existing: ExistingArgs,
+    ) -> Result<Self, Failure> {
+        files.iter().try_for_each(|file| check_file(file))?;
+        let directory = files[0].parent().unwrap_or(Path::new("")).to_owned();
+        let own = ["journal", CONFIG].map(|extension| files[0].with_extension(extension));
+        Self::open((directory, config), own, files, existing)
     }
 
     fn open(
@@ -302,7 +307,8 @@ mod tests {
     fn output_into_a_file_that_exists_is_refused_and_the_check_leaves_no_file() {
         let directory = tempfile::tempdir().unwrap();
         let file = directory.path().join("new/table.csv");
-        let beside = |existing| StudyOutput::beside(&file, &Config::default(), existing);
+        let files = std::slice::from_ref(&file);
+        let beside = |existing| StudyOutput::beside(files, &Config::default(), existing);
         let output = beside(ExistingArgs::default()).unwrap();
         assert!(!file.exists());
         output.complete().unwrap();

@@ -118,6 +118,9 @@ impl ReplayBench {
         if start.input.stays == 1 {
             cycle.cancel_auto_takeoff();
         }
+        if start.input.request == OperatorCommand::Fly.code() {
+            cycle.expect_flight();
+        }
         let (handle, requests) = loop_handoff();
         let ports = DaemonPorts::open(&bus)?;
         let answer = Rc::new(Cell::new(None));

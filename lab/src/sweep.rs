@@ -48,7 +48,7 @@ pub struct SweepArgs {
     /// Print one JSON document per row instead of a table
     #[arg(long)]
     json: bool,
-    /// File of the table as CSV [default: sweep.csv in results/sweep-N]
+    /// File of the table as CSV, or its directory [default: sweep.csv in results/sweep-N]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     #[command(flatten)]
@@ -131,12 +131,16 @@ impl SweepArgs {
     pub fn execute(&self) -> Result<Exit, Failure> {
         let settings = self.study.settings()?;
         let config = Config::from_settings(&settings)?;
-        let output = match &self.out {
-            Some(file) => StudyOutput::beside(file, &config, self.existing)?,
-            None => StudyOutput::begin(("sweep", &config), None, &[FILE], self.existing)?,
+        let given = self.out.as_ref().filter(|out| !out.is_dir());
+        let output = match given {
+            Some(file) => StudyOutput::beside(std::slice::from_ref(file), &config, self.existing)?,
+            None => {
+                let directory = self.out.as_deref();
+                StudyOutput::begin(("sweep", &config), directory, &[FILE], self.existing)?
+            }
         };
         let rows = self.fly(&settings, &output.progress)?;
-        let file = self.out.clone().unwrap_or_else(|| output.directory.join(FILE));
+        let file = given.cloned().unwrap_or_else(|| output.directory.join(FILE));
         write_file(&file, self.csv(&rows)?)?;
         output.complete()?;
         let document = |row| {

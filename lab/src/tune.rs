@@ -88,9 +88,10 @@ impl TuneArgs {
         }
         let config = Config::from_settings(&flights.settings)?;
         let output = match given {
-            Some(file) => StudyOutput::beside(file, &config, self.existing)?,
+            Some(file) => StudyOutput::beside(&with_page(file), &config, self.existing)?,
             None => {
-                let files: Vec<String> = names.iter().map(|name| format!("{name}.toml")).collect();
+                let files = names.iter().map(|name| PathBuf::from(format!("{name}.toml")));
+                let files: Vec<PathBuf> = files.flat_map(|file| with_page(&file)).collect();
                 StudyOutput::begin(("tune", &config), self.out.as_deref(), &files, self.existing)?
             }
         };
@@ -122,7 +123,7 @@ impl TuneArgs {
         let fly = self.flown_with(file);
         let note = fly.as_ref().map(|fly| format!("for a flight with the same settings: {fly}"));
         write_file(file, tuned.to_toml(&self.own(flights), &note.unwrap_or_default()))?;
-        let page = file.with_extension("html");
+        let [_, page] = with_page(file);
         write_file(&page, page::html(&tuned))?;
         let (page, file) = (page.display(), file.display());
         let fly = fly.map_or(String::new(), |fly| format!("\nfly with them: {fly}"));
@@ -178,6 +179,11 @@ impl TuneArgs {
 fn parse_points(text: &str) -> Result<usize, String> {
     let points: usize = text.parse().map_err(|_| "not a number".to_owned())?;
     if (1..=1_000_000).contains(&points) { Ok(points) } else { Err("not from 1 to 1000000".into()) }
+}
+
+/// The file of tuned gains, and its page beside it.
+fn with_page(file: &Path) -> [PathBuf; 2] {
+    [file.to_owned(), file.with_extension("html")]
 }
 
 /// Tunes a law, or the outer loops, on `flights`.

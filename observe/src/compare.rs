@@ -5,6 +5,7 @@ use std::ops::Range;
 
 use maud::{Markup, html};
 
+use crate::event::ChangeInFlight;
 use crate::flight::{Flight, FlightSample};
 use crate::latency::NAMES;
 use crate::page::{page, section};
@@ -108,10 +109,10 @@ impl Comparison {
             std::iter::once("outcome".to_owned()).chain(outcomes).collect(),
             self.row("scored [s]", |s| significant(s.scored_s)),
         ];
-        if self.summaries.iter().any(|summary| !summary.changes.is_empty()) {
+        let changes = self.summaries.iter().map(|summary| summary.changes.len()).max();
+        for number in 0..changes.unwrap_or(0) {
             rows.push(self.row("changed in flight", |s| {
-                let texts = s.changes.iter().map(|change| change.text.as_str());
-                texts.collect::<Vec<_>>().join("; ")
+                s.changes.get(number).map_or_else(String::new, ChangeInFlight::to_string)
             }));
         }
         ("Flights", self.header("flight"), rows)

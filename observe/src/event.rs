@@ -79,6 +79,12 @@ pub struct ChangeInFlight {
     pub text: String,
 }
 
+impl fmt::Display for ChangeInFlight {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:.1} s: {}", self.time_s, self.text)
+    }
+}
+
 impl ChangeInFlight {
     /// The changes of `flight`, in order.
     pub fn all(flight: &Flight) -> Vec<Self> {
@@ -107,7 +113,8 @@ pub fn of_operator(event: &EventV1) -> String {
     let said = format!("{said} ({program}, process {pid} of user {user})");
     match Cause::from_code(event.cause).filter(|_| event.answer == Answer::Refused.code()) {
         None => said,
-        Some(cause) => format!("{said}: refused, {cause} {reason}").trim_end().to_owned(),
+        Some(cause) if reason.is_empty() => format!("{said}: refused, {cause}"),
+        Some(cause) => format!("{said}: refused, {cause}: {reason}"),
     }
 }
 

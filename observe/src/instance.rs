@@ -38,6 +38,8 @@ pub struct InstanceModel {
     pub figures: LoopMonitor,
     /// Greatest tracking error since the same instant \[m\].
     pub max_error_m: f64,
+    /// Law and trajectory that fly, as told by the daemon; `None` before.
+    pub flown: Option<String>,
     /// Events with the time since the observation began, oldest first.
     pub events: VecDeque<(Span, String)>,
     began: Time,
@@ -58,6 +60,7 @@ impl InstanceModel {
             vehicle: None,
             figures: LoopMonitor::new(Time::UNSET),
             max_error_m: 0.0,
+            flown: None,
             events: VecDeque::new(),
             began: now,
             timeout,
@@ -143,7 +146,10 @@ impl InstanceModel {
         InstanceStatus {
             processes: processes.collect(),
             vehicle: self.vehicle.map(|vehicle| VehicleStatus::new(&vehicle.body)),
-            position_m: tick.map(|tick| tick.body.position),
+            position: tick.map(|tick| {
+                let age_s = tick.body.pose_age_s + now.since(tick.received_at).seconds();
+                (tick.body.position, age_s)
+            }),
         }
     }
 
@@ -168,11 +174,16 @@ impl InstanceModel {
         }
     }
 
+    /// Adds an event, unless it repeats the last one, such as a refusal of a request that is repeated until it is accepted.
     fn add_event(&mut self, text: impl Into<String>) {
+        let text = text.into();
+        if self.events.back().is_some_and(|(_, last)| *last == text) {
+            return;
+        }
         if self.events.len() == MAX_EVENTS {
             self.events.pop_front();
         }
-        self.events.push_back((self.age(), text.into()));
+        self.events.push_back((self.age(), text));
     }
 
     fn telemetry(&mut self, reception: &Reception, telemetry: &TelemetryV1) {

@@ -14,6 +14,7 @@
 //! | `event.rs` | events as text |
 //! | `flight.rs` | a recorded flight |
 //! | `flight_sample.rs` | one tick of a flight |
+//! | `flown.rs` | law, trajectory and changed settings, asked of the daemon |
 //! | `nearest.rs` | joins ticks with the samples nearest in time |
 //! | `summary.rs` | figures of a flight, `summary.json` |
 //! | `latency.rs` | latency by hops, from capture to effect |
@@ -45,6 +46,7 @@ pub mod explain;
 pub mod fault;
 pub mod flight;
 pub mod flight_sample;
+pub mod flown;
 pub mod instance;
 pub mod kernel;
 pub mod latency;

@@ -1,7 +1,7 @@
 //! The flight recorder: a sink that joins every tick of the daemon with the truth, detects the end of the flight, and returns the
 //! recorded [`Flight`].
 
-use oqtal_bus::code::{Answer, Mode, SafetyState};
+use oqtal_bus::code::{Answer, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::message::{EventV1, ExternalV1, PoseV1, TelemetryV1, TruthV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Sample};
@@ -99,6 +99,11 @@ impl Recorder {
         self.outcome
     }
 
+    /// Whether the vehicle was armed in a tick.
+    pub fn has_flown(&self) -> bool {
+        self.flown
+    }
+
     /// Ticks so far, in order of time.
     pub fn samples(&self) -> &[FlightSample] {
         &self.flight.samples
@@ -157,6 +162,9 @@ impl Recorder {
         let in_flight = self.latest().is_some_and(FlightSample::is_armed);
         if in_flight && self.outcome.is_none() {
             self.crashed(Crash::DaemonDied);
+        } else if !in_flight {
+            // The next daemon has the settings of its start.
+            self.flight.changes.clear();
         }
     }
 
@@ -204,6 +212,10 @@ impl Recorder {
     fn add_timing(&mut self, telemetry: &TelemetryV1) {
         let armed_at = telemetry.is_armed().then_some(telemetry.time);
         let last = std::mem::replace(&mut self.armed_at, armed_at);
+        if last.is_none() && armed_at.is_some() {
+            // Settings stay as they are; the course begins again.
+            self.flight.changes.retain(|(_, change)| !changes_course(change));
+        }
         let Some(now) = self.armed_at else { return };
         self.flight.wakeup_lateness.add(Span::from_nanos(telemetry.wakeup_lateness_ns));
         if let Some(last) = last {
@@ -262,6 +274,12 @@ impl Recorder {
             changes.push((reception.received_at, *event));
         }
     }
+}
+
+/// Whether the request changes the course of the present flight alone.
+fn changes_course(event: &EventV1) -> bool {
+    use OperatorCommand::{Goto, Hover, Trajectory};
+    matches!(OperatorCommand::from_code(event.command), Some(Goto | Hover | Trajectory))
 }
 
 impl Sink for Recorder {

@@ -53,7 +53,7 @@ pub use cdr::{decode, encode};
 pub use closing::ClosingFacts;
 pub use export::{ColumnExport, CsvExport, Tables, TumExport};
 pub use facts::{Facts, WAYPOINTS_FILE};
-pub use file::{RecordedChannel, RecordedMessage, RecordingFile, RecordingFileError};
+pub use file::{RecordedChannel, RecordedMessage, RecordingFile, RecordingFileError, is_recording};
 pub use history::{DaemonHistory, InputHistory, RecordedTurn};
 pub use location::{RECORDING, SUMMARY, recording_path};
 pub use overview::{RecordingOverview, TopicOverview};

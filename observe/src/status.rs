@@ -17,9 +17,12 @@ pub struct InstanceStatus {
     pub processes: Vec<ProcessHealth>,
     /// The vehicle; `None` if no process publishes its state.
     pub vehicle: Option<VehicleStatus>,
-    /// Estimated position \[m, world\]; `None` before the first pose.
-    pub position_m: Option<[f64; 3]>,
+    /// Estimated position \[m, world\], and the time since its pose \[s\]; `None` before the first pose.
+    pub position: Option<([f64; 3], f64)>,
 }
+
+/// Time since the last pose above which its position is not the present one \[s\].
+pub const OLD_POSITION_S: f64 = 1.0;
 
 impl InstanceStatus {
     /// Whether all observed processes run with one configuration; `None` if none was observed.
@@ -30,12 +33,36 @@ impl InstanceStatus {
         (!self.processes.is_empty()).then(|| hashes.all(|hash| Some(hash) == first))
     }
 
+    /// The present position \[m, world\]; `None` if its pose is too old.
+    pub fn position_m(&self) -> Option<[f64; 3]> {
+        self.position.filter(|(_, age_s)| *age_s <= OLD_POSITION_S).map(|(position, _)| position)
+    }
+
+    /// Whether a daemon publishes its health.
+    pub fn has_daemon(&self) -> bool {
+        self.has(&[Role::Daemon])
+    }
+
+    /// Whether a process of one of these roles publishes its health.
+    fn has(&self, roles: &[Role]) -> bool {
+        let is_meant =
+            |process: &ProcessHealth| roles.iter().any(|role| role.name() == process.name);
+        self.processes.iter().any(|process| process.report.is_some() && is_meant(process))
+    }
+
     /// Status as text: one line per process, the vehicle and the position.
     pub fn lines(&self) -> Vec<String> {
         let mut lines: Vec<String> = self.processes.iter().map(ToString::to_string).collect();
-        lines.extend(self.vehicle.as_ref().map(|vehicle| format!("{:<10} {vehicle}", "vehicle")));
-        if let Some([x, y, z]) = self.position_m.map(|position| position.map(centimetres)) {
-            lines.push(format!("{:<10} {x:.2} {y:.2} {z:.2} m", "position"));
+        let unknown = "unknown: its process runs, but published nothing during this observation";
+        let vehicle = self.vehicle.as_ref().map(ToString::to_string);
+        let vehicle =
+            vehicle.or_else(|| self.has(&[Role::Plant, Role::Bridge]).then(|| unknown.to_owned()));
+        lines.extend(vehicle.map(|vehicle| format!("{:<10} {vehicle}", "vehicle")));
+        if let Some((position, age_s)) = self.position {
+            let [x, y, z] = position.map(centimetres);
+            let is_old = age_s > OLD_POSITION_S;
+            let age = if is_old { format!(", {age_s:.0} s ago") } else { String::new() };
+            lines.push(format!("{:<10} {x:.2} {y:.2} {z:.2} m{age}", "position"));
         }
         if self.config_agrees() == Some(false) {
             lines.push("configurations differ: restart the processes with one --config".to_owned());

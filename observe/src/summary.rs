@@ -194,9 +194,8 @@ impl Summary {
 
     /// Number of changes, with the last one; `None` without a change.
     pub fn changed(&self) -> Option<String> {
-        let ChangeInFlight { time_s, text } = self.changes.last()?;
-        let count = self.changes.len();
-        Some(format!("changed in flight: {count}, the last at {time_s:.1} s: {text}"))
+        let (last, count) = (self.changes.last()?, self.changes.len());
+        Some(format!("changed in flight: {count}, the last at {last}"))
     }
 
     /// Safety states passed through, as text; only the first few if there are many.

@@ -29,7 +29,7 @@ pub enum CtlRequest {
     Hover,
     /// Change settings between two ticks, all of them or none
     Set,
-    /// Show the value of a setting
+    /// Show the value of a setting; without a key, law, trajectory, and the settings changed since the daemon's start
     Get,
     /// Take the last change of settings back
     Undo,
@@ -85,7 +85,9 @@ pub fn request_of(command: CtlRequest, arguments: &[String]) -> Result<ControlRe
         (CtlRequest::Fly, _) => {
             Err(usage("fly needs the name of a trajectory, as in `fly circle`"))
         }
-        (CtlRequest::Get, _) => Err(usage("get needs a key, as in `get position.tilt-limit-deg`")),
+        (CtlRequest::Get, [_, ..]) => {
+            Err(usage("get takes one key, as in `get position.tilt-limit-deg`, or none"))
+        }
         (CtlRequest::Controller, [law]) => with_text(&[format!("control.controller={law}")]),
         (CtlRequest::Controller, _) => Err(usage("controller needs the name of a law")),
         (CtlRequest::Set, [_, ..]) => with_text(arguments),
@@ -107,6 +109,9 @@ fn goto(base: ControlRequestV1, arguments: &[String]) -> Result<ControlRequestV1
         *number = parsed.ok_or_else(|| usage(&format!("`{text}` is not a number")))?;
     }
     let [x, y, z, yaw_deg] = numbers;
+    if yaw_deg.abs() > 360.0 {
+        return Err(usage(&format!("YAW is {yaw_deg}, expected -360 to 360 degrees")));
+    }
     Ok(ControlRequestV1 { point: [x, y, z], yaw: yaw_deg.to_radians(), ..base })
 }
 
@@ -137,9 +142,10 @@ mod tests {
 
     #[test]
     fn other_arguments_are_a_usage_error() {
-        let wrong: [(CtlRequest, &[&str]); 7] = [
+        let wrong: [(CtlRequest, &[&str]); 8] = [
             (CtlRequest::Goto, &["1", "2"]),
             (CtlRequest::Goto, &["1", "2", "nan"]),
+            (CtlRequest::Goto, &["1", "2", "3", "900"]),
             (CtlRequest::Set, &[]),
             (CtlRequest::Fly, &[]),
             (CtlRequest::Get, &["a", "b"]),

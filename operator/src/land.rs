@@ -1,6 +1,8 @@
 //! A landing by two paths: a request over the control service and, if it is not answered, a signal to the daemon, whose loop then
 //! lands without its background thread.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
@@ -23,6 +25,12 @@ use crate::request::silent;
 const ANSWER_TIMEOUT: Span = Span::from_millis(300);
 /// Time after which an unanswered request is followed by a signal; opening the bus takes some of it.
 const SIGNAL_DELAY: Duration = Duration::from_millis(400);
+/// Ticks that may be older than a signal: the stored one, and one whose turn had begun \[-\].
+const OLDER_TICKS: u32 = 2;
+/// Time between two searches for the daemon.
+const SEARCH_PERIOD: Duration = Duration::from_millis(100);
+/// Pause between two requests.
+const REPEAT_PERIOD: Duration = Duration::from_millis(50);
 /// Time after which the command gives up.
 const TIMEOUT: Span = Span::from_millis(950);
 
@@ -39,20 +47,28 @@ pub fn land(address: &AddressedInstance) -> Result<ControlResponseV1, Failure> {
     let is_daemon = |process: &ObeyingProcess| !process.is_vehicle;
     // Of several daemons with the same name, one is asked.
     let mut lines = reached.signal(LAND_SIGNAL, |p| is_daemon(p) && !p.is_under(paths));
-    let answer = request(paths);
+    let is_signalled = Arc::new(AtomicBool::default());
+    let answer = request(paths, &is_signalled);
+    let give_up = Time::now() + TIMEOUT;
     let mut answered = answer.recv_timeout(SIGNAL_DELAY);
-    if let Ok(Ok(Some(response))) = answered {
-        return Ok(response);
+    while !matches!(answered, Ok(Ok(Some(_)))) {
+        // Searched each time: the daemon may be starting.
+        let found = Reached::find(address);
+        let found = found.signal(LAND_SIGNAL, |p| is_daemon(p) && p.is_under(paths));
+        is_signalled.fetch_or(!found.is_empty(), Ordering::AcqRel);
+        lines.extend(found);
+        if answered.is_ok() || Time::now() >= give_up {
+            break;
+        }
+        answered = answer.recv_timeout(SEARCH_PERIOD);
     }
-    lines.extend(reached.signal(LAND_SIGNAL, |p| is_daemon(p) && p.is_under(paths)));
-    if answered.is_err() {
-        answered = answer.recv_timeout((TIMEOUT - Span::from_millis(400)).to_duration());
-    }
+    lines.sort();
+    lines.dedup();
     let said = match answered {
         Ok(Ok(Some(response))) => return Ok(response),
         Ok(Err(error)) if lines.is_empty() => return Err(error.into()),
         Ok(Err(error)) => error.to_string(),
-        _ if lines.is_empty() => return Err(reached.nobody("land", silent_text(address))),
+        _ if lines.is_empty() => return Err(reached.nobody("land", silent_text(paths))),
         _ => "no answer".to_owned(),
     };
     lines.push(format!("control service: {said}"));
@@ -63,36 +79,56 @@ pub fn land(address: &AddressedInstance) -> Result<ControlResponseV1, Failure> {
     Err(Failure::new(Exit::Flight, message))
 }
 
-fn silent_text(address: &AddressedInstance) -> String {
-    format!("land: {}", silent(&address.paths).message)
+fn silent_text(paths: &InstancePaths) -> String {
+    format!("land: {}; a flight that begins now is not called off", silent(paths).message)
 }
 
-/// Requests a landing on a separate thread, as the owner of the instance.
-fn request(paths: &InstancePaths) -> Receiver<LandingAnswer> {
+/// Requests a landing on a separate thread, as the owner of the instance. `is_signalled` once the daemon was signalled.
+fn request(paths: &InstancePaths, is_signalled: &Arc<AtomicBool>) -> Receiver<LandingAnswer> {
     let (answers, answer) = channel();
-    let paths = paths.clone();
+    let (paths, is_signalled) = (paths.clone(), Arc::clone(is_signalled));
     beside(move || {
         // Fails after the time-out, when the receiver has been dropped.
-        let _ = answers.send(ask(&paths));
+        let _ = answers.send(ask(&paths, &is_signalled));
     });
     answer
 }
 
-/// Asks the daemon and, without an answer, waits until its telemetry shows the landing that the signal requests.
-fn ask(paths: &InstancePaths) -> LandingAnswer {
-    let give_up = Time::now() + TIMEOUT;
+/// Asks the daemon, which may be starting, until its loop answers or, once `is_signalled`, its telemetry shows that it obeys. The
+/// request may be repeated: a loop that has not answered in time has accepted it.
+fn ask(paths: &InstancePaths, is_signalled: &AtomicBool) -> LandingAnswer {
+    // Early enough for the command to receive the answer.
+    let give_up = Time::now() + TIMEOUT.scaled(0.9);
     paths.become_owner()?;
-    let Some(bus) = Bus::open_running(paths)? else { return Ok(None) };
     let request = ControlRequestV1::of(OperatorCommand::Land);
-    let answered = bus.control_client().and_then(|client| client.ask(request, ANSWER_TIMEOUT));
-    if let Ok(Some(response)) = answered {
-        return Ok(Some(response));
-    }
-    let mut telemetry = bus.reader(&TELEMETRY)?;
+    let mut accepted = None;
     while Time::now() < give_up {
-        let tick = telemetry.latest()?.map(|(_, tick)| tick);
-        if let Some(tick) = tick.filter(|tick| has_ended_flight(tick.mode)) {
-            return Ok(Some(response(&tick)));
+        let Some(bus) = Bus::open_running(paths)? else { return Ok(accepted) };
+        let timeout = ANSWER_TIMEOUT.min(give_up.since(Time::now()));
+        let answered = bus.control_client().and_then(|client| client.ask(request, timeout));
+        let answer = answered.ok().flatten();
+        if answer.is_some_and(|response| response.answer != Answer::Accepted.code()) {
+            return Ok(answer);
+        }
+        accepted = answer.or(accepted);
+        if accepted.is_none() && is_signalled.load(Ordering::Acquire) {
+            return await_obedience(&bus, give_up);
+        }
+        std::thread::sleep(REPEAT_PERIOD);
+    }
+    Ok(accepted)
+}
+
+/// The daemon's state in flight once its telemetry shows the landing that a signal has requested.
+fn await_obedience(bus: &Bus, give_up: Time) -> LandingAnswer {
+    let mut telemetry = bus.reader(&TELEMETRY)?;
+    let mut ticks = 0;
+    while Time::now() < give_up {
+        if let Some((_, tick)) = telemetry.latest()? {
+            ticks += 1;
+            if ticks > OLDER_TICKS && has_ended_flight(tick.mode) {
+                return Ok(Some(response(&tick)));
+            }
         }
         std::thread::sleep(Duration::from_millis(5));
     }

@@ -44,7 +44,8 @@ pub fn require_daemon(bus: &Bus, otherwise: &str) -> Result<(), Failure> {
         return Ok(());
     }
     let Failure { exit, message } = unanswered(bus);
-    Err(Failure::new(exit, format!("{message}, or {otherwise}")))
+    let (first, others) = message.split_at(message.find('\n').unwrap_or(message.len()));
+    Err(Failure::new(exit, format!("{first}, or {otherwise}{others}")))
 }
 
 /// Executes a request like `oqtal ctl`, on the calling thread, made by the author with whom `sign` signs it; returns the answer as

@@ -56,6 +56,11 @@ impl Reached {
         Self { processes, held, paths: found, others, address: address.clone() }
     }
 
+    /// Whether a daemon was found.
+    pub fn has_daemon(&self) -> bool {
+        self.processes.iter().any(|process| !process.is_vehicle)
+    }
+
     /// Sends `signal` to each addressed process for which `applies` holds; returns a line with the result for each.
     pub fn signal(&self, signal: Signal, applies: impl Fn(&ObeyingProcess) -> bool) -> Vec<String> {
         let report = |process: &ObeyingProcess| {
@@ -124,7 +129,7 @@ pub fn name_of(process: &ObeyingProcess) -> String {
 }
 
 /// Role, number, user and, as far as it can be read, instance of a process.
-fn place_of(process: &ObeyingProcess) -> String {
+pub fn place_of(process: &ObeyingProcess) -> String {
     let paths = process.held_files().ok().and_then(|files| files.paths);
     let place = paths.map_or_else(String::new, |paths| {
         format!(", instance `{}` in {}", paths.instance, paths.root.display())

@@ -32,7 +32,7 @@ pub struct ControlReport {
     /// State of the vehicle; absent if no process publishes it.
     #[serde(skip_serializing_if = "Option::is_none")]
     vehicle: Option<VehicleStatus>,
-    /// Estimated position \[m, world\].
+    /// Estimated position \[m, world\]; absent if the last pose is older than a second.
     #[serde(skip_serializing_if = "Option::is_none")]
     position_m: Option<[f64; 3]>,
 }
@@ -45,7 +45,8 @@ impl ControlReport {
         status: InstanceStatus,
     ) -> Self {
         let config_agrees = status.config_agrees();
-        let InstanceStatus { processes, vehicle, position_m } = status;
+        let position_m = status.position_m();
+        let InstanceStatus { processes, vehicle, .. } = status;
         let answer = word(Answer::from_code(response.answer));
         Self {
             command: command.to_string(),
@@ -82,34 +83,49 @@ impl ControlReport {
         let listed = obstacles.join("; ");
         let has_motors_off =
             *command == OperatorCommand::Land.to_string() && *mode == Mode::Disarmed.to_string();
+        // The obstacles are those to a take-off.
+        let is_take_off = *command == OperatorCommand::Arm.to_string();
         let reasons = match (obstacles.is_empty(), cause.as_str()) {
             _ if has_motors_off => "the motors are off",
-            (false, _) => &listed,
+            (false, _) if is_take_off => &listed,
+            (false, "") => &listed,
             (true, "") => "the flight did not begin",
-            (true, cause) => cause,
+            (_, cause) => cause,
         };
         let mut message = format!("{command} refused: {reasons} (daemon is {mode})");
         if !text.is_empty() {
             message += &format!(": {text}");
         }
-        if response.cause == Cause::WrongMode.code()
-            && *command == OperatorCommand::Disarm.to_string()
-        {
-            message += "; `land` or `stop` ends a flight";
-        }
-        if response.cause == Cause::OtherConfig.code() {
-            let expected = expected.unwrap_or(0);
-            message += &if response.config_hash == expected {
-                "; `undo` takes the last change back, `arm` without --config flies with them"
-                    .to_owned()
-            } else {
-                format!(
-                    "; the daemon runs with {:016x}, expected is {expected:016x}: compare both with `oqtal check`",
-                    response.config_hash
-                )
-            };
-        }
+        message += &self.remedy(response, expected);
         Err(Failure::new(Exit::Flight, message))
+    }
+
+    /// Remedy of a refusal; empty if its cause says it.
+    fn remedy(&self, response: &ControlResponseV1, expected: Option<u64>) -> String {
+        use OperatorCommand::{Disarm, Goto, Hover, Trajectory};
+        let is_one_of = |commands: &[OperatorCommand]| {
+            commands.iter().any(|command| command.to_string() == self.command)
+        };
+        let remedy = match Cause::from_code(response.cause) {
+            Some(Cause::WrongMode) if is_one_of(&[Disarm]) => "`land` or `stop` ends a flight",
+            Some(Cause::WrongMode)
+                if response.mode == Mode::Disarmed.code()
+                    && is_one_of(&[Goto, Trajectory, Hover]) =>
+            {
+                "`oqtal ctl arm` begins a flight"
+            }
+            Some(Cause::TakeOff) => "repeat it once the vehicle has taken off",
+            Some(Cause::OtherConfig) if Some(response.config_hash) == expected.or(Some(0)) => {
+                "`undo` takes the last change back, `arm` without --config flies with them"
+            }
+            Some(Cause::OtherConfig) => &format!(
+                "the daemon runs with the hash {:016x}, that of the file is {:016x}, as `oqtal check` prints it",
+                response.config_hash,
+                expected.unwrap_or(0)
+            ),
+            _ => return String::new(),
+        };
+        format!("; {remedy}")
     }
 
     /// The report as JSON.
@@ -141,9 +157,10 @@ fn effect(command: OperatorCommand, mode: Option<Mode>, answer: &str) -> String 
         (OperatorCommand::Land, Some(Mode::Landing)) => {
             "landing where it is; motors off on the floor".to_owned()
         }
-        (OperatorCommand::Land | OperatorCommand::Disarm, Some(Mode::Disarmed)) => {
-            format!("{command}: motors off")
+        (OperatorCommand::Land, Some(Mode::Disarmed)) => {
+            "the flight is called off; motors off".to_owned()
         }
+        (OperatorCommand::Disarm, Some(Mode::Disarmed)) => "disarm: motors off".to_owned(),
         // The loop follows the new course; it may not have confirmed it yet.
         (OperatorCommand::Goto | OperatorCommand::Trajectory | OperatorCommand::Hover, _) => {
             format!("{command}: on its way")

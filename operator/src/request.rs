@@ -10,7 +10,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
 use oqtal_runtime::process::{Exit, Failure};
 
-use crate::reach::{name_of, root_of};
+use crate::reach::{name_of, place_of, root_of};
 
 /// Time within which a running daemon answers.
 const ANSWER_TIMEOUT: Span = Span::from_millis(2000);
@@ -85,20 +85,32 @@ pub fn silent(paths: &InstancePaths) -> Failure {
 /// Failure of a command to the instance at `paths`: names its process, of those that `is_meant` selects, under this root or another.
 fn no_answer(paths: &InstancePaths, is_meant: impl Fn(&ObeyingProcess) -> bool) -> Failure {
     let InstancePaths { instance, root } = paths;
-    let mut running = ObeyingProcess::all();
-    running.retain(|process| process.is_of_instance(instance) && is_meant(process));
+    let (all, others): (Vec<_>, Vec<_>) =
+        ObeyingProcess::all().into_iter().partition(|process| process.is_of_instance(instance));
+    let running: Vec<_> = all.iter().filter(|process| is_meant(process)).collect();
     if let Some(process) = running.iter().find(|process| process.is_under(paths)) {
         let message = format!(
             "{} of instance `{instance}` runs, but cannot be reached: it is starting, or files of the instance were removed, after which \
-             it lands and ends; `oqtal ctl land` and `stop` reach it",
+             it lands and ends; `oqtal ctl stop --instance {instance}` reaches it",
             name_of(process)
         );
         return Failure::new(Exit::Peer, message);
     }
     let nobody = format!("no daemon answers on instance `{instance}`");
-    let Some(process) = running.first() else {
-        let remedy = format!("start one with `oqtal daemon run --instance {instance}`");
-        return Failure::new(Exit::Peer, format!("{nobody}; {remedy}"));
+    if let Some(vehicle) = all.iter().find(|process| process.is_vehicle && process.is_under(paths))
+    {
+        let message = format!(
+            "{nobody}, but {} runs: the vehicle may fly, `oqtal ctl stop --instance {instance}` stops its motors; \
+             `oqtal daemon run --instance {instance}` starts a daemon",
+            name_of(vehicle)
+        );
+        return Failure::new(Exit::Peer, message);
+    }
+    let Some(&process) = running.first() else {
+        let mut lines =
+            vec![format!("{nobody}; start one with `oqtal daemon run --instance {instance}`")];
+        lines.extend(others.iter().map(|other| format!("  runs: {}", place_of(other))));
+        return Failure::new(Exit::Peer, lines.join("\n"));
     };
     let other = root_of(process, paths)
         .map_or_else(|| "another root".to_owned(), |root| format!("--root {}", root.display()));

@@ -16,6 +16,7 @@ use oqtal_bus::obeying::{ObeyingProcess, STOP_SIGNAL};
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::stop::{StopReport, StopSwitch};
 use oqtal_bus::time::{Span, Time};
+use oqtal_bus::transport::Transport;
 use oqtal_observe::status::word;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::beside;
@@ -57,12 +58,17 @@ enum Unconfirmed {
     Unreadable,
     /// Its process has not opened its stop words.
     Starting,
+    /// Its process has ended since.
+    Ended,
 }
 
 impl Unconfirmed {
-    /// The reason, if no words of a vehicle were raised.
+    /// The reason, if no words of a vehicle were raised, or nobody reads them any more.
     fn of(reached: &Reached, raised: &RaisedStops) -> Option<Self> {
         let vehicles = || reached.processes.iter().zip(&reached.held).filter(|(p, _)| p.is_vehicle);
+        if vehicles().next().is_some() && !vehicles().any(|(process, _)| process.is_running()) {
+            return Some(Self::Ended);
+        }
         let is_unconfirmed = raised.vehicles().next().is_none() && vehicles().next().is_some();
         let is_readable = vehicles().all(|(_, held)| held.is_ok());
         is_unconfirmed.then_some(if is_readable { Self::Starting } else { Self::Unreadable })
@@ -76,6 +82,9 @@ impl Unconfirmed {
             Self::Starting => {
                 "the vehicle's process was signalled, but is only starting, or lost its files: whether it has obeyed cannot be read; \
                  repeat to know"
+            }
+            Self::Ended => {
+                "the vehicle's process has ended since: the instance is ending, and no command reaches the vehicle any more"
             }
         }
     }
@@ -102,13 +111,18 @@ pub fn raise(address: &AddressedInstance) -> Result<ObeyedStop, Failure> {
     let give_up = Time::now() + REPORT_TIMEOUT;
     let mut reached = Reached::find(address);
     let (raised, mut paths) = raise_words(&mut reached)?;
-    let has = |is_vehicle| reached.processes.iter().any(|p| p.is_vehicle == is_vehicle);
+    // Before the processes end, as those of `oqtal fly` do.
+    let mut arm_again = fly_again(address, &reached);
     let answers = ask_daemon(&reached.paths);
-    let (report, answer) = await_obedience(&raised, (&answers, has(false)), give_up);
+    let (report, answer) = await_obedience(&raised, &reached, &answers, give_up);
     paths.push(format!("control service: {}", said(&answer)));
+    if reached.processes.is_empty() {
+        // Some may have started.
+        arm_again = fly_again(address, &Reached::find(address));
+    }
     Ok(ObeyedStop {
         paths,
-        arm_again: fly_again(address, &reached),
+        arm_again,
         unconfirmed: Unconfirmed::of(&reached, &raised),
         ..ObeyedStop::new(report, answer.ok().flatten().as_ref())
     })
@@ -138,17 +152,21 @@ fn raise_words(reached: &mut Reached) -> Result<(RaisedStops, Vec<String>), Fail
 /// Answer of the daemon; `None` if it did not answer in time.
 type DaemonAnswer = Result<Option<ControlResponseV1>, String>;
 
-/// Waits until the vehicle, and the daemon if there is one, obey and have answered, or until `give_up`.
+/// Waits until the vehicle, and the daemon if there is one, obey and have answered, until all have ended, or until `give_up`.
 fn await_obedience(
     raised: &RaisedStops,
-    (answers, has_daemon): (&Receiver<DaemonAnswer>, bool),
+    reached: &Reached,
+    answers: &Receiver<DaemonAnswer>,
     give_up: Time,
 ) -> (StopReport, DaemonAnswer) {
+    let processes = &reached.processes;
+    let have_ended = || !processes.is_empty() && !processes.iter().any(ObeyingProcess::is_running);
     let mut answer = None;
     loop {
+        let has_ended = have_ended();
         let report = raised.report();
-        let daemon_obeys = !has_daemon || (report.daemon_obeys && answer.is_some());
-        if (report.motors_off && daemon_obeys) || Time::now() >= give_up {
+        let daemon_obeys = !reached.has_daemon() || (report.daemon_obeys && answer.is_some());
+        if (report.motors_off && daemon_obeys) || has_ended || Time::now() >= give_up {
             return (report, answer.unwrap_or(Ok(None)));
         }
         match answers.recv_timeout(CHECK_PERIOD) {
@@ -188,15 +206,20 @@ fn said(answer: &DaemonAnswer) -> &str {
     }
 }
 
-/// The command of the next flight: the one that started the processes and ends with this flight, or the one that arms again.
+/// The command of the next flight: the one that started the processes and ends with this flight, or the one that arms again, after
+/// the one that starts a daemon if none runs.
 fn fly_again(address: &AddressedInstance, reached: &Reached) -> String {
     if let Some(command) = reached.processes.iter().find_map(ObeyingProcess::started_by) {
-        return format!("oqtal {command}");
+        return command;
     }
     let InstancePaths { instance, root } = &reached.paths;
     let is_other_root = address.has_root || *root != address.paths.root;
     let root = if is_other_root { format!(" --root {}", root.display()) } else { String::new() };
-    format!("oqtal ctl arm --instance {instance}{root}")
+    let place = format!("--instance {instance}{root}");
+    match reached.has_daemon() {
+        true => format!("oqtal ctl arm {place}"),
+        false => format!("oqtal daemon run {place}, then oqtal ctl arm {place}"),
+    }
 }
 
 impl RaisedStops {
@@ -219,10 +242,11 @@ impl RaisedStops {
         lines
     }
 
-    /// Raises the stop in the words in the directory of the instance, if there are any. They count as a vehicle's if those of its
-    /// process cannot be opened.
+    /// Raises the stop in the words in the directory of the instance; makes them if only processes run that do not obey, since a
+    /// vehicle may be starting. They count as a vehicle's if those of its process cannot be opened.
     fn raise_in(&mut self, paths: &InstancePaths) -> Result<(), BusError> {
-        if let Some(switch) = StopSwitch::existing(paths)? {
+        let made = || Bus::open_running(paths)?.map(|bus| bus.stop_switch()).transpose();
+        if let Some(switch) = StopSwitch::existing(paths)?.map_or_else(made, |it| Ok(Some(it)))? {
             let is_vehicles = self.vehicles().next().is_none();
             self.raise(switch, is_vehicles);
         }

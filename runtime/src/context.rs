@@ -32,6 +32,8 @@ pub struct ProcessContext {
     pub role: Role,
     /// Files of the configuration.
     pub files: Vec<PathBuf>,
+    /// Whether another command of oqtal started this process for its flight.
+    pub is_child: bool,
     /// Health record, from which the service manager is notified.
     pub health: Health,
     pub(crate) watches: Watches,

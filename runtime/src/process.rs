@@ -42,7 +42,7 @@ pub fn execute(role: Role, command: &ProcessCommand, job: Job, check: Check) -> 
     }
 }
 
-/// The effective configuration as a file, preceded by comments with the rate of the loop and, for a vehicle with its own attitude
+/// The effective configuration as a file, preceded by comments with its hash, the rate of the loop and, for a vehicle with its own attitude
 /// loop, with the part of the law that is used.
 pub fn describe(config: &Config) -> String {
     let law = if config.vehicle.interface.holds_attitude() {
@@ -50,7 +50,8 @@ pub fn describe(config: &Config) -> String {
     } else {
         ""
     };
-    format!("# {}\n{law}{}", config.pace(), config.to_toml().trim_end())
+    let (hash, pace) = (config.hash(), config.pace());
+    format!("# hash {hash:016x}\n# {pace}\n{law}{}", config.to_toml().trim_end())
 }
 
 fn load(args: &CommonArgs) -> Result<Config, Failure> {
@@ -73,6 +74,7 @@ fn run(role: Role, args: &CommonArgs, job: Job) -> Result<(), Failure> {
         signals,
         role,
         files: args.config.clone(),
+        is_child: args.child.is_some(),
         health: Health::default(),
         watches: Watches::default(),
     };

@@ -8,6 +8,7 @@ use oqtal_bus::bus::Bus;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
+use oqtal_observe::flown::FlownQuery;
 use oqtal_observe::instance::InstanceModel;
 use oqtal_observe::observer::BusObserver;
 use oqtal_runtime::health::SILENCE;
@@ -52,7 +53,8 @@ impl MonitorArgs {
         let observer = BusObserver::open(&bus, &InstanceModel::topics())?;
         let model = MonitorModel::new(&config.instance.name, Time::now());
         let request = (request, paths);
-        let mut watch = Watch { observer, model, look: self.look(), end, request };
+        let flown = FlownQuery::default();
+        let mut watch = Watch { bus, observer, model, flown, look: self.look(), end, request };
         watch.find()?;
         watch.run()?;
         Ok(Exit::Ok)
@@ -79,8 +81,10 @@ fn require_terminal() -> Result<(), Failure> {
 
 /// Observation of an instance.
 struct Watch {
+    bus: Bus,
     observer: BusObserver,
     model: MonitorModel,
+    flown: FlownQuery,
     look: ScreenLook,
     end: StopFlag,
     /// Executor of requests, and the paths of the instance.
@@ -141,6 +145,8 @@ impl Watch {
     fn poll(&mut self) -> Result<(), Failure> {
         let now = Time::now();
         self.model.advance(now);
+        let flown = self.flown.poll(&self.bus, now);
+        self.model.instance.flown = flown.or(self.model.instance.flown.take());
         Ok(self.observer.poll(now, &mut self.model)?)
     }
 }

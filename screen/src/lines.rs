@@ -7,7 +7,7 @@ use oqtal_bus::time::Span;
 use oqtal_observe::event::DaemonCondition;
 use oqtal_observe::instance::{InstanceModel, Newest, tracking_error_m};
 use oqtal_observe::latency::{DistributionSummary, WHOLE};
-use oqtal_observe::status::VehicleStatus;
+use oqtal_observe::status::{OLD_POSITION_S, VehicleStatus};
 
 use crate::look::Weight;
 
@@ -75,12 +75,14 @@ fn mode(model: &InstanceModel) -> StatusLine {
     let label = "mode";
     let Some(tick) = present(model) else { return line(label, "-", Weight::Plain) };
     let mode = DaemonCondition::of(&tick).mode_text();
+    let flown = model.flown.iter().map(|flown| format!(", {flown}")).collect::<String>();
     if tick.mission_s.is_finite() {
-        return line(label, format!("{mode}, mission {:.1} s", tick.mission_s), Weight::Plain);
+        let text = format!("{mode}, mission {:.1} s{flown}", tick.mission_s);
+        return line(label, text, Weight::Plain);
     }
     let obstacles = ArmingObstacles::from_bits(tick.obstacles);
     if obstacles.is_empty() || tick.mode == Mode::Flying.code() {
-        return line(label, mode, Weight::Plain);
+        return line(label, mode + &flown, Weight::Plain);
     }
     line(label, format!("{mode}; no take-off: {obstacles}"), Weight::Warning)
 }
@@ -116,6 +118,11 @@ fn tracking(model: &InstanceModel) -> StatusLine {
     let Some(tick) = present(model).filter(|tick| tick.pose_age_s.is_finite()) else {
         return line(label, "-", Weight::Plain);
     };
+    if tick.pose_age_s > OLD_POSITION_S {
+        let ([x, y, z], age_s) = (tick.position, tick.pose_age_s);
+        let text = format!("{x:.2} {y:.2} {z:.2} m, {age_s:.0} s ago");
+        return line(label, text, Weight::Warning);
+    }
     let [x, y, z] = tick.position;
     let error = tracking_error_m(&tick).map_or_else(
         || "no reference".to_owned(),

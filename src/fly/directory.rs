@@ -23,7 +23,9 @@ const CONFIG: &str = "config.toml";
 /// File with the figures of every tick.
 const TELEMETRY: &str = "telemetry.csv";
 /// File with the report.
-const REPORT: &str = "report.html";
+pub const REPORT: &str = "report.html";
+/// Files of a flight that was flown.
+const RESULTS: [&str; 4] = [RECORDING, SUMMARY, REPORT, TELEMETRY];
 /// Folder in the directory with copies of the files that the flight reads.
 const INPUTS: &str = "inputs";
 
@@ -42,7 +44,9 @@ impl FlightDirectory {
     /// # Errors
     /// The directory already contains a flight, or cannot be created or written.
     pub fn create(given: Option<&Path>, config: &Config) -> Result<Self, Failure> {
-        if let Some(flight) = given.filter(|directory| directory.join(CONFIG).exists()) {
+        let has_results =
+            |directory: &&Path| RESULTS.iter().any(|name| directory.join(name).exists());
+        if let Some(flight) = given.filter(has_results) {
             let flight = flight.display();
             let reason = format!("{flight} holds a flight already; give another --out, or --force");
             return Err(Failure::new(Exit::Usage, reason));
@@ -96,7 +100,7 @@ impl FlightDirectory {
 
     /// Removes what an older flight wrote: results and logs.
     fn remove_results(&self) -> Result<(), Failure> {
-        let results = [RECORDING, SUMMARY, REPORT, TELEMETRY].map(str::to_owned).into_iter();
+        let results = RESULTS.map(str::to_owned).into_iter();
         let logs = Role::PROCESSES.map(|role| format!("{}.log", role.name()));
         for path in results.chain(logs).map(|name| self.directory.join(name)) {
             files::remove(&path).map_err(|error| failed(&path, &error))?;
@@ -130,8 +134,22 @@ impl FlightDirectory {
     /// Writes summary, report and telemetry of the flight.
     ///
     /// # Errors
-    /// A file cannot be written.
+    /// A file cannot be written; what was recorded is then the remedy.
     pub fn write(&self, flight: &Flight, summary: &Summary) -> Result<(), Failure> {
+        let written = self.write_results(flight, summary);
+        written.map_err(|failure| match self.recording().exists() {
+            true => {
+                let remedy = format!(
+                    "`oqtal report {} --out FILE` makes the report elsewhere from what was recorded",
+                    self.directory.display()
+                );
+                Failure::new(failure.exit, format!("{}; {remedy}", failure.message))
+            }
+            false => failure,
+        })
+    }
+
+    fn write_results(&self, flight: &Flight, summary: &Summary) -> Result<(), Failure> {
         self.save(SUMMARY, &summary.to_json(PROVENANCE))?;
         self.save(REPORT, &report::html(flight, summary))?;
         let path = self.directory.join(TELEMETRY);
@@ -185,6 +203,8 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let out = Some(directory.path());
         let config = Config::default();
+        FlightDirectory::create(out, &config).unwrap();
+        // A flight that did not begin leaves the directory free.
         FlightDirectory::create(out, &config).unwrap();
         for name in [RECORDING, SUMMARY, "daemon.log", "notes.txt"] {
             fs::write(directory.path().join(name), "old").unwrap();

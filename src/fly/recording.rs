@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use oqtal_bus::bus::Bus;
-use oqtal_bus::code::{Answer, Cause, ControlHolder, OperatorCommand};
+use oqtal_bus::code::{Answer, Cause, ControlHolder, Mode, OperatorCommand};
 use oqtal_bus::control::ControlClient;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{ControlRequestV1, VehicleV1};
@@ -34,6 +34,8 @@ const POLL_PERIOD: Duration = Duration::from_millis(10);
 
 /// Time-out for the landing of a flight that lasted too long; the daemon stops a landing that does not end (F41).
 const LANDED_WITHIN: Span = Span::from_millis(60_000);
+/// Ticks after which a daemon that has accepted the flight no longer shows a mode from before \[-\].
+const STARTED_TICKS: usize = 30;
 /// Time for which motors must be reported off before they count as stopped: slightly more than a bridge waits for a late report.
 const MOTORS_SETTLE: Span = Span::from_millis(600);
 
@@ -131,6 +133,9 @@ impl FlightRecording<'_> {
         let timeout = self.link.answer_timeout(&self.mission.config);
         if !recorder.wire().answered() && timeout.is_some_and(|timeout| flown >= timeout) {
             return Err(self.link.never_answered());
+        }
+        if self.mission.recording.is_none() && is_called_off(recorder) {
+            return Err(called_off(", or its vehicle or its daemon was replaced"));
         }
         // A flight that an operator changes has no planned end; a replay has none either, and ends with its recording.
         let is_open = self.mission.recording.is_none()
@@ -260,11 +265,13 @@ fn request_flight(
     while Time::now() < deadline && !stop.is_set() {
         match client.ask(request, Span::from_millis(200))? {
             Some(response) if response.answer == Answer::Refused.code() => {
-                let cause = word(Cause::from_code(response.cause));
-                return Err(Failure::new(
-                    Exit::Flight,
-                    format!("the daemon refuses to fly: {cause}"),
-                ));
+                return Err(match Cause::from_code(response.cause) {
+                    Some(Cause::Operator) => called_off(""),
+                    cause => {
+                        let message = format!("the daemon refuses to fly: {}", word(cause));
+                        Failure::new(Exit::Flight, message)
+                    }
+                });
             }
             Some(_) => return Ok(()),
             None => {}
@@ -275,6 +282,23 @@ fn request_flight(
         return Ok(());
     }
     Err(Failure::new(Exit::Peer, "the daemon never answered; see daemon.log beside the report"))
+}
+
+/// Whether the daemon does not wait for the requested flight any more, which has not begun.
+fn is_called_off(recorder: &Recorder) -> bool {
+    let is_disarmed = |sample: &FlightSample| sample.telemetry.mode == Mode::Disarmed.code();
+    recorder.outcome().is_none()
+        && !recorder.has_flown()
+        && recorder.samples().len() >= STARTED_TICKS
+        && recorder.latest().is_some_and(is_disarmed)
+}
+
+/// Failure of a flight that was called off, by an operator or for the reasons in `others`.
+fn called_off(others: &str) -> Failure {
+    let message = format!(
+        "called off before the take-off: an operator asked to land, to disarm or to stop{others}"
+    );
+    Failure::new(Exit::Flight, message)
 }
 
 fn never_started(instance: &str) -> Failure {

@@ -85,7 +85,8 @@ export class Panel {
   }
 
   // Processes, and what keeps a flight from beginning; returns whether the daemon runs with another configuration than is shown.
-  status({ processes, obstacles, config_agrees: agrees }) {
+  status({ processes, obstacles, flown, config_agrees: agrees }) {
+    if (flown) show("subject", flown);
     this.list("obstacles", obstacles.map((text) => ({ name: text, text: "" })), "hindrances");
     const lines = processes.filter(({ heard }) => heard).map(({ name, heard }) => {
       const isSilent = heard.age_ms > SILENT_MS;

@@ -35,6 +35,8 @@ pub struct LiveStatus {
     obstacles: Vec<String>,
     /// Time since the newest tick was received \[s\]; `None` before the first.
     silence_s: Option<f64>,
+    /// Law and trajectory that fly, as told by the daemon; `None` before.
+    flown: Option<String>,
 }
 
 /// Update for a page, as one line.
@@ -69,6 +71,11 @@ impl LiveView {
         }
     }
 
+    /// Takes law and trajectory that fly, if the daemon told them.
+    pub fn take_flown(&mut self, flown: Option<String>) {
+        self.instance.flown = flown.or(self.instance.flown.take());
+    }
+
     /// Rows and events since the last call, and the status if it is due.
     pub fn take(&mut self, now: Time) -> (Collected, Option<LiveStatus>) {
         let mut collected = self.collector.take();
@@ -91,6 +98,7 @@ impl LiveView {
             processes: status.processes,
             vehicle: status.vehicle,
             obstacles: obstacles.iter().map(|obstacle| obstacle.to_string()).collect(),
+            flown: self.instance.flown.clone(),
             silence_s: tick.map(|tick| now.since(tick.received_at).seconds()),
         }
     }

@@ -276,7 +276,7 @@ message! {
         event: u64 ["-"],
         /// [`crate::code::InputKind`] of this record.
         kind: u8 ["code"],
-        /// [`crate::code::OperatorCommand`] of a request.
+        /// [`crate::code::OperatorCommand`] of a request; at the start, of the one awaited from the command that started the daemon.
         request: u8 ["code"],
         /// [`crate::code::Answer`] to the request.
         answer: u8 ["code"],

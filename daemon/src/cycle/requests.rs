@@ -7,7 +7,7 @@ use super::auto_takeoff::AutoTakeoff;
 pub(super) struct Requests {
     /// Whether a requested flight begins with the next tick or not at all.
     pub(super) now_or_never: bool,
-    /// State of the automatic flight at start-up.
+    /// State of the flight at start-up.
     pub(super) auto_takeoff: AutoTakeoff,
     /// Whether the flight must be stopped.
     pub(super) stop: bool,
@@ -26,6 +26,34 @@ impl Requests {
     pub(super) fn cancel_auto_takeoff(&mut self) {
         if self.auto_takeoff == AutoTakeoff::Pending {
             self.auto_takeoff = AutoTakeoff::None;
+        }
+    }
+
+    /// Records that a flight will be requested, unless it begins by itself.
+    pub(super) fn expect_flight(&mut self) {
+        if self.auto_takeoff == AutoTakeoff::None {
+            self.auto_takeoff = AutoTakeoff::Expected;
+        }
+    }
+
+    /// Calls off the flight at start-up, if it has not begun; returns whether it is called off.
+    pub(super) fn call_off(&mut self) -> bool {
+        if matches!(self.auto_takeoff, AutoTakeoff::Pending | AutoTakeoff::Expected) {
+            self.auto_takeoff = AutoTakeoff::CalledOff;
+        }
+        self.is_called_off()
+    }
+
+    /// Whether an operator called off the flight at start-up.
+    pub(super) fn is_called_off(&self) -> bool {
+        self.auto_takeoff == AutoTakeoff::CalledOff
+    }
+
+    /// Records that a flight begins.
+    pub(super) fn begin_flight(&mut self) {
+        use AutoTakeoff::{CalledOff, Expected, Pending, Started};
+        if let Pending | Expected | CalledOff = self.auto_takeoff {
+            self.auto_takeoff = Started;
         }
     }
 

@@ -121,7 +121,8 @@ impl FlightSupervision {
     ) {
         let is_another = intake.vehicle().source().is_some_and(|known| known != header.source);
         if is_another && self.mode == Mode::Waiting {
-            self.call_off();
+            self.requests.cancel_auto_takeoff();
+            self.mode = Mode::Disarmed;
             self.requests.vehicle_replaced = true;
         }
         if vehicle.stopped != 0 && self.is_flying() {
@@ -203,9 +204,7 @@ impl FlightSupervision {
             ModeAction::BeginFlight => {
                 intake.begin_flight(now);
                 self.course.begin_flight(now, &estimate);
-                if self.requests.auto_takeoff == AutoTakeoff::Pending {
-                    self.requests.auto_takeoff = AutoTakeoff::Started;
-                }
+                self.requests.begin_flight();
             }
             ModeAction::BeginObservation => {
                 self.course.begin_observation(now, estimate.position);
@@ -259,6 +258,7 @@ impl FlightSupervision {
             OperatorCommand::Fly if self.observe_only => Err(Cause::WrongMode),
             // A repeated request: the first reply may have been lost.
             OperatorCommand::Fly if self.mode != Mode::Disarmed => Ok(Answer::Done),
+            OperatorCommand::Fly if self.requests.is_called_off() => Err(Cause::Operator),
             OperatorCommand::Fly => Ok(self.wait_for_flight(false)),
             OperatorCommand::Land => self.land(now, intake),
             OperatorCommand::Disarm => self.disarm(intake),
@@ -362,12 +362,11 @@ impl FlightSupervision {
         Answer::Accepted
     }
 
-    /// Cancels a flight that has not begun.
-    fn call_off(&mut self) {
-        self.requests.cancel_auto_takeoff();
-        if self.mode == Mode::Waiting {
-            self.mode = Mode::Disarmed;
-        }
+    /// Calls off a flight that has not begun, also one that is only expected; returns whether there was one.
+    fn call_off(&mut self) -> bool {
+        let is_waiting = self.mode == Mode::Waiting;
+        self.mode = if is_waiting { Mode::Disarmed } else { self.mode };
+        self.requests.call_off() || is_waiting
     }
 
     fn disarm(&mut self, intake: &mut Intake) -> Result<Answer, Cause> {
@@ -382,12 +381,13 @@ impl FlightSupervision {
     }
 
     fn land(&mut self, now: Time, intake: &mut Intake) -> Result<Answer, Cause> {
-        self.call_off();
-        if self.is_held(intake) {
-            self.end_flight(intake);
-            return Ok(Answer::Done);
-        }
+        let is_called_off = self.call_off();
         match self.mode {
+            _ if is_called_off => Ok(Answer::Done),
+            _ if self.is_held(intake) => {
+                self.end_flight(intake);
+                Ok(Answer::Done)
+            }
             Mode::Flying if !self.observe_only => {
                 self.course.land(now, intake.estimate().position);
                 self.mode = Mode::Landing;

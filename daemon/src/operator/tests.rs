@@ -1,6 +1,7 @@
 //! Tests of the hand-off of requests.
 
 use super::*;
+use oqtal_config::Config;
 
 fn asks(command: OperatorCommand) -> ControlRequestV1 {
     ControlRequestV1::of(command)
@@ -90,4 +91,33 @@ fn changes_that_found_the_queue_full_are_counted_in_the_next_one() {
     publish(&mut handle);
     requests.take_changes();
     assert_eq!(requests.last.unlogged, 3);
+}
+
+#[test]
+fn those_who_come_later_are_told_what_flies_and_what_was_changed() {
+    let (handle, requests) = loop_handoff();
+    let settings = LiveSettings::new(&Config::default(), &[]);
+    let mut requests = requests.with_settings(7, settings);
+    let mut events = Vec::new();
+    let mut ask = |command: OperatorCommand, text: &str| {
+        let request = ControlRequestV1 { text: LongText::new(text), ..asks(command) };
+        let response = requests.ask(request, &mut |event| events.push(event));
+        handle.poll_request(|_| answers(Answer::Done));
+        response.text.as_str().to_owned()
+    };
+    assert_eq!(ask(OperatorCommand::Get, ""), "law oqtal, trajectory square");
+    ask(OperatorCommand::Set, "control.controller=geometric");
+    ask(OperatorCommand::Trajectory, "circle");
+    let told = ask(OperatorCommand::Get, "");
+    assert!(told.starts_with("law geometric, trajectory circle\n"), "{told}");
+    assert!(told.ends_with("\ncontrol.controller=\"geometric\""), "{told}");
+    ask(OperatorCommand::Arm, "");
+    assert!(ask(OperatorCommand::Status, "").starts_with("law geometric, trajectory square"));
+    ask(OperatorCommand::Undo, "");
+    let told = |event: &EventV1| (event.command, event.text.as_str().to_owned());
+    let [.., armed, undone] = &events[..] else { panic!("{events:?}") };
+    assert_eq!(armed.command, OperatorCommand::Arm.code());
+    assert!(armed.text.as_str().ends_with("\ncontrol.controller=\"geometric\""), "{armed:?}");
+    let undo = (OperatorCommand::Undo.code(), "control.controller=\"oqtal\"".to_owned());
+    assert_eq!(told(undone), undo);
 }

@@ -260,15 +260,43 @@ fn a_daemon_that_arms_at_start_flies_once_and_only_a_simulated_vehicle() {
 }
 
 #[test]
-fn a_flight_at_start_is_called_off_like_any_other() {
-    for command in [OperatorCommand::Disarm, OperatorCommand::Stop] {
-        let mut bench = arming_itself(1);
-        bench.cycle.request(bench.now, command);
-        for _ in 0..20 {
-            assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());
+fn a_flight_at_start_is_called_off_at_any_instant_until_an_operator_arms() {
+    use OperatorCommand::{Arm, Disarm, Fly, Land, Stop};
+    let expecting = || {
+        let mut bench = Bench::new(&[]);
+        bench.cycle.expect_flight();
+        bench
+    };
+    let waiting = || {
+        let mut bench = expecting();
+        assert_eq!(bench.cycle.request(bench.now, Fly).answer, Answer::Accepted.code());
+        bench
+    };
+    for begin in [&|| arming_itself(1), &expecting as &dyn Fn() -> Bench, &waiting] {
+        for command in [Land, Disarm, Stop] {
+            let mut bench = begin();
+            // The first reply may be lost: a repeated request has the same one.
+            for _ in 0..2 {
+                let response = bench.cycle.request(bench.now, command);
+                assert_ne!(response.answer, Answer::Refused.code(), "{command}");
+                assert_eq!(response.mode, Mode::Disarmed.code());
+            }
+            let refused = bench.cycle.request(bench.now, Fly);
+            assert_eq!(refused.answer, Answer::Refused.code(), "{command}");
+            assert_eq!(refused.cause, Cause::Operator.code());
+            stays_on_the_ground(&mut bench);
+            assert_eq!(bench.cycle.auto_takeoff(), AutoTakeoff::CalledOff);
+            let armed = bench.cycle.request(bench.now, Arm);
+            assert_eq!(armed.answer, Answer::Accepted.code(), "{command}");
+            bench.show(still(bench.frame));
+            assert_eq!(bench.mode(), Some(Mode::Flying));
         }
-        assert_eq!(bench.cycle.auto_takeoff(), AutoTakeoff::None);
     }
+    // Where no flight is about to begin, nothing is called off.
+    let mut bench = Bench::new(&[]);
+    let refused = bench.cycle.request(bench.now, Land);
+    assert_eq!((refused.answer, refused.cause), (Answer::Refused.code(), Cause::WrongMode.code()));
+    assert_eq!(bench.cycle.request(bench.now, Fly).answer, Answer::Accepted.code());
 }
 
 /// A vehicle without cameras yet.

@@ -73,6 +73,30 @@ fn a_change_is_told_unless_it_is_refused_and_a_landing_after_it_was_requested() 
 }
 
 #[test]
+fn a_course_of_an_earlier_flight_is_not_one_of_this_flight_and_settings_stay() {
+    use OperatorCommand::{Goto, Hover, Set, Trajectory};
+    let mut recorder = Recorder::new(&Config::default());
+    let reception = Reception::default();
+    let mut number = 0;
+    let mut change = |recorder: &mut Recorder, command: OperatorCommand| {
+        number += 1;
+        let event = EventV1 { number, command: command.code(), ..EventV1::default() };
+        recorder.sample(&reception, Sample::Event(&event));
+    };
+    for command in [Goto, Set, Trajectory, Hover] {
+        change(&mut recorder, command);
+    }
+    for mode in [Mode::Disarmed, Mode::Flying, Mode::Flying] {
+        let telemetry = TelemetryV1 { mode: mode.code(), ..TelemetryV1::default() };
+        recorder.sample(&reception, Sample::Telemetry(&telemetry));
+    }
+    change(&mut recorder, Goto);
+    let flight = recorder.finish(Outcome::Landed, 1.0);
+    let commands: Vec<_> = flight.changes.iter().map(|(_, change)| change.command).collect();
+    assert_eq!(commands, [Set, Goto].map(OperatorCommand::code));
+}
+
+#[test]
 fn timing_and_hops_count_from_arming_to_disarming() {
     let mut recorder = Recorder::new(&Config::default());
     let modes = [Mode::Disarmed, Mode::Flying, Mode::Flying, Mode::Landing, Mode::Disarmed];

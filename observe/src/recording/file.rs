@@ -1,6 +1,7 @@
 //! Reading of a recording: its facts, files, channels and messages. A truncated file is read up to its last chunk.
 
 use std::collections::BTreeMap;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use super::channel::SCHEMA_KEY;
@@ -45,6 +46,13 @@ pub enum RecordingFileError {
         /// Part that differs.
         what: String,
     },
+}
+
+/// Whether the file at `path` begins like a recording, complete or not.
+pub fn is_recording(path: &Path) -> bool {
+    let mut start = [0; MAGIC.len()];
+    std::fs::File::open(path).and_then(|mut file| file.read_exact(&mut start)).is_ok()
+        && start == MAGIC
 }
 
 /// A channel of a recording.
