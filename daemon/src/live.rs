@@ -203,7 +203,7 @@ impl LiveSettings {
                 let earlier = self.earlier.last().cloned();
                 let none = || Refusal::of_setting("no change of settings to take back");
                 let earlier = earlier.ok_or_else(none)?;
-                // What changes, for the recording; a replay takes the settings back itself.
+                // Recorded; a replay takes the settings back itself.
                 let changed = self.present.differences(&earlier).unwrap_or_default();
                 let text = LongText::of_lines(changed.iter().map(String::as_str)).unwrap_or(text);
                 self.settings(earlier, text, true)

@@ -39,6 +39,11 @@ pub fn page(title: &str, style: &str, body: &Markup) -> String {
     page.into_string()
 }
 
+/// A section of a page: a heading above a grid.
+pub fn section(title: &str, content: Markup) -> Markup {
+    html! { section { h2 { (title) } div.grid { (content) } } }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -50,9 +55,4 @@ mod tests {
             b"<!DOCTYPE html><html lang=\"en\"><head><meta charset=\"utf-8\"></head></html>"
         ));
     }
-}
-
-/// A section of a page: a heading above a grid.
-pub fn section(title: &str, content: Markup) -> Markup {
-    html! { section { h2 { (title) } div.grid { (content) } } }
 }

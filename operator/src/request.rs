@@ -84,7 +84,7 @@ pub fn silent(paths: &InstancePaths) -> Failure {
 
 /// Failure of a command to the instance at `paths`: names its process, of those that `is_meant` selects, under this root or another.
 fn no_answer(paths: &InstancePaths, is_meant: impl Fn(&ObeyingProcess) -> bool) -> Failure {
-    let InstancePaths { instance, root } = paths;
+    let instance = &paths.instance;
     let (all, others): (Vec<_>, Vec<_>) =
         ObeyingProcess::all().into_iter().partition(|process| process.is_of_instance(instance));
     let running: Vec<_> = all.iter().filter(|process| is_meant(process)).collect();
@@ -112,6 +112,11 @@ fn no_answer(paths: &InstancePaths, is_meant: impl Fn(&ObeyingProcess) -> bool) 
         lines.extend(others.iter().map(|other| format!("  runs: {}", place_of(other))));
         return Failure::new(Exit::Peer, lines.join("\n"));
     };
+    runs_elsewhere(process, paths, &nobody)
+}
+
+/// Failure of a command to the instance at `paths`, whose `process` runs under another root; `nobody` states that none does here.
+fn runs_elsewhere(process: &ObeyingProcess, paths: &InstancePaths, nobody: &str) -> Failure {
     let other = root_of(process, paths)
         .map_or_else(|| "another root".to_owned(), |root| format!("--root {}", root.display()));
     let (exit, remedy) = match process.is_ours() {
@@ -120,7 +125,7 @@ fn no_answer(paths: &InstancePaths, is_meant: impl Fn(&ObeyingProcess) -> bool) 
     };
     let message = format!(
         "{nobody} in {}; {} of user {} runs it under {other}: {remedy}",
-        root.display(),
+        paths.root.display(),
         name_of(process),
         process.user
     );
