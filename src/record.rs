@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use clap::Args;
 use oqtal_bus::bus::Bus;
+use oqtal_bus::message::EventV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Role, Sample};
 use oqtal_config::Config;
@@ -61,8 +62,10 @@ impl RecordArgs {
             require_daemon(&bus, "record without --attach")?;
         }
         let observer = BusObserver::open(&bus, &McapRecorder::topics(&config))?;
+        // The file exists once the recorder has all its places.
+        let changed = changed_before(&bus);
         let recorder = self.begin(&config)?;
-        let (result, lost) = self.record(&config, (&bus, observer, recorder), &stop)?;
+        let (result, lost) = self.record(&config, (observer, recorder, changed), &stop)?;
         conclude(&result, lost)
     }
 
@@ -92,14 +95,14 @@ impl RecordArgs {
     fn record(
         &self,
         config: &Config,
-        parts: (&Bus, BusObserver, McapRecorder),
+        parts: (BusObserver, McapRecorder, Option<EventV1>),
         stop: &StopFlag,
     ) -> Result<(RecordingResult, u64), Failure> {
-        let (bus, mut observer, mut recorder) = parts;
+        let (mut observer, mut recorder, changed) = parts;
         let mut daemon = DaemonFacts::default();
         let began = Time::now();
         recorder.note_clock(began);
-        if let Some(changed) = changed_before(bus) {
+        if let Some(changed) = changed {
             let reception = Reception { received_at: began, ..Reception::default() };
             recorder.sample(&reception, Sample::Event(&changed));
         }

@@ -135,6 +135,11 @@ impl StopSwitch {
         words::report(&self.words, number)
     }
 
+    /// Withdraws the stop `number`, which no process has seen.
+    pub fn withdraw(&self, number: u32) {
+        words::lift(&self.words, number);
+    }
+
     /// Raises a stop for each request by signal.
     fn raise_signalled(&self) {
         if take(&self.signals.stop) {

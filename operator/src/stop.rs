@@ -118,7 +118,13 @@ pub fn raise(address: &AddressedInstance) -> Result<ObeyedStop, Failure> {
     paths.push(format!("control service: {}", said(&answer)));
     if reached.processes.is_empty() {
         // Some may have started.
-        arm_again = fly_again(address, &Reached::find(address));
+        let present = Reached::find(address);
+        let is_obeyed = report.motors_off || report.daemon_obeys;
+        if present.processes.is_empty() && !is_obeyed {
+            raised.withdraw();
+            return Err(nobody(&reached));
+        }
+        arm_again = fly_again(address, &present);
     }
     Ok(ObeyedStop {
         paths,
@@ -136,17 +142,21 @@ fn raise_words(reached: &mut Reached) -> Result<(RaisedStops, Vec<String>), Fail
     let in_directory = reached.paths.become_owner().and_then(|()| raised.raise_in(&reached.paths));
     let is_nobody = reached.processes.is_empty();
     match in_directory {
-        Ok(()) if is_nobody && raised.0.is_empty() => {
-            let instance = &reached.paths.instance;
-            let nobody =
-                format!("stop: no process of oqtal runs on instance `{instance}`: nothing to stop");
-            return Err(reached.nobody("stop", nobody));
-        }
+        Ok(()) if is_nobody && raised.0.is_empty() => return Err(nobody(reached)),
         Err(error) if is_nobody => return Err(error.into()),
         Err(error) => paths.push(format!("stop words in the directory: {error}")),
         Ok(()) => {}
     }
     Ok((raised, paths))
+}
+
+/// Failure of a stop that reached nobody.
+fn nobody(reached: &Reached) -> Failure {
+    let instance = &reached.paths.instance;
+    let text = format!(
+        "stop: no process of oqtal runs on instance `{instance}`: nothing to stop; a flight that begins now is not called off"
+    );
+    reached.nobody("stop", text)
 }
 
 /// Answer of the daemon; `None` if it did not answer in time.
@@ -215,10 +225,10 @@ fn fly_again(address: &AddressedInstance, reached: &Reached) -> String {
     let InstancePaths { instance, root } = &reached.paths;
     let is_other_root = address.has_root || *root != address.paths.root;
     let root = if is_other_root { format!(" --root {}", root.display()) } else { String::new() };
-    let place = format!("--instance {instance}{root}");
+    let arm = format!("oqtal ctl arm --instance {instance}{root}");
     match reached.has_daemon() {
-        true => format!("oqtal ctl arm {place}"),
-        false => format!("oqtal daemon run {place}, then oqtal ctl arm {place}"),
+        true => arm,
+        false => format!("oqtal daemon run --instance {instance}{root}`, then `{arm}"),
     }
 }
 
@@ -240,6 +250,11 @@ impl RaisedStops {
             lines.push(format!("stop words of {}: {result}", name_of(process)));
         }
         lines
+    }
+
+    /// Withdraws stops that nobody obeys: they would call off a later flight.
+    fn withdraw(&self) {
+        self.0.iter().for_each(|stop| stop.switch.withdraw(stop.number));
     }
 
     /// Raises the stop in the words in the directory of the instance; makes them if only processes run that do not obey, since a
