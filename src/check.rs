@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use oqtal_config::{Config, Setting};
+use oqtal_lab::mission::Mission;
 use oqtal_runtime::process::{Exit, Failure, SettingArgs, check_instance, describe};
 use oqtal_runtime::program::{print, say};
 use toml::{Table, Value};
@@ -31,6 +32,10 @@ impl CheckArgs {
         oqtal_daemon::check(&config)?;
         oqtal_plant_sim::check(&config)?;
         oqtal_mocap_emu::check(&config)?;
+        if config.receiver.link.is_empty() {
+            // Emulated cameras: the vehicle starts at the origin, as in `oqtal fly`.
+            Mission::new(config.clone())?;
+        }
         let warnings = oqtal_daemon::warnings(&config, &oqtal_daemon::trajectory(&config)?);
         warnings.iter().for_each(|warning| say(&format!("oqtal: warning: {warning}")));
         changes(&config)?.iter().for_each(|line| say(&format!("oqtal: {line}")));

@@ -6,7 +6,7 @@ use crate::follow::value_at;
 use crate::setting::Setting;
 
 /// Least similarity of a suggested key \[-\], from 0 to 1.
-const SIMILAR: f64 = 0.85;
+const SIMILAR: f64 = 0.7;
 
 /// `reason` for which `setting` was refused; for an unknown key, with the key of the file `shipped` that was probably meant.
 pub(crate) fn with_nearest_key(setting: &Setting, reason: String, shipped: &str) -> String {
@@ -49,13 +49,15 @@ fn nearest(key: &str, shipped: &str) -> Option<String> {
         let known = plain(known);
         let is_part = known.strip_prefix(&wanted).is_some_and(|rest| rest.starts_with('-'))
             || known.strip_suffix(&wanted).is_some_and(|rest| rest.ends_with('-'));
-        if is_part { 1.0 } else { strsim::jaro(&known, &wanted) }
+        if is_part { 1.0 } else { strsim::normalized_damerau_levenshtein(&known, &wanted) }
     };
     let table: Table = shipped.parse().ok()?;
     let mut keys = Vec::new();
     collect(&table, "", &mut keys);
     let rated = keys.into_iter().map(|key| (likeness(&key), key));
-    let best = rated.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.len().cmp(&a.1.len())))?;
+    // Of equal ones the shortest; the vehicle is meant before its simulation.
+    let order = |key: &str| (key.starts_with("plant."), key.len());
+    let best = rated.max_by(|a, b| a.0.total_cmp(&b.0).then(order(&b.1).cmp(&order(&a.1))))?;
     (best.0 >= SIMILAR).then_some(best.1)
 }
 
@@ -90,6 +92,7 @@ mod tests {
             ("vehicle-mass-kg", "vehicle.mass-kg"),
             ("vehicle.mas-kg", "vehicle.mass-kg"),
             ("mass-kg", "vehicle.mass-kg"),
+            ("control.oqtal-dt.atitude-weight", "control.oqtal-dt.attitude-weight"),
             ("vehicle.max_thrust_n", "vehicle.max-thrust-n"),
             ("control.controler", "control.controller"),
             ("trajectory.radius-m", "trajectory.circle.radius-m"),

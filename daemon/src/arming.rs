@@ -39,6 +39,25 @@ pub struct ArmingView<'a> {
     pub configs_differ: bool,
 }
 
+/// Where a flight of a trajectory leads, relative to its start.
+#[derive(Clone, Debug)]
+pub(crate) struct ArmingPath {
+    /// Points of the trajectory \[m\].
+    points: Arc<[Vector3<f64>]>,
+    /// Where the vehicle stops if it brakes at each of them \[m\].
+    stops: Arc<[Vector3<f64>]>,
+}
+
+impl ArmingPath {
+    /// The path of `trajectory`.
+    pub(crate) fn new(config: &Config, trajectory: &Trajectory) -> Self {
+        Self {
+            points: path(config, trajectory).into_iter().map(|(_, point)| point).collect(),
+            stops: stops(config, trajectory).into_iter().map(|(_, point)| point).collect(),
+        }
+    }
+}
+
 /// The check before a flight.
 #[derive(Clone, Debug)]
 pub struct ArmingCheck {
@@ -48,10 +67,7 @@ pub struct ArmingCheck {
     allows_emulated: bool,
     /// Greatest time-out of a real vehicle \[s\]; infinite: also none.
     time_out_s: f64,
-    /// The trajectory relative to its start \[m\].
-    path: Arc<[Vector3<f64>]>,
-    /// Where the vehicle stops if it brakes at a point of the path, likewise.
-    stops: Arc<[Vector3<f64>]>,
+    path: ArmingPath,
     recent: [Option<Accepted>; REST_POSES],
     next: usize,
     /// Instant of the newest of them.
@@ -70,13 +86,17 @@ impl ArmingCheck {
             tilt: safety.arming_tilt_deg.to_radians().cos(),
             allows_emulated: safety.allow_emulated_poses,
             time_out_s: safety.vehicle_time_out_ms * 1e-3,
-            path: path(config, trajectory).into_iter().map(|(_, point)| point).collect(),
-            stops: stops(config, trajectory).into_iter().map(|(_, point)| point).collect(),
+            path: ArmingPath::new(config, trajectory),
             recent: [None; REST_POSES],
             next: 0,
             newest_at: Time::UNSET,
             least_poses: REST_POSES.min(safety.recovery_poses as usize),
         }
+    }
+
+    /// Exchanges the path of the next flight.
+    pub(crate) fn exchange_path(&mut self, path: &mut ArmingPath) {
+        std::mem::swap(&mut self.path, path);
     }
 
     /// Takes an accepted pose, in flight too: a vehicle that has just flown is not at rest.
@@ -144,6 +164,7 @@ impl ArmingCheck {
     fn leaves_fence(&self, start: &Vector3<f64>) -> bool {
         let is_inside = |point| self.fence().inside_soft_m(&(start + point)) > 0.0;
         let stops_inside = |point| self.fence().inside_m(&(start + point)) > 0.0;
-        !(self.path.iter().all(is_inside) && self.stops.iter().all(stops_inside))
+        let ArmingPath { points, stops } = &self.path;
+        !(points.iter().all(is_inside) && stops.iter().all(stops_inside))
     }
 }

@@ -284,6 +284,7 @@ impl Cycle {
     pub fn change(&mut self, now: Time, change: &mut FlightChange) -> ControlResponseV1 {
         if let FlightChange::Settings(live) = change {
             self.control.exchange_stack(&mut live.stack, live.keeps_law);
+            self.intake.exchange_path(&mut live.path);
             if let Some(tracker) = &live.tracker {
                 self.intake.change_law(tracker);
             }

@@ -15,6 +15,7 @@ use oqtal_control::predictive::MotionTracker;
 use oqtal_control::trajectory::{LegLimits, Trajectory, TrajectoryOptions};
 use oqtal_runtime::process::Failure;
 
+use crate::arming::ArmingPath;
 use crate::command_model::{CommandModel, motion_tracker};
 use crate::fence::Fence;
 use crate::flight_room::require_flyable;
@@ -36,6 +37,7 @@ pub struct LiveControl {
     /// The tracker of the motion, if the law needs another one.
     pub(crate) tracker: Option<MotionTracker>,
     pub(crate) trajectory: Trajectory,
+    pub(crate) path: ArmingPath,
     pub(crate) options: TrajectoryOptions,
     pub(crate) legs: LegLimits,
     pub(crate) stream: ReferenceStream,
@@ -62,6 +64,7 @@ impl LiveControl {
             stack: ControlStack::new(next).map_err(located)?,
             keeps_law: present.control == next.control,
             tracker,
+            path: ArmingPath::new(next, &trajectory),
             trajectory,
             options: next.trajectory.clone(),
             legs: leg_limits(next),

@@ -169,7 +169,8 @@ fn too_fast(
         Phase::Landing => ("the landing".to_owned(), "lower trajectory.descent-m-s".to_owned()),
         Phase::Settle | Phase::Trajectory => (
             format!("at {:.2} s the trajectory", t_s - begins_s(config)),
-            format!("fly it {:.1} times slower", fastest / limit),
+            // Rounded up, so that the remedy suffices.
+            format!("fly it {:.1} times slower", (10.0 * fastest / limit).ceil() / 10.0),
         ),
     };
     Some(format!(
@@ -226,7 +227,7 @@ mod tests {
         for part in ["at 0.50 s", "9.00 m/s", "position.horizontal-velocity-limit-m-s is 0.8"] {
             assert!(text.contains(part), "{text}");
         }
-        assert!(text.contains("11.2 times slower") && !text.contains('\n'), "{text}");
+        assert!(text.contains("11.3 times slower") && !text.contains('\n'), "{text}");
         let text = told(&["trajectory.take-off-s=1"], None).join("\n");
         assert!(text.starts_with("the take-off") && text.contains("take-off-s"), "{text}");
     }

@@ -304,7 +304,7 @@ pub fn laws(
         }
         if own.is_empty() {
             let reason = format!(
-                "{source} has no gains of a law of --laws; make them with `oqtal tune LAW --out {source}/LAW.toml`"
+                "{source} has no gains of a law of --laws; make them with `oqtal tune LAW --out {source}/LAW.toml`, with the configuration of this command"
             );
             return Err(Failure::new(Exit::Usage, reason));
         }

@@ -46,6 +46,9 @@ pub struct ObeyedStop {
     paths: Vec<String>,
     /// Command of the next flight.
     arm_again: String,
+    /// Command that starts a daemon before it, if none runs.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    start_again: Option<String>,
     /// Why the stop words of the vehicle's process, which would confirm the stop, cannot be read.
     #[serde(skip)]
     unconfirmed: Option<Unconfirmed>,
@@ -112,7 +115,7 @@ pub fn raise(address: &AddressedInstance) -> Result<ObeyedStop, Failure> {
     let mut reached = Reached::find(address);
     let (raised, mut paths) = raise_words(&mut reached)?;
     // Before the processes end, as those of `oqtal fly` do.
-    let mut arm_again = fly_again(address, &reached);
+    let mut again = fly_again(address, &reached);
     let answers = ask_daemon(&reached.paths);
     let (report, answer) = await_obedience(&raised, &reached, &answers, give_up);
     paths.push(format!("control service: {}", said(&answer)));
@@ -124,11 +127,13 @@ pub fn raise(address: &AddressedInstance) -> Result<ObeyedStop, Failure> {
             raised.withdraw();
             return Err(nobody(&reached));
         }
-        arm_again = fly_again(address, &present);
+        again = fly_again(address, &present);
     }
+    let (arm_again, start_again) = again;
     Ok(ObeyedStop {
         paths,
         arm_again,
+        start_again,
         unconfirmed: Unconfirmed::of(&reached, &raised),
         ..ObeyedStop::new(report, answer.ok().flatten().as_ref())
     })
@@ -216,20 +221,18 @@ fn said(answer: &DaemonAnswer) -> &str {
     }
 }
 
-/// The command of the next flight: the one that started the processes and ends with this flight, or the one that arms again, after
-/// the one that starts a daemon if none runs.
-fn fly_again(address: &AddressedInstance, reached: &Reached) -> String {
+/// The command of the next flight: the one that started the processes and ends with this flight, or the one that arms again; and the
+/// command that starts a daemon before it, if none runs.
+fn fly_again(address: &AddressedInstance, reached: &Reached) -> (String, Option<String>) {
     if let Some(command) = reached.processes.iter().find_map(ObeyingProcess::started_by) {
-        return command;
+        return (command, None);
     }
     let InstancePaths { instance, root } = &reached.paths;
     let is_other_root = address.has_root || *root != address.paths.root;
     let root = if is_other_root { format!(" --root {}", root.display()) } else { String::new() };
-    let arm = format!("oqtal ctl arm --instance {instance}{root}");
-    match reached.has_daemon() {
-        true => arm,
-        false => format!("oqtal daemon run --instance {instance}{root}`, then `{arm}"),
-    }
+    let place = format!("--instance {instance}{root}");
+    let daemon = (!reached.has_daemon()).then(|| format!("oqtal daemon run {place}"));
+    (format!("oqtal ctl arm {place}"), daemon)
 }
 
 impl RaisedStops {
@@ -314,6 +317,7 @@ impl ObeyedStop {
             state: word(response.and_then(|response| SafetyState::from_code(response.state))),
             paths: Vec::new(),
             arm_again: String::new(),
+            start_again: None,
             unconfirmed: None,
         }
     }
@@ -359,6 +363,7 @@ impl std::fmt::Display for ObeyedStop {
         if !self.motors_off {
             self.paths.iter().try_for_each(|path| write!(f, "\n  {path}"))?;
         }
-        write!(f, "\nto fly again: `{}`", self.arm_again)
+        let first = self.start_again.as_ref().map(|command| format!("`{command}`, then "));
+        write!(f, "\nto fly again: {}`{}`", first.unwrap_or_default(), self.arm_again)
     }
 }

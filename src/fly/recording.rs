@@ -66,6 +66,8 @@ struct Progressing {
     /// End of the flight, and last instant after it at which the motors were reported running, in wall time.
     over_since: Option<Time>,
     running_at: Option<Time>,
+    /// Last poll at which the flight had no planned end, in the clock of the flight.
+    open_at: Option<Time>,
     /// Instant at which an overlong flight was requested to land, in wall time.
     landing_since: Option<Time>,
 }
@@ -94,6 +96,7 @@ impl FlightRecording<'_> {
             now: Time::UNSET,
             over_since: None,
             running_at: None,
+            open_at: None,
             landing_since: None,
         };
         let mut is_over = false;
@@ -140,8 +143,13 @@ impl FlightRecording<'_> {
         // A flight that an operator changes has no planned end; a replay has none either, and ends with its recording.
         let is_open = self.mission.recording.is_none()
             && recorder.latest().is_some_and(|s| s.telemetry.planned_landing_s.is_infinite());
-        let is_late = !is_open && flown >= self.mission.timeout();
-        let is_over = recorder.outcome().is_some()
+        if is_open {
+            state.open_at = Some(state.now);
+        }
+        // The outcome is known a little after the landing.
+        let has_ended = state.open_at.is_none_or(|at| state.now.since(at) >= LANDED_WITHIN);
+        let is_late = has_ended && flown >= self.mission.timeout();
+        let is_over = state.recorder.outcome().is_some()
             || is_late && (is_virtual || self.has_landed_late(state)?);
         Ok(is_over && self.motors_rest(state))
     }

@@ -10,7 +10,7 @@ use oqtal_control::options::OptionError;
 use oqtal_control::predictive::{CommandReport, MotionTracker};
 use oqtal_control::trajectory::Trajectory;
 
-use crate::arming::{ArmingCheck, ArmingView};
+use crate::arming::{ArmingCheck, ArmingPath, ArmingView};
 use crate::command::VehicleCommand;
 use crate::command_model::{CommandModel, motion_tracker};
 use crate::consistency::PoseConsistency;
@@ -249,6 +249,11 @@ impl Intake {
     /// Continues the flight with the model, the noise and the adaptation of `tracker`, for another law.
     pub(super) fn change_law(&mut self, tracker: &MotionTracker) {
         self.tracker.change_law(tracker);
+    }
+
+    /// Exchanges the path that is checked before the next flight.
+    pub(super) fn exchange_path(&mut self, path: &mut ArmingPath) {
+        self.arming.exchange_path(path);
     }
 
     /// Reasons against a flight.

@@ -4,9 +4,12 @@ use super::common::flight::{Flight, set};
 use super::common::{Bench, LAWS, REAL, still};
 use nalgebra::Vector3;
 use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, SafetyState};
-use oqtal_bus::message::{CommandV1, PoseV1, VehicleV1};
+use oqtal_bus::message::{CommandV1, ControlRequestV1, PoseV1, VehicleV1};
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
+use oqtal_bus::text::LongText;
 use oqtal_bus::time::Span;
+use oqtal_config::Config;
+use oqtal_daemon::LiveSettings;
 
 /// Time until `state` with good poses \[ms\].
 fn until(flight: &mut Flight, state: SafetyState) -> i64 {
@@ -322,6 +325,15 @@ fn a_flight_does_not_begin_at_an_outlier_nor_where_its_path_leaves_the_fence() {
     assert_ne!((bench.frame - 1) % 4, 0, "at an outlier");
     let mut bench = Bench::new(&[]);
     let at_the_edge = |frame| PoseV1 { position: [6.9, 0.0, 0.0], ..still(frame) };
+    assert_eq!(refusal(&mut bench, at_the_edge), [ArmingObstacle::PathOutsideFence]);
+    // A trajectory that is changed on the ground is the one that is checked.
+    let small = [set("trajectory.square.side-m=0.4")];
+    let mut bench = Bench::new(&small);
+    let settings = LiveSettings::new(&Config::from_settings(&small).unwrap(), &[]);
+    let text = LongText::new("trajectory.square.side-m=1.3");
+    let request = ControlRequestV1 { text, ..ControlRequestV1::of(OperatorCommand::Set) };
+    let mut prepared = settings.prepare(OperatorCommand::Set, &request).unwrap();
+    bench.cycle.change(bench.now, &mut prepared.change);
     assert_eq!(refusal(&mut bench, at_the_edge), [ArmingObstacle::PathOutsideFence]);
 }
 

@@ -103,7 +103,7 @@ impl GainSource {
         let is_shipped_set = matches!(self, Self::Tuned | Self::Set(_));
         (is_shipped_set && config.vehicle != Config::default().vehicle).then(|| {
             format!(
-                "the gains {self} were found for the shipped vehicle, not for this one; find its own with `oqtal tune all --out gains` and give --gains gains"
+                "the gains {self} were found for the shipped vehicle, not for this one; find its own with `oqtal tune all --out gains`, with the configuration of this command, and give --gains gains"
             )
         })
     }
@@ -134,7 +134,12 @@ impl GainSource {
                 let remedy = |reason: &str, force: &str| {
                     let command =
                         format!("oqtal tune {controller} --out {}{force}", directory.display());
-                    Failure::new(Exit::Config, format!("{reason}; make it with `{command}`"))
+                    Failure::new(
+                        Exit::Config,
+                        format!(
+                            "{reason}; make it with `{command}`, with the configuration of this command"
+                        ),
+                    )
                 };
                 let settings =
                     Config::file_settings(&file).map_err(|error| remedy(&error.to_string(), ""))?;
