@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use oqtal_bus::code::{Answer, Cause, OperatorCommand};
+use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand};
 use oqtal_bus::message::{AS_STARTED, ControlRequestV1, ControlResponseV1, EventV1};
 use oqtal_bus::text::LongText;
 use oqtal_bus::time::Time;
@@ -193,6 +193,9 @@ impl OperatorRequests {
         let response = self.pass_on(LoopRequest::Operator(command), request.valid_until);
         match command {
             OperatorCommand::Status => {
+                if response.mode == Mode::Disarmed.code() {
+                    self.course = None;
+                }
                 ControlResponseV1 { text: LongText::new(&self.flown()), ..response }
             }
             _ => response,

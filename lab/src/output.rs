@@ -109,6 +109,16 @@ impl StudyOutput {
         files: &[PathBuf],
         existing: ExistingArgs,
     ) -> Result<Self, Failure> {
+        if existing.resume
+            && Journal::has_results(&journal)?
+            && !Journal::has_these_arguments(&journal)
+        {
+            let reason = format!(
+                "--resume: {} is of a study with other arguments; repeat its command with --resume, or give --force to begin again",
+                journal.display()
+            );
+            return Err(Failure::new(Exit::Usage, reason));
+        }
         if !existing.resume && !existing.force {
             check_not_begun(&journal)?;
             check_free(files)?;

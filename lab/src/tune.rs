@@ -87,7 +87,10 @@ impl TuneArgs {
             return Err(Failure::new(Exit::Usage, reason));
         }
         let config = Config::from_settings(&flights.settings)?;
-        let output = match given {
+        // Gains of several laws, tuned one after another, may be in one directory.
+        let own = self.out.as_ref().filter(|_| names.len() == 1);
+        let own = own.map(|directory| directory.join(format!("{}.toml", names[0])));
+        let output = match given.or(own.as_ref()) {
             Some(file) => StudyOutput::beside(&with_page(file), &config, self.existing)?,
             None => {
                 let files = names.iter().map(|name| PathBuf::from(format!("{name}.toml")));
@@ -95,7 +98,7 @@ impl TuneArgs {
                 StudyOutput::begin(("tune", &config), self.out.as_deref(), &files, self.existing)?
             }
         };
-        for name in names {
+        for &name in &names {
             let own = output.directory.join(format!("{name}.toml"));
             let file = given.cloned().unwrap_or(own);
             self.tune_into(&file, name, (&flights, &output))?;

@@ -50,7 +50,10 @@ impl ControlReport {
         let answer = word(Answer::from_code(response.answer));
         Self {
             command: command.to_string(),
-            effect: effect(command, Mode::from_code(response.mode), &answer),
+            effect: match response.answer == Answer::Refused.code() {
+                true => format!("{command}: {answer}"),
+                false => effect(command, Mode::from_code(response.mode), &answer),
+            },
             answer,
             mode: word(Mode::from_code(response.mode)),
             state: word(SafetyState::from_code(response.state)),

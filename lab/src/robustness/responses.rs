@@ -69,6 +69,10 @@ impl ResponseEvent {
                 set("trajectory.step.angle-deg", STEP_DEG.into()),
                 set("trajectory.step.hold-s", HELD_S.into()),
                 set("trajectory.step.duration-s", (HELD_S + 6.0).into()),
+                // The position is not controlled: the vehicle drifts by some metres.
+                set("safety.tracking-limit-m", 50.0.into()),
+                set("fence.x-m", vec![-40.0, 40.0].into()),
+                set("fence.y-m", vec![-40.0, 40.0].into()),
             ],
             Self::Force => disturbed(&format!("force@{DISTURBED_S}=0.2,0,0N")),
             Self::Gust => disturbed(&format!("gust@{DISTURBED_S}+1=1.5,0,0m/s")),

@@ -129,6 +129,13 @@ impl GainSource {
                 }
                 (own, format!("gains of deploy/tuned/{set}"))
             }
+            Self::Directory(file) if file.is_file() => {
+                let reason = format!(
+                    "{0} is a file, and --gains takes a directory with a file for each law; give the file by --config {0}",
+                    file.display()
+                );
+                return Err(Failure::new(Exit::Usage, reason));
+            }
             Self::Directory(directory) => {
                 let file = directory.join(format!("{controller}.toml"));
                 let remedy = |reason: &str, force: &str| {
@@ -145,6 +152,17 @@ impl GainSource {
                     Config::file_settings(&file).map_err(|error| remedy(&error.to_string(), ""))?;
                 if settings.is_empty() {
                     let reason = format!("{}: no gains, the file has no keys", file.display());
+                    return Err(remedy(&reason, " --force"));
+                }
+                let is_other = |it: &&Setting| {
+                    it.key == "control.controller" && it.value.as_str() != Some(controller)
+                };
+                if let Some(other) = settings.iter().find(is_other) {
+                    let reason = format!(
+                        "{}: gains of {}, not of {controller}",
+                        file.display(),
+                        other.value
+                    );
                     return Err(remedy(&reason, " --force"));
                 }
                 (settings, format!("gains of {}", directory.display()))
