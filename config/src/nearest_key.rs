@@ -83,7 +83,8 @@ mod tests {
     use super::*;
 
     const SHIPPED: &str = "[vehicle]\nmass-kg = 0.5\nmax-thrust-n = 9.8\n[control]\ncontroller = 'pid'\n\
-                           [trajectory]\nheight-m = 1.0\n[trajectory.circle]\nradius-m = 1.0\n";
+                           [trajectory]\nheight-m = 1.0\n[trajectory.circle]\nradius-m = 1.0\n\
+                           [control.oqtal]\nattitude-weight = 1\n[control.oqtal-dt]\nattitude-weight = 1\n";
 
     #[test]
     fn a_key_that_is_almost_right_is_suggested() {
