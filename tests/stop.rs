@@ -176,8 +176,11 @@ fn stop_and_land_need_no_valid_configuration() {
     let remedy = format!("the vehicle may fly, `oqtal ctl stop --instance {}`", testbed.instance());
     assert_refused(&land, 75, &["no daemon answers", &remedy]);
     let (_, answer, message) = stop(&testbed);
-    let again = answer["arm_again"].as_str().unwrap();
-    assert!(again.starts_with("oqtal daemon run --instance"), "{again}, {message}");
+    for (key, command) in
+        [("start_again", "oqtal daemon run --inst"), ("arm_again", "oqtal ctl arm --inst")]
+    {
+        assert!(answer[key].as_str().unwrap().starts_with(command), "{answer}, {message}");
+    }
 }
 
 #[test]
