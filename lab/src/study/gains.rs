@@ -1,7 +1,7 @@
 //! Gains of the laws of a study: as configured, as shipped in tuned files, or from a directory.
 
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use oqtal_config::{Config, Setting};
@@ -129,46 +129,44 @@ impl GainSource {
                 }
                 (own, format!("gains of deploy/tuned/{set}"))
             }
-            Self::Directory(file) if file.is_file() => {
-                let reason = format!(
-                    "{0} is a file, and --gains takes a directory with a file for each law; give the file by --config {0}",
-                    file.display()
-                );
-                return Err(Failure::new(Exit::Usage, reason));
-            }
             Self::Directory(directory) => {
-                let file = directory.join(format!("{controller}.toml"));
-                let remedy = |reason: &str, force: &str| {
-                    let command =
-                        format!("oqtal tune {controller} --out {}{force}", directory.display());
-                    Failure::new(
-                        Exit::Config,
-                        format!(
-                            "{reason}; make it with `{command}`, with the configuration of this command"
-                        ),
-                    )
-                };
-                let settings =
-                    Config::file_settings(&file).map_err(|error| remedy(&error.to_string(), ""))?;
-                if settings.is_empty() {
-                    let reason = format!("{}: no gains, the file has no keys", file.display());
-                    return Err(remedy(&reason, " --force"));
-                }
-                let is_other = |it: &&Setting| {
-                    it.key == "control.controller" && it.value.as_str() != Some(controller)
-                };
-                if let Some(other) = settings.iter().find(is_other) {
-                    let reason = format!(
-                        "{}: gains of {}, not of {controller}",
-                        file.display(),
-                        other.value
-                    );
-                    return Err(remedy(&reason, " --force"));
-                }
-                (settings, format!("gains of {}", directory.display()))
+                (of_directory(directory, controller)?, format!("gains of {}", directory.display()))
             }
         };
         Ok(StudyLaw::new(controller, [common, &own].concat(), remark))
+    }
+}
+
+/// The gains of the law `controller` in `directory`.
+fn of_directory(directory: &Path, controller: &str) -> Result<Vec<Setting>, Failure> {
+    if directory.is_file() {
+        let reason = format!(
+            "{0} is a file, and --gains takes a directory with a file for each law; give the file by --config {0}",
+            directory.display()
+        );
+        return Err(Failure::new(Exit::Usage, reason));
+    }
+    let file = directory.join(format!("{controller}.toml"));
+    let remedy = |reason: &str, force: &str| {
+        let command = format!("oqtal tune {controller} --out {}{force}", directory.display());
+        let text =
+            format!("{reason}; make it with `{command}`, with the configuration of this command");
+        Failure::new(Exit::Config, text)
+    };
+    let settings = Config::file_settings(&file).map_err(|error| remedy(&error.to_string(), ""))?;
+    if settings.is_empty() {
+        let reason = format!("{}: no gains, the file has no keys", file.display());
+        return Err(remedy(&reason, " --force"));
+    }
+    let is_other =
+        |it: &&Setting| it.key == "control.controller" && it.value.as_str() != Some(controller);
+    match settings.iter().find(is_other) {
+        Some(other) => {
+            let reason =
+                format!("{}: gains of {}, not of {controller}", file.display(), other.value);
+            Err(remedy(&reason, " --force"))
+        }
+        None => Ok(settings),
     }
 }
 
