@@ -4,6 +4,8 @@ use std::process::Stdio;
 use std::time::Duration;
 
 use crate::common::{Running, Testbed, assert_refused, children, signal, stderr, wait_for};
+use oqtal_bus::message::TruthV1;
+use oqtal_bus::port::Reader;
 use oqtal_bus::topic::TRUTH;
 use oqtal_bus::transport::{Subscribe, Transport};
 use rustix::process::Signal;
@@ -13,6 +15,18 @@ const ON_FLOOR_M: f64 = 0.05;
 
 /// A flight that an interrupt ends, or else nobody within the time-out of a test.
 const LONG: [&str; 6] = ["--trajectory", "hover", "--duration", "600", "--out", "d"];
+
+/// Waits for the end of `flight`, and returns the greatest height until then \[m\].
+fn highest_m(truths: &mut Reader<TruthV1>, flight: &mut Running) -> f64 {
+    let mut highest_m = 0.0_f64;
+    wait_for("the end of the flight", || {
+        while let Some((_, truth)) = truths.receive().unwrap() {
+            highest_m = highest_m.max(truth.position[2]);
+        }
+        (!flight.runs()).then_some(())
+    });
+    highest_m
+}
 
 /// Interrupts a flight with `words` after `delay` from the moment at which `file` is in its directory; it must end without a
 /// take-off, or, if it had taken off by then, land.
@@ -26,13 +40,7 @@ fn interrupt(words: &[&str], file: &str, delay: Duration, kind: Signal) {
     wait_for(file, || (awaited.exists() || !flight.runs()).then_some(()));
     std::thread::sleep(delay);
     flight.signal(kind);
-    let mut highest_m = 0.0_f64;
-    wait_for("the end of the flight", || {
-        while let Some((_, truth)) = truths.receive().unwrap() {
-            highest_m = highest_m.max(truth.position[2]);
-        }
-        (!flight.runs()).then_some(())
-    });
+    let highest_m = highest_m(&mut truths, &mut flight);
     let output = flight.wait();
     let message = stderr(&output);
     if message.contains("interrupted before the take-off") {
@@ -78,13 +86,7 @@ fn answer_is_true(command: &str, delay: Duration) {
         Some(75) if said.contains("stays raised until it is obeyed") => {}
         code => panic!("{command} {delay:?}: {code:?}: {said}"),
     }
-    let mut highest_m = 0.0_f64;
-    wait_for("the end of the flight", || {
-        while let Some((_, truth)) = truths.receive().unwrap() {
-            highest_m = highest_m.max(truth.position[2]);
-        }
-        (!flight.runs()).then_some(())
-    });
+    let highest_m = highest_m(&mut truths, &mut flight);
     let output = flight.wait();
     let message = stderr(&output);
     if is_called_off {

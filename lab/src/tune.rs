@@ -16,6 +16,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
+use oqtal_bus::obeying::quoted;
 use oqtal_config::{Config, Setting};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
@@ -25,7 +26,7 @@ use crate::progress::Progress;
 use crate::robustness::draws::{Draw, TUNING_SEED};
 use crate::robustness::spread::PlantSpread;
 use crate::study::TRAINING_SEEDS;
-use crate::study::args::{StudyArgs, parse_seeds, quoted, say_notes};
+use crate::study::args::{StudyArgs, parse_seeds, say_notes};
 use crate::study::law;
 
 use optimiser::Optimiser;

@@ -19,8 +19,6 @@ from oqtal.errors import SystemFailure, UsageError
 ConfigLike: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | Mapping[str, Any] | None"
 #: Origin, key, value.
 Setting: TypeAlias = tuple[str, str, Any]
-#: Why `clock.kind` is refused.
-VIRTUAL_TIME = "clock.kind: flights of this package are in virtual time; `oqtal fly` flies in real time"
 Parameters = ParamSpec("Parameters")
 Result = TypeVar("Result")
 #: Files and settings, as the extension module takes them; without a list of files the settings are complete.
@@ -98,8 +96,6 @@ def sources(
     given: list[Setting] = []
     if isinstance(config, Mapping):
         given += flat(config, "config")
-        if any(key == "clock.kind" for _, key, _ in given):
-            raise UsageError(f"config: {VIRTUAL_TIME}")
     elif isinstance(config, (str, os.PathLike)):
         files = [os.fspath(config)]
     elif config is not None and not isinstance(config, Sequence):
@@ -108,10 +104,11 @@ def sources(
         files = [os.fspath(file) for file in config]
     own = [*flat(settings or {}, "settings"), *flat(plant or {}, "plant", "plant.")]
     own += [(origin, key, value) for origin, (key, value) in named.items() if value is not None]
+    if origin := next((origin for origin, key, _ in given + own if key == "clock.kind"), None):
+        reason = "clock.kind: flights of this package are in virtual time; `oqtal fly` flies in real time"
+        raise UsageError(f"{origin}: {reason}")
     origins: dict[str, str] = {}
     for origin, key, _ in own:
-        if key == "clock.kind":
-            raise UsageError(f"{origin}: {VIRTUAL_TIME}")
         if set_by and key in set_by:
             raise UsageError(f"{origin}: {key} is set by this call; {set_by[key]}")
         if key in origins:

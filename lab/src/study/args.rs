@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::sync::OnceLock;
 
 use clap::Args;
+use oqtal_bus::obeying::quoted;
 use oqtal_config::{Config, Setting};
 use oqtal_runtime::process::{Exit, Failure, SettingArgs};
 use oqtal_runtime::program::say;
@@ -166,15 +167,6 @@ fn command_of(arguments: impl Iterator<Item = String>) -> String {
         }
     }
     command
-}
-
-/// `word`, quoted if a shell would split or change it.
-pub fn quoted(word: &str) -> String {
-    let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "-_./=,:+".contains(letter);
-    match word.chars().all(is_plain) {
-        true => word.to_owned(),
-        false => format!("'{}'", word.replace('\'', "'\\''")),
-    }
 }
 
 /// Parses seeds, `300-330` (both included) or `7`.
