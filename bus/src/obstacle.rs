@@ -43,7 +43,7 @@ obstacles! {
     /// The vehicle is outside the soft border of the fence.
     OutsideFence = 7 => "the vehicle is outside the fence ([fence])",
     /// The trajectory from here leaves the soft border of the fence.
-    PathOutsideFence = 8 => "the trajectory leaves the fence from here ([fence]): carry the vehicle to where it fits",
+    PathOutsideFence = 8 => "the trajectory leaves the fence from here ([fence], [trajectory]): carry the vehicle to where it fits; if it is simulated, restart oqtal plant-sim",
     /// Processes of the instance run with different configurations.
     Configuration = 9 => "processes run with different configurations",
     /// An operator's stop is in force until the controller has commanded the motors off.

@@ -218,6 +218,13 @@ impl Config {
         self.origins.has(key)
     }
 
+    /// Whether a setting is from `file`.
+    pub fn is_from(&self, file: &Path) -> bool {
+        let is_same =
+            |other: &str| file.canonicalize().ok() == Path::new(other).canonicalize().ok();
+        file.is_file() && self.origins.files().any(is_same)
+    }
+
     /// Whether a recording is played instead of the cameras.
     pub fn is_replay(&self) -> bool {
         !self.mocap.replay.is_empty()

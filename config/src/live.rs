@@ -36,7 +36,7 @@ impl Config {
     /// This configuration with `settings`, checked as a whole.
     ///
     /// # Errors
-    /// The first setting whose key is unknown or whose value breaks a rule, or a key that cannot change in flight.
+    /// The first setting whose key is unknown or whose value breaks a rule, or a key that cannot change while the daemon runs.
     pub fn with_live(&self, settings: &[Setting]) -> Result<Self, ConfigError> {
         let mut table = self.to_table();
         let mut origins = self.origins.clone();
@@ -61,9 +61,9 @@ impl Config {
         });
         match fixed {
             None => Ok(config),
-            Some((key, process)) => {
-                Err(error(format!("`{key}`: cannot change in flight; restart {process} with it")))
-            }
+            Some((key, process)) => Err(error(format!(
+                "`{key}`: cannot change while the daemon runs; restart {process} with it"
+            ))),
         }
     }
 

@@ -35,6 +35,12 @@ impl Origins {
         self.settings.iter().any(|setting| are_nested(&setting.key, key))
     }
 
+    /// Files of settings, once for each setting.
+    pub(crate) fn files(&self) -> impl Iterator<Item = &str> {
+        // The origin of a setting in a file is FILE:LINE.
+        self.settings.iter().filter_map(|setting| Some(setting.origin.rsplit_once(':')?.0))
+    }
+
     /// Blames `error` on the key since whose setting `is_kept`, told the settings up to it, no longer holds; without one, as
     /// [`Origins::locate`].
     pub(crate) fn locate_change(

@@ -132,7 +132,8 @@ impl ArmingCheck {
             .with(O::BatteryLow, low)
             .with(O::Configuration, view.configs_differ)
             .with(O::Stopped, view.vehicle.is_some_and(|vehicle| vehicle.stopped != 0));
-        let Some(last) = view.last else { return general };
+        // An old pose says nothing about where the vehicle is now.
+        let Some(last) = view.last.filter(|_| view.poses_good) else { return general };
         let upright = last.attitude.to_world(&Vector3::z()).z;
         let [low, high] = self.heights;
         let inside = self.fence().inside_soft_m(&last.position) > 0.0;

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use oqtal_config::Config;
 use oqtal_control::options::OptionError;
-use oqtal_control::trajectory::{FlightPlan, Reference, StartPoint, Trajectory};
+use oqtal_control::trajectory::{FlightPlan, Reference, StartPoint, Trajectory, TrajectoryKind};
 use oqtal_runtime::process::Failure;
 
 use crate::fence::{Fence, braking_m_s2, stopping_point};
@@ -145,8 +145,12 @@ fn check_from(
             let from = along().fold(low[axis] + margin_m, f64::min) - margin_m;
             let to = along().fold(high[axis] - margin_m, f64::max) + margin_m;
             let name = ["x", "y", "z"][axis];
+            let smaller = match config.trajectory.kind {
+                TrajectoryKind::Waypoints => "a smaller way in trajectory.waypoints-file",
+                _ => "smaller lengths in [trajectory]",
+            };
             format!(
-                "; it fits beyond {from:.2} to {to:.2} m in {name}, with a smaller fence.soft-margin-m, or with smaller lengths in [trajectory]"
+                "; it fits beyond {from:.2} to {to:.2} m in {name}, with a smaller fence.soft-margin-m, or with {smaller}"
             )
         }
     };

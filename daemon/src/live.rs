@@ -269,6 +269,8 @@ impl LiveSettings {
         for file in files {
             settings.extend(Config::file_settings(Path::new(file))?);
         }
+        // Processes of several instances may read one file; the instance is that of the start.
+        settings.retain(|setting| !setting.key.starts_with("instance."));
         let next = self.present.with_live(&settings)?;
         let changed = self.present.differences(&next).map_err(Refusal::of_setting)?;
         let Some(text) = LongText::of_lines(changed.iter().map(String::as_str)) else {

@@ -68,8 +68,8 @@ impl StudyOutput {
     /// arguments.
     ///
     /// # Errors
-    /// The directory holds one of the files or an interrupted or running study, or there is none to resume (exit code 64); the
-    /// directory cannot be made or written (71).
+    /// The directory holds one of the files, one from which `config` was read, or an interrupted or running study, or there is none to
+    /// resume (exit code 64); the directory cannot be made or written (71).
     pub fn begin(
         (command, config): (&str, &Config),
         given: Option<&Path>,
@@ -116,6 +116,13 @@ impl StudyOutput {
             let reason = format!(
                 "--resume: {} is of a study with other arguments; repeat its command with --resume, or give --force to begin again",
                 journal.display()
+            );
+            return Err(Failure::new(Exit::Usage, reason));
+        }
+        if let Some(file) = files.iter().chain([&copy]).find(|file| config.is_from(file)) {
+            let reason = format!(
+                "{} is a configuration of this study, so it is not replaced; give another --out",
+                file.display()
             );
             return Err(Failure::new(Exit::Usage, reason));
         }

@@ -177,6 +177,7 @@ impl RobustnessArgs {
     /// Flies all parts of the study.
     fn flown(&self, common: &[Setting], progress: &Progress) -> Result<FlownStudy, Failure> {
         let laws = laws(&self.laws, &self.gains, common)?;
+        say_notes(law::warnings(&laws));
         let loops = if self.margins { margins::all(&laws, progress)? } else { Vec::new() };
         let study = MonteCarlo { laws: &laws, common, progress };
         let mut flown = self.over_draws(&study)?;
@@ -192,7 +193,7 @@ impl RobustnessArgs {
     fn over_draws(&self, study: &MonteCarlo<'_>) -> Result<FlownStudy, Failure> {
         let several = |spread: &PlantSpread| self.draws(spread, study.common);
         let spread = PlantSpread::named(&self.spread)?;
-        say_notes(spread.notes(study.common)?);
+        say_notes(spread.note(study.common)?);
         let draws = several(&spread)?;
         let other = |name: &String| {
             let spread = PlantSpread::named(name)?;

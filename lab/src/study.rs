@@ -41,7 +41,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use oqtal_config::Setting;
-use oqtal_control::statistics::{Interval, mean, quantile};
+use oqtal_control::statistics::{Interval, mean, median, quantile};
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
@@ -257,7 +257,12 @@ impl Flown {
         Interval::of(&self.values(metric))
     }
 
-    /// Quantile of a figure over the runs, for a fraction in \[0..1\]; flights that did not land count as the greatest values.
+    /// Median of a figure over the runs; flights that did not land count as the greatest values.
+    pub fn median(&self, metric: usize) -> f64 {
+        median(self.values(metric)).unwrap_or(f64::NAN)
+    }
+
+    /// Quantile by nearest rank of a figure over the runs, for a fraction in \[0..1\]; flights that did not land count as the greatest values.
     pub fn quantile(&self, metric: usize, share: f64) -> f64 {
         quantile(self.values(metric), share).unwrap_or(f64::NAN)
     }
@@ -311,8 +316,8 @@ pub(crate) mod tests {
         let mut values: Vec<f64> = (0..100).map(f64::from).collect();
         values[17] = f64::INFINITY;
         let flown = flown("pid", &values);
-        let quantiles = [0.5, 0.95, 1.0].map(|share| flown.quantile(0, share));
-        assert_eq!(quantiles, [50.0, 95.0, f64::INFINITY]);
+        let quantiles = [0.95, 1.0].map(|share| flown.quantile(0, share));
+        assert_eq!((flown.median(0), quantiles), (50.5, [95.0, f64::INFINITY]));
         assert_eq!((flown.percent(Run::all_as_planned), flown.mean()[0]), (99.0, f64::INFINITY));
         assert_eq!(flown.mean_of_landed()[0], (4950.0 - 17.0) / 99.0);
     }

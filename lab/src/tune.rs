@@ -27,7 +27,7 @@ use crate::robustness::draws::{Draw, TUNING_SEED};
 use crate::robustness::spread::PlantSpread;
 use crate::study::TRAINING_SEEDS;
 use crate::study::args::{StudyArgs, parse_seeds, say_notes};
-use crate::study::law;
+use crate::study::law::{self, StudyLaw};
 
 use optimiser::Optimiser;
 use search::{Budget, TrainingFlights, Tuned};
@@ -136,11 +136,14 @@ impl TuneArgs {
 
     fn flights(&self) -> Result<TrainingFlights, Failure> {
         let (settings, seeds) = (self.study.settings()?, self.seeds.clone());
+        let laws = self.names().into_iter().filter(|name| *name != "outer");
+        let laws = laws.map(|name| StudyLaw::new(name, settings.clone(), ""));
+        say_notes(law::warnings(&laws.collect::<Vec<_>>()));
         let Some(spread) = self.spread.as_deref() else {
             return Ok(TrainingFlights::near(settings, seeds));
         };
         let spread = PlantSpread::named(spread)?;
-        say_notes(spread.notes(&settings)?);
+        say_notes(spread.note(&settings)?);
         let draws = Draw::several(&spread, &settings, (TUNING_SEED, seeds))?;
         Ok(TrainingFlights::over(settings, &draws))
     }

@@ -156,7 +156,10 @@ fn draw_law(draw: &mut Draw, is_valid: bool) -> Drawn {
 
 fn draw_file(draw: &mut Draw, is_valid: bool, directory: &Path) -> Drawn {
     let (name, text, key) = if is_valid {
-        ("good.toml", format!("[position]\ntilt-limit-deg = {}\n", 14.0 + draw.next()), "")
+        // The file of another instance is as good.
+        let tilt = 14.0 + draw.next();
+        let text = format!("[instance]\nname = \"other\"\n[position]\ntilt-limit-deg = {tilt}\n");
+        ("good.toml", text, "")
     } else {
         ("bad.toml", "[fence]\nx-m = [-9.5, 9.5]\n".to_owned(), "fence.x-m")
     };

@@ -206,6 +206,9 @@ impl Flight {
                     "the flight lasted too long and was ended{when}: it began late, or was held up, as by the fence"
                 ))
             }
+            Outcome::Unfinished if self.armed().next().is_none() => {
+                Some("the record has no flight: the motors were never armed in it".to_owned())
+            }
             Outcome::Unfinished => {
                 let when = self.when();
                 Some(format!(

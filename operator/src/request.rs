@@ -4,7 +4,7 @@ use oqtal_bus::bus::Bus;
 use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
-use oqtal_bus::obeying::ObeyingProcess;
+use oqtal_bus::obeying::{ObeyingProcess, quoted};
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
@@ -101,18 +101,27 @@ fn no_answer(paths: &InstancePaths, is_meant: impl Fn(&ObeyingProcess) -> bool) 
     {
         let message = format!(
             "{nobody}, but {} runs: the vehicle may fly, `oqtal ctl stop --instance {instance}` stops its motors; \
-             `oqtal daemon run --instance {instance}` starts a daemon",
-            name_of(vehicle)
+             `{}` starts a daemon",
+            name_of(vehicle),
+            start_daemon(paths, &format!("--instance {instance}"))
         );
         return Failure::new(Exit::Peer, message);
     }
     let Some(&process) = running.first() else {
+        let start = start_daemon(paths, &format!("--instance {instance}"));
         let mut lines =
-            vec![format!("{nobody}; start one with `oqtal daemon run --instance {instance}`")];
+            vec![format!("{nobody}; start one with `{start}`, and its --config if any")];
         lines.extend(others.iter().map(|other| format!("  runs: {}", place_of(other))));
         return Failure::new(Exit::Peer, lines.join("\n"));
     };
     runs_elsewhere(process, paths, &nobody)
+}
+
+/// Command that starts a daemon of the instance at `paths`, `place` in flags, with the configuration of the one before if that is left.
+pub fn start_daemon(paths: &InstancePaths, place: &str) -> String {
+    let file = Some(paths.config()).filter(|file| file.is_file());
+    let config = file.map(|file| format!(" --config {}", quoted(&file.display().to_string())));
+    format!("oqtal daemon run{} {place}", config.unwrap_or_default())
 }
 
 /// Failure of a command to the instance at `paths`, whose `process` runs under another root; `nobody` states that none does here.

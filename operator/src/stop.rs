@@ -23,6 +23,7 @@ use oqtal_runtime::program::beside;
 use serde::Serialize;
 
 use crate::reach::{AddressedInstance, Reached, name_of};
+use crate::request::start_daemon;
 
 /// Time after which the report is printed.
 const REPORT_TIMEOUT: Span = Span::from_millis(950);
@@ -231,7 +232,7 @@ fn fly_again(address: &AddressedInstance, reached: &Reached) -> (String, Option<
     let is_other_root = address.has_root || *root != address.paths.root;
     let root = if is_other_root { format!(" --root {}", root.display()) } else { String::new() };
     let place = format!("--instance {instance}{root}");
-    let daemon = (!reached.has_daemon()).then(|| format!("oqtal daemon run {place}"));
+    let daemon = (!reached.has_daemon()).then(|| start_daemon(&reached.paths, &place));
     (format!("oqtal ctl arm {place}"), daemon)
 }
 

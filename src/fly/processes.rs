@@ -1,6 +1,7 @@
 //! A flight through separate processes over the bus, in real time or in lockstep.
 
 use oqtal_bus::bus::Bus;
+use oqtal_bus::obeying::quoted;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::topic::Role;
 use oqtal_config::{ClockKind, RecordedFlights};
@@ -80,11 +81,21 @@ impl BusFlight<'_> {
         for role in roles.into_iter().filter(|role| *role != Role::Recorder) {
             let Some(holder) = bus.holder(&role.health())? else { continue };
             let message = format!(
-                "{holder} already runs on instance `{instance}`; end it, or fly on another --instance"
+                "{holder} already runs on instance `{instance}`; fly on another --instance, or land its vehicle with `oqtal ctl land --instance {instance}` and end it"
             );
             return Err(Failure::new(Exit::Peer, message));
         }
         Ok(())
+    }
+
+    /// `failure` of a process, with the command that shows the flight until then, if it was recorded.
+    fn with_recording(&self, failure: Failure) -> Failure {
+        let Failure { exit, mut message } = failure;
+        if self.directory.recording().is_file() {
+            let directory = quoted(&self.directory.path().display().to_string());
+            message += &format!("\nrecorded until then: `oqtal report {directory}`");
+        }
+        Failure::new(exit, message)
     }
 
     fn fly_at(&self, paths: &InstancePaths) -> Result<RecordedFlight, Failure> {
@@ -114,7 +125,8 @@ impl BusFlight<'_> {
                 .run(observer, recording)
         });
         processes.shut_down();
-        let flown = watch.into_failure().map_or(flight, Err);
+        let flown =
+            watch.into_failure().map_or(flight, |failure| Err(self.with_recording(failure)));
         flown.inspect(|(flight, _)| report_missing_rights(flight))
     }
 }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use oqtal_control::statistics::{median, quantile};
+use oqtal_control::statistics::median;
 use oqtal_observe::latency::{DistributionSummary, RECEIVER};
 use serde::Serialize;
 
@@ -135,10 +135,7 @@ impl LatencyFigures {
 
     /// Adds the comparison with cyclictest.
     pub fn with_pairs(mut self, pairs: Vec<Pair>) -> Self {
-        // The mean of the lower and the upper middle value.
-        let ratios = || pairs.iter().map(|pair| pair.ratio);
-        let middle = quantile(ratios(), 0.5).zip(median(ratios()));
-        self.wakeup.median_ratio = middle.map(|(lower, upper)| 0.5 * (lower + upper));
+        self.wakeup.median_ratio = median(pairs.iter().map(|pair| pair.ratio));
         self.wakeup.pairs = pairs;
         self
     }

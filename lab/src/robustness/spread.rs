@@ -171,27 +171,27 @@ impl PlantSpread {
         Self { keys: self.keys.iter().map(key).collect() }
     }
 
-    /// Notes on settings of `common` that the draws replace: those of the simulated vehicle, and values outside the range that is
-    /// drawn.
+    /// Note on settings of `common` that differ from the shipped ones and that the draws replace, whatever they are.
     ///
     /// # Errors
     /// A setting is invalid.
-    pub fn notes(&self, common: &[Setting]) -> Result<Vec<String>, Failure> {
+    pub fn note(&self, common: &[Setting]) -> Result<Option<String>, Failure> {
         let own = flights::table(&Config::from_settings(common)?);
         let shipped = flights::table(&Config::default());
-        let note = |SpreadKey { key, form }: &SpreadKey| {
+        let replaced = |SpreadKey { key, form }: &SpreadKey| {
             let Form::Between(low, high) = form else { return None };
             let [own, shipped] = [&own, &shipped].map(|table| value_at(table, key));
-            let is_set = common.iter().any(|setting| setting.key == *key);
-            let is_drawn = own?.as_float().is_some_and(|value| (*low..=*high).contains(&value));
-            (own != shipped && (is_set || !is_drawn)).then(|| {
-                format!(
-                    "{key} is {}, and the spread draws it from {low} to {high} in its place; give a --spread of your own (docs/robustness.md)",
-                    own.map_or_else(String::new, Value::to_string)
-                )
-            })
+            (own != shipped)
+                .then_some(own?)
+                .map(|own| format!("{key} from {low} to {high}, not about {own}"))
         };
-        Ok(self.keys.iter().filter_map(note).collect())
+        let replaced: Vec<_> = self.keys.iter().filter_map(replaced).collect();
+        Ok((!replaced.is_empty()).then(|| {
+            format!(
+                "the spread draws {}; give a --spread of your own (docs/robustness.md)",
+                replaced.join("; ")
+            )
+        }))
     }
 
     /// Settings of draw number `run` with the seed `seed`, about the values of `nominal`. Every key has a separate stream of
@@ -308,19 +308,17 @@ mod tests {
 
     #[test]
     fn settings_that_the_draws_replace_are_told() {
-        let notes = |text: &str| {
+        let note = |text: &str| {
             let setting = Setting::parse("--set", text).unwrap();
-            PlantSpread::everything().notes(&[setting]).unwrap().join("\n")
+            PlantSpread::everything().note(&[setting]).unwrap()
         };
-        assert_eq!(notes("vehicle.mass-kg=1.4"), "", "a factor is about the configured value");
-        assert_eq!(notes("vehicle.rate-lag-ms=60"), "", "within the range");
-        let outside = notes("vehicle.rate-lag-ms=20");
-        assert!(
-            outside.starts_with("plant.rate-lag-ms is 20.0, and the spread draws"),
-            "{outside}"
-        );
-        let replaced = notes("plant.rate-lag-ms=60");
-        assert!(replaced.contains("from 35 to 80 in its place"), "{replaced}");
+        assert_eq!(note("vehicle.mass-kg=1.4"), None, "a factor is about the configured value");
+        assert_eq!(note("vehicle.rate-lag-ms=50"), None, "the shipped value");
+        for section in ["vehicle", "plant"] {
+            let replaced = note(&format!("{section}.rate-lag-ms=60")).unwrap();
+            let part = "draws plant.rate-lag-ms from 35 to 80, not about 60.0; give";
+            assert!(replaced.contains(part), "{replaced}");
+        }
     }
 
     fn nominal() -> Table {

@@ -37,15 +37,13 @@ pub fn all(flown: &[Flown], draws: &[Draw]) -> Vec<Sheet> {
 /// estimator and a position loop of their own.
 fn headline(flown: &[Flown]) -> Sheet {
     type Row<'a> = (String, Vec<&'a Flown>);
-    let best = |metric: usize, share: f64| {
-        move |(_, laws): &Row<'_>| {
-            laws.iter().map(|law| law.quantile(metric, share)).fold(f64::NAN, f64::min)
-        }
+    let best = |figure: fn(&Flown) -> f64| {
+        move |(_, laws): &Row<'_>| laws.iter().map(|law| figure(law)).fold(f64::NAN, f64::min)
     };
     let columns = [
-        column("hover_p95_mm", "hover, 95 % point [mm]", best(HOVER, 0.95)),
-        column("chirp_median_deg", "chirp, median [°]", best(CHIRP, 0.5)),
-        column("jitter_median_rad_s", "jitter, median [rad/s]", best(JITTER, 0.5)),
+        column("hover_p95_mm", "hover, 95 % point [mm]", best(|law| law.quantile(HOVER, 0.95))),
+        column("chirp_median_deg", "chirp, median [°]", best(|law| law.median(CHIRP))),
+        column("jitter_median_rad_s", "jitter, median [rad/s]", best(|law| law.median(JITTER))),
     ];
     let is_ours = |law: &&Flown| law.law.controller == against::OURS;
     let own = flown.iter().filter(is_ours).map(|law| (law.law.name.clone(), vec![law]));
@@ -86,7 +84,7 @@ fn failures(flown: &[Flown], draws: &[Draw]) -> Sheet {
 
 /// One row for each law.
 fn summary(flown: &[Flown]) -> Sheet {
-    let median = |metric: usize| move |law: &Flown| law.quantile(metric, 0.5);
+    let median = |metric: usize| move |law: &Flown| law.median(metric);
     let p95 = |metric: usize| move |law: &Flown| law.quantile(metric, 0.95);
     let columns = [
         column("as_planned_percent", "all four as planned [%]", |law: &Flown| {
@@ -107,7 +105,8 @@ fn summary(flown: &[Flown]) -> Sheet {
 }
 
 const SUMMARY_NOTE: &str = "A flight that did not land as planned, for example because the fence held it for a time, counts as \
-     worse than any that did; a value is missing where the quantile is such a flight. Jitter is the activity of the command.";
+     worse than any that did; a value is missing where the median or quantile is such a flight. The 95 % point is the least value that 95 % of the draws do \
+     not exceed. Jitter is the activity of the command.";
 
 fn as_planned(flown: &[Flown]) -> Sheet {
     let one = |test: Test| move |law: &Flown| law.percent(|run| run.is_as_planned(test));
@@ -129,7 +128,7 @@ fn distributions(flown: &[Flown]) -> Sheet {
     type Row = (usize, usize);
     let quantile = |share: f64| move |(metric, law): &Row| flown[*law].quantile(*metric, share);
     let columns = [
-        column("median", "median", quantile(0.5)),
+        column("median", "median", |(metric, law): &Row| flown[*law].median(*metric)),
         column("p95", "95 % point", quantile(0.95)),
         column("worst", "worst", quantile(1.0)),
         column("worst_draw", "in draw", |(metric, law): &Row| {

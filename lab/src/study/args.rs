@@ -40,7 +40,6 @@ impl StudyArgs {
             settings.push(Setting::flag("--trajectory", "trajectory.kind", name.as_str()));
         }
         let config = Config::from_settings(&settings)?;
-        warn(&config);
         if config.is_replay() {
             let reason = "a study flies and does not play a recording; leave out `mocap.replay`";
             return Err(Failure::new(Exit::Usage, reason));

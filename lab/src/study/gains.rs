@@ -9,7 +9,7 @@ use oqtal_runtime::process::{Exit, Failure};
 use toml::{Table, Value};
 
 use super::args::say_notes;
-use super::law::{StudyLaw, named};
+use super::law::{self, StudyLaw, named};
 
 /// Name and text of every file in `deploy/tuned` and its folders, output of `oqtal tune`; the names of the latter begin with that
 /// of the folder.
@@ -183,6 +183,7 @@ pub fn chosen(
     let laws = named(names).map(|controller| source.law(controller, common));
     let laws = laws.collect::<Result<Vec<_>, _>>()?;
     say_notes(replaced(&laws, common));
+    say_notes(law::warnings(&laws));
     Ok(laws)
 }
 
@@ -207,7 +208,6 @@ pub fn replaced(laws: &[StudyLaw], common: &[Setting]) -> Option<String> {
 mod tests {
     use super::*;
     use crate::study::args::words_of;
-    use crate::study::law;
 
     #[test]
     fn a_file_without_gains_is_refused_with_the_remedy() {

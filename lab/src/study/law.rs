@@ -4,6 +4,7 @@ use oqtal_config::{Config, Setting};
 use oqtal_control::controller::ControllerName;
 use oqtal_runtime::process::Failure;
 
+use super::args;
 use crate::sheet::Variant;
 
 /// Registered laws in table order, `oqtal-dt` last.
@@ -75,4 +76,42 @@ impl StudyLaw {
 /// Laws among `asked`, in table order.
 pub fn named(asked: &[String]) -> impl Iterator<Item = &'static str> {
     names().filter(|law| asked.iter().any(|name| name == law))
+}
+
+/// The warnings of flights of `laws`; one that does not concern all of them begins with the names of those that it concerns. None of
+/// a law whose settings are invalid, which its flights report.
+pub fn warnings(laws: &[StudyLaw]) -> Vec<String> {
+    let mut all: Vec<(String, Vec<&str>)> = Vec::new();
+    for law in laws {
+        for warning in law.config().map_or_else(|_| Vec::new(), |config| args::warnings(&config)) {
+            match all.iter_mut().find(|(text, _)| *text == warning) {
+                Some((_, concerned)) => concerned.push(&law.name),
+                None => all.push((warning, vec![&law.name])),
+            }
+        }
+    }
+    let text = |(warning, concerned): (String, Vec<&str>)| match concerned.len() == laws.len() {
+        true => warning,
+        false => format!("{}: {warning}", concerned.join(", ")),
+    };
+    all.into_iter().map(text).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_warning_names_the_laws_that_it_concerns() {
+        let settings = [("vehicle.mass-kg", 0.5), ("trajectory.take-off-s", 1.0)]
+            .map(|(key, value)| Setting::flag("test", key, value));
+        let law = |name| StudyLaw::new(name, settings.to_vec(), "");
+        let two = warnings(&[law("pid"), law("oqtal-dt")]);
+        assert!(
+            two.iter().all(|it| it.starts_with("pid: the take-off")) && two.len() == 1,
+            "{two:?}"
+        );
+        assert!(warnings(&[law("pid")])[0].starts_with("the take-off"));
+        assert!(warnings(&[law("oqtal-dt")]).is_empty());
+    }
 }
