@@ -189,7 +189,7 @@ fn differences(
     let file = is_other.then(|| address.paths.config())?;
     let text = std::fs::read_to_string(&file).ok()?;
     let daemon = Config::parse(&file.to_string_lossy(), &text, &[]).ok()?;
-    let of_daemon = daemon.flown_differences(expected);
+    let of_daemon = daemon.hashed_differences(expected);
     (!of_daemon.is_empty()).then(|| format!("the daemon was started with {}", of_daemon.join(", ")))
 }
 

@@ -104,7 +104,7 @@ pub struct BusFlightSeries {
 }
 
 impl BusFlightSeries {
-    /// Series whose flights are written into `directory`. One that is resumed, or replaces results, `replaces` flights there.
+    /// Series of flights written into `directory`. With `replaces`, of a resumed study or `--force`, flights that are there already are overwritten.
     ///
     /// # Errors
     /// The operating system refuses the signal handler.

@@ -77,7 +77,7 @@ pub fn check(recording: &RecordingResult) -> Result<(), Failure> {
 pub fn page_path(out: &Path, name: &str) -> Result<PathBuf, Failure> {
     let path = if out.is_dir() { out.join(name) } else { out.to_owned() };
     // Pipes and devices are not read.
-    let is_foreign = path.is_file() && !std::fs::read(&path).is_ok_and(|found| is_page(&found));
+    let is_foreign = path.is_file() && !is_page(&path);
     if is_foreign {
         let message = format!(
             "{} exists and is not a page of oqtal, so it is not replaced; give another --out",

@@ -11,7 +11,7 @@ use clap::Args;
 use oqtal_bus::bus::Bus;
 use oqtal_bus::time::Time;
 use oqtal_config::Config;
-use oqtal_observe::flown::FlownQuery;
+use oqtal_observe::law_query::LawQuery;
 use oqtal_observe::observer::BusObserver;
 use oqtal_observe::recording::recording_path;
 use oqtal_operator::require_daemon;
@@ -150,7 +150,7 @@ impl ViewArgs {
         (site, hub, stop): (&Site, &Hub, &StopFlag),
     ) -> Result<(), Failure> {
         let mut view = LiveView::new(config, SILENCE);
-        let mut flown = FlownQuery::default();
+        let mut law_query = LawQuery::default();
         while !stop.is_set() {
             if let Some(config) = daemon.changed() {
                 site.change_scene(&SceneDescription::of_instance(&config, self.control));
@@ -159,7 +159,7 @@ impl ViewArgs {
             std::thread::sleep(UPDATE_PERIOD);
             let now = Time::now();
             observer.poll(now, &mut view)?;
-            view.take_flown(flown.poll(bus, now));
+            view.note_law(law_query.poll(bus, now));
             let (collected, status) = view.take(now);
             hub.publish(&collected, status);
         }

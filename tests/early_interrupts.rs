@@ -80,7 +80,9 @@ fn answer_is_true(command: &str, delay: Duration) {
             assert!(known.iter().any(|text| said.starts_with(text)), "{command} {delay:?}: {said}");
         }
         // Nobody was asked, and the flight begins.
-        Some(75) if said.contains("a flight that begins now is not") => flight.signal(Signal::INT),
+        Some(75) if said.contains("a flight that begins from now on is not") => {
+            flight.signal(Signal::INT)
+        }
         // Requested, and obeyed later.
         Some(1) if said.contains("requested by signal") || command == "stop" => {}
         Some(75) if said.contains("stays raised until it is obeyed") => {}

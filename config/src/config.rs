@@ -194,8 +194,7 @@ impl Config {
         self.origins.locate(error)
     }
 
-    /// Adds the origin of the setting since which `is_kept` no longer holds to `error`: a long trajectory, for instance, and not the
-    /// border of the room that it leaves.
+    /// Adds to `error` the origin of the setting from which on `is_kept` fails. For a trajectory that leaves the room, that is the setting that made it too long, not the border of the room.
     pub fn locate_change(
         &self,
         error: &OptionError,
@@ -301,17 +300,17 @@ impl Config {
     /// log, ends of wires, and directories of input files.
     pub fn hash(&self) -> u64 {
         let mut hasher = fnv::FnvHasher::default();
-        hasher.write(self.flown().to_string().as_bytes());
+        hasher.write(self.hashed().to_string().as_bytes());
         hasher.finish()
     }
 
     /// The settings that the hash covers.
-    pub(crate) fn flown(&self) -> Table {
-        let mut flown =
+    pub(crate) fn hashed(&self) -> Table {
+        let mut hashed =
             Table::try_from(self).expect("a configuration holds only what TOML can say");
-        NOT_FLOWN.iter().for_each(|key| remove(&mut flown, key));
-        FILE_KEYS.iter().for_each(|key| keep_file_name(&mut flown, key));
-        flown
+        NOT_FLOWN.iter().for_each(|key| remove(&mut hashed, key));
+        FILE_KEYS.iter().for_each(|key| keep_file_name(&mut hashed, key));
+        hashed
     }
 }
 

@@ -54,7 +54,7 @@ impl TimedDisturbance {
     pub fn grammar() -> String {
         let mut text =
             "expected KIND@TIME[+DURATION]=VALUE; times in seconds, TIME from arming,\n  \
-             without DURATION, which a gust needs, for the rest of the flight:"
+             without DURATION, which a gust needs, until the end of the flight:"
                 .to_owned();
         let about = [
             "constant; x,y,z of the world",

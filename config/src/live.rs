@@ -81,28 +81,36 @@ impl Config {
     /// # Errors
     /// A key of this configuration that `other` does not have, with its remedy.
     pub fn differences(&self, other: &Self) -> Result<Vec<String>, String> {
-        let (mut own, mut others) = (Vec::new(), Vec::new());
-        flatten("", &Value::Table(self.to_table()), &mut own);
-        flatten("", &Value::Table(other.to_table()), &mut others);
+        let (own, others) = (flattened(self.to_table()), flattened(other.to_table()));
         if let Some((key, _)) = own.iter().find(|(key, _)| others.iter().all(|(it, _)| it != key)) {
-            return Err(format!("`{key}`: cannot be removed in flight; set it to a value"));
+            return Err(format!(
+                "`{key}`: cannot be removed while the daemon runs; set it to a value"
+            ));
         }
-        let changed = others.into_iter().filter(|entry| !own.contains(entry));
-        Ok(changed.map(|(key, value)| format!("{key}={value}")).collect())
+        Ok(changed(others, &own))
     }
 
     /// Settings of this configuration because of which its hash differs from that of `other`, as `KEY=VALUE`.
-    pub fn flown_differences(&self, other: &Self) -> Vec<String> {
-        let (mut own, mut others) = (Vec::new(), Vec::new());
-        flatten("", &Value::Table(self.flown()), &mut own);
-        flatten("", &Value::Table(other.flown()), &mut others);
-        let differing = own.into_iter().filter(|entry| !others.contains(entry));
-        differing.map(|(key, value)| format!("{key}={value}")).collect()
+    pub fn hashed_differences(&self, other: &Self) -> Vec<String> {
+        changed(flattened(self.hashed()), &flattened(other.hashed()))
     }
 
     fn to_table(&self) -> Table {
         Table::try_from(self).expect("a configuration holds only what TOML can say")
     }
+}
+
+/// Every key with its value.
+fn flattened(table: Table) -> Vec<(String, String)> {
+    let mut entries = Vec::new();
+    flatten("", &Value::Table(table), &mut entries);
+    entries
+}
+
+/// The entries of `own` that `others` does not have, as `KEY=VALUE`.
+fn changed(own: Vec<(String, String)>, others: &[(String, String)]) -> Vec<String> {
+    let changed = own.into_iter().filter(|entry| !others.contains(entry));
+    changed.map(|(key, value)| format!("{key}={value}")).collect()
 }
 
 /// Adds every key below `path` with its value.

@@ -42,11 +42,12 @@ fn nearest(key: &str, shipped: &str) -> Option<String> {
     let plain = |key: &str| key.replace(['.', '_'], "-").to_ascii_lowercase();
     let wanted = plain(key);
     let likeness = |known: &String| {
-        // A key without its unit, or without its section, or without a section within.
+        // Some of the parts between dots are missing, as in `trajectory.radius-m`.
         if has_words(known, key) {
             return 1.0;
         }
         let known = plain(known);
+        // The unit or the section is missing.
         let is_part = known.strip_prefix(&wanted).is_some_and(|rest| rest.starts_with('-'))
             || known.strip_suffix(&wanted).is_some_and(|rest| rest.ends_with('-'));
         if is_part { 1.0 } else { strsim::normalized_damerau_levenshtein(&known, &wanted) }
@@ -55,7 +56,7 @@ fn nearest(key: &str, shipped: &str) -> Option<String> {
     let mut keys = Vec::new();
     collect(&table, "", &mut keys);
     let rated = keys.into_iter().map(|key| (likeness(&key), key));
-    // Of equal ones the shortest; the vehicle is meant before its simulation.
+    // Among equally similar keys, [vehicle] before [plant], then the shortest.
     let order = |key: &str| (key.starts_with("plant."), key.len());
     let best = rated.max_by(|a, b| a.0.total_cmp(&b.0).then(order(&b.1).cmp(&order(&a.1))))?;
     (best.0 >= SIMILAR).then_some(best.1)

@@ -35,14 +35,13 @@ impl Origins {
         self.settings.iter().any(|setting| are_nested(&setting.key, key))
     }
 
-    /// Files of settings, once for each setting.
+    /// The file of each setting that is from a file; files may repeat.
     pub(crate) fn files(&self) -> impl Iterator<Item = &str> {
         // The origin of a setting in a file is FILE:LINE.
         self.settings.iter().filter_map(|setting| Some(setting.origin.rsplit_once(':')?.0))
     }
 
-    /// Blames `error` on the key since whose setting `is_kept`, told the settings up to it, no longer holds; without one, as
-    /// [`Origins::locate`].
+    /// Adds to `error` the origin of the setting that broke the rule: the first one after the longest prefix of the settings for which `is_kept` holds or, if its key is set again later, the last setting of that key. Without one, as [`Origins::locate`].
     pub(crate) fn locate_change(
         &self,
         error: &OptionError,

@@ -4,7 +4,7 @@ use std::os::fd::OwnedFd;
 
 use crossbeam_channel::Sender;
 use oqtal_bus::bus::Bus;
-use oqtal_bus::code::{Answer, Cause, OperatorCommand};
+use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::control::ControlServer;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{EventV1, HealthV1, Stamps};
@@ -126,7 +126,7 @@ impl BackgroundWorker for DaemonWorker {
 }
 
 fn log_event(event: &EventV1) {
-    let EventV1 { program, user, process, text, reason, point: [x, y, z], .. } = event;
+    let EventV1 { program, user, process, text, point: [x, y, z], .. } = event;
     let Some(command) = OperatorCommand::from_code(event.command) else { return };
     let what = match command {
         OperatorCommand::Goto => format!("{command} {x} {y} {z}"),
@@ -134,11 +134,8 @@ fn log_event(event: &EventV1) {
     };
     let pid = Origin::from_bits(*process).process();
     let author = format!("{program} (user {user}, process {pid})");
-    match Cause::from_code(event.cause).filter(|_| event.answer == Answer::Refused.code()) {
+    match event.refusal() {
         None => tracing::info!("{what}, by {author}"),
-        Some(cause) if reason.is_empty() => {
-            tracing::warn!("{what}, by {author}: refused, {cause}");
-        }
-        Some(cause) => tracing::warn!("{what}, by {author}: refused, {cause}: {reason}"),
+        Some(refusal) => tracing::warn!("{what}, by {author}: {refusal}"),
     }
 }

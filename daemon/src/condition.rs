@@ -3,7 +3,7 @@
 use oqtal_bus::code::{Cause, HandoverCause, Mode, SafetyState};
 use oqtal_bus::message::TelemetryV1;
 
-use crate::cycle::AutoTakeoff;
+use crate::cycle::FirstFlight;
 
 /// The condition of the loop that operators see.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -17,14 +17,14 @@ pub struct Condition {
     pub(crate) command_sequence: u64,
     /// Changes before it that found the queue full.
     pub(crate) unlogged: u64,
-    pub(crate) auto_takeoff: AutoTakeoff,
+    pub(crate) first_flight: FirstFlight,
     /// Why the fallback law flies.
     pub(crate) handover_cause: u8,
 }
 
 impl Condition {
     /// The condition in a tick's `telemetry`, with the state of the automatic flight at start-up.
-    pub fn of(telemetry: &TelemetryV1, auto_takeoff: AutoTakeoff) -> Self {
+    pub fn of(telemetry: &TelemetryV1, first_flight: FirstFlight) -> Self {
         let TelemetryV1 { mode, state, cause, obstacles, command_sequence, .. } = *telemetry;
         let handover_cause = telemetry.handover_cause;
         Self {
@@ -34,14 +34,14 @@ impl Condition {
             obstacles,
             command_sequence,
             unlogged: 0,
-            auto_takeoff,
+            first_flight,
             handover_cause,
         }
     }
 
     pub(crate) fn differs_from(&self, other: &Self) -> bool {
         let changing =
-            |c: &Self| (c.mode, c.state, c.cause, c.obstacles, c.auto_takeoff, c.handover_cause);
+            |c: &Self| (c.mode, c.state, c.cause, c.obstacles, c.first_flight, c.handover_cause);
         changing(self) != changing(other)
     }
 

@@ -6,9 +6,9 @@
 //!                    tracker   course
 //! ```
 
-mod auto_takeoff;
 mod control;
 mod course;
+mod first_flight;
 mod guarded;
 mod intake;
 mod mode;
@@ -29,8 +29,8 @@ use oqtal_control::position::OuterLoop;
 use oqtal_control::scalar_pid::PidGains;
 use oqtal_control::trajectory::Trajectory;
 
-pub use auto_takeoff::AutoTakeoff;
 use control::{ControlTick, Directive, FlightControl};
+pub use first_flight::FirstFlight;
 use guarded::{GuardedControl, LawTick};
 use intake::Intake;
 use report::TickReport;
@@ -304,13 +304,13 @@ impl Cycle {
     }
 
     /// State of the flight at start-up.
-    pub fn auto_takeoff(&self) -> AutoTakeoff {
-        self.supervision.requests().auto_takeoff
+    pub fn first_flight(&self) -> FirstFlight {
+        self.supervision.requests().first_flight
     }
 
     /// Cancels the automatic flight at start-up.
-    pub fn cancel_auto_takeoff(&mut self) {
-        self.supervision.requests_mut().cancel_auto_takeoff();
+    pub fn cancel_automatic(&mut self) {
+        self.supervision.requests_mut().cancel_automatic();
     }
 
     /// Records that the command which started the daemon will request a flight: until then an operator can call it off.

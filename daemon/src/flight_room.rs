@@ -111,7 +111,7 @@ pub fn require_flyable(
         check_room(config, trajectory, start).and_then(|()| check_demand(config, trajectory))
     };
     check(config, trajectory).map_err(|error| {
-        // A configuration whose trajectory cannot be made is another error than this one.
+        // A configuration whose trajectory cannot be built fails with another error.
         let breaks = |config: &Config| {
             trajectory_of(config)
                 .is_ok_and(|path| check(config, &path).is_err_and(|other| other.key == error.key))
@@ -146,7 +146,9 @@ fn check_from(
             let to = along().fold(high[axis] - margin_m, f64::max) + margin_m;
             let name = ["x", "y", "z"][axis];
             let smaller = match config.trajectory.kind {
-                TrajectoryKind::Waypoints => "a smaller way in trajectory.waypoints-file",
+                TrajectoryKind::Waypoints => {
+                    "way-points that are closer together (trajectory.waypoints-file)"
+                }
                 _ => "smaller lengths in [trajectory]",
             };
             format!(

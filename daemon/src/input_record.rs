@@ -4,10 +4,11 @@ use oqtal_bus::code::{InputKind, OperatorCommand};
 use oqtal_bus::message::{ControlResponseV1, Header, InputV1, PoseV1, ReferenceV1, VehicleV1};
 use oqtal_bus::time::Time;
 
-/// The record of the start of the daemon, with the request that it awaits from the command that started it.
-pub fn start(now: Time, stays: bool, awaited: Option<OperatorCommand>) -> InputV1 {
+/// The record of the start of the daemon: `stays` if the automatic flight at start-up was cancelled, `expects_flight` if the command
+/// that started the daemon will request one.
+pub fn start(now: Time, stays: bool, expects_flight: bool) -> InputV1 {
     let kind = InputKind::Start.code();
-    let request = awaited.map_or(0, OperatorCommand::code);
+    let request = if expects_flight { OperatorCommand::Fly.code() } else { 0 };
     InputV1 { time: now, kind, request, stays: u8::from(stays), ..InputV1::default() }
 }
 

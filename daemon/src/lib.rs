@@ -8,7 +8,7 @@
 //! | `cycle/safety.rs` | the safety conditions of a tick, its limits |
 //! | `cycle/mode.rs` | the table of modes |
 //! | `cycle/course.rs` | mission and reference |
-//! | `cycle/requests.rs`, `cycle/auto_takeoff.rs` | requests that wait for the next tick |
+//! | `cycle/requests.rs`, `cycle/first_flight.rs` | requests that wait for the next tick |
 //! | `cycle/control.rs` | the command of a tick |
 //! | `cycle/guarded.rs` | a law under its fallback |
 //! | `cycle/report.rs` | telemetry of a tick |
@@ -94,7 +94,6 @@ use std::rc::Rc;
 
 use crossbeam_channel::Receiver;
 
-use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::topic::POSE;
 use oqtal_config::{Config, FaultTarget};
 use oqtal_control::trajectory::Trajectory;
@@ -108,7 +107,7 @@ use background::DaemonWorker;
 pub use command::{RotationCommand, VehicleCommand};
 pub use command_model::CommandModel;
 pub use condition::Condition;
-pub use cycle::{AutoTakeoff, Cycle, LoopTiming, Tick};
+pub use cycle::{Cycle, FirstFlight, LoopTiming, Tick};
 pub use envelope::{Candidate, Envelope};
 pub use external::{ExternalLaw, LawPort};
 pub use fence::Fence;
@@ -164,12 +163,13 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
             let marker = FlightMarker::of(bus.paths());
             let stays = context.config.safety.arm_at_start && !marker.set();
             if stays {
-                cycle.cancel_auto_takeoff();
+                cycle.cancel_automatic();
             }
-            let is_flown = context.is_child && !context.config.safety.observe_only;
-            let awaited = is_flown.then_some(OperatorCommand::Fly);
-            awaited.iter().for_each(|_| cycle.expect_flight());
-            ports.announce_start(started_at, stays, awaited)?;
+            let expects_flight = context.is_child && !context.config.safety.observe_only;
+            if expects_flight {
+                cycle.expect_flight();
+            }
+            ports.announce_start(started_at, stays, expects_flight)?;
             context.enter_realtime();
             let turn = DaemonTurn { ports, cycle, warmup, handle, law };
             process_loop::run(&mut faulty.turn(FaultTarget::Daemon, turn), &mut clock, None)?;

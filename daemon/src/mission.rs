@@ -25,8 +25,8 @@ pub struct ActiveMission {
     changes: u32,
     /// Since when the mission waits, and the reference meanwhile.
     held: Option<(Time, Reference)>,
-    /// Time for which it waited before, since the last change of its course.
-    waited: Span,
+    /// Total duration of earlier holds since the last change of course.
+    held_before: Span,
 }
 
 // Not boxed: the real-time thread does not allocate.
@@ -51,7 +51,7 @@ impl ActiveMission {
     }
 
     fn begin(began: Time, path: FlightPath) -> Self {
-        Self { began, path, changes: 0, held: None, waited: Span::ZERO }
+        Self { began, path, changes: 0, held: None, held_before: Span::ZERO }
     }
 
     /// Number of changes of the plan so far, as by a landing: the reference may jump at one \[-\].
@@ -82,15 +82,15 @@ impl ActiveMission {
     pub fn resume(&mut self, now: Time) {
         if let Some((since, _)) = self.held.take() {
             self.began = self.began + now.since(since);
-            self.waited = self.waited + now.since(since);
+            self.held_before = self.held_before + now.since(since);
             self.changes += 1;
         }
     }
 
-    /// Whether the mission waited for too long, in one hold or in several.
+    /// Whether all holds together have lasted [`MOST_HELD`].
     pub fn is_held_too_long(&self, now: Time) -> bool {
         let present = self.held.map_or(Span::ZERO, |(since, _)| now.since(since));
-        self.waited + present >= MOST_HELD
+        self.held_before + present >= MOST_HELD
     }
 
     /// Whether the landing should have ended by `now`.
@@ -156,7 +156,7 @@ impl ActiveMission {
         let elapsed_s = self.elapsed_s(now);
         if let FlightPath::Plan(plan, _) = &mut self.path {
             plan.redirect(elapsed_s, detour);
-            self.waited = Span::ZERO;
+            self.held_before = Span::ZERO;
             self.changes += 1;
         }
     }

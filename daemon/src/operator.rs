@@ -11,7 +11,7 @@ use oqtal_bus::time::Time;
 use oqtal_runtime::handoff::{BackgroundHandle, RtHandle, handoff};
 
 use crate::condition::Condition;
-use crate::cycle::AutoTakeoff;
+use crate::cycle::FirstFlight;
 use crate::live::{FlightChange, LiveSettings, PreparedChange, Refusal};
 
 /// An operator's request that the loop has not answered by then is answered with "accepted".
@@ -144,8 +144,8 @@ impl OperatorRequests {
             if condition.text() != self.last.text() {
                 condition.log();
             }
-            if condition.auto_takeoff == AutoTakeoff::Refused
-                && self.last.auto_takeoff != AutoTakeoff::Refused
+            if condition.first_flight == FirstFlight::Refused
+                && self.last.first_flight != FirstFlight::Refused
             {
                 tracing::warn!(
                     "no take-off at start: the vehicle is not simulated; arm with `oqtal ctl arm` when everybody is clear"
@@ -191,24 +191,21 @@ impl OperatorRequests {
             return self.get(request.text.as_str());
         }
         let response = self.pass_on(LoopRequest::Operator(command), request.valid_until);
-        match command {
-            OperatorCommand::Status => {
-                if response.mode == Mode::Disarmed.code() {
-                    self.course = None;
-                }
-                ControlResponseV1 { text: LongText::new(&self.flown()), ..response }
-            }
-            _ => response,
+        if command == OperatorCommand::Status {
+            let text = LongText::new(&self.law_and_trajectory(response.mode));
+            return ControlResponseV1 { text, ..response };
         }
+        response
     }
 
-    /// Law and trajectory that fly, or would fly next.
-    fn flown(&self) -> String {
+    /// Law and trajectory of the present flight; in the `mode` "disarmed", those of the next one.
+    fn law_and_trajectory(&self, mode: u8) -> String {
         let Some(config) = self.settings.as_ref().map(LiveSettings::present) else {
             return String::new();
         };
         let configured = config.value("trajectory.kind").unwrap_or_default();
-        let course = self.course.as_deref().unwrap_or(configured.trim_matches('"'));
+        let in_flight = self.course.as_deref().filter(|_| mode != Mode::Disarmed.code());
+        let course = in_flight.unwrap_or(configured.trim_matches('"'));
         format!("law {}, trajectory {course}", config.control.controller.name())
     }
 
@@ -244,9 +241,9 @@ impl OperatorRequests {
         let present = self.present(Answer::Done);
         if key.is_empty() {
             let changed = self.settings.as_ref().map_or(LongText::EMPTY, LiveSettings::changed);
-            let flown = self.flown();
-            let lines = std::iter::once(flown.as_str()).chain(changed.as_str().lines());
-            let text = LongText::of_lines(lines).unwrap_or_else(|| LongText::new(&flown));
+            let first = self.law_and_trajectory(present.mode);
+            let lines = std::iter::once(first.as_str()).chain(changed.as_str().lines());
+            let text = LongText::of_lines(lines).unwrap_or_else(|| LongText::new(&first));
             return ControlResponseV1 { text, ..present };
         }
         let value = self.settings.as_ref().map(|settings| settings.get(key));

@@ -114,8 +114,8 @@ impl<T: Transport> DaemonPorts<T> {
         Ok(())
     }
 
-    /// Publishes that the daemon starts at `now`; `stays` if the automatic flight at start-up was cancelled; with the request that
-    /// is `awaited` from the command that started the daemon.
+    /// Publishes that the daemon starts at `now`; `stays` if the automatic flight at start-up was cancelled, `expects_flight` if the
+    /// command that started the daemon will request one.
     ///
     /// # Errors
     /// The transport failed.
@@ -123,9 +123,9 @@ impl<T: Transport> DaemonPorts<T> {
         &mut self,
         now: Time,
         stays: bool,
-        awaited: Option<OperatorCommand>,
+        expects_flight: bool,
     ) -> Result<(), BusError> {
-        let record = input_record::start(now, stays, awaited);
+        let record = input_record::start(now, stays, expects_flight);
         self.inputs.send(0, Stamps::default(), record).map(drop)
     }
 }
@@ -253,7 +253,7 @@ impl<T: Transport> Turn for DaemonTurn<'_, T> {
             ports.telemetry.send(tick.pose_sequence, stamps, *telemetry)?;
             input.command_sequence = sequence;
             input.external_number = ports.publish_exchange(cycle.exchange())?;
-            handle.publish_status(Condition::of(cycle.telemetry(), cycle.auto_takeoff()));
+            handle.publish_status(Condition::of(cycle.telemetry(), cycle.first_flight()));
         } else if warmup.perform(now, cycle) {
             ports.commands.warm_up();
         }

@@ -18,7 +18,7 @@ const MOST_THRUST: f64 = 20.0;
 const MOST_AUTHORITY: f64 = 20.0;
 /// Lags and delays without a note \[ms\], apart from none.
 const USUAL_MS: RangeInclusive<f64> = 0.2..=1000.0;
-/// Moments of inertia without a note, over mass to the power of 5/3, with which they grow for bodies of one shape and density
+/// Plausible ratio of a moment of inertia to mass^(5/3), which is constant for bodies of equal shape and density
 /// \[kg^(-2/3) m^2\].
 const USUAL_INERTIA: RangeInclusive<f64> = 2e-5..=4.0;
 /// Distance between hover point and first waypoint above which a note is printed \[m\].
@@ -107,7 +107,7 @@ fn unusual(
     let moments = (0..3).map(|axis| inertia[axis][axis]).filter(|_| is_mass_usual);
     if let Some(moment) = moments.into_iter().find(|it| !USUAL_INERTIA.contains(&(it / per_mass))) {
         notes.push(format!(
-            "inertia-kg-m2 has {moment}, unusual in kg m^2: the mass of {mass_kg} kg would be {:.4} m from the axis",
+            "inertia-kg-m2 has {moment}, unusual in kg m^2: with {mass_kg} kg a radius of gyration of {:.4} m",
             (moment / mass_kg).sqrt()
         ));
     }

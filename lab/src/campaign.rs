@@ -107,7 +107,7 @@ impl CampaignArgs {
         let flown = self.fly(&laws, &cases, (&output, begin))?;
         let sheet = self.sheet(&flown);
         let mut document = sheet.to_json();
-        output.stamp(&mut document);
+        output.add_provenance(&mut document);
         document["tests"] = records::tests(&flown);
         document["failures"] = records::failures(&flown);
         document["flights"] = records::flights(&flown);

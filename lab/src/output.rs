@@ -1,5 +1,5 @@
 //! Output of a study: the output directory with its files and its journal, or one file. Results of another study are not replaced
-//! unless that is asked for. All results name what they are of: the command, the version of the program, the configuration.
+//! unless that is asked for. All results state their provenance: command line, program version and configuration.
 
 use std::path::{Path, PathBuf};
 use std::{fs, io};
@@ -34,16 +34,15 @@ pub struct ExistingArgs {
     pub force: bool,
 }
 
-/// Adds to a document what it is of: the command, the version of the program, and the hash of `config`, the configuration of all
-/// flights but for what the command names.
-pub fn stamp(document: &mut Value, config: &Config) {
+/// Adds the provenance to a JSON document: command line, program version, and hash of `config`, the configuration that all flights share.
+pub fn add_provenance(document: &mut Value, config: &Config) {
     document["command"] = json!(command());
     document["version"] = json!(env!("CARGO_PKG_VERSION"));
     document["config_hash"] = json!(format!("{:016x}", config.hash()));
 }
 
 /// `config` as a file, below comments with the command and the version of the program.
-pub fn copy_of(config: &Config) -> String {
+pub fn config_file_text(config: &Config) -> String {
     let (command, version) = (command(), env!("CARGO_PKG_VERSION"));
     format!("# Configuration of `{command}`, oqtal {version}.\n{}", config.to_toml())
 }
@@ -139,9 +138,9 @@ impl StudyOutput {
         Ok(Self { directory, progress, journal, copy, config: config.clone() })
     }
 
-    /// Adds to a document of the results what they are of.
-    pub fn stamp(&self, document: &mut Value) {
-        stamp(document, &self.config);
+    /// Adds the provenance of this study to a JSON document.
+    pub fn add_provenance(&self, document: &mut Value) {
+        add_provenance(document, &self.config);
     }
 
     /// Completes the study, whose results are written: writes the configuration and removes the journal.
@@ -149,7 +148,7 @@ impl StudyOutput {
     /// # Errors
     /// A file cannot be written or removed (exit code 71).
     pub fn complete(&self) -> Result<(), Failure> {
-        write_file(&self.copy, copy_of(&self.config))?;
+        write_file(&self.copy, config_file_text(&self.config))?;
         self.discard()
     }
 

@@ -116,7 +116,7 @@ impl ReplayBench {
         let mut cycle = Cycle::new(config, trajectory.clone(), start.input.time)
             .map_err(|error| config.locate(&error))?;
         if start.input.stays == 1 {
-            cycle.cancel_auto_takeoff();
+            cycle.cancel_automatic();
         }
         if start.input.request == OperatorCommand::Fly.code() {
             cycle.expect_flight();

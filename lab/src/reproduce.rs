@@ -145,7 +145,7 @@ impl ReproduceArgs {
             selected.map(|experiment| (experiment.run)(&context)).collect();
         let chapters = chapters?;
         let mut json = to_json(&chapters);
-        context.output.stamp(&mut json);
+        context.output.add_provenance(&mut json);
         let json = format!("{json:#}\n");
         let [page, markdown, document] = FILES;
         let output = &context.output;

@@ -156,7 +156,7 @@ impl RobustnessArgs {
         let FlownStudy { mut document, chapters, flown } = self.flown(&common, &output.progress)?;
         let sheets = || chapters.iter().flat_map(|chapter| &chapter.sheets);
         document["tables"] = sheets().map(Sheet::to_json).collect();
-        output.stamp(&mut document);
+        output.add_provenance(&mut document);
         document["failures"] = records::failures(&flown);
         let document = format!("{document:#}\n");
         let [page, markdown, json] = FILES;

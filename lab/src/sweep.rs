@@ -145,7 +145,7 @@ impl SweepArgs {
         output.complete()?;
         let document = |row| {
             let mut document = self.document(row);
-            output.stamp(&mut document);
+            output.add_provenance(&mut document);
             document.to_string()
         };
         match self.json {

@@ -88,7 +88,7 @@ impl TuneArgs {
             return Err(Failure::new(Exit::Usage, reason));
         }
         let config = Config::from_settings(&flights.settings)?;
-        // Gains of several laws, tuned one after another, may be in one directory.
+        // The files of one law are named after it, so that several `oqtal tune LAW` can share a directory.
         let own = self.out.as_ref().filter(|_| names.len() == 1);
         let own = own.map(|directory| directory.join(format!("{}.toml", names[0])));
         let output = match given.or(own.as_ref()) {

@@ -8,9 +8,9 @@ use oqtal_control::trajectory::{FlightPlan, StartPoint};
 use oqtal_lab::mission::Mission;
 use oqtal_lab::simulation;
 use oqtal_lab::study::metric::{of_attitude, of_hover, of_path};
-use oqtal_observe::attitude_steps::AttitudeSteps;
 use oqtal_observe::corners::CornerFigures;
 use oqtal_observe::flight::{Flight, FlightSample, Outcome};
+use oqtal_observe::settling::StepSettling;
 use oqtal_observe::summary::Summary;
 use oqtal_observe::table::closing;
 
@@ -72,7 +72,7 @@ fn a_doublet_is_settled_after_the_last_pose_that_is_off() {
     });
     let [_, settle_s, least_s] = of_attitude(&flight);
     let summary = Summary::of(&flight);
-    let AttitudeSteps { count, settled, settle_s: told_s, .. } = summary.attitude_steps.unwrap();
+    let StepSettling { count, settled, settle_s: told_s, .. } = summary.attitude_steps.unwrap();
     assert!(count > 1 && (settled, told_s) == (count, settle_s), "{settled} of {count}");
     let line = format!("steps of the attitude: {count}, within 1.5 deg after {settle_s:.2} s");
     assert!(closing(&summary).contains(&line), "{line} in\n{}", closing(&summary));
@@ -87,7 +87,7 @@ fn a_doublet_is_settled_after_the_last_pose_that_is_off() {
 #[test]
 fn a_corner_that_does_not_settle_has_no_settling_time() {
     let (mut flight, _) = flown("pid", "square");
-    let all = CornerFigures::of(&flight).unwrap();
+    let all = CornerFigures::of(&flight).unwrap().settling;
     assert!(all.settled == all.count && of_path(&flight)[3] == all.settle_s, "{all:?}");
     // Away from the reference in the scored ticks from the second corner on.
     let references: Vec<_> = flight.scored().map(|s| s.telemetry.reference_position).collect();
@@ -98,7 +98,7 @@ fn a_corner_that_does_not_settle_has_no_settling_time() {
             truth.position = (Vector3::from(reference) + Vector3::z() * 0.2).into();
         }
     }
-    let some = CornerFigures::of(&flight).unwrap();
+    let some = CornerFigures::of(&flight).unwrap().settling;
     assert_eq!((some.count, some.settled), (all.count, 1), "{some:?}");
     assert!(some.settle_s.is_finite() && some.least_settle_s > some.settle_s, "{some:?}");
     assert_eq!(of_path(&flight)[3], f64::INFINITY);

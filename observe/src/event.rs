@@ -99,7 +99,7 @@ impl ChangeInFlight {
 
 /// Text of a request that changes a flight or its settings, with its author and, if it was refused, the reason.
 pub fn of_operator(event: &EventV1) -> String {
-    let EventV1 { program, user, text, reason, point: [x, y, z], yaw, .. } = event;
+    let EventV1 { program, user, text, point: [x, y, z], yaw, .. } = event;
     let command = OperatorCommand::from_code(event.command);
     let what = match command {
         Some(OperatorCommand::Goto) if yaw.is_nan() => format!("{x:.2} {y:.2} {z:.2}"),
@@ -111,11 +111,7 @@ pub fn of_operator(event: &EventV1) -> String {
     let pid = Origin::from_bits(event.process).process();
     let said = format!("operator: {} {what}", word(command)).trim_end().to_owned();
     let said = format!("{said} ({program}, process {pid} of user {user})");
-    match Cause::from_code(event.cause).filter(|_| event.answer == Answer::Refused.code()) {
-        None => said,
-        Some(cause) if reason.is_empty() => format!("{said}: refused, {cause}"),
-        Some(cause) => format!("{said}: refused, {cause}: {reason}"),
-    }
+    event.refusal().map_or_else(|| said.clone(), |refusal| format!("{said}: {refusal}"))
 }
 
 fn word(code: Option<impl ToString>) -> String {

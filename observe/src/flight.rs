@@ -17,8 +17,13 @@ pub use crate::flight_sample::FlightSample;
 use crate::kernel::ProcessUsage;
 use crate::wire::WireRecord;
 
-/// Cause of a flight that the fence held for a time; the cause of one that was landed for it contains the words.
+/// Cause of a flight that the fence held for a time but that landed by itself.
 pub const HELD: &str = "held by the fence";
+
+/// Whether `cause`, of [`Flight::cause`], is a hold by the fence, with or without a landing by the daemon.
+pub fn is_held(cause: &str) -> bool {
+    cause == HELD || cause.ends_with(&Cause::HeldTooLong.to_string())
+}
 
 /// Outcome of a flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -207,7 +212,7 @@ impl Flight {
                 ))
             }
             Outcome::Unfinished if self.armed().next().is_none() => {
-                Some("the record has no flight: the motors were never armed in it".to_owned())
+                Some("nothing was flown: the motors were never armed in this recording".to_owned())
             }
             Outcome::Unfinished => {
                 let when = self.when();

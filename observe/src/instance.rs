@@ -39,7 +39,7 @@ pub struct InstanceModel {
     /// Greatest tracking error since the same instant \[m\].
     pub max_error_m: f64,
     /// Law and trajectory that fly, as told by the daemon; `None` before.
-    pub flown: Option<String>,
+    pub law_and_trajectory: Option<String>,
     /// Events with the time since the observation began, oldest first.
     pub events: VecDeque<(Span, String)>,
     began: Time,
@@ -60,13 +60,20 @@ impl InstanceModel {
             vehicle: None,
             figures: LoopMonitor::new(Time::UNSET),
             max_error_m: 0.0,
-            flown: None,
+            law_and_trajectory: None,
             events: VecDeque::new(),
             began: now,
             timeout,
             processes: [None; _],
             daemon: None,
             condition: None,
+        }
+    }
+
+    /// Stores law and trajectory, if the daemon reported them.
+    pub fn note_law(&mut self, reported: Option<String>) {
+        if reported.is_some() {
+            self.law_and_trajectory = reported;
         }
     }
 

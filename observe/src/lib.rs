@@ -14,14 +14,14 @@
 //! | `event.rs` | events as text |
 //! | `flight.rs` | a recorded flight |
 //! | `flight_sample.rs` | one tick of a flight |
-//! | `flown.rs` | law, trajectory and changed settings, asked of the daemon |
+//! | `law_query.rs` | law, trajectory and changed settings, asked of the daemon |
 //! | `nearest.rs` | joins ticks with the samples nearest in time |
 //! | `summary.rs` | figures of a flight, `summary.json` |
 //! | `latency.rs` | latency by hops, from capture to effect |
 //! | `command_path.rs` | path of commands to the vehicle |
 //! | `wire.rs` | figures of the wire to a vehicle |
 //! | `crash.rs` | detection of crashes |
-//! | `corners.rs`, `attitude_steps.rs` | figures at the corners of a path, and of a prescribed attitude |
+//! | `corners.rs`, `attitude_steps.rs`, `settling.rs` | figures at the corners of a path, and of a prescribed attitude; settling after steps |
 //! | `fault.rs` | faults and disturbances of a flight |
 //! | `table.rs` | the closing table in the terminal |
 //! | `explain.rs` | explanations of the terms of the closing table |
@@ -46,10 +46,10 @@ pub mod explain;
 pub mod fault;
 pub mod flight;
 pub mod flight_sample;
-pub mod flown;
 pub mod instance;
 pub mod kernel;
 pub mod latency;
+pub mod law_query;
 pub mod loop_monitor;
 pub mod mat;
 pub mod nearest;
@@ -61,6 +61,7 @@ pub mod provenance;
 pub mod recorder;
 pub mod recording;
 pub mod report;
+pub mod settling;
 pub mod sink;
 pub mod status;
 pub mod summary;

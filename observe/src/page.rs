@@ -1,5 +1,9 @@
 //! HTML pages in the style of the flight report.
 
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use crate::plot::palette;
@@ -11,9 +15,10 @@ const SCRIPT: &str = include_str!("page.js");
 /// Beginning of every page.
 const BEGINNING: &[u8] = br#"<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><meta name="generator" content="oqtal">"#;
 
-/// Whether `content` is that of a page made by [`page`].
-pub fn is_page(content: &[u8]) -> bool {
-    content.starts_with(BEGINNING)
+/// Whether the file at `path` is a page made by [`page`].
+pub fn is_page(path: &Path) -> bool {
+    let mut start = [0; BEGINNING.len()];
+    File::open(path).and_then(|mut file| file.read_exact(&mut start)).is_ok() && start == *BEGINNING
 }
 
 /// A complete HTML document in the style of the reports, with the style sheet `style` appended.
@@ -50,9 +55,13 @@ mod tests {
 
     #[test]
     fn a_page_is_recognised() {
-        assert!(is_page(page("title", "", &html! { p { "text" } }).as_bytes()));
-        assert!(!is_page(
-            b"<!DOCTYPE html><html lang=\"en\"><head><meta charset=\"utf-8\"></head></html>"
-        ));
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let is_page_of = |content: &str| {
+            std::fs::write(file.path(), content).unwrap();
+            is_page(file.path())
+        };
+        assert!(is_page_of(&page("title", "", &html! { p { "text" } })));
+        assert!(!is_page_of("<!DOCTYPE html><html lang=\"en\"><head></head></html>"));
+        assert!(!is_page_of("short"));
     }
 }

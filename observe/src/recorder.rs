@@ -100,7 +100,7 @@ impl Recorder {
     }
 
     /// Whether the vehicle was armed in a tick.
-    pub fn has_flown(&self) -> bool {
+    pub fn was_armed(&self) -> bool {
         self.flown
     }
 
@@ -276,7 +276,7 @@ impl Recorder {
     }
 }
 
-/// Whether the request changes the course of the present flight alone.
+/// Whether the request changes the course of the current flight only, and no settings.
 fn changes_course(event: &EventV1) -> bool {
     use OperatorCommand::{Goto, Hover, Trajectory};
     matches!(OperatorCommand::from_code(event.command), Some(Goto | Hover | Trajectory))

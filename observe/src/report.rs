@@ -148,7 +148,7 @@ fn flight_figures(summary: &Summary) -> Vec<KeyFigure> {
     figures.extend(summary.corners.as_ref().map(|corners| {
         let detail = format!(
             "settled {}; {:.0} % of the position error is the way there",
-            corners.settling(),
+            corners.settling_text(),
             1e2 * corners.approach_share
         );
         ("Overshoot at corners", unit::length(corners.overshoot_m), detail)

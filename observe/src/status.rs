@@ -21,7 +21,7 @@ pub struct InstanceStatus {
     pub position: Option<([f64; 3], f64)>,
 }
 
-/// Time since the last pose above which its position is not the present one \[s\].
+/// Age of a pose above which its position is shown as old \[s\].
 pub const OLD_POSITION_S: f64 = 1.0;
 
 impl InstanceStatus {

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use crate::attitude_steps::AttitudeSteps;
+use crate::attitude_steps::attitude_steps;
 use crate::latency::{Distribution, DistributionSummary};
 use nalgebra::Vector3;
 use oqtal_bus::code::{HandoverCause, SafetyState};
@@ -20,6 +20,7 @@ use crate::fault::{AppliedDisturbance, InjectedFault};
 use crate::flight::{AnswerCounts, Flight, FlightSample, Outcome};
 use crate::kernel::ProcessUsage;
 use crate::provenance::Provenance;
+use crate::settling::StepSettling;
 use crate::wire::WireFigures;
 
 /// Maximum number of safety states listed by name \[-\].
@@ -92,7 +93,7 @@ pub struct Summary {
     /// Figures at the corners; `None` for a path without corners.
     pub corners: Option<CornerFigures>,
     /// Settling after the steps of an `attitude-doublet`; `None` for another trajectory.
-    pub attitude_steps: Option<AttitudeSteps>,
+    pub attitude_steps: Option<StepSettling>,
     /// Integral of the norm of sticks \[s\] or torque \[N m s\] over the scored window, Table II.
     pub effort: Option<f64>,
     pub riccati_solves: u64,
@@ -161,7 +162,7 @@ impl Summary {
             velocity_error_m_s: scored_figures(flight, FlightSample::velocity_error),
             attitude_error_deg: scored_figures(flight, attitude_error_deg),
             corners: CornerFigures::of(flight),
-            attitude_steps: AttitudeSteps::of(flight),
+            attitude_steps: attitude_steps(flight),
             effort: effort(flight),
             riccati_solves: last.riccati_solves,
             speed_factor: flight.speed_factor,

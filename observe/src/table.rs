@@ -4,6 +4,7 @@ use crate::explain::wrapped;
 use crate::latency::{DistributionSummary, NAMES};
 use comfy_table::{CellAlignment, Table, presets};
 
+use crate::attitude_steps::settling_text;
 use crate::corners::CornerFigures;
 use crate::flight::Outcome;
 use crate::kernel::ProcessUsage;
@@ -26,7 +27,7 @@ pub fn closing(summary: &Summary) -> String {
     text += &summary.held().map_or_else(String::new, |held| format!("{held}\n"));
     text += &summary.corners.as_ref().map_or_else(String::new, corners);
     text += &summary.attitude_steps.map_or_else(String::new, |steps| {
-        format!("steps of the attitude: {}, {}\n", steps.count, steps.settling())
+        format!("steps of the attitude: {}, {}\n", steps.count, settling_text(&steps))
     });
     if let Some(latencies) = latencies(summary) {
         text += &format!("{latencies}\n");
@@ -73,15 +74,16 @@ fn errors(summary: &Summary) -> Option<Table> {
 
 /// The figures at the corners in two lines: of the position error, how much is the step of the reference, not the law.
 fn corners(corners: &CornerFigures) -> String {
-    let CornerFigures { count, step_m, overshoot_m, .. } = corners;
+    let CornerFigures { settling, step_m, overshoot_m, .. } = corners;
     let settled = match corners.settled_error_m {
         error if error.is_nan() => "never settled".to_owned(),
         error => format!("{:.1} mm once settled", 1e3 * error),
     };
     format!(
-        "corners: {count} of {step_m:.2} m, {}, overshoot {:.0} mm;\n\
+        "corners: {} of {step_m:.2} m, {}, overshoot {:.0} mm;\n\
          position error: {:.0} % is the way to the corner, {settled}\n",
-        corners.settling(),
+        settling.count,
+        corners.settling_text(),
         1e3 * overshoot_m,
         1e2 * corners.approach_share
     )

@@ -80,7 +80,7 @@ pub fn land(address: &AddressedInstance) -> Result<ControlResponseV1, Failure> {
 }
 
 fn silent_text(paths: &InstancePaths) -> String {
-    format!("land: {}; a flight that begins now is not called off", silent(paths).message)
+    format!("land: {}; a flight that begins from now on is not prevented", silent(paths).message)
 }
 
 /// Requests a landing on a separate thread, as the owner of the instance. `is_signalled` once the daemon was signalled.

@@ -91,7 +91,7 @@ impl Reached {
             return Failure::new(Exit::Permission, message);
         }
         let mut lines = vec![nobody, format!("  searched: all processes; {}", self.searched())];
-        lines.extend(self.others.iter().map(|other| format!("  runs: {}", place_of(other))));
+        lines.extend(self.others.iter().map(|other| format!("  running: {}", place_of(other))));
         Failure::new(Exit::Peer, lines.join("\n"))
     }
 

@@ -119,10 +119,10 @@ impl ControlReport {
             }
             Some(Cause::TakeOff) => "repeat it once the vehicle has taken off",
             Some(Cause::OtherConfig) if Some(response.config_hash) == expected.or(Some(0)) => {
-                "`undo` takes the last change back, `arm` without --config flies with them"
+                "`oqtal ctl undo` takes the last change back, `oqtal ctl arm` without --config flies with the changed settings"
             }
             Some(Cause::OtherConfig) => &format!(
-                "the daemon runs with the hash {:016x}, that of the file is {:016x}, as `oqtal check` prints it",
+                "the configuration hash of the daemon is {:016x}, that of the file is {:016x} (`oqtal check FILE` prints it)",
                 response.config_hash,
                 expected.unwrap_or(0)
             ),

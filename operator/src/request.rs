@@ -84,14 +84,14 @@ pub fn silent(paths: &InstancePaths) -> Failure {
 
 /// Failure of a command to the instance at `paths`: names its process, of those that `is_meant` selects, under this root or another.
 fn no_answer(paths: &InstancePaths, is_meant: impl Fn(&ObeyingProcess) -> bool) -> Failure {
-    let instance = &paths.instance;
+    let (instance, place) = (&paths.instance, place(paths));
     let (all, others): (Vec<_>, Vec<_>) =
         ObeyingProcess::all().into_iter().partition(|process| process.is_of_instance(instance));
     let running: Vec<_> = all.iter().filter(|process| is_meant(process)).collect();
     if let Some(process) = running.iter().find(|process| process.is_under(paths)) {
         let message = format!(
             "{} of instance `{instance}` runs, but cannot be reached: it is starting, or files of the instance were removed, after which \
-             it lands and ends; `oqtal ctl stop --instance {instance}` reaches it",
+             it lands and ends; `oqtal ctl stop {place}` reaches it",
             name_of(process)
         );
         return Failure::new(Exit::Peer, message);
@@ -100,25 +100,37 @@ fn no_answer(paths: &InstancePaths, is_meant: impl Fn(&ObeyingProcess) -> bool) 
     if let Some(vehicle) = all.iter().find(|process| process.is_vehicle && process.is_under(paths))
     {
         let message = format!(
-            "{nobody}, but {} runs: the vehicle may fly, `oqtal ctl stop --instance {instance}` stops its motors; \
+            "{nobody}, but {} runs: the vehicle may fly, `oqtal ctl stop {place}` stops its motors; \
              `{}` starts a daemon",
             name_of(vehicle),
-            start_daemon(paths, &format!("--instance {instance}"))
+            start_daemon(paths)
         );
         return Failure::new(Exit::Peer, message);
     }
     let Some(&process) = running.first() else {
-        let start = start_daemon(paths, &format!("--instance {instance}"));
-        let mut lines =
-            vec![format!("{nobody}; start one with `{start}`, and its --config if any")];
-        lines.extend(others.iter().map(|other| format!("  runs: {}", place_of(other))));
+        let mut remedy = format!("start one with `{}`", start_daemon(paths));
+        if !paths.config().is_file() {
+            remedy += ", with the --config of the instance if it has one";
+        }
+        let mut lines = vec![format!("{nobody}; {remedy}")];
+        lines.extend(others.iter().map(|other| format!("  running: {}", place_of(other))));
         return Failure::new(Exit::Peer, lines.join("\n"));
     };
     runs_elsewhere(process, paths, &nobody)
 }
 
-/// Command that starts a daemon of the instance at `paths`, `place` in flags, with the configuration of the one before if that is left.
-pub fn start_daemon(paths: &InstancePaths, place: &str) -> String {
+/// Flags of a command that address the instance at `paths`.
+pub fn place(paths: &InstancePaths) -> String {
+    let InstancePaths { instance, root } = paths;
+    match InstancePaths::new(instance, None).is_ok_and(|default| default == *paths) {
+        true => format!("--instance {instance}"),
+        false => format!("--instance {instance} --root {}", quoted(&root.display().to_string())),
+    }
+}
+
+/// Command that starts a daemon of the instance at `paths`, with the configuration of the one before if that is left.
+pub fn start_daemon(paths: &InstancePaths) -> String {
+    let place = place(paths);
     let file = Some(paths.config()).filter(|file| file.is_file());
     let config = file.map(|file| format!(" --config {}", quoted(&file.display().to_string())));
     format!("oqtal daemon run{} {place}", config.unwrap_or_default())

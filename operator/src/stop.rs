@@ -23,7 +23,7 @@ use oqtal_runtime::program::beside;
 use serde::Serialize;
 
 use crate::reach::{AddressedInstance, Reached, name_of};
-use crate::request::start_daemon;
+use crate::request::{place, start_daemon};
 
 /// Time after which the report is printed.
 const REPORT_TIMEOUT: Span = Span::from_millis(950);
@@ -88,7 +88,7 @@ impl Unconfirmed {
                  repeat to know"
             }
             Self::Ended => {
-                "the vehicle's process has ended since: the instance is ending, and no command reaches the vehicle any more"
+                "the vehicle's process has ended meanwhile; no command reaches the vehicle any more"
             }
         }
     }
@@ -116,7 +116,7 @@ pub fn raise(address: &AddressedInstance) -> Result<ObeyedStop, Failure> {
     let mut reached = Reached::find(address);
     let (raised, mut paths) = raise_words(&mut reached)?;
     // Before the processes end, as those of `oqtal fly` do.
-    let mut again = fly_again(address, &reached);
+    let mut again = fly_again(&reached);
     let answers = ask_daemon(&reached.paths);
     let (report, answer) = await_obedience(&raised, &reached, &answers, give_up);
     paths.push(format!("control service: {}", said(&answer)));
@@ -128,7 +128,7 @@ pub fn raise(address: &AddressedInstance) -> Result<ObeyedStop, Failure> {
             raised.withdraw();
             return Err(nobody(&reached));
         }
-        again = fly_again(address, &present);
+        again = fly_again(&present);
     }
     let (arm_again, start_again) = again;
     Ok(ObeyedStop {
@@ -160,7 +160,7 @@ fn raise_words(reached: &mut Reached) -> Result<(RaisedStops, Vec<String>), Fail
 fn nobody(reached: &Reached) -> Failure {
     let instance = &reached.paths.instance;
     let text = format!(
-        "stop: no process of oqtal runs on instance `{instance}`: nothing to stop; a flight that begins now is not called off"
+        "stop: no process of oqtal runs on instance `{instance}`: there is nothing to stop; a flight that begins from now on is not prevented"
     );
     reached.nobody("stop", text)
 }
@@ -224,16 +224,12 @@ fn said(answer: &DaemonAnswer) -> &str {
 
 /// The command of the next flight: the one that started the processes and ends with this flight, or the one that arms again; and the
 /// command that starts a daemon before it, if none runs.
-fn fly_again(address: &AddressedInstance, reached: &Reached) -> (String, Option<String>) {
+fn fly_again(reached: &Reached) -> (String, Option<String>) {
     if let Some(command) = reached.processes.iter().find_map(ObeyingProcess::started_by) {
         return (command, None);
     }
-    let InstancePaths { instance, root } = &reached.paths;
-    let is_other_root = address.has_root || *root != address.paths.root;
-    let root = if is_other_root { format!(" --root {}", root.display()) } else { String::new() };
-    let place = format!("--instance {instance}{root}");
-    let daemon = (!reached.has_daemon()).then(|| start_daemon(&reached.paths, &place));
-    (format!("oqtal ctl arm {place}"), daemon)
+    let daemon = (!reached.has_daemon()).then(|| start_daemon(&reached.paths));
+    (format!("oqtal ctl arm {}", place(&reached.paths)), daemon)
 }
 
 impl RaisedStops {

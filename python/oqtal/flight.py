@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import polars as pl
     from matplotlib.figure import Figure
 
-#: Most flights that a law may fly one within the other: each needs the stack of the thread.
+#: Maximum nesting of flights, by laws that call `fly`: each level uses the stack of the thread.
 MOST_NESTED = 8
 _nested = threading.local()
 #: Columns of words; all others are numbers.
@@ -88,8 +88,10 @@ class Flight:
             raise DataError(f"{file}: {error}; give telemetry.csv or a recording") from error
         if "t_s" not in head:
             raise DataError(f"{file} has no column t_s: it is not the telemetry of a flight")
-        if cut := next((number for number, row in enumerate(rows, 2) if len(row) != len(head)), None):
-            raise DataError(f"{file}:{cut}: the line is cut off; read the recording, or delete the line")
+        for number, row in enumerate(rows, 2):
+            if len(row) != len(head):
+                count = f"{len(row)} cells instead of {len(head)}, as of a line that was cut off"
+                raise DataError(f"{file}:{number}: {count}; read the recording, or delete the line")
         try:
             cells = zip(*rows, strict=True) if rows else [()] * len(head)
             columns = {name: _column(name, values) for name, values in zip(head, cells, strict=True)}
@@ -205,7 +207,7 @@ class Flight:
             new = Path(directory.name) / file.name
             again = self._repeat(str(new))
             if json.loads(again.summary())["trajectory_hash"] != self.summary["trajectory_hash"]:
-                raise DataError(f"{file}: the flight is another one now: its recording was replaced, or its law has changed")
+                raise DataError(f"{file}: the flight is another one now: the recording that was read, or a file such as way-points, has changed")
             try:
                 new.replace(file)
             except OSError as error:
@@ -316,7 +318,7 @@ def fly(
     warn(call)
     nested = getattr(_nested, "flights", 0)
     if nested >= MOST_NESTED:
-        raise UsageError(f"the law flies its own flights, nested {nested} times; let it call oqtal.fly with another law")
+        raise UsageError(f"oqtal.fly is nested {nested} times: the law flies itself; fly another law inside it")
     _nested.flights = nested + 1
     try:
         native = _native.fly(call, file, adapter)

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 #: Time without a message after which a stream has ended [s].
 SILENCE_S = 2.0
-#: Time without any message after which an observation for a shorter time than that has failed, too [s].
-FIRST_S = 0.5
+#: An observation shorter than its time-out fails if it lasted longer than this without a single message [s].
+MIN_SILENCE_S = 0.5
 #: Longest wait between two looks at the clock [s].
 SLICE_S = 0.1
 
@@ -39,7 +39,7 @@ class Observation(Iterator[dict[str, Any]]):
 
     def __init__(self, native: _native.Observation, seconds: float, timeout: float | None, subject: str) -> None:
         self._native = native
-        # The messages until then wait, also for a reader that comes later.
+        # The native side buffers messages until then, even if nobody reads yet.
         self._end = time.monotonic() + seconds
         self._timeout = timeout
         self._subject = subject
@@ -68,7 +68,7 @@ class Observation(Iterator[dict[str, Any]]):
             is_over = now >= self._end
             if self._timeout is not None and time.monotonic() - asked_at > self._timeout:
                 raise self._silent(self._timeout)
-        if self._timeout is not None and self._is_empty and not self._is_closed and now - asked_at > FIRST_S:
+        if self._timeout is not None and self._is_empty and not self._is_closed and now - asked_at > MIN_SILENCE_S:
             raise self._silent(now - asked_at)
         self.close()
         raise StopIteration

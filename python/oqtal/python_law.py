@@ -208,7 +208,7 @@ class LawAdapter:
         try:
             return self._answer(numbers, flown, time_s)
         except Exception as error:
-            # Formatted by the library: the text of an exception may fail.
+            # `str(error)` may itself raise; `traceback` handles that.
             text = "".join(traceback.format_exception_only(error)).strip()
             message = str(error) if isinstance(error, LawError) else f"the law raised {text}"
             cause = error.__cause__ if isinstance(error, LawError) else error

@@ -191,14 +191,14 @@ class Identification:
     def table(self) -> Table:
         """The parameters: value, half the width of the 95 % interval, value of the configuration.
 
-        The flights do not show a parameter with an entry in ``missing``: its value is NaN, and is not written.
+        A parameter that the flights did not determine has an entry in ``missing`` and the value NaN, and is not written by ``save``.
         """
         findings = self.document["findings"]
         text = ("name", "key", "unit", "missing")
         columns: dict[str, Any] = {name: [finding[name] or "" for finding in findings] for name in text}
-        for name in ("value", "half_width", "before"):
+        for name in ("half_width", "before"):
             columns[name] = [np.nan if finding[name] is None else finding[name] for finding in findings]
-        columns["value"] = [np.nan if finding["missing"] else finding["value"] for finding in findings]
+        columns["value"] = [np.nan if finding["missing"] or finding["value"] is None else finding["value"] for finding in findings]
         order = ("name", "value", "half_width", "before", "unit", "key", "missing")
         return Table({name: columns[name] for name in order})
 
@@ -304,8 +304,10 @@ def tune(
     report = _progress(progress)
     search = (integer("budget", budget, 1), integer("seed", seed), optimiser)
     drawn = None if spread is None else os.fspath(spread)
-    found = _native.tune(call, target, search, flights, drawn, report, integer("threads", threads, 0, 1024))
-    warn_of_study(4)
+    try:
+        found = _native.tune(call, target, search, flights, drawn, report, integer("threads", threads, 0, 1024))
+    finally:
+        warn_of_study(4)
     values, on_a_bound, objective, start, toml = found
     return Tuned(dict(values), on_a_bound, objective, start, toml)
 
@@ -326,14 +328,17 @@ def _fly(
     if not conditions:
         raise UsageError("nothing to fly; give at least one seed")
     if client is None:
-        table = Table(_native.study(call, names, gains, conditions, _progress(progress), threads))
-        warn_of_study()
-        return table
+        try:
+            return Table(_native.study(call, names, gains, conditions, _progress(progress), threads))
+        finally:
+            warn_of_study()
     if progress is not False or threads:
         raise UsageError("progress and threads are those of this machine; leave them out, and look at the client's dashboard")
     # Files, gains and environment are those of this machine.
-    chosen = _native.resolved(call, names, gains)
-    warn_of_study()
+    try:
+        chosen = _native.resolved(call, names, gains)
+    finally:
+        warn_of_study()
     count = max(1, TASKS_PER_WORKER * len(client.scheduler_info()["workers"]) // len(chosen))
     length = -(-len(conditions) // count)
     parts = [conditions[start : start + length] for start in range(0, len(conditions), length)]

@@ -32,7 +32,7 @@ use pyo3::prelude::*;
 #[pymodule]
 fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     error::install_panic_hook();
-    // NumPy is loaded here: in a later call a signal could interrupt it.
+    // Loads NumPy now: during a later call, a signal could interrupt the import.
     PyArray1::<f64>::zeros(module.py(), 0, false);
     module.add("VERSION", env!("CARGO_PKG_VERSION"))?;
     module.add("REVISION", env!("REVISION_OF_OQTAL"))?;

@@ -8,8 +8,8 @@ use oqtal_bus::bus::Bus;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
-use oqtal_observe::flown::FlownQuery;
 use oqtal_observe::instance::InstanceModel;
+use oqtal_observe::law_query::LawQuery;
 use oqtal_observe::observer::BusObserver;
 use oqtal_runtime::health::SILENCE;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths, stop_on_signals};
@@ -53,8 +53,8 @@ impl MonitorArgs {
         let observer = BusObserver::open(&bus, &InstanceModel::topics())?;
         let model = MonitorModel::new(&config.instance.name, Time::now());
         let request = (request, paths);
-        let flown = FlownQuery::default();
-        let mut watch = Watch { bus, observer, model, flown, look: self.look(), end, request };
+        let law_query = LawQuery::default();
+        let mut watch = Watch { bus, observer, model, law_query, look: self.look(), end, request };
         watch.find()?;
         watch.run()?;
         Ok(Exit::Ok)
@@ -84,7 +84,7 @@ struct Watch {
     bus: Bus,
     observer: BusObserver,
     model: MonitorModel,
-    flown: FlownQuery,
+    law_query: LawQuery,
     look: ScreenLook,
     end: StopFlag,
     /// Executor of requests, and the paths of the instance.
@@ -145,8 +145,8 @@ impl Watch {
     fn poll(&mut self) -> Result<(), Failure> {
         let now = Time::now();
         self.model.advance(now);
-        let flown = self.flown.poll(&self.bus, now);
-        self.model.instance.flown = flown.or(self.model.instance.flown.take());
+        let reported = self.law_query.poll(&self.bus, now);
+        self.model.instance.note_law(reported);
         Ok(self.observer.poll(now, &mut self.model)?)
     }
 }

@@ -75,7 +75,7 @@ fn mode(model: &InstanceModel) -> StatusLine {
     let label = "mode";
     let Some(tick) = present(model) else { return line(label, "-", Weight::Plain) };
     let mode = DaemonCondition::of(&tick).mode_text();
-    let flown = model.flown.iter().map(|flown| format!(", {flown}")).collect::<String>();
+    let flown = model.law_and_trajectory.iter().map(|text| format!(", {text}")).collect::<String>();
     if tick.mission_s.is_finite() {
         let text = format!("{mode}, mission {:.1} s{flown}", tick.mission_s);
         return line(label, text, Weight::Plain);

@@ -63,8 +63,8 @@ pub fn preemption(system: &System) -> Option<Finding> {
             dynamic
         } else {
             dynamic.advise(
-                "sudo mount -t debugfs none /sys/kernel/debug; echo full | sudo tee /sys/kernel/debug/sched/preempt # the first only if it \
-                 is not mounted; or boot with preempt=full",
+                "mountpoint -q /sys/kernel/debug || sudo mount -t debugfs none /sys/kernel/debug; echo full | \
+                 sudo tee /sys/kernel/debug/sched/preempt # or boot with preempt=full",
             )
         });
     }

@@ -134,7 +134,7 @@ impl FlightDirectory {
     /// Writes summary, report and telemetry of the flight.
     ///
     /// # Errors
-    /// A file cannot be written; what was recorded is then the remedy.
+    /// A file cannot be written; the message then names the command that makes the report from the recording.
     pub fn write(&self, flight: &Flight, summary: &Summary) -> Result<(), Failure> {
         let written = self.write_results(flight, summary);
         written.map_err(|failure| match self.recording().exists() {

@@ -137,8 +137,10 @@ impl FlightRecording<'_> {
         if !recorder.wire().answered() && timeout.is_some_and(|timeout| flown >= timeout) {
             return Err(self.link.never_answered());
         }
-        if self.mission.recording.is_none() && is_called_off(recorder) {
-            return Err(called_off(", or its vehicle or its daemon was replaced"));
+        if self.mission.recording.is_none() && has_lost_request(recorder) {
+            return Err(called_off(
+                "an operator asked to land, disarm or stop, or the vehicle or the daemon was replaced",
+            ));
         }
         // A flight that an operator changes has no planned end; a replay has none either, and ends with its recording.
         let is_open = self.mission.recording.is_none()
@@ -146,9 +148,9 @@ impl FlightRecording<'_> {
         if is_open {
             state.open_at = Some(state.now);
         }
-        // The outcome is known a little after the landing.
-        let has_ended = state.open_at.is_none_or(|at| state.now.since(at) >= LANDED_WITHIN);
-        let is_late = has_ended && flown >= self.mission.timeout();
+        // After the last change of an operator's flight, the landing and its outcome need some time.
+        let has_planned_end = state.open_at.is_none_or(|at| state.now.since(at) >= LANDED_WITHIN);
+        let is_late = has_planned_end && flown >= self.mission.timeout();
         let is_over = state.recorder.outcome().is_some()
             || is_late && (is_virtual || self.has_landed_late(state)?);
         Ok(is_over && self.motors_rest(state))
@@ -274,7 +276,9 @@ fn request_flight(
         match client.ask(request, Span::from_millis(200))? {
             Some(response) if response.answer == Answer::Refused.code() => {
                 return Err(match Cause::from_code(response.cause) {
-                    Some(Cause::Operator) => called_off(""),
+                    Some(Cause::Operator) => {
+                        called_off("an operator asked to land, disarm or stop")
+                    }
                     cause => {
                         let message = format!("the daemon refuses to fly: {}", word(cause));
                         Failure::new(Exit::Flight, message)
@@ -292,20 +296,18 @@ fn request_flight(
     Err(Failure::new(Exit::Peer, "the daemon never answered; see daemon.log beside the report"))
 }
 
-/// Whether the daemon does not wait for the requested flight any more, which has not begun.
-fn is_called_off(recorder: &Recorder) -> bool {
+/// Whether the daemon is disarmed again although the requested flight has not begun.
+fn has_lost_request(recorder: &Recorder) -> bool {
     let is_disarmed = |sample: &FlightSample| sample.telemetry.mode == Mode::Disarmed.code();
     recorder.outcome().is_none()
-        && !recorder.has_flown()
+        && !recorder.was_armed()
         && recorder.samples().len() >= STARTED_TICKS
         && recorder.latest().is_some_and(is_disarmed)
 }
 
-/// Failure of a flight that was called off, by an operator or for the reasons in `others`.
-fn called_off(others: &str) -> Failure {
-    let message = format!(
-        "called off before the take-off: an operator asked to land, to disarm or to stop{others}"
-    );
+/// Failure of a flight that was called off.
+fn called_off(reason: &str) -> Failure {
+    let message = format!("the flight was called off before the take-off: {reason}");
     Failure::new(Exit::Flight, message)
 }
 

@@ -71,9 +71,9 @@ impl LiveView {
         }
     }
 
-    /// Takes law and trajectory that fly, if the daemon told them.
-    pub fn take_flown(&mut self, flown: Option<String>) {
-        self.instance.flown = flown.or(self.instance.flown.take());
+    /// Stores law and trajectory, if the daemon reported them.
+    pub fn note_law(&mut self, reported: Option<String>) {
+        self.instance.note_law(reported);
     }
 
     /// Rows and events since the last call, and the status if it is due.
@@ -98,7 +98,7 @@ impl LiveView {
             processes: status.processes,
             vehicle: status.vehicle,
             obstacles: obstacles.iter().map(|obstacle| obstacle.to_string()).collect(),
-            flown: self.instance.flown.clone(),
+            flown: self.instance.law_and_trajectory.clone(),
             silence_s: tick.map(|tick| now.since(tick.received_at).seconds()),
         }
     }

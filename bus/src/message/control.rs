@@ -4,7 +4,7 @@ use super::definition::{message, structure};
 use super::field::{Field, Value, total_size};
 use super::header::HEADER_SCHEMA;
 use super::schema::{Message, schema};
-use crate::code::OperatorCommand;
+use crate::code::{Answer, Cause, OperatorCommand};
 use crate::origin::Origin;
 use crate::text::{LongText, ShortText};
 use crate::time::Time;
@@ -108,5 +108,17 @@ message! {
         text: LongText ["text"],
         /// Reason of a refusal.
         reason: LongText ["text"],
+    }
+}
+
+impl EventV1 {
+    /// Cause and reason of a refusal as text; `None` for a request that was not refused.
+    pub fn refusal(&self) -> Option<String> {
+        let is_refused = self.answer == Answer::Refused.code();
+        let cause = Cause::from_code(self.cause).filter(|_| is_refused)?;
+        Some(match self.reason.is_empty() {
+            true => format!("refused, {cause}"),
+            false => format!("refused, {cause}: {}", self.reason),
+        })
     }
 }

@@ -26,7 +26,7 @@ pub(super) struct ModeConditions {
     /// The daemon observes a recording and commands nothing.
     pub(super) observes: bool,
     /// A flight begins without an operator.
-    pub(super) auto_takeoff: bool,
+    pub(super) automatic: bool,
     /// A requested flight begins with this tick or not at all: poses were good at the operator's request.
     pub(super) now_or_never: bool,
     /// The mission lands.
@@ -63,7 +63,7 @@ const TRANSITIONS: [ModeTransition; 9] = {
     use ModeAction::{BeginFlight, BeginObservation, EndFlight, None};
     use ModeTransition as T;
     [
-        T { from: Disarmed, to: Flying, when: |c| c.is_nominal && c.is_ready && c.auto_takeoff, action: BeginFlight },
+        T { from: Disarmed, to: Flying, when: |c| c.is_nominal && c.is_ready && c.automatic, action: BeginFlight },
         T { from: Disarmed, to: Flying, when: |c| c.is_nominal && c.observes, action: BeginObservation },
         T { from: Waiting, to: Flying, when: |c| c.is_nominal && c.is_ready, action: BeginFlight },
         T { from: Waiting, to: Disarmed, when: |c| c.now_or_never && (c.is_fresh || c.is_blind), action: None },
@@ -93,7 +93,7 @@ mod tests {
         is_fresh: true,
         is_ready: true,
         observes: false,
-        auto_takeoff: false,
+        automatic: false,
         now_or_never: false,
         lands: false,
         has_landed: false,
@@ -104,7 +104,7 @@ mod tests {
         assert_eq!(transition(Mode::Disarmed, &QUIET), None);
         let begins = Some((Mode::Flying, ModeAction::BeginFlight));
         assert_eq!(transition(Mode::Waiting, &QUIET), begins);
-        let automatic = ModeConditions { auto_takeoff: true, ..QUIET };
+        let automatic = ModeConditions { automatic: true, ..QUIET };
         assert_eq!(transition(Mode::Disarmed, &automatic), begins);
         for not_now in [
             ModeConditions { is_nominal: false, ..automatic },

@@ -1,6 +1,6 @@
 //! Requests of operators and conditions of other processes that change the mode in the next tick.
 
-use super::auto_takeoff::AutoTakeoff;
+use super::first_flight::FirstFlight;
 
 /// Requests that wait for the next tick. The supervision owns them.
 #[derive(Clone, Copy, Debug, Default)]
@@ -8,7 +8,7 @@ pub(super) struct Requests {
     /// Whether a requested flight begins with the next tick or not at all.
     pub(super) now_or_never: bool,
     /// State of the flight at start-up.
-    pub(super) auto_takeoff: AutoTakeoff,
+    pub(super) first_flight: FirstFlight,
     /// Whether the flight must be stopped.
     pub(super) stop: bool,
     /// Whether another vehicle took the place of the one for which a flight was requested.
@@ -23,46 +23,46 @@ pub(super) struct Requests {
 
 impl Requests {
     /// Cancels the automatic flight at start-up.
-    pub(super) fn cancel_auto_takeoff(&mut self) {
-        if self.auto_takeoff == AutoTakeoff::Pending {
-            self.auto_takeoff = AutoTakeoff::None;
+    pub(super) fn cancel_automatic(&mut self) {
+        if self.first_flight == FirstFlight::Pending {
+            self.first_flight = FirstFlight::None;
         }
     }
 
     /// Records that a flight will be requested, unless it begins by itself.
     pub(super) fn expect_flight(&mut self) {
-        if self.auto_takeoff == AutoTakeoff::None {
-            self.auto_takeoff = AutoTakeoff::Expected;
+        if self.first_flight == FirstFlight::None {
+            self.first_flight = FirstFlight::Expected;
         }
     }
 
     /// Calls off the flight at start-up, if it has not begun; returns whether it is called off.
     pub(super) fn call_off(&mut self) -> bool {
-        if matches!(self.auto_takeoff, AutoTakeoff::Pending | AutoTakeoff::Expected) {
-            self.auto_takeoff = AutoTakeoff::CalledOff;
+        if matches!(self.first_flight, FirstFlight::Pending | FirstFlight::Expected) {
+            self.first_flight = FirstFlight::CalledOff;
         }
         self.is_called_off()
     }
 
     /// Whether an operator called off the flight at start-up.
     pub(super) fn is_called_off(&self) -> bool {
-        self.auto_takeoff == AutoTakeoff::CalledOff
+        self.first_flight == FirstFlight::CalledOff
     }
 
     /// Records that a flight begins.
     pub(super) fn begin_flight(&mut self) {
-        use AutoTakeoff::{CalledOff, Expected, Pending, Started};
-        if let Pending | Expected | CalledOff = self.auto_takeoff {
-            self.auto_takeoff = Started;
+        use FirstFlight::{CalledOff, Expected, Pending, Started};
+        if let Pending | Expected | CalledOff = self.first_flight {
+            self.first_flight = Started;
         }
     }
 
     /// Whether the automatic flight at start-up may begin in this tick: once, and only with a vehicle that reports that it is
     /// simulated. A vehicle that is not simulated cancels it.
-    pub(super) fn check_auto_takeoff(&mut self, is_simulated: Option<bool>) -> bool {
-        if self.auto_takeoff == AutoTakeoff::Pending && is_simulated == Some(false) {
-            self.auto_takeoff = AutoTakeoff::Refused;
+    pub(super) fn begins_automatically(&mut self, is_simulated: Option<bool>) -> bool {
+        if self.first_flight == FirstFlight::Pending && is_simulated == Some(false) {
+            self.first_flight = FirstFlight::Refused;
         }
-        self.auto_takeoff == AutoTakeoff::Pending && is_simulated == Some(true)
+        self.first_flight == FirstFlight::Pending && is_simulated == Some(true)
     }
 }

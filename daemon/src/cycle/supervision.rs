@@ -7,9 +7,9 @@ use oqtal_bus::time::Time;
 use oqtal_config::Config;
 use oqtal_control::trajectory::{Phase, Trajectory};
 
-use super::auto_takeoff::AutoTakeoff;
 use super::control::Directive;
 use super::course::FlightCourse;
+use super::first_flight::FirstFlight;
 use super::intake::Intake;
 use super::mode::{ModeAction, ModeConditions, transition};
 use super::requests::Requests;
@@ -36,11 +36,11 @@ impl FlightSupervision {
         let observe_only = config.safety.observe_only;
         let safety = SafetyMonitor::new(config);
         let is_automatic = config.safety.arm_at_start && !observe_only;
-        let auto_takeoff = if is_automatic { AutoTakeoff::Pending } else { AutoTakeoff::None };
+        let first_flight = if is_automatic { FirstFlight::Pending } else { FirstFlight::None };
         Self {
             observe_only,
             mode: Mode::Disarmed,
-            requests: Requests { auto_takeoff, ..Requests::default() },
+            requests: Requests { first_flight, ..Requests::default() },
             course: FlightCourse::new(config, trajectory, safety.fence().clone()),
             safety,
             obstacles: ArmingObstacles::default(),
@@ -121,7 +121,7 @@ impl FlightSupervision {
     ) {
         let is_another = intake.vehicle().source().is_some_and(|known| known != header.source);
         if is_another && self.mode == Mode::Waiting {
-            self.requests.cancel_auto_takeoff();
+            self.requests.cancel_automatic();
             self.mode = Mode::Disarmed;
             self.requests.vehicle_replaced = true;
         }
@@ -189,7 +189,7 @@ impl FlightSupervision {
             is_fresh,
             is_ready: is_fresh && self.obstacles.is_empty(),
             observes: self.observe_only,
-            auto_takeoff: self.requests.check_auto_takeoff(intake.vehicle().is_simulated()),
+            automatic: self.requests.begins_automatically(intake.vehicle().is_simulated()),
             now_or_never: self.requests.now_or_never,
             lands,
             has_landed,
@@ -365,7 +365,9 @@ impl FlightSupervision {
     /// Calls off a flight that has not begun, also one that is only expected; returns whether there was one.
     fn call_off(&mut self) -> bool {
         let is_waiting = self.mode == Mode::Waiting;
-        self.mode = if is_waiting { Mode::Disarmed } else { self.mode };
+        if is_waiting {
+            self.mode = Mode::Disarmed;
+        }
         self.requests.call_off() || is_waiting
     }
 
@@ -381,13 +383,14 @@ impl FlightSupervision {
     }
 
     fn land(&mut self, now: Time, intake: &mut Intake) -> Result<Answer, Cause> {
-        let is_called_off = self.call_off();
+        if self.call_off() {
+            return Ok(Answer::Done);
+        }
+        if self.is_held(intake) {
+            self.end_flight(intake);
+            return Ok(Answer::Done);
+        }
         match self.mode {
-            _ if is_called_off => Ok(Answer::Done),
-            _ if self.is_held(intake) => {
-                self.end_flight(intake);
-                Ok(Answer::Done)
-            }
             Mode::Flying if !self.observe_only => {
                 self.course.land(now, intake.estimate().position);
                 self.mode = Mode::Landing;

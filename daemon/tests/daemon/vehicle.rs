@@ -9,7 +9,7 @@ use oqtal_bus::message::{CommandV1, Header, PoseV1, VehicleV1};
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_bus::time::Span;
 use oqtal_config::Setting;
-use oqtal_daemon::{AutoTakeoff, Tick};
+use oqtal_daemon::{FirstFlight, Tick};
 
 #[test]
 fn arming_is_refused_while_the_vehicle_is_silent_and_a_flight_that_waits_waits_for_it() {
@@ -242,14 +242,14 @@ fn arming_itself(simulated: u8) -> Bench {
 #[test]
 fn a_daemon_that_arms_at_start_flies_once_and_only_a_simulated_vehicle() {
     for (simulated, outcome, mode) in
-        [(1, AutoTakeoff::Started, Mode::Flying), (0, AutoTakeoff::Refused, Mode::Disarmed)]
+        [(1, FirstFlight::Started, Mode::Flying), (0, FirstFlight::Refused, Mode::Disarmed)]
     {
         let mut bench = arming_itself(simulated);
-        assert_eq!(bench.cycle.auto_takeoff(), AutoTakeoff::Pending);
+        assert_eq!(bench.cycle.first_flight(), FirstFlight::Pending);
         for _ in 0..20 {
             bench.show(still(bench.frame));
         }
-        assert_eq!(bench.cycle.auto_takeoff(), outcome);
+        assert_eq!(bench.cycle.first_flight(), outcome);
         assert_eq!(bench.mode(), Some(mode));
         bench.cycle.request(bench.now, OperatorCommand::Stop);
         bench.vehicle.simulated = 1;
@@ -285,7 +285,7 @@ fn a_flight_at_start_is_called_off_at_any_instant_until_an_operator_arms() {
             assert_eq!(refused.answer, Answer::Refused.code(), "{command}");
             assert_eq!(refused.cause, Cause::Operator.code());
             stays_on_the_ground(&mut bench);
-            assert_eq!(bench.cycle.auto_takeoff(), AutoTakeoff::CalledOff);
+            assert_eq!(bench.cycle.first_flight(), FirstFlight::CalledOff);
             let armed = bench.cycle.request(bench.now, Arm);
             assert_eq!(armed.answer, Answer::Accepted.code(), "{command}");
             bench.show(still(bench.frame));
@@ -322,7 +322,7 @@ fn f18_a_vehicle_swapped_while_a_flight_at_start_waits_does_not_fly_by_itself() 
         (bench.vehicle, bench.source) = (second, 2);
         blind(&mut bench);
         stays_on_the_ground(&mut bench);
-        assert_eq!(bench.cycle.auto_takeoff(), AutoTakeoff::Refused);
+        assert_eq!(bench.cycle.first_flight(), FirstFlight::Refused);
     }
 }
 

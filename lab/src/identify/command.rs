@@ -14,7 +14,7 @@ use super::excitation_flight::{self, ExcitationFlight};
 use super::hidden_plants::{HiddenPlants, study};
 use super::identification::{Scale, identify};
 use super::{overview, page, vehicle_toml};
-use crate::output::{CONFIG, check_free, copy_of, make, next_free, stamp, write};
+use crate::output::{CONFIG, add_provenance, check_free, config_file_text, make, next_free, write};
 use crate::study::args::{say_notes, warn, warnings};
 
 /// Reads the flight of a recording.
@@ -89,7 +89,7 @@ impl IdentifyArgs {
         write(&directory, vehicle, &found)?;
         write(&directory, document, &json)?;
         write(&directory, page, page::html(&identification, &data))?;
-        write(&directory, copy, copy_of(&first.config))?;
+        write(&directory, copy, config_file_text(&first.config))?;
         let [vehicle, page] = [vehicle, page].map(|name| directory.join(name));
         let written = format!("\npage: {}\nwritten: {}", page.display(), vehicle.display());
         let text = overview::text(&identification) + &written;
@@ -119,7 +119,7 @@ impl IdentifyArgs {
         let (json, tables) = (json(&study, &config)?, study.to_markdown());
         if let Some(directory) = &self.out {
             let [document, markdown, copy] = STUDY_FILES;
-            write(directory, copy, copy_of(&config))?;
+            write(directory, copy, config_file_text(&config))?;
             write(directory, document, &json)?;
             write(directory, markdown, &tables)?;
         }
@@ -183,7 +183,7 @@ fn check_interface(config: &Config) -> Result<(), Failure> {
 fn json(value: &impl serde::Serialize, config: &Config) -> Result<String, Failure> {
     let document = serde_json::to_value(value);
     let mut document = document.map_err(|error| Failure::new(Exit::Internal, error.to_string()))?;
-    stamp(&mut document, config);
+    add_provenance(&mut document, config);
     Ok(format!("{document:#}\n"))
 }
 

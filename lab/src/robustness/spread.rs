@@ -171,7 +171,7 @@ impl PlantSpread {
         Self { keys: self.keys.iter().map(key).collect() }
     }
 
-    /// Note on settings of `common` that differ from the shipped ones and that the draws replace, whatever they are.
+    /// Warning of keys that differ from the shipped values although the draws replace them.
     ///
     /// # Errors
     /// A setting is invalid.
@@ -181,14 +181,14 @@ impl PlantSpread {
         let replaced = |SpreadKey { key, form }: &SpreadKey| {
             let Form::Between(low, high) = form else { return None };
             let [own, shipped] = [&own, &shipped].map(|table| value_at(table, key));
-            (own != shipped)
-                .then_some(own?)
-                .map(|own| format!("{key} from {low} to {high}, not about {own}"))
+            (own != shipped).then_some(own?).map(|own| {
+                format!("{key} from {low} to {high}, whatever its configured value ({own})")
+            })
         };
         let replaced: Vec<_> = self.keys.iter().filter_map(replaced).collect();
         Ok((!replaced.is_empty()).then(|| {
             format!(
-                "the spread draws {}; give a --spread of your own (docs/robustness.md)",
+                "the spread draws {}; for draws around these values give a --spread of your own (docs/robustness.md)",
                 replaced.join("; ")
             )
         }))
@@ -316,7 +316,8 @@ mod tests {
         assert_eq!(note("vehicle.rate-lag-ms=50"), None, "the shipped value");
         for section in ["vehicle", "plant"] {
             let replaced = note(&format!("{section}.rate-lag-ms=60")).unwrap();
-            let part = "draws plant.rate-lag-ms from 35 to 80, not about 60.0; give";
+            let part =
+                "draws plant.rate-lag-ms from 35 to 80, whatever its configured value (60.0);";
             assert!(replaced.contains(part), "{replaced}");
         }
     }

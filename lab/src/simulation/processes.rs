@@ -181,7 +181,7 @@ fn daemon<'l>(
     if config.control.is_external() {
         ports.open_exchange(&faulty)?;
     }
-    ports.announce_start(start, false, None)?;
+    ports.announce_start(start, false, false)?;
     let turn = DaemonTurn { ports, cycle, warmup: CacheWarmup::never(), handle, law };
     Ok(faulty.turn(FaultTarget::Daemon, turn))
 }

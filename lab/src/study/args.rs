@@ -142,8 +142,7 @@ pub fn words_of(settings: &[Setting]) -> String {
     words.concat()
 }
 
-/// The command line of this study as it was typed, behind the settings of environment variables, and without the arguments about
-/// its output and the variables of its instance.
+/// The command line of this study after its `OQTAL_` variables, without the arguments of the output and the variables of `[instance]`.
 pub fn command() -> String {
     let is_of_study = |setting: &Setting| !setting.key.starts_with("instance.");
     let variables = environment().into_iter().filter(is_of_study);

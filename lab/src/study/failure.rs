@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use oqtal_config::Setting;
-use oqtal_observe::flight::{HELD, Outcome};
+use oqtal_observe::flight::{Outcome, is_held};
 use serde_json::{Value, json};
 
 use super::Flown;
@@ -140,7 +140,7 @@ pub fn counts(rows: &[Flown]) -> (usize, usize) {
 
 /// Changes with which the flights that the fence held would not be held, one line for each trajectory; empty if it held none.
 pub fn remedies(groups: &[FailedFlights<'_>]) -> String {
-    let held = groups.iter().filter(|group| group.cause.contains(HELD));
+    let held = groups.iter().filter(|group| is_held(group.cause));
     room::remedies(held.map(|group| (group.law, &group.conditions[..], group.test)))
 }
 

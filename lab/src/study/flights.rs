@@ -359,7 +359,7 @@ impl Run {
             Test::Path => {
                 self.figures[test.figures()].copy_from_slice(&of_path(flight));
                 let corners = CornerFigures::of(flight);
-                self.least_settle_s[0] = corners.map_or(f64::NAN, |corners| corners.least_settle_s);
+                self.least_settle_s[0] = corners.map_or(f64::NAN, |it| it.settling.least_settle_s);
                 let last = flight.samples.last();
                 self.riccati_solves = last.map_or(0, |sample| sample.telemetry.riccati_solves);
             }

@@ -149,8 +149,9 @@ fn of_directory(directory: &Path, controller: &str) -> Result<Vec<Setting>, Fail
     let file = directory.join(format!("{controller}.toml"));
     let remedy = |reason: &str, force: &str| {
         let command = format!("oqtal tune {controller} --out {}{force}", directory.display());
-        let text =
-            format!("{reason}; make it with `{command}`, with the configuration of this command");
+        let text = format!(
+            "{reason}; make it with `{command}` and the --config and --set of this command"
+        );
         Failure::new(Exit::Config, text)
     };
     let settings = Config::file_settings(&file).map_err(|error| remedy(&error.to_string(), ""))?;
@@ -198,7 +199,7 @@ pub fn replaced(laws: &[StudyLaw], common: &[Setting]) -> Option<String> {
     }
     (!keys.is_empty()).then(|| {
         format!(
-            "the gains of this study replace {}; fly them with `configured` gains",
+            "--gains replaces your settings of {}; give `configured` gains to keep them",
             keys.join(", ")
         )
     })

@@ -6,7 +6,7 @@ use oqtal_bus::time::Span;
 use oqtal_control::metrics::Statistics;
 use oqtal_control::quaternion::Attitude;
 
-use oqtal_observe::attitude_steps::{AttitudeSteps, prescribed};
+use oqtal_observe::attitude_steps::{attitude_steps, prescribed};
 use oqtal_observe::corners::CornerFigures;
 use oqtal_observe::flight::{Flight, FlightSample};
 
@@ -79,10 +79,8 @@ fn of_scored(statistics: &Statistics, statistic: fn(&Statistics) -> f64) -> f64 
 /// at which its command takes effect, and telemetry shows each of them at that instant.
 pub fn of_path(flight: &Flight) -> [f64; 5] {
     let corners = CornerFigures::of(flight);
-    let [settle_s, overshoot_m] = corners.map_or([f64::NAN; 2], |corners| {
-        let is_settled = corners.settled == corners.count;
-        [if is_settled { corners.settle_s } else { f64::INFINITY }, corners.overshoot_m]
-    });
+    let [settle_s, overshoot_m] =
+        corners.map_or([f64::NAN; 2], |corners| [corners.settling.of_all_s(), corners.overshoot_m]);
     let mut position = Statistics::default();
     flight.scored().for_each(|sample| position.add(sample.position_error().norm()));
     let (mut velocity, mut attitude) = (Statistics::default(), Statistics::default());
@@ -150,9 +148,7 @@ pub fn of_hover(flight: &Flight) -> [f64; 2] {
 pub fn of_attitude(flight: &Flight) -> [f64; 3] {
     let mut rms = Statistics::default();
     prescribed(flight).iter().for_each(|at| rms.add(at.error_deg));
-    let [settle_s, least_s] = AttitudeSteps::of(flight).map_or([f64::NAN; 2], |steps| {
-        let is_settled = steps.settled == steps.count;
-        [if is_settled { steps.settle_s } else { f64::INFINITY }, steps.least_settle_s]
-    });
+    let [settle_s, least_s] = attitude_steps(flight)
+        .map_or([f64::NAN; 2], |steps| [steps.of_all_s(), steps.least_settle_s]);
     [of_scored(&rms, Statistics::rms), settle_s, least_s]
 }

@@ -8,16 +8,16 @@ use oqtal_bus::time::{Span, Time};
 
 /// Time between two questions of an observer.
 const PERIOD: Span = Span::from_millis(1000);
-/// Time within which the daemon answers an observer; its background thread does, never its loop.
+/// Time-out of the question; the daemon's background thread answers it, not its loop.
 const TIMEOUT: Span = Span::from_millis(50);
 
-/// Repeated question of an observer.
+/// Asks the daemon for its law and trajectory, at most once a second.
 #[derive(Debug, Default)]
-pub struct FlownQuery {
+pub struct LawQuery {
     asked_at: Option<Time>,
 }
 
-impl FlownQuery {
+impl LawQuery {
     /// Law and trajectory as text, at most once a second; `None` in between, and if no daemon answers.
     pub fn poll(&mut self, bus: &Bus, now: Time) -> Option<String> {
         if self.asked_at.is_some_and(|at| now.since(at) < PERIOD) {

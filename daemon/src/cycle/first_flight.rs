@@ -1,0 +1,20 @@
+//! The first flight of a daemon, if one is planned when it starts: automatically (`safety.arm-at-start`), or by the command that
+//! started it, such as `oqtal fly`.
+
+/// State of the flight that is planned when the daemon starts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum FirstFlight {
+    /// No flight is planned, or the plan was dropped: the previous daemon crashed, or the vehicle was replaced.
+    #[default]
+    None,
+    /// The command that started the daemon will request a flight.
+    Expected,
+    /// An automatic flight begins as soon as poses allow it, if the vehicle is simulated.
+    Pending,
+    /// The flight has begun.
+    Started,
+    /// An operator called the flight off; a request of the starting command is refused until an operator arms.
+    CalledOff,
+    /// The automatic flight was refused: the vehicle is not simulated.
+    Refused,
+}
