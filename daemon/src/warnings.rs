@@ -266,7 +266,7 @@ mod tests {
                 "vehicle.inertia-kg-m2=[[3.65,0,0],[0,3.68,0],[0,0,7.03]]",
                 "has 3.65, unusual in kg m^2",
             ),
-            ("vehicle.inertia-kg-m2=[[3e-6,0,0],[0,3e-6,0],[0,0,5e-6]]", "kg would be 0.0024 m"),
+            ("vehicle.inertia-kg-m2=[[3e-6,0,0],[0,3e-6,0],[0,0,5e-6]]", "gyration of 0.0024 m"),
         ] {
             let text = told(&[setting], None);
             assert!(text.len() == 1 && text[0].contains(note), "{setting}: {text:?}");

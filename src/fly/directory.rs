@@ -44,11 +44,14 @@ impl FlightDirectory {
     /// # Errors
     /// The directory already contains a flight, or cannot be created or written.
     pub fn create(given: Option<&Path>, config: &Config) -> Result<Self, Failure> {
-        let has_results =
-            |directory: &&Path| RESULTS.iter().any(|name| directory.join(name).exists());
-        if let Some(flight) = given.filter(has_results) {
-            let flight = flight.display();
-            let reason = format!("{flight} holds a flight already; give another --out, or --force");
+        let has_results = |directory: &&Path| {
+            RESULTS.iter().chain([&CONFIG]).any(|name| directory.join(name).exists())
+        };
+        if let Some(directory) = given.filter(has_results) {
+            let directory = directory.display();
+            let reason = format!(
+                "{directory} holds a flight or other results already; give another --out, or --force"
+            );
             return Err(Failure::new(Exit::Usage, reason));
         }
         Self::create_or_replace(given, config)

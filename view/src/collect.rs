@@ -120,6 +120,13 @@ impl Collector {
         self.waiting.last().or(self.last.as_ref())
     }
 
+    /// Forgets the ticks of a daemon in virtual time, whose successor has begun: rows are in the order of time.
+    fn begin_again(&mut self) {
+        self.waiting.clear();
+        self.collected = Collected::default();
+        (self.origin, self.armed_at, self.last) = (None, None, None);
+    }
+
     fn seconds(&self, at: Time) -> f64 {
         self.origin.map_or(0.0, |origin| at.since(origin).seconds())
     }
@@ -214,6 +221,9 @@ impl Sink for Collector {
         match sample {
             Sample::Truth(truth) => self.truth(truth),
             Sample::Telemetry(telemetry) => {
+                if self.latest().is_some_and(|latest| latest.time > telemetry.time) {
+                    self.begin_again();
+                }
                 self.origin.get_or_insert(telemetry.time);
                 self.waiting.push(*telemetry);
             }
@@ -273,6 +283,17 @@ mod tests {
         }
         let Collected { ticks, .. } = collector.take();
         assert_eq!((ticks[0][column("x")], ticks[0][column("position")]), (21.0, 20.0));
+    }
+
+    #[test]
+    fn virtual_time_that_begins_again_is_another_flight() {
+        let mut collector = Collector::new(&Config::default());
+        for millis in [0, 500, 1000, 0, 20] {
+            let tick = tick(millis, SafetyState::Nominal, Mode::Flying);
+            collector.sample(&Reception::default(), Sample::Telemetry(&tick));
+        }
+        let times: Vec<f64> = collector.take().ticks.iter().map(|row| row[0]).collect();
+        assert_eq!(times, [0.0, 0.02]);
     }
 
     #[test]

@@ -46,8 +46,14 @@ impl<T: Copy> Thinned<T> {
 }
 
 impl History {
-    /// Adds collected rows and events.
+    /// Adds collected rows and events. Time that begins again is that of another daemon: what was before is forgotten, as the page
+    /// does, which searches its rows by time.
     pub fn add(&mut self, collected: &Collected) {
+        let begins_again =
+            |first: &TickRow| self.ticks.rows.back().is_some_and(|last| first[0] < last[0]);
+        if collected.ticks.first().is_some_and(begins_again) {
+            *self = Self::default();
+        }
         collected.ticks.iter().for_each(|row| self.ticks.add(*row));
         collected.vehicles.iter().for_each(|row| self.vehicles.add(*row));
         for event in &collected.events {
@@ -72,6 +78,15 @@ impl History {
 mod tests {
     use super::*;
     use crate::collect::EventMood;
+
+    #[test]
+    fn time_that_begins_again_forgets_what_was_before() {
+        let mut history = History::default();
+        let of_ticks = |ticks: Vec<TickRow>| Collected { ticks, ..Collected::default() };
+        history.add(&of_ticks(vec![[1.0; _], [2.0; _], [3.0; _], [4.0; _]]));
+        history.add(&of_ticks(vec![[0.0; _], [0.1; _]]));
+        assert_eq!(history.collected().ticks, [[0.0; _]]);
+    }
 
     #[test]
     fn the_past_is_thinned_and_bounded() {

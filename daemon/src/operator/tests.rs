@@ -98,6 +98,7 @@ fn those_who_come_later_are_told_what_flies_and_what_was_changed() {
     let (handle, requests) = loop_handoff();
     let settings = LiveSettings::new(&Config::default(), &[]);
     let mut requests = requests.with_settings(7, settings);
+    requests.last.mode = Mode::Flying.code();
     let mut events = Vec::new();
     let mut ask = |command: OperatorCommand, text: &str| {
         let request = ControlRequestV1 { text: LongText::new(text), ..asks(command) };
@@ -120,4 +121,16 @@ fn those_who_come_later_are_told_what_flies_and_what_was_changed() {
     assert!(armed.text.as_str().ends_with("\ncontrol.controller=\"geometric\""), "{armed:?}");
     let undo = (OperatorCommand::Undo.code(), "control.controller=\"oqtal\"".to_owned());
     assert_eq!(told(undone), undo);
+}
+
+#[test]
+fn on_the_ground_the_next_flight_is_reported_and_not_the_course_of_the_last() {
+    let (_, requests) = loop_handoff();
+    let mut requests = requests.with_settings(7, LiveSettings::new(&Config::default(), &[]));
+    requests.course = Some("circle".to_owned());
+    for (mode, trajectory) in [(Mode::Landing, "circle"), (Mode::Disarmed, "square")] {
+        requests.last.mode = mode.code();
+        let response = requests.ask(asks(OperatorCommand::Get), &mut |_| {});
+        assert_eq!(response.text.as_str(), format!("law oqtal, trajectory {trajectory}"));
+    }
 }

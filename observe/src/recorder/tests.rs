@@ -157,6 +157,17 @@ fn answers_that_are_not_in_time_are_counted_and_have_no_time() {
 }
 
 #[test]
+fn a_stop_that_is_in_force_when_a_recording_begins_is_of_an_earlier_flight() {
+    let (stopped, flown) = ([SafetyState::Stop; 50], [SafetyState::Nominal; 50]);
+    let later = [&stopped[..], &flown].concat();
+    assert_eq!(recorded(&later, 100).outcome(), None);
+    let ended = [&later[..], &stopped].concat();
+    assert_eq!(recorded(&ended, 150).outcome(), Some(Outcome::Stopped));
+    let called_off = [&flown[..1], &stopped].concat();
+    assert_eq!(recorded(&called_off, 51).outcome(), Some(Outcome::Stopped));
+}
+
+#[test]
 fn a_flight_whose_truth_ends_ends_as_the_daemon_reports() {
     let flown = [SafetyState::Nominal; 50];
     let ended = [SafetyState::Coast; 25];
