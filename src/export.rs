@@ -1,11 +1,12 @@
 //! `oqtal export FILE`: a recording as files for other tools.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use oqtal_observe::recording::{
-    ColumnExport, CsvExport, RecordingFile, Tables, TumExport, flight, play, recording_path,
+    ColumnExport, CsvExport, RecordingFile, SUMMARY, Tables, TumExport, flight, play,
+    recording_path,
 };
 use oqtal_observe::{csv, mat};
 use oqtal_runtime::process::{Exit, Failure};
@@ -46,6 +47,8 @@ type Files = BTreeMap<String, Vec<u8>>;
 
 /// Name of the table of ticks.
 const TICKS: &str = "ticks";
+/// The same table in the directory of a flight.
+const FLIGHTS_TICKS: &str = "telemetry.csv";
 
 impl ExportFormat {
     fn extension(self) -> &'static str {
@@ -55,6 +58,19 @@ impl ExportFormat {
             Self::Tum => "tum",
         }
     }
+}
+
+/// Refuses a directory whose file `telemetry.csv`, a topic's name too, is the table of ticks of a flight.
+fn check_directory(directory: &Path, names: &[String]) -> Result<(), Failure> {
+    let is_of_flight = directory.join(SUMMARY).exists() && directory.join(FLIGHTS_TICKS).exists();
+    if !is_of_flight || !names.iter().any(|name| name == FLIGHTS_TICKS) {
+        return Ok(());
+    }
+    let message = format!(
+        "{}/{FLIGHTS_TICKS} is of a flight, so it is not replaced; give another --out",
+        directory.display()
+    );
+    Err(Failure::new(Exit::Usage, message))
 }
 
 impl ExportArgs {
@@ -74,8 +90,10 @@ impl ExportArgs {
         std::fs::create_dir_all(&directory).map_err(|error| {
             Failure::new(Exit::System, format!("{}: {error}", directory.display()))
         })?;
+        let file_of = |name: &String| format!("{}.{extension}", name.replace('/', "-"));
+        check_directory(&directory, &tables.keys().map(file_of).collect::<Vec<_>>())?;
         for (name, table) in &tables {
-            let path = directory.join(format!("{}.{extension}", name.replace('/', "-")));
+            let path = directory.join(file_of(name));
             recordings::write(&path, table)?;
             print(&path.display().to_string())?;
         }
@@ -119,7 +137,8 @@ impl ExportArgs {
             return Ok(());
         };
         let known: Vec<&str> = tables.keys().map(String::as_str).collect();
-        let message = format!("the recording has no `{unknown}`; it has {}", known.join(", "));
+        let message =
+            format!("`{unknown}` has no table in this format; there are {}", known.join(", "));
         Err(Failure::new(Exit::Usage, message))
     }
 

@@ -7,6 +7,7 @@ use std::time::Duration;
 use clap::Args;
 use oqtal_bus::bus::Bus;
 use oqtal_bus::message::EventV1;
+use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Role, Sample};
 use oqtal_config::Config;
@@ -54,9 +55,12 @@ impl RecordArgs {
     /// # Errors
     /// No daemon runs (with `--attach`, exit code 75), a file cannot be written (71), or the bus refuses.
     pub fn execute(&self) -> Result<Exit, Failure> {
-        let config = Config::load(&self.common.config, &self.common.settings()?)?;
+        let given = Config::load(&self.common.config, &self.common.settings()?)?;
         let stop = stop_on_signals()?;
-        let place = instance_paths(&config)?;
+        let place = instance_paths(&given)?;
+        // A recorder that is given no settings records those of the daemon.
+        let is_plain = given.hash() == Config::default().hash();
+        let config = of_daemon(&place).filter(|_| is_plain).unwrap_or(given);
         let bus = Bus::open(&place)?.for_observer();
         if self.attach {
             require_daemon(&bus, "record without --attach")?;
@@ -150,7 +154,7 @@ impl DaemonFacts {
             self.reported_hash = self.config_hash;
             if self.config_hash.is_some_and(|hash| hash != config.hash()) {
                 say(
-                    "oqtal: the daemon runs with another configuration than is recorded: give its --config and flags, or a replay differs",
+                    "oqtal: the daemon runs with another configuration than is recorded: law, vehicle and settings of the recording are not those that fly; start the recorder after the daemon, or give the daemon's --config and flags",
                 );
             }
         }
@@ -187,6 +191,13 @@ fn conclude(result: &RecordingResult, lost: u64) -> Result<Exit, Failure> {
         return Err(Failure::new(Exit::System, message));
     }
     Ok(Exit::Ok)
+}
+
+/// The configuration with which the daemon of the instance was started; `None` before one was.
+fn of_daemon(place: &InstancePaths) -> Option<Config> {
+    let file = place.config();
+    let text = std::fs::read_to_string(&file).ok()?;
+    Config::parse(&file.to_string_lossy(), &text, &[]).ok()
 }
 
 /// A duration above zero \[s\].

@@ -1,9 +1,9 @@
 //! `oqtal report FILE`: page of a flight from its recording.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
-use oqtal_observe::recording::{RECORDING, recording_path};
+use oqtal_observe::recording::{RECORDING, SUMMARY, recording_path};
 use oqtal_observe::summary::Summary;
 use oqtal_observe::{report, table};
 use oqtal_runtime::process::{Exit, Failure};
@@ -35,6 +35,7 @@ impl ReportArgs {
     /// The file is not a recording (exit code 65) or of another version (76), or the page cannot be written.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let path = recordings::page_path(&self.page(), REPORT)?;
+        self.check_directory(&path)?;
         let flight = recordings::read_flight(&self.file)?;
         let summary = Summary::of(&flight);
         print(&if self.json { summary.to_json(PROVENANCE) } else { table::closing(&summary) })?;
@@ -44,6 +45,21 @@ impl ReportArgs {
             summary.shortfall.iter().for_each(|shortfall| say(&format!("oqtal: {shortfall}")));
         }
         Ok(Exit::Ok)
+    }
+
+    /// Refuses the directory of another flight, whose page it would replace.
+    fn check_directory(&self, page: &Path) -> Result<(), Failure> {
+        let own = self.file.with_file_name(SUMMARY);
+        let other = page.with_file_name(SUMMARY);
+        if !page.exists() || !other.exists() || other.canonicalize().ok() == own.canonicalize().ok()
+        {
+            return Ok(());
+        }
+        let message = format!(
+            "{} is of another flight, so it is not replaced; give another --out",
+            page.display()
+        );
+        Err(Failure::new(Exit::Usage, message))
     }
 
     /// The page of --out; by default the one that `oqtal fly` writes as well.

@@ -168,6 +168,8 @@ fn two_recordings_are_compared_and_shown() {
     assert_eq!(info["is_complete"], true);
     assert_eq!(info["facts"]["oqtal.recording"]["version"], env!("CARGO_PKG_VERSION"));
     testbed.succeeds(&["export", "d1/flight.mcap", "--format", "tum", "--topics", "truth"]);
+    let over = ["export", "d1/flight.mcap", "--format", "csv", "--out", "d1"];
+    fails(&testbed, &over, 64, &["d1/telemetry.csv is of a flight"]);
     let line = std::fs::read_to_string(testbed.path("d1/flight-tum/truth.tum")).unwrap();
     assert_eq!(line.lines().next().unwrap().split(' ').count(), 8);
 }

@@ -33,6 +33,8 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     all.extend(config.rate_warning());
     all.extend(implausible(config));
     all.extend(law_replaced(config));
+    all.extend(too_old(config));
+    all.extend(way_points_unused(config));
     let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
     let samples = samples(&plan);
     // The predictive stack feeds the motion of the reference forward, beside these limits.
@@ -135,6 +137,26 @@ fn law_replaced(config: &Config) -> Option<String> {
             "vehicle.interface is \"attitude\": the vehicle's own loop takes the place of the attitude law; {} flies like every law but oqtal-dt and mpc, which also predict the motion",
             config.control.controller
         )
+    })
+}
+
+/// Note that the emulated cameras are slower than a pose may be old.
+fn too_old(config: &Config) -> Option<String> {
+    let (cameras, most_ms) = (&config.mocap, config.safety.max_pose_age_ms);
+    let age_ms = cameras.latency_ms + cameras.jitter_ms;
+    (!config.is_replay() && age_ms >= most_ms).then(|| {
+        format!(
+            "poses are up to {age_ms} ms old (mocap.latency-ms, mocap.jitter-ms), and those older than {most_ms} ms are refused: raise safety.max-pose-age-ms"
+        )
+    })
+}
+
+/// Note that a file of way-points is named and not flown.
+fn way_points_unused(config: &Config) -> Option<String> {
+    let kind = config.trajectory.kind;
+    let is_unused = config.trajectory.waypoints_file.is_some() && kind != TrajectoryKind::Waypoints;
+    is_unused.then(|| {
+        "trajectory.waypoints-file is given and another trajectory is flown: give --trajectory waypoints to fly the file".to_owned()
     })
 }
 

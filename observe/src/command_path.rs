@@ -15,6 +15,17 @@ pub enum CommandPath {
 }
 
 impl CommandPath {
+    /// Whether the link is a serial line or a serial radio, whose bytes leave one after another.
+    pub fn is_line(&self) -> bool {
+        match self {
+            Self::Bus => false,
+            Self::Bridged(link) => link.starts_with("asctec"),
+            Self::Linked(link) => {
+                link.split_once(':').is_some_and(|(_, port)| port.starts_with('/'))
+            }
+        }
+    }
+
     /// Parses the text form of [`CommandPath`].
     pub fn parse(text: &str) -> Self {
         match text.split_once(':') {

@@ -176,6 +176,12 @@ impl Flight {
         self.samples.iter().filter(|sample| sample.is_armed())
     }
 
+    /// The ticks of each flight, from arming to disarming: several in the recording of a session.
+    pub fn flights(&self) -> impl Iterator<Item = &[FlightSample]> {
+        let alike = |a: &FlightSample, b: &FlightSample| a.is_armed() == b.is_armed();
+        self.samples.chunk_by(alike).filter(|ticks| ticks[0].is_armed())
+    }
+
     /// The ticks of the scored window, over which errors are computed.
     pub fn scored(&self) -> impl Iterator<Item = &FlightSample> {
         self.samples.iter().filter(|sample| sample.is_scored())
@@ -184,6 +190,16 @@ impl Flight {
     /// Reason why the flight did not end as planned: an operator or the daemon landed or stopped the vehicle, it crashed, or
     /// there was no take-off. `None` for a complete flight, and for an outcome that needs no reason.
     pub fn shortfall(&self) -> Option<String> {
+        let flights = self.flights().count();
+        if flights > 1 {
+            return Some(format!(
+                "{flights} flights in one recording: the figures are those of all, the outcome is that of the first to end; record each into a file of its own"
+            ));
+        }
+        self.shortfall_of_one()
+    }
+
+    fn shortfall_of_one(&self) -> Option<String> {
         match self.outcome {
             Outcome::Landed => match self.early_landing() {
                 Some(sample) => {

@@ -177,8 +177,7 @@ impl Recorder {
             }
             return;
         }
-        let is_stopped =
-            |sample: &FlightSample| sample.telemetry.state == SafetyState::Stop.code();
+        let is_stopped = |sample: &FlightSample| sample.telemetry.state == SafetyState::Stop.code();
         // A stop that is in force when the recording begins is of an earlier flight.
         let is_of_earlier = !self.flown && self.flight.samples.first().is_some_and(is_stopped);
         if is_stopped(sample) && !is_of_earlier {

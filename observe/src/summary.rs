@@ -172,7 +172,7 @@ impl Summary {
             poses_superseded: last.poses_superseded,
             poses_refused: last.poses_refused,
             hops: flight.hops.iter().map(|(name, hop)| (name, hop.summary())).collect(),
-            wire: flight.wire.figures(),
+            wire: flight.wire.figures(flight.command_path.is_line()),
             wakeup_lateness: in_real_time(config, &flight.wakeup_lateness),
             period_jitter: in_real_time(config, &flight.period_jitter),
             daemon: flight.daemon.clone(),
@@ -262,10 +262,13 @@ fn last_tick(flight: &Flight) -> TelemetryV1 {
     flight.samples.last().map(|sample| sample.telemetry).unwrap_or_default()
 }
 
-/// Time from the first to the last armed tick \[s\].
+/// Time from the first to the last armed tick of each flight, together \[s\].
 fn duration_s(flight: &Flight) -> f64 {
-    let ends = flight.armed().next().zip(flight.armed().last());
-    ends.map_or(0.0, |(first, last)| last.telemetry.time.since(first.telemetry.time).seconds())
+    let seconds = |ticks: &[FlightSample]| {
+        let [first, .., last] = ticks else { return 0.0 };
+        last.telemetry.time.since(first.telemetry.time).seconds()
+    };
+    flight.flights().map(seconds).sum()
 }
 
 fn scored_figures(

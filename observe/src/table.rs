@@ -16,12 +16,19 @@ use crate::wire::{CommandAge, WireFigures};
 const UNSCORED: &str = "no errors: nothing of this flight is scored; a hover is from 10 s after it is\n\
                         reached, see --duration\n";
 
+/// Note on a flight whose course an operator changed before anything was scored.
+const REDIRECTED: &str = "no errors: what follows `ctl goto`, `fly` or `hover` is not scored\n";
+
 /// The closing table of a flight: plain text of at most 80 columns.
 pub fn closing(summary: &Summary) -> String {
     let mut text = format!("{}\n", headline(summary));
     match errors(summary) {
         Some(errors) => text += &format!("{errors}\n"),
-        None if summary.outcome == Outcome::Landed => text += UNSCORED,
+        // The shortfall says why nothing of another flight is.
+        None if !summary.changes.is_empty() => text += REDIRECTED,
+        None if summary.outcome == Outcome::Landed && summary.shortfall.is_none() => {
+            text += UNSCORED;
+        }
         None => {}
     }
     text += &summary.held().map_or_else(String::new, |held| format!("{held}\n"));
@@ -115,21 +122,16 @@ pub fn latency_row(name: &str, hop: &DistributionSummary) -> Vec<String> {
     std::iter::once(name.to_owned()).chain(micros).collect()
 }
 
-/// The figures of the wire in two lines.
+/// The figures of the wire in two or three lines.
 fn wire(wire: &WireFigures) -> String {
     let age =
         |age: &DistributionSummary| format!("{} (p99 {})", span(age.p50_ns), span(age.p99_ns));
     let CommandAge { from_capture, from_publication } = &wire.command_age;
-    let quality = wire.link_quality.as_ref().map_or_else(String::new, |quality| {
-        let percent = |share: f64| significant(100.0 * share);
-        format!(", answered {} % (minimum {} %)", percent(quality.mean), percent(quality.min))
-    });
     format!(
-        "age at the last byte on the wire: {} since capture,\n    {} since publication\n\
-         wire: occupied by commands {} % of the time{quality}\n",
+        "age at the last byte on the wire: {} since capture,\n    {} since publication\n{}",
         age(from_capture),
         age(from_publication),
-        significant(100.0 * wire.command_occupancy),
+        wire.usage().map_or_else(String::new, |text| format!("wire: {text}\n"))
     )
 }
 

@@ -6,6 +6,8 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_control::metrics::Statistics;
 use serde::Serialize;
 
+use crate::plot::unit::significant;
+
 /// Record of the vehicle messages of a bridge.
 #[derive(Clone, Debug, Default)]
 pub struct WireRecord {
@@ -25,8 +27,8 @@ pub struct WireRecord {
 /// Figures of the wire.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct WireFigures {
-    /// Fraction of the time in which commands occupy the wire \[0..1\].
-    pub command_occupancy: f64,
+    /// Fraction of the time in which commands occupy the line \[0..1\]; `None` over a network, whose bytes leave at once.
+    pub command_occupancy: Option<f64>,
     /// Age of a command when its last byte is on the wire.
     pub command_age: CommandAge,
     /// Fraction of the requests to the vehicle that were answered \[0..1\]; `None` if there was no request.
@@ -49,6 +51,22 @@ pub struct LinkQuality {
     pub mean: f64,
     /// Minimum over the bridge's averaging window \[0..1\].
     pub min: f64,
+}
+
+impl WireFigures {
+    /// Occupancy and answered requests as text; `None` if neither is known.
+    pub fn usage(&self) -> Option<String> {
+        let percent = |share: f64| significant(100.0 * share);
+        let occupied = self
+            .command_occupancy
+            .map(|share| format!("occupied by commands {} % of the time", percent(share)));
+        let answered = self.link_quality.as_ref().map(|quality| {
+            let [mean, min] = [quality.mean, quality.min].map(percent);
+            format!("{mean} % of the requests answered (minimum {min} %)")
+        });
+        let all: Vec<String> = occupied.into_iter().chain(answered).collect();
+        (!all.is_empty()).then(|| all.join(", "))
+    }
 }
 
 impl WireRecord {
@@ -93,12 +111,12 @@ impl WireRecord {
         self.answered
     }
 
-    /// Figures of the wire; `None` if no command was sent over a wire.
-    pub fn figures(&self) -> Option<WireFigures> {
+    /// Figures of the wire, a line or a network; `None` if no command was sent over a wire.
+    pub fn figures(&self, is_line: bool) -> Option<WireFigures> {
         let time = self.last.since(self.first?);
         let mean = self.quality.mean();
         Some(WireFigures {
-            command_occupancy: self.busy.seconds() / time.seconds().max(1e-9),
+            command_occupancy: is_line.then(|| self.busy.seconds() / time.seconds().max(1e-9)),
             command_age: CommandAge {
                 from_capture: self.from_capture.summary(),
                 from_publication: self.from_publication.summary(),
@@ -139,8 +157,8 @@ mod tests {
 
     #[test]
     fn occupancy_age_and_quality_are_those_of_the_commands() {
-        let figures = record(101, Span::from_millis(20)).figures().unwrap();
-        assert!((figures.command_occupancy - 0.3).abs() < 1e-9);
+        let figures = record(101, Span::from_millis(20)).figures(true).unwrap();
+        assert!((figures.command_occupancy.unwrap() - 0.3).abs() < 1e-9);
         let age = figures.command_age;
         assert_eq!((age.from_capture.count, age.from_capture.max_ns), (101, 23_000_000));
         assert_eq!(age.from_publication.min_ns, 4_000_000);
@@ -152,6 +170,6 @@ mod tests {
     fn without_a_wire_there_are_no_figures() {
         let mut record = WireRecord::default();
         record.vehicle(&Header::default(), &VehicleV1 { link: 1, ..Default::default() });
-        assert!(record.figures().is_none() && record.answered());
+        assert!(record.figures(true).is_none() && record.answered());
     }
 }

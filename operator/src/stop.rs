@@ -50,6 +50,9 @@ pub struct ObeyedStop {
     /// Command that starts a daemon before it, if none runs.
     #[serde(skip_serializing_if = "Option::is_none")]
     start_again: Option<String>,
+    /// Whether a daemon runs that cannot be asked: after the loss of their files, the processes end.
+    #[serde(skip)]
+    is_cut_off: bool,
     /// Why the stop words of the vehicle's process, which would confirm the stop, cannot be read.
     #[serde(skip)]
     unconfirmed: Option<Unconfirmed>,
@@ -135,6 +138,7 @@ pub fn raise(address: &AddressedInstance) -> Result<ObeyedStop, Failure> {
         paths,
         arm_again,
         start_again,
+        is_cut_off: reached.has_daemon() && answer.is_err(),
         unconfirmed: Unconfirmed::of(&reached, &raised),
         ..ObeyedStop::new(report, answer.ok().flatten().as_ref())
     })
@@ -315,6 +319,7 @@ impl ObeyedStop {
             paths: Vec::new(),
             arm_again: String::new(),
             start_again: None,
+            is_cut_off: false,
             unconfirmed: None,
         }
     }
@@ -361,6 +366,12 @@ impl std::fmt::Display for ObeyedStop {
             self.paths.iter().try_for_each(|path| write!(f, "\n  {path}"))?;
         }
         let first = self.start_again.as_ref().map(|command| format!("`{command}`, then "));
-        write!(f, "\nto fly again: {}`{}`", first.unwrap_or_default(), self.arm_again)
+        write!(f, "\nto fly again: {}`{}`", first.unwrap_or_default(), self.arm_again)?;
+        match self.is_cut_off {
+            true => {
+                f.write_str("; processes that lost their files end, and are started again first")
+            }
+            false => Ok(()),
+        }
     }
 }

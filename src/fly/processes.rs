@@ -125,8 +125,13 @@ impl BusFlight<'_> {
                 .run(observer, recording)
         });
         processes.shut_down();
-        let flown =
-            watch.into_failure().map_or(flight, |failure| Err(self.with_recording(failure)));
+        let flown = match watch.into_failure() {
+            None => flight,
+            Some(failure) => {
+                let has_ticks = flight.is_ok_and(|(flight, _)| !flight.samples.is_empty());
+                Err(if has_ticks { self.with_recording(failure) } else { failure })
+            }
+        };
         flown.inspect(|(flight, _)| report_missing_rights(flight))
     }
 }

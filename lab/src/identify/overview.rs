@@ -40,6 +40,12 @@ pub fn remarks(identification: &Identification) -> Vec<String> {
     for finding in identification.findings.iter().filter(|finding| !finding.is_shown()) {
         lines.push(not_shown(finding, identification.estimate.turning.models.len()));
     }
+    if identification.estimate.turning.models.len() > 1 {
+        lines.push(
+            "rate biases and pushes: each flight has its own, those of the first are shown"
+                .to_owned(),
+        );
+    }
     let coloured: Vec<&str> = identification
         .residuals
         .iter()

@@ -171,11 +171,14 @@ impl PlantSpread {
         Self { keys: self.keys.iter().map(key).collect() }
     }
 
-    /// Warning of keys that differ from the shipped values although the draws replace them.
+    /// Warning of keys that differ from the shipped values although the draws of a built-in spread replace them.
     ///
     /// # Errors
     /// A setting is invalid.
     pub fn note(&self, common: &[Setting]) -> Result<Option<String>, Failure> {
+        if ![Self::vehicle(), Self::everything()].contains(self) {
+            return Ok(None);
+        }
         let own = flights::table(&Config::from_settings(common)?);
         let shipped = flights::table(&Config::default());
         let replaced = |SpreadKey { key, form }: &SpreadKey| {

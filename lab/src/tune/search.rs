@@ -196,11 +196,11 @@ pub fn law(
     let value = |flown: &Flown| objective(&figures(flown), &reference, &flights.weights);
     let before = fly(&[])?;
     let (start, from) = (value(&before), configured(&parameters, &config));
-    let gains_at = |point: &[f64]| settings(&values(&parameters, point));
+    say_notes((!start.is_finite()).then(|| not_landed(name, &before)));
     let mut path = SearchPath::default();
     let best = search(&parameters, &from, budget, |points| {
         let evaluate = |point: &Vec<f64>| {
-            let flown = progress.check().and_then(|()| fly(&gains_at(point)));
+            let flown = progress.check().and_then(|()| fly(&settings(&values(&parameters, point))));
             bar.inc();
             flown.map_or(f64::INFINITY, |flown| value(&flown))
         };
@@ -226,6 +226,14 @@ pub fn law(
     let (target, options) = (name.to_owned(), flights.options.clone());
     let (budget, draws, failed) = (*budget, flights.draws, [failed, after, all]);
     Ok(Tuned { target, values, objective, start, budget, draws, options, components, failed, path })
+}
+
+/// Warning that a law does not land all flights with the configured gains, with which `before` was flown.
+fn not_landed(name: &str, before: &Flown) -> String {
+    format!(
+        "{name} does not land every training flight with the configured gains; the search may find none that do:\n{}",
+        failure::text(slice::from_ref(before), "")
+    )
 }
 
 /// Failure of a search in which no gains land all flights; `before` was flown with the configured ones.

@@ -163,6 +163,10 @@ fn a_stop_that_is_in_force_when_a_recording_begins_is_of_an_earlier_flight() {
     assert_eq!(recorded(&later, 100).outcome(), None);
     let ended = [&later[..], &stopped].concat();
     assert_eq!(recorded(&ended, 150).outcome(), Some(Outcome::Stopped));
+    let twice = recorded(&[&ended[..], &ended].concat(), 300).finish(Outcome::Timeout, 1.0);
+    let Summary { shortfall, duration_s, .. } = Summary::of(&twice);
+    assert!((duration_s - 1.96).abs() < 1e-9, "{duration_s}");
+    assert!(shortfall.as_ref().is_some_and(|it| it.starts_with("2 flights")), "{shortfall:?}");
     let called_off = [&flown[..1], &stopped].concat();
     assert_eq!(recorded(&called_off, 51).outcome(), Some(Outcome::Stopped));
 }

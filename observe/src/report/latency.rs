@@ -16,7 +16,7 @@ use crate::plot::chart::{Mark, Plot};
 use crate::plot::figure::{HALF, figure, histogram};
 use crate::plot::palette::Ink;
 use crate::plot::trace::Point;
-use crate::plot::unit::{significant, span, words};
+use crate::plot::unit::{span, words};
 
 /// Colours of [`NAMES`].
 const INKS: [Ink; NAMES.len()] = [
@@ -80,17 +80,7 @@ fn ink(name: &str) -> Ink {
 
 /// The figures of the wire.
 fn wire(figures: &WireFigures) -> Markup {
-    let percent = |share: f64| significant(100.0 * share);
-    html! {
-        p.note.wide {
-            "The wire: occupied by commands " (percent(figures.command_occupancy)) " % of the time"
-            @if let Some(quality) = &figures.link_quality {
-                "; the vehicle answered " (percent(quality.mean)) " % of the requests, at least "
-                (percent(quality.min)) " %"
-            }
-            "."
-        }
-    }
+    html! { @if let Some(text) = figures.usage() { p.note.wide { "The wire: " (text) "." } } }
 }
 
 /// Medians of the hops as one bar.
