@@ -28,6 +28,7 @@ use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Answer, Cause, OperatorCommand};
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::ControlRequestV1;
+use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths, stop_on_signals};
@@ -40,6 +41,7 @@ use oqtal_observe::kernel::ThreadScheduling;
 use oqtal_observe::loop_monitor::LoopMonitor;
 use oqtal_observe::observer::BusObserver;
 use oqtal_observe::status::word;
+use oqtal_operator::request::silent;
 use rig::Rig;
 
 pub use part::PartArgs;
@@ -163,7 +165,7 @@ impl LatencyArgs {
         let give_up = Time::now() + SILENCE;
         while observation.monitor.latest().is_none() {
             if Time::now() >= give_up {
-                return Err(no_daemon(&config.instance.name));
+                return Err(no_daemon(bus.paths()));
             }
             std::thread::sleep(Duration::from_millis(10));
             observation.poll()?;
@@ -240,7 +242,12 @@ fn take_off(bus: &Bus, observation: &mut Observation, rig: &mut Rig) -> Result<(
     Ok(())
 }
 
-fn no_daemon(instance: &str) -> Failure {
+fn no_daemon(paths: &InstancePaths) -> Failure {
+    let silent = silent(paths);
+    if silent.exit == Exit::Permission {
+        return silent;
+    }
+    let instance = &paths.instance;
     let message = format!(
         "no daemon was observed on instance `{instance}` in real time; start one, name another with --instance, \
          or leave --attach out to measure a test chain"

@@ -142,7 +142,10 @@ impl Config {
         for file in files {
             settings.extend(Self::file_settings(file)?);
         }
-        refuse_thrust_alone(&settings)?;
+        // An unknown key, which may be meant as the mass, is reported first, with the flags.
+        if Self::unchecked(&settings).is_some() {
+            refuse_thrust_alone(&settings)?;
+        }
         settings.extend(layer::from_environment(std::env::vars_os()));
         Ok(settings)
     }
@@ -194,7 +197,8 @@ impl Config {
         self.origins.locate(error)
     }
 
-    /// Adds to `error` the origin of the setting from which on `is_kept` fails. For a trajectory that leaves the room, that is the setting that made it too long, not the border of the room.
+    /// Adds to `error` the origin of the setting from which on `is_kept` fails. For a trajectory that leaves the room, that is
+    /// the setting that made it too long, not the border of the room.
     pub fn locate_change(
         &self,
         error: &OptionError,

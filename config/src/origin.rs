@@ -41,7 +41,9 @@ impl Origins {
         self.settings.iter().filter_map(|setting| Some(setting.origin.rsplit_once(':')?.0))
     }
 
-    /// Adds to `error` the origin of the setting that broke the rule: the first one after the longest prefix of the settings for which `is_kept` holds or, if its key is set again later, the last setting of that key. Without one, as [`Origins::locate`].
+    /// Adds to `error` the origin of the setting that broke the rule: the first one after the longest prefix of the settings for
+    /// which `is_kept` holds or, if its key is set again later, the last setting of that key. Without one, as
+    /// [`Origins::locate`].
     pub(crate) fn locate_change(
         &self,
         error: &OptionError,

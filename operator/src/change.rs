@@ -90,15 +90,32 @@ pub fn request_of(command: CtlRequest, arguments: &[String]) -> Result<ControlRe
         }
         (CtlRequest::Controller, [law]) => with_text(&[format!("control.controller={law}")]),
         (CtlRequest::Controller, _) => Err(usage("controller needs the name of a law")),
-        (CtlRequest::Set, [_, ..]) => with_text(arguments),
-        (CtlRequest::Set, _) => Err(usage("set needs KEY=VALUE, as in `set control.oqtal.gain=2`")),
-        (CtlRequest::Reload, [file]) => {
-            let path = std::path::absolute(Path::new(file));
-            let path = path.map_err(|error| usage(&format!("{file}: {error}")))?;
-            with_text(&[path.display().to_string()])
+        (CtlRequest::Set, [_, ..]) => {
+            let settings = arguments.iter().map(|setting| with_absolute_path(setting));
+            with_text(&settings.collect::<Result<Vec<_>, _>>()?)
         }
+        (CtlRequest::Set, _) => {
+            Err(usage("set needs KEY=VALUE, as in `set position.tilt-limit-deg=15`"))
+        }
+        (CtlRequest::Reload, [file]) => with_text(&[absolute(file)?]),
         (_, []) => Ok(base),
         (_, [first, ..]) => Err(usage(&format!("unexpected argument `{first}`"))),
+    }
+}
+
+/// `file` as an absolute path: the daemon runs in another directory.
+fn absolute(file: &str) -> Result<String, Failure> {
+    let path = std::path::absolute(Path::new(file));
+    let path = path.map_err(|error| usage(&format!("{file}: {error}")))?;
+    Ok(path.display().to_string())
+}
+
+/// `KEY=VALUE`, with an absolute path if the value is one.
+fn with_absolute_path(setting: &str) -> Result<String, Failure> {
+    const FILE: &str = "trajectory.waypoints-file=";
+    match setting.strip_prefix(FILE) {
+        Some(file) => Ok(format!("{FILE}{}", absolute(file.trim_matches('"'))?)),
+        None => Ok(setting.to_owned()),
     }
 }
 
@@ -135,6 +152,9 @@ mod tests {
         assert!(of(CtlRequest::Goto, &["1", "2", "3"]).unwrap().yaw.is_nan());
         let set = of(CtlRequest::Set, &["a.b=1", "c.d=2"]).unwrap();
         assert_eq!(set.text.as_str(), "a.b=1\nc.d=2");
+        let set = of(CtlRequest::Set, &["trajectory.waypoints-file=\"p.csv\""]).unwrap();
+        let file = std::path::absolute("p.csv").unwrap();
+        assert_eq!(set.text.as_str(), format!("trajectory.waypoints-file={}", file.display()));
         let law = of(CtlRequest::Controller, &["pid"]).unwrap();
         assert_eq!(law.text.as_str(), "control.controller=pid");
         assert!(of(CtlRequest::Reload, &["x.toml"]).unwrap().text.as_str().starts_with('/'));

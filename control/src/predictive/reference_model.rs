@@ -18,7 +18,8 @@
 //! `(a_1 - a_2) / T`, with the accelerations behind the first and the second lag; it is at most `j_max` while the leader's own is
 //! within `2 j_max T = a_max` of `a_2`.
 //!
-//! The motion of a distant target is scaled down: fully used up to `NEAR_M`, ignored from `FAR_M` on, linear between. Otherwise the model would chase a moving target at the sum of both speeds and could leave the room. Not in the paper.
+//! The motion of a distant target is scaled down: fully used up to `NEAR_M`, ignored from `FAR_M` on, linear between. Otherwise
+//! the model would chase a moving target at the sum of both speeds and could leave the room. Not in the paper.
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};

@@ -8,6 +8,7 @@ use super::digits::with_interval;
 use super::finding::{ParameterFinding, rules};
 use super::fit::StartingPoints;
 use super::identification::Identification;
+use super::residuals::ResidualTest;
 use crate::text_table::{self, NamedRow};
 
 /// The headings of the findings.
@@ -34,6 +35,19 @@ pub fn cells(finding: &ParameterFinding) -> [String; 5] {
     [name, value_text, half, before_text, change]
 }
 
+/// Remark on the correlation of the residuals.
+fn whiteness(residuals: &[ResidualTest]) -> String {
+    let coloured = residuals.iter().filter(|test| !test.is_white);
+    let coloured: Vec<&str> = coloured.map(|test| &*test.name).collect();
+    match coloured.as_slice() {
+        [] => "residuals: no correlation found on any axis".to_owned(),
+        names => format!(
+            "residuals: not white ({}): vehicle or cameras have effects that the model lacks; the intervals may be several times too narrow",
+            names.join("; ")
+        ),
+    }
+}
+
 /// Remarks on missing manoeuvres, residuals and cameras, one per line.
 pub fn remarks(identification: &Identification) -> Vec<String> {
     let mut lines = Vec::new();
@@ -46,19 +60,7 @@ pub fn remarks(identification: &Identification) -> Vec<String> {
                 .to_owned(),
         );
     }
-    let coloured: Vec<&str> = identification
-        .residuals
-        .iter()
-        .filter(|test| !test.is_white)
-        .map(|test| &*test.name)
-        .collect();
-    lines.push(match coloured.as_slice() {
-        [] => "residuals: no correlation found on any axis".to_owned(),
-        names => format!(
-            "residuals: not white ({}): vehicle or cameras have effects that the model lacks; the intervals may be several times too narrow",
-            names.join("; ")
-        ),
-    });
+    lines.push(whiteness(&identification.residuals));
     let fits = &identification.estimate;
     for (name, starts) in
         [("rotation", &fits.turning.starts), ("translation", &fits.lifting.starts)]
