@@ -173,7 +173,7 @@ fn stop_and_land_need_no_valid_configuration() {
         assert_eq!(run("status").0, Some(78), "{words:?} {variables:?}");
     }
     let land = testbed.oqtal(&["ctl", "land", "--config", &half]).output().unwrap();
-    let remedy = format!("the vehicle may fly, `oqtal ctl stop --instance {}`", testbed.instance());
+    let remedy = format!("the vehicle may fly, `oqtal ctl stop --instance {}", testbed.instance());
     assert_refused(&land, 75, &["no daemon answers", &remedy]);
     let (_, answer, message) = stop(&testbed);
     for (key, command) in

@@ -365,9 +365,7 @@ impl FlightSupervision {
     /// Calls off a flight that has not begun, also one that is only expected; returns whether there was one.
     fn call_off(&mut self) -> bool {
         let is_waiting = self.mode == Mode::Waiting;
-        if is_waiting {
-            self.mode = Mode::Disarmed;
-        }
+        self.mode = if is_waiting { Mode::Disarmed } else { self.mode };
         self.requests.call_off() || is_waiting
     }
 
@@ -383,14 +381,13 @@ impl FlightSupervision {
     }
 
     fn land(&mut self, now: Time, intake: &mut Intake) -> Result<Answer, Cause> {
-        if self.call_off() {
-            return Ok(Answer::Done);
-        }
-        if self.is_held(intake) {
-            self.end_flight(intake);
-            return Ok(Answer::Done);
-        }
+        let is_called_off = self.call_off();
         match self.mode {
+            _ if is_called_off => Ok(Answer::Done),
+            _ if self.is_held(intake) => {
+                self.end_flight(intake);
+                Ok(Answer::Done)
+            }
             Mode::Flying if !self.observe_only => {
                 self.course.land(now, intake.estimate().position);
                 self.mode = Mode::Landing;

@@ -179,11 +179,11 @@ impl PlantSpread {
         if ![Self::vehicle(), Self::everything()].contains(self) {
             return Ok(None);
         }
-        let own = flights::table(&Config::from_settings(common)?);
-        let shipped = flights::table(&Config::default());
+        let tables =
+            [Config::from_settings(common)?, Config::default()].map(|it| flights::table(&it));
         let replaced = |SpreadKey { key, form }: &SpreadKey| {
             let Form::Between(low, high) = form else { return None };
-            let [own, shipped] = [&own, &shipped].map(|table| value_at(table, key));
+            let [own, shipped] = tables.each_ref().map(|table| value_at(table, key));
             (own != shipped).then_some(own?).map(|own| {
                 format!("{key} from {low} to {high}, whatever its configured value ({own})")
             })
