@@ -227,12 +227,13 @@ impl LiveSettings {
                 self.present = settings;
                 self.earlier.pop();
             }
-            Some((settings, false)) => {
+            // A change to the present values is nothing to take back.
+            Some((settings, false)) if settings != self.present => {
                 self.earlier.push(std::mem::replace(&mut self.present, settings));
                 let surplus = self.earlier.len().saturating_sub(MOST_UNDONE);
                 self.earlier.drain(..surplus);
             }
-            None => {}
+            _ => {}
         }
     }
 

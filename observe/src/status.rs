@@ -171,6 +171,8 @@ impl fmt::Display for VehicleStatus {
         let motors = match (self.starting, self.armed) {
             (true, _) => "motors starting",
             (false, true) => "motors running",
+            // A bridge reports no running motors of a vehicle that does not answer.
+            (false, false) if !self.link => "motors unknown",
             (false, false) => "motors off",
         };
         let stop = if self.stopped { ", stopped by an operator" } else { "" };

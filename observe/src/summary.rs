@@ -268,7 +268,8 @@ fn duration_s(flight: &Flight) -> f64 {
         let [first, .., last] = ticks else { return 0.0 };
         last.telemetry.time.since(first.telemetry.time).seconds()
     };
-    flight.flights().map(seconds).sum()
+    // The sum of nothing would be -0.
+    flight.flights().map(seconds).fold(0.0, |a, b| a + b)
 }
 
 fn scored_figures(

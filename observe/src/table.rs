@@ -25,6 +25,7 @@ pub fn closing(summary: &Summary) -> String {
     match errors(summary) {
         Some(errors) => text += &format!("{errors}\n"),
         // The shortfall says why nothing of another flight is.
+        None if summary.ticks == 0 => {}
         None if !summary.changes.is_empty() => text += REDIRECTED,
         None if summary.outcome == Outcome::Landed && summary.shortfall.is_none() => {
             text += UNSCORED;

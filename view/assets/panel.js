@@ -68,7 +68,8 @@ export class Panel {
     const quality = row[column.quality];
     const link = answers ? (quality === null ? "answers" : `${(quality * 100).toFixed(0)} %`) : "silent";
     this.figure("Link", answers ? 1 : 0, () => link, (v) => v === 0 && "bad");
-    const motors = row[column.stopped] ? "stopped" : row[column.armed] ? "running" : "off";
+    const state = row[column.armed] ? "running" : answers ? "off" : "unknown";
+    const motors = row[column.stopped] ? "stopped" : state;
     this.figure("Motors", row[column.armed], () => motors, () => motors === "stopped" && "bad");
   }
 

@@ -179,8 +179,8 @@ impl PlantSpread {
         if ![Self::vehicle(), Self::everything()].contains(self) {
             return Ok(None);
         }
-        let tables =
-            [Config::from_settings(common)?, Config::default()].map(|it| flights::table(&it));
+        let tables = [Config::from_settings(common)?, Config::default()];
+        let tables = tables.map(|config| flights::table(&config));
         let replaced = |SpreadKey { key, form }: &SpreadKey| {
             let Form::Between(low, high) = form else { return None };
             let [own, shipped] = tables.each_ref().map(|table| value_at(table, key));
@@ -190,10 +190,8 @@ impl PlantSpread {
         };
         let replaced: Vec<_> = self.keys.iter().filter_map(replaced).collect();
         Ok((!replaced.is_empty()).then(|| {
-            format!(
-                "the spread draws {}; for draws around these values give a --spread of your own (docs/robustness.md)",
-                replaced.join("; ")
-            )
+            let keys = replaced.join("; ");
+            format!("the spread draws {keys}; for others give a --spread of your own (docs/robustness.md)")
         }))
     }
 
