@@ -135,7 +135,14 @@ impl ObeyingProcess {
         let (program, arguments) =
             line.trim_end_matches('\0').split_once('\0').unwrap_or((&line, ""));
         let is_ours = Path::new(program.trim_end_matches('\0')).file_name()? == "oqtal";
-        let words = arguments.split_terminator('\0').map(quoted);
+        // Its results are kept.
+        let mut is_path_of_results = false;
+        let words = arguments.split_terminator('\0').filter(|word| {
+            let is_left_out = is_path_of_results || word.starts_with("--out=");
+            is_path_of_results = *word == "--out";
+            !is_left_out && !is_path_of_results
+        });
+        let words = words.map(quoted);
         is_ours.then(|| ["oqtal".to_owned()].into_iter().chain(words).collect::<Vec<_>>().join(" "))
     }
 

@@ -207,7 +207,7 @@ impl Cycle {
             self.control.command(now, &directive, output.as_ref(), &self.intake);
 
         self.report.record_tick(now, &self.intake, &self.supervision, output.as_ref());
-        self.report.record_command(&message, self.control.stack().riccati_counts(), is_fresh);
+        self.report.record_command(&message, self.control.riccati_counts(), is_fresh);
         let woken_for = arrival.map_or(deadline, |header| header.stamps.pose_published_at);
         self.report.record_wakeup(now.since(woken_for));
         // A repeated command is not about a pose: none was accepted.

@@ -134,7 +134,12 @@ fn check_from(
     let Some((t_s, point)) = path.iter().find(is_outside) else { return Ok(()) };
     let at = start + point;
     let (low, high) = corners(config);
-    let beyond = |axis: &usize| (at[*axis] - high[*axis]).max(low[*axis] - at[*axis]);
+    // The soft border is that of the sides and of the top: a vehicle may stand on the floor.
+    let lower_m = |axis: usize| if axis == 2 { 0.0 } else { margin_m };
+    let beyond = |axis: &usize| {
+        let (over, under) = (at[*axis] - high[*axis] + margin_m, low[*axis] - at[*axis]);
+        over.max(under + lower_m(*axis))
+    };
     let axis = (0..3).max_by(|a, b| beyond(a).total_cmp(&beyond(b))).unwrap_or_default();
     // A vehicle on a floor that is the border is outside.
     let is_on_floor = axis == 2 && at.z <= low.z && point.z == 0.0;
@@ -142,15 +147,10 @@ fn check_from(
         true => "; let the fence begin below the floor".to_owned(),
         false => {
             let along = || path.iter().map(|(_, point)| start[axis] + point[axis]);
-            let from = along().fold(low[axis] + margin_m, f64::min) - margin_m;
+            let from = along().fold(low[axis] + lower_m(axis), f64::min) - lower_m(axis);
             let to = along().fold(high[axis] - margin_m, f64::max) + margin_m;
             let name = ["x", "y", "z"][axis];
-            let smaller = match config.trajectory.kind {
-                TrajectoryKind::Waypoints => {
-                    "way-points that are closer together (trajectory.waypoints-file)"
-                }
-                _ => "smaller lengths in [trajectory]",
-            };
+            let smaller = smaller(config);
             format!(
                 "; it fits beyond {from:.2} to {to:.2} m in {name}, with a smaller fence.soft-margin-m, or with {smaller}"
             )
@@ -164,6 +164,16 @@ fn check_from(
         at.z
     );
     Err(border_error(config, ["x", "y", "z"][axis], allowed))
+}
+
+/// What makes the trajectory of `config` smaller.
+fn smaller(config: &Config) -> &'static str {
+    match config.trajectory.kind {
+        TrajectoryKind::Waypoints => {
+            "way-points that are closer together (trajectory.waypoints-file)"
+        }
+        _ => "smaller lengths in [trajectory]",
+    }
 }
 
 /// Opposite corners of the box around the fence \[m, world\].
@@ -249,6 +259,13 @@ mod tests {
     fn from_a_known_start_a_point_outside_is_reported() {
         let settings = ["fence.x-m=[-0.5, 9.0]", "fence.soft-margin-m=0.2"];
         assert_eq!(check(&settings, Some(Vector3::x() * 3.0)), Ok(()));
+        let near =
+            ["fence.x-m=[-0.8, 9.0]", "fence.soft-margin-m=1.0", "trajectory.kind=\"hover\""];
+        let told = check(&near, Some(Vector3::zeros())).unwrap_err();
+        assert!(told.starts_with("`fence.x-m`") && told.contains("beyond -1.00 to 9.00"), "{told}");
+        let top = ["trajectory.height-m=3.2", "fence.z-m=[-0.5, 4.0]", "trajectory.kind=\"hover\""];
+        let told = check(&top, Some(Vector3::zeros())).unwrap_err();
+        assert!(told.contains("beyond -0.50 to 4.20 m in z"), "{told}");
         let told = check(&settings, Some(Vector3::x() * 8.0)).unwrap_err();
         assert!(
             told.starts_with("`fence.x-m`")

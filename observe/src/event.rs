@@ -77,6 +77,9 @@ pub struct ChangeInFlight {
     pub time_s: f64,
     /// The request and its author.
     pub text: String,
+    /// Whether it changed the course.
+    #[serde(skip)]
+    pub changes_course: bool,
 }
 
 impl fmt::Display for ChangeInFlight {
@@ -92,9 +95,16 @@ impl ChangeInFlight {
         let all = flight.changes.iter().map(|(at, event)| Self {
             time_s: at.since(origin).seconds(),
             text: of_operator(event),
+            changes_course: changes_course(event),
         });
         all.collect()
     }
+}
+
+/// Whether the request changes the course of the current flight only, and no settings.
+pub(crate) fn changes_course(event: &EventV1) -> bool {
+    use OperatorCommand::{Goto, Hover, Trajectory};
+    matches!(OperatorCommand::from_code(event.command), Some(Goto | Hover | Trajectory))
 }
 
 /// Text of a request that changes a flight or its settings, with its author and, if it was refused, the reason.

@@ -144,6 +144,8 @@ pub struct Flight {
     pub speed_factor: f64,
     /// Resource use of the daemon; `None` if it was not a separate process.
     pub daemon: Option<ProcessUsage>,
+    /// Whether the daemon ran with another configuration than the flight has.
+    pub has_other_config: bool,
 }
 
 impl Flight {
@@ -168,6 +170,7 @@ impl Flight {
             changes: Vec::new(),
             speed_factor: 0.0,
             daemon: None,
+            has_other_config: false,
         }
     }
 
@@ -190,6 +193,10 @@ impl Flight {
     /// Reason why the flight did not end as planned: an operator or the daemon landed or stopped the vehicle, it crashed, or
     /// there was no take-off. `None` for a complete flight, and for an outcome that needs no reason.
     pub fn shortfall(&self) -> Option<String> {
+        if self.has_other_config {
+            let reason = "the daemon ran with another configuration than was recorded: law, vehicle and settings are not those that flew";
+            return Some(reason.to_owned());
+        }
         let flights = self.flights().count();
         if flights > 1 {
             return Some(format!(

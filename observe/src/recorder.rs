@@ -1,13 +1,14 @@
 //! The flight recorder: a sink that joins every tick of the daemon with the truth, detects the end of the flight, and returns the
 //! recorded [`Flight`].
 
-use oqtal_bus::code::{Answer, Mode, OperatorCommand, SafetyState};
+use oqtal_bus::code::{Answer, Mode, SafetyState};
 use oqtal_bus::message::{EventV1, ExternalV1, PoseV1, TelemetryV1, TruthV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::{ObservedTopic, Sample};
+use oqtal_bus::topic::{ObservedTopic, Role, Sample};
 use oqtal_config::Config;
 
 use crate::crash::Crash;
+use crate::event::changes_course;
 use crate::flight::{AppliedCommand, Flight, FlightSample, Outcome, PoseArrival};
 use crate::latency::OnwardTime;
 use crate::nearest::NearestJoin;
@@ -41,6 +42,7 @@ pub struct Recorder {
     join: NearestJoin<TelemetryV1, TruthV1>,
     flown: bool,
     resting_since: Option<Time>,
+    config_hash: u64,
 }
 
 impl Recorder {
@@ -66,6 +68,7 @@ impl Recorder {
             join: NearestJoin::default(),
             flown: false,
             resting_since: None,
+            config_hash: config.hash(),
         }
     }
 
@@ -279,12 +282,6 @@ impl Recorder {
     }
 }
 
-/// Whether the request changes the course of the current flight only, and no settings.
-fn changes_course(event: &EventV1) -> bool {
-    use OperatorCommand::{Goto, Hover, Trajectory};
-    matches!(OperatorCommand::from_code(event.command), Some(Goto | Hover | Trajectory))
-}
-
 impl Sink for Recorder {
     fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
         match sample {
@@ -297,6 +294,9 @@ impl Sink for Recorder {
             Sample::Vehicle(vehicle) => self.vehicle(reception, vehicle),
             Sample::External(answer) if self.armed_at.is_some() => self.answer(answer),
             Sample::Event(event) => self.change(reception, event),
+            Sample::Health(Role::Daemon, health) => {
+                self.flight.has_other_config |= health.config_hash != self.config_hash;
+            }
             _ => {}
         }
     }

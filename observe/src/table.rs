@@ -26,7 +26,7 @@ pub fn closing(summary: &Summary) -> String {
         Some(errors) => text += &format!("{errors}\n"),
         // The shortfall says why nothing of another flight is.
         None if summary.ticks == 0 => {}
-        None if !summary.changes.is_empty() => text += REDIRECTED,
+        None if summary.changes.iter().any(|change| change.changes_course) => text += REDIRECTED,
         None if summary.outcome == Outcome::Landed && summary.shortfall.is_none() => {
             text += UNSCORED;
         }

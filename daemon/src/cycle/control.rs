@@ -56,6 +56,8 @@ pub(super) struct FlightControl {
     interface: Interface,
     max_thrust_n: f64,
     stack: ControlStack,
+    /// Riccati equations of the stacks before this one, as [`ControlStack::riccati_counts`].
+    earlier_counts: [u32; 2],
     handover: Handover,
     descent: BlindDescent,
     /// The last command, repeated while poses are missing.
@@ -75,6 +77,7 @@ impl FlightControl {
             interface: config.vehicle.interface,
             max_thrust_n: config.vehicle.max_thrust_n,
             stack: ControlStack::new(config)?,
+            earlier_counts: [0; 2],
             handover: Handover::new(config),
             descent: BlindDescent::of(config),
             held: VehicleCommand::Disarmed,
@@ -87,9 +90,10 @@ impl FlightControl {
         &self.sent
     }
 
-    /// The control stack.
-    pub(super) fn stack(&self) -> &ControlStack {
-        &self.stack
+    /// Numbers of Riccati equations since the start, as [`ControlStack::riccati_counts`].
+    pub(super) fn riccati_counts(&self) -> [u32; 2] {
+        let (own, earlier) = (self.stack.riccati_counts(), self.earlier_counts);
+        std::array::from_fn(|index| own[index] + earlier[index])
     }
 
     /// Resets integrators and filters for a new flight.
@@ -101,6 +105,10 @@ impl FlightControl {
     /// Replaces the control stack by `stack`, which continues the flight, and returns the old one in its place. `keeps_law` if the
     /// attitude law has the same options.
     pub(super) fn exchange_stack(&mut self, stack: &mut ControlStack, keeps_law: bool) {
+        // A law that is kept keeps its counts.
+        if !keeps_law {
+            self.earlier_counts = self.riccati_counts();
+        }
         stack.adopt(&self.stack, keeps_law);
         std::mem::swap(&mut self.stack, stack);
         self.handover.begin();
