@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::Args;
 use oqtal_bus::message::CommandV1;
 use oqtal_config::{Config, Setting};
-use oqtal_control::trajectory::{Trajectory, Waypoints};
+use oqtal_control::trajectory::Waypoints;
 use oqtal_lab::replay::{ReplayResult, ReplayedTick, replay};
 use oqtal_observe::recording::{
     DaemonHistory, InputHistory, RecordingFile, WAYPOINTS_FILE, play, recording_path,
@@ -73,10 +73,10 @@ impl ReplayArgs {
         play(&file, &mut histories).map_err(failure)?;
         let histories = histories.finish();
         self.check(&histories)?;
-        let trajectory = trajectory(&config, &file)?;
+        let waypoints = waypoints(&file)?;
         let mut results = Vec::new();
         for history in &histories {
-            results.push(replay(&config, &trajectory, history)?);
+            results.push(replay(&config, waypoints.as_ref(), history)?);
         }
         if let Some(path) = &self.out {
             recordings::write(path, csv(&results))?;
@@ -120,18 +120,13 @@ impl ReplayArgs {
     }
 }
 
-/// Trajectory of the configuration, with the recorded waypoints.
-fn trajectory(config: &Config, file: &RecordingFile) -> Result<Trajectory, Failure> {
-    let Some(bytes) = file.attachments.get(WAYPOINTS_FILE) else {
-        return oqtal_daemon::trajectory(config);
-    };
-    let bad = |reason: String| {
-        Failure::new(Exit::Data, format!("{} ({WAYPOINTS_FILE}): {reason}", file.path.display()))
-    };
-    let text = String::from_utf8_lossy(bytes);
-    let waypoints = Waypoints::parse(&text).map_err(|error| bad(error.to_string()))?;
-    let trajectory = config.trajectory.trajectory(Some(waypoints));
-    trajectory.ok_or_else(|| bad("no trajectory".to_owned()))
+/// The recorded waypoints; `None` without any.
+fn waypoints(file: &RecordingFile) -> Result<Option<Waypoints>, Failure> {
+    let Some(bytes) = file.attachments.get(WAYPOINTS_FILE) else { return Ok(None) };
+    let parsed = Waypoints::parse(&String::from_utf8_lossy(bytes));
+    parsed.map(Some).map_err(|error| {
+        Failure::new(Exit::Data, format!("{} ({WAYPOINTS_FILE}): {error}", file.path.display()))
+    })
 }
 
 /// The numbers of a command, in the order of [`NAMES`].

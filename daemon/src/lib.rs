@@ -131,7 +131,7 @@ pub use turn::{DaemonPorts, DaemonTurn};
 pub use vehicle::VehicleWatch;
 pub use warmup::CacheWarmup;
 pub use warnings::warnings;
-pub use waypoint_file::trajectory;
+pub use waypoint_file::{trajectory, trajectory_along};
 
 /// Controls the vehicle until a stop is requested, and leaves its motors off.
 ///

@@ -12,7 +12,7 @@ use oqtal_bus::message::ControlRequestV1;
 use oqtal_bus::text::LongText;
 use oqtal_config::{Config, ConfigError, Setting};
 use oqtal_control::predictive::MotionTracker;
-use oqtal_control::trajectory::{LegLimits, Trajectory, TrajectoryOptions};
+use oqtal_control::trajectory::{LegLimits, Trajectory, TrajectoryOptions, Waypoints};
 use oqtal_runtime::process::Failure;
 
 use crate::arming::ArmingPath;
@@ -44,13 +44,12 @@ pub struct LiveControl {
 }
 
 impl LiveControl {
-    /// The control of `next`, which follows `present`.
+    /// The control of `next`, which follows `present`, and its trajectory.
     ///
     /// # Errors
-    /// An option of the law is not allowed, or the trajectory cannot be read or does not fit inside the fence.
-    fn new(present: &Config, next: &Config) -> Result<Self, Failure> {
+    /// An option of the law is not allowed, or the trajectory does not fit inside the fence.
+    fn new(present: &Config, next: &Config, trajectory: Trajectory) -> Result<Self, Failure> {
         let located = |error| Failure::from(next.locate(&error));
-        let trajectory = waypoint_file::trajectory(next)?;
         require_flyable(next, &trajectory, None)?;
         let of_tracker =
             |config: &Config| (config.control.is_predictive(), config.control.predictive);
@@ -139,13 +138,21 @@ pub struct LiveSettings {
     /// Earlier settings, the last ones at the end.
     earlier: Vec<Config>,
     files: Vec<PathBuf>,
+    /// Points of the waypoint file at the start; `None` without one that can be read.
+    waypoints: Option<Waypoints>,
 }
 
 impl LiveSettings {
-    /// The settings of `config`, which was read from `files`.
+    /// The settings of `config`, which was read from `files`; its waypoint file is read.
     pub fn new(config: &Config, files: &[PathBuf]) -> Self {
+        // A file that cannot be read is an error of the request that needs it.
+        Self::along(config, files, waypoint_file::waypoints(config).unwrap_or(None))
+    }
+
+    /// As [`LiveSettings::new`], with these points of the waypoint file.
+    pub fn along(config: &Config, files: &[PathBuf], waypoints: Option<Waypoints>) -> Self {
         let (started, present) = (config.clone(), config.clone());
-        Self { started, present, earlier: Vec::new(), files: files.to_vec() }
+        Self { started, present, earlier: Vec::new(), files: files.to_vec(), waypoints }
     }
 
     /// The present settings.
@@ -243,7 +250,7 @@ impl LiveSettings {
         text: LongText,
         is_undo: bool,
     ) -> Result<PreparedChange, Refusal> {
-        let live = LiveControl::new(&self.present, &next)?;
+        let live = LiveControl::new(&self.present, &next, self.trajectory_of(&next)?)?;
         let change = FlightChange::Settings(Box::new(live));
         Ok(PreparedChange { change, text, settings: Some((next, is_undo)) })
     }
@@ -284,11 +291,22 @@ impl LiveSettings {
         self.settings(next, text, false)
     }
 
+    /// The trajectory of `config`. A waypoint file that the daemon has read is not read again: what flies is what was recorded.
+    fn trajectory_of(&self, config: &Config) -> Result<Trajectory, Failure> {
+        let file = |config: &Config| config.trajectory.waypoints_file.clone();
+        match &self.waypoints {
+            Some(read) if file(config) == file(&self.started) => {
+                waypoint_file::trajectory_along(config, Some(read.clone()))
+            }
+            _ => waypoint_file::trajectory(config),
+        }
+    }
+
     /// The trajectory with the name `kind` and the present options.
     fn trajectory(&self, kind: &str) -> Result<Trajectory, Refusal> {
         let kind = Setting::flag("fly", "trajectory.kind", kind);
         let config = self.present.with_live(&[kind])?;
-        let trajectory = waypoint_file::trajectory(&config)?;
+        let trajectory = self.trajectory_of(&config)?;
         require_flyable(&config, &trajectory, None)?;
         Ok(trajectory)
     }

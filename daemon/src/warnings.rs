@@ -35,6 +35,7 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     all.extend(law_replaced(config));
     all.extend(too_old(config));
     all.extend(way_points_unused(config));
+    all.extend(position_gains_unused(config));
     let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
     let samples = samples(&plan);
     // The predictive stack feeds the motion of the reference forward, beside these limits.
@@ -147,6 +148,29 @@ fn too_old(config: &Config) -> Option<String> {
     (!config.is_replay() && age_ms >= most_ms).then(|| {
         format!(
             "poses are up to {age_ms} ms old (mocap.latency-ms, mocap.jitter-ms), and those older than {most_ms} ms are refused: raise safety.max-pose-age-ms"
+        )
+    })
+}
+
+/// Note that gains of position loops are changed that do not fly.
+fn position_gains_unused(config: &Config) -> Option<String> {
+    let gains = |config: &Config| {
+        let own = &config.position;
+        [
+            ("horizontal-position", own.horizontal_position),
+            ("vertical-position", own.vertical_position),
+            ("horizontal-velocity", own.horizontal_velocity),
+            ("vertical-velocity", own.vertical_velocity),
+        ]
+    };
+    let shipped = gains(&Config::default());
+    let changed = gains(config).into_iter().filter(|own| !shipped.contains(own));
+    let changed: Vec<_> = changed.map(|(name, _)| format!("position.{name}")).collect();
+    (config.control.is_predictive() && !changed.is_empty()).then(|| {
+        format!(
+            "{}: these loops do not fly under {}, whose position law has the gains in [control.predictive]",
+            changed.join(", "),
+            config.control.controller
         )
     })
 }

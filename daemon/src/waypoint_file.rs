@@ -7,28 +7,40 @@ use oqtal_runtime::process::{Exit, Failure};
 /// Length up to which a file is read \[MiB\].
 const LONGEST_FILE_MIB: u64 = 16;
 
-/// The trajectory of `config`.
+/// The trajectory of `config`, whose waypoint file is read if it flies one.
 ///
 /// # Errors
 /// A waypoint file that cannot be read (exit code 65).
 pub fn trajectory(config: &Config) -> Result<Trajectory, Failure> {
-    let data = |reason: String| Failure::new(Exit::Data, reason);
-    let options = &config.trajectory;
-    let waypoints = match (&options.waypoints_file, options.kind) {
-        (Some(file), TrajectoryKind::Waypoints) => {
-            let name = file.display();
-            let text = read_text(file, LONGEST_FILE_MIB)
-                .map_err(|error| data(format!("{name}: {error}")))?;
-            let parsed = Waypoints::parse(&text);
-            Some(
-                parsed
-                    .map_err(|error| data(format!("{name}:{}: {}", error.line, error.problem)))?,
-            )
-        }
-        _ => None,
-    };
-    options.trajectory(waypoints).ok_or_else(|| {
+    let is_file = config.trajectory.kind == TrajectoryKind::Waypoints;
+    let waypoints = if is_file { waypoints(config)? } else { None };
+    trajectory_along(config, waypoints)
+}
+
+/// The trajectory of `config`, with these points if it flies waypoints.
+///
+/// # Errors
+/// There are no points (exit code 78).
+pub fn trajectory_along(
+    config: &Config,
+    waypoints: Option<Waypoints>,
+) -> Result<Trajectory, Failure> {
+    config.trajectory.trajectory(waypoints).ok_or_else(|| {
         let reason = "`trajectory.waypoints-file` must name a CSV file with columns t, x, y, z and, if wanted, yaw_deg";
         Failure::new(Exit::Config, reason)
     })
+}
+
+/// The points of the waypoint file of `config`; `None` if it names none.
+///
+/// # Errors
+/// The file cannot be read (exit code 65).
+pub fn waypoints(config: &Config) -> Result<Option<Waypoints>, Failure> {
+    let Some(file) = &config.trajectory.waypoints_file else { return Ok(None) };
+    let data = |reason: String| Failure::new(Exit::Data, reason);
+    let name = file.display();
+    let text =
+        read_text(file, LONGEST_FILE_MIB).map_err(|error| data(format!("{name}: {error}")))?;
+    let parsed = Waypoints::parse(&text);
+    parsed.map(Some).map_err(|error| data(format!("{name}:{}: {}", error.line, error.problem)))
 }

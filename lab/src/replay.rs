@@ -20,10 +20,10 @@ use oqtal_bus::time::Time;
 use oqtal_bus::topic::{COMMAND, POSE, REFERENCE, TELEMETRY, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_config::Config;
-use oqtal_control::trajectory::Trajectory;
+use oqtal_control::trajectory::Waypoints;
 use oqtal_daemon::{
     CacheWarmup, Cycle, DaemonPorts, DaemonTurn, ExternalLaw, LawPort, LiveSettings,
-    OperatorRequests, Refusal, loop_handoff,
+    OperatorRequests, Refusal, loop_handoff, trajectory_along,
 };
 use oqtal_observe::recording::{DaemonHistory, RecordedTurn};
 use oqtal_runtime::process::{Exit, Failure};
@@ -67,18 +67,18 @@ impl ReplayResult {
     }
 }
 
-/// Replays the `history` of a daemon under `config`.
+/// Replays the `history` of a daemon under `config`, with the recorded points of its waypoint file.
 ///
 /// # Errors
 /// An option of the law is invalid.
 pub fn replay(
     config: &Config,
-    trajectory: &Trajectory,
+    waypoints: Option<&Waypoints>,
     history: &DaemonHistory,
 ) -> Result<ReplayResult, Failure> {
     let mut turns = history.turns.iter();
     let Some(start) = turns.next() else { return Ok(ReplayResult::default()) };
-    let mut bench = ReplayBench::open(config, trajectory, start)?;
+    let mut bench = ReplayBench::open(config, waypoints, start)?;
     for turn in turns {
         match InputKind::from_code(turn.input.kind) {
             Some(InputKind::Turn) => bench.turn(turn)?,
@@ -109,11 +109,12 @@ struct ReplayBench {
 impl ReplayBench {
     fn open(
         config: &Config,
-        trajectory: &Trajectory,
+        waypoints: Option<&Waypoints>,
         start: &RecordedTurn,
     ) -> Result<Self, Failure> {
         let bus = MemoryBus::new();
-        let mut cycle = Cycle::new(config, trajectory.clone(), start.input.time)
+        let trajectory = trajectory_along(config, waypoints.cloned())?;
+        let mut cycle = Cycle::new(config, trajectory, start.input.time)
             .map_err(|error| config.locate(&error))?;
         if start.input.stays == 1 {
             cycle.cancel_automatic();
@@ -129,7 +130,7 @@ impl ReplayBench {
             poses: bus.writer(&POSE)?,
             vehicles: bus.writer(&VEHICLE)?,
             references: bus.writer(&REFERENCE)?,
-            settings: LiveSettings::new(config, &[]),
+            settings: LiveSettings::along(config, &[], waypoints.cloned()),
             stop: bus.stop_switch()?,
             daemon: DaemonTurn { ports, cycle, warmup: CacheWarmup::never(), handle, law },
             answer,

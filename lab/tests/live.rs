@@ -7,6 +7,7 @@ use oqtal_bus::message::{ControlRequestV1, ControlResponseV1, ReferenceV1, Telem
 use oqtal_bus::text::LongText;
 use oqtal_bus::time::Span;
 use oqtal_config::{Config, Setting};
+use oqtal_control::trajectory::Waypoints;
 use oqtal_daemon::SlewLimits;
 use oqtal_lab::mission::Mission;
 use oqtal_lab::replay::replay;
@@ -239,7 +240,7 @@ fn a_thousand_random_requests_leave_the_command_in_range_and_replay_bit_for_bit(
     let mut histories = InputHistory::default();
     play(&RecordingFile::read(&path).unwrap(), &mut histories).unwrap();
     let histories = histories.finish();
-    let result = replay(config, &mission.trajectory, &histories[0]).unwrap();
+    let result = replay(config, None, &histories[0]).unwrap();
     assert!(
         result.ticks.len() > 3000 && result.requests > 400,
         "{} {}",
@@ -247,6 +248,46 @@ fn a_thousand_random_requests_leave_the_command_in_range_and_replay_bit_for_bit(
         result.requests
     );
     assert!(result.is_identical());
+}
+
+/// What flies is what the recording has, whatever becomes of the file.
+#[test]
+fn waypoints_flown_by_request_are_those_of_the_start_and_replay_bit_for_bit() {
+    let directory = tempfile::tempdir().unwrap();
+    let points = directory.path().join("points.csv");
+    let text = "t,x,y,z\n0,0,0,1\n4,0.5,0,1\n8,0,0,1\n";
+    std::fs::write(&points, text).unwrap();
+    let file = format!("trajectory.waypoints-file={:?}", points.display().to_string());
+    let mission = hover(60.0, &[&file]);
+    let path = directory.path().join("flight.mcap");
+    let provenance = Provenance { version: "test", revision: "test" };
+    let plan = RecordingPlan {
+        path: path.clone(),
+        config: &mission.config,
+        provenance,
+        rotates: false,
+        complain: |text| panic!("{text}"),
+    };
+    let recorder = McapRecorder::create(&plan).unwrap();
+    let mut flight = OnlineFlight::begin_recorded(&mission, Some(recorder)).unwrap();
+    fly_for(&mut flight, 7.0);
+    std::fs::remove_file(&points).unwrap();
+    let fly = ControlRequestV1::of(OperatorCommand::Trajectory);
+    let fly = ControlRequestV1 { text: LongText::new("waypoints"), ..fly };
+    assert!(is_done(&flight.change(OperatorCommand::Trajectory, &fly).unwrap().unwrap()));
+    fly_for(&mut flight, 4.0);
+    assert!(last(&flight).position[0] > 0.3, "{:?}", last(&flight).position);
+    let law = request("control.controller=geometric");
+    assert!(is_done(&flight.change(OperatorCommand::Set, &law).unwrap().unwrap()));
+    fly_for(&mut flight, 2.0);
+    assert!(flight.request(OperatorCommand::Land).unwrap());
+    flight.end_after(Span::from_millis(20_000));
+    assert_eq!(flight.finish().unwrap().outcome, Outcome::Landed);
+    let mut histories = InputHistory::default();
+    play(&RecordingFile::read(&path).unwrap(), &mut histories).unwrap();
+    let points = Waypoints::parse(text).unwrap();
+    let result = replay(&mission.config, Some(&points), &histories.finish()[0]).unwrap();
+    assert!(result.is_identical() && result.requests == 4, "{}", result.requests);
 }
 
 /// A planner's reference of the shipped circle from the hover point, at `t_s` \[s\] after its start.

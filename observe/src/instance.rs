@@ -210,7 +210,8 @@ impl InstanceModel {
     fn vehicle(&mut self, reception: &Reception, vehicle: &VehicleV1) {
         let newest = Newest { received_at: reception.received_at, body: *vehicle };
         let Some(Newest { body: before, .. }) = self.vehicle.replace(newest) else { return };
-        let off = if vehicle.link == 1 { "motors off" } else { "motors unknown" };
+        let is_known = vehicle.link == 1 || vehicle.simulated == 1;
+        let off = if is_known { "motors off" } else { "motors unknown" };
         let changes = [
             (before.armed, vehicle.armed, [off, "motors run"]),
             (before.link, vehicle.link, ["vehicle silent", "vehicle answers"]),

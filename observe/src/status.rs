@@ -122,7 +122,8 @@ struct DaemonHealth {
 pub struct VehicleStatus {
     simulated: bool,
     link: bool,
-    armed: bool,
+    /// Whether the motors run; `None` if a real vehicle is silent, whose bridge reports none.
+    armed: Option<bool>,
     starting: bool,
     stopped: bool,
     battery_v: Option<f64>,
@@ -145,10 +146,11 @@ impl VehicleStatus {
     /// State of the vehicle in its newest message.
     pub fn new(vehicle: &VehicleV1) -> Self {
         let known = |number: f64| number.is_finite().then_some(number);
+        let is_known = vehicle.link != 0 || vehicle.armed != 0 || vehicle.simulated != 0;
         Self {
             simulated: vehicle.simulated != 0,
             link: vehicle.link != 0,
-            armed: vehicle.armed != 0,
+            armed: is_known.then_some(vehicle.armed != 0),
             starting: vehicle.starting != 0,
             stopped: vehicle.stopped != 0,
             battery_v: known(vehicle.battery_v),
@@ -170,10 +172,9 @@ impl fmt::Display for VehicleStatus {
         let link = if self.link { "answers" } else { "silent" };
         let motors = match (self.starting, self.armed) {
             (true, _) => "motors starting",
-            (false, true) => "motors running",
-            // A bridge reports no running motors of a vehicle that does not answer.
-            (false, false) if !self.link => "motors unknown",
-            (false, false) => "motors off",
+            (false, Some(true)) => "motors running",
+            (false, Some(false)) => "motors off",
+            (false, None) => "motors unknown",
         };
         let stop = if self.stopped { ", stopped by an operator" } else { "" };
         write!(f, "{kind}, {link}, {motors}{stop}")?;

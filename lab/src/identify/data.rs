@@ -10,6 +10,8 @@ use oqtal_observe::flight::{Flight, FlightSample};
 
 /// Height above the floor above which a flight is used \[m\]: below it, the floor exerts forces.
 const CLEAR_M: f64 = 0.3;
+/// Poses for each one used above which a remark is printed \[-\].
+const MOST_POSES: f64 = 1.5;
 /// Share of acknowledged commands above which a command without acknowledgement counts as lost \[-\].
 const ACKNOWLEDGED_SHARE: f64 = 0.5;
 
@@ -51,6 +53,8 @@ pub struct FlightData {
     pub prescribed: Vec<(f64, Vector3<f64>)>,
     /// Median time from the publication of a command to its effect, by its stamps \[s\]; `None` without such stamps.
     pub stamped_delay_s: Option<f64>,
+    /// Whether the flight has more poses than one in a tick, of which the newest alone are used.
+    pub leaves_out_poses: bool,
 }
 
 impl FlightData {
@@ -68,7 +72,9 @@ impl FlightData {
         let until_s = armed_until_s(flight);
         let air = poses[first..last].iter().copied();
         let air = air.filter(|pose| pose.captured_s < until_s).collect();
-        Self { rest, air, commands, prescribed: prescribed(flight), stamped_delay_s }
+        let leaves_out_poses = flight.arrivals.len() as f64 > MOST_POSES * poses.len() as f64;
+        let prescribed = prescribed(flight);
+        Self { rest, air, commands, prescribed, stamped_delay_s, leaves_out_poses }
     }
 }
 
