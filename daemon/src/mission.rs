@@ -87,7 +87,7 @@ impl ActiveMission {
         }
     }
 
-    /// Whether all holds together have lasted [`MOST_HELD`].
+    /// Whether all holds together have lasted 10 s.
     pub fn is_held_too_long(&self, now: Time) -> bool {
         let present = self.held.map_or(Span::ZERO, |(since, _)| now.since(since));
         self.held_before + present >= MOST_HELD

@@ -41,10 +41,13 @@ pub fn add_provenance(document: &mut Value, config: &Config) {
     document["config_hash"] = json!(format!("{:016x}", config.hash()));
 }
 
+/// Beginning of the configuration that a study writes beside its results.
+pub const STUDY_CONFIG_BEGINS: &str = "# Configuration of `";
+
 /// `config` as a file, below comments with the command and the version of the program.
 pub fn config_file_text(config: &Config) -> String {
     let (command, version) = (command(), env!("CARGO_PKG_VERSION"));
-    format!("# Configuration of `{command}`, oqtal {version}.\n{}", config.to_toml())
+    format!("{STUDY_CONFIG_BEGINS}{command}`, oqtal {version}.\n{}", config.to_toml())
 }
 
 /// Output directory of a study, and its progress.

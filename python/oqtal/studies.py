@@ -191,7 +191,7 @@ class Identification:
     def table(self) -> Table:
         """The parameters: value, half the width of the 95 % interval, value of the configuration.
 
-        A parameter that the flights did not determine has an entry in ``missing`` and the value NaN, and is not written by ``save``.
+        A parameter that the flights did not determine has an entry in ``missing`` and the value NaN; ``save`` leaves it out.
         """
         findings = self.document["findings"]
         text = ("name", "key", "unit", "missing")

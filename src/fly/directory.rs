@@ -8,6 +8,7 @@ use oqtal_config::Config;
 use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 
+use oqtal_lab::output::STUDY_CONFIG_BEGINS;
 use oqtal_observe::flight::Flight;
 use oqtal_observe::recording::{RECORDING, SUMMARY};
 use oqtal_observe::summary::Summary;
@@ -45,7 +46,9 @@ impl FlightDirectory {
     /// The directory already contains a flight, or cannot be created or written.
     pub fn create(given: Option<&Path>, config: &Config) -> Result<Self, Failure> {
         let has_results = |directory: &&Path| {
-            RESULTS.iter().chain([&CONFIG]).any(|name| directory.join(name).exists())
+            let is_of_study = fs::read_to_string(directory.join(CONFIG))
+                .is_ok_and(|text| text.starts_with(STUDY_CONFIG_BEGINS));
+            is_of_study || RESULTS.iter().any(|name| directory.join(name).exists())
         };
         if let Some(directory) = given.filter(has_results) {
             let directory = directory.display();
@@ -218,5 +221,8 @@ mod tests {
         let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name()).collect();
         names.sort();
         assert_eq!(names, [CONFIG, "notes.txt"]);
+        let of_study = oqtal_lab::output::config_file_text(&config);
+        fs::write(directory.path().join(CONFIG), of_study).unwrap();
+        assert!(FlightDirectory::create(out, &config).is_err());
     }
 }
