@@ -166,7 +166,7 @@ fn check_from(
     Err(border_error(config, ["x", "y", "z"][axis], allowed))
 }
 
-/// What makes the trajectory of `config` smaller.
+/// Remedy that makes the trajectory of `config` smaller.
 fn smaller(config: &Config) -> &'static str {
     match config.trajectory.kind {
         TrajectoryKind::Waypoints => {

@@ -250,7 +250,7 @@ fn a_thousand_random_requests_leave_the_command_in_range_and_replay_bit_for_bit(
     assert!(result.is_identical());
 }
 
-/// What flies is what the recording has, whatever becomes of the file.
+/// The recorded points fly, whatever becomes of the file.
 #[test]
 fn waypoints_flown_by_request_are_those_of_the_start_and_replay_bit_for_bit() {
     let directory = tempfile::tempdir().unwrap();
