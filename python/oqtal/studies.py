@@ -83,7 +83,6 @@ def campaign(
     ``client``: a client of dask.distributed, whose workers fly; on machines of one kind the rows are the same, bit for bit.
     """
     call = sources(config, settings, plant, set_by=SET_BY_LAWS, trajectory=("trajectory.kind", trajectory))
-    warn(call)
     if runs is not None and seeds is not None:
         raise UsageError("give runs or seeds: runs are the seeds from 200 on")
     count = integer("runs", RUNS if runs is None else runs, 1)
@@ -121,7 +120,6 @@ def sweep(
         values[key] = list(given)
     set_by = SET_BY_LAWS | dict.fromkeys(values, "its values are those of axes")
     call = sources(config, settings, plant, set_by=set_by, trajectory=("trajectory.kind", trajectory))
-    warn(call)
     for key in SET_BY_LAWS.keys() & values:
         raise UsageError(f"axes: {key} is set by this call; {SET_BY_LAWS[key]}")
     combinations = list(itertools.product(*values.values()))
@@ -161,7 +159,6 @@ def robustness(
     ``gains``, ``client``: as for ``campaign``; ``oqtal robustness`` flies the tuned, the spread and the shipped gains.
     """
     call = sources(config, settings, plant, set_by={**SET_BY_LAWS, "clock.seed": "seed= draws the flights' seeds"})
-    warn(call)
     conditions = _native.draws(call, os.fspath(spread), (integer("runs", runs, 1), integer("seed", seed, 1)), wide)
     table = _fly(call, laws, gains, conditions, progress, threads, client)
     count = table.rows // len(conditions)
