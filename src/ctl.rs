@@ -14,6 +14,8 @@ use oqtal_operator::{
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, paths_of};
 use oqtal_runtime::program::{print, say};
 
+use crate::daemon_config::daemon_config;
+
 /// Arguments of `oqtal ctl`.
 #[derive(Args, Debug)]
 pub struct CtlArgs {
@@ -186,9 +188,7 @@ fn differences(
 ) -> Option<String> {
     let is_other =
         response.cause == Cause::OtherConfig.code() && response.config_hash != expected.hash();
-    let file = is_other.then(|| address.paths.config())?;
-    let text = std::fs::read_to_string(&file).ok()?;
-    let daemon = Config::parse(&file.to_string_lossy(), &text, &[]).ok()?;
+    let daemon = is_other.then(|| daemon_config(&address.paths))??;
     let of_daemon = daemon.hashed_differences(expected);
     (!of_daemon.is_empty()).then(|| format!("the daemon was started with {}", of_daemon.join(", ")))
 }

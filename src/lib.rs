@@ -6,6 +6,7 @@ mod child;
 pub mod cli;
 pub mod compare;
 pub mod ctl;
+mod daemon_config;
 pub mod doctor;
 pub mod export;
 pub mod fly;

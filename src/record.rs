@@ -7,7 +7,6 @@ use std::time::Duration;
 use clap::Args;
 use oqtal_bus::bus::Bus;
 use oqtal_bus::message::EventV1;
-use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Role, Sample};
 use oqtal_config::Config;
@@ -22,6 +21,7 @@ use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths, stop_on_
 use oqtal_runtime::program::{print, say};
 use oqtal_runtime::stop::StopFlag;
 
+use crate::daemon_config::daemon_config;
 use crate::provenance::PROVENANCE;
 use crate::recordings;
 
@@ -60,7 +60,7 @@ impl RecordArgs {
         let place = instance_paths(&given)?;
         // A recorder that is given no settings records those of the daemon.
         let is_plain = given.hash() == Config::default().hash();
-        let config = of_daemon(&place).filter(|_| is_plain).unwrap_or(given);
+        let config = daemon_config(&place).filter(|_| is_plain).unwrap_or(given);
         let bus = Bus::open(&place)?.for_observer();
         if self.attach {
             require_daemon(&bus, "record without --attach")?;
@@ -191,13 +191,6 @@ fn conclude(result: &RecordingResult, lost: u64) -> Result<Exit, Failure> {
         return Err(Failure::new(Exit::System, message));
     }
     Ok(Exit::Ok)
-}
-
-/// The configuration with which the daemon of the instance was started; `None` before one was.
-fn of_daemon(place: &InstancePaths) -> Option<Config> {
-    let file = place.config();
-    let text = std::fs::read_to_string(&file).ok()?;
-    Config::parse(&file.to_string_lossy(), &text, &[]).ok()
 }
 
 /// A duration above zero \[s\].

@@ -9,6 +9,7 @@ use std::time::{Duration, SystemTime};
 
 use clap::Args;
 use oqtal_bus::bus::Bus;
+use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::Time;
 use oqtal_config::Config;
 use oqtal_observe::law_query::LawQuery;
@@ -27,6 +28,7 @@ use oqtal_view::scene::SceneDescription;
 use oqtal_view::server;
 use oqtal_view::site::{Site, Subject};
 
+use crate::daemon_config::daemon_config;
 use crate::recordings::{self, failure};
 use crate::token::random_token;
 use operator::BusOperator;
@@ -97,11 +99,10 @@ impl ViewArgs {
         }
         let hub = Arc::new(Hub::default());
         let expected = (!self.common.config.is_empty()).then(|| config.hash());
-        let daemon_file = paths.config();
         let operator = BusOperator::new(&paths, expected);
         let operator = self.control.then(|| Box::new(operator) as _);
         let subject = Subject::Live(Arc::clone(&hub), operator);
-        let mut daemon = DaemonConfig { file: daemon_file, written: None };
+        let mut daemon = DaemonConfig { place: paths, written: None };
         let shown = daemon.changed().unwrap_or_else(|| config.clone());
         let scene = SceneDescription::of_instance(&shown, self.control);
         let site = Site::new(access.clone(), &scene, subject);
@@ -170,7 +171,7 @@ impl ViewArgs {
 /// Configuration of the daemon of an instance, as it wrote it at its start.
 #[derive(Debug)]
 struct DaemonConfig {
-    file: PathBuf,
+    place: InstancePaths,
     /// Instant at which the file was written when it was read last.
     written: Option<SystemTime>,
 }
@@ -178,13 +179,12 @@ struct DaemonConfig {
 impl DaemonConfig {
     /// The configuration, if it was written since the last call.
     fn changed(&mut self) -> Option<Config> {
-        let written = std::fs::metadata(&self.file).and_then(|file| file.modified()).ok();
+        let written = std::fs::metadata(self.place.config()).and_then(|file| file.modified()).ok();
         if written.is_none() || written == self.written {
             return None;
         }
-        let text = std::fs::read_to_string(&self.file).ok()?;
         // A file that is not complete yet is read again.
-        let config = Config::parse(&self.file.to_string_lossy(), &text, &[]).ok()?;
+        let config = daemon_config(&self.place)?;
         self.written = written;
         Some(config)
     }

@@ -136,13 +136,7 @@ impl ObeyingProcess {
             line.trim_end_matches('\0').split_once('\0').unwrap_or((&line, ""));
         let is_ours = Path::new(program.trim_end_matches('\0')).file_name()? == "oqtal";
         // Its results are kept.
-        let mut is_path_of_results = false;
-        let words = arguments.split_terminator('\0').filter(|word| {
-            let is_left_out = is_path_of_results || word.starts_with("--out=");
-            is_path_of_results = *word == "--out";
-            !is_left_out && !is_path_of_results
-        });
-        let words = words.map(quoted);
+        let words = without_out(arguments.split_terminator('\0')).map(quoted);
         is_ours.then(|| ["oqtal".to_owned()].into_iter().chain(words).collect::<Vec<_>>().join(" "))
     }
 
@@ -204,6 +198,17 @@ impl ObeyingProcess {
         }
         Err(io::ErrorKind::PermissionDenied.into())
     }
+}
+
+/// The `words` of a command line without `--out` and its path.
+pub fn without_out<W: AsRef<str>>(words: impl Iterator<Item = W>) -> impl Iterator<Item = W> {
+    let mut is_path = false;
+    words.filter(move |word| {
+        let word = word.as_ref();
+        let is_of_out = is_path || word == "--out" || word.starts_with("--out=");
+        is_path = !is_path && word == "--out";
+        !is_of_out
+    })
 }
 
 /// A word of a command line as a shell reads it.

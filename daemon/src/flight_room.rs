@@ -170,7 +170,7 @@ fn check_from(
 fn smaller(config: &Config) -> &'static str {
     match config.trajectory.kind {
         TrajectoryKind::Waypoints => {
-            "way-points that are closer together (trajectory.waypoints-file)"
+            "waypoints that are closer together (trajectory.waypoints-file)"
         }
         _ => "smaller lengths in [trajectory]",
     }

@@ -34,7 +34,7 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     all.extend(implausible(config));
     all.extend(law_replaced(config));
     all.extend(too_old(config));
-    all.extend(way_points_unused(config));
+    all.extend(waypoints_unused(config));
     all.extend(position_gains_unused(config));
     let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
     let samples = samples(&plan);
@@ -175,8 +175,8 @@ fn position_gains_unused(config: &Config) -> Option<String> {
     })
 }
 
-/// Note that a file of way-points is named and not flown.
-fn way_points_unused(config: &Config) -> Option<String> {
+/// Note that a file of waypoints is named and not flown.
+fn waypoints_unused(config: &Config) -> Option<String> {
     let kind = config.trajectory.kind;
     let is_unused = config.trajectory.waypoints_file.is_some() && kind != TrajectoryKind::Waypoints;
     is_unused.then(|| {

@@ -20,7 +20,7 @@ pub fn trajectory(config: &Config) -> Result<Trajectory, Failure> {
 /// The trajectory of `config`, with these points if it flies waypoints.
 ///
 /// # Errors
-/// There are no points (exit code 78).
+/// `config` flies waypoints, and none are given (exit code 78).
 pub fn trajectory_along(
     config: &Config,
     waypoints: Option<Waypoints>,

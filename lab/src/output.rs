@@ -34,7 +34,8 @@ pub struct ExistingArgs {
     pub force: bool,
 }
 
-/// Adds the provenance to a JSON document: command line, program version, and hash of `config`, the configuration that all flights share.
+/// Adds the provenance to a JSON document: command line, program version, and hash of `config`, the configuration that all flights
+/// share.
 pub fn add_provenance(document: &mut Value, config: &Config) {
     document["command"] = json!(command());
     document["version"] = json!(env!("CARGO_PKG_VERSION"));

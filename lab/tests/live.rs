@@ -26,6 +26,19 @@ fn hover(duration_s: f64, more: &[&str]) -> Mission {
     Mission::new(Config::from_settings(&settings).unwrap()).unwrap()
 }
 
+/// Recorder of a flight of `mission` into the file `path`.
+fn recorder(mission: &Mission, path: &Path) -> McapRecorder {
+    let provenance = Provenance { version: "test", revision: "test" };
+    let plan = RecordingPlan {
+        path: path.to_owned(),
+        config: &mission.config,
+        provenance,
+        rotates: false,
+        complain: |text| panic!("{text}"),
+    };
+    McapRecorder::create(&plan).unwrap()
+}
+
 fn request(text: &str) -> ControlRequestV1 {
     let text = LongText::of_lines(text.split(' ')).unwrap();
     ControlRequestV1 { text, ..ControlRequestV1::of(OperatorCommand::Set) }
@@ -218,15 +231,7 @@ fn a_thousand_random_requests_leave_the_command_in_range_and_replay_bit_for_bit(
     let path = directory.path().join("flight.mcap");
     let mission = hover(600.0, &[]);
     let config = &mission.config;
-    let provenance = Provenance { version: "test", revision: "test" };
-    let plan = RecordingPlan {
-        path: path.clone(),
-        config,
-        provenance,
-        rotates: false,
-        complain: |text| panic!("{text}"),
-    };
-    let recorder = McapRecorder::create(&plan).unwrap();
+    let recorder = recorder(&mission, &path);
     let mut flight = OnlineFlight::begin_recorded(&mission, Some(recorder)).unwrap();
     fly_for(&mut flight, 7.0);
     flight.pause_every(Span::from_millis(50));
@@ -260,15 +265,7 @@ fn waypoints_flown_by_request_are_those_of_the_start_and_replay_bit_for_bit() {
     let file = format!("trajectory.waypoints-file={:?}", points.display().to_string());
     let mission = hover(60.0, &[&file]);
     let path = directory.path().join("flight.mcap");
-    let provenance = Provenance { version: "test", revision: "test" };
-    let plan = RecordingPlan {
-        path: path.clone(),
-        config: &mission.config,
-        provenance,
-        rotates: false,
-        complain: |text| panic!("{text}"),
-    };
-    let recorder = McapRecorder::create(&plan).unwrap();
+    let recorder = recorder(&mission, &path);
     let mut flight = OnlineFlight::begin_recorded(&mission, Some(recorder)).unwrap();
     fly_for(&mut flight, 7.0);
     std::fs::remove_file(&points).unwrap();

@@ -18,7 +18,7 @@ pub fn attitude_steps(flight: &Flight) -> Option<StepSettling> {
     let options = &flight.config.trajectory;
     let is_doublet = options.kind == TrajectoryKind::AttitudeDoublet;
     let errors = if is_doublet { prescribed(flight) } else { Vec::new() };
-    // Not of a doublet of no angle, whose steps are all alike.
+    // A doublet without an angle has no steps.
     let step_deg = (0.5 * options.attitude_doublet.angle_deg.abs()).max(0.1);
     let change = |a: &Prescribed<'_>, b: &Prescribed<'_>| a.attitude.angle_to(&b.attitude);
     let steps = errors.chunk_by(|a, b| change(a, b).to_degrees() < step_deg).map(|step| {

@@ -207,7 +207,7 @@ class Flight:
             new = Path(directory.name) / file.name
             again = self._repeat(str(new))
             if json.loads(again.summary())["trajectory_hash"] != self.summary["trajectory_hash"]:
-                raise DataError(f"{file}: the flight is another one now: its recording or a way-point file has changed")
+                raise DataError(f"{file}: the flight is another one now: its recording or a waypoint file has changed")
             try:
                 new.replace(file)
             except OSError as error:

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::OnceLock;
 
 use clap::Args;
-use oqtal_bus::obeying::quoted;
+use oqtal_bus::obeying::{quoted, without_out};
 use oqtal_config::{Config, Setting};
 use oqtal_runtime::process::{Exit, Failure, SettingArgs};
 use oqtal_runtime::program::say;
@@ -142,7 +142,8 @@ pub fn words_of(settings: &[Setting]) -> String {
     words.concat()
 }
 
-/// The command line of this study after its `OQTAL_` variables, without the arguments of the output and the variables of `[instance]`.
+/// The command line of this study after its `OQTAL_` variables, without the arguments of the output and the variables of
+/// `[instance]`.
 pub fn command() -> String {
     let is_of_study = |setting: &Setting| !setting.key.starts_with("instance.");
     let variables = environment().into_iter().filter(is_of_study);
@@ -153,18 +154,9 @@ pub fn command() -> String {
 }
 
 fn command_of(arguments: impl Iterator<Item = String>) -> String {
-    let mut command = "oqtal".to_owned();
-    let mut is_place = false;
-    for word in arguments {
-        let is_of_output = is_place
-            || word.starts_with("--out=")
-            || ["--out", "--resume", "--force", "--json"].contains(&word.as_str());
-        is_place = word == "--out";
-        if !is_of_output {
-            command += &format!(" {}", quoted(&word));
-        }
-    }
-    command
+    let is_of_study = |word: &String| !["--resume", "--force", "--json"].contains(&word.as_str());
+    let words = without_out(arguments).filter(is_of_study).map(|word| quoted(&word));
+    ["oqtal".to_owned()].into_iter().chain(words).collect::<Vec<_>>().join(" ")
 }
 
 /// Parses seeds, `300-330` (both included) or `7`.

@@ -191,15 +191,16 @@ pub fn chosen(
 /// Note on the settings of a study that the gains of `laws` replace.
 pub fn replaced(laws: &[StudyLaw], common: &[Setting]) -> Option<String> {
     // A study sets the law itself.
-    let gains = |law: &'_ StudyLaw| law.settings[common.len()..].to_vec();
-    let gains = laws.iter().flat_map(gains).filter(|gain| gain.key != "control.controller");
+    let gains = laws.iter().flat_map(|law| &law.settings[common.len()..]);
+    let gains = gains.filter(|gain| gain.key != "control.controller");
     let number = |value: &Value| value.as_float().or(value.as_integer().map(|it| it as f64));
     let is_same = |a: &Value, b: &Value| a == b || number(a).is_some() && number(a) == number(b);
-    let mut keys: Vec<String> = Vec::new();
+    let mut keys: Vec<&str> = Vec::new();
     for gain in gains {
         let mut given = common.iter().filter(|setting| setting.key == gain.key);
-        if given.any(|setting| !is_same(&setting.value, &gain.value)) && !keys.contains(&gain.key) {
-            keys.push(gain.key);
+        if given.any(|setting| !is_same(&setting.value, &gain.value)) && !keys.contains(&&*gain.key)
+        {
+            keys.push(&gain.key);
         }
     }
     (!keys.is_empty()).then(|| {

@@ -78,7 +78,8 @@ pub fn named(asked: &[String]) -> impl Iterator<Item = &'static str> {
     names().filter(|law| asked.iter().any(|name| name == law))
 }
 
-/// Warnings before flights of `laws`, each once; one that does not apply to all laws begins with the names of those to which it applies. A law with invalid settings has none: its flights report the error.
+/// Warnings before flights of `laws`, each once; one that does not apply to all laws begins with the names of those to which it
+/// applies. A law with invalid settings has none: its flights report the error.
 pub fn warnings(laws: &[StudyLaw]) -> Vec<String> {
     let mut all: Vec<(String, Vec<&str>)> = Vec::new();
     for law in laws {
