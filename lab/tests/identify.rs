@@ -132,6 +132,21 @@ fn a_parameter_that_a_hover_does_not_determine_is_not_written() {
     assert_eq!(identification.vehicle(&flight.config.vehicle).drag_per_s, 0.25);
 }
 
+/// The law flies on one pose in four; all are used. With the poses of the law alone, the thrust of this hover is up to a tenth too small.
+#[test]
+fn a_hover_with_cameras_faster_than_the_controller_shows_the_thrust() {
+    let settings = [
+        Setting::flag("test", "trajectory.kind", "hover"),
+        Setting::flag("test", "mocap.rate-hz", 240.0),
+    ];
+    let config = Config::from_settings(&settings).unwrap();
+    let flight = simulation::fly(&Mission::new(config).unwrap()).unwrap();
+    let found = identified(&flight);
+    assert!(3 * flight.samples.len() < found.poses * 2, "{}", found.poses);
+    let thrust = found.of_key("vehicle.max-thrust-n")[0];
+    assert!(thrust.is_shown() && (thrust.value - 20.0).abs() < 0.6, "{thrust:?}");
+}
+
 #[test]
 fn findings_are_a_layer_of_the_configuration() {
     let settings = [Setting::flag("test", "plant.rate-lag-ms", 60.0)];

@@ -68,12 +68,18 @@ impl fmt::Display for Outcome {
 /// Received pose.
 #[derive(Clone, Copy, Debug)]
 pub struct PoseArrival {
+    /// Instant of capture.
+    pub captured_at: Time,
     /// Instant of publication.
     pub at: Time,
     /// Number of its camera frame \[-\]; a gap is a lost frame.
     pub frame: u64,
     /// Measured position \[m, world\].
     pub position: [f64; 3],
+    /// Measured attitude, body to world, scalar last.
+    pub attitude: [f64; 4],
+    /// Whether the cameras saw the body.
+    pub is_tracked: bool,
 }
 
 /// Command that reached the vehicle.

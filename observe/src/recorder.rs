@@ -235,9 +235,12 @@ impl Recorder {
         let last = flight.arrivals.last().map_or(0, |arrival| arrival.frame);
         flight.poses_repeated += u64::from(header.pose_sequence == last);
         flight.arrivals.push(PoseArrival {
+            captured_at: header.stamps.captured_at,
             at: header.stamps.pose_published_at,
             frame: header.pose_sequence,
             position: pose.position,
+            attitude: pose.attitude,
+            is_tracked: pose.tracked != 0,
         });
     }
 

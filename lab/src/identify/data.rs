@@ -10,8 +10,6 @@ use oqtal_observe::flight::{Flight, FlightSample};
 
 /// Height above the floor above which a flight is used \[m\]: below it, the floor exerts forces.
 const CLEAR_M: f64 = 0.3;
-/// Poses for each one used above which a remark is printed \[-\].
-const MOST_POSES: f64 = 1.5;
 /// Share of acknowledged commands above which a command without acknowledgement counts as lost \[-\].
 const ACKNOWLEDGED_SHARE: f64 = 0.5;
 
@@ -53,8 +51,6 @@ pub struct FlightData {
     pub prescribed: Vec<(f64, Vector3<f64>)>,
     /// Median time from the publication of a command to its effect, by its stamps \[s\]; `None` without such stamps.
     pub stamped_delay_s: Option<f64>,
-    /// Whether the flight has more poses than one in a tick, of which the newest alone are used.
-    pub leaves_out_poses: bool,
 }
 
 impl FlightData {
@@ -72,9 +68,7 @@ impl FlightData {
         let until_s = armed_until_s(flight);
         let air = poses[first..last].iter().copied();
         let air = air.filter(|pose| pose.captured_s < until_s).collect();
-        let leaves_out_poses = flight.arrivals.len() as f64 > MOST_POSES * poses.len() as f64;
-        let prescribed = prescribed(flight);
-        Self { rest, air, commands, prescribed, stamped_delay_s, leaves_out_poses }
+        Self { rest, air, commands, prescribed: prescribed(flight), stamped_delay_s }
     }
 }
 
@@ -88,21 +82,42 @@ fn armed_until_s(flight: &Flight) -> f64 {
     flight.armed().last().map_or(f64::NEG_INFINITY, |sample| seconds(sample.telemetry.time))
 }
 
-/// The poses that the daemon accepted, each once, in the order of their capture.
+/// The poses that the daemon flew on, each once, in the order of their capture, and those between the poses of two successive ticks,
+/// where the cameras are faster than the controller: the law's own poses alone would make noise and commands appear related.
 fn poses(flight: &Flight) -> Vec<PoseRecord> {
+    let mut arrivals = flight.arrivals.iter().filter(|arrival| arrival.is_tracked).peekable();
     let mut poses: Vec<PoseRecord> = Vec::new();
-    for FlightSample { telemetry, .. } in &flight.samples {
-        let (captured, published) = (telemetry.pose_captured_at, telemetry.pose_published_at);
-        let captured_s = seconds(captured);
-        let Some(attitude) = Attitude::from_xyzw(telemetry.pose_attitude) else { continue };
-        let position = Vector3::from(telemetry.pose_position);
-        let is_new = poses.last().is_none_or(|last| last.captured_s < captured_s);
-        if captured.is_set() && is_new && position.iter().all(|number| number.is_finite()) {
-            let latency_s = published.since(captured).seconds();
-            poses.push(PoseRecord { captured_s, latency_s, position, attitude });
+    let (mut last_captured, mut last_tick) = (Time::UNSET, 0);
+    for (tick, FlightSample { telemetry, .. }) in flight.samples.iter().enumerate() {
+        let captured = telemetry.pose_captured_at;
+        if !captured.is_set() || captured <= last_captured {
+            continue;
         }
+        let is_successive = last_captured.is_set() && tick == last_tick + 1;
+        while let Some(between) = arrivals.next_if(|arrival| arrival.captured_at < captured) {
+            if is_successive && between.captured_at > last_captured {
+                let stamps = [between.captured_at, between.at];
+                poses.extend(pose_record(stamps, between.position, between.attitude));
+            }
+        }
+        let stamps = [captured, telemetry.pose_published_at];
+        poses.extend(pose_record(stamps, telemetry.pose_position, telemetry.pose_attitude));
+        (last_captured, last_tick) = (captured, tick);
     }
     poses
+}
+
+/// The pose captured at the first and published at the second instant; `None` if it is not finite.
+fn pose_record(
+    [captured, published]: [Time; 2],
+    position: [f64; 3],
+    attitude: [f64; 4],
+) -> Option<PoseRecord> {
+    let attitude = Attitude::from_xyzw(attitude)?;
+    let position = Vector3::from(position);
+    let latency_s = published.since(captured).seconds();
+    let is_finite = position.iter().all(|number| number.is_finite());
+    is_finite.then(|| PoseRecord { captured_s: seconds(captured), latency_s, position, attitude })
 }
 
 /// The attitudes that the trajectory prescribes.

@@ -52,8 +52,6 @@ pub struct Identification {
     pub has_prompt_thrust: bool,
     /// Number of poses used \[-\].
     pub poses: usize,
-    /// Whether a flight has more poses than one in a tick, of which the newest alone are used.
-    pub leaves_out_poses: bool,
     /// The fits, for plots.
     #[serde(skip)]
     pub estimate: VehicleFit,
@@ -88,7 +86,6 @@ pub fn identify(
         gust_s: estimate.lifting.noise.gust_s,
         has_prompt_thrust: may_be_prompt(&estimate.lifting.fit),
         poses: flights.iter().map(|data| data.air.len()).sum(),
-        leaves_out_poses: flights.iter().any(|data| data.leaves_out_poses),
         estimate,
     })
 }

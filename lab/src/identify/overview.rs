@@ -61,12 +61,6 @@ pub fn remarks(identification: &Identification) -> Vec<String> {
         );
     }
     lines.push(whiteness(&identification.residuals));
-    if identification.leaves_out_poses {
-        lines.push(
-            "cameras faster than the controller: of several poses in a tick the newest alone is used, and the intervals of a hover are too narrow: thrust over mass may be a tenth too small; fly `excitation`"
-                .to_owned(),
-        );
-    }
     let fits = &identification.estimate;
     for (name, starts) in
         [("rotation", &fits.turning.starts), ("translation", &fits.lifting.starts)]

@@ -51,7 +51,14 @@ pub fn square() -> Flight {
         let battery_v = 12.4 - 0.01 * t + 0.01 * noise.next();
         let (sequence, onward) = (tick + 1, OnwardTime::default());
         flight.applied.push(AppliedCommand { sequence, stamps, onward, battery_v });
-        flight.arrivals.push(PoseArrival { at, frame: tick + 1, position: position.into() });
+        flight.arrivals.push(PoseArrival {
+            captured_at: at,
+            at,
+            frame: tick + 1,
+            position: position.into(),
+            attitude: [0.0, 0.0, 0.0, 1.0],
+            is_tracked: true,
+        });
     }
     flight
 }
