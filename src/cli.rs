@@ -16,6 +16,7 @@ use crate::fly::{BusFlightSeries, FlyArgs};
 use crate::gateway::GatewayCommand;
 use crate::info::InfoArgs;
 use crate::latency::{LatencyArgs, PartArgs};
+use crate::live_tuning;
 use crate::manual::{CompletionsArgs, ManArgs};
 use crate::record::RecordArgs;
 use crate::recordings;
@@ -128,6 +129,7 @@ impl Cli {
             Some(Command::Sweep(args)) => args.execute(),
             Some(Command::Reproduce(args)) => args.execute(),
             Some(Command::Robustness(args)) => args.execute(),
+            Some(Command::Tune(args)) if args.live.live => live_tuning::execute(&args),
             Some(Command::Tune(args)) => args.execute(),
             Some(Command::Identify(args)) => args.execute(&recordings::read_flight),
             Some(Command::Cameras(command)) => command.execute(),

@@ -47,7 +47,8 @@ const MAX_POSE_INTERVAL_PERIODS: f64 = 3.5;
 pub struct FlyArgs {
     #[arg(long, value_name = "NAME", help = format!("Attitude law: {}", ControllerName::NAMES.join(", ")))]
     controller: Option<String>,
-    /// Trajectory: hover, step, square, circle, lemniscate, attitude-chirp, attitude-doublet, excitation or waypoints
+    /// Trajectory: hover, step, square, circle, lemniscate, attitude-chirp, attitude-doublet, excitation,
+    /// brief-excitation or waypoints
     #[arg(long, value_name = "NAME")]
     trajectory: Option<String>,
     /// Duration of the trajectory without take-off and landing [s]

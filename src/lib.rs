@@ -13,6 +13,7 @@ pub mod fly;
 pub mod gateway;
 pub mod info;
 pub mod latency;
+mod live_tuning;
 mod manual;
 mod provenance;
 pub mod record;

@@ -128,7 +128,7 @@ fn f09_wrong_poses_are_refused_and_flown_through() {
 #[test]
 fn f10_a_lasting_turn_is_never_accepted() {
     let flown = fly(&HOVER, "--clock lockstep --fault pose:wrong=180deg@4");
-    flown.is_stopped_for("pose of another body");
+    flown.is_stopped_for("poses not as predicted");
 }
 
 #[test]

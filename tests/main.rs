@@ -29,6 +29,7 @@ mod gateway;
 mod identify;
 mod kills;
 mod latency;
+mod live_tuning;
 mod lost_files;
 mod mavlink;
 mod mavlink_flights;

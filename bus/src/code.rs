@@ -123,8 +123,9 @@ code! {
         /// Neither plant nor bridge answers, the vehicle behind the bridge does not answer, or another process replaced the plant
         /// or bridge.
         NoVehicle = 11 => "vehicle silent",
-        /// Poses agree with each other but not with the predicted motion: they are of another body, or of swapped markers.
-        Relabel = 12 => "pose of another body",
+        /// Poses agree with each other but not with the predicted motion: they are of another body or of swapped markers, or the
+        /// vehicle moves otherwise than its model.
+        Relabel = 12 => "poses not as predicted",
         /// The vehicle came too close to the fence, or crossed it.
         Fence = 13 => "fence",
         /// The vehicle is faster than allowed.
@@ -177,6 +178,8 @@ code! {
         MotorsNotRunning = 42 => "motors not running",
         /// A file of the instance was removed, so that no process can join it any more.
         FilesLost = 43 => "files of the instance removed",
+        /// The way of a request comes too close to the floor.
+        NearFloor = 44 => "too close to the floor",
     }
 }
 

@@ -33,6 +33,11 @@ fn restart_for(key: &str) -> Option<&'static str> {
 }
 
 impl Config {
+    /// Whether `key` may change while the daemon runs.
+    pub fn may_change_in_flight(key: &str) -> bool {
+        restart_for(key).is_none()
+    }
+
     /// This configuration with `settings`, checked as a whole.
     ///
     /// # Errors

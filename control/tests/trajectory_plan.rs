@@ -5,7 +5,7 @@ use oqtal_control::quaternion::Attitude;
 use oqtal_control::trajectory::{FlightPlan, Phase, StartPoint, TrajectoryKind, TrajectoryOptions};
 use proptest::prelude::*;
 
-const KINDS: [TrajectoryKind; 8] = [
+const KINDS: [TrajectoryKind; 9] = [
     TrajectoryKind::Hover,
     TrajectoryKind::Step,
     TrajectoryKind::Square,
@@ -14,6 +14,7 @@ const KINDS: [TrajectoryKind; 8] = [
     TrajectoryKind::AttitudeChirp,
     TrajectoryKind::AttitudeDoublet,
     TrajectoryKind::Excitation,
+    TrajectoryKind::BriefExcitation,
 ];
 
 const START: StartPoint = StartPoint { position: Vector3::new(2.0, -1.0, 0.2), yaw_rad: 0.3 };

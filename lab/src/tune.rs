@@ -2,6 +2,7 @@
 
 pub mod bee_colony;
 mod cma_es;
+pub mod live;
 pub mod online;
 pub mod optimiser;
 pub mod outer;
@@ -31,13 +32,14 @@ use crate::study::law::{self, StudyLaw};
 
 use optimiser::Optimiser;
 use search::{Budget, TrainingFlights, Tuned};
+use trade::MetricWeights;
 
 /// Arguments of `oqtal tune`.
 #[derive(Args, Debug)]
 pub struct TuneArgs {
     /// Attitude laws, each tuned with the position loops around it; `all`, every law; or `outer`, the position loops alone, one
     /// after the other
-    #[arg(required = true, id = "what", value_name = "WHAT", value_parser = PossibleValuesParser::new(space::names()))]
+    #[arg(required_unless_present = "live", id = "what", value_name = "WHAT", value_parser = PossibleValuesParser::new(space::names()))]
     targets: Vec<String>,
     /// Number of points to evaluate for each law
     #[arg(long, value_name = "N", default_value_t = Budget::default().points, value_parser = parse_points)]
@@ -60,11 +62,42 @@ pub struct TuneArgs {
     weights: Vec<String>,
     /// File NAME.toml of the tuned configuration of one law, or a directory of files LAW.toml [default: results/tune-N]
     #[arg(long, value_name = "PATH")]
-    out: Option<PathBuf>,
+    pub out: Option<PathBuf>,
     #[command(flatten)]
     existing: ExistingArgs,
     #[command(flatten)]
     study: StudyArgs,
+    /// Arguments of a search for a vehicle in flight.
+    #[command(flatten)]
+    pub live: LiveArgs,
+}
+
+/// Arguments of `oqtal tune --live`.
+#[derive(Args, Debug)]
+pub struct LiveArgs {
+    /// Tune the law that flies for the vehicle that hovers under a running daemon: it flies an excitation of 20 s from where it is
+    #[arg(long, conflicts_with_all = ["what", "seeds", "spread", "config", "set", "trajectory", "resume", "force"])]
+    pub live: bool,
+    /// With --live: change the gains in flight, and compare the hover before and after
+    #[arg(long, requires = "live")]
+    pub apply: bool,
+    /// With --live: name of the instance
+    #[arg(long, value_name = "NAME", requires = "live")]
+    pub instance: Option<String>,
+    /// With --live: directory of the instance's files
+    #[arg(long, value_name = "DIR", requires = "live")]
+    pub root: Option<PathBuf>,
+}
+
+impl LiveArgs {
+    /// The instance as settings.
+    pub fn settings(&self) -> Vec<Setting> {
+        let name = self.instance.as_deref();
+        let name = name.map(|name| Setting::flag("--instance", "instance.name", name));
+        let root = self.root.as_ref().map(|root| root.display().to_string());
+        let root = root.map(|root| Setting::flag("--root", "instance.root", root));
+        name.into_iter().chain(root).collect()
+    }
 }
 
 impl TuneArgs {
@@ -75,8 +108,7 @@ impl TuneArgs {
     pub fn execute(&self) -> Result<Exit, Failure> {
         let names = self.names();
         let mut flights = self.flights()?;
-        flights.weights = trade::parse_weights(&self.weights)
-            .map_err(|reason| Failure::new(Exit::Usage, format!("--weights: {reason}")))?;
+        flights.weights = self.weights()?;
         flights.options = self.options();
         let given = self.out.as_ref().filter(|out| out.extension().is_some_and(|e| e == "toml"));
         if let Some(file) = given.filter(|_| names.len() > 1) {
@@ -158,7 +190,17 @@ impl TuneArgs {
         [seeds, spread, weights, Some(self.study.words())].into_iter().flatten().collect()
     }
 
-    fn budget(&self) -> Budget {
+    /// Weights of the objective.
+    ///
+    /// # Errors
+    /// A weight is invalid (exit code 64).
+    pub fn weights(&self) -> Result<MetricWeights, Failure> {
+        trade::parse_weights(&self.weights)
+            .map_err(|reason| Failure::new(Exit::Usage, format!("--weights: {reason}")))
+    }
+
+    /// Budget of the search.
+    pub fn budget(&self) -> Budget {
         Budget { points: self.budget, seed: self.seed, optimiser: self.optimiser }
     }
 

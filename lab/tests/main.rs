@@ -5,6 +5,7 @@ mod cameras;
 mod external;
 mod identify;
 mod live;
+mod live_tuning;
 mod margins;
 mod metrics;
 mod online_tuning;

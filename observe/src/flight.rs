@@ -76,7 +76,7 @@ pub struct PoseArrival {
     pub frame: u64,
     /// Measured position \[m, world\].
     pub position: [f64; 3],
-    /// Measured attitude, body to world, scalar last.
+    /// Measured attitude, scalar last \[-\]; body to world.
     pub attitude: [f64; 4],
     /// Whether the cameras saw the body.
     pub is_tracked: bool,

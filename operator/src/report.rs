@@ -120,6 +120,9 @@ impl ControlReport {
             Some(Cause::Fence) if is_one_of(&[Trajectory]) => {
                 "from where the vehicle is, the trajectory leaves the fence; `oqtal ctl goto` a point from which it fits"
             }
+            Some(Cause::NearFloor) => {
+                "stay higher than 0.1 m above the floor; `oqtal ctl land` lands"
+            }
             Some(Cause::TakeOff) => "repeat it once the vehicle has taken off",
             Some(Cause::OtherConfig) if Some(response.config_hash) == expected.or(Some(0)) => {
                 "`oqtal ctl undo` takes the last change back, `oqtal ctl arm` without --config flies with the changed settings"

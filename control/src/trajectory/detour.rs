@@ -14,6 +14,8 @@ const CHECKED_POINTS: u32 = 32;
 const PROLONGED: (f64, u32) = (1.15, 40);
 /// Time in which an acceleration at the limit goes to zero at the beginning of a leg \[s\].
 const RELEASE_S: f64 = 0.5;
+/// Share of the acceleration with which the motion of the start is stopped; the rest is for the way that begins meanwhile \[-\].
+const STOP_SHARE: f64 = 0.7;
 /// Tolerance of the limits \[-\].
 const TOLERANCE: f64 = 1.0 + 1e-6;
 
@@ -79,68 +81,54 @@ impl ReferenceMotion {
     }
 }
 
-/// A leg from a motion to rest. The acceleration of the start is released first: a polynomial that begins with it exceeds the limits
-/// the more, the longer it lasts. Then follows in each coordinate the polynomial of fifth degree from that motion to rest without
-/// acceleration.
+/// A leg from a motion to rest: the sum of a stop of that motion, which does not turn back, and of a way from rest to rest. A single
+/// polynomial from the motion to the target would keep the motion the longer, the farther the target: a descending vehicle that is
+/// sent far away would reach the floor.
+///
+/// The acceleration of the start is released first: a polynomial that begins with it exceeds the limits the more, the longer it
+/// lasts. Stop and way are polynomials of fifth degree in each coordinate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Leg {
     start: ReferenceMotion,
     /// Time in which the acceleration of the start is released \[s\].
     release_s: f64,
-    /// Duration of the polynomial \[s\].
-    polynomial_s: f64,
-    /// Coefficients of the powers of time, the lowest first.
-    coefficients: [Vector4<f64>; 6],
+    /// The motion after the release.
+    first: ReferenceMotion,
+    /// Duration of the stop after the release \[s\].
+    stop_s: f64,
+    /// The way after the stop \[m, world; rad\], and its duration from the end of the release \[s\].
+    way: Vector4<f64>,
+    way_s: f64,
 }
 
 impl Leg {
     /// The leg from `from` to rest at `target` (x, y, z \[m, world\] and yaw \[rad\]; yaw turns the shorter way).
     pub fn to(from: &ReferenceMotion, target: &Vector4<f64>, limits: &LegLimits) -> Self {
-        Self::shortest(from, limits, |from, _| {
-            let mut rise = target - from.value;
-            rise.w = rise.w.sin().atan2(rise.w.cos());
-            rise
-        })
+        let acceleration_m_s2 = STOP_SHARE * limits.acceleration_m_s2;
+        let stop = Self::stop(from, &LegLimits { acceleration_m_s2, ..*limits });
+        let mut way = target - stop.motion(stop.duration_s()).value;
+        way.w = way.w.sin().atan2(way.w.cos());
+        prolonged(limits, |way_s| Self { way, way_s, ..stop })
     }
 
     /// The leg from `from` to rest, along the present motion.
     pub fn stop(from: &ReferenceMotion, limits: &LegLimits) -> Self {
-        // With this rise the term of fifth degree vanishes, and the velocity does not change its sign.
-        Self::shortest(from, limits, |from, t_s| from.rate * (t_s / 2.0))
-    }
-
-    /// The shortest leg found within `limits`; `rise` is the way of the polynomial from its first motion, by its duration \[s\].
-    fn shortest(
-        from: &ReferenceMotion,
-        limits: &LegLimits,
-        rise: impl Fn(&ReferenceMotion, f64) -> Vector4<f64>,
-    ) -> Self {
         let start = from.within(limits.acceleration_m_s2);
         let release_s = RELEASE_S * start.acceleration.norm() / limits.acceleration_m_s2;
         let first = if release_s > 0.0 { start.released(release_s, release_s) } else { start };
-        let lasting = |polynomial_s: f64| {
-            let coefficients = to_rest(&first, &rise(&first, polynomial_s), polynomial_s);
-            Self { start, release_s, polynomial_s, coefficients }
-        };
-        let mut leg = lasting(LEAST_DURATION_S);
-        for _ in 0..PROLONGED.1 {
-            if leg.is_within(limits) {
-                break;
-            }
-            leg = lasting(leg.polynomial_s * PROLONGED.0);
-        }
-        leg
+        let way = Vector4::zeros();
+        prolonged(limits, |stop_s| Self { start, release_s, first, stop_s, way, way_s: 0.0 })
     }
 
-    /// Whether the leg stays within `limits`, or within the speed and the acceleration with which its polynomial or the release begins.
+    /// Whether the leg stays within `limits`, or within the speed and the acceleration with which the stop or the release begins.
     fn is_within(&self, limits: &LegLimits) -> bool {
-        let (from, first) = (&self.start, self.motion(self.release_s).rate);
         let beyond = |value: f64, limit: f64, begins: f64| value > limit.max(begins) * TOLERANCE;
-        let pulled = from.acceleration.xyz().norm();
+        let pulled = self.start.acceleration.xyz().norm();
         (0..=CHECKED_POINTS).all(|index| {
             let motion =
                 self.motion(self.duration_s() * f64::from(index) / f64::from(CHECKED_POINTS));
-            let begins = |part: fn(&Vector4<f64>) -> f64| part(&from.rate).max(part(&first));
+            let begins =
+                |part: fn(&Vector4<f64>) -> f64| part(&self.start.rate).max(part(&self.first.rate));
             let level = |rate: &Vector4<f64>| rate.xy().norm();
             let (up, turn) =
                 (|rate: &Vector4<f64>| rate.z.abs(), |rate: &Vector4<f64>| rate.w.abs());
@@ -153,7 +141,7 @@ impl Leg {
 
     /// Duration \[s\].
     pub fn duration_s(&self) -> f64 {
-        self.release_s + self.polynomial_s
+        self.release_s + self.stop_s.max(self.way_s)
     }
 
     /// The motion at `t_s` \[s\] after the start of the leg; at rest after its end.
@@ -161,27 +149,57 @@ impl Leg {
         if t_s < self.release_s {
             return self.start.released(t_s.max(0.0), self.release_s);
         }
-        let t = (t_s - self.release_s).clamp(0.0, self.polynomial_s);
-        let [c0, c1, c2, c3, c4, c5] = self.coefficients;
-        let value = c0 + (c1 + (c2 + (c3 + (c4 + c5 * t) * t) * t) * t) * t;
-        if t_s >= self.duration_s() {
-            return ReferenceMotion { value, ..ReferenceMotion::default() };
+        let since_s = t_s - self.release_s;
+        let ReferenceMotion { value, rate, .. } = self.first;
+        // A rise by half of the speed times the duration leaves out the fifth degree: the velocity does not change its sign.
+        let [share, speed, acceleration] = shares(since_s, self.stop_s, [0.0, 1.0, 0.5]);
+        let stop = ReferenceMotion {
+            value: value + rate * (share * self.stop_s),
+            rate: rate * speed,
+            acceleration: rate * (acceleration / self.stop_s),
+        };
+        if self.way_s == 0.0 {
+            return stop;
         }
+        let [share, speed, acceleration] = shares(since_s, self.way_s, [0.0, 0.0, 1.0]);
         ReferenceMotion {
-            value,
-            rate: c1 + (c2 * 2.0 + (c3 * 3.0 + (c4 * 4.0 + c5 * (5.0 * t)) * t) * t) * t,
-            acceleration: c2 * 2.0 + (c3 * 6.0 + (c4 * 12.0 + c5 * (20.0 * t)) * t) * t,
+            value: stop.value + self.way * share,
+            rate: stop.rate + self.way * (speed / self.way_s),
+            acceleration: stop.acceleration + self.way * (acceleration / self.way_s.powi(2)),
         }
     }
 }
 
-/// Coefficients of the polynomial from the rate of `from`, without acceleration, by `rise` to rest after `t_s` \[s\].
-fn to_rest(from: &ReferenceMotion, rise: &Vector4<f64>, t_s: f64) -> [Vector4<f64>; 6] {
-    let speed = from.rate * t_s;
-    let cubic = (rise * 10.0 - speed * 6.0) / t_s.powi(3);
-    let quartic = (rise * -15.0 + speed * 8.0) / t_s.powi(4);
-    let quintic = (rise * 6.0 - speed * 3.0) / t_s.powi(5);
-    [from.value, from.rate, Vector4::zeros(), cubic, quartic, quintic]
+/// The first leg within `limits` of those that last longer and longer, or the longest; `lasting` makes that of a duration \[s\].
+fn prolonged(limits: &LegLimits, lasting: impl Fn(f64) -> Leg) -> Leg {
+    let mut duration_s = LEAST_DURATION_S;
+    let mut leg = lasting(duration_s);
+    for _ in 0..PROLONGED.1 {
+        if leg.is_within(limits) {
+            break;
+        }
+        duration_s *= PROLONGED.0;
+        leg = lasting(duration_s);
+    }
+    leg
+}
+
+/// Value, first and second derivative at `t_s` of the polynomial of fifth degree that goes in `duration_s` \[s\] from `start` with the
+/// rate `rate`, without acceleration, to rest at `end`; time is in durations \[-\].
+fn shares(t_s: f64, duration_s: f64, [start, rate, end]: [f64; 3]) -> [f64; 3] {
+    let t = t_s / duration_s;
+    if t >= 1.0 {
+        return [end, 0.0, 0.0];
+    }
+    let rise = end - start;
+    let cubic = rise * 10.0 - rate * 6.0;
+    let quartic = rise * -15.0 + rate * 8.0;
+    let quintic = rise * 6.0 - rate * 3.0;
+    [
+        start + (rate + (cubic + (quartic + quintic * t) * t) * t * t) * t,
+        rate + (cubic * 3.0 + (quartic * 4.0 + quintic * (5.0 * t)) * t) * t * t,
+        (cubic * 6.0 + (quartic * 12.0 + quintic * (20.0 * t)) * t) * t,
+    ]
 }
 
 /// A change of a flight: a leg, and the trajectory that is flown after it.
@@ -287,6 +305,29 @@ mod tests {
                 let motion = leg.motion(leg.duration_s() * f64::from(index) / 200.0);
                 prop_assert!(motion.rate.xy().norm() < 0.7 && motion.rate.z.abs() < 0.5);
                 prop_assert!(motion.acceleration.xyz().norm() < 1.1);
+            }
+        }
+
+        /// Beyond start, target and the point at which the motion stops the way does not go, however far the target is.
+        #[test]
+        fn a_leg_goes_no_farther_than_its_stop_and_its_target(
+            rate in vector(0.4), acceleration in vector(0.5), target in vector(8.0)
+        ) {
+            let from = ReferenceMotion { rate, acceleration, ..ReferenceMotion::default() };
+            let stop = Leg::stop(&from, &LegLimits { acceleration_m_s2: 0.7, ..LIMITS });
+            let leg = Leg::to(&from, &target, &LIMITS);
+            let points = |leg: &Leg| (0..=200).map(|index| {
+                leg.motion(leg.duration_s() * f64::from(index) / 200.0).value
+            }).collect::<Vec<_>>();
+            let (stop, way) = (points(&stop), points(&leg));
+            for axis in 0..3 {
+                let bound = |least: fn(f64, f64) -> f64| {
+                    stop.iter().map(|point| point[axis]).fold(target[axis], least)
+                };
+                for point in &way {
+                    let (low, high) = (bound(f64::min) - 1e-9, bound(f64::max) + 1e-9);
+                    prop_assert!((low..=high).contains(&point[axis]), "{axis}: {}", point[axis]);
+                }
             }
         }
 

@@ -27,22 +27,16 @@ const SINE_S: f64 = 3.4;
 const SINE_HZ: [f64; 2] = [0.8, 4.5];
 /// Amplitude of the sine over the angle of the doublets \[-\].
 const SINE_SHARE: f64 = 0.3;
-/// Time to fly back after the sine \[s\].
-const REST_S: f64 = 2.0;
-/// Duration of the motions about one axis \[s\].
-const AXIS_S: f64 = 2.0 * (DOUBLET_S + RETURN_S) + SINE_S + REST_S;
 /// Time between two steps of the height \[s\].
 const STEP_S: f64 = 1.1;
-/// Number of steps of the height \[-\].
-const STEPS: u32 = 9;
-/// Duration of the steps of the height, with a time to settle \[s\].
-const CLIMB_S: f64 = STEP_S * STEPS as f64 + 0.6;
+/// Time to settle after the steps of the height \[s\].
+const SETTLE_S: f64 = 0.6;
 /// Frequency of the heading at the start and at the end \[Hz\].
 const YAW_HZ: [f64; 2] = [0.3, 0.8];
 /// Duration of one way of the travel \[s\].
 const WAY_S: f64 = 2.6;
-/// Number of ways \[-\].
-const WAYS: u32 = 5;
+/// The ways of the travel, along x and y, over its length \[-\].
+const WAYS: [[f64; 2]; 5] = [[0.5, 0.25], [-0.5, -0.25], [0.5, -0.25], [-0.5, 0.25], [0.0, 0.0]];
 
 /// Motions about each axis, of the height and along x and y, one after another.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -64,9 +58,30 @@ impl Default for Excitation {
     }
 }
 
+/// An excitation with the number of its motions.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct ExcitationCourse {
+    options: Excitation,
+    /// Doublets about each axis \[-\].
+    doublets: u32,
+    /// Time to fly back after the sine \[s\].
+    rest_s: f64,
+    /// Steps of the height \[-\].
+    steps: u32,
+    /// Ways of the travel \[-\].
+    ways: usize,
+}
+
 impl Excitation {
-    /// Duration of all motions \[s\].
-    pub(super) const DURATION_S: f64 = 2.0 * AXIS_S + CLIMB_S + WAY_S * WAYS as f64;
+    /// All motions.
+    pub(super) fn whole(self) -> ExcitationCourse {
+        ExcitationCourse { options: self, doublets: 2, rest_s: 2.0, steps: 9, ways: WAYS.len() }
+    }
+
+    /// The motions that show delays, lags, rate gains and thrust, in 20 s.
+    pub(super) fn brief(self) -> ExcitationCourse {
+        ExcitationCourse { options: self, doublets: 1, rest_s: 1.6, steps: 3, ways: 0 }
+    }
 
     pub(super) fn check(&self) -> Result<(), OptionError> {
         check_options([
@@ -76,20 +91,56 @@ impl Excitation {
             ("travel-m", self.travel_m, Rule::Between(0.0, 20.0)),
         ])
     }
+}
+
+impl ExcitationCourse {
+    /// Duration of the motions about one axis \[s\].
+    fn axis_s(&self) -> f64 {
+        f64::from(self.doublets) * (DOUBLET_S + RETURN_S) + SINE_S + self.rest_s
+    }
+
+    /// Duration of the steps of the height \[s\].
+    fn climb_s(&self) -> f64 {
+        STEP_S * f64::from(self.steps) + SETTLE_S
+    }
+
+    /// Duration of all motions \[s\].
+    pub(super) fn duration_s(&self) -> f64 {
+        2.0 * self.axis_s() + self.climb_s() + WAY_S * self.ways as f64
+    }
 
     pub(super) fn sample(&self, t_s: f64) -> Reference {
-        let climb_s = t_s - 2.0 * AXIS_S;
-        if climb_s < 0.0 {
+        let (axis_s, climb_s) = (self.axis_s(), self.climb_s());
+        let since_climb_s = t_s - 2.0 * axis_s;
+        if since_climb_s < 0.0 {
             let (axis, since_s) =
-                if t_s < AXIS_S { (Vector3::x(), t_s) } else { (Vector3::y(), t_s - AXIS_S) };
+                if t_s < axis_s { (Vector3::x(), t_s) } else { (Vector3::y(), t_s - axis_s) };
             let mut reference = Reference::rest(Vector3::zeros(), Phase::Trajectory);
-            reference.attitude = tilt_share(since_s).map(|share| {
-                let angle = share * self.tilt_deg.to_radians();
+            reference.attitude = self.tilt_share(since_s).map(|share| {
+                let angle = share * self.options.tilt_deg.to_radians();
                 AttitudeReference::at_rest(Attitude::from_rotation_vector(axis * angle))
             });
             return reference;
         }
-        if climb_s < CLIMB_S { self.climb(climb_s) } else { self.travel(climb_s - CLIMB_S) }
+        if since_climb_s < climb_s {
+            self.climb(since_climb_s)
+        } else {
+            self.travel(since_climb_s - climb_s)
+        }
+    }
+
+    /// The prescribed angle over [`Excitation::tilt_deg`] at `t_s` after the start of the motions about an axis; `None` while the
+    /// vehicle flies back.
+    fn tilt_share(&self, t_s: f64) -> Option<f64> {
+        // The cast rounds down.
+        let doublet = (t_s / (DOUBLET_S + RETURN_S)) as u32;
+        let since_s = t_s - f64::from(doublet.min(self.doublets)) * (DOUBLET_S + RETURN_S);
+        if doublet < self.doublets {
+            let sign = if doublet.is_multiple_of(2) { 1.0 } else { -1.0 };
+            let side = || sign * [1.0, -1.0, -1.0, 1.0][(since_s / HOLD_S) as usize];
+            return (since_s < DOUBLET_S).then(side);
+        }
+        (since_s < SINE_S).then(|| SINE_SHARE * chirp(since_s, SINE_S, SINE_HZ))
     }
 
     /// Height and heading at `t_s` after the start of the climbs.
@@ -97,42 +148,24 @@ impl Excitation {
         // The cast rounds down.
         let step = (t_s / STEP_S) as u32;
         let side = match step {
-            STEPS.. => 0.0,
-            _ if step.is_multiple_of(2) => 1.0,
+            step if step >= self.steps => 0.0,
+            step if step.is_multiple_of(2) => 1.0,
             _ => -1.0,
         };
-        let position = Vector3::z() * (side * self.climb_m);
+        let position = Vector3::z() * (side * self.options.climb_m);
         // The swing grows from zero and decays again: a heading that jumped would saturate the rotors.
-        let growth = (PI * t_s / CLIMB_S).sin();
-        let yaw_rad = growth * chirp(t_s, CLIMB_S, YAW_HZ) * self.yaw_deg.to_radians();
-        Reference { yaw_rad, ..Reference::rest(position, Phase::Trajectory) }
+        let growth = (PI * t_s / self.climb_s()).sin();
+        let swing = chirp(t_s, self.climb_s(), YAW_HZ) * self.options.yaw_deg.to_radians();
+        Reference { yaw_rad: growth * swing, ..Reference::rest(position, Phase::Trajectory) }
     }
 
     /// Position at `t_s` after the start of the travel, which ends at the hover point.
     fn travel(&self, t_s: f64) -> Reference {
         // The cast rounds down.
-        let way = ((t_s / WAY_S) as u32).min(WAYS - 1);
-        let [x, y] =
-            [[0.5, 0.25], [-0.5, -0.25], [0.5, -0.25], [-0.5, 0.25], [0.0, 0.0]][way as usize];
-        Reference::rest(Vector3::new(x, y, 0.0) * self.travel_m, Phase::Trajectory)
-    }
-}
-
-/// The prescribed angle over [`Excitation::tilt_deg`] at `t_s` after the start of the motions about an axis; `None` while the
-/// vehicle flies back.
-fn tilt_share(t_s: f64) -> Option<f64> {
-    let doublet = |t_s: f64, sign: f64| {
-        // The cast rounds down.
-        (t_s < DOUBLET_S).then(|| sign * [1.0, -1.0, -1.0, 1.0][(t_s / HOLD_S) as usize])
-    };
-    let second_s = t_s - DOUBLET_S - RETURN_S;
-    let sine_s = second_s - DOUBLET_S - RETURN_S;
-    if second_s < 0.0 {
-        doublet(t_s, 1.0)
-    } else if sine_s < 0.0 {
-        doublet(second_s, -1.0)
-    } else {
-        (sine_s < SINE_S).then(|| SINE_SHARE * chirp(sine_s, SINE_S, SINE_HZ))
+        let way = (t_s / WAY_S) as usize;
+        let [x, y] = if way < self.ways { WAYS[way] } else { [0.0; 2] };
+        let position = Vector3::new(x, y, 0.0) * self.options.travel_m;
+        Reference::rest(position, Phase::Trajectory)
     }
 }
 

@@ -32,6 +32,8 @@ pub enum TrajectoryKind {
     AttitudeDoublet,
     /// [`Excitation`]
     Excitation,
+    /// The motions of [`Excitation`] that show delays, lags, rate gains and thrust, in 20 s
+    BriefExcitation,
     /// [`Waypoints`]
     Waypoints,
 }
@@ -135,7 +137,8 @@ impl TrajectoryOptions {
             TrajectoryKind::AttitudeDoublet => {
                 TrajectoryShape::AttitudeDoublet(self.attitude_doublet)
             }
-            TrajectoryKind::Excitation => TrajectoryShape::Excitation(self.excitation),
+            TrajectoryKind::Excitation => TrajectoryShape::Excitation(self.excitation.whole()),
+            TrajectoryKind::BriefExcitation => TrajectoryShape::Excitation(self.excitation.brief()),
             TrajectoryKind::Waypoints => {
                 TrajectoryShape::Waypoints(waypoints?.along(self.waypoints_curve))
             }

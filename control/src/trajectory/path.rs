@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::attitude::{AttitudeChirp, AttitudeDoublet};
-use super::excitation::Excitation;
+use super::excitation::ExcitationCourse;
 use super::reference::{Phase, Reference};
 use super::shape::{Circle, Hover, Lemniscate, Square, Step};
 use super::waypoints::Waypoints;
@@ -26,7 +26,7 @@ pub(super) enum TrajectoryShape {
     Lemniscate(Lemniscate),
     AttitudeChirp(AttitudeChirp),
     AttitudeDoublet(AttitudeDoublet),
-    Excitation(Excitation),
+    Excitation(ExcitationCourse),
     Waypoints(Waypoints),
 }
 
@@ -71,7 +71,7 @@ impl Trajectory {
             TrajectoryShape::Lemniscate(lemniscate) => lemniscate.sweep().duration_s(),
             TrajectoryShape::AttitudeChirp(chirp) => chirp.duration_s(),
             TrajectoryShape::AttitudeDoublet(doublet) => doublet.duration_s(),
-            TrajectoryShape::Excitation(_) => Excitation::DURATION_S,
+            TrajectoryShape::Excitation(excitation) => excitation.duration_s(),
             TrajectoryShape::Waypoints(waypoints) => waypoints.duration_s(),
         }
     }

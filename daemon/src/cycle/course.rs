@@ -25,6 +25,8 @@ const REST_M_S: f64 = 0.1;
 const REST: Span = Span::from_millis(500);
 /// Points of a detour that are compared with the fence \[-\].
 const DETOUR_POINTS: u32 = 64;
+/// Height by which a way from near the floor may go lower \[m\].
+const TOLERANCE_M: f64 = 1e-6;
 
 /// Course of a flight.
 #[derive(Clone, Debug)]
@@ -202,7 +204,7 @@ impl FlightCourse {
     /// Changes the flight from the present motion of the reference on.
     ///
     /// # Errors
-    /// The flight takes off or lands, or its path would leave the soft border of the fence.
+    /// The flight takes off or lands, or its path would leave the soft border of the fence or come close to the floor.
     pub(super) fn change(&mut self, now: Time, change: &FlightChange) -> Result<(), Cause> {
         self.require_changeable()?;
         let (Some(motion), Some(mission)) = (self.motion(now), &self.mission) else {
@@ -223,8 +225,8 @@ impl FlightCourse {
         };
         // The reference of the stop after a fast motion is what it is.
         let is_hover = matches!(change, FlightChange::Hover);
-        if !is_hover && !self.is_inside(&detour) {
-            return Err(Cause::Fence);
+        if !is_hover {
+            self.require_room(&detour, motion.value.z)?;
         }
         self.stream.end();
         if let Some(mission) = &mut self.mission {
@@ -234,12 +236,25 @@ impl FlightCourse {
         Ok(())
     }
 
-    /// Whether `detour` stays inside the soft border of the fence.
-    fn is_inside(&self, detour: &Detour) -> bool {
-        (0..=DETOUR_POINTS).all(|index| {
+    /// Requires that `detour`, which begins at the height `from_m` \[m, world z\], stays inside the soft border of the fence and above the
+    /// floor.
+    fn require_room(&self, detour: &Detour, from_m: f64) -> Result<(), Cause> {
+        let floor_m = self.mission.as_ref().map_or(f64::NEG_INFINITY, |it| it.origin().z);
+        // A way that begins lower may lead upwards.
+        let lowest_m = (floor_m + floor::AIRBORNE_M).min(from_m - TOLERANCE_M);
+        for index in 0..=DETOUR_POINTS {
             let t_s = detour.duration_s() * f64::from(index) / f64::from(DETOUR_POINTS);
-            self.fence.inside_soft_m(&detour.sample(t_s).position) > 0.0
-        })
+            let position = detour.sample(t_s).position;
+            // Comparisons with NaN are false.
+            let (is_inside, is_high) =
+                (self.fence.inside_soft_m(&position) > 0.0, position.z >= lowest_m);
+            match (is_inside, is_high) {
+                (true, true) => {}
+                (false, _) => return Err(Cause::Fence),
+                (_, false) => return Err(Cause::NearFloor),
+            }
+        }
+        Ok(())
     }
 
     /// Exchanges the options of later flights and changes with those of `live`; the flight under way is not changed.

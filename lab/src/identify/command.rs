@@ -163,7 +163,11 @@ impl IdentifyArgs {
     }
 }
 
-fn check_interface(config: &Config) -> Result<(), Failure> {
+/// Refuses a vehicle that is not commanded by rates.
+///
+/// # Errors
+/// The way to identify it instead (exit code 64).
+pub(crate) fn check_interface(config: &Config) -> Result<(), Failure> {
     let remedy = match config.vehicle.interface {
         Interface::Rate => return Ok(()),
         Interface::Attitude => {

@@ -58,7 +58,7 @@ impl FlightData {
     pub fn of(flight: &Flight) -> Self {
         let poses = poses(flight);
         let (commands, stamped_delay_s) = commands(flight);
-        let armed_s = flight.armed().next().map_or(f64::INFINITY, |s| seconds(s.telemetry.time));
+        let armed_s = armed_from_s(flight);
         let rest: Vec<_> = poses.iter().copied().filter(|pose| pose.captured_s < armed_s).collect();
         let floor_m = median(rest.iter().map(|pose| pose.position.z)).unwrap_or(0.0);
         let is_clear =
@@ -75,6 +75,15 @@ impl FlightData {
 /// Number of residuals per axis of each flight: one for every pose in the air except the first.
 pub fn series(flights: &[FlightData]) -> Vec<usize> {
     flights.iter().flat_map(|data| [data.air.len().saturating_sub(1); 3]).collect()
+}
+
+/// Instant of the first tick with motors on \[s\]; before every pose if the recording begins in flight.
+fn armed_from_s(flight: &Flight) -> f64 {
+    match flight.samples.iter().position(|sample| sample.telemetry.is_armed()) {
+        Some(0) => f64::NEG_INFINITY,
+        Some(first) => seconds(flight.samples[first].telemetry.time),
+        None => f64::INFINITY,
+    }
 }
 
 /// Instant of the last tick with motors on \[s\].

@@ -45,7 +45,24 @@ impl Margins {
 }
 
 impl LoopResponse {
-    /// Margins, with linear interpolation of the phase and of the logarithm of the gain between the points.
+    /// Whether the closed loop is stable, if the open one has no unstable poles besides integrators: whether the response, from zero
+    /// frequency on, goes round -1 as often forward as backward (Nyquist's criterion).
+    pub fn is_stable(&self) -> bool {
+        let Some((_, first)) = self.points.first() else { return true };
+        // Integrators turn the response by a quarter of a turn each before the first point.
+        let lag = (-first.arg()).rem_euclid(TAU);
+        let before = half_turns([0.0, lag]).count() as i64;
+        let crossings = self.points.windows(2).map(|pair| {
+            let Segment { log_gain, lag, .. } = Segment::between(pair[0], pair[1]);
+            let beyond =
+                |level: &f64| crossing(lag, *level).is_some_and(|share| mix(log_gain, share) > 0.0);
+            let count = half_turns(lag).filter(beyond).count() as i64;
+            if lag[1] > lag[0] { count } else { -count }
+        });
+        before + crossings.sum::<i64>() == 0
+    }
+
+    /// Margins of a stable loop, with linear interpolation of the phase and of the logarithm of the gain between the points.
     pub fn margins(&self) -> Margins {
         let mut margins = Margins {
             gain: f64::INFINITY,
@@ -77,12 +94,8 @@ impl Margins {
             self.phase_deg = self.phase_deg.min(left.to_degrees());
             self.delay_ms = self.delay_ms.min(1e3 * left / (TAU * hertz));
         }
-        // Odd multiples of half a turn between the two lags.
-        let (low, high) = (lag[0].min(lag[1]), lag[0].max(lag[1]));
-        let first = ((low / PI - 1.0) / 2.0).ceil() as i32;
-        let last = ((high / PI - 1.0) / 2.0).floor() as i32;
-        for turn in first..=last {
-            if let Some(share) = crossing(lag, PI * f64::from(2 * turn + 1)) {
+        for level in half_turns(lag) {
+            if let Some(share) = crossing(lag, level) {
                 let gain = mix(log_gain, share).exp();
                 if gain < 1.0 {
                     self.gain = self.gain.min(gain.recip());
@@ -110,6 +123,13 @@ impl Segment {
             lag: [first, first - (b / a).arg()],
         }
     }
+}
+
+/// Odd multiples of half a turn between two lags \[rad\].
+fn half_turns([a, b]: [f64; 2]) -> impl Iterator<Item = f64> {
+    let first = ((a.min(b) / PI - 1.0) / 2.0).ceil() as i32;
+    let last = ((a.max(b) / PI - 1.0) / 2.0).floor() as i32;
+    (first..=last).map(|turn| PI * f64::from(2 * turn + 1))
 }
 
 fn mix([a, b]: [f64; 2], share: f64) -> f64 {
@@ -146,6 +166,26 @@ mod tests {
     }
 
     /// Each classic margin is at least as large as implied by the disk margin.
+    #[test]
+    fn a_loop_is_stable_up_to_its_gain_margin_also_with_a_second_integrator() {
+        for tau in [0.02, 0.035, 0.08] {
+            let limit = PI / (2.0 * tau);
+            for share in [0.2, 0.9, 0.99, 1.01, 1.5, 6.0, 20.0] {
+                let response = delayed_integrator(share * limit, tau);
+                assert_eq!(response.is_stable(), share < 1.0, "{tau}, {share}");
+            }
+        }
+        // k (1 + 1 / (s t)) e^(-s tau) / s: stable if the zero is far enough below the crossover.
+        let second = |k: f64, t_s: f64| {
+            let mut response = delayed_integrator(k, 0.02);
+            for (hertz, gain) in &mut response.points {
+                *gain *= Complex::new(1.0, -1.0 / (TAU * *hertz * t_s));
+            }
+            response.is_stable()
+        };
+        assert!(second(20.0, 1.0) && !second(80.0, 1.0) && !second(20.0, 0.01));
+    }
+
     #[test]
     fn the_classic_margins_are_at_least_those_of_the_disk_margin() {
         for k in [2.0, 8.0, 20.0] {

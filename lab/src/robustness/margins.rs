@@ -32,6 +32,13 @@ pub struct LoopPair {
     pub flown: LoopResponse,
 }
 
+impl LoopPair {
+    /// Margins of `response`, one of the two, in the order of [`Margins::COLUMNS`]; NaN if the loop is unstable by the model.
+    fn margins(&self, response: &LoopResponse) -> [f64; 5] {
+        if self.linear.is_stable() { response.margins().numbers() } else { [f64::NAN; 5] }
+    }
+}
+
 /// Loop responses of every law about every axis.
 ///
 /// # Errors
@@ -78,11 +85,15 @@ const INTRO: [&str; 2] = [
      apply to the configured model with the adaptation off, not to the position loop or an adaptation at its bound.",
 ];
 
-/// Least flown margin of each kind over the axes, for each law.
+/// Least flown margin of each kind over the axes, for each law; none if the loop about one of them is unstable.
 fn least(loops: &[LoopPair]) -> Sheet {
     let row = |law: &[LoopPair]| {
-        let flown = law.iter().map(|pair| pair.flown.margins().numbers());
-        let worst = |a: f64, b: f64, column| if column == PEAK { a.max(b) } else { a.min(b) };
+        let flown = law.iter().map(|pair| pair.margins(&pair.flown));
+        let worst = |a: f64, b: f64, column| match column {
+            _ if a.is_nan() || b.is_nan() => f64::NAN,
+            PEAK => a.max(b),
+            _ => a.min(b),
+        };
         let worse = |a: [f64; 5], b: [f64; 5]| std::array::from_fn(|k| worst(a[k], b[k], k));
         let least = flown.reduce(worse).expect("a law has an axis");
         let cells = least.map(finite).to_vec();
@@ -91,7 +102,7 @@ fn least(loops: &[LoopPair]) -> Sheet {
     Sheet {
         name: "least_margins".to_owned(),
         title: "Least margins".to_owned(),
-        notes: vec!["Flown; the least of roll, pitch and yaw.".to_owned(), agreement(loops)],
+        notes: [&["Flown; the least of roll, pitch and yaw.".to_owned()], &*notes(loops)].concat(),
         columns: Margins::COLUMNS.to_vec(),
         rows: loops.chunk_by(|a, b| a.law == b.law).map(row).collect(),
         ..Sheet::default()
@@ -103,7 +114,7 @@ const PEAK: usize = 4;
 
 fn table(loops: &[LoopPair]) -> Sheet {
     let row = |pair: &LoopPair, is: &str, response: &LoopResponse| {
-        let cells = response.margins().numbers().map(finite).to_vec();
+        let cells = pair.margins(response).map(finite).to_vec();
         SheetRow::new(Variant::Ours, pair.law.clone(), format!("{}, {is}", pair.axis), cells)
     };
     let rows = loops
@@ -112,7 +123,7 @@ fn table(loops: &[LoopPair]) -> Sheet {
     Sheet {
         name: "margins".to_owned(),
         title: "Margins about each axis".to_owned(),
-        notes: vec![agreement(loops)],
+        notes: notes(loops),
         columns: Margins::COLUMNS.to_vec(),
         rows: rows.collect(),
         is_detail: true,
@@ -132,17 +143,26 @@ pub fn greatest_difference(pair: &LoopPair) -> f64 {
     of(&model).into_iter().zip(of(&flown)).map(apart).fold(0.0, f64::max)
 }
 
-fn agreement(loops: &[LoopPair]) -> String {
+/// Agreement of model and flight, and the loops that have no margins.
+fn notes(loops: &[LoopPair]) -> Vec<String> {
+    let (stable, unstable): (Vec<_>, Vec<_>) =
+        loops.iter().partition(|pair| pair.linear.is_stable());
     let worst =
-        loops.iter().max_by(|a, b| greatest_difference(a).total_cmp(&greatest_difference(b)));
-    worst.map_or_else(String::new, |pair| {
+        stable.into_iter().max_by(|a, b| greatest_difference(a).total_cmp(&greatest_difference(b)));
+    let agreement = worst.map(|pair| {
         format!(
             "Gain, phase, delay and disk margin of the model agree with those flown within {:.1} % (the most: {}, {}).",
             1e2 * greatest_difference(pair),
             pair.law,
             pair.axis
         )
-    })
+    });
+    let names: Vec<String> =
+        unstable.iter().map(|pair| format!("{}, {}", pair.law, pair.axis)).collect();
+    let unstable = (!names.is_empty()).then(|| {
+        format!("Unstable by the model, and therefore without margins: {}.", names.join("; "))
+    });
+    agreement.into_iter().chain(unstable).collect()
 }
 
 /// Gain, phase and sensitivity over frequency.

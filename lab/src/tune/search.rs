@@ -46,6 +46,8 @@ pub struct TrainingFlights {
     pub case: Case,
     /// Number of draws of a spread \[-\]; 0 for plants near the configured one.
     pub draws: usize,
+    /// Whether only gains that may change in flight are searched for.
+    pub in_flight: bool,
     /// Weights of the metrics in the objective \[-\].
     pub weights: MetricWeights,
     /// Arguments of `oqtal tune` that select flights and weights, each preceded by a space; empty for the default ones.
@@ -64,7 +66,8 @@ impl TrainingFlights {
         let plants = seeds.zip(TRAINING.into_iter().cycle());
         let condition = |(seed, plant)| FlightCondition { seed, plant, settings: Vec::new() };
         let case = Case::of("training", plants.map(condition).collect());
-        Self { settings, case, draws: 0, weights: default_weights(), options: String::new() }
+        let (weights, options) = (default_weights(), String::new());
+        Self { settings, case, draws: 0, in_flight: false, weights, options }
     }
 
     /// One flight per draw of a spread.
@@ -188,7 +191,9 @@ pub fn law(
     progress: &Progress,
 ) -> Result<Tuned, Failure> {
     let config = Config::from_settings(&flights.settings)?;
-    let (name, parameters) = (controller.name(), parameters(controller, config.control.stack));
+    let name = controller.name();
+    let mut parameters = parameters(controller, config.control.stack);
+    parameters.retain(|range| !flights.in_flight || Config::may_change_in_flight(&range.key));
     let bar = progress.start(&format!("tuning {name}"), budget.points);
     let reference = flights.reference(progress)?;
     let fly = |gains: &[Setting]| flights.fly(&flights.law(name, gains), progress);

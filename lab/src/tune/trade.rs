@@ -64,6 +64,7 @@ impl TradedFigure {
         match (self.values[is_after], self.weight) {
             (value, _) if value.is_finite() => format!("{least}{}", rounded(value, 4)),
             (_, Some(_)) => "not landed".to_owned(),
+            (value, None) if value.is_nan() => "unstable".to_owned(),
             (_, None) => "no limit".to_owned(),
         }
     }
@@ -103,14 +104,18 @@ pub fn margins(before: &StudyLaw, after: &StudyLaw) -> Vec<TradedFigure> {
     all.filter(|margin| margin.values.iter().any(|value| value.is_finite())).collect()
 }
 
-/// Gain, phase, delay and disk margin, each the least of roll, pitch and yaw.
+/// Gain, phase, delay and disk margin, each the least of roll, pitch and yaw; NaN if the loop about one of them is unstable.
 fn least(config: &Config) -> Option<[f64; 4]> {
     if config.vehicle.interface != Interface::Rate {
         return None;
     }
     let mut least = [f64::INFINITY; 4];
     for axis in 0..3 {
-        let margins = LinearLoop::new(config, axis).ok()?.response().margins().numbers();
+        let response = LinearLoop::new(config, axis).ok()?.response();
+        if !response.is_stable() {
+            return Some([f64::NAN; 4]);
+        }
+        let margins = response.margins().numbers();
         least.iter_mut().zip(margins).for_each(|(least, margin)| *least = least.min(margin));
     }
     Some(least)

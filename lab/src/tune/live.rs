@@ -1,0 +1,112 @@
+//! Gains for a vehicle in flight: a brief excitation shows its parameters, and the gains are searched for on them.
+
+use oqtal_config::{Config, Setting};
+use oqtal_control::trajectory::TrajectoryKind;
+use oqtal_observe::flight::Flight;
+use oqtal_runtime::process::{Exit, Failure};
+
+use super::search::{self, Budget, TrainingFlights, Tuned};
+use super::trade::MetricWeights;
+use crate::identify::command::check_interface;
+use crate::identify::data::FlightData;
+use crate::identify::finding::rules;
+use crate::identify::identification::{Identification, Scale, identify};
+use crate::progress::Progress;
+use crate::study::TRAINING_SEEDS;
+use crate::study::law;
+
+/// Parts of the daemon's configuration that the search does not use: its flights are in virtual time and as long as those of every
+/// study, and its plant is the identified vehicle.
+const LEFT_OUT: [&str; 10] = [
+    "clock.",
+    "fault.",
+    "instance.",
+    "log.",
+    "mocap.",
+    "plant.",
+    "realtime.",
+    "record.",
+    "trajectory.duration-s",
+    "trajectory.hover.",
+];
+
+/// Findings that are noise of the cameras, each with the key of the emulated ones.
+const NOISE: [(&str, &str); 2] = [
+    (rules::ATTITUDE_NOISE.name, "mocap.attitude-noise-deg"),
+    (rules::POSITION_NOISE.name, "mocap.position-noise-mm"),
+];
+
+/// Gains for a vehicle in flight, with what was found about it.
+#[derive(Debug)]
+pub struct LiveTuning {
+    /// The vehicle.
+    pub identification: Identification,
+    /// The gains of the law that flies; of the keys that may change in flight.
+    pub tuned: Tuned,
+}
+
+/// Gains for the vehicle of `flight`, with the law and the settings `present` of its daemon, and these weights of the objective.
+/// Neither the truth of a simulated vehicle nor its `[plant]` is used.
+///
+/// # Errors
+/// The law has no gains, or the vehicle is not commanded by rates (exit code 64); the flight is too short (65), the search was
+/// interrupted, or no gains land every flight (1).
+pub fn tune(
+    flight: &Flight,
+    present: &[Setting],
+    (budget, weights): (&Budget, MetricWeights),
+    progress: &Progress,
+) -> Result<LiveTuning, Failure> {
+    let config = Config::from_settings(present)?;
+    let name = config.control.controller.name();
+    let law = law::of_name(name).filter(|_| !config.control.is_external()).ok_or_else(|| {
+        let reason = format!(
+            "the law `{name}` has no gains here; `oqtal ctl controller oqtal-dt` changes the law"
+        );
+        Failure::new(Exit::Usage, reason)
+    })?;
+    check_interface(&config)?;
+    let data = [FlightData::of(flight)];
+    let identification = identify(&data, &config.vehicle, Scale::Unknown)?;
+    let settings = settings_of(present, &config, &identification);
+    let flights = TrainingFlights {
+        in_flight: true,
+        weights,
+        options: " --live".to_owned(),
+        ..TrainingFlights::near(settings, TRAINING_SEEDS)
+    };
+    let tuned = search::law(law, budget, &flights, progress)?;
+    Ok(LiveTuning { identification, tuned })
+}
+
+/// Settings of the training flights: those of the daemon, with the identified vehicle as the plant.
+fn settings_of(
+    present: &[Setting],
+    config: &Config,
+    identification: &Identification,
+) -> Vec<Setting> {
+    let is_used = |setting: &&Setting| !LEFT_OUT.iter().any(|part| setting.key.starts_with(part));
+    let mut settings: Vec<Setting> = present.iter().filter(is_used).cloned().collect();
+    let found = identification.settings().into_iter().filter_map(|setting| {
+        let key = format!("plant.{}", setting.key.strip_prefix("vehicle.")?);
+        Some(Setting { key, ..setting })
+    });
+    settings.extend(found);
+    let findings = &identification.findings;
+    settings.extend(NOISE.iter().filter_map(|(name, key)| {
+        let noise = findings.iter().find(|finding| finding.name == *name && finding.is_shown())?;
+        Some(Setting::flag("identify", *key, noise.value))
+    }));
+    // On these the path has no error of its own.
+    let kind = config.trajectory.kind;
+    if matches!(
+        kind,
+        TrajectoryKind::Hover
+            | TrajectoryKind::Waypoints
+            | TrajectoryKind::Excitation
+            | TrajectoryKind::BriefExcitation
+    ) {
+        settings.push(Setting::flag("tune --live", "trajectory.kind", "circle"));
+    }
+    settings
+}

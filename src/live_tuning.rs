@@ -1,0 +1,248 @@
+//! `oqtal tune --live`: gains for the vehicle that hovers under a running daemon.
+
+use std::path::Path;
+use std::time::Duration;
+
+use oqtal_bus::bus::Bus;
+use oqtal_bus::code::{Mode, SafetyState};
+use oqtal_bus::message::TelemetryV1;
+use oqtal_bus::obeying::quoted;
+use oqtal_bus::paths::InstancePaths;
+use oqtal_bus::time::{Span, Time};
+use oqtal_bus::topic::{ObservedTopic, Sample};
+use oqtal_config::{Config, Setting};
+use oqtal_control::trajectory::{TrajectoryKind, TrajectoryOptions};
+use oqtal_lab::identify::overview;
+use oqtal_lab::output::{check_free, make, next_free, write_file};
+use oqtal_lab::progress::Progress;
+use oqtal_lab::tune::live::{self, LiveTuning};
+use oqtal_lab::tune::{LiveArgs, TuneArgs, page};
+use oqtal_observe::law_query::changed_before;
+use oqtal_observe::observer::BusObserver;
+use oqtal_observe::recording::{McapRecorder, RecordingPlan};
+use oqtal_observe::sink::{Reception, Sink, Tee};
+use oqtal_observe::status::InstanceStatus;
+use oqtal_operator::request::{place, running_bus, send, silent, unanswered};
+use oqtal_operator::{ControlReport, CtlRequest, request_of};
+use oqtal_runtime::process::{Exit, Failure, instance_paths};
+use oqtal_runtime::program::{print, say};
+
+use crate::daemon_config::daemon_config;
+use crate::provenance::PROVENANCE;
+use crate::recordings;
+
+/// Polling period \[s\].
+const POLL_PERIOD: Duration = Duration::from_millis(10);
+/// Time in which the vehicle comes to rest, or settles with other gains \[s\].
+const SETTLE_S: f64 = 3.0;
+/// Time over which the error of a hover is measured \[s\].
+const HOVER_S: f64 = 6.0;
+
+/// Tunes the law that flies for the vehicle that hovers, and with `--apply` changes its gains.
+///
+/// # Errors
+/// No daemon answers (exit code 75), the vehicle does not hover or does not go on hovering (1), the vehicle or its law cannot be
+/// tuned (64), or a file cannot be written (71).
+pub fn execute(args: &TuneArgs) -> Result<Exit, Failure> {
+    let LiveArgs { apply, .. } = args.live;
+    let search = (&args.budget(), args.weights()?);
+    let paths = instance_paths(&Config::from_settings(&args.live.settings())?)?;
+    let bus = running_bus(&paths)?;
+    let config = daemon_config(&paths).ok_or_else(|| silent(&paths))?;
+    let present = present_settings(&paths, &bus)?;
+    let law = Config::from_settings(&present)?.control.controller.name();
+    let directory = args.out.clone().map_or_else(|| next_free("tune"), Ok)?;
+    let [recording, gains, html] =
+        ["excitation.mcap".to_owned(), format!("{law}.toml"), format!("{law}.html")]
+            .map(|name| directory.join(name));
+    check_free(&[recording.clone(), gains.clone(), html.clone()])?;
+    make(&directory)?;
+
+    let mut hover = ObservedHover::open(&bus, &config)?;
+    hover.require_flying()?;
+    say(&format!("oqtal: comes to rest and hovers for {} s", SETTLE_S + HOVER_S));
+    ask(&bus, CtlRequest::Hover, &[])?;
+    hover.follow(SETTLE_S, None)?;
+    let before_m = hover.error_m(HOVER_S)?;
+    fly_excitation(&bus, &config, &mut hover, &recording)?;
+    say("oqtal: identifies the vehicle and searches for gains, while it hovers");
+    // The daemon may be on this machine. Ignored: the search then has the priority of any program.
+    let _ = rustix::process::nice(19);
+    let flight = recordings::read_flight(&recording)?;
+    let found = live::tune(&flight, &present, search, &Progress::default())?;
+    let LiveTuning { identification, tuned } = &found;
+    write_file(&gains, tuned.to_toml(&[], "for the vehicle of excitation.mcap beside it"))?;
+    write_file(&html, page::html(tuned))?;
+    print(&format!(
+        "{}\n{tuned}page: {}\ngains: {}",
+        overview::text(identification),
+        html.display(),
+        gains.display()
+    ))?;
+    if tuned.objective >= tuned.start {
+        return Ok(Exit::Ok);
+    }
+    let settings: Vec<String> =
+        tuned.values.iter().map(|(key, value)| format!("{key}={value:?}")).collect();
+    let place = place(&paths);
+    if !apply {
+        print(&format!(
+            "change them in flight: oqtal ctl set {} {place}",
+            settings.iter().map(|setting| quoted(setting)).collect::<Vec<_>>().join(" ")
+        ))?;
+        return Ok(Exit::Ok);
+    }
+    // Samples of the time of the search are old.
+    let mut hover = ObservedHover::open(&bus, &config)?;
+    hover.require_flying()?;
+    ask(&bus, CtlRequest::Set, &settings)?;
+    hover.follow(SETTLE_S, None)?;
+    let after_m = hover.error_m(HOVER_S)?;
+    print(&format!(
+        "hover, RMS over {HOVER_S} s: {:.1} mm before, {:.1} mm with the new gains; `oqtal ctl undo {place}` takes them back",
+        before_m * 1e3,
+        after_m * 1e3
+    ))?;
+    Ok(Exit::Ok)
+}
+
+/// The settings with which the daemon of the instance at `paths` flies now.
+fn present_settings(paths: &InstancePaths, bus: &Bus) -> Result<Vec<Setting>, Failure> {
+    let mut settings = Config::file_settings(&paths.config())?;
+    let changed = changed_before(bus);
+    let changed = changed.as_ref().map_or("", |event| event.text.as_str());
+    for line in changed.lines().filter(|line| line.contains('=')) {
+        settings.push(Setting::parse("daemon", line)?);
+    }
+    Ok(settings)
+}
+
+/// Sends a command of an operator; it must not be refused.
+fn ask(bus: &Bus, command: CtlRequest, arguments: &[String]) -> Result<(), Failure> {
+    let response = send(bus, request_of(command, arguments)?, None)?;
+    let response = response.ok_or_else(|| unanswered(bus))?;
+    let report = ControlReport::new(command.command(), &response, InstanceStatus::default());
+    report.check(&response, None)
+}
+
+/// Flies the excitation from where the vehicle is, and records it into `file`.
+fn fly_excitation(
+    bus: &Bus,
+    config: &Config,
+    hover: &mut ObservedHover,
+    file: &Path,
+) -> Result<(), Failure> {
+    let options = TrajectoryOptions {
+        kind: TrajectoryKind::BriefExcitation,
+        duration_s: None,
+        ..config.trajectory.clone()
+    };
+    let duration_s = options.trajectory(None).map_or(0.0, |excitation| excitation.duration_s());
+    say(&format!("oqtal: flies the excitation for {duration_s:.0} s; `oqtal ctl hover` ends it"));
+    let plan = RecordingPlan {
+        path: file.to_owned(),
+        config,
+        provenance: PROVENANCE,
+        rotates: false,
+        complain: |message| say(&format!("oqtal: {message}")),
+    };
+    let recorder = McapRecorder::create(&plan);
+    let mut recorder = recorder.map_err(|error| {
+        let reason = format!("{}: {error}; give another directory with --out", file.display());
+        Failure::new(Exit::System, reason)
+    })?;
+    ask(bus, CtlRequest::Fly, &["brief-excitation".to_owned()])?;
+    let flown = hover.follow(duration_s + SETTLE_S, Some(&mut recorder));
+    let recorded = recorder.finish();
+    flown?;
+    recordings::check(&recorded)
+}
+
+/// Observer of a vehicle that is to go on flying.
+struct ObservedHover {
+    observer: BusObserver,
+    newest: NewestTick,
+}
+
+/// The newest tick, and the squared errors of the position in all \[m^2\].
+#[derive(Default)]
+struct NewestTick {
+    tick: Option<TelemetryV1>,
+    squares: Vec<f64>,
+}
+
+impl Sink for NewestTick {
+    fn sample(&mut self, _: &Reception, sample: Sample<'_>) {
+        if let Sample::Telemetry(tick) = sample {
+            let pairs = tick.position.iter().zip(tick.reference_position);
+            self.squares.push(pairs.map(|(at, reference)| (at - reference).powi(2)).sum());
+            self.tick = Some(*tick);
+        }
+    }
+
+    fn lost(&mut self, _: ObservedTopic, _: u64) {}
+}
+
+impl ObservedHover {
+    fn open(bus: &Bus, config: &Config) -> Result<Self, Failure> {
+        let bus = Bus::open(bus.paths())?.for_observer();
+        let observer = BusObserver::open(&bus, &McapRecorder::topics(config))?;
+        Ok(Self { observer, newest: NewestTick::default() })
+    }
+
+    /// Fails unless the vehicle flies.
+    fn require_flying(&mut self) -> Result<(), Failure> {
+        self.follow(0.2, None)
+    }
+
+    /// Observes the vehicle for `seconds`, and records its flight; fails as soon as it does not fly on undisturbed.
+    fn follow(
+        &mut self,
+        seconds: f64,
+        mut recorder: Option<&mut McapRecorder>,
+    ) -> Result<(), Failure> {
+        let end = Time::now() + Span::from_seconds(seconds);
+        while Time::now() < end {
+            std::thread::sleep(POLL_PERIOD);
+            let now = Time::now();
+            match recorder.as_deref_mut() {
+                Some(recorder) => {
+                    recorder.note_clock(now);
+                    self.observer.poll(now, &mut Tee(recorder, &mut self.newest))?;
+                }
+                None => self.observer.poll(now, &mut self.newest)?,
+            }
+            if let Some(tick) = &self.newest.tick {
+                require_nominal(tick)?;
+            }
+        }
+        let seen = self.newest.tick.map(|_| ());
+        seen.ok_or_else(|| Failure::new(Exit::Flight, "no vehicle flies; `oqtal ctl arm` first"))
+    }
+
+    /// Root mean square of the position error over `seconds` \[m\].
+    fn error_m(&mut self, seconds: f64) -> Result<f64, Failure> {
+        self.newest.squares.clear();
+        self.follow(seconds, None)?;
+        let squares = &self.newest.squares;
+        Ok((squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt())
+    }
+}
+
+/// Fails unless the vehicle flies in the state Nominal.
+fn require_nominal(tick: &TelemetryV1) -> Result<(), Failure> {
+    let (mode, state) = (Mode::from_code(tick.mode), SafetyState::from_code(tick.state));
+    if mode != Some(Mode::Flying) {
+        let reason =
+            "the vehicle does not fly; `oqtal ctl arm`, and `oqtal ctl hover` where it has room";
+        return Err(Failure::new(Exit::Flight, reason));
+    }
+    if state != Some(SafetyState::Nominal) {
+        let state = state.map_or_else(|| "unknown".to_owned(), |state| state.to_string());
+        let reason = format!(
+            "the daemon is in the state {state}: nothing was changed; see `oqtal ctl status`"
+        );
+        return Err(Failure::new(Exit::Flight, reason));
+    }
+    Ok(())
+}
