@@ -7,7 +7,7 @@ use oqtal_lab::output::next_free;
 use oqtal_observe::compare::{Comparison, MOST_FLIGHTS};
 use oqtal_observe::recording::recording_path;
 use oqtal_runtime::process::{Exit, Failure};
-use oqtal_runtime::program::print;
+use oqtal_runtime::program::{print, say};
 
 use crate::recordings;
 
@@ -40,6 +40,10 @@ impl CompareArgs {
         let mut flights = Vec::new();
         for path in &self.files {
             let flown = recordings::read_flight(path)?;
+            if flown.has_other_config {
+                let reason = flown.shortfall().unwrap_or_default();
+                say(&format!("oqtal: warning: {}: {reason}", path.display()));
+            }
             flights.push((path.display().to_string(), flown));
         }
         let comparison = Comparison::new(flights);

@@ -150,14 +150,19 @@ fn check_from(
             let from = along().fold(low[axis] + lower_m(axis), f64::min) - lower_m(axis);
             let to = along().fold(high[axis] - margin_m, f64::max) + margin_m;
             let name = ["x", "y", "z"][axis];
-            let smaller = smaller(config);
-            format!(
-                "; it fits beyond {from:.2} to {to:.2} m in {name}, with a smaller fence.soft-margin-m, or with {smaller}"
-            )
+            let other = match margin_m > 0.0 {
+                true => format!("a smaller fence.soft-margin-m, or with {}", smaller(config)),
+                false => "a slower trajectory".to_owned(),
+            };
+            format!("; it fits beyond {from:.2} to {to:.2} m in {name}, or with {other}")
         }
     };
+    let place = match margin_m > 0.0 {
+        true => "the trajectory is at",
+        false => "the vehicle is so fast that it would come to rest at",
+    };
     let allowed = format!(
-        "around the whole trajectory, {}: at {t_s:.1} s the trajectory is at [{:.2}, {:.2}, {:.2}] m{remedy}",
+        "around the whole trajectory, {}: at {t_s:.1} s {place} [{:.2}, {:.2}, {:.2}] m{remedy}",
         room(margin_m),
         at.x,
         at.y,

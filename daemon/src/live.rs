@@ -266,7 +266,8 @@ impl LiveSettings {
         self.settings(self.present.with_live(&settings)?, text, false)
     }
 
-    /// Changes the settings that differ in the file `path`, or in the files with which the daemon was started.
+    /// Changes the settings that differ in the file `path`; without one, those that differ from a start of the daemon with its files as
+    /// they are now.
     fn reload(&self, path: &str) -> Result<PreparedChange, Refusal> {
         let named = [PathBuf::from(path)];
         let files = if path.is_empty() { &self.files[..] } else { &named };
@@ -279,7 +280,8 @@ impl LiveSettings {
         }
         // Processes of several instances may read one file; the instance is that of the start.
         settings.retain(|setting| !setting.key.starts_with("instance."));
-        let next = self.present.with_live(&settings)?;
+        let base = if path.is_empty() { &self.started } else { &self.present };
+        let next = base.with_live(&settings)?;
         let changed = self.present.differences(&next).map_err(Refusal::of_setting)?;
         let Some(text) = LongText::of_lines(changed.iter().map(String::as_str)) else {
             let reason = format!("{} settings differ, too many for one request", changed.len());

@@ -151,9 +151,16 @@ fn program() -> String {
     format!("oqtal {} {size} {modified:?}", env!("CARGO_PKG_VERSION"))
 }
 
-/// Hash of the arguments of this study, as text.
+/// Hash of the arguments of this study, as text; the order of different flags does not matter.
 fn own_arguments() -> String {
-    format!("{:016x}", fnv1a(FNV_OFFSET, command().as_bytes()))
+    format!("{:016x}", fnv1a(FNV_OFFSET, in_order(&command()).as_bytes()))
+}
+
+/// `command` with its flags, each with its values, in alphabetical order; a flag that is repeated keeps its order.
+fn in_order(command: &str) -> String {
+    let mut flags: Vec<&str> = command.split(" --").collect();
+    flags[1..].sort_by_key(|flag| flag.split([' ', '=']).next());
+    flags.join(" --")
 }
 
 fn unwritable(path: &Path, error: &io::Error) -> Failure {
@@ -187,6 +194,17 @@ mod tests {
         assert_eq!(resumed.find::<u64>(0), None);
         drop(resumed);
         assert_eq!(Journal::resume(&path).unwrap().resumed(), 2);
+    }
+
+    #[test]
+    fn the_order_of_different_flags_does_not_matter() {
+        let same = [
+            "oqtal sweep a=1 --laws x --set b=1 --set c=2",
+            "oqtal sweep a=1 --set b=1 --set c=2 --laws x",
+        ];
+        assert_eq!(in_order(same[0]), in_order(same[1]));
+        assert_ne!(in_order(same[0]), in_order("oqtal sweep a=1 --set c=2 --set b=1 --laws x"));
+        assert_eq!(in_order("oqtal reproduce"), "oqtal reproduce");
     }
 
     #[test]

@@ -98,7 +98,8 @@ pub fn request_of(command: CtlRequest, arguments: &[String]) -> Result<ControlRe
             Err(usage("set needs KEY=VALUE, as in `set position.tilt-limit-deg=15`"))
         }
         (CtlRequest::Reload, [file]) => with_text(&[absolute(file)?]),
-        (_, []) => Ok(base),
+        // A stop is never refused for what follows it.
+        (_, []) | (CtlRequest::Stop, _) => Ok(base),
         (_, [first, ..]) => Err(usage(&format!("unexpected argument `{first}`"))),
     }
 }
@@ -162,14 +163,13 @@ mod tests {
 
     #[test]
     fn other_arguments_are_a_usage_error() {
-        let wrong: [(CtlRequest, &[&str]); 8] = [
+        let wrong: [(CtlRequest, &[&str]); 7] = [
             (CtlRequest::Goto, &["1", "2"]),
             (CtlRequest::Goto, &["1", "2", "nan"]),
             (CtlRequest::Goto, &["1", "2", "3", "900"]),
             (CtlRequest::Set, &[]),
             (CtlRequest::Fly, &[]),
             (CtlRequest::Get, &["a", "b"]),
-            (CtlRequest::Stop, &["now"]),
             (CtlRequest::Controller, &[]),
         ];
         for (command, arguments) in wrong {

@@ -49,6 +49,10 @@ pub fn land(address: &AddressedInstance) -> Result<ControlResponseV1, Failure> {
     let mut lines = reached.signal(LAND_SIGNAL, |p| is_daemon(p) && !p.is_under(paths));
     let is_signalled = Arc::new(AtomicBool::default());
     let answer = request(paths, &is_signalled);
+    // These were signalled.
+    let signalled = Arc::new(AtomicBool::new(true));
+    let elsewhere: Vec<_> =
+        reached.places()[1..].iter().map(|paths| request(paths, &signalled)).collect();
     let give_up = Time::now() + TIMEOUT;
     let mut answered = answer.recv_timeout(SIGNAL_DELAY);
     while !matches!(answered, Ok(Ok(Some(_)))) {
@@ -65,7 +69,7 @@ pub fn land(address: &AddressedInstance) -> Result<ControlResponseV1, Failure> {
     lines.sort();
     lines.dedup();
     let said = match answered {
-        Ok(Ok(Some(response))) => return Ok(response),
+        Ok(Ok(Some(response))) => return Ok(accepted_of(response, &elsewhere)),
         Ok(Err(error)) if lines.is_empty() => return Err(error.into()),
         Ok(Err(error)) => error.to_string(),
         _ if lines.is_empty() => return Err(reached.nobody("land", silent_text(paths))),
@@ -79,8 +83,24 @@ pub fn land(address: &AddressedInstance) -> Result<ControlResponseV1, Failure> {
     Err(Failure::new(Exit::Flight, message))
 }
 
+/// `response`, or if it is a refusal the first answer of another instance that is none: the vehicle that flies is that one.
+fn accepted_of(
+    response: ControlResponseV1,
+    elsewhere: &[Receiver<LandingAnswer>],
+) -> ControlResponseV1 {
+    let is_refused = |answer: &ControlResponseV1| answer.answer == Answer::Refused.code();
+    if !is_refused(&response) {
+        return response;
+    }
+    let answers = elsewhere.iter().filter_map(|answer| answer.recv().ok()?.ok()?);
+    answers.into_iter().find(|answer| !is_refused(answer)).unwrap_or(response)
+}
+
 fn silent_text(paths: &InstancePaths) -> String {
-    format!("land: {}; a flight that begins from now on is not prevented", silent(paths).message)
+    // Its further lines list running processes, as the failure does.
+    let message = silent(paths).message;
+    let nobody = message.lines().next().unwrap_or_default();
+    format!("land: {nobody}; a flight that begins from now on is not prevented")
 }
 
 /// Requests a landing on a separate thread, as the owner of the instance. `is_signalled` once the daemon was signalled.

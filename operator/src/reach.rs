@@ -56,6 +56,17 @@ impl Reached {
         Self { processes, held, paths: found, others, address: address.clone() }
     }
 
+    /// Names and roots of the instances of the addressed processes, the first that of [`Self::paths`].
+    pub fn places(&self) -> Vec<InstancePaths> {
+        let mut places = vec![self.paths.clone()];
+        for paths in self.held.iter().flatten().filter_map(|files| files.paths.as_ref()) {
+            if !places.contains(paths) {
+                places.push(paths.clone());
+            }
+        }
+        places
+    }
+
     /// Whether a daemon was found.
     pub fn has_daemon(&self) -> bool {
         self.processes.iter().any(|process| !process.is_vehicle)

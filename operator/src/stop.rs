@@ -233,7 +233,9 @@ fn fly_again(reached: &Reached) -> (String, Option<String>) {
         return (command, None);
     }
     let daemon = (!reached.has_daemon()).then(|| start_daemon(&reached.paths));
-    (format!("oqtal ctl arm {}", place(&reached.paths)), daemon)
+    let arm = |paths: &InstancePaths| format!("oqtal ctl arm {}", place(paths));
+    let places: Vec<String> = reached.places().iter().map(arm).collect();
+    (places.join("` or `"), daemon)
 }
 
 impl RaisedStops {

@@ -359,3 +359,25 @@ fn f72_a_real_vehicle_without_a_time_out_of_its_own_is_armed_only_where_that_is_
         assert_eq!(told, reasons, "{limit_ms} ms, {time_out_s} s");
     }
 }
+
+/// A line that was added to the file of the daemon, read, and removed again has no effect any more.
+#[test]
+fn a_reload_returns_to_the_files_as_they_are() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("own.toml");
+    let write = |text: &str| std::fs::write(&file, text).unwrap();
+    write("trajectory.kind = \"hover\"\n");
+    let config = Config::load(std::slice::from_ref(&file), &[]).unwrap();
+    let mut settings = LiveSettings::new(&config, std::slice::from_ref(&file));
+    let reload = |settings: &mut LiveSettings| {
+        let request = ControlRequestV1::of(OperatorCommand::Reload);
+        settings.prepare(OperatorCommand::Reload, &request).map(|mut it| settings.commit(&mut it))
+    };
+    write("trajectory.kind = \"hover\"\ntrajectory.height-m = 1.4\n");
+    reload(&mut settings).unwrap();
+    assert_eq!(settings.present().trajectory.height_m, 1.4);
+    assert!(reload(&mut settings).unwrap_err().reason.contains("no setting differs"));
+    write("trajectory.kind = \"hover\"\n");
+    reload(&mut settings).unwrap();
+    assert_eq!(settings.present(), &config);
+}

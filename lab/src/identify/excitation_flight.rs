@@ -47,7 +47,7 @@ pub fn fly(config: &Config) -> Result<ExcitationFlight, Failure> {
         config.vehicle.mass_kg = configured * assumed;
         flight = simulation::fly(&Mission::new(config.clone())?)?;
     }
-    let Some(shortfall) = failure(&flight) else {
+    if failure(&flight).is_none() {
         let assumption = first_failure.map(|reason| {
             let assumed = config.vehicle.mass_kg;
             format!(
@@ -57,9 +57,18 @@ pub fn fly(config: &Config) -> Result<ExcitationFlight, Failure> {
         // Findings are compared with, and thrust is computed for, the configured mass.
         flight.config.vehicle.mass_kg = configured;
         return Ok(ExcitationFlight { flight, assumption });
-    };
-    let remedy = "correct [vehicle] by hand, or fly slower: --set trajectory.excitation.tilt-deg=5";
-    Err(Failure::new(Exit::Flight, format!("the excitation flight failed: {shortfall}; {remedy}")))
+    }
+    let reason = first_failure.unwrap_or_default();
+    let law = config.control.controller;
+    let masses: Vec<String> =
+        others.iter().map(|share| format!("{:.3}", configured * share)).collect();
+    Err(Failure::new(
+        Exit::Flight,
+        format!(
+            "the excitation flight under the law `{law}` failed: {reason}; so it did with assumed masses of {} kg. Try another law, --set control.controller=oqtal-dt, or smaller motions, --set trajectory.excitation.tilt-deg=5, or correct [vehicle]",
+            masses.join(", ")
+        ),
+    ))
 }
 
 /// Reason why `flight` is incomplete; `None` for a complete flight.

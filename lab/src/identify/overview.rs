@@ -86,9 +86,9 @@ pub fn remarks(identification: &Identification) -> Vec<String> {
 fn not_shown(finding: &ParameterFinding, recordings: usize) -> String {
     let (name, motion) = (finding.name, finding.missing.unwrap_or_default());
     match recordings {
-        1 => format!("{name}: not shown, and not written. Missing: {motion}"),
+        1 => format!("{name}: not determined, and not written. Missing: {motion}"),
         _ => format!(
-            "{name}: not shown, and not written. Its interval is too wide: the recordings may contradict each other (identify each alone), or lack {motion}"
+            "{name}: not determined, and not written. Its interval is too wide: the recordings may contradict each other (identify each alone), or lack {motion}"
         ),
     }
 }

@@ -1,6 +1,8 @@
 //! Margins of every law, from the linear model and from flights, and the loop responses.
 
 use maud::Markup;
+use nalgebra::Complex;
+use oqtal_bus::message::{FNV_OFFSET, fnv1a};
 use oqtal_observe::plot::axis::Axis;
 use oqtal_observe::plot::chart::{Mark, Plot};
 use oqtal_observe::plot::figure::{HALF, figure};
@@ -56,7 +58,16 @@ pub fn all(laws: &[StudyLaw], progress: &Progress) -> Result<Vec<LoopPair>, Fail
         for (index, axis) in AXES.into_iter().enumerate() {
             progress.check()?;
             let linear = LinearLoop::new(&config, index).map_err(|error| config.locate(&error))?;
-            let flown = probed::flown(&settings, index)?;
+            let key = |axis: &&str| {
+                let name = fnv1a(FNV_OFFSET, format!("loop about {axis}").as_bytes());
+                fnv1a(name, &config.hash().to_le_bytes())
+            };
+            let points: Vec<(f64, [f64; 2])> = progress.kept(axis, key, |_| {
+                let points = probed::flown(&settings, index)?.points.into_iter();
+                Ok(points.map(|(hertz, gain)| (hertz, [gain.re, gain.im])).collect())
+            })?;
+            let points = points.into_iter().map(|(hertz, [re, im])| (hertz, Complex::new(re, im)));
+            let flown = LoopResponse { points: points.collect() };
             loops.push(LoopPair { law: law.name.clone(), axis, linear: linear.response(), flown });
             bar.inc();
         }
@@ -184,11 +195,7 @@ const HEIGHT: u32 = 420;
 const LABEL_WIDTH: u32 = 110;
 const LINE_WIDTH: u32 = 3;
 
-fn over_frequency(
-    title: &str,
-    pair: &LoopPair,
-    value: impl Fn(nalgebra::Complex<f64>) -> f64,
-) -> Markup {
+fn over_frequency(title: &str, pair: &LoopPair, value: impl Fn(Complex<f64>) -> f64) -> Markup {
     let points = |response: &LoopResponse| -> Vec<(f64, f64)> {
         response.points.iter().map(|(hertz, gain)| (hertz.log10(), value(*gain))).collect()
     };
@@ -210,7 +217,7 @@ fn over_frequency(
 /// The loops as JSON: frequency \[Hz\], loop gain \[dB\], phase \[deg\].
 pub fn document(loops: &[LoopPair]) -> Value {
     let points = |response: &LoopResponse| -> Value {
-        let point = |(hertz, gain): &(f64, nalgebra::Complex<f64>)| {
+        let point = |(hertz, gain): &(f64, Complex<f64>)| {
             json!([hertz, 20.0 * gain.norm().log10(), gain.arg().to_degrees()])
         };
         response.points.iter().map(point).collect()

@@ -66,7 +66,7 @@ pub fn refuse_key_of_study(given: &str, key: &str) -> Result<(), Failure> {
         "control.controller" => {
             "flies the laws that are named to it; give them with --laws, or as `oqtal tune LAW`"
         }
-        "clock.seed" => "has seeds of its own; give --seeds, --seed or --runs",
+        "clock.seed" => "has seeds of its own; give others with --seeds, or as its --help says",
         _ => return Ok(()),
     };
     Err(Failure::new(Exit::Usage, format!("{given}: a study {remedy}")))

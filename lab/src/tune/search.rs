@@ -236,7 +236,7 @@ pub fn law(
 /// Warning that a law does not land all flights with the configured gains, with which `before` was flown.
 fn not_landed(name: &str, before: &Flown) -> String {
     format!(
-        "{name} does not land every training flight with the configured gains; the search may find none that do:\n{}",
+        "{name} does not land every training flight as planned with the configured gains; the search may find none that do:\n{}",
         failure::text(slice::from_ref(before), "")
     )
 }

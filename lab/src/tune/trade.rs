@@ -63,7 +63,7 @@ impl TradedFigure {
         let least = if self.is_least[is_after] { "≥ " } else { "" };
         match (self.values[is_after], self.weight) {
             (value, _) if value.is_finite() => format!("{least}{}", rounded(value, 4)),
-            (_, Some(_)) => "not landed".to_owned(),
+            (_, Some(_)) => "not as planned".to_owned(),
             (value, None) if value.is_nan() => "unstable".to_owned(),
             (_, None) => "no limit".to_owned(),
         }
@@ -232,10 +232,10 @@ mod tests {
             traded(None, 2.0, none),
         ];
         let text = sheet(&all, false).to_text();
-        assert!(!text.contains('%') && text.contains("not landed"), "{text}");
+        assert!(!text.contains('%') && text.contains("not as planned"), "{text}");
         let said = warnings(&all);
         assert_eq!(said.len(), 2, "{said:?}");
-        assert!(said[0].contains("2.000 before, not landed after"), "{said:?}");
+        assert!(said[0].contains("2.000 before, not as planned after"), "{said:?}");
         assert!(said[1].contains("no limit before, 2.000 after"), "{said:?}");
     }
 

@@ -88,7 +88,8 @@ impl Tuned {
     pub fn comparison(&self) -> String {
         let start = match self.start.is_finite() {
             true => format!("{:.4} at the configured gains", self.start),
-            false => "none at the configured gains, with which a flight does not land".to_owned(),
+            false => "none at the configured gains, with which a flight does not land as planned"
+                .to_owned(),
         };
         match self.objective < self.start {
             true => format!("{start}; lower is better"),
