@@ -110,6 +110,33 @@ fn points_trajectories_and_a_stop_follow_one_another_smoothly_in_one_flight() {
     assert_eq!(flown.outcome, Outcome::Landed);
 }
 
+/// A descending vehicle that is sent far away, and points near the floor.
+#[test]
+fn no_request_leads_to_the_floor() {
+    let mission = hover(60.0, &["control.controller=oqtal-dt"]);
+    let mut flight = OnlineFlight::begin(&mission).unwrap();
+    fly_for(&mut flight, 8.0);
+    let ask = |flight: &mut OnlineFlight<'_>, point| {
+        flight.change(OperatorCommand::Goto, &goto(point)).unwrap().unwrap()
+    };
+    assert!(is_done(&ask(&mut flight, [0.0, 0.0, 0.3])));
+    fly_for(&mut flight, 1.9);
+    assert!(last(&flight).reference_velocity[2] < -0.3, "descends");
+    assert!(is_done(&ask(&mut flight, [1.9, 1.4, 1.9])));
+    fly_for(&mut flight, 8.0);
+    for low in [0.0, 0.09, -0.4] {
+        let refused = ask(&mut flight, [1.9, 1.4, low]);
+        assert_eq!(refused.cause, Cause::NearFloor.code(), "{low}");
+    }
+    assert!(is_done(&ask(&mut flight, [1.9, 1.4, 0.15])));
+    fly_for(&mut flight, 8.0);
+    let flown = flight.samples().iter().skip_while(|sample| sample.telemetry.position[2] < 0.9);
+    let lowest = flown.map(|sample| sample.telemetry.position[2]).fold(f64::INFINITY, f64::min);
+    assert!(lowest > 0.1, "{lowest}");
+    assert!(flight.request(OperatorCommand::Land).unwrap());
+    assert_eq!(flight.finish().unwrap().outcome, Outcome::Landed);
+}
+
 /// A random number in 0..1, from a linear congruential generator with a stable sequence.
 struct Draw(u64);
 
