@@ -176,3 +176,50 @@ impl FlightLimits {
         vehicle.battery_v < self.battery_low
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use oqtal_control::predictive::{MeasuredPose, TrackNoise};
+    use oqtal_control::quaternion::Attitude;
+    use oqtal_control::trajectory::Phase;
+
+    /// Whether a vehicle `below_m` below its reference sinks, with this vertical speed, share of the greatest lift and tilt.
+    fn sinks(below_m: f64, speed_m_s: f64, share: f64, tilt_rad: f64) -> bool {
+        let config = Config::default();
+        let limits = FlightLimits::new(&config);
+        let pose = MeasuredPose {
+            position: Vector3::z() * 2.0,
+            attitude: Attitude::from_rotation_vector(Vector3::x() * tilt_rad),
+        };
+        let noise =
+            TrackNoise { admission: config.control.predictive.filter.clone(), estimation: None };
+        let mut motion = Track::at_rest(&noise, 0.0, &pose);
+        motion.motion.velocity.z = speed_m_s;
+        let mut conditions = LimitConditions::default();
+        let flight = FlightView {
+            motion: &motion,
+            floor_m: 0.0,
+            reference: &Reference::rest(Vector3::z() * (2.0 + below_m), Phase::Trajectory),
+            thrust_n: share * limits.greatest_lift,
+            is_descent: false,
+        };
+        limits.check(&flight, &mut conditions);
+        conditions.sinks
+    }
+
+    #[test]
+    fn f42_a_vehicle_sinks_below_its_reference_downward_under_full_upright_thrust() {
+        assert!(sinks(0.21, -0.11, 0.96, 0.0));
+        // Above or near its reference, not downward, not under full thrust, not upright.
+        let others = [
+            sinks(0.19, -0.11, 0.96, 0.0),
+            sinks(-0.21, -0.11, 0.96, 0.0),
+            sinks(0.21, -0.09, 0.96, 0.0),
+            sinks(0.21, 0.11, 0.96, 0.0),
+            sinks(0.21, -0.11, 0.94, 0.0),
+            sinks(0.21, -0.11, 0.96, 0.3),
+        ];
+        assert_eq!(others, [false; 6]);
+    }
+}

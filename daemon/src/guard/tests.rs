@@ -188,3 +188,19 @@ fn after_a_gap_the_vehicle_may_have_moved_on() {
     feed.time = feed.time + Span::from_millis(200);
     assert!(feed.show(pose_at(0.6)).is_ok());
 }
+
+/// On the ground, where no motion is predicted, only the limits of a vehicle tell a turn from another body.
+#[test]
+fn f10_a_pose_that_turned_further_than_a_vehicle_can_is_a_jump() {
+    let greatest = Config::default().safety.max_rate_rad_s * FRAME.seconds() + JUMP_MARGIN_RAD;
+    for (share, is_accepted) in [(0.98, true), (1.02, false)] {
+        let half = share * greatest / 2.0;
+        let turned = PoseV1 { attitude: [half.sin(), 0.0, 0.0, half.cos()], ..pose_at(0.0) };
+        let shown = Feed::settled().show(turned);
+        assert_eq!(
+            shown.map(|_| ()),
+            if is_accepted { Ok(()) } else { Err(Cause::Jump) },
+            "{share}"
+        );
+    }
+}

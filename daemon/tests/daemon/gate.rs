@@ -39,6 +39,21 @@ fn f10_a_body_that_appears_elsewhere_is_not_admitted() {
     }
 }
 
+/// Poses of another body agree with each other; these do not.
+#[test]
+fn f09_outliers_in_a_row_are_not_taken_for_another_body() {
+    let mut flight = Flight::hovering(&[]);
+    for k in 0..6_u32 {
+        let angle = f64::from(k) * 2.4;
+        let offset = Vector3::new(angle.cos(), angle.sin(), 0.0) * 0.5;
+        flight.frame(|pose| Some(moved(pose, offset)));
+        assert_ne!(flight.cause(), Cause::Relabel, "{k}");
+        assert_eq!(flight.bench.cycle.telemetry().fresh, 0, "admitted");
+    }
+    flight.run(60);
+    assert_eq!(flight.state(), SafetyState::Nominal);
+}
+
 #[test]
 fn f09_outliers_are_refused_and_every_law_flies_on() {
     for law in LAWS {
