@@ -93,6 +93,7 @@ function live(store, panel) {
       const now = performance.now();
       const updates = rate.count(now);
       if (update.status) {
+        store.hear(update.status);
         const isOther = panel.status(update.status);
         if (isOther) renew(panel.scene);
         else notice("");
@@ -103,7 +104,10 @@ function live(store, panel) {
         if (silence !== null && silence <= 1 && now - shown > 900) shown = now;
       }
     },
-    tell: (text) => tell(text, "bad"),
+    tell: (text) => {
+      tell(text, "bad");
+      panel.status({ processes: [], obstacles: [] });
+    },
   });
   return () => store.last(store.ticks)?.[0] ?? 0;
 }

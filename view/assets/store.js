@@ -2,12 +2,15 @@
 
 const MOST_ROWS = 9000;
 const MOST_EVENTS = 500;
+// Age of a message above which it does not describe the present state.
+const SILENT_S = 1;
 
 export class Store {
   constructor(scene) {
     this.tick = index(scene.tick_columns);
     this.vehicle = index(scene.vehicle_columns);
     this.isBounded = scene.is_live;
+    this.silence = { ticks: null, vehicles: null, told: 0 };
     this.clear();
   }
 
@@ -25,6 +28,18 @@ export class Store {
     append(this.vehicles, vehicles, this.isBounded ? MOST_ROWS : Infinity);
     append(this.events, events, this.isBounded ? MOST_EVENTS : Infinity);
     this.version += 1;
+  }
+
+  // Takes the ages of the newest messages at this moment.
+  hear({ silence_s: ticks, vehicle_silence_s: vehicles }) {
+    this.silence = { ticks, vehicles, told: performance.now() };
+  }
+
+  // Whether the newest of these rows, `ticks` or `vehicles`, does not describe the present state. Without updates it ages further.
+  isSilent(rows) {
+    if (!this.isBounded) return false;
+    const { [rows]: age, told } = this.silence;
+    return age === null || age + (performance.now() - told) / 1000 > SILENT_S;
   }
 
   last(rows) {
