@@ -123,8 +123,9 @@ export class Charts {
 
   // The value at the time shown.
   tell(chart, rows, t) {
-    const row = rows.length && !this.store.isSilent(chart.rows) ? this.store.at(rows, t) : null;
-    if (chart.hasSource && row) chart.heading.textContent = `${chart.title} against the ${row[chart.columns.truth] ? "truth" : "estimate"} [${chart.unit}]`;
+    const newest = rows.length ? this.store.at(rows, t) : null;
+    const row = this.store.isSilent(chart.rows) ? null : newest;
+    if (chart.hasSource && newest) chart.heading.textContent = `${chart.title} against the ${newest[chart.columns.truth] ? "truth" : "estimate"} [${chart.unit}]`;
     const columns = chart.total ? [chart.total] : chart.traces.map(([name]) => name);
     const values = row ? columns.map((name) => row[chart.columns[name]]) : [null];
     const text = values.map((value) => (value === null ? "–" : significant(value * chart.factor))).join("  ");

@@ -4,13 +4,15 @@ const MOST_ROWS = 9000;
 const MOST_EVENTS = 500;
 // Age of a message above which it does not describe the present state.
 const SILENT_S = 1;
+// Time without an update after which nothing is known of the present state.
+const UPDATE_TIMEOUT_MS = 2500;
 
 export class Store {
   constructor(scene) {
     this.tick = index(scene.tick_columns);
     this.vehicle = index(scene.vehicle_columns);
     this.isBounded = scene.is_live;
-    this.silence = { ticks: null, vehicles: null, told: 0 };
+    this.heard = { ticks: { age: null, at: 0 }, vehicles: { age: null, at: 0 } };
     this.clear();
   }
 
@@ -28,18 +30,19 @@ export class Store {
     append(this.vehicles, vehicles, this.isBounded ? MOST_ROWS : Infinity);
     append(this.events, events, this.isBounded ? MOST_EVENTS : Infinity);
     this.version += 1;
+    if (ticks.length) this.hear("ticks", 0);
+    if (vehicles.length) this.hear("vehicles", 0);
   }
 
-  // Takes the ages of the newest messages at this moment.
-  hear({ silence_s: ticks, vehicle_silence_s: vehicles }) {
-    this.silence = { ticks, vehicles, told: performance.now() };
+  // Takes the age of the newest of these rows, `ticks` or `vehicles`; null if none has come.
+  hear(rows, age) {
+    this.heard[rows] = { age, at: performance.now() };
   }
 
-  // Whether the newest of these rows, `ticks` or `vehicles`, does not describe the present state. Without updates it ages further.
+  // Whether the newest of these rows does not describe the present state of an instance.
   isSilent(rows) {
-    if (!this.isBounded) return false;
-    const { [rows]: age, told } = this.silence;
-    return age === null || age + (performance.now() - told) / 1000 > SILENT_S;
+    const { age, at } = this.heard[rows];
+    return this.isBounded && (age === null || age > SILENT_S || performance.now() - at > UPDATE_TIMEOUT_MS);
   }
 
   last(rows) {
