@@ -44,7 +44,7 @@ export class Panel {
       }
     }
     for (const axis of ["x", "y", "z"]) {
-      const value = row[column[axis]];
+      const value = this.store.isOld(row) ? null : row[column[axis]];
       show(axis, value === null ? "–" : `${value.toFixed(3).replace("-", "−")} m`);
     }
     this.figure("Position error", row[column.position], (v) => `${significant(v * 1000)} mm`);

@@ -110,9 +110,10 @@ export class Room {
     this.drawFence();
     for (const camera of this.scene.cameras) this.drawCamera(camera);
     this.drawPaths(t);
-    this.isSilent = this.store.isSilent("ticks");
+    const isSilent = this.store.isSilent("ticks");
     if (position) {
-      if (!this.isSilent) this.drawReference(this.reference(row));
+      this.isOld = isSilent || this.store.isOld(row);
+      if (!isSilent) this.drawReference(this.reference(row));
       this.drawVehicle(position, row.slice(this.store.tick.qx, this.store.tick.qx + 4));
     }
   }
@@ -235,9 +236,9 @@ export class Room {
     this.pen.stroke();
   }
 
-  // Four rotors, the front ones in the accent colour, above a mark on the floor; grey where a silent daemon saw the vehicle last.
+  // Four rotors, the front ones in the accent colour, above a mark on the floor; grey where it was seen last.
   drawVehicle(at, attitude) {
-    const ink = (name) => this.color(this.isSilent ? "axis" : name);
+    const ink = (name) => this.color(this.isOld ? "axis" : name);
     const arm = Math.max(ARM_M, LEAST_ARM_PX / this.orbit.pixelsPerMetre(at));
     const below = [at[0], at[1], this.floor];
     this.line(at, below, this.color("axis"));

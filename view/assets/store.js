@@ -45,6 +45,11 @@ export class Store {
     return this.isBounded && (age === null || age > SILENT_S || performance.now() - at > UPDATE_TIMEOUT_MS);
   }
 
+  // Whether the position of a tick is neither the truth nor from a recent pose.
+  isOld(tick) {
+    return !tick[this.tick.truth] && tick[this.tick.age] > SILENT_S * 1000;
+  }
+
   last(rows) {
     return rows[rows.length - 1];
   }
