@@ -77,12 +77,7 @@ impl ProbeListener {
             seconds: duration.seconds(),
             rate_hz: if total_s > 0.0 { self.intervals.len() as f64 / total_s } else { 0.0 },
             gaps: self.intervals.iter().filter(|interval| **interval > GAP_NS).count(),
-            interval: IntervalFigures {
-                min_ns: self.intervals.iter().min().copied().unwrap_or(0),
-                p50_ns: percentile(&self.intervals, 50.0),
-                p99_ns: percentile(&self.intervals, 99.0),
-                max_ns: self.intervals.iter().max().copied().unwrap_or(0),
-            },
+            interval: interval_figures(&self.intervals),
             lost: counts.lost,
             counts,
             damaged: self.damaged,
@@ -98,6 +93,16 @@ impl ProbeListener {
             bodies: self.bodies.iter().map(ObservedBody::figures).collect(),
             ..ProbeFigures::default()
         }
+    }
+}
+
+/// Figures of the intervals \[ns\].
+fn interval_figures(intervals: &[i64]) -> IntervalFigures {
+    IntervalFigures {
+        min_ns: intervals.iter().min().copied().unwrap_or(0),
+        p50_ns: percentile(intervals, 50.0),
+        p99_ns: percentile(intervals, 99.0),
+        max_ns: intervals.iter().max().copied().unwrap_or(0),
     }
 }
 
