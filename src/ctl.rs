@@ -71,7 +71,7 @@ impl CtlArgs {
                 self.ask(&running_bus(&address.paths)?, request, expected)?
             }
         };
-        let lines = status.lines();
+        let lines = [status.lines(), self.injected_faults(&address)].concat();
         let report = ControlReport::new(self.command.command(), &response, status);
         *document = Some(report.to_json());
         let refused = report.check(&response, expected);
@@ -86,6 +86,13 @@ impl CtlArgs {
             print(&report.to_text(&lines))?;
         }
         Ok(Exit::Ok)
+    }
+
+    /// Line of `status` with the faults that the configuration of the daemon injects; empty without any.
+    fn injected_faults(&self, address: &AddressedInstance) -> Vec<String> {
+        let is_asked = matches!(self.command, CtlRequest::Status);
+        let config = is_asked.then(|| daemon_config(&address.paths)).flatten();
+        config.and_then(|config| injected(&config)).into_iter().collect()
     }
 
     /// Stops the addressed vehicle, and prints which processes obey.
@@ -179,6 +186,12 @@ impl CtlArgs {
     }
 }
 
+/// The faults that `config` injects, as a line of text; `None` without any.
+fn injected(config: &Config) -> Option<String> {
+    let faults: Vec<String> = config.fault.inject.iter().map(ToString::to_string).collect();
+    (!faults.is_empty()).then(|| format!("{:<10} injected: {}", "faults", faults.join(", ")))
+}
+
 /// Settings of the daemon, as of its start, that differ from `expected`; `None` if it did not refuse for that reason, or its file
 /// cannot be read.
 fn differences(
@@ -197,4 +210,17 @@ fn differences(
 fn names_configurations(response: &ControlResponseV1) -> bool {
     let mut obstacles = ArmingObstacles::from_bits(response.obstacles).iter();
     obstacles.any(|obstacle| obstacle == ArmingObstacle::Configuration)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn injected_faults_are_named() {
+        let mut config = Config::default();
+        assert_eq!(injected(&config), None);
+        config.fault.inject = vec!["pose:off@1".parse().unwrap()];
+        assert_eq!(injected(&config).unwrap(), "faults     injected: pose:off@1");
+    }
 }

@@ -131,6 +131,22 @@ fn without_control_a_browser_shows_changing_numbers_and_no_commands() {
     assert_eq!(seen["control"], false);
 }
 
+#[test]
+fn a_page_does_not_show_the_state_of_processes_that_have_ended() {
+    let testbed = Testbed::new("view-silent");
+    let processes = processes(&testbed);
+    let view = View::start(&testbed, &["--wait"]);
+    testbed.wait_for_daemon();
+    let mut updates = BufReader::new(TcpStream::connect(view.address).unwrap());
+    write!(updates.get_mut(), "GET /live HTTP/1.1\r\nHost: {}\r\n\r\n", view.address).unwrap();
+    let is_vehicle = |line: String| line.contains("\"vehicles\":[[");
+    assert!(updates.lines().any(|line| is_vehicle(line.unwrap())), "no message of the vehicle");
+    drop(processes);
+    let Some(seen) = browser(&view, "silent") else { return };
+    assert_eq!((&seen["mode"], &seen["z"]), (&"–".into(), &"–".into()), "{seen}");
+    assert!(seen["figures"].as_str().unwrap().contains("Linkunknown"), "{seen}");
+}
+
 /// The scene of the page, without the head of the answer.
 fn scene(view: &View) -> Value {
     let mut stream = TcpStream::connect(view.address).unwrap();

@@ -39,7 +39,9 @@ impl CornerFigures {
     pub fn of(flight: &Flight) -> Option<Self> {
         let samples: Vec<&FlightSample> = flight.scored().collect();
         let before = flight.armed().take_while(|sample| sample.telemetry.scored == 0).last();
-        let mut from = before.map_or_else(Vector3::zeros, reference);
+        // The first reference of a record that begins in flight is not a step.
+        let first = samples.first().filter(|_| flight.begins_in_flight()).copied();
+        let mut from = before.or(first).map_or_else(Vector3::zeros, reference);
         let [mut step, mut overshoot, mut rest] = [Statistics::default(); 3];
         let mut steps = Vec::new();
         let (mut approach, mut whole) = (0.0, 0.0);
@@ -74,4 +76,24 @@ impl CornerFigures {
 
 fn reference(sample: &FlightSample) -> Vector3<f64> {
     Vector3::from(sample.telemetry.reference_position)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::flight::Outcome;
+    use crate::report::tests::fixture;
+
+    #[test]
+    fn a_record_that_begins_in_flight_has_no_corner_and_no_arming_at_its_beginning() {
+        let mut flight = Flight { outcome: Outcome::Unfinished, ..fixture::square() };
+        let corners = |flight: &Flight| CornerFigures::of(flight).unwrap().settling.count;
+        assert_eq!(corners(&flight), 4);
+        assert!(flight.shortfall().unwrap().contains("after arming"));
+        let is_before = |tick: &FlightSample| tick.telemetry.mission_s < 12.0;
+        flight.samples.retain(|tick| !is_before(tick));
+        assert_eq!(corners(&flight), 3);
+        let reason = flight.shortfall().unwrap();
+        assert!(reason.contains("another file") && !reason.contains("arming"), "{reason}");
+    }
 }

@@ -20,6 +20,9 @@ use crate::wire::WireRecord;
 /// Cause of a flight that the fence held for a time but that landed by itself.
 pub const HELD: &str = "held by the fence";
 
+/// Time since the beginning of a flight above which a record that begins then has missed the arming \[s\].
+const MISSED_ARMING_S: f64 = 0.1;
+
 /// Whether `cause`, of [`Flight::cause`], is a hold by the fence, with or without a landing by the daemon.
 pub fn is_held(cause: &str) -> bool {
     cause == HELD || cause.ends_with(&Cause::HeldTooLong.to_string())
@@ -246,7 +249,7 @@ impl Flight {
             Outcome::Unfinished => {
                 let when = self.when();
                 Some(format!(
-                    "the record ends{when}, before the flight did: a process of the flight ended, or the recording was cut off"
+                    "the record ends{when}, before the flight did: another file continues it, a process of the flight ended, or the recording was cut off"
                 ))
             }
             Outcome::Replayed => None,
@@ -307,7 +310,11 @@ impl Flight {
 
     /// The instant `at` as text.
     fn after_arming(&self, at: Time) -> String {
-        format!(" {:.2} s after arming", at.since(self.origin()).seconds())
+        let seconds = at.since(self.origin()).seconds();
+        match self.begins_in_flight() {
+            true => format!(" at {seconds:.2} s of the record, which begins in flight"),
+            false => format!(" {seconds:.2} s after arming"),
+        }
     }
 
     /// Part of the trajectory flown before a landing requested by an operator; `None` without such a landing.
@@ -344,6 +351,12 @@ impl Flight {
     /// Whether a recording was played.
     pub fn is_replay(&self) -> bool {
         self.config.is_replay()
+    }
+
+    /// Whether the record begins in flight, some time after arming: the instant of arming is unknown.
+    pub fn begins_in_flight(&self) -> bool {
+        let began = self.samples.first();
+        began.is_some_and(|tick| tick.is_armed() && tick.telemetry.mission_s > MISSED_ARMING_S)
     }
 
     /// Instant of the first armed tick, or of the first tick if none is armed: zero of the time axis.

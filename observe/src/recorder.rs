@@ -167,8 +167,16 @@ impl Recorder {
             self.crashed(Crash::DaemonDied);
         } else if !in_flight {
             // The next daemon has the settings of its start.
-            self.flight.changes.clear();
+            self.discard_changes(|_| true);
         }
+    }
+
+    /// Discards the changes for which `is_void` holds, except those of a completed flight.
+    fn discard_changes(&mut self, is_void: fn(&EventV1) -> bool) {
+        let flown = self.flight.samples.iter().rev().find(|sample| sample.is_armed());
+        let ended_at = flown.map(|sample| sample.telemetry.time);
+        let is_flown = |at: Time| ended_at.is_some_and(|ended_at| at <= ended_at);
+        self.flight.changes.retain(|(at, change)| is_flown(*at) || !is_void(change));
     }
 
     /// Ends the flight if this tick ends it.
@@ -220,7 +228,7 @@ impl Recorder {
         let last = std::mem::replace(&mut self.armed_at, armed_at);
         if last.is_none() && armed_at.is_some() {
             // Settings stay as they are; the course begins again.
-            self.flight.changes.retain(|(_, change)| !changes_course(change));
+            self.discard_changes(changes_course);
         }
         let Some(now) = self.armed_at else { return };
         self.flight.wakeup_lateness.add(Span::from_nanos(telemetry.wakeup_lateness_ns));

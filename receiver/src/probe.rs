@@ -52,7 +52,7 @@ pub fn probe(
         stream.maintain(Time::now()).map_err(lost)?;
     }
     let present = (0..wanted.len()).map(|route| stream.has(route)).collect::<Vec<_>>();
-    let mut figures = listener.figures(duration);
+    let mut figures = listener.figures(duration, Time::now());
     figures.server = server;
     name_bodies(&mut figures, (&wanted, &present), &bodies);
     let found = checks::findings(&figures);

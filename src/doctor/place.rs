@@ -9,6 +9,9 @@ use oqtal_runtime::process::Exit;
 use super::finding::Finding;
 use super::system::System;
 
+/// Free space in the root below which no flight is possible \[bytes\]: an instance of three processes has 81 files of together 132 KiB.
+const LEAST_FREE: u64 = 1 << 20;
+
 /// Checks whether instances can be created.
 pub fn root(system: &System) -> Option<Finding> {
     let directory = system.instances.display();
@@ -22,11 +25,20 @@ pub fn root(system: &System) -> Option<Finding> {
         let found = finding(format!("{directory} belongs to user {owner}"));
         return Some(found.forbid(Exit::Permission, remedy));
     }
-    Some(if system.instances_writable {
-        finding(format!("in {directory}"))
-    } else {
+    let full = system.instances_free.filter(|free| *free < LEAST_FREE);
+    Some(if !system.instances.is_absolute() {
+        finding(format!("{directory} is not an absolute path"))
+            .forbid(Exit::Usage, format!("oqtal doctor --root \"$PWD\"/{directory}"))
+    } else if !system.instances_writable {
         finding(format!("{directory} cannot be written by this user"))
             .forbid(Exit::Permission, format!("sudo install -d -o \"$USER\" {directory}"))
+    } else if let Some(free) = full {
+        finding(format!("{directory} has only {} KiB free", free / 1024)).forbid(
+            Exit::System,
+            format!("df {directory} # then free 1 MiB there, or give another --root"),
+        )
+    } else {
+        finding(format!("in {directory}"))
     })
 }
 

@@ -4,7 +4,7 @@ use std::fs;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-use rustix::fs::{Access, access, statvfs};
+use rustix::fs::{Access, StatVfs, access, statvfs};
 
 /// View of a machine: its files below a root folder, which tests replace, and facts that are not in files.
 #[derive(Clone, Debug)]
@@ -17,6 +17,8 @@ pub struct System {
     pub instances: PathBuf,
     /// Whether that directory can be written.
     pub instances_writable: bool,
+    /// Free space of its file system \[bytes\]; `None` if unknown.
+    pub instances_free: Option<u64>,
     /// Another user to whom that directory belongs; `None` if it is this user's, or does not exist.
     pub instances_owner: Option<u32>,
 }
@@ -25,14 +27,15 @@ impl System {
     /// This machine, with the files of instances in `instances`.
     pub fn live(instances: &Path) -> Self {
         let space = statvfs("/dev/shm").ok();
+        let free = |space: StatVfs| space.f_bavail * space.f_frsize;
         // A folder that does not exist yet is represented by its nearest existing ancestor.
         let standing = instances.ancestors().find(|ancestor| ancestor.exists());
         Self {
             root: PathBuf::from("/"),
-            shared_memory: space
-                .map(|space| (space.f_blocks * space.f_frsize, space.f_bavail * space.f_frsize)),
+            shared_memory: space.map(|space| (space.f_blocks * space.f_frsize, free(space))),
             instances: instances.to_path_buf(),
             instances_writable: standing.is_some_and(may_write),
+            instances_free: standing.and_then(|standing| statvfs(standing).ok()).map(free),
             instances_owner: fs::metadata(instances)
                 .map(|directory| directory.uid())
                 .ok()

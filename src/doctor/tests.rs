@@ -21,6 +21,7 @@ impl Machine {
             shared_memory: Some((1 << 30, 1 << 29)),
             instances: Path::new("/run/oqtal").to_path_buf(),
             instances_writable: true,
+            instances_free: Some(1 << 30),
             instances_owner: None,
         };
         let machine = Self { root, system };
@@ -184,6 +185,18 @@ fn a_folder_that_cannot_be_written_forbids_a_flight() {
     assert_eq!((finding.level, finding.exit), (Level::Problem, Exit::Permission));
     assert!(finding.remedy.unwrap().contains("/run/oqtal"));
     assert!(text(&examine(&machine.system)).ends_with("not fit to fly: 1 to mend first"));
+}
+
+#[test]
+fn a_relative_root_and_a_full_one_forbid_a_flight() {
+    let mut machine = Machine::fit();
+    machine.system.instances_free = Some(8192);
+    let finding = machine.finding("instances");
+    assert_eq!((finding.level, finding.exit), (Level::Problem, Exit::System));
+    assert_eq!(finding.found, "/run/oqtal has only 8 KiB free");
+    machine.system.instances = Path::new("tf").to_path_buf();
+    let finding = machine.finding("instances");
+    assert_eq!((finding.level, finding.exit), (Level::Problem, Exit::Usage));
 }
 
 #[test]

@@ -1,6 +1,6 @@
 // A browser with the page of `oqtal view`. Run by tests/view.rs, where Node.js has the packages of package.json.
 //
-// usage: node view_page.js CHROMIUM URL live|control|recorded [TOKEN]
+// usage: node view_page.js CHROMIUM URL live|control|silent|recorded [TOKEN]
 // Prints one JSON document: what was seen, every error on the console, every request that went elsewhere.
 
 const { chromium } = require('playwright-core');
@@ -96,6 +96,14 @@ async function control(page, context) {
 	return { refused, armed, tuned, landing, pixels: await page.evaluate(drawn) };
 }
 
+// The page after daemon and vehicle have ended.
+async function silent(page) {
+	await until(page, 'connection', 'no tick');
+	await until(page, 'state', 'unknown');
+	await until(page, 'figures', 'Motorsunknown');
+	return { mode: await text(page, 'mode'), z: await text(page, 'z'), figures: await text(page, 'figures') };
+}
+
 async function recorded(page) {
 	await until(page, 'connection', 'recording');
 	await page.waitForTimeout(200);
@@ -137,7 +145,7 @@ async function main() {
 	page.on('pageerror', (error) => errors.push(error.message));
 	page.on('request', (request) => { if (!request.url().startsWith(url)) elsewhere.push(request.url()); });
 	await page.goto(url);
-	const seen = await { live, control, recorded }[what](page, context);
+	const seen = await { live, control, silent, recorded }[what](page, context);
 	console.log(JSON.stringify({ ...seen, errors, elsewhere: elsewhere.filter((one) => !one.startsWith('data:')) }));
 	await browser.close();
 }

@@ -7,14 +7,14 @@ const [LEFT, RIGHT, TOP, BOTTOM] = [46, 8, 6, 18];
 
 // The charts of a scene: title, unit, factor, and traces by column, name and colour.
 function plan(scene) {
-  const hops = ["actual", "second", "third", "fourth", "fifth"];
-  const names = scene.hops.map((hop) => hop.replaceAll("_", " "));
+  const colors = ["actual", "second", "third", "fourth", "fifth", "sixth", "axis"];
+  const hops = scene.hops.map((hop, i) => [hop, hop.replaceAll("_", " "), colors[i]]);
   return [
-    { title: `Position error against ${scene.error_source === "truth" ? "the truth" : "the estimate"}`, unit: "mm", factor: 1000, rows: "ticks", traces: [["position", "", "actual"]], zero: true },
+    { title: "Position error", hasSource: true, unit: "mm", factor: 1000, rows: "ticks", traces: [["position", "", "actual"]], zero: true },
     { title: "Attitude error", unit: "°", factor: 1, rows: "ticks", traces: [["attitude", "", "actual"]], zero: true },
     { title: `Command, ${scene.command_unit}`, unit: "", factor: 1, rows: "ticks", traces: [["roll", "roll", "actual"], ["pitch", "pitch", "second"], ["yaw", "yaw", "third"]] },
     { title: "Thrust", unit: "%", factor: 100, rows: "ticks", traces: [["thrust", "", "actual"]], zero: true },
-    { title: "Capture to effect", unit: "ms", factor: 1, rows: "vehicles", total: "whole", traces: [...scene.hops, "wire"].map((hop, i) => [hop, names[i] ?? "wire", hops[i] ?? "sixth"]), isStacked: true, zero: true },
+    { title: "Capture to effect", unit: "ms", factor: 1, rows: "vehicles", total: "whole", traces: hops, isStacked: true, zero: true },
     { title: "Battery", unit: "V", factor: 1, rows: "vehicles", traces: [["battery", "", "third"]] },
   ];
 }
@@ -32,7 +32,8 @@ export class Charts {
     figure.className = "card";
     const caption = figure.appendChild(document.createElement("figcaption"));
     const title = chart.unit ? `${chart.title} [${chart.unit}]` : chart.title;
-    caption.appendChild(document.createElement("b")).textContent = title;
+    const heading = caption.appendChild(document.createElement("b"));
+    heading.textContent = title;
     const names = caption.appendChild(document.createElement("span"));
     names.className = "names";
     const labels = chart.traces.map(([, name, color]) => this.label(names, name, color));
@@ -42,7 +43,7 @@ export class Charts {
     canvas.setAttribute("aria-label", title);
     place.appendChild(figure);
     const columns = chart.rows === "ticks" ? this.store.tick : this.store.vehicle;
-    const made = { ...chart, canvas, output, labels, columns };
+    const made = { ...chart, heading, canvas, output, labels, columns };
     if (!this.isLive) {
       const at = (event) => {
         const share = (event.offsetX - LEFT) / (canvas.clientWidth - LEFT - RIGHT);
@@ -122,7 +123,9 @@ export class Charts {
 
   // The value at the time shown.
   tell(chart, rows, t) {
-    const row = rows.length ? this.store.at(rows, t) : null;
+    const newest = rows.length ? this.store.at(rows, t) : null;
+    const row = this.store.isSilent(chart.rows) ? null : newest;
+    if (chart.hasSource && newest) chart.heading.textContent = `${chart.title} against the ${newest[chart.columns.truth] ? "truth" : "estimate"} [${chart.unit}]`;
     const columns = chart.total ? [chart.total] : chart.traces.map(([name]) => name);
     const values = row ? columns.map((name) => row[chart.columns[name]]) : [null];
     const text = values.map((value) => (value === null ? "–" : significant(value * chart.factor))).join("  ");

@@ -93,6 +93,8 @@ function live(store, panel) {
       const now = performance.now();
       const updates = rate.count(now);
       if (update.status) {
+        store.hear("ticks", update.status.silence_s);
+        store.hear("vehicles", update.status.vehicle_silence_s);
         const isOther = panel.status(update.status);
         if (isOther) renew(panel.scene);
         else notice("");
@@ -103,7 +105,10 @@ function live(store, panel) {
         if (silence !== null && silence <= 1 && now - shown > 900) shown = now;
       }
     },
-    tell: (text) => tell(text, "bad"),
+    tell: (text) => {
+      tell(text, "bad");
+      panel.status({ processes: [], obstacles: [] });
+    },
   });
   return () => store.last(store.ticks)?.[0] ?? 0;
 }

@@ -31,15 +31,10 @@ export class Panel {
     this.drawEvents(t);
   }
 
-  drawTick(row, column) {
-    const state = row[column.state];
-    show("state", this.scene.states[state] ?? "unknown");
-    const isFlying = row[column.mode] > 1;
-    const phase = isFlying ? this.scene.phases[row[column.phase]] : "";
-    const mode = this.scene.modes[row[column.mode]];
-    show("mode", [mode, phase].filter((word) => word).filter((word, i, all) => all.indexOf(word) === i).join(" · "));
-    show("cause", this.scene.causes[row[column.cause]] ?? "");
-    element("state").parentElement.className = `card state ${MOOD[state] ?? "bad"}`;
+  drawTick(newest, column) {
+    const isSilent = this.store.isSilent("ticks");
+    this.drawState(newest, column, isSilent);
+    const row = isSilent ? newest.map(() => null) : newest;
     const place = element("place");
     if (!place.firstChild) {
       for (const axis of ["x", "y", "z"]) {
@@ -49,7 +44,7 @@ export class Panel {
       }
     }
     for (const axis of ["x", "y", "z"]) {
-      const value = row[column[axis]];
+      const value = this.store.isOld(row) ? null : row[column[axis]];
       show(axis, value === null ? "–" : `${value.toFixed(3).replace("-", "−")} m`);
     }
     this.figure("Position error", row[column.position], (v) => `${significant(v * 1000)} mm`);
@@ -60,17 +55,31 @@ export class Panel {
     this.figure("Poses refused", row[column.refused], String);
   }
 
-  drawVehicle(row, column) {
+  drawState(row, column, isSilent) {
+    const state = row[column.state];
+    const isFlying = row[column.mode] > 1;
+    const phase = isFlying ? this.scene.phases[row[column.phase]] : "";
+    const mode = this.scene.modes[row[column.mode]];
+    const words = [mode, phase].filter((word) => word).filter((word, i, all) => all.indexOf(word) === i);
+    show("state", (!isSilent && this.scene.states[state]) || "unknown");
+    show("mode", isSilent ? "–" : words.join(" · "));
+    show("cause", isSilent ? "the daemon is silent" : this.scene.causes[row[column.cause]] ?? "");
+    element("state").parentElement.className = `card state ${isSilent ? "" : MOOD[state] ?? "bad"}`;
+  }
+
+  drawVehicle(newest, column) {
+    const isSilent = this.store.isSilent("vehicles");
+    const row = isSilent ? newest.map(() => null) : newest;
     this.figure("Capture to effect", row[column.whole], (v) => `${significant(v)} ms`);
     const isLow = (v) => v < this.scene.battery_low_v && "warning";
     this.figure("Battery", row[column.battery], (v) => `${v.toFixed(1)} V`, isLow);
     const answers = row[column.link] === 1;
     const quality = row[column.quality];
     const link = answers ? (quality === null ? "answers" : `${(quality * 100).toFixed(0)} %`) : "silent";
-    this.figure("Link", answers ? 1 : 0, () => link, (v) => v === 0 && "bad");
+    this.figure("Link", answers ? 1 : 0, () => (isSilent ? "unknown" : link), (v) => !isSilent && v === 0 && "bad");
     const state = row[column.armed] ? "running" : answers ? "off" : "unknown";
     const motors = row[column.stopped] ? "stopped" : state;
-    this.figure("Motors", row[column.armed], () => motors, () => motors === "stopped" && "bad");
+    this.figure("Motors", 0, () => motors, () => motors === "stopped" && "bad");
   }
 
   figure(name, value, text, mood = () => "") {

@@ -110,8 +110,10 @@ export class Room {
     this.drawFence();
     for (const camera of this.scene.cameras) this.drawCamera(camera);
     this.drawPaths(t);
+    const isSilent = this.store.isSilent("ticks");
     if (position) {
-      this.drawReference(this.reference(row));
+      this.isOld = isSilent || this.store.isOld(row);
+      if (!isSilent) this.drawReference(this.reference(row));
       this.drawVehicle(position, row.slice(this.store.tick.qx, this.store.tick.qx + 4));
     }
   }
@@ -234,21 +236,22 @@ export class Room {
     this.pen.stroke();
   }
 
-  // Four rotors, the front ones in the accent colour, above a mark on the floor.
+  // Four rotors, the front ones in the accent colour, above a mark on the floor; grey where it was seen last.
   drawVehicle(at, attitude) {
+    const ink = (name) => this.color(this.isOld ? "axis" : name);
     const arm = Math.max(ARM_M, LEAST_ARM_PX / this.orbit.pixelsPerMetre(at));
     const below = [at[0], at[1], this.floor];
     this.line(at, below, this.color("axis"));
     this.ring(below, arm * 0.35, (a) => [a[0], a[1], 0], this.color("axis"), 1.5);
     const turn = attitude.every((value) => value !== null) ? (v) => rotate(attitude, v) : (v) => v;
     const place = (v) => turn(v).map((value, i) => value + at[i]);
-    const text = this.color("text");
+    const text = ink("text");
     for (const [x, y] of [[1, 1], [1, -1], [-1, 1], [-1, -1]]) {
       const hub = [x * arm * 0.71, y * arm * 0.71, 0];
       this.line(at, place(hub), text, 2.5);
-      this.ring(place(hub), arm * 0.52, turn, this.color(x > 0 ? "second" : "text"), 2);
+      this.ring(place(hub), arm * 0.52, turn, ink(x > 0 ? "second" : "text"), 2);
     }
-    this.line(at, place([arm * 0.9, 0, 0]), this.color("second"), 2.5);
+    this.line(at, place([arm * 0.9, 0, 0]), ink("second"), 2.5);
   }
 
   ring(centre, radius, turn, color, width) {

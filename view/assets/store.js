@@ -2,12 +2,17 @@
 
 const MOST_ROWS = 9000;
 const MOST_EVENTS = 500;
+// Age of a message above which it does not describe the present state.
+const SILENT_S = 1;
+// Time without an update after which nothing is known of the present state.
+const UPDATE_TIMEOUT_MS = 2500;
 
 export class Store {
   constructor(scene) {
     this.tick = index(scene.tick_columns);
     this.vehicle = index(scene.vehicle_columns);
     this.isBounded = scene.is_live;
+    this.heard = { ticks: { age: null, at: 0 }, vehicles: { age: null, at: 0 } };
     this.clear();
   }
 
@@ -25,6 +30,24 @@ export class Store {
     append(this.vehicles, vehicles, this.isBounded ? MOST_ROWS : Infinity);
     append(this.events, events, this.isBounded ? MOST_EVENTS : Infinity);
     this.version += 1;
+    if (ticks.length) this.hear("ticks", 0);
+    if (vehicles.length) this.hear("vehicles", 0);
+  }
+
+  // Takes the age of the newest of these rows, `ticks` or `vehicles`; null if none has come.
+  hear(rows, age) {
+    this.heard[rows] = { age, at: performance.now() };
+  }
+
+  // Whether the newest of these rows does not describe the present state of an instance.
+  isSilent(rows) {
+    const { age, at } = this.heard[rows];
+    return this.isBounded && (age === null || age > SILENT_S || performance.now() - at > UPDATE_TIMEOUT_MS);
+  }
+
+  // Whether the position of a tick is neither the truth nor from a recent pose.
+  isOld(tick) {
+    return !tick[this.tick.truth] && tick[this.tick.age] > SILENT_S * 1000;
   }
 
   last(rows) {

@@ -283,6 +283,7 @@ mod tests {
         }
         let Collected { ticks, .. } = collector.take();
         assert_eq!((ticks[0][column("x")], ticks[0][column("position")]), (21.0, 20.0));
+        assert_eq!(ticks[0][column("truth")], 1.0);
     }
 
     #[test]
@@ -322,6 +323,7 @@ mod tests {
         );
         let ticks = collector.take().ticks;
         assert_eq!((ticks[0][column("x")], ticks[0][column("position")]), (1.0, 1.0));
+        assert_eq!(ticks[0][column("truth")], 0.0);
     }
 
     #[test]

@@ -16,6 +16,9 @@ const MOST_ROWS: usize = 240;
 /// Time between two updates of the status.
 const STATUS_PERIOD: Span = Span::from_millis(250);
 
+/// Age of a message above which it does not describe the present state.
+const SILENT: Span = Span::from_millis(1000);
+
 /// Collects the updates for the pages of a running instance.
 #[derive(Debug)]
 pub struct LiveView {
@@ -31,10 +34,12 @@ pub struct LiveStatus {
     vehicle: Option<VehicleStatus>,
     /// Whether all processes run with one configuration; `None` if none was observed.
     config_agrees: Option<bool>,
-    /// Conditions that prevent a flight.
+    /// Conditions that prevent a flight; none from a daemon without ticks.
     obstacles: Vec<String>,
     /// Time since the newest tick was received \[s\]; `None` before the first.
     silence_s: Option<f64>,
+    /// Time since the newest vehicle message was received \[s\]; `None` before the first.
+    vehicle_silence_s: Option<f64>,
     /// Law and trajectory that fly, as told by the daemon; `None` before.
     flown: Option<String>,
 }
@@ -91,15 +96,20 @@ impl LiveView {
     fn status_at(&self, now: Time) -> LiveStatus {
         let status = self.instance.status(now);
         let config_agrees = status.config_agrees();
-        let tick = self.instance.tick;
-        let obstacles = ArmingObstacles::from_bits(tick.map_or(0, |tick| tick.body.obstacles));
+        let InstanceModel { tick, vehicle, .. } = &self.instance;
+        let age = |received_at| now.since(received_at);
+        let present = tick.filter(|tick| age(tick.received_at) <= SILENT);
+        let obstacles = ArmingObstacles::from_bits(present.map_or(0, |tick| tick.body.obstacles));
         LiveStatus {
             config_agrees,
             processes: status.processes,
-            vehicle: status.vehicle,
+            vehicle: status
+                .vehicle
+                .filter(|_| vehicle.is_some_and(|it| age(it.received_at) <= SILENT)),
             obstacles: obstacles.iter().map(|obstacle| obstacle.to_string()).collect(),
             flown: self.instance.law_and_trajectory.clone(),
-            silence_s: tick.map(|tick| now.since(tick.received_at).seconds()),
+            silence_s: tick.map(|tick| age(tick.received_at).seconds()),
+            vehicle_silence_s: vehicle.map(|vehicle| age(vehicle.received_at).seconds()),
         }
     }
 }
@@ -125,7 +135,7 @@ impl Sink for LiveView {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use oqtal_bus::message::TelemetryV1;
+    use oqtal_bus::message::{TelemetryV1, VehicleV1};
 
     #[test]
     fn an_update_is_one_line_of_json_and_the_status_comes_when_it_is_due() {
@@ -143,6 +153,21 @@ mod tests {
         assert!(json["status"]["obstacles"][0].is_string(), "{json}");
         assert!(view.take(now + Span::from_millis(100)).1.is_none());
         assert!(view.take(now + Span::from_millis(300)).1.is_some());
+    }
+
+    #[test]
+    fn the_state_of_a_silent_daemon_or_vehicle_is_not_the_present_one() {
+        let mut view = LiveView::new(&Config::default(), Span::from_millis(1500));
+        let now = Time::VIRTUAL_START;
+        let tick = TelemetryV1 { time: now, obstacles: 1 << 5, ..TelemetryV1::default() };
+        let reception = Reception { received_at: now, ..Reception::default() };
+        view.sample(&reception, Sample::Telemetry(&tick));
+        view.sample(&reception, Sample::Vehicle(&VehicleV1::default()));
+        let fresh = view.take(now).1.unwrap();
+        assert!(!fresh.obstacles.is_empty() && fresh.vehicle.is_some());
+        let stale = view.take(now + Span::from_millis(2000)).1.unwrap();
+        assert!(stale.obstacles.is_empty() && stale.vehicle.is_none());
+        assert_eq!((stale.silence_s, stale.vehicle_silence_s), (Some(2.0), Some(2.0)));
     }
 
     #[test]

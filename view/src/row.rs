@@ -5,21 +5,21 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_config::Interface;
 use oqtal_control::quaternion::Attitude;
 use oqtal_observe::flight::FlightSample;
-use oqtal_observe::latency::{HOPS, OnwardTime, hops, sensor_to_actuator};
+use oqtal_observe::latency::{AIR, HOPS, OnwardTime, WIRE, hops, sensor_to_actuator};
 
 /// Names of the columns of a [`TickRow`]: time since the origin \[s\]; position \[m, world\]; attitude, scalar last; reference
 /// position \[m, world\]; magnitudes of the errors \[m, m/s, deg\]; command by axis and collective thrust; age of the pose \[ms\];
-/// codes of mode, state, cause and phase; counters.
-pub const TICK_COLUMNS: [&str; 26] = [
+/// codes of mode, state, cause and phase; counters; whether position and errors are of the truth, not of the estimate.
+pub const TICK_COLUMNS: [&str; 27] = [
     "t", "x", "y", "z", "qx", "qy", "qz", "qw", "rx", "ry", "rz", "position", "velocity",
     "attitude", "roll", "pitch", "yaw", "thrust", "age", "mode", "state", "cause", "phase",
-    "missed", "lost", "refused",
+    "missed", "lost", "refused", "truth",
 ];
 
-/// Names of the columns of a [`VehicleRow`]: time since the origin \[s\]; the hops and their sum \[ms\]; battery \[V\]; link
+/// Names of the columns of a [`VehicleRow`]: time since the origin \[s\]; the hops, with wire and air, and their sum \[ms\]; battery \[V\]; link
 /// quality \[0..1\]; flags; commands lost.
-pub const VEHICLE_COLUMNS: [&str; HOPS.len() + 9] = [
-    "t", HOPS[0], HOPS[1], HOPS[2], HOPS[3], HOPS[4], "wire", "whole", "battery", "quality",
+pub const VEHICLE_COLUMNS: [&str; HOPS.len() + 10] = [
+    "t", HOPS[0], HOPS[1], HOPS[2], HOPS[3], HOPS[4], WIRE, AIR, "whole", "battery", "quality",
     "armed", "link", "stopped", "lost",
 ];
 
@@ -64,6 +64,7 @@ pub fn tick(t_s: f64, sample: &FlightSample, interface: Interface) -> TickRow {
         telemetry.deadline_misses as f64,
         telemetry.poses_lost as f64,
         telemetry.poses_refused as f64,
+        f64::from(u8::from(sample.truth.is_some())),
     ]
 }
 
@@ -92,6 +93,7 @@ pub fn vehicle(
     let (Header { stamps, .. }, vehicle) = message;
     let at = if stamps.applied_at.is_set() { stamps.applied_at } else { received_at };
     let milliseconds = |span: Span| rounded(span.seconds() * 1e3, 4);
+    let passed = |span| if span > Span::ZERO { milliseconds(span) } else { f64::NAN };
     let onward = OnwardTime::of(vehicle);
     let spans = hops(stamps).map(|spans| spans.map(milliseconds));
     let [a, b, c, d, e] = spans.unwrap_or([f64::NAN; HOPS.len()]);
@@ -103,7 +105,8 @@ pub fn vehicle(
         c,
         d,
         e,
-        if onward.wire > Span::ZERO { milliseconds(onward.wire) } else { f64::NAN },
+        passed(onward.wire),
+        passed(onward.air),
         whole,
         rounded(vehicle.battery_v, 2),
         rounded(vehicle.link_quality, 2),
@@ -118,4 +121,36 @@ pub fn vehicle(
 fn rounded(value: f64, decimals: i32) -> f64 {
     let unit = 10_f64.powi(decimals);
     (value * unit).round() / unit
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use oqtal_bus::message::Stamps;
+
+    #[test]
+    fn the_hops_of_a_row_add_up_to_the_whole() {
+        let [
+            captured_at,
+            pose_published_at,
+            woken_at,
+            command_published_at,
+            received_at,
+            applied_at,
+        ] = [1, 2, 4, 7, 8, 9].map(|millis| Time::VIRTUAL_START + Span::from_millis(millis));
+        let stamps = Stamps {
+            captured_at,
+            pose_published_at,
+            woken_at,
+            command_published_at,
+            received_at,
+            applied_at,
+            ..Stamps::default()
+        };
+        let header = Header { stamps, ..Header::default() };
+        let message = VehicleV1 { wire_ns: 1_000_000, air_ns: 17_000_000, ..VehicleV1::default() };
+        let row = vehicle(applied_at, (&header, &message), |_| 0.0);
+        let whole = VEHICLE_COLUMNS.iter().position(|name| *name == "whole").unwrap();
+        assert_eq!((row[1..whole].iter().sum::<f64>(), row[whole]), (26.0, 26.0));
+    }
 }

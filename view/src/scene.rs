@@ -4,7 +4,7 @@ use oqtal_bus::code::{Cause, Mode, SafetyState};
 use oqtal_config::{Config, FenceOptions, Interface};
 use oqtal_control::controller::ControllerName;
 use oqtal_control::trajectory::{Phase, TrajectoryKind};
-use oqtal_observe::latency::HOPS;
+use oqtal_observe::latency::{AIR, HOPS, WIRE};
 use serde::Serialize;
 
 use crate::row::{TICK_COLUMNS, VEHICLE_COLUMNS};
@@ -21,8 +21,6 @@ pub struct SceneDescription {
     is_live: bool,
     /// Whether commands can be sent.
     has_control: bool,
-    /// Source of the errors: `truth` or `estimate`.
-    error_source: &'static str,
     command_unit: &'static str,
     rate_hz: f64,
     battery_low_v: f64,
@@ -87,7 +85,6 @@ impl SceneDescription {
     }
 
     fn new(config: &Config, title: String) -> Self {
-        let has_truth = !config.is_replay() && !config.plant.shadow;
         Self {
             title,
             config_hash: format!("{:016x}", config.hash()),
@@ -95,7 +92,6 @@ impl SceneDescription {
             trajectory: config.trajectory.kind,
             is_live: false,
             has_control: false,
-            error_source: if has_truth { "truth" } else { "estimate" },
             command_unit: match config.vehicle.interface {
                 Interface::Rate => "sticks −1…1",
                 Interface::Torque => "torque, N m",
@@ -108,7 +104,7 @@ impl SceneDescription {
             cameras: cameras(config),
             tick_columns: TICK_COLUMNS.to_vec(),
             vehicle_columns: VEHICLE_COLUMNS.to_vec(),
-            hops: HOPS.to_vec(),
+            hops: [&HOPS[..], &[WIRE, AIR]].concat(),
             modes: codes(Mode::from_code),
             states: codes(SafetyState::from_code),
             causes: codes(Cause::from_code),

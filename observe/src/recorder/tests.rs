@@ -97,6 +97,38 @@ fn a_course_of_an_earlier_flight_is_not_one_of_this_flight_and_settings_stay() {
 }
 
 #[test]
+fn changes_of_a_completed_flight_stay_when_the_daemon_restarts() {
+    use OperatorCommand::{Goto, Set, Trajectory};
+    let mut recorder = Recorder::new(&Config::default());
+    let mut second = 0;
+    let mut tick = |recorder: &mut Recorder, mode: Mode, (source, command)| {
+        second += 1;
+        let time = Time::VIRTUAL_START + Span::from_millis(1000 * second);
+        let mut reception = Reception { received_at: time, ..Reception::default() };
+        reception.header.source = source;
+        let telemetry = TelemetryV1 { time, mode: mode.code(), ..TelemetryV1::default() };
+        recorder.sample(&reception, Sample::Telemetry(&telemetry));
+        let (attitude, number) = ([0.0, 0.0, 0.0, 1.0], second.unsigned_abs());
+        recorder
+            .sample(&reception, Sample::Truth(&TruthV1 { time, attitude, ..TruthV1::default() }));
+        let change =
+            |it: OperatorCommand| EventV1 { number, command: it.code(), ..EventV1::default() };
+        let event: Option<EventV1> = Option::<OperatorCommand>::map(command, change);
+        event.iter().for_each(|event| recorder.sample(&reception, Sample::Event(event)));
+    };
+    let (old, new) = (1, 2);
+    tick(&mut recorder, Mode::Flying, (old, Some(Set)));
+    tick(&mut recorder, Mode::Flying, (old, Some(Goto)));
+    tick(&mut recorder, Mode::Landing, (old, None));
+    tick(&mut recorder, Mode::Disarmed, (old, Some(Trajectory)));
+    tick(&mut recorder, Mode::Disarmed, (new, None));
+    tick(&mut recorder, Mode::Flying, (new, None));
+    let flight = recorder.finish(Outcome::Landed, 1.0);
+    let commands: Vec<_> = flight.changes.iter().map(|(_, change)| change.command).collect();
+    assert_eq!(commands, [Set, Goto].map(OperatorCommand::code));
+}
+
+#[test]
 fn timing_and_hops_count_from_arming_to_disarming() {
     let mut recorder = Recorder::new(&Config::default());
     let modes = [Mode::Disarmed, Mode::Flying, Mode::Flying, Mode::Landing, Mode::Disarmed];

@@ -38,16 +38,19 @@ pub fn position(timeline: &Timeline<'_>) -> Markup {
     )
 }
 
-/// Attitude by angle with its command, and the angle of the error.
+/// Attitude by angle with its command, and the angle of the error. With the motors off there is no command.
 pub fn attitude(timeline: &Timeline<'_>) -> Markup {
+    let in_flight = |s: &FlightSample, value: f64| if s.is_armed() { value } else { f64::NAN };
     let angle = |i: usize| {
+        let commanded = |s: &FlightSample| in_flight(s, euler_angles(&s.attitude_command())[i]);
         let traces = vec![
-            timeline.angle("commanded", Ink::Reference, |s| euler_angles(&s.attitude_command())[i]),
+            timeline.angle("commanded", Ink::Reference, commanded),
             timeline.angle(timeline.actual(), Ink::Actual, |s| euler_angles(&s.attitude())[i]),
         ];
         over_time(timeline, &format!("{} [deg]", ANGLES[i]), traces)
     };
-    let error = timeline.trace("error", Ink::Bad, |s| s.attitude_error().norm().to_degrees());
+    let degrees = |s: &FlightSample| in_flight(s, s.attitude_error().norm().to_degrees());
+    let error = timeline.trace("error", Ink::Bad, degrees);
     section(
         "Attitude",
         html! {

@@ -2,6 +2,7 @@
 
 pub mod fixture;
 
+use oqtal_bus::code::Mode;
 use oqtal_bus::message::{Stamps, TelemetryV1, TruthV1};
 use oqtal_bus::time::Time;
 use proptest::prelude::*;
@@ -93,6 +94,20 @@ fn a_default_flight_has_a_page_below_a_megabyte_with_its_events_in_every_plot() 
         let svg = plot.split("</svg>").next().unwrap();
         assert_eq!(svg.matches("class=\"instant\"").count(), 2, "the loss of poses and its end");
     }
+}
+
+#[test]
+fn a_command_of_a_tick_with_the_motors_off_is_not_shown() {
+    let attitude = |command| {
+        let mut flight = fixture::square();
+        for sample in flight.samples.iter_mut().rev().take(60) {
+            sample.telemetry.mode = Mode::Disarmed.code();
+            sample.telemetry.attitude_command = command;
+        }
+        motion::attitude(&Timeline::new(&flight)).into_string()
+    };
+    let half = 0.5_f64.sqrt();
+    assert!(attitude([0.0, 0.0, half, half]) == attitude([0.0, 0.0, 0.0, 1.0]));
 }
 
 #[test]

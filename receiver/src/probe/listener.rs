@@ -54,8 +54,12 @@ impl ProbeListener {
         }
     }
 
-    /// Figures of the frames received in `duration`.
-    pub fn figures(mut self, duration: Span) -> ProbeFigures {
+    /// Figures of the frames received in the `duration` that ends at `end`. Frames that stopped before leave a gap.
+    pub fn figures(mut self, duration: Span, end: Time) -> ProbeFigures {
+        let silence = end.since(self.last_arrival).nanos();
+        if self.last_arrival.is_set() && silence > GAP_NS {
+            self.intervals.push(silence);
+        }
         let counts = self.gates.iter().map(FrameGate::counts);
         let counts = counts.fold(FrameCounts::default(), FrameCounts::plus);
         let clock = self.gates[0].clock();
@@ -73,12 +77,7 @@ impl ProbeListener {
             seconds: duration.seconds(),
             rate_hz: if total_s > 0.0 { self.intervals.len() as f64 / total_s } else { 0.0 },
             gaps: self.intervals.iter().filter(|interval| **interval > GAP_NS).count(),
-            interval: IntervalFigures {
-                min_ns: self.intervals.iter().min().copied().unwrap_or(0),
-                p50_ns: percentile(&self.intervals, 50.0),
-                p99_ns: percentile(&self.intervals, 99.0),
-                max_ns: self.intervals.last().copied().unwrap_or(0),
-            },
+            interval: interval_figures(&self.intervals),
             lost: counts.lost,
             counts,
             damaged: self.damaged,
@@ -94,6 +93,16 @@ impl ProbeListener {
             bodies: self.bodies.iter().map(ObservedBody::figures).collect(),
             ..ProbeFigures::default()
         }
+    }
+}
+
+/// Figures of the intervals \[ns\].
+fn interval_figures(intervals: &[i64]) -> IntervalFigures {
+    IntervalFigures {
+        min_ns: intervals.iter().min().copied().unwrap_or(0),
+        p50_ns: percentile(intervals, 50.0),
+        p99_ns: percentile(intervals, 99.0),
+        max_ns: intervals.iter().max().copied().unwrap_or(0),
     }
 }
 
@@ -142,5 +151,32 @@ impl FrameSink for ProbeListener {
 
     fn damaged(&mut self) {
         self.damaged += 1;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use oqtal_config::Config;
+
+    /// Greatest interval and number of gaps of frames that arrive at `arrivals` \[ms\], observed until `end` \[ms\].
+    fn gaps(arrivals: impl Iterator<Item = i64>, end: i64) -> (i64, usize) {
+        let mut listener = ProbeListener::new(&Config::default().receiver, (1, 0));
+        let at = |millis| Time::VIRTUAL_START + Span::from_millis(millis);
+        for (number, millis) in (0..).zip(arrivals) {
+            let stamp_ns = Some(millis.unsigned_abs() * 1_000_000);
+            listener.frame(0, FrameStamp { number: Some(number), stamp_ns }, at(millis));
+        }
+        let ProbeFigures { interval, gaps, .. } = listener.figures(Span::from_millis(end), at(end));
+        (interval.max_ns / 1_000_000, gaps)
+    }
+
+    #[test]
+    fn a_gap_is_found_wherever_it_is() {
+        let frames = || (0..1000).step_by(10);
+        assert_eq!(gaps(frames(), 1000), (10, 0));
+        let stalled = frames().filter(|millis| !(300..700).contains(millis));
+        assert_eq!(gaps(stalled, 1000), (410, 1), "in the middle");
+        assert_eq!(gaps(frames(), 1400), (410, 1), "at the end");
     }
 }
