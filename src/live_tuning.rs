@@ -16,7 +16,8 @@ use oqtal_lab::identify::overview;
 use oqtal_lab::output::{check_free, make, next_free, write_file};
 use oqtal_lab::progress::Progress;
 use oqtal_lab::tune::live::{self, LiveTuning};
-use oqtal_lab::tune::{LiveArgs, TuneArgs, page};
+use oqtal_lab::tune::tuned::Tuned;
+use oqtal_lab::tune::{TuneArgs, page};
 use oqtal_observe::law_query::changed_before;
 use oqtal_observe::observer::BusObserver;
 use oqtal_observe::recording::{McapRecorder, RecordingPlan};
@@ -44,13 +45,14 @@ const HOVER_S: f64 = 6.0;
 /// No daemon answers (exit code 75), the vehicle does not hover or does not go on hovering (1), the vehicle or its law cannot be
 /// tuned (64), or a file cannot be written (71).
 pub fn execute(args: &TuneArgs) -> Result<Exit, Failure> {
-    let LiveArgs { apply, .. } = args.live;
     let search = (&args.budget(), args.weights()?);
     let paths = instance_paths(&Config::from_settings(&args.live.settings())?)?;
     let bus = running_bus(&paths)?;
     let config = daemon_config(&paths).ok_or_else(|| silent(&paths))?;
     let present = present_settings(&paths, &bus)?;
     let law = Config::from_settings(&present)?.control.controller.name();
+    let mut hover = ObservedHover::open(&bus, &config)?;
+    hover.require_flying()?;
     let directory = args.out.clone().map_or_else(|| next_free("tune"), Ok)?;
     let [recording, gains, html] =
         ["excitation.mcap".to_owned(), format!("{law}.toml"), format!("{law}.html")]
@@ -58,8 +60,6 @@ pub fn execute(args: &TuneArgs) -> Result<Exit, Failure> {
     check_free(&[recording.clone(), gains.clone(), html.clone()])?;
     make(&directory)?;
 
-    let mut hover = ObservedHover::open(&bus, &config)?;
-    hover.require_flying()?;
     say(&format!("oqtal: comes to rest and hovers for {} s", SETTLE_S + HOVER_S));
     ask(&bus, CtlRequest::Hover, &[])?;
     hover.follow(SETTLE_S, None)?;
@@ -69,39 +69,43 @@ pub fn execute(args: &TuneArgs) -> Result<Exit, Failure> {
     // The daemon may be on this machine. Ignored: the search then has the priority of any program.
     let _ = rustix::process::nice(19);
     let flight = recordings::read_flight(&recording)?;
-    let found = live::tune(&flight, &present, search, &Progress::default())?;
-    let LiveTuning { identification, tuned } = &found;
+    let LiveTuning { identification, tuned } =
+        live::tune(&flight, &present, search, &Progress::default())?;
     write_file(&gains, tuned.to_toml(&[], "for the vehicle of excitation.mcap beside it"))?;
-    write_file(&html, page::html(tuned))?;
-    print(&format!(
-        "{}\n{tuned}page: {}\ngains: {}",
-        overview::text(identification),
-        html.display(),
-        gains.display()
-    ))?;
-    if tuned.objective >= tuned.start {
-        return Ok(Exit::Ok);
+    write_file(&html, page::html(&tuned))?;
+    let (found, html, gains) = (overview::text(&identification), html.display(), gains.display());
+    print(&format!("{found}\n{tuned}page: {html}\ngains: {gains}"))?;
+    match (tuned.objective < tuned.start, args.live.apply) {
+        (false, _) => Ok(Exit::Ok),
+        (true, false) => propose(&tuned, &paths),
+        (true, true) => apply(&tuned, (&bus, &config), before_m),
     }
-    let settings: Vec<String> =
-        tuned.values.iter().map(|(key, value)| format!("{key}={value:?}")).collect();
-    let place = place(&paths);
-    if !apply {
-        print(&format!(
-            "change them in flight: oqtal ctl set {} {place}",
-            settings.iter().map(|setting| quoted(setting)).collect::<Vec<_>>().join(" ")
-        ))?;
-        return Ok(Exit::Ok);
-    }
-    // Samples of the time of the search are old.
-    let mut hover = ObservedHover::open(&bus, &config)?;
+}
+
+/// `KEY=VALUE` of each gain.
+fn assignments(tuned: &Tuned) -> Vec<String> {
+    tuned.values.iter().map(|(key, value)| format!("{key}={value:?}")).collect()
+}
+
+/// Prints the command that changes the gains in flight.
+fn propose(tuned: &Tuned, paths: &InstancePaths) -> Result<Exit, Failure> {
+    let settings: Vec<String> = assignments(tuned).iter().map(|text| quoted(text)).collect();
+    let (settings, place) = (settings.join(" "), place(paths));
+    print(&format!("change them in flight: oqtal ctl set {settings} {place}"))?;
+    Ok(Exit::Ok)
+}
+
+/// Changes the gains in flight, and prints the error of a hover with them and before, `before_m` \[m\].
+fn apply(tuned: &Tuned, (bus, config): (&Bus, &Config), before_m: f64) -> Result<Exit, Failure> {
+    // The samples of the time of the search were overwritten.
+    let mut hover = ObservedHover::open(bus, config)?;
     hover.require_flying()?;
-    ask(&bus, CtlRequest::Set, &settings)?;
+    ask(bus, CtlRequest::Set, &assignments(tuned))?;
     hover.follow(SETTLE_S, None)?;
-    let after_m = hover.error_m(HOVER_S)?;
+    let (before_mm, after_mm) = (before_m * 1e3, hover.error_m(HOVER_S)? * 1e3);
+    let place = place(bus.paths());
     print(&format!(
-        "hover, RMS over {HOVER_S} s: {:.1} mm before, {:.1} mm with the new gains; `oqtal ctl undo {place}` takes them back",
-        before_m * 1e3,
-        after_m * 1e3
+        "hover, RMS over {HOVER_S} s: {before_mm:.1} mm before, {after_mm:.1} mm with the new gains; `oqtal ctl undo {place}` takes them back"
     ))?;
     Ok(Exit::Ok)
 }

@@ -97,6 +97,14 @@ fn room(margin_m: f64) -> &'static str {
     if margin_m > 0.0 { "soft-margin-m included" } else { "the way to brake included" }
 }
 
+/// The words before a point of a path with this margin \[m\], or of one with the way to stop.
+fn place(margin_m: f64) -> &'static str {
+    match margin_m > 0.0 {
+        true => "the trajectory is at",
+        false => "the vehicle is so fast that it would come to rest at",
+    }
+}
+
 /// Whether `trajectory` can be flown: whether it fits inside the soft border of the fence, from anywhere, or from `start` \[m, world\]
 /// where it is known, and whether the vehicle can follow it.
 ///
@@ -157,13 +165,10 @@ fn check_from(
             format!("; it fits beyond {from:.2} to {to:.2} m in {name}, or with {other}")
         }
     };
-    let place = match margin_m > 0.0 {
-        true => "the trajectory is at",
-        false => "the vehicle is so fast that it would come to rest at",
-    };
     let allowed = format!(
-        "around the whole trajectory, {}: at {t_s:.1} s {place} [{:.2}, {:.2}, {:.2}] m{remedy}",
+        "around the whole trajectory, {}: at {t_s:.1} s {} [{:.2}, {:.2}, {:.2}] m{remedy}",
         room(margin_m),
+        place(margin_m),
         at.x,
         at.y,
         at.z

@@ -192,8 +192,7 @@ mod tests {
             position: Vector3::z() * 2.0,
             attitude: Attitude::from_rotation_vector(Vector3::x() * tilt_rad),
         };
-        let noise =
-            TrackNoise { admission: config.control.predictive.filter.clone(), estimation: None };
+        let noise = TrackNoise { admission: config.control.predictive.filter, estimation: None };
         let mut motion = Track::at_rest(&noise, 0.0, &pose);
         motion.motion.velocity.z = speed_m_s;
         let mut conditions = LimitConditions::default();

@@ -93,9 +93,9 @@ fn settings_of(
     });
     settings.extend(found);
     let findings = &identification.findings;
-    settings.extend(NOISE.iter().filter_map(|(name, key)| {
-        let noise = findings.iter().find(|finding| finding.name == *name && finding.is_shown())?;
-        Some(Setting::flag("identify", *key, noise.value))
+    settings.extend(NOISE.into_iter().filter_map(|(name, key)| {
+        let noise = findings.iter().find(|finding| finding.name == name && finding.is_shown())?;
+        Some(Setting::flag("identify", key, noise.value))
     }));
     // On these the path has no error of its own.
     let kind = config.trajectory.kind;

@@ -85,6 +85,13 @@ impl TrainingFlights {
         StudyLaw::new(controller, [&self.settings, gains].concat(), "")
     }
 
+    /// Gains of the law `controller` that are searched for.
+    fn parameters(&self, controller: ControllerName, config: &Config) -> Vec<SearchRange> {
+        let mut parameters = parameters(controller, config.control.stack);
+        parameters.retain(|range| !self.in_flight || Config::may_change_in_flight(&range.key));
+        parameters
+    }
+
     fn fly(&self, law: &StudyLaw, progress: &Progress) -> Result<Flown, Failure> {
         let (laws, cases) = (std::slice::from_ref(law), std::slice::from_ref(&self.case));
         let mut flown = Study { name: "training", laws, cases }.fly_without_bar(progress)?;
@@ -191,9 +198,7 @@ pub fn law(
     progress: &Progress,
 ) -> Result<Tuned, Failure> {
     let config = Config::from_settings(&flights.settings)?;
-    let name = controller.name();
-    let mut parameters = parameters(controller, config.control.stack);
-    parameters.retain(|range| !flights.in_flight || Config::may_change_in_flight(&range.key));
+    let (name, parameters) = (controller.name(), flights.parameters(controller, &config));
     let bar = progress.start(&format!("tuning {name}"), budget.points);
     let reference = flights.reference(progress)?;
     let fly = |gains: &[Setting]| flights.fly(&flights.law(name, gains), progress);
