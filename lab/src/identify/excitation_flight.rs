@@ -2,7 +2,9 @@
 
 use oqtal_bus::code::Cause;
 use oqtal_config::Config;
+use oqtal_control::controller::ControllerName;
 use oqtal_control::trajectory::TrajectoryKind;
+use oqtal_observe::crash::Crash;
 use oqtal_observe::flight::{Flight, Outcome};
 use oqtal_runtime::process::{Exit, Failure};
 
@@ -13,8 +15,8 @@ use crate::simulation;
 const SETTLE_S: f64 = 1.0;
 
 /// Masses assumed by the controller in successive attempts after a failed flight, over the configured mass \[-\]: a vehicle that
-/// its thrust does not lift is heavier or weaker than configured; one that leaves the fence or its reference is lighter or
-/// stronger.
+/// its thrust does not lift, or that sinks to the floor, is heavier or weaker than configured; one that leaves the fence or its
+/// reference is lighter or stronger.
 const HEAVIER: &[f64] = &[1.3, 1.7, 2.2];
 const LIGHTER: &[f64] = &[0.8, 0.6];
 
@@ -58,14 +60,17 @@ pub fn fly(config: &Config) -> Result<ExcitationFlight, Failure> {
         flight.config.vehicle.mass_kg = configured;
         return Ok(ExcitationFlight { flight, assumption });
     }
-    let reason = first_failure.unwrap_or_default();
-    let law = config.control.controller;
+    let (law, reason) = (config.control.controller, first_failure.unwrap_or_default());
     let masses: Vec<String> =
         others.iter().map(|share| format!("{:.3}", configured * share)).collect();
+    let other_law = match law {
+        ControllerName::OqtalDt => "",
+        _ => "another law (--set control.controller=oqtal-dt), ",
+    };
     Err(Failure::new(
         Exit::Flight,
         format!(
-            "the excitation flight under the law `{law}` failed: {reason}; so it did with assumed masses of {} kg. Try another law, --set control.controller=oqtal-dt, or smaller motions, --set trajectory.excitation.tilt-deg=5, or correct [vehicle]",
+            "the excitation flight under the law `{law}` failed: {reason}; with assumed masses of {} kg it failed, too. Correct [vehicle], or try {other_law}smaller motions (--set trajectory.excitation.tilt-deg=5)",
             masses.join(", ")
         ),
     ))
@@ -80,5 +85,6 @@ fn failure(flight: &Flight) -> Option<String> {
 
 fn is_too_heavy(flight: &Flight) -> bool {
     let last = flight.samples.last();
-    last.is_some_and(|sample| sample.telemetry.cause == Cause::NoLift.code())
+    matches!(flight.crash, Some(Crash::Floor | Crash::Hard { .. }))
+        || last.is_some_and(|sample| sample.telemetry.cause == Cause::NoLift.code())
 }
