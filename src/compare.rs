@@ -40,8 +40,7 @@ impl CompareArgs {
         let mut flights = Vec::new();
         for path in &self.files {
             let flown = recordings::read_flight(path)?;
-            if flown.has_other_config {
-                let reason = flown.shortfall().unwrap_or_default();
+            if let Some(reason) = flown.reservation() {
                 say(&format!("oqtal: warning: {}: {reason}", path.display()));
             }
             flights.push((path.display().to_string(), flown));

@@ -1,10 +1,10 @@
 //! `oqtal tune --live`: gains for the vehicle that hovers under a running daemon.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use oqtal_bus::bus::Bus;
-use oqtal_bus::code::{Mode, SafetyState};
+use oqtal_bus::code::{Mode, OperatorCommand, SafetyState};
 use oqtal_bus::message::TelemetryV1;
 use oqtal_bus::obeying::quoted;
 use oqtal_bus::paths::InstancePaths;
@@ -12,12 +12,13 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Sample};
 use oqtal_config::{Config, Setting};
 use oqtal_control::trajectory::{TrajectoryKind, TrajectoryOptions};
-use oqtal_lab::identify::overview;
+use oqtal_lab::identify::{overview, vehicle_toml};
 use oqtal_lab::output::{check_free, make, next_free, write_file};
 use oqtal_lab::progress::Progress;
 use oqtal_lab::tune::live::{self, LiveTuning};
 use oqtal_lab::tune::tuned::Tuned;
 use oqtal_lab::tune::{TuneArgs, page};
+use oqtal_observe::flight::Flight;
 use oqtal_observe::law_query::changed_before;
 use oqtal_observe::observer::BusObserver;
 use oqtal_observe::recording::{McapRecorder, RecordingPlan};
@@ -32,8 +33,12 @@ use crate::daemon_config::daemon_config;
 use crate::provenance::PROVENANCE;
 use crate::recordings;
 
-/// Polling period \[s\].
+/// Polling period.
 const POLL_PERIOD: Duration = Duration::from_millis(10);
+/// Time in which a running daemon publishes a tick \[s\].
+const FIRST_TICK_S: f64 = 1.0;
+/// Time without a tick after which the daemon is silent.
+const SILENT: Span = Span::from_millis(500);
 /// Time in which the vehicle comes to rest, or settles with other gains \[s\].
 const SETTLE_S: f64 = 3.0;
 /// Time over which the error of a hover is measured \[s\].
@@ -45,41 +50,92 @@ const HOVER_S: f64 = 6.0;
 /// No daemon answers (exit code 75), the vehicle does not hover or does not go on hovering (1), the vehicle or its law cannot be
 /// tuned (64), or a file cannot be written (71).
 pub fn execute(args: &TuneArgs) -> Result<Exit, Failure> {
-    let search = (&args.budget(), args.weights()?);
+    let search = (&args.budget(), args.weights()?, &*args.options());
     let paths = instance_paths(&Config::from_settings(&args.live.settings())?)?;
     let bus = running_bus(&paths)?;
     let config = daemon_config(&paths).ok_or_else(|| silent(&paths))?;
-    let present = present_settings(&paths, &bus)?;
+    let present = present_settings(&bus)?;
     let law = Config::from_settings(&present)?.control.controller.name();
     let mut hover = ObservedHover::open(&bus, &config)?;
-    hover.require_flying()?;
-    let directory = args.out.clone().map_or_else(|| next_free("tune"), Ok)?;
-    let [recording, gains, html] =
-        ["excitation.mcap".to_owned(), format!("{law}.toml"), format!("{law}.html")]
-            .map(|name| directory.join(name));
-    check_free(&[recording.clone(), gains.clone(), html.clone()])?;
-    make(&directory)?;
+    hover.follow(FIRST_TICK_S, None)?;
+    let files = LiveTuningFiles::begin(args, law)?;
 
-    say(&format!("oqtal: comes to rest and hovers for {} s", SETTLE_S + HOVER_S));
+    say(&format!("oqtal: stops, and measures the error of its hover for {HOVER_S} s"));
     ask(&bus, CtlRequest::Hover, &[])?;
     hover.follow(SETTLE_S, None)?;
     let before_m = hover.error_m(HOVER_S)?;
-    fly_excitation(&bus, &config, &mut hover, &recording)?;
+    fly_excitation(&bus, &config, &mut hover, &files.recording)?;
+    let flight = recordings::read_flight(&files.recording)?;
+    require_undisturbed(&flight)?;
     say("oqtal: identifies the vehicle and searches for gains, while it hovers");
-    // The daemon may be on this machine. Ignored: the search then has the priority of any program.
+    // The daemon may run on this machine: the search must not disturb it. A failure is harmless.
     let _ = rustix::process::nice(19);
-    let flight = recordings::read_flight(&recording)?;
-    let LiveTuning { identification, tuned } =
-        live::tune(&flight, &present, search, &Progress::default())?;
-    write_file(&gains, tuned.to_toml(&[], "for the vehicle of excitation.mcap beside it"))?;
-    write_file(&html, page::html(&tuned))?;
-    let (found, html, gains) = (overview::text(&identification), html.display(), gains.display());
-    print(&format!("{found}\n{tuned}page: {html}\ngains: {gains}"))?;
+    let found = live::tune(&flight, &present, search, &Progress::default())?;
+    files.write(&found, &config)?;
+    let tuned = &found.tuned;
     match (tuned.objective < tuned.start, args.live.apply) {
         (false, _) => Ok(Exit::Ok),
-        (true, false) => propose(&tuned, &paths),
-        (true, true) => apply(&tuned, (&bus, &config), before_m),
+        (true, false) => propose(tuned, &paths),
+        (true, true) if present_settings(&bus)? != present => Err(Failure::new(
+            Exit::Flight,
+            "settings were changed during the search; nothing was applied, repeat the command",
+        )),
+        (true, true) => apply(tuned, (&bus, &config), before_m),
     }
+}
+
+/// The files of the results.
+struct LiveTuningFiles {
+    recording: PathBuf,
+    gains: PathBuf,
+    page: PathBuf,
+    vehicle: PathBuf,
+}
+
+impl LiveTuningFiles {
+    /// The files for the gains of `law`, in a directory that is made; none of them may exist.
+    fn begin(args: &TuneArgs, law: &str) -> Result<Self, Failure> {
+        if args.out.as_ref().is_some_and(|out| out.extension().is_some_and(|end| end == "toml")) {
+            let reason = "--out: with --live, give a directory";
+            return Err(Failure::new(Exit::Usage, reason));
+        }
+        let directory = args.out.clone().map_or_else(|| next_free("tune"), Ok)?;
+        let within = |name: &str| directory.join(name);
+        let files = Self {
+            recording: within("excitation.mcap"),
+            gains: within(&format!("{law}.toml")),
+            page: within(&format!("{law}.html")),
+            vehicle: within("vehicle.toml"),
+        };
+        let Self { recording, gains, page, vehicle } = &files;
+        check_free(&[recording, gains, page, vehicle].map(Clone::clone))?;
+        make(&directory)?;
+        Ok(files)
+    }
+
+    /// Writes and prints what was found.
+    fn write(&self, found: &LiveTuning, config: &Config) -> Result<(), Failure> {
+        let LiveTuning { identification, tuned } = found;
+        write_file(
+            &self.gains,
+            tuned.to_toml(&[], "for the vehicle of excitation.mcap beside it"),
+        )?;
+        write_file(&self.page, page::html(tuned))?;
+        write_file(&self.vehicle, vehicle_toml::toml(identification, config))?;
+        let (page, gains) = (self.page.display(), self.gains.display());
+        let found = overview::text(identification);
+        print(&format!("{found}\n{tuned}page: {page}\ngains: {gains}"))
+    }
+}
+
+/// Fails if the excitation of `flight` was not the last request.
+fn require_undisturbed(flight: &Flight) -> Result<(), Failure> {
+    let last = flight.changes.last().map(|(_, change)| change.command);
+    if last == Some(OperatorCommand::Trajectory.code()) {
+        return Ok(());
+    }
+    let reason = "another request ended the excitation, or changed the flight meanwhile; nothing was changed";
+    Err(Failure::new(Exit::Flight, reason))
 }
 
 /// `KEY=VALUE` of each gain.
@@ -97,22 +153,26 @@ fn propose(tuned: &Tuned, paths: &InstancePaths) -> Result<Exit, Failure> {
 
 /// Changes the gains in flight, and prints the error of a hover with them and before, `before_m` \[m\].
 fn apply(tuned: &Tuned, (bus, config): (&Bus, &Config), before_m: f64) -> Result<Exit, Failure> {
-    // The samples of the time of the search were overwritten.
+    // The ticks of the time of the search were overwritten.
     let mut hover = ObservedHover::open(bus, config)?;
-    hover.require_flying()?;
+    hover.follow(FIRST_TICK_S, None)?;
     ask(bus, CtlRequest::Set, &assignments(tuned))?;
-    hover.follow(SETTLE_S, None)?;
-    let (before_mm, after_mm) = (before_m * 1e3, hover.error_m(HOVER_S)? * 1e3);
     let place = place(bus.paths());
+    let undo = format!("`oqtal ctl undo {place}` takes them back");
+    let after_m = hover.follow(SETTLE_S, None).and_then(|()| hover.error_m(HOVER_S));
+    let after_m = after_m.map_err(|Failure { exit, message }| {
+        Failure::new(exit, format!("{message}; the new gains are in use: {undo}"))
+    })?;
+    let [before_mm, after_mm] = [before_m, after_m].map(|error_m| error_m * 1e3);
     print(&format!(
-        "hover, RMS over {HOVER_S} s: {before_mm:.1} mm before, {after_mm:.1} mm with the new gains; `oqtal ctl undo {place}` takes them back"
+        "hover, RMS over {HOVER_S} s: {before_mm:.1} mm before, {after_mm:.1} mm with the new gains; {undo}"
     ))?;
     Ok(Exit::Ok)
 }
 
-/// The settings with which the daemon of the instance at `paths` flies now.
-fn present_settings(paths: &InstancePaths, bus: &Bus) -> Result<Vec<Setting>, Failure> {
-    let mut settings = Config::file_settings(&paths.config())?;
+/// The settings with which the daemon flies now.
+fn present_settings(bus: &Bus) -> Result<Vec<Setting>, Failure> {
+    let mut settings = Config::file_settings(&bus.paths().config())?;
     let changed = changed_before(bus);
     let changed = changed.as_ref().map_or("", |event| event.text.as_str());
     for line in changed.lines().filter(|line| line.contains('=')) {
@@ -155,9 +215,13 @@ fn fly_excitation(
         let reason = format!("{}: {error}; give another directory with --out", file.display());
         Failure::new(Exit::System, reason)
     })?;
-    ask(bus, CtlRequest::Fly, &["brief-excitation".to_owned()])?;
-    let flown = hover.follow(duration_s + SETTLE_S, Some(&mut recorder));
+    let asked = ask(bus, CtlRequest::Fly, &["brief-excitation".to_owned()]);
+    let flown = asked.and_then(|()| hover.follow(duration_s + SETTLE_S, Some(&mut recorder)));
     let recorded = recorder.finish();
+    if flown.is_err() {
+        // Ignored: the failure of the flight is reported.
+        let _ = std::fs::remove_file(file);
+    }
     flown?;
     recordings::check(&recorded)
 }
@@ -165,22 +229,22 @@ fn fly_excitation(
 /// Observer of a vehicle that is to go on flying.
 struct ObservedHover {
     observer: BusObserver,
-    newest: NewestTick,
+    ticks: ObservedTicks,
 }
 
-/// The newest tick, and the squared errors of the position in all \[m^2\].
+/// The newest tick with the instant of its reception, and the squared position error of each tick \[m^2\].
 #[derive(Default)]
-struct NewestTick {
-    tick: Option<TelemetryV1>,
+struct ObservedTicks {
+    newest: Option<(Time, TelemetryV1)>,
     squares: Vec<f64>,
 }
 
-impl Sink for NewestTick {
-    fn sample(&mut self, _: &Reception, sample: Sample<'_>) {
+impl Sink for ObservedTicks {
+    fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
         if let Sample::Telemetry(tick) = sample {
             let pairs = tick.position.iter().zip(tick.reference_position);
             self.squares.push(pairs.map(|(at, reference)| (at - reference).powi(2)).sum());
-            self.tick = Some(*tick);
+            self.newest = Some((reception.received_at, *tick));
         }
     }
 
@@ -191,12 +255,7 @@ impl ObservedHover {
     fn open(bus: &Bus, config: &Config) -> Result<Self, Failure> {
         let bus = Bus::open(bus.paths())?.for_observer();
         let observer = BusObserver::open(&bus, &McapRecorder::topics(config))?;
-        Ok(Self { observer, newest: NewestTick::default() })
-    }
-
-    /// Fails unless the vehicle flies.
-    fn require_flying(&mut self) -> Result<(), Failure> {
-        self.follow(0.2, None)
+        Ok(Self { observer, ticks: ObservedTicks::default() })
     }
 
     /// Observes the vehicle for `seconds`, and records its flight; fails as soon as it does not fly on undisturbed.
@@ -205,31 +264,37 @@ impl ObservedHover {
         seconds: f64,
         mut recorder: Option<&mut McapRecorder>,
     ) -> Result<(), Failure> {
-        let end = Time::now() + Span::from_seconds(seconds);
+        let began = Time::now();
+        let end = began + Span::from_seconds(seconds);
         while Time::now() < end {
             std::thread::sleep(POLL_PERIOD);
             let now = Time::now();
             match recorder.as_deref_mut() {
                 Some(recorder) => {
                     recorder.note_clock(now);
-                    self.observer.poll(now, &mut Tee(recorder, &mut self.newest))?;
+                    self.observer.poll(now, &mut Tee(recorder, &mut self.ticks))?;
                 }
-                None => self.observer.poll(now, &mut self.newest)?,
+                None => self.observer.poll(now, &mut self.ticks)?,
             }
-            if let Some(tick) = &self.newest.tick {
+            if let Some((_, tick)) = &self.ticks.newest {
                 require_nominal(tick)?;
             }
+            let newest_at =
+                self.ticks.newest.map_or(began, |(received_at, _)| received_at.max(began));
+            if now.since(newest_at) > SILENT {
+                let reason = "the daemon publishes no ticks; see `oqtal ctl status`";
+                return Err(Failure::new(Exit::Peer, reason));
+            }
         }
-        let seen = self.newest.tick.map(|_| ());
-        seen.ok_or_else(|| Failure::new(Exit::Flight, "no vehicle flies; `oqtal ctl arm` first"))
+        Ok(())
     }
 
     /// Root mean square of the position error over `seconds` \[m\].
     fn error_m(&mut self, seconds: f64) -> Result<f64, Failure> {
-        self.newest.squares.clear();
+        self.ticks.squares.clear();
         self.follow(seconds, None)?;
-        let squares = &self.newest.squares;
-        Ok((squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt())
+        let squares = &self.ticks.squares;
+        Ok((squares.iter().sum::<f64>() / squares.len() as f64).sqrt())
     }
 }
 
@@ -244,7 +309,7 @@ fn require_nominal(tick: &TelemetryV1) -> Result<(), Failure> {
     if state != Some(SafetyState::Nominal) {
         let state = state.map_or_else(|| "unknown".to_owned(), |state| state.to_string());
         let reason = format!(
-            "the daemon is in the state {state}: nothing was changed; see `oqtal ctl status`"
+            "the daemon is in the state {state}, tuning needs Nominal; see `oqtal ctl status`"
         );
         return Err(Failure::new(Exit::Flight, reason));
     }

@@ -154,7 +154,7 @@ impl DaemonFacts {
             self.reported_hash = self.config_hash;
             if self.config_hash.is_some_and(|hash| hash != config.hash()) {
                 say(
-                    "oqtal: the daemon runs with another configuration than is recorded: law, vehicle and settings of the recording are not those that fly; give the daemon's --config and flags, or start the recorder after the daemon",
+                    "oqtal: the daemon runs with another configuration than is recorded: law, vehicle or settings of the recording are not those that fly; give the daemon's --config and flags, or start the recorder after the daemon",
                 );
             }
         }

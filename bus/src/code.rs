@@ -124,7 +124,7 @@ code! {
         /// or bridge.
         NoVehicle = 11 => "vehicle silent",
         /// Poses agree with each other but not with the predicted motion: they are of another body or of swapped markers, or the
-        /// vehicle moves otherwise than its model.
+        /// vehicle does not move as its model predicts.
         Relabel = 12 => "poses not as predicted",
         /// The vehicle came too close to the fence, or crossed it.
         Fence = 13 => "fence",

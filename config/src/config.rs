@@ -47,10 +47,11 @@ static SHIPPED_CONFIG: LazyLock<Result<(Table, Config), String>> = LazyLock::new
 
 /// Sections and keys that may differ between the processes of one flight: the ends of wires are set only for the process at that
 /// end.
-const NOT_FLOWN: [&str; 8] = [
+const NOT_FLOWN: [&str; 9] = [
     "instance",
     "clock.kind",
     "log",
+    "record",
     "mocap.serve",
     "bridge.link",
     "bridge.mavlink.signing-key-file",
@@ -300,8 +301,8 @@ impl Config {
         toml::to_string(self).expect("a configuration holds only what TOML can say")
     }
 
-    /// Hash of the effective configuration, without the settings that say where and how it is flown: instance, kind of clock,
-    /// log, ends of wires, and directories of input files.
+    /// Hash of the effective configuration, without the settings that say where and how it is flown and recorded: instance, kind of
+    /// clock, log, recordings, ends of wires, and directories of input files.
     pub fn hash(&self) -> u64 {
         let mut hasher = fnv::FnvHasher::default();
         hasher.write(self.hashed().to_string().as_bytes());

@@ -9,5 +9,7 @@ pub(crate) const STANDING: f64 = 0.5;
 pub(crate) const LANDED_M: f64 = 0.04;
 /// Height above the floor at the last accepted pose from which on a vehicle is in the air \[m\].
 pub(crate) const AIRBORNE_M: f64 = 0.1;
+/// Least height above the floor of the way of a request \[m\].
+pub(crate) const LEAST_WAY_M: f64 = 0.1;
 /// Height of the reference above the floor from which on the vehicle must have left the floor \[m\].
 pub(crate) const OFF_FLOOR_M: f64 = 0.3;

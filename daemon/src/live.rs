@@ -266,8 +266,8 @@ impl LiveSettings {
         self.settings(self.present.with_live(&settings)?, text, false)
     }
 
-    /// Changes the settings that differ in the file `path`; without one, those that differ from a start of the daemon with its files as
-    /// they are now.
+    /// Changes the settings that differ in the file `path`. Without one, takes the changes in flight back and reads the daemon's files
+    /// as they are now; a key that was in a file at the start, and no longer is, keeps its value.
     fn reload(&self, path: &str) -> Result<PreparedChange, Refusal> {
         let named = [PathBuf::from(path)];
         let files = if path.is_empty() { &self.files[..] } else { &named };

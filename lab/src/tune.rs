@@ -60,7 +60,8 @@ pub struct TuneArgs {
     /// Weights of the components of the objective; those not given keep their defaults, which the table at the end shows
     #[arg(long, value_name = "KEY=W,...", value_delimiter = ',')]
     weights: Vec<String>,
-    /// File NAME.toml of the tuned configuration of one law, or a directory of files LAW.toml [default: results/tune-N]
+    /// File NAME.toml of the tuned configuration of one law, or a directory of files LAW.toml; with --live, a directory
+    /// [default: results/tune-N]
     #[arg(long, value_name = "PATH")]
     pub out: Option<PathBuf>,
     #[command(flatten)]
@@ -181,7 +182,7 @@ impl TuneArgs {
     }
 
     /// Arguments that select flights and weights, where they are not the default ones, each preceded by a space.
-    fn options(&self) -> String {
+    pub fn options(&self) -> String {
         let Range { start, end } = self.seeds;
         let seeds = (self.seeds != TRAINING_SEEDS).then(|| format!(" --seeds {start}-{}", end - 1));
         let spread = self.spread.as_ref().map(|spread| format!(" --spread {}", quoted(spread)));

@@ -73,10 +73,11 @@ fn gains_of_an_unknown_vehicle_found_in_flight_are_as_good_as_those_of_a_known_o
         assert!(flight.shortfall().is_none(), "{seed}: {:?}", flight.shortfall());
         // Settings of the daemon.
         let present = [vehicle[0].clone(), vehicle[3].clone()];
-        let live =
-            live::tune(&flight, &present, (&budget, default_weights()), &progress).unwrap().tuned;
+        let live = live::tune(&flight, &present, (&budget, default_weights(), ""), &progress)
+            .unwrap()
+            .tuned;
         let known = TrainingFlights {
-            in_flight: true,
+            live_keys_only: true,
             ..TrainingFlights::near(vehicle.clone(), TRAINING_SEEDS)
         };
         let known = search::law(law, &budget, &known, &progress).unwrap();

@@ -202,17 +202,21 @@ impl Flight {
     /// Reason why the flight did not end as planned: an operator or the daemon landed or stopped the vehicle, it crashed, or
     /// there was no take-off. `None` for a complete flight, and for an outcome that needs no reason.
     pub fn shortfall(&self) -> Option<String> {
+        self.reservation().or_else(|| self.shortfall_of_one())
+    }
+
+    /// Reason why the figures may not be those of one flight with the recorded configuration.
+    pub fn reservation(&self) -> Option<String> {
         if self.has_other_config {
-            let reason = "the daemon ran with another configuration than was recorded: law, vehicle and settings are not those that flew";
+            let reason = "the daemon ran with another configuration than was recorded: law, vehicle or settings are not those that flew";
             return Some(reason.to_owned());
         }
         let flights = self.flights().count();
-        if flights > 1 {
-            return Some(format!(
+        (flights > 1).then(|| {
+            format!(
                 "{flights} flights in one recording: the figures are those of all, the outcome is that of the first to end; record each into a file of its own"
-            ));
-        }
-        self.shortfall_of_one()
+            )
+        })
     }
 
     fn shortfall_of_one(&self) -> Option<String> {
@@ -273,10 +277,15 @@ impl Flight {
         })
     }
 
-    /// Cause of the last tick in Stop; ticks that follow the end of the flight may have another state.
+    /// Cause of the last tick in Stop of the first flight or after it, before another one; ticks that follow the end of a flight may
+    /// have another state.
     fn stop_cause(&self) -> Cause {
         let is_stopped = |s: &&FlightSample| s.telemetry.state == SafetyState::Stop.code();
-        self.samples.iter().rev().find(is_stopped).map_or(Cause::None, cause_of)
+        let mut parts = self.samples.chunk_by(|a, b| a.is_armed() == b.is_armed());
+        let flight = parts.by_ref().find(|part| part[0].is_armed());
+        let (flight, after) = (flight.unwrap_or(&self.samples), parts.next().unwrap_or_default());
+        let stopped = flight.iter().chain(after).rev().find(is_stopped);
+        stopped.map_or(Cause::None, cause_of)
     }
 
     /// Whether the fence held the vehicle before its landing.

@@ -41,6 +41,10 @@ pub struct Recorder {
     armed_at: Option<Time>,
     join: NearestJoin<TelemetryV1, TruthV1>,
     flown: bool,
+    /// Source of the newest truth; `None` before the first.
+    truth_source: Option<u64>,
+    /// Whether another simulator took the place of the first one since the motors were started: its vehicle is another one.
+    is_replaced: bool,
     resting_since: Option<Time>,
     config_hash: u64,
 }
@@ -67,6 +71,8 @@ impl Recorder {
             armed_at: None,
             join: NearestJoin::default(),
             flown: false,
+            truth_source: None,
+            is_replaced: false,
             resting_since: None,
             config_hash: config.hash(),
         }
@@ -183,7 +189,8 @@ impl Recorder {
     fn detect_end(&mut self, sample: &FlightSample) {
         if sample.is_armed() {
             self.flown = true;
-            if let Some(crash) = Crash::of(sample, &self.flight.config.fence) {
+            let crash = Crash::of(sample, &self.flight.config.fence);
+            if let Some(crash) = crash.filter(|_| !self.is_replaced) {
                 self.crashed(crash);
             }
             return;
@@ -227,6 +234,7 @@ impl Recorder {
         let armed_at = telemetry.is_armed().then_some(telemetry.time);
         let last = std::mem::replace(&mut self.armed_at, armed_at);
         if last.is_none() && armed_at.is_some() {
+            self.is_replaced = false;
             // Settings stay as they are; the course begins again.
             self.discard_changes(changes_course);
         }
@@ -297,6 +305,9 @@ impl Sink for Recorder {
     fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
         match sample {
             Sample::Truth(truth) => {
+                let source = Some(reception.header.source);
+                let last = std::mem::replace(&mut self.truth_source, source);
+                self.is_replaced |= self.armed_at.is_some() && last.is_some() && last != source;
                 self.join.add_sample(truth.time, *truth);
                 self.join();
             }

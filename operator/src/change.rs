@@ -98,7 +98,7 @@ pub fn request_of(command: CtlRequest, arguments: &[String]) -> Result<ControlRe
             Err(usage("set needs KEY=VALUE, as in `set position.tilt-limit-deg=15`"))
         }
         (CtlRequest::Reload, [file]) => with_text(&[absolute(file)?]),
-        // A stop is never refused for what follows it.
+        // A stop is accepted whatever arguments follow it.
         (_, []) | (CtlRequest::Stop, _) => Ok(base),
         (_, [first, ..]) => Err(usage(&format!("unexpected argument `{first}`"))),
     }

@@ -45,7 +45,8 @@ pub fn land(address: &AddressedInstance) -> Result<ControlResponseV1, Failure> {
     let reached = Reached::find(address);
     let paths = &reached.paths;
     let is_daemon = |process: &ObeyingProcess| !process.is_vehicle;
-    // Of several daemons with the same name, one is asked.
+    // The daemon of `paths` is asked first, and signalled if it does not answer; those under other roots are signalled at once and
+    // also asked.
     let mut lines = reached.signal(LAND_SIGNAL, |p| is_daemon(p) && !p.is_under(paths));
     let is_signalled = Arc::new(AtomicBool::default());
     let answer = request(paths, &is_signalled);
@@ -83,7 +84,7 @@ pub fn land(address: &AddressedInstance) -> Result<ControlResponseV1, Failure> {
     Err(Failure::new(Exit::Flight, message))
 }
 
-/// `response`, or if it is a refusal the first answer of another instance that is none: the vehicle that flies is that one.
+/// `response`, or if it is a refusal the first other answer that is not: the vehicle of that instance flies.
 fn accepted_of(
     response: ControlResponseV1,
     elsewhere: &[Receiver<LandingAnswer>],
@@ -97,7 +98,7 @@ fn accepted_of(
 }
 
 fn silent_text(paths: &InstancePaths) -> String {
-    // Its further lines list running processes, as the failure does.
+    // The other lines list running processes, as the failure does.
     let message = silent(paths).message;
     let nobody = message.lines().next().unwrap_or_default();
     format!("land: {nobody}; a flight that begins from now on is not prevented")

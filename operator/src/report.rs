@@ -121,7 +121,7 @@ impl ControlReport {
                 "from where the vehicle is, the trajectory leaves the fence; `oqtal ctl goto` a point from which it fits"
             }
             Some(Cause::NearFloor) => {
-                "stay higher than 0.1 m above the floor; `oqtal ctl land` lands"
+                "choose a point at least 0.1 m above the floor; to land, use `oqtal ctl land`"
             }
             Some(Cause::TakeOff) => "repeat it once the vehicle has taken off",
             Some(Cause::OtherConfig) if Some(response.config_hash) == expected.or(Some(0)) => {

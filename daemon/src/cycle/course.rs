@@ -23,9 +23,10 @@ use crate::stream::ReferenceStream;
 const REST_M_S: f64 = 0.1;
 /// Time for which a vehicle that landed must be at rest.
 const REST: Span = Span::from_millis(500);
-/// Points of a detour that are compared with the fence \[-\].
-const DETOUR_POINTS: u32 = 64;
-/// Height by which a way from near the floor may go lower \[m\].
+/// Time between two points of a detour that are compared with the fence and the floor \[s\], and most points \[-\].
+const DETOUR_STEP_S: f64 = 0.1;
+const MOST_DETOUR_POINTS: f64 = 1000.0;
+/// Height by which a way that begins near the floor may go below its beginning \[m\].
 const TOLERANCE_M: f64 = 1e-6;
 
 /// Course of a flight.
@@ -226,7 +227,7 @@ impl FlightCourse {
         // The reference of the stop after a fast motion is what it is.
         let is_hover = matches!(change, FlightChange::Hover);
         if !is_hover {
-            self.require_room(&detour, motion.value.z)?;
+            self.require_room(&detour, (mission.origin().z, motion.value.z))?;
         }
         self.stream.end();
         if let Some(mission) = &mut self.mission {
@@ -236,14 +237,14 @@ impl FlightCourse {
         Ok(())
     }
 
-    /// Requires that `detour`, which begins at the height `from_m` \[m, world z\], stays inside the soft border of the fence and above the
-    /// floor.
-    fn require_room(&self, detour: &Detour, from_m: f64) -> Result<(), Cause> {
-        let floor_m = self.mission.as_ref().map_or(f64::NEG_INFINITY, |it| it.origin().z);
+    /// Requires that `detour`, which begins at the height `from_m`, stays inside the soft border of the fence and above the floor at
+    /// `floor_m` \[m, world z\].
+    fn require_room(&self, detour: &Detour, (floor_m, from_m): (f64, f64)) -> Result<(), Cause> {
         // A way that begins lower may lead upwards.
-        let lowest_m = (floor_m + floor::AIRBORNE_M).min(from_m - TOLERANCE_M);
-        for index in 0..=DETOUR_POINTS {
-            let t_s = detour.duration_s() * f64::from(index) / f64::from(DETOUR_POINTS);
+        let lowest_m = (floor_m + floor::LEAST_WAY_M).min(from_m - TOLERANCE_M);
+        let points = (detour.duration_s() / DETOUR_STEP_S).clamp(1.0, MOST_DETOUR_POINTS) as u32;
+        for index in 0..=points {
+            let t_s = detour.duration_s() * f64::from(index) / f64::from(points);
             let position = detour.sample(t_s).position;
             // Comparisons with NaN are false.
             let (is_inside, is_high) =

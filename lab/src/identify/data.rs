@@ -79,11 +79,10 @@ pub fn series(flights: &[FlightData]) -> Vec<usize> {
 
 /// Instant of the first tick with motors on \[s\]; before every pose if the recording begins in flight.
 fn armed_from_s(flight: &Flight) -> f64 {
-    match flight.samples.iter().position(|sample| sample.telemetry.is_armed()) {
-        Some(0) => f64::NEG_INFINITY,
-        Some(first) => seconds(flight.samples[first].telemetry.time),
-        None => f64::INFINITY,
+    if flight.begins_in_flight() {
+        return f64::NEG_INFINITY;
     }
+    flight.armed().next().map_or(f64::INFINITY, |sample| seconds(sample.telemetry.time))
 }
 
 /// Instant of the last tick with motors on \[s\].
@@ -91,8 +90,9 @@ fn armed_until_s(flight: &Flight) -> f64 {
     flight.armed().last().map_or(f64::NEG_INFINITY, |sample| seconds(sample.telemetry.time))
 }
 
-/// The poses that the daemon flew on, each once, in the order of their capture, and those between the poses of two successive ticks,
-/// where the cameras are faster than the controller: the law's own poses alone would make noise and commands appear related.
+/// The poses that the daemon used, each once, in the order of their capture, and, if the cameras are faster than the controller, those
+/// captured between the poses of two successive ticks. The noise of a pose that the law used is correlated with the command; that of
+/// the others is not.
 fn poses(flight: &Flight) -> Vec<PoseRecord> {
     let mut arrivals = flight.arrivals.iter().filter(|arrival| arrival.is_tracked).peekable();
     let mut poses: Vec<PoseRecord> = Vec::new();

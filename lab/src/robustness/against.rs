@@ -50,7 +50,7 @@ pub fn table(flown: &[Flown]) -> Sheet {
         column("doublet_ratio", "doublet of the best other over its own, median", ratio(DOUBLET)),
         column(
             "only_loser",
-            "draws with a flight that it did not land and another law did",
+            "draws with a flight that it did not land as planned and another law did",
             GroupComparison::lost_alone,
         ),
     ];
@@ -79,7 +79,7 @@ impl GroupComparison<'_> {
         own.map(move |(draw, own)| [own, best(&self.others, (draw, metric))])
     }
 
-    /// Number of draws with a test that this law did not land and another law did.
+    /// Number of draws with a test that this law did not land as planned and another law did.
     fn lost_alone(&self) -> u64 {
         let others_land =
             |draw: usize, test| self.others.iter().any(|law| law.runs[draw].is_as_planned(test));

@@ -45,8 +45,8 @@ impl Margins {
 }
 
 impl LoopResponse {
-    /// Whether the closed loop is stable, if the open one has no unstable poles besides integrators: whether the response, from zero
-    /// frequency on, goes round -1 as often forward as backward (Nyquist's criterion).
+    /// Whether the closed loop is stable by Nyquist's criterion: the response must not encircle -1. Assumes an open loop without
+    /// unstable poles other than integrators.
     pub fn is_stable(&self) -> bool {
         let Some((_, first)) = self.points.first() else { return true };
         // Integrators turn the response by a quarter of a turn each before the first point.
@@ -165,7 +165,6 @@ mod tests {
         assert!((margins.delay_ms / (1e3 * phase / 8.0) - 1.0).abs() < 1e-3, "{margins:?}");
     }
 
-    /// Each classic margin is at least as large as implied by the disk margin.
     #[test]
     fn a_loop_is_stable_up_to_its_gain_margin_also_with_a_second_integrator() {
         for tau in [0.02, 0.035, 0.08] {
@@ -186,6 +185,7 @@ mod tests {
         assert!(second(20.0, 1.0) && !second(80.0, 1.0) && !second(20.0, 0.01));
     }
 
+    /// Each classic margin is at least as large as implied by the disk margin.
     #[test]
     fn the_classic_margins_are_at_least_those_of_the_disk_margin() {
         for k in [2.0, 8.0, 20.0] {

@@ -1,4 +1,4 @@
-//! Gains for a vehicle in flight: a brief excitation shows its parameters, and the gains are searched for on them.
+//! Gains for a vehicle in flight, which is identified from a brief excitation: they are searched for in simulated flights of it.
 
 use oqtal_config::{Config, Setting};
 use oqtal_control::trajectory::TrajectoryKind;
@@ -7,6 +7,7 @@ use oqtal_runtime::process::{Exit, Failure};
 
 use super::search::{self, Budget, TrainingFlights, Tuned};
 use super::trade::MetricWeights;
+use super::tuned::LIVE;
 use crate::identify::command::check_interface;
 use crate::identify::data::FlightData;
 use crate::identify::finding::rules;
@@ -16,7 +17,7 @@ use crate::study::TRAINING_SEEDS;
 use crate::study::law;
 
 /// Parts of the daemon's configuration that the search does not use: its flights are in virtual time and as long as those of every
-/// study, and its plant is the identified vehicle.
+/// study, its plant is the identified vehicle, and its cameras have the noise and the latency that were found.
 const LEFT_OUT: [&str; 10] = [
     "clock.",
     "fault.",
@@ -45,8 +46,8 @@ pub struct LiveTuning {
     pub tuned: Tuned,
 }
 
-/// Gains for the vehicle of `flight`, with the law and the settings `present` of its daemon, and these weights of the objective.
-/// Neither the truth of a simulated vehicle nor its `[plant]` is used.
+/// Gains for the vehicle of `flight`, with the law and the settings `present` of its daemon, and these weights of the objective, which
+/// `options` gives as text. Neither the truth of a simulated vehicle nor its `[plant]` is used.
 ///
 /// # Errors
 /// The law has no gains, or the vehicle is not commanded by rates (exit code 64); the flight is too short (65), the search was
@@ -54,7 +55,7 @@ pub struct LiveTuning {
 pub fn tune(
     flight: &Flight,
     present: &[Setting],
-    (budget, weights): (&Budget, MetricWeights),
+    (budget, weights, options): (&Budget, MetricWeights, &str),
     progress: &Progress,
 ) -> Result<LiveTuning, Failure> {
     let config = Config::from_settings(present)?;
@@ -70,9 +71,9 @@ pub fn tune(
     let identification = identify(&data, &config.vehicle, Scale::Unknown)?;
     let settings = settings_of(present, &config, &identification);
     let flights = TrainingFlights {
-        in_flight: true,
+        live_keys_only: true,
         weights,
-        options: " --live".to_owned(),
+        options: format!("{LIVE}{options}"),
         ..TrainingFlights::near(settings, TRAINING_SEEDS)
     };
     let tuned = search::law(law, budget, &flights, progress)?;
@@ -85,7 +86,9 @@ fn settings_of(
     config: &Config,
     identification: &Identification,
 ) -> Vec<Setting> {
-    let is_used = |setting: &&Setting| !LEFT_OUT.iter().any(|part| setting.key.starts_with(part));
+    let is_used = |setting: &&Setting| {
+        setting.key == "mocap.rate-hz" || !LEFT_OUT.iter().any(|part| setting.key.starts_with(part))
+    };
     let mut settings: Vec<Setting> = present.iter().filter(is_used).cloned().collect();
     let found = identification.settings().into_iter().filter_map(|setting| {
         let key = format!("plant.{}", setting.key.strip_prefix("vehicle.")?);
@@ -97,7 +100,9 @@ fn settings_of(
         let noise = findings.iter().find(|finding| finding.name == name && finding.is_shown())?;
         Some(Setting::flag("identify", key, noise.value))
     }));
-    // On these the path has no error of its own.
+    let latency = identification.latency_in_flight.as_ref();
+    settings.extend(latency.map(|it| Setting::flag("identify", "mocap.latency-ms", it.median_ms)));
+    // These have no path whose error could be reduced.
     let kind = config.trajectory.kind;
     if matches!(
         kind,

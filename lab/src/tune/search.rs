@@ -46,8 +46,8 @@ pub struct TrainingFlights {
     pub case: Case,
     /// Number of draws of a spread \[-\]; 0 for plants near the configured one.
     pub draws: usize,
-    /// Whether only gains that may change in flight are searched for.
-    pub in_flight: bool,
+    /// Whether the search is restricted to keys that may change in flight.
+    pub live_keys_only: bool,
     /// Weights of the metrics in the objective \[-\].
     pub weights: MetricWeights,
     /// Arguments of `oqtal tune` that select flights and weights, each preceded by a space; empty for the default ones.
@@ -67,7 +67,7 @@ impl TrainingFlights {
         let condition = |(seed, plant)| FlightCondition { seed, plant, settings: Vec::new() };
         let case = Case::of("training", plants.map(condition).collect());
         let (weights, options) = (default_weights(), String::new());
-        Self { settings, case, draws: 0, in_flight: false, weights, options }
+        Self { settings, case, draws: 0, live_keys_only: false, weights, options }
     }
 
     /// One flight per draw of a spread.
@@ -88,7 +88,7 @@ impl TrainingFlights {
     /// Gains of the law `controller` that are searched for.
     fn parameters(&self, controller: ControllerName, config: &Config) -> Vec<SearchRange> {
         let mut parameters = parameters(controller, config.control.stack);
-        parameters.retain(|range| !self.in_flight || Config::may_change_in_flight(&range.key));
+        parameters.retain(|range| !self.live_keys_only || Config::may_change_in_flight(&range.key));
         parameters
     }
 

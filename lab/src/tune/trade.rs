@@ -54,7 +54,7 @@ impl TradedFigure {
         let [before, after] = self.values;
         match self.weight {
             Some(_) => after > before * (1.0 + WORSE),
-            None => after < before * (1.0 - WORSE),
+            None => after < before * (1.0 - WORSE) || (after.is_nan() && !before.is_nan()),
         }
     }
 
@@ -101,7 +101,7 @@ pub fn margins(before: &StudyLaw, after: &StudyLaw) -> Vec<TradedFigure> {
         TradedFigure { key, title, weight: None, values, is_least: [false; 2] }
     };
     let all = (0..before.len()).map(margin);
-    all.filter(|margin| margin.values.iter().any(|value| value.is_finite())).collect()
+    all.filter(|margin| margin.values.iter().any(|value| !value.is_infinite())).collect()
 }
 
 /// Gain, phase, delay and disk margin, each the least of roll, pitch and yaw; NaN if the loop about one of them is unstable.
@@ -230,11 +230,13 @@ mod tests {
             traded(Some(1.0), none, none),
             traded(None, none, 2.0),
             traded(None, 2.0, none),
+            traded(None, 2.0, f64::NAN),
         ];
         let text = sheet(&all, false).to_text();
         assert!(!text.contains('%') && text.contains("not as planned"), "{text}");
         let said = warnings(&all);
-        assert_eq!(said.len(), 2, "{said:?}");
+        assert_eq!(said.len(), 3, "{said:?}");
+        assert!(said[2].contains("2.000 before, unstable after"), "{said:?}");
         assert!(said[0].contains("2.000 before, not as planned after"), "{said:?}");
         assert!(said[1].contains("no limit before, 2.000 after"), "{said:?}");
     }

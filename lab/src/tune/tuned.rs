@@ -10,6 +10,9 @@ use super::optimiser::Optimiser;
 use super::space;
 use super::trade::{self, TradedFigure};
 
+/// First of the options of a live search.
+pub const LIVE: &str = " --live";
+
 /// Budget of a search.
 #[derive(Clone, Copy, Debug)]
 pub struct Budget {
@@ -74,13 +77,17 @@ impl Tuned {
     pub fn headline(&self) -> String {
         let Budget { points, seed, optimiser } = self.budget;
         let (optimiser, objective) = (optimiser.name(), self.objective);
+        // A live search names no law: it is that which flies.
+        let (target, options) = match self.options.strip_prefix(LIVE) {
+            Some(options) => ("--live", options),
+            None => (&*self.target, &*self.options),
+        };
         let draws = match self.draws {
             0 => String::new(),
             draws => format!(" over {draws} draws of a spread"),
         };
         format!(
-            "tune {} --optimiser {optimiser} --budget {points} --seed {seed}{}: objective {objective:.4}{draws}",
-            self.target, self.options
+            "tune {target} --optimiser {optimiser} --budget {points} --seed {seed}{options}: objective {objective:.4}{draws}"
         )
     }
 

@@ -84,8 +84,8 @@ pub fn framed(
 pub struct TimeSpan {
     /// Beginning and end \[s\].
     pub range: Range<f64>,
-    /// Shaded interval \[s\].
-    pub shaded: Option<Range<f64>>,
+    /// Shaded intervals \[s\].
+    pub shaded: Vec<Range<f64>>,
     /// Marked instants \[s\].
     pub instants: Vec<f64>,
 }
@@ -94,14 +94,14 @@ pub struct TimeSpan {
 pub fn over_time(title: &str, traces: Vec<Trace>, span: &TimeSpan) -> Markup {
     let values = traces.iter().flat_map(|trace| &trace.points).map(|point| point.1);
     let legend: Vec<_> = traces.iter().map(|trace| (trace.name, trace.ink)).collect();
-    let band = span.shaded.clone().map(Mark::Band);
+    let bands = span.shaded.iter().cloned().map(Mark::Band);
     let instants = span.instants.iter().copied().map(Mark::Instant);
     let plot = Plot {
         size: (HALF, HEIGHT),
         label_width: LABEL_WIDTH,
         x: Axis::linear(span.range.clone(), 8.0, " s"),
         y: Axis::fitting(values),
-        shapes: band.into_iter().chain(instants).chain(lines(traces)).collect(),
+        shapes: bands.chain(instants).chain(lines(traces)).collect(),
     };
     readable(title, &legend, (&plot, true))
 }

@@ -71,11 +71,11 @@ impl<'a> Timeline<'a> {
         )
     }
 
-    /// The scored window \[s\].
-    pub fn scored(&self) -> Option<Range<f64>> {
-        let mut scored = self.flight.scored().map(|sample| self.at(sample));
-        let first = scored.next()?;
-        Some(first..scored.last().unwrap_or(first))
+    /// The scored parts \[s\].
+    pub fn scored(&self) -> Vec<Range<f64>> {
+        let parts = self.samples.chunk_by(|a, b| a.is_scored() == b.is_scored());
+        let scored = parts.filter(|part| part[0].is_scored());
+        scored.map(|part| self.at(&part[0])..self.at(&part[part.len() - 1])).collect()
     }
 
     /// The trace of `value` over time.
@@ -139,7 +139,7 @@ impl<'a> Timeline<'a> {
     }
 }
 
-/// A figure of traces over the time of the flight, with the scored window shaded and events marked.
+/// A figure of traces over the time of the flight, with the scored parts shaded and events marked.
 pub fn over_time(timeline: &Timeline<'_>, title: &str, traces: Vec<Trace>) -> Markup {
     let span = TimeSpan {
         range: timeline.range(),

@@ -87,7 +87,7 @@ const CHECKS: &[ProbeCheck] = &[
     (
         "delays",
         Severity::Advice,
-        "connect by cable; close other programs on the cameras' computer; take transport=udp",
+        "connect by cable; close other programs on the cameras' computer; take UDP where the protocol has both (QTM: transport=udp)",
         |f| over(f.clock.residual_p99_ns, 10, i64::MAX),
     ),
     (
