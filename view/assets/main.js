@@ -93,8 +93,8 @@ function live(store, panel) {
       const now = performance.now();
       const updates = rate.count(now);
       if (update.status) {
-        store.hear("ticks", update.status.silence_s);
-        store.hear("vehicles", update.status.vehicle_silence_s);
+        store.setAge("ticks", update.status.silence_s);
+        store.setAge("vehicles", update.status.vehicle_silence_s);
         const isOther = panel.status(update.status);
         if (isOther) renew(panel.scene);
         else notice("");

@@ -12,7 +12,7 @@ export class Store {
     this.tick = index(scene.tick_columns);
     this.vehicle = index(scene.vehicle_columns);
     this.isBounded = scene.is_live;
-    this.heard = { ticks: { age: null, at: 0 }, vehicles: { age: null, at: 0 } };
+    this.ages = { ticks: { age: null, at: 0 }, vehicles: { age: null, at: 0 } };
     this.clear();
   }
 
@@ -30,18 +30,18 @@ export class Store {
     append(this.vehicles, vehicles, this.isBounded ? MOST_ROWS : Infinity);
     append(this.events, events, this.isBounded ? MOST_EVENTS : Infinity);
     this.version += 1;
-    if (ticks.length) this.hear("ticks", 0);
-    if (vehicles.length) this.hear("vehicles", 0);
+    if (ticks.length) this.setAge("ticks", 0);
+    if (vehicles.length) this.setAge("vehicles", 0);
   }
 
-  // Takes the age of the newest of these rows, `ticks` or `vehicles`; null if none has come.
-  hear(rows, age) {
-    this.heard[rows] = { age, at: performance.now() };
+  // Records the age [s] of the newest of these rows, `ticks` or `vehicles`; null if none was received.
+  setAge(rows, age) {
+    this.ages[rows] = { age, at: performance.now() };
   }
 
   // Whether the newest of these rows does not describe the present state of an instance.
   isSilent(rows) {
-    const { age, at } = this.heard[rows];
+    const { age, at } = this.ages[rows];
     return this.isBounded && (age === null || age > SILENT_S || performance.now() - at > UPDATE_TIMEOUT_MS);
   }
 
