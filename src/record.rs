@@ -55,12 +55,18 @@ impl RecordArgs {
     /// # Errors
     /// No daemon runs (with `--attach`, exit code 75), a file cannot be written (71), or the bus refuses.
     pub fn execute(&self) -> Result<Exit, Failure> {
-        let given = Config::load(&self.common.config, &self.common.settings()?)?;
+        let settings = self.common.settings()?;
+        let given = Config::load(&self.common.config, &settings)?;
         let stop = stop_on_signals()?;
         let place = instance_paths(&given)?;
-        // A recorder that is given no settings records those of the daemon.
+        // A recorder that is given no settings of the flight records those of the daemon, with its own of the recording.
         let is_plain = given.hash() == Config::default().hash();
-        let config = daemon_config(&place).filter(|_| is_plain).unwrap_or(given);
+        let config = match daemon_config(&place).filter(|_| is_plain) {
+            Some(_) => {
+                Config::load(&[&[place.config()], &*self.common.config].concat(), &settings)?
+            }
+            None => given,
+        };
         let bus = Bus::open(&place)?.for_observer();
         if self.attach {
             require_daemon(&bus, "record without --attach")?;

@@ -4,7 +4,8 @@ use std::path::Path;
 use std::process::Command;
 
 use crate::common::{SERVICES, Testbed, assert_refused, number, peers, stderr, wait_for};
-use oqtal_observe::recording::{DaemonHistory, InputHistory, RecordingFile, play};
+use oqtal_control::trajectory::TrajectoryKind;
+use oqtal_observe::recording::{DaemonHistory, InputHistory, RecordingFile, flight, play};
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -267,6 +268,22 @@ fn a_file_that_cannot_grow_is_reported_and_the_flight_lands() {
     assert_refused(&output, 71, &["flight.mcap"]);
     assert!(String::from_utf8_lossy(&output.stdout).starts_with("landed"));
     assert!(RecordingFile::read(&testbed.path("d/flight.mcap")).unwrap().cut_off.is_some());
+}
+
+/// Settings of the recording alone: those of the flight remain the daemon's.
+#[test]
+fn a_recorder_with_limits_of_its_own_records_the_configuration_of_the_daemon() {
+    let testbed = Testbed::new("limits");
+    let _services =
+        SERVICES.map(|process| testbed.start(&[process, "run", "--set", "trajectory.kind=hover"]));
+    testbed.wait_for_daemon();
+    let words = ["record", "--set", "record.file-min=0.01", "--seconds", "2", "--out", "own.mcap"];
+    let output = testbed.oqtal(&words).output().unwrap();
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(!stderr(&output).contains("another configuration"), "{}", stderr(&output));
+    let second = flight(&RecordingFile::read(&testbed.path("own.2.mcap")).unwrap()).unwrap();
+    assert_eq!(second.config.trajectory.kind, TrajectoryKind::Hover);
+    assert_eq!(second.config.record.file_min, 0.01);
 }
 
 #[test]
