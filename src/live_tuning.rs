@@ -17,16 +17,15 @@ use oqtal_lab::output::{check_free, make, next_free, write_file};
 use oqtal_lab::progress::Progress;
 use oqtal_lab::tune::live::{self, LiveTuning};
 use oqtal_lab::tune::tuned::Tuned;
-use oqtal_lab::tune::{TuneArgs, page};
+use oqtal_lab::tune::{LiveArgs, TuneArgs, page};
 use oqtal_observe::flight::Flight;
 use oqtal_observe::law_query::changed_before;
 use oqtal_observe::observer::BusObserver;
 use oqtal_observe::recording::{McapRecorder, RecordingPlan};
 use oqtal_observe::sink::{Reception, Sink, Tee};
-use oqtal_observe::status::InstanceStatus;
-use oqtal_operator::request::{place, running_bus, send, silent, unanswered};
-use oqtal_operator::{ControlReport, CtlRequest, request_of};
-use oqtal_runtime::process::{Exit, Failure, instance_paths};
+use oqtal_operator::request::{place, running_bus, silent};
+use oqtal_operator::{AddressedInstance, CtlRequest, execute as execute_request};
+use oqtal_runtime::process::{Exit, Failure, instance_paths, place_settings};
 use oqtal_runtime::program::{print, say};
 
 use crate::daemon_config::daemon_config;
@@ -51,7 +50,9 @@ const HOVER_S: f64 = 6.0;
 /// tuned (64), or a file cannot be written (71).
 pub fn execute(args: &TuneArgs) -> Result<Exit, Failure> {
     let search = (&args.budget(), args.weights()?, &*args.options());
-    let paths = instance_paths(&Config::from_settings(&args.live.settings())?)?;
+    let LiveArgs { instance, root, apply, .. } = &args.live;
+    let place: Vec<_> = place_settings(instance.as_deref(), root.as_deref()).collect();
+    let paths = instance_paths(&Config::from_settings(&place)?)?;
     let bus = running_bus(&paths)?;
     let config = daemon_config(&paths).ok_or_else(|| silent(&paths))?;
     let present = present_settings(&bus)?;
@@ -73,14 +74,14 @@ pub fn execute(args: &TuneArgs) -> Result<Exit, Failure> {
     let found = live::tune(&flight, &present, search, &Progress::default())?;
     files.write(&found, &config)?;
     let tuned = &found.tuned;
-    match (tuned.objective < tuned.start, args.live.apply) {
+    match (tuned.objective < tuned.start, *apply) {
         (false, _) => Ok(Exit::Ok),
         (true, false) => propose(tuned, &paths),
         (true, true) if present_settings(&bus)? != present => Err(Failure::new(
             Exit::Flight,
             "settings were changed during the search; nothing was applied, repeat the command",
         )),
-        (true, true) => apply(tuned, (&bus, &config), before_m),
+        (true, true) => apply_gains(tuned, (&bus, &config), before_m),
     }
 }
 
@@ -152,7 +153,11 @@ fn propose(tuned: &Tuned, paths: &InstancePaths) -> Result<Exit, Failure> {
 }
 
 /// Changes the gains in flight, and prints the error of a hover with them and before, `before_m` \[m\].
-fn apply(tuned: &Tuned, (bus, config): (&Bus, &Config), before_m: f64) -> Result<Exit, Failure> {
+fn apply_gains(
+    tuned: &Tuned,
+    (bus, config): (&Bus, &Config),
+    before_m: f64,
+) -> Result<Exit, Failure> {
     // The ticks of the time of the search were overwritten.
     let mut hover = ObservedHover::open(bus, config)?;
     hover.follow(FIRST_TICK_S, None)?;
@@ -181,12 +186,10 @@ fn present_settings(bus: &Bus) -> Result<Vec<Setting>, Failure> {
     Ok(settings)
 }
 
-/// Sends a command of an operator; it must not be refused.
+/// Makes a request of an operator; it must not be refused.
 fn ask(bus: &Bus, command: CtlRequest, arguments: &[String]) -> Result<(), Failure> {
-    let response = send(bus, request_of(command, arguments)?, None)?;
-    let response = response.ok_or_else(|| unanswered(bus))?;
-    let report = ControlReport::new(command.command(), &response, InstanceStatus::default());
-    report.check(&response, None)
+    let address = AddressedInstance::at(bus.paths());
+    execute_request(&address, (command, arguments), None, |request| request).map(drop)
 }
 
 /// Flies the excitation from where the vehicle is, and records it into `file`.

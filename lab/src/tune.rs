@@ -90,17 +90,6 @@ pub struct LiveArgs {
     pub root: Option<PathBuf>,
 }
 
-impl LiveArgs {
-    /// The instance as settings.
-    pub fn settings(&self) -> Vec<Setting> {
-        let name = self.instance.as_deref();
-        let name = name.map(|name| Setting::flag("--instance", "instance.name", name));
-        let root = self.root.as_ref().map(|root| root.display().to_string());
-        let root = root.map(|root| Setting::flag("--root", "instance.root", root));
-        name.into_iter().chain(root).collect()
-    }
-}
-
 impl TuneArgs {
     /// Tunes, and writes a configuration with the tuned gains for each law.
     ///

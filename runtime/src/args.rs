@@ -1,6 +1,6 @@
 //! Command line common to all processes.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 use oqtal_config::{ConfigError, Setting};
@@ -42,15 +42,20 @@ impl CommonArgs {
 
     /// `settings`, followed by the flags that name the instance.
     fn with_place(&self, mut settings: Vec<Setting>) -> Vec<Setting> {
-        if let Some(name) = &self.instance {
-            settings.push(Setting::flag("--instance", "instance.name", name.clone()));
-        }
-        if let Some(root) = &self.root {
-            let root = root.display().to_string();
-            settings.push(Setting::flag("--root", "instance.root", root));
-        }
+        settings.extend(place_settings(self.instance.as_deref(), self.root.as_deref()));
         settings
     }
+}
+
+/// The flags that name an instance and the directory of its files, as settings.
+pub fn place_settings(
+    instance: Option<&str>,
+    root: Option<&Path>,
+) -> impl Iterator<Item = Setting> {
+    let name = instance.map(|name| Setting::flag("--instance", "instance.name", name));
+    let root = root.map(|root| root.display().to_string());
+    let root = root.map(|root| Setting::flag("--root", "instance.root", root));
+    name.into_iter().chain(root)
 }
 
 /// Settings of a command that flies a simulated vehicle, or checks the configuration for one.

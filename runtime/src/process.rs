@@ -15,7 +15,7 @@ use crate::service;
 use crate::stop::StopFlag;
 use crate::watches::Watches;
 
-pub use crate::args::{CommonArgs, PlantKeyArgs, ProcessCommand, SettingArgs};
+pub use crate::args::{CommonArgs, PlantKeyArgs, ProcessCommand, SettingArgs, place_settings};
 pub use crate::context::{ProcessContext, check_instance, instance_paths, paths_of, roles};
 pub use crate::exit::{Exit, Failure};
 

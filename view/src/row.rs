@@ -130,26 +130,19 @@ mod tests {
 
     #[test]
     fn the_hops_of_a_row_add_up_to_the_whole() {
-        let [
-            captured_at,
-            pose_published_at,
-            woken_at,
-            command_published_at,
-            received_at,
-            applied_at,
-        ] = [1, 2, 4, 7, 8, 9].map(|millis| Time::VIRTUAL_START + Span::from_millis(millis));
+        let at = |millis| Time::VIRTUAL_START + Span::from_millis(millis);
         let stamps = Stamps {
-            captured_at,
-            pose_published_at,
-            woken_at,
-            command_published_at,
-            received_at,
-            applied_at,
+            captured_at: at(1),
+            pose_published_at: at(2),
+            woken_at: at(4),
+            command_published_at: at(7),
+            received_at: at(8),
+            applied_at: at(9),
             ..Stamps::default()
         };
         let header = Header { stamps, ..Header::default() };
         let message = VehicleV1 { wire_ns: 1_000_000, air_ns: 17_000_000, ..VehicleV1::default() };
-        let row = vehicle(applied_at, (&header, &message), |_| 0.0);
+        let row = vehicle(at(9), (&header, &message), |_| 0.0);
         let whole = VEHICLE_COLUMNS.iter().position(|name| *name == "whole").unwrap();
         assert_eq!((row[1..whole].iter().sum::<f64>(), row[whole]), (26.0, 26.0));
     }
