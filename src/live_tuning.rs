@@ -60,6 +60,7 @@ pub fn execute(args: &TuneArgs) -> Result<Exit, Failure> {
     let mut hover = ObservedHover::open(&bus, &config)?;
     hover.follow(FIRST_TICK_S, None)?;
     let files = LiveTuningFiles::begin(args, law)?;
+    tell_on_interrupt(&paths)?;
 
     say(&format!("oqtal: stops, and measures the error of its hover for {HOVER_S} s"));
     ask(&bus, CtlRequest::Hover, &[])?;
@@ -83,6 +84,20 @@ pub fn execute(args: &TuneArgs) -> Result<Exit, Failure> {
         )),
         (true, true) => apply_gains(tuned, (&bus, &config), before_m),
     }
+}
+
+/// Tells the operator on a signal that the vehicle flies on, and ends the command.
+fn tell_on_interrupt(paths: &InstancePaths) -> Result<(), Failure> {
+    let place = place(paths);
+    let text = format!(
+        "oqtal: interrupted; the vehicle flies on: `oqtal ctl hover {place}` or `oqtal ctl land {place}`"
+    );
+    let handler = move || {
+        say(&text);
+        std::process::exit(i32::from(Exit::Flight as u8));
+    };
+    ctrlc::set_handler(handler)
+        .map_err(|e| Failure::new(Exit::System, format!("handling signals failed: {e}")))
 }
 
 /// The files of the results.

@@ -1,5 +1,7 @@
 //! Settings that change while the daemon runs: which may, the configuration with them, and differences between configurations.
 
+use std::path::PathBuf;
+
 use toml::{Table, Value};
 
 use crate::config::{Config, DEFAULTS, deserialize};
@@ -70,6 +72,22 @@ impl Config {
                 "`{key}`: cannot change while the daemon runs; restart {process} with it"
             ))),
         }
+    }
+
+    /// The configuration of `files` as they are now, with the settings of this one that are from none of them: those of flags, of the
+    /// environment, and the instance.
+    ///
+    /// # Errors
+    /// As [`Config::load`].
+    pub fn reread(&self, files: &[PathBuf]) -> Result<Self, ConfigError> {
+        let mut settings = Vec::new();
+        for file in files {
+            settings.extend(Self::file_settings(file)?);
+        }
+        // Processes of several instances may read one file.
+        settings.retain(|setting| !setting.is_of_instance());
+        settings.extend(self.origins.apart_from(files));
+        Self::from_settings(&settings)
     }
 
     /// The value of the dotted key `key`, or of a section, as TOML on one line; `None` if there is none.

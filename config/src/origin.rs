@@ -1,9 +1,12 @@
 //! Origins of the values of the configuration.
 
+use std::path::PathBuf;
+
 use oqtal_control::options::OptionError;
 
 use crate::error::ConfigError;
 use crate::follow::followed_by;
+use crate::preset::PRESET;
 use crate::setting::Setting;
 
 /// Origin of a value that no setting changed.
@@ -37,8 +40,17 @@ impl Origins {
 
     /// The file of each setting that is from a file; files may repeat.
     pub(crate) fn files(&self) -> impl Iterator<Item = &str> {
-        // The origin of a setting in a file is FILE:LINE.
-        self.settings.iter().filter_map(|setting| Some(setting.origin.rsplit_once(':')?.0))
+        self.settings.iter().filter_map(Setting::file)
+    }
+
+    /// The settings that are from none of `files` nor from a preset, and those of the instance.
+    pub(crate) fn apart_from(&self, files: &[PathBuf]) -> Vec<Setting> {
+        let is_read = |file: &str| {
+            file.starts_with(PRESET) || files.iter().any(|path| path.display().to_string() == file)
+        };
+        let is_apart =
+            |setting: &&Setting| setting.is_of_instance() || !setting.file().is_some_and(is_read);
+        self.settings.iter().filter(is_apart).cloned().collect()
     }
 
     /// Adds to `error` the origin of the setting that broke the rule: the first one after the longest prefix of the settings for

@@ -6,6 +6,9 @@ use crate::error::ConfigError;
 use crate::layer::from_toml;
 use crate::setting::Setting;
 
+/// Beginning of the file names of presets in origins.
+pub(crate) const PRESET: &str = "preset ";
+
 /// A preset.
 struct Preset {
     /// Key that selects it.
@@ -63,7 +66,7 @@ pub(crate) fn named_by(settings: &[Setting]) -> Result<Vec<Setting>, ConfigError
     for Preset { key, name, text } in PRESETS {
         let last = settings.iter().rev().find(|setting| setting.key == key);
         if last.is_some_and(|setting| setting.value.as_str() == Some(name)) {
-            found.extend(from_toml(&format!("preset {name}"), text)?);
+            found.extend(from_toml(&format!("{PRESET}{name}"), text)?);
         }
     }
     Ok(found)

@@ -70,6 +70,17 @@ impl Setting {
         Ok(())
     }
 
+    /// Whether the setting says which instance a process belongs to.
+    pub fn is_of_instance(&self) -> bool {
+        self.key.starts_with("instance.")
+    }
+
+    /// File of the setting; `None` if it is from another source.
+    pub(crate) fn file(&self) -> Option<&str> {
+        // The origin is FILE:LINE.
+        Some(self.origin.rsplit_once(':')?.0)
+    }
+
     /// Error of this setting, with a reason.
     pub(crate) fn refused(&self, reason: &str) -> ConfigError {
         ConfigError { origin: self.origin.clone(), reason: format!("`{}`: {reason}", self.key) }

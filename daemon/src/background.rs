@@ -126,10 +126,11 @@ impl BackgroundWorker for DaemonWorker {
 }
 
 fn log_event(event: &EventV1) {
-    let EventV1 { program, user, process, text, point: [x, y, z], .. } = event;
+    let EventV1 { program, user, process, text, point: [x, y, z], yaw, .. } = event;
     let Some(command) = OperatorCommand::from_code(event.command) else { return };
     let what = match command {
-        OperatorCommand::Goto => format!("{command} {x} {y} {z}"),
+        OperatorCommand::Goto if yaw.is_nan() => format!("{command} {x} {y} {z}"),
+        OperatorCommand::Goto => format!("{command} {x} {y} {z}, yaw {} deg", yaw.to_degrees()),
         _ => format!("{command} {}", text.as_str().replace('\n', " ")).trim_end().to_owned(),
     };
     let pid = Origin::from_bits(*process).process();

@@ -257,31 +257,25 @@ impl LiveSettings {
 
     /// Changes the settings `KEY=VALUE` in the lines of `text`.
     fn set(&self, text: LongText) -> Result<PreparedChange, Refusal> {
-        let lines = text.as_str().lines();
-        let settings: Vec<_> =
-            lines.map(|line| Setting::parse(ORIGIN, line)).collect::<Result<_, _>>()?;
+        let settings = assignments(&text)?;
         if settings.is_empty() {
             return Err(Refusal::of_setting("no KEY=VALUE given"));
         }
         self.settings(self.present.with_live(&settings)?, text, false)
     }
 
-    /// Changes the settings that differ in the file `path`. Without one, takes the changes in flight back and reads the daemon's files
-    /// as they are now; a key that was in a file at the start, and no longer is, keeps its value.
+    /// Changes the settings that differ in the file `path`. Without one, takes the changes in flight back, and changes the settings
+    /// for which the daemon's files are no longer as at its start; flags keep precedence over the files.
     fn reload(&self, path: &str) -> Result<PreparedChange, Refusal> {
-        let named = [PathBuf::from(path)];
-        let files = if path.is_empty() { &self.files[..] } else { &named };
-        if files.is_empty() {
+        let next = if !path.is_empty() {
+            let mut settings = Config::file_settings(Path::new(path))?;
+            settings.retain(|setting| !setting.is_of_instance());
+            self.present.with_live(&settings)?
+        } else if self.files.is_empty() {
             return Err(Refusal::of_setting("the daemon was started without a file; name one"));
-        }
-        let mut settings = Vec::new();
-        for file in files {
-            settings.extend(Config::file_settings(Path::new(file))?);
-        }
-        // Processes of several instances may read one file; the instance is that of the start.
-        settings.retain(|setting| !setting.key.starts_with("instance."));
-        let base = if path.is_empty() { &self.started } else { &self.present };
-        let next = base.with_live(&settings)?;
+        } else {
+            self.started.reread(&self.files)?
+        };
         let changed = self.present.differences(&next).map_err(Refusal::of_setting)?;
         let Some(text) = LongText::of_lines(changed.iter().map(String::as_str)) else {
             let reason = format!("{} settings differ, too many for one request", changed.len());
@@ -290,6 +284,8 @@ impl LiveSettings {
         if changed.is_empty() {
             return Err(Refusal::of_setting("no setting differs"));
         }
+        // Only keys that may change in flight.
+        self.present.with_live(&assignments(&text)?)?;
         self.settings(next, text, false)
     }
 
@@ -329,6 +325,11 @@ impl LiveSettings {
         );
         Err(Refusal { cause: Cause::Fence, reason })
     }
+}
+
+/// The settings in the lines of `text`.
+fn assignments(text: &LongText) -> Result<Vec<Setting>, ConfigError> {
+    text.as_str().lines().map(|line| Setting::parse(ORIGIN, line)).collect()
 }
 
 /// The limits of a leg by `[reference]`.

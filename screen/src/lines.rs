@@ -33,7 +33,7 @@ fn line(label: &'static str, text: impl Into<String>, weight: Weight) -> StatusL
 pub fn status(model: &InstanceModel) -> Vec<StatusLine> {
     vec![
         state(model),
-        faults(model),
+        problems(model),
         mode(model),
         vehicle(model),
         poses(model),
@@ -170,8 +170,8 @@ fn processes(model: &InstanceModel) -> StatusLine {
     line("process", text, if any_silent { Weight::Warning } else { Weight::Plain })
 }
 
-/// Present faults of processes, vehicle and observation.
-fn faults(model: &InstanceModel) -> StatusLine {
+/// Present problems of processes, vehicle and observation; injected faults are no problems of the instance.
+fn problems(model: &InstanceModel) -> StatusLine {
     let mut found = Vec::new();
     for process in model.processes() {
         let name = process.role.name();
@@ -199,7 +199,7 @@ fn faults(model: &InstanceModel) -> StatusLine {
     }
     let weight = if found.is_empty() { Weight::Good } else { Weight::Alarm };
     let text = if found.is_empty() { "none".to_owned() } else { found.join(", ") };
-    line("faults", text, weight)
+    line("problems", text, weight)
 }
 
 /// Table of latencies: a heading, the sum of all hops, then every hop.

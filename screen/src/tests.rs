@@ -106,7 +106,7 @@ fn a_flight_is_seen_whole_in_80_by_24() {
     for expected in [
         "oqtal monitor: lab",
         "state     Nominal",
-        "faults    none",
+        "problems  none",
         "mode      flying, mission 12.3 s",
         "simulated, answers, motors running, battery 11.4 V, link quality 98 %",
         "age 15.2 ms; lost 0, refused 0",
