@@ -106,7 +106,7 @@ fn f15_a_stop_bypasses_a_daemon_that_continues_to_command_flight() {
     let (mut flight, mut commander) = airborne("stop");
     flight.vehicle.clear_log();
     let stop = flight.testbed.oqtal(&["ctl", "stop", "--json"]);
-    let mut stop = Running::start(&mut { stop });
+    let stop = Running::start(&mut { stop });
     let vehicle = &flight.vehicle;
     commander.until("motors to stop", stick(0.2), || (!vehicle.log().motors_run).then_some(()));
     commander.until("the operator's answer", stick(0.2), || (!stop.runs()).then_some(()));

@@ -189,7 +189,7 @@ fn f68_processes_killed_between_removals_of_their_files_start_again_and_stop() {
             remove_something(&testbed, &mut random);
             let stop = testbed.oqtal(&["ctl", "stop"]).output().unwrap();
             // After an earlier loss the vehicle's process may just have left, with its motors off.
-            let has_left = !running[0].as_mut().is_some_and(Running::runs);
+            let has_left = !running[0].as_ref().is_some_and(Running::runs);
             assert!(stop.status.success() || has_left, "{number}: {}", stderr(&stop));
             let which = random.below(4) as usize;
             let victims = if which < 3 { which..which + 1 } else { 0..3 };

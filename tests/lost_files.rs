@@ -132,7 +132,7 @@ fn f69_a_flight_continues_and_stops_after_all_shared_words_were_shortened() {
     let testbed = Testbed::new("shortened");
     let bus = testbed.bus();
     let mut telemetry = bus.observer(&TELEMETRY).unwrap();
-    let mut processes = testbed.services();
+    let processes = testbed.services();
     testbed.take_off(&bus);
     while telemetry.receive().unwrap().is_some() {}
     let words: Vec<_> = fs::read_dir(testbed.paths().directory().join("shared")).unwrap().collect();
@@ -150,7 +150,7 @@ fn f69_a_flight_continues_and_stops_after_all_shared_words_were_shortened() {
             (ticks > 60).then_some(())
         });
     }
-    assert!(processes.iter_mut().all(Running::runs));
+    assert!(processes.iter().all(Running::runs));
     let stop = testbed.oqtal(&["ctl", "stop"]).output().unwrap();
     assert_eq!(stop.status.code(), Some(0), "{}", stderr(&stop));
 }
@@ -162,14 +162,14 @@ fn f71_eight_recorders_started_first_leave_the_places_of_a_flight() {
         let out = testbed.path(&format!("{number}.mcap")).display().to_string();
         testbed.start(&["record", "--out", &out])
     };
-    let mut recorders: Vec<_> = (0..8).map(record).collect();
+    let recorders: Vec<_> = (0..8).map(record).collect();
     wait_for("four refusals", || {
-        let running = recorders.iter_mut().filter_map(|recorder| recorder.runs().then_some(()));
+        let running = recorders.iter().filter_map(|recorder| recorder.runs().then_some(()));
         (running.count() == 4).then_some(())
     });
     let (running, refused): (Vec<_>, Vec<_>) = recorders
         .into_iter()
-        .map(|mut recorder| (recorder.runs(), recorder))
+        .map(|recorder| (recorder.runs(), recorder))
         .partition(|(runs, _)| *runs);
     for (_, recorder) in refused {
         let output = recorder.wait();

@@ -22,6 +22,7 @@ use crate::mismatch::{OpenError, Trouble};
 use crate::paths::InstancePaths;
 use crate::port::{RawReader, RawWriter};
 use crate::ports::Port;
+use crate::time::{Span, Time};
 use crate::topic::{CONTROL, TopicSpec};
 
 /// Maximum number of processes (nodes of iceoryx2) in one instance.
@@ -30,6 +31,10 @@ const MAX_NODES: usize = 24;
 const MAX_CLIENTS: usize = 8;
 /// Time-out of the clean-up after a dead process; the next process that joins completes it.
 const CLEANUP_TIMEOUT: Duration = Duration::from_millis(500);
+/// Longest time from the loss of a killed process's memory to that of its locks.
+const LONGEST_END: Span = Span::from_millis(1000);
+/// Period of the checks whether a killed process has ended.
+const END_POLL_PERIOD: Duration = Duration::from_millis(5);
 
 type TopicService = publish_subscribe::PortFactory<ipc::Service, [u8], Header>;
 type ControlService = request_response::PortFactory<ipc::Service, [u8], (), [u8], ()>;
@@ -144,6 +149,20 @@ impl InstanceNode {
         Ok(port)
     }
 
+    /// Process id of the writer of a topic; `None` without one. The end of a killed process is awaited for [`LONGEST_END`].
+    fn lasting_writer(&self, service: &TopicService) -> Option<u32> {
+        let began = Time::now();
+        loop {
+            let pid = writer(service)?;
+            let is_ending = command_line(pid)[0].is_empty();
+            if !is_ending || Time::now().since(began) > LONGEST_END {
+                return Some(pid);
+            }
+            self.node().blocking_cleanup_dead_nodes(CLEANUP_TIMEOUT);
+            std::thread::sleep(END_POLL_PERIOD);
+        }
+    }
+
     fn topic(&self, lock: &InstanceLock<'_>, topic: &TopicSpec) -> Result<TopicService, BusError> {
         let (name, verifier) = (service_name(topic.name)?, schema_attribute(topic.schema)?);
         self.open(lock, topic.name, || {
@@ -179,7 +198,15 @@ impl OpenPorts for InstanceNode {
     fn writer(&self, topic: &TopicSpec) -> Result<Box<dyn RawWriter>, BusError> {
         let lock = self.membership.lock()?;
         let service = self.topic(&lock, topic)?;
-        let created = service.publisher_builder().initial_max_slice_len(topic.size).create();
+        let create = || service.publisher_builder().initial_max_slice_len(topic.size).create();
+        let created = match create() {
+            Err(PublisherCreateError::ExceedsMaxSupportedPublishers)
+                if self.lasting_writer(&service).is_none() =>
+            {
+                create()
+            }
+            created => created,
+        };
         let publisher = created.map_err(|error| match error {
             PublisherCreateError::ExceedsMaxSupportedPublishers => BusError::Held {
                 topic: topic.name,
@@ -193,7 +220,7 @@ impl OpenPorts for InstanceNode {
 
     fn holder(&self, topic: &TopicSpec) -> Result<Option<String>, BusError> {
         let lock = self.membership.lock()?;
-        Ok(writer(&self.topic(&lock, topic)?).map(command_of))
+        Ok(self.lasting_writer(&self.topic(&lock, topic)?).map(command_of))
     }
 
     fn reader(
@@ -273,6 +300,9 @@ fn pid_of(node: &UniqueNodeId) -> u32 {
 /// Process id, program and first argument of a process, as in "`oqtal record` (123)".
 fn command_of(pid: u32) -> String {
     let words = command_line(pid).map(|word| word.rsplit('/').next().unwrap_or("").to_owned());
+    if words[0].is_empty() {
+        return format!("a process that is ending ({pid})");
+    }
     format!("`{}` ({pid})", words.join(" ").trim_end())
 }
 

@@ -60,8 +60,10 @@ const DEVIATION_S: f64 = 2.0;
 const COMMANDS_LIMIT: f64 = 2.5;
 /// Time without a rotation that shows whether poses follow the gyroscope, after which the heading oscillates \[s\].
 const UNCONFIRMED_S: f64 = 1.0;
-/// Time in the air after which rotations by commands are compared \[s\].
+/// Time in the air after which rotations by commands are compared, and the deviation from those of a gyroscope is known \[s\].
 const SETTLED_S: f64 = 2.5;
+/// Limit before that time over the one after it \[-\]: the noise of the poses may be greater than told.
+const EARLY_LIMIT: f64 = 1.5;
 /// Deviation between rotations that agree, over the told noise, until it is measured \[-\].
 const TOLD_SHARE: f64 = 1.5;
 /// Evidence, as a share of its limit, above which no noise is learned \[-\].
@@ -248,11 +250,15 @@ impl PoseConsistency {
         let least = LEAST_DEVIATION_RAD.max(NOISE_SHARE * noise.attitude_rad);
         let variance = self.deviation.mean().max(least * least);
         let sum = self.response.take((&seen, &driven), &response_limit, variance, dt_s);
-        let limit = if self.by_gyroscope { self.limit } else { COMMANDS_LIMIT * self.limit };
+        let share = match self.by_gyroscope {
+            true if self.airborne_s < SETTLED_S => EARLY_LIMIT,
+            true => 1.0,
+            false => COMMANDS_LIMIT,
+        };
         let needed = !self.by_gyroscope || self.response.unconfirmed_s() > UNCONFIRMED_S;
         let angles = (seen.z, driven.z);
         let heading = self.heading.take(needed, angles, noise.attitude_rad, (t_s, dt_s));
-        self.evidence.response = heading.max(sum / limit);
+        self.evidence.response = heading.max(sum / (share * self.limit));
         if self.evidence.response > QUIET {
             self.deviation.discard();
         }

@@ -197,9 +197,9 @@ impl Running {
         self::signal(self.id(), signal);
     }
 
-    /// Whether the process is still running.
-    pub fn runs(&mut self) -> bool {
-        matches!(self.child.as_mut().unwrap().try_wait(), Ok(None))
+    /// Whether the process is still running. One that has ended is not reaped: it can still be signalled.
+    pub fn runs(&self) -> bool {
+        is_alive(self.id())
     }
 
     pub fn wait(mut self) -> Output {

@@ -110,7 +110,7 @@ fn links_of_another_user_are_not_followed() {
     let words = Path::new("/dev/shm").join(format!("{}command.count", testbed.paths().prefix()));
     std::os::unix::fs::symlink(&kept, &words).unwrap();
     let mut daemon = testbed.oqtal(&["plant-sim", "run"]);
-    let mut plant = Running::start(&mut daemon);
+    let plant = Running::start(&mut daemon);
     // The first process to join removes the link without writing through it.
     wait_for("the start or the refusal", || {
         (std::fs::symlink_metadata(&words).is_err() || !plant.runs()).then_some(())

@@ -65,8 +65,9 @@ impl ResponseTest {
             let square = driven * driven;
             let unseen = limit.share * square - limit.margin * variance;
             let weight = (square / (LARGE_RAD * LARGE_RAD)).clamp(1.0, GREATEST_WEIGHT);
-            let weight = weight * counts / (variance + square);
-            self.sums[axis] = (self.sums[axis] + (unseen - seen * driven) * weight).max(0.0);
+            // An outlier of the poses is one sample.
+            let sample = ((unseen - seen * driven) / (variance + square)).clamp(-0.7, 1.0);
+            self.sums[axis] = (self.sums[axis] + sample * weight * counts).max(0.0);
         }
         self.sums.max()
     }
@@ -74,5 +75,18 @@ impl ResponseTest {
     /// Time since the poses were last found to follow the vehicle \[s\].
     pub(super) fn unconfirmed_s(&self) -> f64 {
         self.unconfirmed_s
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_outlier_of_the_poses_is_one_sample() {
+        let mut test = ResponseTest::default();
+        let (seen, driven) = (Vector3::z() * -0.07, Vector3::z() * 0.009);
+        let sum = test.take((&seen, &driven), &ResponseLimit::GYROSCOPE, 2e-5, 1.0 / 60.0);
+        assert!((0.5..=1.0).contains(&sum), "{sum}");
     }
 }
