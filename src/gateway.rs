@@ -10,18 +10,21 @@ mod udp;
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 
 use clap::{Args, Subcommand, ValueEnum};
 use oqtal_bus::bus::Bus;
 use oqtal_bus::message::{ReferenceV1, Stamps};
+use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::port::Writer;
-use oqtal_bus::time::Time;
+use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::REFERENCE;
 use oqtal_bus::transport::{Publish, Transport};
 use oqtal_config::Config;
 use oqtal_operator::{AddressedInstance, CtlRequest};
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths, stop_on_signals};
 use oqtal_runtime::program::say;
+use oqtal_runtime::stop::StopFlag;
 
 use protocol::{Content, GatewayReply};
 use socket::{GatewaySocket, Received, Sender, UnixGateway};
@@ -29,6 +32,10 @@ use udp::{GatewayKey, UdpGateway};
 
 /// Name of the socket in the directory of the instance.
 const SOCKET: &str = "gateway.sock";
+/// Number of requests, and of stops, that may wait for their execution.
+const QUEUE: usize = 64;
+/// Time after the loss of files for which programs can still reach the processes that land.
+const LONGEST_LOSS: Span = Span::from_millis(10_000);
 
 /// `oqtal gateway`.
 #[derive(Subcommand, Debug)]
@@ -65,23 +72,43 @@ impl GatewayCommand {
         let paths = instance_paths(&config)?;
         paths.become_owner()?;
         let bus = Bus::open(&paths)?;
-        let mut socket: Box<dyn GatewaySocket> = match udp.zip(key) {
+        let socket: Box<dyn GatewaySocket> = match udp.zip(key) {
             Some((address, key)) => Box::new(UdpGateway::bind(address, key)?),
             None => Box::new(UnixGateway::bind(&paths.directory().join(SOCKET))?),
         };
         say(&format!("oqtal: gateway at {}; Ctrl-C ends", socket.address()));
-        let mut gateway = Gateway { bus, references: None };
-        let mut datagram = vec![0; protocol::LONGEST_DATAGRAM];
-        while !stop.is_set() {
-            let Some(Received { content, sender }) = socket.receive(&mut datagram)? else {
-                continue;
+        std::thread::scope(|threads| {
+            let (socket, paths) = (&*socket, &paths);
+            let execute_all = |requests: Receiver<GatewayRequest>| {
+                requests.into_iter().for_each(|request| request.execute(paths, socket));
             };
-            let reply = gateway.serve(&datagram[content], &sender);
-            if let Some(reply) = reply {
-                socket.reply(&sender, &reply.to_json());
-            }
-        }
+            let [(stops, to_stop), (others, to_answer)] = [(); 2].map(|()| sync_channel(QUEUE));
+            // A request waits for a daemon that hangs: a stop does not wait for it.
+            threads.spawn(move || execute_all(to_stop));
+            threads.spawn(move || execute_all(to_answer));
+            let references = None;
+            Gateway { bus, references, stops, others, whole_at: Time::now() }.run(socket, &stop)
+        })?;
         Ok(Exit::Ok)
+    }
+}
+
+/// A request of a program.
+struct GatewayRequest {
+    command: CtlRequest,
+    arguments: Vec<String>,
+    sender: Sender,
+}
+
+impl GatewayRequest {
+    /// Executes the request to the instance at `paths`, and replies.
+    fn execute(self, paths: &InstancePaths, socket: &dyn GatewaySocket) {
+        let Self { command, arguments, sender } = self;
+        let address = AddressedInstance::at(paths);
+        let sign = |request| sender.sign(request);
+        let result = oqtal_operator::execute(&address, (command, &arguments), None, sign);
+        let refused = |failure: Failure| GatewayReply::refused(failure.message);
+        socket.reply(&sender, &result.map_or_else(refused, GatewayReply::done).to_json());
     }
 }
 
@@ -90,26 +117,68 @@ struct Gateway {
     bus: Bus,
     /// Opened with the first reference: the topic has one writer.
     references: Option<Writer<ReferenceV1>>,
+    stops: SyncSender<GatewayRequest>,
+    others: SyncSender<GatewayRequest>,
+    /// Instant at which the files of the instance were last found.
+    whole_at: Time,
 }
 
 impl Gateway {
-    /// Executes a datagram; `None` for a reference that was passed on, which has no reply.
-    fn serve(&mut self, datagram: &[u8], sender: &Sender) -> Option<GatewayReply> {
+    /// Serves `socket` until `stop` is set.
+    ///
+    /// # Errors
+    /// Files of the instance were lost, or the operating system refuses (exit code 71).
+    fn run(&mut self, socket: &dyn GatewaySocket, stop: &StopFlag) -> Result<(), Failure> {
+        let mut datagram = vec![0; protocol::LONGEST_DATAGRAM];
+        while !stop.is_set() {
+            self.require_files()?;
+            let Some(Received { content, sender }) = socket.receive(&mut datagram)? else {
+                continue;
+            };
+            if let Err((sender, reason)) = self.serve(&datagram[content], sender) {
+                socket.reply(&sender, &GatewayReply::refused(reason).to_json());
+            }
+        }
+        Ok(())
+    }
+
+    /// Fails if the instance's files have been lost for longer than a landing: other processes use those of its next run.
+    fn require_files(&mut self) -> Result<(), Failure> {
+        let now = Time::now();
+        if !self.bus.is_lost() {
+            self.whole_at = now;
+        }
+        if now.since(self.whole_at) < LONGEST_LOSS {
+            return Ok(());
+        }
+        let directory = self.bus.paths().directory();
+        let reason =
+            "files of the instance were removed; start its processes and the gateway again";
+        Err(Failure::new(Exit::System, format!("{}: {reason}", directory.display())))
+    }
+
+    /// Executes a datagram, or passes it to the thread that replies; the sender and the reason of a refusal otherwise.
+    fn serve(&mut self, datagram: &[u8], sender: Sender) -> Result<(), (Sender, String)> {
         let content = match protocol::parse(datagram, Time::now()) {
             Ok(content) => content,
-            Err(reason) => return Some(GatewayReply::refused(reason)),
+            Err(reason) => return Err((sender, reason)),
         };
-        let result = match content {
-            Content::Reference(reference) => match self.publish(*reference) {
-                Ok(()) => return None,
-                Err(failure) => Err(failure),
-            },
-            Content::Request { command, arguments } => self.request(&command, &arguments, sender),
+        let (command, arguments) = match content {
+            Content::Reference(reference) => {
+                return self.publish(*reference).map_err(|failure| (sender, failure.message));
+            }
+            Content::Request { command, arguments } => (command, arguments),
         };
-        Some(
-            result
-                .map_or_else(|failure| GatewayReply::refused(failure.message), GatewayReply::done),
-        )
+        let command = match CtlRequest::from_str(&command, false) {
+            Ok(command) => command,
+            Err(reason) => return Err((sender, reason)),
+        };
+        let thread = if command == CtlRequest::Stop { &self.stops } else { &self.others };
+        let request = GatewayRequest { command, arguments, sender };
+        thread.try_send(request).map_err(|error| {
+            let (TrySendError::Full(request) | TrySendError::Disconnected(request)) = error;
+            (request.sender, format!("{QUEUE} requests wait for the daemon already"))
+        })
     }
 
     fn publish(&mut self, reference: ReferenceV1) -> Result<(), Failure> {
@@ -119,18 +188,5 @@ impl Gateway {
         };
         writer.send(0, Stamps::default(), reference)?;
         Ok(())
-    }
-
-    fn request(
-        &self,
-        command: &str,
-        arguments: &[String],
-        sender: &Sender,
-    ) -> Result<String, Failure> {
-        let known = CtlRequest::from_str(command, false);
-        let command = known.map_err(|reason| Failure::new(Exit::Usage, reason))?;
-        let address = AddressedInstance::at(self.bus.paths());
-        let sign = |request| sender.sign(request);
-        oqtal_operator::execute(&address, (command, arguments), None, sign)
     }
 }

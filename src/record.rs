@@ -5,14 +5,13 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::Args;
-use oqtal_bus::bus::Bus;
 use oqtal_bus::message::EventV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Role, Sample};
 use oqtal_config::Config;
+use oqtal_observe::instance_observer::InstanceObserver;
 use oqtal_observe::kernel::ThreadScheduling;
 use oqtal_observe::law_query::changed_before;
-use oqtal_observe::observer::BusObserver;
 use oqtal_observe::recording::{Facts, McapRecorder, RecordingPlan, RecordingResult};
 use oqtal_observe::sink::{Reception, Sink, Tee};
 use oqtal_operator::request::silent;
@@ -67,13 +66,12 @@ impl RecordArgs {
             }
             None => given,
         };
-        let bus = Bus::open(&place)?.for_observer();
+        let observer = InstanceObserver::open(&place, &McapRecorder::topics(&config))?;
         if self.attach {
-            require_daemon(&bus, "record without --attach")?;
+            require_daemon(observer.bus(), "record without --attach")?;
         }
-        let observer = BusObserver::open(&bus, &McapRecorder::topics(&config))?;
         // The file exists once the recorder has all its places.
-        let changed = changed_before(&bus);
+        let changed = changed_before(observer.bus());
         let recorder = self.begin(&config)?;
         let (result, lost) = self.record(&config, (observer, recorder, changed), &stop)?;
         conclude(&result, lost)
@@ -105,7 +103,7 @@ impl RecordArgs {
     fn record(
         &self,
         config: &Config,
-        parts: (BusObserver, McapRecorder, Option<EventV1>),
+        parts: (InstanceObserver, McapRecorder, Option<EventV1>),
         stop: &StopFlag,
     ) -> Result<(RecordingResult, u64), Failure> {
         let (mut observer, mut recorder, changed) = parts;

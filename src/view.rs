@@ -8,12 +8,11 @@ use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use clap::Args;
-use oqtal_bus::bus::Bus;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::Time;
 use oqtal_config::Config;
+use oqtal_observe::instance_observer::InstanceObserver;
 use oqtal_observe::law_query::LawQuery;
-use oqtal_observe::observer::BusObserver;
 use oqtal_observe::recording::recording_path;
 use oqtal_operator::require_daemon;
 use oqtal_runtime::health::SILENCE;
@@ -93,9 +92,9 @@ impl ViewArgs {
         let paths = instance_paths(&config)?;
         paths.become_owner()?;
         let stop = stop_on_signals()?;
-        let bus = Bus::open(&paths)?.for_observer();
+        let observer = InstanceObserver::open(&paths, &LiveView::topics())?;
         if !self.wait {
-            require_daemon(&bus, "open the page with --wait")?;
+            require_daemon(observer.bus(), "open the page with --wait")?;
         }
         let hub = Arc::new(Hub::default());
         let expected = (!self.common.config.is_empty()).then(|| config.hash());
@@ -106,9 +105,8 @@ impl ViewArgs {
         let shown = daemon.changed().unwrap_or_else(|| config.clone());
         let scene = SceneDescription::of_instance(&shown, self.control);
         let site = Site::new(access.clone(), &scene, subject);
-        let observer = BusObserver::open(&bus, &LiveView::topics())?;
         let site = self.open(site, &access, &format!("instance `{}`", config.instance.name))?;
-        self.feed((&bus, observer, daemon), &shown, (&site, &hub, &stop))?;
+        self.feed((observer, daemon), &shown, (&site, &hub, &stop))?;
         Ok(Exit::Ok)
     }
 
@@ -146,7 +144,7 @@ impl ViewArgs {
     /// Feeds the pages until the command is interrupted. They show the room of the daemon that runs, that of `config` before one does.
     fn feed(
         &self,
-        (bus, mut observer, mut daemon): (&Bus, BusObserver, DaemonConfig),
+        (mut observer, mut daemon): (InstanceObserver, DaemonConfig),
         config: &Config,
         (site, hub, stop): (&Site, &Hub, &StopFlag),
     ) -> Result<(), Failure> {
@@ -160,7 +158,7 @@ impl ViewArgs {
             std::thread::sleep(UPDATE_PERIOD);
             let now = Time::now();
             observer.poll(now, &mut view)?;
-            view.note_law(law_query.poll(bus, now));
+            view.note_law(law_query.poll(observer.bus(), now));
             let (collected, status) = view.take(now);
             hub.publish(&collected, status);
         }

@@ -6,8 +6,10 @@ use std::path::PathBuf;
 use crate::common::{Running, SERVICES, Testbed, assert_refused, stderr, wait_for};
 use oqtal_bus::code::{Cause, Mode, SafetyState};
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::TELEMETRY;
+use oqtal_bus::topic::{ObservedTopic, Sample, TELEMETRY};
 use oqtal_bus::transport::{Subscribe, Transport};
+use oqtal_observe::recording::{RecordingFile, play};
+use oqtal_observe::sink::{Reception, Sink};
 use rustix::process::Signal;
 
 /// Objects of the testbed in shared memory.
@@ -125,6 +127,66 @@ fn f68_a_daemon_killed_after_a_loss_starts_again() {
         let stop = testbed.oqtal(&["ctl", "stop"]).output().unwrap();
         assert_eq!(stop.status.code(), Some(0), "{}", stderr(&stop));
     }
+}
+
+/// Processes of the daemons whose ticks were received.
+#[derive(Default)]
+struct Daemons(Vec<u32>);
+
+impl Sink for Daemons {
+    fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
+        if matches!(sample, Sample::Telemetry(_)) {
+            self.0.push(reception.header.origin().process());
+        }
+    }
+
+    fn lost(&mut self, _: ObservedTopic, _: u64) {}
+}
+
+/// Waits until `observer` takes part in the present run of the instance, and ticks have followed.
+fn is_observed(testbed: &Testbed, observer: &Running) {
+    wait_for("the observer", || {
+        let run = fs::read_link(testbed.paths().directory().join("shared")).ok()?;
+        let maps = fs::read_to_string(format!("/proc/{}/maps", observer.id())).ok()?;
+        maps.contains(&run.display().to_string()).then_some(())
+    });
+    let bus = testbed.bus();
+    let mut telemetry = bus.observer(&TELEMETRY).unwrap();
+    let mut ticks = 0;
+    wait_for("ticks", || {
+        ticks += u32::from(telemetry.receive().unwrap().is_some());
+        (ticks > 30).then_some(())
+    });
+}
+
+/// The recorder is a process of its own: processes started by one that observes would have its files open.
+#[test]
+fn f68_an_observer_continues_with_the_next_start_of_the_processes() {
+    let testbed = Testbed::new("observed");
+    let mut running = [None, None, None];
+    let file = testbed.path("all.mcap");
+    let recorder = testbed.start(&["record", "--out", &file.display().to_string()]);
+    let mut daemons = Vec::new();
+    for loss in [remove_root, |testbed: &Testbed| objects(testbed).iter().for_each(remove)] {
+        work_again(&testbed, &mut running);
+        daemons.extend(running[2].as_ref().map(Running::id));
+        is_observed(&testbed, &recorder);
+        loss(&testbed);
+        wait_for("the end of the processes", || {
+            running.iter().flatten().all(|process| !process.runs()).then_some(())
+        });
+    }
+    work_again(&testbed, &mut running);
+    daemons.extend(running[2].as_ref().map(Running::id));
+    is_observed(&testbed, &recorder);
+    recorder.signal(Signal::INT);
+    let output = recorder.wait();
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(running.iter().flatten().all(Running::runs), "the recorder left its earlier runs");
+    let mut recorded = Daemons::default();
+    play(&RecordingFile::read(&file).unwrap(), &mut recorded).unwrap();
+    recorded.0.dedup();
+    assert_eq!(recorded.0, daemons);
 }
 
 #[test]

@@ -80,6 +80,11 @@ impl Bus {
         Ok(InstanceWatch::new(directory, run, members))
     }
 
+    /// Whether files of the run of the instance in which this process takes part were removed: other processes join the next run.
+    pub fn is_lost(&self) -> bool {
+        self.membership.is_lost()
+    }
+
     /// This bus for a process whose signal handlers set `signals`.
     pub fn with_signals(self, signals: SignalFlags) -> Self {
         Self { signals, ..self }

@@ -146,6 +146,12 @@ impl Membership {
             .map_err(|size| BusError::full(size.div_ceil(1024)))
     }
 
+    /// Whether no other process can join this run of the instance.
+    pub(crate) fn is_lost(&self) -> bool {
+        let Self { directory, run, .. } = self;
+        !run.is_present() || !run.is_linked(directory) || private::loss(&run.path).is_some()
+    }
+
     /// Revokes other users' access to files in shared memory; the caller holds the lock.
     pub(crate) fn make_private(&self, _lock: &InstanceLock<'_>) {
         remains::make_private(&self.run.prefix());

@@ -260,7 +260,9 @@ impl OpenPorts for InstanceNode {
 impl Drop for InstanceNode {
     fn drop(&mut self) {
         let _lock = self.membership.lock_to_close();
-        if let Some(node) = self.node.take() {
+        let Some(node) = self.node.take() else { return };
+        // The nodes of a next run of the instance, in the same directory, would count as dead.
+        if !self.membership.is_lost() {
             node.blocking_cleanup_dead_nodes(CLEANUP_TIMEOUT);
         }
     }

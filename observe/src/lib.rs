@@ -8,6 +8,7 @@
 //! | `recorder.rs` | sink: joins every tick with the truth |
 //! | `loop_monitor.rs` | sink: latencies and counters of a running instance |
 //! | `instance.rs` | sink: model of a running instance |
+//! | `instance_observer.rs` | observer of an instance, also after the loss of its files |
 //! | `observed_process.rs` | a process of an observed instance, by its health messages |
 //! | `status.rs` | status of an instance, as text and as JSON |
 //! | `recording.rs` | recordings as MCAP files |
@@ -47,6 +48,7 @@ pub mod fault;
 pub mod flight;
 pub mod flight_sample;
 pub mod instance;
+pub mod instance_observer;
 pub mod kernel;
 pub mod latency;
 pub mod law_query;

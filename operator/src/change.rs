@@ -9,7 +9,7 @@ use oqtal_bus::text::LongText;
 use oqtal_runtime::process::{Exit, Failure};
 
 /// A command of the operator.
-#[derive(Clone, Copy, Debug, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum CtlRequest {
     /// Show the state of the daemon, the processes and the vehicle
     Status,

@@ -4,13 +4,12 @@ use std::io::{self, IsTerminal};
 use std::time::Duration;
 
 use clap::Args;
-use oqtal_bus::bus::Bus;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_observe::instance::InstanceModel;
+use oqtal_observe::instance_observer::InstanceObserver;
 use oqtal_observe::law_query::LawQuery;
-use oqtal_observe::observer::BusObserver;
 use oqtal_runtime::health::SILENCE;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths, stop_on_signals};
 use oqtal_runtime::stop::StopFlag;
@@ -49,12 +48,11 @@ impl MonitorArgs {
         let paths = instance_paths(&config)?;
         paths.become_owner()?;
         let end = stop_on_signals()?;
-        let bus = Bus::open(&paths)?.for_observer();
-        let observer = BusObserver::open(&bus, &InstanceModel::topics())?;
+        let observer = InstanceObserver::open(&paths, &InstanceModel::topics())?;
         let model = MonitorModel::new(&config.instance.name, Time::now());
         let request = (request, paths);
         let law_query = LawQuery::default();
-        let mut watch = Watch { bus, observer, model, law_query, look: self.look(), end, request };
+        let mut watch = Watch { observer, model, law_query, look: self.look(), end, request };
         watch.find()?;
         watch.run()?;
         Ok(Exit::Ok)
@@ -81,8 +79,7 @@ fn require_terminal() -> Result<(), Failure> {
 
 /// Observation of an instance.
 struct Watch {
-    bus: Bus,
-    observer: BusObserver,
+    observer: InstanceObserver,
     model: MonitorModel,
     law_query: LawQuery,
     look: ScreenLook,
@@ -145,7 +142,7 @@ impl Watch {
     fn poll(&mut self) -> Result<(), Failure> {
         let now = Time::now();
         self.model.advance(now);
-        let reported = self.law_query.poll(&self.bus, now);
+        let reported = self.law_query.poll(self.observer.bus(), now);
         self.model.instance.note_law(reported);
         Ok(self.observer.poll(now, &mut self.model)?)
     }

@@ -16,14 +16,15 @@ use oqtal_bus::text::ShortText;
 use oqtal_runtime::process::{Exit, Failure};
 use rustix::io::Errno;
 use rustix::net::{
-    RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, SocketAddrUnix, UCred, recvmsg, sockopt,
+    RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, SendFlags, SocketAddrUnix, UCred,
+    recvmsg, sendto, sockopt,
 };
 
 /// Time after which a wait for a datagram ends, so that a stop is noticed.
 pub const TIMEOUT: Duration = Duration::from_millis(100);
 
 /// Source of datagrams.
-pub trait GatewaySocket {
+pub trait GatewaySocket: Sync {
     /// The address for programs.
     fn address(&self) -> String;
 
@@ -31,7 +32,7 @@ pub trait GatewaySocket {
     ///
     /// # Errors
     /// The operating system refuses.
-    fn receive(&mut self, datagram: &mut [u8]) -> Result<Option<Received>, Failure>;
+    fn receive(&self, datagram: &mut [u8]) -> Result<Option<Received>, Failure>;
 
     /// Sends `text` to `sender`; nothing if it has no address or does not receive.
     fn reply(&self, sender: &Sender, text: &str);
@@ -126,7 +127,7 @@ impl GatewaySocket for UnixGateway {
         self.path.display().to_string()
     }
 
-    fn receive(&mut self, datagram: &mut [u8]) -> Result<Option<Received>, Failure> {
+    fn receive(&self, datagram: &mut [u8]) -> Result<Option<Received>, Failure> {
         let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmCredentials(1))];
         let mut control = RecvAncillaryBuffer::new(&mut space);
         let mut parts = [IoSliceMut::new(datagram)];
@@ -151,10 +152,9 @@ impl GatewaySocket for UnixGateway {
     }
 
     fn reply(&self, sender: &Sender, text: &str) {
-        if let Some(SenderAddress::Path(address)) = &sender.address {
-            let _ = self.socket.set_nonblocking(true);
-            let _ = self.socket.send_to(text.as_bytes(), address);
-            let _ = self.socket.set_nonblocking(false);
+        let Some(SenderAddress::Path(path)) = &sender.address else { return };
+        if let Ok(address) = SocketAddrUnix::new(path) {
+            let _ = sendto(&self.socket, text.as_bytes(), SendFlags::DONTWAIT, &address);
         }
     }
 }

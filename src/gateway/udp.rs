@@ -11,6 +11,7 @@
 use std::io::ErrorKind;
 use std::net::{SocketAddr, UdpSocket};
 use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use hmac::{Hmac, KeyInit, Mac};
 use oqtal_runtime::files;
@@ -74,7 +75,7 @@ impl GatewayKey {
 /// The present session, in which each sequence number counts once.
 struct Session {
     name: String,
-    last: u64,
+    last: AtomicU64,
 }
 
 impl Session {
@@ -82,16 +83,15 @@ impl Session {
     ///
     /// # Errors
     /// The datagram is of another session or was seen before.
-    fn admit(&mut self, line: &str) -> Result<u64, &'static str> {
+    fn admit(&self, line: &str) -> Result<u64, &'static str> {
         let (session, sequence) = line.split_once(' ').ok_or("the first line is incomplete")?;
         let sequence: u64 = sequence.parse().map_err(|_| "the sequence is not a number")?;
         if session != self.name {
             return Err("another session: use that of this reply");
         }
-        if sequence <= self.last {
+        if self.last.fetch_max(sequence, Ordering::Relaxed) >= sequence {
             return Err("the sequence must be greater than the last one");
         }
-        self.last = sequence;
         Ok(sequence)
     }
 }
@@ -113,7 +113,11 @@ impl UdpGateway {
             |error: std::io::Error| Failure::new(Exit::System, format!("{address}: {error}"));
         let socket = UdpSocket::bind(address).map_err(failed)?;
         socket.set_read_timeout(Some(TIMEOUT)).map_err(failed)?;
-        Ok(Self { socket, key, session: Session { name: random_token()?, last: 0 } })
+        Ok(Self {
+            socket,
+            key,
+            session: Session { name: random_token()?, last: AtomicU64::new(0) },
+        })
     }
 
     fn send(&self, address: SocketAddr, sequence: u64, text: &str) {
@@ -127,7 +131,7 @@ impl GatewaySocket for UdpGateway {
         self.socket.local_addr().map_or_else(|error| error.to_string(), |it| format!("udp:{it}"))
     }
 
-    fn receive(&mut self, datagram: &mut [u8]) -> Result<Option<Received>, Failure> {
+    fn receive(&self, datagram: &mut [u8]) -> Result<Option<Received>, Failure> {
         let (length, address) = match self.socket.recv_from(datagram) {
             Ok(received) => received,
             Err(error)
@@ -196,7 +200,7 @@ mod tests {
 
     #[test]
     fn a_sequence_number_counts_once() {
-        let mut session = Session { name: "ab".to_owned(), last: 0 };
+        let session = Session { name: "ab".to_owned(), last: AtomicU64::new(0) };
         assert_eq!(session.admit("ab 5"), Ok(5));
         for line in ["ab 5", "ab 4", "cd 6", "ab", "ab x", ""] {
             assert!(session.admit(line).is_err(), "{line}");
