@@ -2,6 +2,7 @@
 
 use std::fs::DirEntry;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use iceoryx2::prelude::{Config, SemanticString};
 
@@ -153,6 +154,8 @@ impl InstancePaths {
         if !rustix::process::geteuid().is_root() || root.st_uid == 0 {
             return Ok(());
         }
+        // Printed commands are for the caller, who has another default.
+        let _ = CALLERS_ROOT.set(default_root());
         let failed = |error: rustix::io::Errno| {
             system(format!("becoming the owner of {}", self.root.display()), &error)
         };
@@ -183,7 +186,13 @@ impl InstancePaths {
     }
 }
 
+/// Default root of the caller of a process that became another user.
+static CALLERS_ROOT: OnceLock<PathBuf> = OnceLock::new();
+
 fn default_root() -> PathBuf {
+    if let Some(root) = CALLERS_ROOT.get() {
+        return root.clone();
+    }
     let writable = |path: &Path| rustix::fs::access(path, rustix::fs::Access::WRITE_OK).is_ok();
     let run = Path::new(SYSTEM_ROOT);
     if writable(run) || (!run.exists() && writable(Path::new("/run"))) {

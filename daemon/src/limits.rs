@@ -65,6 +65,8 @@ pub struct LimitConditions {
     pub poses_disagree: bool,
     /// The loop was late in several ticks in a row.
     pub overrun: bool,
+    /// The loop made no tick for longer than `safety.coast-ms`.
+    pub stood_still: bool,
     /// Processes of the instance run with different configurations.
     pub configs_differ: bool,
     /// Files of the instance were removed.

@@ -74,12 +74,13 @@ pub struct SafetyRow {
 
 /// All limits, the most severe first.
 #[rustfmt::skip]
-pub const LIMITS: [SafetyRow; 39] = {
+pub const LIMITS: [SafetyRow; 40] = {
     use Ending::{Armed, Gone, Landed, PosesGood};
     use SafetyRow as Row;
     [
         // Motors off, latched.
         Row { id: "F33", cause: Some(Cause::Operator), when: |c| c.operator_stops, after_ms: 0, action: Stop, ends: Armed },
+        Row { id: "F15", cause: Some(Cause::Overrun), when: |c| c.limits.stood_still, after_ms: 0, action: Stop, ends: Armed },
         Row { id: "F02", cause: None, when: |c| c.blind_too_long && !c.may_descend, after_ms: 0, action: Stop, ends: Armed },
         Row { id: "F57", cause: Some(Cause::ControlTaken), when: |c| c.control_taken, after_ms: 0, action: Stop, ends: Armed },
         Row { id: "F18", cause: Some(Cause::NoVehicle), when: |c| c.vehicle_lost, after_ms: 0, action: Stop, ends: Armed },

@@ -129,10 +129,10 @@ impl InstanceModel {
         self.processes().any(|process| !process.is_silent)
     }
 
-    /// Whether messages of all expected processes and of the vehicle have been received.
-    pub fn is_complete(&self) -> bool {
-        let known = |role| self.has(role) || self.is_replaced(role);
-        self.vehicle.is_some() && Role::PROCESSES.into_iter().all(known)
+    /// Whether messages of all the processes `running`, and of their vehicle, have been received.
+    pub fn is_complete(&self, running: &[Role]) -> bool {
+        let has_vehicle = running.iter().any(|role| matches!(role, Role::Plant | Role::Bridge));
+        (self.vehicle.is_some() || !has_vehicle) && running.iter().all(|role| self.has(*role))
     }
 
     /// Whether processes that are not silent run with different configurations.
@@ -168,17 +168,6 @@ impl InstanceModel {
 
     fn has(&self, role: Role) -> bool {
         self.processes().any(|process| process.role == role)
-    }
-
-    /// Whether messages of the process that replaces `role` were received: vehicle and cameras are either simulated or real.
-    fn is_replaced(&self, role: Role) -> bool {
-        match role {
-            Role::Plant => self.has(Role::Bridge),
-            Role::Bridge => self.has(Role::Plant),
-            Role::Mocap => self.has(Role::Receiver),
-            Role::Receiver => self.has(Role::Mocap),
-            _ => false,
-        }
     }
 
     /// Adds an event, unless it repeats the last one, such as a refusal of a request that is repeated until it is accepted.
@@ -284,12 +273,13 @@ mod tests {
     }
 
     #[test]
-    fn a_bridge_stands_in_for_a_plant_and_old_messages_do_not_count() {
+    fn messages_of_all_running_processes_are_awaited_and_old_ones_do_not_count() {
         let roles = [Role::Mocap, Role::Daemon, Role::Bridge];
         let mut fresh = model(&roles, Span::from_millis(20));
-        assert!(!fresh.is_complete());
+        assert!(!fresh.is_complete(&roles));
         fresh.sample(&Reception::default(), Sample::Vehicle(&VehicleV1::default()));
-        assert!(fresh.is_complete());
+        assert!(fresh.is_complete(&roles));
+        assert!(!fresh.is_complete(&Role::PROCESSES));
         let lines = fresh.status(Time::VIRTUAL_START).lines();
         assert_eq!(lines[0], "plant-sim  not started, or ended");
         assert!(lines[1].contains("20 ms ago"), "{lines:?}");

@@ -22,6 +22,7 @@
 //! | `command_path.rs` | path of commands to the vehicle |
 //! | `wire.rs` | figures of the wire to a vehicle |
 //! | `crash.rs` | detection of crashes |
+//! | `shortfall.rs` | reasons why a flight did not end as planned |
 //! | `corners.rs`, `attitude_steps.rs`, `settling.rs` | figures at the corners of a path, and of a prescribed attitude; settling after steps |
 //! | `fault.rs` | faults and disturbances of a flight |
 //! | `table.rs` | the closing table in the terminal |
@@ -64,6 +65,7 @@ pub mod recorder;
 pub mod recording;
 pub mod report;
 pub mod settling;
+mod shortfall;
 pub mod sink;
 pub mod status;
 pub mod summary;

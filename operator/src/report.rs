@@ -2,7 +2,7 @@
 
 use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::message::ControlResponseV1;
-use oqtal_bus::obstacle::ArmingObstacles;
+use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_observe::status::{InstanceStatus, ProcessHealth, VehicleStatus, word};
 use oqtal_runtime::process::{Exit, Failure};
 use serde::Serialize;
@@ -52,7 +52,7 @@ impl ControlReport {
             command: command.to_string(),
             effect: match response.answer == Answer::Refused.code() {
                 true => format!("{command}: {answer}"),
-                false => effect(command, Mode::from_code(response.mode), &answer),
+                false => effect(command, response, &answer),
             },
             answer,
             mode: word(Mode::from_code(response.mode)),
@@ -89,6 +89,9 @@ impl ControlReport {
         // The obstacles are those to a take-off.
         let is_take_off = *command == OperatorCommand::Arm.to_string();
         let reasons = match (obstacles.is_empty(), cause.as_str()) {
+            _ if has_motors_off && is_silent(response) => {
+                "the motors are commanded off, and the vehicle does not answer; `oqtal ctl stop` tries every path to it"
+            }
             _ if has_motors_off => "the motors are off",
             (false, _) if is_take_off => &listed,
             (false, "") => &listed,
@@ -159,15 +162,24 @@ impl ControlReport {
     }
 }
 
+/// Whether it is unknown what the vehicle does.
+fn is_silent(response: &ControlResponseV1) -> bool {
+    let obstacles = ArmingObstacles::from_bits(response.obstacles);
+    obstacles.iter().any(|obstacle| obstacle == ArmingObstacle::VehicleSilent)
+}
+
 /// Effect of an accepted command, from the mode after it.
-fn effect(command: OperatorCommand, mode: Option<Mode>, answer: &str) -> String {
-    match (command, mode) {
+fn effect(command: OperatorCommand, response: &ControlResponseV1, answer: &str) -> String {
+    match (command, Mode::from_code(response.mode)) {
         (OperatorCommand::Arm, Some(Mode::Flying)) => "armed, the flight has begun".to_owned(),
         (OperatorCommand::Land, Some(Mode::Landing)) => {
             "landing where it is; motors off on the floor".to_owned()
         }
         (OperatorCommand::Land, Some(Mode::Disarmed)) => {
             "the flight is called off; motors off".to_owned()
+        }
+        (OperatorCommand::Disarm, Some(Mode::Disarmed)) if is_silent(response) => {
+            "disarm: motors commanded off, the vehicle does not answer".to_owned()
         }
         (OperatorCommand::Disarm, Some(Mode::Disarmed)) => "disarm: motors off".to_owned(),
         // The loop follows the new course; it may not have confirmed it yet.

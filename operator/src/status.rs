@@ -12,7 +12,7 @@ use oqtal_observe::observer::BusObserver;
 use oqtal_observe::status::{InstanceStatus, ProcessHealth};
 use oqtal_runtime::health::SILENCE;
 
-/// Observes the instance until every process was received or counts as silent.
+/// Observes the instance until every process that has a place in it was received or counts as silent.
 ///
 /// # Errors
 /// A process has another version of the messages.
@@ -20,13 +20,17 @@ pub fn observe(bus: &Bus) -> Result<InstanceStatus, BusError> {
     let mut observer = BusObserver::open(bus, &InstanceModel::status_topics())?;
     let mut model = InstanceModel::new(Time::now(), SILENCE);
     let deadline = Time::now() + SILENCE;
-    while !model.is_complete() && Time::now() < deadline {
+    let holders = Role::PROCESSES.map(|role| bus.holder(&role.health()));
+    let held = Role::PROCESSES.into_iter().zip(&holders);
+    let running: Vec<_> =
+        held.filter(|(_, holder)| matches!(holder, Ok(Some(_)))).map(|(role, _)| role).collect();
+    while !model.is_complete(&running) && Time::now() < deadline {
         observer.poll(Time::now(), &mut model)?;
         std::thread::sleep(Duration::from_millis(5));
     }
     let mut status = model.status(Time::now());
-    for (role, process) in Role::PROCESSES.into_iter().zip(&mut status.processes) {
-        process.note_holder(bus.holder(&role.health())?);
+    for (holder, process) in holders.into_iter().zip(&mut status.processes) {
+        process.note_holder(holder?);
     }
     if has_lost_process(bus, &status) {
         // Files of the instance were removed: its other processes may run as well.

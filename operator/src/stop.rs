@@ -235,7 +235,7 @@ fn fly_again(reached: &Reached) -> (String, Option<String>) {
     let daemon = (!reached.has_daemon()).then(|| start_daemon(&reached.paths));
     let arm = |paths: &InstancePaths| format!("oqtal ctl arm {}", place(paths));
     let places: Vec<String> = reached.places().iter().map(arm).collect();
-    (places.join("` or `"), daemon)
+    (places.join(" or "), daemon)
 }
 
 impl RaisedStops {
@@ -368,7 +368,12 @@ impl std::fmt::Display for ObeyedStop {
             self.paths.iter().try_for_each(|path| write!(f, "\n  {path}"))?;
         }
         let first = self.start_again.as_ref().map(|command| format!("`{command}`, then "));
-        write!(f, "\nto fly again: {}`{}`", first.unwrap_or_default(), self.arm_again)?;
+        write!(
+            f,
+            "\nto fly again: {}`{}`",
+            first.unwrap_or_default(),
+            self.arm_again.replace(" or ", "` or `")
+        )?;
         match self.is_cut_off {
             true => {
                 f.write_str("; processes that lost their files end, and are started again first")

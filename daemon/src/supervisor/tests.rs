@@ -43,6 +43,7 @@ const NO_LIMITS: LimitConditions = LimitConditions {
     poses_contradict: false,
     poses_disagree: false,
     overrun: false,
+    stood_still: false,
     configs_differ: false,
     files_lost: false,
     setpoint_refused: false,
@@ -223,7 +224,8 @@ fn every_limit_acts_within_its_bound_and_reports_its_cause() {
         change(&mut conditions.limits);
         conditions
     };
-    let rows: [(SafetyConditions, SafetyState, i64, Cause); 24] = [
+    let rows: [(SafetyConditions, SafetyState, i64, Cause); 25] = [
+        (with(|l| l.stood_still = true), Stop, 0, Cause::Overrun),
         (with(|l| l.leaves_fence = true), Stop, 0, Cause::Fence),
         (with(|l| l.tipped = true), Stop, 100, Cause::Tilt),
         (with(|l| l.lies_on_floor = true), Stop, 2000, Cause::Crash),

@@ -39,7 +39,7 @@ const CHECKS: &[ProbeCheck] = &[
     (
         "lost frames",
         Severity::Advice,
-        "connect by cable to a switch of its own, or take transport=tcp",
+        "connect by cable to a switch of its own; a link over UDP can take transport=tcp",
         |f| {
             let share = f.lost as f64 / (f.counts.arrived + f.lost).max(1) as f64;
             (share > 0.01).then(|| format!("{:.1} %", share * 100.0))

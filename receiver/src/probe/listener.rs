@@ -78,7 +78,8 @@ impl ProbeListener {
             rate_hz: if total_s > 0.0 { self.intervals.len() as f64 / total_s } else { 0.0 },
             gaps: self.intervals.iter().filter(|interval| **interval > GAP_NS).count(),
             interval: interval_figures(&self.intervals),
-            lost: counts.lost,
+            // A frame that is overtaken counts as lost first.
+            lost: counts.lost.saturating_sub(counts.out_of_order),
             counts,
             damaged: self.damaged,
             clock: ClockFigures {
