@@ -2,11 +2,14 @@
 
 use std::fs::{File, Permissions};
 use std::os::unix::fs::PermissionsExt;
+use std::os::unix::net::UnixDatagram;
 use std::process::Command;
+use std::time::Duration;
 
 use oqtal_bus::code::Mode;
 use oqtal_bus::topic::TELEMETRY;
 use oqtal_bus::transport::{Subscribe, Transport};
+use rustix::process::Signal;
 
 use crate::common::network::free_port;
 use crate::common::{Running, Testbed, json, skipped, stderr, wait_for};
@@ -48,10 +51,37 @@ fn flies_half_a_circle(testbed: &Testbed, gateway_words: &[&str], script_words: 
     command.arg(SCRIPT).args(script_words).args(["--seconds", "5"]);
     let script = Running::start(&mut command);
     wait_for("the far side of the circle", || tick()?.position[0].lt(&-0.8).then_some(()));
+    let flown = testbed.oqtal(&["ctl", "get"]).output().unwrap().stdout;
+    assert!(String::from_utf8_lossy(&flown).contains(", references of a planner"));
     let output = script.wait();
     assert!(output.status.success(), "{}", stderr(&output));
     let summary = json(&flight.wait());
     assert_eq!(summary["outcome"], "landed", "{summary:#}");
+}
+
+/// A request to a daemon that hangs is answered after seconds.
+#[test]
+fn a_stop_waits_for_no_other_request() {
+    let testbed = Testbed::new("gateway-stop");
+    let processes = testbed.services();
+    testbed.wait_for_daemon();
+    let daemon = &processes[2];
+    let _gateway = gateway(&testbed, &[]);
+    let path = testbed.path("program.sock");
+    let program = UnixDatagram::bind(&path).unwrap();
+    program.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
+    let ask = |request: &str| {
+        let text = format!("{{\"version\": 1, \"request\": \"{request}\", \"arguments\": []}}");
+        program.send_to(text.as_bytes(), testbed.paths().directory().join("gateway.sock")).unwrap();
+    };
+    daemon.signal(Signal::STOP);
+    (0..3).for_each(|_| ask("status"));
+    ask("stop");
+    let mut reply = [0; 4096];
+    let length = program.recv(&mut reply).unwrap();
+    let first = String::from_utf8_lossy(&reply[..length]).into_owned();
+    assert!(first.contains("stop"), "{first}");
+    daemon.signal(Signal::CONT);
 }
 
 #[test]

@@ -20,11 +20,24 @@ pub struct Condition {
     pub(crate) first_flight: FirstFlight,
     /// Why the fallback law flies.
     pub(crate) handover_cause: u8,
+    pub(crate) followed: Followed,
+}
+
+/// Source of the references of a flight.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Followed {
+    /// The course: the trajectory, or a change of it.
+    #[default]
+    Course,
+    /// The end of the course, at which the vehicle stays.
+    End,
+    /// References of a planner.
+    Planner,
 }
 
 impl Condition {
-    /// The condition in a tick's `telemetry`, with the state of the automatic flight at start-up.
-    pub fn of(telemetry: &TelemetryV1, first_flight: FirstFlight) -> Self {
+    /// The condition in a tick's `telemetry`, with the state of the automatic flight at start-up and the source of the references.
+    pub fn of(telemetry: &TelemetryV1, first_flight: FirstFlight, followed: Followed) -> Self {
         let TelemetryV1 { mode, state, cause, obstacles, command_sequence, .. } = *telemetry;
         let handover_cause = telemetry.handover_cause;
         Self {
@@ -36,12 +49,15 @@ impl Condition {
             unlogged: 0,
             first_flight,
             handover_cause,
+            followed,
         }
     }
 
     pub(crate) fn differs_from(&self, other: &Self) -> bool {
-        let changing =
-            |c: &Self| (c.mode, c.state, c.cause, c.obstacles, c.first_flight, c.handover_cause);
+        let changing = |c: &Self| {
+            let flight = (c.mode, c.state, c.cause, c.obstacles, c.followed);
+            (flight, c.first_flight, c.handover_cause)
+        };
         changing(self) != changing(other)
     }
 

@@ -36,6 +36,7 @@ use intake::Intake;
 use report::TickReport;
 use supervision::FlightSupervision;
 
+use crate::condition::Followed;
 use crate::external::{ExternalLaw, LawPort};
 use crate::live::FlightChange;
 use crate::stack::ControlOutput;
@@ -306,6 +307,11 @@ impl Cycle {
     /// State of the flight at start-up.
     pub fn first_flight(&self) -> FirstFlight {
         self.supervision.requests().first_flight
+    }
+
+    /// Source of the references at `now`.
+    pub fn followed(&self, now: Time) -> Followed {
+        self.supervision.course().followed(now)
     }
 
     /// Cancels the automatic flight at start-up.

@@ -106,7 +106,7 @@ pub use arming::{ArmingCheck, ArmingView};
 use background::DaemonWorker;
 pub use command::{RotationCommand, VehicleCommand};
 pub use command_model::CommandModel;
-pub use condition::Condition;
+pub use condition::{Condition, Followed};
 pub use cycle::{Cycle, FirstFlight, LoopTiming, Tick};
 pub use envelope::{Candidate, Envelope};
 pub use external::{ExternalLaw, LawPort};

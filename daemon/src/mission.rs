@@ -125,6 +125,14 @@ impl ActiveMission {
         }
     }
 
+    /// Whether the reference rests at the end of a change of the plan.
+    pub fn has_arrived(&self, now: Time) -> bool {
+        match &self.path {
+            FlightPath::Plan(plan, _) => plan.has_arrived(self.elapsed_s(now)),
+            FlightPath::Observe(_) => false,
+        }
+    }
+
     /// Whether the mission waits.
     pub fn is_held(&self) -> bool {
         self.held.is_some()

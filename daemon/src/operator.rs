@@ -10,7 +10,7 @@ use oqtal_bus::text::LongText;
 use oqtal_bus::time::Time;
 use oqtal_runtime::handoff::{BackgroundHandle, RtHandle, handoff};
 
-use crate::condition::Condition;
+use crate::condition::{Condition, Followed};
 use crate::cycle::FirstFlight;
 use crate::live::{FlightChange, LiveSettings, PreparedChange, Refusal};
 
@@ -206,7 +206,12 @@ impl OperatorRequests {
         let configured = config.value("trajectory.kind").unwrap_or_default();
         let in_flight = self.course.as_deref().filter(|_| mode != Mode::Disarmed.code());
         let course = in_flight.unwrap_or(configured.trim_matches('"'));
-        format!("law {}, trajectory {course}", config.control.controller.name())
+        let course = match self.last.followed {
+            Followed::Planner => "references of a planner".to_owned(),
+            Followed::End => format!("trajectory {course}, at its end"),
+            Followed::Course => format!("trajectory {course}"),
+        };
+        format!("law {}, {course}", config.control.controller.name())
     }
 
     /// Passes a request for a flight on; the answer, and an event for recordings that began later, name the settings that were

@@ -253,7 +253,11 @@ impl<T: Transport> Turn for DaemonTurn<'_, T> {
             ports.telemetry.send(tick.pose_sequence, stamps, *telemetry)?;
             input.command_sequence = sequence;
             input.external_number = ports.publish_exchange(cycle.exchange())?;
-            handle.publish_status(Condition::of(cycle.telemetry(), cycle.first_flight()));
+            handle.publish_status(Condition::of(
+                cycle.telemetry(),
+                cycle.first_flight(),
+                cycle.followed(now),
+            ));
         } else if warmup.perform(now, cycle) {
             ports.commands.warm_up();
         }

@@ -95,6 +95,11 @@ impl FlightPlan {
         (self.landing, self.planned_landing_s) = (Landing::NEVER, f64::INFINITY);
     }
 
+    /// Whether the reference rests, `t_s` \[s\] after the start of the flight, at the end of a detour.
+    pub fn has_arrived(&self, t_s: f64) -> bool {
+        self.detour.as_ref().is_some_and(|(start_s, detour)| t_s > start_s + detour.duration_s())
+    }
+
     /// Time from the start of the flight at which the landing is planned, even if another landing has begun earlier \[s\].
     pub fn planned_landing_s(&self) -> f64 {
         self.planned_landing_s

@@ -12,6 +12,7 @@ use oqtal_control::trajectory::{
     TrajectoryOptions,
 };
 
+use crate::condition::Followed;
 use crate::fence::Fence;
 use crate::floor;
 use crate::live::{FlightChange, LiveControl, leg_limits};
@@ -89,6 +90,15 @@ impl FlightCourse {
         let mission = self.mission.as_ref().filter(|_| !self.setpoint.is_refused)?;
         let streamed = self.stream.reference(at).filter(|_| !mission.is_held());
         Some(streamed.unwrap_or_else(|| mission.reference(at)))
+    }
+
+    /// Source of the references.
+    pub(super) fn followed(&self, now: Time) -> Followed {
+        match &self.mission {
+            Some(_) if self.stream.is_followed() => Followed::Planner,
+            Some(mission) if mission.has_arrived(now) => Followed::End,
+            _ => Followed::Course,
+        }
     }
 
     /// Records a position inside the soft border of the fence \[m, world\].

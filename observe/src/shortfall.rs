@@ -1,0 +1,180 @@
+//! Reasons why a flight did not end as planned.
+
+use oqtal_bus::code::{Cause, SafetyState};
+use oqtal_bus::obstacle::ArmingObstacles;
+use oqtal_bus::time::{Span, Time};
+use oqtal_control::trajectory::Phase;
+
+use crate::crash::Crash;
+use crate::flight::{Flight, HELD, Outcome};
+use crate::flight_sample::FlightSample;
+
+/// Time between two ticks above which the instant of what happened between them is not known.
+const LONGEST_TICK: Span = Span::from_millis(250);
+
+impl Flight {
+    /// Reason why the flight did not end as planned: an operator or the daemon landed or stopped the vehicle, it crashed, or
+    /// there was no take-off. `None` for a complete flight, and for an outcome that needs no reason.
+    pub fn shortfall(&self) -> Option<String> {
+        self.reservation().or_else(|| self.shortfall_of_one())
+    }
+
+    /// Reason why the figures may not be those of one flight with the recorded configuration.
+    pub fn reservation(&self) -> Option<String> {
+        if self.has_other_config {
+            let reason = "the daemon ran with another configuration than was recorded: law, vehicle or settings are not those that flew";
+            return Some(reason.to_owned());
+        }
+        let flights = self.flights().count();
+        (flights > 1).then(|| {
+            format!(
+                "{flights} flights in one recording: the figures are those of all, the outcome is that of the first to end; record each into a file of its own"
+            )
+        })
+    }
+
+    fn shortfall_of_one(&self) -> Option<String> {
+        match self.outcome {
+            Outcome::Landed => match self.early_landing() {
+                Some(sample) => {
+                    let cause = cause_of(sample);
+                    Some(format!(
+                        "the daemon landed the vehicle before the end of the flight: {cause}"
+                    ))
+                }
+                None => self.landing_on_request(),
+            },
+            Outcome::Stopped => {
+                let when = self.when();
+                Some(match self.stop_cause() {
+                    cause @ Cause::NoVehicle => format!(
+                        "the daemon commanded the motors off{when}: {cause}, so it is unknown when they stopped"
+                    ),
+                    cause => format!("the daemon stopped the motors{when}: {cause}"),
+                })
+            }
+            Outcome::Crashed => Some(format!("the vehicle {}{}", self.crash?, self.when())),
+            Outcome::Timeout if self.armed().next().is_none() => {
+                let bits = self.samples.last().map_or(0, |sample| sample.telemetry.obstacles);
+                let reasons = ArmingObstacles::from_bits(bits);
+                let unknown = reasons.is_empty().then(|| "the daemon gives no reason".to_owned());
+                Some(format!("no take-off: {}", unknown.unwrap_or_else(|| reasons.to_string())))
+            }
+            Outcome::Timeout => {
+                let when = self.when();
+                Some(format!(
+                    "the flight lasted too long and was ended{when}: it began late, or was held up, as by the fence"
+                ))
+            }
+            Outcome::Unfinished if self.armed().next().is_none() => {
+                Some("nothing was flown: the motors were never armed in this recording".to_owned())
+            }
+            Outcome::Unfinished => {
+                let when = self.when();
+                Some(format!(
+                    "the record ends{when}, before the flight did: another file continues it, a process of the flight ended, or the recording was cut off"
+                ))
+            }
+            Outcome::Replayed => None,
+        }
+    }
+
+    /// Reason as of [`Flight::shortfall`], without instants and figures, so that flights with the same reason can be counted; `None`
+    /// for a flight that landed as planned.
+    pub fn cause(&self) -> Option<String> {
+        Some(match (self.outcome, self.crash) {
+            (Outcome::Landed, _) => match self.early_landing() {
+                Some(sample) => format!("landed by the daemon: {}", cause_of(sample)),
+                None if self.landing_on_request().is_some() => "landed on request".to_owned(),
+                None => self.is_held().then(|| HELD.to_owned())?,
+            },
+            (Outcome::Stopped, _) => format!("motors stopped: {}", self.stop_cause()),
+            (Outcome::Crashed, Some(crash)) => crash.name().to_owned(),
+            (Outcome::Timeout, _) if self.armed().next().is_none() => "no take-off".to_owned(),
+            (Outcome::Timeout, _) => "not ended in time".to_owned(),
+            (outcome, _) => outcome.to_string(),
+        })
+    }
+
+    /// Cause of the last tick in Stop of the first flight or after it, before another one; ticks that follow the end of a flight may
+    /// have another state.
+    fn stop_cause(&self) -> Cause {
+        let is_stopped = |s: &&FlightSample| s.telemetry.state == SafetyState::Stop.code();
+        let mut parts = self.samples.chunk_by(|a, b| a.is_armed() == b.is_armed());
+        let flight = parts.by_ref().find(|part| part[0].is_armed());
+        let (flight, after) = (flight.unwrap_or(&self.samples), parts.next().unwrap_or_default());
+        let stopped = flight.iter().chain(after).rev().find(is_stopped);
+        stopped.map_or(Cause::None, cause_of)
+    }
+
+    /// Whether the fence held the vehicle before its landing.
+    fn is_held(&self) -> bool {
+        self.samples.iter().any(FlightSample::is_held)
+    }
+
+    /// Time of the last armed tick after arming, as text; empty without an armed tick. The interval, if there was no tick for a long
+    /// time just before or after it: the flight ended in it.
+    fn when(&self) -> String {
+        let Some(last) = self.samples.iter().rposition(FlightSample::is_armed) else {
+            return String::new();
+        };
+        let time = |index: usize| self.samples[index].telemetry.time;
+        let pairs =
+            [(last.saturating_sub(1), last), (last, (last + 1).min(self.samples.len() - 1))];
+        let gap = pairs.into_iter().find(|(from, to)| time(*to).since(time(*from)) > LONGEST_TICK);
+        match gap.filter(|_| self.crash != Some(Crash::DaemonDied)) {
+            Some((from, to)) => {
+                let [from_s, to_s] =
+                    [from, to].map(|index| time(index).since(self.origin()).seconds());
+                format!(
+                    " between {from_s:.2} s and {to_s:.2} s after arming; in between the daemon hung"
+                )
+            }
+            None => self.after_arming(time(last)),
+        }
+    }
+
+    /// The instant `at` as text.
+    fn after_arming(&self, at: Time) -> String {
+        let seconds = at.since(self.origin()).seconds();
+        match self.begins_in_flight() {
+            true => format!(" at {seconds:.2} s of the record, which begins in flight"),
+            false => format!(" {seconds:.2} s after arming"),
+        }
+    }
+
+    /// Part of the trajectory flown before a landing requested by an operator; `None` without such a landing.
+    pub fn landing_on_request(&self) -> Option<String> {
+        if self.early_landing().is_some() {
+            return None;
+        }
+        let landing = self.armed().find(|s| s.telemetry.phase == Phase::Landing as u8)?.telemetry;
+        let planned_s = landing.planned_landing_s;
+        let period_s = 1.0 / self.config.loop_rate_hz();
+        // The landing begins in the tick after its planned instant.
+        if planned_s.is_nan() || landing.mission_s > planned_s - period_s {
+            return None;
+        }
+        // An operator changed the flight, which then had no planned landing.
+        if planned_s.is_infinite() {
+            return Some(format!("landed on request{}", self.after_arming(landing.time)));
+        }
+        let options = &self.config.trajectory;
+        let before_s = options.take_off_s + options.settle_s;
+        let [flown_s, of_s] = [landing.mission_s, planned_s].map(|t_s| (t_s - before_s).max(0.0));
+        Some(format!("landed on request after {flown_s:.1} of {of_s:.1} s of the trajectory"))
+    }
+
+    /// Tick in which the daemon itself began to land earlier than planned; `None` without an early landing.
+    fn early_landing(&self) -> Option<&FlightSample> {
+        let mut last = Phase::TakeOff as u8;
+        self.armed().find(|sample| {
+            let was_landing = std::mem::replace(&mut last, sample.telemetry.phase);
+            sample.is_ended_by_daemon() && was_landing != Phase::Landing as u8
+        })
+    }
+}
+
+fn cause_of(sample: &FlightSample) -> Cause {
+    Cause::from_code(sample.telemetry.cause).unwrap_or(Cause::None)
+}
