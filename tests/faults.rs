@@ -1,12 +1,15 @@
 //! Faults of processes: killed, stopped or started twice, and interrupts by an operator. Uses real processes and signals.
 
+use crate::chaos::mission;
 use crate::common::{
     Running, SERVICES, Testbed, assert_refused, is_alive, json, number, signal, stderr, wait_for,
 };
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::Mode;
+use oqtal_bus::message::TelemetryV1;
 use oqtal_bus::topic::{TELEMETRY, TRUTH};
 use oqtal_bus::transport::{Subscribe, Transport};
+use oqtal_lab::simulation::fly;
 use rustix::process::Signal;
 
 const LONG: [&str; 5] = ["fly", "--trajectory", "hover", "--duration", "60"];
@@ -275,4 +278,19 @@ fn arming_tells_which_settings_were_changed_since_the_start() {
     assert_eq!(ctl(&["undo"]).0, Some(0));
     let told = armed(&expected);
     assert!(!told.contains("since the daemon's start"), "{told}");
+}
+
+/// Its vehicle has had no command, and must not start its motors on the floor.
+#[test]
+fn f15_a_daemon_that_hangs_for_longer_than_poses_may_be_missing_does_not_fly_on() {
+    for hang_s in [0.3, 0.6, 3.0] {
+        let fault = format!("fault.inject=[\"daemon:stop@4+{hang_s}\"]");
+        let flight = fly(&mission(&["trajectory.kind=hover".to_owned(), fault])).unwrap();
+        let reason = flight.shortfall().unwrap();
+        assert!(reason.ends_with("; in between the daemon hung: loop late"), "{reason}");
+        let began = flight.origin();
+        let after = |tick: &TelemetryV1| tick.time.since(began).seconds() > 4.1;
+        let mut ticks = flight.samples.iter().map(|sample| &sample.telemetry).filter(|t| after(t));
+        assert!(ticks.all(|tick| tick.thrust == 0.0), "{hang_s} s");
+    }
 }

@@ -173,22 +173,6 @@ fn f15_a_daemon_that_stops_for_some_periods_flies_on() {
     fly(&BRIEF, "--fault daemon:stop@3+0.1").lands();
 }
 
-/// Its vehicle has had no command, and must not start its motors on the floor.
-#[test]
-fn f15_a_daemon_that_hangs_for_longer_does_not_fly_on() {
-    for hang_s in [0.3, 0.6, 3.0] {
-        let flown = fly(&HOVER, &format!("--clock in-process --fault daemon:stop@4+{hang_s}"));
-        flown.is_stopped_for("loop late");
-        assert!(
-            flown.message.contains("s after arming; in between the daemon hung"),
-            "{}",
-            flown.message
-        );
-        let (times, thrusts) = (flown.numbers("t_s"), flown.numbers("thrust"));
-        assert!(times.iter().zip(thrusts).all(|(t_s, thrust)| *t_s < 4.1 || thrust == 0.0));
-    }
-}
-
 #[test]
 fn f17_a_plant_that_dies_leaves_no_truth() {
     let flown = fly(&HOVER, "--clock in-process --fault plant-sim:kill@4+1");

@@ -36,7 +36,7 @@ use intake::Intake;
 use report::TickReport;
 use supervision::FlightSupervision;
 
-use crate::condition::Followed;
+use crate::condition::Condition;
 use crate::external::{ExternalLaw, LawPort};
 use crate::live::FlightChange;
 use crate::stack::ControlOutput;
@@ -309,9 +309,10 @@ impl Cycle {
         self.supervision.requests().first_flight
     }
 
-    /// Source of the references at `now`.
-    pub fn followed(&self, now: Time) -> Followed {
-        self.supervision.course().followed(now)
+    /// The condition at `now`, for operators.
+    pub fn condition(&self, now: Time) -> Condition {
+        let followed = self.supervision.course().followed(now);
+        Condition::of(self.telemetry(), self.first_flight(), followed)
     }
 
     /// Cancels the automatic flight at start-up.

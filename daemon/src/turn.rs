@@ -16,7 +16,6 @@ use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_runtime::health::MotorActivity;
 use oqtal_runtime::turn::{Turn, TurnClock};
 
-use crate::condition::Condition;
 use crate::cycle::Cycle;
 use crate::external::LawPort;
 use crate::input_record;
@@ -253,11 +252,7 @@ impl<T: Transport> Turn for DaemonTurn<'_, T> {
             ports.telemetry.send(tick.pose_sequence, stamps, *telemetry)?;
             input.command_sequence = sequence;
             input.external_number = ports.publish_exchange(cycle.exchange())?;
-            handle.publish_status(Condition::of(
-                cycle.telemetry(),
-                cycle.first_flight(),
-                cycle.followed(now),
-            ));
+            handle.publish_status(cycle.condition(now));
         } else if warmup.perform(now, cycle) {
             ports.commands.warm_up();
         }

@@ -34,48 +34,43 @@ impl Flight {
     }
 
     fn shortfall_of_one(&self) -> Option<String> {
+        let when = self.when();
         match self.outcome {
-            Outcome::Landed => match self.early_landing() {
-                Some(sample) => {
-                    let cause = cause_of(sample);
-                    Some(format!(
-                        "the daemon landed the vehicle before the end of the flight: {cause}"
-                    ))
-                }
+            Outcome::Landed => match self.early_landing().map(cause_of) {
+                Some(cause) => Some(format!(
+                    "the daemon landed the vehicle before the end of the flight: {cause}"
+                )),
                 None => self.landing_on_request(),
             },
-            Outcome::Stopped => {
-                let when = self.when();
-                Some(match self.stop_cause() {
-                    cause @ Cause::NoVehicle => format!(
-                        "the daemon commanded the motors off{when}: {cause}, so it is unknown when they stopped"
-                    ),
-                    cause => format!("the daemon stopped the motors{when}: {cause}"),
-                })
+            Outcome::Stopped => Some(match self.stop_cause() {
+                cause @ Cause::NoVehicle => format!(
+                    "the daemon commanded the motors off{when}: {cause}, so it is unknown when they stopped"
+                ),
+                cause => format!("the daemon stopped the motors{when}: {cause}"),
+            }),
+            Outcome::Crashed => Some(format!("the vehicle {}{when}", self.crash?)),
+            Outcome::Timeout | Outcome::Unfinished if self.armed().next().is_none() => {
+                Some(self.without_flight())
             }
-            Outcome::Crashed => Some(format!("the vehicle {}{}", self.crash?, self.when())),
-            Outcome::Timeout if self.armed().next().is_none() => {
-                let bits = self.samples.last().map_or(0, |sample| sample.telemetry.obstacles);
-                let reasons = ArmingObstacles::from_bits(bits);
-                let unknown = reasons.is_empty().then(|| "the daemon gives no reason".to_owned());
-                Some(format!("no take-off: {}", unknown.unwrap_or_else(|| reasons.to_string())))
-            }
-            Outcome::Timeout => {
-                let when = self.when();
-                Some(format!(
-                    "the flight lasted too long and was ended{when}: it began late, or was held up, as by the fence"
-                ))
-            }
-            Outcome::Unfinished if self.armed().next().is_none() => {
-                Some("nothing was flown: the motors were never armed in this recording".to_owned())
-            }
-            Outcome::Unfinished => {
-                let when = self.when();
-                Some(format!(
-                    "the record ends{when}, before the flight did: another file continues it, a process of the flight ended, or the recording was cut off"
-                ))
-            }
+            Outcome::Timeout => Some(format!(
+                "the flight lasted too long and was ended{when}: it began late, or was held up, as by the fence"
+            )),
+            Outcome::Unfinished => Some(format!(
+                "the record ends{when}, before the flight did: another file continues it, a process of the flight ended, or the recording was cut off"
+            )),
             Outcome::Replayed => None,
+        }
+    }
+
+    /// Reason why there was no take-off.
+    fn without_flight(&self) -> String {
+        if self.outcome == Outcome::Unfinished {
+            return "nothing was flown: the motors were never armed in this recording".to_owned();
+        }
+        let bits = self.samples.last().map_or(0, |sample| sample.telemetry.obstacles);
+        match ArmingObstacles::from_bits(bits) {
+            unknown if unknown.is_empty() => "no take-off: the daemon gives no reason".to_owned(),
+            reasons => format!("no take-off: {reasons}"),
         }
     }
 

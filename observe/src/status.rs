@@ -53,7 +53,7 @@ impl InstanceStatus {
     /// Status as text: one line per process, the vehicle and the position.
     pub fn lines(&self) -> Vec<String> {
         let mut lines: Vec<String> = self.processes.iter().map(ToString::to_string).collect();
-        let unknown = "unknown: its process runs, but published nothing during this observation";
+        let unknown = "unknown: its state was not published during this observation";
         let vehicle = self.vehicle.as_ref().map(ToString::to_string);
         let vehicle =
             vehicle.or_else(|| self.has(&[Role::Plant, Role::Bridge]).then(|| unknown.to_owned()));

@@ -170,7 +170,7 @@ fn processes(model: &InstanceModel) -> StatusLine {
     line("process", text, if any_silent { Weight::Warning } else { Weight::Plain })
 }
 
-/// Present problems of processes, vehicle and observation; injected faults are no problems of the instance.
+/// Present problems of processes, vehicle and observation, without injected faults.
 fn problems(model: &InstanceModel) -> StatusLine {
     let mut found = Vec::new();
     for process in model.processes() {

@@ -8,7 +8,7 @@ use oqtal_bus::message::{CommandV1, ControlRequestV1, PoseV1, VehicleV1};
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_bus::text::LongText;
 use oqtal_bus::time::Span;
-use oqtal_config::{Config, Setting};
+use oqtal_config::Config;
 use oqtal_daemon::LiveSettings;
 
 /// Time until `state` with good poses \[ms\].
@@ -358,52 +358,4 @@ fn f72_a_real_vehicle_without_a_time_out_of_its_own_is_armed_only_where_that_is_
         let reasons = if is_armed { vec![] } else { vec![ArmingObstacle::NoTimeOut] };
         assert_eq!(told, reasons, "{limit_ms} ms, {time_out_s} s");
     }
-}
-
-/// A line that was added to the file of the daemon, read, and removed again has no effect any more.
-#[test]
-fn a_reload_returns_to_the_files_as_they_are() {
-    let directory = tempfile::tempdir().unwrap();
-    let file = directory.path().join("own.toml");
-    let write = |text: &str| std::fs::write(&file, text).unwrap();
-    write("trajectory.kind = \"hover\"\n");
-    let config = Config::load(std::slice::from_ref(&file), &[]).unwrap();
-    let mut settings = LiveSettings::new(&config, std::slice::from_ref(&file));
-    let reload = |settings: &mut LiveSettings| {
-        let request = ControlRequestV1::of(OperatorCommand::Reload);
-        settings.prepare(OperatorCommand::Reload, &request).map(|mut it| settings.commit(&mut it))
-    };
-    write("trajectory.kind = \"hover\"\ntrajectory.height-m = 1.4\n");
-    reload(&mut settings).unwrap();
-    assert_eq!(settings.present().trajectory.height_m, 1.4);
-    assert!(reload(&mut settings).unwrap_err().reason.contains("no setting differs"));
-    write("trajectory.kind = \"hover\"\n");
-    reload(&mut settings).unwrap();
-    assert_eq!(settings.present(), &config);
-}
-
-/// A line of the daemon's start that was removed has no effect any more; a flag keeps precedence over the file.
-#[test]
-fn a_reload_takes_removed_lines_back_and_keeps_flags() {
-    let directory = tempfile::tempdir().unwrap();
-    let files = [directory.path().join("own.toml")];
-    let write = |text: &str| std::fs::write(&files[0], text).unwrap();
-    let law = "control.controller = \"oqtal\"\n";
-    write(&format!("{law}trajectory.kind = \"hover\"\ntrajectory.height-m = 1.4\n"));
-    let flag = Setting::flag("--controller", "control.controller", "pid");
-    let config = Config::load(&files, std::slice::from_ref(&flag)).unwrap();
-    let mut settings = LiveSettings::new(&config, &files);
-    let reload = |settings: &mut LiveSettings| {
-        let request = ControlRequestV1::of(OperatorCommand::Reload);
-        settings.prepare(OperatorCommand::Reload, &request).map(|mut it| settings.commit(&mut it))
-    };
-    assert!(reload(&mut settings).unwrap_err().reason.contains("no setting differs"));
-    write(&format!("{law}trajectory.kind = \"hover\"\n"));
-    reload(&mut settings).unwrap();
-    let present = settings.present();
-    assert_eq!(present.control.controller.name(), "pid");
-    assert_eq!(present.trajectory.height_m, Config::default().trajectory.height_m);
-    write(&format!("{law}vehicle.mass-kg = 0.6\n"));
-    let refusal = reload(&mut settings).unwrap_err();
-    assert!(refusal.reason.contains("cannot change while the daemon runs"), "{refusal:?}");
 }

@@ -8,6 +8,7 @@ mod gate;
 mod limits;
 mod margins;
 mod program;
+mod reload;
 mod setpoint;
 mod stop;
 mod vehicle;
