@@ -306,4 +306,40 @@ mod tests {
         assert_eq!(after(Inhibited, 10, by_hand), Off);
         assert_eq!(after(Off, 10_000, by_hand), Off);
     }
+
+    #[test]
+    fn each_transition_is_logged_as_what_it_is() {
+        let logged = |from: MotorState, conditions: MotorConditions| {
+            let (since, started_here) = (Time::VIRTUAL_START, conditions.started_here);
+            let mut motors = MotorSequencer { state: from, since, longest: LONGEST, started_here };
+            (motors.step(since + LONGEST, conditions), motors.may_run())
+        };
+        let running = MotorConditions { running: true, ..NONE };
+        let stopped = MotorConditions { stopped: true, ..NONE };
+        let silent = MotorConditions { daemon_silent: true, started_here: true, ..running };
+        let ends = MotorConditions { rest_over: true, ..running };
+        for (from, conditions, event, may_run) in [
+            (Inhibited, MotorConditions { idle: true, ..NONE }, None, false),
+            (Off, MotorConditions { requested: true, ..stopped }, Some(MotorEvent::Starting), true),
+            (Starting, REQUESTED, Some(MotorEvent::StartFailed), false),
+            (
+                Starting,
+                MotorConditions { running: true, ..REQUESTED },
+                Some(MotorEvent::Running),
+                true,
+            ),
+            (Running, ends, Some(MotorEvent::Stopping), true),
+            (Running, stopped, Some(MotorEvent::Stopped), false),
+            (Running, silent, Some(MotorEvent::DaemonSilent), true),
+            (
+                Running,
+                MotorConditions { requested: true, ..stopped },
+                Some(MotorEvent::StoppedInFlight),
+                false,
+            ),
+            (Stopping, NONE, Some(MotorEvent::StopFailed), false),
+        ] {
+            assert_eq!(logged(from, conditions), (event, may_run), "{from:?} {conditions:?}");
+        }
+    }
 }

@@ -344,3 +344,43 @@ fn f57_nothing_is_sent_while_another_has_control_until_it_returns_and_flight_is_
     flying.status(true);
     assert!(matches!(flying.command(flight(0.1)), VehicleSetpoint::Fly(_)));
 }
+
+/// Only a report that arrived after the stop counts, and none while a toggle that was sent may still take effect.
+#[test]
+fn f33_the_motors_are_off_once_the_vehicle_says_so_after_a_stop() {
+    let mut flying = Flying::new();
+    flying.status(false);
+    flying.gate.keep_stopped(Some(flying.now));
+    assert!(!flying.gate.motors_are_off(), "reported at the instant of the stop");
+    flying.frame();
+    flying.status(false);
+    flying.frame();
+    assert!(flying.gate.motors_are_off());
+    flying.status(true);
+    assert!(!flying.gate.motors_are_off());
+    // A start sequence that was cancelled: the motors may still start.
+    let mut starting = Flying { gate: CommandGate::new(START, LIMITS), now: START, sequence: 0 };
+    starting.frames(5);
+    starting.status(false);
+    assert_eq!(starting.command(flight(0.1)), VehicleSetpoint::StartMotors);
+    starting.gate.keep_stopped(Some(starting.now));
+    starting.frame();
+    starting.status(false);
+    assert!(!starting.gate.motors_are_off());
+}
+
+#[test]
+fn f33_a_flight_command_from_before_the_end_of_a_stop_is_never_sent() {
+    let mut flying = Flying::new();
+    flying.gate.keep_stopped(Some(flying.now));
+    flying.gate.receive(flying.now, &header(9, flying.now), flight(0.2));
+    flying.gate.keep_stopped(None);
+    flying.status(true);
+    assert!(!matches!(flying.frame(), VehicleSetpoint::Fly(_)));
+    let mut disarmed = Flying::new();
+    disarmed.gate.receive(disarmed.now, &header(9, disarmed.now), CommandV1::default());
+    disarmed.gate.keep_stopped(Some(disarmed.now));
+    disarmed.gate.keep_stopped(None);
+    let (_, forwarded, _) = disarmed.gate.select_command(disarmed.now);
+    assert_eq!(forwarded.map(|forwarded| forwarded.command), Some(9), "motors off is sent");
+}
