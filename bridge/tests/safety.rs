@@ -355,7 +355,7 @@ fn f33_the_motors_are_off_once_the_vehicle_says_so_after_a_stop() {
     flying.frame();
     flying.status(false);
     flying.frame();
-    assert!(flying.gate.motors_are_off());
+    assert!(flying.gate.motors_are_off() && !flying.gate.is_starting());
     flying.status(true);
     assert!(!flying.gate.motors_are_off());
     // A start sequence that was cancelled: the motors may still start.
@@ -363,6 +363,7 @@ fn f33_the_motors_are_off_once_the_vehicle_says_so_after_a_stop() {
     starting.frames(5);
     starting.status(false);
     assert_eq!(starting.command(flight(0.1)), VehicleSetpoint::StartMotors);
+    assert!(starting.gate.is_starting());
     starting.gate.keep_stopped(Some(starting.now));
     starting.frame();
     starting.status(false);
