@@ -172,12 +172,16 @@ struct Flying {
 }
 
 impl Flying {
-    fn new() -> Self {
+    /// A vehicle with motors off, before a first command.
+    fn waiting() -> Self {
         let mut flying = Self { gate: CommandGate::new(START, LIMITS), now: START, sequence: 0 };
-        for _ in 0..5 {
-            flying.frame();
-        }
+        flying.frames(5);
         flying.status(false);
+        flying
+    }
+
+    fn new() -> Self {
+        let mut flying = Self::waiting();
         assert_eq!(flying.command(flight(0.1)), VehicleSetpoint::StartMotors);
         flying.status(true);
         assert!(matches!(flying.command(flight(0.1)), VehicleSetpoint::Fly(_)));
@@ -359,9 +363,7 @@ fn f33_the_motors_are_off_once_the_vehicle_says_so_after_a_stop() {
     flying.status(true);
     assert!(!flying.gate.motors_are_off());
     // A start sequence that was cancelled: the motors may still start.
-    let mut starting = Flying { gate: CommandGate::new(START, LIMITS), now: START, sequence: 0 };
-    starting.frames(5);
-    starting.status(false);
+    let mut starting = Flying::waiting();
     assert_eq!(starting.command(flight(0.1)), VehicleSetpoint::StartMotors);
     assert!(starting.gate.is_starting());
     starting.gate.keep_stopped(Some(starting.now));
@@ -384,4 +386,16 @@ fn f33_a_flight_command_from_before_the_end_of_a_stop_is_never_sent() {
     disarmed.gate.keep_stopped(None);
     let (_, forwarded, _) = disarmed.gate.select_command(disarmed.now);
     assert_eq!(forwarded.map(|forwarded| forwarded.command), Some(9), "motors off is sent");
+}
+
+/// Start and stop are one toggle: without a recent status it might stop motors that have started.
+#[test]
+fn a_start_sequence_pauses_while_the_vehicle_does_not_report() {
+    let mut starting = Flying::waiting();
+    let set_points: Vec<_> = (0..40).map(|_| starting.command(flight(0.1))).collect();
+    assert_eq!(set_points[0], VehicleSetpoint::StartMotors);
+    assert_eq!(set_points[39], VehicleSetpoint::Zero);
+    starting.status(false);
+    assert_eq!(starting.command(flight(0.1)), VehicleSetpoint::StartMotors);
+    assert!(Flying::new().gate.may_run());
 }
