@@ -392,10 +392,8 @@ fn f33_a_flight_command_from_before_the_end_of_a_stop_is_never_sent() {
 #[test]
 fn a_start_sequence_pauses_while_the_vehicle_does_not_report() {
     let mut starting = Flying::waiting();
-    let set_points: Vec<_> = (0..40).map(|_| starting.command(flight(0.1))).collect();
-    assert!(
-        set_points[0] == VehicleSetpoint::StartMotors && set_points[39] == VehicleSetpoint::Zero
-    );
+    let sent: Vec<_> = (0..40).map(|_| starting.command(flight(0.1))).collect();
+    assert_eq!([sent[0], sent[39]], [VehicleSetpoint::StartMotors, VehicleSetpoint::Zero]);
     starting.status(false);
     assert_eq!(starting.command(flight(0.1)), VehicleSetpoint::StartMotors);
     assert!(Flying::new().gate.may_run());
