@@ -114,8 +114,7 @@ impl Departure {
             }
             MotorActivity::Unreported => {
                 let have_ended = self.flying.iter().all(|process| !process.is_running());
-                (have_ended && !self.flying.is_empty())
-                    || now.since(self.begun_at) >= LONGEST_LANDING
+                have_ended || now.since(self.begun_at) >= LONGEST_LANDING
             }
         }
     }
