@@ -45,12 +45,16 @@ pub(crate) fn watched(
         let result = job();
         drop(job_runs);
         let lost = watching.and_then(|watching| watching.join().ok().flatten());
-        result.and(lost.map_or(Ok(()), Err))
+        match lost {
+            // A job that failed did so because of the loss.
+            Some((failure, ends_process)) if ends_process || result.is_err() => Err(failure),
+            _ => result,
+        }
     })
 }
 
-/// Checks the files until the job is over; returns the reason if it ended the process.
-fn watch_until(context: &ProcessContext, over: &Receiver<()>) -> Option<Failure> {
+/// Checks the files until the job is over; returns a loss, and whether it ended the process.
+fn watch_until(context: &ProcessContext, over: &Receiver<()>) -> Option<(Failure, bool)> {
     let mut departure: Option<Departure> = None;
     // Instants of the last two checks without a loss; one found at the second check may have been there at the first.
     let mut whole = [Time::now(); 2];
@@ -73,10 +77,10 @@ fn watch_until(context: &ProcessContext, over: &Receiver<()>) -> Option<Failure>
             && departure.is_safe(context.health.motors(), Time::now())
         {
             context.stop.set();
-            return Some(Failure::new(Exit::System, departure.reason.clone()));
+            return Some((departure.failure(), true));
         }
     }
-    None
+    departure.map(|departure| (departure.failure(), false))
 }
 
 /// End of a process after a loss.
@@ -100,6 +104,10 @@ impl Departure {
         context.signals.files_lost.store(true, Ordering::Release);
         let flying = context.paths().map(|paths| others(&paths, whole_at)).unwrap_or_default();
         Self { reason, begun_at: Time::now(), motors_off_since: None, flying }
+    }
+
+    fn failure(&self) -> Failure {
+        Failure::new(Exit::System, self.reason.clone())
     }
 
     /// Whether the process can end: its motors have been off for a second; a process without motors waits for those that have.
