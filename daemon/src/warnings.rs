@@ -3,7 +3,7 @@
 use std::ops::RangeInclusive;
 
 use nalgebra::Vector3;
-use oqtal_config::Config;
+use oqtal_config::{Config, Fidelity};
 use oqtal_control::trajectory::{
     FlightPlan, Phase, Reference, StartPoint, Trajectory, TrajectoryKind,
 };
@@ -21,6 +21,8 @@ const USUAL_MS: RangeInclusive<f64> = 0.2..=1000.0;
 /// Plausible ratio of a moment of inertia to mass^(5/3), which is constant for bodies of equal shape and density
 /// \[kg^(-2/3) m^2\].
 const USUAL_INERTIA: RangeInclusive<f64> = 2e-5..=4.0;
+/// Difference between the thrust of the simulated rotors and the configured one without a note \[-\].
+const MOST_ROTOR_DIFFERENCE: f64 = 0.1;
 /// Distance between hover point and first waypoint above which a note is printed \[m\].
 const TOLD_JUMP_M: f64 = 0.5;
 
@@ -34,6 +36,7 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     all.extend(implausible(config));
     all.extend(law_replaced(config));
     all.extend(too_old(config));
+    all.extend(rotor_thrust(config));
     all.extend(waypoints_unused(config));
     all.extend(position_gains_unused(config));
     let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
@@ -49,6 +52,20 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     all.extend(jump(&plan, config));
     all.extend(after_the_end(config, plan.end_s()));
     all
+}
+
+/// Note on simulated rotors that do not give the greatest thrust of the vehicle.
+fn rotor_thrust(config: &Config) -> Option<String> {
+    let (plant, rotors) = (&config.plant, &config.plant.rotors);
+    let thrust_n = 4.0 * rotors.thrust_coefficient * rotors.max_speed_rad_s.powi(2);
+    let differs = (thrust_n / plant.max_thrust_n - 1.0).abs() > MOST_ROTOR_DIFFERENCE;
+    (plant.fidelity == Fidelity::Rotors && differs).then(|| {
+        let speed = (0.25 * plant.max_thrust_n / rotors.thrust_coefficient).sqrt();
+        format!(
+            "with fidelity=rotors the four rotors give {thrust_n:.1} N, not plant.max-thrust-n = {} N: set plant.rotors.max-speed-rad-s to {speed:.0}, or the greatest thrust to theirs",
+            plant.max_thrust_n
+        )
+    })
 }
 
 /// Notes on disturbances and faults that begin after the planned end of the flight, at `end_s` from arming \[s\].
@@ -350,5 +367,13 @@ mod tests {
     fn a_rate_that_the_cameras_cannot_deliver_is_reported() {
         let text = told(&["control.rate-hz=80"], None).join("\n");
         assert!(text.contains("60.0000 Hz") || text.contains("60 Hz"), "{text}");
+    }
+
+    #[test]
+    fn rotors_that_do_not_give_the_greatest_thrust_are_reported() {
+        assert!(told(&["plant.fidelity=rotors"], None).is_empty());
+        let other = ["plant.fidelity=rotors", "vehicle.mass-kg=1.35", "vehicle.max-thrust-n=31"];
+        let told = told(&other, None);
+        assert!(told.iter().any(|text| text.contains("max-speed-rad-s to 1180")), "{told:?}");
     }
 }

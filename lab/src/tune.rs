@@ -41,7 +41,7 @@ pub struct TuneArgs {
     /// after the other
     #[arg(required_unless_present = "live", id = "what", value_name = "WHAT", value_parser = PossibleValuesParser::new(space::names()))]
     targets: Vec<String>,
-    /// Number of points to evaluate for each law
+    /// Greatest number of points to evaluate for each law: the first, and whole generations of the search
     #[arg(long, value_name = "N", default_value_t = Budget::default().points, value_parser = parse_points)]
     budget: usize,
     /// Seed of the optimiser

@@ -156,8 +156,11 @@ impl Comparison {
 
     /// Settings that differ between the flights.
     fn settings(&self) -> NamedTable {
-        let all: Vec<BTreeMap<String, String>> =
-            self.flights.iter().map(|flight| settings(&flight.config.to_toml())).collect();
+        let all: Vec<BTreeMap<String, String>> = self
+            .flights
+            .iter()
+            .map(|flight| settings(&flight.config_at_arming().to_toml()))
+            .collect();
         let keys: std::collections::BTreeSet<&String> =
             all.iter().flat_map(BTreeMap::keys).collect();
         let mut rows = Vec::new();

@@ -6,7 +6,7 @@ use crate::latency::{Distribution, HopDistributions, OnwardTime};
 use oqtal_bus::code::Cause;
 use oqtal_bus::message::{EventV1, Stamps};
 use oqtal_bus::time::Time;
-use oqtal_config::Config;
+use oqtal_config::{Config, Setting};
 use serde::{Deserialize, Serialize};
 
 use crate::command_path::CommandPath;
@@ -179,6 +179,19 @@ impl Flight {
             daemon: None,
             has_other_config: false,
         }
+    }
+
+    /// The configuration with the settings that operators changed before the take-off.
+    pub fn config_at_arming(&self) -> Config {
+        let origin = self.origin();
+        let before =
+            self.changes.iter().filter(|(at, event)| *at <= origin && event.refusal().is_none());
+        let lines = before.flat_map(|(_, event)| event.text.as_str().lines());
+        // Requests of the course, like a title, are not settings.
+        let settings = lines.filter(|line| line.contains('='));
+        let settings: Vec<_> =
+            settings.filter_map(|line| Setting::parse("set", line).ok()).collect();
+        self.config.with_live(&settings).unwrap_or_else(|_| self.config.clone())
     }
 
     /// The ticks from arming to disarming.

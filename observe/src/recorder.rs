@@ -7,6 +7,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Role, Sample};
 use oqtal_config::Config;
 
+use crate::command_path::CommandPath;
 use crate::crash::Crash;
 use crate::event::changes_course;
 use crate::flight::{AppliedCommand, Flight, FlightSample, Outcome, PoseArrival};
@@ -263,6 +264,9 @@ impl Recorder {
     fn vehicle(&mut self, reception: &Reception, vehicle: &VehicleV1) {
         let (header, flight) = (&reception.header, &mut self.flight);
         flight.commands_lost = vehicle.lost;
+        if vehicle.simulated == 0 && flight.command_path == CommandPath::Bus {
+            flight.command_path = CommandPath::Linked(flight.config.bridge.link.clone());
+        }
         flight.wire.vehicle(header, vehicle);
         if !header.stamps.applied_at.is_set() {
             // A bridge publishes in every period; in this period it had no new command.

@@ -140,7 +140,8 @@ impl TopicCounts {
 impl Summary {
     /// The figures of `flight`.
     pub fn of(flight: &Flight) -> Self {
-        Self::at(flight, &flight.config, &last_tick(flight))
+        let config_hash = format!("{:016x}", flight.config.hash());
+        Self { config_hash, ..Self::at(flight, &flight.config_at_arming(), &last_tick(flight)) }
     }
 
     /// The figures of `flight` under `config`, whose last tick is `last`.
@@ -166,7 +167,7 @@ impl Summary {
             effort: effort(flight),
             riccati_solves: last.riccati_solves,
             speed_factor: flight.speed_factor,
-            deadline_misses: last.deadline_misses,
+            deadline_misses: last.deadline_misses.saturating_sub(misses_before(flight)),
             lost: TopicCounts::new(last.poses_lost, flight.commands_lost),
             repeated: TopicCounts::new(flight.poses_repeated, flight.commands_repeated),
             poses_superseded: last.poses_superseded,
@@ -255,6 +256,12 @@ fn vehicle_name(flight: &Flight) -> String {
         }
         (path, _) => path.to_string(),
     }
+}
+
+/// Missed deadlines of the daemon before the flight \[-\].
+fn misses_before(flight: &Flight) -> u64 {
+    let first = flight.armed().next().or(flight.samples.first());
+    first.map_or(0, |sample| sample.telemetry.deadline_misses)
 }
 
 /// The last tick; the default one of a flight without any.

@@ -102,7 +102,7 @@ impl DiscoverArgs {
         let text = if self.json {
             json(&found)
         } else if found.is_empty() {
-            "no camera system answers; name its computer, as in `oqtal receiver discover HOST`"
+            "no camera system answers on the usual ports; name its computer, and a port of its own, as in `oqtal receiver discover HOST:PORT`"
                 .to_owned()
         } else {
             found.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")

@@ -1,7 +1,7 @@
 //! A recording as one document: rows and events of the whole flight, thinned to the resolution of a page.
 
 use oqtal_config::Config;
-use oqtal_observe::recording::{RecordingFile, RecordingFileError, config, play};
+use oqtal_observe::recording::{RecordingFile, RecordingFileError, config, flight, play};
 use serde::Serialize;
 
 use crate::collect::{Collected, Collector};
@@ -50,8 +50,10 @@ impl RecordedView {
         let cut_off = file.cut_off.as_deref();
         let document = Document { collected: &collected, thinning, cut_off };
         let name = file.path.file_name().unwrap_or_default().to_string_lossy();
+        // The heading is that of the flight, whose settings may have been changed before the take-off.
+        let flown = flight(file).map_or(config, |flight| flight.config_at_arming());
         Ok(Self {
-            scene: SceneDescription::of_recording(&config, &name),
+            scene: SceneDescription::of_recording(&flown, &name),
             document: serde_json::to_string(&document).expect("rows and events are plain JSON"),
         })
     }

@@ -100,7 +100,7 @@ fn other_optima(name: &str, starts: &StartingPoints) -> Option<String> {
         close if close < INDISTINCT => "as likely: the flight does not tell the two apart",
         _ => "less likely: the best is taken",
     };
-    let percent = rounded(1e2 * excess_ratio, 2);
+    let percent = rounded(1e2 * excess_ratio.max(0.0), 2);
     (elsewhere > 0).then(|| {
         format!(
             "{name}: {elsewhere} of {count} starting points lead to other parameters, with squares {percent} % greater; {best}"

@@ -11,7 +11,7 @@ use crate::study::table::column;
 /// Law that is compared with all others.
 pub(super) const OURS: &str = "oqtal-dt";
 
-const NOTE: &str = "In each draw the best of the others in that figure, whatever its gains: no single law has all of these figures. \
+const NOTE: &str = "In each draw the best of the others in that figure, whatever its gains: another law may be the best in another figure or draw. \
      The settings name the others.";
 
 /// One row of gains of `oqtal-dt`, and a group of other laws.

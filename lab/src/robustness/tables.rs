@@ -15,6 +15,11 @@ use crate::study::metric::{ATTITUDE, CHIRP, DOUBLET, HOVER, JITTER, METRIC, METR
 use crate::study::table::column;
 use crate::study::{Flown, Run};
 
+/// Note of the headline with one law besides `oqtal-dt`, and with several.
+const ONE_RIVAL: &str = "The other law flies with an estimator and a position loop of its own.";
+const SEVERAL_RIVALS: &str = "The other laws fly with an estimator and a position loop of their own. Each figure of their row is that of the \
+     best law in it.";
+
 /// Number of keys per law in the table of dependences \[-\].
 const STRONGEST: usize = 4;
 /// Least number of draws for a rank correlation \[-\]: over fewer it is often near 1 by chance.
@@ -50,12 +55,21 @@ fn headline(flown: &[Flown]) -> Sheet {
     let others: Vec<&Flown> =
         flown.iter().filter(|law| !is_ours(law) && !law.law.is_predictive()).collect();
     let names: BTreeSet<&str> = others.iter().map(|law| law.law.controller).collect();
-    let best = (format!("best of {} other laws", names.len()), others);
+    let (best, note) = match names.len() {
+        1 => ("the other law".to_owned(), ONE_RIVAL),
+        count => (format!("best of {count} other laws"), SEVERAL_RIVALS),
+    };
+    let best = (best, others);
     let rows: Vec<Row<'_>> =
         own.chain([best].into_iter().filter(|(_, laws)| !laws.is_empty())).collect();
     let names = |(name, _): &Row<'_>| (name.clone(), Variant::Ours, String::new());
-    Sheet::tabulate(("headline", "oqtal-dt and the best of the other laws in each column"), &columns, &rows, names)
-        .with_note("The other laws fly with an estimator and a position loop of their own. No single one has all figures of its row.")
+    Sheet::tabulate(
+        ("headline", "oqtal-dt and the best of the other laws in each column"),
+        &columns,
+        &rows,
+        names,
+    )
+    .with_note(note)
 }
 
 /// Flights that did not land as planned, by law, test and cause.

@@ -65,7 +65,7 @@ fn plots(tuned: &Tuned) -> Markup {
     let least = points(&mut least);
     let evaluated = points(&mut objectives.iter().map(shown));
     html! {
-        (plot("objective: each point, and the best so far", vec![
+        (plot(&format!("objective: the best so far, and each point up to {DRAWN} times the start"), vec![
             discs(Ink::Second, evaluated),
             vec![Mark::Line(Ink::Actual, 3, least)],
         ]))

@@ -34,6 +34,32 @@ fn recorded(states: &[SafetyState], true_ticks: usize) -> Recorder {
 }
 
 #[test]
+fn a_flight_is_named_by_its_settings_at_the_take_off() {
+    let mut recorder = Recorder::new(&Config::default());
+    let at = |millis| Time::VIRTUAL_START + Span::from_millis(millis);
+    let mut set = |received_at, number, text: &str| {
+        let (command, text) =
+            (OperatorCommand::Set.code(), LongText::of_lines(text.lines()).unwrap());
+        let event = EventV1 { number, command, text, time: received_at, ..EventV1::default() };
+        recorder.sample(&Reception { received_at, ..Reception::default() }, Sample::Event(&event));
+        let mode = if number == 1 { Mode::Disarmed } else { Mode::Flying }.code();
+        let tick = TelemetryV1 { time: received_at, mode, ..TelemetryV1::default() };
+        let reception = Reception { received_at, ..Reception::default() };
+        recorder.sample(&reception, Sample::Telemetry(&tick));
+        let attitude = [0.0, 0.0, 0.0, 1.0];
+        let truth = TruthV1 { time: received_at, attitude, ..TruthV1::default() };
+        recorder.sample(&reception, Sample::Truth(&truth));
+    };
+    set(at(0), 1, "control.controller=geometric\ntrajectory.kind=circle");
+    set(at(500), 2, "position.tilt-limit-deg=12");
+    set(at(1000), 3, "control.controller=pid");
+    let flight = recorder.finish(Outcome::Landed, 1.0);
+    let summary = Summary::of(&flight);
+    assert_eq!((&*summary.controller, &*summary.trajectory), ("geometric", "circle"));
+    assert_eq!(summary.config_hash, format!("{:016x}", Config::default().hash()));
+}
+
+#[test]
 fn a_change_is_told_unless_it_is_refused_and_a_landing_after_it_was_requested() {
     let mut recorder = Recorder::new(&Config::default());
     let (planned_landing_s, mode) = (f64::INFINITY, Mode::Flying.code());
