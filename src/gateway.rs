@@ -10,6 +10,7 @@ mod udp;
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 
 use clap::{Args, Subcommand, ValueEnum};
@@ -77,17 +78,20 @@ impl GatewayCommand {
             None => Box::new(UnixGateway::bind(&paths.directory().join(SOCKET))?),
         };
         say(&format!("oqtal: gateway at {}; Ctrl-C ends", socket.address()));
+        let stop_count = AtomicU64::new(0);
         std::thread::scope(|threads| {
-            let (socket, paths) = (&*socket, &paths);
-            let execute_all = |requests: Receiver<GatewayRequest>| {
-                requests.into_iter().for_each(|request| request.execute(paths, socket));
+            let (socket, paths, stop_count) = (&*socket, &paths, &stop_count);
+            let execute_all = move |requests: Receiver<GatewayRequest>| {
+                requests.into_iter().for_each(|it| it.execute(paths, socket, stop_count));
             };
             let [(stops, to_stop), (others, to_answer)] = [(); 2].map(|()| sync_channel(QUEUE));
             // A request waits for a daemon that hangs: a stop does not wait for it.
             threads.spawn(move || execute_all(to_stop));
             threads.spawn(move || execute_all(to_answer));
             let references = None;
-            Gateway { bus, references, stops, others, whole_at: Time::now() }.run(socket, &stop)
+            let whole_at = Time::now();
+            let gateway = Gateway { bus, references, stops, others, stop_count, whole_at };
+            gateway.run(socket, &stop)
         })?;
         Ok(Exit::Ok)
     }
@@ -98,12 +102,20 @@ struct GatewayRequest {
     command: CtlRequest,
     arguments: Vec<String>,
     sender: Sender,
+    /// Number of stops that were requested before it \[-\].
+    stops_before: u64,
 }
 
 impl GatewayRequest {
-    /// Executes the request to the instance at `paths`, and replies.
-    fn execute(self, paths: &InstancePaths, socket: &dyn GatewaySocket) {
-        let Self { command, arguments, sender } = self;
+    /// Executes the request to the instance at `paths`, and replies. A request that waited while a stop was requested is refused: an
+    /// `arm` must not take effect after it.
+    fn execute(self, paths: &InstancePaths, socket: &dyn GatewaySocket, stop_count: &AtomicU64) {
+        let Self { command, arguments, sender, stops_before } = self;
+        if command != CtlRequest::Stop && stop_count.load(Ordering::Acquire) != stops_before {
+            let reason = "a stop was requested after it".to_owned();
+            socket.reply(&sender, &GatewayReply::refused(reason).to_json());
+            return;
+        }
         let address = AddressedInstance::at(paths);
         let sign = |request| sender.sign(request);
         let result = oqtal_operator::execute(&address, (command, &arguments), None, sign);
@@ -113,22 +125,24 @@ impl GatewayRequest {
 }
 
 /// Ports of the gateway.
-struct Gateway {
+struct Gateway<'a> {
     bus: Bus,
     /// Opened with the first reference: the topic has one writer.
     references: Option<Writer<ReferenceV1>>,
     stops: SyncSender<GatewayRequest>,
     others: SyncSender<GatewayRequest>,
+    /// Number of stops requested so far.
+    stop_count: &'a AtomicU64,
     /// Instant at which the files of the instance were last found.
     whole_at: Time,
 }
 
-impl Gateway {
+impl Gateway<'_> {
     /// Serves `socket` until `stop` is set.
     ///
     /// # Errors
     /// Files of the instance were lost, or the operating system refuses (exit code 71).
-    fn run(&mut self, socket: &dyn GatewaySocket, stop: &StopFlag) -> Result<(), Failure> {
+    fn run(mut self, socket: &dyn GatewaySocket, stop: &StopFlag) -> Result<(), Failure> {
         let mut datagram = vec![0; protocol::LONGEST_DATAGRAM];
         while !stop.is_set() {
             self.require_files()?;
@@ -173,8 +187,10 @@ impl Gateway {
             Ok(command) => command,
             Err(reason) => return Err((sender, reason)),
         };
-        let thread = if command == CtlRequest::Stop { &self.stops } else { &self.others };
-        let request = GatewayRequest { command, arguments, sender };
+        let is_stop = command == CtlRequest::Stop;
+        let stops_before = self.stop_count.fetch_add(u64::from(is_stop), Ordering::AcqRel);
+        let thread = if is_stop { &self.stops } else { &self.others };
+        let request = GatewayRequest { command, arguments, sender, stops_before };
         thread.try_send(request).map_err(|error| {
             let (TrySendError::Full(request) | TrySendError::Disconnected(request)) = error;
             (request.sender, format!("{QUEUE} requests wait for the daemon already"))

@@ -77,11 +77,17 @@ fn a_stop_waits_for_no_other_request() {
     daemon.signal(Signal::STOP);
     (0..3).for_each(|_| ask("status"));
     ask("stop");
-    let mut reply = [0; 4096];
-    let length = program.recv(&mut reply).unwrap();
-    let first = String::from_utf8_lossy(&reply[..length]).into_owned();
+    let reply = || {
+        let mut reply = [0; 4096];
+        let length = program.recv(&mut reply).unwrap();
+        String::from_utf8_lossy(&reply[..length]).into_owned()
+    };
+    let first = reply();
     assert!(first.contains("stop"), "{first}");
     daemon.signal(Signal::CONT);
+    // An `arm` among them would end the stop.
+    let refused = (0..3).filter(|_| reply().contains("a stop was requested after it")).count();
+    assert!(refused >= 2, "{refused}");
 }
 
 #[test]

@@ -34,7 +34,7 @@ impl Flight {
     }
 
     fn shortfall_of_one(&self) -> Option<String> {
-        let when = self.when();
+        let (when, ended) = (self.when(), self.ended());
         match self.outcome {
             Outcome::Landed => match self.early_landing().map(cause_of) {
                 Some(cause) => Some(format!(
@@ -44,11 +44,11 @@ impl Flight {
             },
             Outcome::Stopped => Some(match self.stop_cause() {
                 cause @ Cause::NoVehicle => format!(
-                    "the daemon commanded the motors off{when}: {cause}, so it is unknown when they stopped"
+                    "the daemon commanded the motors off{ended}: {cause}, so it is unknown when they stopped"
                 ),
-                cause => format!("the daemon stopped the motors{when}: {cause}"),
+                cause => format!("the daemon stopped the motors{ended}: {cause}"),
             }),
-            Outcome::Crashed => Some(format!("the vehicle {}{when}", self.crash?)),
+            Outcome::Crashed => Some(format!("the vehicle {}{ended}", self.crash?)),
             Outcome::Timeout | Outcome::Unfinished if self.armed().next().is_none() => {
                 Some(self.without_flight())
             }
@@ -107,25 +107,28 @@ impl Flight {
         self.samples.iter().any(FlightSample::is_held)
     }
 
-    /// Time of the last armed tick after arming, as text; empty without an armed tick. The interval, if there was no tick for a long
-    /// time just before or after it: the flight ended in it.
+    /// Instant of the last armed tick, as text; empty without one.
     fn when(&self) -> String {
+        let last = self.armed().last();
+        last.map_or_else(String::new, |last| self.after_arming(last.telemetry.time))
+    }
+
+    /// Instant at which the flight ended, as text: that of the last armed tick, or the interval without ticks just before or after it.
+    fn ended(&self) -> String {
         let Some(last) = self.samples.iter().rposition(FlightSample::is_armed) else {
             return String::new();
         };
         let time = |index: usize| self.samples[index].telemetry.time;
-        let pairs =
-            [(last.saturating_sub(1), last), (last, (last + 1).min(self.samples.len() - 1))];
+        let next = (last + 1).min(self.samples.len() - 1);
+        let pairs = [(last.saturating_sub(1), last), (last, next)];
         let gap = pairs.into_iter().find(|(from, to)| time(*to).since(time(*from)) > LONGEST_TICK);
         match gap.filter(|_| self.crash != Some(Crash::DaemonDied)) {
             Some((from, to)) => {
-                let [from_s, to_s] =
-                    [from, to].map(|index| time(index).since(self.origin()).seconds());
-                format!(
-                    " between {from_s:.2} s and {to_s:.2} s after arming; in between the daemon hung"
-                )
+                let from_s = time(from).since(self.origin()).seconds();
+                let until = self.after_arming(time(to));
+                format!(" between {from_s:.2} s and{until} (no tick of the daemon in between)")
             }
-            None => self.after_arming(time(last)),
+            None => self.when(),
         }
     }
 

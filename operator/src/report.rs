@@ -86,6 +86,7 @@ impl ControlReport {
         let listed = obstacles.join("; ");
         let has_motors_off =
             *command == OperatorCommand::Land.to_string() && *mode == Mode::Disarmed.to_string();
+        let is_other_config = response.cause == Cause::OtherConfig.code();
         // The obstacles are those to a take-off.
         let is_take_off = *command == OperatorCommand::Arm.to_string();
         let reasons = match (obstacles.is_empty(), cause.as_str()) {
@@ -93,7 +94,7 @@ impl ControlReport {
                 "the motors are commanded off, and the vehicle does not answer; `oqtal ctl stop` tries every path to it"
             }
             _ if has_motors_off => "the motors are off",
-            (false, _) if is_take_off => &listed,
+            (false, _) if is_take_off && !is_other_config => &listed,
             (false, "") => &listed,
             (true, "") => "the flight did not begin",
             (_, cause) => cause,
@@ -174,6 +175,9 @@ fn effect(command: OperatorCommand, response: &ControlResponseV1, answer: &str) 
         (OperatorCommand::Arm, Some(Mode::Flying)) => "armed, the flight has begun".to_owned(),
         (OperatorCommand::Land, Some(Mode::Landing)) => {
             "landing where it is; motors off on the floor".to_owned()
+        }
+        (OperatorCommand::Land, Some(Mode::Disarmed)) if is_silent(response) => {
+            "the flight is called off; motors commanded off, the vehicle does not answer".to_owned()
         }
         (OperatorCommand::Land, Some(Mode::Disarmed)) => {
             "the flight is called off; motors off".to_owned()

@@ -51,8 +51,8 @@ pub(super) struct SafetyMonitor {
     health: LoopHealth,
     /// The last tick on an accepted pose in Nominal or Degraded.
     last_nominal: Option<Time>,
-    /// The last tick.
-    last_tick: Option<Time>,
+    /// Instant of the last tick, if it was in flight.
+    last_flight_tick: Option<Time>,
 }
 
 impl SafetyMonitor {
@@ -68,7 +68,7 @@ impl SafetyMonitor {
             limits: FlightLimits::new(config),
             health: LoopHealth::new(config),
             last_nominal: None,
-            last_tick: None,
+            last_flight_tick: None,
         }
     }
 
@@ -172,14 +172,15 @@ impl SafetyMonitor {
         let age = intake.pose_age(tick.now).filter(|_| tick.is_fresh);
         let frames = TickFrames { accepted: guard.accepted(), bad: guard.lost() + guard.refused() };
         self.health.tick(age, frames);
-        let paused = self.last_tick.replace(tick.now).map(|last| tick.now.since(last));
+        let last = std::mem::replace(&mut self.last_flight_tick, tick.is_armed.then_some(tick.now));
+        let paused = last.map(|last| tick.now.since(last));
         let configs_differ = requests.configs_differ;
         let mut conditions = LimitConditions { configs_differ, ..LimitConditions::default() };
         if !tick.is_armed || self.observe_only {
             return conditions;
         }
         self.health.check(&mut conditions);
-        // Its vehicle has had no command: it does not fly any more, or on its own.
+        // Without commands for so long, the vehicle has fallen, or acts on its own time-out: the motors must not start again.
         conditions.stood_still = paused.is_some_and(|pause| pause > self.coast);
         conditions.law_fails = requests.law_fails;
         conditions.files_lost = requests.files_lost;
