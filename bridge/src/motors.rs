@@ -318,25 +318,17 @@ mod tests {
         let stopped = MotorConditions { stopped: true, ..NONE };
         let silent = MotorConditions { daemon_silent: true, started_here: true, ..running };
         let ends = MotorConditions { rest_over: true, ..running };
+        let waiting = MotorConditions { stopped: true, ..REQUESTED };
+        let begun = MotorConditions { running: true, ..REQUESTED };
         for (from, conditions, event, may_run) in [
             (Inhibited, MotorConditions { idle: true, ..NONE }, None, false),
-            (Off, MotorConditions { requested: true, ..stopped }, Some(MotorEvent::Starting), true),
+            (Off, waiting, Some(MotorEvent::Starting), true),
             (Starting, REQUESTED, Some(MotorEvent::StartFailed), false),
-            (
-                Starting,
-                MotorConditions { running: true, ..REQUESTED },
-                Some(MotorEvent::Running),
-                true,
-            ),
+            (Starting, begun, Some(MotorEvent::Running), true),
             (Running, ends, Some(MotorEvent::Stopping), true),
             (Running, stopped, Some(MotorEvent::Stopped), false),
             (Running, silent, Some(MotorEvent::DaemonSilent), true),
-            (
-                Running,
-                MotorConditions { requested: true, ..stopped },
-                Some(MotorEvent::StoppedInFlight),
-                false,
-            ),
+            (Running, waiting, Some(MotorEvent::StoppedInFlight), false),
             (Stopping, NONE, Some(MotorEvent::StopFailed), false),
         ] {
             assert_eq!(logged(from, conditions), (event, may_run), "{from:?} {conditions:?}");

@@ -62,7 +62,7 @@ const COMMANDS_LIMIT: f64 = 2.5;
 const UNCONFIRMED_S: f64 = 1.0;
 /// Time in the air after which rotations by commands are compared, and the deviation from those of a gyroscope is known \[s\].
 const SETTLED_S: f64 = 2.5;
-/// Limit before that time over the one after it \[-\]: the noise of the poses may be greater than told.
+/// Factor of the limit before that time \[-\]: the noise of the poses is not measured yet, and may exceed the configured one.
 const EARLY_LIMIT: f64 = 1.5;
 /// Deviation between rotations that agree, over the told noise, until it is measured \[-\].
 const TOLD_SHARE: f64 = 1.5;
@@ -250,7 +250,7 @@ impl PoseConsistency {
         let least = LEAST_DEVIATION_RAD.max(NOISE_SHARE * noise.attitude_rad);
         let variance = self.deviation.mean().max(least * least);
         let sum = self.response.take((&seen, &driven), &response_limit, variance, dt_s);
-        let share = match self.by_gyroscope {
+        let factor = match self.by_gyroscope {
             true if self.airborne_s < SETTLED_S => EARLY_LIMIT,
             true => 1.0,
             false => COMMANDS_LIMIT,
@@ -258,7 +258,7 @@ impl PoseConsistency {
         let needed = !self.by_gyroscope || self.response.unconfirmed_s() > UNCONFIRMED_S;
         let angles = (seen.z, driven.z);
         let heading = self.heading.take(needed, angles, noise.attitude_rad, (t_s, dt_s));
-        self.evidence.response = heading.max(sum / (share * self.limit));
+        self.evidence.response = heading.max(sum / (factor * self.limit));
         if self.evidence.response > QUIET {
             self.deviation.discard();
         }

@@ -264,8 +264,8 @@ impl LiveSettings {
         self.settings(self.present.with_live(&settings)?, text, false)
     }
 
-    /// Changes the settings that differ in the file `path`. Without one, takes the changes in flight back, and changes the settings
-    /// for which the daemon's files are no longer as at its start; flags keep precedence over the files.
+    /// Changes the settings that differ in the file `path`. Without one, takes the changes in flight back, and reads the
+    /// daemon's files as they are now; flags keep precedence over the files.
     fn reload(&self, path: &str) -> Result<PreparedChange, Refusal> {
         let next = if !path.is_empty() {
             let mut settings = Config::file_settings(Path::new(path))?;
@@ -284,7 +284,7 @@ impl LiveSettings {
         if changed.is_empty() {
             return Err(Refusal::of_setting("no setting differs"));
         }
-        // Only keys that may change in flight.
+        // Refuses keys that cannot change while the daemon runs.
         self.present.with_live(&assignments(&text)?)?;
         self.settings(next, text, false)
     }

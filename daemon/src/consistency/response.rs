@@ -27,6 +27,11 @@ const LARGE_RAD: f64 = 0.08;
 /// Greatest weight of a large rotation \[-\].
 const GREATEST_WEIGHT: f64 = 6.0;
 
+/// Bounds of the evidence of a sample \[-\], so that an outlier of the poses is one sample: the lower one is that of poses that
+/// follow the gyroscope.
+const LEAST_SAMPLE: f64 = -0.7;
+const GREATEST_SAMPLE: f64 = 1.0;
+
 /// Longest interval that counts \[s\]: after a gap one sample is still one.
 const LONGEST_S: f64 = 0.035;
 
@@ -65,8 +70,8 @@ impl ResponseTest {
             let square = driven * driven;
             let unseen = limit.share * square - limit.margin * variance;
             let weight = (square / (LARGE_RAD * LARGE_RAD)).clamp(1.0, GREATEST_WEIGHT);
-            // An outlier of the poses is one sample.
-            let sample = ((unseen - seen * driven) / (variance + square)).clamp(-0.7, 1.0);
+            let sample = (unseen - seen * driven) / (variance + square);
+            let sample = sample.clamp(LEAST_SAMPLE, GREATEST_SAMPLE);
             self.sums[axis] = (self.sums[axis] + sample * weight * counts).max(0.0);
         }
         self.sums.max()

@@ -3,7 +3,13 @@
 use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::message::ControlRequestV1;
 use oqtal_config::{Config, Setting};
-use oqtal_daemon::LiveSettings;
+use oqtal_daemon::{LiveSettings, Refusal};
+
+/// Reads the files again.
+fn reload(settings: &mut LiveSettings) -> Result<(), Refusal> {
+    let request = ControlRequestV1::of(OperatorCommand::Reload);
+    settings.prepare(OperatorCommand::Reload, &request).map(|mut it| settings.commit(&mut it))
+}
 
 /// A line that was added to the file of the daemon, read, and removed again has no effect any more.
 #[test]
@@ -14,10 +20,6 @@ fn a_reload_returns_to_the_files_as_they_are() {
     write("trajectory.kind = \"hover\"\n");
     let config = Config::load(std::slice::from_ref(&file), &[]).unwrap();
     let mut settings = LiveSettings::new(&config, std::slice::from_ref(&file));
-    let reload = |settings: &mut LiveSettings| {
-        let request = ControlRequestV1::of(OperatorCommand::Reload);
-        settings.prepare(OperatorCommand::Reload, &request).map(|mut it| settings.commit(&mut it))
-    };
     write("trajectory.kind = \"hover\"\ntrajectory.height-m = 1.4\n");
     reload(&mut settings).unwrap();
     assert_eq!(settings.present().trajectory.height_m, 1.4);
@@ -38,10 +40,6 @@ fn a_reload_takes_removed_lines_back_and_keeps_flags() {
     let flag = Setting::flag("--controller", "control.controller", "pid");
     let config = Config::load(&files, std::slice::from_ref(&flag)).unwrap();
     let mut settings = LiveSettings::new(&config, &files);
-    let reload = |settings: &mut LiveSettings| {
-        let request = ControlRequestV1::of(OperatorCommand::Reload);
-        settings.prepare(OperatorCommand::Reload, &request).map(|mut it| settings.commit(&mut it))
-    };
     assert!(reload(&mut settings).unwrap_err().reason.contains("no setting differs"));
     write(&format!("{law}trajectory.kind = \"hover\"\n"));
     reload(&mut settings).unwrap();
