@@ -121,9 +121,9 @@ set -e
 mount -t tmpfs -o size=$1 tmpfs /dev/shm
 shift
 for process in plant-sim mocap-emu daemon; do
-    "$@" $process run $PLACE 2>/dev/null & pids="$pids $!"
+    "$@" $process run $PLACE & pids="$pids $!"
 done
-until "$@" ctl arm $PLACE >/dev/null 2>&1; do sleep 0.1; done
+until "$@" ctl arm $PLACE >/dev/null; do kill -0 $pids; sleep 0.1; done
 "$@" latency --attach --seconds 60 $PLACE >/dev/null 2>&1 & observer=$!
 sleep 1
 kill -STOP $observer

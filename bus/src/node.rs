@@ -154,8 +154,7 @@ impl InstanceNode {
         let began = Time::now();
         loop {
             let pid = writer(service)?;
-            let is_ending = command_line(pid)[0].is_empty();
-            if !is_ending || Time::now().since(began) > LONGEST_END {
+            if !is_ending(pid) || Time::now().since(began) > LONGEST_END {
                 return Some(pid);
             }
             self.node().blocking_cleanup_dead_nodes(CLEANUP_TIMEOUT);
@@ -220,7 +219,8 @@ impl OpenPorts for InstanceNode {
 
     fn holder(&self, topic: &TopicSpec) -> Result<Option<String>, BusError> {
         let lock = self.membership.lock()?;
-        Ok(self.lasting_writer(&self.topic(&lock, topic)?).map(command_of))
+        let writer = writer(&self.topic(&lock, topic)?);
+        Ok(writer.filter(|pid| !is_ending(*pid)).map(command_of))
     }
 
     fn reader(
@@ -306,6 +306,11 @@ fn command_of(pid: u32) -> String {
         return format!("a process that is ending ({pid})");
     }
     format!("`{}` ({pid})", words.join(" ").trim_end())
+}
+
+/// Whether a process was killed and has yet to end.
+fn is_ending(pid: u32) -> bool {
+    command_line(pid)[0].is_empty()
 }
 
 /// Program and first argument of a process; empty if there are none.

@@ -12,7 +12,11 @@ use oqtal_observe::observer::BusObserver;
 use oqtal_observe::status::{InstanceStatus, ProcessHealth};
 use oqtal_runtime::health::SILENCE;
 
-/// Observes the instance until every process that has a place in it was received or counts as silent.
+/// Time between two polls of the instance.
+const POLL_PERIOD: Duration = Duration::from_millis(20);
+
+/// Observes the instance until every process that has a place in it was received or counts as silent, and every vehicle and daemon
+/// that runs has a place.
 ///
 /// # Errors
 /// A process has another version of the messages.
@@ -20,27 +24,30 @@ pub fn observe(bus: &Bus) -> Result<InstanceStatus, BusError> {
     let mut observer = BusObserver::open(bus, &InstanceModel::status_topics())?;
     let mut model = InstanceModel::new(Time::now(), SILENCE);
     let deadline = Time::now() + SILENCE;
-    let holders = Role::PROCESSES.map(|role| bus.holder(&role.health()));
-    let held = Role::PROCESSES.into_iter().zip(&holders);
-    let running: Vec<_> =
-        held.filter(|(_, holder)| matches!(holder, Ok(Some(_)))).map(|(role, _)| role).collect();
-    while !model.is_complete(&running) && Time::now() < deadline {
+    loop {
         observer.poll(Time::now(), &mut model)?;
-        std::thread::sleep(Duration::from_millis(5));
+        let mut status = model.status(Time::now());
+        let mut running = Vec::new();
+        for (role, process) in Role::PROCESSES.into_iter().zip(&mut status.processes) {
+            let holder = bus.holder(&role.health())?;
+            running.extend(holder.is_some().then_some(role));
+            process.note_holder(holder);
+        }
+        // A process without a place is starting, or files of the instance were removed: others may run as well.
+        let lacks_process = lacks_process(bus, &status);
+        let is_over = Time::now() > deadline;
+        if is_over && lacks_process {
+            status.processes.retain(ProcessHealth::is_seen);
+        }
+        if is_over || (model.is_complete(&running) && !lacks_process) {
+            return Ok(status);
+        }
+        std::thread::sleep(POLL_PERIOD);
     }
-    let mut status = model.status(Time::now());
-    for (holder, process) in holders.into_iter().zip(&mut status.processes) {
-        process.note_holder(holder?);
-    }
-    if has_lost_process(bus, &status) {
-        // Files of the instance were removed: its other processes may run as well.
-        status.processes.retain(ProcessHealth::is_seen);
-    }
-    Ok(status)
 }
 
 /// Whether a process of the vehicle or a daemon runs that was not seen on the bus.
-fn has_lost_process(bus: &Bus, status: &InstanceStatus) -> bool {
+fn lacks_process(bus: &Bus, status: &InstanceStatus) -> bool {
     let is_seen = |role: Role| {
         status.processes.iter().any(|process| process.name == role.name() && process.is_seen())
     };
