@@ -66,6 +66,9 @@ impl RecordArgs {
             }
             None => given,
         };
+        if let Some(directory) = self.out.as_deref().and_then(Path::parent) {
+            std::fs::create_dir_all(directory).map_err(|error| failed(directory, &error))?;
+        }
         let observer = InstanceObserver::open(&place, &McapRecorder::topics(&config))?;
         if self.attach {
             require_daemon(observer.bus(), "record without --attach")?;

@@ -343,7 +343,7 @@ fn remove(table: &mut Table, key: &str) {
 }
 
 /// Replaces the path at a dotted key, if there is one, by its file name.
-fn keep_file_name(table: &mut Table, key: &str) {
+pub(crate) fn keep_file_name(table: &mut Table, key: &str) {
     let Some((section, key)) = key.split_once('.') else { return };
     let section = table.get_mut(section).and_then(Value::as_table_mut);
     if let Some(Value::String(path)) = section.and_then(|section| section.get_mut(key)) {

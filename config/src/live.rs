@@ -1,11 +1,13 @@
 //! Settings that change while the daemon runs: which may, the configuration with them, and differences between configurations.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use toml::{Table, Value};
 
-use crate::config::{Config, DEFAULTS, deserialize};
+use crate::config::{Config, DEFAULTS, deserialize, keep_file_name};
 use crate::error::ConfigError;
+use crate::layer::FILE_KEYS;
 use crate::nearest_key::with_nearest_key;
 use crate::renamed;
 use crate::setting::Setting;
@@ -116,6 +118,13 @@ impl Config {
     /// Settings of this configuration because of which its hash differs from that of `other`, as `KEY=VALUE`.
     pub fn hashed_differences(&self, other: &Self) -> Vec<String> {
         changed(flattened(self.hashed()), &flattened(other.hashed()))
+    }
+
+    /// Every key with its value as TOML; of a file the name, since the files of a flight are copied.
+    pub fn comparable_values(&self) -> BTreeMap<String, String> {
+        let mut table = self.to_table();
+        FILE_KEYS.iter().for_each(|key| keep_file_name(&mut table, key));
+        flattened(table).into_iter().collect()
     }
 
     fn to_table(&self) -> Table {

@@ -17,7 +17,7 @@ mod requests;
 mod safety;
 mod supervision;
 
-use oqtal_bus::code::{Mode, OperatorCommand, SafetyState};
+use oqtal_bus::code::{Cause, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::message::{
     CommandV1, ControlResponseV1, ExternalV1, Header, PoseV1, ReferenceV1, Stamps, StateV1,
     TelemetryV1, VehicleV1,
@@ -276,7 +276,10 @@ impl Cycle {
     /// Executes an operator's request and returns the reply.
     pub fn request(&mut self, now: Time, command: OperatorCommand) -> ControlResponseV1 {
         if command == OperatorCommand::Resume && self.supervision.is_flying() {
-            self.guarded.iter_mut().for_each(GuardedControl::resume);
+            let Some(guarded) = &mut self.guarded else {
+                return self.supervision.response(now, Err(Cause::WrongMode), &self.intake);
+            };
+            guarded.resume();
         }
         self.supervision.request(now, command, &mut self.intake)
     }

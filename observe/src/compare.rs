@@ -156,11 +156,8 @@ impl Comparison {
 
     /// Settings that differ between the flights.
     fn settings(&self) -> NamedTable {
-        let all: Vec<BTreeMap<String, String>> = self
-            .flights
-            .iter()
-            .map(|flight| settings(&flight.config_at_arming().to_toml()))
-            .collect();
+        let values = |flight: &Flight| flight.config_at_arming().comparable_values();
+        let all: Vec<BTreeMap<String, String>> = self.flights.iter().map(values).collect();
         let keys: std::collections::BTreeSet<&String> =
             all.iter().flat_map(BTreeMap::keys).collect();
         let mut rows = Vec::new();
@@ -210,20 +207,6 @@ impl Comparison {
             extent(traces.iter().flat_map(|trace| &trace.points).map(|point| point.0));
         figure::over_time(title, traces, &TimeSpan { range, ..TimeSpan::default() })
     }
-}
-
-/// Settings of a configuration file with one key per line, by dotted key.
-fn settings(text: &str) -> BTreeMap<String, String> {
-    let mut section = String::new();
-    let mut all = BTreeMap::new();
-    for line in text.lines() {
-        if let Some(name) = line.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')) {
-            section = format!("{name}.");
-        } else if let Some((key, value)) = line.split_once(" = ") {
-            all.insert(format!("{section}{key}"), value.to_owned());
-        }
-    }
-    all
 }
 
 fn as_html(title: &str, header: &[String], rows: &[Vec<String>]) -> Markup {

@@ -21,7 +21,7 @@ const LOST_M: f64 = 12.0;
 /// Cause of a crash.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Crash {
-    /// The vehicle was on the floor during the flight.
+    /// The vehicle was on the floor during the flight: it sank, fell, or was never lifted.
     Floor,
     /// The vehicle hit the floor too fast, possibly while landing.
     Hard {
@@ -46,7 +46,8 @@ impl Crash {
     /// Description without figures.
     pub fn name(self) -> &'static str {
         match self {
-            Self::Floor | Self::Hard { .. } => "hit the floor",
+            Self::Floor => "was on the floor",
+            Self::Hard { .. } => "hit the floor",
             Self::TurnedOver { .. } => "turned over",
             Self::Lost { .. } => "flew away",
             Self::DaemonDied => "fell: the daemon died in flight",
@@ -99,7 +100,7 @@ fn beyond(fence: &FenceOptions, position: &Vector3<f64>) -> f64 {
 impl fmt::Display for Crash {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Floor => f.write_str("hit the floor"),
+            Self::Floor | Self::DaemonDied => f.write_str(self.name()),
             Self::Hard { speed } => write!(f, "hit the floor at {speed:.1} m/s"),
             Self::TurnedOver { tilt_deg } => write!(f, "turned over, tilt {tilt_deg:.0} deg"),
             Self::Lost { position: [x, y, z] } => {
@@ -108,7 +109,6 @@ impl fmt::Display for Crash {
                     "flew {LOST_M} m beyond [fence], to x = {x:.1} m, y = {y:.1} m, z = {z:.1} m"
                 )
             }
-            Self::DaemonDied => f.write_str("fell: the daemon died in flight"),
         }
     }
 }
@@ -132,7 +132,7 @@ mod tests {
         let config = Config::default();
         let said = |sample| Crash::of(&sample, &config.fence).map(|crash| crash.to_string());
         assert_eq!(said(at([1.0, 1.0, 1.0], level)), None);
-        assert_eq!(said(at([0.0, 0.0, -0.01], level)).unwrap(), "hit the floor");
+        assert_eq!(said(at([0.0, 0.0, -0.01], level)).unwrap(), "was on the floor");
         let text = said(at([20.1, 0.0, 1.0], level)).unwrap();
         assert!(text.contains("12 m beyond [fence], to x = 20.1 m"), "{text}");
         assert_eq!(said(at([19.9, 0.0, 1.0], level)), None);

@@ -89,7 +89,9 @@ impl ControlReport {
         let is_other_config = response.cause == Cause::OtherConfig.code();
         // The obstacles are those to a take-off.
         let is_take_off = *command == OperatorCommand::Arm.to_string();
+        let is_observed = response.cause == Cause::ObservesOnly.code();
         let reasons = match (obstacles.is_empty(), cause.as_str()) {
+            (false, _) if is_observed => &listed,
             _ if has_motors_off && is_silent(response) => {
                 "the motors are commanded off, and the vehicle does not answer; `oqtal ctl stop` tries every path to it"
             }
@@ -109,12 +111,15 @@ impl ControlReport {
 
     /// Remedy of a refusal; empty if its cause says it.
     fn remedy(&self, response: &ControlResponseV1, expected: Option<u64>) -> String {
-        use OperatorCommand::{Disarm, Goto, Hover, Trajectory};
+        use OperatorCommand::{Disarm, Goto, Hover, Resume, Trajectory};
         let is_one_of = |commands: &[OperatorCommand]| {
             commands.iter().any(|command| command.to_string() == self.command)
         };
         let remedy = match Cause::from_code(response.cause) {
             Some(Cause::WrongMode) if is_one_of(&[Disarm]) => "`land` or `stop` ends a flight",
+            Some(Cause::WrongMode) if is_one_of(&[Resume]) => {
+                "it ends the flight of a fallback, which flies only if `control.fallback` names one"
+            }
             Some(Cause::WrongMode)
                 if response.mode == Mode::Disarmed.code()
                     && is_one_of(&[Goto, Trajectory, Hover]) =>
@@ -165,8 +170,7 @@ impl ControlReport {
 
 /// Whether it is unknown what the vehicle does.
 fn is_silent(response: &ControlResponseV1) -> bool {
-    let obstacles = ArmingObstacles::from_bits(response.obstacles);
-    obstacles.iter().any(|obstacle| obstacle == ArmingObstacle::VehicleSilent)
+    ArmingObstacles::from_bits(response.obstacles).contains(ArmingObstacle::VehicleSilent)
 }
 
 /// Effect of an accepted command, from the mode after it.

@@ -118,7 +118,7 @@ impl ProbeArgs {
         let link: Result<CameraLink, InvalidLink> = self.link.parse();
         let link = link.map_err(|error| Failure::new(Exit::Usage, error.to_string()))?;
         let duration = Span::from_millis(i64::from(self.seconds) * 1000);
-        let figures = probe(&link, &config.receiver, duration)?;
+        let figures = probe(&link, &config, duration)?;
         print(&if self.json { json(&figures) } else { figures.to_string() })?;
         Ok(if figures.verdict == FitnessVerdict::Unfit { Exit::Data } else { Exit::Ok })
     }

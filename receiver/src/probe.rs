@@ -7,7 +7,7 @@ mod listener;
 mod statistics;
 
 use oqtal_bus::time::{Span, Time};
-use oqtal_config::ReceiverOptions;
+use oqtal_config::Config;
 use oqtal_runtime::process::{Exit, Failure};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
@@ -24,22 +24,18 @@ pub use finding::{FitnessVerdict, ProbeFinding, Severity};
 /// Longest wait for a frame, after which the end is checked \[ns\].
 const WAIT_NS: i64 = 20_000_000;
 
-/// Listens to the camera system at `link` for `duration`. Without bodies in the link, all are listened to.
+/// Listens to the camera system at `link` for `duration`, to fly with it under `config`. Without bodies in the link, all are listened to.
 ///
 /// # Errors
 /// There is no usable server, or it ends the connection.
-pub fn probe(
-    link: &CameraLink,
-    options: &ReceiverOptions,
-    duration: Span,
-) -> Result<ProbeFigures, Failure> {
+pub fn probe(link: &CameraLink, config: &Config, duration: Span) -> Result<ProbeFigures, Failure> {
     let CameraConnection { mut stream, server, bodies, wanted } = connect(link)?;
     let lost = |error: std::io::Error| {
         let message = format!("{}:{}: {error}; start the probe again", link.host, link.port);
         Failure::new(Exit::System, message)
     };
     let gates = if stream.gate_per_body() { wanted.len() } else { 1 };
-    let mut listener = ProbeListener::new(options, (gates, wanted.len()));
+    let mut listener = ProbeListener::new(&config.receiver, (gates, wanted.len()));
     let end = Time::now() + duration;
     while Time::now() < end {
         wait(&*stream)?;
@@ -53,7 +49,7 @@ pub fn probe(
     }
     let present = (0..wanted.len()).map(|route| stream.has(route)).collect::<Vec<_>>();
     let mut figures = listener.figures(duration, Time::now());
-    figures.server = server;
+    (figures.server, figures.loop_hz) = (server, config.control.rate_hz);
     name_bodies(&mut figures, (&wanted, &present), &bodies);
     let found = checks::findings(&figures);
     figures.findings.extend(found);

@@ -136,7 +136,7 @@ impl Watch {
     fn request(&mut self, line: &str) {
         let (request, paths) = &self.request;
         let text = request(paths, line);
-        self.model.answer = Some(ShownAnswer::at(Time::now(), &text));
+        self.model.answer = Some(ShownAnswer::at(Time::now(), line, &text));
     }
 
     fn poll(&mut self) -> Result<(), Failure> {

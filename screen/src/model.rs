@@ -1,7 +1,7 @@
 //! The model that `oqtal monitor` shows: the model of the instance, and three quantities over time.
 
 use oqtal_bus::message::TelemetryV1;
-use oqtal_bus::time::{Span, Time};
+use oqtal_bus::time::Time;
 use oqtal_bus::topic::{ObservedTopic, Sample};
 use oqtal_observe::instance::{InstanceModel, tracking_error_m};
 use oqtal_observe::latency::{OnwardTime, hops, sensor_to_actuator};
@@ -10,9 +10,6 @@ use oqtal_runtime::health::SILENCE;
 
 use crate::keys::Keyboard;
 use crate::trend::Trend;
-
-/// Longest time from the answer to `arm` to the first tick of its flight.
-const TAKE_OFF: Span = Span::from_millis(2000);
 
 /// Quantities that are shown over time.
 #[derive(Debug, Default)]
@@ -45,18 +42,19 @@ pub struct MonitorModel {
 /// Answer to a request.
 #[derive(Debug)]
 pub struct ShownAnswer {
-    /// Instant of the answer.
-    at: Time,
+    /// Whether it answers `arm`, so that the flight that begins next belongs to it.
+    is_of_arm: bool,
     /// Its time of day and its text.
     pub text: String,
 }
 
 impl ShownAnswer {
-    /// The answer `text`, received at `at`.
-    pub fn at(at: Time, text: &str) -> Self {
+    /// The answer `text` to `request`, received at `at`.
+    pub fn at(at: Time, request: &str, text: &str) -> Self {
         let second = (at + Time::wall_offset()).nanos() / 1_000_000_000;
         let [hours, minutes, seconds] = [second / 3600 % 24, second / 60 % 60, second % 60];
-        Self { at, text: format!("{hours:02}:{minutes:02}:{seconds:02} UTC: {text}") }
+        let is_of_arm = request.trim() == "arm";
+        Self { is_of_arm, text: format!("{hours:02}:{minutes:02}:{seconds:02} UTC: {text}") }
     }
 }
 
@@ -76,15 +74,15 @@ impl MonitorModel {
         [error, thrust, latency].into_iter().for_each(|trend| trend.advance(now));
     }
 
-    /// Forgets the answer if the tick belongs to another flight or another daemon. The flight that a request begins takes off while
-    /// its answer is given.
+    /// Forgets the answer if the tick belongs to another flight or another daemon.
     fn forget_answer(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
         let (source, is_armed) = (reception.header.source, telemetry.is_armed());
         let before = self.daemon.replace((source, is_armed));
-        let is_other =
-            before.is_some_and(|(daemon, was_armed)| daemon != source || (is_armed && !was_armed));
-        let now = self.instance.now;
-        self.answer.take_if(|answer| is_other && now.since(answer.at) > TAKE_OFF);
+        let Some((daemon, was_armed)) = before else { return };
+        let begins = is_armed && !was_armed;
+        // The answer to `arm` belongs to the flight that begins, and not to the next one.
+        let belongs = |answer: &mut ShownAnswer| begins && std::mem::take(&mut answer.is_of_arm);
+        self.answer.take_if(|answer| daemon != source || (begins && !belongs(answer)));
     }
 }
 

@@ -214,7 +214,7 @@ fn an_answer_is_shown_until_another_flight_or_daemon() {
             let now = at(3000 + 1000 * seconds);
             model.advance(now);
             if seconds == 1 {
-                model.answer = Some(ShownAnswer::at(now, "landing where it is"));
+                model.answer = Some(ShownAnswer::at(now, "land", "landing where it is"));
             }
             let reception =
                 Reception { header: Header { source, ..Header::default() }, received_at: now };
@@ -225,6 +225,17 @@ fn an_answer_is_shown_until_another_flight_or_daemon() {
         assert!(tick(1, 4711, Mode::Landing) && tick(9, 4711, Mode::Disarmed));
         assert!(!tick(10, source, mode), "{mode}");
     }
+    let mut model = in_flight();
+    let mut is_shown_at = |seconds: i64, mode: Mode| {
+        let tick = TelemetryV1 { mode: mode.code(), ..flying(at(3000 + 1000 * seconds)) };
+        model.sample(&Reception::default(), Sample::Telemetry(&tick));
+        if seconds == 1 {
+            model.answer = Some(ShownAnswer::at(tick.time, "arm", "armed"));
+        }
+        seen(&model, (80, 24)).contains("UTC: armed")
+    };
+    assert!(is_shown_at(1, Mode::Disarmed) && is_shown_at(9, Mode::Flying));
+    assert!(is_shown_at(10, Mode::Disarmed) && !is_shown_at(11, Mode::Flying));
     let mut model = in_flight();
     model.keyboard.take(b":go");
     assert!(seen(&model, (80, 24)).contains("lab (Ctrl-S stops): go_"));

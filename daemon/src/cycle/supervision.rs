@@ -91,7 +91,6 @@ impl FlightSupervision {
     pub(super) fn is_free_flight(&self) -> bool {
         let phase = self.course.setpoint().reference.map(|reference| reference.phase);
         self.mode == Mode::Flying
-            && !self.observe_only
             && self.safety.state() <= SafetyState::Degraded
             && matches!(phase, Some(Phase::Settle | Phase::Trajectory))
     }
@@ -231,10 +230,11 @@ impl FlightSupervision {
         }
     }
 
-    /// Reasons against a flight; none in flight and of a recording.
+    /// Reasons against a flight; none in flight, and one alone while the daemon only observes.
     fn find_obstacles(&self, now: Time, intake: &Intake) -> ArmingObstacles {
         if self.is_armed() || self.observe_only {
-            return ArmingObstacles::default();
+            let none = ArmingObstacles::default();
+            return none.with(ArmingObstacle::ObservesOnly, self.observe_only);
         }
         intake.obstacles(now, self.requests.configs_differ)
     }
@@ -254,8 +254,13 @@ impl FlightSupervision {
     ) -> ControlResponseV1 {
         let result = match command {
             OperatorCommand::Status => Ok(Answer::Done),
+            OperatorCommand::Stop => {
+                self.requests.stop = true;
+                self.call_off();
+                Ok(Answer::Accepted)
+            }
+            _ if self.observe_only => Err(Cause::ObservesOnly),
             OperatorCommand::Arm => self.arm(now, intake),
-            OperatorCommand::Fly if self.observe_only => Err(Cause::WrongMode),
             // A repeated request: the first reply may have been lost.
             OperatorCommand::Fly if self.mode != Mode::Disarmed => Ok(Answer::Done),
             OperatorCommand::Fly if self.requests.is_called_off() => Err(Cause::Operator),
@@ -264,11 +269,6 @@ impl FlightSupervision {
             OperatorCommand::Disarm => self.disarm(intake),
             OperatorCommand::Resume if self.is_flying() => Ok(Answer::Accepted),
             OperatorCommand::Resume => Err(Cause::WrongMode),
-            OperatorCommand::Stop => {
-                self.requests.stop = true;
-                self.call_off();
-                Ok(Answer::Accepted)
-            }
             // These come with what the loop needs for them.
             _ => Err(Cause::WrongMode),
         };
@@ -276,7 +276,7 @@ impl FlightSupervision {
     }
 
     /// The reply to a request with this result.
-    fn response(
+    pub(super) fn response(
         &self,
         now: Time,
         result: Result<Answer, Cause>,
@@ -319,7 +319,7 @@ impl FlightSupervision {
     fn require_changeable(&self, intake: &Intake) -> Result<(), Cause> {
         let state = self.safety.state();
         match self.mode {
-            _ if self.observe_only => Err(Cause::WrongMode),
+            _ if self.observe_only => Err(Cause::ObservesOnly),
             Mode::Flying if self.is_held(intake) => Err(Cause::TakeOff),
             Mode::Flying if state >= SafetyState::Hold => Err(self.safety.cause()),
             Mode::Flying => Ok(()),
@@ -342,7 +342,7 @@ impl FlightSupervision {
 
     /// Begins a flight at once, or refuses it.
     fn arm(&mut self, now: Time, intake: &Intake) -> Result<Answer, Cause> {
-        if self.mode != Mode::Disarmed || self.observe_only {
+        if self.mode != Mode::Disarmed {
             return Err(Cause::WrongMode);
         }
         match self.find_obstacles(now, intake).iter().next() {
@@ -388,7 +388,7 @@ impl FlightSupervision {
                 self.end_flight(intake);
                 Ok(Answer::Done)
             }
-            Mode::Flying if !self.observe_only => {
+            Mode::Flying => {
                 self.course.land(now, intake.estimate().position);
                 self.mode = Mode::Landing;
                 Ok(Answer::Done)

@@ -1,4 +1,6 @@
-//! Checks of a camera system: findings against flying with it at 60 Hz.
+//! Checks of a camera system: findings against flying with it at the rate of the loop.
+
+use std::ops::Range;
 
 use super::figures::ProbeFigures;
 use super::finding::{ProbeFinding, Severity};
@@ -6,6 +8,13 @@ use crate::clock::MAX_DRIFT;
 
 /// A check: its name, severity and remedy, and what it finds.
 type ProbeCheck = (&'static str, Severity, &'static str, fn(&ProbeFigures) -> Option<String>);
+
+/// Rate of the cameras over that of the loop below which no flight is possible \[-\].
+const TOO_SLOW: f64 = 0.67;
+/// Rate of the cameras over that of the loop below which the loop is slowed down \[-\].
+const SLOW: f64 = 0.97;
+const RATE_REMEDY: &str =
+    "raise the cameras' rate to that of the loop or above, or lower control.rate-hz";
 
 /// The checks, in the order in which they are printed. Each is explained in docs/cameras.md.
 const CHECKS: &[ProbeCheck] = &[
@@ -15,15 +24,8 @@ const CHECKS: &[ProbeCheck] = &[
         "start the real-time measurement, allow the data port in the firewall, or take another transport",
         |f| (f.counts.arrived == 0).then(|| "none came".to_owned()),
     ),
-    (
-        "rate",
-        Severity::Problem,
-        "raise the cameras' rate to 60 Hz or more, or lower control.rate-hz",
-        |f| (f.counts.arrived > 0 && f.rate_hz < 40.0).then(|| format!("{:.1} Hz", f.rate_hz)),
-    ),
-    ("rate", Severity::Advice, "raise the cameras' rate to 60 Hz or more", |f| {
-        (40.0..58.0).contains(&f.rate_hz).then(|| format!("{:.1} Hz", f.rate_hz))
-    }),
+    ("rate", Severity::Problem, RATE_REMEDY, |f| rate(f, 0.0..TOO_SLOW)),
+    ("rate", Severity::Advice, RATE_REMEDY, |f| rate(f, TOO_SLOW..SLOW)),
     (
         "longest gap",
         Severity::Problem,
@@ -122,6 +124,13 @@ pub fn findings(figures: &ProbeFigures) -> Vec<ProbeFinding> {
     found.collect()
 }
 
+/// The rate in words if its ratio to that of the loop is in `range`.
+fn rate(figures: &ProbeFigures, range: Range<f64>) -> Option<String> {
+    let ProbeFigures { rate_hz, loop_hz, counts, .. } = figures;
+    (counts.arrived > 0 && range.contains(&(rate_hz / loop_hz)))
+        .then(|| format!("{rate_hz:.1} Hz, for a loop of {loop_hz} Hz"))
+}
+
 /// The duration in words if it is above `from_ms` and at most `to_ms`.
 fn over(nanos: i64, from_ms: i64, to_ms: i64) -> Option<String> {
     let range = from_ms.saturating_mul(1_000_000)..=to_ms.saturating_mul(1_000_000);
@@ -148,6 +157,7 @@ mod tests {
         ProbeFigures {
             seconds: 10.0,
             rate_hz: 100.0,
+            loop_hz: 60.0,
             interval: IntervalFigures { max_ns: 12_000_000, ..IntervalFigures::default() },
             clock: ClockFigures { known: true, ..ClockFigures::default() },
             bodies: vec![BodyFigures { name: "a".to_owned(), id: 1, tracked: 1.0 }],
@@ -167,6 +177,7 @@ mod tests {
         assert_eq!(FitnessVerdict::of(&[]), FitnessVerdict::Fit);
         assert_eq!(names(&ProbeFigures { rate_hz: 30.0, ..good() }), [("rate", Problem)]);
         assert_eq!(names(&ProbeFigures { rate_hz: 50.0, ..good() }), [("rate", Advice)]);
+        assert_eq!(names(&ProbeFigures { loop_hz: 200.0, ..good() }), [("rate", Problem)]);
         assert_eq!(names(&ProbeFigures { lost: 30, ..good() }), [("lost frames", Advice)]);
         for (max_ns, severity) in [(60_000_000, Advice), (300_000_000, Problem)] {
             let interval = IntervalFigures { max_ns, ..IntervalFigures::default() };

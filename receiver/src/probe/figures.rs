@@ -16,9 +16,12 @@ pub struct ProbeFigures {
     pub seconds: f64,
     /// Mean rate of the frames \[Hz\].
     pub rate_hz: f64,
+    /// Rate of the loop that is to fly with them \[Hz\].
+    #[serde(skip)]
+    pub loop_hz: f64,
     /// Intervals between arrivals.
     pub interval: IntervalFigures,
-    /// Intervals longer than three frames at 60 Hz \[-\].
+    /// Intervals longer than 50 ms \[-\].
     pub gaps: usize,
     /// Frames that never came, by the server's numbers \[-\].
     pub lost: u64,
@@ -126,7 +129,7 @@ impl fmt::Display for ProbeFigures {
         for finding in &self.findings {
             writeln!(f, "{finding}")?;
         }
-        write!(f, "verdict    {}", self.verdict)
+        write!(f, "verdict    at {} Hz: {}", self.loop_hz, self.verdict)
     }
 }
 

@@ -54,8 +54,8 @@ impl FitnessVerdict {
 impl fmt::Display for FitnessVerdict {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Fit => "fit to fly at 60 Hz",
-            Self::Limited => "fit to fly at 60 Hz, with the limits above",
+            Self::Fit => "fit to fly",
+            Self::Limited => "fit to fly, with the limits above",
             Self::Unfit => "not fit to fly",
         })
     }

@@ -12,7 +12,7 @@ use crate::stream::{FrameSink, MeasuredBody};
 const WINDOW: Span = Span::from_millis(1000);
 /// Deviation in a window above which a body does not rest \[mm\].
 const MOVES_MM: f64 = 20.0;
-/// An interval between two frames above this is a gap \[ns\]: three frames at 60 Hz.
+/// An interval between two frames above this is a gap \[ns\].
 const GAP_NS: i64 = 50_000_000;
 /// Delays that are kept \[-\].
 const MAX_DELAYS: usize = 1 << 20;
