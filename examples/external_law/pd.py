@@ -73,4 +73,6 @@ def main(path):
 
 
 if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        sys.exit("give the socket on which the daemon expects a law: python3 pd.py /run/oqtal/default/law")
     main(sys.argv[1])

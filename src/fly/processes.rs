@@ -5,6 +5,7 @@ use oqtal_bus::obeying::quoted;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::topic::Role;
 use oqtal_config::{ClockKind, RecordedFlights};
+use oqtal_control::controller::ControllerName;
 use oqtal_daemon::LawPort;
 use oqtal_lab::mission::Mission;
 use oqtal_lab::simulation::{self, RecordedFlight};
@@ -111,6 +112,9 @@ impl BusFlight<'_> {
         let observer = BusObserver::open(&bus, &topics)?;
         let lockstep = config.clock.kind == ClockKind::Lockstep;
         let _one_processor = lockstep.then(OneProcessor::bind);
+        if lockstep && config.control.controller == ControllerName::External {
+            say(&format!("oqtal: the flight waits for a law at {}", paths.law().display()));
+        }
         let (flight, interrupts) = ((self.mission, self.paths), self.interrupts);
         let mut processes = ProcessGroup::start(flight, self.directory, interrupts)?;
         let stop = StopFlag::default();

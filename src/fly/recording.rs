@@ -8,7 +8,7 @@ use oqtal_bus::control::ControlClient;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{ControlRequestV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::Role;
+use oqtal_bus::topic::{ObservedTopic, Role};
 use oqtal_config::ClockKind;
 use oqtal_lab::mission::Mission;
 use oqtal_lab::simulation::{self, RecordedFlight};
@@ -191,7 +191,9 @@ impl FlightRecording<'_> {
     /// Reports losses and closes the record; a flight without a landing or crash has the outcome `unfinished`.
     fn conclude(&self, state: Progressing, unfinished: Outcome) -> RecordedFlight {
         let Progressing { recorder, recording, mut daemon, first, now, landing_since, .. } = state;
-        for (topic, lost) in recorder.lost() {
+        // Of the health, the newest sample is enough.
+        let is_needed = |topic: &ObservedTopic| !matches!(topic, ObservedTopic::Health(_));
+        for (topic, lost) in recorder.lost().iter().filter(|(topic, _)| is_needed(topic)) {
             say(&format!(
                 "oqtal: {lost} samples of `{topic}` were not recorded: this machine is overloaded"
             ));
