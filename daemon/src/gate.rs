@@ -2,6 +2,8 @@
 
 mod outlier;
 mod residual;
+#[cfg(test)]
+mod tests;
 
 use oqtal_bus::code::Cause;
 use oqtal_config::Config;

@@ -204,3 +204,17 @@ fn f10_a_pose_that_turned_further_than_a_vehicle_can_is_a_jump() {
         );
     }
 }
+
+#[test]
+fn a_motion_is_propagated_if_it_is_old_and_ends_with_the_flight() {
+    let Feed { mut guard, mut tracker, .. } = Feed::settled();
+    guard.begin_flight(&mut tracker);
+    let age_s = |tracker: &MotionTracker| tracker.track().map(|track| track.t_s);
+    let began_s = age_s(&tracker).unwrap();
+    guard.propagate(&mut tracker, began_s, began_s + 0.1);
+    assert_eq!(age_s(&tracker), Some(began_s), "not older than that");
+    guard.propagate(&mut tracker, began_s + 0.05, began_s + 0.1);
+    assert_eq!(age_s(&tracker), Some(began_s + 0.1));
+    guard.end_flight(&mut tracker);
+    assert_eq!(age_s(&tracker), None);
+}

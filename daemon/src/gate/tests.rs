@@ -1,0 +1,158 @@
+//! Tests of the gate, at a vehicle in hover that moves along x alone.
+
+use nalgebra::Vector3;
+use oqtal_control::predictive::{ModelInput, Track};
+use oqtal_control::quaternion::Attitude;
+
+use super::*;
+use crate::command_model::{CommandModel, motion_tracker};
+
+/// Time between two poses \[s\].
+const FRAME_S: f64 = 1.0 / 60.0;
+/// Offset of a body that is not the vehicle \[m\].
+const ELSEWHERE_M: f64 = 0.5;
+/// Gap after which poses off by [`OFF_M`] are admitted \[s\].
+const GAP_S: f64 = 0.12;
+/// Offset that a gap admits, and that is compared with later ones \[m\].
+const OFF_M: f64 = 0.04;
+
+struct Hover {
+    gate: MotionGate,
+    tracker: MotionTracker,
+    t_s: f64,
+    poses: u32,
+}
+
+impl Hover {
+    /// A vehicle at rest 1 m above the floor.
+    fn begun() -> Self {
+        let config = Config::default();
+        let model = CommandModel::new(&config).unwrap().model;
+        let mut tracker = motion_tracker(&config, model);
+        let thrust_n = model.mass_kg * model.gravity_m_s2;
+        tracker.sent(1, 0.0, ModelInput { thrust_n, ..ModelInput::default() });
+        tracker.begin(0.0, &pose_at(0.0), 0.0);
+        let mut gate = MotionGate::new(&config);
+        gate.restart(&tracker);
+        Self { gate, tracker, t_s: 0.0, poses: 0 }
+    }
+
+    /// A vehicle that has flown on ten poses at x = 0.
+    fn settled() -> Self {
+        let mut hover = Self::begun();
+        (0..10).for_each(|_| assert_eq!(hover.show(FRAME_S, 0.0), Ok(())));
+        hover
+    }
+
+    /// Shows a pose at `x` \[m\], `after_s` \[s\] after the last one, with the least noise.
+    fn show(&mut self, after_s: f64, x: f64) -> Result<(), Cause> {
+        self.poses += 1;
+        self.show_still(after_s, x + 1e-6 * f64::from(self.poses % 7))
+    }
+
+    /// Shows a pose at exactly `x` \[m\].
+    fn show_still(&mut self, after_s: f64, x: f64) -> Result<(), Cause> {
+        self.t_s += after_s;
+        self.gate.check(&mut self.tracker, self.t_s, &pose_at(x))
+    }
+
+    fn track(&self) -> &Track {
+        self.tracker.track().unwrap()
+    }
+
+    /// Shows poses of another body until they are recognized as such.
+    fn see_another_body(&mut self) {
+        let mut causes = (0..RELABEL_POSES).map(|_| self.show(FRAME_S, ELSEWHERE_M).unwrap_err());
+        assert_eq!(causes.next(), Some(Cause::Jump));
+        assert_eq!(causes.last(), Some(Cause::Relabel));
+    }
+
+    /// Shows poses at `x` \[m\] for 0.15 s, and returns whether one was refused as that of another body.
+    fn is_another_body_at(&mut self, x: f64) -> bool {
+        (0..9).any(|_| self.show(FRAME_S, x) == Err(Cause::Relabel))
+    }
+}
+
+fn pose_at(x: f64) -> MeasuredPose {
+    MeasuredPose { position: Vector3::new(x, 0.0, 1.0), attitude: Attitude::default() }
+}
+
+#[test]
+fn after_another_body_only_the_predicted_position_is_admitted_within_the_measured_noise() {
+    let mut hover = Hover::settled();
+    hover.see_another_body();
+    assert_eq!(hover.show(FRAME_S, 0.02), Err(Cause::Relabel));
+    hover.gate.set_noise(&PoseDeviations { position_m: 0.01, attitude_rad: 0.0 });
+    assert_eq!(hover.show(FRAME_S, 0.02), Ok(()));
+}
+
+#[test]
+fn another_flight_begins_without_the_poses_of_another_body() {
+    let mut hover = Hover::settled();
+    hover.see_another_body();
+    hover.gate.restart(&hover.tracker);
+    assert_eq!(hover.show(FRAME_S, 0.02), Ok(()));
+}
+
+#[test]
+fn a_body_that_stays_elsewhere_after_a_gap_is_another_one() {
+    let mut hover = Hover::settled();
+    assert_eq!(hover.show(GAP_S, OFF_M), Ok(()));
+    assert!(hover.is_another_body_at(OFF_M));
+    // After a motion that nobody saw, its beginning is not known.
+    let mut hover = Hover::settled();
+    assert_eq!(hover.show(GAP_S, OFF_M), Ok(()));
+    hover.gate.discard_hypothesis();
+    assert!(!hover.is_another_body_at(OFF_M));
+    // Without a gap it is no other body, however wide the gate is.
+    let mut hover = Hover::settled();
+    hover.gate.sigma = 1e3;
+    assert_eq!(hover.show(FRAME_S, OFF_M), Ok(()));
+    assert!(!hover.is_another_body_at(OFF_M));
+}
+
+#[test]
+fn poses_that_return_from_an_outlier_leave_nothing_of_it() {
+    let mut hover = Hover::settled();
+    assert_eq!(hover.show(GAP_S, OFF_M), Ok(()));
+    assert!(hover.track().motion.velocity.x > 0.05, "{:?}", hover.track().motion);
+    assert_eq!(hover.show(FRAME_S, 0.0), Ok(()));
+    assert!(hover.track().motion.velocity.x.abs() < 1e-3, "{:?}", hover.track().motion);
+}
+
+#[test]
+fn poses_that_follow_the_motion_since_a_gap_do_not_return_from_an_outlier() {
+    // The second pose is within the tolerance of the motion before the gap, but nearer to that since then.
+    for (first, second) in [(0.02, 0.0145), (OFF_M, 0.048)] {
+        let mut hover = Hover::settled();
+        assert_eq!(hover.show(GAP_S, first), Ok(()));
+        assert_eq!(hover.show(FRAME_S, second), Ok(()));
+        assert!(hover.gate.hypothesis.is_some(), "{first} m, then {second} m");
+    }
+}
+
+#[test]
+fn a_pose_that_stays_the_same_is_compared_with_a_short_prediction() {
+    let mut hover = Hover::begun();
+    let mut x = 0.0;
+    for _ in 0..60 {
+        x += 0.1 * FRAME_S;
+        assert_eq!(hover.show_still(FRAME_S, x), Ok(()));
+    }
+    // 0.1 m/s are 1.5 cm in the longest prediction, and 10 cm in a second.
+    for k in 0..60 {
+        assert_eq!(hover.show_still(FRAME_S, x), Ok(()), "{k}");
+    }
+}
+
+#[test]
+fn a_vehicle_at_the_floor_may_stand_under_a_thrust_that_need_not_lift_it() {
+    let hover = Hover::begun();
+    let mut track = *hover.track();
+    let weight_n = hover.tracker.model().mass_kg * hover.tracker.model().gravity_m_s2;
+    track.motion.position.z = 0.0;
+    for (share, may) in [(0.0, true), (1.3, true), (1.4, false)] {
+        track.motion.thrust_n = share * weight_n;
+        assert_eq!(may_stand(&hover.tracker, &track), may, "{share}");
+    }
+}
