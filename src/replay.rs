@@ -211,7 +211,8 @@ impl ReplayReport {
         );
         if self.open_loop {
             text += &format!(
-                "\nopen loop: the poses are those of the flight as it was flown; greatest difference of a command {:.4}",
+                "\nopen loop: poses and requests, also changes of law and gains in flight, are those of the recording; greatest difference of \
+                 a command {:.4}",
                 self.greatest_difference
             );
         }
