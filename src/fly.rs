@@ -188,7 +188,7 @@ impl FlyArgs {
             return Ok(if is_requested { Exit::Ok } else { Exit::Flight });
         }
         match flight.outcome {
-            Outcome::Landed | Outcome::Replayed => Ok(Exit::Ok),
+            Outcome::Landed | Outcome::Replayed | Outcome::Observed => Ok(Exit::Ok),
             Outcome::Stopped | Outcome::Crashed | Outcome::Timeout | Outcome::Unfinished => {
                 Ok(Exit::Flight)
             }

@@ -1,6 +1,6 @@
 //! Recordings in every format, played to their end with every clock.
 
-use crate::common::{Testbed, number, wait_for};
+use crate::common::{SERVICES, Testbed, assert_refused, json, number, stderr, wait_for};
 use oqtal_bus::message::{CommandV1, Stamps};
 use oqtal_bus::topic::{COMMAND, POSE, Role};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
@@ -121,4 +121,41 @@ fn a_recording_keeps_its_own_timing_in_real_time() {
     let summary = testbed.summary(&["--mocap", &file]);
     assert_eq!(summary["outcome"], "replayed");
     assert!((0.5..2.0).contains(&number(&summary, "/duration_s")));
+}
+
+#[test]
+fn a_daemon_that_only_observes_is_named_so_by_every_command_and_in_its_recordings() {
+    for setting in ["safety.observe-only=true", "mocap.replay=\"rest.csv\""] {
+        let testbed = Testbed::new("observes");
+        testbed.write("rest.csv", &seen_at((0..1500).map(|k| 20 * k)));
+        let _processes = SERVICES.map(|name| testbed.start(&[name, "run", "--set", setting]));
+        let said = |words: &[&str]| {
+            let output = testbed.oqtal(words).output().unwrap();
+            let text = String::from_utf8_lossy(&output.stdout).into_owned() + &stderr(&output);
+            (output.status.code(), text)
+        };
+        let status = wait_for("an observation", || {
+            Some(said(&["ctl", "status"]).1).filter(|text| text.contains("daemon: observing"))
+        });
+        let reason = "the daemon only observes (safety.observe-only, mocap.replay)";
+        assert!(status.contains(reason) && !status.contains("square"), "{status}");
+        for words in [&["arm"][..], &["land"], &["disarm"], &["hover"], &["goto", "0", "0", "1"]] {
+            let refused = testbed.oqtal(&[&["ctl"], words].concat()).output().unwrap();
+            assert_refused(
+                &refused,
+                1,
+                &["safety.observe-only", "to fly, start the daemon without"],
+            );
+        }
+        let (code, text) = said(&["ctl", "stop"]);
+        assert_eq!(code, Some(0), "{text}");
+        assert!(text.contains(reason) && !text.contains("ctl arm"), "{text}");
+        let (code, text) = said(&["record", "--attach", "--seconds", "1", "--out", "a.mcap"]);
+        assert_eq!(code, Some(0), "{text}");
+        let report = testbed.study(&["report", "a.mcap", "--json"]).output().unwrap();
+        assert_eq!(report.status.code(), Some(0), "{}", stderr(&report));
+        let summary = json(&report);
+        assert_eq!(summary["outcome"], "observed", "{summary:#}");
+        assert!(summary["shortfall"].is_null(), "{summary:#}");
+    }
 }

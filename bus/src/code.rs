@@ -57,13 +57,15 @@ code! {
         Flying = 2 => "flying",
         /// Descends at the present position.
         Landing = 3 => "landing",
+        /// Computes commands on the poses and sends none but "disarmed".
+        Observing = 4 => "observing",
     }
 }
 
 impl Mode {
     /// Whether a mission is active, flown or only observed.
     pub fn is_armed(self) -> bool {
-        matches!(self, Self::Flying | Self::Landing)
+        matches!(self, Self::Flying | Self::Landing | Self::Observing)
     }
 }
 
@@ -180,6 +182,8 @@ code! {
         FilesLost = 43 => "files of the instance removed",
         /// The way of a request comes too close to the floor.
         NearFloor = 44 => "too close to the floor",
+        /// The daemon only observes: it executes no request that commands a vehicle, but a stop.
+        ObservesOnly = 45 => "safety.observe-only or mocap.replay is set",
     }
 }
 

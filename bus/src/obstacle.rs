@@ -54,6 +54,8 @@ obstacles! {
     EstimatorNotReady = 12 => "the vehicle's own estimate of its motion is not ready",
     /// A real vehicle is not known to act by itself soon enough if set-points end.
     NoTimeOut = 13 => "the vehicle's own time-out without set-points is unknown or too long (oqtal bridge setup, bridge.vehicle-time-out-ms, safety.vehicle-time-out-ms)",
+    /// The daemon only observes.
+    ObservesOnly = 14 => "the daemon only observes (safety.observe-only, mocap.replay)",
 }
 
 /// A set of reasons against arming.
@@ -77,6 +79,11 @@ impl ArmingObstacles {
         if present { Self(self.0 | obstacle.bit()) } else { self }
     }
 
+    /// Whether the set has `obstacle`.
+    pub fn contains(self, obstacle: ArmingObstacle) -> bool {
+        self.0 & obstacle.bit() != 0
+    }
+
     /// Whether the set is empty.
     pub fn is_empty(self) -> bool {
         self.0 == 0
@@ -84,7 +91,7 @@ impl ArmingObstacles {
 
     /// The reasons, in order.
     pub fn iter(self) -> impl Iterator<Item = ArmingObstacle> {
-        ArmingObstacle::ALL.iter().copied().filter(move |obstacle| self.0 & obstacle.bit() != 0)
+        ArmingObstacle::ALL.iter().copied().filter(move |obstacle| self.contains(*obstacle))
     }
 }
 

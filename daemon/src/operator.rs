@@ -198,11 +198,16 @@ impl OperatorRequests {
         response
     }
 
-    /// Law and trajectory of the present flight; in the `mode` "disarmed", those of the next one.
+    /// Law and trajectory of the present flight; in the `mode` "disarmed", those of the next one. The law alone of a daemon that only
+    /// observes.
     fn law_and_trajectory(&self, mode: u8) -> String {
         let Some(config) = self.settings.as_ref().map(LiveSettings::present) else {
             return String::new();
         };
+        let law = format!("law {}", config.control.controller.name());
+        if config.safety.observe_only {
+            return law;
+        }
         let configured = config.value("trajectory.kind").unwrap_or_default();
         let in_flight = self.course.as_deref().filter(|_| mode != Mode::Disarmed.code());
         let course = in_flight.unwrap_or(configured.trim_matches('"'));
@@ -211,7 +216,7 @@ impl OperatorRequests {
             Followed::End => format!("trajectory {course}, at its end"),
             Followed::Course => format!("trajectory {course}"),
         };
-        format!("law {}, {course}", config.control.controller.name())
+        format!("{law}, {course}")
     }
 
     /// Passes a request for a flight on; the answer, and an event for recordings that began later, name the settings that were

@@ -68,7 +68,11 @@ impl Mission {
 
     /// Outcome of a flight without a landing or crash.
     pub fn unfinished_outcome(&self) -> Outcome {
-        if self.recording.is_some() { Outcome::Replayed } else { Outcome::Timeout }
+        match (&self.recording, self.config.safety.observe_only) {
+            (Some(_), _) => Outcome::Replayed,
+            (None, true) => Outcome::Observed,
+            (None, false) => Outcome::Timeout,
+        }
     }
 }
 

@@ -40,15 +40,22 @@ pub enum Outcome {
     Timeout,
     /// A recording was played to its end.
     Replayed,
+    /// The daemon only observed: it sent no commands.
+    Observed,
     /// The recording ends before the flight.
     Unfinished,
 }
 
 impl Outcome {
+    /// Whether a vehicle was to fly: neither a replay nor an observation.
+    pub fn is_of_flight(self) -> bool {
+        !matches!(self, Self::Replayed | Self::Observed)
+    }
+
     /// Outcome with this name.
     pub fn parse(name: &str) -> Option<Self> {
-        use Outcome::{Crashed, Landed, Replayed, Stopped, Timeout, Unfinished};
-        let all = [Landed, Stopped, Crashed, Timeout, Replayed, Unfinished];
+        use Outcome::{Crashed, Landed, Observed, Replayed, Stopped, Timeout, Unfinished};
+        let all = [Landed, Stopped, Crashed, Timeout, Replayed, Observed, Unfinished];
         all.into_iter().find(|outcome| outcome.to_string() == name)
     }
 }
@@ -61,6 +68,7 @@ impl fmt::Display for Outcome {
             Self::Crashed => "crashed",
             Self::Timeout => "timeout",
             Self::Replayed => "replayed",
+            Self::Observed => "observed",
             Self::Unfinished => "unfinished",
         })
     }
@@ -237,6 +245,11 @@ impl Flight {
     pub fn begins_in_flight(&self) -> bool {
         let began = self.samples.first();
         began.is_some_and(|tick| tick.is_armed() && tick.telemetry.mission_s > MISSED_ARMING_S)
+    }
+
+    /// Whether the daemon only observed, the poses of cameras or of a recording: nothing was flown, and commands were not sent.
+    pub fn is_observation(&self) -> bool {
+        self.config.safety.observe_only
     }
 
     /// Instant of the first armed tick, or of the first tick if none is armed: zero of the time axis.

@@ -153,7 +153,7 @@ impl Recorder {
     fn push(&mut self, sample: FlightSample) {
         let before = self.flight.samples.last().copied();
         self.flight.samples.push(sample);
-        if self.outcome.is_some() || self.flight.is_replay() {
+        if self.outcome.is_some() || self.flight.is_observation() {
             return;
         }
         self.detect_end(&sample);
@@ -169,7 +169,8 @@ impl Recorder {
 
     /// Ends a flight whose daemon died: the next daemon starts disarmed, and the vehicle has fallen.
     fn daemon_replaced(&mut self) {
-        let in_flight = self.latest().is_some_and(FlightSample::is_armed);
+        let is_armed = self.latest().is_some_and(FlightSample::is_armed);
+        let in_flight = is_armed && !self.flight.is_observation();
         if in_flight && self.outcome.is_none() {
             self.crashed(Crash::DaemonDied);
         } else if !in_flight {
@@ -273,7 +274,7 @@ impl Recorder {
             return;
         }
         let (stamps, onward) = (header.stamps, OnwardTime::of(vehicle));
-        if self.armed_at.is_some() {
+        if self.armed_at.is_some() && !flight.is_observation() {
             flight.hops.add(&stamps, onward);
         }
         let (sequence, battery_v) = (vehicle.command_sequence, vehicle.battery_v);

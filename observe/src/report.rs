@@ -23,8 +23,8 @@ use timeline::Timeline;
 /// Report of `flight` with the figures `summary`: a complete HTML document.
 pub fn html(flight: &Flight, summary: &Summary) -> String {
     let timeline = Timeline::new(flight);
-    let body = if flight.is_replay() {
-        of_replay(&timeline, summary)
+    let body = if flight.is_observation() {
+        of_observation(&timeline, summary)
     } else {
         of_flight(&timeline, summary)
     };
@@ -63,7 +63,7 @@ fn words(flight: &Flight, summary: &Summary) -> Markup {
     )
 }
 
-fn of_replay(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
+fn of_observation(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
     let arrivals = ArrivalIntervals::of(timeline.flight);
     html! {
         (cards(&replay_figures(&arrivals, summary)))
@@ -77,9 +77,13 @@ fn of_replay(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
     }
 }
 
-/// Name of the trajectory, or `replay`.
+/// Name of the trajectory, or `replay` or `observation`.
 fn subject<'a>(flight: &Flight, summary: &'a Summary) -> &'a str {
-    if flight.is_replay() { "replay" } else { &summary.trajectory }
+    match (flight.is_replay(), flight.is_observation()) {
+        (true, _) => "replay",
+        (_, true) => "observation",
+        _ => &summary.trajectory,
+    }
 }
 
 /// Description of vehicle, clock, seed and duration.
@@ -87,6 +91,8 @@ fn circumstances(flight: &Flight, summary: &Summary) -> String {
     let Summary { vehicle, clock, seed, duration_s, scored_s, .. } = summary;
     if flight.is_replay() {
         return format!("{} · {clock} clock · {duration_s:.1} s", flight.config.mocap.replay);
+    } else if flight.is_observation() {
+        return format!("{vehicle} · {clock} clock · {duration_s:.1} s");
     }
     let against = if summary.error_source == "truth" { " against the truth" } else { "" };
     let held = summary.held().map_or(String::new(), |held| format!(" · {held}"));
@@ -98,9 +104,12 @@ fn circumstances(flight: &Flight, summary: &Summary) -> String {
 
 fn heading(flight: &Flight, summary: &Summary) -> Markup {
     let mood = match summary.outcome {
-        Outcome::Landed | Outcome::Replayed if summary.shortfall.is_none() => "good",
+        Outcome::Landed | Outcome::Replayed | Outcome::Observed if summary.shortfall.is_none() => {
+            "good"
+        }
         Outcome::Landed
         | Outcome::Replayed
+        | Outcome::Observed
         | Outcome::Stopped
         | Outcome::Timeout
         | Outcome::Unfinished => "warning",

@@ -25,7 +25,7 @@ impl Flight {
             let reason = "the daemon ran with another configuration than was recorded: law, vehicle or settings are not those that flew";
             return Some(reason.to_owned());
         }
-        let flights = self.flights().count();
+        let flights = if self.is_observation() { 0 } else { self.flights().count() };
         (flights > 1).then(|| {
             format!(
                 "{flights} flights in one recording: the figures are those of all, the outcome is that of the first to end; record each into a file of its own"
@@ -58,7 +58,7 @@ impl Flight {
             Outcome::Unfinished => Some(format!(
                 "the record ends{when}, before the flight did: another file continues it, a process of the flight ended, or the recording was cut off"
             )),
-            Outcome::Replayed => None,
+            Outcome::Replayed | Outcome::Observed => None,
         }
     }
 

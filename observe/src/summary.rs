@@ -197,7 +197,8 @@ impl Summary {
     /// Number of changes, with the last one; `None` without a change.
     pub fn changed(&self) -> Option<String> {
         let (last, count) = (self.changes.last()?, self.changes.len());
-        Some(format!("changed in flight: {count}, the last at {last}"))
+        let when = if self.outcome.is_of_flight() { "in flight" } else { "while observing" };
+        Some(format!("changed {when}: {count}, the last at {last}"))
     }
 
     /// Safety states passed through, as text; only the first few if there are many.

@@ -48,9 +48,13 @@ pub fn closing(summary: &Summary) -> String {
 
 fn headline(summary: &Summary) -> String {
     let Summary { controller, trajectory, vehicle, clock, seed, outcome, .. } = summary;
-    let flown = if *outcome == Outcome::Replayed { "of poses" } else { "armed" };
+    let is_flight = outcome.is_of_flight();
+    let (course, flown) = match is_flight {
+        true => (format!("{trajectory}, "), "armed"),
+        false => (String::new(), "of poses"),
+    };
     format!(
-        "{outcome}: {controller}, {trajectory}, {vehicle}\n\
+        "{outcome}: {controller}, {course}{vehicle}\n\
          {clock} clock, seed {seed}, {:.1} s {flown}, {} x real time",
         summary.duration_s,
         significant(summary.speed_factor)

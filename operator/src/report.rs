@@ -84,14 +84,13 @@ impl ControlReport {
         }
         let Self { command, cause, mode, obstacles, text, .. } = self;
         let listed = obstacles.join("; ");
-        let has_motors_off =
-            *command == OperatorCommand::Land.to_string() && *mode == Mode::Disarmed.to_string();
+        let has_motors_off = *command == OperatorCommand::Land.to_string()
+            && *mode == Mode::Disarmed.to_string()
+            && response.cause != Cause::ObservesOnly.code();
         let is_other_config = response.cause == Cause::OtherConfig.code();
         // The obstacles are those to a take-off.
         let is_take_off = *command == OperatorCommand::Arm.to_string();
-        let is_observed = response.cause == Cause::ObservesOnly.code();
         let reasons = match (obstacles.is_empty(), cause.as_str()) {
-            (false, _) if is_observed => &listed,
             _ if has_motors_off && is_silent(response) => {
                 "the motors are commanded off, and the vehicle does not answer; `oqtal ctl stop` tries every path to it"
             }
@@ -132,6 +131,7 @@ impl ControlReport {
             Some(Cause::NearFloor) => {
                 "choose a point at least 0.1 m above the floor; to land, use `oqtal ctl land`"
             }
+            Some(Cause::ObservesOnly) => "to fly, start the daemon without these settings",
             Some(Cause::TakeOff) => "repeat it once the vehicle has taken off",
             Some(Cause::OtherConfig) if Some(response.config_hash) == expected.or(Some(0)) => {
                 "`oqtal ctl undo` takes the last change back, `oqtal ctl arm` without --config flies with the changed settings"

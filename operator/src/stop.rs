@@ -13,6 +13,7 @@ use oqtal_bus::code::{Mode, OperatorCommand, SafetyState};
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
 use oqtal_bus::obeying::{ObeyingProcess, STOP_SIGNAL};
+use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::stop::{StopReport, StopSwitch};
 use oqtal_bus::time::{Span, Time};
@@ -40,12 +41,15 @@ pub struct ObeyedStop {
     pub motors_off: bool,
     /// Whether the daemon commands "disarmed".
     pub daemon_obeys: bool,
+    /// Whether the daemon only observes: it ended no flight and begins none.
+    observes_only: bool,
     /// Mode and state of the daemon; empty if it did not answer in time.
     mode: String,
     state: String,
     /// Result of each path.
     paths: Vec<String>,
-    /// Command of the next flight.
+    /// Command of the next flight; empty if the daemon only observes.
+    #[serde(skip_serializing_if = "String::is_empty")]
     arm_again: String,
     /// Command that starts a daemon before it, if none runs.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -133,14 +137,15 @@ pub fn raise(address: &AddressedInstance) -> Result<ObeyedStop, Failure> {
         }
         again = fly_again(&present);
     }
-    let (arm_again, start_again) = again;
+    let stop = ObeyedStop::new(report, answer.as_ref().ok().and_then(Option::as_ref));
+    let (arm_again, start_again) = if stop.observes_only { Default::default() } else { again };
     Ok(ObeyedStop {
         paths,
         arm_again,
         start_again,
         is_cut_off: reached.has_daemon() && answer.is_err(),
         unconfirmed: Unconfirmed::of(&reached, &raised),
-        ..ObeyedStop::new(report, answer.ok().flatten().as_ref())
+        ..stop
     })
 }
 
@@ -311,11 +316,13 @@ impl RaisedStop {
 impl ObeyedStop {
     fn new(report: StopReport, response: Option<&ControlResponseV1>) -> Self {
         let StopReport { vehicle_obeys, motors_off, daemon_obeys } = report;
+        let obstacles = response.map(|response| ArmingObstacles::from_bits(response.obstacles));
         Self {
             command: "stop",
             vehicle_obeys,
             motors_off,
             daemon_obeys,
+            observes_only: obstacles.is_some_and(|it| it.contains(ArmingObstacle::ObservesOnly)),
             mode: word(response.and_then(|response| Mode::from_code(response.mode))),
             state: word(response.and_then(|response| SafetyState::from_code(response.state))),
             paths: Vec::new(),
@@ -351,6 +358,7 @@ impl ObeyedStop {
 impl std::fmt::Display for ObeyedStop {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let vehicle = match (self.vehicle_obeys, self.motors_off) {
+            (_, true) if self.observes_only => "motors off",
             (_, true) => "motors off until `arm`",
             (true, false) => {
                 "no command reaches the vehicle any more, but it has not reported that its motors are off"
@@ -366,6 +374,13 @@ impl std::fmt::Display for ObeyedStop {
         write!(f, "{what}: {vehicle}; {daemon}")?;
         if !self.motors_off {
             self.paths.iter().try_for_each(|path| write!(f, "\n  {path}"))?;
+        }
+        if self.observes_only {
+            let reason = ArmingObstacle::ObservesOnly;
+            return write!(
+                f,
+                "\n{reason}: no commands are sent, and there is nothing to arm again"
+            );
         }
         let first = self.start_again.as_ref().map(|command| format!("`{command}`, then "));
         write!(

@@ -57,9 +57,9 @@ export class Panel {
 
   drawState(row, column, isSilent) {
     const state = row[column.state];
-    const isFlying = row[column.mode] > 1;
-    const phase = isFlying ? this.scene.phases[row[column.phase]] : "";
     const mode = this.scene.modes[row[column.mode]];
+    const isFlying = mode === "flying" || mode === "landing";
+    const phase = isFlying ? this.scene.phases[row[column.phase]] : "";
     const words = [mode, phase].filter((word) => word).filter((word, i, all) => all.indexOf(word) === i);
     show("state", (!isSilent && this.scene.states[state]) || "unknown");
     show("mode", isSilent ? "–" : words.join(" · "));

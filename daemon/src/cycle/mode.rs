@@ -3,9 +3,12 @@
 //! ```text
 //!             an operator's request                   poses and vehicle ready
 //!   Disarmed ───────────────────────▶ Waiting ──────────────────────────────────▶ Flying ──▶ Landing
-//!    ▲  └───── automatic take-off, observation of a recording ─────────────────▶ ▲            │
+//!    ▲  └───── automatic take-off ─────────────────────────────────────────────▶ ▲            │
 //!    └────────── called off, now or never ─┘                                     │            │
 //!    └──────────────────────── Stop, landed ─────────────────────────────────────┴────────────┘
+//!
+//!             first poses
+//!   Disarmed ───────────────────────▶ Observing, until the daemon ends; instead of a flight
 //! ```
 
 use oqtal_bus::code::Mode;
@@ -23,7 +26,7 @@ pub(super) struct ModeConditions {
     pub(super) is_fresh: bool,
     /// The tick has a pose, and a flight is possible.
     pub(super) is_ready: bool,
-    /// The daemon observes a recording and commands nothing.
+    /// The daemon only observes and commands nothing.
     pub(super) observes: bool,
     /// A flight begins without an operator.
     pub(super) automatic: bool,
@@ -42,7 +45,7 @@ pub(super) enum ModeAction {
     None,
     /// A flight begins.
     BeginFlight,
-    /// The observation of a recording begins.
+    /// The observation of a vehicle or a recording begins.
     BeginObservation,
     /// The flight ends: motors off.
     EndFlight,
@@ -59,16 +62,16 @@ struct ModeTransition {
 /// All transitions but those by an operator's request; the first whose condition holds is taken.
 #[rustfmt::skip]
 const TRANSITIONS: [ModeTransition; 9] = {
-    use Mode::{Disarmed, Flying, Landing, Waiting};
+    use Mode::{Disarmed, Flying, Landing, Observing, Waiting};
     use ModeAction::{BeginFlight, BeginObservation, EndFlight, None};
     use ModeTransition as T;
     [
         T { from: Disarmed, to: Flying, when: |c| c.is_nominal && c.is_ready && c.automatic, action: BeginFlight },
-        T { from: Disarmed, to: Flying, when: |c| c.is_nominal && c.observes, action: BeginObservation },
+        T { from: Disarmed, to: Observing, when: |c| c.is_nominal && c.observes, action: BeginObservation },
         T { from: Waiting, to: Flying, when: |c| c.is_nominal && c.is_ready, action: BeginFlight },
         T { from: Waiting, to: Disarmed, when: |c| c.now_or_never && (c.is_fresh || c.is_blind), action: None },
-        T { from: Flying, to: Disarmed, when: |c| c.is_stopped && !c.observes, action: EndFlight },
-        T { from: Landing, to: Disarmed, when: |c| c.is_stopped && !c.observes, action: EndFlight },
+        T { from: Flying, to: Disarmed, when: |c| c.is_stopped, action: EndFlight },
+        T { from: Landing, to: Disarmed, when: |c| c.is_stopped, action: EndFlight },
         T { from: Flying, to: Disarmed, when: |c| c.has_landed, action: EndFlight },
         T { from: Landing, to: Disarmed, when: |c| c.has_landed, action: EndFlight },
         T { from: Flying, to: Landing, when: |c| c.lands, action: None },
@@ -124,7 +127,11 @@ mod tests {
         for mode in [Mode::Flying, Mode::Landing] {
             let ends = Some((Mode::Disarmed, ModeAction::EndFlight));
             assert_eq!(transition(mode, &stopped), ends);
-            assert_eq!(transition(mode, &ModeConditions { observes: true, ..stopped }), None);
         }
+        let observed =
+            |conditions| ModeConditions { observes: true, is_ready: false, ..conditions };
+        let begins = Some((Mode::Observing, ModeAction::BeginObservation));
+        assert_eq!(transition(Mode::Disarmed, &observed(QUIET)), begins);
+        assert_eq!(transition(Mode::Observing, &observed(stopped)), None);
     }
 }

@@ -1,8 +1,9 @@
 //! The controller's turn of the loop with good, bad and invalid poses.
 
 use super::common::{Bench, FRAME, LATENCY, LAWS, still};
-use oqtal_bus::code::{Actuation, Answer, Mode, OperatorCommand, SafetyState};
+use oqtal_bus::code::{Actuation, Answer, Cause, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps};
+use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Setting;
 use proptest::prelude::*;
@@ -290,13 +291,26 @@ fn ticks_fall_in_step_with_poses_again_after_a_late_one() {
 }
 
 #[test]
-fn a_recording_is_watched_and_never_commands() {
+fn a_recording_is_observed_and_only_a_stop_is_taken() {
     let mut bench = Bench::new(&[Setting::flag("test", "mocap.replay", "some.csv")]);
     for _ in 0..30 {
         let tick = bench.show(still(bench.frame)).unwrap();
         assert_eq!(tick.command, CommandV1::default());
     }
     assert!(bench.cycle.telemetry().thrust > 0.0, "what would have been sent is told");
+    assert_eq!(bench.mode(), Some(Mode::Observing));
+    use OperatorCommand::{Arm, Disarm, Fly, Land, Resume};
+    for command in [Arm, Fly, Land, Disarm, Resume] {
+        let refused = bench.cycle.request(bench.now, command);
+        let (answer, cause) = (Answer::Refused.code(), Cause::ObservesOnly.code());
+        assert_eq!((refused.answer, refused.cause), (answer, cause), "{command}");
+        let obstacles = ArmingObstacles::from_bits(refused.obstacles);
+        assert!(obstacles.iter().eq([ArmingObstacle::ObservesOnly]), "{obstacles}");
+    }
+    let stop = bench.cycle.request(bench.now, OperatorCommand::Stop);
+    assert_eq!(stop.answer, Answer::Accepted.code());
+    bench.show(still(bench.frame));
+    assert_eq!(bench.mode(), Some(Mode::Observing));
     for _ in 0..30 {
         bench.miss();
     }

@@ -241,3 +241,38 @@ fn a_flight_whose_truth_ends_ends_as_the_daemon_reports() {
     let coasted = flight.samples.iter().any(|sample| sample.telemetry.state == 2);
     assert!(coasted, "the states after the end of the truth are recorded");
 }
+
+#[test]
+fn an_observation_is_neither_a_crash_nor_a_flight_whatever_the_vehicle_does() {
+    let setting = Setting::parse("test", "safety.observe-only=true").unwrap();
+    let config = Config::parse("test", "", &[setting]).unwrap();
+    let mut recorder = Recorder::new(&config);
+    for k in 0..150 {
+        let time = Time::VIRTUAL_START + Span::from_millis(20).scaled(f64::from(k));
+        let mut reception = Reception { received_at: time, ..Reception::default() };
+        // Another daemon continues the observation.
+        reception.header.source = u64::from(k > 100);
+        let (mode, phase) = (Mode::Observing.code(), Phase::Trajectory as u8);
+        let telemetry = TelemetryV1 { time, mode, phase, ..TelemetryV1::default() };
+        recorder.sample(&reception, Sample::Telemetry(&telemetry));
+        // The vehicle falls, and lies upside down on the floor.
+        let (velocity, attitude) =
+            ([0.0, 0.0, if k < 50 { -5.0 } else { 0.0 }], [1.0, 0.0, 0.0, 0.0]);
+        let truth = TruthV1 { time, velocity, attitude, ..TruthV1::default() };
+        recorder.sample(&reception, Sample::Truth(&truth));
+        let vehicle = VehicleV1::default();
+        reception.header.stamps.applied_at = time;
+        recorder.sample(&reception, Sample::Vehicle(&vehicle));
+    }
+    assert_eq!(recorder.outcome(), None);
+    let flight = recorder.finish(Outcome::Observed, 1.0);
+    let summary = Summary::of(&flight);
+    assert_eq!(
+        (summary.shortfall.as_deref(), summary.outcome.to_string()),
+        (None, "observed".to_owned())
+    );
+    assert!(summary.hops.values().all(|hop| hop.count == 0), "commands that were not sent");
+    let (page, closing) = (report::html(&flight, &summary), table::closing(&summary));
+    assert!(page.contains("Command (computed, not sent)") && !page.contains("Attitude sent"));
+    assert!(page.contains("observation") && closing.contains("s of poses"), "{closing}");
+}

@@ -24,7 +24,8 @@ pub fn flight(file: &RecordingFile) -> Result<Flight, RecordingFileError> {
     let mut recorder = Recorder::new(&config);
     play(file, &mut recorder)?;
     let ClosingFacts { command_path, outcome, speed_factor, daemon } = ClosingFacts::read(file);
-    let flight = recorder.finish(outcome.unwrap_or(Outcome::Unfinished), speed_factor);
+    let open = if config.safety.observe_only { Outcome::Observed } else { Outcome::Unfinished };
+    let flight = recorder.finish(outcome.unwrap_or(open), speed_factor);
     Ok(Flight { command_path, daemon, ..flight })
 }
 

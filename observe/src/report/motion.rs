@@ -83,7 +83,7 @@ pub fn velocity(timeline: &Timeline<'_>) -> Markup {
 pub fn command(timeline: &Timeline<'_>) -> Markup {
     let thrust = timeline.trace("thrust", Ink::Actual, |s| s.telemetry.thrust);
     let title =
-        if timeline.flight.is_replay() { "Command (computed, not sent)" } else { "Command" };
+        if timeline.flight.is_observation() { "Command (computed, not sent)" } else { "Command" };
     section(
         title,
         html! {
@@ -125,7 +125,7 @@ fn rotation_command(timeline: &Timeline<'_>) -> Markup {
         match timeline.flight.config.vehicle.interface {
             Interface::Rate => ("Sticks [-1..1]", |s| s.telemetry.sticks),
             Interface::Torque => ("Torque [N m, body]", |s| s.telemetry.torque),
-            Interface::Attitude => ("Attitude sent [deg]", |s| {
+            Interface::Attitude => ("Attitude [deg]", |s| {
                 let attitude = Attitude::from_xyzw(s.telemetry.attitude_sent);
                 attitude.map_or([f64::NAN; 3], |q| euler_angles(&q).map(f64::to_degrees))
             }),

@@ -115,6 +115,7 @@ fn an_empty_flight_has_a_page() {
     let mut flight = fixture::empty();
     assert!(page(&flight).contains("nothing was scored"));
     flight.config.mocap.replay = "recording.csv".to_owned();
+    flight.config.safety.observe_only = true;
     assert!(page(&flight).contains("Arrival of poses"));
 }
 
@@ -166,6 +167,7 @@ proptest! {
         flight.samples = samples;
         if is_replay {
             flight.config.mocap.replay = "recording.csv".to_owned();
+            flight.config.safety.observe_only = true;
         }
         prop_assert!(page(&flight).ends_with("</html>"));
     }

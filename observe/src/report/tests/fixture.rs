@@ -67,6 +67,7 @@ pub fn square() -> Flight {
 pub fn replay() -> Flight {
     let mut flight = Flight { outcome: Outcome::Replayed, speed_factor: 210.0, ..square() };
     flight.config.mocap.replay = "recording.csv".to_owned();
+    flight.config.safety.observe_only = true;
     flight.hops = HopDistributions::default();
     flight.applied.clear();
     flight.samples.iter_mut().for_each(|sample| {
