@@ -3,10 +3,13 @@
 use nalgebra::Vector3;
 use oqtal_config::Config;
 use oqtal_control::options::OptionError;
-use oqtal_control::trajectory::{FlightPlan, Reference, StartPoint, Trajectory, TrajectoryKind};
+use oqtal_control::trajectory::{
+    FlightPlan, Phase, Reference, StartPoint, Trajectory, TrajectoryKind,
+};
 use oqtal_runtime::process::Failure;
 
 use crate::fence::{Fence, braking_m_s2, stopping_point};
+use crate::floor::LEAST_WAY_M;
 use crate::flyable::check_demand;
 use crate::waypoint_file::trajectory as trajectory_of;
 
@@ -47,14 +50,34 @@ fn check_room(
     trajectory: &Trajectory,
     start: Option<Vector3<f64>>,
 ) -> Result<(), OptionError> {
-    let path = path(config, trajectory);
-    check_span(config, &path, config.fence.soft_margin_m)?;
-    let stops = stops(config, trajectory);
-    check_span(config, &stops, 0.0)?;
-    start.map_or(Ok(()), |start| {
-        check_from(config, &path, (start, config.fence.soft_margin_m))?;
-        check_from(config, &stops, (start, 0.0))
-    })
+    let (path, stops) = (path(config, trajectory), stops(config, trajectory));
+    let soft_m = config.fence.soft_margin_m;
+    let check = |path, margin_m| match start {
+        Some(start) => check_from(config, path, (start, margin_m)),
+        None => check_span(config, path, margin_m),
+    };
+    check(&path, soft_m)?;
+    check(&stops, 0.0)?;
+    check_height(config, trajectory)
+}
+
+/// Whether waypoints stay above the floor on which the flight begins.
+fn check_height(config: &Config, trajectory: &Trajectory) -> Result<(), OptionError> {
+    let file = config.trajectory.waypoints_file.as_ref();
+    let is_flown = config.trajectory.kind == TrajectoryKind::Waypoints;
+    let Some(file) = file.filter(|_| is_flown) else { return Ok(()) };
+    let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
+    let step_s = plan.end_s() / f64::from(PATH_POINTS);
+    let mut references = (0..PATH_POINTS).map(|index| plan.sample(f64::from(index) * step_s));
+    let is_low = |reference: &Reference| {
+        reference.phase == Phase::Trajectory && reference.position.z < LEAST_WAY_M
+    };
+    let Some(low) = references.find(is_low) else { return Ok(()) };
+    let [x, y, z]: [f64; 3] = low.position.into();
+    let allowed = format!(
+        "at least {LEAST_WAY_M} m above the floor, from which the flight begins: it leads to [{x:.2}, {y:.2}, {z:.2}] m"
+    );
+    Err(OptionError::new("trajectory.waypoints-file", file.display(), allowed))
 }
 
 /// Whether `path` is narrower than the fence by `margin_m` \[m\] on both sides.

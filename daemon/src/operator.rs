@@ -8,6 +8,7 @@ use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand};
 use oqtal_bus::message::{AS_STARTED, ControlRequestV1, ControlResponseV1, EventV1};
 use oqtal_bus::text::LongText;
 use oqtal_bus::time::Time;
+use oqtal_config::Config;
 use oqtal_runtime::handoff::{BackgroundHandle, RtHandle, handoff};
 
 use crate::condition::{Condition, Followed};
@@ -72,8 +73,14 @@ pub struct OperatorRequests {
     settings: Option<LiveSettings>,
     /// Number of requests that change a flight or its settings so far.
     events: u64,
-    /// Course by an operator in place of the configured trajectory; `None` without one.
+    /// Course of the present flight in words, if the configured one may be another: by an operator, or before a change of the settings.
     course: Option<String>,
+}
+
+/// The configured course, in words.
+fn configured_course(config: &Config) -> String {
+    let kind = config.value("trajectory.kind").unwrap_or_default();
+    format!("trajectory {}", kind.trim_matches('"'))
 }
 
 /// Both ends.
@@ -208,13 +215,12 @@ impl OperatorRequests {
         if config.safety.observe_only {
             return law;
         }
-        let configured = config.value("trajectory.kind").unwrap_or_default();
-        let in_flight = self.course.as_deref().filter(|_| mode != Mode::Disarmed.code());
-        let course = in_flight.unwrap_or(configured.trim_matches('"'));
+        let in_flight = self.course.clone().filter(|_| mode != Mode::Disarmed.code());
+        let course = in_flight.unwrap_or_else(|| configured_course(config));
         let course = match self.last.followed {
             Followed::Planner => "references of a planner".to_owned(),
-            Followed::End => format!("trajectory {course}, at its end"),
-            Followed::Course => format!("trajectory {course}"),
+            Followed::End => format!("{course}, at its end"),
+            Followed::Course => course,
         };
         format!("{law}, {course}")
     }
@@ -281,6 +287,10 @@ impl OperatorRequests {
                 refused(Cause::Expired, self.present(Answer::Refused))
             }
             Ok(prepared) => {
+                // Settings leave the course of a flight under way as it is.
+                if self.last.mode != Mode::Disarmed.code() {
+                    self.course.get_or_insert_with(|| configured_course(settings.present()));
+                }
                 event.text = prepared.text;
                 publish(event);
                 self.hand_over(prepared, &event, request.valid_until)
@@ -309,7 +319,7 @@ impl OperatorRequests {
         let response = self.pass_on(change, limit);
         if response.answer != Answer::Refused.code() {
             self.course = match command {
-                OperatorCommand::Trajectory => Some(event.text.as_str().to_owned()),
+                OperatorCommand::Trajectory => Some(format!("trajectory {}", event.text.as_str())),
                 OperatorCommand::Goto | OperatorCommand::Hover => Some(command.to_string()),
                 _ => self.course.take(),
             };

@@ -87,7 +87,7 @@ const PAYLOAD_S: f64 = 24.0;
 const PAYLOAD: f64 = 0.1;
 
 /// Note below the tables.
-const NOTE: &str = "Most of the position error on a square is the way to the corner, equal for all\nlaws: compare settling and \
+const NOTE: &str = "Most of the position error on a square is the way to the corner, alike for all\nlaws: compare settling and \
      overshoot there. For flights of your own begin with\n`--controller oqtal-dt`; the default of `fly` is the paper's law, `oqtal`.";
 
 impl CampaignArgs {

@@ -173,6 +173,18 @@ impl StudyOutput {
     }
 }
 
+impl Drop for StudyOutput {
+    /// A study that was refused, or ended before its first result, leaves nothing in `results`.
+    fn drop(&mut self) {
+        let is_empty =
+            fs::read_to_string(&self.journal).is_ok_and(|text| text.lines().count() <= 1);
+        if is_empty && self.directory.starts_with(RESULTS) {
+            // Ignored: the study itself is reported. A directory with files is not removed.
+            let _ = self.discard().map(|()| fs::remove_dir(&self.directory));
+        }
+    }
+}
+
 /// Refuses to replace files that exist.
 ///
 /// # Errors

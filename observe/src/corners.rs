@@ -25,7 +25,7 @@ pub struct CornerFigures {
     pub overshoot_m: f64,
     /// Mean position error, once settled, until the next step \[m\]; NaN if no corner settled.
     pub settled_error_m: f64,
-    /// Share of the scored position error, integrated over time, between each step and its settling \[0..1\].
+    /// Share of the scored position error, integrated over time, from each step until the error is first within 5 cm \[0..1\].
     pub approach_share: f64,
 }
 
@@ -56,11 +56,12 @@ impl CornerFigures {
             let beyond = corner.iter().map(|sample| sample.position_error().dot(&direction));
             overshoot.add(beyond.fold(0.0, f64::max));
             let last = corner.iter().rposition(|sample| error(sample) > SETTLED_M);
-            let (under_way, settled) = corner.split_at(last.map_or(0, |last| last + 1));
+            let settled = &corner[last.map_or(0, |last| last + 1)..];
             let time = |sample: &FlightSample| sample.telemetry.time;
             let after_s = last.map_or(0.0, |k| time(corner[k]).since(time(corner[0])).seconds());
             steps.push((after_s, !settled.is_empty()));
-            approach += under_way.iter().map(error).sum::<f64>();
+            approach +=
+                corner.iter().map(error).take_while(|error| *error > SETTLED_M).sum::<f64>();
             settled.iter().for_each(|sample| rest.add(error(sample)));
             step.add(length);
         }

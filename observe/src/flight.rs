@@ -21,9 +21,10 @@ pub const HELD: &str = "held by the fence";
 /// Time since the beginning of a flight above which a record that begins then has missed the arming \[s\].
 const MISSED_ARMING_S: f64 = 0.1;
 
-/// Whether `cause`, of [`Flight::cause`], is a hold by the fence, with or without a landing by the daemon.
-pub fn is_held(cause: &str) -> bool {
-    cause == HELD || cause.ends_with(&Cause::HeldTooLong.to_string())
+/// Whether `cause`, of [`Flight::cause`], is a hold by the fence, with or without a landing by the daemon, or a stop at it.
+pub fn is_of_fence(cause: &str) -> bool {
+    let ends_with = |known: Cause| cause.ends_with(&known.to_string());
+    cause == HELD || ends_with(Cause::HeldTooLong) || ends_with(Cause::Fence)
 }
 
 /// Outcome of a flight.
@@ -191,9 +192,31 @@ impl Flight {
 
     /// The configuration with the settings that operators changed before the take-off.
     pub fn config_at_arming(&self) -> Config {
-        let origin = self.origin();
-        let before =
-            self.changes.iter().filter(|(at, event)| *at <= origin && event.refusal().is_none());
+        self.config_after(self.changes_until(self.origin()))
+    }
+
+    /// Names of the laws that flew the scored window, in order; the law at the take-off if nothing is scored.
+    pub fn laws(&self) -> String {
+        let scored = self.scored().map(|sample| self.changes_until(sample.telemetry.time));
+        let mut changes: Vec<usize> = scored.collect();
+        changes.dedup();
+        if changes.is_empty() {
+            changes.push(self.changes_until(self.origin()));
+        }
+        let law = |count| self.config_after(count).control.controller.name();
+        let mut laws: Vec<&str> = changes.into_iter().map(law).collect();
+        laws.dedup();
+        laws.join(", then ")
+    }
+
+    /// Number of changes up to the instant `at`.
+    fn changes_until(&self, at: Time) -> usize {
+        self.changes.partition_point(|(changed_at, _)| *changed_at <= at)
+    }
+
+    /// The configuration with the settings of the first `count` changes.
+    fn config_after(&self, count: usize) -> Config {
+        let before = self.changes[..count].iter().filter(|(_, event)| event.refusal().is_none());
         let lines = before.flat_map(|(_, event)| event.text.as_str().lines());
         // Requests of the course, like a title, are not settings.
         let settings = lines.filter(|line| line.contains('='));

@@ -104,7 +104,7 @@ fn a_body_that_stays_elsewhere_after_a_gap_is_another_one() {
     assert_eq!(hover.show(GAP_S, OFF_M), Ok(()));
     hover.gate.discard_hypothesis();
     assert!(!hover.is_another_body_at(OFF_M));
-    // Without a gap it is no other body, however wide the gate is.
+    // Without a gap, an offset is that of the vehicle, however wide the gate is.
     let mut hover = Hover::settled();
     hover.gate.sigma = 1e3;
     assert_eq!(hover.show(FRAME_S, OFF_M), Ok(()));

@@ -107,6 +107,9 @@ fn those_who_come_later_are_told_what_flies_and_what_was_changed() {
         response.text.as_str().to_owned()
     };
     assert_eq!(ask(OperatorCommand::Get, ""), "law oqtal, trajectory square");
+    ask(OperatorCommand::Set, "trajectory.kind=hover");
+    assert!(ask(OperatorCommand::Status, "").ends_with(", trajectory square"));
+    ask(OperatorCommand::Undo, "");
     ask(OperatorCommand::Set, "control.controller=geometric");
     ask(OperatorCommand::Trajectory, "circle");
     let told = ask(OperatorCommand::Get, "");
@@ -127,7 +130,7 @@ fn those_who_come_later_are_told_what_flies_and_what_was_changed() {
 fn on_the_ground_the_next_flight_is_reported_and_not_the_course_of_the_last() {
     let (_, requests) = loop_handoff();
     let mut requests = requests.with_settings(7, LiveSettings::new(&Config::default(), &[]));
-    requests.course = Some("circle".to_owned());
+    requests.course = Some("trajectory circle".to_owned());
     for (mode, trajectory) in [(Mode::Landing, "circle"), (Mode::Disarmed, "square")] {
         requests.last.mode = mode.code();
         let response = requests.ask(asks(OperatorCommand::Get), &mut |_| {});

@@ -11,8 +11,11 @@ use super::identification::Identification;
 const REMARKS_AT: usize = 39;
 
 /// Sections that belong to one flight, and not to the vehicle and its laboratory.
-const OF_ONE_FLIGHT: [&str; 8] =
-    ["clock", "fault", "instance", "log", "plant", "realtime", "record", "trajectory"];
+const OF_ONE_FLIGHT: [&str; 7] =
+    ["clock", "fault", "instance", "log", "plant", "realtime", "record"];
+/// Keys that say what was flown. The sizes of trajectories are those for which the room has space.
+const FLOWN: [&str; 4] =
+    ["mocap.replay", "safety.observe-only", "trajectory.kind", "trajectory.waypoints-file"];
 
 /// A configuration with the findings, the interval beside each value, and with all settings of `config`, the configuration of the
 /// flight, that describe the vehicle and its laboratory.
@@ -53,8 +56,8 @@ fn configured(identification: &Identification, config: &Config) -> Vec<(String, 
         let is_own = !OF_ONE_FLIGHT.iter().any(|other| section.split('.').next() == Some(other));
         let is_told = !before.iter().any(|(s, n, v)| (s, n, v) == (section, name, value));
         let is_always = ["vehicle.preset", "vehicle.mass-kg"].contains(&key.as_str());
-        let is_played = key == "mocap.replay" || key == "safety.observe-only";
-        is_own && (is_told || is_always) && !is_played && identification.values(&key).is_none()
+        let is_flown = FLOWN.contains(&key.as_str());
+        is_own && (is_told || is_always) && !is_flown && identification.values(&key).is_none()
     };
     let mut lines: Vec<_> = now
         .iter()

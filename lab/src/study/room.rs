@@ -1,4 +1,5 @@
-//! Remedy for flights that the fence held: the keys of the room, and a size of the trajectory that is not held.
+//! Remedy for flights that the fence held or stopped: the keys of the room, and a size of the trajectory with which they are
+//! complete.
 
 use oqtal_config::{Config, Setting};
 use oqtal_control::trajectory::TrajectoryKind;
@@ -24,19 +25,19 @@ const SIZES: [(TrajectoryKind, &str); 6] = [
 /// Shares of the configured size that are tried, the greatest first \[-\].
 const SHARES: [f64; 8] = [0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2];
 
-/// Number of held flights of each law that are flown again with a smaller size \[-\].
-const TRIED: usize = 3;
+/// Number of flights of each law, test and cause that are flown again with a smaller size \[-\].
+const TRIED: usize = 5;
 
-/// The held flights of one trajectory.
+/// Flights of one trajectory that the fence held or stopped.
 struct HeldFlights<'a> {
     kind: TrajectoryKind,
     flights: Vec<(&'a StudyLaw, &'a FlightCondition, Test)>,
 }
 
-/// Flights of one law and test that the fence held.
+/// Flights of one law and test that the fence held or stopped.
 pub type HeldGroup<'a> = (&'a StudyLaw, &'a [&'a FlightCondition], Test);
 
-/// Changes with which the flights of `groups` would not be held, one line for each trajectory; empty without groups.
+/// Changes with which the flights of `groups` would be complete, one line for each trajectory; empty without groups.
 pub fn remedies<'a>(groups: impl IntoIterator<Item = HeldGroup<'a>>) -> String {
     let mut held: Vec<HeldFlights<'_>> = Vec::new();
     for (law, conditions, test) in groups {
@@ -56,19 +57,19 @@ impl HeldFlights<'_> {
         let name = oqtal_observe::summary::name_of(&self.kind);
         let smaller = self.fitting().map(|(key, size)| {
             let count = self.flights.len();
-            let are_held = match count {
-                1 => "the flight that was repeated is not held".to_owned(),
-                _ => format!("none of {count} flights that were repeated is held"),
+            let are_complete = match count {
+                1 => "the flight that was repeated is complete".to_owned(),
+                _ => format!("all {count} flights that were repeated are complete"),
             };
-            format!("; with --set {key}={size} {are_held}")
+            format!("; with --set {key}={size} {are_complete}")
         });
         format!(
-            "  {name}, held by the fence: enlarge [fence] x-m, y-m, z-m, or lower fence.soft-margin-m{}",
+            "  {name}, held or stopped by the fence: enlarge [fence] x-m, y-m, z-m, or lower fence.soft-margin-m{}",
             smaller.unwrap_or_default()
         )
     }
 
-    /// Key and greatest size with which none of the flights is held; `None` if there is none.
+    /// Key and greatest size with which all of the flights are complete; `None` if there is none.
     fn fitting(&self) -> Option<(&'static str, f64)> {
         let (_, key) = SIZES.iter().find(|(kind, _)| *kind == self.kind)?;
         let (law, condition, test) = self.flights[0];
@@ -113,8 +114,11 @@ mod tests {
         let law = StudyLaw::new("px4", settings.to_vec(), "");
         let condition = FlightCondition { seed: 200, plant: NOMINAL, settings: Vec::new() };
         let remedy = remedies([(&law, &[&condition][..], Test::Chirp)]);
-        assert!(remedy.contains("attitude-chirp, held by the fence: enlarge [fence]"), "{remedy}");
+        assert!(
+            remedy.contains("attitude-chirp, held or stopped by the fence: enlarge [fence]"),
+            "{remedy}"
+        );
         assert!(remedy.contains("--set trajectory.attitude-chirp.sweep-s="), "{remedy}");
-        assert!(remedy.ends_with("the flight that was repeated is not held"), "{remedy}");
+        assert!(remedy.ends_with("the flight that was repeated is complete"), "{remedy}");
     }
 }
