@@ -7,6 +7,7 @@ use oqtal_bus::code::{
 };
 use oqtal_bus::message::{EventV1, InputV1, TelemetryV1};
 use oqtal_bus::origin::Origin;
+use oqtal_bus::time::Time;
 use serde::Serialize;
 
 use crate::flight::Flight;
@@ -89,10 +90,13 @@ impl fmt::Display for ChangeInFlight {
 }
 
 impl ChangeInFlight {
-    /// The changes of `flight`, in order.
+    /// The changes between the take-off of `flight` and its end, in order.
     pub fn all(flight: &Flight) -> Vec<Self> {
         let origin = flight.origin();
-        let all = flight.changes.iter().map(|(at, event)| Self {
+        let end = flight.armed().last().map_or(origin, |sample| sample.telemetry.time);
+        let is_in_flight =
+            |(at, event): &&(Time, EventV1)| *at > origin && *at <= end && !begins_flight(event);
+        let all = flight.changes.iter().filter(is_in_flight).map(|(at, event)| Self {
             time_s: at.since(origin).seconds(),
             text: of_operator(event),
             changes_course: changes_course(event),
@@ -105,6 +109,12 @@ impl ChangeInFlight {
 pub(crate) fn changes_course(event: &EventV1) -> bool {
     use OperatorCommand::{Goto, Hover, Trajectory};
     matches!(OperatorCommand::from_code(event.command), Some(Goto | Hover | Trajectory))
+}
+
+/// Whether the request begins a flight; it names the settings that were changed before.
+fn begins_flight(event: &EventV1) -> bool {
+    use OperatorCommand::{Arm, Fly};
+    matches!(OperatorCommand::from_code(event.command), Some(Arm | Fly))
 }
 
 /// Text of a request that changes a flight or its settings, with its author and, if it was refused, the reason.

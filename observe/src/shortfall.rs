@@ -5,6 +5,7 @@ use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::time::{Span, Time};
 use oqtal_control::trajectory::Phase;
 
+use crate::command_path::CommandPath;
 use crate::crash::Crash;
 use crate::flight::{Flight, HELD, Outcome};
 use crate::flight_sample::FlightSample;
@@ -42,11 +43,15 @@ impl Flight {
                 )),
                 None => self.landing_on_request(),
             },
-            Outcome::Stopped => Some(match self.stop_cause() {
-                cause @ Cause::NoVehicle => format!(
+            Outcome::Stopped => Some(match (self.stop_cause(), &self.command_path) {
+                (cause @ Cause::NoVehicle, _) => format!(
                     "the daemon commanded the motors off{ended}: {cause}, so it is unknown when they stopped"
                 ),
-                cause => format!("the daemon stopped the motors{ended}: {cause}"),
+                (cause, CommandPath::Bus) => {
+                    format!("the daemon stopped the motors{ended}: {cause}")
+                }
+                // A bridge takes time to stop them.
+                (cause, _) => format!("the daemon commanded the motors off{ended}: {cause}"),
             }),
             Outcome::Crashed => Some(format!("the vehicle {}{ended}", self.crash?)),
             Outcome::Timeout | Outcome::Unfinished if self.armed().next().is_none() => {
@@ -83,7 +88,12 @@ impl Flight {
                 None if self.landing_on_request().is_some() => "landed on request".to_owned(),
                 None => self.is_held().then(|| HELD.to_owned())?,
             },
-            (Outcome::Stopped, _) => format!("motors stopped: {}", self.stop_cause()),
+            (Outcome::Stopped, _) => match (self.stop_cause(), &self.command_path) {
+                (cause, CommandPath::Bus) if cause != Cause::NoVehicle => {
+                    format!("motors stopped: {cause}")
+                }
+                (cause, _) => format!("motors commanded off: {cause}"),
+            },
             (Outcome::Crashed, Some(crash)) => crash.name().to_owned(),
             (Outcome::Timeout, _) if self.armed().next().is_none() => "no take-off".to_owned(),
             (Outcome::Timeout, _) => "not ended in time".to_owned(),

@@ -12,8 +12,8 @@ const FLIGHT: &str = "flight";
 /// Facts of a flight that are not in its messages.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ClosingFacts {
-    /// Path of the commands.
-    pub command_path: CommandPath,
+    /// Path of the commands; `None` if it was not recorded at the end.
+    pub command_path: Option<CommandPath>,
     /// Outcome of the flight.
     pub outcome: Option<Outcome>,
     /// Flight time over wall time \[-\].
@@ -26,7 +26,7 @@ impl ClosingFacts {
     /// The facts of a flight.
     pub fn of(flight: &Flight) -> Self {
         Self {
-            command_path: flight.command_path.clone(),
+            command_path: Some(flight.command_path.clone()),
             outcome: Some(flight.outcome),
             speed_factor: flight.speed_factor,
             daemon: flight.daemon.clone(),
@@ -37,7 +37,7 @@ impl ClosingFacts {
     pub fn to_facts(&self) -> Facts {
         let json = |daemon: &ProcessUsage| serde_json::to_string(daemon).unwrap_or_default();
         let facts = [
-            ("command_path", Some(self.command_path.to_string())),
+            ("command_path", self.command_path.as_ref().map(ToString::to_string)),
             ("outcome", self.outcome.map(|outcome| outcome.to_string())),
             ("speed_factor", Some(self.speed_factor.to_string())),
             ("daemon", self.daemon.as_ref().map(json)),
@@ -50,7 +50,7 @@ impl ClosingFacts {
     pub fn read(file: &RecordingFile) -> Self {
         let fact = |name| file.fact(FLIGHT, name);
         Self {
-            command_path: fact("command_path").map(CommandPath::parse).unwrap_or_default(),
+            command_path: fact("command_path").map(CommandPath::parse),
             outcome: fact("outcome").and_then(Outcome::parse),
             speed_factor: fact("speed_factor").and_then(|text| text.parse().ok()).unwrap_or(1.0),
             daemon: fact("daemon").and_then(|text| serde_json::from_str(text).ok()),

@@ -26,6 +26,7 @@ pub fn flight(file: &RecordingFile) -> Result<Flight, RecordingFileError> {
     let ClosingFacts { command_path, outcome, speed_factor, daemon } = ClosingFacts::read(file);
     let open = if config.safety.observe_only { Outcome::Observed } else { Outcome::Unfinished };
     let flight = recorder.finish(outcome.unwrap_or(open), speed_factor);
+    let command_path = command_path.unwrap_or(flight.command_path);
     Ok(Flight { command_path, daemon, ..flight })
 }
 
