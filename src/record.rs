@@ -133,6 +133,9 @@ impl RecordArgs {
                 break;
             }
         }
+        if daemon.pid.is_none() {
+            say("oqtal: no daemon ran meanwhile: the recording has no flight");
+        }
         Ok((recorder.finish(), daemon.lost))
     }
 }

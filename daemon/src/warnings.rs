@@ -160,13 +160,18 @@ fn law_replaced(config: &Config) -> Option<String> {
 
 /// Note that the emulated cameras are slower than a pose may be old.
 fn too_old(config: &Config) -> Option<String> {
-    let (cameras, most_ms) = (&config.mocap, config.safety.max_pose_age_ms);
+    let (cameras, safety) = (&config.mocap, &config.safety);
     let age_ms = cameras.latency_ms + cameras.jitter_ms;
-    (!config.is_replay() && age_ms >= most_ms).then(|| {
-        format!(
-            "poses are up to {age_ms} ms old (mocap.latency-ms, mocap.jitter-ms), and those older than {most_ms} ms are refused: raise safety.max-pose-age-ms"
-        )
-    })
+    let [limit, most] = [safety.pose_age_limit_ms, safety.max_pose_age_ms];
+    let (older_ms, effect, key) = match () {
+        () if config.is_replay() => return None,
+        () if age_ms >= most => (most, "are refused", "max-pose-age-ms"),
+        () if cameras.latency_ms >= limit => (limit, "end a flight", "pose-age-limit-ms"),
+        () => return None,
+    };
+    Some(format!(
+        "poses are up to {age_ms} ms old (mocap.latency-ms, mocap.jitter-ms), and those older than {older_ms} ms {effect}: raise safety.{key}"
+    ))
 }
 
 /// Note that gains of position loops are changed that do not fly.
