@@ -99,7 +99,7 @@ fn another_flight_begins_without_the_poses_of_another_body() {
 fn a_body_that_stays_elsewhere_after_a_gap_is_another_one() {
     let mut hover = Hover::settled();
     assert_eq!(hover.show(GAP_S, OFF_M), Ok(()));
-    assert!(hover.is_another_body_at(|t_s| OFF_M + 0.0015 * (60.0 * t_s).round().cos()));
+    assert!(hover.is_another_body_at(|t_s| OFF_M + 0.003 * (60.0 * t_s).round().cos()));
     // An offset by a force grows.
     let mut hover = Hover::settled();
     assert_eq!(hover.show(GAP_S, OFF_M), Ok(()));
