@@ -80,9 +80,14 @@ impl GatewayCommand {
         say(&format!("oqtal: gateway at {}; Ctrl-C ends", socket.address()));
         let stop_count = AtomicU64::new(0);
         std::thread::scope(|threads| {
-            let (socket, paths, stop_count) = (&*socket, &paths, &stop_count);
+            let (socket, paths, stop_count, ends) = (&*socket, &paths, &stop_count, &stop);
             let execute_all = move |requests: Receiver<GatewayRequest>| {
-                requests.into_iter().for_each(|it| it.execute(paths, socket, stop_count));
+                // Of the requests that wait at the end, stops are executed.
+                let due = |it: &GatewayRequest| it.command == CtlRequest::Stop || !ends.is_set();
+                requests
+                    .into_iter()
+                    .filter(due)
+                    .for_each(|it| it.execute(paths, socket, stop_count));
             };
             let [(stops, to_stop), (others, to_answer)] = [(); 2].map(|()| sync_channel(QUEUE));
             // A request waits for a daemon that hangs: a stop does not wait for it.

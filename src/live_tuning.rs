@@ -90,7 +90,8 @@ pub fn execute(args: &TuneArgs) -> Result<Exit, Failure> {
 fn tell_on_interrupt(paths: &InstancePaths) -> Result<(), Failure> {
     let place = place(paths);
     let text = format!(
-        "oqtal: interrupted; the vehicle flies on: `oqtal ctl hover {place}` or `oqtal ctl land {place}`"
+        "oqtal: interrupted; the vehicle flies on: `oqtal ctl hover {place}` or `oqtal ctl land {place}`; `oqtal ctl undo \
+         {place}` takes back gains that it has set"
     );
     let handler = move || {
         say(&text);

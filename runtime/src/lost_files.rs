@@ -46,8 +46,13 @@ pub(crate) fn watched(
         drop(job_runs);
         let lost = watching.and_then(|watching| watching.join().ok().flatten());
         match lost {
-            // A job that failed did so because of the loss.
-            Some((failure, ends_process)) if ends_process || result.is_err() => Err(failure),
+            // A job that failed did so because of the loss, most likely.
+            Some((failure, ends_process)) if ends_process || result.is_err() => {
+                if let Err(own) = result {
+                    tracing::error!("{}", own.message);
+                }
+                Err(failure)
+            }
             _ => result,
         }
     })
