@@ -67,6 +67,11 @@ impl<T, S> NearestJoin<T, S> {
         self.ticks.len()
     }
 
+    /// Time of the oldest stored sample; `None` without samples.
+    pub fn oldest(&self) -> Option<Time> {
+        self.samples.front().map(|(at, _)| *at)
+    }
+
     /// The newest sample.
     pub fn newest(&mut self) -> Option<&mut S> {
         self.samples.back_mut().map(|(_, sample)| sample)

@@ -1,6 +1,8 @@
 //! Selection of the recorded truth samples: the nearest to each tick of the daemon, from which errors are computed, and further
 //! samples at a configured rate.
 
+use std::collections::VecDeque;
+
 use oqtal_bus::message::TruthV1;
 use oqtal_bus::time::{Span, Time};
 
@@ -19,15 +21,19 @@ pub struct TruthSelection {
     /// Time between samples that do not belong to a tick; `None` for no such samples.
     spacing: Option<Span>,
     due: Time,
-    /// Ticks, and samples with a flag: whether the sample was selected.
-    join: NearestJoin<(), (TrueSample, bool)>,
+    join: NearestJoin<(), TrueSample>,
+    /// Selected samples, oldest first, that are withheld while a late tick may still select an earlier sample.
+    withheld: VecDeque<TrueSample>,
+    /// Time of the sample passed last.
+    passed: Time,
 }
 
 impl TruthSelection {
     /// Selection at `rate_hz` in addition to the samples of ticks; 0 for the samples of ticks only.
     pub fn new(rate_hz: f64) -> Self {
         let spacing = (rate_hz > 0.0).then(|| Span::period_of(rate_hz));
-        Self { spacing, due: Time::UNSET, join: NearestJoin::default() }
+        let (due, passed, withheld) = (Time::UNSET, Time::UNSET, VecDeque::new());
+        Self { spacing, due, join: NearestJoin::default(), withheld, passed }
     }
 
     /// Adds a tick of the daemon; passes its nearest sample to `choose` if it is already known.
@@ -39,36 +45,51 @@ impl TruthSelection {
         self.choose_joined(choose);
     }
 
-    /// Adds a sample; passes selected samples to `choose`, samples of earlier ticks first.
+    /// Adds a sample; passes selected samples to `choose` in the order of time.
     pub fn sample(&mut self, sample: TrueSample, choose: &mut dyn FnMut(&TrueSample)) {
         let time = sample.1.time;
-        self.join.add_sample(time, (sample, false));
+        self.join.add_sample(time, sample);
+        if let Some(spacing) = self.spacing.filter(|_| time >= self.due) {
+            let next = self.due + spacing;
+            self.due = if next > time { next } else { time + spacing };
+            self.withheld.push_back(sample);
+        }
         self.choose_joined(choose);
-        let Some(spacing) = self.spacing.filter(|_| time >= self.due) else { return };
-        let next = self.due + spacing;
-        self.due = if next > time { next } else { time + spacing };
-        self.choose_newest(choose);
+        let oldest = self.join.oldest().unwrap_or(time);
+        self.pass_until(oldest, choose);
     }
 
     /// Passes the newest sample to `choose`, so that a reader can also join the last ticks.
     pub fn choose_newest(&mut self, choose: &mut dyn FnMut(&TrueSample)) {
         if let Some(newest) = self.join.newest() {
-            choose_once(newest, choose);
+            let newest = *newest;
+            self.pass(&newest, choose);
         }
     }
 
     /// Selects the nearest sample for every tick that is not later than the newest sample.
     fn choose_joined(&mut self, choose: &mut dyn FnMut(&TrueSample)) {
         while let Some(((), nearest)) = self.join.next_pair() {
-            choose_once(nearest, choose);
+            let nearest = *nearest;
+            self.pass(&nearest, choose);
         }
     }
-}
 
-fn choose_once(sample: &mut (TrueSample, bool), choose: &mut dyn FnMut(&TrueSample)) {
-    let (sample, was_chosen) = sample;
-    if !std::mem::replace(was_chosen, true) {
-        choose(sample);
+    /// Passes the withheld samples up to `sample`, and `sample` unless it was passed.
+    fn pass(&mut self, sample: &TrueSample, choose: &mut dyn FnMut(&TrueSample)) {
+        self.pass_until(sample.1.time, choose);
+        if std::mem::replace(&mut self.passed, sample.1.time) != sample.1.time {
+            choose(sample);
+        }
+    }
+
+    /// Passes the withheld samples up to the instant `until`.
+    fn pass_until(&mut self, until: Time, choose: &mut dyn FnMut(&TrueSample)) {
+        let count = self.withheld.partition_point(|sample| sample.1.time <= until);
+        for sample in self.withheld.drain(..count) {
+            self.passed = sample.1.time;
+            choose(&sample);
+        }
     }
 }
 
@@ -97,6 +118,17 @@ mod tests {
         }
         selection.choose_newest(&mut choose);
         assert_eq!(chosen, [0, 10, 17, 20, 30, 34, 39].map(at));
+    }
+
+    #[test]
+    fn samples_keep_their_order_also_if_a_tick_is_late_or_no_tick_comes() {
+        let mut selection = TruthSelection::new(100.0);
+        let mut chosen = Vec::new();
+        let mut choose = |(_, truth): &TrueSample| chosen.push(truth.time);
+        (0..=12).for_each(|millis| selection.sample(sample(millis), &mut choose));
+        selection.tick(at(6), &mut choose);
+        (13..=79).for_each(|millis| selection.sample(sample(millis), &mut choose));
+        assert_eq!(chosen, [0, 6, 10].map(at));
     }
 
     #[test]
