@@ -125,7 +125,7 @@ export class Charts {
   tell(chart, rows, t) {
     const newest = rows.length ? this.store.at(rows, t) : null;
     const row = this.store.isSilent(chart.rows) ? null : newest;
-    if (chart.hasSource && newest) chart.heading.textContent = `${chart.title} against the ${newest[chart.columns.truth] ? "truth" : "estimate"} [${chart.unit}]`;
+    if (chart.hasSource && newest) chart.heading.textContent = `${chart.title} against the ${this.store.isTrue ? "truth" : "estimate"} [${chart.unit}]`;
     const columns = chart.total ? [chart.total] : chart.traces.map(([name]) => name);
     const values = row ? columns.map((name) => row[chart.columns[name]]) : [null];
     const text = values.map((value) => (value === null ? "–" : significant(value * chart.factor))).join("  ");

@@ -50,9 +50,9 @@ export class Panel {
     this.figure("Position error", row[column.position], (v) => `${significant(v * 1000)} mm`);
     this.figure("Attitude error", row[column.attitude], (v) => `${significant(v)}°`);
     this.figure("Age of the pose", row[column.age], (v) => `${significant(v)} ms`);
-    this.figure("Deadlines missed", row[column.missed], String, (v) => v > 0 && "warning");
-    this.figure("Poses lost", row[column.lost], String);
-    this.figure("Poses refused", row[column.refused], String);
+    this.figure("Deadlines missed since the daemon's start", row[column.missed], String, (v) => v > 0 && "warning");
+    this.figure("Poses lost since then", row[column.lost], String);
+    this.figure("Poses refused since then", row[column.refused], String);
   }
 
   drawState(row, column, isSilent) {

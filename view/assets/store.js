@@ -21,6 +21,7 @@ export class Store {
     this.vehicles = [];
     this.events = [];
     this.version = 0;
+    this.isTrue = false;
   }
 
   // Adds an update. Time that begins again is another flight in virtual time.
@@ -29,6 +30,9 @@ export class Store {
     append(this.ticks, ticks, this.isBounded ? MOST_ROWS : Infinity);
     append(this.vehicles, vehicles, this.isBounded ? MOST_ROWS : Infinity);
     append(this.events, events, this.isBounded ? MOST_EVENTS : Infinity);
+    const compared = ticks.findLast((row) => row[this.tick.position] !== null);
+    // Whether errors are against the truth, not against the estimate.
+    if (compared) this.isTrue = compared[this.tick.truth] === 1;
     this.version += 1;
     if (ticks.length) this.setAge("ticks", 0);
     if (vehicles.length) this.setAge("vehicles", 0);

@@ -17,8 +17,10 @@ use crate::row::{self, TickRow, VehicleRow};
 
 /// Maximum number of stored truth samples: more than arrive between two polls.
 const TRUTHS_KEPT: usize = 2048;
-/// Greatest time between a tick and the truth sample used for its errors.
-const TRUTH_DISTANCE: Span = Span::from_millis(10);
+/// Greatest time between a tick and the truth sample used for its errors: more than half the period of any source.
+const TRUTH_DISTANCE: Span = Span::from_millis(3);
+/// Time for which ticks wait for a truth sample that is not older.
+const TRUTH_TIMEOUT: Span = Span::from_millis(1000);
 /// Maximum number of events between two calls of [`Collector::take`]; further events are only counted.
 const MOST_EVENTS: usize = 4096;
 
@@ -104,9 +106,16 @@ impl Collector {
         }
     }
 
-    /// Rows and events since the last call.
+    /// Rows and events since the last call; the newest ticks may wait for their truth.
     pub fn take(&mut self) -> Collected {
         self.join();
+        std::mem::take(&mut self.collected)
+    }
+
+    /// Rows and events since the last call, with all ticks.
+    pub fn finish(&mut self) -> Collected {
+        self.join();
+        self.join_first(self.waiting.len());
         std::mem::take(&mut self.collected)
     }
 
@@ -131,13 +140,26 @@ impl Collector {
         self.origin.map_or(0.0, |origin| at.since(origin).seconds())
     }
 
-    /// Converts the waiting ticks to rows, each with the nearest truth sample.
+    /// Converts the waiting ticks to rows, except those later than the newest truth sample, until there is none for too long.
     fn join(&mut self) {
-        for telemetry in std::mem::take(&mut self.waiting) {
+        let Some(last) = self.waiting.last() else { return };
+        let newest = self.truths.back().map(|truth| truth.time);
+        let until = newest.filter(|newest| last.time.since(*newest) < TRUTH_TIMEOUT);
+        let until = until.unwrap_or(last.time);
+        self.join_first(self.waiting.partition_point(|tick| tick.time <= until));
+    }
+
+    /// Converts the first `count` waiting ticks to rows, each with the nearest truth sample. A tick without a sample nearby has no
+    /// errors: those against the estimate are not comparable with the others.
+    fn join_first(&mut self, count: usize) {
+        for telemetry in self.waiting.drain(..count).collect::<Vec<_>>() {
             let sample = FlightSample { telemetry, truth: self.truth_at(telemetry.time) };
             self.note_changes(&sample);
-            let t_s = self.seconds(telemetry.time);
-            self.collected.ticks.push(row::tick(t_s, &sample, self.interface));
+            let mut row = row::tick(self.seconds(telemetry.time), &sample, self.interface);
+            if sample.truth.is_none() && !self.truths.is_empty() {
+                row[row::ERRORS].fill(f64::NAN);
+            }
+            self.collected.ticks.push(row);
             self.last = Some(telemetry);
         }
     }
@@ -198,6 +220,7 @@ impl Collector {
         }
         // The time of a restarted simulator may start again.
         if self.truths.back().is_some_and(|last| last.time > truth.time) {
+            self.join();
             self.truths.clear();
         }
         // A recording is read in one go: its ticks must not wait until their truth is gone.
@@ -315,7 +338,29 @@ mod tests {
     }
 
     #[test]
-    fn without_a_truth_nearby_the_estimate_is_shown() {
+    fn a_tick_waits_for_its_truth_and_has_no_errors_without_one() {
+        let mut collector = Collector::new(&Config::default());
+        let truth = |collector: &mut Collector, millis| {
+            let time = Time::VIRTUAL_START + Span::from_millis(millis);
+            let truth = TruthV1 { time, position: [5.0; 3], ..TruthV1::default() };
+            collector.sample(&Reception::default(), Sample::Truth(&truth));
+        };
+        truth(&mut collector, 0);
+        for millis in [1, 8, 30] {
+            let tick = tick(millis, SafetyState::Nominal, Mode::Flying);
+            collector.sample(&Reception::default(), Sample::Telemetry(&tick));
+        }
+        assert!(collector.take().ticks.is_empty());
+        // A sample out of order, as in old recordings, does not take the truth from ticks before it.
+        [20, 10].into_iter().for_each(|millis| truth(&mut collector, millis));
+        let ticks = collector.take().ticks;
+        let errors = [0, 1].map(|tick: usize| ticks[tick][column("position")]);
+        assert!(ticks.len() == 2 && errors[0] > 4.0 && errors[1].is_nan(), "{ticks:?}");
+        assert_eq!(collector.finish().ticks.len(), 1);
+    }
+
+    #[test]
+    fn without_a_truth_the_estimate_is_shown() {
         let mut collector = Collector::new(&Config::default());
         collector.sample(
             &Reception::default(),

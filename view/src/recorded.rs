@@ -1,6 +1,7 @@
 //! A recording as one document: rows and events of the whole flight, thinned to the resolution of a page.
 
 use oqtal_config::Config;
+use oqtal_observe::flight::Flight;
 use oqtal_observe::recording::{RecordingFile, RecordingFileError, config, flight, play};
 use serde::Serialize;
 
@@ -40,7 +41,7 @@ impl RecordedView {
         let config: Config = config(file)?;
         let mut collector = Collector::new(&config);
         play(file, &mut collector)?;
-        let mut collected = collector.take();
+        let mut collected = collector.finish();
         shift(&mut collected, collector.armed_at_s().unwrap_or(0.0));
         let thinning = collected.ticks.len().div_ceil(MOST_ROWS).max(1);
         keep_one_in(&mut collected.ticks, thinning);
@@ -51,9 +52,12 @@ impl RecordedView {
         let document = Document { collected: &collected, thinning, cut_off };
         let name = file.path.file_name().unwrap_or_default().to_string_lossy();
         // The heading is that of the flight, whose settings may have been changed before the take-off.
-        let flown = flight(file).map_or(config, |flight| flight.config_at_arming());
+        let flight = flight(file).ok();
+        let flown = flight.as_ref().map_or(config, Flight::config_at_arming);
+        let mut scene = SceneDescription::of_recording(&flown, &name);
+        scene.controller = flight.map_or(scene.controller, |flight| flight.laws());
         Ok(Self {
-            scene: SceneDescription::of_recording(&flown, &name),
+            scene,
             document: serde_json::to_string(&document).expect("rows and events are plain JSON"),
         })
     }

@@ -16,6 +16,9 @@ pub const TICK_COLUMNS: [&str; 27] = [
     "missed", "lost", "refused", "truth",
 ];
 
+/// Indices of the errors in a [`TickRow`].
+pub const ERRORS: std::ops::Range<usize> = 11..14;
+
 /// Names of the columns of a [`VehicleRow`]: time since the origin \[s\]; the hops, with wire and air, and their sum \[ms\]; battery \[V\]; link
 /// quality \[0..1\]; flags; commands lost.
 pub const VEHICLE_COLUMNS: [&str; HOPS.len() + 10] = [

@@ -15,7 +15,7 @@ pub struct SceneDescription {
     title: String,
     /// Hash of the configuration.
     config_hash: String,
-    controller: &'static str,
+    pub(crate) controller: String,
     trajectory: TrajectoryKind,
     /// Whether the page shows a running instance, not a recording.
     is_live: bool,
@@ -88,7 +88,7 @@ impl SceneDescription {
         Self {
             title,
             config_hash: format!("{:016x}", config.hash()),
-            controller: config.control.controller.name(),
+            controller: config.control.controller.name().to_owned(),
             trajectory: config.trajectory.kind,
             is_live: false,
             has_control: false,
