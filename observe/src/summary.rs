@@ -147,7 +147,7 @@ impl Summary {
     /// The figures of `flight` under `config`, whose last tick is `last`.
     fn at(flight: &Flight, config: &Config, last: &TelemetryV1) -> Self {
         Self {
-            controller: name_of(&config.control.controller),
+            controller: flight.laws(),
             trajectory: name_of(&config.trajectory.kind),
             vehicle: vehicle_name(flight),
             clock: name_of(&config.clock.kind),

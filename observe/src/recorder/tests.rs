@@ -34,7 +34,7 @@ fn recorded(states: &[SafetyState], true_ticks: usize) -> Recorder {
 }
 
 #[test]
-fn a_flight_is_named_by_its_settings_at_the_take_off() {
+fn a_flight_is_named_by_the_trajectory_at_the_take_off_and_the_laws_that_were_scored() {
     let mut recorder = Recorder::new(&Config::default());
     let at = |millis| Time::VIRTUAL_START + Span::from_millis(millis);
     let mut set = |received_at, number, text: &str| {
@@ -43,7 +43,8 @@ fn a_flight_is_named_by_its_settings_at_the_take_off() {
         let event = EventV1 { number, command, text, time: received_at, ..EventV1::default() };
         recorder.sample(&Reception { received_at, ..Reception::default() }, Sample::Event(&event));
         let mode = if number == 1 { Mode::Disarmed } else { Mode::Flying }.code();
-        let tick = TelemetryV1 { time: received_at, mode, ..TelemetryV1::default() };
+        let scored = u8::from(number > 2);
+        let tick = TelemetryV1 { time: received_at, mode, scored, ..TelemetryV1::default() };
         let reception = Reception { received_at, ..Reception::default() };
         recorder.sample(&reception, Sample::Telemetry(&tick));
         let attitude = [0.0, 0.0, 0.0, 1.0];
@@ -53,9 +54,11 @@ fn a_flight_is_named_by_its_settings_at_the_take_off() {
     set(at(0), 1, "control.controller=geometric\ntrajectory.kind=circle");
     set(at(500), 2, "position.tilt-limit-deg=12");
     set(at(1000), 3, "control.controller=pid");
+    set(at(1500), 4, "position.tilt-limit-deg=13");
+    set(at(2000), 5, "control.controller=oqtal-dt");
     let flight = recorder.finish(Outcome::Landed, 1.0);
     let summary = Summary::of(&flight);
-    assert_eq!((&*summary.controller, &*summary.trajectory), ("geometric", "circle"));
+    assert_eq!((&*summary.controller, &*summary.trajectory), ("pid, then oqtal-dt", "circle"));
     assert_eq!(summary.config_hash, format!("{:016x}", Config::default().hash()));
 }
 

@@ -55,11 +55,13 @@ fn ends(timeline: &Timeline<'_>, view: View) -> [Trace; 2] {
         .map(|(name, ink, sample)| Trace { name, ink, points: at(sample).into_iter().collect() })
 }
 
-/// Start and end points of the steps of the reference.
+/// Start and end points of the steps of the reference to a scored tick, without those at the end of a hold by the fence.
 fn corners(timeline: &Timeline<'_>, view: View) -> Vec<Point> {
-    let references = timeline.samples.iter().map(|sample| sample.telemetry.reference_position);
+    let pairs = timeline.samples.windows(2);
+    let steps = pairs.filter(|pair| pair[1].is_scored() && !pair[0].is_held());
     let mut corners = Vec::new();
-    for (from, to) in references.clone().zip(references.skip(1)) {
+    for pair in steps {
+        let [from, to] = [0, 1].map(|tick: usize| pair[tick].telemetry.reference_position);
         let distance = (0..3).map(|i| (to[i] - from[i]).powi(2)).sum::<f64>().sqrt();
         if distance > STEP_M {
             corners.extend([view(from), view(to)]);
@@ -67,4 +69,25 @@ fn corners(timeline: &Timeline<'_>, view: View) -> Vec<Point> {
     }
     corners.dedup();
     corners
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::tests::fixture;
+    use oqtal_bus::code::{Mode, SafetyState};
+
+    #[test]
+    fn the_point_at_which_the_fence_held_the_vehicle_is_not_a_corner() {
+        let mut flight = fixture::square();
+        let marked = |flight: &_| corners(&Timeline::new(flight), VIEWS[0].1);
+        let all = marked(&flight);
+        let is_late = |sample: &&mut FlightSample| sample.telemetry.mission_s > 12.0;
+        for FlightSample { telemetry, .. } in flight.samples.iter_mut().filter(is_late).take(30) {
+            telemetry.reference_position[0] += 0.3;
+            (telemetry.scored, telemetry.mode) = (0, Mode::Flying.code());
+            telemetry.state = SafetyState::Hold.code();
+        }
+        assert!(all.len() > 3 && marked(&flight) == all, "{all:?}");
+    }
 }
