@@ -12,7 +12,7 @@ use oqtal_observe::recording::{
     DaemonHistory, InputHistory, RecordingFile, WAYPOINTS_FILE, play, recording_path,
 };
 use oqtal_runtime::process::{Exit, Failure};
-use oqtal_runtime::program::print;
+use oqtal_runtime::program::{print, say};
 use serde::Serialize;
 
 use crate::recordings::{self, failure};
@@ -95,6 +95,11 @@ impl ReplayArgs {
     fn config(&self, file: &RecordingFile) -> Result<Config, Failure> {
         let mut settings = Vec::new();
         for text in &self.settings {
+            if OF_INPUTS.iter().any(|section| text.starts_with(section)) {
+                say(&format!(
+                    "oqtal: {text} has no effect: the daemon's inputs are those of the recording"
+                ));
+            }
             settings.push(Setting::parse("--set", text)?);
         }
         if let Some(name) = &self.controller {
@@ -134,6 +139,9 @@ fn numbers(command: &CommandV1) -> [f64; 11] {
     let CommandV1 { sticks: s, torque: t, attitude: q, thrust, .. } = *command;
     [s[0], s[1], s[2], t[0], t[1], t[2], q[0], q[1], q[2], q[3], thrust]
 }
+
+/// Sections whose keys act on the inputs of the daemon alone.
+const OF_INPUTS: [&str; 3] = ["plant.", "receiver.", "fault."];
 
 /// Names of the numbers of a command.
 const NAMES: [&str; 11] = [
@@ -206,7 +214,7 @@ impl ReplayReport {
     fn to_text(&self) -> String {
         let Self { daemons, turns, requests, ticks, identical, deadline_misses, .. } = self;
         let mut text = format!(
-            "daemon started {daemons} x: {turns} turns, {ticks} ticks, {requests} requests, deadlines missed {deadline_misses}\n\
+            "daemon started {daemons} x: {turns} turns, {ticks} ticks, {requests} requests, deadlines missed since the daemon's start {deadline_misses}\n\
              {identical} of {ticks} commands identical to the last bit"
         );
         if self.open_loop {

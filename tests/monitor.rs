@@ -113,7 +113,8 @@ fn changes_are_shown_resizing_works_and_the_terminal_is_restored() {
     let before = tmux.settings("before");
     let running = services(&testbed);
     tmux.monitor("");
-    let screen = tmux.shows(&["state     Nominal", "mode      disarmed", "hop [ms]", "error [m]"]);
+    let screen =
+        tmux.shows(&["state     Nominal", "mode      disarmed", "hop [ms]", "distance [m]"]);
     assert!(!screen.contains("not shown"), "{screen}");
     assert!(tmux.is_on_other_screen());
     wait_for("a daemon that is ready", || {

@@ -36,7 +36,7 @@ pub struct InstanceModel {
     pub vehicle: Option<Newest<VehicleV1>>,
     /// Latencies and counters since the last of: start of the observation, replacement of the daemon, [`Self::restart_figures`].
     pub figures: LoopMonitor,
-    /// Greatest tracking error since the same instant \[m\].
+    /// Greatest [`tracking_error_m`] since the same instant \[m\].
     pub max_error_m: f64,
     /// Law and trajectory that fly, as told by the daemon; `None` before.
     pub law_and_trajectory: Option<String>,
@@ -225,7 +225,7 @@ impl InstanceModel {
     }
 }
 
-/// Distance of the estimated position from the reference \[m\]; `None` when not flying.
+/// Distance of the estimated position, which has the age of the pose, from the present reference \[m\]; `None` when not flying.
 pub fn tracking_error_m(tick: &TelemetryV1) -> Option<f64> {
     let pairs = tick.position.iter().zip(tick.reference_position);
     let distance = pairs.map(|(is, reference)| (is - reference).powi(2)).sum::<f64>().sqrt();

@@ -69,7 +69,7 @@ impl Canvas {
     fn charts(&mut self, trends: &Trends, area: Rect) {
         let Trends { error, thrust, latency } = trends;
         let charts = [
-            Chart("error [m]", error, 0.05, 3),
+            Chart("distance [m]", error, 0.05, 3),
             Chart("thrust [%]", thrust, 100.0, 1),
             Chart("latency [ms]", latency, 1.0, 1),
         ];

@@ -126,7 +126,7 @@ fn tracking(model: &InstanceModel) -> StatusLine {
     let [x, y, z] = tick.position;
     let error = tracking_error_m(&tick).map_or_else(
         || "no reference".to_owned(),
-        |error| format!("error {error:.3} m, max {:.3} m", model.max_error_m),
+        |error| format!("estimate {error:.3} m from reference, max {:.3} m", model.max_error_m),
     );
     line(label, format!("{x:.2} {y:.2} {z:.2} m; {error}"), Weight::Plain)
 }
@@ -153,7 +153,7 @@ fn adaptation(model: &InstanceModel) -> StatusLine {
 fn loop_figures(model: &InstanceModel) -> StatusLine {
     let counters = model.figures.counters();
     let text = format!(
-        "{} ticks, deadlines missed {}, commands lost {}",
+        "observed: {} ticks, deadlines missed {}, commands lost {}",
         counters.ticks, counters.deadline_misses, counters.commands_lost
     );
     line("loop", text, Weight::Plain)
