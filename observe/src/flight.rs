@@ -206,7 +206,7 @@ impl Flight {
         let law = |count| self.config_after(count).control.controller.name();
         let mut laws: Vec<&str> = changes.into_iter().map(law).collect();
         laws.dedup();
-        laws.join(", then ")
+        laws.join(" then ")
     }
 
     /// Number of changes up to the instant `at`.

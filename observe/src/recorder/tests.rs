@@ -58,7 +58,7 @@ fn a_flight_is_named_by_the_trajectory_at_the_take_off_and_the_laws_that_were_sc
     set(at(2000), 5, "control.controller=oqtal-dt");
     let flight = recorder.finish(Outcome::Landed, 1.0);
     let summary = Summary::of(&flight);
-    assert_eq!((&*summary.controller, &*summary.trajectory), ("pid, then oqtal-dt", "circle"));
+    assert_eq!((&*summary.controller, &*summary.trajectory), ("pid then oqtal-dt", "circle"));
     assert_eq!(summary.config_hash, format!("{:016x}", Config::default().hash()));
 }
 
