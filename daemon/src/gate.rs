@@ -144,7 +144,7 @@ impl MotionGate {
     ) -> Result<Option<OutlierHypothesis>, Cause> {
         let Some((hypothesis, without)) = self.hypothesis.zip(without) else { return Ok(None) };
         match hypothesis.test(&without, pose) {
-            HypothesisTest::Pending => Ok(Some(hypothesis.advanced(without))),
+            HypothesisTest::Pending => Ok(Some(hypothesis)),
             HypothesisTest::Rejected => Ok(None),
             HypothesisTest::OtherBody(residual) => {
                 tracker.restore(without);

@@ -44,11 +44,6 @@ impl OutlierHypothesis {
         Self { without: *expected, first, since_s: expected.t_s, gap_s }
     }
 
-    /// The hypothesis with the motion `without` at a later instant.
-    pub(super) fn advanced(&self, without: Track) -> Self {
-        Self { without, ..*self }
-    }
-
     /// Tests the hypothesis by `pose`, for the motion `without` at the instant of the pose.
     pub(super) fn test(&self, without: &Track, pose: &MeasuredPose) -> HypothesisTest {
         let residual = PoseResidual::of(without, pose);
