@@ -82,7 +82,7 @@ impl GatewayCommand {
         std::thread::scope(|threads| {
             let (socket, paths, stop_count, ends) = (&*socket, &paths, &stop_count, &stop);
             let execute_all = move |requests: Receiver<GatewayRequest>| {
-                // Of the requests that wait at the end, stops are executed.
+                // At the end, requests still in the queue are dropped, except stops.
                 let due = |it: &GatewayRequest| it.command == CtlRequest::Stop || !ends.is_set();
                 requests
                     .into_iter()

@@ -91,7 +91,7 @@ fn tell_on_interrupt(paths: &InstancePaths) -> Result<(), Failure> {
     let place = place(paths);
     let text = format!(
         "oqtal: interrupted; the vehicle flies on: `oqtal ctl hover {place}` or `oqtal ctl land {place}`; `oqtal ctl undo \
-         {place}` takes back gains that it has set"
+         {place}` restores the gains that tuning has changed"
     );
     let handler = move || {
         say(&text);

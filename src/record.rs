@@ -66,9 +66,6 @@ impl RecordArgs {
             }
             None => given,
         };
-        if let Some(directory) = self.out.as_deref().and_then(Path::parent) {
-            std::fs::create_dir_all(directory).map_err(|error| failed(directory, &error))?;
-        }
         let observer = InstanceObserver::open(&place, &McapRecorder::topics(&config))?;
         if self.attach {
             require_daemon(observer.bus(), "record without --attach")?;
@@ -83,6 +80,9 @@ impl RecordArgs {
     /// Creates the first file.
     fn begin(&self, config: &Config) -> Result<McapRecorder, Failure> {
         let complain = |message: &str| say(&format!("oqtal: {message}"));
+        if let Some(directory) = self.out.as_deref().and_then(Path::parent) {
+            std::fs::create_dir_all(directory).map_err(|error| failed(directory, &error))?;
+        }
         loop {
             let path = match &self.out {
                 Some(path) => path.clone(),
@@ -134,7 +134,7 @@ impl RecordArgs {
             }
         }
         if daemon.pid.is_none() {
-            say("oqtal: no daemon ran meanwhile: the recording has no flight");
+            say("oqtal: no daemon ran during the recording: it contains no flight");
         }
         Ok((recorder.finish(), daemon.lost))
     }

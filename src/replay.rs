@@ -214,7 +214,7 @@ impl ReplayReport {
     fn to_text(&self) -> String {
         let Self { daemons, turns, requests, ticks, identical, deadline_misses, .. } = self;
         let mut text = format!(
-            "daemon started {daemons} x: {turns} turns, {ticks} ticks, {requests} requests, deadlines missed since the daemon's start {deadline_misses}\n\
+            "daemon started {daemons} x: {turns} turns, {ticks} ticks, {requests} requests, {deadline_misses} deadlines missed since the daemon's start\n\
              {identical} of {ticks} commands identical to the last bit"
         );
         if self.open_loop {

@@ -123,7 +123,7 @@ shift
 for process in plant-sim mocap-emu daemon; do
     "$@" $process run $PLACE & pids="$pids $!"
 done
-until "$@" ctl arm $PLACE >/dev/null; do kill -0 $pids; sleep 0.1; done
+until "$@" ctl arm $PLACE >/dev/null; do for pid in $pids; do kill -0 $pid; done; sleep 0.1; done
 "$@" latency --attach --seconds 60 $PLACE >/dev/null 2>&1 & observer=$!
 sleep 1
 kill -STOP $observer

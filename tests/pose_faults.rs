@@ -114,7 +114,7 @@ fn f58_a_frozen_pose_with_noise_ends_a_flight_in_motion() {
 #[test]
 fn f58_a_frozen_pose_with_noise_ends_a_hover() {
     for reaction in study(frozen, &["hover"], true) {
-        assert!(reaction.after_s <= 4.0 && reaction.moved_m <= 1.5, "{reaction:?}");
+        assert!(reaction.after_s <= 2.2 && reaction.moved_m <= 1.5, "{reaction:?}");
     }
 }
 

@@ -300,6 +300,11 @@ code! {
 }
 
 impl OperatorCommand {
+    /// Whether motors may start because of a request: it must not be executed late, or under another configuration than expected.
+    pub const fn begins_flight(self) -> bool {
+        matches!(self, Self::Arm | Self::Fly)
+    }
+
     /// Whether a request changes a flight or its settings beyond arming, landing and stop.
     pub const fn changes_flight(self) -> bool {
         matches!(

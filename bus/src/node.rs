@@ -308,7 +308,7 @@ fn command_of(pid: u32) -> String {
     format!("`{}` ({pid})", words.join(" ").trim_end())
 }
 
-/// Whether a process was killed and has yet to end.
+/// Whether a process has been killed but has not ended yet.
 fn is_ending(pid: u32) -> bool {
     command_line(pid)[0].is_empty()
 }

@@ -59,7 +59,7 @@ const DEVIATION_S: f64 = 2.0;
 /// Limit of the response to commands over that to a gyroscope \[-\].
 const COMMANDS_LIMIT: f64 = 2.5;
 /// Time without a rotation that shows whether poses follow the gyroscope, after which the heading oscillates \[s\].
-const UNCONFIRMED_S: f64 = 1.0;
+const UNCONFIRMED_S: f64 = 0.22;
 /// Time in the air after which rotations by commands are compared, and the deviation from those of a gyroscope is known \[s\].
 const SETTLED_S: f64 = 2.5;
 /// Factor of the limit before that time \[-\]: the noise of the poses is not measured yet, and may exceed the configured one.

@@ -29,8 +29,8 @@ const HELD_PERIODS: f64 = 2.0;
 const STEP_S: f64 = 0.02;
 /// Gain of the levelling from the angle to the rate \[1/s\]: half of that of the laws.
 const LEVEL_GAIN: f64 = 4.0;
-/// Share of the acceleration available to the position loops with which the vehicle is stopped \[-\]: the fallback law also turns
-/// back to the reference, and a vehicle tilted or rotating at the limit of its rate turns first.
+/// Share of the available acceleration that is assumed for braking \[-\]. Less than 1 because the fallback law also returns to the
+/// reference, and because a tilted or rotating vehicle must turn first.
 const BRAKING_SHARE: f64 = 0.35;
 /// Time after which the fallback law turns the vehicle to brake \[s\].
 const REACTION_S: f64 = 0.1;

@@ -15,30 +15,34 @@ use crate::waypoint_file::trajectory as trajectory_of;
 
 /// Points of a flight that are compared with the fence \[-\].
 const PATH_POINTS: u32 = 256;
+/// Points of a flight whose height is compared with the floor \[-\].
+const HEIGHT_POINTS: u32 = 4096;
 
-/// The path of a flight relative to its start: times \[s\] and positions \[m\].
+/// The path of a flight relative to its start: times from the beginning of the trajectory, after the take-off \[s\], and positions \[m\].
 pub(crate) fn path(config: &Config, trajectory: &Trajectory) -> Vec<(f64, Vector3<f64>)> {
-    let by_position = |reference: &Reference| reference.position;
-    sampled(config, trajectory, by_position)
+    let references = sampled(config, trajectory, PATH_POINTS);
+    references.map(|(t_s, reference)| (t_s, reference.position)).collect()
 }
 
 /// The same of the points at which the vehicle would stop if it had to brake.
 pub(crate) fn stops(config: &Config, trajectory: &Trajectory) -> Vec<(f64, Vector3<f64>)> {
     let braking = braking_m_s2(config);
-    sampled(config, trajectory, |Reference { position, velocity, .. }| {
-        stopping_point(position, velocity, braking)
-    })
+    let references = sampled(config, trajectory, PATH_POINTS);
+    let stop = |Reference { position, velocity, .. }| stopping_point(&position, &velocity, braking);
+    references.map(|(t_s, reference)| (t_s, stop(reference))).collect()
 }
 
+/// References of a flight at `points` instants, from the beginning of the trajectory \[s\].
 fn sampled(
     config: &Config,
     trajectory: &Trajectory,
-    point: impl Fn(&Reference) -> Vector3<f64>,
-) -> Vec<(f64, Vector3<f64>)> {
+    points: u32,
+) -> impl Iterator<Item = (f64, Reference)> {
     let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
-    let step_s = plan.end_s() / f64::from(PATH_POINTS);
-    let times = (0..PATH_POINTS).map(|index| f64::from(index) * step_s);
-    times.map(|t_s| (t_s, point(&plan.sample(t_s)))).collect()
+    let step_s = plan.end_s() / f64::from(points);
+    let begin_s = config.trajectory.take_off_s + config.trajectory.settle_s;
+    let times = (0..points).map(move |index| f64::from(index) * step_s);
+    times.map(move |t_s| (t_s - begin_s, plan.sample(t_s)))
 }
 
 /// Whether `trajectory` fits inside the soft border of the fence: from anywhere, or from `start` \[m, world\] where it is known.
@@ -66,16 +70,19 @@ fn check_height(config: &Config, trajectory: &Trajectory) -> Result<(), OptionEr
     let file = config.trajectory.waypoints_file.as_ref();
     let is_flown = config.trajectory.kind == TrajectoryKind::Waypoints;
     let Some(file) = file.filter(|_| is_flown) else { return Ok(()) };
-    let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
-    let step_s = plan.end_s() / f64::from(PATH_POINTS);
-    let mut references = (0..PATH_POINTS).map(|index| plan.sample(f64::from(index) * step_s));
-    let is_low = |reference: &Reference| {
-        reference.phase == Phase::Trajectory && reference.position.z < LEAST_WAY_M
-    };
-    let Some(low) = references.find(is_low) else { return Ok(()) };
-    let [x, y, z]: [f64; 3] = low.position.into();
+    let flown = sampled(config, trajectory, HEIGHT_POINTS)
+        .filter(|(_, reference)| reference.phase == Phase::Trajectory);
+    let by_height =
+        |a: &(f64, Reference), b: &(f64, Reference)| a.1.position.z.total_cmp(&b.1.position.z);
+    let Some((t_s, lowest)) = flown.min_by(by_height) else { return Ok(()) };
+    let [x, y, z]: [f64; 3] = lowest.position.into();
+    // A comparison with NaN is false.
+    let is_high = z >= LEAST_WAY_M;
+    if is_high {
+        return Ok(());
+    }
     let allowed = format!(
-        "at least {LEAST_WAY_M} m above the floor, from which the flight begins: it leads to [{x:.2}, {y:.2}, {z:.2}] m"
+        "at least {LEAST_WAY_M} m above the floor on which the flight begins; at {t_s:.1} s the trajectory is at [{x:.2}, {y:.2}, {z:.2}] m"
     );
     Err(OptionError::new("trajectory.waypoints-file", file.display(), allowed))
 }
@@ -105,14 +112,19 @@ fn check_span(
                 "wider than {needed_m:.2} m, {}: the trajectory goes from {name} = {:.2} m at {:.1} s to {name} = {:.2} m at {:.1} s",
                 room(margin_m),
                 along(from),
-                from.0,
+                from.0.max(0.0),
                 along(to),
-                to.0
+                to.0.max(0.0)
             );
             return Err(border_error(config, name, allowed));
         }
     }
     Ok(())
+}
+
+/// The words for an instant from the beginning of the trajectory \[s\].
+fn when(t_s: f64) -> String {
+    if t_s < 0.0 { "in the take-off".to_owned() } else { format!("at {t_s:.1} s") }
 }
 
 /// The words for a path with this margin \[m\], or with the way to stop.
@@ -189,8 +201,9 @@ fn check_from(
         }
     };
     let allowed = format!(
-        "around the whole trajectory, {}: at {t_s:.1} s {} [{:.2}, {:.2}, {:.2}] m{remedy}",
+        "around the whole trajectory, {}: {} {} [{:.2}, {:.2}, {:.2}] m{remedy}",
         room(margin_m),
+        when(*t_s),
         place(margin_m),
         at.x,
         at.y,
@@ -243,6 +256,7 @@ mod tests {
     use super::*;
     use crate::trajectory;
     use oqtal_config::Setting;
+    use oqtal_control::trajectory::Waypoints;
 
     fn check(settings: &[&str], start: Option<Vector3<f64>>) -> Result<(), String> {
         let settings: Vec<_> =
@@ -286,6 +300,21 @@ mod tests {
         assert!(told.starts_with("flag 2: `fence.y-m` is [-1.7, 1.7]"), "{told}");
         let told = blamed([border, margin, "trajectory.square.side-m=2.0"]);
         assert!(told.starts_with("flag 2: with `trajectory.square.side-m` = 2.0"), "{told}");
+    }
+
+    #[test]
+    fn waypoints_near_the_floor_are_refused() {
+        let settings = ["trajectory.kind=waypoints", "trajectory.waypoints-file=way.csv"];
+        let settings = settings.map(|text| Setting::parse("test", text).unwrap());
+        let config = Config::from_settings(&settings).unwrap();
+        let check = |height: f64| {
+            let text = format!("t,x,y,z\n0,0,0,1\n60,0,0,{height}\n61,0,0,1\n");
+            let waypoints = Waypoints::parse(&text).unwrap();
+            check_height(&config, &config.trajectory.trajectory(Some(waypoints)).unwrap())
+        };
+        assert_eq!(check(0.11), Ok(()));
+        let told = check(0.09).unwrap_err().to_string();
+        assert!(told.contains("at 60.0 s the trajectory is at [0.00, 0.00, 0.09] m"), "{told}");
     }
 
     #[test]

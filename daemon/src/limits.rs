@@ -186,12 +186,18 @@ mod tests {
     use oqtal_control::quaternion::Attitude;
     use oqtal_control::trajectory::Phase;
 
-    /// Whether a vehicle `below_m` below its reference sinks, with this vertical speed, share of the greatest lift and tilt.
-    fn sinks(below_m: f64, speed_m_s: f64, share: f64, tilt_rad: f64) -> bool {
+    /// Conditions of a vehicle at the height `z_m` with this climb velocity, tilt about x and share of the greatest lift, whose
+    /// reference is at `reference_m`.
+    fn conditions(
+        z_m: f64,
+        speed_m_s: f64,
+        tilt_rad: f64,
+        (share, reference_m): (f64, f64),
+    ) -> LimitConditions {
         let config = Config::default();
         let limits = FlightLimits::new(&config);
         let pose = MeasuredPose {
-            position: Vector3::z() * 2.0,
+            position: Vector3::z() * z_m,
             attitude: Attitude::from_rotation_vector(Vector3::x() * tilt_rad),
         };
         let noise = TrackNoise { admission: config.control.predictive.filter, estimation: None };
@@ -201,12 +207,47 @@ mod tests {
         let flight = FlightView {
             motion: &motion,
             floor_m: 0.0,
-            reference: &Reference::rest(Vector3::z() * (2.0 + below_m), Phase::Trajectory),
+            reference: &Reference::rest(Vector3::z() * reference_m, Phase::Trajectory),
             thrust_n: share * limits.greatest_lift,
             is_descent: false,
         };
         limits.check(&flight, &mut conditions);
-        conditions.sinks
+        conditions
+    }
+
+    /// Whether a vehicle `below_m` below its reference sinks, with this vertical speed, share of the greatest lift and tilt.
+    fn sinks(below_m: f64, speed_m_s: f64, share: f64, tilt_rad: f64) -> bool {
+        conditions(2.0, speed_m_s, tilt_rad, (share, 2.0 + below_m)).sinks
+    }
+
+    #[test]
+    fn f39_a_vehicle_lies_on_the_floor_with_thrust_below_a_reference_in_the_air() {
+        let lies =
+            |z_m, share, reference_m| conditions(z_m, 0.0, 0.0, (share, reference_m)).lies_on_floor;
+        assert!(lies(0.0, 0.1, 1.0));
+        assert!(!lies(0.0, 0.0, 1.0) && !lies(0.0, 0.1, 0.2) && !lies(0.5, 0.1, 1.0));
+    }
+
+    #[test]
+    fn a_link_and_a_voltage_at_a_limit_are_not_below_it() {
+        let limits = FlightLimits::new(&Config::default());
+        let of_link = |link_quality: f64| {
+            let mut conditions = LimitConditions::default();
+            let vehicle = VehicleV1 { link_quality, ..VehicleV1::default() };
+            limits.check_vehicle(&vehicle, &mut conditions);
+            [conditions.link_poor, conditions.link_bad]
+        };
+        assert_eq!(of_link(limits.link_poor), [false, false]);
+        assert_eq!(of_link(limits.link_bad), [true, false]);
+        let at = |battery_v: f64| {
+            let mut conditions = LimitConditions::default();
+            limits.check_vehicle(&VehicleV1 { battery_v, ..VehicleV1::default() }, &mut conditions);
+            [conditions.battery_low, conditions.battery_empty]
+        };
+        assert_eq!(at(limits.battery_low), [false, false]);
+        assert_eq!(at(limits.battery_empty), [true, false]);
+        assert_eq!(at(limits.battery_empty - 0.1), [true, true]);
+        assert_eq!(at(f64::NAN), [false, false]);
     }
 
     #[test]

@@ -73,7 +73,8 @@ pub struct OperatorRequests {
     settings: Option<LiveSettings>,
     /// Number of requests that change a flight or its settings so far.
     events: u64,
-    /// Course of the present flight in words, if the configured one may be another: by an operator, or before a change of the settings.
+    /// Course of the present flight, as text, if it may differ from the configured one: set by an operator, or kept when the settings
+    /// changed.
     course: Option<String>,
 }
 
@@ -185,10 +186,10 @@ impl OperatorRequests {
             return self.present(Answer::Refused);
         };
         let is_other = request.config_hash != 0 && request.config_hash != self.config_hash;
-        if is_other && begins_flight(command) {
+        if is_other && command.begins_flight() {
             return refused(Cause::OtherConfig, self.present(Answer::Refused));
         }
-        if begins_flight(command) {
+        if command.begins_flight() {
             return self.begin(command, &request, publish);
         }
         if command.changes_flight() {
@@ -287,8 +288,8 @@ impl OperatorRequests {
                 refused(Cause::Expired, self.present(Answer::Refused))
             }
             Ok(prepared) => {
-                // Settings leave the course of a flight under way as it is.
-                if self.last.mode != Mode::Disarmed.code() {
+                // A change of settings does not change the course of a flight under way.
+                if [Mode::Flying, Mode::Landing].map(Mode::code).contains(&self.last.mode) {
                     self.course.get_or_insert_with(|| configured_course(settings.present()));
                 }
                 event.text = prepared.text;
@@ -352,15 +353,10 @@ impl OperatorRequests {
     }
 }
 
-/// Whether motors may start because of `command`: it must not be executed late, or under another configuration than expected.
-fn begins_flight(command: OperatorCommand) -> bool {
-    matches!(command, OperatorCommand::Arm | OperatorCommand::Fly)
-}
-
 /// Whether `command` must not be executed late.
 fn must_be_timely(command: OperatorCommand) -> bool {
     let is_course = matches!(command, OperatorCommand::Goto | OperatorCommand::Trajectory);
-    begins_flight(command) || is_course
+    command.begins_flight() || is_course
 }
 
 /// The event of `request`, with this answer.

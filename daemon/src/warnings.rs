@@ -5,7 +5,7 @@ use std::ops::RangeInclusive;
 use nalgebra::Vector3;
 use oqtal_config::{Config, Fidelity};
 use oqtal_control::trajectory::{
-    FlightPlan, Phase, Reference, StartPoint, Trajectory, TrajectoryKind,
+    FlightPlan, Phase, Reference, StartPoint, Trajectory, TrajectoryKind, WaypointCurve,
 };
 
 /// Shortest time between two points at which the reference is looked at \[s\].
@@ -41,11 +41,18 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     all.extend(position_gains_unused(config));
     let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
     let samples = samples(&plan);
-    // The predictive stack feeds the motion of the reference forward, beside these limits.
-    if !config.control.is_predictive() {
-        let limits = &config.position;
+    let (path, limits) = (&config.trajectory, &config.position);
+    // The predictive stack feeds the motion of the reference forward, beside these limits, if its acceleration does not jump.
+    let jumps =
+        path.kind == TrajectoryKind::Waypoints && path.waypoints_curve == WaypointCurve::Monotone;
+    if !config.control.is_predictive() || jumps {
         let horizontal = ("horizontal", limits.horizontal_velocity_limit_m_s);
-        all.extend(too_fast(&samples, config, horizontal, |velocity| velocity.xy().norm()));
+        let told = too_fast(&samples, config, horizontal, |velocity| velocity.xy().norm());
+        let smoother = match config.control.is_predictive() {
+            true => ", or set trajectory.waypoints-curve to \"minimum-snap\"",
+            false => "",
+        };
+        all.extend(told.map(|told| told + smoother));
         let vertical = ("vertical", limits.vertical_velocity_limit_m_s);
         all.extend(too_fast(&samples, config, vertical, |velocity| velocity.z.abs()));
     }
@@ -160,14 +167,18 @@ fn law_replaced(config: &Config) -> Option<String> {
 
 /// Note that the emulated cameras are slower than a pose may be old.
 fn too_old(config: &Config) -> Option<String> {
+    if config.is_replay() {
+        return None;
+    }
     let (cameras, safety) = (&config.mocap, &config.safety);
     let age_ms = cameras.latency_ms + cameras.jitter_ms;
     let [limit, most] = [safety.pose_age_limit_ms, safety.max_pose_age_ms];
-    let (older_ms, effect, key) = match () {
-        () if config.is_replay() => return None,
-        () if age_ms >= most => (most, "are refused", "max-pose-age-ms"),
-        () if cameras.latency_ms >= limit => (limit, "end a flight", "pose-age-limit-ms"),
-        () => return None,
+    let (older_ms, effect, key) = if age_ms >= most {
+        (most, "are refused", "max-pose-age-ms")
+    } else if cameras.latency_ms >= limit {
+        (limit, "end a flight", "pose-age-limit-ms")
+    } else {
+        return None;
     };
     Some(format!(
         "poses are up to {age_ms} ms old (mocap.latency-ms, mocap.jitter-ms), and those older than {older_ms} ms {effect}: raise safety.{key}"

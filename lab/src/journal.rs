@@ -89,7 +89,12 @@ impl Journal {
     pub fn has_results(path: &Path) -> Result<bool, Failure> {
         let Ok(text) = fs::read_to_string(path) else { return Ok(false) };
         locked(path)?;
-        Ok(text.lines().count() > 1)
+        Ok(has_results(&text))
+    }
+
+    /// Whether `path` is a journal without results.
+    pub fn is_empty(path: &Path) -> bool {
+        fs::read_to_string(path).is_ok_and(|text| !has_results(&text))
     }
 
     /// Whether `path` is a journal of a study with the arguments of this one.
@@ -165,6 +170,11 @@ fn in_order(command: &str) -> String {
 
 fn unwritable(path: &Path, error: &io::Error) -> Failure {
     Failure::new(Exit::System, format!("{}: {error}; give another --out", path.display()))
+}
+
+/// Whether the text of a journal has lines after its head.
+fn has_results(text: &str) -> bool {
+    text.lines().count() > 1
 }
 
 #[cfg(test)]

@@ -63,6 +63,8 @@ pub struct StudyOutput {
     /// Path of the copy of the configuration.
     copy: PathBuf,
     config: Config,
+    /// Whether the directory was made for this study.
+    is_new: bool,
 }
 
 impl StudyOutput {
@@ -84,10 +86,13 @@ impl StudyOutput {
             (None, true) => newest(command)?,
             (None, false) => next_free(command)?,
         };
+        let is_new = given.is_none() && !existing.resume;
         make(&directory)?;
         let files: Vec<PathBuf> = files.iter().map(|name| directory.join(name)).collect();
         let own = [JOURNAL, CONFIG].map(|name| directory.join(name));
-        Self::open((directory, config), own, &files, existing)
+        let mut output = Self::open((directory, config), own, &files, existing)?;
+        output.is_new = is_new;
+        Ok(output)
     }
 
     /// Output into the directory of the first of `files`, with a journal and the configuration beside it, `NAME.journal` and
@@ -139,7 +144,7 @@ impl StudyOutput {
             false => Journal::create(&journal)?,
         };
         let progress = Progress::kept_in(opened);
-        Ok(Self { directory, progress, journal, copy, config: config.clone() })
+        Ok(Self { directory, progress, journal, copy, config: config.clone(), is_new: false })
     }
 
     /// Adds the provenance of this study to a JSON document.
@@ -174,11 +179,9 @@ impl StudyOutput {
 }
 
 impl Drop for StudyOutput {
-    /// A study that was refused, or ended before its first result, leaves nothing in `results`.
+    /// Removes the directory of a study that was refused, or ended before its first result.
     fn drop(&mut self) {
-        let is_empty =
-            fs::read_to_string(&self.journal).is_ok_and(|text| text.lines().count() <= 1);
-        if is_empty && self.directory.starts_with(RESULTS) {
+        if self.is_new && Journal::is_empty(&self.journal) {
             // Ignored: the study itself is reported. A directory with files is not removed.
             let _ = self.discard().map(|()| fs::remove_dir(&self.directory));
         }

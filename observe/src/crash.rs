@@ -21,7 +21,7 @@ const LOST_M: f64 = 12.0;
 /// Cause of a crash.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Crash {
-    /// The vehicle was on the floor during the flight: it sank, fell, or was never lifted.
+    /// The vehicle was on the floor during the flight: it sank, fell or did not take off.
     Floor,
     /// The vehicle hit the floor too fast, possibly while landing.
     Hard {

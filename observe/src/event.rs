@@ -94,8 +94,11 @@ impl ChangeInFlight {
     pub fn all(flight: &Flight) -> Vec<Self> {
         let origin = flight.origin();
         let end = flight.armed().last().map_or(origin, |sample| sample.telemetry.time);
+        let begins = |event: &EventV1| {
+            OperatorCommand::from_code(event.command).is_some_and(OperatorCommand::begins_flight)
+        };
         let is_in_flight =
-            |(at, event): &&(Time, EventV1)| *at > origin && *at <= end && !begins_flight(event);
+            |(at, event): &&(Time, EventV1)| *at > origin && *at <= end && !begins(event);
         let all = flight.changes.iter().filter(is_in_flight).map(|(at, event)| Self {
             time_s: at.since(origin).seconds(),
             text: of_operator(event),
@@ -109,12 +112,6 @@ impl ChangeInFlight {
 pub(crate) fn changes_course(event: &EventV1) -> bool {
     use OperatorCommand::{Goto, Hover, Trajectory};
     matches!(OperatorCommand::from_code(event.command), Some(Goto | Hover | Trajectory))
-}
-
-/// Whether the request begins a flight; it names the settings that were changed before.
-fn begins_flight(event: &EventV1) -> bool {
-    use OperatorCommand::{Arm, Fly};
-    matches!(OperatorCommand::from_code(event.command), Some(Arm | Fly))
 }
 
 /// Text of a request that changes a flight or its settings, with its author and, if it was refused, the reason.

@@ -43,15 +43,12 @@ impl Flight {
                 )),
                 None => self.landing_on_request(),
             },
-            Outcome::Stopped => Some(match (self.stop_cause(), &self.command_path) {
+            Outcome::Stopped => Some(match (self.stop_cause(), self.stops_at_once()) {
                 (cause @ Cause::NoVehicle, _) => format!(
                     "the daemon commanded the motors off{ended}: {cause}, so it is unknown when they stopped"
                 ),
-                (cause, CommandPath::Bus) => {
-                    format!("the daemon stopped the motors{ended}: {cause}")
-                }
-                // A bridge takes time to stop them.
-                (cause, _) => format!("the daemon commanded the motors off{ended}: {cause}"),
+                (cause, true) => format!("the daemon stopped the motors{ended}: {cause}"),
+                (cause, false) => format!("the daemon commanded the motors off{ended}: {cause}"),
             }),
             Outcome::Crashed => Some(format!("the vehicle {}{ended}", self.crash?)),
             Outcome::Timeout | Outcome::Unfinished if self.armed().next().is_none() => {
@@ -88,17 +85,20 @@ impl Flight {
                 None if self.landing_on_request().is_some() => "landed on request".to_owned(),
                 None => self.is_held().then(|| HELD.to_owned())?,
             },
-            (Outcome::Stopped, _) => match (self.stop_cause(), &self.command_path) {
-                (cause, CommandPath::Bus) if cause != Cause::NoVehicle => {
-                    format!("motors stopped: {cause}")
-                }
-                (cause, _) => format!("motors commanded off: {cause}"),
-            },
+            (Outcome::Stopped, _) if self.stops_at_once() => {
+                format!("motors stopped: {}", self.stop_cause())
+            }
+            (Outcome::Stopped, _) => format!("motors commanded off: {}", self.stop_cause()),
             (Outcome::Crashed, Some(crash)) => crash.name().to_owned(),
             (Outcome::Timeout, _) if self.armed().next().is_none() => "no take-off".to_owned(),
             (Outcome::Timeout, _) => "not ended in time".to_owned(),
             (outcome, _) => outcome.to_string(),
         })
+    }
+
+    /// Whether the motors stop in the tick that commands it: a bridge takes time to stop them, and a silent vehicle does not report it.
+    fn stops_at_once(&self) -> bool {
+        self.command_path == CommandPath::Bus && self.stop_cause() != Cause::NoVehicle
     }
 
     /// Cause of the last tick in Stop of the first flight or after it, before another one; ticks that follow the end of a flight may
@@ -138,6 +138,8 @@ impl Flight {
                 let until = self.after_arming(time(to));
                 format!(" between {from_s:.2} s and{until} (no tick of the daemon in between)")
             }
+            // The tick after the last armed one stopped the motors.
+            None if self.outcome == Outcome::Stopped => self.after_arming(time(next)),
             None => self.when(),
         }
     }

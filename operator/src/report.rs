@@ -117,7 +117,7 @@ impl ControlReport {
         let remedy = match Cause::from_code(response.cause) {
             Some(Cause::WrongMode) if is_one_of(&[Disarm]) => "`land` or `stop` ends a flight",
             Some(Cause::WrongMode) if is_one_of(&[Resume]) => {
-                "it ends the flight of a fallback, which flies only if `control.fallback` names one"
+                "`resume` returns from the fallback law to `control.controller`; it needs a flight and a law in `control.fallback`"
             }
             Some(Cause::WrongMode)
                 if response.mode == Mode::Disarmed.code()

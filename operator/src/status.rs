@@ -15,8 +15,8 @@ use oqtal_runtime::health::SILENCE;
 /// Time between two polls of the instance.
 const POLL_PERIOD: Duration = Duration::from_millis(20);
 
-/// Observes the instance until every process that has a place in it was received or counts as silent, and every vehicle and daemon
-/// that runs has a place.
+/// Observes the instance until a health message has been received from every process that holds a place, and every running vehicle
+/// process and daemon holds a place; at most for [`SILENCE`].
 ///
 /// # Errors
 /// A process has another version of the messages.
@@ -30,16 +30,22 @@ pub fn observe(bus: &Bus) -> Result<InstanceStatus, BusError> {
         let mut running = Vec::new();
         for (role, process) in Role::PROCESSES.into_iter().zip(&mut status.processes) {
             let holder = bus.holder(&role.health())?;
-            running.extend(holder.is_some().then_some(role));
+            if holder.is_some() {
+                running.push(role);
+            }
             process.note_holder(holder);
+        }
+        let is_over = Time::now() > deadline;
+        if !is_over && !model.is_complete(&running) {
+            std::thread::sleep(POLL_PERIOD);
+            continue;
         }
         // A process without a place is starting, or files of the instance were removed: others may run as well.
         let lacks_process = lacks_process(bus, &status);
-        let is_over = Time::now() > deadline;
         if is_over && lacks_process {
             status.processes.retain(ProcessHealth::is_seen);
         }
-        if is_over || (model.is_complete(&running) && !lacks_process) {
+        if is_over || !lacks_process {
             return Ok(status);
         }
         std::thread::sleep(POLL_PERIOD);

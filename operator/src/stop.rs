@@ -377,10 +377,7 @@ impl std::fmt::Display for ObeyedStop {
         }
         if self.observes_only {
             let reason = ArmingObstacle::ObservesOnly;
-            return write!(
-                f,
-                "\n{reason}: no commands are sent, and there is nothing to arm again"
-            );
+            return write!(f, "\n{reason}: it sends no commands, so no `arm` is needed");
         }
         let first = self.start_again.as_ref().map(|command| format!("`{command}`, then "));
         write!(

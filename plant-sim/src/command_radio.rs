@@ -67,6 +67,7 @@ pub struct CommandRadio {
     /// Greatest additional delay, and the generator that draws it.
     jitter: (Span, Generator),
     loss: CommandLoss,
+    lost: u64,
     /// Faults of the radio, and the generator that they use.
     disturbed: (RadioDisturbance, Generator),
 }
@@ -82,6 +83,7 @@ impl CommandRadio {
             hidden_delay: millis(plant.hidden_delay_ms),
             jitter: (millis(plant.command_jitter_ms), stream(seed, RandomSource::CommandJitter)),
             loss: CommandLoss::new(plant, seed),
+            lost: 0,
             disturbed: (RadioDisturbance::default(), stream(seed, RandomSource::RadioFault)),
         }
     }
@@ -101,6 +103,11 @@ impl CommandRadio {
         self.on_air.iter_mut().for_each(|on_air| on_air.command = CommandV1::default());
     }
 
+    /// Number of commands lost so far \[-\].
+    pub fn lost(&self) -> u64 {
+        self.lost
+    }
+
     /// Sends a command at `now`, unless it is lost.
     pub fn send(&mut self, now: Time, header: Header, command: CommandV1) {
         let is_lost = self.loss.next_is_lost();
@@ -113,6 +120,7 @@ impl CommandRadio {
             false => Span::ZERO,
         };
         if is_lost || is_disturbed {
+            self.lost += 1;
             return;
         }
         // Commands keep their order, also behind a delayed one.

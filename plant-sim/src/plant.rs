@@ -150,8 +150,8 @@ impl Plant {
         std::mem::replace(&mut self.stopped, stopped) != stopped
     }
 
-    /// Takes a command from the bus at `now`; it takes effect after the radio's delay. `lost` is the total number of lost
-    /// commands.
+    /// Takes a command from the bus at `now`; it takes effect after the radio's delay. `lost` is the total number of commands
+    /// lost on the bus.
     pub fn receive(&mut self, now: Time, header: Header, command: CommandV1, lost: u64) {
         let mut header = header;
         header.stamps.received_at = now;
@@ -238,7 +238,7 @@ impl Plant {
         let rate = self.measured_rate();
         VehicleV1 {
             command_sequence: self.last_command,
-            lost: self.commands_lost,
+            lost: self.commands_lost + self.radio.lost(),
             battery_v: self.battery.voltage(),
             link_quality: f64::NAN,
             estimate_position: [f64::NAN; 3],

@@ -24,7 +24,7 @@ pub use finding::{FitnessVerdict, ProbeFinding, Severity};
 /// Longest wait for a frame, after which the end is checked \[ns\].
 const WAIT_NS: i64 = 20_000_000;
 
-/// Listens to the camera system at `link` for `duration`, to fly with it under `config`. Without bodies in the link, all are listened to.
+/// Listens to the camera system at `link` for `duration` and compares it with what flights with `config` need. Without bodies in the link, all are listened to.
 ///
 /// # Errors
 /// There is no usable server, or it ends the connection.
@@ -49,7 +49,8 @@ pub fn probe(link: &CameraLink, config: &Config, duration: Span) -> Result<Probe
     }
     let present = (0..wanted.len()).map(|route| stream.has(route)).collect::<Vec<_>>();
     let mut figures = listener.figures(duration, Time::now());
-    (figures.server, figures.loop_hz) = (server, config.control.rate_hz);
+    figures.server = server;
+    figures.loop_hz = config.control.rate_hz;
     name_bodies(&mut figures, (&wanted, &present), &bodies);
     let found = checks::findings(&figures);
     figures.findings.extend(found);

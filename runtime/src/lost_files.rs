@@ -46,7 +46,7 @@ pub(crate) fn watched(
         drop(job_runs);
         let lost = watching.and_then(|watching| watching.join().ok().flatten());
         match lost {
-            // A job that failed did so because of the loss, most likely.
+            // The job's failure is most likely a consequence of the loss: it is logged, and the loss is reported.
             Some((failure, ends_process)) if ends_process || result.is_err() => {
                 if let Err(own) = result {
                     tracing::error!("{}", own.message);

@@ -53,7 +53,7 @@ impl ShownAnswer {
     pub fn at(at: Time, request: &str, text: &str) -> Self {
         let second = (at + Time::wall_offset()).nanos() / 1_000_000_000;
         let [hours, minutes, seconds] = [second / 3600 % 24, second / 60 % 60, second % 60];
-        let is_of_arm = request.trim() == "arm";
+        let is_of_arm = request.split_whitespace().next() == Some("arm");
         Self { is_of_arm, text: format!("{hours:02}:{minutes:02}:{seconds:02} UTC: {text}") }
     }
 }

@@ -82,7 +82,7 @@ impl FlightRecording<'_> {
         mut observer: BusObserver,
         recording: Option<McapRecorder>,
     ) -> Result<RecordedFlight, Failure> {
-        if self.mission.recording.is_none() {
+        if !self.only_observes() {
             request_flight(&self.bus.control_client()?, self.mission.config.hash(), self.stop)?;
         }
         let progress = FlightProgress::new(self.mission);
@@ -156,11 +156,15 @@ impl FlightRecording<'_> {
         Ok(is_over && self.motors_rest(state))
     }
 
+    /// Whether nothing is flown.
+    fn only_observes(&self) -> bool {
+        self.mission.recording.is_some() || self.mission.config.safety.observe_only
+    }
+
     /// Lands a vehicle that flies longer than allowed, since ending the processes would make it fall. Returns whether the wait is
     /// over.
     fn has_landed_late(&self, state: &mut Progressing) -> Result<bool, Failure> {
-        let is_replay = self.mission.recording.is_some();
-        if is_replay || !state.recorder.latest().is_some_and(FlightSample::is_armed) {
+        if self.only_observes() || !state.recorder.latest().is_some_and(FlightSample::is_armed) {
             return Ok(true);
         }
         if state.landing_since.is_none() && !self.stop.is_set() {
@@ -191,7 +195,7 @@ impl FlightRecording<'_> {
     /// Reports losses and closes the record; a flight without a landing or crash has the outcome `unfinished`.
     fn conclude(&self, state: Progressing, unfinished: Outcome) -> RecordedFlight {
         let Progressing { recorder, recording, mut daemon, first, now, landing_since, .. } = state;
-        // Of the health, the newest sample is enough.
+        // Lost health messages are not reported: only the newest one is used.
         let is_needed = |topic: &ObservedTopic| !matches!(topic, ObservedTopic::Health(_));
         for (topic, lost) in recorder.lost().iter().filter(|(topic, _)| is_needed(topic)) {
             say(&format!(

@@ -17,10 +17,11 @@ use crate::row::{self, TickRow, VehicleRow};
 
 /// Maximum number of stored truth samples: more than arrive between two polls.
 const TRUTHS_KEPT: usize = 2048;
-/// Greatest time between a tick and the truth sample used for its errors: more than half the period of any source.
+/// Greatest time between a tick and the truth sample used for its errors: more than half the period of a source at 200 Hz; of a
+/// slower one, some ticks have no errors.
 const TRUTH_DISTANCE: Span = Span::from_millis(3);
 /// Time for which ticks wait for a truth sample that is not older.
-const TRUTH_TIMEOUT: Span = Span::from_millis(1000);
+const TRUTH_TIMEOUT: Span = Span::from_millis(100);
 /// Maximum number of events between two calls of [`Collector::take`]; further events are only counted.
 const MOST_EVENTS: usize = 4096;
 

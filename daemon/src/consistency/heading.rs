@@ -1,7 +1,7 @@
 //! Test whether the heading seen by the cameras follows a small oscillation of the commanded heading.
 //!
 //! A vehicle that hovers hardly turns, and its poses then show little of whether they follow it. If the vehicle reports no rates, or if
-//! no rotation has confirmed the poses for a second, the heading reference oscillates by `safety.probe-yaw-deg`. The rotations about
+//! no rotation has confirmed the poses for a while, the heading reference oscillates by `safety.probe-yaw-deg`. The rotations about
 //! the vertical body axis, seen by the cameras and driven, are demodulated at the frequency of the oscillation (lock-in detection):
 //! noise and wind have little power there, and a law that sees no rotation commands more, so that evidence grows.
 

@@ -79,7 +79,7 @@ impl FlightSupervision {
 
     /// Reasons against a flight as of the last tick; none in flight.
     pub(super) fn obstacles(&self) -> ArmingObstacles {
-        if self.is_armed() { ArmingObstacles::default() } else { self.obstacles }
+        if self.is_flying() { ArmingObstacles::default() } else { self.obstacles }
     }
 
     /// Whether the daemon commands a flying vehicle.

@@ -17,12 +17,10 @@ const LEAST_GAP_S: f64 = 0.055;
 /// Hypothesis that an admitted pose was an outlier.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct OutlierHypothesis {
-    /// The motion predicted without that pose and those after it.
+    /// The motion at the instant of that pose, predicted without it.
     pub(super) without: Track,
     /// Residual of the pose.
     first: PoseResidual,
-    /// The instant at which the pose was measured \[s\].
-    since_s: f64,
     /// Time between the pose and the one before it \[s\].
     gap_s: f64,
 }
@@ -41,13 +39,13 @@ pub(super) enum HypothesisTest {
 impl OutlierHypothesis {
     /// The hypothesis about a pose with the significant residual `first` from `expected`, after a gap of `gap_s` \[s\].
     pub(super) fn about(expected: &Track, first: PoseResidual, gap_s: f64) -> Self {
-        Self { without: *expected, first, since_s: expected.t_s, gap_s }
+        Self { without: *expected, first, gap_s }
     }
 
-    /// Tests the hypothesis by `pose`, for the motion `without` at the instant of the pose.
-    pub(super) fn test(&self, without: &Track, pose: &MeasuredPose) -> HypothesisTest {
-        let residual = PoseResidual::of(without, pose);
-        let elapsed_s = without.t_s - self.since_s;
+    /// Tests the hypothesis by `pose`, for the motion `expected` without the outlier at the instant of the pose.
+    pub(super) fn test(&self, expected: &Track, pose: &MeasuredPose) -> HypothesisTest {
+        let residual = PoseResidual::of(expected, pose);
+        let elapsed_s = expected.t_s - self.without.t_s;
         if elapsed_s < DURATION_S {
             return HypothesisTest::Pending;
         }

@@ -1,4 +1,4 @@
-//! Tests of the gate, at a vehicle in hover that moves along x alone.
+//! Tests of the gate, with a hovering vehicle that moves only along x.
 
 use nalgebra::Vector3;
 use oqtal_control::predictive::{ModelInput, Track};
@@ -44,7 +44,7 @@ impl Hover {
         hover
     }
 
-    /// Shows a pose at `x` \[m\], `after_s` \[s\] after the last one, with the least noise.
+    /// Shows a pose at `x` \[m\], `after_s` \[s\] after the last one, with noise of some micrometres, so that it does not count as frozen.
     fn show(&mut self, after_s: f64, x: f64) -> Result<(), Cause> {
         self.poses += 1;
         self.show_still(after_s, x + 1e-6 * f64::from(self.poses % 7))
@@ -67,10 +67,9 @@ impl Hover {
         assert_eq!(causes.last(), Some(Cause::Relabel));
     }
 
-    /// Shows poses for 0.15 s at `x` \[m\] of the time since now \[s\], and returns whether one was refused as that of another body.
-    fn is_another_body_at(&mut self, x: impl Fn(f64) -> f64) -> bool {
-        let shown = |k: u32| self.show(FRAME_S, x(f64::from(k) * FRAME_S)) == Err(Cause::Relabel);
-        (1..10).any(shown)
+    /// Shows poses for 0.15 s at `x` \[m\] of the time since now \[s\]; returns why the first one is refused that is, if one is.
+    fn refusal_at(&mut self, x: impl Fn(f64) -> f64) -> Option<Cause> {
+        (1..10).find_map(|k: u32| self.show(FRAME_S, x(f64::from(k) * FRAME_S)).err())
     }
 }
 
@@ -99,21 +98,24 @@ fn another_flight_begins_without_the_poses_of_another_body() {
 fn a_body_that_stays_elsewhere_after_a_gap_is_another_one() {
     let mut hover = Hover::settled();
     assert_eq!(hover.show(GAP_S, OFF_M), Ok(()));
-    assert!(hover.is_another_body_at(|t_s| OFF_M + 0.003 * (60.0 * t_s).round().cos()));
+    assert_eq!(
+        hover.refusal_at(|t_s| OFF_M + 0.003 * (60.0 * t_s).round().cos()),
+        Some(Cause::Relabel)
+    );
     // An offset by a force grows.
     let mut hover = Hover::settled();
     assert_eq!(hover.show(GAP_S, OFF_M), Ok(()));
-    assert!(!hover.is_another_body_at(|t_s| OFF_M + 0.15 * t_s));
+    assert_eq!(hover.refusal_at(|t_s| OFF_M + 0.15 * t_s), None);
     // After a motion that nobody saw, its beginning is not known.
     let mut hover = Hover::settled();
     assert_eq!(hover.show(GAP_S, OFF_M), Ok(()));
     hover.gate.discard_hypothesis();
-    assert!(!hover.is_another_body_at(|_| OFF_M));
+    assert_eq!(hover.refusal_at(|_| OFF_M), None);
     // Without a gap, an offset is that of the vehicle, however wide the gate is.
     let mut hover = Hover::settled();
     hover.gate.sigma = 1e3;
     assert_eq!(hover.show(FRAME_S, OFF_M), Ok(()));
-    assert!(!hover.is_another_body_at(|_| OFF_M));
+    assert_eq!(hover.refusal_at(|_| OFF_M), None);
 }
 
 #[test]

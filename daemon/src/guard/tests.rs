@@ -206,6 +206,26 @@ fn f10_a_pose_that_turned_further_than_a_vehicle_can_is_a_jump() {
 }
 
 #[test]
+fn the_gate_takes_the_measured_noise() {
+    let (mut guard, _) = on_the_ground();
+    let gate = |guard: &Guard| format!("{:?}", guard.gate);
+    let before = gate(&guard);
+    guard.set_noise(&PoseDeviations { position_m: 0.01, attitude_rad: 0.05 });
+    assert_ne!(gate(&guard), before);
+}
+
+#[test]
+fn the_first_frame_may_have_any_number_and_a_pose_the_greatest_age() {
+    let (guard, tracker) = on_the_ground();
+    let mut feed = Feed { guard, tracker, frame: 5, time: Time::VIRTUAL_START };
+    assert!(feed.show(pose_at(0.0)).is_ok());
+    assert_eq!(feed.guard.lost(), 0);
+    let oldest = Span::from_seconds(Config::default().safety.max_pose_age_ms * 1e-3);
+    let captured_at = feed.time + FRAME;
+    assert!(feed.check_at(7, captured_at, captured_at + oldest, pose_at(0.0)).is_ok());
+}
+
+#[test]
 fn a_motion_is_propagated_if_it_is_old_and_ends_with_the_flight() {
     let Feed { mut guard, mut tracker, .. } = Feed::settled();
     guard.begin_flight(&mut tracker);

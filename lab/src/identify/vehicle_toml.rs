@@ -14,8 +14,13 @@ const REMARKS_AT: usize = 39;
 const OF_ONE_FLIGHT: [&str; 7] =
     ["clock", "fault", "instance", "log", "plant", "realtime", "record"];
 /// Keys that say what was flown. The sizes of trajectories are those for which the room has space.
-const FLOWN: [&str; 4] =
-    ["mocap.replay", "safety.observe-only", "trajectory.kind", "trajectory.waypoints-file"];
+const FLOWN: [&str; 5] = [
+    "mocap.replay",
+    "safety.observe-only",
+    "trajectory.kind",
+    "trajectory.hover.duration-s",
+    "trajectory.waypoints-file",
+];
 
 /// A configuration with the findings, the interval beside each value, and with all settings of `config`, the configuration of the
 /// flight, that describe the vehicle and its laboratory.

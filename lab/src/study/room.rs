@@ -29,37 +29,37 @@ const SHARES: [f64; 8] = [0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2];
 const TRIED: usize = 5;
 
 /// Flights of one trajectory that the fence held or stopped.
-struct HeldFlights<'a> {
+struct FenceFlights<'a> {
     kind: TrajectoryKind,
     flights: Vec<(&'a StudyLaw, &'a FlightCondition, Test)>,
 }
 
 /// Flights of one law and test that the fence held or stopped.
-pub type HeldGroup<'a> = (&'a StudyLaw, &'a [&'a FlightCondition], Test);
+pub type FenceGroup<'a> = (&'a StudyLaw, &'a [&'a FlightCondition], Test);
 
 /// Changes with which the flights of `groups` would be complete, one line for each trajectory; empty without groups.
-pub fn remedies<'a>(groups: impl IntoIterator<Item = HeldGroup<'a>>) -> String {
-    let mut held: Vec<HeldFlights<'_>> = Vec::new();
+pub fn remedies<'a>(groups: impl IntoIterator<Item = FenceGroup<'a>>) -> String {
+    let mut held: Vec<FenceFlights<'_>> = Vec::new();
     for (law, conditions, test) in groups {
         let Ok(first) = config(law, conditions[0], test) else { continue };
         let own = conditions.iter().take(TRIED).map(|condition| (law, *condition, test));
         match held.iter_mut().find(|held| held.kind == first.trajectory.kind) {
             Some(held) => held.flights.extend(own),
-            None => held.push(HeldFlights { kind: first.trajectory.kind, flights: own.collect() }),
+            None => held.push(FenceFlights { kind: first.trajectory.kind, flights: own.collect() }),
         }
     }
     held.iter().map(|held| format!("\n{}", held.remedy())).collect()
 }
 
-impl HeldFlights<'_> {
+impl FenceFlights<'_> {
     /// The keys to change, after flights with smaller sizes.
     fn remedy(&self) -> String {
         let name = oqtal_observe::summary::name_of(&self.kind);
         let smaller = self.fitting().map(|(key, size)| {
             let count = self.flights.len();
             let are_complete = match count {
-                1 => "the flight that was repeated is complete".to_owned(),
-                _ => format!("all {count} flights that were repeated are complete"),
+                1 => "the repeated flight is complete".to_owned(),
+                _ => format!("all {count} repeated flights are complete"),
             };
             format!("; with --set {key}={size} {are_complete}")
         });
@@ -76,10 +76,10 @@ impl HeldFlights<'_> {
         let size: f64 = config(law, condition, test).ok()?.value(key)?.parse().ok()?;
         let sizes = SHARES.map(|share| readable(share * size));
         sizes.into_iter().map(|size| (*key, size)).find(|(key, size)| {
-            let is_free = |flight: &(&StudyLaw, &FlightCondition, Test)| {
+            let is_complete = |flight: &(&StudyLaw, &FlightCondition, Test)| {
                 flown_with(*flight, key, *size).is_ok_and(|cause| cause.is_none())
             };
-            self.flights.iter().all(is_free)
+            self.flights.iter().all(is_complete)
         })
     }
 }
@@ -119,6 +119,6 @@ mod tests {
             "{remedy}"
         );
         assert!(remedy.contains("--set trajectory.attitude-chirp.sweep-s="), "{remedy}");
-        assert!(remedy.ends_with("the flight that was repeated is complete"), "{remedy}");
+        assert!(remedy.ends_with("the repeated flight is complete"), "{remedy}");
     }
 }

@@ -12,7 +12,7 @@ const FLIGHT: &str = "flight";
 /// Facts of a flight that are not in its messages.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ClosingFacts {
-    /// Path of the commands; `None` if it was not recorded at the end.
+    /// Path of the commands; `None` if the recording does not contain it.
     pub command_path: Option<CommandPath>,
     /// Outcome of the flight.
     pub outcome: Option<Outcome>,

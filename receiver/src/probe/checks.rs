@@ -10,7 +10,7 @@ use crate::clock::MAX_DRIFT;
 type ProbeCheck = (&'static str, Severity, &'static str, fn(&ProbeFigures) -> Option<String>);
 
 /// Rate of the cameras over that of the loop below which no flight is possible \[-\].
-const TOO_SLOW: f64 = 0.67;
+const TOO_SLOW: f64 = 0.66;
 /// Rate of the cameras over that of the loop below which the loop is slowed down \[-\].
 const SLOW: f64 = 0.97;
 const RATE_REMEDY: &str =
@@ -176,6 +176,7 @@ mod tests {
         assert_eq!(names(&good()), []);
         assert_eq!(FitnessVerdict::of(&[]), FitnessVerdict::Fit);
         assert_eq!(names(&ProbeFigures { rate_hz: 30.0, ..good() }), [("rate", Problem)]);
+        assert_eq!(names(&ProbeFigures { rate_hz: 40.0, ..good() }), [("rate", Advice)]);
         assert_eq!(names(&ProbeFigures { rate_hz: 50.0, ..good() }), [("rate", Advice)]);
         assert_eq!(names(&ProbeFigures { loop_hz: 200.0, ..good() }), [("rate", Problem)]);
         assert_eq!(names(&ProbeFigures { lost: 30, ..good() }), [("lost frames", Advice)]);

@@ -17,7 +17,6 @@ pub struct ProbeFigures {
     /// Mean rate of the frames \[Hz\].
     pub rate_hz: f64,
     /// Rate of the loop that is to fly with them \[Hz\].
-    #[serde(skip)]
     pub loop_hz: f64,
     /// Intervals between arrivals.
     pub interval: IntervalFigures,
@@ -129,7 +128,8 @@ impl fmt::Display for ProbeFigures {
         for finding in &self.findings {
             writeln!(f, "{finding}")?;
         }
-        write!(f, "verdict    at {} Hz: {}", self.loop_hz, self.verdict)
+        let Self { verdict, loop_hz, .. } = self;
+        write!(f, "verdict    {verdict} for a loop of {loop_hz} Hz")
     }
 }
 

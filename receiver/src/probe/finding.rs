@@ -55,7 +55,7 @@ impl fmt::Display for FitnessVerdict {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Fit => "fit to fly",
-            Self::Limited => "fit to fly, with the limits above",
+            Self::Limited => "fit to fly with the limits above,",
             Self::Unfit => "not fit to fly",
         })
     }
