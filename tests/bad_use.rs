@@ -130,7 +130,7 @@ fn a_flight_warns_of_requests_that_cannot_be_met() {
 #[test]
 fn of_two_settings_in_conflict_the_one_that_was_changed_is_named() {
     let circle = ["--trajectory", "circle", "--set", "trajectory.circle.radius-m=9"];
-    refused(&circle, 78, &["`trajectory.kind` = \"circle\"", "`fence.x-m` is [-8, 8]"]);
+    refused(&circle, 78, &["`trajectory.kind` = \"circle\"", "`fence.y-m` is [-8, 8]"]);
     let rate = ["--set", "control.rate-hz=200"];
     refused(&rate, 78, &["--set: with `control.rate-hz` = 200", "`safety.pose-rate-hz` is 60"]);
 }

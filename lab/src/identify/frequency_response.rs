@@ -175,24 +175,41 @@ pub fn figures(data: &FlightData, model: &RotationModel) -> Markup {
             p.note { (axis) ": the trajectory excites no frequency, and without that the closed loop shows no response of the vehicle." }
         }
         @for (axis, points) in AXES.iter().zip(&responses).filter(|(_, points)| !points.is_empty()) {
-            (both(&format!("{axis}: gain [dB], of the rate at full stick"), points, |gain| {
-                20.0 * gain.norm().log10()
+            (both(&format!("{axis}: gain [dB], of the rate at full stick"), points, |point| {
+                [point.model, point.measured].map(|gain| 20.0 * gain.norm().log10())
             }))
-            (both(&format!("{axis}: phase [°]"), points, |gain| {
-                let degrees = gain.arg().to_degrees();
-                // From 90 down: the phase of a delay does not jump at -180.
-                if degrees > 90.0 { degrees - 360.0 } else { degrees }
-            }))
+            (both(&format!("{axis}: phase [°]"), points, continuous_phase()))
             (coherence(&format!("{axis}: coherence of prescribed attitude and rate"), points))
         }
     }
 }
 
-fn both(title: &str, points: &[ResponsePoint], value: impl Fn(Complex<f64>) -> f64) -> Markup {
-    let at = |point: &ResponsePoint, gain| (point.hz.log10(), value(gain));
-    let excited = points.iter().filter(|point| point.is_excited());
-    let measured: Vec<Point> = excited.map(|point| at(point, point.measured)).collect();
-    let model: Vec<Point> = points.iter().map(|point| at(point, point.model)).collect();
+/// Phases of model and measurement \[deg\]: that of the model without jumps from one point to the next, that of the measurement within
+/// half a turn of it.
+fn continuous_phase() -> impl FnMut(&ResponsePoint) -> [f64; 2] {
+    let mut last = 0.0;
+    move |point| {
+        let near = |gain: Complex<f64>, other: f64| {
+            let degrees = gain.arg().to_degrees();
+            degrees - 360.0 * ((degrees - other) / 360.0).round()
+        };
+        last = near(point.model, last);
+        [last, near(point.measured, last)]
+    }
+}
+
+/// Figure of a value of the model and the measured one at each frequency.
+fn both(
+    title: &str,
+    points: &[ResponsePoint],
+    mut values: impl FnMut(&ResponsePoint) -> [f64; 2],
+) -> Markup {
+    let [mut model, mut measured]: [Vec<Point>; 2] = Default::default();
+    for point in points {
+        let [of_model, seen] = values(point).map(|value| (point.hz.log10(), value));
+        model.push(of_model);
+        measured.extend(point.is_excited().then_some(seen));
+    }
     let y = Axis::fitting(measured.iter().chain(&model).map(|point| point.1));
     let discs = measured.into_iter().map(|at| Mark::Disc(Ink::Second, at));
     let shapes: Vec<Mark> = discs.chain([Mark::Line(Ink::Actual, 3, model)]).collect();
@@ -249,6 +266,18 @@ mod tests {
         let authority = Vector3::new(2.0, 2.0, 2.0);
         let (delay_s, bias) = (2.0 * PERIOD_S, Vector3::zeros());
         responses(&data, &RotationModel { delay_s, lag_s: 0.0, fast_s: 0.0, authority, bias })
+    }
+
+    #[test]
+    fn the_phase_of_a_delay_does_not_jump() {
+        let mut phases = continuous_phase();
+        for step in 1..30 {
+            let gain = Complex::from_polar(1.0, -0.3 * f64::from(step));
+            let point = ResponsePoint { hz: 1.0, measured: gain, model: gain, coherence: 1.0 };
+            for degrees in phases(&point) {
+                assert!((degrees + (0.3 * f64::from(step)).to_degrees()).abs() < 1e-9, "{degrees}");
+            }
+        }
     }
 
     #[test]

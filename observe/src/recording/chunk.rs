@@ -39,7 +39,7 @@ pub struct Chunk {
 }
 
 impl Chunk {
-    /// Adds a message, encoded in `data`.
+    /// Adds a message, encoded in `data`; times must not decrease.
     pub fn push(&mut self, message: McapMessage, data: &[u8]) {
         let McapMessage { channel, sequence, log_time, publish_time } = message;
         self.index.entry(channel).or_default().push([log_time, self.records.len() as u64]);
@@ -49,7 +49,7 @@ impl Chunk {
             bytes.u64s(&[log_time, publish_time]);
             bytes.extend_from_slice(data);
         });
-        self.extent = Some(spanning(self.extent, (log_time, log_time)));
+        self.extent = Some((self.extent.map_or(log_time, |(first, _)| first), log_time));
         self.messages += 1;
         self.bytes += data.len() as u64;
     }
@@ -59,9 +59,4 @@ impl Chunk {
         let is_old = |(first, _): (u64, u64)| log_time.saturating_sub(first) >= CHUNK_NS;
         self.records.len() >= CHUNK_BYTES || self.extent.is_some_and(is_old)
     }
-}
-
-/// The interval that spans both, or `other` alone.
-pub fn spanning(known: Option<(u64, u64)>, other: (u64, u64)) -> (u64, u64) {
-    known.map_or(other, |(first, last)| (first.min(other.0), last.max(other.1)))
 }

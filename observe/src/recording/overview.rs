@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::chunk::spanning;
 use super::facts::RECORDING;
 use super::file::RecordingFile;
 use crate::explain::wrapped;
@@ -56,22 +55,21 @@ impl RecordingOverview {
             let Some(topic) = topics.get_mut(&channel.topic) else { continue };
             topic.messages += 1;
             topic.bytes += message.data.len() as u64;
-            let at = (message.log_time, message.log_time);
-            let span = spans.entry(&channel.topic).or_insert(at);
-            *span = spanning(Some(*span), at);
+            let span = spans.entry(&channel.topic).or_insert((message.log_time, 0));
+            span.1 = message.log_time;
         }
         for (name, topic) in &mut topics {
             let seconds = spans.get(name.as_str()).map_or(0.0, |(from, to)| seconds(*from, *to));
             let intervals = topic.messages.saturating_sub(1) as f64;
             topic.rate_hz = if seconds > 0.0 { intervals / seconds } else { 0.0 };
         }
-        let times = spans.into_values().reduce(|all, span| spanning(Some(all), span));
+        let times = file.messages.first().zip(file.messages.last());
         let is_real = file.fact(RECORDING, "clock") == Some("real");
         Self {
             file: file.path.display().to_string(),
             bytes: file.size,
-            duration_s: times.map_or(0.0, |(first, last)| seconds(first, last)),
-            began: times.filter(|_| is_real).map(|(first, _)| utc(first)),
+            duration_s: times.map_or(0.0, |(first, last)| seconds(first.log_time, last.log_time)),
+            began: times.filter(|_| is_real).map(|(first, _)| utc(first.log_time)),
             is_complete: file.cut_off.is_none(),
             facts: file.facts.clone(),
             topics,

@@ -145,12 +145,8 @@ impl McapRecorder {
     /// Queues the encoded message in `scratch`.
     fn put(&mut self, channel: Channel, received_at: Time, published_at: Time) {
         let Some(number) = Channel::all().position(|other| other == channel) else { return };
-        // Virtual time passes between two polls: there, a message is received when it is published. A selected truth sample may have
-        // waited for its tick; the times in a file of real time do not decrease.
-        self.latest = match self.is_real {
-            true => self.latest.max((received_at + self.wall_offset).nanos()),
-            false => published_at.nanos(),
-        };
+        // A selected truth sample may have waited for its tick; the times in a file do not decrease.
+        self.latest = self.latest.max((received_at + self.wall_offset).nanos());
         self.sequences[number] = self.sequences[number].wrapping_add(1);
         let message = McapMessage {
             channel: number as u16,

@@ -9,7 +9,7 @@ use std::path::Path;
 use crc::{Digest, Table};
 
 use super::channel::Channel;
-use super::chunk::{Chunk, spanning};
+use super::chunk::Chunk;
 use super::facts::Facts;
 use super::mcap::encode::Fields;
 use super::mcap::{CHECKSUM, MAGIC, Opcode};
@@ -150,7 +150,7 @@ impl McapFile {
             bytes.u64s(&[size, size]);
         });
         self.chunks += 1;
-        self.extent = Some(spanning(self.extent, (*first, *last)));
+        self.extent = Some((self.extent.map_or(*first, |(first, _)| first), *last));
         self.write(&bytes)
     }
 
