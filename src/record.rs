@@ -80,14 +80,14 @@ impl RecordArgs {
     /// Creates the first file.
     fn begin(&self, config: &Config) -> Result<McapRecorder, Failure> {
         let complain = |message: &str| say(&format!("oqtal: {message}"));
-        if let Some(directory) = self.out.as_deref().and_then(Path::parent) {
-            std::fs::create_dir_all(directory).map_err(|error| failed(directory, &error))?;
-        }
         loop {
             let path = match &self.out {
                 Some(path) => path.clone(),
                 None => next_free(&config.instance.name)?,
             };
+            if let Some(directory) = path.parent() {
+                std::fs::create_dir_all(directory).map_err(|error| failed(directory, &error))?;
+            }
             let (provenance, rotates) = (PROVENANCE, true);
             let plan = RecordingPlan { path: path.clone(), config, provenance, rotates, complain };
             match McapRecorder::create(&plan) {
@@ -213,7 +213,6 @@ fn duration_s(text: &str) -> Result<f64, String> {
 /// The first `recordings/INSTANCE-N.mcap` that does not exist.
 fn next_free(instance: &str) -> Result<PathBuf, Failure> {
     let directory = Path::new("recordings");
-    std::fs::create_dir_all(directory).map_err(|error| failed(directory, &error))?;
     let paths = (1..MAX_NUMBER).map(|number| directory.join(format!("{instance}-{number}.mcap")));
     paths.into_iter().find(|path| !path.exists()).ok_or_else(|| {
         Failure::new(Exit::System, "recordings/ has no free number; give --out FILE")

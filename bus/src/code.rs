@@ -57,7 +57,7 @@ code! {
         Flying = 2 => "flying",
         /// Descends at the present position.
         Landing = 3 => "landing",
-        /// Computes commands on the poses and sends none but "disarmed".
+        /// Computes commands from the poses and sends only "disarmed".
         Observing = 4 => "observing",
     }
 }

@@ -40,7 +40,7 @@ fn sampled(
 ) -> impl Iterator<Item = (f64, Reference)> {
     let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
     let step_s = plan.end_s() / f64::from(points);
-    let begin_s = config.trajectory.take_off_s + config.trajectory.settle_s;
+    let begin_s = config.trajectory.start_s();
     let times = (0..points).map(move |index| f64::from(index) * step_s);
     times.map(move |t_s| (t_s - begin_s, plan.sample(t_s)))
 }

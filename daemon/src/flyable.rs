@@ -44,7 +44,7 @@ impl Demand {
 pub(crate) fn check_demand(config: &Config, trajectory: &Trajectory) -> Result<(), OptionError> {
     let model = CommandModel::new(config)?.model;
     let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
-    let begin_s = config.trajectory.take_off_s + config.trajectory.settle_s;
+    let begin_s = config.trajectory.start_s();
     let step_s = STEP_S.max(trajectory.duration_s() / MOST_POINTS);
     let points = (trajectory.duration_s() / step_s) as u32;
     let courses = (0..=points).filter_map(|index| {

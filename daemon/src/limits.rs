@@ -231,17 +231,19 @@ mod tests {
     #[test]
     fn a_link_and_a_voltage_at_a_limit_are_not_below_it() {
         let limits = FlightLimits::new(&Config::default());
-        let of_link = |link_quality: f64| {
+        let of = |vehicle: VehicleV1| {
             let mut conditions = LimitConditions::default();
-            let vehicle = VehicleV1 { link_quality, ..VehicleV1::default() };
             limits.check_vehicle(&vehicle, &mut conditions);
+            conditions
+        };
+        let of_link = |link_quality: f64| {
+            let conditions = of(VehicleV1 { link_quality, ..VehicleV1::default() });
             [conditions.link_poor, conditions.link_bad]
         };
         assert_eq!(of_link(limits.link_poor), [false, false]);
         assert_eq!(of_link(limits.link_bad), [true, false]);
         let at = |battery_v: f64| {
-            let mut conditions = LimitConditions::default();
-            limits.check_vehicle(&VehicleV1 { battery_v, ..VehicleV1::default() }, &mut conditions);
+            let conditions = of(VehicleV1 { battery_v, ..VehicleV1::default() });
             [conditions.battery_low, conditions.battery_empty]
         };
         assert_eq!(at(limits.battery_low), [false, false]);

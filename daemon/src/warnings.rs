@@ -225,11 +225,6 @@ fn samples(plan: &FlightPlan) -> Vec<(f64, Reference)> {
     times.map(|t_s| (t_s, plan.sample(t_s))).collect()
 }
 
-/// The time from the start of the flight at which the trajectory begins \[s\].
-fn begins_s(config: &Config) -> f64 {
-    config.trajectory.take_off_s + config.trajectory.settle_s
-}
-
 /// Where the reference is fastest along an axis, if it is faster than the limit of the commanded velocity there.
 fn too_fast(
     samples: &[(f64, Reference)],
@@ -247,7 +242,7 @@ fn too_fast(
         Phase::TakeOff => ("the take-off".to_owned(), "raise trajectory.take-off-s".to_owned()),
         Phase::Landing => ("the landing".to_owned(), "lower trajectory.descent-m-s".to_owned()),
         Phase::Settle | Phase::Trajectory => (
-            format!("at {:.2} s the trajectory", t_s - begins_s(config)),
+            format!("at {:.2} s the trajectory", t_s - config.trajectory.start_s()),
             // Rounded up, so that the remedy suffices.
             format!("fly it {:.1} times slower", (10.0 * fastest / limit).ceil() / 10.0),
         ),
@@ -262,7 +257,7 @@ fn jump(plan: &FlightPlan, config: &Config) -> Option<String> {
     if config.trajectory.kind != TrajectoryKind::Waypoints {
         return None;
     }
-    let at = begins_s(config);
+    let at = config.trajectory.start_s();
     // Half a millisecond before: rounding must not take the sample for one of the trajectory.
     let (before, after) = (plan.sample((at - 5e-4).max(0.0)), plan.sample(at + 1e-9));
     let distance_m = (after.position - before.position).norm();

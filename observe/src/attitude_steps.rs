@@ -51,7 +51,7 @@ pub struct Prescribed<'a> {
 pub fn prescribed<'a>(flight: &'a Flight) -> Vec<Prescribed<'a>> {
     let options = &flight.config.trajectory;
     let Some(trajectory) = options.trajectory(None) else { return Vec::new() };
-    let start_s = options.take_off_s + options.settle_s;
+    let start_s = options.start_s();
     let begun = flight.scored().next();
     let commanded = begun.map_or(Attitude::LEVEL, FlightSample::attitude_command);
     let yaw_rad = EulerAngles::from_attitude(&commanded).yaw;

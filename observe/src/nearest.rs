@@ -73,8 +73,8 @@ impl<T, S> NearestJoin<T, S> {
     }
 
     /// The newest sample.
-    pub fn newest(&mut self) -> Option<&mut S> {
-        self.samples.back_mut().map(|(_, sample)| sample)
+    pub fn newest(&self) -> Option<&S> {
+        self.samples.back().map(|(_, sample)| sample)
     }
 }
 

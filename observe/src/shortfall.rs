@@ -170,7 +170,7 @@ impl Flight {
             return Some(format!("landed on request{}", self.after_arming(landing.time)));
         }
         let options = &self.config.trajectory;
-        let before_s = options.take_off_s + options.settle_s;
+        let before_s = options.start_s();
         let [flown_s, of_s] = [landing.mission_s, planned_s].map(|t_s| (t_s - before_s).max(0.0));
         Some(format!("landed on request after {flown_s:.1} of {of_s:.1} s of the trajectory"))
     }

@@ -36,17 +36,15 @@ pub fn observe(bus: &Bus) -> Result<InstanceStatus, BusError> {
             process.note_holder(holder);
         }
         let is_over = Time::now() > deadline;
-        if !is_over && !model.is_complete(&running) {
-            std::thread::sleep(POLL_PERIOD);
-            continue;
-        }
-        // A process without a place is starting, or files of the instance were removed: others may run as well.
-        let lacks_process = lacks_process(bus, &status);
-        if is_over && lacks_process {
-            status.processes.retain(ProcessHealth::is_seen);
-        }
-        if is_over || !lacks_process {
-            return Ok(status);
+        if is_over || model.is_complete(&running) {
+            // A process without a place is starting, or files of the instance were removed: others may run as well.
+            let lacks_process = lacks_process(bus, &status);
+            if is_over && lacks_process {
+                status.processes.retain(ProcessHealth::is_seen);
+            }
+            if is_over || !lacks_process {
+                return Ok(status);
+            }
         }
         std::thread::sleep(POLL_PERIOD);
     }

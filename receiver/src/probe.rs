@@ -24,7 +24,8 @@ pub use finding::{FitnessVerdict, ProbeFinding, Severity};
 /// Longest wait for a frame, after which the end is checked \[ns\].
 const WAIT_NS: i64 = 20_000_000;
 
-/// Listens to the camera system at `link` for `duration` and compares it with what flights with `config` need. Without bodies in the link, all are listened to.
+/// Listens to the camera system at `link` for `duration` and compares it with what flights with `config` need. Without bodies in
+/// the link, all are listened to.
 ///
 /// # Errors
 /// There is no usable server, or it ends the connection.

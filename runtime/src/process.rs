@@ -64,9 +64,9 @@ fn run(role: Role, args: &CommonArgs, job: Job) -> Result<(), Failure> {
     }
     let signals = obey_operators(role)?;
     let config = load(args)?;
-    // Named once the handlers are installed: operators find the process by this name.
     // An emulated vehicle at a wire is stopped through its bridge, like a real one.
     let is_stopped_by_bridge = role == Role::Plant && !config.plant.wire.link.is_empty();
+    // Named once the handlers are installed: operators find the process by this name.
     let name = thread_name(&instance_paths(&config)?, role);
     let _log = log::start(config.log.level, role, name.filter(|_| !is_stopped_by_bridge));
     let stop = stop_on_signals()?;

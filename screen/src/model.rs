@@ -81,8 +81,9 @@ impl MonitorModel {
         let Some((daemon, was_armed)) = before else { return };
         let begins = is_armed && !was_armed;
         // The answer to `arm` belongs to the flight that begins, and not to the next one.
-        let belongs = |answer: &mut ShownAnswer| begins && std::mem::take(&mut answer.is_of_arm);
-        self.answer.take_if(|answer| daemon != source || (begins && !belongs(answer)));
+        self.answer.take_if(|answer| {
+            daemon != source || (begins && !std::mem::take(&mut answer.is_of_arm))
+        });
     }
 }
 

@@ -124,6 +124,11 @@ impl TrajectoryOptions {
         self.excitation.check().map_err(|error| error.within("excitation"))
     }
 
+    /// Time from the take-off to the beginning of the trajectory \[s\].
+    pub fn start_s(&self) -> f64 {
+        self.take_off_s + self.settle_s
+    }
+
     /// The trajectory that these options name. `waypoints` is the content of the file, used by
     /// [`TrajectoryKind::Waypoints`] only; that kind without waypoints gives `None`.
     pub fn trajectory(&self, waypoints: Option<Waypoints>) -> Option<Trajectory> {

@@ -56,7 +56,7 @@ pub struct FlightPlan {
 impl FlightPlan {
     /// The flight of `trajectory` from `start`; `options` must pass their check.
     pub fn new(options: &TrajectoryOptions, trajectory: Trajectory, start: StartPoint) -> Self {
-        let trajectory_start_s = options.take_off_s + options.settle_s;
+        let trajectory_start_s = options.start_s();
         let end_s = trajectory_start_s + options.duration_s.unwrap_or(trajectory.duration_s());
         let mut plan = Self {
             trajectory,

@@ -132,7 +132,7 @@ fn pose_record(
 /// The attitudes that the trajectory prescribes.
 fn prescribed(flight: &Flight) -> Vec<(f64, Vector3<f64>)> {
     let options = &flight.config.trajectory;
-    let start_s = options.take_off_s + options.settle_s;
+    let start_s = options.start_s();
     // Waypoints prescribe no attitude.
     let trajectory = options.trajectory(None);
     let at = |FlightSample { telemetry, .. }: &FlightSample| {

@@ -61,8 +61,7 @@ impl TruthSelection {
 
     /// Passes the newest sample to `choose`, so that a reader can also join the last ticks.
     pub fn choose_newest(&mut self, choose: &mut dyn FnMut(&TrueSample)) {
-        if let Some(newest) = self.join.newest() {
-            let newest = *newest;
+        if let Some(newest) = self.join.newest().copied() {
             self.pass(&newest, choose);
         }
     }
