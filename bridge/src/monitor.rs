@@ -76,6 +76,7 @@ impl VehicleMonitor {
         }
         if is_answer(&reply) {
             self.received_at = now;
+            self.clear_if(is_of_another_vehicle);
         }
         match reply {
             VehicleReply::Answer => self.interval(now).answers += 1,
@@ -87,6 +88,8 @@ impl VehicleMonitor {
             VehicleReply::Motors(run) => {
                 if run && !self.motors_run {
                     (self.refusal, self.text) = (VehicleRefusal::None, ShortText::EMPTY);
+                } else if !run {
+                    self.clear_if(|refusal| refusal == VehicleRefusal::Disarming);
                 }
                 self.motors_run = run;
             }
@@ -101,6 +104,13 @@ impl VehicleMonitor {
             | VehicleReply::Control(_)
             | VehicleReply::Replaced
             | VehicleReply::Other => {}
+        }
+    }
+
+    /// Clears a refusal that is over.
+    fn clear_if(&mut self, is_over: impl Fn(VehicleRefusal) -> bool) {
+        if is_over(self.refusal) {
+            self.refusal = VehicleRefusal::None;
         }
     }
 
@@ -163,11 +173,17 @@ impl VehicleMonitor {
     }
 }
 
-/// Whether `reply` is one of the vehicle that was asked for: a vehicle that is refused as a whole is another, and that commands are not
-/// answered is determined by the bridge, independent of other reports.
+/// Whether `reply` is one of the vehicle that was asked for: that commands are not answered is determined by the bridge, independent of
+/// other reports.
 fn is_answer(reply: &VehicleReply) -> bool {
-    use VehicleRefusal::{NoAnswer, OtherAutopilot, OtherSystem, Unsigned};
-    !matches!(reply, VehicleReply::Refused(OtherAutopilot | OtherSystem | NoAnswer | Unsigned))
+    let VehicleReply::Refused(refusal) = *reply else { return true };
+    refusal != VehicleRefusal::NoAnswer && !is_of_another_vehicle(refusal)
+}
+
+/// Whether a vehicle is refused as a whole: it is not the one that was asked for.
+fn is_of_another_vehicle(refusal: VehicleRefusal) -> bool {
+    use VehicleRefusal::{OtherAutopilot, OtherSystem, Unsigned};
+    matches!(refusal, OtherAutopilot | OtherSystem | Unsigned)
 }
 
 #[cfg(test)]
@@ -189,6 +205,23 @@ mod tests {
         assert_eq!(vehicle.state(at(1)).battery_v, 11.1);
         vehicle.reset();
         assert!(!vehicle.is_answering(at(1)));
+    }
+
+    #[test]
+    fn a_refusal_ends_with_its_cause() {
+        let mut vehicle = VehicleMonitor::new(Span::from_millis(1000));
+        vehicle.receive(at(0), VehicleReply::Refused(VehicleRefusal::OtherAutopilot));
+        vehicle.receive(at(1), STATUS);
+        assert_eq!(vehicle.refusal(), VehicleRefusal::None, "the wanted vehicle answers");
+        vehicle.receive(at(2), VehicleReply::Motors(true));
+        vehicle.receive(at(3), VehicleReply::Refused(VehicleRefusal::Disarming));
+        vehicle.receive(at(4), VehicleReply::Motors(true));
+        assert_eq!(vehicle.refusal(), VehicleRefusal::Disarming);
+        vehicle.receive(at(5), VehicleReply::Motors(false));
+        assert_eq!(vehicle.refusal(), VehicleRefusal::None, "the motors have stopped");
+        vehicle.receive(at(6), VehicleReply::Refused(VehicleRefusal::Arming));
+        vehicle.receive(at(7), VehicleReply::Motors(false));
+        assert_eq!(vehicle.refusal(), VehicleRefusal::Arming);
     }
 
     #[test]

@@ -36,7 +36,7 @@ impl Note {
             Self::Answering => tracing::info!("the vehicle answers"),
             Self::Silent { damaged } => tracing::warn!(
                 damaged,
-                "the vehicle is silent: is it switched on, is the serial interface released on its remote control?"
+                "the vehicle is silent: is it switched on? An AscTec vehicle also needs its serial interface enabled on the remote control"
             ),
             Self::Replaced => tracing::warn!(
                 "another vehicle answers in place of the silent one: name the right one in `bridge.link`, as with `,system=N`"

@@ -195,10 +195,13 @@ impl Flight {
         self.config_after(self.changes_until(self.origin()))
     }
 
-    /// Names of the laws that flew the scored window, in order; the law at the take-off if nothing is scored.
+    /// Names of the laws that flew the scored window, in order; of all armed ticks if nothing is scored.
     pub fn laws(&self) -> String {
-        let scored = self.scored().map(|sample| self.changes_until(sample.telemetry.time));
-        let mut changes: Vec<usize> = scored.collect();
+        let until = |sample: &FlightSample| self.changes_until(sample.telemetry.time);
+        let mut changes: Vec<usize> = self.scored().map(until).collect();
+        if changes.is_empty() {
+            changes.extend(self.armed().map(until));
+        }
         changes.dedup();
         if changes.is_empty() {
             changes.push(self.changes_until(self.origin()));

@@ -92,7 +92,7 @@ fn circumstances(flight: &Flight, summary: &Summary) -> String {
     if flight.is_replay() {
         return format!("{} · {clock} clock · {duration_s:.1} s", flight.config.mocap.replay);
     } else if flight.is_observation() {
-        return format!("{vehicle} · {clock} clock · {duration_s:.1} s");
+        return format!("commands not sent · {clock} clock · {duration_s:.1} s observed");
     }
     let against = if summary.error_source == "truth" { " against the truth" } else { "" };
     let held = summary.held().map_or(String::new(), |held| format!(" · {held}"));

@@ -167,11 +167,11 @@ impl Summary {
             effort: effort(flight),
             riccati_solves: last.riccati_solves,
             speed_factor: flight.speed_factor,
-            deadline_misses: last.deadline_misses.saturating_sub(misses_before(flight)),
-            lost: TopicCounts::new(last.poses_lost, flight.commands_lost),
+            deadline_misses: count(flight, |tick| tick.deadline_misses),
+            lost: TopicCounts::new(count(flight, |tick| tick.poses_lost), flight.commands_lost),
             repeated: TopicCounts::new(flight.poses_repeated, flight.commands_repeated),
-            poses_superseded: last.poses_superseded,
-            poses_refused: last.poses_refused,
+            poses_superseded: count(flight, |tick| tick.poses_superseded),
+            poses_refused: count(flight, |tick| tick.poses_refused),
             hops: flight.hops.iter().map(|(name, hop)| (name, hop.summary())).collect(),
             wire: flight.wire.figures(flight.command_path.is_line()),
             wakeup_lateness: in_real_time(config, &flight.wakeup_lateness),
@@ -247,10 +247,11 @@ pub fn name_of(value: &impl Serialize) -> String {
     }
 }
 
-/// The vehicle in the form of `--vehicle`.
+/// The vehicle in the form of `--vehicle`; `none` if nothing was flown.
 fn vehicle_name(flight: &Flight) -> String {
     let (preset, plant) = (&flight.config.vehicle.preset, &flight.config.plant);
     match (&flight.command_path, plant.interface) {
+        (CommandPath::Bus, _) if flight.is_replay() || flight.is_observation() => "none".to_owned(),
         (CommandPath::Bus, Interface::Torque) => format!("sim:{preset}"),
         (CommandPath::Bus, Interface::Rate | Interface::Attitude) => {
             format!("sim:{preset},fidelity={}", name_of(&plant.fidelity))
@@ -259,10 +260,17 @@ fn vehicle_name(flight: &Flight) -> String {
     }
 }
 
-/// Missed deadlines of the daemon before the flight \[-\].
-fn misses_before(flight: &Flight) -> u64 {
-    let first = flight.armed().next().or(flight.samples.first());
-    first.map_or(0, |sample| sample.telemetry.deadline_misses)
+/// Increase of a counter of the daemon over each flight, together; over all ticks if none is armed \[-\].
+fn count(flight: &Flight, counter: impl Fn(&TelemetryV1) -> u64) -> u64 {
+    let increase = |ticks: &[FlightSample]| {
+        let [first, .., last] = ticks else { return 0 };
+        counter(&last.telemetry).saturating_sub(counter(&first.telemetry))
+    };
+    let mut flights = flight.flights().peekable();
+    match flights.peek() {
+        Some(_) => flights.map(increase).sum(),
+        None => increase(&flight.samples),
+    }
 }
 
 /// The last tick; the default one of a flight without any.

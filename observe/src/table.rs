@@ -50,11 +50,11 @@ fn headline(summary: &Summary) -> String {
     let Summary { controller, trajectory, vehicle, clock, seed, outcome, .. } = summary;
     let is_flight = outcome.is_of_flight();
     let (course, flown) = match is_flight {
-        true => (format!("{trajectory}, "), "armed"),
-        false => (String::new(), "of poses"),
+        true => (format!("{trajectory}, {vehicle}"), "armed"),
+        false => ("commands computed, not sent".to_owned(), "observed"),
     };
     format!(
-        "{outcome}: {controller}, {course}{vehicle}\n\
+        "{outcome}: {controller}, {course}\n\
          {clock} clock, seed {seed}, {:.1} s {flown}, {} x real time",
         summary.duration_s,
         significant(summary.speed_factor)

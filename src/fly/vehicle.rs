@@ -256,10 +256,15 @@ impl CommandLink {
 
     /// Failure for a vehicle that did not answer.
     pub fn never_answered(&self) -> Failure {
+        let path = self.command_path().to_string();
+        let check = if path.contains(":asctec") {
+            "that vehicle and remote control are switched on, channel 5 at \"serial\", and that baud rate and XBee mode are those of \
+             the link"
+        } else {
+            "that the vehicle is switched on, and that the link has its address, or port and baud rate"
+        };
         let message = format!(
-            "the vehicle at {} does not answer; check that vehicle and remote control are switched on, channel 5 at \"serial\", \
-             that baud rate and XBee mode are those of the link, and see bridge.log beside the report",
-            self.command_path()
+            "the vehicle at {path} does not answer; check {check}; see bridge.log beside the report"
         );
         Failure::new(Exit::Peer, message)
     }

@@ -277,5 +277,5 @@ fn an_observation_is_neither_a_crash_nor_a_flight_whatever_the_vehicle_does() {
     assert!(summary.hops.values().all(|hop| hop.count == 0), "commands that were not sent");
     let (page, closing) = (report::html(&flight, &summary), table::closing(&summary));
     assert!(page.contains("Command (computed, not sent)") && !page.contains("Attitude sent"));
-    assert!(page.contains("observation") && closing.contains("s of poses"), "{closing}");
+    assert!(page.contains("observation") && closing.contains("s observed"), "{closing}");
 }

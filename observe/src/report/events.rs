@@ -54,11 +54,18 @@ pub fn events(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
             p.note.wide {
                 "Poses lost: " (summary.lost.pose) ", refused: " (summary.poses_refused)
                 ". Commands lost: " (summary.lost.command)
-                ". Deadlines missed: " (summary.deadline_misses) "."
+                ". Deadlines missed: " (summary.deadline_misses)
+                ". Times are in seconds after " (zero(timeline)) "."
             }
             (list(events.into_iter()))
         },
     )
+}
+
+/// The instant from which times are counted, as text.
+fn zero(timeline: &Timeline<'_>) -> &'static str {
+    let is_flown = timeline.flight.flights().next().is_some() && !timeline.flight.is_observation();
+    if is_flown && !timeline.flight.begins_in_flight() { "arming" } else { "the first tick" }
 }
 
 /// Beginnings and ends of injected faults and of disturbances.
