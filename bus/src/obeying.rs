@@ -12,7 +12,9 @@ use std::path::{Path, PathBuf};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::OFlags;
-use rustix::process::{Pid, PidfdFlags, Signal, geteuid, pidfd_open, pidfd_send_signal};
+use rustix::process::{
+    Pid, PidfdFlags, Signal, geteuid, kill_process, pidfd_open, pidfd_send_signal,
+};
 
 use crate::message::{FNV_OFFSET, fnv1a};
 use crate::paths::InstancePaths;
@@ -28,6 +30,9 @@ pub const LAND_SIGNAL: Signal = Signal::USR1;
 
 /// Number of hexadecimal digits of each hash in a thread name \[-\]; the kernel keeps 15 characters of a name.
 const DIGITS: usize = 7;
+
+/// Maximum number of files of a process that are looked at \[-\]; ours hold some two hundred.
+const MOST_FILES: usize = 1024;
 
 /// Name of a thread of a process with this role on the instance at `paths`: `v` for the process of a vehicle or `d` for the
 /// daemon, then hashes of the instance's name and of its root; `None` for a role that does not obey operators.
@@ -59,7 +64,9 @@ pub struct ObeyingProcess {
     pub is_vehicle: bool,
     instance: String,
     root: String,
-    handle: OwnedFd,
+    /// `None` if it cannot be sent a signal, so that processes of other users do not use up the open files of this one; and if it can
+    /// be, but no file is free.
+    handle: Option<OwnedFd>,
 }
 
 /// Files that a process holds.
@@ -92,7 +99,8 @@ impl ObeyingProcess {
         }
         let user = field(&status, "Uid:")?.split_whitespace().next()?.parse().ok()?;
         // Opened before the name is read: if the number is given to another process in between, the handle's process has ended.
-        let handle = pidfd_open(Pid::from_raw(pid.cast_signed())?, PidfdFlags::empty()).ok()?;
+        let handle = may_signal(user).then(|| pidfd_open(number(pid)?, PidfdFlags::empty()).ok());
+        let handle = handle.flatten();
         let threads = fs::read_dir(format!("/proc/{pid}/task")).ok()?.flatten();
         threads
             .into_iter()
@@ -121,9 +129,14 @@ impl ObeyingProcess {
         self.root == digits(paths.root_hash())
     }
 
+    /// Whether the instances of both are under the same root.
+    pub fn has_root_of(&self, other: &Self) -> bool {
+        self.root == other.root
+    }
+
     /// Whether this process may send it a signal: it runs as the same user, or this process is root's.
     pub fn is_ours(&self) -> bool {
-        geteuid().is_root() || geteuid().as_raw() == self.user
+        may_signal(self.user)
     }
 
     /// The command of `oqtal` that started it and ends with it, such as `oqtal fly --duration 5`, as typed in a shell; `None` for a
@@ -151,17 +164,25 @@ impl ObeyingProcess {
 
     /// Whether the process is still running.
     pub fn is_running(&self) -> bool {
+        let Some(handle) = &self.handle else {
+            return Path::new(&format!("/proc/{}", self.pid)).exists();
+        };
         // A handle becomes readable when its process ends.
-        let mut handle = [PollFd::new(&self.handle, PollFlags::IN)];
+        let mut handle = [PollFd::new(handle, PollFlags::IN)];
         poll(&mut handle, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })) == Ok(0)
     }
 
-    /// Sends `signal` to the process; another process with the same number never receives it.
+    /// Sends `signal` to the process. Another process that has been given its number meanwhile does not receive it, unless all files
+    /// that this process may open are in use.
     ///
     /// # Errors
     /// The process has ended, or belongs to another user.
     pub fn signal(&self, signal: Signal) -> io::Result<()> {
-        Ok(pidfd_send_signal(&self.handle, signal)?)
+        match (&self.handle, number(self.pid)) {
+            (Some(handle), _) => Ok(pidfd_send_signal(handle, signal)?),
+            (None, Some(pid)) => Ok(kill_process(pid, signal)?),
+            (None, None) => Err(io::ErrorKind::NotFound.into()),
+        }
     }
 
     /// Files that the process holds.
@@ -170,7 +191,7 @@ impl ObeyingProcess {
     /// This process may not look at it: it belongs to another user, or runs in a user namespace and this process is not root's.
     pub fn held_files(&self) -> io::Result<HeldFiles> {
         let mut held = HeldFiles::default();
-        for entry in fs::read_dir(format!("/proc/{}/fd", self.pid))?.flatten() {
+        for entry in fs::read_dir(format!("/proc/{}/fd", self.pid))?.flatten().take(MOST_FILES) {
             let Ok(link) = fs::read_link(entry.path()) else { continue };
             let text = link.to_string_lossy();
             let path = Path::new(text.strip_suffix(" (deleted)").unwrap_or(&text));
@@ -198,6 +219,15 @@ impl ObeyingProcess {
         }
         Err(io::ErrorKind::PermissionDenied.into())
     }
+}
+
+fn number(pid: u32) -> Option<Pid> {
+    Pid::from_raw(pid.cast_signed())
+}
+
+/// Whether this process may send a signal to those of `user`.
+fn may_signal(user: u32) -> bool {
+    geteuid().is_root() || geteuid().as_raw() == user
 }
 
 /// The `words` of a command line without `--out` and its path.

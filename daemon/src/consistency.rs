@@ -27,6 +27,7 @@ mod drift;
 mod heading;
 mod pending;
 mod response;
+mod standstill;
 mod vehicle_rates;
 mod washout;
 
@@ -45,6 +46,7 @@ use drift::{DriftLimit, DriftTest};
 use heading::HeadingProbe;
 use pending::{PendingRotations, SeenRotation};
 use response::{ResponseLimit, ResponseTest};
+use standstill::StandstillTest;
 use vehicle_rates::VehicleRates;
 use washout::WashOut;
 
@@ -76,6 +78,8 @@ pub struct PoseEvidence {
     pub response: f64,
     /// Evidence that the path does not follow the tilt \[-\].
     pub direction: f64,
+    /// Evidence that the path does not follow the thrust: it stands still.
+    pub standstill: f64,
     /// Evidence that the attitude drifts away from the gyroscope \[-\].
     pub drift: f64,
 }
@@ -101,6 +105,7 @@ pub struct PoseConsistency {
     response: ResponseTest,
     drift: DriftTest,
     direction: DirectionTest,
+    standstill: StandstillTest,
     heading: HeadingProbe,
     evidence: PoseEvidence,
     contradicts: bool,
@@ -125,6 +130,7 @@ impl PoseConsistency {
             response: ResponseTest::default(),
             drift: DriftTest::default(),
             direction: DirectionTest::default(),
+            standstill: StandstillTest::default(),
             heading: HeadingProbe::new(config.safety.probe_yaw_deg.to_radians()),
             evidence: PoseEvidence::default(),
             contradicts: false,
@@ -155,8 +161,8 @@ impl PoseConsistency {
     /// Whether a test finds that the poses do not agree with the vehicle. Drift and direction find it in one of a hundred flights with
     /// right poses, too: they warn.
     pub fn disagrees(&self) -> bool {
-        let PoseEvidence { response, direction, drift } = self.evidence;
-        response.max(direction).max(drift) >= 1.0
+        let PoseEvidence { response, direction, drift, standstill } = self.evidence;
+        response.max(direction).max(drift).max(standstill) >= 1.0
     }
 
     /// The present evidence.
@@ -208,10 +214,9 @@ impl PoseConsistency {
             let driven = self.commanded.turn(tracker, &last.attitude, (last_s, t_s));
             self.test_rotation(&seen, &driven, noise);
         }
-        if is_airborne {
-            self.test_direction(tracker, pose, noise, dt_s);
-        }
-        self.contradicts |= self.evidence.response >= 1.0;
+        self.test_motion(tracker, pose, noise, (dt_s, is_airborne));
+        let PoseEvidence { response, standstill, .. } = self.evidence;
+        self.contradicts |= response.max(standstill) >= 1.0;
     }
 
     /// Compares the rotations that the reports of the gyroscope now cover.
@@ -264,18 +269,27 @@ impl PoseConsistency {
         }
     }
 
-    fn test_direction(
+    fn test_motion(
         &mut self,
         tracker: &MotionTracker,
         pose: &MeasuredPose,
         noise: &PoseDeviations,
-        dt_s: f64,
+        (dt_s, is_airborne): (f64, bool),
     ) {
         let Some(track) = tracker.track() else { return };
         let thrust = track.motion.attitude.to_world(&Vector3::z()) * track.motion.thrust_n;
-        let acceleration = thrust.xy() / tracker.model().mass_kg;
-        let sum = self.direction.take(&pose.position, &acceleration, noise.position_m, dt_s);
+        let acceleration = thrust / tracker.model().mass_kg;
+        let (position, deviation_m) = (&pose.position, noise.position_m);
+        if !is_airborne {
+            let lift_m_s2 = acceleration.z - tracker.model().gravity_m_s2;
+            self.evidence.standstill =
+                self.standstill.take_near_floor(position, lift_m_s2, deviation_m, dt_s);
+            return;
+        }
+        let sum = self.direction.take(position, &acceleration.xy(), deviation_m, dt_s);
         self.evidence.direction = sum / self.limit;
+        self.evidence.standstill =
+            self.standstill.take(position, &acceleration, deviation_m, dt_s);
     }
 
     /// Discards the evidence.

@@ -9,11 +9,10 @@ use oqtal_lab::progress::Progress;
 use oqtal_lab::simulation;
 use oqtal_lab::study::flights::Test;
 use oqtal_lab::study::law::StudyLaw;
-use oqtal_lab::study::metric::{HOVER, POSITION};
+use oqtal_lab::study::metric::{HOVER, METRICS, POSITION};
 use oqtal_lab::study::{Case, Study, TRAINING_SEEDS};
 use oqtal_lab::tune::live;
 use oqtal_lab::tune::search::{self, Budget, TrainingFlights};
-use oqtal_lab::tune::trade::default_weights;
 use oqtal_observe::flight::Outcome;
 
 /// Seeds of the flights on which gains are compared, which no search used.
@@ -59,6 +58,9 @@ fn gains_of_an_unknown_vehicle_found_in_flight_are_as_good_as_those_of_a_known_o
     let count = number("OQTAL_TEST_LIVE_TUNINGS").unwrap_or(1);
     let points = number("OQTAL_TEST_LIVE_BUDGET").unwrap_or(12) as usize;
     let (budget, progress) = (Budget { points, ..Budget::default() }, Progress::default());
+    // Those of the figures that are compared.
+    let mut weights = [0.0; METRICS];
+    (weights[HOVER], weights[POSITION]) = (1.0, 1.0);
     let mut ratios: [Vec<f64>; 2] = [Vec::new(), Vec::new()];
     for seed in 1..=count {
         let law = LAWS[(seed - 1) as usize % LAWS.len()];
@@ -73,11 +75,12 @@ fn gains_of_an_unknown_vehicle_found_in_flight_are_as_good_as_those_of_a_known_o
         assert!(flight.shortfall().is_none(), "{seed}: {:?}", flight.shortfall());
         // Settings of the daemon.
         let present = [vehicle[0].clone(), vehicle[3].clone()];
-        let live = live::tune(&flight, &present, (&budget, default_weights(), ""), &progress)
+        let live = live::tune(&flight, &present, (&budget, weights, ""), &progress)
             .unwrap()
             .tuned;
         let known = TrainingFlights {
             live_keys_only: true,
+            weights,
             ..TrainingFlights::near(vehicle.clone(), TRAINING_SEEDS)
         };
         let known = search::law(law, &budget, &known, &progress).unwrap();

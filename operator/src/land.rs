@@ -18,7 +18,7 @@ use oqtal_bus::transport::{Subscribe, Transport};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::beside;
 
-use crate::reach::{AddressedInstance, Reached};
+use crate::reach::{AddressedInstance, Reached, send};
 use crate::request::silent;
 
 /// Time within which a running daemon answers a request.
@@ -42,12 +42,13 @@ type LandingAnswer = Result<Option<ControlResponseV1>, BusError>;
 /// # Errors
 /// The daemon was signalled and has not confirmed (exit code 1), no daemon runs (75), or it belongs to another user (77).
 pub fn land(address: &AddressedInstance) -> Result<ControlResponseV1, Failure> {
-    let reached = Reached::find(address);
+    let reached = Reached::find(address, |_| {});
     let paths = &reached.paths;
     let is_daemon = |process: &ObeyingProcess| !process.is_vehicle;
     // The daemon of `paths` is asked first, and signalled if it does not answer; those under other roots are signalled at once and
     // also asked.
-    let mut lines = reached.signal(LAND_SIGNAL, |p| is_daemon(p) && !p.is_under(paths));
+    let elsewhere = reached.processes.iter().filter(|p| is_daemon(p) && !p.is_under(paths));
+    let mut lines = send(LAND_SIGNAL, elsewhere);
     let is_signalled = Arc::new(AtomicBool::default());
     let answer = request(paths, &is_signalled);
     // These were signalled.
@@ -58,10 +59,12 @@ pub fn land(address: &AddressedInstance) -> Result<ControlResponseV1, Failure> {
     let mut answered = answer.recv_timeout(SIGNAL_DELAY);
     while !matches!(answered, Ok(Ok(Some(_)))) {
         // Searched each time: the daemon may be starting.
-        let found = Reached::find(address);
-        let found = found.signal(LAND_SIGNAL, |p| is_daemon(p) && p.is_under(paths));
-        is_signalled.fetch_or(!found.is_empty(), Ordering::AcqRel);
-        lines.extend(found);
+        Reached::find(address, |found| {
+            let here = found.iter().filter(|p| is_daemon(p) && p.is_under(paths));
+            let sent = send(LAND_SIGNAL, here);
+            is_signalled.fetch_or(!sent.is_empty(), Ordering::AcqRel);
+            lines.extend(sent);
+        });
         if answered.is_ok() || Time::now() >= give_up {
             break;
         }

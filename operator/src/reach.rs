@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use oqtal_bus::obeying::{HeldFiles, ObeyingProcess};
 use oqtal_bus::paths::InstancePaths;
 use oqtal_runtime::process::{Exit, Failure};
-use rustix::process::Signal;
+use rustix::process::{Resource, Rlimit, Signal, getrlimit, setrlimit};
 
 /// Instance that an operator addresses.
 #[derive(Clone, Debug)]
@@ -40,7 +40,10 @@ pub struct Reached {
 
 impl Reached {
     /// Searches all processes of this machine. Root opens the files that they hold, but nothing in a directory of theirs.
-    pub fn find(address: &AddressedInstance) -> Self {
+    ///
+    /// `at_once` takes the addressed processes before that: processes of another user that look like ours may hold many files.
+    pub fn find(address: &AddressedInstance, at_once: impl FnOnce(&[ObeyingProcess])) -> Self {
+        allow_files();
         let AddressedInstance { paths, has_root } = address;
         let is_addressed = |process: &ObeyingProcess| {
             let is_here = !has_root || process.is_under(paths);
@@ -48,6 +51,7 @@ impl Reached {
         };
         let (processes, others): (Vec<_>, Vec<_>) =
             ObeyingProcess::all().into_iter().partition(is_addressed);
+        at_once(&processes);
         let held: Vec<_> = processes.iter().map(ObeyingProcess::held_files).collect();
         let from_files = held.iter().flatten().filter_map(|files| files.paths.clone());
         let known = std::iter::once(paths.clone()).chain(from_files).chain(under_roots(paths));
@@ -72,13 +76,12 @@ impl Reached {
         self.processes.iter().any(|process| !process.is_vehicle)
     }
 
-    /// Sends `signal` to each addressed process for which `applies` holds; returns a line with the result for each.
-    pub fn signal(&self, signal: Signal, applies: impl Fn(&ObeyingProcess) -> bool) -> Vec<String> {
-        let report = |process: &ObeyingProcess| {
-            let result = process.signal(signal).map_or_else(|e| e.to_string(), |()| "sent".into());
-            format!("signal to {}: {result}", name_of(process))
+    /// Whether a daemon was found without a process of its vehicle.
+    pub fn lacks_vehicle(&self) -> bool {
+        let has_vehicle = |daemon: &ObeyingProcess| {
+            self.processes.iter().any(|it| it.is_vehicle && it.has_root_of(daemon))
         };
-        self.processes.iter().filter(|process| applies(process)).map(report).collect()
+        self.processes.iter().any(|process| !process.is_vehicle && !has_vehicle(process))
     }
 
     /// Failure of `command` without an addressed process; `nobody` states this. Another user's process on the instance is a
@@ -117,6 +120,26 @@ impl Reached {
         let names: Vec<_> = roots.iter().map(|root| root.display().to_string()).collect();
         names.join(", ")
     }
+}
+
+/// Sends `signal` to each of `processes`; returns a line with the result for each.
+pub fn send<'a>(
+    signal: Signal,
+    processes: impl IntoIterator<Item = &'a ObeyingProcess>,
+) -> Vec<String> {
+    let report = |process: &ObeyingProcess| {
+        let result = process.signal(signal).map_or_else(|e| e.to_string(), |()| "sent".into());
+        format!("signal to {}: {result}", name_of(process))
+    };
+    processes.into_iter().map(report).collect()
+}
+
+/// Raises the number of files that this process may open to its maximum: each process found needs one, and any user can start
+/// processes that look like ours.
+fn allow_files() {
+    let Rlimit { maximum, .. } = getrlimit(Resource::Nofile);
+    // With the present limit, fewer paths to the vehicle work.
+    let _ = setrlimit(Resource::Nofile, Rlimit { current: maximum, maximum });
 }
 
 /// The instance of this name under each default root.

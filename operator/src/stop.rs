@@ -23,7 +23,7 @@ use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::beside;
 use serde::Serialize;
 
-use crate::reach::{AddressedInstance, Reached, name_of};
+use crate::reach::{AddressedInstance, Reached, name_of, send};
 use crate::request::{place, start_daemon};
 
 /// Time after which the report is printed.
@@ -120,8 +120,10 @@ struct RaisedStop {
 /// No process runs (75), or the instance belongs to another user (77).
 pub fn raise(address: &AddressedInstance) -> Result<ObeyedStop, Failure> {
     let give_up = Time::now() + REPORT_TIMEOUT;
-    let mut reached = Reached::find(address);
-    let (raised, mut paths) = raise_words(&mut reached)?;
+    let mut paths = Vec::new();
+    let mut reached = Reached::find(address, |found| paths = send(STOP_SIGNAL, found));
+    let (raised, lines) = raise_words(&mut reached)?;
+    paths.extend(lines);
     // Before the processes end, as those of `oqtal fly` do.
     let mut again = fly_again(&reached);
     let answers = ask_daemon(&reached.paths);
@@ -129,7 +131,7 @@ pub fn raise(address: &AddressedInstance) -> Result<ObeyedStop, Failure> {
     paths.push(format!("control service: {}", said(&answer)));
     if reached.processes.is_empty() {
         // Some may have started.
-        let present = Reached::find(address);
+        let present = Reached::find(address, |_| {});
         let is_obeyed = report.motors_off || report.daemon_obeys;
         if present.processes.is_empty() && !is_obeyed {
             raised.withdraw();
@@ -149,11 +151,10 @@ pub fn raise(address: &AddressedInstance) -> Result<ObeyedStop, Failure> {
     })
 }
 
-/// Signals the processes and raises the stop in all words; returns the words, and the result of each path.
+/// Raises the stop in all words; returns the words, and the result of each path.
 fn raise_words(reached: &mut Reached) -> Result<(RaisedStops, Vec<String>), Failure> {
-    let mut paths = reached.signal(STOP_SIGNAL, |_| true);
     let mut raised = RaisedStops::default();
-    paths.extend(raised.raise_held(reached));
+    let mut paths = raised.raise_held(reached);
     let in_directory = reached.paths.become_owner().and_then(|()| raised.raise_in(&reached.paths));
     let is_nobody = reached.processes.is_empty();
     match in_directory {
@@ -189,7 +190,11 @@ fn await_obedience(
     let mut answer = None;
     loop {
         let has_ended = have_ended();
-        let report = raised.report();
+        let mut report = raised.report();
+        if reached.lacks_vehicle() {
+            // Others that obey, under another root, do not tell whether this one has stopped.
+            (report.vehicle_obeys, report.motors_off) = (false, false);
+        }
         let daemon_obeys = !reached.has_daemon() || (report.daemon_obeys && answer.is_some());
         if (report.motors_off && daemon_obeys) || has_ended || Time::now() >= give_up {
             return (report, answer.unwrap_or(Ok(None)));

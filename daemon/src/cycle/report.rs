@@ -108,8 +108,9 @@ impl TickReport {
         let noise = intake.noise().deviations();
         telemetry.pose_noise_m = noise.position_m;
         telemetry.pose_noise_rad = noise.attitude_rad;
-        let PoseEvidence { response, direction, drift } = *intake.consistency().evidence();
-        telemetry.pose_evidence = [response, direction, drift];
+        let PoseEvidence { response, direction, drift, standstill } =
+            *intake.consistency().evidence();
+        telemetry.pose_evidence = [response.max(standstill), direction, drift];
         let guard = intake.guard();
         telemetry.poses_lost = guard.lost();
         telemetry.poses_superseded = guard.superseded();

@@ -18,7 +18,7 @@ use crate::robustness::draws::Draw;
 use crate::study::args::say_notes;
 use crate::study::failure::{self, counts};
 use crate::study::flights::{
-    AUTHORITY, Change, DELAY, NOMINAL, PlantVariant, RATE_LAG, readable, table, value_at,
+    AUTHORITY, Change, DELAY, NOMINAL, PlantVariant, RATE_LAG, Test, readable, table, value_at,
 };
 use crate::study::law::StudyLaw;
 use crate::study::metric::{Figures, METRIC, METRICS};
@@ -92,17 +92,24 @@ impl TrainingFlights {
         parameters
     }
 
-    fn fly(&self, law: &StudyLaw, progress: &Progress) -> Result<Flown, Failure> {
-        let (laws, cases) = (std::slice::from_ref(law), std::slice::from_ref(&self.case));
+    fn fly(&self, law: &StudyLaw, case: &Case, progress: &Progress) -> Result<Flown, Failure> {
+        let (laws, cases) = (slice::from_ref(law), slice::from_ref(case));
         let mut flown = Study { name: "training", laws, cases }.fly_without_bar(progress)?;
         Ok(flown.pop().expect("one law flew one case"))
+    }
+
+    /// The flights that have a figure with a weight.
+    fn weighted(&self) -> Case {
+        let has_weight = |test: &Test| self.weights[test.figures()].iter().any(|it| *it > 0.0);
+        let tests: Vec<Test> = self.case.tests.iter().copied().filter(has_weight).collect();
+        self.case.clone().flown_as(&tests)
     }
 
     /// Reference figures: those of `oqtal` with its configured gains, without the gains of the study. Flights that did not land are
     /// left out; a metric without any flight that landed has the figure of the shipped vehicle.
     fn reference(&self, progress: &Progress) -> Result<Figures, Failure> {
         let stack = Setting::flag("tune", "control.stack", "default");
-        let flown = self.fly(&self.law("oqtal", &[stack]), progress)?;
+        let flown = self.fly(&self.law("oqtal", &[stack]), &self.case, progress)?;
         let mut of_shipped: Vec<&str> = Vec::new();
         let mut reference = [f64::NAN; METRICS];
         for (index, metric) in METRIC.iter().enumerate() {
@@ -201,16 +208,19 @@ pub fn law(
     let (name, parameters) = (controller.name(), flights.parameters(controller, &config));
     let bar = progress.start(&format!("tuning {name}"), budget.points);
     let reference = flights.reference(progress)?;
-    let fly = |gains: &[Setting]| flights.fly(&flights.law(name, gains), progress);
+    let fly =
+        |gains: &[Setting], case: &Case| flights.fly(&flights.law(name, gains), case, progress);
+    let weighted = flights.weighted();
     let figures = |flown: &Flown| flights.figures(flown, &reference);
     let value = |flown: &Flown| objective(&figures(flown), &reference, &flights.weights);
-    let before = fly(&[])?;
+    let before = fly(&[], &flights.case)?;
     let (start, from) = (value(&before), configured(&parameters, &config));
     say_notes((!start.is_finite()).then(|| not_landed(name, &before)));
     let mut path = SearchPath::default();
     let best = search(&parameters, &from, budget, |points| {
         let evaluate = |point: &Vec<f64>| {
-            let flown = progress.check().and_then(|()| fly(&settings(&values(&parameters, point))));
+            let gains = settings(&values(&parameters, point));
+            let flown = progress.check().and_then(|()| fly(&gains, &weighted));
             bar.inc();
             flown.map_or(f64::INFINITY, |flown| value(&flown))
         };
@@ -222,7 +232,7 @@ pub fn law(
     let (values, objective, after) = match best.value < start {
         true => {
             let values = values(&parameters, &best.point);
-            let after = fly(&settings(&values))?;
+            let after = fly(&settings(&values), &flights.case)?;
             (values, best.value, after)
         }
         false if start.is_finite() => (from, start, before.clone()),
@@ -263,7 +273,7 @@ pub fn before_and_after(law: &StudyLaw, progress: &Progress) -> Result<[f64; 2],
     let flights = TrainingFlights::default();
     let reference = flights.reference(progress)?;
     let of = |law: &StudyLaw| {
-        let figures = flights.figures(&flights.fly(law, progress)?, &reference);
+        let figures = flights.figures(&flights.fly(law, &flights.case, progress)?, &reference);
         Ok(objective(&figures, &reference, &flights.weights))
     };
     let shipped: Result<f64, Failure> = of(&flights.law(law.controller, &[]));
