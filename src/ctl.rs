@@ -2,7 +2,7 @@
 
 use clap::Args;
 use oqtal_bus::bus::Bus;
-use oqtal_bus::code::{Answer, Cause};
+use oqtal_bus::code::{Answer, Cause, Mode};
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_config::{Config, InstanceOptions};
@@ -71,7 +71,8 @@ impl CtlArgs {
                 self.ask(&running_bus(&address.paths)?, request, expected)?
             }
         };
-        let lines = [status.lines(), self.injected_faults(&address)].concat();
+        let lines =
+            [status.lines(), self.injected_faults(&address), self.later(&response)].concat();
         let report = ControlReport::new(self.command.command(), &response, status);
         *document = Some(report.to_json());
         let refused = report.check(&response, expected);
@@ -93,6 +94,17 @@ impl CtlArgs {
         let is_asked = matches!(self.command, CtlRequest::Status);
         let config = is_asked.then(|| daemon_config(&address.paths)).flatten();
         config.and_then(|config| injected(&config)).into_iter().collect()
+    }
+
+    /// Line of `set` in flight with keys of the trajectory, which the present one does not use; empty otherwise.
+    fn later(&self, response: &ControlResponseV1) -> Vec<String> {
+        let is_of_path = |setting: &String| setting.starts_with("trajectory.");
+        let is_later = matches!(self.command, CtlRequest::Set)
+            && response.mode == Mode::Flying.code()
+            && self.arguments.iter().any(is_of_path);
+        let line =
+            "keys of [trajectory] count from the next `oqtal ctl fly`, or the next flight, on";
+        is_later.then(|| line.to_owned()).into_iter().collect()
     }
 
     /// Stops the addressed vehicle, and prints which processes obey.

@@ -292,7 +292,8 @@ fn f15_a_daemon_that_hangs_for_longer_than_poses_may_be_missing_does_not_fly_on(
         let flight = fly(&mission(&["trajectory.kind=hover".to_owned(), fault])).unwrap();
         let reason = flight.shortfall().unwrap();
         assert!(
-            reason.ends_with(" s after arming (no tick of the daemon in between): loop late"),
+            reason
+                .ends_with(" s without a tick, in which a vehicle stops them by itself: loop late"),
             "{reason}"
         );
         let began = flight.origin();

@@ -52,20 +52,26 @@ use washout::WashOut;
 
 /// Longest interval between two poses over which rotations are compared \[s\]; after a longer one the tests begin again.
 const LONGEST_S: f64 = 0.3;
+/// Longest such interval over which a standstill continues \[s\].
+const LONGEST_STEP_S: f64 = 0.07;
 /// Least deviation of rotations that agree \[rad\]: gyroscope and model are not exact.
 const LEAST_DEVIATION_RAD: f64 = 0.002;
 /// Least deviation of such rotations over the measured noise \[-\].
 const NOISE_SHARE: f64 = 1.2;
 /// Time constant of the deviation between rotations that agree \[s\].
 const DEVIATION_S: f64 = 2.0;
+/// Configured limit at which the evidence of a standstill has its own limit \[-\].
+const DEFAULT_LIMIT: f64 = 12.0;
 /// Limit of the response to commands over that to a gyroscope \[-\].
 const COMMANDS_LIMIT: f64 = 2.5;
 /// Time without a rotation that shows whether poses follow the gyroscope, after which the heading oscillates \[s\].
 const UNCONFIRMED_S: f64 = 0.22;
+/// Time for which a rotation that was not seen counts \[s\].
+const UNSEEN_S: f64 = 1.0;
 /// Time in the air after which rotations by commands are compared, and the deviation from those of a gyroscope is known \[s\].
 const SETTLED_S: f64 = 2.5;
 /// Factor of the limit before that time \[-\]: the noise of the poses is not measured yet, and may exceed the configured one.
-const EARLY_LIMIT: f64 = 1.5;
+const EARLY_LIMIT: f64 = 2.0;
 /// Deviation between rotations that agree, over the told noise, until it is measured \[-\].
 const TOLD_SHARE: f64 = 1.5;
 /// Evidence, as a share of its limit, above which no noise is learned \[-\].
@@ -102,6 +108,8 @@ pub struct PoseConsistency {
     driven: WashOut,
     /// Mean square of the difference of both \[rad^2\].
     deviation: DelayedMean,
+    /// Rotation of the vehicle in the last second that was not seen \[rad, body axes\].
+    unseen: Vector3<f64>,
     response: ResponseTest,
     drift: DriftTest,
     direction: DirectionTest,
@@ -109,6 +117,7 @@ pub struct PoseConsistency {
     heading: HeadingProbe,
     evidence: PoseEvidence,
     contradicts: bool,
+    stays_on_floor: bool,
 }
 
 impl PoseConsistency {
@@ -127,6 +136,7 @@ impl PoseConsistency {
             seen: WashOut::default(),
             driven: WashOut::default(),
             deviation: DelayedMean::new(deviation * deviation, DEVIATION_S),
+            unseen: Vector3::zeros(),
             response: ResponseTest::default(),
             drift: DriftTest::default(),
             direction: DirectionTest::default(),
@@ -134,13 +144,14 @@ impl PoseConsistency {
             heading: HeadingProbe::new(config.safety.probe_yaw_deg.to_radians()),
             evidence: PoseEvidence::default(),
             contradicts: false,
+            stays_on_floor: false,
         }
     }
 
     /// Restarts at the beginning or end of a flight.
     pub fn restart(&mut self) {
         self.clear();
-        self.contradicts = false;
+        (self.contradicts, self.stays_on_floor) = (false, false);
     }
 
     /// Takes a rate that the vehicle's gyroscope measured at `t_s` \[s\] \[rad/s, body\].
@@ -156,6 +167,11 @@ impl PoseConsistency {
     /// Whether the poses of this flight do not follow the rotation of the vehicle.
     pub fn contradicts(&self) -> bool {
         self.contradicts
+    }
+
+    /// Whether the vehicle is near the floor, although the thrust must have lifted it.
+    pub fn stays_on_floor(&self) -> bool {
+        self.stays_on_floor
     }
 
     /// Whether a test finds that the poses do not agree with the vehicle. Drift and direction find it in one of a hundred flights with
@@ -214,7 +230,7 @@ impl PoseConsistency {
             let driven = self.commanded.turn(tracker, &last.attitude, (last_s, t_s));
             self.test_rotation(&seen, &driven, noise);
         }
-        self.test_motion(tracker, pose, noise, (dt_s, is_airborne));
+        self.test_motion(tracker, pose, noise, (dt_s, is_airborne, obeys));
         let PoseEvidence { response, standstill, .. } = self.evidence;
         self.contradicts |= response.max(standstill) >= 1.0;
     }
@@ -239,6 +255,9 @@ impl PoseConsistency {
     ) {
         let dt_s = t_s - from_s;
         self.airborne_s += dt_s;
+        if self.by_gyroscope {
+            self.unseen += driven - seen - self.unseen * (dt_s / UNSEEN_S).min(1.0);
+        }
         let (limit, response_limit) = match self.by_gyroscope {
             true => (DriftLimit::GYROSCOPE, ResponseLimit::GYROSCOPE),
             false => (DriftLimit::COMMANDS, ResponseLimit::COMMANDS),
@@ -274,22 +293,34 @@ impl PoseConsistency {
         tracker: &MotionTracker,
         pose: &MeasuredPose,
         noise: &PoseDeviations,
-        (dt_s, is_airborne): (f64, bool),
+        (dt_s, is_airborne, obeys): (f64, bool, bool),
     ) {
         let Some(track) = tracker.track() else { return };
-        let thrust = track.motion.attitude.to_world(&Vector3::z()) * track.motion.thrust_n;
-        let acceleration = thrust / tracker.model().mass_kg;
+        let attitude = &track.motion.attitude;
+        let per_thrust = track.motion.thrust_n / tracker.model().mass_kg;
+        let acceleration = attitude.to_world(&Vector3::z()) * per_thrust;
         let (position, deviation_m) = (&pose.position, noise.position_m);
-        if !is_airborne {
+        self.stays_on_floor = false;
+        if !obeys {
+            // It may stand on something.
+            self.standstill = StandstillTest::default();
+        } else if dt_s > LONGEST_STEP_S {
+            self.standstill.interrupt();
+        } else if !is_airborne {
             let lift_m_s2 = acceleration.z - tracker.model().gravity_m_s2;
-            self.evidence.standstill =
-                self.standstill.take_near_floor(position, lift_m_s2, deviation_m, dt_s);
+            let rise = self.standstill.take_near_floor(position, lift_m_s2, deviation_m, dt_s);
+            self.stays_on_floor = rise >= 1.0;
+        } else {
+            let turned = attitude.turned_by(self.unseen);
+            let acceleration = turned.to_world(&Vector3::z()) * per_thrust;
+            let moved = self.standstill.take(position, &acceleration, deviation_m, dt_s);
+            self.evidence.standstill = moved * DEFAULT_LIMIT / self.limit;
+        }
+        if !is_airborne {
             return;
         }
         let sum = self.direction.take(position, &acceleration.xy(), deviation_m, dt_s);
         self.evidence.direction = sum / self.limit;
-        self.evidence.standstill =
-            self.standstill.take(position, &acceleration, deviation_m, dt_s);
     }
 
     /// Discards the evidence.
@@ -303,7 +334,7 @@ impl PoseConsistency {
 
     /// Discards the rotations: they have a gap, are of another source, or the vehicle cannot follow its commands.
     fn begin_again(&mut self) {
-        self.airborne_s = 0.0;
+        (self.airborne_s, self.unseen) = (0.0, Vector3::zeros());
         self.commanded = CommandedRotation::default();
         self.pending = PendingRotations::default();
         (self.seen, self.driven) = (WashOut::default(), WashOut::default());

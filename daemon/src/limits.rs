@@ -7,7 +7,7 @@ use oqtal_control::predictive::Track;
 use oqtal_control::trajectory::Reference;
 
 use crate::fence::{Fence, braking_m_s2, stopping_point};
-use crate::floor::{LIFTING, OFF_FLOOR_M};
+use crate::floor::OFF_FLOOR_M;
 
 /// Standard deviations of the predicted position by which the border of the fence is kept \[-\].
 const FENCE_SIGMA: f64 = 3.0;
@@ -112,7 +112,6 @@ pub struct FlightLimits {
     battery_empty: f64,
     link_poor: f64,
     link_bad: f64,
-    weight: f64,
     greatest_lift: f64,
 }
 
@@ -132,7 +131,6 @@ impl FlightLimits {
             battery_empty: safety.battery_empty_v,
             link_poor: safety.link_poor,
             link_bad: safety.link_bad,
-            weight: vehicle.mass_kg * vehicle.gravity_m_s2,
             greatest_lift: (vehicle.mass_kg * lift).min(vehicle.max_thrust_n),
         }
     }
@@ -160,7 +158,6 @@ impl FlightLimits {
         let sinks = off.z < -SINKS_M && motion.velocity.z < -SINKS_M_S;
         conditions.sinks = sinks && thrust_n * upright >= FULL_THRUST * self.greatest_lift;
         let is_on_floor = flight.motion.is_at_floor(floor_m);
-        conditions.stays_on_floor = is_on_floor && thrust_n >= LIFTING * self.weight;
         let is_above = reference.position.z > floor_m + OFF_FLOOR_M;
         conditions.lies_on_floor = is_on_floor && is_above && thrust_n > 0.0;
     }

@@ -88,7 +88,7 @@ pub const LIMITS: [SafetyRow; 40] = {
         Row { id: "F37", cause: Some(Cause::Fence), when: |c| c.limits.leaves_fence, after_ms: 0, action: Stop, ends: Armed },
         Row { id: "F38", cause: Some(Cause::Tilt), when: |c| c.limits.tipped, after_ms: 100, action: Stop, ends: Armed },
         Row { id: "F39", cause: Some(Cause::Crash), when: |c| c.limits.lies_on_floor, after_ms: 2000, action: Stop, ends: Armed },
-        Row { id: "F40", cause: Some(Cause::NoLift), when: |c| c.limits.stays_on_floor, after_ms: 1200, action: Stop, ends: Armed },
+        Row { id: "F40", cause: Some(Cause::NoLift), when: |c| c.limits.stays_on_floor, after_ms: 0, action: Stop, ends: Armed },
         Row { id: "F41", cause: Some(Cause::Landing), when: |c| c.limits.landing_overdue, after_ms: 0, action: Stop, ends: Armed },
         Row { id: "F48", cause: None, when: |c| c.blind_too_long && c.is_down, after_ms: 200, action: Stop, ends: Armed },
         // Level and descend, then land with the poses that came back.

@@ -75,9 +75,7 @@ fn gains_of_an_unknown_vehicle_found_in_flight_are_as_good_as_those_of_a_known_o
         assert!(flight.shortfall().is_none(), "{seed}: {:?}", flight.shortfall());
         // Settings of the daemon.
         let present = [vehicle[0].clone(), vehicle[3].clone()];
-        let live = live::tune(&flight, &present, (&budget, weights, ""), &progress)
-            .unwrap()
-            .tuned;
+        let live = live::tune(&flight, &present, (&budget, weights, ""), &progress).unwrap().tuned;
         let known = TrainingFlights {
             live_keys_only: true,
             weights,

@@ -60,7 +60,12 @@ impl Comparison {
             align(&mut table);
             text += &format!("{table}\n");
         }
+        text += self.note_on_errors().unwrap_or_default();
         text.trim_end().to_owned()
+    }
+
+    fn note_on_errors(&self) -> Option<&'static str> {
+        self.summaries.iter().find_map(Summary::note_on_errors)
     }
 
     /// The page: tables and overlaid plots.
@@ -73,6 +78,7 @@ impl Comparison {
             main {
                 (self.plots())
                 @for (title, header, rows) in self.tables() { (as_html(title, &header, &rows)) }
+                @if let Some(note) = self.note_on_errors() { p.note { (note) } }
             }
         };
         page("oqtal comparison", "", &body)

@@ -125,6 +125,7 @@ fn heading(flight: &Flight, summary: &Summary) -> Markup {
             @if let Some(shortfall) = &summary.shortfall { p.note { (shortfall) } }
             @if let Some(changed) = summary.changed() { p.note { (changed) } }
             p.note { (circumstances(flight, summary)) }
+            @if let Some(note) = summary.note_on_errors() { p.note { (note) } }
         }
     }
 }

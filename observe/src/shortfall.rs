@@ -134,9 +134,11 @@ impl Flight {
         let gap = pairs.into_iter().find(|(from, to)| time(*to).since(time(*from)) > LONGEST_TICK);
         match gap.filter(|_| self.crash != Some(Crash::DaemonDied)) {
             Some((from, to)) => {
-                let from_s = time(from).since(self.origin()).seconds();
+                let pause_s = time(to).since(time(from)).seconds();
                 let until = self.after_arming(time(to));
-                format!(" between {from_s:.2} s and{until} (no tick of the daemon in between)")
+                format!(
+                    "{until}, after {pause_s:.2} s without a tick, in which a vehicle stops them by itself"
+                )
             }
             // The tick after the last armed one stopped the motors.
             None if self.outcome == Outcome::Stopped => self.after_arming(time(next)),

@@ -194,6 +194,14 @@ impl Summary {
         (self.held_s > 0.0).then(held)
     }
 
+    /// Note on the errors of velocity and attitude of an external law; `None` for other laws.
+    pub fn note_on_errors(&self) -> Option<&'static str> {
+        let is_external = self.position_error_m.is_some() && self.controller.contains("external");
+        is_external.then_some(
+            "velocity and attitude errors of an external law are relative to the commands of its fallback law",
+        )
+    }
+
     /// Number of changes, with the last one; `None` without a change.
     pub fn changed(&self) -> Option<String> {
         let (last, count) = (self.changes.last()?, self.changes.len());

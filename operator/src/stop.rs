@@ -5,6 +5,7 @@
 //!    have been removed, and through the directory of the instance. Obedience is read from the same words.
 //! 3. A request to the daemon over the control service, on a separate thread.
 
+use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::Duration;
 
@@ -54,6 +55,9 @@ pub struct ObeyedStop {
     /// Command that starts a daemon before it, if none runs.
     #[serde(skip_serializing_if = "Option::is_none")]
     start_again: Option<String>,
+    /// Root of the processes, if it is not the addressed one.
+    #[serde(skip)]
+    elsewhere: Option<PathBuf>,
     /// Whether a daemon runs that cannot be asked: after the loss of their files, the processes end.
     #[serde(skip)]
     is_cut_off: bool,
@@ -145,6 +149,7 @@ pub fn raise(address: &AddressedInstance) -> Result<ObeyedStop, Failure> {
         paths,
         arm_again,
         start_again,
+        elsewhere: Some(reached.paths.root.clone()).filter(|root| *root != address.paths.root),
         is_cut_off: reached.has_daemon() && answer.is_err(),
         unconfirmed: Unconfirmed::of(&reached, &raised),
         ..stop
@@ -333,6 +338,7 @@ impl ObeyedStop {
             paths: Vec::new(),
             arm_again: String::new(),
             start_again: None,
+            elsewhere: None,
             is_cut_off: false,
             unconfirmed: None,
         }
@@ -376,7 +382,9 @@ impl std::fmt::Display for ObeyedStop {
         };
         let daemon = if self.daemon_obeys { "the daemon obeys" } else { "no daemon has obeyed" };
         let what = if self.motors_off { "stopped" } else { "stop" };
-        write!(f, "{what}: {vehicle}; {daemon}")?;
+        let root = self.elsewhere.as_ref();
+        let place = root.map_or_else(String::new, |root| format!(" under {}", root.display()));
+        write!(f, "{what}{place}: {vehicle}; {daemon}")?;
         if !self.motors_off {
             self.paths.iter().try_for_each(|path| write!(f, "\n  {path}"))?;
         }

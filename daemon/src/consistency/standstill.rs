@@ -6,22 +6,26 @@
 
 use nalgebra::Vector3;
 
-/// Distance from the first of the poses at which the vehicle does not stand still any more \[m\], and over the noise of the poses \[-\].
-const LEAST_RADIUS_M: f64 = 0.003;
+/// Distance from the mean of the poses at which the vehicle does not stand still any more \[m\], and over the noise of the poses \[-\].
+const LEAST_RADIUS_M: f64 = 0.009;
 const NOISE_RADIUS: f64 = 4.0;
 /// Motion by the thrust in which poses that stand still are frozen \[m\], and over that distance \[-\].
-const LIMIT_M: f64 = 0.15;
-const RADIUS_LIMIT: f64 = 6.0;
+const LIMIT_M: f64 = 0.145;
+const RADIUS_LIMIT: f64 = 8.0;
 /// Rise by the thrust near the floor in which poses that stand still are frozen \[m\]: a vehicle that is heavier than configured stands
 /// until its law has raised the thrust.
 const RISE_LIMIT_M: f64 = 1.0;
 /// Time for which poses must stand still \[s\].
-const LEAST_STILL_S: f64 = 0.25;
+const LEAST_STILL_S: f64 = 0.3;
 /// Time constant of the acceleration that balances disturbances and the error of the model \[s\].
 const TRIM_S: f64 = 1.0;
+/// Time constant of the velocity by the positions \[s\].
+const VELOCITY_S: f64 = 0.08;
+/// Greatest difference from it that counts \[m/s\].
+const GREATEST_STEP_M_S: f64 = 0.3;
 /// Corner of the motion by the thrust, so that an error of the model adds up to a distance that is bounded \[rad/s\], and its damping
 /// \[-\].
-const CORNER_RAD_S: f64 = 3.0;
+const CORNER_RAD_S: f64 = 2.5;
 const DAMPING: f64 = 0.7;
 
 /// The poses that stand still, and the motion by the thrust meanwhile.
@@ -29,12 +33,21 @@ const DAMPING: f64 = 0.7;
 pub(super) struct StandstillTest {
     /// Acceleration by the thrust in the mean \[m/s^2, world\].
     trim: Option<Vector3<f64>>,
+    /// The last position \[m, world\], and the velocity \[m/s, world\] by positions and thrust.
+    last: Option<Vector3<f64>>,
+    velocity: Vector3<f64>,
+    /// Time until the velocity is known again after a gap \[s\].
+    unknown_s: f64,
     still: Option<Still>,
 }
 
 #[derive(Clone, Copy, Debug)]
 struct Still {
+    /// The first pose \[m, world\].
+    begin: Vector3<f64>,
+    /// Mean of the poses \[m, world\].
     position: Vector3<f64>,
+    poses: f64,
     time_s: f64,
     velocity: Vector3<f64>,
     moved: Vector3<f64>,
@@ -55,13 +68,40 @@ impl StandstillTest {
         let extra = acceleration - *trim;
         *trim += extra * (dt_s / TRIM_S).min(1.0);
         let radius_m = radius_m(deviation_m);
-        let Some(still) = Still::with(&mut self.still, position, radius_m) else { return 0.0 };
+        let velocity = self.velocity(position, &extra, dt_s);
+        let Some(still) = Still::with(&mut self.still, position, &velocity, radius_m) else {
+            return 0.0;
+        };
         let stiffness = CORNER_RAD_S * CORNER_RAD_S;
         let damping = 2.0 * DAMPING * CORNER_RAD_S;
         let extra = extra - still.velocity * damping - still.moved * stiffness;
         still.advance(&extra, dt_s);
         let limit_m = LIMIT_M.max(RADIUS_LIMIT * radius_m);
-        if still.time_s < LEAST_STILL_S { 0.0 } else { still.moved.norm() / limit_m }
+        if still.time_s < LEAST_STILL_S { 0.0 } else { still.unseen(position).norm() / limit_m }
+    }
+
+    /// Begins again after a gap, in which the vehicle may have moved away and back.
+    pub(super) fn interrupt(&mut self) {
+        (self.still, self.last, self.unknown_s) = (None, None, 2.0 * VELOCITY_S);
+    }
+
+    /// The velocity before `position` was seen \[m/s, world\].
+    fn velocity(
+        &mut self,
+        position: &Vector3<f64>,
+        acceleration: &Vector3<f64>,
+        dt_s: f64,
+    ) -> Vector3<f64> {
+        let before = self.velocity;
+        let last = self.last.replace(*position).unwrap_or(*position);
+        // An outlier of the poses is bounded.
+        let step = ((position - last) / dt_s - before).cap_magnitude(GREATEST_STEP_M_S);
+        self.velocity += acceleration * dt_s + step * (dt_s / VELOCITY_S).min(1.0);
+        self.unknown_s -= dt_s;
+        if self.unknown_s > 0.0 {
+            self.still = None;
+        }
+        before
     }
 
     /// As [`Self::take`], near the floor, where `lift_m_s2` is the acceleration by the thrust beyond gravity \[m/s^2\].
@@ -74,8 +114,12 @@ impl StandstillTest {
     ) -> f64 {
         self.trim = None;
         let radius_m = radius_m(deviation_m);
-        let Some(still) = Still::with(&mut self.still, position, radius_m) else { return 0.0 };
-        still.advance(&(Vector3::z() * lift_m_s2), dt_s);
+        let lift = Vector3::z() * lift_m_s2;
+        let velocity = self.velocity(position, &lift, dt_s);
+        let Some(still) = Still::with(&mut self.still, position, &velocity, radius_m) else {
+            return 0.0;
+        };
+        still.advance(&lift, dt_s);
         if still.velocity.z < 0.0 {
             self.still = None;
             return 0.0;
@@ -89,18 +133,27 @@ fn radius_m(deviation_m: f64) -> f64 {
 }
 
 impl Still {
-    /// The standstill, begun at `position` if there is none; `None` if it ends there, farther than `radius_m` from its beginning.
+    /// The standstill, begun at `position` with the velocity before it if there is none; `None` if it ends there, farther than `radius_m` from its beginning.
     fn with<'a>(
         still: &'a mut Option<Self>,
         position: &Vector3<f64>,
+        velocity: &Vector3<f64>,
         radius_m: f64,
     ) -> Option<&'a mut Self> {
-        let found = still.get_or_insert(Self::at(position));
-        if (position - found.position).norm() <= radius_m {
+        let found = still.get_or_insert(Self::at(position, velocity));
+        let apart = position - found.position;
+        if apart.norm() <= radius_m {
+            found.poses += 1.0;
+            found.position += apart / found.poses;
             return Some(found);
         }
-        *found = Self::at(position);
+        *found = Self::at(position, velocity);
         None
+    }
+
+    /// Motion that is not seen at `position` \[m, world\].
+    fn unseen(&self, position: &Vector3<f64>) -> Vector3<f64> {
+        self.moved - (position - self.begin)
     }
 
     fn advance(&mut self, acceleration: &Vector3<f64>, dt_s: f64) {
@@ -109,8 +162,8 @@ impl Still {
         self.time_s += dt_s;
     }
 
-    fn at(position: &Vector3<f64>) -> Self {
-        let (velocity, moved) = (Vector3::zeros(), Vector3::zeros());
-        Self { position: *position, time_s: 0.0, velocity, moved }
+    fn at(position: &Vector3<f64>, velocity: &Vector3<f64>) -> Self {
+        let (begin, position, moved) = (*position, *position, Vector3::zeros());
+        Self { begin, position, poses: 1.0, time_s: 0.0, velocity: *velocity, moved }
     }
 }

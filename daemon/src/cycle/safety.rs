@@ -185,6 +185,7 @@ impl SafetyMonitor {
         conditions.law_fails = requests.law_fails;
         conditions.files_lost = requests.files_lost;
         conditions.poses_contradict = intake.consistency().contradicts();
+        conditions.stays_on_floor = intake.consistency().stays_on_floor();
         conditions.poses_disagree = intake.consistency().disagrees();
         conditions.setpoint_refused = course.setpoint().is_refused;
         [conditions.references_ended, conditions.references_overdue] =

@@ -229,7 +229,7 @@ fn every_limit_acts_within_its_bound_and_reports_its_cause() {
         (with(|l| l.leaves_fence = true), Stop, 0, Cause::Fence),
         (with(|l| l.tipped = true), Stop, 100, Cause::Tilt),
         (with(|l| l.lies_on_floor = true), Stop, 2000, Cause::Crash),
-        (with(|l| l.stays_on_floor = true), Stop, 1200, Cause::NoLift),
+        (with(|l| l.stays_on_floor = true), Stop, 0, Cause::NoLift),
         (with(|l| l.landing_overdue = true), Stop, 0, Cause::Landing),
         (with(|l| l.sinks = true), Land, 700, Cause::NoLift),
         (with(|l| l.too_fast = true), Land, 200, Cause::Speed),

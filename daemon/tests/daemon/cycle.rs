@@ -133,7 +133,7 @@ fn f01_missing_poses_coast_after_three_periods_on_the_prediction_and_then_on_the
 fn f11_poses_that_come_irregularly_but_come_change_no_state() {
     let mut bench = Bench::flying(&[]);
     for (k, millis) in
-        [10, 20, 40, 30, 10, 10, 40, 40, 20, 3].into_iter().cycle().take(80).enumerate()
+        [10, 20, 40, 30, 10, 10, 40, 40, 20, 3].into_iter().cycle().take(50).enumerate()
     {
         let arrival = bench.now + Span::from_millis(millis);
         while bench.cycle.next_event() < arrival {
