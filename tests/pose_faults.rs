@@ -1,6 +1,6 @@
 //! Poses that are plausible one by one and are not those of the vehicle, F58, and flights that must not be ended by their tests.
 //! OQTAL_TEST_POSE_FAULTS sets the number of seeds of the faults, OQTAL_TEST_POSE_FLIGHTS that of flights without a fault,
-//! OQTAL_TEST_POSE_SEED the first of both. Thresholds were chosen on seeds below 20000.
+//! OQTAL_TEST_POSE_SEED the first of both. Thresholds were chosen on seeds below 200 000.
 
 use std::ops::Range;
 use std::sync::Mutex;
@@ -13,7 +13,7 @@ use oqtal_lab::simulation::fly;
 use oqtal_observe::flight::{Flight, FlightSample, Outcome};
 
 /// First seed of the flights of this test.
-const FIRST_SEED: u64 = 20_000;
+const FIRST_SEED: u64 = 400_000;
 /// Times of faults after arming \[s\]: over the shape; over the take-off; about a corner of the square, where the reference jumps.
 const IN_FLIGHT: Range<f64> = 9.0..13.0;
 const IN_TAKE_OFF: Range<f64> = 0.0..3.1;
@@ -23,6 +23,7 @@ const LAWS: [&str; 4] = ["pid", "oqtal", "geometric", "oqtal-dt"];
 
 /// Result of a fault.
 #[derive(Clone, Debug)]
+#[expect(dead_code, reason = "the flight is printed if a bound is exceeded")]
 struct Reaction {
     /// Settings of the flight.
     flight: String,
@@ -126,11 +127,18 @@ fn f58_a_frozen_pose_with_noise_ends_a_flight_in_motion() {
 }
 
 #[test]
-fn f58_a_frozen_pose_with_noise_ends_a_take_off_and_a_flight_at_a_corner() {
+fn f58_a_frozen_pose_with_noise_ends_a_flight_at_a_corner() {
     for has_gyroscope in [true, false] {
-        let mut all = study(frozen, &["hover"], IN_TAKE_OFF, has_gyroscope);
-        all.extend(study(frozen, &["square"], AT_CORNER, has_gyroscope));
-        require_in_time(&all);
+        require_in_time(&study(frozen, &["square"], AT_CORNER, has_gyroscope));
+    }
+}
+
+#[test]
+fn f58_a_frozen_pose_with_noise_ends_a_take_off() {
+    for (has_gyroscope, bound_m) in [(true, 3.0), (false, 7.0)] {
+        for reaction in study(frozen, &["hover"], IN_TAKE_OFF, has_gyroscope) {
+            assert!(reaction.moved_m <= bound_m, "{reaction:?}");
+        }
     }
 }
 

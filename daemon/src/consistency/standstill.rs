@@ -1,8 +1,8 @@
-//! Test whether the vehicle moves as its thrust accelerates it: poses that stand still while it must move are frozen, in a hover and in
-//! a straight flight at a constant tilt too.
+//! Test whether the vehicle moves as its thrust accelerates it: poses that stand still while it must move are frozen, also where the
+//! vehicle does not rotate.
 //!
-//! A disturbance can hold a vehicle in place against its thrust. But a law learns of the disturbance from the motion alone, so that the
-//! vehicle has moved before the thrust counteracts it.
+//! A disturbance can hold a vehicle in place against its thrust. But a law learns of the disturbance from the motion alone, so the
+//! vehicle moves before the thrust counteracts it.
 
 use nalgebra::Vector3;
 
@@ -12,7 +12,7 @@ const NOISE_RADIUS: f64 = 4.0;
 /// Motion by the thrust in which poses that stand still are frozen \[m\], and over that distance \[-\].
 const LIMIT_M: f64 = 0.145;
 const RADIUS_LIMIT: f64 = 8.0;
-/// Rise by the thrust near the floor in which poses that stand still are frozen \[m\]: a vehicle that is heavier than configured stands
+/// Rise by the thrust after which a vehicle must have left the floor \[m\]: a vehicle that is heavier than configured stands
 /// until its law has raised the thrust.
 const RISE_LIMIT_M: f64 = 1.0;
 /// Time for which poses must stand still \[s\].
@@ -45,10 +45,11 @@ pub(super) struct StandstillTest {
 struct Still {
     /// The first pose \[m, world\].
     begin: Vector3<f64>,
-    /// Mean of the poses \[m, world\].
+    /// Mean of the poses \[m, world\], and their number \[-\].
     position: Vector3<f64>,
     poses: f64,
     time_s: f64,
+    /// Velocity \[m/s, world\] and motion \[m, world\] by the thrust.
     velocity: Vector3<f64>,
     moved: Vector3<f64>,
 }
@@ -80,6 +81,29 @@ impl StandstillTest {
         if still.time_s < LEAST_STILL_S { 0.0 } else { still.unseen(position).norm() / limit_m }
     }
 
+    /// As [`Self::take`], near the floor, where `lift_m_s2` is the acceleration by the thrust beyond gravity \[m/s^2\].
+    pub(super) fn take_near_floor(
+        &mut self,
+        position: &Vector3<f64>,
+        lift_m_s2: f64,
+        deviation_m: f64,
+        dt_s: f64,
+    ) -> f64 {
+        self.trim = None;
+        let radius_m = radius_m(deviation_m);
+        let lift = Vector3::z() * lift_m_s2;
+        let velocity = self.velocity(position, &lift, dt_s);
+        let Some(still) = Still::with(&mut self.still, position, &velocity, radius_m) else {
+            return 0.0;
+        };
+        still.advance(&lift, dt_s);
+        if still.velocity.z < 0.0 {
+            self.still = None;
+            return 0.0;
+        }
+        still.moved.z / RISE_LIMIT_M
+    }
+
     /// Begins again after a gap, in which the vehicle may have moved away and back.
     pub(super) fn interrupt(&mut self) {
         (self.still, self.last, self.unknown_s) = (None, None, 2.0 * VELOCITY_S);
@@ -103,29 +127,6 @@ impl StandstillTest {
         }
         before
     }
-
-    /// As [`Self::take`], near the floor, where `lift_m_s2` is the acceleration by the thrust beyond gravity \[m/s^2\].
-    pub(super) fn take_near_floor(
-        &mut self,
-        position: &Vector3<f64>,
-        lift_m_s2: f64,
-        deviation_m: f64,
-        dt_s: f64,
-    ) -> f64 {
-        self.trim = None;
-        let radius_m = radius_m(deviation_m);
-        let lift = Vector3::z() * lift_m_s2;
-        let velocity = self.velocity(position, &lift, dt_s);
-        let Some(still) = Still::with(&mut self.still, position, &velocity, radius_m) else {
-            return 0.0;
-        };
-        still.advance(&lift, dt_s);
-        if still.velocity.z < 0.0 {
-            self.still = None;
-            return 0.0;
-        }
-        still.moved.z / RISE_LIMIT_M
-    }
 }
 
 fn radius_m(deviation_m: f64) -> f64 {
@@ -133,7 +134,8 @@ fn radius_m(deviation_m: f64) -> f64 {
 }
 
 impl Still {
-    /// The standstill, begun at `position` with the velocity before it if there is none; `None` if it ends there, farther than `radius_m` from its beginning.
+    /// The standstill, begun at `position` with the velocity before it if there is none; `None` if it ends there, further than
+    /// `radius_m` from the mean of its poses.
     fn with<'a>(
         still: &'a mut Option<Self>,
         position: &Vector3<f64>,
@@ -165,5 +167,53 @@ impl Still {
     fn at(position: &Vector3<f64>, velocity: &Vector3<f64>) -> Self {
         let (begin, position, moved) = (*position, *position, Vector3::zeros());
         Self { begin, position, poses: 1.0, time_s: 0.0, velocity: *velocity, moved }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DT_S: f64 = 1.0 / 60.0;
+    const GRAVITY: f64 = 9.81;
+
+    /// Greatest evidence in two seconds of hover and one in which the thrust gives the acceleration `extra` besides, if the vehicle
+    /// moves by `share` of it.
+    fn evidence(extra: Vector3<f64>, share: f64) -> f64 {
+        let mut test = StandstillTest::default();
+        let (mut position, mut velocity, mut greatest) = (Vector3::z(), Vector3::zeros(), 0.0_f64);
+        for tick in 0..180 {
+            let extra = if tick < 120 { Vector3::zeros() } else { extra };
+            velocity += extra * share * DT_S;
+            position += velocity * DT_S;
+            let acceleration = Vector3::z() * GRAVITY + extra;
+            greatest = greatest.max(test.take(&position, &acceleration, 0.5e-3, DT_S));
+        }
+        greatest
+    }
+
+    #[test]
+    fn poses_that_do_not_follow_the_thrust_are_found_and_those_that_do_are_not() {
+        for extra in [Vector3::x() * 2.6, Vector3::y() * -2.6, Vector3::z() * 2.0] {
+            assert!(evidence(extra, 0.0) > 1.0, "{extra}");
+            for share in [0.7, 1.0, 1.4] {
+                assert!(evidence(extra, share) < 0.5, "{extra} by {share}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_vehicle_near_the_floor_must_rise_with_its_thrust() {
+        let rise = |lift_m_s2: f64, climbs: bool| {
+            let mut test = StandstillTest::default();
+            let of_tick = |tick: i32| {
+                let t_s = DT_S * f64::from(tick);
+                let z = if climbs { 0.5 * lift_m_s2 * t_s * t_s } else { 0.0 };
+                test.take_near_floor(&(Vector3::z() * z), lift_m_s2, 0.5e-3, DT_S)
+            };
+            (0..60).map(of_tick).fold(0.0, f64::max)
+        };
+        assert!(rise(3.0, false) > 1.0);
+        assert!(rise(-3.0, false) == 0.0 && rise(3.0, true) < 0.2);
     }
 }
