@@ -233,6 +233,20 @@ fn only_the_addressed_instance_stops_and_others_are_listed() {
     }
 }
 
+#[test]
+fn a_stop_by_name_is_not_confirmed_by_a_vehicle_under_another_root() {
+    let testbed = Testbed::new("orphan");
+    let elsewhere = testbed.path("elsewhere").display().to_string();
+    let words = ["plant-sim", "run", "--instance", testbed.instance(), "--root", &elsewhere];
+    let plant = Running::start(&mut testbed.study(&words));
+    let _daemon = testbed.start(&["daemon", "run"]);
+    testbed.wait_for_daemon();
+    let is_found = |id: u32| ObeyingProcess::all().iter().any(|process| process.pid == id);
+    wait_for("the vehicle", || is_found(plant.id()).then_some(()));
+    let output = rootless(&testbed, &["stop"]).output().unwrap();
+    assert_refused(&output, 75, &["no vehicle has obeyed", "the daemon obeys"]);
+}
+
 /// Number of clients of the control service in one instance \[-\].
 const CLIENTS: usize = 8;
 

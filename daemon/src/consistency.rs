@@ -84,10 +84,19 @@ pub struct PoseEvidence {
     pub response: f64,
     /// Evidence that the path does not follow the tilt \[-\].
     pub direction: f64,
-    /// Evidence that the path does not follow the thrust: it stands still.
+    /// Evidence that the path does not follow the thrust: it stands still \[-\].
     pub standstill: f64,
     /// Evidence that the attitude drifts away from the gyroscope \[-\].
     pub drift: f64,
+}
+
+/// Motion that is expected of the vehicle.
+#[derive(Clone, Copy, Debug)]
+pub struct Expectation {
+    /// Whether it can follow its commands: it does not land, and its link is good.
+    pub obeys: bool,
+    /// Whether it is on its way to its reference.
+    pub is_away: bool,
 }
 
 /// The tests of the consistency of poses and vehicle.
@@ -192,13 +201,13 @@ impl PoseConsistency {
     }
 
     /// Takes an admitted pose measured at `t_s` \[s\], in flight with the motion of `tracker` corrected by it; `noise` is the measured
-    /// noise, and `obeys` tells whether the vehicle can follow its commands.
+    /// noise.
     pub fn take(
         &mut self,
         tracker: &MotionTracker,
         (t_s, pose): (f64, &MeasuredPose),
         noise: &PoseDeviations,
-        obeys: bool,
+        doing: &Expectation,
     ) {
         let is_airborne =
             tracker.track().is_some() && pose.position.z > tracker.floor_m() + AIRBORNE_M;
@@ -223,14 +232,14 @@ impl PoseConsistency {
         if by_gyroscope {
             self.pending.push(seen);
             self.compare_with_gyroscope(noise, is_airborne);
-        } else if !obeys {
+        } else if !doing.obeys {
             self.clear();
             self.begin_again();
         } else if is_airborne {
             let driven = self.commanded.turn(tracker, &last.attitude, (last_s, t_s));
             self.test_rotation(&seen, &driven, noise);
         }
-        self.test_motion(tracker, pose, noise, (dt_s, is_airborne, obeys));
+        self.test_motion(tracker, (pose, noise), (dt_s, is_airborne), doing);
         let PoseEvidence { response, standstill, .. } = self.evidence;
         self.contradicts |= response.max(standstill) >= 1.0;
     }
@@ -291,9 +300,9 @@ impl PoseConsistency {
     fn test_motion(
         &mut self,
         tracker: &MotionTracker,
-        pose: &MeasuredPose,
-        noise: &PoseDeviations,
-        (dt_s, is_airborne, obeys): (f64, bool, bool),
+        (pose, noise): (&MeasuredPose, &PoseDeviations),
+        (dt_s, is_airborne): (f64, bool),
+        doing: &Expectation,
     ) {
         let Some(track) = tracker.track() else { return };
         let attitude = &track.motion.attitude;
@@ -301,7 +310,7 @@ impl PoseConsistency {
         let acceleration = attitude.to_world(&Vector3::z()) * per_thrust;
         let (position, deviation_m) = (&pose.position, noise.position_m);
         self.stays_on_floor = false;
-        if !obeys {
+        if !doing.obeys {
             // It may stand on something.
             self.standstill = StandstillTest::default();
         } else if dt_s > LONGEST_STEP_S {
@@ -315,6 +324,10 @@ impl PoseConsistency {
             let acceleration = turned.to_world(&Vector3::z()) * per_thrust;
             let moved = self.standstill.take(position, &acceleration, deviation_m, dt_s);
             self.evidence.standstill = moved * DEFAULT_LIMIT / self.limit;
+            if !doing.is_away {
+                self.evidence.standstill = 0.0;
+                self.standstill.end();
+            }
         }
         if !is_airborne {
             return;
@@ -344,53 +357,4 @@ impl PoseConsistency {
 }
 
 #[cfg(test)]
-mod tests {
-    use oqtal_control::euler::EulerAngles;
-    use oqtal_control::quaternion::Attitude;
-
-    use super::*;
-    use crate::command_model::{CommandModel, motion_tracker};
-
-    /// Greatest evidence of the response in eight seconds in which the vehicle turns into a tilt and back each second, at poses of
-    /// 60 Hz and reports of the gyroscope of 10 Hz, the first of them at `phase_s` \[s\].
-    fn evidence(phase_s: f64) -> f64 {
-        let config = Config::default();
-        let mut tracker = motion_tracker(&config, CommandModel::new(&config).unwrap().model);
-        let pose = |pitch| {
-            let angles = EulerAngles { roll: 0.0, pitch, yaw: 0.0 };
-            let attitude = Attitude::from_xyzw(angles.xyzw()).unwrap();
-            MeasuredPose { position: Vector3::z(), attitude }
-        };
-        tracker.begin(0.0, &pose(0.0), 0.0);
-        // 15 deg within 0.13 s, as at a corner of the square, and slight rotations in between.
-        let rate = |t_s: f64| match t_s.fract() {
-            t_s if t_s < 0.13 => 2.0,
-            t_s if (0.33..0.46).contains(&t_s) => -2.0,
-            t_s => 0.2 * (40.0 * t_s).sin(),
-        };
-        let noise = PoseDeviations { position_m: 0.5e-3, attitude_rad: 3.5e-3 };
-        let mut tests = PoseConsistency::new(&config);
-        let (mut pitch, mut greatest) = (0.0, 0.0_f64);
-        for ms in 0..8000 {
-            let t_s = 1e-3 * f64::from(ms);
-            pitch += 1e-3 * rate(t_s);
-            if (t_s - phase_s).rem_euclid(0.1) < 0.5e-3 {
-                tests.receive_rate(t_s, Vector3::y() * rate(t_s));
-            }
-            if ms % 17 == 0 {
-                tests.take(&tracker, (t_s, &pose(pitch)), &noise, true);
-                greatest = greatest.max(tests.evidence().response);
-            }
-        }
-        greatest
-    }
-
-    #[test]
-    fn a_turn_between_two_reports_of_the_gyroscope_raises_little_evidence() {
-        for phase in 0..20 {
-            let phase_s = 5e-3 * f64::from(phase);
-            let evidence = evidence(phase_s);
-            assert!(evidence < 0.7, "{evidence}, reports from {phase_s} s on");
-        }
-    }
-}
+mod tests;

@@ -196,7 +196,9 @@ impl Cycle {
 
         let sent = *self.control.sent();
         let (directive, restarts) = self.supervision.step(now, is_fresh, &mut self.intake, &sent);
-        self.intake.record_landing(self.supervision.mode() == Mode::Landing);
+        let is_landing = self.supervision.mode() == Mode::Landing;
+        let reference = self.supervision.course().setpoint().reference.as_ref();
+        self.intake.record_course(is_landing, reference);
         if restarts {
             self.control.reset();
             self.guarded.iter_mut().for_each(GuardedControl::restart);

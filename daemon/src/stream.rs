@@ -14,6 +14,7 @@ use oqtal_control::tracking_error::AttitudeReference;
 use oqtal_control::trajectory::{Phase, Reference, ReferenceMotion};
 
 use crate::fence::Fence;
+use crate::floor::LEAST_WAY_M;
 
 /// Pause after which a planner's references count as a new stream.
 const PAUSE: Span = Span::from_millis(500);
@@ -30,6 +31,11 @@ struct StreamLimits {
     longest_validity: Span,
     fence: Fence,
 }
+
+/// Limit of the speed at the end of the validity over that at the beginning \[-\]: most references are replaced before.
+const END_SPEED: f64 = 2.0;
+/// Number of times that the time of an extrapolation is halved to keep within the tilt limit \[-\].
+const HALVINGS: usize = 6;
 
 /// A reference that was accepted.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,12 +59,19 @@ impl FollowedReference {
         motion
     }
 
-    fn reference(&self, now: Time) -> Reference {
+    /// The reference at `now`; a prescribed attitude turns on no further than to a tilt of this cosine.
+    fn reference(&self, now: Time, cosine_of_tilt: f64) -> Reference {
         let ReferenceMotion { value, rate, .. } = self.motion(now);
-        let dt_s = now.since(self.time).seconds();
-        let turned = |prescribed: AttitudeReference| AttitudeReference {
-            attitude: prescribed.attitude.turned_by(prescribed.rate.0 * dt_s),
-            ..prescribed
+        let turned = |prescribed: AttitudeReference| {
+            let mut dt_s = now.since(self.time).seconds();
+            for _ in 0..HALVINGS {
+                let attitude = prescribed.attitude.turned_by(prescribed.rate.0 * dt_s);
+                if is_upright(&attitude, cosine_of_tilt) {
+                    return AttitudeReference { attitude, ..prescribed };
+                }
+                dt_s /= 2.0;
+            }
+            AttitudeReference::at_rest(prescribed.attitude)
         };
         Reference {
             velocity: rate.xyz(),
@@ -67,6 +80,11 @@ impl FollowedReference {
             ..Reference::rest(value.xyz(), Phase::Trajectory)
         }
     }
+}
+
+/// Whether `attitude` is tilted by no more than the angle of this cosine.
+fn is_upright(attitude: &Attitude, cosine_of_tilt: f64) -> bool {
+    attitude.to_world(&Vector3::z()).z >= cosine_of_tilt
 }
 
 /// Writer of references, and the instant of its last one.
@@ -117,12 +135,13 @@ impl ReferenceStream {
         self.ignored = self.last;
     }
 
-    /// Takes a reference of the writer `source`; `present` is the motion of the reference that is flown at `now`.
+    /// Takes a reference of the writer `source`; `present` is the motion of the reference that is flown at `now`, and
+    /// `floor_m` the height of the floor \[m, world z\].
     pub fn receive(
         &mut self,
         now: Time,
         (source, message): (u64, &ReferenceV1),
-        present: &ReferenceMotion,
+        (present, floor_m): (&ReferenceMotion, f64),
     ) {
         self.last = Some((source, now));
         if let Some((ignored, at)) = &mut self.ignored {
@@ -132,7 +151,7 @@ impl ReferenceStream {
             }
             self.ignored = None;
         }
-        match self.limits.check(now, message, present) {
+        match self.limits.check(now, message, (present, floor_m)) {
             Some(reference) => (self.followed, self.ended_since) = (Some(reference), None),
             None => self.is_refused = true,
         }
@@ -145,7 +164,7 @@ impl ReferenceStream {
 
     /// The reference at `now`; `None` if none is followed.
     pub fn reference(&self, now: Time) -> Option<Reference> {
-        self.followed.map(|followed| followed.reference(now))
+        self.followed.map(|followed| followed.reference(now, self.limits.cosine_of_tilt))
     }
 
     /// The motion of the reference at `now`; `None` if none is followed.
@@ -197,7 +216,7 @@ impl StreamLimits {
         &self,
         now: Time,
         message: &ReferenceV1,
-        present: &ReferenceMotion,
+        (present, floor_m): (&ReferenceMotion, f64),
     ) -> Option<FollowedReference> {
         let age = now.since(message.time);
         let is_timely = age <= self.longest_validity
@@ -226,7 +245,9 @@ impl StreamLimits {
             reference.motion.rate.x = 0.0;
             reference.motion.rate.y = 0.0;
         }
-        self.allows(now, &reference, present).then_some(reference)
+        let is_high = |at| reference.motion(at).value.z >= floor_m + LEAST_WAY_M;
+        let is_above_floor = is_high(now) && is_high(valid_until);
+        (is_above_floor && self.allows(now, &reference, present)).then_some(reference)
     }
 
     /// Whether `reference` is within the limits, now and at the end of its validity. Comparisons with NaN are false.
@@ -237,10 +258,10 @@ impl StreamLimits {
         jump_m <= self.jump_m
             && is_slow(&now)
             && now.acceleration.xyz().norm() <= self.acceleration_m_s2
-            && end.acceleration.xyz().norm().is_finite()
+            && end.rate.xyz().norm() <= END_SPEED * self.speed_m_s
             && now.value.w.is_finite()
             && now.rate.w.is_finite()
-            && self.fence.inside_soft_m(&now.value.xyz()) > 0.0
+            && [now, end].iter().all(|at| self.fence.inside_soft_m(&at.value.xyz()) > 0.0)
     }
 
     /// The attitude of `message`; `None` if it is not a rotation, or tilted beyond the limit.
@@ -252,8 +273,7 @@ impl StreamLimits {
             return None;
         }
         let attitude = Attitude::from_xyzw(message.attitude)?;
-        let is_upright = attitude.to_world(&Vector3::z()).z >= self.cosine_of_tilt;
-        is_upright.then(|| AttitudeReference {
+        is_upright(&attitude, self.cosine_of_tilt).then(|| AttitudeReference {
             rate: BodyRate(rate),
             ..AttitudeReference::at_rest(attitude)
         })
@@ -294,13 +314,13 @@ mod tests {
     #[test]
     fn f35_between_two_references_the_last_is_extrapolated_until_its_validity_ends() {
         let mut stream = stream();
-        stream.receive(at(0), (7, &sample(0)), &present());
+        stream.receive(at(0), (7, &sample(0)), (&present(), 0.0));
         let reference = stream.reference(at(20)).unwrap();
         assert!((reference.position - Vector3::new(0.01, 0.0, 1.0)).norm() < 1e-12);
         assert!(!stream.expire(at(33)) && stream.expire(at(34)));
         assert_eq!((stream.reference(at(34)), stream.ended(at(40))), (None, [true, false]));
         assert_eq!(stream.ended(at(34 + 5000)), [true, true]);
-        stream.receive(at(60), (7, &sample(60)), &present());
+        stream.receive(at(60), (7, &sample(60)), (&present(), 0.0));
         assert_eq!(stream.ended(at(60)), [false, false]);
     }
 
@@ -326,29 +346,52 @@ mod tests {
         ];
         for message in wrong {
             let mut stream = stream();
-            stream.receive(at(0), (7, &sample(0)), &present());
+            stream.receive(at(0), (7, &sample(0)), (&present(), 0.0));
             assert!(!stream.take_refused());
             let before = stream.reference(at(10));
-            stream.receive(at(10), (7, &message), &stream.motion(at(10)).unwrap());
+            stream.receive(at(10), (7, &message), (&stream.motion(at(10)).unwrap(), 0.0));
             assert!(stream.take_refused(), "{message:?}");
             assert_eq!(stream.reference(at(10)), before, "{message:?}");
         }
     }
 
     #[test]
+    fn f35_an_attitude_turns_on_to_the_tilt_limit_and_a_reference_near_the_floor_is_refused() {
+        let mut stream = stream();
+        let message = ReferenceV1 {
+            kind: ReferenceKind::Attitude.code(),
+            attitude: [0.0, 0.0, 0.0, 1.0],
+            rate: [6.0, 0.0, 0.0],
+            valid_until: at(500),
+            ..sample(0)
+        };
+        stream.receive(at(0), (7, &message), (&present(), 0.0));
+        for millis in [0, 20, 100, 400] {
+            let attitude = stream.reference(at(millis)).unwrap().attitude.unwrap().attitude;
+            assert!(is_upright(&attitude, stream.limits.cosine_of_tilt), "{millis} ms");
+        }
+        stream.receive(at(1), (7, &sample(1)), (&present(), 0.95));
+        assert!(stream.take_refused(), "near the floor");
+    }
+
+    #[test]
     fn an_operator_ends_a_stream_until_its_planner_pauses() {
         let mut stream = stream();
-        stream.receive(at(0), (7, &sample(0)), &present());
+        stream.receive(at(0), (7, &sample(0)), (&present(), 0.0));
         stream.end();
         for millis in [10, 400, 800] {
-            stream.receive(at(millis), (7, &sample(millis)), &present());
+            stream.receive(at(millis), (7, &sample(millis)), (&present(), 0.0));
             assert!(!stream.is_followed());
         }
         let resting = ReferenceV1 { position: [0.0, 0.0, 1.0], ..sample(1400) };
-        stream.receive(at(1400), (7, &resting), &present());
+        stream.receive(at(1400), (7, &resting), (&present(), 0.0));
         assert!(stream.is_followed(), "it paused");
         stream.end();
-        stream.receive(at(1410), (8, &ReferenceV1 { time: at(1410), ..resting }), &present());
+        stream.receive(
+            at(1410),
+            (8, &ReferenceV1 { time: at(1410), ..resting }),
+            (&present(), 0.0),
+        );
         assert!(stream.is_followed(), "another planner");
     }
 }

@@ -58,7 +58,7 @@ fn gains_of_an_unknown_vehicle_found_in_flight_are_as_good_as_those_of_a_known_o
     let count = number("OQTAL_TEST_LIVE_TUNINGS").unwrap_or(1);
     let points = number("OQTAL_TEST_LIVE_BUDGET").unwrap_or(12) as usize;
     let (budget, progress) = (Budget { points, ..Budget::default() }, Progress::default());
-    // Those of the figures that are compared.
+    // Only the figures that are compared have a weight.
     let mut weights = [0.0; METRICS];
     (weights[HOVER], weights[POSITION]) = (1.0, 1.0);
     let mut ratios: [Vec<f64>; 2] = [Vec::new(), Vec::new()];

@@ -40,6 +40,8 @@ pub struct Recorder {
     lost: Vec<(ObservedTopic, u64)>,
     /// Instant of the newest tick if the vehicle was armed in it.
     armed_at: Option<Time>,
+    /// Commands lost according to the vehicle's last message \[-\].
+    vehicle_lost: Option<u64>,
     join: NearestJoin<TelemetryV1, TruthV1>,
     flown: bool,
     /// Source of the newest truth; `None` before the first.
@@ -70,6 +72,7 @@ impl Recorder {
             daemon_source: None,
             lost: Vec::new(),
             armed_at: None,
+            vehicle_lost: None,
             join: NearestJoin::default(),
             flown: false,
             truth_source: None,
@@ -264,7 +267,11 @@ impl Recorder {
 
     fn vehicle(&mut self, reception: &Reception, vehicle: &VehicleV1) {
         let (header, flight) = (&reception.header, &mut self.flight);
-        flight.commands_lost = vehicle.lost;
+        let lost =
+            vehicle.lost.saturating_sub(self.vehicle_lost.replace(vehicle.lost).unwrap_or(0));
+        if self.armed_at.is_some() {
+            flight.commands_lost += lost;
+        }
         if vehicle.simulated == 0 && flight.command_path == CommandPath::Bus {
             flight.command_path = CommandPath::Linked(flight.config.bridge.link.clone());
         }

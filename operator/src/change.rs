@@ -78,6 +78,10 @@ pub fn request_of(command: CtlRequest, arguments: &[String]) -> Result<ControlRe
         let text = text.ok_or_else(|| usage("the settings are longer than 1000 bytes"))?;
         Ok(ControlRequestV1 { text, ..base })
     };
+    let is_text = |argument: &String| !argument.contains(char::is_control);
+    if command != CtlRequest::Stop && !arguments.iter().all(is_text) {
+        return Err(usage("an argument has control characters"));
+    }
     match (command, arguments) {
         (CtlRequest::Goto, [_, _, _] | [_, _, _, _]) => goto(base, arguments),
         (CtlRequest::Goto, _) => Err(usage("goto needs X Y Z in m and, if wanted, YAW in degrees")),
@@ -163,7 +167,8 @@ mod tests {
 
     #[test]
     fn other_arguments_are_a_usage_error() {
-        let wrong: [(CtlRequest, &[&str]); 7] = [
+        let wrong: [(CtlRequest, &[&str]); 8] = [
+            (CtlRequest::Set, &["a.b=1\0 c.d=2"]),
             (CtlRequest::Goto, &["1", "2"]),
             (CtlRequest::Goto, &["1", "2", "nan"]),
             (CtlRequest::Goto, &["1", "2", "3", "900"]),

@@ -9,6 +9,7 @@
 //! | `arm.rs` | arming: waits until the flight has begun |
 //! | `land.rs` | a landing by two paths |
 //! | `stop.rs` | a stop by every path |
+//! | `raised.rs` | the stop words that it raises |
 //! | `reach.rs` | processes of an instance, found without the bus |
 //! | `status.rs` | observation of a status |
 #![forbid(unsafe_code)]
@@ -16,6 +17,7 @@
 pub mod arm;
 mod change;
 pub mod land;
+mod raised;
 mod reach;
 mod report;
 pub mod request;

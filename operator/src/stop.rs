@@ -11,20 +11,19 @@ use std::time::Duration;
 
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Mode, OperatorCommand, SafetyState};
-use oqtal_bus::error::BusError;
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
 use oqtal_bus::obeying::{ObeyingProcess, STOP_SIGNAL};
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_bus::paths::InstancePaths;
-use oqtal_bus::stop::{StopReport, StopSwitch};
+use oqtal_bus::stop::StopReport;
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::transport::Transport;
 use oqtal_observe::status::word;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::beside;
 use serde::Serialize;
 
-use crate::reach::{AddressedInstance, Reached, name_of, send};
+use crate::raised::RaisedStops;
+use crate::reach::{AddressedInstance, Reached, send};
 use crate::request::{place, start_daemon};
 
 /// Time after which the report is printed.
@@ -105,18 +104,6 @@ impl Unconfirmed {
     }
 }
 
-/// Stop words that were raised.
-#[derive(Debug, Default)]
-struct RaisedStops(Vec<RaisedStop>);
-
-#[derive(Debug)]
-struct RaisedStop {
-    switch: StopSwitch,
-    number: u32,
-    /// Whether the process of a vehicle reads these words.
-    is_vehicles: bool,
-}
-
 /// Stops the addressed vehicle, and returns which processes obey within a second. As root, the calling thread becomes the owner
 /// of the instance.
 ///
@@ -163,7 +150,7 @@ fn raise_words(reached: &mut Reached) -> Result<(RaisedStops, Vec<String>), Fail
     let in_directory = reached.paths.become_owner().and_then(|()| raised.raise_in(&reached.paths));
     let is_nobody = reached.processes.is_empty();
     match in_directory {
-        Ok(()) if is_nobody && raised.0.is_empty() => return Err(nobody(reached)),
+        Ok(()) if is_nobody && raised.is_empty() => return Err(nobody(reached)),
         Err(error) if is_nobody => return Err(error.into()),
         Err(error) => paths.push(format!("stop words in the directory: {error}")),
         Ok(()) => {}
@@ -251,76 +238,6 @@ fn fly_again(reached: &Reached) -> (String, Option<String>) {
     let arm = |paths: &InstancePaths| format!("oqtal ctl arm {}", place(paths));
     let places: Vec<String> = reached.places().iter().map(arm).collect();
     (places.join(" or "), daemon)
-}
-
-impl RaisedStops {
-    /// Raises the stop in the words that the processes hold; returns a line for each whose words cannot be opened.
-    fn raise_held(&mut self, reached: &mut Reached) -> Vec<String> {
-        let mut lines = Vec::new();
-        for (process, held) in reached.processes.iter().zip(&mut reached.held) {
-            let result = match held {
-                Ok(files) => match files.stop.take() {
-                    Some(switch) => {
-                        self.raise(switch, process.is_vehicle);
-                        "raised".to_owned()
-                    }
-                    None => "not open, or shortened".to_owned(),
-                },
-                Err(error) => error.to_string(),
-            };
-            lines.push(format!("stop words of {}: {result}", name_of(process)));
-        }
-        lines
-    }
-
-    /// Withdraws stops that nobody obeys: they would call off a later flight.
-    fn withdraw(&self) {
-        self.0.iter().for_each(|stop| stop.switch.withdraw(stop.number));
-    }
-
-    /// Raises the stop in the words in the directory of the instance; makes them if only processes run that do not obey, since a
-    /// vehicle may be starting. They count as a vehicle's if those of its process cannot be opened.
-    fn raise_in(&mut self, paths: &InstancePaths) -> Result<(), BusError> {
-        let made = || Bus::open_running(paths)?.map(|bus| bus.stop_switch()).transpose();
-        if let Some(switch) = StopSwitch::existing(paths)?.map_or_else(made, |it| Ok(Some(it)))? {
-            let is_vehicles = self.vehicles().next().is_none();
-            self.raise(switch, is_vehicles);
-        }
-        Ok(())
-    }
-
-    /// Raises the stop once in each set of words.
-    fn raise(&mut self, switch: StopSwitch, is_vehicles: bool) {
-        match self.0.iter_mut().find(|raised| raised.switch.is_same(&switch)) {
-            Some(raised) => raised.is_vehicles |= is_vehicles,
-            None => {
-                let number = switch.raise();
-                self.0.push(RaisedStop { switch, number, is_vehicles });
-            }
-        }
-    }
-
-    /// Reports from the words that processes of vehicles read.
-    fn vehicles(&self) -> impl Iterator<Item = StopReport> {
-        let of_vehicles = self.0.iter().filter(|raised| raised.is_vehicles);
-        of_vehicles.map(RaisedStop::report)
-    }
-
-    /// Every vehicle must obey, and a daemon.
-    fn report(&self) -> StopReport {
-        let has_vehicle = self.vehicles().next().is_some();
-        StopReport {
-            vehicle_obeys: has_vehicle && self.vehicles().all(|report| report.vehicle_obeys),
-            motors_off: has_vehicle && self.vehicles().all(|report| report.motors_off),
-            daemon_obeys: self.0.iter().any(|raised| raised.report().daemon_obeys),
-        }
-    }
-}
-
-impl RaisedStop {
-    fn report(&self) -> StopReport {
-        self.switch.report(self.number)
-    }
 }
 
 impl ObeyedStop {

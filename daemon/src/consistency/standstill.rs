@@ -109,6 +109,11 @@ impl StandstillTest {
         (self.still, self.last, self.unknown_s) = (None, None, 2.0 * VELOCITY_S);
     }
 
+    /// Ends the standstill: the vehicle is where it is commanded to be.
+    pub(super) fn end(&mut self) {
+        self.still = None;
+    }
+
     /// The velocity before `position` was seen \[m/s, world\].
     fn velocity(
         &mut self,

@@ -198,14 +198,19 @@ impl FlightCourse {
         }
     }
 
-    /// Takes a planner's reference, of the writer `source`; without effect during take-off and landing.
-    pub(super) fn receive_reference(&mut self, now: Time, source: u64, message: &ReferenceV1) {
+    /// Takes a reference of the planner `source`, over the floor at `floor_m` \[m\]; without effect during take-off and landing.
+    pub(super) fn receive_reference(
+        &mut self,
+        now: Time,
+        (source, message): (u64, &ReferenceV1),
+        floor_m: f64,
+    ) {
         if self.require_changeable().is_err() {
             return;
         }
         let Some(present) = self.motion(now) else { return };
         let was_followed = self.stream.is_followed();
-        self.stream.receive(now, (source, message), &present);
+        self.stream.receive(now, (source, message), (&present, floor_m));
         if self.stream.is_followed() && !was_followed {
             // The plan is not resumed after the stream.
             self.stop_from(now, &present);

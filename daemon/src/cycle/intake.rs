@@ -8,12 +8,12 @@ use oqtal_config::Config;
 use oqtal_control::estimator::{Estimate, Estimator};
 use oqtal_control::options::OptionError;
 use oqtal_control::predictive::{CommandReport, MotionTracker};
-use oqtal_control::trajectory::Trajectory;
+use oqtal_control::trajectory::{Phase, Reference, Trajectory};
 
 use crate::arming::{ArmingCheck, ArmingPath, ArmingView};
 use crate::command::VehicleCommand;
 use crate::command_model::{CommandModel, motion_tracker};
-use crate::consistency::PoseConsistency;
+use crate::consistency::{Expectation, PoseConsistency};
 use crate::guard::{Accepted, Guard, seconds};
 use crate::measured_noise::{MeasuredNoise, PoseDeviations};
 use crate::vehicle::VehicleWatch;
@@ -23,6 +23,8 @@ use crate::vehicle::VehicleWatch;
 const MISSING_PERIODS: f64 = 2.5;
 /// Share of answered requests below which the vehicle is not expected to follow its commands \[0..1\].
 const LEAST_LINK: f64 = 0.8;
+/// Distance from the reference above which a vehicle is on its way to it \[m\]: a law that counteracts a disturbance holds it closer.
+const AWAY_M: f64 = 0.1;
 /// Age of the tracked motion above which it is propagated without poses \[s\]: less than the time for which commands are stored.
 const OLD_TRACK_S: f64 = 0.5;
 /// Age of the motion after this propagation \[s\]: greater than the age of any pose that is accepted.
@@ -53,6 +55,8 @@ pub(super) struct Intake {
     missing: Cause,
     /// Whether the vehicle lands: it may stand on something already.
     is_landing: bool,
+    /// Reference in the last tick; `None` without one.
+    reference: Option<Reference>,
 }
 
 impl Intake {
@@ -78,6 +82,7 @@ impl Intake {
             fresh_at: None,
             missing: Cause::NoPose,
             is_landing: false,
+            reference: None,
         })
     }
 
@@ -138,7 +143,12 @@ impl Intake {
         let pose = accepted.pose();
         let noise = self.noise.deviations();
         let obeys = !(self.is_landing || self.vehicle.link_quality() < LEAST_LINK);
-        self.consistency.take(&self.tracker, (captured_s, &pose), &noise, obeys);
+        let is_away = self.reference.is_some_and(|reference| {
+            let distance_m = (reference.position - pose.position).norm();
+            distance_m > AWAY_M || reference.phase == Phase::TakeOff
+        });
+        let doing = Expectation { obeys, is_away };
+        self.consistency.take(&self.tracker, (captured_s, &pose), &noise, &doing);
         if self.noise.take(captured_s, &pose, self.consistency.is_quiet()) {
             let PoseDeviations { position_m, attitude_rad } = self.noise.deviations();
             self.tracker.set_measured_noise(position_m, attitude_rad);
@@ -146,9 +156,9 @@ impl Intake {
         }
     }
 
-    /// Records whether the vehicle lands.
-    pub(super) fn record_landing(&mut self, is_landing: bool) {
-        self.is_landing = is_landing;
+    /// Records whether the vehicle lands, and its reference.
+    pub(super) fn record_course(&mut self, is_landing: bool, reference: Option<&Reference>) {
+        (self.is_landing, self.reference) = (is_landing, reference.copied());
     }
 
     /// Records the command published at `sent_at`.

@@ -208,9 +208,8 @@ pub fn law(
     let (name, parameters) = (controller.name(), flights.parameters(controller, &config));
     let bar = progress.start(&format!("tuning {name}"), budget.points);
     let reference = flights.reference(progress)?;
-    let fly =
-        |gains: &[Setting], case: &Case| flights.fly(&flights.law(name, gains), case, progress);
-    let weighted = flights.weighted();
+    let law = |gains: &[Setting]| flights.law(name, gains);
+    let fly = |gains: &[Setting], case: &Case| flights.fly(&law(gains), case, progress);
     let figures = |flown: &Flown| flights.figures(flown, &reference);
     let value = |flown: &Flown| objective(&figures(flown), &reference, &flights.weights);
     let before = fly(&[], &flights.case)?;
@@ -220,7 +219,7 @@ pub fn law(
     let best = search(&parameters, &from, budget, |points| {
         let evaluate = |point: &Vec<f64>| {
             let gains = settings(&values(&parameters, point));
-            let flown = progress.check().and_then(|()| fly(&gains, &weighted));
+            let flown = progress.check().and_then(|()| fly(&gains, &flights.weighted()));
             bar.inc();
             flown.map_or(f64::INFINITY, |flown| value(&flown))
         };
@@ -238,8 +237,7 @@ pub fn law(
         false if start.is_finite() => (from, start, before.clone()),
         false => return Err(nothing_lands(name, best.evaluations, &before)),
     };
-    let laws = [Vec::new(), settings(&values)].map(|gains| flights.law(name, &gains));
-    let flown = [before, after];
+    let (laws, flown) = ([law(&[]), law(&settings(&values))], [before, after]);
     let mut components = trade::components(&flights.weights, &flown, flown.each_ref().map(figures));
     components.extend(trade::margins(&laws[0], &laws[1]));
     let [(all, failed), (_, after)] = flown.each_ref().map(|flown| counts(slice::from_ref(flown)));

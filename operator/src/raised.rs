@@ -1,0 +1,96 @@
+//! Stop words that an operator raises: those that the processes hold, and those in the directory of the instance.
+
+use oqtal_bus::bus::Bus;
+use oqtal_bus::error::BusError;
+use oqtal_bus::paths::InstancePaths;
+use oqtal_bus::stop::{StopReport, StopSwitch};
+use oqtal_bus::transport::Transport;
+
+use crate::reach::{Reached, name_of};
+
+/// Stop words that were raised.
+#[derive(Debug, Default)]
+pub(crate) struct RaisedStops(Vec<RaisedStop>);
+
+#[derive(Debug)]
+struct RaisedStop {
+    switch: StopSwitch,
+    number: u32,
+    /// Whether the process of a vehicle reads these words.
+    is_vehicles: bool,
+}
+
+impl RaisedStops {
+    /// Raises the stop in the words that the processes hold; returns a line for each whose words cannot be opened.
+    pub(crate) fn raise_held(&mut self, reached: &mut Reached) -> Vec<String> {
+        let mut lines = Vec::new();
+        for (process, held) in reached.processes.iter().zip(&mut reached.held) {
+            let result = match held {
+                Ok(files) => match files.stop.take() {
+                    Some(switch) => {
+                        self.raise(switch, process.is_vehicle);
+                        "raised".to_owned()
+                    }
+                    None => "not open, or shortened".to_owned(),
+                },
+                Err(error) => error.to_string(),
+            };
+            lines.push(format!("stop words of {}: {result}", name_of(process)));
+        }
+        lines
+    }
+
+    /// Whether no words were raised.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// Withdraws stops that nobody obeys: they would call off a later flight.
+    pub(crate) fn withdraw(&self) {
+        self.0.iter().for_each(|stop| stop.switch.withdraw(stop.number));
+    }
+
+    /// Raises the stop in the words in the directory of the instance; makes them if only processes run that do not obey, since a
+    /// vehicle may be starting. They count as a vehicle's if those of its process cannot be opened.
+    pub(crate) fn raise_in(&mut self, paths: &InstancePaths) -> Result<(), BusError> {
+        let made = || Bus::open_running(paths)?.map(|bus| bus.stop_switch()).transpose();
+        if let Some(switch) = StopSwitch::existing(paths)?.map_or_else(made, |it| Ok(Some(it)))? {
+            let is_vehicles = self.vehicles().next().is_none();
+            self.raise(switch, is_vehicles);
+        }
+        Ok(())
+    }
+
+    /// Raises the stop once in each set of words.
+    fn raise(&mut self, switch: StopSwitch, is_vehicles: bool) {
+        match self.0.iter_mut().find(|raised| raised.switch.is_same(&switch)) {
+            Some(raised) => raised.is_vehicles |= is_vehicles,
+            None => {
+                let number = switch.raise();
+                self.0.push(RaisedStop { switch, number, is_vehicles });
+            }
+        }
+    }
+
+    /// Reports from the words that processes of vehicles read.
+    pub(crate) fn vehicles(&self) -> impl Iterator<Item = StopReport> {
+        let of_vehicles = self.0.iter().filter(|raised| raised.is_vehicles);
+        of_vehicles.map(RaisedStop::report)
+    }
+
+    /// Every vehicle must obey, and a daemon.
+    pub(crate) fn report(&self) -> StopReport {
+        let has_vehicle = self.vehicles().next().is_some();
+        StopReport {
+            vehicle_obeys: has_vehicle && self.vehicles().all(|report| report.vehicle_obeys),
+            motors_off: has_vehicle && self.vehicles().all(|report| report.motors_off),
+            daemon_obeys: self.0.iter().any(|raised| raised.report().daemon_obeys),
+        }
+    }
+}
+
+impl RaisedStop {
+    fn report(&self) -> StopReport {
+        self.switch.report(self.number)
+    }
+}
