@@ -72,7 +72,8 @@ impl CtlArgs {
             }
         };
         let lines =
-            [status.lines(), self.injected_faults(&address), self.later(&response)].concat();
+            [status.lines(), self.injected_faults(&address), self.trajectory_note(&response)]
+                .concat();
         let report = ControlReport::new(self.command.command(), &response, status);
         *document = Some(report.to_json());
         let refused = report.check(&response, expected);
@@ -96,14 +97,15 @@ impl CtlArgs {
         config.and_then(|config| injected(&config)).into_iter().collect()
     }
 
-    /// Line of `set` in flight with keys of the trajectory, which the present one does not use; empty otherwise.
-    fn later(&self, response: &ControlResponseV1) -> Vec<String> {
+    /// Note that keys of `[trajectory]` set in flight do not change the trajectory being flown; empty otherwise.
+    fn trajectory_note(&self, response: &ControlResponseV1) -> Vec<String> {
         let is_of_path = |setting: &String| setting.starts_with("trajectory.");
         let is_later = matches!(self.command, CtlRequest::Set)
+            && response.answer != Answer::Refused.code()
             && response.mode == Mode::Flying.code()
             && self.arguments.iter().any(is_of_path);
         let line =
-            "keys of [trajectory] count from the next `oqtal ctl fly`, or the next flight, on";
+            "keys of [trajectory] take effect with the next `oqtal ctl fly` or the next flight";
         is_later.then(|| line.to_owned()).into_iter().collect()
     }
 

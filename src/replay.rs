@@ -215,7 +215,7 @@ impl ReplayReport {
         let Self { daemons, turns, requests, ticks, identical, deadline_misses, .. } = self;
         let mut text = format!(
             "daemon started {daemons} x: {turns} turns, {ticks} ticks, {requests} requests, {deadline_misses} deadlines missed since the daemon's start\n\
-             {identical} of {ticks} ticks with a command and telemetry identical to the last bit"
+             {identical} of {ticks} ticks: command and telemetry identical to the last bit"
         );
         if self.open_loop {
             text += &format!(

@@ -293,7 +293,7 @@ fn f15_a_daemon_that_hangs_for_longer_than_poses_may_be_missing_does_not_fly_on(
         let reason = flight.shortfall().unwrap();
         assert!(
             reason
-                .ends_with(" s without a tick, in which a vehicle stops them by itself: loop late"),
+                .ends_with(" s without a tick, during which the vehicle may have stopped its motors by itself: loop late"),
             "{reason}"
         );
         let began = flight.origin();

@@ -134,7 +134,7 @@ fn f58_a_frozen_pose_with_noise_ends_a_flight_at_a_corner() {
 }
 
 #[test]
-fn f58_a_frozen_pose_with_noise_ends_a_take_off() {
+fn f58_a_vehicle_whose_pose_freezes_in_a_take_off_stays_near() {
     for (has_gyroscope, bound_m) in [(true, 3.0), (false, 11.0)] {
         for reaction in study(frozen, &["hover"], IN_TAKE_OFF, has_gyroscope) {
             assert!(reaction.moved_m <= bound_m, "{reaction:?}");

@@ -244,7 +244,7 @@ fn a_stop_by_name_is_not_confirmed_by_a_vehicle_under_another_root() {
     let is_found = |id: u32| ObeyingProcess::all().iter().any(|process| process.pid == id);
     wait_for("the vehicle", || is_found(plant.id()).then_some(()));
     let output = rootless(&testbed, &["stop"]).output().unwrap();
-    assert_refused(&output, 75, &["no vehicle has obeyed", "the daemon obeys"]);
+    assert_refused(&output, 75, &["without a process of its vehicle", "the daemon obeys"]);
 }
 
 /// Number of clients of the control service in one instance \[-\].

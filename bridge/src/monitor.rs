@@ -173,8 +173,7 @@ impl VehicleMonitor {
     }
 }
 
-/// Whether `reply` is one of the vehicle that was asked for: that commands are not answered is determined by the bridge, independent of
-/// other reports.
+/// Whether `reply` comes from the wanted vehicle. `NoAnswer` does not: the bridge itself determines it.
 fn is_answer(reply: &VehicleReply) -> bool {
     let VehicleReply::Refused(refusal) = *reply else { return true };
     refusal != VehicleRefusal::NoAnswer && !is_of_another_vehicle(refusal)
@@ -208,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn a_refusal_ends_with_its_cause() {
+    fn a_refusal_of_another_vehicle_or_to_disarm_ends_with_its_cause() {
         let mut vehicle = VehicleMonitor::new(Span::from_millis(1000));
         vehicle.receive(at(0), VehicleReply::Refused(VehicleRefusal::OtherAutopilot));
         vehicle.receive(at(1), STATUS);

@@ -136,7 +136,7 @@ code! {
         Tilt = 15 => "tipped",
         /// The vehicle is too far from its reference for too long.
         Tracking = 16 => "far from its reference",
-        /// Full thrust does not lift the vehicle.
+        /// The thrust does not lift the vehicle.
         NoLift = 17 => "thrust does not lift",
         /// The battery voltage is low.
         Battery = 18 => "battery low",

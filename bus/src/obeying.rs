@@ -12,9 +12,7 @@ use std::path::{Path, PathBuf};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::OFlags;
-use rustix::process::{
-    Pid, PidfdFlags, Signal, geteuid, kill_process, pidfd_open, pidfd_send_signal,
-};
+use rustix::process::{Pid, PidfdFlags, Signal, geteuid, pidfd_open, pidfd_send_signal};
 
 use crate::message::{FNV_OFFSET, fnv1a};
 use crate::paths::InstancePaths;
@@ -64,8 +62,7 @@ pub struct ObeyingProcess {
     pub is_vehicle: bool,
     instance: String,
     root: String,
-    /// `None` if it cannot be sent a signal, so that processes of other users do not use up the open files of this one; and if it can
-    /// be, but no file is free.
+    /// `None` for a process that cannot be signalled: processes of other users must not use up the open files of this one.
     handle: Option<OwnedFd>,
 }
 
@@ -99,8 +96,8 @@ impl ObeyingProcess {
         }
         let user = field(&status, "Uid:")?.split_whitespace().next()?.parse().ok()?;
         // Opened before the name is read: if the number is given to another process in between, the handle's process has ended.
-        let handle = may_signal(user).then(|| pidfd_open(number(pid)?, PidfdFlags::empty()).ok());
-        let handle = handle.flatten();
+        let open = || pidfd_open(Pid::from_raw(pid.cast_signed())?, PidfdFlags::empty()).ok();
+        let handle = if may_signal(user) { Some(open()?) } else { None };
         let threads = fs::read_dir(format!("/proc/{pid}/task")).ok()?.flatten();
         threads
             .into_iter()
@@ -172,17 +169,13 @@ impl ObeyingProcess {
         poll(&mut handle, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })) == Ok(0)
     }
 
-    /// Sends `signal` to the process. Another process that has been given its number meanwhile does not receive it, unless all files
-    /// that this process may open are in use.
+    /// Sends `signal` to the process; another process with the same number never receives it.
     ///
     /// # Errors
     /// The process has ended, or belongs to another user.
     pub fn signal(&self, signal: Signal) -> io::Result<()> {
-        match (&self.handle, number(self.pid)) {
-            (Some(handle), _) => Ok(pidfd_send_signal(handle, signal)?),
-            (None, Some(pid)) => Ok(kill_process(pid, signal)?),
-            (None, None) => Err(io::ErrorKind::NotFound.into()),
-        }
+        let handle = self.handle.as_ref().ok_or(io::ErrorKind::PermissionDenied)?;
+        Ok(pidfd_send_signal(handle, signal)?)
     }
 
     /// Files that the process holds.
@@ -219,10 +212,6 @@ impl ObeyingProcess {
         }
         Err(io::ErrorKind::PermissionDenied.into())
     }
-}
-
-fn number(pid: u32) -> Option<Pid> {
-    Pid::from_raw(pid.cast_signed())
 }
 
 /// Whether this process may send a signal to those of `user`.

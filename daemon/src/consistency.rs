@@ -1,4 +1,4 @@
-//! Consistency of the poses with the vehicle: poses that do not follow the vehicle's rotation, or whose path does not follow its tilt,
+//! Consistency of the poses with the vehicle: poses that do not follow the vehicle's rotation, or whose path does not follow its tilt and thrust,
 //! are not poses of the vehicle, however plausible each of them is.
 //!
 //! The gate compares a pose with the motion predicted from the poses before it, and follows whatever changes slowly. Here the
@@ -10,6 +10,7 @@
 //! | [`response`] | rotations faster than a second, about each axis | frozen, mirrored or exchanged axes, with any noise |
 //! | [`drift`] | angles over some seconds | a slow rotation of the cameras' body |
 //! | [`direction`] | acceleration seen, and acceleration by tilt and thrust | a path turned against the attitude |
+//! | [`standstill`] | motion seen, and acceleration by the thrust | frozen poses where the vehicle does not rotate |
 //! | [`heading`] | rotation by a small oscillation of the heading reference | as response, in a hover too |
 //!
 //! Response and direction are cumulative sums that do not fall below zero (Page, *Continuous inspection schemes*, Biometrika 41,
@@ -18,7 +19,7 @@
 //! many of them (Huber, *Robust Statistics*, 1981), and normalised by the measured noise. Without rotation there is no evidence for
 //! either.
 //!
-//! Only response and heading end a flight; the other evidence warns, since wind and a wrong model of the vehicle add to it. For the
+//! Only response, heading and standstill end a flight; the other evidence warns, since wind and a wrong model of the vehicle add to it. For the
 //! same reason the response of a vehicle without rates has a higher limit.
 
 mod commanded;
@@ -60,7 +61,7 @@ const LEAST_DEVIATION_RAD: f64 = 0.002;
 const NOISE_SHARE: f64 = 1.2;
 /// Time constant of the deviation between rotations that agree \[s\].
 const DEVIATION_S: f64 = 2.0;
-/// Configured limit at which the evidence of a standstill has its own limit \[-\].
+/// Default of `safety.consistency-limit`, with which the limits of the standstill apply unscaled \[-\].
 const DEFAULT_LIMIT: f64 = 12.0;
 /// Limit of the response to commands over that to a gyroscope \[-\].
 const COMMANDS_LIMIT: f64 = 2.5;
@@ -95,7 +96,7 @@ pub struct PoseEvidence {
 pub struct Expectation {
     /// Whether it can follow its commands: it does not land, and its link is good.
     pub obeys: bool,
-    /// Whether it is on its way to its reference.
+    /// Whether it is more than 10 cm from its reference, or takes off.
     pub is_away: bool,
 }
 
@@ -161,6 +162,7 @@ impl PoseConsistency {
     pub fn restart(&mut self) {
         self.clear();
         (self.contradicts, self.stays_on_floor) = (false, false);
+        (self.standstill, self.unseen) = (StandstillTest::default(), Vector3::zeros());
     }
 
     /// Takes a rate that the vehicle's gyroscope measured at `t_s` \[s\] \[rad/s, body\].
@@ -173,7 +175,7 @@ impl PoseConsistency {
         self.heading.offset_rad(seconds(now))
     }
 
-    /// Whether the poses of this flight do not follow the rotation of the vehicle.
+    /// Whether the poses of this flight do not follow the vehicle.
     pub fn contradicts(&self) -> bool {
         self.contradicts
     }
@@ -207,7 +209,7 @@ impl PoseConsistency {
         tracker: &MotionTracker,
         (t_s, pose): (f64, &MeasuredPose),
         noise: &PoseDeviations,
-        doing: &Expectation,
+        expected: &Expectation,
     ) {
         let is_airborne =
             tracker.track().is_some() && pose.position.z > tracker.floor_m() + AIRBORNE_M;
@@ -220,6 +222,7 @@ impl PoseConsistency {
         if dt_s > LONGEST_S {
             self.clear();
             self.begin_again();
+            self.standstill.interrupt();
             return;
         }
         let turn = last.attitude.rotation_to(&pose.attitude);
@@ -232,14 +235,14 @@ impl PoseConsistency {
         if by_gyroscope {
             self.pending.push(seen);
             self.compare_with_gyroscope(noise, is_airborne);
-        } else if !doing.obeys {
+        } else if !expected.obeys {
             self.clear();
             self.begin_again();
         } else if is_airborne {
             let driven = self.commanded.turn(tracker, &last.attitude, (last_s, t_s));
             self.test_rotation(&seen, &driven, noise);
         }
-        self.test_motion(tracker, (pose, noise), (dt_s, is_airborne), doing);
+        self.test_motion(tracker, (pose, noise), (dt_s, is_airborne), expected);
         let PoseEvidence { response, standstill, .. } = self.evidence;
         self.contradicts |= response.max(standstill) >= 1.0;
     }
@@ -302,15 +305,15 @@ impl PoseConsistency {
         tracker: &MotionTracker,
         (pose, noise): (&MeasuredPose, &PoseDeviations),
         (dt_s, is_airborne): (f64, bool),
-        doing: &Expectation,
+        expected: &Expectation,
     ) {
+        (self.stays_on_floor, self.evidence.standstill) = (false, 0.0);
         let Some(track) = tracker.track() else { return };
         let attitude = &track.motion.attitude;
         let per_thrust = track.motion.thrust_n / tracker.model().mass_kg;
         let acceleration = attitude.to_world(&Vector3::z()) * per_thrust;
         let (position, deviation_m) = (&pose.position, noise.position_m);
-        self.stays_on_floor = false;
-        if !doing.obeys {
+        if !expected.obeys {
             // It may stand on something.
             self.standstill = StandstillTest::default();
         } else if dt_s > LONGEST_STEP_S {
@@ -324,7 +327,7 @@ impl PoseConsistency {
             let acceleration = turned.to_world(&Vector3::z()) * per_thrust;
             let moved = self.standstill.take(position, &acceleration, deviation_m, dt_s);
             self.evidence.standstill = moved * DEFAULT_LIMIT / self.limit;
-            if !doing.is_away {
+            if !expected.is_away {
                 self.evidence.standstill = 0.0;
                 self.standstill.end();
             }

@@ -23,7 +23,7 @@
 //! | `law_socket.rs` | an external law in another process |
 //! | `handover.rs` | a change of the control stack without a jump of the command |
 //! | `measured_noise.rs`, `delayed_mean.rs` | the noise of the poses |
-//! | `consistency.rs` | consistency of the poses with the rotation and the tilt of the vehicle |
+//! | `consistency.rs` | consistency of the poses with the rotation, the tilt and the thrust of the vehicle |
 //! | `limits.rs`, `fence.rs`, `floor.rs` | the limits of a flight |
 //! | `descent.rs` | descent without poses of a vehicle with its own attitude loop |
 //! | `flight_room.rs` | the path of a flight against the fence |

@@ -39,7 +39,7 @@ pub struct LimitConditions {
     pub far_off: bool,
     /// The vehicle sinks away from its reference under full thrust.
     pub sinks: bool,
-    /// The vehicle is on the floor under a thrust that must lift it.
+    /// The vehicle is on the floor although its thrust must have lifted it.
     pub stays_on_floor: bool,
     /// The vehicle is on the floor with thrust while its reference is above.
     pub lies_on_floor: bool,

@@ -184,7 +184,7 @@ impl LiveSettings {
     pub fn get(&self, key: &str) -> Result<String, Refusal> {
         let value = self.present.value(key);
         value.ok_or_else(|| {
-            Refusal::of_setting(format!("`{key}` is not a key of the configuration, or not set"))
+            Refusal::of_setting(format!("`{key}` is not a key of the configuration, or is not set"))
         })
     }
 
@@ -214,7 +214,8 @@ impl LiveSettings {
                 let none = || Refusal::of_setting("no change of settings to take back");
                 let earlier = earlier.ok_or_else(none)?;
                 // Recorded; a replay takes the settings back itself.
-                let without_key = |_| vec!["a key that was not set is not set again".to_owned()];
+                let without_key =
+                    |_| vec!["a key that was not set before is unset again".to_owned()];
                 let changed = self.present.differences(&earlier).unwrap_or_else(without_key);
                 let text = LongText::of_lines(changed.iter().map(String::as_str)).unwrap_or(text);
                 self.settings(earlier, text, true)

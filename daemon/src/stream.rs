@@ -34,8 +34,8 @@ struct StreamLimits {
 
 /// Limit of the speed at the end of the validity over that at the beginning \[-\]: most references are replaced before.
 const END_SPEED: f64 = 2.0;
-/// Number of times that the time of an extrapolation is halved to keep within the tilt limit \[-\].
-const HALVINGS: usize = 6;
+/// Number of bisections of the time at which an attitude reaches the tilt limit \[-\].
+const BISECTIONS: usize = 12;
 
 /// A reference that was accepted.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,19 +59,22 @@ impl FollowedReference {
         motion
     }
 
-    /// The reference at `now`; a prescribed attitude turns on no further than to a tilt of this cosine.
+    /// The reference at `now`; a prescribed attitude turns on up to the tilt of this cosine, and is held there.
     fn reference(&self, now: Time, cosine_of_tilt: f64) -> Reference {
         let ReferenceMotion { value, rate, .. } = self.motion(now);
         let turned = |prescribed: AttitudeReference| {
-            let mut dt_s = now.since(self.time).seconds();
-            for _ in 0..HALVINGS {
-                let attitude = prescribed.attitude.turned_by(prescribed.rate.0 * dt_s);
-                if is_upright(&attitude, cosine_of_tilt) {
-                    return AttitudeReference { attitude, ..prescribed };
-                }
-                dt_s /= 2.0;
+            let after = |dt_s: f64| prescribed.attitude.turned_by(prescribed.rate.0 * dt_s);
+            let (mut within_s, mut beyond_s) = (0.0, now.since(self.time).seconds());
+            let attitude = after(beyond_s);
+            if is_upright(&attitude, cosine_of_tilt) {
+                return AttitudeReference { attitude, ..prescribed };
             }
-            AttitudeReference::at_rest(prescribed.attitude)
+            for _ in 0..BISECTIONS {
+                let middle_s = 0.5 * (within_s + beyond_s);
+                let is_within = is_upright(&after(middle_s), cosine_of_tilt);
+                *(if is_within { &mut within_s } else { &mut beyond_s }) = middle_s;
+            }
+            AttitudeReference::at_rest(after(within_s))
         };
         Reference {
             velocity: rate.xyz(),
@@ -366,9 +369,13 @@ mod tests {
             ..sample(0)
         };
         stream.receive(at(0), (7, &message), (&present(), 0.0));
+        let limit_rad = stream.limits.cosine_of_tilt.acos();
         for millis in [0, 20, 100, 400] {
-            let attitude = stream.reference(at(millis)).unwrap().attitude.unwrap().attitude;
-            assert!(is_upright(&attitude, stream.limits.cosine_of_tilt), "{millis} ms");
+            let attitude = stream.reference(at(millis)).unwrap().attitude.unwrap();
+            let turned_rad = attitude.attitude.angle_to(&Attitude::default());
+            let expected_rad = (6e-3 * millis as f64).min(limit_rad);
+            assert!((turned_rad - expected_rad).abs() < 2e-3, "{millis} ms: {turned_rad}");
+            assert_eq!(attitude.rate.0.x == 0.0, expected_rad == limit_rad, "{millis} ms");
         }
         stream.receive(at(1), (7, &sample(1)), (&present(), 0.95));
         assert!(stream.take_refused(), "near the floor");

@@ -267,8 +267,9 @@ impl Recorder {
 
     fn vehicle(&mut self, reception: &Reception, vehicle: &VehicleV1) {
         let (header, flight) = (&reception.header, &mut self.flight);
-        let lost =
-            vehicle.lost.saturating_sub(self.vehicle_lost.replace(vehicle.lost).unwrap_or(0));
+        let lost = vehicle
+            .lost
+            .saturating_sub(self.vehicle_lost.replace(vehicle.lost).unwrap_or(vehicle.lost));
         if self.armed_at.is_some() {
             flight.commands_lost += lost;
         }

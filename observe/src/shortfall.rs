@@ -137,7 +137,7 @@ impl Flight {
                 let pause_s = time(to).since(time(from)).seconds();
                 let until = self.after_arming(time(to));
                 format!(
-                    "{until}, after {pause_s:.2} s without a tick, in which a vehicle stops them by itself"
+                    "{until}, after {pause_s:.2} s without a tick, during which the vehicle may have stopped its motors by itself"
                 )
             }
             // The tick after the last armed one stopped the motors.

@@ -268,7 +268,7 @@ fn vehicle_name(flight: &Flight) -> String {
     }
 }
 
-/// Increase of a counter of the daemon over each flight, together; over all ticks if none is armed \[-\].
+/// Sum of the increases of a counter of the daemon over the flights; over all ticks if none is armed \[-\].
 fn count(flight: &Flight, counter: impl Fn(&TelemetryV1) -> u64) -> u64 {
     let increase = |ticks: &[FlightSample]| {
         let [first, .., last] = ticks else { return 0 };

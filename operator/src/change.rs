@@ -80,7 +80,7 @@ pub fn request_of(command: CtlRequest, arguments: &[String]) -> Result<ControlRe
     };
     let is_text = |argument: &String| !argument.contains(char::is_control);
     if command != CtlRequest::Stop && !arguments.iter().all(is_text) {
-        return Err(usage("an argument has control characters"));
+        return Err(usage("an argument contains control characters"));
     }
     match (command, arguments) {
         (CtlRequest::Goto, [_, _, _] | [_, _, _, _]) => goto(base, arguments),

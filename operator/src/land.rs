@@ -18,7 +18,7 @@ use oqtal_bus::transport::{Subscribe, Transport};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::beside;
 
-use crate::reach::{AddressedInstance, Reached, send};
+use crate::reach::{AddressedInstance, Reached, signal_all};
 use crate::request::silent;
 
 /// Time within which a running daemon answers a request.
@@ -48,7 +48,7 @@ pub fn land(address: &AddressedInstance) -> Result<ControlResponseV1, Failure> {
     // The daemon of `paths` is asked first, and signalled if it does not answer; those under other roots are signalled at once and
     // also asked.
     let elsewhere = reached.processes.iter().filter(|p| is_daemon(p) && !p.is_under(paths));
-    let mut lines = send(LAND_SIGNAL, elsewhere);
+    let mut lines = signal_all(LAND_SIGNAL, elsewhere);
     let is_signalled = Arc::new(AtomicBool::default());
     let answer = request(paths, &is_signalled);
     // These were signalled.
@@ -61,7 +61,7 @@ pub fn land(address: &AddressedInstance) -> Result<ControlResponseV1, Failure> {
         // Searched each time: the daemon may be starting.
         Reached::find(address, |found| {
             let here = found.iter().filter(|p| is_daemon(p) && p.is_under(paths));
-            let sent = send(LAND_SIGNAL, here);
+            let sent = signal_all(LAND_SIGNAL, here);
             is_signalled.fetch_or(!sent.is_empty(), Ordering::AcqRel);
             lines.extend(sent);
         });

@@ -9,7 +9,7 @@
 //! | `arm.rs` | arming: waits until the flight has begun |
 //! | `land.rs` | a landing by two paths |
 //! | `stop.rs` | a stop by every path |
-//! | `raised.rs` | the stop words that it raises |
+//! | `raised.rs` | stop words raised by a stop |
 //! | `reach.rs` | processes of an instance, found without the bus |
 //! | `status.rs` | observation of a status |
 #![forbid(unsafe_code)]

@@ -78,7 +78,7 @@ impl RaisedStops {
         of_vehicles.map(RaisedStop::report)
     }
 
-    /// Every vehicle must obey, and a daemon.
+    /// The combined report: every vehicle has obeyed, and at least one daemon.
     pub(crate) fn report(&self) -> StopReport {
         let has_vehicle = self.vehicles().next().is_some();
         StopReport {

@@ -41,8 +41,9 @@ pub struct Reached {
 impl Reached {
     /// Searches all processes of this machine. Root opens the files that they hold, but nothing in a directory of theirs.
     ///
-    /// `at_once` takes the addressed processes before that: processes of another user that look like ours may hold many files.
-    pub fn find(address: &AddressedInstance, at_once: impl FnOnce(&[ObeyingProcess])) -> Self {
+    /// `before_files` is called with the addressed processes before their files are read: processes of another user that look like
+    /// ours may hold many.
+    pub fn find(address: &AddressedInstance, before_files: impl FnOnce(&[ObeyingProcess])) -> Self {
         allow_files();
         let AddressedInstance { paths, has_root } = address;
         let is_addressed = |process: &ObeyingProcess| {
@@ -51,7 +52,7 @@ impl Reached {
         };
         let (processes, others): (Vec<_>, Vec<_>) =
             ObeyingProcess::all().into_iter().partition(is_addressed);
-        at_once(&processes);
+        before_files(&processes);
         let held: Vec<_> = processes.iter().map(ObeyingProcess::held_files).collect();
         let from_files = held.iter().flatten().filter_map(|files| files.paths.clone());
         let known = std::iter::once(paths.clone()).chain(from_files).chain(under_roots(paths));
@@ -123,7 +124,7 @@ impl Reached {
 }
 
 /// Sends `signal` to each of `processes`; returns a line with the result for each.
-pub fn send<'a>(
+pub fn signal_all<'a>(
     signal: Signal,
     processes: impl IntoIterator<Item = &'a ObeyingProcess>,
 ) -> Vec<String> {

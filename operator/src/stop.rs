@@ -23,7 +23,7 @@ use oqtal_runtime::program::beside;
 use serde::Serialize;
 
 use crate::raised::RaisedStops;
-use crate::reach::{AddressedInstance, Reached, send};
+use crate::reach::{AddressedInstance, Reached, signal_all};
 use crate::request::{place, start_daemon};
 
 /// Time after which the report is printed.
@@ -74,6 +74,8 @@ enum Unconfirmed {
     Starting,
     /// Its process has ended since.
     Ended,
+    /// A daemon runs without a process of its vehicle.
+    Missing,
 }
 
 impl Unconfirmed {
@@ -82,6 +84,9 @@ impl Unconfirmed {
         let vehicles = || reached.processes.iter().zip(&reached.held).filter(|(p, _)| p.is_vehicle);
         if vehicles().next().is_some() && !vehicles().any(|(process, _)| process.is_running()) {
             return Some(Self::Ended);
+        }
+        if reached.lacks_vehicle() && vehicles().next().is_some() {
+            return Some(Self::Missing);
         }
         let is_unconfirmed = raised.vehicles().next().is_none() && vehicles().next().is_some();
         let is_readable = vehicles().all(|(_, held)| held.is_ok());
@@ -96,6 +101,9 @@ impl Unconfirmed {
             Self::Starting => {
                 "the vehicle's process was signalled, but is only starting, or lost its files: whether it has obeyed cannot be read; \
                  repeat to know"
+            }
+            Self::Missing => {
+                "a daemon runs without a process of its vehicle, which may fly; what a vehicle under another root has reported does not count"
             }
             Self::Ended => {
                 "the vehicle's process has ended meanwhile; no command reaches the vehicle any more"
@@ -112,7 +120,7 @@ impl Unconfirmed {
 pub fn raise(address: &AddressedInstance) -> Result<ObeyedStop, Failure> {
     let give_up = Time::now() + REPORT_TIMEOUT;
     let mut paths = Vec::new();
-    let mut reached = Reached::find(address, |found| paths = send(STOP_SIGNAL, found));
+    let mut reached = Reached::find(address, |found| paths = signal_all(STOP_SIGNAL, found));
     let (raised, lines) = raise_words(&mut reached)?;
     paths.extend(lines);
     // Before the processes end, as those of `oqtal fly` do.
@@ -179,11 +187,11 @@ fn await_obedience(
 ) -> (StopReport, DaemonAnswer) {
     let processes = &reached.processes;
     let have_ended = || !processes.is_empty() && !processes.iter().any(ObeyingProcess::is_running);
-    let mut answer = None;
+    let (mut answer, lacks_vehicle) = (None, reached.lacks_vehicle());
     loop {
         let has_ended = have_ended();
         let mut report = raised.report();
-        if reached.lacks_vehicle() {
+        if lacks_vehicle {
             // Others that obey, under another root, do not tell whether this one has stopped.
             (report.vehicle_obeys, report.motors_off) = (false, false);
         }
@@ -269,7 +277,9 @@ impl ObeyedStop {
         if self.motors_off {
             return Ok(());
         }
-        let exit = if self.vehicle_obeys || self.unconfirmed.is_some() {
+        let exit = if self.vehicle_obeys
+            || self.unconfirmed.is_some_and(|reason| reason != Unconfirmed::Missing)
+        {
             Exit::Flight
         } else {
             Exit::Peer

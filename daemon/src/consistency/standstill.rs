@@ -6,10 +6,11 @@
 
 use nalgebra::Vector3;
 
-/// Distance from the mean of the poses at which the vehicle does not stand still any more \[m\], and over the noise of the poses \[-\].
+/// Distance from the mean of the poses above which the vehicle has moved \[m\], and as a multiple of the noise of the poses \[-\]; both are
+/// added.
 const LEAST_RADIUS_M: f64 = 0.009;
 const NOISE_RADIUS: f64 = 4.0;
-/// Motion by the thrust in which poses that stand still are frozen \[m\], and over that distance \[-\].
+/// Motion by the thrust at which poses that stand still count as frozen \[m\]; at least this multiple of that distance \[-\].
 const LIMIT_M: f64 = 0.145;
 const RADIUS_LIMIT: f64 = 8.0;
 /// Rise by the thrust after which a vehicle must have left the floor \[m\]: a vehicle that is heavier than configured stands
@@ -21,7 +22,7 @@ const LEAST_STILL_S: f64 = 0.3;
 const TRIM_S: f64 = 1.0;
 /// Time constant of the velocity by the positions \[s\].
 const VELOCITY_S: f64 = 0.08;
-/// Greatest difference from it that counts \[m/s\].
+/// Greatest correction of the velocity by one pose, over its time constant \[m/s\].
 const GREATEST_STEP_M_S: f64 = 0.3;
 /// Corner of the motion by the thrust, so that an error of the model adds up to a distance that is bounded \[rad/s\], and its damping
 /// \[-\].
@@ -69,7 +70,7 @@ impl StandstillTest {
         let extra = acceleration - *trim;
         *trim += extra * (dt_s / TRIM_S).min(1.0);
         let radius_m = radius_m(deviation_m);
-        let velocity = self.velocity(position, &extra, dt_s);
+        let velocity = self.update_velocity(position, &extra, dt_s);
         let Some(still) = Still::with(&mut self.still, position, &velocity, radius_m) else {
             return 0.0;
         };
@@ -92,7 +93,7 @@ impl StandstillTest {
         self.trim = None;
         let radius_m = radius_m(deviation_m);
         let lift = Vector3::z() * lift_m_s2;
-        let velocity = self.velocity(position, &lift, dt_s);
+        let velocity = self.update_velocity(position, &lift, dt_s);
         let Some(still) = Still::with(&mut self.still, position, &velocity, radius_m) else {
             return 0.0;
         };
@@ -114,8 +115,8 @@ impl StandstillTest {
         self.still = None;
     }
 
-    /// The velocity before `position` was seen \[m/s, world\].
-    fn velocity(
+    /// Updates the velocity by `position`; returns the one before \[m/s, world\].
+    fn update_velocity(
         &mut self,
         position: &Vector3<f64>,
         acceleration: &Vector3<f64>,

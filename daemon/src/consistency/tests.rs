@@ -31,8 +31,8 @@ fn evidence(phase_s: f64) -> f64 {
             tests.receive_rate(t_s, Vector3::y() * rate(t_s));
         }
         if ms % 17 == 0 {
-            let doing = Expectation { obeys: true, is_away: true };
-            tests.take(&tracker, (t_s, &pose(pitch)), &noise, &doing);
+            let expected = Expectation { obeys: true, is_away: true };
+            tests.take(&tracker, (t_s, &pose(pitch)), &noise, &expected);
             greatest = greatest.max(tests.evidence().response);
         }
     }

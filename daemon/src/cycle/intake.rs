@@ -147,8 +147,8 @@ impl Intake {
             let distance_m = (reference.position - pose.position).norm();
             distance_m > AWAY_M || reference.phase == Phase::TakeOff
         });
-        let doing = Expectation { obeys, is_away };
-        self.consistency.take(&self.tracker, (captured_s, &pose), &noise, &doing);
+        let expected = Expectation { obeys, is_away };
+        self.consistency.take(&self.tracker, (captured_s, &pose), &noise, &expected);
         if self.noise.take(captured_s, &pose, self.consistency.is_quiet()) {
             let PoseDeviations { position_m, attitude_rad } = self.noise.deviations();
             self.tracker.set_measured_noise(position_m, attitude_rad);

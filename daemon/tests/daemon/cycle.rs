@@ -132,6 +132,7 @@ fn f01_missing_poses_coast_after_three_periods_on_the_prediction_and_then_on_the
 #[test]
 fn f11_poses_that_come_irregularly_but_come_change_no_state() {
     let mut bench = Bench::flying(&[]);
+    // Shorter than the time after which a vehicle that stands still under thrust is stopped, F40.
     for (k, millis) in
         [10, 20, 40, 30, 10, 10, 40, 40, 20, 3].into_iter().cycle().take(50).enumerate()
     {

@@ -81,6 +81,11 @@ fn f40_a_vehicle_that_full_thrust_does_not_lift_is_stopped_on_the_floor() {
     assert!(waited <= 4000, "{waited} ms");
     assert_eq!(flight.cause(), Cause::NoLift);
     assert_eq!(flight.motion.position.z, 0.0);
+    flight.lift = 1.0;
+    flight.run(60);
+    flight.bench.cycle.request(flight.bench.now, OperatorCommand::Arm);
+    flight.run(300);
+    assert!(flight.motion.position.z > 0.5, "the next flight: {:?}", flight.cause());
 }
 
 #[test]

@@ -29,7 +29,7 @@ pub fn toml(identification: &Identification, config: &Config) -> String {
     let mut text = format!(
         "# The vehicle, identified by `oqtal identify` from {poses} poses in the air. Behind each identified value: its 95 %\n\
          # interval and the value before. All other keys have the value with which the vehicle flew, except those of\n\
-         # this flight alone: [instance], [record], [plant], [clock], [log], and what was flown. Keys that are not here have\n\
+         # this flight alone: [instance], [record], [plant], [clock], [log], and the trajectory. Keys that are not here have\n\
          # the value of the preset.\n"
     );
     let mut lines = configured(identification, config);

@@ -99,7 +99,7 @@ impl TrainingFlights {
     }
 
     /// The flights that have a figure with a weight.
-    fn weighted(&self) -> Case {
+    fn weighted_case(&self) -> Case {
         let has_weight = |test: &Test| self.weights[test.figures()].iter().any(|it| *it > 0.0);
         let tests: Vec<Test> = self.case.tests.iter().copied().filter(has_weight).collect();
         self.case.clone().flown_as(&tests)
@@ -219,7 +219,7 @@ pub fn law(
     let best = search(&parameters, &from, budget, |points| {
         let evaluate = |point: &Vec<f64>| {
             let gains = settings(&values(&parameters, point));
-            let flown = progress.check().and_then(|()| fly(&gains, &flights.weighted()));
+            let flown = progress.check().and_then(|()| fly(&gains, &flights.weighted_case()));
             bar.inc();
             flown.map_or(f64::INFINITY, |flown| value(&flown))
         };

@@ -55,7 +55,7 @@ pub fn events(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
                 "Poses lost: " (summary.lost.pose) ", refused: " (summary.poses_refused)
                 ". Commands lost: " (summary.lost.command)
                 ". Deadlines missed: " (summary.deadline_misses)
-                ". Times are in seconds after " (zero(timeline)) "."
+                ". Times are in seconds after " (time_origin(timeline)) "."
             }
             (list(events.into_iter()))
         },
@@ -63,7 +63,7 @@ pub fn events(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
 }
 
 /// The instant from which times are counted, as text.
-fn zero(timeline: &Timeline<'_>) -> &'static str {
+fn time_origin(timeline: &Timeline<'_>) -> &'static str {
     let is_flown = timeline.flight.flights().next().is_some() && !timeline.flight.is_observation();
     if is_flown && !timeline.flight.begins_in_flight() { "arming" } else { "the first tick" }
 }
