@@ -321,7 +321,7 @@ impl PoseConsistency {
         } else if !is_airborne {
             let lift_m_s2 = acceleration.z - tracker.model().gravity_m_s2;
             let rise = self.standstill.take_near_floor(position, lift_m_s2, deviation_m, dt_s);
-            self.stays_on_floor = rise >= 1.0;
+            self.stays_on_floor = rise * DEFAULT_LIMIT >= self.limit;
         } else {
             let turned = attitude.turned_by(self.unseen);
             let acceleration = turned.to_world(&Vector3::z()) * per_thrust;

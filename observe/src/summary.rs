@@ -268,17 +268,15 @@ fn vehicle_name(flight: &Flight) -> String {
     }
 }
 
-/// Sum of the increases of a counter of the daemon over the flights; over all ticks if none is armed \[-\].
+/// Sum of the increases of a counter of the daemon over the flights, and after the last one; over all ticks if none is armed \[-\].
 fn count(flight: &Flight, counter: impl Fn(&TelemetryV1) -> u64) -> u64 {
     let increase = |ticks: &[FlightSample]| {
         let [first, .., last] = ticks else { return 0 };
         counter(&last.telemetry).saturating_sub(counter(&first.telemetry))
     };
-    let mut flights = flight.flights().peekable();
-    match flights.peek() {
-        Some(_) => flights.map(increase).sum(),
-        None => increase(&flight.samples),
-    }
+    let armed = flight.samples.iter().rposition(FlightSample::is_armed);
+    let after = &flight.samples[armed.unwrap_or(0)..];
+    flight.flights().map(increase).sum::<u64>() + increase(after)
 }
 
 /// The last tick; the default one of a flight without any.

@@ -66,6 +66,8 @@ impl Rig {
         config.mocap.replay.clear();
         config.safety.observe_only = false;
         config.safety.vehicle_time_out_ms = f64::INFINITY;
+        // Its poses stand still, whatever is commanded.
+        config.safety.consistency_limit = 1e9;
         config.trajectory.kind = TrajectoryKind::Hover;
         config.trajectory.duration_s = Some(LONGEST_FLIGHT_S);
         let place = instance_paths(&config)?;

@@ -23,7 +23,7 @@ const TRIM_S: f64 = 1.0;
 /// Time constant of the velocity by the positions \[s\].
 const VELOCITY_S: f64 = 0.08;
 /// Greatest correction of the velocity by one pose, over its time constant \[m/s\].
-const GREATEST_STEP_M_S: f64 = 0.3;
+const GREATEST_STEP_M_S: f64 = 0.4;
 /// Corner of the motion by the thrust, so that an error of the model adds up to a distance that is bounded \[rad/s\], and its damping
 /// \[-\].
 const CORNER_RAD_S: f64 = 2.5;
@@ -91,6 +91,11 @@ impl StandstillTest {
         dt_s: f64,
     ) -> f64 {
         self.trim = None;
+        if lift_m_s2 <= 0.0 {
+            // It stands on the floor.
+            *self = Self::default();
+            return 0.0;
+        }
         let radius_m = radius_m(deviation_m);
         let lift = Vector3::z() * lift_m_s2;
         let velocity = self.update_velocity(position, &lift, dt_s);
@@ -98,10 +103,6 @@ impl StandstillTest {
             return 0.0;
         };
         still.advance(&lift, dt_s);
-        if still.velocity.z < 0.0 {
-            self.still = None;
-            return 0.0;
-        }
         still.moved.z / RISE_LIMIT_M
     }
 
