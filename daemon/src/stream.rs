@@ -65,9 +65,8 @@ impl FollowedReference {
         let turned = |prescribed: AttitudeReference| {
             let after = |dt_s: f64| prescribed.attitude.turned_by(prescribed.rate.0 * dt_s);
             let (mut within_s, mut beyond_s) = (0.0, now.since(self.time).seconds());
-            let attitude = after(beyond_s);
-            if is_upright(&attitude, cosine_of_tilt) {
-                return AttitudeReference { attitude, ..prescribed };
+            if is_upright(&after(beyond_s), cosine_of_tilt) {
+                return AttitudeReference { attitude: after(beyond_s), ..prescribed };
             }
             for _ in 0..BISECTIONS {
                 let middle_s = 0.5 * (within_s + beyond_s);
@@ -394,11 +393,8 @@ mod tests {
         stream.receive(at(1400), (7, &resting), (&present(), 0.0));
         assert!(stream.is_followed(), "it paused");
         stream.end();
-        stream.receive(
-            at(1410),
-            (8, &ReferenceV1 { time: at(1410), ..resting }),
-            (&present(), 0.0),
-        );
+        let other = ReferenceV1 { time: at(1410), ..resting };
+        stream.receive(at(1410), (8, &other), (&present(), 0.0));
         assert!(stream.is_followed(), "another planner");
     }
 }
