@@ -1,5 +1,5 @@
-//! Consistency of the poses with the vehicle: poses that do not follow the vehicle's rotation, or whose path does not follow its tilt and thrust,
-//! are not poses of the vehicle, however plausible each of them is.
+//! Consistency of the poses with the vehicle: poses that do not follow the vehicle's rotation, or whose path does not follow its tilt
+//! and thrust, are not poses of the vehicle, however plausible each of them is.
 //!
 //! The gate compares a pose with the motion predicted from the poses before it, and follows whatever changes slowly. Here the
 //! rotation seen by the cameras is compared with that of the vehicle's own gyroscope where it is reported, else with that of the commands
@@ -78,7 +78,7 @@ const TOLD_SHARE: f64 = 1.5;
 /// Evidence, as a share of its limit, above which no noise is learned \[-\].
 const QUIET: f64 = 0.5;
 
-/// Evidence against the poses over its limit \[-\]: from 1 on it is reported, and that of the response ends a flight.
+/// Evidence against the poses over its limit \[-\]: from 1 on it is reported.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PoseEvidence {
     /// Evidence that the rotation seen does not follow that of the vehicle, of all rotations or of the heading's oscillation \[-\].
@@ -89,6 +89,13 @@ pub struct PoseEvidence {
     pub standstill: f64,
     /// Evidence that the attitude drifts away from the gyroscope \[-\].
     pub drift: f64,
+}
+
+impl PoseEvidence {
+    /// The evidence that ends a flight from 1 on \[-\].
+    pub fn ending(&self) -> f64 {
+        self.response.max(self.standstill)
+    }
 }
 
 /// Motion that is expected of the vehicle.
@@ -188,8 +195,7 @@ impl PoseConsistency {
     /// Whether a test finds that the poses do not agree with the vehicle. Drift and direction find it in one of a hundred flights with
     /// right poses, too: they warn.
     pub fn disagrees(&self) -> bool {
-        let PoseEvidence { response, direction, drift, standstill } = self.evidence;
-        response.max(direction).max(drift).max(standstill) >= 1.0
+        self.evidence.ending().max(self.evidence.direction).max(self.evidence.drift) >= 1.0
     }
 
     /// The present evidence.
@@ -243,8 +249,7 @@ impl PoseConsistency {
             self.test_rotation(&seen, &driven, noise);
         }
         self.test_motion(tracker, (pose, noise), (dt_s, is_airborne), expected);
-        let PoseEvidence { response, standstill, .. } = self.evidence;
-        self.contradicts |= response.max(standstill) >= 1.0;
+        self.contradicts |= self.evidence.ending() >= 1.0;
     }
 
     /// Compares the rotations that the reports of the gyroscope now cover.
@@ -326,9 +331,9 @@ impl PoseConsistency {
             let turned = attitude.turned_by(self.unseen);
             let acceleration = turned.to_world(&Vector3::z()) * per_thrust;
             let moved = self.standstill.take(position, &acceleration, deviation_m, dt_s);
-            self.evidence.standstill = moved * DEFAULT_LIMIT / self.limit;
-            if !expected.is_away {
-                self.evidence.standstill = 0.0;
+            if expected.is_away {
+                self.evidence.standstill = moved * DEFAULT_LIMIT / self.limit;
+            } else {
                 self.standstill.end();
             }
         }

@@ -18,7 +18,7 @@ use oqtal_bus::transport::{Subscribe, Transport};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::beside;
 
-use crate::reach::{AddressedInstance, Reached, signal_all};
+use crate::reach::{AddressedInstance, FoundProcesses, Reached, signal_all};
 use crate::request::silent;
 
 /// Time within which a running daemon answers a request.
@@ -42,7 +42,7 @@ type LandingAnswer = Result<Option<ControlResponseV1>, BusError>;
 /// # Errors
 /// The daemon was signalled and has not confirmed (exit code 1), no daemon runs (75), or it belongs to another user (77).
 pub fn land(address: &AddressedInstance) -> Result<ControlResponseV1, Failure> {
-    let reached = Reached::find(address, |_| {});
+    let reached = Reached::find(address);
     let paths = &reached.paths;
     let is_daemon = |process: &ObeyingProcess| !process.is_vehicle;
     // The daemon of `paths` is asked first, and signalled if it does not answer; those under other roots are signalled at once and
@@ -59,12 +59,11 @@ pub fn land(address: &AddressedInstance) -> Result<ControlResponseV1, Failure> {
     let mut answered = answer.recv_timeout(SIGNAL_DELAY);
     while !matches!(answered, Ok(Ok(Some(_)))) {
         // Searched each time: the daemon may be starting.
-        Reached::find(address, |found| {
-            let here = found.iter().filter(|p| is_daemon(p) && p.is_under(paths));
-            let sent = signal_all(LAND_SIGNAL, here);
-            is_signalled.fetch_or(!sent.is_empty(), Ordering::AcqRel);
-            lines.extend(sent);
-        });
+        let found = FoundProcesses::search(address).addressed;
+        let here = found.iter().filter(|p| is_daemon(p) && p.is_under(paths));
+        let sent = signal_all(LAND_SIGNAL, here);
+        is_signalled.fetch_or(!sent.is_empty(), Ordering::AcqRel);
+        lines.extend(sent);
         if answered.is_ok() || Time::now() >= give_up {
             break;
         }

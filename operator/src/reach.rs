@@ -38,21 +38,38 @@ pub struct Reached {
     address: AddressedInstance,
 }
 
-impl Reached {
-    /// Searches all processes of this machine. Root opens the files that they hold, but nothing in a directory of theirs.
-    ///
-    /// `before_files` is called with the addressed processes before their files are read: processes of another user that look like
-    /// ours may hold many.
-    pub fn find(address: &AddressedInstance, before_files: impl FnOnce(&[ObeyingProcess])) -> Self {
+/// Processes that obey operators, of which no file was read: those of another user that look like ours may hold many.
+#[derive(Debug)]
+pub struct FoundProcesses {
+    /// Addressed processes.
+    pub addressed: Vec<ObeyingProcess>,
+    others: Vec<ObeyingProcess>,
+}
+
+impl FoundProcesses {
+    /// Searches all processes of this machine.
+    pub fn search(address: &AddressedInstance) -> Self {
         allow_files();
         let AddressedInstance { paths, has_root } = address;
         let is_addressed = |process: &ObeyingProcess| {
             let is_here = !has_root || process.is_under(paths);
             process.is_ours() && process.is_of_instance(&paths.instance) && is_here
         };
-        let (processes, others): (Vec<_>, Vec<_>) =
-            ObeyingProcess::all().into_iter().partition(is_addressed);
-        before_files(&processes);
+        let (addressed, others) = ObeyingProcess::all().into_iter().partition(is_addressed);
+        Self { addressed, others }
+    }
+}
+
+impl Reached {
+    /// Searches all processes of this machine, and reads the files of those that are addressed.
+    pub fn find(address: &AddressedInstance) -> Self {
+        Self::of(FoundProcesses::search(address), address)
+    }
+
+    /// Reads the files of the addressed processes. Root opens the files that they hold, but nothing in a directory of theirs.
+    pub fn of(found: FoundProcesses, address: &AddressedInstance) -> Self {
+        let FoundProcesses { addressed: processes, others } = found;
+        let paths = &address.paths;
         let held: Vec<_> = processes.iter().map(ObeyingProcess::held_files).collect();
         let from_files = held.iter().flatten().filter_map(|files| files.paths.clone());
         let known = std::iter::once(paths.clone()).chain(from_files).chain(under_roots(paths));

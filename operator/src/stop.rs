@@ -23,7 +23,7 @@ use oqtal_runtime::program::beside;
 use serde::Serialize;
 
 use crate::raised::RaisedStops;
-use crate::reach::{AddressedInstance, Reached, signal_all};
+use crate::reach::{AddressedInstance, FoundProcesses, Reached, signal_all};
 use crate::request::{place, start_daemon};
 
 /// Time after which the report is printed.
@@ -119,8 +119,9 @@ impl Unconfirmed {
 /// No process runs (75), or the instance belongs to another user (77).
 pub fn raise(address: &AddressedInstance) -> Result<ObeyedStop, Failure> {
     let give_up = Time::now() + REPORT_TIMEOUT;
-    let mut paths = Vec::new();
-    let mut reached = Reached::find(address, |found| paths = signal_all(STOP_SIGNAL, found));
+    let found = FoundProcesses::search(address);
+    let mut paths = signal_all(STOP_SIGNAL, &found.addressed);
+    let mut reached = Reached::of(found, address);
     let (raised, lines) = raise_words(&mut reached)?;
     paths.extend(lines);
     // Before the processes end, as those of `oqtal fly` do.
@@ -130,7 +131,7 @@ pub fn raise(address: &AddressedInstance) -> Result<ObeyedStop, Failure> {
     paths.push(format!("control service: {}", said(&answer)));
     if reached.processes.is_empty() {
         // Some may have started.
-        let present = Reached::find(address, |_| {});
+        let present = Reached::find(address);
         let is_obeyed = report.motors_off || report.daemon_obeys;
         if present.processes.is_empty() && !is_obeyed {
             raised.withdraw();

@@ -8,7 +8,6 @@ use oqtal_control::trajectory::Reference;
 
 use super::intake::Intake;
 use super::supervision::FlightSupervision;
-use crate::consistency::PoseEvidence;
 use crate::law_guard::GuardReport;
 use crate::mission::ActiveMission;
 use crate::stack::ControlOutput;
@@ -108,9 +107,8 @@ impl TickReport {
         let noise = intake.noise().deviations();
         telemetry.pose_noise_m = noise.position_m;
         telemetry.pose_noise_rad = noise.attitude_rad;
-        let PoseEvidence { response, direction, drift, standstill } =
-            *intake.consistency().evidence();
-        telemetry.pose_evidence = [response.max(standstill), direction, drift];
+        let evidence = intake.consistency().evidence();
+        telemetry.pose_evidence = [evidence.ending(), evidence.direction, evidence.drift];
         let guard = intake.guard();
         telemetry.poses_lost = guard.lost();
         telemetry.poses_superseded = guard.superseded();

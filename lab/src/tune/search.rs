@@ -207,7 +207,7 @@ pub fn law(
     let config = Config::from_settings(&flights.settings)?;
     let (name, parameters) = (controller.name(), flights.parameters(controller, &config));
     let bar = progress.start(&format!("tuning {name}"), budget.points);
-    let reference = flights.reference(progress)?;
+    let (reference, weighted) = (flights.reference(progress)?, flights.weighted_case());
     let law = |gains: &[Setting]| flights.law(name, gains);
     let fly = |gains: &[Setting], case: &Case| flights.fly(&law(gains), case, progress);
     let figures = |flown: &Flown| flights.figures(flown, &reference);
@@ -219,7 +219,7 @@ pub fn law(
     let best = search(&parameters, &from, budget, |points| {
         let evaluate = |point: &Vec<f64>| {
             let gains = settings(&values(&parameters, point));
-            let flown = progress.check().and_then(|()| fly(&gains, &flights.weighted_case()));
+            let flown = progress.check().and_then(|()| fly(&gains, &weighted));
             bar.inc();
             flown.map_or(f64::INFINITY, |flown| value(&flown))
         };

@@ -1,0 +1,113 @@
+use super::*;
+
+const START: Time = Time::VIRTUAL_START;
+
+fn stream() -> ReferenceStream {
+    let config = Config::default();
+    ReferenceStream::new(&config, Fence::new(&config.fence))
+}
+
+fn at(millis: i64) -> Time {
+    START + Span::from_millis(millis)
+}
+
+/// A reference at x = 0.5 m/s times the time since the start, at 1 m, valid for two periods of 60 Hz.
+fn sample(millis: i64) -> ReferenceV1 {
+    ReferenceV1 {
+        time: at(millis),
+        valid_until: at(millis + 33),
+        kind: ReferenceKind::Position.code(),
+        position: [0.5e-3 * millis as f64, 0.0, 1.0],
+        velocity: [0.5, 0.0, 0.0],
+        ..ReferenceV1::default()
+    }
+}
+
+fn present() -> ReferenceMotion {
+    ReferenceMotion { value: [0.0, 0.0, 1.0, 0.0].into(), ..ReferenceMotion::default() }
+}
+
+#[test]
+fn f35_between_two_references_the_last_is_extrapolated_until_its_validity_ends() {
+    let mut stream = stream();
+    stream.receive(at(0), (7, &sample(0)), (&present(), 0.0));
+    let reference = stream.reference(at(20)).unwrap();
+    assert!((reference.position - Vector3::new(0.01, 0.0, 1.0)).norm() < 1e-12);
+    assert!(!stream.expire(at(33)) && stream.expire(at(34)));
+    assert_eq!((stream.reference(at(34)), stream.ended(at(40))), (None, [true, false]));
+    assert_eq!(stream.ended(at(34 + 5000)), [true, true]);
+    stream.receive(at(60), (7, &sample(60)), (&present(), 0.0));
+    assert_eq!(stream.ended(at(60)), [false, false]);
+}
+
+#[test]
+fn f35_a_planners_reference_beyond_a_limit_leaves_the_last_valid_one_in_force() {
+    let good = sample(10);
+    let wrong = [
+        ReferenceV1 { position: [f64::NAN, 0.0, 1.0], ..good },
+        ReferenceV1 { position: [1.0, 0.0, 1.0], ..good },
+        ReferenceV1 { velocity: [9.0, 0.0, 0.0], ..good },
+        ReferenceV1 { acceleration: [0.0, 0.0, 20.0], ..good },
+        ReferenceV1 { jerk: [f64::INFINITY, 0.0, 0.0], ..good },
+        ReferenceV1 { yaw: f64::NAN, ..good },
+        ReferenceV1 { valid_until: at(9), ..good },
+        ReferenceV1 { time: at(-2000), ..good },
+        ReferenceV1 { kind: 9, ..good },
+        ReferenceV1 { kind: ReferenceKind::Attitude.code(), attitude: [0.0; 4], ..good },
+        ReferenceV1 {
+            kind: ReferenceKind::Attitude.code(),
+            attitude: [1.0, 0.0, 0.0, 0.0],
+            ..good
+        },
+    ];
+    for message in wrong {
+        let mut stream = stream();
+        stream.receive(at(0), (7, &sample(0)), (&present(), 0.0));
+        assert!(!stream.take_refused());
+        let before = stream.reference(at(10));
+        stream.receive(at(10), (7, &message), (&stream.motion(at(10)).unwrap(), 0.0));
+        assert!(stream.take_refused(), "{message:?}");
+        assert_eq!(stream.reference(at(10)), before, "{message:?}");
+    }
+}
+
+#[test]
+fn f35_an_attitude_turns_on_to_the_tilt_limit_and_a_reference_near_the_floor_is_refused() {
+    let mut stream = stream();
+    let message = ReferenceV1 {
+        kind: ReferenceKind::Attitude.code(),
+        attitude: [0.0, 0.0, 0.0, 1.0],
+        rate: [6.0, 0.0, 0.0],
+        valid_until: at(500),
+        ..sample(0)
+    };
+    stream.receive(at(0), (7, &message), (&present(), 0.0));
+    let limit_rad = stream.limits.cosine_of_tilt.acos();
+    for millis in [0, 20, 100, 400] {
+        let attitude = stream.reference(at(millis)).unwrap().attitude.unwrap();
+        let turned_rad = attitude.attitude.angle_to(&Attitude::default());
+        let expected_rad = (6e-3 * millis as f64).min(limit_rad);
+        assert!((turned_rad - expected_rad).abs() < 2e-3, "{millis} ms: {turned_rad}");
+        assert_eq!(attitude.rate.0.x == 0.0, expected_rad == limit_rad, "{millis} ms");
+    }
+    stream.receive(at(1), (7, &sample(1)), (&present(), 0.95));
+    assert!(stream.take_refused(), "near the floor");
+}
+
+#[test]
+fn an_operator_ends_a_stream_until_its_planner_pauses() {
+    let mut stream = stream();
+    stream.receive(at(0), (7, &sample(0)), (&present(), 0.0));
+    stream.end();
+    for millis in [10, 400, 800] {
+        stream.receive(at(millis), (7, &sample(millis)), (&present(), 0.0));
+        assert!(!stream.is_followed());
+    }
+    let resting = ReferenceV1 { position: [0.0, 0.0, 1.0], ..sample(1400) };
+    stream.receive(at(1400), (7, &resting), (&present(), 0.0));
+    assert!(stream.is_followed(), "it paused");
+    stream.end();
+    let other = ReferenceV1 { time: at(1410), ..resting };
+    stream.receive(at(1410), (8, &other), (&present(), 0.0));
+    assert!(stream.is_followed(), "another planner");
+}
