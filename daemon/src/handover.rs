@@ -1,32 +1,18 @@
-//! Bumpless hand-over: after a change of the control stack the command continues from the last one.
-//!
-//! At the change, the difference between the last command and that of the new stack becomes an offset to the new commands. The
-//! offset shrinks by at most one step per tick, the slew limit of the hand-over, until it is zero. The feedback of the new stack
-//! is effective from its first tick on: only the difference between the stacks is spread over time.
+//! Bumpless hand-over: after a change of the control stack the command follows that of the new stack with a limited slew, for a
+//! quarter of a second and until it has reached it. The new stack's filters settle in that time: their first commands would jump.
+//! The feedback of the new stack is effective from its first tick on, within the slew limit.
 
-use nalgebra::Vector3;
 use oqtal_config::{Config, Interface};
 use oqtal_control::quantity::{StickCommand, Torque};
 
 use crate::command::{RotationCommand, VehicleCommand};
 
-/// Time in which an offset of the whole range of a command vanishes \[s\].
+/// Time in which a command may change by its whole range, and least time of a hand-over \[s\].
 const FULL_RANGE_S: f64 = 0.25;
 /// Range of the attitude of a command \[rad\].
 const ATTITUDE_RANGE_RAD: f64 = 1.0;
 
-/// Difference between two commands.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct CommandOffset {
-    /// Sticks \[-\] or torque \[N m, body\].
-    rotation: Vector3<f64>,
-    /// Thrust \[N\].
-    thrust_n: f64,
-    /// Rotation vector \[rad, body\].
-    turn: Vector3<f64>,
-}
-
-/// Greatest change of the offset in one second.
+/// Greatest change of a command in one second.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlewLimits {
     /// Of each component of the rotation command \[1/s for sticks, N m/s for a torque\].
@@ -61,38 +47,29 @@ fn rotation_limit(config: &Config) -> f64 {
 #[derive(Clone, Debug)]
 pub struct Handover {
     slew: SlewLimits,
-    rotation_limit: f64,
-    max_thrust_n: f64,
-    /// Whether the next command is the first one of another stack.
-    begins: bool,
-    offset: Option<CommandOffset>,
+    /// Time left of the hand-over \[s\]; `None` outside one.
+    left_s: Option<f64>,
 }
 
 impl Handover {
     /// The hand-over for a vehicle of `config`, inactive.
     pub fn new(config: &Config) -> Self {
-        Self {
-            slew: SlewLimits::of(config),
-            rotation_limit: rotation_limit(config),
-            max_thrust_n: config.vehicle.max_thrust_n,
-            begins: false,
-            offset: None,
-        }
+        Self { slew: SlewLimits::of(config), left_s: None }
     }
 
     /// Begins a hand-over: the next command passed to [`Handover::apply`] is the first one of another stack.
     pub fn begin(&mut self) {
-        self.begins = true;
+        self.left_s = Some(FULL_RANGE_S);
     }
 
     /// Ends a hand-over at once: a flight begins.
     pub fn reset(&mut self) {
-        (self.begins, self.offset) = (false, None);
+        self.left_s = None;
     }
 
-    /// Whether commands are offset.
+    /// Whether the slew of commands is limited.
     pub fn is_active(&self) -> bool {
-        self.begins || self.offset.is_some()
+        self.left_s.is_some()
     }
 
     /// The command to send for `command`, that of the present stack, `dt_s` \[s\] after the command `last` was sent. Outside a
@@ -103,65 +80,54 @@ impl Handover {
         command: VehicleCommand,
         dt_s: f64,
     ) -> VehicleCommand {
-        if std::mem::take(&mut self.begins) {
-            self.offset = offset(last, &command);
-        }
-        let Some(offset) = self.offset else { return command };
-        self.offset = self.shrunk(&offset, dt_s);
-        self.offset.map_or(command, |offset| self.shifted(command, &offset))
-    }
-
-    /// `offset`, smaller by a step of `dt_s` \[s\]; `None` once it is zero, or not finite.
-    fn shrunk(&self, offset: &CommandOffset, dt_s: f64) -> Option<CommandOffset> {
-        let SlewLimits { rotation_per_s, thrust_n_per_s, attitude_rad_s } = self.slew;
-        let toward_zero = |value: f64, step: f64| value - value.clamp(-step, step);
-        let next = CommandOffset {
-            rotation: offset.rotation.map(|value| toward_zero(value, rotation_per_s * dt_s)),
-            thrust_n: toward_zero(offset.thrust_n, thrust_n_per_s * dt_s),
-            turn: offset.turn.map(|value| toward_zero(value, attitude_rad_s * dt_s)),
-        };
-        let mut numbers = next.rotation.iter().chain(&next.turn).chain([&next.thrust_n]);
-        let is_finite = numbers.clone().all(|number| number.is_finite());
-        (is_finite && numbers.any(|number| *number != 0.0)).then_some(next)
-    }
-
-    /// `command`, shifted by `offset` within the vehicle's range.
-    fn shifted(&self, command: VehicleCommand, offset: &CommandOffset) -> VehicleCommand {
-        let VehicleCommand::Armed { rotation, thrust_n, attitude } = command else {
+        let Some(left_s) = self.left_s else { return command };
+        let Some(limited) = self.limited(last, &command, dt_s) else {
+            self.left_s = None;
             return command;
         };
-        let limit = self.rotation_limit;
-        let vector = (rotation.vector() + offset.rotation).map(|value| value.clamp(-limit, limit));
-        VehicleCommand::Armed {
-            rotation: match rotation {
-                RotationCommand::Sticks(_) => StickCommand(vector).into(),
-                RotationCommand::Torque(_) => Torque(vector).into(),
-            },
-            thrust_n: (thrust_n + offset.thrust_n).clamp(0.0, self.max_thrust_n),
-            attitude: attitude.turned_by(offset.turn),
-        }
+        self.left_s = Some(left_s - dt_s).filter(|left_s| *left_s > 0.0 || limited != command);
+        limited
     }
-}
 
-/// The difference from `command` to `last`; `None` if one of them disarms, they are of different kinds, or a number is not finite.
-fn offset(last: &VehicleCommand, command: &VehicleCommand) -> Option<CommandOffset> {
-    let (
-        VehicleCommand::Armed { rotation: last, thrust_n: last_n, attitude: last_attitude },
-        VehicleCommand::Armed { rotation, thrust_n, attitude },
-    ) = (last, command.finite_or_disarmed())
-    else {
-        return None;
-    };
-    let is_same_kind = std::mem::discriminant(last) == std::mem::discriminant(&rotation);
-    is_same_kind.then(|| CommandOffset {
-        rotation: last.vector() - rotation.vector(),
-        thrust_n: last_n - thrust_n,
-        turn: attitude.rotation_to(last_attitude),
-    })
+    /// `command`, at most a step of `dt_s` \[s\] from `last`; `None` if one of them disarms, they are of different kinds, or a
+    /// number is not finite.
+    fn limited(
+        &self,
+        last: &VehicleCommand,
+        command: &VehicleCommand,
+        dt_s: f64,
+    ) -> Option<VehicleCommand> {
+        let (
+            VehicleCommand::Armed { rotation: last, thrust_n: last_n, attitude: last_attitude },
+            VehicleCommand::Armed { rotation, thrust_n, attitude },
+        ) = (last, command.finite_or_disarmed())
+        else {
+            return None;
+        };
+        let SlewLimits { rotation_per_s, thrust_n_per_s, attitude_rad_s } = self.slew;
+        let near = |value: f64, last: f64, step: f64| value.clamp(last - step, last + step);
+        let (from, to) = (last.vector(), rotation.vector());
+        let vector = to.zip_map(&from, |value, last| near(value, last, rotation_per_s * dt_s));
+        let rotation = match (last, rotation) {
+            (RotationCommand::Sticks(_), RotationCommand::Sticks(_)) => StickCommand(vector).into(),
+            (RotationCommand::Torque(_), RotationCommand::Torque(_)) => Torque(vector).into(),
+            _ => return None,
+        };
+        let turn = last_attitude.rotation_to(&attitude);
+        let step = attitude_rad_s * dt_s;
+        // An attitude within reach is kept bit for bit.
+        let attitude = match turn.amax() <= step {
+            true => attitude,
+            false => last_attitude.turned_by(turn.map(|angle| angle.clamp(-step, step))),
+        };
+        let thrust_n = near(thrust_n, *last_n, thrust_n_per_s * dt_s);
+        Some(VehicleCommand::Armed { rotation, thrust_n, attitude })
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector3;
     use oqtal_control::quaternion::Attitude;
 
     use super::*;
@@ -192,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn no_step_is_above_the_slew_limit_and_the_offset_ends() {
+    fn no_step_is_above_the_slew_limit_and_the_hand_over_ends() {
         let config = Config::default();
         let (mut handover, slew) = (Handover::new(&config), SlewLimits::of(&config));
         let steps = [slew.rotation_per_s, slew.thrust_n_per_s, slew.attitude_rad_s];
@@ -211,18 +177,31 @@ mod tests {
     }
 
     #[test]
-    fn a_hand_over_stays_in_range_and_passes_what_is_not_finite() {
+    fn a_hand_over_ends_with_what_is_not_finite_or_disarms() {
         let mut handover = Handover::new(&Config::default());
         handover.begin();
-        handover.apply(&sticks(0.9, 5.0, 0.0), sticks(0.0, 5.0, 0.0), DT_S);
-        assert!(
-            numbers(&handover.apply(&sticks(0.0, 5.0, 0.0), sticks(0.9, 5.0, 0.0), DT_S))[0] <= 1.0
-        );
         let wrong = handover.apply(&sticks(0.0, 5.0, 0.0), sticks(0.0, f64::NAN, 0.0), DT_S);
         assert_eq!(wrong.finite_or_disarmed(), VehicleCommand::Disarmed);
+        assert!(!handover.is_active());
         handover.begin();
         let off = VehicleCommand::Disarmed;
         assert_eq!(handover.apply(&off, sticks(0.5, 5.0, 0.0), DT_S), sticks(0.5, 5.0, 0.0));
         assert!(!handover.is_active());
+    }
+
+    /// The first commands of a new stack may be far apart while its filters settle.
+    #[test]
+    fn commands_that_swing_after_the_change_are_limited_for_a_quarter_of_a_second() {
+        let config = Config::default();
+        let (mut handover, slew) = (Handover::new(&config), SlewLimits::of(&config));
+        let mut last = sticks(0.0, 5.0, 0.0);
+        handover.begin();
+        for tick in 0..14 {
+            let wanted = sticks(if tick % 2 == 0 { 0.0 } else { 0.9 }, 5.0, 0.0);
+            let sent = handover.apply(&last, wanted, DT_S);
+            let change = (numbers(&sent)[0] - numbers(&last)[0]).abs();
+            assert!(change <= slew.rotation_per_s * DT_S + 1e-12, "{tick}: {change}");
+            last = sent;
+        }
     }
 }

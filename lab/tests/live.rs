@@ -282,6 +282,33 @@ fn a_thousand_random_requests_leave_the_command_in_range_and_replay_bit_for_bit(
     assert!(result.is_identical());
 }
 
+/// Filters of a law that predicts settle after the change: without a limit its commands jump by up to the whole range.
+#[test]
+fn after_a_change_of_the_law_no_command_changes_faster_than_the_hand_over_allows() {
+    let laws = ["oqtal", "oqtal-dt", "pid", "mpc", "geometric", "oqtal-dt", "indi", "mpc", "px4"];
+    let mission = hover(120.0, &["control.controller=lqr"]);
+    let slew = SlewLimits::of(&mission.config).rotation_per_s;
+    let mut flight = OnlineFlight::begin(&mission).unwrap();
+    fly_for(&mut flight, 8.0);
+    let from = flight.samples().len();
+    for law in laws.iter().cycle().take(60) {
+        let before = flight.samples().len() - 1;
+        let change = request(&format!("control.controller={law}"));
+        assert!(is_done(&flight.change(OperatorCommand::Set, &change).unwrap().unwrap()));
+        fly_for(&mut flight, 0.5);
+        let ticks: Vec<_> = flight.samples()[before..].iter().map(|s| s.telemetry).collect();
+        // The hand-over lasts a quarter of a second.
+        for pair in ticks.windows(2).take(14) {
+            let most = slew * pair[1].time.since(pair[0].time).seconds() + 1e-6;
+            let change = |axis: usize| (pair[1].sticks[axis] - pair[0].sticks[axis]).abs();
+            assert!((0..3).all(|axis| change(axis) <= most), "{law}: {pair:?}");
+        }
+    }
+    assert!(error_m(&flight, from) < 0.05, "{}", error_m(&flight, from));
+    assert!(flight.request(OperatorCommand::Land).unwrap());
+    assert_eq!(flight.finish().unwrap().outcome, Outcome::Landed);
+}
+
 /// The recorded points fly, whatever becomes of the file.
 #[test]
 fn waypoints_flown_by_request_are_those_of_the_start_and_replay_bit_for_bit() {
