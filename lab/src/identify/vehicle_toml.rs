@@ -14,10 +14,11 @@ const REMARKS_AT: usize = 39;
 const OF_ONE_FLIGHT: [&str; 7] =
     ["clock", "fault", "instance", "log", "plant", "realtime", "record"];
 /// Keys that say what was flown. The sizes of trajectories are those for which the room has space.
-const FLOWN: [&str; 5] = [
+const FLOWN: [&str; 6] = [
     "mocap.replay",
     "safety.observe-only",
     "trajectory.kind",
+    "trajectory.settle-s",
     "trajectory.hover.duration-s",
     "trajectory.waypoints-file",
 ];

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use oqtal_config::Setting;
-use oqtal_observe::flight::{Outcome, is_of_fence};
+use oqtal_observe::flight::Outcome;
 use serde_json::{Value, json};
 
 use super::Flown;
@@ -138,13 +138,13 @@ pub fn counts(rows: &[Flown]) -> (usize, usize) {
     (ends().count(), ends().filter(|end| end.cause.is_some()).count())
 }
 
-/// Changes with which the flights that the fence held or stopped would be complete, one line for each trajectory; empty without any.
+/// Changes with which the flights that needed more room would be complete, a paragraph for each trajectory; empty without any.
 pub fn remedies(groups: &[FailedFlights<'_>]) -> String {
-    let held = groups.iter().filter(|group| is_of_fence(group.cause));
-    room::remedies(held.map(|group| (group.law, &group.conditions[..], group.test)))
+    let cramped = groups.iter().filter(|group| room::is_cramped(group.test, group.cause));
+    room::remedies(cramped.map(|group| (group.law, &group.conditions[..], group.test)))
 }
 
-/// Text about all flights, [`listed`], and the remedies for those that the fence held or stopped.
+/// Text about all flights, [`listed`], and the remedies for those that needed more room.
 pub fn text(rows: &[Flown], table: &str) -> String {
     listed(rows, table) + &remedies(&failed(rows))
 }

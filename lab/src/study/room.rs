@@ -1,8 +1,11 @@
-//! Remedy for flights that the fence held or stopped: the keys of the room, and a size of the trajectory with which they are
-//! complete.
+//! Remedy for flights that the fence held or stopped, and for manoeuvres of the attitude that drifted from their reference: the
+//! keys of the room, and a size of the trajectory with which they are complete.
 
+use nalgebra::Vector3;
+use oqtal_bus::code::Cause;
 use oqtal_config::{Config, Setting};
 use oqtal_control::trajectory::TrajectoryKind;
+use oqtal_observe::flight::is_of_fence;
 use oqtal_runtime::process::Failure;
 use toml::Value;
 
@@ -28,30 +31,43 @@ const SHARES: [f64; 8] = [0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2];
 /// Number of flights of each law, test and cause that are flown again with a smaller size \[-\].
 const TRIED: usize = 5;
 
-/// Flights of one trajectory that the fence held or stopped.
-struct FenceFlights<'a> {
+/// Flights of one trajectory that needed more room.
+struct CrampedFlights<'a> {
     kind: TrajectoryKind,
     flights: Vec<(&'a StudyLaw, &'a FlightCondition, Test)>,
 }
 
-/// Flights of one law and test that the fence held or stopped.
-pub type FenceGroup<'a> = (&'a StudyLaw, &'a [&'a FlightCondition], Test);
+/// Flights of one law and test that needed more room.
+pub type CrampedGroup<'a> = (&'a StudyLaw, &'a [&'a FlightCondition], Test);
+
+/// Whether flights of `test` that ended by `cause`, of [`oqtal_observe::flight::Flight::cause`], needed more room.
+pub fn is_cramped(test: Test, cause: &str) -> bool {
+    let is_drift = is_open(test) && cause.ends_with(&Cause::Tracking.to_string());
+    is_of_fence(cause) || is_drift
+}
+
+/// Whether the position is not controlled during the manoeuvre of `test`.
+const fn is_open(test: Test) -> bool {
+    matches!(test, Test::Chirp | Test::Doublet)
+}
 
 /// Changes with which the flights of `groups` would be complete, one line for each trajectory; empty without groups.
-pub fn remedies<'a>(groups: impl IntoIterator<Item = FenceGroup<'a>>) -> String {
-    let mut held: Vec<FenceFlights<'_>> = Vec::new();
+pub fn remedies<'a>(groups: impl IntoIterator<Item = CrampedGroup<'a>>) -> String {
+    let mut cramped: Vec<CrampedFlights<'_>> = Vec::new();
     for (law, conditions, test) in groups {
         let Ok(first) = config(law, conditions[0], test) else { continue };
         let own = conditions.iter().take(TRIED).map(|condition| (law, *condition, test));
-        match held.iter_mut().find(|held| held.kind == first.trajectory.kind) {
-            Some(held) => held.flights.extend(own),
-            None => held.push(FenceFlights { kind: first.trajectory.kind, flights: own.collect() }),
+        match cramped.iter_mut().find(|others| others.kind == first.trajectory.kind) {
+            Some(others) => others.flights.extend(own),
+            None => {
+                cramped.push(CrampedFlights { kind: first.trajectory.kind, flights: own.collect() })
+            }
         }
     }
-    held.iter().map(|held| format!("\n{}", held.remedy())).collect()
+    cramped.iter().map(|flights| format!("\n{}", flights.remedy())).collect()
 }
 
-impl FenceFlights<'_> {
+impl CrampedFlights<'_> {
     /// The keys to change, after flights with smaller sizes.
     fn remedy(&self) -> String {
         let name = oqtal_observe::summary::name_of(&self.kind);
@@ -63,10 +79,26 @@ impl FenceFlights<'_> {
             };
             format!("; with --set {key}={size} {are_complete}")
         });
+        let (ends, drift) = match self.drift() {
+            Some(drift) => ("ended by the fence or far from the reference", drift),
+            None => ("held or stopped by the fence", String::new()),
+        };
         format!(
-            "  {name}, held or stopped by the fence: enlarge [fence] x-m, y-m, z-m, or lower fence.soft-margin-m{}",
+            "  {name}, {ends}: enlarge [fence] x-m, y-m, z-m, or lower fence.soft-margin-m{}{drift}",
             smaller.unwrap_or_default()
         )
+    }
+
+    /// Sentence on the drift of a vehicle whose position is not controlled; `None` if it is.
+    fn drift(&self) -> Option<String> {
+        let (law, condition, test) = self.flights[0];
+        let config = config(law, condition, test).ok().filter(|_| is_open(test))?;
+        let (force_n, mass_kg) =
+            (Vector3::from(config.plant.force_n).norm(), config.vehicle.mass_kg);
+        let acceleration_m_s2 = force_n / mass_kg;
+        Some(format!(
+            "\n    the position is not controlled in this manoeuvre, and plant.force-n accelerates the vehicle of {mass_kg} kg by {acceleration_m_s2:.2} m/s^2: for a light vehicle give a smaller force"
+        ))
     }
 
     /// Key and greatest size with which all of the flights are complete; `None` if there is none.
@@ -115,10 +147,13 @@ mod tests {
         let condition = FlightCondition { seed: 200, plant: NOMINAL, settings: Vec::new() };
         let remedy = remedies([(&law, &[&condition][..], Test::Chirp)]);
         assert!(
-            remedy.contains("attitude-chirp, held or stopped by the fence: enlarge [fence]"),
+            remedy.contains(
+                "attitude-chirp, ended by the fence or far from the reference: enlarge [fence]"
+            ),
             "{remedy}"
         );
         assert!(remedy.contains("--set trajectory.attitude-chirp.sweep-s="), "{remedy}");
-        assert!(remedy.ends_with("the repeated flight is complete"), "{remedy}");
+        assert!(remedy.contains("the repeated flight is complete"), "{remedy}");
+        assert!(remedy.ends_with("give a smaller force"), "{remedy}");
     }
 }
