@@ -34,8 +34,8 @@ const MAX_NUMBER: u32 = 100_000;
 /// Arguments of `oqtal record`.
 #[derive(Args, Debug)]
 pub struct RecordArgs {
-    /// The recording; further files, after the size or duration of [record], have a number before .mcap
-    /// [default: recordings/INSTANCE-N.mcap]
+    /// The recording, or a directory for INSTANCE-N.mcap; further files, after the size or duration of [record], have a
+    /// number before .mcap [default: recordings/]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Fail if no daemon runs, instead of waiting for one
@@ -80,10 +80,12 @@ impl RecordArgs {
     /// Creates the first file.
     fn begin(&self, config: &Config) -> Result<McapRecorder, Failure> {
         let complain = |message: &str| say(&format!("oqtal: {message}"));
+        let out = self.out.as_deref().unwrap_or(Path::new("recordings/"));
+        let numbered = recordings::is_directory(out).then_some(out);
         loop {
-            let path = match &self.out {
-                Some(path) => path.clone(),
-                None => next_free(&config.instance.name)?,
+            let path = match numbered {
+                Some(directory) => next_free(directory, &config.instance.name)?,
+                None => out.to_owned(),
             };
             if let Some(directory) = path.parent() {
                 std::fs::create_dir_all(directory).map_err(|error| failed(directory, &error))?;
@@ -92,7 +94,7 @@ impl RecordArgs {
             let plan = RecordingPlan { path: path.clone(), config, provenance, rotates, complain };
             match McapRecorder::create(&plan) {
                 // Another recorder has just created the file.
-                Err(error) if self.out.is_none() && error.kind() == ErrorKind::AlreadyExists => {}
+                Err(error) if numbered.is_some() && error.kind() == ErrorKind::AlreadyExists => {}
                 Err(error) => return Err(failed(&path, &error)),
                 Ok(recorder) => {
                     say(&format!("oqtal: recording into {}; Ctrl-C ends", path.display()));
@@ -210,12 +212,12 @@ fn duration_s(text: &str) -> Result<f64, String> {
     valid.ok_or_else(|| "expected a number of seconds above 0, as in --seconds 60".to_owned())
 }
 
-/// The first `recordings/INSTANCE-N.mcap` that does not exist.
-fn next_free(instance: &str) -> Result<PathBuf, Failure> {
-    let directory = Path::new("recordings");
+/// The first `INSTANCE-N.mcap` in `directory` that does not exist.
+fn next_free(directory: &Path, instance: &str) -> Result<PathBuf, Failure> {
     let paths = (1..MAX_NUMBER).map(|number| directory.join(format!("{instance}-{number}.mcap")));
     paths.into_iter().find(|path| !path.exists()).ok_or_else(|| {
-        Failure::new(Exit::System, "recordings/ has no free number; give --out FILE")
+        let message = format!("{} has no free number; give --out FILE", directory.display());
+        Failure::new(Exit::System, message)
     })
 }
 

@@ -70,12 +70,19 @@ pub fn check(recording: &RecordingResult) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Path of the page `out`, which is `name` in it if it is a directory.
+/// Whether `--out` names a directory: one that exists, a path that ends with a slash, or a new name without an extension.
+pub fn is_directory(out: &Path) -> bool {
+    let ends_with_slash = out.as_os_str().as_encoded_bytes().ends_with(b"/");
+    let is_new_name = out.extension().is_none() && !out.exists();
+    out.is_dir() || ends_with_slash || is_new_name
+}
+
+/// Path of the page `out`, which is `name` in it if it [is a directory](is_directory).
 ///
 /// # Errors
 /// A file is there that is not a page of oqtal, such as the recording itself (exit code 64).
 pub fn page_path(out: &Path, name: &str) -> Result<PathBuf, Failure> {
-    let path = if out.is_dir() { out.join(name) } else { out.to_owned() };
+    let path = if is_directory(out) { out.join(name) } else { out.to_owned() };
     // Pipes and devices are not read.
     let is_foreign = path.is_file() && !is_page(&path);
     if is_foreign {
@@ -88,7 +95,7 @@ pub fn page_path(out: &Path, name: &str) -> Result<PathBuf, Failure> {
     Ok(path)
 }
 
-/// Writes a file of results.
+/// Writes a file of results, and makes its directory.
 ///
 /// # Errors
 /// The file is a recording (exit code 64), or cannot be written (71).
@@ -98,6 +105,8 @@ pub fn write(path: &Path, content: impl AsRef<[u8]>) -> Result<(), Failure> {
             format!("{} is a recording, so it is not replaced; give another --out", path.display());
         return Err(Failure::new(Exit::Usage, message));
     }
-    files::write(path, content)
+    let directory = path.parent().map_or(Ok(()), std::fs::create_dir_all);
+    directory
+        .and_then(|()| files::write(path, content))
         .map_err(|error| Failure::new(Exit::System, format!("{}: {error}", path.display())))
 }

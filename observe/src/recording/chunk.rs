@@ -34,8 +34,6 @@ pub struct Chunk {
     pub extent: Option<(u64, u64)>,
     /// Number of messages \[-\].
     pub messages: u64,
-    /// Size of the messages without headers \[bytes\].
-    pub bytes: u64,
 }
 
 impl Chunk {
@@ -51,7 +49,6 @@ impl Chunk {
         });
         self.extent = Some((self.extent.map_or(log_time, |(first, _)| first), log_time));
         self.messages += 1;
-        self.bytes += data.len() as u64;
     }
 
     /// Whether the chunk must be written before a message at `log_time` is added \[ns since the epoch\].

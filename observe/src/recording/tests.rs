@@ -92,6 +92,7 @@ fn a_recording_is_read_as_written() {
     let file = RecordingFile::read(&path).unwrap();
     assert_eq!(file.cut_off, None);
     assert_eq!(file.messages.len() as u64, result.messages);
+    assert_eq!(std::fs::metadata(&path).unwrap().len(), result.bytes);
     assert_eq!(file.fact("oqtal.recording", "version"), Some("1.2.3"));
     let name = path.display().to_string();
     assert_eq!(

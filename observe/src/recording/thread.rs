@@ -36,7 +36,7 @@ pub struct RecordingResult {
     pub files: Vec<PathBuf>,
     /// Messages written \[-\].
     pub messages: u64,
-    /// Size of the messages written \[bytes\].
+    /// Size of the finished files \[bytes\].
     pub bytes: u64,
     /// Number of messages dropped because the queue was full \[-\].
     pub dropped: u64,
@@ -171,8 +171,7 @@ impl Files {
             };
             done.unwrap_or_else(|error| self.fail(&error));
         }
-        let finished = self.file.take().map_or(Ok(()), McapFile::finish);
-        finished.unwrap_or_else(|error| self.fail(&error));
+        self.finish_file().unwrap_or_else(|error| self.fail(&error));
         self.result
     }
 
@@ -187,12 +186,16 @@ impl Files {
         }
         self.file.as_mut().map_or(Ok(()), |file| file.chunk(chunk))?;
         self.result.messages += chunk.messages;
-        self.result.bytes += chunk.bytes;
+        Ok(())
+    }
+
+    fn finish_file(&mut self) -> io::Result<()> {
+        self.result.bytes += self.file.take().map_or(Ok(0), McapFile::finish)?;
         Ok(())
     }
 
     fn begin_another(&mut self) -> io::Result<()> {
-        self.file.take().map_or(Ok(()), McapFile::finish)?;
+        self.finish_file()?;
         let mut number = self.result.files.len() + 1;
         loop {
             let path = numbered(&self.plan.path, number);
