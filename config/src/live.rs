@@ -106,13 +106,29 @@ impl Config {
     /// # Errors
     /// A key of this configuration that `other` does not have, with its remedy.
     pub fn differences(&self, other: &Self) -> Result<Vec<String>, String> {
-        let (own, others) = (flattened(self.to_table()), flattened(other.to_table()));
-        if let Some((key, _)) = own.iter().find(|(key, _)| others.iter().all(|(it, _)| it != key)) {
+        if let Some(key) = self.keys_without_value_in(other).first() {
             return Err(format!(
                 "`{key}`: cannot be removed while the daemon runs; set it to a value"
             ));
         }
-        Ok(changed(others, &own))
+        Ok(self.changed_values(other))
+    }
+
+    /// Differences of `other` as text: `KEY=VALUE`, and the keys that it does not have.
+    pub fn described_differences(&self, other: &Self) -> Vec<String> {
+        let unset = self.keys_without_value_in(other).into_iter();
+        let unset = unset.map(|key| format!("{key} without a value"));
+        self.changed_values(other).into_iter().chain(unset).collect()
+    }
+
+    fn changed_values(&self, other: &Self) -> Vec<String> {
+        changed(flattened(other.to_table()), &flattened(self.to_table()))
+    }
+
+    fn keys_without_value_in(&self, other: &Self) -> Vec<String> {
+        let others = flattened(other.to_table());
+        let own = flattened(self.to_table()).into_iter().map(|(key, _)| key);
+        own.filter(|key| others.iter().all(|(it, _)| it != key)).collect()
     }
 
     /// Settings of this configuration because of which its hash differs from that of `other`, as `KEY=VALUE`.

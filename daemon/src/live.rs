@@ -214,9 +214,7 @@ impl LiveSettings {
                 let none = || Refusal::of_setting("no change of settings to take back");
                 let earlier = earlier.ok_or_else(none)?;
                 // Recorded; a replay takes the settings back itself.
-                let without_key =
-                    |_| vec!["a key that was not set before is unset again".to_owned()];
-                let changed = self.present.differences(&earlier).unwrap_or_else(without_key);
+                let changed = self.present.described_differences(&earlier);
                 let text = LongText::of_lines(changed.iter().map(String::as_str)).unwrap_or(text);
                 self.settings(earlier, text, true)
             }

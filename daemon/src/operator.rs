@@ -203,6 +203,7 @@ impl OperatorRequests {
             let text = LongText::new(&self.law_and_trajectory(response.mode));
             return ControlResponseV1 { text, ..response };
         }
+        self.publish_executed(&request, &response, publish);
         response
     }
 
@@ -226,6 +227,20 @@ impl OperatorRequests {
         format!("{law}, {course}")
     }
 
+    /// Publishes the event of an executed request, unless it was refused.
+    fn publish_executed(
+        &mut self,
+        request: &ControlRequestV1,
+        response: &ControlResponseV1,
+        publish: &mut dyn FnMut(EventV1),
+    ) {
+        if response.answer != Answer::Refused.code() {
+            self.events += 1;
+            let event = event(request, Answer::Accepted);
+            publish(EventV1 { number: self.events, text: response.text, ..event });
+        }
+    }
+
     /// Passes a request for a flight on; the answer, and an event for recordings that began later, name the settings that were
     /// changed since the start.
     fn begin(
@@ -240,17 +255,13 @@ impl OperatorRequests {
             return refused(Cause::OtherConfig, ControlResponseV1 { text: changed, ..present });
         }
         let response = self.pass_on(LoopRequest::Operator(command), request.valid_until);
-        let is_refused = response.answer == Answer::Refused.code();
-        if !is_refused {
-            self.course = None;
+        if response.answer == Answer::Refused.code() {
+            return response;
         }
-        if !is_refused && !changed.is_empty() {
-            self.events += 1;
-            let event = event(request, Answer::Accepted);
-            publish(EventV1 { number: self.events, text: changed, ..event });
-        }
-        let text = if is_refused { response.text } else { changed };
-        ControlResponseV1 { text, ..response }
+        self.course = None;
+        let response = ControlResponseV1 { text: changed, ..response };
+        self.publish_executed(request, &response, publish);
+        response
     }
 
     /// Reports the value of the setting `key`; without a key, what flies and the settings that were changed since the start.

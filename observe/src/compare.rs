@@ -117,7 +117,7 @@ impl Comparison {
         ];
         let changes = self.summaries.iter().map(|summary| summary.changes.len()).max();
         for number in 0..changes.unwrap_or(0) {
-            rows.push(self.row("changed in flight", |s| {
+            rows.push(self.row("requests in flight", |s| {
                 s.changes.get(number).map_or_else(String::new, ChangeInFlight::to_string)
             }));
         }

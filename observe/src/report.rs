@@ -123,7 +123,7 @@ fn heading(flight: &Flight, summary: &Summary) -> Markup {
                 span.badge.(mood) { (summary.outcome) }
             }
             @if let Some(shortfall) = &summary.shortfall { p.note { (shortfall) } }
-            @if let Some(changed) = summary.changed() { p.note { (changed) } }
+            @if let Some(requests) = summary.requests() { p.note { (requests) } }
             p.note { (circumstances(flight, summary)) }
             @if let Some(note) = summary.note_on_errors() { p.note { (note) } }
         }

@@ -202,11 +202,11 @@ impl Summary {
         )
     }
 
-    /// Number of changes, with the last one; `None` without a change.
-    pub fn changed(&self) -> Option<String> {
+    /// Number of requests, with the last one; `None` without a request.
+    pub fn requests(&self) -> Option<String> {
         let (last, count) = (self.changes.last()?, self.changes.len());
         let when = if self.outcome.is_of_flight() { "in flight" } else { "while observing" };
-        Some(format!("changed {when}: {count}, the last at {last}"))
+        Some(format!("requests {when}: {count}, the last at {last}"))
     }
 
     /// Safety states passed through, as text; only the first few if there are many.

@@ -44,7 +44,7 @@ pub fn closing(summary: &Summary) -> String {
     text += &summary.wire.as_ref().map_or_else(String::new, wire);
     text += &counts(summary);
     text += &summary.daemon.as_ref().map_or_else(String::new, process);
-    text + &summary.changed().map_or_else(String::new, |it| format!("\n{}", wrapped(&it, 4)))
+    text + &summary.requests().map_or_else(String::new, |it| format!("\n{}", wrapped(&it, 4)))
 }
 
 fn headline(summary: &Summary) -> String {
