@@ -109,6 +109,11 @@ impl ArmingCheck {
         self.next = (self.next + 1) % REST_POSES;
     }
 
+    /// Forgets the vehicle's rest: a stopped vehicle begins to fall where it hovered.
+    pub fn forget_rest(&mut self) {
+        (self.recent, self.least_poses) = ([None; REST_POSES], REST_POSES);
+    }
+
     /// Everything that keeps a flight from beginning.
     pub fn obstacles(&self, view: &ArmingView) -> ArmingObstacles {
         use ArmingObstacle as O;

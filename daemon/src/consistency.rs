@@ -105,6 +105,8 @@ pub struct Expectation {
     pub obeys: bool,
     /// Whether it is more than 10 cm from its reference, or takes off.
     pub is_away: bool,
+    /// Whether its reference turns: such a rotation is not told from the oscillation of the heading.
+    pub turns: bool,
 }
 
 /// The tests of the consistency of poses and vehicle.
@@ -168,6 +170,7 @@ impl PoseConsistency {
     /// Restarts at the beginning or end of a flight.
     pub fn restart(&mut self) {
         self.clear();
+        self.rates.restart();
         (self.contradicts, self.stays_on_floor) = (false, false);
         (self.standstill, self.unseen) = (StandstillTest::default(), Vector3::zeros());
     }
@@ -240,27 +243,28 @@ impl PoseConsistency {
         }
         if by_gyroscope {
             self.pending.push(seen);
-            self.compare_with_gyroscope(noise, is_airborne);
+            self.compare_with_gyroscope(noise, is_airborne, expected.turns);
         } else if !expected.obeys {
             self.clear();
             self.begin_again();
         } else if is_airborne {
             let driven = self.commanded.turn(tracker, &last.attitude, (last_s, t_s));
-            self.test_rotation(&seen, &driven, noise);
+            self.test_rotation(&seen, &driven, noise, expected.turns);
         }
         self.test_motion(tracker, (pose, noise), (dt_s, is_airborne), expected);
         self.contradicts |= self.evidence.ending() >= 1.0;
     }
 
     /// Compares the rotations that the reports of the gyroscope now cover.
-    fn compare_with_gyroscope(&mut self, noise: &PoseDeviations, is_airborne: bool) {
+    fn compare_with_gyroscope(&mut self, noise: &PoseDeviations, is_airborne: bool, turns: bool) {
         while let Some(mut seen) = self.pending.take_if(|to_s| self.rates.reach(to_s)) {
             let Some(driven) = self.rates.turn(seen.from_s, seen.to_s) else {
+                self.rates.lose(seen.to_s);
                 self.begin_again();
                 return;
             };
             seen.is_airborne &= is_airborne;
-            self.test_rotation(&seen, &driven, noise);
+            self.test_rotation(&seen, &driven, noise, turns);
         }
     }
 
@@ -269,6 +273,7 @@ impl PoseConsistency {
         &SeenRotation { from_s, to_s: t_s, turn: ref seen, is_airborne }: &SeenRotation,
         driven: &Vector3<f64>,
         noise: &PoseDeviations,
+        turns: bool,
     ) {
         let dt_s = t_s - from_s;
         self.airborne_s += dt_s;
@@ -298,7 +303,10 @@ impl PoseConsistency {
         };
         let needed = !self.by_gyroscope || self.response.unconfirmed_s() > UNCONFIRMED_S;
         let angles = (seen.z, driven.z);
-        let heading = self.heading.take(needed, angles, noise.attitude_rad, (t_s, dt_s));
+        if turns {
+            self.heading.end();
+        }
+        let heading = self.heading.take(needed && !turns, angles, noise.attitude_rad, (t_s, dt_s));
         self.evidence.response = heading.max(sum / (factor * self.limit));
         if self.evidence.response > QUIET {
             self.deviation.discard();

@@ -31,7 +31,7 @@ fn evidence(phase_s: f64) -> f64 {
             tests.receive_rate(t_s, Vector3::y() * rate(t_s));
         }
         if ms % 17 == 0 {
-            let expected = Expectation { obeys: true, is_away: true };
+            let expected = Expectation { obeys: true, is_away: true, turns: false };
             tests.take(&tracker, (t_s, &pose(pitch)), &noise, &expected);
             greatest = greatest.max(tests.evidence().response);
         }

@@ -22,7 +22,7 @@ use crate::vehicle::VehicleWatch;
 /// the last pose. Sources that poll, are late by a frame or are a little slower than the loop miss the first one.
 const MISSING_PERIODS: f64 = 2.5;
 /// Share of answered requests below which the vehicle is not expected to follow its commands \[0..1\].
-const LEAST_LINK: f64 = 0.8;
+const LEAST_LINK: f64 = 0.5;
 /// Distance from the reference above which a vehicle is on its way to it \[m\]: a law that counteracts a disturbance holds it closer.
 const AWAY_M: f64 = 0.1;
 /// Age of the tracked motion above which it is propagated without poses \[s\]: less than the time for which commands are stored.
@@ -57,6 +57,8 @@ pub(super) struct Intake {
     is_landing: bool,
     /// Reference in the last tick; `None` without one.
     reference: Option<Reference>,
+    /// Whether its heading has changed since the tick before.
+    reference_turns: bool,
 }
 
 impl Intake {
@@ -83,6 +85,7 @@ impl Intake {
             missing: Cause::NoPose,
             is_landing: false,
             reference: None,
+            reference_turns: false,
         })
     }
 
@@ -147,7 +150,7 @@ impl Intake {
             let distance_m = (reference.position - pose.position).norm();
             distance_m > AWAY_M || reference.phase == Phase::TakeOff
         });
-        let expected = Expectation { obeys, is_away };
+        let expected = Expectation { obeys, is_away, turns: self.reference_turns };
         self.consistency.take(&self.tracker, (captured_s, &pose), &noise, &expected);
         if self.noise.take(captured_s, &pose, self.consistency.is_quiet()) {
             let PoseDeviations { position_m, attitude_rad } = self.noise.deviations();
@@ -158,6 +161,9 @@ impl Intake {
 
     /// Records whether the vehicle lands, and its reference.
     pub(super) fn record_course(&mut self, is_landing: bool, reference: Option<&Reference>) {
+        let yaw_rad = |reference: &Reference| reference.yaw_rad;
+        self.reference_turns =
+            reference.is_some() && reference.map(yaw_rad) != self.reference.as_ref().map(yaw_rad);
         (self.is_landing, self.reference) = (is_landing, reference.copied());
     }
 
@@ -283,8 +289,11 @@ impl Intake {
         self.guard.begin_flight(&mut self.tracker);
     }
 
-    /// Ends the flight.
-    pub(super) fn end_flight(&mut self) {
+    /// Ends the flight, perhaps in the air by a stop.
+    pub(super) fn end_flight(&mut self, is_stopped: bool) {
+        if is_stopped {
+            self.arming.forget_rest();
+        }
         self.guard.end_flight(&mut self.tracker);
         self.consistency.restart();
     }

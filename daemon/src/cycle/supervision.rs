@@ -240,7 +240,7 @@ impl FlightSupervision {
     }
 
     fn end_flight(&mut self, intake: &mut Intake) {
-        intake.end_flight();
+        intake.end_flight(self.safety.state() == SafetyState::Stop);
         self.course.end();
         self.mode = Mode::Disarmed;
     }
