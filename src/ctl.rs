@@ -60,12 +60,14 @@ impl CtlArgs {
         let address =
             AddressedInstance { paths: paths_of(&instance)?, has_root: !instance.root.is_empty() };
         if let CtlRequest::Stop = self.command {
-            return self.stop(&address, document);
+            return self.stop((&address, request), document);
         }
         let named = config.as_ref().filter(|_| !self.common.config.is_empty());
         let expected = named.map(Config::hash);
         let (response, status) = match self.command {
-            CtlRequest::Land => (land::land(&address)?, InstanceStatus::default()),
+            CtlRequest::Land => {
+                (land::land(&address, request.by("oqtal"))?, InstanceStatus::default())
+            }
             _ => {
                 address.paths.become_owner()?;
                 self.ask(&running_bus(&address.paths)?, request, expected)?
@@ -74,7 +76,7 @@ impl CtlArgs {
         let lines =
             [status.lines(), self.injected_faults(&address), self.trajectory_note(&response)]
                 .concat();
-        let report = ControlReport::new(self.command.command(), &response, status);
+        let report = ControlReport::new(self.command.command(), &response, status, &address.paths);
         *document = Some(report.to_json());
         let refused = report.check(&response, expected);
         if refused.is_err() {
@@ -112,10 +114,10 @@ impl CtlArgs {
     /// Stops the addressed vehicle, and prints which processes obey.
     fn stop(
         &self,
-        address: &AddressedInstance,
+        (address, request): (&AddressedInstance, ControlRequestV1),
         document: &mut Option<String>,
     ) -> Result<Exit, Failure> {
-        let stop = stop::raise(address)?;
+        let stop = stop::raise(address, request.by("oqtal"))?;
         *document = Some(stop.to_json());
         stop.check()?;
         if !self.json {

@@ -39,6 +39,8 @@ pub fn ask(
     let arming = ControlRequestV1 { text, ..ControlRequestV1::of(OperatorCommand::Arm) };
     let mut vehicles = bus.observer::<VehicleV1>(&VEHICLE)?;
     let asked_at = Time::now();
+    let stops = bus.stop_switch()?;
+    let stops_before = stops.raised();
     let (mut simulated, mut is_reported) = (None, false);
     loop {
         let Some(response) = send(bus, arming, expected)? else { return Ok(None) };
@@ -63,6 +65,10 @@ pub fn ask(
             is_reported = true;
         }
         std::thread::sleep(PERIOD);
+        if stops.raised() != stops_before {
+            tell("arm: called off by a stop");
+            return Ok(Some(response));
+        }
     }
 }
 

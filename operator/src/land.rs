@@ -1,13 +1,14 @@
 //! A landing by two paths: a request over the control service and, if it is not answered, a signal to the daemon, whose loop then
 //! lands without its background thread.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
 use oqtal_bus::bus::Bus;
-use oqtal_bus::code::{Answer, Mode, OperatorCommand};
+use oqtal_bus::code::{Answer, Mode};
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1, TelemetryV1};
 use oqtal_bus::obeying::{LAND_SIGNAL, ObeyingProcess};
@@ -19,7 +20,7 @@ use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::beside;
 
 use crate::reach::{AddressedInstance, FoundProcesses, Reached, signal_all};
-use crate::request::silent;
+use crate::request::{place, silent};
 
 /// Time within which a running daemon answers a request.
 const ANSWER_TIMEOUT: Span = Span::from_millis(300);
@@ -37,11 +38,14 @@ const TIMEOUT: Span = Span::from_millis(950);
 /// Answer of the daemon, or its state in flight once it lands; `None` if neither was received.
 type LandingAnswer = Result<Option<ControlResponseV1>, BusError>;
 
-/// Requests a landing of the addressed vehicle, and returns the daemon's answer.
+/// Requests a landing of the addressed vehicle by the request `landing`, and returns the daemon's answer.
 ///
 /// # Errors
 /// The daemon was signalled and has not confirmed (exit code 1), no daemon runs (75), or it belongs to another user (77).
-pub fn land(address: &AddressedInstance) -> Result<ControlResponseV1, Failure> {
+pub fn land(
+    address: &AddressedInstance,
+    landing: ControlRequestV1,
+) -> Result<ControlResponseV1, Failure> {
     let reached = Reached::find(address);
     let paths = &reached.paths;
     let is_daemon = |process: &ObeyingProcess| !process.is_vehicle;
@@ -50,11 +54,14 @@ pub fn land(address: &AddressedInstance) -> Result<ControlResponseV1, Failure> {
     let elsewhere = reached.processes.iter().filter(|p| is_daemon(p) && !p.is_under(paths));
     let mut lines = signal_all(LAND_SIGNAL, elsewhere);
     let is_signalled = Arc::new(AtomicBool::default());
-    let answer = request(paths, &is_signalled);
+    let answer = request(paths, landing, &is_signalled);
     // These were signalled.
     let signalled = Arc::new(AtomicBool::new(true));
-    let elsewhere: Vec<_> =
-        reached.places()[1..].iter().map(|paths| request(paths, &signalled)).collect();
+    let elsewhere: Vec<_> = reached.places()[1..]
+        .iter()
+        .filter(|paths| reached.processes.iter().any(|p| is_daemon(p) && p.is_under(paths)))
+        .map(|paths| (paths.root.clone(), request(paths, landing, &signalled)))
+        .collect();
     let give_up = Time::now() + TIMEOUT;
     let mut answered = answer.recv_timeout(SIGNAL_DELAY);
     while !matches!(answered, Ok(Ok(Some(_)))) {
@@ -72,7 +79,7 @@ pub fn land(address: &AddressedInstance) -> Result<ControlResponseV1, Failure> {
     lines.sort();
     lines.dedup();
     let said = match answered {
-        Ok(Ok(Some(response))) => return Ok(accepted_of(response, &elsewhere)),
+        Ok(Ok(Some(response))) => return combined(response, elsewhere, (paths, &lines)),
         Ok(Err(error)) if lines.is_empty() => return Err(error.into()),
         Ok(Err(error)) => error.to_string(),
         _ if lines.is_empty() => return Err(reached.nobody("land", silent_text(paths))),
@@ -80,23 +87,37 @@ pub fn land(address: &AddressedInstance) -> Result<ControlResponseV1, Failure> {
     };
     lines.push(format!("control service: {said}"));
     let message = format!(
-        "land: requested by signal, but the daemon has not confirmed it; `oqtal ctl stop` stops the motors\n  {}",
+        "land: requested by signal, but the daemon has not confirmed it; `oqtal ctl stop {}` stops the motors\n  {}",
+        place(paths),
         lines.join("\n  ")
     );
     Err(Failure::new(Exit::Flight, message))
 }
 
 /// `response`, or if it is a refusal the first other answer that is not: the vehicle of that instance flies.
-fn accepted_of(
+///
+/// # Errors
+/// A daemon under another root was signalled, with the results `lines`, and has not answered: its vehicle may fly (exit code 1).
+fn combined(
     response: ControlResponseV1,
-    elsewhere: &[Receiver<LandingAnswer>],
-) -> ControlResponseV1 {
-    let is_refused = |answer: &ControlResponseV1| answer.answer == Answer::Refused.code();
-    if !is_refused(&response) {
-        return response;
+    elsewhere: Vec<(PathBuf, Receiver<LandingAnswer>)>,
+    (paths, lines): (&InstancePaths, &[String]),
+) -> Result<ControlResponseV1, Failure> {
+    let mut answers = vec![response];
+    for (root, answer) in elsewhere {
+        let Ok(Ok(Some(answer))) = answer.recv() else {
+            let message = format!(
+                "land: the daemon under {} was signalled and has not confirmed it; `oqtal ctl stop --instance {}` stops all motors\n  {}",
+                root.display(),
+                paths.instance,
+                lines.join("\n  ")
+            );
+            return Err(Failure::new(Exit::Flight, message));
+        };
+        answers.push(answer);
     }
-    let answers = elsewhere.iter().filter_map(|answer| answer.recv().ok()?.ok()?);
-    answers.into_iter().find(|answer| !is_refused(answer)).unwrap_or(response)
+    let is_refused = |answer: &&ControlResponseV1| answer.answer == Answer::Refused.code();
+    Ok(*answers.iter().find(|answer| !is_refused(answer)).unwrap_or(&response))
 }
 
 fn silent_text(paths: &InstancePaths) -> String {
@@ -107,28 +128,35 @@ fn silent_text(paths: &InstancePaths) -> String {
 }
 
 /// Requests a landing on a separate thread, as the owner of the instance. `is_signalled` once the daemon was signalled.
-fn request(paths: &InstancePaths, is_signalled: &Arc<AtomicBool>) -> Receiver<LandingAnswer> {
+fn request(
+    paths: &InstancePaths,
+    landing: ControlRequestV1,
+    is_signalled: &Arc<AtomicBool>,
+) -> Receiver<LandingAnswer> {
     let (answers, answer) = channel();
     let (paths, is_signalled) = (paths.clone(), Arc::clone(is_signalled));
     beside(move || {
         // Fails after the time-out, when the receiver has been dropped.
-        let _ = answers.send(ask(&paths, &is_signalled));
+        let _ = answers.send(ask(&paths, landing, &is_signalled));
     });
     answer
 }
 
 /// Asks the daemon, which may be starting, until its loop answers or, once `is_signalled`, its telemetry shows that it obeys. The
 /// request may be repeated: a loop that has not answered in time has accepted it.
-fn ask(paths: &InstancePaths, is_signalled: &AtomicBool) -> LandingAnswer {
+fn ask(
+    paths: &InstancePaths,
+    landing: ControlRequestV1,
+    is_signalled: &AtomicBool,
+) -> LandingAnswer {
     // Early enough for the command to receive the answer.
     let give_up = Time::now() + TIMEOUT.scaled(0.9);
     paths.become_owner()?;
-    let request = ControlRequestV1::of(OperatorCommand::Land);
     let mut accepted = None;
     while Time::now() < give_up {
         let Some(bus) = Bus::open_running(paths)? else { return Ok(accepted) };
         let timeout = ANSWER_TIMEOUT.min(give_up.since(Time::now()));
-        let answered = bus.control_client().and_then(|client| client.ask(request, timeout));
+        let answered = bus.control_client().and_then(|client| client.ask(landing, timeout));
         let answer = answered.ok().flatten();
         if answer.is_some_and(|response| response.answer != Answer::Accepted.code()) {
             return Ok(answer);

@@ -64,19 +64,19 @@ pub fn execute(
     let body = sign(request_of(command, arguments)?.by("oqtal"));
     let response = match command {
         CtlRequest::Stop => {
-            let stop = stop::raise(address)?;
+            let stop = stop::raise(address, body)?;
             return stop.check().map(|()| stop.to_string());
         }
-        CtlRequest::Land => land::land(address)?,
+        CtlRequest::Land => land::land(address, body)?,
         _ => {
             let bus = running_bus(&address.paths)?;
             request::send_signed(&bus, body, expected)?.ok_or_else(|| unanswered(&bus))?
         }
     };
-    accepted(command.command(), &response, expected)
+    accepted(command.command(), &response, expected, &address.paths)
 }
 
-/// The daemon's answer `response` to `command` as text.
+/// The answer `response` of the daemon at `paths` to `command`, as text.
 ///
 /// # Errors
 /// The daemon refused the command (exit code 1).
@@ -84,8 +84,9 @@ pub fn accepted(
     command: OperatorCommand,
     response: &ControlResponseV1,
     expected: Option<u64>,
+    paths: &InstancePaths,
 ) -> Result<String, Failure> {
-    let report = ControlReport::new(command, response, InstanceStatus::default());
+    let report = ControlReport::new(command, response, InstanceStatus::default(), paths);
     report.check(response, expected)?;
     Ok(report.to_text(&[]))
 }
@@ -107,7 +108,8 @@ pub fn execute_line(paths: &InstancePaths, line: &str) -> String {
 /// Ends a flight with `command`, a landing or a stop; returns whether the daemon or the vehicle obeys.
 pub fn end_flight(paths: &InstancePaths, command: OperatorCommand) -> bool {
     if command == OperatorCommand::Stop {
-        let stopped = stop::raise(&AddressedInstance::at(paths));
+        let request = ControlRequestV1::of(command).by("oqtal");
+        let stopped = stop::raise(&AddressedInstance::at(paths), request);
         return stopped.is_ok_and(|stop| stop.vehicle_obeys || stop.daemon_obeys);
     }
     let land = (CtlRequest::Land, &[][..]);

@@ -10,7 +10,11 @@ use crate::reach::{Reached, name_of};
 
 /// Stop words that were raised.
 #[derive(Debug, Default)]
-pub(crate) struct RaisedStops(Vec<RaisedStop>);
+pub(crate) struct RaisedStops {
+    words: Vec<RaisedStop>,
+    /// Number of processes of vehicles whose words could not be raised \[-\].
+    unreached: usize,
+}
 
 #[derive(Debug)]
 struct RaisedStop {
@@ -31,9 +35,15 @@ impl RaisedStops {
                         self.raise(switch, process.is_vehicle);
                         "raised".to_owned()
                     }
-                    None => "not open, or shortened".to_owned(),
+                    None => {
+                        self.unreached += usize::from(process.is_vehicle);
+                        "not open, or shortened".to_owned()
+                    }
                 },
-                Err(error) => error.to_string(),
+                Err(error) => {
+                    self.unreached += usize::from(process.is_vehicle);
+                    error.to_string()
+                }
             };
             lines.push(format!("stop words of {}: {result}", name_of(process)));
         }
@@ -42,49 +52,55 @@ impl RaisedStops {
 
     /// Whether no words were raised.
     pub(crate) fn is_empty(&self) -> bool {
-        self.0.is_empty()
+        self.words.is_empty()
     }
 
     /// Withdraws stops that nobody obeys: they would call off a later flight.
     pub(crate) fn withdraw(&self) {
-        self.0.iter().for_each(|stop| stop.switch.withdraw(stop.number));
+        self.words.iter().for_each(|stop| stop.switch.withdraw(stop.number));
     }
 
     /// Raises the stop in the words in the directory of the instance; makes them if only processes run that do not obey, since a
-    /// vehicle may be starting. They count as a vehicle's if those of its process cannot be opened.
+    /// vehicle may be starting. They count as those of the only vehicle if the ones of its process cannot be opened.
     pub(crate) fn raise_in(&mut self, paths: &InstancePaths) -> Result<(), BusError> {
         let made = || Bus::open_running(paths)?.map(|bus| bus.stop_switch()).transpose();
         if let Some(switch) = StopSwitch::existing(paths)?.map_or_else(made, |it| Ok(Some(it)))? {
             let is_vehicles = self.vehicles().next().is_none();
             self.raise(switch, is_vehicles);
+            self.unreached = self.unreached.saturating_sub(usize::from(is_vehicles));
         }
         Ok(())
     }
 
     /// Raises the stop once in each set of words.
     fn raise(&mut self, switch: StopSwitch, is_vehicles: bool) {
-        match self.0.iter_mut().find(|raised| raised.switch.is_same(&switch)) {
+        match self.words.iter_mut().find(|raised| raised.switch.is_same(&switch)) {
             Some(raised) => raised.is_vehicles |= is_vehicles,
             None => {
                 let number = switch.raise();
-                self.0.push(RaisedStop { switch, number, is_vehicles });
+                self.words.push(RaisedStop { switch, number, is_vehicles });
             }
         }
     }
 
     /// Reports from the words that processes of vehicles read.
     pub(crate) fn vehicles(&self) -> impl Iterator<Item = StopReport> {
-        let of_vehicles = self.0.iter().filter(|raised| raised.is_vehicles);
+        let of_vehicles = self.words.iter().filter(|raised| raised.is_vehicles);
         of_vehicles.map(RaisedStop::report)
+    }
+
+    /// Whether there is a vehicle, and the words of each were raised.
+    pub(crate) fn reach_every_vehicle(&self) -> bool {
+        self.unreached == 0 && self.vehicles().next().is_some()
     }
 
     /// The combined report: every vehicle has obeyed, and at least one daemon.
     pub(crate) fn report(&self) -> StopReport {
-        let has_vehicle = self.vehicles().next().is_some();
+        let reach_all = self.reach_every_vehicle();
         StopReport {
-            vehicle_obeys: has_vehicle && self.vehicles().all(|report| report.vehicle_obeys),
-            motors_off: has_vehicle && self.vehicles().all(|report| report.motors_off),
-            daemon_obeys: self.0.iter().any(|raised| raised.report().daemon_obeys),
+            vehicle_obeys: reach_all && self.vehicles().all(|report| report.vehicle_obeys),
+            motors_off: reach_all && self.vehicles().all(|report| report.motors_off),
+            daemon_obeys: self.words.iter().any(|raised| raised.report().daemon_obeys),
         }
     }
 }

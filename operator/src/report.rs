@@ -3,9 +3,12 @@
 use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::message::ControlResponseV1;
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
+use oqtal_bus::paths::InstancePaths;
 use oqtal_observe::status::{InstanceStatus, ProcessHealth, VehicleStatus, word};
 use oqtal_runtime::process::{Exit, Failure};
 use serde::Serialize;
+
+use crate::request::place;
 
 /// Answer of the daemon, as printed.
 #[derive(Debug, Serialize)]
@@ -35,14 +38,18 @@ pub struct ControlReport {
     /// Estimated position \[m, world\]; absent if the last pose is older than a second.
     #[serde(skip_serializing_if = "Option::is_none")]
     position_m: Option<[f64; 3]>,
+    /// Flags of a command that addresses the same instance.
+    #[serde(skip)]
+    place: String,
 }
 
 impl ControlReport {
-    /// The answer `response` to `command`; `status` of the instance if the command shows it.
+    /// The answer `response` to `command` on the instance at `paths`; its `status` if the command shows it.
     pub fn new(
         command: OperatorCommand,
         response: &ControlResponseV1,
         status: InstanceStatus,
+        paths: &InstancePaths,
     ) -> Self {
         let config_agrees = status.config_agrees();
         let position_m = status.position_m();
@@ -67,6 +74,7 @@ impl ControlReport {
             config_agrees,
             vehicle,
             position_m,
+            place: place(paths),
         }
     }
 
@@ -82,7 +90,7 @@ impl ControlReport {
         if response.answer != Answer::Refused.code() {
             return Ok(());
         }
-        let Self { command, cause, mode, obstacles, text, .. } = self;
+        let Self { command, cause, mode, obstacles, text, place, .. } = self;
         let listed = obstacles.join("; ");
         let has_motors_off = *command == OperatorCommand::Land.to_string()
             && *mode == Mode::Disarmed.to_string()
@@ -91,9 +99,9 @@ impl ControlReport {
         // The obstacles are those to a take-off.
         let is_take_off = *command == OperatorCommand::Arm.to_string();
         let reasons = match (obstacles.is_empty(), cause.as_str()) {
-            _ if has_motors_off && is_silent(response) => {
-                "the motors are commanded off, and the vehicle does not answer; `oqtal ctl stop` tries every path to it"
-            }
+            _ if has_motors_off && is_silent(response) => &format!(
+                "the motors are commanded off, and the vehicle does not answer; `oqtal ctl stop {place}` tries every path to it"
+            ),
             _ if has_motors_off => "the motors are off",
             (false, _) if is_take_off && !is_other_config => &listed,
             (false, "") => &listed,
@@ -110,10 +118,11 @@ impl ControlReport {
 
     /// Remedy of a refusal; empty if its cause says it.
     fn remedy(&self, response: &ControlResponseV1, expected: Option<u64>) -> String {
-        use OperatorCommand::{Disarm, Goto, Hover, Resume, Trajectory};
+        use OperatorCommand::{Arm, Disarm, Goto, Hover, Resume, Trajectory};
         let is_one_of = |commands: &[OperatorCommand]| {
             commands.iter().any(|command| command.to_string() == self.command)
         };
+        let place = &self.place;
         let remedy = match Cause::from_code(response.cause) {
             Some(Cause::WrongMode) if is_one_of(&[Disarm]) => "`land` or `stop` ends a flight",
             Some(Cause::WrongMode) if is_one_of(&[Resume]) => {
@@ -123,24 +132,29 @@ impl ControlReport {
                 if response.mode == Mode::Disarmed.code()
                     && is_one_of(&[Goto, Trajectory, Hover]) =>
             {
-                "`oqtal ctl arm` begins a flight"
+                &format!("`oqtal ctl arm {place}` begins a flight")
             }
             Some(Cause::Fence) if is_one_of(&[Trajectory]) => {
                 "from where the vehicle is, the trajectory leaves the fence; `oqtal ctl goto` a point from which it fits"
             }
-            Some(Cause::NearFloor) => {
-                "choose a point at least 0.1 m above the floor; to land, use `oqtal ctl land`"
-            }
+            Some(Cause::NearFloor) => &format!(
+                "choose a point at least 0.1 m above the floor; to land, use `oqtal ctl land {place}`"
+            ),
             Some(Cause::ObservesOnly) => "to fly, start the daemon without these settings",
             Some(Cause::TakeOff) => "repeat it once the vehicle has taken off",
             Some(Cause::OtherConfig) if Some(response.config_hash) == expected.or(Some(0)) => {
-                "`oqtal ctl undo` takes the last change back, `oqtal ctl arm` without --config flies with the changed settings"
+                &format!(
+                    "`oqtal ctl undo {place}` takes the last change back, `oqtal ctl arm {place}` without --config flies with the changed settings"
+                )
             }
             Some(Cause::OtherConfig) => &format!(
                 "the configuration hash of the daemon is {:016x}, that of the file is {:016x} (`oqtal check FILE` prints it)",
                 response.config_hash,
                 expected.unwrap_or(0)
             ),
+            _ if is_one_of(&[Arm]) && lacks_process(response) => {
+                &format!("`oqtal ctl status {place}` shows the processes")
+            }
             _ => return String::new(),
         };
         format!("; {remedy}")
@@ -166,6 +180,13 @@ impl ControlReport {
         let against = self.obstacles.iter().map(|obstacle| format!("no take-off: {obstacle}"));
         first.chain(against).chain(lines.iter().cloned()).collect::<Vec<_>>().join("\n")
     }
+}
+
+/// Whether a process of the instance is missing, or has another configuration.
+fn lacks_process(response: &ControlResponseV1) -> bool {
+    use ArmingObstacle::{Configuration, NoPoses, VehicleSilent};
+    let obstacles = ArmingObstacles::from_bits(response.obstacles);
+    [Configuration, NoPoses, VehicleSilent].into_iter().any(|obstacle| obstacles.contains(obstacle))
 }
 
 /// Whether it is unknown what the vehicle does.

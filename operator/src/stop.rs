@@ -10,7 +10,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::Duration;
 
 use oqtal_bus::bus::Bus;
-use oqtal_bus::code::{Mode, OperatorCommand, SafetyState};
+use oqtal_bus::code::{Mode, SafetyState};
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
 use oqtal_bus::obeying::{ObeyingProcess, STOP_SIGNAL};
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
@@ -79,7 +79,7 @@ enum Unconfirmed {
 }
 
 impl Unconfirmed {
-    /// The reason, if no words of a vehicle were raised, or nobody reads them any more.
+    /// The reason, if the words of a vehicle were not raised, or nobody reads them any more.
     fn of(reached: &Reached, raised: &RaisedStops) -> Option<Self> {
         let vehicles = || reached.processes.iter().zip(&reached.held).filter(|(p, _)| p.is_vehicle);
         if vehicles().next().is_some() && !vehicles().any(|(process, _)| process.is_running()) {
@@ -88,7 +88,7 @@ impl Unconfirmed {
         if reached.lacks_vehicle() && vehicles().next().is_some() {
             return Some(Self::Missing);
         }
-        let is_unconfirmed = raised.vehicles().next().is_none() && vehicles().next().is_some();
+        let is_unconfirmed = !raised.reach_every_vehicle() && vehicles().next().is_some();
         let is_readable = vehicles().all(|(_, held)| held.is_ok());
         is_unconfirmed.then_some(if is_readable { Self::Starting } else { Self::Unreadable })
     }
@@ -112,12 +112,15 @@ impl Unconfirmed {
     }
 }
 
-/// Stops the addressed vehicle, and returns which processes obey within a second. As root, the calling thread becomes the owner
+/// Stops the addressed vehicle by every path, one of them `request` to its daemon, and returns which processes obey within a second. As root, the calling thread becomes the owner
 /// of the instance.
 ///
 /// # Errors
 /// No process runs (75), or the instance belongs to another user (77).
-pub fn raise(address: &AddressedInstance) -> Result<ObeyedStop, Failure> {
+pub fn raise(
+    address: &AddressedInstance,
+    request: ControlRequestV1,
+) -> Result<ObeyedStop, Failure> {
     let give_up = Time::now() + REPORT_TIMEOUT;
     let found = FoundProcesses::search(address);
     let mut paths = signal_all(STOP_SIGNAL, &found.addressed);
@@ -126,7 +129,7 @@ pub fn raise(address: &AddressedInstance) -> Result<ObeyedStop, Failure> {
     paths.extend(lines);
     // Before the processes end, as those of `oqtal fly` do.
     let mut again = fly_again(&reached);
-    let answers = ask_daemon(&reached.paths);
+    let answers = ask_daemon(&reached.paths, request);
     let (report, answer) = await_obedience(&raised, &reached, &answers, give_up);
     paths.push(format!("control service: {}", said(&answer)));
     if reached.processes.is_empty() {
@@ -210,11 +213,10 @@ fn await_obedience(
 
 /// Sends the request on a separate thread, which is abandoned after the time-out: a suspended process may hold the lock of the
 /// instance.
-fn ask_daemon(paths: &InstancePaths) -> Receiver<DaemonAnswer> {
+fn ask_daemon(paths: &InstancePaths, request: ControlRequestV1) -> Receiver<DaemonAnswer> {
     let (answers, answer) = channel();
     let paths = paths.clone();
     beside(move || {
-        let request = ControlRequestV1::of(OperatorCommand::Stop);
         let asked = match Bus::open_running(&paths) {
             Ok(Some(bus)) => bus
                 .control_client()

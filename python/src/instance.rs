@@ -110,7 +110,8 @@ impl Connection {
             let response = send(&bus, ControlRequestV1::of(OperatorCommand::Status), None)?;
             let response = response.ok_or_else(|| unanswered(&bus))?;
             let status = status::observe(&bus)?;
-            Ok(ControlReport::new(OperatorCommand::Status, &response, status).to_json())
+            let report = ControlReport::new(OperatorCommand::Status, &response, status, &paths);
+            Ok(report.to_json())
         })
     }
 
@@ -157,7 +158,7 @@ fn arm(paths: &InstancePaths, cancelled: &AtomicBool) -> Result<String, Failure>
     let is_cancelled = || cancelled.load(Ordering::Relaxed);
     let response = arm::ask(&bus, None, &mut |_| {}, &is_cancelled)?;
     let response = response.ok_or_else(|| unanswered(&bus))?;
-    accepted(OperatorCommand::Arm, &response, None)
+    accepted(OperatorCommand::Arm, &response, None, paths)
 }
 
 /// Failure of a thread that has ended.

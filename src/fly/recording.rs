@@ -169,7 +169,7 @@ impl FlightRecording<'_> {
         }
         if state.landing_since.is_none() && !self.stop.is_set() {
             say("oqtal: the flight has lasted too long: landing");
-            let land = ControlRequestV1::of(OperatorCommand::Land);
+            let land = ControlRequestV1::of(OperatorCommand::Land).by("oqtal fly");
             self.bus.control_client()?.ask(land, Span::from_millis(500))?;
         }
         let since = *state.landing_since.get_or_insert_with(Time::now);
@@ -276,7 +276,7 @@ fn request_flight(
     stop: &StopFlag,
 ) -> Result<(), Failure> {
     let deadline = Time::now() + START_TIMEOUT;
-    let fly = ControlRequestV1::of(OperatorCommand::Fly);
+    let fly = ControlRequestV1::of(OperatorCommand::Fly).by("oqtal fly");
     let request = ControlRequestV1 { valid_until: deadline, config_hash, ..fly };
     while Time::now() < deadline && !stop.is_set() {
         match client.ask(request, Span::from_millis(200))? {

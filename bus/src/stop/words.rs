@@ -31,9 +31,18 @@ pub(crate) fn raise(words: &[AtomicU32]) -> u32 {
     words[RAISED].fetch_add(1, Ordering::AcqRel).wrapping_add(1)
 }
 
-/// Processes that obey the stop `number`, or a later one.
+/// Number of stops raised so far.
+pub(crate) fn raised(words: &[AtomicU32]) -> u32 {
+    words[RAISED].load(Ordering::Acquire)
+}
+
+/// Processes that obey the stop `number`, or a later one. A number beyond the newest stop, as in words that were overwritten, is no
+/// confirmation.
 pub(crate) fn report(words: &[AtomicU32], number: u32) -> StopReport {
-    let reached = |word: usize| !is_before(words[word].load(Ordering::Acquire), number);
+    let reached = |word: usize| {
+        let newest = words[word].load(Ordering::Acquire);
+        !is_before(newest, number) && !is_before(raised(words), newest)
+    };
     StopReport {
         vehicle_obeys: reached(OBEYED),
         motors_off: reached(MOTORS_OFF),
