@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use oqtal_config::Setting;
-use oqtal_observe::flight::Outcome;
+use oqtal_observe::flight::{Outcome, is_of_fence};
 use serde_json::{Value, json};
 
 use super::Flown;
@@ -141,7 +141,11 @@ pub fn counts(rows: &[Flown]) -> (usize, usize) {
 /// Changes with which the flights that needed more room would be complete, a paragraph for each trajectory; empty without any.
 pub fn remedies(groups: &[FailedFlights<'_>]) -> String {
     let cramped = groups.iter().filter(|group| room::is_cramped(group.test, group.cause));
-    room::remedies(cramped.map(|group| (group.law, &group.conditions[..], group.test)))
+    room::remedies(
+        cramped.map(|group| {
+            ((group.law, &group.conditions[..], group.test), is_of_fence(group.cause))
+        }),
+    )
 }
 
 /// Text about all flights, [`listed`], and the remedies for those that needed more room.

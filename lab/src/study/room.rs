@@ -35,10 +35,13 @@ const TRIED: usize = 5;
 struct CrampedFlights<'a> {
     kind: TrajectoryKind,
     flights: Vec<(&'a StudyLaw, &'a FlightCondition, Test)>,
+    /// Whether the fence ended some, and whether the distance from the reference did.
+    of_fence: bool,
+    far: bool,
 }
 
-/// Flights of one law and test that needed more room.
-pub type CrampedGroup<'a> = (&'a StudyLaw, &'a [&'a FlightCondition], Test);
+/// Flights of one law and test that needed more room, and whether the fence ended them.
+pub type CrampedGroup<'a> = ((&'a StudyLaw, &'a [&'a FlightCondition], Test), bool);
 
 /// Whether flights of `test` that ended by `cause`, of [`oqtal_observe::flight::Flight::cause`], needed more room.
 pub fn is_cramped(test: Test, cause: &str) -> bool {
@@ -54,20 +57,27 @@ const fn is_open(test: Test) -> bool {
 /// Changes with which the flights of `groups` would be complete, one line for each trajectory; empty without groups.
 pub fn remedies<'a>(groups: impl IntoIterator<Item = CrampedGroup<'a>>) -> String {
     let mut cramped: Vec<CrampedFlights<'_>> = Vec::new();
-    for (law, conditions, test) in groups {
+    for ((law, conditions, test), of_fence) in groups {
         let Ok(first) = config(law, conditions[0], test) else { continue };
         let own = conditions.iter().take(TRIED).map(|condition| (law, *condition, test));
-        match cramped.iter_mut().find(|others| others.kind == first.trajectory.kind) {
-            Some(others) => others.flights.extend(own),
-            None => {
-                cramped.push(CrampedFlights { kind: first.trajectory.kind, flights: own.collect() })
-            }
-        }
+        let kind = first.trajectory.kind;
+        let number = cramped.iter().position(|others| others.kind == kind).unwrap_or_else(|| {
+            cramped.push(CrampedFlights::new(kind));
+            cramped.len() - 1
+        });
+        let flights = &mut cramped[number];
+        flights.flights.extend(own);
+        flights.of_fence |= of_fence;
+        flights.far |= !of_fence;
     }
     cramped.iter().map(|flights| format!("\n{}", flights.remedy())).collect()
 }
 
 impl CrampedFlights<'_> {
+    const fn new(kind: TrajectoryKind) -> Self {
+        Self { kind, flights: Vec::new(), of_fence: false, far: false }
+    }
+
     /// The keys to change, after flights with smaller sizes.
     fn remedy(&self) -> String {
         let name = oqtal_observe::summary::name_of(&self.kind);
@@ -79,14 +89,17 @@ impl CrampedFlights<'_> {
             };
             format!("; with --set {key}={size} {are_complete}")
         });
-        let (ends, drift) = match self.drift() {
-            Some(drift) => ("ended by the fence or far from the reference", drift),
-            None => ("held or stopped by the fence", String::new()),
+        let fence = "enlarge [fence] x-m, y-m, z-m, or lower fence.soft-margin-m";
+        let limit = "raise safety.tracking-limit-m";
+        let (ends, remedies) = match [self.of_fence, self.far] {
+            [true, true] => {
+                ("ended by the fence or far from the reference", format!("{fence}; {limit}"))
+            }
+            [false, _] => ("far from the reference", limit.to_owned()),
+            [true, false] => ("held or stopped by the fence", fence.to_owned()),
         };
-        format!(
-            "  {name}, {ends}: enlarge [fence] x-m, y-m, z-m, or lower fence.soft-margin-m{}{drift}",
-            smaller.unwrap_or_default()
-        )
+        let drift = self.drift().unwrap_or_default();
+        format!("  {name}, {ends}: {remedies}{}{drift}", smaller.unwrap_or_default())
     }
 
     /// Sentence on the drift of a vehicle whose position is not controlled; `None` if it is.
@@ -97,7 +110,7 @@ impl CrampedFlights<'_> {
             (Vector3::from(config.plant.force_n).norm(), config.vehicle.mass_kg);
         let acceleration_m_s2 = force_n / mass_kg;
         Some(format!(
-            "\n    the position is not controlled in this manoeuvre, and plant.force-n accelerates the vehicle of {mass_kg} kg by {acceleration_m_s2:.2} m/s^2: for a light vehicle give a smaller force"
+            "\n    the position is not controlled in this manoeuvre, and plant.force-n accelerates the vehicle of {mass_kg} kg sideways by {acceleration_m_s2:.2} m/s^2: for a light vehicle give a smaller force"
         ))
     }
 
@@ -145,11 +158,9 @@ mod tests {
         ];
         let law = StudyLaw::new("px4", settings.to_vec(), "");
         let condition = FlightCondition { seed: 200, plant: NOMINAL, settings: Vec::new() };
-        let remedy = remedies([(&law, &[&condition][..], Test::Chirp)]);
+        let remedy = remedies([((&law, &[&condition][..], Test::Chirp), true)]);
         assert!(
-            remedy.contains(
-                "attitude-chirp, ended by the fence or far from the reference: enlarge [fence]"
-            ),
+            remedy.contains("attitude-chirp, held or stopped by the fence: enlarge [fence]"),
             "{remedy}"
         );
         assert!(remedy.contains("--set trajectory.attitude-chirp.sweep-s="), "{remedy}");
