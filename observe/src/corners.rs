@@ -35,36 +35,16 @@ impl CornerFigures {
         self.settling.text("5 cm")
     }
 
-    /// Figures of the scored window; `None` for a path without corners.
+    /// Figures of the scored windows of all flights; `None` for paths without corners.
     pub fn of(flight: &Flight) -> Option<Self> {
-        let samples: Vec<&FlightSample> = flight.scored().collect();
-        let before = flight.armed().take_while(|sample| sample.telemetry.scored == 0).last();
+        let mut sums = CornerSums::default();
         // The first reference of a record that begins in flight is not a step.
-        let first = samples.first().filter(|_| flight.begins_in_flight()).copied();
-        let mut from = before.or(first).map_or_else(Vector3::zeros, reference);
-        let [mut step, mut overshoot, mut rest] = [Statistics::default(); 3];
-        let mut steps = Vec::new();
-        let (mut approach, mut whole) = (0.0, 0.0);
-        for corner in samples.chunk_by(|a, b| (reference(a) - reference(b)).norm() < STEP_M) {
-            let error = |sample: &&FlightSample| sample.position_error().norm();
-            whole += corner.iter().map(error).sum::<f64>();
-            let to = reference(corner[0]);
-            let length = (to - from).norm();
-            let direction = (to - from).try_normalize(STEP_M);
-            from = to;
-            let Some(direction) = direction else { continue };
-            let beyond = corner.iter().map(|sample| sample.position_error().dot(&direction));
-            overshoot.add(beyond.fold(0.0, f64::max));
-            let last = corner.iter().rposition(|sample| error(sample) > SETTLED_M);
-            let settled = &corner[last.map_or(0, |last| last + 1)..];
-            let time = |sample: &FlightSample| sample.telemetry.time;
-            let after_s = last.map_or(0.0, |k| time(corner[k]).since(time(corner[0])).seconds());
-            steps.push((after_s, !settled.is_empty()));
-            approach +=
-                corner.iter().map(error).take_while(|error| *error > SETTLED_M).sum::<f64>();
-            settled.iter().for_each(|sample| rest.add(error(sample)));
-            step.add(length);
+        let begins_at_rest =
+            std::iter::once(!flight.begins_in_flight()).chain(std::iter::repeat(true));
+        for (ticks, begins_at_rest) in flight.flights().zip(begins_at_rest) {
+            sums.add(ticks, begins_at_rest);
         }
+        let CornerSums { steps, step, overshoot, rest, approach, whole } = sums;
         Some(Self {
             settling: StepSettling::of(steps)?,
             step_m: step.mean(),
@@ -72,6 +52,48 @@ impl CornerFigures {
             settled_error_m: if rest.count() > 0 { rest.mean() } else { f64::NAN },
             approach_share: approach / whole,
         })
+    }
+}
+
+/// Sums over the corners of several flights.
+#[derive(Debug, Default)]
+struct CornerSums {
+    /// Time until a step has settled \[s\], and whether it has before the next.
+    steps: Vec<(f64, bool)>,
+    step: Statistics,
+    overshoot: Statistics,
+    rest: Statistics,
+    approach: f64,
+    whole: f64,
+}
+
+impl CornerSums {
+    /// Adds the corners of one flight. Its first reference is a step from that before it if the record `begins_at_rest`.
+    fn add(&mut self, ticks: &[FlightSample], begins_at_rest: bool) {
+        let samples: Vec<&FlightSample> = ticks.iter().filter(|tick| tick.is_scored()).collect();
+        let before = ticks.iter().take_while(|sample| sample.telemetry.scored == 0).last();
+        let first = samples.first().filter(|_| !begins_at_rest).copied();
+        let mut from = before.or(first).map_or_else(Vector3::zeros, reference);
+        for corner in samples.chunk_by(|a, b| (reference(a) - reference(b)).norm() < STEP_M) {
+            let error = |sample: &&FlightSample| sample.position_error().norm();
+            self.whole += corner.iter().map(error).sum::<f64>();
+            let to = reference(corner[0]);
+            let length = (to - from).norm();
+            let direction = (to - from).try_normalize(STEP_M);
+            from = to;
+            let Some(direction) = direction else { continue };
+            let beyond = corner.iter().map(|sample| sample.position_error().dot(&direction));
+            self.overshoot.add(beyond.fold(0.0, f64::max));
+            let last = corner.iter().rposition(|sample| error(sample) > SETTLED_M);
+            let settled = &corner[last.map_or(0, |last| last + 1)..];
+            let time = |sample: &FlightSample| sample.telemetry.time;
+            let after_s = last.map_or(0.0, |k| time(corner[k]).since(time(corner[0])).seconds());
+            self.steps.push((after_s, !settled.is_empty()));
+            self.approach +=
+                corner.iter().map(error).take_while(|error| *error > SETTLED_M).sum::<f64>();
+            settled.iter().for_each(|sample| self.rest.add(error(sample)));
+            self.step.add(length);
+        }
     }
 }
 

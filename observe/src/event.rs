@@ -7,10 +7,13 @@ use oqtal_bus::code::{
 };
 use oqtal_bus::message::{EventV1, InputV1, TelemetryV1};
 use oqtal_bus::origin::Origin;
-use oqtal_bus::time::Time;
+use oqtal_bus::time::{Span, Time};
 use serde::Serialize;
 
-use crate::flight::Flight;
+use crate::flight::{Flight, FlightSample};
+
+/// Greatest time from the end of a flight until the request that ended it is recorded.
+const RECORDED_WITHIN: Span = Span::from_millis(100);
 
 /// Mode, safety state and cause of the daemon in a tick, and whether it uses the configured model instead of the adapted one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -93,12 +96,13 @@ impl ChangeInFlight {
     /// The changes between the take-off of `flight` and its end, in order.
     pub fn all(flight: &Flight) -> Vec<Self> {
         let origin = flight.origin();
-        let end = flight.armed().last().map_or(origin, |sample| sample.telemetry.time);
+        let extents: Vec<[Time; 2]> = flight.flights().map(extent).collect();
         let begins = |event: &EventV1| {
             OperatorCommand::from_code(event.command).is_some_and(OperatorCommand::begins_flight)
         };
-        let is_in_flight =
-            |(at, event): &&(Time, EventV1)| *at > origin && *at <= end && !begins(event);
+        let is_in_flight = |(at, event): &&(Time, EventV1)| {
+            extents.iter().any(|[begin, end]| at > begin && at <= end) && !begins(event)
+        };
         let all = flight.changes.iter().filter(is_in_flight).map(|(at, event)| Self {
             time_s: at.since(origin).seconds(),
             text: of_operator(event),
@@ -106,6 +110,12 @@ impl ChangeInFlight {
         });
         all.collect()
     }
+}
+
+/// First and last instant of a flight; a request that ends it is recorded a moment later.
+fn extent(ticks: &[FlightSample]) -> [Time; 2] {
+    let [first, last] = [&ticks[0], &ticks[ticks.len() - 1]].map(|tick| tick.telemetry.time);
+    [first, last + RECORDED_WITHIN]
 }
 
 /// Whether the request changes the course of the current flight only, and no settings.

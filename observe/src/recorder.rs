@@ -193,6 +193,11 @@ impl Recorder {
     /// Ends the flight if this tick ends it.
     fn detect_end(&mut self, sample: &FlightSample) {
         if sample.is_armed() {
+            if self.resting_since.is_some() {
+                // Armed again right after a landing.
+                self.outcome = Some(Outcome::Landed);
+                return;
+            }
             self.flown = true;
             let crash = Crash::of(sample, &self.flight.config.fence);
             if let Some(crash) = crash.filter(|_| !self.is_replaced) {

@@ -22,16 +22,17 @@ impl Flight {
 
     /// Reason why the figures may not be those of one flight with the recorded configuration.
     pub fn reservation(&self) -> Option<String> {
-        if self.has_other_config {
-            let reason = "the daemon ran with another configuration than was recorded: law, vehicle or settings are not those that flew";
-            return Some(reason.to_owned());
-        }
+        let other = self.has_other_config.then(|| {
+            "the daemon ran with another configuration than was recorded: law, vehicle or settings are not those that flew".to_owned()
+        });
         let flights = if self.is_observation() { 0 } else { self.flights().count() };
-        (flights > 1).then(|| {
+        let several = (flights > 1).then(|| {
             format!(
                 "{flights} flights in one recording: the figures are those of all, the outcome is that of the first to end; record each into a file of its own"
             )
-        })
+        });
+        let reasons: Vec<String> = several.into_iter().chain(other).collect();
+        (!reasons.is_empty()).then(|| reasons.join("; "))
     }
 
     fn shortfall_of_one(&self) -> Option<String> {

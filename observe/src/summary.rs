@@ -190,7 +190,7 @@ impl Summary {
 
     /// The time for which the fence held the vehicle, as text; `None` if it did not.
     pub fn held(&self) -> Option<String> {
-        let held = || format!("held by the fence for {:.1} s, which is not scored", self.held_s);
+        let held = || format!("held by the fence for {:.2} s, which is not scored", self.held_s);
         (self.held_s > 0.0).then(held)
     }
 
@@ -276,7 +276,7 @@ fn count(flight: &Flight, counter: impl Fn(&TelemetryV1) -> u64) -> u64 {
     };
     let armed = flight.samples.iter().rposition(FlightSample::is_armed);
     let after = &flight.samples[armed.unwrap_or(0)..];
-    flight.flights().map(increase).sum::<u64>() + increase(after)
+    flight.flights().map(increase).fold(increase(after), u64::saturating_add)
 }
 
 /// The last tick; the default one of a flight without any.

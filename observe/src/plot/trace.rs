@@ -33,16 +33,20 @@ pub fn thin(points: Vec<Point>) -> Vec<Point> {
     points.chunks(points.len().div_ceil(MOST_POINTS / 2)).flat_map(extremes).collect()
 }
 
-/// Minimum and maximum of a segment, in their order; a gap if no point can be drawn.
+/// Minimum and maximum of a segment, in their order; the greatest value and a gap if a point cannot be drawn.
 fn extremes(stretch: &[Point]) -> impl Iterator<Item = Point> {
     let drawable = || stretch.iter().copied().enumerate().filter(|(_, (_, y))| is_drawable(*y));
     let least = drawable().min_by(|(_, a), (_, b)| a.1.total_cmp(&b.1));
     let greatest = drawable().max_by(|(_, a), (_, b)| a.1.total_cmp(&b.1));
+    let gap = stretch.iter().position(|(_, y)| !is_drawable(*y));
+    let void = (stretch[gap.unwrap_or(0)].0, f64::NAN);
     let (first, second) = match (least, greatest) {
+        (_, Some(b)) if gap.is_some_and(|gap| gap < b.0) => (void, Some(b.1)),
+        (_, Some(b)) if gap.is_some() => (b.1, Some(void)),
         (Some(a), Some(b)) if a.0 < b.0 => (a.1, Some(b.1)),
         (Some(a), Some(b)) if a.0 > b.0 => (b.1, Some(a.1)),
         (Some(only), _) => (only.1, None),
-        (None, _) => ((stretch[0].0, f64::NAN), None),
+        (None, _) => (void, None),
     };
     std::iter::once(first).chain(second)
 }

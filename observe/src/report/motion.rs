@@ -19,6 +19,11 @@ const ANGLES: [&str; 3] = ["Roll", "Pitch", "Yaw"];
 /// Colours of the components of a vector.
 const COMPONENTS: [Ink; 3] = [Ink::Actual, Ink::Second, Ink::Third];
 
+/// `value` in flight: with the motors off there is neither command nor error.
+fn in_flight(sample: &FlightSample, value: f64) -> f64 {
+    if sample.is_armed() { value } else { f64::NAN }
+}
+
 /// Position by axis with its reference, and the magnitude of the error.
 pub fn position(timeline: &Timeline<'_>) -> Markup {
     let axis = |i: usize| {
@@ -28,7 +33,7 @@ pub fn position(timeline: &Timeline<'_>) -> Markup {
         ];
         over_time(timeline, &format!("Position {} [m]", WORLD[i]), traces)
     };
-    let error = timeline.trace("error", Ink::Bad, |s| s.position_error().norm());
+    let error = timeline.trace("error", Ink::Bad, |s| in_flight(s, s.position_error().norm()));
     section(
         "Position",
         html! {
@@ -38,9 +43,8 @@ pub fn position(timeline: &Timeline<'_>) -> Markup {
     )
 }
 
-/// Attitude by angle with its command, and the angle of the error. With the motors off there is no command.
+/// Attitude by angle with its command, and the angle of the error.
 pub fn attitude(timeline: &Timeline<'_>) -> Markup {
-    let in_flight = |s: &FlightSample, value: f64| if s.is_armed() { value } else { f64::NAN };
     let angle = |i: usize| {
         let commanded = |s: &FlightSample| in_flight(s, euler_angles(&s.attitude_command())[i]);
         let traces = vec![
@@ -69,7 +73,7 @@ pub fn velocity(timeline: &Timeline<'_>) -> Markup {
         ];
         over_time(timeline, &format!("Velocity {} [m/s]", WORLD[i]), traces)
     };
-    let error = timeline.trace("error", Ink::Bad, |s| s.velocity_error().norm());
+    let error = timeline.trace("error", Ink::Bad, |s| in_flight(s, s.velocity_error().norm()));
     section(
         "Velocity",
         html! {

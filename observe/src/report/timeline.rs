@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use maud::Markup;
 
-use oqtal_bus::time::Time;
+use oqtal_bus::time::{Span, Time};
 
 use crate::fault::{AppliedDisturbance, InjectedFault};
 use crate::flight::{Flight, FlightSample};
@@ -15,6 +15,8 @@ use crate::plot::trace::{Point, Trace, thin, thin_path};
 
 /// Maximum number of instants marked in every plot.
 const MOST_INSTANTS: usize = 40;
+/// Time without a tick that interrupts a trace.
+const GAP: Span = Span::from_millis(500);
 
 /// Part of a flight shown in the report, on an axis of seconds.
 #[derive(Clone, Debug)]
@@ -85,8 +87,22 @@ impl<'a> Timeline<'a> {
         ink: Ink,
         value: impl Fn(&FlightSample) -> f64,
     ) -> Trace {
-        let points = self.samples.iter().map(|sample| (self.at(sample), value(sample)));
-        Trace { name, ink, points: thin(points.collect()) }
+        let point = |sample: &FlightSample| (self.at(sample), value(sample));
+        Trace { name, ink, points: thin(self.points(point)) }
+    }
+
+    /// A point for each tick, with a gap where none was recorded for a while.
+    fn points(&self, point: impl Fn(&FlightSample) -> Point) -> Vec<Point> {
+        let mut points = Vec::with_capacity(self.samples.len());
+        let mut before = None;
+        for sample in self.samples {
+            let time = sample.telemetry.time;
+            if before.replace(time).is_some_and(|before: Time| time.since(before) > GAP) {
+                points.push((point(sample).0, f64::NAN));
+            }
+            points.push(point(sample));
+        }
+        points
     }
 
     /// The source of the vehicle's motion: `truth` or `estimate`.
@@ -118,12 +134,11 @@ impl<'a> Timeline<'a> {
         angle: impl Fn(&FlightSample) -> f64,
     ) -> Trace {
         let mut points: Vec<Point> = Vec::with_capacity(self.samples.len());
-        for sample in self.samples {
-            let degrees = angle(sample).to_degrees();
+        for (t_s, degrees) in self.points(|sample| (self.at(sample), angle(sample).to_degrees())) {
             if points.last().is_some_and(|(_, last)| (degrees - last).abs() > 180.0) {
-                points.push((self.at(sample), f64::NAN));
+                points.push((t_s, f64::NAN));
             }
-            points.push((self.at(sample), degrees));
+            points.push((t_s, degrees));
         }
         Trace { name, ink, points: thin(points) }
     }
