@@ -35,9 +35,9 @@ struct Reaction {
     cause: Cause,
 }
 
-/// Flies with a fault of the poses and returns the reaction; `None` if the flight ended before.
-fn react(settings: &[String], fault: &str, at_s: f64) -> Option<Reaction> {
-    let injected = format!("fault.inject=[\"pose:{fault}@{at_s}\"]");
+/// Flies with `faults` and returns the reaction to the one at `at_s` \[s\] after arming; `None` if the flight ended before.
+fn react(settings: &[String], faults: &[String], at_s: f64) -> Option<Reaction> {
+    let injected = format!("fault.inject={faults:?}");
     let flown = fly(&mission(&[settings, std::slice::from_ref(&injected)].concat())).unwrap();
     let armed = flown.armed().next()?.telemetry.time;
     let elapsed_s = |sample: &FlightSample| sample.telemetry.time.since(armed).seconds() - at_s;
@@ -83,7 +83,7 @@ fn study(
             ];
             let share = (seed % 40) as f64 / 40.0;
             let at_s = at_s.start + share * (at_s.end - at_s.start);
-            let reaction = react(&settings, &fault(index), at_s);
+            let reaction = react(&settings, &[format!("pose:{}@{at_s}", fault(index))], at_s);
             found.lock().unwrap().push(reaction.expect("a flight until the fault"));
         });
         let found = found.into_inner().unwrap();
@@ -124,6 +124,42 @@ fn require_in_time(all: &[Reaction]) {
 #[test]
 fn f58_a_frozen_pose_with_noise_ends_a_flight_in_motion() {
     require_in_time(&study(frozen, &["circle", "lemniscate", "square"], IN_FLIGHT, true));
+}
+
+/// Rates are then compared with nothing; rotations are compared with the commands.
+#[test]
+fn f58_a_frozen_pose_is_found_although_reports_of_rates_fail_again_and_again() {
+    let failures = ["slow=6Hz", "slow=3Hz", "delayed=160ms", "intermittent=80%"];
+    on_all_processors((failures.len() * LAWS.len()) as u64, |index| {
+        let (law, failure) = (LAWS[index as usize % 4], failures[index as usize / 4]);
+        let settings = [
+            format!("control.controller={law}"),
+            "trajectory.kind=hover".to_owned(),
+            format!("clock.seed={}", FIRST_SEED + index),
+            "plant.gyroscope=true".to_owned(),
+        ];
+        let faults = [format!("vehicle:{failure}@0.5"), "pose:frozen-noise=0.5mm@10".to_owned()];
+        let reaction = react(&settings, &faults, 10.0).unwrap();
+        assert!(reaction.after_s < 2.5 && reaction.moved_m < 1.0, "{reaction:?}");
+    });
+}
+
+/// A vehicle that is heavier than told stands until its law has raised the thrust.
+#[test]
+fn f40_a_heavier_vehicle_takes_off_slowly() {
+    let cases = [(1.1, 12.0), (1.15, 8.0), (1.2, 6.0), (1.25, 4.0)];
+    on_all_processors((cases.len() * LAWS.len()) as u64, |index| {
+        let (law, (share, take_off_s)) = (LAWS[index as usize % 4], cases[index as usize / 4]);
+        let settings = [
+            format!("control.controller={law}"),
+            "trajectory.kind=hover".to_owned(),
+            format!("trajectory.take-off-s={take_off_s}"),
+            "trajectory.hover.duration-s=2".to_owned(),
+            format!("plant.mass-kg={}", 0.5 * share),
+        ];
+        let flight = fly(&mission(&settings)).unwrap();
+        assert_eq!(flight.outcome, Outcome::Landed, "{settings:?}: {:?}", flight.shortfall());
+    });
 }
 
 #[test]

@@ -9,15 +9,19 @@ use crate::common::obedience::LandingWatch;
 use crate::common::random::length;
 use crate::common::{Running, Testbed, assert_refused, json, stderr, wait_for};
 use oqtal_bus::bus::Bus;
-use oqtal_bus::code::{Actuation, OperatorCommand};
+use oqtal_bus::code::{Actuation, Answer, OperatorCommand};
 use oqtal_bus::control::ControlClient;
 use oqtal_bus::message::{CommandV1, ControlRequestV1, Stamps, VehicleV1};
 use oqtal_bus::obeying::ObeyingProcess;
+use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::port::{Reader, Writer};
+use oqtal_bus::stop::StopSwitch;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{COMMAND, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
+use oqtal_operator::arm;
 use rustix::fs::{FlockOperation, flock};
+use rustix::process::Signal;
 
 /// Loss of files of a running instance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -245,6 +249,65 @@ fn a_stop_by_name_is_not_confirmed_by_a_vehicle_under_another_root() {
     wait_for("the vehicle", || is_found(plant.id()).then_some(()));
     let output = rootless(&testbed, &["stop"]).output().unwrap();
     assert_refused(&output, 75, &["without a process of its vehicle", "the daemon obeys"]);
+}
+
+/// A process of a second vehicle of the same name, which is suspended.
+fn suspended(testbed: &Testbed, role: &str) -> (Running, InstancePaths) {
+    let root = testbed.path("elsewhere");
+    let place = ["--instance", testbed.instance(), "--root", &root.display().to_string()];
+    let process = Running::start(&mut testbed.study(&[&[role, "run"], &place[..]].concat()));
+    let paths = InstancePaths { instance: testbed.instance().to_owned(), root };
+    wait_for("a second process", || {
+        let is_found = ObeyingProcess::all().iter().any(|other| other.pid == process.id());
+        (is_found && StopSwitch::existing(&paths).is_ok_and(|it| it.is_some())).then_some(())
+    });
+    process.signal(Signal::STOP);
+    (process, paths)
+}
+
+#[test]
+fn a_stop_is_not_confirmed_while_another_vehicle_of_that_name_cannot_be_read() {
+    let testbed = Testbed::new("two-stops");
+    let bus = testbed.bus();
+    let mut daemon = BlindDaemon::open(&bus);
+    let _plant = testbed.start(&["plant-sim", "run"]);
+    daemon.until("motors", Actuation::Sticks, |vehicle| vehicle.armed == 1);
+    let (_second, paths) = suspended(&testbed, "plant-sim");
+    let words = fs::canonicalize(paths.directory().join("shared")).unwrap().join("stop");
+    File::options().write(true).open(words).unwrap().set_len(0).unwrap();
+    let output = rootless(&testbed, &["stop"]).output().unwrap();
+    assert_refused(&output, 1, &["whether it has obeyed cannot be read"]);
+}
+
+#[test]
+fn a_landing_is_not_confirmed_while_another_daemon_of_that_name_hangs() {
+    let testbed = Testbed::new("two-landings");
+    let bus = testbed.bus();
+    let _processes = testbed.services();
+    testbed.take_off(&bus);
+    let (_second, paths) = suspended(&testbed, "daemon");
+    let output = rootless(&testbed, &["land"]).output().unwrap();
+    let place = paths.root.display().to_string();
+    assert_refused(&output, 1, &["the daemon under", &place, "has not confirmed"]);
+}
+
+#[test]
+fn a_stop_calls_off_an_arming_that_waits_for_the_end_of_a_fall() {
+    let testbed = Testbed::new("called-off");
+    let bus = testbed.bus();
+    let _processes = testbed.services();
+    testbed.take_off(&bus);
+    assert!(testbed.oqtal(&["ctl", "stop"]).output().unwrap().status.success());
+    let mut told = Vec::new();
+    let mut tell = |text: &str| {
+        told.push(text.to_owned());
+        if text.contains("waits") {
+            bus.stop_switch().unwrap().raise();
+        }
+    };
+    let response = arm::ask(&bus, None, &mut tell, &|| false).unwrap().unwrap();
+    assert_eq!(response.answer, Answer::Refused.code());
+    assert!(told.len() == 2 && told[1].contains("called off by a stop"), "{told:?}");
 }
 
 /// Number of clients of the control service in one instance \[-\].

@@ -22,7 +22,7 @@ use crate::vehicle::VehicleWatch;
 /// the last pose. Sources that poll, are late by a frame or are a little slower than the loop miss the first one.
 const MISSING_PERIODS: f64 = 2.5;
 /// Share of answered requests below which the vehicle is not expected to follow its commands \[0..1\].
-const LEAST_LINK: f64 = 0.5;
+const LEAST_LINK: f64 = 0.3;
 /// Distance from the reference above which a vehicle is on its way to it \[m\]: a law that counteracts a disturbance holds it closer.
 const AWAY_M: f64 = 0.1;
 /// Age of the tracked motion above which it is propagated without poses \[s\]: less than the time for which commands are stored.
