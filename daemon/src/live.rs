@@ -4,6 +4,7 @@
 //! configuration and checked as a whole, and what the loop needs is built. The loop exchanges it with its own between two ticks;
 //! the background thread drops the rest.
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use nalgebra::{Vector3, Vector4};
@@ -260,6 +261,10 @@ impl LiveSettings {
         let settings = assignments(&text)?;
         if settings.is_empty() {
             return Err(Refusal::of_setting("no KEY=VALUE given"));
+        }
+        let mut keys = HashSet::new();
+        if let Some(twice) = settings.iter().find(|setting| !keys.insert(&setting.key)) {
+            return Err(Refusal::of_setting(format!("`{}`: given twice", twice.key)));
         }
         self.settings(self.present.with_live(&settings)?, text, false)
     }

@@ -183,7 +183,8 @@ fn draw_settings(draw: &mut Draw, is_valid: bool) -> Drawn {
         ("position.horizontal-position.kp=1 vehicle.mass-kg=0.7", "vehicle.mass-kg"),
         ("control.nothing=1", "control.nothing"),
         ("control.rate-hz=120", "control.rate-hz"),
-    ][(draw.next() * 5.0) as usize];
+        ("control.oqtal.integral-weight=nan control.oqtal.integral-weight=0.02", "control.oqtal"),
+    ][(draw.next() * 6.0) as usize];
     (OperatorCommand::Set, request(text), key)
 }
 
