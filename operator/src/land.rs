@@ -37,6 +37,8 @@ const TIMEOUT: Span = Span::from_millis(950);
 
 /// Answer of the daemon, or its state in flight once it lands; `None` if neither was received.
 type LandingAnswer = Result<Option<ControlResponseV1>, BusError>;
+/// The answer of a daemon, and its root.
+type RootedAnswer = (Receiver<LandingAnswer>, PathBuf);
 
 /// Requests a landing of the addressed vehicle by the request `landing`, and returns the daemon's answer.
 ///
@@ -48,20 +50,11 @@ pub fn land(
 ) -> Result<ControlResponseV1, Failure> {
     let reached = Reached::find(address);
     let paths = &reached.paths;
-    let is_daemon = |process: &ObeyingProcess| !process.is_vehicle;
     // The daemon of `paths` is asked first, and signalled if it does not answer; those under other roots are signalled at once and
     // also asked.
-    let elsewhere = reached.processes.iter().filter(|p| is_daemon(p) && !p.is_under(paths));
-    let mut lines = signal_all(LAND_SIGNAL, elsewhere);
+    let (elsewhere, mut lines) = request_elsewhere(&reached, landing);
     let is_signalled = Arc::new(AtomicBool::default());
     let answer = request(paths, landing, &is_signalled);
-    // These were signalled.
-    let signalled = Arc::new(AtomicBool::new(true));
-    let elsewhere: Vec<_> = reached.places()[1..]
-        .iter()
-        .filter(|paths| reached.processes.iter().any(|p| is_daemon(p) && p.is_under(paths)))
-        .map(|paths| (paths.root.clone(), request(paths, landing, &signalled)))
-        .collect();
     let give_up = Time::now() + TIMEOUT;
     let mut answered = answer.recv_timeout(SIGNAL_DELAY);
     while !matches!(answered, Ok(Ok(Some(_)))) {
@@ -94,17 +87,37 @@ pub fn land(
     Err(Failure::new(Exit::Flight, message))
 }
 
+fn is_daemon(process: &ObeyingProcess) -> bool {
+    !process.is_vehicle
+}
+
+/// Signals the daemons under other roots than that of `reached`, and asks them; returns their answers and roots, and the results of
+/// the signals.
+fn request_elsewhere(
+    reached: &Reached,
+    landing: ControlRequestV1,
+) -> (Vec<RootedAnswer>, Vec<String>) {
+    let daemons = || reached.processes.iter().filter(|process| is_daemon(process));
+    let elsewhere = daemons().filter(|process| !process.is_under(&reached.paths));
+    let lines = signal_all(LAND_SIGNAL, elsewhere);
+    let signalled = Arc::new(AtomicBool::new(true));
+    let places = reached.places().split_off(1).into_iter();
+    let places = places.filter(|paths| daemons().any(|process| process.is_under(paths)));
+    let ask = |paths: InstancePaths| (request(&paths, landing, &signalled), paths.root);
+    (places.map(ask).collect(), lines)
+}
+
 /// `response`, or if it is a refusal the first other answer that is not: the vehicle of that instance flies.
 ///
 /// # Errors
 /// A daemon under another root was signalled, with the results `lines`, and has not answered: its vehicle may fly (exit code 1).
 fn combined(
     response: ControlResponseV1,
-    elsewhere: Vec<(PathBuf, Receiver<LandingAnswer>)>,
+    elsewhere: Vec<RootedAnswer>,
     (paths, lines): (&InstancePaths, &[String]),
 ) -> Result<ControlResponseV1, Failure> {
     let mut answers = vec![response];
-    for (root, answer) in elsewhere {
+    for (answer, root) in elsewhere {
         let Ok(Ok(Some(answer))) = answer.recv() else {
             let message = format!(
                 "land: the daemon under {} was signalled and has not confirmed it; `oqtal ctl stop --instance {}` stops all motors\n  {}",
