@@ -36,7 +36,7 @@ const MAX_NUMBER: u32 = 100_000;
 pub struct RecordArgs {
     /// The recording, or a directory for INSTANCE-N.mcap; further files, after the size or duration of [record], have a
     /// number before .mcap [default: recordings/]
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "PATH")]
     out: Option<PathBuf>,
     /// Fail if no daemon runs, instead of waiting for one
     #[arg(long)]

@@ -77,7 +77,7 @@ pub fn is_directory(out: &Path) -> bool {
     out.is_dir() || ends_with_slash || is_new_name
 }
 
-/// Path of the page `out`, which is `name` in it if it [is a directory](is_directory).
+/// Path of the page: `out`, or `name` in `out` if that [is a directory](is_directory).
 ///
 /// # Errors
 /// A file is there that is not a page of oqtal, such as the recording itself (exit code 64).
@@ -95,7 +95,7 @@ pub fn page_path(out: &Path, name: &str) -> Result<PathBuf, Failure> {
     Ok(path)
 }
 
-/// Writes a file of results, and makes its directory.
+/// Writes a file of results; creates its directory if needed.
 ///
 /// # Errors
 /// The file is a recording (exit code 64), or cannot be written (71).

@@ -126,7 +126,7 @@ fn f58_a_frozen_pose_with_noise_ends_a_flight_in_motion() {
     require_in_time(&study(frozen, &["circle", "lemniscate", "square"], IN_FLIGHT, true));
 }
 
-/// Rates are then compared with nothing; rotations are compared with the commands.
+/// Rates that fail repeatedly are not used: rotations are compared with the commands.
 #[test]
 fn f58_a_frozen_pose_is_found_although_reports_of_rates_fail_again_and_again() {
     let failures = ["slow=6Hz", "slow=3Hz", "delayed=160ms", "intermittent=80%"];
@@ -144,7 +144,7 @@ fn f58_a_frozen_pose_is_found_although_reports_of_rates_fail_again_and_again() {
     });
 }
 
-/// A vehicle that is heavier than told stands until its law has raised the thrust.
+/// A vehicle heavier than configured stands until its law has raised the thrust.
 #[test]
 fn f40_a_heavier_vehicle_takes_off_slowly() {
     let cases = [(1.1, 12.0), (1.15, 8.0), (1.2, 6.0), (1.25, 4.0)];

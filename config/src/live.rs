@@ -114,10 +114,10 @@ impl Config {
         Ok(self.changed_values(other))
     }
 
-    /// Differences of `other` as text: `KEY=VALUE`, and the keys that it does not have.
+    /// Settings in which `other` differs, as `KEY=VALUE`, or as `KEY unset` if it does not have the key.
     pub fn described_differences(&self, other: &Self) -> Vec<String> {
         let unset = self.keys_without_value_in(other).into_iter();
-        let unset = unset.map(|key| format!("{key} without a value"));
+        let unset = unset.map(|key| format!("{key} unset"));
         self.changed_values(other).into_iter().chain(unset).collect()
     }
 

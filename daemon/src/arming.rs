@@ -109,7 +109,8 @@ impl ArmingCheck {
         self.next = (self.next + 1) % REST_POSES;
     }
 
-    /// Forgets the vehicle's rest: a stopped vehicle begins to fall where it hovered.
+    /// Discards the recent poses, of which a full set is needed from then on: a vehicle stopped in a hover falls, although its last poses
+    /// are at rest.
     pub fn forget_rest(&mut self) {
         (self.recent, self.least_poses) = ([None; REST_POSES], REST_POSES);
     }

@@ -105,7 +105,7 @@ pub struct Expectation {
     pub obeys: bool,
     /// Whether it is more than 10 cm from its reference, or takes off.
     pub is_away: bool,
-    /// Whether its reference turns: such a rotation is not told from the oscillation of the heading.
+    /// Whether the heading of the reference changes; the oscillation of the heading cannot be separated from such a turn.
     pub turns: bool,
 }
 
@@ -236,7 +236,8 @@ impl PoseConsistency {
         }
         let turn = last.attitude.rotation_to(&pose.attitude);
         let seen = SeenRotation { from_s: last_s, to_s: t_s, turn, is_airborne };
-        let by_gyroscope = self.rates.are_reported(t_s);
+        self.rates.update(t_s);
+        let by_gyroscope = self.rates.are_trusted(t_s);
         if by_gyroscope != self.by_gyroscope {
             self.by_gyroscope = by_gyroscope;
             self.begin_again();
@@ -259,7 +260,7 @@ impl PoseConsistency {
     fn compare_with_gyroscope(&mut self, noise: &PoseDeviations, is_airborne: bool, turns: bool) {
         while let Some(mut seen) = self.pending.take_if(|to_s| self.rates.reach(to_s)) {
             let Some(driven) = self.rates.turn(seen.from_s, seen.to_s) else {
-                self.rates.lose(seen.to_s);
+                self.rates.record_gap(seen.to_s);
                 self.begin_again();
                 return;
             };

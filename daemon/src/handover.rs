@@ -1,13 +1,13 @@
-//! Bumpless hand-over: after a change of the control stack the command follows that of the new stack with a limited slew, for a
-//! quarter of a second and until it has reached it. The new stack's filters settle in that time: their first commands would jump.
-//! The feedback of the new stack is effective from its first tick on, within the slew limit.
+//! Bumpless hand-over: after a change of the control stack the slew of the command is limited for a quarter of a second, and until
+//! the command equals that of the new stack. Meanwhile the filters of the new stack settle; their first commands may jump. The
+//! feedback of the new stack is effective from its first tick on, within the slew limit.
 
 use oqtal_config::{Config, Interface};
 use oqtal_control::quantity::{StickCommand, Torque};
 
 use crate::command::{RotationCommand, VehicleCommand};
 
-/// Time in which a command may change by its whole range, and least time of a hand-over \[s\].
+/// Time in which a command may change by its whole range; also the minimum duration of a hand-over \[s\].
 const FULL_RANGE_S: f64 = 0.25;
 /// Range of the attitude of a command \[rad\].
 const ATTITUDE_RANGE_RAD: f64 = 1.0;
@@ -47,7 +47,7 @@ fn rotation_limit(config: &Config) -> f64 {
 #[derive(Clone, Debug)]
 pub struct Handover {
     slew: SlewLimits,
-    /// Time left of the hand-over \[s\]; `None` outside one.
+    /// Remaining minimum duration of the hand-over \[s\]; below zero it ends once the command is reached; `None` outside one.
     left_s: Option<f64>,
 }
 
@@ -100,10 +100,12 @@ impl Handover {
         let (
             VehicleCommand::Armed { rotation: last, thrust_n: last_n, attitude: last_attitude },
             VehicleCommand::Armed { rotation, thrust_n, attitude },
-        ) = (last, command.finite_or_disarmed())
+        ) = (last.finite_or_disarmed(), command.finite_or_disarmed())
         else {
             return None;
         };
+        // Bounds of a range must be numbers in order.
+        let dt_s = dt_s.max(0.0);
         let SlewLimits { rotation_per_s, thrust_n_per_s, attitude_rad_s } = self.slew;
         let near = |value: f64, last: f64, step: f64| value.clamp(last - step, last + step);
         let (from, to) = (last.vector(), rotation.vector());
@@ -120,7 +122,7 @@ impl Handover {
             true => attitude,
             false => last_attitude.turned_by(turn.map(|angle| angle.clamp(-step, step))),
         };
-        let thrust_n = near(thrust_n, *last_n, thrust_n_per_s * dt_s);
+        let thrust_n = near(thrust_n, last_n, thrust_n_per_s * dt_s);
         Some(VehicleCommand::Armed { rotation, thrust_n, attitude })
     }
 }
@@ -183,6 +185,13 @@ mod tests {
         let wrong = handover.apply(&sticks(0.0, 5.0, 0.0), sticks(0.0, f64::NAN, 0.0), DT_S);
         assert_eq!(wrong.finite_or_disarmed(), VehicleCommand::Disarmed);
         assert!(!handover.is_active());
+        handover.begin();
+        let next = sticks(0.5, 5.0, 0.0);
+        assert_eq!(handover.apply(&sticks(f64::NAN, 5.0, 0.0), next, DT_S), next);
+        assert!(!handover.is_active());
+        handover.begin();
+        assert_eq!(handover.apply(&sticks(0.0, 5.0, 0.0), next, f64::NAN), sticks(0.0, 5.0, 0.0));
+        handover.reset();
         handover.begin();
         let off = VehicleCommand::Disarmed;
         assert_eq!(handover.apply(&off, sticks(0.5, 5.0, 0.0), DT_S), sticks(0.5, 5.0, 0.0));

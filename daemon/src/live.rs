@@ -264,7 +264,10 @@ impl LiveSettings {
         }
         let mut keys = HashSet::new();
         if let Some(twice) = settings.iter().find(|setting| !keys.insert(&setting.key)) {
-            return Err(Refusal::of_setting(format!("`{}`: given twice", twice.key)));
+            return Err(Refusal::of_setting(format!(
+                "`{}`: given more than once; give each key once",
+                twice.key
+            )));
         }
         self.settings(self.present.with_live(&settings)?, text, false)
     }

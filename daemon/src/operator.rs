@@ -30,7 +30,12 @@ type NumberedReply = (RequestNumber, ControlResponseV1, LoopRequest);
 #[derive(Debug)]
 pub enum LoopRequest {
     /// A request that consists of its command.
-    Operator(OperatorCommand),
+    Operator {
+        /// The command.
+        command: OperatorCommand,
+        /// Number of the request on topic `event`; 0 for none.
+        event: u64,
+    },
     /// A change of the flight or its settings.
     Change {
         /// The command.
@@ -46,8 +51,9 @@ impl LoopRequest {
     /// The command, with the number of the request on topic `event`; 0 for none.
     fn name(&self) -> (OperatorCommand, u64) {
         match self {
-            Self::Operator(command) => (*command, 0),
-            Self::Change { command, event, .. } => (*command, *event),
+            Self::Operator { command, event } | Self::Change { command, event, .. } => {
+                (*command, *event)
+            }
         }
     }
 }
@@ -121,7 +127,8 @@ impl LoopHandle {
         let (command, event) = request.name();
         let is_late = valid_until.is_set() && Time::now() > valid_until;
         let response = if is_late && must_be_timely(command) {
-            let status = answer(&mut LoopRequest::Operator(OperatorCommand::Status));
+            let command = OperatorCommand::Status;
+            let status = answer(&mut LoopRequest::Operator { command, event: 0 });
             refused(Cause::Expired, status)
         } else {
             answer(&mut request)
@@ -198,13 +205,21 @@ impl OperatorRequests {
         if command == OperatorCommand::Get {
             return self.get(request.text.as_str());
         }
-        let response = self.pass_on(LoopRequest::Operator(command), request.valid_until);
-        if command == OperatorCommand::Status {
+        let is_status = command == OperatorCommand::Status;
+        let event = if is_status { 0 } else { self.next_event() };
+        let response = self.pass_on(LoopRequest::Operator { command, event }, request.valid_until);
+        if is_status {
             let text = LongText::new(&self.law_and_trajectory(response.mode));
             return ControlResponseV1 { text, ..response };
         }
-        self.publish_executed(&request, &response, publish);
+        publish_executed(&request, event, &response, publish);
         response
+    }
+
+    /// Number of the next request on topic `event`.
+    fn next_event(&mut self) -> u64 {
+        self.events += 1;
+        self.events
     }
 
     /// Law and trajectory of the present flight; in the `mode` "disarmed", those of the next one. The law alone of a daemon that only
@@ -227,20 +242,6 @@ impl OperatorRequests {
         format!("{law}, {course}")
     }
 
-    /// Publishes the event of an executed request, unless it was refused.
-    fn publish_executed(
-        &mut self,
-        request: &ControlRequestV1,
-        response: &ControlResponseV1,
-        publish: &mut dyn FnMut(EventV1),
-    ) {
-        if response.answer != Answer::Refused.code() {
-            self.events += 1;
-            let event = event(request, Answer::Accepted);
-            publish(EventV1 { number: self.events, text: response.text, ..event });
-        }
-    }
-
     /// Passes a request for a flight on; the answer, and an event for recordings that began later, name the settings that were
     /// changed since the start.
     fn begin(
@@ -254,13 +255,14 @@ impl OperatorRequests {
             let present = self.present(Answer::Refused);
             return refused(Cause::OtherConfig, ControlResponseV1 { text: changed, ..present });
         }
-        let response = self.pass_on(LoopRequest::Operator(command), request.valid_until);
+        let event = self.next_event();
+        let response = self.pass_on(LoopRequest::Operator { command, event }, request.valid_until);
         if response.answer == Answer::Refused.code() {
             return response;
         }
         self.course = None;
         let response = ControlResponseV1 { text: changed, ..response };
-        self.publish_executed(request, &response, publish);
+        publish_executed(request, event, &response, publish);
         response
     }
 
@@ -289,10 +291,10 @@ impl OperatorRequests {
         request: &ControlRequestV1,
         publish: &mut dyn FnMut(EventV1),
     ) -> ControlResponseV1 {
+        let number = self.next_event();
         let Some(settings) = &self.settings else { return self.present(Answer::Refused) };
         let prepared = settings.prepare(command, request);
-        self.events += 1;
-        let mut event = EventV1 { number: self.events, ..event(request, Answer::Accepted) };
+        let mut event = EventV1 { number, ..event(request, Answer::Accepted) };
         let response = match prepared {
             Err(refusal) => with_reason(&refusal, self.present(Answer::Refused)),
             Ok(_) if self.queues.is_full() => {
@@ -368,6 +370,18 @@ impl OperatorRequests {
 fn must_be_timely(command: OperatorCommand) -> bool {
     let is_course = matches!(command, OperatorCommand::Goto | OperatorCommand::Trajectory);
     command.begins_flight() || is_course
+}
+
+/// Publishes an event, with this `number`, for a request that was executed; none for a refused one.
+fn publish_executed(
+    request: &ControlRequestV1,
+    number: u64,
+    response: &ControlResponseV1,
+    publish: &mut dyn FnMut(EventV1),
+) {
+    if response.answer != Answer::Refused.code() {
+        publish(EventV1 { number, text: response.text, ..event(request, Answer::Accepted) });
+    }
 }
 
 /// The event of `request`, with this answer.

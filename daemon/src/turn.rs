@@ -1,6 +1,6 @@
 //! One turn of the daemon over its ports: take the pose, compute, publish the command; telemetry and status afterwards.
 
-use oqtal_bus::code::{Actuation, Mode, OperatorCommand};
+use oqtal_bus::code::{Actuation, Answer, Mode, OperatorCommand};
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{
     CommandV1, ControlResponseV1, ExternalV1, Header, InputV1, PoseV1, ReferenceV1, Stamps,
@@ -160,6 +160,9 @@ impl<T: Transport> DaemonTurn<'_, T> {
             handle.poll_request(|request| execute(cycle, now, request))
         {
             let request = input_record::request(now, command, &response);
+            let is_refused = response.answer == Answer::Refused.code();
+            // A refused request without a content has no event.
+            let event = if is_refused && !command.changes_flight() { 0 } else { event };
             let configs_differ = u8::from(configs_differ);
             ports.inputs.send(
                 0,
@@ -208,7 +211,7 @@ impl<T: Transport> DaemonTurn<'_, T> {
 /// Executes a request of the background thread.
 fn execute(cycle: &mut Cycle, now: Time, request: &mut LoopRequest) -> ControlResponseV1 {
     match request {
-        LoopRequest::Operator(command) => cycle.request(now, *command),
+        LoopRequest::Operator { command, .. } => cycle.request(now, *command),
         LoopRequest::Change { change, .. } => cycle.change(now, change),
     }
 }

@@ -16,6 +16,7 @@ use oqtal_bus::message::{
     StateV1, TelemetryV1, VehicleV1,
 };
 use oqtal_bus::stop::StopSwitch;
+use oqtal_bus::text::LongText;
 use oqtal_bus::time::Time;
 use oqtal_bus::topic::{COMMAND, POSE, REFERENCE, TELEMETRY, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
@@ -204,9 +205,11 @@ impl ReplayBench {
         {
             self.daemon.cycle.notice_configurations(input.configs_differ == 1);
             match &turn.event {
+                _ if !command.changes_flight() => {
+                    let _ = self.daemon.cycle.request(input.time, command);
+                }
                 Some(event) => self.change(input.time, command, event)?,
-                None if input.event != 0 => self.result.missing += 1,
-                None => drop(self.daemon.cycle.request(input.time, command)),
+                None => self.result.missing += 1,
             }
             self.result.requests += 1;
         }
@@ -223,11 +226,25 @@ impl ReplayBench {
         let EventV1 { point, yaw, text, .. } = *event;
         let request = ControlRequestV1 { point, yaw, text, ..ControlRequestV1::of(command) };
         let refused = |refusal: Refusal| Failure::new(Exit::Data, refusal.reason);
-        let mut prepared = self.settings.prepare(command, &request).map_err(refused)?;
+        let prepared = self.settings.prepare(command, &request);
+        // Under other settings than in flight, an undo takes back what it took back in flight.
+        let is_other = command == OperatorCommand::Undo
+            && prepared.as_ref().ok().is_none_or(|undo| undo.text != text);
+        let prepared = match is_other {
+            true => self.settings.prepare(OperatorCommand::Set, &with_values(&request)),
+            false => prepared,
+        };
+        let mut prepared = prepared.map_err(refused)?;
         self.settings.commit(&mut prepared);
         self.daemon.cycle.change(now, &mut prepared.change);
         Ok(())
     }
+}
+
+/// `request` with the lines of its text that give a key its value.
+fn with_values(request: &ControlRequestV1) -> ControlRequestV1 {
+    let lines = request.text.as_str().lines().filter(|line| line.contains('='));
+    ControlRequestV1 { text: LongText::of_lines(lines).unwrap_or(request.text), ..*request }
 }
 
 /// An external law that gives its recorded answers.

@@ -68,7 +68,7 @@ struct CornerSums {
 }
 
 impl CornerSums {
-    /// Adds the corners of one flight. Its first reference is a step from that before it if the record `begins_at_rest`.
+    /// Adds the corners of one flight. Only if the record `begins_at_rest` is its first scored reference a step from the one before.
     fn add(&mut self, ticks: &[FlightSample], begins_at_rest: bool) {
         let samples: Vec<&FlightSample> = ticks.iter().filter(|tick| tick.is_scored()).collect();
         let before = ticks.iter().take_while(|sample| sample.telemetry.scored == 0).last();

@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use crate::flight::{Flight, FlightSample};
 
-/// Greatest time from the end of a flight until the request that ended it is recorded.
+/// Maximum delay between the end of a flight and the recording of the request that ended it.
 const RECORDED_WITHIN: Span = Span::from_millis(100);
 
 /// Mode, safety state and cause of the daemon in a tick, and whether it uses the configured model instead of the adapted one.
@@ -74,7 +74,7 @@ impl fmt::Display for DaemonCondition {
     }
 }
 
-/// Request that changed a flight or its settings.
+/// Request during a flight.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ChangeInFlight {
     /// Instant, from arming \[s\].
@@ -96,7 +96,7 @@ impl ChangeInFlight {
     /// The changes between the take-off of `flight` and its end, in order.
     pub fn all(flight: &Flight) -> Vec<Self> {
         let origin = flight.origin();
-        let extents: Vec<[Time; 2]> = flight.flights().map(extent).collect();
+        let extents: Vec<[Time; 2]> = flight.flights().map(recorded_span).collect();
         let begins = |event: &EventV1| {
             OperatorCommand::from_code(event.command).is_some_and(OperatorCommand::begins_flight)
         };
@@ -112,8 +112,8 @@ impl ChangeInFlight {
     }
 }
 
-/// First and last instant of a flight; a request that ends it is recorded a moment later.
-fn extent(ticks: &[FlightSample]) -> [Time; 2] {
+/// First and last instant at which a request counts as made in this flight; the request that ends it is recorded after the last tick.
+fn recorded_span(ticks: &[FlightSample]) -> [Time; 2] {
     let [first, last] = [&ticks[0], &ticks[ticks.len() - 1]].map(|tick| tick.telemetry.time);
     [first, last + RECORDED_WITHIN]
 }

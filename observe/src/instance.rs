@@ -187,6 +187,10 @@ impl InstanceModel {
         if self.daemon.replace(source).is_some_and(|before| before != source) {
             self.restart_figures();
             self.condition = None;
+            // The next session may need fewer processes.
+            for process in &mut self.processes {
+                process.take_if(|process| process.is_silent);
+            }
         }
         self.tick = Some(Newest { received_at: reception.received_at, body: *telemetry });
         self.max_error_m = self.max_error_m.max(tracking_error_m(telemetry).unwrap_or(0.0));

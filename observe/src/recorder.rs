@@ -194,7 +194,7 @@ impl Recorder {
     fn detect_end(&mut self, sample: &FlightSample) {
         if sample.is_armed() {
             if self.resting_since.is_some() {
-                // Armed again right after a landing.
+                // The vehicle was armed again before the landing was confirmed by its rest.
                 self.outcome = Some(Outcome::Landed);
                 return;
             }

@@ -66,7 +66,7 @@ pub fn ask(
         }
         std::thread::sleep(PERIOD);
         if stops.raised() != stops_before {
-            tell("arm: called off by a stop");
+            tell("arm: cancelled by a stop");
             return Ok(Some(response));
         }
     }

@@ -1,7 +1,6 @@
 //! A landing by two paths: a request over the control service and, if it is not answered, a signal to the daemon, whose loop then
 //! lands without its background thread.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, channel};
@@ -19,7 +18,7 @@ use oqtal_bus::transport::{Subscribe, Transport};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::beside;
 
-use crate::reach::{AddressedInstance, FoundProcesses, Reached, signal_all};
+use crate::reach::{AddressedInstance, FoundProcesses, Reached, place_of, root_of, signal_all};
 use crate::request::{place, silent};
 
 /// Time within which a running daemon answers a request.
@@ -37,10 +36,16 @@ const TIMEOUT: Span = Span::from_millis(950);
 
 /// Answer of the daemon, or its state in flight once it lands; `None` if neither was received.
 type LandingAnswer = Result<Option<ControlResponseV1>, BusError>;
-/// The answer of a daemon, and its root.
-type RootedAnswer = (Receiver<LandingAnswer>, PathBuf);
 
-/// Requests a landing of the addressed vehicle by the request `landing`, and returns the daemon's answer.
+/// Pending answer of a daemon under another root.
+struct PendingAnswer {
+    /// The daemon and its place, as text.
+    daemon: String,
+    /// `None` if its root is unknown.
+    answer: Option<Receiver<LandingAnswer>>,
+}
+
+/// Sends `landing` to the daemon of the addressed vehicle, and returns the daemon's answer.
 ///
 /// # Errors
 /// The daemon was signalled and has not confirmed (exit code 1), no daemon runs (75), or it belongs to another user (77).
@@ -72,7 +77,10 @@ pub fn land(
     lines.sort();
     lines.dedup();
     let said = match answered {
-        Ok(Ok(Some(response))) => return combined(response, elsewhere, (paths, &lines)),
+        Ok(Ok(Some(response))) => {
+            return combined(response, elsewhere, give_up)
+                .map_err(|silent| unconfirmed(&silent, &paths.instance, &lines));
+        }
         Ok(Err(error)) if lines.is_empty() => return Err(error.into()),
         Ok(Err(error)) => error.to_string(),
         _ if lines.is_empty() => return Err(reached.nobody("land", silent_text(paths))),
@@ -91,46 +99,60 @@ fn is_daemon(process: &ObeyingProcess) -> bool {
     !process.is_vehicle
 }
 
-/// Signals the daemons under other roots than that of `reached`, and asks them; returns their answers and roots, and the results of
-/// the signals.
+/// Signals the daemons under other roots and sends them `landing`; returns their pending answers, and the result of each signal.
 fn request_elsewhere(
     reached: &Reached,
     landing: ControlRequestV1,
-) -> (Vec<RootedAnswer>, Vec<String>) {
-    let daemons = || reached.processes.iter().filter(|process| is_daemon(process));
-    let elsewhere = daemons().filter(|process| !process.is_under(&reached.paths));
-    let lines = signal_all(LAND_SIGNAL, elsewhere);
+) -> (Vec<PendingAnswer>, Vec<String>) {
+    let is_elsewhere =
+        |process: &&ObeyingProcess| is_daemon(process) && !process.is_under(&reached.paths);
+    let daemons: Vec<_> = reached.processes.iter().filter(is_elsewhere).collect();
+    let lines = signal_all(LAND_SIGNAL, daemons.iter().copied());
     let signalled = Arc::new(AtomicBool::new(true));
-    let places = reached.places().split_off(1).into_iter();
-    let places = places.filter(|paths| daemons().any(|process| process.is_under(paths)));
-    let ask = |paths: InstancePaths| (request(&paths, landing, &signalled), paths.root);
-    (places.map(ask).collect(), lines)
+    let instance = &reached.paths.instance;
+    let ask = |daemon: &&ObeyingProcess| {
+        let root = root_of(daemon, &reached.paths);
+        let paths = root.map(|root| InstancePaths { instance: instance.clone(), root });
+        PendingAnswer {
+            daemon: place_of(daemon),
+            answer: paths.map(|paths| request(&paths, landing, &signalled)),
+        }
+    };
+    (daemons.iter().map(ask).collect(), lines)
 }
 
-/// `response`, or if it is a refusal the first other answer that is not: the vehicle of that instance flies.
+/// Returns `response` or, if it is a refusal, the first answer from elsewhere that is not: that daemon's vehicle is the one in flight.
 ///
 /// # Errors
-/// A daemon under another root was signalled, with the results `lines`, and has not answered: its vehicle may fly (exit code 1).
+/// The daemons that were signalled and have not answered until `give_up`: their vehicles may fly.
 fn combined(
     response: ControlResponseV1,
-    elsewhere: Vec<RootedAnswer>,
-    (paths, lines): (&InstancePaths, &[String]),
-) -> Result<ControlResponseV1, Failure> {
-    let mut answers = vec![response];
-    for (answer, root) in elsewhere {
-        let Ok(Ok(Some(answer))) = answer.recv() else {
-            let message = format!(
-                "land: the daemon under {} was signalled and has not confirmed it; `oqtal ctl stop --instance {}` stops all motors\n  {}",
-                root.display(),
-                paths.instance,
-                lines.join("\n  ")
-            );
-            return Err(Failure::new(Exit::Flight, message));
-        };
-        answers.push(answer);
+    elsewhere: Vec<PendingAnswer>,
+    give_up: Time,
+) -> Result<ControlResponseV1, Vec<String>> {
+    let (mut answers, mut silent) = (vec![response], Vec::new());
+    for PendingAnswer { daemon, answer } in elsewhere {
+        let left = Duration::from_nanos(give_up.since(Time::now()).nanos().max(0).unsigned_abs());
+        match answer.and_then(|answer| answer.recv_timeout(left).ok()) {
+            Some(Ok(Some(answer))) => answers.push(answer),
+            _ => silent.push(daemon),
+        }
     }
     let is_refused = |answer: &&ControlResponseV1| answer.answer == Answer::Refused.code();
-    Ok(*answers.iter().find(|answer| !is_refused(answer)).unwrap_or(&response))
+    match silent.is_empty() {
+        true => Ok(*answers.iter().find(|answer| !is_refused(answer)).unwrap_or(&response)),
+        false => Err(silent),
+    }
+}
+
+/// Failure of a landing that the daemons `silent` have not confirmed, after signals with the results `lines`.
+fn unconfirmed(silent: &[String], instance: &str, lines: &[String]) -> Failure {
+    let message = format!(
+        "land: signalled, but not confirmed: {}; `oqtal ctl stop --instance {instance}` stops the motors of all vehicles of that name\n  {}",
+        silent.join(", "),
+        lines.join("\n  ")
+    );
+    Failure::new(Exit::Flight, message)
 }
 
 fn silent_text(paths: &InstancePaths) -> String {

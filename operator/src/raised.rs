@@ -12,7 +12,7 @@ use crate::reach::{Reached, name_of};
 #[derive(Debug, Default)]
 pub(crate) struct RaisedStops {
     words: Vec<RaisedStop>,
-    /// Number of processes of vehicles whose words could not be raised \[-\].
+    /// Number of vehicle processes whose stop words could not be raised \[-\].
     unreached: usize,
 }
 
@@ -25,24 +25,22 @@ struct RaisedStop {
 }
 
 impl RaisedStops {
-    /// Raises the stop in the words that the processes hold; returns a line for each whose words cannot be opened.
+    /// Raises the stop in the words that the processes hold; returns the result for each process.
     pub(crate) fn raise_held(&mut self, reached: &mut Reached) -> Vec<String> {
         let mut lines = Vec::new();
         for (process, held) in reached.processes.iter().zip(&mut reached.held) {
-            let result = match held {
-                Ok(files) => match files.stop.take() {
-                    Some(switch) => {
-                        self.raise(switch, process.is_vehicle);
-                        "raised".to_owned()
-                    }
-                    None => {
-                        self.unreached += usize::from(process.is_vehicle);
-                        "not open, or shortened".to_owned()
-                    }
-                },
-                Err(error) => {
-                    self.unreached += usize::from(process.is_vehicle);
-                    error.to_string()
+            let switch = match held {
+                Ok(files) => files.stop.take().ok_or_else(|| "not open, or shortened".to_owned()),
+                Err(error) => Err(error.to_string()),
+            };
+            let result = match switch {
+                Ok(switch) => {
+                    self.raise(switch, process.is_vehicle);
+                    "raised".to_owned()
+                }
+                Err(reason) => {
+                    self.unreached += usize::from(process.is_vehicle && process.is_running());
+                    reason
                 }
             };
             lines.push(format!("stop words of {}: {result}", name_of(process)));
@@ -61,7 +59,7 @@ impl RaisedStops {
     }
 
     /// Raises the stop in the words in the directory of the instance; makes them if only processes run that do not obey, since a
-    /// vehicle may be starting. They count as those of the only vehicle if the ones of its process cannot be opened.
+    /// vehicle may be starting. They are taken for those of the vehicle if no others could be raised.
     pub(crate) fn raise_in(&mut self, paths: &InstancePaths) -> Result<(), BusError> {
         let made = || Bus::open_running(paths)?.map(|bus| bus.stop_switch()).transpose();
         if let Some(switch) = StopSwitch::existing(paths)?.map_or_else(made, |it| Ok(Some(it)))? {
@@ -89,7 +87,7 @@ impl RaisedStops {
         of_vehicles.map(RaisedStop::report)
     }
 
-    /// Whether there is a vehicle, and the words of each were raised.
+    /// Whether a vehicle was found and the stop words of every vehicle were raised.
     pub(crate) fn reach_every_vehicle(&self) -> bool {
         self.unreached == 0 && self.vehicles().next().is_some()
     }

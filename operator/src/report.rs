@@ -124,7 +124,9 @@ impl ControlReport {
         };
         let place = &self.place;
         let remedy = match Cause::from_code(response.cause) {
-            Some(Cause::WrongMode) if is_one_of(&[Disarm]) => "`land` or `stop` ends a flight",
+            Some(Cause::WrongMode) if is_one_of(&[Disarm]) => {
+                &format!("`oqtal ctl land {place}` or `oqtal ctl stop {place}` ends a flight")
+            }
             Some(Cause::WrongMode) if is_one_of(&[Resume]) => {
                 "`resume` returns from the fallback law to `control.controller`; it needs a flight and a law in `control.fallback`"
             }
@@ -134,25 +136,16 @@ impl ControlReport {
             {
                 &format!("`oqtal ctl arm {place}` begins a flight")
             }
-            Some(Cause::Fence) if is_one_of(&[Trajectory]) => {
-                "from where the vehicle is, the trajectory leaves the fence; `oqtal ctl goto` a point from which it fits"
-            }
+            Some(Cause::Fence) if is_one_of(&[Trajectory]) => &format!(
+                "from where the vehicle is, the trajectory leaves the fence; `oqtal ctl goto X Y Z {place}` to a point from which it fits"
+            ),
             Some(Cause::NearFloor) => &format!(
                 "choose a point at least 0.1 m above the floor; to land, use `oqtal ctl land {place}`"
             ),
             Some(Cause::ObservesOnly) => "to fly, start the daemon without these settings",
             Some(Cause::TakeOff) => "repeat it once the vehicle has taken off",
-            Some(Cause::OtherConfig) if Some(response.config_hash) == expected.or(Some(0)) => {
-                &format!(
-                    "`oqtal ctl undo {place}` takes the last change back, `oqtal ctl arm {place}` without --config flies with the changed settings"
-                )
-            }
-            Some(Cause::OtherConfig) => &format!(
-                "the configuration hash of the daemon is {:016x}, that of the file is {:016x} (`oqtal check FILE` prints it)",
-                response.config_hash,
-                expected.unwrap_or(0)
-            ),
-            _ if is_one_of(&[Arm]) && lacks_process(response) => {
+            Some(Cause::OtherConfig) => &other_config(response, expected, place),
+            _ if is_one_of(&[Arm]) && needs_status(response) => {
                 &format!("`oqtal ctl status {place}` shows the processes")
             }
             _ => return String::new(),
@@ -182,8 +175,21 @@ impl ControlReport {
     }
 }
 
+/// Remedy of a request under another configuration than the `expected` one.
+fn other_config(response: &ControlResponseV1, expected: Option<u64>, place: &str) -> String {
+    match expected {
+        Some(hash) if hash != response.config_hash => format!(
+            "the configuration hash of the daemon is {:016x}, that of the file is {hash:016x} (`oqtal check FILE` prints it)",
+            response.config_hash
+        ),
+        _ => format!(
+            "`oqtal ctl undo {place}` takes the last change back, `oqtal ctl arm {place}` without --config flies with the changed settings"
+        ),
+    }
+}
+
 /// Whether a process of the instance is missing, or has another configuration.
-fn lacks_process(response: &ControlResponseV1) -> bool {
+fn needs_status(response: &ControlResponseV1) -> bool {
     use ArmingObstacle::{Configuration, NoPoses, VehicleSilent};
     let obstacles = ArmingObstacles::from_bits(response.obstacles);
     [Configuration, NoPoses, VehicleSilent].into_iter().any(|obstacle| obstacles.contains(obstacle))

@@ -79,7 +79,7 @@ enum Unconfirmed {
 }
 
 impl Unconfirmed {
-    /// The reason, if the words of a vehicle were not raised, or nobody reads them any more.
+    /// The reason, if the stop words of a vehicle were not raised, or their readers have ended.
     fn of(reached: &Reached, raised: &RaisedStops) -> Option<Self> {
         let vehicles = || reached.processes.iter().zip(&reached.held).filter(|(p, _)| p.is_vehicle);
         if vehicles().next().is_some() && !vehicles().any(|(process, _)| process.is_running()) {
@@ -89,17 +89,17 @@ impl Unconfirmed {
             return Some(Self::Missing);
         }
         let is_unconfirmed = !raised.reach_every_vehicle() && vehicles().next().is_some();
-        let is_readable = vehicles().all(|(_, held)| held.is_ok());
+        let is_readable = vehicles().all(|(process, held)| held.is_ok() || !process.is_running());
         is_unconfirmed.then_some(if is_readable { Self::Starting } else { Self::Unreadable })
     }
 
     const fn text(self) -> &'static str {
         match self {
             Self::Unreadable => {
-                "the vehicle's process was signalled, but this user cannot read whether it has obeyed; repeat as root to know"
+                "a vehicle's process was signalled, but this user cannot read whether it has obeyed; repeat as root to know"
             }
             Self::Starting => {
-                "the vehicle's process was signalled, but is only starting, or lost its files: whether it has obeyed cannot be read; \
+                "a vehicle's process was signalled, but is only starting, or lost its files: whether it has obeyed cannot be read; \
                  repeat to know"
             }
             Self::Missing => {
@@ -112,8 +112,8 @@ impl Unconfirmed {
     }
 }
 
-/// Stops the addressed vehicle by every path, one of them `request` to its daemon, and returns which processes obey within a second. As root, the calling thread becomes the owner
-/// of the instance.
+/// Stops the addressed vehicle by every path; `request` is the one sent to its daemon. Returns which processes obey within a second.
+/// As root, the calling thread becomes the owner of the instance.
 ///
 /// # Errors
 /// No process runs (75), or the instance belongs to another user (77).

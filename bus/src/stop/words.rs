@@ -36,8 +36,8 @@ pub(crate) fn raised(words: &[AtomicU32]) -> u32 {
     words[RAISED].load(Ordering::Acquire)
 }
 
-/// Processes that obey the stop `number`, or a later one. A number beyond the newest stop, as in words that were overwritten, does not
-/// confirm it.
+/// Processes that obey the stop `number` or a later one. A confirmed number above that of the newest stop does not count: the words were
+/// overwritten.
 pub(crate) fn report(words: &[AtomicU32], number: u32) -> StopReport {
     let reached = |word: usize| {
         let newest = words[word].load(Ordering::Acquire);

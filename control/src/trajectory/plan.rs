@@ -51,6 +51,8 @@ pub struct FlightPlan {
     landing: Landing,
     /// The change of the flight, and its start from that of the flight \[s\].
     detour: Option<(f64, Detour)>,
+    /// Time of the first detour, which is not scored \[s\]; infinite without one.
+    scored_until_s: f64,
 }
 
 impl FlightPlan {
@@ -67,6 +69,7 @@ impl FlightPlan {
             planned_landing_s: end_s,
             landing: Landing::NEVER,
             detour: None,
+            scored_until_s: f64::INFINITY,
         };
         plan.land_from(end_s, plan.sample(end_s).into());
         plan
@@ -92,6 +95,7 @@ impl FlightPlan {
     /// more.
     pub fn redirect(&mut self, t_s: f64, detour: Detour) {
         self.detour = Some((t_s, detour));
+        self.scored_until_s = self.scored_until_s.min(t_s);
         (self.landing, self.planned_landing_s) = (Landing::NEVER, f64::INFINITY);
     }
 
@@ -127,8 +131,7 @@ impl FlightPlan {
             }
             _ => (self.trajectory_start_s, self.trajectory_start_s + self.trajectory.duration_s()),
         };
-        let redirected_s = self.detour.as_ref().map_or(f64::INFINITY, |(start_s, _)| *start_s);
-        (from_s..=to_s.min(self.landing.start_s).min(redirected_s)).contains(&t_s)
+        (from_s..=to_s.min(self.landing.start_s).min(self.scored_until_s)).contains(&t_s)
             && (!self.trajectory.is_of_attitude() || self.sample(t_s).attitude.is_some())
     }
 

@@ -13,9 +13,10 @@ const NOISE_RADIUS: f64 = 4.0;
 /// Motion by the thrust at which poses that stand still count as frozen \[m\]; at least this multiple of that distance \[-\].
 const LIMIT_M: f64 = 0.145;
 const RADIUS_LIMIT: f64 = 8.0;
-/// Acceleration upward that a vehicle heavier than configured by a fifth does not have \[m/s^2\]: it stands until its law has raised the
-/// thrust. Rise by what is beyond it after which a vehicle must have left the floor \[m\].
-const HEAVIER_M_S2: f64 = 2.0;
+/// Upward acceleration that the thrust gives a vehicle of the configured mass, and not one a fifth heavier, which stands until its law
+/// has raised the thrust \[m/s^2\].
+const HEAVY_LIFT_M_S2: f64 = 2.0;
+/// Rise by the acceleration above [`HEAVY_LIFT_M_S2`] after which the vehicle must have left the floor \[m\].
 const RISE_LIMIT_M: f64 = 0.2;
 /// Time for which poses must stand still \[s\].
 const LEAST_STILL_S: f64 = 0.3;
@@ -98,13 +99,12 @@ impl StandstillTest {
             return 0.0;
         }
         let radius_m = radius_m(deviation_m);
-        let lift = Vector3::z() * lift_m_s2;
-        let velocity = self.update_velocity(position, &lift, dt_s);
+        let beyond = Vector3::z() * (lift_m_s2 - HEAVY_LIFT_M_S2).max(0.0);
+        let velocity = self.update_velocity(position, &beyond, dt_s);
         let Some(still) = Still::with(&mut self.still, position, &velocity, radius_m) else {
             return 0.0;
         };
-        let beyond = (lift_m_s2 - HEAVIER_M_S2).max(0.0);
-        still.advance(&(Vector3::z() * beyond), dt_s);
+        still.advance(&beyond, dt_s);
         still.moved.z / RISE_LIMIT_M
     }
 

@@ -9,8 +9,8 @@ use nalgebra::Vector3;
 const KEPT: usize = 32;
 /// Greatest time between two reports over which their rate is integrated, and for which the next one is awaited \[s\].
 const LONGEST_S: f64 = 0.15;
-/// Time with reports after which rotations are compared with them again: a vehicle whose reports fail again and again counts as one
-/// without, since every change of the source begins the comparison again \[s\].
+/// Time without a gap in the reports after which rotations are compared with them again \[s\]. Each change of source restarts the
+/// comparison, so a vehicle whose reports fail repeatedly is treated as one without rates.
 const TRUSTED_S: f64 = 10.0;
 /// Time for which the last rate is continued \[s\]: the age of the newest report of a vehicle that reports at the rate of the cameras.
 const CONTINUED_S: f64 = 0.04;
@@ -25,15 +25,15 @@ pub(super) struct VehicleRates {
     next: usize,
     /// Number of reports since the last gap \[-\].
     count: usize,
-    /// Instant of the last pose in flight without a recent report \[s\].
-    lost_s: f64,
+    /// Instant of the last gap in the reports during this flight \[s\].
+    last_gap_s: f64,
 }
 
 impl Default for VehicleRates {
     /// Before the first report.
     fn default() -> Self {
         let void = (f64::NEG_INFINITY, Vector3::zeros(), Vector3::zeros());
-        Self { reports: [void; KEPT], next: 0, count: 0, lost_s: f64::NEG_INFINITY }
+        Self { reports: [void; KEPT], next: 0, count: 0, last_gap_s: f64::NEG_INFINITY }
     }
 }
 
@@ -55,20 +55,24 @@ impl VehicleRates {
 
     /// Begins a flight: earlier gaps do not count.
     pub(super) fn restart(&mut self) {
-        self.lost_s = f64::NEG_INFINITY;
+        self.last_gap_s = f64::NEG_INFINITY;
     }
 
-    /// Whether the vehicle reports its rates at `now_s` \[s\], and has done so for some time.
-    pub(super) fn are_reported(&mut self, now_s: f64) -> bool {
+    /// Notes whether there is a recent report at `now_s` \[s\].
+    pub(super) fn update(&mut self, now_s: f64) {
         if self.count == 0 || now_s - self.back(1).0 > LONGEST_S {
-            self.lose(now_s);
+            self.record_gap(now_s);
         }
-        now_s - self.lost_s >= TRUSTED_S
     }
 
-    /// Takes the reports as missing at `now_s` \[s\].
-    pub(super) fn lose(&mut self, now_s: f64) {
-        self.lost_s = now_s;
+    /// Whether reports have come for some time before `now_s` \[s\] without a gap.
+    pub(super) fn are_trusted(&self, now_s: f64) -> bool {
+        now_s - self.last_gap_s >= TRUSTED_S
+    }
+
+    /// Records a gap in the reports at `now_s` \[s\].
+    pub(super) fn record_gap(&mut self, now_s: f64) {
+        self.last_gap_s = now_s;
     }
 
     /// Whether no further report is needed for the rotation until `t_s` \[s\].
@@ -116,22 +120,26 @@ mod tests {
         assert!(rates.turn(0.1, 0.7).is_none(), "older than the reports kept");
         assert!(rates.turn(0.9, 1.01).is_some() && rates.turn(0.9, 1.1).is_none());
         assert!(rates.reach(1.01) && !rates.reach(1.1));
-        assert!(rates.are_reported(1.1) && !rates.are_reported(1.2));
     }
 
     #[test]
     fn after_a_gap_reports_count_once_they_have_come_for_a_while() {
         let mut rates = VehicleRates::default();
+        let trusted = |rates: &mut VehicleRates, now_s: f64| {
+            rates.update(now_s);
+            rates.are_trusted(now_s)
+        };
         rates.receive(0.0, Vector3::zeros());
-        assert!(rates.are_reported(0.1) && !rates.are_reported(0.2));
+        assert!(trusted(&mut rates, 0.125) && !trusted(&mut rates, 0.25));
         for k in 3..200 {
-            rates.receive(0.1 * f64::from(k), Vector3::zeros());
-            assert_eq!(rates.are_reported(0.1 * f64::from(k)), k >= 102, "{k}");
+            let now_s = 0.125 * f64::from(k);
+            rates.receive(now_s, Vector3::zeros());
+            assert_eq!(trusted(&mut rates, now_s), now_s >= 10.25, "{now_s}");
         }
-        rates.lose(20.0);
-        assert!(!rates.are_reported(19.95));
+        rates.record_gap(25.0);
+        assert!(!trusted(&mut rates, 24.9));
         rates.restart();
-        assert!(rates.are_reported(19.95));
+        assert!(trusted(&mut rates, 24.9));
     }
 
     #[test]

@@ -25,6 +25,8 @@ const MISSING_PERIODS: f64 = 2.5;
 const LEAST_LINK: f64 = 0.3;
 /// Distance from the reference above which a vehicle is on its way to it \[m\]: a law that counteracts a disturbance holds it closer.
 const AWAY_M: f64 = 0.1;
+/// Change of the reference heading from tick to tick above which it turns \[rad\].
+const TURNS_RAD: f64 = 1e-3;
 /// Age of the tracked motion above which it is propagated without poses \[s\]: less than the time for which commands are stored.
 const OLD_TRACK_S: f64 = 0.5;
 /// Age of the motion after this propagation \[s\]: greater than the age of any pose that is accepted.
@@ -57,7 +59,7 @@ pub(super) struct Intake {
     is_landing: bool,
     /// Reference in the last tick; `None` without one.
     reference: Option<Reference>,
-    /// Whether its heading has changed since the tick before.
+    /// Whether the reference heading changed in the last tick.
     reference_turns: bool,
 }
 
@@ -161,9 +163,11 @@ impl Intake {
 
     /// Records whether the vehicle lands, and its reference.
     pub(super) fn record_course(&mut self, is_landing: bool, reference: Option<&Reference>) {
-        let yaw_rad = |reference: &Reference| reference.yaw_rad;
         self.reference_turns =
-            reference.is_some() && reference.map(yaw_rad) != self.reference.as_ref().map(yaw_rad);
+            reference.zip(self.reference.as_ref()).is_some_and(|(now, before)| {
+                let turn_rad = now.yaw_rad - before.yaw_rad;
+                turn_rad.sin().atan2(turn_rad.cos()).abs() > TURNS_RAD
+            });
         (self.is_landing, self.reference) = (is_landing, reference.copied());
     }
 
@@ -289,7 +293,7 @@ impl Intake {
         self.guard.begin_flight(&mut self.tracker);
     }
 
-    /// Ends the flight, perhaps in the air by a stop.
+    /// Ends the flight; `is_stopped` if by a Stop, after which the vehicle may still fall.
     pub(super) fn end_flight(&mut self, is_stopped: bool) {
         if is_stopped {
             self.arming.forget_rest();

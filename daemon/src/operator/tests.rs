@@ -42,7 +42,7 @@ fn a_request_to_fly_expires_and_a_stop_does_not() {
         (OperatorCommand::Land, true),
         (OperatorCommand::Stop, true),
     ] {
-        requests.queues.send((0, LoopRequest::Operator(command), long_ago)).unwrap();
+        requests.queues.send((0, LoopRequest::Operator { command, event: 0 }, long_ago)).unwrap();
         let mut executed = false;
         while Time::now() == long_ago {}
         let asked = handle.poll_request(|asked| {

@@ -160,7 +160,7 @@ fn a_thousand_random_requests_leave_the_command_in_range_and_replay_bit_for_bit(
     assert!(result.is_identical());
 }
 
-/// Filters of a law that predicts settle after the change: without a limit its commands jump by up to the whole range.
+/// The filters of predictive laws settle after the change; without a limit their commands jump by up to the whole range.
 #[test]
 fn after_a_change_of_the_law_no_command_changes_faster_than_the_hand_over_allows() {
     let laws = ["oqtal", "oqtal-dt", "pid", "mpc", "geometric", "oqtal-dt", "indi", "mpc", "px4"];
@@ -180,6 +180,8 @@ fn after_a_change_of_the_law_no_command_changes_faster_than_the_hand_over_allows
             let most = slew * pair[1].time.since(pair[0].time).seconds() + 1e-6;
             let change = |axis: usize| (pair[1].sticks[axis] - pair[0].sticks[axis]).abs();
             assert!((0..3).all(|axis| change(axis) <= most), "{law}: {pair:?}");
+            // The whole range of the thrust is half that of a stick.
+            assert!((pair[1].thrust - pair[0].thrust).abs() <= 0.5 * most, "{law}: {pair:?}");
         }
     }
     assert!(error_m(&flight, from) < 0.05, "{}", error_m(&flight, from));

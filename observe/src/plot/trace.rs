@@ -30,25 +30,20 @@ pub fn thin(points: Vec<Point>) -> Vec<Point> {
     if points.len() <= MOST_POINTS {
         return points;
     }
-    points.chunks(points.len().div_ceil(MOST_POINTS / 2)).flat_map(extremes).collect()
+    points.chunks(points.len().div_ceil(MOST_POINTS / 3)).flat_map(extremes).collect()
 }
 
-/// Minimum and maximum of a segment, in their order; the greatest value and a gap if a point cannot be drawn.
-fn extremes(stretch: &[Point]) -> impl Iterator<Item = Point> {
-    let drawable = || stretch.iter().copied().enumerate().filter(|(_, (_, y))| is_drawable(*y));
-    let least = drawable().min_by(|(_, a), (_, b)| a.1.total_cmp(&b.1));
-    let greatest = drawable().max_by(|(_, a), (_, b)| a.1.total_cmp(&b.1));
-    let gap = stretch.iter().position(|(_, y)| !is_drawable(*y));
-    let void = (stretch[gap.unwrap_or(0)].0, f64::NAN);
-    let (first, second) = match (least, greatest) {
-        (_, Some(b)) if gap.is_some_and(|gap| gap < b.0) => (void, Some(b.1)),
-        (_, Some(b)) if gap.is_some() => (b.1, Some(void)),
-        (Some(a), Some(b)) if a.0 < b.0 => (a.1, Some(b.1)),
-        (Some(a), Some(b)) if a.0 > b.0 => (b.1, Some(a.1)),
-        (Some(only), _) => (only.1, None),
-        (None, _) => (void, None),
-    };
-    std::iter::once(first).chain(second)
+/// Minimum, maximum and first gap of a segment, in order.
+fn extremes(segment: &[Point]) -> impl Iterator<Item = Point> {
+    let points = || segment.iter().copied().enumerate();
+    let drawable = || points().filter(|(_, (_, y))| is_drawable(*y));
+    let by_value = |(_, a): &(usize, Point), (_, b): &(usize, Point)| a.1.total_cmp(&b.1);
+    let gap = points().find(|(_, (_, y))| !is_drawable(*y)).map(|(at, (x, _))| (at, (x, f64::NAN)));
+    let extremes = [drawable().min_by(by_value), drawable().max_by(by_value), gap];
+    let mut kept: Vec<_> = extremes.into_iter().flatten().collect();
+    kept.sort_by_key(|(at, _)| *at);
+    kept.dedup_by_key(|(at, _)| *at);
+    kept.into_iter().map(|(_, point)| point)
 }
 
 /// Thins the points of a path to at most `MOST_POINTS`: keeps points at a distance from the last one kept. Outliers are kept.
@@ -95,6 +90,9 @@ mod tests {
         let points =
             (0..36_000).map(|i| (f64::from(i), if i / 1000 == 7 { f64::NAN } else { 1.0 }));
         assert!(thin(points.collect()).iter().any(|(_, y)| y.is_nan()));
+        // A single one.
+        let points = (0..36_000).map(|i| (f64::from(i), if i == 12_345 { f64::NAN } else { 1.0 }));
+        assert!(thin(points.collect()).iter().any(|(x, y)| *x == 12_345.0 && y.is_nan()));
     }
 
     #[test]

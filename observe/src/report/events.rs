@@ -52,7 +52,7 @@ pub fn events(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
         html! {
             (strip(timeline))
             p.note.wide {
-                "In flight: poses lost: " (summary.lost.pose) ", refused: " (summary.poses_refused)
+                "Poses lost in flight: " (summary.lost.pose) ", refused: " (summary.poses_refused)
                 ". Commands lost: " (summary.lost.command)
                 ". Deadlines missed: " (summary.deadline_misses)
                 ". Times are in seconds after " (time_origin(timeline)) "."

@@ -15,7 +15,7 @@ use crate::plot::trace::{Point, Trace, thin, thin_path};
 
 /// Maximum number of instants marked in every plot.
 const MOST_INSTANTS: usize = 40;
-/// Time without a tick that interrupts a trace.
+/// Time between two ticks above which a trace is interrupted.
 const GAP: Span = Span::from_millis(500);
 
 /// Part of a flight shown in the report, on an axis of seconds.
@@ -87,20 +87,19 @@ impl<'a> Timeline<'a> {
         ink: Ink,
         value: impl Fn(&FlightSample) -> f64,
     ) -> Trace {
-        let point = |sample: &FlightSample| (self.at(sample), value(sample));
-        Trace { name, ink, points: thin(self.points(point)) }
+        Trace { name, ink, points: thin(self.points(value)) }
     }
 
-    /// A point for each tick, with a gap where none was recorded for a while.
-    fn points(&self, point: impl Fn(&FlightSample) -> Point) -> Vec<Point> {
+    /// One point for each tick, and an undrawable one where ticks are missing.
+    fn points(&self, value: impl Fn(&FlightSample) -> f64) -> Vec<Point> {
         let mut points = Vec::with_capacity(self.samples.len());
         let mut before = None;
         for sample in self.samples {
             let time = sample.telemetry.time;
             if before.replace(time).is_some_and(|before: Time| time.since(before) > GAP) {
-                points.push((point(sample).0, f64::NAN));
+                points.push((self.at(sample), f64::NAN));
             }
-            points.push(point(sample));
+            points.push((self.at(sample), value(sample)));
         }
         points
     }
@@ -134,7 +133,7 @@ impl<'a> Timeline<'a> {
         angle: impl Fn(&FlightSample) -> f64,
     ) -> Trace {
         let mut points: Vec<Point> = Vec::with_capacity(self.samples.len());
-        for (t_s, degrees) in self.points(|sample| (self.at(sample), angle(sample).to_degrees())) {
+        for (t_s, degrees) in self.points(|sample| angle(sample).to_degrees()) {
             if points.last().is_some_and(|(_, last)| (degrees - last).abs() > 180.0) {
                 points.push((t_s, f64::NAN));
             }
@@ -143,7 +142,7 @@ impl<'a> Timeline<'a> {
         Trace { name, ink, points: thin(points) }
     }
 
-    /// Path of a point, with one position per tick.
+    /// Path of a point, with one position per tick; straight where ticks are missing.
     pub fn path(
         &self,
         name: &'static str,
