@@ -14,6 +14,7 @@ use crate::arming::{ArmingCheck, ArmingPath, ArmingView};
 use crate::command::VehicleCommand;
 use crate::command_model::{CommandModel, motion_tracker};
 use crate::consistency::{Expectation, PoseConsistency};
+use crate::floor::AIRBORNE_M;
 use crate::guard::{Accepted, Guard, seconds};
 use crate::measured_noise::{MeasuredNoise, PoseDeviations};
 use crate::vehicle::VehicleWatch;
@@ -295,7 +296,9 @@ impl Intake {
 
     /// Ends the flight; `is_stopped` if by a Stop, after which the vehicle may still fall.
     pub(super) fn end_flight(&mut self, is_stopped: bool) {
-        if is_stopped {
+        let floor_m = self.tracker.floor_m();
+        let height_m = self.guard.last().map(|last| last.position.z - floor_m);
+        if is_stopped && height_m.is_some_and(|height_m| height_m > AIRBORNE_M) {
             self.arming.forget_rest();
         }
         self.guard.end_flight(&mut self.tracker);
