@@ -54,7 +54,7 @@ impl CtlArgs {
 
     /// As [`CtlArgs::execute`]; `document` receives an answer as JSON, also that of a refusal.
     fn run(&self, document: &mut Option<String>) -> Result<Exit, Failure> {
-        let request = request_of(self.command, &self.arguments)?;
+        let request = request_of(self.command, &self.arguments)?.by("oqtal");
         let (instance, config) = self.target()?;
         self.check_settings()?;
         let address =
@@ -65,9 +65,7 @@ impl CtlArgs {
         let named = config.as_ref().filter(|_| !self.common.config.is_empty());
         let expected = named.map(Config::hash);
         let (response, status) = match self.command {
-            CtlRequest::Land => {
-                (land::land(&address, request.by("oqtal"))?, InstanceStatus::default())
-            }
+            CtlRequest::Land => (land::land(&address, request)?, InstanceStatus::default()),
             _ => {
                 address.paths.become_owner()?;
                 self.ask(&running_bus(&address.paths)?, request, expected)?
@@ -117,7 +115,7 @@ impl CtlArgs {
         (address, request): (&AddressedInstance, ControlRequestV1),
         document: &mut Option<String>,
     ) -> Result<Exit, Failure> {
-        let stop = stop::raise(address, request.by("oqtal"))?;
+        let stop = stop::raise(address, request)?;
         *document = Some(stop.to_json());
         stop.check()?;
         if !self.json {
@@ -180,7 +178,7 @@ impl CtlArgs {
     ) -> Result<(ControlResponseV1, InstanceStatus), Failure> {
         let mut status = InstanceStatus::default();
         let response = match self.command {
-            CtlRequest::Arm => arm::ask(bus, expected, &mut say, &|| false)?,
+            CtlRequest::Arm => arm::ask(bus, body, expected, &mut say, &|| false)?,
             CtlRequest::Status => {
                 status = status::observe(bus)?;
                 // A daemon that is not seen would not answer either.

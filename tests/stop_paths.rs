@@ -9,7 +9,7 @@ use crate::common::obedience::LandingWatch;
 use crate::common::random::length;
 use crate::common::{Running, Testbed, assert_refused, json, stderr, wait_for};
 use oqtal_bus::bus::Bus;
-use oqtal_bus::code::{Actuation, Answer, OperatorCommand};
+use oqtal_bus::code::{Actuation, Answer, Mode, OperatorCommand};
 use oqtal_bus::control::ControlClient;
 use oqtal_bus::message::{CommandV1, ControlRequestV1, Stamps, VehicleV1};
 use oqtal_bus::obeying::ObeyingProcess;
@@ -17,7 +17,7 @@ use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::port::{Reader, Writer};
 use oqtal_bus::stop::StopSwitch;
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::{COMMAND, VEHICLE};
+use oqtal_bus::topic::{COMMAND, TELEMETRY, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_operator::arm;
 use rustix::fs::{FlockOperation, flock};
@@ -288,7 +288,7 @@ fn a_landing_is_not_confirmed_while_another_daemon_of_that_name_hangs() {
     let (_second, paths) = suspended(&testbed, "daemon");
     let output = rootless(&testbed, &["land"]).output().unwrap();
     let place = paths.root.display().to_string();
-    assert_refused(&output, 1, &["the daemon under", &place, "has not confirmed"]);
+    assert_refused(&output, 1, &["not confirmed: the daemon", &place]);
 }
 
 #[test]
@@ -297,7 +297,12 @@ fn a_stop_calls_off_an_arming_that_waits_for_the_end_of_a_fall() {
     let bus = testbed.bus();
     let _processes = testbed.services();
     testbed.take_off(&bus);
-    assert!(testbed.oqtal(&["ctl", "stop"]).output().unwrap().status.success());
+    bus.stop_switch().unwrap().raise();
+    let mut telemetry = bus.observer(&TELEMETRY).unwrap();
+    wait_for("the stop", || {
+        let (_, tick) = telemetry.latest().unwrap()?;
+        (tick.mode == Mode::Disarmed.code()).then_some(())
+    });
     let mut told = Vec::new();
     let mut tell = |text: &str| {
         told.push(text.to_owned());
@@ -305,9 +310,10 @@ fn a_stop_calls_off_an_arming_that_waits_for_the_end_of_a_fall() {
             bus.stop_switch().unwrap().raise();
         }
     };
-    let response = arm::ask(&bus, None, &mut tell, &|| false).unwrap().unwrap();
+    let arming = ControlRequestV1::of(OperatorCommand::Arm).by("test");
+    let response = arm::ask(&bus, arming, None, &mut tell, &|| false).unwrap().unwrap();
     assert_eq!(response.answer, Answer::Refused.code());
-    assert!(told.len() == 2 && told[1].contains("called off by a stop"), "{told:?}");
+    assert!(told.len() == 2 && told[1].contains("cancelled by a later stop"), "{told:?}");
 }
 
 /// Number of clients of the control service in one instance \[-\].

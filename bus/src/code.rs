@@ -305,6 +305,11 @@ impl OperatorCommand {
         matches!(self, Self::Arm | Self::Fly)
     }
 
+    /// Whether a request ends a flight, and calls off one that was requested before.
+    pub const fn ends_flight(self) -> bool {
+        matches!(self, Self::Land | Self::Disarm | Self::Stop)
+    }
+
     /// Whether a request changes a flight or its settings beyond arming, landing and stop.
     pub const fn changes_flight(self) -> bool {
         matches!(

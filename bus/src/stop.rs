@@ -130,11 +130,6 @@ impl StopSwitch {
         words::raise(&self.words)
     }
 
-    /// Number of stops raised so far.
-    pub fn raised(&self) -> u32 {
-        words::raised(&self.words)
-    }
-
     /// Processes that obey the stop `number`, or a later one.
     pub fn report(&self, number: u32) -> StopReport {
         words::report(&self.words, number)

@@ -295,7 +295,16 @@ impl Cycle {
                 self.intake.change_law(tracker);
             }
         }
-        self.supervision.change(now, change, &self.intake)
+        let prescribes_attitude = |supervision: &FlightSupervision| {
+            let reference = supervision.course().reference_at(now);
+            reference.is_some_and(|reference| reference.attitude.is_some())
+        };
+        let before = prescribes_attitude(&self.supervision);
+        let response = self.supervision.change(now, change, &self.intake);
+        if before != prescribes_attitude(&self.supervision) {
+            self.control.begin_handover();
+        }
+        response
     }
 
     /// Records whether processes of the instance run with different configurations.

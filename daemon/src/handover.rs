@@ -62,6 +62,11 @@ impl Handover {
         self.left_s = Some(FULL_RANGE_S);
     }
 
+    /// As [`Handover::begin`], without a minimum duration: the hand-over ends once the command is reached.
+    pub fn begin_until_reached(&mut self) {
+        self.left_s = Some(0.0);
+    }
+
     /// Ends a hand-over at once: a flight begins.
     pub fn reset(&mut self) {
         self.left_s = None;

@@ -133,7 +133,7 @@ impl LawGuard {
     ) -> Result<ControlOutput, HandoverCause> {
         let mut handover = self.handover.clone();
         if self.report.is_fallback {
-            handover.begin();
+            handover.begin_until_reached();
         }
         let command = handover.apply(tick.last, output.command, tick.dt_s);
         if command != output.command {
@@ -164,7 +164,7 @@ impl LawGuard {
             }
             self.handover.reset();
             if !is_dangerous(reason) {
-                self.handover.begin();
+                self.handover.begin_until_reached();
             }
         }
         let command = self.handover.apply(tick.last, fallback.command, tick.dt_s);

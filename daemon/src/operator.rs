@@ -1,5 +1,7 @@
 //! Requests of operators: from the background thread, which checks them, to the loop, which executes them between two turns.
 
+mod loop_handle;
+
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -9,62 +11,17 @@ use oqtal_bus::message::{AS_STARTED, ControlRequestV1, ControlResponseV1, EventV
 use oqtal_bus::text::LongText;
 use oqtal_bus::time::Time;
 use oqtal_config::Config;
-use oqtal_runtime::handoff::{BackgroundHandle, RtHandle, handoff};
+use oqtal_runtime::handoff::{BackgroundHandle, handoff};
 
 use crate::condition::{Condition, Followed};
 use crate::cycle::FirstFlight;
-use crate::live::{FlightChange, LiveSettings, PreparedChange, Refusal};
+use crate::live::{LiveSettings, PreparedChange, Refusal};
+
+pub use loop_handle::{LoopHandle, LoopRequest};
+use loop_handle::{NumberedReply, NumberedRequest, RequestNumber, Validity, refused};
 
 /// An operator's request that the loop has not answered by then is answered with "accepted".
 const REPLY_TIMEOUT: Duration = Duration::from_millis(60);
-
-/// Number by which a request and its reply find each other.
-type RequestNumber = u64;
-type NumberedRequest = (RequestNumber, LoopRequest, ValidUntil);
-/// Instant after which a request must not begin a flight; unset for no limit.
-type ValidUntil = Time;
-/// The reply, with what the request replaced, to be dropped on the background thread.
-type NumberedReply = (RequestNumber, ControlResponseV1, LoopRequest);
-
-/// A request to the loop.
-#[derive(Debug)]
-pub enum LoopRequest {
-    /// A request that consists of its command.
-    Operator {
-        /// The command.
-        command: OperatorCommand,
-        /// Number of the request on topic `event`; 0 for none.
-        event: u64,
-    },
-    /// A change of the flight or its settings.
-    Change {
-        /// The command.
-        command: OperatorCommand,
-        /// Number of the request on topic `event`.
-        event: u64,
-        /// The change.
-        change: FlightChange,
-    },
-}
-
-impl LoopRequest {
-    /// The command, with the number of the request on topic `event`; 0 for none.
-    fn name(&self) -> (OperatorCommand, u64) {
-        match self {
-            Self::Operator { command, event } | Self::Change { command, event, .. } => {
-                (*command, *event)
-            }
-        }
-    }
-}
-
-/// The real-time thread's end of the hand-off.
-#[derive(Debug)]
-pub struct LoopHandle {
-    queues: RtHandle<Condition, NumberedRequest, NumberedReply>,
-    configs_differ: Arc<AtomicBool>,
-    last: Condition,
-}
 
 /// The background thread's end of the hand-off.
 #[derive(Debug)]
@@ -96,7 +53,7 @@ pub fn loop_handoff() -> (LoopHandle, OperatorRequests) {
     let differ = Arc::new(AtomicBool::new(false));
     let last = Condition::default();
     (
-        LoopHandle { queues: realtime, configs_differ: Arc::clone(&differ), last },
+        LoopHandle::new(realtime, Arc::clone(&differ)),
         OperatorRequests {
             queues: background,
             configs_differ: differ,
@@ -108,42 +65,6 @@ pub fn loop_handoff() -> (LoopHandle, OperatorRequests) {
             course: None,
         },
     )
-}
-
-impl LoopHandle {
-    /// Whether the processes of the instance run with different configurations, by the last check of the background thread.
-    pub fn configs_differ(&self) -> bool {
-        self.configs_differ.load(Ordering::Relaxed)
-    }
-
-    /// Replies to the operator's request that waits, if any, with the result of `answer`; returns its command, its number on topic
-    /// `event` and the reply, `None` if none waits. A request to fly that is read too late is refused. The operator waits by the
-    /// machine's clock, also for a flight in virtual time.
-    pub fn poll_request(
-        &self,
-        mut answer: impl FnMut(&mut LoopRequest) -> ControlResponseV1,
-    ) -> Option<(OperatorCommand, u64, ControlResponseV1)> {
-        let (number, mut request, valid_until) = self.queues.request()?;
-        let (command, event) = request.name();
-        let is_late = valid_until.is_set() && Time::now() > valid_until;
-        let response = if is_late && must_be_timely(command) {
-            let command = OperatorCommand::Status;
-            let status = answer(&mut LoopRequest::Operator { command, event: 0 });
-            refused(Cause::Expired, status)
-        } else {
-            answer(&mut request)
-        };
-        self.queues.reply((number, response, request));
-        Some((command, event, response))
-    }
-
-    /// Passes a changed condition to the background thread, with the number of changes before it that found the queue full.
-    pub fn publish_status(&mut self, condition: Condition) {
-        if condition.differs_from(&self.last) {
-            self.last = Condition { unlogged: self.queues.dropped_notes(), ..condition };
-            self.queues.note(self.last);
-        }
-    }
 }
 
 impl OperatorRequests {
@@ -207,7 +128,8 @@ impl OperatorRequests {
         }
         let is_status = command == OperatorCommand::Status;
         let event = if is_status { 0 } else { self.next_event() };
-        let response = self.pass_on(LoopRequest::Operator { command, event }, request.valid_until);
+        let response =
+            self.pass_on(LoopRequest::Operator { command, event }, Validity::of(&request));
         if is_status {
             let text = LongText::new(&self.law_and_trajectory(response.mode));
             return ControlResponseV1 { text, ..response };
@@ -256,7 +178,8 @@ impl OperatorRequests {
             return refused(Cause::OtherConfig, ControlResponseV1 { text: changed, ..present });
         }
         let event = self.next_event();
-        let response = self.pass_on(LoopRequest::Operator { command, event }, request.valid_until);
+        let response =
+            self.pass_on(LoopRequest::Operator { command, event }, Validity::of(request));
         if response.answer == Answer::Refused.code() {
             return response;
         }
@@ -307,7 +230,7 @@ impl OperatorRequests {
                 }
                 event.text = prepared.text;
                 publish(event);
-                self.hand_over(prepared, &event, request.valid_until)
+                self.hand_over(prepared, &event, Validity::of(request))
             }
         };
         if response.answer == Answer::Refused.code() {
@@ -321,7 +244,7 @@ impl OperatorRequests {
         &mut self,
         mut prepared: PreparedChange,
         event: &EventV1,
-        valid_until: Time,
+        validity: Validity,
     ) -> ControlResponseV1 {
         let is_of_settings = prepared.changes_settings();
         if let Some(settings) = &mut self.settings {
@@ -329,8 +252,8 @@ impl OperatorRequests {
         }
         let command = OperatorCommand::from_code(event.command).unwrap_or(OperatorCommand::Set);
         let change = LoopRequest::Change { command, event: event.number, change: prepared.change };
-        let limit = if is_of_settings { Time::UNSET } else { valid_until };
-        let response = self.pass_on(change, limit);
+        let until = if is_of_settings { Time::UNSET } else { validity.until };
+        let response = self.pass_on(change, Validity { until, ..validity });
         if response.answer != Answer::Refused.code() {
             self.course = match command {
                 OperatorCommand::Trajectory => Some(format!("trajectory {}", event.text.as_str())),
@@ -343,10 +266,10 @@ impl OperatorRequests {
     }
 
     /// Passes a request to the loop and waits for the reply, at most [`REPLY_TIMEOUT`]: the loop may stand still.
-    fn pass_on(&mut self, request: LoopRequest, valid_until: Time) -> ControlResponseV1 {
+    fn pass_on(&mut self, request: LoopRequest, validity: Validity) -> ControlResponseV1 {
         self.count += 1;
         let (config_hash, reply) = (self.config_hash, |answer| self.present(answer));
-        if self.queues.send((self.count, request, valid_until)).is_err() {
+        if self.queues.send((self.count, request, validity)).is_err() {
             return reply(Answer::Refused);
         }
         let timeout = crossbeam_channel::after(REPLY_TIMEOUT);
@@ -364,12 +287,6 @@ impl OperatorRequests {
             }
         }
     }
-}
-
-/// Whether `command` must not be executed late.
-fn must_be_timely(command: OperatorCommand) -> bool {
-    let is_course = matches!(command, OperatorCommand::Goto | OperatorCommand::Trajectory);
-    command.begins_flight() || is_course
 }
 
 /// Publishes an event, with this `number`, for a request that was executed; none for a refused one.
@@ -402,11 +319,6 @@ fn refused_event(event: EventV1, response: &ControlResponseV1) -> EventV1 {
 fn with_reason(refusal: &Refusal, present: ControlResponseV1) -> ControlResponseV1 {
     let text = LongText::new(&refusal.reason);
     ControlResponseV1 { text, ..refused(refusal.cause, present) }
-}
-
-/// The refusal for the reason `cause`, with mode and state as in `present`.
-fn refused(cause: Cause, present: ControlResponseV1) -> ControlResponseV1 {
-    ControlResponseV1 { answer: Answer::Refused.code(), cause: cause.code(), ..present }
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use oqtal_bus::bus::Bus;
-use oqtal_bus::code::{Answer, Mode, OperatorCommand, SafetyState};
+use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{AS_STARTED, ControlRequestV1, ControlResponseV1, VehicleV1};
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
@@ -23,7 +23,7 @@ const BEGIN_TIMEOUT: Span = Span::from_millis(900);
 /// Time between two requests.
 const PERIOD: Duration = Duration::from_millis(50);
 
-/// Arms, and returns the daemon's last answer; `None` if there is none. `expected`: hash of the configuration that the daemon must
+/// Arms by the request `arming`, and returns the daemon's last answer; `None` if there is none. `expected`: hash of the configuration that the daemon must
 /// run with, without settings changed since its start. `tell` receives the reason of a wait; once `is_cancelled`, a
 /// flight that has not begun is called off.
 ///
@@ -31,16 +31,15 @@ const PERIOD: Duration = Duration::from_millis(50);
 /// The bus refuses.
 pub fn ask(
     bus: &Bus,
+    arming: ControlRequestV1,
     expected: Option<u64>,
     tell: &mut dyn FnMut(&str),
     is_cancelled: &dyn Fn() -> bool,
 ) -> Result<Option<ControlResponseV1>, BusError> {
     let text = LongText::new(expected.map_or("", |_| AS_STARTED));
-    let arming = ControlRequestV1 { text, ..ControlRequestV1::of(OperatorCommand::Arm) };
+    let arming = ControlRequestV1 { text, ..arming };
     let mut vehicles = bus.observer::<VehicleV1>(&VEHICLE)?;
     let asked_at = Time::now();
-    let stops = bus.stop_switch()?;
-    let stops_before = stops.raised();
     let (mut simulated, mut is_reported) = (None, false);
     loop {
         let Some(response) = send(bus, arming, expected)? else { return Ok(None) };
@@ -57,7 +56,11 @@ pub fn ask(
             None => VEHICLE_TIMEOUT,
         };
         let is_over = Time::now().since(asked_at) >= timeout || is_cancelled();
-        if is_over || !comes_to_rest(&response) {
+        let is_called_off = response.cause == Cause::Expired.code();
+        if is_called_off {
+            tell("arm: cancelled by a later stop, landing or disarming");
+        }
+        if is_over || is_called_off || !comes_to_rest(&response) {
             return Ok(Some(response));
         }
         if simulated == Some(true) && !is_reported {
@@ -65,10 +68,6 @@ pub fn ask(
             is_reported = true;
         }
         std::thread::sleep(PERIOD);
-        if stops.raised() != stops_before {
-            tell("arm: cancelled by a stop");
-            return Ok(Some(response));
-        }
     }
 }
 

@@ -154,9 +154,10 @@ impl Connection {
 
 /// Arms like `oqtal ctl arm`.
 fn arm(paths: &InstancePaths, cancelled: &AtomicBool) -> Result<String, Failure> {
+    let arming = ControlRequestV1::of(OperatorCommand::Arm).by("oqtal");
     let bus = running_bus(paths)?;
     let is_cancelled = || cancelled.load(Ordering::Relaxed);
-    let response = arm::ask(&bus, None, &mut |_| {}, &is_cancelled)?;
+    let response = arm::ask(&bus, arming, None, &mut |_| {}, &is_cancelled)?;
     let response = response.ok_or_else(|| unanswered(&bus))?;
     accepted(OperatorCommand::Arm, &response, None, paths)
 }

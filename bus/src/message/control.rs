@@ -20,6 +20,9 @@ message! {
         /// Instant until which a request that begins a flight may be executed, by the clock of the machine: the operator's
         /// time-out. [`Time::UNSET`] for no limit.
         valid_until: Time ["ns"],
+        /// Instant at which the request was made, by the clock of the machine: one that begins a flight is refused after a later stop,
+        /// landing or disarming. [`Time::UNSET`] for an unknown one.
+        asked_at: Time ["ns"],
         /// Hash of the configuration that a flight is to begin with; 0 for any.
         config_hash: u64 ["-"],
         /// Process that makes the request, as [`Origin::bits`].
@@ -43,6 +46,7 @@ impl ControlRequestV1 {
         Self {
             command: command.code(),
             valid_until: Time::UNSET,
+            asked_at: Time::UNSET,
             config_hash: 0,
             process: 0,
             user: 0,
@@ -53,10 +57,11 @@ impl ControlRequestV1 {
         }
     }
 
-    /// This request, made by the calling process under the name `program`.
+    /// This request, made by the calling process under the name `program`, now if it was not signed before.
     pub fn by(self, program: &str) -> Self {
         let (process, user) = (Origin::own().bits(), rustix::process::getuid().as_raw());
-        Self { process, user, program: ShortText::new(program), ..self }
+        let asked_at = if self.asked_at.is_set() { self.asked_at } else { Time::now() };
+        Self { asked_at, process, user, program: ShortText::new(program), ..self }
     }
 }
 

@@ -32,7 +32,7 @@ pub(crate) fn raise(words: &[AtomicU32]) -> u32 {
 }
 
 /// Number of stops raised so far.
-pub(crate) fn raised(words: &[AtomicU32]) -> u32 {
+fn raised(words: &[AtomicU32]) -> u32 {
     words[RAISED].load(Ordering::Acquire)
 }
 

@@ -13,11 +13,9 @@ const NOISE_RADIUS: f64 = 4.0;
 /// Motion by the thrust at which poses that stand still count as frozen \[m\]; at least this multiple of that distance \[-\].
 const LIMIT_M: f64 = 0.145;
 const RADIUS_LIMIT: f64 = 8.0;
-/// Upward acceleration that the thrust gives a vehicle of the configured mass, and not one a fifth heavier, which stands until its law
-/// has raised the thrust \[m/s^2\].
-const HEAVY_LIFT_M_S2: f64 = 2.0;
-/// Rise by the acceleration above [`HEAVY_LIFT_M_S2`] after which the vehicle must have left the floor \[m\].
-const RISE_LIMIT_M: f64 = 0.2;
+/// Rise by the thrust after which a vehicle must have left the floor \[m\]: a vehicle that is heavier than configured stands
+/// until its law has raised the thrust.
+const RISE_LIMIT_M: f64 = 1.0;
 /// Time for which poses must stand still \[s\].
 const LEAST_STILL_S: f64 = 0.3;
 /// Time constant of the acceleration that balances disturbances and the error of the model \[s\].
@@ -99,12 +97,12 @@ impl StandstillTest {
             return 0.0;
         }
         let radius_m = radius_m(deviation_m);
-        let beyond = Vector3::z() * (lift_m_s2 - HEAVY_LIFT_M_S2).max(0.0);
-        let velocity = self.update_velocity(position, &beyond, dt_s);
+        let lift = Vector3::z() * lift_m_s2;
+        let velocity = self.update_velocity(position, &lift, dt_s);
         let Some(still) = Still::with(&mut self.still, position, &velocity, radius_m) else {
             return 0.0;
         };
-        still.advance(&beyond, dt_s);
+        still.advance(&lift, dt_s);
         still.moved.z / RISE_LIMIT_M
     }
 

@@ -114,6 +114,11 @@ impl FlightControl {
         self.handover.begin();
     }
 
+    /// Limits the slew of the next commands: the reference prescribes an attitude no more, or from now on.
+    pub(super) fn begin_handover(&mut self) {
+        self.handover.begin();
+    }
+
     /// Replaces the gains of one of the outer loops of Fig. 16.
     pub(super) fn set_loop(&mut self, which: OuterLoop, gains: PidGains) {
         self.stack.set_loop(which, gains);

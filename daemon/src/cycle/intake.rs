@@ -26,8 +26,10 @@ const MISSING_PERIODS: f64 = 2.5;
 const LEAST_LINK: f64 = 0.3;
 /// Distance from the reference above which a vehicle is on its way to it \[m\]: a law that counteracts a disturbance holds it closer.
 const AWAY_M: f64 = 0.1;
-/// Change of the reference heading from tick to tick above which it turns \[rad\].
+/// Mean change of the reference heading from tick to tick above which it turns \[rad\], and the share of a tick in the mean \[-\]. A heading
+/// that turns more slowly, or jitters, does not disturb the oscillation that shows whether poses follow the vehicle.
 const TURNS_RAD: f64 = 1e-3;
+const TURN_SHARE: f64 = 0.1;
 /// Age of the tracked motion above which it is propagated without poses \[s\]: less than the time for which commands are stored.
 const OLD_TRACK_S: f64 = 0.5;
 /// Age of the motion after this propagation \[s\]: greater than the age of any pose that is accepted.
@@ -60,8 +62,8 @@ pub(super) struct Intake {
     is_landing: bool,
     /// Reference in the last tick; `None` without one.
     reference: Option<Reference>,
-    /// Whether the reference heading changed in the last tick.
-    reference_turns: bool,
+    /// Mean change of the reference heading from tick to tick \[rad\].
+    turn_rad: f64,
 }
 
 impl Intake {
@@ -88,7 +90,7 @@ impl Intake {
             missing: Cause::NoPose,
             is_landing: false,
             reference: None,
-            reference_turns: false,
+            turn_rad: 0.0,
         })
     }
 
@@ -153,7 +155,7 @@ impl Intake {
             let distance_m = (reference.position - pose.position).norm();
             distance_m > AWAY_M || reference.phase == Phase::TakeOff
         });
-        let expected = Expectation { obeys, is_away, turns: self.reference_turns };
+        let expected = Expectation { obeys, is_away, turns: self.turn_rad.abs() > TURNS_RAD };
         self.consistency.take(&self.tracker, (captured_s, &pose), &noise, &expected);
         if self.noise.take(captured_s, &pose, self.consistency.is_quiet()) {
             let PoseDeviations { position_m, attitude_rad } = self.noise.deviations();
@@ -164,11 +166,11 @@ impl Intake {
 
     /// Records whether the vehicle lands, and its reference.
     pub(super) fn record_course(&mut self, is_landing: bool, reference: Option<&Reference>) {
-        self.reference_turns =
-            reference.zip(self.reference.as_ref()).is_some_and(|(now, before)| {
-                let turn_rad = now.yaw_rad - before.yaw_rad;
-                turn_rad.sin().atan2(turn_rad.cos()).abs() > TURNS_RAD
-            });
+        let turn_rad = reference.zip(self.reference.as_ref()).map_or(0.0, |(now, before)| {
+            let turn_rad = now.yaw_rad - before.yaw_rad;
+            turn_rad.sin().atan2(turn_rad.cos())
+        });
+        self.turn_rad += (turn_rad - self.turn_rad) * TURN_SHARE;
         (self.is_landing, self.reference) = (is_landing, reference.copied());
     }
 

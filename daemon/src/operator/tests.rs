@@ -13,7 +13,7 @@ fn answers(answer: Answer) -> ControlResponseV1 {
 
 #[test]
 fn no_operator_gets_the_reply_to_the_request_of_another() {
-    let (handle, mut requests) = loop_handoff();
+    let (mut handle, mut requests) = loop_handoff();
     // The loop stands still: the first operator gets no reply from it.
     let first = requests.ask(asks(OperatorCommand::Status), &mut |_| {});
     assert_eq!(first.answer, Answer::Accepted.code());
@@ -34,7 +34,7 @@ fn no_operator_gets_the_reply_to_the_request_of_another() {
 
 #[test]
 fn a_request_to_fly_expires_and_a_stop_does_not() {
-    let (handle, requests) = loop_handoff();
+    let (mut handle, requests) = loop_handoff();
     let long_ago = Time::now();
     for (command, is_executed) in [
         (OperatorCommand::Arm, false),
@@ -42,7 +42,8 @@ fn a_request_to_fly_expires_and_a_stop_does_not() {
         (OperatorCommand::Land, true),
         (OperatorCommand::Stop, true),
     ] {
-        requests.queues.send((0, LoopRequest::Operator { command, event: 0 }, long_ago)).unwrap();
+        let validity = Validity { asked_at: Time::UNSET, until: long_ago };
+        requests.queues.send((0, LoopRequest::Operator { command, event: 0 }, validity)).unwrap();
         let mut executed = false;
         while Time::now() == long_ago {}
         let asked = handle.poll_request(|asked| {
@@ -95,7 +96,7 @@ fn changes_that_found_the_queue_full_are_counted_in_the_next_one() {
 
 #[test]
 fn those_who_come_later_are_told_what_flies_and_what_was_changed() {
-    let (handle, requests) = loop_handoff();
+    let (mut handle, requests) = loop_handoff();
     let settings = LiveSettings::new(&Config::default(), &[]);
     let mut requests = requests.with_settings(7, settings);
     requests.last.mode = Mode::Flying.code();
@@ -135,5 +136,25 @@ fn on_the_ground_the_next_flight_is_reported_and_not_the_course_of_the_last() {
         requests.last.mode = mode.code();
         let response = requests.ask(asks(OperatorCommand::Get), &mut |_| {});
         assert_eq!(response.text.as_str(), format!("law oqtal, trajectory {trajectory}"));
+    }
+}
+
+#[test]
+fn a_request_that_ends_flights_calls_off_those_requested_before_it() {
+    for ending in [OperatorCommand::Stop, OperatorCommand::Land, OperatorCommand::Disarm] {
+        let (mut handle, requests) = loop_handoff();
+        let before = Time::now();
+        let mut asked = |command: OperatorCommand, asked_at: Time| {
+            let validity = Validity { asked_at, until: Time::UNSET };
+            let request = LoopRequest::Operator { command, event: 0 };
+            requests.queues.send((0, request, validity)).unwrap();
+            let (_, _, response) = handle.poll_request(|_| answers(Answer::Done)).unwrap();
+            requests.queues.replies().recv().unwrap();
+            response.cause
+        };
+        while Time::now() == before {}
+        asked(ending, Time::now());
+        assert_eq!(asked(OperatorCommand::Arm, before), Cause::Expired.code(), "{ending}");
+        assert_eq!(asked(OperatorCommand::Arm, Time::now()), Cause::None.code(), "{ending}");
     }
 }

@@ -1,0 +1,139 @@
+//! The loop's end of the hand-off of requests: when a request may still be executed.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use oqtal_bus::code::{Answer, Cause, OperatorCommand};
+use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
+use oqtal_bus::time::Time;
+use oqtal_runtime::handoff::RtHandle;
+
+use crate::condition::Condition;
+use crate::live::FlightChange;
+
+/// Number by which a request and its reply find each other.
+pub(super) type RequestNumber = u64;
+pub(super) type NumberedRequest = (RequestNumber, LoopRequest, Validity);
+/// The reply, with what the request replaced, to be dropped on the background thread.
+pub(super) type NumberedReply = (RequestNumber, ControlResponseV1, LoopRequest);
+
+/// Times of a request, by the clock of the machine.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Validity {
+    /// Instant at which it was made; unset for an unknown one.
+    pub(super) asked_at: Time,
+    /// Instant after which it must not begin a flight; unset for no limit.
+    pub(super) until: Time,
+}
+
+impl Validity {
+    pub(super) fn of(request: &ControlRequestV1) -> Self {
+        Self { asked_at: request.asked_at, until: request.valid_until }
+    }
+}
+
+/// A request to the loop.
+#[derive(Debug)]
+pub enum LoopRequest {
+    /// A request that consists of its command.
+    Operator {
+        /// The command.
+        command: OperatorCommand,
+        /// Number of the request on topic `event`; 0 for none.
+        event: u64,
+    },
+    /// A change of the flight or its settings.
+    Change {
+        /// The command.
+        command: OperatorCommand,
+        /// Number of the request on topic `event`.
+        event: u64,
+        /// The change.
+        change: FlightChange,
+    },
+}
+
+impl LoopRequest {
+    /// The command, with the number of the request on topic `event`; 0 for none.
+    pub(super) fn name(&self) -> (OperatorCommand, u64) {
+        match self {
+            Self::Operator { command, event } | Self::Change { command, event, .. } => {
+                (*command, *event)
+            }
+        }
+    }
+}
+
+/// The real-time thread's end of the hand-off.
+#[derive(Debug)]
+pub struct LoopHandle {
+    pub(super) queues: RtHandle<Condition, NumberedRequest, NumberedReply>,
+    configs_differ: Arc<AtomicBool>,
+    last: Condition,
+    /// Instant of the last stop, landing or disarming on request, by the clock of the machine; unset before one.
+    called_off_at: Time,
+}
+
+impl LoopHandle {
+    /// The loop's end of `queues`.
+    pub(super) fn new(
+        queues: RtHandle<Condition, NumberedRequest, NumberedReply>,
+        configs_differ: Arc<AtomicBool>,
+    ) -> Self {
+        Self { queues, configs_differ, last: Condition::default(), called_off_at: Time::UNSET }
+    }
+
+    /// Whether the processes of the instance run with different configurations, by the last check of the background thread.
+    pub fn configs_differ(&self) -> bool {
+        self.configs_differ.load(Ordering::Relaxed)
+    }
+
+    /// Calls off all flights that were requested before.
+    pub fn call_off(&mut self) {
+        self.called_off_at = Time::now();
+    }
+
+    /// Replies to the operator's request that waits, if any, with the result of `answer`; returns its command, its number on topic
+    /// `event` and the reply, `None` if none waits. A request to fly that is read too late, or was made before one that ends flights,
+    /// is refused. The operator waits by the machine's clock, also for a flight in virtual time.
+    pub fn poll_request(
+        &mut self,
+        mut answer: impl FnMut(&mut LoopRequest) -> ControlResponseV1,
+    ) -> Option<(OperatorCommand, u64, ControlResponseV1)> {
+        let (number, mut request, Validity { asked_at, until }) = self.queues.request()?;
+        let (command, event) = request.name();
+        let is_late = until.is_set() && Time::now() > until && must_be_timely(command);
+        let is_called_off = asked_at.is_set() && asked_at < self.called_off_at;
+        let response = if is_late || is_called_off && command.begins_flight() {
+            let command = OperatorCommand::Status;
+            let status = answer(&mut LoopRequest::Operator { command, event: 0 });
+            refused(Cause::Expired, status)
+        } else {
+            answer(&mut request)
+        };
+        if command.ends_flight() {
+            self.call_off();
+        }
+        self.queues.reply((number, response, request));
+        Some((command, event, response))
+    }
+
+    /// Passes a changed condition to the background thread, with the number of changes before it that found the queue full.
+    pub fn publish_status(&mut self, condition: Condition) {
+        if condition.differs_from(&self.last) {
+            self.last = Condition { unlogged: self.queues.dropped_notes(), ..condition };
+            self.queues.note(self.last);
+        }
+    }
+}
+
+/// Whether `command` must not be executed late.
+fn must_be_timely(command: OperatorCommand) -> bool {
+    let is_course = matches!(command, OperatorCommand::Goto | OperatorCommand::Trajectory);
+    command.begins_flight() || is_course
+}
+
+/// The refusal for the reason `cause`, with mode and state as in `present`.
+pub(super) fn refused(cause: Cause, present: ControlResponseV1) -> ControlResponseV1 {
+    ControlResponseV1 { answer: Answer::Refused.code(), cause: cause.code(), ..present }
+}
