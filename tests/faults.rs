@@ -266,7 +266,7 @@ fn arming_tells_which_settings_were_changed_since_the_start() {
     let expected = [&["arm"], &config[..]].concat();
     let (code, _, message) = ctl(&expected);
     assert_eq!(code, Some(1), "{message}");
-    for part in ["another configuration expected", "position.tilt-limit-deg=8", "`oqtal ctl undo`"]
+    for part in ["another configuration expected", "position.tilt-limit-deg=8", "`oqtal ctl undo "]
     {
         assert!(message.contains(part), "no {part} in: {message}");
     }

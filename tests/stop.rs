@@ -210,7 +210,7 @@ fn answers_to_an_operator_state_the_result_and_arming_is_allowed_while_the_vehic
     };
     let (code, said) = ctl("disarm");
     assert_eq!(code, Some(1), "{said}");
-    assert!(said.contains("`land` or `stop` ends a flight"), "{said}");
+    assert!(said.contains("`oqtal ctl land ") && said.contains(" ends a flight"), "{said}");
     let (code, said) = ctl("stop");
     assert_eq!(code, Some(0), "{said}");
     assert!(said.starts_with("stopped: motors off"), "{said}");

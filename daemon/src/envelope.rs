@@ -31,7 +31,7 @@ const STEP_S: f64 = 0.02;
 const LEVEL_GAIN: f64 = 4.0;
 /// Share of the available acceleration that is assumed for braking \[-\]. Less than 1 because the fallback law also returns to the
 /// reference, and because a tilted or rotating vehicle must turn first.
-const BRAKING_SHARE: f64 = 0.35;
+const BRAKING_SHARE: f64 = 0.3;
 /// Time after which the fallback law turns the vehicle to brake \[s\].
 const REACTION_S: f64 = 0.1;
 /// Cosine of the tilt below which a vehicle counts as level \[-\]: that of 10 degrees.

@@ -9,9 +9,9 @@ const STEP_S: f64 = 1e-3;
 /// Of the Hummingbird in `deploy/oqtal.toml`.
 const LAG_S: f64 = 0.05;
 const DRAG_PER_S: f64 = 0.25;
-/// 0.35 of the acceleration at the tilt limit of 15 degrees, and of the vertical limit.
-const SIDEWAYS: f64 = 0.35 * 9.81 * 0.267_949_192_431_122_7;
-const VERTICAL: f64 = 0.35 * 4.0;
+/// 0.3 of the acceleration at the tilt limit of 15 degrees, and of the vertical limit.
+const SIDEWAYS: f64 = 0.3 * 9.81 * 0.267_949_192_431_122_7;
+const VERTICAL: f64 = 0.3 * 4.0;
 
 /// A law, and whether each of its answers leads out of an envelope that is a little smaller, and of one that is a little larger.
 pub struct Watched<L> {
