@@ -105,7 +105,8 @@ pub struct Expectation {
     pub obeys: bool,
     /// Whether it is more than 10 cm from its reference, or takes off.
     pub is_away: bool,
-    /// Whether the heading of the reference changes; the oscillation of the heading cannot be separated from such a turn.
+    /// Whether the heading of the reference changes, from which its oscillation cannot be separated, or an attitude is prescribed, so that
+    /// it does not oscillate.
     pub turns: bool,
 }
 

@@ -103,6 +103,8 @@ fn reference(sample: &FlightSample) -> Vector3<f64> {
 
 #[cfg(test)]
 mod tests {
+    use oqtal_bus::code::Mode;
+
     use super::*;
     use crate::flight::Outcome;
     use crate::report::tests::fixture;
@@ -118,5 +120,18 @@ mod tests {
         assert_eq!(corners(&flight), 3);
         let reason = flight.shortfall().unwrap();
         assert!(reason.contains("another file") && !reason.contains("arming"), "{reason}");
+    }
+    #[test]
+    fn between_two_flights_of_a_recording_there_is_no_corner() {
+        let mut flight = fixture::square();
+        let one = CornerFigures::of(&flight).unwrap();
+        let second = flight.samples.clone();
+        let mut landed = second[second.len() - 1];
+        landed.telemetry.mode = Mode::Disarmed.code();
+        flight.samples.push(landed);
+        flight.samples.extend(second);
+        let both = CornerFigures::of(&flight).unwrap();
+        assert_eq!(both.settling.count, 2 * one.settling.count);
+        assert!((both.step_m - one.step_m).abs() < 1e-9, "{} {}", both.step_m, one.step_m);
     }
 }

@@ -157,3 +157,11 @@ fn f69_zeroed_words_without_an_earlier_stop_raise_none() {
     switch.words.iter().for_each(|word| word.store(0, Ordering::Release));
     assert!(!vehicle.is_in_force(NOW) && !ControllerStop::new(switch).is_newly_raised());
 }
+
+#[test]
+fn overwritten_words_confirm_no_stop() {
+    let switch = switch();
+    switch.words[0].store(0x9000_0005, Ordering::Release);
+    let number = switch.raise();
+    assert_eq!(switch.report(number), StopReport::default());
+}

@@ -155,7 +155,9 @@ impl Intake {
             let distance_m = (reference.position - pose.position).norm();
             distance_m > AWAY_M || reference.phase == Phase::TakeOff
         });
-        let expected = Expectation { obeys, is_away, turns: self.turn_rad.abs() > TURNS_RAD };
+        let is_prescribed = self.reference.is_some_and(|reference| reference.attitude.is_some());
+        let turns = is_prescribed || self.turn_rad.abs() > TURNS_RAD;
+        let expected = Expectation { obeys, is_away, turns };
         self.consistency.take(&self.tracker, (captured_s, &pose), &noise, &expected);
         if self.noise.take(captured_s, &pose, self.consistency.is_quiet()) {
             let PoseDeviations { position_m, attitude_rad } = self.noise.deviations();
