@@ -20,6 +20,11 @@ pub struct EulerAngles {
     pub yaw: f64,
 }
 
+/// The turn by `angle_rad` the shorter way, -pi..pi \[rad\].
+pub fn shorter_turn(angle_rad: f64) -> f64 {
+    angle_rad.sin().atan2(angle_rad.cos())
+}
+
 impl EulerAngles {
     /// The angles of an attitude. At a pitch of 90 degrees, where only the sum of roll and yaw is defined, roll is 0.
     pub fn from_attitude(attitude: &Attitude) -> Self {

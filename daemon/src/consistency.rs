@@ -19,8 +19,8 @@
 //! many of them (Huber, *Robust Statistics*, 1981), and normalised by the measured noise. Without rotation there is no evidence for
 //! either.
 //!
-//! Only response, heading and standstill end a flight; the other evidence warns, since wind and a wrong model of the vehicle add to it. For the
-//! same reason the response of a vehicle without rates has a higher limit.
+//! Only response, heading and standstill end a flight; the other evidence warns, since wind and a wrong model of the vehicle add to
+//! it. For the same reason the response of a vehicle without rates has a higher limit.
 
 mod commanded;
 mod direction;

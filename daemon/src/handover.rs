@@ -73,7 +73,8 @@ impl Handover {
     }
 
     /// Whether the slew of commands is limited.
-    pub fn is_active(&self) -> bool {
+    #[cfg(test)]
+    fn is_active(&self) -> bool {
         self.left_s.is_some()
     }
 

@@ -1,6 +1,7 @@
 //! Check of the reference: an invalid reference is replaced by the last valid one.
 
 use nalgebra::Vector3;
+use oqtal_control::euler::shorter_turn;
 use oqtal_control::trajectory::{Phase, Reference};
 
 use crate::fence::Fence;
@@ -81,10 +82,7 @@ impl SetpointGuard {
 fn turns_round(last: &Reference, next: &Reference) -> bool {
     match (&last.attitude, &next.attitude) {
         (Some(last), Some(next)) => last.attitude.angle_to(&next.attitude) > LARGEST_TURN_RAD,
-        (None, None) => {
-            let turn = next.yaw_rad - last.yaw_rad;
-            turn.sin().atan2(turn.cos()).abs() > LARGEST_TURN_RAD
-        }
+        (None, None) => shorter_turn(next.yaw_rad - last.yaw_rad).abs() > LARGEST_TURN_RAD,
         _ => false,
     }
 }

@@ -121,6 +121,7 @@ mod tests {
         let reason = flight.shortfall().unwrap();
         assert!(reason.contains("another file") && !reason.contains("arming"), "{reason}");
     }
+
     #[test]
     fn between_two_flights_of_a_recording_there_is_no_corner() {
         let mut flight = fixture::square();

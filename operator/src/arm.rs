@@ -23,9 +23,9 @@ const BEGIN_TIMEOUT: Span = Span::from_millis(900);
 /// Time between two requests.
 const PERIOD: Duration = Duration::from_millis(50);
 
-/// Arms by the request `arming`, and returns the daemon's last answer; `None` if there is none. `expected`: hash of the configuration that the daemon must
-/// run with, without settings changed since its start. `tell` receives the reason of a wait; once `is_cancelled`, a
-/// flight that has not begun is called off.
+/// Arms by the request `arming`, and returns the daemon's last answer; `None` if there is none. `expected`: hash of the configuration
+/// that the daemon must run with, without settings changed since its start. `tell` receives the reason of a wait; once
+/// `is_cancelled`, a flight that has not begun is called off.
 ///
 /// # Errors
 /// The bus refuses.

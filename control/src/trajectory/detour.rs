@@ -4,6 +4,7 @@ use nalgebra::{UnitQuaternion, Vector3, Vector4};
 
 use super::path::{Trajectory, TrajectoryShape};
 use super::reference::{Phase, Reference};
+use crate::euler::shorter_turn;
 use crate::quaternion::Attitude;
 
 /// Least duration of a leg \[s\].
@@ -47,8 +48,7 @@ pub struct ReferenceMotion {
 impl ReferenceMotion {
     /// The motion at the second of two references, `dt_s` \[s\] apart. Velocities that jump have no acceleration.
     pub fn between(before: &Reference, now: &Reference, dt_s: f64) -> Self {
-        let turn = now.yaw_rad - before.yaw_rad;
-        let yaw_rate = turn.sin().atan2(turn.cos()) / dt_s;
+        let yaw_rate = shorter_turn(now.yaw_rad - before.yaw_rad) / dt_s;
         let acceleration = (now.velocity - before.velocity) / dt_s;
         Self {
             value: now.position.push(now.yaw_rad),
@@ -108,7 +108,7 @@ impl Leg {
     pub fn to(from: &ReferenceMotion, target: &Vector4<f64>, limits: &LegLimits) -> Self {
         let stop = Self::stop_with(STOP_SHARE, from, limits);
         let mut way = target - stop.motion(stop.duration_s()).value;
-        way.w = way.w.sin().atan2(way.w.cos());
+        way.w = shorter_turn(way.w);
         prolonged(limits, |way_s| Self { way, way_s, ..stop })
     }
 

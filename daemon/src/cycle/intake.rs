@@ -6,6 +6,7 @@ use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_control::estimator::{Estimate, Estimator};
+use oqtal_control::euler::shorter_turn;
 use oqtal_control::options::OptionError;
 use oqtal_control::predictive::{CommandReport, MotionTracker};
 use oqtal_control::trajectory::{Phase, Reference, Trajectory};
@@ -168,10 +169,8 @@ impl Intake {
 
     /// Records whether the vehicle lands, and its reference.
     pub(super) fn record_course(&mut self, is_landing: bool, reference: Option<&Reference>) {
-        let turn_rad = reference.zip(self.reference.as_ref()).map_or(0.0, |(now, before)| {
-            let turn_rad = now.yaw_rad - before.yaw_rad;
-            turn_rad.sin().atan2(turn_rad.cos())
-        });
+        let pair = reference.zip(self.reference.as_ref());
+        let turn_rad = pair.map_or(0.0, |(now, before)| shorter_turn(now.yaw_rad - before.yaw_rad));
         self.turn_rad += (turn_rad - self.turn_rad) * TURN_SHARE;
         (self.is_landing, self.reference) = (is_landing, reference.copied());
     }
@@ -298,11 +297,15 @@ impl Intake {
         self.guard.begin_flight(&mut self.tracker);
     }
 
+    /// Whether the vehicle was in the air at the last accepted pose.
+    pub(super) fn was_airborne(&self) -> bool {
+        let lowest_m = self.tracker.floor_m() + AIRBORNE_M;
+        self.guard.last().is_some_and(|last| last.position.z > lowest_m)
+    }
+
     /// Ends the flight; `is_stopped` if by a Stop, after which the vehicle may still fall.
     pub(super) fn end_flight(&mut self, is_stopped: bool) {
-        let floor_m = self.tracker.floor_m();
-        let height_m = self.guard.last().map(|last| last.position.z - floor_m);
-        if is_stopped && height_m.is_some_and(|height_m| height_m > AIRBORNE_M) {
+        if is_stopped && self.was_airborne() {
             self.arming.forget_rest();
         }
         self.guard.end_flight(&mut self.tracker);

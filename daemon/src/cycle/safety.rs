@@ -10,8 +10,7 @@ use super::requests::Requests;
 use crate::command::VehicleCommand;
 use crate::descent::BlindDescent;
 use crate::fence::Fence;
-use crate::floor::AIRBORNE_M;
-use crate::guard::seconds;
+use crate::guard::{Accepted, seconds};
 use crate::limits::{FlightLimits, FlightView, LimitConditions};
 use crate::loop_health::{LoopHealth, TickFrames};
 use crate::supervisor::{SafetyConditions, Supervisor};
@@ -154,10 +153,8 @@ impl SafetyMonitor {
     /// Whether the vehicle may descend without poses: it has its own attitude loop, was in the air at the last pose, and has not
     /// descended for too long.
     fn may_descend(&self, now: Time, intake: &Intake) -> bool {
-        intake.last_pose().is_some_and(|last| {
-            self.descent.is_possible(now.since(last.captured_at))
-                && last.position.z > intake.tracker().floor_m() + AIRBORNE_M
-        })
+        let is_possible = |last: &Accepted| self.descent.is_possible(now.since(last.captured_at));
+        intake.was_airborne() && intake.last_pose().is_some_and(is_possible)
     }
 
     /// The limits of this tick. In flight the motion is that at the instant at which a command takes effect.

@@ -8,6 +8,7 @@ use std::f64::consts::TAU;
 
 use maud::{Markup, html};
 use nalgebra::{Complex, UnitQuaternion, Vector3};
+use oqtal_control::euler::shorter_turn;
 use oqtal_control::statistics::median;
 use oqtal_observe::plot::axis::Axis;
 use oqtal_observe::plot::chart::{Mark, Plot};
@@ -77,8 +78,7 @@ fn prescribed(
     };
     let rate = |pair: &&[PoseRecord]| {
         let turned: f64 = at(pair[1].captured_s) - at(pair[0].captured_s);
-        // A heading turns the shorter way.
-        turned.sin().atan2(turned.cos()) / duration(pair)
+        shorter_turn(turned) / duration(pair)
     };
     intervals.iter().map(rate).collect()
 }

@@ -19,7 +19,7 @@ const ANGLES: [&str; 3] = ["Roll", "Pitch", "Yaw"];
 /// Colours of the components of a vector.
 const COMPONENTS: [Ink; 3] = [Ink::Actual, Ink::Second, Ink::Third];
 
-/// `value` while armed, else NaN: with the motors off there is no command and no error.
+/// `value` while armed, else NaN: with the motors off, command and error are undefined.
 fn in_flight(sample: &FlightSample, value: f64) -> f64 {
     if sample.is_armed() { value } else { f64::NAN }
 }
