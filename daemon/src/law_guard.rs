@@ -14,6 +14,9 @@ use crate::envelope::{Candidate, Envelope};
 use crate::handover::Handover;
 use crate::stack::ControlOutput;
 
+/// Multiple of `external.return-answers` for which a law must fly before its next failure counts as a first one \[-\].
+const STEADY: u32 = 10;
+
 /// A tick in which a law is selected.
 #[derive(Clone, Copy, Debug)]
 pub struct GuardedTick<'a> {
@@ -48,8 +51,13 @@ pub struct LawGuard {
     envelope: Envelope,
     handover: Handover,
     return_answers: u32,
+    /// Good commands in a row after which the law returns \[-\]: twice as many after each failure that soon follows a return.
+    /// Every return of a law that fails again leaves the fallback a worse state to recover from.
+    needed: u32,
     /// Good commands of the law in a row \[-\].
     good: u32,
+    /// Ticks that the law has flown since it took over \[-\].
+    flown: u32,
     /// Whether the law failed and has not returned.
     failed: bool,
     /// Whether an operator gives control back to the law.
@@ -67,7 +75,9 @@ impl LawGuard {
             envelope: Envelope::new(config)?,
             handover: Handover::new(config),
             return_answers: config.external.return_answers,
+            needed: 0,
             good: 0,
+            flown: 0,
             failed: false,
             resumes: false,
             report: GuardReport { is_fallback: true, ..GuardReport::default() },
@@ -77,7 +87,8 @@ impl LawGuard {
     /// A flight begins: the fallback flies until the law may.
     pub fn restart(&mut self) {
         self.handover.reset();
-        (self.good, self.failed, self.resumes) = (0, false, false);
+        (self.needed, self.good, self.flown) = (0, 0, 0);
+        (self.failed, self.resumes) = (false, false);
         self.report = GuardReport { is_fallback: true, ..GuardReport::default() };
     }
 
@@ -113,6 +124,7 @@ impl LawGuard {
         match selected {
             Ok(output) => {
                 (self.failed, self.resumes) = (false, false);
+                self.flown = self.flown.saturating_add(1);
                 (self.report.is_fallback, self.report.law_fails) = (false, false);
                 (output, cause)
             }
@@ -121,7 +133,7 @@ impl LawGuard {
     }
 
     fn may_return(&self) -> bool {
-        let has_recovered = self.return_answers > 0 && self.good >= self.return_answers;
+        let has_recovered = self.return_answers > 0 && self.good >= self.needed;
         !self.failed || self.resumes || has_recovered
     }
 
@@ -158,7 +170,14 @@ impl LawGuard {
         }
         if !self.report.is_fallback {
             self.report.is_fallback = true;
+            let flown = std::mem::take(&mut self.flown);
             if tick.is_free {
+                self.needed = match self.report.handovers {
+                    1.. if flown < STEADY.saturating_mul(self.return_answers) => {
+                        self.needed.saturating_mul(2)
+                    }
+                    _ => self.return_answers,
+                };
                 (self.failed, self.good, self.resumes) = (true, 0, false);
                 self.report.handovers += 1;
             }

@@ -3,7 +3,7 @@
 //!
 //! The background thread accepts a connection of the same user and passes it to the loop. The loop sends the question, waits for the
 //! answer until its deadline, and discards answers to earlier questions; all memory is on the stack. In virtual time, which stands
-//! still meanwhile, it waits for the first connection, and ten seconds for an answer.
+//! still meanwhile, it waits for the first connection, and up to ten seconds for an answer.
 
 use std::os::fd::OwnedFd;
 use std::path::PathBuf;
@@ -32,8 +32,9 @@ const ANSWER: [u8; 8] = *b"OQTALEX1";
 const ANSWERED: usize = 8 * (1 + 3 + 3 + 4 + 1);
 /// Longest wait after which the stop flag is checked.
 const STOP_CHECK: Span = Span::from_millis(20);
-/// Time for an answer in virtual time, by the clock of the machine: only a law that hangs needs it.
-const VIRTUAL_TIMEOUT: Span = Span::from_millis(10_000);
+/// Longest and shortest time for an answer in virtual time, by the clock of the machine. Only a law that hangs, or never answers the
+/// present question, needs it: it has half of the time after each answer that did not come.
+const VIRTUAL_TIMEOUT: [Span; 2] = [Span::from_millis(10_000), Span::from_millis(100)];
 
 /// Both ends of the hand-over of connections.
 pub(crate) fn connections() -> (Sender<OwnedFd>, Receiver<OwnedFd>) {
@@ -47,13 +48,16 @@ pub(crate) struct SocketLaw {
     connection: Option<OwnedFd>,
     /// Whether a law has been connected.
     was_connected: bool,
+    /// Time for an answer in virtual time.
+    virtual_timeout: Span,
     stop: StopFlag,
 }
 
 impl SocketLaw {
     /// A law that arrives through `connections`; waiting ends with `stop`.
     pub(crate) fn new(connections: Receiver<OwnedFd>, stop: StopFlag) -> Self {
-        Self { connections, connection: None, was_connected: false, stop }
+        let virtual_timeout = VIRTUAL_TIMEOUT[0];
+        Self { connections, connection: None, was_connected: false, virtual_timeout, stop }
     }
 
     /// Takes a new connection; waits for the first one if `is_virtual`.
@@ -113,12 +117,17 @@ impl ExternalLaw for SocketLaw {
             Ok(_) | Err(Errno::AGAIN) => {}
             Err(_) => self.connection = None,
         }
-        let until = if is_virtual { asked_at + VIRTUAL_TIMEOUT } else { state.answer_by };
-        let answer = self.receive(state.sequence, until)?;
-        Some(match is_virtual {
-            true => ExternalV1 { answered_at: state.time, ..answer },
-            false => ExternalV1 { asked_at, ..answer },
-        })
+        let until = if is_virtual { asked_at + self.virtual_timeout } else { state.answer_by };
+        let answer = self.receive(state.sequence, until);
+        if !is_virtual {
+            return answer.map(|answer| ExternalV1 { asked_at, ..answer });
+        }
+        let [longest, shortest] = VIRTUAL_TIMEOUT;
+        self.virtual_timeout = match answer.is_some_and(|it| it.sequence == state.sequence) {
+            true => longest,
+            false => Span::from_nanos(self.virtual_timeout.nanos() / 2).max(shortest),
+        };
+        answer.map(|answer| ExternalV1 { answered_at: state.time, ..answer })
     }
 }
 

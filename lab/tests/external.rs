@@ -95,6 +95,28 @@ fn f70_a_law_that_stops_answering_is_replaced_in_that_tick_without_a_jump() {
     assert!(jump < 0.067, "{jump} of the greatest thrust: the slew of a tick");
 }
 
+/// A law that leaves every question out whose number is a multiple of this one.
+struct Gaps(u64);
+
+impl ExternalLaw for Gaps {
+    fn reset(&mut self) {}
+
+    fn answer(&mut self, state: &StateV1) -> Option<ExternalV1> {
+        (!state.sequence.is_multiple_of(self.0)).then(|| PositionPd::default().command(state))
+    }
+}
+
+#[test]
+fn f70_a_law_that_fails_soon_after_each_return_returns_more_rarely() {
+    let hover = ["trajectory.kind=hover", "trajectory.hover.duration-s=8"];
+    let mission = mission(&[&hover[..], &["external.return-answers=5"]].concat());
+    let failures = |every| handovers(&fly_with_law(&mission, &mut Gaps(every)).unwrap()).0;
+    // It flies for 54 commands after each return.
+    assert!(failures(60) >= 7, "{}", failures(60));
+    // It returns after 5 and 10 commands; before it can after 20 it fails again.
+    assert_eq!(failures(18), 3);
+}
+
 /// Flies `sabotage` in a flight of `seed`; returns the outcome and the number of hand-overs.
 fn sabotaged(sabotage: Sabotage, seed: usize) -> (Outcome, u64, HandoverCause) {
     let trajectory = sabotage::TRAJECTORIES[seed % sabotage::TRAJECTORIES.len()];
