@@ -10,6 +10,8 @@ use super::cma_es::CmaEs;
 
 /// Initial standard deviation of CMA-ES, over the range of a parameter \[-\].
 const SPREAD: f64 = 0.15;
+/// The same from the best of several starts, one of which is near the optimum.
+const NEAR_SPREAD: f64 = 0.08;
 
 /// An optimiser.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
@@ -30,22 +32,22 @@ impl Optimiser {
         }
     }
 
-    /// Returns the point within `bounds` with the least objective among about `points` evaluated ones, `start` first.
+    /// Returns the point within `bounds` with the least objective among about `points` evaluated ones, the `starts` first.
     ///
     /// `evaluate` returns the objective at each point of a batch, in order; NaN counts as infinite.
     pub fn minimise(
         self,
         bounds: &[RangeInclusive<f64>],
-        start: Vec<f64>,
+        starts: &[Vec<f64>],
         (points, seed): (usize, u64),
         evaluate: impl FnMut(&[Vec<f64>]) -> Vec<f64>,
     ) -> Best {
         match self {
             Self::BeeColony => {
                 let colony = BeeColony::within(points, bounds.len(), seed);
-                colony.minimise(bounds, &[start], evaluate)
+                colony.minimise(bounds, starts, evaluate)
             }
-            Self::CmaEs => cma_es(bounds, start, (points, seed), evaluate),
+            Self::CmaEs => cma_es(bounds, starts, (points, seed), evaluate),
         }
     }
 }
@@ -53,7 +55,7 @@ impl Optimiser {
 /// Searches within the unit cube, onto which `bounds` are mapped; points outside are moved to its faces.
 fn cma_es(
     bounds: &[RangeInclusive<f64>],
-    start: Vec<f64>,
+    starts: &[Vec<f64>],
     (points, seed): (usize, u64),
     mut evaluate: impl FnMut(&[Vec<f64>]) -> Vec<f64>,
 ) -> Best {
@@ -63,14 +65,16 @@ fn cma_es(
         };
         point.iter().zip(bounds).map(axis).collect()
     };
-    let into_cube = start.iter().zip(bounds).map(|(x, axis)| match axis.end() - axis.start() {
-        0.0 => 0.0,
-        width => (x - axis.start()) / width,
-    });
-    let mut search = CmaEs::new(&into_cube.collect::<Vec<_>>(), SPREAD, seed);
-    let mut best = Best { point: start.clone(), value: f64::INFINITY, evaluations: 0 };
-    // The start is not part of a generation.
-    best.note(std::slice::from_ref(&start), &evaluate(std::slice::from_ref(&start)));
+    let mut best = Best { point: starts[0].clone(), value: f64::INFINITY, evaluations: 0 };
+    // The starts are not part of a generation; the search begins at the best of them.
+    best.note(starts, &evaluate(starts));
+    let into_cube =
+        best.point.iter().zip(bounds).map(|(x, axis)| match axis.end() - axis.start() {
+            0.0 => 0.0,
+            width => (x - axis.start()) / width,
+        });
+    let spread = if starts.len() > 1 { NEAR_SPREAD } else { SPREAD };
+    let mut search = CmaEs::new(&into_cube.collect::<Vec<_>>(), spread, seed);
     while best.evaluations + search.points() <= points && !search.has_converged() {
         let mut asked = search.ask();
         asked.iter_mut().flatten().for_each(|x| *x = x.clamp(0.0, 1.0));
@@ -94,7 +98,7 @@ mod tests {
 
     fn minimum(optimiser: Optimiser, points: usize, seed: u64) -> Best {
         let bounds = [-2.0..=3.0, -1.0..=4.0];
-        optimiser.minimise(&bounds, vec![-1.5, 2.0], (points, seed), |points| {
+        optimiser.minimise(&bounds, &[vec![-1.5, 2.0]], (points, seed), |points| {
             points.iter().map(|x| rosenbrock(x)).collect()
         })
     }
@@ -120,11 +124,15 @@ mod tests {
     #[test]
     fn a_start_is_the_answer_if_nothing_else_has_a_value() {
         for optimiser in BOTH {
-            let best =
-                optimiser.minimise(&[0.0..=1.0, 0.0..=1.0], vec![0.5, 0.25], (60, 1), |points| {
+            let best = optimiser.minimise(
+                &[0.0..=1.0, 0.0..=1.0],
+                &[vec![0.5, 0.25]],
+                (60, 1),
+                |points| {
                     let value = |x: &Vec<f64>| if x[..] == [0.5, 0.25] { 3.0 } else { f64::NAN };
                     points.iter().map(value).collect()
-                });
+                },
+            );
             assert_eq!((best.point, best.value), (vec![0.5, 0.25], 3.0));
         }
     }

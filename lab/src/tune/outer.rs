@@ -59,7 +59,7 @@ pub fn tune(
         let reference = figures(error, &found, flights)?;
         check_reference(reference)?;
         let start = configured(parameters, &config);
-        let best = search(parameters, &start, &share, |points| {
+        let best = search(parameters, std::slice::from_ref(&start), &share, |points| {
             let evaluate = |point: &Vec<f64>| {
                 if progress.check().is_err() {
                     return f64::INFINITY;

@@ -20,6 +20,7 @@ use crate::study::failure::{self, counts};
 use crate::study::flights::{
     AUTHORITY, Change, DELAY, NOMINAL, PlantVariant, RATE_LAG, Test, readable, table, value_at,
 };
+use crate::study::gains::tuned;
 use crate::study::law::StudyLaw;
 use crate::study::metric::{Figures, METRIC, METRICS};
 use crate::study::{Case, FlightCondition, Flown, Study, TRAINING_SEEDS};
@@ -90,6 +91,22 @@ impl TrainingFlights {
         let mut parameters = parameters(controller, config.control.stack);
         parameters.retain(|range| !self.live_keys_only || Config::may_change_in_flight(&range.key));
         parameters
+    }
+
+    /// Values of `parameters` at which a search begins: the `configured` ones. For a vehicle that hovers meanwhile, whose search should
+    /// be short, also those tuned for the shipped vehicle.
+    fn starts(
+        &self,
+        law: &str,
+        parameters: &[SearchRange],
+        from: &[(String, f64)],
+    ) -> Result<Vec<Vec<(String, f64)>>, Failure> {
+        let mut starts = vec![from.to_vec()];
+        if self.live_keys_only {
+            let tuned = [&self.settings[..], &tuned(law)].concat();
+            starts.push(configured(parameters, &Config::from_settings(&tuned)?));
+        }
+        Ok(starts)
     }
 
     fn fly(&self, law: &StudyLaw, case: &Case, progress: &Progress) -> Result<Flown, Failure> {
@@ -181,17 +198,18 @@ pub fn configured(parameters: &[SearchRange], config: &Config) -> Vec<(String, f
     parameters.iter().map(value).collect()
 }
 
-/// Searches for the least objective over the logarithms of `parameters`, starting at the values `start`.
+/// Searches for the least objective over the logarithms of `parameters`, from the best of the values `starts` on.
 pub fn search(
     parameters: &[SearchRange],
-    start: &[(String, f64)],
+    starts: &[Vec<(String, f64)>],
     budget: &Budget,
     evaluate: impl FnMut(&[Vec<f64>]) -> Vec<f64>,
 ) -> Best {
     let bounds: Vec<_> = parameters.iter().map(|p| p.low.ln()..=p.high.ln()).collect();
-    let start = start.iter().map(|(_, value)| value.ln()).collect();
+    let starts = starts.iter().map(|start| start.iter().map(|(_, value)| value.ln()).collect());
+    let starts: Vec<Vec<f64>> = starts.collect();
     let Budget { points, seed, optimiser } = *budget;
-    optimiser.minimise(&bounds, start, (points, seed), evaluate)
+    optimiser.minimise(&bounds, &starts, (points, seed), evaluate)
 }
 
 /// Tunes a law, with the estimator and the position loops around it, on `flights`.
@@ -216,7 +234,7 @@ pub fn law(
     let (start, from) = (value(&before), configured(&parameters, &config));
     say_notes((!start.is_finite()).then(|| not_landed(name, &before)));
     let mut path = SearchPath::default();
-    let best = search(&parameters, &from, budget, |points| {
+    let best = search(&parameters, &flights.starts(name, &parameters, &from)?, budget, |points| {
         let evaluate = |point: &Vec<f64>| {
             let gains = settings(&values(&parameters, point));
             let flown = progress.check().and_then(|()| fly(&gains, &weighted));
