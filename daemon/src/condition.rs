@@ -4,9 +4,10 @@ use oqtal_bus::code::{Cause, HandoverCause, Mode, SafetyState};
 use oqtal_bus::message::TelemetryV1;
 
 use crate::cycle::FirstFlight;
+use crate::setpoint::SetpointRefusal;
 
 /// The condition of the loop that operators see.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Condition {
     pub(crate) mode: u8,
     pub(crate) state: u8,
@@ -21,6 +22,8 @@ pub struct Condition {
     /// Why the fallback law flies.
     pub(crate) handover_cause: u8,
     pub(crate) followed: Followed,
+    /// Why a reference was refused. No change of its own: a planner may send sixty invalid references a second.
+    pub(crate) refusal: Option<SetpointRefusal>,
 }
 
 /// Source of the references of a flight.
@@ -50,6 +53,7 @@ impl Condition {
             first_flight,
             handover_cause,
             followed,
+            refusal: None,
         }
     }
 
@@ -59,6 +63,11 @@ impl Condition {
             (flight, c.first_flight, c.handover_cause)
         };
         changing(self) != changing(other)
+    }
+
+    /// Why a reference was refused, while that is the cause of the state.
+    pub(crate) fn refusal(&self) -> Option<SetpointRefusal> {
+        self.refusal.filter(|_| self.cause == Cause::Setpoint.code())
     }
 
     /// Text, state and cause; `None` for codes that this version does not know.
@@ -71,6 +80,10 @@ impl Condition {
                 let reason = HandoverCause::from_code(self.handover_cause).unwrap_or_default();
                 format!("{mode}, {state}: {cause}, {reason}")
             }
+            Cause::Setpoint => match self.refusal() {
+                Some(refusal) => format!("{mode}, {state}: {cause}, {refusal}"),
+                None => format!("{mode}, {state}: {cause}"),
+            },
             cause => format!("{mode}, {state}: {cause}"),
         };
         Some((text, state, cause))

@@ -325,8 +325,10 @@ impl Cycle {
 
     /// The condition at `now`, for operators.
     pub fn condition(&self, now: Time) -> Condition {
-        let followed = self.supervision.course().followed(now);
-        Condition::of(self.telemetry(), self.first_flight(), followed)
+        let course = self.supervision.course();
+        let refusal = course.setpoint().refusal;
+        let condition = Condition::of(self.telemetry(), self.first_flight(), course.followed(now));
+        Condition { refusal, ..condition }
     }
 
     /// Cancels the automatic flight at start-up.

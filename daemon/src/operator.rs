@@ -76,6 +76,9 @@ impl OperatorRequests {
     /// Takes in and logs the changes of the condition.
     pub(crate) fn take_changes(&mut self) {
         for condition in self.queues.notes() {
+            // The reason of the last refusal stays while its warning does.
+            let refusal = condition.refusal.or(self.last.refusal());
+            let condition = Condition { refusal, ..condition };
             // Obstacles to a take-off change without a change of mode or state.
             if condition.text() != self.last.text() {
                 condition.log();
@@ -161,7 +164,10 @@ impl OperatorRequests {
             Followed::End => format!("{course}, at its end"),
             Followed::Course => course,
         };
-        format!("{law}, {course}")
+        match self.last.refusal() {
+            Some(refusal) => format!("{law}, {course}; set-point refused: {refusal}"),
+            None => format!("{law}, {course}"),
+        }
     }
 
     /// Passes a request for a flight on; the answer, and an event for recordings that began later, name the settings that were

@@ -1,5 +1,7 @@
 //! Check of the reference: an invalid reference is replaced by the last valid one.
 
+use std::fmt;
+
 use nalgebra::Vector3;
 use oqtal_control::euler::shorter_turn;
 use oqtal_control::trajectory::{Phase, Reference};
@@ -18,13 +20,45 @@ pub struct SetpointGuard {
     plan: u32,
 }
 
+/// Why a reference was refused.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SetpointRefusal {
+    /// It is invalid; the text says what is.
+    Invalid(&'static str),
+    /// It is beyond a limit.
+    Beyond {
+        /// The quantity, and its unit.
+        quantity: [&'static str; 2],
+        /// Its value.
+        value: f64,
+        /// The key of the limit, and its value.
+        limit: (&'static str, f64),
+    },
+}
+
+impl fmt::Display for SetpointRefusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Invalid(what) => f.write_str(what),
+            Self::Beyond { quantity: [name, _], value, .. } if value.is_nan() => {
+                write!(f, "{name} is not a number")
+            }
+            Self::Beyond { quantity: [name, unit], value, limit: (key, limit) } => {
+                // Limits are configured in units of their own; rounded, they read as in the file.
+                let limit = (limit * 1e6).round() / 1e6;
+                write!(f, "{name} {value:.2} {unit} exceeds {key} = {limit}")
+            }
+        }
+    }
+}
+
 /// A reference that was checked.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CheckedSetpoint {
     /// The reference to fly; `None` if there was no valid one yet.
     pub reference: Option<Reference>,
-    /// Whether another reference was refused.
-    pub is_refused: bool,
+    /// Why another reference was refused; `None` if none was.
+    pub refusal: Option<SetpointRefusal>,
 }
 
 impl CheckedSetpoint {
@@ -64,7 +98,8 @@ impl SetpointGuard {
         let is_new = std::mem::replace(&mut self.plan, plan) != plan;
         let is_sound = reference.is_finite() && self.fence.inside_m(&reference.position) > 0.0;
         if !is_sound {
-            return CheckedSetpoint { reference: self.last, is_refused: true };
+            let refusal = SetpointRefusal::Invalid("it is not finite, or outside the fence");
+            return CheckedSetpoint { reference: self.last, refusal: Some(refusal) };
         }
         let turned = self.last.filter(|last| !is_new && turns_round(last, reference));
         let valid = match turned {
@@ -75,7 +110,8 @@ impl SetpointGuard {
             None => *reference,
         };
         self.last = Some(valid);
-        CheckedSetpoint { reference: self.last, is_refused: turned.is_some() }
+        let refusal = turned.map(|_| SetpointRefusal::Invalid("it turns round at once"));
+        CheckedSetpoint { reference: self.last, refusal }
     }
 }
 
@@ -96,31 +132,33 @@ mod tests {
         Reference { yaw_rad, ..Reference::rest(Vector3::new(x, 0.0, 1.0), Phase::Trajectory) }
     }
 
-    fn checked(reference: Option<Reference>, is_refused: bool) -> CheckedSetpoint {
-        CheckedSetpoint { reference, is_refused }
+    /// The reference that is flown, and whether `next` was refused.
+    fn pass(guard: &mut SetpointGuard, plan: u32, next: &Reference) -> (Option<Reference>, bool) {
+        let CheckedSetpoint { reference, refusal } = guard.pass(plan, next);
+        (reference, refusal.is_some())
     }
 
     #[test]
     fn f35_an_absurd_set_point_leaves_the_last_valid_one_in_force() {
         let mut guard = SetpointGuard::new(Fence::new(&Config::default().fence));
-        assert_eq!(guard.pass(0, &at(f64::NAN, 0.0)), checked(None, true));
-        assert_eq!(guard.pass(0, &at(0.5, 0.1)), checked(Some(at(0.5, 0.1)), false));
+        assert_eq!(pass(&mut guard, 0, &at(f64::NAN, 0.0)), (None, true));
+        assert_eq!(pass(&mut guard, 0, &at(0.5, 0.1)), (Some(at(0.5, 0.1)), false));
         for wrong in [at(f64::NAN, 0.1), at(1e9, 0.1), at(0.5, f64::INFINITY), at(0.5, 3.2)] {
-            assert_eq!(guard.pass(0, &wrong), checked(Some(at(0.5, 0.1)), true), "{wrong:?}");
+            assert_eq!(pass(&mut guard, 0, &wrong), (Some(at(0.5, 0.1)), true), "{wrong:?}");
         }
-        let jumped = checked(Some(at(1.8, 0.1)), false);
-        assert_eq!(guard.pass(0, &at(1.8, 0.1)), jumped, "corners may jump");
+        let jumped = (Some(at(1.8, 0.1)), false);
+        assert_eq!(pass(&mut guard, 0, &at(1.8, 0.1)), jumped, "corners may jump");
         guard.reset();
-        assert_eq!(guard.pass(0, &at(0.0, -3.0)), checked(Some(at(0.0, -3.0)), false));
+        assert_eq!(pass(&mut guard, 0, &at(0.0, -3.0)), (Some(at(0.0, -3.0)), false));
     }
 
     #[test]
     fn f35_a_turn_is_refused_within_a_plan_and_a_lasting_one_is_flown_with_the_last_heading() {
         let mut guard = SetpointGuard::new(Fence::new(&Config::default().fence));
-        guard.pass(0, &at(0.5, 0.0));
-        assert_eq!(guard.pass(0, &at(0.5, 3.1)), checked(Some(at(0.5, 0.0)), true));
-        assert_eq!(guard.pass(0, &at(0.9, 3.1)), checked(Some(at(0.9, 0.0)), true));
-        assert_eq!(guard.pass(1, &at(0.9, 3.1)), checked(Some(at(0.9, 3.1)), false), "a new plan");
-        assert_eq!(guard.pass(2, &at(f64::NAN, 3.1)), checked(Some(at(0.9, 3.1)), true));
+        pass(&mut guard, 0, &at(0.5, 0.0));
+        assert_eq!(pass(&mut guard, 0, &at(0.5, 3.1)), (Some(at(0.5, 0.0)), true));
+        assert_eq!(pass(&mut guard, 0, &at(0.9, 3.1)), (Some(at(0.9, 0.0)), true));
+        assert_eq!(pass(&mut guard, 1, &at(0.9, 3.1)), (Some(at(0.9, 3.1)), false), "a new plan");
+        assert_eq!(pass(&mut guard, 2, &at(f64::NAN, 3.1)), (Some(at(0.9, 3.1)), true));
     }
 }

@@ -15,6 +15,7 @@ use oqtal_control::trajectory::{Phase, Reference, ReferenceMotion};
 
 use crate::fence::Fence;
 use crate::floor::LEAST_WAY_M;
+use crate::setpoint::SetpointRefusal;
 
 /// Pause after which a planner's references count as a new stream.
 const PAUSE: Span = Span::from_millis(500);
@@ -22,6 +23,12 @@ const PAUSE: Span = Span::from_millis(500);
 const NORM_TOLERANCE: f64 = 1e-3;
 /// Limit of the speed at the end of the validity over that at the beginning \[-\]: most references are replaced before.
 const END_SPEED: f64 = 2.0;
+/// Refusal of a reference outside the room.
+const NO_ROOM: &str =
+    "it leads outside the soft border of [fence], or less than 0.1 m above the floor";
+/// Refusal of an attitude that is none.
+const INVALID_ATTITUDE: SetpointRefusal =
+    SetpointRefusal::Invalid("its attitude is not a rotation, or its rate not finite");
 /// Number of bisections of the time at which an attitude reaches the tilt limit \[-\].
 const BISECTIONS: usize = 12;
 
@@ -102,7 +109,7 @@ pub struct ReferenceStream {
     /// The planner whose stream an operator ended.
     ignored: Option<Writer>,
     last: Option<Writer>,
-    is_refused: bool,
+    refusal: Option<SetpointRefusal>,
 }
 
 impl ReferenceStream {
@@ -115,7 +122,7 @@ impl ReferenceStream {
             ended_since: None,
             ignored: None,
             last: None,
-            is_refused: false,
+            refusal: None,
         }
     }
 
@@ -127,7 +134,7 @@ impl ReferenceStream {
 
     /// Forgets all references: a flight begins.
     pub fn reset(&mut self) {
-        (self.followed, self.ended_since, self.is_refused) = (None, None, false);
+        (self.followed, self.ended_since, self.refusal) = (None, None, None);
     }
 
     /// Ends the stream: an operator or the safety monitor determines the flight.
@@ -153,8 +160,8 @@ impl ReferenceStream {
             self.ignored = None;
         }
         match self.limits.check(now, message, (present, floor_m)) {
-            Some(reference) => (self.followed, self.ended_since) = (Some(reference), None),
-            None => self.is_refused = true,
+            Ok(reference) => (self.followed, self.ended_since) = (Some(reference), None),
+            Err(refusal) => self.refusal = Some(refusal),
         }
     }
 
@@ -193,9 +200,9 @@ impl ReferenceStream {
         [self.ended_since.is_some(), is_over]
     }
 
-    /// Whether a reference was refused since the last call.
-    pub fn take_refused(&mut self) -> bool {
-        std::mem::take(&mut self.is_refused)
+    /// Why a reference was refused since the last call; `None` if none was.
+    pub fn take_refusal(&mut self) -> Option<SetpointRefusal> {
+        self.refusal.take()
     }
 }
 
@@ -212,21 +219,25 @@ impl StreamLimits {
         }
     }
 
-    /// The reference of `message`; `None` if it is invalid, too old, or beyond a limit.
+    /// The reference of `message`.
+    ///
+    /// # Errors
+    /// It is invalid, too old, or beyond a limit.
     fn check(
         &self,
         now: Time,
         message: &ReferenceV1,
         (present, floor_m): (&ReferenceMotion, f64),
-    ) -> Option<FollowedReference> {
-        let age = now.since(message.time);
-        let is_timely = age <= self.longest_validity
-            && Span::ZERO - age <= self.longest_validity
-            && message.valid_until > now;
-        if !is_timely {
-            return None;
+    ) -> Result<FollowedReference, SetpointRefusal> {
+        let age_ms = now.since(message.time).seconds().abs() * 1e3;
+        let longest_ms = self.longest_validity.seconds() * 1e3;
+        let limit = ("reference.longest-validity-ms", longest_ms);
+        require(["distance of its time from now", "ms"], age_ms, limit)?;
+        if message.valid_until <= now {
+            return Err(SetpointRefusal::Invalid("its validity is over"));
         }
-        let kind = ReferenceKind::from_code(message.kind)?;
+        let kind = ReferenceKind::from_code(message.kind)
+            .ok_or(SetpointRefusal::Invalid("its kind is unknown"))?;
         let [position, velocity, acceleration, jerk] =
             [message.position, message.velocity, message.acceleration, message.jerk]
                 .map(Vector3::from);
@@ -246,45 +257,68 @@ impl StreamLimits {
             reference.motion.rate.x = 0.0;
             reference.motion.rate.y = 0.0;
         }
-        self.allows(now, &reference, (present, floor_m)).then_some(reference)
+        self.require_allowed(now, &reference, (present, floor_m)).map(|()| reference)
     }
 
-    /// Whether `reference` is within the limits, now and at the end of its validity. Comparisons with NaN are false.
-    fn allows(
+    /// Requires that `reference` is within the limits, now and at the end of its validity.
+    fn require_allowed(
         &self,
         now: Time,
         reference: &FollowedReference,
         (present, floor_m): (&ReferenceMotion, f64),
-    ) -> bool {
+    ) -> Result<(), SetpointRefusal> {
         let [now, end] = [now, reference.valid_until].map(|at| reference.motion(at));
         let jump_m = (now.value - present.value).xyz().norm();
         let has_room = |motion: &ReferenceMotion| {
             self.fence.inside_soft_m(&motion.value.xyz()) > 0.0
                 && motion.value.z >= floor_m + LEAST_WAY_M
         };
-        jump_m <= self.jump_m
-            && now.rate.xyz().norm() <= self.speed_m_s
-            && now.acceleration.xyz().norm() <= self.acceleration_m_s2
-            && end.rate.xyz().norm() <= END_SPEED * self.speed_m_s
-            && now.value.w.is_finite()
-            && now.rate.w.is_finite()
-            && has_room(&now)
-            && has_room(&end)
+        let jump = ("reference.jump-limit-m", self.jump_m);
+        require(["distance from the present reference", "m"], jump_m, jump)?;
+        let speed = ("reference.speed-limit-m-s", self.speed_m_s);
+        require(["speed", "m/s"], now.rate.xyz().norm(), speed)?;
+        let acceleration = ("reference.acceleration-limit-m-s2", self.acceleration_m_s2);
+        require(["acceleration", "m/s^2"], now.acceleration.xyz().norm(), acceleration)?;
+        let end_speed = ("twice reference.speed-limit-m-s", END_SPEED * self.speed_m_s);
+        require(["speed at the end of its validity", "m/s"], end.rate.xyz().norm(), end_speed)?;
+        if !now.value.w.is_finite() || !now.rate.w.is_finite() {
+            return Err(SetpointRefusal::Invalid("its yaw is not finite"));
+        }
+        let is_inside = has_room(&now) && has_room(&end);
+        is_inside.then_some(()).ok_or(SetpointRefusal::Invalid(NO_ROOM))
     }
 
-    /// The attitude of `message`; `None` if it is not a rotation, or tilted beyond the limit.
-    fn attitude(&self, message: &ReferenceV1) -> Option<AttitudeReference> {
+    /// The attitude of `message`.
+    ///
+    /// # Errors
+    /// It is not a rotation, or tilted beyond the limit.
+    fn attitude(&self, message: &ReferenceV1) -> Result<AttitudeReference, SetpointRefusal> {
         let norm = message.attitude.iter().map(|part| part * part).sum::<f64>().sqrt();
         let rate = Vector3::from(message.rate);
         let is_rotation = (norm - 1.0).abs() <= NORM_TOLERANCE;
         if !is_rotation || !rate.iter().all(|part| part.is_finite()) {
-            return None;
+            return Err(INVALID_ATTITUDE);
         }
-        let attitude = Attitude::from_xyzw(message.attitude)?;
-        is_upright(&attitude, self.cosine_of_tilt).then(|| AttitudeReference {
-            rate: BodyRate(rate),
-            ..AttitudeReference::at_rest(attitude)
-        })
+        let attitude = Attitude::from_xyzw(message.attitude).ok_or(INVALID_ATTITUDE)?;
+        if !is_upright(&attitude, self.cosine_of_tilt) {
+            let degrees = |cosine: f64| cosine.clamp(-1.0, 1.0).acos().to_degrees();
+            let value = degrees(attitude.to_world(&Vector3::z()).z);
+            let limit = ("position.tilt-limit-deg", degrees(self.cosine_of_tilt));
+            return Err(SetpointRefusal::Beyond { quantity: ["tilt", "deg"], value, limit });
+        }
+        Ok(AttitudeReference { rate: BodyRate(rate), ..AttitudeReference::at_rest(attitude) })
+    }
+}
+
+/// Requires that the `value` of `quantity` does not exceed the value of the key `limit`. NaN does.
+fn require(
+    quantity: [&'static str; 2],
+    value: f64,
+    limit: (&'static str, f64),
+) -> Result<(), SetpointRefusal> {
+    match value <= limit.1 {
+        true => Ok(()),
+        false => Err(SetpointRefusal::Beyond { quantity, value, limit }),
     }
 }
 

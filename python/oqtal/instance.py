@@ -184,7 +184,8 @@ class Instance:
         docs/references.md describes references: position to jerk [m to m/s^3, world], ``yaw`` [rad], ``yaw_rate`` [rad/s].
         ``attitude``: a prescribed attitude [x, y, z, w], body to world, with its body rate ``rate`` [rad/s]. The topic has one
         writer: this process, until it ends. Nobody answers: a reference that the daemon refuses shows as the state Degraded with
-        the cause ``set-point refused``. Without a daemon, ``PeerError`` within two seconds.
+        the cause ``set-point refused``; ``oqtal ctl status`` and the daemon's log name the limit. Without a daemon, ``PeerError``
+        within two seconds.
         """
         turned = (0.0, 0.0, 0.0, 1.0) if attitude is None else attitude
         vectors = [("position", position, 3), ("velocity", velocity, 3), ("acceleration", acceleration, 3), ("jerk", jerk, 3)]

@@ -87,7 +87,7 @@ impl FlightCourse {
 
     /// The reference of the plan, or of a planner, at `at`; `None` without one, and while the reference is refused.
     pub(super) fn reference_at(&self, at: Time) -> Option<Reference> {
-        let mission = self.mission.as_ref().filter(|_| !self.setpoint.is_refused)?;
+        let mission = self.mission.as_ref().filter(|_| self.setpoint.refusal.is_none())?;
         let streamed = self.stream.reference(at).filter(|_| !mission.is_held());
         Some(streamed.unwrap_or_else(|| mission.reference(at)))
     }
@@ -139,10 +139,10 @@ impl FlightCourse {
         let streamed = self.stream.reference(now).filter(|_| !mission.is_held());
         let reference = streamed.unwrap_or_else(|| mission.reference(now));
         self.setpoint = match self.observe_only {
-            true => CheckedSetpoint { reference: Some(reference), is_refused: false },
+            true => CheckedSetpoint { reference: Some(reference), refusal: None },
             false => self.check.pass(mission.changes(), &reference),
         };
-        self.setpoint.is_refused |= self.stream.take_refused();
+        self.setpoint.refusal = self.stream.take_refusal().or(self.setpoint.refusal);
     }
 
     /// Records the estimate of the vehicle's motion.

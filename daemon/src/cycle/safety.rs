@@ -184,7 +184,7 @@ impl SafetyMonitor {
         conditions.poses_contradict = intake.consistency().contradicts();
         conditions.stays_on_floor = intake.consistency().stays_on_floor();
         conditions.poses_disagree = intake.consistency().disagrees();
-        conditions.setpoint_refused = course.setpoint().is_refused;
+        conditions.setpoint_refused = course.setpoint().refusal.is_some();
         [conditions.references_ended, conditions.references_overdue] =
             course.stream_ended(tick.now);
         if let Some(vehicle) = intake.vehicle().answer(tick.now) {

@@ -43,30 +43,32 @@ fn f35_between_two_references_the_last_is_extrapolated_until_its_validity_ends()
 #[test]
 fn f35_a_planners_reference_beyond_a_limit_leaves_the_last_valid_one_in_force() {
     let good = sample(10);
+    let attitude =
+        |attitude| ReferenceV1 { kind: ReferenceKind::Attitude.code(), attitude, ..good };
     let wrong = [
-        ReferenceV1 { position: [f64::NAN, 0.0, 1.0], ..good },
-        ReferenceV1 { position: [1.0, 0.0, 1.0], ..good },
-        ReferenceV1 { velocity: [9.0, 0.0, 0.0], ..good },
-        ReferenceV1 { acceleration: [0.0, 0.0, 20.0], ..good },
-        ReferenceV1 { jerk: [f64::INFINITY, 0.0, 0.0], ..good },
-        ReferenceV1 { yaw: f64::NAN, ..good },
-        ReferenceV1 { valid_until: at(9), ..good },
-        ReferenceV1 { time: at(-2000), ..good },
-        ReferenceV1 { kind: 9, ..good },
-        ReferenceV1 { kind: ReferenceKind::Attitude.code(), attitude: [0.0; 4], ..good },
-        ReferenceV1 {
-            kind: ReferenceKind::Attitude.code(),
-            attitude: [1.0, 0.0, 0.0, 0.0],
-            ..good
-        },
+        ("is not a number", ReferenceV1 { position: [f64::NAN, 0.0, 1.0], ..good }),
+        (
+            "0.99 m exceeds reference.jump-limit-m",
+            ReferenceV1 { position: [1.0, 0.0, 1.0], ..good },
+        ),
+        ("speed 9.00 m/s exceeds", ReferenceV1 { velocity: [9.0, 0.0, 0.0], ..good }),
+        ("acceleration 20.00 m/s^2", ReferenceV1 { acceleration: [0.0, 0.0, 20.0], ..good }),
+        ("is not a number", ReferenceV1 { jerk: [f64::INFINITY, 0.0, 0.0], ..good }),
+        ("yaw is not finite", ReferenceV1 { yaw: f64::NAN, ..good }),
+        ("validity is over", ReferenceV1 { valid_until: at(9), ..good }),
+        ("ms exceeds reference.longest-validity-ms = 500", ReferenceV1 { time: at(-2000), ..good }),
+        ("kind is unknown", ReferenceV1 { kind: 9, ..good }),
+        ("not a rotation", attitude([0.0; 4])),
+        ("tilt 180.00 deg exceeds position.tilt-limit-deg = 15", attitude([1.0, 0.0, 0.0, 0.0])),
     ];
-    for message in wrong {
+    for (reason, message) in wrong {
         let mut stream = stream();
         stream.receive(at(0), (7, &sample(0)), (&present(), 0.0));
-        assert!(!stream.take_refused());
+        assert_eq!(stream.take_refusal(), None);
         let before = stream.reference(at(10));
         stream.receive(at(10), (7, &message), (&stream.motion(at(10)).unwrap(), 0.0));
-        assert!(stream.take_refused(), "{message:?}");
+        let told = stream.take_refusal().map(|refusal| refusal.to_string());
+        assert!(told.as_ref().is_some_and(|told| told.contains(reason)), "{told:?}: {message:?}");
         assert_eq!(stream.reference(at(10)), before, "{message:?}");
     }
 }
@@ -91,7 +93,8 @@ fn f35_an_attitude_turns_on_to_the_tilt_limit_and_a_reference_near_the_floor_is_
         assert_eq!(attitude.rate.0.x == 0.0, expected_rad == limit_rad, "{millis} ms");
     }
     stream.receive(at(1), (7, &sample(1)), (&present(), 0.95));
-    assert!(stream.take_refused(), "near the floor");
+    let refusal = stream.take_refusal().unwrap();
+    assert!(refusal.to_string().contains("above the floor"), "{refusal}");
 }
 
 #[test]
