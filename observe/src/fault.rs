@@ -58,10 +58,30 @@ fn begun(
         .zip(flight.samples.last())
         .map(|(first, last)| last.telemetry.time.since(first.telemetry.time).seconds());
     let came = |at_s: f64| flown_s.is_some_and(|flown_s| at_s <= flown_s);
-    let begun = periods.filter(|(_, from_s, _)| came(*from_s));
+    // A fault that ends the daemon comes up to a period after the last tick.
+    let period_s = 1.0 / flight.config.loop_rate_hz();
+    let begun = periods.filter(|(_, from_s, _)| came(*from_s - period_s));
     let mut all: Vec<_> = begun
         .map(|(name, from_s, end_s)| (name, from_s, Some(end_s).filter(|it| came(*it))))
         .collect();
     all.sort_by(|a, b| a.1.total_cmp(&b.1));
     all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::tests::fixture;
+
+    #[test]
+    fn a_fault_that_ended_the_daemon_is_listed_and_a_later_one_is_not() {
+        let mut flight = fixture::square();
+        let last = flight.samples.last().unwrap().telemetry.time;
+        let flown_s = last.since(flight.origin()).seconds();
+        let fault = |at_s: f64| format!("daemon:kill@{at_s:.3}").parse().unwrap();
+        flight.config.fault.inject = vec![fault(flown_s + 0.01), fault(flown_s + 0.05)];
+        let listed = InjectedFault::all(&flight);
+        assert_eq!(listed.len(), 1, "{listed:?}");
+        assert_eq!(listed[0].until_s, None);
+    }
 }
