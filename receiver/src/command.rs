@@ -7,10 +7,10 @@ use oqtal_bus::time::Span;
 use oqtal_bus::topic::Role;
 use oqtal_config::Config;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, ProcessCommand, execute};
-use oqtal_runtime::program::{conclude, print};
+use oqtal_runtime::program::{conclude, print, say};
 use serde::Serialize;
 
-use crate::discover::discover;
+use crate::discover::{Discovery, discover};
 use crate::probe::{FitnessVerdict, probe};
 use crate::process::{check, run};
 use oqtal_wire::link::{CameraLink, InvalidLink};
@@ -98,11 +98,15 @@ impl ReceiverArgs {
 
 impl DiscoverArgs {
     fn execute(&self) -> Result<Exit, Failure> {
-        let found = discover(&self.hosts, Span::from_millis(i64::from(self.seconds) * 1000))?;
+        let duration = Span::from_millis(i64::from(self.seconds) * 1000);
+        let Discovery { found, unanswered } = discover(&self.hosts, duration)?;
+        unanswered.iter().for_each(|text| say(text));
         let text = if self.json {
             json(&found)
+        } else if found.is_empty() && !self.hosts.is_empty() {
+            "no camera system answers".to_owned()
         } else if found.is_empty() {
-            "no camera system answers on the usual ports; name its computer, and a port of its own, as in `oqtal receiver discover HOST:PORT`"
+            "no camera system answers on the usual ports of this machine, or by broadcast; name its computer, and a port of its own, as in `oqtal receiver discover HOST:PORT`"
                 .to_owned()
         } else {
             found.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")

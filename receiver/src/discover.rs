@@ -1,6 +1,6 @@
 //! Search for camera systems in the network: by the broadcasts of QTM and NatNet, and on hosts that are named.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
@@ -12,8 +12,10 @@ use oqtal_wire::qtm::{DISCOVERY_PORT, DiscoveryReply, DiscoveryRequest};
 use serde::Serialize;
 
 use crate::connect::connect;
-use oqtal_wire::link::CameraLink;
+use oqtal_wire::link::{CameraLink, InvalidLink};
 
+/// Protocols that are tried on every host.
+const PROTOCOLS: [&str; 3] = ["qtm", "vrpn", "natnet"];
 /// Port of NatNet's commands \[-\].
 const NATNET_PORT: u16 = 1510;
 /// Period of polling the socket.
@@ -44,14 +46,23 @@ impl fmt::Display for FoundServer {
     }
 }
 
+/// Result of a search.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Discovery {
+    /// The camera systems that were found.
+    pub found: Vec<FoundServer>,
+    /// For each named host without a camera system: why each protocol does not reach one.
+    pub unanswered: Vec<String>,
+}
+
 /// Searches for `duration`, on this machine, in the network that broadcasts reach, and on `hosts`.
 ///
 /// # Errors
 /// The operating system refuses to open a socket.
-pub fn discover(hosts: &[String], duration: Span) -> Result<Vec<FoundServer>, Failure> {
+pub fn discover(hosts: &[String], duration: Span) -> Result<Discovery, Failure> {
     let mut links = BTreeSet::new();
     for host in hosts.iter().map(String::as_str).chain(["127.0.0.1"]) {
-        links.extend(["qtm", "vrpn", "natnet"].map(|kind| format!("{kind}:{host}")));
+        links.extend(PROTOCOLS.map(|kind| format!("{kind}:{host}")));
     }
     let answered = broadcast(duration).map_err(|error| {
         Failure::new(Exit::System, format!("searching by broadcast failed: {error}"))
@@ -62,17 +73,41 @@ pub fn discover(hosts: &[String], duration: Span) -> Result<Vec<FoundServer>, Fa
         links.insert(format!("vrpn:{ip}"));
     }
     // Each host is queried on its own thread: a silent host takes until the time-out.
-    let asked = links.into_iter().map(|link| std::thread::spawn(move || ask(&link)));
+    let asked = links.into_iter().map(|link| {
+        let text = link.clone();
+        (link, std::thread::spawn(move || ask(&text)))
+    });
     let asked: Vec<_> = asked.collect();
-    Ok(asked.into_iter().filter_map(|thread| thread.join().ok().flatten()).collect())
+    let (mut found, mut failures) = (Vec::new(), BTreeMap::new());
+    for (link, thread) in asked {
+        match thread.join() {
+            Ok(Ok(server)) => found.push(server),
+            Ok(Err(reason)) => drop(failures.insert(link, reason)),
+            Err(_) => {}
+        }
+    }
+    let unanswered = hosts.iter().filter_map(|host| unanswered(host, &failures)).collect();
+    Ok(Discovery { found, unanswered })
 }
 
-/// Description of the server at a link; `None` if there is no server.
-fn ask(text: &str) -> Option<FoundServer> {
-    let link: CameraLink = text.parse().ok()?;
-    let connection = connect(&link).ok()?;
+/// Why no protocol reaches a camera system at `host`, by the `failures` of the links; `None` if one does.
+fn unanswered(host: &str, failures: &BTreeMap<String, String>) -> Option<String> {
+    let reason = |kind: &str| failures.get(&format!("{kind}:{host}"));
+    // A host without an address has one reason for all.
+    let reasons: BTreeSet<_> = PROTOCOLS.into_iter().map(reason).collect::<Option<_>>()?;
+    let lines = reasons.into_iter().map(|reason| format!("\n  {reason}"));
+    Some(format!("no camera system answers at {host}:{}", lines.collect::<String>()))
+}
+
+/// Description of the server at a link.
+///
+/// # Errors
+/// Why there is none.
+fn ask(text: &str) -> Result<FoundServer, String> {
+    let link: CameraLink = text.parse().map_err(|error: InvalidLink| error.to_string())?;
+    let connection = connect(&link).map_err(|error| error.to_string())?;
     let bodies = connection.bodies.into_iter().map(|body| body.name).collect();
-    Some(FoundServer { link: link.to_string(), server: connection.server, bodies })
+    Ok(FoundServer { link: link.to_string(), server: connection.server, bodies })
 }
 
 /// Broadcasts requests, and collects the links of the servers that answer.
@@ -119,6 +154,18 @@ mod tests {
         assert_eq!(answer(&datagram, from(22226)).as_deref(), Some("qtm:10.0.0.7:22223"));
         assert_eq!(answer(&[1, 2, 3], from(1510)).as_deref(), Some("natnet:10.0.0.7"));
         assert_eq!(answer(&[1, 2, 3], from(9)), None);
+    }
+
+    #[test]
+    fn a_named_host_that_does_not_answer_is_reported_with_the_reason_of_each_protocol() {
+        // Nothing listens there once the listener is dropped.
+        let free = std::net::TcpListener::bind(("127.0.0.1", 0)).unwrap().local_addr().unwrap();
+        let Discovery { unanswered, .. } =
+            discover(&[free.to_string()], Span::from_millis(1)).unwrap();
+        let [text] = &unanswered[..] else { panic!("{unanswered:?}") };
+        assert!(text.starts_with(&format!("no camera system answers at {free}:\n")), "{text}");
+        assert!(text.contains(&format!("no qtm server at {free}: ")), "{text}");
+        assert_eq!(text.lines().count(), 1 + PROTOCOLS.len(), "{text}");
     }
 
     #[test]
