@@ -13,7 +13,7 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 
-use clap::{Args, Subcommand, ValueEnum};
+use clap::{Args, Subcommand};
 use oqtal_bus::bus::Bus;
 use oqtal_bus::message::{ReferenceV1, Stamps};
 use oqtal_bus::paths::InstancePaths;
@@ -72,6 +72,7 @@ impl GatewayCommand {
         let stop = stop_on_signals()?;
         let paths = instance_paths(&config)?;
         paths.become_owner()?;
+        // Closed after the socket: its directory is removed only if it is empty.
         let bus = Bus::open(&paths)?;
         let socket: Box<dyn GatewaySocket> = match udp.zip(key) {
             Some((address, key)) => Box::new(UdpGateway::bind(address, key)?),
@@ -95,7 +96,7 @@ impl GatewayCommand {
             threads.spawn(move || execute_all(to_answer));
             let references = None;
             let whole_at = Time::now();
-            let gateway = Gateway { bus, references, stops, others, stop_count, whole_at };
+            let gateway = Gateway { bus: &bus, references, stops, others, stop_count, whole_at };
             gateway.run(socket, &stop)
         })?;
         Ok(Exit::Ok)
@@ -131,7 +132,7 @@ impl GatewayRequest {
 
 /// Ports of the gateway.
 struct Gateway<'a> {
-    bus: Bus,
+    bus: &'a Bus,
     /// Opened with the first reference: the topic has one writer.
     references: Option<Writer<ReferenceV1>>,
     stops: SyncSender<GatewayRequest>,
@@ -188,7 +189,7 @@ impl Gateway<'_> {
             }
             Content::Request { command, arguments } => (command, arguments),
         };
-        let command = match CtlRequest::from_str(&command, false) {
+        let command = match CtlRequest::named(&command) {
             Ok(command) => command,
             Err(reason) => return Err((sender, reason)),
         };

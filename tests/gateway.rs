@@ -91,6 +91,24 @@ fn a_stop_waits_for_no_other_request() {
 }
 
 #[test]
+fn an_unknown_request_is_answered_with_the_known_ones_and_the_last_process_removes_the_directory() {
+    let testbed = Testbed::new("gateway-alone");
+    let gateway = gateway(&testbed, &[]);
+    let directory = testbed.paths().directory().to_owned();
+    let program = UnixDatagram::bind(testbed.path("program.sock")).unwrap();
+    program.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
+    let text = r#"{"version": 1, "request": "statos"}"#;
+    program.send_to(text.as_bytes(), directory.join("gateway.sock")).unwrap();
+    let mut reply = [0; 4096];
+    let length = program.recv(&mut reply).unwrap();
+    let told = String::from_utf8_lossy(&reply[..length]);
+    assert!(told.contains("`statos` is not a request; there are status, arm"), "{told}");
+    gateway.signal(Signal::INT);
+    assert!(gateway.wait().status.success());
+    assert!(!directory.exists());
+}
+
+#[test]
 fn a_program_on_this_machine_flies_the_vehicle() {
     let testbed = Testbed::new("gateway-local");
     let socket = testbed.paths().directory().join("gateway.sock").display().to_string();

@@ -24,7 +24,6 @@ pub mod request;
 pub mod status;
 pub mod stop;
 
-use clap::ValueEnum;
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
@@ -95,8 +94,8 @@ pub fn accepted(
 pub fn execute_line(paths: &InstancePaths, line: &str) -> String {
     let mut words = line.split_whitespace().map(str::to_owned);
     let command = words.next().unwrap_or_default();
-    let result = CtlRequest::from_str(&command, false)
-        .map_err(|_| Failure::new(Exit::Usage, format!("`{command}` is not a request")))
+    let result = CtlRequest::named(&command)
+        .map_err(|reason| Failure::new(Exit::Usage, reason))
         .and_then(|known| {
             let (address, arguments) = (AddressedInstance::at(paths), Vec::from_iter(words));
             execute(&address, (known, &arguments), None, |request| request)

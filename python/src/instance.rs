@@ -7,7 +7,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Mutex, OnceLock};
 
-use clap::ValueEnum;
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{OperatorCommand, ReferenceKind};
 use oqtal_bus::message::{ControlRequestV1, ReferenceV1, Stamps};
@@ -81,7 +80,7 @@ impl Connection {
     /// Executes a command like `oqtal ctl`, and returns the answer as text.
     fn request(&self, py: Python<'_>, command: &str, arguments: Vec<String>) -> PyResult<String> {
         check_process()?;
-        let command = CtlRequest::from_str(command, false).map_err(error::usage)?;
+        let command = CtlRequest::named(command).map_err(error::usage)?;
         let address = self.address.clone();
         task::interruptible(py, move |cancelled| {
             if !command.ends_flight() {

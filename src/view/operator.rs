@@ -2,7 +2,6 @@
 
 use std::sync::{Mutex, TryLockError};
 
-use clap::ValueEnum;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_operator::{AddressedInstance, CtlRequest};
 use oqtal_view::site::{Operator, OperatorReply};
@@ -26,8 +25,9 @@ impl BusOperator {
 impl Operator for BusOperator {
     fn execute(&self, command: &str, arguments: &[String]) -> OperatorReply {
         let refused = |text: String| OperatorReply { is_accepted: false, text };
-        let Ok(command) = CtlRequest::from_str(command, false) else {
-            return refused(format!("`{command}` is not a request"));
+        let command = match CtlRequest::named(command) {
+            Ok(command) => command,
+            Err(reason) => return refused(reason),
         };
         let busy = (!matches!(command, CtlRequest::Stop)).then(|| self.busy.try_lock());
         if let Some(Err(TryLockError::WouldBlock)) = busy {
