@@ -111,6 +111,11 @@ impl<T: Transport> PoseSource for Playback<T> {
     }
 
     fn deliver(&mut self, now: Time) -> Option<Delivery> {
-        self.replay.as_mut()?.deliver(now)
+        let delivery = self.replay.as_mut()?.deliver(now)?;
+        if self.next_event().is_none() {
+            // Written by the loop: no pose follows that it could delay.
+            tracing::info!("the recording has ended: no further poses");
+        }
+        Some(delivery)
     }
 }
