@@ -48,10 +48,17 @@ impl Flight {
                 (cause @ Cause::NoVehicle, _) => format!(
                     "the daemon commanded the motors off{ended}: {cause}, so it is unknown when they stopped"
                 ),
-                (cause, true) => format!("the daemon stopped the motors{ended}: {cause}"),
-                (cause, false) => format!("the daemon commanded the motors off{ended}: {cause}"),
+                (cause, at_once) => {
+                    let what =
+                        if at_once { "stopped the motors" } else { "commanded the motors off" };
+                    let landing = self.landing_before(Some(cause));
+                    format!("the daemon {what}{ended}: {cause}{landing}")
+                }
             }),
-            Outcome::Crashed => Some(format!("the vehicle {}{ended}", self.crash?)),
+            Outcome::Crashed => {
+                let landing = self.landing_before(None);
+                Some(format!("the vehicle {}{ended}{landing}", self.crash?))
+            }
             Outcome::Timeout | Outcome::Unfinished if self.armed().next().is_none() => {
                 Some(self.without_flight())
             }
@@ -63,6 +70,14 @@ impl Flight {
             )),
             Outcome::Replayed | Outcome::Observed => None,
         }
+    }
+
+    /// Cause for which the daemon was landing the vehicle, as text; empty if it was not, or for the cause `known`.
+    fn landing_before(&self, known: Option<Cause>) -> String {
+        let cause = self.early_landing().map(cause_of).filter(|cause| Some(*cause) != known);
+        cause.map_or_else(String::new, |cause| {
+            format!("; the daemon was landing the vehicle: {cause}")
+        })
     }
 
     /// Reason why there was no take-off.
@@ -190,4 +205,24 @@ impl Flight {
 
 fn cause_of(sample: &FlightSample) -> Cause {
     Cause::from_code(sample.telemetry.cause).unwrap_or(Cause::None)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::tests::fixture;
+
+    #[test]
+    fn a_crash_in_a_landing_of_the_daemon_names_the_cause_of_the_landing() {
+        let mut flight = fixture::square();
+        (flight.outcome, flight.crash) = (Outcome::Crashed, Some(Crash::Hard { speed: 2.0 }));
+        assert!(!flight.shortfall().unwrap().contains("landing"));
+        let ticks = flight.samples.iter_mut().filter(|s| s.telemetry.mission_s > 15.0);
+        for FlightSample { telemetry, .. } in ticks {
+            telemetry.state = SafetyState::Land.code();
+            telemetry.cause = Cause::Battery.code();
+        }
+        let told = flight.shortfall().unwrap();
+        assert!(told.ends_with("; the daemon was landing the vehicle: battery low"), "{told}");
+    }
 }
