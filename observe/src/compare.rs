@@ -12,7 +12,7 @@ use crate::page::{page, section};
 use crate::plot::axis::extent;
 use crate::plot::figure::{self, TimeSpan};
 use crate::plot::palette::Ink;
-use crate::plot::trace::{Trace, thin, thin_path};
+use crate::plot::trace::{Trace, thin, thin_paths};
 use crate::plot::unit::{MISSING, significant, span, words};
 use crate::summary::{ErrorFigures, Summary};
 use crate::table::{align, table};
@@ -181,7 +181,9 @@ impl Comparison {
 
     fn plots(&self) -> Markup {
         let path = |view: fn(&FlightSample) -> (f64, f64)| {
-            self.traces(|flight| thin_path(flight.armed().map(view).collect()))
+            self.traces(|flight| {
+                thin_paths(flight.flights().map(|ticks| ticks.iter().map(view).collect()))
+            })
         };
         section(
             "Flights, overlaid",

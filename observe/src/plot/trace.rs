@@ -59,6 +59,12 @@ pub fn thin_path(points: Vec<Point>) -> Vec<Point> {
     kept
 }
 
+/// Thins each of `paths`, and joins them with a gap between two.
+pub fn thin_paths(paths: impl Iterator<Item = Vec<Point>>) -> Vec<Point> {
+    let thinned: Vec<Vec<Point>> = paths.map(thin_path).collect();
+    thinned.join(&(f64::NAN, f64::NAN))
+}
+
 fn spaced(points: &[Point], spacing: f64) -> Vec<Point> {
     let mut kept: Vec<Point> = Vec::new();
     for &(x, y) in points {
@@ -102,6 +108,13 @@ mod tests {
         points[20_000] = (5.0, 5.0);
         let thinned = thin_path(points);
         assert!(thinned.len() <= MOST_POINTS && thinned.contains(&(5.0, 5.0)));
+    }
+
+    #[test]
+    fn paths_are_joined_by_a_gap() {
+        let joined = thin_paths([vec![(0.0, 0.0), (1.0, 0.0)], vec![(5.0, 5.0)]].into_iter());
+        let drawn: Vec<bool> = joined.iter().map(is_drawable_point).collect();
+        assert_eq!(drawn, [true, true, false, true]);
     }
 
     proptest! {

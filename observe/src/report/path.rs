@@ -74,8 +74,20 @@ fn corners(timeline: &Timeline<'_>, view: View) -> Vec<Point> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::plot::trace::is_drawable_point;
     use crate::report::tests::fixture;
     use oqtal_bus::code::{Mode, SafetyState};
+
+    #[test]
+    fn the_path_is_interrupted_between_two_flights() {
+        let mut flight = fixture::square();
+        let path = |flight: &_| actual(&Timeline::new(flight), VIEWS[0].1).points;
+        assert!(path(&flight).iter().all(is_drawable_point));
+        let landed = flight.samples.iter_mut().filter(|s| s.telemetry.tick.abs_diff(1000) < 30);
+        landed.for_each(|sample| sample.telemetry.mode = Mode::Disarmed.code());
+        let gaps = path(&flight).into_iter().filter(|point| !is_drawable_point(point));
+        assert_eq!(gaps.count(), 1);
+    }
 
     #[test]
     fn the_point_at_which_the_fence_held_the_vehicle_is_not_a_corner() {

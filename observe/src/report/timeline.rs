@@ -11,7 +11,7 @@ use crate::flight::{Flight, FlightSample};
 use crate::plot::axis::{extent, is_drawable};
 use crate::plot::figure::{self, TimeSpan};
 use crate::plot::palette::Ink;
-use crate::plot::trace::{Point, Trace, thin, thin_path};
+use crate::plot::trace::{Point, Trace, thin, thin_paths};
 
 /// Maximum number of instants marked in every plot.
 const MOST_INSTANTS: usize = 40;
@@ -142,14 +142,16 @@ impl<'a> Timeline<'a> {
         Trace { name, ink, points: thin(points) }
     }
 
-    /// Path of a point, with one position per tick; straight where ticks are missing.
+    /// Path of a point, with one position per tick; straight where ticks are missing, and interrupted between flights.
     pub fn path(
         &self,
         name: &'static str,
         ink: Ink,
         point: impl Fn(&FlightSample) -> Point,
     ) -> Trace {
-        Trace { name, ink, points: thin_path(self.samples.iter().map(point).collect()) }
+        let flights = self.samples.chunk_by(|a, b| a.is_armed() || !b.is_armed());
+        let paths = flights.map(|ticks| ticks.iter().map(&point).collect());
+        Trace { name, ink, points: thin_paths(paths) }
     }
 }
 
