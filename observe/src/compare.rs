@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
+use comfy_table::ContentArrangement;
 use maud::{Markup, html};
 
 use crate::event::ChangeInFlight;
@@ -26,6 +27,11 @@ const MARKS: [(&str, Ink); 6] = [
     ("E", Ink::Fifth),
     ("F", Ink::Sixth),
 ];
+
+/// Width of the tables in a terminal \[columns\]; longer cells are wrapped.
+const WIDTH: u16 = 100;
+/// Longest text of a cell in a terminal \[characters\]: a request may change dozens of settings.
+const LONGEST_CELL: usize = 100;
 
 /// Number of flights that can be compared.
 pub const MOST_FLIGHTS: usize = MARKS.len();
@@ -56,7 +62,8 @@ impl Comparison {
         for (_, header, rows) in self.tables() {
             let header: Vec<&str> = header.iter().map(String::as_str).collect();
             let mut table = table(&header);
-            table.add_rows(rows);
+            table.set_content_arrangement(ContentArrangement::Dynamic).set_width(WIDTH);
+            table.add_rows(rows.iter().map(|row| row.iter().map(|cell| shortened(cell))));
             align(&mut table);
             text += &format!("{table}\n");
         }
@@ -217,6 +224,14 @@ impl Comparison {
     }
 }
 
+/// `text`, cut to [`LONGEST_CELL`]; the page has it in full.
+fn shortened(text: &str) -> String {
+    match text.char_indices().nth(LONGEST_CELL) {
+        Some((end, _)) => format!("{}…", &text[..end]),
+        None => text.to_owned(),
+    }
+}
+
 fn as_html(title: &str, header: &[String], rows: &[Vec<String>]) -> Markup {
     let content = html! {
         div.wide.scroll {
@@ -241,11 +256,17 @@ fn as_html(title: &str, header: &[String], rows: &[Vec<String>]) -> Markup {
 mod tests {
     use super::*;
     use crate::report::tests::fixture;
+    use oqtal_bus::message::EventV1;
+    use oqtal_bus::text::LongText;
+    use oqtal_bus::time::Span;
 
     #[test]
     fn settings_that_differ_are_listed_and_others_are_not() {
         let mut other = fixture::square();
         other.config.clock.seed += 1;
+        let settings = LongText::new(&"position.tilt-limit-deg=15\n".repeat(30));
+        let request = EventV1 { text: settings, ..EventV1::default() };
+        other.changes.push((other.origin() + Span::from_millis(9000), request));
         let comparison = Comparison::new(vec![
             ("a.mcap".to_owned(), fixture::square()),
             ("b.mcap".to_owned(), other),
@@ -257,6 +278,7 @@ mod tests {
         for word in ["a.mcap", "b.mcap", "position [m], mean", "sensor to actuator, p50"] {
             assert!(text.contains(word) || word.starts_with("sensor"), "{word} in\n{text}");
         }
+        assert!(text.lines().all(|line| line.chars().count() <= WIDTH.into()), "{text}");
         let html = comparison.to_html();
         assert!(html.contains("Settings that differ") && html.contains("Position error"));
     }
