@@ -84,6 +84,9 @@ pub struct ChangeInFlight {
     /// Whether it changed the course.
     #[serde(skip)]
     pub changes_course: bool,
+    /// Whether no request changed the course of at least one of the flights.
+    #[serde(skip)]
+    pub leaves_a_flight: bool,
 }
 
 impl fmt::Display for ChangeInFlight {
@@ -103,13 +106,23 @@ impl ChangeInFlight {
         let is_in_flight = |(at, event): &&(Time, EventV1)| {
             extents.iter().any(|[begin, end]| at > begin && at <= end) && !begins(event)
         };
+        let leaves_a_flight = leaves_a_flight(flight);
         let all = flight.changes.iter().filter(is_in_flight).map(|(at, event)| Self {
             time_s: at.since(origin).seconds(),
             text: of_operator(event),
             changes_course: changes_course(event),
+            leaves_a_flight,
         });
         all.collect()
     }
+}
+
+/// Whether no request changed the course of at least one of the flights.
+fn leaves_a_flight(flight: &Flight) -> bool {
+    flight.flights().map(recorded_span).any(|[begin, end]| {
+        let during = flight.changes.iter().filter(|(at, _)| *at > begin && *at <= end);
+        !during.into_iter().any(|(_, event)| changes_course(event))
+    })
 }
 
 /// First and last instant at which a request counts as made in this flight; the request that ends it is recorded after the last tick.

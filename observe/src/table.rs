@@ -19,18 +19,24 @@ const UNSCORED: &str = "no errors: nothing of this flight is scored; a hover is 
 /// Note on a flight whose course an operator changed before anything was scored.
 const REDIRECTED: &str = "no errors: what follows `ctl goto`, `fly` or `hover` is not scored\n";
 
+/// Note on several flights without a scored window, of which an operator changed some.
+const SOME_REDIRECTED: &str = "no errors: a flight changed by `ctl goto`, `fly` or `hover` is not scored after\n\
+                               it, and nothing of the others is; a hover is from 10 s after it is reached\n";
+
 /// The closing table of a flight: plain text of at most 80 columns.
 pub fn closing(summary: &Summary) -> String {
     let mut text = format!("{}\n", headline(summary));
-    match errors(summary) {
-        Some(errors) => text += &format!("{errors}\n"),
+    let redirected = summary.changes.iter().find(|change| change.changes_course);
+    match (errors(summary), redirected) {
+        (Some(errors), _) => text += &format!("{errors}\n"),
         // The shortfall says why nothing of another flight is.
-        None if summary.ticks == 0 => {}
-        None if summary.changes.iter().any(|change| change.changes_course) => text += REDIRECTED,
-        None if summary.outcome == Outcome::Landed && summary.shortfall.is_none() => {
+        (None, _) if summary.ticks == 0 => {}
+        (None, Some(change)) if change.leaves_a_flight => text += SOME_REDIRECTED,
+        (None, Some(_)) => text += REDIRECTED,
+        (None, None) if summary.outcome == Outcome::Landed && summary.shortfall.is_none() => {
             text += UNSCORED;
         }
-        None => {}
+        (None, None) => {}
     }
     text += &summary.note_on_errors().map_or_else(String::new, |it| wrapped(it, 0) + "\n");
     text += &summary.held().map_or_else(String::new, |held| format!("{held}\n"));
@@ -197,6 +203,9 @@ pub fn align(table: &mut Table) {
 mod tests {
     use super::*;
     use crate::report::tests::fixture;
+    use oqtal_bus::code::{Mode, OperatorCommand};
+    use oqtal_bus::message::EventV1;
+    use oqtal_bus::time::Span;
 
     fn closing_of(flight: &crate::flight::Flight) -> String {
         closing(&Summary::of(flight))
@@ -216,6 +225,26 @@ mod tests {
         ] {
             assert!(text.contains(word), "{word} in\n{text}");
         }
+    }
+
+    #[test]
+    fn a_request_of_one_flight_does_not_explain_why_another_has_no_errors() {
+        let mut flight = fixture::square();
+        flight.samples.iter_mut().for_each(|sample| sample.telemetry.scored = 0);
+        flight.samples.last_mut().unwrap().telemetry.mode = Mode::Disarmed.code();
+        let length = Span::from_millis(60_000);
+        let later = flight.samples.clone().into_iter().map(|mut sample| {
+            sample.telemetry.time = sample.telemetry.time + length;
+            sample
+        });
+        let goto = EventV1 { command: OperatorCommand::Goto.code(), ..EventV1::default() };
+        let at = flight.origin() + Span::from_millis(10_000);
+        flight.changes.push((at, goto));
+        assert!(closing_of(&flight).contains(REDIRECTED));
+        flight.samples.extend(later.collect::<Vec<_>>());
+        assert!(flight.flights().count() == 2 && closing_of(&flight).contains(SOME_REDIRECTED));
+        flight.changes.push((at + length, goto));
+        assert!(closing_of(&flight).contains(REDIRECTED));
     }
 
     #[test]
