@@ -1,6 +1,8 @@
 //! Data of a flight for an identification: commands as sent and poses as measured, without the truth and without the instants at
 //! which commands took effect.
 
+use std::ops::RangeInclusive;
+
 use nalgebra::Vector3;
 use oqtal_bus::time::Time;
 use oqtal_control::quaternion::Attitude;
@@ -12,6 +14,9 @@ use oqtal_observe::flight::{Flight, FlightSample};
 const CLEAR_M: f64 = 0.3;
 /// Share of acknowledged commands above which a command without acknowledgement counts as lost \[-\].
 const ACKNOWLEDGED_SHARE: f64 = 0.5;
+
+/// Thrust that is not at an end of its range \[0..1\].
+const INNER_THRUST: RangeInclusive<f64> = 0.01..=0.99;
 
 /// A measured pose.
 #[derive(Clone, Copy, Debug)]
@@ -70,6 +75,19 @@ impl FlightData {
         let air = air.filter(|pose| pose.captured_s < until_s).collect();
         Self { rest, air, commands, prescribed: prescribed(flight), stamped_delay_s }
     }
+}
+
+/// Share of the commands in the air whose thrust is at an end of its range \[0..1\]; 0 without commands.
+pub fn saturated_share(flights: &[FlightData]) -> f64 {
+    let in_air = flights.iter().flat_map(|data| {
+        let [first, last] = [data.air.first(), data.air.last()];
+        let from_s = first.map_or(f64::INFINITY, |pose| pose.captured_s);
+        let until_s = last.map_or(f64::NEG_INFINITY, |pose| pose.captured_s);
+        data.commands.iter().filter(move |it| (from_s..=until_s).contains(&it.sent_s))
+    });
+    let is_saturated = |command: &&CommandRecord| !INNER_THRUST.contains(&command.thrust);
+    let count = in_air.clone().filter(is_saturated).count();
+    count as f64 / in_air.count().max(1) as f64
 }
 
 /// Number of residuals per axis of each flight: one for every pose in the air except the first.

@@ -6,7 +6,7 @@ use oqtal_runtime::process::{Exit, Failure};
 use serde::Serialize;
 
 use super::camera_figures::{PoseLatency, RestFigures};
-use super::data::FlightData;
+use super::data::{FlightData, saturated_share};
 use super::estimate::{VehicleFit, estimate};
 use super::finding::{FindingRule, INTERVAL, ParameterFinding, rules};
 use super::fit::FitResult;
@@ -50,6 +50,8 @@ pub struct Identification {
     pub gust_s: f64,
     /// Whether the lag of the thrust is so short that the delay must include the lag of the rotors.
     pub has_prompt_thrust: bool,
+    /// Share of the commands in the air whose thrust is at an end of its range \[0..1\].
+    pub saturated_share: f64,
     /// Number of poses used \[-\].
     pub poses: usize,
     /// The fits, for plots.
@@ -85,6 +87,7 @@ pub fn identify(
         latency_in_flight: PoseLatency::of(flights, |data| &data.air),
         gust_s: estimate.lifting.noise.gust_s,
         has_prompt_thrust: may_be_prompt(&estimate.lifting.fit),
+        saturated_share: saturated_share(flights),
         poses: flights.iter().map(|data| data.air.len()).sum(),
         estimate,
     })

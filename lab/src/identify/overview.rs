@@ -17,6 +17,9 @@ pub const HEADINGS: [&str; 5] = ["", "value", "± (95 %)", "before", "change"];
 /// Excess of the sum of squares below which two optima are equally likely \[-\].
 const INDISTINCT: f64 = 1e-3;
 
+/// Share of saturated commands above which they are remarked upon \[0..1\].
+const TOLD_SATURATION: f64 = 0.005;
+
 /// Cells of a finding, in the order of [`HEADINGS`].
 pub fn cells(finding: &ParameterFinding) -> [String; 5] {
     let ParameterFinding { name, unit, value, half_width, before, missing, .. } = finding;
@@ -77,6 +80,13 @@ pub fn remarks(identification: &Identification) -> Vec<String> {
         let effect =
             "it is in the delay, and missing in rate lag and thrust lag; their sums are right";
         lines.push(format!("thrust that follows immediately: {reason}: {effect}"));
+    }
+    let saturated_share = identification.saturated_share;
+    if saturated_share > TOLD_SATURATION {
+        let percent = rounded(1e2 * saturated_share, 2);
+        lines.push(format!(
+            "thrust at the end of its range for {percent} % of the time in the air: saturated rotors give less than commanded, which biases thrust and drag more than their intervals show"
+        ));
     }
     lines.push(cameras(identification));
     lines
