@@ -12,6 +12,7 @@ use serde_json::Value;
 use crate::common::{Running, Testbed, json, number, skipped, stderr, wait_for};
 
 const EXAMPLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/external_law");
+const SABOTEUR: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/external_law/saboteur.py");
 /// A flight of 13 s.
 const SHORT: [&str; 8] = [
     "--trajectory",
@@ -132,18 +133,37 @@ fn a_recording_with_an_external_law_replays_bit_for_bit_without_it() {
     testbed.succeeds(&["replay", &recording]);
 }
 
-/// Fate of the process of a law in flight.
-#[derive(Clone, Copy, Debug)]
+/// Fate of a law in flight.
+#[derive(Clone, Copy, Debug, PartialEq)]
 enum Fate {
     Lives,
     Killed,
     Stopped,
+    /// It fails in its own process, from a random instant on: a failure of `saboteur.py`.
+    Fails(&'static str),
 }
 
-/// Flies in real time; the law's process meets its fate two seconds into the hover.
-fn in_real_time(fate: Fate) {
+/// Failures of `saboteur.py`, each with whether the fallback law must take over.
+const FAILURES: [(&str, bool); 9] = [
+    ("raises", true),
+    ("sleeps", true),
+    ("not-a-number", true),
+    ("wrong-sign", false),
+    ("full-stick", true),
+    ("diverging-gain", false),
+    ("constant-bias", false),
+    ("last-question", true),
+    ("answers-twice", false),
+];
+
+/// Flies in real time; the law's process meets its fate two seconds into the hover, or fails at an instant drawn from `seed`.
+fn in_real_time(fate: Fate, seed: u32) {
     let testbed = Testbed::new("law-real");
     let Some(mut law) = script(&testbed) else { return };
+    if let Fate::Fails(failure) = fate {
+        law = Command::new("python3");
+        law.arg(SABOTEUR).arg(EXAMPLES).arg(socket(&testbed)).args([failure, &seed.to_string()]);
+    }
     let flight = testbed.start(&[&["fly", "--json"], &SHORT[..]].concat());
     wait_for("the socket", || socket(&testbed).exists().then_some(()));
     let law = Running::start(law.stdin(Stdio::null()));
@@ -154,28 +174,33 @@ fn in_real_time(fate: Fate) {
         (tick.mission_s > 5.0).then_some(())
     });
     match fate {
-        Fate::Lives => {}
+        Fate::Lives | Fate::Fails(_) => {}
         Fate::Killed => law.signal(Signal::KILL),
         Fate::Stopped => law.signal(Signal::STOP),
     }
     let output = flight.wait();
     assert!(output.status.success(), "{fate:?}: {}", stderr(&output));
     let summary = json(&output);
-    println!("{fate:?}: {:#}", handovers(&summary));
-    if !matches!(fate, Fate::Lives) {
+    println!("{fate:?} {seed}: {}", handovers(&summary));
+    if matches!(fate, Fate::Killed | Fate::Stopped) {
         assert!(number(&summary, "/handovers/causes/no answer in time") >= 1.0, "{summary:#}");
+    }
+    if FAILURES.iter().any(|(failure, taken_over)| *taken_over && fate == Fate::Fails(failure)) {
+        assert!(number(&summary, "/handovers/count") >= 1.0, "{fate:?}: {summary:#}");
     }
     assert_eq!(summary["outcome"], "landed", "{fate:?}");
 }
 
 #[test]
-fn f70_a_process_that_is_killed_or_stopped_in_flight_does_not_cost_the_vehicle() {
-    in_real_time(Fate::Killed);
-    in_real_time(Fate::Stopped);
+fn f70_a_process_that_fails_in_flight_does_not_cost_the_vehicle() {
+    in_real_time(Fate::Killed, 0);
+    in_real_time(Fate::Stopped, 0);
+    in_real_time(Fate::Fails("last-question"), 0);
     let runs = std::env::var("OQTAL_TEST_LAW_RUNS").ok().and_then(|text| text.parse().ok());
-    for _ in 0..runs.unwrap_or(0) {
-        for fate in [Fate::Lives, Fate::Killed, Fate::Stopped] {
-            in_real_time(fate);
+    for seed in 0..runs.unwrap_or(0) {
+        let failures = FAILURES.map(|(failure, _)| Fate::Fails(failure));
+        for fate in [Fate::Lives, Fate::Killed, Fate::Stopped].into_iter().chain(failures) {
+            in_real_time(fate, seed);
         }
     }
 }

@@ -29,9 +29,9 @@ pub enum SetpointRefusal {
     Beyond {
         /// The quantity, and its unit.
         quantity: [&'static str; 2],
-        /// Its value.
+        /// Its value \[unit of the quantity\].
         value: f64,
-        /// The key of the limit, and its value.
+        /// The key of the limit, and its value \[unit of the quantity\].
         limit: (&'static str, f64),
     },
 }
