@@ -179,7 +179,9 @@ fn in_real_time(fate: Fate, seed: u32) {
         Fate::Stopped => law.signal(Signal::STOP),
     }
     let output = flight.wait();
-    assert!(output.status.success(), "{fate:?}: {}", stderr(&output));
+    // A vehicle that a failing law has driven from its reference is landed by the daemon.
+    let ends_early = matches!(fate, Fate::Fails(_)) && output.status.code() == Some(1);
+    assert!(output.status.success() || ends_early, "{fate:?}: {}", stderr(&output));
     let summary = json(&output);
     println!("{fate:?} {seed}: {}", handovers(&summary));
     if matches!(fate, Fate::Killed | Fate::Stopped) {

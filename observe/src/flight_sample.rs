@@ -14,6 +14,9 @@ pub struct FlightSample {
     pub truth: Option<TruthV1>,
 }
 
+/// Age of the last pose above which an estimate does not describe the vehicle \[s\].
+const LONGEST_AGE_S: f64 = 0.5;
+
 impl FlightSample {
     /// Whether the vehicle was armed in this tick.
     pub fn is_armed(&self) -> bool {
@@ -34,6 +37,11 @@ impl FlightSample {
     /// Whether the daemon is ending the flight.
     pub fn is_ended_by_daemon(&self) -> bool {
         (SafetyState::Land.code()..SafetyState::Stop.code()).contains(&self.telemetry.state)
+    }
+
+    /// Whether the vehicle's motion is known: by the truth, or by an estimate from poses that still come.
+    pub fn is_located(&self) -> bool {
+        self.truth.is_some() || self.telemetry.pose_age_s <= LONGEST_AGE_S
     }
 
     /// Position of the vehicle \[m, world\]: the truth if there is one, otherwise the estimate.

@@ -1,6 +1,8 @@
 //! The flight recorder: a sink that joins every tick of the daemon with the truth, detects the end of the flight, and returns the
 //! recorded [`Flight`].
 
+use std::collections::BTreeSet;
+
 use oqtal_bus::code::{Answer, Mode, SafetyState};
 use oqtal_bus::message::{EventV1, ExternalV1, PoseV1, TelemetryV1, TruthV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
@@ -50,6 +52,9 @@ pub struct Recorder {
     is_replaced: bool,
     resting_since: Option<Time>,
     config_hash: u64,
+    /// Daemons with another configuration than was recorded, and daemons that flew.
+    other_configs: BTreeSet<u32>,
+    flew: BTreeSet<u32>,
 }
 
 impl Recorder {
@@ -79,6 +84,8 @@ impl Recorder {
             is_replaced: false,
             resting_since: None,
             config_hash: config.hash(),
+            other_configs: BTreeSet::new(),
+            flew: BTreeSet::new(),
         }
     }
 
@@ -129,7 +136,11 @@ impl Recorder {
 
     /// Closes the record. The outcome is `otherwise` if the flight has not ended.
     pub fn finish(self, otherwise: Outcome, speed_factor: f64) -> Flight {
-        Flight { outcome: self.outcome.unwrap_or(otherwise), speed_factor, ..self.flight }
+        // A daemon that came later does not count, unless none flew.
+        let mut others = self.other_configs.iter();
+        let has_other_config = others.any(|it| self.flew.is_empty() || self.flew.contains(it));
+        let outcome = self.outcome.unwrap_or(otherwise);
+        Flight { outcome, speed_factor, has_other_config, ..self.flight }
     }
 
     /// Joins every waiting tick up to the newest truth sample with its nearest sample; in virtual time both have the same
@@ -228,7 +239,11 @@ impl Recorder {
         if self.daemon_source.replace(source).is_some_and(|last| last != source) {
             self.daemon_replaced();
         }
-        self.daemon_pid = Some(u64::from(reception.header.origin().process()));
+        let process = reception.header.origin().process();
+        self.daemon_pid = Some(u64::from(process));
+        if telemetry.is_armed() {
+            self.flew.insert(process);
+        }
         self.add_timing(telemetry);
         if self.has_no_truth() {
             self.push(FlightSample { telemetry: *telemetry, truth: None });
@@ -281,7 +296,7 @@ impl Recorder {
         if vehicle.simulated == 0 && flight.command_path == CommandPath::Bus {
             flight.command_path = CommandPath::Linked(flight.config.bridge.link.clone());
         }
-        flight.wire.vehicle(header, vehicle);
+        flight.wire.vehicle(header, vehicle, self.armed_at.is_some());
         if !header.stamps.applied_at.is_set() {
             // A bridge publishes in every period; in this period it had no new command.
             return;
@@ -335,7 +350,9 @@ impl Sink for Recorder {
             Sample::External(answer) if self.armed_at.is_some() => self.answer(answer),
             Sample::Event(event) => self.change(reception, event),
             Sample::Health(Role::Daemon, health) => {
-                self.flight.has_other_config |= health.config_hash != self.config_hash;
+                if health.config_hash != self.config_hash {
+                    self.other_configs.insert(reception.header.origin().process());
+                }
             }
             _ => {}
         }

@@ -8,6 +8,7 @@ use crate::latency::{Distribution, DistributionSummary};
 use nalgebra::Vector3;
 use oqtal_bus::code::{HandoverCause, SafetyState};
 use oqtal_bus::message::{FNV_OFFSET, TelemetryV1, fnv1a};
+use oqtal_bus::time::{Span, Time};
 use oqtal_config::{ClockKind, Config, Interface};
 use oqtal_control::metrics::Statistics;
 use oqtal_control::trajectory::Phase;
@@ -25,6 +26,8 @@ use crate::wire::WireFigures;
 
 /// Maximum number of safety states listed by name \[-\].
 const MOST_STATES: usize = 7;
+/// Time after the last armed tick in which losses are still counted: one that ends a flight is noticed a little later.
+const COUNTED_AFTER: Span = Span::from_millis(1000);
 
 /// Statistics of an error, in the unit of the summary's field: \[m\], \[m/s\] or \[deg\].
 #[derive(Clone, Debug, Serialize)]
@@ -276,12 +279,15 @@ fn count(flight: &Flight, counter: impl Fn(&TelemetryV1) -> u64) -> u64 {
     };
     let armed = flight.samples.iter().rposition(FlightSample::is_armed);
     let after = &flight.samples[armed.unwrap_or(0)..];
+    let end = after.first().map_or(Time::UNSET, |last| last.telemetry.time + COUNTED_AFTER);
+    let after = &after[..after.partition_point(|sample| sample.telemetry.time <= end)];
     flight.flights().map(increase).fold(increase(after), u64::saturating_add)
 }
 
-/// The last tick; the default one of a flight without any.
+/// The last armed tick, or the last one if none is armed: another daemon may have followed. The default one of a flight without any.
 fn last_tick(flight: &Flight) -> TelemetryV1 {
-    flight.samples.last().map(|sample| sample.telemetry).unwrap_or_default()
+    let last = flight.armed().last().or(flight.samples.last());
+    last.map(|sample| sample.telemetry).unwrap_or_default()
 }
 
 /// Time from the first to the last armed tick of each flight, together \[s\].

@@ -6,7 +6,6 @@ use comfy_table::{CellAlignment, Table, presets};
 
 use crate::attitude_steps::settling_text;
 use crate::corners::CornerFigures;
-use crate::flight::Outcome;
 use crate::kernel::ProcessUsage;
 use crate::plot::unit::{significant, span, unit_of_length, words};
 use crate::summary::{ErrorFigures, Summary};
@@ -33,9 +32,7 @@ pub fn closing(summary: &Summary) -> String {
         (None, _) if summary.ticks == 0 => {}
         (None, Some(change)) if change.leaves_a_flight => text += SOME_REDIRECTED,
         (None, Some(_)) => text += REDIRECTED,
-        (None, None) if summary.outcome == Outcome::Landed && summary.shortfall.is_none() => {
-            text += UNSCORED;
-        }
+        (None, None) if summary.outcome.is_of_flight() => text += UNSCORED,
         (None, None) => {}
     }
     text += &summary.note_on_errors().map_or_else(String::new, |it| wrapped(it, 0) + "\n");

@@ -8,12 +8,16 @@ use serde::Serialize;
 
 use crate::plot::unit::significant;
 
-/// Record of the vehicle messages of a bridge.
+/// Time between two commands above which the wire was not in use.
+const GAP: Span = Span::from_millis(500);
+
+/// Record of the vehicle messages of a bridge in flight.
 #[derive(Clone, Debug, Default)]
 pub struct WireRecord {
-    first: Option<Time>,
-    last: Time,
-    /// Time for which commands occupied the wire, from the first applied command to the last.
+    /// Instant of the last command in flight; `None` after a gap.
+    last: Option<Time>,
+    /// Time from command to command in flight, without gaps, and the part of it for which commands occupied the wire.
+    time: Span,
     busy: Span,
     pending: Span,
     from_capture: Distribution,
@@ -70,13 +74,14 @@ impl WireFigures {
 }
 
 impl WireRecord {
-    /// Adds a vehicle message.
-    pub fn vehicle(&mut self, header: &Header, vehicle: &VehicleV1) {
+    /// Adds a vehicle message; of those that come while the vehicle is not armed, only the newest message is kept.
+    pub fn vehicle(&mut self, header: &Header, vehicle: &VehicleV1, is_armed: bool) {
         self.latest = Some(*vehicle);
         self.answered |= vehicle.link == 1;
         let (stamps, wire) = (&header.stamps, Span::from_nanos(vehicle.wire_ns));
         // A simulated vehicle takes its commands from the bus. A datagram does not occupy a wire, but has an age.
-        if vehicle.simulated == 1 {
+        if vehicle.simulated == 1 || !is_armed {
+            self.last = None;
             return;
         }
         // Before its first answer the vehicle may be switched off.
@@ -86,12 +91,13 @@ impl WireRecord {
             self.least_quality = Some(least.min(vehicle.link_quality));
         }
         if stamps.applied_at.is_set() {
-            if self.first.is_some() {
+            let since =
+                self.last.replace(stamps.applied_at).map(|last| stamps.applied_at.since(last));
+            if let Some(since) = since.filter(|since| *since <= GAP) {
+                self.time = self.time + since;
                 self.busy = self.busy + self.pending;
             }
             self.pending = Span::ZERO;
-            self.first.get_or_insert(stamps.applied_at);
-            self.last = stamps.applied_at;
         }
         self.pending = self.pending + wire;
         if stamps.applied_at.is_set() && stamps.captured_at.is_set() {
@@ -113,10 +119,10 @@ impl WireRecord {
 
     /// Figures of the wire, a line or a network; `None` if no command was sent over a wire.
     pub fn figures(&self, is_line: bool) -> Option<WireFigures> {
-        let time = self.last.since(self.first?);
         let mean = self.quality.mean();
-        Some(WireFigures {
-            command_occupancy: is_line.then(|| self.busy.seconds() / time.seconds().max(1e-9)),
+        let occupancy = self.busy.seconds() / self.time.seconds().max(1e-9);
+        (self.from_publication.count() > 0).then(|| WireFigures {
+            command_occupancy: is_line.then_some(occupancy),
             command_age: CommandAge {
                 from_capture: self.from_capture.summary(),
                 from_publication: self.from_publication.summary(),
@@ -150,7 +156,7 @@ mod tests {
                 link: 1,
                 ..Default::default()
             };
-            record.vehicle(&header, &vehicle);
+            record.vehicle(&header, &vehicle, true);
         }
         record
     }
@@ -167,9 +173,24 @@ mod tests {
     }
 
     #[test]
+    fn a_gap_and_commands_on_the_ground_do_not_count_as_use() {
+        let mut used = record(101, Span::from_millis(20));
+        let mut at = |millis, is_armed| {
+            let applied_at = Time::VIRTUAL_START + Span::from_millis(millis);
+            let header =
+                Header { stamps: Stamps { applied_at, ..Stamps::default() }, ..Header::default() };
+            let vehicle = VehicleV1 { wire_ns: 9_000_000, link: 1, ..VehicleV1::default() };
+            used.vehicle(&header, &vehicle, is_armed);
+        };
+        (at(60_000, true), at(60_010, false), at(61_000, true));
+        let occupancy = used.figures(true).unwrap().command_occupancy.unwrap();
+        assert!((occupancy - 0.3).abs() < 1e-9, "{occupancy}");
+    }
+
+    #[test]
     fn without_a_wire_there_are_no_figures() {
         let mut record = WireRecord::default();
-        record.vehicle(&Header::default(), &VehicleV1 { link: 1, ..Default::default() });
+        record.vehicle(&Header::default(), &VehicleV1 { link: 1, ..Default::default() }, true);
         assert!(record.figures(true).is_none() && record.answered());
     }
 }

@@ -1,7 +1,8 @@
 //! Tests of the flight recorder with synthetic samples.
 
 use oqtal_bus::code::OperatorCommand;
-use oqtal_bus::message::{ExternalV1, Stamps};
+use oqtal_bus::message::{ExternalV1, Header, HealthV1, Stamps};
+use oqtal_bus::origin::Origin;
 use oqtal_bus::text::LongText;
 use oqtal_config::Setting;
 use oqtal_control::trajectory::Phase;
@@ -123,6 +124,26 @@ fn a_course_of_an_earlier_flight_is_not_one_of_this_flight_and_settings_stay() {
     let flight = recorder.finish(Outcome::Landed, 1.0);
     let commands: Vec<_> = flight.changes.iter().map(|(_, change)| change.command).collect();
     assert_eq!(commands, [Set, Goto].map(OperatorCommand::code));
+}
+
+#[test]
+fn another_configuration_is_that_of_a_daemon_that_flew() {
+    let flown = |others: &[u32]| {
+        let mut recorder = Recorder::new(&Config::default());
+        for (process, mode) in [(1, Mode::Flying), (2, Mode::Disarmed)] {
+            let source = Origin::new(0, process).bits();
+            let header = Header { source, ..Header::default() };
+            let reception = Reception { header, ..Reception::default() };
+            let tick = TelemetryV1 { mode: mode.code(), ..TelemetryV1::default() };
+            recorder.sample(&reception, Sample::Telemetry(&tick));
+            let own = u64::from(others.contains(&process));
+            let config_hash = Config::default().hash() + own;
+            let health = HealthV1 { config_hash, ..HealthV1::default() };
+            recorder.sample(&reception, Sample::Health(Role::Daemon, &health));
+        }
+        recorder.finish(Outcome::Crashed, 1.0).has_other_config
+    };
+    assert_eq!([flown(&[]), flown(&[2]), flown(&[1])], [false, false, true]);
 }
 
 #[test]

@@ -17,7 +17,7 @@ pub struct ClosingFacts {
     /// Outcome of the flight.
     pub outcome: Option<Outcome>,
     /// Flight time over wall time \[-\].
-    pub speed_factor: f64,
+    pub speed_factor: Option<f64>,
     /// Resource use of the daemon.
     pub daemon: Option<ProcessUsage>,
 }
@@ -28,7 +28,7 @@ impl ClosingFacts {
         Self {
             command_path: Some(flight.command_path.clone()),
             outcome: Some(flight.outcome),
-            speed_factor: flight.speed_factor,
+            speed_factor: Some(flight.speed_factor),
             daemon: flight.daemon.clone(),
         }
     }
@@ -39,7 +39,7 @@ impl ClosingFacts {
         let facts = [
             ("command_path", self.command_path.as_ref().map(ToString::to_string)),
             ("outcome", self.outcome.map(|outcome| outcome.to_string())),
-            ("speed_factor", Some(self.speed_factor.to_string())),
+            ("speed_factor", self.speed_factor.map(|factor| factor.to_string())),
             ("daemon", self.daemon.as_ref().map(json)),
         ];
         let known = facts.into_iter().filter_map(|(name, fact)| Some((name, fact?)));
@@ -52,7 +52,7 @@ impl ClosingFacts {
         Self {
             command_path: fact("command_path").map(CommandPath::parse),
             outcome: fact("outcome").and_then(Outcome::parse),
-            speed_factor: fact("speed_factor").and_then(|text| text.parse().ok()).unwrap_or(1.0),
+            speed_factor: fact("speed_factor").and_then(|text| text.parse().ok()),
             daemon: fact("daemon").and_then(|text| serde_json::from_str(text).ok()),
         }
     }

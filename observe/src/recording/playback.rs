@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use oqtal_bus::message::Message;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Sample, Topic, TopicVisitor};
-use oqtal_config::Config;
+use oqtal_config::{ClockKind, Config};
 
 use super::cdr;
 use super::channel::schema_id;
@@ -25,7 +25,9 @@ pub fn flight(file: &RecordingFile) -> Result<Flight, RecordingFileError> {
     play(file, &mut recorder)?;
     let ClosingFacts { command_path, outcome, speed_factor, daemon } = ClosingFacts::read(file);
     let open = if config.safety.observe_only { Outcome::Observed } else { Outcome::Unfinished };
-    let flight = recorder.finish(outcome.unwrap_or(open), speed_factor);
+    // Without its closing facts, the duration of a flight in virtual time is not known.
+    let cut = if config.clock.kind == ClockKind::Real { 1.0 } else { f64::NAN };
+    let flight = recorder.finish(outcome.unwrap_or(open), speed_factor.unwrap_or(cut));
     let command_path = command_path.unwrap_or(flight.command_path);
     Ok(Flight { command_path, daemon, ..flight })
 }

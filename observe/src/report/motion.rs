@@ -24,12 +24,19 @@ fn in_flight(sample: &FlightSample, value: f64) -> f64 {
     if sample.is_armed() { value } else { f64::NAN }
 }
 
+/// `value` while the vehicle's motion is known, else NaN: without poses the estimate stays where it was.
+fn located(sample: &FlightSample, value: f64) -> f64 {
+    if sample.is_located() { value } else { f64::NAN }
+}
+
 /// Position by axis with its reference, and the magnitude of the error.
 pub fn position(timeline: &Timeline<'_>) -> Markup {
     let axis = |i: usize| {
         let traces = vec![
-            timeline.trace("reference", Ink::Reference, |s| s.telemetry.reference_position[i]),
-            timeline.trace(timeline.actual(), Ink::Actual, |s| s.position()[i]),
+            timeline.trace("reference", Ink::Reference, |s| {
+                in_flight(s, s.telemetry.reference_position[i])
+            }),
+            timeline.trace(timeline.actual(), Ink::Actual, |s| located(s, s.position()[i])),
         ];
         over_time(timeline, &format!("Position {} [m]", WORLD[i]), traces)
     };
@@ -49,7 +56,9 @@ pub fn attitude(timeline: &Timeline<'_>) -> Markup {
         let commanded = |s: &FlightSample| in_flight(s, euler_angles(&s.attitude_command())[i]);
         let traces = vec![
             timeline.angle("commanded", Ink::Reference, commanded),
-            timeline.angle(timeline.actual(), Ink::Actual, |s| euler_angles(&s.attitude())[i]),
+            timeline.angle(timeline.actual(), Ink::Actual, |s| {
+                located(s, euler_angles(&s.attitude())[i])
+            }),
         ];
         over_time(timeline, &format!("{} [deg]", ANGLES[i]), traces)
     };
@@ -68,8 +77,10 @@ pub fn attitude(timeline: &Timeline<'_>) -> Markup {
 pub fn velocity(timeline: &Timeline<'_>) -> Markup {
     let axis = |i: usize| {
         let traces = vec![
-            timeline.trace("commanded", Ink::Reference, |s| s.telemetry.velocity_command[i]),
-            timeline.trace(timeline.actual(), Ink::Actual, |s| s.velocity()[i]),
+            timeline.trace("commanded", Ink::Reference, |s| {
+                in_flight(s, s.telemetry.velocity_command[i])
+            }),
+            timeline.trace(timeline.actual(), Ink::Actual, |s| located(s, s.velocity()[i])),
         ];
         over_time(timeline, &format!("Velocity {} [m/s]", WORLD[i]), traces)
     };
