@@ -36,6 +36,7 @@ def reference(t, start, valid_ms):
         "position_m": [x + RADIUS_M * (math.cos(a) - 1), y + RADIUS_M * math.sin(a), z],
         "velocity_m_s": [-RADIUS_M * rate * math.sin(a), RADIUS_M * rate * math.cos(a), 0],
         "acceleration_m_s2": [-RADIUS_M * rate**2 * math.cos(a), -RADIUS_M * rate**2 * math.sin(a), 0],
+        "jerk_m_s3": [RADIUS_M * rate**3 * math.sin(a), -RADIUS_M * rate**3 * math.cos(a), 0],
         "valid_ms": valid_ms,
     }
 

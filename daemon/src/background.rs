@@ -130,7 +130,11 @@ fn log_event(event: &EventV1) {
     let Some(command) = OperatorCommand::from_code(event.command) else { return };
     let what = match command {
         OperatorCommand::Goto if yaw.is_nan() => format!("{command} {x} {y} {z}"),
-        OperatorCommand::Goto => format!("{command} {x} {y} {z}, yaw {} deg", yaw.to_degrees()),
+        OperatorCommand::Goto => {
+            // Degrees as they were given, without the rounding of radians.
+            let degrees = (yaw.to_degrees() * 1e6).round() / 1e6;
+            format!("{command} {x} {y} {z}, yaw {degrees} deg")
+        }
         _ => format!("{command} {}", text.as_str().replace('\n', " ")).trim_end().to_owned(),
     };
     let pid = Origin::from_bits(*process).process();

@@ -3,7 +3,7 @@
 //! The newest accepted reference is followed until its validity ends; between two it is extrapolated. A request of an operator that
 //! changes the flight ends the stream: further references of the same planner are ignored until it pauses.
 
-use nalgebra::Vector3;
+use nalgebra::{Vector3, Vector4};
 use oqtal_bus::code::ReferenceKind;
 use oqtal_bus::message::ReferenceV1;
 use oqtal_bus::time::{Span, Time};
@@ -11,7 +11,7 @@ use oqtal_config::Config;
 use oqtal_control::quantity::BodyRate;
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::tracking_error::AttitudeReference;
-use oqtal_control::trajectory::{Phase, Reference, ReferenceMotion};
+use oqtal_control::trajectory::{Reference, ReferenceMotion};
 
 use crate::fence::Fence;
 use crate::floor::LEAST_WAY_M;
@@ -23,6 +23,12 @@ const PAUSE: Span = Span::from_millis(500);
 const NORM_TOLERANCE: f64 = 1e-3;
 /// Limit of the speed at the end of the validity over that at the beginning \[-\]: most references are replaced before.
 const END_SPEED: f64 = 2.0;
+/// Greatest differences between a reference and the extrapolation of the one before, over the time between them: of the velocity
+/// \[m/s^2\], and of the acceleration \[m/s^3\].
+const ACCELERATION_GAP: f64 = 2.0;
+const JERK_GAP: f64 = 10.0;
+/// Limit of the jerk over that of the acceleration \[1/s\]: the limit of the acceleration is reached within a tenth of a second.
+const JERK: f64 = 10.0;
 /// Refusal of a reference outside the room.
 const NO_ROOM: &str =
     "it leads outside the soft border of [fence], or less than 0.1 m above the floor";
@@ -50,6 +56,8 @@ struct FollowedReference {
     valid_until: Time,
     motion: ReferenceMotion,
     jerk: Vector3<f64>,
+    /// Whether acceleration and jerk are those of the motion: laws feed them forward.
+    is_smooth: bool,
     attitude: Option<AttitudeReference>,
 }
 
@@ -65,9 +73,18 @@ impl FollowedReference {
         motion
     }
 
+    /// Whether velocity and acceleration lead to those of `next`. A planner whose derivatives are wrong would push the vehicle away.
+    fn leads_to(&self, next: &Self) -> bool {
+        let dt_s = next.time.since(self.time).seconds();
+        let expected = self.motion(next.time);
+        let gap = |from: Vector4<f64>, to: Vector4<f64>| (to - from).xyz().norm();
+        dt_s > 0.0
+            && gap(expected.rate, next.motion.rate) <= ACCELERATION_GAP * dt_s
+            && gap(expected.acceleration, next.motion.acceleration) <= JERK_GAP * dt_s
+    }
+
     /// The reference at `now`; a prescribed attitude turns on up to the tilt of this cosine, and is held there.
     fn reference(&self, now: Time, cosine_of_tilt: f64) -> Reference {
-        let ReferenceMotion { value, rate, .. } = self.motion(now);
         let turned = |prescribed: AttitudeReference| {
             let after = |dt_s: f64| prescribed.attitude.turned_by(prescribed.rate.0 * dt_s);
             let (mut within_s, mut beyond_s) = (0.0, now.since(self.time).seconds());
@@ -81,12 +98,12 @@ impl FollowedReference {
             }
             AttitudeReference::at_rest(after(within_s))
         };
-        Reference {
-            velocity: rate.xyz(),
-            yaw_rad: value.w,
-            attitude: self.attitude.map(turned),
-            ..Reference::rest(value.xyz(), Phase::Trajectory)
-        }
+        let attitude = self.attitude.map(turned);
+        let [acceleration, jerk] = match self.is_smooth {
+            true => [self.motion(now).acceleration.xyz(), self.jerk],
+            false => [Vector3::zeros(); 2],
+        };
+        Reference { acceleration, jerk, attitude, ..self.motion(now).reference() }
     }
 }
 
@@ -160,7 +177,11 @@ impl ReferenceStream {
             self.ignored = None;
         }
         match self.limits.check(now, message, (present, floor_m)) {
-            Ok(reference) => (self.followed, self.ended_since) = (Some(reference), None),
+            Ok(reference) => {
+                let is_smooth = self.followed.is_some_and(|last| last.leads_to(&reference));
+                let reference = FollowedReference { is_smooth, ..reference };
+                (self.followed, self.ended_since) = (Some(reference), None);
+            }
             Err(refusal) => self.refusal = Some(refusal),
         }
     }
@@ -247,8 +268,9 @@ impl StreamLimits {
             acceleration: acceleration.push(0.0),
         };
         let valid_until = message.valid_until.min(now + self.longest_validity);
+        let (time, is_smooth, attitude) = (message.time, false, None);
         let mut reference =
-            FollowedReference { time: message.time, valid_until, motion, jerk, attitude: None };
+            FollowedReference { time, valid_until, motion, jerk, is_smooth, attitude };
         if kind == ReferenceKind::Attitude {
             reference.attitude = Some(self.attitude(message)?);
             // The horizontal position is not controlled.
@@ -279,6 +301,9 @@ impl StreamLimits {
         require(["speed", "m/s"], now.rate.xyz().norm(), speed)?;
         let acceleration = ("reference.acceleration-limit-m-s2", self.acceleration_m_s2);
         require(["acceleration", "m/s^2"], now.acceleration.xyz().norm(), acceleration)?;
+        // Fed forward: the prediction of positions alone would pass any jerk that is valid for a short time.
+        let jerk = ("ten times reference.acceleration-limit-m-s2", JERK * self.acceleration_m_s2);
+        require(["jerk", "m/s^3"], reference.jerk.norm(), jerk)?;
         let end_speed = ("twice reference.speed-limit-m-s", END_SPEED * self.speed_m_s);
         require(["speed at the end of its validity", "m/s"], end.rate.xyz().norm(), end_speed)?;
         if !now.value.w.is_finite() || !now.rate.w.is_finite() {

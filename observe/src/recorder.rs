@@ -349,10 +349,8 @@ impl Sink for Recorder {
             Sample::Vehicle(vehicle) => self.vehicle(reception, vehicle),
             Sample::External(answer) if self.armed_at.is_some() => self.answer(answer),
             Sample::Event(event) => self.change(reception, event),
-            Sample::Health(Role::Daemon, health) => {
-                if health.config_hash != self.config_hash {
-                    self.other_configs.insert(reception.header.origin().process());
-                }
+            Sample::Health(Role::Daemon, health) if health.config_hash != self.config_hash => {
+                self.other_configs.insert(reception.header.origin().process());
             }
             _ => {}
         }

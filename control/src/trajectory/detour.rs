@@ -57,6 +57,16 @@ impl ReferenceMotion {
         }
     }
 
+    /// The reference of this motion, with its acceleration.
+    pub fn reference(&self) -> Reference {
+        Reference {
+            velocity: self.rate.xyz(),
+            acceleration: self.acceleration.xyz(),
+            yaw_rad: self.value.w,
+            ..Reference::rest(self.value.xyz(), Phase::Trajectory)
+        }
+    }
+
     /// The motion `dt_s` \[s\] later at constant acceleration.
     pub fn after(&self, dt_s: f64) -> Self {
         let Self { value, rate, acceleration } = *self;
@@ -262,14 +272,7 @@ impl Detour {
             Some((trajectory, origin)) if t_s >= self.leg.duration_s() => {
                 placed(trajectory.sample(t_s - self.leg.duration_s()), origin)
             }
-            _ => {
-                let ReferenceMotion { value, rate, .. } = self.leg.motion(t_s);
-                Reference {
-                    velocity: rate.xyz(),
-                    yaw_rad: value.w,
-                    ..Reference::rest(value.xyz(), Phase::Trajectory)
-                }
-            }
+            _ => self.leg.motion(t_s).reference(),
         }
     }
 }

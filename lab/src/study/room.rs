@@ -107,10 +107,10 @@ impl CrampedFlights<'_> {
         let (law, condition, test) = self.flights[0];
         let config = config(law, condition, test).ok().filter(|_| is_open(test))?;
         let (force_n, mass_kg) =
-            (Vector3::from(config.plant.force_n).norm(), config.vehicle.mass_kg);
+            (Vector3::from(config.plant.force_n).xy().norm(), config.vehicle.mass_kg);
         let acceleration_m_s2 = force_n / mass_kg;
-        Some(format!(
-            "\n    the position is not controlled in this manoeuvre, and plant.force-n accelerates the vehicle of {mass_kg} kg sideways by {acceleration_m_s2:.2} m/s^2: for a light vehicle give a smaller force"
+        (force_n > 0.0).then(|| format!(
+            "\n    the position is not controlled in this manoeuvre, and plant.force-n accelerates the vehicle of {mass_kg} kg sideways by {acceleration_m_s2:.2} m/s^2: a smaller force makes it drift less"
         ))
     }
 
