@@ -8,6 +8,7 @@
 //! | `condition.rs` | with and without cache warm-up; with camera jitter |
 //! | `pairs.rs`, `sleep.rs` | periodic wake-up compared with cyclictest |
 //! | `figures.rs`, `show.rs` | figures as JSON, and as tables |
+//! | `wire.rs`, `wire/` | from the cameras' datagram to the command's, beside a program in Python |
 
 mod bare;
 mod camera;
@@ -20,6 +21,7 @@ mod rig;
 mod show;
 mod sleep;
 mod vehicle;
+mod wire;
 
 use std::time::Duration;
 
@@ -43,6 +45,7 @@ use oqtal_observe::observer::BusObserver;
 use oqtal_observe::status::word;
 use oqtal_operator::request::silent;
 use rig::Rig;
+use wire::WireFigures;
 
 pub use part::PartArgs;
 
@@ -66,6 +69,10 @@ pub struct LatencyArgs {
     /// With --attach: measure the bare mechanisms, too
     #[arg(long, requires = "attach")]
     bare: bool,
+    /// Measure from the cameras' datagram to the command's: emulated QTM server, receiver, daemon and bridge over MAVLink, beside a
+    /// program in Python if `python3` has qtm_rt and pymavlink; needs CAP_NET_RAW
+    #[arg(long, conflicts_with = "attach")]
+    wire: bool,
     /// Duration of the measurement under each condition [s]
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=3000))]
     seconds: u32,
@@ -84,10 +91,23 @@ impl LatencyArgs {
     pub fn execute(&self) -> Result<Exit, Failure> {
         let config = Config::load(&self.common.config, &self.common.settings()?)?;
         let stop = stop_on_signals()?;
+        if self.wire {
+            let figures = self.wire(&config, &stop)?;
+            print(&if self.json { figures.to_json() } else { figures.text() })?;
+            return Ok(Exit::Ok);
+        }
         let figures =
             if self.attach { self.attach(&config, &stop)? } else { self.at_rest(&config, &stop)? };
         print(&if self.json { figures.to_json() } else { show::text(&figures) })?;
         Ok(Exit::Ok)
+    }
+
+    /// Measures the chains from datagram to datagram, and the bare mechanisms.
+    fn wire(&self, config: &Config, stop: &StopFlag) -> Result<WireFigures, Failure> {
+        wire::measure(config, self.seconds, stop, || {
+            let (_, figures) = self.under(RigCondition::ALL[0], config, stop)?;
+            Ok(wire::SUMMED.map(|mechanism| figures.bare[mechanism.name()]))
+        })
     }
 
     fn span(&self) -> Span {

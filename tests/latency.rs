@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use crate::common::{
-    Running, Testbed, assert_refused, children, is_alive, json, number, stderr, wait_for,
+    Running, Testbed, assert_refused, children, is_alive, is_root, json, number, skipped, stderr,
+    wait_for,
 };
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::Mode;
@@ -98,6 +99,16 @@ fn the_chain_at_rest_is_measured_beside_the_bare_mechanisms_in_one_run() {
     assert_eq!(figures["wakeup"]["pairs"], serde_json::json!([]));
     assert!(figures["wakeup"]["median_ratio"].is_null());
     assert!(remains(pid).is_empty(), "{:?}", remains(pid));
+}
+
+#[test]
+fn the_wire_is_observed_by_root_alone() {
+    if is_root() {
+        return skipped("this test is of a user without CAP_NET_RAW");
+    }
+    let testbed = Testbed::new("wire");
+    let output = measure(&testbed, &["--wire", "--seconds", "1"]).wait();
+    assert_refused(&output, 77, &["CAP_NET_RAW", "as root"]);
 }
 
 #[test]
