@@ -96,7 +96,7 @@ configuration() {
         NR == 1 {
             print "# oqtal: the configuration of all services on this machine."
             print "# Every line that begins with \"# name = \" shows a default; remove the # to set it. Then check and restart:"
-            print "#   oqtal check /etc/oqtal/oqtal.toml && systemctl try-restart 'oqtal-*.service'"
+            print "#   oqtal check /etc/oqtal/oqtal.toml && systemctl try-restart \047oqtal-*.service\047"
             next
         }
         /^\[/ { section = $1 }
