@@ -61,8 +61,8 @@ pub struct MotorConditions {
     pub running: bool,
     /// A fresh status reports stopped motors.
     pub stopped: bool,
-    /// No command has been received for the rest time, and the last was a flight command.
-    pub daemon_silent: bool,
+    /// Time since a flight was last requested, if no command followed for the rest time; `None` otherwise.
+    pub daemon_silent: Option<Span>,
     /// The bridge started the motors, and no status has reported them stopped since.
     pub started_here: bool,
     /// The present state has lasted for the settling time.
@@ -96,7 +96,7 @@ const TRANSITIONS: [MotorTransition; 13] = {
         // The pilot may have stopped the motors: they are not restarted without an operator's command.
         T { from: Running, to: Inhibited, when: |c| c.stopped && c.requested },
         T { from: Running, to: Off, when: |c| c.stopped },
-        T { from: Running, to: Inhibited, when: |c| c.daemon_silent },
+        T { from: Running, to: Inhibited, when: |c| c.daemon_silent.is_some() },
         T { from: Running, to: Stopping, when: |c| c.rest_over && c.running },
         T { from: Stopping, to: Off, when: |c| c.stopped && c.settled },
         T { from: Stopping, to: Inhibited, when: |c| c.timed_out },
@@ -120,8 +120,8 @@ pub enum MotorEvent {
     StopFailed,
     /// The motors stopped while a flight was requested.
     StoppedInFlight,
-    /// The daemon's commands ended while the motors ran.
-    DaemonSilent,
+    /// The daemon's commands ended while the motors ran; the set-point has been zero for this time.
+    DaemonSilent(Span),
     /// A pilot or the vehicle itself took control while the motors ran, or were being started or stopped.
     ControlTaken,
 }
@@ -198,8 +198,9 @@ fn event(transition: &MotorTransition, conditions: &MotorConditions) -> Option<M
         (_, Stopping) => Some(MotorEvent::Stopping),
         (Starting, Inhibited) => Some(MotorEvent::StartFailed),
         (Stopping, Inhibited) => Some(MotorEvent::StopFailed),
-        (Running, Inhibited) if conditions.daemon_silent => Some(MotorEvent::DaemonSilent),
-        (Running, Inhibited) => Some(MotorEvent::StoppedInFlight),
+        (Running, Inhibited) => Some(
+            conditions.daemon_silent.map_or(MotorEvent::StoppedInFlight, MotorEvent::DaemonSilent),
+        ),
         (Inhibited, _) => None,
         _ => Some(MotorEvent::Stopped),
     }
@@ -219,7 +220,7 @@ mod tests {
         rest_over: false,
         running: false,
         stopped: false,
-        daemon_silent: false,
+        daemon_silent: None,
         started_here: false,
         settled: false,
         timed_out: false,
@@ -290,7 +291,7 @@ mod tests {
     #[test]
     fn a_daemon_that_fell_silent_must_be_disarmed_before_it_flies_on() {
         let run = MotorConditions { running: true, started_here: true, ..REQUESTED };
-        let silent = MotorConditions { daemon_silent: true, requested: false, ..run };
+        let silent = MotorConditions { daemon_silent: Some(LONGEST), requested: false, ..run };
         assert_eq!(after(Running, 10, silent), Inhibited);
         assert_eq!(after(Inhibited, 10, run), Inhibited);
         let idle = MotorConditions { idle: true, requested: false, ..run };
@@ -316,7 +317,8 @@ mod tests {
         };
         let running = MotorConditions { running: true, ..NONE };
         let stopped = MotorConditions { stopped: true, ..NONE };
-        let silent = MotorConditions { daemon_silent: true, started_here: true, ..running };
+        let silent =
+            MotorConditions { daemon_silent: Some(LONGEST), started_here: true, ..running };
         let ends = MotorConditions { rest_over: true, ..running };
         let waiting = MotorConditions { stopped: true, ..REQUESTED };
         let begun = MotorConditions { running: true, ..REQUESTED };
@@ -327,7 +329,7 @@ mod tests {
             (Starting, begun, Some(MotorEvent::Running), true),
             (Running, ends, Some(MotorEvent::Stopping), true),
             (Running, stopped, Some(MotorEvent::Stopped), false),
-            (Running, silent, Some(MotorEvent::DaemonSilent), true),
+            (Running, silent, Some(MotorEvent::DaemonSilent(LONGEST)), true),
             (Running, waiting, Some(MotorEvent::StoppedInFlight), false),
             (Stopping, NONE, Some(MotorEvent::StopFailed), false),
         ] {

@@ -72,8 +72,9 @@ fn log_motors(event: MotorEvent) {
         MotorEvent::StoppedInFlight => {
             tracing::warn!("motors stopped in flight: zero set-point until disarmed");
         }
-        MotorEvent::DaemonSilent => tracing::warn!(
-            "the daemon fell silent in flight: zero set-point until it is back and disarmed"
+        MotorEvent::DaemonSilent(lasted) => tracing::warn!(
+            "the daemon fell silent in flight: zero set-point for {:.2} s so far, until it is back and disarmed",
+            lasted.seconds()
         ),
         MotorEvent::ControlTaken => tracing::warn!(
             "a pilot or the vehicle itself has control: nothing is sent to it until it is given back"

@@ -239,7 +239,7 @@ impl CommandGate {
             idle: without_request > self.limits.command_age,
             disarmed: self.disarmed_since.is_some() || is_stopped,
             rest_over: (self.disarmed_since.is_some_and(rested) || is_stopped) && !requested,
-            daemon_silent: silent && !requested,
+            daemon_silent: (silent && !requested).then_some(without_request),
             running: fresh.is_some_and(|status| status.running),
             stopped: fresh.is_some_and(|status| !status.running),
             ..MotorConditions::default()

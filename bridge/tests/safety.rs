@@ -211,18 +211,18 @@ impl Flying {
 
 #[test]
 fn f14_after_the_last_command_at_most_four_frames_are_not_zero_however_long_the_silence() {
-    let mut flying = Flying::new();
-    let mut after = Vec::new();
+    let (mut flying, mut after, mut events) = (Flying::new(), Vec::new(), Vec::new());
     for _ in 0..600 {
         flying.status(true);
-        after.push(flying.frame());
+        flying.now = flying.now + PERIOD;
+        let (setpoint, _, event) = flying.gate.select_command(flying.now);
+        after.push(setpoint);
+        events.extend(event);
     }
-    let first = after.iter().position(|setpoint| *setpoint == VehicleSetpoint::Zero).unwrap();
-    assert!(first <= 4, "{first}");
-    assert!(
-        after[first..].iter().all(|setpoint| *setpoint == VehicleSetpoint::Zero),
-        "no toggle either"
-    );
+    let is_zero = |setpoint: &VehicleSetpoint| *setpoint == VehicleSetpoint::Zero;
+    let first = after.iter().position(is_zero).unwrap();
+    assert!(first <= 4 && after[first..].iter().all(is_zero), "{first}; no toggle either");
+    assert_eq!(events, [MotorEvent::DaemonSilent(PERIOD.scaled(90.0))]);
 }
 
 #[test]
