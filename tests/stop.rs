@@ -184,7 +184,7 @@ fn stop_and_land_need_no_valid_configuration() {
 }
 
 #[test]
-fn a_stop_of_a_flight_of_fly_names_the_command_that_flies_again() {
+fn a_stop_of_a_flight_of_fly_is_recorded_and_names_the_command_that_flies_again() {
     let testbed = Testbed::new("stop-fly");
     let bus = testbed.bus();
     let flight = testbed.start(&["fly", "--trajectory", "hover", "--duration", "5"]);
@@ -193,7 +193,10 @@ fn a_stop_of_a_flight_of_fly_names_the_command_that_flies_again() {
     assert_eq!(code, Some(0), "{message}");
     let again = answer["arm_again"].as_str().unwrap();
     assert!(again.starts_with("oqtal fly --trajectory hover --duration 5"), "{again}");
-    assert_eq!(flight.wait().status.code(), Some(1));
+    let output = flight.wait();
+    assert_eq!(output.status.code(), Some(1));
+    let figures = String::from_utf8_lossy(&output.stdout);
+    assert!(figures.contains("operator: stop"), "{figures}");
 }
 
 #[test]

@@ -38,6 +38,9 @@ const LANDED_WITHIN: Span = Span::from_millis(60_000);
 const STARTED_TICKS: usize = 30;
 /// Time for which motors must be reported off before they count as stopped: slightly more than a bridge waits for a late report.
 const MOTORS_SETTLE: Span = Span::from_millis(600);
+/// Time for which the recording continues after an operator's stop: the stop takes effect before the daemon receives the request
+/// that names its author.
+const STOP_REQUESTED_WITHIN: Span = Span::from_millis(500);
 
 /// Inputs of a recording.
 #[derive(Debug)]
@@ -153,7 +156,7 @@ impl FlightRecording<'_> {
         let is_late = has_planned_end && flown >= self.mission.timeout();
         let is_over = state.recorder.outcome().is_some()
             || is_late && (is_virtual || self.has_landed_late(state)?);
-        Ok(is_over && self.motors_rest(state))
+        Ok(is_over && self.motors_rest(state) && !state.awaits_stop_request())
     }
 
     /// Whether nothing is flown.
@@ -221,6 +224,14 @@ impl FlightRecording<'_> {
 }
 
 impl Progressing {
+    /// Whether the request of the operator who stopped the flight may not have been published yet.
+    fn awaits_stop_request(&self) -> bool {
+        let is_requested = |sample: &FlightSample| sample.telemetry.cause == Cause::Operator.code();
+        self.recorder.outcome() == Some(Outcome::Stopped)
+            && self.recorder.latest().is_some_and(is_requested)
+            && self.over_since.is_some_and(|at| Time::now().since(at) < STOP_REQUESTED_WITHIN)
+    }
+
     /// Records the samples published since the last call.
     fn poll(&mut self, observer: &mut BusObserver) -> Result<(), BusError> {
         let Some(recording) = &mut self.recording else {
