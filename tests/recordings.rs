@@ -1,7 +1,7 @@
 //! Recordings of flights: complete, readable by other programs, sufficient for the report, and replayed bit for bit.
 
 use std::path::Path;
-use std::process::Command;
+use std::process::{Command, Output};
 
 use crate::common::{SERVICES, Testbed, assert_refused, number, peers, stderr, wait_for};
 use oqtal_control::trajectory::TrajectoryKind;
@@ -249,22 +249,35 @@ fn a_recording_whose_writer_was_killed_is_read_up_to_its_last_chunk() {
     }
 }
 
+/// Output of a command whose files cannot grow beyond 800 KiB. The limit acts like a full disk; its signal is ignored.
+fn on_full_disk(testbed: &Testbed, words: &[&str]) -> Output {
+    let command = testbed.oqtal(words);
+    let script = "trap '' XFSZ; ulimit -f 800; exec \"$0\" \"$@\"";
+    Command::new("bash")
+        .args(["-c", script, env!("CARGO_BIN_EXE_oqtal")])
+        .args(command.get_args())
+        .current_dir(testbed.path(""))
+        .output()
+        .unwrap()
+}
+
+#[test]
+fn a_recording_that_cannot_grow_ends_and_its_size_is_printed() {
+    let testbed = Testbed::new("full-record");
+    let _services = testbed.services();
+    testbed.wait_for_daemon();
+    let output = on_full_disk(&testbed, &["record", "--out", "r.mcap", "--seconds", "60"]);
+    assert_refused(&output, 71, &["r.mcap: File too large; the recording ends here"]);
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(said.contains(" messages, 0.8 MB: r.mcap"), "{said}");
+}
+
 #[test]
 fn a_file_that_cannot_grow_is_reported_and_the_flight_lands() {
     let testbed = Testbed::new("full");
     // In-process, since shared memory would exceed the limit.
     let recorded = ["--clock", "in-process", "--set", "record.flights=all", "--out", "d"];
-    let words = [&["fly"], &HOVER[..], &recorded[..]].concat();
-    let command = testbed.oqtal(&words);
-    let arguments: Vec<_> = command.get_args().collect();
-    // A limit on file size acts like a full disk; its signal is ignored.
-    let script = "trap '' XFSZ; ulimit -f 800; exec \"$0\" \"$@\"";
-    let output = Command::new("bash")
-        .args(["-c", script, env!("CARGO_BIN_EXE_oqtal")])
-        .args(arguments)
-        .current_dir(testbed.path(""))
-        .output()
-        .unwrap();
+    let output = on_full_disk(&testbed, &[&["fly"], &HOVER[..], &recorded[..]].concat());
     assert_refused(&output, 71, &["flight.mcap"]);
     assert!(String::from_utf8_lossy(&output.stdout).starts_with("landed"));
     assert!(RecordingFile::read(&testbed.path("d/flight.mcap")).unwrap().cut_off.is_some());

@@ -36,7 +36,7 @@ pub struct RecordingResult {
     pub files: Vec<PathBuf>,
     /// Messages written \[-\].
     pub messages: u64,
-    /// Size of the finished files \[bytes\].
+    /// Size of the files, also of one that could not be finished \[bytes\].
     pub bytes: u64,
     /// Number of messages dropped because the queue was full \[-\].
     pub dropped: u64,
@@ -172,6 +172,8 @@ impl Files {
             done.unwrap_or_else(|error| self.fail(&error));
         }
         self.finish_file().unwrap_or_else(|error| self.fail(&error));
+        let sizes = self.result.files.iter().filter_map(|path| std::fs::metadata(path).ok());
+        self.result.bytes = sizes.map(|file| file.len()).sum();
         self.result
     }
 
@@ -190,8 +192,7 @@ impl Files {
     }
 
     fn finish_file(&mut self) -> io::Result<()> {
-        self.result.bytes += self.file.take().map_or(Ok(0), McapFile::finish)?;
-        Ok(())
+        self.file.take().map_or(Ok(()), McapFile::finish)
     }
 
     fn begin_another(&mut self) -> io::Result<()> {

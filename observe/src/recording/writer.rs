@@ -207,11 +207,11 @@ impl McapFile {
         self.size
     }
 
-    /// Writes the summary section, closes the file, and returns its size \[bytes\].
+    /// Writes the summary section and closes the file.
     ///
     /// # Errors
     /// The file cannot be written.
-    pub fn finish(mut self) -> io::Result<u64> {
+    pub fn finish(mut self) -> io::Result<()> {
         let statistics = self.statistics();
         self.summary.push((Opcode::Statistics, statistics));
         let mut bytes = Vec::new();
@@ -237,8 +237,7 @@ impl McapFile {
         let checksum = CHECKSUM.checksum(&bytes[data_end..]);
         bytes.extend(checksum.to_le_bytes());
         bytes.extend(MAGIC);
-        self.file.write_all(&bytes)?;
-        Ok(self.size + bytes.len() as u64)
+        self.file.write_all(&bytes)
     }
 
     fn statistics(&self) -> Vec<u8> {
