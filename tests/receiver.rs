@@ -5,7 +5,7 @@ use std::net::{Ipv4Addr, TcpListener, UdpSocket};
 use std::time::Instant;
 
 use crate::common::network::{Server, free_port};
-use crate::common::{Running, Testbed, json, number, wait_for};
+use crate::common::{Running, Testbed, json, number, stderr, wait_for};
 use oqtal_bus::bus::Bus;
 use oqtal_bus::message::{Header, PoseV1};
 use oqtal_bus::port::Reader;
@@ -52,6 +52,10 @@ fn f54_a_server_that_restarts_and_a_renamed_body_need_no_restart_of_the_receiver
         drain(&mut poses);
         let silent_from = Time::now();
         drop(renamed);
+        wait_for("silent cameras in the status", || {
+            let status = testbed.oqtal(&["ctl", "status"]).output().unwrap();
+            stderr(&status).contains("cameras silent").then_some(())
+        });
         let _server = Server::start(kind, port, &["--body", "quad"]);
         let (header, pose) = next_pose("poses of the restarted server", &mut poses);
         let Header { pose_sequence, stamps, .. } = header;

@@ -260,6 +260,7 @@ impl Sink for InstanceModel {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use oqtal_bus::code::Cause;
 
     /// Model at 1 s that received a health message of each of `roles`, with this age.
     fn model(roles: &[Role], age: Span) -> InstanceModel {
@@ -290,6 +291,10 @@ mod tests {
         let late = HealthV1 { time: Time::VIRTUAL_START, runs_late: 1, ..HealthV1::default() };
         receive(&mut fresh, Role::Mocap, late);
         assert!(fresh.status(Time::VIRTUAL_START).lines()[1].ends_with("runs late"));
+        let lost = HealthV1 { cause: Cause::NoPose.code(), ..late };
+        receive(&mut fresh, Role::Receiver, lost);
+        let lines = fresh.status(Time::VIRTUAL_START).lines();
+        assert!(lines[2].starts_with("receiver   cameras silent "), "{lines:?}");
         let stale = model(&roles, Span::from_millis(101));
         let mut status = stale.status(Time::VIRTUAL_START);
         assert_eq!(status.lines()[1], "mocap-emu  not started, or ended");

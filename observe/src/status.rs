@@ -102,6 +102,9 @@ struct HealthReport {
     /// Set for the bridge only: whether the vehicle answers.
     #[serde(skip_serializing_if = "Option::is_none")]
     vehicle_answers: Option<bool>,
+    /// Set for the receiver only: whether the camera system sends frames.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cameras_answer: Option<bool>,
     /// Whether three turns in a row were late, the last one less than a second ago.
     runs_late: bool,
     /// Turns that ended more than a period after they were due \[-\].
@@ -223,6 +226,7 @@ impl ProcessHealth {
 impl HealthReport {
     fn new(process: &ObservedProcess, now: Time) -> Self {
         let ObservedProcess { role, health, .. } = *process;
+        let is_well = health.cause == Cause::None.code();
         let daemon = (role == Role::Daemon).then(|| DaemonHealth {
             mode: word(Mode::from_code(health.mode)),
             state: word(SafetyState::from_code(health.state)),
@@ -234,7 +238,8 @@ impl HealthReport {
             age_ms: now.since(health.time).max(Span::ZERO).seconds() * 1e3,
             config_hash: health.compared_config().map(|hash| format!("{hash:016x}")),
             daemon,
-            vehicle_answers: (role == Role::Bridge).then_some(health.cause == Cause::None.code()),
+            vehicle_answers: (role == Role::Bridge).then_some(is_well),
+            cameras_answer: (role == Role::Receiver).then_some(is_well),
             runs_late: health.runs_late != 0,
             late_turns: health.late_turns,
         }
@@ -242,10 +247,11 @@ impl HealthReport {
 
     /// The state of the process in one or two words.
     fn state(&self) -> &str {
-        match (&self.daemon, self.vehicle_answers) {
-            (Some(daemon), _) => &daemon.state,
-            (None, Some(false)) => "vehicle silent",
-            (None, _) => "well",
+        match (&self.daemon, self.vehicle_answers, self.cameras_answer) {
+            (Some(daemon), ..) => &daemon.state,
+            (None, Some(false), _) => "vehicle silent",
+            (None, _, Some(false)) => "cameras silent",
+            (None, ..) => "well",
         }
     }
 }

@@ -1,9 +1,10 @@
 //! The model as lines of text: a label, words, and their importance.
 
-use oqtal_bus::code::{ControlHolder, Mode, SafetyState};
+use oqtal_bus::code::{Cause, ControlHolder, Mode, SafetyState};
 use oqtal_bus::message::TelemetryV1;
 use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::time::Span;
+use oqtal_bus::topic::Role;
 use oqtal_observe::event::DaemonCondition;
 use oqtal_observe::instance::{InstanceModel, Newest, tracking_error_m};
 use oqtal_observe::latency::{DistributionSummary, WHOLE};
@@ -177,6 +178,8 @@ fn problems(model: &InstanceModel) -> StatusLine {
         let name = process.role.name();
         if process.is_silent {
             found.push(format!("{name} silent"));
+        } else if process.role == Role::Receiver && process.health.cause == Cause::NoPose.code() {
+            found.push("cameras silent".to_owned());
         } else if process.health.runs_late == 1 {
             found.push(format!("{name} runs late"));
         }

@@ -182,6 +182,15 @@ fn obstacles_to_a_take_off_are_shown() {
 }
 
 #[test]
+fn cameras_that_do_not_answer_the_receiver_are_a_problem() {
+    let mut model = in_flight();
+    let (time, cause) = (model.instance.now, Cause::NoPose.code());
+    let health = HealthV1 { time, cause, config_hash: 7, ..HealthV1::default() };
+    model.sample(&reception(time, Stamps::default()), Sample::Health(Role::Receiver, &health));
+    assert!(seen(&model, (80, 24)).contains("problems  cameras silent"));
+}
+
+#[test]
 fn an_instance_that_ends_is_told_and_one_that_comes_back_is_shown_again() {
     let mut model = in_flight();
     let gone = model.instance.now + Span::from_millis(2000);

@@ -100,9 +100,10 @@ export class Panel {
     this.list("obstacles", obstacles.map((text) => ({ name: text, text: "" })), "hindrances");
     const lines = processes.filter(({ heard }) => heard).map(({ name, heard }) => {
       const isSilent = heard.age_ms > SILENT_MS;
-      const late = heard.runs_late ? "runs late" : "well";
-      const text = isSilent ? `silent for ${(heard.age_ms / 1000).toFixed(0)} s` : late;
-      return { name, text, mood: isSilent ? "bad" : heard.runs_late ? "warning" : "" };
+      const problem = (heard.vehicle_answers === false && "vehicle silent")
+        || (heard.cameras_answer === false && "cameras silent") || (heard.runs_late && "runs late");
+      const text = isSilent ? `silent for ${(heard.age_ms / 1000).toFixed(0)} s` : problem || "well";
+      return { name, text, mood: isSilent ? "bad" : problem ? "warning" : "" };
     });
     if (agrees === false) lines.push({ name: "configurations differ", text: "restart with one --config", mood: "warning" });
     this.list("processes", lines);
