@@ -133,8 +133,8 @@ pub struct VehicleStatus {
     link_quality: Option<f64>,
     /// Time without set-points after which the vehicle acts by itself \[s\].
     time_out_s: Option<f64>,
-    /// Holder of control over the vehicle.
-    control: String,
+    /// Holder of control over the vehicle; `None` if it is not reported while the motors run.
+    control: Option<String>,
     /// Reason why the last request was refused; empty for none.
     refusal: String,
     /// State of the vehicle's own estimator.
@@ -149,6 +149,9 @@ impl VehicleStatus {
     /// State of the vehicle in its newest message.
     pub fn new(vehicle: &VehicleV1) -> Self {
         let known = |number: f64| number.is_finite().then_some(number);
+        let control = ControlHolder::from_code(vehicle.control);
+        let is_reported =
+            |holder: &ControlHolder| *holder != ControlHolder::Nobody || vehicle.armed == 0;
         let is_known = vehicle.link != 0 || vehicle.armed != 0 || vehicle.simulated != 0;
         Self {
             simulated: vehicle.simulated != 0,
@@ -159,7 +162,7 @@ impl VehicleStatus {
             battery_v: known(vehicle.battery_v),
             link_quality: known(vehicle.link_quality),
             time_out_s: known((vehicle.time_out_s * 1e3).round() * 1e-3).filter(|s| *s > 0.0),
-            control: word(ControlHolder::from_code(vehicle.control)),
+            control: control.filter(is_reported).map(|holder| holder.to_string()),
             refusal: word(VehicleRefusal::from_code(vehicle.refusal)),
             estimator: word(EstimatorState::from_code(vehicle.estimator)),
             estimate_m: Some(vehicle.estimate_position)
@@ -192,8 +195,9 @@ impl fmt::Display for VehicleStatus {
             None if self.simulated => {}
             None => write!(f, ", its time-out without set-points is unknown")?,
         }
-        if self.control == ControlHolder::Another.to_string() {
-            write!(f, ", control: {}", self.control)?;
+        let another = ControlHolder::Another.to_string();
+        if self.control.as_ref() == Some(&another) {
+            write!(f, ", control: {another}")?;
         }
         if self.estimator == EstimatorState::NotReady.to_string() {
             write!(f, ", its estimate is not ready")?;
@@ -298,5 +302,16 @@ mod tests {
         assert!(told(0, 0.5).contains("acts by itself 0.5 s after the last set-point"));
         assert!(told(0, 0.0).contains("time-out without set-points is unknown"));
         assert!(!told(1, 0.0).contains("set-point"));
+    }
+
+    #[test]
+    fn nobody_has_control_only_while_the_motors_are_off() {
+        let control = |armed, holder: ControlHolder| {
+            let vehicle = VehicleV1 { armed, control: holder.code(), ..VehicleV1::default() };
+            VehicleStatus::new(&vehicle).control
+        };
+        assert_eq!(control(0, ControlHolder::Nobody).as_deref(), Some("nobody"));
+        assert_eq!(control(1, ControlHolder::Nobody), None);
+        assert_eq!(control(1, ControlHolder::Bridge).as_deref(), Some("the bridge"));
     }
 }
