@@ -35,9 +35,9 @@ fn f54_a_server_that_restarts_and_a_renamed_body_need_no_restart_of_the_receiver
         let port = server.port;
         let link = server.link(",body=quad");
         let log = testbed.path(&format!("{kind}.log"));
-        let stderr = std::fs::File::create(&log).unwrap();
+        let written = std::fs::File::create(&log).unwrap();
         let mut command = testbed.oqtal(&["receiver", "run", "--link", &link]);
-        let receiver = Running::start_with_stderr(&mut command, stderr.into());
+        let receiver = Running::start_with_stderr(&mut command, written.into());
         let (header, _) = next_pose("poses", &mut poses);
         let stamps = header.stamps;
         assert!(stamps.captured_at < stamps.pose_received_at);
