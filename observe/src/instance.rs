@@ -294,7 +294,7 @@ mod tests {
         let lost = HealthV1 { cause: Cause::NoPose.code(), ..late };
         receive(&mut fresh, Role::Receiver, lost);
         let lines = fresh.status(Time::VIRTUAL_START).lines();
-        assert!(lines[2].starts_with("receiver   cameras silent "), "{lines:?}");
+        assert!(lines[4].starts_with("receiver   cameras silent "), "{lines:?}");
         let stale = model(&roles, Span::from_millis(101));
         let mut status = stale.status(Time::VIRTUAL_START);
         assert_eq!(status.lines()[1], "mocap-emu  not started, or ended");
