@@ -29,11 +29,21 @@ pub struct Child {
 /// # Errors
 /// The executable file of this program was removed.
 pub fn command(words: &[&str], config: &Path) -> Result<Command, Failure> {
-    let program = std::env::current_exe()
+    let mut command = program(words)?;
+    command.args(["run", "--child", &std::process::id().to_string(), "--config"]);
+    command.arg(config);
+    Ok(command)
+}
+
+/// This program, executed again with `words`.
+///
+/// # Errors
+/// The executable file of this program was removed.
+pub fn program(words: &[&str]) -> Result<Command, Failure> {
+    let path = std::env::current_exe()
         .map_err(|e| Failure::new(Exit::System, format!("finding this program failed: {e}")))?;
-    let mut command = Command::new(program);
-    command.args(words).args(["run", "--child", &std::process::id().to_string(), "--config"]);
-    command.arg(config).stdin(Stdio::null());
+    let mut command = Command::new(path);
+    command.args(words).stdin(Stdio::null());
     Ok(command)
 }
 
@@ -69,6 +79,12 @@ impl Child {
     pub fn failure(&mut self) -> Option<Failure> {
         let status = self.process.try_wait().ok().flatten()?;
         Some(self.exit_report(status))
+    }
+
+    /// The failure if the process ended without success; `None` while it runs, and after a success.
+    pub fn error(&mut self) -> Option<Failure> {
+        let status = self.process.try_wait().ok().flatten()?;
+        (!status.success()).then(|| self.exit_report(status))
     }
 
     /// Sends `signal` to the process; does nothing if it has ended.

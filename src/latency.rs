@@ -106,7 +106,7 @@ impl LatencyArgs {
     fn wire(&self, config: &Config, stop: &StopFlag) -> Result<WireFigures, Failure> {
         wire::measure(config, self.seconds, stop, || {
             let (_, figures) = self.under(RigCondition::ALL[0], config, stop)?;
-            Ok(wire::SUMMED.map(|mechanism| figures.bare[mechanism.name()]))
+            Ok(wire::BARE_MECHANISMS.map(|mechanism| figures.bare[mechanism.name()]))
         })
     }
 

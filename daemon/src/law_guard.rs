@@ -15,7 +15,7 @@ use crate::handover::Handover;
 use crate::stack::ControlOutput;
 
 /// Multiple of `external.return-answers` for which a law must fly before its next failure counts as a first one \[-\].
-const STEADY: u32 = 10;
+const STEADY_MULTIPLE: u32 = 10;
 
 /// A tick in which a law is selected.
 #[derive(Clone, Copy, Debug)]
@@ -53,7 +53,7 @@ pub struct LawGuard {
     return_answers: u32,
     /// Good commands in a row after which the law returns \[-\]: twice as many after each failure that soon follows a return.
     /// Every return of a law that fails again leaves the fallback a worse state to recover from.
-    needed: u32,
+    required_good: u32,
     /// Good commands of the law in a row \[-\].
     good: u32,
     /// Ticks that the law has flown since it took over \[-\].
@@ -75,7 +75,7 @@ impl LawGuard {
             envelope: Envelope::new(config)?,
             handover: Handover::new(config),
             return_answers: config.external.return_answers,
-            needed: 0,
+            required_good: 0,
             good: 0,
             flown: 0,
             failed: false,
@@ -87,7 +87,7 @@ impl LawGuard {
     /// A flight begins: the fallback flies until the law may.
     pub fn restart(&mut self) {
         self.handover.reset();
-        (self.needed, self.good, self.flown) = (0, 0, 0);
+        (self.required_good, self.good, self.flown) = (0, 0, 0);
         (self.failed, self.resumes) = (false, false);
         self.report = GuardReport { is_fallback: true, ..GuardReport::default() };
     }
@@ -133,7 +133,7 @@ impl LawGuard {
     }
 
     fn may_return(&self) -> bool {
-        let has_recovered = self.return_answers > 0 && self.good >= self.needed;
+        let has_recovered = self.return_answers > 0 && self.good >= self.required_good;
         !self.failed || self.resumes || has_recovered
     }
 
@@ -170,11 +170,11 @@ impl LawGuard {
         }
         if !self.report.is_fallback {
             self.report.is_fallback = true;
-            let flown = std::mem::take(&mut self.flown);
             if tick.is_free {
-                self.needed = match self.report.handovers {
-                    1.. if flown < STEADY.saturating_mul(self.return_answers) => {
-                        self.needed.saturating_mul(2)
+                let flown = std::mem::take(&mut self.flown);
+                self.required_good = match self.report.handovers {
+                    1.. if flown < STEADY_MULTIPLE.saturating_mul(self.return_answers) => {
+                        self.required_good.saturating_mul(2)
                     }
                     _ => self.return_answers,
                 };

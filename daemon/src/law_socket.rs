@@ -32,9 +32,11 @@ const ANSWER: [u8; 8] = *b"OQTALEX1";
 const ANSWERED: usize = 8 * (1 + 3 + 3 + 4 + 1);
 /// Longest wait after which the stop flag is checked.
 const STOP_CHECK: Span = Span::from_millis(20);
-/// Longest and shortest time for an answer in virtual time, by the clock of the machine. Only a law that hangs, or never answers the
-/// present question, needs it: it has half of the time after each answer that did not come.
-const VIRTUAL_TIMEOUT: [Span; 2] = [Span::from_millis(10_000), Span::from_millis(100)];
+/// Longest time for an answer in virtual time, by the clock of the machine. It is halved after each missing answer, and restored by
+/// an answer to the present question.
+const VIRTUAL_TIMEOUT: Span = Span::from_millis(10_000);
+/// Shortest time for an answer in virtual time.
+const LEAST_VIRTUAL_TIMEOUT: Span = Span::from_millis(100);
 
 /// Both ends of the hand-over of connections.
 pub(crate) fn connections() -> (Sender<OwnedFd>, Receiver<OwnedFd>) {
@@ -56,7 +58,7 @@ pub(crate) struct SocketLaw {
 impl SocketLaw {
     /// A law that arrives through `connections`; waiting ends with `stop`.
     pub(crate) fn new(connections: Receiver<OwnedFd>, stop: StopFlag) -> Self {
-        let virtual_timeout = VIRTUAL_TIMEOUT[0];
+        let virtual_timeout = VIRTUAL_TIMEOUT;
         Self { connections, connection: None, was_connected: false, virtual_timeout, stop }
     }
 
@@ -69,6 +71,7 @@ impl SocketLaw {
         }
         if let Ok(connection) = self.connections.try_recv() {
             (self.connection, self.was_connected) = (Some(connection), true);
+            self.virtual_timeout = VIRTUAL_TIMEOUT;
         }
     }
 
@@ -122,10 +125,9 @@ impl ExternalLaw for SocketLaw {
         if !is_virtual {
             return answer.map(|answer| ExternalV1 { asked_at, ..answer });
         }
-        let [longest, shortest] = VIRTUAL_TIMEOUT;
         self.virtual_timeout = match answer.is_some_and(|it| it.sequence == state.sequence) {
-            true => longest,
-            false => Span::from_nanos(self.virtual_timeout.nanos() / 2).max(shortest),
+            true => VIRTUAL_TIMEOUT,
+            false => self.virtual_timeout.scaled(0.5).max(LEAST_VIRTUAL_TIMEOUT),
         };
         answer.map(|answer| ExternalV1 { answered_at: state.time, ..answer })
     }

@@ -76,7 +76,7 @@ impl OperatorRequests {
     /// Takes in and logs the changes of the condition.
     pub(crate) fn take_changes(&mut self) {
         for condition in self.queues.notes() {
-            // The reason of the last refusal stays while its warning does.
+            // The reason of the first refusal stays while its warning does.
             let refusal = condition.refusal.or(self.last.refusal());
             let condition = Condition { refusal, ..condition };
             // Obstacles to a take-off change without a change of mode or state.

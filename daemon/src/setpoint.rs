@@ -110,7 +110,8 @@ impl SetpointGuard {
             None => *reference,
         };
         self.last = Some(valid);
-        let refusal = turned.map(|_| SetpointRefusal::Invalid("it turns round at once"));
+        let refusal = turned
+            .map(|_| SetpointRefusal::Invalid("its heading or attitude reverses in one tick"));
         CheckedSetpoint { reference: self.last, refusal }
     }
 }

@@ -23,16 +23,17 @@ const PAUSE: Span = Span::from_millis(500);
 const NORM_TOLERANCE: f64 = 1e-3;
 /// Limit of the speed at the end of the validity over that at the beginning \[-\]: most references are replaced before.
 const END_SPEED: f64 = 2.0;
-/// Greatest differences between a reference and the extrapolation of the one before, over the time between them: of the velocity
-/// \[m/s^2\], and of the acceleration \[m/s^3\].
-const ACCELERATION_GAP: f64 = 2.0;
-const JERK_GAP: f64 = 10.0;
+/// Greatest difference of the velocity between a reference and the extrapolation of the one before, over the time between them
+/// \[m/s^2\].
+const VELOCITY_MISMATCH: f64 = 2.0;
+/// The same of the acceleration \[m/s^3\].
+const ACCELERATION_MISMATCH: f64 = 10.0;
 /// Limit of the jerk over that of the acceleration \[1/s\]: the limit of the acceleration is reached within a tenth of a second.
-const JERK: f64 = 10.0;
+const JERK_FACTOR: f64 = 10.0;
 /// Refusal of a reference outside the room.
 const NO_ROOM: &str =
     "it leads outside the soft border of [fence], or less than 0.1 m above the floor";
-/// Refusal of an attitude that is none.
+/// Refusal of an invalid attitude.
 const INVALID_ATTITUDE: SetpointRefusal =
     SetpointRefusal::Invalid("its attitude is not a rotation, or its rate not finite");
 /// Number of bisections of the time at which an attitude reaches the tilt limit \[-\].
@@ -73,14 +74,15 @@ impl FollowedReference {
         motion
     }
 
-    /// Whether velocity and acceleration lead to those of `next`. A planner whose derivatives are wrong would push the vehicle away.
+    /// Whether velocity and acceleration lead to those of `next`, up to an acceleration of [`VELOCITY_MISMATCH`]. A planner whose
+    /// derivatives are wrong would push the vehicle away.
     fn leads_to(&self, next: &Self) -> bool {
         let dt_s = next.time.since(self.time).seconds();
         let expected = self.motion(next.time);
         let gap = |from: Vector4<f64>, to: Vector4<f64>| (to - from).xyz().norm();
         dt_s > 0.0
-            && gap(expected.rate, next.motion.rate) <= ACCELERATION_GAP * dt_s
-            && gap(expected.acceleration, next.motion.acceleration) <= JERK_GAP * dt_s
+            && gap(expected.rate, next.motion.rate) <= VELOCITY_MISMATCH * dt_s
+            && gap(expected.acceleration, next.motion.acceleration) <= ACCELERATION_MISMATCH * dt_s
     }
 
     /// The reference at `now`; a prescribed attitude turns on up to the tilt of this cosine, and is held there.
@@ -253,7 +255,7 @@ impl StreamLimits {
         let age_ms = now.since(message.time).seconds().abs() * 1e3;
         let longest_ms = self.longest_validity.seconds() * 1e3;
         let limit = ("reference.longest-validity-ms", longest_ms);
-        require(["distance of its time from now", "ms"], age_ms, limit)?;
+        require(["difference of its time stamp from the present", "ms"], age_ms, limit)?;
         if message.valid_until <= now {
             return Err(SetpointRefusal::Invalid("its validity is over"));
         }
@@ -276,8 +278,10 @@ impl StreamLimits {
             // The horizontal position is not controlled.
             reference.motion.value.x = present.value.x;
             reference.motion.value.y = present.value.y;
-            reference.motion.rate.x = 0.0;
-            reference.motion.rate.y = 0.0;
+            for derivative in [&mut reference.motion.rate, &mut reference.motion.acceleration] {
+                (derivative.x, derivative.y) = (0.0, 0.0);
+            }
+            (reference.jerk.x, reference.jerk.y) = (0.0, 0.0);
         }
         self.require_allowed(now, &reference, (present, floor_m)).map(|()| reference)
     }
@@ -302,9 +306,9 @@ impl StreamLimits {
         let acceleration = ("reference.acceleration-limit-m-s2", self.acceleration_m_s2);
         require(["acceleration", "m/s^2"], now.acceleration.xyz().norm(), acceleration)?;
         // Fed forward: the prediction of positions alone would pass any jerk that is valid for a short time.
-        let jerk = ("ten times reference.acceleration-limit-m-s2", JERK * self.acceleration_m_s2);
+        let jerk = ("10 x reference.acceleration-limit-m-s2", JERK_FACTOR * self.acceleration_m_s2);
         require(["jerk", "m/s^3"], reference.jerk.norm(), jerk)?;
-        let end_speed = ("twice reference.speed-limit-m-s", END_SPEED * self.speed_m_s);
+        let end_speed = ("2 x reference.speed-limit-m-s", END_SPEED * self.speed_m_s);
         require(["speed at the end of its validity", "m/s"], end.rate.xyz().norm(), end_speed)?;
         if !now.value.w.is_finite() || !now.rate.w.is_finite() {
             return Err(SetpointRefusal::Invalid("its yaw is not finite"));

@@ -113,7 +113,7 @@ impl<T: Transport> PoseSource for Playback<T> {
     fn deliver(&mut self, now: Time) -> Option<Delivery> {
         let delivery = self.replay.as_mut()?.deliver(now)?;
         if self.next_event().is_none() {
-            // Written by the loop: no pose follows that it could delay.
+            // Written by the loop: it delays the last pose alone.
             tracing::info!("the recording has ended: no further poses");
         }
         Some(delivery)

@@ -243,7 +243,8 @@ impl HealthReport {
             config_hash: health.compared_config().map(|hash| format!("{hash:016x}")),
             daemon,
             vehicle_answers: (role == Role::Bridge).then_some(is_well),
-            cameras_answer: (role == Role::Receiver).then_some(is_well),
+            cameras_answer: (role == Role::Receiver)
+                .then_some(health.cause != Cause::NoPose.code()),
             runs_late: health.runs_late != 0,
             late_turns: health.late_turns,
         }

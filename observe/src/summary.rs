@@ -8,7 +8,7 @@ use crate::latency::{Distribution, DistributionSummary};
 use nalgebra::Vector3;
 use oqtal_bus::code::{HandoverCause, SafetyState};
 use oqtal_bus::message::{FNV_OFFSET, TelemetryV1, fnv1a};
-use oqtal_bus::time::{Span, Time};
+use oqtal_bus::time::Span;
 use oqtal_config::{ClockKind, Config, Interface};
 use oqtal_control::metrics::Statistics;
 use oqtal_control::trajectory::Phase;
@@ -277,10 +277,13 @@ fn count(flight: &Flight, counter: impl Fn(&TelemetryV1) -> u64) -> u64 {
         let [first, .., last] = ticks else { return 0 };
         counter(&last.telemetry).saturating_sub(counter(&first.telemetry))
     };
-    let armed = flight.samples.iter().rposition(FlightSample::is_armed);
-    let after = &flight.samples[armed.unwrap_or(0)..];
-    let end = after.first().map_or(Time::UNSET, |last| last.telemetry.time + COUNTED_AFTER);
-    let after = &after[..after.partition_point(|sample| sample.telemetry.time <= end)];
+    let Some(armed) = flight.samples.iter().rposition(FlightSample::is_armed) else {
+        return increase(&flight.samples);
+    };
+    let after = &flight.samples[armed..];
+    let end = after[0].telemetry.time + COUNTED_AFTER;
+    let is_counted = |sample: &&FlightSample| sample.telemetry.time <= end;
+    let after = &after[..after.iter().take_while(is_counted).count()];
     flight.flights().map(increase).fold(increase(after), u64::saturating_add)
 }
 

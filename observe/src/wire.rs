@@ -93,7 +93,7 @@ impl WireRecord {
         if stamps.applied_at.is_set() {
             let since =
                 self.last.replace(stamps.applied_at).map(|last| stamps.applied_at.since(last));
-            if let Some(since) = since.filter(|since| *since <= GAP) {
+            if let Some(since) = since.filter(|since| (Span::ZERO..=GAP).contains(since)) {
                 self.time = self.time + since;
                 self.busy = self.busy + self.pending;
             }

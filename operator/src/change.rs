@@ -45,12 +45,12 @@ impl CtlRequest {
     /// The request with this name.
     ///
     /// # Errors
-    /// There is none; the text lists the names that there are.
+    /// No request has this name; the text lists the known names.
     pub fn named(name: &str) -> Result<Self, String> {
         Self::from_str(name, false).map_err(|_| {
             let known = Self::value_variants().iter().filter_map(Self::to_possible_value);
             let known: Vec<_> = known.map(|it| it.get_name().to_owned()).collect();
-            format!("`{name}` is not a request; there are {}", known.join(", "))
+            format!("unknown request `{name}`; known: {}", known.join(", "))
         })
     }
 

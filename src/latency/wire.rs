@@ -1,7 +1,8 @@
-//! `oqtal latency --wire`: from the cameras' datagram to the first command after it, by the kernel's clock, as a user has it: emulated
-//! QTM server, receiver, daemon and bridge over MAVLink. Beside it the same by a program in Python, where its packages are
+//! `oqtal latency --wire`: from the cameras' datagram to the first command datagram after it, by the kernel's clock: emulated QTM
+//! server, receiver, daemon and bridge over MAVLink. Beside it the same by a program in Python, where its packages are
 //! installed, and the bare mechanisms of which the chain consists.
 //!
+//! A command that the daemon sends on its timer counts as the answer to the last frame: after a stall the figure is a lower bound.
 //! The chains fly in turn, so that other load affects all of them alike.
 
 mod capture;
@@ -11,7 +12,7 @@ use oqtal_config::Config;
 use oqtal_observe::latency::{Distribution, DistributionSummary};
 use oqtal_observe::plot::unit::significant;
 use oqtal_observe::table::{align, latency_row, table};
-use oqtal_runtime::process::Failure;
+use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::say;
 use oqtal_runtime::stop::StopFlag;
 use serde::Serialize;
@@ -22,6 +23,8 @@ use chains::Chain;
 
 /// Times that each chain is measured.
 const ROUNDS: u32 = 3;
+/// Approximate time for start, take-off and end of a chain \[s\].
+const CHAIN_S: f64 = 12.0;
 /// Wake-ups of the chain besides that of the receiver: daemon and bridge.
 const FUTEXES: u64 = 2;
 
@@ -99,9 +102,17 @@ pub fn measure(
     mut bare: impl FnMut() -> Result<[DistributionSummary; 2], Failure>,
 ) -> Result<WireFigures, Failure> {
     let chains = Chain::installed();
+    let all_s =
+        ROUNDS as f64 * chains.len() as f64 * (f64::from(seconds) + CHAIN_S) + f64::from(seconds);
+    say(&format!("this takes about {all_s:.0} s; Ctrl-C ends it early, without figures"));
     let mut measured = vec![(Distribution::default(), 0); chains.len()];
     for round in 1..=ROUNDS {
         for (chain, (latency, unanswered)) in chains.iter().zip(&mut measured) {
+            if stop.is_set() {
+                let failure =
+                    Failure::new(Exit::Flight, "interrupted: the chains were not measured alike");
+                return Err(failure);
+            }
             say(&format!("{}, {round} of {ROUNDS}: {seconds} s", chain.name()));
             let answers = chain.fly(config, seconds, stop)?;
             answers.latencies.iter().for_each(|span| latency.add(*span));
@@ -119,7 +130,7 @@ pub fn measure(
 }
 
 /// Names of the mechanisms in the sum.
-pub const SUMMED: [Mechanism; 2] = [Mechanism::UdpSocket, Mechanism::Futex];
+pub const BARE_MECHANISMS: [Mechanism; 2] = [Mechanism::UdpSocket, Mechanism::Futex];
 
 fn sum(udp: &DistributionSummary, futex: &DistributionSummary) -> DistributionSummary {
     let sum = |part: fn(&DistributionSummary) -> u64| part(udp) + FUTEXES * part(futex);

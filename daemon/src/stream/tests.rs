@@ -54,7 +54,7 @@ fn f35_a_planners_reference_beyond_a_limit_leaves_the_last_valid_one_in_force() 
         ("speed 9.00 m/s exceeds", ReferenceV1 { velocity: [9.0, 0.0, 0.0], ..good }),
         ("acceleration 20.00 m/s^2", ReferenceV1 { acceleration: [0.0, 0.0, 20.0], ..good }),
         ("is not a number", ReferenceV1 { jerk: [f64::INFINITY, 0.0, 0.0], ..good }),
-        ("jerk 99.00 m/s^3 exceeds ten times", ReferenceV1 { jerk: [0.0, 99.0, 0.0], ..good }),
+        ("jerk 99.00 m/s^3 exceeds 10 x", ReferenceV1 { jerk: [0.0, 99.0, 0.0], ..good }),
         ("yaw is not finite", ReferenceV1 { yaw: f64::NAN, ..good }),
         ("validity is over", ReferenceV1 { valid_until: at(9), ..good }),
         ("ms exceeds reference.longest-validity-ms = 500", ReferenceV1 { time: at(-2000), ..good }),

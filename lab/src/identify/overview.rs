@@ -85,7 +85,7 @@ pub fn remarks(identification: &Identification) -> Vec<String> {
     if saturated_share > TOLD_SATURATION {
         let percent = rounded(1e2 * saturated_share, 2);
         lines.push(format!(
-            "thrust at the end of its range for {percent} % of the time in the air: saturated rotors give less than commanded, so that thrust and drag are less certain than their intervals"
+            "thrust at the end of its range for {percent} % of the time in the air: saturated rotors give less than commanded, so the intervals of thrust and drag are too narrow"
         ));
     }
     lines.push(cameras(identification));

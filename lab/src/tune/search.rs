@@ -100,13 +100,15 @@ impl TrainingFlights {
         law: &str,
         parameters: &[SearchRange],
         from: &[(String, f64)],
-    ) -> Result<Vec<Vec<(String, f64)>>, Failure> {
+    ) -> Vec<Vec<(String, f64)>> {
         let mut starts = vec![from.to_vec()];
         if self.live_keys_only {
-            let tuned = [&self.settings[..], &tuned(law)].concat();
-            starts.push(configured(parameters, &Config::from_settings(&tuned)?));
+            // Shipped gains may contradict the user's settings.
+            let tuned = Config::from_settings(&[&self.settings[..], &tuned(law)].concat()).ok();
+            let tuned = tuned.map(|tuned| configured(parameters, &tuned));
+            starts.extend(tuned.filter(|tuned| tuned != from));
         }
-        Ok(starts)
+        starts
     }
 
     fn fly(&self, law: &StudyLaw, case: &Case, progress: &Progress) -> Result<Flown, Failure> {
@@ -234,7 +236,7 @@ pub fn law(
     let (start, from) = (value(&before), configured(&parameters, &config));
     say_notes((!start.is_finite()).then(|| not_landed(name, &before)));
     let mut path = SearchPath::default();
-    let best = search(&parameters, &flights.starts(name, &parameters, &from)?, budget, |points| {
+    let best = search(&parameters, &flights.starts(name, &parameters, &from), budget, |points| {
         let evaluate = |point: &Vec<f64>| {
             let gains = settings(&values(&parameters, point));
             let flown = progress.check().and_then(|()| fly(&gains, &weighted));

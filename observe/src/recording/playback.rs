@@ -26,8 +26,8 @@ pub fn flight(file: &RecordingFile) -> Result<Flight, RecordingFileError> {
     let ClosingFacts { command_path, outcome, speed_factor, daemon } = ClosingFacts::read(file);
     let open = if config.safety.observe_only { Outcome::Observed } else { Outcome::Unfinished };
     // Without its closing facts, the duration of a flight in virtual time is not known.
-    let cut = if config.clock.kind == ClockKind::Real { 1.0 } else { f64::NAN };
-    let flight = recorder.finish(outcome.unwrap_or(open), speed_factor.unwrap_or(cut));
+    let unclosed = if config.clock.kind == ClockKind::Real { 1.0 } else { f64::NAN };
+    let flight = recorder.finish(outcome.unwrap_or(open), speed_factor.unwrap_or(unclosed));
     let command_path = command_path.unwrap_or(flight.command_path);
     Ok(Flight { command_path, daemon, ..flight })
 }

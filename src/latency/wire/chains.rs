@@ -6,14 +6,14 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use oqtal_bus::time::{Span, Time};
-use oqtal_config::{ClockKind, Config};
+use oqtal_config::{ClockKind, Config, RecordedFlights};
 use oqtal_control::trajectory::TrajectoryKind;
 use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::stop::StopFlag;
 
-use super::capture::{Answers, Capture, Record, Seen};
-use crate::child::Child;
+use super::capture::{Answers, Capture, PacketKind, StampedPacket};
+use crate::child::{Child, program};
 use crate::latency::bare::directory;
 
 /// A law in Python, from QTM to MAVLink.
@@ -41,6 +41,7 @@ impl Chain {
     pub fn installed() -> Vec<Self> {
         let has = Command::new(PYTHON)
             .args(["-c", "import qtm_rt, pymavlink"])
+            .current_dir("/")
             .stdout(Stdio::null())
             .stderr(Stdio::null())
             .status();
@@ -61,27 +62,43 @@ impl Chain {
     /// # Errors
     /// See [`super::measure`].
     pub fn fly(self, config: &Config, seconds: u32, stop: &StopFlag) -> Result<Answers, Failure> {
-        let directory = private_directory()?;
         let capture = Capture::start()?;
-        let started = self.start(config, i64::from(seconds) + SETTLING_S, &directory);
-        // The last process ends by itself.
-        let ended = started.map(|mut processes| {
-            let last = processes.last_mut().expect("a chain has processes");
-            let give_up = Time::now() + TIMEOUT + Span::from_millis(1000 * i64::from(seconds));
-            while !stop.is_set() && Time::now() < give_up && !last.ends_within(POLL_PERIOD) {}
-            last.failure()
-        });
-        let records = capture.finish();
+        let directory = private_directory()?;
+        let ended = self.run(config, seconds, &directory, stop);
+        let packets = capture.finish();
         // A directory that cannot be removed occupies only a few kilobytes.
         let _ = fs::remove_dir_all(&directory);
-        let failure = ended?;
-        let is_command = |record: &&Record| matches!(record.1, Seen::Command(_));
-        let Some((first_ns, _)) = records.iter().find(is_command) else {
-            let silent = || Failure::new(Exit::Peer, format!("{} sent no command", self.name()));
-            return Err(failure.unwrap_or_else(silent));
+        ended?;
+        let packets = packets?;
+        let is_command = |packet: &&StampedPacket| matches!(packet.1, PacketKind::Command(_));
+        let Some((first_ns, _)) = packets.iter().find(is_command) else {
+            return Err(Failure::new(Exit::Peer, format!("{} sent no command", self.name())));
         };
         let from_ns = first_ns + SETTLING_S * 1_000_000_000;
-        Answers::of(&records, from_ns, from_ns + i64::from(seconds) * 1_000_000_000)
+        Answers::of(&packets, from_ns, from_ns + i64::from(seconds) * 1_000_000_000)
+    }
+
+    /// Runs the processes until the last one ends, or until interrupted.
+    fn run(
+        self,
+        config: &Config,
+        seconds: u32,
+        directory: &Path,
+        stop: &StopFlag,
+    ) -> Result<(), Failure> {
+        let mut processes = self.start(config, i64::from(seconds) + SETTLING_S, directory)?;
+        let give_up = Time::now() + TIMEOUT + Span::from_millis(1000 * i64::from(seconds));
+        let last = processes.len() - 1;
+        while !stop.is_set() && !processes[last].ends_within(POLL_PERIOD) {
+            if let Some(failure) = processes.iter_mut().find_map(Child::error) {
+                return Err(failure);
+            }
+            if Time::now() >= give_up {
+                let reason = format!("{} did not end when its time was over", self.name());
+                return Err(Failure::new(Exit::System, reason));
+            }
+        }
+        processes[last].error().map_or(Ok(()), Err)
     }
 
     fn start(
@@ -102,6 +119,7 @@ fn start_oqtal(config: &Config, flight_s: i64, directory: &Path) -> Result<Vec<C
     let mut config = config.clone();
     config.instance.name = format!("wire-{}", std::process::id());
     config.clock.kind = ClockKind::Real;
+    config.record.flights = RecordedFlights::None;
     config.trajectory.kind = TrajectoryKind::Hover;
     config.trajectory.duration_s = Some(flight_s as f64);
     let file = directory.join("config.toml");
@@ -124,17 +142,13 @@ fn start_python(config: &Config, flight_s: i64, directory: &Path) -> Result<Vec<
         ["mocap-emu", "serve", "--scene", "hover", "--protocol", &protocol, "--rate", &rate];
     let server = Child::start("server", program(&words)?, directory)?;
     let mut script = Command::new(PYTHON);
-    script.args(["-c", SCRIPT]).args([port.to_string(), vehicle.to_string(), flight_s.to_string()]);
+    // Not the present directory: Python would import from it.
+    script.current_dir("/").args(["-c", SCRIPT]).args([
+        port.to_string(),
+        vehicle.to_string(),
+        flight_s.to_string(),
+    ]);
     Ok(vec![server, Child::start("script", script, directory)?])
-}
-
-/// This program, executed again with `words`.
-fn program(words: &[&str]) -> Result<Command, Failure> {
-    let path = std::env::current_exe()
-        .map_err(|e| Failure::new(Exit::System, format!("finding this program failed: {e}")))?;
-    let mut command = Command::new(path);
-    command.args(words).stdin(Stdio::null());
-    Ok(command)
 }
 
 /// A directory of this process for logs and results.
