@@ -45,7 +45,7 @@ use oqtal_observe::observer::BusObserver;
 use oqtal_observe::status::word;
 use oqtal_operator::request::silent;
 use rig::Rig;
-use wire::WireFigures;
+use wire::ChainFigures;
 
 pub use part::PartArgs;
 
@@ -103,7 +103,7 @@ impl LatencyArgs {
     }
 
     /// Measures the chains from datagram to datagram, and the bare mechanisms.
-    fn wire(&self, config: &Config, stop: &StopFlag) -> Result<WireFigures, Failure> {
+    fn wire(&self, config: &Config, stop: &StopFlag) -> Result<ChainFigures, Failure> {
         wire::measure(config, self.seconds, stop, || {
             let (_, figures) = self.under(RigCondition::ALL[0], config, stop)?;
             Ok(wire::BARE_MECHANISMS.map(|mechanism| figures.bare[mechanism.name()]))

@@ -41,7 +41,7 @@ pub struct WireChain {
 
 /// The figures of `oqtal latency --wire`, the document of `--json`.
 #[derive(Clone, Debug, Serialize)]
-pub struct WireFigures {
+pub struct ChainFigures {
     /// The chain of processes, then those in Python that are installed.
     pub chains: Vec<WireChain>,
     /// Sum of the mechanisms alone, percentile by percentile: a UDP datagram to a process that sleeps, and two futexes.
@@ -52,7 +52,7 @@ pub struct WireFigures {
     pub over_first: Vec<Ratio>,
 }
 
-impl WireFigures {
+impl ChainFigures {
     fn of(chains: Vec<WireChain>, bare: DistributionSummary) -> Self {
         let first = &chains[0].latency;
         Self {
@@ -100,7 +100,7 @@ pub fn measure(
     seconds: u32,
     stop: &StopFlag,
     mut bare: impl FnMut() -> Result<[DistributionSummary; 2], Failure>,
-) -> Result<WireFigures, Failure> {
+) -> Result<ChainFigures, Failure> {
     let chains = Chain::installed();
     let all_s =
         ROUNDS as f64 * chains.len() as f64 * (f64::from(seconds) + CHAIN_S) + f64::from(seconds);
@@ -126,7 +126,7 @@ pub fn measure(
         latency: latency.summary(),
         unanswered,
     });
-    Ok(WireFigures::of(chains.collect(), sum(&udp, &futex)))
+    Ok(ChainFigures::of(chains.collect(), sum(&udp, &futex)))
 }
 
 /// Names of the mechanisms in the sum.

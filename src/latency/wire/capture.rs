@@ -30,7 +30,7 @@ const QTM_DATA: u32 = 3;
 const MAVLINK_2: u8 = 0xFD;
 const SET_ATTITUDE_TARGET: u32 = 82;
 
-/// What a packet is, with its port of destination.
+/// Kind of a packet, with its port of destination.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PacketKind {
     /// A frame of the cameras.
@@ -39,7 +39,7 @@ pub enum PacketKind {
     Command(u16),
 }
 
-/// The instant at which the kernel passed a packet on \[ns, CLOCK_REALTIME\], and what the packet is.
+/// The instant at which the kernel passed a packet on \[ns, CLOCK_REALTIME\], and its kind.
 pub type StampedPacket = (i64, PacketKind);
 
 /// The frames and the commands after them.
@@ -175,7 +175,7 @@ fn observe(socket: &OwnedFd, ends: &AtomicBool) -> (Vec<StampedPacket>, u32) {
     (packets, lost)
 }
 
-/// What `packet`, with its Ethernet header, is; `None` for all others.
+/// Kind of `packet`, which begins with its Ethernet header; `None` for all others.
 fn recognised(packet: &[u8]) -> Option<PacketKind> {
     let ip = packet.get(ETHERNET..)?;
     let header = usize::from(ip.first()? & 15) * 4;
