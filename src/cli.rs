@@ -30,6 +30,7 @@ use oqtal_lab::reproduce::ReproduceArgs;
 use oqtal_lab::robustness::RobustnessArgs;
 use oqtal_lab::sweep::SweepArgs;
 use oqtal_lab::tune::TuneArgs;
+use oqtal_operator::request::silent;
 use oqtal_screen::MonitorArgs;
 
 /// Real-time attitude control for indoor flight laboratories
@@ -135,7 +136,7 @@ impl Cli {
             Some(Command::Cameras(command)) => command.execute(),
             Some(Command::Ctl(args)) => args.execute(),
             Some(Command::Gateway(command)) => command.execute(),
-            Some(Command::Monitor(args)) => args.execute(oqtal_operator::execute_line),
+            Some(Command::Monitor(args)) => args.execute(oqtal_operator::execute_line, silent),
             Some(Command::View(args)) => args.execute(),
             Some(Command::Record(args)) => args.execute(),
             Some(Command::Info(args)) => args.execute(),

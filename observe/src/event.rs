@@ -104,7 +104,9 @@ impl ChangeInFlight {
             OperatorCommand::from_code(event.command).is_some_and(OperatorCommand::begins_flight)
         };
         let is_in_flight = |(at, event): &&(Time, EventV1)| {
-            extents.iter().any(|[begin, end]| at > begin && at <= end) && !begins(event)
+            extents.iter().any(|[begin, end]| at > begin && at <= end)
+                && !begins(event)
+                && !is_list(event)
         };
         let leaves_a_flight = leaves_a_flight(flight);
         let all = flight.changes.iter().filter(is_in_flight).map(|(at, event)| Self {
@@ -115,6 +117,12 @@ impl ChangeInFlight {
         });
         all.collect()
     }
+}
+
+/// Whether an event repeats the settings that were changed earlier, for a recording that begins later: a title and a list.
+fn is_list(event: &EventV1) -> bool {
+    event.command == OperatorCommand::Set.code()
+        && !event.text.as_str().lines().next().unwrap_or_default().contains('=')
 }
 
 /// Whether no request changed the course of at least one of the flights.

@@ -28,6 +28,9 @@ const REST: Span = Span::from_millis(500);
 /// source has ended, and the flight ends as the daemon reports.
 const TRUTH_TIMEOUT: Span = Span::from_millis(1000);
 
+/// Time without a tick in flight, while others publish, after which the daemon has ended.
+const DAEMON_TIMEOUT: Span = Span::from_millis(1000);
+
 /// Recorder of one flight.
 #[derive(Debug)]
 pub struct Recorder {
@@ -42,6 +45,8 @@ pub struct Recorder {
     lost: Vec<(ObservedTopic, u64)>,
     /// Instant of the newest tick if the vehicle was armed in it.
     armed_at: Option<Time>,
+    /// Instant of the newest message of cameras, vehicle or simulator.
+    newest_at: Time,
     /// Commands lost according to the vehicle's last message \[-\].
     vehicle_lost: Option<u64>,
     join: NearestJoin<TelemetryV1, TruthV1>,
@@ -77,6 +82,7 @@ impl Recorder {
             daemon_source: None,
             lost: Vec::new(),
             armed_at: None,
+            newest_at: Time::UNSET,
             vehicle_lost: None,
             join: NearestJoin::default(),
             flown: false,
@@ -135,7 +141,12 @@ impl Recorder {
     }
 
     /// Closes the record. The outcome is `otherwise` if the flight has not ended.
-    pub fn finish(self, otherwise: Outcome, speed_factor: f64) -> Flight {
+    pub fn finish(mut self, otherwise: Outcome, speed_factor: f64) -> Flight {
+        let silent = self.armed_at.map(|armed_at| self.newest_at.since(armed_at));
+        let has_died = silent.is_some_and(|silent| silent > DAEMON_TIMEOUT);
+        if has_died && self.outcome.is_none() && !self.flight.is_observation() {
+            self.crashed(Crash::DaemonDied);
+        }
         // A daemon that came later does not count, unless none flew.
         let mut others = self.other_configs.iter();
         let has_other_config = others.any(|it| self.flew.is_empty() || self.flew.contains(it));
@@ -336,6 +347,9 @@ impl Recorder {
 
 impl Sink for Recorder {
     fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
+        if matches!(sample, Sample::Truth(_) | Sample::Pose(_) | Sample::Vehicle(_)) {
+            self.newest_at = reception.received_at;
+        }
         match sample {
             Sample::Truth(truth) => {
                 let source = Some(reception.header.source);

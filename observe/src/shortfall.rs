@@ -190,7 +190,10 @@ impl Flight {
         let options = &self.config.trajectory;
         let before_s = options.start_s();
         let [flown_s, of_s] = [landing.mission_s, planned_s].map(|t_s| (t_s - before_s).max(0.0));
-        Some(format!("landed on request after {flown_s:.1} of {of_s:.1} s of the trajectory"))
+        let record = if self.begins_in_flight() { "; the record begins in flight" } else { "" };
+        Some(format!(
+            "landed on request after {flown_s:.1} of {of_s:.1} s of the trajectory{record}"
+        ))
     }
 
     /// Tick in which the daemon itself began to land earlier than planned; `None` without an early landing.

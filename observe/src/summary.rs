@@ -282,8 +282,8 @@ fn count(flight: &Flight, counter: impl Fn(&TelemetryV1) -> u64) -> u64 {
     };
     let after = &flight.samples[armed..];
     let end = after[0].telemetry.time + COUNTED_AFTER;
-    let is_counted = |sample: &&FlightSample| sample.telemetry.time <= end;
-    let after = &after[..after.iter().take_while(is_counted).count()];
+    let counted = after.iter().take_while(|sample| sample.telemetry.time <= end).count();
+    let after = &after[..counted];
     flight.flights().map(increase).fold(increase(after), u64::saturating_add)
 }
 
@@ -370,8 +370,10 @@ fn handovers(flight: &Flight) -> Option<HandoverFigures> {
 /// for its first poses in a state that is not part of the flight.
 fn state_sequence(flight: &Flight) -> Vec<String> {
     let from = flight.samples.iter().position(FlightSample::is_armed).unwrap_or(0);
-    let states = flight.samples[from..].iter();
-    let mut states: Vec<u8> = states.map(|sample| sample.telemetry.state).collect();
+    // Another daemon may follow.
+    let end = last_tick(flight).time + COUNTED_AFTER;
+    let ticks = flight.samples[from..].iter().map(|sample| &sample.telemetry);
+    let mut states: Vec<u8> = ticks.take_while(|it| it.time <= end).map(|it| it.state).collect();
     states.dedup();
     let name = |code: &u8| SafetyState::from_code(*code).map(|state| state.to_string());
     states.iter().filter_map(name).collect()

@@ -12,8 +12,11 @@ use crate::summary::{ErrorFigures, Summary};
 use crate::wire::{CommandAge, WireFigures};
 
 /// Text shown instead of errors for a flight without a scored window.
-const UNSCORED: &str = "no errors: nothing of this flight is scored; a hover is from 10 s after it is\n\
-                        reached, see --duration\n";
+const UNSCORED: &str = "no errors: nothing of this flight is scored\n";
+
+/// The same for a hover.
+const SHORT_HOVER: &str = "no errors: nothing of this flight is scored; a hover is from 10 s after it is\n\
+                           reached, see --duration\n";
 
 /// Note on a flight whose course an operator changed before anything was scored.
 const REDIRECTED: &str = "no errors: what follows `ctl goto`, `fly` or `hover` is not scored\n";
@@ -32,7 +35,9 @@ pub fn closing(summary: &Summary) -> String {
         (None, _) if summary.ticks == 0 => {}
         (None, Some(change)) if change.leaves_a_flight => text += SOME_REDIRECTED,
         (None, Some(_)) => text += REDIRECTED,
-        (None, None) if summary.outcome.is_of_flight() => text += UNSCORED,
+        (None, None) if summary.outcome.is_of_flight() => {
+            text += if summary.trajectory == "hover" { SHORT_HOVER } else { UNSCORED };
+        }
         (None, None) => {}
     }
     text += &summary.note_on_errors().map_or_else(String::new, |it| wrapped(it, 0) + "\n");

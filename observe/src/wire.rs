@@ -182,7 +182,9 @@ mod tests {
             let vehicle = VehicleV1 { wire_ns: 9_000_000, link: 1, ..VehicleV1::default() };
             used.vehicle(&header, &vehicle, is_armed);
         };
-        (at(60_000, true), at(60_010, false), at(61_000, true));
+        for (millis, is_armed) in [(60_000, true), (60_010, false), (61_000, true)] {
+            at(millis, is_armed);
+        }
         let occupancy = used.figures(true).unwrap().command_occupancy.unwrap();
         assert!((occupancy - 0.3).abs() < 1e-9, "{occupancy}");
     }

@@ -25,6 +25,8 @@ const PICTURE_PERIOD: Duration = Duration::from_millis(100);
 
 /// Executes a request to the instance at these paths and returns the answer as one line.
 pub type ExecuteLine = fn(&InstancePaths, &str) -> String;
+/// Reason why no process of an instance answers.
+pub type Silent = fn(&InstancePaths) -> Failure;
 
 /// Arguments of `oqtal monitor`.
 #[derive(Args, Debug)]
@@ -42,7 +44,7 @@ impl MonitorArgs {
     ///
     /// # Errors
     /// The output is not a terminal (exit code 64), no process runs on the instance (75), or the terminal or the bus failed.
-    pub fn execute(&self, request: ExecuteLine) -> Result<Exit, Failure> {
+    pub fn execute(&self, request: ExecuteLine, silent: Silent) -> Result<Exit, Failure> {
         require_terminal()?;
         let config = Config::load(&self.common.config, &self.common.settings()?)?;
         let paths = instance_paths(&config)?;
@@ -53,7 +55,7 @@ impl MonitorArgs {
         let request = (request, paths);
         let law_query = LawQuery::default();
         let mut watch = Watch { observer, model, law_query, look: self.look(), end, request };
-        watch.find()?;
+        watch.find(silent)?;
         watch.run()?;
         Ok(Exit::Ok)
     }
@@ -90,7 +92,7 @@ struct Watch {
 
 impl Watch {
     /// Waits until a process of the instance publishes its health.
-    fn find(&mut self) -> Result<(), Failure> {
+    fn find(&mut self, silent: Silent) -> Result<(), Failure> {
         let give_up = Time::now() + SILENCE;
         while !self.end.is_set() {
             self.poll()?;
@@ -98,6 +100,10 @@ impl Watch {
                 return Ok(());
             }
             if Time::now() > give_up {
+                let failure = silent(&self.request.1);
+                if failure.exit == Exit::Permission {
+                    return Err(failure);
+                }
                 let name = &self.model.name;
                 let message = format!(
                     "no process of instance `{name}` runs; start `oqtal fly --instance {name}` or its services, or name another with --instance"

@@ -127,6 +127,21 @@ fn a_course_of_an_earlier_flight_is_not_one_of_this_flight_and_settings_stay() {
 }
 
 #[test]
+fn a_daemon_that_ends_in_flight_while_others_publish_has_crashed_the_vehicle() {
+    let outcome = |later_ms| {
+        let mut recorder = recorded(&[SafetyState::Nominal; 50], 50);
+        let last = recorder.latest().unwrap().telemetry.time;
+        let received_at = last + Span::from_millis(later_ms);
+        let reception = Reception { received_at, ..Reception::default() };
+        recorder.sample(&reception, Sample::Pose(&PoseV1::default()));
+        let flight = recorder.finish(Outcome::Unfinished, 1.0);
+        (flight.outcome, flight.crash)
+    };
+    assert_eq!(outcome(900), (Outcome::Unfinished, None));
+    assert_eq!(outcome(1100), (Outcome::Crashed, Some(Crash::DaemonDied)));
+}
+
+#[test]
 fn another_configuration_is_that_of_a_daemon_that_flew() {
     let flown = |others: &[u32]| {
         let mut recorder = Recorder::new(&Config::default());
