@@ -9,6 +9,7 @@ use oqtal_bus::transport::{Subscribe, Transport};
 use rustix::process::Signal;
 use serde_json::Value;
 
+use crate::common::obedience::MotorWatch;
 use crate::common::{Running, Testbed, json, number, skipped, stderr, wait_for};
 
 const EXAMPLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/external_law");
@@ -191,6 +192,25 @@ fn in_real_time(fate: Fate, seed: u32) {
         assert!(number(&summary, "/handovers/count") >= 1.0, "{fate:?}: {summary:#}");
     }
     assert_eq!(summary["outcome"], "landed", "{fate:?}");
+}
+
+#[test]
+fn f70_a_stop_does_not_wait_for_a_law_that_hangs() {
+    let testbed = Testbed::new("law-stop");
+    let Some(mut law) = script(&testbed) else { return };
+    let flight = testbed.start(&[&["fly"], &SHORT[..]].concat());
+    wait_for("the socket", || socket(&testbed).exists().then_some(()));
+    let law = Running::start(law.stdin(Stdio::null()));
+    let bus = testbed.bus();
+    let mut telemetry = bus.observer(&TELEMETRY).unwrap();
+    wait_for("the hover", || telemetry.latest().unwrap().filter(|(_, tick)| tick.mission_s > 4.0));
+    let mut motors = MotorWatch::open(&bus);
+    law.signal(Signal::STOP);
+    motors.obeys(|| {
+        let stopped = testbed.oqtal(&["ctl", "stop", "--json"]).output().unwrap();
+        assert_eq!(json(&stopped)["motors_off"], true, "{}", stderr(&stopped));
+    });
+    assert_eq!(flight.wait().status.code(), Some(1));
 }
 
 #[test]

@@ -1,0 +1,71 @@
+//! Requests of operators that come together: real processes, and nothing in half.
+
+use std::process::Output;
+
+use oqtal_bus::topic::TELEMETRY;
+use oqtal_bus::transport::{Subscribe, Transport};
+
+use crate::common::obedience::MotorWatch;
+use crate::common::{Testbed, json, stderr, wait_for};
+
+fn ctl(testbed: &Testbed, words: &[&str]) -> Output {
+    testbed.oqtal(&[&["ctl"], words].concat()).output().unwrap()
+}
+
+#[test]
+fn of_two_operators_who_set_the_same_keys_at_once_one_wins_as_a_whole() {
+    let testbed = Testbed::new("two-set");
+    let bus = testbed.bus();
+    let _processes = testbed.services();
+    testbed.take_off(&bus);
+    let keys = ["position.tilt-limit-deg", "position.horizontal-velocity-limit-m-s"];
+    let requests = [["11", "0.7"], ["13", "0.6"]];
+    for _ in 0..5 {
+        std::thread::scope(|scope| {
+            for values in &requests {
+                scope.spawn(|| {
+                    let words = [0, 1].map(|k| format!("{}={}", keys[k], values[k]));
+                    let done = ctl(&testbed, &["set", &words[0], &words[1]]);
+                    assert!(done.status.success(), "{}", stderr(&done));
+                });
+            }
+        });
+        let values = keys.map(|key| {
+            let answer = ctl(&testbed, &["get", key]);
+            let text = String::from_utf8_lossy(&answer.stdout).into_owned();
+            text.trim().rsplit([' ', '=']).next().unwrap().parse::<f64>().expect(&text)
+        });
+        let whole = requests.map(|it| it.map(|value| value.parse::<f64>().unwrap()));
+        assert!(whole.contains(&values), "{values:?}");
+    }
+}
+
+#[test]
+fn a_stop_between_reloads_is_obeyed_at_once() {
+    let testbed = Testbed::new("stop-reload");
+    let bus = testbed.bus();
+    let _processes = testbed.services();
+    testbed.take_off(&bus);
+    for tilt in ["11", "13"] {
+        let text = format!("[position]\ntilt-limit-deg = {tilt}.0\n");
+        std::fs::write(testbed.path(&format!("{tilt}.toml")), text).unwrap();
+    }
+    let mut motors = MotorWatch::open(&bus);
+    std::thread::scope(|scope| {
+        let reloads = scope.spawn(|| {
+            // The stop comes while these follow one another.
+            for file in ["11.toml", "13.toml"].iter().cycle().take(12) {
+                ctl(&testbed, &["reload", file]);
+            }
+        });
+        motors.obeys(|| {
+            let stopped = ctl(&testbed, &["stop", "--json"]);
+            assert!(stopped.status.success(), "{}", stderr(&stopped));
+            assert_eq!(json(&stopped)["motors_off"], true);
+        });
+        reloads.join().unwrap();
+    });
+    let mut telemetry = bus.observer(&TELEMETRY).unwrap();
+    let (_, tick) = wait_for("a tick", || telemetry.latest().unwrap());
+    assert!(!tick.is_armed(), "a reload begins no flight");
+}
