@@ -164,7 +164,7 @@ fn f14_a_daemon_that_is_replaced_does_not_take_off_again() {
     assert!(new.iter().any(|&tick| states[tick] == "Nominal"), "{states:?}");
     assert!(new.iter().all(|&tick| modes[tick] == "disarmed" && thrusts[tick] == 0.0));
     let flown = fly(&HOVER, "--clock in-process --fault daemon:kill@4");
-    assert_eq!(flown.summary["outcome"], "unfinished", "{}", flown.summary);
+    assert_eq!(flown.summary["outcome"], "crashed", "{}", flown.summary);
 }
 
 #[test]

@@ -102,7 +102,7 @@ fn an_unknown_request_is_answered_with_the_known_ones_and_the_last_process_remov
     let mut reply = [0; 4096];
     let length = program.recv(&mut reply).unwrap();
     let told = String::from_utf8_lossy(&reply[..length]);
-    assert!(told.contains("`statos` is not a request; there are status, arm"), "{told}");
+    assert!(told.contains("unknown request `statos`; known: status, arm"), "{told}");
     gateway.signal(Signal::INT);
     assert!(gateway.wait().status.success());
     assert!(!directory.exists());

@@ -114,8 +114,8 @@ class Reference:
     """The reference at the instant at which the command takes effect.
 
     ``position`` [m, world], ``velocity`` [m/s, world; zero where the position jumps], ``yaw`` [rad].
-    ``acceleration`` [m/s^2, world], ``jerk`` [m/s^3, world]: those of the trajectory, or of a planner whose references continue one another; the jerk is zero on the way of
-    a ``goto``.
+    ``acceleration`` [m/s^2, world], ``jerk`` [m/s^3, world]: those of the trajectory, or of a planner whose references continue one
+    another; the jerk is zero on the way of a ``goto``.
     ``attitude``, ``rate`` [rad/s, body]: prescribed in place of the horizontal position; ``None`` if none is.
     """
 
