@@ -27,7 +27,9 @@ export class Panel {
   draw(t) {
     const { ticks, vehicles, tick, vehicle } = this.store;
     if (ticks.length) this.drawTick(this.store.at(ticks, t), tick);
-    if (vehicles.length) this.drawVehicle(this.store.at(vehicles, t), vehicle);
+    // The vehicle's messages come on when the daemon has ended.
+    const isNewest = this.store.isBounded && (!ticks.length || t >= this.store.last(ticks)[0]);
+    if (vehicles.length) this.drawVehicle(isNewest ? this.store.last(vehicles) : this.store.at(vehicles, t), vehicle);
     this.drawEvents(t);
   }
 
