@@ -165,6 +165,6 @@ mod tests {
         );
         assert!(remedy.contains("--set trajectory.attitude-chirp.sweep-s="), "{remedy}");
         assert!(remedy.contains("the repeated flight is complete"), "{remedy}");
-        assert!(remedy.ends_with("give a smaller force"), "{remedy}");
+        assert!(remedy.ends_with("a smaller force makes it drift less"), "{remedy}");
     }
 }
