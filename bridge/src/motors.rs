@@ -120,7 +120,7 @@ pub enum MotorEvent {
     StopFailed,
     /// The motors stopped while a flight was requested.
     StoppedInFlight,
-    /// The daemon's commands ended while the motors ran; the set-point has been zero for this time.
+    /// The daemon's commands ended while the motors ran, this time ago.
     DaemonSilent(Span),
     /// A pilot or the vehicle itself took control while the motors ran, or were being started or stopped.
     ControlTaken,

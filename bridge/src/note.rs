@@ -73,7 +73,7 @@ fn log_motors(event: MotorEvent) {
             tracing::warn!("motors stopped in flight: zero set-point until disarmed");
         }
         MotorEvent::DaemonSilent(lasted) => tracing::warn!(
-            "no flight command since {:.2} s: the set-point has been zero for nearly as long, and is until the daemon is back and disarmed",
+            "no flight command for {:.2} s: the set-point has been zero for nearly as long, and stays zero until the daemon is back and disarmed",
             lasted.seconds()
         ),
         MotorEvent::ControlTaken => tracing::warn!(

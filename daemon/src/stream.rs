@@ -101,11 +101,11 @@ impl FollowedReference {
             AttitudeReference::at_rest(after(within_s))
         };
         let attitude = self.attitude.map(turned);
-        let [acceleration, jerk] = match self.is_smooth {
-            true => [self.motion(now).acceleration.xyz(), self.jerk],
-            false => [Vector3::zeros(); 2],
-        };
-        Reference { acceleration, jerk, attitude, ..self.motion(now).reference() }
+        let reference = Reference { attitude, ..self.motion(now).reference() };
+        match self.is_smooth {
+            true => Reference { jerk: self.jerk, ..reference },
+            false => Reference { acceleration: Vector3::zeros(), ..reference },
+        }
     }
 }
 

@@ -224,6 +224,7 @@ pub fn read(file: &Path, from: Time, to: Time) -> Result<Distribution, Failure> 
     Ok(distribution)
 }
 
-fn failed(path: &Path, error: &dyn std::fmt::Display) -> Failure {
+/// Failure of an access to the file `path`.
+pub fn failed(path: &Path, error: &dyn std::fmt::Display) -> Failure {
     Failure::new(Exit::System, format!("{}: {error}", path.display()))
 }

@@ -93,7 +93,7 @@ impl TrainingFlights {
         parameters
     }
 
-    /// Values of `parameters` at which a search begins: the `configured` ones. For a vehicle that hovers meanwhile, whose search should
+    /// Values of `parameters` at which a search begins: `from`, the configured ones. For a vehicle that hovers meanwhile, whose search should
     /// be short, also those tuned for the shipped vehicle.
     fn starts(
         &self,

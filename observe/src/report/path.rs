@@ -24,11 +24,9 @@ const VIEWS: [(&str, View); 2] = [
 /// Flown path and its reference.
 pub fn flown(timeline: &Timeline<'_>) -> Markup {
     let seen = |(title, view): (&str, View)| {
-        let reference =
-            timeline.path("reference", Ink::Reference, |sample| match sample.is_armed() {
-                true => view(sample.telemetry.reference_position),
-                false => (f64::NAN, f64::NAN),
-            });
+        let reference = timeline.path("reference", Ink::Reference, |sample| {
+            shown(sample.is_armed(), view(sample.telemetry.reference_position))
+        });
         let corners = Trace { name: "corners", ink: Ink::Fourth, points: corners(timeline, view) };
         let marks = std::iter::once(corners).chain(ends(timeline, view)).collect();
         in_plane(title, vec![reference, actual(timeline, view)], marks)
@@ -48,10 +46,14 @@ pub fn recorded(timeline: &Timeline<'_>) -> Markup {
 }
 
 fn actual(timeline: &Timeline<'_>, view: View) -> Trace {
-    timeline.path(timeline.actual(), Ink::Actual, |sample| match sample.is_located() {
-        true => view(sample.position().into()),
-        false => (f64::NAN, f64::NAN),
+    timeline.path(timeline.actual(), Ink::Actual, |sample| {
+        shown(sample.is_located(), view(sample.position().into()))
     })
+}
+
+/// `point`, or one that is not drawn.
+fn shown(is_shown: bool, point: Point) -> Point {
+    if is_shown { point } else { (f64::NAN, f64::NAN) }
 }
 
 /// First and last position.

@@ -15,6 +15,7 @@ use oqtal_runtime::stop::StopFlag;
 use super::capture::{Answers, Capture, PacketKind, StampedPacket};
 use crate::child::{Child, program};
 use crate::latency::bare::directory;
+use crate::latency::rig::failed;
 
 /// A law in Python, from QTM to MAVLink.
 const SCRIPT: &str = include_str!("peer.py");
@@ -156,8 +157,4 @@ fn private_directory() -> Result<PathBuf, Failure> {
     let path = directory(&format!("wire-{}", std::process::id()));
     files::create_private_directory(&path).map_err(|e| failed(&path, &e))?;
     Ok(path)
-}
-
-fn failed(path: &Path, error: &dyn std::fmt::Display) -> Failure {
-    Failure::new(Exit::System, format!("{}: {error}", path.display()))
 }
