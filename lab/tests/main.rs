@@ -11,3 +11,4 @@ mod metrics;
 mod online_tuning;
 mod second_lag;
 mod steps;
+mod untold;

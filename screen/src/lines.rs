@@ -135,18 +135,19 @@ fn tracking(model: &InstanceModel) -> StatusLine {
 /// Parameters of the vehicle in the adapted model.
 fn adaptation(model: &InstanceModel) -> StatusLine {
     let label = "model";
-    let flown = present(model).filter(|tick| tick.adapted_rate_gain.is_finite());
+    let flown = present(model).filter(|tick| tick.adapted_rate_lag_s.is_finite());
     let Some(tick) = flown else { return line(label, "as configured", Weight::Plain) };
     let condition = DaemonCondition::of(&tick);
     if condition.fell_back() {
         return line(label, condition.model_text(), Weight::Warning);
     }
+    let [roll, pitch, _] = tick.adapted_rate_gain;
     let text = format!(
-        "rate x {:.2}, lag {:.0} ms, hidden delay {:.0} ms, thrust x {:.2}",
-        tick.adapted_rate_gain,
+        "roll rate x {roll:.2}, pitch x {pitch:.2}, lag {:.0} ms, hidden delay {:.0} ms, thrust x {:.2}, lag {:.0} ms",
         tick.adapted_rate_lag_s * 1e3,
         tick.adapted_delay_s * 1e3,
-        tick.adapted_thrust_gain
+        tick.adapted_thrust_gain,
+        tick.adapted_thrust_lag_s * 1e3
     );
     line(label, text, Weight::Plain)
 }

@@ -33,10 +33,11 @@ fn flying(now: Time) -> TelemetryV1 {
         reference_position: [0.0, 0.0, 1.0],
         thrust: 0.45,
         pose_age_s: 0.0152,
-        adapted_rate_gain: 0.93,
+        adapted_rate_gain: [0.93, 0.91, 0.92],
         adapted_rate_lag_s: 0.0614,
         adapted_delay_s: 0.0071,
         adapted_thrust_gain: 1.04,
+        adapted_thrust_lag_s: 0.052,
         mode: Mode::Flying.code(),
         fresh: 1,
         ..TelemetryV1::default()

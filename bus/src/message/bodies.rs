@@ -210,14 +210,16 @@ message! {
         pose_noise_rad: f64 ["rad, body"],
         /// Evidence that poses are not those of the vehicle, over its limits: rotation, direction of the path, drift of the attitude.
         pose_evidence: [f64; 3] ["-"],
-        /// Rate over the commanded one by the model adapted in flight; NaN if none is, as the next three.
-        adapted_rate_gain: f64 ["-"],
+        /// Rate over the commanded one by the model adapted in flight; NaN if none is, as the next four.
+        adapted_rate_gain: [f64; 3] ["-, body"],
         /// Lag of the rate by that model.
         adapted_rate_lag_s: f64 ["s"],
         /// Delay of commands behind their reported effect by that model.
         adapted_delay_s: f64 ["s"],
         /// Thrust over the mass by that model, relative to the configured one.
         adapted_thrust_gain: f64 ["-"],
+        /// Lag of the thrust by that model.
+        adapted_thrust_lag_s: f64 ["s"],
         /// [`crate::obstacle::ArmingObstacles`]: conditions that prevent a flight; 0 in flight.
         obstacles: u32 ["-"],
         /// [`crate::code::Mode`]: activity of the daemon.

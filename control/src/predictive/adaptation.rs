@@ -1,33 +1,22 @@
 //! Adaptation of the vehicle model in flight: response to commanded rates, and thrust.
 //!
-//! The response is estimated by a [`RotationEstimator`] within bounds about the configured one. A second estimator, whose
-//! parameters are fixed, predicts the same poses. The difference of the squares of their normalised innovations about roll and
-//! pitch, summed over some seconds, is the logarithm of the likelihood ratio of the two models: if the fixed model is more
-//! likely, it is used and the adaptation restarts; the adapted model is used again once it has been equally good for some time.
-//! The thrust estimate follows the vertical acceleration that the position filter would otherwise attribute to a force: with a
-//! wrong thrust or mass, horizontal accelerations are wrong by the same factor. Forces are temporary and thrust errors permanent:
-//! the longer the flight, the more slowly the thrust estimate follows.
+//! The response to rates is estimated by a [`RotationEstimator`], the lag of the thrust by a [`ThrustEstimator`], both within bounds
+//! about the configured values; an [`EstimatorPair`] chooses between each and its configured model. The gain of the thrust follows
+//! the vertical acceleration that the position filter would otherwise attribute to a force: with a wrong thrust or mass, horizontal
+//! accelerations are wrong by the same factor. Forces are temporary and thrust errors permanent: the longer the flight, the more
+//! slowly the gain follows.
 //!
 //! Parameters are not adapted until the vehicle is clear of the floor, which exerts forces.
 
-use nalgebra::Vector3;
+use nalgebra::{Vector2, Vector3};
 
+use super::estimator_pair::EstimatorPair;
 use super::history::{CommandEffect, CommandHistory};
 use super::model::{Motion, Rotation, VehicleModel};
 use super::options::{AdaptationOptions, FilterOptions};
-use super::rotation_estimator::{RateResponse, ResponseBounds, RotationEstimator};
-use crate::quaternion::Attitude;
-
-/// Time constant with which evidence for one of the models decays \[s\].
-const EVIDENCE_S: f64 = 3.0;
-
-/// Logarithm of the likelihood ratio, fixed to adapted model \[-\], above which the fixed model is used, and below which the
-/// adapted model may be used again.
-const WORSE: f64 = 10.0;
-const AS_GOOD: f64 = 4.0;
-
-/// Time for which the adapted model must be equally good before it is used again \[s\].
-const PROBATION_S: f64 = 2.0;
+use super::rotation_estimator::{RateResponse, ResponseBounds, RotationEstimator, Turn};
+use super::thrust_estimator::{Climb, ThrustEstimator};
+use super::track::MeasuredPose;
 
 /// Least and greatest time constant with which the thrust estimate follows the vertical acceleration \[s\]; in between, the time
 /// in flight.
@@ -44,14 +33,16 @@ const CLEAR_S: f64 = 3.0;
 /// Model in use, relative to the configured one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AdaptedModel {
-    /// Rate over the commanded one \[-\].
-    pub rate_gain: f64,
+    /// Rate over the commanded one \[-, body axes\].
+    pub rate_gain: Vector3<f64>,
     /// Lag of the rate \[s\].
     pub rate_lag_s: f64,
     /// Delay of the rotation that is hidden from the reports \[s\].
     pub delay_s: f64,
     /// Thrust over the mass, relative to the configured one \[-\].
     pub thrust_gain: f64,
+    /// Lag of the thrust \[s\].
+    pub thrust_lag_s: f64,
     /// Whether the configured response is used because the adapted one predicts worse.
     pub fell_back: bool,
 }
@@ -59,7 +50,7 @@ pub struct AdaptedModel {
 impl AdaptedModel {
     /// The correction of the reported effect of commands.
     pub fn effect(&self) -> CommandEffect {
-        CommandEffect { delay_s: self.delay_s, gain: Vector3::repeat(self.rate_gain) }
+        CommandEffect { delay_s: self.delay_s, gain: self.rate_gain }
     }
 
     /// `nominal` with this lag and thrust.
@@ -68,20 +59,9 @@ impl AdaptedModel {
             Rotation::RateLoop { .. } => Rotation::RateLoop { lag_s: self.rate_lag_s },
             other => other,
         };
-        VehicleModel { rotation, mass_kg: nominal.mass_kg / self.thrust_gain, ..*nominal }
+        let mass_kg = nominal.mass_kg / self.thrust_gain;
+        VehicleModel { rotation, mass_kg, thrust_lag_s: self.thrust_lag_s, ..*nominal }
     }
-}
-
-/// The two estimators of the rotation, with the evidence for each.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Rotating {
-    adapted: RotationEstimator,
-    fixed: RotationEstimator,
-    /// Logarithm of the likelihood ratio of the last seconds, fixed to adapted model \[-\].
-    evidence: f64,
-    /// Time for which the adapted model has been equally good while the fixed one is used \[s\]; `None` while the adapted one is
-    /// used.
-    probation_s: Option<f64>,
 }
 
 /// Adaptation of the model of a vehicle.
@@ -92,10 +72,12 @@ pub struct Adaptation {
     nominal: VehicleModel,
     /// Time \[s\] and height \[m, world\] of the first pose in flight.
     lift_off: Option<(f64, f64)>,
-    /// Time of the last pose clear of the floor \[s\].
-    last_s: Option<f64>,
+    /// Time of the last pose clear of the floor \[s\], and cosine of the tilt then \[-\].
+    last: Option<(f64, f64)>,
     /// `None` on the floor, and for a vehicle whose rates are not commanded.
-    rotating: Option<Rotating>,
+    rotating: Option<EstimatorPair<RotationEstimator>>,
+    /// `None` on the floor.
+    lifting: Option<EstimatorPair<ThrustEstimator>>,
     thrust_gain: f64,
 }
 
@@ -112,8 +94,9 @@ impl Adaptation {
             filter,
             nominal,
             lift_off: None,
-            last_s: None,
+            last: None,
             rotating: None,
+            lifting: None,
             thrust_gain: 1.0,
         }
     }
@@ -123,38 +106,45 @@ impl Adaptation {
         *self = Self::new(&self.options, &self.filter, &self.nominal);
     }
 
-    /// Takes further poses with the attitude noise of `filter`.
+    /// Takes further poses with the noise of `filter`.
     pub fn set_noise(&mut self, filter: &FilterOptions) {
         self.filter = *filter;
-        if let Some(rotating) = &mut self.rotating {
-            rotating.adapted.set_noise(filter);
-            rotating.fixed.set_noise(filter);
+        for rotating in self.rotating.iter_mut().flat_map(EstimatorPair::each) {
+            rotating.set_noise(filter);
+        }
+        for lifting in self.lifting.iter_mut().flat_map(EstimatorPair::each) {
+            lifting.set_noise(filter);
         }
     }
 
-    /// Takes the attitude measured at `t_s` \[s\] in flight, and the external vertical acceleration that the position filter
-    /// estimates then \[m/s^2, world\].
+    /// Takes the pose measured at `t_s` \[s\] in flight, the motion estimated with it, and the external vertical acceleration that
+    /// the position filter estimates then \[m/s^2, world\].
     pub fn take(
         &mut self,
         t_s: f64,
-        (measured, motion, vertical): (&Attitude, &Motion, f64),
+        (pose, motion, vertical): (&MeasuredPose, &Motion, f64),
         history: &CommandHistory,
     ) {
         let height_m = motion.position.z;
         let (lifted_s, lifted_m) = *self.lift_off.get_or_insert((t_s, height_m));
-        if self.last_s.is_none() && height_m < lifted_m + CLEAR_M && t_s < lifted_s + CLEAR_S {
+        if self.last.is_none() && height_m < lifted_m + CLEAR_M && t_s < lifted_s + CLEAR_S {
             return;
         }
-        let Some(last_s) = self.last_s.replace(t_s) else {
-            self.rotating = self.started(measured);
+        let cosine = motion.attitude.to_world(&Vector3::z()).z;
+        let Some((last_s, last_cosine)) = self.last.replace((t_s, cosine)) else {
+            self.start(pose, motion);
             return;
         };
-        let dt_s = t_s - last_s;
+        let (dt_s, interval) = (t_s - last_s, (last_s, t_s));
         if dt_s <= 0.0 {
             return;
         }
         if let Some(rotating) = &mut self.rotating {
-            rotating.take(measured, history, (last_s, t_s));
+            rotating.take(&Turn { attitude: pose.attitude, history, interval }, dt_s);
+        }
+        if let Some(lifting) = &mut self.lifting {
+            let cosine = 0.5 * (cosine + last_cosine);
+            lifting.take(&Climb { height_m: pose.position.z, cosine, history, interval }, dt_s);
         }
         let gravity = self.nominal.gravity_m_s2;
         if motion.thrust_n > LEAST_THRUST * gravity * self.nominal.mass_kg {
@@ -166,15 +156,26 @@ impl Adaptation {
         }
     }
 
-    fn started(&self, measured: &Attitude) -> Option<Rotating> {
-        let bounds = self.bounds()?;
-        let known = RateResponse { gain: 0.0, lag_s: 0.0, delay_s: 0.0 };
-        let with = |deviation| {
-            let bounds = ResponseBounds { deviation, ..bounds };
-            RotationEstimator::new(bounds, &self.filter, *measured)
-        };
-        let (adapted, fixed) = (with(bounds.deviation), with(known));
-        Some(Rotating { adapted, fixed, evidence: 0.0, probation_s: None })
+    /// Starts the estimators from the first pose clear of the floor.
+    fn start(&mut self, pose: &MeasuredPose, motion: &Motion) {
+        self.rotating = self.bounds().map(|bounds| {
+            let with = |deviation| {
+                let bounds = ResponseBounds { deviation, ..bounds };
+                RotationEstimator::new(bounds, &self.filter, pose.attitude)
+            };
+            let known = RateResponse { gain: Vector3::zeros(), lag_s: 0.0, delay_s: 0.0 };
+            EstimatorPair::new(with(bounds.deviation), with(known))
+        });
+        let AdaptationOptions { thrust_deviation, thrust_lag_deviation_ms, .. } = self.options;
+        let climbing = Vector3::new(
+            motion.position.z,
+            motion.velocity.z,
+            motion.thrust_n / self.nominal.mass_kg,
+        );
+        let with =
+            |deviation| ThrustEstimator::new(&self.nominal, deviation, &self.filter, climbing);
+        let adapted = with(Vector2::new(thrust_deviation, thrust_lag_deviation_ms * 1e-3));
+        self.lifting = Some(EstimatorPair::new(adapted, with(Vector2::new(thrust_deviation, 0.0))));
     }
 
     /// `None` for a vehicle whose rates are not commanded.
@@ -182,9 +183,9 @@ impl Adaptation {
         let Rotation::RateLoop { lag_s } = self.nominal.rotation else { return None };
         let options = &self.options;
         Some(ResponseBounds {
-            nominal: RateResponse { gain: 1.0, lag_s, delay_s: 0.0 },
+            nominal: RateResponse { gain: Vector3::repeat(1.0), lag_s, delay_s: 0.0 },
             deviation: RateResponse {
-                gain: options.rate_gain_deviation,
+                gain: Vector3::repeat(options.rate_gain_deviation),
                 lag_s: options.rate_lag_deviation_ms * 1e-3,
                 delay_s: options.delay_deviation_ms * 1e-3,
             },
@@ -193,45 +194,21 @@ impl Adaptation {
 
     /// Model to be used.
     pub fn model(&self) -> AdaptedModel {
-        let fell_back = self.rotating.is_some_and(|rotating| rotating.probation_s.is_some());
-        let adapted = self.rotating.filter(|_| !fell_back);
+        let rotating = self.rotating.as_ref().map(EstimatorPair::used);
         let nominal = self.bounds().map(|bounds| bounds.nominal);
-        let response = adapted.map(|rotating| rotating.adapted.response()).or(nominal);
-        let response = response.unwrap_or(RateResponse { gain: 1.0, lag_s: 0.0, delay_s: 0.0 });
-        AdaptedModel {
-            rate_gain: response.gain,
-            rate_lag_s: response.lag_s,
-            delay_s: response.delay_s,
-            thrust_gain: self.thrust_gain,
-            fell_back,
-        }
-    }
-}
-
-impl Rotating {
-    fn take(&mut self, measured: &Attitude, history: &CommandHistory, interval: (f64, f64)) {
-        let dt_s = interval.1 - interval.0;
-        let (adapted, _) = self.adapted.take(measured, history, interval);
-        let (fixed, variance) = self.fixed.take(measured, history, interval);
-        let kept = (1.0 - dt_s / EVIDENCE_S).clamp(0.0, 1.0);
-        let squares = [adapted, fixed].map(|innovation| innovation.xy().norm_squared());
-        let worse = (squares[0] - squares[1]) / (2.0 * variance);
-        // A sum that does not fall below zero detects a change early (Page, Biometrika 41, 1954).
-        self.evidence = (self.evidence * kept + worse).max(0.0);
-        self.select_model(dt_s);
-    }
-
-    /// Selects the model to be used.
-    fn select_model(&mut self, dt_s: f64) {
-        self.probation_s = match self.probation_s {
-            _ if self.evidence > WORSE => {
-                self.adapted = self.adapted.restarted(&self.fixed);
-                self.evidence = 0.0;
-                Some(0.0)
-            }
-            None => None,
-            Some(_) if self.evidence > AS_GOOD => Some(0.0),
-            Some(since_s) => Some(since_s + dt_s).filter(|since_s| *since_s < PROBATION_S),
+        let response = rotating.flatten().map(RotationEstimator::response).or(nominal);
+        let (rate_gain, rate_lag_s, delay_s) = match response {
+            Some(RateResponse { gain, lag_s, delay_s }) => (gain, lag_s, delay_s),
+            None => (Vector3::repeat(1.0), 0.0, 0.0),
         };
+        let lifting = self.lifting.as_ref().and_then(EstimatorPair::used);
+        AdaptedModel {
+            rate_gain,
+            rate_lag_s,
+            delay_s,
+            thrust_gain: self.thrust_gain,
+            thrust_lag_s: lifting.map_or(self.nominal.thrust_lag_s, ThrustEstimator::lag_s),
+            fell_back: rotating.is_some_and(|used| used.is_none()),
+        }
     }
 }

@@ -16,7 +16,8 @@
 //! | `model.rs` | model of the vehicle |
 //! | `history.rs` | sent commands, measured delay |
 //! | `kalman.rs`, `attitude_filter.rs`, `position_filter.rs` | the filters |
-//! | `rotation_estimator.rs`, `adaptation.rs` | the model adapted in flight |
+//! | `rotation_estimator.rs`, `thrust_estimator.rs`, `parameter_estimate.rs` | estimates of response and thrust |
+//! | `estimator_pair.rs`, `adaptation.rs` | the model adapted in flight |
 //! | `reference_model.rs` | a reference with limited speed, acceleration and jerk |
 //! | `position_law.rs`, `command_filter.rs` | desired acceleration |
 //! | `flatness.rs`, `demand.rs` | attitude, rate and angular acceleration for a force; the demand of a reference on the vehicle |
@@ -32,6 +33,7 @@ mod adaptation;
 mod attitude_filter;
 mod command_filter;
 mod demand;
+mod estimator_pair;
 mod flatness;
 mod history;
 mod inner_law;
@@ -39,12 +41,14 @@ mod kalman;
 mod look_ahead;
 mod model;
 mod options;
+mod parameter_estimate;
 mod position_filter;
 mod position_law;
 mod reference_model;
 mod ring;
 mod rotation_estimator;
 mod setpoint_buffer;
+mod thrust_estimator;
 mod track;
 mod tracker;
 
@@ -63,6 +67,7 @@ pub use adaptation::{Adaptation, AdaptedModel};
 pub use attitude_filter::AttitudeFilter;
 pub use command_filter::{CommandFilter, Smooth};
 pub use demand::MotionDemand;
+pub use estimator_pair::{AdaptiveEstimator, NormalisedSquare};
 pub use flatness::Force;
 pub use history::{CommandEffect, CommandHistory, CommandReport};
 use inner_law::InnerLaw;
@@ -73,8 +78,9 @@ pub use options::{AdaptationOptions, FilterOptions, PredictiveOptions};
 pub use position_filter::PositionFilter;
 pub use position_law::{PositionLaw, Setpoint};
 pub use reference_model::{Course, MotionLimits, ReferenceModel, ReferenceModelOptions};
-pub use rotation_estimator::{RateResponse, ResponseBounds, RotationEstimator};
+pub use rotation_estimator::{RateResponse, ResponseBounds, RotationEstimator, Turn};
 use setpoint_buffer::SetpointBuffer;
+pub use thrust_estimator::{Climb, ThrustEstimator};
 pub use track::{
     Deviation, FilterInnovation, Innovation, MeasuredPose, Propagation, Track, TrackNoise,
 };

@@ -24,7 +24,7 @@ const COARSE_STEP_S: f64 = 20e-3;
 const COARSE_SHARE: f64 = 0.4;
 
 /// Shortest lag of the thrust \[s\]; shorter lags are replaced by it, without an effect on a flight.
-const SHORTEST_LAG_S: f64 = 1e-3;
+pub(super) const SHORTEST_LAG_S: f64 = 1e-3;
 
 /// `[position; velocity; attitude; rate]`.
 type Vector13 = SVector<f64, 13>;

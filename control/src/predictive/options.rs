@@ -78,6 +78,8 @@ pub struct AdaptationOptions {
     pub delay_deviation_ms: f64,
     /// Greatest relative deviation of the thrust over the mass \[-\].
     pub thrust_deviation: f64,
+    /// Greatest deviation of the lag of the thrust \[ms\].
+    pub thrust_lag_deviation_ms: f64,
 }
 
 impl Default for AdaptationOptions {
@@ -88,6 +90,7 @@ impl Default for AdaptationOptions {
             rate_lag_deviation_ms: 60.0,
             delay_deviation_ms: 40.0,
             thrust_deviation: 0.4,
+            thrust_lag_deviation_ms: 120.0,
         }
     }
 }
@@ -103,6 +106,7 @@ impl AdaptationOptions {
             ("rate-lag-deviation-ms", self.rate_lag_deviation_ms, Rule::Between(0.0, 500.0)),
             ("delay-deviation-ms", self.delay_deviation_ms, Rule::Between(0.0, 100.0)),
             ("thrust-deviation", self.thrust_deviation, Rule::Between(0.0, 0.9)),
+            ("thrust-lag-deviation-ms", self.thrust_lag_deviation_ms, Rule::Between(0.0, 500.0)),
         ])
     }
 }

@@ -4,16 +4,19 @@
 //! the gain `g`, the lag `l` and the delay `s` that no report shows. A Kalman filter estimates the state for the present
 //! parameters. The sensitivity of its prediction to the parameters is propagated with the state; through it the innovations
 //! correct the parameters, too (Friedland, *Treatment of bias in recursive filtering*, IEEE Trans. Automatic Control 14, 1969;
-//! Ljung, *Asymptotic behavior of the extended Kalman filter as a parameter estimator*, the same, 24, 1979). The axes share the
-//! parameters; their coupling, of the size of the angle turned between two poses, is neglected as in the attitude filter. Only
-//! roll and pitch correct the parameters: yaw, which rotors turn by their drag alone, responds more slowly on most vehicles.
+//! Ljung, *Asymptotic behavior of the extended Kalman filter as a parameter estimator*, the same, 24, 1979). Each axis has its gain;
+//! the axes share lag and delay. Their coupling, of the size of the angle turned between two poses, is neglected as in the attitude
+//! filter. Only roll and pitch correct the parameters: yaw, which rotors turn by their drag alone, responds more slowly on most
+//! vehicles. Its gain follows theirs in part, since part of a deviation is common to all axes.
 
-use nalgebra::{Matrix3, RowVector3, Vector3};
+use nalgebra::{Matrix3, RowSVector, SMatrix, SVector, Vector3};
 
 use super::attitude_filter::AttitudeFilter;
+use super::estimator_pair::{AdaptiveEstimator, NormalisedSquare};
 use super::history::CommandHistory;
 use super::model::{Motion, Rotation};
 use super::options::FilterOptions;
+use super::parameter_estimate::ParameterEstimate;
 use crate::quaternion::Attitude;
 
 /// Walk of the body rate \[rad/s\] and of the bias of the demand \[rad/s\] per second: smaller than in a filter that must
@@ -21,15 +24,9 @@ use crate::quaternion::Attitude;
 const RATE_WALK: f64 = 0.05;
 const BIAS_WALK: f64 = 0.002;
 
-/// Time constant with which the uncertainty of a parameter returns to its initial value \[s\].
-const MEMORY_S: f64 = 120.0;
-
 /// Least estimated lag \[s\]: a shorter one decays between two poses and cannot be distinguished from zero. With a bound of 5 ms,
 /// a vehicle with that lag and no delay oscillated until it was stopped when commands were lost in bursts.
 const LEAST_LAG_S: f64 = 10e-3;
-
-/// Innovation above which a pose corrects no parameter \[standard deviations\].
-const OUTLIER_SIGMA: f64 = 5.0;
 
 /// Relative step of the differences by which sensitivities are computed \[-\].
 const STEP: f64 = 1e-4;
@@ -37,14 +34,20 @@ const STEP: f64 = 1e-4;
 /// Number of axes whose innovations correct the parameters: roll and pitch \[-\].
 const TEACHING_AXES: usize = 2;
 
-/// Number of parameters \[-\].
-const PARAMETERS: usize = 3;
+/// Share of the variance of the axes' gains that is common to them \[-\]: a battery or a payload changes all, a rotor or a lever
+/// arm one of them.
+const COMMON_SHARE: f64 = 0.5;
+
+/// Parameters: a gain for each axis, lag, delay.
+type Parameters = SVector<f64, 5>;
+const LAG: usize = 3;
+const DELAY: usize = 4;
 
 /// Response to commanded rates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RateResponse {
-    /// Rate over the commanded one, at rest \[-\].
-    pub gain: f64,
+    /// Rate over the commanded one, at rest \[-, body axes\].
+    pub gain: Vector3<f64>,
     /// Time constant \[s\].
     pub lag_s: f64,
     /// Delay that no report shows \[s\].
@@ -52,12 +55,13 @@ pub struct RateResponse {
 }
 
 impl RateResponse {
-    fn vector(&self) -> Vector3<f64> {
-        Vector3::new(self.gain, self.lag_s, self.delay_s)
+    fn vector(&self) -> Parameters {
+        Parameters::new(self.gain.x, self.gain.y, self.gain.z, self.lag_s, self.delay_s)
     }
 
-    fn of(vector: &Vector3<f64>) -> Self {
-        Self { gain: vector.x, lag_s: vector.y, delay_s: vector.z }
+    fn of(vector: &Parameters) -> Self {
+        let gain = vector.fixed_rows::<3>(0).into_owned();
+        Self { gain, lag_s: vector[LAG], delay_s: vector[DELAY] }
     }
 }
 
@@ -71,31 +75,39 @@ pub struct ResponseBounds {
 }
 
 impl ResponseBounds {
-    /// Prior covariance: the bounds are two standard deviations away.
-    fn covariance(&self) -> Matrix3<f64> {
-        let sd = self.deviation.vector() * 0.5;
-        Matrix3::from_diagonal(&sd.component_mul(&sd))
+    /// The estimate before the first pose: the bounds are two standard deviations away.
+    fn estimate(&self) -> ParameterEstimate<5> {
+        let bounds = self.deviation.vector();
+        let sd = bounds * 0.5;
+        let mut prior = SMatrix::from_diagonal(&sd.component_mul(&sd));
+        for (row, column) in [(0, 1), (0, 2), (1, 2)] {
+            let common = COMMON_SHARE * sd[row] * sd[column];
+            (prior[(row, column)], prior[(column, row)]) = (common, common);
+        }
+        ParameterEstimate::new(self.nominal.vector(), bounds, prior)
     }
+}
 
-    fn clamp(&self, parameters: &Vector3<f64>) -> Vector3<f64> {
-        let (nominal, most) = (self.nominal.vector(), self.deviation.vector());
-        let off = (parameters - nominal).zip_map(&most, |off, most| off.clamp(-most, most));
-        let mut clamped = nominal + off;
-        clamped.y = clamped.y.max(nominal.y.min(LEAST_LAG_S)).max(0.1 * nominal.y);
-        clamped
-    }
+/// One interval between two poses.
+#[derive(Clone, Copy, Debug)]
+pub struct Turn<'a> {
+    /// Attitude measured at its end, body to world.
+    pub attitude: Attitude,
+    /// The commands sent.
+    pub history: &'a CommandHistory,
+    /// Its ends \[s\].
+    pub interval: (f64, f64),
 }
 
 /// State and parameters of the rotation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RotationEstimator {
-    bounds: ResponseBounds,
+    estimate: ParameterEstimate<5>,
+    least_lag_s: f64,
     filter: AttitudeFilter,
     motion: Motion,
-    /// Sensitivity of `[theta; omega; d]` about each axis to the parameters \[units of both\].
+    /// Sensitivity of `[theta; omega; d]` about each axis to its gain, the lag and the delay \[units of both\].
     sensitivity: [Matrix3<f64>; 3],
-    parameters: Vector3<f64>,
-    covariance: Matrix3<f64>,
 }
 
 impl RotationEstimator {
@@ -103,21 +115,14 @@ impl RotationEstimator {
     pub fn new(bounds: ResponseBounds, options: &FilterOptions, attitude: Attitude) -> Self {
         let options =
             FilterOptions { rate_walk_rad_s: RATE_WALK, demand_bias_walk: BIAS_WALK, ..*options };
+        let nominal_s = bounds.nominal.lag_s;
         Self {
-            bounds,
+            estimate: bounds.estimate(),
+            least_lag_s: nominal_s.min(LEAST_LAG_S).max(0.1 * nominal_s),
             filter: AttitudeFilter::new(&options),
             motion: Motion { attitude, ..Motion::default() },
             sensitivity: [Matrix3::zeros(); 3],
-            parameters: bounds.nominal.vector(),
-            covariance: bounds.covariance(),
         }
-    }
-
-    /// The estimator with its initial parameters, in the state of `other`.
-    pub fn restarted(&self, other: &Self) -> Self {
-        let (parameters, covariance) = (self.bounds.nominal.vector(), self.bounds.covariance());
-        let sensitivity = [Matrix3::zeros(); 3];
-        Self { bounds: self.bounds, parameters, covariance, sensitivity, ..*other }
     }
 
     /// Takes further poses with the attitude noise of `options`.
@@ -127,12 +132,12 @@ impl RotationEstimator {
 
     /// Estimated response.
     pub fn response(&self) -> RateResponse {
-        RateResponse::of(&self.parameters)
+        RateResponse::of(self.estimate.value())
     }
 
     /// Standard deviations of the estimate.
     pub fn deviations(&self) -> RateResponse {
-        RateResponse::of(&self.covariance.diagonal().map(f64::sqrt))
+        RateResponse::of(&self.estimate.deviations())
     }
 
     /// Body rate estimated at the last pose \[rad/s, body axes\].
@@ -140,52 +145,11 @@ impl RotationEstimator {
         &self.motion.rate
     }
 
-    /// Takes the attitude measured at the end of an interval \[s\]. Returns the innovation \[rad, body axes\] and its variance about
-    /// each axis without that of the parameters \[rad^2\].
-    pub fn take(
-        &mut self,
-        measured: &Attitude,
-        history: &CommandHistory,
-        interval: (f64, f64),
-    ) -> (Vector3<f64>, f64) {
-        self.predict(history, interval);
-        let innovation = self.motion.attitude.rotation_to(measured);
-        let variance = self.filter.axis.innovation_variance();
-        let noise = self.filter.axis.noise();
-        let gain = self.filter.correct(&mut self.motion, &innovation, noise);
-        let before = self.parameters;
-        for (axis, off) in innovation.iter().enumerate() {
-            let slope: RowVector3<f64> = self.sensitivity[axis].row(0).into_owned();
-            self.sensitivity[axis] -= gain * slope;
-            if axis >= TEACHING_AXES {
-                continue;
-            }
-            // Part of the innovation is explained by the corrections from the other axes.
-            let explained = slope.dot(&(self.parameters - before).transpose());
-            self.learn((*off - explained, variance), &slope);
-            // A command does not take effect before it is sent.
-            self.parameters.z = self.parameters.z.max(-history.delay_s());
-        }
-        self.shift(&(self.parameters - before));
-        (innovation, variance)
-    }
-
-    /// Corrects the parameters by an innovation \[rad\] of this variance, whose sensitivity to them is `slope`.
-    fn learn(&mut self, (off, variance): (f64, f64), slope: &RowVector3<f64>) {
-        let spread = self.covariance * slope.transpose();
-        let expected = variance + slope.dot(&spread.transpose());
-        if off * off > OUTLIER_SIGMA * OUTLIER_SIGMA * expected || expected <= 0.0 {
-            return;
-        }
-        let gain = spread / expected;
-        self.parameters = self.bounds.clamp(&(self.parameters + gain * off));
-        self.covariance -= gain * spread.transpose();
-        self.covariance = (self.covariance + self.covariance.transpose()) * 0.5;
-    }
-
     /// Moves the state to the value that it would have if the parameters had always differed by `change`.
-    fn shift(&mut self, change: &Vector3<f64>) {
-        let shifts = self.sensitivity.map(|sensitivity| sensitivity * change);
+    fn shift(&mut self, change: &Parameters) {
+        let shifts: [Vector3<f64>; 3] = std::array::from_fn(|axis| {
+            self.sensitivity[axis] * Vector3::new(change[axis], change[LAG], change[DELAY])
+        });
         let part = |state: usize| Vector3::from(shifts.map(|shift| shift[state]));
         self.motion.attitude = self.motion.attitude.turned_by(part(0));
         self.motion.rate += part(1);
@@ -193,23 +157,28 @@ impl RotationEstimator {
     }
 
     /// Propagates everything over `interval` \[s\].
-    fn predict(&mut self, history: &CommandHistory, (from_s, to_s): (f64, f64)) {
+    fn predict(&mut self, &Turn { history, interval: (from_s, to_s), .. }: &Turn) {
         let dt_s = to_s - from_s;
-        let parameters = self.parameters;
-        let (turn, rate) = self.turned(&parameters, history, (from_s, to_s));
-        let is_fixed = self.bounds.deviation.vector() == Vector3::zeros();
-        let slopes: [(Vector3<f64>, Vector3<f64>); PARAMETERS] = std::array::from_fn(|index| {
-            if is_fixed {
+        let response = self.response();
+        let (turn, rate) = self.turned(&response, history, (from_s, to_s));
+        let lag_s = response.lag_s;
+        // Each axis turns by its own gain, so one difference serves all.
+        let steps = [STEP, STEP * lag_s, STEP * lag_s];
+        let slopes: [(Vector3<f64>, Vector3<f64>); 3] = std::array::from_fn(|index| {
+            if self.estimate.is_fixed() {
                 return Default::default();
             }
-            let step = STEP * [1.0, parameters.y, parameters.y][index];
-            let mut beside = parameters;
-            beside[index] += step;
+            let [gain, lag_s, delay_s] =
+                std::array::from_fn(|i| if i == index { steps[i] } else { 0.0 });
+            let beside = RateResponse {
+                gain: response.gain.add_scalar(gain),
+                lag_s: response.lag_s + lag_s,
+                delay_s: response.delay_s + delay_s,
+            };
             let (beside_turn, beside_rate) = self.turned(&beside, history, (from_s, to_s));
-            ((beside_turn - turn) / step, (beside_rate - rate) / step)
+            ((beside_turn - turn) / steps[index], (beside_rate - rate) / steps[index])
         });
-        let rotation = Rotation::RateLoop { lag_s: parameters.y };
-        let transition = self.filter.transition(&rotation, dt_s);
+        let transition = self.filter.transition(&Rotation::RateLoop { lag_s }, dt_s);
         for axis in 0..3 {
             let mut forced = Matrix3::zeros();
             for (index, (of_turn, of_rate)) in slopes.iter().enumerate() {
@@ -220,31 +189,64 @@ impl RotationEstimator {
         self.filter.axis.predict(&transition);
         self.motion.attitude = self.motion.attitude.turned_by(turn);
         self.motion.rate = rate;
-        let forgotten = (dt_s / MEMORY_S).clamp(0.0, 1.0);
-        self.covariance += (self.bounds.covariance() - self.covariance) * forgotten;
+        self.estimate.forget(dt_s);
     }
 
     /// Rotation vector over an interval \[rad, body axes\] and rate at its end \[rad/s, body axes\], from the state at its
-    /// beginning with these parameters.
+    /// beginning with this response.
     fn turned(
         &self,
-        parameters: &Vector3<f64>,
+        RateResponse { gain, lag_s, delay_s }: &RateResponse,
         history: &CommandHistory,
         (from_s, to_s): (f64, f64),
     ) -> (Vector3<f64>, Vector3<f64>) {
-        let RateResponse { gain, lag_s, delay_s } = RateResponse::of(parameters);
         let (mut turn, mut rate) = (Vector3::zeros(), self.motion.rate);
         let mut t_s = from_s;
         while t_s < to_s {
-            let (input, until_s) = history.reported(t_s, delay_s);
+            let (input, until_s) = history.reported(t_s, *delay_s);
             let end_s = until_s.min(to_s);
             let duration_s = end_s - t_s;
-            let aim = input.demand * gain + self.filter.axis.bias();
+            let aim = input.demand.component_mul(gain) + self.filter.axis.bias();
             let decay = (-duration_s / lag_s).exp();
             turn += aim * duration_s + (rate - aim) * (lag_s * (1.0 - decay));
             rate = aim + (rate - aim) * decay;
             t_s = end_s;
         }
         (turn, rate)
+    }
+}
+
+impl AdaptiveEstimator for RotationEstimator {
+    type Interval<'a> = Turn<'a>;
+
+    fn restarted(&self, other: &Self) -> Self {
+        let estimate = self.estimate.restarted();
+        Self { estimate, sensitivity: [Matrix3::zeros(); 3], ..*other }
+    }
+
+    fn take(&mut self, turn: &Turn) -> NormalisedSquare {
+        self.predict(turn);
+        let innovation = self.motion.attitude.rotation_to(&turn.attitude);
+        let (variance, noise) = (self.filter.axis.innovation_variance(), self.filter.axis.noise());
+        let gain = self.filter.correct(&mut self.motion, &innovation, noise);
+        let before = *self.estimate.value();
+        for (axis, off) in innovation.iter().enumerate() {
+            let slope = self.sensitivity[axis].row(0).into_owned();
+            self.sensitivity[axis] -= gain * slope;
+            if axis >= TEACHING_AXES {
+                continue;
+            }
+            let mut slopes = RowSVector::<f64, 5>::zeros();
+            (slopes[axis], slopes[LAG], slopes[DELAY]) = (slope.x, slope.y, slope.z);
+            // Part of the innovation is explained by the corrections from the other axes.
+            let explained = slopes.dot(&(self.estimate.value() - before).transpose());
+            self.estimate.learn((*off - explained, variance), &slopes);
+            self.estimate.raise(LAG, self.least_lag_s);
+            // A command does not take effect before it is sent.
+            self.estimate.raise(DELAY, -turn.history.delay_s());
+        }
+        self.shift(&(self.estimate.value() - before));
+        let sum = innovation.xy().norm_squared() / variance;
+        NormalisedSquare { sum, freedom: TEACHING_AXES as f64 }
     }
 }

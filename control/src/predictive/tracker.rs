@@ -264,7 +264,7 @@ impl MotionTracker {
     fn adapt(&mut self, track: &Track, pose: &MeasuredPose) {
         if let Some(adaptation) = self.adaptation.as_mut().filter(|_| track.is_lifted()) {
             let vertical = track.bias().acceleration.z;
-            adaptation.take(track.t_s, (&pose.attitude, &track.motion, vertical), &self.history);
+            adaptation.take(track.t_s, (pose, &track.motion, vertical), &self.history);
             self.adopt_model();
         }
     }

@@ -10,8 +10,8 @@ use super::noise::Noise;
 use super::*;
 
 const BOUNDS: ResponseBounds = ResponseBounds {
-    nominal: RateResponse { gain: 1.0, lag_s: LAG_S, delay_s: 0.0 },
-    deviation: RateResponse { gain: 0.4, lag_s: 0.06, delay_s: 0.04 },
+    nominal: RateResponse { gain: Vector3::new(1.0, 1.0, 1.0), lag_s: LAG_S, delay_s: 0.0 },
+    deviation: RateResponse { gain: Vector3::new(0.4, 0.4, 0.4), lag_s: 0.06, delay_s: 0.04 },
 };
 
 /// A vehicle of some response, its commands, and the noise of the cameras.
@@ -87,7 +87,7 @@ fn gain_lag_and_hidden_delay_are_found() {
 /// A short lag that is not yet known looks like a command that acts too early.
 #[test]
 fn no_command_acts_before_it_is_sent() {
-    let hidden = RateResponse { gain: 1.0, lag_s: 0.02, delay_s: -DELAY_S };
+    let hidden = RateResponse { gain: Vector3::new(1.0, 1.0, 1.0), lag_s: 0.02, delay_s: -DELAY_S };
     let mut least_s = f64::INFINITY;
     for seed in 0..20 {
         for ticks in 1..60 {

@@ -42,10 +42,11 @@ impl TickReport {
             innovation_position: unknown,
             innovation_attitude: unknown,
             nis: [f64::NAN; 2],
-            adapted_rate_gain: f64::NAN,
+            adapted_rate_gain: unknown,
             adapted_rate_lag_s: f64::NAN,
             adapted_delay_s: f64::NAN,
             adapted_thrust_gain: f64::NAN,
+            adapted_thrust_lag_s: f64::NAN,
             ..TelemetryV1::default()
         };
         Self { telemetry }
@@ -162,10 +163,11 @@ impl TickReport {
 
 /// Fills in the model adapted in flight.
 fn record_adapted(telemetry: &mut TelemetryV1, adapted: &AdaptedModel) {
-    telemetry.adapted_rate_gain = adapted.rate_gain;
+    telemetry.adapted_rate_gain = adapted.rate_gain.into();
     telemetry.adapted_rate_lag_s = adapted.rate_lag_s;
     telemetry.adapted_delay_s = adapted.delay_s;
     telemetry.adapted_thrust_gain = adapted.thrust_gain;
+    telemetry.adapted_thrust_lag_s = adapted.thrust_lag_s;
     telemetry.fell_back = u8::from(adapted.fell_back);
 }
 

@@ -136,9 +136,10 @@ impl Row<'_> {
         cells.numbers(t.nis);
         cells.numbers([t.pose_noise_m * 1e3, t.pose_noise_rad.to_degrees()]);
         cells.numbers(t.pose_evidence);
-        let fell_back = if t.adapted_rate_gain.is_nan() { f64::NAN } else { t.fell_back.into() };
-        let (lag_ms, delay_ms) = (t.adapted_rate_lag_s * 1e3, t.adapted_delay_s * 1e3);
-        cells.numbers([t.adapted_rate_gain, lag_ms, delay_ms, t.adapted_thrust_gain, fell_back]);
+        let fell_back = if t.adapted_rate_lag_s.is_nan() { f64::NAN } else { t.fell_back.into() };
+        cells.numbers(t.adapted_rate_gain);
+        cells.numbers([t.adapted_rate_lag_s * 1e3, t.adapted_delay_s * 1e3]);
+        cells.numbers([t.adapted_thrust_gain, t.adapted_thrust_lag_s * 1e3, fell_back]);
     }
 
     /// Adds the hops of the command and their sum \[us\], and the battery voltage \[V\].
