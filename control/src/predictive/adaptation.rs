@@ -72,11 +72,13 @@ pub struct Adaptation {
     nominal: VehicleModel,
     /// Time \[s\] and height \[m, world\] of the first pose in flight.
     lift_off: Option<(f64, f64)>,
-    /// Time of the last pose clear of the floor \[s\], and cosine of the tilt then \[-\].
+    /// Whether the vehicle is clear of the floor.
+    is_clear: bool,
+    /// Time of the last pose in flight \[s\], and cosine of the tilt then \[-\].
     last: Option<(f64, f64)>,
-    /// `None` on the floor, and for a vehicle whose rates are not commanded.
+    /// `None` before the first pose in flight, and for a vehicle whose rates are not commanded.
     rotating: Option<EstimatorPair<RotationEstimator>>,
-    /// `None` on the floor.
+    /// `None` before the first pose in flight.
     lifting: Option<EstimatorPair<ThrustEstimator>>,
     thrust_gain: f64,
 }
@@ -94,6 +96,7 @@ impl Adaptation {
             filter,
             nominal,
             lift_off: None,
+            is_clear: false,
             last: None,
             rotating: None,
             lifting: None,
@@ -127,27 +130,31 @@ impl Adaptation {
     ) {
         let height_m = motion.position.z;
         let (lifted_s, lifted_m) = *self.lift_off.get_or_insert((t_s, height_m));
-        if self.last.is_none() && height_m < lifted_m + CLEAR_M && t_s < lifted_s + CLEAR_S {
-            return;
-        }
+        let is_clear = height_m >= lifted_m + CLEAR_M || t_s >= lifted_s + CLEAR_S;
         let cosine = motion.attitude.to_world(&Vector3::z()).z;
-        let Some((last_s, last_cosine)) = self.last.replace((t_s, cosine)) else {
+        let last = self.last.replace((t_s, cosine));
+        // Until the vehicle is clear of the floor, the innovations tell how large the noise is.
+        if last.is_none() || is_clear && !self.is_clear {
+            self.is_clear |= is_clear;
             self.start(pose, motion);
             return;
-        };
+        }
+        let Some((last_s, last_cosine)) = last else { return };
         let (dt_s, interval) = (t_s - last_s, (last_s, t_s));
         if dt_s <= 0.0 {
             return;
         }
         if let Some(rotating) = &mut self.rotating {
-            rotating.take(&Turn { attitude: pose.attitude, history, interval }, dt_s);
+            let turn = Turn { attitude: pose.attitude, history, interval };
+            rotating.take(&turn, dt_s, self.is_clear);
         }
         if let Some(lifting) = &mut self.lifting {
             let cosine = 0.5 * (cosine + last_cosine);
-            lifting.take(&Climb { height_m: pose.position.z, cosine, history, interval }, dt_s);
+            let climb = Climb { height_m: pose.position.z, cosine, history, interval };
+            lifting.take(&climb, dt_s, self.is_clear);
         }
         let gravity = self.nominal.gravity_m_s2;
-        if motion.thrust_n > LEAST_THRUST * gravity * self.nominal.mass_kg {
+        if self.is_clear && motion.thrust_n > LEAST_THRUST * gravity * self.nominal.mass_kg {
             let [least_s, most_s] = THRUST_S;
             let share = (dt_s / (t_s - lifted_s).clamp(least_s, most_s)).clamp(0.0, 1.0);
             let most = self.options.thrust_deviation;
@@ -156,9 +163,9 @@ impl Adaptation {
         }
     }
 
-    /// Starts the estimators from the first pose clear of the floor.
+    /// Starts the estimators from a pose in flight.
     fn start(&mut self, pose: &MeasuredPose, motion: &Motion) {
-        self.rotating = self.bounds().map(|bounds| {
+        let rotating = self.bounds().map(|bounds| {
             let with = |deviation| {
                 let bounds = ResponseBounds { deviation, ..bounds };
                 RotationEstimator::new(bounds, &self.filter, pose.attitude)
@@ -167,15 +174,16 @@ impl Adaptation {
             EstimatorPair::new(with(bounds.deviation), with(known))
         });
         let AdaptationOptions { thrust_deviation, thrust_lag_deviation_ms, .. } = self.options;
-        let climbing = Vector3::new(
-            motion.position.z,
-            motion.velocity.z,
-            motion.thrust_n / self.nominal.mass_kg,
-        );
-        let with =
-            |deviation| ThrustEstimator::new(&self.nominal, deviation, &self.filter, climbing);
-        let adapted = with(Vector2::new(thrust_deviation, thrust_lag_deviation_ms * 1e-3));
-        self.lifting = Some(EstimatorPair::new(adapted, with(Vector2::new(thrust_deviation, 0.0))));
+        let thrust = motion.thrust_n / self.nominal.mass_kg;
+        let climbing = Vector3::new(motion.position.z, motion.velocity.z, thrust);
+        let with = |lag_s| {
+            let deviation = Vector2::new(thrust_deviation, lag_s);
+            ThrustEstimator::new(&self.nominal, deviation, &self.filter, climbing)
+        };
+        let lifting = EstimatorPair::new(with(thrust_lag_deviation_ms * 1e-3), with(0.0));
+        let before = self.rotating.zip(rotating);
+        self.rotating = before.map(|(before, fresh)| before.with(&fresh)).or(rotating);
+        self.lifting = Some(self.lifting.map_or(lifting, |before| before.with(&lifting)));
     }
 
     /// `None` for a vehicle whose rates are not commanded.

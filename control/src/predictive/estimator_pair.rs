@@ -38,8 +38,8 @@ pub trait AdaptiveEstimator: Copy {
     /// The estimator with its initial parameters, in the state of `other`.
     fn restarted(&self, other: &Self) -> Self;
 
-    /// Takes the pose at the end of an interval.
-    fn take(&mut self, interval: &Self::Interval<'_>) -> NormalisedSquare;
+    /// Takes the pose at the end of an interval; its innovation corrects the parameters like one of `scale` times the variance.
+    fn take(&mut self, interval: &Self::Interval<'_>, scale: f64) -> NormalisedSquare;
 }
 
 /// Two estimators with the evidence for each.
@@ -49,8 +49,8 @@ pub(super) struct EstimatorPair<E> {
     fixed: E,
     /// Logarithm of the likelihood ratio of the last seconds, fixed to adapted model \[-\].
     evidence: f64,
-    /// Mean normalised square of the innovations of the fixed model \[-\].
-    fit: f64,
+    /// Mean normalised square of the innovations of the adapted and of the fixed model \[-\].
+    fits: [f64; 2],
     /// Time for which the adapted model has been equally good while the fixed one is used \[s\]; `None` while the adapted one is
     /// used.
     probation_s: Option<f64>,
@@ -59,7 +59,12 @@ pub(super) struct EstimatorPair<E> {
 impl<E: AdaptiveEstimator> EstimatorPair<E> {
     /// A pair before the first pose.
     pub fn new(adapted: E, fixed: E) -> Self {
-        Self { adapted, fixed, evidence: 0.0, fit: 1.0, probation_s: None }
+        Self { adapted, fixed, evidence: 0.0, fits: [1.0; 2], probation_s: None }
+    }
+
+    /// The pair with estimators at their beginning; what the innovations told of the noise is kept.
+    pub fn with(&self, fresh: &Self) -> Self {
+        Self { fits: self.fits, ..*fresh }
     }
 
     /// Both estimators.
@@ -72,19 +77,24 @@ impl<E: AdaptiveEstimator> EstimatorPair<E> {
         self.probation_s.is_none().then_some(&self.adapted)
     }
 
-    /// Takes the pose at the end of an interval of `dt_s` \[s\].
-    pub fn take(&mut self, interval: &E::Interval<'_>, dt_s: f64) {
-        let (adapted, fixed) = (self.adapted.take(interval), self.fixed.take(interval));
+    /// Takes the pose at the end of an interval of `dt_s` \[s\]; corrects no parameter unless it `learns`.
+    pub fn take(&mut self, interval: &E::Interval<'_>, dt_s: f64, learns: bool) {
+        // Innovations that are too large for both models are those of a noise that is not known yet.
+        let scale = if learns { self.fits[0].min(self.fits[1]).max(1.0) } else { f64::INFINITY };
+        let squares = [self.adapted.take(interval, scale), self.fixed.take(interval, scale)];
         let kept = (1.0 - dt_s / EVIDENCE_S).clamp(0.0, 1.0);
         // A sum that does not fall below zero detects a change early (Page, Biometrika 41, 1954).
-        self.evidence = (self.evidence * kept + (adapted.sum - fixed.sum) / 2.0).max(0.0);
-        self.fit += (dt_s / FIT_S).min(1.0) * (fixed.sum / fixed.freedom - self.fit);
+        self.evidence =
+            (self.evidence * kept + (squares[0].sum - squares[1].sum) / (2.0 * scale)).max(0.0);
+        for (fit, NormalisedSquare { sum, freedom }) in self.fits.iter_mut().zip(squares) {
+            *fit += (dt_s / FIT_S).min(1.0) * (sum / freedom - *fit);
+        }
         self.select_model(dt_s);
     }
 
     fn select_model(&mut self, dt_s: f64) {
         self.probation_s = match self.probation_s {
-            _ if self.evidence > WORSE && self.fit < GOOD_FIT => {
+            _ if self.evidence > WORSE && self.fits[1] < GOOD_FIT => {
                 self.adapted = self.adapted.restarted(&self.fixed);
                 self.evidence = 0.0;
                 Some(0.0)

@@ -224,7 +224,7 @@ impl AdaptiveEstimator for RotationEstimator {
         Self { estimate, sensitivity: [Matrix3::zeros(); 3], ..*other }
     }
 
-    fn take(&mut self, turn: &Turn) -> NormalisedSquare {
+    fn take(&mut self, turn: &Turn, scale: f64) -> NormalisedSquare {
         self.predict(turn);
         let innovation = self.motion.attitude.rotation_to(&turn.attitude);
         let (variance, noise) = (self.filter.axis.innovation_variance(), self.filter.axis.noise());
@@ -240,7 +240,7 @@ impl AdaptiveEstimator for RotationEstimator {
             (slopes[axis], slopes[LAG], slopes[DELAY]) = (slope.x, slope.y, slope.z);
             // Part of the innovation is explained by the corrections from the other axes.
             let explained = slopes.dot(&(self.estimate.value() - before).transpose());
-            self.estimate.learn((*off - explained, variance), &slopes);
+            self.estimate.learn((*off - explained, scale * variance), &slopes);
             self.estimate.raise(LAG, self.least_lag_s);
             // A command does not take effect before it is sent.
             self.estimate.raise(DELAY, -turn.history.delay_s());

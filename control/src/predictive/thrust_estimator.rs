@@ -158,7 +158,7 @@ impl AdaptiveEstimator for ThrustEstimator {
         Self { estimate, sensitivity: Matrix4x2::zeros(), ..*other }
     }
 
-    fn take(&mut self, climb: &Climb) -> NormalisedSquare {
+    fn take(&mut self, climb: &Climb, scale: f64) -> NormalisedSquare {
         self.predict(climb);
         let off = climb.height_m - self.motion.x;
         let (variance, noise) = (self.filter.axis.innovation_variance(), self.filter.axis.noise());
@@ -167,7 +167,7 @@ impl AdaptiveEstimator for ThrustEstimator {
         let slope: RowVector2<f64> = self.sensitivity.row(0).into_owned();
         self.sensitivity -= Vector4::new(gain.x, gain.y, gain.z, 0.0) * slope;
         let before = *self.estimate.value();
-        self.estimate.learn((off, variance), &slope);
+        self.estimate.learn((off, scale * variance), &slope);
         self.estimate.raise(LAG, self.model.thrust_lag_s.min(LEAST_LAG_S));
         self.shift(&(self.sensitivity * (self.estimate.value() - before)));
         NormalisedSquare { sum: off * off / variance, freedom: 1.0 }
