@@ -109,6 +109,11 @@ impl Adaptation {
         *self = Self::new(&self.options, &self.filter, &self.nominal);
     }
 
+    /// Starts the estimators again at the next pose, after a motion that no model describes.
+    pub fn interrupt(&mut self) {
+        self.last = None;
+    }
+
     /// Takes further poses with the noise of `filter`.
     pub fn set_noise(&mut self, filter: &FilterOptions) {
         self.filter = *filter;

@@ -54,7 +54,8 @@ impl<const N: usize> ParameterEstimate<N> {
     pub fn learn(&mut self, (off, variance): (f64, f64), slope: &RowSVector<f64, N>) {
         let spread = self.covariance * slope.transpose();
         let expected = variance + slope.dot(&spread.transpose());
-        if off * off > OUTLIER_SIGMA * OUTLIER_SIGMA * expected || expected <= 0.0 {
+        // A comparison with NaN is false.
+        if !(off * off <= OUTLIER_SIGMA * OUTLIER_SIGMA * expected && expected > 0.0) {
             return;
         }
         let gain = spread / expected;

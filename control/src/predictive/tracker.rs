@@ -258,6 +258,7 @@ impl MotionTracker {
             let mut track = Track::at_rest(&self.noise, t_s, pose);
             track.motion.thrust_n = self.model.mass_kg * self.model.gravity_m_s2;
             self.restore(track.lifted());
+            self.adaptation.iter_mut().for_each(Adaptation::interrupt);
         }
     }
 
