@@ -96,6 +96,12 @@ impl VehicleWatch {
         self.is_replaced || self.is_old(now, self.answered_at)
     }
 
+    /// Whether the vehicle behind a bridge has not replied since `at`, by the last message.
+    pub fn is_silent_since(&self, at: Time) -> bool {
+        self.last
+            .is_some_and(|(_, vehicle)| vehicle.answered_at.is_set() && vehicle.answered_at < at)
+    }
+
     /// Whether a flight must end: motors that stopped, or that do not start.
     pub fn has_no_motors(&self, now: Time) -> bool {
         let stands = self.ran_at.is_some() && self.is_old(now, self.ran_at);
@@ -160,6 +166,7 @@ mod tests {
         estimate_attitude: [0.0; 4],
         body_rate: [0.0; 3],
         body_rate_at: Time::UNSET,
+        answered_at: Time::UNSET,
         time_out_s: 0.0,
         armed: 0,
         starting: 0,

@@ -48,6 +48,10 @@ impl Flight {
                 (cause @ Cause::NoVehicle, _) => format!(
                     "the daemon commanded the motors off{ended}: {cause}, so it is unknown when they stopped"
                 ),
+                (Cause::Operator, true) => {
+                    let landing = self.landing_before(Some(Cause::Operator));
+                    format!("an operator stopped the motors{ended}{landing}")
+                }
                 (cause, at_once) => {
                     let what =
                         if at_once { "stopped the motors" } else { "commanded the motors off" };
@@ -57,7 +61,7 @@ impl Flight {
             }),
             Outcome::Crashed => {
                 let landing = self.landing_before(None);
-                Some(format!("the vehicle {}{ended}{landing}", self.crash?))
+                Some(format!("the vehicle {}{ended}{landing}", self.crash?.1))
             }
             Outcome::Timeout | Outcome::Unfinished if self.armed().next().is_none() => {
                 Some(self.without_flight())
@@ -105,7 +109,7 @@ impl Flight {
                 format!("motors stopped: {}", self.stop_cause())
             }
             (Outcome::Stopped, _) => format!("motors commanded off: {}", self.stop_cause()),
-            (Outcome::Crashed, Some(crash)) => crash.name().to_owned(),
+            (Outcome::Crashed, Some((_, crash))) => crash.name().to_owned(),
             (Outcome::Timeout, _) if self.armed().next().is_none() => "no take-off".to_owned(),
             (Outcome::Timeout, _) => "not ended in time".to_owned(),
             (outcome, _) => outcome.to_string(),
@@ -139,16 +143,20 @@ impl Flight {
         last.map_or_else(String::new, |last| self.after_arming(last.telemetry.time))
     }
 
-    /// Instant at which the flight ended, as text: that of the last armed tick, or the interval without ticks just before or after it.
+    /// Instant at which the flight ended, as text: that of the crash or of the last armed tick, or the interval without ticks just before
+    /// or after it.
     fn ended(&self) -> String {
-        let Some(last) = self.samples.iter().rposition(FlightSample::is_armed) else {
-            return String::new();
+        let is_last = |sample: &FlightSample| match self.crash {
+            Some((at, _)) => sample.telemetry.time <= at,
+            None => sample.is_armed(),
         };
+        let Some(last) = self.samples.iter().rposition(is_last) else { return String::new() };
         let time = |index: usize| self.samples[index].telemetry.time;
         let next = (last + 1).min(self.samples.len() - 1);
         let pairs = [(last.saturating_sub(1), last), (last, next)];
         let gap = pairs.into_iter().find(|(from, to)| time(*to).since(time(*from)) > LONGEST_TICK);
-        match gap.filter(|_| self.crash != Some(Crash::DaemonDied)) {
+        let has_daemon = !matches!(self.crash, Some((_, Crash::DaemonDied)));
+        match gap.filter(|_| has_daemon) {
             Some((from, to)) => {
                 let pause_s = time(to).since(time(from)).seconds();
                 let until = self.after_arming(time(to));
@@ -158,7 +166,7 @@ impl Flight {
             }
             // The tick after the last armed one stopped the motors.
             None if self.outcome == Outcome::Stopped => self.after_arming(time(next)),
-            None => self.when(),
+            None => self.after_arming(time(last)),
         }
     }
 
@@ -215,10 +223,22 @@ mod tests {
     use super::*;
     use crate::report::tests::fixture;
 
+    /// Tilt and speed of a crash are those of the instant that is named with them, not of the end of the flight.
+    #[test]
+    fn a_crash_is_told_with_its_own_instant() {
+        let mut flight = fixture::square();
+        let at = flight.origin() + Span::from_millis(5000);
+        let crash = Crash::TurnedOver { tilt_deg: 81.0 };
+        (flight.outcome, flight.crash) = (Outcome::Crashed, Some((at, crash)));
+        let told = flight.shortfall().unwrap();
+        assert_eq!(told, "the vehicle turned over, tilt 81 deg 5.00 s after arming");
+    }
+
     #[test]
     fn a_crash_in_a_landing_of_the_daemon_names_the_cause_of_the_landing() {
         let mut flight = fixture::square();
-        (flight.outcome, flight.crash) = (Outcome::Crashed, Some(Crash::Hard { speed: 2.0 }));
+        let at = flight.samples[1000].telemetry.time;
+        (flight.outcome, flight.crash) = (Outcome::Crashed, Some((at, Crash::Hard { speed: 2.0 })));
         assert!(!flight.shortfall().unwrap().contains("landing"));
         let ticks = flight.samples.iter_mut().filter(|s| s.telemetry.mission_s > 15.0);
         for FlightSample { telemetry, .. } in ticks {

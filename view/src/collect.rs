@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use oqtal_bus::code::SafetyState;
+use oqtal_bus::code::{InputKind, SafetyState};
 use oqtal_bus::message::{TelemetryV1, TruthV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Sample};
@@ -254,11 +254,14 @@ impl Sink for Collector {
             Sample::Vehicle(vehicle) => self.vehicle(reception, vehicle),
             Sample::Input(input) => {
                 if let Some(text) = event::of_input(input) {
-                    self.note(input.time, (EventMood::Neutral, text));
+                    let is_loss = input.kind == InputKind::FilesLost.code();
+                    let mood = if is_loss { EventMood::Bad } else { EventMood::Neutral };
+                    self.note(input.time, (mood, text));
                 }
             }
             Sample::Event(request) => {
-                let at = self.latest().map_or(Time::UNSET, |tick| tick.time);
+                let latest = self.latest().map_or(Time::UNSET, |tick| tick.time);
+                let at = event::made_at(reception.received_at, request).unwrap_or(latest);
                 self.note(at, (EventMood::Neutral, event::of_operator(request)));
             }
             _ => {}
