@@ -230,14 +230,10 @@ impl OperatorRequests {
         let response = match prepared {
             Err(refusal) => with_reason(&refusal, self.present(Answer::Refused)),
             Ok(prepared) if settings.are_kept_by(&prepared) => {
-                let text = format!(
-                    "nothing changes, the settings have these values:\n{}",
-                    prepared.text.as_str()
-                );
-                return ControlResponseV1 {
-                    text: LongText::new(&text),
-                    ..self.present(Answer::Done)
-                };
+                let title = "nothing changes, these are the present values:";
+                let lines = std::iter::once(title).chain(prepared.text.as_str().lines());
+                let text = LongText::of_lines(lines).unwrap_or_else(|| LongText::new(title));
+                return ControlResponseV1 { text, ..self.present(Answer::Done) };
             }
             Ok(_) if self.queues.is_full() => {
                 refused(Cause::Expired, self.present(Answer::Refused))

@@ -290,14 +290,11 @@ mod tests {
             config.control.controller = law;
             config.vehicle.interface = Interface::Attitude;
             let pose = MeasuredPose { position: Vector3::z(), attitude: Attitude::LEVEL };
-            let mut tracker =
-                motion_tracker(&config, CommandModel::new(&config).unwrap().model);
+            let mut tracker = motion_tracker(&config, CommandModel::new(&config).unwrap().model);
             tracker.begin(0.0, &pose, 0.0);
             let off_rad = 0.1;
-            let reference = Reference {
-                yaw_rad: off_rad,
-                ..Reference::rest(pose.position, Phase::Trajectory)
-            };
+            let reference =
+                Reference { yaw_rad: off_rad, ..Reference::rest(pose.position, Phase::Trajectory) };
             let mut stack = ControlStack::new(&config).unwrap();
             let input = LawInput {
                 now_s: 0.0,

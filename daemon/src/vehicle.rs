@@ -197,6 +197,15 @@ mod tests {
         assert!(!watch.answers(at(501)) && watch.is_lost(at(501)));
     }
 
+    #[test]
+    fn a_vehicle_behind_a_bridge_is_silent_after_its_last_reply_and_another_never_is() {
+        let mut watch = watch();
+        watch.receive(at(0), BRIDGE, &WELL);
+        assert!(!watch.is_silent_since(at(10)));
+        watch.receive(at(110), BRIDGE, &VehicleV1 { answered_at: at(100), ..WELL });
+        assert!(!watch.is_silent_since(at(100)) && watch.is_silent_since(at(101)));
+    }
+
     /// Commands in between were lost only if no message between the last one and this one was.
     #[test]
     fn a_message_follows_the_last_one_unless_one_was_missed() {

@@ -151,7 +151,8 @@ pub(crate) fn changes_course(event: &EventV1) -> bool {
 /// clock of the machine.
 pub fn made_at(received_at: Time, event: &EventV1) -> Option<Time> {
     let passed = received_at.since(event.time);
-    (Span::ZERO..=RECEIVED_WITHIN).contains(&passed).then_some(event.time)
+    let is_recent = event.time.is_set() && (Span::ZERO..=RECEIVED_WITHIN).contains(&passed);
+    is_recent.then_some(event.time)
 }
 
 /// Text of a request that changes a flight or its settings, with its author and, if it was refused, the reason.

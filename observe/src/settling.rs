@@ -60,7 +60,9 @@ impl StepSettling {
             0 if self.count == 0 => String::new(),
             0 => format!("none within {limit} before the next"),
             all if all == self.count => format!("within {limit} after {:.2} s", self.settle_s),
-            some => format!("{some} within {limit}, after {:.2} s", self.settle_s),
+            some => {
+                format!("{some} of {} within {limit}, after {:.2} s", self.count, self.settle_s)
+            }
         };
         let comma = if settled.is_empty() { "" } else { ", " };
         match self.cut_off {

@@ -17,7 +17,14 @@ impl Flight {
     /// Reason why the flight did not end as planned: an operator or the daemon landed or stopped the vehicle, it crashed, or
     /// there was no take-off. `None` for a complete flight, and for an outcome that needs no reason.
     pub fn shortfall(&self) -> Option<String> {
-        self.reservation().or_else(|| self.shortfall_of_one())
+        let own = self.shortfall_of_one();
+        match (self.reservation(), &own) {
+            (None, _) => own,
+            (Some(reservation), Some(own)) if self.crash.is_some() => {
+                Some(format!("{own}; {reservation}"))
+            }
+            (reservation, _) => reservation,
+        }
     }
 
     /// Reason why the figures may not be those of one flight with the recorded configuration.
@@ -61,7 +68,9 @@ impl Flight {
             }),
             Outcome::Crashed => {
                 let landing = self.landing_before(None);
-                Some(format!("the vehicle {}{ended}{landing}", self.crash?.1))
+                let is_silent = self.stop_cause() == Cause::NoVehicle;
+                let silence = if is_silent { "; it no longer answered" } else { "" };
+                Some(format!("the vehicle {}{ended}{silence}{landing}", self.crash?.1))
             }
             Outcome::Timeout | Outcome::Unfinished if self.armed().next().is_none() => {
                 Some(self.without_flight())

@@ -98,8 +98,9 @@ fn errors(summary: &Summary) -> Option<Table> {
 fn corners(corners: &CornerFigures) -> String {
     let CornerFigures { settling, step_m, overshoot_m, .. } = corners;
     let settled = match corners.settled_error_m {
-        error if error.is_nan() => "never settled".to_owned(),
-        error => format!("{:.1} mm once settled", 1e3 * error),
+        _ if settling.count == 0 => String::new(),
+        error if error.is_nan() => ", never settled".to_owned(),
+        error => format!(", {:.1} mm once settled", 1e3 * error),
     };
     let settling_text = corners.settling_text();
     let judged = match settling.count {
@@ -110,7 +111,7 @@ fn corners(corners: &CornerFigures) -> String {
         ),
     };
     format!(
-        "{}\nposition error: {:.0} % is the way to the corner, {settled}\n",
+        "{}\nposition error: {:.0} % is the way to the corner{settled}\n",
         wrapped(&judged, 0),
         1e2 * corners.approach_share
     )

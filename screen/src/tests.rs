@@ -135,7 +135,9 @@ fn an_instance_whose_daemon_ended_before_the_observation_has_a_problem() {
     let mut model = MonitorModel::new("lab", at(0));
     for millis in (0..=2000).step_by(500) {
         model.advance(at(millis));
-        [Role::Plant, Role::Mocap].map(|role| receive_health(&mut model, role, at(millis)));
+        for role in [Role::Plant, Role::Mocap] {
+            receive_health(&mut model, role, at(millis));
+        }
     }
     let seen = seen(&model, (80, 24));
     for expected in ["state     no daemon: not started, or ended", "problems  no daemon"] {

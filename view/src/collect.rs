@@ -172,8 +172,7 @@ impl Collector {
 
     fn note_changes(&mut self, sample: &FlightSample) {
         let now = sample.telemetry;
-        let is_armed = |telemetry| FlightSample { telemetry, truth: None }.is_armed();
-        if is_armed(now) && self.last.is_some_and(|last| !is_armed(last)) {
+        if now.is_armed() && self.last.is_some_and(|last| !last.is_armed()) {
             self.armed_at.get_or_insert(now.time);
         }
         self.note_faults(now.time);
@@ -192,8 +191,8 @@ impl Collector {
         let from_s = last.time.since(armed_at).seconds();
         let to_s = now.since(armed_at).seconds();
         let due = self.faults.iter().filter(|(at_s, _)| *at_s > from_s && *at_s <= to_s);
-        for text in due.map(|(_, text)| text.clone()).collect::<Vec<_>>() {
-            self.note(now, (EventMood::Warning, text));
+        for (at_s, text) in due.cloned().collect::<Vec<_>>() {
+            self.note(armed_at + Span::from_seconds(at_s), (EventMood::Warning, text));
         }
     }
 
