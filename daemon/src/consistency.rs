@@ -208,7 +208,7 @@ impl PoseConsistency {
     }
 
     /// Whether a test has evidence that the poses do not agree with the vehicle.
-    pub fn doubts(&self) -> bool {
+    pub fn is_disputed(&self) -> bool {
         self.contradicts || self.evidence.greatest() >= QUIET
     }
 

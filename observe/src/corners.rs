@@ -19,9 +19,9 @@ pub struct CornerFigures {
     /// Settling of the position error to within 5 cm.
     #[serde(flatten)]
     pub settling: StepSettling,
-    /// Mean length of a step that is judged \[m\]; NaN if none is.
+    /// Mean length of a step that is evaluated \[m\]; NaN if none is.
     pub step_m: f64,
-    /// Mean overshoot in the direction of such a step \[m\]; NaN if none is judged.
+    /// Mean overshoot in the direction of such a step \[m\]; NaN if none is evaluated.
     pub overshoot_m: f64,
     /// Mean position error, once settled, until the next step \[m\]; NaN if no corner settled.
     pub settled_error_m: f64,
@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn a_corner_that_the_end_of_the_flight_cuts_off_is_not_judged() {
+    fn a_corner_that_the_end_of_the_flight_cuts_off_is_not_evaluated() {
         let mut flight = Flight { outcome: Outcome::Stopped, ..fixture::square() };
         flight.samples.iter_mut().for_each(|tick| tick.telemetry.planned_landing_s = 31.0);
         let whole = CornerFigures::of(&flight).unwrap();

@@ -9,10 +9,10 @@ use crate::flight_sample::FlightSample;
 const CUT_OFF_S: f64 = 0.1;
 
 /// Settling after the steps of a reference in the scored window. A step settles if the error stays below a limit until the next one.
-/// A step that had not settled when its flight ended earlier than planned is cut off, and is not judged.
+/// A step that had not settled when its flight ended earlier than planned is cut off, and is not evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct StepSettling {
-    /// Number of steps that are judged \[-\].
+    /// Number of steps that are evaluated \[-\].
     pub count: u64,
     /// Number of steps that settle \[-\].
     pub settled: u64,

@@ -67,9 +67,7 @@ impl Flight {
                 }
             }),
             Outcome::Crashed => {
-                let landing = self.landing_before(None);
-                let is_silent = self.stop_cause() == Cause::NoVehicle;
-                let silence = if is_silent { "; it no longer answered" } else { "" };
+                let (silence, landing) = (self.silence(), self.landing_before(None));
                 Some(format!("the vehicle {}{ended}{silence}{landing}", self.crash?.1))
             }
             Outcome::Timeout | Outcome::Unfinished if self.armed().next().is_none() => {
@@ -91,6 +89,18 @@ impl Flight {
         cause.map_or_else(String::new, |cause| {
             format!("; the daemon was landing the vehicle: {cause}")
         })
+    }
+
+    /// Time for which a vehicle behind a bridge had not replied when it crashed, as text; empty if the daemon tolerates it.
+    fn silence(&self) -> String {
+        let answered_at = self.wire.latest().map(|vehicle| vehicle.answered_at);
+        let (Some((at, _)), Some(answered_at)) = (self.crash, answered_at) else {
+            return String::new();
+        };
+        let silent_s = at.since(answered_at).seconds();
+        let is_silent =
+            answered_at.is_set() && silent_s * 1e3 > self.config.safety.vehicle_silence_ms;
+        if is_silent { format!("; it had not answered for {silent_s:.2} s") } else { String::new() }
     }
 
     /// Reason why there was no take-off.
@@ -231,6 +241,7 @@ fn cause_of(sample: &FlightSample) -> Cause {
 mod tests {
     use super::*;
     use crate::report::tests::fixture;
+    use oqtal_bus::message::{Header, VehicleV1};
 
     /// Tilt and speed of a crash are those of the instant that is named with them, not of the end of the flight.
     #[test]
@@ -241,6 +252,11 @@ mod tests {
         (flight.outcome, flight.crash) = (Outcome::Crashed, Some((at, crash)));
         let told = flight.shortfall().unwrap();
         assert_eq!(told, "the vehicle turned over, tilt 81 deg 5.00 s after arming");
+        let answered_at = at - Span::from_millis(1500);
+        let vehicle = VehicleV1 { answered_at, ..VehicleV1::default() };
+        flight.wire.vehicle(&Header::default(), &vehicle, true);
+        let told = flight.shortfall().unwrap();
+        assert!(told.ends_with("after arming; it had not answered for 1.50 s"), "{told}");
     }
 
     #[test]

@@ -103,7 +103,7 @@ fn corners(corners: &CornerFigures) -> String {
         error => format!(", {:.1} mm once settled", 1e3 * error),
     };
     let settling_text = corners.settling_text();
-    let judged = match settling.count {
+    let evaluated = match settling.count {
         0 => format!("corners: {settling_text};"),
         count => format!(
             "corners: {count} of {step_m:.2} m, {settling_text}, overshoot {:.0} mm;",
@@ -112,7 +112,7 @@ fn corners(corners: &CornerFigures) -> String {
     };
     format!(
         "{}\nposition error: {:.0} % is the way to the corner{settled}\n",
-        wrapped(&judged, 0),
+        wrapped(&evaluated, 0),
         1e2 * corners.approach_share
     )
 }

@@ -60,7 +60,7 @@ pub(super) struct Intake {
     /// Why the last pose that was due is missing.
     missing: Cause,
     /// Last instant at which nothing spoke against poses that follow the vehicle.
-    believed_at: Time,
+    undisputed_at: Time,
     /// Whether the vehicle lands: it may stand on something already.
     is_landing: bool,
     /// Reference in the last tick; `None` without one.
@@ -91,7 +91,7 @@ impl Intake {
             fresh: None,
             fresh_at: None,
             missing: Cause::NoPose,
-            believed_at: Time::UNSET,
+            undisputed_at: Time::UNSET,
             is_landing: false,
             reference: None,
             turn_rad: 0.0,
@@ -163,8 +163,8 @@ impl Intake {
         let turns = is_prescribed || self.turn_rad.abs() > TURNS_RAD;
         let expected = Expectation { obeys, is_away, turns };
         self.consistency.take(&self.tracker, (captured_s, &pose), &noise, &expected);
-        if !self.consistency.doubts() {
-            self.believed_at = now;
+        if !self.consistency.is_disputed() {
+            self.undisputed_at = now;
         } else if self.consistency.contradicts() {
             self.missing = self.contradiction();
         }
@@ -182,7 +182,7 @@ impl Intake {
 
     /// Whether the vehicle has not replied since the poses followed it.
     pub(super) fn is_vehicle_silent(&self) -> bool {
-        self.vehicle.is_silent_since(self.believed_at)
+        self.vehicle.is_silent_since(self.undisputed_at)
     }
 
     /// Records whether the vehicle lands, and its reference.
@@ -310,7 +310,7 @@ impl Intake {
 
     /// Begins a flight at the last accepted pose.
     pub(super) fn begin_flight(&mut self, now: Time) {
-        self.believed_at = now;
+        self.undisputed_at = now;
         self.vehicle.begin_flight(now);
         self.consistency.restart();
         self.guard.begin_flight(&mut self.tracker);
