@@ -1,6 +1,6 @@
 //! Flights through the bridge: real processes, real frames on a pseudo-terminal, in real time.
 
-use crate::common::{Running, TWO_CORNERS, Testbed, assert_as_good_as, number, wait_for};
+use crate::common::{Running, TWO_CORNERS, Testbed, assert_as_good_as, json, number, wait_for};
 use oqtal_config::Config;
 use rustix::process::Signal;
 use serde_json::Value;
@@ -37,6 +37,28 @@ fn the_square_through_real_frames_is_as_good_as_without_them() {
     );
     assert!(report.unwrap().contains("occupied by commands"));
     assert!(!testbed.paths().directory().exists());
+}
+
+/// The poses show that the vehicle follows no commands (F58) before the bridge reports its silence.
+#[test]
+fn f18_a_failed_radio_is_the_cause_of_a_stop_by_the_poses() {
+    let testbed = Testbed::new("silent");
+    let line = ["--controller", "oqtal-dt", "--fault", "radio:off@4", "--json"];
+    let summary = json(&testbed.fly(&[&WIRED[..], &hover("11"), &line].concat()));
+    let shortfall = summary["shortfall"].as_str().unwrap();
+    assert!(shortfall.contains("vehicle silent"), "{shortfall}");
+    assert!(number(&summary, "/duration_s") < 5.3, "{summary:#}");
+}
+
+/// Beside an attitude a yaw rate is commanded, which the tracked model does not contain.
+#[test]
+fn a_vehicle_that_holds_attitudes_holds_its_heading() {
+    let testbed = Testbed::new("heading");
+    let attitude = ["--controller", "oqtal-dt", "--set", "vehicle.interface=attitude"];
+    let steady = ["--set", "safety.probe-yaw-deg=0"];
+    let summary = testbed.lands(&[&WIRED[..], &hover("11"), &attitude, &steady].concat());
+    let yaw_deg = number(&summary, "/attitude_error_deg/rms_by_axis/2");
+    assert!(yaw_deg < 0.3, "{yaw_deg} deg");
 }
 
 #[test]

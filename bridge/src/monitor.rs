@@ -133,6 +133,7 @@ impl VehicleMonitor {
             estimate_attitude: self.estimate.attitude,
             body_rate: self.body_rate,
             body_rate_at: self.body_rate_at,
+            answered_at: self.received_at,
             refusal: self.refusal.code(),
             estimator: self.estimate.state.code(),
             text: self.text,

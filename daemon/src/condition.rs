@@ -89,13 +89,15 @@ impl Condition {
         Some((text, state, cause))
     }
 
-    /// Writes the condition to the log.
+    /// Writes the condition to the log, with the severity that page and terminal show: an error if the state ends a flight.
     pub(crate) fn log(&self) {
         let Some((text, state, cause)) = self.text() else { return };
         let (state_name, cause_name) = (state.to_string(), cause.to_string());
         let sequence = self.command_sequence;
         if state == SafetyState::Nominal {
             tracing::info!(state = state_name, sequence, "{text}");
+        } else if state.ends_flight() {
+            tracing::error!(state = state_name, cause = cause_name, sequence, "{text}");
         } else {
             tracing::warn!(state = state_name, cause = cause_name, sequence, "{text}");
         }

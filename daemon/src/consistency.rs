@@ -96,6 +96,11 @@ impl PoseEvidence {
     pub fn ending(&self) -> f64 {
         self.response.max(self.standstill)
     }
+
+    /// The greatest evidence of a test \[-\].
+    pub fn greatest(&self) -> f64 {
+        self.ending().max(self.direction).max(self.drift)
+    }
 }
 
 /// Motion that is expected of the vehicle.
@@ -199,7 +204,12 @@ impl PoseConsistency {
     /// Whether a test finds that the poses do not agree with the vehicle. Drift and direction find it in one of a hundred flights with
     /// right poses, too: they warn.
     pub fn disagrees(&self) -> bool {
-        self.evidence.ending().max(self.evidence.direction).max(self.evidence.drift) >= 1.0
+        self.evidence.greatest() >= 1.0
+    }
+
+    /// Whether a test has evidence that the poses do not agree with the vehicle.
+    pub fn is_disputed(&self) -> bool {
+        self.contradicts || self.evidence.greatest() >= QUIET
     }
 
     /// The present evidence.

@@ -228,6 +228,11 @@ impl LiveSettings {
         }
     }
 
+    /// Whether `prepared` sets settings to the values that they have.
+    pub fn are_kept_by(&self, prepared: &PreparedChange) -> bool {
+        prepared.settings.as_ref().is_some_and(|(settings, _)| *settings == self.present)
+    }
+
     /// Takes the settings of a change that was handed to the loop.
     pub fn commit(&mut self, prepared: &mut PreparedChange) {
         match prepared.settings.take() {

@@ -229,6 +229,12 @@ impl OperatorRequests {
         let mut event = EventV1 { number, ..event(request, Answer::Accepted) };
         let response = match prepared {
             Err(refusal) => with_reason(&refusal, self.present(Answer::Refused)),
+            Ok(prepared) if settings.are_kept_by(&prepared) => {
+                let title = "nothing changes, these are the present values:";
+                let lines = std::iter::once(title).chain(prepared.text.as_str().lines());
+                let text = LongText::of_lines(lines).unwrap_or_else(|| LongText::new(title));
+                return ControlResponseV1 { text, ..self.present(Answer::Done) };
+            }
             Ok(_) if self.queues.is_full() => {
                 refused(Cause::Expired, self.present(Answer::Refused))
             }
@@ -313,7 +319,8 @@ fn publish_executed(
 /// The event of `request`, with this answer.
 fn event(request: &ControlRequestV1, answer: Answer) -> EventV1 {
     let ControlRequestV1 { command, process, user, program, point, yaw, text, .. } = *request;
-    let (time, answer) = (Time::now(), answer.code());
+    let (now, made_at, answer) = (Time::now(), request.asked_at, answer.code());
+    let time = if made_at.is_set() { made_at.min(now) } else { now };
     let base = EventV1 { time, command, answer, process, user, program, ..EventV1::default() };
     EventV1 { point, yaw, text, ..base }
 }

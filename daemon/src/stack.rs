@@ -10,7 +10,10 @@ use oqtal_control::estimator::Estimate;
 use oqtal_control::options::OptionError;
 use oqtal_control::position::{OuterLoop, PositionCommand, PositionLoops};
 use oqtal_control::predictive::{Autopilot, Design, MotionTracker};
+use oqtal_control::quantity::StickCommand;
+use oqtal_control::quaternion::Attitude;
 use oqtal_control::scalar_pid::PidGains;
+use oqtal_control::tracking_error::AttitudeError;
 use oqtal_control::trajectory::Reference;
 
 use crate::command::{RotationCommand, VehicleCommand};
@@ -67,6 +70,35 @@ pub struct Stack<I> {
     loops: Loops<I>,
     /// Limit of each component of the rotation command \[as the command\].
     limit: f64,
+    /// The heading of a vehicle that holds attitudes.
+    heading: Option<HeadingLoop>,
+}
+
+/// Yaw rate commanded beside an attitude, to vehicles that hold roll and pitch alone: their heading then follows the attitude as
+/// closely as roll and pitch do, and moves as the model of `[vehicle]` predicts. The attitude law, whose gain needs a prediction that
+/// contains its own command, would make it oscillate.
+#[derive(Clone, Copy, Debug)]
+struct HeadingLoop {
+    /// Gain of the on-board attitude loop \[1/s\].
+    gain_per_s: f64,
+    /// Yaw rate at full stick \[rad/s\].
+    authority_rad_s: f64,
+}
+
+impl HeadingLoop {
+    /// The loop of `config`; `None` for a vehicle that does not hold attitudes.
+    fn of(config: &Config) -> Option<Self> {
+        let vehicle = &config.vehicle;
+        let [_, _, authority_rad_s] = vehicle.rate_authority_rad_s;
+        let gain_per_s = vehicle.attitude_gain_per_s;
+        vehicle.interface.holds_attitude().then_some(Self { gain_per_s, authority_rad_s })
+    }
+
+    /// The yaw stick for a vehicle that is at `attitude` when the stick takes effect, and should be at `wanted` \[-1..1\].
+    fn stick(&self, attitude: &Attitude, wanted: &Attitude) -> f64 {
+        let left_rad = 2.0 * AttitudeError::between(attitude, wanted).eps().z;
+        (self.gain_per_s * left_rad / self.authority_rad_s).clamp(-MAX_STICK, MAX_STICK)
+    }
 }
 
 #[derive(Clone, Debug)]
@@ -171,24 +203,30 @@ where
             let position = PositionLoops::new(options, vehicle.mass_kg, vehicle.gravity_m_s2);
             Loops::Paper(position, law()?)
         };
-        Ok(Self { loops, limit })
+        Ok(Self { loops, limit, heading: HeadingLoop::of(config) })
     }
 
     fn compute(&mut self, input: &LawInput) -> Option<ControlOutput> {
         let LawInput { now_s, dt_s, estimate, tracker, reference } = input;
-        let (setpoint, rotation, terms, attitude) = match &mut self.loops {
+        let (setpoint, mut rotation, terms, attitude) = match &mut self.loops {
             Loops::Paper(position, law) => {
                 let setpoint = position.update(estimate, reference, *dt_s);
                 let state = AttitudeState { attitude: estimate.attitude, rate: estimate.rate };
-                let rotation = law.update(&state, &setpoint.attitude, *dt_s);
+                let rotation = law.update(&state, &setpoint.attitude, *dt_s).into();
                 (setpoint, rotation, law.terms(), setpoint.attitude.attitude)
             }
             Loops::Predictive(autopilot) => {
                 let output = autopilot.compute(*now_s, tracker, reference)?;
-                (output.setpoint, I::command_from(output.u), output.terms, output.attitude)
+                let rotation: RotationCommand = I::command_from(output.u).into();
+                (output.setpoint, rotation, output.terms, output.attitude)
             }
         };
-        let rotation: RotationCommand = rotation.into();
+        if let (Some(heading), Loops::Predictive(_)) = (&self.heading, &self.loops)
+            && let RotationCommand::Sticks(StickCommand(sticks)) = &mut rotation
+        {
+            let motion = tracker.motion_at(now_s + tracker.effect_delay_s())?;
+            sticks.z = heading.stick(&motion.attitude, &attitude);
+        }
         let command = VehicleCommand::Armed { rotation, thrust_n: setpoint.thrust_n, attitude };
         let saturated = rotation.vector().amax() / self.limit >= SATURATED;
         Some(ControlOutput { setpoint, command, terms, saturated })
@@ -233,6 +271,45 @@ where
             Loops::Predictive(autopilot) => {
                 [autopilot.riccati_solves(), autopilot.riccati_failures()]
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::command_model::motion_tracker;
+    use oqtal_control::predictive::MeasuredPose;
+    use oqtal_control::trajectory::Phase;
+
+    /// The law's own yaw stick is at its limit with this error.
+    #[test]
+    fn beside_an_attitude_the_heading_turns_as_by_the_on_board_loop() {
+        for law in [ControllerName::OqtalDt, ControllerName::Mpc] {
+            let mut config = Config::default();
+            config.control.controller = law;
+            config.vehicle.interface = Interface::Attitude;
+            let pose = MeasuredPose { position: Vector3::z(), attitude: Attitude::LEVEL };
+            let mut tracker = motion_tracker(&config, CommandModel::new(&config).unwrap().model);
+            tracker.begin(0.0, &pose, 0.0);
+            let off_rad = 0.1;
+            let reference =
+                Reference { yaw_rad: off_rad, ..Reference::rest(pose.position, Phase::Trajectory) };
+            let mut stack = ControlStack::new(&config).unwrap();
+            let input = LawInput {
+                now_s: 0.0,
+                dt_s: 1.0 / 60.0,
+                estimate: Estimate::default(),
+                tracker: &tracker,
+                reference: &reference,
+            };
+            let VehicleCommand::Armed { rotation, .. } = stack.compute(&input).unwrap().command
+            else {
+                panic!("{law}: motors off");
+            };
+            let rate = rotation.vector().z * config.vehicle.rate_authority_rad_s[2];
+            let expected = config.vehicle.attitude_gain_per_s * off_rad;
+            assert!((rate / expected - 1.0).abs() < 0.02, "{law}: {rate} rad/s");
         }
     }
 }

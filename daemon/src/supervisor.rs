@@ -108,7 +108,7 @@ pub const LIMITS: [SafetyRow; 40] = {
         Row { id: "F47", cause: Some(Cause::Fence), when: |c| c.limits.in_fence_margin, after_ms: 0, action: Hold, ends: Gone(500) },
         // Fly on the prediction, then hold the last command; on the ground: no take-off.
         Row { id: "F01", cause: None, when: |c| c.poses_missing, after_ms: 0, action: Coast, ends: PosesGood },
-        Row { id: "F58", cause: Some(Cause::Contradiction), when: |c| c.limits.poses_contradict, after_ms: 0, action: Coast, ends: Landed },
+        Row { id: "F58", cause: None, when: |c| c.limits.poses_contradict, after_ms: 0, action: Coast, ends: Landed },
         Row { id: "F18", cause: Some(Cause::NoVehicle), when: |c| c.vehicle_silent, after_ms: 0, action: Coast, ends: Gone(0) },
         // Warn.
         Row { id: "F35", cause: Some(Cause::Setpoint), when: |c| c.limits.setpoint_refused, after_ms: 0, action: Degraded, ends: Gone(500) },

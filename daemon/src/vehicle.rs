@@ -96,6 +96,12 @@ impl VehicleWatch {
         self.is_replaced || self.is_old(now, self.answered_at)
     }
 
+    /// Whether the vehicle behind a bridge has not replied since `at`, by the last message.
+    pub fn is_silent_since(&self, at: Time) -> bool {
+        self.last
+            .is_some_and(|(_, vehicle)| vehicle.answered_at.is_set() && vehicle.answered_at < at)
+    }
+
     /// Whether a flight must end: motors that stopped, or that do not start.
     pub fn has_no_motors(&self, now: Time) -> bool {
         let stands = self.ran_at.is_some() && self.is_old(now, self.ran_at);
@@ -160,6 +166,7 @@ mod tests {
         estimate_attitude: [0.0; 4],
         body_rate: [0.0; 3],
         body_rate_at: Time::UNSET,
+        answered_at: Time::UNSET,
         time_out_s: 0.0,
         armed: 0,
         starting: 0,
@@ -188,6 +195,15 @@ mod tests {
         watch.receive(at(0), BRIDGE, &WELL);
         assert!(watch.answers(at(500)) && !watch.is_lost(at(500)));
         assert!(!watch.answers(at(501)) && watch.is_lost(at(501)));
+    }
+
+    #[test]
+    fn a_vehicle_behind_a_bridge_is_silent_after_its_last_reply_and_another_never_is() {
+        let mut watch = watch();
+        watch.receive(at(0), BRIDGE, &WELL);
+        assert!(!watch.is_silent_since(at(10)));
+        watch.receive(at(110), BRIDGE, &VehicleV1 { answered_at: at(100), ..WELL });
+        assert!(!watch.is_silent_since(at(100)) && watch.is_silent_since(at(101)));
     }
 
     /// Commands in between were lost only if no message between the last one and this one was.

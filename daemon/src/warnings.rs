@@ -3,7 +3,7 @@
 use std::ops::RangeInclusive;
 
 use nalgebra::Vector3;
-use oqtal_config::{Config, Fidelity};
+use oqtal_config::{Config, Fidelity, MocapModel};
 use oqtal_control::trajectory::{
     FlightPlan, Phase, Reference, StartPoint, Trajectory, TrajectoryKind, WaypointCurve,
 };
@@ -36,6 +36,7 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     all.extend(implausible(config));
     all.extend(law_replaced(config));
     all.extend(too_old(config));
+    all.extend(markers_unused(config));
     all.extend(rotor_thrust(config));
     all.extend(waypoints_unused(config));
     all.extend(position_gains_unused(config));
@@ -183,6 +184,14 @@ fn too_old(config: &Config) -> Option<String> {
     Some(format!(
         "poses are up to {age_ms} ms old (mocap.latency-ms, mocap.jitter-ms), and those older than {older_ms} ms {effect}: raise safety.{key}"
     ))
+}
+
+/// Note that cameras or markers are changed from which no pose is computed.
+fn markers_unused(config: &Config) -> Option<String> {
+    let (own, shipped) = (&config.mocap, Config::default().mocap);
+    let is_changed = own.cameras != shipped.cameras || own.markers != shipped.markers;
+    let is_unused = is_changed && own.model == MocapModel::Pose;
+    is_unused.then(|| "[mocap.cameras] and [mocap.markers] have no effect on poses with mocap.model = \"pose\": set mocap.model=markers".to_owned())
 }
 
 /// Note that gains of position loops are changed that do not fly.
@@ -375,9 +384,10 @@ mod tests {
     }
 
     #[test]
-    fn a_rate_that_the_cameras_cannot_deliver_is_reported() {
+    fn a_rate_that_the_cameras_cannot_deliver_and_a_cover_without_effect_are_reported() {
         let text = told(&["control.rate-hz=80"], None).join("\n");
         assert!(text.contains("60.0000 Hz") || text.contains("60 Hz"), "{text}");
+        assert!(told(&["mocap.cameras.covered=[2]"], None)[0].contains("mocap.model=markers"));
     }
 
     #[test]

@@ -7,7 +7,7 @@ use oqtal_control::trajectory::TrajectoryKind;
 
 use crate::flight::Flight;
 use crate::flight_sample::FlightSample;
-use crate::settling::StepSettling;
+use crate::settling::{StepEnd, StepSettling};
 
 /// Attitude error below which a step is settled \[deg\].
 const SETTLED_DEG: f64 = 1.5;
@@ -21,13 +21,15 @@ pub fn attitude_steps(flight: &Flight) -> Option<StepSettling> {
     // A doublet without an angle has no steps.
     let step_deg = (0.5 * options.attitude_doublet.angle_deg.abs()).max(0.1);
     let change = |a: &Prescribed<'_>, b: &Prescribed<'_>| a.attitude.angle_to(&b.attitude);
-    let steps = errors.chunk_by(|a, b| change(a, b).to_degrees() < step_deg).map(|step| {
+    let mut steps = errors.chunk_by(|a, b| change(a, b).to_degrees() < step_deg).peekable();
+    StepSettling::of(std::iter::from_fn(|| {
+        let step = steps.next()?;
         let outside = step.iter().rposition(|at| at.error_deg > SETTLED_DEG);
         let time = |at: usize| step[at].sample.telemetry.time;
         let after_s = outside.map_or(0.0, |last| time(last).since(time(0)).seconds());
-        (after_s, outside.is_none_or(|last| last + 1 < step.len()))
-    });
-    StepSettling::of(steps)
+        let has_settled = outside.is_none_or(|last| last + 1 < step.len());
+        Some((after_s, StepEnd::of(has_settled, steps.peek().is_none(), &flight.samples)))
+    }))
 }
 
 /// The settling time as text; if not every step settled, how many did.

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use oqtal_config::Config;
+
 /// The path of commands to the vehicle.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum CommandPath {
@@ -26,6 +28,17 @@ impl CommandPath {
         }
     }
 
+    /// Path of the commands of a bridge in a flight of `config`, of which the vehicle may be emulated.
+    pub fn of_bridge(config: &Config) -> Self {
+        let link = &config.bridge.link;
+        if config.plant.wire.link.is_empty() {
+            return Self::Linked(link.clone());
+        }
+        let (kind, port) = link.split_once(':').unwrap_or((link, ""));
+        let options = port.split_once(',').map_or_else(String::new, |(_, it)| format!(",{it}"));
+        Self::Bridged(format!("{kind}{options}"))
+    }
+
     /// Parses the text form of [`CommandPath`].
     pub fn parse(text: &str) -> Self {
         match text.split_once(':') {
@@ -44,5 +57,25 @@ impl fmt::Display for CommandPath {
             Self::Bridged(link) => write!(f, "bridge:{link}"),
             Self::Linked(link) => write!(f, "link:{link}"),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_emulated_vehicle_behind_a_bridge_is_named_without_its_port() {
+        let named = |link: &str, emulated: &str| {
+            let mut config = Config::default();
+            config.bridge.link = link.to_owned();
+            config.plant.wire.link = emulated.to_owned();
+            CommandPath::of_bridge(&config).to_string()
+        };
+        let crazyflie = "crtp:udp:127.64.7.1:14550";
+        assert_eq!(named(crazyflie, crazyflie), "bridge:crtp");
+        let radio = "asctec:/tmp/wire,xbee=api1";
+        assert_eq!(named(radio, radio), "bridge:asctec,xbee=api1");
+        assert_eq!(named("asctec:/dev/ttyUSB0", ""), "link:asctec:/dev/ttyUSB0");
     }
 }

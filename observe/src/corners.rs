@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use crate::flight::Flight;
 use crate::flight_sample::FlightSample;
-use crate::settling::StepSettling;
+use crate::settling::{StepEnd, StepSettling};
 
 /// Position error below which a corner is settled \[m\].
 const SETTLED_M: f64 = 0.05;
@@ -19,9 +19,9 @@ pub struct CornerFigures {
     /// Settling of the position error to within 5 cm.
     #[serde(flatten)]
     pub settling: StepSettling,
-    /// Mean length of a step \[m\].
+    /// Mean length of a step that is evaluated \[m\]; NaN if none is.
     pub step_m: f64,
-    /// Mean overshoot in the direction of the step \[m\].
+    /// Mean overshoot in the direction of such a step \[m\]; NaN if none is evaluated.
     pub overshoot_m: f64,
     /// Mean position error, once settled, until the next step \[m\]; NaN if no corner settled.
     pub settled_error_m: f64,
@@ -47,19 +47,24 @@ impl CornerFigures {
         let CornerSums { steps, step, overshoot, rest, approach, whole } = sums;
         Some(Self {
             settling: StepSettling::of(steps)?,
-            step_m: step.mean(),
-            overshoot_m: overshoot.mean(),
-            settled_error_m: if rest.count() > 0 { rest.mean() } else { f64::NAN },
+            step_m: mean(&step),
+            overshoot_m: mean(&overshoot),
+            settled_error_m: mean(&rest),
             approach_share: approach / whole,
         })
     }
 }
 
+/// Mean of the values; NaN without a value.
+fn mean(values: &Statistics) -> f64 {
+    if values.count() > 0 { values.mean() } else { f64::NAN }
+}
+
 /// Sums over the corners of several flights.
 #[derive(Debug, Default)]
 struct CornerSums {
-    /// Time until a step has settled \[s\], and whether it has before the next.
-    steps: Vec<(f64, bool)>,
+    /// Time until a step has settled \[s\], and its end.
+    steps: Vec<(f64, StepEnd)>,
     step: Statistics,
     overshoot: Statistics,
     rest: Statistics,
@@ -74,7 +79,9 @@ impl CornerSums {
         let before = ticks.iter().take_while(|sample| sample.telemetry.scored == 0).last();
         let first = samples.first().filter(|_| !begins_at_rest).copied();
         let mut from = before.or(first).map_or_else(Vector3::zeros, reference);
-        for corner in samples.chunk_by(|a, b| (reference(a) - reference(b)).norm() < STEP_M) {
+        let mut corners =
+            samples.chunk_by(|a, b| (reference(a) - reference(b)).norm() < STEP_M).peekable();
+        while let Some(corner) = corners.next() {
             let error = |sample: &&FlightSample| sample.position_error().norm();
             self.whole += corner.iter().map(error).sum::<f64>();
             let to = reference(corner[0]);
@@ -82,17 +89,20 @@ impl CornerSums {
             let direction = (to - from).try_normalize(STEP_M);
             from = to;
             let Some(direction) = direction else { continue };
-            let beyond = corner.iter().map(|sample| sample.position_error().dot(&direction));
-            self.overshoot.add(beyond.fold(0.0, f64::max));
             let last = corner.iter().rposition(|sample| error(sample) > SETTLED_M);
             let settled = &corner[last.map_or(0, |last| last + 1)..];
             let time = |sample: &FlightSample| sample.telemetry.time;
             let after_s = last.map_or(0.0, |k| time(corner[k]).since(time(corner[0])).seconds());
-            self.steps.push((after_s, !settled.is_empty()));
+            let end = StepEnd::of(!settled.is_empty(), corners.peek().is_none(), ticks);
+            self.steps.push((after_s, end));
             self.approach +=
                 corner.iter().map(error).take_while(|error| *error > SETTLED_M).sum::<f64>();
             settled.iter().for_each(|sample| self.rest.add(error(sample)));
-            self.step.add(length);
+            if end != StepEnd::CutOff {
+                let beyond = corner.iter().map(|sample| sample.position_error().dot(&direction));
+                self.overshoot.add(beyond.fold(0.0, f64::max));
+                self.step.add(length);
+            }
         }
     }
 }
@@ -120,6 +130,23 @@ mod tests {
         assert_eq!(corners(&flight), 3);
         let reason = flight.shortfall().unwrap();
         assert!(reason.contains("another file") && !reason.contains("arming"), "{reason}");
+    }
+
+    #[test]
+    fn a_corner_that_the_end_of_the_flight_cuts_off_is_not_evaluated() {
+        let mut flight = Flight { outcome: Outcome::Stopped, ..fixture::square() };
+        flight.samples.iter_mut().for_each(|tick| tick.telemetry.planned_landing_s = 31.0);
+        let whole = CornerFigures::of(&flight).unwrap();
+        assert_eq!((whole.settling.count, whole.settling.cut_off), (4, 0));
+        let last = flight.samples.iter().rposition(|tick| {
+            let reference = reference(tick);
+            (reference - Vector3::new(0.0, 1.3, reference.z)).norm() < STEP_M
+        });
+        // Half a second on the way to the fourth corner.
+        flight.samples.truncate(last.unwrap() + 30);
+        let cut = CornerFigures::of(&flight).unwrap();
+        assert_eq!((cut.settling.count, cut.settling.cut_off), (3, 1));
+        assert!(cut.settling_text().ends_with("1 cut off by the end of the flight"));
     }
 
     #[test]

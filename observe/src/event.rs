@@ -12,6 +12,8 @@ use serde::Serialize;
 
 use crate::flight::{Flight, FlightSample};
 
+/// Maximum time between a request and its reception by an observer in real time.
+const RECEIVED_WITHIN: Span = Span::from_millis(2000);
 /// Maximum delay between the end of a flight and the recording of the request that ended it.
 const RECORDED_WITHIN: Span = Span::from_millis(100);
 
@@ -143,6 +145,14 @@ fn recorded_span(ticks: &[FlightSample]) -> [Time; 2] {
 pub(crate) fn changes_course(event: &EventV1) -> bool {
     use OperatorCommand::{Goto, Hover, Trajectory};
     matches!(OperatorCommand::from_code(event.command), Some(Goto | Hover | Trajectory))
+}
+
+/// Instant at which a request was made, which is received at `received_at`; `None` in virtual time, whose instants are not those of the
+/// clock of the machine.
+pub fn made_at(received_at: Time, event: &EventV1) -> Option<Time> {
+    let passed = received_at.since(event.time);
+    let is_recent = event.time.is_set() && (Span::ZERO..=RECEIVED_WITHIN).contains(&passed);
+    is_recent.then_some(event.time)
 }
 
 /// Text of a request that changes a flight or its settings, with its author and, if it was refused, the reason.

@@ -130,8 +130,8 @@ pub struct Flight {
     pub command_path: CommandPath,
     /// Outcome of the flight.
     pub outcome: Outcome,
-    /// Cause of a crash; `None` unless the vehicle crashed.
-    pub crash: Option<Crash>,
+    /// Instant and cause of a crash; `None` unless the vehicle crashed.
+    pub crash: Option<(Time, Crash)>,
     /// Every tick, from the first to the last.
     pub samples: Vec<FlightSample>,
     /// Every pose received.

@@ -129,6 +129,11 @@ impl InstanceModel {
         self.processes().any(|process| !process.is_silent)
     }
 
+    /// Whether no daemon has published its health in an observation that is long enough to have received it.
+    pub fn lacks_daemon(&self) -> bool {
+        self.age() > self.timeout && !self.has(Role::Daemon)
+    }
+
     /// Whether messages of all the processes `running`, and of their vehicle, have been received.
     pub fn is_complete(&self, running: &[Role]) -> bool {
         let has_vehicle = running.iter().any(|role| matches!(role, Role::Plant | Role::Bridge));

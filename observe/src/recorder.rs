@@ -11,7 +11,7 @@ use oqtal_config::Config;
 
 use crate::command_path::CommandPath;
 use crate::crash::Crash;
-use crate::event::changes_course;
+use crate::event::{changes_course, made_at};
 use crate::flight::{AppliedCommand, Flight, FlightSample, Outcome, PoseArrival};
 use crate::latency::OnwardTime;
 use crate::nearest::NearestJoin;
@@ -145,7 +145,7 @@ impl Recorder {
         let silent = self.armed_at.map(|armed_at| self.newest_at.since(armed_at));
         let has_died = silent.is_some_and(|silent| silent > DAEMON_TIMEOUT);
         if has_died && self.outcome.is_none() && !self.flight.is_observation() {
-            self.crashed(Crash::DaemonDied);
+            self.daemon_died();
         }
         // A daemon that came later does not count, unless none flew.
         let mut others = self.other_configs.iter();
@@ -184,12 +184,18 @@ impl Recorder {
         self.detect_end(&sample);
         let touchdown = before.filter(|_| self.outcome.is_none() && self.flown);
         if let Some(crash) = touchdown.and_then(|before| Crash::at_touchdown(&before, &sample)) {
-            self.crashed(crash);
+            self.crashed(sample.telemetry.time, crash);
         }
     }
 
-    fn crashed(&mut self, crash: Crash) {
-        (self.outcome, self.flight.crash) = (Some(Outcome::Crashed), Some(crash));
+    fn crashed(&mut self, at: Time, crash: Crash) {
+        (self.outcome, self.flight.crash) = (Some(Outcome::Crashed), Some((at, crash)));
+    }
+
+    /// Records that the daemon ended in flight, after its last armed tick.
+    fn daemon_died(&mut self) {
+        let last = self.flight.armed().last().map_or(Time::UNSET, |tick| tick.telemetry.time);
+        self.crashed(last, Crash::DaemonDied);
     }
 
     /// Ends a flight whose daemon died: the next daemon starts disarmed, and the vehicle has fallen.
@@ -197,7 +203,7 @@ impl Recorder {
         let is_armed = self.latest().is_some_and(FlightSample::is_armed);
         let in_flight = is_armed && !self.flight.is_observation();
         if in_flight && self.outcome.is_none() {
-            self.crashed(Crash::DaemonDied);
+            self.daemon_died();
         } else if !in_flight {
             // The next daemon has the settings of its start.
             self.discard_changes(|_| true);
@@ -223,7 +229,7 @@ impl Recorder {
             self.flown = true;
             let crash = Crash::of(sample, &self.flight.config.fence);
             if let Some(crash) = crash.filter(|_| !self.is_replaced) {
-                self.crashed(crash);
+                self.crashed(sample.telemetry.time, crash);
             }
             return;
         }
@@ -305,7 +311,7 @@ impl Recorder {
             flight.commands_lost += lost;
         }
         if vehicle.simulated == 0 && flight.command_path == CommandPath::Bus {
-            flight.command_path = CommandPath::Linked(flight.config.bridge.link.clone());
+            flight.command_path = CommandPath::of_bridge(&flight.config);
         }
         flight.wire.vehicle(header, vehicle, self.armed_at.is_some());
         if !header.stamps.applied_at.is_set() {
@@ -340,7 +346,8 @@ impl Recorder {
         if event.answer == Answer::Refused.code() {
             changes.retain(|(_, change)| change.number != event.number);
         } else {
-            changes.push((reception.received_at, *event));
+            let received_at = reception.received_at;
+            changes.push((made_at(received_at, event).unwrap_or(received_at), *event));
         }
     }
 }

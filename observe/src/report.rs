@@ -94,11 +94,11 @@ fn circumstances(flight: &Flight, summary: &Summary) -> String {
     } else if flight.is_observation() {
         return format!("commands not sent · {clock} clock · {duration_s:.1} s observed");
     }
-    let against = if summary.error_source == "truth" { " against the truth" } else { "" };
+    let source = if summary.error_source == "truth" { " by the true motion" } else { "" };
     let held = summary.held().map_or(String::new(), |held| format!(" · {held}"));
     format!(
         "{vehicle} · {clock} clock · seed {seed} · {duration_s:.1} s in flight, \
-         {scored_s:.1} s of it (shaded) scored{against}{held}"
+         {scored_s:.1} s of it (shaded) scored{source}{held}"
     )
 }
 
@@ -156,12 +156,17 @@ fn flight_figures(summary: &Summary) -> Vec<KeyFigure> {
         (format!("{mean}°"), format!("rms {rms}°, max {max}°"))
     });
     figures.extend(summary.corners.as_ref().map(|corners| {
+        let settled = if corners.settling.count > 0 { "settled " } else { "" };
         let detail = format!(
-            "settled {}; {:.0} % of the position error is the way there",
+            "{settled}{}; {:.0} % of the position error is the way there",
             corners.settling_text(),
             1e2 * corners.approach_share
         );
-        ("Overshoot at corners", unit::length(corners.overshoot_m), detail)
+        let overshoot = match corners.overshoot_m {
+            none if none.is_nan() => MISSING.to_owned(),
+            overshoot_m => unit::length(overshoot_m),
+        };
+        ("Overshoot at corners", overshoot, detail)
     }));
     figures.push(("Mean attitude error", attitude, detail));
     let whole = summary.hops.get(WHOLE).copied().unwrap_or_default();

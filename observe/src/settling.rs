@@ -3,49 +3,99 @@
 use oqtal_control::metrics::Statistics;
 use serde::Serialize;
 
+use crate::flight_sample::FlightSample;
+
+/// Time by which the scored window may end before the planned landing \[s\]: some ticks.
+const CUT_OFF_S: f64 = 0.1;
+
 /// Settling after the steps of a reference in the scored window. A step settles if the error stays below a limit until the next one.
+/// A step that had not settled when its flight ended earlier than planned is cut off, and is not evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct StepSettling {
-    /// Number of steps \[-\].
+    /// Number of steps that are evaluated \[-\].
     pub count: u64,
     /// Number of steps that settle \[-\].
     pub settled: u64,
+    /// Number of steps that were cut off \[-\].
+    pub cut_off: u64,
     /// Mean time from a step that settles to the last error above the limit \[s\]; NaN if none settles.
     pub settle_s: f64,
-    /// Lower bound of the mean settling time \[s\]: a step that does not settle counts with the time until the next one.
+    /// Lower bound of the mean settling time \[s\]: a step that does not settle counts with the time until the next one, one
+    /// that was cut off with the time until then.
     #[serde(skip)]
     pub least_settle_s: f64,
 }
 
 impl StepSettling {
-    /// Of steps, each with the time from it to the last error above the limit \[s\], and whether it settles; `None` without steps.
-    pub(crate) fn of(steps: impl IntoIterator<Item = (f64, bool)>) -> Option<Self> {
+    /// Of steps, each with the time from it to the last error above the limit \[s\], and its end; `None` without steps.
+    pub(crate) fn of(steps: impl IntoIterator<Item = (f64, StepEnd)>) -> Option<Self> {
         let (mut settle, mut least) = (Statistics::default(), Statistics::default());
-        for (after_s, is_settled) in steps {
+        let mut cut_off = 0;
+        for (after_s, end) in steps {
             least.add(after_s);
-            if is_settled {
-                settle.add(after_s);
+            match end {
+                StepEnd::Settled => settle.add(after_s),
+                StepEnd::CutOff => cut_off += 1,
+                StepEnd::Unsettled => {}
             }
         }
         (least.count() > 0).then(|| Self {
-            count: least.count(),
+            count: least.count() - cut_off,
             settled: settle.count(),
+            cut_off,
             settle_s: if settle.count() > 0 { settle.mean() } else { f64::NAN },
             least_settle_s: least.mean(),
         })
     }
 
-    /// Mean settling time \[s\]; infinite if a step does not settle.
+    /// Mean settling time \[s\]; infinite if a step does not settle or was cut off.
     pub fn of_all_s(&self) -> f64 {
-        if self.settled == self.count { self.settle_s } else { f64::INFINITY }
+        let all_settled = self.settled == self.count && self.cut_off == 0;
+        if all_settled { self.settle_s } else { f64::INFINITY }
     }
 
     /// The settling time to within `limit` as text; if not every step settled, how many did.
     pub(crate) fn text(&self, limit: &str) -> String {
-        match self.settled {
+        let settled = match self.settled {
+            0 if self.count == 0 => String::new(),
             0 => format!("none within {limit} before the next"),
             all if all == self.count => format!("within {limit} after {:.2} s", self.settle_s),
-            some => format!("{some} within {limit}, after {:.2} s", self.settle_s),
+            some => {
+                format!("{some} of {} within {limit}, after {:.2} s", self.count, self.settle_s)
+            }
+        };
+        let comma = if settled.is_empty() { "" } else { ", " };
+        match self.cut_off {
+            0 => settled,
+            cut_off => format!("{settled}{comma}{cut_off} cut off by the end of the flight"),
         }
     }
+}
+
+/// End of the time in which a step can settle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum StepEnd {
+    /// The error stayed below the limit until the next step, or the end of the trajectory.
+    Settled,
+    /// It did not.
+    Unsettled,
+    /// It did not until the flight ended, earlier than planned.
+    CutOff,
+}
+
+impl StepEnd {
+    /// The end of a step that `has_settled`; `is_last` if it is the last one of a flight with these ticks.
+    pub(crate) fn of(has_settled: bool, is_last: bool, ticks: &[FlightSample]) -> Self {
+        match has_settled {
+            true => Self::Settled,
+            false if is_last && ends_early(ticks) => Self::CutOff,
+            false => Self::Unsettled,
+        }
+    }
+}
+
+/// Whether the scored window of a flight with these ticks ends earlier than planned.
+fn ends_early(ticks: &[FlightSample]) -> bool {
+    let last = ticks.iter().rev().find(|tick| tick.is_scored()).map(|tick| tick.telemetry);
+    last.is_some_and(|last| last.mission_s + CUT_OFF_S < last.planned_landing_s)
 }

@@ -17,7 +17,14 @@ impl Flight {
     /// Reason why the flight did not end as planned: an operator or the daemon landed or stopped the vehicle, it crashed, or
     /// there was no take-off. `None` for a complete flight, and for an outcome that needs no reason.
     pub fn shortfall(&self) -> Option<String> {
-        self.reservation().or_else(|| self.shortfall_of_one())
+        let own = self.shortfall_of_one();
+        match (self.reservation(), &own) {
+            (None, _) => own,
+            (Some(reservation), Some(own)) if self.crash.is_some() => {
+                Some(format!("{own}; {reservation}"))
+            }
+            (reservation, _) => reservation,
+        }
     }
 
     /// Reason why the figures may not be those of one flight with the recorded configuration.
@@ -48,6 +55,10 @@ impl Flight {
                 (cause @ Cause::NoVehicle, _) => format!(
                     "the daemon commanded the motors off{ended}: {cause}, so it is unknown when they stopped"
                 ),
+                (Cause::Operator, true) => {
+                    let landing = self.landing_before(Some(Cause::Operator));
+                    format!("an operator stopped the motors{ended}{landing}")
+                }
                 (cause, at_once) => {
                     let what =
                         if at_once { "stopped the motors" } else { "commanded the motors off" };
@@ -56,8 +67,8 @@ impl Flight {
                 }
             }),
             Outcome::Crashed => {
-                let landing = self.landing_before(None);
-                Some(format!("the vehicle {}{ended}{landing}", self.crash?))
+                let (silence, landing) = (self.silence(), self.landing_before(None));
+                Some(format!("the vehicle {}{ended}{silence}{landing}", self.crash?.1))
             }
             Outcome::Timeout | Outcome::Unfinished if self.armed().next().is_none() => {
                 Some(self.without_flight())
@@ -78,6 +89,18 @@ impl Flight {
         cause.map_or_else(String::new, |cause| {
             format!("; the daemon was landing the vehicle: {cause}")
         })
+    }
+
+    /// Time for which a vehicle behind a bridge had not replied when it crashed, as text; empty if the daemon tolerates it.
+    fn silence(&self) -> String {
+        let answered_at = self.wire.latest().map(|vehicle| vehicle.answered_at);
+        let (Some((at, _)), Some(answered_at)) = (self.crash, answered_at) else {
+            return String::new();
+        };
+        let silent_s = at.since(answered_at).seconds();
+        let is_silent =
+            answered_at.is_set() && silent_s * 1e3 > self.config.safety.vehicle_silence_ms;
+        if is_silent { format!("; it had not answered for {silent_s:.2} s") } else { String::new() }
     }
 
     /// Reason why there was no take-off.
@@ -105,7 +128,7 @@ impl Flight {
                 format!("motors stopped: {}", self.stop_cause())
             }
             (Outcome::Stopped, _) => format!("motors commanded off: {}", self.stop_cause()),
-            (Outcome::Crashed, Some(crash)) => crash.name().to_owned(),
+            (Outcome::Crashed, Some((_, crash))) => crash.name().to_owned(),
             (Outcome::Timeout, _) if self.armed().next().is_none() => "no take-off".to_owned(),
             (Outcome::Timeout, _) => "not ended in time".to_owned(),
             (outcome, _) => outcome.to_string(),
@@ -139,16 +162,20 @@ impl Flight {
         last.map_or_else(String::new, |last| self.after_arming(last.telemetry.time))
     }
 
-    /// Instant at which the flight ended, as text: that of the last armed tick, or the interval without ticks just before or after it.
+    /// Instant at which the flight ended, as text: that of the crash or of the last armed tick, or the interval without ticks just before
+    /// or after it.
     fn ended(&self) -> String {
-        let Some(last) = self.samples.iter().rposition(FlightSample::is_armed) else {
-            return String::new();
+        let is_last = |sample: &FlightSample| match self.crash {
+            Some((at, _)) => sample.telemetry.time <= at,
+            None => sample.is_armed(),
         };
+        let Some(last) = self.samples.iter().rposition(is_last) else { return String::new() };
         let time = |index: usize| self.samples[index].telemetry.time;
         let next = (last + 1).min(self.samples.len() - 1);
         let pairs = [(last.saturating_sub(1), last), (last, next)];
         let gap = pairs.into_iter().find(|(from, to)| time(*to).since(time(*from)) > LONGEST_TICK);
-        match gap.filter(|_| self.crash != Some(Crash::DaemonDied)) {
+        let has_daemon = !matches!(self.crash, Some((_, Crash::DaemonDied)));
+        match gap.filter(|_| has_daemon) {
             Some((from, to)) => {
                 let pause_s = time(to).since(time(from)).seconds();
                 let until = self.after_arming(time(to));
@@ -158,7 +185,7 @@ impl Flight {
             }
             // The tick after the last armed one stopped the motors.
             None if self.outcome == Outcome::Stopped => self.after_arming(time(next)),
-            None => self.when(),
+            None => self.after_arming(time(last)),
         }
     }
 
@@ -214,11 +241,29 @@ fn cause_of(sample: &FlightSample) -> Cause {
 mod tests {
     use super::*;
     use crate::report::tests::fixture;
+    use oqtal_bus::message::{Header, VehicleV1};
+
+    /// Tilt and speed of a crash are those of the instant that is named with them, not of the end of the flight.
+    #[test]
+    fn a_crash_is_told_with_its_own_instant() {
+        let mut flight = fixture::square();
+        let at = flight.origin() + Span::from_millis(5000);
+        let crash = Crash::TurnedOver { tilt_deg: 81.0 };
+        (flight.outcome, flight.crash) = (Outcome::Crashed, Some((at, crash)));
+        let told = flight.shortfall().unwrap();
+        assert_eq!(told, "the vehicle turned over, tilt 81 deg 5.00 s after arming");
+        let answered_at = at - Span::from_millis(1500);
+        let vehicle = VehicleV1 { answered_at, ..VehicleV1::default() };
+        flight.wire.vehicle(&Header::default(), &vehicle, true);
+        let told = flight.shortfall().unwrap();
+        assert!(told.ends_with("after arming; it had not answered for 1.50 s"), "{told}");
+    }
 
     #[test]
     fn a_crash_in_a_landing_of_the_daemon_names_the_cause_of_the_landing() {
         let mut flight = fixture::square();
-        (flight.outcome, flight.crash) = (Outcome::Crashed, Some(Crash::Hard { speed: 2.0 }));
+        let at = flight.samples[1000].telemetry.time;
+        (flight.outcome, flight.crash) = (Outcome::Crashed, Some((at, Crash::Hard { speed: 2.0 })));
         assert!(!flight.shortfall().unwrap().contains("landing"));
         let ticks = flight.samples.iter_mut().filter(|s| s.telemetry.mission_s > 15.0);
         for FlightSample { telemetry, .. } in ticks {

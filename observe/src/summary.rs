@@ -340,9 +340,7 @@ fn effort(flight: &Flight) -> Option<f64> {
         Vector3::from(sample.telemetry.sticks).norm()
             + Vector3::from(sample.telemetry.torque).norm()
     });
-    let mut any = false;
-    let sum: f64 = norms.inspect(|_| any = true).sum();
-    any.then_some(sum * period_s)
+    flight.scored().next().map(|_| norms.sum::<f64>() * period_s)
 }
 
 /// The hand-overs of `flight`; `None` if its law has no fallback.
@@ -370,8 +368,11 @@ fn handovers(flight: &Flight) -> Option<HandoverFigures> {
 /// for its first poses in a state that is not part of the flight.
 fn state_sequence(flight: &Flight) -> Vec<String> {
     let from = flight.samples.iter().position(FlightSample::is_armed).unwrap_or(0);
-    // Another daemon may follow.
+    // Another daemon may follow. The tick that stopped the motors may come late.
+    let last = flight.samples.iter().rposition(FlightSample::is_armed).unwrap_or(0);
+    let stopped_by = flight.samples.get(last + 1).filter(|_| flight.outcome == Outcome::Stopped);
     let end = last_tick(flight).time + COUNTED_AFTER;
+    let end = stopped_by.map_or(end, |tick| end.max(tick.telemetry.time));
     let ticks = flight.samples[from..].iter().map(|sample| &sample.telemetry);
     let mut states: Vec<u8> = ticks.take_while(|it| it.time <= end).map(|it| it.state).collect();
     states.dedup();
@@ -381,8 +382,8 @@ fn state_sequence(flight: &Flight) -> Vec<String> {
 
 /// FNV-1a over the bits of (t, p, v, q, omega) of the truth at every tick from arming to disarming; t is the mission time.
 fn trajectory_hash(flight: &Flight) -> Option<String> {
+    flight.armed().next()?;
     let mut hash = FNV_OFFSET;
-    let mut any = false;
     for sample in flight.armed() {
         let truth = sample.truth?;
         let numbers = [sample.telemetry.mission_s]
@@ -394,7 +395,6 @@ fn trajectory_hash(flight: &Flight) -> Option<String> {
         for number in numbers {
             hash = fnv1a(hash, &number.to_bits().to_le_bytes());
         }
-        any = true;
     }
-    any.then(|| format!("{hash:016x}"))
+    Some(format!("{hash:016x}"))
 }

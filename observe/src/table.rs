@@ -44,7 +44,8 @@ pub fn closing(summary: &Summary) -> String {
     text += &summary.held().map_or_else(String::new, |held| format!("{held}\n"));
     text += &summary.corners.as_ref().map_or_else(String::new, corners);
     text += &summary.attitude_steps.map_or_else(String::new, |steps| {
-        format!("steps of the attitude: {}, {}\n", steps.count, settling_text(&steps))
+        let count = if steps.count > 0 { format!("{}, ", steps.count) } else { String::new() };
+        format!("steps of the attitude: {count}{}\n", settling_text(&steps))
     });
     if let Some(latencies) = latencies(summary) {
         text += &format!("{latencies}\n");
@@ -97,15 +98,21 @@ fn errors(summary: &Summary) -> Option<Table> {
 fn corners(corners: &CornerFigures) -> String {
     let CornerFigures { settling, step_m, overshoot_m, .. } = corners;
     let settled = match corners.settled_error_m {
-        error if error.is_nan() => "never settled".to_owned(),
-        error => format!("{:.1} mm once settled", 1e3 * error),
+        _ if settling.count == 0 => String::new(),
+        error if error.is_nan() => ", never settled".to_owned(),
+        error => format!(", {:.1} mm once settled", 1e3 * error),
+    };
+    let settling_text = corners.settling_text();
+    let evaluated = match settling.count {
+        0 => format!("corners: {settling_text};"),
+        count => format!(
+            "corners: {count} of {step_m:.2} m, {settling_text}, overshoot {:.0} mm;",
+            1e3 * overshoot_m
+        ),
     };
     format!(
-        "corners: {} of {step_m:.2} m, {}, overshoot {:.0} mm;\n\
-         position error: {:.0} % is the way to the corner, {settled}\n",
-        settling.count,
-        corners.settling_text(),
-        1e3 * overshoot_m,
+        "{}\nposition error: {:.0} % is the way to the corner{settled}\n",
+        wrapped(&evaluated, 0),
         1e2 * corners.approach_share
     )
 }

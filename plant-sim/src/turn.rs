@@ -17,6 +17,10 @@ use crate::plant::{Plant, PlantOutput};
 /// Time between two publications of the state of a stopped vehicle.
 const STOP_PUBLICATION: Span = Span::from_millis(100);
 
+/// Milliseconds of a pause of the process from which every sample of the truth is published \[-\]. Those of a longer pause are
+/// thinned: observers, which cannot read within a turn, must lose none.
+const MOST_SAMPLED_MS: i64 = TRUTH.quality.buffer as i64 / 4;
+
 /// The instants at which the plant acts without an arrival.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stepping {
@@ -175,9 +179,13 @@ impl<T: Transport> Turn for PlantTurn<T> {
         self.plant.disturb(self.disturbances.at(now)?);
         self.skip_pause(now);
         let Self { plant, outputs, .. } = self;
-        let mut published = Ok(());
+        let overdue_ms = now.since(plant.next_sample()).nanos() / 1_000_000;
+        let thinning = 1 + overdue_ms.max(0) / MOST_SAMPLED_MS;
+        let (mut published, mut samples) = (Ok(()), 0);
         plant.advance(now, |output| {
-            if published.is_ok() {
+            samples += i64::from(matches!(output, PlantOutput::Truth(_)));
+            let is_left_out = matches!(output, PlantOutput::Truth(_)) && samples % thinning != 0;
+            if published.is_ok() && !is_left_out {
                 published = outputs.publish(output, clock);
             }
         });

@@ -66,6 +66,7 @@ fn state(model: &InstanceModel) -> StatusLine {
         .tick_age()
         .map_or_else(String::new, |age| format!(", last tick {:.0} s ago", age.seconds()));
     let text = match model.is_alive() {
+        true if model.lacks_daemon() => "no daemon: not started, or ended".to_owned(),
         true => format!("no daemon ticks{seen}"),
         false => format!("no process runs{seen}: waiting for the instance"),
     };
@@ -174,7 +175,8 @@ fn processes(model: &InstanceModel) -> StatusLine {
 
 /// Present problems of processes, vehicle and observation, without injected faults.
 fn problems(model: &InstanceModel) -> StatusLine {
-    let mut found = Vec::new();
+    let mut found: Vec<String> =
+        model.lacks_daemon().then(|| "no daemon".to_owned()).into_iter().collect();
     for process in model.processes() {
         let name = process.role.name();
         if process.is_silent {

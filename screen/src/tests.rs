@@ -132,6 +132,21 @@ fn a_flight_is_seen_whole_in_80_by_24() {
 }
 
 #[test]
+fn an_instance_whose_daemon_ended_before_the_observation_has_a_problem() {
+    let mut model = MonitorModel::new("lab", at(0));
+    for millis in (0..=2000).step_by(500) {
+        model.advance(at(millis));
+        for role in [Role::Plant, Role::Mocap] {
+            receive_health(&mut model, role, at(millis));
+        }
+    }
+    let seen = seen(&model, (80, 24));
+    for expected in ["state     no daemon: not started, or ended", "problems  no daemon"] {
+        assert!(seen.contains(expected), "`{expected}` is missing in\n{seen}");
+    }
+}
+
+#[test]
 fn every_size_is_drawn_with_a_note_of_omitted_parts() {
     let model = in_flight();
     for (width, height) in (0..100).step_by(3).flat_map(|w| (0..32).map(move |h| (w, h))) {

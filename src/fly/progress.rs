@@ -53,7 +53,10 @@ impl FlightProgress {
     pub fn show(&self, recorder: &Recorder) {
         let Some(sample) = recorder.latest() else { return };
         let telemetry = &sample.telemetry;
-        self.report_obstacles(telemetry);
+        // After a flight they are obstacles to another one, which nobody awaits.
+        if self.awaits_flight && !recorder.was_armed() {
+            self.report_obstacles(telemetry);
+        }
         if telemetry.mission_s.is_finite() {
             self.bar.set_position(telemetry.mission_s.max(0.0) as u64);
         }
@@ -83,7 +86,7 @@ impl FlightProgress {
         let since = if is_same { last.since } else { telemetry.time };
         let is_long = !obstacles.is_empty() && telemetry.time.since(since) >= OBSTACLE_TIMEOUT;
         let is_said = is_same && last.is_said;
-        if self.awaits_flight && is_long && !is_said {
+        if is_long && !is_said {
             self.bar.suspend(|| say(&format!("oqtal: no take-off yet: {obstacles}")));
         }
         self.obstruction.set(Obstruction { obstacles, since, is_said: is_said || is_long });

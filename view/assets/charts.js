@@ -11,9 +11,9 @@ function plan(scene) {
   const hops = scene.hops.map((hop, i) => [hop, hop.replaceAll("_", " "), colors[i]]);
   return [
     { title: "Position error", hasSource: true, unit: "mm", factor: 1000, rows: "ticks", traces: [["position", "", "actual"]], zero: true },
-    { title: "Attitude error", unit: "°", factor: 1, rows: "ticks", traces: [["attitude", "", "actual"]], zero: true },
+    { title: "Attitude error", hasSource: true, unit: "°", factor: 1, rows: "ticks", traces: [["attitude", "", "actual"]], zero: true },
     { title: `Command, ${scene.command_unit}`, unit: "", factor: 1, rows: "ticks", traces: [["roll", "roll", "actual"], ["pitch", "pitch", "second"], ["yaw", "yaw", "third"]] },
-    { title: "Thrust", unit: "%", factor: 100, rows: "ticks", traces: [["thrust", "", "actual"]], zero: true },
+    { title: "Thrust, of the greatest", unit: "%", factor: 100, rows: "ticks", traces: [["thrust", "", "actual"]], zero: true },
     { title: "Capture to effect", unit: "ms", factor: 1, rows: "vehicles", total: "whole", traces: hops, isStacked: true, zero: true },
     { title: "Battery", unit: "V", factor: 1, rows: "vehicles", traces: [["battery", "", "third"]] },
   ];
@@ -125,7 +125,7 @@ export class Charts {
   tell(chart, rows, t) {
     const newest = rows.length ? this.store.at(rows, t) : null;
     const row = this.store.isSilent(chart.rows) ? null : newest;
-    if (chart.hasSource && newest) chart.heading.textContent = `${chart.title} against the ${this.store.isTrue ? "truth" : "estimate"} [${chart.unit}]`;
+    if (chart.hasSource && newest) chart.heading.textContent = `${chart.title}, ${this.store.isTrue ? "true" : "estimated"} motion [${chart.unit}]`;
     const columns = chart.total ? [chart.total] : chart.traces.map(([name]) => name);
     const values = row ? columns.map((name) => row[chart.columns[name]]) : [null];
     const text = values.map((value) => (value === null ? "–" : significant(value * chart.factor))).join("  ");
@@ -185,7 +185,7 @@ export class Charts {
       run = [];
     };
     for (const [t, value] of points) {
-      if (value === null || (last !== null && t - last > 1)) flush();
+      if (value === null || (last !== null && t - last > this.store.gap)) flush();
       if (value !== null) run.push([x(t), y(value)]);
       last = t;
     }

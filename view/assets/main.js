@@ -99,7 +99,8 @@ function live(store, panel) {
         if (isOther) renew(panel.scene);
         else notice("");
         const silence = update.status.silence_s;
-        if (silence === null) tell("waiting for the first tick", "warning");
+        const hasDaemon = update.status.processes.some(({ heard }) => heard?.daemon);
+        if (silence === null) tell(hasDaemon ? "waiting for the first tick" : "no daemon runs", "warning");
         else if (silence > 1) tell(`no tick for ${silence.toFixed(0)} s`, "bad");
         else if (now - shown > 900) tell(`live · ${updates} updates/s`, "good");
         if (silence !== null && silence <= 1 && now - shown > 900) shown = now;

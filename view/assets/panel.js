@@ -19,6 +19,7 @@ export class Panel {
     show("title", scene.title);
     show("subject", `${scene.controller} · ${scene.trajectory}`);
     document.title = `${scene.title} · oqtal`;
+    show("events-zero", scene.is_live ? "time since the first tick of this daemon that was received" : "time since arming, or else since the first tick");
     element("legend-cameras").hidden = scene.cameras.length === 0;
     this.list("faults", scene.faults.map((fault) => ({ name: fault, text: "" })));
   }
@@ -53,8 +54,8 @@ export class Panel {
     this.figure("Attitude error", row[column.attitude], (v) => `${significant(v)}°`);
     this.figure("Age of the pose", row[column.age], (v) => `${significant(v)} ms`);
     this.figure("Deadlines missed since the daemon's start", row[column.missed], String, (v) => v > 0 && "warning");
-    this.figure("Poses lost since then", row[column.lost], String);
-    this.figure("Poses refused since then", row[column.refused], String);
+    this.figure("Poses lost since the daemon's start", row[column.lost], String);
+    this.figure("Poses refused since the daemon's start", row[column.refused], String);
   }
 
   drawState(row, column, isSilent) {
@@ -107,9 +108,10 @@ export class Panel {
       const text = isSilent ? `silent for ${(heard.age_ms / 1000).toFixed(0)} s` : problem || "well";
       return { name, text, mood: isSilent ? "bad" : problem ? "warning" : "" };
     });
+    const daemon = processes.find(({ heard }) => heard?.daemon)?.heard;
+    if (processes.length && !daemon) lines.unshift({ name: "daemon", text: "not started, or ended", mood: "bad" });
     if (agrees === false) lines.push({ name: "configurations differ", text: "restart with one --config", mood: "warning" });
     this.list("processes", lines);
-    const daemon = processes.find(({ heard }) => heard?.daemon)?.heard;
     return Boolean(daemon) && daemon.config_hash !== this.scene.config_hash;
   }
 

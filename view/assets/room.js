@@ -208,6 +208,7 @@ export class Room {
     for (let i = 0; i < rows.length; i += stride) {
       const at = point(rows[i]);
       const seen = at && this.orbit.point(at);
+      if (i && rows[i][0] - rows[i - stride][0] > this.store.gap * stride) isDown = false;
       if (!seen) {
         isDown = false;
       } else if (!isDown) {

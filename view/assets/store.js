@@ -7,11 +7,15 @@ const SILENT_S = 1;
 // Time without an update after which nothing is known of the present state.
 const UPDATE_TIMEOUT_MS = 2500;
 
+// Time without a row that a line does not cross, where every row is shown [s].
+const GAP_S = 0.25;
+
 export class Store {
   constructor(scene) {
     this.tick = index(scene.tick_columns);
     this.vehicle = index(scene.vehicle_columns);
     this.isBounded = scene.is_live;
+    this.gap = GAP_S;
     this.ages = { ticks: { age: null, at: 0 }, vehicles: { age: null, at: 0 } };
     this.clear();
   }
@@ -24,12 +28,15 @@ export class Store {
     this.isTrue = false;
   }
 
-  // Adds an update. Time that begins again is another flight in virtual time.
-  add({ ticks, vehicles, events }) {
+  // Adds an update, of which one row in `thinning` is there. Time that begins again is another flight in virtual time.
+  add({ ticks, vehicles, events, thinning = 1 }) {
+    this.gap = GAP_S * thinning;
     if (ticks.length && this.ticks.length && ticks[0][0] < this.last(this.ticks)[0]) this.clear();
     append(this.ticks, ticks, this.isBounded ? MOST_ROWS : Infinity);
     append(this.vehicles, vehicles, this.isBounded ? MOST_ROWS : Infinity);
     append(this.events, events, this.isBounded ? MOST_EVENTS : Infinity);
+    // A request is received after its effect.
+    this.events.sort((a, b) => a.t - b.t);
     const compared = ticks.findLast((row) => row[this.tick.position] !== null);
     // Whether errors are against the truth, not against the estimate.
     if (compared) this.isTrue = compared[this.tick.truth] === 1;

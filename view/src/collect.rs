@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use oqtal_bus::code::SafetyState;
+use oqtal_bus::code::{InputKind, SafetyState};
 use oqtal_bus::message::{TelemetryV1, TruthV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Sample};
@@ -172,8 +172,7 @@ impl Collector {
 
     fn note_changes(&mut self, sample: &FlightSample) {
         let now = sample.telemetry;
-        let is_armed = |telemetry| FlightSample { telemetry, truth: None }.is_armed();
-        if is_armed(now) && self.last.is_some_and(|last| !is_armed(last)) {
+        if now.is_armed() && self.last.is_some_and(|last| !last.is_armed()) {
             self.armed_at.get_or_insert(now.time);
         }
         self.note_faults(now.time);
@@ -192,8 +191,8 @@ impl Collector {
         let from_s = last.time.since(armed_at).seconds();
         let to_s = now.since(armed_at).seconds();
         let due = self.faults.iter().filter(|(at_s, _)| *at_s > from_s && *at_s <= to_s);
-        for text in due.map(|(_, text)| text.clone()).collect::<Vec<_>>() {
-            self.note(now, (EventMood::Warning, text));
+        for (at_s, text) in due.cloned().collect::<Vec<_>>() {
+            self.note(armed_at + Span::from_seconds(at_s), (EventMood::Warning, text));
         }
     }
 
@@ -254,11 +253,14 @@ impl Sink for Collector {
             Sample::Vehicle(vehicle) => self.vehicle(reception, vehicle),
             Sample::Input(input) => {
                 if let Some(text) = event::of_input(input) {
-                    self.note(input.time, (EventMood::Neutral, text));
+                    let is_loss = input.kind == InputKind::FilesLost.code();
+                    let mood = if is_loss { EventMood::Bad } else { EventMood::Neutral };
+                    self.note(input.time, (mood, text));
                 }
             }
             Sample::Event(request) => {
-                let at = self.latest().map_or(Time::UNSET, |tick| tick.time);
+                let latest = self.latest().map_or(Time::UNSET, |tick| tick.time);
+                let at = event::made_at(reception.received_at, request).unwrap_or(latest);
                 self.note(at, (EventMood::Neutral, event::of_operator(request)));
             }
             _ => {}

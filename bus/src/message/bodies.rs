@@ -91,6 +91,8 @@ message! {
         /// Instant of that body rate: of its measurement, or of its arrival where the vehicle's clock is not known;
         /// [`Time::UNSET`] if the vehicle does not report it.
         body_rate_at: Time ["ns"],
+        /// Instant of the last valid reply of a vehicle behind a bridge; [`Time::UNSET`] before it and for another vehicle.
+        answered_at: Time ["ns"],
         /// Time without set-points after which the vehicle acts by itself, by its report or configuration; 0 if unknown.
         time_out_s: f64 ["s"],
         /// 1 if the motors run.

@@ -89,7 +89,7 @@ message! {
     /// Topic `event`: a request to the daemon that changes a flight or its settings. A request that the loop refuses has a second
     /// message with the same number.
     EventV1 = "oqtal.Event.v1" {
-        /// Instant at which the daemon checked the request, by the clock of the machine.
+        /// Instant at which the request was made, or else received, by the clock of the machine.
         time: Time ["ns"],
         /// Number of the request among those of this daemon, from 1; [`super::InputV1`] names it.
         number: u64 ["-"],

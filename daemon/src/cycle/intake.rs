@@ -59,6 +59,8 @@ pub(super) struct Intake {
     fresh_at: Option<Time>,
     /// Why the last pose that was due is missing.
     missing: Cause,
+    /// Last instant at which nothing spoke against poses that follow the vehicle.
+    undisputed_at: Time,
     /// Whether the vehicle lands: it may stand on something already.
     is_landing: bool,
     /// Reference in the last tick; `None` without one.
@@ -89,6 +91,7 @@ impl Intake {
             fresh: None,
             fresh_at: None,
             missing: Cause::NoPose,
+            undisputed_at: Time::UNSET,
             is_landing: false,
             reference: None,
             turn_rad: 0.0,
@@ -104,7 +107,7 @@ impl Intake {
         keeps: bool,
     ) -> bool {
         if flying && self.consistency.contradicts() {
-            self.missing = Cause::Contradiction;
+            self.missing = self.contradiction();
             self.guard.missed();
             return false;
         }
@@ -116,7 +119,7 @@ impl Intake {
                 if self.tracker.track().is_none() {
                     self.tracker.rest(captured_s, &estimate);
                 }
-                self.check_consistency(captured_s, &accepted);
+                self.check_consistency(now, &accepted);
                 self.fresh = Some(arrival.0);
                 self.arming.take(&accepted);
                 true
@@ -148,8 +151,8 @@ impl Intake {
     }
 
     /// Measures the noise of an accepted pose, and checks that it follows the vehicle.
-    fn check_consistency(&mut self, captured_s: f64, accepted: &Accepted) {
-        let pose = accepted.pose();
+    fn check_consistency(&mut self, now: Time, accepted: &Accepted) {
+        let (captured_s, pose) = (seconds(accepted.captured_at), accepted.pose());
         let noise = self.noise.deviations();
         let obeys = !(self.is_landing || self.vehicle.link_quality() < LEAST_LINK);
         let is_away = self.reference.is_some_and(|reference| {
@@ -160,11 +163,26 @@ impl Intake {
         let turns = is_prescribed || self.turn_rad.abs() > TURNS_RAD;
         let expected = Expectation { obeys, is_away, turns };
         self.consistency.take(&self.tracker, (captured_s, &pose), &noise, &expected);
+        if !self.consistency.is_disputed() {
+            self.undisputed_at = now;
+        } else if self.consistency.contradicts() {
+            self.missing = self.contradiction();
+        }
         if self.noise.take(captured_s, &pose, self.consistency.is_quiet()) {
             let PoseDeviations { position_m, attitude_rad } = self.noise.deviations();
             self.tracker.set_measured_noise(position_m, attitude_rad);
             self.guard.set_noise(&self.noise.deviations());
         }
+    }
+
+    /// Why poses do not follow the vehicle: a vehicle that has not replied since they did may receive no commands.
+    fn contradiction(&self) -> Cause {
+        if self.is_vehicle_silent() { Cause::NoVehicle } else { Cause::Contradiction }
+    }
+
+    /// Whether the vehicle has not replied since the poses followed it.
+    pub(super) fn is_vehicle_silent(&self) -> bool {
+        self.vehicle.is_silent_since(self.undisputed_at)
     }
 
     /// Records whether the vehicle lands, and its reference.
@@ -292,6 +310,7 @@ impl Intake {
 
     /// Begins a flight at the last accepted pose.
     pub(super) fn begin_flight(&mut self, now: Time) {
+        self.undisputed_at = now;
         self.vehicle.begin_flight(now);
         self.consistency.restart();
         self.guard.begin_flight(&mut self.tracker);

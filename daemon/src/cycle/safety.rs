@@ -183,7 +183,7 @@ impl SafetyMonitor {
         conditions.files_lost = requests.files_lost;
         conditions.poses_contradict = intake.consistency().contradicts();
         conditions.stays_on_floor = intake.consistency().stays_on_floor();
-        conditions.poses_disagree = intake.consistency().disagrees();
+        conditions.poses_disagree = intake.consistency().disagrees() && !intake.is_vehicle_silent();
         conditions.setpoint_refused = course.setpoint().refusal.is_some();
         [conditions.references_ended, conditions.references_overdue] =
             course.stream_ended(tick.now);

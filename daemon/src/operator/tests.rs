@@ -128,6 +128,19 @@ fn those_who_come_later_are_told_what_flies_and_what_was_changed() {
 }
 
 #[test]
+fn a_setting_that_has_its_value_already_is_not_a_change() {
+    let (mut handle, requests) = loop_handoff();
+    let mut requests = requests.with_settings(7, LiveSettings::new(&Config::default(), &[]));
+    let mut events = Vec::new();
+    let text = LongText::new("control.controller=oqtal");
+    let request = ControlRequestV1 { text, ..asks(OperatorCommand::Set) };
+    let response = requests.ask(request, &mut |event| events.push(event));
+    assert_eq!(response.answer, Answer::Done.code());
+    assert!(response.text.as_str().starts_with("nothing changes"), "{response:?}");
+    assert!(events.is_empty() && handle.poll_request(|_| answers(Answer::Done)).is_none());
+}
+
+#[test]
 fn on_the_ground_the_next_flight_is_reported_and_not_the_course_of_the_last() {
     let (_, requests) = loop_handoff();
     let mut requests = requests.with_settings(7, LiveSettings::new(&Config::default(), &[]));

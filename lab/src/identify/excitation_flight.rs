@@ -85,6 +85,6 @@ fn failure(flight: &Flight) -> Option<String> {
 
 fn is_too_heavy(flight: &Flight) -> bool {
     let last = flight.samples.last();
-    matches!(flight.crash, Some(Crash::Floor | Crash::Hard { .. }))
+    matches!(flight.crash, Some((_, Crash::Floor | Crash::Hard { .. })))
         || last.is_some_and(|sample| sample.telemetry.cause == Cause::NoLift.code())
 }

@@ -135,7 +135,7 @@ fn a_daemon_that_ends_in_flight_while_others_publish_has_crashed_the_vehicle() {
         let reception = Reception { received_at, ..Reception::default() };
         recorder.sample(&reception, Sample::Pose(&PoseV1::default()));
         let flight = recorder.finish(Outcome::Unfinished, 1.0);
-        (flight.outcome, flight.crash)
+        (flight.outcome, flight.crash.map(|(_, crash)| crash))
     };
     assert_eq!(outcome(900), (Outcome::Unfinished, None));
     assert_eq!(outcome(1100), (Outcome::Crashed, Some(Crash::DaemonDied)));

@@ -110,14 +110,20 @@ impl<'a> Timeline<'a> {
         if has_truth { "truth" } else { "estimate" }
     }
 
-    /// The battery voltage over time, if it is known.
+    /// The battery voltage over time, if it is known, with a gap where none was reported.
     pub fn battery(&self) -> Option<Trace> {
         let range = self.range();
-        let points =
+        let known =
             self.flight.applied.iter().map(|c| (self.seconds(c.stamps.applied_at), c.battery_v));
         let shown =
             |(t, voltage): &Point| *t >= range.start && *t <= range.end && is_drawable(*voltage);
-        let points: Vec<Point> = points.filter(shown).collect();
+        let mut points: Vec<Point> = Vec::new();
+        for (t, voltage) in known.filter(shown) {
+            if points.last().is_some_and(|(last, _)| t - last > GAP.seconds()) {
+                points.push((t, f64::NAN));
+            }
+            points.push((t, voltage));
+        }
         (!points.is_empty()).then(|| Trace {
             name: "voltage",
             ink: Ink::Third,

@@ -5,7 +5,7 @@ use oqtal_bus::memory::{MemoryBus, MemoryReader, MemoryWriter};
 use oqtal_bus::message::{CommandV1, Stamps, VehicleV1};
 use oqtal_bus::stop::StopSwitch;
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::{COMMAND, VEHICLE};
+use oqtal_bus::topic::{COMMAND, TRUTH, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_config::Config;
 use oqtal_plant_sim::{Plant, PlantTurn, Stepping};
@@ -96,4 +96,21 @@ fn a_shadow_neither_confirms_nor_lifts_the_stop_of_the_real_vehicle() {
         bench.period(Actuation::Disarmed);
     }
     assert!(!bench.stop.report(number).vehicle_obeys);
+}
+
+#[test]
+fn a_pause_of_any_length_loses_no_sample_of_the_truth() {
+    let (bus, config) = (MemoryBus::new(), Config::default());
+    let mut truths = bus.observer(&TRUTH).unwrap();
+    let plant = Plant::new(&config, START);
+    let mut plant = PlantTurn::open(&bus, plant, Stepping::Exact, &config).unwrap();
+    let mut now = START;
+    for pause_s in [0.02, 0.3, 1.0, 30.0] {
+        now = now + Span::from_seconds(pause_s);
+        step(&mut plant, now).unwrap();
+        let samples: Vec<_> = std::iter::from_fn(|| truths.receive().unwrap()).collect();
+        let (_, newest) = samples.last().unwrap();
+        assert!(samples.len() >= 20 && now.since(newest.time) < Span::from_millis(200));
+        assert_eq!(truths.lost(), 0, "{pause_s} s");
+    }
 }

@@ -47,6 +47,7 @@ pub const WELL: VehicleV1 = VehicleV1 {
     estimate_attitude: [0.0; 4],
     body_rate: [0.0; 3],
     body_rate_at: Time::UNSET,
+    answered_at: Time::UNSET,
     time_out_s: 0.5,
     armed: 0,
     starting: 0,
