@@ -13,8 +13,7 @@ use oqtal_control::quaternion::Attitude;
 use oqtal_control::tracking_error::AttitudeReference;
 use oqtal_control::trajectory::{Reference, ReferenceMotion};
 
-use crate::fence::Fence;
-use crate::floor::LEAST_WAY_M;
+use crate::room::Room;
 use crate::setpoint::SetpointRefusal;
 
 /// Pause after which a planner's references count as a new stream.
@@ -33,6 +32,9 @@ const JERK_FACTOR: f64 = 10.0;
 /// Refusal of a reference outside the room.
 const NO_ROOM: &str =
     "it leads outside the soft border of [fence], or less than 0.1 m above the floor";
+/// Refusal of a reference from which a vehicle cannot stop in the room.
+const NO_STOP: &str =
+    "a stop from it would lead outside the soft border of [fence], or less than 0.1 m above the floor";
 /// Refusal of an invalid attitude.
 const INVALID_ATTITUDE: SetpointRefusal =
     SetpointRefusal::Invalid("its attitude is not a rotation, or its rate not finite");
@@ -40,14 +42,13 @@ const INVALID_ATTITUDE: SetpointRefusal =
 const BISECTIONS: usize = 12;
 
 /// Limits of a planner's references.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 struct StreamLimits {
     speed_m_s: f64,
     acceleration_m_s2: f64,
     jump_m: f64,
     cosine_of_tilt: f64,
     longest_validity: Span,
-    fence: Fence,
 }
 
 /// A reference that was accepted.
@@ -132,10 +133,10 @@ pub struct ReferenceStream {
 }
 
 impl ReferenceStream {
-    /// The stream of `config` inside `fence`, before the first reference.
-    pub fn new(config: &Config, fence: Fence) -> Self {
+    /// The stream of `config`, before the first reference.
+    pub fn new(config: &Config) -> Self {
         Self {
-            limits: StreamLimits::new(config, fence),
+            limits: StreamLimits::new(config),
             land_after: Span::from_seconds(config.reference.land_after_ms * 1e-3),
             followed: None,
             ended_since: None,
@@ -147,7 +148,7 @@ impl ReferenceStream {
 
     /// Replaces the limits by those of `other`.
     pub fn set_limits(&mut self, other: &Self) {
-        self.limits = other.limits.clone();
+        self.limits = other.limits;
         self.land_after = other.land_after;
     }
 
@@ -156,19 +157,28 @@ impl ReferenceStream {
         (self.followed, self.ended_since, self.refusal) = (None, None, None);
     }
 
-    /// Ends the stream: an operator or the safety monitor determines the flight.
+    /// Ends the stream: an operator determines the flight.
     pub fn end(&mut self) {
         self.reset();
         self.ignored = self.last;
     }
 
-    /// Takes a reference of the writer `source`; `present` is the motion of the reference that is flown at `now`, and
-    /// `floor_m` the height of the floor \[m, world z\].
+    /// Interrupts the stream: its references cannot be followed now. The time until the vehicle lands begins again. Returns whether
+    /// references were followed.
+    pub fn interrupt(&mut self, now: Time) -> bool {
+        let was_followed = self.followed.take().is_some();
+        if was_followed || self.ended_since.is_some() {
+            self.ended_since = Some(now);
+        }
+        was_followed
+    }
+
+    /// Takes a reference of the writer `source`; `present` is the motion of the reference that is flown at `now` in `room`.
     pub fn receive(
         &mut self,
         now: Time,
         (source, message): (u64, &ReferenceV1),
-        (present, floor_m): (&ReferenceMotion, f64),
+        (present, room): (&ReferenceMotion, &Room),
     ) {
         self.last = Some((source, now));
         if let Some((ignored, at)) = &mut self.ignored {
@@ -178,7 +188,7 @@ impl ReferenceStream {
             }
             self.ignored = None;
         }
-        match self.limits.check(now, message, (present, floor_m)) {
+        match self.limits.check(now, message, (present, room)) {
             Ok(reference) => {
                 let is_smooth = self.followed.is_some_and(|last| last.leads_to(&reference));
                 let reference = FollowedReference { is_smooth, ..reference };
@@ -230,7 +240,7 @@ impl ReferenceStream {
 }
 
 impl StreamLimits {
-    fn new(config: &Config, fence: Fence) -> Self {
+    fn new(config: &Config) -> Self {
         let options = &config.reference;
         Self {
             speed_m_s: options.speed_limit_m_s,
@@ -238,7 +248,6 @@ impl StreamLimits {
             jump_m: options.jump_limit_m,
             cosine_of_tilt: config.position.tilt_limit_deg.to_radians().cos(),
             longest_validity: Span::from_seconds(options.longest_validity_ms * 1e-3),
-            fence,
         }
     }
 
@@ -250,7 +259,7 @@ impl StreamLimits {
         &self,
         now: Time,
         message: &ReferenceV1,
-        (present, floor_m): (&ReferenceMotion, f64),
+        (present, room): (&ReferenceMotion, &Room),
     ) -> Result<FollowedReference, SetpointRefusal> {
         let age_ms = now.since(message.time).seconds().abs() * 1e3;
         let longest_ms = self.longest_validity.seconds() * 1e3;
@@ -283,7 +292,7 @@ impl StreamLimits {
             }
             (reference.jerk.x, reference.jerk.y) = (0.0, 0.0);
         }
-        self.require_allowed(now, &reference, (present, floor_m)).map(|()| reference)
+        self.require_allowed(now, &reference, (present, room)).map(|()| reference)
     }
 
     /// Requires that `reference` is within the limits, now and at the end of its validity.
@@ -291,14 +300,10 @@ impl StreamLimits {
         &self,
         now: Time,
         reference: &FollowedReference,
-        (present, floor_m): (&ReferenceMotion, f64),
+        (present, room): (&ReferenceMotion, &Room),
     ) -> Result<(), SetpointRefusal> {
         let [now, end] = [now, reference.valid_until].map(|at| reference.motion(at));
         let jump_m = (now.value - present.value).xyz().norm();
-        let has_room = |motion: &ReferenceMotion| {
-            self.fence.inside_soft_m(&motion.value.xyz()) > 0.0
-                && motion.value.z >= floor_m + LEAST_WAY_M
-        };
         let jump = ("reference.jump-limit-m", self.jump_m);
         require(["distance from the present reference", "m"], jump_m, jump)?;
         let speed = ("reference.speed-limit-m-s", self.speed_m_s);
@@ -313,8 +318,16 @@ impl StreamLimits {
         if !now.value.w.is_finite() || !now.rate.w.is_finite() {
             return Err(SetpointRefusal::Invalid("its yaw is not finite"));
         }
-        let is_inside = has_room(&now) && has_room(&end);
-        is_inside.then_some(()).ok_or(SetpointRefusal::Invalid(NO_ROOM))
+        let [is_inside, has_stop] = [
+            |room: &Room, motion: &ReferenceMotion| room.contains(&motion.value.xyz()),
+            Room::has_stop,
+        ]
+        .map(|passes| passes(room, &now) && passes(room, &end));
+        match (is_inside, has_stop) {
+            (true, true) => Ok(()),
+            (false, _) => Err(SetpointRefusal::Invalid(NO_ROOM)),
+            (true, false) => Err(SetpointRefusal::Invalid(NO_STOP)),
+        }
     }
 
     /// The attitude of `message`.
