@@ -50,9 +50,11 @@ impl Braking {
         acceleration: &Vector3<f64>,
     ) -> Vector3<f64> {
         let t_s = self.reaction_s;
-        let late = position + (velocity + acceleration * (t_s / 3.0)) * t_s;
+        let mut way = (velocity + acceleration * (t_s / 3.0)) * t_s;
+        // A descent ends at the floor, and not at the lower border.
+        way.z = way.z.max(0.0);
         let velocity = velocity + acceleration * (t_s / 2.0);
-        late + velocity * (0.5 * velocity.norm() / self.along(&velocity))
+        position + way + velocity * (0.5 * velocity.norm() / self.along(&velocity))
     }
 }
 

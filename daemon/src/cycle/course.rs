@@ -360,30 +360,4 @@ impl FlightCourse {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn f41_a_vehicle_has_landed_once_it_rests_for_half_a_second_without_a_break() {
-        let config = Config::default();
-        let trajectory = crate::trajectory(&config).unwrap();
-        let mut course = FlightCourse::new(&config, trajectory, Fence::new(&config.fence));
-        let start = Time::VIRTUAL_START;
-        let (raised, rising) = (Vector3::z(), Vector3::z() * 0.2);
-        let at_rest = Estimate { position: raised, ..Estimate::default() };
-        let moving = Estimate { velocity: rising, ..at_rest };
-        course.begin_flight(start, &Estimate::default());
-        course.land(start, raised);
-        course.update_setpoint(start + Span::from_millis(100));
-        let weight_n = config.vehicle.mass_kg * config.vehicle.gravity_m_s2;
-        let mut has_landed = |millis, estimate, share: f64| {
-            course.has_landed(start + Span::from_millis(millis), estimate, share * weight_n)
-        };
-        assert!(!has_landed(0, &at_rest, 0.4) && !has_landed(490, &at_rest, 0.4));
-        assert!(!has_landed(495, &moving, 0.4), "moved");
-        assert!(!has_landed(500, &at_rest, 0.4) && !has_landed(990, &at_rest, 0.4));
-        assert!(!has_landed(995, &at_rest, 0.6), "held by its thrust");
-        assert!(!has_landed(1000, &at_rest, 0.4) && !has_landed(1490, &at_rest, 0.4));
-        assert!(has_landed(1500, &at_rest, 0.4));
-    }
-}
+mod tests;

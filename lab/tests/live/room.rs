@@ -44,6 +44,8 @@ fn stream(
 ) {
     let period = Span::from_seconds(1.0 / rate_hz);
     flight.pause_every(period);
+    // The next pause is still one of the period before.
+    flight.advance().unwrap();
     let began = flight.now();
     while flight.now().since(began).seconds() < seconds {
         let now = flight.now();
