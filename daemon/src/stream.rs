@@ -33,8 +33,7 @@ const JERK_FACTOR: f64 = 10.0;
 const NO_ROOM: &str =
     "it leads outside the soft border of [fence], or less than 0.1 m above the floor";
 /// Refusal of a reference from which a vehicle cannot stop in the room.
-const NO_STOP: &str =
-    "a stop from it would lead outside the soft border of [fence], or less than 0.1 m above the floor";
+const NO_STOP: &str = "a stop from it would lead outside the soft border of [fence], or less than 0.1 m above the floor";
 /// Refusal of an invalid attitude.
 const INVALID_ATTITUDE: SetpointRefusal =
     SetpointRefusal::Invalid("its attitude is not a rotation, or its rate not finite");
@@ -108,6 +107,10 @@ impl FollowedReference {
             false => Reference { acceleration: Vector3::zeros(), ..reference },
         }
     }
+}
+
+fn without_acceleration(motion: &ReferenceMotion) -> ReferenceMotion {
+    ReferenceMotion { acceleration: Vector4::zeros(), ..*motion }
 }
 
 /// Whether `attitude` is tilted by no more than the angle of this cosine.
@@ -208,9 +211,12 @@ impl ReferenceStream {
         self.followed.map(|followed| followed.reference(now, self.limits.cosine_of_tilt))
     }
 
-    /// The motion of the reference at `now`; `None` if none is followed.
+    /// The motion of the reference at `now`, with the acceleration only where it is fed forward; `None` if none is followed.
     pub fn motion(&self, now: Time) -> Option<ReferenceMotion> {
-        self.followed.map(|followed| followed.motion(now))
+        self.followed.map(|followed| match followed.is_smooth {
+            true => followed.motion(now),
+            false => without_acceleration(&followed.motion(now)),
+        })
     }
 
     /// Whether the followed reference prescribes an attitude.
@@ -318,16 +324,14 @@ impl StreamLimits {
         if !now.value.w.is_finite() || !now.rate.w.is_finite() {
             return Err(SetpointRefusal::Invalid("its yaw is not finite"));
         }
-        let [is_inside, has_stop] = [
-            |room: &Room, motion: &ReferenceMotion| room.contains(&motion.value.xyz()),
-            Room::has_stop,
-        ]
-        .map(|passes| passes(room, &now) && passes(room, &end));
-        match (is_inside, has_stop) {
-            (true, true) => Ok(()),
-            (false, _) => Err(SetpointRefusal::Invalid(NO_ROOM)),
-            (true, false) => Err(SetpointRefusal::Invalid(NO_STOP)),
+        let both = [now, end];
+        if !both.iter().all(|motion| room.contains(&motion.value.xyz())) {
+            return Err(SetpointRefusal::Invalid(NO_ROOM));
         }
+        // An acceleration that brakes may not be that of the motion.
+        let has_stop =
+            |motion| room.has_stop(motion) && room.has_stop(&without_acceleration(motion));
+        both.iter().all(has_stop).then_some(()).ok_or(SetpointRefusal::Invalid(NO_STOP))
     }
 
     /// The attitude of `message`.

@@ -2,7 +2,6 @@
 
 mod requests;
 mod room;
-mod wild;
 
 use std::path::Path;
 
@@ -274,7 +273,10 @@ fn planner_flies_the_circle(law: &str) {
         stream_circle(&mut flight, &mission.config, period);
         let streamed = error_m(&flight, from);
         println!("{law}, {rate_hz} Hz: {:.2} mm, built in {:.2} mm", 1e3 * streamed, 1e3 * builtin);
-        assert!(streamed < 1.1 * builtin, "{law}, {rate_hz} Hz: {streamed} m, built in {builtin} m");
+        assert!(
+            streamed < 1.1 * builtin,
+            "{law}, {rate_hz} Hz: {streamed} m, built in {builtin} m"
+        );
         assert_eq!(last(&flight).cause, Cause::None.code(), "{rate_hz} Hz");
         // The planner is gone: hold, then a new planner, at last a landing.
         let ended = flight.now();
