@@ -36,6 +36,8 @@ pub enum Followed {
     End,
     /// References of a planner.
     Planner,
+    /// The stop after a planner's references.
+    Ended,
 }
 
 impl Condition {

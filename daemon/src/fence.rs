@@ -5,22 +5,57 @@ use std::sync::Arc;
 use nalgebra::{Vector2, Vector3};
 use oqtal_config::{Config, FenceOptions};
 
-/// Share of the acceleration at `position.tilt-limit-deg` with which a vehicle brakes, its delays included \[-\].
+/// Share of the greatest acceleration with which a vehicle brakes \[-\]; the rest is for corrections.
 const BRAKING_SHARE: f64 = 0.75;
 
-/// Deceleration with which a vehicle stops at the soft border \[m/s^2\].
-pub(crate) fn braking_m_s2(config: &Config) -> f64 {
-    let tilt = config.position.tilt_limit_deg.to_radians();
-    BRAKING_SHARE * config.vehicle.gravity_m_s2 * tilt.tan()
+/// How a vehicle comes to rest: after a time of reaction, with a constant deceleration.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Braking {
+    /// Horizontal deceleration \[m/s^2\].
+    horizontal_m_s2: f64,
+    /// Vertical deceleration \[m/s^2\].
+    vertical_m_s2: f64,
+    /// Time until the vehicle brakes: delay of the command, lag, and the turn of the attitude \[s\].
+    pub(crate) reaction_s: f64,
 }
 
-/// The point at which a vehicle at `position` \[m, world\] with `velocity` \[m/s, world\] stops under `braking` \[m/s^2\].
-pub(crate) fn stopping_point(
-    position: &Vector3<f64>,
-    velocity: &Vector3<f64>,
-    braking: f64,
-) -> Vector3<f64> {
-    position + velocity * (0.5 * velocity.norm() / braking)
+impl Braking {
+    /// The braking of the vehicle of `config` within its limits of tilt and vertical acceleration.
+    pub(crate) fn of(config: &Config) -> Self {
+        let (vehicle, position) = (&config.vehicle, &config.position);
+        let tilt_rad = position.tilt_limit_deg.to_radians();
+        let lift = vehicle.max_thrust_n / vehicle.mass_kg - vehicle.gravity_m_s2;
+        let [roll, pitch, _] = vehicle.rate_authority_rad_s;
+        let lag_ms = vehicle.command_delay_ms + vehicle.rate_lag_ms.max(vehicle.thrust_lag_ms);
+        Self {
+            horizontal_m_s2: BRAKING_SHARE * vehicle.gravity_m_s2 * tilt_rad.tan(),
+            vertical_m_s2: BRAKING_SHARE * position.vertical_acceleration_limit_m_s2.min(lift),
+            reaction_s: lag_ms * 1e-3 + 2.0 * tilt_rad / roll.min(pitch),
+        }
+    }
+
+    /// Deceleration along `velocity` \[m/s, world\] \[m/s^2\].
+    pub(crate) fn along(&self, velocity: &Vector3<f64>) -> f64 {
+        let horizontal = velocity.xy().norm() / self.horizontal_m_s2;
+        let s = horizontal.hypot(velocity.z / self.vertical_m_s2);
+        if s > 0.0 { velocity.norm() / s } else { self.horizontal_m_s2.min(self.vertical_m_s2) }
+    }
+
+    /// The point at which a vehicle at `position` \[m, world\] with `velocity` \[m/s, world\] and `acceleration` \[m/s^2, world\] stops:
+    /// in the time of the reaction the acceleration fades.
+    pub(crate) fn stopping_point(
+        &self,
+        position: &Vector3<f64>,
+        velocity: &Vector3<f64>,
+        acceleration: &Vector3<f64>,
+    ) -> Vector3<f64> {
+        let t_s = self.reaction_s;
+        let mut way = (velocity + acceleration * (t_s / 3.0)) * t_s;
+        // A descent ends at the floor, and not at the lower border.
+        way.z = way.z.max(0.0);
+        let velocity = velocity + acceleration * (t_s / 2.0);
+        position + way + velocity * (0.5 * velocity.norm() / self.along(&velocity))
+    }
 }
 
 /// The borders. A copy shares the corners, so that copying does not allocate.

@@ -8,7 +8,7 @@ use oqtal_control::trajectory::{
 };
 use oqtal_runtime::process::Failure;
 
-use crate::fence::{Fence, braking_m_s2, stopping_point};
+use crate::fence::{Braking, Fence};
 use crate::floor::LEAST_WAY_M;
 use crate::flyable::check_demand;
 use crate::waypoint_file::trajectory as trajectory_of;
@@ -26,9 +26,11 @@ pub(crate) fn path(config: &Config, trajectory: &Trajectory) -> Vec<(f64, Vector
 
 /// The same of the points at which the vehicle would stop if it had to brake.
 pub(crate) fn stops(config: &Config, trajectory: &Trajectory) -> Vec<(f64, Vector3<f64>)> {
-    let braking = braking_m_s2(config);
+    let braking = Braking::of(config);
     let references = sampled(config, trajectory, PATH_POINTS);
-    let stop = |Reference { position, velocity, .. }| stopping_point(&position, &velocity, braking);
+    let stop = |Reference { position, velocity, acceleration, .. }| {
+        braking.stopping_point(&position, &velocity, &acceleration)
+    };
     references.map(|(t_s, reference)| (t_s, stop(reference))).collect()
 }
 

@@ -26,6 +26,7 @@
 //! | `consistency.rs` | consistency of the poses with the rotation, the tilt and the thrust of the vehicle |
 //! | `limits.rs`, `fence.rs`, `floor.rs` | the limits of a flight |
 //! | `descent.rs` | descent without poses of a vehicle with its own attitude loop |
+//! | `room.rs` | the room of a flight under way, and the stops that stay inside |
 //! | `flight_room.rs` | the path of a flight against the fence |
 //! | `flyable.rs` | the demand of a flight on the vehicle |
 //! | `arming.rs` | the reasons against a flight |
@@ -79,6 +80,7 @@ mod measured_noise;
 mod mission;
 mod operator;
 mod pose_noise;
+mod room;
 mod setpoint;
 mod stack;
 mod stream;

@@ -3,10 +3,10 @@
 use nalgebra::Vector3;
 use oqtal_bus::message::VehicleV1;
 use oqtal_config::Config;
-use oqtal_control::predictive::Track;
+use oqtal_control::predictive::{Motion, Track};
 use oqtal_control::trajectory::Reference;
 
-use crate::fence::{Fence, braking_m_s2, stopping_point};
+use crate::fence::{Braking, Fence};
 use crate::floor::OFF_FLOOR_M;
 
 /// Standard deviations of the predicted position by which the border of the fence is kept \[-\].
@@ -19,6 +19,8 @@ const FULL_THRUST: f64 = 0.95;
 /// Distance below the reference \[m\] and speed downward \[m/s\] at which a vehicle under full thrust sinks.
 const SINKS_M: f64 = 0.2;
 const SINKS_M_S: f64 = 0.1;
+/// Least cosine of the tilt by which the lift of a hover is divided \[-\].
+const LEAST_COSINE: f64 = 0.5;
 
 /// Whether each limit is exceeded in this tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -101,8 +103,9 @@ pub struct FlightView<'a> {
 pub struct FlightLimits {
     /// The fence.
     pub fence: Fence,
-    /// Deceleration of a vehicle that stops at the fence \[m/s^2\].
-    braking: f64,
+    braking: Braking,
+    /// Gravity \[m/s^2\].
+    gravity: f64,
     speed: f64,
     /// Cosines of the tilts.
     tilt_warning: f64,
@@ -122,7 +125,8 @@ impl FlightLimits {
         let lift = vehicle.gravity_m_s2 + config.position.vertical_acceleration_limit_m_s2;
         Self {
             fence: Fence::new(&config.fence),
-            braking: braking_m_s2(config),
+            braking: Braking::of(config),
+            gravity: vehicle.gravity_m_s2,
             speed: safety.speed_limit_m_s,
             tilt_warning: safety.tilt_warning_deg.to_radians().cos(),
             tilt: safety.tilt_limit_deg.to_radians().cos(),
@@ -147,7 +151,7 @@ impl FlightLimits {
         let is_within = |distance: f64, limit: f64| distance <= limit;
         // Comparisons with NaN are false: a motion that is not finite is outside and tipped.
         conditions.leaves_fence = !is_inside(inside);
-        let stop = stopping_point(&motion.position, &motion.velocity, self.braking);
+        let stop = self.stopping_point(motion);
         conditions.in_fence_margin = !is_inside(self.fence.inside_soft_m(&motion.position))
             || !is_inside(self.fence.inside_m(&stop));
         conditions.too_fast = !is_within(motion.velocity.norm(), self.speed);
@@ -160,6 +164,13 @@ impl FlightLimits {
         let is_on_floor = flight.motion.is_at_floor(floor_m);
         let is_above = reference.position.z > floor_m + OFF_FLOOR_M;
         conditions.lies_on_floor = is_on_floor && is_above && thrust_n > 0.0;
+    }
+
+    /// The point at which a vehicle in `motion` stops \[m, world\]. A vehicle that is tilted accelerates until it has turned.
+    fn stopping_point(&self, motion: &Motion) -> Vector3<f64> {
+        let up = motion.attitude.to_world(&Vector3::z());
+        let acceleration = up.xy() * (self.gravity / up.z.max(LEAST_COSINE));
+        self.braking.stopping_point(&motion.position, &motion.velocity, &acceleration.push(0.0))
     }
 
     /// Fills in the conditions of the vehicle; an unknown number exceeds no limit.

@@ -13,13 +13,14 @@ use oqtal_bus::message::ControlRequestV1;
 use oqtal_bus::text::LongText;
 use oqtal_config::{Config, ConfigError, Setting};
 use oqtal_control::predictive::MotionTracker;
-use oqtal_control::trajectory::{LegLimits, Trajectory, TrajectoryOptions, Waypoints};
+use oqtal_control::trajectory::{Trajectory, TrajectoryOptions, Waypoints};
 use oqtal_runtime::process::Failure;
 
 use crate::arming::ArmingPath;
 use crate::command_model::{CommandModel, motion_tracker};
 use crate::fence::Fence;
 use crate::flight_room::require_flyable;
+use crate::room::Room;
 use crate::stack::ControlStack;
 use crate::stream::ReferenceStream;
 use crate::waypoint_file;
@@ -40,7 +41,7 @@ pub struct LiveControl {
     pub(crate) trajectory: Trajectory,
     pub(crate) path: ArmingPath,
     pub(crate) options: TrajectoryOptions,
-    pub(crate) legs: LegLimits,
+    pub(crate) room: Room,
     pub(crate) stream: ReferenceStream,
 }
 
@@ -67,8 +68,8 @@ impl LiveControl {
             path: ArmingPath::new(next, &trajectory),
             trajectory,
             options: next.trajectory.clone(),
-            legs: leg_limits(next),
-            stream: ReferenceStream::new(next, Fence::new(&next.fence)),
+            room: Room::new(next),
+            stream: ReferenceStream::new(next),
         })
     }
 }
@@ -343,15 +344,4 @@ impl LiveSettings {
 /// The settings in the lines of `text`.
 fn assignments(text: &LongText) -> Result<Vec<Setting>, ConfigError> {
     text.as_str().lines().map(|line| Setting::parse(ORIGIN, line)).collect()
-}
-
-/// The limits of a leg by `[reference]`.
-pub(crate) fn leg_limits(config: &Config) -> LegLimits {
-    let options = &config.reference;
-    LegLimits {
-        horizontal_m_s: options.leg_horizontal_m_s,
-        vertical_m_s: options.leg_vertical_m_s,
-        acceleration_m_s2: options.leg_acceleration_m_s2,
-        yaw_rate_rad_s: options.leg_yaw_rate_deg_s.to_radians(),
-    }
 }

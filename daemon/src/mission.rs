@@ -25,7 +25,7 @@ pub struct ActiveMission {
     changes: u32,
     /// Since when the mission waits, and the reference meanwhile.
     held: Option<(Time, Reference)>,
-    /// Total duration of earlier holds since the last change of course.
+    /// Total duration of earlier holds since an operator's last change of course.
     held_before: Span,
 }
 
@@ -164,9 +164,13 @@ impl ActiveMission {
         let elapsed_s = self.elapsed_s(now);
         if let FlightPath::Plan(plan, _) = &mut self.path {
             plan.redirect(elapsed_s, detour);
-            self.held_before = Span::ZERO;
             self.changes += 1;
         }
+    }
+
+    /// Counts the holds from now on.
+    pub fn forget_holds(&mut self) {
+        self.held_before = Span::ZERO;
     }
 
     /// Whether `now` lies in the scored window, to which the time in which the mission waits does not belong.
@@ -199,9 +203,8 @@ impl ActiveMission {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::live::leg_limits;
+    use crate::room::Room;
     use oqtal_config::Config;
-    use oqtal_control::trajectory::Leg;
 
     /// Whatever a law does at the border of the fence: the holds of a flight are counted together.
     #[test]
@@ -225,8 +228,10 @@ mod tests {
         now = now + Span::from_millis(120);
         mission.resume(now);
         assert!(mission.is_held_too_long(now), "until the vehicle has landed");
-        let stop = Leg::stop(&mission.motion(now), &leg_limits(&config));
+        let stop = Room::new(&config).stop(&mission.motion(now));
         mission.redirect(now, Detour::stay(stop));
+        assert!(mission.is_held_too_long(now), "a planner does not begin the count again");
+        mission.forget_holds();
         assert!(!mission.is_held_too_long(now));
     }
 }

@@ -161,9 +161,7 @@ impl OperatorRequests {
         let course = in_flight.unwrap_or_else(|| configured_course(config));
         let course = match self.last.followed {
             Followed::Planner => "references of a planner".to_owned(),
-            _ if self.last.cause == Cause::ReferencesEnded.code() => {
-                "at the end of the references".to_owned()
-            }
+            Followed::Ended => "at the end of the references".to_owned(),
             Followed::End => format!("{course}, at its end"),
             Followed::Course => course,
         };

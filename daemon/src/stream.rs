@@ -13,8 +13,7 @@ use oqtal_control::quaternion::Attitude;
 use oqtal_control::tracking_error::AttitudeReference;
 use oqtal_control::trajectory::{Reference, ReferenceMotion};
 
-use crate::fence::Fence;
-use crate::floor::LEAST_WAY_M;
+use crate::room::Room;
 use crate::setpoint::SetpointRefusal;
 
 /// Pause after which a planner's references count as a new stream.
@@ -33,6 +32,8 @@ const JERK_FACTOR: f64 = 10.0;
 /// Refusal of a reference outside the room.
 const NO_ROOM: &str =
     "it leads outside the soft border of [fence], or less than 0.1 m above the floor";
+/// Refusal of a reference from which a vehicle cannot stop in the room.
+const NO_STOP: &str = "a stop from it would lead outside the soft border of [fence], or less than 0.1 m above the floor";
 /// Refusal of an invalid attitude.
 const INVALID_ATTITUDE: SetpointRefusal =
     SetpointRefusal::Invalid("its attitude is not a rotation, or its rate not finite");
@@ -40,14 +41,13 @@ const INVALID_ATTITUDE: SetpointRefusal =
 const BISECTIONS: usize = 12;
 
 /// Limits of a planner's references.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 struct StreamLimits {
     speed_m_s: f64,
     acceleration_m_s2: f64,
     jump_m: f64,
     cosine_of_tilt: f64,
     longest_validity: Span,
-    fence: Fence,
 }
 
 /// A reference that was accepted.
@@ -109,6 +109,10 @@ impl FollowedReference {
     }
 }
 
+fn without_acceleration(motion: &ReferenceMotion) -> ReferenceMotion {
+    ReferenceMotion { acceleration: Vector4::zeros(), ..*motion }
+}
+
 /// Whether `attitude` is tilted by no more than the angle of this cosine.
 fn is_upright(attitude: &Attitude, cosine_of_tilt: f64) -> bool {
     attitude.to_world(&Vector3::z()).z >= cosine_of_tilt
@@ -132,10 +136,10 @@ pub struct ReferenceStream {
 }
 
 impl ReferenceStream {
-    /// The stream of `config` inside `fence`, before the first reference.
-    pub fn new(config: &Config, fence: Fence) -> Self {
+    /// The stream of `config`, before the first reference.
+    pub fn new(config: &Config) -> Self {
         Self {
-            limits: StreamLimits::new(config, fence),
+            limits: StreamLimits::new(config),
             land_after: Span::from_seconds(config.reference.land_after_ms * 1e-3),
             followed: None,
             ended_since: None,
@@ -147,7 +151,7 @@ impl ReferenceStream {
 
     /// Replaces the limits by those of `other`.
     pub fn set_limits(&mut self, other: &Self) {
-        self.limits = other.limits.clone();
+        self.limits = other.limits;
         self.land_after = other.land_after;
     }
 
@@ -156,19 +160,28 @@ impl ReferenceStream {
         (self.followed, self.ended_since, self.refusal) = (None, None, None);
     }
 
-    /// Ends the stream: an operator or the safety monitor determines the flight.
+    /// Ends the stream: an operator determines the flight.
     pub fn end(&mut self) {
         self.reset();
         self.ignored = self.last;
     }
 
-    /// Takes a reference of the writer `source`; `present` is the motion of the reference that is flown at `now`, and
-    /// `floor_m` the height of the floor \[m, world z\].
+    /// Interrupts the stream: its references cannot be followed now. The time until the vehicle lands begins again. Returns whether
+    /// references were followed.
+    pub fn interrupt(&mut self, now: Time) -> bool {
+        let was_followed = self.followed.take().is_some();
+        if was_followed || self.ended_since.is_some() {
+            self.ended_since = Some(now);
+        }
+        was_followed
+    }
+
+    /// Takes a reference of the writer `source`; `present` is the motion of the reference that is flown at `now` in `room`.
     pub fn receive(
         &mut self,
         now: Time,
         (source, message): (u64, &ReferenceV1),
-        (present, floor_m): (&ReferenceMotion, f64),
+        (present, room): (&ReferenceMotion, &Room),
     ) {
         self.last = Some((source, now));
         if let Some((ignored, at)) = &mut self.ignored {
@@ -178,7 +191,7 @@ impl ReferenceStream {
             }
             self.ignored = None;
         }
-        match self.limits.check(now, message, (present, floor_m)) {
+        match self.limits.check(now, message, (present, room)) {
             Ok(reference) => {
                 let is_smooth = self.followed.is_some_and(|last| last.leads_to(&reference));
                 let reference = FollowedReference { is_smooth, ..reference };
@@ -198,9 +211,12 @@ impl ReferenceStream {
         self.followed.map(|followed| followed.reference(now, self.limits.cosine_of_tilt))
     }
 
-    /// The motion of the reference at `now`; `None` if none is followed.
+    /// The motion of the reference at `now`, with the acceleration only where it is fed forward; `None` if none is followed.
     pub fn motion(&self, now: Time) -> Option<ReferenceMotion> {
-        self.followed.map(|followed| followed.motion(now))
+        self.followed.map(|followed| match followed.is_smooth {
+            true => followed.motion(now),
+            false => without_acceleration(&followed.motion(now)),
+        })
     }
 
     /// Whether the followed reference prescribes an attitude.
@@ -230,7 +246,7 @@ impl ReferenceStream {
 }
 
 impl StreamLimits {
-    fn new(config: &Config, fence: Fence) -> Self {
+    fn new(config: &Config) -> Self {
         let options = &config.reference;
         Self {
             speed_m_s: options.speed_limit_m_s,
@@ -238,7 +254,6 @@ impl StreamLimits {
             jump_m: options.jump_limit_m,
             cosine_of_tilt: config.position.tilt_limit_deg.to_radians().cos(),
             longest_validity: Span::from_seconds(options.longest_validity_ms * 1e-3),
-            fence,
         }
     }
 
@@ -250,7 +265,7 @@ impl StreamLimits {
         &self,
         now: Time,
         message: &ReferenceV1,
-        (present, floor_m): (&ReferenceMotion, f64),
+        (present, room): (&ReferenceMotion, &Room),
     ) -> Result<FollowedReference, SetpointRefusal> {
         let age_ms = now.since(message.time).seconds().abs() * 1e3;
         let longest_ms = self.longest_validity.seconds() * 1e3;
@@ -283,7 +298,7 @@ impl StreamLimits {
             }
             (reference.jerk.x, reference.jerk.y) = (0.0, 0.0);
         }
-        self.require_allowed(now, &reference, (present, floor_m)).map(|()| reference)
+        self.require_allowed(now, &reference, (present, room)).map(|()| reference)
     }
 
     /// Requires that `reference` is within the limits, now and at the end of its validity.
@@ -291,14 +306,10 @@ impl StreamLimits {
         &self,
         now: Time,
         reference: &FollowedReference,
-        (present, floor_m): (&ReferenceMotion, f64),
+        (present, room): (&ReferenceMotion, &Room),
     ) -> Result<(), SetpointRefusal> {
         let [now, end] = [now, reference.valid_until].map(|at| reference.motion(at));
         let jump_m = (now.value - present.value).xyz().norm();
-        let has_room = |motion: &ReferenceMotion| {
-            self.fence.inside_soft_m(&motion.value.xyz()) > 0.0
-                && motion.value.z >= floor_m + LEAST_WAY_M
-        };
         let jump = ("reference.jump-limit-m", self.jump_m);
         require(["distance from the present reference", "m"], jump_m, jump)?;
         let speed = ("reference.speed-limit-m-s", self.speed_m_s);
@@ -313,8 +324,14 @@ impl StreamLimits {
         if !now.value.w.is_finite() || !now.rate.w.is_finite() {
             return Err(SetpointRefusal::Invalid("its yaw is not finite"));
         }
-        let is_inside = has_room(&now) && has_room(&end);
-        is_inside.then_some(()).ok_or(SetpointRefusal::Invalid(NO_ROOM))
+        let both = [now, end];
+        if !both.iter().all(|motion| room.contains(&motion.value.xyz())) {
+            return Err(SetpointRefusal::Invalid(NO_ROOM));
+        }
+        // An acceleration that brakes may not be that of the motion.
+        let has_stop =
+            |motion| room.has_stop(motion) && room.has_stop(&without_acceleration(motion));
+        both.iter().all(has_stop).then_some(()).ok_or(SetpointRefusal::Invalid(NO_STOP))
     }
 
     /// The attitude of `message`.

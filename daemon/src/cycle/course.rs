@@ -8,15 +8,16 @@ use oqtal_config::Config;
 use oqtal_control::estimator::Estimate;
 use oqtal_control::euler::EulerAngles;
 use oqtal_control::trajectory::{
-    Detour, FlightPlan, Leg, LegLimits, Phase, Reference, ReferenceMotion, StartPoint, Trajectory,
+    Detour, FlightPlan, Leg, Phase, Reference, ReferenceMotion, StartPoint, Trajectory,
     TrajectoryOptions,
 };
 
 use crate::condition::Followed;
 use crate::fence::Fence;
 use crate::floor;
-use crate::live::{FlightChange, LiveControl, leg_limits};
+use crate::live::{FlightChange, LiveControl};
 use crate::mission::ActiveMission;
+use crate::room::Room;
 use crate::setpoint::{CheckedSetpoint, SetpointGuard};
 use crate::stream::ReferenceStream;
 
@@ -24,11 +25,6 @@ use crate::stream::ReferenceStream;
 const REST_M_S: f64 = 0.1;
 /// Time for which a vehicle that landed must be at rest.
 const REST: Span = Span::from_millis(500);
-/// Time between two points of a detour that are compared with the fence and the floor \[s\], and most points \[-\].
-const DETOUR_STEP_S: f64 = 0.1;
-const MOST_DETOUR_POINTS: f64 = 1000.0;
-/// Height by which a way that begins near the floor may go below its beginning \[m\].
-const TOLERANCE_M: f64 = 1e-6;
 
 /// Course of a flight.
 #[derive(Clone, Debug)]
@@ -37,9 +33,10 @@ pub(super) struct FlightCourse {
     weight_n: f64,
     trajectory: Trajectory,
     options: TrajectoryOptions,
-    legs: LegLimits,
-    fence: Fence,
+    room: Room,
     stream: ReferenceStream,
+    /// Whether the present plan is the stop after a planner's references.
+    is_after_stream: bool,
     check: SetpointGuard,
     /// The last estimate of position \[m, world\] and velocity \[m/s, world\].
     vehicle: [Vector3<f64>; 2],
@@ -61,10 +58,10 @@ impl FlightCourse {
             observe_only: config.safety.observe_only,
             weight_n: config.vehicle.mass_kg * config.vehicle.gravity_m_s2,
             options: config.trajectory.clone(),
-            legs: leg_limits(config),
-            stream: ReferenceStream::new(config, fence.clone()),
-            check: SetpointGuard::new(fence.clone()),
-            fence,
+            room: Room::new(config),
+            stream: ReferenceStream::new(config),
+            is_after_stream: false,
+            check: SetpointGuard::new(fence),
             vehicle: [Vector3::zeros(); 2],
             mission: None,
             setpoint: CheckedSetpoint::default(),
@@ -96,6 +93,7 @@ impl FlightCourse {
     pub(super) fn followed(&self, now: Time) -> Followed {
         match &self.mission {
             Some(_) if self.stream.is_followed() => Followed::Planner,
+            Some(_) if self.is_after_stream => Followed::Ended,
             Some(mission) if mission.has_arrived(now) => Followed::End,
             _ => Followed::Course,
         }
@@ -115,7 +113,9 @@ impl FlightCourse {
         let plan = FlightPlan::new(&self.options, self.trajectory.clone(), start);
         self.check.reset();
         self.stream.reset();
-        (self.inside, self.at_rest_since, self.is_descent) = (None, None, false);
+        self.room.begin_flight(estimate.position.z);
+        (self.inside, self.at_rest_since) = (None, None);
+        (self.is_descent, self.is_after_stream) = (false, false);
         self.mission = Some(ActiveMission::fly(plan, estimate.position.z, now));
         self.update_setpoint(now);
     }
@@ -169,9 +169,18 @@ impl FlightCourse {
         self.stop_from(now, &motion);
     }
 
+    /// Stops from the motion of a planner's reference.
     fn stop_from(&mut self, now: Time, motion: &ReferenceMotion) {
         if let Some(mission) = &mut self.mission {
-            mission.redirect(now, Detour::stay(Leg::stop(motion, &self.legs)));
+            mission.redirect(now, Detour::stay(self.room.stop(motion)));
+            self.is_after_stream = true;
+        }
+    }
+
+    /// Stays at the reference `rest`, which is held, after a planner's references: they are followed again after the hold.
+    fn interrupt_stream(&mut self, now: Time, rest: &Reference) {
+        if self.stream.interrupt(now) {
+            self.stop_from(now, &ReferenceMotion::between(rest, rest, 1.0));
         }
     }
 
@@ -198,19 +207,14 @@ impl FlightCourse {
         }
     }
 
-    /// Takes a reference of the planner `source`, over the floor at `floor_m` \[m\]; without effect during take-off and landing.
-    pub(super) fn receive_reference(
-        &mut self,
-        now: Time,
-        (source, message): (u64, &ReferenceV1),
-        floor_m: f64,
-    ) {
+    /// Takes a reference of the planner `source`; without effect during take-off and landing.
+    pub(super) fn receive_reference(&mut self, now: Time, source: u64, message: &ReferenceV1) {
         if self.require_changeable().is_err() {
             return;
         }
         let Some(present) = self.motion(now) else { return };
         let was_followed = self.stream.is_followed();
-        self.stream.receive(now, (source, message), (&present, floor_m));
+        self.stream.receive(now, (source, message), (&present, &self.room));
         if self.stream.is_followed() && !was_followed {
             // The plan is not resumed after the stream.
             self.stop_from(now, &present);
@@ -230,46 +234,27 @@ impl FlightCourse {
             FlightChange::Goto(target) => {
                 let yaw = if target.w.is_nan() { motion.value.w } else { target.w };
                 let target = target.xyz().push(yaw);
-                Detour::stay(Leg::to(&motion, &target, &self.legs))
+                Detour::stay(Leg::to(&motion, &target, self.room.legs()))
             }
             FlightChange::Trajectory(trajectory) => {
                 let trajectory = Trajectory::clone(trajectory);
-                Detour::fly(trajectory, &motion, &mission.origin(), &self.legs)
+                Detour::fly(trajectory, &motion, &mission.origin(), self.room.legs())
             }
-            FlightChange::Hover => Detour::stay(Leg::stop(&motion, &self.legs)),
+            FlightChange::Hover => Detour::stay(self.room.stop(&motion)),
             FlightChange::Settings(_) => return Ok(()),
         };
         // The reference of the stop after a fast motion is what it is.
         let is_hover = matches!(change, FlightChange::Hover);
         if !is_hover {
-            self.require_room(&detour, (mission.origin().z, motion.value.z))?;
+            self.room.require(&detour, motion.value.z)?;
         }
         self.stream.end();
+        self.is_after_stream = false;
         if let Some(mission) = &mut self.mission {
             mission.redirect(now, detour);
+            mission.forget_holds();
         }
         self.update_setpoint(now);
-        Ok(())
-    }
-
-    /// Requires that `detour`, which begins at the height `from_m`, stays inside the soft border of the fence and above the floor at
-    /// `floor_m` \[m, world z\].
-    fn require_room(&self, detour: &Detour, (floor_m, from_m): (f64, f64)) -> Result<(), Cause> {
-        // A way that begins lower may lead upwards.
-        let lowest_m = (floor_m + floor::LEAST_WAY_M).min(from_m - TOLERANCE_M);
-        let points = (detour.duration_s() / DETOUR_STEP_S).clamp(1.0, MOST_DETOUR_POINTS) as u32;
-        for index in 0..=points {
-            let t_s = detour.duration_s() * f64::from(index) / f64::from(points);
-            let position = detour.sample(t_s).position;
-            // Comparisons with NaN are false.
-            let (is_inside, is_high) =
-                (self.fence.inside_soft_m(&position) > 0.0, position.z >= lowest_m);
-            match (is_inside, is_high) {
-                (true, true) => {}
-                (false, _) => return Err(Cause::Fence),
-                (_, false) => return Err(Cause::NearFloor),
-            }
-        }
         Ok(())
     }
 
@@ -277,7 +262,7 @@ impl FlightCourse {
     pub(super) fn exchange(&mut self, live: &mut LiveControl) {
         std::mem::swap(&mut self.trajectory, &mut live.trajectory);
         std::mem::swap(&mut self.options, &mut live.options);
-        self.legs = live.legs;
+        self.room.exchange(&mut live.room);
         self.stream.set_limits(&live.stream);
     }
 
@@ -290,8 +275,14 @@ impl FlightCourse {
         position: Vector3<f64>,
         is_landing: bool,
     ) -> bool {
-        if state >= SafetyState::Hold {
-            self.end_stream(now);
+        let rest = match state {
+            SafetyState::Hold => self.setpoint.at(self.inside.unwrap_or(position)),
+            _ => self.setpoint.at(position),
+        };
+        // A landing that begins in this tick is not held, either: nothing would resume it.
+        let is_landing = is_landing || self.is_landing();
+        if state >= SafetyState::Hold && !is_landing {
+            self.interrupt_stream(now, &rest);
         }
         let Some(mission) = self.mission.as_mut().filter(|_| !self.observe_only) else {
             return is_landing;
@@ -301,18 +292,16 @@ impl FlightCourse {
         match state {
             // Poses have come back.
             SafetyState::Land if self.is_descent => {
-                mission.land_from(now, self.setpoint.at(position).into());
+                mission.land_from(now, rest.into());
                 self.is_descent = false;
             }
             SafetyState::Land if !is_landing => {
                 self.land(now, position);
                 lands = true;
             }
-            SafetyState::Hold if !is_landing => {
-                mission.hold(now, self.setpoint.at(self.inside.unwrap_or(position)));
-            }
+            SafetyState::Hold if !is_landing => mission.hold(now, rest),
             SafetyState::Descend => {
-                mission.hold(now, self.setpoint.at(position));
+                mission.hold(now, rest);
                 (self.is_descent, lands) = (true, true);
             }
             // Blindness interrupts neither.
@@ -371,30 +360,4 @@ impl FlightCourse {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn f41_a_vehicle_has_landed_once_it_rests_for_half_a_second_without_a_break() {
-        let config = Config::default();
-        let trajectory = crate::trajectory(&config).unwrap();
-        let mut course = FlightCourse::new(&config, trajectory, Fence::new(&config.fence));
-        let start = Time::VIRTUAL_START;
-        let (raised, rising) = (Vector3::z(), Vector3::z() * 0.2);
-        let at_rest = Estimate { position: raised, ..Estimate::default() };
-        let moving = Estimate { velocity: rising, ..at_rest };
-        course.begin_flight(start, &Estimate::default());
-        course.land(start, raised);
-        course.update_setpoint(start + Span::from_millis(100));
-        let weight_n = config.vehicle.mass_kg * config.vehicle.gravity_m_s2;
-        let mut has_landed = |millis, estimate, share: f64| {
-            course.has_landed(start + Span::from_millis(millis), estimate, share * weight_n)
-        };
-        assert!(!has_landed(0, &at_rest, 0.4) && !has_landed(490, &at_rest, 0.4));
-        assert!(!has_landed(495, &moving, 0.4), "moved");
-        assert!(!has_landed(500, &at_rest, 0.4) && !has_landed(990, &at_rest, 0.4));
-        assert!(!has_landed(995, &at_rest, 0.6), "held by its thrust");
-        assert!(!has_landed(1000, &at_rest, 0.4) && !has_landed(1490, &at_rest, 0.4));
-        assert!(has_landed(1500, &at_rest, 0.4));
-    }
-}
+mod tests;

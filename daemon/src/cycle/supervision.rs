@@ -336,7 +336,7 @@ impl FlightSupervision {
         intake: &Intake,
     ) {
         if self.require_changeable(intake).is_ok() {
-            self.course.receive_reference(now, (source, message), intake.tracker().floor_m());
+            self.course.receive_reference(now, source, message);
         }
     }
 

@@ -3,8 +3,13 @@ use super::*;
 const START: Time = Time::VIRTUAL_START;
 
 fn stream() -> ReferenceStream {
-    let config = Config::default();
-    ReferenceStream::new(&config, Fence::new(&config.fence))
+    ReferenceStream::new(&Config::default())
+}
+
+fn room(floor_m: f64) -> Room {
+    let mut room = Room::new(&Config::default());
+    room.begin_flight(floor_m);
+    room
 }
 
 fn at(millis: i64) -> Time {
@@ -30,13 +35,13 @@ fn present() -> ReferenceMotion {
 #[test]
 fn f35_between_two_references_the_last_is_extrapolated_until_its_validity_ends() {
     let mut stream = stream();
-    stream.receive(at(0), (7, &sample(0)), (&present(), 0.0));
+    stream.receive(at(0), (7, &sample(0)), (&present(), &room(0.0)));
     let reference = stream.reference(at(20)).unwrap();
     assert!((reference.position - Vector3::new(0.01, 0.0, 1.0)).norm() < 1e-12);
     assert!(!stream.expire(at(33)) && stream.expire(at(34)));
     assert_eq!((stream.reference(at(34)), stream.ended(at(40))), (None, [true, false]));
     assert_eq!(stream.ended(at(34 + 5000)), [true, true]);
-    stream.receive(at(60), (7, &sample(60)), (&present(), 0.0));
+    stream.receive(at(60), (7, &sample(60)), (&present(), &room(0.0)));
     assert_eq!(stream.ended(at(60)), [false, false]);
 }
 
@@ -64,10 +69,10 @@ fn f35_a_planners_reference_beyond_a_limit_leaves_the_last_valid_one_in_force() 
     ];
     for (reason, message) in wrong {
         let mut stream = stream();
-        stream.receive(at(0), (7, &sample(0)), (&present(), 0.0));
+        stream.receive(at(0), (7, &sample(0)), (&present(), &room(0.0)));
         assert_eq!(stream.take_refusal(), None);
         let before = stream.reference(at(10));
-        stream.receive(at(10), (7, &message), (&stream.motion(at(10)).unwrap(), 0.0));
+        stream.receive(at(10), (7, &message), (&stream.motion(at(10)).unwrap(), &room(0.0)));
         let told = stream.take_refusal().map(|refusal| refusal.to_string());
         assert!(told.as_ref().is_some_and(|told| told.contains(reason)), "{told:?}: {message:?}");
         assert_eq!(stream.reference(at(10)), before, "{message:?}");
@@ -84,7 +89,7 @@ fn f35_an_attitude_turns_on_to_the_tilt_limit_and_a_reference_near_the_floor_is_
         valid_until: at(500),
         ..sample(0)
     };
-    stream.receive(at(0), (7, &message), (&present(), 0.0));
+    stream.receive(at(0), (7, &message), (&present(), &room(0.0)));
     let limit_rad = stream.limits.cosine_of_tilt.acos();
     for millis in [0, 20, 100, 400] {
         let attitude = stream.reference(at(millis)).unwrap().attitude.unwrap();
@@ -93,7 +98,7 @@ fn f35_an_attitude_turns_on_to_the_tilt_limit_and_a_reference_near_the_floor_is_
         assert!((turned_rad - expected_rad).abs() < 2e-3, "{millis} ms: {turned_rad}");
         assert_eq!(attitude.rate.0.x == 0.0, expected_rad == limit_rad, "{millis} ms");
     }
-    stream.receive(at(1), (7, &sample(1)), (&present(), 0.95));
+    stream.receive(at(1), (7, &sample(1)), (&present(), &room(0.95)));
     let refusal = stream.take_refusal().unwrap();
     assert!(refusal.to_string().contains("above the floor"), "{refusal}");
 }
@@ -101,17 +106,17 @@ fn f35_an_attitude_turns_on_to_the_tilt_limit_and_a_reference_near_the_floor_is_
 #[test]
 fn an_operator_ends_a_stream_until_its_planner_pauses() {
     let mut stream = stream();
-    stream.receive(at(0), (7, &sample(0)), (&present(), 0.0));
+    stream.receive(at(0), (7, &sample(0)), (&present(), &room(0.0)));
     stream.end();
     for millis in [10, 400, 800] {
-        stream.receive(at(millis), (7, &sample(millis)), (&present(), 0.0));
+        stream.receive(at(millis), (7, &sample(millis)), (&present(), &room(0.0)));
         assert!(!stream.is_followed());
     }
     let resting = ReferenceV1 { position: [0.0, 0.0, 1.0], ..sample(1400) };
-    stream.receive(at(1400), (7, &resting), (&present(), 0.0));
+    stream.receive(at(1400), (7, &resting), (&present(), &room(0.0)));
     assert!(stream.is_followed(), "it paused");
     stream.end();
     let other = ReferenceV1 { time: at(1410), ..resting };
-    stream.receive(at(1410), (8, &other), (&present(), 0.0));
+    stream.receive(at(1410), (8, &other), (&present(), &room(0.0)));
     assert!(stream.is_followed(), "another planner");
 }

@@ -15,16 +15,16 @@ use oqtal_observe::recording::{InputHistory, RecordingFile, play};
 use super::{error_m, fly_for, goto, hover, is_done, last, recorder, request};
 
 /// A random number in 0..1, from a linear congruential generator with a stable sequence.
-struct Draw(u64);
+pub(super) struct Draw(pub(super) u64);
 
 impl Draw {
-    fn next(&mut self) -> f64 {
+    pub(super) fn next(&mut self) -> f64 {
         self.0 =
             self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    fn of<'a>(&mut self, texts: &[&'a str]) -> &'a str {
+    pub(super) fn of<'a>(&mut self, texts: &[&'a str]) -> &'a str {
         texts[(self.next() * texts.len() as f64) as usize]
     }
 }

@@ -1,0 +1,76 @@
+use oqtal_bus::code::ReferenceKind;
+
+use super::*;
+
+fn course() -> (Config, FlightCourse) {
+    let config = Config::default();
+    let trajectory = crate::trajectory(&config).unwrap();
+    let course = FlightCourse::new(&config, trajectory, Fence::new(&config.fence));
+    (config, course)
+}
+
+#[test]
+fn f41_a_vehicle_has_landed_once_it_rests_for_half_a_second_without_a_break() {
+    let (config, mut course) = course();
+    let start = Time::VIRTUAL_START;
+    let (raised, rising) = (Vector3::z(), Vector3::z() * 0.2);
+    let at_rest = Estimate { position: raised, ..Estimate::default() };
+    let moving = Estimate { velocity: rising, ..at_rest };
+    course.begin_flight(start, &Estimate::default());
+    course.land(start, raised);
+    course.update_setpoint(start + Span::from_millis(100));
+    let weight_n = config.vehicle.mass_kg * config.vehicle.gravity_m_s2;
+    let mut has_landed = |millis, estimate, share: f64| {
+        course.has_landed(start + Span::from_millis(millis), estimate, share * weight_n)
+    };
+    assert!(!has_landed(0, &at_rest, 0.4) && !has_landed(490, &at_rest, 0.4));
+    assert!(!has_landed(495, &moving, 0.4), "moved");
+    assert!(!has_landed(500, &at_rest, 0.4) && !has_landed(990, &at_rest, 0.4));
+    assert!(!has_landed(995, &at_rest, 0.6), "held by its thrust");
+    assert!(!has_landed(1000, &at_rest, 0.4) && !has_landed(1490, &at_rest, 0.4));
+    assert!(has_landed(1500, &at_rest, 0.4));
+}
+
+/// The landing of the plan begins in the tick in which the vehicle must be held, and the hold does not end.
+#[test]
+fn f47_a_landing_that_begins_in_the_tick_of_a_hold_is_flown() {
+    let (_, mut course) = course();
+    let start = Time::VIRTUAL_START;
+    course.begin_flight(start, &Estimate::default());
+    let planned_s = course.mission().unwrap().planned_landing_s();
+    let begun = start + Span::from_seconds(planned_s + 0.01);
+    course.update_setpoint(begun);
+    assert!(course.follow(begun, SafetyState::Hold, Vector3::z(), false));
+    let later = begun + Span::from_millis(20_000);
+    course.update_setpoint(later);
+    assert!(course.follow(later, SafetyState::Land, Vector3::z(), true));
+    assert!(course.setpoint().reference.unwrap().position.z < 0.0, "{:?}", course.setpoint());
+    assert!(course.mission().unwrap().is_landing_overdue(later), "an end of its own");
+}
+
+/// A hold interrupts a planner, and does not end its stream as an operator does.
+#[test]
+fn f47_a_planner_goes_on_after_a_hold_and_until_then_the_plan_is_the_stop() {
+    let (config, mut course) = course();
+    let mut now = Time::VIRTUAL_START;
+    course.begin_flight(now, &Estimate::default());
+    now = now + Span::from_seconds(config.trajectory.start_s() + 1.0);
+    course.update_setpoint(now);
+    let position = course.setpoint().reference.unwrap().position;
+    let message = |now: Time| ReferenceV1 {
+        time: now,
+        valid_until: now + Span::from_millis(100),
+        kind: ReferenceKind::Position.code(),
+        position: position.into(),
+        ..ReferenceV1::default()
+    };
+    course.receive_reference(now, 7, &message(now));
+    assert_eq!(course.followed(now), Followed::Planner);
+    course.follow(now, SafetyState::Hold, position, false);
+    assert_eq!(course.followed(now), Followed::Ended);
+    let later = now + Span::from_millis(100);
+    course.update_setpoint(later);
+    course.follow(later, SafetyState::Nominal, position, false);
+    course.receive_reference(later, 7, &message(later));
+    assert_eq!(course.followed(later), Followed::Planner);
+}
