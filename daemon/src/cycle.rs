@@ -204,7 +204,7 @@ impl Cycle {
             self.guarded.iter_mut().for_each(GuardedControl::restart);
         }
         let tick = ControlTick { now, dt_s, is_fresh };
-        let of_fallback = self.supervision.course().motion_without_attitude(now);
+        let of_fallback = self.supervision.course().without_attitude(now);
         let of_stack = match (directive, of_fallback) {
             // The control stack is the fallback of an external law.
             (Directive::Fly { overdue_s, .. }, Some(reference)) if self.is_external() => {
@@ -246,7 +246,7 @@ impl Cycle {
             intake: &self.intake,
             last: self.control.sent(),
             reference_ahead: self.supervision.course().reference_at(tick.now + delay),
-            of_fallback: self.supervision.course().motion_without_attitude(tick.now),
+            of_fallback: self.supervision.course().without_attitude(tick.now),
             is_free: self.supervision.is_free_flight(),
         };
         let selected = computed.map(|output| guarded.select(&law_tick, output, law));

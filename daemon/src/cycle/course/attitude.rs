@@ -15,10 +15,13 @@ impl FlightCourse {
         }
     }
 
-    /// The reference of a fallback law while a planner prescribes an attitude: the motion of the vehicle, from which it comes to rest;
-    /// `None` otherwise.
-    pub(in crate::cycle) fn motion_without_attitude(&self, now: Time) -> Option<Reference> {
-        let motion = self.motion(now).filter(|_| self.stream.prescribes_attitude())?;
-        Some(motion.reference())
+    /// The reference of a fallback law while an attitude is prescribed: the position of the trajectory, or where a planner prescribes
+    /// the attitude the motion of the vehicle, from which it comes to rest; `None` otherwise.
+    pub(in crate::cycle) fn without_attitude(&self, now: Time) -> Option<Reference> {
+        let reference = self.setpoint.reference.filter(|reference| reference.attitude.is_some())?;
+        if !self.stream.prescribes_attitude() {
+            return Some(Reference { attitude: None, ..reference });
+        }
+        self.motion(now).map(|motion| motion.reference())
     }
 }
