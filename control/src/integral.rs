@@ -6,6 +6,8 @@ use nalgebra::Vector3;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Integral {
     value: Vector3<f64>,
+    /// The value before the last step.
+    before: Vector3<f64>,
     limit: f64,
 }
 
@@ -13,7 +15,7 @@ impl Integral {
     /// An integral at zero whose components stay within `limit` \[the unit of the error times s\],
     /// which is not negative.
     pub fn new(limit: f64) -> Self {
-        Self { value: Vector3::zeros(), limit }
+        Self { value: Vector3::zeros(), before: Vector3::zeros(), limit }
     }
 
     /// The integral \[the unit of the error times s\].
@@ -34,6 +36,7 @@ impl Integral {
         excess: &Vector3<f64>,
         dt_s: f64,
     ) {
+        self.before = self.value;
         let increment = error * dt_s;
         let winds_up = push.dot(excess) > 0.0;
         if !winds_up && increment.iter().all(|component| component.is_finite()) {
@@ -47,9 +50,14 @@ impl Integral {
         self.value = other.value.map(|component| component.clamp(-self.limit, self.limit));
     }
 
+    /// Takes the last step back: its command was not sent.
+    pub fn undo(&mut self) {
+        self.value = self.before;
+    }
+
     /// Sets the integral to zero.
     pub fn reset(&mut self) {
-        self.value = Vector3::zeros();
+        (self.value, self.before) = (Vector3::zeros(), Vector3::zeros());
     }
 }
 
@@ -67,6 +75,9 @@ mod tests {
         for _ in 0..10 {
             integral.step(&X, &X, &Vector3::zeros(), 0.1);
         }
+        assert_eq!(*integral.value(), 0.25 * X);
+        integral.step(&-X, &-X, &Vector3::zeros(), 0.1);
+        integral.undo();
         assert_eq!(*integral.value(), 0.25 * X);
         integral.reset();
         assert_eq!(*integral.value(), Vector3::zeros());

@@ -204,7 +204,15 @@ impl Cycle {
             self.guarded.iter_mut().for_each(GuardedControl::restart);
         }
         let tick = ControlTick { now, dt_s, is_fresh };
-        let computed = self.control.compute(&tick, &directive, &self.intake);
+        let of_fallback = self.supervision.course().without_attitude(now);
+        let of_stack = match (directive, of_fallback) {
+            // The control stack is the fallback of an external law.
+            (Directive::Fly { overdue_s, .. }, Some(reference)) if self.is_external() => {
+                Directive::Fly { reference, overdue_s }
+            }
+            _ => directive,
+        };
+        let computed = self.control.compute(&tick, &of_stack, &self.intake);
         let output = self.select_law((&tick, &directive), computed, law);
         let [message, command] =
             self.control.command(now, &directive, output.as_ref(), &self.intake);
@@ -238,12 +246,29 @@ impl Cycle {
             intake: &self.intake,
             last: self.control.sent(),
             reference_ahead: self.supervision.course().reference_at(tick.now + delay),
+            of_fallback: self.supervision.course().without_attitude(tick.now),
             is_free: self.supervision.is_free_flight(),
         };
         let selected = computed.map(|output| guarded.select(&law_tick, output, law));
+        let flown = selected.filter(|_| guarded.is_external() && !guarded.report().is_fallback);
+        if let Some(output) = flown {
+            self.control.yield_to(&output.command, &self.intake);
+        }
         self.supervision.notice_law(guarded.report());
         self.report.record_law(guarded.report());
         selected
+    }
+
+    fn is_external(&self) -> bool {
+        self.guarded.as_ref().is_some_and(GuardedControl::is_external)
+    }
+
+    /// Limits the slew of the next commands: what computes them has changed.
+    fn begin_handover(&mut self) {
+        match &mut self.guarded {
+            Some(guarded) => guarded.begin_handover(),
+            None => self.control.begin_handover(),
+        }
     }
 
     /// Question and answer of the last tick; `None` if no external law was asked.
@@ -290,7 +315,12 @@ impl Cycle {
     pub fn change(&mut self, now: Time, change: &mut FlightChange) -> ControlResponseV1 {
         if let FlightChange::Settings(live) = change {
             self.control.exchange_stack(&mut live.stack, live.keeps_law);
+            if let (Some(guarded), Some(live)) = (&mut self.guarded, &mut live.guarded) {
+                guarded.exchange_settings(live);
+            }
+            self.begin_handover();
             self.intake.exchange_path(&mut live.path);
+            self.supervision.safety_mut().set_motion_limits(live.limits);
             if let Some(tracker) = &live.tracker {
                 self.intake.change_law(tracker);
             }
@@ -302,7 +332,7 @@ impl Cycle {
         let before = prescribes_attitude(&self.supervision);
         let response = self.supervision.change(now, change, &self.intake);
         if before != prescribes_attitude(&self.supervision) {
-            self.control.begin_handover();
+            self.begin_handover();
         }
         response
     }

@@ -27,6 +27,9 @@ use crate::fence::Fence;
 const HELD_PERIODS: f64 = 2.0;
 /// Step of the prediction \[s\].
 const STEP_S: f64 = 0.02;
+/// Lag of the rate in the prediction over that of the model \[-\]: at the end of their range the rotors turn the vehicle up to 0.1 s
+/// later than the lag that the rate loop has for small commands, and a command that leads out of the envelope is mostly a full one.
+const LAG_FACTOR: f64 = 2.0;
 /// Gain of the levelling from the angle to the rate \[1/s\]: half of that of the laws.
 const LEVEL_GAIN: f64 = 4.0;
 /// Share of the available acceleration that is assumed for braking \[-\]. Less than 1 because the fallback law also returns to the
@@ -113,7 +116,8 @@ impl Envelope {
     /// Why `candidate` leads out of the envelope; [`HandoverCause::None`] if it does not.
     pub fn check(&self, candidate: &Candidate) -> HandoverCause {
         let Candidate { command, ahead, tracker } = *candidate;
-        let model = VehicleModel { integration: Integration::Coarse, ..*tracker.model() };
+        let rotation = slowed(&tracker.model().rotation);
+        let model = VehicleModel { rotation, integration: Integration::Coarse, ..*tracker.model() };
         let (bias, gain, floor_m) = (tracker.bias(), tracker.effect().gain, tracker.floor_m());
         let mut held = self.commands.input(command);
         held.demand = held.demand.component_mul(&gain);
@@ -182,4 +186,13 @@ impl Envelope {
             thrust_n,
         }
     }
+}
+
+/// `rotation` with [`LAG_FACTOR`] times the lag of the rate.
+fn slowed(rotation: &Rotation) -> Rotation {
+    let mut slowed = *rotation;
+    if let Rotation::RateLoop { lag_s } | Rotation::AttitudeLoop { lag_s, .. } = &mut slowed {
+        *lag_s *= LAG_FACTOR;
+    }
+    slowed
 }

@@ -177,9 +177,10 @@ impl ExternalControl {
             None => answer.answered_at = Time::UNSET,
         }
         self.answer = Some(answer);
-        answered
-            .ok_or(HandoverCause::Missing)
-            .and_then(|answer| self.output(&answer, view.fallback))
+        // The fallback does not fly a prescribed attitude.
+        let mut fallback = *view.fallback;
+        fallback.setpoint.attitude = view.reference.attitude.unwrap_or(fallback.setpoint.attitude);
+        answered.ok_or(HandoverCause::Missing).and_then(|answer| self.output(&answer, &fallback))
     }
 
     fn fill_in(&mut self, view: &QuestionView) {

@@ -3,19 +3,27 @@
 //!
 //! A command that leads out of the envelope, or is not a number, is replaced at once. In every other change of the law the command
 //! continues from the last one; the command in transition must pass the envelope, too.
+//!
+//! A law that failed returns after good commands in a row, and after the fallback has flown for a while: after each failure that soon
+//! follows a return for longer. Every failure leaves the fallback a state to recover from, whichever law of a socket caused it.
 
 use oqtal_bus::code::HandoverCause;
 use oqtal_config::Config;
 use oqtal_control::options::OptionError;
 use oqtal_control::predictive::{Motion, MotionTracker};
+use oqtal_control::quantity::StickCommand;
 
-use crate::command::VehicleCommand;
+use crate::command::{RotationCommand, VehicleCommand};
 use crate::envelope::{Candidate, Envelope};
 use crate::handover::Handover;
 use crate::stack::ControlOutput;
 
 /// Multiple of `external.return-answers` for which a law must fly before its next failure counts as a first one \[-\].
 const STEADY_MULTIPLE: u32 = 10;
+/// Greatest multiple of `external.return-answers` for which the fallback flies after a failure \[-\].
+const LONGEST_MULTIPLE: u32 = 4;
+/// Roll or pitch command, as a share of its range, from which on the fallback's yaw command gives way to them \[-\].
+const YAW_GIVES_WAY: f64 = 0.5;
 
 /// A tick in which a law is selected.
 #[derive(Clone, Copy, Debug)]
@@ -51,9 +59,11 @@ pub struct LawGuard {
     envelope: Envelope,
     handover: Handover,
     return_answers: u32,
-    /// Good commands in a row after which the law returns \[-\]: twice as many after each failure that soon follows a return.
-    /// Every return of a law that fails again leaves the fallback a worse state to recover from.
-    required_good: u32,
+    /// Ticks for which the fallback must fly before the law returns \[-\]: twice as many after each failure that soon follows a
+    /// return.
+    required_fallback: u32,
+    /// Ticks that the fallback has flown since the last failure \[-\].
+    fallback: u32,
     /// Good commands of the law in a row \[-\].
     good: u32,
     /// Ticks that the law has flown since it took over \[-\].
@@ -75,7 +85,8 @@ impl LawGuard {
             envelope: Envelope::new(config)?,
             handover: Handover::new(config),
             return_answers: config.external.return_answers,
-            required_good: 0,
+            required_fallback: 0,
+            fallback: 0,
             good: 0,
             flown: 0,
             failed: false,
@@ -87,7 +98,8 @@ impl LawGuard {
     /// A flight begins: the fallback flies until the law may.
     pub fn restart(&mut self) {
         self.handover.reset();
-        (self.required_good, self.good, self.flown) = (0, 0, 0);
+        (self.required_fallback, self.fallback) = (0, 0);
+        (self.good, self.flown) = (0, 0);
         (self.failed, self.resumes) = (false, false);
         self.report = GuardReport { is_fallback: true, ..GuardReport::default() };
     }
@@ -95,6 +107,16 @@ impl LawGuard {
     /// Gives control back to a law that failed, at its next good command.
     pub fn resume(&mut self) {
         self.resumes = self.failed;
+    }
+
+    /// Checks the next commands against `envelope`, and returns the one before in its place.
+    pub fn exchange_envelope(&mut self, envelope: &mut Envelope) {
+        std::mem::swap(&mut self.envelope, envelope);
+    }
+
+    /// Limits the slew of the next commands: what computes them has changed.
+    pub fn begin_handover(&mut self) {
+        self.handover.begin();
     }
 
     /// The state of the selection.
@@ -133,8 +155,9 @@ impl LawGuard {
     }
 
     fn may_return(&self) -> bool {
-        let has_recovered = self.return_answers > 0 && self.good >= self.required_good;
-        !self.failed || self.resumes || has_recovered
+        let has_recovered =
+            self.good >= self.return_answers && self.fallback >= self.required_fallback;
+        !self.failed || self.resumes || self.return_answers > 0 && has_recovered
     }
 
     /// The law's `output` in transition from the last command, or why the transition must not be flown.
@@ -171,33 +194,57 @@ impl LawGuard {
         if !self.report.is_fallback {
             self.report.is_fallback = true;
             if tick.is_free {
-                let flown = std::mem::take(&mut self.flown);
-                self.required_good = match self.report.handovers {
-                    1.. if flown < STEADY_MULTIPLE.saturating_mul(self.return_answers) => {
-                        self.required_good.saturating_mul(2)
-                    }
-                    _ => self.return_answers,
-                };
-                (self.failed, self.good, self.resumes) = (true, 0, false);
-                self.report.handovers += 1;
+                self.record_failure();
             }
             self.handover.reset();
             if !is_dangerous(reason) {
                 self.handover.begin_until_reached();
             }
         }
-        let command = self.handover.apply(tick.last, fallback.command, tick.dt_s);
-        if command == fallback.command || self.check(tick, &command) == HandoverCause::None {
-            return ControlOutput { command, ..fallback };
+        self.fallback = self.fallback.saturating_add(1);
+        let command = match self.failed {
+            true => with_tilt_first(fallback.command),
+            false => fallback.command,
+        };
+        let transition = self.handover.apply(tick.last, command, tick.dt_s);
+        if transition == command || self.check(tick, &transition) == HandoverCause::None {
+            return ControlOutput { command: transition, ..fallback };
         }
         self.handover.reset();
-        fallback
+        ControlOutput { command, ..fallback }
+    }
+
+    fn record_failure(&mut self) {
+        let soon = self.flown < STEADY_MULTIPLE.saturating_mul(self.return_answers);
+        self.required_fallback = match self.report.handovers {
+            1.. if soon => {
+                let longest = self.return_answers.saturating_mul(LONGEST_MULTIPLE);
+                self.required_fallback.saturating_mul(2).min(longest)
+            }
+            _ => self.return_answers,
+        };
+        (self.flown, self.fallback, self.good) = (0, 0, 0);
+        (self.failed, self.resumes) = (true, false);
+        self.report.handovers += 1;
     }
 
     fn check(&self, tick: &GuardedTick, command: &VehicleCommand) -> HandoverCause {
         let GuardedTick { ahead, tracker, .. } = *tick;
         self.envelope.check(&Candidate { command, ahead, tracker })
     }
+}
+
+/// `command` whose yaw rate gives way to large commands of roll and pitch. The rotors share one range: a yaw that is reversed together
+/// with roll and pitch delays these by a tenth of a second, in which the vehicle tilts further.
+fn with_tilt_first(mut command: VehicleCommand) -> VehicleCommand {
+    if let VehicleCommand::Armed {
+        rotation: RotationCommand::Sticks(StickCommand(sticks)), ..
+    } = &mut command
+    {
+        let left = (1.0 - sticks.xy().amax()) / (1.0 - YAW_GIVES_WAY);
+        sticks.z *= left.clamp(0.0, 1.0);
+    }
+    command
 }
 
 /// Whether the last command may lead further in the direction of the danger.

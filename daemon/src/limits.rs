@@ -103,7 +103,7 @@ pub struct FlightView<'a> {
 pub struct FlightLimits {
     /// The fence.
     pub fence: Fence,
-    braking: Braking,
+    motion: MotionLimits,
     /// Gravity \[m/s^2\].
     gravity: f64,
     speed: f64,
@@ -115,18 +115,37 @@ pub struct FlightLimits {
     battery_empty: f64,
     link_poor: f64,
     link_bad: f64,
+}
+
+/// Limits of the motion that follow from those of the position loops, which may change in flight.
+#[derive(Clone, Copy, Debug)]
+pub struct MotionLimits {
+    /// Braking of a vehicle that stops at the fence.
+    braking: Braking,
+    /// Greatest thrust that the loops command \[N\].
     greatest_lift: f64,
+}
+
+impl MotionLimits {
+    /// The limits of `config`.
+    pub fn of(config: &Config) -> Self {
+        let vehicle = &config.vehicle;
+        let lift = vehicle.gravity_m_s2 + config.position.vertical_acceleration_limit_m_s2;
+        Self {
+            braking: Braking::of(config),
+            greatest_lift: (vehicle.mass_kg * lift).min(vehicle.max_thrust_n),
+        }
+    }
 }
 
 impl FlightLimits {
     /// The limits of `config`.
     pub fn new(config: &Config) -> Self {
-        let (safety, vehicle) = (&config.safety, &config.vehicle);
-        let lift = vehicle.gravity_m_s2 + config.position.vertical_acceleration_limit_m_s2;
+        let safety = &config.safety;
         Self {
             fence: Fence::new(&config.fence),
-            braking: Braking::of(config),
-            gravity: vehicle.gravity_m_s2,
+            motion: MotionLimits::of(config),
+            gravity: config.vehicle.gravity_m_s2,
             speed: safety.speed_limit_m_s,
             tilt_warning: safety.tilt_warning_deg.to_radians().cos(),
             tilt: safety.tilt_limit_deg.to_radians().cos(),
@@ -135,8 +154,12 @@ impl FlightLimits {
             battery_empty: safety.battery_empty_v,
             link_poor: safety.link_poor,
             link_bad: safety.link_bad,
-            greatest_lift: (vehicle.mass_kg * lift).min(vehicle.max_thrust_n),
         }
+    }
+
+    /// Replaces the limits of the motion.
+    pub fn set_motion(&mut self, motion: MotionLimits) {
+        self.motion = motion;
     }
 
     /// Fills in the conditions of the flight.
@@ -160,7 +183,7 @@ impl FlightLimits {
         let off = motion.position - reference.position;
         conditions.far_off = reference.attitude.is_none() && !is_within(off.norm(), self.tracking);
         let sinks = off.z < -SINKS_M && motion.velocity.z < -SINKS_M_S;
-        conditions.sinks = sinks && thrust_n * upright >= FULL_THRUST * self.greatest_lift;
+        conditions.sinks = sinks && thrust_n * upright >= FULL_THRUST * self.motion.greatest_lift;
         let is_on_floor = flight.motion.is_at_floor(floor_m);
         let is_above = reference.position.z > floor_m + OFF_FLOOR_M;
         conditions.lies_on_floor = is_on_floor && is_above && thrust_n > 0.0;
@@ -170,7 +193,11 @@ impl FlightLimits {
     fn stopping_point(&self, motion: &Motion) -> Vector3<f64> {
         let up = motion.attitude.to_world(&Vector3::z());
         let acceleration = up.xy() * (self.gravity / up.z.max(LEAST_COSINE));
-        self.braking.stopping_point(&motion.position, &motion.velocity, &acceleration.push(0.0))
+        self.motion.braking.stopping_point(
+            &motion.position,
+            &motion.velocity,
+            &acceleration.push(0.0),
+        )
     }
 
     /// Fills in the conditions of the vehicle; an unknown number exceeds no limit.
@@ -216,7 +243,7 @@ mod tests {
             motion: &motion,
             floor_m: 0.0,
             reference: &Reference::rest(Vector3::z() * reference_m, Phase::Trajectory),
-            thrust_n: share * limits.greatest_lift,
+            thrust_n: share * limits.motion.greatest_lift,
             is_descent: false,
         };
         limits.check(&flight, &mut conditions);

@@ -12,14 +12,17 @@ use oqtal_bus::code::{Cause, OperatorCommand};
 use oqtal_bus::message::ControlRequestV1;
 use oqtal_bus::text::LongText;
 use oqtal_config::{Config, ConfigError, Setting};
+use oqtal_control::options::OptionError;
 use oqtal_control::predictive::MotionTracker;
 use oqtal_control::trajectory::{Trajectory, TrajectoryOptions, Waypoints};
 use oqtal_runtime::process::Failure;
 
 use crate::arming::ArmingPath;
 use crate::command_model::{CommandModel, motion_tracker};
+use crate::envelope::Envelope;
 use crate::fence::Fence;
 use crate::flight_room::require_flyable;
+use crate::limits::MotionLimits;
 use crate::room::Room;
 use crate::stack::ControlStack;
 use crate::stream::ReferenceStream;
@@ -34,6 +37,10 @@ const ORIGIN: &str = "set";
 #[derive(Debug)]
 pub struct LiveControl {
     pub(crate) stack: ControlStack,
+    /// Limits of the motion, which depend on those of the position loops.
+    pub(crate) limits: MotionLimits,
+    /// What a guarded law needs; `None` without a fallback.
+    pub(crate) guarded: Option<LiveGuard>,
     /// Whether the attitude law has the same options as before: it then keeps its state.
     pub(crate) keeps_law: bool,
     /// The tracker of the motion, if the law needs another one.
@@ -43,6 +50,28 @@ pub struct LiveControl {
     pub(crate) options: TrajectoryOptions,
     pub(crate) room: Room,
     pub(crate) stream: ReferenceStream,
+}
+
+/// The parts of a guarded law that settings change.
+#[derive(Debug)]
+pub struct LiveGuard {
+    pub(crate) envelope: Envelope,
+    /// The fallback of a built-in law; the fallback of an external one is the control stack.
+    pub(crate) fallback: Option<ControlStack>,
+}
+
+impl LiveGuard {
+    /// The parts for `config`; `None` if the law flies without a fallback.
+    ///
+    /// # Errors
+    /// An option of the fallback law is not allowed.
+    fn new(config: &Config) -> Result<Option<Self>, OptionError> {
+        let fallback = ControlStack::of_fallback(config)?;
+        if fallback.is_none() && !config.control.is_external() {
+            return Ok(None);
+        }
+        Ok(Some(Self { envelope: Envelope::new(config)?, fallback }))
+    }
 }
 
 impl LiveControl {
@@ -63,6 +92,8 @@ impl LiveControl {
         };
         Ok(Self {
             stack: ControlStack::new(next).map_err(located)?,
+            limits: MotionLimits::of(next),
+            guarded: LiveGuard::new(next).map_err(located)?,
             keeps_law: present.control == next.control,
             tracker,
             path: ArmingPath::new(next, &trajectory),

@@ -138,6 +138,17 @@ impl ControlStack {
         }
     }
 
+    /// The fallback of the built-in law of `config`; `None` without one, and for an external law.
+    ///
+    /// # Errors
+    /// As [`ControlStack::new`].
+    pub fn of_fallback(config: &Config) -> Result<Option<Self>, OptionError> {
+        let Some(control) = config.control.of_fallback() else { return Ok(None) };
+        let mut config = config.clone();
+        config.control = control;
+        Self::new(&config).map(Some)
+    }
+
     /// The output for `input`; `None` if the law has no motion to work with.
     pub fn compute(&mut self, input: &LawInput) -> Option<ControlOutput> {
         match self {
@@ -164,6 +175,21 @@ impl ControlStack {
         }
     }
 
+    /// Records that `command` was sent in place of the last output, by another law: what the stack integrates continues from it.
+    pub fn yield_to(&mut self, command: &VehicleCommand, tracker: &MotionTracker) {
+        let VehicleCommand::Armed { rotation, .. } = command else { return };
+        match self {
+            Self::Rate(Stack { loops: Loops::Predictive(autopilot), .. }) => {
+                autopilot.yield_to(&rotation.vector(), tracker);
+            }
+            Self::Torque(Stack { loops: Loops::Predictive(autopilot), .. }) => {
+                autopilot.yield_to(&rotation.vector(), tracker);
+            }
+            // Never a fallback.
+            _ => {}
+        }
+    }
+
     /// Resets integrators and filters for a new flight. Counters are kept.
     pub fn reset(&mut self) {
         match self {
@@ -186,8 +212,12 @@ where
     I::Command: Into<RotationCommand>,
 {
     fn new(config: &Config, input: I, limit: f64) -> Result<Self, OptionError> {
-        let control = &config.control;
-        let law = || Controller::new(control, input).map_err(|error| error.within("control"));
+        let mut control = config.control;
+        if control.is_predictive() {
+            // The motion is predicted for the effect of the command.
+            control.indi.input_delay_ticks = 0;
+        }
+        let law = || Controller::new(&control, input).map_err(|error| error.within("control"));
         let loops = if control.is_predictive() {
             let model = CommandModel::new(config)?.model;
             let design = Design { model, input, period_s: 1.0 / control.rate_hz };

@@ -1,5 +1,6 @@
 //! Flights that are changed in flight: points, trajectories, settings and laws by request, and references of a planner.
 
+mod attitude;
 mod requests;
 mod room;
 

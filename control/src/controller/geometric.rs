@@ -152,6 +152,10 @@ impl<I: InputForm> AttitudeLaw for Geometric<I> {
         self.e_i.reset();
     }
 
+    fn yield_to(&mut self, _u: &Vector3<f64>) {
+        self.e_i.undo();
+    }
+
     fn terms(&self) -> LawTerms {
         self.terms
     }

@@ -174,6 +174,10 @@ impl<I: InputForm> AttitudeLaw for Indi<I> {
         self.input_f = Vector3::zeros();
     }
 
+    fn yield_to(&mut self, u: &Vector3<f64>) {
+        self.sent[0] = *u;
+    }
+
     fn terms(&self) -> LawTerms {
         self.terms
     }

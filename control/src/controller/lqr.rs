@@ -246,6 +246,10 @@ impl<I: InputForm> AttitudeLaw for ClassicLqr<I> {
         self.theta_i.reset();
     }
 
+    fn yield_to(&mut self, _u: &Vector3<f64>) {
+        self.theta_i.undo();
+    }
+
     fn terms(&self) -> LawTerms {
         self.terms
     }

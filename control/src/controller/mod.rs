@@ -35,6 +35,7 @@ mod set_point;
 
 use std::fmt;
 
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use crate::estimator::EstimatorOptions;
@@ -358,6 +359,10 @@ impl<I: InputForm> AttitudeLaw for Controller<I> {
 
     fn reset(&mut self) {
         self.law_mut().reset();
+    }
+
+    fn yield_to(&mut self, u: &Vector3<f64>) {
+        self.law_mut().yield_to(u);
     }
 
     fn terms(&self) -> LawTerms {

@@ -277,6 +277,10 @@ impl<I: InputForm> AttitudeLaw for Oqtal<I> {
         (self.eps_dot, self.eps_ddot) = (None, Vector3::zeros());
     }
 
+    fn yield_to(&mut self, _u: &Vector3<f64>) {
+        self.eps_i.undo();
+    }
+
     fn terms(&self) -> LawTerms {
         self.terms
     }

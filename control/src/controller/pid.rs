@@ -161,6 +161,10 @@ impl<I: InputForm> AttitudeLaw for QuaternionPid<I> {
         self.eps_i.reset();
     }
 
+    fn yield_to(&mut self, _u: &Vector3<f64>) {
+        self.eps_i.undo();
+    }
+
     fn terms(&self) -> LawTerms {
         self.terms
     }

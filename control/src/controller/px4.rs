@@ -204,6 +204,10 @@ impl<I: InputForm> AttitudeLaw for Px4Attitude<I> {
         self.integral.reset();
     }
 
+    fn yield_to(&mut self, _u: &Vector3<f64>) {
+        self.integral.undo();
+    }
+
     fn terms(&self) -> LawTerms {
         self.terms
     }

@@ -39,6 +39,14 @@ impl<I: InputForm> InnerLaw<I> {
         }
     }
 
+    /// Records that the input `u` of another law was sent in place of the last one \[as the input\].
+    pub(super) fn yield_to(&mut self, u: &Vector3<f64>) {
+        match self {
+            Self::Own(law) => law.yield_to(u),
+            Self::Other(law) => law.yield_to(u),
+        }
+    }
+
     /// Restarts integral action.
     pub(super) fn reset(&mut self) {
         match self {

@@ -167,6 +167,12 @@ impl<I: InputForm + Copy> Autopilot<I> {
         (self.look_ahead, self.last_s) = (old.look_ahead, old.last_s);
     }
 
+    /// Records that the input `u` of another law was sent in place of that of the last step \[N m, body axes, in rate form -1..1\].
+    pub fn yield_to(&mut self, u: &Vector3<f64>, tracker: &MotionTracker) {
+        let disturbance = -self.design.input.input_for(&tracker.bias().demand);
+        self.attitude.yield_to(&(u.component_mul(&tracker.effect().gain) - disturbance));
+    }
+
     /// Restarts with a vehicle on the floor.
     pub fn reset(&mut self) {
         self.attitude.reset();

@@ -111,10 +111,14 @@ impl FlightControl {
         }
         stack.adopt(&self.stack, keeps_law);
         std::mem::swap(&mut self.stack, stack);
-        self.handover.begin();
     }
 
-    /// Limits the slew of the next commands: the reference prescribes an attitude no more, or from now on.
+    /// Records that `command` of another law is sent in place of that of the stack.
+    pub(super) fn yield_to(&mut self, command: &VehicleCommand, intake: &Intake) {
+        self.stack.yield_to(command, intake.tracker());
+    }
+
+    /// Limits the slew of the next commands: what computes them has changed.
     pub(super) fn begin_handover(&mut self) {
         self.handover.begin();
     }

@@ -1,5 +1,7 @@
 //! The course of a flight: its mission, and the reference that is flown in a tick.
 
+mod attitude;
+
 use nalgebra::{Vector3, Vector4};
 use oqtal_bus::code::{Cause, SafetyState};
 use oqtal_bus::message::ReferenceV1;
@@ -143,11 +145,6 @@ impl FlightCourse {
             false => self.check.pass(mission.changes(), &reference),
         };
         self.setpoint.refusal = self.stream.take_refusal().or(self.setpoint.refusal);
-    }
-
-    /// Records the estimate of the vehicle's motion.
-    pub(super) fn record_estimate(&mut self, estimate: &Estimate) {
-        self.vehicle = [estimate.position, estimate.velocity];
     }
 
     /// The motion of the reference at `now`; `None` on the ground. Of a planner's attitude it is the motion of the vehicle.

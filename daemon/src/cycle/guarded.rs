@@ -13,6 +13,7 @@ use crate::command::VehicleCommand;
 use crate::external::{ExternalControl, ExternalLaw, QuestionView};
 use crate::guard::seconds;
 use crate::law_guard::{GuardReport, GuardedTick, LawGuard};
+use crate::live::LiveGuard;
 use crate::stack::{ControlOutput, ControlStack, LawInput};
 
 /// The tick of a guarded law.
@@ -28,6 +29,8 @@ pub(super) struct LawTick<'a> {
     pub(super) last: &'a VehicleCommand,
     /// The reference for the effect of the command of this tick.
     pub(super) reference_ahead: Option<Reference>,
+    /// The reference of a fallback while the law flies a prescribed attitude: `None` while it does not.
+    pub(super) of_fallback: Option<Reference>,
     /// Whether the law may fly.
     pub(super) is_free: bool,
 }
@@ -56,12 +59,8 @@ impl GuardedControl {
     /// # Errors
     /// An option of the fallback law or of the vehicle is not allowed.
     pub(super) fn new(config: &Config) -> Result<Option<Self>, OptionError> {
-        let law = match config.control.of_fallback() {
-            Some(control) => {
-                let mut config = config.clone();
-                config.control = control;
-                GuardedLaw::BuiltIn(ControlStack::new(&config)?)
-            }
+        let law = match ControlStack::of_fallback(config)? {
+            Some(stack) => GuardedLaw::BuiltIn(stack),
             None if config.control.is_external() => {
                 GuardedLaw::External(ExternalControl::new(config))
             }
@@ -89,6 +88,28 @@ impl GuardedControl {
     /// Gives control back to a law that failed.
     pub(super) fn resume(&mut self) {
         self.guard.resume();
+    }
+
+    /// Whether the law is outside the daemon.
+    pub(super) fn is_external(&self) -> bool {
+        matches!(self.law, GuardedLaw::External(_))
+    }
+
+    /// Exchanges what settings change with that of `live`; the flight continues.
+    pub(super) fn exchange_settings(&mut self, live: &mut LiveGuard) {
+        self.guard.exchange_envelope(&mut live.envelope);
+        if let (GuardedLaw::BuiltIn(stack), Some(next)) = (&mut self.law, &mut live.fallback) {
+            next.adopt(stack, false);
+            std::mem::swap(stack, next);
+        }
+    }
+
+    /// Limits the slew of the next commands: the control stack or the kind of the reference has changed. A law outside computes its
+    /// commands itself.
+    pub(super) fn begin_handover(&mut self) {
+        if !self.is_external() || self.report().is_fallback {
+            self.guard.begin_handover();
+        }
     }
 
     /// The state of the selection.
@@ -125,6 +146,7 @@ impl GuardedControl {
                 (ask(external, law_tick, (&ahead, reference), (&output, outside)), output)
             }
             GuardedLaw::BuiltIn(stack) => {
+                let reference = law_tick.of_fallback.as_ref().unwrap_or(reference);
                 let computed = intake.motion(tick.now, tick.is_fresh).and_then(|estimate| {
                     let dt_s = tick.dt_s;
                     stack.compute(&LawInput { now_s, dt_s, estimate, tracker, reference })
@@ -135,8 +157,11 @@ impl GuardedControl {
         };
         let guarded = GuardedTick { ahead: &ahead, tracker, last, dt_s: tick.dt_s, is_free };
         let (selected, verdict) = self.guard.select(&guarded, law, fallback);
-        if let GuardedLaw::External(external) = &mut self.law {
-            external.record(verdict, !self.guard.report().is_fallback);
+        let flown = !self.guard.report().is_fallback;
+        match &mut self.law {
+            GuardedLaw::External(external) => external.record(verdict, flown),
+            GuardedLaw::BuiltIn(stack) if flown => stack.yield_to(&selected.command, tracker),
+            GuardedLaw::BuiltIn(_) => {}
         }
         selected
     }
@@ -158,5 +183,54 @@ fn finite(output: ControlOutput) -> Result<ControlOutput, HandoverCause> {
     match output.command.finite_or_disarmed() {
         VehicleCommand::Disarmed => Err(HandoverCause::NotFinite),
         VehicleCommand::Armed { .. } => Ok(output),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use oqtal_bus::code::OperatorCommand;
+    use oqtal_bus::message::ControlRequestV1;
+    use oqtal_bus::text::LongText;
+    use oqtal_bus::time::Time;
+    use oqtal_config::Setting;
+
+    use crate::cycle::Cycle;
+    use crate::live::LiveSettings;
+
+    const LIMITS: [&str; 2] =
+        ["position.tilt-limit-deg=25", "position.vertical-acceleration-limit-m-s2=3"];
+
+    fn config(settings: &[&str]) -> super::Config {
+        let settings = settings.iter().map(|text| Setting::parse("test", text));
+        super::Config::from_settings(&settings.collect::<Result<Vec<_>, _>>().unwrap()).unwrap()
+    }
+
+    fn cycle(config: &super::Config) -> Cycle {
+        Cycle::new(config, crate::trajectory(config).unwrap(), Time::VIRTUAL_START).unwrap()
+    }
+
+    /// Limits, envelope and both laws, restarted.
+    fn parts(cycle: &mut Cycle) -> String {
+        let guarded = cycle.guarded.as_mut().unwrap();
+        guarded.restart();
+        cycle.control.reset();
+        format!("{:?} {guarded:?} {:?}", cycle.supervision.safety(), cycle.control)
+    }
+
+    #[test]
+    fn f70_limits_set_in_flight_are_those_of_fence_envelope_and_fallback_as_if_configured() {
+        for law in ["control.fallback=geometric", "control.controller=external"] {
+            let started = config(&[law]);
+            let mut changed = cycle(&started);
+            let text = LongText::of_lines(LIMITS.into_iter()).unwrap();
+            let request = ControlRequestV1 { text, ..ControlRequestV1::of(OperatorCommand::Set) };
+            let settings = LiveSettings::new(&started, &[]);
+            let mut prepared = settings.prepare(OperatorCommand::Set, &request).unwrap();
+            let before = parts(&mut changed);
+            changed.change(Time::VIRTUAL_START, &mut prepared.change);
+            let after = parts(&mut changed);
+            assert_ne!(before, after, "{law}");
+            assert_eq!(after, parts(&mut cycle(&config(&[law, LIMITS[0], LIMITS[1]]))), "{law}");
+        }
     }
 }

@@ -11,7 +11,7 @@ use crate::command::VehicleCommand;
 use crate::descent::BlindDescent;
 use crate::fence::Fence;
 use crate::guard::{Accepted, seconds};
-use crate::limits::{FlightLimits, FlightView, LimitConditions};
+use crate::limits::{FlightLimits, FlightView, LimitConditions, MotionLimits};
 use crate::loop_health::{LoopHealth, TickFrames};
 use crate::supervisor::{SafetyConditions, Supervisor};
 
@@ -84,6 +84,11 @@ impl SafetyMonitor {
     /// The fence.
     pub(super) fn fence(&self) -> &Fence {
         &self.limits.fence
+    }
+
+    /// Replaces the limits of the motion.
+    pub(super) fn set_motion_limits(&mut self, limits: MotionLimits) {
+        self.limits.set_motion(limits);
     }
 
     /// Health of poses and ticks.

@@ -138,7 +138,7 @@ impl FlightSupervision {
         intake: &mut Intake,
         sent: &VehicleCommand,
     ) -> (Directive, bool) {
-        self.course.record_estimate(&intake.estimate());
+        self.course.begin_tick(now, &intake.estimate(), self.requests.law_fails);
         self.course.update_setpoint(now);
         let tick = SafetyTick {
             now,

@@ -1,7 +1,7 @@
 //! Tests of the gate, with a hovering vehicle that moves only along x.
 
 use nalgebra::Vector3;
-use oqtal_control::predictive::{ModelInput, Track};
+use oqtal_control::predictive::{ModelInput, Rotation, Track};
 use oqtal_control::quaternion::Attitude;
 
 use super::*;
@@ -165,5 +165,39 @@ fn a_vehicle_at_the_floor_may_stand_under_a_thrust_that_need_not_lift_it() {
     for (share, may) in [(0.0, true), (1.3, true), (1.4, false)] {
         track.motion.thrust_n = share * weight_n;
         assert_eq!(may_stand(&hover.tracker, &track), may, "{share}");
+    }
+}
+
+/// A rate command of `demand` \[rad/s\] about x, which the vehicle follows `late_s` \[s\] later than predicted. From the fifth pose on
+/// they are of a body turned by `other_rad` \[rad\]. Returns why a pose is refused.
+fn refusal_of_a_turn(demand: f64, late_s: f64, other_rad: f64) -> Option<Cause> {
+    let mut hover = Hover::settled();
+    let (begin_s, model) = (hover.t_s, *hover.tracker.model());
+    let thrust_n = model.mass_kg * model.gravity_m_s2;
+    let input = ModelInput { demand: Vector3::x() * demand, thrust_n, ..ModelInput::default() };
+    hover.tracker.sent(2, begin_s - hover.tracker.effect_delay_s(), input);
+    let Rotation::RateLoop { lag_s } = model.rotation else { panic!("{:?}", model.rotation) };
+    let angle = |t_s: f64| {
+        let t_s = (t_s - late_s).max(0.0);
+        demand * (t_s - lag_s * (1.0 - (-t_s / lag_s).exp()))
+    };
+    (1..=12).find_map(|k: u32| {
+        let t_s = f64::from(k) * FRAME_S;
+        hover.t_s = begin_s + t_s;
+        let other = if k < 5 { 0.0 } else { other_rad };
+        let turn = Vector3::new(angle(t_s) + other, 1e-5 * f64::from(k % 7), 0.0);
+        let attitude = Attitude::from_rotation_vector(turn);
+        let position = hover.tracker.predict(hover.t_s).unwrap().motion.position;
+        hover.gate.check(&mut hover.tracker, hover.t_s, &MeasuredPose { position, attitude }).err()
+    })
+}
+
+#[test]
+fn f09_a_rate_that_changes_a_tenth_of_a_second_later_than_predicted_is_not_a_jump() {
+    for demand in [0.0, 2.0, 4.0] {
+        for late_s in [0.0, 0.05, 0.1] {
+            assert_eq!(refusal_of_a_turn(demand, late_s, 0.0), None, "{demand} rad/s, {late_s} s");
+        }
+        assert_eq!(refusal_of_a_turn(demand, 0.0, 0.3), Some(Cause::Jump), "{demand} rad/s");
     }
 }

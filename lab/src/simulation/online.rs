@@ -40,7 +40,23 @@ impl<'a> OnlineFlight<'a> {
         mission: &'a Mission,
         recording: Option<McapRecorder>,
     ) -> Result<Self, Failure> {
-        let mut simulation = Simulation::new(mission, recording, LawPort::default())?;
+        Self::begin_flight(mission, recording, LawPort::default())
+    }
+
+    /// Begins the flight of `mission`, whose `control.controller` is external, with `law`.
+    ///
+    /// # Errors
+    /// An option of the fallback law is invalid.
+    pub fn begin_with_law(mission: &'a Mission, law: LawPort<'a>) -> Result<Self, Failure> {
+        Self::begin_flight(mission, None, law)
+    }
+
+    fn begin_flight(
+        mission: &'a Mission,
+        recording: Option<McapRecorder>,
+        law: LawPort<'a>,
+    ) -> Result<Self, Failure> {
+        let mut simulation = Simulation::new(mission, recording, law)?;
         simulation.begin()?;
         let references = simulation.processes.references()?;
         Ok(Self { simulation, began: Time::now(), is_over: false, references })

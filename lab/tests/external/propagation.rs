@@ -8,6 +8,8 @@ use oqtal_daemon::ExternalLaw;
 const STEP_S: f64 = 1e-3;
 /// Of the Hummingbird in `deploy/oqtal.toml`.
 const LAG_S: f64 = 0.05;
+/// Of the rate in the envelope: twice that of the vehicle.
+const RATE_LAG_S: f64 = 0.1;
 const DRAG_PER_S: f64 = 0.25;
 /// 0.3 of the acceleration at the tilt limit of 15 degrees, and of the vertical limit.
 const SIDEWAYS: f64 = 0.3 * 9.81 * 0.267_949_192_431_122_7;
@@ -67,7 +69,7 @@ fn leads_out(state: &StateV1, answer: &ExternalV1, size: f64) -> bool {
         p += v * STEP_S + acceleration * (0.5 * STEP_S * STEP_S);
         v += acceleration * STEP_S;
         r *= Rotation3::new(rate * STEP_S).into_inner();
-        rate += (command + drift - rate) * (STEP_S / LAG_S);
+        rate += (command + drift - rate) * (STEP_S / RATE_LAG_S);
         thrust += (lift - thrust) * (STEP_S / LAG_S);
     }
     false
