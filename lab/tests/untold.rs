@@ -1,7 +1,6 @@
 //! Hovers of vehicles and rooms that differ from what the configuration says, by `oqtal-dt` and by its rivals on the same seeds.
 //!
 //! `OQTAL_TEST_UNTOLD_SEEDS=40 cargo test -p oqtal-lab --test studies untold:: -- --nocapture` prints the table of docs/oqtal-dt.md.
-//! `OQTAL_TEST_UNTOLD_SET` sets further keys, separated by spaces.
 
 use oqtal_config::{Config, Setting};
 use oqtal_control::statistics::{Interval, median};
@@ -18,6 +17,16 @@ const FIRST_SEED: u64 = 52_000;
 
 /// Error of a hover that did not land \[mm\]: more than any that did.
 const LOST_MM: f64 = 1000.0;
+
+/// Settings of every flight: the noise that the laws are told, and an integral that lets every law hold its height with another
+/// thrust.
+const COMMON: [&str; 5] = [
+    "trajectory.kind=hover",
+    "trajectory.hover.duration-s=14",
+    "control.predictive.filter.attitude-noise-deg=0.2",
+    "control.predictive.filter.position-noise-mm=0.5",
+    "position.velocity-integral-limit-m-s2=4",
+];
 
 /// What differs, in words and settings.
 const CASES: [(&str, &str); 17] = [
@@ -61,23 +70,20 @@ const PUSHES: [(&str, &str); 2] = [
     ("gust of 3 m/s for 2 s", "plant.disturb=[\"gust@10+2=3,0,0m/s\"]"),
 ];
 
+/// Hover error \[mm\] of a law in one flight.
+fn hover(law: &str, case: &str, seed: u64) -> f64 {
+    let own = [format!("control.controller={law}"), format!("clock.seed={seed}")];
+    let words = COMMON.into_iter().chain(own.iter().map(String::as_str));
+    let settings = words.chain(case.split_whitespace());
+    let settings: Vec<_> = settings.map(|text| Setting::parse("test", text).unwrap()).collect();
+    let mission = Mission::new(Config::from_settings(&settings).unwrap()).unwrap();
+    let flight = simulation::fly(&mission).unwrap();
+    if flight.outcome == Outcome::Landed { of_hover(&flight)[0] } else { LOST_MM }
+}
+
 /// Hover errors \[mm\] of a law over the seeds.
 fn hovers(law: &str, case: &str, seeds: u64) -> Vec<f64> {
-    let others = std::env::var("OQTAL_TEST_UNTOLD_SET").unwrap_or_default();
-    (FIRST_SEED..FIRST_SEED + seeds).map(|seed| {
-        let common = "trajectory.kind=hover trajectory.hover.duration-s=14 control.predictive.filter.attitude-noise-deg=0.2 \
-                      control.predictive.filter.position-noise-mm=0.5";
-        let own = format!("control.controller={law} clock.seed={seed}");
-        let words = [common, &own, case, &others];
-        let settings = words.iter().flat_map(|words| words.split_whitespace());
-        let settings = settings.map(|text| Setting::parse("test", text).unwrap()).collect::<Vec<_>>();
-        let mission = Mission::new(Config::from_settings(&settings).unwrap()).unwrap();
-        let flight = simulation::fly(&mission).unwrap();
-        match flight.outcome {
-            Outcome::Landed => of_hover(&flight)[0],
-            _ => LOST_MM,
-        }
-    }).collect()
+    (FIRST_SEED..FIRST_SEED + seeds).map(|seed| hover(law, case, seed)).collect()
 }
 
 /// Median \[mm\], greatest value \[mm\] and number of those that landed.

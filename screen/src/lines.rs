@@ -144,7 +144,7 @@ fn adaptation(model: &InstanceModel) -> StatusLine {
     }
     let [roll, pitch, _] = tick.adapted_rate_gain;
     let text = format!(
-        "roll rate x {roll:.2}, pitch x {pitch:.2}, lag {:.0} ms, hidden delay {:.0} ms, thrust x {:.2}, lag {:.0} ms",
+        "rate x {roll:.2}, {pitch:.2}, lag {:.0} ms, hidden {:.0} ms; thrust x {:.2}, lag {:.0} ms",
         tick.adapted_rate_lag_s * 1e3,
         tick.adapted_delay_s * 1e3,
         tick.adapted_thrust_gain,

@@ -112,7 +112,7 @@ fn a_flight_is_seen_whole_in_80_by_24() {
         "simulated, answers, motors running, battery 11.4 V, link quality 98 %",
         "age 15.2 ms; lost 0, refused 0",
         "0.50 0.00 1.00 m; estimate 0.500 m from reference, max 0.500 m",
-        "model     rate x 0.93, lag 61 ms, hidden delay 7 ms, thrust x 1.04",
+        "model     rate x 0.93, 0.91, lag 61 ms, hidden 7 ms; thrust x 1.04, lag 52 ms",
         "observed: 180 ticks, deadlines missed 0",
         "plant-sim 4711, mocap-emu 4711, daemon 4711",
         "distance [m]",

@@ -29,6 +29,7 @@ const UNITS: [&str; 26] = [
     "rad/s, body",
     "rad, body",
     "N m, body",
+    "-, body",
     "-1..1, body",
     "rad, world",
     "N, body",
