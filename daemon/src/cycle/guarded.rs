@@ -222,7 +222,7 @@ mod tests {
         for law in ["control.fallback=geometric", "control.controller=external"] {
             let started = config(&[law]);
             let mut changed = cycle(&started);
-            let text = LongText::of_lines(LIMITS.into_iter()).unwrap();
+            let text = LongText::of_lines(LIMITS).unwrap();
             let request = ControlRequestV1 { text, ..ControlRequestV1::of(OperatorCommand::Set) };
             let settings = LiveSettings::new(&started, &[]);
             let mut prepared = settings.prepare(OperatorCommand::Set, &request).unwrap();
