@@ -109,8 +109,8 @@ impl Adaptation {
         *self = Self::new(&self.options, &self.filter, &self.nominal);
     }
 
-    /// Restarts the estimators at the next pose, after a motion that no model describes; response and lag of the thrust are learnt
-    /// anew, the gain of the thrust is kept.
+    /// Restarts the estimators at the next pose, after a motion that no model describes: what they learnt is discarded. The gain of
+    /// the thrust is kept.
     pub fn interrupt(&mut self) {
         self.last = None;
     }
