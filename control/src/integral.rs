@@ -50,7 +50,7 @@ impl Integral {
         self.value = other.value.map(|component| component.clamp(-self.limit, self.limit));
     }
 
-    /// Takes the last step back: its command was not sent.
+    /// Takes the last step back, if its command was not sent.
     pub fn undo(&mut self) {
         self.value = self.before;
     }

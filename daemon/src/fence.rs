@@ -8,14 +8,14 @@ use oqtal_config::{Config, FenceOptions};
 /// Share of the greatest acceleration with which a vehicle brakes \[-\]; the rest is for corrections.
 const BRAKING_SHARE: f64 = 0.75;
 
-/// How a vehicle comes to rest: after a time of reaction, with a constant deceleration.
+/// Model of a stop: after a reaction time, a constant deceleration.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Braking {
     /// Horizontal deceleration \[m/s^2\].
     horizontal_m_s2: f64,
     /// Vertical deceleration \[m/s^2\].
     vertical_m_s2: f64,
-    /// Time until the vehicle brakes: delay of the command, lag, and the turn of the attitude \[s\].
+    /// Reaction time until the vehicle brakes: delay of the command, lag, and the turn of the attitude \[s\].
     pub(crate) reaction_s: f64,
 }
 
@@ -34,15 +34,15 @@ impl Braking {
         }
     }
 
-    /// Deceleration along `velocity` \[m/s, world\] \[m/s^2\].
+    /// Greatest deceleration in the direction of `velocity` \[m/s, world\] \[m/s^2\].
     pub(crate) fn along(&self, velocity: &Vector3<f64>) -> f64 {
         let horizontal = velocity.xy().norm() / self.horizontal_m_s2;
         let s = horizontal.hypot(velocity.z / self.vertical_m_s2);
         if s > 0.0 { velocity.norm() / s } else { self.horizontal_m_s2.min(self.vertical_m_s2) }
     }
 
-    /// The point at which a vehicle at `position` \[m, world\] with `velocity` \[m/s, world\] and `acceleration` \[m/s^2, world\] stops:
-    /// in the time of the reaction the acceleration fades.
+    /// The point at which a vehicle at `position` \[m, world\] with `velocity` \[m/s, world\] and `acceleration` \[m/s^2, world\] stops.
+    /// The acceleration decreases to zero, linearly, within the reaction time.
     pub(crate) fn stopping_point(
         &self,
         position: &Vector3<f64>,

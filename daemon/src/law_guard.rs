@@ -4,8 +4,9 @@
 //! A command that leads out of the envelope, or is not a number, is replaced at once. In every other change of the law the command
 //! continues from the last one; the command in transition must pass the envelope, too.
 //!
-//! A law that failed returns after good commands in a row, and after the fallback has flown for a while: after each failure that soon
-//! follows a return for longer. Every failure leaves the fallback a state to recover from, whichever law of a socket caused it.
+//! A law that failed returns after a number of good commands in a row, once the fallback has flown for a time in which the vehicle
+//! recovers. Each failure soon after a return doubles this time, up to a limit. It also holds for a new process of an external law,
+//! since the vehicle must recover whichever process failed.
 
 use oqtal_bus::code::HandoverCause;
 use oqtal_config::Config;
@@ -22,7 +23,7 @@ use crate::stack::ControlOutput;
 const STEADY_MULTIPLE: u32 = 10;
 /// Greatest multiple of `external.return-answers` for which the fallback flies after a failure \[-\].
 const LONGEST_MULTIPLE: u32 = 4;
-/// Roll or pitch command, as a share of its range, from which on the fallback's yaw command gives way to them \[-\].
+/// Roll or pitch command, as a share of its range, above which the fallback's yaw command is reduced \[-\].
 const YAW_GIVES_WAY: f64 = 0.5;
 
 /// A tick in which a law is selected.
@@ -59,14 +60,14 @@ pub struct LawGuard {
     envelope: Envelope,
     handover: Handover,
     return_answers: u32,
-    /// Ticks for which the fallback must fly before the law returns \[-\]: twice as many after each failure that soon follows a
-    /// return.
+    /// Ticks for which the fallback must fly before the law returns \[-\]; doubled by each failure soon after a return, up to
+    /// [`LONGEST_MULTIPLE`].
     required_fallback: u32,
     /// Ticks that the fallback has flown since the last failure \[-\].
-    fallback: u32,
+    recovered: u32,
     /// Good commands of the law in a row \[-\].
     good: u32,
-    /// Ticks that the law has flown since it took over \[-\].
+    /// Ticks that the law has flown since its last failure \[-\].
     flown: u32,
     /// Whether the law failed and has not returned.
     failed: bool,
@@ -86,7 +87,7 @@ impl LawGuard {
             handover: Handover::new(config),
             return_answers: config.external.return_answers,
             required_fallback: 0,
-            fallback: 0,
+            recovered: 0,
             good: 0,
             flown: 0,
             failed: false,
@@ -98,7 +99,7 @@ impl LawGuard {
     /// A flight begins: the fallback flies until the law may.
     pub fn restart(&mut self) {
         self.handover.reset();
-        (self.required_fallback, self.fallback) = (0, 0);
+        (self.required_fallback, self.recovered) = (0, 0);
         (self.good, self.flown) = (0, 0);
         (self.failed, self.resumes) = (false, false);
         self.report = GuardReport { is_fallback: true, ..GuardReport::default() };
@@ -156,7 +157,7 @@ impl LawGuard {
 
     fn may_return(&self) -> bool {
         let has_recovered =
-            self.good >= self.return_answers && self.fallback >= self.required_fallback;
+            self.good >= self.return_answers && self.recovered >= self.required_fallback;
         !self.failed || self.resumes || self.return_answers > 0 && has_recovered
     }
 
@@ -201,7 +202,7 @@ impl LawGuard {
                 self.handover.begin_until_reached();
             }
         }
-        self.fallback = self.fallback.saturating_add(1);
+        self.recovered = self.recovered.saturating_add(1);
         let command = match self.failed {
             true => with_tilt_first(fallback.command),
             false => fallback.command,
@@ -214,6 +215,7 @@ impl LawGuard {
         ControlOutput { command, ..fallback }
     }
 
+    /// Counts a failure, and sets the time for which the fallback flies after it.
     fn record_failure(&mut self) {
         let soon = self.flown < STEADY_MULTIPLE.saturating_mul(self.return_answers);
         self.required_fallback = match self.report.handovers {
@@ -223,7 +225,7 @@ impl LawGuard {
             }
             _ => self.return_answers,
         };
-        (self.flown, self.fallback, self.good) = (0, 0, 0);
+        (self.flown, self.recovered, self.good) = (0, 0, 0);
         (self.failed, self.resumes) = (true, false);
         self.report.handovers += 1;
     }
@@ -234,8 +236,8 @@ impl LawGuard {
     }
 }
 
-/// `command` whose yaw rate gives way to large commands of roll and pitch. The rotors share one range: a yaw that is reversed together
-/// with roll and pitch delays these by a tenth of a second, in which the vehicle tilts further.
+/// `command` with its yaw rate reduced under large commands of roll and pitch. All axes share the range of the rotors: a yaw rate that
+/// is reversed together with roll and pitch can delay these by a tenth of a second, in which the vehicle tilts further.
 fn with_tilt_first(mut command: VehicleCommand) -> VehicleCommand {
     if let VehicleCommand::Armed {
         rotation: RotationCommand::Sticks(StickCommand(sticks)), ..

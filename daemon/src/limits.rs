@@ -19,7 +19,7 @@ const FULL_THRUST: f64 = 0.95;
 /// Distance below the reference \[m\] and speed downward \[m/s\] at which a vehicle under full thrust sinks.
 const SINKS_M: f64 = 0.2;
 const SINKS_M_S: f64 = 0.1;
-/// Least cosine of the tilt by which the lift of a hover is divided \[-\].
+/// Least cosine of the tilt in the horizontal acceleration of a vehicle that keeps its height \[-\].
 const LEAST_COSINE: f64 = 0.5;
 
 /// Whether each limit is exceeded in this tick.
@@ -189,7 +189,7 @@ impl FlightLimits {
         conditions.lies_on_floor = is_on_floor && is_above && thrust_n > 0.0;
     }
 
-    /// The point at which a vehicle in `motion` stops \[m, world\]. A vehicle that is tilted accelerates until it has turned.
+    /// The point at which a vehicle in `motion` stops \[m, world\]. A tilted vehicle accelerates until it has turned.
     fn stopping_point(&self, motion: &Motion) -> Vector3<f64> {
         let up = motion.attitude.to_world(&Vector3::z());
         let acceleration = up.xy() * (self.gravity / up.z.max(LEAST_COSINE));

@@ -260,8 +260,8 @@ impl LiveSettings {
         }
     }
 
-    /// Whether `prepared` sets settings to the values that they have.
-    pub fn are_kept_by(&self, prepared: &PreparedChange) -> bool {
+    /// Whether `prepared` sets the present values again.
+    pub fn are_unchanged_by(&self, prepared: &PreparedChange) -> bool {
         prepared.settings.as_ref().is_some_and(|(settings, _)| *settings == self.present)
     }
 

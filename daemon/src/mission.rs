@@ -168,7 +168,7 @@ impl ActiveMission {
         }
     }
 
-    /// Counts the holds from now on.
+    /// Restarts the count of the time in holds.
     pub fn forget_holds(&mut self) {
         self.held_before = Span::ZERO;
     }

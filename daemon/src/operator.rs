@@ -227,7 +227,7 @@ impl OperatorRequests {
         let mut event = EventV1 { number, ..event(request, Answer::Accepted) };
         let response = match prepared {
             Err(refusal) => with_reason(&refusal, self.present(Answer::Refused)),
-            Ok(prepared) if settings.are_kept_by(&prepared) => {
+            Ok(prepared) if settings.are_unchanged_by(&prepared) => {
                 let title = "nothing changes, these are the present values:";
                 let lines = std::iter::once(title).chain(prepared.text.as_str().lines());
                 let text = LongText::of_lines(lines).unwrap_or_else(|| LongText::new(title));

@@ -1,4 +1,4 @@
-//! The room of a flight under way: the soft border of the fence and the floor, and the stops that stay inside.
+//! The room of a flight: the space between the floor and the soft border of the fence, and the stops that stay inside.
 
 use nalgebra::Vector3;
 use oqtal_bus::code::Cause;
@@ -8,12 +8,12 @@ use oqtal_control::trajectory::{Detour, Leg, LegLimits, ReferenceMotion};
 use crate::fence::{Braking, Fence};
 use crate::floor::LEAST_WAY_M;
 
-/// Time between two points of a detour that are compared with the room \[s\], and most points \[-\].
+/// Time between two points at which a detour is compared with the room \[s\], and their greatest number \[-\].
 const DETOUR_STEP_S: f64 = 0.1;
 const MOST_DETOUR_POINTS: f64 = 1000.0;
-/// Points of a stop that are compared with the room \[-\].
+/// Number of intervals between the points at which a stop is compared with the room \[-\].
 const STOP_POINTS: u32 = 16;
-/// Factor from one acceleration of a stop to the next one that is tried \[-\].
+/// Ratio of successive accelerations with which a stop is tried \[-\].
 const HARDER: f64 = 1.25;
 /// Height by which a way that begins near the floor may go below its beginning \[m\].
 const TOLERANCE_M: f64 = 1e-6;
@@ -64,14 +64,16 @@ impl Room {
         self.fence.inside_soft_m(position) > 0.0 && position.z >= self.floor_m + LEAST_WAY_M
     }
 
-    /// The stop from the motion `from`: with the acceleration of `[reference]` if that has room, otherwise as hard as the room
-    /// requires, and at most as hard as the vehicle brakes.
+    /// The stop from the motion `from`: with the acceleration of `[reference]` if that has room, otherwise with a greater one, as the
+    /// room requires, up to the greatest of the vehicle.
     pub fn stop(&self, from: &ReferenceMotion) -> Leg {
         let hardest = self.hardest_m_s2(from);
         let mut acceleration_m_s2 = self.legs.acceleration_m_s2;
         loop {
             let leg = Leg::stop(from, &LegLimits { acceleration_m_s2, ..self.legs });
-            if acceleration_m_s2 >= hardest || self.has_room(&leg) {
+            // A comparison with NaN is false.
+            let may_brake_harder = acceleration_m_s2 < hardest;
+            if !may_brake_harder || self.has_room(&leg) {
                 return leg;
             }
             acceleration_m_s2 = (acceleration_m_s2 * HARDER).min(hardest);
@@ -89,7 +91,7 @@ impl Room {
         self.braking.along(&motion.rate.xyz())
     }
 
-    /// Whether a vehicle that follows the stop `leg`, and reacts late, stays inside.
+    /// Whether a vehicle that follows the stop `leg` stays inside, although it reacts late.
     fn has_room(&self, leg: &Leg) -> bool {
         let late = leg.motion(0.0).rate.xyz() * self.braking.reaction_s;
         (0..=STOP_POINTS).all(|index| {
@@ -119,5 +121,34 @@ impl Room {
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector4;
+
+    fn moving(rate: Vector4<f64>) -> ReferenceMotion {
+        let value = Vector4::new(0.0, 0.0, 1.0, 0.0);
+        ReferenceMotion { value, rate, acceleration: Vector4::zeros() }
+    }
+
+    #[test]
+    fn a_stop_brakes_harder_only_if_the_room_requires_it() {
+        let room = Room::new(&Config::default());
+        let slow = moving(Vector4::new(0.0, 0.0, -0.1, 0.0));
+        assert_eq!(room.stop(&slow), Leg::stop(&slow, room.legs()));
+        let fast = moving(Vector4::new(0.0, 0.0, -1.2, 0.0));
+        let stop = room.stop(&fast);
+        assert!(stop.duration_s() < Leg::stop(&fast, room.legs()).duration_s());
+    }
+
+    #[test]
+    fn the_search_for_a_stop_ends_for_a_motion_that_is_not_finite() {
+        let room = Room::new(&Config::default());
+        for rate in [f64::NAN, f64::INFINITY] {
+            room.stop(&moving(Vector4::new(rate, 0.0, 0.0, 0.0)));
+        }
     }
 }

@@ -70,13 +70,13 @@ pub struct Stack<I> {
     loops: Loops<I>,
     /// Limit of each component of the rotation command \[as the command\].
     limit: f64,
-    /// The heading of a vehicle that holds attitudes.
+    /// Control of the heading of a vehicle that holds attitudes.
     heading: Option<HeadingLoop>,
 }
 
-/// Yaw rate commanded beside an attitude, to vehicles that hold roll and pitch alone: their heading then follows the attitude as
-/// closely as roll and pitch do, and moves as the model of `[vehicle]` predicts. The attitude law, whose gain needs a prediction that
-/// contains its own command, would make it oscillate.
+/// Yaw rate commanded beside an attitude, to vehicles that hold roll and pitch alone: their heading then turns to the commanded one
+/// as fast as the on-board loop turns roll and pitch, and as the model of `[vehicle]` predicts. The yaw command of the attitude law
+/// would make the heading oscillate: the prediction for this vehicle does not contain it.
 #[derive(Clone, Copy, Debug)]
 struct HeadingLoop {
     /// Gain of the on-board attitude loop \[1/s\].
@@ -175,7 +175,8 @@ impl ControlStack {
         }
     }
 
-    /// Records that `command` was sent in place of the last output, by another law: what the stack integrates continues from it.
+    /// Records that `command` of another law was sent in place of the last output: integral action continues from before that output,
+    /// an incremental law from `command`.
     pub fn yield_to(&mut self, command: &VehicleCommand, tracker: &MotionTracker) {
         let VehicleCommand::Armed { rotation, .. } = command else { return };
         match self {
@@ -185,7 +186,7 @@ impl ControlStack {
             Self::Torque(Stack { loops: Loops::Predictive(autopilot), .. }) => {
                 autopilot.yield_to(&rotation.vector(), tracker);
             }
-            // Never a fallback.
+            // A fallback always has predictive loops.
             _ => {}
         }
     }

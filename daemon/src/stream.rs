@@ -109,6 +109,7 @@ impl FollowedReference {
     }
 }
 
+/// `motion` at constant velocity.
 fn without_acceleration(motion: &ReferenceMotion) -> ReferenceMotion {
     ReferenceMotion { acceleration: Vector4::zeros(), ..*motion }
 }
@@ -166,7 +167,7 @@ impl ReferenceStream {
         self.ignored = self.last;
     }
 
-    /// Interrupts the stream: its references cannot be followed now. The time until the vehicle lands begins again. Returns whether
+    /// Interrupts the stream: its references cannot be followed now. The time until the vehicle lands restarts. Returns whether
     /// references were followed.
     pub fn interrupt(&mut self, now: Time) -> bool {
         let was_followed = self.followed.take().is_some();
@@ -211,7 +212,7 @@ impl ReferenceStream {
         self.followed.map(|followed| followed.reference(now, self.limits.cosine_of_tilt))
     }
 
-    /// The motion of the reference at `now`, with the acceleration only where it is fed forward; `None` if none is followed.
+    /// The motion of the reference at `now`, with its acceleration only if that is fed forward; `None` if none is followed.
     pub fn motion(&self, now: Time) -> Option<ReferenceMotion> {
         self.followed.map(|followed| match followed.is_smooth {
             true => followed.motion(now),
@@ -328,7 +329,7 @@ impl StreamLimits {
         if !both.iter().all(|motion| room.contains(&motion.value.xyz())) {
             return Err(SetpointRefusal::Invalid(NO_ROOM));
         }
-        // An acceleration that brakes may not be that of the motion.
+        // A planner's acceleration may be wrong: the stop must not depend on it.
         let has_stop =
             |motion| room.has_stop(motion) && room.has_stop(&without_acceleration(motion));
         both.iter().all(has_stop).then_some(()).ok_or(SetpointRefusal::Invalid(NO_STOP))

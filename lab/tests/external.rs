@@ -125,7 +125,7 @@ fn f70_a_law_that_fails_soon_after_each_return_returns_later_but_returns() {
     // It flies for 54 commands after each return.
     let steady = interruptions(60);
     assert!(steady.len() >= 7 && steady.iter().all(|ticks| *ticks == 5), "{steady:?}");
-    // The fallback flies for 5, 10 and 20 ticks. In the third time the law fails after 18, and then has to give 5 good commands.
+    // The fallback flies for 5, 10 and 20 ticks. In the third of these the law fails at the 18th, and must then give 5 good commands.
     let soon = interruptions(18);
     assert!(soon.len() >= 10 && soon[..2] == [5, 10], "{soon:?}");
     assert!(soon[2..].iter().all(|ticks| *ticks == 23), "{soon:?}");

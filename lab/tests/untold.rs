@@ -86,19 +86,26 @@ fn hovers(law: &str, case: &str, seeds: u64) -> Vec<f64> {
     (FIRST_SEED..FIRST_SEED + seeds).map(|seed| hover(law, case, seed)).collect()
 }
 
-/// Median \[mm\], greatest value \[mm\] and number of those that landed.
+/// Median and greatest value of the hovers that landed \[mm\], and their number unless all landed.
 fn text(errors: &[f64]) -> String {
     let landed: Vec<f64> = errors.iter().copied().filter(|error| *error < LOST_MM).collect();
     let worst = landed.iter().copied().fold(f64::NAN, f64::max);
-    let middle = median(landed.iter().copied()).unwrap_or(f64::NAN);
-    format!("{middle:.1}, {worst:.1}; {} of {}", landed.len(), errors.len())
+    let number = format!("{} of {}", landed.len(), errors.len());
+    match median(landed.iter().copied()) {
+        Some(middle) if landed.len() == errors.len() => format!("{middle:.1}, {worst:.1}"),
+        Some(middle) => format!("{middle:.1}, {worst:.1}; {number}"),
+        None => number,
+    }
 }
 
-/// In no case is a rival better by the paired 95 % interval, and none lands where `oqtal-dt` does not.
+/// In no case is a rival better by the paired 95 % interval, nor does one land on a seed on which `oqtal-dt` does not.
 #[test]
 fn no_rival_is_better_where_the_configuration_is_wrong() {
     let seeds = std::env::var("OQTAL_TEST_UNTOLD_SEEDS").map_or(3, |text| text.parse().unwrap());
-    println!("hover [mm]: median, worst; landed\n| | {OURS} | {} |", RIVALS.join(" | "));
+    println!(
+        "hover [mm]: median, worst; landed, unless all\n| | {OURS} | {} |",
+        RIVALS.join(" | ")
+    );
     let mut worse = Vec::new();
     for (name, case) in CASES.iter().chain(&PUSHES) {
         let ours = hovers(OURS, case, seeds);

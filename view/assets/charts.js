@@ -13,7 +13,7 @@ function plan(scene) {
     { title: "Position error", hasSource: true, unit: "mm", factor: 1000, rows: "ticks", traces: [["position", "", "actual"]], zero: true },
     { title: "Attitude error", hasSource: true, unit: "°", factor: 1, rows: "ticks", traces: [["attitude", "", "actual"]], zero: true },
     { title: `Command, ${scene.command_unit}`, unit: "", factor: 1, rows: "ticks", traces: [["roll", "roll", "actual"], ["pitch", "pitch", "second"], ["yaw", "yaw", "third"]] },
-    { title: "Thrust, of the greatest", unit: "%", factor: 100, rows: "ticks", traces: [["thrust", "", "actual"]], zero: true },
+    { title: "Thrust, share of the maximum", unit: "%", factor: 100, rows: "ticks", traces: [["thrust", "", "actual"]], zero: true },
     { title: "Capture to effect", unit: "ms", factor: 1, rows: "vehicles", total: "whole", traces: hops, isStacked: true, zero: true },
     { title: "Battery", unit: "V", factor: 1, rows: "vehicles", traces: [["battery", "", "third"]] },
   ];

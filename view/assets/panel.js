@@ -19,7 +19,7 @@ export class Panel {
     show("title", scene.title);
     show("subject", `${scene.controller} · ${scene.trajectory}`);
     document.title = `${scene.title} · oqtal`;
-    show("events-zero", scene.is_live ? "time since the first tick of this daemon that was received" : "time since arming, or else since the first tick");
+    show("events-zero", scene.is_live ? "time since the first tick received from this daemon" : "time since arming, or else since the first tick");
     element("legend-cameras").hidden = scene.cameras.length === 0;
     this.list("faults", scene.faults.map((fault) => ({ name: fault, text: "" })));
   }

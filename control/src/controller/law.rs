@@ -41,8 +41,8 @@ pub trait AttitudeLaw {
     /// Sets integral action to zero and discards the gain, which is computed again in the next step. Counters are kept.
     fn reset(&mut self);
 
-    /// Records that the input `u` of another law was sent in place of that of the last step \[N m, body axes, in rate form -1..1\]:
-    /// integral action is that before the step, and an incremental law continues from `u`.
+    /// Records that the input `u` \[N m, body axes, in rate form -1..1\] of another law was sent in place of that of the last step:
+    /// integral action returns to its state before the step, and an incremental law continues from `u`.
     fn yield_to(&mut self, _u: &Vector3<f64>) {}
 
     /// Terms of the last command; zero before the first one, and for a law that does not store them.

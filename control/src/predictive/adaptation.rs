@@ -6,7 +6,7 @@
 //! accelerations are wrong by the same factor. Forces are temporary and thrust errors permanent: the longer the flight, the more
 //! slowly the gain follows.
 //!
-//! Parameters are not adapted until the vehicle is clear of the floor, which exerts forces.
+//! Parameters are not adapted until the vehicle is clear of the floor, whose forces no model contains.
 
 use nalgebra::{Vector2, Vector3};
 
@@ -43,7 +43,7 @@ pub struct AdaptedModel {
     pub thrust_gain: f64,
     /// Lag of the thrust \[s\].
     pub thrust_lag_s: f64,
-    /// Whether the configured response is used because the adapted one predicts worse.
+    /// Whether the configured response to rates is used because the adapted one predicts worse.
     pub fell_back: bool,
 }
 
@@ -109,7 +109,8 @@ impl Adaptation {
         *self = Self::new(&self.options, &self.filter, &self.nominal);
     }
 
-    /// Starts the estimators again at the next pose, after a motion that no model describes.
+    /// Restarts the estimators at the next pose, after a motion that no model describes: what they learnt is discarded. The gain of
+    /// the thrust is kept.
     pub fn interrupt(&mut self) {
         self.last = None;
     }
@@ -138,7 +139,7 @@ impl Adaptation {
         let is_clear = height_m >= lifted_m + CLEAR_M || t_s >= lifted_s + CLEAR_S;
         let cosine = motion.attitude.to_world(&Vector3::z()).z;
         let last = self.last.replace((t_s, cosine));
-        // Until the vehicle is clear of the floor, the innovations tell how large the noise is.
+        // Until the vehicle is clear of the floor, the estimators measure the noise and learn nothing; then they begin again.
         if last.is_none() || is_clear && !self.is_clear {
             self.is_clear |= is_clear;
             self.start(pose, motion);
@@ -187,8 +188,8 @@ impl Adaptation {
         };
         let lifting = EstimatorPair::new(with(thrust_lag_deviation_ms * 1e-3), with(0.0));
         let before = self.rotating.zip(rotating);
-        self.rotating = before.map(|(before, fresh)| before.with(&fresh)).or(rotating);
-        self.lifting = Some(self.lifting.map_or(lifting, |before| before.with(&lifting)));
+        self.rotating = before.map(|(before, fresh)| before.restarted_as(&fresh)).or(rotating);
+        self.lifting = Some(self.lifting.map_or(lifting, |before| before.restarted_as(&lifting)));
     }
 
     /// `None` for a vehicle whose rates are not commanded.

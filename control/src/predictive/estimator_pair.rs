@@ -1,9 +1,10 @@
 //! Choice between an adapted model and a fixed one by the innovations of two estimators.
 //!
-//! Both predict the same poses. The difference of the squares of their normalised innovations, summed over some seconds, is the
-//! logarithm of the likelihood ratio of the two models: if the fixed model is more likely, it is used and the adaptation restarts;
-//! the adapted model is used again once it has been equally good for some time. A fixed model whose own innovations are too large
-//! to be those of a correct model is not used: the comparison of two wrong models says little.
+//! Both predict the same poses. Half the difference of the squares of their normalised innovations, summed over some seconds,
+//! approximates the logarithm of the likelihood ratio of the two models: if the fixed model is more likely, it is used and the
+//! adaptation restarts; the adapted model is used again once it has been equally good for some time. The fixed model does not
+//! replace the adapted one while its own innovations are larger than those of a correct model: the comparison of two wrong models
+//! says little.
 
 /// Time constant with which evidence for one of the models decays \[s\].
 const EVIDENCE_S: f64 = 3.0;
@@ -62,8 +63,8 @@ impl<E: AdaptiveEstimator> EstimatorPair<E> {
         Self { adapted, fixed, evidence: 0.0, fits: [1.0; 2], probation_s: None }
     }
 
-    /// The pair with estimators at their beginning; what the innovations told of the noise is kept.
-    pub fn with(&self, fresh: &Self) -> Self {
+    /// The new pair `fresh`, with the mean squares of this one: the noise of the poses has not changed.
+    pub fn restarted_as(&self, fresh: &Self) -> Self {
         Self { fits: self.fits, ..*fresh }
     }
 
@@ -77,9 +78,9 @@ impl<E: AdaptiveEstimator> EstimatorPair<E> {
         self.probation_s.is_none().then_some(&self.adapted)
     }
 
-    /// Takes the pose at the end of an interval of `dt_s` \[s\]; corrects no parameter unless it `learns`.
+    /// Takes the pose at the end of an interval of `dt_s` \[s\]; corrects the parameters only if `learns`.
     pub fn take(&mut self, interval: &E::Interval<'_>, dt_s: f64, learns: bool) {
-        // Innovations that are too large for both models are those of a noise that is not known yet.
+        // If the innovations are too large for both models, the noise is greater than assumed.
         let scale = if learns { self.fits[0].min(self.fits[1]).max(1.0) } else { f64::INFINITY };
         let squares = [self.adapted.take(interval, scale), self.fixed.take(interval, scale)];
         let kept = (1.0 - dt_s / EVIDENCE_S).clamp(0.0, 1.0);

@@ -3,7 +3,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-/// Standard deviation of the delayed part of a predicted change over the change \[-\].
+/// Standard deviation of the part of a predicted change that comes late, over the whole change \[-\].
 const CHANGE_SHARE: f64 = 0.5;
 
 /// Transition of the three states of an axis and the covariance added by it.
@@ -121,8 +121,8 @@ impl AxisFilter {
         self.covariance.predict(transition);
     }
 
-    /// Adds the uncertainty of a change of the second state by `change` \[its unit\] that was predicted for the last `dt_s` \[s\]: the
-    /// second state may still be the one before it, and the first what follows from that.
+    /// Adds the uncertainty of a change of the second state by `change` \[its unit\], which was predicted for the last `dt_s` \[s\] and
+    /// may come later.
     pub fn add_change(&mut self, change: f64, dt_s: f64) {
         let deviation = Vector3::new(dt_s / 2.0, 1.0, 0.0) * (CHANGE_SHARE * change);
         self.covariance.0 += deviation * deviation.transpose();

@@ -13,7 +13,7 @@ const OUTLIER_SIGMA: f64 = 5.0;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ParameterEstimate<const N: usize> {
     nominal: SVector<f64, N>,
-    /// Greatest deviation from the nominal value.
+    /// Greatest deviations from the nominal values.
     bounds: SVector<f64, N>,
     prior: SMatrix<f64, N, N>,
     value: SVector<f64, N>,
@@ -50,7 +50,7 @@ impl<const N: usize> ParameterEstimate<N> {
         self.covariance.diagonal().map(f64::sqrt)
     }
 
-    /// Corrects the parameters by an innovation `off` of this `variance`, whose sensitivity to them is `slope`.
+    /// Corrects the parameters by an innovation `off` with this `variance`, whose sensitivity to them is `slope`; an outlier is ignored.
     pub fn learn(&mut self, (off, variance): (f64, f64), slope: &RowSVector<f64, N>) {
         let spread = self.covariance * slope.transpose();
         let expected = variance + slope.dot(&spread.transpose());

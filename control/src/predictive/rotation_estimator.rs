@@ -91,11 +91,11 @@ impl ResponseBounds {
 /// One interval between two poses.
 #[derive(Clone, Copy, Debug)]
 pub struct Turn<'a> {
-    /// Attitude measured at its end, body to world.
+    /// Attitude measured at the end of the interval, body to world.
     pub attitude: Attitude,
     /// The commands sent.
     pub history: &'a CommandHistory,
-    /// Its ends \[s\].
+    /// Beginning and end of the interval \[s\].
     pub interval: (f64, f64),
 }
 
@@ -103,6 +103,7 @@ pub struct Turn<'a> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RotationEstimator {
     estimate: ParameterEstimate<5>,
+    /// Least estimated lag \[s\].
     least_lag_s: f64,
     filter: AttitudeFilter,
     motion: Motion,
@@ -140,11 +141,6 @@ impl RotationEstimator {
         RateResponse::of(&self.estimate.deviations())
     }
 
-    /// Body rate estimated at the last pose \[rad/s, body axes\].
-    pub fn rate(&self) -> &Vector3<f64> {
-        &self.motion.rate
-    }
-
     /// Moves the state to the value that it would have if the parameters had always differed by `change`.
     fn shift(&mut self, change: &Parameters) {
         let shifts: [Vector3<f64>; 3] = std::array::from_fn(|axis| {
@@ -162,7 +158,7 @@ impl RotationEstimator {
         let response = self.response();
         let (turn, rate) = self.turned(&response, history, (from_s, to_s));
         let lag_s = response.lag_s;
-        // Each axis turns by its own gain, so one difference serves all.
+        // The gain of an axis affects that axis alone, so one step of all gains gives the sensitivities of all axes.
         let steps = [STEP, STEP * lag_s, STEP * lag_s];
         let slopes: [(Vector3<f64>, Vector3<f64>); 3] = std::array::from_fn(|index| {
             if self.estimate.is_fixed() {

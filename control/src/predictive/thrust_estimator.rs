@@ -2,8 +2,9 @@
 //!
 //! Vertically the state `[z; v; a; f]` follows `z' = v`, `v' = f cos(tilt) + a - g - c v` and `f' = (k u - f) / l`: the thrust over
 //! the mass, `f`, reaches the commanded one, `u`, times the gain `k` with the lag `l`. The external acceleration `a` walks. A
-//! force does not depend on the command and is therefore attributed to `a`; what follows the command corrects the parameters, as
-//! in [`super::rotation_estimator`]. The thrust has no delay beyond the reported one: a hidden one is found as a longer lag.
+//! force does not depend on the command and is therefore attributed to `a`; motion that depends on it corrects the parameters, as
+//! in [`super::rotation_estimator`]. Commands are assumed to take effect as reported: a hidden delay appears as a longer lag. Only the
+//! lag is used in flight; the gain is estimated with it so that a wrong gain is not mistaken for a lag.
 
 use nalgebra::{Matrix4x2, RowVector2, SMatrix, Vector2, Vector3, Vector4};
 
@@ -17,7 +18,7 @@ use super::position_filter::PositionFilter;
 /// Limit of the external acceleration \[m/s^2\].
 const ACCELERATION_LIMIT: f64 = 8.0;
 
-/// Least estimated lag \[s\], as for the rate.
+/// Least estimated lag \[s\]: a shorter one decays between two poses and cannot be distinguished from zero.
 const LEAST_LAG_S: f64 = 10e-3;
 
 /// Step of the differences by which sensitivities are computed: of the gain \[-\] and of the lag \[s\].
@@ -30,13 +31,13 @@ const LAG: usize = 1;
 /// One interval between two poses.
 #[derive(Clone, Copy, Debug)]
 pub struct Climb<'a> {
-    /// Measured height at its end \[m, world\].
+    /// Measured height at the end of the interval \[m, world\].
     pub height_m: f64,
-    /// Mean cosine of the tilt \[-\].
+    /// Mean cosine of the tilt in the interval \[-\].
     pub cosine: f64,
     /// The commands sent.
     pub history: &'a CommandHistory,
-    /// Its ends \[s\].
+    /// Beginning and end of the interval \[s\].
     pub interval: (f64, f64),
 }
 
@@ -81,11 +82,6 @@ impl ThrustEstimator {
     /// Estimated lag \[s\].
     pub fn lag_s(&self) -> f64 {
         self.estimate.value()[LAG]
-    }
-
-    /// Estimated thrust over the mass, relative to that of the model \[-\].
-    pub fn gain(&self) -> f64 {
-        self.estimate.value()[GAIN]
     }
 
     /// Standard deviations of gain \[-\] and lag \[s\].

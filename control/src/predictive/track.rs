@@ -200,7 +200,7 @@ impl Track {
         if let Some(admission) = &mut next.admission {
             admission.predict(propagation.model, dt_s);
         }
-        // Rotors at the end of their range, and commands that come late, change the rate later than predicted.
+        // The rate changes later than predicted if rotors are at the end of their range, or commands come late.
         let change = (next.motion.rate - self.motion.rate).norm();
         let admission = next.admission.as_mut().unwrap_or(&mut next.filters);
         admission.attitude.axis.add_change(change, dt_s);

@@ -174,7 +174,8 @@ impl FlightCourse {
         }
     }
 
-    /// Stays at the reference `rest`, which is held, after a planner's references: they are followed again after the hold.
+    /// Interrupts a planner's references for a hold at the reference `rest`. They are followed again after the hold; the plan until
+    /// then is to stay at `rest`.
     fn interrupt_stream(&mut self, now: Time, rest: &Reference) {
         if self.stream.interrupt(now) {
             self.stop_from(now, &ReferenceMotion::between(rest, rest, 1.0));
@@ -276,7 +277,7 @@ impl FlightCourse {
             SafetyState::Hold => self.setpoint.at(self.inside.unwrap_or(position)),
             _ => self.setpoint.at(position),
         };
-        // A landing that begins in this tick is not held, either: nothing would resume it.
+        // A landing that begins in this tick is not held either: nothing would resume it.
         let is_landing = is_landing || self.is_landing();
         if state >= SafetyState::Hold && !is_landing {
             self.interrupt_stream(now, &rest);

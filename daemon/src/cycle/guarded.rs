@@ -29,7 +29,7 @@ pub(super) struct LawTick<'a> {
     pub(super) last: &'a VehicleCommand,
     /// The reference for the effect of the command of this tick.
     pub(super) reference_ahead: Option<Reference>,
-    /// The reference of a fallback while the law flies a prescribed attitude: `None` while it does not.
+    /// The reference of a fallback while an attitude is prescribed; `None` otherwise.
     pub(super) of_fallback: Option<Reference>,
     /// Whether the law may fly.
     pub(super) is_free: bool,
@@ -90,7 +90,7 @@ impl GuardedControl {
         self.guard.resume();
     }
 
-    /// Whether the law is outside the daemon.
+    /// Whether the law is external.
     pub(super) fn is_external(&self) -> bool {
         matches!(self.law, GuardedLaw::External(_))
     }
@@ -104,8 +104,8 @@ impl GuardedControl {
         }
     }
 
-    /// Limits the slew of the next commands: the control stack or the kind of the reference has changed. A law outside computes its
-    /// commands itself.
+    /// Limits the slew of the next commands: the control stack or the kind of the reference has changed. Commands of an external law,
+    /// which does not change with them, are not limited.
     pub(super) fn begin_handover(&mut self) {
         if !self.is_external() || self.report().is_fallback {
             self.guard.begin_handover();
@@ -222,7 +222,7 @@ mod tests {
         for law in ["control.fallback=geometric", "control.controller=external"] {
             let started = config(&[law]);
             let mut changed = cycle(&started);
-            let text = LongText::of_lines(LIMITS.into_iter()).unwrap();
+            let text = LongText::of_lines(LIMITS).unwrap();
             let request = ControlRequestV1 { text, ..ControlRequestV1::of(OperatorCommand::Set) };
             let settings = LiveSettings::new(&started, &[]);
             let mut prepared = settings.prepare(OperatorCommand::Set, &request).unwrap();

@@ -59,7 +59,7 @@ pub(super) struct Intake {
     fresh_at: Option<Time>,
     /// Why the last pose that was due is missing.
     missing: Cause,
-    /// Last instant at which nothing spoke against poses that follow the vehicle.
+    /// Last instant at which no test had evidence that the poses do not agree with the vehicle.
     undisputed_at: Time,
     /// Whether the vehicle lands: it may stand on something already.
     is_landing: bool,
@@ -175,7 +175,7 @@ impl Intake {
         }
     }
 
-    /// Why poses do not follow the vehicle: a vehicle that has not replied since they did may receive no commands.
+    /// Why poses do not follow the vehicle: if it has not replied since they did, it may receive no commands.
     fn contradiction(&self) -> Cause {
         if self.is_vehicle_silent() { Cause::NoVehicle } else { Cause::Contradiction }
     }

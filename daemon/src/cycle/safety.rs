@@ -192,7 +192,7 @@ impl SafetyMonitor {
         conditions.setpoint_refused = course.setpoint().refusal.is_some();
         [conditions.references_ended, conditions.references_overdue] =
             course.stream_ended(tick.now);
-        // The reason against the references of a planner that tries to go on comes first.
+        // Why present references are refused is reported before the end of earlier ones.
         conditions.references_ended &= !conditions.setpoint_refused;
         if let Some(vehicle) = intake.vehicle().answer(tick.now) {
             self.limits.check_vehicle(vehicle, &mut conditions);

@@ -99,7 +99,7 @@ fn a_shadow_neither_confirms_nor_lifts_the_stop_of_the_real_vehicle() {
 }
 
 #[test]
-fn a_pause_of_any_length_loses_no_sample_of_the_truth() {
+fn after_a_pause_of_any_length_an_observer_loses_no_published_truth() {
     let (bus, config) = (MemoryBus::new(), Config::default());
     let mut truths = bus.observer(&TRUTH).unwrap();
     let plant = Plant::new(&config, START);

@@ -1,4 +1,4 @@
-//! Prescribed attitudes. Only the configured law flies them: the fallback of a law that fails closes the position loop.
+//! Prescribed attitudes. Only the configured law flies them; the fallback of a law that fails closes the position loop.
 
 use oqtal_bus::time::Time;
 use oqtal_control::estimator::Estimate;
@@ -15,8 +15,8 @@ impl FlightCourse {
         }
     }
 
-    /// The reference of a fallback law while an attitude is prescribed: the position of the trajectory, or where a planner prescribes
-    /// the attitude the motion of the vehicle, from which it comes to rest; `None` otherwise.
+    /// The reference of a fallback law while an attitude is prescribed: by a trajectory, its position; by a planner, the motion of the
+    /// vehicle, from which it comes to rest. `None` while no attitude is prescribed.
     pub(in crate::cycle) fn without_attitude(&self, now: Time) -> Option<Reference> {
         let reference = self.setpoint.reference.filter(|reference| reference.attitude.is_some())?;
         if !self.stream.prescribes_attitude() {
