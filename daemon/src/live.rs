@@ -82,14 +82,12 @@ impl LiveControl {
     fn new(present: &Config, next: &Config, trajectory: Trajectory) -> Result<Self, Failure> {
         let located = |error| Failure::from(next.locate(&error));
         require_flyable(next, &trajectory, None)?;
-        let of_tracker =
-            |config: &Config| (config.control.is_predictive(), config.control.predictive);
-        let tracker = if of_tracker(present) == of_tracker(next) {
-            None
-        } else {
-            let model = CommandModel::new(next).map_err(located)?.model;
-            Some(motion_tracker(next, model))
+        let of_tracker = |config: &Config| {
+            let model = CommandModel::new(config).map_err(located)?.model;
+            Ok::<_, Failure>(motion_tracker(config, model))
         };
+        let tracker = of_tracker(next)?;
+        let tracker = (tracker != of_tracker(present)?).then_some(tracker);
         Ok(Self {
             stack: ControlStack::new(next).map_err(located)?,
             limits: MotionLimits::of(next),

@@ -10,7 +10,7 @@ use super::*;
 use crate::time::Time;
 
 /// Every unit that a field may have.
-const UNITS: [&str; 26] = [
+const UNITS: [&str; 27] = [
     "-",
     "code",
     "flag",

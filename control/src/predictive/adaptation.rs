@@ -109,6 +109,16 @@ impl Adaptation {
         *self = Self::new(&self.options, &self.filter, &self.nominal);
     }
 
+    /// The adaptation with the noise of `other`; `other` itself if its model or its bounds are others.
+    pub fn continued_as(&self, other: &Self) -> Self {
+        if (self.options, self.nominal) != (other.options, other.nominal) {
+            return *other;
+        }
+        let mut next = *self;
+        next.set_noise(&other.filter);
+        next
+    }
+
     /// Restarts the estimators at the next pose, after a motion that no model describes: what they learnt is discarded. The gain of
     /// the thrust is kept.
     pub fn interrupt(&mut self) {

@@ -74,11 +74,17 @@ impl MotionTracker {
         Self { expected: noise, noise, adaptation, ..self }
     }
 
-    /// Continues the flight with the model, the noise and the adaptation of `other`, for another law.
+    /// Continues the flight with the model and the noise of `other`, for another law or other options. The adapted parameters are kept
+    /// unless the law or the bounds of the adaptation are others.
     pub fn change_law(&mut self, other: &Self) {
-        (self.nominal, self.model, self.noise) = (other.nominal, other.model, other.noise);
-        (self.adaptation, self.innovation) = (other.adaptation, None);
+        (self.nominal, self.model) = (other.nominal, other.model);
+        (self.expected, self.noise, self.innovation) = (other.expected, other.noise, None);
+        self.adaptation = self.adaptation.zip(other.adaptation).map_or(other.adaptation, |pair| {
+            let (own, other) = pair;
+            Some(own.continued_as(&other))
+        });
         self.history.set_effect(CommandEffect::default());
+        self.adopt_model();
         self.track = self.track.map(|track| track.with_noise(&other.noise));
     }
 

@@ -188,3 +188,49 @@ fn after_a_change_of_the_law_no_command_changes_faster_than_the_hand_over_allows
     assert!(flight.request(OperatorCommand::Land).unwrap());
     assert_eq!(flight.finish().unwrap().outcome, Outcome::Landed);
 }
+
+/// Adapted gains \[-\] and lag \[s\] of the last tick.
+fn adapted(flight: &OnlineFlight<'_>) -> [f64; 4] {
+    let tick = last(flight);
+    let [roll, pitch, _] = tick.adapted_rate_gain;
+    [roll, pitch, tick.adapted_rate_lag_s, tick.adapted_thrust_gain]
+}
+
+/// A vehicle that no fixed model flies well.
+const UNTOLD: [&str; 3] =
+    ["plant.rate-authority-rad-s=[2.6,2.6,2.0]", "plant.rate-lag-ms=90", "plant.mass-kg=0.6"];
+
+#[test]
+fn a_gain_set_in_flight_keeps_the_adapted_model() {
+    let mission = hover(20.0, &[&["control.controller=oqtal-dt"][..], &UNTOLD].concat());
+    let mut flight = OnlineFlight::begin(&mission).unwrap();
+    fly_for(&mut flight, 9.0);
+    flight.pause_every(Span::from_millis(20));
+    for set in [
+        "control.predictive.position-gain-per-s=1.4",
+        "control.predictive.filter.attitude-noise-deg=0.3",
+        "position.tilt-limit-deg=16",
+    ] {
+        let before = adapted(&flight);
+        assert!(before[2] > 0.06 && before[3] < 0.9, "{before:?} is adapted");
+        flight.change(OperatorCommand::Set, &request(set)).unwrap().unwrap();
+        fly_for(&mut flight, 0.1);
+        let after = adapted(&flight);
+        for (before, after) in before.into_iter().zip(after) {
+            assert!((after / before - 1.0).abs() < 0.05, "{set}: {before} to {after}");
+        }
+    }
+    assert_eq!(flight.finish().unwrap().outcome, Outcome::Landed);
+}
+
+#[test]
+fn a_law_that_predicts_adapts_its_model_although_it_began_in_flight() {
+    let mission = hover(30.0, &[&["control.controller=geometric"][..], &UNTOLD].concat());
+    let mut flight = OnlineFlight::begin(&mission).unwrap();
+    fly_for(&mut flight, 6.0);
+    flight.change(OperatorCommand::Set, &request("control.controller=oqtal-dt")).unwrap().unwrap();
+    fly_for(&mut flight, 12.0);
+    let [.., lag_s, thrust] = adapted(&flight);
+    assert!(lag_s > 0.06 && thrust < 0.9, "{lag_s} s, {thrust}");
+    assert_eq!(flight.finish().unwrap().outcome, Outcome::Landed);
+}
