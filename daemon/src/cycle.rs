@@ -386,3 +386,6 @@ impl Cycle {
         self.report.telemetry()
     }
 }
+
+#[cfg(test)]
+mod tests;

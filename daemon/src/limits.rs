@@ -103,7 +103,7 @@ pub struct FlightView<'a> {
 pub struct FlightLimits {
     /// The fence.
     pub fence: Fence,
-    motion: MotionLimits,
+    motion: LoopLimits,
     /// Gravity \[m/s^2\].
     gravity: f64,
     speed: f64,
@@ -119,14 +119,14 @@ pub struct FlightLimits {
 
 /// Limits of the motion that follow from those of the position loops, which may change in flight.
 #[derive(Clone, Copy, Debug)]
-pub struct MotionLimits {
+pub struct LoopLimits {
     /// Braking of a vehicle that stops at the fence.
     braking: Braking,
     /// Greatest thrust that the loops command \[N\].
     greatest_lift: f64,
 }
 
-impl MotionLimits {
+impl LoopLimits {
     /// The limits of `config`.
     pub fn of(config: &Config) -> Self {
         let vehicle = &config.vehicle;
@@ -144,7 +144,7 @@ impl FlightLimits {
         let safety = &config.safety;
         Self {
             fence: Fence::new(&config.fence),
-            motion: MotionLimits::of(config),
+            motion: LoopLimits::of(config),
             gravity: config.vehicle.gravity_m_s2,
             speed: safety.speed_limit_m_s,
             tilt_warning: safety.tilt_warning_deg.to_radians().cos(),
@@ -158,7 +158,7 @@ impl FlightLimits {
     }
 
     /// Replaces the limits of the motion.
-    pub fn set_motion(&mut self, motion: MotionLimits) {
+    pub fn set_motion(&mut self, motion: LoopLimits) {
         self.motion = motion;
     }
 

@@ -22,8 +22,8 @@ use crate::command_model::{CommandModel, motion_tracker};
 use crate::envelope::Envelope;
 use crate::fence::Fence;
 use crate::flight_room::require_flyable;
-use crate::limits::MotionLimits;
-use crate::room::Room;
+use crate::limits::LoopLimits;
+use crate::room::StoppingRoom;
 use crate::stack::ControlStack;
 use crate::stream::ReferenceStream;
 use crate::waypoint_file;
@@ -38,8 +38,8 @@ const ORIGIN: &str = "set";
 pub struct LiveControl {
     pub(crate) stack: ControlStack,
     /// Limits of the motion, which depend on those of the position loops.
-    pub(crate) limits: MotionLimits,
-    /// What a guarded law needs; `None` without a fallback.
+    pub(crate) limits: LoopLimits,
+    /// Needs of a guarded law; `None` without a fallback.
     pub(crate) guarded: Option<LiveGuard>,
     /// Whether the attitude law has the same options as before: it then keeps its state.
     pub(crate) keeps_law: bool,
@@ -48,7 +48,7 @@ pub struct LiveControl {
     pub(crate) trajectory: Trajectory,
     pub(crate) path: ArmingPath,
     pub(crate) options: TrajectoryOptions,
-    pub(crate) room: Room,
+    pub(crate) room: StoppingRoom,
     pub(crate) stream: ReferenceStream,
 }
 
@@ -90,14 +90,14 @@ impl LiveControl {
         let tracker = (tracker != of_tracker(present)?).then_some(tracker);
         Ok(Self {
             stack: ControlStack::new(next).map_err(located)?,
-            limits: MotionLimits::of(next),
+            limits: LoopLimits::of(next),
             guarded: LiveGuard::new(next).map_err(located)?,
             keeps_law: present.control == next.control,
             tracker,
             path: ArmingPath::new(next, &trajectory),
             trajectory,
             options: next.trajectory.clone(),
-            room: Room::new(next),
+            room: StoppingRoom::new(next),
             stream: ReferenceStream::new(next),
         })
     }

@@ -203,7 +203,7 @@ impl ActiveMission {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::room::Room;
+    use crate::room::StoppingRoom;
     use oqtal_config::Config;
 
     /// Whatever a law does at the border of the fence: the holds of a flight are counted together.
@@ -228,7 +228,7 @@ mod tests {
         now = now + Span::from_millis(120);
         mission.resume(now);
         assert!(mission.is_held_too_long(now), "until the vehicle has landed");
-        let stop = Room::new(&config).stop(&mission.motion(now));
+        let stop = StoppingRoom::new(&config).stop(&mission.motion(now));
         mission.redirect(now, Detour::stay(stop));
         assert!(mission.is_held_too_long(now), "a planner does not begin the count again");
         mission.forget_holds();

@@ -20,7 +20,7 @@ const TOLERANCE_M: f64 = 1e-6;
 
 /// The room of a flight. No method allocates.
 #[derive(Clone, Debug)]
-pub struct Room {
+pub struct StoppingRoom {
     fence: Fence,
     legs: LegLimits,
     braking: Braking,
@@ -28,7 +28,7 @@ pub struct Room {
     floor_m: f64,
 }
 
-impl Room {
+impl StoppingRoom {
     /// The room of `config`, above a floor at the height 0.
     pub fn new(config: &Config) -> Self {
         let options = &config.reference;
@@ -136,7 +136,7 @@ mod tests {
 
     #[test]
     fn a_stop_brakes_harder_only_if_the_room_requires_it() {
-        let room = Room::new(&Config::default());
+        let room = StoppingRoom::new(&Config::default());
         let slow = moving(Vector4::new(0.0, 0.0, -0.1, 0.0));
         assert_eq!(room.stop(&slow), Leg::stop(&slow, room.legs()));
         let fast = moving(Vector4::new(0.0, 0.0, -1.2, 0.0));
@@ -146,7 +146,7 @@ mod tests {
 
     #[test]
     fn the_search_for_a_stop_ends_for_a_motion_that_is_not_finite() {
-        let room = Room::new(&Config::default());
+        let room = StoppingRoom::new(&Config::default());
         for rate in [f64::NAN, f64::INFINITY] {
             room.stop(&moving(Vector4::new(rate, 0.0, 0.0, 0.0)));
         }

@@ -13,7 +13,7 @@ use oqtal_control::quaternion::Attitude;
 use oqtal_control::tracking_error::AttitudeReference;
 use oqtal_control::trajectory::{Reference, ReferenceMotion};
 
-use crate::room::Room;
+use crate::room::StoppingRoom;
 use crate::setpoint::SetpointRefusal;
 
 /// Pause after which a planner's references count as a new stream.
@@ -182,7 +182,7 @@ impl ReferenceStream {
         &mut self,
         now: Time,
         (source, message): (u64, &ReferenceV1),
-        (present, room): (&ReferenceMotion, &Room),
+        (present, room): (&ReferenceMotion, &StoppingRoom),
     ) {
         self.last = Some((source, now));
         if let Some((ignored, at)) = &mut self.ignored {
@@ -266,7 +266,7 @@ impl StreamLimits {
         &self,
         now: Time,
         message: &ReferenceV1,
-        (present, room): (&ReferenceMotion, &Room),
+        (present, room): (&ReferenceMotion, &StoppingRoom),
     ) -> Result<FollowedReference, SetpointRefusal> {
         let age_ms = now.since(message.time).seconds().abs() * 1e3;
         let longest_ms = self.longest_validity.seconds() * 1e3;
@@ -307,7 +307,7 @@ impl StreamLimits {
         &self,
         now: Time,
         reference: &FollowedReference,
-        (present, room): (&ReferenceMotion, &Room),
+        (present, room): (&ReferenceMotion, &StoppingRoom),
     ) -> Result<(), SetpointRefusal> {
         let [now, end] = [now, reference.valid_until].map(|at| reference.motion(at));
         let jump_m = (now.value - present.value).xyz().norm();

@@ -28,7 +28,7 @@ const COMMON: [&str; 5] = [
     "position.velocity-integral-limit-m-s2=4",
 ];
 
-/// What differs, in words and settings.
+/// The differences, in words and settings.
 const CASES: [(&str, &str); 17] = [
     ("as told", ""),
     ("attitude noise 0.30 deg", "mocap.attitude-noise-deg=0.3"),

@@ -14,8 +14,8 @@ use super::estimator_pair::EstimatorPair;
 use super::history::{CommandEffect, CommandHistory};
 use super::model::{Motion, Rotation, VehicleModel};
 use super::options::{AdaptationOptions, FilterOptions};
-use super::rotation_estimator::{RateResponse, ResponseBounds, RotationEstimator, Turn};
-use super::thrust_estimator::{Climb, ThrustEstimator};
+use super::rotation_estimator::{RateResponse, ResponseBounds, RotationEstimator, TurnInterval};
+use super::thrust_estimator::{ClimbInterval, ThrustEstimator};
 use super::track::MeasuredPose;
 
 /// Least and greatest time constant with which the thrust estimate follows the vertical acceleration \[s\]; in between, the time
@@ -161,12 +161,12 @@ impl Adaptation {
             return;
         }
         if let Some(rotating) = &mut self.rotating {
-            let turn = Turn { attitude: pose.attitude, history, interval };
+            let turn = TurnInterval { attitude: pose.attitude, history, interval };
             rotating.take(&turn, dt_s, self.is_clear);
         }
         if let Some(lifting) = &mut self.lifting {
             let cosine = 0.5 * (cosine + last_cosine);
-            let climb = Climb { height_m: pose.position.z, cosine, history, interval };
+            let climb = ClimbInterval { height_m: pose.position.z, cosine, history, interval };
             lifting.take(&climb, dt_s, self.is_clear);
         }
         let gravity = self.nominal.gravity_m_s2;

@@ -17,7 +17,7 @@ const AS_GOOD: f64 = 4.0;
 /// Mean normalised square of the innovations above which the fixed model does not describe the vehicle \[-\], and the time constant
 /// of that mean \[s\].
 const GOOD_FIT: f64 = 1.5;
-const FIT_S: f64 = 0.5;
+const FIT_S: f64 = 1.0;
 
 /// Time for which the adapted model must be equally good before it is used again \[s\].
 const PROBATION_S: f64 = 2.0;

@@ -78,9 +78,9 @@ pub use options::{AdaptationOptions, FilterOptions, PredictiveOptions};
 pub use position_filter::PositionFilter;
 pub use position_law::{PositionLaw, Setpoint};
 pub use reference_model::{Course, MotionLimits, ReferenceModel, ReferenceModelOptions};
-pub use rotation_estimator::{RateResponse, ResponseBounds, RotationEstimator, Turn};
+pub use rotation_estimator::{RateResponse, ResponseBounds, RotationEstimator, TurnInterval};
 use setpoint_buffer::SetpointBuffer;
-pub use thrust_estimator::{Climb, ThrustEstimator};
+pub use thrust_estimator::{ClimbInterval, ThrustEstimator};
 pub use track::{
     Deviation, FilterInnovation, Innovation, MeasuredPose, Propagation, Track, TrackNoise,
 };

@@ -90,7 +90,7 @@ impl ResponseBounds {
 
 /// One interval between two poses.
 #[derive(Clone, Copy, Debug)]
-pub struct Turn<'a> {
+pub struct TurnInterval<'a> {
     /// Attitude measured at the end of the interval, body to world.
     pub attitude: Attitude,
     /// The commands sent.
@@ -153,7 +153,7 @@ impl RotationEstimator {
     }
 
     /// Propagates everything over `interval` \[s\].
-    fn predict(&mut self, &Turn { history, interval: (from_s, to_s), .. }: &Turn) {
+    fn predict(&mut self, &TurnInterval { history, interval: (from_s, to_s), .. }: &TurnInterval) {
         let dt_s = to_s - from_s;
         let response = self.response();
         let (turn, rate) = self.turned(&response, history, (from_s, to_s));
@@ -213,14 +213,14 @@ impl RotationEstimator {
 }
 
 impl AdaptiveEstimator for RotationEstimator {
-    type Interval<'a> = Turn<'a>;
+    type Interval<'a> = TurnInterval<'a>;
 
     fn restarted(&self, other: &Self) -> Self {
         let estimate = self.estimate.restarted();
         Self { estimate, sensitivity: [Matrix3::zeros(); 3], ..*other }
     }
 
-    fn take(&mut self, turn: &Turn, scale: f64) -> NormalisedSquare {
+    fn take(&mut self, turn: &TurnInterval, scale: f64) -> NormalisedSquare {
         self.predict(turn);
         let innovation = self.motion.attitude.rotation_to(&turn.attitude);
         let (variance, noise) = (self.filter.axis.innovation_variance(), self.filter.axis.noise());

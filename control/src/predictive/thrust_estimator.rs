@@ -30,7 +30,7 @@ const LAG: usize = 1;
 
 /// One interval between two poses.
 #[derive(Clone, Copy, Debug)]
-pub struct Climb<'a> {
+pub struct ClimbInterval<'a> {
     /// Measured height at the end of the interval \[m, world\].
     pub height_m: f64,
     /// Mean cosine of the tilt in the interval \[-\].
@@ -100,7 +100,7 @@ impl ThrustEstimator {
     }
 
     /// Propagates everything over an interval.
-    fn predict(&mut self, climb: &Climb) {
+    fn predict(&mut self, climb: &ClimbInterval) {
         let (state, parameters) = (self.state(), *self.estimate.value());
         let flown = self.climbed(state, &parameters, climb);
         if !self.estimate.is_fixed() {
@@ -123,7 +123,7 @@ impl ThrustEstimator {
         &self,
         state: Vector4<f64>,
         parameters: &Vector2<f64>,
-        climb: &Climb,
+        climb: &ClimbInterval,
     ) -> Vector4<f64> {
         let [mut z, mut v, a, mut f]: [f64; 4] = state.into();
         let (gain, lag_s) = (parameters[GAIN], parameters[LAG].max(SHORTEST_LAG_S));
@@ -147,14 +147,14 @@ impl ThrustEstimator {
 }
 
 impl AdaptiveEstimator for ThrustEstimator {
-    type Interval<'a> = Climb<'a>;
+    type Interval<'a> = ClimbInterval<'a>;
 
     fn restarted(&self, other: &Self) -> Self {
         let estimate = self.estimate.restarted();
         Self { estimate, sensitivity: Matrix4x2::zeros(), ..*other }
     }
 
-    fn take(&mut self, climb: &Climb, scale: f64) -> NormalisedSquare {
+    fn take(&mut self, climb: &ClimbInterval, scale: f64) -> NormalisedSquare {
         self.predict(climb);
         let off = climb.height_m - self.motion.x;
         let (variance, noise) = (self.filter.axis.innovation_variance(), self.filter.axis.noise());

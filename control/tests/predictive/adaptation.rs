@@ -2,9 +2,9 @@
 
 use nalgebra::{Vector2, Vector4};
 use oqtal_control::predictive::{
-    Adaptation, AdaptationOptions, AdaptiveEstimator, Climb, CommandHistory, FilterOptions,
+    Adaptation, AdaptationOptions, AdaptiveEstimator, ClimbInterval, CommandHistory, FilterOptions,
     MeasuredPose, ModelInput, Motion, RateResponse, ResponseBounds, RotationEstimator,
-    ThrustEstimator, Turn,
+    ThrustEstimator, TurnInterval,
 };
 use oqtal_control::quaternion::Attitude;
 
@@ -77,8 +77,10 @@ fn estimated(bounds: ResponseBounds, vehicle: &mut Vehicle, ticks: u32) -> Rotat
         let from_s = vehicle.now_s();
         let measured = vehicle.turn(0.5);
         let interval = (from_s, vehicle.now_s());
-        estimator
-            .take(&Turn { attitude: measured.attitude, history: &vehicle.history, interval }, 1.0);
+        estimator.take(
+            &TurnInterval { attitude: measured.attitude, history: &vehicle.history, interval },
+            1.0,
+        );
     }
     estimator
 }
@@ -160,7 +162,7 @@ fn climbed([gain, lag_s]: [f64; 2], seed: u64, ticks: u32) -> ThrustEstimator {
         }
         let height_m = z + noise.normal() * options.position_noise_mm * 1e-3;
         let interval = (from_s, from_s + PERIOD_S);
-        estimator.take(&Climb { height_m, cosine: 1.0, history: &history, interval }, 1.0);
+        estimator.take(&ClimbInterval { height_m, cosine: 1.0, history: &history, interval }, 1.0);
     }
     estimator
 }
@@ -187,8 +189,10 @@ fn without_motion_nothing_is_learnt() {
     for tick in 0..600 {
         let t_s = f64::from(tick) * PERIOD_S;
         let interval = (t_s, t_s + PERIOD_S);
-        estimator
-            .take(&Turn { attitude: Attitude::LEVEL, history: &vehicle.history, interval }, 1.0);
+        estimator.take(
+            &TurnInterval { attitude: Attitude::LEVEL, history: &vehicle.history, interval },
+            1.0,
+        );
     }
     assert_eq!(estimator.response(), BOUNDS.nominal);
 }

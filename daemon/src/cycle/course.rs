@@ -19,7 +19,7 @@ use crate::fence::Fence;
 use crate::floor;
 use crate::live::{FlightChange, LiveControl};
 use crate::mission::ActiveMission;
-use crate::room::Room;
+use crate::room::StoppingRoom;
 use crate::setpoint::{CheckedSetpoint, SetpointGuard};
 use crate::stream::ReferenceStream;
 
@@ -35,7 +35,7 @@ pub(super) struct FlightCourse {
     weight_n: f64,
     trajectory: Trajectory,
     options: TrajectoryOptions,
-    room: Room,
+    room: StoppingRoom,
     stream: ReferenceStream,
     /// Whether the present plan is the stop after a planner's references.
     is_after_stream: bool,
@@ -60,7 +60,7 @@ impl FlightCourse {
             observe_only: config.safety.observe_only,
             weight_n: config.vehicle.mass_kg * config.vehicle.gravity_m_s2,
             options: config.trajectory.clone(),
-            room: Room::new(config),
+            room: StoppingRoom::new(config),
             stream: ReferenceStream::new(config),
             is_after_stream: false,
             check: SetpointGuard::new(fence),

@@ -11,7 +11,7 @@ use crate::command::VehicleCommand;
 use crate::descent::BlindDescent;
 use crate::fence::Fence;
 use crate::guard::{Accepted, seconds};
-use crate::limits::{FlightLimits, FlightView, LimitConditions, MotionLimits};
+use crate::limits::{FlightLimits, FlightView, LimitConditions, LoopLimits};
 use crate::loop_health::{LoopHealth, TickFrames};
 use crate::supervisor::{SafetyConditions, Supervisor};
 
@@ -87,7 +87,7 @@ impl SafetyMonitor {
     }
 
     /// Replaces the limits of the motion.
-    pub(super) fn set_motion_limits(&mut self, limits: MotionLimits) {
+    pub(super) fn set_motion_limits(&mut self, limits: LoopLimits) {
         self.limits.set_motion(limits);
     }
 

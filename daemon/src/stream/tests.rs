@@ -6,8 +6,8 @@ fn stream() -> ReferenceStream {
     ReferenceStream::new(&Config::default())
 }
 
-fn room(floor_m: f64) -> Room {
-    let mut room = Room::new(&Config::default());
+fn room(floor_m: f64) -> StoppingRoom {
+    let mut room = StoppingRoom::new(&Config::default());
     room.begin_flight(floor_m);
     room
 }

@@ -50,7 +50,7 @@ fn f47_a_landing_that_begins_in_the_tick_of_a_hold_is_flown() {
 
 /// A hold interrupts a planner, and does not end its stream as an operator does.
 #[test]
-fn f47_a_planner_goes_on_after_a_hold_and_until_then_the_plan_is_the_stop() {
+fn f47_a_planner_continues_after_a_hold_and_until_then_the_plan_is_the_stop() {
     let (config, mut course) = course();
     let mut now = Time::VIRTUAL_START;
     course.begin_flight(now, &Estimate::default());
