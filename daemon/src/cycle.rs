@@ -27,7 +27,7 @@ use oqtal_config::Config;
 use oqtal_control::options::OptionError;
 use oqtal_control::position::OuterLoop;
 use oqtal_control::scalar_pid::PidGains;
-use oqtal_control::trajectory::Trajectory;
+use oqtal_control::trajectory::{Reference, Trajectory};
 
 use control::{ControlTick, Directive, FlightControl};
 pub use first_flight::FirstFlight;
@@ -213,7 +213,7 @@ impl Cycle {
             _ => directive,
         };
         let computed = self.control.compute(&tick, &of_stack, &self.intake);
-        let output = self.select_law((&tick, &directive), computed, law);
+        let output = self.select_law((&tick, &directive), of_fallback, computed, law);
         let [message, command] =
             self.control.command(now, &directive, output.as_ref(), &self.intake);
 
@@ -234,6 +234,7 @@ impl Cycle {
     fn select_law(
         &mut self,
         (tick, directive): (&ControlTick, &Directive),
+        of_fallback: Option<Reference>,
         computed: Option<ControlOutput>,
         law: &mut dyn ExternalLaw,
     ) -> Option<ControlOutput> {
@@ -246,7 +247,7 @@ impl Cycle {
             intake: &self.intake,
             last: self.control.sent(),
             reference_ahead: self.supervision.course().reference_at(tick.now + delay),
-            of_fallback: self.supervision.course().without_attitude(tick.now),
+            of_fallback,
             is_free: self.supervision.is_free_flight(),
         };
         let selected = computed.map(|output| guarded.select(&law_tick, output, law));

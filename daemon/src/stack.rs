@@ -10,7 +10,6 @@ use oqtal_control::estimator::Estimate;
 use oqtal_control::options::OptionError;
 use oqtal_control::position::{OuterLoop, PositionCommand, PositionLoops};
 use oqtal_control::predictive::{Autopilot, Design, MotionTracker};
-use oqtal_control::quantity::StickCommand;
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::scalar_pid::PidGains;
 use oqtal_control::tracking_error::AttitudeError;
@@ -239,25 +238,22 @@ where
 
     fn compute(&mut self, input: &LawInput) -> Option<ControlOutput> {
         let LawInput { now_s, dt_s, estimate, tracker, reference } = input;
-        let (setpoint, mut rotation, terms, attitude) = match &mut self.loops {
+        let (setpoint, rotation, terms, attitude) = match &mut self.loops {
             Loops::Paper(position, law) => {
                 let setpoint = position.update(estimate, reference, *dt_s);
                 let state = AttitudeState { attitude: estimate.attitude, rate: estimate.rate };
-                let rotation = law.update(&state, &setpoint.attitude, *dt_s).into();
+                let rotation = law.update(&state, &setpoint.attitude, *dt_s);
                 (setpoint, rotation, law.terms(), setpoint.attitude.attitude)
             }
             Loops::Predictive(autopilot) => {
-                let output = autopilot.compute(*now_s, tracker, reference)?;
-                let rotation: RotationCommand = I::command_from(output.u).into();
-                (output.setpoint, rotation, output.terms, output.attitude)
+                let mut output = autopilot.compute(*now_s, tracker, reference)?;
+                if let Some(heading) = &self.heading {
+                    output.u.z = heading.stick(&output.motion.attitude, &output.attitude);
+                }
+                (output.setpoint, I::command_from(output.u), output.terms, output.attitude)
             }
         };
-        if let (Some(heading), Loops::Predictive(_)) = (&self.heading, &self.loops)
-            && let RotationCommand::Sticks(StickCommand(sticks)) = &mut rotation
-        {
-            let motion = tracker.motion_at(now_s + tracker.effect_delay_s())?;
-            sticks.z = heading.stick(&motion.attitude, &attitude);
-        }
+        let rotation: RotationCommand = rotation.into();
         let command = VehicleCommand::Armed { rotation, thrust_n: setpoint.thrust_n, attitude };
         let saturated = rotation.vector().amax() / self.limit >= SATURATED;
         Some(ControlOutput { setpoint, command, terms, saturated })

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use crate::flight::Flight;
 use crate::flight_sample::FlightSample;
-use crate::settling::{StepEnd, StepSettling};
+use crate::settling::{StepEnd, StepSettling, mean};
 
 /// Position error below which a corner is settled \[m\].
 const SETTLED_M: f64 = 0.05;
@@ -53,11 +53,6 @@ impl CornerFigures {
             approach_share: approach / whole,
         })
     }
-}
-
-/// Mean of the values; NaN without a value.
-fn mean(values: &Statistics) -> f64 {
-    if values.count() > 0 { values.mean() } else { f64::NAN }
 }
 
 /// Sums over the corners of several flights.

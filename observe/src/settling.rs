@@ -43,7 +43,7 @@ impl StepSettling {
             count: least.count() - cut_off,
             settled: settle.count(),
             cut_off,
-            settle_s: if settle.count() > 0 { settle.mean() } else { f64::NAN },
+            settle_s: mean(&settle),
             least_settle_s: least.mean(),
         })
     }
@@ -70,6 +70,11 @@ impl StepSettling {
             cut_off => format!("{settled}{comma}{cut_off} cut off by the end of the flight"),
         }
     }
+}
+
+/// Mean of the values; NaN without a value.
+pub(crate) fn mean(values: &Statistics) -> f64 {
+    if values.count() > 0 { values.mean() } else { f64::NAN }
 }
 
 /// End of the time in which a step can settle.

@@ -183,8 +183,9 @@ impl<T: Transport> Turn for PlantTurn<T> {
         let thinning = 1 + overdue_ms.max(0) / MOST_SAMPLED_MS;
         let (mut published, mut samples) = (Ok(()), 0);
         plant.advance(now, |output| {
-            samples += i64::from(matches!(output, PlantOutput::Truth(_)));
-            let is_left_out = matches!(output, PlantOutput::Truth(_)) && samples % thinning != 0;
+            let is_sample = matches!(output, PlantOutput::Truth(_));
+            samples += i64::from(is_sample);
+            let is_left_out = is_sample && samples % thinning != 0;
             if published.is_ok() && !is_left_out {
                 published = outputs.publish(output, clock);
             }

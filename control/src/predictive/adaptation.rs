@@ -181,13 +181,13 @@ impl Adaptation {
 
     /// Starts the estimators from a pose in flight.
     fn start(&mut self, pose: &MeasuredPose, motion: &Motion) {
-        let rotating = self.bounds().map(|bounds| {
+        self.rotating = self.bounds().map(|bounds| {
             let with = |deviation| {
                 let bounds = ResponseBounds { deviation, ..bounds };
                 RotationEstimator::new(bounds, &self.filter, pose.attitude)
             };
             let known = RateResponse { gain: Vector3::zeros(), lag_s: 0.0, delay_s: 0.0 };
-            EstimatorPair::new(with(bounds.deviation), with(known))
+            EstimatorPair::new([bounds.deviation, known].map(with), self.rotating.as_ref())
         });
         let AdaptationOptions { thrust_deviation, thrust_lag_deviation_ms, .. } = self.options;
         let thrust = motion.thrust_n / self.nominal.mass_kg;
@@ -196,10 +196,8 @@ impl Adaptation {
             let deviation = Vector2::new(thrust_deviation, lag_s);
             ThrustEstimator::new(&self.nominal, deviation, &self.filter, climbing)
         };
-        let lifting = EstimatorPair::new(with(thrust_lag_deviation_ms * 1e-3), with(0.0));
-        let before = self.rotating.zip(rotating);
-        self.rotating = before.map(|(before, fresh)| before.restarted_as(&fresh)).or(rotating);
-        self.lifting = Some(self.lifting.map_or(lifting, |before| before.restarted_as(&lifting)));
+        let estimators = [thrust_lag_deviation_ms * 1e-3, 0.0].map(with);
+        self.lifting = Some(EstimatorPair::new(estimators, self.lifting.as_ref()));
     }
 
     /// `None` for a vehicle whose rates are not commanded.

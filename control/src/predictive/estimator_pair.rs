@@ -58,14 +58,10 @@ pub(super) struct EstimatorPair<E> {
 }
 
 impl<E: AdaptiveEstimator> EstimatorPair<E> {
-    /// A pair before the first pose.
-    pub fn new(adapted: E, fixed: E) -> Self {
-        Self { adapted, fixed, evidence: 0.0, fits: [1.0; 2], probation_s: None }
-    }
-
-    /// The new pair `fresh`, with the mean squares of this one: the noise of the poses has not changed.
-    pub fn restarted_as(&self, fresh: &Self) -> Self {
-        Self { fits: self.fits, ..*fresh }
+    /// A pair before its first pose, with the mean squares of the pair `before` it, if any: the noise of the poses has not changed.
+    pub fn new([adapted, fixed]: [E; 2], before: Option<&Self>) -> Self {
+        let fits = before.map_or([1.0; 2], |before| before.fits);
+        Self { adapted, fixed, evidence: 0.0, fits, probation_s: None }
     }
 
     /// Both estimators.

@@ -3,9 +3,6 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-/// Standard deviation of the part of a predicted change that comes late, over the whole change \[-\].
-const CHANGE_SHARE: f64 = 0.5;
-
 /// Transition of the three states of an axis and the covariance added by it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StateTransition {
@@ -121,10 +118,9 @@ impl AxisFilter {
         self.covariance.predict(transition);
     }
 
-    /// Adds the uncertainty of a change of the second state by `change` \[its unit\], which was predicted for the last `dt_s` \[s\] and
-    /// may come later.
-    pub fn add_change(&mut self, change: f64, dt_s: f64) {
-        let deviation = Vector3::new(dt_s / 2.0, 1.0, 0.0) * (CHANGE_SHARE * change);
+    /// Adds the standard deviation `sd` \[unit of the second state\] of a change of the second state in the last `dt_s` \[s\].
+    pub fn add_change(&mut self, sd: f64, dt_s: f64) {
+        let deviation = Vector3::new(dt_s / 2.0, 1.0, 0.0) * sd;
         self.covariance.0 += deviation * deviation.transpose();
     }
 

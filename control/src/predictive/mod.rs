@@ -114,6 +114,8 @@ pub struct PredictiveOutput {
     pub terms: LawTerms,
     /// Command to a vehicle with its own attitude loop, body to world.
     pub attitude: Attitude,
+    /// Motion predicted for the time at which the command takes effect.
+    pub motion: Motion,
 }
 
 /// Position law and attitude law on the tracked motion. No step allocates.
@@ -217,6 +219,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
             u,
             terms: LawTerms { disturbance, ..self.attitude.terms() },
             attitude,
+            motion,
         })
     }
 

@@ -9,6 +9,9 @@ const MEMORY_S: f64 = 120.0;
 /// Innovation above which a pose corrects no parameter \[standard deviations\].
 const OUTLIER_SIGMA: f64 = 5.0;
 
+/// Least estimated lag \[s\]: a shorter one decays between two poses and cannot be distinguished from zero.
+pub(super) const LEAST_LAG_S: f64 = 10e-3;
+
 /// Parameters with their covariance, within bounds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ParameterEstimate<const N: usize> {
@@ -21,18 +24,28 @@ pub(super) struct ParameterEstimate<const N: usize> {
 }
 
 impl<const N: usize> ParameterEstimate<N> {
-    /// The estimate before the first innovation, with the covariance `prior`.
-    pub fn new(
-        nominal: SVector<f64, N>,
-        bounds: SVector<f64, N>,
-        prior: SMatrix<f64, N, N>,
-    ) -> Self {
+    /// The estimate of independent parameters before the first innovation: the bounds are two standard deviations away.
+    pub fn new(nominal: SVector<f64, N>, bounds: SVector<f64, N>) -> Self {
+        let sd = bounds * 0.5;
+        let prior = SMatrix::from_diagonal(&sd.component_mul(&sd));
         Self { nominal, bounds, prior, value: nominal, covariance: prior }
+    }
+
+    /// The estimate before the first innovation if `share` \[-\] of the variance of the first `count` parameters is common to them.
+    pub fn with_common(mut self, count: usize, share: f64) -> Self {
+        let sd = self.bounds * 0.5;
+        for (row, column) in (0..count).flat_map(|row| (0..count).map(move |column| (row, column)))
+        {
+            if row != column {
+                self.prior[(row, column)] = share * sd[row] * sd[column];
+            }
+        }
+        self.restarted()
     }
 
     /// The estimate before the first innovation.
     pub fn restarted(&self) -> Self {
-        Self::new(self.nominal, self.bounds, self.prior)
+        Self { value: self.nominal, covariance: self.prior, ..*self }
     }
 
     /// Whether every parameter is known.

@@ -9,24 +9,20 @@
 //! filter. Only roll and pitch correct the parameters: yaw, which rotors turn by their drag alone, responds more slowly on most
 //! vehicles. Its gain follows theirs in part, since part of a deviation is common to all axes.
 
-use nalgebra::{Matrix3, RowSVector, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, RowSVector, SVector, Vector3};
 
 use super::attitude_filter::AttitudeFilter;
 use super::estimator_pair::{AdaptiveEstimator, NormalisedSquare};
 use super::history::CommandHistory;
 use super::model::{Motion, Rotation};
 use super::options::FilterOptions;
-use super::parameter_estimate::ParameterEstimate;
+use super::parameter_estimate::{LEAST_LAG_S, ParameterEstimate};
 use crate::quaternion::Attitude;
 
 /// Walk of the body rate \[rad/s\] and of the bias of the demand \[rad/s\] per second: smaller than in a filter that must
 /// compensate a wrong model.
 const RATE_WALK: f64 = 0.05;
 const BIAS_WALK: f64 = 0.002;
-
-/// Least estimated lag \[s\]: a shorter one decays between two poses and cannot be distinguished from zero. With a bound of 5 ms,
-/// a vehicle with that lag and no delay oscillated until it was stopped when commands were lost in bursts.
-const LEAST_LAG_S: f64 = 10e-3;
 
 /// Relative step of the differences by which sensitivities are computed \[-\].
 const STEP: f64 = 1e-4;
@@ -40,6 +36,7 @@ const COMMON_SHARE: f64 = 0.5;
 
 /// Parameters: a gain for each axis, lag, delay.
 type Parameters = SVector<f64, 5>;
+const GAINS: usize = 3;
 const LAG: usize = 3;
 const DELAY: usize = 4;
 
@@ -75,16 +72,10 @@ pub struct ResponseBounds {
 }
 
 impl ResponseBounds {
-    /// The estimate before the first pose: the bounds are two standard deviations away.
+    /// The estimate before the first pose.
     fn estimate(&self) -> ParameterEstimate<5> {
-        let bounds = self.deviation.vector();
-        let sd = bounds * 0.5;
-        let mut prior = SMatrix::from_diagonal(&sd.component_mul(&sd));
-        for (row, column) in [(0, 1), (0, 2), (1, 2)] {
-            let common = COMMON_SHARE * sd[row] * sd[column];
-            (prior[(row, column)], prior[(column, row)]) = (common, common);
-        }
-        ParameterEstimate::new(self.nominal.vector(), bounds, prior)
+        let (nominal, bounds) = (self.nominal.vector(), self.deviation.vector());
+        ParameterEstimate::new(nominal, bounds).with_common(GAINS, COMMON_SHARE)
     }
 }
 
@@ -119,6 +110,8 @@ impl RotationEstimator {
         let nominal_s = bounds.nominal.lag_s;
         Self {
             estimate: bounds.estimate(),
+            // With a bound of 5 ms, a vehicle with that lag and no delay oscillated until it was stopped when commands were lost in
+            // bursts.
             least_lag_s: nominal_s.min(LEAST_LAG_S).max(0.1 * nominal_s),
             filter: AttitudeFilter::new(&options),
             motion: Motion { attitude, ..Motion::default() },
@@ -158,21 +151,18 @@ impl RotationEstimator {
         let response = self.response();
         let (turn, rate) = self.turned(&response, history, (from_s, to_s));
         let lag_s = response.lag_s;
+        let is_fixed = self.estimate.is_fixed();
         // The gain of an axis affects that axis alone, so one step of all gains gives the sensitivities of all axes.
-        let steps = [STEP, STEP * lag_s, STEP * lag_s];
-        let slopes: [(Vector3<f64>, Vector3<f64>); 3] = std::array::from_fn(|index| {
-            if self.estimate.is_fixed() {
+        let steps = [(0..GAINS, STEP), (LAG..DELAY, STEP * lag_s), (DELAY..5, STEP * lag_s)];
+        let slopes: [(Vector3<f64>, Vector3<f64>); 3] = steps.map(|(stepped, step)| {
+            if is_fixed {
                 return Default::default();
             }
-            let [gain, lag_s, delay_s] =
-                std::array::from_fn(|i| if i == index { steps[i] } else { 0.0 });
-            let beside = RateResponse {
-                gain: response.gain.add_scalar(gain),
-                lag_s: response.lag_s + lag_s,
-                delay_s: response.delay_s + delay_s,
-            };
+            let mut beside = *self.estimate.value();
+            beside.rows_range_mut(stepped).add_scalar_mut(step);
+            let beside = RateResponse::of(&beside);
             let (beside_turn, beside_rate) = self.turned(&beside, history, (from_s, to_s));
-            ((beside_turn - turn) / steps[index], (beside_rate - rate) / steps[index])
+            ((beside_turn - turn) / step, (beside_rate - rate) / step)
         });
         let transition = self.filter.transition(&Rotation::RateLoop { lag_s }, dt_s);
         for axis in 0..3 {

@@ -6,20 +6,17 @@
 //! in [`super::rotation_estimator`]. Commands are assumed to take effect as reported: a hidden delay appears as a longer lag. Only the
 //! lag is used in flight; the gain is estimated with it so that a wrong gain is not mistaken for a lag.
 
-use nalgebra::{Matrix4x2, RowVector2, SMatrix, Vector2, Vector3, Vector4};
+use nalgebra::{Matrix4x2, RowVector2, Vector2, Vector3, Vector4};
 
 use super::estimator_pair::{AdaptiveEstimator, NormalisedSquare};
 use super::history::CommandHistory;
 use super::model::{SHORTEST_LAG_S, VehicleModel};
 use super::options::FilterOptions;
-use super::parameter_estimate::ParameterEstimate;
+use super::parameter_estimate::{LEAST_LAG_S, ParameterEstimate};
 use super::position_filter::PositionFilter;
 
 /// Limit of the external acceleration \[m/s^2\].
 const ACCELERATION_LIMIT: f64 = 8.0;
-
-/// Least estimated lag \[s\]: a shorter one decays between two poses and cannot be distinguished from zero.
-const LEAST_LAG_S: f64 = 10e-3;
 
 /// Step of the differences by which sensitivities are computed: of the gain \[-\] and of the lag \[s\].
 const STEPS: [f64; 2] = [1e-4, 1e-5];
@@ -62,12 +59,10 @@ impl ThrustEstimator {
         options: &FilterOptions,
         motion: Vector3<f64>,
     ) -> Self {
-        let sd = deviation * 0.5;
-        let prior = SMatrix::from_diagonal(&sd.component_mul(&sd));
         let nominal = Vector2::new(1.0, model.thrust_lag_s);
         Self {
             model: *model,
-            estimate: ParameterEstimate::new(nominal, deviation, prior),
+            estimate: ParameterEstimate::new(nominal, deviation),
             filter: PositionFilter::new(options, ACCELERATION_LIMIT),
             motion,
             sensitivity: Matrix4x2::zeros(),

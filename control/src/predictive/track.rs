@@ -37,6 +37,9 @@ const HUBER_SIGMA: f64 = 2.5;
 /// adapted: with 5, a vehicle of a lag of 10 ms and 1.3 times the authority was stopped in 24 of 32 hovers, with 20 in 3.
 const UNEXPECTED_SIGMA: f64 = 20.0;
 
+/// Standard deviation of the part of a predicted change of the rate that comes late, over the whole change \[-\].
+const LATE_SHARE: f64 = 0.5;
+
 /// Limit of each component of the external acceleration \[m/s^2\]: for admission, wind of half the weight, or half of the thrust
 /// missing; for a law that subtracts it from its command.
 const ADMISSION_LIMIT: f64 = 8.0;
@@ -203,7 +206,7 @@ impl Track {
         // The rate changes later than predicted if rotors are at the end of their range, or commands come late.
         let change = (next.motion.rate - self.motion.rate).norm();
         let admission = next.admission.as_mut().unwrap_or(&mut next.filters);
-        admission.attitude.axis.add_change(change, dt_s);
+        admission.attitude.axis.add_change(LATE_SHARE * change, dt_s);
         next
     }
 
