@@ -38,7 +38,7 @@ use oqtal_config::Config;
 use oqtal_control::predictive::{MeasuredPose, MotionTracker};
 
 use crate::delayed_mean::DelayedMean;
-use crate::floor::AIRBORNE_M;
+use crate::floor::{AIRBORNE_M, LANDED_M};
 use crate::guard::seconds;
 use crate::measured_noise::PoseDeviations;
 use commanded::CommandedRotation;
@@ -129,6 +129,8 @@ pub struct PoseConsistency {
     pending: PendingRotations,
     /// Time in the air with rotations of the same source \[s\].
     airborne_s: f64,
+    /// Whether the vehicle has been in the air in this flight.
+    has_flown: bool,
     seen: WashOut,
     driven: WashOut,
     /// Mean square of the difference of both \[rad^2\].
@@ -158,6 +160,7 @@ impl PoseConsistency {
             by_gyroscope: false,
             pending: PendingRotations::default(),
             airborne_s: 0.0,
+            has_flown: false,
             seen: WashOut::default(),
             driven: WashOut::default(),
             deviation: DelayedMean::new(deviation * deviation, DEVIATION_S),
@@ -177,7 +180,7 @@ impl PoseConsistency {
     pub fn restart(&mut self) {
         self.clear();
         self.rates.restart();
-        (self.contradicts, self.stays_on_floor) = (false, false);
+        (self.contradicts, self.stays_on_floor, self.has_flown) = (false, false, false);
         (self.standstill, self.unseen) = (StandstillTest::default(), Vector3::zeros());
     }
 
@@ -233,6 +236,7 @@ impl PoseConsistency {
     ) {
         let is_airborne =
             tracker.track().is_some() && pose.position.z > tracker.floor_m() + AIRBORNE_M;
+        self.has_flown |= is_airborne;
         if !is_airborne {
             self.airborne_s = 0.0;
             self.clear();
@@ -325,6 +329,11 @@ impl PoseConsistency {
         }
     }
 
+    /// Whether the vehicle may stand on the floor at `floor_m` \[m, world z\]: one that has flown may hover just above it.
+    fn is_on_floor(&self, pose: &MeasuredPose, floor_m: f64) -> bool {
+        pose.position.z <= floor_m + if self.has_flown { LANDED_M } else { AIRBORNE_M }
+    }
+
     fn test_motion(
         &mut self,
         tracker: &MotionTracker,
@@ -343,7 +352,7 @@ impl PoseConsistency {
             self.standstill = StandstillTest::default();
         } else if dt_s > LONGEST_STEP_S {
             self.standstill.interrupt();
-        } else if !is_airborne {
+        } else if self.is_on_floor(pose, tracker.floor_m()) {
             let lift_m_s2 = acceleration.z - tracker.model().gravity_m_s2;
             let rise = self.standstill.take_near_floor(position, lift_m_s2, deviation_m, dt_s);
             self.stays_on_floor = rise * DEFAULT_LIMIT >= self.limit;

@@ -53,6 +53,7 @@
 
 mod arming;
 mod background;
+mod clearance;
 mod command;
 mod command_model;
 mod condition;

@@ -61,7 +61,12 @@ impl StoppingRoom {
     /// Whether `position` \[m, world\] is inside the soft border of the fence and high enough above the floor.
     pub fn contains(&self, position: &Vector3<f64>) -> bool {
         // Comparisons with NaN are false.
-        self.fence.inside_soft_m(position) > 0.0 && position.z >= self.floor_m + LEAST_WAY_M
+        self.fence.inside_soft_m(position) > 0.0 && position.z >= self.least_m()
+    }
+
+    /// Least height of a reference \[m, world z\].
+    pub fn least_m(&self) -> f64 {
+        self.floor_m + LEAST_WAY_M
     }
 
     /// The stop from the motion `from`: with the acceleration of `[reference]` if that has room, otherwise with a greater one, as the
@@ -106,7 +111,7 @@ impl StoppingRoom {
     /// It leaves the soft border of the fence, or comes close to the floor.
     pub fn require(&self, detour: &Detour, from_m: f64) -> Result<(), Cause> {
         // A way that begins lower may lead upwards.
-        let lowest_m = (self.floor_m + LEAST_WAY_M).min(from_m - TOLERANCE_M);
+        let lowest_m = self.least_m().min(from_m - TOLERANCE_M);
         let points = (detour.duration_s() / DETOUR_STEP_S).clamp(1.0, MOST_DETOUR_POINTS) as u32;
         for index in 0..=points {
             let t_s = detour.duration_s() * f64::from(index) / f64::from(points);

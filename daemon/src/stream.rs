@@ -8,6 +8,7 @@ use oqtal_bus::code::ReferenceKind;
 use oqtal_bus::message::ReferenceV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
+use oqtal_control::euler::shorter_turn;
 use oqtal_control::quantity::BodyRate;
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::tracking_error::AttitudeReference;
@@ -29,6 +30,8 @@ const VELOCITY_MISMATCH: f64 = 2.0;
 const ACCELERATION_MISMATCH: f64 = 10.0;
 /// Limit of the jerk over that of the acceleration \[1/s\]: the limit of the acceleration is reached within a tenth of a second.
 const JERK_FACTOR: f64 = 10.0;
+/// Greatest turn from one reference to the next \[deg\].
+const MOST_TURN_DEG: f64 = 45.0;
 /// Refusal of a reference outside the room.
 const NO_ROOM: &str =
     "it leads outside the soft border of [fence], or less than 0.1 m above the floor";
@@ -46,6 +49,7 @@ struct StreamLimits {
     speed_m_s: f64,
     acceleration_m_s2: f64,
     jump_m: f64,
+    yaw_rate_rad_s: f64,
     cosine_of_tilt: f64,
     longest_validity: Span,
 }
@@ -253,6 +257,7 @@ impl StreamLimits {
             speed_m_s: options.speed_limit_m_s,
             acceleration_m_s2: options.acceleration_limit_m_s2,
             jump_m: options.jump_limit_m,
+            yaw_rate_rad_s: config.vehicle.rate_authority_rad_s[2],
             cosine_of_tilt: config.position.tilt_limit_deg.to_radians().cos(),
             longest_validity: Span::from_seconds(options.longest_validity_ms * 1e-3),
         }
@@ -291,13 +296,14 @@ impl StreamLimits {
             FollowedReference { time, valid_until, motion, jerk, is_smooth, attitude };
         if kind == ReferenceKind::Attitude {
             reference.attitude = Some(self.attitude(message)?);
-            // The horizontal position is not controlled.
-            reference.motion.value.x = present.value.x;
-            reference.motion.value.y = present.value.y;
+            // Horizontal position and heading are not controlled.
+            let height = reference.motion.value.z;
+            reference.motion.value = present.value;
+            reference.motion.value.z = height;
             for derivative in [&mut reference.motion.rate, &mut reference.motion.acceleration] {
-                (derivative.x, derivative.y) = (0.0, 0.0);
+                *derivative = Vector4::z() * derivative.z;
             }
-            (reference.jerk.x, reference.jerk.y) = (0.0, 0.0);
+            reference.jerk = Vector3::z() * reference.jerk.z;
         }
         self.require_allowed(now, &reference, (present, room)).map(|()| reference)
     }
@@ -322,9 +328,7 @@ impl StreamLimits {
         require(["jerk", "m/s^3"], reference.jerk.norm(), jerk)?;
         let end_speed = ("2 x reference.speed-limit-m-s", END_SPEED * self.speed_m_s);
         require(["speed at the end of its validity", "m/s"], end.rate.xyz().norm(), end_speed)?;
-        if !now.value.w.is_finite() || !now.rate.w.is_finite() {
-            return Err(SetpointRefusal::Invalid("its yaw is not finite"));
-        }
+        self.require_heading(&now, present)?;
         let both = [now, end];
         if !both.iter().all(|motion| room.contains(&motion.value.xyz())) {
             return Err(SetpointRefusal::Invalid(NO_ROOM));
@@ -333,6 +337,19 @@ impl StreamLimits {
         let has_stop =
             |motion| room.has_stop(motion) && room.has_stop(&without_acceleration(motion));
         both.iter().all(has_stop).then_some(()).ok_or(SetpointRefusal::Invalid(NO_STOP))
+    }
+
+    /// Requires that the heading of the motion `now` does not jump: a law would lose the tilt over a large turn.
+    fn require_heading(
+        &self,
+        now: &ReferenceMotion,
+        present: &ReferenceMotion,
+    ) -> Result<(), SetpointRefusal> {
+        let turn_deg = shorter_turn(now.value.w - present.value.w).abs().to_degrees();
+        let turn = ("the greatest turn at once", MOST_TURN_DEG);
+        require(["turn from the present heading", "deg"], turn_deg, turn)?;
+        let rate = ("the yaw of vehicle.rate-authority-rad-s", self.yaw_rate_rad_s);
+        require(["yaw rate", "rad/s"], now.rate.w.abs(), rate)
     }
 
     /// The attitude of `message`.

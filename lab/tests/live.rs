@@ -1,6 +1,7 @@
 //! Flights that are changed in flight: points, trajectories, settings and laws by request, and references of a planner.
 
 mod attitude;
+mod planners;
 mod requests;
 mod room;
 

@@ -148,12 +148,16 @@ impl PositionLaw {
         let (horizontal, vertical) = (axes(&target, HORIZONTAL), axes(&target, VERTICAL));
         let begins = !std::mem::replace(&mut self.is_following, true);
         if begins {
-            self.vertical.restart(vertical.position, vertical.velocity);
+            self.vertical.restart(vertical.position, vertical.velocity, Vector3::zeros());
         } else if strays(&self.vertical, motion, VERTICAL) {
             restart(&mut self.vertical, motion, VERTICAL);
         }
-        if begins || reference.attitude.is_some() || strays(&self.horizontal, motion, HORIZONTAL) {
+        let is_free = begins || reference.attitude.is_some();
+        if is_free {
             self.filter.reset();
+            self.horizontal.restart(Vector3::zeros(), Vector3::zeros(), Vector3::zeros());
+        }
+        if is_free || strays(&self.horizontal, motion, HORIZONTAL) {
             restart(&mut self.horizontal, motion, HORIZONTAL);
         }
         if reference.attitude.is_none() {
@@ -172,8 +176,10 @@ fn strays(model: &ReferenceModel, motion: &Motion, axes: Vector3<f64>) -> bool {
     (motion.position.component_mul(&axes) - model.course().position).norm() > LEASH_M
 }
 
+/// Restarts the model from the vehicle. Its acceleration continues: without it the vehicle would be level for a moment.
 fn restart(model: &mut ReferenceModel, motion: &Motion, axes: Vector3<f64>) {
-    model.restart(motion.position.component_mul(&axes), motion.velocity.component_mul(&axes));
+    let [position, velocity] = [motion.position, motion.velocity].map(|x| x.component_mul(&axes));
+    model.restart(position, velocity, model.course().acceleration);
 }
 
 /// The part of a course along some axes.

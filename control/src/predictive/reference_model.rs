@@ -187,9 +187,14 @@ impl ReferenceModel {
         self.target.plus(&self.offset, 1.0)
     }
 
-    /// Restarts from `position` \[m, world\] and `velocity` \[m/s, world\].
-    pub fn restart(&mut self, position: Vector3<f64>, velocity: Vector3<f64>) {
-        self.target = Course { position, velocity, ..Course::default() };
+    /// Restarts from `position` \[m, world\], `velocity` \[m/s, world\] and `acceleration` \[m/s^2, world\].
+    pub fn restart(
+        &mut self,
+        position: Vector3<f64>,
+        velocity: Vector3<f64>,
+        acceleration: Vector3<f64>,
+    ) {
+        self.target = Course { position, velocity, acceleration, ..Course::default() };
         [self.leader, self.between, self.offset] = [Course::default(); 3];
     }
 

@@ -3,7 +3,7 @@
 //!
 //! For a law that does not predict, the model is the configured one and the noise that of admission. For one that predicts, the
 //! model is the adapted one, and the motion is estimated with the noise of an undisturbed flight ([`Track`]). The adaptation uses
-//! only admitted poses, within its bounds, and is reset on the ground.
+//! only admitted poses, within its bounds, continues under any law that follows in the same flight, and is reset on the ground.
 
 use super::adaptation::{Adaptation, AdaptedModel};
 use super::history::{CommandEffect, CommandHistory, CommandReport};
@@ -75,14 +75,15 @@ impl MotionTracker {
     }
 
     /// Continues the flight with the model and the noise of `other`, for another law or other options. The adapted parameters are kept
-    /// unless the law or the bounds of the adaptation are others.
+    /// unless the bounds of the adaptation are others, or `other` predicts with a fixed model.
     pub fn change_law(&mut self, other: &Self) {
         (self.nominal, self.model) = (other.nominal, other.model);
         (self.expected, self.noise, self.innovation) = (other.expected, other.noise, None);
-        self.adaptation = self.adaptation.zip(other.adaptation).map_or(other.adaptation, |pair| {
-            let (own, other) = pair;
-            Some(own.continued_as(&other))
-        });
+        self.adaptation = match (self.adaptation, other.adaptation) {
+            (Some(own), Some(other)) => Some(own.continued_as(&other)),
+            (Some(own), None) if other.expected.estimation.is_none() => Some(own),
+            (_, other) => other,
+        };
         self.history.set_effect(CommandEffect::default());
         self.adopt_model();
         self.track = self.track.map(|track| track.with_noise(&other.noise));
@@ -92,11 +93,11 @@ impl MotionTracker {
     pub fn begin(&mut self, t_s: f64, pose: &MeasuredPose, floor_m: f64) {
         self.track = Some(Track::at_rest(&self.noise, t_s, pose));
         (self.floor_m, self.innovation) = (floor_m, None);
-        if let Some(adaptation) = &mut self.adaptation {
-            // The next flight may have another battery, load or vehicle.
-            adaptation.reset();
-            self.adopt_model();
-        }
+        // The next flight may have another battery, load or vehicle.
+        self.adaptation = self.adaptation.filter(|_| self.noise.estimation.is_some());
+        self.adaptation.iter_mut().for_each(Adaptation::reset);
+        self.model = self.nominal;
+        self.history.set_effect(CommandEffect::default());
     }
 
     /// Ends the flight: on the ground no motion is predicted.
@@ -235,7 +236,7 @@ impl MotionTracker {
     /// Corrects the prediction `expected` by an admitted pose, which deviates from it by `deviation`.
     pub fn correct(&mut self, expected: &Track, deviation: &Deviation, pose: &MeasuredPose) {
         let mut track = expected.corrected(deviation, self.floor_m);
-        if self.noise.estimation.is_some() {
+        if self.noise.estimation.is_some() || self.adaptation.is_some() {
             let weight_n = self.model.mass_kg * self.model.gravity_m_s2;
             if track.motion.thrust_n >= LIFTING * weight_n {
                 track = track.lifted();

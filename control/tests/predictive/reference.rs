@@ -112,7 +112,7 @@ proptest! {
         let (radius, rate) = (1.55, 1.29);
         let limits = MotionLimits { speed: 2.5, acceleration: 4.0 };
         let mut model = ReferenceModel::new(ReferenceModelOptions::default(), limits);
-        model.restart(start, Vector3::zeros());
+        model.restart(start, Vector3::zeros(), Vector3::zeros());
         for tick in 1..=1200 {
             let (sin, cos) = (turn + rate * PERIOD_S * f64::from(tick)).sin_cos();
             let (out, along) = (Vector3::new(cos, sin, 0.0), Vector3::new(-sin, cos, 0.0));

@@ -14,6 +14,7 @@ use oqtal_control::trajectory::{
     TrajectoryOptions,
 };
 
+use crate::clearance::FloorClearance;
 use crate::condition::Followed;
 use crate::fence::Fence;
 use crate::floor;
@@ -40,6 +41,7 @@ pub(super) struct FlightCourse {
     /// Whether the present plan is the stop after a planner's references.
     is_after_stream: bool,
     check: SetpointGuard,
+    clearance: FloorClearance,
     /// The last estimate of position \[m, world\] and velocity \[m/s, world\].
     vehicle: [Vector3<f64>; 2],
     mission: Option<ActiveMission>,
@@ -64,6 +66,7 @@ impl FlightCourse {
             stream: ReferenceStream::new(config),
             is_after_stream: false,
             check: SetpointGuard::new(fence),
+            clearance: FloorClearance::default(),
             vehicle: [Vector3::zeros(); 2],
             mission: None,
             setpoint: CheckedSetpoint::default(),
@@ -144,6 +147,11 @@ impl FlightCourse {
             true => CheckedSetpoint { reference: Some(reference), refusal: None },
             false => self.check.pass(mission.changes(), &reference),
         };
+        if !self.observe_only {
+            let heights = (self.vehicle[0].z, self.room.least_m());
+            let raised = |reference| self.clearance.raise(now, reference, heights);
+            self.setpoint.reference = self.setpoint.reference.map(raised);
+        }
         self.setpoint.refusal = self.stream.take_refusal().or(self.setpoint.refusal);
     }
 
@@ -274,7 +282,7 @@ impl FlightCourse {
         is_landing: bool,
     ) -> bool {
         let rest = match state {
-            SafetyState::Hold => self.setpoint.at(self.inside.unwrap_or(position)),
+            SafetyState::Hold => self.setpoint.at(self.holding_point(position)),
             _ => self.setpoint.at(position),
         };
         // A landing that begins in this tick is not held either: nothing would resume it.
@@ -310,6 +318,15 @@ impl FlightCourse {
             self.update_setpoint(now);
         }
         lands
+    }
+
+    /// The point of a hold of a vehicle at `position` \[m, world\], at the height of the reference where that is inside: each of
+    /// several holds at the height of a vehicle that is below its reference would be lower than the one before.
+    fn holding_point(&self, position: Vector3<f64>) -> Vector3<f64> {
+        let point = self.inside.unwrap_or(position);
+        let at_height = |reference: Reference| point.xy().push(reference.position.z);
+        let level = self.setpoint.reference.map(at_height);
+        level.filter(|level| self.room.contains(level)).unwrap_or(point)
     }
 
     /// Lands above `position` \[m, world\], from the height and at the heading of the reference that was flown last.

@@ -25,7 +25,11 @@ impl Draw {
     }
 
     pub(super) fn of<'a>(&mut self, texts: &[&'a str]) -> &'a str {
-        texts[(self.next() * texts.len() as f64) as usize]
+        self.one(texts)
+    }
+
+    pub(super) fn one<T: Copy>(&mut self, values: &[T]) -> T {
+        values[(self.next() * values.len() as f64) as usize]
     }
 }
 
