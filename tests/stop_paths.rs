@@ -292,6 +292,32 @@ fn a_landing_is_not_confirmed_while_another_daemon_of_that_name_hangs() {
 }
 
 #[test]
+fn a_landing_by_name_is_confirmed_by_the_only_daemon_that_is_left() {
+    let testbed = Testbed::new("one-landing");
+    // The vehicle of a daemon that has ended.
+    let elsewhere = testbed.path("elsewhere").display().to_string();
+    let words = ["plant-sim", "run", "--instance", testbed.instance(), "--root", &elsewhere];
+    let _plant = Running::start(&mut testbed.study(&words));
+    let bus = testbed.bus();
+    let _processes = testbed.services();
+    testbed.take_off(&bus);
+    let output = rootless(&testbed, &["land"]).output().unwrap();
+    assert!(output.status.success(), "{output:?}");
+}
+
+#[test]
+fn a_stop_is_not_confirmed_by_one_of_two_daemons() {
+    let testbed = Testbed::new("two-daemons");
+    let bus = testbed.bus();
+    let _processes = testbed.services();
+    testbed.take_off(&bus);
+    let (_second, paths) = suspended(&testbed, "daemon");
+    let output = rootless(&testbed, &["stop"]).output().unwrap();
+    let place = paths.root.display().to_string();
+    assert_refused(&output, 75, &["not every daemon has obeyed", &place]);
+}
+
+#[test]
 fn a_stop_calls_off_an_arming_that_waits_for_the_end_of_a_fall() {
     let testbed = Testbed::new("called-off");
     let bus = testbed.bus();

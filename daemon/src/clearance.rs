@@ -43,8 +43,8 @@ impl FloorClearance {
 
     /// `reference` at the height `least_m` \[m, world\] or above; a raised one does not climb or sink.
     fn at_least(reference: Reference, least_m: f64) -> Reference {
-        // A comparison with NaN is false.
-        if !(reference.position.z < least_m) {
+        let is_low = reference.position.z < least_m;
+        if !is_low {
             return reference;
         }
         let level = |vector: Vector3<f64>| vector.xy().push(0.0);

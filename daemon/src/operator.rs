@@ -6,11 +6,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand};
+use oqtal_bus::code::{Answer, Cause, HandoverCause, Mode, OperatorCommand};
 use oqtal_bus::message::{AS_STARTED, ControlRequestV1, ControlResponseV1, EventV1};
 use oqtal_bus::text::LongText;
 use oqtal_bus::time::Time;
 use oqtal_config::Config;
+use oqtal_control::controller::ControlOptions;
 use oqtal_runtime::handoff::{BackgroundHandle, handoff};
 
 use crate::condition::{Condition, Followed};
@@ -118,7 +119,8 @@ impl OperatorRequests {
         };
         let is_other = request.config_hash != 0 && request.config_hash != self.config_hash;
         if is_other && command.begins_flight() {
-            return refused(Cause::OtherConfig, self.present(Answer::Refused));
+            let response = refused(Cause::OtherConfig, self.present(Answer::Refused));
+            return self.refuse(&request, response, publish);
         }
         if command.begins_flight() {
             return self.begin(command, &request, publish);
@@ -137,7 +139,18 @@ impl OperatorRequests {
             let text = LongText::new(&self.law_and_trajectory(response.mode));
             return ControlResponseV1 { text, ..response };
         }
-        publish_executed(&request, event, &response, publish);
+        publish_answered(&request, event, &response, publish);
+        response
+    }
+
+    /// Publishes the refusal `response` of a request that does not reach the loop.
+    fn refuse(
+        &mut self,
+        request: &ControlRequestV1,
+        response: ControlResponseV1,
+        publish: &mut dyn FnMut(EventV1),
+    ) -> ControlResponseV1 {
+        publish_answered(request, self.next_event(), &response, publish);
         response
     }
 
@@ -153,13 +166,14 @@ impl OperatorRequests {
         let Some(config) = self.settings.as_ref().map(LiveSettings::present) else {
             return String::new();
         };
-        let law = format!("law {}", config.control.controller.name());
+        let law = self.law(&config.control);
         if config.safety.observe_only {
             return law;
         }
         let in_flight = self.course.clone().filter(|_| mode != Mode::Disarmed.code());
         let course = in_flight.unwrap_or_else(|| configured_course(config));
         let course = match self.last.followed {
+            _ if mode == Mode::Landing.code() => "landing".to_owned(),
             Followed::Planner => "references of a planner".to_owned(),
             Followed::Ended => "at the end of the references".to_owned(),
             Followed::End => format!("{course}, at its end"),
@@ -169,6 +183,17 @@ impl OperatorRequests {
             Some(refusal) => format!("{law}, {course}; set-point refused: {refusal}"),
             None => format!("{law}, {course}"),
         }
+    }
+
+    /// The law that flies: the configured one, or the fallback in place of it, with the reason.
+    fn law(&self, control: &ControlOptions) -> String {
+        let configured = control.controller.name();
+        if self.last.cause != Cause::Fallback.code() {
+            return format!("law {configured}");
+        }
+        let fallback = control.of_fallback().unwrap_or(*control).built_in().name();
+        let reason = HandoverCause::from_code(self.last.handover_cause).unwrap_or_default();
+        format!("law {fallback} in place of {configured} ({reason})")
     }
 
     /// Passes a request for a flight on; the answer, and an event for recordings that began later, name the settings that were
@@ -182,17 +207,20 @@ impl OperatorRequests {
         let changed = self.settings.as_ref().map_or(LongText::EMPTY, LiveSettings::changed);
         if !changed.is_empty() && request.text.as_str() == AS_STARTED {
             let present = self.present(Answer::Refused);
-            return refused(Cause::OtherConfig, ControlResponseV1 { text: changed, ..present });
+            let response =
+                refused(Cause::OtherConfig, ControlResponseV1 { text: changed, ..present });
+            return self.refuse(request, response, publish);
         }
         let event = self.next_event();
         let response =
             self.pass_on(LoopRequest::Operator { command, event }, Validity::of(request));
         if response.answer == Answer::Refused.code() {
+            publish_answered(request, event, &response, publish);
             return response;
         }
         self.course = None;
         let response = ControlResponseV1 { text: changed, ..response };
-        publish_executed(request, event, &response, publish);
+        publish_answered(request, event, &response, publish);
         response
     }
 
@@ -302,16 +330,18 @@ impl OperatorRequests {
     }
 }
 
-/// Publishes an event, with this `number`, for a request that was executed; none for a refused one.
-fn publish_executed(
+/// Publishes an event, with this `number`, for a request that was executed or refused.
+fn publish_answered(
     request: &ControlRequestV1,
     number: u64,
     response: &ControlResponseV1,
     publish: &mut dyn FnMut(EventV1),
 ) {
-    if response.answer != Answer::Refused.code() {
-        publish(EventV1 { number, text: response.text, ..event(request, Answer::Accepted) });
-    }
+    let event = EventV1 { number, ..event(request, Answer::Accepted) };
+    publish(match response.answer == Answer::Refused.code() {
+        true => refused_event(event, response),
+        false => EventV1 { text: response.text, ..event },
+    });
 }
 
 /// The event of `request`, with this answer.

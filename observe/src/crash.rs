@@ -38,7 +38,7 @@ pub enum Crash {
         /// Position of the vehicle \[m, world\].
         position: [f64; 3],
     },
-    /// The daemon ended in flight; the next one starts disarmed, and the vehicle falls.
+    /// The daemon ended in flight, or hung; the next one starts disarmed, and the vehicle falls.
     DaemonDied,
 }
 
@@ -50,7 +50,7 @@ impl Crash {
             Self::Hard { .. } => "hit the floor",
             Self::TurnedOver { .. } => "turned over",
             Self::Lost { .. } => "flew away",
-            Self::DaemonDied => "fell: the daemon ended in flight",
+            Self::DaemonDied => "fell: the daemon ended or hung in flight",
         }
     }
 

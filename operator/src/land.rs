@@ -19,7 +19,7 @@ use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::beside;
 
 use crate::reach::{AddressedInstance, FoundProcesses, Reached, place_of, root_of, signal_all};
-use crate::request::{place, silent};
+use crate::request::{left, place, silent};
 
 /// Time within which a running daemon answers a request.
 const ANSWER_TIMEOUT: Span = Span::from_millis(300);
@@ -61,12 +61,13 @@ pub fn land(
     let is_signalled = Arc::new(AtomicBool::default());
     let answer = request(paths, landing, &is_signalled);
     let give_up = Time::now() + TIMEOUT;
-    let mut answered = answer.recv_timeout(SIGNAL_DELAY);
+    let (mut answered, mut here) = (answer.recv_timeout(SIGNAL_DELAY), Vec::new());
     while !matches!(answered, Ok(Ok(Some(_)))) {
         // Searched each time: the daemon may be starting.
         let found = FoundProcesses::search(address).addressed;
-        let here = found.iter().filter(|p| is_daemon(p) && p.is_under(paths));
-        let sent = signal_all(LAND_SIGNAL, here);
+        let is_here = |process: &&ObeyingProcess| is_daemon(process) && process.is_under(paths);
+        here = found.iter().filter(is_here).map(place_of).collect();
+        let sent = signal_all(LAND_SIGNAL, found.iter().filter(is_here));
         is_signalled.fetch_or(!sent.is_empty(), Ordering::AcqRel);
         lines.extend(sent);
         if answered.is_ok() || Time::now() >= give_up {
@@ -76,23 +77,19 @@ pub fn land(
     }
     lines.sort();
     lines.dedup();
-    let said = match answered {
-        Ok(Ok(Some(response))) => {
-            return combined(response, elsewhere, give_up)
-                .map_err(|silent| unconfirmed(&silent, &paths.instance, &lines));
-        }
+    let (response, said) = match answered {
+        Ok(Ok(Some(response))) => (Some(response), String::new()),
         Ok(Err(error)) if lines.is_empty() => return Err(error.into()),
-        Ok(Err(error)) => error.to_string(),
+        Ok(Err(error)) => (None, error.to_string()),
         _ if lines.is_empty() => return Err(reached.nobody("land", silent_text(paths))),
-        _ => "no answer".to_owned(),
+        _ => (None, "no answer".to_owned()),
     };
-    lines.push(format!("control service: {said}"));
-    let message = format!(
-        "land: requested by signal, but the daemon has not confirmed it; `oqtal ctl stop {}` stops the motors\n  {}",
-        place(paths),
-        lines.join("\n  ")
-    );
-    Err(Failure::new(Exit::Flight, message))
+    if response.is_some() || !elsewhere.is_empty() {
+        let silent = if response.is_some() { Vec::new() } else { here };
+        return combined((response, silent), elsewhere, give_up)
+            .map_err(|silent| unconfirmed(&silent, &paths.instance, &lines));
+    }
+    Err(unanswered(paths, lines, &said))
 }
 
 fn is_daemon(process: &ObeyingProcess) -> bool {
@@ -121,28 +118,37 @@ fn request_elsewhere(
     (daemons.iter().map(ask).collect(), lines)
 }
 
-/// Returns `response` or, if it is a refusal, the first answer from elsewhere that is not: that daemon's vehicle is the one in flight.
+/// Returns `response` or, if there is none or it is a refusal, the first answer from elsewhere that is not: that daemon's vehicle is the
+/// one in flight.
 ///
 /// # Errors
-/// The daemons that were signalled and have not answered until `give_up`: their vehicles may fly.
+/// The daemons that were signalled and have not answered until `give_up`, `silent` among them: their vehicles may fly.
 fn combined(
-    response: ControlResponseV1,
+    (response, mut silent): (Option<ControlResponseV1>, Vec<String>),
     elsewhere: Vec<PendingAnswer>,
     give_up: Time,
 ) -> Result<ControlResponseV1, Vec<String>> {
-    let (mut answers, mut silent) = (vec![response], Vec::new());
+    let mut answers = Vec::from_iter(response);
     for PendingAnswer { daemon, answer } in elsewhere {
-        let left = Duration::from_nanos(give_up.since(Time::now()).nanos().max(0).unsigned_abs());
-        match answer.and_then(|answer| answer.recv_timeout(left).ok()) {
+        match answer.and_then(|answer| answer.recv_timeout(left(give_up)).ok()) {
             Some(Ok(Some(answer))) => answers.push(answer),
             _ => silent.push(daemon),
         }
     }
     let is_refused = |answer: &&ControlResponseV1| answer.answer == Answer::Refused.code();
-    match silent.is_empty() {
-        true => Ok(*answers.iter().find(|answer| !is_refused(answer)).unwrap_or(&response)),
-        false => Err(silent),
-    }
+    let accepted = answers.iter().find(|answer| !is_refused(answer)).or(answers.first());
+    accepted.copied().filter(|_| silent.is_empty()).ok_or(silent)
+}
+
+/// Failure of a landing that the only daemon, that of `paths`, has not confirmed.
+fn unanswered(paths: &InstancePaths, mut lines: Vec<String>, said: &str) -> Failure {
+    lines.push(format!("control service: {said}"));
+    let message = format!(
+        "land: requested by signal, but the daemon has not confirmed it; `oqtal ctl stop {}` stops the motors\n  {}",
+        place(paths),
+        lines.join("\n  ")
+    );
+    Failure::new(Exit::Flight, message)
 }
 
 /// Failure of a landing that the daemons `silent` have not confirmed, after signals with the results `lines`.

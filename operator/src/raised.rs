@@ -20,8 +20,12 @@ pub(crate) struct RaisedStops {
 struct RaisedStop {
     switch: StopSwitch,
     number: u32,
-    /// Whether the process of a vehicle reads these words.
+    /// Names of the vehicles' processes that read these words.
+    vehicles: Vec<String>,
+    /// Whether a process of a vehicle, found or not, reads these words.
     is_vehicles: bool,
+    /// Whether a daemon that was found reads these words.
+    has_daemon: bool,
 }
 
 impl RaisedStops {
@@ -35,7 +39,9 @@ impl RaisedStops {
             };
             let result = match switch {
                 Ok(switch) => {
-                    self.raise(switch, process.is_vehicle);
+                    let raised = self.raise(switch, process.is_vehicle);
+                    raised.has_daemon |= !process.is_vehicle;
+                    raised.vehicles.extend(process.is_vehicle.then(|| name_of(process)));
                     "raised".to_owned()
                 }
                 Err(reason) => {
@@ -71,14 +77,27 @@ impl RaisedStops {
     }
 
     /// Raises the stop once in each set of words.
-    fn raise(&mut self, switch: StopSwitch, is_vehicles: bool) {
-        match self.words.iter_mut().find(|raised| raised.switch.is_same(&switch)) {
-            Some(raised) => raised.is_vehicles |= is_vehicles,
-            None => {
-                let number = switch.raise();
-                self.words.push(RaisedStop { switch, number, is_vehicles });
-            }
+    fn raise(&mut self, switch: StopSwitch, is_vehicles: bool) -> &mut RaisedStop {
+        let present = self.words.iter().position(|raised| raised.switch.is_same(&switch));
+        let index = present.unwrap_or_else(|| {
+            let (number, vehicles) = (switch.raise(), Vec::new());
+            let new = RaisedStop { switch, number, vehicles, is_vehicles, has_daemon: false };
+            self.words.push(new);
+            self.words.len() - 1
+        });
+        let raised = &mut self.words[index];
+        raised.is_vehicles |= is_vehicles;
+        raised
+    }
+
+    /// Names of the vehicles' processes that have not obeyed, if others have.
+    pub(crate) fn laggards(&self) -> Vec<String> {
+        let of_vehicles = || self.words.iter().filter(|raised| raised.is_vehicles);
+        let has_obeyed = |raised: &&RaisedStop| raised.report().vehicle_obeys;
+        if !of_vehicles().any(|raised| has_obeyed(&raised)) {
+            return Vec::new();
         }
+        of_vehicles().filter(|it| !has_obeyed(it)).flat_map(|it| it.vehicles.clone()).collect()
     }
 
     /// Reports from the words that processes of vehicles read.
@@ -92,13 +111,15 @@ impl RaisedStops {
         self.unreached == 0 && self.vehicles().next().is_some()
     }
 
-    /// The combined report: every vehicle has obeyed, and at least one daemon.
+    /// The combined report: every vehicle has obeyed, and every daemon that was found, or one that was not.
     pub(crate) fn report(&self) -> StopReport {
         let reach_all = self.reach_every_vehicle();
+        let obeys = |raised: &RaisedStop| raised.report().daemon_obeys;
+        let has_silent = self.words.iter().any(|raised| raised.has_daemon && !obeys(raised));
         StopReport {
             vehicle_obeys: reach_all && self.vehicles().all(|report| report.vehicle_obeys),
             motors_off: reach_all && self.vehicles().all(|report| report.motors_off),
-            daemon_obeys: self.words.iter().any(|raised| raised.report().daemon_obeys),
+            daemon_obeys: !has_silent && self.words.iter().any(obeys),
         }
     }
 }

@@ -1,5 +1,7 @@
 //! A request to the daemon, and its answer.
 
+use std::time::Duration;
+
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::error::BusError;
@@ -117,6 +119,11 @@ fn no_answer(paths: &InstancePaths, is_meant: impl Fn(&ObeyingProcess) -> bool) 
         return Failure::new(Exit::Peer, lines.join("\n"));
     };
     runs_elsewhere(process, paths, &nobody)
+}
+
+/// Time left until `give_up`.
+pub(crate) fn left(give_up: Time) -> Duration {
+    Duration::from_nanos(give_up.since(Time::now()).nanos().max(0).unsigned_abs())
 }
 
 /// Flags of a command that address the instance at `paths`.

@@ -5,6 +5,7 @@
 //!    have been removed, and through the directory of the instance. Obedience is read from the same words.
 //! 3. A request to the daemon over the control service, on a separate thread.
 
+use std::borrow::Cow;
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::Duration;
@@ -24,7 +25,7 @@ use serde::Serialize;
 
 use crate::raised::RaisedStops;
 use crate::reach::{AddressedInstance, FoundProcesses, Reached, signal_all};
-use crate::request::{place, start_daemon};
+use crate::request::{left, place, start_daemon};
 
 /// Time after which the report is printed.
 const REPORT_TIMEOUT: Span = Span::from_millis(950);
@@ -54,9 +55,12 @@ pub struct ObeyedStop {
     /// Command that starts a daemon before it, if none runs.
     #[serde(skip_serializing_if = "Option::is_none")]
     start_again: Option<String>,
-    /// Root of the processes, if it is not the addressed one.
+    /// Roots of the processes, unless the addressed one is the only one.
     #[serde(skip)]
-    elsewhere: Option<PathBuf>,
+    roots: Vec<PathBuf>,
+    /// Vehicles' processes that have not obeyed although others have.
+    #[serde(skip)]
+    laggards: Vec<String>,
     /// Whether a daemon runs that cannot be asked: after the loss of their files, the processes end.
     #[serde(skip)]
     is_cut_off: bool,
@@ -130,7 +134,13 @@ pub fn raise(
     // Before the processes end, as those of `oqtal fly` do.
     let mut again = fly_again(&reached);
     let answers = ask_daemon(&reached.paths, request);
+    // Their answers are not reported; waiting for them lets the requests be made.
+    let others: Vec<_> =
+        reached.places().iter().skip(1).map(|paths| ask_daemon(paths, request)).collect();
     let (report, answer) = await_obedience(&raised, &reached, &answers, give_up);
+    for other in others {
+        let _ = other.recv_timeout(left(give_up));
+    }
     paths.push(format!("control service: {}", said(&answer)));
     if reached.processes.is_empty() {
         // Some may have started.
@@ -148,7 +158,10 @@ pub fn raise(
         paths,
         arm_again,
         start_again,
-        elsewhere: Some(reached.paths.root.clone()).filter(|root| *root != address.paths.root),
+        roots: Some(reached.places().into_iter().map(|place| place.root).collect())
+            .filter(|roots: &Vec<_>| *roots != [address.paths.root.clone()])
+            .unwrap_or_default(),
+        laggards: raised.laggards(),
         is_cut_off: reached.has_daemon() && answer.is_err(),
         unconfirmed: Unconfirmed::of(&reached, &raised),
         ..stop
@@ -266,7 +279,8 @@ impl ObeyedStop {
             paths: Vec::new(),
             arm_again: String::new(),
             start_again: None,
-            elsewhere: None,
+            roots: Vec::new(),
+            laggards: Vec::new(),
             is_cut_off: false,
             unconfirmed: None,
         }
@@ -290,6 +304,28 @@ impl ObeyedStop {
         Err(Failure::new(exit, self.to_string()))
     }
 
+    /// The state of the addressed vehicles.
+    fn vehicle_text(&self) -> Cow<'static, str> {
+        match (self.vehicle_obeys, self.motors_off) {
+            (_, true) if self.observes_only => "motors off".into(),
+            (_, true) => "motors off until `arm`".into(),
+            (true, false) => {
+                "no command reaches the vehicle any more, but it has not reported that its motors are off".into()
+            }
+            (false, false) if !self.laggards.is_empty() => format!(
+                "the other vehicles have obeyed, but not {}, which hangs, or has no port",
+                self.laggards.join(", ")
+            )
+            .into(),
+            (false, false) => self.unconfirmed.map_or(
+                "no vehicle has obeyed: neither plant-sim nor bridge runs, or it hangs, or has no port, or virtual time \
+                 stands still; the stop stays raised until it is obeyed, or until every process of the instance has ended",
+                Unconfirmed::text,
+            )
+            .into(),
+        }
+    }
+
     /// The report as JSON.
     pub fn to_json(&self) -> String {
         serde_json::to_string_pretty(self).expect("a report holds only what JSON can say")
@@ -298,22 +334,17 @@ impl ObeyedStop {
 
 impl std::fmt::Display for ObeyedStop {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let vehicle = match (self.vehicle_obeys, self.motors_off) {
-            (_, true) if self.observes_only => "motors off",
-            (_, true) => "motors off until `arm`",
-            (true, false) => {
-                "no command reaches the vehicle any more, but it has not reported that its motors are off"
-            }
-            (false, false) => self.unconfirmed.map_or(
-                "no vehicle has obeyed: neither plant-sim nor bridge runs, or it hangs, or has no port, or virtual time \
-                 stands still; the stop stays raised until it is obeyed, or until every process of the instance has ended",
-                Unconfirmed::text,
-            ),
+        let vehicle = self.vehicle_text();
+        let daemon = match (self.daemon_obeys, self.roots.len() > 1) {
+            (true, false) => "the daemon obeys",
+            (true, true) => "the daemons obey",
+            (false, false) => "no daemon has obeyed",
+            (false, true) => "not every daemon has obeyed",
         };
-        let daemon = if self.daemon_obeys { "the daemon obeys" } else { "no daemon has obeyed" };
         let what = if self.motors_off { "stopped" } else { "stop" };
-        let root = self.elsewhere.as_ref();
-        let place = root.map_or_else(String::new, |root| format!(" under {}", root.display()));
+        let roots: Vec<_> = self.roots.iter().map(|root| root.display().to_string()).collect();
+        let under = if roots.is_empty() { "" } else { " under " };
+        let place = format!("{under}{}", roots.join(" and "));
         write!(f, "{what}{place}: {vehicle}; {daemon}")?;
         if !self.motors_off {
             self.paths.iter().try_for_each(|path| write!(f, "\n  {path}"))?;

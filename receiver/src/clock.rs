@@ -124,7 +124,6 @@ impl ServerClock {
 
     /// Discards the clock, as after a new connection.
     pub fn forget(&mut self) {
-        self.relearned += u64::from(self.origin.is_some());
         self.envelope.clear();
         self.origin = None;
         self.steps = StepWatch::default();
@@ -251,6 +250,7 @@ impl ServerClock {
         let lasting = arrival.since(self.contradicted_since) >= CONTRADICTION_TIME;
         let is_set = self.contradictions >= CONTRADICTIONS && lasting;
         if is_set {
+            self.relearned += 1;
             self.forget();
         }
         is_set

@@ -74,7 +74,7 @@ impl ReceiverNote {
             }
             Self::ClockUnknown => {
                 tracing::warn!(
-                    "the server's clock was set or restarted: no poses until it is known again"
+                    "no poses until the server's clock is known again: its frames paused, or it was set or restarted"
                 );
             }
             Self::ClockStepped => tracing::warn!(

@@ -61,7 +61,11 @@ impl ReceiverWatch {
         }
         self.look_at_clock(receiver.clock(0), note);
         for route in 0..self.seen.len() {
-            let seen = receiver.is_tracked(route) && fresh(receiver.seen_at(route));
+            // Without frames nothing is known of a body.
+            let seen = match fresh(receiver.arrived_at()) {
+                true => receiver.is_tracked(route) && fresh(receiver.seen_at(route)),
+                false => self.seen[route],
+            };
             if seen != std::mem::replace(&mut self.seen[route], seen) {
                 let (lost, found) =
                     (ReceiverNote::BodyLost { route }, ReceiverNote::BodySeen { route });

@@ -1,7 +1,7 @@
 //! Tests of the hand-off of requests.
 
 use super::*;
-use oqtal_config::Config;
+use oqtal_config::{Config, Setting};
 
 fn asks(command: OperatorCommand) -> ControlRequestV1 {
     ControlRequestV1::of(command)
@@ -63,9 +63,11 @@ fn a_request_to_fly_with_another_configuration_is_refused() {
     let (_handle, requests) = loop_handoff();
     let mut requests = OperatorRequests { config_hash: 7, ..requests };
     let request = ControlRequestV1 { config_hash: 8, ..asks(OperatorCommand::Arm) };
-    let response = requests.ask(request, &mut |_| {});
+    let mut events = Vec::new();
+    let response = requests.ask(request, &mut |event| events.push((event.answer, event.cause)));
     assert_eq!((response.answer, response.config_hash), (Answer::Refused.code(), 7));
     assert_eq!(response.cause, Cause::OtherConfig.code());
+    assert_eq!(events, [(Answer::Refused.code(), Cause::OtherConfig.code())], "recorded");
     for config_hash in [0, 7] {
         let response = requests.ask(ControlRequestV1 { config_hash, ..request }, &mut |_| {});
         assert_eq!(response.answer, Answer::Accepted.code());
@@ -145,11 +147,23 @@ fn on_the_ground_the_next_flight_is_reported_and_not_the_course_of_the_last() {
     let (_, requests) = loop_handoff();
     let mut requests = requests.with_settings(7, LiveSettings::new(&Config::default(), &[]));
     requests.course = Some("trajectory circle".to_owned());
-    for (mode, trajectory) in [(Mode::Landing, "circle"), (Mode::Disarmed, "square")] {
+    for (mode, course) in [
+        (Mode::Flying, "trajectory circle"),
+        (Mode::Landing, "landing"),
+        (Mode::Disarmed, "trajectory square"),
+    ] {
         requests.last.mode = mode.code();
         let response = requests.ask(asks(OperatorCommand::Get), &mut |_| {});
-        assert_eq!(response.text.as_str(), format!("law oqtal, trajectory {trajectory}"));
+        assert_eq!(response.text.as_str(), format!("law oqtal, {course}"));
     }
+    let settings = Setting::parse("test", "control.fallback=geometric").unwrap();
+    let config = Config::from_settings(&[settings]).unwrap();
+    let mut requests = requests.with_settings(7, LiveSettings::new(&config, &[]));
+    (requests.last.mode, requests.last.cause) = (Mode::Flying.code(), Cause::Fallback.code());
+    requests.last.handover_cause = HandoverCause::Tilt.code();
+    let response = requests.ask(asks(OperatorCommand::Get), &mut |_| {});
+    let law = "law geometric in place of oqtal (leads to too much tilt), ";
+    assert!(response.text.as_str().starts_with(law), "{response:?}");
 }
 
 #[test]
