@@ -34,6 +34,7 @@ mod lost_files;
 mod mavlink;
 mod mavlink_flights;
 mod monitor;
+mod one_name;
 mod operators;
 mod places;
 mod pose_faults;

@@ -8,20 +8,18 @@ use std::process::Command;
 use crate::common::obedience::LandingWatch;
 use crate::common::random::length;
 use crate::common::{Running, Testbed, assert_refused, json, stderr, wait_for};
+use crate::one_name::{rootless, suspended};
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Actuation, Answer, Mode, OperatorCommand};
 use oqtal_bus::control::ControlClient;
 use oqtal_bus::message::{CommandV1, ControlRequestV1, Stamps, VehicleV1};
 use oqtal_bus::obeying::ObeyingProcess;
-use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::port::{Reader, Writer};
-use oqtal_bus::stop::StopSwitch;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{COMMAND, TELEMETRY, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_operator::arm;
 use rustix::fs::{FlockOperation, flock};
-use rustix::process::Signal;
 
 /// Loss of files of a running instance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -76,13 +74,6 @@ impl Loss {
             (_, None) => {}
         }
     }
-}
-
-/// `oqtal ctl` of an operator who does not name the root.
-fn rootless(testbed: &Testbed, words: &[&str]) -> Command {
-    let mut command = testbed.study(&[&["ctl"], words].concat());
-    command.args(["--instance", testbed.instance()]);
-    command
 }
 
 /// `oqtal ctl stop --json`, with the root in every second `round`.
@@ -238,34 +229,6 @@ fn only_the_addressed_instance_stops_and_others_are_listed() {
 }
 
 #[test]
-fn a_stop_by_name_is_not_confirmed_by_a_vehicle_under_another_root() {
-    let testbed = Testbed::new("orphan");
-    let elsewhere = testbed.path("elsewhere").display().to_string();
-    let words = ["plant-sim", "run", "--instance", testbed.instance(), "--root", &elsewhere];
-    let plant = Running::start(&mut testbed.study(&words));
-    let _daemon = testbed.start(&["daemon", "run"]);
-    testbed.wait_for_daemon();
-    let is_found = |id: u32| ObeyingProcess::all().iter().any(|process| process.pid == id);
-    wait_for("the vehicle", || is_found(plant.id()).then_some(()));
-    let output = rootless(&testbed, &["stop"]).output().unwrap();
-    assert_refused(&output, 75, &["without a process of its vehicle", "the daemon obeys"]);
-}
-
-/// A process of a second vehicle of the same name, which is suspended.
-fn suspended(testbed: &Testbed, role: &str) -> (Running, InstancePaths) {
-    let root = testbed.path("elsewhere");
-    let place = ["--instance", testbed.instance(), "--root", &root.display().to_string()];
-    let process = Running::start(&mut testbed.study(&[&[role, "run"], &place[..]].concat()));
-    let paths = InstancePaths { instance: testbed.instance().to_owned(), root };
-    wait_for("a second process", || {
-        let is_found = ObeyingProcess::all().iter().any(|other| other.pid == process.id());
-        (is_found && StopSwitch::existing(&paths).is_ok_and(|it| it.is_some())).then_some(())
-    });
-    process.signal(Signal::STOP);
-    (process, paths)
-}
-
-#[test]
 fn a_stop_is_not_confirmed_while_another_vehicle_of_that_name_cannot_be_read() {
     let testbed = Testbed::new("two-stops");
     let bus = testbed.bus();
@@ -277,44 +240,6 @@ fn a_stop_is_not_confirmed_while_another_vehicle_of_that_name_cannot_be_read() {
     File::options().write(true).open(words).unwrap().set_len(0).unwrap();
     let output = rootless(&testbed, &["stop"]).output().unwrap();
     assert_refused(&output, 1, &["whether it has obeyed cannot be read"]);
-}
-
-#[test]
-fn a_landing_is_not_confirmed_while_another_daemon_of_that_name_hangs() {
-    let testbed = Testbed::new("two-landings");
-    let bus = testbed.bus();
-    let _processes = testbed.services();
-    testbed.take_off(&bus);
-    let (_second, paths) = suspended(&testbed, "daemon");
-    let output = rootless(&testbed, &["land"]).output().unwrap();
-    let place = paths.root.display().to_string();
-    assert_refused(&output, 1, &["not confirmed: the daemon", &place]);
-}
-
-#[test]
-fn a_landing_by_name_is_confirmed_by_the_only_daemon_that_is_left() {
-    let testbed = Testbed::new("one-landing");
-    // The vehicle of a daemon that has ended.
-    let elsewhere = testbed.path("elsewhere").display().to_string();
-    let words = ["plant-sim", "run", "--instance", testbed.instance(), "--root", &elsewhere];
-    let _plant = Running::start(&mut testbed.study(&words));
-    let bus = testbed.bus();
-    let _processes = testbed.services();
-    testbed.take_off(&bus);
-    let output = rootless(&testbed, &["land"]).output().unwrap();
-    assert!(output.status.success(), "{output:?}");
-}
-
-#[test]
-fn a_stop_is_not_confirmed_by_one_of_two_daemons() {
-    let testbed = Testbed::new("two-daemons");
-    let bus = testbed.bus();
-    let _processes = testbed.services();
-    testbed.take_off(&bus);
-    let (_second, paths) = suspended(&testbed, "daemon");
-    let output = rootless(&testbed, &["stop"]).output().unwrap();
-    let place = paths.root.display().to_string();
-    assert_refused(&output, 75, &["not every daemon has obeyed", &place]);
 }
 
 #[test]

@@ -25,6 +25,7 @@
 //! | `measured_noise.rs`, `delayed_mean.rs` | the noise of the poses |
 //! | `consistency.rs` | consistency of the poses with the rotation, the tilt and the thrust of the vehicle |
 //! | `limits.rs`, `fence.rs`, `floor.rs` | the limits of a flight |
+//! | `clearance.rs` | a reference near the floor, for a vehicle below it |
 //! | `descent.rs` | descent without poses of a vehicle with its own attitude loop |
 //! | `room.rs` | the room of a flight under way, and the stops that stay inside |
 //! | `flight_room.rs` | the path of a flight against the fence |

@@ -58,6 +58,9 @@ pub struct ObeyedStop {
     /// Roots of the processes, unless the addressed one is the only one.
     #[serde(skip)]
     roots: Vec<PathBuf>,
+    /// Whether several daemons were found.
+    #[serde(skip)]
+    has_daemons: bool,
     /// Vehicles' processes that have not obeyed although others have.
     #[serde(skip)]
     laggards: Vec<String>,
@@ -161,6 +164,7 @@ pub fn raise(
         roots: Some(reached.places().into_iter().map(|place| place.root).collect())
             .filter(|roots: &Vec<_>| *roots != [address.paths.root.clone()])
             .unwrap_or_default(),
+        has_daemons: reached.processes.iter().filter(|process| !process.is_vehicle).count() > 1,
         laggards: raised.laggards(),
         is_cut_off: reached.has_daemon() && answer.is_err(),
         unconfirmed: Unconfirmed::of(&reached, &raised),
@@ -280,6 +284,7 @@ impl ObeyedStop {
             arm_again: String::new(),
             start_again: None,
             roots: Vec::new(),
+            has_daemons: false,
             laggards: Vec::new(),
             is_cut_off: false,
             unconfirmed: None,
@@ -335,7 +340,7 @@ impl ObeyedStop {
 impl std::fmt::Display for ObeyedStop {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let vehicle = self.vehicle_text();
-        let daemon = match (self.daemon_obeys, self.roots.len() > 1) {
+        let daemon = match (self.daemon_obeys, self.has_daemons) {
             (true, false) => "the daemon obeys",
             (true, true) => "the daemons obey",
             (false, false) => "no daemon has obeyed",
