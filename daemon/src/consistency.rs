@@ -354,7 +354,7 @@ impl PoseConsistency {
             if expected.is_away {
                 self.evidence.standstill = moved * DEFAULT_LIMIT / self.limit;
             } else {
-                self.standstill.end();
+                self.standstill.discard_motion();
             }
         }
         if !is_airborne {
