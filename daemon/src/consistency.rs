@@ -363,7 +363,7 @@ impl PoseConsistency {
             if expected.is_away {
                 self.evidence.standstill = moved * DEFAULT_LIMIT / self.limit;
             } else {
-                self.standstill.end();
+                self.standstill.discard_motion();
             }
         }
         if !is_airborne {
