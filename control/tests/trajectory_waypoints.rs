@@ -34,10 +34,27 @@ fn path_passes_through_its_points_and_rests_at_its_ends() {
 }
 
 #[test]
-fn yaw_is_zero_without_its_column_and_turns_the_short_way() {
+fn yaw_is_zero_without_its_column_and_turns_as_written_unless_it_is_wrapped() {
     assert_eq!(trajectory("t,x,y,z\n0,0,0,1\n1,1,0,1\n").sample(0.7).yaw_rad, 0.0);
-    let path = trajectory("t,x,y,z,yaw_deg\n0,0,0,1,170\n1,0,0,1,-170\n");
-    assert!((path.sample(0.5).yaw_rad - std::f64::consts::PI).abs() < 1e-9);
+    for (written, flown) in [
+        ([0.0, 180.0, 360.0], [0.0, 180.0, 360.0]),
+        ([0.0, 270.0, -90.0], [0.0, 270.0, -90.0]),
+        ([170.0, -170.0, -150.0], [170.0, 190.0, 210.0]),
+        ([-170.0, 170.0, -180.0], [-170.0, -190.0, -180.0]),
+        ([180.0, -180.0, 0.0], [180.0, 180.0, 360.0]),
+    ] {
+        let [a, b, c] = written;
+        let text = format!("t,x,y,z,yaw_deg\n0,0,0,1,{a}\n9,0,0,1,{b}\n18,0,0,1,{c}\n");
+        let path = trajectory(&text);
+        for (t_s, flown) in [0.0, 9.0, 18.0].into_iter().zip(flown) {
+            let yaw_deg = path.sample(t_s).yaw_rad.to_degrees();
+            assert!((yaw_deg - flown).abs() < 1e-9, "{yaw_deg} of {written:?} at {t_s} s");
+        }
+        let rate = |t_s: f64| path.sample(t_s).yaw_rate_rad_s;
+        let difference = path.sample(4.0001).yaw_rad - path.sample(3.9999).yaw_rad;
+        assert!((rate(4.0) - difference / 2e-4).abs() < 1e-6, "{written:?}");
+        assert_eq!([rate(0.0), rate(18.0)], [0.0; 2]);
+    }
 }
 
 #[test]

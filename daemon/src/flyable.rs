@@ -3,8 +3,8 @@
 use nalgebra::Vector3;
 use oqtal_config::{Config, Interface};
 use oqtal_control::options::OptionError;
-use oqtal_control::predictive::{Course, MotionDemand};
-use oqtal_control::trajectory::{FlightPlan, Phase, StartPoint, Trajectory};
+use oqtal_control::predictive::MotionDemand;
+use oqtal_control::trajectory::{FlightPlan, Phase, Reference, StartPoint, Trajectory};
 
 use crate::command_model::CommandModel;
 
@@ -47,17 +47,16 @@ pub(crate) fn check_demand(config: &Config, trajectory: &Trajectory) -> Result<(
     let begin_s = config.trajectory.start_s();
     let step_s = STEP_S.max(trajectory.duration_s() / MOST_POINTS);
     let points = (trajectory.duration_s() / step_s) as u32;
-    let courses = (0..=points).filter_map(|index| {
+    let references = (0..=points).filter_map(|index| {
         let t_s = f64::from(index) * step_s;
         let reference = plan.sample(begin_s + t_s);
-        let is_tested =
-            reference.phase == Phase::Trajectory && reference.velocity != Vector3::zeros();
-        is_tested.then(|| (t_s, Course::of(&reference)))
+        let moves = reference.velocity != Vector3::zeros() || reference.yaw_rate_rad_s != 0.0;
+        (reference.phase == Phase::Trajectory && moves).then_some((t_s, reference))
     });
-    let courses: Vec<(f64, Course)> = courses.collect();
+    let references: Vec<(f64, Reference)> = references.collect();
     let worst = |slower: f64| {
-        let demands = courses.iter().flat_map(|(t_s, course)| {
-            let demand = MotionDemand::of(course, slower, &model);
+        let demands = references.iter().flat_map(|(t_s, reference)| {
+            let demand = MotionDemand::of(reference, slower, &model);
             demands(config, &demand).map(|demand| (*t_s, demand))
         });
         demands.max_by(|a, b| a.1.excess().total_cmp(&b.1.excess()))

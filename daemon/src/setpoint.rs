@@ -105,7 +105,14 @@ impl SetpointGuard {
         let valid = match turned {
             // A turn that lasts must not keep a landing from its way down.
             Some(Reference { yaw_rad, attitude, .. }) => {
-                Reference { yaw_rad, attitude, ..*reference }
+                let [yaw_rate_rad_s, yaw_acceleration_rad_s2] = [0.0; 2];
+                Reference {
+                    yaw_rad,
+                    yaw_rate_rad_s,
+                    yaw_acceleration_rad_s2,
+                    attitude,
+                    ..*reference
+                }
             }
             None => *reference,
         };

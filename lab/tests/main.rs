@@ -3,6 +3,7 @@
 
 mod cameras;
 mod external;
+mod heading;
 mod identify;
 mod live;
 mod live_tuning;

@@ -130,24 +130,17 @@ fn a_flight_that_the_fence_held_is_not_as_planned_and_its_held_ticks_are_not_sco
 }
 
 #[test]
-fn effort_is_integrated_at_the_rate_of_the_loop() {
-    let effort = |settings: &[&str]| {
-        let settings = settings.iter().map(|text| Setting::parse("test", text).unwrap());
-        let config = Config::from_settings(&settings.collect::<Vec<_>>()).unwrap();
-        let loop_rate_hz = config.loop_rate_hz();
-        let flight = simulation::fly(&Mission::new(config).unwrap()).unwrap();
-        let norms = flight.scored().map(|s| Vector3::from(s.telemetry.sticks).norm());
-        let (count, sum) = norms.fold((0.0, 0.0), |(count, sum), norm| (count + 1.0, sum + norm));
-        // A mean over the ticks, times the time that they take.
-        let expected = sum / count * Summary::of(&flight).scored_s;
-        (loop_rate_hz, Summary::of(&flight).effort.unwrap() / expected)
-    };
-    for rate_hz in [50, 100] {
-        let cameras = format!("mocap.rate-hz={rate_hz}");
-        let (loop_rate_hz, ratio) = effort(&[&cameras, "trajectory.kind=circle"]);
-        assert_eq!(loop_rate_hz, 50.0, "cameras at {rate_hz} Hz");
-        assert!((ratio - 1.0).abs() < 0.01, "cameras at {rate_hz} Hz: {ratio}");
-    }
+fn effort_is_integrated_over_the_time_that_each_command_is_held() {
+    let (mut flight, _) = flown("pid", "circle");
+    let whole = Summary::of(&flight).effort.unwrap();
+    // Ticks that were lost.
+    let mut tick = 0..;
+    flight.samples.retain(|_| tick.next().is_none_or(|k| k % 3 != 0));
+    let thinned = Summary::of(&flight).effort.unwrap();
+    assert!((thinned / whole - 1.0).abs() < 0.05, "{thinned} and {whole}");
+    flight.samples.iter_mut().for_each(|sample| sample.telemetry.sticks = [0.0, 3.0, 4.0]);
+    let summary = Summary::of(&flight);
+    assert!((summary.effort.unwrap() - 5.0 * summary.scored_s).abs() < 1e-9);
 }
 
 #[test]

@@ -7,7 +7,7 @@ use oqtal_control::trajectory::TrajectoryKind;
 
 use crate::flight::Flight;
 use crate::flight_sample::FlightSample;
-use crate::settling::{StepEnd, StepSettling};
+use crate::settling::{StepEnd, StepSettling, settled};
 
 /// Attitude error below which a step is settled \[deg\].
 const SETTLED_DEG: f64 = 1.5;
@@ -24,10 +24,10 @@ pub fn attitude_steps(flight: &Flight) -> Option<StepSettling> {
     let mut steps = errors.chunk_by(|a, b| change(a, b).to_degrees() < step_deg).peekable();
     StepSettling::of(std::iter::from_fn(|| {
         let step = steps.next()?;
-        let outside = step.iter().rposition(|at| at.error_deg > SETTLED_DEG);
-        let time = |at: usize| step[at].sample.telemetry.time;
-        let after_s = outside.map_or(0.0, |last| time(last).since(time(0)).seconds());
-        let has_settled = outside.is_none_or(|last| last + 1 < step.len());
+        let error = |at: &Prescribed<'_>| (at.sample.telemetry.time, at.error_deg);
+        let errors: Vec<_> = step.iter().map(error).collect();
+        let (first, after_s) = settled(&errors, SETTLED_DEG);
+        let has_settled = first < step.len();
         Some((after_s, StepEnd::of(has_settled, steps.peek().is_none(), &flight.samples)))
     }))
 }

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use crate::flight::Flight;
 use crate::flight_sample::FlightSample;
-use crate::settling::{StepEnd, StepSettling, mean};
+use crate::settling::{StepEnd, StepSettling, mean, settled};
 
 /// Position error below which a corner is settled \[m\].
 const SETTLED_M: f64 = 0.05;
@@ -84,15 +84,14 @@ impl CornerSums {
             let direction = (to - from).try_normalize(STEP_M);
             from = to;
             let Some(direction) = direction else { continue };
-            let last = corner.iter().rposition(|sample| error(sample) > SETTLED_M);
-            let settled = &corner[last.map_or(0, |last| last + 1)..];
-            let time = |sample: &FlightSample| sample.telemetry.time;
-            let after_s = last.map_or(0.0, |k| time(corner[k]).since(time(corner[0])).seconds());
-            let end = StepEnd::of(!settled.is_empty(), corners.peek().is_none(), ticks);
+            let errors: Vec<_> = corner.iter().map(|it| (it.telemetry.time, error(it))).collect();
+            let (first, after_s) = settled(&errors, SETTLED_M);
+            let rest = &corner[first..];
+            let end = StepEnd::of(!rest.is_empty(), corners.peek().is_none(), ticks);
             self.steps.push((after_s, end));
             self.approach +=
                 corner.iter().map(error).take_while(|error| *error > SETTLED_M).sum::<f64>();
-            settled.iter().for_each(|sample| self.rest.add(error(sample)));
+            rest.iter().for_each(|sample| self.rest.add(error(sample)));
             if end != StepEnd::CutOff {
                 let beyond = corner.iter().map(|sample| sample.position_error().dot(&direction));
                 self.overshoot.add(beyond.fold(0.0, f64::max));

@@ -244,22 +244,27 @@ impl Flight {
         self.samples.iter().filter(|sample| sample.is_scored())
     }
 
-    /// Time from tick to tick, summed over the pairs of successive ticks of which both have a property \[s\].
-    fn time_s(&self, has: impl Fn(&FlightSample) -> bool) -> f64 {
+    /// Integral of `value`, held from tick to tick, over the pairs of successive ticks of which both have a property \[s times its unit\].
+    pub(crate) fn integral(
+        &self,
+        has: impl Fn(&FlightSample) -> bool,
+        value: impl Fn(&FlightSample) -> f64,
+    ) -> f64 {
         let both = self.samples.windows(2).filter(|pair| pair.iter().all(&has));
-        let times = both.map(|pair| pair[1].telemetry.time.since(pair[0].telemetry.time).seconds());
+        let time_s =
+            |pair: &[FlightSample]| pair[1].telemetry.time.since(pair[0].telemetry.time).seconds();
         // An empty sum of floating-point numbers would be -0.
-        times.fold(0.0, |sum, time_s| sum + time_s)
+        both.fold(0.0, |sum, pair| sum + value(&pair[0]) * time_s(pair))
     }
 
     /// Time that is scored, without that for which the fence held the vehicle \[s\].
     pub fn scored_s(&self) -> f64 {
-        self.time_s(FlightSample::is_scored)
+        self.integral(FlightSample::is_scored, |_| 1.0)
     }
 
     /// Time for which the fence held the vehicle \[s\].
     pub fn held_s(&self) -> f64 {
-        self.time_s(FlightSample::is_held)
+        self.integral(FlightSample::is_held, |_| 1.0)
     }
 
     /// Whether a recording was played.

@@ -1,5 +1,6 @@
 //! Settling of an error after the steps of a reference.
 
+use oqtal_bus::time::Time;
 use oqtal_control::metrics::Statistics;
 use serde::Serialize;
 
@@ -18,7 +19,7 @@ pub struct StepSettling {
     pub settled: u64,
     /// Number of steps that were cut off \[-\].
     pub cut_off: u64,
-    /// Mean time from a step that settles to the last error above the limit \[s\]; NaN if none settles.
+    /// Mean time from a step that settles until its error stays within the limit \[s\]; NaN if none settles.
     pub settle_s: f64,
     /// Lower bound of the mean settling time \[s\]: a step that does not settle counts with the time until the next one, one
     /// that was cut off with the time until then.
@@ -27,7 +28,7 @@ pub struct StepSettling {
 }
 
 impl StepSettling {
-    /// Of steps, each with the time from it to the last error above the limit \[s\], and its end; `None` without steps.
+    /// Of steps, each with the time from it until its error stays within the limit, or to its last tick \[s\], and its end; `None` without steps.
     pub(crate) fn of(steps: impl IntoIterator<Item = (f64, StepEnd)>) -> Option<Self> {
         let (mut settle, mut least) = (Statistics::default(), Statistics::default());
         let mut cut_off = 0;
@@ -72,6 +73,19 @@ impl StepSettling {
     }
 }
 
+/// Index of the first of `errors`, with their instants, from which on the error stays within `limit`, and the time until it does
+/// \[s\]; the number of errors, and the time of the last, if it does not. The error is linear between two ticks: the time does not
+/// depend on the rate of the loop.
+pub(crate) fn settled(errors: &[(Time, f64)], limit: f64) -> (usize, f64) {
+    let Some(last) = errors.iter().rposition(|(_, error)| *error > limit) else { return (0, 0.0) };
+    let (from, outside) = errors[last];
+    let since_s = from.since(errors[0].0).seconds();
+    let rest_s = errors.get(last + 1).map_or(0.0, |(to, inside)| {
+        to.since(from).seconds() * (outside - limit) / (outside - inside)
+    });
+    (last + 1, since_s + rest_s)
+}
+
 /// Mean of the values; NaN without a value.
 pub(crate) fn mean(values: &Statistics) -> f64 {
     if values.count() > 0 { values.mean() } else { f64::NAN }
@@ -103,4 +117,28 @@ impl StepEnd {
 fn ends_early(ticks: &[FlightSample]) -> bool {
     let last = ticks.iter().rev().find(|tick| tick.is_scored()).map(|tick| tick.telemetry);
     last.is_some_and(|last| last.mission_s + CUT_OFF_S < last.planned_landing_s)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::settled;
+    use oqtal_bus::time::{Span, Time};
+
+    #[test]
+    fn the_settling_time_does_not_depend_on_the_rate_of_the_loop() {
+        for rate_hz in [30.0, 60.0, 120.0, 500.0] {
+            let error = |tick: u32| {
+                let t_s = f64::from(tick) / rate_hz;
+                (Time::VIRTUAL_START + Span::from_seconds(t_s), 10.0 - 20.0 * t_s)
+            };
+            let errors: Vec<_> = (0..rate_hz as u32).map(error).collect();
+            let (first, after_s) = settled(&errors, 3.3);
+            assert!((after_s - 0.335).abs() < 1e-6, "{rate_hz} Hz: {after_s}");
+            assert!(errors[first].1 <= 3.3 && errors[first - 1].1 > 3.3);
+            let (none, until_s) = settled(&errors, -20.0);
+            assert_eq!(none, errors.len());
+            assert!((until_s - (1.0 - 1.0 / rate_hz)).abs() < 1e-6);
+            assert_eq!(settled(&errors, 10.0), (0, 0.0));
+        }
+    }
 }

@@ -335,12 +335,11 @@ fn effort(flight: &Flight) -> Option<f64> {
     if flight.config.vehicle.interface.holds_attitude() {
         return None;
     }
-    let period_s = 1.0 / flight.config.loop_rate_hz();
-    let norms = flight.scored().map(|sample| {
+    let norm = |sample: &FlightSample| {
         Vector3::from(sample.telemetry.sticks).norm()
             + Vector3::from(sample.telemetry.torque).norm()
-    });
-    flight.scored().next().map(|_| norms.sum::<f64>() * period_s)
+    };
+    flight.scored().next().map(|_| flight.integral(FlightSample::is_scored, norm))
 }
 
 /// The hand-overs of `flight`; `None` if its law has no fallback.

@@ -5,6 +5,7 @@ use nalgebra::Vector3;
 use super::flatness::Force;
 use super::model::VehicleModel;
 use super::reference_model::Course;
+use crate::trajectory::Reference;
 
 /// Demand of a motion at an instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,8 +21,10 @@ pub struct MotionDemand {
 }
 
 impl MotionDemand {
-    /// The demand of `course`, flown `slower` times as slowly \[-\], on a vehicle with this `model` at a constant heading.
-    pub fn of(course: &Course, slower: f64, model: &VehicleModel) -> Self {
+    /// The demand of `reference`, flown `slower` times as slowly \[-\], on a vehicle with this `model`.
+    pub fn of(reference: &Reference, slower: f64, model: &VehicleModel) -> Self {
+        let (course, [yaw_rad, rate, acceleration]) =
+            (Course::of(reference), reference.yaw_after(0.0));
         let [s1, s2, s3, s4] = [1, 2, 3, 4].map(|order| slower.powi(-order));
         let course = Course {
             position: course.position,
@@ -35,7 +38,7 @@ impl MotionDemand {
             speed_m_s: course.velocity.norm(),
             tilt_rad: force.value.xy().norm().atan2(force.value.z),
             thrust_n: model.mass_kg * force.value.norm(),
-            rate: force.attitude(0.0).rate.0,
+            rate: force.attitude([yaw_rad, rate * s1, acceleration * s2]).rate.0,
         }
     }
 }

@@ -37,11 +37,14 @@ impl Force {
         self.value + (self.slope + self.curvature * (t_s / 2.0)) * t_s
     }
 
-    /// The attitude whose body z axis points along the force, at 3-2-1 yaw `yaw_rad`, with its rate and angular
-    /// acceleration.
-    pub fn attitude(&self, yaw_rad: f64) -> AttitudeReference {
+    /// The attitude whose body z axis points along the force, with its rate and angular acceleration; `yaw` is the 3-2-1 yaw with its
+    /// first two derivatives \[rad, s\].
+    pub fn attitude(&self, yaw: [f64; 3]) -> AttitudeReference {
         let h = DIFFERENCE_S;
-        let [before, now, after] = [-h, 0.0, h].map(|t_s| attitude_along(&self.at(t_s), yaw_rad));
+        let [yaw_rad, rate, acceleration] = yaw;
+        let yaw_at = |t_s: f64| yaw_rad + (rate + acceleration * (t_s / 2.0)) * t_s;
+        let [before, now, after] =
+            [-h, 0.0, h].map(|t_s| attitude_along(&self.at(t_s), yaw_at(t_s)));
         let (back, forth) = (now.rotation_to(&before), now.rotation_to(&after));
         AttitudeReference {
             attitude: now,

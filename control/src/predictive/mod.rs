@@ -237,7 +237,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
             Some(prescribed) => self.look_ahead.lead(prescribed, *dt_s, *delay_s),
             None => {
                 self.look_ahead.reset();
-                force.attitude(reference.yaw_rad)
+                force.attitude(reference.yaw_after(*delay_s))
             }
         };
         let cosine = motion.attitude.to_world(&Vector3::z()).z.max(LEAST_COSINE);

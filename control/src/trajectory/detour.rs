@@ -63,6 +63,8 @@ impl ReferenceMotion {
             velocity: self.rate.xyz(),
             acceleration: self.acceleration.xyz(),
             yaw_rad: self.value.w,
+            yaw_rate_rad_s: self.rate.w,
+            yaw_acceleration_rad_s2: self.acceleration.w,
             ..Reference::rest(self.value.xyz(), Phase::Trajectory)
         }
     }

@@ -39,6 +39,7 @@ impl Trajectory {
         if t_s >= duration_s {
             // At rest from here on, whatever the derivatives at the end of the curve.
             [reference.acceleration, reference.jerk, reference.snap] = [Vector3::zeros(); 3];
+            (reference.yaw_rate_rad_s, reference.yaw_acceleration_rad_s2) = (0.0, 0.0);
         }
         reference
     }

@@ -21,6 +21,10 @@ pub struct Reference {
     pub snap: Vector3<f64>,
     /// Desired 3-2-1 yaw \[rad\].
     pub yaw_rad: f64,
+    /// Its rate \[rad/s\], for laws that feed it forward, like the acceleration; zero where the yaw jumps.
+    pub yaw_rate_rad_s: f64,
+    /// Its acceleration \[rad/s^2\].
+    pub yaw_acceleration_rad_s2: f64,
     /// Prescribed attitude in place of the horizontal position, with rate and acceleration for laws that feed them forward.
     pub attitude: Option<AttitudeReference>,
     /// Phase of the flight.
@@ -39,14 +43,32 @@ impl Reference {
     /// A reference with this position and its first four derivatives \[m, s, world\], at zero yaw.
     pub fn moving(course: [Vector3<f64>; 5], phase: Phase) -> Self {
         let [position, velocity, acceleration, jerk, snap] = course;
-        Self { position, velocity, acceleration, jerk, snap, yaw_rad: 0.0, attitude: None, phase }
+        Self {
+            position,
+            velocity,
+            acceleration,
+            jerk,
+            snap,
+            yaw_rad: 0.0,
+            yaw_rate_rad_s: 0.0,
+            yaw_acceleration_rad_s2: 0.0,
+            attitude: None,
+            phase,
+        }
+    }
+
+    /// The yaw with its first two derivatives \[rad, s\], extrapolated by `dt_s` \[s\].
+    pub fn yaw_after(&self, dt_s: f64) -> [f64; 3] {
+        let (rate, acceleration) = (self.yaw_rate_rad_s, self.yaw_acceleration_rad_s2);
+        let yaw_rad = self.yaw_rad + (rate + acceleration * (dt_s / 2.0)) * dt_s;
+        [yaw_rad, rate + acceleration * dt_s, acceleration]
     }
 
     /// Whether every number is finite.
     pub fn is_finite(&self) -> bool {
         let vectors = [self.position, self.velocity, self.acceleration, self.jerk, self.snap];
         vectors.iter().flatten().all(|number| number.is_finite())
-            && self.yaw_rad.is_finite()
+            && self.yaw_after(1.0).iter().all(|number| number.is_finite())
             && self.attitude.is_none_or(|attitude| attitude.is_finite())
     }
 }

@@ -1,6 +1,6 @@
 //! A path through given points, read from a table.
 
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 use std::fmt;
 use std::sync::Arc;
 
@@ -28,7 +28,8 @@ const LEAST_SPACING_S: f64 = 1e-3;
 /// ```
 ///
 /// Times in s from the start of the trajectory, positions in m from the start of the flight on the floor along the axes of the
-/// world, yaw in degrees relative to that at the start. The column `yaw_deg` may be absent. Yaw turns the shorter way. A column
+/// world, yaw in degrees relative to that at the start. The column `yaw_deg` may be absent. Yaw turns as written: from 0 by 90, 180 and 270 to
+/// 360 once; only from one angle in -180..180 to another, more than 180 apart, it turns the shorter way. A column
 /// without the unit in its name is refused: a yaw of 90 would be flown as 14 turns.
 ///
 /// The path is at rest at the first and the last point. Between the points each coordinate follows a [`WaypointCurve`].
@@ -157,6 +158,7 @@ impl Waypoints {
         if knots.len() < 2 {
             return Err(WaypointError { line: last_line, problem: WaypointProblem::TooFew });
         }
+        unwrap_yaw(&mut knots);
         set_slopes(&mut knots);
         Ok(Self { knots: knots.into() })
     }
@@ -182,9 +184,11 @@ impl Waypoints {
         let next =
             self.knots.partition_point(|knot| knot.t_s <= t_s).clamp(1, self.knots.len() - 1);
         let course = self.knots[next - 1].towards(&self.knots[next], t_s);
-        let yaw_rad = course[0].w;
+        let [yaw_rad, yaw_rate_rad_s, yaw_acceleration_rad_s2] = [0, 1, 2].map(|k| course[k].w);
         Reference {
             yaw_rad,
+            yaw_rate_rad_s,
+            yaw_acceleration_rad_s2,
             ..Reference::moving(course.map(|value| value.xyz()), Phase::Trajectory)
         }
     }
@@ -212,7 +216,6 @@ fn parse_knot(text: &str, fields: usize, previous: Option<&Knot>) -> Result<Knot
         *number = plausible.ok_or(WaypointProblem::Number { column })?;
     }
     let [t_s, x, y, z, yaw_deg] = numbers;
-    let mut yaw = yaw_deg.to_radians();
     if z < 0.0 {
         return Err(WaypointProblem::BelowFloor);
     }
@@ -221,11 +224,23 @@ fn parse_knot(text: &str, fields: usize, previous: Option<&Knot>) -> Result<Knot
         Some(previous) if t_s - previous.t_s < LEAST_SPACING_S => {
             return Err(WaypointProblem::TimeOrder);
         }
-        Some(previous) => yaw -= TAU * ((yaw - previous.value.w) / TAU).round(),
-        None => {}
+        _ => {}
     }
-    let value = Vector4::new(x, y, z, yaw);
+    let value = Vector4::new(x, y, z, yaw_deg.to_radians());
     Ok(Knot { t_s, value, rates: Default::default(), curve: WaypointCurve::default() })
+}
+
+/// Makes the yaw continuous where it was wrapped to -180..180 degrees.
+fn unwrap_yaw(knots: &mut [Knot]) {
+    let (mut last, mut offset) = (knots[0].value.w, 0.0);
+    for knot in knots {
+        let yaw = knot.value.w;
+        if (yaw - last).abs() > PI && yaw.abs().max(last.abs()) <= PI {
+            offset -= TAU.copysign(yaw - last);
+        }
+        last = yaw;
+        knot.value.w += offset;
+    }
 }
 
 /// The slopes at the inner points; those at the ends stay zero.

@@ -152,7 +152,7 @@ proptest! {
         value in vector(2.0),
         slope in vector(5.0),
         curvature in vector(10.0),
-        yaw in -3.0..3.0_f64,
+        [yaw, rate, bend] in prop::array::uniform3(-3.0..3.0_f64),
     ) {
         let force = |t: f64| Force {
             value: value + Vector3::z() * 9.81 + slope * t + curvature * (t * t / 2.0),
@@ -160,7 +160,8 @@ proptest! {
             curvature,
         };
         let h = 1e-3;
-        let (now, next) = (force(0.0).attitude(yaw), force(h).attitude(yaw));
+        let turning = |t: f64| [yaw + (rate + bend * (t / 2.0)) * t, rate + bend * t, bend];
+        let (now, next) = (force(0.0).attitude(turning(0.0)), force(h).attitude(turning(h)));
         let turned = now.attitude.rotation_to(&next.attitude) / h;
         prop_assert!((turned - now.rate.0).amax() < 0.02);
         let accelerated = (next.rate.0 - now.rate.0) / h;

@@ -98,11 +98,13 @@ fn text_of(cell: FieldCell) -> String {
 }
 
 /// Export of trajectories as lines `time x y z qx qy qz qw` \[s; m, world; body to world\], for trajectory evaluation
-/// tools: `pose` at its capture, `truth`, `estimate` and `reference`.
+/// tools: `pose` and `estimate` at the capture of a pose, `truth` and `reference`.
 #[derive(Debug, Default)]
 pub struct TumExport {
     /// Trajectories by name.
     pub tables: Tables,
+    /// Capture of the last estimate.
+    estimated_at: Time,
 }
 
 impl TumExport {
@@ -129,9 +131,13 @@ impl Sink for TumExport {
                 self.line("pose", at, (pose.position, pose.attitude));
             }
             Sample::Telemetry(telemetry) => {
-                let TelemetryV1 { time, position, attitude, .. } = *telemetry;
-                self.line("estimate", time, (position, attitude));
-                let TelemetryV1 { reference_position, attitude_command, .. } = *telemetry;
+                let TelemetryV1 { pose_captured_at, position, attitude, .. } = *telemetry;
+                // Between two poses the estimate stays.
+                if pose_captured_at > self.estimated_at {
+                    self.estimated_at = pose_captured_at;
+                    self.line("estimate", pose_captured_at, (position, attitude));
+                }
+                let TelemetryV1 { time, reference_position, attitude_command, .. } = *telemetry;
                 self.line("reference", time, (reference_position, attitude_command));
             }
             _ => {}
@@ -140,4 +146,26 @@ impl Sink for TumExport {
 
     /// Ignores losses; a recording contains them as events.
     fn lost(&mut self, _: ObservedTopic, _: u64) {}
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_estimate_has_the_instant_of_its_capture_once() {
+        let mut export = TumExport::default();
+        let attitude = [0.0, 0.0, 0.0, 1.0];
+        for (tick_s, captured_s) in [(1, 0), (3, 2), (4, 2), (6, 5)] {
+            let [time, pose_captured_at] =
+                [tick_s, captured_s].map(|seconds| Time::from_nanos(seconds * 1_000_000_000));
+            let telemetry =
+                TelemetryV1 { time, pose_captured_at, attitude, ..TelemetryV1::default() };
+            let received_at = Time::from_nanos(9);
+            let reception = Reception { header: Default::default(), received_at };
+            export.sample(&reception, Sample::Telemetry(&telemetry));
+        }
+        let lines: Vec<_> = export.tables["estimate"].lines().map(|line| &line[..12]).collect();
+        assert_eq!(lines, ["2.000000000 ", "5.000000000 "]);
+    }
 }

@@ -15,7 +15,7 @@ use crate::table;
 pub struct TopicOverview {
     /// Number of messages \[-\].
     pub messages: u64,
-    /// Mean message rate from the first message to the last \[Hz\].
+    /// Mean message rate from the publication of the first message to that of the last \[Hz\].
     pub rate_hz: f64,
     /// Size of the messages \[bytes\].
     pub bytes: u64,
@@ -55,8 +55,10 @@ impl RecordingOverview {
             let Some(topic) = topics.get_mut(&channel.topic) else { continue };
             topic.messages += 1;
             topic.bytes += message.data.len() as u64;
-            let span = spans.entry(&channel.topic).or_insert((message.log_time, 0));
-            span.1 = message.log_time;
+            // A recorder that joins later receives the messages that wait for it at once.
+            let at = message.publish_time;
+            let (first, last) = spans.entry(&channel.topic).or_insert((at, at));
+            (*first, *last) = (at.min(*first), at.max(*last));
         }
         for (name, topic) in &mut topics {
             let seconds = spans.get(name.as_str()).map_or(0.0, |(from, to)| seconds(*from, *to));

@@ -108,6 +108,18 @@ fn a_recording_is_read_as_written() {
 }
 
 #[test]
+fn the_rate_of_a_topic_is_that_of_its_publication() {
+    let directory = tempfile::tempdir().unwrap();
+    let (path, _) = record(&directory, &configuration(), false);
+    let mut file = RecordingFile::read(&path).unwrap();
+    let first = file.messages[0].log_time;
+    // Everything is received within a microsecond.
+    file.messages.iter_mut().zip(0..).for_each(|(message, k)| message.log_time = first + k % 1000);
+    let rate_hz = RecordingOverview::of(&file).topics["telemetry"].rate_hz;
+    assert!((rate_hz - 62.5).abs() < 1e-9, "{rate_hz} Hz");
+}
+
+#[test]
 fn files_follow_each_other_without_a_gap() {
     let directory = tempfile::tempdir().unwrap();
     let mut config = configuration();
