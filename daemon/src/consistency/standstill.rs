@@ -3,8 +3,8 @@
 //!
 //! A disturbance can hold a vehicle in place against its thrust, for example at the end of the motion that a push began. But a law
 //! learns of the disturbance from the motion alone, so the vehicle moves before the thrust counteracts it. That motion shows the
-//! disturbance here, too: a standstill is compared with the thrust that balanced the disturbance when it began. What poses that stand
-//! still show is not believed.
+//! disturbance here, too: a standstill is compared with the thrust that balanced the disturbance when it began. Poses that stand
+//! still do not change it.
 
 use nalgebra::Vector3;
 
