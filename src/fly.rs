@@ -52,10 +52,10 @@ pub struct FlyArgs {
     #[arg(long, value_name = "NAME")]
     trajectory: Option<String>,
     /// Duration of the trajectory without take-off and landing [s]
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
     duration: Option<f64>,
     /// Seed of all random numbers
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     seed: Option<i64>,
     /// Clock of the flight: real time, or virtual time through processes or in this process
     #[arg(long, value_enum)]

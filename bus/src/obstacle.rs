@@ -29,7 +29,7 @@ obstacles! {
     /// Too few accepted poses in a row.
     NoPoses = 0 => "no poses, or too few good ones in a row",
     /// Position or attitude changed recently.
-    Moving = 1 => "the vehicle moves, or is carried",
+    Moving = 1 => "the vehicle moves, or is carried, or its poses are too noisy (by more than 15 mm or 2.9 deg)",
     /// The vehicle is not level.
     Tilted = 2 => "the vehicle is tilted (set it upright, or restart oqtal plant-sim)",
     /// The vehicle is not at the height configured for the floor.
@@ -120,9 +120,7 @@ mod tests {
             .with(ArmingObstacle::Tilted, true)
             .with(ArmingObstacle::Moving, true)
             .with(ArmingObstacle::NoPoses, false);
-        assert!(
-            two.to_string().starts_with("the vehicle moves, or is carried; the vehicle is tilted")
-        );
+        assert!(two.to_string().contains("2.9 deg); the vehicle is tilted"));
         assert!(ArmingObstacles::default().is_empty() && !two.is_empty());
     }
 }

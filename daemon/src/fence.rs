@@ -41,15 +41,15 @@ impl Braking {
         if s > 0.0 { velocity.norm() / s } else { self.horizontal_m_s2.min(self.vertical_m_s2) }
     }
 
-    /// The point at which a vehicle at `position` \[m, world\] with `velocity` \[m/s, world\] and `acceleration` \[m/s^2, world\] stops.
-    /// The acceleration decreases to zero, linearly, within the reaction time.
+    /// The point at which a vehicle at `position` \[m, world\] with `velocity` \[m/s, world\] and the horizontal `acceleration`
+    /// \[m/s^2, world\] stops. The acceleration decreases to zero, linearly, within the reaction time.
     pub(crate) fn stopping_point(
         &self,
         position: &Vector3<f64>,
         velocity: &Vector3<f64>,
-        acceleration: &Vector3<f64>,
+        acceleration: &Vector2<f64>,
     ) -> Vector3<f64> {
-        let t_s = self.reaction_s;
+        let (t_s, acceleration) = (self.reaction_s, acceleration.push(0.0));
         let mut way = (velocity + acceleration * (t_s / 3.0)) * t_s;
         // A descent ends at the floor, and not at the lower border.
         way.z = way.z.max(0.0);

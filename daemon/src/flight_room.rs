@@ -15,6 +15,9 @@ use crate::waypoint_file::trajectory as trajectory_of;
 
 /// Points of a flight that are compared with the fence \[-\].
 const PATH_POINTS: u32 = 256;
+/// Differences from position \[m\] and speed \[m/s\] of the reference that a flight may have without being held by the fence.
+const POSITION_ERROR_M: f64 = 0.1;
+const SPEED_ERROR_M_S: f64 = 0.1;
 /// Points of a flight whose height is compared with the floor \[-\].
 const HEIGHT_POINTS: u32 = 4096;
 
@@ -24,12 +27,13 @@ pub(crate) fn path(config: &Config, trajectory: &Trajectory) -> Vec<(f64, Vector
     references.map(|(t_s, reference)| (t_s, reference.position)).collect()
 }
 
-/// The same of the points at which the vehicle would stop if it had to brake.
+/// The same of the points at which the vehicle would stop if it had to brake from a motion faster by [`SPEED_ERROR_M_S`].
 pub(crate) fn stops(config: &Config, trajectory: &Trajectory) -> Vec<(f64, Vector3<f64>)> {
     let braking = Braking::of(config);
     let references = sampled(config, trajectory, PATH_POINTS);
     let stop = |Reference { position, velocity, acceleration, .. }| {
-        braking.stopping_point(&position, &velocity, &acceleration)
+        let error = velocity.try_normalize(0.0).unwrap_or_default() * SPEED_ERROR_M_S;
+        braking.stopping_point(&position, &(velocity + error), &acceleration.xy())
     };
     references.map(|(t_s, reference)| (t_s, stop(reference))).collect()
 }
@@ -57,7 +61,7 @@ fn check_room(
     start: Option<Vector3<f64>>,
 ) -> Result<(), OptionError> {
     let (path, stops) = (path(config, trajectory), stops(config, trajectory));
-    let soft_m = config.fence.soft_margin_m;
+    let soft_m = config.fence.soft_margin_m + POSITION_ERROR_M;
     let check = |path, margin_m| match start {
         Some(start) => check_from(config, path, (start, margin_m)),
         None => check_span(config, path, margin_m),
@@ -131,7 +135,11 @@ fn when(t_s: f64) -> String {
 
 /// The words for a path with this margin \[m\], or with the way to stop.
 fn room(margin_m: f64) -> &'static str {
-    if margin_m > 0.0 { "soft-margin-m included" } else { "the way to brake included" }
+    if margin_m > 0.0 {
+        "soft-margin-m and 0.1 m for tracking included"
+    } else {
+        "the way to brake included"
+    }
 }
 
 /// The words before a point of a path with this margin \[m\], or of one with the way to stop.
@@ -185,25 +193,34 @@ fn check_from(
         let (over, under) = (at[*axis] - high[*axis] + margin_m, low[*axis] - at[*axis]);
         over.max(under + lower_m(*axis))
     };
-    let axis = (0..3).max_by(|a, b| beyond(a).total_cmp(&beyond(b))).unwrap_or_default();
+    let (is_polygon, is_high) = (!config.fence.polygon_m.is_empty(), beyond(&2) > 0.0);
+    let axis = match is_polygon && !is_high {
+        true => 0,
+        false => (0..3).max_by(|a, b| beyond(a).total_cmp(&beyond(b))).unwrap_or_default(),
+    };
     // A vehicle on a floor that is the border is outside.
     let is_on_floor = axis == 2 && at.z <= low.z && point.z == 0.0;
-    let remedy = match is_on_floor {
-        true => "; let the fence begin below the floor".to_owned(),
-        false => {
-            let along = || path.iter().map(|(_, point)| start[axis] + point[axis]);
-            let from = along().fold(low[axis] + lower_m(axis), f64::min) - lower_m(axis);
-            let to = along().fold(high[axis] - margin_m, f64::max) + margin_m;
-            let name = ["x", "y", "z"][axis];
-            let other = match margin_m > 0.0 {
-                true => format!("a smaller fence.soft-margin-m, or with {}", smaller(config)),
-                false => "a slower trajectory".to_owned(),
-            };
-            format!("; it fits beyond {from:.2} to {to:.2} m in {name}, or with {other}")
-        }
+    let remedy = if is_on_floor {
+        "let the fence begin below the floor".to_owned()
+    } else if is_polygon && axis != 2 {
+        let outside_m = |(_, point): &(_, _)| -fence.inside_by_m(&(start + point), margin_m);
+        let most_m = path.iter().map(outside_m).fold(0.0, f64::max);
+        format!(
+            "it needs sides up to {most_m:.2} m further outside, or {}",
+            other(config, margin_m)
+        )
+    } else {
+        let (lower_m, name) = (lower_m(axis), ["x", "y", "z"][axis]);
+        // A border that is moved is moved to the next centimetre outside.
+        let along = || path.iter().map(|(_, point)| (start[axis] + point[axis]) * 100.0);
+        let from = along().map(|at| ((at - lower_m * 100.0).ceil() - 1.0) / 100.0);
+        let to = along().map(|at| ((at + margin_m * 100.0).floor() + 1.0) / 100.0);
+        let (from, to) = (from.fold(low[axis], f64::min), to.fold(high[axis], f64::max));
+        let other = other(config, margin_m);
+        format!("it needs a fence from {from:.2} to {to:.2} m in {name}, or {other}")
     };
     let allowed = format!(
-        "around the whole trajectory, {}: {} {} [{:.2}, {:.2}, {:.2}] m{remedy}",
+        "around the whole trajectory, {}: {} {} [{:.2}, {:.2}, {:.2}] m; {remedy}",
         room(margin_m),
         when(*t_s),
         place(margin_m),
@@ -214,13 +231,14 @@ fn check_from(
     Err(border_error(config, ["x", "y", "z"][axis], allowed))
 }
 
-/// Remedy that makes the trajectory of `config` smaller.
-fn smaller(config: &Config) -> &'static str {
+/// Remedies other than a larger fence, for a path with this margin \[m\], or for one with the way to stop.
+fn other(config: &Config, margin_m: f64) -> &'static str {
     match config.trajectory.kind {
+        _ if margin_m == 0.0 => "a slower trajectory",
         TrajectoryKind::Waypoints => {
-            "waypoints that are closer together (trajectory.waypoints-file)"
+            "a smaller fence.soft-margin-m, or waypoints that are closer together (trajectory.waypoints-file)"
         }
-        _ => "smaller lengths in [trajectory]",
+        _ => "a smaller fence.soft-margin-m, or smaller lengths in [trajectory]",
     }
 }
 
@@ -276,7 +294,7 @@ mod tests {
         let narrow = |border| check(&[&circle[..], &[border]].concat(), None).unwrap_err();
         let told = narrow("fence.x-m=[-4.5, 4.5]");
         assert!(told.starts_with("`fence.x-m` is [-4.5, 4.5]"), "{told}");
-        assert!(told.contains("wider than 10.00 m") && told.contains("x = "), "{told}");
+        assert!(told.contains("wider than 10.20 m") && told.contains("x = "), "{told}");
         let polygon = "fence.polygon-m=[[-9.0, -4.9], [9.0, -4.9], [9.0, 4.9], [-9.0, 4.9]]";
         assert!(narrow(polygon).starts_with("`fence.polygon-m`"), "{}", narrow(polygon));
         let told = check(&["trajectory.height-m=3.0", "fence.z-m=[0.0, 3.5]"], None).unwrap_err();
@@ -320,20 +338,36 @@ mod tests {
     }
 
     #[test]
+    fn a_polygon_that_is_too_narrow_is_named_with_the_distance() {
+        let settings = ["trajectory.kind=hover", "fence.polygon-m=[[-2, -2], [2, -2], [0, 2]]"];
+        let told = check(&settings, Some(Vector3::zeros())).unwrap_err();
+        // The sides are 2 / sqrt(5) m from the origin, the margins are 1.1 m.
+        let remedy = "it needs sides up to 0.21 m further outside";
+        assert!(told.starts_with("`fence.polygon-m`") && told.contains(remedy), "{told}");
+        let low = [
+            "trajectory.kind=hover",
+            "fence.polygon-m=[[-9, -9], [9, -9], [0, 9]]",
+            "fence.z-m=[-0.5, 1.9]",
+        ];
+        let told = check(&low, Some(Vector3::zeros())).unwrap_err();
+        assert!(told.starts_with("`fence.z-m`"), "{told}");
+    }
+
+    #[test]
     fn from_a_known_start_a_point_outside_is_reported() {
         let settings = ["fence.x-m=[-0.5, 9.0]", "fence.soft-margin-m=0.2"];
         assert_eq!(check(&settings, Some(Vector3::x() * 3.0)), Ok(()));
         let near =
             ["fence.x-m=[-0.8, 9.0]", "fence.soft-margin-m=1.0", "trajectory.kind=\"hover\""];
         let told = check(&near, Some(Vector3::zeros())).unwrap_err();
-        assert!(told.starts_with("`fence.x-m`") && told.contains("beyond -1.00 to 9.00"), "{told}");
+        assert!(told.starts_with("`fence.x-m`") && told.contains("from -1.11 to 9.00"), "{told}");
         let top = ["trajectory.height-m=3.2", "fence.z-m=[-0.5, 4.0]", "trajectory.kind=\"hover\""];
         let told = check(&top, Some(Vector3::zeros())).unwrap_err();
-        assert!(told.contains("beyond -0.50 to 4.20 m in z"), "{told}");
+        assert!(told.contains("from -0.50 to 4.31 m in z"), "{told}");
         let told = check(&settings, Some(Vector3::x() * 8.0)).unwrap_err();
         assert!(
             told.starts_with("`fence.x-m`")
-                && told.contains("it fits beyond -0.50 to ")
+                && told.contains("it needs a fence from -0.50 to ")
                 && told.contains("at ["),
             "{told}"
         );

@@ -104,8 +104,9 @@ pub struct FlightLimits {
     /// The fence.
     pub fence: Fence,
     motion: LoopLimits,
-    /// Gravity \[m/s^2\].
+    /// Gravity \[m/s^2\], and drag \[1/s\].
     gravity: f64,
+    drag: f64,
     speed: f64,
     /// Cosines of the tilts.
     tilt_warning: f64,
@@ -146,6 +147,7 @@ impl FlightLimits {
             fence: Fence::new(&config.fence),
             motion: LoopLimits::of(config),
             gravity: config.vehicle.gravity_m_s2,
+            drag: config.vehicle.drag_per_s,
             speed: safety.speed_limit_m_s,
             tilt_warning: safety.tilt_warning_deg.to_radians().cos(),
             tilt: safety.tilt_limit_deg.to_radians().cos(),
@@ -189,15 +191,13 @@ impl FlightLimits {
         conditions.lies_on_floor = is_on_floor && is_above && thrust_n > 0.0;
     }
 
-    /// The point at which a vehicle in `motion` stops \[m, world\]. A tilted vehicle accelerates until it has turned.
+    /// The point at which a vehicle in `motion` stops \[m, world\]. A tilted vehicle accelerates until it has turned,
+    /// as far as the tilt does more than to balance the drag.
     fn stopping_point(&self, motion: &Motion) -> Vector3<f64> {
         let up = motion.attitude.to_world(&Vector3::z());
-        let acceleration = up.xy() * (self.gravity / up.z.max(LEAST_COSINE));
-        self.motion.braking.stopping_point(
-            &motion.position,
-            &motion.velocity,
-            &acceleration.push(0.0),
-        )
+        let acceleration =
+            up.xy() * (self.gravity / up.z.max(LEAST_COSINE)) - motion.velocity.xy() * self.drag;
+        self.motion.braking.stopping_point(&motion.position, &motion.velocity, &acceleration)
     }
 
     /// Fills in the conditions of the vehicle; an unknown number exceeds no limit.

@@ -1,5 +1,7 @@
 //! Warnings before a flight: settings that the flight cannot satisfy. The flight takes place nevertheless.
 
+mod disturbances;
+
 use std::ops::RangeInclusive;
 
 use nalgebra::Vector3;
@@ -58,7 +60,8 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
         all.extend(too_fast(&samples, config, vertical, |velocity| velocity.z.abs()));
     }
     all.extend(jump(&plan, config));
-    all.extend(after_the_end(config, plan.end_s()));
+    all.extend(disturbances::after_the_end(config, plan.end_s()));
+    all.extend(disturbances::too_heavy(config));
     all
 }
 
@@ -74,20 +77,6 @@ fn rotor_thrust(config: &Config) -> Option<String> {
             plant.max_thrust_n
         )
     })
-}
-
-/// Notes on disturbances and faults that begin after the planned end of the flight, at `end_s` from arming \[s\].
-fn after_the_end(config: &Config, end_s: f64) -> Vec<String> {
-    let disturbances =
-        config.plant.disturb.iter().map(|it| ("disturbance", it.to_string(), it.at_s));
-    let faults = config.fault.inject.iter().map(|it| ("fault", it.to_string(), it.at_s));
-    let late = disturbances.chain(faults).filter(|(.., at_s)| *at_s >= end_s);
-    late.map(|(kind, text, at_s)| {
-        format!(
-            "the {kind} `{text}` begins {at_s} s after arming and will not occur: the flight is planned to end after {end_s:.1} s; give an earlier time, or a longer flight with --duration"
-        )
-    })
-    .collect()
 }
 
 /// Notes on values of the vehicle, and of the simulated one where it differs, that are probably written in another unit.
@@ -285,7 +274,7 @@ mod tests {
     use oqtal_config::Setting;
     use oqtal_control::trajectory::Waypoints;
 
-    fn told(settings: &[&str], waypoints: Option<&str>) -> Vec<String> {
+    pub(super) fn told(settings: &[&str], waypoints: Option<&str>) -> Vec<String> {
         let settings: Vec<_> =
             settings.iter().map(|text| Setting::parse("test", text).unwrap()).collect();
         let config = Config::from_settings(&settings).unwrap();
@@ -366,21 +355,6 @@ mod tests {
         let kind = "trajectory.kind=waypoints";
         let text = told(&[kind], Some("t,x,y,z\n0,3,0,1\n9,3,0,1\n")).join("\n");
         assert!(text.contains("[3.00, 0.00, 1.00] m is 3.00 m from the hover point"), "{text}");
-    }
-
-    #[test]
-    fn a_disturbance_or_fault_after_the_end_of_the_flight_is_reported_with_both_times() {
-        let of = |key: &str, at: &str| {
-            let hover = ["trajectory.kind=hover", "trajectory.duration-s=5"];
-            told(&[&hover[..], &[&format!("{key}=[\"{at}\"]")]].concat(), None).join("\n")
-        };
-        for (key, at) in [("plant.disturb", "mass@60=0.05kg"), ("fault.inject", "pose:off@60+1")] {
-            let text = of(key, at);
-            for part in [at, "begins 60 s after arming", "planned to end after "] {
-                assert!(text.contains(part), "{key}: {text}");
-            }
-            assert!(of(key, &at.replace("60", "6")).is_empty());
-        }
     }
 
     #[test]

@@ -3,6 +3,7 @@
 
 mod cameras;
 mod external;
+mod fence;
 mod heading;
 mod identify;
 mod live;

@@ -37,6 +37,10 @@ impl CornerFigures {
 
     /// Figures of the scored windows of all flights; `None` for paths without corners.
     pub fn of(flight: &Flight) -> Option<Self> {
+        // A single tick has no duration.
+        if flight.scored_s() == 0.0 {
+            return None;
+        }
         let mut sums = CornerSums::default();
         // The first reference of a record that begins in flight is not a step.
         let begins_at_rest =
@@ -141,6 +145,14 @@ mod tests {
         let cut = CornerFigures::of(&flight).unwrap();
         assert_eq!((cut.settling.count, cut.settling.cut_off), (3, 1));
         assert!(cut.settling_text().ends_with("1 cut off by the end of the flight"));
+    }
+
+    #[test]
+    fn a_flight_of_which_nothing_is_scored_has_no_corner() {
+        let mut flight = fixture::square();
+        let first = flight.samples.iter().position(FlightSample::is_scored).unwrap();
+        flight.samples.truncate(first + 1);
+        assert_eq!(CornerFigures::of(&flight), None);
     }
 
     #[test]

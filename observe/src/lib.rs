@@ -48,6 +48,7 @@ pub mod explain;
 pub mod fault;
 pub mod flight;
 pub mod flight_sample;
+pub mod handovers;
 pub mod instance;
 pub mod instance_observer;
 pub mod kernel;

@@ -1,17 +1,15 @@
 //! The figures of a flight: `summary.json`.
 
 use std::collections::BTreeMap;
-use std::fmt;
 
 use crate::attitude_steps::attitude_steps;
 use crate::latency::{Distribution, DistributionSummary};
 use nalgebra::Vector3;
-use oqtal_bus::code::{HandoverCause, SafetyState};
+use oqtal_bus::code::SafetyState;
 use oqtal_bus::message::{FNV_OFFSET, TelemetryV1, fnv1a};
 use oqtal_bus::time::Span;
 use oqtal_config::{ClockKind, Config, Interface};
 use oqtal_control::metrics::Statistics;
-use oqtal_control::trajectory::Phase;
 use serde::Serialize;
 
 use crate::command_path::CommandPath;
@@ -19,6 +17,7 @@ use crate::corners::CornerFigures;
 use crate::event::ChangeInFlight;
 use crate::fault::{AppliedDisturbance, InjectedFault};
 use crate::flight::{AnswerCounts, Flight, FlightSample, Outcome};
+use crate::handovers::HandoverFigures;
 use crate::kernel::ProcessUsage;
 use crate::provenance::Provenance;
 use crate::settling::StepSettling;
@@ -49,27 +48,6 @@ pub struct TopicCounts {
     pub pose: u64,
     /// Commands \[-\]; lost ones from gaps in their sequence.
     pub command: u64,
-}
-
-/// Hand-overs from a law to its fallback.
-#[derive(Clone, Debug, Serialize)]
-pub struct HandoverFigures {
-    /// Number \[-\].
-    pub count: u64,
-    /// Number by reason \[-\].
-    pub causes: BTreeMap<String, u64>,
-    /// Ticks of the trajectory that the fallback flew \[-\].
-    pub fallback_ticks: usize,
-}
-
-impl fmt::Display for HandoverFigures {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.count)?;
-        for (index, (cause, count)) in self.causes.iter().enumerate() {
-            write!(f, "{}{cause} {count}", if index == 0 { ": " } else { ", " })?;
-        }
-        write!(f, "; {} ticks of the trajectory by the fallback law", self.fallback_ticks)
-    }
 }
 
 /// Figures of a flight. Errors are computed over the scored window and are `None` if it is empty.
@@ -181,7 +159,7 @@ impl Summary {
             period_jitter: in_real_time(config, &flight.period_jitter),
             daemon: flight.daemon.clone(),
             answers: config.control.is_external().then_some(flight.answers),
-            handovers: handovers(flight),
+            handovers: HandoverFigures::of(flight),
             state_sequence: state_sequence(flight),
             faults: InjectedFault::all(flight),
             disturbances: AppliedDisturbance::all(flight),
@@ -340,27 +318,6 @@ fn effort(flight: &Flight) -> Option<f64> {
             + Vector3::from(sample.telemetry.torque).norm()
     };
     flight.scored().next().map(|_| flight.integral(FlightSample::is_scored, norm))
-}
-
-/// The hand-overs of `flight`; `None` if its law has no fallback.
-fn handovers(flight: &Flight) -> Option<HandoverFigures> {
-    let control = &flight.config.control;
-    if !control.is_external() && control.fallback.is_none() {
-        return None;
-    }
-    let mut figures = HandoverFigures { count: 0, causes: BTreeMap::new(), fallback_ticks: 0 };
-    let mut last = 0;
-    for FlightSample { telemetry, .. } in flight.armed() {
-        if telemetry.handovers > last {
-            let cause = HandoverCause::from_code(telemetry.handover_cause).unwrap_or_default();
-            *figures.causes.entry(cause.to_string()).or_default() += 1;
-            figures.count += 1;
-        }
-        last = telemetry.handovers;
-        let is_on_trajectory = telemetry.phase == Phase::Trajectory as u8;
-        figures.fallback_ticks += usize::from(is_on_trajectory && telemetry.fallback == 1);
-    }
-    Some(figures)
 }
 
 /// Safety states from arming to the end of the record; all of them if the vehicle was never armed. On the ground the daemon waits

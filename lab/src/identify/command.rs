@@ -45,8 +45,11 @@ pub struct IdentifyArgs {
     config: Vec<PathBuf>,
     #[command(flatten)]
     settings: SettingArgs,
+    /// Attitude law, with --fly
+    #[arg(long, value_name = "NAME", requires = "fly")]
+    controller: Option<String>,
     /// Seed of every random source, with --fly
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     seed: Option<u32>,
     /// Directory of vehicle.toml, identification.json and identification.html [default: results/identify-N]
     #[arg(long, value_name = "DIR")]
@@ -157,6 +160,8 @@ impl IdentifyArgs {
     fn own_settings(&self) -> Result<Vec<Setting>, Failure> {
         let mut settings = Config::layers(&self.config)?;
         settings.extend(self.settings.settings()?);
+        let law = |name: &String| Setting::flag("--controller", "control.controller", name.clone());
+        settings.extend(self.controller.as_ref().map(law));
         let seed = self.seed.map(|seed| Setting::flag("--seed", "clock.seed", i64::from(seed)));
         settings.extend(seed);
         Ok(settings)

@@ -1,0 +1,61 @@
+//! Warnings on disturbances and faults.
+
+use oqtal_config::{Config, DisturbanceKind};
+
+/// Notes on disturbances and faults that begin after the planned end of the flight, at `end_s` from arming \[s\].
+pub(super) fn after_the_end(config: &Config, end_s: f64) -> Vec<String> {
+    let disturbances =
+        config.plant.disturb.iter().map(|it| ("disturbance", it.to_string(), it.at_s));
+    let faults = config.fault.inject.iter().map(|it| ("fault", it.to_string(), it.at_s));
+    let late = disturbances.chain(faults).filter(|(.., at_s)| *at_s >= end_s);
+    late.map(|(kind, text, at_s)| {
+        format!(
+            "the {kind} `{text}` begins {at_s} s after arming and will not occur: the flight is planned to end after {end_s:.1} s; give an earlier time, or a longer flight with --duration"
+        )
+    })
+    .collect()
+}
+
+/// Notes on payloads that the vehicle cannot lift.
+pub(super) fn too_heavy(config: &Config) -> Vec<String> {
+    let plant = &config.plant;
+    let most_kg = plant.max_thrust_n / plant.gravity_m_s2 - plant.mass_kg;
+    let payloads = plant.disturb.iter().filter_map(|it| match it.kind {
+        DisturbanceKind::Mass(mass_kg) if mass_kg > most_kg => Some((it, mass_kg)),
+        _ => None,
+    });
+    payloads
+        .map(|(it, mass_kg)| {
+            format!(
+                "the disturbance `{it}` adds {mass_kg} kg, and the vehicle lifts {most_kg:.2} kg more than itself: masses are in kg; 100 g is 0.1kg"
+            )
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::told;
+
+    #[test]
+    fn a_disturbance_or_fault_after_the_end_of_the_flight_is_reported_with_both_times() {
+        let of = |key: &str, at: &str| {
+            let hover = ["trajectory.kind=hover", "trajectory.duration-s=5"];
+            told(&[&hover[..], &[&format!("{key}=[\"{at}\"]")]].concat(), None).join("\n")
+        };
+        for (key, at) in [("plant.disturb", "mass@60=0.05kg"), ("fault.inject", "pose:off@60+1")] {
+            let text = of(key, at);
+            for part in [at, "begins 60 s after arming", "planned to end after "] {
+                assert!(text.contains(part), "{key}: {text}");
+            }
+            assert!(of(key, &at.replace("60", "6")).is_empty());
+        }
+    }
+
+    #[test]
+    fn a_payload_that_the_vehicle_cannot_lift_is_reported_with_its_unit() {
+        assert!(told(&["plant.disturb=[\"mass@9=0.1kg\"]"], None).is_empty());
+        let text = told(&["plant.disturb=[\"mass@9=100\"]"], None).join("\n");
+        assert!(text.contains("adds 100 kg") && text.contains("masses are in kg"), "{text}");
+    }
+}

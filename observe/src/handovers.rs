@@ -1,0 +1,85 @@
+//! Hand-overs from a law to its fallback.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use oqtal_bus::code::HandoverCause;
+use oqtal_control::trajectory::Phase;
+use serde::Serialize;
+
+use crate::flight::Flight;
+use crate::flight_sample::FlightSample;
+
+/// Hand-overs from a law to its fallback.
+#[derive(Clone, Debug, Serialize)]
+pub struct HandoverFigures {
+    /// Number \[-\].
+    pub count: u64,
+    /// Number by reason \[-\].
+    pub causes: BTreeMap<String, u64>,
+    /// Ticks of the trajectory that the fallback flew \[-\].
+    pub fallback_ticks: usize,
+    /// Reason why it flew them from the beginning: no command of the law was good until then; `None` after a hand-over.
+    pub refused: Option<String>,
+}
+
+impl HandoverFigures {
+    /// The hand-overs of `flight`; `None` if its law has no fallback.
+    pub(crate) fn of(flight: &Flight) -> Option<Self> {
+        let control = &flight.config.control;
+        if !control.is_external() && control.fallback.is_none() {
+            return None;
+        }
+        let (causes, refused) = (BTreeMap::new(), None);
+        let mut figures = Self { count: 0, causes, fallback_ticks: 0, refused };
+        let mut last = 0;
+        for FlightSample { telemetry, .. } in flight.armed() {
+            let cause = HandoverCause::from_code(telemetry.handover_cause).unwrap_or_default();
+            if telemetry.handovers > last {
+                *figures.causes.entry(cause.to_string()).or_default() += 1;
+                figures.count += 1;
+            }
+            last = telemetry.handovers;
+            let is_on_trajectory = telemetry.phase == Phase::Trajectory as u8;
+            if is_on_trajectory && telemetry.fallback == 1 {
+                figures.fallback_ticks += 1;
+                if telemetry.handovers == 0 && cause != HandoverCause::None {
+                    figures.refused.get_or_insert_with(|| cause.to_string());
+                }
+            }
+        }
+        Some(figures)
+    }
+}
+
+impl fmt::Display for HandoverFigures {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.count)?;
+        for (index, (cause, count)) in self.causes.iter().enumerate() {
+            write!(f, "{}{cause} {count}", if index == 0 { ": " } else { ", " })?;
+        }
+        write!(f, "; {} ticks of the trajectory by the fallback law", self.fallback_ticks)?;
+        let refused = self.refused.as_ref();
+        refused.map_or(Ok(()), |cause| write!(f, ", from the beginning on: {cause}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::tests::fixture;
+    use oqtal_config::{Config, Setting};
+
+    #[test]
+    fn a_law_that_was_refused_before_the_trajectory_has_its_cause_told() {
+        let external = Setting::parse("test", "control.controller=external").unwrap();
+        let mut flight = fixture::square();
+        flight.config = Config::from_settings(&[external]).unwrap();
+        flight.samples.iter_mut().for_each(|sample| {
+            sample.telemetry.fallback = 1;
+            sample.telemetry.handover_cause = HandoverCause::NotFinite.code();
+        });
+        let told = HandoverFigures::of(&flight).unwrap().to_string();
+        assert!(told.starts_with("0; ") && told.ends_with("from the beginning on: not finite"));
+    }
+}
