@@ -205,19 +205,10 @@ fn check_from(
     } else if is_polygon && axis != 2 {
         let outside_m = |(_, point): &(_, _)| -fence.inside_by_m(&(start + point), margin_m);
         let most_m = path.iter().map(outside_m).fold(0.0, f64::max);
-        format!(
-            "it needs sides up to {most_m:.2} m further outside, or {}",
-            other(config, margin_m)
-        )
-    } else {
-        let (lower_m, name) = (lower_m(axis), ["x", "y", "z"][axis]);
-        // A border that is moved is moved to the next centimetre outside.
-        let along = || path.iter().map(|(_, point)| (start[axis] + point[axis]) * 100.0);
-        let from = along().map(|at| ((at - lower_m * 100.0).ceil() - 1.0) / 100.0);
-        let to = along().map(|at| ((at + margin_m * 100.0).floor() + 1.0) / 100.0);
-        let (from, to) = (from.fold(low[axis], f64::min), to.fold(high[axis], f64::max));
         let other = other(config, margin_m);
-        format!("it needs a fence from {from:.2} to {to:.2} m in {name}, or {other}")
+        format!("it needs sides up to {most_m:.2} m further outside, or {other}")
+    } else {
+        wider(config, path, (start, margin_m), (axis, lower_m(axis)))
     };
     let allowed = format!(
         "around the whole trajectory, {}: {} {} [{:.2}, {:.2}, {:.2}] m; {remedy}",
@@ -229,6 +220,24 @@ fn check_from(
         at.z
     );
     Err(border_error(config, ["x", "y", "z"][axis], allowed))
+}
+
+/// The fence along `axis` that is wide enough for a flight along `path` from `start` \[m, world\], by `margin_m` at its upper border and by
+/// `lower_m` at the lower one \[m\].
+fn wider(
+    config: &Config,
+    path: &[(f64, Vector3<f64>)],
+    (start, margin_m): (Vector3<f64>, f64),
+    (axis, lower_m): (usize, f64),
+) -> String {
+    let (low, high) = corners(config);
+    // A border that is moved is moved to the next centimetre outside.
+    let along = || path.iter().map(|(_, point)| (start[axis] + point[axis]) * 100.0);
+    let from = along().map(|at| ((at - lower_m * 100.0).ceil() - 1.0) / 100.0);
+    let to = along().map(|at| ((at + margin_m * 100.0).floor() + 1.0) / 100.0);
+    let (from, to) = (from.fold(low[axis], f64::min), to.fold(high[axis], f64::max));
+    let (name, other) = (["x", "y", "z"][axis], other(config, margin_m));
+    format!("it needs a fence from {from:.2} to {to:.2} m in {name}, or {other}")
 }
 
 /// Remedies other than a larger fence, for a path with this margin \[m\], or for one with the way to stop.

@@ -274,7 +274,7 @@ mod tests {
     use oqtal_config::Setting;
     use oqtal_control::trajectory::Waypoints;
 
-    pub(super) fn told(settings: &[&str], waypoints: Option<&str>) -> Vec<String> {
+    fn told(settings: &[&str], waypoints: Option<&str>) -> Vec<String> {
         let settings: Vec<_> =
             settings.iter().map(|text| Setting::parse("test", text).unwrap()).collect();
         let config = Config::from_settings(&settings).unwrap();
@@ -370,5 +370,27 @@ mod tests {
         let other = ["plant.fidelity=rotors", "vehicle.mass-kg=1.35", "vehicle.max-thrust-n=31"];
         let told = told(&other, None);
         assert!(told.iter().any(|text| text.contains("max-speed-rad-s to 1180")), "{told:?}");
+    }
+
+    #[test]
+    fn a_disturbance_or_fault_after_the_end_of_the_flight_is_reported_with_both_times() {
+        let of = |key: &str, at: &str| {
+            let hover = ["trajectory.kind=hover", "trajectory.duration-s=5"];
+            told(&[&hover[..], &[&format!("{key}=[\"{at}\"]")]].concat(), None).join("\n")
+        };
+        for (key, at) in [("plant.disturb", "mass@60=0.05kg"), ("fault.inject", "pose:off@60+1")] {
+            let text = of(key, at);
+            for part in [at, "begins 60 s after arming", "planned to end after "] {
+                assert!(text.contains(part), "{key}: {text}");
+            }
+            assert!(of(key, &at.replace("60", "6")).is_empty());
+        }
+    }
+
+    #[test]
+    fn a_payload_that_the_vehicle_cannot_lift_is_reported_with_its_unit() {
+        assert!(told(&["plant.disturb=[\"mass@9=0.1kg\"]"], None).is_empty());
+        let text = told(&["plant.disturb=[\"mass@9=100\"]"], None).join("\n");
+        assert!(text.contains("adds 100 kg") && text.contains("masses are in kg"), "{text}");
     }
 }

@@ -23,6 +23,7 @@
 //! | `wire.rs` | figures of the wire to a vehicle |
 //! | `crash.rs` | detection of crashes |
 //! | `shortfall.rs` | reasons why a flight did not end as planned |
+//! | `handovers.rs` | hand-overs from a law to its fallback |
 //! | `corners.rs`, `attitude_steps.rs`, `settling.rs` | figures at the corners of a path, and of a prescribed attitude; settling after steps |
 //! | `fault.rs` | faults and disturbances of a flight |
 //! | `table.rs` | the closing table in the terminal |

@@ -32,30 +32,3 @@ pub(super) fn too_heavy(config: &Config) -> Vec<String> {
         })
         .collect()
 }
-
-#[cfg(test)]
-mod tests {
-    use super::super::tests::told;
-
-    #[test]
-    fn a_disturbance_or_fault_after_the_end_of_the_flight_is_reported_with_both_times() {
-        let of = |key: &str, at: &str| {
-            let hover = ["trajectory.kind=hover", "trajectory.duration-s=5"];
-            told(&[&hover[..], &[&format!("{key}=[\"{at}\"]")]].concat(), None).join("\n")
-        };
-        for (key, at) in [("plant.disturb", "mass@60=0.05kg"), ("fault.inject", "pose:off@60+1")] {
-            let text = of(key, at);
-            for part in [at, "begins 60 s after arming", "planned to end after "] {
-                assert!(text.contains(part), "{key}: {text}");
-            }
-            assert!(of(key, &at.replace("60", "6")).is_empty());
-        }
-    }
-
-    #[test]
-    fn a_payload_that_the_vehicle_cannot_lift_is_reported_with_its_unit() {
-        assert!(told(&["plant.disturb=[\"mass@9=0.1kg\"]"], None).is_empty());
-        let text = told(&["plant.disturb=[\"mass@9=100\"]"], None).join("\n");
-        assert!(text.contains("adds 100 kg") && text.contains("masses are in kg"), "{text}");
-    }
-}
