@@ -363,7 +363,7 @@ impl PoseConsistency {
             if expected.is_away {
                 self.evidence.standstill = moved * DEFAULT_LIMIT / self.limit;
             } else {
-                self.standstill.discard_motion();
+                self.standstill.end();
             }
         }
         if !is_airborne {
