@@ -32,7 +32,9 @@ pub(crate) fn stops(config: &Config, trajectory: &Trajectory) -> Vec<(f64, Vecto
     let braking = Braking::of(config);
     let references = sampled(config, trajectory, PATH_POINTS);
     let stop = |Reference { position, velocity, acceleration, .. }| {
-        let error = velocity.try_normalize(0.0).unwrap_or_default() * SPEED_ERROR_M_S;
+        let mut error = velocity.try_normalize(0.0).unwrap_or_default() * SPEED_ERROR_M_S;
+        // A descent ends at the floor.
+        error.z = error.z.max(0.0);
         braking.stopping_point(&position, &(velocity + error), &acceleration.xy())
     };
     references.map(|(t_s, reference)| (t_s, stop(reference))).collect()
