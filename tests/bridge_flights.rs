@@ -47,8 +47,7 @@ fn f18_a_failed_radio_is_the_cause_of_a_stop_by_the_poses() {
     let summary = json(&testbed.fly(&[&WIRED[..], &hover("11"), &line].concat()));
     let shortfall = summary["shortfall"].as_str().unwrap();
     assert!(shortfall.contains("vehicle silent"), "{shortfall}");
-    // Which of the two finds it first depends on the phase of the radio.
-    assert!(number(&summary, "/duration_s") < 8.0, "{summary:#}");
+    assert!(number(&summary, "/duration_s") < 5.3, "{summary:#}");
 }
 
 /// Beside an attitude a yaw rate is commanded, which the tracked model does not contain.

@@ -18,9 +18,7 @@ pub fn rootless(testbed: &Testbed, words: &[&str]) -> Command {
 #[test]
 fn a_stop_by_name_is_not_confirmed_by_a_vehicle_under_another_root() {
     let testbed = Testbed::new("orphan");
-    let elsewhere = testbed.path("elsewhere").display().to_string();
-    let words = ["plant-sim", "run", "--instance", testbed.instance(), "--root", &elsewhere];
-    let plant = Running::start(&mut testbed.study(&words));
+    let (plant, _) = second(&testbed, "plant-sim");
     let _daemon = testbed.start(&["daemon", "run"]);
     testbed.wait_for_daemon();
     let is_found = |id: u32| ObeyingProcess::all().iter().any(|process| process.pid == id);
@@ -29,12 +27,17 @@ fn a_stop_by_name_is_not_confirmed_by_a_vehicle_under_another_root() {
     assert_refused(&output, 75, &["without a process of its vehicle", "the daemon obeys"]);
 }
 
-/// A process of a second vehicle of the same name, which is suspended.
-pub fn suspended(testbed: &Testbed, role: &str) -> (Running, InstancePaths) {
+/// A process of a second vehicle of the same name, under another root.
+fn second(testbed: &Testbed, role: &str) -> (Running, InstancePaths) {
     let root = testbed.path("elsewhere");
     let place = ["--instance", testbed.instance(), "--root", &root.display().to_string()];
     let process = Running::start(&mut testbed.study(&[&[role, "run"], &place[..]].concat()));
-    let paths = InstancePaths { instance: testbed.instance().to_owned(), root };
+    (process, InstancePaths { instance: testbed.instance().to_owned(), root })
+}
+
+/// As [`second`], suspended.
+pub fn suspended(testbed: &Testbed, role: &str) -> (Running, InstancePaths) {
+    let (process, paths) = second(testbed, role);
     wait_for("a second process", || {
         let is_found = ObeyingProcess::all().iter().any(|other| other.pid == process.id());
         (is_found && StopSwitch::existing(&paths).is_ok_and(|it| it.is_some())).then_some(())
@@ -59,9 +62,7 @@ fn a_landing_is_not_confirmed_while_another_daemon_of_that_name_hangs() {
 fn a_landing_by_name_is_confirmed_by_the_only_daemon_that_is_left() {
     let testbed = Testbed::new("one-landing");
     // The vehicle of a daemon that has ended.
-    let elsewhere = testbed.path("elsewhere").display().to_string();
-    let words = ["plant-sim", "run", "--instance", testbed.instance(), "--root", &elsewhere];
-    let _plant = Running::start(&mut testbed.study(&words));
+    let _plant = second(&testbed, "plant-sim");
     let bus = testbed.bus();
     let _processes = testbed.services();
     testbed.take_off(&bus);

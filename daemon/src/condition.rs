@@ -72,6 +72,11 @@ impl Condition {
         self.refusal.filter(|_| self.cause == Cause::Setpoint.code())
     }
 
+    /// Why the fallback law flies.
+    pub(crate) fn handover_reason(&self) -> HandoverCause {
+        HandoverCause::from_code(self.handover_cause).unwrap_or_default()
+    }
+
     /// Text, state and cause; `None` for codes that this version does not know.
     pub(crate) fn text(&self) -> Option<(String, SafetyState, Cause)> {
         let mode = Mode::from_code(self.mode)?;
@@ -79,8 +84,7 @@ impl Condition {
         let text = match cause {
             Cause::None => format!("{mode}, {state}"),
             Cause::Fallback => {
-                let reason = HandoverCause::from_code(self.handover_cause).unwrap_or_default();
-                format!("{mode}, {state}: {cause}, {reason}")
+                format!("{mode}, {state}: {cause}, {}", self.handover_reason())
             }
             Cause::Setpoint => match self.refusal() {
                 Some(refusal) => format!("{mode}, {state}: {cause}, {refusal}"),

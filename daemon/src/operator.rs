@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use oqtal_bus::code::{Answer, Cause, HandoverCause, Mode, OperatorCommand};
+use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand};
 use oqtal_bus::message::{AS_STARTED, ControlRequestV1, ControlResponseV1, EventV1};
 use oqtal_bus::text::LongText;
 use oqtal_bus::time::Time;
@@ -192,8 +192,7 @@ impl OperatorRequests {
             return format!("law {configured}");
         }
         let fallback = control.of_fallback().unwrap_or(*control).built_in().name();
-        let reason = HandoverCause::from_code(self.last.handover_cause).unwrap_or_default();
-        format!("law {fallback} in place of {configured} ({reason})")
+        format!("law {fallback} in place of {configured} ({})", self.last.handover_reason())
     }
 
     /// Passes a request for a flight on; the answer, and an event for recordings that began later, name the settings that were

@@ -150,15 +150,15 @@ impl PositionLaw {
         if begins {
             self.vertical.restart(vertical.position, vertical.velocity, Vector3::zeros());
         } else if strays(&self.vertical, motion, VERTICAL) {
-            restart(&mut self.vertical, motion, VERTICAL);
+            let acceleration = self.vertical.course().acceleration;
+            restart(&mut self.vertical, motion, VERTICAL, acceleration);
         }
-        let is_free = begins || reference.attitude.is_some();
-        if is_free {
+        if begins || reference.attitude.is_some() {
             self.filter.reset();
-            self.horizontal.restart(Vector3::zeros(), Vector3::zeros(), Vector3::zeros());
-        }
-        if is_free || strays(&self.horizontal, motion, HORIZONTAL) {
-            restart(&mut self.horizontal, motion, HORIZONTAL);
+            restart(&mut self.horizontal, motion, HORIZONTAL, Vector3::zeros());
+        } else if strays(&self.horizontal, motion, HORIZONTAL) {
+            let acceleration = self.horizontal.course().acceleration;
+            restart(&mut self.horizontal, motion, HORIZONTAL, acceleration);
         }
         if reference.attitude.is_none() {
             self.horizontal.advance(&horizontal, dt_s);
@@ -176,10 +176,16 @@ fn strays(model: &ReferenceModel, motion: &Motion, axes: Vector3<f64>) -> bool {
     (motion.position.component_mul(&axes) - model.course().position).norm() > LEASH_M
 }
 
-/// Restarts the model from the vehicle. Its acceleration continues: without it the vehicle would be level for a moment.
-fn restart(model: &mut ReferenceModel, motion: &Motion, axes: Vector3<f64>) {
+/// Restarts the model from the vehicle with this `acceleration` \[m/s^2, world\]: without that of its course, a vehicle that strays would
+/// be level for a moment.
+fn restart(
+    model: &mut ReferenceModel,
+    motion: &Motion,
+    axes: Vector3<f64>,
+    acceleration: Vector3<f64>,
+) {
     let [position, velocity] = [motion.position, motion.velocity].map(|x| x.component_mul(&axes));
-    model.restart(position, velocity, model.course().acceleration);
+    model.restart(position, velocity, acceleration);
 }
 
 /// The part of a course along some axes.

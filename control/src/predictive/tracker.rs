@@ -77,14 +77,13 @@ impl MotionTracker {
     /// Continues the flight with the model and the noise of `other`, for another law or other options. The adapted parameters are kept
     /// unless the bounds of the adaptation are others, or `other` predicts with a fixed model.
     pub fn change_law(&mut self, other: &Self) {
-        (self.nominal, self.model) = (other.nominal, other.model);
+        self.nominal = other.nominal;
         (self.expected, self.noise, self.innovation) = (other.expected, other.noise, None);
         self.adaptation = match (self.adaptation, other.adaptation) {
             (Some(own), Some(other)) => Some(own.continued_as(&other)),
             (Some(own), None) if other.expected.estimation.is_none() => Some(own),
             (_, other) => other,
         };
-        self.history.set_effect(CommandEffect::default());
         self.adopt_model();
         self.track = self.track.map(|track| track.with_noise(&other.noise));
     }
@@ -96,8 +95,7 @@ impl MotionTracker {
         // The next flight may have another battery, load or vehicle.
         self.adaptation = self.adaptation.filter(|_| self.noise.estimation.is_some());
         self.adaptation.iter_mut().for_each(Adaptation::reset);
-        self.model = self.nominal;
-        self.history.set_effect(CommandEffect::default());
+        self.adopt_model();
     }
 
     /// Ends the flight: on the ground no motion is predicted.
@@ -277,12 +275,11 @@ impl MotionTracker {
         }
     }
 
-    /// Predicts with the adapted model from now on.
+    /// Predicts with the adapted model from now on, without adaptation with the configured one.
     fn adopt_model(&mut self) {
-        if let Some(adapted) = self.adapted() {
-            self.model = adapted.of(&self.nominal);
-            self.history.set_effect(adapted.effect());
-        }
+        let adapted = self.adapted();
+        self.model = adapted.map_or(self.nominal, |adapted| adapted.of(&self.nominal));
+        self.history.set_effect(adapted.map_or_else(CommandEffect::default, |it| it.effect()));
     }
 
     fn propagation(&self) -> Propagation<'_> {

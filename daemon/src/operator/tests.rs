@@ -1,6 +1,7 @@
 //! Tests of the hand-off of requests.
 
 use super::*;
+use oqtal_bus::code::HandoverCause;
 use oqtal_config::{Config, Setting};
 
 fn asks(command: OperatorCommand) -> ControlRequestV1 {
