@@ -81,3 +81,19 @@ fn a_stop_is_not_confirmed_by_one_of_two_daemons() {
     let place = paths.root.display().to_string();
     assert_refused(&output, 75, &["not every daemon has obeyed", &place]);
 }
+
+#[test]
+fn a_stop_under_the_wrong_root_names_the_right_one() {
+    let testbed = Testbed::new("wrong-root");
+    let (plant, paths) = second(&testbed, "plant-sim");
+    let is_found = || ObeyingProcess::all().iter().any(|process| process.pid == plant.id());
+    wait_for("the vehicle", || is_found().then_some(()));
+    let root = testbed.path("wrong").display().to_string();
+    let output = rootless(&testbed, &["stop", "--root", &root]).output().unwrap();
+    let remedy = format!(
+        "run `oqtal ctl stop --instance {} --root {}`",
+        testbed.instance(),
+        paths.root.display()
+    );
+    assert_refused(&output, 75, &["does not run under", &remedy]);
+}

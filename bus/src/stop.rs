@@ -135,6 +135,11 @@ impl StopSwitch {
         words::report(&self.words, number)
     }
 
+    /// Whether a stop is in force that the vehicle's process does not obey yet: it hangs, or is not started.
+    pub fn awaits_vehicle(&self) -> bool {
+        words::awaits_vehicle(&self.words)
+    }
+
     /// Withdraws the stop `number`, which no process has seen.
     pub fn withdraw(&self, number: u32) {
         words::lift(&self.words, number);

@@ -1,6 +1,7 @@
 //! The background thread of the daemon: logs, health, operator requests.
 
 use std::os::fd::OwnedFd;
+use std::path::{Path, PathBuf};
 
 use crossbeam_channel::Sender;
 use oqtal_bus::bus::Bus;
@@ -52,6 +53,45 @@ impl Peer {
     }
 }
 
+/// The file with the configuration of the daemon, for observers, which need not be given its flags.
+struct ConfigFile {
+    path: PathBuf,
+    text: String,
+    /// Instant from which on the file is looked for.
+    next: Time,
+}
+
+impl ConfigFile {
+    /// Time between two looks.
+    const PERIOD: Span = Span::from_millis(500);
+
+    /// Writes the file.
+    fn begin(path: PathBuf, text: String) -> Self {
+        let file = Self { path, text, next: Time::now() + Self::PERIOD };
+        file.write();
+        file
+    }
+
+    /// Writes the file again if it was removed, and its directory was not: the flight ends then.
+    fn keep(&mut self) {
+        let now = Time::now();
+        if now < self.next {
+            return;
+        }
+        self.next = now + Self::PERIOD;
+        if !self.path.exists() && self.path.parent().is_some_and(Path::exists) {
+            tracing::warn!("{} was removed; it is written again", self.path.display());
+            self.write();
+        }
+    }
+
+    fn write(&self) {
+        if let Err(error) = files::write(&self.path, &self.text) {
+            tracing::warn!("{}: {error}", self.path.display());
+        }
+    }
+}
+
 /// The background thread of the daemon: logs, health, operator requests.
 pub struct DaemonWorker {
     requests: OperatorRequests,
@@ -62,6 +102,7 @@ pub struct DaemonWorker {
     peers: Vec<Peer>,
     events: Writer<EventV1>,
     law: Option<LawListener>,
+    file: ConfigFile,
     // The ports live as long as the bus they were opened on.
     _bus: Bus,
 }
@@ -86,12 +127,19 @@ impl DaemonWorker {
         let (server, heartbeat) = (bus.control_server()?, context.heartbeat(&bus)?);
         let peers = PEERS.iter().map(|role| Peer::open(&bus, *role)).collect::<Result<_, _>>()?;
         let (health, events) = (context.health.clone(), bus.writer(&EVENT)?);
-        // For observers, which need not be given the flags of the daemon.
-        let file = context.paths()?.config();
-        if let Err(error) = files::write(&file, context.config.to_toml()) {
-            tracing::warn!("{}: {error}", file.display());
-        }
-        Ok(Self { requests, server, heartbeat, health, config_hash, peers, events, law, _bus: bus })
+        let file = ConfigFile::begin(context.paths()?.config(), context.config.to_toml());
+        Ok(Self {
+            requests,
+            server,
+            heartbeat,
+            health,
+            config_hash,
+            peers,
+            events,
+            law,
+            file,
+            _bus: bus,
+        })
     }
 }
 
@@ -99,6 +147,7 @@ impl BackgroundWorker for DaemonWorker {
     fn poll(&mut self) {
         let Self { requests, server, heartbeat, health, config_hash, peers, events, law, .. } =
             self;
+        self.file.keep();
         requests.take_changes();
         law.iter_mut().for_each(LawListener::poll);
         // Every peer is checked, so that none keeps an old message.

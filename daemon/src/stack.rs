@@ -24,6 +24,9 @@ const MAX_STICK: f64 = 1.0;
 /// Fraction of its limit above which a rotation command counts as saturated \[-\].
 const SATURATED: f64 = 1.0 - 1e-9;
 
+/// Share of the rates of roll and pitch that a reference may demand \[-\]; the rest is for corrections.
+const REFERENCE_RATE_SHARE: f64 = 0.9;
+
 /// Input of the control stack in one tick.
 #[derive(Clone, Copy, Debug)]
 pub struct LawInput<'a> {
@@ -216,6 +219,8 @@ where
         if control.is_predictive() {
             // The motion is predicted for the effect of the command.
             control.indi.input_delay_ticks = 0;
+            let jerk = &mut control.predictive.reference.jerk_limit_m_s3;
+            *jerk = jerk.min(turning_jerk_m_s3(config));
         }
         let law = || Controller::new(&control, input).map_err(|error| error.within("control"));
         let loops = if control.is_predictive() {
@@ -299,6 +304,19 @@ where
                 [autopilot.riccati_solves(), autopilot.riccati_failures()]
             }
         }
+    }
+}
+
+/// Greatest jerk of a reference that the vehicle can follow by turning its thrust \[m/s^3\]: gravity times the rate at which it rolls and
+/// pitches, without the share for corrections. A vehicle commanded by torque has no limit of its rates.
+fn turning_jerk_m_s3(config: &Config) -> f64 {
+    let vehicle = &config.vehicle;
+    let [roll, pitch, _] = vehicle.rate_authority_rad_s;
+    match vehicle.interface {
+        Interface::Rate | Interface::Attitude => {
+            REFERENCE_RATE_SHARE * vehicle.gravity_m_s2 * roll.min(pitch)
+        }
+        Interface::Torque => f64::INFINITY,
     }
 }
 

@@ -162,6 +162,7 @@ impl InstanceModel {
                 let age_s = tick.body.pose_age_s + now.since(tick.received_at).seconds();
                 (tick.body.position, age_s)
             }),
+            awaits_stop: false,
         }
     }
 

@@ -151,6 +151,11 @@ impl Recorder {
         let mut others = self.other_configs.iter();
         let has_other_config = others.any(|it| self.flew.is_empty() || self.flew.contains(it));
         let outcome = self.outcome.unwrap_or(otherwise);
+        // Errors have one source: what has no truth in a flight with truth is not scored.
+        if self.flight.samples.iter().any(|sample| sample.truth.is_some()) {
+            let without = self.flight.samples.iter_mut().filter(|sample| sample.truth.is_none());
+            without.for_each(|sample| sample.telemetry.scored = 0);
+        }
         Flight { outcome, speed_factor, has_other_config, ..self.flight }
     }
 

@@ -49,7 +49,7 @@ impl Flight {
                 Some(cause) => Some(format!(
                     "the daemon landed the vehicle before the end of the flight: {cause}"
                 )),
-                None => self.landing_on_request(),
+                None => self.taken_over().or_else(|| self.landing_on_request()),
             },
             Outcome::Stopped => Some(match (self.stop_cause(), self.stops_at_once()) {
                 (cause @ Cause::NoVehicle, _) => format!(
@@ -121,6 +121,7 @@ impl Flight {
         Some(match (self.outcome, self.crash) {
             (Outcome::Landed, _) => match self.early_landing() {
                 Some(sample) => format!("landed by the daemon: {}", cause_of(sample)),
+                None if self.take_over().is_some() => "landing taken over".to_owned(),
                 None if self.landing_on_request().is_some() => "landed on request".to_owned(),
                 None => self.is_held().then(|| HELD.to_owned())?,
             },
@@ -200,7 +201,7 @@ impl Flight {
 
     /// Part of the trajectory flown before a landing requested by an operator; `None` without such a landing.
     pub fn landing_on_request(&self) -> Option<String> {
-        if self.early_landing().is_some() {
+        if self.early_landing().or_else(|| self.take_over()).is_some() {
             return None;
         }
         let landing = self.armed().find(|s| s.telemetry.phase == Phase::Landing as u8)?.telemetry;
@@ -212,7 +213,7 @@ impl Flight {
         }
         // An operator changed the flight, which then had no planned landing.
         if planned_s.is_infinite() {
-            return Some(format!("landed on request{}", self.after_arming(landing.time)));
+            return Some(format!("landed, as requested{}", self.after_arming(landing.time)));
         }
         let options = &self.config.trajectory;
         let before_s = options.start_s();
@@ -221,6 +222,20 @@ impl Flight {
         Some(format!(
             "landed on request after {flown_s:.1} of {of_s:.1} s of the trajectory{record}"
         ))
+    }
+
+    /// Cause for which the daemon took over a landing, as text; `None` if it did not.
+    fn taken_over(&self) -> Option<String> {
+        let cause = cause_of(self.take_over()?);
+        Some(format!("the daemon took over the landing: {cause}"))
+    }
+
+    /// Tick in which the daemon took over a landing that was planned or requested, for a cause that asks for more than to land.
+    fn take_over(&self) -> Option<&FlightSample> {
+        self.armed().find(|sample| {
+            let lands_anyway = matches!(cause_of(sample), Cause::Battery | Cause::Operator);
+            sample.is_ended_by_daemon() && !lands_anyway
+        })
     }
 
     /// Tick in which the daemon itself began to land earlier than planned; `None` without an early landing.
@@ -272,5 +287,19 @@ mod tests {
         }
         let told = flight.shortfall().unwrap();
         assert!(told.ends_with("; the daemon was landing the vehicle: battery low"), "{told}");
+    }
+
+    #[test]
+    fn a_landing_that_the_daemon_takes_over_is_not_as_planned() {
+        let mut flight = fixture::square();
+        flight.outcome = Outcome::Landed;
+        assert_eq!(flight.shortfall(), None);
+        let is_landing =
+            |s: &&mut FlightSample| s.is_armed() && s.telemetry.phase == Phase::Landing as u8;
+        let last = flight.samples.iter_mut().filter(is_landing).last().unwrap();
+        last.telemetry.state = SafetyState::Land.code();
+        last.telemetry.cause = Cause::Tracking.code();
+        let told = flight.shortfall().unwrap();
+        assert!(told.starts_with("the daemon took over the landing: "), "{told}");
     }
 }

@@ -19,6 +19,8 @@ pub struct InstanceStatus {
     pub vehicle: Option<VehicleStatus>,
     /// Estimated position \[m, world\], and the time since its pose \[s\]; `None` before the first pose.
     pub position: Option<([f64; 3], f64)>,
+    /// Whether an operator's stop is in force that the vehicle's process does not obey yet.
+    pub awaits_stop: bool,
 }
 
 /// Age of a pose above which its position is shown as old \[s\].
@@ -63,6 +65,12 @@ impl InstanceStatus {
             let is_old = age_s > OLD_POSITION_S;
             let age = if is_old { format!(", {age_s:.0} s ago") } else { String::new() };
             lines.push(format!("{:<10} {x:.2} {y:.2} {z:.2} m{age}", "position"));
+        }
+        if self.awaits_stop {
+            lines.push(format!(
+                "{:<10} raised by an operator, not yet obeyed by the vehicle's process",
+                "stop"
+            ));
         }
         if self.config_agrees() == Some(false) {
             lines.push("configurations differ: restart the processes with one --config".to_owned());

@@ -38,6 +38,7 @@ pub struct ControlReport {
     /// Estimated position \[m, world\]; absent if the last pose is older than a second.
     #[serde(skip_serializing_if = "Option::is_none")]
     position_m: Option<[f64; 3]>,
+    awaits_stop: bool,
     /// Flags of a command that addresses the same instance.
     #[serde(skip)]
     place: String,
@@ -53,7 +54,7 @@ impl ControlReport {
     ) -> Self {
         let config_agrees = status.config_agrees();
         let position_m = status.position_m();
-        let InstanceStatus { processes, vehicle, .. } = status;
+        let InstanceStatus { processes, vehicle, awaits_stop, .. } = status;
         let answer = word(Answer::from_code(response.answer));
         Self {
             command: command.to_string(),
@@ -74,6 +75,7 @@ impl ControlReport {
             config_agrees,
             vehicle,
             position_m,
+            awaits_stop,
             place: place(paths),
         }
     }

@@ -5,6 +5,7 @@ use std::time::Duration;
 use oqtal_bus::bus::Bus;
 use oqtal_bus::error::BusError;
 use oqtal_bus::obeying::ObeyingProcess;
+use oqtal_bus::stop::StopSwitch;
 use oqtal_bus::time::Time;
 use oqtal_bus::topic::Role;
 use oqtal_observe::instance::InstanceModel;
@@ -43,6 +44,8 @@ pub fn observe(bus: &Bus) -> Result<InstanceStatus, BusError> {
                 status.processes.retain(ProcessHealth::is_seen);
             }
             if is_over || !lacks_process {
+                let stop = StopSwitch::existing(bus.paths())?;
+                status.awaits_stop = stop.is_some_and(|stop| stop.awaits_vehicle());
                 return Ok(status);
             }
         }

@@ -189,10 +189,18 @@ fn raise_words(reached: &mut Reached) -> Result<(RaisedStops, Vec<String>), Fail
 
 /// Failure of a stop that reached nobody.
 fn nobody(reached: &Reached) -> Failure {
-    let instance = &reached.paths.instance;
-    let text = format!(
-        "stop: no process of oqtal runs on instance `{instance}`: there is nothing to stop; a flight that begins from now on is not prevented"
-    );
+    let InstancePaths { instance, root } = &reached.paths;
+    let text = match reached.elsewhere() {
+        Some(paths) => format!(
+            "stop: instance `{instance}` does not run under {}, but under {}: run `oqtal ctl stop {}`",
+            root.display(),
+            paths.root.display(),
+            place(&paths)
+        ),
+        None => format!(
+            "stop: no process of oqtal runs on instance `{instance}`: there is nothing to stop; a flight that begins from now on is not prevented"
+        ),
+    };
     reached.nobody("stop", text)
 }
 

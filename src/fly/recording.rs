@@ -202,7 +202,7 @@ impl FlightRecording<'_> {
         let is_needed = |topic: &ObservedTopic| !matches!(topic, ObservedTopic::Health(_));
         for (topic, lost) in recorder.lost().iter().filter(|(topic, _)| is_needed(topic)) {
             say(&format!(
-                "oqtal: {lost} samples of `{topic}` were not recorded: this machine is overloaded"
+                "oqtal: {lost} samples of `{topic}` were not recorded: this machine is overloaded, or `oqtal fly` was stopped"
             ));
         }
         let speed_factor = first.map_or(0.0, |(began, wall)| {

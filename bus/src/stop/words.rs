@@ -50,6 +50,12 @@ pub(crate) fn report(words: &[AtomicU32], number: u32) -> StopReport {
     }
 }
 
+/// Whether a stop is in force that the vehicle's process does not obey yet.
+pub(crate) fn awaits_vehicle(words: &[AtomicU32]) -> bool {
+    let newest = raised(words);
+    newest != words[LIFTED].load(Ordering::Acquire) && !report(words, newest).vehicle_obeys
+}
+
 /// Confirms that the vehicle's process obeys the stop `number`, and whether the motors are known to be off.
 pub(crate) fn confirm(words: &[AtomicU32], number: u32, motors_off: bool) {
     words[OBEYED].store(number, Ordering::Release);

@@ -210,6 +210,10 @@ impl ReferenceModel {
         let mut jump = target.plus(&self.target.after(dt_s), -1.0);
         // Jerk and snap of the offset are those of the lags.
         (jump.jerk, jump.snap) = Default::default();
+        // An acceleration above the limit cannot be continued: the vehicle does not have it.
+        let acceleration = self.offset.acceleration - jump.acceleration;
+        let acceleration = acceleration.cap_magnitude(self.limits.acceleration);
+        jump.acceleration = self.offset.acceleration - acceleration;
         self.offset = self.offset.plus(&jump, -1.0);
         let jump = jump.ahead_of_lag(self.lag_s());
         self.between = self.between.plus(&jump, -1.0);

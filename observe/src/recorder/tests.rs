@@ -90,7 +90,7 @@ fn a_change_is_told_unless_it_is_refused_and_a_landing_after_it_was_requested() 
     }
     let flight = recorder.finish(Outcome::Landed, 1.0);
     let summary = Summary::of(&flight);
-    assert_eq!(summary.shortfall.as_deref(), Some("landed on request 1.50 s after arming"));
+    assert_eq!(summary.shortfall.as_deref(), Some("landed, as requested 1.50 s after arming"));
     assert_eq!((summary.changes.len(), summary.changes[0].time_s), (1, 0.5));
     let told =
         "requests in flight: 1, the last at 0.5 s: operator: set control.controller=geometric";

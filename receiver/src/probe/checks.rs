@@ -24,6 +24,12 @@ const CHECKS: &[ProbeCheck] = &[
         "start the real-time measurement, allow the data port in the firewall, or take another transport",
         |f| (f.counts.arrived == 0).then(|| "none came".to_owned()),
     ),
+    (
+        "frames",
+        Severity::Problem,
+        "see whether the camera software still measures, and whether its computer is connected; start the probe again",
+        |f| f.silent_from_s.map(|s| format!("none after {s:.1} s; the figures are those until then")),
+    ),
     ("rate", Severity::Problem, RATE_REMEDY, |f| rate(f, 0.0..TOO_SLOW)),
     ("rate", Severity::Advice, RATE_REMEDY, |f| rate(f, TOO_SLOW..SLOW)),
     (

@@ -14,6 +14,8 @@ pub struct ProbeFigures {
     pub server: String,
     /// Duration \[s\].
     pub seconds: f64,
+    /// Instant after which no frame came \[s from the begin\]; `None` if frames came to the end.
+    pub silent_from_s: Option<f64>,
     /// Mean rate of the frames \[Hz\].
     pub rate_hz: f64,
     /// Rate of the loop that is to fly with them \[Hz\].

@@ -38,6 +38,8 @@ pub struct ProbeListener {
     intervals: Vec<i64>,
     delays: Vec<i64>,
     damaged: u64,
+    /// Time without a frame after which the server counts as silent.
+    silence: Span,
 }
 
 impl ProbeListener {
@@ -51,14 +53,17 @@ impl ProbeListener {
             intervals: Vec::new(),
             delays: Vec::new(),
             damaged: 0,
+            silence: Span::from_seconds(options.silence_ms * 1e-3),
         }
     }
 
-    /// Figures of the frames received in the `duration` that ends at `end`. Frames that stopped before leave a gap.
+    /// Figures of the frames received in the `duration` that ends at `end`. Of a server that is silent at the end, they are those until
+    /// its last frame.
     pub fn figures(mut self, duration: Span, end: Time) -> ProbeFigures {
-        let silence = end.since(self.last_arrival).nanos();
-        if self.last_arrival.is_set() && silence > GAP_NS {
-            self.intervals.push(silence);
+        let silence = end.since(self.last_arrival);
+        let is_silent = self.last_arrival.is_set() && silence > self.silence;
+        if self.last_arrival.is_set() && silence.nanos() > GAP_NS && !is_silent {
+            self.intervals.push(silence.nanos());
         }
         let counts = self.gates.iter().map(FrameGate::counts);
         let counts = counts.fold(FrameCounts::default(), FrameCounts::plus);
@@ -75,6 +80,7 @@ impl ProbeListener {
             .map(|(position_mm, attitude_deg)| NoiseFigures { position_mm, attitude_deg });
         ProbeFigures {
             seconds: duration.seconds(),
+            silent_from_s: is_silent.then(|| (duration - silence).seconds()),
             rate_hz: if total_s > 0.0 { self.intervals.len() as f64 / total_s } else { 0.0 },
             gaps: self.intervals.iter().filter(|interval| **interval > GAP_NS).count(),
             interval: interval_figures(&self.intervals),
@@ -160,24 +166,35 @@ mod tests {
     use super::*;
     use oqtal_config::Config;
 
-    /// Greatest interval and number of gaps of frames that arrive at `arrivals` \[ms\], observed until `end` \[ms\].
-    fn gaps(arrivals: impl Iterator<Item = i64>, end: i64) -> (i64, usize) {
+    /// Figures of frames that arrive at `arrivals` \[ms\], observed until `end` \[ms\].
+    fn figures(arrivals: impl Iterator<Item = i64>, end: i64) -> ProbeFigures {
         let mut listener = ProbeListener::new(&Config::default().receiver, (1, 0));
         let at = |millis| Time::VIRTUAL_START + Span::from_millis(millis);
         for (number, millis) in (0..).zip(arrivals) {
             let stamp_ns = Some(millis.unsigned_abs() * 1_000_000);
             listener.frame(0, FrameStamp { number: Some(number), stamp_ns }, at(millis));
         }
-        let ProbeFigures { interval, gaps, .. } = listener.figures(Span::from_millis(end), at(end));
-        (interval.max_ns / 1_000_000, gaps)
+        listener.figures(Span::from_millis(end), at(end))
+    }
+
+    #[test]
+    fn a_server_that_falls_silent_has_the_figures_until_then() {
+        let figures = figures((0..=2000).step_by(10), 8000);
+        assert_eq!((figures.rate_hz.round(), figures.gaps), (100.0, 0));
+        assert_eq!(figures.silent_from_s, Some(2.0));
     }
 
     #[test]
     fn a_gap_is_found_wherever_it_is() {
-        let frames = || (0..1000).step_by(10);
-        assert_eq!(gaps(frames(), 1000), (10, 0));
-        let stalled = frames().filter(|millis| !(300..700).contains(millis));
-        assert_eq!(gaps(stalled, 1000), (410, 1), "in the middle");
-        assert_eq!(gaps(frames(), 1400), (410, 1), "at the end");
+        let gaps = |arrivals: &[i64], end| {
+            let ProbeFigures { interval, gaps, .. } = figures(arrivals.iter().copied(), end);
+            (interval.max_ns / 1_000_000, gaps)
+        };
+        let frames: Vec<i64> = (0..1000).step_by(10).collect();
+        let stalled: Vec<i64> =
+            frames.iter().copied().filter(|millis| !(300..700).contains(millis)).collect();
+        assert_eq!(gaps(&frames, 1000), (10, 0));
+        assert_eq!(gaps(&stalled, 1000), (410, 1), "in the middle");
+        assert_eq!(gaps(&frames, 1400), (410, 1), "at the end");
     }
 }
