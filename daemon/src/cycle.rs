@@ -316,8 +316,8 @@ impl Cycle {
     pub fn change(&mut self, now: Time, change: &mut FlightChange) -> ControlResponseV1 {
         if let FlightChange::Settings(live) = change {
             self.control.exchange_stack(&mut live.stack, live.keeps_law);
-            if let (Some(guarded), Some(envelope)) = (&mut self.guarded, &mut live.envelope) {
-                guarded.exchange_envelope(envelope);
+            if let (Some(guarded), Some(live)) = (&mut self.guarded, &mut live.guarded) {
+                guarded.exchange_settings(live);
             }
             self.begin_handover();
             self.intake.exchange_path(&mut live.path);

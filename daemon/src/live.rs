@@ -18,9 +18,9 @@ use oqtal_runtime::process::Failure;
 
 use crate::arming::ArmingPath;
 use crate::command_model::{CommandModel, motion_tracker};
-use crate::envelope::Envelope;
 use crate::fence::Fence;
 use crate::flight_room::require_flyable;
+use crate::law_guard::LiveGuard;
 use crate::limits::LoopLimits;
 use crate::room::StoppingRoom;
 use crate::stack::ControlStack;
@@ -38,9 +38,8 @@ pub struct LiveControl {
     pub(crate) stack: ControlStack,
     /// Limits of the motion, which depend on those of the position loops.
     pub(crate) limits: LoopLimits,
-    /// The envelope of an external law, whose fallback is the control stack; `None` for a built-in law, whose fallback and envelope
-    /// are those of the daemon's start: the settings that fail must not be those of the law that then takes over.
-    pub(crate) envelope: Option<Envelope>,
+    /// Needs of a guarded law; `None` without a fallback.
+    pub(crate) guarded: Option<LiveGuard>,
     /// Whether the attitude law has the same options as before: it then keeps its state.
     pub(crate) keeps_law: bool,
     /// The tracker of the motion, if the law needs another one.
@@ -53,11 +52,16 @@ pub struct LiveControl {
 }
 
 impl LiveControl {
-    /// The control of `next`, which follows `present`, and its trajectory.
+    /// The control of `next`, which follows `present` in a daemon that was started with `started`, and its trajectory.
     ///
     /// # Errors
     /// An option of the law is not allowed, or the trajectory does not fit inside the fence.
-    fn new(present: &Config, next: &Config, trajectory: Trajectory) -> Result<Self, Failure> {
+    fn new(
+        started: &Config,
+        present: &Config,
+        next: &Config,
+        trajectory: Trajectory,
+    ) -> Result<Self, Failure> {
         let located = |error| Failure::from(next.locate(&error));
         require_flyable(next, &trajectory, None)?;
         let of_tracker = |config: &Config| {
@@ -66,11 +70,10 @@ impl LiveControl {
         };
         let tracker = of_tracker(next)?;
         let tracker = (tracker != of_tracker(present)?).then_some(tracker);
-        let envelope = next.control.is_external().then(|| Envelope::new(next)).transpose();
         Ok(Self {
             stack: ControlStack::new(next).map_err(located)?,
             limits: LoopLimits::of(next),
-            envelope: envelope.map_err(located)?,
+            guarded: LiveGuard::new(started, next).map_err(located)?,
             keeps_law: present.control == next.control,
             tracker,
             path: ArmingPath::new(next, &trajectory),
@@ -272,7 +275,8 @@ impl LiveSettings {
         text: LongText,
         is_undo: bool,
     ) -> Result<PreparedChange, Refusal> {
-        let live = LiveControl::new(self.present(), &next.config, next.trajectory()?)?;
+        let live =
+            LiveControl::new(&self.started, self.present(), &next.config, next.trajectory()?)?;
         let change = FlightChange::Settings(Box::new(live));
         Ok(PreparedChange { change, text, settings: Some((next, is_undo)) })
     }

@@ -10,10 +10,9 @@ use oqtal_control::trajectory::Reference;
 use super::control::{ControlTick, Directive};
 use super::intake::Intake;
 use crate::command::VehicleCommand;
-use crate::envelope::Envelope;
 use crate::external::{ExternalControl, ExternalLaw, QuestionView};
 use crate::guard::seconds;
-use crate::law_guard::{GuardReport, GuardedTick, LawGuard};
+use crate::law_guard::{GuardReport, GuardedTick, LawGuard, LiveGuard};
 use crate::stack::{ControlOutput, ControlStack, LawInput};
 
 /// The tick of a guarded law.
@@ -95,9 +94,13 @@ impl GuardedControl {
         matches!(self.law, GuardedLaw::External(_))
     }
 
-    /// Checks the next commands against `envelope`, and returns the one before in its place.
-    pub(super) fn exchange_envelope(&mut self, envelope: &mut Envelope) {
-        self.guard.exchange_envelope(envelope);
+    /// Exchanges what settings change with that of `live`; the flight continues.
+    pub(super) fn exchange_settings(&mut self, live: &mut LiveGuard) {
+        self.guard.exchange_envelope(&mut live.envelope);
+        if let (GuardedLaw::BuiltIn(stack), Some(next)) = (&mut self.law, &mut live.fallback) {
+            next.adopt(stack, false);
+            std::mem::swap(stack, next);
+        }
     }
 
     /// Limits the slew of the next commands: the control stack or the kind of the reference has changed. Commands of an external law,

@@ -1,4 +1,4 @@
-//! Settings in flight under a fallback: it flies with those of the daemon's start.
+//! Settings in flight under a fallback: it flies with the gains of the daemon's start.
 
 use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::time::Span;
