@@ -6,11 +6,8 @@ use std::path::PathBuf;
 use clap::Args;
 use oqtal_bus::message::CommandV1;
 use oqtal_config::{Config, Setting};
-use oqtal_control::trajectory::Waypoints;
-use oqtal_lab::replay::{ReplayResult, ReplayedTick, replay};
-use oqtal_observe::recording::{
-    DaemonHistory, InputHistory, RecordingFile, WAYPOINTS_FILE, play, recording_path,
-};
+use oqtal_lab::replay::{RecordedWaypoints, ReplayResult, ReplayedTick, replay};
+use oqtal_observe::recording::{DaemonHistory, InputHistory, RecordingFile, play, recording_path};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::{print, say};
 use serde::Serialize;
@@ -73,10 +70,10 @@ impl ReplayArgs {
         play(&file, &mut histories).map_err(failure)?;
         let histories = histories.finish();
         self.check(&histories)?;
-        let waypoints = waypoints(&file)?;
+        let waypoints = RecordedWaypoints::of(&file)?;
         let mut results = Vec::new();
         for history in &histories {
-            results.push(replay(&config, waypoints.as_ref(), history)?);
+            results.push(replay(&config, &waypoints, history)?);
         }
         if let Some(path) = &self.out {
             recordings::write(path, csv(&results))?;
@@ -123,15 +120,6 @@ impl ReplayArgs {
         let remedy = "a replay needs everything from the daemon's start: start `oqtal record` first, with the daemon's --config and flags, or use `oqtal fly`";
         Err(Failure::new(Exit::Data, format!("{path} {reason}; {remedy}")))
     }
-}
-
-/// The recorded waypoints; `None` without any.
-fn waypoints(file: &RecordingFile) -> Result<Option<Waypoints>, Failure> {
-    let Some(bytes) = file.attachments.get(WAYPOINTS_FILE) else { return Ok(None) };
-    let parsed = Waypoints::parse(&String::from_utf8_lossy(bytes));
-    parsed.map(Some).map_err(|error| {
-        Failure::new(Exit::Data, format!("{} ({WAYPOINTS_FILE}): {error}", file.path.display()))
-    })
 }
 
 /// The numbers of a command, in the order of [`NAMES`].

@@ -11,7 +11,8 @@
 
 use nalgebra::Vector3;
 use oqtal_bus::code::HandoverCause;
-use oqtal_config::Config;
+use oqtal_config::{Config, Interface};
+use oqtal_control::controller::ControllerName;
 use oqtal_control::euler::EulerAngles;
 use oqtal_control::options::OptionError;
 use oqtal_control::predictive::{
@@ -60,6 +61,8 @@ pub struct Envelope {
     /// Time until the vehicle brakes \[s\]: horizontally, vertically.
     reaction_s: [f64; 2],
     greatest_thrust_n: f64,
+    /// Least lag of the rate while the fallback turns the vehicle level \[s\].
+    recovery_lag_s: f64,
     /// Greatest demand about each axis \[rad/s or rad/s^2, body axes\].
     greatest_demand: Vector3<f64>,
 }
@@ -108,6 +111,7 @@ impl Envelope {
                 REACTION_S + vehicle.thrust_lag_ms * 1e-3,
             ],
             greatest_thrust_n: vehicle.max_thrust_n,
+            recovery_lag_s: recovery_lag_s(config),
             greatest_demand,
             commands,
         })
@@ -116,8 +120,10 @@ impl Envelope {
     /// Why `candidate` leads out of the envelope; [`HandoverCause::None`] if it does not.
     pub fn check(&self, candidate: &Candidate) -> HandoverCause {
         let Candidate { command, ahead, tracker } = *candidate;
-        let rotation = slowed(&tracker.model().rotation);
-        let model = VehicleModel { rotation, integration: Integration::Coarse, ..*tracker.model() };
+        let [held_model, model] = [0.0, self.recovery_lag_s].map(|least_s| {
+            let rotation = slowed(&tracker.model().rotation, least_s);
+            VehicleModel { rotation, integration: Integration::Coarse, ..*tracker.model() }
+        });
         let (bias, gain, floor_m) = (tracker.bias(), tracker.effect().gain, tracker.floor_m());
         let mut held = self.commands.input(command);
         held.demand = held.demand.component_mul(&gain);
@@ -129,10 +135,10 @@ impl Envelope {
             if cause != HandoverCause::None || is_over {
                 return cause;
             }
-            let (input, end_s) = if t_s < self.held_s {
-                (held, (t_s + STEP_S).min(self.held_s))
+            let (model, input, end_s) = if t_s < self.held_s {
+                (&held_model, held, (t_s + STEP_S).min(self.held_s))
             } else {
-                (self.level(&motion, &model, &bias), t_s + STEP_S)
+                (&model, self.level(&motion, &model, &bias), t_s + STEP_S)
             };
             motion = model.advance(&motion, &input, &bias, end_s - t_s);
             t_s = end_s;
@@ -188,11 +194,21 @@ impl Envelope {
     }
 }
 
-/// `rotation` with [`LAG_FACTOR`] times the lag of the rate.
-fn slowed(rotation: &Rotation) -> Rotation {
+/// Lag of the rate under the fallback of `config` \[s\]; 0 for a law whose commands the vehicle follows with its own lag. INDI is a
+/// rate loop around that of the vehicle, and may be slower.
+fn recovery_lag_s(config: &Config) -> f64 {
+    let control = config.control.of_fallback().unwrap_or(config.control);
+    match (config.vehicle.interface, control.built_in()) {
+        (Interface::Rate, ControllerName::Indi) => 1.0 / control.indi.rate_gain_per_s,
+        _ => 0.0,
+    }
+}
+
+/// `rotation` with [`LAG_FACTOR`] times the lag of the rate, at least `least_s` \[s\].
+fn slowed(rotation: &Rotation, least_s: f64) -> Rotation {
     let mut slowed = *rotation;
     if let Rotation::RateLoop { lag_s } | Rotation::AttitudeLoop { lag_s, .. } = &mut slowed {
-        *lag_s *= LAG_FACTOR;
+        *lag_s = (*lag_s * LAG_FACTOR).max(least_s);
     }
     slowed
 }

@@ -17,7 +17,7 @@ use oqtal_control::quantity::StickCommand;
 use crate::command::{RotationCommand, VehicleCommand};
 use crate::envelope::{Candidate, Envelope};
 use crate::handover::Handover;
-use crate::stack::ControlOutput;
+use crate::stack::{ControlOutput, ControlStack};
 
 /// Multiple of `external.return-answers` for which a law must fly before its next failure counts as a first one \[-\].
 const STEADY_MULTIPLE: u32 = 10;
@@ -247,6 +247,33 @@ fn with_tilt_first(mut command: VehicleCommand) -> VehicleCommand {
         sticks.z *= left.clamp(0.0, 1.0);
     }
     command
+}
+
+/// The parts of a guarded law that settings change.
+#[derive(Debug)]
+pub struct LiveGuard {
+    pub(crate) envelope: Envelope,
+    /// The fallback of a built-in law; the fallback of an external one is the control stack.
+    pub(crate) fallback: Option<ControlStack>,
+}
+
+impl LiveGuard {
+    /// The parts for `next`; `None` if the law flies without a fallback. The fallback of a built-in law has the limits of `next` and
+    /// the gains of `started`: gains that fail must not be those of the law that then takes over.
+    ///
+    /// # Errors
+    /// An option of the fallback law is not allowed.
+    pub(crate) fn new(started: &Config, next: &Config) -> Result<Option<Self>, OptionError> {
+        let mut trusted = next.clone();
+        if !next.control.is_external() {
+            trusted.control = started.control;
+        }
+        let fallback = ControlStack::of_fallback(&trusted)?;
+        if fallback.is_none() && !trusted.control.is_external() {
+            return Ok(None);
+        }
+        Ok(Some(Self { envelope: Envelope::new(&trusted)?, fallback }))
+    }
 }
 
 /// Whether the last command may lead further in the direction of the danger.

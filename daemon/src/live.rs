@@ -12,21 +12,20 @@ use oqtal_bus::code::{Cause, OperatorCommand};
 use oqtal_bus::message::ControlRequestV1;
 use oqtal_bus::text::LongText;
 use oqtal_config::{Config, ConfigError, Setting};
-use oqtal_control::options::OptionError;
 use oqtal_control::predictive::MotionTracker;
 use oqtal_control::trajectory::{Trajectory, TrajectoryOptions, Waypoints};
 use oqtal_runtime::process::Failure;
 
 use crate::arming::ArmingPath;
 use crate::command_model::{CommandModel, motion_tracker};
-use crate::envelope::Envelope;
 use crate::fence::Fence;
 use crate::flight_room::require_flyable;
+use crate::law_guard::LiveGuard;
 use crate::limits::LoopLimits;
 use crate::room::StoppingRoom;
 use crate::stack::ControlStack;
 use crate::stream::ReferenceStream;
-use crate::waypoint_file;
+use crate::waypoint_file::{self, ReadSettings};
 
 /// Number of changes of settings that can be taken back \[-\].
 const MOST_UNDONE: usize = 32;
@@ -52,34 +51,17 @@ pub struct LiveControl {
     pub(crate) stream: ReferenceStream,
 }
 
-/// The parts of a guarded law that settings change.
-#[derive(Debug)]
-pub struct LiveGuard {
-    pub(crate) envelope: Envelope,
-    /// The fallback of a built-in law; the fallback of an external one is the control stack.
-    pub(crate) fallback: Option<ControlStack>,
-}
-
-impl LiveGuard {
-    /// The parts for `config`; `None` if the law flies without a fallback.
-    ///
-    /// # Errors
-    /// An option of the fallback law is not allowed.
-    fn new(config: &Config) -> Result<Option<Self>, OptionError> {
-        let fallback = ControlStack::of_fallback(config)?;
-        if fallback.is_none() && !config.control.is_external() {
-            return Ok(None);
-        }
-        Ok(Some(Self { envelope: Envelope::new(config)?, fallback }))
-    }
-}
-
 impl LiveControl {
-    /// The control of `next`, which follows `present`, and its trajectory.
+    /// The control of `next`, which follows `present` in a daemon that was started with `started`, and its trajectory.
     ///
     /// # Errors
     /// An option of the law is not allowed, or the trajectory does not fit inside the fence.
-    fn new(present: &Config, next: &Config, trajectory: Trajectory) -> Result<Self, Failure> {
+    fn new(
+        started: &Config,
+        present: &Config,
+        next: &Config,
+        trajectory: Trajectory,
+    ) -> Result<Self, Failure> {
         let located = |error| Failure::from(next.locate(&error));
         require_flyable(next, &trajectory, None)?;
         let of_tracker = |config: &Config| {
@@ -91,7 +73,7 @@ impl LiveControl {
         Ok(Self {
             stack: ControlStack::new(next).map_err(located)?,
             limits: LoopLimits::of(next),
-            guarded: LiveGuard::new(next).map_err(located)?,
+            guarded: LiveGuard::new(started, next).map_err(located)?,
             keeps_law: present.control == next.control,
             tracker,
             path: ArmingPath::new(next, &trajectory),
@@ -151,7 +133,7 @@ pub struct PreparedChange {
     /// Text of the request, for the recording: what a replay prepares the same change from.
     pub text: LongText,
     /// The settings after the change, and whether they are those before the last one.
-    settings: Option<(Config, bool)>,
+    settings: Option<(ReadSettings, bool)>,
 }
 
 impl PreparedChange {
@@ -165,12 +147,12 @@ impl PreparedChange {
 #[derive(Clone, Debug)]
 pub struct LiveSettings {
     started: Config,
-    present: Config,
+    present: ReadSettings,
     /// Earlier settings, the last ones at the end.
-    earlier: Vec<Config>,
+    earlier: Vec<ReadSettings>,
     files: Vec<PathBuf>,
-    /// Points of the waypoint file at the start; `None` without one that can be read.
-    waypoints: Option<Waypoints>,
+    /// Recorded points of the next waypoint file that is read, for a replay.
+    recorded: Option<Waypoints>,
 }
 
 impl LiveSettings {
@@ -182,18 +164,24 @@ impl LiveSettings {
 
     /// As [`LiveSettings::new`], with these points of the waypoint file.
     pub fn along(config: &Config, files: &[PathBuf], waypoints: Option<Waypoints>) -> Self {
-        let (started, present) = (config.clone(), config.clone());
-        Self { started, present, earlier: Vec::new(), files: files.to_vec(), waypoints }
+        let (started, present) =
+            (config.clone(), ReadSettings { config: config.clone(), waypoints });
+        Self { started, present, earlier: Vec::new(), files: files.to_vec(), recorded: None }
+    }
+
+    /// The next waypoint file that a request names has these `points`, whatever the file holds now: those recorded in flight.
+    pub fn expect_waypoints(&mut self, points: Option<Waypoints>) {
+        self.recorded = points;
     }
 
     /// The present settings.
     pub fn present(&self) -> &Config {
-        &self.present
+        &self.present.config
     }
 
     /// Settings that differ from those with which the daemon was started, one per line below a title; empty if none does.
     pub fn changed(&self) -> LongText {
-        let changed = self.started.differences(&self.present).unwrap_or_default();
+        let changed = self.started.differences(self.present()).unwrap_or_default();
         if changed.is_empty() {
             return LongText::EMPTY;
         }
@@ -213,7 +201,7 @@ impl LiveSettings {
     /// # Errors
     /// The key does not exist.
     pub fn get(&self, key: &str) -> Result<String, Refusal> {
-        let value = self.present.value(key);
+        let value = self.present().value(key);
         value.ok_or_else(|| {
             Refusal::of_setting(format!("`{key}` is not a key of the configuration, or is not set"))
         })
@@ -245,7 +233,7 @@ impl LiveSettings {
                 let none = || Refusal::of_setting("no change of settings to take back");
                 let earlier = earlier.ok_or_else(none)?;
                 // Recorded; a replay takes the settings back itself.
-                let changed = self.present.described_differences(&earlier);
+                let changed = self.present().described_differences(&earlier.config);
                 let text = LongText::of_lines(changed.iter().map(String::as_str)).unwrap_or(text);
                 self.settings(earlier, text, true)
             }
@@ -260,7 +248,8 @@ impl LiveSettings {
 
     /// Whether `prepared` sets the present values again.
     pub fn are_unchanged_by(&self, prepared: &PreparedChange) -> bool {
-        prepared.settings.as_ref().is_some_and(|(settings, _)| *settings == self.present)
+        let next = prepared.settings.as_ref().map(|(settings, _)| &settings.config);
+        next == Some(self.present())
     }
 
     /// Takes the settings of a change that was handed to the loop.
@@ -271,7 +260,7 @@ impl LiveSettings {
                 self.earlier.pop();
             }
             // A change to the present values is nothing to take back.
-            Some((settings, false)) if settings != self.present => {
+            Some((settings, false)) if settings.config != self.present.config => {
                 self.earlier.push(std::mem::replace(&mut self.present, settings));
                 let surplus = self.earlier.len().saturating_sub(MOST_UNDONE);
                 self.earlier.drain(..surplus);
@@ -282,11 +271,12 @@ impl LiveSettings {
 
     fn settings(
         &self,
-        next: Config,
+        next: ReadSettings,
         text: LongText,
         is_undo: bool,
     ) -> Result<PreparedChange, Refusal> {
-        let live = LiveControl::new(&self.present, &next, self.trajectory_of(&next)?)?;
+        let live =
+            LiveControl::new(&self.started, self.present(), &next.config, next.trajectory()?)?;
         let change = FlightChange::Settings(Box::new(live));
         Ok(PreparedChange { change, text, settings: Some((next, is_undo)) })
     }
@@ -304,22 +294,24 @@ impl LiveSettings {
                 twice.key
             )));
         }
-        self.settings(self.present.with_live(&settings)?, text, false)
+        self.settings(self.read(self.present().with_live(&settings)?)?, text, false)
     }
 
     /// Changes the settings that differ in the file `path`. Without one, takes the changes in flight back, and reads the
     /// daemon's files as they are now; flags keep precedence over the files.
     fn reload(&self, path: &str) -> Result<PreparedChange, Refusal> {
         let next = if !path.is_empty() {
+            require_file(Path::new(path))?;
             let mut settings = Config::file_settings(Path::new(path))?;
             settings.retain(|setting| !setting.is_of_instance());
-            self.present.with_live(&settings)?
+            self.present().with_live(&settings)?
         } else if self.files.is_empty() {
             return Err(Refusal::of_setting("the daemon was started without a file; name one"));
         } else {
+            self.files.iter().try_for_each(|file| require_file(file))?;
             self.started.reread(&self.files)?
         };
-        let changed = self.present.differences(&next).map_err(Refusal::of_setting)?;
+        let changed = self.present().differences(&next).map_err(Refusal::of_setting)?;
         let Some(text) = LongText::of_lines(changed.iter().map(String::as_str)) else {
             let reason = format!("{} settings differ, too many for one request", changed.len());
             return Err(Refusal::of_setting(reason));
@@ -328,33 +320,39 @@ impl LiveSettings {
             return Err(Refusal::of_setting("no setting differs"));
         }
         // Refuses keys that cannot change while the daemon runs.
-        self.present.with_live(&assignments(&text)?)?;
-        self.settings(next, text, false)
+        self.present().with_live(&assignments(&text)?)?;
+        self.settings(self.read(next)?, text, false)
     }
 
-    /// The trajectory of `config`. A waypoint file that the daemon has read is not read again: what flies is what was recorded.
-    fn trajectory_of(&self, config: &Config) -> Result<Trajectory, Failure> {
-        let file = |config: &Config| config.trajectory.waypoints_file.clone();
-        match &self.waypoints {
-            Some(read) if file(config) == file(&self.started) => {
-                waypoint_file::trajectory_along(config, Some(read.clone()))
+    /// `config` with the points of its waypoint file, which is read if `config` names another one than the present settings.
+    fn read(&self, config: Config) -> Result<ReadSettings, Refusal> {
+        let file = &config.trajectory.waypoints_file;
+        let waypoints = match file {
+            _ if *file == self.present().trajectory.waypoints_file => {
+                self.present.waypoints.clone()
             }
-            _ => waypoint_file::trajectory(config),
-        }
+            Some(_) if self.recorded.is_some() => self.recorded.clone(),
+            Some(file) => {
+                require_file(file)?;
+                waypoint_file::waypoints(&config)?
+            }
+            None => None,
+        };
+        Ok(ReadSettings { config, waypoints })
     }
 
     /// The trajectory with the name `kind` and the present options.
     fn trajectory(&self, kind: &str) -> Result<Trajectory, Refusal> {
         let kind = Setting::flag("fly", "trajectory.kind", kind);
-        let config = self.present.with_live(&[kind])?;
-        let trajectory = self.trajectory_of(&config)?;
-        require_flyable(&config, &trajectory, None)?;
+        let settings = self.read(self.present().with_live(&[kind])?)?;
+        let trajectory = settings.trajectory()?;
+        require_flyable(&settings.config, &trajectory, None)?;
         Ok(trajectory)
     }
 
     /// Fails unless `target` is a point inside the soft border of the fence.
     fn require_inside(&self, target: &Vector4<f64>) -> Result<(), Refusal> {
-        let fence = &self.present.fence;
+        let fence = &self.present().fence;
         // A comparison with NaN is false.
         let is_inside = Fence::new(fence).inside_soft_m(&target.xyz()) > 0.0;
         if is_inside && !target.w.is_infinite() {
@@ -367,6 +365,17 @@ impl LiveSettings {
             fence.x_m, fence.y_m, fence.z_m, fence.soft_margin_m
         );
         Err(Refusal { cause: Cause::Fence, reason })
+    }
+}
+
+/// Fails if `path` is there and not a file: a pipe would be waited for, and so would every later request.
+fn require_file(path: &Path) -> Result<(), Refusal> {
+    match path.metadata() {
+        Ok(found) if !found.is_file() => {
+            Err(Refusal::of_setting(format!("{}: not a regular file", path.display())))
+        }
+        // The reader reports other errors.
+        _ => Ok(()),
     }
 }
 

@@ -44,3 +44,24 @@ pub fn waypoints(config: &Config) -> Result<Option<Waypoints>, Failure> {
     let parsed = Waypoints::parse(&text);
     parsed.map(Some).map_err(|error| data(format!("{name}:{}: {}", error.line, error.problem)))
 }
+
+/// Settings with the points of their waypoint file: a later change does not depend on the file, which may have vanished.
+#[derive(Clone, Debug)]
+pub(crate) struct ReadSettings {
+    pub(crate) config: Config,
+    /// `None` without a file, and for one that could not be read at the start.
+    pub(crate) waypoints: Option<Waypoints>,
+}
+
+impl ReadSettings {
+    /// The trajectory. A file that could not be read at the start is an error of the request that flies it.
+    ///
+    /// # Errors
+    /// As [`trajectory`].
+    pub(crate) fn trajectory(&self) -> Result<Trajectory, Failure> {
+        match &self.waypoints {
+            Some(points) => trajectory_along(&self.config, Some(points.clone())),
+            None => trajectory(&self.config),
+        }
+    }
+}

@@ -5,7 +5,7 @@
 //! its turns are recorded. With other settings a replay is open loop: it computes the daemon's commands for the recorded poses.
 
 use std::cell::Cell;
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::rc::Rc;
 
 use oqtal_bus::code::{Cause, InputKind, OperatorCommand};
@@ -26,7 +26,7 @@ use oqtal_daemon::{
     CacheWarmup, Cycle, DaemonPorts, DaemonTurn, ExternalLaw, LawPort, LiveSettings,
     OperatorRequests, Refusal, loop_handoff, trajectory_along,
 };
-use oqtal_observe::recording::{DaemonHistory, RecordedTurn};
+use oqtal_observe::recording::{DaemonHistory, RecordedTurn, RecordingFile, WAYPOINTS_FILE};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::turn::{Turn, TurnClock};
 
@@ -68,22 +68,51 @@ impl ReplayResult {
     }
 }
 
-/// Replays the `history` of a daemon under `config`, with the recorded points of its waypoint file.
+/// Points of the waypoint files of a recording, by the name of the attachment.
+#[derive(Clone, Debug, Default)]
+pub struct RecordedWaypoints(BTreeMap<String, Waypoints>);
+
+impl RecordedWaypoints {
+    /// The points in `file`.
+    ///
+    /// # Errors
+    /// A waypoint file in the recording is malformed.
+    pub fn of(file: &RecordingFile) -> Result<Self, Failure> {
+        let names = file.attachments.iter().filter(|(name, _)| name.ends_with(".csv"));
+        let parsed = names.map(|(name, bytes)| {
+            let points = Waypoints::parse(&String::from_utf8_lossy(bytes)).map_err(|error| {
+                Failure::new(Exit::Data, format!("{} ({name}): {error}", file.path.display()))
+            })?;
+            Ok((name.clone(), points))
+        });
+        parsed.collect::<Result<_, _>>().map(Self)
+    }
+
+    fn at_start(&self) -> Option<&Waypoints> {
+        self.0.get(WAYPOINTS_FILE)
+    }
+}
+
+/// Replays the `history` of a daemon under `config`, with the recorded points of its waypoint files.
 ///
 /// # Errors
 /// An option of the law is invalid.
 pub fn replay(
     config: &Config,
-    waypoints: Option<&Waypoints>,
+    waypoints: &RecordedWaypoints,
     history: &DaemonHistory,
 ) -> Result<ReplayResult, Failure> {
     let mut turns = history.turns.iter();
     let Some(start) = turns.next() else { return Ok(ReplayResult::default()) };
-    let mut bench = ReplayBench::open(config, waypoints, start)?;
+    let mut bench = ReplayBench::open(config, waypoints.at_start(), start)?;
     for turn in turns {
         match InputKind::from_code(turn.input.kind) {
             Some(InputKind::Turn) => bench.turn(turn)?,
-            Some(InputKind::Request) => bench.request(turn)?,
+            Some(InputKind::Request) => {
+                let name = history.waypoints_of_request(turn.input.event);
+                bench.settings.expect_waypoints(waypoints.0.get(&name).cloned());
+                bench.request(turn)?;
+            }
             Some(InputKind::FilesLost) => bench.daemon.cycle.lose_files(turn.input.time),
             Some(InputKind::Start) | None => {}
         }

@@ -131,15 +131,14 @@ fn f70_a_law_that_fails_soon_after_each_return_returns_later_but_returns() {
     assert!(soon[2..].iter().all(|ticks| *ticks == 23), "{soon:?}");
 }
 
-/// Flies `sabotage` in a flight of `seed`; returns the outcome and the number of hand-overs.
-fn sabotaged(sabotage: Sabotage, seed: usize) -> (Outcome, u64, HandoverCause) {
+/// Flies `sabotage` in a flight of `seed` with the settings `further`; returns the outcome and the number of hand-overs.
+fn sabotaged(sabotage: Sabotage, seed: usize, further: &str) -> (Outcome, u64, HandoverCause) {
     let trajectory = sabotage::TRAJECTORIES[seed % sabotage::TRAJECTORIES.len()];
     let returns = ["external.return-answers=0", "external.return-answers=20"][seed / 5 % 2];
     let seed_setting = format!("clock.seed={seed}");
     let mut settings = vec![seed_setting.as_str(), returns];
     settings.extend_from_slice(sabotage::ROOM);
     settings.extend_from_slice(trajectory);
-    let further = std::env::var("OQTAL_TEST_SABOTAGE_SET").unwrap_or_default();
     settings.extend(further.split_whitespace());
     let flight = fly_with_law(&mission(&settings), &mut Saboteur::new(sabotage, seed)).unwrap();
     let (count, cause) = handovers(&flight);
@@ -154,13 +153,17 @@ fn f70_no_vehicle_is_lost_whatever_a_law_answers() {
     let kinds = Sabotage::ALL.len();
     let runs: usize = number("OQTAL_TEST_SABOTAGE_RUNS").unwrap_or(5 * kinds);
     let first = number("OQTAL_TEST_SABOTAGE_FROM").unwrap_or(0);
+    let further = std::env::var("OQTAL_TEST_SABOTAGE_SET").unwrap_or_default();
+    let further = &further;
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let results = std::thread::scope(|scope| {
         let workers: Vec<_> = (0..threads)
             .map(|worker| {
                 scope.spawn(move || {
                     let seeds = (first + worker..first + runs).step_by(threads);
-                    let fly = |seed| (seed, sabotaged(Sabotage::ALL[seed % kinds], seed / kinds));
+                    let fly = |seed| {
+                        (seed, sabotaged(Sabotage::ALL[seed % kinds], seed / kinds, further))
+                    };
                     seeds.map(fly).collect::<Vec<_>>()
                 })
             })
@@ -183,6 +186,17 @@ fn f70_no_vehicle_is_lost_whatever_a_law_answers() {
     }
     println!("{} flights, {} lost", results.len(), lost.len());
     assert!(lost.is_empty(), "{lost:#?}");
+}
+
+/// INDI turns this vehicle slower than its own rate loop would.
+#[test]
+fn f70_the_envelope_knows_a_fallback_that_is_slower_than_the_vehicle() {
+    for seed in [6449, 6457] {
+        let slow = "control.fallback=indi vehicle.preset=crazyflie-2.1";
+        let (outcome, count, cause) = sabotaged(Sabotage::FullStick, seed, slow);
+        assert_eq!(outcome, Outcome::Landed, "{seed}: {count} {cause}");
+        assert!(count > 0, "{seed}");
+    }
 }
 
 #[test]

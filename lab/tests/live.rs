@@ -1,6 +1,7 @@
 //! Flights that are changed in flight: points, trajectories, settings and laws by request, and references of a planner.
 
 mod attitude;
+mod fallback;
 mod planners;
 mod requests;
 mod room;
@@ -13,9 +14,9 @@ use oqtal_bus::message::{ControlRequestV1, ControlResponseV1, ReferenceV1, Telem
 use oqtal_bus::text::LongText;
 use oqtal_bus::time::Span;
 use oqtal_config::{Config, Setting};
-use oqtal_control::trajectory::{Reference, Waypoints};
+use oqtal_control::trajectory::Reference;
 use oqtal_lab::mission::Mission;
-use oqtal_lab::replay::replay;
+use oqtal_lab::replay::{RecordedWaypoints, replay};
 use oqtal_lab::simulation::online::OnlineFlight;
 use oqtal_observe::flight::Outcome;
 use oqtal_observe::provenance::Provenance;
@@ -167,11 +168,57 @@ fn waypoints_flown_by_request_are_those_of_the_start_and_replay_bit_for_bit() {
     assert!(flight.request(OperatorCommand::Land).unwrap());
     flight.end_after(Span::from_millis(20_000));
     assert_eq!(flight.finish().unwrap().outcome, Outcome::Landed);
-    let mut histories = InputHistory::default();
-    play(&RecordingFile::read(&path).unwrap(), &mut histories).unwrap();
-    let points = Waypoints::parse(text).unwrap();
-    let result = replay(&mission.config, Some(&points), &histories.finish()[0]).unwrap();
-    assert!(result.is_identical() && result.requests == 4, "{}", result.requests);
+    assert_replays(&mission, &path, 4);
+}
+
+/// Asserts that the recording at `path` replays bit for bit, with this number of requests.
+fn assert_replays(mission: &Mission, path: &Path, requests: u64) {
+    let (file, mut histories) = (RecordingFile::read(path).unwrap(), InputHistory::default());
+    play(&file, &mut histories).unwrap();
+    let waypoints = RecordedWaypoints::of(&file).unwrap();
+    let result = replay(&mission.config, &waypoints, &histories.finish()[0]).unwrap();
+    assert!(result.is_identical() && result.requests == requests, "{}", result.requests);
+}
+
+/// Neither the flight nor its replay depends on a file after it was named.
+#[test]
+fn a_waypoint_file_named_in_flight_is_read_once_and_replays_bit_for_bit() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("flight.mcap");
+    let mission = hover(60.0, &[]);
+    let mut flight =
+        OnlineFlight::begin_recorded(&mission, Some(recorder(&mission, &path))).unwrap();
+    fly_for(&mut flight, 7.0);
+    let file = |number: u32| directory.path().join(format!("{number}.csv"));
+    let name = |number| request(&format!("trajectory.waypoints-file={}", file(number).display()));
+    let missing = flight.change(OperatorCommand::Set, &name(0)).unwrap().unwrap_err();
+    assert!(missing.reason.contains("0.csv"), "{}", missing.reason);
+    let ask = |flight: &mut OnlineFlight<'_>, command, request: &ControlRequestV1| {
+        assert!(is_done(&flight.change(command, request).unwrap().unwrap()), "{command}");
+        fly_for(flight, 1.0);
+    };
+    let fly = ControlRequestV1::of(OperatorCommand::Trajectory);
+    let fly = ControlRequestV1 { text: LongText::new("waypoints"), ..fly };
+    for (number, x) in [(1, 0.5), (2, -0.5)] {
+        std::fs::write(file(number), format!("t,x,y,z\n0,0,0,1\n4,{x},0,1\n8,0,0,1\n")).unwrap();
+        ask(&mut flight, OperatorCommand::Set, &name(number));
+        std::fs::remove_file(file(number)).unwrap();
+        ask(&mut flight, OperatorCommand::Set, &request("trajectory.kind=waypoints"));
+        ask(&mut flight, OperatorCommand::Set, &request("control.controller=geometric"));
+        ask(&mut flight, OperatorCommand::Trajectory, &fly);
+        ask(&mut flight, OperatorCommand::Undo, &ControlRequestV1::of(OperatorCommand::Undo));
+        fly_for(&mut flight, 2.0);
+        let flown_m = last(&flight).position[0] / x;
+        assert!(flown_m > 0.4, "{number}: {flown_m}");
+        fly_for(&mut flight, 5.0);
+        let hover = request("trajectory.kind=hover");
+        ask(&mut flight, OperatorCommand::Set, &hover);
+    }
+    ask(&mut flight, OperatorCommand::Undo, &ControlRequestV1::of(OperatorCommand::Undo));
+    assert!(flight.request(OperatorCommand::Land).unwrap());
+    flight.end_after(Span::from_millis(20_000));
+    assert_eq!(flight.finish().unwrap().outcome, Outcome::Landed);
+    assert_replays(&mission, &path, 15);
 }
 
 /// A planner's reference of the shipped circle from the hover point, at `t_s` \[s\] after its start.

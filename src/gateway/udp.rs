@@ -83,14 +83,16 @@ impl Session {
     ///
     /// # Errors
     /// The datagram is of another session or was seen before.
-    fn admit(&self, line: &str) -> Result<u64, &'static str> {
+    fn admit(&self, line: &str) -> Result<u64, String> {
         let (session, sequence) = line.split_once(' ').ok_or("the first line is incomplete")?;
         let sequence: u64 = sequence.parse().map_err(|_| "the sequence is not a number")?;
         if session != self.name {
-            return Err("another session: use that of this reply");
+            return Err("another session: use that of this reply".to_owned());
         }
-        if self.last.fetch_max(sequence, Ordering::Relaxed) >= sequence {
-            return Err("the sequence must be greater than the last one");
+        let last = self.last.fetch_max(sequence, Ordering::Relaxed);
+        if last >= sequence {
+            // Another sender's clock may be ahead of this one's.
+            return Err(format!("the sequence must be greater than the last one, {last}"));
         }
         Ok(sequence)
     }
@@ -159,7 +161,7 @@ impl GatewaySocket for UdpGateway {
                 Ok(Some(Received { content: start..length, sender }))
             }
             Err(reason) => {
-                self.send(address, 0, &GatewayReply::refused(reason.to_owned()).to_json());
+                self.send(address, 0, &GatewayReply::refused(reason).to_json());
                 Ok(None)
             }
         }
@@ -206,5 +208,7 @@ mod tests {
             assert!(session.admit(line).is_err(), "{line}");
         }
         assert_eq!(session.admit("ab 6"), Ok(6));
+        let refusal = session.admit("ab 3").unwrap_err();
+        assert!(refusal.ends_with("the last one, 6"), "{refusal}");
     }
 }

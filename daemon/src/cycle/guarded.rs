@@ -12,8 +12,7 @@ use super::intake::Intake;
 use crate::command::VehicleCommand;
 use crate::external::{ExternalControl, ExternalLaw, QuestionView};
 use crate::guard::seconds;
-use crate::law_guard::{GuardReport, GuardedTick, LawGuard};
-use crate::live::LiveGuard;
+use crate::law_guard::{GuardReport, GuardedTick, LawGuard, LiveGuard};
 use crate::stack::{ControlOutput, ControlStack, LawInput};
 
 /// The tick of a guarded law.

@@ -2,6 +2,7 @@
 
 use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::message::ControlRequestV1;
+use oqtal_bus::text::LongText;
 use oqtal_config::{Config, Setting};
 use oqtal_daemon::{LiveSettings, Refusal};
 
@@ -49,4 +50,25 @@ fn a_reload_takes_removed_lines_back_and_keeps_flags() {
     write(&format!("{law}vehicle.mass-kg = 0.6\n"));
     let refusal = reload(&mut settings).unwrap_err();
     assert!(refusal.reason.contains("cannot change while the daemon runs"), "{refusal:?}");
+}
+
+/// A pipe that nobody writes would be waited for, and with it every later request.
+#[test]
+fn only_regular_files_are_read_in_flight() {
+    let directory = tempfile::tempdir().unwrap();
+    let pipe = directory.path().join("pipe");
+    let (kind, mode) = (rustix::fs::FileType::Fifo, rustix::fs::Mode::RUSR);
+    rustix::fs::mknodat(rustix::fs::CWD, &pipe, kind, mode, 0).unwrap();
+    let settings = LiveSettings::new(&Config::default(), std::slice::from_ref(&pipe));
+    let named = pipe.display().to_string();
+    for (command, text) in [
+        (OperatorCommand::Reload, named.clone()),
+        (OperatorCommand::Reload, String::new()),
+        (OperatorCommand::Set, format!("trajectory.waypoints-file={named}")),
+    ] {
+        let text = LongText::new(&text);
+        let request = ControlRequestV1 { text, ..ControlRequestV1::of(command) };
+        let refusal = settings.prepare(command, &request).unwrap_err();
+        assert!(refusal.reason.contains("not a regular file"), "{refusal:?}");
+    }
 }

@@ -7,7 +7,7 @@ use oqtal_bus::message::ControlRequestV1;
 use oqtal_bus::time::Span;
 use oqtal_config::Config;
 use oqtal_daemon::SlewLimits;
-use oqtal_lab::replay::replay;
+use oqtal_lab::replay::{RecordedWaypoints, replay};
 use oqtal_lab::simulation::online::OnlineFlight;
 use oqtal_observe::flight::Outcome;
 use oqtal_observe::recording::{InputHistory, RecordingFile, play};
@@ -154,7 +154,7 @@ fn a_thousand_random_requests_leave_the_command_in_range_and_replay_bit_for_bit(
     let mut histories = InputHistory::default();
     play(&RecordingFile::read(&path).unwrap(), &mut histories).unwrap();
     let histories = histories.finish();
-    let result = replay(config, None, &histories[0]).unwrap();
+    let result = replay(config, &RecordedWaypoints::default(), &histories[0]).unwrap();
     assert!(
         result.ticks.len() > 3000 && result.requests > 400,
         "{} {}",

@@ -19,6 +19,11 @@ pub const CONFIG_FILE: &str = "config.toml";
 /// Name of the attachment with the waypoints of the configuration.
 pub const WAYPOINTS_FILE: &str = "waypoints.csv";
 
+/// Name of the attachment with the waypoints that the request `number` to the daemon `source` named in flight.
+pub(super) fn waypoints_of_request(source: u64, number: u64) -> String {
+    format!("waypoints-{source:016x}-{number}.csv")
+}
+
 /// A named table of facts.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Facts {

@@ -8,6 +8,7 @@ use oqtal_bus::message::{
 };
 use oqtal_bus::topic::{ObservedTopic, Sample};
 
+use super::facts::waypoints_of_request;
 use crate::sink::{Reception, Sink};
 
 /// Writer of a message, and message number of that writer.
@@ -50,6 +51,11 @@ impl DaemonHistory {
     pub fn is_complete(&self) -> bool {
         let first = self.turns.first().map(|turn| turn.input.kind);
         first == Some(InputKind::Start.code()) && self.missing == 0
+    }
+
+    /// Name of the attachment with the waypoints that the request `number` named.
+    pub fn waypoints_of_request(&self, number: u64) -> String {
+        waypoints_of_request(self.source, number)
     }
 }
 

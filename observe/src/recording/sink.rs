@@ -3,7 +3,7 @@
 use std::io;
 use std::path::PathBuf;
 
-use oqtal_bus::code::SafetyState;
+use oqtal_bus::code::{Answer, SafetyState};
 use oqtal_bus::message::{EventV1, InputV1, PoseV1, TelemetryV1, TruthV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Sample};
@@ -13,7 +13,7 @@ use super::cdr;
 use super::channel::Channel;
 use super::chunk::McapMessage;
 use super::closing::ClosingFacts;
-use super::facts::{CONFIG_FILE, Facts, WAYPOINTS_FILE};
+use super::facts::{CONFIG_FILE, Facts, WAYPOINTS_FILE, waypoints_of_request};
 use super::fault_schedule::FaultSchedule;
 use super::scene::{self, LogSeverity, ScenePose};
 use super::thread::{FilePlan, RecordingResult, RecordingThread};
@@ -249,8 +249,24 @@ impl McapRecorder {
         // Events use the machine's clock, also in virtual time.
         let time = if self.is_real { event.time } else { reception.received_at };
         self.record(reception, Sample::Event(event), time);
+        self.attach_waypoints(reception.header.source, event);
         let at = (reception.received_at, time);
         self.event(at, LogSeverity::Info, ("daemon", &event::of_operator(event)));
+    }
+
+    /// Attaches the waypoint file that a request names: a replay flies its points, whatever becomes of the file.
+    fn attach_waypoints(&mut self, source: u64, event: &EventV1) {
+        let lines = event.text.as_str().lines();
+        let value = lines.filter_map(|line| line.strip_prefix("trajectory.waypoints-file=")).next();
+        let is_refused = event.answer == Answer::Refused.code();
+        let Some(path) = value.filter(|_| !is_refused).map(|value| value.trim_matches('"')) else {
+            return;
+        };
+        // Without it a replay reports which file it needs.
+        if let Ok(content) = std::fs::read(path) {
+            let name = waypoints_of_request(source, event.number);
+            self.thread.file((name, "text/csv", content));
+        }
     }
 
     fn input(&mut self, reception: &Reception, input: &InputV1) {

@@ -9,7 +9,7 @@ use std::thread::JoinHandle;
 
 use super::chunk::{Chunk, McapMessage};
 use super::facts::Facts;
-use super::writer::{McapFile, Preamble};
+use super::writer::{AttachedFile, McapFile, Preamble};
 
 /// Maximum number of waiting chunks \[-\]: eight seconds of a flight.
 const QUEUE: usize = 16;
@@ -48,6 +48,7 @@ pub struct RecordingResult {
 enum QueuedRecord {
     Chunk(Chunk),
     Facts(Facts),
+    File(AttachedFile),
 }
 
 /// Sending side: the queue and its thread.
@@ -110,6 +111,13 @@ impl RecordingThread {
         }
     }
 
+    /// Queues a file, which is attached to this file of the recording and to those after it.
+    pub fn file(&mut self, file: AttachedFile) {
+        if !self.send(QueuedRecord::File(file)) {
+            self.dropped += 1;
+        }
+    }
+
     /// Whether writing has failed.
     pub fn has_failed(&self) -> bool {
         self.failed.load(Ordering::Acquire)
@@ -163,10 +171,16 @@ impl Files {
     fn run(mut self, records: &Receiver<QueuedRecord>) -> RecordingResult {
         self.result.files.push(self.plan.path.clone());
         for record in records {
-            let done = match &record {
-                QueuedRecord::Chunk(chunk) => self.chunk(chunk),
+            let done = match record {
+                QueuedRecord::Chunk(chunk) => self.chunk(&chunk),
                 QueuedRecord::Facts(facts) => {
-                    self.file.as_mut().map_or(Ok(()), |file| file.facts(facts))
+                    self.file.as_mut().map_or(Ok(()), |file| file.facts(&facts))
+                }
+                QueuedRecord::File(attached) => {
+                    let file = self.file.as_mut();
+                    let done = file.map_or(Ok(()), |file| file.attachment(&attached));
+                    self.preamble.files.push(attached);
+                    done
                 }
             };
             done.unwrap_or_else(|error| self.fail(&error));

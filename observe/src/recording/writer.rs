@@ -17,13 +17,16 @@ use super::mcap::{CHECKSUM, MAGIC, Opcode};
 /// Length of a footer's body \[bytes\].
 const FOOTER_BYTES: u64 = 8 + 8 + 4;
 
+/// Name, media type and content of a file in a recording.
+pub type AttachedFile = (String, &'static str, Vec<u8>);
+
 /// First records of every file of a recording: tables of facts, and files by name with media type and content.
 #[derive(Clone, Debug, Default)]
 pub struct Preamble {
     /// Tables of facts.
     pub facts: Vec<Facts>,
     /// Name, media type and content of files.
-    pub files: Vec<(String, &'static str, Vec<u8>)>,
+    pub files: Vec<AttachedFile>,
     /// Name of the writing program.
     pub library: String,
 }
@@ -173,7 +176,11 @@ impl McapFile {
         self.write(&bytes)
     }
 
-    fn attachment(&mut self, file: &(String, &'static str, Vec<u8>)) -> io::Result<()> {
+    /// Attaches a file.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn attachment(&mut self, file: &AttachedFile) -> io::Result<()> {
         let (name, media_type, content) = file;
         let length = content.len() as u64;
         let mut bytes = Vec::new();
