@@ -14,7 +14,7 @@ use oqtal_lab::study::metric::{HOVER, METRICS, POSITION};
 use oqtal_lab::study::{Case, Study, TRAINING_SEEDS};
 use oqtal_lab::tune::live;
 use oqtal_lab::tune::search::{self, Budget, TrainingFlights};
-use oqtal_observe::flight::Outcome;
+use oqtal_observe::flight::{Flight, Outcome};
 
 /// Seeds of the flights on which gains are compared, which no search used.
 const COMPARED: std::ops::Range<u64> = 701..705;
@@ -54,6 +54,19 @@ fn errors(
     })
 }
 
+/// Excitation of the vehicle, which lands as planned.
+fn excitation(seed: u64, vehicle: &[Setting]) -> Flight {
+    let excitation = [
+        Setting::flag("test", "trajectory.kind", "brief-excitation"),
+        Setting::flag("test", "clock.seed", seed as i64),
+    ];
+    let config = Config::from_settings(&[vehicle, &excitation].concat()).unwrap();
+    let flight = simulation::fly(&Mission::new(config).unwrap()).unwrap();
+    assert_eq!(flight.outcome, Outcome::Landed, "{seed}: {:?}", flight.cause());
+    assert!(flight.shortfall().is_none(), "{seed}: {:?}", flight.shortfall());
+    flight
+}
+
 /// Limit of the integral for a vehicle that is known.
 fn known_limit(vehicle: &[Setting]) -> Vec<(String, f64)> {
     let config = Config::from_settings(vehicle).unwrap();
@@ -75,14 +88,7 @@ fn gains_of_an_unknown_vehicle_found_in_flight_are_as_good_as_those_of_a_known_o
     for seed in first..first + count {
         let law = LAWS[(seed - 1) as usize % LAWS.len()];
         let vehicle = vehicle(seed, law);
-        let excitation = [
-            Setting::flag("test", "trajectory.kind", "brief-excitation"),
-            Setting::flag("test", "clock.seed", seed as i64),
-        ];
-        let config = Config::from_settings(&[&vehicle[..], &excitation].concat()).unwrap();
-        let flight = simulation::fly(&Mission::new(config).unwrap()).unwrap();
-        assert_eq!(flight.outcome, Outcome::Landed, "{seed}: {:?}", flight.cause());
-        assert!(flight.shortfall().is_none(), "{seed}: {:?}", flight.shortfall());
+        let flight = excitation(seed, &vehicle);
         // Settings of the daemon.
         let present = [vehicle[0].clone(), vehicle[3].clone()];
         let live = live::tune(&flight, &present, (&budget, weights, ""), &progress).unwrap().tuned;

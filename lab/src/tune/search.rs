@@ -244,8 +244,7 @@ pub fn law(
     let mut path = SearchPath::default();
     let best = search(&parameters, &flights.starts(name, &parameters, &from), budget, |points| {
         let evaluate = |point: &Vec<f64>| {
-            let gains = settings(&changed(point));
-            let flown = progress.check().and_then(|()| fly(&gains, &weighted));
+            let flown = progress.check().and_then(|()| fly(&settings(&changed(point)), &weighted));
             bar.inc();
             flown.map_or(f64::INFINITY, |flown| value(&flown))
         };
