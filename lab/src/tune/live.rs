@@ -1,6 +1,7 @@
 //! Gains for a vehicle in flight, which is identified from a brief excitation: they are searched for in simulated flights of it.
 
 use oqtal_config::{Config, Setting};
+use oqtal_control::position::PositionOptions;
 use oqtal_control::trajectory::TrajectoryKind;
 use oqtal_observe::flight::Flight;
 use oqtal_runtime::process::{Exit, Failure};
@@ -14,6 +15,7 @@ use crate::identify::finding::rules;
 use crate::identify::identification::{Identification, Scale, identify};
 use crate::progress::Progress;
 use crate::study::TRAINING_SEEDS;
+use crate::study::flights::readable;
 use crate::study::law;
 
 /// Parts of the daemon's configuration that the search does not use: its flights are in virtual time and as long as those of every
@@ -30,6 +32,9 @@ const LEFT_OUT: [&str; 10] = [
     "trajectory.duration-s",
     "trajectory.hover.",
 ];
+
+/// Greatest limit of the integral of the velocity loops that a configuration may have \[m/s^2\].
+const GREATEST_LIMIT_M_S2: f64 = 5.0;
 
 /// Findings that are noise of the cameras, each with the key of the emulated ones.
 const NOISE: [(&str, &str); 2] = [
@@ -70,14 +75,30 @@ pub fn tune(
     let data = [FlightData::of(flight)];
     let identification = identify(&data, &config.vehicle, Scale::Unknown)?;
     let settings = settings_of(present, &config, &identification);
+    let found = identification.vehicle(&config.vehicle);
+    let limit = integral_limit(&config, found.max_thrust_n / found.mass_kg);
     let flights = TrainingFlights {
         live_keys_only: true,
+        computed: limit.into_iter().collect(),
         weights,
         options: format!("{LIVE}{options}"),
         ..TrainingFlights::near(settings, TRAINING_SEEDS)
     };
     let tuned = search::law(law, budget, &flights, progress)?;
     Ok(LiveTuning { identification, tuned })
+}
+
+/// Key and value of the limit of the integral of the velocity loops \[m/s^2\] with which a vehicle whose greatest thrust over its mass
+/// is `thrust_m_s2` \[m/s^2\] holds its height under laws that compute with `[vehicle]`; `None` if the present limit suffices. Without
+/// it, a search would make all gains as stiff as the noise allows, since only they reduce the error that remains.
+pub fn integral_limit(config: &Config, thrust_m_s2: f64) -> Option<(String, f64)> {
+    let (vehicle, present) = (&config.vehicle, config.position.velocity_integral_limit_m_s2);
+    let configured_m_s2 = vehicle.max_thrust_n / vehicle.mass_kg;
+    let offset_m_s2 = vehicle.gravity_m_s2 * (configured_m_s2 / thrust_m_s2 - 1.0).abs();
+    // The shipped limit remains for pushes.
+    let needed = PositionOptions::default().velocity_integral_limit_m_s2 + offset_m_s2;
+    let limit = readable(needed.min(GREATEST_LIMIT_M_S2));
+    (limit > present).then(|| ("position.velocity-integral-limit-m-s2".to_owned(), limit))
 }
 
 /// Settings of the training flights: those of the daemon, with the identified vehicle as the plant.
@@ -114,4 +135,24 @@ fn settings_of(
         settings.push(Setting::flag("tune --live", "trajectory.kind", "circle"));
     }
     settings
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_integral_holds_the_weight_and_keeps_its_reserve() {
+        let config = Config::default();
+        let configured_m_s2 = config.vehicle.max_thrust_n / config.vehicle.mass_kg;
+        let limit = |factor: f64| {
+            let limit = integral_limit(&config, configured_m_s2 / factor);
+            limit.map_or(config.position.velocity_integral_limit_m_s2, |(_, limit)| limit)
+        };
+        // A fifth of the weight, 1.962 m/s^2, beside 0.9 m/s^2.
+        assert_eq!([1.0, 1.2, 0.8, 2.0].map(limit), [0.9, 2.862, 2.862, 5.0]);
+        let raised = [Setting::flag("test", "position.velocity-integral-limit-m-s2", 4.0)];
+        let raised = Config::from_settings(&raised).unwrap();
+        assert_eq!(integral_limit(&raised, configured_m_s2 / 1.2), None);
+    }
 }

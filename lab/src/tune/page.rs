@@ -69,7 +69,8 @@ fn plots(tuned: &Tuned) -> Markup {
             discs(Ink::Second, evaluated),
             vec![Mark::Line(Ink::Actual, 3, least)],
         ]))
-        @for (k, (key, _)) in tuned.values.iter().enumerate() {
+        // Values that were computed, and not searched for, are the last.
+        @for (k, (key, _)) in tuned.values.iter().enumerate().take(gains.first().map_or(0, Vec::len)) {
             @let values = points(&mut gains.iter().map(|gains| gains[k]));
             (plot(key, vec![discs(Ink::Second, values)]))
         }

@@ -49,6 +49,9 @@ pub struct TrainingFlights {
     pub draws: usize,
     /// Whether the search is restricted to keys that may change in flight.
     pub live_keys_only: bool,
+    /// Keys and values computed for the vehicle, which change together with the gains \[units of the keys\]; the reference has them,
+    /// too.
+    pub computed: Vec<(String, f64)>,
     /// Weights of the metrics in the objective \[-\].
     pub weights: MetricWeights,
     /// Arguments of `oqtal tune` that select flights and weights, each preceded by a space; empty for the default ones.
@@ -68,7 +71,8 @@ impl TrainingFlights {
         let condition = |(seed, plant)| FlightCondition { seed, plant, settings: Vec::new() };
         let case = Case::of("training", plants.map(condition).collect());
         let (weights, options) = (default_weights(), String::new());
-        Self { settings, case, draws: 0, live_keys_only: false, weights, options }
+        let computed = Vec::new();
+        Self { settings, case, draws: 0, live_keys_only: false, computed, weights, options }
     }
 
     /// One flight per draw of a spread.
@@ -124,11 +128,12 @@ impl TrainingFlights {
         self.case.clone().flown_as(&tests)
     }
 
-    /// Reference figures: those of `oqtal` with its configured gains, without the gains of the study. Flights that did not land are
-    /// left out; a metric without any flight that landed has the figure of the shipped vehicle.
+    /// Reference figures: those of `oqtal` with its configured gains and the computed values, without the gains of the study. Flights
+    /// that did not land are left out; a metric without any flight that landed has the figure of the shipped vehicle.
     fn reference(&self, progress: &Progress) -> Result<Figures, Failure> {
         let stack = Setting::flag("tune", "control.stack", "default");
-        let flown = self.fly(&self.law("oqtal", &[stack]), &self.case, progress)?;
+        let law = self.law("oqtal", &[settings(&self.computed), vec![stack]].concat());
+        let flown = self.fly(&law, &self.case, progress)?;
         let mut of_shipped: Vec<&str> = Vec::new();
         let mut reference = [f64::NAN; METRICS];
         for (index, metric) in METRIC.iter().enumerate() {
@@ -229,6 +234,7 @@ pub fn law(
     let bar = progress.start(&format!("tuning {name}"), budget.points);
     let (reference, weighted) = (flights.reference(progress)?, flights.weighted_case());
     let law = |gains: &[Setting]| flights.law(name, gains);
+    let changed = |point: &[f64]| [values(&parameters, point), flights.computed.clone()].concat();
     let fly = |gains: &[Setting], case: &Case| flights.fly(&law(gains), case, progress);
     let figures = |flown: &Flown| flights.figures(flown, &reference);
     let value = |flown: &Flown| objective(&figures(flown), &reference, &flights.weights);
@@ -238,8 +244,7 @@ pub fn law(
     let mut path = SearchPath::default();
     let best = search(&parameters, &flights.starts(name, &parameters, &from), budget, |points| {
         let evaluate = |point: &Vec<f64>| {
-            let gains = settings(&values(&parameters, point));
-            let flown = progress.check().and_then(|()| fly(&gains, &weighted));
+            let flown = progress.check().and_then(|()| fly(&settings(&changed(point)), &weighted));
             bar.inc();
             flown.map_or(f64::INFINITY, |flown| value(&flown))
         };
@@ -250,7 +255,7 @@ pub fn law(
     progress.check()?;
     let (values, objective, after) = match best.value < start {
         true => {
-            let values = values(&parameters, &best.point);
+            let values = changed(&best.point);
             let after = fly(&settings(&values), &flights.case)?;
             (values, best.value, after)
         }

@@ -35,9 +35,9 @@ impl Default for Budget {
 pub struct Tuned {
     /// Name of the law, or `outer`.
     pub target: String,
-    /// Keys and values \[units of the keys\].
+    /// Keys and values \[units of the keys\]: those searched for, then those computed.
     pub values: Vec<(String, f64)>,
-    /// Objective at these gains \[-\]; 1 for `oqtal` with its configured gains; lower is better.
+    /// Objective at these gains \[-\]; 1 for `oqtal` with its configured gains and the computed values; lower is better.
     pub objective: f64,
     /// Objective at the configured gains, the start of the search \[-\].
     pub start: f64,
