@@ -289,3 +289,22 @@ fn no_flight_with_right_poses_is_ended_by_the_tests_of_poses() {
     assert!(ended.is_empty(), "{}:\n  {}", ended.len(), ended.join("\n  "));
     assert!(landed >= count / 2, "{landed} of {count} landed");
 }
+
+/// In a slow circle the tilt that balances drag is as large as the one towards the centre.
+#[test]
+fn f59_a_slow_circle_with_right_poses_is_nominal() {
+    for (law, period_s) in [("oqtal-dt", 12), ("pid", 16), ("oqtal-dt", 16), ("oqtal-dt", 20)] {
+        let settings = [
+            format!("control.controller={law}"),
+            "trajectory.kind=circle".to_owned(),
+            format!("trajectory.circle.period-s={period_s}"),
+        ];
+        for seed in FIRST_SEED..FIRST_SEED + 4 {
+            let flown = fly(&mission(&[&settings[..], &[format!("clock.seed={seed}")]].concat()));
+            let flown = flown.unwrap();
+            let is_doubted =
+                |sample: &FlightSample| sample.telemetry.cause == Cause::Contradiction.code();
+            assert!(!flown.armed().any(is_doubted), "{law}, {period_s} s, seed {seed}");
+        }
+    }
+}

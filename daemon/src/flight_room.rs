@@ -90,7 +90,7 @@ fn check_height(config: &Config, trajectory: &Trajectory) -> Result<(), OptionEr
         return Ok(());
     }
     let allowed = format!(
-        "at least {LEAST_WAY_M} m above the floor on which the flight begins; at {t_s:.1} s the trajectory is at [{x:.2}, {y:.2}, {z:.2}] m"
+        "at least {LEAST_WAY_M} m above the floor on which the flight begins; at {t_s:.1} s the trajectory is at [{x:.3}, {y:.3}, {z:.3}] m"
     );
     Err(OptionError::new("trajectory.waypoints-file", file.display(), allowed))
 }

@@ -48,14 +48,11 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     // The predictive stack feeds the motion of the reference forward, beside these limits, if its acceleration does not jump.
     let jumps =
         path.kind == TrajectoryKind::Waypoints && path.waypoints_curve == WaypointCurve::Monotone;
-    if !config.control.is_predictive() || jumps {
+    if config.control.is_predictive() {
+        all.extend(jumps.then(|| too_hard(&samples, config)).flatten());
+    } else {
         let horizontal = ("horizontal", limits.horizontal_velocity_limit_m_s);
-        let told = too_fast(&samples, config, horizontal, |velocity| velocity.xy().norm());
-        let smoother = match config.control.is_predictive() {
-            true => ", or set trajectory.waypoints-curve to \"minimum-snap\"",
-            false => "",
-        };
-        all.extend(told.map(|told| told + smoother));
+        all.extend(too_fast(&samples, config, horizontal, |velocity| velocity.xy().norm()));
         let vertical = ("vertical", limits.vertical_velocity_limit_m_s);
         all.extend(too_fast(&samples, config, vertical, |velocity| velocity.z.abs()));
     }
@@ -221,6 +218,24 @@ fn samples(plan: &FlightPlan) -> Vec<(f64, Reference)> {
     let points = (plan.end_s() / step_s) as u32;
     let times = (0..=points).map(|index| f64::from(index) * step_s);
     times.map(|t_s| (t_s, plan.sample(t_s))).collect()
+}
+
+/// Where a reference whose acceleration jumps accelerates most, if that is more than the limit of the tilt allows.
+fn too_hard(samples: &[(f64, Reference)], config: &Config) -> Option<String> {
+    let horizontal = |reference: &Reference| reference.acceleration.xy().norm();
+    let (t_s, reference) =
+        samples.iter().max_by(|a, b| horizontal(&a.1).total_cmp(&horizontal(&b.1)))?;
+    let tilt_deg = config.position.tilt_limit_deg;
+    let limit = config.vehicle.gravity_m_s2 * tilt_deg.to_radians().tan();
+    let most = horizontal(reference);
+    (most > limit).then(|| {
+        format!(
+            "at {:.2} s the trajectory accelerates by {most:.2} m/s^2, and position.tilt-limit-deg = {tilt_deg} gives {limit:.2}: the vehicle leaves the path there; fly it {:.1} times slower, or set trajectory.waypoints-curve to \"minimum-snap\"",
+            t_s - config.trajectory.start_s(),
+            // Rounded up, so that the remedy suffices.
+            (10.0 * (most / limit).sqrt()).ceil() / 10.0
+        )
+    })
 }
 
 /// Where the reference is fastest along an axis, if it is faster than the limit of the commanded velocity there.

@@ -171,7 +171,12 @@ impl Summary {
 
     /// The time for which the fence held the vehicle, as text; `None` if it did not.
     pub fn held(&self) -> Option<String> {
-        let held = || format!("held by the fence for {:.2} s, which is not scored", self.held_s);
+        let held = || {
+            format!(
+                "held by the fence for {:.2} s, which is not scored; the return from it is: do not compare with other flights",
+                self.held_s
+            )
+        };
         (self.held_s > 0.0).then(held)
     }
 

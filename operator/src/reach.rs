@@ -92,8 +92,9 @@ impl Reached {
     /// Name and root of an instance of this name and user under another root than the one addressed; `None` if there is none.
     pub fn elsewhere(&self) -> Option<InstancePaths> {
         let paths = &self.address.paths;
-        let is_same =
-            |process: &&ObeyingProcess| process.is_ours() && process.is_of_instance(&paths.instance);
+        let is_same = |process: &&ObeyingProcess| {
+            process.is_ours() && process.is_of_instance(&paths.instance)
+        };
         let root = root_of(self.others.iter().find(is_same)?, paths)?;
         Some(InstancePaths { root, ..paths.clone() })
     }

@@ -30,7 +30,7 @@ pub(super) struct DirectionTest {
 }
 
 impl DirectionTest {
-    /// Takes the position \[m, world\] after an interval of `dt_s` \[s\] in which thrust and tilt gave the horizontal acceleration
+    /// Takes the position \[m, world\] after an interval of `dt_s` \[s\] in which thrust, tilt and drag gave the horizontal acceleration
     /// `acceleration` \[m/s^2, world\]; `deviation_m` is the noise of the position \[m\]. Returns the greatest sum \[-\].
     pub(super) fn take(
         &mut self,

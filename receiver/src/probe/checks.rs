@@ -28,7 +28,10 @@ const CHECKS: &[ProbeCheck] = &[
         "frames",
         Severity::Problem,
         "see whether the camera software still measures, and whether its computer is connected; start the probe again",
-        |f| f.silent_from_s.map(|s| format!("none after {s:.1} s; the figures are those until then")),
+        |f| {
+            f.silent_from_s
+                .map(|s| format!("none after {s:.1} s; the figures are those until then"))
+        },
     ),
     ("rate", Severity::Problem, RATE_REMEDY, |f| rate(f, 0.0..TOO_SLOW)),
     ("rate", Severity::Advice, RATE_REMEDY, |f| rate(f, TOO_SLOW..SLOW)),
