@@ -14,8 +14,10 @@ const DAMPING: f64 = 0.7;
 const LEAST_SHARE: f64 = 0.4;
 /// Rate at which evidence is counted \[1/s\]: accelerations by gusts last for a good part of a second.
 const COUNTS_PER_S: f64 = 8.0;
-/// Least effect of an acceleration that is compared \[m\].
-const LEAST_M: f64 = 0.01;
+/// Horizontal acceleration by wind and imbalance, against which a vehicle is tilted without showing it \[m/s^2\].
+const DISTURBANCE_M_S2: f64 = 0.1;
+/// Its effect after the filters \[m\].
+const LEAST_M: f64 = DISTURBANCE_M_S2 / (CORNER_RAD_S * CORNER_RAD_S);
 
 /// The two filtered accelerations and the sums of evidence.
 #[derive(Clone, Copy, Debug, Default)]
@@ -56,7 +58,7 @@ impl DirectionTest {
         let least = deviation_m * deviation_m + LEAST_M * LEAST_M;
         let scale = COUNTS_PER_S * dt_s / (least + square);
         for (sum, share) in self.sums.iter_mut().zip([-along, across, -across]) {
-            *sum = (*sum + (share - LEAST_SHARE * square) * scale).max(0.0);
+            *sum = (*sum + (share - LEAST_SHARE * (square + least)) * scale).max(0.0);
         }
         self.sums.into_iter().fold(0.0, f64::max)
     }
