@@ -1,8 +1,9 @@
 //! Test whether the vehicle accelerates in the direction in which it is tilted.
 //!
 //! Horizontal accelerations, as complex numbers, are compared after two integrations and a wash-out, in which an acceleration `a` is
-//! `a / (s^2 + 2 z w s + w^2)` and a position `p` is `s^2 p / (...)`. Wind adds to the acceleration seen, and a loop that counteracts
-//! wind tilts against it: the two then correlate little, but a stable loop never makes them opposite or perpendicular for long.
+//! `a / (s^2 + 2 z w s + w^2)` and a position `p` is `s^2 p / (...)`. A vehicle also tilts against drag, which the acceleration
+//! contains, and against wind, which it does not: in a slow motion the two can then be perpendicular for long. What a disturbance of
+//! some size explains is therefore not counted.
 
 use nalgebra::{Vector2, Vector3};
 
