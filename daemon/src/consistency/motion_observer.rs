@@ -12,7 +12,7 @@ const OUTLIER_M: f64 = 0.005;
 const NOISE_OUTLIER: f64 = 3.0;
 /// Greatest correction of the velocity by one position \[m/s\]: the time constant of the velocity is the distance of an outlier over it,
 /// so that noise delays the observer and does not disturb it.
-const GREATEST_M_S: f64 = 0.13;
+const GREATEST_M_S: f64 = 0.16;
 /// Time constant of the balance by the positions over that of the velocity \[-\]: the observer of both is critically damped.
 const BALANCE_RATIO: f64 = 4.0;
 /// Time after a gap or a bounded correction until the velocity is known \[s\].

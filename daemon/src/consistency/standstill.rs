@@ -4,7 +4,7 @@
 //! A disturbance can hold a vehicle in place against its thrust, for example at the end of the motion that a push began. But a law
 //! learns of the disturbance from the motion alone, so the vehicle moves before the thrust counteracts it. That motion shows the
 //! disturbance here, too: a standstill is compared with the thrust that balanced the disturbance when it began. What poses that stand
-//! still show is not believed.
+//! still show is not believed, and no standstill begins where the velocity is not known.
 
 use nalgebra::Vector3;
 
@@ -209,6 +209,28 @@ mod tests {
             assert!(evidence < 0.5, "{evidence} after {tick} ticks at {moved_m} m");
         }
         assert!(moved_m > 0.1 && thrust_m_s2 < GRAVITY - 3.9, "{moved_m} m, {thrust_m_s2} m/s^2");
+    }
+
+    /// One pose in five is off by 5 cm, in a hover and at a constant speed; then the poses freeze while the thrust accelerates.
+    #[test]
+    fn outliers_are_no_motion_and_do_not_hide_frozen_poses() {
+        for (speed_m_s, first) in [(0.0, 0), (0.0, 1), (0.3, 2), (0.3, 3)] {
+            let mut test = StandstillTest::default();
+            let mut greatest = [0.0_f64; 2];
+            for tick in 0..240 {
+                let is_frozen = tick >= 180;
+                let way_m = speed_m_s * DT_S * f64::from(tick.min(180));
+                let off_m = if !is_frozen && tick % 5 == first { 0.05 } else { 0.0 };
+                let side = if tick % 2 == 0 { Vector3::y() } else { -Vector3::z() };
+                let position = Vector3::x() * way_m + side * off_m;
+                let extra = if is_frozen { 2.6 } else { 0.0 };
+                let acceleration = Vector3::new(extra, 0.0, GRAVITY);
+                let evidence = test.take(&position, &acceleration, 0.5e-3, DT_S);
+                let greatest = &mut greatest[usize::from(is_frozen)];
+                *greatest = greatest.max(evidence);
+            }
+            assert!(greatest[0] < 0.3 && greatest[1] > 1.0, "{greatest:?}");
+        }
     }
 
     #[test]
