@@ -4,7 +4,7 @@
 //! A disturbance can hold a vehicle in place against its thrust, for example at the end of the motion that a push began. But a law
 //! learns of the disturbance from the motion alone, so the vehicle moves before the thrust counteracts it. That motion shows the
 //! disturbance here, too: a standstill is compared with the thrust that balanced the disturbance when it began. What poses that stand
-//! still show is not believed, and no standstill begins where the velocity is not known.
+//! still show is not accepted, and a standstill begins only where the velocity is known.
 
 use nalgebra::Vector3;
 
@@ -213,7 +213,7 @@ mod tests {
 
     /// One pose in five is off by 5 cm, in a hover and at a constant speed; then the poses freeze while the thrust accelerates.
     #[test]
-    fn outliers_are_no_motion_and_do_not_hide_frozen_poses() {
+    fn outliers_do_not_count_as_motion_nor_hide_frozen_poses() {
         for (speed_m_s, first) in [(0.0, 0), (0.0, 1), (0.3, 2), (0.3, 3)] {
             let mut test = StandstillTest::default();
             let mut greatest = [0.0_f64; 2];
