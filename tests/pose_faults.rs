@@ -302,9 +302,9 @@ fn f59_a_slow_circle_with_right_poses_is_nominal() {
         for seed in FIRST_SEED..FIRST_SEED + 4 {
             let flown = fly(&mission(&[&settings[..], &[format!("clock.seed={seed}")]].concat()));
             let flown = flown.unwrap();
-            let is_doubted =
+            let has_disagreed =
                 |sample: &FlightSample| sample.telemetry.cause == Cause::Contradiction.code();
-            assert!(!flown.armed().any(is_doubted), "{law}, {period_s} s, seed {seed}");
+            assert!(!flown.armed().any(has_disagreed), "{law}, {period_s} s, seed {seed}");
         }
     }
 }

@@ -221,7 +221,7 @@ fn only_the_addressed_instance_stops_and_others_are_listed() {
     let elsewhere = other.path("elsewhere").display().to_string();
     let words = ["ctl", "stop", "--instance", other.instance(), "--root", &elsewhere];
     let nobody = testbed.study(&words).output().unwrap();
-    assert_refused(&nobody, 75, &["nothing to stop", &listed]);
+    assert_refused(&nobody, 75, &["does not run under", &elsewhere, &listed]);
     other_daemon.until("motors", Actuation::Sticks, |vehicle| vehicle.armed == 1);
     while let Some((_, vehicle)) = other_daemon.vehicles.receive().unwrap() {
         assert_eq!(vehicle.stopped, 0);

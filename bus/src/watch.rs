@@ -4,6 +4,7 @@
 //! the processes that have mapped them: the processes of the instance keep them, but no process can join. The members, also those that
 //! do not use the lost file, then end the flight and leave, and the next process starts a new run of the instance.
 
+use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -122,12 +123,22 @@ impl InstanceWatch {
     }
 }
 
-/// Whether `path`, open as `descriptor`, is a file that another process may remove while this one has it open.
+/// Whether `path`, open as `descriptor`, is a file that another process may remove while this one has it open. Descriptors of ports
+/// are inherited from a process that started this one.
 fn is_of_peer(path: &Path, descriptor: &Path) -> bool {
+    if path.iter().any(|part| process_of_node(part).is_some_and(|id| id != std::process::id())) {
+        return true;
+    }
     let extension = path.extension().unwrap_or_default();
     let is_writable =
         || fs::symlink_metadata(descriptor).is_ok_and(|link| mode(&link) & 0o200 != 0);
     extension == "connection" || (extension == "data" && !is_writable())
+}
+
+/// Process of the node of iceoryx2 whose directory has the name `part`: its number is in the third quarter of the 128 bits.
+fn process_of_node(part: &OsStr) -> Option<u32> {
+    let node: u128 = part.to_str()?.parse().ok()?;
+    u32::try_from((node >> 64) & u128::from(u32::MAX)).ok().filter(|id| *id != 0)
 }
 
 fn mode(metadata: &fs::Metadata) -> u32 {
@@ -136,4 +147,18 @@ fn mode(metadata: &fs::Metadata) -> u32 {
 
 fn unrestored((path, _): (PathBuf, bool)) -> LostFile {
     LostFile { path, is_restored: false }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_port_of_the_process_that_started_this_one_is_not_missed() {
+        let node = |process: u32| (u128::from(process) << 64) | 38_968;
+        let path = |process| PathBuf::from(format!("/run/a/nodes/{}/port.port_tag", node(process)));
+        let descriptor = Path::new("/proc/self/fd/0");
+        assert!(!is_of_peer(&path(std::process::id()), descriptor));
+        assert!(is_of_peer(&path(std::process::id() + 1), descriptor));
+    }
 }

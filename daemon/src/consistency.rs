@@ -372,8 +372,7 @@ impl PoseConsistency {
         }
         // A slow circle is tilted as much against drag as towards its centre.
         let drag = track.motion.velocity * tracker.model().drag_per_s;
-        let acceleration = (acceleration - drag).xy();
-        let sum = self.direction.take(position, &acceleration, deviation_m, dt_s);
+        let sum = self.direction.take(position, &(acceleration - drag).xy(), deviation_m, dt_s);
         self.evidence.direction = sum / self.limit;
     }
 

@@ -345,7 +345,7 @@ mod tests {
         };
         assert_eq!(check(0.11), Ok(()));
         let told = check(0.09).unwrap_err().to_string();
-        assert!(told.contains("at 60.0 s the trajectory is at [0.00, 0.00, 0.09] m"), "{told}");
+        assert!(told.contains("at 60.0 s the trajectory is at [0.000, 0.000, 0.090] m"), "{told}");
     }
 
     #[test]
