@@ -26,7 +26,6 @@ mod commanded;
 mod direction;
 mod drift;
 mod heading;
-mod motion_observer;
 mod pending;
 mod response;
 mod standstill;
@@ -364,7 +363,7 @@ impl PoseConsistency {
             if expected.is_away {
                 self.evidence.standstill = moved * DEFAULT_LIMIT / self.limit;
             } else {
-                self.standstill.discard_motion(position);
+                self.standstill.end();
             }
         }
         if !is_airborne {
