@@ -26,6 +26,7 @@ mod commanded;
 mod direction;
 mod drift;
 mod heading;
+mod motion_observer;
 mod pending;
 mod response;
 mod standstill;
@@ -363,7 +364,7 @@ impl PoseConsistency {
             if expected.is_away {
                 self.evidence.standstill = moved * DEFAULT_LIMIT / self.limit;
             } else {
-                self.standstill.end();
+                self.standstill.discard_motion(position);
             }
         }
         if !is_airborne {

@@ -62,12 +62,22 @@ const CASES: [(&str, &str); 17] = [
 ];
 
 /// Pushes, in which landing counts more than millimetres.
-const PUSHES: [(&str, &str); 2] = [
+const PUSHES: [(&str, &str); 4] = [
     (
         "2 N up, then down, 1.5 s each",
         "plant.disturb=[\"force@10+1.5=0,0,2N\",\"force@11.5+1.5=0,0,-2N\"]",
     ),
     ("gust of 3 m/s for 2 s", "plant.disturb=[\"gust@10+2=3,0,0m/s\"]"),
+    (
+        "payload, limits raised",
+        "position.vertical-acceleration-limit-m-s2=9 position.velocity-integral-limit-m-s2=5 \
+         plant.disturb=[\"mass@12=0.2kg\"]",
+    ),
+    (
+        "2 N up, then down, limits raised",
+        "position.vertical-acceleration-limit-m-s2=9 position.velocity-integral-limit-m-s2=5 \
+         plant.disturb=[\"force@10+1.5=0,0,2N\",\"force@11.5+1.5=0,0,-2N\"]",
+    ),
 ];
 
 /// Hover error \[mm\] of a law in one flight.
