@@ -21,8 +21,7 @@ fn a_stop_by_name_is_not_confirmed_by_a_vehicle_under_another_root() {
     let (plant, _) = second(&testbed, "plant-sim");
     let _daemon = testbed.start(&["daemon", "run"]);
     testbed.wait_for_daemon();
-    let is_found = |id: u32| ObeyingProcess::all().iter().any(|process| process.pid == id);
-    wait_for("the vehicle", || is_found(plant.id()).then_some(()));
+    wait_for("the vehicle", || is_found(&plant).then_some(()));
     let output = rootless(&testbed, &["stop"]).output().unwrap();
     assert_refused(&output, 75, &["without a process of its vehicle", "the daemon obeys"]);
 }
@@ -35,12 +34,17 @@ fn second(testbed: &Testbed, role: &str) -> (Running, InstancePaths) {
     (process, InstancePaths { instance: testbed.instance().to_owned(), root })
 }
 
+/// Whether an operator's command finds `process`.
+fn is_found(process: &Running) -> bool {
+    ObeyingProcess::all().iter().any(|found| found.pid == process.id())
+}
+
 /// As [`second`], suspended.
 pub fn suspended(testbed: &Testbed, role: &str) -> (Running, InstancePaths) {
     let (process, paths) = second(testbed, role);
     wait_for("a second process", || {
-        let is_found = ObeyingProcess::all().iter().any(|other| other.pid == process.id());
-        (is_found && StopSwitch::existing(&paths).is_ok_and(|it| it.is_some())).then_some(())
+        (is_found(&process) && StopSwitch::existing(&paths).is_ok_and(|it| it.is_some()))
+            .then_some(())
     });
     process.signal(Signal::STOP);
     (process, paths)
@@ -86,8 +90,7 @@ fn a_stop_is_not_confirmed_by_one_of_two_daemons() {
 fn a_stop_under_the_wrong_root_names_the_right_one() {
     let testbed = Testbed::new("wrong-root");
     let (plant, paths) = second(&testbed, "plant-sim");
-    let is_found = || ObeyingProcess::all().iter().any(|process| process.pid == plant.id());
-    wait_for("the vehicle", || is_found().then_some(()));
+    wait_for("the vehicle", || is_found(&plant).then_some(()));
     let root = testbed.path("wrong").display().to_string();
     let output = rootless(&testbed, &["stop", "--root", &root]).output().unwrap();
     let remedy = format!(

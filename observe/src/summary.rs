@@ -171,13 +171,12 @@ impl Summary {
 
     /// The time for which the fence held the vehicle, as text; `None` if it did not.
     pub fn held(&self) -> Option<String> {
-        let held = || {
+        (self.held_s > 0.0).then(|| {
             format!(
                 "held by the fence for {:.2} s, which is not scored; the return from it is: do not compare with other flights",
                 self.held_s
             )
-        };
-        (self.held_s > 0.0).then(held)
+        })
     }
 
     /// Note on the errors of velocity and attitude of an external law; `None` for other laws.

@@ -38,6 +38,7 @@ pub struct ControlReport {
     /// Estimated position \[m, world\]; absent if the last pose is older than a second.
     #[serde(skip_serializing_if = "Option::is_none")]
     position_m: Option<[f64; 3]>,
+    /// Whether an operator's stop is in force that the vehicle's process does not obey yet.
     awaits_stop: bool,
     /// Flags of a command that addresses the same instance.
     #[serde(skip)]

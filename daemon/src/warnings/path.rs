@@ -9,12 +9,9 @@ const TOLD_JUMP_M: f64 = 0.5;
 
 /// Where a reference whose acceleration jumps accelerates most, if that is more than the limit of the tilt allows.
 pub(super) fn too_hard(samples: &[(f64, Reference)], config: &Config) -> Option<String> {
-    let horizontal = |reference: &Reference| reference.acceleration.xy().norm();
-    let (t_s, reference) =
-        samples.iter().max_by(|a, b| horizontal(&a.1).total_cmp(&horizontal(&b.1)))?;
+    let (most, t_s, _) = greatest(samples, |reference| reference.acceleration.xy().norm())?;
     let tilt_deg = config.position.tilt_limit_deg;
     let limit = config.vehicle.gravity_m_s2 * tilt_deg.to_radians().tan();
-    let most = horizontal(reference);
     (most > limit).then(|| {
         format!(
             "at {:.2} s the trajectory accelerates by {most:.2} m/s^2, and position.tilt-limit-deg = {tilt_deg} gives {limit:.2}: the vehicle leaves the path there; fly it {:.1} times slower, or set trajectory.waypoints-curve to \"minimum-snap\"",
@@ -32,9 +29,7 @@ pub(super) fn too_fast(
     (axis, limit): (&str, f64),
     speed: impl Fn(&Vector3<f64>) -> f64,
 ) -> Option<String> {
-    let (t_s, reference) =
-        samples.iter().max_by(|a, b| speed(&a.1.velocity).total_cmp(&speed(&b.1.velocity)))?;
-    let fastest = speed(&reference.velocity);
+    let (fastest, t_s, reference) = greatest(samples, |reference| speed(&reference.velocity))?;
     if fastest <= limit {
         return None;
     }
@@ -50,6 +45,15 @@ pub(super) fn too_fast(
     Some(format!(
         "{what} moves at {fastest:.2} m/s, and position.{axis}-velocity-limit-m-s is {limit}: the vehicle will stay behind; {remedy}, or raise the limit"
     ))
+}
+
+/// The greatest `value` of the samples, with its time \[s\] and reference; `None` without a sample.
+fn greatest(
+    samples: &[(f64, Reference)],
+    value: impl Fn(&Reference) -> f64,
+) -> Option<(f64, f64, &Reference)> {
+    let values = samples.iter().map(|(t_s, reference)| (value(reference), *t_s, reference));
+    values.max_by(|a, b| a.0.total_cmp(&b.0))
 }
 
 /// The distance from the hover point to the first waypoint, if it is far.

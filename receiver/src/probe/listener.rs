@@ -61,8 +61,9 @@ impl ProbeListener {
     /// its last frame.
     pub fn figures(mut self, duration: Span, end: Time) -> ProbeFigures {
         let silence = end.since(self.last_arrival);
-        let is_silent = self.last_arrival.is_set() && silence > self.silence;
-        if self.last_arrival.is_set() && silence.nanos() > GAP_NS && !is_silent {
+        let has_begun = self.last_arrival.is_set();
+        let is_silent = has_begun && silence > self.silence;
+        if has_begun && !is_silent && silence.nanos() > GAP_NS {
             self.intervals.push(silence.nanos());
         }
         let counts = self.gates.iter().map(FrameGate::counts);
