@@ -24,7 +24,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         integration: Integration::Fine,
     };
     let input = RateInput::new(Vector3::repeat(2.0))?.with_lag(0.05, PERIOD_S)?;
-    let design = Design { model, input, period_s: PERIOD_S };
+    let design = Design { model, input, period_s: PERIOD_S, turning_jerk_m_s3: f64::INFINITY };
     let (options, limits) = (PredictiveOptions::default(), PositionOptions::default());
     let mut autopilot = Autopilot::new(design, OqtalDtOptions::default(), &options, &limits)?;
 

@@ -75,7 +75,7 @@ fn the_autopilot_does_not_allocate_in_a_step() {
         integration: Integration::Fine,
     };
     let input = RateInput::new(Vector3::repeat(2.0)).unwrap().with_lag(0.05, DT_S).unwrap();
-    let design = Design { model, input, period_s: DT_S };
+    let design = Design { model, input, period_s: DT_S, turning_jerk_m_s3: f64::INFINITY };
     let (options, loops) = (PredictiveOptions::default(), PositionOptions::default());
     let mut autopilot =
         Autopilot::new(design, OqtalDtOptions::default(), &options, &loops).unwrap();

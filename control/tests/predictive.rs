@@ -44,7 +44,12 @@ fn sticks() -> RateInput {
 }
 
 fn autopilot() -> Autopilot<RateInput> {
-    let design = Design { model: quadrotor(), input: sticks(), period_s: PERIOD_S };
+    let design = Design {
+        model: quadrotor(),
+        input: sticks(),
+        period_s: PERIOD_S,
+        turning_jerk_m_s3: f64::INFINITY,
+    };
     let (law, options) = (OqtalDtOptions::default(), PredictiveOptions::default());
     Autopilot::new(design, law, &options, &PositionOptions::default()).unwrap()
 }

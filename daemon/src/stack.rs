@@ -219,13 +219,13 @@ where
         if control.is_predictive() {
             // The motion is predicted for the effect of the command.
             control.indi.input_delay_ticks = 0;
-            let jerk = &mut control.predictive.reference.jerk_limit_m_s3;
-            *jerk = jerk.min(turning_jerk_m_s3(config));
         }
         let law = || Controller::new(&control, input).map_err(|error| error.within("control"));
         let loops = if control.is_predictive() {
             let model = CommandModel::new(config)?.model;
-            let design = Design { model, input, period_s: 1.0 / control.rate_hz };
+            let turning_jerk_m_s3 = turning_jerk_m_s3(config);
+            let design =
+                Design { model, input, period_s: 1.0 / control.rate_hz, turning_jerk_m_s3 };
             let autopilot =
                 Autopilot::new(design, control.oqtal_dt, &control.predictive, &config.position)
                     .map_err(|error| error.within("control.oqtal-dt"))?;

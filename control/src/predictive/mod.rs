@@ -101,6 +101,8 @@ pub struct Design<I> {
     pub input: I,
     /// Period of the loop \[s\].
     pub period_s: f64,
+    /// Greatest jerk of a horizontal reference that the vehicle can follow by turning its thrust \[m/s^3\]; infinite without a limit.
+    pub turning_jerk_m_s3: f64,
 }
 
 /// Output of the autopilot in one step.
@@ -142,7 +144,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
         loops: &PositionOptions,
     ) -> Result<Self, OptionError> {
         Ok(Self {
-            position: PositionLaw::new(options, loops, &design.model),
+            position: PositionLaw::new(options, loops, (&design.model, design.turning_jerk_m_s3)),
             attitude: InnerLaw::Own(OqtalDt::new(law, design.input, design.period_s)?),
             setpoint_buffer: SetpointBuffer::new(),
             look_ahead: LookAhead::default(),

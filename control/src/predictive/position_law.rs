@@ -54,12 +54,16 @@ pub struct PositionLaw {
 }
 
 impl PositionLaw {
-    /// The law for a vehicle within the limits of `loops`.
-    pub fn new(options: &PredictiveOptions, loops: &PositionOptions, model: &VehicleModel) -> Self {
+    /// The law for a vehicle within the limits of `loops`, which turns its thrust with a jerk of at most `turning_jerk_m_s3` \[m/s^3\].
+    pub fn new(
+        options: &PredictiveOptions,
+        loops: &PositionOptions,
+        (model, turning_jerk_m_s3): (&VehicleModel, f64),
+    ) -> Self {
         let VehicleModel { gravity_m_s2, drag_per_s, .. } = *model;
         let tilt_tangent = loops.tilt_limit_deg.to_radians().tan();
-        let model = |speed, acceleration| {
-            ReferenceModel::new(options.reference, MotionLimits { speed, acceleration })
+        let model = |speed, acceleration, jerk| {
+            ReferenceModel::new(options.reference, MotionLimits { speed, acceleration, jerk })
         };
         Self {
             options: *options,
@@ -70,10 +74,12 @@ impl PositionLaw {
             horizontal: model(
                 loops.horizontal_velocity_limit_m_s,
                 REFERENCE_SHARE * gravity_m_s2 * tilt_tangent,
+                turning_jerk_m_s3,
             ),
             vertical: model(
                 loops.vertical_velocity_limit_m_s,
                 REFERENCE_SHARE * loops.vertical_acceleration_limit_m_s2,
+                f64::INFINITY,
             ),
             filter: CommandFilter::new(options.command_bandwidth_rad_s),
             is_following: false,

@@ -84,6 +84,8 @@ pub struct MotionLimits {
     pub speed: f64,
     /// Greatest acceleration \[m/s^2\].
     pub acceleration: f64,
+    /// Greatest jerk \[m/s^3\]; that of the options, if less, applies.
+    pub jerk: f64,
 }
 
 /// Motion of a point: the given reference, or the output of the model.
@@ -177,7 +179,8 @@ pub struct ReferenceModel {
 
 impl ReferenceModel {
     /// A model at rest at the origin.
-    pub fn new(options: ReferenceModelOptions, limits: MotionLimits) -> Self {
+    pub fn new(mut options: ReferenceModelOptions, limits: MotionLimits) -> Self {
+        options.jerk_limit_m_s3 = options.jerk_limit_m_s3.min(limits.jerk);
         let [target, leader, between, offset] = [Course::default(); 4];
         Self { options, limits, target, leader, between, offset }
     }

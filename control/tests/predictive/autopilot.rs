@@ -85,7 +85,8 @@ fn each_gain_of_the_velocity_acts_on_its_own_axes() {
             vertical_velocity_gain_per_s,
             ..PredictiveOptions::default()
         };
-        let mut law = PositionLaw::new(&options, &PositionOptions::default(), &quadrotor());
+        let mut law =
+            PositionLaw::new(&options, &PositionOptions::default(), (&quadrotor(), f64::INFINITY));
         let off = Motion { velocity, ..Motion::default() };
         // The first step begins at the vehicle.
         law.update((&Motion::default(), &Bias::default()), &hover(), (PERIOD_S, DELAY_S));

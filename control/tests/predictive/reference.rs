@@ -13,7 +13,7 @@ use super::*;
 /// Overshoot allowed past a target at rest \[m\].
 const MOST_PAST_M: f64 = 1e-6;
 
-const LIMITS: MotionLimits = MotionLimits { speed: 0.8, acceleration: 2.3 };
+const LIMITS: MotionLimits = MotionLimits { speed: 0.8, acceleration: 2.3, jerk: f64::INFINITY };
 
 /// The way to a target at rest, from rest at the origin: where the reference is after every tick.
 fn towards(
@@ -48,8 +48,11 @@ fn within(
 /// Options and limits of a vehicle from wide ranges, though not all that a configuration may hold; the greatest jerk such
 /// that the acceleration is there in two seconds.
 fn any_options() -> impl Strategy<Value = (ReferenceModelOptions, MotionLimits)> {
-    let limits = (0.05..5.0_f64, 0.1..15.0_f64)
-        .prop_map(|(speed, a)| MotionLimits { speed, acceleration: a });
+    let limits = (0.05..5.0_f64, 0.1..15.0_f64).prop_map(|(speed, a)| MotionLimits {
+        speed,
+        acceleration: a,
+        jerk: f64::INFINITY,
+    });
     (0.1..50.0_f64, 0.05..20.0_f64, 0.5..1000.0_f64, limits).prop_map(|(k_p, a_b, jerk, limits)| {
         let options = ReferenceModelOptions {
             position_gain_per_s: k_p,
@@ -110,7 +113,7 @@ proptest! {
         turn in 0.0..std::f64::consts::TAU,
     ) {
         let (radius, rate) = (1.55, 1.29);
-        let limits = MotionLimits { speed: 2.5, acceleration: 4.0 };
+        let limits = MotionLimits { speed: 2.5, acceleration: 4.0, jerk: f64::INFINITY };
         let mut model = ReferenceModel::new(ReferenceModelOptions::default(), limits);
         model.restart(start, Vector3::zeros(), Vector3::zeros());
         for tick in 1..=1200 {
