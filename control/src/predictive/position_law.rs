@@ -7,7 +7,7 @@
 //!
 //! `F` is the command filter, `D` the drag. The vertical axis does not affect the attitude; it has no filter and separate gains.
 //! The limits apply to the correction and to the offset from the reference; the motion of the reference itself is fed forward up to
-//! the greatest tilt.
+//! the greatest tilt. In the vertical axis the estimated force `-b` has a limit of its own, as great as that of the correction.
 
 use nalgebra::{Vector2, Vector3};
 
@@ -123,9 +123,11 @@ impl PositionLaw {
         let (limit, gravity) = (self.vertical_acceleration, self.gravity_m_s2);
         let [target, own] =
             [target, course].map(|course| Force::along(&course, gravity, self.drag_per_s));
+        // An external force does not reduce the range of the corrections.
+        let against_force = (-bias.acceleration.z).clamp(-limit, limit);
+        let accelerating = own.value.z - target.value.z + missing.z * velocity_gain.z;
         let lift = target.value.z
-            + (own.value.z - target.value.z + corrective.z)
-                .clamp(-limit, limit)
+            + (accelerating.clamp(-limit, limit) + against_force)
                 .max(LEAST_LIFT * gravity - target.value.z);
         let limit = lift * self.tilt_tangent;
         let smooth = match reference.attitude {
