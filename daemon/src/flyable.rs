@@ -83,7 +83,8 @@ fn demands(config: &Config, demand: &MotionDemand) -> [Demand; 6] {
         // Of a vehicle commanded by torque the rates have no limit of their own.
         let is_limited = vehicle.interface != Interface::Torque;
         let needed = if is_limited { demand.rate[axis].abs() / RATE_SHARE } else { 0.0 };
-        of("vehicle.rate-authority-rad-s", vehicle.rate_authority_rad_s[axis], needed, " rad/s")
+        let unit = [" rad/s in roll", " rad/s in pitch", " rad/s in yaw"][axis];
+        of("vehicle.rate-authority-rad-s", vehicle.rate_authority_rad_s[axis], needed, unit)
     });
     [
         of("vehicle.max-thrust-n", vehicle.max_thrust_n, demand.thrust_n / THRUST_SHARE, " N"),
