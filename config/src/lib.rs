@@ -80,5 +80,5 @@ pub use record::{RecordOptions, RecordedFlights};
 pub use reference::ReferenceOptions;
 pub use safety::SafetyOptions;
 pub use setting::{Setting, parse_option};
-pub use text::read_text;
+pub use text::{read_text, read_waypoints};
 pub use vehicle::VehicleOptions;

@@ -23,6 +23,17 @@ pub fn read_text(path: &Path, longest_mib: u64) -> io::Result<String> {
     })
 }
 
+/// Length up to which a waypoint file is read \[MiB\].
+const LONGEST_WAYPOINTS_MIB: u64 = 16;
+
+/// Reads a waypoint file.
+///
+/// # Errors
+/// As [`read_text`].
+pub fn read_waypoints(path: &Path) -> io::Result<String> {
+    read_text(path, LONGEST_WAYPOINTS_MIB)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

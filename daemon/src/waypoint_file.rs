@@ -1,11 +1,8 @@
 //! The trajectory of a configuration, with its waypoint file read.
 
-use oqtal_config::{Config, read_text};
+use oqtal_config::{Config, read_waypoints};
 use oqtal_control::trajectory::{Trajectory, TrajectoryKind, Waypoints};
 use oqtal_runtime::process::{Exit, Failure};
-
-/// Length up to which a file is read \[MiB\].
-const LONGEST_FILE_MIB: u64 = 16;
 
 /// The trajectory of `config`, whose waypoint file is read if it flies one.
 ///
@@ -39,8 +36,7 @@ pub fn waypoints(config: &Config) -> Result<Option<Waypoints>, Failure> {
     let Some(file) = &config.trajectory.waypoints_file else { return Ok(None) };
     let data = |reason: String| Failure::new(Exit::Data, reason);
     let name = file.display();
-    let text =
-        read_text(file, LONGEST_FILE_MIB).map_err(|error| data(format!("{name}: {error}")))?;
+    let text = read_waypoints(file).map_err(|error| data(format!("{name}: {error}")))?;
     let parsed = Waypoints::parse(&text);
     parsed.map(Some).map_err(|error| data(format!("{name}:{}: {}", error.line, error.problem)))
 }

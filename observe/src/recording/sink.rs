@@ -1,13 +1,13 @@
 //! The recording sink.
 
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use oqtal_bus::code::{Answer, SafetyState};
 use oqtal_bus::message::{EventV1, InputV1, PoseV1, TelemetryV1, TruthV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Sample};
-use oqtal_config::{ClockKind, Config};
+use oqtal_config::{ClockKind, Config, read_waypoints};
 
 use super::cdr;
 use super::channel::Channel;
@@ -263,9 +263,9 @@ impl McapRecorder {
             return;
         };
         // Without it a replay reports which file it needs.
-        if let Ok(content) = std::fs::read(path) {
+        if let Ok(content) = read_waypoints(Path::new(path)) {
             let name = waypoints_of_request(source, event.number);
-            self.thread.file((name, "text/csv", content));
+            self.thread.file((name, "text/csv", content.into_bytes()));
         }
     }
 
@@ -283,7 +283,7 @@ fn preamble(config: &Config, provenance: Provenance, wall_offset: Span) -> io::R
     let mut files =
         vec![(CONFIG_FILE.to_owned(), "application/toml", config.to_toml().into_bytes())];
     if let Some(path) = &config.trajectory.waypoints_file {
-        files.push((WAYPOINTS_FILE.to_owned(), "text/csv", std::fs::read(path)?));
+        files.push((WAYPOINTS_FILE.to_owned(), "text/csv", read_waypoints(path)?.into_bytes()));
     }
     Ok(Preamble {
         facts: vec![Facts::of_recording(config, provenance, wall_offset), Facts::of_machine()],
