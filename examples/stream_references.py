@@ -41,12 +41,22 @@ def reference(t, start, valid_ms):
     }
 
 
+def gateway_socket():
+    """The socket of the gateway of the instance `default`, in the directories in which oqtal looks for instances."""
+    roots = ["/run/oqtal", os.environ.get("XDG_RUNTIME_DIR", "/run") + "/oqtal", f"/tmp/oqtal-{os.getuid()}"]
+    paths = [f"{root}/default/gateway.sock" for root in roots]
+    return next(filter(os.path.exists, paths), paths[0])
+
+
 class Local:
     """The gateway's socket on this machine."""
 
     def __init__(self, path):
         self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self.socket.connect(path)
+        try:
+            self.socket.connect(path)
+        except OSError as error:
+            raise SystemExit(f"{path}: {error}; start `oqtal gateway run`, or name the socket that it prints with --socket")
 
     def send(self, message):
         self.socket.send(json.dumps(message).encode())
@@ -79,7 +89,7 @@ class Remote:
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--socket", default=f"/tmp/oqtal-{os.getuid()}/default/gateway.sock")
+    parser.add_argument("--socket", default=gateway_socket())
     parser.add_argument("--udp", metavar="HOST:PORT")
     parser.add_argument("--key", metavar="FILE")
     parser.add_argument("--rate-hz", type=float, default=60.0)

@@ -212,6 +212,8 @@ code! {
         Fence = 8 => "leads to the fence",
         /// The command leads so close to the floor that the descent could not be stopped before it.
         Floor = 9 => "leads to the floor",
+        /// The law sent only packets without the form of an answer.
+        Malformed = 10 => "answer with a wrong length or magic",
     }
 }
 

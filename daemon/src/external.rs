@@ -229,7 +229,10 @@ impl ExternalControl {
         answer: &ExternalV1,
         fallback: &ControlOutput,
     ) -> Result<ControlOutput, HandoverCause> {
-        let ExternalV1 { sequence, rate, torque, attitude, thrust, .. } = *answer;
+        let ExternalV1 { sequence, rate, torque, attitude, thrust, verdict, .. } = *answer;
+        if verdict == HandoverCause::Malformed.code() {
+            return Err(HandoverCause::Malformed);
+        }
         if sequence != self.question.sequence {
             return Err(HandoverCause::OtherQuestion);
         }

@@ -9,6 +9,7 @@ use std::os::fd::OwnedFd;
 use std::path::PathBuf;
 
 use crossbeam_channel::{Receiver, Sender, bounded};
+use oqtal_bus::code::HandoverCause;
 use oqtal_bus::message::{ExternalV1, Message, StateV1};
 use oqtal_bus::paths::LAW_UNREADY;
 use oqtal_bus::time::{Span, Time};
@@ -82,7 +83,7 @@ impl SocketLaw {
         while !self.stop.is_set() {
             let connection = self.connection.as_ref()?;
             let received = match recv(connection, &mut bytes, RecvFlags::DONTWAIT) {
-                Ok((_, length)) if length > 0 => decoded(&bytes[..length]),
+                Ok((_, length)) if length > 0 => Some(decoded(&bytes[..length])),
                 Err(Errno::AGAIN | Errno::INTR) => {
                     wait_readable(connection, until.since(Time::now()));
                     None
@@ -133,12 +134,15 @@ impl ExternalLaw for SocketLaw {
     }
 }
 
-/// The answer in a packet; `None` for a packet of another kind.
-fn decoded(packet: &[u8]) -> Option<ExternalV1> {
-    let body = packet.strip_prefix(&ANSWER).filter(|body| body.len() == ANSWERED)?;
+/// The answer in a packet; for a packet of another form, one to no question with that verdict.
+fn decoded(packet: &[u8]) -> ExternalV1 {
+    let body = packet.strip_prefix(&ANSWER).filter(|body| body.len() == ANSWERED);
+    let Some(body) = body else {
+        return ExternalV1 { verdict: HandoverCause::Malformed.code(), ..ExternalV1::default() };
+    };
     let mut bytes = [0; ExternalV1::SIZE];
     bytes[..ANSWERED].copy_from_slice(body);
-    Some(ExternalV1::decode(&bytes))
+    ExternalV1::decode(&bytes)
 }
 
 fn wait_readable(connection: &OwnedFd, longest: Span) {
@@ -265,6 +269,8 @@ mod tests {
         assert!(answer.answered_at >= answer.asked_at && answer.asked_at.is_set());
         assert_eq!(ask(&mut law, 6, 1).unwrap().sequence, 5, "the answer to another question");
         assert_eq!(ask(&mut law, 7, 1), None);
+        send(&first, &ANSWER, SendFlags::empty()).unwrap();
+        assert_eq!(ask(&mut law, 7, 1).unwrap().verdict, HandoverCause::Malformed.code());
         let mut bytes = [0; QUESTION.len() + StateV1::SIZE];
         let (_, length) = recv(&first, &mut bytes, RecvFlags::empty()).unwrap();
         assert_eq!((length, &bytes[..16]), (bytes.len(), &b"OQTALST1\x05\0\0\0\0\0\0\0"[..]));

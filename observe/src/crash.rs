@@ -15,13 +15,15 @@ const TURNED_OVER: f64 = 0.17;
 const HARD_M_S: f64 = 1.5;
 /// Height up to which a vehicle may be in contact with the floor \[m\].
 const AT_FLOOR_M: f64 = 0.05;
+/// Height below which a vehicle in flight is on the floor, or has just left it again \[m\]: more than it rises within a tick.
+const TOUCHED_M: f64 = 0.01;
 /// Distance beyond the fence at which the vehicle is lost \[m\].
 const LOST_M: f64 = 12.0;
 
 /// Cause of a crash.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Crash {
-    /// The vehicle was on the floor during the flight: it sank, fell or did not take off.
+    /// The vehicle touched the floor during the flight, or did not take off.
     Floor,
     /// The vehicle hit the floor too fast, possibly while landing.
     Hard {
@@ -69,7 +71,7 @@ impl Crash {
         if beyond(fence, &position) > LOST_M {
             return Some(Self::Lost { position: position.into() });
         }
-        (is_airborne && position.z <= 0.0).then_some(Self::Floor)
+        (is_airborne && position.z <= TOUCHED_M).then_some(Self::Floor)
     }
 
     /// Crash of a vehicle, armed or not, that fell in the previous tick and was stopped by the floor; `None` otherwise.
@@ -132,7 +134,8 @@ mod tests {
         let config = Config::default();
         let said = |sample| Crash::of(&sample, &config.fence).map(|crash| crash.to_string());
         assert_eq!(said(at([1.0, 1.0, 1.0], level)), None);
-        assert_eq!(said(at([0.0, 0.0, -0.01], level)).unwrap(), "was on the floor");
+        assert_eq!(said(at([0.0, 0.0, 0.005], level)).unwrap(), "was on the floor");
+        assert_eq!(said(at([0.0, 0.0, 0.02], level)), None);
         let text = said(at([20.1, 0.0, 1.0], level)).unwrap();
         assert!(text.contains("12 m beyond [fence], to x = 20.1 m"), "{text}");
         assert_eq!(said(at([19.9, 0.0, 1.0], level)), None);
