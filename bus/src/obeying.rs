@@ -136,18 +136,23 @@ impl ObeyingProcess {
         may_signal(self.user)
     }
 
-    /// The command of `oqtal` that started it and ends with it, such as `oqtal fly --duration 5`, as typed in a shell; `None` for a
-    /// process of its own.
+    /// The command of `oqtal` that started it and ends with it, such as `oqtal fly --duration 5`, as typed in a shell, with a change to
+    /// its directory if this is another; `None` for a process of its own.
     pub fn started_by(&self) -> Option<String> {
         let status = fs::read_to_string(format!("/proc/{}/status", self.pid)).ok()?;
-        let line = fs::read(format!("/proc/{}/cmdline", field(&status, "PPid:")?)).ok()?;
+        let parent = format!("/proc/{}", field(&status, "PPid:")?);
+        let line = fs::read(format!("{parent}/cmdline")).ok()?;
         let line = String::from_utf8_lossy(&line);
         let (program, arguments) =
             line.trim_end_matches('\0').split_once('\0').unwrap_or((&line, ""));
         let is_ours = Path::new(program.trim_end_matches('\0')).file_name()? == "oqtal";
         // Its results are kept.
         let words = without_out(arguments.split_terminator('\0')).map(quoted);
-        is_ours.then(|| ["oqtal".to_owned()].into_iter().chain(words).collect::<Vec<_>>().join(" "))
+        let command = ["oqtal".to_owned()].into_iter().chain(words).collect::<Vec<_>>().join(" ");
+        let directory = fs::read_link(format!("{parent}/cwd")).ok();
+        let other = directory.filter(|it| std::env::current_dir().ok().as_ref() != Some(it));
+        let change = other.map(|it| format!("cd {} && ", quoted(&it.display().to_string())));
+        is_ours.then(|| change.unwrap_or_default() + &command)
     }
 
     /// Instant of its start, to a hundredth of a second; `None` if it has ended.

@@ -10,24 +10,30 @@ use oqtal_runtime::files;
 
 /// The file of one instance.
 #[derive(Debug)]
-pub struct FlightMarker(PathBuf);
+pub struct FlightMarker {
+    path: PathBuf,
+    instance: String,
+}
 
 impl FlightMarker {
     /// The marker of the instance at `place`.
     pub fn of(place: &InstancePaths) -> Self {
-        Self(place.root.join(format!("{}.armed-at-start", place.instance)))
+        let instance = place.instance.clone();
+        Self { path: place.root.join(format!("{instance}.armed-at-start")), instance }
     }
 
     /// Sets the marker; `false` if it is there already, or cannot be made: then an operator has to arm.
     pub fn set(&self) -> bool {
-        let path = self.0.display();
-        match File::create_new(&self.0) {
+        let (path, instance) = (self.path.display(), &self.instance);
+        match File::create_new(&self.path) {
             Ok(_) => return true,
             Err(error) if error.kind() == ErrorKind::AlreadyExists => tracing::warn!(
-                "no take-off at start: the daemon before this one did not end in good order ({path}); arm with `oqtal ctl arm`"
+                "no take-off at start: the daemon before this one did not end in good order ({path}); arm with `oqtal ctl arm --instance {instance}`"
             ),
             Err(error) => {
-                tracing::warn!("no take-off at start: {path}: {error}; arm with `oqtal ctl arm`")
+                tracing::warn!(
+                    "no take-off at start: {path}: {error}; arm with `oqtal ctl arm --instance {instance}`"
+                )
             }
         }
         false
@@ -35,8 +41,8 @@ impl FlightMarker {
 
     /// Removes the marker, if it is there.
     pub fn remove(&self) {
-        if let Err(error) = files::remove(&self.0) {
-            tracing::warn!("{}: {error}; remove it before the next start", self.0.display());
+        if let Err(error) = files::remove(&self.path) {
+            tracing::warn!("{}: {error}; remove it before the next start", self.path.display());
         }
     }
 }

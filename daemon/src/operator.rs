@@ -88,7 +88,7 @@ impl OperatorRequests {
                 && self.last.first_flight != FirstFlight::Refused
             {
                 tracing::warn!(
-                    "no take-off at start: the vehicle is not simulated; arm with `oqtal ctl arm` when everybody is clear"
+                    "no take-off at start: the vehicle is not simulated; arm it when everybody is clear"
                 );
             }
             self.last = condition;

@@ -37,10 +37,6 @@ impl CornerFigures {
 
     /// Figures of the scored windows of all flights; `None` for paths without corners.
     pub fn of(flight: &Flight) -> Option<Self> {
-        // A single tick has no duration.
-        if flight.scored_s() == 0.0 {
-            return None;
-        }
         let mut sums = CornerSums::default();
         // The first reference of a record that begins in flight is not a step.
         let begins_at_rest =
@@ -78,8 +74,11 @@ impl CornerSums {
         let before = ticks.iter().take_while(|sample| sample.telemetry.scored == 0).last();
         let first = samples.first().filter(|_| !begins_at_rest).copied();
         let mut from = before.or(first).map_or_else(Vector3::zeros, reference);
-        let mut corners =
-            samples.chunk_by(|a, b| (reference(a) - reference(b)).norm() < STEP_M).peekable();
+        // A reference that moved between ticks that were not recorded has not stepped.
+        let follows = |a: &&FlightSample, b: &&FlightSample| {
+            b.telemetry.tick > a.telemetry.tick + 1 || (reference(a) - reference(b)).norm() < STEP_M
+        };
+        let mut corners = samples.chunk_by(follows).peekable();
         while let Some(corner) = corners.next() {
             let error = |sample: &&FlightSample| sample.position_error().norm();
             self.whole += corner.iter().map(error).sum::<f64>();
@@ -131,6 +130,14 @@ mod tests {
     }
 
     #[test]
+    fn a_reference_that_moved_in_a_gap_of_the_record_is_no_corner() {
+        let mut flight = fixture::square();
+        let is_lost = |tick: &FlightSample| (12.0..16.0).contains(&tick.telemetry.mission_s);
+        flight.samples.retain(|tick| !is_lost(tick));
+        assert_eq!(CornerFigures::of(&flight).unwrap().settling.count, 3);
+    }
+
+    #[test]
     fn a_corner_that_the_end_of_the_flight_cuts_off_is_not_evaluated() {
         let mut flight = Flight { outcome: Outcome::Stopped, ..fixture::square() };
         flight.samples.iter_mut().for_each(|tick| tick.telemetry.planned_landing_s = 31.0);
@@ -145,14 +152,6 @@ mod tests {
         let cut = CornerFigures::of(&flight).unwrap();
         assert_eq!((cut.settling.count, cut.settling.cut_off), (3, 1));
         assert!(cut.settling_text().ends_with("1 cut off by the end of the flight"));
-    }
-
-    #[test]
-    fn a_flight_of_which_nothing_is_scored_has_no_corner() {
-        let mut flight = fixture::square();
-        let first = flight.samples.iter().position(FlightSample::is_scored).unwrap();
-        flight.samples.truncate(first + 1);
-        assert_eq!(CornerFigures::of(&flight), None);
     }
 
     #[test]

@@ -83,7 +83,7 @@ impl Crash {
 }
 
 /// Distance of `position` \[m, world\] beyond the box around the fence \[m\]; 0 inside.
-fn beyond(fence: &FenceOptions, position: &Vector3<f64>) -> f64 {
+pub(crate) fn beyond(fence: &FenceOptions, position: &Vector3<f64>) -> f64 {
     let corners = |axis: usize| fence.polygon_m.iter().map(move |corner| corner[axis]);
     let side = |axis: usize, range: [f64; 2]| match fence.polygon_m.is_empty() {
         true => range,

@@ -156,6 +156,10 @@ impl Recorder {
             let without = self.flight.samples.iter_mut().filter(|sample| sample.truth.is_none());
             without.for_each(|sample| sample.telemetry.scored = 0);
         }
+        // A single tick has no duration.
+        if self.flight.scored().take(2).count() == 1 {
+            self.flight.samples.iter_mut().for_each(|sample| sample.telemetry.scored = 0);
+        }
         Flight { outcome, speed_factor, has_other_config, ..self.flight }
     }
 

@@ -6,9 +6,12 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_control::trajectory::Phase;
 
 use crate::command_path::CommandPath;
-use crate::crash::Crash;
+use crate::crash::{Crash, beyond};
 use crate::flight::{Flight, HELD, Outcome};
 use crate::flight_sample::FlightSample;
+
+/// Distance beyond the fence from which the true vehicle counts as outside \[m\].
+const OUTSIDE_M: f64 = 0.05;
 
 /// Time between two ticks above which the instant of what happened between them is not known.
 const LONGEST_TICK: Span = Span::from_millis(250);
@@ -17,7 +20,8 @@ impl Flight {
     /// Reason why the flight did not end as planned: an operator or the daemon landed or stopped the vehicle, it crashed, or
     /// there was no take-off. `None` for a complete flight, and for an outcome that needs no reason.
     pub fn shortfall(&self) -> Option<String> {
-        let own = self.shortfall_of_one();
+        let reasons: Vec<_> = self.shortfall_of_one().into_iter().chain(self.excursion()).collect();
+        let own = (!reasons.is_empty()).then(|| reasons.join("; "));
         match (self.reservation(), &own) {
             (None, _) => own,
             (Some(reservation), Some(own)) if self.crash.is_some() => {
@@ -38,8 +42,43 @@ impl Flight {
                 "{flights} flights in one recording: the figures are those of all, the outcome is that of the first to end; record each into a file of its own"
             )
         });
-        let reasons: Vec<String> = several.into_iter().chain(other).collect();
+        let missing_s = self.missing_s();
+        let missing = (missing_s > LONGEST_TICK.seconds()).then(|| {
+            format!(
+                "{missing_s:.2} s of the flight are not in the record, or without truth: the figures are those of the rest"
+            )
+        });
+        let reasons: Vec<String> = several.into_iter().chain(other).chain(missing).collect();
         (!reasons.is_empty()).then(|| reasons.join("; "))
+    }
+
+    /// How far the true vehicle left the fence, as text; `None` if it did not. The poses of the daemon may differ.
+    fn excursion(&self) -> Option<String> {
+        let outside_m = self.outside_m();
+        let is_told = outside_m > OUTSIDE_M && !matches!(self.crash, Some((_, Crash::Lost { .. })));
+        is_told.then(|| format!("the vehicle was up to {outside_m:.2} m outside the fence"))
+    }
+
+    /// Greatest distance of the true vehicle beyond the box around the fence \[m\].
+    fn outside_m(&self) -> f64 {
+        let true_samples = self.armed().filter(|sample| sample.truth.is_some());
+        let outside = |sample: &FlightSample| beyond(&self.config.fence, &sample.position());
+        true_samples.map(outside).fold(0.0, f64::max)
+    }
+
+    /// Time within flights that the record lacks \[s\]: without ticks, or without truth in a flight with truth.
+    fn missing_s(&self) -> f64 {
+        let has_truth = self.samples.iter().any(|sample| sample.truth.is_some());
+        let gap_s = |pair: &[&FlightSample]| {
+            let [before, after] = [pair[0], pair[1]].map(|sample| sample.telemetry);
+            let is_gap = after.tick > before.tick + 1;
+            if is_gap { after.time.since(before.time).seconds() } else { 0.0 }
+        };
+        let of_one = |ticks: &[FlightSample]| {
+            let known: Vec<_> = ticks.iter().filter(|it| it.truth.is_some() == has_truth).collect();
+            known.windows(2).map(gap_s).sum::<f64>()
+        };
+        self.flights().map(of_one).sum()
     }
 
     fn shortfall_of_one(&self) -> Option<String> {
@@ -123,6 +162,7 @@ impl Flight {
                 Some(sample) => format!("landed by the daemon: {}", cause_of(sample)),
                 None if self.take_over().is_some() => "landing taken over".to_owned(),
                 None if self.landing_on_request().is_some() => "landed on request".to_owned(),
+                None if self.outside_m() > OUTSIDE_M => "outside the fence".to_owned(),
                 None => self.is_held().then(|| HELD.to_owned())?,
             },
             (Outcome::Stopped, _) if self.stops_at_once() => {
@@ -287,6 +327,29 @@ mod tests {
         }
         let told = flight.shortfall().unwrap();
         assert!(told.ends_with("; the daemon was landing the vehicle: battery low"), "{told}");
+    }
+
+    #[test]
+    fn a_gap_in_the_record_and_a_vehicle_outside_the_fence_are_told() {
+        let whole = Flight { outcome: Outcome::Landed, ..fixture::square() };
+        assert_eq!(whole.shortfall(), None);
+        let is_lost = |s: &FlightSample| (12.0..16.0).contains(&s.telemetry.mission_s);
+        let mut without_ticks = whole.clone();
+        without_ticks.samples.retain(|sample| !is_lost(sample));
+        let mut without_truth = whole.clone();
+        let lost = without_truth.samples.iter_mut().filter(|sample| is_lost(sample));
+        lost.for_each(|sample| sample.truth = None);
+        for flight in [without_ticks, without_truth] {
+            let told = flight.shortfall().unwrap();
+            assert!(told.starts_with("4.0") && told.contains("s of the flight are not"), "{told}");
+        }
+        let mut outside = whole;
+        let index = outside.samples.len() / 2;
+        let truth = outside.samples[index].truth.as_mut().unwrap();
+        truth.position[1] = outside.config.fence.y_m[1] + 1.0;
+        let told = outside.shortfall().unwrap();
+        assert_eq!(told, "the vehicle was up to 1.00 m outside the fence");
+        assert_eq!(outside.cause().unwrap(), "outside the fence");
     }
 
     #[test]

@@ -367,17 +367,15 @@ impl std::fmt::Display for ObeyedStop {
             return write!(f, "\n{reason}: it sends no commands, so no `arm` is needed");
         }
         let first = self.start_again.as_ref().map(|command| format!("`{command}`, then "));
+        let files = match self.is_cut_off {
+            true => "start the processes again, which end because they lost their files, then ",
+            false => "",
+        };
         write!(
             f,
-            "\nto fly again: {}`{}`",
+            "\nto fly again: {files}{}`{}`",
             first.unwrap_or_default(),
             self.arm_again.replace(" or ", "` or `")
-        )?;
-        match self.is_cut_off {
-            true => {
-                f.write_str("; processes that lost their files end, and are started again first")
-            }
-            false => Ok(()),
-        }
+        )
     }
 }

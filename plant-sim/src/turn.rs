@@ -14,8 +14,8 @@ use oqtal_runtime::turn::{Turn, TurnClock};
 use crate::disturbance::DisturbanceClock;
 use crate::plant::{Plant, PlantOutput};
 
-/// Time between two publications of the state of a stopped vehicle.
-const STOP_PUBLICATION: Span = Span::from_millis(100);
+/// Time after which the state of a vehicle without commands is published again, in virtual time only that of a stopped one.
+const PUBLICATION_PERIOD: Span = Span::from_millis(100);
 
 /// Milliseconds of a pause of the process from which every sample of the truth is published \[-\]. Those of a longer pause are
 /// thinned: observers, which cannot read within a turn, must lose none.
@@ -36,6 +36,8 @@ struct Outputs<T: Transport> {
     truths: T::Writer<TruthV1>,
     /// `None` for a shadow of a vehicle behind a bridge: there the bridge publishes the vehicle's state.
     vehicles: Option<T::Writer<VehicleV1>>,
+    /// Instant at which the state of the vehicle was last published.
+    vehicle_at: Time,
 }
 
 impl<T: Transport> Outputs<T> {
@@ -53,6 +55,7 @@ impl<T: Transport> Outputs<T> {
             }
             PlantOutput::Applied(pose_sequence, stamps, vehicle) => {
                 if let Some(vehicles) = &mut self.vehicles {
+                    self.vehicle_at = clock.now();
                     vehicles.send(pose_sequence, stamps, vehicle)?;
                 }
             }
@@ -76,8 +79,6 @@ pub struct PlantTurn<T: Transport> {
     withheld: u64,
     outputs: Outputs<T>,
     stop: VehicleStop,
-    /// Instant at which the state of the vehicle was last published because of a stop.
-    stop_published_at: Time,
     plant: Plant,
     stepping: Stepping,
     health: Health,
@@ -103,9 +104,9 @@ impl<T: Transport> PlantTurn<T> {
             outputs: Outputs {
                 truths: bus.writer(&TRUTH)?,
                 vehicles: (!is_shadow).then(|| bus.writer(&VEHICLE)).transpose()?,
+                vehicle_at: Time::UNSET,
             },
             stop: VehicleStop::new(bus.stop_switch()?),
-            stop_published_at: Time::UNSET,
             plant,
             stepping,
             health: Health::default(),
@@ -147,11 +148,10 @@ impl<T: Transport> PlantTurn<T> {
             }
             changed |= plant.keep_stopped(stop.since().is_some());
         }
-        // Without commands, the state is published periodically so that a late observer receives the stop.
-        let is_due =
-            stop.since().is_some() && now.since(self.stop_published_at) >= STOP_PUBLICATION;
+        // A late observer receives the stop, and the state of a vehicle whose daemon hangs.
+        let is_periodic = stop.since().is_some() || self.stepping == Stepping::Sampled;
+        let is_due = is_periodic && now.since(outputs.vehicle_at) >= PUBLICATION_PERIOD;
         if changed || is_due {
-            self.stop_published_at = now;
             let vehicle = plant.vehicle();
             let stamps = Stamps { received_at: now, ..Stamps::default() };
             outputs.publish(PlantOutput::Applied(0, stamps, vehicle), clock)?;

@@ -315,3 +315,22 @@ fn an_observation_is_neither_a_crash_nor_a_flight_whatever_the_vehicle_does() {
     assert!(page.contains("Command (computed, not sent)") && !page.contains("Attitude sent"));
     assert!(page.contains("observation") && closing.contains("s observed"), "{closing}");
 }
+
+#[test]
+fn a_single_scored_tick_has_no_figures() {
+    let figures = |scored: [u8; 3]| {
+        let mut recorder = Recorder::new(&Config::default());
+        for (tick, scored) in (1..).zip(scored) {
+            let received_at = Time::VIRTUAL_START + Span::from_millis(20).scaled(tick as f64);
+            let (time, mode) = (received_at, Mode::Flying.code());
+            let telemetry = TelemetryV1 { time, tick, mode, scored, ..TelemetryV1::default() };
+            let reception = Reception { received_at, ..Reception::default() };
+            recorder.sample(&reception, Sample::Telemetry(&telemetry));
+            let attitude = [0.0, 0.0, 0.0, 1.0];
+            let truth = TruthV1 { time, attitude, ..TruthV1::default() };
+            recorder.sample(&reception, Sample::Truth(&truth));
+        }
+        Summary::of(&recorder.finish(Outcome::Landed, 1.0)).position_error_m
+    };
+    assert!(figures([0, 1, 0]).is_none() && figures([0, 1, 1]).is_some());
+}
