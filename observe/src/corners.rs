@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reference_that_moved_in_a_gap_of_the_record_is_no_corner() {
+    fn a_reference_that_moved_in_a_gap_of_the_record_makes_no_corner() {
         let mut flight = fixture::square();
         let is_lost = |tick: &FlightSample| (12.0..16.0).contains(&tick.telemetry.mission_s);
         flight.samples.retain(|tick| !is_lost(tick));
