@@ -46,7 +46,7 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     let jumps =
         path.kind == TrajectoryKind::Waypoints && path.waypoints_curve == WaypointCurve::Monotone;
     if config.control.is_predictive() {
-        all.extend(jumps.then(|| path::too_hard(&samples, config)).flatten());
+        all.extend(jumps.then(|| path::too_hard(&samples, config, trajectory)).flatten());
     } else {
         let horizontal = ("horizontal", limits.horizontal_velocity_limit_m_s);
         all.extend(path::too_fast(&samples, config, horizontal, |velocity| velocity.xy().norm()));
@@ -54,6 +54,8 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
         all.extend(path::too_fast(&samples, config, vertical, |velocity| velocity.z.abs()));
     }
     all.extend(path::jump(&plan, config));
+    all.extend(path::first_turn(config, trajectory));
+    all.extend(path::turns_too_fast(config, trajectory));
     all.extend(disturbances::after_the_end(config, plan.end_s()));
     all.extend(disturbances::too_heavy(config));
     all
