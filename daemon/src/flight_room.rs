@@ -213,8 +213,9 @@ fn check_span(config: &Config, ways: &[Way]) -> Result<(), OptionError> {
         let (needed_m, way, [from, to]) = needed.max_by(|a, b| a.0.total_cmp(&b.0))?;
         // A comparison with NaN is false.
         let fits = needed_m < high[axis] - low[axis];
+        let needed_m = remedies::above(needed_m);
         let allowed = format!(
-            "wider than {needed_m:.2} m, {}: the trajectory goes from {name} = {:.2} m at {:.1} s to {name} = {:.2} m at {:.1} s",
+            "at least {needed_m:.2} m wide, {}: the trajectory goes from {name} = {:.2} m at {:.1} s to {name} = {:.2} m at {:.1} s",
             way.room(), from.1, from.0, to.1, to.0
         );
         (!fits).then(|| border_error(config, name, allowed))

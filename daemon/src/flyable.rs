@@ -128,3 +128,20 @@ pub(crate) fn least_settle_s(config: &Config, trajectory: &Trajectory) -> Option
     let least_s = plan.first_turn_s(limit_rad_s);
     (least_s > config.trajectory.settle_s).then_some((10.0 * least_s).ceil() / 10.0)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_flight_slower_than_by_the_least_factor_is_accepted() {
+        let gap = |slower: f64| slower < 1.075 || (1.085..1.115).contains(&slower);
+        let far = |slower: f64| slower < 1.3 || (2.6..2.7).contains(&slower);
+        for (exceeds, least) in [(&gap as &dyn Fn(f64) -> bool, 1.115), (&far, 2.7)] {
+            let factor = least_factor(exceeds).unwrap();
+            assert!((least..1.02 * least + 0.01).contains(&factor), "{factor}");
+            assert!((0..1000).all(|step| !exceeds(factor + 0.01 * f64::from(step))), "{factor}");
+        }
+        assert_eq!(least_factor(|_| true), None);
+    }
+}

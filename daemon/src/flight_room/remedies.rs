@@ -4,17 +4,18 @@ use nalgebra::Vector3;
 use oqtal_config::Config;
 use oqtal_control::trajectory::{Trajectory, TrajectoryKind};
 
-use super::{POSITION_ERROR_M, Way, corners, lowest, stops};
+use super::{POSITION_ERROR_M, Way, check_height, corners, stops};
 use crate::fence::Fence;
 use crate::floor::LEAST_WAY_M;
 use crate::flyable::least_factor;
 
-/// `value_m` \[m\] at the next centimetre below it, or above it.
+/// The next centimetre below `value_m` \[m\].
 fn below(value_m: f64) -> f64 {
     ((value_m * 100.0).ceil() - 1.0) / 100.0
 }
 
-fn above(value_m: f64) -> f64 {
+/// The next centimetre above `value_m` \[m\].
+pub(super) fn above(value_m: f64) -> f64 {
     ((value_m * 100.0).floor() + 1.0) / 100.0
 }
 
@@ -45,18 +46,13 @@ pub(super) fn of_room(
     (start, ways): (Vector3<f64>, &[Way; 2]),
 ) -> String {
     let fence = Fence::new(&config.fence);
-    let inside_m = |way: &Way| {
-        let inside = way.points.iter().map(|(_, point)| fence.inside_by_m(point, way.margin_m));
-        // The minimum of a number and NaN is the number.
-        inside.fold(f64::INFINITY, |least, inside| if inside > least { least } else { inside })
-    };
     let [path, stop] = ways;
     let remedies = [
         wider(config, ways, &fence),
-        (inside_m(stop) > 0.0).then(|| margin(path, &fence)).flatten(),
-        (inside_m(path) > 0.0).then(|| slower(config, trajectory, (start, &fence))).flatten(),
-        other_height(config, trajectory, (ways, &fence)),
-        smaller(config, start, &fence),
+        is_inside(stop, &fence).then(|| margin(path, &fence)).flatten(),
+        is_inside(path, &fence).then(|| slower(config, trajectory, (start, &fence))).flatten(),
+        other_height(config, start, ways),
+        smaller(config, start),
     ];
     let remedies: Vec<String> = remedies.into_iter().flatten().collect();
     match remedies.is_empty() {
@@ -124,47 +120,44 @@ fn slower(
     least_factor(exceeds).map(|factor| format!("the trajectory flown {factor:.2} times as slowly"))
 }
 
-/// The height at which the trajectory has room between floor and top, if only the height is wrong.
-fn other_height(
-    config: &Config,
-    trajectory: &Trajectory,
-    (ways, fence): (&[Way; 2], &Fence),
-) -> Option<String> {
+/// The height at which the trajectory has room between floor and top, if that suffices.
+fn other_height(config: &Config, start: Vector3<f64>, ways: &[Way; 2]) -> Option<String> {
     let (low, high) = corners(config);
-    let has_sides = ways
-        .iter()
-        .all(|way| way.points.iter().all(|(_, point)| fence.inside_sides_m(point) > way.margin_m));
     let (bottom_m, top_m) = (ways[1].ends(2)?[0].1, top(ways));
     let raised_m = match bottom_m <= low.z {
         true => above(low.z - bottom_m),
         false => below(high.z - top_m),
     };
-    let lowest_m = lowest(config, trajectory)?.1.z;
-    let fits = top_m + raised_m < high.z
-        && bottom_m + raised_m > low.z
-        && lowest_m + raised_m >= LEAST_WAY_M;
-    (has_sides && fits).then(|| match config.trajectory.kind {
-        TrajectoryKind::Waypoints if raised_m > 0.0 => {
-            format!("waypoints {raised_m:.2} m higher (trajectory.waypoints-file)")
-        }
+    let height_m = config.trajectory.height_m + raised_m;
+    let mut other = config.clone();
+    other.trajectory.height_m = height_m;
+    has_room(&other, start).then(|| format!("trajectory.height-m = {height_m:.2}"))
+}
+
+/// A smaller trajectory, if a hover at the point to which it shrinks has room.
+fn smaller(config: &Config, start: Vector3<f64>) -> Option<String> {
+    let mut hover = config.clone();
+    hover.trajectory.kind = TrajectoryKind::Hover;
+    let remedy = match config.trajectory.kind {
         TrajectoryKind::Waypoints => {
-            format!("waypoints {:.2} m lower (trajectory.waypoints-file)", -raised_m)
+            hover.trajectory.height_m = LEAST_WAY_M;
+            "waypoints that are closer to the point of the take-off (trajectory.waypoints-file)"
         }
-        _ => format!("trajectory.height-m = {:.2}", config.trajectory.height_m + raised_m),
+        _ => "smaller lengths in [trajectory]",
+    };
+    has_room(&hover, start).then(|| remedy.to_owned())
+}
+
+/// Whether the flight of `config` has room; not known of waypoints.
+fn has_room(config: &Config, start: Vector3<f64>) -> bool {
+    let fence = Fence::new(&config.fence);
+    config.trajectory.trajectory(None).is_some_and(|trajectory| {
+        let ways = Way::both(config, &trajectory, start);
+        check_height(config, &trajectory).is_ok() && ways.iter().all(|way| is_inside(way, &fence))
     })
 }
 
-/// A smaller trajectory, if the point to which it shrinks is inside.
-fn smaller(config: &Config, start: Vector3<f64>, fence: &Fence) -> Option<String> {
-    let options = &config.trajectory;
-    let (height_m, remedy) = match options.kind {
-        TrajectoryKind::Waypoints => (
-            LEAST_WAY_M,
-            "waypoints that are closer to the point of the take-off (trajectory.waypoints-file)",
-        ),
-        _ => (options.height_m, "smaller lengths in [trajectory]"),
-    };
-    let centre = start + Vector3::z() * height_m;
-    let soft_m = config.fence.soft_margin_m + POSITION_ERROR_M;
-    (fence.inside_by_m(&centre, soft_m) > 0.0).then(|| remedy.to_owned())
+/// Whether `way` is inside the fence by its margin.
+fn is_inside(way: &Way, fence: &Fence) -> bool {
+    way.points.iter().all(|(_, point)| fence.inside_by_m(point, way.margin_m) > 0.0)
 }
