@@ -247,10 +247,7 @@ pub fn require_flyable(
     trajectory: &Trajectory,
     start: Option<Vector3<f64>>,
 ) -> Result<(), Failure> {
-    require(config, trajectory, |config, trajectory| {
-        check_height(config, trajectory)?;
-        check_flyable(config, trajectory, start)
-    })
+    require(config, trajectory, |config, trajectory| check_flyable(config, trajectory, start))
 }
 
 /// Whether [`require_flyable`] accepts `trajectory`.
@@ -259,7 +256,7 @@ pub(crate) fn is_flyable(
     trajectory: &Trajectory,
     start: Option<Vector3<f64>>,
 ) -> bool {
-    check_height(config, trajectory).is_ok() && check_flyable(config, trajectory, start).is_ok()
+    check_flyable(config, trajectory, start).is_ok()
 }
 
 /// The same of a trajectory that begins where the vehicle is in flight, whose way the loop compares with the floor; waypoints begin on the
@@ -274,20 +271,37 @@ pub(crate) fn require_flyable_in_flight(
     match config.trajectory.kind {
         TrajectoryKind::Waypoints => require_flyable(config, trajectory, None),
         _ => require(config, trajectory, |config, trajectory| {
-            check_flyable(config, trajectory, None)
+            check_motion(config, trajectory, check_room(config, trajectory, None))
         }),
     }
 }
 
-/// Whether the vehicle can follow `trajectory` inside the fence, and the daemon accepts it.
+/// The check of [`require_flyable`].
 fn check_flyable(
     config: &Config,
     trajectory: &Trajectory,
     start: Option<Vector3<f64>>,
 ) -> Result<(), OptionError> {
-    check_room(config, trajectory, start)?;
-    check_demand(config, trajectory)?;
-    check_turns(config, trajectory)
+    let room =
+        check_height(config, trajectory).and_then(|()| check_room(config, trajectory, start));
+    check_motion(config, trajectory, room)
+}
+
+/// Whether the vehicle can follow `trajectory`, and the daemon accepts its set-points, beside the check of its `room`: with a remedy for the
+/// one the other would be refused.
+fn check_motion(
+    config: &Config,
+    trajectory: &Trajectory,
+    room: Result<(), OptionError>,
+) -> Result<(), OptionError> {
+    let motion = check_demand(config, trajectory).and_then(|()| check_turns(config, trajectory));
+    match (room, motion) {
+        (Err(room), Err(motion)) => {
+            let allowed = format!("{}; besides, {motion}", room.allowed);
+            Err(OptionError { allowed, ..room })
+        }
+        (room, motion) => room.and(motion),
+    }
 }
 
 /// Requires that `check` passes, and names the setting with which it does not.

@@ -65,8 +65,7 @@ const WAYPOINTS: [&str; 2] = ["trajectory.kind=waypoints", "trajectory.waypoints
 /// Why a flight from the origin is refused; `None` if it is accepted.
 fn refused(settings: &[&str], table: Option<&str>) -> Option<String> {
     let (config, trajectory) = flight(settings, table);
-    let told = check_height(&config, &trajectory)
-        .and_then(|()| check_flyable(&config, &trajectory, Some(Vector3::zeros())));
+    let told = check_flyable(&config, &trajectory, Some(Vector3::zeros()));
     told.err().map(|error| error.to_string())
 }
 
@@ -166,14 +165,16 @@ fn where_the_vehicle_could_only_brake_below_the_floor_no_fence_is_a_remedy() {
         "vehicle.max-thrust-n=40",
         "fence.z-m=[-0.5, 9.0]",
     ];
-    let with = |setting: &str| refused(&[&fast[..], &[setting]].concat(), None);
-    let told = with("trajectory.height-m=1.8").unwrap();
+    let told = refused(&[&fast[..], &["trajectory.height-m=1.8"]].concat(), None).unwrap();
+    let both = "besides, `vehicle.rate-authority-rad-s` is 2, it must be at least 2.86 rad/s";
+    assert!(told.contains(both), "{told}");
+    let with = |setting: &str| check(&[&fast[..], &[setting]].concat(), Some(Vector3::zeros()));
     let remedy = "it needs the trajectory flown ";
     assert!(told.contains(remedy) && !told.contains("a fence from"), "{told}");
     let height =
         told.split("trajectory.height-m = ").nth(1).and_then(|text| text.split(',').next());
     let height = height.unwrap_or_else(|| panic!("{told}"));
-    assert_eq!(with(&format!("trajectory.height-m={height}")), None);
+    assert_eq!(with(&format!("trajectory.height-m={height}")), Ok(()));
 }
 
 #[test]
