@@ -15,6 +15,7 @@ const MOST_POINTS: f64 = 20_000.0;
 /// Shares of the vehicle's thrust, of its body rates, and of the limits of speed and tilt that a trajectory may demand \[-\]; the rest is
 /// for corrections.
 const THRUST_SHARE: f64 = 0.9;
+/// The share of the body rates \[-\].
 pub(crate) const RATE_SHARE: f64 = 0.8;
 const LIMIT_SHARE: f64 = 0.97;
 const TILT_SHARE: f64 = 0.9;

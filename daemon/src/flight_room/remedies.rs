@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use oqtal_config::Config;
 use oqtal_control::trajectory::{Trajectory, TrajectoryKind};
 
-use super::{POSITION_ERROR_M, Way, check_height, corners, stops};
+use super::ways::{POSITION_ERROR_M, Way, corners, lowest, stops};
 use crate::fence::Fence;
 use crate::floor::LEAST_WAY_M;
 use crate::flyable::least_factor;
@@ -153,7 +153,8 @@ fn has_room(config: &Config, start: Vector3<f64>) -> bool {
     let fence = Fence::new(&config.fence);
     config.trajectory.trajectory(None).is_some_and(|trajectory| {
         let ways = Way::both(config, &trajectory, start);
-        check_height(config, &trajectory).is_ok() && ways.iter().all(|way| is_inside(way, &fence))
+        lowest(config, &trajectory).is_none_or(|(_, point)| point.z >= LEAST_WAY_M)
+            && ways.iter().all(|way| is_inside(way, &fence))
     })
 }
 

@@ -1,7 +1,7 @@
 use super::*;
 use crate::trajectory;
 use oqtal_config::Setting;
-use oqtal_control::trajectory::Waypoints;
+use oqtal_control::trajectory::{FlightPlan, Reference, StartPoint, Waypoints};
 
 fn check(settings: &[&str], start: Option<Vector3<f64>>) -> Result<(), String> {
     let settings: Vec<_> =
