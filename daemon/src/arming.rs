@@ -11,7 +11,7 @@ use oqtal_config::Config;
 use oqtal_control::trajectory::Trajectory;
 
 use crate::fence::Fence;
-use crate::flight_room::{path, stops};
+use crate::flight_room::{path, stops, thinned};
 use crate::guard::Accepted;
 use crate::limits::FlightLimits;
 
@@ -52,8 +52,8 @@ impl ArmingPath {
     /// The path of `trajectory`.
     pub(crate) fn new(config: &Config, trajectory: &Trajectory) -> Self {
         Self {
-            points: path(config, trajectory).into_iter().map(|(_, point)| point).collect(),
-            stops: stops(config, trajectory).into_iter().map(|(_, point)| point).collect(),
+            points: thinned(&path(config, trajectory)).collect(),
+            stops: thinned(&stops(config, trajectory, 1.0).collect()).collect(),
         }
     }
 }

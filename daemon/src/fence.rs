@@ -88,7 +88,7 @@ impl Fence {
         if position.iter().any(|coordinate| !coordinate.is_finite()) {
             return f64::NAN;
         }
-        (self.below_top(position) - margin).min(position.z - self.low.z)
+        (self.inside_upper_m(position) - margin).min(position.z - self.low.z)
     }
 
     /// Distance from `position` \[m, world\] to the soft border \[m\]: positive inside.
@@ -96,15 +96,19 @@ impl Fence {
         self.inside_by_m(position, self.soft_margin)
     }
 
-    /// Distance to the sides and to the top.
-    fn below_top(&self, position: &Vector3<f64>) -> f64 {
-        let sides = if self.corners.is_empty() {
+    /// Distance to the sides and to the top \[m\]: positive inside.
+    pub(crate) fn inside_upper_m(&self, position: &Vector3<f64>) -> f64 {
+        self.inside_sides_m(position).min(self.high.z - position.z)
+    }
+
+    /// Distance to the sides \[m\]: positive inside.
+    pub(crate) fn inside_sides_m(&self, position: &Vector3<f64>) -> f64 {
+        if self.corners.is_empty() {
             let (below, above) = (position - self.low, self.high - position);
             below.xy().min().min(above.xy().min())
         } else {
             self.inside_polygon_m(&position.xy())
-        };
-        sides.min(self.high.z - position.z)
+        }
     }
 
     fn inside_polygon_m(&self, point: &Vector2<f64>) -> f64 {

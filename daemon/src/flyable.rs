@@ -15,7 +15,8 @@ const MOST_POINTS: f64 = 20_000.0;
 /// Shares of the vehicle's thrust, of its body rates, and of the limits of speed and tilt that a trajectory may demand \[-\]; the rest is
 /// for corrections.
 const THRUST_SHARE: f64 = 0.9;
-const RATE_SHARE: f64 = 0.8;
+/// The share of the body rates \[-\].
+pub(crate) const RATE_SHARE: f64 = 0.8;
 const LIMIT_SHARE: f64 = 0.97;
 const TILT_SHARE: f64 = 0.9;
 
@@ -101,18 +102,47 @@ fn demands(config: &Config, demand: &MotionDemand) -> [Demand; 6] {
     ]
 }
 
-/// The least factor of time with which nothing `exceeds`, to a hundredth; `None` without one.
-fn least_factor(exceeds: impl Fn(f64) -> bool) -> Option<f64> {
-    let (mut low, mut high) = (1.0, 2.0);
-    while exceeds(high) {
-        (low, high) = (high, 2.0 * high);
-        if high > SLOWEST {
-            return None;
+/// The least factor of time from which on nothing `exceeds`, to a hundredth; `None` without one. A slower flight may exceed what a faster one
+/// does not, since a trajectory that leaves the vehicle weightless turns the thrust fast; far below the speed of an excess it does not.
+pub(crate) fn least_factor(exceeds: impl Fn(f64) -> bool) -> Option<f64> {
+    if exceeds(SLOWEST) {
+        return None;
+    }
+    let doublings = SLOWEST.log2() as i32;
+    let last = (0..=doublings).rev().map(|power| 2f64.powi(power)).find(|slower| exceeds(*slower));
+    let mut hundredths = (4.0 * last.unwrap_or(1.0)).min(SLOWEST) * 100.0;
+    while hundredths > 100.0 {
+        let next = (hundredths * 0.99).ceil().min(hundredths - 1.0);
+        if exceeds(next / 100.0) {
+            break;
         }
+        hundredths = next;
     }
-    while high - low > 5e-3 {
-        let middle = 0.5 * (low + high);
-        if exceeds(middle) { low = middle } else { high = middle }
+    // One more: a trajectory that is slower is looked at in other points.
+    Some((hundredths + 1.0) / 100.0)
+}
+
+/// Time to settle in which the vehicle can turn to the heading of the first waypoint \[s\]; `None` if the configured one suffices.
+pub(crate) fn least_settle_s(config: &Config, trajectory: &Trajectory) -> Option<f64> {
+    let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
+    let limit_rad_s = RATE_SHARE * config.vehicle.rate_authority_rad_s[2];
+    let least_s = plan.first_turn_s(limit_rad_s);
+    (least_s > config.trajectory.settle_s).then_some((10.0 * least_s).ceil() / 10.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_flight_slower_than_by_the_least_factor_is_accepted() {
+        let gap = |slower: f64| slower < 1.075 || (1.085..1.115).contains(&slower);
+        let far = |slower: f64| slower < 1.3 || (2.6..2.7).contains(&slower);
+        for (exceeds, least) in [(&gap as &dyn Fn(f64) -> bool, 1.115), (&far, 2.7)] {
+            let factor = least_factor(exceeds).unwrap();
+            assert!((least..1.02 * least + 0.01).contains(&factor), "{factor}");
+            assert!((0..1000).all(|step| !exceeds(factor + 0.01 * f64::from(step))), "{factor}");
+        }
+        assert_eq!(least_factor(|_| true), None);
     }
-    Some((high * 100.0).ceil() / 100.0)
 }

@@ -116,7 +116,7 @@ pub use envelope::{Candidate, Envelope};
 pub use external::{ExternalLaw, LawPort};
 pub use fence::Fence;
 use flight_marker::FlightMarker;
-pub use flight_room::require_flyable;
+pub use flight_room::{known_start, require_flyable};
 pub use gate::MotionGate;
 pub use guard::{Accepted, Guard};
 pub use handover::{Handover, SlewLimits};

@@ -19,7 +19,7 @@ use oqtal_runtime::process::Failure;
 use crate::arming::ArmingPath;
 use crate::command_model::{CommandModel, motion_tracker};
 use crate::fence::Fence;
-use crate::flight_room::require_flyable;
+use crate::flight_room::{require_flyable, require_flyable_in_flight};
 use crate::law_guard::LiveGuard;
 use crate::limits::LoopLimits;
 use crate::room::StoppingRoom;
@@ -346,7 +346,7 @@ impl LiveSettings {
         let kind = Setting::flag("fly", "trajectory.kind", kind);
         let settings = self.read(self.present().with_live(&[kind])?)?;
         let trajectory = settings.trajectory()?;
-        require_flyable(&settings.config, &trajectory, None)?;
+        require_flyable_in_flight(&settings.config, &trajectory)?;
         Ok(trajectory)
     }
 

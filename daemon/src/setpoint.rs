@@ -9,7 +9,7 @@ use oqtal_control::trajectory::{Phase, Reference};
 use crate::fence::Fence;
 
 /// Turn of the reference from one tick to the next above which it is invalid \[rad\].
-const LARGEST_TURN_RAD: f64 = 2.4;
+pub(crate) const LARGEST_TURN_RAD: f64 = 2.4;
 
 /// The check of the reference.
 #[derive(Clone, Debug)]
@@ -123,7 +123,8 @@ impl SetpointGuard {
     }
 }
 
-fn turns_round(last: &Reference, next: &Reference) -> bool {
+/// Whether heading or attitude reverse between two references in successive ticks.
+pub(crate) fn turns_round(last: &Reference, next: &Reference) -> bool {
     match (&last.attitude, &next.attitude) {
         (Some(last), Some(next)) => last.attitude.angle_to(&next.attitude) > LARGEST_TURN_RAD,
         (None, None) => shorter_turn(next.yaw_rad - last.yaw_rad).abs() > LARGEST_TURN_RAD,

@@ -46,7 +46,7 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     let jumps =
         path.kind == TrajectoryKind::Waypoints && path.waypoints_curve == WaypointCurve::Monotone;
     if config.control.is_predictive() {
-        all.extend(jumps.then(|| path::too_hard(&samples, config)).flatten());
+        all.extend(jumps.then(|| path::too_hard(&samples, config, trajectory)).flatten());
     } else {
         let horizontal = ("horizontal", limits.horizontal_velocity_limit_m_s);
         all.extend(path::too_fast(&samples, config, horizontal, |velocity| velocity.xy().norm()));
@@ -54,6 +54,8 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
         all.extend(path::too_fast(&samples, config, vertical, |velocity| velocity.z.abs()));
     }
     all.extend(path::jump(&plan, config));
+    all.extend(path::first_turn(config, trajectory));
+    all.extend(path::turns_too_fast(config, trajectory));
     all.extend(disturbances::after_the_end(config, plan.end_s()));
     all.extend(disturbances::too_heavy(config));
     all
@@ -304,6 +306,52 @@ mod tests {
         let kind = "trajectory.kind=waypoints";
         let text = told(&[kind], Some("t,x,y,z\n0,3,0,1\n9,3,0,1\n")).join("\n");
         assert!(text.contains("[3.00, 0.00, 1.00] m is 3.00 m from the hover point"), "{text}");
+    }
+
+    #[test]
+    fn the_smooth_curve_is_a_remedy_only_if_it_can_be_flown() {
+        let of = |curve: &str, seconds: f64| {
+            let [a, b, c] = [1.0, 2.0, 3.0].map(|times| times * seconds);
+            let table = format!("t,x,y,z\n0,0,0,1\n{a},0.8,0,1\n{b},0.8,0.8,1\n{c},0,0,1\n");
+            let curve = format!("trajectory.waypoints-curve={curve}");
+            let law = ["trajectory.kind=waypoints", "control.controller=oqtal-dt", &curve];
+            told(&law, Some(&table)).join("\n")
+        };
+        let text = of("monotone", 1.0);
+        assert!(text.ends_with("fly it 1.7 times slower"), "{text}");
+        assert!(of("monotone", 1.2).contains("or set trajectory.waypoints-curve"));
+        assert_eq!(of("minimum-snap", 1.2), "");
+    }
+
+    #[test]
+    fn a_turn_to_the_first_heading_in_too_little_time_is_reported() {
+        let of = |settle: &str| {
+            let table = "t,x,y,z,yaw_deg\n0,0,0,1,90\n9,0,0,1,90\n";
+            told(&["trajectory.kind=waypoints", settle], Some(table)).join("\n")
+        };
+        let text = of("trajectory.settle-s=0.5");
+        assert!(text.contains("90 deg") && text.ends_with("trajectory.settle-s to 1.9"), "{text}");
+        assert_eq!(of("trajectory.settle-s=1.9"), "");
+    }
+
+    #[test]
+    fn a_prescribed_attitude_that_turns_too_fast_is_reported_with_the_rate_and_remedies() {
+        let of = |kind: &str, setting: &str| {
+            told(&[&format!("trajectory.kind={kind}"), setting], None).join("\n")
+        };
+        let text = of("attitude-chirp", "trajectory.attitude-chirp.to-hz=12");
+        for part in ["5.25 rad/s", "is 1.60", "to-hz in trajectory.attitude-chirp to 3.6"] {
+            assert!(text.contains(part), "{text}");
+        }
+        assert_eq!(of("attitude-chirp", "trajectory.attitude-chirp.to-hz=3.6"), "");
+        let text = of("excitation", "trajectory.excitation.tilt-deg=30");
+        assert!(text.contains("trajectory.excitation.tilt-deg to 10.7"), "{text}");
+        for (kind, setting) in [
+            ("excitation", "trajectory.excitation.tilt-deg=10.7"),
+            ("attitude-doublet", "trajectory.attitude-doublet.angle-deg=30"),
+        ] {
+            assert_eq!(of(kind, setting), "", "steps have no rate");
+        }
     }
 
     #[test]

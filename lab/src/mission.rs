@@ -1,6 +1,5 @@
 //! Mission: the configuration of a flight and the files that it names, read and checked.
 
-use nalgebra::Vector3;
 use oqtal_bus::time::Span;
 use oqtal_config::Config;
 use oqtal_control::trajectory::{FlightPlan, StartPoint, Trajectory};
@@ -26,14 +25,13 @@ impl Mission {
     /// Reads the files that `config` names.
     ///
     /// # Errors
-    /// A waypoint file or a recording is malformed (exit code 65), an option of the law is invalid, or the trajectory leaves the
-    /// fence (78).
+    /// A waypoint file or a recording is malformed (exit code 65), an option of the law is invalid, or the trajectory cannot be
+    /// flown (78).
     pub fn new(config: Config) -> Result<Self, Failure> {
         oqtal_daemon::require_stack(&config)?;
         let trajectory = oqtal_daemon::trajectory(&config)?;
         if !config.safety.observe_only {
-            // With emulated cameras the vehicle starts at the origin.
-            let start = config.receiver.link.is_empty().then(Vector3::zeros);
+            let start = oqtal_daemon::known_start(&config);
             let flyable = oqtal_daemon::require_flyable(&config, &trajectory, start);
             flyable.map_err(|failure| match first_outside(&config) {
                 Some(at) => Failure::new(failure.exit, format!("{at}; {failure}")),

@@ -6,7 +6,7 @@ use super::attitude::{AttitudeChirp, AttitudeDoublet};
 use super::excitation::ExcitationCourse;
 use super::reference::{Phase, Reference};
 use super::shape::{Circle, Hover, Lemniscate, Square, Step};
-use super::waypoints::Waypoints;
+use super::waypoints::{WaypointCurve, Waypoints};
 
 /// The part of a flight under test, in a frame with its origin on the floor below the hover point and the axes of the world. Made
 /// by [`TrajectoryOptions::trajectory`](super::TrajectoryOptions::trajectory).
@@ -42,6 +42,15 @@ impl Trajectory {
             (reference.yaw_rate_rad_s, reference.yaw_acceleration_rad_s2) = (0.0, 0.0);
         }
         reference
+    }
+
+    /// The same trajectory with its waypoints, if it has some, joined by `curve`.
+    pub fn along(self, curve: WaypointCurve) -> Self {
+        let shape = match self.shape {
+            TrajectoryShape::Waypoints(points) => TrajectoryShape::Waypoints(points.along(curve)),
+            other => other,
+        };
+        Self { shape, ..self }
     }
 
     /// The reference at `t_s` \[s\] in 0..duration.

@@ -6,6 +6,7 @@ use super::detour::{Detour, placed};
 use super::options::TrajectoryOptions;
 use super::path::{Trajectory, TrajectoryShape};
 use super::reference::{Phase, Reference};
+use crate::euler::shorter_turn;
 
 /// Depth below the floor at which the landing ends \[m\], so that the vehicle reaches the floor even if the floor is
 /// slightly lower.
@@ -38,10 +39,13 @@ impl From<Reference> for StartPoint {
 /// The references of a whole flight as a function of the time since its start.
 ///
 /// The flight is relative to the pose of the vehicle at the start: its position is the origin of the path, whose axes
-/// are those of the world, and its yaw is the zero of the yaw.
+/// are those of the world, and its yaw is the zero of the yaw. While it settles the vehicle turns to the heading in which a path
+/// through waypoints begins.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlightPlan {
     trajectory: Trajectory,
+    /// Yaw of the first waypoint \[rad\]; zero for other trajectories.
+    first_yaw_rad: f64,
     start: StartPoint,
     take_off_s: f64,
     /// From the start of the flight to that of the trajectory \[s\].
@@ -60,8 +64,13 @@ impl FlightPlan {
     pub fn new(options: &TrajectoryOptions, trajectory: Trajectory, start: StartPoint) -> Self {
         let trajectory_start_s = options.start_s();
         let end_s = trajectory_start_s + options.duration_s.unwrap_or(trajectory.duration_s());
+        let first_yaw_rad = match &trajectory.shape {
+            TrajectoryShape::Waypoints(waypoints) => waypoints.sample(0.0).yaw_rad,
+            _ => 0.0,
+        };
         let mut plan = Self {
             trajectory,
+            first_yaw_rad,
             start,
             take_off_s: options.take_off_s,
             trajectory_start_s,
@@ -135,6 +144,11 @@ impl FlightPlan {
             && (!self.trajectory.is_of_attitude() || self.sample(t_s).attitude.is_some())
     }
 
+    /// Time in which the vehicle turns to the heading of the first waypoint at no more than `rate_rad_s` \[rad/s\] \[s\].
+    pub fn first_turn_s(&self, rate_rad_s: f64) -> f64 {
+        MINIMUM_JERK_PEAK * self.first_turn_rad().abs() / rate_rad_s
+    }
+
     /// Time from the start of the flight at which the reference reaches the end of the landing \[s\].
     pub fn end_s(&self) -> f64 {
         self.landing.start_s + self.landing.duration_s
@@ -145,11 +159,30 @@ impl FlightPlan {
         if t_s >= self.trajectory_start_s {
             return self.trajectory.sample(t_s - self.trajectory_start_s);
         }
+        let turn_rad = self.first_turn_rad();
+        let hover_point = self.trajectory.hover_point;
         if t_s >= self.take_off_s {
-            return Reference::rest(self.trajectory.hover_point, Phase::Settle);
+            let settle_s = self.trajectory_start_s - self.take_off_s;
+            let turn = minimum_jerk((t_s - self.take_off_s) / settle_s, settle_s);
+            return Reference {
+                yaw_rad: self.first_yaw_rad + turn_rad * (turn[0] - 1.0),
+                yaw_rate_rad_s: turn_rad * turn[1],
+                yaw_acceleration_rad_s2: turn_rad * turn[2],
+                ..Reference::rest(hover_point, Phase::Settle)
+            };
         }
         let course = minimum_jerk(t_s / self.take_off_s, self.take_off_s);
-        Reference::moving(course.map(|share| self.trajectory.hover_point * share), Phase::TakeOff)
+        // Whole turns of the first yaw are there from the beginning: the yaw is continuous.
+        let yaw_rad = self.first_yaw_rad - turn_rad;
+        Reference {
+            yaw_rad,
+            ..Reference::moving(course.map(|share| hover_point * share), Phase::TakeOff)
+        }
+    }
+
+    /// The turn to the first waypoint's heading, the shorter way \[rad\].
+    fn first_turn_rad(&self) -> f64 {
+        shorter_turn(self.first_yaw_rad)
     }
 }
 

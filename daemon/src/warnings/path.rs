@@ -1,20 +1,34 @@
 //! Warnings of a path that the vehicle cannot follow.
 
 use nalgebra::Vector3;
-use oqtal_config::Config;
-use oqtal_control::trajectory::{FlightPlan, Phase, Reference, TrajectoryKind};
+use oqtal_config::{Config, Interface};
+use oqtal_control::trajectory::{
+    FlightPlan, Phase, Reference, Trajectory, TrajectoryKind, WaypointCurve,
+};
+
+use crate::flight_room::{is_flyable, known_start};
+use crate::flyable::{RATE_SHARE, least_settle_s};
 
 /// Distance between hover point and first waypoint above which a note is printed \[m\].
 const TOLD_JUMP_M: f64 = 0.5;
 
 /// Where a reference whose acceleration jumps accelerates most, if that is more than the limit of the tilt allows.
-pub(super) fn too_hard(samples: &[(f64, Reference)], config: &Config) -> Option<String> {
+pub(super) fn too_hard(
+    samples: &[(f64, Reference)],
+    config: &Config,
+    trajectory: &Trajectory,
+) -> Option<String> {
     let (most, t_s, _) = greatest(samples, |reference| reference.acceleration.xy().norm())?;
     let tilt_deg = config.position.tilt_limit_deg;
     let limit = config.vehicle.gravity_m_s2 * tilt_deg.to_radians().tan();
     (most > limit).then(|| {
+        let smooth = trajectory.clone().along(WaypointCurve::MinimumSnap);
+        let or_smooth = match is_flyable(config, &smooth, known_start(config)) {
+            true => ", or set trajectory.waypoints-curve to \"minimum-snap\"",
+            false => "",
+        };
         format!(
-            "at {:.2} s the trajectory accelerates by {most:.2} m/s^2, and position.tilt-limit-deg = {tilt_deg} gives {limit:.2}: the vehicle leaves the path there; fly it {:.1} times slower, or set trajectory.waypoints-curve to \"minimum-snap\"",
+            "at {:.2} s the trajectory accelerates by {most:.2} m/s^2, and position.tilt-limit-deg = {tilt_deg} gives {limit:.2}: the vehicle leaves the path there; fly it {:.1} times slower{or_smooth}",
             t_s - config.trajectory.start_s(),
             // Rounded up, so that the remedy suffices.
             (10.0 * (most / limit).sqrt()).ceil() / 10.0
@@ -72,4 +86,75 @@ pub(super) fn jump(plan: &FlightPlan, config: &Config) -> Option<String> {
             "the first waypoint [{x:.2}, {y:.2}, {z:.2}] m is {distance_m:.2} m from the hover point [{from_x:.2}, {from_y:.2}, {from_z:.2}] m: the reference jumps there; begin at the hover point, or set trajectory.height-m"
         )
     })
+}
+
+/// The turn to the heading of the first waypoint, if the vehicle has too little time for it.
+pub(super) fn first_turn(config: &Config, trajectory: &Trajectory) -> Option<String> {
+    let least_s = least_settle_s(config, trajectory)?;
+    let turn_deg = trajectory.sample(0.0).yaw_rad.to_degrees();
+    Some(format!(
+        "the vehicle turns to the heading of the first waypoint, {turn_deg:.0} deg, within trajectory.settle-s = {}, faster than vehicle.rate-authority-rad-s allows: set trajectory.settle-s to {least_s:.1}",
+        config.trajectory.settle_s
+    ))
+}
+
+/// Time between two points at which a prescribed attitude is looked at, and most points \[s, -\].
+const ATTITUDE_STEP_S: f64 = 1e-3;
+const MOST_ATTITUDES: f64 = 200_000.0;
+/// Time over which its rate is a difference \[s\].
+const DIFFERENCE_S: f64 = 1e-5;
+/// Share of the amplitude or frequency that would do \[-\]: the greatest rate may lie between two points.
+const REMEDY_SHARE: f64 = 0.99;
+
+/// Where a prescribed attitude turns fastest, if the vehicle has too little authority for it.
+pub(super) fn turns_too_fast(config: &Config, trajectory: &Trajectory) -> Option<String> {
+    // Of a vehicle commanded by torque the rates have no limit of their own.
+    if config.vehicle.interface == Interface::Torque {
+        return None;
+    }
+    let limits = config.vehicle.rate_authority_rad_s;
+    let step_s = ATTITUDE_STEP_S.max(trajectory.duration_s() / MOST_ATTITUDES);
+    let times = (0..(trajectory.duration_s() / step_s) as u32).map(|k| f64::from(k) * step_s);
+    let rates = times.filter_map(|t_s| Some((t_s, prescribed_rate(trajectory, t_s)?)));
+    let shares = rates.flat_map(|(t_s, rate)| {
+        (0..3).map(move |axis| (rate[axis].abs() / limits[axis], t_s, axis, rate[axis].abs()))
+    });
+    let (share, t_s, axis, rate) = shares.max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let factor = RATE_SHARE / share;
+    (factor < 1.0).then(|| {
+        let (name, limit) = (["roll", "pitch", "yaw"][axis], limits[axis]);
+        format!(
+            "at {t_s:.2} s the trajectory prescribes an attitude that turns at {rate:.2} rad/s in {name}, and {RATE_SHARE} of vehicle.rate-authority-rad-s is {:.2}: the vehicle will stay behind; lower {}",
+            RATE_SHARE * limit,
+            slower_attitude(config, factor * REMEDY_SHARE)
+        )
+    })
+}
+
+/// The rate of the attitude that `trajectory` prescribes at `t_s` \[rad/s, body\], that of a side without a step; `None` without one.
+fn prescribed_rate(trajectory: &Trajectory, t_s: f64) -> Option<Vector3<f64>> {
+    let at = |t_s: f64| trajectory.sample(t_s).attitude.map(|prescribed| prescribed.attitude);
+    let (now, sides) = (at(t_s)?, [t_s - DIFFERENCE_S, t_s + DIFFERENCE_S]);
+    let rates =
+        sides.into_iter().filter_map(|side_s| Some(now.rotation_to(&at(side_s)?) / DIFFERENCE_S));
+    rates.min_by(|a, b| a.norm().total_cmp(&b.norm()))
+}
+
+/// The settings that make a prescribed attitude turn `factor` times as fast \[-\].
+fn slower_attitude(config: &Config, factor: f64) -> String {
+    let scaled = |value: f64| (value * factor * 100.0).trunc() / 100.0;
+    let (path, chirp) = (&config.trajectory, &config.trajectory.attitude_chirp);
+    match path.kind {
+        TrajectoryKind::AttitudeChirp => {
+            let most_hz = scaled(chirp.from_hz.max(chirp.to_hz));
+            let both = [("from-hz", chirp.from_hz), ("to-hz", chirp.to_hz)];
+            let keys = both.iter().filter(|(_, hz)| *hz > most_hz).map(|(key, _)| *key);
+            format!(
+                "{} in trajectory.attitude-chirp to {most_hz:.2}, or amplitude-deg to {:.2}",
+                keys.collect::<Vec<_>>().join(" and "),
+                scaled(chirp.amplitude_deg)
+            )
+        }
+        _ => format!("trajectory.excitation.tilt-deg to {:.2}", scaled(path.excitation.tilt_deg)),
+    }
 }
