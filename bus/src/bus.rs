@@ -76,11 +76,11 @@ impl Bus {
     /// # Errors
     /// The process has too many open files.
     pub fn watch(&self) -> Result<InstanceWatch, BusError> {
-        let (directory, run, members) = self.membership.files()?;
-        Ok(InstanceWatch::new(directory, run, members))
+        self.membership.watch().map_err(|error| system("watching the instance", &error))
     }
 
-    /// Whether files of the run of the instance in which this process takes part were removed: other processes join the next run.
+    /// Whether files of the run of the instance in which this process takes part were removed or moved: other processes join the next
+    /// run.
     pub fn is_lost(&self) -> bool {
         self.membership.is_lost()
     }

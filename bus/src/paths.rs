@@ -4,7 +4,7 @@ use std::fs::DirEntry;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-use iceoryx2::prelude::{Config, SemanticString};
+use iceoryx2::prelude::SemanticString;
 
 use crate::error::{BusError, system};
 use crate::message::{FNV_OFFSET, fnv1a};
@@ -110,13 +110,11 @@ impl InstancePaths {
         self.directory().join(CONFIG)
     }
 
-    /// Makes the root directory and the configuration of iceoryx2 for this instance, without the prefix, which is drawn when the
-    /// first process joins. An instance needs both directory and prefix: names in shared memory do not contain the root path, and
-    /// some file names do not contain the prefix.
+    /// Makes the root directory.
     ///
     /// # Errors
     /// The directory cannot be made, or its path is not absolute or contains special characters.
-    pub fn prepare(&self) -> Result<Config, BusError> {
+    pub fn prepare(&self) -> Result<(), BusError> {
         let mut root = self.directory().to_string_lossy().into_owned();
         root.push('/');
         let bad_root = || BusError::Name {
@@ -124,7 +122,7 @@ impl InstancePaths {
             value: root.clone(),
             rule: "use an absolute path of plain characters, with the instance at most 200 long",
         };
-        let path = iceoryx2::prelude::Path::new(root.as_bytes()).map_err(|_| bad_root())?;
+        iceoryx2::prelude::Path::new(root.as_bytes()).map_err(|_| bad_root())?;
         if !self.root.is_absolute() || root.len() > 200 {
             return Err(bad_root());
         }
@@ -137,10 +135,7 @@ impl InstancePaths {
                 &format_args!("{error}; give another --root"),
             ),
         })?;
-        self.refuse_another_user()?;
-        let mut config = Config::default();
-        config.global.set_root_path(&path);
-        Ok(config)
+        self.refuse_another_user()
     }
 
     /// Changes the user of a process of root to the owner of the root directory, so that an operator's command does not need

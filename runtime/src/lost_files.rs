@@ -102,7 +102,7 @@ impl Departure {
     /// Reports the loss, which happened after `whole_at`, and requests a landing from the loop of a daemon.
     fn begin(context: &ProcessContext, file: &LostFile, whole_at: Time) -> Self {
         let reason = format!(
-            "{} was removed while the instance runs: no process can join it any more; start its processes again",
+            "{} was removed or moved while the instance runs: no process can join it any more; start its processes again",
             file.path.display()
         );
         tracing::error!("{reason}; a flight is landed first");
