@@ -4,7 +4,7 @@ use std::fs::DirEntry;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-use iceoryx2::prelude::SemanticString;
+use iceoryx2::prelude::{Config, SemanticString};
 
 use crate::error::{BusError, system};
 use crate::message::{FNV_OFFSET, fnv1a};
@@ -110,11 +110,12 @@ impl InstancePaths {
         self.directory().join(CONFIG)
     }
 
-    /// Makes the root directory.
+    /// Makes the root directory; returns a configuration of iceoryx2 for services of one's own in the directory of the instance. The
+    /// files of a [`crate::bus::Bus`] are elsewhere: in the directory of its run.
     ///
     /// # Errors
     /// The directory cannot be made, or its path is not absolute or contains special characters.
-    pub fn prepare(&self) -> Result<(), BusError> {
+    pub fn prepare(&self) -> Result<Config, BusError> {
         let mut root = self.directory().to_string_lossy().into_owned();
         root.push('/');
         let bad_root = || BusError::Name {
@@ -122,7 +123,7 @@ impl InstancePaths {
             value: root.clone(),
             rule: "use an absolute path of plain characters, with the instance at most 200 long",
         };
-        iceoryx2::prelude::Path::new(root.as_bytes()).map_err(|_| bad_root())?;
+        let path = iceoryx2::prelude::Path::new(root.as_bytes()).map_err(|_| bad_root())?;
         if !self.root.is_absolute() || root.len() > 200 {
             return Err(bad_root());
         }
@@ -135,7 +136,10 @@ impl InstancePaths {
                 &format_args!("{error}; give another --root"),
             ),
         })?;
-        self.refuse_another_user()
+        self.refuse_another_user()?;
+        let mut config = Config::default();
+        config.global.set_root_path(&path);
+        Ok(config)
     }
 
     /// Changes the user of a process of root to the owner of the root directory, so that an operator's command does not need
