@@ -1,6 +1,7 @@
 //! Files of a running instance that are removed or shortened, and observers that take places: real processes.
 
 use std::fs::{self, File};
+use std::os::unix::fs::symlink;
 use std::path::PathBuf;
 use std::process::Command;
 
@@ -169,7 +170,7 @@ fn move_directory(testbed: &Testbed) -> PathBuf {
 }
 
 /// Removals of all files, and moves of them, after which another directory may have the name of the instance's.
-const MOVES: [fn(&Testbed); 6] = [
+const MOVES: [fn(&Testbed); 7] = [
     remove_root,
     |testbed| objects(testbed).iter().for_each(remove),
     |testbed| drop(move_directory(testbed)),
@@ -182,6 +183,12 @@ const MOVES: [fn(&Testbed); 6] = [
         let moved = move_directory(testbed);
         let copy = Command::new("cp").arg("-a").args([moved, testbed.paths().directory()]).status();
         assert!(copy.unwrap().success());
+    },
+    |testbed| {
+        let (root, other) = (testbed.path("run"), testbed.path("other"));
+        fs::create_dir(&other).unwrap();
+        fs::rename(&root, testbed.path("moved-last")).unwrap();
+        symlink(other, root).unwrap();
     },
 ];
 

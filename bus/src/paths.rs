@@ -61,7 +61,7 @@ impl InstancePaths {
     }
 
     /// Hash of the root; the same for each path by which a root, or the last existing directory above it, is named.
-    pub(crate) fn root_hash(&self) -> u64 {
+    pub fn root_hash(&self) -> u64 {
         let root = self.root.ancestors().find_map(|above| {
             let rest = self.root.strip_prefix(above).ok()?;
             // Without the separator that `join` adds to a path before an empty rest.
