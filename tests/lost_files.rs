@@ -212,7 +212,7 @@ fn f68_observers_continue_with_the_next_start_of_the_processes_and_leave_it_whol
         for lose in [Some(loss), None] {
             work_again(&testbed, &mut running);
             daemons.extend(running[2].as_ref().map(Running::id));
-            [&recorder, &page].map(|observer| is_observed(&testbed, observer));
+            [&recorder, &page].iter().for_each(|observer| is_observed(&testbed, observer));
             if let Some(lose) = lose {
                 lose(&testbed);
                 have_ended(&running);
@@ -222,7 +222,7 @@ fn f68_observers_continue_with_the_next_start_of_the_processes_and_leave_it_whol
         let output = recorder.wait();
         assert!(output.status.success(), "{number}: {}", stderr(&output));
         // Longer than two checks of the files.
-        [(); 3].map(|()| is_observed(&testbed, &page));
+        (0..3).for_each(|_| is_observed(&testbed, &page));
         assert!(running.iter().flatten().all(Running::runs), "{number}: the recorder left");
         let mut recorded = Daemons::default();
         play(&RecordingFile::read(&file).unwrap(), &mut recorded).unwrap();
