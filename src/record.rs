@@ -143,7 +143,7 @@ impl RecordArgs {
     }
 }
 
-/// What a recording does not contain.
+/// Samples that a recording does not contain.
 #[derive(Clone, Copy, Debug)]
 struct Missed {
     /// Number of samples that were overwritten before they were observed \[-\].

@@ -76,7 +76,9 @@ impl Bus {
     /// # Errors
     /// The process has too many open files.
     pub fn watch(&self) -> Result<InstanceWatch, BusError> {
-        self.membership.watch().map_err(|error| system("watching the instance", &error))
+        let files = self.membership.files();
+        let (home, run, members) = files.map_err(|e| system("watching the instance", &e))?;
+        Ok(InstanceWatch::new(home, run, members))
     }
 
     /// Whether files of the run of the instance in which this process takes part were removed or moved: other processes join the next

@@ -26,7 +26,6 @@ use crate::paths::{CONFIG, InstancePaths, LAW, LAW_UNREADY, WIRE};
 use crate::private::{self, InstanceRun, is_same};
 use crate::remains;
 use crate::time::{Span, Time};
-use crate::watch::InstanceWatch;
 
 /// Running processes hold the lock for milliseconds; a process that holds it longer was stopped or hangs.
 const LOCK_TIMEOUT: Span = Span::from_millis(3000);
@@ -91,13 +90,13 @@ impl Membership {
                 .any(remains::RunRemains::is_alive)
     }
 
-    /// A watch over the files of this membership.
+    /// Directory by its path and open, run and members of this membership, for a watch over their files.
     ///
     /// # Errors
     /// The process has too many open files.
-    pub(crate) fn watch(&self) -> io::Result<InstanceWatch> {
-        let (home, run) = (self.lock.try_clone()?, self.run.clone_handle()?);
-        Ok(InstanceWatch::new((self.directory.clone(), home), run, self.members.clone()))
+    pub(crate) fn files(&self) -> io::Result<((PathBuf, File), InstanceRun, Members)> {
+        let home = (self.directory.clone(), self.lock.try_clone()?);
+        Ok((home, self.run.clone_handle()?, self.members.clone()))
     }
 
     /// Locks the files of the instance. A lock already held by this membership is shared.
