@@ -73,8 +73,8 @@ impl RecordArgs {
         // The file exists once the recorder has all its places.
         let changed = changed_before(observer.bus());
         let recorder = self.begin(&config)?;
-        let (result, lost) = self.record(&config, (observer, recorder, changed), &stop)?;
-        conclude(&result, lost)
+        let (result, missed) = self.record(&config, (observer, recorder, changed), &stop)?;
+        conclude(&result, missed)
     }
 
     /// Creates the first file.
@@ -104,13 +104,13 @@ impl RecordArgs {
         }
     }
 
-    /// Records until a stop is requested; returns the result and the number of samples that the observer missed.
+    /// Records until a stop is requested; returns the result and what the observer missed.
     fn record(
         &self,
         config: &Config,
         parts: (InstanceObserver, McapRecorder, Option<EventV1>),
         stop: &StopFlag,
-    ) -> Result<(RecordingResult, u64), Failure> {
+    ) -> Result<(RecordingResult, Missed), Failure> {
         let (mut observer, mut recorder, changed) = parts;
         let mut daemon = DaemonFacts::default();
         let began = Time::now();
@@ -135,11 +135,21 @@ impl RecordArgs {
                 break;
             }
         }
+        let is_left_behind = observer.bus().is_lost();
         if daemon.pid.is_none() {
             say("oqtal: no daemon ran during the recording: it contains no flight");
         }
-        Ok((recorder.finish(), daemon.lost))
+        Ok((recorder.finish(), Missed { samples: daemon.lost, is_left_behind }))
     }
+}
+
+/// Samples that a recording does not contain.
+#[derive(Clone, Copy, Debug)]
+struct Missed {
+    /// Number of samples that were overwritten before they were observed \[-\].
+    samples: u64,
+    /// Whether processes that were started at last belong to a run of the instance that was not joined yet.
+    is_left_behind: bool,
 }
 
 /// Facts recorded once per daemon.
@@ -191,12 +201,17 @@ impl Sink for DaemonFacts {
 }
 
 /// Prints what was recorded.
-fn conclude(result: &RecordingResult, lost: u64) -> Result<Exit, Failure> {
+fn conclude(result: &RecordingResult, missed: Missed) -> Result<Exit, Failure> {
     let RecordingResult { files, messages, bytes, .. } = result;
     let names: Vec<String> = files.iter().map(|path| path.display().to_string()).collect();
     print(&format!("{messages} messages, {:.1} MB: {}", *bytes as f64 * 1e-6, names.join(", ")))?;
     recordings::check(result)?;
-    if lost > 0 {
+    if missed.is_left_behind {
+        let message = "files of the instance were removed or moved: the recording contains nothing of processes that were started since; record again";
+        return Err(Failure::new(Exit::System, message));
+    }
+    if missed.samples > 0 {
+        let lost = missed.samples;
         let message = format!(
             "{lost} samples were overwritten before they were recorded: this machine is overloaded, or the recorder was stopped; the events of the recording name the topics"
         );

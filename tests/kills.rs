@@ -169,7 +169,8 @@ fn only_one_run_is_left(testbed: &Testbed) {
 fn remove_something(testbed: &Testbed, random: &mut Random) {
     let directory = testbed.paths().directory();
     let mut files = lost_files::objects(testbed);
-    files.extend(["members", "shared", "services", "nodes", ""].map(|name| directory.join(name)));
+    let names = ["members", "shared", "shared/services", "shared/nodes", ""];
+    files.extend(names.map(|name| directory.join(name)));
     match random.below(8) {
         0 => lost_files::objects(testbed).iter().for_each(lost_files::remove),
         _ => lost_files::remove(&files[random.below(files.len() as u64) as usize]),

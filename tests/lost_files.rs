@@ -1,7 +1,9 @@
 //! Files of a running instance that are removed or shortened, and observers that take places: real processes.
 
 use std::fs::{self, File};
+use std::os::unix::fs::symlink;
 use std::path::PathBuf;
+use std::process::Command;
 
 use crate::common::{Running, SERVICES, Testbed, assert_refused, stderr, wait_for};
 use oqtal_bus::code::{Cause, Mode, SafetyState};
@@ -159,34 +161,96 @@ fn is_observed(testbed: &Testbed, observer: &Running) {
     });
 }
 
-/// The recorder is a process of its own: processes started by one that observes would have its files open.
+/// Moves the directory of the instance, and returns its new path.
+fn move_directory(testbed: &Testbed) -> PathBuf {
+    let directory = testbed.paths().directory();
+    let moved = directory.with_extension(format!("moved-{}", Time::now().nanos()));
+    fs::rename(directory, &moved).unwrap();
+    moved
+}
+
+/// Removals of all files, and moves of them, after which another directory may have the name of the instance's.
+const MOVES: [fn(&Testbed); 7] = [
+    remove_root,
+    |testbed| objects(testbed).iter().for_each(remove),
+    |testbed| drop(move_directory(testbed)),
+    |testbed| fs::rename(testbed.path("run"), testbed.path("moved")).unwrap(),
+    |testbed| {
+        move_directory(testbed);
+        fs::create_dir(testbed.paths().directory()).unwrap();
+    },
+    |testbed| {
+        let moved = move_directory(testbed);
+        let copy = Command::new("cp").arg("-a").args([moved, testbed.paths().directory()]).status();
+        assert!(copy.unwrap().success());
+    },
+    |testbed| {
+        let (root, other) = (testbed.path("run"), testbed.path("other"));
+        fs::create_dir(&other).unwrap();
+        fs::rename(&root, testbed.path("moved-last")).unwrap();
+        symlink(other, root).unwrap();
+    },
+];
+
+/// Waits for the end of the processes after a loss.
+fn have_ended(running: &[Option<Running>; 3]) {
+    wait_for("the end of the processes", || {
+        running.iter().flatten().all(|process| !process.runs()).then_some(())
+    });
+}
+
+/// The observers are processes of their own: processes started by one that observes would have its files open.
 #[test]
-fn f68_an_observer_continues_with_the_next_start_of_the_processes() {
+fn f68_observers_continue_with_the_next_start_of_the_processes_and_leave_it_whole() {
     let testbed = Testbed::new("observed");
+    let page = testbed.start(&["view", "--wait", "--listen", "127.0.0.1:0"]);
     let mut running = [None, None, None];
-    let file = testbed.path("all.mcap");
-    let recorder = testbed.start(&["record", "--out", &file.display().to_string()]);
-    let mut daemons = Vec::new();
-    for loss in [remove_root, |testbed: &Testbed| objects(testbed).iter().for_each(remove)] {
-        work_again(&testbed, &mut running);
-        daemons.extend(running[2].as_ref().map(Running::id));
-        is_observed(&testbed, &recorder);
-        loss(&testbed);
-        wait_for("the end of the processes", || {
-            running.iter().flatten().all(|process| !process.runs()).then_some(())
-        });
+    for (number, loss) in MOVES.into_iter().enumerate() {
+        let file = testbed.path(&format!("{number}.mcap"));
+        let recorder = testbed.start(&["record", "--out", &file.display().to_string()]);
+        let mut daemons = Vec::new();
+        for lose in [Some(loss), None] {
+            work_again(&testbed, &mut running);
+            daemons.extend(running[2].as_ref().map(Running::id));
+            [&recorder, &page].iter().for_each(|observer| is_observed(&testbed, observer));
+            if let Some(lose) = lose {
+                lose(&testbed);
+                have_ended(&running);
+            }
+        }
+        recorder.signal(Signal::INT);
+        let output = recorder.wait();
+        assert!(output.status.success(), "{number}: {}", stderr(&output));
+        // Longer than two checks of the files.
+        (0..3).for_each(|_| is_observed(&testbed, &page));
+        assert!(running.iter().flatten().all(Running::runs), "{number}: the recorder left");
+        let mut recorded = Daemons::default();
+        play(&RecordingFile::read(&file).unwrap(), &mut recorded).unwrap();
+        recorded.0.dedup();
+        assert_eq!(recorded.0, daemons, "{number}");
     }
+    page.signal(Signal::INT);
+    assert!(page.wait().status.success());
+    let stop = testbed.oqtal(&["ctl", "stop"]).output().unwrap();
+    assert_eq!(stop.status.code(), Some(0), "{}", stderr(&stop));
+}
+
+#[test]
+fn f68_a_recorder_suspended_during_a_move_tells_that_it_recorded_nothing_since() {
+    let testbed = Testbed::new("suspended");
+    let out = testbed.path("all.mcap").display().to_string();
+    let recorder = testbed.start(&["record", "--out", &out]);
+    let mut running = [None, None, None];
     work_again(&testbed, &mut running);
-    daemons.extend(running[2].as_ref().map(Running::id));
     is_observed(&testbed, &recorder);
+    recorder.signal(Signal::STOP);
+    move_directory(&testbed);
+    have_ended(&running);
+    work_again(&testbed, &mut running);
     recorder.signal(Signal::INT);
-    let output = recorder.wait();
-    assert!(output.status.success(), "{}", stderr(&output));
-    assert!(running.iter().flatten().all(Running::runs), "the recorder left its earlier runs");
-    let mut recorded = Daemons::default();
-    play(&RecordingFile::read(&file).unwrap(), &mut recorded).unwrap();
-    recorded.0.dedup();
-    assert_eq!(recorded.0, daemons);
+    recorder.signal(Signal::CONT);
+    assert_refused(&recorder.wait(), 71, &["removed or moved", "record again"]);
+    assert!(running.iter().flatten().all(Running::runs), "the recorder left an earlier run");
 }
 
 #[test]
@@ -197,11 +261,13 @@ fn f69_a_flight_continues_and_stops_after_all_shared_words_were_shortened() {
     let processes = testbed.services();
     testbed.take_off(&bus);
     while telemetry.receive().unwrap().is_some() {}
-    let words: Vec<_> = fs::read_dir(testbed.paths().directory().join("shared")).unwrap().collect();
+    let run = fs::read_dir(testbed.paths().directory().join("shared")).unwrap();
+    let words = run.map(Result::unwrap).filter(|entry| entry.file_type().unwrap().is_file());
+    let words: Vec<_> = words.collect();
     assert!(words.len() > 5);
     for size in [0, 1, 64] {
         for file in &words {
-            let file = File::options().write(true).open(file.as_ref().unwrap().path());
+            let file = File::options().write(true).open(file.path());
             file.unwrap().set_len(size).unwrap();
         }
         let mut ticks = 0;

@@ -76,11 +76,13 @@ impl Bus {
     /// # Errors
     /// The process has too many open files.
     pub fn watch(&self) -> Result<InstanceWatch, BusError> {
-        let (directory, run, members) = self.membership.files()?;
-        Ok(InstanceWatch::new(directory, run, members))
+        let files = self.membership.files();
+        let (home, run, members) = files.map_err(|e| system("watching the instance", &e))?;
+        Ok(InstanceWatch::new(home, run, members))
     }
 
-    /// Whether files of the run of the instance in which this process takes part were removed: other processes join the next run.
+    /// Whether files of the run of the instance in which this process takes part were removed or moved: other processes join the next
+    /// run.
     pub fn is_lost(&self) -> bool {
         self.membership.is_lost()
     }

@@ -53,7 +53,11 @@ pub(crate) fn has_members(directory: &Path) -> bool {
 
 /// Opens the directory of an instance, made if it does not exist.
 pub(crate) fn open_directory(directory: &Path) -> Result<File, BusError> {
-    let failed = |e: &io::Error| system(format!("opening {}", directory.display()), e);
+    let failed = |e: &io::Error| {
+        let is_other = e.kind() == io::ErrorKind::NotADirectory;
+        let remedy = if is_other { "; remove this file or link" } else { "" };
+        system(format!("opening {}", directory.display()), &format_args!("{e}{remedy}"))
+    };
     match DirBuilder::new().mode(0o700).create(directory) {
         Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(failed(&error)),
         _ => {}

@@ -6,17 +6,21 @@
 //! - the directory of the run in shared memory: shared, as long as the process is a member ([`crate::private`]).
 //! - the file `members`: shared as well. It tells that an instance lives whose directory in shared memory was removed.
 //!
-//! No file of a living instance is removed, whichever other file of it is missing. The processes notice a missing file
-//! themselves ([`crate::watch`]).
+//! No file of a living instance is removed, whichever other file of it is missing: the files that a process removes are those of
+//! the directories that it has open, whatever their names lead to by then. The processes notice a missing file themselves
+//! ([`crate::watch`]).
 
 use std::cell::Cell;
 use std::fs::File;
+use std::io;
+use std::os::fd::AsRawFd;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
+use iceoryx2::prelude::Config;
 use rustix::fs::{FlockOperation, flock};
 
-use crate::error::{BusError, system};
+use crate::error::{BusError, of_iceoryx};
 use crate::member_files::{MEMBERS, Members, acquire, has_members, open_directory};
 use crate::paths::{CONFIG, InstancePaths, LAW, LAW_UNREADY, WIRE};
 use crate::private::{self, InstanceRun, is_same};
@@ -62,9 +66,9 @@ impl Membership {
                 continue;
             }
             let prefix = paths.prefix();
-            let run = match InstanceRun::join(&prefix, &directory)? {
+            let run = match InstanceRun::join(&prefix, &directory, &lock)? {
                 Some(run) => run,
-                None => start_run(&prefix, &directory)?,
+                None => start_run(&prefix, &directory, &lock)?,
             };
             remains::remove_dead(&prefix);
             let members = Members::default();
@@ -86,15 +90,13 @@ impl Membership {
                 .any(remains::RunRemains::is_alive)
     }
 
-    /// Directory, run and members of this membership, for a watch over their files.
+    /// Directory by its path and open, run and members of this membership, for a watch over their files.
     ///
     /// # Errors
     /// The process has too many open files.
-    pub(crate) fn files(&self) -> Result<(PathBuf, InstanceRun, Members), BusError> {
-        let run = self.run.clone_handle().map_err(|e| system("watching the instance", &e))?;
-        // Open files are named by paths without links.
-        let directory = self.directory.canonicalize().unwrap_or_else(|_| self.directory.clone());
-        Ok((directory, run, self.members.clone()))
+    pub(crate) fn files(&self) -> io::Result<((PathBuf, File), InstanceRun, Members)> {
+        let home = (self.directory.clone(), self.lock.try_clone()?);
+        Ok((home, self.run.clone_handle()?, self.members.clone()))
     }
 
     /// Locks the files of the instance. A lock already held by this membership is shared.
@@ -127,14 +129,22 @@ impl Membership {
         self.run.path.join(name)
     }
 
-    /// Prefix of the names of iceoryx2.
-    pub(crate) fn private_prefix(&self) -> String {
-        self.run.prefix()
+    /// Configuration of iceoryx2 for this run: its files are in the directory of the run.
+    ///
+    /// # Errors
+    /// The name of the run is refused.
+    pub(crate) fn config(&self) -> Result<Config, BusError> {
+        let refused = |error| of_iceoryx("naming the files of the instance", &error);
+        let root = format!("{}/", self.run.path.display());
+        let mut config = Config::default();
+        config.global.set_root_path(&root.as_str().try_into().map_err(refused)?);
+        config.global.prefix = self.run.prefix().as_str().try_into().map_err(refused)?;
+        Ok(config)
     }
 
     /// Removes incomplete files of dead processes; the caller holds the lock.
     pub(crate) fn remove_half_made(&self, _lock: &InstanceLock<'_>) {
-        remains::remove_half_made(&self.run.prefix(), &self.directory);
+        remains::remove_half_made(&self.run.prefix(), &self.run.path);
     }
 
     /// Allocates the memory of all shared files of the instance; the caller holds the lock.
@@ -148,8 +158,9 @@ impl Membership {
 
     /// Whether no other process can join this run of the instance.
     pub(crate) fn is_lost(&self) -> bool {
-        let Self { directory, run, .. } = self;
-        !run.is_present() || !run.is_linked(directory) || private::loss(&run.path).is_some()
+        let Self { directory, lock, run, .. } = self;
+        let is_here = is_same(lock, directory) && run.is_linked(directory);
+        !is_here || !run.is_present() || private::loss(&run.path).is_some()
     }
 
     /// Revokes other users' access to files in shared memory; the caller holds the lock.
@@ -179,9 +190,10 @@ impl Drop for Membership {
         // After a loss the directory may belong to another run.
         if is_same(&self.lock, &self.directory) && is_linked {
             remains::remove_dead(&self.prefix);
-            remains::remove_services(&self.directory);
+            // The open directory, even if another one has just taken its name.
+            let open = PathBuf::from(format!("/proc/self/fd/{}", self.lock.as_raw_fd()));
+            remove(&open, &[WIRE, LAW, LAW_UNREADY, CONFIG, private::LINK, MEMBERS]);
             // Only an empty directory is removed; a process waiting for its lock checks this.
-            remove(&self.directory, &[WIRE, LAW, LAW_UNREADY, CONFIG, private::LINK, MEMBERS]);
             let _ = std::fs::remove_dir(&self.directory);
         }
     }
@@ -189,10 +201,9 @@ impl Drop for Membership {
 
 /// Starts a run of the instance; the caller holds its lock. Processes that still hold the file `members` lost their run: they end by
 /// themselves.
-fn start_run(prefix: &str, directory: &Path) -> Result<InstanceRun, BusError> {
-    remains::remove_services(directory);
+fn start_run(prefix: &str, directory: &Path, lock: &File) -> Result<InstanceRun, BusError> {
     remove(directory, &[WIRE, LAW, LAW_UNREADY, CONFIG, MEMBERS]);
-    InstanceRun::start(prefix, directory)
+    InstanceRun::start(prefix, directory, lock)
 }
 
 /// Removes files that exist.

@@ -8,8 +8,8 @@ use iceoryx2::identifiers::UniqueNodeId;
 use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::port::publisher::PublisherCreateError;
 use iceoryx2::prelude::{
-    AttributeVerifier, CallbackProgression, FileName, Node, NodeBuilder, PortFactory, PortName,
-    SemanticString, ServiceName, SignalHandlingMode, ipc,
+    AttributeVerifier, CallbackProgression, Node, NodeBuilder, PortFactory, PortName, ServiceName,
+    SignalHandlingMode, ipc,
 };
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 use iceoryx2::service::port_factory::{publish_subscribe, request_response};
@@ -91,14 +91,11 @@ impl InstanceNode {
         paths: &InstancePaths,
         membership: &Rc<Membership>,
     ) -> Result<Self, BusError> {
-        let mut config = paths.prepare()?;
+        let mut config = membership.config()?;
         config.global.node.cleanup_dead_nodes_on_creation = false;
         config.global.node.cleanup_dead_nodes_on_destruction = false;
         config.global.service.cleanup_dead_nodes_on_open = false;
         let lock = membership.lock()?;
-        let bad_root = |error| of_iceoryx("naming the files of the instance", &error);
-        let prefix = membership.private_prefix();
-        config.global.prefix = FileName::new(prefix.as_bytes()).map_err(bad_root)?;
         let created = NodeBuilder::new()
             .config(&config)
             .signal_handling_mode(SignalHandlingMode::Disabled)
@@ -261,10 +258,7 @@ impl Drop for InstanceNode {
     fn drop(&mut self) {
         let _lock = self.membership.lock_to_close();
         let Some(node) = self.node.take() else { return };
-        // The nodes of a next run of the instance, in the same directory, would count as dead.
-        if !self.membership.is_lost() {
-            node.blocking_cleanup_dead_nodes(CLEANUP_TIMEOUT);
-        }
+        node.blocking_cleanup_dead_nodes(CLEANUP_TIMEOUT);
     }
 }
 

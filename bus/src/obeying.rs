@@ -123,7 +123,12 @@ impl ObeyingProcess {
 
     /// Whether its instance is under this root.
     pub fn is_under(&self, paths: &InstancePaths) -> bool {
-        self.root == digits(paths.root_hash())
+        self.is_under_hash(paths.root_hash())
+    }
+
+    /// Whether its instance is under the root that had this [hash](InstancePaths::root_hash) when it was started.
+    pub fn is_under_hash(&self, root: u64) -> bool {
+        self.root == digits(root)
     }
 
     /// Whether the instances of both are under the same root.

@@ -61,7 +61,7 @@ impl InstancePaths {
     }
 
     /// Hash of the root; the same for each path by which a root, or the last existing directory above it, is named.
-    pub(crate) fn root_hash(&self) -> u64 {
+    pub fn root_hash(&self) -> u64 {
         let root = self.root.ancestors().find_map(|above| {
             let rest = self.root.strip_prefix(above).ok()?;
             // Without the separator that `join` adds to a path before an empty rest.
@@ -110,9 +110,8 @@ impl InstancePaths {
         self.directory().join(CONFIG)
     }
 
-    /// Makes the root directory and the configuration of iceoryx2 for this instance, without the prefix, which is drawn when the
-    /// first process joins. An instance needs both directory and prefix: names in shared memory do not contain the root path, and
-    /// some file names do not contain the prefix.
+    /// Makes the root directory; returns a configuration of iceoryx2 for services of one's own in the directory of the instance. The
+    /// files of a [`crate::bus::Bus`] are elsewhere: in the directory of its run.
     ///
     /// # Errors
     /// The directory cannot be made, or its path is not absolute or contains special characters.

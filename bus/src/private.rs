@@ -7,6 +7,10 @@
 //!
 //! Every member process holds a shared lock (`flock`) on the directory of its run. A run lives while its directory is locked,
 //! whatever happened to the files of the instance.
+//!
+//! A run belongs to one directory of an instance, by device and inode, not by name: a directory that was moved or copied, or made
+//! again under its name, leads nobody into the run of another one. The files of iceoryx2, which it finds by their paths, are in the
+//! directory of the run, whose name is not used again.
 
 use std::fs::{DirBuilder, File};
 use std::hash::{BuildHasher, RandomState};
@@ -17,7 +21,7 @@ use std::path::{Path, PathBuf};
 use rustix::fs::{FlockOperation, RenameFlags, flock, renameat_with};
 
 use crate::error::{BusError, system};
-use crate::remains::{self, RunRemains};
+use crate::remains;
 
 /// Name of the link in the directory of an instance.
 pub(crate) const LINK: &str = "shared";
@@ -25,6 +29,9 @@ pub(crate) const LINK: &str = "shared";
 /// Link in the directory of a run of which a file was lost that cannot be restored, to the path of that file: made at once, and only
 /// once. The members of that run leave, and no process joins it.
 const LOSS: &str = "loss";
+
+/// Link in the directory of a run to the identity of the directory of its instance.
+const HOME: &str = "home";
 
 /// Separator after the random number in the names of iceoryx2, which refuses to list files if a name equals the prefix. The name
 /// of the private directory has no separator.
@@ -40,22 +47,24 @@ pub(crate) struct InstanceRun {
 
 impl InstanceRun {
     /// Takes part in the living run of the instance with this prefix and directory, and restores a missing link to it; `None` if
-    /// there is none, or if the services of a run to which no link leads were removed. To be called under the lock.
+    /// there is none. To be called under `lock`, the lock of the directory.
     ///
     /// # Errors
     /// The link cannot be restored.
-    pub(crate) fn join(prefix: &str, directory: &Path) -> Result<Option<Self>, BusError> {
+    pub(crate) fn join(
+        prefix: &str,
+        directory: &Path,
+        lock: &File,
+    ) -> Result<Option<Self>, BusError> {
+        let is_whole = |run: &Path| {
+            let home = std::fs::read_link(run.join(HOME)).ok();
+            loss(run).is_none() && home.is_some() && home == identity(lock)
+        };
         match linked(directory) {
-            Some(path) if loss(&path).is_some() => Ok(None),
-            Some(path) => Ok(Self::enter(path)),
+            Some(path) => Ok(Some(path).filter(|path| is_whole(path)).and_then(Self::enter)),
             None => {
                 let mut runs = remains::runs(remains::SHARED_MEMORY.as_ref(), prefix).into_iter();
-                let is_whole = |run: &RunRemains| {
-                    run.is_alive()
-                        && run.has_services(directory)
-                        && loss(&run.directory()).is_none()
-                };
-                let whole = runs.find(is_whole);
+                let whole = runs.find(|run| run.is_alive() && is_whole(&run.directory()));
                 let joined = whole.and_then(|run| Self::enter(run.directory()));
                 joined.iter().try_for_each(|run| run.link(directory))?;
                 Ok(joined)
@@ -71,12 +80,12 @@ impl InstanceRun {
         (is_alive && joined).then_some(Self { path, lock })
     }
 
-    /// Starts a run of the instance with this prefix and directory, and makes the link to it. To be called under the lock while no
-    /// run lives.
+    /// Starts a run of the instance with this prefix and directory, and makes the link to it. To be called under `lock`, the lock of
+    /// the directory, while no run of this directory lives.
     ///
     /// # Errors
     /// The operating system refuses.
-    pub(crate) fn start(prefix: &str, directory: &Path) -> Result<Self, BusError> {
+    pub(crate) fn start(prefix: &str, directory: &Path, lock: &File) -> Result<Self, BusError> {
         let random = RandomState::new().hash_one(std::process::id());
         let path = remains::shared(&format!("{prefix}{random:016x}"));
         let failed = |error: io::Error| system(format!("creating {}", path.display()), &error);
@@ -89,6 +98,8 @@ impl InstanceRun {
         let cwd = rustix::fs::CWD;
         renameat_with(cwd, &unnamed, cwd, &path, RenameFlags::NOREPLACE)
             .map_err(|e| failed(e.into()))?;
+        let home = identity(lock).ok_or_else(|| failed(io::ErrorKind::NotFound.into()))?;
+        symlink(home, path.join(HOME)).map_err(failed)?;
         let run = Self { path, lock: locked };
         run.link(directory)?;
         Ok(run)
@@ -148,6 +159,11 @@ pub(crate) fn loss(run: &Path) -> Option<PathBuf> {
 /// Private directory to which the link in the directory of an instance leads.
 pub(crate) fn linked(directory: &Path) -> Option<PathBuf> {
     std::fs::read_link(directory.join(LINK)).ok()
+}
+
+/// Device and inode of an open file, which no other file has while it is open.
+fn identity(file: &File) -> Option<PathBuf> {
+    file.metadata().ok().map(|file| format!("{}:{}", file.dev(), file.ino()).into())
 }
 
 /// Whether `path` names the file that is open as `file`.

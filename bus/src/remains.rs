@@ -21,9 +21,6 @@ pub(crate) fn shared(name: &str) -> PathBuf {
 /// Maximum length read of a description \[bytes\]; the descriptions of iceoryx2 have some hundreds.
 const LONGEST_DESCRIPTION: u64 = 1 << 16;
 
-/// Directories of iceoryx2 in an instance's directory.
-const DIRECTORIES: [&str; 2] = ["nodes", "services"];
-
 /// Length of the random number of a run in the names of its objects \[characters\].
 const RANDOM: usize = 16;
 
@@ -48,11 +45,6 @@ impl RunRemains {
     /// Whether a process takes part in the run, by the lock on its private directory.
     pub fn is_alive(&self) -> bool {
         is_alive(&self.directory())
-    }
-
-    /// Whether descriptions of services of this run are in the directory of the instance.
-    pub(crate) fn has_services(&self, directory: &Path) -> bool {
-        !files(&directory.join("services"), &self.name).is_empty()
     }
 
     /// Removes the objects. An object that cannot be removed stays, like another user's.
@@ -102,9 +94,7 @@ fn run_of(name: &str) -> Option<(&str, &str)> {
 /// Removes the objects of all runs with this prefix that have no member.
 pub(crate) fn remove_dead(prefix: &str) {
     for run in runs(SHARED_MEMORY.as_ref(), prefix) {
-        let is_in_use =
-            if run.directory().exists() { run.is_alive() } else { is_mapped(&run.name) };
-        if !is_in_use {
+        if !run.is_alive() && !is_mapped(&run.name) {
             run.remove();
         }
     }
@@ -114,7 +104,8 @@ pub(crate) fn remove_dead(prefix: &str) {
     });
 }
 
-/// Whether a process of this user has mapped an object of the run `name`, whose members may be alive without its directory.
+/// Whether a process of this user has mapped an object of the run `name`, whose members may be alive without its directory, or
+/// beside another one of its name.
 fn is_mapped(name: &str) -> bool {
     let processes = fs::read_dir("/proc").into_iter().flatten().flatten();
     let maps = processes.filter_map(|process| fs::read_to_string(process.path().join("maps")).ok());
@@ -127,18 +118,11 @@ pub(crate) fn remove_run(path: &Path) {
     runs(SHARED_MEMORY.as_ref(), &name).iter().for_each(RunRemains::remove);
 }
 
-/// Removes nodes and services of iceoryx2 in the directory of an instance.
-pub(crate) fn remove_services(directory: &Path) {
-    for name in DIRECTORIES {
-        let _ = fs::remove_dir_all(directory.join(name));
-    }
-}
-
 /// Removes services that a process left incomplete: an unfinished description (static part), a description without administration
 /// (dynamic part), or an administration without description. The caller holds the lock under which services are made, so no
 /// service is being made at the moment.
-pub(crate) fn remove_half_made(prefix: &str, directory: &Path) {
-    let descriptions = files(&directory.join("services"), prefix);
+pub(crate) fn remove_half_made(prefix: &str, run: &Path) {
+    let descriptions = files(&run.join("services"), prefix);
     let administrations: Vec<_> = files(Path::new(SHARED_MEMORY), prefix)
         .into_iter()
         .filter(|file| file.extension().is_some_and(|extension| extension == "dynamic"))

@@ -1,22 +1,23 @@
 //! Watch over the files of a living instance: notices files that were removed, and restores those that can be restored.
 //!
-//! The file `members` and the link to the private directory are made again. Words, and files of iceoryx2, cannot be given back to
+//! The file `members` and the link to the private directory are made again in the directory of the instance, as long as it has its
+//! name; another directory of this name belongs to another run. Words, and files of iceoryx2, cannot be given back to
 //! the processes that have mapped them: the processes of the instance keep them, but no process can join. The members, also those that
 //! do not use the lost file, then end the flight and leave, and the next process starts a new run of the instance.
 
 use std::ffi::OsStr;
-use std::fs;
+use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
-use crate::member_files::{MEMBERS, Members, acquire, open_directory};
-use crate::private::{self, InstanceRun};
+use crate::member_files::{MEMBERS, Members, acquire};
+use crate::private::{self, InstanceRun, is_same};
 use crate::time::{Span, Time};
-use crate::{shared, stop, wake};
+use crate::{remains, shared, stop, wake};
 
 /// Maximum time for which a repair waits for the lock of the instance.
 const REPAIR_TIMEOUT: Span = Span::from_millis(100);
 
-/// File of a living instance that was removed or shortened.
+/// File of a living instance that was removed, moved or shortened.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LostFile {
     /// Path of the file.
@@ -29,6 +30,8 @@ pub struct LostFile {
 #[derive(Debug)]
 pub struct InstanceWatch {
     directory: PathBuf,
+    /// The directory, open: it may lose its name.
+    home: File,
     run: InstanceRun,
     members: Members,
     /// Files that were missing at the last check.
@@ -36,23 +39,28 @@ pub struct InstanceWatch {
 }
 
 impl InstanceWatch {
-    pub(crate) fn new(directory: PathBuf, run: InstanceRun, members: Members) -> Self {
-        Self { directory, run, members, missing: Vec::new() }
+    pub(crate) fn new(
+        (directory, home): (PathBuf, File),
+        run: InstanceRun,
+        members: Members,
+    ) -> Self {
+        Self { directory, home, run, members, missing: Vec::new() }
     }
 
-    /// Files that were removed or shortened, of those that this process uses, and one whose loss another process recorded. A file in use
-    /// counts if it was missing at the last check, too: it may be one that this process is just closing.
+    /// Files that were removed, moved or shortened, of those that this process uses, and one whose loss another process recorded. A file
+    /// in use counts if it was missing at the last check, too: it may be one that this process is just closing.
     pub fn check(&mut self) -> Vec<LostFile> {
         let mut lost = Vec::new();
-        let losses = [
-            (self.directory.clone(), self.directory.is_dir()),
-            (self.run.path.clone(), self.run.is_present()),
+        let places = [
+            (&self.directory, is_same(&self.home, &self.directory)),
+            (&self.run.path, self.run.is_present()),
         ];
-        lost.extend(losses.into_iter().filter(|(_, is_present)| !is_present).map(unrestored));
-        if lost.is_empty() {
+        let absent = places.into_iter().filter(|(_, is_present)| !is_present);
+        let mut missing: Vec<_> = absent.map(|(path, _)| path.clone()).collect();
+        if missing.is_empty() {
             lost.extend(self.restore());
         }
-        let missing = self.removed_files();
+        missing.extend(self.removed_files());
         let removed = missing.iter().filter(|path| self.missing.contains(path));
         let mut removed: Vec<_> = removed.cloned().collect();
         match removed.first() {
@@ -60,7 +68,7 @@ impl InstanceWatch {
             Some(path) => private::record_loss(&self.run.path, path),
             None => removed.extend(private::loss(&self.run.path)),
         }
-        lost.extend(removed.into_iter().map(|path| unrestored((path, false))));
+        lost.extend(removed.into_iter().map(|path| LostFile { path, is_restored: false }));
         lost.extend(self.restore_sizes());
         let shortened = shared::take_shortened().into_iter();
         lost.extend(shortened.map(|(path, is_restored)| LostFile { path, is_restored }));
@@ -77,8 +85,11 @@ impl InstanceWatch {
         if members && linked {
             return lost;
         }
-        let Ok(lock) = open_directory(&self.directory) else { return lost };
-        if acquire(&lock, &self.directory, Time::now() + REPAIR_TIMEOUT).is_err() {
+        // A handle of its own: its lock excludes this process's other threads as well.
+        let Some(lock) = remains::open_own_directory(&self.directory) else { return lost };
+        if acquire(&lock, &self.directory, Time::now() + REPAIR_TIMEOUT).is_err()
+            || !is_same(&self.home, &self.directory)
+        {
             // Tried again at the next check.
             return lost;
         }
@@ -114,9 +125,7 @@ impl InstanceWatch {
         let removed = entries.filter_map(|entry| {
             let link = fs::read_link(entry.path()).ok()?;
             let path = PathBuf::from(link.to_str()?.strip_suffix(" (deleted)")?);
-            let bytes = path.as_os_str().as_encoded_bytes();
-            let is_ours = bytes.starts_with(objects)
-                || (path.starts_with(&self.directory) && !path.ends_with(MEMBERS));
+            let is_ours = path.as_os_str().as_encoded_bytes().starts_with(objects);
             (is_ours && !is_of_peer(&path, &entry.path())).then_some(path)
         });
         removed.collect()
@@ -143,10 +152,6 @@ fn process_of_node(part: &OsStr) -> Option<u32> {
 
 fn mode(metadata: &fs::Metadata) -> u32 {
     std::os::unix::fs::PermissionsExt::mode(&metadata.permissions())
-}
-
-fn unrestored((path, _): (PathBuf, bool)) -> LostFile {
-    LostFile { path, is_restored: false }
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! The background thread of the daemon: logs, health, operator requests.
 
 use std::os::fd::OwnedFd;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use crossbeam_channel::Sender;
 use oqtal_bus::bus::Bus;
@@ -72,14 +72,14 @@ impl ConfigFile {
         file
     }
 
-    /// Writes the file again if it was removed, and its directory was not: the flight ends then.
-    fn keep(&mut self) {
+    /// Writes the file again if it was removed, and its directory was not: the flight ends then, and the path may be another run's.
+    fn keep(&mut self, bus: &Bus) {
         let now = Time::now();
         if now < self.next {
             return;
         }
         self.next = now + Self::PERIOD;
-        if !self.path.exists() && self.path.parent().is_some_and(Path::exists) {
+        if !self.path.exists() && !bus.is_lost() {
             tracing::warn!("{} was removed; it is written again", self.path.display());
             self.write();
         }
@@ -104,7 +104,7 @@ pub struct DaemonWorker {
     law: Option<LawListener>,
     file: ConfigFile,
     // The ports live as long as the bus they were opened on.
-    _bus: Bus,
+    bus: Bus,
 }
 
 impl DaemonWorker {
@@ -128,18 +128,7 @@ impl DaemonWorker {
         let peers = PEERS.iter().map(|role| Peer::open(&bus, *role)).collect::<Result<_, _>>()?;
         let (health, events) = (context.health.clone(), bus.writer(&EVENT)?);
         let file = ConfigFile::begin(context.paths()?.config(), context.config.to_toml());
-        Ok(Self {
-            requests,
-            server,
-            heartbeat,
-            health,
-            config_hash,
-            peers,
-            events,
-            law,
-            file,
-            _bus: bus,
-        })
+        Ok(Self { requests, server, heartbeat, health, config_hash, peers, events, law, file, bus })
     }
 }
 
@@ -147,7 +136,7 @@ impl BackgroundWorker for DaemonWorker {
     fn poll(&mut self) {
         let Self { requests, server, heartbeat, health, config_hash, peers, events, law, .. } =
             self;
-        self.file.keep();
+        self.file.keep(&self.bus);
         requests.take_changes();
         law.iter_mut().for_each(LawListener::poll);
         // Every peer is checked, so that none keeps an old message.

@@ -157,6 +157,7 @@ fn wait_readable(connection: &OwnedFd, longest: Span) {
 pub(crate) struct LawListener {
     socket: OwnedFd,
     path: PathBuf,
+    file: Option<(u64, u64)>,
     connections: Sender<OwnedFd>,
     /// A second descriptor of the connection in use.
     present: Option<OwnedFd>,
@@ -173,7 +174,8 @@ impl LawListener {
             Failure::new(Exit::System, text)
         })?;
         tracing::info!("an external law connects at {}", path.display());
-        Ok(Self { socket, path, connections, present: None })
+        let file = files::identity(&path);
+        Ok(Self { socket, path, file, connections, present: None })
     }
 
     /// Accepts the law that waits. While one is connected, others are refused.
@@ -198,7 +200,7 @@ impl LawListener {
 
 impl Drop for LawListener {
     fn drop(&mut self) {
-        let _ = std::fs::remove_file(&self.path);
+        files::remove_same(&self.path, self.file);
     }
 }
 

@@ -86,6 +86,18 @@ pub fn remove(path: &Path) -> io::Result<()> {
     }
 }
 
+/// Device and inode of the file at `path`; `None` without one. No other file has them while this one is in use.
+pub fn identity(path: &Path) -> Option<(u64, u64)> {
+    std::fs::symlink_metadata(path).ok().map(|file| (file.dev(), file.ino()))
+}
+
+/// Removes the file at `path` if it is the one of this [`identity`]: another process may have made a file of its own there.
+pub fn remove_same(path: &Path, file: Option<(u64, u64)>) {
+    if identity(path) == file {
+        let _ = std::fs::remove_file(path);
+    }
+}
+
 /// Writes `content` to a file made by [`create`].
 ///
 /// # Errors

@@ -8,7 +8,6 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::Duration;
 
 use oqtal_bus::obeying::ObeyingProcess;
-use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::watch::LostFile;
 
@@ -61,6 +60,8 @@ pub(crate) fn watched(
 /// Checks the files until the job is over; returns a loss, and whether it ended the process.
 fn watch_until(context: &ProcessContext, over: &Receiver<()>) -> Option<(Failure, bool)> {
     let mut departure: Option<Departure> = None;
+    // Hashed before a loss: a link in the path of the root may be replaced.
+    let root = context.paths().map(|paths| paths.root_hash()).unwrap_or_default();
     // Instants of the last two checks without a loss; one found at the second check may have been there at the first.
     let mut whole = [Time::now(); 2];
     while over.recv_timeout(CHECK_PERIOD) == Err(RecvTimeoutError::Timeout) {
@@ -72,7 +73,7 @@ fn watch_until(context: &ProcessContext, over: &Receiver<()>) -> Option<(Failure
                     "{path} was removed or shortened while the instance runs, and is restored"
                 );
             } else if departure.is_none() {
-                departure = Some(Departure::begin(context, file, whole[0]));
+                departure = Some(Departure::begin(context, file, (root, whole[0])));
             }
         }
         if lost.iter().all(|file| file.is_restored) {
@@ -99,15 +100,15 @@ struct Departure {
 }
 
 impl Departure {
-    /// Reports the loss, which happened after `whole_at`, and requests a landing from the loop of a daemon.
-    fn begin(context: &ProcessContext, file: &LostFile, whole_at: Time) -> Self {
+    /// Reports the loss, under a root with a hash and after an instant, `whole`, and requests a landing from the loop of a daemon.
+    fn begin(context: &ProcessContext, file: &LostFile, whole: (u64, Time)) -> Self {
         let reason = format!(
-            "{} was removed while the instance runs: no process can join it any more; start its processes again",
+            "{} was removed or moved while the instance runs: no process can join it any more; start its processes again",
             file.path.display()
         );
         tracing::error!("{reason}; a flight is landed first");
         context.signals.files_lost.store(true, Ordering::Release);
-        let flying = context.paths().map(|paths| others(&paths, whole_at)).unwrap_or_default();
+        let flying = others(&context.config.instance.name, whole);
         Self { reason, begun_at: Time::now(), motors_off_since: None, flying }
     }
 
@@ -133,14 +134,14 @@ impl Departure {
     }
 }
 
-/// Processes of vehicles and daemons on the instance at `paths` that were started before `whole_at`, without this one. Later ones
-/// belong to the next run of the instance.
-fn others(paths: &InstancePaths, whole_at: Time) -> Vec<ObeyingProcess> {
+/// Processes of vehicles and daemons on an instance under the root with this hash that were started before `whole_at`, without this
+/// one. Later ones belong to the next run of the instance.
+fn others(instance: &str, (root, whole_at): (u64, Time)) -> Vec<ObeyingProcess> {
     let is_here = |process: &ObeyingProcess| {
         process.pid != std::process::id()
             && process.started_at().is_some_and(|at| at < whole_at)
-            && process.is_of_instance(&paths.instance)
-            && process.is_under(paths)
+            && process.is_of_instance(instance)
+            && process.is_under_hash(root)
     };
     ObeyingProcess::all().into_iter().filter(is_here).collect()
 }

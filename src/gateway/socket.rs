@@ -13,6 +13,7 @@ use std::time::Duration;
 use oqtal_bus::message::ControlRequestV1;
 use oqtal_bus::origin::Origin;
 use oqtal_bus::text::ShortText;
+use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 use rustix::io::Errno;
 use rustix::net::{
@@ -92,6 +93,7 @@ impl Sender {
 pub struct UnixGateway {
     socket: UnixDatagram,
     path: PathBuf,
+    file: Option<(u64, u64)>,
 }
 
 impl UnixGateway {
@@ -118,7 +120,7 @@ impl UnixGateway {
         std::fs::set_permissions(path, Permissions::from_mode(0o600)).map_err(failed)?;
         socket.set_read_timeout(Some(TIMEOUT)).map_err(failed)?;
         sockopt::set_socket_passcred(&socket, true).map_err(|error| failed(error.into()))?;
-        Ok(Self { socket, path: path.to_owned() })
+        Ok(Self { socket, path: path.to_owned(), file: files::identity(path) })
     }
 }
 
@@ -161,6 +163,6 @@ impl GatewaySocket for UnixGateway {
 
 impl Drop for UnixGateway {
     fn drop(&mut self) {
-        let _ = std::fs::remove_file(&self.path);
+        files::remove_same(&self.path, self.file);
     }
 }

@@ -66,7 +66,7 @@ fn nothing_is_left_after_the_last_port_is_dropped() {
 
 /// The description of the service `name` in the instance's directory.
 fn description(place: &InstancePaths, name: &str) -> Option<std::path::PathBuf> {
-    let entries = std::fs::read_dir(place.directory().join("services")).unwrap();
+    let entries = std::fs::read_dir(place.words_file("services")).unwrap();
     let mut files = entries.map(|entry| entry.unwrap().path());
     let line = format!("service_name = \"{name}\"");
     files.find(|file| std::fs::read_to_string(file).unwrap().contains(&line))
@@ -165,9 +165,7 @@ fn f26_a_service_of_other_definitions_is_another_version_not_a_fault_of_the_syst
     let root = tempfile::tempdir().unwrap();
     let place = place(root.path());
     let bus = Bus::open(&place).unwrap();
-    let mut config = place.prepare().unwrap();
-    let prefix = bus.membership.private_prefix();
-    config.global.prefix = prefix.as_str().try_into().unwrap();
+    let config = bus.membership.config().unwrap();
     let node: Node<ipc::Service> = NodeBuilder::new().config(&config).create().unwrap();
     let named = |name: &str| node.service_builder(&ServiceName::new(name).unwrap());
     let _control = named(CONTROL).request_response::<u64, u64>().create().unwrap();
@@ -240,10 +238,24 @@ fn f68_a_loss_is_told_to_processes_that_do_not_use_the_file_and_nobody_joins_tha
     assert_ne!(next.membership.words_file(""), run);
 }
 
+/// Moves the directory of the instance.
+fn moved(place: &InstancePaths) -> std::path::PathBuf {
+    let path = place.root.join("moved");
+    std::fs::rename(place.directory(), &path).unwrap();
+    path
+}
+
 #[test]
 fn f68_after_another_loss_a_new_run_begins_beside_the_lost_one() {
     type Lose = fn(&InstancePaths, &Bus);
-    let losses: [Lose; 4] = [
+    let losses: [Lose; 6] = [
+        |place, _| drop(moved(place)),
+        |place, _| {
+            let copy = [moved(place), place.directory()];
+            assert!(
+                std::process::Command::new("cp").arg("-a").args(copy).status().unwrap().success()
+            );
+        },
         |place, _| std::fs::remove_dir_all(&place.root).unwrap(),
         |_, bus| std::fs::remove_dir_all(bus.membership.words_file("")).unwrap(),
         |_, bus| std::fs::remove_file(bus.membership.words_file("stop")).unwrap(),
