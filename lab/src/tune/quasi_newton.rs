@@ -14,7 +14,7 @@ use super::bee_colony::Best;
 const FIRST_REGION: f64 = 0.1;
 const REGION: [f64; 2] = [1e-3, 0.4];
 /// Distance of the points for the derivatives: at first, and later over the half width of the trust region \[-\].
-const FIRST_DISTANCE: f64 = 0.02;
+const FIRST_DISTANCE: f64 = 0.05;
 const DISTANCE: f64 = 0.3;
 /// Half widths of the boxes over that of the trust region \[-\].
 const BOXES: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
