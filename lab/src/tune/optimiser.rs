@@ -63,27 +63,15 @@ impl Optimiser {
         (points, seed): (usize, u64),
         mut evaluate: impl FnMut(&[Vec<f64>]) -> Vec<f64>,
     ) -> Best {
-        let from_cube = |point: &Vec<f64>| -> Vec<f64> {
-            let axis = |(x, axis): (&f64, &RangeInclusive<f64>)| {
-                (axis.start() + x * (axis.end() - axis.start())).clamp(*axis.start(), *axis.end())
-            };
-            point.iter().zip(bounds).map(axis).collect()
-        };
-        let into_cube = |point: &Vec<f64>| -> Vec<f64> {
-            let axis = |(x, axis): (&f64, &RangeInclusive<f64>)| match axis.end() - axis.start() {
-                0.0 => 0.0,
-                width => (x - axis.start()) / width,
-            };
-            point.iter().zip(bounds).map(axis).collect()
-        };
         let mut best = Best { point: starts[0].clone(), value: f64::INFINITY, evaluations: 0 };
         // The starts are not part of a batch of the search, which begins at the best of them.
         best.note(starts, &evaluate(starts));
         let start = best.point.clone();
-        best.point = into_cube(&start);
+        best.point = into_cube(bounds, &start);
         let from = best.clone();
         let in_cube = |points: &[Vec<f64>]| {
-            evaluate(&points.iter().map(from_cube).collect::<Vec<Vec<f64>>>())
+            let batch: Vec<_> = points.iter().map(|point| from_cube(bounds, point)).collect();
+            evaluate(&batch)
         };
         match self {
             // Without a value at the start there is no model.
@@ -96,9 +84,26 @@ impl Optimiser {
             }
         }
         // The start is not rounded by the mappings.
-        let point = if best.point == from.point { start } else { from_cube(&best.point) };
+        let point = if best.point == from.point { start } else { from_cube(bounds, &best.point) };
         Best { point, ..best }
     }
+}
+
+/// Point of the unit cube, within `bounds`.
+fn from_cube(bounds: &[RangeInclusive<f64>], point: &[f64]) -> Vec<f64> {
+    let axis = |(x, axis): (&f64, &RangeInclusive<f64>)| {
+        (axis.start() + x * (axis.end() - axis.start())).clamp(*axis.start(), *axis.end())
+    };
+    point.iter().zip(bounds).map(axis).collect()
+}
+
+/// Point within `bounds`, in the unit cube.
+fn into_cube(bounds: &[RangeInclusive<f64>], point: &[f64]) -> Vec<f64> {
+    let axis = |(x, axis): (&f64, &RangeInclusive<f64>)| match axis.end() - axis.start() {
+        0.0 => 0.0,
+        width => (x - axis.start()) / width,
+    };
+    point.iter().zip(bounds).map(axis).collect()
 }
 
 /// Searches by generations; points outside the unit cube are moved to its faces.
