@@ -7,6 +7,7 @@ pub mod online;
 pub mod optimiser;
 pub mod outer;
 pub mod page;
+mod quasi_newton;
 pub mod search;
 pub mod space;
 pub mod trade;
@@ -54,9 +55,9 @@ pub struct TuneArgs {
     /// `everything` or a file (docs/robustness.md)
     #[arg(long, value_name = "SPREAD")]
     spread: Option<String>,
-    /// Optimiser
-    #[arg(long, value_enum, default_value_t)]
-    optimiser: Optimiser,
+    /// Optimiser [default: cma-es; with --live, quasi-newton]
+    #[arg(long, value_enum)]
+    optimiser: Option<Optimiser>,
     /// Weights of the components of the objective; those not given keep their defaults, which the table at the end shows
     #[arg(long, value_name = "KEY=W,...", value_delimiter = ',')]
     weights: Vec<String>,
@@ -191,7 +192,9 @@ impl TuneArgs {
 
     /// Budget of the search.
     pub fn budget(&self) -> Budget {
-        Budget { points: self.budget, seed: self.seed, optimiser: self.optimiser }
+        let default = if self.live.live { live::OPTIMISER } else { Optimiser::default() };
+        let optimiser = self.optimiser.unwrap_or(default);
+        Budget { points: self.budget, seed: self.seed, optimiser }
     }
 
     /// Laws to be tuned, without duplicates, and `outer`.

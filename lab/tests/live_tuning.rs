@@ -79,8 +79,9 @@ fn gains_of_an_unknown_vehicle_found_in_flight_are_as_good_as_those_of_a_known_o
     let number = |name: &str| std::env::var(name).ok().map(|text| text.parse::<u64>().unwrap());
     let count = number("OQTAL_TEST_LIVE_TUNINGS").unwrap_or(1);
     let first = number("OQTAL_TEST_LIVE_FIRST").unwrap_or(1);
-    let points = number("OQTAL_TEST_LIVE_BUDGET").unwrap_or(12) as usize;
-    let (budget, progress) = (Budget { points, ..Budget::default() }, Progress::default());
+    let points = number("OQTAL_TEST_LIVE_BUDGET").unwrap_or(24) as usize;
+    let budget = Budget { points, optimiser: live::OPTIMISER, ..Budget::default() };
+    let progress = Progress::default();
     // Only the figures that are compared have a weight.
     let mut weights = [0.0; METRICS];
     (weights[HOVER], weights[POSITION]) = (1.0, 1.0);
