@@ -57,7 +57,7 @@ impl InstancePaths {
     /// of the root, because all roots share one shared memory. The prefix does not depend on the path by which an existing root
     /// is named.
     pub fn prefix(&self) -> String {
-        format!("oqtal_{}_{:016x}_", self.instance, self.root_hash())
+        format!("oqtal_{}_{}_", self.instance, short_digits(self.root_hash()))
     }
 
     /// Hash of the root; the same for each path by which a root, or the last existing directory above it, is named.
@@ -187,6 +187,15 @@ impl InstancePaths {
 
 /// Default root of the caller of a process that became another user.
 static CALLERS_ROOT: OnceLock<PathBuf> = OnceLock::new();
+
+/// Number of digits of a hash in the names of files. iceoryx2 allows 255 characters for a path, which has the name of a run twice and
+/// up to 130 others.
+pub(crate) const SHORT_DIGITS: usize = 10;
+
+/// The first digits of a hash, for the name of a file.
+pub(crate) fn short_digits(hash: u64) -> String {
+    format!("{hash:016x}")[..SHORT_DIGITS].to_owned()
+}
 
 fn default_root() -> PathBuf {
     if let Some(root) = CALLERS_ROOT.get() {

@@ -21,6 +21,7 @@ use std::path::{Path, PathBuf};
 use rustix::fs::{FlockOperation, RenameFlags, flock, renameat_with};
 
 use crate::error::{BusError, system};
+use crate::paths::short_digits;
 use crate::remains;
 
 /// Name of the link in the directory of an instance.
@@ -86,11 +87,11 @@ impl InstanceRun {
     /// # Errors
     /// The operating system refuses.
     pub(crate) fn start(prefix: &str, directory: &Path, lock: &File) -> Result<Self, BusError> {
-        let random = RandomState::new().hash_one(std::process::id());
-        let path = remains::shared(&format!("{prefix}{random:016x}"));
+        let random = short_digits(RandomState::new().hash_one(std::process::id()));
+        let path = remains::shared(&format!("{prefix}{random}"));
         let failed = |error: io::Error| system(format!("creating {}", path.display()), &error);
         // Locked before it has its name: a directory of this name without a lock was left by dead processes.
-        let unnamed = remains::shared(&format!(".{prefix}{random:016x}"));
+        let unnamed = remains::shared(&format!(".{prefix}{random}"));
         DirBuilder::new().mode(0o700).create(&unnamed).map_err(failed)?;
         let locked = remains::open_own_directory(&unnamed)
             .ok_or_else(|| failed(io::ErrorKind::PermissionDenied.into()))?;

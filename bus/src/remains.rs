@@ -10,6 +10,8 @@ use rustix::fs::{FallocateFlags, FlockOperation, Mode, OFlags, fallocate, flock}
 use rustix::io::Errno;
 use rustix::process::geteuid;
 
+use crate::paths::SHORT_DIGITS;
+
 /// Directory of shared memory.
 pub const SHARED_MEMORY: &str = "/dev/shm";
 
@@ -20,9 +22,6 @@ pub(crate) fn shared(name: &str) -> PathBuf {
 
 /// Maximum length read of a description \[bytes\]; the descriptions of iceoryx2 have some hundreds.
 const LONGEST_DESCRIPTION: u64 = 1 << 16;
-
-/// Length of the random number of a run in the names of its objects \[characters\].
-const RANDOM: usize = 16;
 
 /// Objects of one run of an instance in shared memory.
 #[derive(Debug)]
@@ -87,7 +86,7 @@ pub fn run_name(object: &str) -> Option<&str> {
 fn run_of(name: &str) -> Option<(&str, &str)> {
     let (instance, rest) = name.strip_prefix("oqtal_")?.split_once('_')?;
     let (_root, random) = rest.split_once('_')?;
-    let end = name.len() - random.len() + RANDOM;
+    let end = name.len() - random.len() + SHORT_DIGITS;
     Some((instance, name.get(..end).unwrap_or(name)))
 }
 

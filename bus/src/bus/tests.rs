@@ -6,6 +6,7 @@ use iceoryx2::prelude::{AttributeSpecifier, NodeBuilder, ServiceName, ipc};
 use super::*;
 use crate::message::Header;
 use crate::topic::{COMMAND, CONTROL, POSE, Role, TRUTH};
+use crate::transport::{Publish, Subscribe};
 
 fn place(root: &std::path::Path) -> InstancePaths {
     InstancePaths::new("test", Some(root)).unwrap()
@@ -36,6 +37,21 @@ fn a_root_is_the_same_by_every_path_to_it() {
     std::os::unix::fs::symlink(root.path(), &link).unwrap();
     let prefix = |root: &std::path::Path| place(root).prefix();
     assert_eq!(prefix(root.path()), prefix(&link));
+}
+
+/// The longest path is that of a connection between two ports.
+#[test]
+fn the_longest_name_of_an_instance_connects_its_ports() {
+    let root = tempfile::tempdir().unwrap();
+    let place = InstancePaths::new(&"i".repeat(32), Some(root.path())).unwrap();
+    let bus = Bus::open(&place).unwrap();
+    let (mut writer, mut reader) = (bus.writer(&POSE).unwrap(), bus.reader(&POSE).unwrap());
+    writer.send(1, Default::default(), Default::default()).unwrap();
+    assert!(reader.latest().unwrap().is_some());
+    let longest = std::fs::read_dir(bus.membership.words_file("")).unwrap();
+    let longest = longest.map(|entry| entry.unwrap().path().as_os_str().len()).max().unwrap();
+    // The counters in the names of the ports have up to five digits more after 100 000 ports.
+    assert!(longest + 2 * 5 <= 255, "{longest}");
 }
 
 /// Files of the instance in shared memory and in its root.
