@@ -229,12 +229,13 @@ fn may_signal(user: u32) -> bool {
     geteuid().is_root() || geteuid().as_raw() == user
 }
 
-/// The `words` of a command line without `--out` and its path.
+/// The `words` of a command line without `--out` and its path, and without `--force`, which is about these.
 pub fn without_out<W: AsRef<str>>(words: impl Iterator<Item = W>) -> impl Iterator<Item = W> {
     let mut is_path = false;
     words.filter(move |word| {
         let word = word.as_ref();
-        let is_of_out = is_path || word == "--out" || word.starts_with("--out=");
+        let is_of_out =
+            is_path || word == "--out" || word.starts_with("--out=") || word == "--force";
         is_path = !is_path && word == "--out";
         !is_of_out
     })

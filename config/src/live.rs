@@ -108,7 +108,7 @@ impl Config {
     pub fn differences(&self, other: &Self) -> Result<Vec<String>, String> {
         if let Some(key) = self.keys_without_value_in(other).first() {
             return Err(format!(
-                "`{key}`: cannot be removed while the daemon runs; set it to a value"
+                "`{key}`: cannot be removed while the daemon runs; set it to a value, or take its change back with `oqtal ctl undo`"
             ));
         }
         Ok(self.changed_values(other))

@@ -22,7 +22,8 @@ pub struct Condition {
     /// Why the fallback law flies.
     pub(crate) handover_cause: u8,
     pub(crate) followed: Followed,
-    /// Why a reference was refused. No change of its own: a planner may send sixty invalid references a second.
+    /// Why a reference was refused; `None` in the next tick. The same reason again is no change: a planner may send sixty invalid
+    /// references a second.
     pub(crate) refusal: Option<SetpointRefusal>,
 }
 
@@ -64,7 +65,10 @@ impl Condition {
             let flight = (c.mode, c.state, c.cause, c.obstacles, c.followed);
             (flight, c.first_flight, c.handover_cause)
         };
-        changing(self) != changing(other)
+        let is_other_refusal = self.refusal.is_some_and(|refusal| {
+            other.refusal.is_some_and(|last| last.quantity() != refusal.quantity())
+        });
+        changing(self) != changing(other) || is_other_refusal
     }
 
     /// Why a reference was refused, while that is the cause of the state.

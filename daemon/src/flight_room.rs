@@ -10,7 +10,7 @@ use oqtal_control::trajectory::{Trajectory, TrajectoryKind};
 use oqtal_runtime::process::Failure;
 
 use crate::fence::Fence;
-use crate::floor::LEAST_WAY_M;
+use crate::floor::LEAST_PLAN_M;
 use crate::flyable::{check_demand, least_settle_s};
 use crate::setpoint::{LARGEST_TURN_RAD, turns_round};
 use crate::waypoint_file::trajectory as trajectory_of;
@@ -38,18 +38,18 @@ fn check_room(
 fn check_height(config: &Config, trajectory: &Trajectory) -> Result<(), OptionError> {
     let Some((t_s, lowest)) = lowest(config, trajectory) else { return Ok(()) };
     // A comparison with NaN is false.
-    let is_high = lowest.z >= LEAST_WAY_M;
+    let is_high = lowest.z >= LEAST_PLAN_M;
     if is_high {
         return Ok(());
     }
     let [x, y, z]: [f64; 3] = lowest.into();
     let at = format!(
-        "at least {LEAST_WAY_M} m above the floor on which the flight begins; at {t_s:.1} s the trajectory is at [{x:.3}, {y:.3}, {z:.3}] m"
+        "at least {LEAST_PLAN_M} m above the floor on which the flight begins; at {t_s:.1} s the trajectory is at [{x:.3}, {y:.3}, {z:.3}] m"
     );
     if let Some(file) = waypoints_file(config) {
         return Err(OptionError::new("trajectory.waypoints-file", file, at));
     }
-    let remedy = remedies::higher(config, trajectory, LEAST_WAY_M - z);
+    let remedy = remedies::higher(config, trajectory, LEAST_PLAN_M - z);
     let allowed = format!("{remedy}, or the trajectory smaller: it must stay {at}");
     Err(OptionError::new("trajectory.height-m", config.trajectory.height_m, allowed))
 }

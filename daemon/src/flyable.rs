@@ -1,6 +1,5 @@
 //! Demand of a trajectory on the vehicle, checked before the start: thrust, tilt, body rates, speed, and the way to stop inside the fence.
 
-use nalgebra::Vector3;
 use oqtal_config::{Config, Interface};
 use oqtal_control::options::OptionError;
 use oqtal_control::predictive::MotionDemand;
@@ -36,6 +35,25 @@ impl Demand {
     fn excess(&self) -> f64 {
         self.needed / self.limit
     }
+
+    /// The refusal of a trajectory, or of its take-off of `take_off_s` \[s\], with this demand `t_s` \[s\] after it began; `factor` times
+    /// as slowly it would be accepted.
+    fn refusal(self, phase: Phase, t_s: f64, factor: Option<f64>, take_off_s: f64) -> OptionError {
+        let Self { key, limit, needed, unit } = self;
+        let (part, remedy) = match (phase, factor) {
+            (Phase::TakeOff, Some(factor)) => {
+                let longer_s = (10.0 * factor * take_off_s).ceil() / 10.0;
+                ("take-off", format!("; trajectory.take-off-s = {longer_s:.1} would do"))
+            }
+            (Phase::TakeOff, None) => ("take-off", String::new()),
+            (_, Some(factor)) => {
+                ("trajectory", format!("; flown {factor:.2} times as slowly it would do"))
+            }
+            (_, None) => ("trajectory", String::new()),
+        };
+        let allowed = format!("at least {needed:.2}{unit} for the {part} at {t_s:.2} s{remedy}");
+        OptionError::new(key, limit, allowed)
+    }
 }
 
 /// Whether the vehicle can fly `trajectory`: with 0.9 of its thrust, 0.8 of its rates, and inside the limits of speed and tilt.
@@ -45,34 +63,27 @@ impl Demand {
 pub(crate) fn check_demand(config: &Config, trajectory: &Trajectory) -> Result<(), OptionError> {
     let model = CommandModel::new(config)?.model;
     let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
-    let begin_s = config.trajectory.start_s();
-    let step_s = STEP_S.max(trajectory.duration_s() / MOST_POINTS);
-    let points = (trajectory.duration_s() / step_s) as u32;
-    let references = (0..=points).filter_map(|index| {
-        let t_s = f64::from(index) * step_s;
-        let reference = plan.sample(begin_s + t_s);
-        let moves = reference.velocity != Vector3::zeros() || reference.yaw_rate_rad_s != 0.0;
-        (reference.phase == Phase::Trajectory && moves).then_some((t_s, reference))
-    });
-    let references: Vec<(f64, Reference)> = references.collect();
-    let worst = |slower: f64| {
-        let demands = references.iter().flat_map(|(t_s, reference)| {
-            let demand = MotionDemand::of(reference, slower, &model);
-            demands(config, &demand).map(|demand| (*t_s, demand))
-        });
-        demands.max_by(|a, b| a.1.excess().total_cmp(&b.1.excess()))
+    let (begin_s, take_off_s) = (config.trajectory.start_s(), config.trajectory.take_off_s);
+    let check = |phase: Phase, (from_s, duration_s): (f64, f64)| {
+        let step_s = STEP_S.max(duration_s / MOST_POINTS);
+        let times = (0..=(duration_s / step_s) as u32).map(|index| f64::from(index) * step_s);
+        let references = times.map(|t_s| (t_s, plan.sample(from_s + t_s)));
+        let references: Vec<(f64, Reference)> =
+            references.filter(|(_, reference)| reference.phase == phase).collect();
+        let worst = |slower: f64| {
+            let demands = references.iter().flat_map(|(t_s, reference)| {
+                let demand = MotionDemand::of(reference, slower, &model);
+                demands(config, &demand).map(|demand| (*t_s, demand))
+            });
+            let excessive = demands.filter(|(_, demand)| demand.excess() > 1.0);
+            excessive.max_by(|a, b| a.1.excess().total_cmp(&b.1.excess()))
+        };
+        let Some((t_s, demand)) = worst(1.0) else { return Ok(()) };
+        let factor = least_factor(|slower| worst(slower).is_some());
+        Err(demand.refusal(phase, t_s, factor, take_off_s))
     };
-    let exceeds = |slower: f64| worst(slower).is_some_and(|(_, demand)| demand.excess() > 1.0);
-    let Some((t_s, demand)) = worst(1.0).filter(|(_, demand)| demand.excess() > 1.0) else {
-        return Ok(());
-    };
-    let remedy = match least_factor(exceeds) {
-        Some(factor) => format!("; flown {factor:.2} times as slowly it would do"),
-        None => String::new(),
-    };
-    let Demand { key, limit, needed, unit } = demand;
-    let allowed = format!("at least {needed:.2}{unit} for the trajectory at {t_s:.2} s{remedy}");
-    Err(OptionError::new(key, limit, allowed))
+    check(Phase::TakeOff, (0.0, take_off_s))?;
+    check(Phase::Trajectory, (begin_s, trajectory.duration_s()))
 }
 
 /// The demands on the limits of the vehicle and of the flight.

@@ -36,6 +36,16 @@ pub enum SetpointRefusal {
     },
 }
 
+impl SetpointRefusal {
+    /// The quantity that is refused.
+    pub(crate) fn quantity(&self) -> &'static str {
+        match self {
+            Self::Invalid(what) => what,
+            Self::Beyond { quantity: [name, _], .. } => name,
+        }
+    }
+}
+
 impl fmt::Display for SetpointRefusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

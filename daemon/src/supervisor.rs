@@ -10,6 +10,9 @@ use oqtal_bus::time::{Span, Time};
 use crate::limits::LimitConditions;
 use SafetyState::{Coast, Degraded, Descend, Hold, Land, Stop};
 
+/// Time far from the reference after which a vehicle is landed, F44 \[ms\].
+pub(crate) const FAR_OFF_MS: i64 = 3000;
+
 /// The conditions of one tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SafetyConditions {
@@ -97,7 +100,7 @@ pub const LIMITS: [SafetyRow; 40] = {
         // Land where the vehicle is.
         Row { id: "F42", cause: Some(Cause::NoLift), when: |c| c.limits.sinks, after_ms: 700, action: Land, ends: Landed },
         Row { id: "F43", cause: Some(Cause::Speed), when: |c| c.limits.too_fast, after_ms: 200, action: Land, ends: Landed },
-        Row { id: "F44", cause: Some(Cause::Tracking), when: |c| c.limits.far_off, after_ms: 3000, action: Land, ends: Landed },
+        Row { id: "F44", cause: Some(Cause::Tracking), when: |c| c.limits.far_off, after_ms: FAR_OFF_MS, action: Land, ends: Landed },
         Row { id: "F45", cause: Some(Cause::Battery), when: |c| c.limits.battery_empty, after_ms: 2000, action: Land, ends: Landed },
         Row { id: "F46", cause: Some(Cause::Link), when: |c| c.limits.link_bad, after_ms: 2000, action: Land, ends: Landed },
         Row { id: "F04", cause: Some(Cause::PosesLate), when: |c| c.limits.poses_too_old, after_ms: 500, action: Land, ends: Landed },

@@ -6,6 +6,7 @@ mod path;
 use std::ops::RangeInclusive;
 
 use oqtal_config::{Config, Fidelity, MocapModel};
+use oqtal_control::controller::ControllerName;
 use oqtal_control::trajectory::{
     FlightPlan, Reference, StartPoint, Trajectory, TrajectoryKind, WaypointCurve,
 };
@@ -34,6 +35,7 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     all.extend(config.rate_warning());
     all.extend(implausible(config));
     all.extend(law_replaced(config));
+    all.extend(feed_forward_off(config));
     all.extend(too_old(config));
     all.extend(markers_unused(config));
     all.extend(rotor_thrust(config));
@@ -54,6 +56,7 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
         all.extend(path::too_fast(&samples, config, vertical, |velocity| velocity.z.abs()));
     }
     all.extend(path::jump(&plan, config));
+    all.extend(path::too_far_a_step(&samples, config));
     all.extend(path::first_turn(config, trajectory));
     all.extend(path::turns_too_fast(config, trajectory));
     all.extend(disturbances::after_the_end(config, plan.end_s()));
@@ -151,6 +154,22 @@ fn law_replaced(config: &Config) -> Option<String> {
     })
 }
 
+/// Note on a law in the predictive stack that does not use the rate of the reference: its loop oscillates.
+fn feed_forward_off(config: &Config) -> Option<String> {
+    let (control, law) = (&config.control, config.control.controller.name());
+    let is_off = match control.controller {
+        ControllerName::Pid => !control.pid.feed_forward,
+        ControllerName::Lqr => !control.lqr.feed_forward,
+        ControllerName::Oqtal => !control.oqtal.feed_forward,
+        _ => false,
+    };
+    (control.is_predictive() && is_off).then(|| {
+        format!(
+            "with control.stack = \"predictive\" the law {law} needs its feed-forward, or the vehicle oscillates: set control.{law}.feed-forward to true"
+        )
+    })
+}
+
 /// Note that the emulated cameras are slower than a pose may be old.
 fn too_old(config: &Config) -> Option<String> {
     if config.is_replay() {
@@ -231,6 +250,18 @@ mod tests {
         let config = Config::from_settings(&settings).unwrap();
         let waypoints = waypoints.map(|text| Waypoints::parse(text).unwrap());
         warnings(&config, &config.trajectory.trajectory(waypoints).unwrap())
+    }
+
+    #[test]
+    fn a_step_from_which_the_vehicle_is_landed_and_a_law_without_its_feed_forward_are_told() {
+        let square = |side: &str| told(&["trajectory.kind=square", side], None).join("\n");
+        assert_eq!(square("trajectory.square.side-m=3"), "");
+        let text = square("trajectory.square.side-m=4");
+        assert!(text.contains("steps by 4.00 m") && text.contains("lands it"), "{text}");
+        let pid = ["control.controller=pid", "control.stack=predictive"];
+        let text = told(&pid, None).join("\n");
+        assert!(text.contains("control.pid.feed-forward"), "{text}");
+        assert_eq!(told(&[&pid[..], &["control.pid.feed-forward=true"]].concat(), None).len(), 0);
     }
 
     #[test]

@@ -166,7 +166,9 @@ pub fn raise(
             .unwrap_or_default(),
         has_daemons: reached.processes.iter().filter(|process| !process.is_vehicle).count() > 1,
         laggards: raised.laggards(),
-        is_cut_off: reached.has_daemon() && answer.is_err(),
+        // A daemon that obeys and does not answer has another control service than this command found.
+        is_cut_off: reached.has_daemon()
+            && (answer.is_err() || (stop.daemon_obeys && answer == Ok(None))),
         unconfirmed: Unconfirmed::of(&reached, &raised),
         ..stop
     })

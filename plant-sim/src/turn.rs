@@ -14,7 +14,7 @@ use oqtal_runtime::turn::{Turn, TurnClock};
 use crate::disturbance::DisturbanceClock;
 use crate::plant::{Plant, PlantOutput};
 
-/// Time after which the state of a vehicle without commands is published again, in virtual time only that of a stopped one.
+/// Time after which the state of a vehicle without commands is published again.
 const PUBLICATION_PERIOD: Span = Span::from_millis(100);
 
 /// Milliseconds of a pause of the process from which every sample of the truth is published \[-\]. Those of a longer pause are
@@ -149,8 +149,7 @@ impl<T: Transport> PlantTurn<T> {
             changed |= plant.keep_stopped(stop.since().is_some());
         }
         // A late observer receives the stop, and the state of a vehicle whose daemon hangs.
-        let is_periodic = stop.since().is_some() || self.stepping == Stepping::Sampled;
-        let is_due = is_periodic && now.since(outputs.vehicle_at) >= PUBLICATION_PERIOD;
+        let is_due = now.since(outputs.vehicle_at) >= PUBLICATION_PERIOD;
         if changed || is_due {
             let vehicle = plant.vehicle();
             let stamps = Stamps { received_at: now, ..Stamps::default() };

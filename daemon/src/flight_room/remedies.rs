@@ -6,7 +6,7 @@ use oqtal_control::trajectory::{Trajectory, TrajectoryKind};
 
 use super::ways::{POSITION_ERROR_M, Way, corners, lowest, stops};
 use crate::fence::Fence;
-use crate::floor::LEAST_WAY_M;
+use crate::floor::LEAST_PLAN_M;
 use crate::flyable::least_factor;
 
 /// The next centimetre below `value_m` \[m\].
@@ -24,7 +24,8 @@ pub(super) fn higher(config: &Config, trajectory: &Trajectory, raised_m: f64) ->
     let ways = Way::both(config, trajectory, Vector3::zeros());
     let bottom_m = ways[1].ends(2).map_or(0.0, |[(_, bottom_m), _]| bottom_m);
     let raised_m = raised_m.max(above(corners(config).0.z - bottom_m));
-    let height_m = ((config.trajectory.height_m + raised_m) * 100.0).ceil() / 100.0;
+    // A millimetre more: the least height itself is refused for its rounding.
+    let height_m = ((config.trajectory.height_m + raised_m + 1e-3) * 100.0).ceil() / 100.0;
     let top_m = above(top(&ways) + height_m - config.trajectory.height_m);
     let fence = match top_m <= config.fence.z_m[1] {
         true => String::new(),
@@ -140,7 +141,7 @@ fn smaller(config: &Config, start: Vector3<f64>) -> Option<String> {
     hover.trajectory.kind = TrajectoryKind::Hover;
     let remedy = match config.trajectory.kind {
         TrajectoryKind::Waypoints => {
-            hover.trajectory.height_m = LEAST_WAY_M;
+            hover.trajectory.height_m = LEAST_PLAN_M;
             "waypoints that are closer to the point of the take-off (trajectory.waypoints-file)"
         }
         _ => "smaller lengths in [trajectory]",
@@ -153,7 +154,7 @@ fn has_room(config: &Config, start: Vector3<f64>) -> bool {
     let fence = Fence::new(&config.fence);
     config.trajectory.trajectory(None).is_some_and(|trajectory| {
         let ways = Way::both(config, &trajectory, start);
-        lowest(config, &trajectory).is_none_or(|(_, point)| point.z >= LEAST_WAY_M)
+        lowest(config, &trajectory).is_none_or(|(_, point)| point.z >= LEAST_PLAN_M)
             && ways.iter().all(|way| is_inside(way, &fence))
     })
 }

@@ -76,10 +76,10 @@ fn a_path_near_the_floor_is_refused_with_a_height_that_suffices() {
         let (config, trajectory) = flight(&WAYPOINTS, Some(&table));
         check_height(&config, &trajectory)
     };
-    assert_eq!(check(0.11), Ok(()));
-    let told = check(0.09).unwrap_err().to_string();
-    assert!(told.contains("at 60.0 s the trajectory is at [0.000, 0.000, 0.090] m"), "{told}");
-    for (half_length, height) in [("2.4", "1.30"), ("3", "1.60")] {
+    assert_eq!(check(0.16), Ok(()));
+    let told = check(0.14).unwrap_err().to_string();
+    assert!(told.contains("at 60.0 s the trajectory is at [0.000, 0.000, 0.140] m"), "{told}");
+    for (half_length, height) in [("2.4", "1.36"), ("3", "1.66")] {
         let length = format!("trajectory.lemniscate.half-length-m={half_length}");
         let upright =
             ["trajectory.kind=lemniscate", "trajectory.lemniscate.plane=upright", &length];

@@ -8,6 +8,7 @@ use oqtal_control::trajectory::{
 
 use crate::flight_room::{is_flyable, known_start};
 use crate::flyable::{RATE_SHARE, least_settle_s};
+use crate::supervisor::FAR_OFF_MS;
 
 /// Distance between hover point and first waypoint above which a note is printed \[m\].
 const TOLD_JUMP_M: f64 = 0.5;
@@ -70,6 +71,24 @@ fn greatest(
     values.max_by(|a, b| a.0.total_cmp(&b.0))
 }
 
+/// A step of the reference after which the daemon lands the vehicle (F44), since it does not arrive in time.
+pub(super) fn too_far_a_step(samples: &[(f64, Reference)], config: &Config) -> Option<String> {
+    let (limit_m, speed) =
+        (config.safety.tracking_limit_m, config.position.horizontal_velocity_limit_m_s);
+    let step = |pair: &[(f64, Reference)]| {
+        let way = pair[1].1.position - pair[0].1.position;
+        (way.xy().norm(), pair[1].0)
+    };
+    let steps = samples.windows(2).map(step);
+    let (length_m, t_s) = steps.max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let [away_s, landed_s] = [(length_m - limit_m) / speed, FAR_OFF_MS as f64 * 1e-3];
+    (away_s > landed_s).then(|| {
+        format!(
+            "the reference steps by {length_m:.2} m {t_s:.1} s after arming: at position.horizontal-velocity-limit-m-s = {speed} the vehicle is further than safety.tracking-limit-m = {limit_m} from it for {away_s:.1} s, and after {landed_s} s the daemon lands it; make the step smaller, or raise one of the two"
+        )
+    })
+}
+
 /// The distance from the hover point to the first waypoint, if it is far.
 pub(super) fn jump(plan: &FlightPlan, config: &Config) -> Option<String> {
     if config.trajectory.kind != TrajectoryKind::Waypoints {
@@ -78,12 +97,17 @@ pub(super) fn jump(plan: &FlightPlan, config: &Config) -> Option<String> {
     let at = config.trajectory.start_s();
     // Half a millisecond before: rounding must not take the sample for one of the trajectory.
     let (before, after) = (plan.sample((at - 5e-4).max(0.0)), plan.sample(at + 1e-9));
-    let distance_m = (after.position - before.position).norm();
+    let way = after.position - before.position;
+    let distance_m = way.norm();
+    let higher = match way.xy().norm() < TOLD_JUMP_M {
+        true => format!(", or set trajectory.height-m to {}", after.position.z),
+        false => String::new(),
+    };
     let ([x, y, z], [from_x, from_y, from_z]): ([f64; 3], [f64; 3]) =
         (after.position.into(), before.position.into());
     (distance_m > TOLD_JUMP_M).then(|| {
         format!(
-            "the first waypoint [{x:.2}, {y:.2}, {z:.2}] m is {distance_m:.2} m from the hover point [{from_x:.2}, {from_y:.2}, {from_z:.2}] m: the reference jumps there; begin at the hover point, or set trajectory.height-m"
+            "the first waypoint [{x:.2}, {y:.2}, {z:.2}] m is {distance_m:.2} m from the hover point [{from_x:.2}, {from_y:.2}, {from_z:.2}] m: the reference jumps there; begin at the hover point{higher}"
         )
     })
 }
