@@ -7,7 +7,7 @@
 //!
 //! `F` is the command filter, `D` the drag. The vertical axis does not affect the attitude; it has no filter and separate gains.
 //! The limits apply to the correction and to the offset from the reference; the motion of the reference itself is fed forward up to
-//! the greatest tilt. In the vertical axis the estimated force `-b` has a limit of its own, as great as that of the correction.
+//! the greatest tilt. In the vertical axis the range of the correction moves with the mean of `-b`, by up to its limit.
 
 use nalgebra::{Vector2, Vector3};
 
@@ -24,6 +24,9 @@ const REFERENCE_SHARE: f64 = 0.9;
 
 /// Least lift over the weight \[-\]: below, a small force would turn the vehicle over.
 const LEAST_LIFT: f64 = 0.2;
+
+/// Time constant of the mean of the vertical force \[s\]: longer than an oscillation of the height.
+const LASTING_S: f64 = 0.5;
 
 /// Distance from the reference beyond which the vehicle counts as pushed away \[m\]: the reference then restarts from the
 /// vehicle, so that the return also satisfies the limits.
@@ -49,6 +52,8 @@ pub struct PositionLaw {
     horizontal: ReferenceModel,
     vertical: ReferenceModel,
     filter: CommandFilter,
+    /// Mean of the estimated vertical force per mass \[m/s^2\].
+    lasting_force: f64,
     /// Whether there was a reference in the last step.
     is_following: bool,
 }
@@ -82,6 +87,7 @@ impl PositionLaw {
                 f64::INFINITY,
             ),
             filter: CommandFilter::new(options.command_bandwidth_rad_s),
+            lasting_force: 0.0,
             is_following: false,
         }
     }
@@ -91,12 +97,13 @@ impl PositionLaw {
         self.horizontal.adopt(&old.horizontal);
         self.vertical.adopt(&old.vertical);
         self.filter.adopt(&old.filter);
+        self.lasting_force = old.lasting_force;
         self.is_following = old.is_following;
     }
 
     /// Restarts from the vehicle's position in the next step.
     pub fn reset(&mut self) {
-        self.is_following = false;
+        (self.is_following, self.lasting_force) = (false, 0.0);
         self.filter.reset();
     }
 
@@ -123,11 +130,13 @@ impl PositionLaw {
         let (limit, gravity) = (self.vertical_acceleration, self.gravity_m_s2);
         let [target, own] =
             [target, course].map(|course| Force::along(&course, gravity, self.drag_per_s));
-        // An external force does not reduce the range of the corrections.
-        let against_force = (-bias.acceleration.z).clamp(-limit, limit);
-        let accelerating = own.value.z - target.value.z + missing.z * velocity_gain.z;
+        // A lasting force does not reduce the range of the corrections; an estimate that oscillates does not widen it.
+        self.lasting_force +=
+            dt_s / (dt_s + LASTING_S) * (bias.acceleration.z - self.lasting_force);
+        let centre = -self.lasting_force.clamp(-limit, limit);
         let lift = target.value.z
-            + (accelerating.clamp(-limit, limit) + against_force)
+            + (own.value.z - target.value.z + corrective.z)
+                .clamp(centre - limit, centre + limit)
                 .max(LEAST_LIFT * gravity - target.value.z);
         let limit = lift * self.tilt_tangent;
         let smooth = match reference.attitude {
