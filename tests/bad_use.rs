@@ -201,7 +201,11 @@ fn an_incomplete_flight_reports_the_reason() {
     let testbed = Testbed::new("incomplete");
     let base = ["--clock", "in-process", "--trajectory", "hover", "--duration", "2", "--json"];
     for (setting, outcome, says) in [
-        ("safety.speed-limit-m-s=0.5", "landed", "before the end of the flight: too fast"),
+        (
+            "plant.disturb=[\"force@6+0.5=6,0,0N\"]",
+            "landed",
+            "before the end of the flight: too fast",
+        ),
         ("safety.arming-z-m=[1,2]", "timeout", "no take-off: the vehicle is not on the floor"),
         ("plant.battery.full-v=10", "timeout", "no take-off yet: the battery is low"),
     ] {

@@ -368,7 +368,7 @@ fn f40_a_vehicle_that_cannot_lift_off_is_stopped() {
 
 #[test]
 fn f43_a_vehicle_that_is_too_fast_lands() {
-    let flown = fly(&HOVER, "--clock lockstep --set safety.speed-limit-m-s=0.5");
+    let flown = fly(&HOVER, "--clock lockstep --disturb force@6+0.5=6,0,0N");
     assert!(flown.lands().by("too fast").passed("Land"), "{}", flown.summary);
 }
 

@@ -23,3 +23,4 @@ pub use external::{ExternalV1, StateV1};
 pub use field::{Field, FieldType};
 pub use header::{Header, Stamps};
 pub use schema::{AnyMessage, FNV_OFFSET, Message, fnv1a};
+pub(crate) use schema::{SHORT_DIGITS, short_digits};

@@ -7,7 +7,7 @@ use std::sync::OnceLock;
 use iceoryx2::prelude::{Config, SemanticString};
 
 use crate::error::{BusError, system};
-use crate::message::{FNV_OFFSET, fnv1a};
+use crate::message::{FNV_OFFSET, fnv1a, short_digits};
 use crate::private;
 
 /// Name of the link to an emulated vehicle in the directory of an instance.
@@ -187,15 +187,6 @@ impl InstancePaths {
 
 /// Default root of the caller of a process that became another user.
 static CALLERS_ROOT: OnceLock<PathBuf> = OnceLock::new();
-
-/// Number of digits of a hash in the names of files. iceoryx2 allows 255 characters for a path, which has the name of a run twice and
-/// up to 130 others.
-pub(crate) const SHORT_DIGITS: usize = 10;
-
-/// The first digits of a hash, for the name of a file.
-pub(crate) fn short_digits(hash: u64) -> String {
-    format!("{hash:016x}")[..SHORT_DIGITS].to_owned()
-}
 
 fn default_root() -> PathBuf {
     if let Some(root) = CALLERS_ROOT.get() {

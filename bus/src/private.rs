@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 use rustix::fs::{FlockOperation, RenameFlags, flock, renameat_with};
 
 use crate::error::{BusError, system};
-use crate::paths::short_digits;
+use crate::message::short_digits;
 use crate::remains;
 
 /// Name of the link in the directory of an instance.

@@ -10,7 +10,7 @@ use rustix::fs::{FallocateFlags, FlockOperation, Mode, OFlags, fallocate, flock}
 use rustix::io::Errno;
 use rustix::process::geteuid;
 
-use crate::paths::SHORT_DIGITS;
+use crate::message::SHORT_DIGITS;
 
 /// Directory of shared memory.
 pub const SHARED_MEMORY: &str = "/dev/shm";

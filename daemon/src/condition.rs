@@ -22,7 +22,7 @@ pub struct Condition {
     /// Why the fallback law flies.
     pub(crate) handover_cause: u8,
     pub(crate) followed: Followed,
-    /// Why a reference was refused; `None` in the next tick. The same reason again is no change: a planner may send sixty invalid
+    /// Why a reference was refused; `None` in the next tick. The same reason again does not count as a change: a planner may send sixty invalid
     /// references a second.
     pub(crate) refusal: Option<SetpointRefusal>,
 }

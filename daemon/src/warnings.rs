@@ -1,12 +1,12 @@
 //! Warnings before a flight: settings that the flight cannot satisfy. The flight takes place nevertheless.
 
 mod disturbances;
+mod law;
 mod path;
 
 use std::ops::RangeInclusive;
 
 use oqtal_config::{Config, Fidelity, MocapModel};
-use oqtal_control::controller::ControllerName;
 use oqtal_control::trajectory::{
     FlightPlan, Reference, StartPoint, Trajectory, TrajectoryKind, WaypointCurve,
 };
@@ -34,13 +34,13 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     }
     all.extend(config.rate_warning());
     all.extend(implausible(config));
-    all.extend(law_replaced(config));
-    all.extend(feed_forward_off(config));
+    all.extend(law::replaced(config));
+    all.extend(law::feed_forward_off(config));
     all.extend(too_old(config));
     all.extend(markers_unused(config));
     all.extend(rotor_thrust(config));
     all.extend(waypoints_unused(config));
-    all.extend(position_gains_unused(config));
+    all.extend(law::position_gains_unused(config));
     let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
     let samples = samples(&plan);
     let (path, limits) = (&config.trajectory, &config.position);
@@ -143,33 +143,6 @@ fn unusual(
     notes
 }
 
-/// Note that the configured law has no effect, because the vehicle has its own attitude loop.
-fn law_replaced(config: &Config) -> Option<String> {
-    let replaced = config.vehicle.interface.holds_attitude() && !config.control.is_predictive();
-    replaced.then(|| {
-        format!(
-            "vehicle.interface is \"attitude\": the vehicle's own loop takes the place of the attitude law; {} flies like every law but oqtal-dt and mpc, which also predict the motion",
-            config.control.controller
-        )
-    })
-}
-
-/// Note on a law in the predictive stack that does not use the rate of the reference: its loop oscillates.
-fn feed_forward_off(config: &Config) -> Option<String> {
-    let (control, law) = (&config.control, config.control.controller.name());
-    let is_off = match control.controller {
-        ControllerName::Pid => !control.pid.feed_forward,
-        ControllerName::Lqr => !control.lqr.feed_forward,
-        ControllerName::Oqtal => !control.oqtal.feed_forward,
-        _ => false,
-    };
-    (control.is_predictive() && is_off).then(|| {
-        format!(
-            "with control.stack = \"predictive\" the law {law} needs its feed-forward, or the vehicle oscillates: set control.{law}.feed-forward to true"
-        )
-    })
-}
-
 /// Note that the emulated cameras are slower than a pose may be old.
 fn too_old(config: &Config) -> Option<String> {
     if config.is_replay() {
@@ -196,29 +169,6 @@ fn markers_unused(config: &Config) -> Option<String> {
     let is_changed = own.cameras != shipped.cameras || own.markers != shipped.markers;
     let is_unused = is_changed && own.model == MocapModel::Pose;
     is_unused.then(|| "[mocap.cameras] and [mocap.markers] have no effect on poses with mocap.model = \"pose\": set mocap.model=markers".to_owned())
-}
-
-/// Note that gains of position loops are changed that do not fly.
-fn position_gains_unused(config: &Config) -> Option<String> {
-    let gains = |config: &Config| {
-        let own = &config.position;
-        [
-            ("horizontal-position", own.horizontal_position),
-            ("vertical-position", own.vertical_position),
-            ("horizontal-velocity", own.horizontal_velocity),
-            ("vertical-velocity", own.vertical_velocity),
-        ]
-    };
-    let shipped = gains(&Config::default());
-    let changed = gains(config).into_iter().filter(|own| !shipped.contains(own));
-    let changed: Vec<_> = changed.map(|(name, _)| format!("position.{name}")).collect();
-    (config.control.is_predictive() && !changed.is_empty()).then(|| {
-        format!(
-            "{}: these loops do not fly under {}, whose position law has the gains in [control.predictive]",
-            changed.join(", "),
-            config.control.controller
-        )
-    })
 }
 
 /// Note that a file of waypoints is named and not flown.

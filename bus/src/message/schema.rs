@@ -74,6 +74,15 @@ pub(super) const fn schema(hash: u64, wire_name: &str, fields: &[Field]) -> u64 
     hash
 }
 
+/// Number of digits of a hash in the names of files. iceoryx2 allows 255 characters for a path, which has the name of a run twice and
+/// up to 130 others.
+pub(crate) const SHORT_DIGITS: usize = 10;
+
+/// The first digits of a hash, for the name of a file.
+pub(crate) fn short_digits(hash: u64) -> String {
+    format!("{hash:016x}")[..SHORT_DIGITS].to_owned()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -7,7 +7,7 @@
 //!
 //! `F` is the command filter, `D` the drag. The vertical axis does not affect the attitude; it has no filter and separate gains.
 //! The limits apply to the correction and to the offset from the reference; the motion of the reference itself is fed forward up to
-//! the greatest tilt. In the vertical axis the range of the correction moves with the mean of `-b`, by up to its limit.
+//! the greatest tilt. In the vertical axis the range of the correction is wider by the mean of `-b`, by up to its limit.
 
 use nalgebra::{Vector2, Vector3};
 
@@ -26,7 +26,7 @@ const REFERENCE_SHARE: f64 = 0.9;
 const LEAST_LIFT: f64 = 0.2;
 
 /// Time constant of the mean of the vertical force \[s\]: longer than an oscillation of the height.
-const LASTING_S: f64 = 0.5;
+const LASTING_S: f64 = 0.3;
 
 /// Distance from the reference beyond which the vehicle counts as pushed away \[m\]: the reference then restarts from the
 /// vehicle, so that the return also satisfies the limits.
@@ -130,13 +130,13 @@ impl PositionLaw {
         let (limit, gravity) = (self.vertical_acceleration, self.gravity_m_s2);
         let [target, own] =
             [target, course].map(|course| Force::along(&course, gravity, self.drag_per_s));
-        // A lasting force does not reduce the range of the corrections; an estimate that oscillates does not widen it.
+        // Against a lasting force the range of the corrections is wider; an estimate that oscillates hardly widens it.
         self.lasting_force +=
             dt_s / (dt_s + LASTING_S) * (bias.acceleration.z - self.lasting_force);
-        let centre = -self.lasting_force.clamp(-limit, limit);
+        let against = -self.lasting_force.clamp(-limit, limit);
         let lift = target.value.z
             + (own.value.z - target.value.z + corrective.z)
-                .clamp(centre - limit, centre + limit)
+                .clamp(against.min(0.0) - limit, against.max(0.0) + limit)
                 .max(LEAST_LIFT * gravity - target.value.z);
         let limit = lift * self.tilt_tangent;
         let smooth = match reference.attitude {
