@@ -263,8 +263,9 @@ fn tune<'py>(
     let (points, seed, optimiser) = search;
     let known: Vec<&str> = space::names().filter(|name| *name != "all").collect();
     check_names(&[target.to_owned()], &known, "target of tuning")?;
-    let optimiser = Optimiser::from_str(&optimiser, false)
-        .map_err(|_| error::usage(format!("`{optimiser}` is not cma-es, bee-colony or quasi-newton")))?;
+    let optimiser = Optimiser::from_str(&optimiser, false).map_err(|_| {
+        error::usage(format!("`{optimiser}` is not cma-es, bee-colony or quasi-newton"))
+    })?;
     if points == 0 || seeds.1 <= seeds.0 {
         return Err(error::usage(
             "the budget is at least 1 point, and seeds are a range that is not empty",
