@@ -148,7 +148,7 @@ impl RecordArgs {
 struct Missed {
     /// Number of samples that were overwritten before they were observed \[-\].
     samples: u64,
-    /// Whether processes that were started at last belong to a run of the instance that was not joined yet.
+    /// Whether the observed run of the instance was lost, and no next one has been joined.
     is_left_behind: bool,
 }
 
@@ -207,7 +207,7 @@ fn conclude(result: &RecordingResult, missed: Missed) -> Result<Exit, Failure> {
     print(&format!("{messages} messages, {:.1} MB: {}", *bytes as f64 * 1e-6, names.join(", ")))?;
     recordings::check(result)?;
     if missed.is_left_behind {
-        let message = "files of the instance were removed or moved: the recording contains nothing of processes that were started since; record again";
+        let message = "files of the instance were removed or moved: processes started since, if any, are not in the recording";
         return Err(Failure::new(Exit::System, message));
     }
     if missed.samples > 0 {

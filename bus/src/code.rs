@@ -212,7 +212,7 @@ code! {
         Fence = 8 => "leads to the fence",
         /// The command leads so close to the floor that the descent could not be stopped before it.
         Floor = 9 => "leads to the floor",
-        /// The law sent only packets without the form of an answer.
+        /// The last packet of the law had a wrong length or magic.
         Malformed = 10 => "answer with a wrong length or magic",
     }
 }

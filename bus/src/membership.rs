@@ -6,8 +6,8 @@
 //! - the directory of the run in shared memory: shared, as long as the process is a member ([`crate::private`]).
 //! - the file `members`: shared as well. It tells that an instance lives whose directory in shared memory was removed.
 //!
-//! No file of a living instance is removed, whichever other file of it is missing: the files that a process removes are those of
-//! the directories that it has open, whatever their names lead to by then. The processes notice a missing file themselves
+//! No file of a living instance is removed, whichever other file of it is missing. A member that leaves removes the files of the
+//! instance through the directory that it has open, not those of another one that has taken its name. The processes notice a missing file themselves
 //! ([`crate::watch`]).
 
 use std::cell::Cell;

@@ -141,8 +141,8 @@ impl ObeyingProcess {
         may_signal(self.user)
     }
 
-    /// The command of `oqtal` that started it and ends with it, such as `oqtal fly --duration 5`, as typed in a shell, with a change to
-    /// its directory if this is another; `None` for a process of its own.
+    /// The command of `oqtal` that started it and ends with it, such as `oqtal fly --duration 5`, as typed in a shell, after a change to
+    /// its directory if it runs in another one than this process; `None` for a process of its own.
     pub fn started_by(&self) -> Option<String> {
         let status = fs::read_to_string(format!("/proc/{}/status", self.pid)).ok()?;
         let parent = format!("/proc/{}", field(&status, "PPid:")?);
@@ -229,7 +229,7 @@ fn may_signal(user: u32) -> bool {
     geteuid().is_root() || geteuid().as_raw() == user
 }
 
-/// The `words` of a command line without `--out` and its path, and without `--force`, which is about these.
+/// The `words` of a command line without `--out` and its path, and without `--force`, which permits to overwrite that path.
 pub fn without_out<W: AsRef<str>>(words: impl Iterator<Item = W>) -> impl Iterator<Item = W> {
     let mut is_path = false;
     words.filter(move |word| {

@@ -42,8 +42,8 @@ pub struct PositionOptions {
     pub horizontal_velocity_limit_m_s: f64,
     /// Greatest commanded climb or descent speed \[m/s\].
     pub vertical_velocity_limit_m_s: f64,
-    /// Greatest commanded vertical acceleration, below gravity \[m/s^2\]. The predictive stack may exceed it by as much again against a lasting
-    /// force.
+    /// Greatest commanded vertical acceleration, below gravity \[m/s^2\]. Against a lasting force the predictive stack may use up to twice
+    /// this value.
     pub vertical_acceleration_limit_m_s2: f64,
     /// Greatest commanded angle between thrust and vertical \[deg\].
     pub tilt_limit_deg: f64,

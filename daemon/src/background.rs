@@ -72,7 +72,8 @@ impl ConfigFile {
         file
     }
 
-    /// Writes the file again if it was removed, and its directory was not: the flight ends then, and the path may be another run's.
+    /// Writes the file again if it was removed while the instance is whole. After a loss nothing is written: the path may belong to another
+    /// run.
     fn keep(&mut self, bus: &Bus) {
         let now = Time::now();
         if now < self.next {

@@ -65,9 +65,9 @@ impl Condition {
             let flight = (c.mode, c.state, c.cause, c.obstacles, c.followed);
             (flight, c.first_flight, c.handover_cause)
         };
-        let is_other_refusal = self.refusal.is_some_and(|refusal| {
-            other.refusal.is_some_and(|last| last.quantity() != refusal.quantity())
-        });
+        let is_other_refusal = self
+            .refusal
+            .is_some_and(|refusal| other.refusal.is_some_and(|last| last.kind() != refusal.kind()));
         changing(self) != changing(other) || is_other_refusal
     }
 

@@ -79,17 +79,19 @@ fn check_turns(config: &Config, trajectory: &Trajectory) -> Result<(), OptionErr
         );
         return Err(OptionError::new("trajectory.settle-s", options.settle_s, allowed));
     }
-    let turn = format!("no turn of more than {most_deg} deg in one tick, as at {t_s:.2} s");
+    let turn = format!(
+        "at {t_s:.2} s it turns by more than {most_deg} deg in one tick, which the daemon refuses"
+    );
     Err(match waypoints_file(config) {
         Some(file) => OptionError::new(
             "trajectory.waypoints-file",
             file,
-            format!("a path with {turn}: give the turn more time"),
+            format!("a path that turns more slowly: {turn}"),
         ),
         None => OptionError::new(
             "trajectory.step.angle-deg",
             options.step.angle_deg,
-            format!("between -{most_deg} and {most_deg}: there may be {turn}"),
+            format!("between -{most_deg} and {most_deg}: {turn}"),
         ),
     })
 }
@@ -153,8 +155,8 @@ pub(crate) fn is_flyable(
     check_flyable(config, trajectory, start).is_ok()
 }
 
-/// The same of a trajectory that begins where the vehicle is in flight, whose way the loop compares with the floor; waypoints begin on the
-/// floor nevertheless.
+/// As [`require_flyable`], for a trajectory that begins at the vehicle's position in flight: the loop compares its path with the floor. The
+/// heights of waypoints are those above the floor, and are checked here, too.
 ///
 /// # Errors
 /// As [`require_flyable`].

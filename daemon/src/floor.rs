@@ -11,7 +11,8 @@ pub(crate) const LANDED_M: f64 = 0.04;
 pub(crate) const AIRBORNE_M: f64 = 0.1;
 /// Least height above the floor of the way of a request \[m\].
 pub(crate) const LEAST_WAY_M: f64 = 0.1;
-/// The same of a path that is planned before the flight: a vehicle that is a little below it does not raise it \[m\].
+/// Least height of a path that is planned before the flight: the margin keeps the daemon from raising it when the vehicle is a little
+/// below it \[m\].
 pub(crate) const LEAST_PLAN_M: f64 = 0.15;
 /// Height of the reference above the floor from which on the vehicle must have left the floor \[m\].
 pub(crate) const OFF_FLOOR_M: f64 = 0.3;

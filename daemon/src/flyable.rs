@@ -36,8 +36,8 @@ impl Demand {
         self.needed / self.limit
     }
 
-    /// The refusal of a trajectory, or of its take-off of `take_off_s` \[s\], with this demand `t_s` \[s\] after it began; `factor` times
-    /// as slowly it would be accepted.
+    /// The error for this demand, `t_s` \[s\] after the beginning of `phase`, which would be accepted `factor` times as slowly; the take-off
+    /// lasts `take_off_s` \[s\].
     fn refusal(self, phase: Phase, t_s: f64, factor: Option<f64>, take_off_s: f64) -> OptionError {
         let Self { key, limit, needed, unit } = self;
         let (part, remedy) = match (phase, factor) {
@@ -113,7 +113,7 @@ fn demands(config: &Config, demand: &MotionDemand) -> [Demand; 6] {
     ]
 }
 
-/// The least factor of time from which on nothing `exceeds`, to a hundredth; `None` without one. A slower flight may exceed what a faster one
+/// The least factor of time from which on nothing `exceeds`, at most 2 % too great; `None` without one. A slower flight may exceed what a faster one
 /// does not, since a trajectory that leaves the vehicle weightless turns the thrust fast; far below the speed of an excess it does not.
 pub(crate) fn least_factor(exceeds: impl Fn(f64) -> bool) -> Option<f64> {
     if exceeds(SLOWEST) {

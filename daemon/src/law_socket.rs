@@ -134,7 +134,7 @@ impl ExternalLaw for SocketLaw {
     }
 }
 
-/// The answer in a packet; for a packet of another form, one to no question with that verdict.
+/// The answer in a packet; for a packet of another form, an answer to no question with that verdict.
 fn decoded(packet: &[u8]) -> ExternalV1 {
     let body = packet.strip_prefix(&ANSWER).filter(|body| body.len() == ANSWERED);
     let Some(body) = body else {
@@ -157,6 +157,7 @@ fn wait_readable(connection: &OwnedFd, longest: Span) {
 pub(crate) struct LawListener {
     socket: OwnedFd,
     path: PathBuf,
+    /// Device and inode of the socket's file: only this file is removed.
     file: Option<(u64, u64)>,
     connections: Sender<OwnedFd>,
     /// A second descriptor of the connection in use.

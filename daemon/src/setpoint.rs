@@ -37,8 +37,8 @@ pub enum SetpointRefusal {
 }
 
 impl SetpointRefusal {
-    /// The quantity that is refused.
-    pub(crate) fn quantity(&self) -> &'static str {
+    /// Kind of the reason, whatever the values.
+    pub(crate) fn kind(&self) -> &'static str {
         match self {
             Self::Invalid(what) => what,
             Self::Beyond { quantity: [name, _], .. } => name,

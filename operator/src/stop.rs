@@ -369,9 +369,10 @@ impl std::fmt::Display for ObeyedStop {
             return write!(f, "\n{reason}: it sends no commands, so no `arm` is needed");
         }
         let first = self.start_again.as_ref().map(|command| format!("`{command}`, then "));
-        let files = match self.is_cut_off {
-            true => "start the processes again, which end because they lost their files, then ",
-            false => "",
+        let files = match (self.is_cut_off, &self.start_again) {
+            (true, None) => "the processes end, since they lost their files; start them, then ",
+            (true, Some(_)) => "the processes end, since they lost their files; ",
+            (false, _) => "",
         };
         write!(
             f,

@@ -148,7 +148,7 @@ impl<T: Transport> PlantTurn<T> {
             }
             changed |= plant.keep_stopped(stop.since().is_some());
         }
-        // A late observer receives the stop, and the state of a vehicle whose daemon hangs.
+        // Without commands, a late observer receives a stop, and the state of a vehicle whose daemon hangs.
         let is_due = now.since(outputs.vehicle_at) >= PUBLICATION_PERIOD;
         if changed || is_due {
             let vehicle = plant.vehicle();

@@ -100,7 +100,8 @@ struct Departure {
 }
 
 impl Departure {
-    /// Reports the loss, under a root with a hash and after an instant, `whole`, and requests a landing from the loop of a daemon.
+    /// Reports the loss of `file`, and requests a landing from the loop of a daemon. `whole` is the hash of the root, and the last instant at
+    /// which all files were there.
     fn begin(context: &ProcessContext, file: &LostFile, whole: (u64, Time)) -> Self {
         let reason = format!(
             "{} was removed or moved while the instance runs: no process can join it any more; start its processes again",

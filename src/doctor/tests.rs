@@ -221,7 +221,7 @@ fn a_run_is_dead_when_no_process_has_its_memory_and_its_objects_are_removed_on_r
     let run = |instance: &str| {
         let root = Some(Path::new("/run/oqtal"));
         let prefix = InstancePaths::new(instance, root).unwrap().prefix();
-        format!("dev/shm/{prefix}0123456789abcdef")
+        format!("dev/shm/{prefix}0123456789")
     };
     let (alive, dead) = (run("alive"), run("dead-one"));
     for object in [format!("{alive}_1.data"), format!("{dead}_1.data"), format!("{dead}/stop")] {

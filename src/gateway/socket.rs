@@ -93,6 +93,7 @@ impl Sender {
 pub struct UnixGateway {
     socket: UnixDatagram,
     path: PathBuf,
+    /// Device and inode of the socket's file: only this file is removed.
     file: Option<(u64, u64)>,
 }
 

@@ -114,7 +114,9 @@ pub(super) fn jump(plan: &FlightPlan, config: &Config) -> Option<String> {
 
 /// The turn to the heading of the first waypoint, if the vehicle has too little time for it.
 pub(super) fn first_turn(config: &Config, trajectory: &Trajectory) -> Option<String> {
-    let least_s = least_settle_s(config, trajectory)?;
+    // Of a vehicle commanded by torque the rates have no limit of their own.
+    let is_limited = config.vehicle.interface != Interface::Torque;
+    let least_s = least_settle_s(config, trajectory).filter(|_| is_limited)?;
     let turn_deg = trajectory.sample(0.0).yaw_rad.to_degrees();
     Some(format!(
         "the vehicle turns to the heading of the first waypoint, {turn_deg:.0} deg, within trajectory.settle-s = {}, faster than vehicle.rate-authority-rad-s allows: set trajectory.settle-s to {least_s:.1}",

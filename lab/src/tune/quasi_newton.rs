@@ -4,7 +4,8 @@
 //! An iteration evaluates two batches. Points on both sides of the best one, along each coordinate, give gradient and diagonal of the
 //! Hessian; changes of the gradient give its other elements by the symmetric rank-one update, J. Nocedal and S. J. Wright, *Numerical
 //! Optimization*, 2nd ed., Eq. (6.24). The minima of this model, and of its diagonal alone, within boxes of several sizes around the
-//! best point are the second batch. The size of the best of them is the trust region of the next iteration.
+//! best point are the second batch. The box of the best of them is the next trust region, which shrinks by at
+//! most half.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -18,7 +19,7 @@ const FIRST_DISTANCE: f64 = 0.05;
 const DISTANCE: f64 = 0.3;
 /// Half widths of the boxes over that of the trust region \[-\].
 const BOXES: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
-/// Increase, over the least objective, to which greater ones are limited for the derivatives, which no cliff shall dominate \[-\].
+/// Greatest rise of a value for the derivatives, over the least objective: cliffs shall not dominate them \[-\].
 const CLIFF: f64 = 0.3;
 /// Least cosine between the step and the change of the gradient that the Hessian does not explain, for an update \[-\].
 const LEAST_COSINE: f64 = 0.1;
