@@ -207,7 +207,7 @@ fn conclude(result: &RecordingResult, missed: Missed) -> Result<Exit, Failure> {
     print(&format!("{messages} messages, {:.1} MB: {}", *bytes as f64 * 1e-6, names.join(", ")))?;
     recordings::check(result)?;
     if missed.is_left_behind {
-        let message = "files of the instance were removed or moved: processes started since, if any, are not in the recording";
+        let message = "files of the instance were removed or moved: processes started since, if any, are not in the recording; record again";
         return Err(Failure::new(Exit::System, message));
     }
     if missed.samples > 0 {
