@@ -23,6 +23,21 @@ pub struct FenceOptions {
 }
 
 impl FenceOptions {
+    /// Ranges of the box around the fence along x, y and z \[m, world\].
+    pub fn ranges_m(&self) -> [[f64; 2]; 3] {
+        let around = |axis: usize, range: [f64; 2]| {
+            let along = || self.polygon_m.iter().map(|corner| corner[axis]);
+            match self.polygon_m.is_empty() {
+                true => range,
+                false => [
+                    along().fold(f64::INFINITY, f64::min),
+                    along().fold(f64::NEG_INFINITY, f64::max),
+                ],
+            }
+        };
+        [around(0, self.x_m), around(1, self.y_m), self.z_m]
+    }
+
     pub(crate) fn check(&self) -> Result<(), OptionError> {
         self.check_numbers().map_err(|error| error.within("fence"))
     }

@@ -11,7 +11,7 @@ use oqtal_config::Config;
 use oqtal_control::trajectory::Trajectory;
 
 use crate::fence::Fence;
-use crate::flight_room::{path, stops, thinned};
+use crate::flight_room::Way;
 use crate::guard::Accepted;
 use crate::limits::FlightLimits;
 
@@ -51,10 +51,8 @@ pub(crate) struct ArmingPath {
 impl ArmingPath {
     /// The path of `trajectory`.
     pub(crate) fn new(config: &Config, trajectory: &Trajectory) -> Self {
-        Self {
-            points: thinned(&path(config, trajectory)).collect(),
-            stops: thinned(&stops(config, trajectory, 1.0).collect()).collect(),
-        }
+        let [points, stops] = Way::both(config, trajectory, Vector3::zeros());
+        Self { points: points.thinned().collect(), stops: stops.thinned().collect() }
     }
 }
 

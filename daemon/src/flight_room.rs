@@ -3,6 +3,8 @@
 mod remedies;
 mod ways;
 
+use std::collections::VecDeque;
+
 use nalgebra::Vector3;
 use oqtal_config::Config;
 use oqtal_control::options::OptionError;
@@ -14,9 +16,9 @@ use crate::floor::LEAST_PLAN_M;
 use crate::flyable::{check_demand, least_settle_s};
 use crate::setpoint::{LARGEST_TURN_RAD, turns_round};
 use crate::waypoint_file::trajectory as trajectory_of;
-use ways::{TICK_POINTS, Way, corners, lowest, point_s, references};
+use ways::{TICK_POINTS, corners, lowest, point_s, references};
 
-pub(crate) use ways::{path, stops, thinned};
+pub(crate) use ways::Way;
 
 /// Whether `trajectory` fits inside the soft border of the fence: from anywhere, or from `start` \[m, world\] where it is known.
 ///
@@ -63,13 +65,21 @@ fn waypoints_file(config: &Config) -> Option<String> {
 
 /// Whether the daemon accepts every set-point of the flight, whenever its ticks come: heading and attitude do not reverse.
 fn check_turns(config: &Config, trajectory: &Trajectory) -> Result<(), OptionError> {
-    let all = references(config, trajectory);
     // A tick is never longer than this many points.
-    let reversed = (1..=TICK_POINTS as usize + 1).find_map(|lag| {
-        let mut pairs = all.clone().zip(all.clone().skip(lag));
-        pairs.find(|((_, last), (_, next))| turns_round(last, next)).map(|(_, (t_s, _))| t_s)
-    });
-    let Some(t_s) = reversed else { return Ok(()) };
+    const LONGEST_TICK: usize = TICK_POINTS as usize + 1;
+    let mut before = VecDeque::with_capacity(LONGEST_TICK);
+    // The first reversal within each number of points.
+    let mut reversed = [None; LONGEST_TICK];
+    for (t_s, next) in references(config, trajectory) {
+        for (first, last) in reversed.iter_mut().zip(&before) {
+            if first.is_none() && turns_round(last, &next) {
+                *first = Some(t_s);
+            }
+        }
+        before.truncate(LONGEST_TICK - 1);
+        before.push_front(next);
+    }
+    let Some(t_s) = reversed.into_iter().flatten().next() else { return Ok(()) };
     let most_deg = LARGEST_TURN_RAD.to_degrees().floor();
     let options = &config.trajectory;
     let is_first = t_s <= point_s(config) * f64::from(TICK_POINTS + 1);

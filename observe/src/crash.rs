@@ -84,19 +84,10 @@ impl Crash {
 
 /// Distance of `position` \[m, world\] beyond the box around the fence \[m\]; 0 inside.
 pub(crate) fn beyond(fence: &FenceOptions, position: &Vector3<f64>) -> f64 {
-    let corners = |axis: usize| fence.polygon_m.iter().map(move |corner| corner[axis]);
-    let side = |axis: usize, range: [f64; 2]| match fence.polygon_m.is_empty() {
-        true => range,
-        false => [
-            corners(axis).fold(f64::INFINITY, f64::min),
-            corners(axis).fold(f64::NEG_INFINITY, f64::max),
-        ],
-    };
-    let sides = [side(0, fence.x_m), side(1, fence.y_m), fence.z_m];
     let distance = |(axis, [from, to]): (usize, [f64; 2])| {
         (from - position[axis]).max(position[axis] - to).max(0.0)
     };
-    Vector3::from_iterator(sides.into_iter().enumerate().map(distance)).norm()
+    Vector3::from_iterator(fence.ranges_m().into_iter().enumerate().map(distance)).norm()
 }
 
 impl fmt::Display for Crash {

@@ -239,6 +239,11 @@ impl Flight {
         self.samples.chunk_by(alike).filter(|ticks| ticks[0].is_armed())
     }
 
+    /// Whether the true motion of the vehicle is known, at least in some ticks.
+    pub(crate) fn has_truth(&self) -> bool {
+        self.samples.iter().any(|sample| sample.truth.is_some())
+    }
+
     /// The ticks of the scored window, over which errors are computed.
     pub fn scored(&self) -> impl Iterator<Item = &FlightSample> {
         self.samples.iter().filter(|sample| sample.is_scored())

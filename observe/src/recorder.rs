@@ -152,7 +152,7 @@ impl Recorder {
         let has_other_config = others.any(|it| self.flew.is_empty() || self.flew.contains(it));
         let outcome = self.outcome.unwrap_or(otherwise);
         // Errors have one source: what has no truth in a flight with truth is not scored.
-        if self.flight.samples.iter().any(|sample| sample.truth.is_some()) {
+        if self.flight.has_truth() {
             let without = self.flight.samples.iter_mut().filter(|sample| sample.truth.is_none());
             without.for_each(|sample| sample.telemetry.scored = 0);
         }

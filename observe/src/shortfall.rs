@@ -68,7 +68,7 @@ impl Flight {
 
     /// Time within flights that the record lacks \[s\]: without ticks, or without truth in a flight with truth.
     fn missing_s(&self) -> f64 {
-        let has_truth = self.samples.iter().any(|sample| sample.truth.is_some());
+        let has_truth = self.has_truth();
         let gap_s = |pair: &[&FlightSample]| {
             let [before, after] = [pair[0], pair[1]].map(|sample| sample.telemetry);
             let is_gap = after.tick > before.tick + 1;

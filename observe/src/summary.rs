@@ -228,8 +228,7 @@ fn in_real_time(config: &Config, spans: &Distribution) -> Option<DistributionSum
 
 /// Source of the vehicle's motion from which errors are computed.
 fn error_source(flight: &Flight) -> &'static str {
-    let has_truth = flight.samples.iter().any(|sample| sample.truth.is_some());
-    if has_truth { "truth" } else { "pose" }
+    if flight.has_truth() { "truth" } else { "pose" }
 }
 
 /// Configuration name of an enumeration's value.

@@ -4,8 +4,8 @@ use nalgebra::Vector3;
 use oqtal_config::Config;
 use oqtal_control::trajectory::{Trajectory, TrajectoryKind};
 
-use super::ways::{POSITION_ERROR_M, Way, corners, lowest, stops};
-use crate::fence::Fence;
+use super::ways::{POSITION_ERROR_M, Way, corners, lowest, references, stop};
+use crate::fence::{Braking, Fence};
 use crate::floor::LEAST_PLAN_M;
 use crate::flyable::least_factor;
 
@@ -113,11 +113,13 @@ fn slower(
     trajectory: &Trajectory,
     (start, fence): (Vector3<f64>, &Fence),
 ) -> Option<String> {
-    let is_outside = |point: Vector3<f64>| {
-        let is_inside = fence.inside_m(&(start + point)) > 0.0;
-        !is_inside
+    let braking = Braking::of(config);
+    let exceeds = |slower| {
+        references(config, trajectory).any(|(_, reference)| {
+            let is_inside = fence.inside_m(&(start + stop(&reference, &braking, slower))) > 0.0;
+            !is_inside
+        })
     };
-    let exceeds = |slower| stops(config, trajectory, slower).any(|(_, point)| is_outside(point));
     least_factor(exceeds).map(|factor| format!("the trajectory flown {factor:.2} times as slowly"))
 }
 

@@ -19,21 +19,22 @@ const SPEED_ERROR_M_S: f64 = 0.1;
 pub(super) type Points = Vec<(f64, Vector3<f64>)>;
 
 /// A way of a flight, and the distance that it keeps from the border at the sides and at the top \[m\].
-pub(super) struct Way {
+pub(crate) struct Way {
     pub(super) points: Points,
     pub(super) margin_m: f64,
 }
 
 impl Way {
     /// The path of a flight and the points at which the vehicle would stop on it, from `start` \[m, world\].
-    pub(super) fn both(config: &Config, trajectory: &Trajectory, start: Vector3<f64>) -> [Self; 2] {
+    pub(crate) fn both(config: &Config, trajectory: &Trajectory, start: Vector3<f64>) -> [Self; 2] {
+        let braking = Braking::of(config);
+        let both = references(config, trajectory).map(|(t_s, reference)| {
+            let stop = stop(&reference, &braking, 1.0);
+            ((t_s, start + reference.position), (t_s, start + stop))
+        });
+        let (path, stops): (Points, Points) = both.unzip();
         let soft_m = config.fence.soft_margin_m + POSITION_ERROR_M;
-        let ways =
-            [(path(config, trajectory), soft_m), (stops(config, trajectory, 1.0).collect(), 0.0)];
-        ways.map(|(mut points, margin_m): (Points, f64)| {
-            points.iter_mut().for_each(|(_, point)| *point += start);
-            Self { points, margin_m }
-        })
+        [(path, soft_m), (stops, 0.0)].map(|(points, margin_m)| Self { points, margin_m })
     }
 
     /// The words for this way in a room.
@@ -51,49 +52,37 @@ impl Way {
         let by = |a: &(f64, f64), b: &(f64, f64)| a.1.total_cmp(&b.1);
         Some([along().min_by(by)?, along().max_by(by)?])
     }
+
+    /// Some of the points for the check at arming, with those furthest along each axis.
+    pub(crate) fn thinned(&self) -> impl Iterator<Item = Vector3<f64>> {
+        let furthest = (0..6).filter_map(|side| {
+            let along = |(_, point): &(f64, Vector3<f64>)| {
+                if side < 3 { point[side] } else { -point[side - 3] }
+            };
+            self.points.iter().max_by(|a, b| along(a).total_cmp(&along(b)))
+        });
+        let some = self.points.iter().step_by(self.points.len() / ARMING_POINTS + 1);
+        some.chain(furthest).map(|(_, point)| *point)
+    }
 }
 
-/// The path of a flight relative to its start.
-pub(crate) fn path(config: &Config, trajectory: &Trajectory) -> Points {
-    references(config, trajectory).map(|(t_s, reference)| (t_s, reference.position)).collect()
-}
-
-/// The same of the points at which the vehicle would stop if it had to brake from a motion faster by [`SPEED_ERROR_M_S`], on the
-/// trajectory flown `slower` times as slowly \[-\].
-pub(crate) fn stops(
-    config: &Config,
-    trajectory: &Trajectory,
-    slower: f64,
-) -> impl Iterator<Item = (f64, Vector3<f64>)> {
-    let braking = Braking::of(config);
-    references(config, trajectory).map(move |(t_s, reference)| {
-        let slower = if reference.phase == Phase::Trajectory { slower } else { 1.0 };
-        let velocity = reference.velocity / slower;
-        let mut error = velocity.try_normalize(0.0).unwrap_or_default() * SPEED_ERROR_M_S;
-        // A descent ends at the floor.
-        error.z = error.z.max(0.0);
-        let acceleration = reference.acceleration.xy() / (slower * slower);
-        (t_s, braking.stopping_point(&reference.position, &(velocity + error), &acceleration))
-    })
-}
-
-/// Some of `points` for the check at arming, with those furthest along each axis.
-pub(crate) fn thinned(points: &Points) -> impl Iterator<Item = Vector3<f64>> {
-    let furthest = (0..6).filter_map(|side| {
-        let along = |(_, point): &(f64, Vector3<f64>)| {
-            if side < 3 { point[side] } else { -point[side - 3] }
-        };
-        points.iter().max_by(|a, b| along(a).total_cmp(&along(b)))
-    });
-    let some = points.iter().step_by(points.len() / ARMING_POINTS + 1);
-    some.chain(furthest).map(|(_, point)| *point)
+/// The point at which the vehicle would stop if it had to brake at `reference` from a motion faster by [`SPEED_ERROR_M_S`], relative to the
+/// start of the flight \[m\], on the trajectory flown `slower` times as slowly \[-\].
+pub(super) fn stop(reference: &Reference, braking: &Braking, slower: f64) -> Vector3<f64> {
+    let slower = if reference.phase == Phase::Trajectory { slower } else { 1.0 };
+    let velocity = reference.velocity / slower;
+    let mut error = velocity.try_normalize(0.0).unwrap_or_default() * SPEED_ERROR_M_S;
+    // A descent ends at the floor.
+    error.z = error.z.max(0.0);
+    let acceleration = reference.acceleration.xy() / (slower * slower);
+    braking.stopping_point(&reference.position, &(velocity + error), &acceleration)
 }
 
 /// References of a flight, several in every tick, at times from the beginning of the trajectory \[s\].
 pub(super) fn references(
     config: &Config,
     trajectory: &Trajectory,
-) -> impl Iterator<Item = (f64, Reference)> + Clone {
+) -> impl Iterator<Item = (f64, Reference)> {
     let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
     let step_s = point_s(config).max(plan.end_s() / MOST_POINTS);
     let begin_s = config.trajectory.start_s();
@@ -116,14 +105,6 @@ pub(super) fn lowest(config: &Config, trajectory: &Trajectory) -> Option<(f64, V
 
 /// Opposite corners of the box around the fence \[m, world\].
 pub(super) fn corners(config: &Config) -> (Vector3<f64>, Vector3<f64>) {
-    let fence = &config.fence;
-    let mut ranges = [fence.x_m, fence.y_m, fence.z_m];
-    if !fence.polygon_m.is_empty() {
-        for (axis, range) in ranges.iter_mut().enumerate().take(2) {
-            let along = || fence.polygon_m.iter().map(|corner| corner[axis]);
-            *range =
-                [along().fold(f64::INFINITY, f64::min), along().fold(f64::NEG_INFINITY, f64::max)];
-        }
-    }
+    let ranges = config.fence.ranges_m();
     (Vector3::from(ranges.map(|[low, _]| low)), Vector3::from(ranges.map(|[_, high]| high)))
 }
