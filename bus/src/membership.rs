@@ -7,8 +7,8 @@
 //! - the file `members`: shared as well. It tells that an instance lives whose directory in shared memory was removed.
 //!
 //! No file of a living instance is removed, whichever other file of it is missing. A member that leaves removes the files of the
-//! instance through the directory that it has open, not those of another one that has taken its name. The processes notice a missing file themselves
-//! ([`crate::watch`]).
+//! instance through the directory that it has open, not those of another one that has taken its name. The processes
+//! notice a missing file themselves ([`crate::watch`]).
 
 use std::cell::Cell;
 use std::fs::File;

@@ -113,8 +113,8 @@ fn demands(config: &Config, demand: &MotionDemand) -> [Demand; 6] {
     ]
 }
 
-/// The least factor of time from which on nothing `exceeds`, at most 2 % too great; `None` without one. A slower flight may exceed what a faster one
-/// does not, since a trajectory that leaves the vehicle weightless turns the thrust fast; far below the speed of an excess it does not.
+/// The least factor of time from which on nothing `exceeds`, at most 2 % too great; `None` without one. A slower flight may exceed
+/// what a faster one does not, since a trajectory that leaves the vehicle weightless turns the thrust fast; far below the speed of an excess it does not.
 pub(crate) fn least_factor(exceeds: impl Fn(f64) -> bool) -> Option<f64> {
     if exceeds(SLOWEST) {
         return None;
