@@ -69,10 +69,15 @@ impl ProcessContext {
     /// Applies `[realtime]` to the calling thread; has no effect in virtual time. Settings refused by the operating system are
     /// logged with their remedy. Threads that are already running keep their scheduling.
     pub fn enter_realtime(&self) {
+        self.enter_realtime_as(self.role);
+    }
+
+    /// As [`Self::enter_realtime`], with the priority of the loop of `role`.
+    pub fn enter_realtime_as(&self, role: Role) {
         if self.config.clock.kind != ClockKind::Real {
             return;
         }
-        let granted = realtime::enter(&self.config.realtime, self.role);
+        let granted = realtime::enter(&self.config.realtime, role);
         for refusal in &granted.refused {
             tracing::warn!("{refusal}");
         }

@@ -10,7 +10,7 @@ mod process;
 mod shared;
 mod sockets;
 
-pub use iceoryx::beside;
+pub use iceoryx::remove as remove_iceoryx2;
 pub use mechanism::Mechanism;
 pub use parcel::{Parcel, ParcelSender};
 pub use process::{counter, directory, failed, open_sender, receive_all};

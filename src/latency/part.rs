@@ -47,18 +47,21 @@ enum Part {
 impl PartArgs {
     /// Runs the process with the settings of the process that it replaces. Returns when a stop is requested.
     pub fn execute(&self) -> ExitCode {
+        // Receivers are not listed as processes that obey operators.
         let (role, job): (Role, Job) = match self.part {
             Part::Camera => (Role::Mocap, camera::run),
             Part::Vehicle => (Role::Plant, vehicle::run),
-            Part::Periodic => (Role::Daemon, sleep::run),
-            Part::Futex => (Role::Daemon, |context| receive_all(context, Mechanism::Futex)),
-            Part::Eventfd => (Role::Daemon, |context| receive_all(context, Mechanism::Eventfd)),
+            Part::Periodic => (Role::Recorder, sleep::run),
+            Part::Futex => (Role::Recorder, |context| receive_all(context, Mechanism::Futex)),
+            Part::Eventfd => (Role::Recorder, |context| receive_all(context, Mechanism::Eventfd)),
             Part::UnixDatagram => {
-                (Role::Daemon, |context| receive_all(context, Mechanism::UnixDatagram))
+                (Role::Recorder, |context| receive_all(context, Mechanism::UnixDatagram))
             }
-            Part::UdpSocket => (Role::Daemon, |context| receive_all(context, Mechanism::UdpSocket)),
+            Part::UdpSocket => {
+                (Role::Recorder, |context| receive_all(context, Mechanism::UdpSocket))
+            }
             Part::Iceoryx2Listener => {
-                (Role::Daemon, |context| receive_all(context, Mechanism::Iceoryx2Listener))
+                (Role::Recorder, |context| receive_all(context, Mechanism::Iceoryx2Listener))
             }
         };
         // The process that starts this one has checked the configuration.

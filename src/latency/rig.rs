@@ -21,7 +21,7 @@ use oqtal_observe::latency::Distribution;
 use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure, instance_paths};
 
-use super::bare::{Mechanism, beside, counter, directory};
+use super::bare::{Mechanism, counter, directory, remove_iceoryx2};
 use super::record::Record;
 use super::{camera, part};
 use crate::child::{Child, command};
@@ -200,10 +200,9 @@ impl Drop for Rig {
         self.camera = None;
         self.stop_chain();
         self.receivers.clear();
-        for place in [&self.place, &beside(&self.place)] {
-            // The last process of an instance removes the shared memory of killed processes.
-            drop(Bus::open(place));
-        }
+        // The last process of an instance removes the shared memory of killed processes.
+        drop(Bus::open(&self.place));
+        remove_iceoryx2(&self.place);
         // A directory that cannot be removed occupies only a few kilobytes.
         let _ = fs::remove_dir_all(&self.directory);
     }

@@ -1,6 +1,7 @@
 //! Sleeping until an instant, and a loop that only sleeps.
 
 use oqtal_bus::time::{Span, Time};
+use oqtal_bus::topic::Role;
 use oqtal_runtime::process::{Exit, Failure, ProcessContext};
 use rustix::io::Errno;
 use rustix::thread::{ClockId, clock_nanosleep_absolute};
@@ -38,7 +39,7 @@ pub fn sleep_until(at: Time) -> rustix::io::Result<()> {
 /// The kernel refuses.
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let mut lateness = Record::with_room();
-    context.enter_realtime();
+    context.enter_realtime_as(Role::Daemon);
     let mut next = Time::now() + PERIOD;
     while !context.stop.is_set() {
         sleep_until(next)

@@ -1,6 +1,7 @@
 //! iceoryx2 in its stock configuration: a publish-subscribe service, an event, and a thread that waits on its listener.
 
 use std::fmt::Debug;
+use std::fs;
 use std::io;
 
 use iceoryx2::node::Node;
@@ -61,10 +62,17 @@ pub fn receiver(place: &InstancePaths) -> io::Result<ParcelReceiver> {
 
 /// Paths of the bare services, beside the instance `latency-PID-NUMBER` at `place`, without anything shared with the bus. The
 /// name is short because iceoryx2 uses it twice in the path of a socket, which the kernel limits to 107 bytes.
-pub fn beside(place: &InstancePaths) -> InstancePaths {
+fn beside(place: &InstancePaths) -> InstancePaths {
     let process = place.instance.split('-').nth(1).unwrap_or_default();
     let instance = format!("b-{process}");
     InstancePaths { instance, ..place.clone() }
+}
+
+/// Removes the files of the services beside `place`, whose processes have ended or were killed.
+pub fn remove(place: &InstancePaths) {
+    // A new node removes what dead nodes left. Directories that cannot be removed are empty.
+    drop(services(place));
+    let _ = fs::remove_dir_all(beside(place).directory());
 }
 
 fn services(place: &InstancePaths) -> io::Result<Services> {

@@ -5,6 +5,7 @@ use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 
 use oqtal_bus::time::Time;
+use oqtal_bus::topic::Role;
 use oqtal_runtime::process::{Exit, Failure, ProcessContext};
 use rustix::event::EventfdFlags;
 use rustix::process::Signal;
@@ -83,7 +84,7 @@ pub fn receive_all(context: &ProcessContext, mechanism: Mechanism) -> Result<(),
         .map_err(|error| failed(mechanism, "setting the parent-death signal", &error.into()))?;
     let mut record = Record::with_room();
     let mut receive = open_receiver(mechanism, context)?;
-    context.enter_realtime();
+    context.enter_realtime_as(Role::Daemon);
     Record::default().save(&file(context, mechanism, "ready"))?;
     loop {
         let parcel = receive().map_err(|error| failed(mechanism, "receiving", &error))?;
