@@ -123,7 +123,7 @@ pub fn request_of(command: CtlRequest, arguments: &[String]) -> Result<ControlRe
 /// `file` as an absolute path: the daemon runs in another directory.
 fn absolute(file: &str) -> Result<String, Failure> {
     let path = std::path::absolute(Path::new(file));
-    let path = path.map_err(|error| usage(&format!("{file}: {error}")))?;
+    let path = path.map_err(|error| usage(&format!("file `{file}`: {error}")))?;
     Ok(path.display().to_string())
 }
 
