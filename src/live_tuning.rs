@@ -139,9 +139,13 @@ impl LiveTuningFiles {
         )?;
         write_file(&self.page, page::html(tuned))?;
         write_file(&self.vehicle, vehicle_toml::toml(identification, config))?;
-        let (page, gains) = (self.page.display(), self.gains.display());
+        let [page, gains, vehicle] =
+            [&self.page, &self.gains, &self.vehicle].map(|path| path.display());
         let found = overview::text(identification);
-        print(&format!("{found}\n{tuned}page: {page}\ngains: {gains}"))
+        print(&format!(
+            "{found}\n{tuned}page: {page}\ngains: {gains}\nvehicle: {vehicle}, as identified; the margins above, and laws that \
+             predict, use the daemon's [vehicle] until it is started with this file"
+        ))
     }
 }
 

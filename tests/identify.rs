@@ -32,6 +32,8 @@ fn a_recorded_flight_is_identified_and_differences_are_reported() {
     let widest = table.lines().map(|line| line.chars().count()).max();
     assert!(widest <= Some(80), "{widest:?} columns\n{table}");
     let file = format!("{found}/vehicle.toml");
+    let vehicle = std::fs::read_to_string(testbed.path(&file)).unwrap();
+    assert!(!vehicle.contains("duration-s"), "{vehicle}");
     let checked = testbed.study(&["check", &file]).output().unwrap();
     let said = stderr(&checked);
     assert!(checked.status.success(), "{said}");

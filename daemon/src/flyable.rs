@@ -3,7 +3,9 @@
 use oqtal_config::{Config, Interface};
 use oqtal_control::options::OptionError;
 use oqtal_control::predictive::MotionDemand;
-use oqtal_control::trajectory::{FlightPlan, Phase, Reference, StartPoint, Trajectory};
+use oqtal_control::trajectory::{
+    FlightPlan, Phase, Reference, StartPoint, Trajectory, TrajectoryKind, TrajectoryOptions,
+};
 
 use crate::command_model::CommandModel;
 
@@ -36,21 +38,27 @@ impl Demand {
         self.needed / self.limit
     }
 
-    /// The error for this demand, `t_s` \[s\] after the beginning of `phase`, which would be accepted `factor` times as slowly; the take-off
-    /// lasts `take_off_s` \[s\].
-    fn refusal(self, phase: Phase, t_s: f64, factor: Option<f64>, take_off_s: f64) -> OptionError {
+    /// The error for this demand, `t_s` \[s\] after the beginning of `phase`, which would be accepted `factor` times as slowly.
+    fn refusal(
+        self,
+        phase: Phase,
+        t_s: f64,
+        factor: Option<f64>,
+        options: &TrajectoryOptions,
+    ) -> OptionError {
         let Self { key, limit, needed, unit } = self;
         let (part, remedy) = match (phase, factor) {
             (Phase::TakeOff, Some(factor)) => {
-                let longer_s = (10.0 * factor * take_off_s).ceil() / 10.0;
+                let longer_s = (10.0 * factor * options.take_off_s).ceil() / 10.0;
                 ("take-off", format!("; trajectory.take-off-s = {longer_s:.1} would do"))
             }
             (Phase::TakeOff, None) => ("take-off", String::new()),
             (_, Some(factor)) => {
-                ("trajectory", format!("; flown {factor:.2} times as slowly it would do"))
+                ("trajectory", format!("; {} would do", slower(options.kind, factor)))
             }
             (_, None) => ("trajectory", String::new()),
         };
+        let needed = (needed * 100.0).ceil() / 100.0;
         let allowed = format!("at least {needed:.2}{unit} for the {part} at {t_s:.2} s{remedy}");
         OptionError::new(key, limit, allowed)
     }
@@ -80,7 +88,7 @@ pub(crate) fn check_demand(config: &Config, trajectory: &Trajectory) -> Result<(
         };
         let Some((t_s, demand)) = worst(1.0) else { return Ok(()) };
         let factor = least_factor(|slower| worst(slower).is_some());
-        Err(demand.refusal(phase, t_s, factor, take_off_s))
+        Err(demand.refusal(phase, t_s, factor, &config.trajectory))
     };
     check(Phase::TakeOff, (0.0, take_off_s))?;
     check(Phase::Trajectory, (begin_s, trajectory.duration_s()))
@@ -131,6 +139,17 @@ pub(crate) fn least_factor(exceeds: impl Fn(f64) -> bool) -> Option<f64> {
     }
     // One more: a trajectory that is slower is looked at in other points.
     Some((hundredths + 1.0) / 100.0)
+}
+
+/// How a trajectory is flown `factor` times as slowly \[-\]: the keys of all its times.
+pub(crate) fn slower(kind: TrajectoryKind, factor: f64) -> String {
+    let times = match kind {
+        TrajectoryKind::Circle => "trajectory.circle.period-s and ramp-s",
+        TrajectoryKind::Lemniscate => "trajectory.lemniscate.period-s and ramp-s",
+        TrajectoryKind::Waypoints => "the times of all waypoints",
+        _ => return format!("the trajectory flown {factor:.2} times as slowly"),
+    };
+    format!("{times} multiplied by {factor:.2}")
 }
 
 /// Time to settle in which the vehicle can turn to the heading of the first waypoint \[s\]; `None` if the configured one suffices.

@@ -283,7 +283,7 @@ fn text(sheets: &[&Sheet], flown: &[Flown]) -> String {
     let shown = sheets.iter().filter(|sheet| !sheet.is_detail && !sheet.rows.is_empty());
     let tables = shown.map(|sheet| [&[sheet.to_text()], &notes(sheet)[..]].concat().join("\n"));
     let remedies = sheets.iter().filter(|sheet| sheet.name.ends_with(FAILURES));
-    let failures = [failure::listed(flown, "")].into_iter();
+    let failures = [format!("in the draws, {}", failure::listed(flown, ""))].into_iter();
     let failures = failures.chain(remedies.flat_map(|sheet| notes(sheet)));
     tables.chain([failures.collect::<Vec<_>>().join("\n")]).collect::<Vec<_>>().join("\n\n")
 }

@@ -120,7 +120,7 @@ fn slower(
             !is_inside
         })
     };
-    least_factor(exceeds).map(|factor| format!("the trajectory flown {factor:.2} times as slowly"))
+    least_factor(exceeds).map(|factor| crate::flyable::slower(config.trajectory.kind, factor))
 }
 
 /// The height at which the trajectory has room between floor and top, if that suffices.

@@ -166,10 +166,10 @@ fn where_the_vehicle_could_only_brake_below_the_floor_no_fence_is_a_remedy() {
         "fence.z-m=[-0.5, 9.0]",
     ];
     let told = refused(&[&fast[..], &["trajectory.height-m=1.8"]].concat(), None).unwrap();
-    let both = "besides, `vehicle.rate-authority-rad-s` is 2, it must be at least 2.86 rad/s";
+    let both = "besides, `vehicle.rate-authority-rad-s` is 2, it must be at least 2.87 rad/s";
     assert!(told.contains(both), "{told}");
     let with = |setting: &str| check(&[&fast[..], &[setting]].concat(), Some(Vector3::zeros()));
-    let remedy = "it needs the trajectory flown ";
+    let remedy = "it needs trajectory.lemniscate.period-s and ramp-s multiplied by ";
     assert!(told.contains(remedy) && !told.contains("a fence from"), "{told}");
     let height =
         told.split("trajectory.height-m = ").nth(1).and_then(|text| text.split(',').next());

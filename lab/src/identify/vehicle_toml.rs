@@ -14,9 +14,10 @@ const REMARKS_AT: usize = 39;
 const OF_ONE_FLIGHT: [&str; 7] =
     ["clock", "fault", "instance", "log", "plant", "realtime", "record"];
 /// Keys that say what was flown. The sizes of trajectories are those for which the room has space.
-const FLOWN: [&str; 6] = [
+const FLOWN: [&str; 7] = [
     "mocap.replay",
     "safety.observe-only",
+    "trajectory.duration-s",
     "trajectory.kind",
     "trajectory.settle-s",
     "trajectory.hover.duration-s",
@@ -30,8 +31,8 @@ pub fn toml(identification: &Identification, config: &Config) -> String {
     let mut text = format!(
         "# The vehicle, identified by `oqtal identify` from {poses} poses in the air. Behind each identified value: its 95 %\n\
          # interval and the value before. All other keys have the value with which the vehicle flew, except those of\n\
-         # this flight alone: [instance], [record], [plant], [clock], [log], and the trajectory. Keys that are not here have\n\
-         # the value of the preset.\n"
+         # this flight alone: [instance], [record], [plant], [clock], [log], and the kind and duration of the trajectory. Keys\n\
+         # that are not here have the value of the preset.\n"
     );
     let mut lines = configured(identification, config);
     for key in identification.keys() {

@@ -28,6 +28,9 @@ const SIZES: [(TrajectoryKind, &str); 6] = [
 /// Shares of the configured size that are tried, the greatest first \[-\].
 const SHARES: [f64; 8] = [0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2];
 
+/// Half of the sides of a fence that bounds no flight, and its height \[m\].
+const WIDE_M: f64 = 100.0;
+
 /// Number of flights of each law, test and cause that are flown again with a smaller size \[-\].
 const TRIED: usize = 5;
 
@@ -78,7 +81,35 @@ impl CrampedFlights<'_> {
         Self { kind, flights: Vec::new(), of_fence: false, far: false }
     }
 
-    /// The keys to change, after flights with smaller sizes.
+    /// Cause for which one of the flights is not complete in a room without bounds; `None` if they all are.
+    fn cause_with_room(&self) -> Option<String> {
+        let wide = |from: f64, to: f64| vec![Value::Float(from), Value::Float(to)];
+        let room = [
+            ("fence.x-m", wide(-WIDE_M, WIDE_M).into()),
+            ("fence.y-m", wide(-WIDE_M, WIDE_M).into()),
+            ("fence.z-m", wide(-0.5, WIDE_M).into()),
+            ("fence.polygon-m", Value::Array(Vec::new())),
+            ("safety.tracking-limit-m", Value::Float(WIDE_M)),
+        ];
+        let room = room.map(|(key, value)| Setting::flag("--set", key, value));
+        self.flights.iter().find_map(|flight| flown_with(*flight, &room).ok().flatten())
+    }
+
+    /// Sentence on a plant that hovers with another share of its thrust than the law's model; `None` if they are alike.
+    fn difference(&self) -> Option<String> {
+        let (law, condition, test) = self.flights[0];
+        let config = config(law, condition, test).ok()?;
+        let gravity_m_s2 = config.vehicle.gravity_m_s2;
+        let share = |mass_kg: f64, thrust_n: f64| 100.0 * mass_kg * gravity_m_s2 / thrust_n;
+        let (plant, vehicle) = (&config.plant, &config.vehicle);
+        let plant = share(plant.mass_kg, plant.max_thrust_n);
+        let vehicle = share(vehicle.mass_kg, vehicle.max_thrust_n);
+        ((plant - vehicle).abs() > 5.0).then(|| format!(
+            "; the simulated vehicle hovers with {plant:.0} % of its thrust, that of [vehicle], which laws know, with {vehicle:.0} %"
+        ))
+    }
+
+    /// The keys to change, after flights with more room and with smaller sizes.
     fn remedy(&self) -> String {
         let name = oqtal_observe::summary::name_of(&self.kind);
         let smaller = self.fitting().map(|(key, size)| {
@@ -98,6 +129,12 @@ impl CrampedFlights<'_> {
             [false, _] => ("far from the reference", limit.to_owned()),
             [true, false] => ("held or stopped by the fence", fence.to_owned()),
         };
+        if let Some(cause) = self.cause_with_room() {
+            let difference = self.difference().unwrap_or_default();
+            return format!(
+                "  {name}, {ends}: more room does not help; with a fence of {WIDE_M:.0} m around the start: {cause}{difference}"
+            );
+        }
         let drift = self.drift().unwrap_or_default();
         format!("  {name}, {ends}: {remedies}{}{drift}", smaller.unwrap_or_default())
     }
@@ -107,7 +144,7 @@ impl CrampedFlights<'_> {
         let (law, condition, test) = self.flights[0];
         let config = config(law, condition, test).ok().filter(|_| is_open(test))?;
         let (force_n, mass_kg) =
-            (Vector3::from(config.plant.force_n).xy().norm(), config.vehicle.mass_kg);
+            (Vector3::from(config.plant.force_n).xy().norm(), config.plant.mass_kg);
         let acceleration_m_s2 = force_n / mass_kg;
         (force_n > 0.0).then(|| format!(
             "\n    the position is not controlled in this manoeuvre, and plant.force-n accelerates the vehicle of {mass_kg} kg sideways by {acceleration_m_s2:.2} m/s^2: a smaller force makes it drift less"
@@ -122,21 +159,20 @@ impl CrampedFlights<'_> {
         let sizes = SHARES.map(|share| readable(share * size));
         sizes.into_iter().map(|size| (*key, size)).find(|(key, size)| {
             let is_complete = |flight: &(&StudyLaw, &FlightCondition, Test)| {
-                flown_with(*flight, key, *size).is_ok_and(|cause| cause.is_none())
+                let size = Setting::flag("--set", key, Value::Float(*size));
+                flown_with(*flight, &[size]).is_ok_and(|cause| cause.is_none())
             };
             self.flights.iter().all(is_complete)
         })
     }
 }
 
-/// Cause for which a flight with this size is not complete; `None` for a complete one.
+/// Cause for which a flight with these `settings` is not complete; `None` for a complete one.
 fn flown_with(
     (law, condition, test): (&StudyLaw, &FlightCondition, Test),
-    key: &str,
-    size: f64,
+    settings: &[Setting],
 ) -> Result<Option<String>, Failure> {
-    let size = Setting::flag("--set", key, Value::Float(size));
-    let settings = [&condition.settings[..], &[size]].concat();
+    let settings = [&condition.settings[..], settings].concat();
     let condition = FlightCondition { settings, ..condition.clone() };
     let config: Config = config(law, &condition, test)?;
     Ok(simulation::fly(&Mission::new(config)?)?.cause())
@@ -166,5 +202,20 @@ mod tests {
         assert!(remedy.contains("--set trajectory.attitude-chirp.sweep-s="), "{remedy}");
         assert!(remedy.contains("the repeated flight is complete"), "{remedy}");
         assert!(remedy.ends_with("a smaller force makes it drift less"), "{remedy}");
+    }
+
+    /// Its thrust at the law's lower limit exceeds the weight: the vehicle climbs through any ceiling.
+    #[test]
+    fn a_vehicle_much_lighter_than_its_model_is_not_given_more_room() {
+        let settings = [
+            Setting::flag("test", "vehicle.mass-kg", 1.3),
+            Setting::flag("test", "vehicle.max-thrust-n", 30.0),
+            Setting::flag("test", "plant.mass-kg", 0.65),
+        ];
+        let law = StudyLaw::new("geometric", settings.to_vec(), "");
+        let condition = FlightCondition { seed: 200, plant: NOMINAL, settings: Vec::new() };
+        let remedy = remedies([((&law, &[&condition][..], Test::Hover), true)]);
+        assert!(remedy.contains("more room does not help"), "{remedy}");
+        assert!(remedy.contains("hovers with 21 % of its thrust"), "{remedy}");
     }
 }
