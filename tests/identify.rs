@@ -8,7 +8,8 @@ const PLANT: [&str; 2] = ["--plant", "rate-lag-ms=62"];
 #[test]
 fn a_recorded_flight_is_identified_and_differences_are_reported() {
     let testbed = Testbed::new("identify");
-    let flown = ["--trajectory", "excitation", "--clock", "in-process", "--seed", "7"];
+    let flown =
+        ["--trajectory", "excitation", "--duration", "46", "--clock", "in-process", "--seed", "7"];
     let recorded = ["--set", "trajectory.settle-s=1", "--set", "record.flights=all"];
     let places = ["flight", "flight/flight.mcap", "found"].map(|name| testbed.path(name));
     let [out, recording, found] = places.each_ref().map(|path| path.to_str().unwrap());
