@@ -56,6 +56,8 @@ pub struct PositionLaw {
     lasting_force: f64,
     /// Whether there was a reference in the last step.
     is_following: bool,
+    /// Whether the next step begins a stop.
+    begins_stop: bool,
 }
 
 impl PositionLaw {
@@ -89,6 +91,7 @@ impl PositionLaw {
             filter: CommandFilter::new(options.command_bandwidth_rad_s),
             lasting_force: 0.0,
             is_following: false,
+            begins_stop: false,
         }
     }
 
@@ -99,11 +102,18 @@ impl PositionLaw {
         self.filter.adopt(&old.filter);
         self.lasting_force = old.lasting_force;
         self.is_following = old.is_following;
+        self.begins_stop = old.begins_stop;
+    }
+
+    /// Stops the vehicle from the next step on: the model of the reference restarts from the vehicle, and nothing that accelerates
+    /// it along its velocity is continued.
+    pub fn begin_stop(&mut self) {
+        self.begins_stop = true;
     }
 
     /// Restarts from the vehicle's position in the next step.
     pub fn reset(&mut self) {
-        (self.is_following, self.lasting_force) = (false, 0.0);
+        (self.is_following, self.begins_stop, self.lasting_force) = (false, false, 0.0);
         self.filter.reset();
     }
 
@@ -153,8 +163,8 @@ impl PositionLaw {
         Setpoint { velocity, force: within(force, limit) }
     }
 
-    /// Advances the reference model and returns the motion of the reference and the output. While the position is not controlled, and when the
-    /// vehicle was pushed away, the model restarts from the vehicle.
+    /// Advances the reference model and returns the motion of the reference and the output. While the position is not controlled, when
+    /// the vehicle was pushed away, and when it is to stop, the model restarts from the vehicle.
     fn follow(
         &mut self,
         motion: &Motion,
@@ -164,17 +174,21 @@ impl PositionLaw {
         let target = Course::of(reference).after(delay_s);
         let (horizontal, vertical) = (axes(&target, HORIZONTAL), axes(&target, VERTICAL));
         let begins = !std::mem::replace(&mut self.is_following, true);
+        let stops = std::mem::take(&mut self.begins_stop);
+        if stops {
+            self.filter.stop(&motion.velocity.xy());
+        }
         if begins {
             self.vertical.restart(vertical.position, vertical.velocity, Vector3::zeros());
-        } else if strays(&self.vertical, motion, VERTICAL) {
-            let acceleration = self.vertical.course().acceleration;
+        } else if stops || strays(&self.vertical, motion, VERTICAL) {
+            let acceleration = continued(&self.vertical, motion, VERTICAL, stops);
             restart(&mut self.vertical, motion, VERTICAL, acceleration);
         }
         if begins || reference.attitude.is_some() {
             self.filter.reset();
             restart(&mut self.horizontal, motion, HORIZONTAL, Vector3::zeros());
-        } else if strays(&self.horizontal, motion, HORIZONTAL) {
-            let acceleration = self.horizontal.course().acceleration;
+        } else if stops || strays(&self.horizontal, motion, HORIZONTAL) {
+            let acceleration = continued(&self.horizontal, motion, HORIZONTAL, stops);
             restart(&mut self.horizontal, motion, HORIZONTAL, acceleration);
         }
         if reference.attitude.is_none() {
@@ -203,6 +217,23 @@ fn restart(
 ) {
     let [position, velocity] = [motion.position, motion.velocity].map(|x| x.component_mul(&axes));
     model.restart(position, velocity, acceleration);
+}
+
+/// The acceleration with which the model restarts \[m/s^2, world\]: that of its course, for a vehicle that `stops` without its part
+/// along the velocity.
+fn continued(
+    model: &ReferenceModel,
+    motion: &Motion,
+    axes: Vector3<f64>,
+    stops: bool,
+) -> Vector3<f64> {
+    let acceleration = model.course().acceleration;
+    let velocity = motion.velocity.component_mul(&axes);
+    let along = acceleration.dot(&velocity);
+    match stops && along > 0.0 {
+        true => acceleration - velocity * (along / velocity.norm_squared()),
+        false => acceleration,
+    }
 }
 
 /// The part of a course along some axes.
