@@ -105,8 +105,7 @@ impl PositionLaw {
         self.begins_stop = old.begins_stop;
     }
 
-    /// Stops the vehicle from the next step on: the model of the reference restarts from the vehicle, and nothing that accelerates
-    /// it along its velocity is continued.
+    /// Stops the vehicle from the next step on: what leads or accelerates it along its velocity is not continued.
     pub fn begin_stop(&mut self) {
         self.begins_stop = true;
     }
@@ -163,8 +162,8 @@ impl PositionLaw {
         Setpoint { velocity, force: within(force, limit) }
     }
 
-    /// Advances the reference model and returns the motion of the reference and the output. While the position is not controlled, when
-    /// the vehicle was pushed away, and when it is to stop, the model restarts from the vehicle.
+    /// Advances the reference model and returns the motion of the reference and the output. While the position is not controlled, and when the
+    /// vehicle was pushed away, the model restarts from the vehicle.
     fn follow(
         &mut self,
         motion: &Motion,
@@ -173,22 +172,23 @@ impl PositionLaw {
     ) -> (Course, Course) {
         let target = Course::of(reference).after(delay_s);
         let (horizontal, vertical) = (axes(&target, HORIZONTAL), axes(&target, VERTICAL));
-        let begins = !std::mem::replace(&mut self.is_following, true);
-        let stops = std::mem::take(&mut self.begins_stop);
-        if stops {
+        if std::mem::take(&mut self.begins_stop) {
             self.filter.stop(&motion.velocity.xy());
+            stop(&mut self.horizontal, motion, HORIZONTAL);
+            stop(&mut self.vertical, motion, VERTICAL);
         }
+        let begins = !std::mem::replace(&mut self.is_following, true);
         if begins {
             self.vertical.restart(vertical.position, vertical.velocity, Vector3::zeros());
-        } else if stops || strays(&self.vertical, motion, VERTICAL) {
-            let acceleration = continued(&self.vertical, motion, VERTICAL, stops);
+        } else if strays(&self.vertical, motion, VERTICAL) {
+            let acceleration = self.vertical.course().acceleration;
             restart(&mut self.vertical, motion, VERTICAL, acceleration);
         }
         if begins || reference.attitude.is_some() {
             self.filter.reset();
             restart(&mut self.horizontal, motion, HORIZONTAL, Vector3::zeros());
-        } else if stops || strays(&self.horizontal, motion, HORIZONTAL) {
-            let acceleration = continued(&self.horizontal, motion, HORIZONTAL, stops);
+        } else if strays(&self.horizontal, motion, HORIZONTAL) {
+            let acceleration = self.horizontal.course().acceleration;
             restart(&mut self.horizontal, motion, HORIZONTAL, acceleration);
         }
         if reference.attitude.is_none() {
@@ -219,21 +219,19 @@ fn restart(
     model.restart(position, velocity, acceleration);
 }
 
-/// The acceleration with which the model restarts \[m/s^2, world\]: that of its course, for a vehicle that `stops` without its part
-/// along the velocity.
-fn continued(
-    model: &ReferenceModel,
-    motion: &Motion,
-    axes: Vector3<f64>,
-    stops: bool,
-) -> Vector3<f64> {
-    let acceleration = model.course().acceleration;
-    let velocity = motion.velocity.component_mul(&axes);
-    let along = acceleration.dot(&velocity);
-    match stops && along > 0.0 {
-        true => acceleration - velocity * (along / velocity.norm_squared()),
-        false => acceleration,
-    }
+/// Restarts the model without what leads the vehicle on: along its velocity the model is neither ahead of it nor faster, and does not
+/// accelerate. Braking continues.
+fn stop(model: &mut ReferenceModel, motion: &Motion, axes: Vector3<f64>) {
+    let Some(along) = motion.velocity.component_mul(&axes).try_normalize(0.0) else { return };
+    let at_most = |of_model: Vector3<f64>, of_vehicle: Vector3<f64>| {
+        of_model - along * (of_model - of_vehicle).dot(&along).max(0.0)
+    };
+    let Course { position, velocity, acceleration, .. } = model.course();
+    model.restart(
+        at_most(position, motion.position),
+        at_most(velocity, motion.velocity),
+        at_most(acceleration, Vector3::zeros()),
+    );
 }
 
 /// The part of a course along some axes.
