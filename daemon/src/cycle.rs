@@ -203,6 +203,10 @@ impl Cycle {
             self.control.reset();
             self.guarded.iter_mut().for_each(GuardedControl::restart);
         }
+        if self.supervision.course().begins_hold() {
+            self.control.begin_stop();
+            self.guarded.iter_mut().for_each(GuardedControl::begin_stop);
+        }
         let tick = ControlTick { now, dt_s, is_fresh };
         let of_fallback = self.supervision.course().without_attitude(now);
         let of_stack = match (directive, of_fallback) {

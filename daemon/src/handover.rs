@@ -1,13 +1,16 @@
-//! Bumpless hand-over: after a change of the control stack the slew of the command is limited for a quarter of a second, and until
-//! the command equals that of the new stack. Meanwhile the filters of the new stack settle; their first commands may jump. The
-//! feedback of the new stack is effective from its first tick on, within the slew limit.
+//! Bumpless hand-over: after a change of the control stack the slew of the command is limited for a quarter of a second. Meanwhile the
+//! filters of the new stack settle; their first commands may jump. The feedback of the new stack is effective from its first tick
+//! on, within the slew limit.
+//!
+//! Afterwards the limit grows until the command equals that of the new stack, and beyond every bound within another quarter of a
+//! second: a limited slew delays the command, and a loop that oscillates with this delay would never reach its own command.
 
 use oqtal_config::{Config, Interface};
 use oqtal_control::quantity::{StickCommand, Torque};
 
 use crate::command::{RotationCommand, VehicleCommand};
 
-/// Time in which a command may change by its whole range; also the minimum duration of a hand-over \[s\].
+/// Time in which a command may change by its whole range; also the minimum duration of a hand-over, and half its greatest \[s\].
 const FULL_RANGE_S: f64 = 0.25;
 /// Range of the attitude of a command \[rad\].
 const ATTITUDE_RANGE_RAD: f64 = 1.0;
@@ -47,7 +50,8 @@ fn rotation_limit(config: &Config) -> f64 {
 #[derive(Clone, Debug)]
 pub struct Handover {
     slew: SlewLimits,
-    /// Remaining minimum duration of the hand-over \[s\]; below zero it ends once the command is reached; `None` outside one.
+    /// Remaining minimum duration of the hand-over \[s\]; below zero the limit grows, and the hand-over ends once the command is
+    /// reached; `None` outside one.
     left_s: Option<f64>,
 }
 
@@ -87,7 +91,11 @@ impl Handover {
         dt_s: f64,
     ) -> VehicleCommand {
         let Some(left_s) = self.left_s else { return command };
-        let Some(limited) = self.limited(last, &command, dt_s) else {
+        // Bounds of a range must be numbers in order.
+        let dt_s = dt_s.max(0.0);
+        let full_range_s = FULL_RANGE_S + left_s.min(0.0);
+        let step_s = (dt_s < full_range_s).then(|| dt_s * FULL_RANGE_S / full_range_s);
+        let Some(limited) = step_s.and_then(|step_s| self.limited(last, &command, step_s)) else {
             self.left_s = None;
             return command;
         };
@@ -95,13 +103,13 @@ impl Handover {
         limited
     }
 
-    /// `command`, at most a step of `dt_s` \[s\] from `last`; `None` if one of them disarms, they are of different kinds, or a
+    /// `command`, at most a slew of `step_s` \[s\] from `last`; `None` if one of them disarms, they are of different kinds, or a
     /// number is not finite.
     fn limited(
         &self,
         last: &VehicleCommand,
         command: &VehicleCommand,
-        dt_s: f64,
+        step_s: f64,
     ) -> Option<VehicleCommand> {
         let (
             VehicleCommand::Armed { rotation: last, thrust_n: last_n, attitude: last_attitude },
@@ -110,25 +118,23 @@ impl Handover {
         else {
             return None;
         };
-        // Bounds of a range must be numbers in order.
-        let dt_s = dt_s.max(0.0);
         let SlewLimits { rotation_per_s, thrust_n_per_s, attitude_rad_s } = self.slew;
         let near = |value: f64, last: f64, step: f64| value.clamp(last - step, last + step);
         let (from, to) = (last.vector(), rotation.vector());
-        let vector = to.zip_map(&from, |value, last| near(value, last, rotation_per_s * dt_s));
+        let vector = to.zip_map(&from, |value, last| near(value, last, rotation_per_s * step_s));
         let rotation = match (last, rotation) {
             (RotationCommand::Sticks(_), RotationCommand::Sticks(_)) => StickCommand(vector).into(),
             (RotationCommand::Torque(_), RotationCommand::Torque(_)) => Torque(vector).into(),
             _ => return None,
         };
         let turn = last_attitude.rotation_to(&attitude);
-        let step = attitude_rad_s * dt_s;
+        let step = attitude_rad_s * step_s;
         // An attitude within reach is kept bit for bit.
         let attitude = match turn.amax() <= step {
             true => attitude,
             false => last_attitude.turned_by(turn.map(|angle| angle.clamp(-step, step))),
         };
-        let thrust_n = near(thrust_n, last_n, thrust_n_per_s * dt_s);
+        let thrust_n = near(thrust_n, last_n, thrust_n_per_s * step_s);
         Some(VehicleCommand::Armed { rotation, thrust_n, attitude })
     }
 }
@@ -217,6 +223,21 @@ mod tests {
             let change = (numbers(&sent)[0] - numbers(&last)[0]).abs();
             assert!(change <= slew.rotation_per_s * DT_S + 1e-12, "{tick}: {change}");
             last = sent;
+        }
+    }
+
+    /// Until the limited command reaches that of the stack: a loop that oscillates with the delay of the limit never would.
+    #[test]
+    fn a_hand_over_to_commands_that_swing_for_ever_ends_within_half_a_second() {
+        for begin in [Handover::begin, Handover::begin_until_reached] {
+            let mut handover = Handover::new(&Config::default());
+            let mut last = sticks(0.0, 5.0, 0.0);
+            begin(&mut handover);
+            for tick in 0..30 {
+                let wanted = sticks(if tick % 2 == 0 { -1.0 } else { 1.0 }, 5.0, 0.0);
+                last = handover.apply(&last, wanted, DT_S);
+            }
+            assert!(!handover.is_active());
         }
     }
 }

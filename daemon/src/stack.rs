@@ -193,6 +193,17 @@ impl ControlStack {
         }
     }
 
+    /// Stops the vehicle from the next tick on; without effect on a stack without a model of the reference.
+    pub fn begin_stop(&mut self) {
+        match self {
+            Self::Rate(Stack { loops: Loops::Predictive(autopilot), .. }) => autopilot.begin_stop(),
+            Self::Torque(Stack { loops: Loops::Predictive(autopilot), .. }) => {
+                autopilot.begin_stop();
+            }
+            _ => {}
+        }
+    }
+
     /// Resets integrators and filters for a new flight. Counters are kept.
     pub fn reset(&mut self) {
         match self {

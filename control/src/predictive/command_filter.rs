@@ -37,6 +37,16 @@ impl CommandFilter {
         self.smooth = Smooth::default();
     }
 
+    /// Drops the part of the output that accelerates along `velocity` \[m/s, world\].
+    pub fn stop(&mut self, velocity: &Vector2<f64>) {
+        if self.smooth.value.dot(velocity) > 0.0 {
+            let along = velocity.normalize();
+            for part in [&mut self.smooth.value, &mut self.smooth.slope] {
+                *part -= along * part.dot(&along);
+            }
+        }
+    }
+
     /// Advances by `dt_s` \[s\] with constant input `x`; exact.
     pub fn update(&mut self, x: &Vector2<f64>, dt_s: f64) -> Smooth {
         let (w, Smooth { value, slope, .. }) = (self.bandwidth, self.smooth);

@@ -177,6 +177,11 @@ impl<I: InputForm + Copy> Autopilot<I> {
         self.attitude.yield_to(&(u.component_mul(&tracker.effect().gain) - disturbance));
     }
 
+    /// Stops the vehicle from the next step on, as [`PositionLaw::begin_stop`].
+    pub fn begin_stop(&mut self) {
+        self.position.begin_stop();
+    }
+
     /// Restarts with a vehicle on the floor.
     pub fn reset(&mut self) {
         self.attitude.reset();

@@ -56,6 +56,8 @@ pub struct PositionLaw {
     lasting_force: f64,
     /// Whether there was a reference in the last step.
     is_following: bool,
+    /// Whether the next step begins a stop.
+    begins_stop: bool,
 }
 
 impl PositionLaw {
@@ -89,6 +91,7 @@ impl PositionLaw {
             filter: CommandFilter::new(options.command_bandwidth_rad_s),
             lasting_force: 0.0,
             is_following: false,
+            begins_stop: false,
         }
     }
 
@@ -99,11 +102,17 @@ impl PositionLaw {
         self.filter.adopt(&old.filter);
         self.lasting_force = old.lasting_force;
         self.is_following = old.is_following;
+        self.begins_stop = old.begins_stop;
+    }
+
+    /// Stops the vehicle from the next step on: what leads or accelerates it along its velocity is not continued.
+    pub fn begin_stop(&mut self) {
+        self.begins_stop = true;
     }
 
     /// Restarts from the vehicle's position in the next step.
     pub fn reset(&mut self) {
-        (self.is_following, self.lasting_force) = (false, 0.0);
+        (self.is_following, self.begins_stop, self.lasting_force) = (false, false, 0.0);
         self.filter.reset();
     }
 
@@ -163,6 +172,11 @@ impl PositionLaw {
     ) -> (Course, Course) {
         let target = Course::of(reference).after(delay_s);
         let (horizontal, vertical) = (axes(&target, HORIZONTAL), axes(&target, VERTICAL));
+        if std::mem::take(&mut self.begins_stop) {
+            self.filter.stop(&motion.velocity.xy());
+            stop(&mut self.horizontal, motion, HORIZONTAL);
+            stop(&mut self.vertical, motion, VERTICAL);
+        }
         let begins = !std::mem::replace(&mut self.is_following, true);
         if begins {
             self.vertical.restart(vertical.position, vertical.velocity, Vector3::zeros());
@@ -203,6 +217,21 @@ fn restart(
 ) {
     let [position, velocity] = [motion.position, motion.velocity].map(|x| x.component_mul(&axes));
     model.restart(position, velocity, acceleration);
+}
+
+/// Restarts the model without what leads the vehicle on: along its velocity the model is neither ahead of it nor faster, and does not
+/// accelerate. Braking continues.
+fn stop(model: &mut ReferenceModel, motion: &Motion, axes: Vector3<f64>) {
+    let Some(along) = motion.velocity.component_mul(&axes).try_normalize(0.0) else { return };
+    let at_most = |of_model: Vector3<f64>, of_vehicle: Vector3<f64>| {
+        of_model - along * (of_model - of_vehicle).dot(&along).max(0.0)
+    };
+    let Course { position, velocity, acceleration, .. } = model.course();
+    model.restart(
+        at_most(position, motion.position),
+        at_most(velocity, motion.velocity),
+        at_most(acceleration, Vector3::zeros()),
+    );
 }
 
 /// The part of a course along some axes.

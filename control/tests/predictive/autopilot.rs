@@ -124,6 +124,41 @@ fn a_lasting_force_does_not_reduce_the_range_of_the_corrections() {
     }
 }
 
+/// The horizontal force along a motion at the start of a hold that is a stop or not, of a vehicle that follows a reference with this
+/// acceleration \[m/s^2\] a tenth of a second late.
+fn force_at_hold(acceleration: f64, stops: bool) -> f64 {
+    let (options, loops) = (PredictiveOptions::default(), PositionOptions::default());
+    let mut law = PositionLaw::new(&options, &loops, (&quadrotor(), f64::INFINITY));
+    let (along, from_m_s) =
+        (Vector3::new(0.6, 0.8, 0.0), if acceleration < 0.0 { 1.5 } else { 0.0 });
+    let at = |t_s: f64| {
+        let velocity = along * (from_m_s + acceleration * t_s);
+        (along * ((from_m_s + 0.5 * acceleration * t_s) * t_s), velocity)
+    };
+    let mut motion = Motion::default();
+    for step in 0..30 {
+        let t_s = f64::from(step) * PERIOD_S;
+        let (position, velocity) = at(t_s);
+        let acceleration = along * acceleration;
+        (motion.position, motion.velocity) = at((t_s - 0.1).max(0.0));
+        let reference = Reference { position, velocity, acceleration, ..hover() };
+        law.update((&motion, &Bias::default()), &reference, (PERIOD_S, DELAY_S));
+    }
+    if stops {
+        law.begin_stop();
+    }
+    let hold = Reference::rest(motion.position, Phase::Settle);
+    let setpoint = law.update((&motion, &Bias::default()), &hold, (PERIOD_S, DELAY_S));
+    setpoint.force.value.dot(&along) - quadrotor().drag_per_s * motion.velocity.norm()
+}
+
+#[test]
+fn f47_a_stop_continues_no_acceleration_along_the_velocity_and_does_continue_braking() {
+    assert!(force_at_hold(2.0, false) > 1.0, "{}", force_at_hold(2.0, false));
+    assert!(force_at_hold(2.0, true) < 0.0, "{}", force_at_hold(2.0, true));
+    assert!(force_at_hold(-2.0, true) < -1.0, "{}", force_at_hold(-2.0, true));
+}
+
 #[test]
 fn without_error_nothing_is_commanded_but_the_weight() {
     let mut bench = Bench::new(Bias::default());

@@ -102,6 +102,11 @@ impl FlightControl {
         self.handover.reset();
     }
 
+    /// Stops the vehicle from the next tick on: a hold begins.
+    pub(super) fn begin_stop(&mut self) {
+        self.stack.begin_stop();
+    }
+
     /// Replaces the control stack by `stack`, which continues the flight, and returns the old one in its place. `keeps_law` if the
     /// attitude law has the same options.
     pub(super) fn exchange_stack(&mut self, stack: &mut ControlStack, keeps_law: bool) {

@@ -53,6 +53,8 @@ pub(super) struct FlightCourse {
     at_rest_since: Option<Time>,
     /// Whether the vehicle descends without poses.
     is_descent: bool,
+    /// Whether a hold began in this tick.
+    begins_hold: bool,
 }
 
 impl FlightCourse {
@@ -73,6 +75,7 @@ impl FlightCourse {
             inside: None,
             at_rest_since: None,
             is_descent: false,
+            begins_hold: false,
             trajectory,
         }
     }
@@ -102,6 +105,11 @@ impl FlightCourse {
             Some(mission) if mission.has_arrived(now) => Followed::End,
             _ => Followed::Course,
         }
+    }
+
+    /// Whether a hold began in this tick.
+    pub(super) fn begins_hold(&self) -> bool {
+        self.begins_hold
     }
 
     /// Records a position inside the soft border of the fence \[m, world\].
@@ -305,7 +313,10 @@ impl FlightCourse {
                 self.land(now, position);
                 lands = true;
             }
-            SafetyState::Hold if !is_landing => mission.hold(now, rest),
+            SafetyState::Hold if !is_landing => {
+                self.begins_hold = !mission.is_held();
+                mission.hold(now, rest);
+            }
             SafetyState::Descend => {
                 mission.hold(now, rest);
                 (self.is_descent, lands) = (true, true);

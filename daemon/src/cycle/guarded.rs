@@ -77,6 +77,13 @@ impl GuardedControl {
         }
     }
 
+    /// Lets a fallback of its own stop the vehicle: a hold begins.
+    pub(super) fn begin_stop(&mut self) {
+        if let GuardedLaw::BuiltIn(fallback) = &mut self.law {
+            fallback.begin_stop();
+        }
+    }
+
     /// Begins a tick.
     pub(super) fn begin_tick(&mut self) {
         if let GuardedLaw::External(external) = &mut self.law {

@@ -235,3 +235,11 @@ fn no_vehicle_is_lost_under_planners_that_are_wrong() {
     }
     assert!(lost.is_empty(), "{} of {runs} vehicles lost", lost.len());
 }
+
+/// Vehicles that accelerate outwards when the fence holds them, one that a hand-over kept oscillating, and one that brakes already.
+#[test]
+fn f47_vehicles_that_accelerate_towards_a_border_are_held() {
+    let lost: Vec<_> =
+        [245, 475, 2296, 102_826, 202_969, 301_255].into_iter().filter_map(lost).collect();
+    assert!(lost.is_empty(), "{lost:#?}");
+}

@@ -10,6 +10,7 @@ impl FlightCourse {
     /// Begins a tick at `now` of a vehicle at `estimate`. If `law_fails`, a prescribed attitude ends, and the vehicle comes to rest.
     pub(in crate::cycle) fn begin_tick(&mut self, now: Time, estimate: &Estimate, law_fails: bool) {
         self.vehicle = [estimate.position, estimate.velocity];
+        self.begins_hold = false;
         if law_fails && self.stream.prescribes_attitude() {
             self.end_stream(now);
         }
