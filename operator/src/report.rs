@@ -86,7 +86,7 @@ impl ControlReport {
     /// This report, of a command that daemons under several `roots` have received.
     pub fn under(mut self, roots: &[PathBuf]) -> Self {
         if !roots.is_empty() {
-            self.effect += &format!(" under {}", listed(roots));
+            self.effect = format!("under {}: {}", listed(roots), self.effect);
         }
         self
     }
