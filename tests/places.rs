@@ -199,7 +199,7 @@ fn f27_operators_of_a_flight_with_full_memory_are_told_that_it_is_full() {
     }
     let testbed = Testbed::new("told-full");
     let mut private = Command::new("unshare");
-    private.args(["--map-root-user", "--mount", "--pid", "--fork", "sh", "-c", FILLED_FLIGHT]);
+    private.args(["--map-root-user", "--mount-proc", "--pid", "--fork", "sh", "-c", FILLED_FLIGHT]);
     private.args(["sh", env!("CARGO_BIN_EXE_oqtal")]);
     let root = testbed.path("run").display().to_string();
     let place = format!("--instance {} --root {root}", testbed.instance());

@@ -108,8 +108,9 @@ fn a_recording_that_is_renamed_in_flight_is_whole_under_its_new_name() {
 #[test]
 fn a_flight_whose_directory_is_moved_names_the_command_that_makes_its_report() {
     let testbed = Testbed::new("moved");
+    let bus = testbed.bus();
     let flight = testbed.start(&[&["fly"], &HOVER[..], &["--out", "d"]].concat());
-    wait_for("a recording", || testbed.path("d/flight.mcap").exists().then_some(()));
+    testbed.take_off(&bus);
     std::fs::rename(testbed.path("d"), testbed.path("moved")).unwrap();
     let output = flight.wait();
     let recording = testbed.path("moved/flight.mcap").canonicalize().unwrap();

@@ -75,9 +75,7 @@ pub enum PortOpenError {
         path: String,
     },
     /// No Crazyradio is plugged in.
-    #[error(
-        "no Crazyradio is plugged in; plug one in; a vehicle at crtp:udp:HOST:PORT needs none"
-    )]
+    #[error("no Crazyradio is plugged in; plug one in; a vehicle at crtp:udp:HOST:PORT needs none")]
     NoCrazyradio,
     /// The user may not open the Crazyradio.
     #[error(

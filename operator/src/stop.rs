@@ -105,7 +105,7 @@ impl Unconfirmed {
                 "a vehicle's process was signalled, but this user cannot read whether it has obeyed; repeat as root to know"
             }
             Self::Starting => {
-                "a vehicle's process was signalled, but its stop words are not open, or were shortened: whether it has obeyed cannot be \
+                "a vehicle's process was signalled, but its stop words are not open yet, or were shortened: whether it has obeyed cannot be \
                  read; repeat to know"
             }
             Self::Missing => {

@@ -37,7 +37,7 @@ pub struct FilePlan {
 pub struct RecordingResult {
     /// Paths of the files, in order: of a file that was renamed while it was written, the new one.
     pub files: Vec<PathBuf>,
-    /// Those that were removed while they were written.
+    /// Files that were removed while they were written.
     pub removed: Vec<PathBuf>,
     /// Messages written \[-\].
     pub messages: u64,
