@@ -135,7 +135,8 @@ fn f27_a_flight_starts_in_the_least_shared_memory_that_doctor_accepts() {
         checks.find(|check| check["name"] == "shared memory").unwrap()["level"] != "problem"
     };
     let least = (16..64).find(is_accepted).unwrap();
-    let output = run_in(least, &["fly", "--trajectory", "hover", "--duration", "1", "--out", "d"]);
+    let out = testbed.path("d").display().to_string();
+    let output = run_in(least, &["fly", "--trajectory", "hover", "--duration", "1", "--out", &out]);
     assert_eq!(output.status.code(), Some(0), "{least} MiB: {}", stderr(&output));
 }
 
