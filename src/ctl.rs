@@ -64,17 +64,20 @@ impl CtlArgs {
         }
         let named = config.as_ref().filter(|_| !self.common.config.is_empty());
         let expected = named.map(Config::hash);
-        let (response, status) = match self.command {
-            CtlRequest::Land => (land::land(&address, request)?, InstanceStatus::default()),
+        let (status, (response, roots)) = match self.command {
+            CtlRequest::Land => (InstanceStatus::default(), land::land(&address, request)?),
             _ => {
                 address.paths.become_owner()?;
-                self.ask(&running_bus(&address.paths)?, request, expected)?
+                let bus = running_bus(&address.paths)?;
+                let (response, status) = self.ask(&bus, request, expected)?;
+                (status, (response, Vec::new()))
             }
         };
         let lines =
             [status.lines(), self.injected_faults(&address), self.trajectory_note(&response)]
                 .concat();
-        let report = ControlReport::new(self.command.command(), &response, status, &address.paths);
+        let report = ControlReport::new(self.command.command(), &response, status, &address.paths)
+            .under(&roots);
         *document = Some(report.to_json());
         let refused = report.check(&response, expected);
         if refused.is_err() {

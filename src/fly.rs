@@ -13,7 +13,7 @@ mod recording;
 mod vehicle;
 mod watch;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use oqtal_config::{ClockKind, Config, Fault, Setting, TimedDisturbance};
@@ -162,12 +162,22 @@ impl FlyArgs {
             ClockKind::InProcess => bus_flight.fly_in_process()?,
             ClockKind::Real | ClockKind::Lockstep => bus_flight.fly()?,
         };
-        let exit = self.conclude(&flight, &directory)?;
+        let recorded = recording.as_ref().and_then(|recording| recording.files.first());
+        let exit = self.conclude(&flight, &directory, recorded.map(PathBuf::as_path))?;
+        let moved = recorded.filter(|path| **path != directory.recording());
+        moved
+            .iter()
+            .for_each(|path| say(&format!("oqtal: the recording is now {}", path.display())));
         recording.as_ref().map_or(Ok(()), recordings::check).map(|()| exit)
     }
 
     /// Prints the figures and writes the files: each also if the other fails, since the disk is full or the terminal was closed.
-    fn conclude(&self, flight: &Flight, directory: &FlightDirectory) -> Result<Exit, Failure> {
+    fn conclude(
+        &self,
+        flight: &Flight,
+        directory: &FlightDirectory,
+        recorded: Option<&Path>,
+    ) -> Result<Exit, Failure> {
         let summary = Summary::of(flight);
         let mut figures =
             if self.json { summary.to_json(PROVENANCE) } else { table::closing(&summary) };
@@ -175,7 +185,7 @@ impl FlyArgs {
             figures += &format!("\n\n{}\n", explain::text(&explain::terms(flight, &summary)));
         }
         let printed = print(&figures);
-        directory.write(flight, &summary)?;
+        directory.write(flight, &summary, recorded)?;
         printed?;
         if !self.json {
             print(&format!("report: {}", directory.report().display()))?;

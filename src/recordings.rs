@@ -55,7 +55,7 @@ pub fn failure(error: RecordingFileError) -> Failure {
 /// # Errors
 /// The recording ended early, messages are missing, or a file was removed (exit code 71).
 pub fn check(recording: &RecordingResult) -> Result<(), Failure> {
-    let RecordingResult { failure, dropped, files, .. } = recording;
+    let RecordingResult { failure, dropped, files, removed, .. } = recording;
     if let Some(failure) = failure {
         return Err(Failure::new(Exit::System, format!("{failure}; free the disk, or give --out")));
     }
@@ -63,11 +63,13 @@ pub fn check(recording: &RecordingResult) -> Result<(), Failure> {
         let message = format!("{dropped} messages were not recorded: the disk is too slow");
         return Err(Failure::new(Exit::System, message));
     }
-    if let Some(removed) = files.iter().find(|path| !path.exists()) {
-        let message = format!("{} was removed while it was recorded", removed.display());
-        return Err(Failure::new(Exit::System, message));
-    }
-    Ok(())
+    let (gone, what) = match removed.first() {
+        Some(removed) => (Some(removed), "was removed while it was recorded"),
+        None => (files.iter().find(|path| !path.exists()), "was moved or removed"),
+    };
+    gone.map_or(Ok(()), |path| {
+        Err(Failure::new(Exit::System, format!("{} {what}", path.display())))
+    })
 }
 
 /// Whether `--out` names a directory: one that exists, a path that ends with a slash, or a new name without an extension.

@@ -154,6 +154,7 @@ fn bad_use_of_a_crazyflie_has_its_exit_code_and_message() {
     let shared = ["bridge", "radio", "--vehicle", "80/2M/E7E7E7E701@127.0.0.1:0"];
     let output = testbed.study(&shared).output().unwrap();
     assert_refused(&output, 71, &["no Crazyradio is plugged in"]);
+    assert!(!stderr(&output).contains("--link"), "{}", stderr(&output));
 }
 
 /// cflib 0.1.34 connects to the emulated vehicle, reads both tables, sets parameters, reads log data, arms and flies it.

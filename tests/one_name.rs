@@ -3,9 +3,11 @@
 use std::process::Command;
 
 use crate::common::{Running, Testbed, assert_refused, wait_for};
+use oqtal_bus::bus::Bus;
 use oqtal_bus::obeying::ObeyingProcess;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::stop::StopSwitch;
+use oqtal_bus::topic::Role;
 use rustix::process::Signal;
 
 /// `oqtal ctl` of an operator who does not name the root.
@@ -60,6 +62,36 @@ fn a_landing_is_not_confirmed_while_another_daemon_of_that_name_hangs() {
     let output = rootless(&testbed, &["land"]).output().unwrap();
     let place = paths.root.display().to_string();
     assert_refused(&output, 1, &["not confirmed: the daemon", &place]);
+}
+
+#[test]
+fn a_landing_and_a_stop_by_name_under_two_roots_name_both() {
+    let testbed = Testbed::new("two-roots");
+    let bus = testbed.bus();
+    let _processes = testbed.services();
+    let (_plant, paths) = second(&testbed, "plant-sim");
+    let (daemon, _) = second(&testbed, "daemon");
+    testbed.take_off(&bus);
+    wait_for("a second daemon", || {
+        let running = Bus::open_running(&paths).unwrap()?;
+        is_found(&daemon).then(|| running.holder(&Role::Daemon.health()).unwrap())?
+    });
+    let roots = [testbed.paths().root, paths.root].map(|root| root.display().to_string());
+    let said = |command| {
+        let output = rootless(&testbed, &[command]).output().unwrap();
+        assert!(output.status.success(), "{output:?}");
+        String::from_utf8_lossy(&output.stdout).into_owned()
+    };
+    let landed = said("land");
+    assert!(roots.iter().all(|root| landed.contains(root)), "{landed}");
+    let stopped = said("stop");
+    for root in roots {
+        let instance = testbed.instance();
+        let line = format!(
+            "\nto fly again under {root}: `oqtal ctl arm --instance {instance} --root {root}`"
+        );
+        assert!(stopped.contains(&line), "{stopped}");
+    }
 }
 
 #[test]

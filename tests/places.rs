@@ -2,7 +2,9 @@
 
 use std::process::Command;
 
-use crate::common::{Running, SERVICES, Testbed, assert_refused, has_namespaces, stderr, wait_for};
+use crate::common::{
+    Running, SERVICES, Testbed, assert_refused, has_namespaces, json, stderr, wait_for,
+};
 use oqtal_bus::code::SafetyState;
 use oqtal_bus::topic::TELEMETRY;
 use oqtal_bus::transport::{Subscribe, Transport};
@@ -114,6 +116,30 @@ fn f27_too_little_shared_memory_is_reported_at_the_start() {
     assert_refused(&small.args(words).output().unwrap(), 71, &["/dev/shm has 64 KiB free"]);
 }
 
+#[test]
+fn f27_a_flight_starts_in_the_least_shared_memory_that_doctor_accepts() {
+    if !has_namespaces() {
+        return;
+    }
+    let testbed = Testbed::new("least");
+    let run_in = |mib: u32, words: &[&str]| {
+        let script = format!("mount -t tmpfs -o size={mib}m tmpfs /dev/shm && exec \"$0\" \"$@\"");
+        let mut small = Command::new("unshare");
+        small.args(["--map-root-user", "--mount", "sh", "-c", &script]);
+        let command = testbed.oqtal(words);
+        small.arg(command.get_program()).args(command.get_args()).output().unwrap()
+    };
+    let is_accepted = |mib: &u32| {
+        let document = json(&run_in(*mib, &["doctor", "--json"]));
+        let mut checks = document["checks"].as_array().unwrap().iter();
+        checks.find(|check| check["name"] == "shared memory").unwrap()["level"] != "problem"
+    };
+    let least = (16..64).find(is_accepted).unwrap();
+    let out = testbed.path("d").display().to_string();
+    let output = run_in(least, &["fly", "--trajectory", "hover", "--duration", "1", "--out", &out]);
+    assert_eq!(output.status.code(), Some(0), "{least} MiB: {}", stderr(&output));
+}
+
 /// Runs in a private `/dev/shm` of the size `$1`: three processes, and an observer that is stopped for two seconds while a file
 /// fills the rest. Prints the exit code of each process after its end was requested.
 const FULL_MEMORY: &str = r#"
@@ -149,6 +175,40 @@ fn f27_a_full_memory_and_a_stopped_observer_end_no_process() {
     let place = format!("--instance {} --root {root}", testbed.instance());
     let output = private.env("PLACE", place).output().unwrap();
     assert_eq!(String::from_utf8_lossy(&output.stdout), "0\n0\n0\n", "{}", stderr(&output));
+}
+
+/// Lands and stops a flight in a private `/dev/shm` that was filled, and arms it once the memory is free again. Prints the answers.
+const FILLED_FLIGHT: &str = r#"
+mount -t tmpfs -o size=64m tmpfs /dev/shm
+for process in plant-sim mocap-emu daemon; do
+    "$@" $process run $PLACE 2>/dev/null & pids="$pids $!"
+done
+until "$@" ctl arm $PLACE >/dev/null 2>&1; do for pid in $pids; do kill -0 $pid || exit; done; sleep 0.1; done
+dd if=/dev/zero of=/dev/shm/filler bs=4k 2>/dev/null
+"$@" ctl land $PLACE 2>&1
+"$@" ctl stop $PLACE 2>&1
+rm /dev/shm/filler
+"$@" ctl arm $PLACE 2>&1
+kill $pids
+wait
+"#;
+
+#[test]
+fn f27_operators_of_a_flight_with_full_memory_are_told_that_it_is_full() {
+    if !has_namespaces() {
+        return;
+    }
+    let testbed = Testbed::new("told-full");
+    let mut private = Command::new("unshare");
+    private.args(["--map-root-user", "--mount-proc", "--pid", "--fork", "sh", "-c", FILLED_FLIGHT]);
+    private.args(["sh", env!("CARGO_BIN_EXE_oqtal")]);
+    let root = testbed.path("run").display().to_string();
+    let place = format!("--instance {} --root {root}", testbed.instance());
+    let output = private.env("PLACE", place).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert_eq!(said.matches("/dev/shm has 0 KiB free").count(), 2, "{said}");
+    assert!(said.contains("\nto fly again: `oqtal ctl arm ") && !said.contains("lost"), "{said}");
+    assert!(said.contains("armed, the flight has begun"), "{said}");
 }
 
 #[test]

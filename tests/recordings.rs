@@ -93,6 +93,31 @@ fn a_recording_that_is_removed_in_flight_is_told_and_no_condition_is_logged_twic
     assert!(conditions.windows(2).all(|pair| pair[0].clone().ne(pair[1].clone())), "{log}");
 }
 
+#[test]
+fn a_recording_that_is_renamed_in_flight_is_whole_under_its_new_name() {
+    let testbed = Testbed::new("renamed");
+    let flight = testbed.start(&[&["fly"], &HOVER[..], &["--out", "d"]].concat());
+    let (old, new) = (testbed.path("d/flight.mcap"), testbed.path("renamed.mcap"));
+    wait_for("a recording", || std::fs::rename(&old, &new).ok());
+    let output = flight.wait();
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert!(stderr(&output).contains("renamed.mcap"), "{}", stderr(&output));
+    assert_eq!(RecordingFile::read(&new).unwrap().cut_off, None);
+}
+
+#[test]
+fn a_flight_whose_directory_is_moved_names_the_command_that_makes_its_report() {
+    let testbed = Testbed::new("moved");
+    let bus = testbed.bus();
+    let flight = testbed.start(&[&["fly"], &HOVER[..], &["--out", "d"]].concat());
+    testbed.take_off(&bus);
+    std::fs::rename(testbed.path("d"), testbed.path("moved")).unwrap();
+    let output = flight.wait();
+    let recording = testbed.path("moved/flight.mcap").canonicalize().unwrap();
+    let remedy = format!("`oqtal report {} --out FILE`", recording.display());
+    assert_refused(&output, 71, &[&remedy]);
+}
+
 /// Whether an event of the recording contains `text`.
 fn tells(file: &RecordingFile, text: &str) -> bool {
     let events = file.channels.iter().find(|(_, channel)| channel.topic == "events").unwrap().0;

@@ -328,6 +328,6 @@ fn a_stop_of_a_vehicle_that_starts_does_not_ask_for_another_user() {
     let is_found = || ObeyingProcess::all().iter().any(|process| process.pid == plant.id());
     wait_for("the plant", || is_found().then_some(()));
     let output = testbed.oqtal(&["ctl", "stop"]).output().unwrap();
-    assert_refused(&output, 1, &["is only starting", "repeat to know"]);
+    assert_refused(&output, 1, &["are not open yet", "repeat to know"]);
     assert!(!stderr(&output).contains("as root"), "{}", stderr(&output));
 }

@@ -227,7 +227,7 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let ports = BridgePorts::open(&faulty, protocol.pose_period().is_some())?;
     let mut heartbeat = context.heartbeat(&bus)?;
     let mut clock = context.loop_clock(&bus, &COMMAND)?;
-    let link = port.open()?;
+    let link = port.open().map_err(PortOpenError::of_run)?;
     tracing::info!(link = spec.to_string(), "the port is open");
     let mut bridge = Bridge::new(&context.config, protocol, transport, clock.now());
     bridge.open(clock.now());

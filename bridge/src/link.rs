@@ -63,7 +63,7 @@ pub(crate) fn without_waiting(result: io::Result<usize>) -> io::Result<usize> {
 #[derive(Debug, thiserror::Error)]
 pub enum PortOpenError {
     /// Nothing exists at the path.
-    #[error("no serial port at {path}; plug it in, or name another in `bridge.link` or --link")]
+    #[error("no serial port at {path}; plug it in, or name another link")]
     Missing {
         /// Path of the port.
         path: String,
@@ -75,9 +75,7 @@ pub enum PortOpenError {
         path: String,
     },
     /// No Crazyradio is plugged in.
-    #[error(
-        "no Crazyradio is plugged in; plug one in, or name another port in `bridge.link` or --link, as crtp:udp:HOST:PORT"
-    )]
+    #[error("no Crazyradio is plugged in; plug one in; a vehicle at crtp:udp:HOST:PORT needs none")]
     NoCrazyradio,
     /// The user may not open the Crazyradio.
     #[error(
@@ -103,7 +101,7 @@ pub enum PortOpenError {
         path: String,
     },
     /// The path leads to something other than a serial port.
-    #[error("{path} is not a serial port; name one in `bridge.link` or --link")]
+    #[error("{path} is not a serial port; name another link")]
     NotATerminal {
         /// The path.
         path: String,
@@ -111,7 +109,7 @@ pub enum PortOpenError {
     /// Another program listens at the address.
     #[error(
         "{address} is used by another program on this machine, perhaps a second bridge or a ground station; stop that one, or \
-         name another port in `bridge.link` or --link"
+         name another port"
     )]
     AddressInUse {
         /// Host and port.
@@ -119,7 +117,7 @@ pub enum PortOpenError {
     },
     /// The address is of another machine, or of an interface that is down.
     #[error(
-        "{address} is not an address of this machine; name one of its own in `bridge.link` or --link, as 0.0.0.0 for all, or use \
+        "{address} is not an address of this machine; name one of its own, as 0.0.0.0 for all, or use \
          `udpout` for the address of the vehicle"
     )]
     NotLocal {
@@ -128,14 +126,14 @@ pub enum PortOpenError {
     },
     /// No server at the address.
     #[error(
-        "no server accepts a connection at {address}; switch the vehicle on, or name another in `bridge.link` or --link"
+        "no server accepts a connection at {address}; switch the vehicle on, or name another link"
     )]
     NoServer {
         /// Host and port.
         address: String,
     },
     /// The host has no address.
-    #[error("no host `{host}`: {reason}; name another in `bridge.link` or --link")]
+    #[error("no host `{host}`: {reason}; name another link")]
     UnknownHost {
         /// Name of the host.
         host: String,
@@ -150,6 +148,25 @@ pub enum PortOpenError {
         /// Message of the operating system.
         reason: String,
     },
+}
+
+impl PortOpenError {
+    /// The failure of `oqtal bridge run`, which has a key and a flag for the link.
+    pub(crate) fn of_run(self) -> Failure {
+        let has_other_link = matches!(
+            self,
+            Self::Missing { .. }
+                | Self::NoCrazyradio
+                | Self::NotATerminal { .. }
+                | Self::AddressInUse { .. }
+                | Self::NotLocal { .. }
+                | Self::NoServer { .. }
+                | Self::UnknownHost { .. }
+        );
+        let Failure { exit, message } = self.into();
+        let place = if has_other_link { " (`bridge.link` or --link)" } else { "" };
+        Failure::new(exit, message + place)
+    }
 }
 
 impl From<PortOpenError> for Failure {

@@ -17,8 +17,10 @@ use crate::transport::Transport;
 use crate::wake::{EventPorts, Listener};
 use crate::watch::InstanceWatch;
 
-/// Maximum shared memory for the ports of one process \[KiB\], rounded up; the daemon needs most.
-const NEEDED_KIB: u64 = 7 * 1024;
+/// Maximum shared memory for the ports of one process \[KiB\], rounded up; the daemon needs most. No process joins with less.
+pub const NEEDED_KIB: u64 = 7 * 1024;
+/// Maximum shared memory that the processes of one flight have in use together \[KiB\], rounded up.
+pub const FLIGHT_KIB: u64 = 21 * 1024;
 
 /// Maximum number of open files of a process \[-\]; the daemon has about a hundred.
 const NEEDED_FILES: u64 = 160;

@@ -19,7 +19,7 @@ use crate::paths::InstancePaths;
 use crate::stop::{self, StopSwitch};
 use crate::time::Time;
 use crate::topic::Role;
-use crate::{member_files, remains};
+use crate::{member_files, private, remains, watch};
 
 /// Signal that requests a stop. A process without a handler ignores it.
 pub const STOP_SIGNAL: Signal = Signal::URG;
@@ -206,6 +206,45 @@ impl ObeyingProcess {
         Ok(held)
     }
 
+    /// Whether files of its instance that cannot be restored were removed, as it holds them or as a process has recorded. A removal
+    /// less than a second ago, and one whose process this user may not look at, may be missed.
+    pub fn has_lost_files(&self) -> bool {
+        let entries =
+            fs::read_dir(format!("/proc/{}/fd", self.pid)).into_iter().flatten().flatten();
+        entries.take(MOST_FILES).any(|entry| {
+            let Ok(link) = fs::read_link(entry.path()) else { return false };
+            let text = link.to_string_lossy();
+            if let Some(path) = text.strip_suffix(" (deleted)").map(Path::new) {
+                let is_directory = fs::metadata(entry.path()).is_ok_and(|it| it.is_dir());
+                return is_directory && (is_run(path) || self.is_home(path));
+            }
+            is_run(&link)
+                && (private::loss(&entry.path()).is_some()
+                    || !watch::removed_files(self.pid, &link).is_empty())
+        })
+    }
+
+    /// Whether shared memory or the root of `paths` is another directory for this process, as in a container or a private file system;
+    /// `false` if this process may not look.
+    pub fn sees_other_files(&self, paths: &InstancePaths) -> bool {
+        let there = format!("/proc/{}/root", self.pid);
+        let identity = |path: &Path| {
+            let found = fs::metadata(path).ok()?;
+            Some((found.dev(), found.ino()))
+        };
+        let differs = |path: &Path| {
+            let theirs = Path::new(&there).join(path.strip_prefix("/").unwrap_or(path));
+            identity(path).zip(identity(&theirs)).is_some_and(|(ours, theirs)| ours != theirs)
+        };
+        differs(remains::SHARED_MEMORY.as_ref()) || differs(&paths.root)
+    }
+
+    /// Whether a directory at `path` has the name of its instance.
+    fn is_home(&self, path: &Path) -> bool {
+        let instance = path.file_name().and_then(|name| name.to_str());
+        instance.is_some_and(|instance| self.is_of_instance(instance))
+    }
+
     /// Opens a file that the process holds: a regular file of its own user, so that root, which may open everything, writes
     /// nothing that this user could not write.
     fn open(&self, descriptor: &Path) -> io::Result<File> {
@@ -270,6 +309,14 @@ fn is_stop_file(path: &Path) -> bool {
     let ours = remains::shared("oqtal_");
     path.ends_with(stop::FILE)
         && directory.as_encoded_bytes().starts_with(ours.as_os_str().as_encoded_bytes())
+}
+
+/// Whether `path` is that of the private directory of a run.
+fn is_run(path: &Path) -> bool {
+    let ours = remains::shared("oqtal_");
+    path.parent() == ours.parent()
+        && path.extension().is_none()
+        && path.as_os_str().as_encoded_bytes().starts_with(ours.as_os_str().as_encoded_bytes())
 }
 
 /// Paths of the instance of which `path` is the file of its members.

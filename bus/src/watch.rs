@@ -60,7 +60,7 @@ impl InstanceWatch {
         if missing.is_empty() {
             lost.extend(self.restore());
         }
-        missing.extend(self.removed_files());
+        missing.extend(removed_files(std::process::id(), &self.run.path));
         let removed = missing.iter().filter(|path| self.missing.contains(path));
         let mut removed: Vec<_> = removed.cloned().collect();
         match removed.first() {
@@ -116,26 +116,26 @@ impl InstanceWatch {
         };
         entries.filter_map(|entry| restore(entry.path())).collect()
     }
-
-    /// Removed files that this process has open: shared words, and files of iceoryx2. Connections, and the memory of another
-    /// process, which is open for reading, may disappear before this process closes them.
-    fn removed_files(&self) -> Vec<PathBuf> {
-        let objects = self.run.path.as_os_str().as_encoded_bytes();
-        let entries = fs::read_dir("/proc/self/fd").into_iter().flatten().flatten();
-        let removed = entries.filter_map(|entry| {
-            let link = fs::read_link(entry.path()).ok()?;
-            let path = PathBuf::from(link.to_str()?.strip_suffix(" (deleted)")?);
-            let is_ours = path.as_os_str().as_encoded_bytes().starts_with(objects);
-            (is_ours && !is_of_peer(&path, &entry.path())).then_some(path)
-        });
-        removed.collect()
-    }
 }
 
-/// Whether `path`, open as `descriptor`, is a file that another process may remove while this one has it open. Descriptors of ports
-/// are inherited from a process that started this one.
-fn is_of_peer(path: &Path, descriptor: &Path) -> bool {
-    if path.iter().any(|part| process_of_node(part).is_some_and(|id| id != std::process::id())) {
+/// Removed files of the run with the private directory `run` that the process `pid` has open: shared words, and files of iceoryx2.
+/// Connections, and the memory of another process, which is open for reading, may disappear before this process closes them.
+pub(crate) fn removed_files(pid: u32, run: &Path) -> Vec<PathBuf> {
+    let objects = run.as_os_str().as_encoded_bytes();
+    let entries = fs::read_dir(format!("/proc/{pid}/fd")).into_iter().flatten().flatten();
+    let removed = entries.filter_map(|entry| {
+        let link = fs::read_link(entry.path()).ok()?;
+        let path = PathBuf::from(link.to_str()?.strip_suffix(" (deleted)")?);
+        let is_ours = path.as_os_str().as_encoded_bytes().starts_with(objects);
+        (is_ours && !is_of_peer(&path, &entry.path(), pid)).then_some(path)
+    });
+    removed.collect()
+}
+
+/// Whether `path`, open as `descriptor`, is a file that another process may remove while `pid` has it open. Descriptors of ports are
+/// inherited from a process that started it.
+fn is_of_peer(path: &Path, descriptor: &Path, pid: u32) -> bool {
+    if path.iter().any(|part| process_of_node(part).is_some_and(|id| id != pid)) {
         return true;
     }
     let extension = path.extension().unwrap_or_default();
@@ -163,7 +163,7 @@ mod tests {
         let node = |process: u32| (u128::from(process) << 64) | 38_968;
         let path = |process| PathBuf::from(format!("/run/a/nodes/{}/port.port_tag", node(process)));
         let descriptor = Path::new("/proc/self/fd/0");
-        assert!(!is_of_peer(&path(std::process::id()), descriptor));
-        assert!(is_of_peer(&path(std::process::id() + 1), descriptor));
+        assert!(!is_of_peer(&path(7), descriptor, 7));
+        assert!(is_of_peer(&path(8), descriptor, 7));
     }
 }

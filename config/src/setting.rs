@@ -32,7 +32,7 @@ impl Setting {
     /// `text` has no `=`.
     pub fn parse(flag: &str, text: &str) -> Result<Self, ConfigError> {
         let Some((key, value)) = text.split_once('=') else {
-            let reason = format!("`{text}` is not KEY=VALUE, as in vehicle.mass-kg=0.6");
+            let reason = format!("`{text}` is not KEY=VALUE, as in position.tilt-limit-deg=15");
             return Err(ConfigError { origin: flag.to_owned(), reason });
         };
         Ok(Self::flag(flag, key.trim(), word_or_toml(value.trim())))

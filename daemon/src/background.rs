@@ -104,6 +104,8 @@ pub struct DaemonWorker {
     events: Writer<EventV1>,
     law: Option<LawListener>,
     file: ConfigFile,
+    /// The last request as it was logged.
+    logged: String,
     // The ports live as long as the bus they were opened on.
     bus: Bus,
 }
@@ -129,15 +131,28 @@ impl DaemonWorker {
         let peers = PEERS.iter().map(|role| Peer::open(&bus, *role)).collect::<Result<_, _>>()?;
         let (health, events) = (context.health.clone(), bus.writer(&EVENT)?);
         let file = ConfigFile::begin(context.paths()?.config(), context.config.to_toml());
-        Ok(Self { requests, server, heartbeat, health, config_hash, peers, events, law, file, bus })
+        let logged = String::new();
+        Ok(Self {
+            requests,
+            server,
+            heartbeat,
+            health,
+            config_hash,
+            peers,
+            events,
+            law,
+            file,
+            logged,
+            bus,
+        })
     }
 }
 
 impl BackgroundWorker for DaemonWorker {
     fn poll(&mut self) {
-        let Self { requests, server, heartbeat, health, config_hash, peers, events, law, .. } =
-            self;
         self.file.keep(&self.bus);
+        let Self { requests, server, heartbeat, health, config_hash, peers, .. } = self;
+        let Self { events, law, logged, .. } = self;
         requests.take_changes();
         law.iter_mut().for_each(LawListener::poll);
         // Every peer is checked, so that none keeps an old message.
@@ -148,7 +163,7 @@ impl BackgroundWorker for DaemonWorker {
             health.set_status(text);
         }
         let mut publish = |event: EventV1| {
-            log_event(&event);
+            log_event(&event, logged);
             if let Err(error) = events.send(0, Stamps::default(), event) {
                 tracing::warn!("{error}");
             }
@@ -164,7 +179,9 @@ impl BackgroundWorker for DaemonWorker {
     }
 }
 
-fn log_event(event: &EventV1) {
+/// Logs a request; a refusal that its author receives again, as it repeats the request until it is accepted, once. `logged` is the last
+/// request as it was logged.
+fn log_event(event: &EventV1, logged: &mut String) {
     let EventV1 { program, user, process, text, point: [x, y, z], yaw, .. } = event;
     let Some(command) = OperatorCommand::from_code(event.command) else { return };
     let what = match command {
@@ -178,8 +195,14 @@ fn log_event(event: &EventV1) {
     };
     let pid = Origin::from_bits(*process).process();
     let author = format!("{program} (user {user}, process {pid})");
-    match event.refusal() {
-        None => tracing::info!("{what}, by {author}"),
-        Some(refusal) => tracing::warn!("{what}, by {author}: {refusal}"),
+    let (refusal, last) = (event.refusal(), std::mem::take(logged));
+    *logged = match &refusal {
+        None => format!("{what}, by {author}"),
+        Some(refusal) => format!("{what}, by {author}: {refusal}"),
+    };
+    match refusal {
+        None => tracing::info!("{logged}"),
+        Some(_) if *logged == last => {}
+        Some(_) => tracing::warn!("{logged}"),
     }
 }

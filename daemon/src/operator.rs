@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand};
 use oqtal_bus::message::{AS_STARTED, ControlRequestV1, ControlResponseV1, EventV1};
+use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::text::LongText;
 use oqtal_bus::time::Time;
 use oqtal_config::Config;
@@ -354,7 +355,11 @@ fn event(request: &ControlRequestV1, answer: Answer) -> EventV1 {
 
 /// `event`, refused with `response`.
 fn refused_event(event: EventV1, response: &ControlResponseV1) -> EventV1 {
-    let ControlResponseV1 { cause, text: reason, .. } = *response;
+    let ControlResponseV1 { cause, text, obstacles, .. } = *response;
+    let reason = match text.is_empty() && cause == Cause::NotReady.code() {
+        true => LongText::new(&ArmingObstacles::from_bits(obstacles).to_string()),
+        false => text,
+    };
     EventV1 { answer: Answer::Refused.code(), cause, reason, ..event }
 }
 

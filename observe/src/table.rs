@@ -174,8 +174,9 @@ fn counts(summary: &Summary) -> String {
     };
     format!(
         "Riccati solves {riccati_solves}{deadlines}\n\
-         poses lost {}, refused {}, commands lost {}\nstates: {}{faults}",
+         poses lost {}, superseded {}, refused {}, commands lost {}\nstates: {}{faults}",
         lost.pose,
+        summary.poses_superseded,
         summary.poses_refused,
         lost.command,
         summary.states()

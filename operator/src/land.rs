@@ -1,6 +1,7 @@
 //! A landing by two paths: a request over the control service and, if it is not answered, a signal to the daemon, whose loop then
 //! lands without its background thread.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, channel};
@@ -45,14 +46,15 @@ struct PendingAnswer {
     answer: Option<Receiver<LandingAnswer>>,
 }
 
-/// Sends `landing` to the daemon of the addressed vehicle, and returns the daemon's answer.
+/// Sends `landing` to the daemon of the addressed vehicle, and returns the daemon's answer, and the roots of the daemons if there are
+/// several.
 ///
 /// # Errors
 /// The daemon was signalled and has not confirmed (exit code 1), no daemon runs (75), or it belongs to another user (77).
 pub fn land(
     address: &AddressedInstance,
     landing: ControlRequestV1,
-) -> Result<ControlResponseV1, Failure> {
+) -> Result<(ControlResponseV1, Vec<PathBuf>), Failure> {
     let reached = Reached::find(address);
     let paths = &reached.paths;
     // The daemon of `paths` is asked first, and signalled if it does not answer; those under other roots are signalled at once and
@@ -78,22 +80,32 @@ pub fn land(
     lines.sort();
     lines.dedup();
     let (response, said) = match answered {
-        Ok(Ok(Some(response))) => (Some(response), String::new()),
+        Ok(Ok(Some(response))) => (Some(response), None),
         Ok(Err(error)) if lines.is_empty() => return Err(error.into()),
-        Ok(Err(error)) => (None, error.to_string()),
+        Ok(Err(error)) => (None, Some(error)),
         _ if lines.is_empty() => return Err(reached.nobody("land", silent_text(paths))),
-        _ => (None, "no answer".to_owned()),
+        _ => (None, None),
     };
     if response.is_some() || !elsewhere.is_empty() {
         let silent = if response.is_some() { Vec::new() } else { here };
         return combined((response, silent), elsewhere, give_up)
+            .map(|response| (response, several_roots(&reached)))
             .map_err(|silent| unconfirmed(&silent, &paths.instance, &lines));
     }
-    Err(unanswered(paths, lines, &said))
+    Err(unanswered(paths, lines, said.as_ref()))
 }
 
 fn is_daemon(process: &ObeyingProcess) -> bool {
     !process.is_vehicle
+}
+
+/// Roots of the daemons; none if all have the same.
+fn several_roots(reached: &Reached) -> Vec<PathBuf> {
+    let daemons = reached.processes.iter().filter(|process| is_daemon(process));
+    let mut roots: Vec<_> = daemons.filter_map(|it| root_of(it, &reached.paths)).collect();
+    roots.sort();
+    roots.dedup();
+    if roots.len() > 1 { roots } else { Vec::new() }
 }
 
 /// Signals the daemons under other roots and sends them `landing`; returns their pending answers, and the result of each signal.
@@ -140,14 +152,20 @@ fn combined(
     accepted.copied().filter(|_| silent.is_empty()).ok_or(silent)
 }
 
-/// Failure of a landing that the only daemon, that of `paths`, has not confirmed.
-fn unanswered(paths: &InstancePaths, mut lines: Vec<String>, said: &str) -> Failure {
-    lines.push(format!("control service: {said}"));
-    let message = format!(
-        "land: requested by signal, but the daemon has not confirmed it; `oqtal ctl stop {}` stops the motors\n  {}",
-        place(paths),
-        lines.join("\n  ")
-    );
+/// Failure of a landing that the only daemon, that of `paths`, has not confirmed, or that this command could not ask it about
+/// because of `error`.
+fn unanswered(paths: &InstancePaths, lines: Vec<String>, error: Option<&BusError>) -> Failure {
+    let (place, lines) = (place(paths), lines.join("\n  "));
+    let message = match error {
+        Some(error) => format!(
+            "land: requested by signal; this command cannot read whether the daemon lands: {error}\n  {lines}\n  \
+             if the vehicle does not land, `oqtal ctl stop {place}` stops the motors"
+        ),
+        None => format!(
+            "land: requested by signal, but the daemon has not confirmed it; `oqtal ctl stop {place}` stops the motors\n  {lines}\n  \
+             control service: no answer"
+        ),
+    };
     Failure::new(Exit::Flight, message)
 }
 

@@ -9,6 +9,7 @@
 //! | `arm.rs` | arming: waits until the flight has begun |
 //! | `land.rs` | a landing by two paths |
 //! | `stop.rs` | a stop by every path |
+//! | `next_flight.rs` | commands of the next flight after a stop |
 //! | `raised.rs` | stop words raised by a stop |
 //! | `reach.rs` | processes of an instance, found without the bus |
 //! | `status.rs` | observation of a status |
@@ -17,6 +18,7 @@
 pub mod arm;
 mod change;
 pub mod land;
+mod next_flight;
 mod raised;
 mod reach;
 mod report;
@@ -61,7 +63,7 @@ pub fn execute(
     sign: impl FnOnce(ControlRequestV1) -> ControlRequestV1,
 ) -> Result<String, Failure> {
     let body = sign(request_of(command, arguments)?.by("oqtal"));
-    let response = match command {
+    let (response, roots) = match command {
         CtlRequest::Stop => {
             let stop = stop::raise(address, body)?;
             return stop.check().map(|()| stop.to_string());
@@ -69,10 +71,14 @@ pub fn execute(
         CtlRequest::Land => land::land(address, body)?,
         _ => {
             let bus = running_bus(&address.paths)?;
-            request::send_signed(&bus, body, expected)?.ok_or_else(|| unanswered(&bus))?
+            let answer = request::send_signed(&bus, body, expected)?;
+            (answer.ok_or_else(|| unanswered(&bus))?, Vec::new())
         }
     };
-    accepted(command.command(), &response, expected, &address.paths)
+    let (status, paths) = (InstanceStatus::default(), &address.paths);
+    let report = ControlReport::new(command.command(), &response, status, paths).under(&roots);
+    report.check(&response, expected)?;
+    Ok(report.to_text(&[]))
 }
 
 /// The answer `response` of the daemon at `paths` to `command`, as text.

@@ -82,7 +82,7 @@ impl Reached {
     pub fn places(&self) -> Vec<InstancePaths> {
         let mut places = vec![self.paths.clone()];
         for paths in self.held.iter().flatten().filter_map(|files| files.paths.as_ref()) {
-            if !places.contains(paths) {
+            if places.iter().all(|place| place.root_hash() != paths.root_hash()) {
                 places.push(paths.clone());
             }
         }

@@ -1,5 +1,7 @@
 //! The daemon's answer to a command, as text and as JSON.
 
+use std::path::PathBuf;
+
 use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::message::ControlResponseV1;
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
@@ -79,6 +81,14 @@ impl ControlReport {
             awaits_stop,
             place: place(paths),
         }
+    }
+
+    /// This report, of a command that daemons under several `roots` have received.
+    pub fn under(mut self, roots: &[PathBuf]) -> Self {
+        if !roots.is_empty() {
+            self.effect = format!("under {}: {}", listed(roots), self.effect);
+        }
+        self
     }
 
     /// Fails if the daemon refused the command. `expected`: hash of the configuration that it must run with.
@@ -176,6 +186,11 @@ impl ControlReport {
         let against = self.obstacles.iter().map(|obstacle| format!("no take-off: {obstacle}"));
         first.chain(against).chain(lines.iter().cloned()).collect::<Vec<_>>().join("\n")
     }
+}
+
+/// Paths of `roots` as text.
+pub(crate) fn listed(roots: &[PathBuf]) -> String {
+    roots.iter().map(|root| root.display().to_string()).collect::<Vec<_>>().join(" and ")
 }
 
 /// Remedy of a request under another configuration than the `expected` one.

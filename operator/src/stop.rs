@@ -23,9 +23,11 @@ use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::beside;
 use serde::Serialize;
 
+use crate::next_flight::NextFlights;
 use crate::raised::RaisedStops;
 use crate::reach::{AddressedInstance, FoundProcesses, Reached, signal_all};
-use crate::request::{left, place, start_daemon};
+use crate::report::listed;
+use crate::request::{left, place};
 
 /// Time after which the report is printed.
 const REPORT_TIMEOUT: Span = Span::from_millis(950);
@@ -49,12 +51,9 @@ pub struct ObeyedStop {
     state: String,
     /// Result of each path.
     paths: Vec<String>,
-    /// Command of the next flight; empty if the daemon only observes.
-    #[serde(skip_serializing_if = "String::is_empty")]
-    arm_again: String,
-    /// Command that starts a daemon before it, if none runs.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    start_again: Option<String>,
+    /// Commands of the next flight, one for each root; empty if the daemon only observes.
+    #[serde(flatten)]
+    again: NextFlights,
     /// Roots of the processes, unless the addressed one is the only one.
     #[serde(skip)]
     roots: Vec<PathBuf>,
@@ -64,9 +63,9 @@ pub struct ObeyedStop {
     /// Vehicles' processes that have not obeyed although others have.
     #[serde(skip)]
     laggards: Vec<String>,
-    /// Whether a daemon runs that cannot be asked: after the loss of their files, the processes end.
+    /// Why a daemon that runs has not answered, after a colon; empty if its answer was not in time.
     #[serde(skip)]
-    is_cut_off: bool,
+    unanswered: Option<String>,
     /// Why the stop words of the vehicle's process, which would confirm the stop, cannot be read.
     #[serde(skip)]
     unconfirmed: Option<Unconfirmed>,
@@ -106,8 +105,8 @@ impl Unconfirmed {
                 "a vehicle's process was signalled, but this user cannot read whether it has obeyed; repeat as root to know"
             }
             Self::Starting => {
-                "a vehicle's process was signalled, but is only starting, or lost its files: whether it has obeyed cannot be read; \
-                 repeat to know"
+                "a vehicle's process was signalled, but its stop words are not open yet, or were shortened: whether it has obeyed cannot be \
+                 read; repeat to know"
             }
             Self::Missing => {
                 "a daemon runs without a process of its vehicle, which may fly; what a vehicle under another root has reported does not count"
@@ -135,7 +134,7 @@ pub fn raise(
     let (raised, lines) = raise_words(&mut reached)?;
     paths.extend(lines);
     // Before the processes end, as those of `oqtal fly` do.
-    let mut again = fly_again(&reached);
+    let mut again = NextFlights::of(&reached);
     let answers = ask_daemon(&reached.paths, request);
     // Their answers are not reported; waiting for them lets the requests be made.
     let others: Vec<_> =
@@ -153,22 +152,21 @@ pub fn raise(
             raised.withdraw();
             return Err(nobody(&reached));
         }
-        again = fly_again(&present);
+        again = NextFlights::of(&present);
     }
-    let stop = ObeyedStop::new(report, answer.as_ref().ok().and_then(Option::as_ref));
-    let (arm_again, start_again) = if stop.observes_only { Default::default() } else { again };
+    again.note_losses(&reached);
+    let response = answer.as_ref().ok().and_then(Option::as_ref);
+    let stop = ObeyedStop::new(report, response);
     Ok(ObeyedStop {
         paths,
-        arm_again,
-        start_again,
+        again: if stop.observes_only { NextFlights::default() } else { again },
         roots: Some(reached.places().into_iter().map(|place| place.root).collect())
             .filter(|roots: &Vec<_>| *roots != [address.paths.root.clone()])
             .unwrap_or_default(),
         has_daemons: reached.processes.iter().filter(|process| !process.is_vehicle).count() > 1,
         laggards: raised.laggards(),
-        // A daemon that obeys and does not answer has another control service than this command found.
-        is_cut_off: reached.has_daemon()
-            && (answer.is_err() || (stop.daemon_obeys && answer == Ok(None))),
+        unanswered: (reached.has_daemon() && response.is_none())
+            .then(|| answer.as_ref().err().map_or_else(String::new, |error| format!(": {error}"))),
         unconfirmed: Unconfirmed::of(&reached, &raised),
         ..stop
     })
@@ -266,18 +264,6 @@ fn said(answer: &DaemonAnswer) -> &str {
     }
 }
 
-/// The command of the next flight: the one that started the processes and ends with this flight, or the one that arms again; and the
-/// command that starts a daemon before it, if none runs.
-fn fly_again(reached: &Reached) -> (String, Option<String>) {
-    if let Some(command) = reached.processes.iter().find_map(ObeyingProcess::started_by) {
-        return (command, None);
-    }
-    let daemon = (!reached.has_daemon()).then(|| start_daemon(&reached.paths));
-    let arm = |paths: &InstancePaths| format!("oqtal ctl arm {}", place(paths));
-    let places: Vec<String> = reached.places().iter().map(arm).collect();
-    (places.join(" or "), daemon)
-}
-
 impl ObeyedStop {
     fn new(report: StopReport, response: Option<&ControlResponseV1>) -> Self {
         let StopReport { vehicle_obeys, motors_off, daemon_obeys } = report;
@@ -291,12 +277,11 @@ impl ObeyedStop {
             mode: word(response.and_then(|response| Mode::from_code(response.mode))),
             state: word(response.and_then(|response| SafetyState::from_code(response.state))),
             paths: Vec::new(),
-            arm_again: String::new(),
-            start_again: None,
+            again: NextFlights::default(),
             roots: Vec::new(),
             has_daemons: false,
             laggards: Vec::new(),
-            is_cut_off: false,
+            unanswered: None,
             unconfirmed: None,
         }
     }
@@ -357,28 +342,18 @@ impl std::fmt::Display for ObeyedStop {
             (false, true) => "not every daemon has obeyed",
         };
         let what = if self.motors_off { "stopped" } else { "stop" };
-        let roots: Vec<_> = self.roots.iter().map(|root| root.display().to_string()).collect();
-        let under = if roots.is_empty() { "" } else { " under " };
-        let place = format!("{under}{}", roots.join(" and "));
+        let under = if self.roots.is_empty() { "" } else { " under " };
+        let place = format!("{under}{}", listed(&self.roots));
         write!(f, "{what}{place}: {vehicle}; {daemon}")?;
         if !self.motors_off {
             self.paths.iter().try_for_each(|path| write!(f, "\n  {path}"))?;
+        } else if let Some(reason) = &self.unanswered {
+            write!(f, "\nthe daemon has not answered a request{reason}")?;
         }
         if self.observes_only {
             let reason = ArmingObstacle::ObservesOnly;
             return write!(f, "\n{reason}: it sends no commands, so no `arm` is needed");
         }
-        let first = self.start_again.as_ref().map(|command| format!("`{command}`, then "));
-        let files = match (self.is_cut_off, &self.start_again) {
-            (true, None) => "the processes end, since they lost their files; start them, then ",
-            (true, Some(_)) => "the processes end, since they lost their files; ",
-            (false, _) => "",
-        };
-        write!(
-            f,
-            "\nto fly again: {files}{}`{}`",
-            first.unwrap_or_default(),
-            self.arm_again.replace(" or ", "` or `")
-        )
+        write!(f, "{}", self.again)
     }
 }

@@ -1,5 +1,6 @@
 //! Checks of shared memory, locked memory and swap.
 
+use oqtal_bus::bus::{FLIGHT_KIB, NEEDED_KIB};
 use oqtal_runtime::process::Exit;
 
 use super::finding::Finding;
@@ -7,14 +8,14 @@ use super::system::System;
 
 const CAP_IPC_LOCK: u32 = 14;
 const MIB: u64 = 1 << 20;
-/// Free shared memory below which no flight is possible: a flight uses 12 MiB, a process needs 7 MiB to start.
-const LEAST_FREE: u64 = 20 * MIB;
+/// Free shared memory below which no flight is possible \[bytes\]: beside those of a flight, an operator's command must join.
+const LEAST_FREE: u64 = (FLIGHT_KIB + NEEDED_KIB) * 1024;
 /// Free shared memory sufficient for several instances.
 const ENOUGH_FREE: u64 = 128 * MIB;
 
 /// Checks the free shared memory for the topics.
 pub fn shared(system: &System) -> Option<Finding> {
-    let why = "topics live in /dev/shm; a process that finds it full is killed by SIGBUS instead of getting an error";
+    let why = "topics live in /dev/shm; a process that finds no room there for its ports ends with exit code 71";
     let remedy = "sudo mount -o remount,size=512M /dev/shm";
     let Some((total, free)) = system.shared_memory else {
         let missing = Finding::ok("shared memory", why, "no /dev/shm");

@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use oqtal_bus::obeying::quoted;
 use oqtal_bus::topic::Role;
 use oqtal_config::Config;
 use oqtal_runtime::files;
@@ -137,21 +138,28 @@ impl FlightDirectory {
         self.directory.join(RECORDING)
     }
 
-    /// Writes summary, report and telemetry of the flight.
+    /// Writes summary, report and telemetry of the flight, whose recording is at `recorded`.
     ///
     /// # Errors
     /// A file cannot be written; the message then names the command that makes the report from the recording.
-    pub fn write(&self, flight: &Flight, summary: &Summary) -> Result<(), Failure> {
+    pub fn write(
+        &self,
+        flight: &Flight,
+        summary: &Summary,
+        recorded: Option<&Path>,
+    ) -> Result<(), Failure> {
         let written = self.write_results(flight, summary);
-        written.map_err(|failure| match self.recording().exists() {
-            true => {
+        written.map_err(|failure| match recorded.filter(|path| path.exists()) {
+            Some(recorded) => {
+                let is_here = recorded == self.recording();
+                let file = if is_here { self.path() } else { recorded };
                 let remedy = format!(
                     "`oqtal report {} --out FILE` makes the report elsewhere from what was recorded",
-                    self.directory.display()
+                    quoted(&file.display().to_string())
                 );
                 Failure::new(failure.exit, format!("{}; {remedy}", failure.message))
             }
-            false => failure,
+            None => failure,
         })
     }
 

@@ -93,7 +93,7 @@ fn a_port_that_does_not_exist_is_named_with_a_remedy() {
     refused(&testbed, &["run"], 78, &["bridge.link", "--link"]);
     refused(&testbed, &["run", "--link", "asctec:/dev/nowhere"], 71, &["/dev/nowhere", "plug"]);
     let link = format!("asctec:{}", file.display());
-    refused(&testbed, &["run", "--link", &link], 71, &["not a serial port"]);
+    refused(&testbed, &["run", "--link", &link], 71, &["not a serial port", "--link"]);
     refused(&testbed, &["run", "--link", "asctec:/"], 71, &["not a serial port"]);
     refused(&testbed, &["check", "--link", "boat:/dev/ttyS0"], 78, &["boat"]);
     let slow = ["check", "--link", "asctec:/dev/ttyS0,baud=9600"];

@@ -60,6 +60,16 @@ fn a_request_to_fly_expires_and_a_stop_does_not() {
 }
 
 #[test]
+fn the_event_of_a_refusal_names_the_obstacles() {
+    let obstacles = ArmingObstacles::from_bits(u32::MAX);
+    let reply = ControlResponseV1 { obstacles: u32::MAX, ..answers(Answer::Refused) };
+    let refusal = |cause| refused_event(EventV1::default(), &refused(cause, reply)).reason;
+    assert!(obstacles.to_string().starts_with(refusal(Cause::NotReady).as_str()));
+    assert!(!refusal(Cause::NotReady).is_empty());
+    assert!(refusal(Cause::OtherConfig).is_empty());
+}
+
+#[test]
 fn a_request_to_fly_with_another_configuration_is_refused() {
     let (_handle, requests) = loop_handoff();
     let mut requests = OperatorRequests { config_hash: 7, ..requests };

@@ -1,6 +1,9 @@
 //! Writing thread of a recording, behind a bounded queue: a stalled disk does not delay the observer.
 
+use std::fs::{self, File, Metadata};
 use std::io;
+use std::os::fd::AsRawFd;
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -32,8 +35,10 @@ pub struct FilePlan {
 /// Result of a recording.
 #[derive(Clone, Debug, Default)]
 pub struct RecordingResult {
-    /// Paths of the files, in order.
+    /// Paths of the files, in order: of a file that was renamed while it was written, the new one.
     pub files: Vec<PathBuf>,
+    /// Files that were removed while they were written.
+    pub removed: Vec<PathBuf>,
     /// Messages written \[-\].
     pub messages: u64,
     /// Size of the files, also of one that could not be finished \[bytes\].
@@ -186,8 +191,6 @@ impl Files {
             done.unwrap_or_else(|error| self.fail(&error));
         }
         self.finish_file().unwrap_or_else(|error| self.fail(&error));
-        let sizes = self.result.files.iter().filter_map(|path| std::fs::metadata(path).ok());
-        self.result.bytes = sizes.map(|file| file.len()).sum();
         self.result
     }
 
@@ -206,7 +209,30 @@ impl Files {
     }
 
     fn finish_file(&mut self) -> io::Result<()> {
-        self.file.take().map_or(Ok(()), McapFile::finish)
+        let Some(file) = self.file.take() else { return Ok(()) };
+        let handle = file.handle();
+        let finished = file.finish();
+        self.note(&handle?);
+        finished
+    }
+
+    /// Notes size and place of the latest file, open as `file`.
+    fn note(&mut self, file: &File) {
+        let (Ok(found), Some(path)) = (file.metadata(), self.result.files.last_mut()) else {
+            return;
+        };
+        self.result.bytes += found.len();
+        let is_same = |other: Metadata| (other.dev(), other.ino()) == (found.dev(), found.ino());
+        if fs::metadata(&path).is_ok_and(is_same) {
+            return;
+        }
+        if found.nlink() == 0 {
+            self.result.removed.push(path.clone());
+        } else if let Ok(present) = fs::read_link(format!("/proc/self/fd/{}", file.as_raw_fd()))
+            && fs::metadata(&present).is_ok_and(is_same)
+        {
+            *path = present;
+        }
     }
 
     fn begin_another(&mut self) -> io::Result<()> {
@@ -228,7 +254,9 @@ impl Files {
 
     /// Ends the recording after an error; the chunks written so far remain readable.
     fn fail(&mut self, error: &io::Error) {
-        self.file = None;
+        if let Some(Ok(handle)) = self.file.take().map(|file| file.handle()) {
+            self.note(&handle);
+        }
         let path = self.result.files.last().unwrap_or(&self.plan.path).display();
         let message = format!("{path}: {error}; the recording ends here");
         self.failed.store(true, Ordering::Release);

@@ -79,6 +79,14 @@ impl McapFile {
         Ok(created)
     }
 
+    /// Another handle to the file.
+    ///
+    /// # Errors
+    /// The process has too many open files.
+    pub fn handle(&self) -> io::Result<File> {
+        self.file.try_clone()
+    }
+
     /// Appends bytes of the data section.
     fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.checksum.update(bytes);

@@ -1,0 +1,114 @@
+//! Commands of the next flight after a stop, for the operator who has given it.
+
+use std::fmt;
+
+use oqtal_bus::obeying::ObeyingProcess;
+use oqtal_bus::paths::InstancePaths;
+use rustix::process::geteuid;
+use serde::ser::{Serialize, SerializeMap, Serializer};
+
+use crate::reach::Reached;
+use crate::request::{place, start_daemon};
+
+/// The next flight of each instance that a stop has reached.
+#[derive(Debug, Default)]
+pub(crate) struct NextFlights(Vec<NextFlight>);
+
+/// The next flight of one instance.
+#[derive(Debug)]
+struct NextFlight {
+    paths: InstancePaths,
+    /// Another user, as whom the command is to be given.
+    user: Option<u32>,
+    /// Command that starts a daemon before the flight, if none runs.
+    start: Option<String>,
+    /// Command that started the processes and ends with this flight, or that arms again.
+    command: String,
+    /// Whether the command arms processes that run.
+    is_arming: bool,
+    /// Whether files of the instance are known to be lost: its processes end.
+    is_lost: bool,
+}
+
+impl NextFlights {
+    /// To be called before the processes end, as those of `oqtal fly` do.
+    pub(crate) fn of(reached: &Reached) -> Self {
+        let processes = |paths: &InstancePaths| {
+            let all = reached.processes.iter();
+            all.filter(|process| process.is_under(paths)).collect::<Vec<_>>()
+        };
+        Self(reached.places().into_iter().map(|it| NextFlight::of(&processes(&it), it)).collect())
+    }
+
+    /// Notes the instances of `reached` that have lost files.
+    pub(crate) fn note_losses(&mut self, reached: &Reached) {
+        for flight in &mut self.0 {
+            let is_lost = |it: &ObeyingProcess| it.is_under(&flight.paths) && it.has_lost_files();
+            flight.is_lost = flight.is_arming && reached.processes.iter().any(is_lost);
+        }
+    }
+}
+
+impl NextFlight {
+    /// The next flight of the instance at `paths`, on which `processes` run.
+    fn of(processes: &[&ObeyingProcess], paths: InstancePaths) -> Self {
+        let parents = processes.iter().find_map(|it| Some((it.started_by()?, it.user)));
+        let is_arming = parents.is_none();
+        let has_daemon = processes.iter().any(|process| !process.is_vehicle);
+        let start = (is_arming && !has_daemon).then(|| start_daemon(&paths));
+        let (command, user) = match parents {
+            Some((command, user)) => {
+                (command, Some(user).filter(|user| *user != geteuid().as_raw()))
+            }
+            None => (format!("oqtal ctl arm {}", place(&paths)), None),
+        };
+        Self { paths, user, start, command, is_arming, is_lost: false }
+    }
+}
+
+impl fmt::Display for NextFlights {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let has_several = self.0.len() > 1;
+        self.0.iter().try_for_each(|flight| {
+            write!(f, "\nto fly again")?;
+            if has_several {
+                write!(f, " under {}", flight.paths.root.display())?;
+            }
+            write!(f, "{flight}")
+        })
+    }
+}
+
+impl fmt::Display for NextFlight {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(user) = self.user {
+            write!(f, ", as user {user}")?;
+        }
+        write!(f, ": ")?;
+        if self.is_lost {
+            write!(f, "the processes end, since they lost their files; ")?;
+        }
+        match &self.start {
+            Some(start) => write!(f, "`{start}`, then ")?,
+            None if self.is_lost => write!(f, "start them, then ")?,
+            None => {}
+        }
+        write!(f, "`{}`", self.command)
+    }
+}
+
+impl Serialize for NextFlights {
+    /// `arm_again`, and `start_again` if no daemon runs: commands, joined by `; ` for several roots.
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let joined = |commands: Vec<&str>| Some(commands.join("; ")).filter(|it| !it.is_empty());
+        let arm = joined(self.0.iter().map(|flight| flight.command.as_str()).collect());
+        let start = joined(self.0.iter().filter_map(|flight| flight.start.as_deref()).collect());
+        let mut map = serializer.serialize_map(None)?;
+        for (key, commands) in [("arm_again", arm), ("start_again", start)] {
+            if let Some(commands) = commands {
+                map.serialize_entry(key, &commands)?;
+            }
+        }
+        map.end()
+    }
+}
