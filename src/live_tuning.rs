@@ -1,6 +1,7 @@
 //! `oqtal tune --live`: gains for the vehicle that hovers under a running daemon.
 
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use oqtal_bus::bus::Bus;
@@ -43,6 +44,9 @@ const SETTLE_S: f64 = 3.0;
 /// Time over which the error of a hover is measured \[s\].
 const HOVER_S: f64 = 6.0;
 
+/// Whether the gains were changed in flight.
+static ARE_CHANGED: AtomicBool = AtomicBool::new(false);
+
 /// Tunes the law that flies for the vehicle that hovers, and with `--apply` changes its gains.
 ///
 /// # Errors
@@ -52,7 +56,7 @@ pub fn execute(args: &TuneArgs) -> Result<Exit, Failure> {
     let search = (&args.budget(), args.weights()?, &*args.options());
     let LiveArgs { instance, root, apply, .. } = &args.live;
     let place: Vec<_> = place_settings(instance.as_deref(), root.as_deref()).collect();
-    let paths = instance_paths(&Config::from_settings(&place)?)?;
+    let paths = instance_paths(&Config::load(&[], &place)?)?;
     let bus = running_bus(&paths)?;
     let config = daemon_config(&paths).ok_or_else(|| silent(&paths))?;
     let present = present_settings(&bus)?;
@@ -90,11 +94,14 @@ pub fn execute(args: &TuneArgs) -> Result<Exit, Failure> {
 fn tell_on_interrupt(paths: &InstancePaths) -> Result<(), Failure> {
     let place = place(paths);
     let text = format!(
-        "oqtal: interrupted; the vehicle flies on: `oqtal ctl hover {place}` or `oqtal ctl land {place}`; `oqtal ctl undo \
-         {place}` restores the gains that tuning has changed"
+        "oqtal: interrupted; a vehicle in flight flies on: `oqtal ctl hover {place}` or `oqtal ctl land {place}`"
     );
+    let undo = format!("oqtal: the new gains are in use: `oqtal ctl undo {place}` takes them back");
     let handler = move || {
         say(&text);
+        if ARE_CHANGED.load(Ordering::Relaxed) {
+            say(&undo);
+        }
         std::process::exit(i32::from(Exit::Flight as u8));
     };
     ctrlc::set_handler(handler)
@@ -182,6 +189,7 @@ fn apply_gains(
     let mut hover = ObservedHover::open(bus, config)?;
     hover.follow(FIRST_TICK_S, None)?;
     ask(bus, CtlRequest::Set, &assignments(tuned))?;
+    ARE_CHANGED.store(true, Ordering::Relaxed);
     let place = place(bus.paths());
     let undo = format!("`oqtal ctl undo {place}` takes them back");
     let after_m = hover.follow(SETTLE_S, None).and_then(|()| hover.error_m(HOVER_S));
@@ -225,7 +233,10 @@ fn fly_excitation(
         ..config.trajectory.clone()
     };
     let duration_s = options.trajectory(None).map_or(0.0, |excitation| excitation.duration_s());
-    say(&format!("oqtal: flies the excitation for {duration_s:.0} s; `oqtal ctl hover` ends it"));
+    let place = place(bus.paths());
+    say(&format!(
+        "oqtal: flies the excitation for {duration_s:.0} s; `oqtal ctl hover {place}` ends it"
+    ));
     let plan = RecordingPlan {
         path: file.to_owned(),
         config,

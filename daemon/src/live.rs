@@ -25,6 +25,7 @@ use crate::limits::LoopLimits;
 use crate::room::StoppingRoom;
 use crate::stack::ControlStack;
 use crate::stream::ReferenceStream;
+use crate::warnings::warnings;
 use crate::waypoint_file::{self, ReadSettings};
 
 /// Number of changes of settings that can be taken back \[-\].
@@ -250,6 +251,17 @@ impl LiveSettings {
     pub fn are_unchanged_by(&self, prepared: &PreparedChange) -> bool {
         let next = prepared.settings.as_ref().map(|(settings, _)| &settings.config);
         next == Some(self.present())
+    }
+
+    /// Warnings of the settings after `prepared` that the present ones do not have.
+    pub fn new_warnings(&self, prepared: &PreparedChange) -> Vec<String> {
+        let of = |settings: &ReadSettings| {
+            let trajectory = settings.trajectory();
+            trajectory.map_or_else(|_| Vec::new(), |path| warnings(&settings.config, &path))
+        };
+        let Some((next, _)) = &prepared.settings else { return Vec::new() };
+        let before = of(&self.present);
+        of(next).into_iter().filter(|told| !before.contains(told)).collect()
     }
 
     /// Takes the settings of a change that was handed to the loop.

@@ -78,9 +78,6 @@ impl OperatorRequests {
     /// Takes in and logs the changes of the condition.
     pub(crate) fn take_changes(&mut self) {
         for condition in self.queues.notes() {
-            // The reason of the first refusal stays while its warning does.
-            let refusal = condition.refusal.or(self.last.refusal());
-            let condition = Condition { refusal, ..condition };
             // Obstacles to a take-off change without a change of mode or state.
             if condition.text() != self.last.text() {
                 condition.log();
@@ -265,13 +262,14 @@ impl OperatorRequests {
                 refused(Cause::Expired, self.present(Answer::Refused))
             }
             Ok(prepared) => {
+                let warnings = settings.new_warnings(&prepared);
                 // A change of settings does not change the course of a flight under way.
                 if [Mode::Flying, Mode::Landing].map(Mode::code).contains(&self.last.mode) {
                     self.course.get_or_insert_with(|| configured_course(settings.present()));
                 }
                 event.text = prepared.text;
                 publish(event);
-                self.hand_over(prepared, &event, Validity::of(request))
+                with_warnings(self.hand_over(prepared, &event, Validity::of(request)), &warnings)
             }
         };
         if response.answer == Answer::Refused.code() {
@@ -342,6 +340,17 @@ fn publish_answered(
         true => refused_event(event, response),
         false => EventV1 { text: response.text, ..event },
     });
+}
+
+/// `response` to a change of settings, with the warnings of the new settings, which are logged.
+fn with_warnings(response: ControlResponseV1, warnings: &[String]) -> ControlResponseV1 {
+    if response.answer == Answer::Refused.code() || warnings.is_empty() {
+        return response;
+    }
+    warnings.iter().for_each(|told| tracing::warn!("{told}"));
+    let told: Vec<String> = warnings.iter().map(|told| format!("warning: {told}")).collect();
+    let lines = response.text.as_str().lines().chain(told.iter().map(String::as_str));
+    ControlResponseV1 { text: LongText::of_lines(lines).unwrap_or(response.text), ..response }
 }
 
 /// The event of `request`, with this answer.

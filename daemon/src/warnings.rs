@@ -47,13 +47,16 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     // The predictive stack feeds the motion of the reference forward, beside these limits, if its acceleration does not jump.
     let jumps =
         path.kind == TrajectoryKind::Waypoints && path.waypoints_curve == WaypointCurve::Monotone;
+    let too_hard = path::too_hard(&samples, config, (trajectory, jumps));
     if config.control.is_predictive() {
-        all.extend(jumps.then(|| path::too_hard(&samples, config, trajectory)).flatten());
+        all.extend(too_hard.filter(|_| jumps));
     } else {
-        let horizontal = ("horizontal", limits.horizontal_velocity_limit_m_s);
+        // With a higher limit of the velocity a path that is too hard is left further.
+        let horizontal = ("horizontal", limits.horizontal_velocity_limit_m_s, too_hard.is_none());
         all.extend(path::too_fast(&samples, config, horizontal, |velocity| velocity.xy().norm()));
-        let vertical = ("vertical", limits.vertical_velocity_limit_m_s);
+        let vertical = ("vertical", limits.vertical_velocity_limit_m_s, true);
         all.extend(path::too_fast(&samples, config, vertical, |velocity| velocity.z.abs()));
+        all.extend(too_hard);
     }
     all.extend(path::jump(&plan, config));
     all.extend(path::too_far_a_step(&samples, config));
@@ -231,7 +234,11 @@ mod tests {
         for part in ["at 0.50 s", "9.00 m/s", "position.horizontal-velocity-limit-m-s is 0.8"] {
             assert!(text.contains(part), "{text}");
         }
-        assert!(text.contains("11.3 times slower") && !text.contains('\n'), "{text}");
+        assert!(text.contains("11.3 times slower"), "{text}");
+        // With a higher limit it is left further.
+        assert!(text.contains("tilt-limit-deg") && !text.contains("raise"), "{text}");
+        let text = told_of("t,x,y,z\n0,0,0,1\n10,12,0,1\n");
+        assert!(text.ends_with("or raise the limit") && !text.contains('\n'), "{text}");
         let text = told(&["trajectory.take-off-s=1"], None).join("\n");
         assert!(text.starts_with("the take-off") && text.contains("take-off-s"), "{text}");
     }

@@ -178,7 +178,8 @@ impl TuneArgs {
         let spread = self.spread.as_ref().map(|spread| format!(" --spread {}", quoted(spread)));
         let weights = Some(self.weights.join(",")).filter(|weights| !weights.is_empty());
         let weights = weights.map(|weights| format!(" --weights {}", quoted(&weights)));
-        [seeds, spread, weights, Some(self.study.words())].into_iter().flatten().collect()
+        let study = (!self.live.live).then(|| self.study.words());
+        [seeds, spread, weights, study].into_iter().flatten().collect()
     }
 
     /// Weights of the objective.

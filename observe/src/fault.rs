@@ -1,5 +1,6 @@
 //! Injected faults (`[fault]`) and disturbances (`plant.disturb`) of a flight.
 
+use oqtal_bus::time::Time;
 use serde::Serialize;
 
 use crate::flight::Flight;
@@ -24,6 +25,8 @@ pub struct AppliedDisturbance {
     pub from_s: f64,
     /// End, from arming; `None` if the disturbance lasted longer than the flight \[s\].
     pub until_s: Option<f64>,
+    /// Whether it acted in a tick that is scored: the errors of the flight contain no other.
+    pub is_scored: bool,
 }
 
 impl InjectedFault {
@@ -41,8 +44,18 @@ impl AppliedDisturbance {
     pub fn all(flight: &Flight) -> Vec<Self> {
         let loads = flight.config.plant.disturb.iter();
         let periods = loads.map(|load| (load.to_string(), load.at_s, load.end_s()));
+        let start = flight.armed().next().map(|first| first.telemetry.time);
+        let acts = |from_s: f64, until_s: Option<f64>| {
+            let time_s = |at: Time| start.map_or(0.0, |start| at.since(start).seconds());
+            let mut times_s = flight.scored().map(|tick| time_s(tick.telemetry.time));
+            times_s.any(|t_s| t_s >= from_s && until_s.is_none_or(|until_s| t_s <= until_s))
+        };
         let all = begun(flight, periods).into_iter();
-        all.map(|(disturbance, from_s, until_s)| Self { disturbance, from_s, until_s }).collect()
+        all.map(|(disturbance, from_s, until_s)| {
+            let is_scored = acts(from_s, until_s);
+            Self { disturbance, from_s, until_s, is_scored }
+        })
+        .collect()
     }
 }
 

@@ -160,7 +160,12 @@ fn counts(summary: &Summary) -> String {
     let Summary { riccati_solves, deadline_misses, lost, .. } = summary;
     let faults: Vec<&str> = summary.faults.iter().map(|fault| fault.fault.as_str()).collect();
     let loads = summary.disturbances.iter();
-    let loads: Vec<&str> = loads.map(|load| load.disturbance.as_str()).collect();
+    let loads = loads.map(|load| match load.is_scored {
+        true => load.disturbance.clone(),
+        false => format!("{} (outside the scored time)", load.disturbance),
+    });
+    let loads: Vec<String> = loads.collect();
+    let loads: Vec<&str> = loads.iter().map(String::as_str).collect();
     let answers = summary.answers.map(|it| format!("\nanswers: {it}"));
     let handovers = summary.handovers.as_ref().map(|it| format!("\nhand-overs: {it}"));
     let faults = answers.unwrap_or_default()

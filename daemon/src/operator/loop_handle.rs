@@ -120,6 +120,9 @@ impl LoopHandle {
 
     /// Passes a changed condition to the background thread, with the number of changes before it that found the queue full.
     pub fn publish_status(&mut self, condition: Condition) {
+        // The reason of a refusal stays while its warning does.
+        let refusal = condition.refusal.or(self.last.refusal());
+        let condition = Condition { refusal, ..condition };
         if condition.differs_from(&self.last) {
             self.last = Condition { unlogged: self.queues.dropped_notes(), ..condition };
             self.queues.note(self.last);

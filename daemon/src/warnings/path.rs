@@ -13,18 +13,19 @@ use crate::supervisor::FAR_OFF_MS;
 /// Distance between hover point and first waypoint above which a note is printed \[m\].
 const TOLD_JUMP_M: f64 = 0.5;
 
-/// Where a reference whose acceleration jumps accelerates most, if that is more than the limit of the tilt allows.
+/// Where the reference accelerates most, if that is more than the limit of the tilt allows; whether its acceleration `jumps`.
 pub(super) fn too_hard(
     samples: &[(f64, Reference)],
     config: &Config,
-    trajectory: &Trajectory,
+    (trajectory, jumps): (&Trajectory, bool),
 ) -> Option<String> {
     let (most, t_s, _) = greatest(samples, |reference| reference.acceleration.xy().norm())?;
     let tilt_deg = config.position.tilt_limit_deg;
     let limit = config.vehicle.gravity_m_s2 * tilt_deg.to_radians().tan();
     (most > limit).then(|| {
         let smooth = trajectory.clone().along(WaypointCurve::MinimumSnap);
-        let or_smooth = match is_flyable(config, &smooth, known_start(config)) {
+        let is_remedy = jumps && config.control.is_predictive();
+        let or_smooth = match is_remedy && is_flyable(config, &smooth, known_start(config)) {
             true => ", or set trajectory.waypoints-curve to \"minimum-snap\"",
             false => "",
         };
@@ -37,11 +38,12 @@ pub(super) fn too_hard(
     })
 }
 
-/// Where the reference is fastest along an axis, if it is faster than the limit of the commanded velocity there.
+/// Where the reference is fastest along an axis, if it is faster than the limit of the commanded velocity there; whether a higher limit
+/// helps.
 pub(super) fn too_fast(
     samples: &[(f64, Reference)],
     config: &Config,
-    (axis, limit): (&str, f64),
+    (axis, limit, can_rise): (&str, f64, bool),
     speed: impl Fn(&Vector3<f64>) -> f64,
 ) -> Option<String> {
     let (fastest, t_s, reference) = greatest(samples, |reference| speed(&reference.velocity))?;
@@ -57,8 +59,9 @@ pub(super) fn too_fast(
             format!("fly it {:.1} times slower", (10.0 * fastest / limit).ceil() / 10.0),
         ),
     };
+    let or_raise = if can_rise { ", or raise the limit" } else { "" };
     Some(format!(
-        "{what} moves at {fastest:.2} m/s, and position.{axis}-velocity-limit-m-s is {limit}: the vehicle will stay behind; {remedy}, or raise the limit"
+        "{what} moves at {fastest:.2} m/s, and position.{axis}-velocity-limit-m-s is {limit}: the vehicle will stay behind; {remedy}{or_raise}"
     ))
 }
 

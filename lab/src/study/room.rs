@@ -1,7 +1,6 @@
 //! Remedy for flights that the fence held or stopped, and for manoeuvres of the attitude that drifted from their reference: the
 //! keys of the room, and a size of the trajectory with which they are complete.
 
-use nalgebra::Vector3;
 use oqtal_bus::code::Cause;
 use oqtal_config::{Config, Setting};
 use oqtal_control::trajectory::TrajectoryKind;
@@ -30,6 +29,9 @@ const SHARES: [f64; 8] = [0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2];
 
 /// Half of the sides of a fence that bounds no flight, and its height \[m\].
 const WIDE_M: f64 = 100.0;
+
+/// Distances from the reference that are tried as limits \[m\].
+const LIMITS_M: [f64; 4] = [3.0, 5.0, 10.0, 20.0];
 
 /// Number of flights of each law, test and cause that are flown again with a smaller size \[-\].
 const TRIED: usize = 5;
@@ -81,18 +83,16 @@ impl CrampedFlights<'_> {
         Self { kind, flights: Vec::new(), of_fence: false, far: false }
     }
 
-    /// Cause for which one of the flights is not complete in a room without bounds; `None` if they all are.
-    fn cause_with_room(&self) -> Option<String> {
-        let wide = |from: f64, to: f64| vec![Value::Float(from), Value::Float(to)];
-        let room = [
-            ("fence.x-m", wide(-WIDE_M, WIDE_M).into()),
-            ("fence.y-m", wide(-WIDE_M, WIDE_M).into()),
-            ("fence.z-m", wide(-0.5, WIDE_M).into()),
-            ("fence.polygon-m", Value::Array(Vec::new())),
-            ("safety.tracking-limit-m", Value::Float(WIDE_M)),
-        ];
-        let room = room.map(|(key, value)| Setting::flag("--set", key, value));
-        self.flights.iter().find_map(|flight| flown_with(*flight, &room).ok().flatten())
+    /// Cause for which one of the flights is not complete with these settings; `None` if they all are.
+    fn cause_with(&self, settings: &[(&str, Value)]) -> Option<String> {
+        let settings: Vec<_> = settings
+            .iter()
+            .map(|(key, value)| Setting::flag("--set", key, value.clone()))
+            .collect();
+        let cause = |flight: &(&StudyLaw, &FlightCondition, Test)| {
+            flown_with(*flight, &settings).unwrap_or_else(|failure| Some(failure.message))
+        };
+        self.flights.iter().find_map(cause)
     }
 
     /// Sentence on a plant that hovers with another share of its thrust than the law's model; `None` if they are alike.
@@ -109,46 +109,40 @@ impl CrampedFlights<'_> {
         ))
     }
 
-    /// The keys to change, after flights with more room and with smaller sizes.
+    /// The changes with which, each by itself, the flights are complete.
     fn remedy(&self) -> String {
         let name = oqtal_observe::summary::name_of(&self.kind);
-        let smaller = self.fitting().map(|(key, size)| {
-            let count = self.flights.len();
-            let are_complete = match count {
-                1 => "the repeated flight is complete".to_owned(),
-                _ => format!("all {count} repeated flights are complete"),
-            };
-            format!("; with --set {key}={size} {are_complete}")
-        });
-        let fence = "enlarge [fence] x-m, y-m, z-m, or lower fence.soft-margin-m";
-        let limit = "raise safety.tracking-limit-m";
-        let (ends, remedies) = match [self.of_fence, self.far] {
-            [true, true] => {
-                ("ended by the fence or far from the reference", format!("{fence}; {limit}"))
-            }
-            [false, _] => ("far from the reference", limit.to_owned()),
-            [true, false] => ("held or stopped by the fence", fence.to_owned()),
+        let ends = match [self.of_fence, self.far] {
+            [true, true] => "ended by the fence or far from the reference",
+            [false, _] => "far from the reference",
+            [true, false] => "held or stopped by the fence",
         };
-        if let Some(cause) = self.cause_with_room() {
+        let limit = |limit_m: f64| ("safety.tracking-limit-m", Value::Float(limit_m));
+        let unbounded = [&wide_fence()[..], &[limit(WIDE_M)]].concat();
+        if let Some(cause) = self.cause_with(&unbounded) {
             let difference = self.difference().unwrap_or_default();
             return format!(
                 "  {name}, {ends}: more room does not help; with a fence of {WIDE_M:.0} m around the start: {cause}{difference}"
             );
         }
-        let drift = self.drift().unwrap_or_default();
-        format!("  {name}, {ends}: {remedies}{}{drift}", smaller.unwrap_or_default())
-    }
-
-    /// Sentence on the drift of a vehicle whose position is not controlled; `None` if it is.
-    fn drift(&self) -> Option<String> {
-        let (law, condition, test) = self.flights[0];
-        let config = config(law, condition, test).ok().filter(|_| is_open(test))?;
-        let (force_n, mass_kg) =
-            (Vector3::from(config.plant.force_n).xy().norm(), config.plant.mass_kg);
-        let acceleration_m_s2 = force_n / mass_kg;
-        (force_n > 0.0).then(|| format!(
-            "\n    the position is not controlled in this manoeuvre, and plant.force-n accelerates the vehicle of {mass_kg} kg sideways by {acceleration_m_s2:.2} m/s^2: a smaller force makes it drift less"
-        ))
+        let suffices = |settings: &[(&str, Value)]| self.cause_with(settings).is_none();
+        let least_limit = LIMITS_M.into_iter().find(|limit_m| suffices(&[limit(*limit_m)]));
+        let without_margin = [("fence.soft-margin-m", Value::Float(0.0))];
+        let none = Value::Array(Vec::new());
+        let without_force = [("plant.force-n", vec![Value::Float(0.0); 3].into())];
+        let all = [
+            suffices(&wide_fence()).then(|| "enlarge [fence] x-m, y-m, z-m".to_owned()),
+            suffices(&without_margin).then(|| "lower fence.soft-margin-m".to_owned()),
+            least_limit.map(|limit_m| format!("raise safety.tracking-limit-m to {limit_m}")),
+            self.fitting().map(|(key, size)| format!("set {key}={size}")),
+            suffices(&without_force).then(|| "lower plant.force-n".to_owned()),
+            suffices(&[("plant.disturb", none)]).then(|| "fly without plant.disturb".to_owned()),
+        ];
+        let all: Vec<String> = all.into_iter().flatten().collect();
+        match all.is_empty() {
+            true => format!("  {name}, {ends}: enlarge [fence], and raise safety.tracking-limit-m"),
+            false => format!("  {name}, {ends}: {}", all.join(", or ")),
+        }
     }
 
     /// Key and greatest size with which all of the flights are complete; `None` if there is none.
@@ -156,15 +150,21 @@ impl CrampedFlights<'_> {
         let (_, key) = SIZES.iter().find(|(kind, _)| *kind == self.kind)?;
         let (law, condition, test) = self.flights[0];
         let size: f64 = config(law, condition, test).ok()?.value(key)?.parse().ok()?;
-        let sizes = SHARES.map(|share| readable(share * size));
-        sizes.into_iter().map(|size| (*key, size)).find(|(key, size)| {
-            let is_complete = |flight: &(&StudyLaw, &FlightCondition, Test)| {
-                let size = Setting::flag("--set", key, Value::Float(*size));
-                flown_with(*flight, &[size]).is_ok_and(|cause| cause.is_none())
-            };
-            self.flights.iter().all(is_complete)
-        })
+        let mut sizes = SHARES.map(|share| readable(share * size)).into_iter();
+        let size = sizes.find(|size| self.cause_with(&[(key, Value::Float(*size))]).is_none());
+        size.map(|size| (*key, size))
     }
+}
+
+/// A fence that bounds no flight.
+fn wide_fence() -> [(&'static str, Value); 4] {
+    let range = |from: f64| Value::Array(vec![Value::Float(from), Value::Float(WIDE_M)]);
+    [
+        ("fence.x-m", range(-WIDE_M)),
+        ("fence.y-m", range(-WIDE_M)),
+        ("fence.z-m", range(-0.5)),
+        ("fence.polygon-m", Value::Array(Vec::new())),
+    ]
 }
 
 /// Cause for which a flight with these `settings` is not complete; `None` for a complete one.
@@ -199,9 +199,8 @@ mod tests {
             remedy.contains("attitude-chirp, held or stopped by the fence: enlarge [fence]"),
             "{remedy}"
         );
-        assert!(remedy.contains("--set trajectory.attitude-chirp.sweep-s="), "{remedy}");
-        assert!(remedy.contains("the repeated flight is complete"), "{remedy}");
-        assert!(remedy.ends_with("a smaller force makes it drift less"), "{remedy}");
+        assert!(remedy.contains("set trajectory.attitude-chirp.sweep-s="), "{remedy}");
+        assert!(remedy.contains("lower plant.force-n"), "{remedy}");
     }
 
     /// Its thrust at the law's lower limit exceeds the weight: the vehicle climbs through any ceiling.
