@@ -4,6 +4,8 @@ use super::*;
 use oqtal_bus::code::HandoverCause;
 use oqtal_config::{Config, Setting};
 
+use crate::setpoint::SetpointRefusal;
+
 fn asks(command: OperatorCommand) -> ControlRequestV1 {
     ControlRequestV1::of(command)
 }
@@ -195,4 +197,37 @@ fn a_request_that_ends_flights_calls_off_those_requested_before_it() {
         assert_eq!(asked(OperatorCommand::Arm, before), Cause::Expired.code(), "{ending}");
         assert_eq!(asked(OperatorCommand::Arm, Time::now()), Cause::None.code(), "{ending}");
     }
+}
+
+#[test]
+fn the_newest_reason_of_a_refused_reference_is_reported() {
+    let (mut handle, mut requests) = loop_handoff();
+    let (cause, mode) = (Cause::Setpoint.code(), Mode::Flying.code());
+    let condition = Condition { cause, mode, ..Condition::default() };
+    let [fast, unknown] = ["too fast", "of an unknown kind"].map(SetpointRefusal::Invalid);
+    let mut publish = |refusal: Option<SetpointRefusal>, followed| {
+        handle.publish_status(Condition { refusal, followed, ..condition });
+        requests.take_changes();
+        requests.last.refusal().map(|refusal| refusal.to_string())
+    };
+    assert_eq!(publish(Some(fast), Followed::Planner).as_deref(), Some("too fast"));
+    // The stream ends in a tick without a refusal.
+    assert_eq!(publish(None, Followed::Ended).as_deref(), Some("too fast"));
+    assert_eq!(publish(Some(unknown), Followed::Ended).as_deref(), Some("of an unknown kind"));
+}
+
+#[test]
+fn a_change_of_gains_that_do_not_fly_is_answered_with_a_warning() {
+    let (_handle, requests) = loop_handoff();
+    let settings = [Setting::parse("test", "control.controller=oqtal-dt").unwrap()];
+    let config = Config::from_settings(&settings).unwrap();
+    let mut requests = requests.with_settings(7, LiveSettings::new(&config, &[]));
+    let mut set = |text: &str| {
+        let request = ControlRequestV1 { text: LongText::new(text), ..asks(OperatorCommand::Set) };
+        requests.ask(request, &mut |_| {}).text.as_str().to_owned()
+    };
+    let told = set("position.horizontal-position.kp=2.4");
+    assert!(told.contains("\nwarning: position.horizontal-position: these loops"), "{told}");
+    let told = set("position.tilt-limit-deg=20");
+    assert!(!told.contains("warning"), "{told}");
 }
