@@ -107,7 +107,7 @@ impl CtlArgs {
             && response.answer != Answer::Refused.code()
             && response.mode == Mode::Flying.code()
             && self.arguments.iter().any(is_of_path);
-        let line = "trajectory.height-m, take-off-s and settle-s take effect with the next flight, other keys of [trajectory] with the next `oqtal ctl fly`";
+        let line = "trajectory.height-m, take-off-s, settle-s and descent-m-s take effect with the next flight, other keys of [trajectory] with the next `oqtal ctl fly`";
         is_later.then(|| line.to_owned()).into_iter().collect()
     }
 

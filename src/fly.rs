@@ -164,10 +164,9 @@ impl FlyArgs {
         };
         let recorded = recording.as_ref().and_then(|recording| recording.files.first());
         let exit = self.conclude(&flight, &directory, recorded.map(PathBuf::as_path))?;
-        let moved = recorded.filter(|path| **path != directory.recording());
-        moved
-            .iter()
-            .for_each(|path| say(&format!("oqtal: the recording is now {}", path.display())));
+        if let Some(path) = recorded.filter(|path| **path != directory.recording()) {
+            say(&format!("oqtal: the recording is now {}", path.display()));
+        }
         recording.as_ref().map_or(Ok(()), recordings::check).map(|()| exit)
     }
 

@@ -44,7 +44,7 @@ const SETTLE_S: f64 = 3.0;
 /// Time over which the error of a hover is measured \[s\].
 const HOVER_S: f64 = 6.0;
 
-/// Whether the gains were changed in flight.
+/// Whether the daemon was asked to use the new gains.
 static ARE_CHANGED: AtomicBool = AtomicBool::new(false);
 
 /// Tunes the law that flies for the vehicle that hovers, and with `--apply` changes its gains.
@@ -96,7 +96,8 @@ fn tell_on_interrupt(paths: &InstancePaths) -> Result<(), Failure> {
     let text = format!(
         "oqtal: interrupted; a vehicle in flight flies on: `oqtal ctl hover {place}` or `oqtal ctl land {place}`"
     );
-    let undo = format!("oqtal: the new gains are in use: `oqtal ctl undo {place}` takes them back");
+    let undo =
+        format!("oqtal: the new gains may be in use: `oqtal ctl undo {place}` takes them back");
     let handler = move || {
         say(&text);
         if ARE_CHANGED.load(Ordering::Relaxed) {
@@ -150,8 +151,8 @@ impl LiveTuningFiles {
             [&self.page, &self.gains, &self.vehicle].map(|path| path.display());
         let found = overview::text(identification);
         print(&format!(
-            "{found}\n{tuned}page: {page}\ngains: {gains}\nvehicle: {vehicle}, as identified; the margins above, and laws that \
-             predict, use the daemon's [vehicle] until it is started with this file"
+            "{found}\n{tuned}page: {page}\ngains: {gains}\nvehicle: {vehicle}, as identified; the margins above, and the laws that predict, are based on the \
+             [vehicle] of the daemon; to use the identified values, start the daemon with this file"
         ))
     }
 }
@@ -188,8 +189,9 @@ fn apply_gains(
     // The ticks of the time of the search were overwritten.
     let mut hover = ObservedHover::open(bus, config)?;
     hover.follow(FIRST_TICK_S, None)?;
-    ask(bus, CtlRequest::Set, &assignments(tuned))?;
+    // Before the request: an interrupt during it must name the undo.
     ARE_CHANGED.store(true, Ordering::Relaxed);
+    ask(bus, CtlRequest::Set, &assignments(tuned))?;
     let place = place(bus.paths());
     let undo = format!("`oqtal ctl undo {place}` takes them back");
     let after_m = hover.follow(SETTLE_S, None).and_then(|()| hover.error_m(HOVER_S));

@@ -105,8 +105,8 @@ fn flights_that_the_fence_held_are_counted_and_not_averaged() {
     let small = ["--set", "fence.soft-margin-m=0.5"];
     let words = ["campaign", "--controllers", "oqtal-dt", "--runs", "1", "--trajectory", "hover"];
     let text = testbed.succeeds(&[&words[..], &doublet, &small].concat());
-    let remedy = "attitude-doublet, held or stopped by the fence: enlarge [fence] x-m, y-m, z-m, or lower \
-                  fence.soft-margin-m, or set trajectory.attitude-doublet.angle-deg=";
+    let remedy = "attitude-doublet, held or stopped by the fence: enlarge the fence ([fence] z-m, and x-m and \
+                  y-m or polygon-m), or set fence.soft-margin-m=0, or set trajectory.attitude-doublet.angle-deg=";
     assert!(text.contains(remedy), "{text}");
 }
 

@@ -206,8 +206,9 @@ impl ObeyingProcess {
         Ok(held)
     }
 
-    /// Whether files of its instance that cannot be restored were removed, as it holds them or as a process has recorded. A removal
-    /// less than a second ago, and one whose process this user may not look at, may be missed.
+    /// Whether files of its instance that cannot be restored were removed: it holds a removed directory or port, or a member of the run
+    /// has recorded the loss. A process that is closing its ports may count; a removal less than a second ago, or of a process that
+    /// this user may not inspect, may be missed.
     pub fn has_lost_files(&self) -> bool {
         let entries =
             fs::read_dir(format!("/proc/{}/fd", self.pid)).into_iter().flatten().flatten();

@@ -179,8 +179,7 @@ impl BackgroundWorker for DaemonWorker {
     }
 }
 
-/// Logs a request; a refusal that its author receives again, as it repeats the request until it is accepted, once. `logged` is the last
-/// request as it was logged.
+/// Logs a request; a refusal that its author receives again for the same reason once. `logged`: the last request as it was logged.
 fn log_event(event: &EventV1, logged: &mut String) {
     let EventV1 { program, user, process, text, point: [x, y, z], yaw, .. } = event;
     let Some(command) = OperatorCommand::from_code(event.command) else { return };
@@ -195,14 +194,13 @@ fn log_event(event: &EventV1, logged: &mut String) {
     };
     let pid = Origin::from_bits(*process).process();
     let author = format!("{program} (user {user}, process {pid})");
-    let (refusal, last) = (event.refusal(), std::mem::take(logged));
-    *logged = match &refusal {
-        None => format!("{what}, by {author}"),
-        Some(refusal) => format!("{what}, by {author}: {refusal}"),
-    };
+    let refusal = event.refusal();
+    let reason = refusal.as_ref().map_or_else(String::new, |refusal| format!(": {refusal}"));
+    let text = format!("{what}, by {author}{reason}");
     match refusal {
-        None => tracing::info!("{logged}"),
-        Some(_) if *logged == last => {}
-        Some(_) => tracing::warn!("{logged}"),
+        None => tracing::info!("{text}"),
+        Some(_) if text != *logged => tracing::warn!("{text}"),
+        Some(_) => {}
     }
+    *logged = text;
 }

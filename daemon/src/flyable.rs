@@ -141,7 +141,7 @@ pub(crate) fn least_factor(exceeds: impl Fn(f64) -> bool) -> Option<f64> {
     Some((hundredths + 1.0) / 100.0)
 }
 
-/// How a trajectory is flown `factor` times as slowly \[-\]: the keys of all its times.
+/// The change with which a trajectory is flown `factor` times as slowly \[-\]: the keys of its times, where it has such keys.
 pub(crate) fn slower(kind: TrajectoryKind, factor: f64) -> String {
     let times = match kind {
         TrajectoryKind::Circle => "trajectory.circle.period-s and ramp-s",

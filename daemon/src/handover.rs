@@ -2,8 +2,8 @@
 //! filters of the new stack settle; their first commands may jump. The feedback of the new stack is effective from its first tick
 //! on, within the slew limit.
 //!
-//! Afterwards the limit grows until the command equals that of the new stack, and beyond every bound within another quarter of a
-//! second: a limited slew delays the command, and a loop that oscillates with this delay would never reach its own command.
+//! Afterwards the limit grows without bound over another quarter of a second, and the hand-over ends once the command equals that of
+//! the new stack. A limited slew delays the command: a loop that this delay makes oscillate would never reach its own command.
 
 use oqtal_config::{Config, Interface};
 use oqtal_control::quantity::{StickCommand, Torque};
@@ -66,7 +66,8 @@ impl Handover {
         self.left_s = Some(FULL_RANGE_S);
     }
 
-    /// As [`Handover::begin`], without a minimum duration: the hand-over ends once the command is reached.
+    /// As [`Handover::begin`], without a minimum duration: the limit grows at once, and the hand-over ends once the command is reached,
+    /// after a quarter of a second at the latest.
     pub fn begin_until_reached(&mut self) {
         self.left_s = Some(0.0);
     }

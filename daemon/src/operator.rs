@@ -349,8 +349,12 @@ fn with_warnings(response: ControlResponseV1, warnings: &[String]) -> ControlRes
     }
     warnings.iter().for_each(|told| tracing::warn!("{told}"));
     let told: Vec<String> = warnings.iter().map(|told| format!("warning: {told}")).collect();
-    let lines = response.text.as_str().lines().chain(told.iter().map(String::as_str));
-    ControlResponseV1 { text: LongText::of_lines(lines).unwrap_or(response.text), ..response }
+    let changes = response.text.as_str();
+    // As many as there is room for; the log has all of them.
+    let text = (0..=told.len()).rev().find_map(|count| {
+        LongText::of_lines(changes.lines().chain(told[..count].iter().map(String::as_str)))
+    });
+    ControlResponseV1 { text: text.unwrap_or(response.text), ..response }
 }
 
 /// The event of `request`, with this answer.

@@ -51,7 +51,7 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     if config.control.is_predictive() {
         all.extend(too_hard.filter(|_| jumps));
     } else {
-        // With a higher limit of the velocity a path that is too hard is left further.
+        // With a higher limit of the velocity the vehicle leaves a path that is too hard even further.
         let horizontal = ("horizontal", limits.horizontal_velocity_limit_m_s, too_hard.is_none());
         all.extend(path::too_fast(&samples, config, horizontal, |velocity| velocity.xy().norm()));
         let vertical = ("vertical", limits.vertical_velocity_limit_m_s, true);

@@ -25,7 +25,7 @@ pub struct AppliedDisturbance {
     pub from_s: f64,
     /// End, from arming; `None` if the disturbance lasted longer than the flight \[s\].
     pub until_s: Option<f64>,
-    /// Whether it acted in a tick that is scored: the errors of the flight contain no other.
+    /// Whether it acted in a scored tick; otherwise it does not affect the errors of the flight.
     pub is_scored: bool,
 }
 

@@ -1,4 +1,4 @@
-//! Commands of the next flight after a stop, for the operator who has given it.
+//! Commands for the next flight, printed after a stop.
 
 use std::fmt;
 
@@ -44,7 +44,7 @@ impl NextFlights {
     pub(crate) fn note_losses(&mut self, reached: &Reached) {
         for flight in &mut self.0 {
             let is_lost = |it: &ObeyingProcess| it.is_under(&flight.paths) && it.has_lost_files();
-            flight.is_lost = flight.is_arming && reached.processes.iter().any(is_lost);
+            flight.is_lost |= flight.is_arming && reached.processes.iter().any(is_lost);
         }
     }
 }
@@ -86,11 +86,11 @@ impl fmt::Display for NextFlight {
         }
         write!(f, ": ")?;
         if self.is_lost {
-            write!(f, "the processes end, since they lost their files; ")?;
+            write!(f, "the processes lost their files and end; ")?;
         }
         match &self.start {
             Some(start) => write!(f, "`{start}`, then ")?,
-            None if self.is_lost => write!(f, "start them, then ")?,
+            None if self.is_lost => write!(f, "start them again, then ")?,
             None => {}
         }
         write!(f, "`{}`", self.command)

@@ -104,6 +104,17 @@ impl Reached {
         self.processes.iter().any(|process| !process.is_vehicle)
     }
 
+    /// Roots of the instances that were reached; none if the addressed one is the only one.
+    pub fn told_roots(&self, address: &AddressedInstance) -> Vec<PathBuf> {
+        let roots: Vec<_> = self.places().into_iter().map(|place| place.root).collect();
+        if roots == [address.paths.root.clone()] { Vec::new() } else { roots }
+    }
+
+    /// Whether a daemon was found under the root of the command.
+    pub fn has_addressed_daemon(&self) -> bool {
+        self.processes.iter().any(|process| !process.is_vehicle && process.is_under(&self.paths))
+    }
+
     /// Whether a daemon was found without a process of its vehicle.
     pub fn lacks_vehicle(&self) -> bool {
         let has_vehicle = |daemon: &ObeyingProcess| {

@@ -83,10 +83,10 @@ impl ControlReport {
         }
     }
 
-    /// This report, of a command that daemons under several `roots` have received.
+    /// This report, of a command that was sent to daemons under several `roots`; the effect is that of a daemon that accepted it.
     pub fn under(mut self, roots: &[PathBuf]) -> Self {
         if !roots.is_empty() {
-            self.effect = format!("under {}: {}", listed(roots), self.effect);
+            self.effect = format!("requested under {}; {}", listed(roots), self.effect);
         }
         self
     }

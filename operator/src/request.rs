@@ -92,14 +92,14 @@ fn no_answer(paths: &InstancePaths, is_meant: impl Fn(&ObeyingProcess) -> bool) 
     let running: Vec<_> = all.iter().filter(|process| is_meant(process)).collect();
     if let Some(process) = running.iter().find(|process| process.is_under(paths)) {
         let reason = if process.sees_other_files(paths) {
-            "it runs in a container, or with a private file system, where this command has to be given"
+            "it runs in a container, or with a private file system: give this command there"
         } else if process.has_lost_files() {
-            "files of the instance were removed, after which it lands and ends"
+            "files of the instance were removed, so it lands if it flies, and ends"
         } else {
             "it is starting or ending, or files of the instance were just removed or moved"
         };
         let message = format!(
-            "{} of instance `{instance}` runs, but cannot be reached: {reason}; `oqtal ctl stop {place}` reaches it",
+            "{} of instance `{instance}` runs, but cannot be reached: {reason}; `oqtal ctl stop {place}` reaches it from here",
             name_of(process)
         );
         return Failure::new(Exit::Peer, message);

@@ -63,7 +63,8 @@ pub struct ObeyedStop {
     /// Vehicles' processes that have not obeyed although others have.
     #[serde(skip)]
     laggards: Vec<String>,
-    /// Why a daemon that runs has not answered, after a colon; empty if its answer was not in time.
+    /// Reason why the answer of the addressed daemon is missing, after a colon; empty if it did not answer in time; `None` if it answered
+    /// or does not run.
     #[serde(skip)]
     unanswered: Option<String>,
     /// Why the stop words of the vehicle's process, which would confirm the stop, cannot be read.
@@ -153,6 +154,7 @@ pub fn raise(
             return Err(nobody(&reached));
         }
         again = NextFlights::of(&present);
+        again.note_losses(&present);
     }
     again.note_losses(&reached);
     let response = answer.as_ref().ok().and_then(Option::as_ref);
@@ -160,12 +162,10 @@ pub fn raise(
     Ok(ObeyedStop {
         paths,
         again: if stop.observes_only { NextFlights::default() } else { again },
-        roots: Some(reached.places().into_iter().map(|place| place.root).collect())
-            .filter(|roots: &Vec<_>| *roots != [address.paths.root.clone()])
-            .unwrap_or_default(),
+        roots: reached.told_roots(address),
         has_daemons: reached.processes.iter().filter(|process| !process.is_vehicle).count() > 1,
         laggards: raised.laggards(),
-        unanswered: (reached.has_daemon() && response.is_none())
+        unanswered: (response.is_none() && reached.has_addressed_daemon())
             .then(|| answer.as_ref().err().map_or_else(String::new, |error| format!(": {error}"))),
         unconfirmed: Unconfirmed::of(&reached, &raised),
         ..stop
@@ -348,7 +348,7 @@ impl std::fmt::Display for ObeyedStop {
         if !self.motors_off {
             self.paths.iter().try_for_each(|path| write!(f, "\n  {path}"))?;
         } else if let Some(reason) = &self.unanswered {
-            write!(f, "\nthe daemon has not answered a request{reason}")?;
+            write!(f, "\ncontrol service: no answer from the daemon{reason}")?;
         }
         if self.observes_only {
             let reason = ArmingObstacle::ObservesOnly;

@@ -8,7 +8,7 @@ use super::system::System;
 
 const CAP_IPC_LOCK: u32 = 14;
 const MIB: u64 = 1 << 20;
-/// Free shared memory below which no flight is possible \[bytes\]: beside those of a flight, an operator's command must join.
+/// Free shared memory below which no flight is possible \[bytes\]: that of one flight, and of one operator's command beside it.
 const LEAST_FREE: u64 = (FLIGHT_KIB + NEEDED_KIB) * 1024;
 /// Free shared memory sufficient for several instances.
 const ENOUGH_FREE: u64 = 128 * MIB;

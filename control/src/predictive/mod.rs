@@ -177,7 +177,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
         self.attitude.yield_to(&(u.component_mul(&tracker.effect().gain) - disturbance));
     }
 
-    /// Stops the vehicle from the next step on, as [`PositionLaw::begin_stop`].
+    /// As [`PositionLaw::begin_stop`]: a hold begins.
     pub fn begin_stop(&mut self) {
         self.position.begin_stop();
     }

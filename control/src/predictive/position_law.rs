@@ -105,7 +105,8 @@ impl PositionLaw {
         self.begins_stop = old.begins_stop;
     }
 
-    /// Stops the vehicle from the next step on: what leads or accelerates it along its velocity is not continued.
+    /// Removes, in the next step, what moves the reference model ahead of the vehicle or accelerates it along the vehicle's velocity: a
+    /// hold begins. Braking continues.
     pub fn begin_stop(&mut self) {
         self.begins_stop = true;
     }

@@ -13,7 +13,8 @@ use crate::supervisor::FAR_OFF_MS;
 /// Distance between hover point and first waypoint above which a note is printed \[m\].
 const TOLD_JUMP_M: f64 = 0.5;
 
-/// Where the reference accelerates most, if that is more than the limit of the tilt allows; whether its acceleration `jumps`.
+/// Warning of the greatest acceleration of the reference, if the limit of the tilt does not allow it. `jumps`: whether the acceleration
+/// is discontinuous.
 pub(super) fn too_hard(
     samples: &[(f64, Reference)],
     config: &Config,
@@ -38,8 +39,8 @@ pub(super) fn too_hard(
     })
 }
 
-/// Where the reference is fastest along an axis, if it is faster than the limit of the commanded velocity there; whether a higher limit
-/// helps.
+/// Where the reference is fastest along an axis, if it is faster than the limit of the commanded velocity there. `can_rise`: whether a
+/// higher limit is a remedy.
 pub(super) fn too_fast(
     samples: &[(f64, Reference)],
     config: &Config,

@@ -30,6 +30,9 @@ const SHARES: [f64; 8] = [0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2];
 /// Half of the sides of a fence that bounds no flight, and its height \[m\].
 const WIDE_M: f64 = 100.0;
 
+/// Difference of the thrust of a hover from that of the model that is told [% of the greatest].
+const TOLD_DIFFERENCE: f64 = 5.0;
+
 /// Distances from the reference that are tried as limits \[m\].
 const LIMITS_M: [f64; 4] = [3.0, 5.0, 10.0, 20.0];
 
@@ -104,8 +107,8 @@ impl CrampedFlights<'_> {
         let (plant, vehicle) = (&config.plant, &config.vehicle);
         let plant = share(plant.mass_kg, plant.max_thrust_n);
         let vehicle = share(vehicle.mass_kg, vehicle.max_thrust_n);
-        ((plant - vehicle).abs() > 5.0).then(|| format!(
-            "; the simulated vehicle hovers with {plant:.0} % of its thrust, that of [vehicle], which laws know, with {vehicle:.0} %"
+        ((plant - vehicle).abs() > TOLD_DIFFERENCE).then(|| format!(
+            "; the simulated vehicle hovers at {plant:.0} % of its thrust, the vehicle that the laws assume ([vehicle]) at {vehicle:.0} %"
         ))
     }
 
@@ -131,16 +134,20 @@ impl CrampedFlights<'_> {
         let none = Value::Array(Vec::new());
         let without_force = [("plant.force-n", vec![Value::Float(0.0); 3].into())];
         let all = [
-            suffices(&wide_fence()).then(|| "enlarge [fence] x-m, y-m, z-m".to_owned()),
-            suffices(&without_margin).then(|| "lower fence.soft-margin-m".to_owned()),
+            suffices(&wide_fence()).then(|| {
+                "enlarge the fence ([fence] z-m, and x-m and y-m or polygon-m)".to_owned()
+            }),
+            suffices(&without_margin).then(|| "set fence.soft-margin-m=0".to_owned()),
             least_limit.map(|limit_m| format!("raise safety.tracking-limit-m to {limit_m}")),
             self.fitting().map(|(key, size)| format!("set {key}={size}")),
-            suffices(&without_force).then(|| "lower plant.force-n".to_owned()),
+            suffices(&without_force).then(|| "set plant.force-n=[0,0,0]".to_owned()),
             suffices(&[("plant.disturb", none)]).then(|| "fly without plant.disturb".to_owned()),
         ];
         let all: Vec<String> = all.into_iter().flatten().collect();
         match all.is_empty() {
-            true => format!("  {name}, {ends}: enlarge [fence], and raise safety.tracking-limit-m"),
+            true => format!(
+                "  {name}, {ends}: enlarge the fence and raise safety.tracking-limit-m, both"
+            ),
             false => format!("  {name}, {ends}: {}", all.join(", or ")),
         }
     }
@@ -196,11 +203,11 @@ mod tests {
         let condition = FlightCondition { seed: 200, plant: NOMINAL, settings: Vec::new() };
         let remedy = remedies([((&law, &[&condition][..], Test::Chirp), true)]);
         assert!(
-            remedy.contains("attitude-chirp, held or stopped by the fence: enlarge [fence]"),
+            remedy.contains("attitude-chirp, held or stopped by the fence: enlarge the fence"),
             "{remedy}"
         );
         assert!(remedy.contains("set trajectory.attitude-chirp.sweep-s="), "{remedy}");
-        assert!(remedy.contains("lower plant.force-n"), "{remedy}");
+        assert!(remedy.contains("set plant.force-n=[0,0,0]"), "{remedy}");
     }
 
     /// Its thrust at the law's lower limit exceeds the weight: the vehicle climbs through any ceiling.
@@ -215,6 +222,6 @@ mod tests {
         let condition = FlightCondition { seed: 200, plant: NOMINAL, settings: Vec::new() };
         let remedy = remedies([((&law, &[&condition][..], Test::Hover), true)]);
         assert!(remedy.contains("more room does not help"), "{remedy}");
-        assert!(remedy.contains("hovers with 21 % of its thrust"), "{remedy}");
+        assert!(remedy.contains("hovers at 21 % of its thrust"), "{remedy}");
     }
 }

@@ -212,7 +212,9 @@ impl Files {
         let Some(file) = self.file.take() else { return Ok(()) };
         let handle = file.handle();
         let finished = file.finish();
-        self.note(&handle?);
+        if let Ok(handle) = handle {
+            self.note(&handle);
+        }
         finished
     }
 

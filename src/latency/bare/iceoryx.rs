@@ -70,7 +70,7 @@ fn beside(place: &InstancePaths) -> InstancePaths {
 
 /// Removes the files of the services beside `place`, whose processes have ended or were killed.
 pub fn remove(place: &InstancePaths) {
-    // A new node removes what dead nodes left. Directories that cannot be removed are empty.
+    // A new node removes what dead nodes left. A directory that cannot be removed occupies a few kilobytes.
     drop(services(place));
     let _ = fs::remove_dir_all(beside(place).directory());
 }
