@@ -164,8 +164,11 @@ impl PortOpenError {
                 | Self::UnknownHost { .. }
         );
         let Failure { exit, message } = self.into();
-        let place =
-            if has_other_link { "; the link is set by `bridge.link` or --link" } else { "" };
+        let place = if has_other_link {
+            "; the link is set by `bridge.link`, --link, or `oqtal fly --vehicle link:…`"
+        } else {
+            ""
+        };
         Failure::new(exit, message + place)
     }
 }

@@ -179,7 +179,7 @@ fn waypoints_unused(config: &Config) -> Option<String> {
     let kind = config.trajectory.kind;
     let is_unused = config.trajectory.waypoints_file.is_some() && kind != TrajectoryKind::Waypoints;
     is_unused.then(|| {
-        "trajectory.waypoints-file is given and another trajectory is flown: give --trajectory waypoints to fly the file".to_owned()
+        "trajectory.waypoints-file is given and another trajectory is flown: set trajectory.kind to \"waypoints\" to fly the file".to_owned()
     })
 }
 
@@ -210,7 +210,7 @@ mod tests {
         let square = |side: &str| told(&["trajectory.kind=square", side], None).join("\n");
         assert_eq!(square("trajectory.square.side-m=3"), "");
         let text = square("trajectory.square.side-m=4");
-        assert!(text.contains("steps by 4.00 m") && text.contains("lands it"), "{text}");
+        assert!(text.contains("is 4.00 m from the vehicle") && text.contains("lands it"), "{text}");
         let pid = ["control.controller=pid", "control.stack=predictive"];
         let text = told(&pid, None).join("\n");
         assert!(text.contains("control.pid.feed-forward"), "{text}");

@@ -123,7 +123,9 @@ export class Charts {
 
   // The value at the time shown.
   tell(chart, rows, t) {
-    const newest = rows.length ? this.store.at(rows, t) : null;
+    // The vehicle's messages continue without ticks, and `t` is the time of the latest tick.
+    const latest = () => (this.isLive ? rows[rows.length - 1] : this.store.at(rows, t));
+    const newest = rows.length ? latest() : null;
     const row = this.store.isSilent(chart.rows) ? null : newest;
     if (chart.hasSource && newest) chart.heading.textContent = `${chart.title}, ${this.store.isTrue ? "true" : "estimated"} motion [${chart.unit}]`;
     const columns = chart.total ? [chart.total] : chart.traces.map(([name]) => name);

@@ -47,7 +47,9 @@ pub fn fly(config: &Config) -> Result<ExcitationFlight, Failure> {
             break;
         }
         config.vehicle.mass_kg = configured * assumed;
-        flight = simulation::fly(&Mission::new(config.clone())?)?;
+        // A mass with which the check before the flight refuses it is not that of this vehicle.
+        let Ok(mission) = Mission::new(config.clone()) else { continue };
+        flight = simulation::fly(&mission)?;
     }
     if failure(&flight).is_none() {
         let assumption = first_failure.map(|reason| {

@@ -150,8 +150,10 @@ fn finite(number: f64) -> SheetCell {
 pub fn greatest_difference(pair: &LoopPair) -> f64 {
     let [model, flown] = [&pair.linear, &pair.flown].map(|response| response.margins());
     let of = |m: &Margins| [m.gain, m.phase_deg, m.delay_ms, m.disk];
-    let apart = |(a, b): (f64, f64)| if a == b { 0.0 } else { (b / a - 1.0).abs() };
-    of(&model).into_iter().zip(of(&flown)).map(apart).fold(0.0, f64::max)
+    // A loop without a crossover in the measured range has no phase and no delay margin.
+    let pairs = of(&model).into_iter().zip(of(&flown));
+    let measured = pairs.filter(|(a, b)| a.is_finite() && b.is_finite());
+    measured.map(|(a, b)| (b / a - 1.0).abs()).fold(0.0, f64::max)
 }
 
 /// Agreement of model and flight, and the loops that have no margins.

@@ -140,7 +140,7 @@ pub fn counts(rows: &[Flown]) -> (usize, usize) {
 
 /// Changes with which the flights that needed more room would be complete, a paragraph for each trajectory; empty without any.
 pub fn remedies(groups: &[FailedFlights<'_>]) -> String {
-    let cramped = groups.iter().filter(|group| room::is_cramped(group.test, group.cause));
+    let cramped = groups.iter().filter(|group| room::is_cramped(group.cause));
     room::remedies(
         cramped.map(|group| {
             ((group.law, &group.conditions[..], group.test), is_of_fence(group.cause))

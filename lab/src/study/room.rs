@@ -51,15 +51,9 @@ struct CrampedFlights<'a> {
 /// Flights of one law and test that needed more room, and whether the fence ended them.
 pub type CrampedGroup<'a> = ((&'a StudyLaw, &'a [&'a FlightCondition], Test), bool);
 
-/// Whether flights of `test` that ended by `cause`, of [`oqtal_observe::flight::Flight::cause`], needed more room.
-pub fn is_cramped(test: Test, cause: &str) -> bool {
-    let is_drift = is_open(test) && cause.ends_with(&Cause::Tracking.to_string());
-    is_of_fence(cause) || is_drift
-}
-
-/// Whether the position is not controlled during the manoeuvre of `test`.
-const fn is_open(test: Test) -> bool {
-    matches!(test, Test::Chirp | Test::Doublet)
+/// Whether a flight that ended by `cause`, of [`oqtal_observe::flight::Flight::cause`], needed more room.
+pub fn is_cramped(cause: &str) -> bool {
+    is_of_fence(cause) || cause.ends_with(&Cause::Tracking.to_string())
 }
 
 /// Changes with which the flights of `groups` would be complete, one line for each trajectory; empty without groups.
