@@ -106,7 +106,7 @@ fn flights_that_the_fence_held_are_counted_and_not_averaged() {
     let words = ["campaign", "--controllers", "oqtal-dt", "--runs", "1", "--trajectory", "hover"];
     let text = testbed.succeeds(&[&words[..], &doublet, &small].concat());
     let remedy = "attitude-doublet, held or stopped by the fence: enlarge the fence ([fence] z-m, and x-m and \
-                  y-m or polygon-m), or set fence.soft-margin-m=0, or set trajectory.attitude-doublet.angle-deg=";
+                  y-m or polygon-m), or set trajectory.attitude-doublet.angle-deg=";
     assert!(text.contains(remedy), "{text}");
 }
 

@@ -313,7 +313,6 @@ impl LiveSettings {
     /// Changes the settings that differ in the file `path`. Without one, takes the changes in flight back, and reads the
     /// daemon's files as they are now; flags keep precedence over the files.
     fn reload(&self, path: &str) -> Result<PreparedChange, Refusal> {
-        // The file of which `oqtal fly` made the copy may have changed.
         let is_copy = |paths: InstancePaths| self.files == [paths.config()];
         let next = if !path.is_empty() {
             require_file(Path::new(path))?;
@@ -321,7 +320,7 @@ impl LiveSettings {
             settings.retain(|setting| !setting.is_of_instance());
             self.present().with_live(&settings)?
         } else if self.files.is_empty() || paths_of(&self.started.instance).is_ok_and(is_copy) {
-            let reason = "the daemon was started without a file, or by `oqtal fly` with a copy; name the file";
+            let reason = "the daemon was started without a file, or by `oqtal fly` with a copy, which lacks later changes; name the file";
             return Err(Refusal::of_setting(reason));
         } else {
             self.files.iter().try_for_each(|file| require_file(file))?;

@@ -123,7 +123,7 @@ fn far_since(
     for pair in samples.windows(2) {
         let (t_s, dt_s) = (pair[1].0, pair[1].0 - pair[0].0);
         let [(_, before), (_, after)] = [&pair[0], &pair[1]];
-        // What the velocity of the reference does not explain is a step.
+        // A motion that the velocity of the reference does not explain is a step.
         let moved = (before.velocity + after.velocity).xy() * (0.5 * dt_s);
         let step = (after.position - before.position).xy() - moved;
         behind += if step.norm() > LEAST_STEP_M { step } else { Vector2::zeros() };
