@@ -8,6 +8,7 @@ use crate::common::{Running, signal, stderr, wait_for};
 use flight::{BridgeFlight, PERIOD, TIME_OUT, airborne, is_zero, stick};
 use oqtal_bus::bus::Bus;
 use oqtal_bus::message::{CommandV1, PoseV1, Stamps};
+use oqtal_bus::stop::StopSwitch;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::POSE;
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
@@ -125,6 +126,34 @@ fn f15_a_stop_bypasses_a_daemon_that_continues_to_command_flight() {
     });
     commander.until("motors again", stick(0.2), || vehicle.log().motors_run.then_some(()));
     assert_eq!(vehicle.log().emergency_stops, 0);
+}
+
+#[test]
+fn f33_a_stop_reaches_a_vehicle_whose_bridge_was_killed_in_flight() {
+    for is_raised_first in [false, true] {
+        let (flight, mut commander) = airborne("restart");
+        let BridgeFlight { testbed, vehicle, bridge, .. } = flight;
+        bridge.signal(Signal::KILL);
+        bridge.wait();
+        let zero = CommandV1::default();
+        let stop = || StopSwitch::existing(&testbed.paths()).unwrap().unwrap().raise();
+        if is_raised_first {
+            stop();
+        }
+        vehicle.clear_log();
+        let link = vehicle.link();
+        let words = [&["bridge", "run", "--link", &link], &TIME_OUT[..]].concat();
+        let _bridge = testbed.start(&words);
+        if !is_raised_first {
+            let is_zero_for_long = || (vehicle.log().setpoints.len() > 200).then_some(());
+            commander.until("zero set-points", zero, is_zero_for_long);
+            assert!(vehicle.log().motors_run, "without a stop a pilot may fly");
+            stop();
+        }
+        let has_stopped = || (!vehicle.log().motors_run).then_some(());
+        commander.until("motors to stop", zero, has_stopped);
+        assert_eq!(vehicle.log().emergency_stops, 0);
+    }
 }
 
 #[test]

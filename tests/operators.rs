@@ -41,6 +41,22 @@ fn of_two_operators_who_set_the_same_keys_at_once_one_wins_as_a_whole() {
 }
 
 #[test]
+fn under_fly_a_reload_without_a_file_is_refused_since_the_daemon_reads_a_copy() {
+    let testbed = Testbed::new("copy-reload");
+    let file = testbed.path("my.toml");
+    let write = |deg| std::fs::write(&file, format!("[position]\ntilt-limit-deg = {deg}\n"));
+    write(14.0).unwrap();
+    let words = ["--config", "my.toml", "--trajectory", "hover", "--duration", "30"];
+    let _flight = testbed.start(&[&["fly"], &words[..]].concat());
+    testbed.wait_for_daemon();
+    write(11.0).unwrap();
+    testbed.refuses(&["ctl", "reload"], 1, &["with a copy", "name the file"]);
+    assert!(ctl(&testbed, &["reload", "my.toml"]).status.success());
+    testbed.refuses(&["ctl", "reload"], 1, &["with a copy"]);
+    assert!(ctl(&testbed, &["stop"]).status.success());
+}
+
+#[test]
 fn a_stop_between_reloads_is_obeyed_at_once() {
     let testbed = Testbed::new("stop-reload");
     let bus = testbed.bus();

@@ -4,6 +4,7 @@
 mod report;
 
 use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps, VehicleV1};
+use oqtal_bus::stop::StoppedMotors;
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 
@@ -164,10 +165,9 @@ impl Bridge {
         changed
     }
 
-    /// Effect of the stop that is in force: whether a set-point without flight was sent since, and whether the vehicle has reported
-    /// since that its motors are off.
-    pub fn stop_state(&self) -> (bool, bool) {
-        (self.stop_sent, self.stop_sent && self.gate.motors_are_off())
+    /// The motors under the stop that is in force; `None` until a set-point without flight was sent since.
+    pub fn stopped_motors(&self) -> Option<StoppedMotors> {
+        self.stop_sent.then(|| self.gate.stopped_motors())
     }
 
     /// Whether the motors run, or may run because of what the bridge sent.
@@ -214,10 +214,11 @@ impl Bridge {
                 return None;
             }
         }
+        let has_emergency_stop = self.has_emergency_stop && self.gate.may_stop_at_once();
         let (setpoint, forwarded, event) = self.gate.select_command(now);
         if let Some(event) = event {
             note(Note::Motors(event));
-            self.emergency_stop_waits |= event == MotorEvent::StopFailed && self.has_emergency_stop;
+            self.emergency_stop_waits |= event == MotorEvent::StopFailed && has_emergency_stop;
         }
         let with_command = std::mem::take(&mut self.command_waits);
         self.schedule.add_setpoint(now, with_command);

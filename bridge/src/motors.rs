@@ -20,7 +20,8 @@
 //!   commands: the zero set-point is sent, and the rotors idle until a daemon runs again or the pilot stops them.
 //! - Ours: if another takes control, the state is `Inhibited` and the motors are under the control of that pilot or program:
 //!   nothing is sent, not even a zero set-point, because it would drop a vehicle that a pilot flies.
-//! - Ours: motors that the bridge did not start are left alone, so that a pilot can fly by hand while a bridge is connected.
+//! - Ours: motors that the bridge did not start, as of a vehicle that flew when the bridge was restarted, are stopped by an
+//!   operator's stop alone: without it they are left alone, because a pilot may fly by hand while a bridge is connected.
 //! - The emergency stop is known from `asctec_drivers` alone; no source states how to fly again after it. It is sent only where
 //!   the zero set-point is not enough: after a stop sequence that failed, and when the bridge ends while motors run. A Stop of
 //!   the daemon in flight is a zero set-point at once, and then the stop sequence as after a landing.
@@ -61,6 +62,8 @@ pub struct MotorConditions {
     pub running: bool,
     /// A fresh status reports stopped motors.
     pub stopped: bool,
+    /// An operator's stop is in force: motors are stopped whoever started them.
+    pub operator_stop: bool,
     /// Time since a flight was last requested, if no command followed for the rest time; `None` otherwise.
     pub daemon_silent: Option<Span>,
     /// The bridge started the motors, and no status has reported them stopped since.
@@ -86,7 +89,11 @@ const TRANSITIONS: [MotorTransition; 13] = {
         // After silence in flight the daemon must first command "disarmed": it may only have been suspended.
         T { from: Inhibited, to: Off, when: |c| c.idle && (c.disarmed || !c.started_here) },
         // Motors that still run from before the state was `Inhibited`.
-        T { from: Off, to: Stopping, when: |c| c.started_here && c.rest_over && c.running },
+        T {
+            from: Off,
+            to: Stopping,
+            when: |c| (c.started_here || c.operator_stop) && c.rest_over && c.running,
+        },
         T { from: Off, to: Running, when: |c| c.requested && c.running },
         T { from: Off, to: Starting, when: |c| c.requested && c.stopped },
         // The request was withdrawn: the toggle may have taken effect already, and then must be undone.
@@ -133,12 +140,15 @@ pub struct MotorSequencer {
     since: Time,
     longest: Span,
     started_here: bool,
+    /// Whether a stop sequence had no effect on the motors that run.
+    has_given_up: bool,
 }
 
 impl MotorSequencer {
     /// State machine in state `Inhibited` at `now`; its sequences last at most `longest`.
     pub fn new(now: Time, longest: Span) -> Self {
-        Self { state: MotorState::Inhibited, since: now, longest, started_here: false }
+        let state = MotorState::Inhibited;
+        Self { state, since: now, longest, started_here: false, has_given_up: false }
     }
 
     /// The present state.
@@ -159,6 +169,16 @@ impl MotorSequencer {
         event
     }
 
+    /// Takes a new stop of an operator: motors are stopped once more although a stop sequence had no effect.
+    pub fn stop_again(&mut self) {
+        self.has_given_up = false;
+    }
+
+    /// Whether the bridge started the motors, and no status has reported them stopped since.
+    pub fn has_started(&self) -> bool {
+        self.started_here
+    }
+
     /// Whether the motors may run because of what the bridge sent.
     pub fn may_run(&self) -> bool {
         self.started_here || !matches!(self.state, MotorState::Inhibited | MotorState::Off)
@@ -169,8 +189,10 @@ impl MotorSequencer {
     pub fn step(&mut self, now: Time, conditions: MotorConditions) -> Option<MotorEvent> {
         let lasted = now.since(self.since);
         self.started_here &= !conditions.stopped;
+        self.has_given_up &= !conditions.stopped;
         let conditions = MotorConditions {
             started_here: self.started_here,
+            operator_stop: conditions.operator_stop && !self.has_given_up,
             settled: lasted >= SETTLING_TIME,
             timed_out: lasted >= self.longest,
             ..conditions
@@ -182,7 +204,7 @@ impl MotorSequencer {
         match event {
             Some(MotorEvent::Running) => self.started_here = true,
             // One attempt, and one line in the log.
-            Some(MotorEvent::StopFailed) => self.started_here = false,
+            Some(MotorEvent::StopFailed) => (self.started_here, self.has_given_up) = (false, true),
             _ => {}
         }
         event
@@ -220,6 +242,7 @@ mod tests {
         rest_over: false,
         running: false,
         stopped: false,
+        operator_stop: false,
         daemon_silent: None,
         started_here: false,
         settled: false,
@@ -229,7 +252,8 @@ mod tests {
 
     fn after(state: MotorState, millis: i64, conditions: MotorConditions) -> MotorState {
         let (since, started_here) = (Time::VIRTUAL_START, conditions.started_here);
-        let mut motors = MotorSequencer { state, since, longest: LONGEST, started_here };
+        let mut motors =
+            MotorSequencer { state, started_here, ..MotorSequencer::new(since, LONGEST) };
         motors.step(since + Span::from_millis(millis), conditions);
         motors.state
     }
@@ -309,10 +333,29 @@ mod tests {
     }
 
     #[test]
+    fn motors_of_a_bridge_before_are_stopped_by_an_operator_once_for_each_stop() {
+        let running = MotorConditions { idle: true, rest_over: true, running: true, ..NONE };
+        let stop = MotorConditions { operator_stop: true, ..running };
+        let mut now = Time::VIRTUAL_START;
+        let mut motors = MotorSequencer::new(now, LONGEST);
+        for _ in 0..3 {
+            let states = [(); 5].map(|()| {
+                now = now + LONGEST;
+                motors.step(now, stop);
+                motors.state
+            });
+            assert_eq!(states, [Off, Stopping, Inhibited, Off, Off], "the sequence has no effect");
+            motors.inhibit(now);
+            motors.stop_again();
+        }
+    }
+
+    #[test]
     fn each_transition_is_logged_as_what_it_is() {
         let logged = |from: MotorState, conditions: MotorConditions| {
             let (since, started_here) = (Time::VIRTUAL_START, conditions.started_here);
-            let mut motors = MotorSequencer { state: from, since, longest: LONGEST, started_here };
+            let new = MotorSequencer::new(since, LONGEST);
+            let mut motors = MotorSequencer { state: from, started_here, ..new };
             (motors.step(since + LONGEST, conditions), motors.may_run())
         };
         let running = MotorConditions { running: true, ..NONE };

@@ -7,6 +7,7 @@
 
 use oqtal_bus::code::{Actuation, ControlHolder};
 use oqtal_bus::message::{CommandV1, Header, Stamps};
+use oqtal_bus::stop::StoppedMotors;
 use oqtal_bus::time::{Span, Time};
 
 use crate::motors::{MotorConditions, MotorEvent, MotorSequencer, MotorState};
@@ -125,17 +126,25 @@ impl CommandGate {
     }
 
     /// Sets the instant since which an operator's stop is in force: no flight command is forwarded, and the motors are stopped at
-    /// once, without the rest time. A flight command that arrived before it ends is never sent.
+    /// once, without the rest time, whoever started them. A flight command that arrived before it ends is never sent.
     pub fn keep_stopped(&mut self, since: Option<Time>) {
+        if since.is_some() && since != self.stopped_since {
+            self.motors.stop_again();
+        }
         self.stopped_since = since;
         self.newest = self.newest.filter(|newest| !self.is_flight(&newest.command));
     }
 
-    /// Whether a status that arrived since an operator's stop reports motors off.
-    pub fn motors_are_off(&self) -> bool {
-        let (Some(since), Some(status)) = (self.stopped_since, self.status) else { return false };
-        // A toggle that was sent may still take effect.
-        status.received_at > since && !status.running && !self.is_in_sequence()
+    /// The motors, as a status that arrived since an operator's stop reports them.
+    pub fn stopped_motors(&self) -> StoppedMotors {
+        let status =
+            self.status.filter(|s| self.stopped_since.is_some_and(|at| s.received_at > at));
+        match status {
+            None => StoppedMotors::Unknown,
+            // A toggle that was sent may still take effect.
+            Some(status) if status.running || self.is_in_sequence() => StoppedMotors::Running,
+            Some(_) => StoppedMotors::Off,
+        }
     }
 
     /// Takes the motor state that the vehicle reports.
@@ -205,6 +214,11 @@ impl CommandGate {
         self.motors.may_run()
     }
 
+    /// Whether motors that a stop sequence does not stop may be stopped by the emergency stop: no pilot started them.
+    pub fn may_stop_at_once(&self) -> bool {
+        self.motors.has_started() || self.control == ControlHolder::Bridge
+    }
+
     /// Whether the last status, of any age, reports running motors. Without a new status they are not assumed to have stopped; a
     /// motor sequence requires a fresh one.
     pub fn last_status_running(&self) -> bool {
@@ -242,6 +256,7 @@ impl CommandGate {
             daemon_silent: (silent && !requested).then_some(without_request),
             running: fresh.is_some_and(|status| status.running),
             stopped: fresh.is_some_and(|status| !status.running),
+            operator_stop: is_stopped,
             ..MotorConditions::default()
         }
     }

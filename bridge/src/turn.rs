@@ -104,7 +104,7 @@ impl<T: Transport> Turn for BridgeTurn<T> {
             self.bridge.receive_pose(clock.now(), &header, &pose);
         }
         self.write_due(clock)?;
-        self.confirm_stop();
+        self.confirm_stop(clock.now());
         Ok(())
     }
 
@@ -138,9 +138,9 @@ impl<T: Transport> Turn for BridgeTurn<T> {
 
 impl<T: Transport> BridgeTurn<T> {
     /// Confirms a stop once a set-point without flight has left for the vehicle.
-    fn confirm_stop(&mut self) {
-        if let (true, motors_off) = self.bridge.stop_state() {
-            self.ports.stop.confirm(motors_off);
+    fn confirm_stop(&mut self, now: Time) {
+        if let Some(motors) = self.bridge.stopped_motors() {
+            self.ports.stop.confirm(now, motors);
         }
     }
 

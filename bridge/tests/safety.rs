@@ -7,6 +7,7 @@ use oqtal_bridge::{
 };
 use oqtal_bus::code::{Actuation, ControlHolder};
 use oqtal_bus::message::{CommandV1, Header, Stamps};
+use oqtal_bus::stop::StoppedMotors;
 use oqtal_bus::time::{Span, Time};
 use proptest::prelude::*;
 
@@ -306,12 +307,12 @@ fn f15_an_operators_stop_ends_flight_at_once_and_stops_the_motors_without_rest()
     for _ in 0..30 {
         let setpoint = flown(&mut player, true);
         assert_eq!(setpoint, VehicleSetpoint::StopMotors);
-        assert!(!player.gate.motors_are_off());
+        assert!(player.gate.stopped_motors() != StoppedMotors::Off);
     }
     for _ in 0..60 {
         assert_eq!(flown(&mut player, false), VehicleSetpoint::Zero);
     }
-    assert!(player.gate.motors_are_off());
+    assert!(player.gate.stopped_motors() == StoppedMotors::Off);
     player.gate.keep_stopped(None);
     assert!(matches!(flown(&mut player, false), VehicleSetpoint::StartMotors));
 }
@@ -355,13 +356,16 @@ fn f33_the_motors_are_off_once_the_vehicle_says_so_after_a_stop() {
     let mut flying = Flying::new();
     flying.status(false);
     flying.gate.keep_stopped(Some(flying.now));
-    assert!(!flying.gate.motors_are_off(), "reported at the instant of the stop");
+    assert!(
+        flying.gate.stopped_motors() != StoppedMotors::Off,
+        "reported at the instant of the stop"
+    );
     flying.frame();
     flying.status(false);
     flying.frame();
-    assert!(flying.gate.motors_are_off() && !flying.gate.is_starting());
+    assert!(flying.gate.stopped_motors() == StoppedMotors::Off && !flying.gate.is_starting());
     flying.status(true);
-    assert!(!flying.gate.motors_are_off());
+    assert!(flying.gate.stopped_motors() != StoppedMotors::Off);
     // A start sequence that was cancelled: the motors may still start.
     let mut starting = Flying::waiting();
     assert_eq!(starting.command(flight(0.1)), VehicleSetpoint::StartMotors);
@@ -369,7 +373,7 @@ fn f33_the_motors_are_off_once_the_vehicle_says_so_after_a_stop() {
     starting.gate.keep_stopped(Some(starting.now));
     starting.frame();
     starting.status(false);
-    assert!(!starting.gate.motors_are_off());
+    assert!(starting.gate.stopped_motors() != StoppedMotors::Off);
 }
 
 #[test]
@@ -397,4 +401,33 @@ fn a_start_sequence_pauses_while_the_vehicle_does_not_report() {
     starting.status(false);
     assert_eq!(starting.command(flight(0.1)), VehicleSetpoint::StartMotors);
     assert!(Flying::new().gate.may_run());
+}
+
+/// Set-points of a new bridge to a vehicle with running motors, of which it is told `control`, while a daemon commands "disarmed"; with
+/// an operator's stop after 10 s.
+fn set_points_after_a_restart(control: ControlHolder) -> [Vec<VehicleSetpoint>; 2] {
+    let mut gate = CommandGate::new(START, LIMITS);
+    let mut ticks = 0..;
+    let mut ten_seconds = |gate: &mut CommandGate| -> Vec<VehicleSetpoint> {
+        let tick = |k: i64| {
+            let now = START + Span::from_nanos(k * PERIOD.nanos());
+            gate.receive(now, &header(k as u64, now), CommandV1::default());
+            gate.update_status(MotorStatus { received_at: now, running: true });
+            gate.update_control(control);
+            gate.select_command(now).0
+        };
+        ticks.by_ref().take(600).map(tick).collect()
+    };
+    let without = ten_seconds(&mut gate);
+    gate.keep_stopped(Some(START));
+    [without, ten_seconds(&mut gate)]
+}
+
+#[test]
+fn f33_a_stop_reaches_motors_that_a_bridge_before_this_one_started() {
+    let stops = |set_points: &[VehicleSetpoint]| set_points.contains(&VehicleSetpoint::StopMotors);
+    let of = |control| set_points_after_a_restart(control).map(|set_points| stops(&set_points));
+    assert_eq!(of(ControlHolder::Nobody), [false, true], "a pilot may fly it, until the stop");
+    assert_eq!(of(ControlHolder::Bridge), [false, true]);
+    assert_eq!(of(ControlHolder::Another), [false, false], "a pilot flies it");
 }

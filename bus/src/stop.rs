@@ -153,7 +153,7 @@ impl StopSwitch {
     }
 }
 
-/// Time after which a stop is lifted although the vehicle has not reported its motors off; longer than any stop sequence.
+/// Time from its confirmation after which a stop is lifted although the vehicle has reported nothing about its motors.
 const UNREPORTED: Span = Span::from_millis(3000);
 
 /// Stop that the vehicle's process has seen and not yet lifted.
@@ -162,8 +162,20 @@ struct StopInForce {
     number: u32,
     /// Instant at which it was first seen.
     since: Time,
-    is_confirmed: bool,
-    motors_off: bool,
+    /// Instant at which it was first confirmed.
+    confirmed_at: Option<Time>,
+    motors: StoppedMotors,
+}
+
+/// Motors of a vehicle while a stop is in force.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StoppedMotors {
+    /// The vehicle has reported nothing since the stop.
+    Unknown,
+    /// The vehicle's last report is that they run.
+    Running,
+    /// The vehicle has reported that they are off.
+    Off,
 }
 
 /// The vehicle's side: obeys and lifts stops.
@@ -186,9 +198,9 @@ impl VehicleStop {
         self.switch.raise_signalled();
         let raised = self.view.in_force(&self.switch.words);
         if self.in_force.map(|stop| stop.number) != raised {
-            let begin =
-                |number| StopInForce { number, since: now, is_confirmed: false, motors_off: false };
-            self.in_force = raised.map(begin);
+            let motors = StoppedMotors::Unknown;
+            self.in_force =
+                raised.map(|number| StopInForce { number, since: now, confirmed_at: None, motors });
         }
         self.in_force.is_some()
     }
@@ -198,23 +210,32 @@ impl VehicleStop {
         self.in_force.map(|stop| stop.since)
     }
 
-    /// Confirms that the stop in force is obeyed, and whether the motors are known to be off.
-    pub fn confirm(&mut self, motors_off: bool) {
+    /// Confirms at `now` that the stop in force is obeyed, and the state of the motors. Once off, they stay off.
+    pub fn confirm(&mut self, now: Time, motors: StoppedMotors) {
         let Some(stop) = &mut self.in_force else { return };
-        stop.is_confirmed = true;
-        stop.motors_off |= motors_off;
-        words::confirm(&self.switch.words, stop.number, motors_off);
+        stop.confirmed_at = stop.confirmed_at.or(Some(now));
+        if stop.motors != StoppedMotors::Off {
+            stop.motors = motors;
+        }
+        words::confirm(&self.switch.words, stop.number, motors == StoppedMotors::Off);
     }
 
     /// Takes a command of the daemon. A "disarmed" published after the stop in force was seen lifts the stop once the motors are
-    /// known to be off, or 3 s later. The last command of a daemon that ends has no stamps and counts as published afterwards.
+    /// known to be off; or 3 s after its confirmation, if nothing is known of them. The last command of a daemon that ends has no
+    /// stamps and counts as published afterwards.
     pub fn receive_command(&mut self, header: &Header, command: &CommandV1) {
-        let Some(stop) = self.in_force.filter(|stop| stop.is_confirmed) else { return };
+        let Some(stop) = self.in_force else { return };
+        let Some(confirmed_at) = stop.confirmed_at else { return };
         let published_at = header.stamps.command_published_at;
         let is_disarmed = command.actuation == Actuation::Disarmed.code();
         let is_after = !published_at.is_set() || published_at >= stop.since;
-        let is_overdue = published_at.is_set() && published_at.since(stop.since) >= UNREPORTED;
-        if is_disarmed && is_after && (stop.motors_off || is_overdue) {
+        let is_overdue = published_at.is_set() && published_at.since(confirmed_at) >= UNREPORTED;
+        let may_lift = match stop.motors {
+            StoppedMotors::Off => true,
+            StoppedMotors::Running => false,
+            StoppedMotors::Unknown => is_overdue,
+        };
+        if is_disarmed && is_after && may_lift {
             words::lift(&self.switch.words, stop.number);
             self.in_force = None;
         }

@@ -124,7 +124,10 @@ impl DaemonWorker {
         let is_external = context.config.control.is_external();
         let law = is_external.then(|| LawListener::open(context.paths()?.law(), connected));
         let law = law.transpose()?;
-        let settings = LiveSettings::new(&context.config, &context.files);
+        // A copy lacks what changed in flight, and edits of the file that it was made from.
+        let is_copy = context.is_child || context.files == [context.paths()?.config()];
+        let files = if is_copy { &[] } else { &context.files[..] };
+        let settings = LiveSettings::new(&context.config, files);
         let config_hash = context.config.hash();
         let requests = requests.with_settings(config_hash, settings);
         let (server, heartbeat) = (bus.control_server()?, context.heartbeat(&bus)?);

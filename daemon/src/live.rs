@@ -10,12 +10,11 @@ use std::path::{Path, PathBuf};
 use nalgebra::{Vector3, Vector4};
 use oqtal_bus::code::{Cause, OperatorCommand};
 use oqtal_bus::message::ControlRequestV1;
-use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::text::LongText;
 use oqtal_config::{Config, ConfigError, Setting};
 use oqtal_control::predictive::MotionTracker;
 use oqtal_control::trajectory::{Trajectory, TrajectoryOptions, Waypoints};
-use oqtal_runtime::process::{Failure, paths_of};
+use oqtal_runtime::process::Failure;
 
 use crate::arming::ArmingPath;
 use crate::command_model::{CommandModel, motion_tracker};
@@ -158,7 +157,7 @@ pub struct LiveSettings {
 }
 
 impl LiveSettings {
-    /// The settings of `config`, which was read from `files`; its waypoint file is read.
+    /// The settings of `config`, which was read from `files`, without copies; its waypoint file is read.
     pub fn new(config: &Config, files: &[PathBuf]) -> Self {
         // A file that cannot be read is an error of the request that needs it.
         Self::along(config, files, waypoint_file::waypoints(config).unwrap_or(None))
@@ -313,14 +312,13 @@ impl LiveSettings {
     /// Changes the settings that differ in the file `path`. Without one, takes the changes in flight back, and reads the
     /// daemon's files as they are now; flags keep precedence over the files.
     fn reload(&self, path: &str) -> Result<PreparedChange, Refusal> {
-        let is_copy = |paths: InstancePaths| self.files == [paths.config()];
         let next = if !path.is_empty() {
             require_file(Path::new(path))?;
             let mut settings = Config::file_settings(Path::new(path))?;
             settings.retain(|setting| !setting.is_of_instance());
             self.present().with_live(&settings)?
-        } else if self.files.is_empty() || paths_of(&self.started.instance).is_ok_and(is_copy) {
-            let reason = "the daemon was started without a file, or by `oqtal fly` with a copy, which lacks later changes; name the file";
+        } else if self.files.is_empty() {
+            let reason = "the daemon was started without a file, or with a copy, as by `oqtal fly`, which lacks later changes; name the file";
             return Err(Refusal::of_setting(reason));
         } else {
             self.files.iter().try_for_each(|file| require_file(file))?;

@@ -3,7 +3,7 @@
 
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{CommandV1, Header, Stamps, TruthV1, VehicleV1};
-use oqtal_bus::stop::VehicleStop;
+use oqtal_bus::stop::{StoppedMotors, VehicleStop};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{COMMAND, TRUTH, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
@@ -142,7 +142,7 @@ impl<T: Transport> PlantTurn<T> {
         let Self { stop, plant, outputs, .. } = self;
         let mut changed = plant.keep_stopped(stop.is_in_force(now));
         if outputs.vehicles.is_some() {
-            stop.confirm(true);
+            stop.confirm(now, StoppedMotors::Off);
             if let Some((header, command)) = arrival {
                 stop.receive_command(header, command);
             }

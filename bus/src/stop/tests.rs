@@ -26,7 +26,7 @@ fn a_stop_is_in_force_until_disarmed_is_commanded_after_it() {
     vehicle.receive_command(&header, &body);
     assert!(vehicle.is_in_force(NOW), "lifted before it was obeyed");
     assert_eq!(switch.report(number), StopReport::default());
-    vehicle.confirm(true);
+    vehicle.confirm(NOW, StoppedMotors::Off);
     for (actuation, millis) in [(Actuation::Sticks, 5), (Actuation::Disarmed, -1)] {
         let (header, body) = command(actuation, millis);
         vehicle.receive_command(&header, &body);
@@ -45,25 +45,27 @@ fn a_stop_is_in_force_until_the_motors_are_known_to_be_off() {
     let mut vehicle = VehicleStop::new(switch.clone());
     let number = switch.raise();
     assert!(vehicle.is_in_force(NOW));
-    vehicle.confirm(false);
-    for millis in [17, 400, 2999] {
+    vehicle.confirm(NOW, StoppedMotors::Running);
+    for millis in [17, 400, 2999, 60_000] {
         let (header, body) = command(Actuation::Disarmed, millis);
         vehicle.receive_command(&header, &body);
         assert!(vehicle.is_in_force(NOW), "lifted after {millis} ms with motors running");
     }
-    vehicle.confirm(true);
+    vehicle.confirm(NOW, StoppedMotors::Off);
     assert!(switch.report(number).motors_off);
     let (header, body) = command(Actuation::Disarmed, 420);
     vehicle.receive_command(&header, &body);
     assert!(!vehicle.is_in_force(NOW));
 
-    // A vehicle that never reports does not block the instance permanently.
+    // A vehicle that never reports does not block the instance permanently. Its port was opened after 5 s.
     switch.raise();
     assert!(vehicle.is_in_force(NOW));
-    vehicle.confirm(false);
-    let (header, body) = command(Actuation::Disarmed, 3000);
-    vehicle.receive_command(&header, &body);
-    assert!(!vehicle.is_in_force(NOW));
+    vehicle.confirm(NOW + Span::from_millis(5000), StoppedMotors::Unknown);
+    for (millis, is_in_force) in [(7999, true), (8000, false)] {
+        let (header, body) = command(Actuation::Disarmed, millis);
+        vehicle.receive_command(&header, &body);
+        assert_eq!(vehicle.is_in_force(NOW), is_in_force);
+    }
 }
 
 #[test]
@@ -75,7 +77,7 @@ fn each_stop_must_be_lifted_however_many_operators_raise_one() {
     let second = switch.raise();
     let later = NOW + Span::from_millis(3);
     assert!(vehicle.is_in_force(later));
-    vehicle.confirm(false);
+    vehicle.confirm(NOW, StoppedMotors::Unknown);
     // Published before the second stop was seen.
     let (header, body) = command(Actuation::Disarmed, 2);
     vehicle.receive_command(&header, &body);
@@ -118,7 +120,7 @@ fn a_stop_without_a_vehicle_waits_for_one_and_a_restarted_daemon_sees_it_again()
     assert!(ControllerStop::new(switch.clone()).is_newly_raised());
     let mut vehicle = VehicleStop::new(switch.clone());
     assert!(vehicle.is_in_force(NOW));
-    vehicle.confirm(true);
+    vehicle.confirm(NOW, StoppedMotors::Off);
     let (header, body) = command(Actuation::Disarmed, 1);
     vehicle.receive_command(&header, &body);
     assert!(!ControllerStop::new(switch.clone()).is_newly_raised());
@@ -133,7 +135,7 @@ fn f69_zeroed_words_lift_no_stop_and_raise_one_after_an_earlier_stop() {
         let mut daemon = ControllerStop::new(switch.clone());
         switch.raise();
         assert!(vehicle.is_in_force(NOW) && daemon.is_newly_raised());
-        vehicle.confirm(true);
+        vehicle.confirm(NOW, StoppedMotors::Off);
         if was_lifted {
             let (header, body) = command(Actuation::Disarmed, 0);
             vehicle.receive_command(&header, &body);
@@ -143,7 +145,7 @@ fn f69_zeroed_words_lift_no_stop_and_raise_one_after_an_earlier_stop() {
         assert!(daemon.is_newly_raised());
         assert!(vehicle.is_in_force(NOW));
         // It ends as every stop.
-        vehicle.confirm(true);
+        vehicle.confirm(NOW, StoppedMotors::Off);
         let (header, body) = command(Actuation::Disarmed, 0);
         vehicle.receive_command(&header, &body);
         assert!(!vehicle.is_in_force(NOW));
