@@ -11,7 +11,7 @@ use oqtal_lab::simulation;
 use oqtal_lab::study::flights::{Run, Test};
 use oqtal_lab::study::law::StudyLaw;
 use oqtal_lab::study::metric::{HOVER, METRICS, POSITION};
-use oqtal_lab::study::{Case, Study, TRAINING_SEEDS};
+use oqtal_lab::study::{Case, Study};
 use oqtal_lab::tune::live;
 use oqtal_lab::tune::search::{self, Budget, TrainingFlights};
 use oqtal_observe::flight::{Flight, Outcome};
@@ -94,10 +94,9 @@ fn gains_of_an_unknown_vehicle_found_in_flight_are_as_good_as_those_of_a_known_o
         let present = [vehicle[0].clone(), vehicle[3].clone()];
         let live = live::tune(&flight, &present, (&budget, weights, ""), &progress).unwrap().tuned;
         let known = TrainingFlights {
-            live_keys_only: true,
             computed: known_limit(&vehicle),
             weights,
-            ..TrainingFlights::near(vehicle.clone(), TRAINING_SEEDS)
+            ..live::training_flights(vehicle.clone())
         };
         let known = search::law(law, &budget, &known, &progress).unwrap();
         assert!(live.objective.is_finite() && live.objective <= live.start, "{live}");

@@ -16,7 +16,7 @@ use crate::identify::finding::rules;
 use crate::identify::identification::{Identification, Scale, identify};
 use crate::progress::Progress;
 use crate::study::TRAINING_SEEDS;
-use crate::study::flights::readable;
+use crate::study::flights::{AUTHORITY, Change, NOMINAL, PlantVariant, RATE_LAG, readable};
 use crate::study::law;
 
 /// Default optimiser: two searches on similar plants take similar ways, so that the gains depend little on what the identification
@@ -35,6 +35,13 @@ const LEFT_OUT: [&str; 10] = [
     "record.",
     "trajectory.duration-s",
     "trajectory.hover.",
+];
+
+/// Plants of the training flights: the identified one, and those that limit how stiff the gains may be.
+const PLANTS: [PlantVariant; 3] = [
+    NOMINAL,
+    PlantVariant { name: "rate gain +12 %", changes: &[Change::Times(AUTHORITY, 1.12)] },
+    PlantVariant { name: "inner lag 65 ms", changes: &[Change::Times(RATE_LAG, 1.3)] },
 ];
 
 /// Greatest limit of the integral of the velocity loops that a configuration may have \[m/s^2\].
@@ -82,14 +89,26 @@ pub fn tune(
     let found = identification.vehicle(&config.vehicle);
     let limit = integral_limit(&config, found.max_thrust_n / found.mass_kg);
     let flights = TrainingFlights {
-        live_keys_only: true,
         computed: limit.into_iter().collect(),
         weights,
         options: format!("{LIVE}{options}"),
-        ..TrainingFlights::near(settings, TRAINING_SEEDS)
+        ..training_flights(settings)
     };
     let tuned = search::law(law, budget, &flights, progress)?;
     Ok(LiveTuning { identification, tuned })
+}
+
+/// Flights in which gains that may change in flight are searched for, with these settings.
+pub fn training_flights(mut settings: Vec<Setting>) -> TrainingFlights {
+    // The vehicle hovers during the search.
+    settings.extend([
+        Setting::flag("tune --live", "trajectory.hover.duration-s", 10.0),
+        Setting::flag("tune --live", "trajectory.circle.laps", 1),
+        Setting::flag("tune --live", "trajectory.lemniscate.laps", 1),
+    ]);
+    let first = TRAINING_SEEDS.start;
+    let seeds = first..first + PLANTS.len() as u64;
+    TrainingFlights { live_keys_only: true, ..TrainingFlights::on(settings, seeds, &PLANTS) }
 }
 
 /// Key and value of the limit of the integral of the velocity loops \[m/s^2\] with which a vehicle whose greatest thrust over its mass

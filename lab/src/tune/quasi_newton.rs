@@ -5,7 +5,7 @@
 //! Hessian; changes of the gradient give its other elements by the symmetric rank-one update, J. Nocedal and S. J. Wright, *Numerical
 //! Optimization*, 2nd ed., Eq. (6.24). The minima of this model, and of its diagonal alone, within boxes of several sizes around the
 //! best point are the second batch. The box of the best of them is the next trust region, which shrinks by at
-//! most half.
+//! most half. Once it is small, points far away are evaluated; the search begins again at one that is better.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -19,6 +19,10 @@ const FIRST_DISTANCE: f64 = 0.05;
 const DISTANCE: f64 = 0.3;
 /// Half widths of the boxes over that of the trust region \[-\].
 const BOXES: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
+/// Half width of the trust region below which points far away, at this distance along each coordinate, are evaluated once: a model of
+/// small differences does not see beyond a flat part \[-\].
+const POLLED_BELOW: f64 = 0.03;
+const POLL_DISTANCE: f64 = 0.2;
 /// Greatest rise of a value for the derivatives, over the least objective: cliffs shall not dominate them \[-\].
 const CLIFF: f64 = 0.3;
 /// Least cosine between the step and the change of the gradient that the Hessian does not explain, for an update \[-\].
@@ -41,7 +45,7 @@ pub(super) fn minimise(
     let n = best.point.len();
     let mut model =
         Model { gradient: DVector::zeros(n), hessian: DMatrix::zeros(n, n), at: DVector::zeros(0) };
-    let mut region = FIRST_REGION;
+    let (mut region, mut has_polled) = (FIRST_REGION, false);
     while region > REGION[0] && best.evaluations + model.points() <= points {
         let is_first = model.is_first();
         let distance = if is_first { FIRST_DISTANCE } else { DISTANCE * region };
@@ -64,7 +68,27 @@ pub(super) fn minimise(
         let found = minima.iter().zip(BOXES.into_iter().cycle()).find(|(it, _)| **it == best.point);
         let share = found.filter(|_| best.value < before).map_or(0.5, |(_, share)| share.max(0.5));
         region = (region * share).min(REGION[1]);
+        if region < POLLED_BELOW && !has_polled && best.evaluations + 2 * n <= points {
+            let before = best.value;
+            let far = far(&best.point);
+            best.note(&far, &evaluate(&far));
+            has_polled = best.value >= before;
+            region = if has_polled { region } else { FIRST_REGION };
+        }
     }
+}
+
+/// `point` moved by the distance of the poll along each coordinate, both ways, within the unit cube.
+fn far(point: &[f64]) -> Vec<Vec<f64>> {
+    let sides = [-POLL_DISTANCE, POLL_DISTANCE];
+    let moved = |k: usize| {
+        sides.map(|offset| {
+            let mut moved = point.to_vec();
+            moved[k] = (moved[k] + offset).clamp(0.0, 1.0);
+            moved
+        })
+    };
+    (0..point.len()).flat_map(moved).collect()
 }
 
 /// Two offsets per coordinate, at which the derivatives are taken: on both sides, or both on one side of a point near a face.
@@ -173,6 +197,15 @@ mod tests {
         };
         let best = minimum(objective, &[0.5; 10], 200);
         assert!(best.value < 1.0 + 1e-4 && best.evaluations <= 200, "{best:?}");
+    }
+
+    #[test]
+    fn a_lower_minimum_beyond_a_rise_is_found() {
+        let well = |x: f64, at: f64, depth: f64| depth * (-((x - at) / 0.08).powi(2)).exp();
+        let objective =
+            |x: &[f64]| 2.0 - well(x[0], 0.4, 0.5) - well(x[0], 0.65, 1.0) + (x[1] - 0.3).powi(2);
+        let best = minimum(objective, &[0.4, 0.5], 200);
+        assert!(best.value < 1.01, "{best:?}");
     }
 
     #[test]

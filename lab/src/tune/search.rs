@@ -67,7 +67,12 @@ impl Default for TrainingFlights {
 impl TrainingFlights {
     /// One flight per seed, on six plants near the configured one in turn.
     pub fn near(settings: Vec<Setting>, seeds: Range<u64>) -> Self {
-        let plants = seeds.zip(TRAINING.into_iter().cycle());
+        Self::on(settings, seeds, &TRAINING)
+    }
+
+    /// One flight per seed, on `plants` in turn.
+    pub fn on(settings: Vec<Setting>, seeds: Range<u64>, plants: &[PlantVariant]) -> Self {
+        let plants = seeds.zip(plants.iter().copied().cycle());
         let condition = |(seed, plant)| FlightCondition { seed, plant, settings: Vec::new() };
         let case = Case::of("training", plants.map(condition).collect());
         let (weights, options) = (default_weights(), String::new());
