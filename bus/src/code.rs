@@ -184,6 +184,15 @@ code! {
         NearFloor = 44 => "too close to the floor",
         /// The daemon only observes: it executes no request that commands a vehicle, but a stop.
         ObservesOnly = 45 => "safety.observe-only or mocap.replay is set",
+        /// A stop, a landing or a disarming that was requested later called the requested flight off.
+        CalledOff = 46 => "called off by a later stop, landing or disarming",
+    }
+}
+
+impl Cause {
+    /// Whether a request that is refused for this cause was not executed by the loop of the daemon.
+    pub fn prevents_execution(self) -> bool {
+        matches!(self, Self::Expired | Self::CalledOff)
     }
 }
 

@@ -108,15 +108,18 @@ impl ControlReport {
         let has_motors_off = *command == OperatorCommand::Land.to_string()
             && *mode == Mode::Disarmed.to_string()
             && response.cause != Cause::ObservesOnly.code();
-        let is_other_config = response.cause == Cause::OtherConfig.code();
-        // The obstacles are those to a take-off.
+        // Causes beside which the obstacles, those to a take-off, do not count.
+        let is_of_request = matches!(
+            Cause::from_code(response.cause),
+            Some(Cause::OtherConfig | Cause::Expired | Cause::CalledOff)
+        );
         let is_take_off = *command == OperatorCommand::Arm.to_string();
         let reasons = match (obstacles.is_empty(), cause.as_str()) {
             _ if has_motors_off && is_silent(response) => &format!(
                 "the motors are commanded off, and the vehicle does not answer; `oqtal ctl stop {place}` tries every path to it"
             ),
             _ if has_motors_off => "the motors are off",
-            (false, _) if is_take_off && !is_other_config => &listed,
+            (false, _) if is_take_off && !is_of_request => &listed,
             (false, "") => &listed,
             (true, "") => "the flight did not begin",
             (_, cause) => cause,

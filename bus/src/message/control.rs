@@ -4,7 +4,8 @@ use super::definition::{message, structure};
 use super::field::{Field, Value, total_size};
 use super::header::HEADER_SCHEMA;
 use super::schema::{Message, schema};
-use crate::code::{Answer, Cause, OperatorCommand};
+use crate::code::{Answer, Cause, OperatorCommand, SafetyState};
+use crate::obstacle::{ArmingObstacle, ArmingObstacles};
 use crate::origin::Origin;
 use crate::text::{LongText, ShortText};
 use crate::time::Time;
@@ -82,6 +83,18 @@ message! {
         obstacles: u32 ["-"],
         /// Reason of a refusal, or the requested value; empty for none.
         text: LongText ["text"],
+    }
+}
+
+impl ControlResponseV1 {
+    /// Whether only the end of the last flight prevents the requested one: the request is repeated until the vehicle is at rest.
+    pub fn comes_to_rest(&self) -> bool {
+        use ArmingObstacle::{Moving, Stopped, Tilted};
+        let obstacles = ArmingObstacles::from_bits(self.obstacles);
+        self.answer == Answer::Refused.code()
+            && self.state == SafetyState::Stop.code()
+            && !obstacles.is_empty()
+            && obstacles.iter().all(|obstacle| matches!(obstacle, Moving | Stopped | Tilted))
     }
 }
 

@@ -1,7 +1,8 @@
 //! Tests of the hand-off of requests.
 
 use super::*;
-use oqtal_bus::code::HandoverCause;
+use oqtal_bus::code::{HandoverCause, SafetyState};
+use oqtal_bus::obstacle::ArmingObstacle;
 use oqtal_config::{Config, Setting};
 
 use crate::setpoint::SetpointRefusal;
@@ -194,9 +195,32 @@ fn a_request_that_ends_flights_calls_off_those_requested_before_it() {
         };
         while Time::now() == before {}
         asked(ending, Time::now());
-        assert_eq!(asked(OperatorCommand::Arm, before), Cause::Expired.code(), "{ending}");
+        assert_eq!(asked(OperatorCommand::Arm, before), Cause::CalledOff.code(), "{ending}");
         assert_eq!(asked(OperatorCommand::Arm, Time::now()), Cause::None.code(), "{ending}");
     }
+}
+
+#[test]
+fn a_landing_succeeds_if_it_calls_off_a_flight_that_waits_for_the_vehicle_to_be_at_rest() {
+    let (mut handle, requests) = loop_handoff();
+    let obstacles = ArmingObstacles::default().with(ArmingObstacle::Moving, true).bits();
+    let stopped = SafetyState::Stop.code();
+    let mut asked = |command: OperatorCommand| {
+        let validity = Validity { asked_at: Time::now(), until: Time::UNSET };
+        requests.queues.send((0, LoopRequest::Operator { command, event: 0 }, validity)).unwrap();
+        let (_, _, response) = handle
+            .poll_request(|request| match request.name().0 {
+                OperatorCommand::Status => answers(Answer::Done),
+                _ => ControlResponseV1 { obstacles, state: stopped, ..answers(Answer::Refused) },
+            })
+            .unwrap();
+        requests.queues.replies().recv().unwrap();
+        response.answer
+    };
+    assert_eq!(asked(OperatorCommand::Land), Answer::Refused.code());
+    assert_eq!(asked(OperatorCommand::Arm), Answer::Refused.code());
+    assert_eq!(asked(OperatorCommand::Land), Answer::Done.code());
+    assert_eq!(asked(OperatorCommand::Land), Answer::Refused.code());
 }
 
 #[test]
