@@ -316,6 +316,11 @@ impl OperatorCommand {
         matches!(self, Self::Arm | Self::Fly)
     }
 
+    /// Whether a request has no effect unless a flight is under way or about to begin.
+    pub const fn needs_flight(self) -> bool {
+        matches!(self, Self::Land | Self::Resume | Self::Goto | Self::Trajectory | Self::Hover)
+    }
+
     /// Whether a request ends a flight, and calls off one that was requested before.
     pub const fn ends_flight(self) -> bool {
         matches!(self, Self::Land | Self::Disarm | Self::Stop)

@@ -18,6 +18,7 @@ fn answers(answer: Answer) -> ControlResponseV1 {
 #[test]
 fn no_operator_gets_the_reply_to_the_request_of_another() {
     let (mut handle, mut requests) = loop_handoff();
+    requests.last.mode = Mode::Flying.code();
     // The loop stands still: the first operator gets no reply from it.
     let first = requests.ask(asks(OperatorCommand::Status), &mut |_| {});
     assert_eq!(first.answer, Answer::Accepted.code());
@@ -254,4 +255,30 @@ fn a_change_of_gains_that_do_not_fly_is_answered_with_a_warning() {
     assert!(told.contains("\nwarning: position.horizontal-position: these loops"), "{told}");
     let told = set("position.tilt-limit-deg=20");
     assert!(!told.contains("warning"), "{told}");
+}
+
+#[test]
+fn a_request_that_needs_a_flight_is_refused_without_one_also_while_the_loop_stands_still() {
+    use OperatorCommand::{Goto, Hover, Land, Resume, Set, Stop, Trajectory};
+    let (_handle, requests) = loop_handoff();
+    let mut requests = requests.with_settings(7, LiveSettings::new(&Config::default(), &[]));
+    let answer = |requests: &mut OperatorRequests, command| {
+        let text = match command {
+            Trajectory => "circle",
+            Set => "position.tilt-limit-deg=20",
+            _ => "",
+        };
+        let request =
+            ControlRequestV1 { point: [0.0, 0.0, 1.0], text: LongText::new(text), ..asks(command) };
+        requests.ask(request, &mut |_| {}).answer
+    };
+    let [accepted, refused] = [Answer::Accepted, Answer::Refused].map(Answer::code);
+    for command in [Goto, Trajectory, Hover, Resume, Land] {
+        assert_eq!(answer(&mut requests, command), refused, "{command}");
+    }
+    for command in [Set, Stop] {
+        assert_eq!(answer(&mut requests, command), accepted, "{command}");
+    }
+    requests.last.first_flight = FirstFlight::Expected;
+    assert_eq!(answer(&mut requests, Land), accepted, "calls off the expected flight");
 }
