@@ -25,6 +25,9 @@ pub struct ControlReport {
     /// The settings that took effect, the requested value, or the reason of a refusal.
     #[serde(skip_serializing_if = "String::is_empty")]
     text: String,
+    /// Message of a refusal; empty without one.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    error: String,
     /// Obstacles to a take-off; empty in flight.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     obstacles: Vec<String>,
@@ -70,6 +73,7 @@ impl ControlReport {
             state: word(SafetyState::from_code(response.state)),
             cause: word(Cause::from_code(response.cause)),
             text: response.text.as_str().to_owned(),
+            error: String::new(),
             obstacles: ArmingObstacles::from_bits(response.obstacles)
                 .iter()
                 .map(|obstacle| obstacle.to_string())
@@ -130,6 +134,12 @@ impl ControlReport {
         }
         message += &self.remedy(response, expected);
         Err(Failure::new(Exit::Flight, message))
+    }
+
+    /// This report with the message of `failure`.
+    pub fn with_error(mut self, failure: &Failure) -> Self {
+        self.error.clone_from(&failure.message);
+        self
     }
 
     /// Remedy of a refusal; empty if its cause says it.
