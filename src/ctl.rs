@@ -78,8 +78,12 @@ impl CtlArgs {
                 .concat();
         let report = ControlReport::new(self.command.command(), &response, status, &address.paths)
             .under(&roots);
-        *document = Some(report.to_json());
         let refused = report.check(&response, expected);
+        let report = match &refused {
+            Ok(()) => report,
+            Err(failure) => report.with_error(failure),
+        };
+        *document = Some(report.to_json());
         if refused.is_err() {
             // The processes with their configurations, if these differ.
             lines.iter().for_each(|line| say(line));

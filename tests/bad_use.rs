@@ -2,6 +2,9 @@
 
 use std::process::{Command, Stdio};
 
+use clap::CommandFactory;
+use oqtal::cli::Cli;
+
 use crate::common::{Testbed, assert_refused, json, stderr};
 
 /// Runs `oqtal fly` with the given arguments; expects an exit code and parts of the error message.
@@ -26,17 +29,48 @@ fn an_unknown_flag_is_a_usage_error() {
     refused(&["--mocap", "replay:"], 64, &["replay:FILE"]);
 }
 
+/// Failures, with their exit codes, at least one of each command with `--json`.
+const FAILURES: [(&[&str], i32); 21] = [
+    (&["info", "nowhere"], 65),
+    (&["replay", "nowhere"], 65),
+    (&["report", "nowhere"], 65),
+    (&["fly", "--controller", "magic"], 78),
+    (&["--controller", "magic"], 78),
+    (&["ctl", "bogus"], 64),
+    (&["latency", "--config", "nowhere.toml"], 78),
+    (&["doctor", "--config", "nowhere.toml"], 78),
+    (&["sweep", "nothing=1:2:2"], 78),
+    (&["identify", "nowhere"], 65),
+    (&["campaign", "--laws", "magic"], 64),
+    (&["reproduce", "--out", "/dev/null/results"], 71),
+    (&["robustness", "--laws", "magic"], 64),
+    (&["cameras", "statistics", "nowhere"], 65),
+    (&["cameras", "noise", "--set", "nothing=1"], 78),
+    (&["cameras", "estimation", "--set", "nothing=1"], 78),
+    (&["receiver", "discover", "--seconds", "0"], 64),
+    (&["receiver", "probe", "bogus:127.0.0.1"], 64),
+    (&["receiver", "probe", "qtm:127.0.0.1", "--config", "nowhere.toml"], 78),
+    (&["mocap-emu", "serve", "--replay", "nowhere.csv"], 65),
+    (&["mocap-emu", "serve", "--listen", "nowhere"], 78),
+];
+
+/// Words of every command below `command`, itself at `words`, that has the flag `--json`.
+fn with_json<'a>(command: &'a clap::Command, words: &[&'a str]) -> Vec<Vec<&'a str>> {
+    let has_json = command.get_arguments().any(|it| it.get_long() == Some("json"));
+    let below =
+        command.get_subcommands().flat_map(|it| with_json(it, &[words, &[it.get_name()]].concat()));
+    has_json.then(|| words.to_vec()).into_iter().chain(below).collect()
+}
+
 #[test]
 fn with_json_a_failure_is_one_document() {
     let testbed = Testbed::new("failures");
-    for (words, code) in [
-        (&["info", "nowhere"][..], 65),
-        (&["replay", "nowhere"], 65),
-        (&["report", "nowhere"], 65),
-        (&["fly", "--controller", "magic"], 78),
-        (&["--controller", "magic"], 78),
-        (&["ctl", "bogus"], 64),
-    ] {
+    let program = Cli::command();
+    let untested = with_json(&program, &[])
+        .into_iter()
+        .find(|command| FAILURES.iter().all(|(words, _)| !words.starts_with(command)));
+    assert_eq!(untested, None, "a failure for each command with --json");
+    for (words, code) in FAILURES {
         let output = testbed.study(&[words, &["--json"]].concat()).output().unwrap();
         let document = json(&output);
         let command = if words[0].starts_with('-') { "fly" } else { words[0] };

@@ -132,3 +132,36 @@ fn a_stop_under_the_wrong_root_names_the_right_one() {
     );
     assert_refused(&output, 75, &["does not run under", &remedy]);
 }
+
+#[test]
+fn a_stop_that_reaches_nobody_names_the_processes_that_run() {
+    let testbed = Testbed::new("cameras-only");
+    let bus = testbed.bus();
+    let _cameras = testbed.start(&["mocap-emu", "run"]);
+    let holds = |role: Role| bus.holder(&role.health()).unwrap();
+    wait_for("the cameras", || holds(Role::Mocap));
+    let stopped = || testbed.oqtal(&["ctl", "stop"]).output().unwrap();
+    let output = stopped();
+    assert_refused(&output, 75, &["only `oqtal mocap-emu` (", "neither a process of a vehicle"]);
+    let wire = format!("asctec:{}", testbed.path("wire").display());
+    let _plant = testbed.start(&["plant-sim", "run", "--wire", &wire]);
+    wait_for("the vehicle at a wire", || holds(Role::Plant));
+    let output = stopped();
+    assert_refused(&output, 75, &["`oqtal plant-sim` (", "takes its commands over a wire"]);
+}
+
+#[test]
+fn the_next_flight_has_the_configuration_of_the_processes_that_run() {
+    let testbed = Testbed::new("other-config");
+    let bus = testbed.bus();
+    let plant = testbed.start(&["plant-sim", "run"]);
+    wait_for("the vehicle", || bus.holder(&Role::Plant.health()).unwrap());
+    std::fs::write(testbed.paths().config(), "[mocap]\nrate-hz = 100.0\n").unwrap();
+    let like = format!("with the --config and --set of `oqtal plant-sim` ({})", plant.id());
+    for command in ["stop", "status"] {
+        let output = testbed.oqtal(&["ctl", command]).output().unwrap();
+        let said =
+            String::from_utf8_lossy(&output.stdout) + String::from_utf8_lossy(&output.stderr);
+        assert!(said.contains(&like) && !said.contains("daemon run"), "{said}");
+    }
+}

@@ -10,7 +10,7 @@ use crate::common::random::length;
 use crate::common::{Running, Testbed, assert_refused, json, stderr, wait_for};
 use crate::one_name::{rootless, suspended};
 use oqtal_bus::bus::Bus;
-use oqtal_bus::code::{Actuation, Answer, Mode, OperatorCommand};
+use oqtal_bus::code::{Actuation, Answer, Cause, Mode, OperatorCommand};
 use oqtal_bus::control::ControlClient;
 use oqtal_bus::message::{CommandV1, ControlRequestV1, Stamps, VehicleV1};
 use oqtal_bus::obeying::ObeyingProcess;
@@ -18,7 +18,7 @@ use oqtal_bus::port::{Reader, Writer};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{COMMAND, TELEMETRY, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
-use oqtal_operator::arm;
+use oqtal_operator::{accepted, arm};
 use rustix::fs::{FlockOperation, flock};
 
 /// Loss of files of a running instance.
@@ -264,7 +264,9 @@ fn a_stop_calls_off_an_arming_that_waits_for_the_end_of_a_fall() {
     let arming = ControlRequestV1::of(OperatorCommand::Arm).by("test");
     let response = arm::ask(&bus, arming, None, &mut tell, &|| false).unwrap().unwrap();
     assert_eq!(response.answer, Answer::Refused.code());
-    assert!(told.len() == 2 && told[1].contains("cancelled by a later stop"), "{told:?}");
+    assert_eq!(response.cause, Cause::CalledOff.code(), "{told:?}");
+    let failure = accepted(OperatorCommand::Arm, &response, None, &testbed.paths()).unwrap_err();
+    assert!(failure.message.starts_with("arm refused: called off by a later stop"), "{failure}");
 }
 
 /// Number of clients of the control service in one instance \[-\].

@@ -184,6 +184,15 @@ code! {
         NearFloor = 44 => "too close to the floor",
         /// The daemon only observes: it executes no request that commands a vehicle, but a stop.
         ObservesOnly = 45 => "safety.observe-only or mocap.replay is set",
+        /// A stop, a landing or a disarming that was requested later called the requested flight off.
+        CalledOff = 46 => "called off by a later stop, landing or disarming",
+    }
+}
+
+impl Cause {
+    /// Whether a request that is refused for this cause was not executed by the loop of the daemon.
+    pub fn prevents_execution(self) -> bool {
+        matches!(self, Self::Expired | Self::CalledOff)
     }
 }
 
@@ -305,6 +314,11 @@ impl OperatorCommand {
     /// Whether motors may start because of a request: it must not be executed late, or under another configuration than expected.
     pub const fn begins_flight(self) -> bool {
         matches!(self, Self::Arm | Self::Fly)
+    }
+
+    /// Whether a request has no effect unless a flight is under way or about to begin.
+    pub const fn needs_flight(self) -> bool {
+        matches!(self, Self::Land | Self::Resume | Self::Goto | Self::Trajectory | Self::Hover)
     }
 
     /// Whether a request ends a flight, and calls off one that was requested before.

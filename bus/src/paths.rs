@@ -164,6 +164,14 @@ impl InstancePaths {
         rustix::thread::set_thread_uid(rustix::fs::Uid::from_raw(root.st_uid)).map_err(failed)
     }
 
+    /// User as whom the caller of this process, if that is root, starts a process of the instance: the owner of its files; `None` if
+    /// the caller can start it.
+    pub fn user_to_become(&self) -> Option<u32> {
+        let is_roots = CALLERS_ROOT.get().is_some() || rustix::process::geteuid().is_root();
+        let owner = rustix::fs::stat(&self.root).ok().map(|root| root.st_uid);
+        owner.filter(|owner| is_roots && *owner != 0)
+    }
+
     /// Refuses a root directory of another user. All processes of an instance must run as one user: another user, including root,
     /// would leave files that they cannot open, and iceoryx2 would report an internal error.
     fn refuse_another_user(&self) -> Result<(), BusError> {

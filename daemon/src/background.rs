@@ -20,6 +20,7 @@ use oqtal_runtime::health::{Health, Heartbeat};
 use oqtal_runtime::process::{Failure, ProcessContext};
 
 use crate::condition::Condition;
+use crate::cycle::FirstFlight;
 use crate::law_socket::LawListener;
 use crate::live::LiveSettings;
 use crate::operator::OperatorRequests;
@@ -129,7 +130,12 @@ impl DaemonWorker {
         let files = if is_copy { &[] } else { &context.files[..] };
         let settings = LiveSettings::new(&context.config, files);
         let config_hash = context.config.hash();
-        let requests = requests.with_settings(config_hash, settings);
+        let mut requests = requests.with_settings(config_hash, settings);
+        requests.last.first_flight = match context.config.safety.arm_at_start {
+            _ if context.is_child => FirstFlight::Expected,
+            true => FirstFlight::Pending,
+            false => FirstFlight::None,
+        };
         let (server, heartbeat) = (bus.control_server()?, context.heartbeat(&bus)?);
         let peers = PEERS.iter().map(|role| Peer::open(&bus, *role)).collect::<Result<_, _>>()?;
         let (health, events) = (context.health.clone(), bus.writer(&EVENT)?);

@@ -60,6 +60,12 @@ impl Condition {
         }
     }
 
+    /// Whether a flight is under way, or is planned at the start of the daemon.
+    pub(crate) fn has_flight(&self) -> bool {
+        self.mode != Mode::Disarmed.code()
+            || matches!(self.first_flight, FirstFlight::Expected | FirstFlight::Pending)
+    }
+
     pub(crate) fn differs_from(&self, other: &Self) -> bool {
         let changing = |c: &Self| {
             let flight = (c.mode, c.state, c.cause, c.obstacles, c.followed);

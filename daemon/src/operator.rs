@@ -41,6 +41,8 @@ pub struct OperatorRequests {
     /// Course of the present flight, as text, if it may differ from the configured one: set by an operator, or kept when the settings
     /// changed.
     course: Option<String>,
+    /// Instant until which the last request for a flight may be executed.
+    flight_until: Time,
 }
 
 /// The configured course, in words.
@@ -65,6 +67,7 @@ pub fn loop_handoff() -> (LoopHandle, OperatorRequests) {
             settings: None,
             events: 0,
             course: None,
+            flight_until: Time::UNSET,
         },
     )
 }
@@ -215,7 +218,7 @@ impl OperatorRequests {
             publish_answered(request, event, &response, publish);
             return response;
         }
-        self.course = None;
+        (self.course, self.flight_until) = (None, request.valid_until);
         let response = ControlResponseV1 { text: changed, ..response };
         publish_answered(request, event, &response, publish);
         response
@@ -304,9 +307,12 @@ impl OperatorRequests {
         ControlResponseV1 { text, ..response }
     }
 
-    /// Passes a request to the loop and waits for the reply, at most [`REPLY_TIMEOUT`]: the loop may stand still.
+    /// Passes a request to the loop and waits for the reply, at most [`REPLY_TIMEOUT`]: the loop may stand still. It then counts as accepted,
+    /// or as refused if it needs a flight and there is none.
     fn pass_on(&mut self, request: LoopRequest, validity: Validity) -> ControlResponseV1 {
         self.count += 1;
+        let has_flight = self.last.has_flight() || Time::now() < self.flight_until;
+        let is_idle = request.name().0.needs_flight() && !has_flight;
         let (config_hash, reply) = (self.config_hash, |answer| self.present(answer));
         if self.queues.send((self.count, request, validity)).is_err() {
             return reply(Answer::Refused);
@@ -322,7 +328,10 @@ impl OperatorRequests {
                     Ok(_) => {}
                     Err(_) => return reply(Answer::Refused),
                 },
-                recv(timeout) -> _ => return reply(Answer::Accepted),
+                recv(timeout) -> _ => return match is_idle {
+                    true => refused(Cause::WrongMode, reply(Answer::Refused)),
+                    false => reply(Answer::Accepted),
+                },
             }
         }
     }

@@ -226,11 +226,11 @@ impl ReplayBench {
         Ok(())
     }
 
-    /// Executes a request, unless it was refused as expired before it reached the daemon.
+    /// Executes a request, unless it was refused before it reached the controller.
     fn request(&mut self, turn: &RecordedTurn) -> Result<(), Failure> {
         let input = &turn.input;
         if let Some(command) = OperatorCommand::from_code(input.request)
-            && input.cause != Cause::Expired.code()
+            && !Cause::from_code(input.cause).is_some_and(Cause::prevents_execution)
         {
             self.daemon.cycle.notice_configurations(input.configs_differ == 1);
             match &turn.event {

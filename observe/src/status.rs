@@ -1,11 +1,13 @@
 //! Status of an instance, as text and as JSON: its processes, its vehicle and the estimated position.
 
 use std::fmt;
+use std::path::Path;
 
 use oqtal_bus::code::{Cause, ControlHolder, EstimatorState, Mode, SafetyState, VehicleRefusal};
 use oqtal_bus::message::VehicleV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
+use oqtal_config::Config;
 use serde::Serialize;
 
 use crate::observed_process::ObservedProcess;
@@ -29,10 +31,17 @@ pub const OLD_POSITION_S: f64 = 1.0;
 impl InstanceStatus {
     /// Whether all observed processes run with one configuration; `None` if none was observed.
     pub fn config_agrees(&self) -> Option<bool> {
-        let hashes = self.processes.iter().filter_map(|p| p.report.as_ref()?.config_hash.as_ref());
-        let mut hashes = hashes.peekable();
-        let first = hashes.peek().copied();
-        (!self.processes.is_empty()).then(|| hashes.all(|hash| Some(hash) == first))
+        let first = self.config_hashes().next();
+        (!self.processes.is_empty()).then(|| self.config_hashes().all(|hash| Some(hash) == first))
+    }
+
+    /// Hash of the configuration with which all observed processes run; `None` if they differ, or none was observed.
+    pub fn common_config(&self) -> Option<&str> {
+        self.config_hashes().next().filter(|_| self.config_agrees() == Some(true))
+    }
+
+    fn config_hashes(&self) -> impl Iterator<Item = &str> {
+        self.processes.iter().filter_map(|process| process.report.as_ref()?.config_hash.as_deref())
     }
 
     /// The present position \[m, world\]; `None` if its pose is too old.
@@ -273,7 +282,11 @@ impl fmt::Display for ProcessHealth {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Some(report) = &self.report else {
             return match &self.silent {
-                Some(holder) => write!(f, "{:<10} silent: {holder} runs, but hangs", self.name),
+                Some(holder) => write!(
+                    f,
+                    "{:<10} silent: {holder} runs, but hangs, or virtual time stands still",
+                    self.name
+                ),
                 None => write!(f, "{:<10} not started, or ended", self.name),
             };
         };
@@ -291,6 +304,13 @@ impl fmt::Display for ProcessHealth {
             _ => Ok(()),
         }
     }
+}
+
+/// Hash of the configuration in `file`, as in the health of processes; `None` if it cannot be read or is invalid.
+pub fn hash_of_file(file: &Path) -> Option<String> {
+    let text = std::fs::read_to_string(file).ok()?;
+    let config = Config::parse(&file.to_string_lossy(), &text, &[]).ok()?;
+    Some(format!("{:016x}", config.hash()))
 }
 
 /// Name of a code; empty for a code unknown to this version.

@@ -3,10 +3,9 @@
 use std::time::Duration;
 
 use oqtal_bus::bus::Bus;
-use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, SafetyState};
+use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand};
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{AS_STARTED, ControlRequestV1, ControlResponseV1, VehicleV1};
-use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_bus::text::LongText;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::VEHICLE;
@@ -56,11 +55,8 @@ pub fn ask(
             None => VEHICLE_TIMEOUT,
         };
         let is_over = Time::now().since(asked_at) >= timeout || is_cancelled();
-        let is_called_off = response.cause == Cause::Expired.code();
-        if is_called_off {
-            tell("arm: cancelled by a later stop, landing or disarming");
-        }
-        if is_over || is_called_off || !comes_to_rest(&response) {
+        let is_executed = !Cause::from_code(response.cause).is_some_and(Cause::prevents_execution);
+        if is_over || !is_executed || !response.comes_to_rest() {
             return Ok(Some(response));
         }
         if simulated == Some(true) && !is_reported {
@@ -69,15 +65,6 @@ pub fn ask(
         }
         std::thread::sleep(PERIOD);
     }
-}
-
-/// Whether only the end of the last flight prevents the next one from starting.
-fn comes_to_rest(response: &ControlResponseV1) -> bool {
-    use ArmingObstacle::{Moving, Stopped, Tilted};
-    let obstacles = ArmingObstacles::from_bits(response.obstacles);
-    response.state == SafetyState::Stop.code()
-        && !obstacles.is_empty()
-        && obstacles.iter().all(|obstacle| matches!(obstacle, Moving | Stopped | Tilted))
 }
 
 /// Answer of the daemon once the flight announced by `accepted` has begun; a refusal if it was cancelled or has not begun in time.

@@ -81,7 +81,7 @@ pub fn land(
     lines.dedup();
     let (response, said) = match answered {
         Ok(Ok(Some(response))) => (Some(response), None),
-        Ok(Err(error)) if lines.is_empty() => return Err(error.into()),
+        Ok(Err(error)) if lines.is_empty() => return Err(reached.unreachable("land", error)),
         Ok(Err(error)) => (None, Some(error)),
         _ if lines.is_empty() => return Err(reached.nobody("land", silent_text(paths))),
         _ => (None, None),

@@ -11,6 +11,7 @@
 //! | `stop.rs` | a stop by every path |
 //! | `next_flight.rs` | commands of the next flight after a stop |
 //! | `raised.rs` | stop words raised by a stop |
+//! | `running.rs` | processes of an instance on its bus |
 //! | `reach.rs` | processes of an instance, found without the bus |
 //! | `status.rs` | observation of a status |
 #![forbid(unsafe_code)]
@@ -23,6 +24,7 @@ mod raised;
 mod reach;
 mod report;
 pub mod request;
+mod running;
 pub mod status;
 pub mod stop;
 

@@ -4,11 +4,11 @@ use std::fmt;
 
 use oqtal_bus::obeying::ObeyingProcess;
 use oqtal_bus::paths::InstancePaths;
-use rustix::process::geteuid;
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
 use crate::reach::Reached;
-use crate::request::{place, start_daemon};
+use crate::request::{config_of, place, start_daemon};
+use crate::running::RunningProcesses;
 
 /// The next flight of each instance that a stop has reached.
 #[derive(Debug, Default)]
@@ -22,6 +22,8 @@ struct NextFlight {
     user: Option<u32>,
     /// Command that starts a daemon before the flight, if none runs.
     start: Option<String>,
+    /// The same in words, if no file has the configuration of the processes that run.
+    other_config: Option<String>,
     /// Command that started the processes and ends with this flight, or that arms again.
     command: String,
     /// Whether the command arms processes that run.
@@ -40,6 +42,16 @@ impl NextFlights {
         Self(reached.places().into_iter().map(|it| NextFlight::of(&processes(&it), it)).collect())
     }
 
+    /// Notes the processes that run at `paths`: a daemon needs their configuration.
+    pub(crate) fn note_running(&mut self, paths: &InstancePaths, running: &RunningProcesses) {
+        let Some(process) = running.of_other_config(paths) else { return };
+        let has_start = |it: &&mut NextFlight| it.start.is_some() && it.paths == *paths;
+        for flight in self.0.iter_mut().filter(has_start) {
+            flight.start = None;
+            flight.other_config = Some(format!("start a daemon {}", config_of(process)));
+        }
+    }
+
     /// Notes the instances of `reached` that have lost files.
     pub(crate) fn note_losses(&mut self, reached: &Reached) {
         for flight in &mut self.0 {
@@ -52,17 +64,15 @@ impl NextFlights {
 impl NextFlight {
     /// The next flight of the instance at `paths`, on which `processes` run.
     fn of(processes: &[&ObeyingProcess], paths: InstancePaths) -> Self {
-        let parents = processes.iter().find_map(|it| Some((it.started_by()?, it.user)));
+        let parents = processes.iter().find_map(|it| it.started_by());
         let is_arming = parents.is_none();
         let has_daemon = processes.iter().any(|process| !process.is_vehicle);
         let start = (is_arming && !has_daemon).then(|| start_daemon(&paths));
         let (command, user) = match parents {
-            Some((command, user)) => {
-                (command, Some(user).filter(|user| *user != geteuid().as_raw()))
-            }
+            Some(command) => (command, paths.user_to_become()),
             None => (format!("oqtal ctl arm {}", place(&paths)), None),
         };
-        Self { paths, user, start, command, is_arming, is_lost: false }
+        Self { paths, user, start, other_config: None, command, is_arming, is_lost: false }
     }
 }
 
@@ -88,17 +98,18 @@ impl fmt::Display for NextFlight {
         if self.is_lost {
             write!(f, "the processes lost their files and end; ")?;
         }
-        match &self.start {
-            Some(start) => write!(f, "`{start}`, then ")?,
-            None if self.is_lost => write!(f, "start them again, then ")?,
-            None => {}
+        match (&self.start, &self.other_config) {
+            (Some(start), _) => write!(f, "`{start}`, then ")?,
+            (None, Some(start)) => write!(f, "{start}; then ")?,
+            (None, None) if self.is_lost => write!(f, "start them again, then ")?,
+            (None, None) => {}
         }
         write!(f, "`{}`", self.command)
     }
 }
 
 impl Serialize for NextFlights {
-    /// `arm_again`, and `start_again` if no daemon runs: commands, joined by `; ` for several roots.
+    /// `arm_again`, and `start_again` if no daemon runs and a file has the configuration: commands, joined by `; ` for several roots.
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let joined = |commands: Vec<&str>| Some(commands.join("; ")).filter(|it| !it.is_empty());
         let arm = joined(self.0.iter().map(|flight| flight.command.as_str()).collect());

@@ -3,7 +3,8 @@
 use std::io;
 use std::path::PathBuf;
 
-use oqtal_bus::obeying::{HeldFiles, ObeyingProcess};
+use oqtal_bus::error::BusError;
+use oqtal_bus::obeying::{HeldFiles, ObeyingProcess, quoted};
 use oqtal_bus::paths::InstancePaths;
 use oqtal_runtime::process::{Exit, Failure};
 use rustix::process::{Resource, Rlimit, Signal, getrlimit, setrlimit};
@@ -126,26 +127,62 @@ impl Reached {
     /// Failure of `command` without an addressed process; `nobody` states this. Another user's process on the instance is a
     /// missing permission.
     pub fn nobody(&self, command: &str, nobody: String) -> Failure {
-        let AddressedInstance { paths, has_root } = &self.address;
-        let is_meant = |process: &&ObeyingProcess| {
-            let is_here = !has_root || process.is_under(paths);
-            process.is_of_instance(&paths.instance) && is_here
-        };
-        if let Some(process) = self.others.iter().find(is_meant) {
-            let root = root_of(process, paths)
-                .map_or_else(String::new, |root| format!(" in {}", root.display()));
-            let message = format!(
-                "{command}: instance `{}` runs{root} as user {}: no permission for {}; run `sudo oqtal ctl {command} --instance {}`",
-                paths.instance,
-                process.user,
-                name_of(process),
-                paths.instance
-            );
-            return Failure::new(Exit::Permission, message);
+        if let Some(failure) = self.forbidden(command) {
+            return failure;
         }
         let mut lines = vec![nobody, format!("  searched: all processes; {}", self.searched())];
         lines.extend(self.others.iter().map(|other| format!("  running: {}", place_of(other))));
         Failure::new(Exit::Peer, lines.join("\n"))
+    }
+
+    /// Failure of `command` that reached no process, since the bus refuses with `error`.
+    pub fn unreachable(&self, command: &str, error: BusError) -> Failure {
+        let place = &self.place_for_root();
+        self.forbidden(command).unwrap_or_else(|| match error {
+            BusError::Permission { path } => Failure::new(
+                Exit::Permission,
+                format!(
+                    "{command}: no permission for {}; run `sudo oqtal ctl {command} {place}`",
+                    path.display()
+                ),
+            ),
+            error => error.into(),
+        })
+    }
+
+    /// Failure of `command` because another user runs the instance, under the addressed root or, if nobody whom this user reaches runs
+    /// it, under another; `None` otherwise.
+    fn forbidden(&self, command: &str) -> Option<Failure> {
+        let AddressedInstance { paths, has_root } = &self.address;
+        let is_here = |process: &&ObeyingProcess| process.is_under(paths);
+        let is_theirs = |process: &&ObeyingProcess| {
+            !process.is_ours() && process.is_of_instance(&paths.instance)
+        };
+        let theirs = || self.others.iter().filter(is_theirs);
+        let elsewhere = || theirs().next().filter(|_| !has_root || self.elsewhere().is_none());
+        let process = theirs().find(is_here).or_else(elsewhere)?;
+        let root = match root_of(process, paths) {
+            Some(root) => format!(" in {}", root.display()),
+            None if *has_root => " under another root".to_owned(),
+            None => String::new(),
+        };
+        let message = format!(
+            "{command}: instance `{}` runs{root} as user {}: no permission for {}; run `sudo oqtal ctl {command} --instance {}`",
+            paths.instance,
+            process.user,
+            name_of(process),
+            paths.instance
+        );
+        Some(Failure::new(Exit::Permission, message))
+    }
+
+    /// Flags by which root, whose default is another one, addresses the instance.
+    fn place_for_root(&self) -> String {
+        let AddressedInstance { paths: InstancePaths { instance, root }, has_root } = &self.address;
+        match has_root {
+            true => format!("--instance {instance} --root {}", quoted(&root.display().to_string())),
+            false => format!("--instance {instance}"),
+        }
     }
 
     /// Roots of the instances that this machine may have.

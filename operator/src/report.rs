@@ -25,6 +25,9 @@ pub struct ControlReport {
     /// The settings that took effect, the requested value, or the reason of a refusal.
     #[serde(skip_serializing_if = "String::is_empty")]
     text: String,
+    /// Message of a refusal; empty without one.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    error: String,
     /// Obstacles to a take-off; empty in flight.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     obstacles: Vec<String>,
@@ -70,6 +73,7 @@ impl ControlReport {
             state: word(SafetyState::from_code(response.state)),
             cause: word(Cause::from_code(response.cause)),
             text: response.text.as_str().to_owned(),
+            error: String::new(),
             obstacles: ArmingObstacles::from_bits(response.obstacles)
                 .iter()
                 .map(|obstacle| obstacle.to_string())
@@ -108,15 +112,18 @@ impl ControlReport {
         let has_motors_off = *command == OperatorCommand::Land.to_string()
             && *mode == Mode::Disarmed.to_string()
             && response.cause != Cause::ObservesOnly.code();
-        let is_other_config = response.cause == Cause::OtherConfig.code();
-        // The obstacles are those to a take-off.
+        // Causes beside which the obstacles, those to a take-off, do not count.
+        let is_of_request = matches!(
+            Cause::from_code(response.cause),
+            Some(Cause::OtherConfig | Cause::Expired | Cause::CalledOff)
+        );
         let is_take_off = *command == OperatorCommand::Arm.to_string();
         let reasons = match (obstacles.is_empty(), cause.as_str()) {
             _ if has_motors_off && is_silent(response) => &format!(
                 "the motors are commanded off, and the vehicle does not answer; `oqtal ctl stop {place}` tries every path to it"
             ),
             _ if has_motors_off => "the motors are off",
-            (false, _) if is_take_off && !is_other_config => &listed,
+            (false, _) if is_take_off && !is_of_request => &listed,
             (false, "") => &listed,
             (true, "") => "the flight did not begin",
             (_, cause) => cause,
@@ -127,6 +134,12 @@ impl ControlReport {
         }
         message += &self.remedy(response, expected);
         Err(Failure::new(Exit::Flight, message))
+    }
+
+    /// This report with the message of `failure`.
+    pub fn with_error(mut self, failure: &Failure) -> Self {
+        self.error.clone_from(&failure.message);
+        self
     }
 
     /// Remedy of a refusal; empty if its cause says it.

@@ -13,6 +13,7 @@ use oqtal_bus::topic::Role;
 use oqtal_runtime::process::{Exit, Failure};
 
 use crate::reach::{name_of, place_of, root_of};
+use crate::running::RunningProcesses;
 
 /// Time within which a running daemon answers.
 const ANSWER_TIMEOUT: Span = Span::from_millis(2000);
@@ -108,19 +109,14 @@ fn no_answer(paths: &InstancePaths, is_meant: impl Fn(&ObeyingProcess) -> bool) 
     if let Some(vehicle) = all.iter().find(|process| process.is_vehicle && process.is_under(paths))
     {
         let message = format!(
-            "{nobody}, but {} runs: the vehicle may fly, `oqtal ctl stop {place}` stops its motors; \
-             `{}` starts a daemon",
+            "{nobody}, but {} runs: the vehicle may fly, `oqtal ctl stop {place}` stops its motors; {}",
             name_of(vehicle),
-            start_daemon(paths)
+            daemon_remedy(paths)
         );
         return Failure::new(Exit::Peer, message);
     }
     let Some(&process) = running.first() else {
-        let mut remedy = format!("start one with `{}`", start_daemon(paths));
-        if !paths.config().is_file() {
-            remedy += ", with the --config of the instance if it has one";
-        }
-        let mut lines = vec![format!("{nobody}; {remedy}")];
+        let mut lines = vec![format!("{nobody}; {}", daemon_remedy(paths))];
         lines.extend(others.iter().map(|other| format!("  running: {}", place_of(other))));
         return Failure::new(Exit::Peer, lines.join("\n"));
     };
@@ -146,7 +142,28 @@ pub fn start_daemon(paths: &InstancePaths) -> String {
     let place = place(paths);
     let file = Some(paths.config()).filter(|file| file.is_file());
     let config = file.map(|file| format!(" --config {}", quoted(&file.display().to_string())));
-    format!("oqtal daemon run{} {place}", config.unwrap_or_default())
+    let user = paths.user_to_become().map(|user| format!("sudo -u '#{user}' "));
+    format!("{}oqtal daemon run{} {place}", user.unwrap_or_default(), config.unwrap_or_default())
+}
+
+/// Remedy of a missing daemon at `paths`.
+fn daemon_remedy(paths: &InstancePaths) -> String {
+    if let Some(process) = RunningProcesses::observe(paths).of_other_config(paths) {
+        return format!("start one {}", config_of(process));
+    }
+    let like = if paths.config().is_file() {
+        ""
+    } else {
+        ", with the --config of the instance if it has one"
+    };
+    format!("start one with `{}`{like}", start_daemon(paths))
+}
+
+/// Configuration of a daemon beside `process`, which runs with another one than the daemon before.
+pub(crate) fn config_of(process: &str) -> String {
+    format!(
+        "with the --config and --set of {process}: config.toml of the instance is of a daemon with other settings"
+    )
 }
 
 /// Failure of a command to the instance at `paths`, whose `process` runs under another root; `nobody` states that none does here.

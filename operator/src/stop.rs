@@ -28,6 +28,7 @@ use crate::raised::RaisedStops;
 use crate::reach::{AddressedInstance, FoundProcesses, Reached, signal_all};
 use crate::report::listed;
 use crate::request::{left, place};
+use crate::running::RunningProcesses;
 
 /// Time after which the report is printed.
 const REPORT_TIMEOUT: Span = Span::from_millis(950);
@@ -137,26 +138,27 @@ pub fn raise(
     // Before the processes end, as those of `oqtal fly` do.
     let mut again = NextFlights::of(&reached);
     let answers = ask_daemon(&reached.paths, request);
+    let running = (!reached.has_daemon()).then(|| RunningProcesses::beside(&reached.paths));
     // Their answers are not reported; waiting for them lets the requests be made.
     let others: Vec<_> =
         reached.places().iter().skip(1).map(|paths| ask_daemon(paths, request)).collect();
     let (report, answer) = await_obedience(&raised, &reached, &answers, give_up);
-    for other in others {
-        let _ = other.recv_timeout(left(give_up));
-    }
+    others.iter().for_each(|other| drop(other.recv_timeout(left(give_up))));
     paths.push(format!("control service: {}", said(&answer)));
+    let running = running.map(|running| newest(&running, give_up)).unwrap_or_default();
     if reached.processes.is_empty() {
         // Some may have started.
         let present = Reached::find(address);
         let is_obeyed = report.motors_off || report.daemon_obeys;
         if present.processes.is_empty() && !is_obeyed {
             raised.withdraw();
-            return Err(nobody(&reached));
+            return Err(nobody(&reached, &running));
         }
         again = NextFlights::of(&present);
         again.note_losses(&present);
     }
     again.note_losses(&reached);
+    again.note_running(&reached.paths, &running);
     let response = answer.as_ref().ok().and_then(Option::as_ref);
     let stop = ObeyedStop::new(report, response);
     Ok(ObeyedStop {
@@ -172,6 +174,12 @@ pub fn raise(
     })
 }
 
+/// Newest result of an observation, which ends or is abandoned at `give_up`.
+fn newest(running: &Receiver<RunningProcesses>, give_up: Time) -> RunningProcesses {
+    let next = || running.recv_timeout(left(give_up)).ok();
+    std::iter::from_fn(next).last().unwrap_or_default()
+}
+
 /// Raises the stop in all words; returns the words, and the result of each path.
 fn raise_words(reached: &mut Reached) -> Result<(RaisedStops, Vec<String>), Failure> {
     let mut raised = RaisedStops::default();
@@ -179,26 +187,36 @@ fn raise_words(reached: &mut Reached) -> Result<(RaisedStops, Vec<String>), Fail
     let in_directory = reached.paths.become_owner().and_then(|()| raised.raise_in(&reached.paths));
     let is_nobody = reached.processes.is_empty();
     match in_directory {
-        Ok(()) if is_nobody && raised.is_empty() => return Err(nobody(reached)),
-        Err(error) if is_nobody => return Err(error.into()),
+        Ok(()) if is_nobody && raised.is_empty() => {
+            return Err(nobody(reached, &RunningProcesses::default()));
+        }
+        Err(error) if is_nobody => return Err(reached.unreachable("stop", error)),
         Err(error) => paths.push(format!("stop words in the directory: {error}")),
         Ok(()) => {}
     }
     Ok((raised, paths))
 }
 
-/// Failure of a stop that reached nobody.
-fn nobody(reached: &Reached) -> Failure {
+/// Failure of a stop that reached nobody; `running` are processes that no stop reaches.
+fn nobody(reached: &Reached, running: &RunningProcesses) -> Failure {
     let InstancePaths { instance, root } = &reached.paths;
-    let text = match reached.elsewhere() {
-        Some(paths) => format!(
+    let not_prevented = "a flight that begins from now on is not prevented";
+    let text = match (reached.elsewhere(), running.listed()) {
+        (Some(paths), _) => format!(
             "stop: instance `{instance}` does not run under {}, but under {}: run `oqtal ctl stop {}`",
             root.display(),
             paths.root.display(),
             place(&paths)
         ),
-        None => format!(
-            "stop: no process of oqtal runs on instance `{instance}`: there is nothing to stop; a flight that begins from now on is not prevented"
+        (None, Some(names)) if running.has_simulator() => format!(
+            "stop: {names} of instance `{instance}` run, but no bridge or daemon: the simulated vehicle takes its commands over a wire; \
+             stop the instance whose bridge sends them"
+        ),
+        (None, Some(names)) => format!(
+            "stop: of instance `{instance}` only {names} runs, neither a process of a vehicle nor a daemon: there is nothing to stop; {not_prevented}"
+        ),
+        (None, None) => format!(
+            "stop: no process that obeys a stop runs on instance `{instance}`: there is nothing to stop; {not_prevented}"
         ),
     };
     reached.nobody("stop", text)

@@ -101,18 +101,18 @@ impl DiscoverArgs {
         let duration = Span::from_millis(i64::from(self.seconds) * 1000);
         let Discovery { found, unanswered } = discover(&self.hosts, duration)?;
         unanswered.iter().for_each(|text| say(text));
-        let text = if self.json {
-            json(&found)
-        } else if found.is_empty() && !self.hosts.is_empty() {
-            "no camera system answers".to_owned()
-        } else if found.is_empty() {
-            "no camera system answers on the usual ports of this machine, or by broadcast; name its computer, and a port of its own, as in `oqtal receiver discover HOST:PORT`"
-                .to_owned()
-        } else {
-            found.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")
-        };
-        print(&text)?;
-        Ok(if found.is_empty() { Exit::Peer } else { Exit::Ok })
+        if found.is_empty() {
+            let nobody = match self.hosts.is_empty() {
+                false => "no camera system answers",
+                true => {
+                    "no camera system answers on the usual ports of this machine, or by broadcast; name its computer, and a port of its own, as in `oqtal receiver discover HOST:PORT`"
+                }
+            };
+            return Err(Failure::new(Exit::Peer, nobody));
+        }
+        let lines = || found.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n");
+        print(&if self.json { json(&found) } else { lines() })?;
+        Ok(Exit::Ok)
     }
 }
 

@@ -63,8 +63,7 @@ pub fn guarded<T>(work: impl FnOnce() -> Result<T, Failure>) -> Result<T, Failur
     })
 }
 
-/// Concludes a failed `command` of `oqtal`, as [`conclude`]. With `--json`, the failure is also a document on standard output, unless
-/// the command has printed one.
+/// Concludes a failed `command` of `oqtal`, as [`conclude`]; the document of `--json` has this name.
 pub fn fail(command: &str, failure: &Failure) -> ExitCode {
     print_failure(command, failure.exit, &failure.message);
     conclude("oqtal", failure)
@@ -96,8 +95,10 @@ fn print_failure(command: &str, exit: Exit, error: &str) {
     }
 }
 
-/// Prints on standard error the reason why `program` failed, and returns its exit code.
+/// Prints on standard error the reason why `program` failed, and returns its exit code. With `--json`, the failure is also a document on
+/// standard output, unless the command has printed one.
 pub fn conclude(program: &str, failure: &Failure) -> ExitCode {
+    print_failure(&command_word(), failure.exit, &failure.message);
     say(&format!("{program}: {failure}"));
     failure.exit.into()
 }

@@ -20,7 +20,7 @@ pub fn root(system: &System) -> Option<Finding> {
     if let Some(owner) = system.instances_owner.map(|owner| system.user(owner)) {
         // Taking it over would end the flights of its owner.
         let remedy = format!(
-            "sudo -u {owner} oqtal doctor # for flights of that user; for your own: OQTAL_INSTANCE__ROOT=/tmp/oqtal-$UID"
+            "sudo -u {owner} oqtal doctor --root {directory} # for flights of that user; for your own: OQTAL_INSTANCE__ROOT=/tmp/oqtal-$UID"
         );
         let found = finding(format!("{directory} belongs to user {owner}"));
         return Some(found.forbid(Exit::Permission, remedy));

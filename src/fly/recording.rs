@@ -293,8 +293,7 @@ fn request_flight(
         match client.ask(request, Span::from_millis(200))? {
             Some(response) if response.answer == Answer::Refused.code() => {
                 return Err(match Cause::from_code(response.cause) {
-                    // A stop or a landing came after this request, which is then refused as too late.
-                    Some(Cause::Operator | Cause::Expired) => {
+                    Some(Cause::Operator | Cause::CalledOff) => {
                         called_off("an operator asked to land, disarm or stop")
                     }
                     cause => {

@@ -80,6 +80,13 @@ fn f28_a_stop_names_the_owner_s_directory_acts_as_root_and_needs_no_thread() {
     });
     let other = as_user(65_534, oqtal, &stop).output().unwrap();
     assert_refused(&other, 77, &[&root, "sudo oqtal ctl stop", testbed.instance()]);
+    for named in [root.as_str(), "/tmp/oqtal-65534-elsewhere"] {
+        for command in ["stop", "land"] {
+            let words = [&["ctl", command, "--root", named], &place[..]].concat();
+            let other = as_user(65_534, oqtal, &words).output().unwrap();
+            assert_refused(&other, 77, &[&format!("sudo oqtal ctl {command}"), testbed.instance()]);
+        }
+    }
     let by_root = as_user(0, oqtal, &stop).output().unwrap();
     assert!(by_root.status.success(), "{}", stderr(&by_root));
     // A process that may start no thread.

@@ -4,7 +4,8 @@ use super::definition::{message, structure};
 use super::field::{Field, Value, total_size};
 use super::header::HEADER_SCHEMA;
 use super::schema::{Message, schema};
-use crate::code::{Answer, Cause, OperatorCommand};
+use crate::code::{Answer, Cause, OperatorCommand, SafetyState};
+use crate::obstacle::{ArmingObstacle, ArmingObstacles};
 use crate::origin::Origin;
 use crate::text::{LongText, ShortText};
 use crate::time::Time;
@@ -57,11 +58,14 @@ impl ControlRequestV1 {
         }
     }
 
-    /// This request, made by the calling process under the name `program`, now if it was not signed before.
+    /// This request, made under the name `program`: by the calling process, now and as its present user, if it was not signed before.
     pub fn by(self, program: &str) -> Self {
+        let signed = Self { program: ShortText::new(program), ..self };
+        if self.asked_at.is_set() {
+            return signed;
+        }
         let (process, user) = (Origin::own().bits(), rustix::process::getuid().as_raw());
-        let asked_at = if self.asked_at.is_set() { self.asked_at } else { Time::now() };
-        Self { asked_at, process, user, program: ShortText::new(program), ..self }
+        Self { asked_at: Time::now(), process, user, ..signed }
     }
 }
 
@@ -82,6 +86,18 @@ message! {
         obstacles: u32 ["-"],
         /// Reason of a refusal, or the requested value; empty for none.
         text: LongText ["text"],
+    }
+}
+
+impl ControlResponseV1 {
+    /// Whether only the end of the last flight prevents the requested one: the request is repeated until the vehicle is at rest.
+    pub fn comes_to_rest(&self) -> bool {
+        use ArmingObstacle::{Moving, Stopped, Tilted};
+        let obstacles = ArmingObstacles::from_bits(self.obstacles);
+        self.answer == Answer::Refused.code()
+            && self.state == SafetyState::Stop.code()
+            && !obstacles.is_empty()
+            && obstacles.iter().all(|obstacle| matches!(obstacle, Moving | Stopped | Tilted))
     }
 }
 
@@ -125,5 +141,21 @@ impl EventV1 {
             true => format!("refused, {cause}"),
             false => format!("refused, {cause}: {}", self.reason),
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_signed_request_keeps_its_author() {
+        // As of root, before its process became another user.
+        let user = u32::MAX;
+        let signed =
+            ControlRequestV1 { user, ..ControlRequestV1::of(OperatorCommand::Arm).by("a") };
+        let again = signed.by("b");
+        assert_eq!((again.user, again.asked_at), (user, signed.asked_at));
+        assert_eq!(again.program.as_str(), "b");
     }
 }

@@ -5,11 +5,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use oqtal_bus::code::{Answer, Cause, OperatorCommand};
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
-use oqtal_bus::time::Time;
+use oqtal_bus::time::{Span, Time};
 use oqtal_runtime::handoff::RtHandle;
 
 use crate::condition::Condition;
 use crate::live::FlightChange;
+
+/// Time for which a flight that was refused until the vehicle is at rest counts as requested: operators repeat the request every 50 ms.
+const AWAITED: Span = Span::from_millis(200);
 
 /// Number by which a request and its reply find each other.
 pub(super) type RequestNumber = u64;
@@ -72,6 +75,8 @@ pub struct LoopHandle {
     last: Condition,
     /// Instant of the last stop, landing or disarming on request, by the clock of the machine; unset before one.
     called_off_at: Time,
+    /// Instant of the last request to fly that was refused until the vehicle is at rest; `None` if it was called off.
+    awaited_at: Option<Time>,
 }
 
 impl LoopHandle {
@@ -80,7 +85,8 @@ impl LoopHandle {
         queues: RtHandle<Condition, NumberedRequest, NumberedReply>,
         configs_differ: Arc<AtomicBool>,
     ) -> Self {
-        Self { queues, configs_differ, last: Condition::default(), called_off_at: Time::UNSET }
+        let (last, called_off_at) = (Condition::default(), Time::UNSET);
+        Self { queues, configs_differ, last, called_off_at, awaited_at: None }
     }
 
     /// Whether the processes of the instance run with different configurations, by the last check of the background thread.
@@ -91,11 +97,18 @@ impl LoopHandle {
     /// Calls off all flights that were requested before.
     pub fn call_off(&mut self) {
         self.called_off_at = Time::now();
+        self.awaited_at = None;
+    }
+
+    /// Whether a request to fly is repeated until the vehicle is at rest.
+    fn is_awaited(&self) -> bool {
+        self.awaited_at.is_some_and(|at| Time::now().since(at) < AWAITED)
     }
 
     /// Replies to the operator's request that waits, if any, with the result of `answer`; returns its command, its number on topic
     /// `event` and the reply, `None` if none waits. A request to fly that is read too late, or was made before one that ends flights,
-    /// is refused. The operator waits by the machine's clock, also for a flight in virtual time.
+    /// is refused. A landing that calls such a request off succeeds, as one in flight. The operator waits by the machine's clock, also
+    /// for a flight in virtual time.
     pub fn poll_request(
         &mut self,
         mut answer: impl FnMut(&mut LoopRequest) -> ControlResponseV1,
@@ -104,15 +117,23 @@ impl LoopHandle {
         let (command, event) = request.name();
         let is_late = until.is_set() && Time::now() > until && must_be_timely(command);
         let is_called_off = asked_at.is_set() && asked_at < self.called_off_at;
-        let response = if is_late || is_called_off && command.begins_flight() {
-            let command = OperatorCommand::Status;
-            let status = answer(&mut LoopRequest::Operator { command, event: 0 });
-            refused(Cause::Expired, status)
+        let mut status = LoopRequest::Operator { command: OperatorCommand::Status, event: 0 };
+        let response = if is_called_off && command.begins_flight() {
+            refused(Cause::CalledOff, answer(&mut status))
+        } else if is_late {
+            refused(Cause::Expired, answer(&mut status))
         } else {
             answer(&mut request)
         };
+        let is_refused = response.answer == Answer::Refused.code();
+        let response = match command {
+            OperatorCommand::Land if is_refused && self.is_awaited() => answer(&mut status),
+            _ => response,
+        };
         if command.ends_flight() {
             self.call_off();
+        } else if command.begins_flight() && response.comes_to_rest() {
+            self.awaited_at = Some(Time::now());
         }
         self.queues.reply((number, response, request));
         Some((command, event, response))

@@ -1,7 +1,8 @@
 //! Tests of the hand-off of requests.
 
 use super::*;
-use oqtal_bus::code::HandoverCause;
+use oqtal_bus::code::{HandoverCause, SafetyState};
+use oqtal_bus::obstacle::ArmingObstacle;
 use oqtal_config::{Config, Setting};
 
 use crate::setpoint::SetpointRefusal;
@@ -17,6 +18,7 @@ fn answers(answer: Answer) -> ControlResponseV1 {
 #[test]
 fn no_operator_gets_the_reply_to_the_request_of_another() {
     let (mut handle, mut requests) = loop_handoff();
+    requests.last.mode = Mode::Flying.code();
     // The loop stands still: the first operator gets no reply from it.
     let first = requests.ask(asks(OperatorCommand::Status), &mut |_| {});
     assert_eq!(first.answer, Answer::Accepted.code());
@@ -194,9 +196,32 @@ fn a_request_that_ends_flights_calls_off_those_requested_before_it() {
         };
         while Time::now() == before {}
         asked(ending, Time::now());
-        assert_eq!(asked(OperatorCommand::Arm, before), Cause::Expired.code(), "{ending}");
+        assert_eq!(asked(OperatorCommand::Arm, before), Cause::CalledOff.code(), "{ending}");
         assert_eq!(asked(OperatorCommand::Arm, Time::now()), Cause::None.code(), "{ending}");
     }
+}
+
+#[test]
+fn a_landing_succeeds_if_it_calls_off_a_flight_that_waits_for_the_vehicle_to_be_at_rest() {
+    let (mut handle, requests) = loop_handoff();
+    let obstacles = ArmingObstacles::default().with(ArmingObstacle::Moving, true).bits();
+    let stopped = SafetyState::Stop.code();
+    let mut asked = |command: OperatorCommand| {
+        let validity = Validity { asked_at: Time::now(), until: Time::UNSET };
+        requests.queues.send((0, LoopRequest::Operator { command, event: 0 }, validity)).unwrap();
+        let (_, _, response) = handle
+            .poll_request(|request| match request.name().0 {
+                OperatorCommand::Status => answers(Answer::Done),
+                _ => ControlResponseV1 { obstacles, state: stopped, ..answers(Answer::Refused) },
+            })
+            .unwrap();
+        requests.queues.replies().recv().unwrap();
+        response.answer
+    };
+    assert_eq!(asked(OperatorCommand::Land), Answer::Refused.code());
+    assert_eq!(asked(OperatorCommand::Arm), Answer::Refused.code());
+    assert_eq!(asked(OperatorCommand::Land), Answer::Done.code());
+    assert_eq!(asked(OperatorCommand::Land), Answer::Refused.code());
 }
 
 #[test]
@@ -230,4 +255,30 @@ fn a_change_of_gains_that_do_not_fly_is_answered_with_a_warning() {
     assert!(told.contains("\nwarning: position.horizontal-position: these loops"), "{told}");
     let told = set("position.tilt-limit-deg=20");
     assert!(!told.contains("warning"), "{told}");
+}
+
+#[test]
+fn a_request_that_needs_a_flight_is_refused_without_one_also_while_the_loop_stands_still() {
+    use OperatorCommand::{Goto, Hover, Land, Resume, Set, Stop, Trajectory};
+    let (_handle, requests) = loop_handoff();
+    let mut requests = requests.with_settings(7, LiveSettings::new(&Config::default(), &[]));
+    let answer = |requests: &mut OperatorRequests, command| {
+        let text = match command {
+            Trajectory => "circle",
+            Set => "position.tilt-limit-deg=20",
+            _ => "",
+        };
+        let request =
+            ControlRequestV1 { point: [0.0, 0.0, 1.0], text: LongText::new(text), ..asks(command) };
+        requests.ask(request, &mut |_| {}).answer
+    };
+    let [accepted, refused] = [Answer::Accepted, Answer::Refused].map(Answer::code);
+    for command in [Goto, Trajectory, Hover, Resume, Land] {
+        assert_eq!(answer(&mut requests, command), refused, "{command}");
+    }
+    for command in [Set, Stop] {
+        assert_eq!(answer(&mut requests, command), accepted, "{command}");
+    }
+    requests.last.first_flight = FirstFlight::Expected;
+    assert_eq!(answer(&mut requests, Land), accepted, "calls off the expected flight");
 }

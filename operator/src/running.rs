@@ -1,0 +1,70 @@
+//! Processes of an instance by their places on its bus, and the configuration with which they run: also those that no stop reaches.
+
+use std::sync::mpsc::{Receiver, channel};
+
+use oqtal_bus::bus::Bus;
+use oqtal_bus::error::BusError;
+use oqtal_bus::paths::InstancePaths;
+use oqtal_bus::topic::Role;
+use oqtal_observe::status::hash_of_file;
+use oqtal_runtime::program::beside;
+
+use crate::status;
+
+/// Running processes of one instance.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct RunningProcesses {
+    /// Name and id of each, as in "`oqtal mocap-emu` (123)".
+    names: Vec<(Role, String)>,
+    /// Hash of their configuration; `None` if it is unknown, or if they differ.
+    config: Option<String>,
+}
+
+impl RunningProcesses {
+    /// Observes the processes of the instance at `paths`; none if nobody runs, or on an error.
+    pub(crate) fn observe(paths: &InstancePaths) -> Self {
+        Self::beside(paths).into_iter().last().unwrap_or_default()
+    }
+
+    /// As [`Self::observe`], on a separate thread, which may be abandoned: receives the names first, then also the configuration.
+    pub(crate) fn beside(paths: &InstancePaths) -> Receiver<Self> {
+        let (sender, receiver) = channel();
+        let paths = paths.clone();
+        beside(move || {
+            let look = || -> Result<(), BusError> {
+                let Some(bus) = Bus::open_running(&paths)? else { return Ok(()) };
+                let mut found = Self::default();
+                for role in Role::PROCESSES {
+                    found.names.extend(bus.holder(&role.health())?.map(|name| (role, name)));
+                }
+                // Fails once the receiver has been dropped.
+                let _ = sender.send(found.clone());
+                if !found.names.is_empty() {
+                    let config = status::observe(&bus)?.common_config().map(str::to_owned);
+                    let _ = sender.send(Self { config, ..found });
+                }
+                Ok(())
+            };
+            // Without an answer nothing is known of the processes.
+            let _ = look();
+        });
+        receiver
+    }
+
+    /// Their names; `None` if none runs.
+    pub(crate) fn listed(&self) -> Option<String> {
+        let names: Vec<_> = self.names.iter().map(|(_, name)| name.as_str()).collect();
+        (!names.is_empty()).then(|| names.join(", "))
+    }
+
+    /// Whether the process of a simulated vehicle is among them.
+    pub(crate) fn has_simulator(&self) -> bool {
+        self.names.iter().any(|(role, _)| *role == Role::Plant)
+    }
+
+    /// Process whose configuration a daemon needs, if that in `config.toml` of the instance at `paths`, of the last daemon, is another.
+    pub(crate) fn of_other_config(&self, paths: &InstancePaths) -> Option<&str> {
+        let is_same = *self.config.as_ref()? == hash_of_file(&paths.config())?;
+        self.names.first().filter(|_| !is_same).map(|(_, name)| name.as_str())
+    }
+}
