@@ -109,7 +109,7 @@ impl ControlReport {
         }
         let Self { command, cause, mode, obstacles, text, place, .. } = self;
         let listed = obstacles.join("; ");
-        let has_motors_off = *command == OperatorCommand::Land.to_string()
+        let has_no_flight = *command == OperatorCommand::Land.to_string()
             && *mode == Mode::Disarmed.to_string()
             && response.cause != Cause::ObservesOnly.code();
         // Causes beside which the obstacles, those to a take-off, do not count.
@@ -119,10 +119,10 @@ impl ControlReport {
         );
         let is_take_off = *command == OperatorCommand::Arm.to_string();
         let reasons = match (obstacles.is_empty(), cause.as_str()) {
-            _ if has_motors_off && is_silent(response) => &format!(
+            _ if has_no_flight && is_silent(response) => &format!(
                 "the motors are commanded off, and the vehicle does not answer; `oqtal ctl stop {place}` tries every path to it"
             ),
-            _ if has_motors_off => "the motors are off",
+            _ if has_no_flight => "there is no flight",
             (false, _) if is_take_off && !is_of_request => &listed,
             (false, "") => &listed,
             (true, "") => "the flight did not begin",
@@ -241,13 +241,13 @@ fn effect(command: OperatorCommand, response: &ControlResponseV1, answer: &str) 
         (OperatorCommand::Land, Some(Mode::Disarmed)) if is_silent(response) => {
             "the flight is called off; motors commanded off, the vehicle does not answer".to_owned()
         }
-        (OperatorCommand::Land, Some(Mode::Disarmed)) => {
-            "the flight is called off; motors off".to_owned()
-        }
+        (OperatorCommand::Land, Some(Mode::Disarmed)) => "the flight is called off".to_owned(),
         (OperatorCommand::Disarm, Some(Mode::Disarmed)) if is_silent(response) => {
             "disarm: motors commanded off, the vehicle does not answer".to_owned()
         }
-        (OperatorCommand::Disarm, Some(Mode::Disarmed)) => "disarm: motors off".to_owned(),
+        (OperatorCommand::Disarm, Some(Mode::Disarmed)) => {
+            "disarm: motors commanded off".to_owned()
+        }
         // The loop follows the new course; it may not have confirmed it yet.
         (OperatorCommand::Goto | OperatorCommand::Trajectory | OperatorCommand::Hover, _) => {
             format!("{command}: on its way")
