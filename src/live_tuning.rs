@@ -13,8 +13,9 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Sample};
 use oqtal_config::{Config, Setting};
 use oqtal_control::trajectory::{TrajectoryKind, TrajectoryOptions};
+use oqtal_lab::identify::identification::Identification;
 use oqtal_lab::identify::{overview, vehicle_toml};
-use oqtal_lab::output::{check_free, make, next_free, write_file};
+use oqtal_lab::output::{CONFIG, check_free, make, next_free, write_file};
 use oqtal_lab::progress::Progress;
 use oqtal_lab::tune::live::{self, LiveTuning};
 use oqtal_lab::tune::tuned::Tuned;
@@ -76,8 +77,11 @@ pub fn execute(args: &TuneArgs) -> Result<Exit, Failure> {
     say("oqtal: identifies the vehicle and searches for gains, while it hovers");
     // The daemon may run on this machine: the search must not disturb it. A failure is harmless.
     let _ = rustix::process::nice(19);
-    let found = live::tune(&flight, &present, search, &Progress::default())?;
-    files.write(&found, &config)?;
+    let identification = live::identified(&flight, &present)?;
+    files.write_vehicle(&identification, (&paths, &config))?;
+    let kept = files.with_config(&paths, &present);
+    let found = live::tune(identification, &kept, search, &Progress::default())?;
+    files.write(&found)?;
     let tuned = &found.tuned;
     match (tuned.objective < tuned.start, *apply) {
         (false, _) => Ok(Exit::Ok),
@@ -115,6 +119,8 @@ struct LiveTuningFiles {
     gains: PathBuf,
     page: PathBuf,
     vehicle: PathBuf,
+    /// Copy of the daemon's configuration, which its directory loses when it ends.
+    config: PathBuf,
 }
 
 impl LiveTuningFiles {
@@ -131,28 +137,49 @@ impl LiveTuningFiles {
             gains: within(&format!("{law}.toml")),
             page: within(&format!("{law}.html")),
             vehicle: within("vehicle.toml"),
+            config: within(CONFIG),
         };
-        let Self { recording, gains, page, vehicle } = &files;
-        check_free(&[recording, gains, page, vehicle].map(Clone::clone))?;
+        let Self { recording, gains, page, vehicle, config } = &files;
+        check_free(&[recording, gains, page, vehicle, config].map(Clone::clone))?;
         make(&directory)?;
         Ok(files)
     }
 
-    /// Writes and prints what was found.
-    fn write(&self, found: &LiveTuning, config: &Config) -> Result<(), Failure> {
-        let LiveTuning { identification, tuned } = found;
+    /// Writes and prints the identified vehicle, and keeps the daemon's configuration.
+    fn write_vehicle(
+        &self,
+        identification: &Identification,
+        (paths, config): (&InstancePaths, &Config),
+    ) -> Result<(), Failure> {
+        let text = std::fs::read_to_string(paths.config()).map_err(|_| silent(paths))?;
+        write_file(&self.config, text)?;
+        write_file(&self.vehicle, vehicle_toml::toml(identification, config))?;
+        let (found, vehicle) = (overview::text(identification), self.vehicle.display());
+        print(&format!("{found}\nvehicle: {vehicle}, as identified"))
+    }
+
+    /// `settings` with the copy of the configuration as the origin of those in the configuration of the instance.
+    fn with_config(&self, paths: &InstancePaths, settings: &[Setting]) -> Vec<Setting> {
+        let (from, to) = (paths.config(), self.config.display());
+        let from = from.display().to_string();
+        let kept = |setting: &Setting| match setting.origin.strip_prefix(&from) {
+            Some(line) => Setting { origin: format!("{to}{line}"), ..setting.clone() },
+            None => setting.clone(),
+        };
+        settings.iter().map(kept).collect()
+    }
+
+    /// Writes and prints the gains.
+    fn write(&self, LiveTuning { tuned, .. }: &LiveTuning) -> Result<(), Failure> {
         write_file(
             &self.gains,
             tuned.to_toml(&[], "for the vehicle of excitation.mcap beside it"),
         )?;
         write_file(&self.page, page::html(tuned))?;
-        write_file(&self.vehicle, vehicle_toml::toml(identification, config))?;
-        let [page, gains, vehicle] =
-            [&self.page, &self.gains, &self.vehicle].map(|path| path.display());
-        let found = overview::text(identification);
+        let [page, gains] = [&self.page, &self.gains].map(|path| path.display());
         print(&format!(
-            "{found}\n{tuned}page: {page}\ngains: {gains}\nvehicle: {vehicle}, as identified; the margins above, and the laws that predict, are based on the \
-             [vehicle] of the daemon; to use the identified values, start the daemon with this file"
+            "{tuned}page: {page}\ngains: {gains}\nthe margins above, and the laws that predict, are based on the [vehicle] of the daemon; to use the \
+             identified values, start the daemon with vehicle.toml"
         ))
     }
 }

@@ -4,7 +4,7 @@ use oqtal_config::{Config, Interface};
 use oqtal_control::options::OptionError;
 use oqtal_control::predictive::MotionDemand;
 use oqtal_control::trajectory::{
-    FlightPlan, Phase, Reference, StartPoint, Trajectory, TrajectoryKind, TrajectoryOptions,
+    FlightPlan, Phase, Reference, StartPoint, Trajectory, TrajectoryKind,
 };
 
 use crate::command_model::CommandModel;
@@ -20,6 +20,12 @@ const THRUST_SHARE: f64 = 0.9;
 pub(crate) const RATE_SHARE: f64 = 0.8;
 const LIMIT_SHARE: f64 = 0.97;
 const TILT_SHARE: f64 = 0.9;
+/// The same of the limit of speed in take-off and landing \[-\]: the limit also holds for the estimated speed, and the vehicle is faster
+/// than its reference while it leaves the floor.
+const FLOOR_SPEED_SHARE: f64 = 0.8;
+
+/// Least value of `trajectory.descent-m-s` \[m/s\].
+const LEAST_DESCENT_M_S: f64 = 0.05;
 
 /// Greatest factor of time that is tried \[-\].
 const SLOWEST: f64 = 1e3;
@@ -39,18 +45,15 @@ impl Demand {
     }
 
     /// The error for this demand, `t_s` \[s\] after the beginning of `phase`, which would be accepted `factor` times as slowly.
-    fn refusal(
-        self,
-        phase: Phase,
-        t_s: f64,
-        factor: Option<f64>,
-        options: &TrajectoryOptions,
-    ) -> OptionError {
+    fn refusal(self, phase: Phase, t_s: f64, factor: Option<f64>, config: &Config) -> OptionError {
         let Self { key, limit, needed, unit } = self;
+        let options = &config.trajectory;
         let (part, remedy) = match (phase, factor) {
             (Phase::TakeOff, Some(factor)) => {
                 let longer_s = (10.0 * factor * options.take_off_s).ceil() / 10.0;
-                ("take-off", format!("; trajectory.take-off-s = {longer_s:.1} would do"))
+                let descent = lower_descent(config).map(|descent| format!(" and {descent}"));
+                let descent = descent.unwrap_or_default();
+                ("take-off", format!("; trajectory.take-off-s = {longer_s:.1}{descent} would do"))
             }
             (Phase::TakeOff, None) => ("take-off", String::new()),
             (_, Some(factor)) => {
@@ -81,23 +84,43 @@ pub(crate) fn check_demand(config: &Config, trajectory: &Trajectory) -> Result<(
         let worst = |slower: f64| {
             let demands = references.iter().flat_map(|(t_s, reference)| {
                 let demand = MotionDemand::of(reference, slower, &model);
-                demands(config, &demand).map(|demand| (*t_s, demand))
+                demands(config, (&demand, phase)).map(|demand| (*t_s, demand))
             });
             let excessive = demands.filter(|(_, demand)| demand.excess() > 1.0);
             excessive.max_by(|a, b| a.1.excess().total_cmp(&b.1.excess()))
         };
         let Some((t_s, demand)) = worst(1.0) else { return Ok(()) };
         let factor = least_factor(|slower| worst(slower).is_some());
-        Err(demand.refusal(phase, t_s, factor, &config.trajectory))
+        Err(demand.refusal(phase, t_s, factor, config))
     };
     check(Phase::TakeOff, (0.0, take_off_s))?;
+    check_descent(config)?;
     check(Phase::Trajectory, (begin_s, trajectory.duration_s()))
 }
 
+/// Refuses a descent that the limit of the speed ends.
+fn check_descent(config: &Config) -> Result<(), OptionError> {
+    let Some(remedy) = lower_descent(config) else { return Ok(()) };
+    let needed = config.trajectory.descent_m_s / FLOOR_SPEED_SHARE;
+    let allowed = format!("at least {needed:.2} m/s for the landing; {remedy} would do");
+    Err(OptionError::new("safety.speed-limit-m-s", config.safety.speed_limit_m_s, allowed))
+}
+
+/// Speed of the descent that the limit of the speed allows, as key and value; `None` if it allows the configured one.
+fn lower_descent(config: &Config) -> Option<String> {
+    let allowed_m_s = FLOOR_SPEED_SHARE * config.safety.speed_limit_m_s;
+    let lower_m_s = (1e3 * allowed_m_s).floor() / 1e3;
+    (config.trajectory.descent_m_s > allowed_m_s).then(|| match lower_m_s < LEAST_DESCENT_M_S {
+        true => "a greater limit".to_owned(),
+        false => format!("trajectory.descent-m-s = {lower_m_s}"),
+    })
+}
+
 /// The demands on the limits of the vehicle and of the flight.
-fn demands(config: &Config, demand: &MotionDemand) -> [Demand; 6] {
+fn demands(config: &Config, (demand, phase): (&MotionDemand, Phase)) -> [Demand; 6] {
     let (vehicle, safety) = (&config.vehicle, &config.safety);
     let of = |key, limit, needed, unit| Demand { key, limit, needed, unit };
+    let speed_share = if phase == Phase::TakeOff { FLOOR_SPEED_SHARE } else { LIMIT_SHARE };
     let tilt_deg = demand.tilt_rad.to_degrees() / TILT_SHARE;
     let [roll, pitch, yaw] = [0, 1, 2].map(|axis| {
         // Of a vehicle commanded by torque the rates have no limit of their own.
@@ -112,7 +135,7 @@ fn demands(config: &Config, demand: &MotionDemand) -> [Demand; 6] {
         of(
             "safety.speed-limit-m-s",
             safety.speed_limit_m_s,
-            demand.speed_m_s / LIMIT_SHARE,
+            demand.speed_m_s / speed_share,
             " m/s",
         ),
         roll,

@@ -154,15 +154,21 @@ fn too_old(config: &Config) -> Option<String> {
     let (cameras, safety) = (&config.mocap, &config.safety);
     let age_ms = cameras.latency_ms + cameras.jitter_ms;
     let [limit, most] = [safety.pose_age_limit_ms, safety.max_pose_age_ms];
-    let (older_ms, effect, key) = if age_ms >= most {
-        (most, "are refused", "max-pose-age-ms")
-    } else if cameras.latency_ms >= limit {
-        (limit, "end a flight", "pose-age-limit-ms")
-    } else {
-        return None;
+    let is_refused = age_ms >= most;
+    let (older_ms, effect) = match is_refused {
+        true => (most, "are refused"),
+        false if cameras.latency_ms >= limit => (limit, "end a flight"),
+        false => return None,
     };
+    let keys = [
+        (is_refused, "safety.max-pose-age-ms"),
+        (cameras.latency_ms >= limit, "safety.pose-age-limit-ms"),
+    ];
+    let keys: Vec<&str> =
+        keys.into_iter().filter_map(|(is_low, key)| is_low.then_some(key)).collect();
     Some(format!(
-        "poses are up to {age_ms} ms old (mocap.latency-ms, mocap.jitter-ms), and those older than {older_ms} ms {effect}: raise safety.{key}"
+        "poses are up to {age_ms} ms old (mocap.latency-ms, mocap.jitter-ms), and those older than {older_ms} ms {effect}: raise {}",
+        keys.join(" and ")
     ))
 }
 
@@ -250,6 +256,15 @@ mod tests {
         assert!(text.contains("lqr flies like every law but oqtal-dt"), "{text}");
         assert!(told(&[attitude, "control.controller=oqtal-dt"], None).is_empty());
         assert!(told(&["control.controller=lqr"], None).is_empty());
+    }
+
+    #[test]
+    fn a_warning_of_old_poses_names_every_limit_below_their_age() {
+        let [both, one] =
+            [90, 70].map(|ms| told(&[&format!("mocap.latency-ms={ms}")], None).join("\n"));
+        let keys = "raise safety.max-pose-age-ms and safety.pose-age-limit-ms";
+        assert!(both.ends_with(keys), "{both}");
+        assert!(one.ends_with("raise safety.pose-age-limit-ms"), "{one}");
     }
 
     #[test]

@@ -6,7 +6,7 @@
 //! | `inner_loop.rs`, `rotation.rs`, `translation.rs` | prediction from pose to pose |
 //! | `turning.rs`, `lifting.rs`, `estimate.rs` | the fits of rotation and translation, and their order |
 //! | `fit.rs`, `noise.rs`, `robust.rs`, `residuals.rs` | least squares, noise, outliers, tests |
-//! | `finding.rs`, `camera_figures.rs`, `identification.rs` | estimates of parameters, and the rules for accepting them |
+//! | `finding.rs`, `flown_motion.rs`, `camera_figures.rs`, `identification.rs` | estimates of parameters, and the rules for accepting them |
 //! | `overview.rs`, `vehicle_toml.rs`, `page.rs`, `frequency_response.rs`, `digits.rs` | text, configuration, page |
 //! | `excitation_flight.rs`, `hidden_plants.rs` | the excitation flight; errors of identifications |
 //! | `command.rs` | the command line |
@@ -19,6 +19,7 @@ pub mod estimate;
 pub mod excitation_flight;
 pub mod finding;
 pub mod fit;
+pub mod flown_motion;
 pub mod frequency_response;
 pub mod hidden_plants;
 pub mod identification;

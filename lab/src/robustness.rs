@@ -228,12 +228,14 @@ impl RobustnessArgs {
         study: &MonteCarlo<'_>,
         (spread, draws): (&PlantSpread, &[Draw]),
     ) -> Result<FlownDraws, Failure> {
-        let (document, flown) = study.fly(DRAWS, draws)?;
+        let (document, mut flown) = study.fly(DRAWS, draws)?;
         let mut sheets = tables::all(&flown, draws);
         sheets.push(tables::dependences(&flown, draws, spread));
         sheets.push(tables::spread(spread));
         if self.plants {
-            sheets.extend(cases::tables(study.laws, study.progress)?);
+            let plants = cases::fly(study.laws, study.progress)?;
+            sheets.extend(cases::tables(&plants));
+            flown.extend(plants);
         }
         let intro = format!(
             "{} draws, each flown by every law as path, hover, chirp and doublet with the seed of the draw.",
@@ -283,7 +285,11 @@ fn text(sheets: &[&Sheet], flown: &[Flown]) -> String {
     let shown = sheets.iter().filter(|sheet| !sheet.is_detail && !sheet.rows.is_empty());
     let tables = shown.map(|sheet| [&[sheet.to_text()], &notes(sheet)[..]].concat().join("\n"));
     let remedies = sheets.iter().filter(|sheet| sheet.name.ends_with(FAILURES));
-    let failures = [format!("in the draws, {}", failure::listed(flown, ""))].into_iter();
+    let of = match flown.iter().any(cases::is_single_plant) {
+        true => "in the draws and on the single plants",
+        false => "in the draws",
+    };
+    let failures = [format!("{of}, {}", failure::listed(flown, ""))].into_iter();
     let failures = failures.chain(remedies.flat_map(|sheet| notes(sheet)));
     tables.chain([failures.collect::<Vec<_>>().join("\n")]).collect::<Vec<_>>().join("\n\n")
 }
@@ -346,6 +352,10 @@ mod tests {
             assert!(text.contains(part), "{part} in\n{text}");
         }
         assert!(text.ends_with("remedy"), "{text}");
-        assert_eq!(records::failures(&[row])[0]["seeds"], serde_json::json!([1]));
+        assert_eq!(records::failures(&[row.clone()])[0]["seeds"], serde_json::json!([1]));
+        assert!(text.contains("in the draws, 4"), "{text}");
+        row.case = crate::study::flights::NOMINAL.name.to_owned();
+        let text = super::text(&[&table], &[row]);
+        assert!(text.contains("in the draws and on the single plants, 4 of 8"), "{text}");
     }
 }

@@ -90,9 +90,19 @@ impl Axis {
             return Err(form.to_owned());
         }
         let one = |text: &str| Setting::parse("", &format!("{key}={text}")).map(|s| s.value);
-        let values: Result<_, _> = values.split(',').map(one).collect();
+        let values: Result<_, _> = listed(values).into_iter().map(one).collect();
         values.map(|values| Self { key: key.clone(), values }).map_err(|_| form.to_owned())
     }
+}
+
+/// The parts of `text` between commas outside brackets.
+fn listed(text: &str) -> Vec<&str> {
+    let mut depth = 0_i32;
+    let is_border = |letter: char| {
+        depth += i32::from(letter == '[') - i32::from(letter == ']');
+        letter == ',' && depth <= 0
+    };
+    text.split(is_border).collect()
 }
 
 /// `number` values from `first` to `last`; both ends are exact.
@@ -275,6 +285,9 @@ mod tests {
         assert_eq!(lag.values, [30.0, 60.0, 90.0].map(toml::Value::from));
         let cells = Axis::parse("control.oqtal.cells=floor,centred").unwrap();
         assert_eq!(cells.values, ["floor", "centred"].map(toml::Value::from));
+        let walls = Axis::parse("fence.x-m=[-3,3],[-4.0,4.0]").unwrap();
+        let texts: Vec<String> = walls.values.iter().map(toml::Value::to_string).collect();
+        assert_eq!(texts, ["[-3, 3]", "[-4.0, 4.0]"]);
         assert!(Axis::parse("lag=30:90").unwrap_err().contains("write lag=30:90:7"));
         for text in
             ["lag", "lag=1:2", "lag=1:2:1", "lag=1:2:x", "lag=a:2:3", "lag=0:inf:3", "lag=4:4:3"]

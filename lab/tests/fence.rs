@@ -52,3 +52,28 @@ fn a_flight_in_the_narrowest_accepted_fence_is_not_held() {
         }
     }
 }
+
+/// The remedies that a refusal names, as settings.
+fn remedies(refusal: &str) -> Vec<Setting> {
+    let values = refusal.split("trajectory.").skip(1).filter_map(|text| {
+        let (key, rest) = text.split_once(" = ")?;
+        let value = rest.split_whitespace().next()?;
+        Some(Setting::parse("test", &format!("trajectory.{key}={value}")).unwrap())
+    });
+    values.collect()
+}
+
+/// The vehicle is faster than its reference while it leaves the floor and while it lands.
+#[test]
+fn a_take_off_with_the_named_remedies_is_not_too_fast() {
+    for limit in [0.1, 0.2, 0.3, 0.45, 0.6] {
+        let own = ["trajectory.kind=hover".to_owned(), format!("safety.speed-limit-m-s={limit}")];
+        let mut settings = own.map(|text| Setting::parse("test", &text).unwrap()).to_vec();
+        let refused = Mission::new(Config::from_settings(&settings).unwrap()).unwrap_err();
+        settings.extend(remedies(&refused.message));
+        assert_eq!(settings.len(), if limit < 0.5 { 4 } else { 3 }, "{}", refused.message);
+        let flight =
+            simulation::fly(&Mission::new(Config::from_settings(&settings).unwrap()).unwrap());
+        assert_eq!(flight.unwrap().shortfall(), None, "{limit} m/s");
+    }
+}

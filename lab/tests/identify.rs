@@ -12,6 +12,7 @@ use oqtal_lab::identify::finding::rules;
 use oqtal_lab::identify::hidden_plants::{self, HiddenParameter, HiddenPlants};
 use oqtal_lab::identify::identification::{Identification, Scale, identify};
 use oqtal_lab::identify::noise::Innovations;
+use oqtal_lab::identify::overview;
 use oqtal_lab::identify::rotation::{self, RotationModel, RotationNoise};
 use oqtal_lab::identify::translation::{self, TranslationModel, TranslationNoise};
 use oqtal_lab::identify::vehicle_toml;
@@ -145,6 +146,47 @@ fn a_hover_with_cameras_faster_than_the_controller_shows_the_thrust() {
     assert!(3 * flight.samples.len() < found.poses * 2, "{}", found.poses);
     let thrust = found.of_key("vehicle.max-thrust-n")[0];
     assert!(thrust.is_shown() && (thrust.value - 20.0).abs() < 0.6, "{thrust:?}");
+}
+
+/// The stated thrust is that of the straight line through the hover: with it, laws outside the predictive stack lift the vehicle.
+#[test]
+fn a_vehicle_with_curved_thrust_flies_with_its_file() {
+    let vehicle = ["vehicle.mass-kg=1.34", "vehicle.max-thrust-n=31", "plant.max-thrust-n=31"];
+    for exponent in [1.2, 1.6, 2.0] {
+        let own = [format!("plant.thrust-exponent={exponent}")];
+        let words = vehicle.into_iter().chain(own.iter().map(String::as_str));
+        let settings: Vec<_> = words.map(|text| Setting::parse("test", text).unwrap()).collect();
+        let flight = excitation_flight::fly(&Config::from_settings(&settings).unwrap()).unwrap();
+        let found = identified(&flight.flight);
+        let thrust = found.of_key("vehicle.max-thrust-n")[0];
+        let weight_n = 1.34 * 9.81;
+        let truth = weight_n / (weight_n / 31.0_f64).powf(1.0 / exponent);
+        assert!((thrust.value - truth).abs() <= 2.0 * thrust.half_width, "{truth}: {thrust:?}");
+        assert!(thrust.half_width < 0.01 * truth, "{thrust:?}");
+        let text = vehicle_toml::toml(&found, &flight.flight.config);
+        for law in ["geometric", "oqtal-dt"] {
+            let more = ["trajectory.kind=hover".to_owned(), format!("control.controller={law}")];
+            let more = more.iter().chain(&own).map(String::as_str).chain([vehicle[2]]);
+            let more: Vec<_> = more.map(|text| Setting::parse("test", text).unwrap()).collect();
+            let config = Config::parse("vehicle.toml", &text, &more).unwrap();
+            let flight = simulation::fly(&Mission::new(config).unwrap()).unwrap();
+            assert_eq!(flight.shortfall(), None, "{law}, {exponent}");
+        }
+    }
+}
+
+#[test]
+fn a_flight_that_has_the_motion_and_does_not_fit_the_model_lacks_no_motion() {
+    let unlike = [Setting::flag("test", "plant.rate-lag-ratio", vec![1.3, 0.8, 1.0])];
+    let config = Config::from_settings(&unlike).unwrap();
+    let found = identified(&excitation_flight::fly(&config).unwrap().flight);
+    let open: Vec<_> = found.findings.iter().filter(|finding| !finding.is_shown()).collect();
+    assert!(!open.is_empty() && open.iter().all(|it| it.missing.is_none()), "{open:?}");
+    let text = overview::text(&found);
+    assert!(
+        text.contains("one\n  lag for all axes") || text.contains("one lag for all axes"),
+        "{text}"
+    );
 }
 
 #[test]

@@ -92,7 +92,8 @@ fn gains_of_an_unknown_vehicle_found_in_flight_are_as_good_as_those_of_a_known_o
         let flight = excitation(seed, &vehicle);
         // Settings of the daemon.
         let present = [vehicle[0].clone(), vehicle[3].clone()];
-        let live = live::tune(&flight, &present, (&budget, weights, ""), &progress).unwrap().tuned;
+        let found = live::identified(&flight, &present).unwrap();
+        let live = live::tune(found, &present, (&budget, weights, ""), &progress).unwrap().tuned;
         let known = TrainingFlights {
             computed: known_limit(&vehicle),
             weights,

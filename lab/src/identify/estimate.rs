@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use oqtal_config::VehicleOptions;
 
 use super::data::FlightData;
-use super::lifting::{LiftingFit, TurnedFlights, lifting};
+use super::lifting::{CURVATURE, LiftingFit, TurnedFlights, lifting};
 use super::rotation::RotationModel;
 use super::translation::TranslationModel;
 use super::turning::{TurningFit, turning};
@@ -12,15 +12,21 @@ use super::turning::{TurningFit, turning};
 /// Least number of poses in the air per flight: two seconds at 60 Hz.
 const LEAST_POSES: usize = 120;
 
+/// Standard deviations of the curvature beyond which the thrust is curved \[-\].
+const CURVED_SD: f64 = 3.0;
+
 /// The fits of an identification.
 #[derive(Clone, Debug)]
 pub struct VehicleFit {
     /// The rotation.
     pub turning: TurningFit,
-    /// The translation, with a thrust that is linear in its command.
+    /// The translation, with a curved thrust if [`Self::has_curved_thrust`], and else with one that is linear in its command.
     pub lifting: LiftingFit,
     /// The translation, with a curved thrust.
     pub curved: LiftingFit,
+    /// Whether the flights show that the thrust is curved over its command. A straight line through it would have the slope of the curve
+    /// and a push along z in place of the rest.
+    pub has_curved_thrust: bool,
 }
 
 /// Fits the model to `flights`, starting from the parameters `configured`.
@@ -48,8 +54,10 @@ pub fn estimate(flights: &[FlightData], configured: &VehicleOptions) -> Option<V
     let delayed = turning.delayed(flights);
     let turned = TurnedFlights { flights, rotations: &turning.passes, delayed: &delayed };
     let curved = lifting(turned, &start, true)?;
-    let lifting = lifting(turned, &start, false)?;
-    Some(VehicleFit { turning, lifting, curved })
+    let (bend, sd) = curved.fit.of(CURVATURE);
+    let has_curved_thrust = bend.abs() > CURVED_SD * sd;
+    let lifting = if has_curved_thrust { curved.clone() } else { lifting(turned, &start, false)? };
+    Some(VehicleFit { turning, lifting, curved, has_curved_thrust })
 }
 
 /// Mean commanded thrust in the air, as a fraction of the maximum \[0..1\].

@@ -22,6 +22,8 @@ pub struct ParameterFinding {
     pub before: Option<f64>,
     /// Manoeuvre that the flights lack, if they do not determine the value.
     pub missing: Option<&'static str>,
+    /// Assumption of the model that may not hold, if the flights do not determine the value although they have the manoeuvre.
+    pub unfit: Option<&'static str>,
 }
 
 /// Rule for a parameter: the interval width below which its value is accepted.
@@ -48,7 +50,7 @@ impl FindingRule {
         let half_width = INTERVAL * sd;
         let is_shown = half_width <= widest.max(widest_ratio * value.abs());
         let missing = (!is_shown).then_some(motion);
-        ParameterFinding { name, key, unit, value, half_width, before, missing }
+        ParameterFinding { name, key, unit, value, half_width, before, missing, unfit: None }
     }
 
     /// Finding for a given `value`.
@@ -60,7 +62,26 @@ impl FindingRule {
 impl ParameterFinding {
     /// Whether the flights determine the value.
     pub fn is_shown(&self) -> bool {
-        self.missing.is_none()
+        self.missing.is_none() && self.unfit.is_none()
+    }
+
+    /// The finding, with the `assumption` in place of the missing manoeuvre, if there is one.
+    pub fn with_assumption(mut self, assumption: Option<&'static str>) -> Self {
+        if self.missing.is_some() && assumption.is_some() {
+            (self.missing, self.unfit) = (None, assumption);
+        }
+        self
+    }
+
+    /// Reason why the value is not determined; `None` if it is.
+    pub fn reason(&self) -> Option<String> {
+        let lacking = self.missing.map(|motion| format!("missing: {motion}"));
+        let unfit = |assumption| {
+            format!(
+                "the flight has the motion for it, and the model does not fit; it assumes {assumption}"
+            )
+        };
+        lacking.or_else(|| self.unfit.map(unfit))
     }
 }
 

@@ -33,6 +33,13 @@ pub struct FitResult {
     pub covariance: DMatrix<f64>,
 }
 
+impl FitResult {
+    /// Value and standard deviation of a parameter \[its unit\].
+    pub fn of(&self, index: usize) -> (f64, f64) {
+        (self.values[index], self.covariance[(index, index)].max(0.0).sqrt())
+    }
+}
+
 struct Problem<'a> {
     parameters: Vec<MPPar>,
     config: MPConfig,

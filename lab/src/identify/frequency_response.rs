@@ -167,12 +167,33 @@ fn of_model(model: &RotationModel, hz: f64) -> Complex<f64> {
     Complex::from_polar(1.0, -omega * delay_s) * lag(model.lag_s) * lag(model.fast_s)
 }
 
+/// Reason why an axis has no response.
+fn no_response(data: &FlightData, axis: usize) -> String {
+    let (from_s, until_s) = match (data.air.first(), data.air.last()) {
+        (Some(first), Some(last)) => (first.captured_s, last.captured_s),
+        _ => return "the flight has no poses in the air.".to_owned(),
+    };
+    let in_air = data.prescribed.iter().filter(|(at_s, _)| (from_s..=until_s).contains(at_s));
+    let mut angles = in_air.map(|(_, attitude)| attitude[axis]);
+    let first = angles.next().unwrap_or_default();
+    if angles.all(|angle| shorter_turn(angle - first) == 0.0) {
+        return "the trajectory excites no frequency, and without that the closed loop shows no response of the vehicle."
+            .to_owned();
+    }
+    if data.air.len() <= 2 * SEGMENT {
+        return format!("the flight is shorter than two segments of {SEGMENT} poses.");
+    }
+    format!(
+        "the coherence of prescribed attitude and rate over the whole flight is below {EXCITED} at every frequency: no response is shown."
+    )
+}
+
 /// Gain, phase and coherence of each axis.
 pub fn figures(data: &FlightData, model: &RotationModel) -> Markup {
     let responses = responses(data, model);
     html! {
-        @for (axis, _) in AXES.iter().zip(&responses).filter(|(_, points)| points.is_empty()) {
-            p.note { (axis) ": the trajectory excites no frequency, and without that the closed loop shows no response of the vehicle." }
+        @for (number, axis) in AXES.iter().enumerate().filter(|(number, _)| responses[*number].is_empty()) {
+            p.note { (axis) ": " (no_response(data, number)) }
         }
         @for (axis, points) in AXES.iter().zip(&responses).filter(|(_, points)| !points.is_empty()) {
             (both(&format!("{axis}: gain [dB], of the rate at full stick"), points, |point| {
@@ -238,7 +259,7 @@ mod tests {
 
     /// Responses of a vehicle whose roll follows the sticks after two samples, without a lag, under a proportional law that answers
     /// noise of `noise_rad`, and the prescribed roll, a random walk of `size_rad`.
-    fn flown(noise_rad: f64, size_rad: f64) -> [Vec<ResponsePoint>; 3] {
+    fn flown(noise_rad: f64, size_rad: f64) -> (FlightData, [Vec<ResponsePoint>; 3]) {
         let mut state = 1_u32;
         let mut noise = || {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -265,7 +286,9 @@ mod tests {
         }
         let authority = Vector3::new(2.0, 2.0, 2.0);
         let (delay_s, bias) = (2.0 * PERIOD_S, Vector3::zeros());
-        responses(&data, &RotationModel { delay_s, lag_s: 0.0, fast_s: 0.0, authority, bias })
+        let model = RotationModel { delay_s, lag_s: 0.0, fast_s: 0.0, authority, bias };
+        let responses = responses(&data, &model);
+        (data, responses)
     }
 
     #[test]
@@ -282,23 +305,28 @@ mod tests {
 
     #[test]
     fn the_response_of_a_pure_delay_has_its_gain_and_phase_and_full_coherence() {
-        let [roll, pitch, _] = flown(0.0, 0.02);
+        let (data, [roll, pitch, _]) = flown(0.0, 0.02);
         for point in &roll {
             assert!((point.measured - point.model).norm() < 0.05, "{point:?}");
             assert!(point.coherence > 0.95, "{point:?}");
         }
         assert!(roll.len() > 50 && pitch.is_empty());
+        assert!(no_response(&data, 1).contains("excites no frequency"));
     }
 
     #[test]
     fn feedback_of_noise_does_not_take_the_place_of_the_vehicle() {
-        let [roll, ..] = flown(3e-3, 0.02);
+        let (_, [roll, ..]) = flown(3e-3, 0.02);
         let excited = roll.iter().filter(|point| point.is_excited());
         for point in excited.clone() {
             assert!((point.measured - point.model).norm() < 0.3, "{point:?}");
         }
         assert!(excited.count() > 20);
-        let [roll, ..] = flown(3e-3, 0.0);
+        let (data, [roll, ..]) = flown(3e-3, 0.0);
         assert!(roll.is_empty(), "nothing but the noise moves the vehicle");
+        assert!(no_response(&data, 0).contains("excites no frequency"));
+        let (data, [roll, ..]) = flown(0.3, 1e-4);
+        assert!(roll.is_empty(), "the noise hides the motion");
+        assert!(no_response(&data, 0).contains("coherence"), "{}", no_response(&data, 0));
     }
 }

@@ -10,6 +10,8 @@ use super::data::{FlightData, saturated_share};
 use super::estimate::{VehicleFit, estimate};
 use super::finding::{FindingRule, INTERVAL, ParameterFinding, rules};
 use super::fit::FitResult;
+use super::flown_motion::FlownMotion;
+use super::lifting::CURVATURE;
 use super::residuals::ResidualTest;
 use super::rotation::RotationPass;
 use super::translation::TranslationPass;
@@ -50,6 +52,8 @@ pub struct Identification {
     pub gust_s: f64,
     /// Whether the lag of the thrust is so short that the delay must include the lag of the rotors.
     pub has_prompt_thrust: bool,
+    /// Whether the thrust is curved over its command; its value is then the thrust per commanded share where it equals the weight.
+    pub has_curved_thrust: bool,
     /// Share of the commands in the air whose thrust is at an end of its range \[0..1\].
     pub saturated_share: f64,
     /// Number of poses used \[-\].
@@ -79,14 +83,20 @@ pub fn identify(
         translation(&estimate, configured, scale),
         noise(&estimate),
     ];
+    let motion = FlownMotion::of(flights);
+    let with_reason = |finding: ParameterFinding| {
+        let assumption = motion.assumption(&finding);
+        finding.with_assumption(assumption)
+    };
     Ok(Identification {
-        findings: findings.concat(),
+        findings: findings.concat().into_iter().map(with_reason).collect(),
         residuals: residuals(&estimate),
         at_rest: RestFigures::of(flights),
         latency_at_rest: PoseLatency::of(flights, |data| &data.rest),
         latency_in_flight: PoseLatency::of(flights, |data| &data.air),
         gust_s: estimate.lifting.noise.gust_s,
         has_prompt_thrust: may_be_prompt(&estimate.lifting.fit),
+        has_curved_thrust: estimate.has_curved_thrust,
         saturated_share: saturated_share(flights),
         poses: flights.iter().map(|data| data.air.len()).sum(),
         estimate,
@@ -107,8 +117,8 @@ fn stamped(flights: &[FlightData]) -> Option<f64> {
 
 /// Value and standard deviation of a parameter of a fit, in its unit times `factor`.
 fn of(fit: &FitResult, index: usize, factor: f64) -> (f64, f64) {
-    let variance = fit.covariance[(index, index)].max(0.0);
-    (fit.values[index] * factor, variance.sqrt() * factor)
+    let (value, sd) = fit.of(index);
+    (value * factor, sd * factor)
 }
 
 fn rotation(
@@ -140,7 +150,10 @@ fn translation(
     scale: Scale,
 ) -> Vec<ParameterFinding> {
     let fit = &estimate.lifting.fit;
-    let (ratio, sd) = of(fit, 0, 1.0);
+    let (ratio, sd) = match estimate.has_curved_thrust {
+        true => estimate.lifting.thrust_at_hover(),
+        false => of(fit, 0, 1.0),
+    };
     let before = (Some(configured.mass_kg), Some(configured.max_thrust_n));
     let mut findings = vec![rules::THRUST_PER_MASS.found(
         ratio,
@@ -164,7 +177,7 @@ fn translation(
     }
     let (lag_ms, sd_ms) = of(fit, 1, 1e3);
     findings.push(rules::THRUST_LAG.found(lag_ms, sd_ms, Some(configured.thrust_lag_ms)));
-    let (bend, sd) = of(&estimate.curved.fit, 3, 1.0);
+    let (bend, sd) = of(&estimate.curved.fit, CURVATURE, 1.0);
     findings.push(rules::THRUST_CURVE.found(bend, sd, None));
     let (drag, sd) = of(fit, 2, 1.0);
     findings.push(rules::DRAG.found(drag.max(0.0), sd, Some(configured.drag_per_s)));

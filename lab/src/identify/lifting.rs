@@ -12,6 +12,10 @@ use super::translation::{TranslationModel, TranslationNoise, TranslationPass, pa
 
 /// Number of alternations between a fit and an estimate of the noise.
 const ROUNDS: usize = 2;
+/// Index of the thrust in [`LiftingFit::fit`].
+const THRUST: usize = 0;
+/// Index of the curvature in [`LiftingFit::fit`].
+pub const CURVATURE: usize = 3;
 /// Number of parameters before the biases.
 const SHARED: usize = 4;
 /// Lags of the thrust from which the fit starts beside the configured one \[s\].
@@ -34,6 +38,25 @@ pub struct LiftingFit {
     pub passes: Vec<TranslationPass>,
     /// Agreement of fits from several starting points.
     pub starts: StartingPoints,
+}
+
+impl LiftingFit {
+    /// Thrust over the mass per commanded share where the thrust equals the weight, and its standard deviation \[m/s^2\]. With a straight
+    /// line, it is the greatest thrust.
+    pub fn thrust_at_hover(&self) -> (f64, f64) {
+        let model = &self.models[0];
+        let (slope, share) = model.hover();
+        // The change of the share for a change of thrust and curvature keeps the thrust: its total derivative is 0.
+        let per_share = model.gravity_m_s2 / share;
+        let of_thrust = per_share / slope * per_share / model.thrust_m_s2;
+        let off = share / model.hover_share - 1.0;
+        let of_curvature = per_share / slope * model.thrust_m_s2 * off;
+        let covariance = |row, column| self.fit.covariance[(row, column)];
+        let variance = of_thrust.powi(2) * covariance(THRUST, THRUST)
+            + of_curvature.powi(2) * covariance(CURVATURE, CURVATURE)
+            + 2.0 * of_thrust * of_curvature * covariance(THRUST, CURVATURE);
+        (per_share, variance.max(0.0).sqrt())
+    }
 }
 
 /// Flights with their predicted rotation.

@@ -22,7 +22,7 @@ const TOLD_SATURATION: f64 = 0.005;
 
 /// Cells of a finding, in the order of [`HEADINGS`].
 pub fn cells(finding: &ParameterFinding) -> [String; 5] {
-    let ParameterFinding { name, unit, value, half_width, before, missing, .. } = finding;
+    let ParameterFinding { name, unit, value, half_width, before, .. } = finding;
     let (value_text, half) = match half_width {
         half if half.is_infinite() => (rounded(*value, 3), MISSING.to_owned()),
         half if *half == 0.0 => (rounded(*value, 4), "given".to_owned()),
@@ -31,7 +31,7 @@ pub fn cells(finding: &ParameterFinding) -> [String; 5] {
     let name = if *unit == "-" { (*name).to_owned() } else { format!("{name} [{unit}]") };
     let before_text = before.map_or_else(|| MISSING.to_owned(), |before| rounded(before, 4));
     let change = match before {
-        _ if missing.is_some() => "not shown".to_owned(),
+        _ if !finding.is_shown() => "not shown".to_owned(),
         Some(before) if *before != 0.0 => format!("{:+.1} %", 100.0 * (value / before - 1.0)),
         _ => MISSING.to_owned(),
     };
@@ -75,11 +75,25 @@ pub fn remarks(identification: &Identification) -> Vec<String> {
         let effect = "part of the delay is counted as rate lag; their sum is right";
         lines.push(format!("commands seem to act before their stamps: {effect}"));
     }
+    lines.extend(of_thrust(identification));
+    lines.push(cameras(identification));
+    lines
+}
+
+/// Remarks on lag, curvature and range of the thrust.
+fn of_thrust(identification: &Identification) -> Vec<String> {
+    let mut lines = Vec::new();
     if identification.has_prompt_thrust {
         let reason = "the lag of the rotors is then inside the rate loop";
         let effect =
             "it is in the delay, and missing in rate lag and thrust lag; their sums are right";
         lines.push(format!("thrust that follows immediately: {reason}: {effect}"));
+    }
+    if identification.has_curved_thrust {
+        lines.push(
+            "the thrust is curved over its command: `greatest thrust` is that of the straight line through the hover, as [vehicle] needs it, and not the thrust at full stick"
+                .to_owned(),
+        );
     }
     let saturated_share = identification.saturated_share;
     if saturated_share > TOLD_SATURATION {
@@ -88,17 +102,24 @@ pub fn remarks(identification: &Identification) -> Vec<String> {
             "thrust at the end of its range for {percent} % of the time in the air: saturated rotors give less than commanded, so the intervals of thrust and drag are too narrow"
         ));
     }
-    lines.push(cameras(identification));
     lines
 }
 
 /// Remark on a value that `recordings` recordings do not determine.
 fn not_shown(finding: &ParameterFinding, recordings: usize) -> String {
-    let (name, motion) = (finding.name, finding.missing.unwrap_or_default());
-    match recordings {
-        1 => format!("{name}: not determined, and not written. Missing: {motion}"),
-        _ => format!(
-            "{name}: not determined, and not written. Its interval is too wide: the recordings may contradict each other (identify each alone), or lack {motion}"
+    let name = finding.name;
+    let wide = "not determined, and not written. Its interval is too wide";
+    match (recordings, finding.missing) {
+        (1, Some(motion)) => {
+            format!("{name}: not determined, and not written. Missing: {motion}")
+        }
+        (1, None) => format!("{name}: {wide}: {}", finding.reason().unwrap_or_default()),
+        (_, Some(motion)) => format!(
+            "{name}: {wide}: the recordings may contradict each other (identify each alone), or lack {motion}"
+        ),
+        (_, None) => format!(
+            "{name}: {wide}: the recordings may contradict each other (identify each alone), or the model does not fit; it assumes {}",
+            finding.unfit.unwrap_or_default()
         ),
     }
 }
@@ -158,7 +179,9 @@ pub fn text(identification: &Identification) -> String {
 fn too_little_motion(identification: &Identification) -> Option<String> {
     let keys = identification.keys();
     let shown = keys.iter().filter(|key| identification.values(key).is_some()).count();
-    (2 * shown < keys.len()).then(|| {
+    let lacks = |key: &&&str| identification.of_key(key).iter().all(|it| it.missing.is_some());
+    let lacking = keys.iter().filter(lacks).count();
+    (2 * lacking > keys.len()).then(|| {
         let all = keys.len();
         wrapped(
             &format!(

@@ -111,6 +111,16 @@ impl TranslationModel {
         let bend = self.curvature_ratio * (share / self.hover_share - 1.0);
         self.thrust_m_s2 * share * (1.0 + bend)
     }
+
+    /// Slope of the thrust over its command where it equals the weight \[m/s^2\], and the command \[0..1\].
+    pub fn hover(&self) -> (f64, f64) {
+        let bend = self.curvature_ratio / self.hover_share;
+        let linear = self.thrust_m_s2 * (1.0 - self.curvature_ratio);
+        // The greater root of `thrust_m_s2 bend u^2 + linear u = gravity_m_s2`, whose slope is the root of its discriminant.
+        let square = linear.powi(2) + 4.0 * self.thrust_m_s2 * bend * self.gravity_m_s2;
+        let slope = square.max(0.0).sqrt();
+        (slope, 2.0 * self.gravity_m_s2 / (linear + slope))
+    }
 }
 
 impl<'a> Predictor<'a> {

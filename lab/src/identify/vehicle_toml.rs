@@ -118,12 +118,12 @@ fn with_decimals(number: String) -> String {
 }
 
 fn remark(finding: &ParameterFinding) -> String {
-    let ParameterFinding { value, half_width, before, missing, .. } = finding;
+    let ParameterFinding { value, half_width, before, .. } = finding;
     let before = before.map_or(String::new(), |before| format!(", before {before}"));
-    match missing {
-        Some(motion) => {
+    match finding.reason() {
+        Some(reason) => {
             let (value, half) = with_interval(*value, *half_width);
-            format!("not shown ({value} ± {half}{before}), missing: {motion}")
+            format!("not shown ({value} ± {half}{before}), {reason}")
         }
         None if *half_width == 0.0 => format!("given{before}"),
         None => format!("± {}{before}", with_interval(*value, *half_width).1),

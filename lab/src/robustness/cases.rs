@@ -2,8 +2,10 @@
 
 use oqtal_runtime::process::Failure;
 
+use super::tables::{self, FAILURES};
 use crate::progress::Progress;
 use crate::sheet::{Sheet, SheetRow, Variant};
+use crate::study::failure::FailedFlights;
 use crate::study::flights::{AUTHORITY, Change, NOMINAL, PlantVariant, RATE_LAG};
 use crate::study::law::StudyLaw;
 use crate::study::metric::{CHIRP, HOVER, METRIC, METRICS};
@@ -37,16 +39,26 @@ const PLANTS: [PlantVariant; 12] = [
 /// Seeds of the flights.
 const SEEDS: std::ops::Range<u64> = 300..305;
 
-const NOTE: &str = "Means of seeds 300 to 304; a dash marks a flight that did not land.";
+const NOTE: &str = "Means of seeds 300 to 304; a dash marks a figure of which at least one of the five flights did not land as \
+     planned, for example because the fence held it for a time, or had a step that did not settle.";
 
-/// Flies every law on every plant. Returns tables of hover and chirp with one column per plant, and of all figures with one row
-/// per plant.
+/// Flies every law on every plant. Returns the rows grouped by law.
 ///
 /// # Errors
 /// A setting is invalid.
-pub fn tables(laws: &[StudyLaw], progress: &Progress) -> Result<[Sheet; 3], Failure> {
+pub fn fly(laws: &[StudyLaw], progress: &Progress) -> Result<Vec<Flown>, Failure> {
     let cases = PLANTS.map(|plant| Case::on(plant, SEEDS));
-    let flown = Study { name: "single plants", laws, cases: &cases }.fly(progress)?;
+    Study { name: "single plants", laws, cases: &cases }.fly(progress)
+}
+
+/// Whether the row is one of a single plant.
+pub fn is_single_plant(row: &Flown) -> bool {
+    PLANTS.iter().any(|plant| plant.name == row.case)
+}
+
+/// Tables of the rows of [`fly`]: hover and chirp with one column per plant, all figures with one row per plant, and the flights that
+/// failed, if any did.
+pub fn tables(flown: &[Flown]) -> Vec<Sheet> {
     let of_laws: Vec<&[Flown]> = flown.chunks(PLANTS.len()).collect();
     let hover = beside(&of_laws, ("plants_hover", "Single plants: hover [mm]"), HOVER);
     let chirp = beside(&of_laws, ("plants_chirp", "Single plants: chirp [°]"), CHIRP);
@@ -59,7 +71,18 @@ pub fn tables(laws: &[StudyLaw], progress: &Progress) -> Result<[Sheet; 3], Fail
     let rows: Vec<&Flown> = rows.collect();
     let names = |row: &&Flown| row.names_with(row.case.as_str());
     let all = Sheet::tabulate(("plants", "Single plants"), &columns, &rows, names);
-    Ok([hover, chirp, all.with_note(NOTE).as_detail()])
+    let failures = Some(failures(flown)).filter(|sheet| !sheet.rows.is_empty());
+    [hover, chirp, all.with_note(NOTE).as_detail()].into_iter().chain(failures).collect()
+}
+
+/// Failed flights by law, test, plant and cause.
+fn failures(flown: &[Flown]) -> Sheet {
+    let columns = [
+        column("plant", "plant", |group: &FailedFlights<'_>| group.case),
+        column("cause", "cause", |group: &FailedFlights<'_>| group.cause),
+        column("flights", "flights", |group: &FailedFlights<'_>| group.conditions.len() as u64),
+    ];
+    tables::failed((&format!("plants_{FAILURES}"), "Single plants: "), &columns, flown)
 }
 
 /// Table of one figure, with one column per plant.
@@ -80,4 +103,28 @@ fn beside(of_laws: &[&[Flown]], (name, title): (&str, &str), metric: usize) -> S
 
 fn finite(figure: f64) -> Option<f64> {
     Some(figure).filter(|figure| figure.is_finite())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::study::tests::flown;
+
+    #[test]
+    fn a_failed_flight_of_a_single_plant_is_listed_with_plant_and_cause() {
+        let case =
+            |plant: &PlantVariant| Flown { case: plant.name.to_owned(), ..flown("pid", &[1.0]) };
+        let mut rows: Vec<Flown> = PLANTS.iter().map(case).collect();
+        assert_eq!(tables(&rows).len(), 3);
+        rows[1].runs[0] = crate::study::tests::run(f64::INFINITY, 0);
+        rows[1].runs[0].ends.iter_mut().for_each(|end| end.cause = Some("held".to_owned()));
+        let failures = &tables(&rows)[3];
+        assert!(failures.name.ends_with(FAILURES), "the remedies are printed");
+        let cells: Vec<String> = failures.rows[0].cells.iter().map(|cell| cell.show()).collect();
+        assert_eq!(
+            (failures.rows.len(), &cells[..]),
+            (4, &["rate lag 30 ms", "held", "1"].map(str::to_owned)[..])
+        );
+        assert!(rows.iter().all(is_single_plant) && !is_single_plant(&flown("pid", &[1.0])));
+    }
 }

@@ -12,7 +12,7 @@ use crate::sheet::{Sheet, SheetCell, SheetRow, Variant};
 use crate::study::failure::{self, FailedFlights};
 use crate::study::flights::{Test, TestEnd};
 use crate::study::metric::{ATTITUDE, CHIRP, DOUBLET, HOVER, JITTER, METRIC, METRICS, SETTLE};
-use crate::study::table::column;
+use crate::study::table::{StudyColumn, column};
 use crate::study::{Flown, Run};
 
 /// Note of the headline with one law besides `oqtal-dt`, and with several.
@@ -72,9 +72,8 @@ fn headline(flown: &[Flown]) -> Sheet {
     .with_note(note)
 }
 
-/// Flights that did not land as planned, by law, test and cause.
+/// Failed flights of the draws.
 fn failures(flown: &[Flown], draws: &[Draw]) -> Sheet {
-    let groups = failure::failed(flown);
     let columns = [
         column("cause", "cause", |group: &FailedFlights<'_>| group.cause),
         column("flights", "flights", |group: &FailedFlights<'_>| group.conditions.len() as u64),
@@ -87,11 +86,23 @@ fn failures(flown: &[Flown], draws: &[Draw]) -> Sheet {
             SheetCell::Text(runs.join(" "))
         }),
     ];
+    failed((FAILURES, ""), &columns, flown)
+}
+
+/// Flights that did not land as planned, or with a step that did not settle, by law, test and cause, with the remedies; `name` is the
+/// name of the table and the beginning of its title.
+pub fn failed<'a>(
+    (name, of): (&str, &str),
+    columns: &[StudyColumn<'_, FailedFlights<'a>>],
+    flown: &'a [Flown],
+) -> Sheet {
+    let groups = failure::failed(flown);
     let names = |group: &FailedFlights<'_>| {
         (group.law.name.clone(), Variant::Ours, group.test.name().to_owned())
     };
     let title = "Flights that did not land as planned, or with a step that did not settle";
-    let sheet = Sheet::tabulate((FAILURES, title), &columns, &groups, names).as_detail();
+    let title = format!("{of}{title}");
+    let sheet = Sheet::tabulate((name, &title), columns, &groups, names).as_detail();
     let remedies = failure::remedies(&groups);
     remedies.trim().lines().fold(sheet, |sheet, remedy| sheet.with_note(remedy.trim()))
 }
@@ -164,7 +175,7 @@ fn distributions(flown: &[Flown]) -> Sheet {
         .as_detail()
 }
 
-const DISTRIBUTIONS_NOTE: &str = "A flight that did not land counts as worse than any that did; a value is missing where the \
+const DISTRIBUTIONS_NOTE: &str = "A flight that did not land as planned counts as worse than any that did; a value is missing where the \
      quantile is such a flight. Jitter is the activity of the command, not a figure of merit by itself.";
 
 /// Fraction of draws in which `law` has a worse figure than the best other law \[0..1\]; NaN without another law.

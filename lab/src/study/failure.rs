@@ -11,7 +11,7 @@ use super::Flown;
 use super::args::words_of;
 use super::flights::{FlightCondition, Run, Test, TestEnd, changed};
 use super::law::StudyLaw;
-use super::room;
+use super::room::{self, Changes};
 
 /// Number of seeds that the text lists for each cause \[-\].
 const SHOWN_SEEDS: usize = 8;
@@ -140,11 +140,19 @@ pub fn counts(rows: &[Flown]) -> (usize, usize) {
 
 /// Changes with which the flights that needed more room would be complete, a paragraph for each trajectory; empty without any.
 pub fn remedies(groups: &[FailedFlights<'_>]) -> String {
+    remedies_of(groups, Changes::All)
+}
+
+/// The text of [`text`] for flights of a vehicle in flight.
+pub fn text_in_flight(rows: &[Flown]) -> String {
+    listed(rows, "") + &remedies_of(&failed(rows), Changes::InFlight)
+}
+
+fn remedies_of(groups: &[FailedFlights<'_>], changes: Changes) -> String {
     let cramped = groups.iter().filter(|group| room::is_cramped(group.cause));
     room::remedies(
-        cramped.map(|group| {
-            ((group.law, &group.conditions[..], group.test), is_of_fence(group.cause))
-        }),
+        cramped.map(|it| ((it.law, &it.conditions[..], it.test), is_of_fence(it.cause))),
+        changes,
     )
 }
 

@@ -56,8 +56,20 @@ pub fn is_cramped(cause: &str) -> bool {
     is_of_fence(cause) || cause.ends_with(&Cause::Tracking.to_string())
 }
 
+/// Who can make a change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Changes {
+    /// A study: all settings.
+    All,
+    /// An operator in flight: those of [`Config::may_change_in_flight`], as requests to the daemon.
+    InFlight,
+}
+
 /// Changes with which the flights of `groups` would be complete, one line for each trajectory; empty without groups.
-pub fn remedies<'a>(groups: impl IntoIterator<Item = CrampedGroup<'a>>) -> String {
+pub fn remedies<'a>(
+    groups: impl IntoIterator<Item = CrampedGroup<'a>>,
+    changes: Changes,
+) -> String {
     let mut cramped: Vec<CrampedFlights<'_>> = Vec::new();
     for ((law, conditions, test), of_fence) in groups {
         let Ok(first) = config(law, conditions[0], test) else { continue };
@@ -72,7 +84,11 @@ pub fn remedies<'a>(groups: impl IntoIterator<Item = CrampedGroup<'a>>) -> Strin
         flights.of_fence |= of_fence;
         flights.far |= !of_fence;
     }
-    cramped.iter().map(|flights| format!("\n{}", flights.remedy())).collect()
+    let remedy = |flights: &CrampedFlights<'_>| match changes {
+        Changes::All => flights.remedy(),
+        Changes::InFlight => flights.remedy_in_flight(),
+    };
+    cramped.iter().map(|flights| format!("\n{}", remedy(flights))).collect()
 }
 
 impl CrampedFlights<'_> {
@@ -146,6 +162,28 @@ impl CrampedFlights<'_> {
         }
     }
 
+    /// The requests with which, each by itself, the flights are complete.
+    fn remedy_in_flight(&self) -> String {
+        let limits = LIMITS_M.map(|limit_m| ("safety.tracking-limit-m", limit_m));
+        let is_live = |(key, _): &(&str, f64)| Config::may_change_in_flight(key);
+        let suffices =
+            |(key, value): &(&str, f64)| self.cause_with(&[(key, Value::Float(*value))]).is_none();
+        let margin = [("fence.soft-margin-m", 0.0)];
+        let first = |changes: &[(&'static str, f64)]| {
+            changes.iter().filter(|change| is_live(change)).copied().find(suffices)
+        };
+        let all = [first(&margin), first(&limits), self.fitting().filter(is_live)];
+        let request = |(key, value)| format!("`oqtal ctl set {key}={value}`");
+        let all: Vec<String> = all.into_iter().flatten().map(request).collect();
+        let name = oqtal_observe::summary::name_of(&self.kind);
+        match all.is_empty() {
+            true => format!(
+                "  {name}: no setting that may change in flight suffices; land, and give the daemon more room or a smaller [trajectory.{name}]"
+            ),
+            false => format!("  {name}: before the search, {}", all.join(", or ")),
+        }
+    }
+
     /// Key and greatest size with which all of the flights are complete; `None` if there is none.
     fn fitting(&self) -> Option<(&'static str, f64)> {
         let (_, key) = SIZES.iter().find(|(kind, _)| *kind == self.kind)?;
@@ -195,13 +233,30 @@ mod tests {
         ];
         let law = StudyLaw::new("px4", settings.to_vec(), "");
         let condition = FlightCondition { seed: 200, plant: NOMINAL, settings: Vec::new() };
-        let remedy = remedies([((&law, &[&condition][..], Test::Chirp), true)]);
+        let groups = [((&law, &[&condition][..], Test::Chirp), true)];
+        let remedy = remedies(groups, Changes::All);
         assert!(
             remedy.contains("attitude-chirp, held or stopped by the fence: enlarge the fence"),
             "{remedy}"
         );
         assert!(remedy.contains("set trajectory.attitude-chirp.sweep-s="), "{remedy}");
         assert!(remedy.contains("set plant.force-n=[0,0,0]"), "{remedy}");
+    }
+
+    #[test]
+    fn in_flight_only_settings_that_a_daemon_accepts_are_remedies() {
+        let settings = [
+            Setting::flag("test", "fence.x-m", vec![-2.5, 2.5]),
+            Setting::flag("test", "fence.y-m", vec![-2.5, 2.5]),
+            Setting::flag("test", "fence.z-m", vec![-0.5, 3.0]),
+            Setting::flag("test", "plant.force-n", vec![0.06, 0.0, 0.0]),
+        ];
+        let law = StudyLaw::new("px4", settings.to_vec(), "");
+        let condition = FlightCondition { seed: 200, plant: NOMINAL, settings: Vec::new() };
+        let groups = [((&law, &[&condition][..], Test::Chirp), true)];
+        let remedy = remedies(groups, Changes::InFlight);
+        assert!(remedy.contains("`oqtal ctl set trajectory.attitude-chirp.sweep-s="), "{remedy}");
+        assert!(!remedy.contains("plant.") && !remedy.contains("fence"), "{remedy}");
     }
 
     /// Its thrust at the law's lower limit exceeds the weight: the vehicle climbs through any ceiling.
@@ -214,7 +269,7 @@ mod tests {
         ];
         let law = StudyLaw::new("geometric", settings.to_vec(), "");
         let condition = FlightCondition { seed: 200, plant: NOMINAL, settings: Vec::new() };
-        let remedy = remedies([((&law, &[&condition][..], Test::Hover), true)]);
+        let remedy = remedies([((&law, &[&condition][..], Test::Hover), true)], Changes::All);
         assert!(remedy.contains("more room does not help"), "{remedy}");
         assert!(remedy.contains("hovers at 21 % of its thrust"), "{remedy}");
     }

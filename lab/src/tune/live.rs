@@ -62,14 +62,23 @@ pub struct LiveTuning {
     pub tuned: Tuned,
 }
 
-/// Gains for the vehicle of `flight`, with the law and the settings `present` of its daemon, and these weights of the objective, which
+/// The vehicle of `flight`, flown by a daemon with the settings `present`.
+///
+/// # Errors
+/// The vehicle is not commanded by rates (exit code 64), or the flight is too short (65).
+pub fn identified(flight: &Flight, present: &[Setting]) -> Result<Identification, Failure> {
+    let config = Config::from_settings(present)?;
+    check_interface(&config)?;
+    identify(&[FlightData::of(flight)], &config.vehicle, Scale::Unknown)
+}
+
+/// Gains for the vehicle of [`identified`], with the law and the settings `present` of its daemon, and these weights of the objective, which
 /// `options` gives as text. Neither the truth of a simulated vehicle nor its `[plant]` is used.
 ///
 /// # Errors
-/// The law has no gains, or the vehicle is not commanded by rates (exit code 64); the flight is too short (65), the search was
-/// interrupted, or no gains land every flight (1).
+/// The law has no gains (exit code 64), the search was interrupted, or no gains land every flight (1).
 pub fn tune(
-    flight: &Flight,
+    identification: Identification,
     present: &[Setting],
     (budget, weights, options): (&Budget, MetricWeights, &str),
     progress: &Progress,
@@ -82,9 +91,6 @@ pub fn tune(
         );
         Failure::new(Exit::Usage, reason)
     })?;
-    check_interface(&config)?;
-    let data = [FlightData::of(flight)];
-    let identification = identify(&data, &config.vehicle, Scale::Unknown)?;
     let settings = settings_of(present, &config, &identification);
     let found = identification.vehicle(&config.vehicle);
     let limit = integral_limit(&config, found.max_thrust_n / found.mass_kg);

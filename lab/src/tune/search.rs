@@ -163,6 +163,15 @@ impl TrainingFlights {
         Ok(reference)
     }
 
+    /// Text on the failed flights of `flown`, with remedies that can be applied.
+    fn failures(&self, flown: &Flown) -> String {
+        let rows = slice::from_ref(flown);
+        match self.live_keys_only {
+            true => failure::text_in_flight(rows),
+            false => failure::text(rows, ""),
+        }
+    }
+
     /// Figures of a law, of which the objective is made; infinite if a flight near the configured plant did not land.
     fn figures(&self, flown: &Flown, reference: &Figures) -> Figures {
         std::array::from_fn(|metric| {
@@ -245,7 +254,7 @@ pub fn law(
     let value = |flown: &Flown| objective(&figures(flown), &reference, &flights.weights);
     let before = fly(&[], &flights.case)?;
     let (start, from) = (value(&before), configured(&parameters, &config));
-    say_notes((!start.is_finite()).then(|| not_landed(name, &before)));
+    say_notes((!start.is_finite()).then(|| flights.not_landed(name, &before)));
     let mut path = SearchPath::default();
     let best = search(&parameters, &flights.starts(name, &parameters, &from), budget, |points| {
         let evaluate = |point: &Vec<f64>| {
@@ -253,7 +262,7 @@ pub fn law(
             bar.inc();
             flown.map_or(f64::INFINITY, |flown| value(&flown))
         };
-        let found: Vec<f64> = points.par_iter().map(evaluate).collect();
+        let found = batch(points, flights.is_hopeless(start, &path), evaluate);
         path.add(points, &found);
         found
     });
@@ -265,7 +274,7 @@ pub fn law(
             (values, best.value, after)
         }
         false if start.is_finite() => (from, start, before.clone()),
-        false => return Err(nothing_lands(name, best.evaluations, &before)),
+        false => return Err(flights.nothing_lands(name, &path, &before)),
     };
     let (laws, flown) = ([law(&[]), law(&settings(&values))], [before, after]);
     let mut components = trade::components(&flights.weights, &flown, flown.each_ref().map(figures));
@@ -276,21 +285,51 @@ pub fn law(
     Ok(Tuned { target, values, objective, start, budget, draws, options, components, failed, path })
 }
 
-/// Warning that a law does not land all flights with the configured gains, with which `before` was flown.
-fn not_landed(name: &str, before: &Flown) -> String {
-    format!(
-        "{name} does not land every training flight as planned with the configured gains; the search may find none that do:\n{}",
-        failure::text(slice::from_ref(before), "")
-    )
+/// Objectives of `points`; infinite, without a flight, if the search is hopeless.
+fn batch(
+    points: &[Vec<f64>],
+    is_hopeless: bool,
+    evaluate: impl Fn(&Vec<f64>) -> f64 + Send + Sync,
+) -> Vec<f64> {
+    match is_hopeless {
+        true => vec![f64::INFINITY; points.len()],
+        false => points.par_iter().map(evaluate).collect(),
+    }
 }
 
-/// Failure of a search in which no gains land all flights; `before` was flown with the configured ones.
-fn nothing_lands(name: &str, evaluated: usize, before: &Flown) -> Failure {
-    let reason = format!(
-        "tune {name}: none of {evaluated} sets of gains lands every training flight, so none is better than another; with the configured gains:\n{}",
-        failure::text(slice::from_ref(before), "")
-    );
-    Failure::new(Exit::Flight, reason)
+impl TrainingFlights {
+    /// Whether neither the gains of the start nor those of the first batch land all flights: a vehicle that hovers during the search does
+    /// not wait for more.
+    fn is_hopeless(&self, start: f64, path: &SearchPath) -> bool {
+        let objectives = &path.objectives;
+        let is_first = objectives.is_empty();
+        self.live_keys_only
+            && !start.is_finite()
+            && !is_first
+            && objectives.iter().all(|value| value.is_infinite())
+    }
+
+    /// Warning that a law does not land all flights with the configured gains, with which `before` was flown.
+    fn not_landed(&self, name: &str, before: &Flown) -> String {
+        let failures = self.failures(before);
+        format!(
+            "{name} does not land every training flight as planned with the configured gains; the search may find none that do:\n{failures}"
+        )
+    }
+
+    /// Failure of a search in which no gains land all flights; `before` was flown with the configured ones.
+    fn nothing_lands(&self, name: &str, path: &SearchPath, before: &Flown) -> Failure {
+        let failures = self.failures(before);
+        // A hopeless search leaves out all batches but the first.
+        let extent = match self.live_keys_only {
+            true => "none of the first sets of gains".to_owned(),
+            false => format!("none of {} sets of gains", path.objectives.len()),
+        };
+        let reason = format!(
+            "tune {name}: {extent} lands every training flight, so none is better than another; with the configured gains:\n{failures}"
+        );
+        Failure::new(Exit::Flight, reason)
+    }
 }
 
 /// Objective of a law with its shipped gains, and with the gains of `law`, on the training seeds.
@@ -316,6 +355,20 @@ mod tests {
     fn the_objective_of_the_reference_is_one() {
         let figures = std::array::from_fn(|index| 1.0 + index as f64);
         assert!((objective(&figures, &figures, &default_weights()) - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_search_in_flight_without_a_result_in_its_first_batch_flies_no_other() {
+        let flights = TrainingFlights { live_keys_only: true, ..TrainingFlights::default() };
+        let mut path = SearchPath::default();
+        assert!(!flights.is_hopeless(f64::INFINITY, &path), "the first batch is flown");
+        path.add(&[vec![0.0]], &[f64::INFINITY]);
+        assert!(flights.is_hopeless(f64::INFINITY, &path) && !flights.is_hopeless(1.0, &path));
+        let offline = TrainingFlights::default();
+        assert!(!offline.is_hopeless(f64::INFINITY, &path));
+        assert_eq!(batch(&[vec![0.0]], true, |_| panic!("flown")), [f64::INFINITY]);
+        path.add(&[vec![0.0]], &[1.0]);
+        assert!(!flights.is_hopeless(f64::INFINITY, &path));
     }
 
     #[test]
