@@ -222,19 +222,23 @@ mod tests {
     use super::*;
     use crate::study::flights::NOMINAL;
 
-    /// In a small room the vehicle drifts to the fence during the chirp, also without amplitude.
-    #[test]
-    fn a_chirp_that_the_fence_held_has_a_duration_that_fits() {
+    /// Remedies for a vehicle that a force moves to the fence during the chirp.
+    fn remedies_of_a_pushed_chirp(changes: Changes) -> String {
         let settings = [
-            Setting::flag("test", "fence.x-m", vec![-2.5, 2.5]),
-            Setting::flag("test", "fence.y-m", vec![-2.5, 2.5]),
+            Setting::flag("test", "fence.x-m", vec![-3.0, 3.0]),
+            Setting::flag("test", "fence.y-m", vec![-3.0, 3.0]),
             Setting::flag("test", "fence.z-m", vec![-0.5, 3.0]),
             Setting::flag("test", "plant.force-n", vec![0.06, 0.0, 0.0]),
         ];
         let law = StudyLaw::new("px4", settings.to_vec(), "");
         let condition = FlightCondition { seed: 200, plant: NOMINAL, settings: Vec::new() };
         let groups = [((&law, &[&condition][..], Test::Chirp), true)];
-        let remedy = remedies(groups, Changes::All);
+        remedies(groups, changes)
+    }
+
+    #[test]
+    fn a_chirp_that_the_fence_held_has_a_duration_that_fits() {
+        let remedy = remedies_of_a_pushed_chirp(Changes::All);
         assert!(
             remedy.contains("attitude-chirp, held or stopped by the fence: enlarge the fence"),
             "{remedy}"
@@ -245,16 +249,7 @@ mod tests {
 
     #[test]
     fn in_flight_only_settings_that_a_daemon_accepts_are_remedies() {
-        let settings = [
-            Setting::flag("test", "fence.x-m", vec![-2.5, 2.5]),
-            Setting::flag("test", "fence.y-m", vec![-2.5, 2.5]),
-            Setting::flag("test", "fence.z-m", vec![-0.5, 3.0]),
-            Setting::flag("test", "plant.force-n", vec![0.06, 0.0, 0.0]),
-        ];
-        let law = StudyLaw::new("px4", settings.to_vec(), "");
-        let condition = FlightCondition { seed: 200, plant: NOMINAL, settings: Vec::new() };
-        let groups = [((&law, &[&condition][..], Test::Chirp), true)];
-        let remedy = remedies(groups, Changes::InFlight);
+        let remedy = remedies_of_a_pushed_chirp(Changes::InFlight);
         assert!(remedy.contains("`oqtal ctl set trajectory.attitude-chirp.sweep-s="), "{remedy}");
         assert!(!remedy.contains("plant.") && !remedy.contains("fence"), "{remedy}");
     }
