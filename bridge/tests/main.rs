@@ -4,5 +4,6 @@ mod common;
 
 mod protocols;
 mod readiness;
+mod restart;
 mod safety;
 mod turns;

@@ -56,12 +56,12 @@ pub fn is_cramped(cause: &str) -> bool {
     is_of_fence(cause) || cause.ends_with(&Cause::Tracking.to_string())
 }
 
-/// Who can make a change.
+/// Settings that a remedy may change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Changes {
-    /// A study: all settings.
+    /// All, as of a study.
     All,
-    /// An operator in flight: those of [`Config::may_change_in_flight`], as requests to the daemon.
+    /// Those of [`Config::may_change_in_flight`], as requests to a daemon.
     InFlight,
 }
 
