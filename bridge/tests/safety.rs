@@ -1,7 +1,5 @@
 //! Selection of set-points for any behaviour of the daemon, the vehicle and the clock.
 
-use std::collections::BTreeMap;
-
 use oqtal_bridge::{
     CommandGate, ForwardedCommand, MotorEvent, MotorStatus, SafetyLimits, VehicleSetpoint,
 };
@@ -71,7 +69,7 @@ struct Player {
     now: Time,
     sequence: u64,
     /// Publication of each command, by the bits of its first stick.
-    published: BTreeMap<u64, Time>,
+    published: std::collections::BTreeMap<u64, Time>,
     status: Option<MotorStatus>,
     /// No frame has been sent since the port was opened.
     is_first: bool,
@@ -79,7 +77,7 @@ struct Player {
 
 impl Player {
     fn new() -> Self {
-        let (gate, published) = (CommandGate::new(START, LIMITS), BTreeMap::new());
+        let (gate, published) = (CommandGate::new(START, LIMITS), Default::default());
         Self { gate, now: START, sequence: 0, published, status: None, is_first: true }
     }
 
@@ -350,16 +348,13 @@ fn f57_nothing_is_sent_while_another_has_control_until_it_returns_and_flight_is_
     assert!(matches!(flying.command(flight(0.1)), VehicleSetpoint::Fly(_)));
 }
 
-/// Only a report that arrived after the stop counts, and none while a toggle that was sent may still take effect.
+/// A report counts that arrived after the stop, while no toggle that was sent may still take effect.
 #[test]
 fn f33_the_motors_are_off_once_the_vehicle_says_so_after_a_stop() {
     let mut flying = Flying::new();
     flying.status(false);
     flying.gate.keep_stopped(Some(flying.now));
-    assert!(
-        flying.gate.stopped_motors() != StoppedMotors::Off,
-        "reported at the instant of the stop"
-    );
+    assert!(flying.gate.stopped_motors() != StoppedMotors::Off, "reported with the stop");
     flying.frame();
     flying.status(false);
     flying.frame();

@@ -61,7 +61,7 @@ pub fn is_cramped(cause: &str) -> bool {
 pub enum Changes {
     /// All, as of a study.
     All,
-    /// Those of [`Config::may_change_in_flight`], as requests to a daemon.
+    /// Settings of [`Config::may_change_in_flight`], as requests to a daemon.
     InFlight,
 }
 
