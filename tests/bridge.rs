@@ -129,7 +129,7 @@ fn f15_a_stop_bypasses_a_daemon_that_continues_to_command_flight() {
 }
 
 #[test]
-fn f33_a_stop_reaches_a_vehicle_whose_bridge_was_killed_in_flight() {
+fn f18_a_stop_reaches_a_vehicle_whose_bridge_was_killed_in_flight() {
     for is_raised_first in [false, true] {
         let (flight, mut commander) = airborne("restart");
         let BridgeFlight { testbed, vehicle, bridge, .. } = flight;

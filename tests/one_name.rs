@@ -142,7 +142,7 @@ fn a_stop_that_reaches_nobody_names_the_processes_that_run() {
     wait_for("the cameras", || holds(Role::Mocap));
     let stopped = || testbed.oqtal(&["ctl", "stop"]).output().unwrap();
     let output = stopped();
-    assert_refused(&output, 75, &["only `oqtal mocap-emu` (", "neither a process of a vehicle"]);
+    assert_refused(&output, 75, &["only `oqtal mocap-emu` (", "there is nothing to stop"]);
     let wire = format!("asctec:{}", testbed.path("wire").display());
     let _plant = testbed.start(&["plant-sim", "run", "--wire", &wire]);
     wait_for("the vehicle at a wire", || holds(Role::Plant));

@@ -321,7 +321,8 @@ impl Bridge {
     /// Begins the frame that stops motors possibly started by this bridge, before the bridge ends; returns whether a frame was
     /// begun.
     pub fn begin_final_emergency_stop(&mut self, now: Time) -> bool {
-        let needed = self.is_open && self.has_emergency_stop && self.gate.may_run();
+        let is_ours = self.gate.may_run() && self.gate.may_stop_at_once();
+        let needed = self.is_open && self.has_emergency_stop && is_ours;
         if needed {
             let frame = self.protocol.final_stop();
             self.begin(now, FrameKind::EmergencyStop, &frame);

@@ -20,10 +20,10 @@
 //!   commands: the zero set-point is sent, and the rotors idle until a daemon runs again or the pilot stops them.
 //! - Ours: if another takes control, the state is `Inhibited` and the motors are under the control of that pilot or program:
 //!   nothing is sent, not even a zero set-point, because it would drop a vehicle that a pilot flies.
-//! - Ours: motors that the bridge did not start, as of a vehicle that flew when the bridge was restarted, are stopped by an
-//!   operator's stop alone: without it they are left alone, because a pilot may fly by hand while a bridge is connected.
+//! - Ours: only an operator's stop stops motors that the bridge did not start, such as those of a vehicle that was flying when the
+//!   bridge was restarted. Otherwise they are left alone, because a pilot may fly by hand while a bridge is connected.
 //! - The emergency stop is known from `asctec_drivers` alone; no source states how to fly again after it. It is sent only where
-//!   the zero set-point is not enough: after a stop sequence that failed, and when the bridge ends while motors run. A Stop of
+//!   the zero set-point is not enough: after a stop sequence that failed, unless a pilot may have started the motors, and when the bridge ends while motors run. A Stop of
 //!   the daemon in flight is a zero set-point at once, and then the stop sequence as after a landing.
 
 use oqtal_bus::time::{Span, Time};
@@ -88,7 +88,7 @@ const TRANSITIONS: [MotorTransition; 13] = {
     [
         // After silence in flight the daemon must first command "disarmed": it may only have been suspended.
         T { from: Inhibited, to: Off, when: |c| c.idle && (c.disarmed || !c.started_here) },
-        // Motors that still run from before the state was `Inhibited`.
+        // Motors that still run from before the state was `Inhibited`, or, under an operator's stop, any motors that run.
         T {
             from: Off,
             to: Stopping,
@@ -140,15 +140,18 @@ pub struct MotorSequencer {
     since: Time,
     longest: Span,
     started_here: bool,
-    /// Whether a stop sequence had no effect on the motors that run.
+    /// Whether a stop sequence ended without effect on motors that were reported running; a new stop clears it.
     has_given_up: bool,
+    /// Whether the last sequence stops motors that the bridge did not start.
+    stops_others: bool,
 }
 
 impl MotorSequencer {
     /// State machine in state `Inhibited` at `now`; its sequences last at most `longest`.
     pub fn new(now: Time, longest: Span) -> Self {
         let state = MotorState::Inhibited;
-        Self { state, since: now, longest, started_here: false, has_given_up: false }
+        let (started_here, has_given_up, stops_others) = (false, false, false);
+        Self { state, since: now, longest, started_here, has_given_up, stops_others }
     }
 
     /// The present state.
@@ -174,9 +177,9 @@ impl MotorSequencer {
         self.has_given_up = false;
     }
 
-    /// Whether the bridge started the motors, and no status has reported them stopped since.
-    pub fn has_started(&self) -> bool {
-        self.started_here
+    /// Whether the last sequence stops motors that the bridge did not start.
+    pub fn stops_others(&self) -> bool {
+        self.stops_others
     }
 
     /// Whether the motors may run because of what the bridge sent.
@@ -200,11 +203,18 @@ impl MotorSequencer {
         let holds = |t: &&MotorTransition| t.from == self.state && (t.when)(&conditions);
         let transition = TRANSITIONS.iter().find(holds)?;
         (self.state, self.since) = (transition.to, now);
+        self.stops_others = match (transition.from, transition.to) {
+            (MotorState::Off, MotorState::Stopping) => !self.started_here,
+            (_, MotorState::Starting | MotorState::Running) => false,
+            _ => self.stops_others,
+        };
         let event = event(transition, &conditions);
         match event {
             Some(MotorEvent::Running) => self.started_here = true,
-            // One attempt, and one line in the log.
-            Some(MotorEvent::StopFailed) => (self.started_here, self.has_given_up) = (false, true),
+            // One attempt and one line in the log, if the motors were reported running to its end.
+            Some(MotorEvent::StopFailed) => {
+                (self.started_here, self.has_given_up) = (false, conditions.running);
+            }
             _ => {}
         }
         event

@@ -214,9 +214,9 @@ impl CommandGate {
         self.motors.may_run()
     }
 
-    /// Whether motors that a stop sequence does not stop may be stopped by the emergency stop: no pilot started them.
+    /// Whether the emergency stop may be sent to motors that do not stop: not if a pilot may have started them.
     pub fn may_stop_at_once(&self) -> bool {
-        self.motors.has_started() || self.control == ControlHolder::Bridge
+        !self.motors.stops_others() || self.control == ControlHolder::Bridge
     }
 
     /// Whether the last status, of any age, reports running motors. Without a new status they are not assumed to have stopped; a

@@ -38,7 +38,7 @@ fn set_points_after_a_restart(control: ControlHolder) -> [Vec<VehicleSetpoint>; 
 }
 
 #[test]
-fn f33_a_stop_reaches_motors_that_a_bridge_before_this_one_started() {
+fn f18_a_stop_reaches_motors_that_a_bridge_before_this_one_started() {
     let stops = |set_points: &[VehicleSetpoint]| set_points.contains(&VehicleSetpoint::StopMotors);
     let of = |control| set_points_after_a_restart(control).map(|set_points| stops(&set_points));
     assert_eq!(of(ControlHolder::Nobody), [false, true], "a pilot may fly it, until the stop");

@@ -164,12 +164,12 @@ impl InstancePaths {
         rustix::thread::set_thread_uid(rustix::fs::Uid::from_raw(root.st_uid)).map_err(failed)
     }
 
-    /// User as whom the caller of this process, if that is root, starts a process of the instance: the owner of its files; `None` if
-    /// the caller can start it.
+    /// User id of the owner of the instance's files, as whom a caller who is root must start its processes; `None` if the caller is not
+    /// root, if root owns the files, or if the directory cannot be read.
     pub fn user_to_become(&self) -> Option<u32> {
-        let is_roots = CALLERS_ROOT.get().is_some() || rustix::process::geteuid().is_root();
+        let is_root = CALLERS_ROOT.get().is_some() || rustix::process::geteuid().is_root();
         let owner = rustix::fs::stat(&self.root).ok().map(|root| root.st_uid);
-        owner.filter(|owner| is_roots && *owner != 0)
+        owner.filter(|owner| is_root && *owner != 0)
     }
 
     /// Refuses a root directory of another user. All processes of an instance must run as one user: another user, including root,

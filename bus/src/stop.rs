@@ -167,12 +167,12 @@ struct StopInForce {
     motors: StoppedMotors,
 }
 
-/// Motors of a vehicle while a stop is in force.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Motors of a vehicle while a stop is in force, ordered: a later report never lowers the state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum StoppedMotors {
-    /// The vehicle has reported nothing since the stop.
+    /// No report has arrived since the stop.
     Unknown,
-    /// The vehicle's last report is that they run.
+    /// They run by the last report, or a sequence that was sent may still start them.
     Running,
     /// The vehicle has reported that they are off.
     Off,
@@ -210,13 +210,12 @@ impl VehicleStop {
         self.in_force.map(|stop| stop.since)
     }
 
-    /// Confirms at `now` that the stop in force is obeyed, and the state of the motors. Once off, they stay off.
+    /// Confirms at `now` that the stop in force is obeyed, with the state of the motors. Once reported running, they count as running
+    /// until they are reported off; once off, they stay off.
     pub fn confirm(&mut self, now: Time, motors: StoppedMotors) {
         let Some(stop) = &mut self.in_force else { return };
         stop.confirmed_at = stop.confirmed_at.or(Some(now));
-        if stop.motors != StoppedMotors::Off {
-            stop.motors = motors;
-        }
+        stop.motors = stop.motors.max(motors);
         words::confirm(&self.switch.words, stop.number, motors == StoppedMotors::Off);
     }
 

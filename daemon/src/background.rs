@@ -131,10 +131,13 @@ impl DaemonWorker {
         let settings = LiveSettings::new(&context.config, files);
         let config_hash = context.config.hash();
         let mut requests = requests.with_settings(config_hash, settings);
-        requests.last.first_flight = match context.config.safety.arm_at_start {
-            _ if context.is_child => FirstFlight::Expected,
-            true => FirstFlight::Pending,
-            false => FirstFlight::None,
+        // Until the loop reports.
+        requests.last.first_flight = if context.is_child {
+            FirstFlight::Expected
+        } else if context.config.safety.arm_at_start {
+            FirstFlight::Pending
+        } else {
+            FirstFlight::None
         };
         let (server, heartbeat) = (bus.control_server()?, context.heartbeat(&bus)?);
         let peers = PEERS.iter().map(|role| Peer::open(&bus, *role)).collect::<Result<_, _>>()?;

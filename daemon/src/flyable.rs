@@ -20,8 +20,8 @@ const THRUST_SHARE: f64 = 0.9;
 pub(crate) const RATE_SHARE: f64 = 0.8;
 const LIMIT_SHARE: f64 = 0.97;
 const TILT_SHARE: f64 = 0.9;
-/// The same of the limit of speed in take-off and landing \[-\]: the limit also holds for the estimated speed, and the vehicle is faster
-/// than its reference while it leaves the floor.
+/// Share of the speed limit that take-off and landing may use \[-\]: the limit also holds for the estimated speed, and the vehicle is
+/// faster than its reference while it leaves the floor.
 const FLOOR_SPEED_SHARE: f64 = 0.8;
 
 /// Least value of `trajectory.descent-m-s` \[m/s\].
@@ -98,22 +98,25 @@ pub(crate) fn check_demand(config: &Config, trajectory: &Trajectory) -> Result<(
     check(Phase::Trajectory, (begin_s, trajectory.duration_s()))
 }
 
-/// Refuses a descent that the limit of the speed ends.
+/// Refuses a descent that is too fast for the speed limit.
 fn check_descent(config: &Config) -> Result<(), OptionError> {
-    let Some(remedy) = lower_descent(config) else { return Ok(()) };
-    let needed = config.trajectory.descent_m_s / FLOOR_SPEED_SHARE;
-    let allowed = format!("at least {needed:.2} m/s for the landing; {remedy} would do");
-    Err(OptionError::new("safety.speed-limit-m-s", config.safety.speed_limit_m_s, allowed))
+    let (limit, descent) = (config.safety.speed_limit_m_s, config.trajectory.descent_m_s);
+    if descent <= FLOOR_SPEED_SHARE * limit {
+        return Ok(());
+    }
+    let remedy = lower_descent(config).map(|it| format!("; {it} would do")).unwrap_or_default();
+    let needed = (descent / FLOOR_SPEED_SHARE * 100.0).ceil() / 100.0;
+    let allowed = format!("at least {needed:.2} m/s for the landing{remedy}");
+    Err(OptionError::new("safety.speed-limit-m-s", limit, allowed))
 }
 
-/// Speed of the descent that the limit of the speed allows, as key and value; `None` if it allows the configured one.
+/// Slower descent that the speed limit allows, as key and value; `None` if the configured one is allowed, or if none is.
 fn lower_descent(config: &Config) -> Option<String> {
     let allowed_m_s = FLOOR_SPEED_SHARE * config.safety.speed_limit_m_s;
     let lower_m_s = (1e3 * allowed_m_s).floor() / 1e3;
-    (config.trajectory.descent_m_s > allowed_m_s).then(|| match lower_m_s < LEAST_DESCENT_M_S {
-        true => "a greater limit".to_owned(),
-        false => format!("trajectory.descent-m-s = {lower_m_s}"),
-    })
+    let is_needed = config.trajectory.descent_m_s > allowed_m_s;
+    (is_needed && lower_m_s >= LEAST_DESCENT_M_S)
+        .then(|| format!("trajectory.descent-m-s = {lower_m_s}"))
 }
 
 /// The demands on the limits of the vehicle and of the flight.

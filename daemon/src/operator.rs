@@ -307,8 +307,8 @@ impl OperatorRequests {
         ControlResponseV1 { text, ..response }
     }
 
-    /// Passes a request to the loop and waits for the reply, at most [`REPLY_TIMEOUT`]: the loop may stand still. It then counts as accepted,
-    /// or as refused if it needs a flight and there is none.
+    /// Passes a request to the loop and waits for the reply, at most [`REPLY_TIMEOUT`]: the loop may stand still. A request without a reply
+    /// is reported as accepted, or as refused if it needs a flight and none is under way or expected; it stays in the queue either way.
     fn pass_on(&mut self, request: LoopRequest, validity: Validity) -> ControlResponseV1 {
         self.count += 1;
         let has_flight = self.last.has_flight() || Time::now() < self.flight_until;

@@ -149,7 +149,7 @@ impl<T: Transport> DaemonTurn<'_, T> {
     fn execute_requests(&mut self, now: Time, configs_differ: bool) -> Result<(), BusError> {
         // By signal: does not pass through the background thread.
         if self.ports.stop.is_landing_requested() {
-            self.handle.call_off();
+            self.handle.call_off(Time::now());
             self.request(now, OperatorCommand::Land)?;
         }
         let Self { ports, cycle, handle, .. } = self;
@@ -241,7 +241,7 @@ impl<T: Transport> Turn for DaemonTurn<'_, T> {
         let mut input = InputV1 { configs_differ: u8::from(configs_differ), ..input };
         if ports.stop.is_newly_raised() {
             cycle.request(now, OperatorCommand::Stop);
-            handle.call_off();
+            handle.call_off(Time::now());
             input.stop = 1;
         }
         if let Some(tick) = cycle.step_with(now, arrival.as_ref(), law) {

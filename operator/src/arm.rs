@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use oqtal_bus::bus::Bus;
-use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand};
+use oqtal_bus::code::{Answer, Mode, OperatorCommand};
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{AS_STARTED, ControlRequestV1, ControlResponseV1, VehicleV1};
 use oqtal_bus::text::LongText;
@@ -55,8 +55,7 @@ pub fn ask(
             None => VEHICLE_TIMEOUT,
         };
         let is_over = Time::now().since(asked_at) >= timeout || is_cancelled();
-        let is_executed = !Cause::from_code(response.cause).is_some_and(Cause::prevents_execution);
-        if is_over || !is_executed || !response.comes_to_rest() {
+        if is_over || !response.comes_to_rest() {
             return Ok(Some(response));
         }
         if simulated == Some(true) && !is_reported {

@@ -112,7 +112,7 @@ impl ControlReport {
         let has_no_flight = *command == OperatorCommand::Land.to_string()
             && *mode == Mode::Disarmed.to_string()
             && response.cause != Cause::ObservesOnly.code();
-        // Causes beside which the obstacles, those to a take-off, do not count.
+        // Causes that lie in the request itself: the obstacles to a take-off are then not the reason.
         let is_of_request = matches!(
             Cause::from_code(response.cause),
             Some(Cause::OtherConfig | Cause::Expired | Cause::CalledOff)

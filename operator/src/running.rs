@@ -57,6 +57,11 @@ impl RunningProcesses {
         (!names.is_empty()).then(|| names.join(", "))
     }
 
+    /// Whether a bridge or a daemon is among them.
+    pub(crate) fn may_control(&self) -> bool {
+        self.names.iter().any(|(role, _)| matches!(role, Role::Bridge | Role::Daemon))
+    }
+
     /// Whether the process of a simulated vehicle is among them.
     pub(crate) fn has_simulator(&self) -> bool {
         self.names.iter().any(|(role, _)| *role == Role::Plant)

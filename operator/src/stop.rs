@@ -208,12 +208,15 @@ fn nobody(reached: &Reached, running: &RunningProcesses) -> Failure {
             paths.root.display(),
             place(&paths)
         ),
+        (None, Some(names)) if running.may_control() => format!(
+            "stop: on instance `{instance}`, {names} hold places on the bus, but this process does not find them: no stop has reached them"
+        ),
         (None, Some(names)) if running.has_simulator() => format!(
-            "stop: {names} of instance `{instance}` run, but no bridge or daemon: the simulated vehicle takes its commands over a wire; \
-             stop the instance whose bridge sends them"
+            "stop: no process that obeys a stop runs on instance `{instance}`, only {names}: the simulated vehicle takes its commands over a \
+             wire; stop the instance whose bridge sends them"
         ),
         (None, Some(names)) => format!(
-            "stop: of instance `{instance}` only {names} runs, neither a process of a vehicle nor a daemon: there is nothing to stop; {not_prevented}"
+            "stop: no process that obeys a stop runs on instance `{instance}`, only {names}: there is nothing to stop; {not_prevented}"
         ),
         (None, None) => format!(
             "stop: no process that obeys a stop runs on instance `{instance}`: there is nothing to stop; {not_prevented}"

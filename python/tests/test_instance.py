@@ -169,7 +169,7 @@ def test_a_flight_is_commanded(flying):
             break
     assert any("goto 0.30 -0.20 1.20 29° (Python" in text for text in texts), texts
     assert any("land" in text for text in texts)
-    assert "motors off" in flying.disarm()
+    assert "motors commanded off" in flying.disarm()
 
 
 def test_the_program_of_the_document_commands_an_instance(flying, place, monkeypatch):

@@ -63,7 +63,7 @@ pub fn guarded<T>(work: impl FnOnce() -> Result<T, Failure>) -> Result<T, Failur
     })
 }
 
-/// Concludes a failed `command` of `oqtal`, as [`conclude`]; the document of `--json` has this name.
+/// Prints the failure of `command` of `oqtal` and returns its exit code, as [`conclude`]; the document of `--json` names `command`.
 pub fn fail(command: &str, failure: &Failure) -> ExitCode {
     print_failure(command, failure.exit, &failure.message);
     conclude("oqtal", failure)

@@ -95,6 +95,7 @@ impl ControlResponseV1 {
         use ArmingObstacle::{Moving, Stopped, Tilted};
         let obstacles = ArmingObstacles::from_bits(self.obstacles);
         self.answer == Answer::Refused.code()
+            && !Cause::from_code(self.cause).is_some_and(Cause::prevents_execution)
             && self.state == SafetyState::Stop.code()
             && !obstacles.is_empty()
             && obstacles.iter().all(|obstacle| matches!(obstacle, Moving | Stopped | Tilted))

@@ -46,6 +46,8 @@ fn a_stop_is_in_force_until_the_motors_are_known_to_be_off() {
     let number = switch.raise();
     assert!(vehicle.is_in_force(NOW));
     vehicle.confirm(NOW, StoppedMotors::Running);
+    // The port was lost.
+    vehicle.confirm(NOW, StoppedMotors::Unknown);
     for millis in [17, 400, 2999, 60_000] {
         let (header, body) = command(Actuation::Disarmed, millis);
         vehicle.receive_command(&header, &body);

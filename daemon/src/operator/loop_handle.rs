@@ -94,9 +94,9 @@ impl LoopHandle {
         self.configs_differ.load(Ordering::Relaxed)
     }
 
-    /// Calls off all flights that were requested before.
-    pub fn call_off(&mut self) {
-        self.called_off_at = Time::now();
+    /// Calls off all flights that were requested before `at`.
+    pub fn call_off(&mut self, at: Time) {
+        self.called_off_at = self.called_off_at.max(at);
         self.awaited_at = None;
     }
 
@@ -131,7 +131,8 @@ impl LoopHandle {
             _ => response,
         };
         if command.ends_flight() {
-            self.call_off();
+            let now = Time::now();
+            self.call_off(if asked_at.is_set() { asked_at.min(now) } else { now });
         } else if command.begins_flight() && response.comes_to_rest() {
             self.awaited_at = Some(Time::now());
         }

@@ -78,7 +78,7 @@ impl ParameterFinding {
         let lacking = self.missing.map(|motion| format!("missing: {motion}"));
         let unfit = |assumption| {
             format!(
-                "the flight has the motion for it, and the model does not fit; it assumes {assumption}"
+                "the flight has the required motion, but the model may not fit; the model assumes {assumption}"
             )
         };
         lacking.or_else(|| self.unfit.map(unfit))

@@ -118,7 +118,7 @@ fn not_shown(finding: &ParameterFinding, recordings: usize) -> String {
             "{name}: {wide}: the recordings may contradict each other (identify each alone), or lack {motion}"
         ),
         (_, None) => format!(
-            "{name}: {wide}: the recordings may contradict each other (identify each alone), or the model does not fit; it assumes {}",
+            "{name}: {wide}: the recordings may contradict each other (identify each alone), or the model, which assumes {}, may not fit",
             finding.unfit.unwrap_or_default()
         ),
     }

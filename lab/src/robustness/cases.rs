@@ -39,8 +39,8 @@ const PLANTS: [PlantVariant; 12] = [
 /// Seeds of the flights.
 const SEEDS: std::ops::Range<u64> = 300..305;
 
-const NOTE: &str = "Means of seeds 300 to 304; a dash marks a figure of which at least one of the five flights did not land as \
-     planned, for example because the fence held it for a time, or had a step that did not settle.";
+const NOTE: &str = "Means of seeds 300 to 304; a dash marks a figure for which at least one of the five flights did not land as \
+     planned (for example, the fence held it for a time) or had a step that did not settle.";
 
 /// Flies every law on every plant. Returns the rows grouped by law.
 ///

@@ -61,7 +61,7 @@ pub fn is_cramped(cause: &str) -> bool {
 pub enum Changes {
     /// All, as of a study.
     All,
-    /// Settings of [`Config::may_change_in_flight`], as requests to a daemon.
+    /// Sizes of trajectories, as requests to a daemon.
     InFlight,
 }
 
@@ -162,25 +162,16 @@ impl CrampedFlights<'_> {
         }
     }
 
-    /// The requests with which, each by itself, the flights are complete.
+    /// The request with which the flights are complete: fence and limits cannot change in flight, the size of the trajectory can.
     fn remedy_in_flight(&self) -> String {
-        let limits = LIMITS_M.map(|limit_m| ("safety.tracking-limit-m", limit_m));
-        let is_live = |(key, _): &(&str, f64)| Config::may_change_in_flight(key);
-        let suffices =
-            |(key, value): &(&str, f64)| self.cause_with(&[(key, Value::Float(*value))]).is_none();
-        let margin = [("fence.soft-margin-m", 0.0)];
-        let first = |changes: &[(&'static str, f64)]| {
-            changes.iter().filter(|change| is_live(change)).copied().find(suffices)
-        };
-        let all = [first(&margin), first(&limits), self.fitting().filter(is_live)];
-        let request = |(key, value)| format!("`oqtal ctl set {key}={value}`");
-        let all: Vec<String> = all.into_iter().flatten().map(request).collect();
         let name = oqtal_observe::summary::name_of(&self.kind);
-        match all.is_empty() {
-            true => format!(
-                "  {name}: no setting that may change in flight suffices; land, and give the daemon more room or a smaller [trajectory.{name}]"
+        match self.fitting() {
+            Some((key, value)) => {
+                format!("  {name}: before the search, `oqtal ctl set {key}={value}`")
+            }
+            None => format!(
+                "  {name}: no smaller size suffices; land, and give the daemon more room or a smaller [trajectory.{name}]"
             ),
-            false => format!("  {name}: before the search, {}", all.join(", or ")),
         }
     }
 

@@ -41,7 +41,7 @@ const LEFT_OUT: [&str; 10] = [
 const PLANTS: [PlantVariant; 3] = [
     NOMINAL,
     PlantVariant { name: "rate gain +12 %", changes: &[Change::Times(AUTHORITY, 1.12)] },
-    PlantVariant { name: "inner lag 65 ms", changes: &[Change::Times(RATE_LAG, 1.3)] },
+    PlantVariant { name: "inner lag +30 %", changes: &[Change::Times(RATE_LAG, 1.3)] },
 ];
 
 /// Greatest limit of the integral of the velocity loops that a configuration may have \[m/s^2\].

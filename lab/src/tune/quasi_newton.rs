@@ -19,9 +19,10 @@ const FIRST_DISTANCE: f64 = 0.05;
 const DISTANCE: f64 = 0.3;
 /// Half widths of the boxes over that of the trust region \[-\].
 const BOXES: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
-/// Half width of the trust region below which points far away, at this distance along each coordinate, are evaluated once: a model of
-/// small differences does not see beyond a flat part \[-\].
+/// Half width of the trust region below which points far away are evaluated, until none of them is better: a model of small
+/// differences does not see beyond a flat part \[-\].
 const POLLED_BELOW: f64 = 0.03;
+/// Distance of these points along each coordinate \[-\].
 const POLL_DISTANCE: f64 = 0.2;
 /// Greatest rise of a value for the derivatives, over the least objective: cliffs shall not dominate them \[-\].
 const CLIFF: f64 = 0.3;

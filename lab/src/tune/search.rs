@@ -298,15 +298,14 @@ fn batch(
 }
 
 impl TrainingFlights {
-    /// Whether neither the gains of the start nor those of the first batch land all flights: a vehicle that hovers during the search does
+    /// Whether neither the daemon's gains nor the tuned ones, the first batch, land all flights: a vehicle that hovers during the search does
     /// not wait for more.
     fn is_hopeless(&self, start: f64, path: &SearchPath) -> bool {
-        let objectives = &path.objectives;
-        let is_first = objectives.is_empty();
+        let flown = &path.objectives;
         self.live_keys_only
             && !start.is_finite()
-            && !is_first
-            && objectives.iter().all(|value| value.is_infinite())
+            && !flown.is_empty()
+            && flown.iter().all(|value| value.is_infinite())
     }
 
     /// Warning that a law does not land all flights with the configured gains, with which `before` was flown.
@@ -322,11 +321,11 @@ impl TrainingFlights {
         let failures = self.failures(before);
         // A hopeless search leaves out all batches but the first.
         let extent = match self.live_keys_only {
-            true => "none of the first sets of gains".to_owned(),
-            false => format!("none of {} sets of gains", path.objectives.len()),
+            true => "neither the present gains nor the tuned ones land".to_owned(),
+            false => format!("none of {} sets of gains lands", path.objectives.len()),
         };
         let reason = format!(
-            "tune {name}: {extent} lands every training flight, so none is better than another; with the configured gains:\n{failures}"
+            "tune {name}: {extent} every training flight, so none is better than another; with the configured gains:\n{failures}"
         );
         Failure::new(Exit::Flight, reason)
     }
