@@ -143,6 +143,7 @@ fn f18_a_stop_reaches_a_vehicle_whose_bridge_was_killed_in_flight() {
         vehicle.clear_log();
         let link = vehicle.link();
         let words = [&["bridge", "run", "--link", &link], &TIME_OUT[..]].concat();
+        vehicle.release_port();
         let _bridge = testbed.start(&words);
         if !is_raised_first {
             let is_zero_for_long = || (vehicle.log().setpoints.len() > 200).then_some(());

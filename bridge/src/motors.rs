@@ -140,8 +140,6 @@ pub struct MotorSequencer {
     since: Time,
     longest: Span,
     started_here: bool,
-    /// Whether a stop sequence ended without effect on motors that were reported running; a new stop clears it.
-    has_given_up: bool,
     /// Whether the last sequence stops motors that the bridge did not start.
     stops_others: bool,
 }
@@ -150,8 +148,7 @@ impl MotorSequencer {
     /// State machine in state `Inhibited` at `now`; its sequences last at most `longest`.
     pub fn new(now: Time, longest: Span) -> Self {
         let state = MotorState::Inhibited;
-        let (started_here, has_given_up, stops_others) = (false, false, false);
-        Self { state, since: now, longest, started_here, has_given_up, stops_others }
+        Self { state, since: now, longest, started_here: false, stops_others: false }
     }
 
     /// The present state.
@@ -172,11 +169,6 @@ impl MotorSequencer {
         event
     }
 
-    /// Takes a new stop of an operator: motors are stopped once more although a stop sequence had no effect.
-    pub fn stop_again(&mut self) {
-        self.has_given_up = false;
-    }
-
     /// Whether the last sequence stops motors that the bridge did not start.
     pub fn stops_others(&self) -> bool {
         self.stops_others
@@ -192,10 +184,8 @@ impl MotorSequencer {
     pub fn step(&mut self, now: Time, conditions: MotorConditions) -> Option<MotorEvent> {
         let lasted = now.since(self.since);
         self.started_here &= !conditions.stopped;
-        self.has_given_up &= !conditions.stopped;
         let conditions = MotorConditions {
             started_here: self.started_here,
-            operator_stop: conditions.operator_stop && !self.has_given_up,
             settled: lasted >= SETTLING_TIME,
             timed_out: lasted >= self.longest,
             ..conditions
@@ -211,10 +201,8 @@ impl MotorSequencer {
         let event = event(transition, &conditions);
         match event {
             Some(MotorEvent::Running) => self.started_here = true,
-            // One attempt and one line in the log, if the motors were reported running to its end.
-            Some(MotorEvent::StopFailed) => {
-                (self.started_here, self.has_given_up) = (false, conditions.running);
-            }
+            // One attempt and one line in the log; a stop of an operator is tried until it has effect.
+            Some(MotorEvent::StopFailed) => self.started_here = false,
             _ => {}
         }
         event
@@ -343,20 +331,18 @@ mod tests {
     }
 
     #[test]
-    fn motors_of_a_bridge_before_are_stopped_by_an_operator_once_for_each_stop() {
+    fn motors_of_a_bridge_before_are_stopped_by_an_operator_until_it_has_effect() {
         let running = MotorConditions { idle: true, rest_over: true, running: true, ..NONE };
         let stop = MotorConditions { operator_stop: true, ..running };
         let mut now = Time::VIRTUAL_START;
         let mut motors = MotorSequencer::new(now, LONGEST);
         for _ in 0..3 {
-            let states = [(); 5].map(|()| {
+            let states = [(); 3].map(|()| {
                 now = now + LONGEST;
                 motors.step(now, stop);
                 motors.state
             });
-            assert_eq!(states, [Off, Stopping, Inhibited, Off, Off], "the sequence has no effect");
-            motors.inhibit(now);
-            motors.stop_again();
+            assert_eq!(states, [Off, Stopping, Inhibited], "the sequence has no effect");
         }
     }
 

@@ -128,9 +128,6 @@ impl CommandGate {
     /// Sets the instant since which an operator's stop is in force: no flight command is forwarded, and the motors are stopped at
     /// once, without the rest time, whoever started them. A flight command that arrived before it ends is never sent.
     pub fn keep_stopped(&mut self, since: Option<Time>) {
-        if since.is_some() && since != self.stopped_since {
-            self.motors.stop_again();
-        }
         self.stopped_since = since;
         self.newest = self.newest.filter(|newest| !self.is_flight(&newest.command));
     }

@@ -147,7 +147,7 @@ impl TuneArgs {
                 let _ = output.discard();
             }
         })?;
-        let fly = self.flown_with(file);
+        let fly = self.flown_with(file, &flights.settings, &tuned);
         let note = fly.as_ref().map(|fly| format!("for a flight with the same settings: {fly}"));
         write_file(file, tuned.to_toml(&self.own(flights), &note.unwrap_or_default()))?;
         let [_, page] = with_page(file);
@@ -207,10 +207,15 @@ impl TuneArgs {
     }
 
     /// Command that flies with the settings of the search and the gains of `file`; `None` without settings.
-    fn flown_with(&self, file: &Path) -> Option<String> {
+    fn flown_with(&self, file: &Path, settings: &[Setting], tuned: &Tuned) -> Option<String> {
         let words = Some(self.study.words()).filter(|words| !words.is_empty())?;
         let gains = quoted(&file.display().to_string());
-        Some(format!("oqtal fly{words} --config {gains}"))
+        // A flag has precedence over the file of the gains.
+        let is_flag =
+            |key: &str| settings.iter().any(|it| it.key == key && !it.origin.contains(".toml"));
+        let flags = tuned.values.iter().filter(|(key, _)| is_flag(key));
+        let flags: String = flags.map(|(key, value)| format!(" --set {key}={value}")).collect();
+        Some(format!("oqtal fly{words} --config {gains}{flags}"))
     }
 
     /// Settings of the search except those of environment variables, which apply to every command.

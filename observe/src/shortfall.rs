@@ -3,6 +3,7 @@
 use oqtal_bus::code::{Cause, SafetyState};
 use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::time::{Span, Time};
+use oqtal_config::FaultTarget;
 use oqtal_control::trajectory::Phase;
 
 use crate::command_path::CommandPath;
@@ -176,9 +177,13 @@ impl Flight {
         })
     }
 
-    /// Whether the motors stop in the tick that commands it: a bridge takes time to stop them, and a silent vehicle does not report it.
+    /// Whether the motors stop in the tick that commands it: a bridge takes time to stop them, a silent vehicle does not report it, and
+    /// with an injected fault the command may not reach it.
     fn stops_at_once(&self) -> bool {
-        self.command_path == CommandPath::Bus && self.stop_cause() != Cause::NoVehicle
+        let mut faults = self.config.fault.inject.iter();
+        self.command_path == CommandPath::Bus
+            && !matches!(self.stop_cause(), Cause::NoVehicle | Cause::MotorsNotRunning)
+            && !faults.any(|it| matches!(it.target, FaultTarget::Command | FaultTarget::Radio))
     }
 
     /// Cause of the last tick in Stop of the first flight or after it, before another one; ticks that follow the end of a flight may

@@ -51,7 +51,7 @@ pub fn probe(link: &CameraLink, config: &Config, duration: Span) -> Result<Probe
     let present = (0..wanted.len()).map(|route| stream.has(route)).collect::<Vec<_>>();
     let mut figures = listener.figures(duration, Time::now());
     figures.server = server;
-    figures.loop_hz = config.control.rate_hz;
+    (figures.loop_hz, figures.poses_per_tick) = (config.control.rate_hz, config.poses_per_tick());
     name_bodies(&mut figures, (&wanted, &present), &bodies);
     let found = checks::findings(&figures);
     figures.findings.extend(found);

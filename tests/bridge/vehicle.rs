@@ -53,6 +53,8 @@ pub struct PtyVehicle {
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
     link: PathBuf,
+    /// The bridge's end of the port.
+    slave: File,
 }
 
 impl PtyVehicle {
@@ -79,9 +81,9 @@ impl PtyVehicle {
             switched: 0,
             noise: Random(1),
         };
-        let ended = stop.clone();
+        let (ended, own) = (stop.clone(), slave.try_clone().unwrap());
         let thread = std::thread::spawn(move || body.run(master, slave, &ended));
-        Self { log, manner, stop, thread: Some(thread), link: link.to_owned() }
+        Self { log, manner, stop, thread: Some(thread), link: link.to_owned(), slave: own }
     }
 
     pub fn log(&self) -> VehicleLog {
@@ -95,6 +97,11 @@ impl PtyVehicle {
 
     pub fn set_manner(&self, manner: Manner) {
         self.manner.store(manner as u8, Ordering::Release);
+    }
+
+    /// Ends the exclusive use of the port by a bridge that was killed, as the last close of a real port does.
+    pub fn release_port(&self) {
+        rustix::termios::ioctl_tiocnxcl(&self.slave).unwrap();
     }
 
     pub fn link(&self) -> String {

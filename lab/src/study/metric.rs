@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 use oqtal_bus::message::Stamps;
 use oqtal_bus::time::Span;
+use oqtal_config::Interface;
 use oqtal_control::metrics::Statistics;
 use oqtal_control::quaternion::Attitude;
 
@@ -127,7 +128,8 @@ fn newest_set_point(samples: &[FlightSample], ahead: Span) -> (Vector3<f64>, Att
     (velocity(a).lerp(&velocity(b), share), attitude)
 }
 
-/// RMS of the position error \[mm\], and of the command change per tick \[rad/s\], in a hover.
+/// RMS of the position error \[mm\], and of the change of the commanded rate per tick \[rad/s\], in a hover; the latter is NaN for a
+/// vehicle that is not commanded by rates.
 pub fn of_hover(flight: &Flight) -> [f64; 2] {
     let authority = Vector3::from(flight.config.vehicle.rate_authority_rad_s);
     let (mut error, mut jitter) = (Statistics::default(), Statistics::default());
@@ -139,7 +141,9 @@ pub fn of_hover(flight: &Flight) -> [f64; 2] {
             jitter.add((sticks - last).norm());
         }
     }
-    [error, jitter].map(|values| of_scored(&values, Statistics::rms))
+    let is_by_rates = flight.config.vehicle.interface == Interface::Rate;
+    let jitter_rad_s = if is_by_rates { of_scored(&jitter, Statistics::rms) } else { f64::NAN };
+    [of_scored(&error, Statistics::rms), jitter_rad_s]
 }
 
 /// Error of the true attitude relative to the prescribed one: RMS \[deg\] and mean settling time after a step \[s\], infinite if

@@ -9,10 +9,8 @@ use oqtal_observe::flight::{Flight, FlightSample};
 use oqtal_runtime::process::{Exit, Failure};
 use rayon::prelude::*;
 
-use super::search::{
-    Budget, SearchPath, TrainingFlights, Tuned, configured, search, settings, values,
-};
-use super::space::OUTER;
+use super::search::{Budget, SearchPath, TrainingFlights, Tuned, search, settings};
+use super::space::{OUTER, configured, values};
 use crate::progress::Progress;
 use crate::study::flights::path;
 use crate::study::metric::of_hover;

@@ -10,16 +10,14 @@ use oqtal_runtime::process::{Exit, Failure};
 use rayon::prelude::*;
 
 use super::bee_colony::Best;
-use super::space::parameters;
+use super::space::{configured, parameters, present, values};
 use super::trade::{self, MetricWeights, WORST_SHARE, default_weights};
 pub use super::tuned::{Budget, SearchPath, Tuned, settings};
 use crate::progress::Progress;
 use crate::robustness::draws::Draw;
 use crate::study::args::say_notes;
 use crate::study::failure::{self, counts};
-use crate::study::flights::{
-    AUTHORITY, Change, DELAY, NOMINAL, PlantVariant, RATE_LAG, Test, readable, table, value_at,
-};
+use crate::study::flights::{AUTHORITY, Change, DELAY, NOMINAL, PlantVariant, RATE_LAG, Test};
 use crate::study::gains::tuned;
 use crate::study::law::StudyLaw;
 use crate::study::metric::{Figures, METRIC, METRICS};
@@ -99,6 +97,13 @@ impl TrainingFlights {
     fn parameters(&self, controller: ControllerName, config: &Config) -> Vec<SearchRange> {
         let mut parameters = parameters(controller, config.control.stack);
         parameters.retain(|range| !self.live_keys_only || Config::may_change_in_flight(&range.key));
+        // The search begins at the configured gains.
+        let values = present(&parameters, config);
+        for (range, (_, value)) in parameters.iter_mut().zip(values) {
+            if value > 0.0 {
+                (range.low, range.high) = (range.low.min(value), range.high.max(value));
+            }
+        }
         parameters
     }
 
@@ -203,22 +208,6 @@ fn quadratic_mean(figures: &[f64], greatest: f64) -> f64 {
     (squares / figures.len() as f64).sqrt()
 }
 
-/// Values of `parameters` at a point given by their logarithms.
-pub fn values(parameters: &[SearchRange], point: &[f64]) -> Vec<(String, f64)> {
-    parameters.iter().zip(point).map(|(p, log)| (p.key.to_string(), readable(log.exp()))).collect()
-}
-
-/// Values of `parameters` in `config`, limited to their bounds.
-pub fn configured(parameters: &[SearchRange], config: &Config) -> Vec<(String, f64)> {
-    let config = table(config);
-    let value = |p: &SearchRange| {
-        let value = value_at(&config, &p.key).and_then(toml::Value::as_float);
-        let value = value.expect("a parameter is a number of the configuration");
-        (p.key.to_string(), value.clamp(p.low, p.high))
-    };
-    parameters.iter().map(value).collect()
-}
-
 /// Searches for the least objective over the logarithms of `parameters`, from the best of the values `starts` on.
 pub fn search(
     parameters: &[SearchRange],
@@ -273,7 +262,7 @@ pub fn law(
             let after = fly(&settings(&values), &flights.case)?;
             (values, best.value, after)
         }
-        false if start.is_finite() => (from, start, before.clone()),
+        false if start.is_finite() => (present(&parameters, &config), start, before.clone()),
         false => return Err(flights.nothing_lands(name, &path, &before)),
     };
     let (laws, flown) = ([law(&[]), law(&settings(&values))], [before, after]);
@@ -349,6 +338,22 @@ pub fn before_and_after(law: &StudyLaw, progress: &Progress) -> Result<[f64; 2],
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn gains_beyond_their_range_are_kept_as_they_are() {
+        let gains = [("control.pid.gain", 128.0), ("position.horizontal-position.ki", 0.0)];
+        let settings = gains.map(|(key, value)| Setting::flag("test", key, value));
+        let flights = TrainingFlights::near(settings.to_vec(), 101..102);
+        let config = Config::from_settings(&flights.settings).unwrap();
+        let parameters = flights.parameters(ControllerName::Pid, &config);
+        let found = |values: Vec<(String, f64)>, key| {
+            values.into_iter().find(|(it, _)| it == key).map(|(_, value)| value)
+        };
+        for (key, value) in gains {
+            assert_eq!(found(present(&parameters, &config), key), Some(value));
+        }
+        assert_eq!(found(configured(&parameters, &config), gains[0].0), Some(128.0));
+    }
 
     #[test]
     fn the_objective_of_the_reference_is_one() {

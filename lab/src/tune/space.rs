@@ -1,9 +1,10 @@
 //! Search space of each law: its own gains, and the gains of estimator and position loops.
 
-use oqtal_config::Setting;
+use oqtal_config::{Config, Setting};
 use oqtal_control::LawStack;
 use oqtal_control::controller::{ControllerName, SearchRange};
 
+use crate::study::flights::{readable, table, value_at};
 use crate::study::law;
 
 /// Arguments of `oqtal tune`: a law, all laws, or the position loops.
@@ -84,12 +85,32 @@ pub fn on_a_bound(target: &str, settings: &[Setting]) -> Vec<SearchRange> {
     ranges.into_iter().filter(lies).collect()
 }
 
+/// Values of `parameters` at a point given by their logarithms.
+pub fn values(parameters: &[SearchRange], point: &[f64]) -> Vec<(String, f64)> {
+    parameters.iter().zip(point).map(|(p, log)| (p.key.to_string(), readable(log.exp()))).collect()
+}
+
+/// Values of `parameters` in `config`.
+pub fn present(parameters: &[SearchRange], config: &Config) -> Vec<(String, f64)> {
+    let config = table(config);
+    let value = |p: &SearchRange| {
+        let value = value_at(&config, &p.key).and_then(toml::Value::as_float);
+        (p.key.to_string(), value.expect("a parameter is a number of the configuration"))
+    };
+    parameters.iter().map(value).collect()
+}
+
+/// Values of `parameters` in `config`, limited to their bounds.
+pub fn configured(parameters: &[SearchRange], config: &Config) -> Vec<(String, f64)> {
+    let within =
+        |((key, value), p): ((String, f64), &SearchRange)| (key, value.clamp(p.low, p.high));
+    present(parameters, config).into_iter().zip(parameters).map(within).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::study::flights::{table, value_at};
     use crate::study::gains::tuned;
-    use oqtal_config::Config;
 
     #[test]
     fn a_gain_on_either_bound_is_found_and_one_inside_is_not() {

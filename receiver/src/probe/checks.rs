@@ -13,6 +13,8 @@ type ProbeCheck = (&'static str, Severity, &'static str, fn(&ProbeFigures) -> Op
 const TOO_SLOW: f64 = 0.66;
 /// Rate of the cameras over that of the loop below which the loop is slowed down \[-\].
 const SLOW: f64 = 0.97;
+/// Rate at which the loop would run over the configured one, above which the cameras are faster than expected \[-\].
+const FAST: f64 = 1.25;
 const RATE_REMEDY: &str =
     "raise the cameras' rate to that of the loop or above, or lower control.rate-hz";
 
@@ -35,6 +37,20 @@ const CHECKS: &[ProbeCheck] = &[
     ),
     ("rate", Severity::Problem, RATE_REMEDY, |f| rate(f, 0.0..TOO_SLOW)),
     ("rate", Severity::Advice, RATE_REMEDY, |f| rate(f, TOO_SLOW..SLOW)),
+    (
+        "rate",
+        Severity::Advice,
+        "set safety.pose-rate-hz to the cameras' rate, so that the loop acts on every second pose, third, or so on",
+        |f| {
+            let would_hz = f.rate_hz / f.poses_per_tick;
+            (would_hz > FAST * f.loop_hz).then(|| {
+                format!(
+                    "{:.1} Hz, more than safety.pose-rate-hz expects: the loop would run at {would_hz:.1} Hz",
+                    f.rate_hz
+                )
+            })
+        },
+    ),
     (
         "longest gap",
         Severity::Problem,
@@ -167,6 +183,7 @@ mod tests {
             seconds: 10.0,
             rate_hz: 100.0,
             loop_hz: 60.0,
+            poses_per_tick: 2.0,
             interval: IntervalFigures { max_ns: 12_000_000, ..IntervalFigures::default() },
             clock: ClockFigures { known: true, ..ClockFigures::default() },
             bodies: vec![BodyFigures { name: "a".to_owned(), id: 1, tracked: 1.0 }],
@@ -187,6 +204,7 @@ mod tests {
         assert_eq!(names(&ProbeFigures { rate_hz: 30.0, ..good() }), [("rate", Problem)]);
         assert_eq!(names(&ProbeFigures { rate_hz: 40.0, ..good() }), [("rate", Advice)]);
         assert_eq!(names(&ProbeFigures { rate_hz: 50.0, ..good() }), [("rate", Advice)]);
+        assert_eq!(names(&ProbeFigures { rate_hz: 240.0, ..good() }), [("rate", Advice)]);
         assert_eq!(names(&ProbeFigures { loop_hz: 200.0, ..good() }), [("rate", Problem)]);
         assert_eq!(names(&ProbeFigures { lost: 30, ..good() }), [("lost frames", Advice)]);
         for (max_ns, severity) in [(60_000_000, Advice), (300_000_000, Problem)] {

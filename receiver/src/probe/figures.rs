@@ -20,6 +20,9 @@ pub struct ProbeFigures {
     pub rate_hz: f64,
     /// Rate of the loop that is to fly with them \[Hz\].
     pub loop_hz: f64,
+    /// Number of poses per tick of the loop at the rate that the configuration expects \[-\].
+    #[serde(skip)]
+    pub poses_per_tick: f64,
     /// Intervals between arrivals.
     pub interval: IntervalFigures,
     /// Intervals longer than 50 ms \[-\].
