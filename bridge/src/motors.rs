@@ -23,8 +23,9 @@
 //! - Ours: only an operator's stop stops motors that the bridge did not start, such as those of a vehicle that was flying when the
 //!   bridge was restarted. Otherwise they are left alone, because a pilot may fly by hand while a bridge is connected.
 //! - The emergency stop is known from `asctec_drivers` alone; no source states how to fly again after it. It is sent only where
-//!   the zero set-point is not enough: after a stop sequence that failed, unless a pilot may have started the motors, and when the bridge ends while motors run. A Stop of
-//!   the daemon in flight is a zero set-point at once, and then the stop sequence as after a landing.
+//!   the zero set-point is not enough: after a stop sequence that failed, and when the bridge ends while motors run; never to motors
+//!   that a pilot may have started. A Stop of the daemon in flight is a zero set-point at once, and then the stop sequence as after a
+//!   landing.
 
 use oqtal_bus::time::{Span, Time};
 

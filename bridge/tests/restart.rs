@@ -1,19 +1,11 @@
 //! A bridge that is restarted while the motors of its vehicle run.
 
-use oqtal_bridge::{CommandGate, MotorStatus, SafetyLimits, VehicleSetpoint};
-use oqtal_bus::code::{Actuation, ControlHolder};
-use oqtal_bus::message::{CommandV1, Header, Stamps};
-use oqtal_bus::time::{Span, Time};
+use oqtal_bridge::{CommandGate, MotorStatus, VehicleSetpoint};
+use oqtal_bus::code::ControlHolder;
+use oqtal_bus::message::CommandV1;
+use oqtal_bus::time::Span;
 
-const PERIOD: Span = Span::from_nanos(16_666_667);
-const LIMITS: SafetyLimits = SafetyLimits {
-    accepts: Actuation::Sticks,
-    command_age: Span::from_nanos(50_000_001),
-    status_age: Span::from_millis(375),
-    sequence: Span::from_millis(3000),
-    rest: Span::from_millis(1500),
-};
-const START: Time = Time::VIRTUAL_START;
+use crate::common::{LIMITS, PERIOD, START, header};
 
 /// Set-points of a new bridge to a vehicle with running motors, of which it is told `control`, while a daemon commands "disarmed"; with
 /// an operator's stop after 10 s.
@@ -23,9 +15,7 @@ fn set_points_after_a_restart(control: ControlHolder) -> [Vec<VehicleSetpoint>; 
     let mut ten_seconds = |gate: &mut CommandGate| -> Vec<VehicleSetpoint> {
         let tick = |k: i64| {
             let now = START + Span::from_nanos(k * PERIOD.nanos());
-            let stamps = Stamps { command_published_at: now, ..Stamps::default() };
-            let header = Header { sequence: k as u64, stamps, ..Header::default() };
-            gate.receive(now, &header, CommandV1::default());
+            gate.receive(now, &header(k as u64, now), CommandV1::default());
             gate.update_status(MotorStatus { received_at: now, running: true });
             gate.update_control(control);
             gate.select_command(now).0

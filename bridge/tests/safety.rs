@@ -1,23 +1,13 @@
 //! Selection of set-points for any behaviour of the daemon, the vehicle and the clock.
 
-use oqtal_bridge::{
-    CommandGate, ForwardedCommand, MotorEvent, MotorStatus, SafetyLimits, VehicleSetpoint,
-};
+use oqtal_bridge::{CommandGate, ForwardedCommand, MotorEvent, MotorStatus, VehicleSetpoint};
 use oqtal_bus::code::{Actuation, ControlHolder};
-use oqtal_bus::message::{CommandV1, Header, Stamps};
+use oqtal_bus::message::CommandV1;
 use oqtal_bus::stop::StoppedMotors;
 use oqtal_bus::time::{Span, Time};
 use proptest::prelude::*;
 
-const PERIOD: Span = Span::from_nanos(16_666_667);
-const LIMITS: SafetyLimits = SafetyLimits {
-    accepts: Actuation::Sticks,
-    command_age: Span::from_nanos(50_000_001),
-    status_age: Span::from_millis(375),
-    sequence: Span::from_millis(3000),
-    rest: Span::from_millis(1500),
-};
-const START: Time = Time::VIRTUAL_START;
+use crate::common::{LIMITS, PERIOD, START, header};
 
 /// Input of the gate.
 #[derive(Clone, Debug)]
@@ -56,11 +46,6 @@ fn stimuli() -> impl Strategy<Value = Vec<(i64, Stimulus)>> {
 fn flight(stick: f64) -> CommandV1 {
     let actuation = Actuation::Sticks.code();
     CommandV1 { actuation, sticks: [stick, 0.0, 0.0], thrust: 0.5, ..CommandV1::default() }
-}
-
-fn header(sequence: u64, published_at: Time) -> Header {
-    let stamps = Stamps { command_published_at: published_at, ..Stamps::default() };
-    Header { sequence, stamps, ..Header::default() }
 }
 
 /// Applies stimuli to a gate, and records the reference for comparison.

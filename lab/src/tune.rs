@@ -28,7 +28,7 @@ use crate::progress::Progress;
 use crate::robustness::draws::{Draw, TUNING_SEED};
 use crate::robustness::spread::PlantSpread;
 use crate::study::TRAINING_SEEDS;
-use crate::study::args::{StudyArgs, parse_seeds, say_notes};
+use crate::study::args::{StudyArgs, is_of_file, parse_seeds, say_notes};
 use crate::study::law::{self, StudyLaw};
 
 use optimiser::Optimiser;
@@ -211,8 +211,7 @@ impl TuneArgs {
         let words = Some(self.study.words()).filter(|words| !words.is_empty())?;
         let gains = quoted(&file.display().to_string());
         // A flag has precedence over the file of the gains.
-        let is_flag =
-            |key: &str| settings.iter().any(|it| it.key == key && !it.origin.contains(".toml"));
+        let is_flag = |key: &str| settings.iter().any(|it| it.key == key && !is_of_file(it));
         let flags = tuned.values.iter().filter(|(key, _)| is_flag(key));
         let flags: String = flags.map(|(key, value)| format!(" --set {key}={value}")).collect();
         Some(format!("oqtal fly{words} --config {gains}{flags}"))

@@ -1,7 +1,8 @@
 //! A bridge to an AscTec vehicle on a serial line, and its turns.
 
 use oqtal_bridge::{
-    Asctec, Bridge, FrameSizes, Note, VehicleProtocol, VehicleReport, VehicleTransport, transport,
+    Asctec, Bridge, FrameSizes, Note, SafetyLimits, VehicleProtocol, VehicleReport,
+    VehicleTransport, transport,
 };
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, Stamps};
@@ -13,6 +14,14 @@ use oqtal_wire::xbee::{Address, Framing};
 const BAUD: u32 = 57_600;
 pub const START: Time = Time::VIRTUAL_START;
 pub const PERIOD: Span = Span::from_nanos(16_666_667);
+/// Limits of a command gate on its own.
+pub const LIMITS: SafetyLimits = SafetyLimits {
+    accepts: Actuation::Sticks,
+    command_age: Span::from_nanos(50_000_001),
+    status_age: Span::from_millis(375),
+    sequence: Span::from_millis(3000),
+    rest: Span::from_millis(1500),
+};
 /// Duration of a set-point on the line: 17 bytes of ten bits at 57600 baud.
 pub const FRAME: Span = Span::from_nanos(2_951_389);
 

@@ -121,12 +121,11 @@ pub fn say_notes(notes: impl IntoIterator<Item = String>) {
 pub fn words_of(settings: &[Setting]) -> String {
     let mut words: Vec<String> = Vec::new();
     for (index, setting) in settings.iter().enumerate() {
-        let Setting { key, value, origin } = setting;
+        let Setting { key, value, .. } = setting;
         let is_replaced = settings[index + 1..].iter().any(|later| later.key == *key);
-        let file = origin.rsplit_once(':').map_or(&origin[..], |(file, _)| file);
         let word = match (&key[..], value) {
             ("clock.kind" | "control.controller", _) => continue,
-            _ if file.ends_with(".toml") => format!(" --config {}", quoted(file)),
+            _ if is_of_file(setting) => format!(" --config {}", quoted(file_of(setting))),
             _ if is_replaced => continue,
             ("trajectory.kind", Value::String(name)) => format!(" --trajectory {name}"),
             ("plant.disturb", Value::Array(all)) => {
@@ -140,6 +139,16 @@ pub fn words_of(settings: &[Setting]) -> String {
         }
     }
     words.concat()
+}
+
+/// Origin of `setting` without the line.
+fn file_of(setting: &Setting) -> &str {
+    setting.origin.rsplit_once(':').map_or(&setting.origin, |(file, _)| file)
+}
+
+/// Whether `setting` is of a file, and not of a flag or a variable, which have precedence over files.
+pub fn is_of_file(setting: &Setting) -> bool {
+    file_of(setting).ends_with(".toml")
 }
 
 /// The command line of this study after its `OQTAL_` variables, without the arguments of the output and the variables of
