@@ -249,11 +249,11 @@ pub fn law(
         let evaluate = |point: &Vec<f64>| {
             let flown = progress.check().and_then(|()| fly(&settings(&changed(point)), &weighted));
             bar.inc();
-            flown.map_or(f64::INFINITY, |flown| value(&flown))
+            flown.ok().map(|flown| value(&flown))
         };
         let found = batch(points, flights.is_hopeless(start, &path), evaluate);
         path.add(points, &found);
-        found
+        found.into_iter().map(|value| value.unwrap_or(f64::INFINITY)).collect()
     });
     progress.check()?;
     let (values, objective, after) = match best.value < start {
@@ -274,14 +274,14 @@ pub fn law(
     Ok(Tuned { target, values, objective, start, budget, draws, options, components, failed, path })
 }
 
-/// Objectives of `points`; infinite, without a flight, if the search is hopeless.
+/// Objectives of `points`; `None` for one that was not flown, as all of a hopeless search.
 fn batch(
     points: &[Vec<f64>],
     is_hopeless: bool,
-    evaluate: impl Fn(&Vec<f64>) -> f64 + Send + Sync,
-) -> Vec<f64> {
+    evaluate: impl Fn(&Vec<f64>) -> Option<f64> + Send + Sync,
+) -> Vec<Option<f64>> {
     match is_hopeless {
-        true => vec![f64::INFINITY; points.len()],
+        true => vec![None; points.len()],
         false => points.par_iter().map(evaluate).collect(),
     }
 }
@@ -366,12 +366,14 @@ mod tests {
         let flights = TrainingFlights { live_keys_only: true, ..TrainingFlights::default() };
         let mut path = SearchPath::default();
         assert!(!flights.is_hopeless(f64::INFINITY, &path), "the first batch is flown");
-        path.add(&[vec![0.0]], &[f64::INFINITY]);
+        path.add(&[vec![0.0]], &[Some(f64::INFINITY)]);
         assert!(flights.is_hopeless(f64::INFINITY, &path) && !flights.is_hopeless(1.0, &path));
         let offline = TrainingFlights::default();
         assert!(!offline.is_hopeless(f64::INFINITY, &path));
-        assert_eq!(batch(&[vec![0.0]], true, |_| panic!("flown")), [f64::INFINITY]);
-        path.add(&[vec![0.0]], &[1.0]);
+        let skipped = batch(&[vec![0.0]], true, |_| panic!("flown"));
+        path.add(&[vec![0.0]], &skipped);
+        assert_eq!(path.objectives, [f64::INFINITY], "the path holds only gains that were flown");
+        path.add(&[vec![0.0]], &[Some(1.0)]);
         assert!(!flights.is_hopeless(f64::INFINITY, &path));
     }
 

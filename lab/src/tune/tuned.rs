@@ -55,7 +55,7 @@ pub struct Tuned {
     pub path: SearchPath,
 }
 
-/// The points of a search, in order of their evaluation.
+/// The points of a search that were flown, in order of their evaluation.
 #[derive(Clone, Debug, Default)]
 pub struct SearchPath {
     /// Objective at each point \[-\].
@@ -65,10 +65,12 @@ pub struct SearchPath {
 }
 
 impl SearchPath {
-    /// Adds `points`, given by the logarithms of their gains, with their objectives.
-    pub fn add(&mut self, points: &[Vec<f64>], objectives: &[f64]) {
-        self.objectives.extend(objectives);
-        self.gains.extend(points.iter().map(|p| p.iter().map(|log| log.exp()).collect()));
+    /// Adds those of `points`, given by the logarithms of their gains, that have an objective: that were flown.
+    pub fn add(&mut self, points: &[Vec<f64>], objectives: &[Option<f64>]) {
+        for (point, objective) in points.iter().zip(objectives) {
+            self.objectives.extend(objective);
+            self.gains.extend(objective.map(|_| point.iter().map(|log| log.exp()).collect()));
+        }
     }
 }
 
