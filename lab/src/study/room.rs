@@ -39,13 +39,20 @@ const LIMITS_M: [f64; 4] = [3.0, 5.0, 10.0, 20.0];
 /// Number of flights of each law, test and cause that are flown again with a smaller size \[-\].
 const TRIED: usize = 5;
 
+/// A flight that needed more room.
+#[derive(Clone, Copy)]
+struct CrampedFlight<'a> {
+    law: &'a StudyLaw,
+    condition: &'a FlightCondition,
+    test: Test,
+    /// Whether the fence ended it; otherwise the distance from the reference did.
+    of_fence: bool,
+}
+
 /// Flights of one trajectory that needed more room.
 struct CrampedFlights<'a> {
     kind: TrajectoryKind,
-    flights: Vec<(&'a StudyLaw, &'a FlightCondition, Test)>,
-    /// Whether the fence ended some, and whether the distance from the reference did.
-    of_fence: bool,
-    far: bool,
+    flights: Vec<CrampedFlight<'a>>,
 }
 
 /// Flights of one law and test that needed more room, and whether the fence ended them.
@@ -73,16 +80,13 @@ pub fn remedies<'a>(
     let mut cramped: Vec<CrampedFlights<'_>> = Vec::new();
     for ((law, conditions, test), of_fence) in groups {
         let Ok(first) = config(law, conditions[0], test) else { continue };
-        let own = conditions.iter().take(TRIED).map(|condition| (law, *condition, test));
+        let cramped_flight = |condition| CrampedFlight { law, condition, test, of_fence };
+        let own = conditions.iter().take(TRIED).copied().map(cramped_flight);
         let kind = first.trajectory.kind;
-        let number = cramped.iter().position(|others| others.kind == kind).unwrap_or_else(|| {
-            cramped.push(CrampedFlights::new(kind));
-            cramped.len() - 1
-        });
-        let flights = &mut cramped[number];
-        flights.flights.extend(own);
-        flights.of_fence |= of_fence;
-        flights.far |= !of_fence;
+        match cramped.iter_mut().find(|others| others.kind == kind) {
+            Some(others) => others.flights.extend(own),
+            None => cramped.push(CrampedFlights { kind, flights: own.collect() }),
+        }
     }
     let remedy = |flights: &CrampedFlights<'_>| match changes {
         Changes::All => flights.remedy(),
@@ -91,27 +95,90 @@ pub fn remedies<'a>(
     cramped.iter().map(|flights| format!("\n{}", remedy(flights))).collect()
 }
 
-impl CrampedFlights<'_> {
-    const fn new(kind: TrajectoryKind) -> Self {
-        Self { kind, flights: Vec::new(), of_fence: false, far: false }
+impl CrampedFlight<'_> {
+    /// Cause for which the flight is not complete with these settings; `None` if it is.
+    fn cause_with(&self, settings: &[Setting]) -> Option<String> {
+        let settings = [&self.condition.settings[..], settings].concat();
+        let condition = FlightCondition { settings, ..self.condition.clone() };
+        let config = CrampedFlight { condition: &condition, ..*self }.config();
+        let flown = config.and_then(|config| simulation::fly(&Mission::new(config)?));
+        flown.map_or_else(|failure| Some(failure.message), |flight| flight.cause())
     }
 
-    /// Cause for which one of the flights is not complete with these settings; `None` if they all are.
-    fn cause_with(&self, settings: &[(&str, Value)]) -> Option<String> {
-        let settings: Vec<_> = settings
-            .iter()
-            .map(|(key, value)| Setting::flag("--set", key, value.clone()))
-            .collect();
-        let cause = |flight: &(&StudyLaw, &FlightCondition, Test)| {
-            flown_with(*flight, &settings).unwrap_or_else(|failure| Some(failure.message))
+    /// The configuration of the flight.
+    fn config(&self) -> Result<Config, Failure> {
+        config(self.law, self.condition, self.test)
+    }
+
+    /// Seed, and the simulated vehicle unless it is the configured one.
+    fn seed(&self) -> String {
+        let FlightCondition { seed, plant, .. } = self.condition;
+        match plant.changes.is_empty() {
+            true => seed.to_string(),
+            false => format!("{seed} ({})", plant.name),
+        }
+    }
+}
+
+impl CrampedFlights<'_> {
+    /// Whether all of the flights are complete with these settings.
+    fn are_complete_with(&self, settings: &[(&str, Value)]) -> bool {
+        let settings = as_flags(settings);
+        self.flights.iter().all(|flight| flight.cause_with(&settings).is_none())
+    }
+
+    /// The flights that are complete with these settings, and the others by law and cause.
+    fn split_by(&self, settings: &[(&str, Value)]) -> (Self, Vec<(Self, String)>) {
+        let (settings, kind) = (as_flags(settings), self.kind);
+        let mut complete = Self { kind, flights: Vec::new() };
+        let mut failing: Vec<(Self, String)> = Vec::new();
+        for flight in &self.flights {
+            let Some(cause) = flight.cause_with(&settings) else {
+                complete.flights.push(*flight);
+                continue;
+            };
+            let is_same = |(others, of): &&mut (Self, String)| {
+                others.flights[0].law.name == flight.law.name && *of == cause
+            };
+            match failing.iter_mut().find(is_same) {
+                Some((others, _)) => others.flights.push(*flight),
+                None => failing.push((Self { kind, flights: vec![*flight] }, cause)),
+            }
+        }
+        (complete, failing)
+    }
+
+    /// Trajectory and end of the flights.
+    fn ended(&self) -> String {
+        let name = oqtal_observe::summary::name_of(&self.kind);
+        let of_fence = |flight: &CrampedFlight<'_>| flight.of_fence;
+        let ends = match [self.flights.iter().any(of_fence), self.flights.iter().all(of_fence)] {
+            [true, false] => "ended by the fence or far from the reference",
+            [false, _] => "far from the reference",
+            [true, true] => "held or stopped by the fence",
         };
-        self.flights.iter().find_map(cause)
+        format!("{name}, {ends}")
+    }
+
+    /// Laws of the flights, each with its seeds.
+    fn named(&self) -> String {
+        let mut laws: Vec<(&str, Vec<String>)> = Vec::new();
+        for flight in &self.flights {
+            match laws.iter_mut().find(|(law, _)| *law == flight.law.name) {
+                Some((_, seeds)) => seeds.push(flight.seed()),
+                None => laws.push((&flight.law.name, vec![flight.seed()])),
+            }
+        }
+        let law = |(law, seeds): (&str, Vec<String>)| {
+            let plural = if seeds.len() == 1 { "" } else { "s" };
+            format!("{law} with seed{plural} {}", seeds.join(", "))
+        };
+        laws.into_iter().map(law).collect::<Vec<_>>().join("; ")
     }
 
     /// Sentence on a plant that hovers with another share of its thrust than the law's model; `None` if they are alike.
     fn difference(&self) -> Option<String> {
-        let (law, condition, test) = self.flights[0];
-        let config = config(law, condition, test).ok()?;
+        let config = self.flights[0].config().ok()?;
         let gravity_m_s2 = config.vehicle.gravity_m_s2;
         let share = |mass_kg: f64, thrust_n: f64| 100.0 * mass_kg * gravity_m_s2 / thrust_n;
         let (plant, vehicle) = (&config.plant, &config.vehicle);
@@ -122,23 +189,32 @@ impl CrampedFlights<'_> {
         ))
     }
 
-    /// The changes with which, each by itself, the flights are complete.
+    /// The changes with which, each by itself, the flights are complete, apart from those that more room does not help.
     fn remedy(&self) -> String {
-        let name = oqtal_observe::summary::name_of(&self.kind);
-        let ends = match [self.of_fence, self.far] {
-            [true, true] => "ended by the fence or far from the reference",
-            [false, _] => "far from the reference",
-            [true, false] => "held or stopped by the fence",
-        };
-        let limit = |limit_m: f64| ("safety.tracking-limit-m", Value::Float(limit_m));
         let unbounded = [&wide_fence()[..], &[limit(WIDE_M)]].concat();
-        if let Some(cause) = self.cause_with(&unbounded) {
-            let difference = self.difference().unwrap_or_default();
-            return format!(
-                "  {name}, {ends}: more room does not help; with a fence of {WIDE_M:.0} m around the start: {cause}{difference}"
-            );
+        let (helped, others) = self.split_by(&unbounded);
+        let mut lines: Vec<String> =
+            others.iter().map(|(it, cause)| it.without_remedy(cause)).collect();
+        if !helped.flights.is_empty() {
+            let of =
+                if others.is_empty() { String::new() } else { format!(", {}", helped.named()) };
+            lines.push(format!("  {}{of}: {}", helped.ended(), helped.changes()));
         }
-        let suffices = |settings: &[(&str, Value)]| self.cause_with(settings).is_none();
+        lines.join("\n")
+    }
+
+    /// Line on flights that end by `cause` also with more room.
+    fn without_remedy(&self, cause: &str) -> String {
+        let (ended, named) = (self.ended(), self.named());
+        let difference = self.difference().unwrap_or_default();
+        format!(
+            "  {ended}, {named}: more room does not help; with a fence of {WIDE_M:.0} m around the start: {cause}{difference}"
+        )
+    }
+
+    /// The changes with which, each by itself, all of the flights are complete.
+    fn changes(&self) -> String {
+        let suffices = |settings: &[(&str, Value)]| self.are_complete_with(settings);
         let least_limit = LIMITS_M.into_iter().find(|limit_m| suffices(&[limit(*limit_m)]));
         let without_margin = [("fence.soft-margin-m", Value::Float(0.0))];
         let none = Value::Array(Vec::new());
@@ -155,10 +231,8 @@ impl CrampedFlights<'_> {
         ];
         let all: Vec<String> = all.into_iter().flatten().collect();
         match all.is_empty() {
-            true => format!(
-                "  {name}, {ends}: enlarge the fence and raise safety.tracking-limit-m, both"
-            ),
-            false => format!("  {name}, {ends}: {}", all.join(", or ")),
+            true => "enlarge the fence and raise safety.tracking-limit-m, both".to_owned(),
+            false => all.join(", or "),
         }
     }
 
@@ -178,12 +252,21 @@ impl CrampedFlights<'_> {
     /// Key and greatest size with which all of the flights are complete; `None` if there is none.
     fn fitting(&self) -> Option<(&'static str, f64)> {
         let (_, key) = SIZES.iter().find(|(kind, _)| *kind == self.kind)?;
-        let (law, condition, test) = self.flights[0];
-        let size: f64 = config(law, condition, test).ok()?.value(key)?.parse().ok()?;
+        let size: f64 = self.flights[0].config().ok()?.value(key)?.parse().ok()?;
         let mut sizes = SHARES.map(|share| readable(share * size)).into_iter();
-        let size = sizes.find(|size| self.cause_with(&[(key, Value::Float(*size))]).is_none());
+        let size = sizes.find(|size| self.are_complete_with(&[(key, Value::Float(*size))]));
         size.map(|size| (*key, size))
     }
+}
+
+/// A limit of the distance from the reference \[m\].
+fn limit(limit_m: f64) -> (&'static str, Value) {
+    ("safety.tracking-limit-m", Value::Float(limit_m))
+}
+
+fn as_flags(settings: &[(&str, Value)]) -> Vec<Setting> {
+    let flag = |(key, value): &(&str, Value)| Setting::flag("--set", key, value.clone());
+    settings.iter().map(flag).collect()
 }
 
 /// A fence that bounds no flight.
@@ -197,31 +280,35 @@ fn wide_fence() -> [(&'static str, Value); 4] {
     ]
 }
 
-/// Cause for which a flight with these `settings` is not complete; `None` for a complete one.
-fn flown_with(
-    (law, condition, test): (&StudyLaw, &FlightCondition, Test),
-    settings: &[Setting],
-) -> Result<Option<String>, Failure> {
-    let settings = [&condition.settings[..], settings].concat();
-    let condition = FlightCondition { settings, ..condition.clone() };
-    let config: Config = config(law, &condition, test)?;
-    Ok(simulation::fly(&Mission::new(config)?)?.cause())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::study::flights::NOMINAL;
 
-    /// Remedies for a vehicle that a force moves to the fence during the chirp.
-    fn remedies_of_a_pushed_chirp(changes: Changes) -> String {
+    /// A law whose vehicle a force moves to the fence during the chirp.
+    fn pushed_law() -> StudyLaw {
         let settings = [
             Setting::flag("test", "fence.x-m", vec![-3.0, 3.0]),
             Setting::flag("test", "fence.y-m", vec![-3.0, 3.0]),
             Setting::flag("test", "fence.z-m", vec![-0.5, 3.0]),
             Setting::flag("test", "plant.force-n", vec![0.06, 0.0, 0.0]),
         ];
-        let law = StudyLaw::new("px4", settings.to_vec(), "");
+        StudyLaw::new("px4", settings.to_vec(), "")
+    }
+
+    /// A law that assumes a much heavier vehicle: its thrust at the lower limit exceeds the weight, and the vehicle climbs through any
+    /// ceiling.
+    fn light_law() -> StudyLaw {
+        let settings = [
+            Setting::flag("test", "vehicle.mass-kg", 1.3),
+            Setting::flag("test", "vehicle.max-thrust-n", 30.0),
+            Setting::flag("test", "plant.mass-kg", 0.65),
+        ];
+        StudyLaw::new("geometric", settings.to_vec(), "")
+    }
+
+    fn remedies_of_a_pushed_chirp(changes: Changes) -> String {
+        let law = pushed_law();
         let condition = FlightCondition { seed: 200, plant: NOMINAL, settings: Vec::new() };
         let groups = [((&law, &[&condition][..], Test::Chirp), true)];
         remedies(groups, changes)
@@ -245,18 +332,30 @@ mod tests {
         assert!(!remedy.contains("plant.") && !remedy.contains("fence"), "{remedy}");
     }
 
-    /// Its thrust at the law's lower limit exceeds the weight: the vehicle climbs through any ceiling.
     #[test]
     fn a_vehicle_much_lighter_than_its_model_is_not_given_more_room() {
-        let settings = [
-            Setting::flag("test", "vehicle.mass-kg", 1.3),
-            Setting::flag("test", "vehicle.max-thrust-n", 30.0),
-            Setting::flag("test", "plant.mass-kg", 0.65),
-        ];
-        let law = StudyLaw::new("geometric", settings.to_vec(), "");
+        let law = light_law();
         let condition = FlightCondition { seed: 200, plant: NOMINAL, settings: Vec::new() };
         let remedy = remedies([((&law, &[&condition][..], Test::Hover), true)], Changes::All);
         assert!(remedy.contains("more room does not help"), "{remedy}");
         assert!(remedy.contains("hovers at 21 % of its thrust"), "{remedy}");
+    }
+
+    #[test]
+    fn flights_that_more_room_helps_keep_their_remedies_beside_others() {
+        let (pushed, light) = (pushed_law(), light_law());
+        let condition = FlightCondition { seed: 200, plant: NOMINAL, settings: Vec::new() };
+        let conditions = [&condition];
+        let groups = [&light, &pushed].map(|law| ((law, &conditions[..], Test::Chirp), true));
+        let remedy = remedies(groups, Changes::All);
+        let lines: Vec<&str> = remedy.trim().lines().collect();
+        let told = [("geometric", "more room does not help"), ("px4", "enlarge the fence")];
+        assert_eq!(lines.len(), told.len(), "{remedy}");
+        for (line, (law, text)) in lines.iter().zip(told) {
+            assert!(
+                line.contains(&format!(" by the fence, {law} with seed 200: {text}")),
+                "{line}"
+            );
+        }
     }
 }
