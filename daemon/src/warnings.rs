@@ -3,10 +3,11 @@
 mod disturbances;
 mod law;
 mod path;
+mod simulated;
 
 use std::ops::RangeInclusive;
 
-use oqtal_config::{Config, Fidelity, MocapModel};
+use oqtal_config::Config;
 use oqtal_control::trajectory::{
     FlightPlan, Reference, StartPoint, Trajectory, TrajectoryKind, WaypointCurve,
 };
@@ -24,8 +25,7 @@ const USUAL_MS: RangeInclusive<f64> = 0.2..=1000.0;
 /// Plausible ratio of a moment of inertia to mass^(5/3), which is constant for bodies of equal shape and density
 /// \[kg^(-2/3) m^2\].
 const USUAL_INERTIA: RangeInclusive<f64> = 2e-5..=4.0;
-/// Difference between the thrust of the simulated rotors and the configured one without a note \[-\].
-const MOST_ROTOR_DIFFERENCE: f64 = 0.1;
+
 /// Settings of `config` that a flight of `trajectory` cannot satisfy because of others, each with its remedy.
 pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     let mut all = config.rename_warnings().to_vec();
@@ -36,9 +36,9 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     all.extend(implausible(config));
     all.extend(law::replaced(config));
     all.extend(law::feed_forward_off(config));
-    all.extend(too_old(config));
-    all.extend(markers_unused(config));
-    all.extend(rotor_thrust(config));
+    all.extend(simulated::too_old(config));
+    all.extend(simulated::markers_unused(config));
+    all.extend(simulated::rotors(config));
     all.extend(waypoints_unused(config));
     all.extend(law::position_gains_unused(config));
     let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
@@ -65,20 +65,6 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     all.extend(disturbances::after_the_end(config, plan.end_s()));
     all.extend(disturbances::too_heavy(config));
     all
-}
-
-/// Note on simulated rotors that do not give the greatest thrust of the vehicle.
-fn rotor_thrust(config: &Config) -> Option<String> {
-    let (plant, rotors) = (&config.plant, &config.plant.rotors);
-    let thrust_n = 4.0 * rotors.thrust_coefficient * rotors.max_speed_rad_s.powi(2);
-    let differs = (thrust_n / plant.max_thrust_n - 1.0).abs() > MOST_ROTOR_DIFFERENCE;
-    (plant.fidelity == Fidelity::Rotors && differs).then(|| {
-        let speed = (0.25 * plant.max_thrust_n / rotors.thrust_coefficient).sqrt();
-        format!(
-            "with fidelity=rotors the four rotors give {thrust_n:.1} N, not plant.max-thrust-n = {} N: set plant.rotors.max-speed-rad-s to {speed:.0}, or the greatest thrust to theirs",
-            plant.max_thrust_n
-        )
-    })
 }
 
 /// Notes on values of the vehicle, and of the simulated one where it differs, that are probably written in another unit.
@@ -144,40 +130,6 @@ fn unusual(
         ));
     }
     notes
-}
-
-/// Note that the emulated cameras are slower than a pose may be old.
-fn too_old(config: &Config) -> Option<String> {
-    if config.is_replay() {
-        return None;
-    }
-    let (cameras, safety) = (&config.mocap, &config.safety);
-    let age_ms = cameras.latency_ms + cameras.jitter_ms;
-    let [limit, most] = [safety.pose_age_limit_ms, safety.max_pose_age_ms];
-    let is_refused = age_ms >= most;
-    let (older_ms, effect) = match is_refused {
-        true => (most, "are refused"),
-        false if cameras.latency_ms >= limit => (limit, "end a flight"),
-        false => return None,
-    };
-    let keys = [
-        (is_refused, "safety.max-pose-age-ms"),
-        (cameras.latency_ms >= limit, "safety.pose-age-limit-ms"),
-    ];
-    let keys: Vec<&str> =
-        keys.into_iter().filter_map(|(is_low, key)| is_low.then_some(key)).collect();
-    Some(format!(
-        "poses are up to {age_ms} ms old (mocap.latency-ms, mocap.jitter-ms), and those older than {older_ms} ms {effect}: raise {}",
-        keys.join(" and ")
-    ))
-}
-
-/// Note that cameras or markers are changed from which no pose is computed.
-fn markers_unused(config: &Config) -> Option<String> {
-    let (own, shipped) = (&config.mocap, Config::default().mocap);
-    let is_changed = own.cameras != shipped.cameras || own.markers != shipped.markers;
-    let is_unused = is_changed && own.model == MocapModel::Pose;
-    is_unused.then(|| "[mocap.cameras] and [mocap.markers] have no effect on poses with mocap.model = \"pose\": set mocap.model=markers".to_owned())
 }
 
 /// Note that a file of waypoints is named and not flown.
@@ -365,11 +317,17 @@ mod tests {
     }
 
     #[test]
-    fn rotors_that_do_not_give_the_greatest_thrust_are_reported() {
+    fn rotors_without_effect_or_the_greatest_thrust_are_reported() {
         assert!(told(&["plant.fidelity=rotors"], None).is_empty());
         let other = ["plant.fidelity=rotors", "vehicle.mass-kg=1.35", "vehicle.max-thrust-n=31"];
         let told = told(&other, None);
         assert!(told.iter().any(|text| text.contains("max-speed-rad-s to 1180")), "{told:?}");
+        let torque = ["vehicle.preset=spacecraft", "trajectory.kind=hover"];
+        let of = |fidelity| self::told(&[&torque[..], &[fidelity]].concat(), None).join("\n");
+        assert!(!of("plant.fidelity=eq61").contains("fidelity"));
+        let text = of("plant.fidelity=rotors");
+        assert!(text.contains("plant.fidelity=rotors has no effect"), "{text}");
+        assert!(!text.contains("max-speed-rad-s"), "{text}");
     }
 
     #[test]
