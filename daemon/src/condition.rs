@@ -22,8 +22,8 @@ pub struct Condition {
     /// Why the fallback law flies.
     pub(crate) handover_cause: u8,
     pub(crate) followed: Followed,
-    /// Why a reference was refused; `None` in the next tick. The same reason again does not count as a change: a planner may send sixty invalid
-    /// references a second.
+    /// Why a reference was refused; `None` in the next tick. The same reason again, with another value, does not count as a change: a planner
+    /// may send sixty invalid references a second.
     pub(crate) refusal: Option<SetpointRefusal>,
 }
 
@@ -75,6 +75,16 @@ impl Condition {
             .refusal
             .is_some_and(|refusal| other.refusal.is_some_and(|last| last.kind() != refusal.kind()));
         changing(self) != changing(other) || is_other_refusal
+    }
+
+    /// Whether the log has a line for this condition after `last`: obstacles to a take-off, and the value of a refused reference, change
+    /// without one.
+    pub(crate) fn is_logged_after(&self, last: &Self) -> bool {
+        let line = |c: &Self| {
+            let reason = c.refusal().map(|refusal| refusal.kind());
+            (Self { refusal: None, ..*c }.text(), reason)
+        };
+        line(self) != line(last)
     }
 
     /// Why a reference was refused, while that is the cause of the state.

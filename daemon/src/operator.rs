@@ -81,8 +81,7 @@ impl OperatorRequests {
     /// Takes in and logs the changes of the condition.
     pub(crate) fn take_changes(&mut self) {
         for condition in self.queues.notes() {
-            // Obstacles to a take-off change without a change of mode or state.
-            if condition.text() != self.last.text() {
+            if condition.is_logged_after(&self.last) {
                 condition.log();
             }
             if condition.first_flight == FirstFlight::Refused
@@ -137,6 +136,7 @@ impl OperatorRequests {
         let response =
             self.pass_on(LoopRequest::Operator { command, event }, Validity::of(&request));
         if is_status {
+            self.take_changes();
             let text = LongText::new(&self.law_and_trajectory(response.mode));
             return ControlResponseV1 { text, ..response };
         }

@@ -72,6 +72,9 @@ impl LoopRequest {
 pub struct LoopHandle {
     pub(super) queues: RtHandle<Condition, NumberedRequest, NumberedReply>,
     configs_differ: Arc<AtomicBool>,
+    /// The condition of the last tick.
+    present: Condition,
+    /// The condition that the background thread knows.
     last: Condition,
     /// Instant of the last stop, landing or disarming on request, by the clock of the machine; unset before one.
     called_off_at: Time,
@@ -85,8 +88,9 @@ impl LoopHandle {
         queues: RtHandle<Condition, NumberedRequest, NumberedReply>,
         configs_differ: Arc<AtomicBool>,
     ) -> Self {
-        let (last, called_off_at) = (Condition::default(), Time::UNSET);
-        Self { queues, configs_differ, last, called_off_at, awaited_at: None }
+        let [present, last] = [Condition::default(); 2];
+        let called_off_at = Time::UNSET;
+        Self { queues, configs_differ, present, last, called_off_at, awaited_at: None }
     }
 
     /// Whether the processes of the instance run with different configurations, by the last check of the background thread.
@@ -136,19 +140,27 @@ impl LoopHandle {
         } else if command.begins_flight() && response.comes_to_rest() {
             self.awaited_at = Some(Time::now());
         }
+        if command == OperatorCommand::Status && self.present.refusal() != self.last.refusal() {
+            self.note_present();
+        }
         self.queues.reply((number, response, request));
         Some((command, event, response))
     }
 
-    /// Passes a changed condition to the background thread, with the number of changes before it that found the queue full.
+    /// Passes a changed condition to the background thread. New values of the same reason of a refusal wait for a request for the status.
     pub fn publish_status(&mut self, condition: Condition) {
         // The reason of a refusal stays while its warning does.
-        let refusal = condition.refusal.or(self.last.refusal());
-        let condition = Condition { refusal, ..condition };
-        if condition.differs_from(&self.last) {
-            self.last = Condition { unlogged: self.queues.dropped_notes(), ..condition };
-            self.queues.note(self.last);
+        let refusal = condition.refusal.or(self.present.refusal());
+        self.present = Condition { refusal, ..condition };
+        if self.present.differs_from(&self.last) {
+            self.note_present();
         }
+    }
+
+    /// Passes the present condition to the background thread, with the number of changes before it that found the queue full.
+    fn note_present(&mut self) {
+        self.last = Condition { unlogged: self.queues.dropped_notes(), ..self.present };
+        self.queues.note(self.last);
     }
 }
 

@@ -242,6 +242,35 @@ fn the_newest_reason_of_a_refused_reference_is_reported() {
 }
 
 #[test]
+fn a_status_names_the_newest_value_beyond_a_limit_and_the_log_its_first() {
+    let (mut handle, mut requests) = loop_handoff();
+    let (cause, mode) = (Cause::Setpoint.code(), Mode::Flying.code());
+    let mut tick = |value: Option<f64>, is_asked: bool| {
+        let limit = ("reference.speed-limit-m-s", 2.5);
+        let quantity = ["speed", "m/s"];
+        let refusal = value.map(|value| SetpointRefusal::Beyond { quantity, value, limit });
+        handle.publish_status(Condition { cause, mode, refusal, ..Condition::default() });
+        if is_asked {
+            let request = asks(OperatorCommand::Status);
+            let name = LoopRequest::Operator { command: OperatorCommand::Status, event: 0 };
+            requests.queues.send((0, name, Validity::of(&request))).unwrap();
+            handle.poll_request(|_| answers(Answer::Done)).unwrap();
+            requests.queues.replies().recv().unwrap();
+        }
+        let before = requests.last;
+        requests.take_changes();
+        let told = requests.last.refusal().map(|refusal| refusal.to_string());
+        (told.unwrap_or_default(), requests.last.is_logged_after(&before))
+    };
+    let text = |value| format!("speed {value} m/s exceeds reference.speed-limit-m-s = 2.5");
+    assert_eq!(tick(Some(9.0), false), (text("9.00"), true));
+    assert_eq!(tick(Some(8.0), false), (text("9.00"), false), "no flood of the queue");
+    assert_eq!(tick(Some(3.0), true), (text("3.00"), false));
+    assert_eq!(tick(Some(4.0), false), (text("3.00"), false));
+    assert_eq!(tick(None, true), (text("4.00"), false), "it stays while its warning does");
+}
+
+#[test]
 fn a_change_of_gains_that_do_not_fly_is_answered_with_a_warning() {
     let (_handle, requests) = loop_handoff();
     let settings = [Setting::parse("test", "control.controller=oqtal-dt").unwrap()];
