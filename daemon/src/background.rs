@@ -9,7 +9,6 @@ use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::control::ControlServer;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{EventV1, HealthV1, Stamps};
-use oqtal_bus::origin::Origin;
 use oqtal_bus::port::{Reader, Writer};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{EVENT, Role};
@@ -193,7 +192,7 @@ impl BackgroundWorker for DaemonWorker {
 
 /// Logs a request; a refusal that its author receives again for the same reason once. `logged`: the last request as it was logged.
 fn log_event(event: &EventV1, logged: &mut String) {
-    let EventV1 { program, user, process, text, point: [x, y, z], yaw, .. } = event;
+    let EventV1 { text, point: [x, y, z], yaw, .. } = event;
     let Some(command) = OperatorCommand::from_code(event.command) else { return };
     let what = match command {
         OperatorCommand::Goto if yaw.is_nan() => format!("{command} {x} {y} {z}"),
@@ -204,11 +203,9 @@ fn log_event(event: &EventV1, logged: &mut String) {
         }
         _ => format!("{command} {}", text.as_str().replace('\n', " ")).trim_end().to_owned(),
     };
-    let pid = Origin::from_bits(*process).process();
-    let author = format!("{program} (user {user}, process {pid})");
     let refusal = event.refusal();
     let reason = refusal.as_ref().map_or_else(String::new, |refusal| format!(": {refusal}"));
-    let text = format!("{what}, by {author}{reason}");
+    let text = format!("{what}, by {}{reason}", event.author());
     match refusal {
         None => tracing::info!("{text}"),
         Some(_) if text != *logged => tracing::warn!("{text}"),

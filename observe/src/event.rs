@@ -6,7 +6,6 @@ use oqtal_bus::code::{
     Answer, Cause, HandoverCause, InputKind, Mode, OperatorCommand, SafetyState,
 };
 use oqtal_bus::message::{EventV1, InputV1, TelemetryV1};
-use oqtal_bus::origin::Origin;
 use oqtal_bus::time::{Span, Time};
 use serde::Serialize;
 
@@ -157,7 +156,7 @@ pub fn made_at(received_at: Time, event: &EventV1) -> Option<Time> {
 
 /// Text of a request that changes a flight or its settings, with its author and, if it was refused, the reason.
 pub fn of_operator(event: &EventV1) -> String {
-    let EventV1 { program, user, text, point: [x, y, z], yaw, .. } = event;
+    let EventV1 { text, point: [x, y, z], yaw, .. } = event;
     let command = OperatorCommand::from_code(event.command);
     let what = match command {
         Some(OperatorCommand::Goto) if yaw.is_nan() => format!("{x:.2} {y:.2} {z:.2}"),
@@ -166,9 +165,8 @@ pub fn of_operator(event: &EventV1) -> String {
         }
         _ => text.as_str().replace('\n', " "),
     };
-    let pid = Origin::from_bits(event.process).process();
     let said = format!("operator: {} {what}", word(command)).trim_end().to_owned();
-    let said = format!("{said} ({program}, process {pid} of user {user})");
+    let said = format!("{said} ({})", event.author());
     event.refusal().map_or_else(|| said.clone(), |refusal| format!("{said}: {refusal}"))
 }
 

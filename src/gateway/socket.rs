@@ -10,7 +10,7 @@ use std::os::unix::net::UnixDatagram;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use oqtal_bus::message::ControlRequestV1;
+use oqtal_bus::message::{ControlRequestV1, NO_USER};
 use oqtal_bus::origin::Origin;
 use oqtal_bus::text::ShortText;
 use oqtal_runtime::files;
@@ -55,7 +55,7 @@ pub struct Sender {
     pub address: Option<SenderAddress>,
     /// Process on this machine; 0 for one of the network.
     pub process: u32,
-    /// Its user; the user of the gateway for the network.
+    /// Its user; [`NO_USER`] for one of the network.
     pub user: u32,
     /// Program or network address.
     pub program: String,
@@ -76,6 +76,13 @@ impl Sender {
         let process = Origin::new(Origin::own().host(), self.process).bits();
         let program = ShortText::new(&format!("gateway: {}", self.program));
         ControlRequestV1 { process, user: self.user, program, ..request }
+    }
+
+    /// The sender at `address` on the network, of a datagram with this sequence number.
+    pub fn network(address: SocketAddr, sequence: u64) -> Self {
+        let program = address.to_string();
+        let address = Some(SenderAddress::Network(address, sequence));
+        Self { address, process: 0, user: NO_USER, program }
     }
 
     /// The sender whose process and user the kernel states.

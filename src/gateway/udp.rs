@@ -17,7 +17,6 @@ use hmac::{Hmac, KeyInit, Mac};
 use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_wire::hex::{from_hex, to_hex};
-use rustix::process::getuid;
 use sha2::Sha256;
 
 use super::protocol::GatewayReply;
@@ -152,12 +151,7 @@ impl GatewaySocket for UdpGateway {
         match self.session.admit(&line) {
             Ok(sequence) => {
                 let start = (length - text.len() + line_end + 1).min(length);
-                let sender = Sender {
-                    address: Some(SenderAddress::Network(address, sequence)),
-                    process: 0,
-                    user: getuid().as_raw(),
-                    program: address.to_string(),
-                };
+                let sender = Sender::network(address, sequence);
                 Ok(Some(Received { content: start..length, sender }))
             }
             Err(reason) => {
@@ -176,7 +170,19 @@ impl GatewaySocket for UdpGateway {
 
 #[cfg(test)]
 mod tests {
+    use oqtal_bus::code::OperatorCommand;
+    use oqtal_bus::message::{ControlRequestV1, EventV1};
+
     use super::*;
+
+    #[test]
+    fn a_request_over_the_network_is_of_an_address_and_of_no_user() {
+        let sender = Sender::network("192.0.2.7:8611".parse().unwrap(), 5);
+        let request = sender.sign(ControlRequestV1::of(OperatorCommand::Land));
+        let ControlRequestV1 { process, user, program, .. } = request;
+        let event = EventV1 { process, user, program, ..EventV1::default() };
+        assert_eq!(event.author(), "gateway: 192.0.2.7:8611 over UDP");
+    }
 
     /// The second case of RFC 4231 has a key of another length; this code is from Python's `hmac`, with 32 bytes of 0x0b.
     #[test]

@@ -10,6 +10,10 @@ use crate::origin::Origin;
 use crate::text::{LongText, ShortText};
 use crate::time::Time;
 
+/// User of a request that came over UDP: its sender is not known as a process of this host, and [`ControlRequestV1::program`] names its
+/// address.
+pub const NO_USER: u32 = u32::MAX;
+
 /// Text of a request to arm that is refused if settings were changed since the daemon started.
 pub const AS_STARTED: &str = "as started";
 
@@ -28,7 +32,7 @@ message! {
         config_hash: u64 ["-"],
         /// Process that makes the request, as [`Origin::bits`].
         process: u64 ["-"],
-        /// User of that process, as the process states it: the files of the instance admit its owner and root only.
+        /// User of that process, as the process states it: the files of the instance admit its owner and root only. [`NO_USER`] for none.
         user: u32 ["-"],
         /// Name of that process.
         program: ShortText ["text"],
@@ -118,7 +122,7 @@ message! {
         cause: u8 ["code"],
         /// Author of the request, as in [`ControlRequestV1`].
         process: u64 ["-"],
-        /// User of that process.
+        /// User of that process; [`NO_USER`] for none.
         user: u32 ["-"],
         /// Name of that process.
         program: ShortText ["text"],
@@ -134,6 +138,15 @@ message! {
 }
 
 impl EventV1 {
+    /// Author of the request as text: program, process and user, or an address.
+    pub fn author(&self) -> String {
+        let (program, process) = (self.program.as_str(), Origin::from_bits(self.process).process());
+        match self.user {
+            NO_USER => format!("{program} over UDP"),
+            user => format!("{program}, process {process} of user {user}"),
+        }
+    }
+
     /// Cause and reason of a refusal as text; `None` for a request that was not refused.
     pub fn refusal(&self) -> Option<String> {
         let is_refused = self.answer == Answer::Refused.code();
