@@ -7,7 +7,7 @@ use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_config::{Config, InstanceOptions};
 use oqtal_observe::status::InstanceStatus;
-use oqtal_operator::request::{running_bus, send, unanswered};
+use oqtal_operator::request::{running_bus, send, unanswered_beside};
 use oqtal_operator::{
     AddressedInstance, ControlReport, CtlRequest, arm, land, request_of, status, stop,
 };
@@ -200,7 +200,7 @@ impl CtlArgs {
         }
         let Some(response) = response else {
             status.lines().iter().for_each(|line| say(line));
-            return Err(unanswered(bus));
+            return Err(unanswered_beside(bus, status.vehicle.as_ref()));
         };
         Ok((response, status))
     }

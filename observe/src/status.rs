@@ -163,6 +163,11 @@ pub struct VehicleStatus {
 }
 
 impl VehicleStatus {
+    /// Whether the motors are known to be off.
+    pub fn motors_are_off(&self) -> bool {
+        self.armed == Some(false) && !self.starting
+    }
+
     /// State of the vehicle in its newest message.
     pub fn new(vehicle: &VehicleV1) -> Self {
         let known = |number: f64| number.is_finite().then_some(number);

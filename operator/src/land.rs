@@ -20,7 +20,8 @@ use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::beside;
 
 use crate::reach::{AddressedInstance, FoundProcesses, Reached, place_of, root_of, signal_all};
-use crate::request::{left, place, silent};
+use crate::request::{place, silent};
+use crate::running::left;
 
 /// Time within which a running daemon answers a request.
 const ANSWER_TIMEOUT: Span = Span::from_millis(300);

@@ -1,7 +1,5 @@
 //! A request to the daemon, and its answer.
 
-use std::time::Duration;
-
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::error::BusError;
@@ -10,6 +8,7 @@ use oqtal_bus::obeying::{ObeyingProcess, quoted};
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
+use oqtal_observe::status::VehicleStatus;
 use oqtal_runtime::process::{Exit, Failure};
 
 use crate::reach::{name_of, place_of, root_of};
@@ -62,7 +61,7 @@ pub fn running_bus(paths: &InstancePaths) -> Result<Bus, Failure> {
             return Ok(bus);
         }
         if Time::now() > give_up {
-            return Err(no_answer(paths, |_| true));
+            return Err(no_answer(paths, None, |_| true));
         }
         std::thread::sleep(START_POLL);
     }
@@ -70,9 +69,16 @@ pub fn running_bus(paths: &InstancePaths) -> Result<Bus, Failure> {
 
 /// Failure of a command without an answer on the bus of a running instance: names a daemon that runs and does not answer.
 pub fn unanswered(bus: &Bus) -> Failure {
+    unanswered_beside(bus, None)
+}
+
+/// As [`unanswered`], after an observation of the `vehicle`, with which the message agrees.
+pub fn unanswered_beside(bus: &Bus, vehicle: Option<&VehicleStatus>) -> Failure {
     let paths = bus.paths();
     let instance = &paths.instance;
-    let Ok(Some(daemon)) = bus.holder(&Role::Daemon.health()) else { return silent(paths) };
+    let Ok(Some(daemon)) = bus.holder(&Role::Daemon.health()) else {
+        return no_answer(paths, vehicle, is_daemon);
+    };
     let message = format!(
         "{daemon} runs on instance `{instance}`, but does not answer: it hangs, or was stopped by a signal; continue it by SIGCONT, or end \
          it; `oqtal ctl stop --instance {instance}` stops the motors"
@@ -82,11 +88,20 @@ pub fn unanswered(bus: &Bus) -> Failure {
 
 /// Failure of a command to an instance without a daemon on its bus: names a daemon that runs nevertheless.
 pub fn silent(paths: &InstancePaths) -> Failure {
-    no_answer(paths, |process| !process.is_vehicle)
+    no_answer(paths, None, is_daemon)
 }
 
-/// Failure of a command to the instance at `paths`: names its process, of those that `is_meant` selects, under this root or another.
-fn no_answer(paths: &InstancePaths, is_meant: impl Fn(&ObeyingProcess) -> bool) -> Failure {
+fn is_daemon(process: &ObeyingProcess) -> bool {
+    !process.is_vehicle
+}
+
+/// Failure of a command to the instance at `paths`, whose `vehicle` was seen before: names its process, of those that `is_meant` selects,
+/// under this root, or those under others.
+fn no_answer(
+    paths: &InstancePaths,
+    vehicle: Option<&VehicleStatus>,
+    is_meant: impl Fn(&ObeyingProcess) -> bool,
+) -> Failure {
     let (instance, place) = (&paths.instance, place(paths));
     let (all, others): (Vec<_>, Vec<_>) =
         ObeyingProcess::all().into_iter().partition(|process| process.is_of_instance(instance));
@@ -106,26 +121,26 @@ fn no_answer(paths: &InstancePaths, is_meant: impl Fn(&ObeyingProcess) -> bool) 
         return Failure::new(Exit::Peer, message);
     }
     let nobody = format!("no daemon answers on instance `{instance}`");
-    if let Some(vehicle) = all.iter().find(|process| process.is_vehicle && process.is_under(paths))
-    {
-        let message = format!(
-            "{nobody}, but {} runs: the vehicle may fly, `oqtal ctl stop {place}` stops its motors; {}",
-            name_of(vehicle),
-            daemon_remedy(paths)
-        );
-        return Failure::new(Exit::Peer, message);
+    let is_its_vehicle = |it: &&ObeyingProcess| it.is_vehicle && it.is_under(paths);
+    if let Some(process) = all.iter().find(is_its_vehicle) {
+        let (name, remedy) = (name_of(process), daemon_remedy(paths));
+        let state = state_of_vehicle(vehicle, &place);
+        return Failure::new(Exit::Peer, format!("{nobody}, but {name} runs: {state}; {remedy}"));
     }
-    let Some(&process) = running.first() else {
+    if running.is_empty() {
         let mut lines = vec![format!("{nobody}; {}", daemon_remedy(paths))];
         lines.extend(others.iter().map(|other| format!("  running: {}", place_of(other))));
         return Failure::new(Exit::Peer, lines.join("\n"));
-    };
-    runs_elsewhere(process, paths, &nobody)
+    }
+    runs_elsewhere(&running, paths, &nobody)
 }
 
-/// Time left until `give_up`.
-pub(crate) fn left(give_up: Time) -> Duration {
-    Duration::from_nanos(give_up.since(Time::now()).nanos().max(0).unsigned_abs())
+/// Whether a vehicle without a daemon may fly; `vehicle` is its newest state, if it was seen.
+fn state_of_vehicle(vehicle: Option<&VehicleStatus>, place: &str) -> String {
+    match vehicle.is_some_and(VehicleStatus::motors_are_off) {
+        true => "its motors are off".to_owned(),
+        false => format!("the vehicle may fly, `oqtal ctl stop {place}` stops its motors"),
+    }
 }
 
 /// Flags of a command that address the instance at `paths`.
@@ -166,19 +181,83 @@ pub(crate) fn config_of(process: &str) -> String {
     )
 }
 
-/// Failure of a command to the instance at `paths`, whose `process` runs under another root; `nobody` states that none does here.
-fn runs_elsewhere(process: &ObeyingProcess, paths: &InstancePaths, nobody: &str) -> Failure {
-    let other = root_of(process, paths)
-        .map_or_else(|| "another root".to_owned(), |root| format!("--root {}", root.display()));
-    let (exit, remedy) = match process.is_ours() {
-        true => (Exit::Peer, "give that root"),
-        false => (Exit::Permission, "run as that user, or as root with that root"),
+/// Failure of a command to the instance at `paths`, whose `processes` run under other roots; `nobody` states that none does here.
+fn runs_elsewhere(processes: &[&ObeyingProcess], paths: &InstancePaths, nobody: &str) -> Failure {
+    let mut roots: Vec<ElsewhereRoot> = Vec::new();
+    for process in processes {
+        let root = root_of(process, paths);
+        let root = root
+            .map_or_else(|| "another root".to_owned(), |root| format!("--root {}", root.display()));
+        if roots.iter().all(|it| it.root != root) {
+            let process_name = format!("{} of user {}", name_of(process), process.user);
+            roots.push(ElsewhereRoot { process: process_name, root, is_ours: process.is_ours() });
+        }
+    }
+    let is_ours = roots.iter().any(|it| it.is_ours);
+    let exit = if is_ours { Exit::Peer } else { Exit::Permission };
+    Failure::new(exit, elsewhere_text(&format!("{nobody} in {}", paths.root.display()), &roots))
+}
+
+/// Root under which an instance of the same name runs, as a flag, with one of its processes.
+struct ElsewhereRoot {
+    process: String,
+    root: String,
+    /// Whether this user may address it.
+    is_ours: bool,
+}
+
+/// Message of [`runs_elsewhere`]: one line for a single root, else a line for each.
+fn elsewhere_text(nobody: &str, roots: &[ElsewhereRoot]) -> String {
+    let line = |ElsewhereRoot { process, root, is_ours }: &ElsewhereRoot| {
+        let remedy = match is_ours {
+            true => "give that root",
+            false => "run as that user, or as root with that root",
+        };
+        format!("{process} runs it under {root}: {remedy}")
     };
-    let message = format!(
-        "{nobody} in {}; {} of user {} runs it under {other}: {remedy}",
-        paths.root.display(),
-        name_of(process),
-        process.user
-    );
-    Failure::new(exit, message)
+    let lines: Vec<String> = roots.iter().map(line).collect();
+    match &lines[..] {
+        [line] => format!("{nobody}; {line}"),
+        lines => format!("{nobody}; it runs under other roots\n  {}", lines.join("\n  ")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use oqtal_bus::message::VehicleV1;
+
+    use super::*;
+
+    #[test]
+    fn every_other_root_of_the_name_is_told() {
+        let of = |pid: u32, root: &str, is_ours| ElsewhereRoot {
+            process: format!("the daemon, {pid} of user 0"),
+            root: format!("--root {root}"),
+            is_ours,
+        };
+        let nobody = "no daemon answers on instance `a` in /c";
+        let one = elsewhere_text(nobody, &[of(7, "/a", true)]);
+        assert_eq!(
+            one,
+            format!("{nobody}; the daemon, 7 of user 0 runs it under --root /a: give that root")
+        );
+        let two = elsewhere_text(nobody, &[of(7, "/a", true), of(8, "/b", false)]);
+        let lines: Vec<&str> = two.lines().collect();
+        assert!(lines.len() == 3 && lines[0].starts_with(nobody), "{two}");
+        assert!(lines[1].ends_with("under --root /a: give that root"), "{two}");
+        assert!(lines[2].contains("under --root /b: run as that user"), "{two}");
+    }
+
+    #[test]
+    fn a_vehicle_whose_motors_are_off_is_not_said_to_fly() {
+        let state = |armed, starting| {
+            let simulated = VehicleV1 { simulated: 1, link: 1, ..VehicleV1::default() };
+            let vehicle = VehicleV1 { armed, starting, ..simulated };
+            state_of_vehicle(Some(&VehicleStatus::new(&vehicle)), "--instance a")
+        };
+        assert_eq!(state(0, 0), "its motors are off");
+        let flies = "the vehicle may fly, `oqtal ctl stop --instance a` stops its motors";
+        assert_eq!([state(1, 0), state(0, 1)], [flies; 2]);
+        assert_eq!(state_of_vehicle(None, "--instance a"), flies, "its state was not seen");
+    }
 }

@@ -1,15 +1,20 @@
 //! Processes of an instance by their places on its bus, and the configuration with which they run: also those that no stop reaches.
 
 use std::sync::mpsc::{Receiver, channel};
+use std::time::Duration;
 
 use oqtal_bus::bus::Bus;
 use oqtal_bus::error::BusError;
 use oqtal_bus::paths::InstancePaths;
+use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
 use oqtal_observe::status::hash_of_file;
 use oqtal_runtime::program::beside;
 
 use crate::status;
+
+/// Time after which an observation is abandoned: a suspended process may hold the lock of the instance.
+const TIMEOUT: Span = Span::from_millis(2000);
 
 /// Running processes of one instance.
 #[derive(Clone, Debug, Default)]
@@ -20,14 +25,27 @@ pub(crate) struct RunningProcesses {
     config: Option<String>,
 }
 
+/// Observation of running processes on a separate thread, which may be abandoned: receives their names first, then also the
+/// configuration.
+#[derive(Debug)]
+pub(crate) struct RunningObservation(Receiver<RunningProcesses>);
+
+impl RunningObservation {
+    /// The newest result; the observation ends or is abandoned at `give_up`.
+    pub(crate) fn newest(&self, give_up: Time) -> RunningProcesses {
+        let next = || self.0.recv_timeout(left(give_up)).ok();
+        std::iter::from_fn(next).last().unwrap_or_default()
+    }
+}
+
 impl RunningProcesses {
-    /// Observes the processes of the instance at `paths`; none if nobody runs, or on an error.
+    /// Observes the processes of the instance at `paths`; none if nobody runs, on an error, or without a result in time.
     pub(crate) fn observe(paths: &InstancePaths) -> Self {
-        Self::beside(paths).into_iter().last().unwrap_or_default()
+        Self::beside(paths).newest(Time::now() + TIMEOUT)
     }
 
-    /// As [`Self::observe`], on a separate thread, which may be abandoned: receives the names first, then also the configuration.
-    pub(crate) fn beside(paths: &InstancePaths) -> Receiver<Self> {
+    /// Begins an observation on a separate thread.
+    pub(crate) fn beside(paths: &InstancePaths) -> RunningObservation {
         let (sender, receiver) = channel();
         let paths = paths.clone();
         beside(move || {
@@ -48,7 +66,7 @@ impl RunningProcesses {
             // Without an answer nothing is known of the processes.
             let _ = look();
         });
-        receiver
+        RunningObservation(receiver)
     }
 
     /// Their names; `None` if none runs.
@@ -71,5 +89,29 @@ impl RunningProcesses {
     pub(crate) fn of_other_config(&self, paths: &InstancePaths) -> Option<&str> {
         let is_same = *self.config.as_ref()? == hash_of_file(&paths.config())?;
         self.names.first().filter(|_| !is_same).map(|(_, name)| name.as_str())
+    }
+}
+
+/// Time left until `give_up`.
+pub(crate) fn left(give_up: Time) -> Duration {
+    Duration::from_nanos(give_up.since(Time::now()).nanos().max(0).unsigned_abs())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_observation_that_hangs_is_abandoned_with_its_newest_result() {
+        let (sender, receiver) = channel();
+        let hangs = RunningObservation(receiver);
+        let named = |name: &str| RunningProcesses {
+            names: vec![(Role::Plant, name.to_owned())],
+            ..RunningProcesses::default()
+        };
+        ["a", "b"].into_iter().for_each(|name| sender.send(named(name)).unwrap());
+        assert_eq!(hangs.newest(Time::now()).listed().as_deref(), Some("b"));
+        assert_eq!(hangs.newest(Time::now()).listed(), None);
+        drop(sender);
     }
 }

@@ -27,8 +27,8 @@ use crate::next_flight::NextFlights;
 use crate::raised::RaisedStops;
 use crate::reach::{AddressedInstance, FoundProcesses, Reached, signal_all};
 use crate::report::listed;
-use crate::request::{left, place};
-use crate::running::RunningProcesses;
+use crate::request::place;
+use crate::running::{RunningProcesses, left};
 
 /// Time after which the report is printed.
 const REPORT_TIMEOUT: Span = Span::from_millis(950);
@@ -145,7 +145,7 @@ pub fn raise(
     let (report, answer) = await_obedience(&raised, &reached, &answers, give_up);
     others.iter().for_each(|other| drop(other.recv_timeout(left(give_up))));
     paths.push(format!("control service: {}", said(&answer)));
-    let running = running.map(|running| newest(&running, give_up)).unwrap_or_default();
+    let running = running.map(|running| running.newest(give_up)).unwrap_or_default();
     if reached.processes.is_empty() {
         // Some may have started.
         let present = Reached::find(address);
@@ -172,12 +172,6 @@ pub fn raise(
         unconfirmed: Unconfirmed::of(&reached, &raised),
         ..stop
     })
-}
-
-/// Newest result of an observation, which ends or is abandoned at `give_up`.
-fn newest(running: &Receiver<RunningProcesses>, give_up: Time) -> RunningProcesses {
-    let next = || running.recv_timeout(left(give_up)).ok();
-    std::iter::from_fn(next).last().unwrap_or_default()
 }
 
 /// Raises the stop in all words; returns the words, and the result of each path.
