@@ -51,7 +51,7 @@ pub fn connect_to_all(link: &CameraLink) -> Result<CameraConnection, ConnectErro
 }
 
 /// Text that lists the bodies.
-fn known(bodies: &[CameraBody]) -> String {
+pub fn known(bodies: &[CameraBody]) -> String {
     if bodies.is_empty() {
         return "it has none: define the vehicle as a rigid body there".to_owned();
     }

@@ -13,7 +13,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 
 use crate::attempt::CameraConnection;
-use crate::connect::connect;
+use crate::connect::{connect, known};
 use crate::routes::CameraBody;
 use listener::ProbeListener;
 use oqtal_wire::link::CameraLink;
@@ -68,8 +68,8 @@ fn name_bodies(
     for ((body, name), present) in figures.bodies.iter_mut().zip(wanted).zip(present) {
         body.name.clone_from(name);
         if !present {
-            let names: Vec<&str> = there.iter().map(|body| body.name.as_str()).collect();
-            figures.findings.push(ProbeFinding::missing(name, &names));
+            body.is_unknown = true;
+            figures.findings.push(ProbeFinding::missing(name, &known(there)));
         }
     }
 }

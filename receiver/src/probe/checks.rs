@@ -42,11 +42,11 @@ const CHECKS: &[ProbeCheck] = &[
         Severity::Advice,
         "set safety.pose-rate-hz to the cameras' rate, so that the loop acts on every second pose, third, or so on",
         |f| {
-            let would_hz = f.rate_hz / f.poses_per_tick;
+            let rate_hz = f.rate_hz?;
+            let would_hz = rate_hz / f.poses_per_tick;
             (would_hz > FAST * f.loop_hz).then(|| {
                 format!(
-                    "{:.1} Hz, more than safety.pose-rate-hz expects: the loop would run at {would_hz:.1} Hz",
-                    f.rate_hz
+                    "{rate_hz:.1} Hz, more than safety.pose-rate-hz expects: the loop would run at {would_hz:.1} Hz"
                 )
             })
         },
@@ -55,20 +55,21 @@ const CHECKS: &[ProbeCheck] = &[
         "longest gap",
         Severity::Problem,
         "connect by cable, not by radio; motors stop after safety.coast-ms without a pose",
-        |f| over(f.interval.max_ns, 250, i64::MAX),
+        |f| over(f.interval?.max_ns, 250, i64::MAX),
     ),
     (
         "longest gap",
         Severity::Advice,
         "connect by cable, not by radio; close other programs on the cameras' computer",
-        |f| over(f.interval.max_ns, 50, 250),
+        |f| over(f.interval?.max_ns, 50, 250),
     ),
     (
         "lost frames",
         Severity::Advice,
         "connect by cable to a switch of its own; a link over UDP can take transport=tcp",
         |f| {
-            let share = f.lost as f64 / (f.counts.arrived + f.lost).max(1) as f64;
+            let lost = f.lost?;
+            let share = lost as f64 / (f.counts.arrived + lost).max(1) as f64;
             (share > 0.01).then(|| format!("{:.1} %", share * 100.0))
         },
     ),
@@ -92,7 +93,7 @@ const CHECKS: &[ProbeCheck] = &[
         Severity::Problem,
         "set receiver.stamps = \"arrival\" if the server's stamps mean nothing",
         |f| {
-            (f.counts.arrived > 100 && !f.clock.known)
+            (f.counts.arrived > 100 && !f.clock?.known)
                 .then(|| "its stamps are not a clock".to_owned())
         },
     ),
@@ -100,22 +101,26 @@ const CHECKS: &[ProbeCheck] = &[
         "clock",
         Severity::Advice,
         "let nothing set the clock of the cameras' computer while flying: each time there are no poses for half a second",
-        |f| (f.clock.relearned > 0).then(|| format!("it was set {} times", f.clock.relearned)),
+        |f| {
+            let times = f.clock?.relearned;
+            (times > 0).then(|| format!("it was set {times} times"))
+        },
     ),
     (
         "drift",
         Severity::Problem,
         "a clock that runs so wrong is none: repair it, or set receiver.stamps = \"arrival\"",
         |f| {
-            (f.clock.drift_ppm.abs() > 0.95e6 * MAX_DRIFT && f.seconds >= 5.0)
-                .then(|| format!("{:.0} ppm", f.clock.drift_ppm))
+            let drift_ppm = f.clock?.drift_ppm;
+            (drift_ppm.abs() > 0.95e6 * MAX_DRIFT && f.seconds >= 5.0)
+                .then(|| format!("{drift_ppm:.0} ppm"))
         },
     ),
     (
         "delays",
         Severity::Advice,
         "connect by cable; close other programs on the cameras' computer; take UDP where the protocol has both (QTM: transport=udp)",
-        |f| over(f.clock.residual_p99_ns, 10, i64::MAX),
+        |f| over(f.clock?.residual_p99_ns, 10, i64::MAX),
     ),
     (
         "tracking",
@@ -151,8 +156,9 @@ pub fn findings(figures: &ProbeFigures) -> Vec<ProbeFinding> {
 
 /// The rate in words if its ratio to that of the loop is in `range`.
 fn rate(figures: &ProbeFigures, range: Range<f64>) -> Option<String> {
-    let ProbeFigures { rate_hz, loop_hz, counts, .. } = figures;
-    (counts.arrived > 0 && range.contains(&(rate_hz / loop_hz)))
+    let (rate_hz, loop_hz) = (figures.rate_hz?, figures.loop_hz);
+    range
+        .contains(&(rate_hz / loop_hz))
         .then(|| format!("{rate_hz:.1} Hz, for a loop of {loop_hz} Hz"))
 }
 
@@ -165,9 +171,11 @@ fn over(nanos: i64, from_ms: i64, to_ms: i64) -> Option<String> {
 
 /// The bodies whose share of tracked frames is `wrong`, in words.
 fn bodies(figures: &ProbeFigures, wrong: fn(f64) -> bool) -> Option<String> {
-    let named = figures.bodies.iter().filter(|body| body.id > 0 && wrong(body.tracked));
-    let words: Vec<String> =
-        named.map(|body| format!("`{}` {:.0} %", body.name, body.tracked * 100.0)).collect();
+    let seen = figures.bodies.iter().filter_map(|body| Some((&body.name, body.tracked?)));
+    let words: Vec<String> = seen
+        .filter(|(_, tracked)| wrong(*tracked))
+        .map(|(name, tracked)| format!("`{name}` {:.0} %", tracked * 100.0))
+        .collect();
     (!words.is_empty()).then(|| words.join(", "))
 }
 
@@ -181,12 +189,12 @@ mod tests {
     fn good() -> ProbeFigures {
         ProbeFigures {
             seconds: 10.0,
-            rate_hz: 100.0,
+            rate_hz: Some(100.0),
             loop_hz: 60.0,
             poses_per_tick: 2.0,
-            interval: IntervalFigures { max_ns: 12_000_000, ..IntervalFigures::default() },
-            clock: ClockFigures { known: true, ..ClockFigures::default() },
-            bodies: vec![BodyFigures { name: "a".to_owned(), id: 1, tracked: 1.0 }],
+            interval: Some(IntervalFigures { max_ns: 12_000_000, ..IntervalFigures::default() }),
+            clock: Some(ClockFigures { known: true, ..ClockFigures::default() }),
+            bodies: vec![BodyFigures { id: 1, tracked: Some(1.0), ..BodyFigures::default() }],
             counts: FrameCounts { arrived: 1000, ..FrameCounts::default() },
             ..ProbeFigures::default()
         }
@@ -201,29 +209,29 @@ mod tests {
         use Severity::{Advice, Problem};
         assert_eq!(names(&good()), []);
         assert_eq!(FitnessVerdict::of(&[]), FitnessVerdict::Fit);
-        assert_eq!(names(&ProbeFigures { rate_hz: 30.0, ..good() }), [("rate", Problem)]);
-        assert_eq!(names(&ProbeFigures { rate_hz: 40.0, ..good() }), [("rate", Advice)]);
-        assert_eq!(names(&ProbeFigures { rate_hz: 50.0, ..good() }), [("rate", Advice)]);
-        assert_eq!(names(&ProbeFigures { rate_hz: 240.0, ..good() }), [("rate", Advice)]);
+        assert_eq!(names(&ProbeFigures { rate_hz: Some(30.0), ..good() }), [("rate", Problem)]);
+        assert_eq!(names(&ProbeFigures { rate_hz: Some(40.0), ..good() }), [("rate", Advice)]);
+        assert_eq!(names(&ProbeFigures { rate_hz: Some(50.0), ..good() }), [("rate", Advice)]);
+        assert_eq!(names(&ProbeFigures { rate_hz: Some(240.0), ..good() }), [("rate", Advice)]);
         assert_eq!(names(&ProbeFigures { loop_hz: 200.0, ..good() }), [("rate", Problem)]);
-        assert_eq!(names(&ProbeFigures { lost: 30, ..good() }), [("lost frames", Advice)]);
+        assert_eq!(names(&ProbeFigures { lost: Some(30), ..good() }), [("lost frames", Advice)]);
         for (max_ns, severity) in [(60_000_000, Advice), (300_000_000, Problem)] {
-            let interval = IntervalFigures { max_ns, ..IntervalFigures::default() };
+            let interval = Some(IntervalFigures { max_ns, ..IntervalFigures::default() });
             assert_eq!(names(&ProbeFigures { interval, ..good() }), [("longest gap", severity)]);
         }
-        let clock = ClockFigures { drift_ppm: 200.0, ..good().clock };
+        let clock = Some(ClockFigures { drift_ppm: 200.0, ..good().clock.unwrap() });
         assert_eq!(names(&ProbeFigures { clock, ..good() }), [("drift", Problem)]);
         let noise = Some(NoiseFigures { position_mm: [0.1, 3.0, 0.1], ..NoiseFigures::default() });
         assert_eq!(names(&ProbeFigures { noise, ..good() }), [("noise", Advice)]);
         for (tracked, severity) in [(0.0, Problem), (0.9, Advice)] {
-            let bodies = vec![BodyFigures { tracked, ..good().bodies[0].clone() }];
+            let bodies = vec![BodyFigures { tracked: Some(tracked), ..good().bodies[0].clone() }];
             assert_eq!(names(&ProbeFigures { bodies, ..good() }), [("tracking", severity)]);
         }
     }
 
     #[test]
     fn silence_is_a_problem() {
-        let silent = ProbeFigures { counts: FrameCounts::default(), rate_hz: 0.0, ..good() };
+        let silent = ProbeFigures { counts: FrameCounts::default(), rate_hz: None, ..good() };
         assert_eq!(names(&silent), [("frames", Severity::Problem)]);
         assert_eq!(FitnessVerdict::of(&findings(&silent)), FitnessVerdict::Unfit);
     }

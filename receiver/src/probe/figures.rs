@@ -16,21 +16,21 @@ pub struct ProbeFigures {
     pub seconds: f64,
     /// Instant after which no frame came \[s from the begin\]; `None` if frames came to the end.
     pub silent_from_s: Option<f64>,
-    /// Mean rate of the frames \[Hz\].
-    pub rate_hz: f64,
+    /// Mean rate of the frames \[Hz\]; `None` if there are not two.
+    pub rate_hz: Option<f64>,
     /// Rate of the loop that is to fly with them \[Hz\].
     pub loop_hz: f64,
     /// Number of poses per tick of the loop at the rate that the configuration expects \[-\].
     #[serde(skip)]
     pub poses_per_tick: f64,
-    /// Intervals between arrivals.
-    pub interval: IntervalFigures,
-    /// Intervals longer than 50 ms \[-\].
-    pub gaps: usize,
-    /// Frames that never came, by the server's numbers \[-\].
-    pub lost: u64,
-    /// The server's clock.
-    pub clock: ClockFigures,
+    /// Intervals between arrivals; `None` without any.
+    pub interval: Option<IntervalFigures>,
+    /// Intervals longer than 50 ms \[-\]; `None` without a frame.
+    pub gaps: Option<usize>,
+    /// Frames that never came, by the server's numbers \[-\]; `None` without a frame.
+    pub lost: Option<u64>,
+    /// The server's clock; `None` without a frame.
+    pub clock: Option<ClockFigures>,
     /// Noise of the bodies that rest; `None` if none does.
     pub noise: Option<NoiseFigures>,
     /// The bodies.
@@ -93,54 +93,79 @@ pub struct BodyFigures {
     pub name: String,
     /// Number in the camera system, from 1; 0 if no frame had it \[-\].
     pub id: i64,
-    /// Share of its frames in which the cameras saw it \[0..1\].
-    pub tracked: f64,
+    /// Share of its frames in which the cameras saw it \[0..1\]; `None` if no frame had it.
+    pub tracked: Option<f64>,
+    /// Whether the camera system has no body of this name.
+    #[serde(skip)]
+    pub is_unknown: bool,
 }
 
-impl fmt::Display for ProbeFigures {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+impl ProbeFigures {
+    /// Writes the figures of the frames, which are known.
+    fn write_frames(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let ms = |nanos: i64| nanos as f64 * 1e-6;
-        let IntervalFigures { min_ns, p50_ns, p99_ns, max_ns } = self.interval;
-        writeln!(f, "{}, observed for {:.0} s", self.server, self.seconds)?;
-        writeln!(
-            f,
-            "rate       {:.2} Hz, {} lost, {} gaps over 50 ms",
-            self.rate_hz, self.lost, self.gaps
-        )?;
-        writeln!(
-            f,
-            "interval   min {:.2}, median {:.2}, p99 {:.2}, max {:.2} ms",
-            ms(min_ns),
-            ms(p50_ns),
-            ms(p99_ns),
-            ms(max_ns)
-        )?;
-        writeln!(f, "{}", self.clock)?;
+        if let (Some(rate_hz), Some(lost), Some(gaps)) = (self.rate_hz, self.lost, self.gaps) {
+            writeln!(f, "rate       {rate_hz:.2} Hz, {lost} lost, {gaps} gaps over 50 ms")?;
+        }
+        if let Some(IntervalFigures { min_ns, p50_ns, p99_ns, max_ns }) = self.interval {
+            let [min, median, p99, max] = [min_ns, p50_ns, p99_ns, max_ns].map(ms);
+            writeln!(
+                f,
+                "interval   min {min:.2}, median {median:.2}, p99 {p99:.2}, max {max:.2} ms"
+            )?;
+        }
+        if let Some(clock) = &self.clock {
+            writeln!(f, "{clock}")?;
+        }
         match &self.noise {
             Some(NoiseFigures { position_mm: [x, y, z], attitude_deg: [a, b, c] }) => writeln!(
                 f,
                 "noise      x {x:.3}, y {y:.3}, z {z:.3} mm; about x {a:.3}, y {b:.3}, z {c:.3} deg"
-            )?,
-            None => writeln!(f, "noise      no body rests")?,
+            ),
+            None if self
+                .bodies
+                .iter()
+                .all(|body| body.tracked.is_none_or(|share| share == 0.0)) =>
+            {
+                writeln!(f, "noise      no body was seen")
+            }
+            None => writeln!(f, "noise      no body rests"),
         }
-        for BodyFigures { name, id, tracked } in &self.bodies {
-            writeln!(
-                f,
-                "body       {name}, number {id}, tracked {:.1} % of the time",
-                tracked * 100.0
-            )?;
+    }
+}
+
+impl fmt::Display for ProbeFigures {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}, observed for {:.0} s", self.server, self.seconds)?;
+        match self.counts.arrived {
+            0 => writeln!(f, "frames     none came")?,
+            _ => self.write_frames(f)?,
         }
-        for finding in &self.findings {
-            writeln!(f, "{finding}")?;
-        }
+        self.bodies.iter().try_for_each(|body| writeln!(f, "{body}"))?;
+        self.findings.iter().try_for_each(|finding| writeln!(f, "{finding}"))?;
         let Self { verdict, loop_hz, .. } = self;
         write!(f, "verdict    {verdict} for a loop of {loop_hz} Hz")
     }
 }
 
+impl fmt::Display for BodyFigures {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { name, id, tracked, is_unknown } = self;
+        write!(f, "body       {name}, ")?;
+        match tracked {
+            _ if *is_unknown => write!(f, "unknown to the camera system"),
+            None => write!(f, "in no frame"),
+            Some(share) => write!(f, "number {id}, tracked {:.1} % of the time", share * 100.0),
+        }
+    }
+}
+
 impl fmt::Display for ClockFigures {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { offset_ns, drift_ppm, residual_p99_ns, uncertainty_ns, .. } = *self;
+        let Self { known, offset_ns, drift_ppm, residual_p99_ns, uncertainty_ns, .. } = *self;
+        if !known {
+            return write!(f, "clock      unknown");
+        }
         write!(
             f,
             "clock      offset {:.3} s, drift {drift_ppm:.1} ppm, delays p99 {:.3} ms, known to {:.3} ms",
@@ -148,5 +173,38 @@ impl fmt::Display for ClockFigures {
             residual_p99_ns as f64 * 1e-6,
             uncertainty_ns as f64 * 1e-6
         )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn without_frames_there_are_no_figures() {
+        let bodies = vec![BodyFigures { name: "a".to_owned(), ..BodyFigures::default() }];
+        let text = ProbeFigures { bodies: bodies.clone(), ..ProbeFigures::default() }.to_string();
+        assert!(text.contains("\nframes     none came\nbody       a, in no frame\n"), "{text}");
+        for word in ["rate", "interval", "clock", "noise", "0.0"] {
+            assert!(!text.contains(word), "{text}");
+        }
+        let json =
+            serde_json::to_value(ProbeFigures { bodies, ..ProbeFigures::default() }).unwrap();
+        for key in ["/rate_hz", "/interval", "/gaps", "/lost", "/clock", "/bodies/0/tracked"] {
+            assert_eq!(json.pointer(key), Some(&serde_json::Value::Null), "{key}: {json}");
+        }
+    }
+
+    #[test]
+    fn an_unknown_body_is_not_said_to_move() {
+        let counts = FrameCounts { arrived: 9, ..FrameCounts::default() };
+        let seen = |tracked, is_unknown| {
+            let body = BodyFigures { name: "a".to_owned(), id: 1, tracked, is_unknown };
+            ProbeFigures { counts, bodies: vec![body], ..ProbeFigures::default() }.to_string()
+        };
+        let text = seen(None, true);
+        assert!(text.contains("body       a, unknown to the camera system\n"), "{text}");
+        assert!(text.contains("no body was seen") && !text.contains("rests"), "{text}");
+        assert!(seen(Some(1.0), false).contains("noise      no body rests\n"));
     }
 }

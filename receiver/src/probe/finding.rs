@@ -69,9 +69,9 @@ impl fmt::Display for ProbeFinding {
 }
 
 impl ProbeFinding {
-    /// The finding of a body that the server does not have.
-    pub fn missing(name: &str, there: &[&str]) -> Self {
-        let found = format!("no body `{name}`; there are {}", there.join(", "));
+    /// The finding of a body that the server does not have; `known` lists those that it has.
+    pub fn missing(name: &str, known: &str) -> Self {
+        let found = format!("no body `{name}`; {known}");
         let remedy = "name one of these, or define the body in the camera software";
         Self { name: "bodies", severity: Severity::Problem, found, remedy }
     }

@@ -82,21 +82,22 @@ impl ProbeListener {
         ProbeFigures {
             seconds: duration.seconds(),
             silent_from_s: is_silent.then(|| (duration - silence).seconds()),
-            rate_hz: if total_s > 0.0 { self.intervals.len() as f64 / total_s } else { 0.0 },
-            gaps: self.intervals.iter().filter(|interval| **interval > GAP_NS).count(),
+            rate_hz: (total_s > 0.0).then(|| self.intervals.len() as f64 / total_s),
+            gaps: has_begun
+                .then(|| self.intervals.iter().filter(|interval| **interval > GAP_NS).count()),
             interval: interval_figures(&self.intervals),
             // A frame that is overtaken counts as lost first.
-            lost: counts.lost.saturating_sub(counts.out_of_order),
+            lost: has_begun.then(|| counts.lost.saturating_sub(counts.out_of_order)),
             counts,
             damaged: self.damaged,
-            clock: ClockFigures {
+            clock: has_begun.then(|| ClockFigures {
                 known: clock.is_known,
                 offset_ns: clock.offset_ns,
                 drift_ppm: clock.drift_ppm,
                 residual_p99_ns: percentile(&self.delays, 99.0),
                 uncertainty_ns: clock.uncertainty.nanos(),
                 relearned: clock.relearned,
-            },
+            }),
             noise,
             bodies: self.bodies.iter().map(ObservedBody::figures).collect(),
             ..ProbeFigures::default()
@@ -104,20 +105,20 @@ impl ProbeListener {
     }
 }
 
-/// Figures of the intervals \[ns\].
-fn interval_figures(intervals: &[i64]) -> IntervalFigures {
-    IntervalFigures {
-        min_ns: intervals.iter().min().copied().unwrap_or(0),
+/// Figures of the intervals \[ns\]; `None` without any.
+fn interval_figures(intervals: &[i64]) -> Option<IntervalFigures> {
+    Some(IntervalFigures {
+        min_ns: *intervals.iter().min()?,
         p50_ns: percentile(intervals, 50.0),
         p99_ns: percentile(intervals, 99.0),
-        max_ns: intervals.iter().max().copied().unwrap_or(0),
-    }
+        max_ns: *intervals.iter().max()?,
+    })
 }
 
 impl ObservedBody {
     fn figures(&self) -> BodyFigures {
-        let tracked = self.tracked as f64 / self.frames.max(1) as f64;
-        BodyFigures { name: String::new(), id: i64::from(self.id), tracked }
+        let tracked = (self.frames > 0).then(|| self.tracked as f64 / self.frames as f64);
+        BodyFigures { id: i64::from(self.id), tracked, ..BodyFigures::default() }
     }
 }
 
@@ -181,7 +182,7 @@ mod tests {
     #[test]
     fn a_server_that_falls_silent_has_the_figures_until_then() {
         let figures = figures((0..=2000).step_by(10), 8000);
-        assert_eq!((figures.rate_hz.round(), figures.gaps), (100.0, 0));
+        assert_eq!((figures.rate_hz.unwrap().round(), figures.gaps), (100.0, Some(0)));
         assert_eq!(figures.silent_from_s, Some(2.0));
     }
 
@@ -189,7 +190,7 @@ mod tests {
     fn a_gap_is_found_wherever_it_is() {
         let gaps = |arrivals: &[i64], end| {
             let ProbeFigures { interval, gaps, .. } = figures(arrivals.iter().copied(), end);
-            (interval.max_ns / 1_000_000, gaps)
+            (interval.unwrap().max_ns / 1_000_000, gaps.unwrap())
         };
         let frames: Vec<i64> = (0..1000).step_by(10).collect();
         let stalled: Vec<i64> =
