@@ -62,8 +62,8 @@ impl TimedDisturbance {
             "peak of a wind that swells and dies; world",
             "payload; negative to take mass away",
         ];
-        for ((.., example, _), about) in FORMS.iter().zip(about) {
-            text += &format!("\n  {example:<26} {about}");
+        for ((_, unit, example, most), about) in FORMS.iter().zip(about) {
+            text += &format!("\n  {example:<26} {about}; up to {most} {unit}");
         }
         text
     }
@@ -168,6 +168,7 @@ mod tests {
             for (.., example, _) in FORMS {
                 assert!(message.contains(example), "{wrong}: {message}");
             }
+            assert!(message.contains("; up to 1000 N\n"), "{wrong}: {message}");
         }
     }
 }

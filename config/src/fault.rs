@@ -61,24 +61,37 @@ impl Fault {
         text
     }
 
-    fn parse(text: &str) -> Option<Self> {
-        let (what, when) = text.split_once('@')?;
-        let (target, how) = what.split_once(':')?;
-        let target = FaultTarget::ALL.into_iter().find(|known| known.name() == target)?;
-        let (kind, value) =
-            how.split_once('=').map_or((how, None), |(kind, value)| (kind, Some(value)));
-        let rule = kinds::kinds_of(target).find(|rule| rule.kind.name() == kind)?;
-        let Period { at_s, duration_s } = Period::parse(when)?;
-        Some(Self { target, kind: rule.kind, magnitude: rule.magnitude(value)?, at_s, duration_s })
+    /// Parses `text`.
+    ///
+    /// # Errors
+    /// The values that are allowed in place of a wrong one; empty for another form.
+    fn parse(text: &str) -> Result<Self, String> {
+        let named = || {
+            let (what, when) = text.split_once('@')?;
+            let (target, how) = what.split_once(':')?;
+            let target = FaultTarget::ALL.into_iter().find(|known| known.name() == target)?;
+            let (kind, value) =
+                how.split_once('=').map_or((how, None), |(kind, value)| (kind, Some(value)));
+            let rule = kinds::kinds_of(target).find(|rule| rule.kind.name() == kind)?;
+            Some((target, rule, value, when))
+        };
+        let (target, rule, value, when) = named().ok_or_else(String::new)?;
+        let magnitude = rule.magnitude(value).ok_or_else(|| {
+            format!("{}:{} takes {}; ", target.name(), rule.kind.name(), rule.allowed())
+        })?;
+        let Period { at_s, duration_s } =
+            Period::parse(when).ok_or_else(|| format!("{}; ", Period::allowed()))?;
+        Ok(Self { target, kind: rule.kind, magnitude, at_s, duration_s })
     }
 }
 
 impl FromStr for Fault {
     type Err = String;
 
-    /// Parses `TARGET:KIND[=VALUE]@TIME[+DURATION]`; the error lists the grammar.
+    /// Parses `TARGET:KIND[=VALUE]@TIME[+DURATION]`; the error has the values allowed in place of a wrong one, and the grammar.
     fn from_str(text: &str) -> Result<Self, String> {
-        Self::parse(text).ok_or_else(|| format!("`{text}` is not a fault: {}", Self::grammar()))
+        Self::parse(text)
+            .map_err(|allowed| format!("`{text}` is not a fault: {allowed}{}", Self::grammar()))
     }
 }
 
@@ -130,6 +143,23 @@ mod tests {
         }
         assert_eq!("pose:off@5+0.5".parse::<Fault>().unwrap().end_s(), 5.5);
         assert_eq!("pose:off@5".parse::<Fault>().unwrap().end_s(), f64::INFINITY);
+    }
+
+    #[test]
+    fn a_value_out_of_range_is_refused_with_the_values_allowed() {
+        for (wrong, allowed) in [
+            ("pose:wrong=2000m@1", "pose:wrong takes 0 to 1000 m or -180 to 180 deg"),
+            ("command:intermittent=101%@1", "command:intermittent takes 0 to 100 %"),
+            ("pose:off=3m@1", "pose:off takes no value"),
+            ("pose:off@-1", "TIME is 0 to 1000000 s, and DURATION above 0 and up to 1000000 s"),
+            ("pose:off@1+0", "TIME is 0 to 1000000 s, and DURATION above 0 and up to 1000000 s"),
+        ] {
+            let message = wrong.parse::<Fault>().unwrap_err();
+            assert!(
+                message.starts_with(&format!("`{wrong}` is not a fault: {allowed}; ")),
+                "{message}"
+            );
+        }
     }
 
     #[test]

@@ -15,6 +15,11 @@ pub(crate) struct Period {
 }
 
 impl Period {
+    /// The allowed times, as text.
+    pub(crate) fn allowed() -> String {
+        format!("TIME is 0 to {LONGEST_S} s, and DURATION above 0 and up to {LONGEST_S} s")
+    }
+
     /// Parses `TIME[+DURATION]`.
     pub(crate) fn parse(text: &str) -> Option<Self> {
         let (at, duration) =

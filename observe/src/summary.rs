@@ -171,12 +171,13 @@ impl Summary {
 
     /// The time for which the fence held the vehicle, as text; `None` if it did not.
     pub fn held(&self) -> Option<String> {
-        (self.held_s > 0.0).then(|| {
-            format!(
-                "held by the fence for {:.2} s, which is not scored; the return from it is: do not compare with other flights",
-                self.held_s
-            )
-        })
+        let is_scored = self.scored_s > 0.0;
+        let scored = if is_scored {
+            ", which is not scored; the return from it is: do not compare with other flights"
+        } else {
+            ""
+        };
+        (self.held_s > 0.0).then(|| format!("held by the fence for {:.2} s{scored}", self.held_s))
     }
 
     /// Note on the errors of velocity and attitude of an external law; `None` for other laws.
@@ -358,4 +359,17 @@ fn trajectory_hash(flight: &Flight) -> Option<String> {
         }
     }
     Some(format!("{hash:016x}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::tests::fixture;
+
+    #[test]
+    fn a_flight_without_a_score_is_not_said_to_be_compared() {
+        let held = |scored_s| Summary { held_s: 1.5, scored_s, ..Summary::of(&fixture::square()) };
+        assert!(held(9.0).held().unwrap().ends_with("do not compare with other flights"));
+        assert_eq!(held(0.0).held().as_deref(), Some("held by the fence for 1.50 s"));
+    }
 }

@@ -204,6 +204,15 @@ impl KindRule {
         }
     }
 
+    /// The allowed magnitudes, as text.
+    pub(super) fn allowed(&self) -> String {
+        let ranges = self.magnitudes.iter();
+        let ranges = ranges
+            .map(|(unit, _, least, greatest)| format!("{least} to {greatest} {}", unit.name()));
+        let ranges: Vec<String> = ranges.collect();
+        if ranges.is_empty() { "no value".to_owned() } else { ranges.join(" or ") }
+    }
+
     /// Magnitude from `text`, or the default without a text; `None` if it is not allowed.
     pub(super) fn magnitude(&self, text: Option<&str>) -> Option<Option<Magnitude>> {
         let Some(text) = text else {

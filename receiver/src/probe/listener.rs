@@ -70,15 +70,6 @@ impl ProbeListener {
         let counts = counts.fold(FrameCounts::default(), FrameCounts::plus);
         let clock = self.gates[0].clock();
         let total_s = self.intervals.iter().sum::<i64>() as f64 * 1e-9;
-        let mut noise = Vec::new();
-        for body in &mut self.bodies {
-            body.noise.extend(body.window.finish());
-            let rests = |window: &&WindowNoise| window.position_mm.iter().all(|x| *x < MOVES_MM);
-            noise.extend(body.noise.iter().filter(rests));
-        }
-        let noise = median(|window| window.position_mm, &noise)
-            .zip(median(|window| window.attitude_deg, &noise))
-            .map(|(position_mm, attitude_deg)| NoiseFigures { position_mm, attitude_deg });
         ProbeFigures {
             seconds: duration.seconds(),
             silent_from_s: is_silent.then(|| (duration - silence).seconds()),
@@ -98,11 +89,24 @@ impl ProbeListener {
                 uncertainty_ns: clock.uncertainty.nanos(),
                 relearned: clock.relearned,
             }),
-            noise,
+            noise: noise_figures(&mut self.bodies),
             bodies: self.bodies.iter().map(ObservedBody::figures).collect(),
             ..ProbeFigures::default()
         }
     }
+}
+
+/// Noise of the bodies that rest; `None` if none does.
+fn noise_figures(bodies: &mut [ObservedBody]) -> Option<NoiseFigures> {
+    let mut noise = Vec::new();
+    for body in bodies {
+        body.noise.extend(body.window.finish());
+        let rests = |window: &&WindowNoise| window.position_mm.iter().all(|x| *x < MOVES_MM);
+        noise.extend(body.noise.iter().filter(rests));
+    }
+    let position_mm = median(|window| window.position_mm, &noise)?;
+    let attitude_deg = median(|window| window.attitude_deg, &noise)?;
+    Some(NoiseFigures { position_mm, attitude_deg })
 }
 
 /// Figures of the intervals \[ns\]; `None` without any.
