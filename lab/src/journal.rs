@@ -8,10 +8,12 @@ use std::fs::{self, File, TryLockError};
 use std::io::{self, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use oqtal_bus::message::{FNV_OFFSET, fnv1a};
 use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
+use oqtal_runtime::program::say;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -30,7 +32,14 @@ struct JournalLine {
 pub struct Journal {
     path: PathBuf,
     file: Mutex<File>,
-    kept: HashMap<u64, Value>,
+    kept: HashMap<u64, KeptResult>,
+}
+
+/// Result from before an interruption, and whether the resumed study used it.
+#[derive(Debug)]
+struct KeptResult {
+    value: Value,
+    is_used: AtomicBool,
 }
 
 impl Journal {
@@ -77,9 +86,13 @@ impl Journal {
         let line = |line| serde_json::from_str::<JournalLine>(line).ok();
         let lines: Vec<JournalLine> = lines.lines().filter_map(line).collect();
         // Written again without the torn line.
-        let journal = Self::begin(path, &file)?;
+        let mut journal = Self::begin(path, &file)?;
         lines.iter().try_for_each(|line| journal.append(line))?;
-        Ok(Self { kept: lines.into_iter().map(|line| (line.key, line.kept)).collect(), ..journal })
+        let kept = |JournalLine { key, kept: value }| {
+            (key, KeptResult { value, is_used: AtomicBool::new(false) })
+        };
+        journal.kept = lines.into_iter().map(kept).collect();
+        Ok(journal)
     }
 
     /// Whether `path` is a journal with a result, of any build of the program.
@@ -109,9 +122,17 @@ impl Journal {
         self.kept.len()
     }
 
+    /// Number of them that [`Self::find`] has returned \[-\].
+    pub fn used(&self) -> usize {
+        self.kept.values().filter(|result| result.is_used.load(Ordering::Relaxed)).count()
+    }
+
     /// Result with this key from before the interruption; `None` if there is none of this type.
     pub fn find<T: DeserializeOwned>(&self, key: u64) -> Option<T> {
-        T::deserialize(self.kept.get(&key)?).ok()
+        let KeptResult { value, is_used } = self.kept.get(&key)?;
+        let found = T::deserialize(value).ok()?;
+        is_used.store(true, Ordering::Relaxed);
+        Some(found)
     }
 
     /// Adds a result.
@@ -132,6 +153,16 @@ impl Journal {
     /// The path of the file.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+}
+
+impl Drop for Journal {
+    /// Prints the number of results from before an interruption that were used.
+    fn drop(&mut self) {
+        if self.resumed() > 0 {
+            let (used, all) = (self.used(), self.resumed());
+            say(&format!("resumed: {used} of {all} results of the interrupted study were used"));
+        }
     }
 }
 
@@ -202,8 +233,13 @@ mod tests {
         let found = [0, 1, 2].map(|key| resumed.find::<String>(key));
         assert_eq!(found, [Some("a".to_owned()), Some("b".to_owned()), None]);
         assert_eq!(resumed.find::<u64>(0), None);
+        assert_eq!((resumed.used(), resumed.resumed()), (2, 2));
         drop(resumed);
-        assert_eq!(Journal::resume(&path).unwrap().resumed(), 2);
+        let resumed = Journal::resume(&path).unwrap();
+        assert_eq!((resumed.find::<u64>(0), resumed.used()), (None, 0), "of another type");
+        assert_eq!((resumed.find::<String>(1), resumed.used()), (Some("b".to_owned()), 1));
+        resumed.find::<String>(1);
+        assert_eq!((resumed.used(), resumed.resumed()), (1, 2));
     }
 
     #[test]

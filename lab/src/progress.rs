@@ -69,8 +69,7 @@ impl Progress {
     pub fn kept_in(journal: Journal) -> Self {
         if journal.resumed() > 0 {
             say(&format!(
-                "resumed: {} results are in {}; those of the same flights with the same settings are used",
-                journal.resumed(),
+                "resumed: the results in {} of the same flights with the same settings are used",
                 journal.path().display()
             ));
         }
