@@ -1,15 +1,19 @@
 //! Picture of the model.
 
-use crate::layout::{CHART_LINES, COMPLETE, ScreenParts};
+use crate::layout::{CHART_LINES, ScreenParts};
 use crate::lines::{self, StatusLine};
 use crate::look::{ScreenLook, Weight};
 use crate::model::{MonitorModel, ShownAnswer, Trends};
 use crate::picture::{Picture, Rect};
 use crate::trend::{STEP, Trend};
+use crate::wrapping::{folded, wrapped};
 
 /// Width of labels of status lines and charts \[cells\].
 const LABEL_WIDTH: u16 = 10;
 const CHART_LABEL_WIDTH: u16 = 14;
+
+/// Height of the terminal over the greatest one of the title \[-\].
+const TITLE_SHARE: u16 = 6;
 
 /// A quantity over time: name, curve, least upper limit of the scale, digits.
 struct Chart<'a>(&'static str, &'a Trend, f64, usize);
@@ -17,9 +21,15 @@ struct Chart<'a>(&'static str, &'a Trend, f64, usize);
 /// Draws `model` in a terminal of this many columns and rows.
 pub fn draw(model: &MonitorModel, look: ScreenLook, size: (u16, u16)) -> Picture {
     let mut canvas = Canvas { look, picture: Picture::new(size) };
-    let parts = ScreenParts::of(canvas.picture.area());
-    canvas.title(model, parts.title);
-    canvas.status(model, parts.status);
+    let area = canvas.picture.area();
+    let (title, weight) = title(model);
+    let title = folded(&title, area.width, (area.height / TITLE_SHARE).max(1));
+    let status = status(model, area.width);
+    let parts = ScreenParts::of(area, [&title.len(), &status.len()].map(|rows| *rows as u16));
+    for (row, line) in parts.title.rows().zip(title) {
+        canvas.text(row, &line, weight);
+    }
+    canvas.status(&status, parts.status);
     if let Some(area) = parts.charts {
         canvas.charts(&model.trends, area);
     }
@@ -35,6 +45,30 @@ pub fn draw(model: &MonitorModel, look: ScreenLook, size: (u16, u16)) -> Picture
     canvas.picture
 }
 
+/// Title: the request being typed, the answer to the last one, or the instance.
+fn title(model: &MonitorModel) -> (String, Weight) {
+    let age = model.instance.age().seconds();
+    let name = &model.name;
+    match (&model.keyboard.line, &model.answer) {
+        (Some(line), _) => (format!("{name} (Ctrl-S stops): {line}_"), Weight::Plain),
+        (None, Some(ShownAnswer { text, .. })) => (format!("{name}, {text}"), Weight::Alarm),
+        (None, None) => (format!("oqtal monitor: {name}, observed for {age:.0} s"), Weight::Label),
+    }
+}
+
+/// Lines of the status in this number of columns \[cells\]: reasons, which may be long, are wrapped, and figures are not.
+fn status(model: &MonitorModel, width: u16) -> Vec<StatusLine> {
+    let wrap = |StatusLine { label, text, weight }: StatusLine| {
+        let rows = match weight {
+            Weight::Warning | Weight::Alarm => wrapped(&text, width.saturating_sub(LABEL_WIDTH)),
+            _ => vec![text],
+        };
+        let labels = std::iter::once(label).chain(std::iter::repeat(""));
+        labels.zip(rows).map(move |(label, text)| StatusLine { label, text, weight })
+    };
+    lines::status(&model.instance).into_iter().flat_map(wrap).collect()
+}
+
 struct Canvas {
     look: ScreenLook,
     picture: Picture,
@@ -45,24 +79,10 @@ impl Canvas {
         self.picture.text(area, text, weight);
     }
 
-    fn title(&mut self, model: &MonitorModel, area: Rect) {
-        let age = model.instance.age().seconds();
-        let name = &model.name;
-        let (text, weight) = match (&model.keyboard.line, &model.answer) {
-            (Some(line), _) => (format!("{name} (Ctrl-S stops): {line}_"), Weight::Plain),
-            (None, Some(ShownAnswer { text, .. })) => (format!("{name}, {text}"), Weight::Alarm),
-            (None, None) => {
-                (format!("oqtal monitor: {name}, observed for {age:.0} s"), Weight::Label)
-            }
-        };
-        self.text(area, &text, weight);
-    }
-
-    fn status(&mut self, model: &MonitorModel, area: Rect) {
-        let lines = lines::status(&model.instance);
+    fn status(&mut self, lines: &[StatusLine], area: Rect) {
         for (row, StatusLine { label, text, weight }) in area.rows().zip(lines) {
             self.text(Rect { width: row.width.min(LABEL_WIDTH), ..row }, label, Weight::Label);
-            self.text(row.right_of(LABEL_WIDTH), &text, weight);
+            self.text(row.right_of(LABEL_WIDTH), text, *weight);
         }
     }
 
@@ -122,9 +142,10 @@ impl Canvas {
     fn events(&mut self, model: &MonitorModel, area: Rect) {
         let count = usize::from(area.height.saturating_sub(1));
         self.text(area, "      s event", Weight::Label);
-        let lines = lines::events(&model.instance, count);
-        for (row, line) in area.rows().skip(1).zip(lines) {
-            self.text(row, &line, Weight::Plain);
+        let lines = lines::events(&model.instance, area.width);
+        let newest = lines.iter().skip(lines.len().saturating_sub(count));
+        for (row, line) in area.rows().skip(1).zip(newest) {
+            self.text(row, line, Weight::Plain);
         }
     }
 
@@ -136,7 +157,7 @@ impl Canvas {
                 "q quits, r restarts the figures, S stops, : request; charts: {per_column} s a column"
             )
         } else {
-            let (width, height) = COMPLETE;
+            let (width, height) = parts.complete_size();
             format!(
                 "q quits, S stops; not shown: {} (needs {width} x {height})",
                 left_out.join(", ")

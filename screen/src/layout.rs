@@ -2,10 +2,10 @@
 
 use crate::picture::Rect;
 
-/// Least size at which everything is shown: columns and rows \[cells\].
-pub const COMPLETE: (u16, u16) = (80, 24);
-/// Maximum number of status lines \[cells\].
-const STATUS_LINES: u16 = 9;
+/// Least size at which everything is shown, if no text is wrapped: columns and rows \[cells\].
+const COMPLETE: (u16, u16) = (80, 24);
+/// Number of title and status lines without wrapped ones \[cells\].
+const HEAD_LINES: u16 = 10;
 /// Height of a chart, and number of charts \[cells\].
 pub const CHART_LINES: u16 = 2;
 const CHARTS: u16 = 3;
@@ -34,16 +34,19 @@ pub struct ScreenParts {
     pub events: Option<Rect>,
     /// The last line: keys, and names of the parts left out.
     pub footer: Option<Rect>,
+    /// Number of title and status lines \[cells\].
+    head_lines: u16,
 }
 
 impl ScreenParts {
-    /// The parts in `area`.
-    pub fn of(area: Rect) -> Self {
+    /// The parts in `area`, with these numbers of title and status lines \[cells\].
+    pub fn of(area: Rect, [title_lines, status_lines]: [u16; 2]) -> Self {
         let mut rest = Rows(area);
-        let title = rest.take(1);
+        let title = rest.take(title_lines);
         let footer = (area.height > 3).then(|| rest.take_last(1));
-        let status = rest.take(STATUS_LINES.min(rest.0.height));
-        let mut parts = Self { title, status, footer, ..Self::default() };
+        let status = rest.take(status_lines);
+        let head_lines = title_lines + status_lines;
+        let mut parts = Self { title, status, footer, head_lines, ..Self::default() };
         let is_wide = area.width > HOPS_WIDTH + EVENTS_WIDTH;
         let charts = CHARTS * CHART_LINES;
         // With few lines, events are the most important; charts are left out first.
@@ -75,12 +78,21 @@ impl ScreenParts {
     /// Names of the parts that are left out.
     pub fn left_out(&self) -> Vec<&'static str> {
         let parts = [
-            ("some status", (self.status.height >= STATUS_LINES).then_some(self.status)),
+            (
+                "some status",
+                (self.title.height + self.status.height >= self.head_lines).then_some(self.status),
+            ),
             ("charts", self.charts),
             ("hops", self.hops),
             ("events", self.events),
         ];
         parts.into_iter().filter(|(_, part)| part.is_none()).map(|(name, _)| name).collect()
+    }
+
+    /// Least size at which everything is shown: columns and rows \[cells\].
+    pub fn complete_size(&self) -> (u16, u16) {
+        let (width, height) = COMPLETE;
+        (width, height + self.head_lines.saturating_sub(HEAD_LINES))
     }
 }
 
@@ -108,20 +120,26 @@ impl Rows {
 mod tests {
     use super::*;
 
+    /// Title and status lines, of which none is wrapped.
+    const LINES: [u16; 2] = [1, HEAD_LINES - 1];
+
     #[test]
     fn everything_fits_into_80_by_24() {
-        let parts =
-            ScreenParts::of(Rect { width: COMPLETE.0, height: COMPLETE.1, ..Rect::default() });
+        let parts = ScreenParts::of(
+            Rect { width: COMPLETE.0, height: COMPLETE.1, ..Rect::default() },
+            LINES,
+        );
         assert!(parts.left_out().is_empty(), "{parts:?}");
         assert!(parts.footer.is_some());
     }
 
     #[test]
     fn parts_lie_inside_the_terminal_and_do_not_overlap() {
-        for (width, height) in (1..130).flat_map(|w| (0..45).map(move |h| (w, h))) {
+        let sizes = (1..130).flat_map(|w| (0..45).map(move |h| (w, h)));
+        for ((width, height), lines) in sizes.flat_map(|size| [(size, LINES), (size, [3, 14])]) {
             let area = Rect { width, height, ..Rect::default() };
-            let parts = ScreenParts::of(area);
-            let ScreenParts { title, status, charts, hops, events, footer } = parts;
+            let parts = ScreenParts::of(area, lines);
+            let ScreenParts { title, status, charts, hops, events, footer, .. } = parts;
             let optional = [charts, hops, events, footer].into_iter().flatten();
             let all: Vec<Rect> = [title, status].into_iter().chain(optional).collect();
             let ends = |part: &Rect| (part.x + part.width, part.y + part.height);

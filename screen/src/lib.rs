@@ -12,6 +12,7 @@
 //! | `look.rs` | colours and symbols, or words and letters alone |
 //! | `picture.rs` | cells of a terminal |
 //! | `draw.rs` | the picture of the model |
+//! | `wrapping.rs` | texts in lines of limited width |
 //! | `keys.rs` | meaning of keys, and the line of a request |
 //! | `terminal.rs` | the terminal, and its restoration |
 //! | `command.rs` | the command and its loop |
@@ -29,5 +30,6 @@ mod terminal;
 #[cfg(test)]
 mod tests;
 mod trend;
+mod wrapping;
 
 pub use command::MonitorArgs;

@@ -11,9 +11,13 @@ use oqtal_observe::latency::{DistributionSummary, WHOLE};
 use oqtal_observe::status::{OLD_POSITION_S, VehicleStatus};
 
 use crate::look::Weight;
+use crate::wrapping::wrapped;
 
 /// Age above which ticks and messages are not shown as the present state.
 const STALE: Span = Span::from_millis(1000);
+
+/// Width of the time of an event \[cells\].
+const EVENT_INDENT: u16 = 8;
 
 /// A line of the status.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -224,8 +228,13 @@ pub fn hop_table(model: &InstanceModel) -> Vec<String> {
     std::iter::once(head).chain(rows).collect()
 }
 
-/// The newest `count` events, one line each, oldest first.
-pub fn events(model: &InstanceModel, count: usize) -> Vec<String> {
-    let newest = model.events.iter().skip(model.events.len().saturating_sub(count));
-    newest.map(|(at, text)| format!("{:>7.1} {text}", at.seconds())).collect()
+/// The events, oldest first, wrapped to this number of columns \[cells\].
+pub fn events(model: &InstanceModel, width: u16) -> Vec<String> {
+    let event = |(at, text): &(Span, String)| {
+        let begin = std::iter::once(format!("{:>7.1} ", at.seconds()));
+        let begins = begin.chain(std::iter::repeat(" ".repeat(usize::from(EVENT_INDENT))));
+        let rows = wrapped(text, width.saturating_sub(EVENT_INDENT));
+        begins.zip(rows).map(|(begin, row)| begin + &row).collect::<Vec<_>>()
+    };
+    model.events.iter().flat_map(event).collect()
 }

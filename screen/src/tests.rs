@@ -198,6 +198,24 @@ fn obstacles_to_a_take_off_are_shown() {
 }
 
 #[test]
+fn long_reasons_are_shown_whole() {
+    let mut model = in_flight();
+    let all = ArmingObstacle::ALL.iter();
+    let obstacles = all.fold(ArmingObstacles::default(), |all, it| all.with(*it, true));
+    let (mode, mission_s) = (Mode::Disarmed.code(), f64::NAN);
+    let bits = obstacles.bits();
+    let tick = TelemetryV1 { obstacles: bits, mode, mission_s, ..flying(model.instance.now) };
+    model.sample(&reception(model.instance.now, Stamps::default()), Sample::Telemetry(&tick));
+    let answer = format!("refused, {}", ArmingObstacle::Tilted).repeat(3);
+    model.answer = Some(ShownAnswer::at(model.instance.now, "arm", &answer));
+    let seen = seen(&model, (80, 60));
+    let words = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
+    for reason in [answer, format!("no take-off: {obstacles}")] {
+        assert!(words(&seen).contains(&words(&reason)), "{reason}\n{seen}");
+    }
+}
+
+#[test]
 fn cameras_that_do_not_answer_the_receiver_are_a_problem() {
     let mut model = in_flight();
     let (time, cause) = (model.instance.now, Cause::NoPose.code());
