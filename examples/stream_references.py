@@ -62,21 +62,40 @@ class Local:
         self.socket.send(json.dumps(message).encode())
 
 
+def read_key(path):
+    """The key in the file `path`, 64 hexadecimal digits."""
+    try:
+        with open(path) as file:
+            key = bytes.fromhex(file.read().strip())
+    except (OSError, ValueError) as error:
+        raise SystemExit(f"{path}: {error}; give the file of the key, 64 hexadecimal digits")
+    if len(key) != 32:
+        raise SystemExit(f"{path}: {len(key)} bytes; a key has 32, as 64 hexadecimal digits")
+    return key
+
+
 class Remote:
     """A gateway on the network: each datagram has a code of the key, the gateway's session, and a sequence number that grows."""
 
     def __init__(self, address, key):
-        host, port = address.rsplit(":", 1)
+        host, _, port = address.rpartition(":")
+        if not port.isdigit():
+            raise SystemExit(f"--udp {address}: expected HOST:PORT")
         self.key = key
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.connect((host, int(port)))
-        self.socket.settimeout(2.0)
         self.session = "none"
-        # Refused, since the session is another; the reply tells the present one.
-        self.send({"version": 1})
-        code, text = self.socket.recv(4096).split(b" ", 1)
+        try:
+            self.socket.connect((host, int(port)))
+            self.socket.settimeout(2.0)
+            # Refused, since the session is another; the reply tells the present one.
+            self.send({"version": 1})
+            code, _, text = self.socket.recv(4096).partition(b" ")
+        except socket.timeout:
+            raise SystemExit(f"{address}: no reply; the gateway has another key, or none listens there")
+        except (OSError, OverflowError) as error:
+            raise SystemExit(f"{address}: {error}; start `oqtal gateway run --udp {address} --key FILE` there")
         if not hmac.compare_digest(code, self.code(text)):
-            raise SystemExit("the reply is not from a holder of the key")
+            raise SystemExit(f"{address}: the reply is not from a holder of the key")
         self.session = text.split(b" ", 1)[0].decode()
 
     def code(self, text):
@@ -95,11 +114,19 @@ def main():
     parser.add_argument("--rate-hz", type=float, default=60.0)
     parser.add_argument("--seconds", type=float, default=20.0)
     given = parser.parse_args()
-    if given.udp:
-        with open(given.key) as file:
-            gateway = Remote(given.udp, bytes.fromhex(file.read().strip()))
-    else:
-        gateway = Local(given.socket)
+    if given.udp and not given.key:
+        parser.error("--udp needs --key FILE")
+    gateway = Remote(given.udp, read_key(given.key)) if given.udp else Local(given.socket)
+    try:
+        fly_circle(gateway, given)
+    except OSError as error:
+        raise SystemExit(f"the gateway does not receive any more: {error}")
+    except KeyboardInterrupt:
+        raise SystemExit(130)
+
+
+def fly_circle(gateway, given):
+    """Sends references to `gateway` at the rate and for the time of the arguments."""
     begun = due = time.clock_gettime(time.CLOCK_BOOTTIME)
     while due - begun < given.seconds:
         message = reference(due - begun, (0.0, 0.0, 1.0), 2000 / given.rate_hz)

@@ -1,6 +1,7 @@
 //! `oqtal gateway run` as a process: references of a program move the vehicle, from this machine and over the network.
 
 use std::fs::{File, Permissions};
+use std::net::UdpSocket;
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::UnixDatagram;
 use std::process::Command;
@@ -106,6 +107,35 @@ fn an_unknown_request_is_answered_with_the_known_ones_and_the_last_process_remov
     gateway.signal(Signal::INT);
     assert!(gateway.wait().status.success());
     assert!(!directory.exists());
+}
+
+#[test]
+fn the_examples_in_python_say_what_is_wrong() {
+    if Command::new("python3").arg("--version").output().is_err() {
+        skipped("there is no python3");
+        return;
+    }
+    let testbed = Testbed::new("examples");
+    let file = |name: &str, text: &str| testbed.write(name, text).display().to_string();
+    let (own, short) = (file("own.key", &"0".repeat(64)), file("short.key", "01"));
+    // Bound, so that nothing is refused; it replies to nobody, as a gateway with another key.
+    let silent = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let address = silent.local_addr().unwrap().to_string();
+    let law = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/external_law/pd.py");
+    for (words, told) in [
+        (&[SCRIPT, "--udp", &address, "--key", &own][..], "the gateway has another key"),
+        (&[SCRIPT, "--udp", &address, "--key", &short], "1 bytes; a key has 32"),
+        (&[SCRIPT, "--udp", &address, "--key", "/nowhere.key"], "No such file"),
+        (&[SCRIPT, "--udp", &address], "--udp needs --key"),
+        (&[SCRIPT, "--udp", "localhost", "--key", &own], "expected HOST:PORT"),
+        (&[SCRIPT, "--socket", "/nowhere.sock"], "start `oqtal gateway run`"),
+        (&[law, "/nowhere/law"], "give the socket `law`"),
+    ] {
+        let output = Command::new("python3").args(words).output().unwrap();
+        let message = stderr(&output);
+        assert!(!output.status.success() && message.contains(told), "{words:?}: {message}");
+        assert!(!message.contains("Traceback"), "{words:?}: {message}");
+    }
 }
 
 #[test]

@@ -75,4 +75,9 @@ def main(path):
 if __name__ == "__main__":
     if len(sys.argv) != 2:
         sys.exit("give the socket on which the daemon expects a law: python3 pd.py /run/oqtal/default/law")
-    main(sys.argv[1])
+    try:
+        main(sys.argv[1])
+    except (OSError, struct.error) as error:
+        sys.exit(f"{sys.argv[1]}: {error}; give the socket `law` of an instance whose daemon of this version runs")
+    except KeyboardInterrupt:
+        sys.exit(130)
