@@ -18,7 +18,7 @@ use crate::error::{BusError, system};
 use crate::membership::Membership;
 use crate::shared::SharedWords;
 use crate::suspend::ClockReadings;
-use crate::time::{Span, Time};
+use crate::time::Time;
 
 mod event_count;
 
@@ -94,8 +94,8 @@ struct FutexWaiter {
 }
 
 impl FutexWaiter {
-    /// Sleeps until the count differs from the last seen one, or until `deadline`. May return early.
-    fn wait(&self, deadline: Time) -> Result<(), Errno> {
+    /// Sleeps until the count differs from the last seen one, or until `deadline`; returns whether it differed. May return early.
+    fn wait(&self, deadline: Time) -> Result<bool, Errno> {
         event_count::wait(&self.words[0], &self.seen, |count, seen| sleep(count, seen, deadline))
     }
 }
@@ -144,14 +144,12 @@ pub struct Listener {
 }
 
 impl Listener {
-    /// Sleeps until the topic is notified or until `deadline`, for at most `longest`. Returns at once if the topic was notified
-    /// since the last call. May return early; the caller checks every port after each return.
+    /// Sleeps until the topic is notified or until `deadline`; returns whether it was notified, at once if it was since the last call.
+    /// May return early; the caller checks every port after each return.
     ///
     /// # Errors
     /// The kernel refuses to wait.
-    pub fn wait(&self, deadline: Option<Time>, longest: Span) -> Result<(), BusError> {
-        let latest = Time::now() + longest;
-        let deadline = deadline.map_or(latest, |deadline| deadline.min(latest));
+    pub fn wait(&self, deadline: Time) -> Result<bool, BusError> {
         self.waiter.wait(deadline).map_err(|e| system(format!("waiting for `{}`", self.topic), &e))
     }
 }

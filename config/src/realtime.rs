@@ -16,6 +16,9 @@ const PRIORITIES: Rule = Rule::Between(MIN_PRIORITY as f64, MAX_PRIORITY as f64)
 /// Longest time between cache warm-up and pose \[us\]; after it the caches are cold again.
 const MAX_WARMUP_US: f64 = 5000.0;
 
+/// Longest time that a loop waits awake after an expected arrival \[us\].
+const MAX_AWAKE_US: f64 = 1000.0;
+
 /// Scheduling of a loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -43,6 +46,9 @@ pub struct RealtimeOptions {
     /// Time before each expected pose at which the daemon warms its caches by a tick on a copy of its state \[us\]; 0 disables
     /// the warm-up.
     pub warmup_us: f64,
+    /// Time after each expected arrival until which a loop waits awake, from the instant of the warm-up on, if there are enough
+    /// processors \[us\]; 0 for never.
+    pub awake_us: f64,
 }
 
 impl RealtimeOptions {
@@ -50,6 +56,7 @@ impl RealtimeOptions {
         let table = [
             ("priority", f64::from(self.priority), PRIORITIES),
             ("warmup-us", self.warmup_us, Rule::Between(0.0, MAX_WARMUP_US)),
+            ("awake-us", self.awake_us, Rule::Between(0.0, MAX_AWAKE_US)),
             ("timer-slack-us", self.timer_slack_us, Rule::Positive),
         ];
         check_options(table).map_err(|error| error.within("realtime"))?;

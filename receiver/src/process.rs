@@ -6,6 +6,7 @@ use oqtal_bus::message::HealthV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{ClockKind, Config, parse_option};
 use oqtal_control::options::OptionError;
+use oqtal_runtime::awake::AwakeInterval;
 use oqtal_runtime::background::with_background;
 use oqtal_runtime::handoff::handoff;
 use oqtal_runtime::health::Heartbeat;
@@ -75,7 +76,8 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let descriptor = sockets.descriptor().map_err(refused)?;
     let clock = LoopClock::polled(descriptor, context.stop.clone());
     let period = Span::period_of(context.config.control.rate_hz);
-    let mut clock = clock.counted_in(context.health.clone(), period);
+    let awake = AwakeInterval::of(&context.config, context.role);
+    let mut clock = clock.counted_in(context.health.clone(), period).awake_in(awake);
     let (handle, background) = handoff();
     let options = &context.config.receiver;
     let parts = ReceiverParts {

@@ -12,6 +12,7 @@ use oqtal_bus::topic::{Role, Topic};
 use oqtal_config::{ClockKind, Config, InstanceOptions};
 use oqtal_control::options::OptionError;
 
+use crate::awake::AwakeInterval;
 use crate::exit::{Exit, Failure};
 use crate::health::{Health, Heartbeat};
 use crate::loop_clock::LoopClock;
@@ -104,7 +105,8 @@ impl ProcessContext {
             LoopClock::follower(bus, self.role, stop)
         };
         let period = Span::period_of(self.config.control.rate_hz);
-        Ok(clock?.counted_in(self.health.clone(), period))
+        let awake = AwakeInterval::of(&self.config, self.role);
+        Ok(clock?.counted_in(self.health.clone(), period).awake_in(awake))
     }
 }
 

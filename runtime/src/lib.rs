@@ -14,6 +14,7 @@
 //! | `lockstep.rs` | virtual time between processes |
 //! | `realtime.rs` | scheduling, processors, locked memory |
 //! | `overrun.rs` | late turns |
+//! | `awake.rs` | when a loop waits awake |
 //! | `background.rs` | the thread for work that may block |
 //! | `handoff.rs` | bounded queues between both threads |
 //! | `health.rs` | health record and heartbeat |
@@ -31,6 +32,7 @@
 
 pub mod actuation;
 mod args;
+pub mod awake;
 pub mod background;
 mod context;
 mod exit;

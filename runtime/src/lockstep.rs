@@ -103,7 +103,7 @@ impl FollowerLink {
         while !stop.is_set() {
             // Repeated, since a follower that joins after this message misses it.
             self.send(Time::UNSET)?;
-            self.listener.wait(None, START_POLL)?;
+            self.listener.wait(Time::now() + START_POLL)?;
             if self.results.latest()?.is_some() {
                 return Ok(true);
             }
@@ -115,7 +115,7 @@ impl FollowerLink {
     fn advance(&mut self, now: Time, stop: &StopFlag) -> Result<Option<TurnResult>, BusError> {
         let sequence = self.send(now)?;
         while !stop.is_set() {
-            self.listener.wait(None, STOP_CHECK)?;
+            self.listener.wait(Time::now() + STOP_CHECK)?;
             match self.results.latest()? {
                 Some((_, done)) if done.advance == sequence => {
                     let next = done.next.is_set().then_some(done.next);
@@ -175,7 +175,7 @@ impl Follower {
                 }
                 // The start barrier.
                 Some((header, _)) => self.reply(header.sequence, result)?,
-                None => self.listener.wait(None, STOP_CHECK)?,
+                None => drop(self.listener.wait(Time::now() + STOP_CHECK)?),
             }
         }
         Ok(None)

@@ -7,6 +7,7 @@ use std::os::fd::OwnedFd;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 
+use crate::awake::AwakeInterval;
 use crate::health::{Health, MotorActivity};
 use crate::lockstep::{Follower, Leader};
 use crate::overrun::OverrunMonitor;
@@ -26,6 +27,8 @@ use oqtal_config::Config;
 #[derive(Debug)]
 pub struct LoopClock {
     clock: Clock,
+    /// When to wait awake; `None` for never, as in virtual time.
+    awake: Option<AwakeInterval>,
     stop: StopFlag,
     health: Health,
     overruns: OverrunMonitor,
@@ -86,7 +89,8 @@ impl LoopClock {
 
     fn new(clock: Clock, stop: StopFlag, now: Time) -> Self {
         let overruns = OverrunMonitor::new(Span::from_millis(1000));
-        Self { clock, stop, health: Health::default(), overruns, due: None, now, published: false }
+        let (health, awake) = (Health::default(), None);
+        Self { clock, awake, stop, health, overruns, due: None, now, published: false }
     }
 
     /// Records the state of the motors after a turn.
@@ -97,6 +101,11 @@ impl LoopClock {
     /// Counts the turns in `health`; a turn that ends more than `period` after it was due is late.
     pub fn counted_in(self, health: Health, period: Span) -> Self {
         Self { health, overruns: OverrunMonitor::new(period), ..self }
+    }
+
+    /// Waits awake in this interval around each expected arrival; has no effect in virtual time.
+    pub fn awake_in(self, awake: Option<AwakeInterval>) -> Self {
+        Self { awake, ..self }
     }
 
     /// The present instant: read from the clock, or the last virtual time.
@@ -134,12 +143,12 @@ impl LoopClock {
         let result = TurnResult { next, published: std::mem::take(&mut self.published) };
         let woken = match &mut self.clock {
             Clock::Real(listener) => {
-                listener.wait(next, STOP_CHECK)?;
-                Some(Time::now())
+                Some(wait_for(next, &mut self.awake, Time::now, |until| listener.wait(until))?)
             }
             Clock::Polled(descriptor) => {
-                wait_readable(descriptor, next, STOP_CHECK)?;
-                Some(Time::now())
+                Some(wait_for(next, &mut self.awake, Time::now, |until| {
+                    wait_readable(descriptor, until)
+                })?)
             }
             Clock::Leader(leader) => leader.wait(result, &self.stop)?,
             Clock::Follower(follower) => follower.wait(result, &self.stop)?,
@@ -150,17 +159,42 @@ impl LoopClock {
     }
 }
 
-/// Sleeps until `descriptor` is readable or until `deadline`, for at most `longest`. May return early.
-fn wait_readable(
-    descriptor: &OwnedFd,
-    deadline: Option<Time>,
-    longest: Span,
-) -> Result<(), BusError> {
-    let timeout = deadline.map_or(longest, |deadline| deadline.since(Time::now()).min(longest));
-    let nanos = timeout.max(Span::ZERO).nanos();
+/// Waits for an arrival until `next`, for at most [`STOP_CHECK`], and awake in the interval `awake`; returns the present instant. `sleep`
+/// sleeps until an arrival or an instant and returns whether there was an arrival; at a past instant it returns at once.
+fn wait_for(
+    next: Option<Time>,
+    awake: &mut Option<AwakeInterval>,
+    clock: impl Fn() -> Time,
+    sleep: impl Fn(Time) -> Result<bool, BusError>,
+) -> Result<Time, BusError> {
+    let now = clock();
+    let latest = now + STOP_CHECK;
+    let until = next.map_or(latest, |next| next.min(latest));
+    let mut has_arrived = false;
+    if let Some([start, end]) = awake.as_ref().and_then(|awake| awake.bounds(now)) {
+        has_arrived = sleep(start.min(until))?;
+        while !has_arrived && (start..end.min(until)).contains(&clock()) {
+            std::hint::spin_loop();
+            has_arrived = sleep(start)?;
+        }
+    }
+    if !has_arrived {
+        has_arrived = sleep(until)?;
+    }
+    let now = clock();
+    if let (true, Some(awake)) = (has_arrived, awake) {
+        awake.expect_after(now);
+    }
+    Ok(now)
+}
+
+/// Sleeps until `descriptor` is readable or until `deadline`; returns whether it is readable. May return early.
+fn wait_readable(descriptor: &OwnedFd, deadline: Time) -> Result<bool, BusError> {
+    let nanos = deadline.since(Time::now()).max(Span::ZERO).nanos();
     let timeout = Timespec { tv_sec: nanos / 1_000_000_000, tv_nsec: nanos % 1_000_000_000 };
     match poll(&mut [PollFd::new(descriptor, PollFlags::IN)], Some(&timeout)) {
-        Ok(_) | Err(Errno::INTR) => Ok(()),
+        Ok(ready) => Ok(ready > 0),
+        Err(Errno::INTR) => Ok(false),
         Err(error) => {
             let action = "waiting for the network".to_owned();
             Err(BusError::System { action, reason: error.to_string() })
@@ -185,5 +219,47 @@ impl TurnClock for LoopClock {
         } else {
             writer.notify()
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::{Cell, RefCell};
+
+    use super::*;
+
+    /// Waits in a world whose clock advances by 10 us with each look at it, with an arrival at `arrives`; returns the end of the wait and
+    /// the instants until which the loop slept.
+    fn waited(awake: &mut Option<AwakeInterval>, arrives: Time, next: Time) -> (Time, Vec<Time>) {
+        let now = Cell::new(Time::VIRTUAL_START);
+        let sleeps = RefCell::new(Vec::new());
+        let clock = || now.replace(now.get() + Span::from_nanos(10_000));
+        let sleep = |until: Time| {
+            if until > now.get() {
+                sleeps.borrow_mut().push(until);
+                now.set(until.min(arrives).max(now.get()));
+            }
+            Ok(now.get() >= arrives)
+        };
+        let end = wait_for(Some(next), awake, clock, sleep).unwrap();
+        (end, sleeps.into_inner())
+    }
+
+    #[test]
+    fn a_loop_sleeps_until_the_interval_and_is_awake_in_it() {
+        let mut config = Config::default();
+        (config.realtime.awake_us, config.realtime.cpus) = (300.0, vec![0, 1]);
+        let ms = |ms: i64| Time::VIRTUAL_START + Span::from_millis(ms);
+        let next = ms(19);
+        let mut awake = AwakeInterval::of(&config, Role::Daemon);
+        assert_eq!(waited(&mut awake, ms(1), next).1, [next], "no arrival is expected yet");
+        let [start, end] = awake.as_ref().unwrap().bounds(ms(1)).unwrap();
+        let in_interval = start + Span::from_nanos(200_000);
+        let mut kept = awake.clone();
+        let (woken, sleeps) = waited(&mut kept, in_interval, next);
+        assert_eq!(sleeps, [start], "awake");
+        assert!(woken >= in_interval && woken < in_interval + Span::from_nanos(50_000));
+        assert!(kept.unwrap().bounds(woken).unwrap()[0] > end, "the next arrival is expected");
+        assert_eq!(waited(&mut awake, next, next).1, [start, next], "asleep after the interval");
     }
 }

@@ -14,16 +14,16 @@ pub(crate) fn notify<E>(
     wake(count)
 }
 
-/// Sleeps if no event was counted since `seen`, which it then updates. `sleep` must return at once if the count differs from the
-/// number that it is passed, and may return early.
+/// Sleeps if no event was counted since `seen`, which it then updates; returns whether there was one. `sleep` must return at once if the
+/// count differs from the number that it is passed, and may return early.
 pub(crate) fn wait<E>(
     count: &AtomicU32,
     seen: &Cell<u32>,
     sleep: impl FnOnce(&AtomicU32, u32) -> Result<(), E>,
-) -> Result<(), E> {
+) -> Result<bool, E> {
     if count.load(Ordering::Acquire) == seen.get() {
         sleep(count, seen.get())?;
     }
-    seen.set(count.load(Ordering::Acquire));
-    Ok(())
+    let now = count.load(Ordering::Acquire);
+    Ok(seen.replace(now) != now)
 }
