@@ -40,7 +40,10 @@ const LEFT_OUT: [&str; 10] = [
 /// Plants of the training flights: the identified one, and those that limit how stiff the gains may be.
 const PLANTS: [PlantVariant; 3] = [
     NOMINAL,
-    PlantVariant { name: "rate gain +12 %", changes: &[Change::Times(AUTHORITY, 1.12)] },
+    PlantVariant {
+        name: "rate gain +12 %, thrust +8 %",
+        changes: &[Change::Times(AUTHORITY, 1.12), Change::Times("plant.max-thrust-n", 1.08)],
+    },
     PlantVariant { name: "inner lag +30 %", changes: &[Change::Times(RATE_LAG, 1.3)] },
 ];
 

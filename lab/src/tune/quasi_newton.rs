@@ -13,7 +13,7 @@ use super::bee_colony::Best;
 
 /// Initial half width of the trust region, and its bounds; below the lower one the search has converged \[-\].
 const FIRST_REGION: f64 = 0.1;
-const REGION: [f64; 2] = [1e-3, 0.4];
+const REGION: [f64; 2] = [4e-3, 0.4];
 /// Distance of the points for the derivatives: at first, and later over the half width of the trust region \[-\].
 const FIRST_DISTANCE: f64 = 0.05;
 const DISTANCE: f64 = 0.3;
