@@ -4,13 +4,16 @@ use std::fmt::Write;
 use std::path::PathBuf;
 
 use clap::Args;
+use oqtal_bus::code::Actuation;
 use oqtal_bus::message::CommandV1;
+use oqtal_bus::time::Time;
 use oqtal_config::{Config, Setting};
 use oqtal_lab::replay::{RecordedWaypoints, ReplayResult, ReplayedTick, replay};
 use oqtal_observe::recording::{DaemonHistory, InputHistory, RecordingFile, play, recording_path};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::{print, say};
 use serde::Serialize;
+use toml::Table;
 
 use crate::recordings::{self, failure};
 
@@ -54,7 +57,7 @@ struct ReplayReport {
     deadline_misses: u64,
     /// Greatest difference between corresponding numbers of the commands \[unit of the number\].
     greatest_difference: f64,
-    /// Texts of the first differences, with number and time since the first tick \[s\].
+    /// Texts of the first differences, with number and time since arming \[s\].
     differences: Vec<String>,
 }
 
@@ -90,20 +93,25 @@ impl ReplayArgs {
 
     /// Configuration of the recording, with the flags applied.
     fn config(&self, file: &RecordingFile) -> Result<Config, Failure> {
+        let name = format!("{} (config.toml)", self.file.display());
+        let recorded = file.config_text().map_err(failure)?;
+        let acting = |settings: &[Setting]| {
+            Config::parse(&name, &recorded, settings).ok().map(|config| of_daemon(&config))
+        };
         let mut settings = Vec::new();
         for text in &self.settings {
-            if OF_INPUTS.iter().any(|section| text.starts_with(section)) {
+            let setting = Setting::parse("--set", text)?;
+            if acting(std::slice::from_ref(&setting)) == acting(&[]) {
                 say(&format!(
                     "oqtal: {text} has no effect: the daemon's inputs are those of the recording"
                 ));
             }
-            settings.push(Setting::parse("--set", text)?);
+            settings.push(setting);
         }
         if let Some(name) = &self.controller {
             settings.push(Setting::flag("--controller", "control.controller", name.clone()));
         }
-        let name = format!("{} (config.toml)", self.file.display());
-        Ok(Config::parse(&name, &file.config_text().map_err(failure)?, &settings)?)
+        Ok(Config::parse(&name, &recorded, &settings)?)
     }
 
     /// Fails unless every daemon was recorded from its start without a gap.
@@ -128,8 +136,17 @@ fn numbers(command: &CommandV1) -> [f64; 11] {
     [s[0], s[1], s[2], t[0], t[1], t[2], q[0], q[1], q[2], q[3], thrust]
 }
 
-/// Sections whose keys act on the inputs of the daemon alone.
-const OF_INPUTS: [&str; 3] = ["plant.", "receiver.", "fault."];
+/// Sections whose keys have no effect on the commands that the daemon computes from its inputs, except where a key of another section
+/// follows them.
+const OF_OTHERS: [&str; 8] =
+    ["bridge", "fault", "log", "mocap", "plant", "realtime", "receiver", "record"];
+
+/// The sections of `config` that act on the commands.
+fn of_daemon(config: &Config) -> Table {
+    let mut table: Table = config.to_toml().parse().expect("it was written as TOML");
+    table.retain(|section, _| OF_OTHERS.iter().all(|other| section != *other));
+    table
+}
 
 /// Names of the numbers of a command.
 const NAMES: [&str; 11] = [
@@ -146,13 +163,19 @@ const NAMES: [&str; 11] = [
     "thrust",
 ];
 
+/// Zero of the times, as in the tables of an export: the first tick recorded with running motors, or the first one.
+fn origin(results: &[ReplayResult]) -> Time {
+    let is_armed = |tick: &&ReplayedTick| tick.recorded.actuation != Actuation::Disarmed.code();
+    let mut ticks = results.iter().flat_map(|result| &result.ticks);
+    ticks.clone().find(is_armed).or(ticks.next()).map(|tick| tick.time).unwrap_or_default()
+}
+
 /// One row per tick: time, then every number as recorded and as replayed.
 fn csv(results: &[ReplayResult]) -> String {
     let pair = |name: &&str| format!(",{name},replayed_{name}");
     let mut text = format!("t_s{}\n", NAMES.iter().map(pair).collect::<String>());
-    let mut ticks = results.iter().flat_map(|result| &result.ticks).peekable();
-    let origin = ticks.peek().map(|tick| tick.time).unwrap_or_default();
-    for tick in ticks {
+    let origin = origin(results);
+    for tick in results.iter().flat_map(|result| &result.ticks) {
         let _ = write!(text, "{}", tick.time.since(origin).seconds());
         for (recorded, replayed) in numbers(&tick.recorded).iter().zip(numbers(&tick.command)) {
             let _ = write!(text, ",{recorded},{replayed}");
@@ -165,7 +188,7 @@ fn csv(results: &[ReplayResult]) -> String {
 impl ReplayReport {
     fn new(results: &[ReplayResult], open_loop: bool) -> Self {
         let ticks: Vec<&ReplayedTick> = results.iter().flat_map(|result| &result.ticks).collect();
-        let origin = ticks.first().map(|tick| tick.time).unwrap_or_default();
+        let origin = origin(results);
         let differing = ticks.iter().filter(|tick| !tick.is_identical);
         let unmatched = results.iter().flat_map(|result| &result.unmatched);
         let unmatched_text = unmatched.clone().map(|time| {
@@ -226,7 +249,7 @@ impl ReplayReport {
 }
 
 /// First number that differs in a tick, as text.
-fn difference(tick: &ReplayedTick, origin: oqtal_bus::time::Time) -> String {
+fn difference(tick: &ReplayedTick, origin: Time) -> String {
     let (number, at_s) = (tick.telemetry.tick, tick.time.since(origin).seconds());
     let mut pairs =
         NAMES.iter().zip(numbers(&tick.recorded).into_iter().zip(numbers(&tick.command)));
@@ -238,4 +261,42 @@ fn difference(tick: &ReplayedTick, origin: oqtal_bus::time::Time) -> String {
         None => "stamps or telemetry differ".to_owned(),
     };
     format!("tick {number}, t = {at_s:.4} s: {what}")
+}
+
+#[cfg(test)]
+mod tests {
+    use oqtal_bus::message::TelemetryV1;
+    use oqtal_bus::time::Span;
+
+    use super::*;
+
+    #[test]
+    fn a_setting_acts_if_a_key_of_the_daemon_is_it_or_follows_it() {
+        let of = |text: &str| {
+            let setting = Setting::parse("--set", text).unwrap();
+            of_daemon(&Config::from_settings(&[setting]).unwrap())
+        };
+        let recorded = of_daemon(&Config::default());
+        for text in ["mocap.latency-ms=60", "plant.mass-kg=0.6", "bridge.air-latency-ms=9"] {
+            assert_eq!(of(text), recorded, "{text}");
+        }
+        for text in ["mocap.attitude-noise-deg=0.3", "vehicle.mass-kg=0.6"] {
+            assert_ne!(of(text), recorded, "{text}");
+        }
+    }
+
+    #[test]
+    fn times_count_from_arming() {
+        let tick = |ms: i64, actuation: Actuation| ReplayedTick {
+            time: Time::VIRTUAL_START + Span::from_millis(ms),
+            telemetry: TelemetryV1::default(),
+            command: CommandV1::default(),
+            recorded: CommandV1 { actuation: actuation.code(), ..CommandV1::default() },
+            is_identical: true,
+        };
+        let ticks = vec![tick(0, Actuation::Disarmed), tick(95, Actuation::Sticks)];
+        let results = [ReplayResult { ticks, ..ReplayResult::default() }];
+        assert_eq!(origin(&results), Time::VIRTUAL_START + Span::from_millis(95));
+        assert!(csv(&results).contains("\n-0.095,"), "{}", csv(&results));
+    }
 }

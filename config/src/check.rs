@@ -54,7 +54,10 @@ impl Config {
         }
         let (poses, loops) = (self.safety.pose_rate_hz, self.control.rate_hz);
         if poses < loops * LEAST_POSES_PER_TICK {
-            let allowed = format!("at least two thirds of control.rate-hz, {loops}");
+            let allowed = format!(
+                "at least two thirds of control.rate-hz, {loops}: lower that to {:.0} at most, or set the rate at which poses arrive",
+                (poses / LEAST_POSES_PER_TICK).floor()
+            );
             return Err(OptionError::new("safety.pose-rate-hz", poses, allowed));
         }
         let (lift, gravity) =

@@ -63,10 +63,17 @@ impl Origins {
     ) -> ConfigError {
         let settings = &self.settings;
         let last_kept = (0..settings.len()).rev().find(|count| is_kept(&settings[..*count]));
-        let Some(first) = last_kept.map(|count| &settings[count]) else {
-            return self.locate(error);
-        };
-        blame(error, settings.iter().rfind(|setting| setting.key == first.key))
+        let located = self.locate(error);
+        let Some(first) = last_kept.map(|count| &settings[count]) else { return located };
+        let blamed = blame(error, settings.iter().rfind(|setting| setting.key == first.key));
+        // Of two settings that contradict each other both are named: a preset counts as set before the files.
+        match are_nested(&first.key, &error.key) || located.origin == BUILT_IN {
+            true => blamed,
+            false => {
+                let both = format!("{}; `{}` is of {}", blamed.reason, error.key, located.origin);
+                ConfigError { reason: both, ..blamed }
+            }
+        }
     }
 
     /// Adds the origin of the option in `error`; for an option that follows another one, the origin of the followed option.

@@ -77,6 +77,8 @@ fn an_error_names_the_setting_that_made_the_value_impossible() {
         too_fast.contains("`safety.pose-rate-hz` is 60") && too_fast.starts_with("flag 1: "),
         "{too_fast}"
     );
+    assert!(too_fast.contains("lower that to 90 at most"), "{too_fast}");
+    assert!(too_fast.ends_with("; `safety.pose-rate-hz` is of flag 0"), "{too_fast}");
     let too_slow = error(&["control.rate-hz=50", "mocap.rate-hz=30"]);
     assert!(too_slow.starts_with("flag 1: ") && too_slow.contains("it follows `mocap.rate-hz`"));
     let too_long = error(&["bridge.motor-sequence-ms=4000"]);

@@ -120,8 +120,9 @@ fn check_span(config: &Config, ways: &[Way]) -> Result<(), OptionError> {
         // A comparison with NaN is false.
         let fits = needed_m < high[axis] - low[axis];
         let needed_m = remedies::above(needed_m);
+        let extent = if name == "z" { "high above the place of the start" } else { "wide" };
         let allowed = format!(
-            "at least {needed_m:.2} m wide, {}: the trajectory goes from {name} = {:.2} m at {:.1} s to {name} = {:.2} m at {:.1} s",
+            "at least {needed_m:.2} m {extent}, {}: the trajectory goes from {name} = {:.2} m at {:.1} s to {name} = {:.2} m at {:.1} s",
             way.room(), from.1, from.0, to.1, to.0
         );
         (!fits).then(|| border_error(config, name, allowed))

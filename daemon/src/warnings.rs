@@ -44,13 +44,13 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
     let samples = samples(&plan);
     let (path, limits) = (&config.trajectory, &config.position);
-    // The predictive stack feeds the motion of the reference forward, beside these limits, if its acceleration does not jump.
-    let jumps =
+    let jerks =
         path.kind == TrajectoryKind::Waypoints && path.waypoints_curve == WaypointCurve::Monotone;
-    let too_hard = path::too_hard(&samples, config, (trajectory, jumps));
     if config.control.is_predictive() {
-        all.extend(too_hard.filter(|_| jumps));
+        // It feeds the motion of the reference forward, beside the limits.
+        all.extend(jerks.then(|| path::jerks(&samples, config, trajectory)).flatten());
     } else {
+        let too_hard = path::too_hard(&samples, config);
         // With a higher limit of the velocity the vehicle leaves a path that is too hard even further.
         let horizontal = ("horizontal", limits.horizontal_velocity_limit_m_s, too_hard.is_none());
         all.extend(path::too_fast(&samples, config, horizontal, |velocity| velocity.xy().norm()));
@@ -273,8 +273,12 @@ mod tests {
             told(&law, Some(&table)).join("\n")
         };
         let text = of("monotone", 1.0);
-        assert!(text.ends_with("fly it 1.7 times slower"), "{text}");
-        assert!(of("monotone", 1.2).contains("or set trajectory.waypoints-curve"));
+        assert!(text.contains("jumps by 6.72 m/s^2"), "{text}");
+        assert!(text.contains("path after that; fly it 2.2 times slower"), "{text}");
+        assert!(
+            of("monotone", 1.2).contains("set trajectory.waypoints-curve to \"minimum-snap\", or")
+        );
+        assert_eq!(of("monotone", 2.2), "");
         assert_eq!(of("minimum-snap", 1.2), "");
     }
 
@@ -295,14 +299,15 @@ mod tests {
             told(&[&format!("trajectory.kind={kind}"), setting], None).join("\n")
         };
         let text = of("attitude-chirp", "trajectory.attitude-chirp.to-hz=12");
-        for part in ["5.25 rad/s", "is 1.60", "to-hz in trajectory.attitude-chirp to 3.6"] {
+        // A sine of 4 deg at 12 Hz turns at 5.25 rad/s; a lag of 50 ms raises the command by sqrt(1 + (2 pi 12 0.05)^2).
+        for part in ["20.26 rad/s", "is 2:", "to-hz in trajectory.attitude-chirp to 3.21"] {
             assert!(text.contains(part), "{text}");
         }
-        assert_eq!(of("attitude-chirp", "trajectory.attitude-chirp.to-hz=3.6"), "");
+        assert_eq!(of("attitude-chirp", "trajectory.attitude-chirp.to-hz=3.21"), "");
         let text = of("excitation", "trajectory.excitation.tilt-deg=30");
-        assert!(text.contains("trajectory.excitation.tilt-deg to 10.7"), "{text}");
+        assert!(text.contains("trajectory.excitation.tilt-deg to 13.3"), "{text}");
         for (kind, setting) in [
-            ("excitation", "trajectory.excitation.tilt-deg=10.7"),
+            ("excitation", "trajectory.excitation.tilt-deg=13.3"),
             ("attitude-doublet", "trajectory.attitude-doublet.angle-deg=30"),
         ] {
             assert_eq!(of(kind, setting), "", "steps have no rate");

@@ -7,34 +7,59 @@ use oqtal_control::trajectory::{
 };
 
 use crate::flight_room::{is_flyable, known_start};
-use crate::flyable::{RATE_SHARE, least_settle_s};
+use crate::flyable::least_settle_s;
 use crate::supervisor::FAR_OFF_MS;
 
+/// Jump of the acceleration above which a note is printed \[m/s^2\]: below it, the predictive stack stays within 2 cm of the path.
+const MOST_JUMP_M_S2: f64 = 1.5;
 /// Distance between hover point and first waypoint above which a note is printed \[m\].
 const TOLD_JUMP_M: f64 = 0.5;
 
-/// Warning of the greatest acceleration of the reference, if the limit of the tilt does not allow it. `jumps`: whether the acceleration
-/// is discontinuous.
-pub(super) fn too_hard(
-    samples: &[(f64, Reference)],
-    config: &Config,
-    (trajectory, jumps): (&Trajectory, bool),
-) -> Option<String> {
+/// Warning of the greatest acceleration of the reference, if the limit of the tilt does not allow it.
+pub(super) fn too_hard(samples: &[(f64, Reference)], config: &Config) -> Option<String> {
     let (most, t_s, _) = greatest(samples, |reference| reference.acceleration.xy().norm())?;
     let tilt_deg = config.position.tilt_limit_deg;
     let limit = config.vehicle.gravity_m_s2 * tilt_deg.to_radians().tan();
     (most > limit).then(|| {
+        format!(
+            "at {:.2} s the trajectory accelerates by {most:.2} m/s^2, and position.tilt-limit-deg = {tilt_deg} gives {limit:.2}: the vehicle leaves the path there; fly it {:.1} times slower",
+            t_s - config.trajectory.start_s(),
+            slower(most / limit)
+        )
+    })
+}
+
+/// Factor of the times that divides an acceleration by `excess`, rounded up, so that the remedy suffices \[-\].
+fn slower(excess: f64) -> f64 {
+    (10.0 * excess.sqrt()).ceil() / 10.0
+}
+
+/// Warning of the greatest jump of the acceleration of `trajectory`, for the predictive stack: it feeds the acceleration forward and cannot
+/// turn the thrust at once, whatever the limit of the tilt.
+pub(super) fn jerks(
+    samples: &[(f64, Reference)],
+    config: &Config,
+    trajectory: &Trajectory,
+) -> Option<String> {
+    let jump = |pair: &[(f64, Reference)]| {
+        let [before, after] = [0, 1].map(|side| pair[side].1.acceleration.xy());
+        ((after - before).norm(), pair[1].0)
+    };
+    let flown = samples
+        .windows(2)
+        .filter(|pair| pair.iter().any(|(_, reference)| reference.phase == Phase::Trajectory));
+    let (most, t_s) = flown.map(jump).max_by(|a, b| a.0.total_cmp(&b.0))?;
+    (most > MOST_JUMP_M_S2).then(|| {
         let smooth = trajectory.clone().along(WaypointCurve::MinimumSnap);
-        let is_remedy = jumps && config.control.is_predictive();
-        let or_smooth = match is_remedy && is_flyable(config, &smooth, known_start(config)) {
-            true => ", or set trajectory.waypoints-curve to \"minimum-snap\"",
+        let or_smooth = match is_flyable(config, &smooth, known_start(config)) {
+            true => "set trajectory.waypoints-curve to \"minimum-snap\", or ",
             false => "",
         };
         format!(
-            "at {:.2} s the trajectory accelerates by {most:.2} m/s^2, and position.tilt-limit-deg = {tilt_deg} gives {limit:.2}: the vehicle leaves the path there; fly it {:.1} times slower{or_smooth}",
+            "at {:.2} s the acceleration of the trajectory jumps by {most:.2} m/s^2, faster than the vehicle turns: it leaves the path after that; {or_smooth}fly it {:.1} times slower, with jumps below {MOST_JUMP_M_S2} m/s^2",
             t_s - config.trajectory.start_s(),
-            // Rounded up, so that the remedy suffices.
-            (10.0 * (most / limit).sqrt()).ceil() / 10.0
+            // Between two points the acceleration changes by a little more than it jumps.
+            slower(1.05 * most / MOST_JUMP_M_S2)
         )
     })
 }
@@ -178,7 +203,7 @@ pub(super) fn first_turn(config: &Config, trajectory: &Trajectory) -> Option<Str
 /// Time between two points at which a prescribed attitude is looked at, and most points \[s, -\].
 const ATTITUDE_STEP_S: f64 = 1e-3;
 const MOST_ATTITUDES: f64 = 200_000.0;
-/// Time over which its rate is a difference \[s\].
+/// Time over which its rate is a difference \[s\]; that of the rate's change is the step.
 const DIFFERENCE_S: f64 = 1e-5;
 /// Share of the amplitude or frequency that would do \[-\]: the greatest rate may lie between two points.
 const REMEDY_SHARE: f64 = 0.99;
@@ -192,46 +217,63 @@ pub(super) fn turns_too_fast(config: &Config, trajectory: &Trajectory) -> Option
     let limits = config.vehicle.rate_authority_rad_s;
     let step_s = ATTITUDE_STEP_S.max(trajectory.duration_s() / MOST_ATTITUDES);
     let times = (0..(trajectory.duration_s() / step_s) as u32).map(|k| f64::from(k) * step_s);
-    let rates = times.filter_map(|t_s| Some((t_s, prescribed_rate(trajectory, t_s)?)));
-    let shares = rates.flat_map(|(t_s, rate)| {
+    // An excitation identifies the lag; only a chirp is to be followed.
+    let is_chirp = config.trajectory.kind == TrajectoryKind::AttitudeChirp;
+    let lag_ms = if is_chirp { config.vehicle.rate_lag_ms } else { 0.0 };
+    let commands =
+        times.filter_map(|t_s| Some((t_s, commanded_rate(trajectory, t_s, lag_ms * 1e-3)?)));
+    let shares = commands.flat_map(|(t_s, rate)| {
         (0..3).map(move |axis| (rate[axis].abs() / limits[axis], t_s, axis, rate[axis].abs()))
     });
     let (share, t_s, axis, rate) = shares.max_by(|a, b| a.0.total_cmp(&b.0))?;
-    let factor = RATE_SHARE / share;
-    (factor < 1.0).then(|| {
+    (share > 1.0).then(|| {
         let (name, limit) = (["roll", "pitch", "yaw"][axis], limits[axis]);
+        let with_lag = match lag_ms {
+            0.0 => String::new(),
+            _ => format!(", with vehicle.rate-lag-ms = {lag_ms}"),
+        };
         format!(
-            "at {t_s:.2} s the trajectory prescribes an attitude that turns at {rate:.2} rad/s in {name}, and {RATE_SHARE} of vehicle.rate-authority-rad-s is {:.2}: the vehicle will stay behind; lower {}",
-            RATE_SHARE * limit,
-            slower_attitude(config, factor * REMEDY_SHARE)
+            "at {t_s:.2} s the trajectory prescribes an attitude that takes a command of {rate:.2} rad/s in {name}{with_lag}, and vehicle.rate-authority-rad-s is {limit}: the vehicle will stay behind; lower {}",
+            slower_attitude(config, REMEDY_SHARE / share)
         )
     })
 }
 
-/// The rate of the attitude that `trajectory` prescribes at `t_s` \[rad/s, body\], that of a side without a step; `None` without one.
-fn prescribed_rate(trajectory: &Trajectory, t_s: f64) -> Option<Vector3<f64>> {
+/// The rate command with which a vehicle with this lag of the rates \[s\] turns like the attitude that `trajectory` prescribes at `t_s`
+/// \[rad/s, body\]; `None` without one. Where the rate steps, it is the smaller one of both sides.
+fn commanded_rate(trajectory: &Trajectory, t_s: f64, lag_s: f64) -> Option<Vector3<f64>> {
     let at = |t_s: f64| trajectory.sample(t_s).attitude.map(|prescribed| prescribed.attitude);
-    let (now, sides) = (at(t_s)?, [t_s - DIFFERENCE_S, t_s + DIFFERENCE_S]);
-    let rates =
-        sides.into_iter().filter_map(|side_s| Some(now.rotation_to(&at(side_s)?) / DIFFERENCE_S));
-    rates.min_by(|a, b| a.norm().total_cmp(&b.norm()))
+    let rate = |t_s: f64, side: f64| {
+        let step_s = side * DIFFERENCE_S;
+        Some(at(t_s)?.rotation_to(&at(t_s + step_s)?) / step_s)
+    };
+    let commands = [-1.0, 1.0].into_iter().filter_map(|side| {
+        let (here, there) = (rate(t_s, side)?, rate(t_s + side * ATTITUDE_STEP_S, side)?);
+        Some(here + (there - here) * (lag_s / (side * ATTITUDE_STEP_S)))
+    });
+    commands.min_by(|a, b| a.norm().total_cmp(&b.norm()))
 }
 
-/// The settings that make a prescribed attitude turn `factor` times as fast \[-\].
+/// The settings with which a prescribed attitude takes `factor` times the rate command \[-\].
 fn slower_attitude(config: &Config, factor: f64) -> String {
-    let scaled = |value: f64| (value * factor * 100.0).trunc() / 100.0;
+    let floor = |value: f64| (value * 100.0).trunc() / 100.0;
     let (path, chirp) = (&config.trajectory, &config.trajectory.attitude_chirp);
     match path.kind {
         TrajectoryKind::AttitudeChirp => {
-            let most_hz = scaled(chirp.from_hz.max(chirp.to_hz));
+            // A sine at f takes a command of f sqrt(1 + (2 pi lag f)^2) times a constant.
+            let squared = (std::f64::consts::TAU * config.vehicle.rate_lag_ms * 1e-3).powi(2);
+            let high_hz = chirp.from_hz.max(chirp.to_hz);
+            let gain = (high_hz * factor).powi(2) * (1.0 + squared * high_hz * high_hz);
+            let most_hz = floor((2.0 * gain / (1.0 + (1.0 + 4.0 * squared * gain).sqrt())).sqrt());
             let both = [("from-hz", chirp.from_hz), ("to-hz", chirp.to_hz)];
             let keys = both.iter().filter(|(_, hz)| *hz > most_hz).map(|(key, _)| *key);
-            format!(
-                "{} in trajectory.attitude-chirp to {most_hz:.2}, or amplitude-deg to {:.2}",
-                keys.collect::<Vec<_>>().join(" and "),
-                scaled(chirp.amplitude_deg)
-            )
+            // With a smaller amplitude the delays would remain too long for so high a frequency.
+            let keys = keys.collect::<Vec<_>>().join(" and ");
+            format!("{keys} in trajectory.attitude-chirp to {most_hz:.2}")
         }
-        _ => format!("trajectory.excitation.tilt-deg to {:.2}", scaled(path.excitation.tilt_deg)),
+        _ => format!(
+            "trajectory.excitation.tilt-deg to {:.2}",
+            floor(path.excitation.tilt_deg * factor)
+        ),
     }
 }
