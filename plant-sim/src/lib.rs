@@ -73,7 +73,7 @@ pub enum PlantCommand {
 #[derive(Args, Clone, Debug)]
 pub struct PlantArgs {
     /// Receive commands at the wire asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]: PATH becomes a link to a pseudo-terminal;
-    /// mavlink:udpout:HOST:PORT, mavlink:udpin:HOST:PORT, or crtp:udp:HOST:PORT
+    /// mavlink:udpout:HOST:PORT, mavlink:udpin:HOST:PORT, crtp:udp:HOST:PORT, or msp:udpin:HOST:PORT
     #[arg(long, value_name = "LINK")]
     wire: Option<String>,
     /// Be the body of a Crazyflie's firmware that runs as a program, crazyflie-sitl:udp:HOST:PORT[,crtp=HOST:PORT], or publish the
