@@ -71,7 +71,7 @@ pub struct FlyArgs {
     #[arg(long, value_name = "VEHICLE", value_parser = vehicle::parse)]
     vehicle: Option<VehicleChoice>,
     /// True motion of the vehicle at a link, where it is a firmware that runs as a program, for the emulated cameras:
-    /// crazyflie-sitl:udp:HOST:PORT[,crtp=HOST:PORT], or mavlink:udpin:HOST:PORT
+    /// crazyflie-sitl:udp:HOST:PORT[,crtp=HOST:PORT], betaflight-sitl:udp:HOST:PORT[,state=HOST:PORT], or mavlink:udpin:HOST:PORT
     #[arg(long, value_name = "SOURCE")]
     truth: Option<String>,
     #[arg(long = "fault", value_name = "TARGET:KIND[=VALUE]@TIME[+DURATION]", help = fault::HELP)]

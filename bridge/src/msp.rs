@@ -4,11 +4,12 @@
 //! Sticks are body rates (acro): the gyroscope alone closes the loop on board, at kilohertz, and attitude and heading are those of
 //! the cameras. In angle mode the vehicle would hold an attitude by its accelerometer, with a heading that drifts.
 //!
-//! The arming switch has a level: it is on while the motors are to be started or run, and off in every set-point from the stop
-//! sequence on. A start that has no effect switches off and on again, because Betaflight arms only at the change.
+//! The arming switch has a level: it is on while this bridge starts the motors and while they run, and off in every other set-point.
+//! While a reason prevents arming it is off, too, because Betaflight arms only at the change.
 //!
-//! No set-point is sent until the settings are known. Every set-point is acknowledged.
+//! No set-point is sent until the settings are known. Every set-point is acknowledged; `backlog.rs` counts those that wait.
 
+mod backlog;
 mod settings;
 
 use std::io::Write as _;
@@ -33,6 +34,7 @@ use crate::protocol::{
 use crate::setpoint::VehicleSetpoint;
 use crate::timing::millis;
 
+use backlog::Backlog;
 pub(crate) use settings::{MspField, MspSettings};
 
 /// Greatest rate of set-points \[Hz\]: Betaflight executes 100 requests a second, those of the status included.
@@ -43,9 +45,8 @@ const STATUS_SPACING: Span = Span::from_millis(50);
 const BATTERY_PERIOD: Span = Span::from_millis(1000);
 /// Time after which a request of the settings is repeated.
 const REPEAT: Span = Span::from_millis(250);
-/// Period in which a start switches off and on again, and the part of it in which the switch is on.
-const START_PERIOD: Span = Span::from_millis(1000);
-const START_ON: Span = Span::from_millis(700);
+/// Time of a start sequence after which reasons that prevent arming are reported: before, they end by themselves.
+const REFUSED_AFTER: Span = Span::from_millis(1000);
 /// Lengths of a packet without payload, of its longest reply in flight, the status, and of a set-point \[bytes\].
 const ENVELOPE: usize = 6;
 const LONGEST_STATUS: usize = 32;
@@ -77,10 +78,11 @@ pub struct Msp {
     status: Option<MspStatus>,
     /// Beginning of the start sequence.
     started_at: Option<Time>,
-    /// Whether the motors are to stop, until a status reports that they have.
-    is_stopping: bool,
+    /// Whether the arming switch is on.
+    is_on: bool,
     /// Last reported reason why the vehicle does not arm.
     last_reported: Option<&'static str>,
+    backlog: Backlog,
     received_at: Time,
     /// Time without a reply after which the settings are read again.
     silence: Span,
@@ -115,8 +117,9 @@ impl Msp {
             settings: MspSettings::default(),
             status: None,
             started_at: None,
-            is_stopping: false,
+            is_on: false,
             last_reported: None,
+            backlog: Backlog::default(),
             received_at: Time::UNSET,
             silence: millis(config.bridge.silence_ms),
             setting_timer: PeriodicTimer::new(REPEAT),
@@ -129,7 +132,8 @@ impl Msp {
     /// Forgets the vehicle: its settings are read again.
     fn restart(&mut self) {
         (self.settings, self.status, self.last_reported) = (MspSettings::default(), None, None);
-        (self.started_at, self.is_stopping) = (None, false);
+        (self.started_at, self.is_on) = (None, false);
+        self.backlog = Backlog::default();
         self.setting_timer.restart();
     }
 
@@ -144,23 +148,20 @@ impl Msp {
         self.status.is_some_and(|status| status.is_armed())
     }
 
-    /// Position of the arming switch in a set-point that is sent at `now`.
-    fn is_switch_on(&mut self, now: Time, setpoint: &VehicleSetpoint) -> bool {
-        match setpoint {
+    /// Moves the arming switch for a set-point that is sent at `now`.
+    fn switch(&mut self, now: Time, setpoint: &VehicleSetpoint) {
+        self.is_on = match setpoint {
             VehicleSetpoint::StartMotors => {
-                self.is_stopping = false;
-                let since = now.since(*self.started_at.get_or_insert(now));
-                let phase = since.nanos() % START_PERIOD.nanos();
-                phase < START_ON.nanos() && self.settings.deviation(self.rates).is_none()
+                self.started_at.get_or_insert(now);
+                let is_free = self.status.is_some_and(|status| status.obstacles == 0);
+                is_free && self.settings.deviation(self.rates).is_none()
             }
-            VehicleSetpoint::StopMotors => {
-                (self.started_at, self.is_stopping) = (None, true);
-                false
-            }
-            VehicleSetpoint::Zero | VehicleSetpoint::Fly(_) | VehicleSetpoint::Released => {
-                self.started_at = None;
-                self.is_armed() && !self.is_stopping
-            }
+            VehicleSetpoint::StopMotors => false,
+            // Motors that somebody else started, or that stopped by themselves, are not switched on.
+            _ => self.is_on && self.is_armed(),
+        };
+        if *setpoint != VehicleSetpoint::StartMotors {
+            self.started_at = None;
         }
     }
 
@@ -173,12 +174,12 @@ impl Msp {
         MspSticks { deflections: [0, 1, 2].map(deflection), throttle }
     }
 
-    /// Channels of `sticks`, with the arming switch on or off.
-    fn channels(&self, map: MspChannelMap, sticks: MspSticks, is_on: bool) -> VehicleFrame {
+    /// Channels of `sticks` and of the arming switch.
+    fn channels(&self, map: MspChannelMap, sticks: MspSticks) -> VehicleFrame {
         // Without a switch no channel is one.
         let switch = self.settings.arming_switch().map_or((usize::MAX, 0), |switch| {
             let [on, off] = switch.values;
-            (switch.channel, if is_on { on } else { off })
+            (switch.channel, if self.is_on { on } else { off })
         });
         let packet = MspPacket::request(command::CHANNELS, &sticks.payload(map, switch));
         VehicleFrame::of(packet.as_bytes())
@@ -189,9 +190,11 @@ impl Msp {
         self.received_at = now;
         reply(VehicleReply::Answer);
         match packet.command {
+            command::CHANNELS => self.backlog.acknowledge(now),
             command::STATUS => {
+                self.backlog.take_status(now);
                 if let Some(status) = MspStatus::read(packet.payload()) {
-                    self.take_status(status, reply);
+                    self.take_status(now, status, reply);
                 }
             }
             command::BATTERY => {
@@ -210,10 +213,9 @@ impl Msp {
         }
     }
 
-    fn take_status(&mut self, status: MspStatus, reply: &mut dyn FnMut(VehicleReply)) {
+    fn take_status(&mut self, now: Time, status: MspStatus, reply: &mut dyn FnMut(VehicleReply)) {
         let is_armed = status.is_armed();
         self.status = Some(status);
-        self.is_stopping &= is_armed;
         let is_overridden = self.settings.override_bit().is_none_or(|bit| status.modes & bit != 0);
         let is_ours = is_overridden && self.settings.other_mode(status.modes).is_none();
         reply(VehicleReply::Motors(is_armed));
@@ -222,7 +224,8 @@ impl Msp {
             (true, true) => ControlHolder::Bridge,
             (true, false) => ControlHolder::Another,
         }));
-        if self.started_at.is_some() && !is_armed {
+        let is_late = self.started_at.is_some_and(|since| now.since(since) >= REFUSED_AFTER);
+        if is_late && !is_armed {
             let obstacle = self.obstacle(&status, is_overridden);
             self.refuse(obstacle, reply);
         }
@@ -263,13 +266,19 @@ impl VehicleProtocol for Msp {
     }
 
     fn setpoint(&mut self, now: Time, setpoint: &VehicleSetpoint) -> VehicleFrame {
-        let is_on = self.is_switch_on(now, setpoint);
+        self.switch(now, setpoint);
         let sticks = match setpoint {
             VehicleSetpoint::Released => return VehicleFrame::EMPTY,
-            VehicleSetpoint::Fly(command) if is_on => self.sticks(command),
+            VehicleSetpoint::Fly(command) if self.is_on => self.sticks(command),
             _ => MspSticks::ZERO,
         };
-        self.ready().map_or(VehicleFrame::EMPTY, |map| self.channels(map, sticks, is_on))
+        let Some(map) = self.ready() else { return VehicleFrame::EMPTY };
+        self.backlog.send(now);
+        self.channels(map, sticks)
+    }
+
+    fn is_busy(&self, now: Time) -> bool {
+        self.backlog.is_long(now)
     }
 
     fn periodic(&mut self, now: Time, is_status_urgent: bool) -> Option<PeriodicFrame> {
@@ -286,6 +295,9 @@ impl VehicleProtocol for Msp {
             None => self.battery_timer.is_due(now, false).then_some(command::BATTERY),
         };
         due.map(|number| {
+            if number == command::STATUS {
+                self.backlog.request_status();
+            }
             let frame = VehicleFrame::of(MspPacket::request(number, &[]).as_bytes());
             PeriodicFrame { frame, is_answered: true }
         })
@@ -297,8 +309,8 @@ impl VehicleProtocol for Msp {
 
     /// Switches the motors off; Betaflight obeys after it has received the switch for some frames, or its failsafe ends.
     fn emergency_stop(&mut self) -> VehicleFrame {
-        self.is_stopping = true;
-        self.ready().map_or(VehicleFrame::EMPTY, |map| self.channels(map, MspSticks::ZERO, false))
+        self.is_on = false;
+        self.ready().map_or(VehicleFrame::EMPTY, |map| self.channels(map, MspSticks::ZERO))
     }
 
     fn decode(&mut self, now: Time, bytes: &[u8], reply: &mut dyn FnMut(VehicleReply)) {

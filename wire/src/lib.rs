@@ -14,6 +14,7 @@
 //! | module | subject |
 //! |---|---|
 //! | [`asctec`] | the serial interface of AscTec's X-3D-BL and Hummingbird |
+//! | [`betaflight_sitl`] | Betaflight as a program, and the simulator of its body |
 //! | [`crazyflie_sitl`] | the Crazyflie's firmware as a program, and the simulator of its body |
 //! | [`crtp`] | CRTP, the protocol of the Crazyflie |
 //! | [`xbee`] | XBee radios: transparent, API mode 1, API mode 2 |
@@ -33,6 +34,7 @@
 #![forbid(unsafe_code)]
 
 pub mod asctec;
+pub mod betaflight_sitl;
 mod bytes;
 pub mod crazyflie_sitl;
 pub mod crtp;

@@ -79,7 +79,8 @@ impl Betaflight {
                 let full = f64::from(FULL) * MSP_RATE_UNIT;
                 Understood::Flight(sticks.deflections[0] * full / AUTHORITY)
             }
-            false if is_on != was_armed => Understood::Motors,
+            // A switch that is off stops motors; it has no thrust.
+            false if is_on && !was_armed => Understood::Motors,
             false => Understood::Zero,
         }
     }
