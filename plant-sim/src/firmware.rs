@@ -24,7 +24,7 @@ use crate::truth::TruthPorts;
 use crate::turn::log_skipped;
 use crate::wire::{DatagramModel, LinkDirection, LinkModel};
 
-pub use body::{BodyOutput, BodySample, FirmwareBody};
+pub use body::{BodyOutput, FirmwareBody, InertialSample};
 use clock::BodyClock;
 
 /// Maximum number of datagrams read in one turn from each socket \[-\].

@@ -42,7 +42,7 @@ fn replies_of_betaflight_are_read() {
     let lost = status("244d3e19967e0000002300000000000000000400001d0400000000000004cb");
     assert!(!lost.is_armed());
     assert_eq!(arming_obstacle(&lost), Some("RXLOSS"));
-    // The arming switch, bit 28 of 29, is no reason of its own.
+    // The arming switch, bit 28 of 29, is not a reason of its own.
     let early = status("244d3e1996600000002300000000000000000400001d0800001000000004c9");
     assert_eq!(arming_obstacle(&early), Some("NOT_DISARMED"));
     let switch = MspStatus { obstacles: 1 << 28, ..early };
@@ -85,7 +85,7 @@ fn a_damaged_packet_is_counted_and_the_next_one_read() {
 }
 
 #[test]
-fn a_map_that_is_no_order_of_four_channels_is_refused() {
+fn a_map_that_does_not_order_four_channels_is_refused() {
     for map in [&[0, 1, 3][..], &[0, 1, 3, 3], &[0, 1, 3, 4]] {
         assert_eq!(MspChannelMap::read(map), None, "{map:?}");
     }

@@ -9,7 +9,7 @@ use oqtal_wire::mavlink::{
     MavlinkHeartbeat, ParameterName, ParameterValue, SignatureCheck,
 };
 
-use super::{
+use super::exchange::{
     ANSWER_WITHIN, ParameterReport, READ_BUFFER, SetupPort, TRIES, refuse_in_flight, table,
 };
 use crate::mavlink::{OWN_HEARTBEAT, encoder, is_accepted, signature_check, wanted_parameters};
@@ -21,7 +21,7 @@ const HEARTBEAT_WITHIN: Span = Span::from_millis(6000);
 /// Period of own heartbeats, which some autopilots need before they answer.
 const HEARTBEAT_PERIOD: Span = Span::from_millis(500);
 
-/// Reads, checks and sets the parameters of the vehicle at `spec`; see [`super::set_up`].
+/// Reads, checks and sets the parameters of the vehicle at `spec`; see `set_up` of the module above.
 pub(super) fn set_up(
     config: &Config,
     (spec, link): (&LinkSpec, &MavlinkLink),
@@ -176,13 +176,15 @@ mod tests {
     use std::net::UdpSocket;
 
     use super::*;
-    use crate::vehicle_setup::set_up;
 
     #[test]
     fn the_parameters_of_a_vehicle_whose_motors_run_are_not_changed() {
         let vehicle = UdpSocket::bind("127.0.0.1:0").unwrap();
-        let spec = format!("mavlink:udpout:{}", vehicle.local_addr().unwrap()).parse().unwrap();
-        let setup = std::thread::spawn(move || set_up(&Config::default(), &spec, true));
+        let spec: LinkSpec =
+            format!("mavlink:udpout:{}", vehicle.local_addr().unwrap()).parse().unwrap();
+        let LinkSpec::Mavlink(link) = &spec else { panic!("{spec}") };
+        let link = link.clone();
+        let setup = std::thread::spawn(move || set_up(&Config::default(), (&spec, &link), true));
         let (_, host) = vehicle.recv_from(&mut [0; READ_BUFFER]).unwrap();
         let own = MavlinkAddress { system: 1, component: MavlinkAddress::AUTOPILOT };
         let heartbeat = MavlinkContent::Heartbeat(MavlinkHeartbeat {

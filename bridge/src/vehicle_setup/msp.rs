@@ -6,7 +6,7 @@ use oqtal_runtime::process::{Exit, Failure};
 use oqtal_wire::link::LinkSpec;
 use oqtal_wire::msp::{MSP_ARM, MspDecoder, MspKind, MspModeRange, MspPacket, MspStatus, command};
 
-use super::{
+use super::exchange::{
     ANSWER_WITHIN, ParameterReport, READ_BUFFER, SetupPort, TRIES, refuse_in_flight, table,
 };
 use crate::msp::{MspField, MspSettings, full_rates};
@@ -14,7 +14,7 @@ use crate::msp::{MspField, MspSettings, full_rates};
 /// Range in which the first auxiliary channel arms, if no range arms: 1700 to 2100 us.
 const ARM_RANGE: [u8; 4] = [MSP_ARM, 0, 32, 48];
 
-/// Reads, checks and sets the settings of the vehicle at `spec`; see [`super::set_up`].
+/// Reads, checks and sets the settings of the vehicle at `spec`; see `set_up` of the module above.
 pub(super) fn set_up(
     config: &Config,
     spec: &LinkSpec,

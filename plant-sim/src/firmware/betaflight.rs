@@ -8,7 +8,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_runtime::process::{Failure, ProcessContext};
 use oqtal_wire::betaflight_sitl::{MOTORS_BYTES, read_motors, state_datagram};
 
-use super::body::{BodyOutput, BodySample, FirmwareBody};
+use super::body::{BodyOutput, FirmwareBody, InertialSample};
 use super::clock::BodyClock;
 use crate::disturbance::DisturbanceClock;
 use crate::socket::{self, PeerSocket};
@@ -73,7 +73,7 @@ fn pass_on(
         BodyOutput::Truth(truth) => {
             Ok(ports.publish(TruthV1 { time: truth.time + slip, ..truth })?)
         }
-        BodyOutput::Sensors(BodySample { force, rate, attitude }) => {
+        BodyOutput::Sensors(InertialSample { force, rate, attitude }) => {
             firmware.send(&state_datagram(rate, force, attitude))
         }
     }

@@ -15,7 +15,7 @@ const IMU_HZ: f64 = 1000.0;
 
 /// Sample of the sensors of the body.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct BodySample {
+pub struct InertialSample {
     /// Specific force \[m/s^2, body\].
     pub force: [f64; 3],
     /// Body rate \[rad/s, body\].
@@ -30,7 +30,7 @@ pub enum BodyOutput {
     /// A sample of the truth.
     Truth(TruthV1),
     /// A sample of the sensors.
-    Sensors(BodySample),
+    Sensors(InertialSample),
 }
 
 /// Body of a firmware under test.
@@ -109,7 +109,7 @@ impl FirmwareBody {
     }
 
     /// Samples the sensors at `now`. The accelerometer averages since its last sample, so that a touch-down is not missed.
-    fn measure(&mut self, now: Time) -> BodySample {
+    fn measure(&mut self, now: Time) -> InertialSample {
         let truth = self.plant.truth();
         let velocity = Vector3::from(truth.velocity);
         let (then, before) = std::mem::replace(&mut self.measured, (now, velocity));
@@ -119,6 +119,6 @@ impl FirmwareBody {
         let attitude = Attitude::from_xyzw(truth.attitude).unwrap_or_default();
         let force = acceleration + Vector3::z() * self.gravity;
         let force = attitude.unit_quaternion().inverse_transform_vector(&force);
-        BodySample { force: force.into(), rate: truth.rate, attitude: truth.attitude }
+        InertialSample { force: force.into(), rate: truth.rate, attitude: truth.attitude }
     }
 }

@@ -2,7 +2,7 @@
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, RotorLayout};
-use oqtal_plant_sim::firmware::{BodyOutput, BodySample, FirmwareBody};
+use oqtal_plant_sim::firmware::{BodyOutput, FirmwareBody, InertialSample};
 
 use crate::START;
 
@@ -13,7 +13,7 @@ const G: f64 = 9.80665;
 struct Bench {
     body: FirmwareBody,
     now: Time,
-    last: BodySample,
+    last: InertialSample,
     samples: usize,
 }
 
@@ -24,7 +24,7 @@ impl Bench {
         config.plant.gust_sd_m_s2 = 0.0;
         config.plant.force_n = [0.0; 3];
         config.plant.drag_per_s = 0.0;
-        let last = BodySample { force: [0.0; 3], rate: [0.0; 3], attitude: [0.0; 4] };
+        let last = InertialSample { force: [0.0; 3], rate: [0.0; 3], attitude: [0.0; 4] };
         Self { body: FirmwareBody::new(&config, START), now: START, last, samples: 0 }
     }
 
