@@ -65,13 +65,13 @@ pub struct FlyArgs {
     #[arg(long, value_name = "SOURCE", value_parser = cameras::parse)]
     mocap: Option<MocapSource>,
     /// Vehicle: simulated, sim[:PRESET][,fidelity=eq61|rotors], where PRESET is hummingbird, spacecraft, crazyflie-2.1,
-    /// ardupilot-quad or px4-quad; simulated behind a bridge and its protocol, bridge:asctec[,baud=N][,xbee=MODE],
-    /// bridge:mavlink[,autopilot=px4|ardupilot] or bridge:crtp; or at a link, link:LINK, as link:asctec:PATH,
-    /// link:mavlink:udpin:HOST:PORT, link:crtp:radio:CHANNEL/RATE/ADDRESS
+    /// ardupilot-quad, px4-quad or betaflight-quad; simulated behind a bridge and its protocol, bridge:asctec[,baud=N][,xbee=MODE],
+    /// bridge:mavlink[,autopilot=px4|ardupilot], bridge:crtp or bridge:msp; or at a link, link:LINK, as link:asctec:PATH,
+    /// link:mavlink:udpin:HOST:PORT, link:crtp:radio:CHANNEL/RATE/ADDRESS, link:msp:tcp:HOST:PORT
     #[arg(long, value_name = "VEHICLE", value_parser = vehicle::parse)]
     vehicle: Option<VehicleChoice>,
     /// True motion of the vehicle at a link, where it is a firmware that runs as a program, for the emulated cameras:
-    /// crazyflie-sitl:udp:HOST:PORT[,crtp=HOST:PORT], or mavlink:udpin:HOST:PORT
+    /// crazyflie-sitl:udp:HOST:PORT[,crtp=HOST:PORT], betaflight-sitl:udp:HOST:PORT[,state=HOST:PORT], or mavlink:udpin:HOST:PORT
     #[arg(long, value_name = "SOURCE")]
     truth: Option<String>,
     #[arg(long = "fault", value_name = "TARGET:KIND[=VALUE]@TIME[+DURATION]", help = fault::HELP)]

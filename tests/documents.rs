@@ -271,6 +271,7 @@ fn every_preset_file_equals_the_preset_of_its_name() {
         ("vehicle.preset", "crazyflie-2.1", "crazyflie-2.1"),
         ("vehicle.preset", "ardupilot-quad", "ardupilot-quad"),
         ("vehicle.preset", "px4-quad", "px4-quad"),
+        ("vehicle.preset", "betaflight-quad", "betaflight-quad"),
         ("mocap.preset", "ideal", "mocap-ideal"),
         ("mocap.preset", "measured", "mocap-measured"),
         ("mocap.preset", "room", "mocap-room"),

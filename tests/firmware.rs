@@ -1,5 +1,5 @@
-//! Flights of real firmware, executed as the programs named by OQTAL_CRAZYFLIE, OQTAL_ARDUCOPTER and OQTAL_PX4; skipped for
-//! variables that are not set. The flights are sequential: each needs an otherwise idle machine, a separate network and fixed
+//! Flights of real firmware, executed as the programs named by OQTAL_CRAZYFLIE, OQTAL_ARDUCOPTER, OQTAL_PX4 and
+//! OQTAL_BETAFLIGHT; skipped for variables that are not set. The flights are sequential: each needs an otherwise idle machine, a separate network and fixed
 //! ports.
 
 mod faults;
@@ -22,7 +22,7 @@ use crate::common::{Testbed, number};
 use faults::{BATTERY, FAULTS, Fault, HEAD, TAKEN_OVER, observe, refuses_to_arm};
 use flight::FirmwareFlight;
 use program::Firmware;
-use vehicles::{ALL, ARDUCOPTER, CRAZYFLIE, PX4};
+use vehicles::{ALL, ARDUCOPTER, BETAFLIGHT, CRAZYFLIE, PX4};
 
 /// Greatest root mean square of the position error in hover \[m\].
 const HOVER_M: f64 = 0.03;
@@ -101,6 +101,11 @@ fn arducopter_flies_hover_and_square() {
 #[test]
 fn px4_flies_hover_and_square() {
     flies_hover_and_square(&PX4);
+}
+
+#[test]
+fn betaflight_flies_hover_and_square() {
+    flies_hover_and_square(&BETAFLIGHT);
 }
 
 /// Firmware whose programs are installed.

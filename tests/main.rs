@@ -34,6 +34,7 @@ mod lost_files;
 mod mavlink;
 mod mavlink_flights;
 mod monitor;
+mod msp_flights;
 mod one_name;
 mod operators;
 mod places;

@@ -23,6 +23,8 @@ use crate::transport::VehicleTransport;
 
 /// Time between rejected commands above which they are logged separately.
 const REJECTION_PAUSE: Span = Span::from_millis(1000);
+/// Time after which a busy vehicle is looked at again.
+const BUSY_POLL: Span = Span::from_millis(1);
 
 /// Report to the daemon and to observers: sequence of the pose, stamps, state of the vehicle.
 pub type VehicleReport = (u64, Stamps, VehicleV1);
@@ -128,10 +130,11 @@ impl Bridge {
     /// Instant at which something is due without a command.
     pub fn next_event(&self, now: Time) -> Time {
         let clear_at = self.outbox.clear_at(now);
+        let least = if self.protocol.is_busy(now) { now + BUSY_POLL } else { clear_at };
         let due = self.outbox.retry_at(now).unwrap_or(if self.command_waits {
-            clear_at
+            least
         } else {
-            self.schedule.next_setpoint().max(clear_at)
+            self.schedule.next_setpoint().max(least)
         });
         let read_at = self.protocol.read_period().map(|period| self.read_at + period);
         read_at.filter(|_| self.is_open).map_or(due, |read_at| due.min(read_at))
@@ -202,7 +205,8 @@ impl Bridge {
     pub fn turn(&mut self, now: Time, note: &mut dyn FnMut(Note)) -> Option<VehicleReport> {
         self.note_changes(now, note);
         let due = self.command_waits || now >= self.schedule.next_setpoint();
-        if self.outbox.is_blocked() || !due || now < self.outbox.clear_at(now) {
+        let waits = self.outbox.is_blocked() || self.protocol.is_busy(now);
+        if waits || !due || now < self.outbox.clear_at(now) {
             return None;
         }
         if self.zero_first {

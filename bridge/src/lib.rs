@@ -11,13 +11,14 @@
 //! | `crtp.rs` | protocol of the Crazyflie | transport, safety |
 //! | `radio.rs` | Crazyradio: schedule, USB, several bridges on one radio | format, safety |
 //! | `mavlink.rs` | protocol of PX4 and ArduPilot | transport, safety |
+//! | `msp.rs` | protocol of Betaflight | transport, safety |
 //! | `xbee.rs`; `serial.rs`, `udp.rs`, `tcp.rs`, `internet.rs` | packets of an XBee; ports | format, safety |
 //! | `line.rs`, `outbox.rs` | occupancy of the line; the frame on its way out | format |
 //! | `poses.rs` | poses on their way to a vehicle that estimates its own motion | format, transport |
 //! | `monitor.rs`, `round_trips.rs` | state of the vehicle and of a network as replies show it | format, transport |
 //! | `bridge.rs` | the bridge of all these, pure | |
 //! | `setup.rs`, `options.rs` | protocol, transport and port that the configuration asks for | |
-//! | `vehicle_setup.rs` | the command `setup`: parameters of an autopilot | |
+//! | `vehicle_setup.rs`, `wanted.rs` | the command `setup`: parameters of an autopilot, and their rules | |
 //! | `turn.rs`, `background.rs`, `note.rs` | the turn of the real-time thread; the background thread; its log | |
 //!
 //! The bridge is the second of three lines of safety, each independent of the others: the daemon checks poses, the bridge checks
@@ -34,6 +35,7 @@ mod link;
 mod mavlink;
 mod monitor;
 mod motors;
+mod msp;
 mod note;
 mod options;
 mod outbox;
@@ -52,6 +54,7 @@ mod transport;
 mod turn;
 mod udp;
 mod vehicle_setup;
+mod wanted;
 mod xbee;
 
 use std::rc::Rc;
@@ -73,8 +76,9 @@ pub use bridge::{Bridge, VehicleReport};
 pub use crtp::{Crtp, TableKeeper, TableStore};
 pub use line::LineOccupancy;
 pub use link::{PortOpenError, PortOptions, VehicleLink};
-pub use mavlink::{Mavlink, WantedParameter, WantedValue, wanted_parameters};
+pub use mavlink::{Mavlink, wanted_parameters};
 pub use motors::{MotorConditions, MotorEvent, MotorSequencer, MotorState};
+pub use msp::Msp;
 pub use note::Note;
 pub use options::{check as check_options, link};
 pub use poses::PoseRelay;
@@ -95,7 +99,8 @@ pub use tcp::{TcpLink, TcpPortOptions};
 pub use transport::{BareTransport, VehicleTransport};
 pub use turn::{BridgePorts, BridgeTurn};
 pub use udp::{UdpLink, UdpPortOptions};
-pub use vehicle_setup::{ParameterReport, set_up};
+pub use vehicle_setup::set_up;
+pub use wanted::{WantedParameter, WantedValue};
 pub use xbee::XbeeTransport;
 
 /// Commands of the bridge's command line.

@@ -28,10 +28,11 @@ use oqtal_bus::message::CommandV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_control::options::OptionError;
+use oqtal_wire::ThrustCurve;
 use oqtal_wire::link::{AutopilotKind, MavlinkLink};
 use oqtal_wire::mavlink::{
     AttitudeTarget, MavlinkAddress, MavlinkContent, MavlinkDecoder, MavlinkEncoder, MavlinkPacket,
-    MavlinkPose, SetpointKind, SignatureCheck, ThrustCurve,
+    MavlinkPose, SetpointKind, SignatureCheck,
 };
 
 use crate::options;
@@ -44,7 +45,7 @@ use starting::StartSequence;
 use vehicle::AutopilotState;
 
 pub(crate) use requests::OWN_HEARTBEAT;
-pub use wanted::{WantedParameter, WantedValue, wanted_parameters};
+pub use wanted::wanted_parameters;
 
 /// Frame lengths \[bytes\]: header and checksum around the greatest payload.
 const ENVELOPE: usize = 12;
@@ -86,7 +87,7 @@ impl Mavlink {
     pub fn new(config: &Config, link: &MavlinkLink, unix_us: u64) -> Result<Self, OptionError> {
         let options = &config.bridge.mavlink;
         let encoder = encoder(config, unix_us)?;
-        let thrust = options::thrust_curve(config)?;
+        let thrust = options::thrust_curve("mavlink", &options.thrust_table)?;
         Ok(Self {
             encoder,
             decoder: MavlinkDecoder::new(),

@@ -7,8 +7,9 @@ use oqtal_control::options::OptionError;
 use oqtal_runtime::files;
 use oqtal_wire::asctec::{InvalidScale, Scales, StickMeaning};
 use oqtal_wire::link::LinkSpec;
-use oqtal_wire::mavlink::{SigningKey, ThrustCurve};
+use oqtal_wire::mavlink::SigningKey;
 use oqtal_wire::xbee::Address;
+use oqtal_wire::{InvalidThrustCurve, ThrustCurve};
 
 /// Checks link, address and scales, whether or not a bridge is used.
 ///
@@ -17,7 +18,8 @@ use oqtal_wire::xbee::Address;
 pub fn check(config: &Config) -> Result<(), OptionError> {
     address(config)?;
     scales(config)?;
-    thrust_curve(config)?;
+    thrust_curve("mavlink", &config.bridge.mavlink.thrust_table)?;
+    thrust_curve("msp", &config.bridge.msp.thrust_table)?;
     link(config).map(drop)
 }
 
@@ -55,14 +57,15 @@ pub fn scales(config: &Config) -> Result<Scales, OptionError> {
     checked.map(|()| scales).map_err(refused)
 }
 
-/// Curve of the thrust of a MAVLink set-point.
+/// Curve of the thrust of a set-point, `points` of `bridge.PROTOCOL.thrust-table`.
 ///
 /// # Errors
-/// `bridge.mavlink.thrust-table` is not a thrust curve.
-pub fn thrust_curve(config: &Config) -> Result<ThrustCurve, OptionError> {
-    let curve = ThrustCurve::new(&config.bridge.mavlink.thrust_table);
-    let key = "bridge.mavlink.thrust-table";
-    curve.map_err(|error| OptionError::new(key, "unusable", error.to_string()))
+/// The points are not a thrust curve.
+pub fn thrust_curve(protocol: &str, points: &[[f64; 2]]) -> Result<ThrustCurve, OptionError> {
+    let key = || format!("bridge.{protocol}.thrust-table");
+    let refused =
+        |error: InvalidThrustCurve| OptionError::new(key(), "unusable", error.to_string());
+    ThrustCurve::new(points).map_err(refused)
 }
 
 /// The key by which MAVLink packets are signed, from its file; `None` for packets without a signature.

@@ -152,6 +152,11 @@ pub trait VehicleProtocol: Debug + Send {
     /// and sends what is next.
     fn setpoint(&mut self, now: Time, setpoint: &VehicleSetpoint) -> VehicleFrame;
 
+    /// Whether the vehicle has yet to execute earlier set-points at `now`: none is sent, because it would wait there and grow old.
+    fn is_busy(&self, _now: Time) -> bool {
+        false
+    }
+
     /// Shortest time between two poses; `None` for a vehicle that takes none.
     fn pose_period(&self) -> Option<Span> {
         None

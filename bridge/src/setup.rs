@@ -13,6 +13,7 @@ use crate::crtp::{Crtp, TableStore};
 use crate::line::LineOccupancy;
 use crate::link::PortOptions;
 use crate::mavlink::Mavlink;
+use crate::msp::Msp;
 use crate::options;
 use crate::protocol::VehicleProtocol;
 use crate::radio::RadioPortOptions;
@@ -77,6 +78,7 @@ impl VehicleSetup {
             LinkSpec::Mavlink(link) => {
                 Box::new(Mavlink::new(config, link, unix_us()).map_err(located)?)
             }
+            LinkSpec::Msp(_) => Box::new(Msp::new(config).map_err(located)?),
             LinkSpec::Crtp(link) => {
                 let radio_id = match link {
                     CrtpLink::Radio(radio) => Some(radio.vehicle_id()),

@@ -1,51 +1,13 @@
 //! The command `setup`: reads the relevant parameters of an autopilot, reports wrong ones with the reason, and sets them on
-//! request.
+//! request. `exchange.rs` has what every protocol needs.
 
-use std::fmt::Write as _;
-use std::time::Duration;
+mod exchange;
+mod mavlink;
+mod msp;
 
-use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_runtime::process::{Exit, Failure};
-use oqtal_wire::link::{AutopilotKind, LinkSpec, MavlinkLink};
-use oqtal_wire::mavlink::{
-    AutopilotFirmware, MavlinkAddress, MavlinkContent, MavlinkDecoder, MavlinkEncoder,
-    MavlinkHeartbeat, ParameterName, ParameterValue, SignatureCheck,
-};
-
-use crate::link::VehicleLink;
-use crate::mavlink::{
-    OWN_HEARTBEAT, WantedParameter, encoder, is_accepted, signature_check, wanted_parameters,
-};
-use crate::setup::{port, unix_us};
-
-/// Time within which a heartbeat must come.
-const HEARTBEAT_WITHIN: Span = Span::from_millis(6000);
-/// Time within which a parameter must arrive, and number of requests.
-const ANSWER_WITHIN: Span = Span::from_millis(500);
-const TRIES: usize = 5;
-/// Period of own heartbeats, which some autopilots need before they answer.
-const HEARTBEAT_PERIOD: Span = Span::from_millis(500);
-const PAUSE: Duration = Duration::from_millis(2);
-const READ_BUFFER: usize = 2048;
-
-/// State of one parameter.
-#[derive(Clone, Copy, Debug)]
-pub struct ParameterReport {
-    /// The parameter.
-    pub wanted: &'static WantedParameter,
-    /// Value found in the vehicle \[-\]; `None` if the vehicle has no parameter of this name.
-    pub found: Option<f64>,
-    /// Value read back after the parameter was set \[-\]; `None` if it was not set.
-    pub set: Option<f64>,
-}
-
-impl ParameterReport {
-    /// Whether the parameter is correct.
-    pub fn is_right(&self) -> bool {
-        self.set.or(self.found).is_some_and(|value| self.wanted.value.is_met_by(value))
-    }
-}
+use oqtal_wire::link::LinkSpec;
 
 /// Reads the parameters of the vehicle at `spec`, and sets the wrong ones if `apply` is set. Returns the table to print, and
 /// whether all are correct.
@@ -53,224 +15,14 @@ impl ParameterReport {
 /// # Errors
 /// The link has no parameters, the port cannot be opened, the vehicle does not answer, or its motors run and it is to be changed.
 pub fn set_up(config: &Config, spec: &LinkSpec, apply: bool) -> Result<(String, bool), Failure> {
-    let LinkSpec::Mavlink(link) = spec else {
-        let message = format!(
-            "{spec}: only vehicles of MAVLink have parameters that are set up; those of a Crazyflie are set by the bridge whenever it connects"
-        );
-        return Err(Failure::new(Exit::Usage, message));
-    };
-    let mut session = ParameterSession::open(config, spec, link)?;
-    if apply && session.is_armed {
-        let message = "the motors of the vehicle run: its parameters are not changed in flight; stop them first";
-        return Err(Failure::new(Exit::Peer, message));
-    }
-    let mut reports = Vec::new();
-    for wanted in wanted_parameters(session.kind) {
-        reports.push(session.check(wanted, apply)?);
-    }
-    let all_right = reports.iter().all(ParameterReport::is_right);
-    Ok((table(&session, &reports), all_right))
-}
-
-fn table(session: &ParameterSession, reports: &[ParameterReport]) -> String {
-    let mut text = format!(
-        "{} of system {}\n{:<16} {:>9} {:>9}  why\n",
-        AutopilotFirmware::Known(session.kind),
-        session.vehicle.system,
-        "parameter",
-        "is",
-        "should be"
-    );
-    for report in reports {
-        let ParameterReport { wanted, found, set } = report;
-        let is = found.map_or("none".to_owned(), |value| format!("{value}"));
-        let should = wanted.value.in_place_of(found.unwrap_or_default());
-        let mark = match (report.is_right(), set) {
-            (true, Some(_)) => "set",
-            (true, None) => "",
-            (false, Some(_)) => "NOT TAKEN",
-            (false, None) => "wrong",
-        };
-        let line = format!("{:<16} {is:>9} {should:>9}  {} {mark}", wanted.name, wanted.reason);
-        let _ = writeln!(text, "{}", line.trim_end());
-    }
-    text
-}
-
-/// Exchange of parameters with one vehicle.
-struct ParameterSession {
-    link: Box<dyn VehicleLink>,
-    encoder: MavlinkEncoder,
-    decoder: MavlinkDecoder,
-    check: Option<SignatureCheck>,
-    vehicle: MavlinkAddress,
-    kind: AutopilotKind,
-    is_armed: bool,
-    heartbeat_at: Time,
-}
-
-impl ParameterSession {
-    fn open(config: &Config, spec: &LinkSpec, link: &MavlinkLink) -> Result<Self, Failure> {
-        let located = |error| config.locate(&error);
-        let encoder = encoder(config, unix_us()).map_err(located)?;
-        let check = signature_check(config, unix_us()).map_err(located)?;
-        let signed = if check.is_some() { ", that it signs with the same key" } else { "" };
-        let mut session = Self {
-            link: port(spec, config).open()?,
-            encoder,
-            decoder: MavlinkDecoder::new(),
-            check,
-            vehicle: MavlinkAddress::ALL,
-            kind: AutopilotKind::ArduPilot,
-            is_armed: false,
-            heartbeat_at: Time::UNSET,
-        };
-        let is_wanted = |heartbeat: &MavlinkHeartbeat, from: MavlinkAddress| {
-            let AutopilotFirmware::Known(kind) = heartbeat.autopilot else { return None };
-            let fits = link.autopilot.is_none_or(|wanted| wanted == kind)
-                && link.system.is_none_or(|wanted| wanted == from.system);
-            fits.then_some((from, kind, heartbeat.is_armed))
-        };
-        let found = session.wait_for(HEARTBEAT_WITHIN, |from, content| match content {
-            MavlinkContent::Heartbeat(heartbeat) => is_wanted(heartbeat, from),
-            _ => None,
-        })?;
-        let (vehicle, kind, is_armed) = found.ok_or_else(|| {
+    match spec {
+        LinkSpec::Mavlink(link) => mavlink::set_up(config, (spec, link), apply),
+        LinkSpec::Msp(_) => msp::set_up(config, spec, apply),
+        LinkSpec::Asctec(_) | LinkSpec::Crtp(_) => {
             let message = format!(
-                "no heartbeat of such a vehicle at {spec} within {} s; check that it is switched on, that port, speed, autopilot and system are its own{signed}",
-                HEARTBEAT_WITHIN.seconds()
+                "{spec}: only vehicles of MAVLink and Betaflight have parameters that are set up; those of a Crazyflie are set by the bridge whenever it connects"
             );
-            Failure::new(Exit::Peer, message)
-        })?;
-        (session.vehicle, session.kind, session.is_armed) = (vehicle, kind, is_armed);
-        Ok(session)
-    }
-
-    /// Reads a parameter, and sets it if it is wrong and is to `apply`.
-    fn check(
-        &mut self,
-        wanted: &'static WantedParameter,
-        apply: bool,
-    ) -> Result<ParameterReport, Failure> {
-        let Some(name) = ParameterName::new(wanted.name) else {
-            return Err(Failure::new(Exit::Internal, format!("{} is not a name", wanted.name)));
-        };
-        let as_bits = self.kind.sends_integers_as_bits();
-        let target = self.vehicle;
-        let request = MavlinkContent::ParameterRequest { target, name };
-        let value = self.exchange(&request, name)?;
-        let found = value.map(|value| value.number(as_bits));
-        let mut report = ParameterReport { wanted, found, set: None };
-        if let (true, false, Some(value), Some(number)) = (apply, report.is_right(), value, found) {
-            let value = value.with(wanted.value.in_place_of(number), as_bits);
-            self.exchange(&MavlinkContent::ParameterSet { target, name, value }, name)?;
-            // An unsolicited value may repeat the value that was set: the parameter is requested again.
-            let read = self.exchange(&request, name)?;
-            report.set = read.map(|value| value.number(as_bits));
+            Err(Failure::new(Exit::Usage, message))
         }
-        Ok(report)
-    }
-
-    /// Sends `request` until the parameter `name` comes; `None` if it never does.
-    fn exchange(
-        &mut self,
-        request: &MavlinkContent,
-        name: ParameterName,
-    ) -> Result<Option<ParameterValue>, Failure> {
-        for _ in 0..TRIES {
-            self.send(request)?;
-            let vehicle = self.vehicle;
-            let value = self.wait_for(ANSWER_WITHIN, |from, content| match content {
-                MavlinkContent::Parameter { name: reported, value }
-                    if from == vehicle && *reported == name =>
-                {
-                    Some(*value)
-                }
-                _ => None,
-            })?;
-            if value.is_some() {
-                return Ok(value);
-            }
-        }
-        Ok(None)
-    }
-
-    /// Waits until `pick` finds something in a message; `None` after the time `within`.
-    fn wait_for<T>(
-        &mut self,
-        within: Span,
-        mut pick: impl FnMut(MavlinkAddress, &MavlinkContent) -> Option<T>,
-    ) -> Result<Option<T>, Failure> {
-        let deadline = Time::now() + within;
-        let mut buffer = [0; READ_BUFFER];
-        while Time::now() < deadline {
-            self.beat()?;
-            let count = self.link.read(&mut buffer).map_err(|error| broken(&error))?;
-            let Self { encoder, decoder, check, .. } = self;
-            let mut packets =
-                decoder.push(&buffer[..count]).filter(|packet| is_accepted(check, encoder, packet));
-            let found = packets.find_map(|packet| pick(packet.from, &packet.content));
-            packets.for_each(drop);
-            if found.is_some() {
-                return Ok(found);
-            }
-            if count == 0 {
-                std::thread::sleep(PAUSE);
-            }
-        }
-        Ok(None)
-    }
-
-    fn beat(&mut self) -> Result<(), Failure> {
-        let now = Time::now();
-        if self.heartbeat_at.is_set() && now.since(self.heartbeat_at) < HEARTBEAT_PERIOD {
-            return Ok(());
-        }
-        self.heartbeat_at = now;
-        self.send(&MavlinkContent::Heartbeat(OWN_HEARTBEAT))
-    }
-
-    fn send(&mut self, content: &MavlinkContent) -> Result<(), Failure> {
-        let Some(wire) = self.encoder.encode(content) else { return Ok(()) };
-        let mut rest = wire.as_bytes();
-        let deadline = Time::now() + ANSWER_WITHIN;
-        while !rest.is_empty() && Time::now() < deadline {
-            let taken = self.link.write(rest).map_err(|error| broken(&error))?;
-            rest = &rest[taken..];
-            if taken == 0 {
-                std::thread::sleep(PAUSE);
-            }
-        }
-        Ok(())
-    }
-}
-
-fn broken(error: &std::io::Error) -> Failure {
-    Failure::new(Exit::System, format!("the port broke: {error}"))
-}
-
-#[cfg(test)]
-mod tests {
-    use std::net::UdpSocket;
-
-    use super::*;
-
-    #[test]
-    fn the_parameters_of_a_vehicle_whose_motors_run_are_not_changed() {
-        let vehicle = UdpSocket::bind("127.0.0.1:0").unwrap();
-        let spec = format!("mavlink:udpout:{}", vehicle.local_addr().unwrap()).parse().unwrap();
-        let setup = std::thread::spawn(move || set_up(&Config::default(), &spec, true));
-        let (_, host) = vehicle.recv_from(&mut [0; READ_BUFFER]).unwrap();
-        let own = MavlinkAddress { system: 1, component: MavlinkAddress::AUTOPILOT };
-        let heartbeat = MavlinkContent::Heartbeat(MavlinkHeartbeat {
-            autopilot: AutopilotFirmware::Known(AutopilotKind::ArduPilot),
-            custom_mode: 20,
-            is_armed: true,
-            is_simulated: false,
-        });
-        let wire = MavlinkEncoder::new(own).encode(&heartbeat).unwrap();
-        vehicle.send_to(wire.as_bytes(), host).unwrap();
-        let failure = setup.join().unwrap().unwrap_err();
-        assert!(failure.message.contains("the motors of the vehicle run"), "{}", failure.message);
     }
 }

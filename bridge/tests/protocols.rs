@@ -6,6 +6,7 @@ mod asctec;
 mod crtp;
 mod exchange;
 mod mavlink;
+mod msp;
 mod protocol;
 
 use exchange::{Exchange, Happening};
@@ -13,8 +14,8 @@ use proptest::prelude::*;
 use protocol::{Protocol, Understood};
 
 /// All protocols. A further one is a row.
-const PROTOCOLS: [Protocol; 4] =
-    [asctec::PROTOCOL, crtp::PROTOCOL, mavlink::ARDUPILOT, mavlink::PX4];
+const PROTOCOLS: [Protocol; 5] =
+    [asctec::PROTOCOL, crtp::PROTOCOL, mavlink::ARDUPILOT, mavlink::PX4, msp::PROTOCOL];
 
 /// Events, each with the number of periods that follow \[-\].
 type Happenings = Vec<(Happening, usize)>;

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::asctec::AsctecOptions;
 use crate::crtp::CrtpOptions;
 use crate::mavlink::MavlinkOptions;
+use crate::msp::MspOptions;
 
 /// Allowed command timeouts \[control periods\]: below, commands arrive too late; above, the vehicle continues for too long.
 const COMMAND_TIMEOUT_PERIODS: Rule = Rule::Between(1.5, 15.0);
@@ -14,7 +15,7 @@ const COMMAND_TIMEOUT_PERIODS: Rule = Rule::Between(1.5, 15.0);
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct BridgeOptions {
-    /// Link to the vehicle, `asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]`, `mavlink:PORT[,…]` or `crtp:PORT`; empty for
+    /// Link to the vehicle, `asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]`, `mavlink:PORT[,…]`, `crtp:PORT` or `msp:PORT`; empty for
     /// none. Parsed by the bridge.
     pub link: String,
     /// The vehicle's XBee, 4 or 16 hexadecimal digits; API modes only. Parsed by the bridge.
@@ -43,6 +44,8 @@ pub struct BridgeOptions {
     pub crtp: CrtpOptions,
     /// `[bridge.mavlink]`: settings for MAVLink.
     pub mavlink: MavlinkOptions,
+    /// `[bridge.msp]`: settings for Betaflight.
+    pub msp: MspOptions,
 }
 
 impl BridgeOptions {

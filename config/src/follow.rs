@@ -23,7 +23,7 @@ const AIRFRAME: [&str; 12] = [
 ];
 
 /// Further keys that may follow another: (key, key followed).
-const OTHERS: [(&str, &str); 8] = [
+const OTHERS: [(&str, &str); 9] = [
     ("control.predictive.filter.attitude-noise-deg", "mocap.attitude-noise-deg"),
     ("control.predictive.filter.position-noise-mm", "mocap.position-noise-mm"),
     ("plant.frame-rate-hz", "mocap.rate-hz"),
@@ -31,6 +31,7 @@ const OTHERS: [(&str, &str); 8] = [
     ("plant.wire.asctec", "bridge.asctec"),
     ("plant.wire.crtp.thrust-curve-n", "bridge.crtp.thrust-curve-n"),
     ("plant.wire.mavlink.thrust-table", "bridge.mavlink.thrust-table"),
+    ("plant.wire.msp.thrust-table", "bridge.msp.thrust-table"),
     ("safety.pose-rate-hz", "mocap.rate-hz"),
 ];
 

@@ -85,8 +85,8 @@ pub struct PlantOptions {
     /// Whether the simulated vehicle only provides the truth for the cameras, while another vehicle is behind the bridge: the
     /// plant then executes the commands on the bus and does not publish `vehicle`.
     pub shadow: bool,
-    /// Source of the truth if the vehicle is a firmware executed as a program, `crazyflie-sitl:udp:HOST:PORT[,crtp=HOST:PORT]` or
-    /// `mavlink:udpin:HOST:PORT`; empty for the simulated vehicle. Parsed by plant-sim.
+    /// Source of the truth if the vehicle is a firmware executed as a program, `crazyflie-sitl:udp:HOST:PORT[,crtp=HOST:PORT]`,
+    /// `betaflight-sitl:udp:HOST:PORT[,state=HOST:PORT]` or `mavlink:udpin:HOST:PORT`; empty for the simulated vehicle. Parsed by plant-sim.
     pub truth: String,
     /// `[plant.rotors]`.
     pub rotors: RotorOptions,

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::asctec::AsctecOptions;
 use crate::crtp::CrtpVehicleOptions;
 use crate::mavlink::PlantMavlinkOptions;
+use crate::msp::MspOptions;
 
 /// `[plant.wire]`. With the defaults the time from a command's first byte to its effect equals `plant.command-delay-ms`, the
 /// delay of a command over the bus.
@@ -13,7 +14,7 @@ use crate::mavlink::PlantMavlinkOptions;
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct PlantWireOptions {
     /// Link, `asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]`: PATH becomes a symbolic link to a pseudo-terminal; or
-    /// `mavlink:udpout:HOST:PORT`, `mavlink:udpin:HOST:PORT`, `crtp:udp:HOST:PORT`; empty for no wire, with commands off the bus. Parsed by plant-sim.
+    /// `mavlink:udpout:HOST:PORT`, `mavlink:udpin:HOST:PORT`, `crtp:udp:HOST:PORT`, `msp:udpin:HOST:PORT`; empty for no wire, with commands off the bus. Parsed by plant-sim.
     pub link: String,
     /// Time from a byte's last bit to its arrival, each way \[ms\].
     pub latency_ms: f64,
@@ -37,6 +38,8 @@ pub struct PlantWireOptions {
     pub crtp: CrtpVehicleOptions,
     /// `[plant.wire.mavlink]`: the emulated autopilot.
     pub mavlink: PlantMavlinkOptions,
+    /// `[plant.wire.msp]`: the emulated vehicle with Betaflight.
+    pub msp: MspOptions,
 }
 
 impl PlantWireOptions {

@@ -20,7 +20,7 @@ struct Preset {
 }
 
 /// All presets. A further one is a row and a file.
-const PRESETS: [Preset; 9] = [
+const PRESETS: [Preset; 10] = [
     Preset { key: "vehicle.preset", name: "hummingbird", text: "" },
     Preset {
         key: "vehicle.preset",
@@ -41,6 +41,11 @@ const PRESETS: [Preset; 9] = [
         key: "vehicle.preset",
         name: "px4-quad",
         text: include_str!("../../deploy/presets/px4-quad.toml"),
+    },
+    Preset {
+        key: "vehicle.preset",
+        name: "betaflight-quad",
+        text: include_str!("../../deploy/presets/betaflight-quad.toml"),
     },
     Preset { key: "mocap.preset", name: "qualisys", text: "" },
     Preset {

@@ -110,7 +110,7 @@ fn an_unknown_interface_or_preset_is_refused_with_the_known_ones() {
     let preset = error(&["vehicle.preset=boat"]);
     assert!(
         preset
-            .contains("`boat`, it must be hummingbird or spacecraft or crazyflie-2.1 or ardupilot-quad or px4-quad"),
+            .contains("`boat`, it must be hummingbird or spacecraft or crazyflie-2.1 or ardupilot-quad or px4-quad or betaflight-quad"),
         "{preset}"
     );
 }

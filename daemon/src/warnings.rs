@@ -249,7 +249,9 @@ mod tests {
             let text = told(&[setting], None);
             assert!(text.len() == 1 && text[0].contains(note), "{setting}: {text:?}");
         }
-        for preset in ["crazyflie-2.1", "ardupilot-quad", "px4-quad", "spacecraft"] {
+        for preset in
+            ["crazyflie-2.1", "ardupilot-quad", "px4-quad", "betaflight-quad", "spacecraft"]
+        {
             let preset = format!("vehicle.preset={preset}");
             let text = told(&[&preset, "mocap.preset=ideal", "trajectory.kind=hover"], None);
             assert!(text.iter().all(|note| !note.contains("unusual")), "{text:?}");

@@ -2,16 +2,21 @@
 //! sensors, and CRTP packets of a client are relayed. The vehicle's state is reported over CRTP only; the truth is published for
 //! the cameras.
 //!
-//! The rotors and inertial sensors are in `body.rs`.
+//! The rotors and inertial sensors are in `body.rs`, the time of the body in `clock.rs`; `betaflight.rs` is the body of a Betaflight
+//! that runs as a program.
 
+pub mod betaflight;
 mod body;
+mod clock;
 
 use std::net::SocketAddr;
 
 use oqtal_bus::message::TruthV1;
-use oqtal_bus::time::{Span, Time};
+use oqtal_bus::time::Time;
 use oqtal_runtime::process::{Failure, ProcessContext};
-use oqtal_wire::crazyflie_sitl::{FirmwarePacket, HELLO, MAX_DATAGRAM, is_from_client};
+use oqtal_wire::crazyflie_sitl::{
+    FirmwarePacket, HELLO, MAX_DATAGRAM, imu_datagram, is_from_client,
+};
 
 use crate::disturbance::{DisturbanceClock, SceneDisturbance};
 use crate::socket::{self, PeerSocket};
@@ -19,20 +24,13 @@ use crate::truth::TruthPorts;
 use crate::turn::log_skipped;
 use crate::wire::{DatagramModel, LinkDirection, LinkModel};
 
-pub use body::{BodyOutput, FirmwareBody, ImuDatagram};
+pub use body::{BodyOutput, FirmwareBody, InertialSample};
+use clock::BodyClock;
 
 /// Maximum number of datagrams read in one turn from each socket \[-\].
 const MOST_READ: usize = 64;
 /// Maximum number of sensor samples sent in one turn \[-\]: the firmware's queue holds five packets.
 const MOST_IMU: usize = 3;
-/// Time by which the body may be ahead of the firmware's last motor values: slightly more than their interval. A busy processor
-/// can delay the firmware by more than its control loops tolerate; the body then waits.
-const LEAD: Span = Span::from_millis(3);
-/// Longest time for which the body waits for motor values.
-const MOTOR_TIMEOUT: Span = Span::from_millis(20);
-/// Time without motor values after which the firmware counts as dead.
-const FIRMWARE_TIMEOUT: Span = Span::from_millis(250);
-
 /// Addresses of a firmware's body.
 #[derive(Clone, Copy, Debug)]
 pub struct BodyAddresses {
@@ -59,7 +57,7 @@ pub fn run(context: &ProcessContext, addresses: BodyAddresses) -> Result<(), Fai
         ports.beat()?;
         let now = Time::now();
         link.disturb(disturbances.at(now)?);
-        log_skipped(link.body.skip_pause(now - link.slip));
+        log_skipped(link.body.skip_pause(now - link.clock.slip()));
         if link.read(now)? {
             context.health.count_input();
         }
@@ -76,7 +74,7 @@ pub fn run(context: &ProcessContext, addresses: BodyAddresses) -> Result<(), Fai
     tracing::info!(
         lost_packets = link.lost_packets(),
         late_samples = link.late_samples,
-        waited_s = link.slip.seconds(),
+        waited_s = link.clock.slip().seconds(),
         "the body is at rest"
     );
     Ok(())
@@ -107,12 +105,7 @@ struct FirmwareLink {
     packet: Vec<u8>,
     firmware: PeerSocket,
     client: PeerSocket,
-    /// Arrival of the last motor values; `None` while the firmware is not running.
-    driven_at: Option<Time>,
-    /// Time of the body at that arrival.
-    body_driven_at: Time,
-    /// Total time for which the body has waited for the firmware; the body's time lags by it.
-    slip: Span,
+    clock: BodyClock,
     /// Number of samples not sent because the process was late \[-\].
     late_samples: u64,
 }
@@ -132,9 +125,7 @@ impl FirmwareLink {
             body: FirmwareBody::new(config, Time::now()),
             relay: DatagramModel::relay(config.clock.seed),
             packet: Vec::with_capacity(MAX_DATAGRAM),
-            driven_at: None,
-            body_driven_at: Time::UNSET,
-            slip: Span::ZERO,
+            clock: BodyClock::new(),
             late_samples: 0,
         })
     }
@@ -148,8 +139,7 @@ impl FirmwareLink {
                 FirmwarePacket::Hello => self.greet(sender)?,
                 FirmwarePacket::Motors(motors) => {
                     is_driven = true;
-                    self.driven_at = Some(now);
-                    self.body_driven_at = self.body.time();
+                    self.clock.drive(now, self.body.time());
                     self.body.drive(motors);
                 }
                 FirmwarePacket::Calibrated => tracing::info!("the firmware has calibrated"),
@@ -164,7 +154,7 @@ impl FirmwareLink {
                 self.relay.send(LinkDirection::Up, now, datagram);
             }
         }
-        self.watch_firmware(now);
+        self.clock.watch(now);
         Ok(is_driven)
     }
 
@@ -176,48 +166,25 @@ impl FirmwareLink {
         self.firmware.send(&HELLO)
     }
 
-    /// Logs that the firmware is silent; the plant itself stops the motors.
-    fn watch_firmware(&mut self, now: Time) {
-        if self.driven_at.is_some_and(|at| now.since(at) > FIRMWARE_TIMEOUT) {
-            self.driven_at = None;
-            tracing::warn!("the firmware is silent, its motors are off");
-        }
-    }
-
     /// The next instant at which the loop must act without a datagram.
     fn next_event(&self) -> Time {
-        let next = self.body.next_event() + self.slip;
-        match self.driven_at {
-            Some(at) if self.body.next_event() > self.body_driven_at + LEAD => {
-                next.max(at + MOTOR_TIMEOUT)
-            }
-            _ => next,
-        }
-    }
-
-    /// The body's time at `now`; the body waits for a firmware that is late.
-    fn body_time(&mut self, now: Time) -> Time {
-        let wanted = now - self.slip;
-        let is_awaited = self.driven_at.is_some_and(|at| now.since(at) < MOTOR_TIMEOUT);
-        let until = if is_awaited { wanted.min(self.body_driven_at + LEAD) } else { wanted };
-        let until = until.max(self.body.time());
-        self.slip = now.since(until);
-        until
+        self.clock.next_event(self.body.next_event())
     }
 
     /// Integrates to `now`, and sends the sensor samples and at most one packet of the client: the firmware has one short queue for
     /// both.
     fn advance(&mut self, now: Time, mut truth: impl FnMut(TruthV1)) -> Result<(), Failure> {
-        let until = self.body_time(now);
-        let Self { body, relay, packet, firmware, late_samples, slip, .. } = self;
+        let until = self.clock.body_time(now, self.body.time());
+        let Self { body, relay, packet, firmware, late_samples, .. } = self;
+        let slip = self.clock.slip();
         let (mut count, mut sent) = (0, Ok(()));
         body.advance(until, |output| match output {
-            BodyOutput::Truth(sample) => truth(TruthV1 { time: sample.time + *slip, ..sample }),
-            BodyOutput::Imu(_) if count >= MOST_IMU => *late_samples += 1,
-            BodyOutput::Imu(datagram) => {
+            BodyOutput::Truth(sample) => truth(TruthV1 { time: sample.time + slip, ..sample }),
+            BodyOutput::Sensors(_) if count >= MOST_IMU => *late_samples += 1,
+            BodyOutput::Sensors(sample) => {
                 count += 1;
                 if sent.is_ok() {
-                    sent = firmware.send(&datagram);
+                    sent = firmware.send(&imu_datagram(sample.force, sample.rate));
                 }
             }
         });

@@ -17,7 +17,7 @@
 //! | `rotors.rs` | aerodynamic forces on the rotors |
 //! | `command_radio.rs` | delay, jitter and losses of commands |
 //! | `wire.rs` | the vehicle at the far end of a wire |
-//! | `firmware.rs` | the body of a Crazyflie's firmware that runs as a program |
+//! | `firmware.rs` | the body of a firmware that runs as a program, of a Crazyflie or Betaflight |
 //! | `autopilot.rs` | the truth of an autopilot's own simulator |
 //! | `socket.rs` | UDP sockets for programs beside the plant |
 //! | `truth.rs` | ports of a vehicle that is not commanded over the bus |
@@ -73,11 +73,11 @@ pub enum PlantCommand {
 #[derive(Args, Clone, Debug)]
 pub struct PlantArgs {
     /// Receive commands at the wire asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]: PATH becomes a link to a pseudo-terminal;
-    /// mavlink:udpout:HOST:PORT, mavlink:udpin:HOST:PORT, or crtp:udp:HOST:PORT
+    /// mavlink:udpout:HOST:PORT, mavlink:udpin:HOST:PORT, crtp:udp:HOST:PORT, or msp:udpin:HOST:PORT
     #[arg(long, value_name = "LINK")]
     wire: Option<String>,
-    /// Be the body of a Crazyflie's firmware that runs as a program, crazyflie-sitl:udp:HOST:PORT[,crtp=HOST:PORT], or publish the
-    /// truth of an autopilot's own simulator, mavlink:udpin:HOST:PORT
+    /// Be the body of a firmware that runs as a program, crazyflie-sitl:udp:HOST:PORT[,crtp=HOST:PORT] or
+    /// betaflight-sitl:udp:HOST:PORT[,state=HOST:PORT], or publish the truth of an autopilot's own simulator, mavlink:udpin:HOST:PORT
     #[arg(long, value_name = "LINK", conflicts_with = "wire")]
     truth: Option<String>,
     #[command(flatten)]
@@ -144,6 +144,9 @@ fn follow(context: &ProcessContext, source: TruthSource) -> Result<(), Failure> 
     match source {
         TruthSource::CrazyflieSitl { body, crtp } => {
             firmware::run(context, firmware::BodyAddresses { body, crtp })
+        }
+        TruthSource::BetaflightSitl { motors, state } => {
+            firmware::betaflight::run(context, (motors, state))
         }
         TruthSource::Mavlink(address) => autopilot::run(context, address),
     }

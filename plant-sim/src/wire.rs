@@ -9,6 +9,7 @@
 //! | `asctec.rs` | on-board computer of an AscTec vehicle, with its pseudo-terminal |
 //! | `autopilot.rs` | autopilot controlled over MAVLink |
 //! | `crazyflie.rs` | Crazyflie controlled over CRTP |
+//! | `msp.rs` | vehicle with Betaflight, controlled over MSP |
 //! | `command.rs` | commands of on-board loops |
 //! | `schedule.rs` | schedule of periodic messages |
 
@@ -18,6 +19,7 @@ mod command;
 mod crazyflie;
 mod datagrams;
 mod link;
+mod msp;
 mod radio;
 mod schedule;
 mod vehicle;
@@ -42,6 +44,7 @@ pub use autopilot::{EmulatedAutopilot, MavlinkVehicle};
 pub use crazyflie::{CrazyflieBoard, CrtpVehicle};
 pub use datagrams::DatagramModel;
 pub use link::{LinkDirection, LinkModel, Traffic};
+pub use msp::{MspBoard, MspVehicle};
 pub use radio::RadioModel;
 pub use vehicle::{EmulatedVehicle, FrameCounters, LinkCounters, Measured, OnBoardComputer};
 
@@ -84,6 +87,11 @@ pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
             let vehicle = MavlinkVehicle::new(config, link, now).map_err(located)?;
             fly(context, &bus, port, (vehicle, shown))
         }
+        LinkSpec::Msp(link) => {
+            let port = udp_port(&link.port)?;
+            let vehicle = MspVehicle::new(config, now).map_err(located)?;
+            fly(context, &bus, port, (vehicle, shown))
+        }
         LinkSpec::Crtp(CrtpLink::Udp(address)) => {
             let port = PeerSocket::open(address, USER)?;
             let vehicle = CrtpVehicle::new(config, now).map_err(located)?;
@@ -102,7 +110,7 @@ fn udp_port(port: &PortSpec) -> Result<PeerSocket, Failure> {
         PortSpec::UdpOut(address) => PeerSocket::connect(address, USER),
         PortSpec::UdpIn(address) => PeerSocket::open(address, USER),
         PortSpec::Serial(_) | PortSpec::Tcp(_) | PortSpec::Radio(_) => {
-            let reason = "an emulated vehicle has MAVLink over UDP only; name `mavlink:udpout:HOST:PORT` or `udpin` in `plant.wire.link`";
+            let reason = "an emulated vehicle has MAVLink and MSP over UDP only; name `mavlink:udpout:HOST:PORT`, `msp:udpin:HOST:PORT` or the like in `plant.wire.link`";
             Err(Failure::new(Exit::Config, reason))
         }
     }

@@ -11,16 +11,17 @@ use oqtal_control::options::OptionError;
 use oqtal_observe::command_path::CommandPath;
 use oqtal_runtime::process::{Exit, Failure, instance_paths, roles};
 use oqtal_wire::link::{
-    AsctecLink, CrtpLink, HostPort, InvalidLink, LinkSpec, LinkText, MavlinkLink, PortSpec,
-    SerialSpec,
+    AsctecLink, CrtpLink, HostPort, InvalidLink, LinkSpec, LinkText, MavlinkLink, MspLink,
+    PortSpec, SerialSpec,
 };
 
 /// Forms of the flag, for messages.
 const FORMS: &str = "expected one of
-  sim[:hummingbird|:spacecraft|:crazyflie-2.1|:ardupilot-quad|:px4-quad][,fidelity=eq61|rotors]
+  sim[:hummingbird|:spacecraft|:crazyflie-2.1|:ardupilot-quad|:px4-quad|:betaflight-quad][,fidelity=eq61|rotors]
   bridge:asctec[,baud=57600][,xbee=transparent|api1|api2]
   bridge:mavlink[,autopilot=px4|ardupilot][,system=N]
   bridge:crtp
+  bridge:msp
   link:LINK, where LINK is one of";
 /// Time within which a running simulator, which publishes every millisecond, publishes the truth.
 const TRUTH_TIMEOUT: Span = Span::from_millis(500);
@@ -84,9 +85,11 @@ impl VehicleChoice {
         let mut set = |key: &str, value: toml::Value| {
             settings.push(Setting::flag("--vehicle", key, value));
         };
-        // Only this vehicle has the protocol.
-        if let Self::Bridged(LinkSpec::Crtp(_)) = self {
-            set("vehicle.preset", "crazyflie-2.1".into());
+        // Only these vehicles have the protocol.
+        match self {
+            Self::Bridged(LinkSpec::Crtp(_)) => set("vehicle.preset", "crazyflie-2.1".into()),
+            Self::Bridged(LinkSpec::Msp(_)) => set("vehicle.preset", "betaflight-quad".into()),
+            _ => {}
         }
         let Self::Simulated { preset, fidelity } = self else { return };
         set("plant.wire.link", "".into());
@@ -173,6 +176,12 @@ impl CommandLink {
                 let address = own_address();
                 let bridge = at(PortSpec::UdpIn(address.clone()));
                 Self::Bridged { bridge, vehicle: at(PortSpec::UdpOut(address)) }
+            }
+            LinkSpec::Msp(_) => {
+                let at = |port| LinkSpec::Msp(MspLink { port });
+                let address = own_address();
+                let bridge = at(PortSpec::UdpOut(address.clone()));
+                Self::Bridged { bridge, vehicle: at(PortSpec::UdpIn(address)) }
             }
             LinkSpec::Crtp(_) => {
                 let vehicle = LinkSpec::Crtp(CrtpLink::Udp(own_address()));
@@ -314,7 +323,9 @@ mod tests {
     #[test]
     fn every_form_is_read_and_any_other_text_is_refused_with_the_forms() {
         let config = Config::default();
-        for kind in ["asctec,baud=115200,xbee=api2", "mavlink,autopilot=px4,system=3", "crtp"] {
+        for kind in
+            ["asctec,baud=115200,xbee=api2", "mavlink,autopilot=px4,system=3", "crtp", "msp"]
+        {
             let bridged = parse(&format!("bridge:{kind}")).unwrap();
             let VehicleChoice::Bridged(link) = bridged else { panic!("{bridged:?}") };
             let path = CommandLink::bridged(&link, &config).unwrap().command_path();
@@ -330,9 +341,9 @@ mod tests {
             parse("sim:hummingbird,fidelity=rotors"),
             Ok(VehicleChoice::Simulated { preset: Some(_), fidelity: Some(_) })
         ));
-        for wrong in ["bridge", "bridge:msp", "bridge:asctec,parity=1", "simulated", "sim,x=1"] {
+        for wrong in ["bridge", "bridge:sbus", "bridge:asctec,parity=1", "simulated", "sim,x=1"] {
             let message = parse(wrong).unwrap_err();
-            let forms = ["link:LINK", "asctec:PATH", "mavlink:udpin:", "crtp:radio:"];
+            let forms = ["link:LINK", "asctec:PATH", "mavlink:udpin:", "crtp:radio:", "msp:tcp:"];
             assert!(forms.iter().all(|form| message.contains(form)), "{wrong}: {message}");
         }
         assert!(parse("link:/dev/ttyUSB0").unwrap_err().contains("asctec:PATH"));

@@ -5,7 +5,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
 use super::relay::RelayPorts;
-use crate::common::skipped;
+use crate::common::{skipped, wait_for};
 
 /// Description of a firmware and of its start.
 pub struct Firmware {
@@ -23,6 +23,10 @@ pub struct Firmware {
     pub truth: &'static str,
     /// Time from the start until the vehicle can be armed: it levels and checks its sensors.
     pub boot: Duration,
+    /// Words before the path of the program.
+    pub before: &'static [&'static str],
+    /// Whether `oqtal bridge setup --apply` sets the vehicle up, once and before its flights.
+    pub is_set_up: bool,
     /// Appends the arguments of the program, which starts in a separate directory.
     pub arguments: fn(&Path, &mut Command),
     /// Parameters that differ from the firmware's defaults, in its own format; written to the file `parameters` of its directory.
@@ -56,12 +60,23 @@ impl Firmware {
         ip(&["netns", "add", &network]);
         ip(&["-n", &network, "link", "set", "lo", "up"]);
         let mut command = Command::new("ip");
-        command.args(["netns", "exec", &network]).arg(path);
+        command.args(["netns", "exec", &network]).args(self.before).arg(path);
         (self.arguments)(path, &mut command);
         let log = std::fs::File::create(directory.join("output")).unwrap();
         command.current_dir(directory).stdin(Stdio::null());
         command.stdout(log.try_clone().unwrap()).stderr(log);
-        FirmwareProcess { command, child: None, network }
+        let mut process = FirmwareProcess { command, child: None, network };
+        if self.is_set_up {
+            process.run();
+            wait_for("a vehicle that is set up", || {
+                let mut setup = Command::new(env!("CARGO_BIN_EXE_oqtal"));
+                let preset = format!("vehicle.preset={}", self.preset);
+                setup.args(["bridge", "setup", self.link, "--apply", "--set", &preset]);
+                process.beside(&setup).output().unwrap().status.success().then_some(())
+            });
+            process.end();
+        }
+        process
     }
 
     /// Starts the program at `path` in `directory`, and waits until it can be armed.
@@ -98,7 +113,7 @@ impl FirmwareProcess {
         beside.args(["netns", "exec", &self.network]).arg(command.get_program());
         beside.args(command.get_args()).stdin(Stdio::null());
         // The paths of programs are not settings of the configuration.
-        for name in ["OQTAL_CRAZYFLIE", "OQTAL_ARDUCOPTER", "OQTAL_PX4"] {
+        for name in ["OQTAL_CRAZYFLIE", "OQTAL_ARDUCOPTER", "OQTAL_PX4", "OQTAL_BETAFLIGHT"] {
             beside.env_remove(name);
         }
         for (name, value) in command.get_envs() {

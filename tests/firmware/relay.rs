@@ -1,8 +1,9 @@
-//! Relay in the network of a firmware: forwards datagrams between bridge and vehicle with delays and losses, records the
-//! set-points that reach the vehicle, and injects datagrams of another ground station.
+//! Relay in the network of a firmware: forwards datagrams, or what a stream brings at once, between bridge and vehicle with delays and
+//! losses, records the set-points that reach the vehicle, and injects datagrams of another ground station.
+
+mod ends;
 
 use std::fs::File;
-use std::net::{SocketAddr, UdpSocket};
 use std::os::fd::AsFd;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -11,10 +12,13 @@ use std::thread::JoinHandle;
 use oqtal_bus::time::{Span, Time};
 use oqtal_wire::crtp::{CrtpPacket, CrtpRequest};
 use oqtal_wire::mavlink::{MavlinkContent, MavlinkDecoder};
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use oqtal_wire::msp::{MspChannelMap, MspDecoder, MspSticks, command};
+use rustix::event::Timespec;
 use rustix::thread::{LinkNameSpaceType, move_into_link_name_space};
 
 use crate::common::random::Random;
+use ends::RelayEnds;
+pub use ends::RelayPorts;
 
 /// Longest wait for a datagram.
 const WAIT: Timespec = Timespec { tv_sec: 0, tv_nsec: 500_000 };
@@ -22,14 +26,6 @@ const LONGEST: usize = 2048;
 /// Ends of the relay.
 const NEAR: usize = 0;
 const FAR: usize = 1;
-
-/// Addresses of a relay: its own, and those of bridge and vehicle unless they are learned from received datagrams.
-pub struct RelayPorts {
-    pub near: &'static str,
-    pub near_peer: Option<&'static str>,
-    pub far: &'static str,
-    pub far_peer: Option<&'static str>,
-}
 
 /// Set-point forwarded to the vehicle.
 #[derive(Clone, Copy, Debug)]
@@ -109,35 +105,23 @@ struct Waiting {
 }
 
 struct Exchange {
-    sockets: [UdpSocket; 2],
-    peers: [Option<SocketAddr>; 2],
+    ends: RelayEnds,
     waiting: Vec<Waiting>,
 }
 
 impl Exchange {
     fn open(ports: &RelayPorts) -> Self {
-        let bind = |address: &str| {
-            let socket = UdpSocket::bind(address).unwrap();
-            socket.set_nonblocking(true).unwrap();
-            socket
-        };
-        let peer = |peer: Option<&str>| peer.map(|address| address.parse().unwrap());
-        Self {
-            sockets: [bind(ports.near), bind(ports.far)],
-            peers: [peer(ports.near_peer), peer(ports.far_peer)],
-            waiting: Vec::new(),
-        }
+        Self { ends: RelayEnds::open(ports), waiting: Vec::new() }
     }
 
     fn turn(&mut self, state: &Mutex<RelayState>) {
-        let mut fds = self.sockets.each_ref().map(|socket| PollFd::new(socket, PollFlags::IN));
-        let _ = poll(&mut fds, Some(&WAIT));
+        self.ends.wait(&WAIT);
         let state = &mut *state.lock().unwrap();
         for end in [NEAR, FAR] {
             self.read(end, state);
         }
         for bytes in std::mem::take(&mut state.injected) {
-            self.send(FAR, &bytes);
+            self.ends.send(FAR, &bytes);
         }
         let now = Time::now();
         let (due, waiting) =
@@ -145,7 +129,7 @@ impl Exchange {
         self.waiting = waiting;
         let due: Vec<Waiting> = due;
         for datagram in due {
-            self.send(datagram.to, &datagram.bytes);
+            self.ends.send(datagram.to, &datagram.bytes);
             let flies = thrust_of(&datagram.bytes).filter(|_| datagram.to == FAR);
             let Some(flies) = flies else { continue };
             let sent_at = datagram.sent_at;
@@ -155,8 +139,7 @@ impl Exchange {
 
     fn read(&mut self, end: usize, state: &mut RelayState) {
         let mut buffer = [0; LONGEST];
-        while let Ok((length, sender)) = self.sockets[end].recv_from(&mut buffer) {
-            self.peers[end] = Some(sender);
+        while let Some(length) = self.ends.receive(end, &mut buffer) {
             let is_lost = state.loss > 0.0 && state.random.between(0.0, 1.0) < state.loss;
             if state.is_silent || is_lost {
                 state.lost += 1;
@@ -167,16 +150,13 @@ impl Exchange {
                 true => state.random.between(0.0, state.jitter_ms),
                 false => 0.0,
             };
-            let due = sent_at + Span::from_seconds(delay * 1e-3);
+            let mut due = sent_at + Span::from_seconds(delay * 1e-3);
+            if self.ends.keep_order() {
+                let before = self.waiting.iter().filter(|waiting| waiting.to == 1 - end);
+                due = before.map(|waiting| waiting.due).fold(due, Time::max);
+            }
             let bytes = buffer[..length].to_vec();
             self.waiting.push(Waiting { to: 1 - end, sent_at, due, bytes });
-        }
-    }
-
-    fn send(&self, to: usize, bytes: &[u8]) {
-        if let Some(peer) = self.peers[to] {
-            // A firmware that has ended does not receive.
-            let _ = self.sockets[to].send_to(bytes, peer);
         }
     }
 }
@@ -187,6 +167,12 @@ fn thrust_of(bytes: &[u8]) -> Option<bool> {
     if let Some(packet) = packet {
         let MavlinkContent::AttitudeTarget(target) = packet.content else { return None };
         return Some(target.thrust > 0.0);
+    }
+    if let Some(packet) =
+        MspDecoder::new().push(bytes).find(|packet| packet.command == command::CHANNELS)
+    {
+        let (sticks, _) = MspSticks::read(packet.payload(), MspChannelMap::FACTORY)?;
+        return Some(sticks.throttle > 0.0);
     }
     match CrtpRequest::read(&CrtpPacket::parse(bytes).ok()?) {
         Some(CrtpRequest::Setpoint(setpoint)) => Some(setpoint.thrust > 0),

@@ -21,6 +21,8 @@ pub const CRAZYFLIE: Firmware = Firmware {
     },
     truth: "crazyflie-sitl:udp:127.0.0.1:19950",
     boot: Duration::from_secs(0),
+    before: &[],
+    is_set_up: false,
     arguments: |_, command| {
         command.args(["19950", "127.0.0.1"]);
     },
@@ -42,6 +44,8 @@ pub const ARDUCOPTER: Firmware = Firmware {
     },
     truth: "mavlink:udpin:127.0.0.1:14551",
     boot: Duration::from_secs(30),
+    before: &[],
+    is_set_up: false,
     arguments: |_, command| {
         command.args(["--model", "quad", "--home", "-35.363261,149.165230,584,0", "-w"]);
         command.args(["--serial0", "udpclient:127.0.0.1:14550"]);
@@ -65,6 +69,8 @@ pub const PX4: Firmware = Firmware {
     },
     truth: "mavlink:udpin:127.0.0.1:19410",
     boot: Duration::from_secs(12),
+    before: &[],
+    is_set_up: false,
     arguments: |path, command| {
         let etc = path.parent().and_then(Path::parent).unwrap().join("etc");
         command.arg(etc).args(["-d", "-s", "etc/init.d-posix/rcS", "-w", "."]);
@@ -78,4 +84,26 @@ pub const PX4: Firmware = Firmware {
     battery: &["safety.battery-low-v = 15.1", "safety.battery-empty-v = 14.9"],
 };
 
-pub const ALL: [&Firmware; 3] = [&CRAZYFLIE, &ARDUCOPTER, &PX4];
+/// Uses the sensors and motors of the simulated vehicle. Without real-time priority its task that reads MSP starves.
+pub const BETAFLIGHT: Firmware = Firmware {
+    name: "Betaflight",
+    variable: "OQTAL_BETAFLIGHT",
+    preset: "betaflight-quad",
+    link: "msp:tcp:127.0.0.1:5761",
+    relayed_link: "msp:tcp:127.0.0.1:5861",
+    ports: RelayPorts {
+        near: "tcp:127.0.0.1:5861",
+        near_peer: None,
+        far: "127.0.0.1:0",
+        far_peer: Some("127.0.0.1:5761"),
+    },
+    truth: "betaflight-sitl:udp:127.0.0.1:9002",
+    boot: Duration::from_secs(5),
+    before: &["chrt", "-f", "10"],
+    is_set_up: true,
+    arguments: |_, _| {},
+    parameters: "",
+    battery: &[],
+};
+
+pub const ALL: [&Firmware; 4] = [&CRAZYFLIE, &ARDUCOPTER, &PX4, &BETAFLIGHT];

@@ -85,5 +85,5 @@ pub fn camera_streams() -> [Vec<u8>; 3] {
 
 /// Heads and end marks of the vehicles' frames, close together.
 pub fn heads_of_frames() -> Vec<u8> {
-    b">*>\x5c\x00\x03<#<>*>di\x7e\x00\x72\x7d\x5e\xfd\x09\x00\x00".repeat(100)
+    b">*>\x5c\x00\x03<#<>*>di\x7e\x00\x72\x7d\x5e\xfd\x09\x00\x00$M>\xfe".repeat(100)
 }

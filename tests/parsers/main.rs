@@ -21,6 +21,7 @@ use counter::most_bytes;
 use mutation::mutated;
 use oqtal_wire::asctec::{HostGrammar, VehicleGrammar};
 use oqtal_wire::mavlink::MavlinkGrammar;
+use oqtal_wire::msp::MspGrammar;
 use random::{Random, length};
 
 /// Bound of the memory in use.
@@ -93,6 +94,7 @@ fn mutated_streams_of_vehicles_are_read_in_bounded_memory() {
         any_bytes::<HostGrammar>,
         any_bytes::<VehicleGrammar>,
         any_bytes::<MavlinkGrammar>,
+        any_bytes::<MspGrammar>,
         any_radio_bytes,
         any_crtp_bytes::any_crtp_bytes,
     ] {

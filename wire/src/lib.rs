@@ -14,14 +14,17 @@
 //! | module | subject |
 //! |---|---|
 //! | [`asctec`] | the serial interface of AscTec's X-3D-BL and Hummingbird |
+//! | [`betaflight_sitl`] | Betaflight as a program, and the simulator of its body |
 //! | [`crazyflie_sitl`] | the Crazyflie's firmware as a program, and the simulator of its body |
 //! | [`crtp`] | CRTP, the protocol of the Crazyflie |
 //! | [`xbee`] | XBee radios: transparent, API mode 1, API mode 2 |
 //! | [`mavlink`] | MAVLink 2, for PX4 and ArduPilot |
+//! | [`msp`] | MSP, of Betaflight |
 //! | [`link`] | text forms of links: `asctec:/dev/ttyUSB0,baud=57600,xbee=api2` |
 //! | [`stream`] | frames from arbitrary bytes, with bounded work |
 //! | [`hex`] | bytes as hexadecimal digits |
 //! | [`text`] | text of another machine, escaped for a log |
+//! | `thrust` | from a share of the greatest thrust to the thrust of a set-point |
 //! | `interpolation` | straight lines between the points of a table |
 //! | `bytes` | numbers in packets |
 //! | [`motion`] | measurements of a camera system: poses of bodies, positions of markers |
@@ -31,6 +34,7 @@
 #![forbid(unsafe_code)]
 
 pub mod asctec;
+pub mod betaflight_sitl;
 mod bytes;
 pub mod crazyflie_sitl;
 pub mod crtp;
@@ -39,11 +43,14 @@ mod interpolation;
 pub mod link;
 pub mod mavlink;
 pub mod motion;
+pub mod msp;
 pub mod natnet;
 pub mod qtm;
 pub mod stream;
 pub mod text;
+mod thrust;
 pub mod vrpn;
 pub mod xbee;
 
 pub use bytes::ByteOrder;
+pub use thrust::{InvalidThrustCurve, ThrustCurve};

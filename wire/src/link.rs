@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `text.rs` | the grammar, and its errors |
 //! | `port.rs`, `radio.rs` | ports: serial, UDP, TCP, Crazyradio |
-//! | `asctec.rs`, `mavlink.rs`, `crtp.rs` | links to vehicles; a further protocol is a file like these, and a variant of [`LinkSpec`] |
+//! | `asctec.rs`, `mavlink.rs`, `crtp.rs`, `msp.rs` | links to vehicles; a further protocol is a file like these, and a variant of [`LinkSpec`] |
 //! | `camera.rs` | links to camera systems |
 //! | `truth.rs` | links to the true motion of a firmware that runs as a program |
 
@@ -12,6 +12,7 @@ mod asctec;
 mod camera;
 mod crtp;
 mod mavlink;
+mod msp;
 mod port;
 mod radio;
 mod text;
@@ -26,6 +27,7 @@ pub use asctec::AsctecLink;
 pub use camera::{BodyRoute, CameraLink, CameraProtocol, MAX_BODIES, NatnetDelivery, QTM_VERSIONS};
 pub use crtp::CrtpLink;
 pub use mavlink::{AutopilotKind, MavlinkLink};
+pub use msp::MspLink;
 pub use port::{HostPort, PortSpec, SerialSpec};
 pub use radio::{RadioRate, RadioSpec};
 pub use text::{InvalidLink, LinkText};
@@ -43,10 +45,12 @@ pub enum LinkSpec {
     Mavlink(MavlinkLink),
     /// CRTP, [`crate::crtp`].
     Crtp(CrtpLink),
+    /// MSP, [`crate::msp`].
+    Msp(MspLink),
 }
 
 /// Kinds of links to vehicles.
-const KINDS: [LinkKind<LinkSpec>; 3] = [
+const KINDS: [LinkKind<LinkSpec>; 4] = [
     LinkKind {
         name: "asctec",
         form: AsctecLink::FORM,
@@ -61,6 +65,11 @@ const KINDS: [LinkKind<LinkSpec>; 3] = [
         name: "crtp",
         form: CrtpLink::FORM,
         parse: |port, link| CrtpLink::parse(port, link).map(LinkSpec::Crtp),
+    },
+    LinkKind {
+        name: "msp",
+        form: MspLink::FORM,
+        parse: |port, link| MspLink::parse(port, link).map(LinkSpec::Msp),
     },
 ];
 
@@ -90,6 +99,7 @@ impl LinkSpec {
             Self::Asctec(link) => ("asctec", link.serial.path.clone(), link.options()),
             Self::Mavlink(link) => ("mavlink", link.port.to_string(), link.options()),
             Self::Crtp(link) => ("crtp", link.to_string(), String::new()),
+            Self::Msp(link) => ("msp", link.port.to_string(), link.options()),
         }
     }
 
@@ -105,6 +115,7 @@ impl LinkSpec {
             Self::Asctec(link) => PortSpec::Serial(link.serial.clone()),
             Self::Mavlink(link) => link.port.clone(),
             Self::Crtp(link) => link.port(),
+            Self::Msp(link) => link.port.clone(),
         }
     }
 }

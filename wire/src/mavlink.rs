@@ -31,7 +31,6 @@ mod parameter;
 mod payload;
 mod read;
 mod signature;
-mod thrust;
 mod write;
 
 pub use address::MavlinkAddress;
@@ -46,4 +45,3 @@ pub use packet::{MavlinkDecoder, MavlinkEncoder, MavlinkGrammar, MavlinkPacket};
 pub use packet_bytes::{MAX_PACKET, MavlinkWire};
 pub use parameter::{ParameterName, ParameterValue};
 pub use signature::{SignatureCheck, SignedBytes, SigningKey};
-pub use thrust::{InvalidThrustCurve, ThrustCurve};

@@ -4,6 +4,7 @@ use crate::common::any_bytes::{any_bytes, any_radio_bytes};
 use crate::common::any_crtp_bytes::any_crtp_bytes;
 use crate::common::noise;
 use oqtal_wire::asctec::{HostGrammar, VehicleGrammar};
+use oqtal_wire::msp::MspGrammar;
 use oqtal_wire::xbee::{ApiFrame, Payload};
 use proptest::prelude::*;
 
@@ -18,6 +19,9 @@ fn repeated() -> impl Strategy<Value = Vec<u8>> {
         // Heads of the longest telemetry frame, close together, with end marks where theirs would be.
         b">*>\x5c\x00\x03".to_vec(),
         b">*>\x5c\x00\x03<#<".to_vec(),
+        // Heads of the longest packet of MSP.
+        b"$M>\xfe".to_vec(),
+        b"$M>\xfe$".to_vec(),
         b"\x7e".to_vec(),
         b"\x7e\x00".to_vec(),
         b"\x7e\x00\x72".to_vec(),
@@ -45,6 +49,11 @@ proptest! {
     #[test]
     fn a_vehicle_stays_sound(bytes in bytes()) {
         any_bytes::<VehicleGrammar>(&bytes);
+    }
+
+    #[test]
+    fn both_ends_of_msp_stay_sound(bytes in bytes()) {
+        any_bytes::<MspGrammar>(&bytes);
     }
 
     #[test]

@@ -10,6 +10,7 @@ mod crtp_bytes;
 mod mavlink;
 mod mavlink_peer;
 mod meaning;
+mod msp_bytes;
 mod natnet_sessions;
 mod peers;
 mod qtm_sessions;

@@ -14,9 +14,9 @@ pub const PERIOD: Span = Span::from_nanos(16_666_667);
 /// `bridge.command-timeout-periods` as shipped: three periods.
 pub const COMMAND_AGE: Span = Span::from_nanos(50_000_001);
 /// Steps of a stick that every protocol resolves \[1/s\].
-const STICK_STEPS: f64 = 2047.0;
+const STICK_STEPS: f64 = 400.0;
 /// Commands that differ in their roll stick \[-\].
-const COMMANDS: u64 = 1000;
+const COMMANDS: u64 = 350;
 /// Longest frame of any protocol \[bytes\].
 const LONGEST_FRAME: usize = 280;
 /// Periods within which every vehicle is set up, and within which it flies after the request \[-\].

@@ -6,7 +6,6 @@ use oqtal_bus::message::TruthV1;
 use oqtal_bus::time::{Grid, Span, Time};
 use oqtal_config::{Config, Fidelity};
 use oqtal_control::quaternion::Attitude;
-use oqtal_wire::crazyflie_sitl::imu_datagram;
 
 use crate::disturbance::SceneDisturbance;
 use crate::plant::{Plant, PlantOutput};
@@ -14,16 +13,24 @@ use crate::plant::{Plant, PlantOutput};
 /// Rate of the inertial sensors \[Hz\]; the firmware's loops are clocked by their samples.
 const IMU_HZ: f64 = 1000.0;
 
-/// Sample of the inertial sensors as the firmware receives it.
-pub type ImuDatagram = [u8; 14];
+/// Sample of the sensors of the body.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InertialSample {
+    /// Specific force \[m/s^2, body\].
+    pub force: [f64; 3],
+    /// Body rate \[rad/s, body\].
+    pub rate: [f64; 3],
+    /// Attitude \[body to world\], scalar last.
+    pub attitude: [f64; 4],
+}
 
 /// Output of the body.
 #[derive(Clone, Copy, Debug)]
 pub enum BodyOutput {
     /// A sample of the truth.
     Truth(TruthV1),
-    /// A sample of the inertial sensors.
-    Imu(ImuDatagram),
+    /// A sample of the sensors.
+    Sensors(InertialSample),
 }
 
 /// Body of a firmware under test.
@@ -81,7 +88,7 @@ impl FirmwareBody {
             let at = self.imu.next();
             self.imu.advance();
             self.plant.advance(at, |output| truth(output, &mut out));
-            out(BodyOutput::Imu(self.measure(at)));
+            out(BodyOutput::Sensors(self.measure(at)));
         }
         self.plant.advance(until, |output| truth(output, &mut out));
     }
@@ -102,7 +109,7 @@ impl FirmwareBody {
     }
 
     /// Samples the sensors at `now`. The accelerometer averages since its last sample, so that a touch-down is not missed.
-    fn measure(&mut self, now: Time) -> ImuDatagram {
+    fn measure(&mut self, now: Time) -> InertialSample {
         let truth = self.plant.truth();
         let velocity = Vector3::from(truth.velocity);
         let (then, before) = std::mem::replace(&mut self.measured, (now, velocity));
@@ -112,6 +119,6 @@ impl FirmwareBody {
         let attitude = Attitude::from_xyzw(truth.attitude).unwrap_or_default();
         let force = acceleration + Vector3::z() * self.gravity;
         let force = attitude.unit_quaternion().inverse_transform_vector(&force);
-        imu_datagram(force.into(), truth.rate)
+        InertialSample { force: force.into(), rate: truth.rate, attitude: truth.attitude }
     }
 }

@@ -2,19 +2,18 @@
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, RotorLayout};
-use oqtal_plant_sim::firmware::{BodyOutput, FirmwareBody, ImuDatagram};
+use oqtal_plant_sim::firmware::{BodyOutput, FirmwareBody, InertialSample};
 
 use crate::START;
 
-/// Counts of 1 g and of 1 rad/s.
-const G_COUNTS: f64 = 2048.0;
-const RATE_COUNTS: f64 = 65536.0 / 4000.0 * 180.0 / std::f64::consts::PI;
+/// Standard gravity \[m/s^2\].
+const G: f64 = 9.80665;
 
 /// A body without gusts, drift and drag, and the time of the test.
 struct Bench {
     body: FirmwareBody,
     now: Time,
-    last: ImuDatagram,
+    last: InertialSample,
     samples: usize,
 }
 
@@ -25,7 +24,8 @@ impl Bench {
         config.plant.gust_sd_m_s2 = 0.0;
         config.plant.force_n = [0.0; 3];
         config.plant.drag_per_s = 0.0;
-        Self { body: FirmwareBody::new(&config, START), now: START, last: [0; 14], samples: 0 }
+        let last = InertialSample { force: [0.0; 3], rate: [0.0; 3], attitude: [0.0; 4] };
+        Self { body: FirmwareBody::new(&config, START), now: START, last, samples: 0 }
     }
 
     /// Drives the motors, every millisecond as a firmware does.
@@ -42,8 +42,8 @@ impl Bench {
             self.now = self.now + Span::from_millis(1);
             let Self { body, last, samples, .. } = self;
             body.advance(self.now, |output| {
-                if let BodyOutput::Imu(datagram) = output {
-                    *last = datagram;
+                if let BodyOutput::Sensors(sample) = output {
+                    *last = sample;
                     *samples += 1;
                 }
             });
@@ -52,9 +52,7 @@ impl Bench {
 
     /// Measured specific force \[g, body\] and body rate \[rad/s, body\].
     fn measured(&self) -> ([f64; 3], [f64; 3]) {
-        let count = |at: usize| f64::from(i16::from_le_bytes([self.last[at], self.last[at + 1]]));
-        let three = |at: usize| [count(at), count(at + 2), count(at + 4)];
-        (three(2).map(|value| value / G_COUNTS), three(8).map(|value| value / RATE_COUNTS))
+        (self.last.force.map(|value| value / G), self.last.rate)
     }
 
     fn rate(&self) -> [f64; 3] {
@@ -126,7 +124,7 @@ fn each_rotor_turns_the_vehicle_as_its_place_and_sense_say() {
             }
             let (_, measured) = bench.measured();
             for (measured, rate) in measured.into_iter().zip(bench.rate()) {
-                assert!((measured - rate).abs() <= 0.5 / RATE_COUNTS + 1e-12, "{measured} {rate}");
+                assert_eq!(measured, rate);
             }
         }
     }

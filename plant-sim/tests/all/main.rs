@@ -5,6 +5,7 @@ mod crazyflie;
 mod disturbances;
 mod firmware;
 mod mavlink;
+mod msp;
 mod plant;
 mod program;
 mod radio;

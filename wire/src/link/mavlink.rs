@@ -54,12 +54,8 @@ impl MavlinkLink {
 
     /// Text of the options.
     pub(super) fn options(&self) -> String {
-        let baud = match &self.port {
-            PortSpec::Serial(serial) => serial.option(DEFAULT_BAUD),
-            _ => String::new(),
-        };
         let autopilot = option("autopilot", self.autopilot.map(AutopilotKind::name));
-        baud + &autopilot + &option("system", self.system)
+        self.port.option(DEFAULT_BAUD) + &autopilot + &option("system", self.system)
     }
 }
 

@@ -117,6 +117,14 @@ impl PortSpec {
         }
     }
 
+    /// Text of the option `baud`; empty for ports without it.
+    pub(super) fn option(&self, default_baud: u32) -> String {
+        match self {
+            Self::Serial(serial) => serial.option(default_baud),
+            _ => String::new(),
+        }
+    }
+
     /// Speed of a serial port \[baud\]; `None` for other ports.
     pub fn baud(&self) -> Option<u32> {
         match self {

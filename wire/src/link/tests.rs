@@ -93,7 +93,7 @@ fn errors_name_the_problem_and_the_form() {
         assert!(message.contains(MavlinkLink::FORM) && message.contains(text), "{message}");
     }
     for (text, problem) in
-        [("/dev/ttyUSB0", "no kind before a colon"), ("msp:/dev/ttyUSB0", "unknown kind `msp`")]
+        [("/dev/ttyUSB0", "no kind before a colon"), ("sbus:/dev/ttyUSB0", "unknown kind `sbus`")]
     {
         let message = refused(text);
         assert!(message.contains(problem), "{text}: {message}");
@@ -163,5 +163,23 @@ fn crazyflie_ports_are_read_and_wrong_ones_refused() {
         let message = refused(text);
         assert!(message.contains(problem), "{text}: {message}");
         assert!(message.contains("crtp:udp:HOST:PORT"), "{message}");
+    }
+}
+
+#[test]
+fn ports_of_msp_are_read_and_wrong_ones_refused() {
+    for text in
+        ["msp:tcp:127.0.0.1:5761", "msp:serial:/dev/ttyACM0", "msp:serial:/dev/ttyS1,baud=57600"]
+    {
+        assert_eq!(text.parse::<LinkSpec>().unwrap().to_string(), text);
+    }
+    assert_eq!("msp:serial:/dev/ttyACM0".parse::<LinkSpec>().unwrap().port().baud(), Some(115_200));
+    for (text, problem) in [
+        ("msp:/dev/ttyACM0", "no port"),
+        ("msp:tcp:host", "no port"),
+        ("msp:tcp:host:1,baud=1", "`baud`"),
+    ] {
+        let message = refused(text);
+        assert!(message.contains(problem) && message.contains(MspLink::FORM), "{message}");
     }
 }

@@ -1,5 +1,5 @@
-//! Links to the true motion of a firmware that runs as a program: `crazyflie-sitl:udp:HOST:PORT[,crtp=HOST:PORT]` or
-//! `mavlink:udpin:HOST:PORT`.
+//! Links to the true motion of a firmware that runs as a program: `crazyflie-sitl:udp:HOST:PORT[,crtp=HOST:PORT]`,
+//! `betaflight-sitl:udp:HOST:PORT[,state=HOST:PORT]` or `mavlink:udpin:HOST:PORT`.
 
 use std::fmt;
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4};
@@ -9,6 +9,9 @@ use super::text::{self, InvalidLink, LinkKind, LinkText, option};
 
 /// Default address at which clients reach the firmware over CRTP, that of Crazyflie's own tools.
 const DEFAULT_CRTP: SocketAddr = SocketAddr::V4(SocketAddrV4::new(Ipv4Addr::LOCALHOST, 19850));
+
+/// Default address at which Betaflight takes the state of its body, a constant of its program.
+const DEFAULT_STATE: SocketAddr = SocketAddr::V4(SocketAddrV4::new(Ipv4Addr::LOCALHOST, 9003));
 
 /// Source of a vehicle's true motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,16 +23,32 @@ pub enum TruthSource {
         /// Address at which the simulator passes on CRTP packets of a client.
         crtp: SocketAddr,
     },
+    /// The simulated body of a vehicle with Betaflight, flown by the firmware: [`crate::betaflight_sitl`].
+    BetaflightSitl {
+        /// Address at which the simulator waits for motor values.
+        motors: SocketAddr,
+        /// Address to which the simulator sends the state.
+        state: SocketAddr,
+    },
     /// The simulator within an autopilot, which sends `SIM_STATE` or `HIL_STATE_QUATERNION` to this address.
     Mavlink(SocketAddr),
 }
 
 /// Kinds of sources.
-const KINDS: [LinkKind<TruthSource>; 2] = [
+const KINDS: [LinkKind<TruthSource>; 3] = [
     LinkKind {
         name: "crazyflie-sitl",
         form: "crazyflie-sitl:udp:HOST:PORT[,crtp=HOST:PORT]",
         parse: parse_crazyflie,
+    },
+    LinkKind {
+        name: "betaflight-sitl",
+        form: "betaflight-sitl:udp:HOST:PORT[,state=HOST:PORT]",
+        parse: |port, link| {
+            let motors = address_behind("udp:", port)?;
+            let state = link.take("state")?.map_or(Ok(DEFAULT_STATE), address)?;
+            Ok(TruthSource::BetaflightSitl { motors, state })
+        },
     },
     LinkKind {
         name: "mavlink",
@@ -73,6 +92,10 @@ impl fmt::Display for TruthSource {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Mavlink(address) => write!(f, "mavlink:udpin:{address}"),
+            Self::BetaflightSitl { motors, state } => {
+                let state = option("state", Some(state).filter(|state| **state != DEFAULT_STATE));
+                write!(f, "betaflight-sitl:udp:{motors}{state}")
+            }
             Self::CrazyflieSitl { body, crtp } => {
                 let crtp = option("crtp", Some(crtp).filter(|crtp| **crtp != DEFAULT_CRTP));
                 write!(f, "crazyflie-sitl:udp:{body}{crtp}")
@@ -121,6 +144,8 @@ mod tests {
         fn written_sources_are_read_back(body in 1..30000_u16, crtp in 30000_u16..) {
             let at = |port| SocketAddr::from((Ipv4Addr::LOCALHOST, port));
             let source = TruthSource::CrazyflieSitl { body: at(body), crtp: at(crtp) };
+            prop_assert_eq!(source.to_string().parse(), Ok(source));
+            let source = TruthSource::BetaflightSitl { motors: at(body), state: at(crtp) };
             prop_assert_eq!(source.to_string().parse(), Ok(source));
             let source = TruthSource::Mavlink(at(body));
             prop_assert_eq!(source.to_string().parse(), Ok(source));

@@ -5,8 +5,9 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, Interface};
 use oqtal_control::options::OptionError;
 use oqtal_control::quaternion::Attitude;
+use oqtal_wire::ThrustCurve;
 use oqtal_wire::link::AutopilotKind;
-use oqtal_wire::mavlink::{AttitudeTarget, SetpointKind, ThrustCurve};
+use oqtal_wire::mavlink::{AttitudeTarget, SetpointKind};
 
 use crate::wire::command::{attitude_command, rate_command};
 

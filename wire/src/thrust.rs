@@ -1,4 +1,4 @@
-//! From a share of the vehicle's greatest thrust to the thrust of SET_ATTITUDE_TARGET.
+//! From a share of the vehicle's greatest thrust to the thrust or throttle of a set-point.
 
 use crate::interpolation::interpolate;
 
@@ -26,13 +26,13 @@ impl ThrustCurve {
         if fits { Ok(Self(points.to_vec())) } else { Err(InvalidThrustCurve) }
     }
 
-    /// Thrust of SET_ATTITUDE_TARGET \[0..1\] for the share `delta` of greatest thrust; 0 for zero, negative numbers and NaN.
+    /// Thrust of a set-point \[0..1\] for the share `delta` of greatest thrust; 0 for zero, negative numbers and NaN.
     pub fn thrust(&self, delta: f64) -> f64 {
         // Zero is the zero set-point, independent of the start of the curve.
         if delta > 0.0 { interpolate(&self.0, delta, [0, 1]) } else { 0.0 }
     }
 
-    /// Share of greatest thrust \[0..1\] that `thrust` of SET_ATTITUDE_TARGET stands for.
+    /// Share of greatest thrust \[0..1\] that `thrust` of a set-point stands for.
     pub fn delta(&self, thrust: f64) -> f64 {
         if thrust > 0.0 { interpolate(&self.0, thrust, [1, 0]) } else { 0.0 }
     }

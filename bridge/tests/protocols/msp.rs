@@ -1,0 +1,112 @@
+//! A vehicle with Betaflight whose pilot has a receiver, for the rules of the bridge.
+
+use oqtal_bridge::{Bridge, Msp, transport};
+use oqtal_bus::time::Time;
+use oqtal_config::{Config, Setting};
+use oqtal_wire::msp::{
+    MSP_RATE_UNIT, MspChannelMap, MspKind, MspPacket, MspStatus, MspSticks, command,
+};
+use oqtal_wire::xbee::Address;
+
+use super::protocol::{Protocol, ProtocolVehicle, Understood};
+
+/// The row of this protocol.
+pub const PROTOCOL: Protocol = Protocol { name: "msp", bridge, vehicle };
+
+/// Roll rate at full stick of a command, as shipped \[rad/s\], and of the vehicle \[10 deg/s\].
+const AUTHORITY: f64 = 2.0;
+const FULL: u8 = 12;
+/// Number of the mode "MSP override" \[-\].
+const MSP_OVERRIDE: u8 = 50;
+
+fn bridge(now: Time) -> Bridge {
+    let preset = Setting::flag("test", "vehicle.preset", "betaflight-quad");
+    let config = Config::load(&[], &[preset]).unwrap();
+    let link = "msp:tcp:127.0.0.1:5761".parse().unwrap();
+    let protocol = Msp::new(&config).unwrap();
+    Bridge::new(&config, Box::new(protocol), transport(&link, Address::BROADCAST), now)
+}
+
+fn vehicle() -> Box<dyn ProtocolVehicle> {
+    Box::new(Betaflight { is_armed: false, is_piloted: false, told_piloted: false })
+}
+
+struct Betaflight {
+    is_armed: bool,
+    /// The pilot has switched MSP override off.
+    is_piloted: bool,
+    told_piloted: bool,
+}
+
+impl ProtocolVehicle for Betaflight {
+    fn take(&mut self, _: Time, frame: &[u8], answers: &mut Vec<Vec<u8>>) -> Understood {
+        let mut decoder = oqtal_wire::msp::MspDecoder::new();
+        let request = decoder.push(frame).next().unwrap();
+        let (payload, understood) = match request.command {
+            command::CHANNELS => (Vec::new(), self.channels(request.payload())),
+            number => (self.reply(number), Understood::Word),
+        };
+        let reply = MspPacket::new(MspKind::Reply, request.command, &payload);
+        answers.push(reply.as_bytes().to_vec());
+        understood
+    }
+
+    fn tick(&mut self, _: Time, _: &mut Vec<Vec<u8>>) {}
+
+    fn manual_override(&mut self, motors_on: bool, is_piloted: bool) {
+        (self.is_armed, self.is_piloted) = (motors_on, motors_on && is_piloted);
+    }
+
+    fn motors_on(&self) -> bool {
+        self.is_armed
+    }
+
+    fn told_piloted(&self) -> bool {
+        self.told_piloted
+    }
+}
+
+impl Betaflight {
+    fn channels(&mut self, payload: &[u8]) -> Understood {
+        let (sticks, switches) = MspSticks::read(payload, MspChannelMap::FACTORY).unwrap();
+        let is_on = switches[0] > 1700;
+        let was_armed = self.is_armed;
+        if !self.is_piloted {
+            self.is_armed = is_on;
+        }
+        match sticks.throttle > 0.0 {
+            true => {
+                let full = f64::from(FULL) * MSP_RATE_UNIT;
+                Understood::Flight(sticks.deflections[0] * full / AUTHORITY)
+            }
+            // A switch that is off stops motors; it has no thrust.
+            false if is_on && !was_armed => Understood::Motors,
+            false => Understood::Zero,
+        }
+    }
+
+    fn reply(&mut self, number: u8) -> Vec<u8> {
+        match number {
+            command::FIRMWARE => b"BTFL".to_vec(),
+            command::CHANNEL_MAP => vec![0, 1, 3, 2],
+            command::MODES => vec![0, MSP_OVERRIDE],
+            command::MODE_RANGES => vec![0, 0, 32, 48],
+            command::FEATURES => vec![8, 0, 0, 0],
+            command::RECEIVER => vec![0, 0x6C, 7, 0xDC, 5, 0x1A, 4, 0],
+            command::RATES => {
+                let mut rates = [FULL, 0, FULL, FULL, FULL, 0, 50, 0, 0, 0, 0, FULL, FULL].to_vec();
+                rates.extend([0; 9]);
+                rates.extend([3, 50]);
+                rates
+            }
+            command::FAILSAFE => vec![3, 0, 0, 0, 0, 0, 0, 1],
+            command::DEAD_BANDS => vec![0, 0],
+            command::STATUS => {
+                self.told_piloted = self.is_armed && self.is_piloted;
+                let modes = u32::from(self.is_armed) | u32::from(!self.is_piloted) << 1;
+                MspStatus { modes, ..MspStatus::default() }.payload().to_vec()
+            }
+            _ => Vec::new(),
+        }
+    }
+}
