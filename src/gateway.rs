@@ -149,7 +149,7 @@ impl Gateway<'_> {
     /// # Errors
     /// Files of the instance were lost, or the operating system refuses (exit code 71).
     fn run(mut self, socket: &dyn GatewaySocket, stop: &StopFlag) -> Result<(), Failure> {
-        let mut datagram = vec![0; protocol::LONGEST_DATAGRAM];
+        let mut datagram = vec![0; protocol::LONGEST_DATAGRAM + 1];
         while !stop.is_set() {
             self.require_files()?;
             let Some(Received { content, sender }) = socket.receive(&mut datagram)? else {

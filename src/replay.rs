@@ -7,7 +7,7 @@ use clap::Args;
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::CommandV1;
 use oqtal_bus::time::Time;
-use oqtal_config::{Config, Setting};
+use oqtal_config::{ClockKind, Config, Setting};
 use oqtal_lab::replay::{RecordedWaypoints, ReplayResult, ReplayedTick, replay};
 use oqtal_observe::recording::{DaemonHistory, InputHistory, RecordingFile, play, recording_path};
 use oqtal_runtime::process::{Exit, Failure};
@@ -111,7 +111,10 @@ impl ReplayArgs {
         if let Some(name) = &self.controller {
             settings.push(Setting::flag("--controller", "control.controller", name.clone()));
         }
-        Ok(Config::parse(&name, &recorded, &settings)?)
+        let config = Config::parse(&name, &recorded, &settings)?;
+        let note = note_on_budget(&Config::parse(&name, &recorded, &[])?, &config);
+        note.iter().for_each(|note| say(&format!("oqtal: {note}")));
+        Ok(config)
     }
 
     /// Fails unless every daemon was recorded from its start without a gap.
@@ -128,6 +131,25 @@ impl ReplayArgs {
         let remedy = "a replay needs everything from the daemon's start: start `oqtal record` first, with the daemon's --config and flags, or use `oqtal fly`";
         Err(Failure::new(Exit::Data, format!("{path} {reason}; {remedy}")))
     }
+}
+
+/// Note on a budget of `next` that recorded answers cannot follow; `None` for a shorter one in real time, under which answers that
+/// took longer are late.
+fn note_on_budget(recorded: &Config, next: &Config) -> Option<String> {
+    let (from_us, to_us) = (recorded.external.budget_us, next.external.budget_us);
+    if from_us == to_us || !next.control.is_external() {
+        return None;
+    }
+    if recorded.clock.kind != ClockKind::Real {
+        return Some(
+            "external.budget-us has no effect: in virtual time no answer is late".to_owned(),
+        );
+    }
+    (to_us > from_us).then(|| {
+        format!(
+            "external.budget-us = {to_us} is longer than that of the recording, {from_us}: answers that would have come later than that are not known, and their questions stay without an answer"
+        )
+    })
 }
 
 /// The numbers of a command, in the order of [`NAMES`].
@@ -298,5 +320,21 @@ mod tests {
         let results = [ReplayResult { ticks, ..ReplayResult::default() }];
         assert_eq!(origin(&results), Time::VIRTUAL_START + Span::from_millis(95));
         assert!(csv(&results).contains("\n-0.095,"), "{}", csv(&results));
+    }
+
+    #[test]
+    fn a_longer_budget_than_the_recorded_one_has_a_note_and_a_shorter_one_has_none() {
+        let config = |clock: &str, budget_us: &str| {
+            let law = Setting::flag("test", "control.controller", "external");
+            let clock = Setting::flag("test", "clock.kind", clock);
+            let budget = Setting::parse("test", &format!("external.budget-us={budget_us}"));
+            Config::from_settings(&[law, clock, budget.unwrap()]).unwrap()
+        };
+        let note = |clock, next| note_on_budget(&config(clock, "3000.0"), &config(clock, next));
+        assert_eq!((note("real", "3000.0"), note("real", "500.0")), (None, None));
+        assert!(
+            note("real", "5000.0").unwrap().contains("longer than that of the recording, 3000")
+        );
+        assert!(note("lockstep", "500.0").unwrap().contains("no effect"));
     }
 }

@@ -186,6 +186,8 @@ code! {
         ObservesOnly = 45 => "safety.observe-only or mocap.replay is set",
         /// A stop, a landing or a disarming that was requested later called the requested flight off.
         CalledOff = 46 => "called off by a later stop, landing or disarming",
+        /// No external law is connected that could fly again.
+        NoLaw = 47 => "no law is connected",
     }
 }
 
@@ -203,13 +205,13 @@ code! {
         /// The command is flown.
         #[default]
         None = 0 => "",
-        /// The external law did not answer within its budget.
+        /// The external law is connected and did not answer within its budget.
         Missing = 1 => "no answer in time",
         /// A number of the command is not finite.
         NotFinite = 2 => "not finite",
         /// The command exceeds the vehicle's range.
         OutOfRange = 3 => "out of range",
-        /// The answer is to another question.
+        /// The answer is to a question that was not asked.
         OtherQuestion = 4 => "answer to another question",
         /// The command leads to a greater tilt than `envelope.tilt-deg`.
         Tilt = 5 => "leads to too much tilt",
@@ -223,6 +225,12 @@ code! {
         Floor = 9 => "leads to the floor",
         /// The last packet of the law had a wrong length or magic.
         Malformed = 10 => "answer with a wrong length or magic",
+        /// No external law is connected.
+        Absent = 11 => "no law is connected",
+        /// The external law closed its connection or raised an exception in this tick.
+        Ended = 12 => "the law ended",
+        /// The vehicle needs an attitude, and all four numbers of it are zero.
+        NoAttitude = 13 => "no attitude",
     }
 }
 

@@ -308,10 +308,13 @@ impl Cycle {
     /// Executes an operator's request and returns the reply.
     pub fn request(&mut self, now: Time, command: OperatorCommand) -> ControlResponseV1 {
         if command == OperatorCommand::Resume && self.supervision.is_flying() {
-            let Some(guarded) = &mut self.guarded else {
-                return self.supervision.response(now, Err(Cause::WrongMode), &self.intake);
+            let cause = match self.guarded.as_mut().map(GuardedControl::resume) {
+                None => Some(Cause::WrongMode),
+                Some(is_connected) => (!is_connected).then_some(Cause::NoLaw),
             };
-            guarded.resume();
+            if let Some(cause) = cause {
+                return self.supervision.response(now, Err(cause), &self.intake);
+            }
         }
         self.supervision.request(now, command, &mut self.intake)
     }

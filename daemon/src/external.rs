@@ -26,8 +26,27 @@ pub trait ExternalLaw {
     /// Restarts integrals and filters: a flight begins.
     fn reset(&mut self);
 
-    /// The command for `state`, in units of the vehicle: see [`ExternalV1`]. `None` without an answer in time.
+    /// The command for `state`, in units of the vehicle: see [`ExternalV1`]. `None` without an answer in time; [`without_answer`] for
+    /// another reason.
     fn answer(&mut self, state: &StateV1) -> Option<ExternalV1>;
+
+    /// Whether the law will not answer any more: a flight in one process then ends.
+    fn has_ended(&self) -> bool {
+        false
+    }
+}
+
+/// In place of an answer: the reason why there is none, [`HandoverCause::Absent`], [`HandoverCause::Ended`] or
+/// [`HandoverCause::Malformed`].
+pub fn without_answer(reason: HandoverCause) -> ExternalV1 {
+    ExternalV1 { verdict: reason.code(), ..ExternalV1::default() }
+}
+
+/// The reason in place of `answer`; `None` for an answer.
+pub fn reason_of(answer: &ExternalV1) -> Option<HandoverCause> {
+    use HandoverCause::{Absent, Ended, Malformed};
+    let reason = HandoverCause::from_code(answer.verdict);
+    reason.filter(|reason| matches!(reason, Absent | Ended | Malformed))
 }
 
 impl<L: ExternalLaw + ?Sized> ExternalLaw for &mut L {
@@ -37,6 +56,10 @@ impl<L: ExternalLaw + ?Sized> ExternalLaw for &mut L {
 
     fn answer(&mut self, state: &StateV1) -> Option<ExternalV1> {
         (**self).answer(state)
+    }
+
+    fn has_ended(&self) -> bool {
+        (**self).has_ended()
     }
 }
 
@@ -63,6 +86,10 @@ impl ExternalLaw for LawPort<'_> {
 
     fn answer(&mut self, state: &StateV1) -> Option<ExternalV1> {
         self.0.as_mut()?.answer(state)
+    }
+
+    fn has_ended(&self) -> bool {
+        self.0.as_ref().is_some_and(|law| law.has_ended())
     }
 }
 
@@ -171,16 +198,15 @@ impl ExternalControl {
         if !answer.asked_at.is_set() {
             answer.asked_at = time;
         }
-        match answered {
-            Some(_) if !answer.answered_at.is_set() => answer.answered_at = time,
-            Some(_) => {}
-            None => answer.answered_at = Time::UNSET,
+        let reason = answered.as_ref().map_or(Some(HandoverCause::Missing), reason_of);
+        if reason.is_none() && !answer.answered_at.is_set() {
+            answer.answered_at = time;
         }
         self.answer = Some(answer);
         // The fallback does not fly a prescribed attitude.
         let mut fallback = *view.fallback;
         fallback.setpoint.attitude = view.reference.attitude.unwrap_or(fallback.setpoint.attitude);
-        answered.ok_or(HandoverCause::Missing).and_then(|answer| self.output(&answer, &fallback))
+        reason.map_or_else(|| self.output(&answer, &fallback), Err)
     }
 
     fn fill_in(&mut self, view: &QuestionView) {
@@ -229,13 +255,8 @@ impl ExternalControl {
         answer: &ExternalV1,
         fallback: &ControlOutput,
     ) -> Result<ControlOutput, HandoverCause> {
-        let ExternalV1 { sequence, rate, torque, attitude, thrust, verdict, .. } = *answer;
-        if verdict == HandoverCause::Malformed.code() {
-            return Err(HandoverCause::Malformed);
-        }
-        if sequence != self.question.sequence {
-            return Err(HandoverCause::OtherQuestion);
-        }
+        let ExternalV1 { rate, torque, attitude, thrust, .. } = *answer;
+        self.require_in_time(answer)?;
         let share = Vector3::from(rate).component_div(&self.greatest_rate);
         let turn = Vector3::from(torque) / self.greatest_torque;
         let (share, is_torque) = match self.interface {
@@ -264,14 +285,27 @@ impl ExternalControl {
         Ok(ControlOutput { command, saturated, terms, ..*fallback })
     }
 
+    /// Refuses an answer to an earlier question, or after the deadline, as late; one to a question that was not asked, as that.
+    fn require_in_time(&self, answer: &ExternalV1) -> Result<(), HandoverCause> {
+        let StateV1 { sequence: asked, answer_by, .. } = self.question;
+        let is_late =
+            answer.sequence < asked || answer_by.is_set() && answer.answered_at > answer_by;
+        match answer.sequence {
+            sequence if sequence == 0 || sequence > asked => Err(HandoverCause::OtherQuestion),
+            _ if is_late => Err(HandoverCause::Missing),
+            _ => Ok(()),
+        }
+    }
+
     /// The attitude of an answer; `None` if the vehicle does not need it and it is not of unit norm.
     fn orientation(&self, xyzw: [f64; 4]) -> Result<Option<Attitude>, HandoverCause> {
         let norm = xyzw.iter().map(|number| number * number).sum::<f64>().sqrt();
         let is_unit = (norm - 1.0).abs() <= 1e-3;
         match Attitude::from_xyzw(xyzw).filter(|_| is_unit) {
-            None if self.interface.holds_attitude() => Err(match norm.is_finite() {
-                true => HandoverCause::OutOfRange,
-                false => HandoverCause::NotFinite,
+            None if self.interface.holds_attitude() => Err(match norm {
+                0.0 => HandoverCause::NoAttitude,
+                norm if norm.is_finite() => HandoverCause::OutOfRange,
+                _ => HandoverCause::NotFinite,
             }),
             orientation => Ok(orientation),
         }
@@ -286,7 +320,7 @@ mod tests {
     use super::*;
 
     const FINE: ExternalV1 = ExternalV1 {
-        sequence: 1,
+        sequence: 3,
         rate: [2.0, -1.0, 0.0],
         torque: [1.0, -0.5, 0.0],
         attitude: [0.0, 0.0, 0.0, 1.0],
@@ -303,7 +337,8 @@ mod tests {
         let setting = Setting::flag("--set", "vehicle.interface", interface);
         let config = Config::from_settings(&[setting]).unwrap();
         let mut external = ExternalControl::new(&config);
-        external.question.sequence = 1;
+        external.question.sequence = FINE.sequence;
+        external.question.answer_by = Time::from_nanos(100);
         let fallback = ControlOutput {
             setpoint: PositionCommand {
                 attitude: Default::default(),
@@ -329,18 +364,22 @@ mod tests {
     }
 
     #[test]
-    fn f70_an_answer_that_is_not_a_number_out_of_range_or_to_another_question_is_refused() {
-        use HandoverCause::{NotFinite, OtherQuestion, OutOfRange};
+    fn f70_an_answer_that_is_late_not_a_number_out_of_range_or_to_another_question_is_refused() {
+        use HandoverCause::{Missing, NoAttitude, NotFinite, OtherQuestion, OutOfRange};
         let nan = f64::NAN;
         for (interface, answer, cause) in [
             ("rate", ExternalV1 { sequence: 0, ..FINE }, OtherQuestion),
+            ("rate", ExternalV1 { sequence: 4, ..FINE }, OtherQuestion),
+            ("rate", ExternalV1 { sequence: 2, ..FINE }, Missing),
+            ("rate", ExternalV1 { answered_at: Time::from_nanos(101), ..FINE }, Missing),
             ("rate", ExternalV1 { rate: [0.0, nan, 0.0], ..FINE }, NotFinite),
             ("torque", ExternalV1 { torque: [nan; 3], ..FINE }, NotFinite),
             ("attitude", ExternalV1 { attitude: [nan; 4], ..FINE }, NotFinite),
             ("rate", ExternalV1 { thrust: f64::INFINITY, ..FINE }, NotFinite),
             ("rate", ExternalV1 { rate: [2.1, 0.0, 0.0], ..FINE }, OutOfRange),
             ("torque", ExternalV1 { torque: [0.0, -1.1, 0.0], ..FINE }, OutOfRange),
-            ("attitude", ExternalV1 { attitude: [0.0; 4], ..FINE }, OutOfRange),
+            ("attitude", ExternalV1 { attitude: [0.0; 4], ..FINE }, NoAttitude),
+            ("attitude", ExternalV1 { attitude: [0.0, 0.0, 0.0, 2.0], ..FINE }, OutOfRange),
             ("rate", ExternalV1 { thrust: -0.1, ..FINE }, OutOfRange),
             ("rate", ExternalV1 { thrust: 20.1, ..FINE }, OutOfRange),
         ] {

@@ -71,6 +71,10 @@ pub struct LawGuard {
     flown: u32,
     /// Whether the law failed and has not returned.
     failed: bool,
+    /// Reason for the last failure.
+    failure: HandoverCause,
+    /// Whether no law was connected in the last tick.
+    is_absent: bool,
     /// Whether an operator gives control back to the law.
     resumes: bool,
     report: GuardReport,
@@ -91,6 +95,8 @@ impl LawGuard {
             good: 0,
             flown: 0,
             failed: false,
+            failure: HandoverCause::None,
+            is_absent: false,
             resumes: false,
             report: GuardReport { is_fallback: true, ..GuardReport::default() },
         })
@@ -105,9 +111,11 @@ impl LawGuard {
         self.report = GuardReport { is_fallback: true, ..GuardReport::default() };
     }
 
-    /// Gives control back to a law that failed, at its next good command.
-    pub fn resume(&mut self) {
-        self.resumes = self.failed;
+    /// Gives control back to a law that failed, at its next good command; `false` while no law is connected. The end of the law ends
+    /// the request.
+    pub fn resume(&mut self) -> bool {
+        self.resumes = self.failed && !self.is_absent;
+        !self.is_absent
     }
 
     /// Checks the next commands against `envelope`, and returns the one before in its place.
@@ -137,6 +145,8 @@ impl LawGuard {
             Ok(output) => self.check(tick, &output.command),
             Err(cause) => *cause,
         };
+        self.is_absent = cause == HandoverCause::Absent;
+        self.resumes &= !matches!(cause, HandoverCause::Absent | HandoverCause::Ended);
         self.good = if cause == HandoverCause::None { self.good.saturating_add(1) } else { 0 };
         let selected = match law {
             Ok(output) if cause == HandoverCause::None && tick.is_free && self.may_return() => {
@@ -189,8 +199,13 @@ impl LawGuard {
         reason: HandoverCause,
     ) -> ControlOutput {
         self.report.law_fails = tick.is_free;
-        if tick.is_free && !self.failed && reason != HandoverCause::None {
-            self.report.cause = reason;
+        // The reason of the failure, unless nothing is there that could fly again.
+        match reason {
+            _ if !tick.is_free => {}
+            HandoverCause::Absent => self.report.cause = reason,
+            _ if self.failed => self.report.cause = self.failure,
+            HandoverCause::None => {}
+            _ => self.report.cause = reason,
         }
         if !self.report.is_fallback {
             self.report.is_fallback = true;
@@ -227,6 +242,7 @@ impl LawGuard {
         };
         (self.flown, self.recovered, self.good) = (0, 0, 0);
         (self.failed, self.resumes) = (true, false);
+        self.failure = self.report.cause;
         self.report.handovers += 1;
     }
 
@@ -249,6 +265,33 @@ fn with_tilt_first(mut command: VehicleCommand) -> VehicleCommand {
     command
 }
 
+/// `next` with the control that the control stack keeps in a daemon that was started with `started`: the stack is the fallback of an
+/// external law, and a trusted law is not changed in flight. Limits of the position loops are those of `next`.
+pub(crate) fn of_stack(started: &Config, next: &Config) -> Config {
+    if next.control.is_external() { trusted(started, next) } else { next.clone() }
+}
+
+/// `next` with the control of `started`.
+fn trusted(started: &Config, next: &Config) -> Config {
+    let mut trusted = next.clone();
+    trusted.control = started.control;
+    trusted
+}
+
+/// Note that the settings of `next` that differ from those of `present` do not change the fallback law; `None` if none is of it.
+pub(crate) fn note_on_fallback(present: &Config, next: &Config) -> Option<String> {
+    let own = match next.control.of_fallback() {
+        Some(fallback) => format!("control.{}.", fallback.built_in().name()),
+        None if next.control.is_external() => "control.".to_owned(),
+        None => return None,
+    };
+    let changed = present.differences(next).unwrap_or_default();
+    changed.iter().any(|line| line.starts_with(&own)).then(|| {
+        "the fallback law keeps the gains of the daemon's start; a change of [control] reaches it when the daemon starts again"
+            .to_owned()
+    })
+}
+
 /// The parts of a guarded law that settings change.
 #[derive(Debug)]
 pub struct LiveGuard {
@@ -258,16 +301,13 @@ pub struct LiveGuard {
 }
 
 impl LiveGuard {
-    /// The parts for `next`; `None` if the law flies without a fallback. The fallback of a built-in law has the limits of `next` and
-    /// the gains of `started`: gains that fail must not be those of the law that then takes over.
+    /// The parts for `next`; `None` if the law flies without a fallback. The fallback has the limits of `next` and the gains of
+    /// `started`: gains that fail must not be those of the law that then takes over.
     ///
     /// # Errors
     /// An option of the fallback law is not allowed.
     pub(crate) fn new(started: &Config, next: &Config) -> Result<Option<Self>, OptionError> {
-        let mut trusted = next.clone();
-        if !next.control.is_external() {
-            trusted.control = started.control;
-        }
+        let trusted = trusted(started, next);
         let fallback = ControlStack::of_fallback(&trusted)?;
         if fallback.is_none() && !trusted.control.is_external() {
             return Ok(None);

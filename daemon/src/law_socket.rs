@@ -24,7 +24,7 @@ use rustix::net::{
     bind, listen, recv, send, socket_with, sockopt,
 };
 
-use crate::external::ExternalLaw;
+use crate::external::{ExternalLaw, reason_of, without_answer};
 
 /// Beginning of a question, and of an answer.
 const QUESTION: [u8; 8] = *b"OQTALST1";
@@ -77,11 +77,13 @@ impl SocketLaw {
     }
 
     /// The answer to the question `sequence` before the instant `until`, with the instant of its receipt; another answer if only
-    /// others arrive; `None` without any, and if the law is gone.
+    /// others arrive; `None` without any. The reason in place of an answer if the law ends without another one.
     fn receive(&mut self, sequence: u64, until: Time) -> Option<ExternalV1> {
         let (mut bytes, mut other) = ([0; ANSWER.len() + ANSWERED + 1], None);
         while !self.stop.is_set() {
-            let connection = self.connection.as_ref()?;
+            let Some(connection) = self.connection.as_ref() else {
+                return other.or(Some(without_answer(HandoverCause::Ended)));
+            };
             let received = match recv(connection, &mut bytes, RecvFlags::DONTWAIT) {
                 Ok((_, length)) if length > 0 => Some(decoded(&bytes[..length])),
                 Err(Errno::AGAIN | Errno::INTR) => {
@@ -90,7 +92,7 @@ impl SocketLaw {
                 }
                 Ok(_) | Err(_) => {
                     self.connection = None;
-                    return other;
+                    continue;
                 }
             };
             let now = Time::now();
@@ -111,7 +113,9 @@ impl ExternalLaw for SocketLaw {
     fn answer(&mut self, state: &StateV1) -> Option<ExternalV1> {
         let is_virtual = !state.answer_by.is_set();
         self.connect(is_virtual);
-        let connection = self.connection.as_ref()?;
+        let Some(connection) = self.connection.as_ref() else {
+            return Some(without_answer(HandoverCause::Absent));
+        };
         let mut bytes = [0; QUESTION.len() + StateV1::SIZE];
         bytes[..QUESTION.len()].copy_from_slice(&QUESTION);
         state.encode(&mut bytes[QUESTION.len()..]);
@@ -130,7 +134,10 @@ impl ExternalLaw for SocketLaw {
             true => VIRTUAL_TIMEOUT,
             false => self.virtual_timeout.scaled(0.5).max(LEAST_VIRTUAL_TIMEOUT),
         };
-        answer.map(|answer| ExternalV1 { answered_at: state.time, ..answer })
+        answer.map(|answer| match reason_of(&answer) {
+            Some(_) => answer,
+            None => ExternalV1 { answered_at: state.time, ..answer },
+        })
     }
 }
 
@@ -138,7 +145,7 @@ impl ExternalLaw for SocketLaw {
 fn decoded(packet: &[u8]) -> ExternalV1 {
     let body = packet.strip_prefix(&ANSWER).filter(|body| body.len() == ANSWERED);
     let Some(body) = body else {
-        return ExternalV1 { verdict: HandoverCause::Malformed.code(), ..ExternalV1::default() };
+        return without_answer(HandoverCause::Malformed);
     };
     let mut bytes = [0; ExternalV1::SIZE];
     bytes[..ANSWERED].copy_from_slice(body);
@@ -179,8 +186,12 @@ impl LawListener {
         Ok(Self { socket, path, file, connections, present: None })
     }
 
-    /// Accepts the law that waits. While one is connected, others are refused.
+    /// Notices the end of the law, and accepts one that waits. While one is connected, others are refused.
     pub(crate) fn poll(&mut self) {
+        if self.present.as_ref().is_some_and(|present| !is_open(present)) {
+            tracing::warn!("external law disconnected: no law is connected");
+            self.present = None;
+        }
         let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
         let Ok(connection) = accept_with(&self.socket, flags) else { return };
         let Ok(peer) = sockopt::socket_peercred(&connection) else { return };
@@ -188,7 +199,7 @@ impl LawListener {
         let pid = peer.pid;
         if peer.uid != own && !peer.uid.is_root() {
             tracing::warn!(?pid, "external law of another user refused");
-        } else if self.present.as_ref().is_some_and(is_open) {
+        } else if self.present.is_some() {
             tracing::warn!(?pid, "external law refused: another one is connected");
         } else if let Ok(present) = connection.try_clone()
             && self.connections.try_send(connection).is_ok()
@@ -279,7 +290,12 @@ mod tests {
         assert_eq!((length, &bytes[..16]), (bytes.len(), &b"OQTALST1\x05\0\0\0\0\0\0\0"[..]));
         assert_eq!(recv(&second, &mut bytes, RecvFlags::empty()).unwrap().1, 0, "refused");
         drop(first);
-        assert_eq!(ask(&mut law, 8, 60_000), None, "a law that is gone is not waited for");
+        // A law that is gone is not waited for.
+        let told = |answer: Option<ExternalV1>| answer.as_ref().and_then(reason_of);
+        assert_eq!(told(ask(&mut law, 8, 60_000)), Some(HandoverCause::Ended));
+        assert_eq!(told(ask(&mut law, 9, 60_000)), Some(HandoverCause::Absent));
+        listener.poll();
+        assert!(listener.present.is_none(), "its end was noticed");
         let _third = connected(&path);
         listener.poll();
         assert_eq!(law.connections.len(), 1);

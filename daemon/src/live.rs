@@ -20,7 +20,7 @@ use crate::arming::ArmingPath;
 use crate::command_model::{CommandModel, motion_tracker};
 use crate::fence::Fence;
 use crate::flight_room::{require_flyable, require_flyable_in_flight};
-use crate::law_guard::LiveGuard;
+use crate::law_guard::{LiveGuard, note_on_fallback, of_stack};
 use crate::limits::LoopLimits;
 use crate::room::StoppingRoom;
 use crate::stack::ControlStack;
@@ -72,10 +72,10 @@ impl LiveControl {
         let tracker = of_tracker(next)?;
         let tracker = (tracker != of_tracker(present)?).then_some(tracker);
         Ok(Self {
-            stack: ControlStack::new(next).map_err(located)?,
+            stack: ControlStack::new(&of_stack(started, next)).map_err(located)?,
             limits: LoopLimits::of(next),
             guarded: LiveGuard::new(started, next).map_err(located)?,
-            keeps_law: present.control == next.control,
+            keeps_law: next.control.is_external() || present.control == next.control,
             tracker,
             path: ArmingPath::new(next, &trajectory),
             trajectory,
@@ -261,7 +261,8 @@ impl LiveSettings {
         };
         let Some((next, _)) = &prepared.settings else { return Vec::new() };
         let before = of(&self.present);
-        of(next).into_iter().filter(|told| !before.contains(told)).collect()
+        let new = of(next).into_iter().filter(|told| !before.contains(told));
+        new.chain(note_on_fallback(self.present(), &next.config)).collect()
     }
 
     /// Takes the settings of a change that was handed to the loop.

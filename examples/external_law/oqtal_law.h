@@ -42,8 +42,8 @@ struct oqtal_state {
     double greatest_thrust;       /* N */
     double greatest_rate[3];      /* rad/s, body */
     double greatest_torque;       /* N m, body */
-    double reference_acceleration[3]; /* m/s^2, world: of the trajectory; zero in a goto, and with references of a planner */
-    double reference_jerk[3];     /* m/s^3, world: likewise */
+    double reference_acceleration[3]; /* m/s^2, world: also of a goto or a stop; zero where a planner sends none */
+    double reference_jerk[3];     /* m/s^3, world: zero in a goto and where a planner sends none */
 };
 
 /* The answer. Only the numbers for the vehicle's interface are used. */

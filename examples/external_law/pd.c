@@ -47,10 +47,15 @@ int main(int argc, char **argv)
         fprintf(stderr, "usage: pd PATH, the socket `law` of an instance whose daemon runs\n");
         return 1;
     }
-    while (oqtal_receive(law, &state)) {
+    unsigned long answers = 0;
+    for (; oqtal_receive(law, &state); answers++) {
         struct oqtal_answer answer = {.attitude = {0, 0, 0, 0}};
         command(&state, &answer);
         oqtal_answer(law, &state, &answer);
+    }
+    if (answers == 0) {
+        fprintf(stderr, "%s: closed before the first question: end another law at this socket\n", argv[1]);
+        return 1;
     }
     return 0;
 }

@@ -66,10 +66,11 @@ def main(path):
             rate, thrust = command(state)
             daemon.send(ANSWER.pack(b"OQTALEX1", state["sequence"], *rate, 0, 0, 0, 0, 0, 0, 0, thrust))
             durations.append((time.perf_counter_ns() - began) / 1000)
+    if not durations:
+        sys.exit(f"{path}: closed before the first question: end another law at this socket, or start the daemon again")
     durations.sort()
-    if durations:
-        p50, p99 = (durations[int(share * (len(durations) - 1))] for share in (0.5, 0.99))
-        print(f"{len(durations)} answers, computed in {p50:.0f} us (p50), {p99:.0f} us (p99)")
+    p50, p99 = (durations[int(share * (len(durations) - 1))] for share in (0.5, 0.99))
+    print(f"{len(durations)} answers, computed in {p50:.0f} us (p50), {p99:.0f} us (p99)")
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ use oqtal_config::Config;
 use oqtal_control::trajectory::Waypoints;
 use oqtal_daemon::{
     CacheWarmup, Cycle, DaemonPorts, DaemonTurn, ExternalLaw, LawPort, LiveSettings,
-    OperatorRequests, Refusal, loop_handoff, trajectory_along,
+    OperatorRequests, Refusal, loop_handoff, reason_of, trajectory_along,
 };
 use oqtal_observe::recording::{DaemonHistory, RecordedTurn, RecordingFile, WAYPOINTS_FILE};
 use oqtal_runtime::process::{Exit, Failure};
@@ -188,7 +188,9 @@ impl ReplayBench {
         if let Some((header, vehicle)) = vehicle {
             self.vehicles.forward(*header, *vehicle);
         }
-        self.answer.set(answer.filter(|answer| answer.answered_at.is_set()));
+        let is_told =
+            |answer: &ExternalV1| answer.answered_at.is_set() || reason_of(answer).is_some();
+        self.answer.set(answer.filter(is_told));
         if let Some((header, reference)) = reference {
             self.references.forward(*header, *reference);
         }

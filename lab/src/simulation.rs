@@ -161,6 +161,9 @@ impl<'a> Simulation<'a> {
             let is_poll = role == Role::Recorder;
             let result = if is_poll {
                 self.poll(at, watch)?;
+                if self.processes.law_has_ended() {
+                    self.end = self.end.min(at + self.poll_period);
+                }
                 if self.recorder.outcome().is_some() {
                     self.end = self.end.min(at + aftermath);
                 }
@@ -186,8 +189,9 @@ impl<'a> Simulation<'a> {
     fn close(self, began: Time) -> RecordedFlight {
         let flown_s = self.now.since(Time::VIRTUAL_START).seconds();
         let speed = flown_s / Time::now().since(began).seconds().max(1e-9);
-        let outcome = match self.now.since(self.daemon_at) > SILENCE {
-            // By an injected fault.
+        let is_silent = self.now.since(self.daemon_at) > SILENCE;
+        let outcome = match is_silent || self.processes.law_has_ended() {
+            // By an injected fault, or by an exception of the law.
             true => Outcome::Unfinished,
             false => self.mission.unfinished_outcome(),
         };

@@ -6,11 +6,14 @@ mod sabotage;
 
 use oqtal_bus::code::HandoverCause;
 use oqtal_bus::message::{ExternalV1, StateV1};
+use oqtal_bus::time::Span;
 use oqtal_config::{Config, Setting};
-use oqtal_daemon::ExternalLaw;
+use oqtal_daemon::{ExternalLaw, LawPort, without_answer};
 use oqtal_lab::mission::Mission;
-use oqtal_lab::simulation::fly_with_law;
+use oqtal_lab::replay::{RecordedWaypoints, replay};
+use oqtal_lab::simulation::{fly_recorded, fly_with_law};
 use oqtal_observe::flight::{Flight, Outcome};
+use oqtal_observe::recording::{InputHistory, RecordingFile, play};
 use oqtal_observe::summary::Summary;
 
 use pd::PositionPd;
@@ -93,6 +96,33 @@ fn f70_a_law_that_stops_answering_is_replaced_in_that_tick_without_a_jump() {
     let thrust = |sample: &oqtal_observe::flight::FlightSample| sample.telemetry.thrust;
     let jump = steps.map(|pair| (thrust(&pair[1]) - thrust(&pair[0])).abs()).fold(0.0, f64::max);
     assert!(jump < 0.067, "{jump} of the greatest thrust: the slew of a tick");
+}
+
+/// A law that ends after its 600th answer.
+struct Ending(u32);
+
+impl ExternalLaw for Ending {
+    fn reset(&mut self) {}
+
+    fn answer(&mut self, state: &StateV1) -> Option<ExternalV1> {
+        self.0 += 1;
+        let good = PositionPd::default().command(state);
+        Some(if self.has_ended() { without_answer(HandoverCause::Ended) } else { good })
+    }
+
+    fn has_ended(&self) -> bool {
+        self.0 > 600
+    }
+}
+
+#[test]
+fn a_flight_in_one_process_ends_with_its_law_and_not_by_an_operator() {
+    let mission = mission(&["trajectory.kind=hover", "clock.kind=in-process"]);
+    let flight = fly_with_law(&mission, &mut Ending(0)).unwrap();
+    assert_eq!(handovers(&flight), (1, HandoverCause::Ended));
+    assert_eq!(flight.cause().as_deref(), Some("the law ended"));
+    let told = flight.shortfall().unwrap();
+    assert!(told.ends_with("the law ended") && !told.contains("operator"), "{told}");
 }
 
 /// A law that leaves every question out whose number is a multiple of this one.
@@ -254,4 +284,41 @@ fn f70_a_fallback_law_catches_a_built_in_law_that_does_not_hold_the_vehicle() {
     assert!(alone.shortfall().is_some(), "lands early: too fast, or too far from its reference");
     assert_eq!(guarded.shortfall(), None);
     assert!(handovers(&guarded).0 > 0);
+}
+
+/// A law whose answers are received this long after their questions.
+struct Slow(Span);
+
+impl ExternalLaw for Slow {
+    fn reset(&mut self) {}
+
+    fn answer(&mut self, state: &StateV1) -> Option<ExternalV1> {
+        let answered_at = state.time + self.0;
+        Some(ExternalV1 { answered_at, ..PositionPd::default().command(state) })
+    }
+}
+
+#[test]
+fn a_replay_takes_recorded_answers_that_exceed_the_budget_as_late() {
+    let mission = mission(&["trajectory.kind=hover", "trajectory.hover.duration-s=2"]);
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("slow.mcap");
+    let mut slow = Slow(Span::from_millis(3));
+    let recorder = Some(crate::live::recorder(&mission, &path));
+    fly_recorded(&mission, recorder, LawPort::of(&mut slow), |_| None).unwrap();
+    let file = RecordingFile::read(&path).unwrap();
+    let mut inputs = InputHistory::default();
+    play(&file, &mut inputs).unwrap();
+    let histories = inputs.finish();
+    let replayed = |budget_us: &str| {
+        let settings = ["clock.kind=real", &format!("external.budget-us={budget_us}")]
+            .map(|text| Setting::parse("test", text).unwrap());
+        let config = Config::parse("test", &file.config_text().unwrap(), &settings).unwrap();
+        replay(&config, &RecordedWaypoints::of(&file).unwrap(), &histories[0]).unwrap()
+    };
+    assert!(replayed("3500").is_identical());
+    let late = replayed("2500");
+    assert!(late.ticks.iter().all(|tick| tick.telemetry.fallback == 1), "no answer is in time");
+    let causes = late.ticks.iter().map(|tick| tick.telemetry.handover_cause);
+    assert_eq!(causes.max(), Some(HandoverCause::Missing.code()));
 }

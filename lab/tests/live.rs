@@ -33,7 +33,7 @@ fn hover(duration_s: f64, more: &[&str]) -> Mission {
 }
 
 /// Recorder of a flight of `mission` into the file `path`.
-fn recorder(mission: &Mission, path: &Path) -> McapRecorder {
+pub fn recorder(mission: &Mission, path: &Path) -> McapRecorder {
     let provenance = Provenance { version: "test", revision: "test" };
     let plan = RecordingPlan {
         path: path.to_owned(),

@@ -1,6 +1,6 @@
 //! Comparison of several flights: errors, hops, settings that differ, overlaid plots.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 use comfy_table::ContentArrangement;
@@ -8,6 +8,7 @@ use maud::{Markup, html};
 
 use crate::event::ChangeInFlight;
 use crate::flight::{Flight, FlightSample};
+use crate::handovers::HandoverFigures;
 use crate::latency::NAMES;
 use crate::page::{page, section};
 use crate::plot::axis::extent;
@@ -67,12 +68,13 @@ impl Comparison {
             align(&mut table);
             text += &format!("{table}\n");
         }
-        text += self.note_on_errors().unwrap_or_default();
+        text.extend(self.notes().into_iter().map(|note| format!("{note}\n")));
         text.trim_end().to_owned()
     }
 
-    fn note_on_errors(&self) -> Option<&'static str> {
-        self.summaries.iter().find_map(Summary::note_on_errors)
+    /// Notes on the figures, each once.
+    fn notes(&self) -> BTreeSet<&'static str> {
+        self.summaries.iter().flat_map(Summary::notes).collect()
     }
 
     /// The page: tables and overlaid plots.
@@ -85,7 +87,7 @@ impl Comparison {
             main {
                 (self.plots())
                 @for (title, header, rows) in self.tables() { (as_html(title, &header, &rows)) }
-                @if let Some(note) = self.note_on_errors() { p.note { (note) } }
+                @for note in self.notes() { p.note { (note) } }
             }
         };
         page("oqtal comparison", "", &body)
@@ -122,6 +124,7 @@ impl Comparison {
             std::iter::once("outcome".to_owned()).chain(outcomes).collect(),
             self.row("scored [s]", |s| significant(s.scored_s)),
         ];
+        rows.extend(self.fallbacks());
         let changes = self.summaries.iter().map(|summary| summary.changes.len()).max();
         for number in 0..changes.unwrap_or(0) {
             rows.push(self.row("requests in flight", |s| {
@@ -129,6 +132,19 @@ impl Comparison {
             }));
         }
         ("Flights", self.header("flight"), rows)
+    }
+
+    /// Rows about the law that flew, those that a flight has.
+    fn fallbacks(&self) -> impl Iterator<Item = Vec<String>> {
+        type Cell = fn(&Summary) -> Option<String>;
+        let rows: [(&str, Cell); 3] = [
+            ("hand-overs", |s| s.handovers.as_ref().map(HandoverFigures::counts)),
+            ("by the fallback law", |s| s.handovers.as_ref().map(HandoverFigures::share)),
+            ("without an answer", |s| s.answers.map(|it| it.share())),
+        ];
+        let told =
+            rows.into_iter().filter(|(_, cell)| self.summaries.iter().any(|s| cell(s).is_some()));
+        told.map(|(name, cell)| self.row(name, |s| cell(s).unwrap_or_else(|| MISSING.to_owned())))
     }
 
     fn errors(&self) -> NamedTable {
@@ -171,8 +187,7 @@ impl Comparison {
     fn settings(&self) -> NamedTable {
         let values = |flight: &Flight| flight.config_at_arming().comparable_values();
         let all: Vec<BTreeMap<String, String>> = self.flights.iter().map(values).collect();
-        let keys: std::collections::BTreeSet<&String> =
-            all.iter().flat_map(BTreeMap::keys).collect();
+        let keys: BTreeSet<&String> = all.iter().flat_map(BTreeMap::keys).collect();
         let mut rows = Vec::new();
         for key in keys {
             let values: Vec<Option<&String>> = all.iter().map(|one| one.get(key)).collect();

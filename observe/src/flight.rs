@@ -3,8 +3,8 @@
 use std::fmt;
 
 use crate::latency::{Distribution, HopDistributions, OnwardTime};
-use oqtal_bus::code::Cause;
-use oqtal_bus::message::{EventV1, Stamps};
+use oqtal_bus::code::{Cause, HandoverCause};
+use oqtal_bus::message::{EventV1, ExternalV1, Stamps};
 use oqtal_bus::time::Time;
 use oqtal_config::{Config, Setting};
 use serde::{Deserialize, Serialize};
@@ -112,12 +112,37 @@ pub struct AnswerCounts {
     pub questions: u64,
     /// Number of questions without an answer in time \[-\]: it came late, or there was none.
     pub unanswered: u64,
+    /// Number of these for which no law was connected, or the law ended \[-\].
+    pub unconnected: u64,
+}
+
+impl AnswerCounts {
+    /// Share of the questions without an answer in time, as text.
+    pub(crate) fn share(&self) -> String {
+        format!("{} of {} questions", self.unanswered, self.questions)
+    }
+
+    /// Counts a question with its answer; returns whether the answer came in time: a late one is received with a later question, or not
+    /// at all.
+    pub(crate) fn add(&mut self, answer: &ExternalV1) -> bool {
+        use HandoverCause::{Absent, Ended, Missing};
+        let verdict = HandoverCause::from_code(answer.verdict).unwrap_or_default();
+        let is_of_question = answer.answered_at.is_set() && answer.sequence == answer.question;
+        let is_in_time = is_of_question && verdict != Missing;
+        self.questions += 1;
+        self.unanswered += u64::from(!is_in_time);
+        self.unconnected += u64::from(matches!(verdict, Absent | Ended));
+        is_in_time
+    }
 }
 
 impl fmt::Display for AnswerCounts {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { questions, unanswered } = self;
-        write!(f, "{unanswered} of {questions} questions had no answer in time")
+        write!(f, "{} had no answer in time", self.share())?;
+        match self.unconnected {
+            0 => Ok(()),
+            count => write!(f, ", {count} because no law was connected"),
+        }
     }
 }
 

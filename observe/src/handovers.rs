@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use oqtal_bus::code::HandoverCause;
+use oqtal_bus::code::{HandoverCause, Mode};
 use oqtal_control::trajectory::Phase;
 use serde::Serialize;
 
@@ -17,7 +17,9 @@ pub struct HandoverFigures {
     pub count: u64,
     /// Number by reason \[-\].
     pub causes: BTreeMap<String, u64>,
-    /// Ticks of the trajectory that the fallback flew \[-\].
+    /// Ticks of the trajectory, up to the landing \[-\].
+    pub trajectory_ticks: usize,
+    /// Those that the fallback flew \[-\].
     pub fallback_ticks: usize,
     /// Reason why it flew them from the beginning: no command of the law was good until then; `None` after a hand-over.
     pub refused: Option<String>,
@@ -31,7 +33,8 @@ impl HandoverFigures {
             return None;
         }
         let (causes, refused) = (BTreeMap::new(), None);
-        let mut figures = Self { count: 0, causes, fallback_ticks: 0, refused };
+        let mut figures =
+            Self { count: 0, causes, trajectory_ticks: 0, fallback_ticks: 0, refused };
         let mut last = 0;
         for FlightSample { telemetry, .. } in flight.armed() {
             let cause = HandoverCause::from_code(telemetry.handover_cause).unwrap_or_default();
@@ -40,7 +43,10 @@ impl HandoverFigures {
                 figures.count += 1;
             }
             last = telemetry.handovers;
-            let is_on_trajectory = telemetry.phase == Phase::Trajectory as u8;
+            // In the first tick of a landing the phase is still that of the trajectory.
+            let is_on_trajectory =
+                [telemetry.mode, telemetry.phase] == [Mode::Flying.code(), Phase::Trajectory as u8];
+            figures.trajectory_ticks += usize::from(is_on_trajectory);
             if is_on_trajectory && telemetry.fallback == 1 {
                 figures.fallback_ticks += 1;
                 if telemetry.handovers == 0 && cause != HandoverCause::None {
@@ -50,15 +56,31 @@ impl HandoverFigures {
         }
         Some(figures)
     }
+
+    /// Note on a flight of whose trajectory the fallback flew more than half; `None` for another one.
+    pub fn note(&self) -> Option<&'static str> {
+        (2 * self.fallback_ticks > self.trajectory_ticks).then_some(
+            "the fallback law flew most of the trajectory: the figures are not those of the configured law",
+        )
+    }
+
+    /// Share of the trajectory that the fallback flew, as text.
+    pub(crate) fn share(&self) -> String {
+        format!("{} of {} ticks", self.fallback_ticks, self.trajectory_ticks)
+    }
+
+    /// Number of hand-overs, and of each reason, as text.
+    pub(crate) fn counts(&self) -> String {
+        let causes = self.causes.iter().map(|(cause, count)| format!("{cause} {count}"));
+        let causes = causes.collect::<Vec<_>>().join(", ");
+        let separator = if causes.is_empty() { "" } else { ": " };
+        format!("{}{separator}{causes}", self.count)
+    }
 }
 
 impl fmt::Display for HandoverFigures {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.count)?;
-        for (index, (cause, count)) in self.causes.iter().enumerate() {
-            write!(f, "{}{cause} {count}", if index == 0 { ": " } else { ", " })?;
-        }
-        write!(f, "; {} ticks of the trajectory by the fallback law", self.fallback_ticks)?;
+        write!(f, "{}; {} of the trajectory by the fallback law", self.counts(), self.share())?;
         let refused = self.refused.as_ref();
         refused.map_or(Ok(()), |cause| write!(f, ", from the beginning on: {cause}"))
     }
@@ -81,5 +103,16 @@ mod tests {
         });
         let told = HandoverFigures::of(&flight).unwrap().to_string();
         assert!(told.starts_with("0; ") && told.ends_with("from the beginning on: not finite"));
+        let summary = crate::summary::Summary::of(&flight);
+        let note = summary.handovers.as_ref().and_then(HandoverFigures::note).unwrap();
+        assert!(crate::report::html(&flight, &summary).contains(note));
+        let closing = crate::table::closing(&summary).replace('\n', " ");
+        assert!(closing.contains(note), "{closing}");
+        let flights = [("external", flight), ("built-in", fixture::square())];
+        let flights = flights.map(|(name, flight)| (name.to_owned(), flight)).into();
+        let compared = crate::compare::Comparison::new(flights).to_text();
+        for told in ["hand-overs", "by the fallback law", "without an answer", note] {
+            assert!(compared.contains(told), "{told}: {compared}");
+        }
     }
 }

@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 
 use oqtal_bus::code::{Answer, Mode, SafetyState};
-use oqtal_bus::message::{EventV1, ExternalV1, PoseV1, TelemetryV1, TruthV1, VehicleV1};
+use oqtal_bus::message::{EventV1, PoseV1, TelemetryV1, TruthV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Role, Sample};
 use oqtal_config::Config;
@@ -45,6 +45,8 @@ pub struct Recorder {
     lost: Vec<(ObservedTopic, u64)>,
     /// Instant of the newest tick if the vehicle was armed in it.
     armed_at: Option<Time>,
+    /// Instant of the tick that ended the last flight.
+    disarmed_at: Time,
     /// Instant of the newest message of cameras, vehicle or simulator.
     newest_at: Time,
     /// Commands lost according to the vehicle's last message \[-\].
@@ -82,6 +84,7 @@ impl Recorder {
             daemon_source: None,
             lost: Vec::new(),
             armed_at: None,
+            disarmed_at: Time::UNSET,
             newest_at: Time::UNSET,
             vehicle_lost: None,
             join: NearestJoin::default(),
@@ -289,6 +292,9 @@ impl Recorder {
             // Settings stay as they are; the course begins again.
             self.discard_changes(changes_course);
         }
+        if last.is_some() && armed_at.is_none() {
+            self.disarmed_at = telemetry.time;
+        }
         let Some(now) = self.armed_at else { return };
         self.flight.wakeup_lateness.add(Span::from_nanos(telemetry.wakeup_lateness_ns));
         if let Some(last) = last {
@@ -337,18 +343,6 @@ impl Recorder {
         flight.applied.push(AppliedCommand { sequence, stamps, onward, battery_v });
     }
 
-    /// Counts a question to the external law, with the time of an answer that came in time: a late one is received with a later
-    /// question, or not at all.
-    fn answer(&mut self, answer: &ExternalV1) {
-        let flight = &mut self.flight;
-        flight.answers.questions += 1;
-        if answer.answered_at.is_set() && answer.sequence == answer.question {
-            flight.hops.add_answer(answer.answered_at.since(answer.asked_at));
-        } else {
-            flight.answers.unanswered += 1;
-        }
-    }
-
     /// Takes a request that changes the flight. One that the loop refuses has a second event, with the same number.
     fn change(&mut self, reception: &Reception, event: &EventV1) {
         let changes = &mut self.flight.changes;
@@ -377,7 +371,12 @@ impl Sink for Recorder {
             Sample::Telemetry(telemetry) => self.telemetry(reception, telemetry),
             Sample::Pose(pose) => self.pose(reception, pose),
             Sample::Vehicle(vehicle) => self.vehicle(reception, vehicle),
-            Sample::External(answer) if self.armed_at.is_some() => self.answer(answer),
+            // Received topic by topic: the tick that disarms may come before earlier answers.
+            Sample::External(it) if self.armed_at.is_some() || it.asked_at < self.disarmed_at => {
+                if self.flight.answers.add(it) {
+                    self.flight.hops.add_answer(it.answered_at.since(it.asked_at));
+                }
+            }
             Sample::Event(event) => self.change(reception, event),
             Sample::Health(Role::Daemon, health) if health.config_hash != self.config_hash => {
                 self.other_configs.insert(reception.header.origin().process());

@@ -125,7 +125,7 @@ fn heading(flight: &Flight, summary: &Summary) -> Markup {
             @if let Some(shortfall) = &summary.shortfall { p.note { (shortfall) } }
             @if let Some(requests) = summary.requests() { p.note { (requests) } }
             p.note { (circumstances(flight, summary)) }
-            @if let Some(note) = summary.note_on_errors() { p.note { (note) } }
+            @for note in summary.notes() { p.note { (note) } }
         }
     }
 }

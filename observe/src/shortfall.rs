@@ -1,9 +1,9 @@
 //! Reasons why a flight did not end as planned.
 
-use oqtal_bus::code::{Cause, SafetyState};
+use oqtal_bus::code::{Cause, HandoverCause, SafetyState};
 use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::time::{Span, Time};
-use oqtal_config::FaultTarget;
+use oqtal_config::{ClockKind, FaultTarget};
 use oqtal_control::trajectory::Phase;
 
 use crate::command_path::CommandPath;
@@ -116,11 +116,19 @@ impl Flight {
             Outcome::Timeout => Some(format!(
                 "the flight lasted too long and was ended{when}: it began late, or was held up, as by the fence"
             )),
+            Outcome::Unfinished if self.ends_with_law() => {
+                Some(format!("the flight was ended{when}: the law ended"))
+            }
             Outcome::Unfinished => Some(format!(
                 "the record ends{when}, before the flight did: another file continues it, a process of the flight ended, or the recording was cut off"
             )),
             Outcome::Replayed | Outcome::Observed => None,
         }
+    }
+
+    /// Whether the flight ended with its law: in one process nobody could connect another one.
+    fn ends_with_law(&self) -> bool {
+        self.config.clock.kind == ClockKind::InProcess && self.answers.unconnected > 0
     }
 
     /// Cause for which the daemon was landing the vehicle, as text; empty if it was not, or for the cause `known`.
@@ -173,6 +181,7 @@ impl Flight {
             (Outcome::Crashed, Some((_, crash))) => crash.name().to_owned(),
             (Outcome::Timeout, _) if self.armed().next().is_none() => "no take-off".to_owned(),
             (Outcome::Timeout, _) => "not ended in time".to_owned(),
+            (Outcome::Unfinished, _) if self.ends_with_law() => HandoverCause::Ended.to_string(),
             (outcome, _) => outcome.to_string(),
         })
     }

@@ -180,8 +180,14 @@ impl Summary {
         (self.held_s > 0.0).then(|| format!("held by the fence for {:.2} s{scored}", self.held_s))
     }
 
+    /// Notes on the figures.
+    pub fn notes(&self) -> impl Iterator<Item = &'static str> {
+        let of_fallback = self.handovers.as_ref().and_then(HandoverFigures::note);
+        of_fallback.into_iter().chain(self.note_on_errors())
+    }
+
     /// Note on the errors of velocity and attitude of an external law; `None` for other laws.
-    pub fn note_on_errors(&self) -> Option<&'static str> {
+    fn note_on_errors(&self) -> Option<&'static str> {
         let is_external = self.position_error_m.is_some() && self.controller.contains("external");
         is_external.then_some(
             "velocity and attitude errors of an external law are relative to the commands of its fallback law",

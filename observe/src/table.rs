@@ -40,7 +40,7 @@ pub fn closing(summary: &Summary) -> String {
         }
         (None, None) => {}
     }
-    text += &summary.note_on_errors().map_or_else(String::new, |it| wrapped(it, 0) + "\n");
+    text.extend(summary.notes().map(|note| wrapped(note, 0) + "\n"));
     text += &summary.held().map_or_else(String::new, |held| format!("{held}\n"));
     text += &summary.corners.as_ref().map_or_else(String::new, corners);
     text += &summary.attitude_steps.map_or_else(String::new, |steps| {

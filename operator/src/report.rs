@@ -165,6 +165,7 @@ impl ControlReport {
             Some(Cause::Fence) if is_one_of(&[Trajectory]) => &format!(
                 "from where the vehicle is, the trajectory leaves the fence; `oqtal ctl goto X Y Z {place}` to a point from which it fits"
             ),
+            Some(Cause::NoLaw) => "start the law's program, then repeat `resume`",
             Some(Cause::NearFloor) => &format!(
                 "choose a point at least 0.1 m above the floor; to land, use `oqtal ctl land {place}`"
             ),

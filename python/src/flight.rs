@@ -1,7 +1,6 @@
 //! Flights in this process, recordings of flights, and their columns and pages.
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use numpy::PyArray1;
 use oqtal_bus::code::OperatorCommand;
@@ -95,7 +94,7 @@ impl PyFlight {
     fn fly_again(&self, py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         let mut taped = self.tape.as_ref().map(|tape| TapedLaw(tape.iter()));
         let law = taped.as_mut().map(|law| law as &mut (dyn ExternalLaw + Send));
-        flown(py, self.flight.config.clone(), Some(&path), law, &AtomicBool::default())
+        flown(py, self.flight.config.clone(), Some(&path), law)
             .map(Self::of)
     }
 
@@ -130,12 +129,10 @@ fn fly(
     let mut config = task::detached(py, || sources.config())?;
     config.clock.kind = ClockKind::InProcess;
     let Some(law) = law else {
-        return flown(py, config, recording.as_deref(), None, &AtomicBool::default())
-            .map(PyFlight::of);
+        return flown(py, config, recording.as_deref(), None).map(PyFlight::of);
     };
     let mut law = PythonLaw::new(law);
-    let end = law.end();
-    let flight = flown(py, config, recording.as_deref(), Some(&mut law), &end);
+    let flight = flown(py, config, recording.as_deref(), Some(&mut law));
     let Some(raised) = law.raised else {
         return Ok(PyFlight { tape: Some(law.tape), ..PyFlight::of(flight?) });
     };
@@ -147,21 +144,18 @@ fn fly(
     Err(raised)
 }
 
-/// Flies `config`. A signal ends the flight, and so does `end`.
+/// Flies `config`. A signal ends the flight, and so does the end of the law.
 fn flown(
     py: Python<'_>,
     config: Config,
     recording: Option<&Path>,
     law: Option<&mut (dyn ExternalLaw + Send)>,
-    end: &AtomicBool,
 ) -> PyResult<Flight> {
     let mut poll = SignalPoll::new();
     let flown = task::detached(py, || {
         let mission = Mission::new(config)?;
         let recorder = recording.map(|path| recorder(path, &mission.config)).transpose()?;
-        let watch = |_: &Recorder| {
-            (poll.is_raised() || end.load(Ordering::Relaxed)).then_some(OperatorCommand::Stop)
-        };
+        let watch = |_: &Recorder| poll.is_raised().then_some(OperatorCommand::Stop);
         let law = law.map_or_else(LawPort::default, LawPort::of);
         checked(simulation::fly_recorded(&mission, recorder, law, watch)?)
     });

@@ -1,12 +1,10 @@
 //! Laws written in Python, asked in the control ticks of a flight in this process.
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-
 use numpy::{PyArray1, PyArrayMethods};
+use oqtal_bus::code::HandoverCause;
 use oqtal_bus::message::{ExternalV1, Message, StateV1};
 use oqtal_bus::time::Time;
-use oqtal_daemon::ExternalLaw;
+use oqtal_daemon::{ExternalLaw, without_answer};
 use pyo3::prelude::*;
 
 /// Offset of the numbers of a question: `period_s` and all fields after it \[bytes\].
@@ -15,15 +13,13 @@ const NUMBERS_AT: usize = 6 * 8;
 const ANSWER: usize = 3 + 3 + 4 + 1;
 
 /// Answers of a law, with which its flight can be flown again.
-pub type LawTape = Vec<Option<ExternalV1>>;
+pub type LawTape = Vec<ExternalV1>;
 
 /// A law of `oqtal.python_law`: an object with `reset()` and `answer(numbers, flown, time_s)`.
 pub struct PythonLaw {
     object: Py<PyAny>,
     /// The exception that ended the law.
     pub raised: Option<PyErr>,
-    /// Whether there is one: its flight need not go on.
-    has_ended: Arc<AtomicBool>,
     /// Its answers.
     pub tape: LawTape,
 }
@@ -31,17 +27,7 @@ pub struct PythonLaw {
 impl PythonLaw {
     /// The law `object`.
     pub fn new(object: Py<PyAny>) -> Self {
-        Self { object, raised: None, has_ended: Arc::default(), tape: Vec::with_capacity(4096) }
-    }
-
-    /// Flag that is set once the law has raised an exception.
-    pub fn end(&self) -> Arc<AtomicBool> {
-        Arc::clone(&self.has_ended)
-    }
-
-    fn fail(&mut self, raised: PyErr) {
-        self.raised = Some(raised);
-        self.has_ended.store(true, Ordering::Relaxed);
+        Self { object, raised: None, tape: Vec::with_capacity(4096) }
     }
 
     /// Answer to `state`.
@@ -75,31 +61,35 @@ impl ExternalLaw for PythonLaw {
             return;
         }
         if let Err(raised) = Python::attach(|py| self.object.call_method0(py, "reset")) {
-            self.fail(raised);
+            self.raised = Some(raised);
         }
+    }
+
+    fn has_ended(&self) -> bool {
+        self.raised.is_some()
     }
 
     fn answer(&mut self, state: &StateV1) -> Option<ExternalV1> {
         let asked = match self.raised {
-            None => Python::attach(|py| self.asked(py, state)).map(Some),
-            Some(_) => Ok(None),
+            None => Python::attach(|py| self.asked(py, state)),
+            Some(_) => Ok(without_answer(HandoverCause::Ended)),
         };
         let answer = asked.unwrap_or_else(|raised| {
-            self.fail(raised);
-            None
+            self.raised = Some(raised);
+            without_answer(HandoverCause::Ended)
         });
         self.tape.push(answer);
-        answer
+        Some(answer)
     }
 }
 
 /// The answers of a law, given again.
-pub struct TapedLaw<'a>(pub std::slice::Iter<'a, Option<ExternalV1>>);
+pub struct TapedLaw<'a>(pub std::slice::Iter<'a, ExternalV1>);
 
 impl ExternalLaw for TapedLaw<'_> {
     fn reset(&mut self) {}
 
     fn answer(&mut self, _: &StateV1) -> Option<ExternalV1> {
-        self.0.next().copied().flatten()
+        self.0.next().copied()
     }
 }

@@ -63,6 +63,9 @@ struct ReferenceObject {
 /// # Errors
 /// The text names the field at fault.
 pub fn parse(datagram: &[u8], now: Time) -> Result<Content, String> {
+    if datagram.len() > LONGEST_DATAGRAM {
+        return Err(format!("longer than {LONGEST_DATAGRAM} bytes"));
+    }
     let object: Datagram = serde_json::from_slice(datagram).map_err(|error| error.to_string())?;
     if object.version != VERSION {
         return Err(format!("version is {}, it must be {VERSION}", object.version));
@@ -149,5 +152,7 @@ mod tests {
             let told = parse(text.as_bytes(), Time::UNSET).unwrap_err();
             assert!(told.contains(part), "{text}: {told}");
         }
+        let long = [b' '; LONGEST_DATAGRAM + 1];
+        assert_eq!(parse(&long, Time::UNSET).unwrap_err(), "longer than 4096 bytes");
     }
 }

@@ -68,9 +68,9 @@ message! {
         greatest_rate: [f64; 3] ["rad/s, body"],
         /// Greatest torque about each axis.
         greatest_torque: f64 ["N m, body"],
-        /// Acceleration of the trajectory; zero on the way of a `goto`, and while the references of a planner are followed.
+        /// Acceleration of the reference, also of a `goto` or a stop on the way; zero where a planner sends none.
         reference_acceleration: [f64; 3] ["m/s^2, world"],
-        /// Jerk of the trajectory; zero in the same cases.
+        /// Jerk of the trajectory or of the planner; zero on the way of a `goto` and where a planner sends none.
         reference_jerk: [f64; 3] ["m/s^3, world"],
     }
 }
@@ -92,7 +92,8 @@ message! {
         question: u64 ["-"],
         /// Instant at which the question was sent.
         asked_at: Time ["ns"],
-        /// Instant at which the answer was received; [`Time::UNSET`] without an answer.
+        /// Instant at which the answer was received, the answer to an earlier question with this one; [`Time::UNSET`] without an
+        /// answer.
         answered_at: Time ["ns"],
         /// [`crate::code::HandoverCause`]: reason against the answer; 0 if there is none.
         verdict: u8 ["code"],

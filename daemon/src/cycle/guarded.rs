@@ -91,9 +91,9 @@ impl GuardedControl {
         }
     }
 
-    /// Gives control back to a law that failed.
-    pub(super) fn resume(&mut self) {
-        self.guard.resume();
+    /// Gives control back to a law that failed; `false` while no law is connected.
+    pub(super) fn resume(&mut self) -> bool {
+        self.guard.resume()
     }
 
     /// Whether the law is external.

@@ -13,7 +13,8 @@ use oqtal_config::FaultTarget;
 use oqtal_control::position::OuterLoop;
 use oqtal_control::scalar_pid::PidGains;
 use oqtal_daemon::{
-    CacheWarmup, Cycle, DaemonPorts, DaemonTurn, LawPort, LiveSettings, Refusal, loop_handoff,
+    CacheWarmup, Cycle, DaemonPorts, DaemonTurn, ExternalLaw, LawPort, LiveSettings, Refusal,
+    loop_handoff,
 };
 use oqtal_mocap_emu::{Cameras, EmulatedCameras, Playback, Start};
 use oqtal_plant_sim::{Plant, PlantTurn, Stepping};
@@ -89,6 +90,11 @@ impl<'a> Processes<'a> {
             Role::Recorder | Role::Bridge | Role::Receiver => {}
         }
         Ok(())
+    }
+
+    /// Whether the external law will not answer any more.
+    pub(super) fn law_has_ended(&self) -> bool {
+        self.daemon.turn.law.has_ended()
     }
 
     /// A writer of references, as of a planner.

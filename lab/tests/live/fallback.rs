@@ -1,11 +1,15 @@
 //! Settings in flight under a fallback: it flies with the gains of the daemon's start.
 
-use oqtal_bus::code::OperatorCommand;
+use oqtal_bus::code::{HandoverCause, OperatorCommand};
+use oqtal_bus::message::{ExternalV1, StateV1};
 use oqtal_bus::time::Span;
+use oqtal_daemon::{ExternalLaw, LawPort, LiveSettings, without_answer};
 use oqtal_lab::simulation::online::OnlineFlight;
 use oqtal_observe::flight::Outcome;
+use oqtal_observe::summary::Summary;
 
-use super::{fly_for, hover, is_done, request};
+use super::{fly_for, hover, is_done, last, request};
+use crate::external::pd::PositionPd;
 
 /// Settings of the law and of the loops around it; the fallback is the same law.
 #[test]
@@ -34,4 +38,72 @@ fn f70_a_setting_that_fails_is_not_one_of_the_fallback() {
         let handovers = flown.samples.iter().map(|sample| sample.telemetry.handovers).max();
         assert_eq!(flown.outcome, Outcome::Landed, "{law}, {set}, hand-overs {handovers:?}");
     }
+}
+
+/// A law that is connected for the first and for the last of these ranges of questions.
+struct Returning(u64, u64);
+
+impl ExternalLaw for Returning {
+    fn reset(&mut self) {}
+
+    fn answer(&mut self, state: &StateV1) -> Option<ExternalV1> {
+        let Self(until, from) = *self;
+        Some(match state.sequence {
+            sequence if sequence == until => without_answer(HandoverCause::Ended),
+            sequence if sequence > until && sequence < from => {
+                without_answer(HandoverCause::Absent)
+            }
+            _ => PositionPd::default().command(state),
+        })
+    }
+}
+
+#[test]
+fn f70_a_law_that_is_gone_cannot_be_given_control_and_neither_can_the_next_one_by_that_request() {
+    let mission = hover(20.0, &["control.controller=external", "external.return-answers=0"]);
+    let law = LawPort::of(Returning(480, 720));
+    let mut flight = OnlineFlight::begin_with_law(&mission, law).unwrap();
+    let state = |flight: &OnlineFlight| {
+        let tick = last(flight);
+        (tick.fallback, HandoverCause::from_code(tick.handover_cause).unwrap())
+    };
+    fly_for(&mut flight, 7.5);
+    assert_eq!(state(&flight), (0, HandoverCause::None));
+    fly_for(&mut flight, 2.0);
+    assert_eq!(state(&flight), (1, HandoverCause::Absent));
+    assert!(!flight.request(OperatorCommand::Resume).unwrap(), "no law is connected");
+    fly_for(&mut flight, 4.0);
+    assert_eq!(state(&flight), (1, HandoverCause::Ended), "the next law waits for a request");
+    assert!(flight.request(OperatorCommand::Resume).unwrap());
+    fly_for(&mut flight, 1.0);
+    assert_eq!(state(&flight).0, 0, "it flies");
+    assert!(flight.request(OperatorCommand::Land).unwrap());
+    let flown = flight.finish().unwrap();
+    let samples = flown.samples.iter().map(|sample| sample.telemetry);
+    let by_fallback = samples.filter(|it| it.phase == 3 && it.mode == 2 && it.fallback == 1);
+    let (by_fallback, summary) = (by_fallback.count(), Summary::of(&flown));
+    assert_eq!(summary.handovers.unwrap().fallback_ticks, by_fallback);
+    assert_eq!(summary.answers.unwrap().unconnected, 240);
+}
+
+/// The fallback of an external law is the control stack.
+#[test]
+fn f70_gains_that_are_set_do_not_change_the_fallback_of_an_external_law() {
+    let mission = hover(8.0, &["control.controller=external", "plant.force-n=[0.2,0,0]"]);
+    let gain = request("control.geometric.attitude-gain=30");
+    let flown = |sets: bool| {
+        let law = LawPort::of(Returning(0, u64::MAX));
+        let mut flight = OnlineFlight::begin_with_law(&mission, law).unwrap();
+        fly_for(&mut flight, 7.0);
+        if sets {
+            assert!(is_done(&flight.change(OperatorCommand::Set, &gain).unwrap().unwrap()));
+        }
+        fly_for(&mut flight, 4.0);
+        flight.samples().iter().map(|sample| sample.telemetry.sticks).collect::<Vec<_>>()
+    };
+    assert_eq!(flown(false), flown(true));
+    let settings = LiveSettings::new(&mission.config, &[]);
+    let prepared = settings.prepare(OperatorCommand::Set, &gain).unwrap();
+    let notes = settings.new_warnings(&prepared);
+    assert!(notes.iter().any(|note| note.contains("keeps the gains")), "{notes:?}");
 }

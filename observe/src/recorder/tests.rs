@@ -1,6 +1,6 @@
 //! Tests of the flight recorder with synthetic samples.
 
-use oqtal_bus::code::OperatorCommand;
+use oqtal_bus::code::{HandoverCause, OperatorCommand};
 use oqtal_bus::message::{ExternalV1, Header, HealthV1, Stamps};
 use oqtal_bus::origin::Origin;
 use oqtal_bus::text::LongText;
@@ -241,14 +241,23 @@ fn answers_that_are_not_in_time_are_counted_and_have_no_time() {
     let none = ExternalV1 { sequence: 0, question: 2, answered_at: Time::UNSET, ..good };
     // The answer to the second question, received with the third.
     let late = ExternalV1 { sequence: 2, question: 3, answered_at: asked_at, ..good };
-    for answer in [good, none, late] {
+    // Received just after the deadline of its own question.
+    let verdict = HandoverCause::Missing.code();
+    let just_late = ExternalV1 { sequence: 4, question: 4, verdict, ..good };
+    let verdict = HandoverCause::Absent.code();
+    let absent = ExternalV1 { question: 5, verdict, ..none };
+    // Received after the tick that ended the flight.
+    let time = asked_at + Span::from_millis(20);
+    let disarmed = TelemetryV1 { time, ..TelemetryV1::default() };
+    recorder.sample(&Reception::default(), Sample::Telemetry(&disarmed));
+    for answer in [good, none, late, just_late, absent] {
         recorder.sample(&Reception::default(), Sample::External(&answer));
     }
     let flight = recorder.finish(Outcome::Landed, 1.0);
     let summary = Summary::of(&flight);
     let hop = summary.hops[ANSWER];
     assert_eq!((hop.count, hop.min_ns), (1, 3_000_000));
-    let told = "2 of 3 questions had no answer in time";
+    let told = "4 of 5 questions had no answer in time, 1 because no law was connected";
     assert!(table::closing(&summary).contains(&format!("\nanswers: {told}")));
     assert!(report::html(&flight, &summary).contains(told));
 }
