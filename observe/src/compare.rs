@@ -274,6 +274,7 @@ mod tests {
     use oqtal_bus::message::EventV1;
     use oqtal_bus::text::LongText;
     use oqtal_bus::time::Span;
+    use oqtal_config::{Config, Setting};
 
     #[test]
     fn settings_that_differ_are_listed_and_others_are_not() {
@@ -296,5 +297,24 @@ mod tests {
         assert!(text.lines().all(|line| line.chars().count() <= WIDTH.into()), "{text}");
         let html = comparison.to_html();
         assert!(html.contains("Settings that differ") && html.contains("Position error"));
+    }
+
+    #[test]
+    fn a_fallback_that_flew_most_of_a_flight_is_told_wherever_its_figures_are() {
+        let external = Setting::parse("test", "control.controller=external").unwrap();
+        let mut flight = fixture::square();
+        flight.config = Config::from_settings(&[external]).unwrap();
+        flight.samples.iter_mut().for_each(|sample| sample.telemetry.fallback = 1);
+        let summary = Summary::of(&flight);
+        let note = summary.notes().next().unwrap();
+        assert!(note.contains("flew most of the trajectory"), "{note}");
+        assert!(crate::report::html(&flight, &summary).contains(note));
+        assert!(crate::table::closing(&summary).replace('\n', " ").contains(note));
+        let flights = [("external", flight), ("built-in", fixture::square())];
+        let flights = flights.map(|(name, flight)| (name.to_owned(), flight)).into();
+        let compared = Comparison::new(flights).to_text();
+        for told in ["hand-overs", "by the fallback law", "without an answer", note] {
+            assert!(compared.contains(told), "{told}: {compared}");
+        }
     }
 }

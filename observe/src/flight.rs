@@ -215,6 +215,13 @@ impl Flight {
         }
     }
 
+    /// Adds a question to an external law, with the time of an answer that came in time.
+    pub(crate) fn add_answer(&mut self, answer: &ExternalV1) {
+        if self.answers.add(answer) {
+            self.hops.add_answer(answer.answered_at.since(answer.asked_at));
+        }
+    }
+
     /// The configuration with the settings that operators changed before the take-off.
     pub fn config_at_arming(&self) -> Config {
         self.config_after(self.changes_until(self.origin()))

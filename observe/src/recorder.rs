@@ -373,9 +373,7 @@ impl Sink for Recorder {
             Sample::Vehicle(vehicle) => self.vehicle(reception, vehicle),
             // Received topic by topic: the tick that disarms may come before earlier answers.
             Sample::External(it) if self.armed_at.is_some() || it.asked_at < self.disarmed_at => {
-                if self.flight.answers.add(it) {
-                    self.flight.hops.add_answer(it.answered_at.since(it.asked_at));
-                }
+                self.flight.add_answer(it);
             }
             Sample::Event(event) => self.change(reception, event),
             Sample::Health(Role::Daemon, health) if health.config_hash != self.config_hash => {

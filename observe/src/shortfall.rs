@@ -116,14 +116,19 @@ impl Flight {
             Outcome::Timeout => Some(format!(
                 "the flight lasted too long and was ended{when}: it began late, or was held up, as by the fence"
             )),
-            Outcome::Unfinished if self.ends_with_law() => {
-                Some(format!("the flight was ended{when}: the law ended"))
-            }
-            Outcome::Unfinished => Some(format!(
-                "the record ends{when}, before the flight did: another file continues it, a process of the flight ended, or the recording was cut off"
-            )),
+            Outcome::Unfinished => Some(self.unfinished(&when)),
             Outcome::Replayed | Outcome::Observed => None,
         }
+    }
+
+    /// Reason why the record ends in flight; `when` is the instant, as text.
+    fn unfinished(&self, when: &str) -> String {
+        if self.ends_with_law() {
+            return format!("the flight was ended{when}: the law ended");
+        }
+        format!(
+            "the record ends{when}, before the flight did: another file continues it, a process of the flight ended, or the recording was cut off"
+        )
     }
 
     /// Whether the flight ended with its law: in one process nobody could connect another one.
