@@ -129,7 +129,7 @@ fn the_bus_allocates_once_for_each_message_published_and_nowhere_else() {
         let pose = PoseV1::default();
         let sent = allocations(|| writer.send(message, Stamps::default(), pose).unwrap());
         let notified = allocations(|| writer.notify().unwrap());
-        let woken = allocations(|| listener.wait(None, Span::from_millis(1000)).unwrap());
+        let woken = allocations(|| listener.wait(Time::now() + Span::from_millis(1000)).unwrap());
         let read = allocations(|| reader.latest().unwrap());
         assert_eq!(read.1.unwrap().0.pose_sequence, message);
         // Connections are still being established during the first messages.
