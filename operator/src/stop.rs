@@ -28,7 +28,6 @@ use crate::next_flight::NextFlights;
 use crate::raised::RaisedStops;
 use crate::reach::{AddressedInstance, FoundProcesses, Reached, signal_all};
 use crate::report::listed;
-use crate::request::place;
 use crate::running::{RunningProcesses, left};
 
 /// Time after which the report is printed.
@@ -210,7 +209,7 @@ fn nobody(reached: &Reached, running: &RunningProcesses) -> Failure {
             "stop: instance `{instance}` does not run under {}, but under {}: run `oqtal ctl stop {}`",
             root.display(),
             paths.root.display(),
-            place(&paths)
+            paths.flags()
         ),
         (None, Some(names)) if running.may_control() => format!(
             "stop: on instance `{instance}`, {names} hold places on the bus, but this process does not find them: no stop has reached them"

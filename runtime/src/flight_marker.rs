@@ -14,14 +14,15 @@ use crate::files;
 #[derive(Debug)]
 pub struct FlightMarker {
     path: PathBuf,
-    instance: String,
+    /// Flags that address the instance.
+    flags: String,
 }
 
 impl FlightMarker {
     /// The marker of the instance at `place`.
     pub fn of(place: &InstancePaths) -> Self {
-        let instance = place.instance.clone();
-        Self { path: place.root.join(format!("{instance}.armed-at-start")), instance }
+        let name = format!("{}.armed-at-start", place.instance);
+        Self { path: place.root.join(name), flags: place.flags() }
     }
 
     /// Whether the marker is set.
@@ -43,15 +44,15 @@ impl FlightMarker {
 
     /// Sets the marker; `false` if it is there already, or cannot be made: then an operator has to arm.
     pub fn set(&self) -> bool {
-        let (path, instance) = (self.path.display(), &self.instance);
+        let (path, flags) = (self.path.display(), &self.flags);
         match File::create_new(&self.path) {
             Ok(_) => return true,
             Err(error) if error.kind() == ErrorKind::AlreadyExists => tracing::warn!(
-                "no take-off at start: the daemon before this one was stopped, or did not end in good order ({path}); arm with `oqtal ctl arm --instance {instance}`"
+                "no take-off at start: the daemon before this one was stopped, or did not end in good order ({path}); arm with `oqtal ctl arm {flags}`"
             ),
             Err(error) => {
                 tracing::warn!(
-                    "no take-off at start: {path}: {error}; arm with `oqtal ctl arm --instance {instance}`"
+                    "no take-off at start: {path}: {error}; arm with `oqtal ctl arm {flags}`"
                 )
             }
         }
