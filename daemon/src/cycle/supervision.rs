@@ -149,7 +149,6 @@ impl FlightSupervision {
             sent,
         };
         let state = self.safety.step(&tick, intake, &mut self.requests, &mut self.course);
-        self.requests.awaits_arm |= state == SafetyState::Stop;
         self.obstacles = self.find_obstacles(now, intake);
         let conditions = self.advance_mission(&tick, state, intake);
         let mut restarts = self.is_held(intake);

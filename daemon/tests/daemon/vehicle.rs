@@ -233,7 +233,7 @@ fn a_simulated_vehicle_has_no_motors_to_wait_for() {
     assert!(bench.cycle.telemetry().mission_s > 0.9);
 }
 
-fn arming_itself(simulated: u8) -> Bench {
+pub fn arming_itself(simulated: u8) -> Bench {
     let mut bench = Bench::new(&[Setting::flag("test", "safety.arm-at-start", true)]);
     bench.vehicle.simulated = simulated;
     bench
@@ -257,39 +257,6 @@ fn a_daemon_that_arms_at_start_flies_once_and_only_a_simulated_vehicle() {
             assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());
         }
     }
-}
-
-/// `oqtal daemon run` leaves the flight marker at its end if this is so.
-#[test]
-fn a_daemon_awaits_an_arm_from_a_stop_until_the_next_flight_begins() {
-    let mut bench = arming_itself(1);
-    let show = |bench: &mut Bench| {
-        for _ in 0..20 {
-            bench.show(still(bench.frame));
-        }
-    };
-    show(&mut bench);
-    assert!(bench.mode() == Some(Mode::Flying) && !bench.cycle.awaits_arm());
-    bench.cycle.request(bench.now, OperatorCommand::Stop);
-    assert!(bench.cycle.awaits_arm(), "before a tick has executed the stop");
-    show(&mut bench);
-    bench.cycle.request(bench.now, OperatorCommand::Arm);
-    bench.cycle.request(bench.now, OperatorCommand::Land);
-    show(&mut bench);
-    assert!(bench.mode() == Some(Mode::Disarmed) && bench.cycle.awaits_arm(), "called off");
-    bench.cycle.request(bench.now, OperatorCommand::Arm);
-    show(&mut bench);
-    assert!(bench.mode() == Some(Mode::Flying) && !bench.cycle.awaits_arm());
-    // The daemon's own stop: without poses.
-    for _ in 0..60 {
-        bench.miss();
-    }
-    assert!(bench.state() == Some(SafetyState::Stop) && bench.cycle.awaits_arm());
-    // A daemon that stays at its start, since one before it was stopped.
-    let mut bench = arming_itself(1);
-    bench.cycle.cancel_automatic();
-    show(&mut bench);
-    assert!(bench.mode() == Some(Mode::Disarmed) && bench.cycle.awaits_arm());
 }
 
 #[test]
