@@ -87,7 +87,7 @@ impl LatencyArgs {
     /// Measures, and prints the figures.
     ///
     /// # Errors
-    /// With --attach no daemon is running (exit code 75); or a process could not be started or ended.
+    /// With --attach no daemon is running, or it ended during the measurement (exit code 75); or a process could not be started or ended.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let config = Config::load(&self.common.config, &self.common.settings()?)?;
         let stop = stop_on_signals()?;
@@ -99,7 +99,7 @@ impl LatencyArgs {
         let figures =
             if self.attach { self.attach(&config, &stop)? } else { self.at_rest(&config, &stop)? };
         print(&if self.json { figures.to_json() } else { show::text(&figures) })?;
-        Ok(Exit::Ok)
+        figures.ended.map_or(Ok(Exit::Ok), |reason| Err(Failure::new(Exit::Peer, reason)))
     }
 
     /// Measures the chains from datagram to datagram, and the bare mechanisms.
@@ -207,16 +207,24 @@ impl LatencyArgs {
     ) -> Result<LatencyFigures, Failure> {
         let from = Time::now() + WARM_UP;
         let end = from + self.span();
+        let daemon = observation.monitor.daemon_pid();
+        let realtime = daemon.and_then(ThreadScheduling::of).unwrap_or_default();
         observation.monitor.restart(from);
-        while Time::now() < end && !stop.is_set() {
+        let mut ended = None;
+        while Time::now() < end && !stop.is_set() && ended.is_none() {
             std::thread::sleep(POLL_PERIOD);
             observation.poll()?;
             rig.as_mut().map_or(Ok(()), |rig| rig.check())?;
+            ended = observation.end_of(daemon, from);
         }
-        let realtime =
-            observation.monitor.daemon_pid().and_then(ThreadScheduling::of).unwrap_or_default();
         let bare = rig.map(|rig| rig.finish(from, Time::now())).transpose()?;
-        Ok(LatencyFigures::new(&observation.monitor, bare.as_ref(), realtime))
+        let figures = LatencyFigures::new(&observation.monitor, bare.as_ref(), realtime);
+        let measured_s =
+            observation.monitor.latest().map_or(0.0, |it| it.time.since(from).seconds());
+        let ended = ended.map(|reason| {
+            format!("{reason} after {measured_s:.1} s: the figures are those until then")
+        });
+        Ok(LatencyFigures { measured_s, ended, ..figures })
     }
 }
 
@@ -234,6 +242,19 @@ impl Observation {
 
     fn poll(&mut self) -> Result<(), BusError> {
         self.observer.poll(Time::now(), &mut self.monitor)
+    }
+
+    /// Why the measurement of the process `daemon`, which began at `from`, ends; `None` while its ticks arrive.
+    fn end_of(&self, daemon: Option<u64>, from: Time) -> Option<&'static str> {
+        let newest_at = self.monitor.latest().map_or(from, |tick| tick.time);
+        let is_another = self.monitor.daemon_pid() != daemon;
+        if is_another || daemon.and_then(ThreadScheduling::of).is_none() {
+            Some("the daemon ended")
+        } else if Time::now().since(newest_at) >= SILENCE {
+            Some("the daemon published no more ticks")
+        } else {
+            None
+        }
     }
 }
 

@@ -1,16 +1,13 @@
 //! `oqtal tune --live`: gains for the vehicle that hovers under a running daemon.
 
+mod hover;
+
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
 
 use oqtal_bus::bus::Bus;
-use oqtal_bus::code::{Mode, OperatorCommand, SafetyState};
-use oqtal_bus::message::TelemetryV1;
-use oqtal_bus::obeying::quoted;
-use oqtal_bus::paths::InstancePaths;
-use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::{ObservedTopic, Sample};
+use oqtal_bus::code::OperatorCommand;
+use oqtal_bus::paths::{InstancePaths, quoted};
 use oqtal_config::{Config, Setting};
 use oqtal_control::trajectory::{TrajectoryKind, TrajectoryOptions};
 use oqtal_lab::identify::identification::Identification;
@@ -22,10 +19,8 @@ use oqtal_lab::tune::tuned::Tuned;
 use oqtal_lab::tune::{LiveArgs, TuneArgs, page};
 use oqtal_observe::flight::Flight;
 use oqtal_observe::law_query::changed_before;
-use oqtal_observe::observer::BusObserver;
 use oqtal_observe::recording::{McapRecorder, RecordingPlan};
-use oqtal_observe::sink::{Reception, Sink, Tee};
-use oqtal_operator::request::{place, running_bus, silent};
+use oqtal_operator::request::{running_bus, silent, unanswered};
 use oqtal_operator::{AddressedInstance, CtlRequest, execute as execute_request};
 use oqtal_runtime::process::{Exit, Failure, instance_paths, place_settings};
 use oqtal_runtime::program::{print, say};
@@ -33,13 +28,10 @@ use oqtal_runtime::program::{print, say};
 use crate::daemon_config::daemon_config;
 use crate::provenance::PROVENANCE;
 use crate::recordings;
+use hover::ObservedHover;
 
-/// Polling period.
-const POLL_PERIOD: Duration = Duration::from_millis(10);
 /// Time in which a running daemon publishes a tick \[s\].
 const FIRST_TICK_S: f64 = 1.0;
-/// Time without a tick after which the daemon is silent.
-const SILENT: Span = Span::from_millis(500);
 /// Time in which the vehicle comes to rest, or settles with other gains \[s\].
 const SETTLE_S: f64 = 3.0;
 /// Time over which the error of a hover is measured \[s\].
@@ -86,17 +78,36 @@ pub fn execute(args: &TuneArgs) -> Result<Exit, Failure> {
     match (tuned.objective < tuned.start, *apply) {
         (false, _) => Ok(Exit::Ok),
         (true, false) => propose(tuned, &paths),
-        (true, true) if present_settings(&bus)? != present => Err(Failure::new(
+        (true, true) => {
+            require_unchanged(present_settings(&bus), &present)?;
+            apply_gains(tuned, (&bus, &config), before_m)
+        }
+    }
+}
+
+/// Fails unless the settings `now` are those `before` the search.
+fn require_unchanged(
+    now: Result<Vec<Setting>, Failure>,
+    before: &[Setting],
+) -> Result<(), Failure> {
+    match now {
+        Ok(now) if now == before => Ok(()),
+        Ok(_) => Err(Failure::new(
             Exit::Flight,
             "settings were changed during the search; nothing was applied, repeat the command",
         )),
-        (true, true) => apply_gains(tuned, (&bus, &config), before_m),
+        Err(Failure { exit, message }) => Err(Failure::new(
+            exit,
+            format!(
+                "nothing was applied: settings may have been changed during the search: {message}"
+            ),
+        )),
     }
 }
 
 /// Tells the operator on a signal that the vehicle flies on, and ends the command.
 fn tell_on_interrupt(paths: &InstancePaths) -> Result<(), Failure> {
-    let place = place(paths);
+    let place = paths.flags();
     let text = format!(
         "oqtal: interrupted; a vehicle in flight flies on: `oqtal ctl hover {place}` or `oqtal ctl land {place}`"
     );
@@ -202,7 +213,7 @@ fn assignments(tuned: &Tuned) -> Vec<String> {
 /// Prints the command that changes the gains in flight.
 fn propose(tuned: &Tuned, paths: &InstancePaths) -> Result<Exit, Failure> {
     let settings: Vec<String> = assignments(tuned).iter().map(|text| quoted(text)).collect();
-    let (settings, place) = (settings.join(" "), place(paths));
+    let (settings, place) = (settings.join(" "), paths.flags());
     print(&format!("change them in flight: oqtal ctl set {settings} {place}"))?;
     Ok(Exit::Ok)
 }
@@ -219,7 +230,7 @@ fn apply_gains(
     // Before the request: an interrupt during it must name the undo.
     ARE_CHANGED.store(true, Ordering::Relaxed);
     ask(bus, CtlRequest::Set, &assignments(tuned))?;
-    let place = place(bus.paths());
+    let place = bus.paths().flags();
     let undo = format!("`oqtal ctl undo {place}` takes them back");
     let after_m = hover.follow(SETTLE_S, None).and_then(|()| hover.error_m(HOVER_S));
     let after_m = after_m.map_err(|Failure { exit, message }| {
@@ -233,9 +244,12 @@ fn apply_gains(
 }
 
 /// The settings with which the daemon flies now.
+///
+/// # Errors
+/// The daemon does not answer (exit code 75), or the copy of its configuration cannot be read.
 fn present_settings(bus: &Bus) -> Result<Vec<Setting>, Failure> {
     let mut settings = Config::file_settings(&bus.paths().config())?;
-    let changed = changed_before(bus);
+    let changed = changed_before(bus).map_err(|_| unanswered(bus))?;
     let changed = changed.as_ref().map_or("", |event| event.text.as_str());
     for line in changed.lines().filter(|line| line.contains('=')) {
         settings.push(Setting::parse("daemon", line)?);
@@ -262,7 +276,7 @@ fn fly_excitation(
         ..config.trajectory.clone()
     };
     let duration_s = options.trajectory(None).map_or(0.0, |excitation| excitation.duration_s());
-    let place = place(bus.paths());
+    let place = bus.paths().flags();
     say(&format!(
         "oqtal: flies the excitation for {duration_s:.0} s; `oqtal ctl hover {place}` ends it"
     ));
@@ -289,92 +303,19 @@ fn fly_excitation(
     recordings::check(&recorded)
 }
 
-/// Observer of a vehicle that is to go on flying.
-struct ObservedHover {
-    observer: BusObserver,
-    ticks: ObservedTicks,
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-/// The newest tick with the instant of its reception, and the squared position error of each tick \[m^2\].
-#[derive(Default)]
-struct ObservedTicks {
-    newest: Option<(Time, TelemetryV1)>,
-    squares: Vec<f64>,
-}
-
-impl Sink for ObservedTicks {
-    fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
-        if let Sample::Telemetry(tick) = sample {
-            let pairs = tick.position.iter().zip(tick.reference_position);
-            self.squares.push(pairs.map(|(at, reference)| (at - reference).powi(2)).sum());
-            self.newest = Some((reception.received_at, *tick));
-        }
+    #[test]
+    fn gains_are_applied_only_to_the_settings_that_are_known_to_be_those_of_the_search() {
+        let settings = |text| vec![Setting::parse("daemon", text).unwrap()];
+        let before = settings("control.controller=mpc");
+        assert!(require_unchanged(Ok(before.clone()), &before).is_ok());
+        let other = require_unchanged(Ok(settings("control.controller=indi")), &before);
+        assert_eq!(other.unwrap_err().exit, Exit::Flight);
+        let silent = Err(Failure::new(Exit::Peer, "no answer"));
+        let unknown = require_unchanged(silent, &before).unwrap_err();
+        assert!(unknown.exit == Exit::Peer && unknown.message.starts_with("nothing was applied"));
     }
-
-    fn lost(&mut self, _: ObservedTopic, _: u64) {}
-}
-
-impl ObservedHover {
-    fn open(bus: &Bus, config: &Config) -> Result<Self, Failure> {
-        let bus = Bus::open(bus.paths())?.for_observer();
-        let observer = BusObserver::open(&bus, &McapRecorder::topics(config))?;
-        Ok(Self { observer, ticks: ObservedTicks::default() })
-    }
-
-    /// Observes the vehicle for `seconds`, and records its flight; fails as soon as it does not fly on undisturbed.
-    fn follow(
-        &mut self,
-        seconds: f64,
-        mut recorder: Option<&mut McapRecorder>,
-    ) -> Result<(), Failure> {
-        let began = Time::now();
-        let end = began + Span::from_seconds(seconds);
-        while Time::now() < end {
-            std::thread::sleep(POLL_PERIOD);
-            let now = Time::now();
-            match recorder.as_deref_mut() {
-                Some(recorder) => {
-                    recorder.note_clock(now);
-                    self.observer.poll(now, &mut Tee(recorder, &mut self.ticks))?;
-                }
-                None => self.observer.poll(now, &mut self.ticks)?,
-            }
-            if let Some((_, tick)) = &self.ticks.newest {
-                require_nominal(tick)?;
-            }
-            let newest_at =
-                self.ticks.newest.map_or(began, |(received_at, _)| received_at.max(began));
-            if now.since(newest_at) > SILENT {
-                let reason = "the daemon publishes no ticks; see `oqtal ctl status`";
-                return Err(Failure::new(Exit::Peer, reason));
-            }
-        }
-        Ok(())
-    }
-
-    /// Root mean square of the position error over `seconds` \[m\].
-    fn error_m(&mut self, seconds: f64) -> Result<f64, Failure> {
-        self.ticks.squares.clear();
-        self.follow(seconds, None)?;
-        let squares = &self.ticks.squares;
-        Ok((squares.iter().sum::<f64>() / squares.len() as f64).sqrt())
-    }
-}
-
-/// Fails unless the vehicle flies in the state Nominal.
-fn require_nominal(tick: &TelemetryV1) -> Result<(), Failure> {
-    let (mode, state) = (Mode::from_code(tick.mode), SafetyState::from_code(tick.state));
-    if mode != Some(Mode::Flying) {
-        let reason =
-            "the vehicle does not fly; `oqtal ctl arm`, and `oqtal ctl hover` where it has room";
-        return Err(Failure::new(Exit::Flight, reason));
-    }
-    if state != Some(SafetyState::Nominal) {
-        let state = state.map_or_else(|| "unknown".to_owned(), |state| state.to_string());
-        let reason = format!(
-            "the daemon is in the state {state}, tuning needs Nominal; see `oqtal ctl status`"
-        );
-        return Err(Failure::new(Exit::Flight, reason));
-    }
-    Ok(())
 }

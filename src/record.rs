@@ -11,7 +11,7 @@ use oqtal_bus::topic::{ObservedTopic, Role, Sample};
 use oqtal_config::Config;
 use oqtal_observe::instance_observer::InstanceObserver;
 use oqtal_observe::kernel::ThreadScheduling;
-use oqtal_observe::law_query::changed_before;
+use oqtal_observe::law_query::{NoAnswer, changed_before};
 use oqtal_observe::recording::{Facts, McapRecorder, RecordingPlan, RecordingResult};
 use oqtal_observe::sink::{Reception, Sink, Tee};
 use oqtal_operator::request::silent;
@@ -71,7 +71,12 @@ impl RecordArgs {
             require_daemon(observer.bus(), "record without --attach")?;
         }
         // The file exists once the recorder has all its places.
-        let changed = changed_before(observer.bus());
+        let changed = changed_before(observer.bus()).unwrap_or_else(|reason| {
+            if reason == NoAnswer::Silent {
+                say("oqtal: the daemon does not answer: settings that were changed before are not recorded");
+            }
+            None
+        });
         let recorder = self.begin(&config)?;
         let (result, missed) = self.record(&config, (observer, recorder, changed), &stop)?;
         conclude(&result, missed)

@@ -182,3 +182,30 @@ fn a_killed_measurement_leaves_no_orphans() {
     std::fs::remove_dir_all(Path::new("/dev/shm").join(format!("oqtal-{instance}"))).unwrap();
     assert!(remains(pid).is_empty(), "{:?}", remains(pid));
 }
+
+#[test]
+fn a_daemon_that_ends_meanwhile_ends_the_measurement_with_its_figures_until_then() {
+    let testbed = Testbed::new("ends");
+    let [_plant, _cameras, daemon] = testbed.services();
+    testbed.wait_for_daemon();
+    let mut command = testbed.oqtal(&["latency", "--attach", "--json", "--seconds", "3000"]);
+    let measurement = Running::start(&mut command);
+    // The measurement has begun.
+    wait_for("an observer", || {
+        let fds = std::fs::read_dir(format!("/proc/{}/fd", measurement.id())).ok()?;
+        (fds.count() > 20).then_some(())
+    });
+    let mut telemetry = testbed.bus().observer(&TELEMETRY).unwrap();
+    let mut ticks = 0;
+    wait_for("ticks", || {
+        ticks += u32::from(telemetry.receive().unwrap().is_some());
+        (ticks > 120).then_some(())
+    });
+    daemon.signal(Signal::TERM);
+    daemon.wait();
+    let output = measurement.wait();
+    assert_refused(&output, 75, &["the daemon ended after", "until then"]);
+    let figures = json(&output);
+    assert!(!figures["realtime"]["policy"].as_str().unwrap().is_empty(), "{figures}");
+    assert!(number(&figures, "/measured_s") < 60.0);
+}

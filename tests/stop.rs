@@ -65,6 +65,35 @@ fn f15_a_stop_bypasses_a_stopped_daemon_and_is_latched_when_it_continues() {
 }
 
 #[test]
+fn a_stop_outlasts_regular_restarts_until_an_arm() {
+    let testbed = Testbed::new("stop-restarts");
+    let bus = testbed.bus();
+    let (mut vehicles, mut telemetry) =
+        (bus.observer(&VEHICLE).unwrap(), bus.observer(&TELEMETRY).unwrap());
+    let start = |process| testbed.start(&[process, "run", "--set", "safety.arm-at-start=true"]);
+    let [_plant, _cameras, mut daemon] = ["plant-sim", "mocap-emu", "daemon"].map(start);
+    until(&mut vehicles, "a take-off by itself", |vehicle| vehicle.armed == 1);
+    let (code, _, message) = stop(&testbed);
+    assert_eq!(code, Some(0), "{message}");
+    for reason in ["", "no take-off at start: the daemon before this one was stopped"] {
+        daemon.signal(Signal::TERM);
+        let output = daemon.wait();
+        assert!(output.status.success() && stderr(&output).contains(reason), "{output:?}");
+        let started = Time::now();
+        daemon = start("daemon");
+        wait_for("a daemon that could fly", || {
+            let (_, tick) = telemetry.receive().unwrap().filter(|(_, it)| it.time > started)?;
+            assert_eq!(tick.mode, Mode::Disarmed.code());
+            (tick.obstacles == 0).then_some(())
+        });
+    }
+    wait_for("a take-off by `arm`", || {
+        testbed.oqtal(&["ctl", "arm"]).output().unwrap();
+        vehicles.latest().unwrap().filter(|(_, vehicle)| vehicle.armed == 1)
+    });
+}
+
+#[test]
 fn no_command_published_after_a_stop_acts_although_the_daemon_continues_to_command() {
     let testbed = Testbed::new("stop-commands");
     let bus = testbed.bus();

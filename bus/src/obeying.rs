@@ -15,7 +15,7 @@ use rustix::fs::OFlags;
 use rustix::process::{Pid, PidfdFlags, Signal, geteuid, pidfd_open, pidfd_send_signal};
 
 use crate::message::{FNV_OFFSET, fnv1a};
-use crate::paths::InstancePaths;
+use crate::paths::{InstancePaths, quoted};
 use crate::stop::{self, StopSwitch};
 use crate::time::Time;
 use crate::topic::Role;
@@ -281,15 +281,6 @@ pub fn without_out<W: AsRef<str>>(words: impl Iterator<Item = W>) -> impl Iterat
     })
 }
 
-/// A word of a command line as a shell reads it.
-pub fn quoted(word: &str) -> String {
-    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:+".contains(c);
-    if !word.is_empty() && word.chars().all(is_plain) {
-        return word.to_owned();
-    }
-    format!("'{}'", word.replace('\'', r"'\''"))
-}
-
 /// Subcommand of a command line of `oqtal` whose first argument is `word`: `fly` if that is an option, or missing.
 pub fn subcommand(word: &str) -> &str {
     if word.is_empty() || word.starts_with('-') { "fly" } else { word }
@@ -356,12 +347,6 @@ mod tests {
     fn a_command_line_without_a_command_is_that_of_a_flight() {
         let commands = ["campaign", "fly", "--trajectory", ""].map(subcommand);
         assert_eq!(commands, ["campaign", "fly", "fly", "fly"]);
-    }
-
-    #[test]
-    fn a_word_of_a_command_line_is_quoted_for_a_shell() {
-        let words = ["--set", "fence.x-m=[-1, 1]", "it's", ""].map(quoted);
-        assert_eq!(words, ["--set", "'fence.x-m=[-1, 1]'", r"'it'\''s'", "''"]);
     }
 
     #[test]

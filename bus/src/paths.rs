@@ -85,6 +85,17 @@ impl InstancePaths {
         [PathBuf::from(SYSTEM_ROOT)].into_iter().chain(of_users).chain(temporary).collect()
     }
 
+    /// Flags of a command that address the instance, for this user.
+    pub fn flags(&self) -> String {
+        let Self { instance, root } = self;
+        match Self::new(instance, None).is_ok_and(|default| default == *self) {
+            true => format!("--instance {instance}"),
+            false => {
+                format!("--instance {instance} --root {}", quoted(&root.display().to_string()))
+            }
+        }
+    }
+
     /// Path of the shared words `name` of this instance.
     pub(crate) fn words_file(&self, name: &str) -> PathBuf {
         self.directory().join(private::LINK).join(name)
@@ -208,5 +219,32 @@ fn default_root() -> PathBuf {
     match std::env::var_os("XDG_RUNTIME_DIR") {
         Some(directory) if writable(Path::new(&directory)) => Path::new(&directory).join("oqtal"),
         _ => PathBuf::from(format!("/tmp/oqtal-{}", rustix::process::getuid().as_raw())),
+    }
+}
+
+/// A word of a command line as a shell reads it.
+pub fn quoted(word: &str) -> String {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:+".contains(c);
+    if !word.is_empty() && word.chars().all(is_plain) {
+        return word.to_owned();
+    }
+    format!("'{}'", word.replace('\'', r"'\''"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_flags_of_an_instance_name_its_root_unless_it_is_the_default() {
+        let flags = |root| InstancePaths::new("opx1", root).unwrap().flags();
+        assert_eq!(flags(None), "--instance opx1");
+        assert_eq!(flags(Some(Path::new("/my run"))), "--instance opx1 --root '/my run'");
+    }
+
+    #[test]
+    fn a_word_of_a_command_line_is_quoted_for_a_shell() {
+        let words = ["--set", "fence.x-m=[-1, 1]", "it's", ""].map(quoted);
+        assert_eq!(words, ["--set", "'fence.x-m=[-1, 1]'", r"'it'\''s'", "''"]);
     }
 }

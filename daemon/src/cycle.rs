@@ -364,14 +364,18 @@ impl Cycle {
     /// The condition at `now`, for operators.
     pub fn condition(&self, now: Time) -> Condition {
         let course = self.supervision.course();
-        let refusal = course.setpoint().refusal;
         let condition = Condition::of(self.telemetry(), self.first_flight(), course.followed(now));
-        Condition { refusal, ..condition }
+        Condition { refusal: course.setpoint().refusal, ..condition }
     }
 
-    /// Cancels the automatic flight at start-up.
+    /// Cancels the automatic flight at start-up: only an operator may begin the next flight.
     pub fn cancel_automatic(&mut self) {
         self.supervision.requests_mut().cancel_automatic();
+    }
+
+    /// Whether only an operator's `arm` may begin the next flight.
+    pub fn awaits_arm(&self) -> bool {
+        self.supervision.requests().awaits_arm()
     }
 
     /// Records that the command which started the daemon will request a flight: until then an operator can call it off.

@@ -45,7 +45,6 @@
 //! | `background.rs` | the background thread: logs, health, operator requests |
 //! | `operator.rs` | operator requests, from the background thread to the loop |
 //! | `condition.rs` | the condition of the loop, for logs and health |
-//! | `flight_marker.rs` | the file that prevents an automatic take-off after a crash |
 //! | `warnings.rs` | warnings before a flight |
 //! | `waypoint_file.rs` | the trajectory of a configuration |
 //!
@@ -65,7 +64,6 @@ mod descent;
 mod envelope;
 mod external;
 mod fence;
-mod flight_marker;
 mod flight_room;
 mod floor;
 mod flyable;
@@ -99,10 +97,11 @@ use std::rc::Rc;
 use crossbeam_channel::Receiver;
 
 use oqtal_bus::topic::POSE;
-use oqtal_config::{Config, FaultTarget};
+use oqtal_config::{Config, FaultTarget, SafetyOptions};
 use oqtal_control::trajectory::Trajectory;
 use oqtal_runtime::background::with_background;
 use oqtal_runtime::faults::FaultyTransport;
+use oqtal_runtime::flight_marker::FlightMarker;
 use oqtal_runtime::process::{Failure, ProcessContext};
 use oqtal_runtime::process_loop;
 
@@ -115,7 +114,6 @@ pub use cycle::{Cycle, FirstFlight, LoopTiming, Tick};
 pub use envelope::{Candidate, Envelope};
 pub use external::{ExternalLaw, LawPort, reason_of, without_answer};
 pub use fence::Fence;
-use flight_marker::FlightMarker;
 pub use flight_room::{known_start, require_flyable};
 pub use gate::MotionGate;
 pub use guard::{Accepted, Guard};
@@ -165,22 +163,43 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
         || {
             // Set once the ports are held: a daemon that could not start leaves no marker.
             let marker = FlightMarker::of(bus.paths());
-            let stays = context.config.safety.arm_at_start && !marker.set();
-            if stays {
-                cycle.cancel_automatic();
-            }
-            let expects_flight = context.is_child && !context.config.safety.observe_only;
+            let safety = &context.config.safety;
+            let stays = begin(&marker, safety, &mut cycle);
+            let expects_flight = context.is_child && !safety.observe_only;
             if expects_flight {
                 cycle.expect_flight();
             }
             ports.announce_start(started_at, stays, expects_flight)?;
             context.enter_realtime();
             let turn = DaemonTurn { ports, cycle, warmup, handle, law };
-            process_loop::run(&mut faulty.turn(FaultTarget::Daemon, turn), &mut clock, None)?;
-            marker.remove();
-            Ok(())
+            let mut turn = faulty.turn(FaultTarget::Daemon, turn);
+            let ended = process_loop::run(&mut turn, &mut clock, None);
+            leave(&marker, safety, ended.is_ok() && !turn.turn.awaits_arm());
+            ended.map_err(Into::into)
         },
     )
+}
+
+/// Prepares the flight at start-up of `cycle` and the marker of this daemon; returns whether the marker cancels an automatic flight.
+fn begin(marker: &FlightMarker, safety: &SafetyOptions, cycle: &mut Cycle) -> bool {
+    let was_set = marker.is_set();
+    let stays = safety.arm_at_start && !safety.observe_only && !marker.set();
+    if was_set || stays {
+        cycle.cancel_automatic();
+    }
+    stays
+}
+
+/// Leaves the marker for the next daemon: none after an end in good order. An observer begins and ends no flight, and changes nothing.
+fn leave(marker: &FlightMarker, safety: &SafetyOptions, is_in_order: bool) {
+    if safety.observe_only {
+        return;
+    }
+    if is_in_order {
+        marker.remove();
+    } else if let Err(error) = marker.keep() {
+        tracing::error!("the next daemon may take off by itself: no flight marker: {error}");
+    }
 }
 
 /// The external law, if `control.controller` is one: a process that arrives through `connections`.

@@ -174,6 +174,12 @@ impl<T: Transport> DaemonTurn<'_, T> {
         Ok(())
     }
 
+    /// Whether only an operator's `arm` may begin the next flight: after a stop, also one that no turn has read, and after a flight at
+    /// start-up that was called off.
+    pub fn awaits_arm(&mut self) -> bool {
+        self.ports.stop.is_newly_raised() || self.cycle.awaits_arm()
+    }
+
     /// Makes a change of the flight that came between two turns, from the request with the number `event`, and records it.
     ///
     /// # Errors

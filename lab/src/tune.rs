@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
-use oqtal_bus::obeying::quoted;
+use oqtal_bus::paths::quoted;
 use oqtal_config::{Config, Setting};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;

@@ -20,7 +20,7 @@ use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::beside;
 
 use crate::reach::{AddressedInstance, FoundProcesses, Reached, place_of, root_of, signal_all};
-use crate::request::{place, silent};
+use crate::request::silent;
 use crate::running::left;
 
 /// Time within which a running daemon answers a request.
@@ -156,7 +156,7 @@ fn combined(
 /// Failure of a landing that the only daemon, that of `paths`, has not confirmed, or that this command could not ask it about
 /// because of `error`.
 fn unanswered(paths: &InstancePaths, lines: Vec<String>, error: Option<&BusError>) -> Failure {
-    let (place, lines) = (place(paths), lines.join("\n  "));
+    let (place, lines) = (paths.flags(), lines.join("\n  "));
     let message = match error {
         Some(error) => format!(
             "land: requested by signal; this command cannot read whether the daemon lands: {error}\n  {lines}\n  \

@@ -7,7 +7,7 @@ use oqtal_bus::paths::InstancePaths;
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
 use crate::reach::Reached;
-use crate::request::{config_of, place, start_daemon};
+use crate::request::{config_of, start_daemon};
 use crate::running::RunningProcesses;
 
 /// The next flight of each instance that a stop has reached.
@@ -70,7 +70,7 @@ impl NextFlight {
         let start = (is_arming && !has_daemon).then(|| start_daemon(&paths));
         let (command, user) = match parents {
             Some(command) => (command, paths.user_to_become()),
-            None => (format!("oqtal ctl arm {}", place(&paths)), None),
+            None => (format!("oqtal ctl arm {}", paths.flags()), None),
         };
         Self { paths, user, start, other_config: None, command, is_arming, is_lost: false }
     }

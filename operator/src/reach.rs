@@ -4,8 +4,8 @@ use std::io;
 use std::path::PathBuf;
 
 use oqtal_bus::error::BusError;
-use oqtal_bus::obeying::{HeldFiles, ObeyingProcess, quoted};
-use oqtal_bus::paths::InstancePaths;
+use oqtal_bus::obeying::{HeldFiles, ObeyingProcess};
+use oqtal_bus::paths::{InstancePaths, quoted};
 use oqtal_runtime::process::{Exit, Failure};
 use rustix::process::{Resource, Rlimit, Signal, getrlimit, setrlimit};
 

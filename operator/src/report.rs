@@ -10,8 +10,6 @@ use oqtal_observe::status::{InstanceStatus, ProcessHealth, VehicleStatus, word};
 use oqtal_runtime::process::{Exit, Failure};
 use serde::Serialize;
 
-use crate::request::place;
-
 /// Answer of the daemon, as printed.
 #[derive(Debug, Serialize)]
 pub struct ControlReport {
@@ -83,7 +81,7 @@ impl ControlReport {
             vehicle,
             position_m,
             awaits_stop,
-            place: place(paths),
+            place: paths.flags(),
         }
     }
 

@@ -4,8 +4,8 @@ use oqtal_bus::bus::Bus;
 use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
-use oqtal_bus::obeying::{ObeyingProcess, quoted};
-use oqtal_bus::paths::InstancePaths;
+use oqtal_bus::obeying::ObeyingProcess;
+use oqtal_bus::paths::{InstancePaths, quoted};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
 use oqtal_observe::status::VehicleStatus;
@@ -81,7 +81,8 @@ pub fn unanswered_beside(bus: &Bus, vehicle: Option<&VehicleStatus>) -> Failure 
     };
     let message = format!(
         "{daemon} runs on instance `{instance}`, but does not answer: it hangs, or was stopped by a signal; continue it by SIGCONT, or end \
-         it; `oqtal ctl stop --instance {instance}` stops the motors"
+         it; `oqtal ctl stop {}` stops the motors",
+        paths.flags()
     );
     Failure::new(Exit::Peer, message)
 }
@@ -102,7 +103,7 @@ fn no_answer(
     vehicle: Option<&VehicleStatus>,
     is_meant: impl Fn(&ObeyingProcess) -> bool,
 ) -> Failure {
-    let (instance, place) = (&paths.instance, place(paths));
+    let (instance, place) = (&paths.instance, paths.flags());
     let (all, others): (Vec<_>, Vec<_>) =
         ObeyingProcess::all().into_iter().partition(|process| process.is_of_instance(instance));
     let running: Vec<_> = all.iter().filter(|process| is_meant(process)).collect();
@@ -143,18 +144,9 @@ fn state_of_vehicle(vehicle: Option<&VehicleStatus>, place: &str) -> String {
     }
 }
 
-/// Flags of a command that address the instance at `paths`.
-pub fn place(paths: &InstancePaths) -> String {
-    let InstancePaths { instance, root } = paths;
-    match InstancePaths::new(instance, None).is_ok_and(|default| default == *paths) {
-        true => format!("--instance {instance}"),
-        false => format!("--instance {instance} --root {}", quoted(&root.display().to_string())),
-    }
-}
-
 /// Command that starts a daemon of the instance at `paths`, with the configuration of the one before if that is left.
 pub fn start_daemon(paths: &InstancePaths) -> String {
-    let place = place(paths);
+    let place = paths.flags();
     let file = Some(paths.config()).filter(|file| file.is_file());
     let config = file.map(|file| format!(" --config {}", quoted(&file.display().to_string())));
     let user = paths.user_to_become().map(|user| format!("sudo -u '#{user}' "));

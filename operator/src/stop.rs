@@ -19,6 +19,7 @@ use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::stop::StopReport;
 use oqtal_bus::time::{Span, Time};
 use oqtal_observe::status::word;
+use oqtal_runtime::flight_marker::FlightMarker;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::beside;
 use serde::Serialize;
@@ -27,7 +28,6 @@ use crate::next_flight::NextFlights;
 use crate::raised::RaisedStops;
 use crate::reach::{AddressedInstance, FoundProcesses, Reached, signal_all};
 use crate::report::listed;
-use crate::request::place;
 use crate::running::{RunningProcesses, left};
 
 /// Time after which the report is printed.
@@ -149,8 +149,7 @@ pub fn raise(
     if reached.processes.is_empty() {
         // Some may have started.
         let present = Reached::find(address);
-        let is_obeyed = report.motors_off || report.daemon_obeys;
-        if present.processes.is_empty() && !is_obeyed {
+        if present.processes.is_empty() && !(report.motors_off || report.daemon_obeys) {
             raised.withdraw();
             return Err(nobody(&reached, &running));
         }
@@ -161,6 +160,7 @@ pub fn raise(
     again.note_running(&reached.paths, &running);
     let response = answer.as_ref().ok().and_then(Option::as_ref);
     let stop = ObeyedStop::new(report, response);
+    paths.extend(reached.places().iter().filter_map(|place| forbid_automatic(place, &stop)));
     Ok(ObeyedStop {
         paths,
         again: if stop.observes_only { NextFlights::default() } else { again },
@@ -172,6 +172,15 @@ pub fn raise(
         unconfirmed: Unconfirmed::of(&reached, &raised),
         ..stop
     })
+}
+
+/// Prevents that the next daemon at `place` takes off by itself, also where none runs; returns a line if that fails.
+fn forbid_automatic(place: &InstancePaths, stop: &ObeyedStop) -> Option<String> {
+    if stop.observes_only {
+        return None;
+    }
+    let error = FlightMarker::of(place).keep().err()?;
+    Some(format!("flight marker in {}: {error}", place.root.display()))
 }
 
 /// Raises the stop in all words; returns the words, and the result of each path.
@@ -200,7 +209,7 @@ fn nobody(reached: &Reached, running: &RunningProcesses) -> Failure {
             "stop: instance `{instance}` does not run under {}, but under {}: run `oqtal ctl stop {}`",
             root.display(),
             paths.root.display(),
-            place(&paths)
+            paths.flags()
         ),
         (None, Some(names)) if running.may_control() => format!(
             "stop: on instance `{instance}`, {names} hold places on the bus, but this process does not find them: no stop has reached them"

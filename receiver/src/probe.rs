@@ -16,7 +16,7 @@ use crate::attempt::CameraConnection;
 use crate::connect::{connect, known};
 use crate::routes::CameraBody;
 use listener::ProbeListener;
-use oqtal_wire::link::CameraLink;
+use oqtal_wire::link::{CameraLink, CameraProtocol};
 
 pub use figures::{BodyFigures, ClockFigures, IntervalFigures, NoiseFigures, ProbeFigures};
 pub use finding::{FitnessVerdict, ProbeFinding, Severity};
@@ -52,6 +52,8 @@ pub fn probe(link: &CameraLink, config: &Config, duration: Span) -> Result<Probe
     let mut figures = listener.figures(duration, Time::now());
     figures.server = server;
     (figures.loop_hz, figures.poses_per_tick) = (config.control.rate_hz, config.poses_per_tick());
+    figures.loss_warning = config.safety.pose_loss_warning;
+    figures.has_tcp = matches!(link.protocol, CameraProtocol::Qtm { udp: true, .. });
     name_bodies(&mut figures, (&wanted, &present), &bodies);
     let found = checks::findings(&figures);
     figures.findings.extend(found);

@@ -27,6 +27,7 @@
 //! | `random.rs` | repeatable random numbers |
 //! | `pose_source.rs` | sources of poses |
 //! | `actuation.rs` | kind of command by the interface of a vehicle |
+//! | `flight_marker.rs` | the file that prevents an automatic take-off after a crash or a stop |
 //! | `files.rs` | files and directories protected against other users |
 #![forbid(unsafe_code)]
 
@@ -38,6 +39,7 @@ mod context;
 mod exit;
 pub mod faults;
 pub mod files;
+pub mod flight_marker;
 pub mod handoff;
 pub mod health;
 mod lockstep;

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use oqtal_bus::obeying::quoted;
+use oqtal_bus::paths::quoted;
 use oqtal_bus::topic::Role;
 use oqtal_config::Config;
 use oqtal_runtime::files;

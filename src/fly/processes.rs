@@ -1,8 +1,7 @@
 //! A flight through separate processes over the bus, in real time or in lockstep.
 
 use oqtal_bus::bus::Bus;
-use oqtal_bus::obeying::quoted;
-use oqtal_bus::paths::InstancePaths;
+use oqtal_bus::paths::{InstancePaths, quoted};
 use oqtal_bus::topic::Role;
 use oqtal_config::{ClockKind, RecordedFlights};
 use oqtal_control::controller::ControllerName;
@@ -76,13 +75,14 @@ impl BusFlight<'_> {
 
     /// Fails if another process has the place of one of this flight: it must not be used for it.
     fn refuse_running_processes(&self, bus: &Bus) -> Result<(), Failure> {
-        let instance = &self.mission.config.instance.name;
+        let InstancePaths { instance, .. } = bus.paths();
         let FlightPaths { commands, poses } = self.paths;
         let roles = poses.roles(commands.roles(&self.mission.config));
         for role in roles.into_iter().filter(|role| *role != Role::Recorder) {
             let Some(holder) = bus.holder(&role.health())? else { continue };
             let message = format!(
-                "{holder} already runs on instance `{instance}`; fly on another --instance, or land its vehicle with `oqtal ctl land --instance {instance}` and end it"
+                "{holder} already runs on instance `{instance}`; fly on another --instance, or land its vehicle with `oqtal ctl land {}` and end it",
+                bus.paths().flags()
             );
             return Err(Failure::new(Exit::Peer, message));
         }

@@ -88,6 +88,10 @@ pub struct LatencyFigures {
     pub realtime: ThreadScheduling,
     /// Counters of the loop.
     pub counters: LoopCounters,
+    /// Time from the begin of the measurement to the last tick \[s\].
+    pub measured_s: f64,
+    /// Why the measurement ended early; `None` if it did not.
+    pub ended: Option<String>,
 }
 
 impl LatencyFigures {
@@ -106,6 +110,8 @@ impl LatencyFigures {
             },
             realtime,
             counters: monitor.counters(),
+            measured_s: 0.0,
+            ended: None,
         };
         figures.ratio = figures.ratios(Mechanism::Iceoryx2Listener);
         figures.ratio.extend(figures.receiver_ratio().map(|ratio| (RECEIVE_TO_PUBLISH, ratio)));

@@ -19,6 +19,7 @@ use oqtal_config::{ClockKind, Config};
 use oqtal_control::trajectory::TrajectoryKind;
 use oqtal_observe::latency::Distribution;
 use oqtal_runtime::files;
+use oqtal_runtime::flight_marker::FlightMarker;
 use oqtal_runtime::process::{Exit, Failure, instance_paths};
 
 use super::bare::{Mechanism, counter, directory, remove_iceoryx2};
@@ -203,6 +204,8 @@ impl Drop for Rig {
         // The last process of an instance removes the shared memory of killed processes.
         drop(Bus::open(&self.place));
         remove_iceoryx2(&self.place);
+        // Its poses end before its flight.
+        FlightMarker::of(&self.place).remove();
         // A directory that cannot be removed occupies only a few kilobytes.
         let _ = fs::remove_dir_all(&self.directory);
     }

@@ -10,7 +10,10 @@ use oqtal_observe::table::{align, latency_row, table};
 
 /// Tables: hops with bare mechanisms, and their ratios.
 pub fn text(figures: &LatencyFigures) -> String {
-    let mut parts = vec![format!("daemon: {}", figures.realtime), latencies(figures).to_string()];
+    let mut parts = vec![
+        format!("daemon: {}; measured for {:.1} s", figures.realtime, figures.measured_s),
+        latencies(figures).to_string(),
+    ];
     parts.extend(receiver(figures));
     parts.extend(ratios(figures).map(|table| table.to_string()));
     parts.extend(conditions(figures).map(|table| table.to_string()));

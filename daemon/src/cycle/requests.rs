@@ -11,6 +11,8 @@ pub(super) struct Requests {
     pub(super) first_flight: FirstFlight,
     /// Whether the flight must be stopped.
     pub(super) stop: bool,
+    /// Whether no flight has begun since a stop, or since a daemon before was killed.
+    pub(super) awaits_arm: bool,
     /// Whether another vehicle took the place of the one for which a flight was requested.
     pub(super) vehicle_replaced: bool,
     /// Whether processes of the instance run with different configurations.
@@ -22,8 +24,9 @@ pub(super) struct Requests {
 }
 
 impl Requests {
-    /// Cancels the automatic flight at start-up.
+    /// Cancels the automatic flight at start-up: only an operator may begin the next flight.
     pub(super) fn cancel_automatic(&mut self) {
+        self.awaits_arm = true;
         if self.first_flight == FirstFlight::Pending {
             self.first_flight = FirstFlight::None;
         }
@@ -49,8 +52,14 @@ impl Requests {
         self.first_flight == FirstFlight::CalledOff
     }
 
+    /// Whether only an operator may begin the next flight.
+    pub(super) fn awaits_arm(&self) -> bool {
+        self.awaits_arm || self.stop || self.is_called_off()
+    }
+
     /// Records that a flight begins.
     pub(super) fn begin_flight(&mut self) {
+        self.awaits_arm = false;
         use FirstFlight::{CalledOff, Expected, Pending, Started};
         if let Pending | Expected | CalledOff = self.first_flight {
             self.first_flight = Started;

@@ -101,7 +101,7 @@ impl SafetyMonitor {
         self.health.sent(due, sent_at);
     }
 
-    /// Evaluates the table of limits. Takes the requests that end a flight, and records positions inside the fence.
+    /// Evaluates the table of limits. Takes the requests that end a flight, and records stops and positions inside the fence.
     pub(super) fn step(
         &mut self,
         tick: &SafetyTick,
@@ -112,6 +112,7 @@ impl SafetyMonitor {
         let limits = self.limit_conditions(tick, intake, requests, course);
         let conditions = SafetyConditions { limits, ..self.conditions(tick, intake, requests) };
         let state = self.supervisor.step(tick.now, &conditions, intake.missing());
+        requests.awaits_arm |= state == SafetyState::Stop;
         if state <= SafetyState::Degraded && tick.is_fresh {
             self.last_nominal = Some(tick.now);
         }

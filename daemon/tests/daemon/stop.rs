@@ -1,6 +1,7 @@
 //! An operator's stop at the daemon: seen by the loop itself, without its background thread.
 
 use super::common::{Bench, FRAME, still};
+use super::vehicle::arming_itself;
 use oqtal_bus::code::{Actuation, Cause, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::memory::MemoryBus;
 use oqtal_bus::message::VehicleV1;
@@ -58,4 +59,37 @@ fn a_vehicle_that_reports_a_stop_ends_the_flight_and_is_not_armed() {
     bench.cycle.request(bench.now + FRAME, OperatorCommand::Arm);
     bench.show(still(bench.frame));
     assert_eq!(bench.mode(), Some(Mode::Flying));
+}
+
+/// `oqtal daemon run` leaves the flight marker at its end if this is so.
+#[test]
+fn a_daemon_awaits_an_arm_from_a_stop_until_the_next_flight_begins() {
+    let mut bench = arming_itself(1);
+    let show = |bench: &mut Bench| {
+        for _ in 0..20 {
+            bench.show(still(bench.frame));
+        }
+    };
+    show(&mut bench);
+    assert!(bench.mode() == Some(Mode::Flying) && !bench.cycle.awaits_arm());
+    bench.cycle.request(bench.now, OperatorCommand::Stop);
+    assert!(bench.cycle.awaits_arm(), "before a tick has executed the stop");
+    show(&mut bench);
+    bench.cycle.request(bench.now, OperatorCommand::Arm);
+    bench.cycle.request(bench.now, OperatorCommand::Land);
+    show(&mut bench);
+    assert!(bench.mode() == Some(Mode::Disarmed) && bench.cycle.awaits_arm(), "called off");
+    bench.cycle.request(bench.now, OperatorCommand::Arm);
+    show(&mut bench);
+    assert!(bench.mode() == Some(Mode::Flying) && !bench.cycle.awaits_arm());
+    // The daemon's own stop: without poses.
+    for _ in 0..60 {
+        bench.miss();
+    }
+    assert!(bench.state() == Some(SafetyState::Stop) && bench.cycle.awaits_arm());
+    // A daemon that stays at its start, since one before it was stopped.
+    let mut bench = arming_itself(1);
+    bench.cycle.cancel_automatic();
+    show(&mut bench);
+    assert!(bench.mode() == Some(Mode::Disarmed) && bench.cycle.awaits_arm());
 }

@@ -233,7 +233,7 @@ fn a_simulated_vehicle_has_no_motors_to_wait_for() {
     assert!(bench.cycle.telemetry().mission_s > 0.9);
 }
 
-fn arming_itself(simulated: u8) -> Bench {
+pub fn arming_itself(simulated: u8) -> Bench {
     let mut bench = Bench::new(&[Setting::flag("test", "safety.arm-at-start", true)]);
     bench.vehicle.simulated = simulated;
     bench

@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use std::sync::OnceLock;
 
 use clap::Args;
-use oqtal_bus::obeying::{quoted, without_out};
+use oqtal_bus::obeying::without_out;
+use oqtal_bus::paths::quoted;
 use oqtal_config::{Config, Setting};
 use oqtal_runtime::process::{Exit, Failure, SettingArgs};
 use oqtal_runtime::program::say;

@@ -17,6 +17,8 @@ const SLOW: f64 = 0.97;
 const FAST: f64 = 1.25;
 const RATE_REMEDY: &str =
     "raise the cameras' rate to that of the loop or above, or lower control.rate-hz";
+const LOSS_REMEDY: &str = "connect by cable to a switch of its own";
+const TCP_REMEDY: &str = "connect by cable to a switch of its own, or take transport=tcp";
 
 /// The checks, in the order in which they are printed. Each is explained in docs/cameras.md.
 const CHECKS: &[ProbeCheck] = &[
@@ -42,7 +44,7 @@ const CHECKS: &[ProbeCheck] = &[
         Severity::Advice,
         "set safety.pose-rate-hz to the cameras' rate, so that the loop acts on every second pose, third, or so on",
         |f| {
-            let rate_hz = f.rate_hz?;
+            let rate_hz = f.camera_rate_hz?;
             let would_hz = rate_hz / f.poses_per_tick;
             (would_hz > FAST * f.loop_hz).then(|| {
                 format!(
@@ -63,16 +65,10 @@ const CHECKS: &[ProbeCheck] = &[
         "connect by cable, not by radio; close other programs on the cameras' computer",
         |f| over(f.interval?.max_ns, 50, 250),
     ),
-    (
-        "lost frames",
-        Severity::Advice,
-        "connect by cable to a switch of its own; a link over UDP can take transport=tcp",
-        |f| {
-            let lost = f.lost?;
-            let share = lost as f64 / (f.counts.arrived + lost).max(1) as f64;
-            (share > 0.01).then(|| format!("{:.1} %", share * 100.0))
-        },
-    ),
+    ("lost frames", Severity::Problem, LOSS_REMEDY, |f| lost(f, !f.has_tcp, f.loss_warning..2.0)),
+    ("lost frames", Severity::Problem, TCP_REMEDY, |f| lost(f, f.has_tcp, f.loss_warning..2.0)),
+    ("lost frames", Severity::Advice, LOSS_REMEDY, |f| lost(f, !f.has_tcp, 0.01..f.loss_warning)),
+    ("lost frames", Severity::Advice, TCP_REMEDY, |f| lost(f, f.has_tcp, 0.01..f.loss_warning)),
     (
         "order of frames",
         Severity::Advice,
@@ -154,9 +150,21 @@ pub fn findings(figures: &ProbeFigures) -> Vec<ProbeFinding> {
     found.collect()
 }
 
-/// The rate in words if its ratio to that of the loop is in `range`.
+/// The share of lost frames in words if it is in `range`, for a link that is `meant`.
+fn lost(figures: &ProbeFigures, meant: bool, range: Range<f64>) -> Option<String> {
+    let loss = figures.loss?;
+    let limit = figures.loss_warning;
+    let beyond = if loss >= limit {
+        format!(", above safety.pose-loss-warning, {limit}")
+    } else {
+        String::new()
+    };
+    (meant && range.contains(&loss)).then(|| format!("{:.1} %{beyond}", loss * 100.0))
+}
+
+/// The cameras' rate in words if its ratio to that of the loop is in `range`.
 fn rate(figures: &ProbeFigures, range: Range<f64>) -> Option<String> {
-    let (rate_hz, loop_hz) = (figures.rate_hz?, figures.loop_hz);
+    let (rate_hz, loop_hz) = (figures.camera_rate_hz?, figures.loop_hz);
     range
         .contains(&(rate_hz / loop_hz))
         .then(|| format!("{rate_hz:.1} Hz, for a loop of {loop_hz} Hz"))
@@ -189,7 +197,9 @@ mod tests {
     fn good() -> ProbeFigures {
         ProbeFigures {
             seconds: 10.0,
-            rate_hz: Some(100.0),
+            camera_rate_hz: Some(100.0),
+            loss: Some(0.0),
+            loss_warning: 0.05,
             loop_hz: 60.0,
             poses_per_tick: 2.0,
             interval: Some(IntervalFigures { max_ns: 12_000_000, ..IntervalFigures::default() }),
@@ -209,12 +219,23 @@ mod tests {
         use Severity::{Advice, Problem};
         assert_eq!(names(&good()), []);
         assert_eq!(FitnessVerdict::of(&[]), FitnessVerdict::Fit);
-        assert_eq!(names(&ProbeFigures { rate_hz: Some(30.0), ..good() }), [("rate", Problem)]);
-        assert_eq!(names(&ProbeFigures { rate_hz: Some(40.0), ..good() }), [("rate", Advice)]);
-        assert_eq!(names(&ProbeFigures { rate_hz: Some(50.0), ..good() }), [("rate", Advice)]);
-        assert_eq!(names(&ProbeFigures { rate_hz: Some(240.0), ..good() }), [("rate", Advice)]);
+        assert_eq!(
+            names(&ProbeFigures { camera_rate_hz: Some(30.0), ..good() }),
+            [("rate", Problem)]
+        );
+        assert_eq!(
+            names(&ProbeFigures { camera_rate_hz: Some(40.0), ..good() }),
+            [("rate", Advice)]
+        );
+        assert_eq!(
+            names(&ProbeFigures { camera_rate_hz: Some(50.0), ..good() }),
+            [("rate", Advice)]
+        );
+        assert_eq!(
+            names(&ProbeFigures { camera_rate_hz: Some(240.0), ..good() }),
+            [("rate", Advice)]
+        );
         assert_eq!(names(&ProbeFigures { loop_hz: 200.0, ..good() }), [("rate", Problem)]);
-        assert_eq!(names(&ProbeFigures { lost: Some(30), ..good() }), [("lost frames", Advice)]);
         for (max_ns, severity) in [(60_000_000, Advice), (300_000_000, Problem)] {
             let interval = Some(IntervalFigures { max_ns, ..IntervalFigures::default() });
             assert_eq!(names(&ProbeFigures { interval, ..good() }), [("longest gap", severity)]);
@@ -230,8 +251,31 @@ mod tests {
     }
 
     #[test]
+    fn losses_are_within_the_limit_of_the_daemon_and_their_remedy_is_one_that_the_link_has() {
+        use Severity::{Advice, Problem};
+        for (loss, has_tcp, severity) in [
+            (0.03, false, Advice),
+            (0.03, true, Advice),
+            (0.06, false, Problem),
+            (0.06, true, Problem),
+        ] {
+            let found = findings(&ProbeFigures { loss: Some(loss), has_tcp, ..good() });
+            let [ProbeFinding { name: "lost frames", severity: found, remedy, .. }] = found[..]
+            else {
+                panic!("{found:?}")
+            };
+            assert_eq!((found, remedy.contains("transport=tcp")), (severity, has_tcp));
+        }
+    }
+
+    #[test]
     fn silence_is_a_problem() {
-        let silent = ProbeFigures { counts: FrameCounts::default(), rate_hz: None, ..good() };
+        let silent = ProbeFigures {
+            counts: FrameCounts::default(),
+            camera_rate_hz: None,
+            loss: None,
+            ..good()
+        };
         assert_eq!(names(&silent), [("frames", Severity::Problem)]);
         assert_eq!(FitnessVerdict::of(&findings(&silent)), FitnessVerdict::Unfit);
     }

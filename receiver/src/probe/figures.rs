@@ -18,6 +18,18 @@ pub struct ProbeFigures {
     pub silent_from_s: Option<f64>,
     /// Mean rate of the frames \[Hz\]; `None` if there are not two.
     pub rate_hz: Option<f64>,
+    /// Rate of the cameras: that of the median interval between arrivals, which lost frames do not lower \[Hz\]; `None` if there are not two
+    /// frames.
+    pub camera_rate_hz: Option<f64>,
+    /// Share of the cameras' frames that did not arrive: by the server's numbers, without numbers by the intervals \[0..1\]; `None` without a
+    /// frame.
+    pub loss: Option<f64>,
+    /// Share of lost frames above which the daemon warns, `safety.pose-loss-warning` \[0..1\].
+    #[serde(skip)]
+    pub loss_warning: f64,
+    /// Whether the link can also receive over TCP.
+    #[serde(skip)]
+    pub has_tcp: bool,
     /// Rate of the loop that is to fly with them \[Hz\].
     pub loop_hz: f64,
     /// Number of poses per tick of the loop at the rate that the configuration expects \[-\].
@@ -27,7 +39,7 @@ pub struct ProbeFigures {
     pub interval: Option<IntervalFigures>,
     /// Intervals longer than 50 ms \[-\]; `None` without a frame.
     pub gaps: Option<usize>,
-    /// Frames that never came, by the server's numbers \[-\]; `None` without a frame.
+    /// Frames that never came, by the server's numbers \[-\]; `None` without a frame, and if frames have no numbers.
     pub lost: Option<u64>,
     /// The server's clock; `None` without a frame.
     pub clock: Option<ClockFigures>,
@@ -104,8 +116,17 @@ impl ProbeFigures {
     /// Writes the figures of the frames, which are known.
     fn write_frames(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let ms = |nanos: i64| nanos as f64 * 1e-6;
-        if let (Some(rate_hz), Some(lost), Some(gaps)) = (self.rate_hz, self.lost, self.gaps) {
-            writeln!(f, "rate       {rate_hz:.2} Hz, {lost} lost, {gaps} gaps over 50 ms")?;
+        if let (Some(rate_hz), Some(camera_hz), Some(gaps)) =
+            (self.rate_hz, self.camera_rate_hz, self.gaps)
+        {
+            let lost = match self.lost {
+                Some(lost) => format!("{lost} lost"),
+                None => format!("about {:.1} % lost", self.loss.unwrap_or(0.0) * 100.0),
+            };
+            writeln!(
+                f,
+                "rate       {rate_hz:.2} Hz, of cameras at {camera_hz:.1} Hz, {lost}, {gaps} gaps over 50 ms"
+            )?;
         }
         if let Some(IntervalFigures { min_ns, p50_ns, p99_ns, max_ns }) = self.interval {
             let [min, median, p99, max] = [min_ns, p50_ns, p99_ns, max_ns].map(ms);

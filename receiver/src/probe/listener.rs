@@ -38,6 +38,8 @@ pub struct ProbeListener {
     intervals: Vec<i64>,
     delays: Vec<i64>,
     damaged: u64,
+    /// Whether frames have numbers.
+    are_numbered: bool,
     /// Time without a frame after which the server counts as silent.
     silence: Span,
 }
@@ -53,6 +55,7 @@ impl ProbeListener {
             intervals: Vec::new(),
             delays: Vec::new(),
             damaged: 0,
+            are_numbered: false,
             silence: Span::from_seconds(options.silence_ms * 1e-3),
         }
     }
@@ -70,15 +73,20 @@ impl ProbeListener {
         let counts = counts.fold(FrameCounts::default(), FrameCounts::plus);
         let clock = self.gates[0].clock();
         let total_s = self.intervals.iter().sum::<i64>() as f64 * 1e-9;
+        let median_s = percentile(&self.intervals, 50.0) as f64 * 1e-9;
+        // A frame that is overtaken counts as lost first.
+        let lost = self.are_numbered.then(|| counts.lost.saturating_sub(counts.out_of_order));
+        let missing = lost.unwrap_or_else(|| missing(&self.intervals, median_s));
         ProbeFigures {
             seconds: duration.seconds(),
             silent_from_s: is_silent.then(|| (duration - silence).seconds()),
             rate_hz: (total_s > 0.0).then(|| self.intervals.len() as f64 / total_s),
+            camera_rate_hz: (median_s > 0.0).then(|| 1.0 / median_s),
+            loss: has_begun.then(|| missing as f64 / (counts.arrived + missing).max(1) as f64),
             gaps: has_begun
                 .then(|| self.intervals.iter().filter(|interval| **interval > GAP_NS).count()),
             interval: interval_figures(&self.intervals),
-            // A frame that is overtaken counts as lost first.
-            lost: has_begun.then(|| counts.lost.saturating_sub(counts.out_of_order)),
+            lost,
             counts,
             damaged: self.damaged,
             clock: has_begun.then(|| ClockFigures {
@@ -94,6 +102,12 @@ impl ProbeListener {
             ..ProbeFigures::default()
         }
     }
+}
+
+/// Number of frames that are missing in `intervals` \[ns\] of cameras with one frame every `period_s` \[s\].
+fn missing(intervals: &[i64], period_s: f64) -> u64 {
+    let periods = intervals.iter().map(|nanos| (*nanos as f64 * 1e-9 / period_s).round());
+    periods.filter(|periods| *periods >= 2.0 && periods.is_finite()).map(|it| it as u64 - 1).sum()
 }
 
 /// Noise of the bodies that rest; `None` if none does.
@@ -129,6 +143,7 @@ impl ObservedBody {
 impl FrameSink for ProbeListener {
     fn frame(&mut self, gate: usize, stamp: FrameStamp, arrival: Time) {
         let Some(frame_gate) = self.gates.get_mut(gate) else { return };
+        self.are_numbered |= stamp.number.is_some();
         let checked = frame_gate.check(stamp, arrival);
         self.arrival = arrival;
         // If each body has its own stamps, the intervals of the first body are the frame intervals.
@@ -172,13 +187,18 @@ mod tests {
     use super::*;
     use oqtal_config::Config;
 
-    /// Figures of frames that arrive at `arrivals` \[ms\], observed until `end` \[ms\].
+    /// Figures of numbered frames that arrive at `arrivals` \[ms\], observed until `end` \[ms\].
     fn figures(arrivals: impl Iterator<Item = i64>, end: i64) -> ProbeFigures {
+        figures_of((0..).zip(arrivals).map(|(number, millis)| (Some(number), millis)), end)
+    }
+
+    /// Figures of frames with these numbers and arrivals \[ms\], observed until `end` \[ms\].
+    fn figures_of(frames: impl Iterator<Item = (Option<u32>, i64)>, end: i64) -> ProbeFigures {
         let mut listener = ProbeListener::new(&Config::default().receiver, (1, 0));
         let at = |millis| Time::VIRTUAL_START + Span::from_millis(millis);
-        for (number, millis) in (0..).zip(arrivals) {
+        for (number, millis) in frames {
             let stamp_ns = Some(millis.unsigned_abs() * 1_000_000);
-            listener.frame(0, FrameStamp { number: Some(number), stamp_ns }, at(millis));
+            listener.frame(0, FrameStamp { number, stamp_ns }, at(millis));
         }
         listener.figures(Span::from_millis(end), at(end))
     }
@@ -188,6 +208,22 @@ mod tests {
         let figures = figures((0..=2000).step_by(10), 8000);
         assert_eq!((figures.rate_hz.unwrap().round(), figures.gaps), (100.0, Some(0)));
         assert_eq!(figures.silent_from_s, Some(2.0));
+    }
+
+    /// Every tenth frame of cameras at 100 Hz is lost.
+    #[test]
+    fn losses_lower_the_rate_of_arrivals_and_not_that_of_the_cameras() {
+        for is_numbered in [true, false] {
+            let arrived = (1..1000_u32).filter(|number| number % 10 != 0);
+            let frames =
+                arrived.map(|number| (is_numbered.then_some(number), i64::from(number) * 10));
+            let figures = figures_of(frames, 10_000);
+            assert_eq!(figures.camera_rate_hz.unwrap().round(), 100.0);
+            assert_eq!(figures.rate_hz.unwrap().round(), 90.0);
+            assert!((figures.loss.unwrap() - 0.1).abs() < 0.005, "{figures:?}");
+            assert_eq!(figures.lost, is_numbered.then_some(99));
+        }
+        assert_eq!(figures_of((0..9).map(|k| (None, k * 10)), 90).loss, Some(0.0));
     }
 
     #[test]

@@ -1,0 +1,97 @@
+//! A daemon that was killed, also by its watchdog, or whose last flight was stopped, must not take off automatically after a restart.
+//! A file records this. While a daemon that may take off automatically runs, the file exists, and only its end removes it: an end
+//! in good order, without a stop that no `arm` has ended. A stop sets it, too.
+
+use std::fs::File;
+use std::io::{self, ErrorKind};
+use std::path::PathBuf;
+
+use oqtal_bus::paths::InstancePaths;
+
+use crate::files;
+
+/// The file of one instance.
+#[derive(Debug)]
+pub struct FlightMarker {
+    path: PathBuf,
+    /// Flags that address the instance.
+    flags: String,
+}
+
+impl FlightMarker {
+    /// The marker of the instance at `place`.
+    pub fn of(place: &InstancePaths) -> Self {
+        let name = format!("{}.armed-at-start", place.instance);
+        Self { path: place.root.join(name), flags: place.flags() }
+    }
+
+    /// Whether the marker is set.
+    pub fn is_set(&self) -> bool {
+        self.path.exists()
+    }
+
+    /// Sets the marker if it is not set; makes the root again if it was removed.
+    ///
+    /// # Errors
+    /// The file cannot be made.
+    pub fn keep(&self) -> io::Result<()> {
+        self.path.parent().map_or(Ok(()), std::fs::create_dir_all)?;
+        match File::create_new(&self.path) {
+            Err(error) if error.kind() != ErrorKind::AlreadyExists => Err(error),
+            _ => Ok(()),
+        }
+    }
+
+    /// Sets the marker; `false` if it is there already, or cannot be made: then an operator has to arm.
+    pub fn set(&self) -> bool {
+        let (path, flags) = (self.path.display(), &self.flags);
+        match File::create_new(&self.path) {
+            Ok(_) => return true,
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => tracing::warn!(
+                "no take-off at start: the daemon before this one was stopped, or did not end in good order ({path}); arm with `oqtal ctl arm {flags}`"
+            ),
+            Err(error) => {
+                tracing::warn!(
+                    "no take-off at start: {path}: {error}; arm with `oqtal ctl arm {flags}`"
+                )
+            }
+        }
+        false
+    }
+
+    /// Removes the marker, if it is there.
+    pub fn remove(&self) {
+        if let Err(error) = files::remove(&self.path) {
+            tracing::warn!("{}: {error}; remove it before the next start", self.path.display());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_first_start_after_a_good_end_may_take_off_by_itself() {
+        let directory = tempfile::tempdir().unwrap();
+        let marker =
+            FlightMarker::of(&InstancePaths::new("marker", Some(directory.path())).unwrap());
+        marker.remove();
+        assert!(marker.set());
+        assert!(!marker.set(), "the daemon before was killed");
+        assert!(!marker.set(), "and once more");
+        marker.remove();
+        assert!(!marker.is_set() && marker.set());
+    }
+
+    #[test]
+    fn a_stop_sets_the_marker_also_where_it_is_set() {
+        let directory = tempfile::tempdir().unwrap();
+        let marker = FlightMarker::of(&InstancePaths::new("stop", Some(directory.path())).unwrap());
+        for _ in 0..2 {
+            marker.keep().unwrap();
+            assert!(marker.is_set());
+        }
+        assert!(!marker.set(), "no take-off at start");
+    }
+}
