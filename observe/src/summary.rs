@@ -259,22 +259,26 @@ fn vehicle_name(flight: &Flight) -> String {
     }
 }
 
-/// Sum of the increases of a counter of the daemon over the flights, and after the last one; over all ticks if none is armed \[-\].
+/// Sum of the increases of a counter of the daemon over the flights, and shortly after each; over all ticks if none is armed \[-\].
 fn count(flight: &Flight, counter: impl Fn(&TelemetryV1) -> u64) -> u64 {
+    let samples = &flight.samples;
     let increase = |ticks: &[FlightSample]| {
         let [first, .., last] = ticks else { return 0 };
         counter(&last.telemetry).saturating_sub(counter(&first.telemetry))
     };
-    let Some(armed) = flight.samples.iter().rposition(FlightSample::is_armed) else {
-        return increase(&flight.samples);
-    };
-    let after = &flight.samples[armed..];
-    let end = after[0].telemetry.time + COUNTED_AFTER;
-    let counted = after.iter().take_while(|sample| sample.telemetry.time <= end).count();
-    // The tick that ends a flight may be late: it counts what the daemon missed before.
-    let counted = counted.max(2).min(after.len());
-    let after = &after[..counted];
-    flight.flights().map(increase).fold(increase(after), u64::saturating_add)
+    let is_armed = |index: usize| samples.get(index).is_some_and(FlightSample::is_armed);
+    let ends = (0..samples.len()).filter(|last| is_armed(*last) && !is_armed(last + 1));
+    let mut after = ends.map(|last| {
+        let until = samples[last].telemetry.time + COUNTED_AFTER;
+        let is_after = |tick: &&FlightSample| !tick.is_armed() && tick.telemetry.time <= until;
+        let count = samples[last + 1..].iter().take_while(is_after).count();
+        // The tick that ends a flight may be late: it counts what the daemon missed before.
+        increase(&samples[last..(last + 1 + count.max(1)).min(samples.len())])
+    });
+    match after.next() {
+        None => increase(samples),
+        Some(first) => flight.flights().map(increase).chain(after).fold(first, u64::saturating_add),
+    }
 }
 
 /// The last armed tick, or the last one if none is armed: another daemon may have followed. The default one of a flight without any.
@@ -369,6 +373,9 @@ fn trajectory_hash(flight: &Flight) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
+    use oqtal_bus::code::Mode;
+    use oqtal_bus::time::Time;
+
     use super::*;
     use crate::report::tests::fixture;
 
@@ -377,5 +384,23 @@ mod tests {
         let held = |scored_s| Summary { held_s: 1.5, scored_s, ..Summary::of(&fixture::square()) };
         assert!(held(9.0).held().unwrap().ends_with("do not compare with other flights"));
         assert_eq!(held(0.0).held().as_deref(), Some("held by the fence for 1.50 s"));
+    }
+
+    #[test]
+    fn misses_at_the_end_of_each_flight_of_a_recording_count() {
+        let mut flight = fixture::square();
+        let one = flight.samples.len();
+        flight.samples.extend_from_within(..);
+        for (k, sample) in flight.samples.iter_mut().enumerate() {
+            // Each flight ends with a late tick.
+            let ended = (k + 1).div_euclid(one) as u64;
+            let tick = &mut sample.telemetry;
+            (tick.deadline_misses, tick.poses_superseded) = (ended, 100 * ended);
+            let mode = if (k + 1) % one == 0 { Mode::Disarmed } else { Mode::Flying };
+            tick.mode = mode.code();
+            tick.time = Time::VIRTUAL_START + Span::from_millis(17 * k as i64);
+        }
+        let summary = Summary::of(&flight);
+        assert_eq!((summary.deadline_misses, summary.poses_superseded), (2, 200));
     }
 }
