@@ -73,7 +73,12 @@ pub const FAULTS: [Fault; 6] = [
         watch: Duration::from_secs(6),
         shows: |observed| {
             assert!(observed.flying <= 1, "{} set-points in silence", observed.flying);
-            observed.stops(&[Cause::NoVehicle]);
+            // A vehicle that falls by its own failsafe before it counts as silent is stopped for its motion.
+            let silent_at = observed.since + Span::from_millis(1000);
+            match observed.seen.fall().is_some_and(|at| at < silent_at) {
+                true => observed.stops(&[Cause::Fence, Cause::Speed, Cause::Relabel]),
+                false => observed.stops(&[Cause::NoVehicle]),
+            }
         },
     },
     Fault {

@@ -13,7 +13,7 @@
 //! | 2 | name of the firmware, `BTFL` |
 //! | 34; 35 sets one | ranges of channels that switch modes: mode, auxiliary channel, low and high limit in steps of 25 us from 900 us |
 //! | 36, 37 | features, u32 |
-//! | 44, 75, 111, 125; set by 45, 76, 204, 218 | settings of receiver, failsafe, rates, dead bands |
+//! | 44, 75, 94, 111, 125; set by 45, 76, 95, 204, 218 | settings of receiver, failsafe, controller, rates, dead bands |
 //! | 64 | order of the channels |
 //! | 110 | battery |
 //! | 119 | modes in the order of the bits of 150 |
@@ -58,6 +58,10 @@ pub mod command {
     pub const FAILSAFE: u8 = 75;
     /// Sets them.
     pub const SET_FAILSAFE: u8 = 76;
+    /// Settings of the controller.
+    pub const CONTROLLER: u8 = 94;
+    /// Sets them.
+    pub const SET_CONTROLLER: u8 = 95;
     /// Battery.
     pub const BATTERY: u8 = 110;
     /// Rates and throttle curve.

@@ -6,7 +6,7 @@ use oqtal_wire::msp::{MSP_ARM, MspChannelMap, MspModeRange, MspPacket, command};
 use crate::wanted::{WantedParameter, WantedValue};
 
 /// Requests whose replies are read before the first set-point.
-const READ: [u8; 9] = [
+const READ: [u8; 10] = [
     command::FIRMWARE,
     command::CHANNEL_MAP,
     command::MODES,
@@ -16,6 +16,7 @@ const READ: [u8; 9] = [
     command::RATES,
     command::FAILSAFE,
     command::DEAD_BANDS,
+    command::CONTROLLER,
 ];
 /// Reply of the firmware's name.
 const BETAFLIGHT: &[u8] = b"BTFL";
@@ -67,8 +68,11 @@ const RATES: (u8, u8) = (command::RATES, command::SET_RATES);
 const FAILSAFE: (u8, u8) = (command::FAILSAFE, command::SET_FAILSAFE);
 const RECEIVER: (u8, u8) = (command::RECEIVER, command::SET_RECEIVER);
 const DEAD_BANDS: (u8, u8) = (command::DEAD_BANDS, command::SET_DEAD_BANDS);
+const CONTROLLER: (u8, u8) = (command::CONTROLLER, command::SET_CONTROLLER);
 const STRAIGHT: &str = "sticks and rates are proportional";
 const RATE: &str = "rate at full stick: vehicle.rate-authority-rad-s, in 10 deg/s";
+const AT_ONCE: &str = "set-points act at once; takes a restart";
+const STEPS: &str = "set-points are steps, without a pilot's slope";
 const THROTTLE: &str = "throttle is that of the set-point";
 
 /// Shorthand for a setting of one byte.
@@ -95,7 +99,7 @@ const fn word(field: MspField) -> MspField {
 const ZERO: WantedValue = WantedValue::Exactly(0.0);
 
 /// All settings with rules.
-const FIELDS: [MspField; 20] = [
+const FIELDS: [MspField; 25] = [
     byte("rates_type", WantedValue::Exactly(3.0), "ACTUAL: straight without expo", (RATES, 22)),
     rate("roll_rc_rate", 0, 0),
     rate("pitch_rc_rate", 1, 12),
@@ -113,6 +117,11 @@ const FIELDS: [MspField; 20] = [
         ..byte("thr_hover", WantedValue::Exactly(50.0), THROTTLE, (RATES, 23))
     },
     byte("throttle_limit_type", ZERO, THROTTLE, (RATES, 14)),
+    byte("throttle_boost", ZERO, THROTTLE, (CONTROLLER, 30)),
+    byte("rc_smoothing", ZERO, AT_ONCE, (RECEIVER, 31)),
+    word(byte("f_roll", ZERO, STEPS, (CONTROLLER, 32))),
+    word(byte("f_pitch", ZERO, STEPS, (CONTROLLER, 34))),
+    word(byte("f_yaw", ZERO, STEPS, (CONTROLLER, 36))),
     byte("deadband", ZERO, STRAIGHT, (DEAD_BANDS, 0)),
     byte("yaw_deadband", ZERO, STRAIGHT, (DEAD_BANDS, 1)),
     word(byte("mid_rc", WantedValue::Exactly(1500.0), "centred sticks", (RECEIVER, 3))),

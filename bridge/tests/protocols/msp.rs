@@ -92,7 +92,8 @@ impl Betaflight {
             command::MODES => vec![0, MSP_OVERRIDE],
             command::MODE_RANGES => vec![0, 0, 32, 48],
             command::FEATURES => vec![8, 0, 0, 0],
-            command::RECEIVER => vec![0, 0x6C, 7, 0xDC, 5, 0x1A, 4, 0],
+            command::RECEIVER => [&[0, 0x6C, 7, 0xDC, 5, 0x1A, 4][..], &[0; 25]].concat(),
+            command::CONTROLLER => vec![0; 38],
             command::RATES => {
                 let mut rates = [FULL, 0, FULL, FULL, FULL, 0, 50, 0, 0, 0, 0, FULL, FULL].to_vec();
                 rates.extend([0; 9]);

@@ -35,11 +35,12 @@ const OBSTACLES: u8 = 29;
 /// Range of the arming switch: the first auxiliary channel from 1700 to 2100 us.
 const ARMING: MspModeRange = MspModeRange { mode: MSP_ARM, channel: 0, low: 32, high: 48 };
 /// Requests that set what another one reads \[-\].
-const SETTERS: [(u8, u8); 4] = [
+const SETTERS: [(u8, u8); 5] = [
     (command::SET_RATES, command::RATES),
     (command::SET_FAILSAFE, command::FAILSAFE),
     (command::SET_RECEIVER, command::RECEIVER),
     (command::SET_DEAD_BANDS, command::DEAD_BANDS),
+    (command::SET_CONTROLLER, command::CONTROLLER),
 ];
 
 impl MspVehicle {
@@ -230,10 +231,11 @@ fn settings([roll, pitch, yaw]: [u8; 3], time_out_ms: f64) -> Vec<(u8, Vec<u8>)>
         (command::MODES, vec![MSP_ARM]),
         (command::MODE_RANGES, ranges),
         (command::FEATURES, (1_u32 << 14).to_le_bytes().to_vec()),
-        (command::RECEIVER, vec![0, 0x6C, 7, 0xDC, 5, 0x1A, 4, 0]),
+        (command::RECEIVER, [&[0, 0x6C, 7, 0xDC, 5, 0x1A, 4][..], &[0; 25]].concat()),
         (command::RATES, rates.concat()),
         (command::FAILSAFE, vec![delay, 60, 0xE8, 3, 0, 100, 0, 1]),
         (command::DEAD_BANDS, vec![0; 5]),
+        (command::CONTROLLER, vec![0; 38]),
     ]
 }
 
