@@ -103,7 +103,7 @@ impl ReplayArgs {
             let setting = Setting::parse("--set", text)?;
             if acting(std::slice::from_ref(&setting)) == acting(&[]) {
                 say(&format!(
-                    "oqtal: {text} has no effect: the daemon's inputs are those of the recording"
+                    "oqtal: {text} has no effect: it is the recorded value, or acts on the daemon's inputs alone, which are those of the recording"
                 ));
             }
             settings.push(setting);

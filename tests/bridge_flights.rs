@@ -133,7 +133,7 @@ fn bad_use_of_a_wire_has_its_exit_code_and_message() {
             "leave out --clock",
         );
     }
-    refused(&["--vehicle", "bridge:msp"], 64, "bridge:asctec");
+    refused(&["--vehicle", "bridge:dsmx"], 64, "bridge:asctec");
     refused(&["--vehicle", "link:asctec:/dev/nowhere"], 71, "/dev/nowhere");
 }
 

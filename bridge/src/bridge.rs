@@ -127,10 +127,15 @@ impl Bridge {
         self.is_open = false;
     }
 
+    /// Whether set-points wait for a busy vehicle; a stop does not.
+    fn holds_back(&self, now: Time) -> bool {
+        self.stopped_since.is_none() && self.protocol.is_busy(now)
+    }
+
     /// Instant at which something is due without a command.
     pub fn next_event(&self, now: Time) -> Time {
         let clear_at = self.outbox.clear_at(now);
-        let least = if self.protocol.is_busy(now) { now + BUSY_POLL } else { clear_at };
+        let least = if self.holds_back(now) { now + BUSY_POLL } else { clear_at };
         let due = self.outbox.retry_at(now).unwrap_or(if self.command_waits {
             least
         } else {
@@ -205,7 +210,7 @@ impl Bridge {
     pub fn turn(&mut self, now: Time, note: &mut dyn FnMut(Note)) -> Option<VehicleReport> {
         self.note_changes(now, note);
         let due = self.command_waits || now >= self.schedule.next_setpoint();
-        let waits = self.outbox.is_blocked() || self.protocol.is_busy(now);
+        let waits = self.outbox.is_blocked() || self.holds_back(now);
         if waits || !due || now < self.outbox.clear_at(now) {
             return None;
         }

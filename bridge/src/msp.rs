@@ -307,7 +307,7 @@ impl VehicleProtocol for Msp {
         self.settings.time_out()
     }
 
-    /// Switches the motors off; Betaflight obeys after it has received the switch for some frames, or its failsafe ends.
+    /// Switches the arming switch off. Betaflight disarms after four such frames, or by its failsafe.
     fn emergency_stop(&mut self) -> VehicleFrame {
         self.is_on = false;
         self.ready().map_or(VehicleFrame::EMPTY, |map| self.channels(map, MspSticks::ZERO))

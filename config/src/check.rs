@@ -68,8 +68,20 @@ impl Config {
             return Err(OptionError::new(key, lift, allowed));
         }
         self.check_faults()?;
+        self.check_awake()?;
         self.check_budget()?;
         self.check_motor_start()
+    }
+
+    /// Checks that loops wait awake for at most half of the time.
+    fn check_awake(&self) -> Result<(), OptionError> {
+        let options = &self.realtime;
+        let most_us = 0.5e6 / self.safety.pose_rate_hz - options.warmup_us;
+        if options.awake_us == 0.0 || options.awake_us <= most_us {
+            return Ok(());
+        }
+        let allowed = format!("at most {most_us:.0}: with warmup-us, half a period of the poses");
+        Err(OptionError::new("realtime.awake-us", options.awake_us, allowed))
     }
 
     /// Checks that an external law leaves half of a period to the rest of the loop.

@@ -308,11 +308,8 @@ impl Cycle {
     /// Executes an operator's request and returns the reply.
     pub fn request(&mut self, now: Time, command: OperatorCommand) -> ControlResponseV1 {
         if command == OperatorCommand::Resume && self.supervision.is_flying() {
-            let cause = match self.guarded.as_mut().map(GuardedControl::resume) {
-                None => Some(Cause::WrongMode),
-                Some(is_connected) => (!is_connected).then_some(Cause::NoLaw),
-            };
-            if let Some(cause) = cause {
+            let resumed = self.guarded.as_mut().map(GuardedControl::resume);
+            if let Err(cause) = resumed.unwrap_or(Err(Cause::WrongMode)) {
                 return self.supervision.response(now, Err(cause), &self.intake);
             }
         }

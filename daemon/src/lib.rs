@@ -175,6 +175,10 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
             let mut turn = faulty.turn(FaultTarget::Daemon, turn);
             let ended = process_loop::run(&mut turn, &mut clock, None);
             leave(&marker, safety, ended.is_ok() && !turn.turn.awaits_arm());
+            // A stop that was raised meanwhile.
+            if turn.turn.awaits_arm() {
+                leave(&marker, safety, false);
+            }
             ended.map_err(Into::into)
         },
     )
@@ -190,7 +194,7 @@ fn begin(marker: &FlightMarker, safety: &SafetyOptions, cycle: &mut Cycle) -> bo
     stays
 }
 
-/// Leaves the marker for the next daemon: none after an end in good order. An observer begins and ends no flight, and changes nothing.
+/// Sets the marker for the next daemon, or removes it after an end in good order. An observer flies nothing, and changes nothing.
 fn leave(marker: &FlightMarker, safety: &SafetyOptions, is_in_order: bool) {
     if safety.observe_only {
         return;
@@ -198,7 +202,9 @@ fn leave(marker: &FlightMarker, safety: &SafetyOptions, is_in_order: bool) {
     if is_in_order {
         marker.remove();
     } else if let Err(error) = marker.keep() {
-        tracing::error!("the next daemon may take off by itself: no flight marker: {error}");
+        tracing::error!(
+            "the next daemon may take off automatically: the flight marker cannot be written: {error}"
+        );
     }
 }
 

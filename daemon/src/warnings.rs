@@ -47,7 +47,7 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     let jerks =
         path.kind == TrajectoryKind::Waypoints && path.waypoints_curve == WaypointCurve::Monotone;
     if config.control.is_predictive() {
-        // It feeds the motion of the reference forward, beside the limits.
+        // The predictive stack feeds the motion of the reference forward, beside the limits.
         all.extend(jerks.then(|| path::jerks(&samples, config, trajectory)).flatten());
     } else {
         let too_hard = path::too_hard(&samples, config);

@@ -12,7 +12,7 @@ const PERIOD: Span = Span::from_millis(1000);
 /// Time-out of the question; the daemon's background thread answers it, not its loop.
 const TIMEOUT: Span = Span::from_millis(50);
 /// Time-out of the question on whose answer a result depends.
-const PATIENT_TIMEOUT: Span = Span::from_millis(2000);
+const RESULT_TIMEOUT: Span = Span::from_millis(2000);
 
 /// No answer to the question for the changed settings: whether some were changed is unknown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,7 +47,7 @@ impl LawQuery {
 pub fn changed_before(bus: &Bus) -> Result<Option<EventV1>, NoAnswer> {
     let (timeout, reason) = match bus.holder(&Role::Daemon.health()) {
         Ok(None) => (TIMEOUT, NoAnswer::NoDaemon),
-        _ => (PATIENT_TIMEOUT, NoAnswer::Silent),
+        _ => (RESULT_TIMEOUT, NoAnswer::Silent),
     };
     let answer = ask(bus, timeout).ok_or(reason)?;
     let Some((_, changed)) = answer.split_once('\n') else { return Ok(None) };

@@ -174,9 +174,10 @@ pub fn raise(
     })
 }
 
-/// Prevents that the next daemon at `place` takes off by itself, also where none runs; returns a line if that fails.
+/// Prevents an automatic take-off of the next daemon at `place`, also if none runs now; returns a line if that fails. A root that was
+/// removed is the owner's to make again: a running daemon does so when it ends.
 fn forbid_automatic(place: &InstancePaths, stop: &ObeyedStop) -> Option<String> {
-    if stop.observes_only {
+    if stop.observes_only || !place.root.exists() {
         return None;
     }
     let error = FlightMarker::of(place).keep().err()?;

@@ -94,8 +94,7 @@ impl PyFlight {
     fn fly_again(&self, py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         let mut taped = self.tape.as_ref().map(|tape| TapedLaw(tape.iter()));
         let law = taped.as_mut().map(|law| law as &mut (dyn ExternalLaw + Send));
-        flown(py, self.flight.config.clone(), Some(&path), law)
-            .map(Self::of)
+        flown(py, self.flight.config.clone(), Some(&path), law).map(Self::of)
     }
 
     /// Writes the ticks as CSV.

@@ -1,4 +1,4 @@
-//! Waiting awake for an expected arrival. A process that sleeps takes some tens of microseconds to wake; one that polls meanwhile has
+//! Busy polling for an expected arrival. A process that sleeps takes some tens of microseconds to wake; one that polls meanwhile has
 //! the arrival at once, for a part of a processor's time.
 
 use std::thread::available_parallelism;
@@ -11,7 +11,8 @@ use oqtal_config::Config;
 /// free.
 const ROLES: [Role; 3] = [Role::Daemon, Role::Receiver, Role::Bridge];
 
-/// Interval around each expected arrival in which a loop waits awake. Arrivals are expected at the rate of the poses.
+/// Interval around each expected arrival in which a loop waits awake. Poses are expected at the rate of the cameras, commands at that of the
+/// loop.
 #[derive(Clone, Debug)]
 pub struct AwakeInterval {
     /// Time awake before the expected arrival, and after it.
@@ -29,7 +30,11 @@ impl AwakeInterval {
             return None;
         }
         let sides = [options.warmup_us, options.awake_us].map(|us| Span::from_seconds(us * 1e-6));
-        Some(Self { sides, period: Span::period_of(config.safety.pose_rate_hz), expected: None })
+        let rate_hz = match role {
+            Role::Bridge => config.loop_rate_hz(),
+            _ => config.safety.pose_rate_hz,
+        };
+        Some(Self { sides, period: Span::period_of(rate_hz), expected: None })
     }
 
     /// Expects the arrival after the one at `now`.

@@ -1,5 +1,5 @@
-//! A daemon that was killed, also by its watchdog, or whose last flight was stopped, must not take off automatically after a restart.
-//! A file records this. While a daemon that may take off automatically runs, the file exists, and only its end removes it: an end
+//! Flight marker: a file that prevents an automatic take-off after a Stop, and after a daemon was killed, also by its watchdog.
+//! While a daemon that may take off automatically runs, the file exists, and only its end removes it: an end
 //! in good order, without a stop that no `arm` has ended. A stop sets it, too.
 
 use std::fs::File;

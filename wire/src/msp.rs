@@ -44,23 +44,23 @@ pub mod command {
     pub const FIRMWARE: u8 = 2;
     /// Ranges that switch modes.
     pub const MODE_RANGES: u8 = 34;
-    /// Sets one of them.
+    /// Sets one range of channels that switches a mode.
     pub const SET_MODE_RANGE: u8 = 35;
     /// Features.
     pub const FEATURES: u8 = 36;
     /// Settings of the receiver.
     pub const RECEIVER: u8 = 44;
-    /// Sets them.
+    /// Sets the settings of the receiver.
     pub const SET_RECEIVER: u8 = 45;
     /// Order of the channels.
     pub const CHANNEL_MAP: u8 = 64;
     /// Settings of the failsafe.
     pub const FAILSAFE: u8 = 75;
-    /// Sets them.
+    /// Sets the settings of the failsafe.
     pub const SET_FAILSAFE: u8 = 76;
     /// Settings of the controller.
     pub const CONTROLLER: u8 = 94;
-    /// Sets them.
+    /// Sets the settings of the controller.
     pub const SET_CONTROLLER: u8 = 95;
     /// Battery.
     pub const BATTERY: u8 = 110;

@@ -106,5 +106,8 @@ proptest! {
         }
         prop_assert!((read.throttle - throttle).abs() <= 0.5 / 950.0 + 1e-12);
         prop_assert_eq!((switches[3], switches[0]), (switch, 1000));
+        // Without a switch no channel moves.
+        let (_, switches) = MspSticks::read(&sticks.payload(map, (usize::MAX, 0)), map).unwrap();
+        prop_assert_eq!(switches, [1000; 12]);
     }
 }

@@ -43,7 +43,7 @@ impl Backlog {
         (self.waiting, self.since) = (self.waiting.min(self.after_status), Some(now));
     }
 
-    /// Whether so many set-points wait that none is to be sent.
+    /// Whether too many set-points wait for another to be sent.
     pub(super) fn is_long(&self, now: Time) -> bool {
         self.waiting > MOST_WAITING && self.is_counted(now)
     }

@@ -1,7 +1,7 @@
 //! Settings of a Betaflight vehicle that the bridge relies on, as they were read, and their rules.
 
 use oqtal_bus::time::Span;
-use oqtal_wire::msp::{MSP_ARM, MspChannelMap, MspModeRange, MspPacket, command};
+use oqtal_wire::msp::{MSP_ARM, MSP_CHANNELS, MspChannelMap, MspModeRange, MspPacket, command};
 
 use crate::wanted::{WantedParameter, WantedValue};
 
@@ -206,8 +206,9 @@ impl MspSettings {
     /// The switch that arms the vehicle; `None` without a usable one.
     pub fn arming_switch(&self) -> Option<ArmingSwitch> {
         let ranges = || MspModeRange::all(self.payload(command::MODE_RANGES));
+        let is_sent = |channel: u8| usize::from(channel) < MSP_CHANNELS - 4;
         let arms = |range: &MspModeRange| range.mode == MSP_ARM && range.low < range.high;
-        let range = ranges().find(arms)?;
+        let range = ranges().find(arms).filter(|range| is_sent(range.channel))?;
         let is_off = |us: &u16| {
             !ranges().any(|other| {
                 arms(&other) && (other.channel != range.channel || other.contains(*us))
@@ -265,7 +266,7 @@ impl MspSettings {
     }
 
     /// Name of the first setting with which set-points would be misunderstood, for these rates at full stick \[10 deg/s\]. The
-    /// failsafe is none of them: the daemon compares its time with `safety.vehicle-time-out-ms`.
+    /// failsafe is not included: the daemon compares its time with `safety.vehicle-time-out-ms`.
     pub fn deviation(&self, rates: [u8; 3]) -> Option<&'static str> {
         let broken = self.rules().into_iter().find(|(_, is_met, _)| !is_met);
         let field = || self.wrong_fields(rates).find(|field| field.commands != FAILSAFE);

@@ -1,6 +1,6 @@
 //! The law of a flight under its fallback: an external law, or a built-in one with `control.fallback`.
 
-use oqtal_bus::code::HandoverCause;
+use oqtal_bus::code::{Cause, HandoverCause};
 use oqtal_bus::message::{ExternalV1, StateV1};
 use oqtal_config::Config;
 use oqtal_control::options::OptionError;
@@ -91,9 +91,12 @@ impl GuardedControl {
         }
     }
 
-    /// Gives control back to a law that failed; `false` while no law is connected.
-    pub(super) fn resume(&mut self) -> bool {
-        self.guard.resume()
+    /// Gives control back to a law that failed.
+    ///
+    /// # Errors
+    /// No law is connected.
+    pub(super) fn resume(&mut self) -> Result<(), Cause> {
+        if self.guard.resume() { Ok(()) } else { Err(Cause::NoLaw) }
     }
 
     /// Whether the law is external.

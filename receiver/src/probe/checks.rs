@@ -159,7 +159,7 @@ fn lost(figures: &ProbeFigures, meant: bool, range: Range<f64>) -> Option<String
     } else {
         String::new()
     };
-    (meant && range.contains(&loss)).then(|| format!("{:.1} %{beyond}", loss * 100.0))
+    (meant && loss > 0.0 && range.contains(&loss)).then(|| format!("{:.1} %{beyond}", loss * 100.0))
 }
 
 /// The cameras' rate in words if its ratio to that of the loop is in `range`.

@@ -76,12 +76,16 @@ impl ProbeListener {
         let median_s = percentile(&self.intervals, 50.0) as f64 * 1e-9;
         // A frame that is overtaken counts as lost first.
         let lost = self.are_numbered.then(|| counts.lost.saturating_sub(counts.out_of_order));
-        let missing = lost.unwrap_or_else(|| missing(&self.intervals, median_s));
+        let count = self.intervals.len() as f64;
+        // Of frames that arrive in bursts, the intervals do not show the period.
+        let period_s = (median_s * count >= 0.2 * total_s).then_some(median_s).filter(|s| *s > 0.0);
+        let unseen = period_s.map_or(0.0, |period_s| (total_s / period_s).round() - count);
+        let missing = lost.unwrap_or(unseen.max(0.0) as u64);
         ProbeFigures {
             seconds: duration.seconds(),
             silent_from_s: is_silent.then(|| (duration - silence).seconds()),
-            rate_hz: (total_s > 0.0).then(|| self.intervals.len() as f64 / total_s),
-            camera_rate_hz: (median_s > 0.0).then(|| 1.0 / median_s),
+            rate_hz: (total_s > 0.0).then(|| count / total_s),
+            camera_rate_hz: period_s.map(f64::recip),
             loss: has_begun.then(|| missing as f64 / (counts.arrived + missing).max(1) as f64),
             gaps: has_begun
                 .then(|| self.intervals.iter().filter(|interval| **interval > GAP_NS).count()),
@@ -102,12 +106,6 @@ impl ProbeListener {
             ..ProbeFigures::default()
         }
     }
-}
-
-/// Number of frames that are missing in `intervals` \[ns\] of cameras with one frame every `period_s` \[s\].
-fn missing(intervals: &[i64], period_s: f64) -> u64 {
-    let periods = intervals.iter().map(|nanos| (*nanos as f64 * 1e-9 / period_s).round());
-    periods.filter(|periods| *periods >= 2.0 && periods.is_finite()).map(|it| it as u64 - 1).sum()
 }
 
 /// Noise of the bodies that rest; `None` if none does.

@@ -39,7 +39,7 @@ impl MspSticks {
     pub fn payload(&self, map: MspChannelMap, switch: (usize, u16)) -> [u8; 2 * MSP_CHANNELS] {
         let [roll, pitch, yaw] = self.deflections;
         let mut channels = [OFF_US; MSP_CHANNELS];
-        // Conversions saturate; a number that is none is zero, which Betaflight takes for a lost channel.
+        // Conversions saturate; NaN becomes 0, which Betaflight treats as a lost channel.
         for (place, deflection) in map.0.into_iter().zip([roll, pitch, -yaw]) {
             channels[place] = (CENTRE_US + STICK_US * deflection.clamp(-1.0, 1.0)).round() as u16;
         }
@@ -48,7 +48,7 @@ impl MspSticks {
             channels[map.0[3]] =
                 (least + (FULL_US - least) * self.throttle.min(1.0)).round() as u16;
         }
-        if let Some(channel) = channels.get_mut(STICKS + switch.0) {
+        if let Some(channel) = channels[STICKS..].get_mut(switch.0) {
             *channel = switch.1;
         }
         let mut payload = [0; 2 * MSP_CHANNELS];
