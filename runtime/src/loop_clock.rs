@@ -248,7 +248,7 @@ mod tests {
     #[test]
     fn a_loop_sleeps_until_the_interval_and_is_awake_in_it() {
         let mut config = Config::default();
-        (config.realtime.awake_us, config.realtime.cpus) = (300.0, vec![0, 1]);
+        (config.realtime.awake_us, config.realtime.cpus) = (300.0, vec![0, 1, 2]);
         let ms = |ms: i64| Time::VIRTUAL_START + Span::from_millis(ms);
         let next = ms(19);
         let mut awake = AwakeInterval::of(&config, Role::Daemon);
