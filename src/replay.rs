@@ -95,13 +95,13 @@ impl ReplayArgs {
     fn config(&self, file: &RecordingFile) -> Result<Config, Failure> {
         let name = format!("{} (config.toml)", self.file.display());
         let recorded = file.config_text().map_err(failure)?;
-        let acting = |settings: &[Setting]| {
-            Config::parse(&name, &recorded, settings).ok().map(|config| of_daemon(&config))
-        };
+        let with = |settings: &[Setting]| Config::parse(&name, &recorded, settings);
+        let before = with(&[])?;
+        let acting = of_daemon(&before);
         let mut settings = Vec::new();
         for text in &self.settings {
             let setting = Setting::parse("--set", text)?;
-            if acting(std::slice::from_ref(&setting)) == acting(&[]) {
+            if with(std::slice::from_ref(&setting)).is_ok_and(|it| of_daemon(&it) == acting) {
                 say(&format!(
                     "oqtal: {text} has no effect: it is the recorded value, or acts on the daemon's inputs alone, which are those of the recording"
                 ));
@@ -111,8 +111,8 @@ impl ReplayArgs {
         if let Some(name) = &self.controller {
             settings.push(Setting::flag("--controller", "control.controller", name.clone()));
         }
-        let config = Config::parse(&name, &recorded, &settings)?;
-        let note = note_on_budget(&Config::parse(&name, &recorded, &[])?, &config);
+        let config = with(&settings)?;
+        let note = note_on_budget(&before, &config);
         note.iter().for_each(|note| say(&format!("oqtal: {note}")));
         Ok(config)
     }

@@ -22,8 +22,8 @@ use oqtal_config::{Config, Interface};
 use oqtal_control::options::OptionError;
 use oqtal_wire::ThrustCurve;
 use oqtal_wire::msp::{
-    MSP_CHANNELS, MSP_RATE_UNIT, MspChannelMap, MspDecoder, MspKind, MspPacket, MspStatus,
-    MspSticks, arming_obstacle, battery_v, command, msp_rates,
+    MSP_CHANNELS, MSP_ENVELOPE, MSP_RATE_UNIT, MspChannelMap, MspDecoder, MspKind, MspPacket,
+    MspStatus, MspSticks, arming_obstacle, battery_v, command, msp_rates,
 };
 
 use crate::options;
@@ -47,10 +47,9 @@ const BATTERY_PERIOD: Span = Span::from_millis(1000);
 const REPEAT: Span = Span::from_millis(250);
 /// Time of a start sequence after which reasons that prevent arming are reported: before, they end by themselves.
 const REFUSED_AFTER: Span = Span::from_millis(1000);
-/// Lengths of a packet without payload, of its longest reply in flight, the status, and of a set-point \[bytes\].
-const ENVELOPE: usize = 6;
+/// Lengths of the longest reply in flight, the status, and of a set-point \[bytes\].
 const LONGEST_STATUS: usize = 32;
-const SETPOINT_BYTES: usize = ENVELOPE + 2 * MSP_CHANNELS;
+const SETPOINT_BYTES: usize = MSP_ENVELOPE + 2 * MSP_CHANNELS;
 
 /// Rates at full stick of the vehicle's rate profile that `config` needs \[10 deg/s\].
 ///
@@ -176,8 +175,7 @@ impl Msp {
 
     /// Channels of `sticks` and of the arming switch.
     fn channels(&self, map: MspChannelMap, sticks: MspSticks) -> VehicleFrame {
-        // Without a switch no channel is one.
-        let switch = self.settings.arming_switch().map_or((usize::MAX, 0), |switch| {
+        let switch = self.settings.arming_switch().map(|switch| {
             let [on, off] = switch.values;
             (switch.channel, if self.is_on { on } else { off })
         });
@@ -259,8 +257,8 @@ impl VehicleProtocol for Msp {
     fn sizes(&self) -> FrameSizes {
         FrameSizes {
             setpoint: SETPOINT_BYTES,
-            acknowledgement: ENVELOPE,
-            periodic: ENVELOPE,
+            acknowledgement: MSP_ENVELOPE,
+            periodic: MSP_ENVELOPE,
             periodic_reply: LONGEST_STATUS,
         }
     }

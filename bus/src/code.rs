@@ -186,7 +186,7 @@ code! {
         ObservesOnly = 45 => "safety.observe-only or mocap.replay is set",
         /// A stop, a landing or a disarming that was requested later called the requested flight off.
         CalledOff = 46 => "called off by a later stop, landing or disarming",
-        /// No external law is connected that could fly again.
+        /// No external law is connected.
         NoLaw = 47 => "no law is connected",
     }
 }

@@ -76,7 +76,7 @@ impl Config {
     /// Checks that loops wait awake for at most half of the time.
     fn check_awake(&self) -> Result<(), OptionError> {
         let options = &self.realtime;
-        let most_us = 0.5e6 / self.safety.pose_rate_hz - options.warmup_us;
+        let most_us = (0.5e6 / self.safety.pose_rate_hz - options.warmup_us).max(0.0);
         if options.awake_us == 0.0 || options.awake_us <= most_us {
             return Ok(());
         }

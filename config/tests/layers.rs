@@ -79,6 +79,9 @@ fn an_error_names_the_setting_that_made_the_value_impossible() {
     );
     assert!(too_fast.contains("lower that to 90 at most"), "{too_fast}");
     assert!(too_fast.ends_with("; `safety.pose-rate-hz` is of flag 0"), "{too_fast}");
+    let awake =
+        error(&["safety.pose-rate-hz=240", "realtime.warmup-us=2000", "realtime.awake-us=100"]);
+    assert!(awake.contains("`realtime.awake-us` is 100, it must be at most 83"), "{awake}");
     let too_slow = error(&["control.rate-hz=50", "mocap.rate-hz=30"]);
     assert!(too_slow.starts_with("flag 1: ") && too_slow.contains("it follows `mocap.rate-hz`"));
     let too_long = error(&["bridge.motor-sequence-ms=4000"]);

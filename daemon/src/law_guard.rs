@@ -199,7 +199,7 @@ impl LawGuard {
         reason: HandoverCause,
     ) -> ControlOutput {
         self.report.law_fails = tick.is_free;
-        // The reason of the failure, unless nothing is there that could fly again.
+        // The reason of the failure, unless no law is connected.
         match reason {
             _ if !tick.is_free => {}
             HandoverCause::Absent => self.report.cause = reason,

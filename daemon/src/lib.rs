@@ -187,7 +187,7 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
 /// Prepares the flight at start-up of `cycle` and the marker of this daemon; returns whether the marker cancels an automatic flight.
 fn begin(marker: &FlightMarker, safety: &SafetyOptions, cycle: &mut Cycle) -> bool {
     let was_set = marker.is_set();
-    let stays = safety.arm_at_start && !safety.observe_only && !marker.set();
+    let stays = safety.arm_at_start && !safety.observe_only && !marker.claim();
     if was_set || stays {
         cycle.cancel_automatic();
     }
@@ -201,7 +201,7 @@ fn leave(marker: &FlightMarker, safety: &SafetyOptions, is_in_order: bool) {
     }
     if is_in_order {
         marker.remove();
-    } else if let Err(error) = marker.keep() {
+    } else if let Err(error) = marker.ensure_set() {
         tracing::error!(
             "the next daemon may take off automatically: the flight marker cannot be written: {error}"
         );

@@ -319,7 +319,7 @@ impl LiveSettings {
             settings.retain(|setting| !setting.is_of_instance());
             self.present().with_live(&settings)?
         } else if self.files.is_empty() {
-            let reason = "there is no file to reload: the daemon was started without one, or, as by `oqtal fly`, with a copy that lacks later changes; name the file";
+            let reason = "no file to reload: the daemon was started without a file, or by `oqtal fly` with a copy, which does not have later changes; name the file";
             return Err(Refusal::of_setting(reason));
         } else {
             self.files.iter().try_for_each(|file| require_file(file))?;

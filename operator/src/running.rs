@@ -94,7 +94,7 @@ impl RunningProcesses {
 
 /// Time left until `give_up`.
 pub(crate) fn left(give_up: Time) -> Duration {
-    Duration::from_nanos(give_up.since(Time::now()).nanos().max(0).unsigned_abs())
+    give_up.since(Time::now()).to_duration()
 }
 
 #[cfg(test)]

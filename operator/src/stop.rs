@@ -180,7 +180,7 @@ fn forbid_automatic(place: &InstancePaths, stop: &ObeyedStop) -> Option<String> 
     if stop.observes_only || !place.root.exists() {
         return None;
     }
-    let error = FlightMarker::of(place).keep().err()?;
+    let error = FlightMarker::of(place).ensure_set().err()?;
     Some(format!("flight marker in {}: {error}", place.root.display()))
 }
 

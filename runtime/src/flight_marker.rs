@@ -34,7 +34,7 @@ impl FlightMarker {
     ///
     /// # Errors
     /// The file cannot be made.
-    pub fn keep(&self) -> io::Result<()> {
+    pub fn ensure_set(&self) -> io::Result<()> {
         self.path.parent().map_or(Ok(()), std::fs::create_dir_all)?;
         match File::create_new(&self.path) {
             Err(error) if error.kind() != ErrorKind::AlreadyExists => Err(error),
@@ -42,8 +42,8 @@ impl FlightMarker {
         }
     }
 
-    /// Sets the marker; `false` if it is there already, or cannot be made: then an operator has to arm.
-    pub fn set(&self) -> bool {
+    /// Sets the marker for the daemon that begins; `false` if it is set already, or cannot be made: then an operator has to arm.
+    pub fn claim(&self) -> bool {
         let (path, flags) = (self.path.display(), &self.flags);
         match File::create_new(&self.path) {
             Ok(_) => return true,
@@ -77,11 +77,11 @@ mod tests {
         let marker =
             FlightMarker::of(&InstancePaths::new("marker", Some(directory.path())).unwrap());
         marker.remove();
-        assert!(marker.set());
-        assert!(!marker.set(), "the daemon before was killed");
-        assert!(!marker.set(), "and once more");
+        assert!(marker.claim());
+        assert!(!marker.claim(), "the daemon before was killed");
+        assert!(!marker.claim(), "and once more");
         marker.remove();
-        assert!(!marker.is_set() && marker.set());
+        assert!(!marker.is_set() && marker.claim());
     }
 
     #[test]
@@ -89,9 +89,9 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let marker = FlightMarker::of(&InstancePaths::new("stop", Some(directory.path())).unwrap());
         for _ in 0..2 {
-            marker.keep().unwrap();
+            marker.ensure_set().unwrap();
             assert!(marker.is_set());
         }
-        assert!(!marker.set(), "no take-off at start");
+        assert!(!marker.claim(), "no take-off at start");
     }
 }

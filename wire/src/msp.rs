@@ -33,9 +33,10 @@ mod packet;
 mod status;
 
 pub use channels::{
-    MIN_CHECK_US, MSP_CHANNELS, MSP_RATE_UNIT, MspChannelMap, MspSticks, msp_rates,
+    MIN_CHECK_US, MSP_AUX_CHANNELS, MSP_CHANNELS, MSP_RATE_UNIT, MspChannelMap, MspSticks,
+    msp_rates,
 };
-pub use packet::{MAX_MSP_PAYLOAD, MspDecoder, MspGrammar, MspKind, MspPacket};
+pub use packet::{MAX_MSP_PAYLOAD, MSP_ENVELOPE, MspDecoder, MspGrammar, MspKind, MspPacket};
 pub use status::{MSP_ARM, MspModeRange, MspStatus, arming_obstacle, battery_v};
 
 /// Commands.

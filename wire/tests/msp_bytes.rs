@@ -19,7 +19,7 @@ fn reply(number: u8, bytes: &str) -> MspPacket {
 #[test]
 fn requests_are_those_of_yamspy() {
     let sticks = MspSticks { deflections: [0.5, -0.25, -0.05], throttle: 200.0 / 950.0 };
-    let channels = sticks.payload(MspChannelMap::read(&[0, 1, 2, 3]).unwrap(), (0, 2000));
+    let channels = sticks.payload(MspChannelMap::read(&[0, 1, 2, 3]).unwrap(), Some((0, 2000)));
     for (packet, bytes) in [
         (
             MspPacket::request(command::CHANNELS, &channels),
@@ -100,14 +100,14 @@ proptest! {
         switch in 900..2100_u16,
     ) {
         let (map, sticks) = (MspChannelMap::read(&order).unwrap(), MspSticks { deflections, throttle });
-        let (read, switches) = MspSticks::read(&sticks.payload(map, (3, switch)), map).unwrap();
+        let (read, switches) = MspSticks::read(&sticks.payload(map, Some((3, switch))), map).unwrap();
         for (read, sent) in read.deflections.iter().zip(deflections) {
             prop_assert!((read - sent).abs() <= 0.5 / 500.0 + 1e-12);
         }
         prop_assert!((read.throttle - throttle).abs() <= 0.5 / 950.0 + 1e-12);
         prop_assert_eq!((switches[3], switches[0]), (switch, 1000));
         // Without a switch no channel moves.
-        let (_, switches) = MspSticks::read(&sticks.payload(map, (usize::MAX, 0)), map).unwrap();
+        let (_, switches) = MspSticks::read(&sticks.payload(map, None), map).unwrap();
         prop_assert_eq!(switches, [1000; 12]);
     }
 }

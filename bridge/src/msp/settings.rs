@@ -1,7 +1,7 @@
 //! Settings of a Betaflight vehicle that the bridge relies on, as they were read, and their rules.
 
 use oqtal_bus::time::Span;
-use oqtal_wire::msp::{MSP_ARM, MSP_CHANNELS, MspChannelMap, MspModeRange, MspPacket, command};
+use oqtal_wire::msp::{MSP_AUX_CHANNELS, MspChannelMap, MspModeRange, MspPacket, command};
 
 use crate::wanted::{WantedParameter, WantedValue};
 
@@ -206,12 +206,11 @@ impl MspSettings {
     /// The switch that arms the vehicle; `None` without a usable one.
     pub fn arming_switch(&self) -> Option<ArmingSwitch> {
         let ranges = || MspModeRange::all(self.payload(command::MODE_RANGES));
-        let is_sent = |channel: u8| usize::from(channel) < MSP_CHANNELS - 4;
-        let arms = |range: &MspModeRange| range.mode == MSP_ARM && range.low < range.high;
-        let range = ranges().find(arms).filter(|range| is_sent(range.channel))?;
+        let is_sent = |range: &MspModeRange| usize::from(range.channel) < MSP_AUX_CHANNELS;
+        let range = ranges().find(MspModeRange::arms).filter(is_sent)?;
         let is_off = |us: &u16| {
             !ranges().any(|other| {
-                arms(&other) && (other.channel != range.channel || other.contains(*us))
+                other.arms() && (other.channel != range.channel || other.contains(*us))
             })
         };
         let off = OFF_US.into_iter().find(is_off)?;

@@ -44,12 +44,7 @@ pub(super) fn set_up(
 }
 
 /// Lines of the settings, as `found` and as they are `now`.
-fn field_lines(
-    found: &MspSettings,
-    now: &MspSettings,
-    rates: [u8; 3],
-    apply: bool,
-) -> impl Iterator<Item = String> {
+fn field_lines(found: &MspSettings, now: &MspSettings, rates: [u8; 3], apply: bool) -> Vec<String> {
     let value =
         |settings: &MspSettings, field: &MspField| field.number(settings.payload(field.commands.0));
     let lines = MspField::all(rates).filter_map(move |field| {
@@ -61,7 +56,7 @@ fn field_lines(
         let report = ParameterReport { wanted: field.parameter, found: before, set };
         (!is_absent).then(|| report.line())
     });
-    lines.collect::<Vec<_>>().into_iter()
+    lines.collect()
 }
 
 /// Lines of the rules without a number.
@@ -116,8 +111,7 @@ impl MspSession {
             self.exchange(set, &payload)?;
         }
         let mut ranges = MspModeRange::all(found.payload(command::MODE_RANGES));
-        let arms = |range: &MspModeRange| range.mode == MSP_ARM && range.low < range.high;
-        if !ranges.clone().any(|range| arms(&range))
+        if !ranges.clone().any(|range| range.arms())
             && let Some(free) = ranges.position(|range| range.low >= range.high)
         {
             let payload = [&[free as u8][..], &ARM_RANGE].concat();

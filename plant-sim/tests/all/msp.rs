@@ -31,7 +31,7 @@ impl Host {
         for _ in 0..periods {
             let mut requests = vec![MspPacket::request(command::STATUS, &[])];
             requests.extend(sent.map(|(sticks, us)| {
-                let payload = sticks.payload(MspChannelMap::FACTORY, (0, us));
+                let payload = sticks.payload(MspChannelMap::FACTORY, Some((0, us)));
                 MspPacket::request(command::CHANNELS, &payload)
             }));
             for request in requests {

@@ -1,7 +1,9 @@
 //! Channels of a remote control: sticks, throttle, switches.
 
-/// Number of channels sent \[-\]: four of the sticks and twelve auxiliary ones.
-pub const MSP_CHANNELS: usize = 16;
+/// Number of channels sent \[-\]: those of the sticks and the auxiliary ones.
+pub const MSP_CHANNELS: usize = STICKS + MSP_AUX_CHANNELS;
+/// Number of auxiliary channels \[-\].
+pub const MSP_AUX_CHANNELS: usize = 12;
 /// Channel value of no throttle, Betaflight's `min_check` \[us\]; below it a vehicle can be armed.
 pub const MIN_CHECK_US: u16 = 1050;
 
@@ -35,8 +37,12 @@ impl MspSticks {
     /// Centred sticks without throttle.
     pub const ZERO: Self = Self { deflections: [0.0; 3], throttle: 0.0 };
 
-    /// Payload of the channels in the order `map`, with the auxiliary channel `switch.0` at `switch.1` \[us\] and all others off.
-    pub fn payload(&self, map: MspChannelMap, switch: (usize, u16)) -> [u8; 2 * MSP_CHANNELS] {
+    /// Payload of the channels in the order `map`, with the auxiliary channel of `switch` at its value \[us\] and all others off.
+    pub fn payload(
+        &self,
+        map: MspChannelMap,
+        switch: Option<(usize, u16)>,
+    ) -> [u8; 2 * MSP_CHANNELS] {
         let [roll, pitch, yaw] = self.deflections;
         let mut channels = [OFF_US; MSP_CHANNELS];
         // Conversions saturate; NaN becomes 0, which Betaflight treats as a lost channel.
@@ -48,8 +54,10 @@ impl MspSticks {
             channels[map.0[3]] =
                 (least + (FULL_US - least) * self.throttle.min(1.0)).round() as u16;
         }
-        if let Some(channel) = channels[STICKS..].get_mut(switch.0) {
-            *channel = switch.1;
+        if let Some((index, value)) = switch
+            && let Some(channel) = channels[STICKS..].get_mut(index)
+        {
+            *channel = value;
         }
         let mut payload = [0; 2 * MSP_CHANNELS];
         for (bytes, channel) in payload.chunks_exact_mut(2).zip(channels) {
@@ -59,10 +67,7 @@ impl MspSticks {
     }
 
     /// Sticks of a payload with channels in the order `map`, and the auxiliary channels \[us\]; `None` if it is too short.
-    pub fn read(
-        payload: &[u8],
-        map: MspChannelMap,
-    ) -> Option<(Self, [u16; MSP_CHANNELS - STICKS])> {
+    pub fn read(payload: &[u8], map: MspChannelMap) -> Option<(Self, [u16; MSP_AUX_CHANNELS])> {
         let mut channels = [0; MSP_CHANNELS];
         for (channel, bytes) in channels.iter_mut().zip(payload.chunks_exact(2)) {
             *channel = u16::from_le_bytes([bytes[0], bytes[1]]);

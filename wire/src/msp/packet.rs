@@ -4,8 +4,8 @@ use crate::stream::{Decoder, Grammar, Verdict};
 
 /// Longest payload \[bytes\]; a length of 255 announces a longer one, which none of these messages has.
 pub const MAX_MSP_PAYLOAD: usize = 254;
-/// Length of head, kind, length, command and checksum \[bytes\].
-const ENVELOPE: usize = 6;
+/// Length of a packet without payload: head, kind, length, command and checksum \[bytes\].
+pub const MSP_ENVELOPE: usize = 6;
 /// Length of what precedes the payload \[bytes\].
 const PREFIX: usize = 5;
 
@@ -43,7 +43,7 @@ pub struct MspPacket {
     pub kind: MspKind,
     /// Its command, of [`super::command`] \[-\].
     pub command: u8,
-    bytes: [u8; MAX_MSP_PAYLOAD + ENVELOPE],
+    bytes: [u8; MAX_MSP_PAYLOAD + MSP_ENVELOPE],
     length: usize,
 }
 
@@ -59,11 +59,11 @@ impl MspPacket {
     pub fn new(kind: MspKind, command: u8, payload: &[u8]) -> Self {
         let payload = &payload[..payload.len().min(MAX_MSP_PAYLOAD)];
         let length = payload.len() as u8;
-        let mut bytes = [0; MAX_MSP_PAYLOAD + ENVELOPE];
+        let mut bytes = [0; MAX_MSP_PAYLOAD + MSP_ENVELOPE];
         bytes[..PREFIX].copy_from_slice(&[b'$', b'M', kind.mark(), length, command]);
         bytes[PREFIX..PREFIX + payload.len()].copy_from_slice(payload);
         bytes[PREFIX + payload.len()] = checksum(&bytes[3..PREFIX + payload.len()]);
-        Self { kind, command, bytes, length: payload.len() + ENVELOPE }
+        Self { kind, command, bytes, length: payload.len() + MSP_ENVELOPE }
     }
 
     /// Request with `payload`.
@@ -103,8 +103,8 @@ impl Grammar for MspGrammar {
         if length > MAX_MSP_PAYLOAD {
             return Verdict::Damaged;
         }
-        let Some(frame) = bytes.get(..length + ENVELOPE) else {
-            return Verdict::Wait(length + ENVELOPE);
+        let Some(frame) = bytes.get(..length + MSP_ENVELOPE) else {
+            return Verdict::Wait(length + MSP_ENVELOPE);
         };
         // The exclusive or with its own checksum is zero.
         if checksum(&frame[3..]) != 0 {

@@ -70,6 +70,11 @@ impl MspModeRange {
         })
     }
 
+    /// Whether a vehicle is armed in the range.
+    pub fn arms(&self) -> bool {
+        self.mode == MSP_ARM && self.low < self.high
+    }
+
     /// Value in the middle of the range \[us\].
     pub fn middle_us(&self) -> u16 {
         900 + 25 * (u16::from(self.low) + u16::from(self.high)) / 2
