@@ -20,7 +20,7 @@ use crate::instance::{ClockOptions, InstanceOptions, LogOptions};
 use crate::layer::FILE_KEYS;
 use crate::mocap::MocapOptions;
 use crate::nearest_key::with_nearest_key;
-use crate::origin::Origins;
+use crate::origin::{Origins, of_different_keys};
 use crate::plant::PlantOptions;
 use crate::realtime::RealtimeOptions;
 use crate::reason::{self, plain};
@@ -174,19 +174,18 @@ impl Config {
         let mut origins = Origins::default();
         origins.rename_warnings = renamed::warnings(settings);
         let settings = renamed::with_present_keys(settings);
-        for setting in preset::named_by(&settings)?.iter().chain(&settings) {
-            setting.insert_into(&mut table)?;
-            // Applied one at a time, so that the error names the offending setting.
-            config = deserialize(&table).map_err(|reason| {
-                let again = |value| {
-                    let (other, mut table) = (Setting { value, ..setting.clone() }, table.clone());
-                    other.insert_into(&mut table).ok()?;
-                    deserialize(&table).err()
-                };
-                let reason = reason::completed(reason, &setting.value, again);
-                setting.refused(&with_nearest_key(setting, reason, DEFAULTS))
-            })?;
-            origins.record(setting);
+        let settings = [preset::named_by(&settings)?, settings].concat();
+        for group in of_different_keys(&settings) {
+            let mut with_group = table.clone();
+            let inserted =
+                group.iter().try_for_each(|setting| setting.insert_into(&mut with_group));
+            config = match inserted.ok().and_then(|()| deserialize(&with_group).ok()) {
+                Some(config) => config,
+                // Applied one at a time, so that the error names the offending setting.
+                None => group.iter().try_fold(config, |_, setting| apply(setting, &mut table))?,
+            };
+            table = with_group;
+            group.iter().for_each(|setting| origins.record(setting));
         }
         let config = Self { origins, ..config };
         config.check()?;
@@ -317,6 +316,20 @@ impl Config {
         FILE_KEYS.iter().for_each(|key| keep_file_name(&mut hashed, key));
         hashed
     }
+}
+
+/// Configuration with `setting`, which is inserted into `table`.
+fn apply(setting: &Setting, table: &mut Table) -> Result<Config, ConfigError> {
+    setting.insert_into(table)?;
+    deserialize(table).map_err(|reason| {
+        let again = |value| {
+            let (other, mut table) = (Setting { value, ..setting.clone() }, table.clone());
+            other.insert_into(&mut table).ok()?;
+            deserialize(&table).err()
+        };
+        let reason = reason::completed(reason, &setting.value, again);
+        setting.refused(&with_nearest_key(setting, reason, DEFAULTS))
+    })
 }
 
 /// Refuses files with a thrust and without a mass: the mass of the preset would be flown with another vehicle's thrust.

@@ -97,6 +97,20 @@ fn blame(error: &OptionError, setting: Option<&Setting>) -> ConfigError {
     ConfigError { origin: origin.clone(), reason }
 }
 
+/// `settings` in groups, in order, in none of which one setting changes the value of another.
+pub(crate) fn of_different_keys(settings: &[Setting]) -> impl Iterator<Item = &[Setting]> {
+    let mut rest = settings;
+    std::iter::from_fn(move || {
+        let is_repeated = |count: &usize| {
+            rest[..*count].iter().any(|other| are_nested(&other.key, &rest[*count].key))
+        };
+        let count = (1..rest.len()).find(is_repeated).unwrap_or(rest.len());
+        let (group, later) = rest.split_at(count);
+        rest = later;
+        (!group.is_empty()).then_some(group)
+    })
+}
+
 /// Whether the keys are equal, or one is a section that contains the other.
 fn are_nested(a: &str, b: &str) -> bool {
     let is_within = |key: &str, section: &str| {

@@ -252,7 +252,7 @@ pub(super) fn changed(law: &StudyLaw, plant: PlantVariant) -> Result<Vec<Setting
 
 /// A configuration as a table.
 pub fn table(config: &Config) -> Table {
-    config.to_toml().parse().expect("a configuration is written as TOML")
+    Table::try_from(config).expect("a configuration holds only what TOML can say")
 }
 
 /// The value of a dotted key of a configuration as a table.
