@@ -176,17 +176,14 @@ impl Config {
         let settings = renamed::with_present_keys(settings);
         let settings = [preset::named_by(&settings)?, settings].concat();
         for group in of_different_keys(&settings) {
-            let mut with_group = table.clone();
-            let inserted =
-                group.iter().try_for_each(|setting| setting.insert_into(&mut with_group));
-            config = match inserted.ok().and_then(|()| deserialize(&with_group).ok()) {
+            let mut before = table.clone();
+            config = match apply_all(group, &mut table) {
                 Some(config) => config,
-                // Applied one at a time, so that the error names the offending setting.
-                None => group.iter().try_fold(config, |_, setting| apply(setting, &mut table))?,
+                // One at a time, so that the error names the offending setting.
+                None => group.iter().try_fold(config, |_, setting| apply(setting, &mut before))?,
             };
-            table = with_group;
-            group.iter().for_each(|setting| origins.record(setting));
         }
+        settings.iter().for_each(|setting| origins.record(setting));
         let config = Self { origins, ..config };
         config.check()?;
         Ok(config)
@@ -212,8 +209,7 @@ impl Config {
     /// Configuration from `settings` without a check of the rules; `None` if they cannot be parsed.
     pub(crate) fn unchecked(settings: &[Setting]) -> Option<Self> {
         let (mut table, _) = SHIPPED_CONFIG.clone().ok()?;
-        settings.iter().try_for_each(|setting| setting.insert_into(&mut table)).ok()?;
-        deserialize(&table).ok()
+        apply_all(settings, &mut table)
     }
 
     /// Whether a file, preset, variable or flag set `key`, or a key in it.
@@ -316,6 +312,12 @@ impl Config {
         FILE_KEYS.iter().for_each(|key| keep_file_name(&mut hashed, key));
         hashed
     }
+}
+
+/// Configuration with `settings`, which are inserted into `table`; `None` if it cannot be parsed.
+fn apply_all(settings: &[Setting], table: &mut Table) -> Option<Config> {
+    settings.iter().try_for_each(|setting| setting.insert_into(table)).ok()?;
+    deserialize(table).ok()
 }
 
 /// Configuration with `setting`, which is inserted into `table`.

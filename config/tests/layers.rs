@@ -99,6 +99,14 @@ fn an_error_names_the_setting_that_made_the_value_impossible() {
 }
 
 #[test]
+fn a_value_that_cannot_be_read_is_refused_although_a_later_one_replaces_it() {
+    for later in ["vehicle.mass-kg=0.5", "vehicle={mass-kg = 0.5}"] {
+        let message = error(&["clock.seed=7", "vehicle.mass-kg=heavy", later]);
+        assert!(message.starts_with("flag 1: `vehicle.mass-kg`"), "{message}");
+    }
+}
+
+#[test]
 fn an_error_of_a_derived_value_names_its_source() {
     let message = error(&["vehicle.rate-lag-ms=0.5"]);
     assert!(message.starts_with("flag 0: `vehicle.rate-lag-ms` is 0.5"), "{message}");
