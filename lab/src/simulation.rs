@@ -236,11 +236,37 @@ impl<'a> Simulation<'a> {
         watch: &mut impl FnMut(&Recorder) -> Option<OperatorCommand>,
     ) -> Result<(), Failure> {
         self.record(now)?;
-        match watch(&self.recorder) {
-            Some(command) if !self.processes.request(now, command)? => {
-                Err(Failure::new(Exit::Flight, "interrupted"))
-            }
-            _ => Ok(()),
+        let Some(command) = watch(&self.recorder) else { return Ok(()) };
+        // A flight that is called off before the motors run has no end to wait for.
+        if self.processes.request(now, command)? && self.recorder.was_armed() {
+            return Ok(());
+        }
+        Err(Failure::new(Exit::Flight, "interrupted"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use oqtal_config::{Config, Setting};
+
+    use super::*;
+
+    #[test]
+    fn a_flight_of_a_day_ends_soon_after_it_is_stopped_at_any_poll() {
+        let settings = [
+            Setting::flag("test", "trajectory.kind", "hover"),
+            Setting::flag("test", "trajectory.hover.duration-s", 86_400.0),
+            Setting::flag("test", "plant.battery.capacity-ah", 1000.0),
+        ];
+        let mission = Mission::new(Config::from_settings(&settings).unwrap()).unwrap();
+        for before in [0, 1, 2, 6, 12, 24] {
+            let mut polls = 0;
+            let watch = |_: &Recorder| {
+                polls += 1;
+                assert!(polls < before + 40, "stopped after {before} polls");
+                (polls > before).then_some(OperatorCommand::Stop)
+            };
+            let _ = fly_recorded(&mission, None, LawPort::default(), watch);
         }
     }
 }
