@@ -64,6 +64,7 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     all.extend(path::turns_too_fast(config, trajectory));
     all.extend(disturbances::after_the_end(config, plan.end_s()));
     all.extend(disturbances::too_heavy(config));
+    all.extend(disturbances::without_effect(config));
     all
 }
 
@@ -357,5 +358,13 @@ mod tests {
         assert!(told(&["plant.disturb=[\"mass@9=0.1kg\"]"], None).is_empty());
         let text = told(&["plant.disturb=[\"mass@9=100\"]"], None).join("\n");
         assert!(text.contains("adds 100 kg") && text.contains("masses are in kg"), "{text}");
+    }
+
+    #[test]
+    fn a_gust_on_a_vehicle_without_drag_is_reported() {
+        let gust = "plant.disturb=[\"gust@9+2=3,0,0m/s\"]";
+        assert!(told(&[gust], None).is_empty());
+        let text = told(&[gust, "plant.drag-per-s=0"], None).join("\n");
+        assert!(text.contains("has no effect"), "{text}");
     }
 }

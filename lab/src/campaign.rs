@@ -87,8 +87,12 @@ const PAYLOAD_S: f64 = 24.0;
 const PAYLOAD: f64 = 0.1;
 
 /// Note below the tables.
-const NOTE: &str = "Most of the position error on a square is the way to the corner, alike for all\nlaws: compare settling and \
-     overshoot there. For flights of your own begin with\n`--controller oqtal-dt`; the default of `fly` is the paper's law, `oqtal`.";
+const NOTE: &str = "\
+On a square most of the position error of a law that settles is the way to the
+corner: compare settling and overshoot there. Velocity and attitude are compared
+with the newest command, by `fly` with that for the instant: laws that compute
+ahead differ less from it. For flights of your own begin with
+`--controller oqtal-dt`; the default of `fly` is the paper's law, `oqtal`.";
 
 impl CampaignArgs {
     /// Flies all runs and prints the comparison.
@@ -175,13 +179,18 @@ impl CampaignArgs {
         let best = self.best.filter(|best| *best < runs);
         let averaged = match best {
             Some(best) => format!("position, velocity and attitude over the best {best}"),
+            None if runs == 1 => "errors are means over the scored time".to_owned(),
             None => "means; position, velocity and attitude ± standard deviation".to_owned(),
         };
         let best = best.unwrap_or(runs) as usize;
+        let of = match runs {
+            1 => format!("1 run of each law, seed {start}"),
+            _ => format!("{runs} runs of each law, seeds {start} to {}", end - 1),
+        };
         let plain = flown.iter().filter(|row| row.case == PLAIN);
         Sheet {
             name: "campaign".to_owned(),
-            title: format!("{runs} runs of each law, seeds {start} to {}: {averaged}", end - 1),
+            title: format!("{of}: {averaged}"),
             columns: in_order(&FIRST.into_iter().chain(table::COLUMNS).collect::<Vec<_>>()),
             rows: plain.map(|row| campaign_row(flown, row, best)).collect(),
             ..Sheet::default()

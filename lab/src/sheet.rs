@@ -87,6 +87,7 @@ impl SheetCell {
     pub fn show(&self) -> String {
         match self {
             Self::Number(number) => rounded(*number, 4),
+            Self::Spread(one, sd) if sd.is_nan() => rounded(*one, 4),
             Self::Spread(mean, width) | Self::Interval(mean, width) => {
                 format!("{} ± {}", rounded(*mean, 4), rounded(*width, 2))
             }

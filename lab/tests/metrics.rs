@@ -77,11 +77,17 @@ fn a_doublet_is_settled_after_the_last_pose_that_is_off() {
     let line = format!("steps of the attitude: {count}, within 1.5 deg after {settle_s:.2} s");
     assert!(closing(&summary).contains(&line), "{line} in\n{}", closing(&summary));
     assert!((settle_s - 0.5).abs() <= 1.0 / 60.0 && least_s == settle_s, "{settle_s} s");
-    let flight = turned("attitude-doublet", |_| three_deg);
+    let mut flight = turned("attitude-doublet", |_| three_deg);
     let [_, settle_s, least_s] = of_attitude(&flight);
     let told = closing(&Summary::of(&flight));
-    assert!(told.contains("none within 1.5 deg before the next"), "{told}");
+    // The flight goes on after the last step, which is not cut off.
+    let none = format!("steps of the attitude: {count}, none within 1.5 deg before the next\n");
+    assert!(told.contains(&none), "{told}");
     assert!(settle_s == f64::INFINITY && least_s > 0.5, "never settled: {settle_s}, {least_s} s");
+    let last = flight.samples.iter().rposition(FlightSample::is_scored).unwrap();
+    flight.samples.truncate(last - 20);
+    let told = closing(&Summary::of(&flight));
+    assert!(told.contains("1 cut off by the end of the flight"), "{told}");
 }
 
 #[test]

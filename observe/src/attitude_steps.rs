@@ -3,11 +3,11 @@
 use nalgebra::Vector3;
 use oqtal_control::euler::EulerAngles;
 use oqtal_control::quaternion::Attitude;
-use oqtal_control::trajectory::TrajectoryKind;
+use oqtal_control::trajectory::{TrajectoryKind, TrajectoryOptions};
 
 use crate::flight::Flight;
 use crate::flight_sample::FlightSample;
-use crate::settling::{StepEnd, StepSettling, settled};
+use crate::settling::{CUT_OFF_S, StepEnd, StepSettling, settled};
 
 /// Attitude error below which a step is settled \[deg\].
 const SETTLED_DEG: f64 = 1.5;
@@ -22,14 +22,22 @@ pub fn attitude_steps(flight: &Flight) -> Option<StepSettling> {
     let step_deg = (0.5 * options.attitude_doublet.angle_deg.abs()).max(0.1);
     let change = |a: &Prescribed<'_>, b: &Prescribed<'_>| a.attitude.angle_to(&b.attitude);
     let mut steps = errors.chunk_by(|a, b| change(a, b).to_degrees() < step_deg).peekable();
+    let ends_early = errors.last().is_some_and(|last| is_prescribed_after(last.sample, options));
     StepSettling::of(std::iter::from_fn(|| {
         let step = steps.next()?;
         let error = |at: &Prescribed<'_>| (at.sample.telemetry.time, at.error_deg);
         let errors: Vec<_> = step.iter().map(error).collect();
         let (first, after_s) = settled(&errors, SETTLED_DEG);
         let has_settled = first < step.len();
-        Some((after_s, StepEnd::of(has_settled, steps.peek().is_none(), &flight.samples)))
+        Some((after_s, StepEnd::of(has_settled, ends_early && steps.peek().is_none())))
     }))
+}
+
+/// Whether an attitude is still prescribed some ticks after `sample`.
+fn is_prescribed_after(sample: &FlightSample, options: &TrajectoryOptions) -> bool {
+    let after_s = sample.telemetry.mission_s + CUT_OFF_S - options.start_s();
+    let trajectory = options.trajectory(None);
+    trajectory.is_some_and(|trajectory| trajectory.sample(after_s).attitude.is_some())
 }
 
 /// The settling time as text; if not every step settled, how many did.

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use crate::flight::Flight;
 use crate::flight_sample::FlightSample;
-use crate::settling::{StepEnd, StepSettling, mean, settled};
+use crate::settling::{CUT_OFF_S, StepEnd, StepSettling, mean, settled};
 
 /// Position error below which a corner is settled \[m\].
 const SETTLED_M: f64 = 0.05;
@@ -25,7 +25,8 @@ pub struct CornerFigures {
     pub overshoot_m: f64,
     /// Mean position error, once settled, until the next step \[m\]; NaN if no corner settled.
     pub settled_error_m: f64,
-    /// Share of the scored position error, integrated over time, from each step until the error is first within 5 cm \[0..1\].
+    /// Share of the scored position error, integrated over time, that is the distance to a corner not yet covered \[0..1\]: along the step,
+    /// until the vehicle is first within 5 cm.
     pub approach_share: f64,
 }
 
@@ -90,10 +91,10 @@ impl CornerSums {
             let errors: Vec<_> = corner.iter().map(|it| (it.telemetry.time, error(it))).collect();
             let (first, after_s) = settled(&errors, SETTLED_M);
             let rest = &corner[first..];
-            let end = StepEnd::of(!rest.is_empty(), corners.peek().is_none(), ticks);
+            let ends_early = corners.peek().is_none() && ends_early(ticks);
+            let end = StepEnd::of(!rest.is_empty(), ends_early);
             self.steps.push((after_s, end));
-            self.approach +=
-                corner.iter().map(error).take_while(|error| *error > SETTLED_M).sum::<f64>();
+            self.approach += approach(corner, &direction);
             rest.iter().for_each(|sample| self.rest.add(error(sample)));
             if end != StepEnd::CutOff {
                 let beyond = corner.iter().map(|sample| sample.position_error().dot(&direction));
@@ -102,6 +103,23 @@ impl CornerSums {
             }
         }
     }
+}
+
+/// The distances to `corner` along the `direction` of its step that the vehicle has not yet covered, summed over the ticks until it is
+/// first within 5 cm \[m\]. An error across the step, or away from the corner, is not part of the way.
+fn approach(corner: &[&FlightSample], direction: &Vector3<f64>) -> f64 {
+    let distances = corner.iter().map(|sample| -sample.position_error().dot(direction));
+    let remaining = distances.scan(f64::INFINITY, |least, distance| {
+        *least = least.min(distance);
+        Some(*least)
+    });
+    remaining.take_while(|remaining| *remaining > SETTLED_M).sum()
+}
+
+/// Whether the scored window of a flight with these ticks ends before the planned landing.
+fn ends_early(ticks: &[FlightSample]) -> bool {
+    let last = ticks.iter().rev().find(|tick| tick.is_scored()).map(|tick| tick.telemetry);
+    last.is_some_and(|last| last.mission_s + CUT_OFF_S < last.planned_landing_s)
 }
 
 fn reference(sample: &FlightSample) -> Vector3<f64> {
@@ -152,6 +170,21 @@ mod tests {
         let cut = CornerFigures::of(&flight).unwrap();
         assert_eq!((cut.settling.count, cut.settling.cut_off), (3, 1));
         assert!(cut.settling_text().ends_with("1 cut off by the end of the flight"));
+    }
+
+    #[test]
+    fn a_height_that_is_not_held_is_not_part_of_the_way_to_a_corner() {
+        let mut flight = fixture::square();
+        let way = |flight: &Flight| CornerFigures::of(flight).unwrap().approach_share;
+        let level = way(&flight);
+        assert!(level > 0.9, "{level}");
+        flight.samples.iter_mut().for_each(|tick| {
+            if let Some(truth) = &mut tick.truth {
+                truth.position[2] -= 0.4;
+            }
+        });
+        let low = way(&flight);
+        assert!(low < 0.7 * level, "{low} of {level}");
     }
 
     #[test]

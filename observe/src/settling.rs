@@ -4,10 +4,8 @@ use oqtal_bus::time::Time;
 use oqtal_control::metrics::Statistics;
 use serde::Serialize;
 
-use crate::flight_sample::FlightSample;
-
-/// Time by which the scored window may end before the planned landing \[s\]: some ticks.
-const CUT_OFF_S: f64 = 0.1;
+/// Time by which the scored window may end before its planned end \[s\]: some ticks.
+pub(crate) const CUT_OFF_S: f64 = 0.1;
 
 /// Settling after the steps of a reference in the scored window. A step settles if the error stays below a limit until the next one.
 /// A step that had not settled when its flight ended earlier than planned is cut off, and is not evaluated.
@@ -103,20 +101,14 @@ pub(crate) enum StepEnd {
 }
 
 impl StepEnd {
-    /// The end of a step that `has_settled`; `is_last` if it is the last one of a flight with these ticks.
-    pub(crate) fn of(has_settled: bool, is_last: bool, ticks: &[FlightSample]) -> Self {
+    /// The end of a step that `has_settled`, or after which its flight `ends_early`.
+    pub(crate) fn of(has_settled: bool, ends_early: bool) -> Self {
         match has_settled {
             true => Self::Settled,
-            false if is_last && ends_early(ticks) => Self::CutOff,
+            false if ends_early => Self::CutOff,
             false => Self::Unsettled,
         }
     }
-}
-
-/// Whether the scored window of a flight with these ticks ends earlier than planned.
-fn ends_early(ticks: &[FlightSample]) -> bool {
-    let last = ticks.iter().rev().find(|tick| tick.is_scored()).map(|tick| tick.telemetry);
-    last.is_some_and(|last| last.mission_s + CUT_OFF_S < last.planned_landing_s)
 }
 
 #[cfg(test)]

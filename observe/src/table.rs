@@ -97,24 +97,20 @@ fn errors(summary: &Summary) -> Option<Table> {
 /// The figures at the corners in two lines: of the position error, how much is the step of the reference, not the law.
 fn corners(corners: &CornerFigures) -> String {
     let CornerFigures { settling, step_m, overshoot_m, .. } = corners;
-    let settled = match corners.settled_error_m {
-        _ if settling.count == 0 => String::new(),
-        error if error.is_nan() => ", never settled".to_owned(),
-        error => format!(", {:.1} mm once settled", 1e3 * error),
+    let (count, settled) = (settling.count, corners.settling_text());
+    if count == 0 {
+        return wrapped(&format!("corners: {settled}"), 0) + "\n";
+    }
+    let overshoot_mm = 1e3 * overshoot_m;
+    let evaluated =
+        format!("corners: {count} of {step_m:.2} m, {settled}, overshoot {overshoot_mm:.0} mm;");
+    let rest = match corners.settled_error_m {
+        error if error.is_nan() => "never settled".to_owned(),
+        error => format!("{:.1} mm once settled", 1e3 * error),
     };
-    let settling_text = corners.settling_text();
-    let evaluated = match settling.count {
-        0 => format!("corners: {settling_text};"),
-        count => format!(
-            "corners: {count} of {step_m:.2} m, {settling_text}, overshoot {:.0} mm;",
-            1e3 * overshoot_m
-        ),
-    };
-    format!(
-        "{}\nposition error: {:.0} % is the way to the corner{settled}\n",
-        wrapped(&evaluated, 0),
-        1e2 * corners.approach_share
-    )
+    let share = 1e2 * corners.approach_share;
+    let evaluated = wrapped(&evaluated, 0);
+    format!("{evaluated}\nposition error: {share:.0} % is the way to the corner, {rest}\n")
 }
 
 /// Table of latencies; `None` if none were measured, as in a replay in virtual time.

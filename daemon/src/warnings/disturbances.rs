@@ -1,6 +1,6 @@
 //! Warnings on disturbances and faults.
 
-use oqtal_config::{Config, DisturbanceKind};
+use oqtal_config::{Config, DisturbanceKind, PlantOptions};
 
 /// Notes on disturbances and faults that begin after the planned end of the flight, at `end_s` from arming \[s\].
 pub(super) fn after_the_end(config: &Config, end_s: f64) -> Vec<String> {
@@ -14,6 +14,23 @@ pub(super) fn after_the_end(config: &Config, end_s: f64) -> Vec<String> {
         )
     })
     .collect()
+}
+
+/// Notes on gusts that push a vehicle without drag, and so have no effect.
+pub(super) fn without_effect(config: &Config) -> Vec<String> {
+    let PlantOptions { drag_per_s, rotors, .. } = &config.plant;
+    let drag = [*drag_per_s, rotors.drag_coefficient, rotors.inflow_coefficient];
+    let has_drag = drag != [0.0; 3];
+    let gusts =
+        config.plant.disturb.iter().filter(|it| matches!(it.kind, DisturbanceKind::Gust(_)));
+    gusts
+        .filter(|_| !has_drag)
+        .map(|it| {
+            format!(
+                "the disturbance `{it}` has no effect: wind acts through drag, and plant.drag-per-s is 0; give it a value, or a force@ in place of the gust"
+            )
+        })
+        .collect()
 }
 
 /// Notes on payloads that the vehicle cannot lift.

@@ -76,4 +76,11 @@ mod tests {
         assert_eq!(best_runs(&flown, 4), [1, 3, 0], "a flight that did not land is not averaged");
         assert_eq!(row(&flown, 4, None).cells[POSITION].show(), "0.2000 ± 0.10 *");
     }
+
+    #[test]
+    fn a_single_run_has_no_standard_deviation() {
+        let cell = &row(&flown("pid", &[0.3]), 1, None).cells[POSITION];
+        assert_eq!(cell.show(), "0.3000");
+        assert_eq!(cell.to_json(), serde_json::json!({ "mean": 0.3, "sd": null }));
+    }
 }

@@ -33,11 +33,12 @@ pub fn cells<R: ?Sized>(columns: &[StudyColumn<'_, R>], row: &R) -> Vec<SheetCel
     columns.iter().map(|column| (column.cell)(row)).collect()
 }
 
-/// Mean and standard deviation of `values`; no value if there are none.
+/// Mean and standard deviation of `values`, NaN of a single one; no value if there are none.
 pub fn spread(values: &[f64]) -> SheetCell {
-    match values.is_empty() {
-        true => SheetCell::None,
-        false => SheetCell::Spread(mean(values), standard_deviation(values)),
+    match values {
+        [] => SheetCell::None,
+        [one] => SheetCell::Spread(*one, f64::NAN),
+        _ => SheetCell::Spread(mean(values), standard_deviation(values)),
     }
 }
 
