@@ -57,7 +57,7 @@ fn nearest(key: &str, shipped: &str) -> Option<String> {
     collect(&table, "", &mut keys);
     let rated = keys.into_iter().map(|key| (likeness(&key), key));
     // Among equally similar keys, [vehicle] before [plant], then the shortest.
-    let order = |key: &str| (key.starts_with("plant."), key.len());
+    let order = |key: &str| (!key.starts_with("vehicle."), key.starts_with("plant."), key.len());
     let best = rated.max_by(|a, b| a.0.total_cmp(&b.0).then(order(&b.1).cmp(&order(&a.1))))?;
     (best.0 >= SIMILAR).then_some(best.1)
 }
@@ -83,7 +83,7 @@ fn collect(table: &Table, path: &str, keys: &mut Vec<String>) {
 mod tests {
     use super::*;
 
-    const SHIPPED: &str = "[vehicle]\nmass-kg = 0.5\nmax-thrust-n = 9.8\n[control]\ncontroller = 'pid'\n\
+    const SHIPPED: &str = "[mocap]\npreset = ''\n[vehicle]\npreset = ''\nmass-kg = 0.5\nmax-thrust-n = 9.8\n[control]\ncontroller = 'pid'\n\
                            [trajectory]\nheight-m = 1.0\n[trajectory.circle]\nradius-m = 1.0\n\
                            [control.oqtal]\nattitude-weight = 1\n[control.oqtal-dt]\nattitude-weight = 1\n";
 
@@ -94,6 +94,7 @@ mod tests {
             ("vehicle-mass-kg", "vehicle.mass-kg"),
             ("vehicle.mas-kg", "vehicle.mass-kg"),
             ("mass-kg", "vehicle.mass-kg"),
+            ("preset", "vehicle.preset"),
             ("control.oqtal-dt.atitude-weight", "control.oqtal-dt.attitude-weight"),
             ("vehicle.max_thrust_n", "vehicle.max-thrust-n"),
             ("control.controler", "control.controller"),

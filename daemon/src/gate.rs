@@ -109,6 +109,10 @@ impl MotionGate {
             (expected, self.hypothesis, without) = (returned, None, None);
             residual = PoseResidual::of(&expected, pose);
         }
+        if let Some(stopped) = self.stopped_by_floor(tracker, (&expected, &residual), pose) {
+            (expected, self.hypothesis, without) = (stopped, None, None);
+            residual = PoseResidual::of(&expected, pose);
+        }
         if !self.lies_on(&expected, &residual, self.sigma) {
             let agrees = |track: &Track| {
                 self.lies_on(track, &PoseResidual::of(track, pose), HYPOTHESIS_SIGMA)
@@ -174,6 +178,19 @@ impl MotionGate {
     fn returns_to(&self, without: &Track, residual: &PoseResidual, pose: &MeasuredPose) -> bool {
         let other = PoseResidual::of(without, pose);
         !other.is_significant(&self.tolerance) && other.distance_m() < residual.distance_m()
+    }
+
+    /// The motion that the floor has stopped, if `pose` is nearer to it than to the motion `expected`, from which it has `residual`: the
+    /// prediction does not contain the floor, and a vehicle that rests on it is not another body.
+    fn stopped_by_floor(
+        &self,
+        tracker: &MotionTracker,
+        (expected, residual): (&Track, &PoseResidual),
+        pose: &MeasuredPose,
+    ) -> Option<Track> {
+        let stopped = expected.stopped_by_floor(tracker.floor_m())?;
+        let is_nearer = PoseResidual::of(&stopped, pose).distance_m() < residual.distance_m();
+        (is_nearer && residual.is_significant(&self.tolerance)).then_some(stopped)
     }
 
     /// Records a refused pose, and returns why.

@@ -6,6 +6,7 @@ mod external;
 mod fence;
 mod heading;
 mod identify;
+mod landing;
 mod live;
 mod live_tuning;
 mod margins;

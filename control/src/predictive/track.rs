@@ -296,6 +296,15 @@ impl Track {
         self.motion.position.z < floor_m + FLOOR_REACH_M
     }
 
+    /// The track of a vehicle that would sink below a floor at `floor_m` \[m, world z\], stopped by it; `None` for any other.
+    pub fn stopped_by_floor(&self, floor_m: f64) -> Option<Self> {
+        let mut stopped = *self;
+        let Motion { position, velocity, .. } = &mut stopped.motion;
+        let sinks = position.z < floor_m && velocity.z < 0.0;
+        (position.z, velocity.z) = (floor_m, 0.0);
+        sinks.then_some(stopped)
+    }
+
     /// Whether the vehicle has left the floor, or is about to.
     pub fn is_lifted(&self) -> bool {
         self.is_lifted
