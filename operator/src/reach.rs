@@ -164,7 +164,7 @@ impl Reached {
         let forbidden = if is_elsewhere { elsewhere } else { here };
         let first = forbidden.first()?;
         let root = root_of(first, paths);
-        let is_of_first = |process: &&&ObeyingProcess| process.has_root_of(first);
+        let is_of_first = |it: &&&ObeyingProcess| it.has_root_of(first) && it.user == first.user;
         let names: Vec<_> = forbidden.iter().filter(is_of_first).map(|it| name_of(it)).collect();
         let place = match &root {
             Some(root) => format!(" in {}", root.display()),
@@ -179,7 +179,7 @@ impl Reached {
         let mut message = format!(
             "{command}: instance `{instance}` runs{place} as user {user}: no permission for {}; run `sudo oqtal ctl {command} --instance \
              {instance}{}`",
-            names.join(", "),
+            names.join(" and "),
             flag.unwrap_or_default()
         );
         let others = forbidden.iter().filter(|process| !is_of_first(process));

@@ -161,13 +161,13 @@ fn a_factor_of_time_suffices_for_every_limit_and_for_the_room() {
         [
             "trajectory.kind=circle".to_owned(),
             format!("trajectory.circle.radius-m={radius_m}"),
-            format!("trajectory.circle.period-s={}", 3.0 * times),
-            format!("trajectory.circle.ramp-s={}", 3.0 * times),
+            format!("trajectory.circle.period-s={}", 2.0 * times),
+            format!("trajectory.circle.ramp-s={}", 2.0 * times),
             format!("fence.x-m=[-{fence_m}, {fence_m}]"),
             format!("fence.y-m=[-{fence_m}, {fence_m}]"),
         ]
     };
-    for (radius_m, fence_m) in [(1.0, 2.6), (2.0, 5.0), (3.0, 8.0)] {
+    for (radius_m, fence_m) in [(1.0, 2.8), (2.0, 5.0), (3.0, 8.0)] {
         for start in [None, Some(Vector3::zeros())] {
             let told = |times| {
                 let settings = circle(times, radius_m, fence_m);

@@ -161,8 +161,13 @@ fn a_setting_that_has_its_value_already_is_not_a_change() {
 fn changed_settings_that_do_not_fit_into_an_answer_are_counted() {
     let (_, requests) = loop_handoff();
     let mut settings = LiveSettings::new(&Config::default(), &[]);
+    let is_changed = |key: &str| {
+        ["position.", "reference.", "control.indi.", "control.lqr."]
+            .iter()
+            .any(|it| key.starts_with(it))
+    };
     let numbers = Config::default().comparable_values().into_iter().filter_map(|(key, value)| {
-        let number = value.parse::<f64>().ok().filter(|_| key.starts_with("position."))?;
+        let number = value.parse::<f64>().ok().filter(|_| is_changed(&key))?;
         Some(format!("{key}={}", 0.987_654_321 * number))
     });
     let changes: Vec<_> = numbers.collect();
