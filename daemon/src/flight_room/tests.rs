@@ -167,7 +167,7 @@ fn a_factor_of_time_suffices_for_every_limit_and_for_the_room() {
             format!("fence.y-m=[-{fence_m}, {fence_m}]"),
         ]
     };
-    for (radius_m, fence_m) in [(1.0, 2.8), (2.0, 5.0), (3.0, 8.0)] {
+    for (radius_m, fence_m) in [(1.0, 3.3), (2.0, 5.4), (3.0, 8.0)] {
         for start in [None, Some(Vector3::zeros())] {
             let told = |times| {
                 let settings = circle(times, radius_m, fence_m);
