@@ -204,17 +204,17 @@ fn check_flyable(
 ) -> Result<(), OptionError> {
     let room =
         check_height(config, trajectory).and_then(|()| check_room(config, trajectory, start));
-    check_motion(config, (trajectory, start), room)
+    check_motion(config, (trajectory, start.or_else(|| known_start(config))), room)
 }
 
 /// Whether the vehicle can follow `trajectory`, and the daemon accepts its set-points, beside the check of its `room`: with a remedy for the
-/// one the other would be refused.
+/// one the other would be refused. The factor of time also gives room from `start` \[m, world\], if one does.
 fn check_motion(
     config: &Config,
     (trajectory, start): (&Trajectory, Option<Vector3<f64>>),
     room: Result<(), OptionError>,
 ) -> Result<(), OptionError> {
-    let lacks_room = |slower| room.is_err() && lacks_room(config, trajectory, (start, slower));
+    let lacks_room = |slower| lacks_room(config, trajectory, (start, slower));
     let motion =
         check_demand(config, trajectory, lacks_room).and_then(|()| check_turns(config, trajectory));
     match (room, motion) {
