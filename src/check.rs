@@ -1,4 +1,4 @@
-//! `oqtal check FILE…`: the effective configuration, and its differences from the shipped vehicle.
+//! `oqtal check FILE…`, or with --config as elsewhere: the effective configuration, and its differences from the shipped vehicle.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -16,6 +16,9 @@ pub struct CheckArgs {
     /// Configuration files (TOML), later ones override earlier ones [default: the built-in values]
     #[arg(value_name = "FILE")]
     files: Vec<PathBuf>,
+    /// The same, as for every other command
+    #[arg(long, value_name = "FILE", conflicts_with = "files")]
+    config: Vec<PathBuf>,
     #[command(flatten)]
     settings: SettingArgs,
 }
@@ -26,7 +29,7 @@ impl CheckArgs {
     /// # Errors
     /// A file or a setting has an error (exit code 78, with its origin), or a file that it names is invalid (65).
     pub fn execute(&self) -> Result<Exit, Failure> {
-        let config = Config::load(&self.files, &self.settings.settings()?)?;
+        let config = self.load()?;
         check_instance(&config)?;
         oqtal_bridge::check_options(&config).map_err(|error| config.locate(&error))?;
         oqtal_daemon::check(&config)?;
@@ -41,6 +44,11 @@ impl CheckArgs {
         changes(&config)?.iter().for_each(|line| say(&format!("oqtal: {line}")));
         print(&describe(&config))?;
         Ok(Exit::Ok)
+    }
+
+    fn load(&self) -> Result<Config, Failure> {
+        let files = [&self.files[..], &self.config].concat();
+        Ok(Config::load(&files, &self.settings.settings()?)?)
     }
 }
 
@@ -81,17 +89,35 @@ fn change(key: &str, now: &Value, before: Option<&Value>) -> String {
 mod tests {
     use super::*;
 
-    #[test]
-    fn settings_of_the_command_line_are_those_of_the_flight_commands() {
+    fn loaded(words: &[&str]) -> Config {
         #[derive(clap::Parser)]
         struct Line {
             #[command(flatten)]
             check: CheckArgs,
         }
-        let line = ["check", "--set", "vehicle.rate-lag-ms=60", "--plant", "rate-lag-ms=80"];
-        let check = <Line as clap::Parser>::try_parse_from(line).unwrap().check;
-        let config = Config::load(&check.files, &check.settings.settings().unwrap()).unwrap();
+        let line = <Line as clap::Parser>::try_parse_from([&["check"], words].concat()).unwrap();
+        line.check.load().unwrap()
+    }
+
+    #[test]
+    fn settings_of_the_command_line_are_those_of_the_flight_commands() {
+        let config = loaded(&["--set", "vehicle.rate-lag-ms=60", "--plant", "rate-lag-ms=80"]);
         assert_eq!((config.vehicle.rate_lag_ms, config.plant.rate_lag_ms), (60.0, 80.0));
+    }
+
+    #[test]
+    fn files_are_given_by_themselves_or_with_the_option_of_other_commands() {
+        let directory = tempfile::tempdir().unwrap();
+        let files = ["60", "70"].map(|lag| {
+            let file = directory.path().join(lag);
+            std::fs::write(&file, format!("[vehicle]\nrate-lag-ms = {lag}.0\n")).unwrap();
+            file.display().to_string()
+        });
+        for words in
+            [vec![files[0].as_str(), &files[1]], vec!["--config", &files[0], "--config", &files[1]]]
+        {
+            assert_eq!(loaded(&words).vehicle.rate_lag_ms, 70.0, "{words:?}");
+        }
     }
 
     #[test]

@@ -7,9 +7,9 @@ use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_config::{Config, InstanceOptions};
 use oqtal_observe::status::InstanceStatus;
-use oqtal_operator::request::{running_bus, send, unanswered_beside};
+use oqtal_operator::request::{edited_note, running_bus, send, unanswered};
 use oqtal_operator::{
-    AddressedInstance, ControlReport, CtlRequest, arm, land, request_of, status, stop,
+    AddressedInstance, ControlReport, CtlRequest, arm, land, namesakes, request_of, status, stop,
 };
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, paths_of};
 use oqtal_runtime::program::{print, say};
@@ -56,9 +56,9 @@ impl CtlArgs {
     fn run(&self, document: &mut Option<String>) -> Result<Exit, Failure> {
         let request = request_of(self.command, &self.arguments)?.by("oqtal");
         let (instance, config) = self.target()?;
-        self.check_settings()?;
         let address =
             AddressedInstance { paths: paths_of(&instance)?, has_root: !instance.root.is_empty() };
+        self.check_settings(&address)?;
         if let CtlRequest::Stop = self.command {
             return self.stop((&address, request), document);
         }
@@ -73,9 +73,7 @@ impl CtlArgs {
                 (status, (response, Vec::new()))
             }
         };
-        let lines =
-            [status.lines(), self.injected_faults(&address), self.trajectory_note(&response)]
-                .concat();
+        let lines = [status.lines(), self.notes(&address, &response)].concat();
         let report = ControlReport::new(self.command.command(), &response, status, &address.paths)
             .under(&roots);
         let refused = report.check(&response, expected);
@@ -84,6 +82,7 @@ impl CtlArgs {
             Err(failure) => report.with_error(failure),
         };
         *document = Some(report.to_json());
+        self.tell_edited_files(&address);
         if refused.is_err() {
             // The processes with their configurations, if these differ.
             lines.iter().for_each(|line| say(line));
@@ -97,22 +96,43 @@ impl CtlArgs {
         Ok(Exit::Ok)
     }
 
-    /// Line of `status` with the faults that the configuration of the daemon injects; empty without any.
-    fn injected_faults(&self, address: &AddressedInstance) -> Vec<String> {
-        let is_asked = matches!(self.command, CtlRequest::Status);
-        let config = is_asked.then(|| daemon_config(&address.paths)).flatten();
-        config.and_then(|config| injected(&config)).into_iter().collect()
+    /// Lines below the answer: of `status` the faults that the configuration of the daemon injects, and other instances of the name.
+    fn notes(&self, address: &AddressedInstance, response: &ControlResponseV1) -> Vec<String> {
+        let note = self.trajectory_note(address, response);
+        if !matches!(self.command, CtlRequest::Status) {
+            return Vec::from_iter(note);
+        }
+        let config = daemon_config(&address.paths);
+        let config = config.filter(|config| config.hash() == response.config_hash);
+        let faults = config.and_then(|config| injected(&config));
+        faults.into_iter().chain(namesakes(&address.paths)).collect()
     }
 
-    /// Note that keys of `[trajectory]` set in flight do not change the trajectory being flown; empty otherwise.
-    fn trajectory_note(&self, response: &ControlResponseV1) -> Vec<String> {
+    /// Tells which files of the daemon were edited since its start. A command that ends a flight does not wait for them.
+    fn tell_edited_files(&self, address: &AddressedInstance) {
+        let note = (!self.command.ends_flight()).then(|| edited_note(&address.paths)).flatten();
+        note.iter().for_each(|note| say(&format!("oqtal: {note}")));
+    }
+
+    /// Note that keys of `[trajectory]` set in flight do not change the trajectory being flown; `None` otherwise.
+    fn trajectory_note(
+        &self,
+        address: &AddressedInstance,
+        response: &ControlResponseV1,
+    ) -> Option<String> {
         let is_of_path = |setting: &String| setting.starts_with("trajectory.");
         let is_later = matches!(self.command, CtlRequest::Set)
             && response.answer != Answer::Refused.code()
             && response.mode == Mode::Flying.code()
             && self.arguments.iter().any(is_of_path);
-        let line = "trajectory.height-m, take-off-s, settle-s and descent-m-s take effect with the next flight, other keys of [trajectory] with the next `oqtal ctl fly`";
-        is_later.then(|| line.to_owned()).into_iter().collect()
+        let line = || {
+            format!(
+                "trajectory.height-m, take-off-s, settle-s and descent-m-s take effect with the next flight, other keys of [trajectory] with \
+                 the next `oqtal ctl fly TRAJECTORY {}`",
+                address.paths.flags()
+            )
+        };
+        is_later.then(line)
     }
 
     /// Stops the addressed vehicle, and prints which processes obey.
@@ -132,7 +152,7 @@ impl CtlArgs {
 
     /// Refuses a `--set` that would have no effect: only those of the instance, and of the configuration that `arm` expects, have
     /// one. A command that ends a flight is sent nevertheless.
-    fn check_settings(&self) -> Result<(), Failure> {
+    fn check_settings(&self, address: &AddressedInstance) -> Result<(), Failure> {
         let is_used = |text: &&String| text.trim_start().starts_with("instance.");
         let names_expected =
             matches!(self.command, CtlRequest::Arm) && !self.common.config.is_empty();
@@ -143,7 +163,8 @@ impl CtlArgs {
             return Ok(());
         }
         let message = format!(
-            "ctl: --set {unused} would have no effect: `oqtal ctl set KEY=VALUE` changes a setting of the running daemon"
+            "ctl: --set {unused} would have no effect: `oqtal ctl set KEY=VALUE {}` changes a setting of the running daemon",
+            address.paths.flags()
         );
         if self.command.ends_flight() {
             say(&format!("oqtal: warning: {message}"));
@@ -200,7 +221,7 @@ impl CtlArgs {
         }
         let Some(response) = response else {
             status.lines().iter().for_each(|line| say(line));
-            return Err(unanswered_beside(bus, status.vehicle.as_ref()));
+            return Err(unanswered(bus));
         };
         Ok((response, status))
     }
@@ -221,7 +242,8 @@ fn differences(
 ) -> Option<String> {
     let is_other =
         response.cause == Cause::OtherConfig.code() && response.config_hash != expected.hash();
-    let daemon = is_other.then(|| daemon_config(&address.paths))??;
+    let daemon = is_other.then(|| daemon_config(&address.paths)).flatten();
+    let daemon = daemon.filter(|daemon| daemon.hash() == response.config_hash)?;
     let of_daemon = daemon.hashed_differences(expected);
     (!of_daemon.is_empty()).then(|| format!("the daemon was started with {}", of_daemon.join(", ")))
 }

@@ -18,7 +18,7 @@ use oqtal_lab::tune::live::{self, LiveTuning};
 use oqtal_lab::tune::tuned::Tuned;
 use oqtal_lab::tune::{LiveArgs, TuneArgs, page};
 use oqtal_observe::flight::Flight;
-use oqtal_observe::law_query::changed_before;
+use oqtal_observe::law_query::{NoAnswer, changed_before};
 use oqtal_observe::recording::{McapRecorder, RecordingPlan};
 use oqtal_operator::request::{running_bus, silent, unanswered};
 use oqtal_operator::{AddressedInstance, CtlRequest, execute as execute_request};
@@ -246,10 +246,16 @@ fn apply_gains(
 /// The settings with which the daemon flies now.
 ///
 /// # Errors
-/// The daemon does not answer (exit code 75), or the copy of its configuration cannot be read.
+/// The daemon does not answer (exit code 75) or has changed too many settings (1), or the copy of its configuration cannot be read.
 fn present_settings(bus: &Bus) -> Result<Vec<Setting>, Failure> {
     let mut settings = Config::file_settings(&bus.paths().config())?;
-    let changed = changed_before(bus).map_err(|_| unanswered(bus))?;
+    let changed = changed_before(bus).map_err(|reason| match reason {
+        NoAnswer::Incomplete => Failure::new(
+            Exit::Flight,
+            "tune --live: more settings were changed in flight than the daemon's answer names; start it with them",
+        ),
+        NoAnswer::NoDaemon | NoAnswer::Silent => unanswered(bus),
+    })?;
     let changed = changed.as_ref().map_or("", |event| event.text.as_str());
     for line in changed.lines().filter(|line| line.contains('=')) {
         settings.push(Setting::parse("daemon", line)?);

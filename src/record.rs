@@ -72,9 +72,12 @@ impl RecordArgs {
         }
         // The file exists once the recorder has all its places.
         let changed = changed_before(observer.bus()).unwrap_or_else(|reason| {
-            if reason == NoAnswer::Silent {
-                say("oqtal: the daemon does not answer: settings that were changed before are not recorded");
-            }
+            let told = match reason {
+                NoAnswer::NoDaemon => return None,
+                NoAnswer::Silent => "the daemon does not answer",
+                NoAnswer::Incomplete => "the daemon has changed more settings than an answer names",
+            };
+            say(&format!("oqtal: {told}: settings that were changed before are not recorded"));
             None
         });
         let recorder = self.begin(&config)?;

@@ -82,6 +82,10 @@ fn a_landing_and_a_stop_by_name_under_two_roots_name_both() {
         assert!(output.status.success(), "{output:?}");
         String::from_utf8_lossy(&output.stdout).into_owned()
     };
+    let status = testbed.oqtal(&["ctl", "status"]).output().unwrap();
+    let status = String::from_utf8_lossy(&status.stdout).into_owned();
+    let line = format!("under {}; others of this name run under {}", roots[0], roots[1]);
+    assert!(status.contains(&line), "{status}");
     let landed = said("land");
     assert!(roots.iter().all(|root| landed.contains(root)), "{landed}");
     let stopped = said("stop");

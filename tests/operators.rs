@@ -57,6 +57,35 @@ fn under_fly_a_reload_without_a_file_is_refused_since_the_daemon_reads_a_copy() 
 }
 
 #[test]
+fn hints_name_a_file_that_was_edited_after_the_daemon_had_read_it() {
+    let testbed = Testbed::new("edited-file");
+    let file = testbed.write("my.toml", "[position]\ntilt-limit-deg = 14.0\n");
+    let name = file.display().to_string();
+    let said = |words: &[&str]| {
+        let answer = ctl(&testbed, words);
+        String::from_utf8_lossy(&answer.stdout).into_owned() + &stderr(&answer)
+    };
+    let start = |process| testbed.start(&[process, "run", "--config", &name]);
+    let [_plant, _cameras, daemon] = ["plant-sim", "mocap-emu", "daemon"].map(start);
+    testbed.wait_for_daemon();
+    assert!(!said(&["status"]).contains(&name));
+    std::fs::write(&file, "[position]\ntilt-limit-deg = 11.0\n").unwrap();
+    let edited = format!("{name}: edited or removed after the daemon had read it");
+    for words in [&["status"][..], &["get"], &["set", "position.tilt-limit-deg=12"], &["undo"]] {
+        let told = said(words);
+        assert!(told.contains(&edited), "{words:?}: {told}");
+    }
+    assert!(said(&["stop"]).contains(&edited));
+    daemon.signal(rustix::process::Signal::TERM);
+    daemon.wait();
+    let lacks = format!("that has the settings of the last daemon, {name} was edited");
+    for words in [["stop"], ["arm"], ["land"]] {
+        let told = said(&words);
+        assert!(told.contains(&lacks), "{words:?}: {told}");
+    }
+}
+
+#[test]
 fn a_stop_between_reloads_is_obeyed_at_once() {
     let testbed = Testbed::new("stop-reload");
     let bus = testbed.bus();

@@ -46,6 +46,13 @@ fn f15_a_stop_bypasses_a_stopped_daemon_and_is_latched_when_it_continues() {
     assert_eq!(code, Some(0), "{message}");
     assert_eq!(answer["motors_off"], true);
     assert_eq!(answer["daemon_obeys"], false);
+    assert!(answer.get("arm_again").is_none(), "{answer}");
+    let told = String::from_utf8(testbed.oqtal(&["ctl", "stop"]).output().unwrap().stdout).unwrap();
+    let remedy = format!(
+        "\nto fly again: the daemon does not answer; continue it with `kill -CONT {}`",
+        daemon.id()
+    );
+    assert!(told.contains(&remedy), "{told}");
     until(&mut vehicles, "the stop", |vehicle| (vehicle.armed, vehicle.stopped) == (0, 1));
     daemon.signal(Signal::CONT);
     let mut telemetry = bus.observer(&TELEMETRY).unwrap();
@@ -202,8 +209,10 @@ fn stop_and_land_need_no_valid_configuration() {
         assert_eq!(run("status").0, Some(78), "{words:?} {variables:?}");
     }
     let land = testbed.oqtal(&["ctl", "land", "--config", &half]).output().unwrap();
-    let remedy = format!("the vehicle may fly, `oqtal ctl stop --instance {}", testbed.instance());
-    assert_refused(&land, 75, &["no daemon answers", &remedy]);
+    assert_refused(&land, 75, &["no daemon answers", "its motors are off"]);
+    for command in ["arm", "status"] {
+        testbed.refuses(&["ctl", command], 75, &["no daemon answers", "its motors are off"]);
+    }
     let (_, answer, message) = stop(&testbed);
     for (key, command) in
         [("start_again", "oqtal daemon run --inst"), ("arm_again", "oqtal ctl arm --inst")]

@@ -70,6 +70,11 @@ fn words_are_plain() {
 }
 
 #[test]
+fn a_command_in_a_message_addresses_the_instance() {
+    assert_none("commands without the instance", &words::unaddressed_commands());
+}
+
+#[test]
 fn lines_of_documents_have_at_most_400_characters_outside_tables() {
     assert_none("lines of more than 400 characters", &words::long_lines());
 }

@@ -30,6 +30,16 @@ impl<const N: usize> Text<N> {
         Some(Self(bytes))
     }
 
+    /// As many of the first `lines` as the text can have, one under another, then the number of the others.
+    pub fn of_first_lines(lines: &[&str]) -> Self {
+        let first = |count: usize| {
+            let others = lines.len() - count;
+            let others = (others > 0).then(|| format!("and {others} more"));
+            Self::of_lines(lines[..count].iter().copied().chain(others.as_deref()))
+        };
+        (0..=lines.len()).rev().find_map(first).unwrap_or_default()
+    }
+
     /// Message text from `text`, without control characters.
     pub fn new(text: &str) -> Self {
         let mut bytes = [0; N];
@@ -106,6 +116,10 @@ mod tests {
         assert_eq!(ShortText::from_ascii(&[b'x'; 200]).as_str().len(), 56);
         assert_eq!(Text::<5>::of_lines(["a=1", "b"]).unwrap().as_str(), "a=1\nb");
         assert_eq!(Text::<4>::of_lines(["a=1", "b"]), None);
+        let first =
+            |count| Text::<20>::of_first_lines(&["a=1", "b=22", "c=333", "d=4444"][..count]);
+        assert_eq!(first(3).as_str(), "a=1\nb=22\nc=333");
+        assert_eq!(first(4).as_str(), "a=1\nb=22\nand 2 more");
         assert!(ShortText::from_bytes([0xff; 56]).is_empty() && ShortText::EMPTY.is_empty());
     }
 }

@@ -58,11 +58,15 @@ pub(crate) fn follow_word(key: &str) -> Option<String> {
     followed_by(key).and_then(|source| source.split('.').next().map(str::to_owned))
 }
 
+/// Keys of `[plant]` that follow the vehicle's.
+pub(crate) fn airframe() -> impl Iterator<Item = String> {
+    AIRFRAME.iter().map(|name| format!("plant.{name}"))
+}
+
 /// Replaces every word in `table` that names a section to follow by the followed value, and completes partly given tables.
 pub(crate) fn resolve(table: &mut Table) {
-    let airframe = AIRFRAME.map(|name| format!("plant.{name}"));
     let others = OTHERS.map(|(key, _)| key.to_owned());
-    for key in airframe.iter().chain(&others) {
+    for key in &Vec::from_iter(airframe().chain(others)) {
         let Some(value) = followed_by(key).and_then(|source| value_at(table, &source)).cloned()
         else {
             continue;

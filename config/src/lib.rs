@@ -13,6 +13,7 @@
 //! | `renamed.rs`, `nearest_key.rs` | keys of earlier versions; the key that an unknown one was meant to be |
 //! | `origin.rs`, `error.rs` | origins of values, and the error that names them |
 //! | `reason.rs` | reasons of the TOML reader in plain words |
+//! | `source.rs` | comments that name the files of a configuration |
 //! | `text.rs` | files read as text |
 //! | `airframe.rs` | values common to `[vehicle]` and `[plant]` |
 //! | `disturbance.rs`, `period.rs` | timed disturbances; the period of disturbances and faults |
@@ -54,6 +55,7 @@ mod reference;
 mod renamed;
 mod safety;
 mod setting;
+mod source;
 mod text;
 mod vehicle;
 
@@ -82,5 +84,6 @@ pub use record::{RecordOptions, RecordedFlights};
 pub use reference::ReferenceOptions;
 pub use safety::SafetyOptions;
 pub use setting::{Setting, parse_option};
+pub use source::{edited_sources, kept_source_comments, source_comments};
 pub use text::{read_text, read_waypoints};
 pub use vehicle::VehicleOptions;

@@ -9,8 +9,9 @@ use crate::config::{Config, DEFAULTS, deserialize, keep_file_name};
 use crate::error::ConfigError;
 use crate::layer::FILE_KEYS;
 use crate::nearest_key::with_nearest_key;
-use crate::renamed;
+use crate::origin::are_nested;
 use crate::setting::Setting;
+use crate::{follow, renamed};
 
 /// Sections whose keys may change in flight.
 const LIVE: [&str; 4] = ["control", "position", "trajectory", "reference"];
@@ -58,22 +59,38 @@ impl Config {
         let error = |reason| ConfigError { origin: "settings".to_owned(), reason };
         let config = Self { origins, ..deserialize(&table).map_err(error)? };
         config.check()?;
-        let changed = self.differences(&config).map_err(error)?;
-        let fixed = changed.iter().find_map(|text| {
-            let key = text.split('=').next().unwrap_or_default();
-            restart_for(key).map(|process| (key, process))
-        });
-        let is_external = self.control.is_external() || config.control.is_external();
-        let fixed = fixed.or_else(|| {
-            let changes = self.control.controller != config.control.controller;
-            (is_external && changes).then_some(("control.controller", ALL))
-        });
-        match fixed {
-            None => Ok(config),
-            Some((key, process)) => Err(error(format!(
-                "`{key}`: cannot change while the daemon runs; restart {process} with it"
-            ))),
+        self.require_live(&config, settings)?;
+        Ok(config)
+    }
+
+    /// Refuses a change to `next`, by `settings`, of a key that cannot change while the daemon runs.
+    ///
+    /// # Errors
+    /// The setting because of which such a key changes, with the key that it was written with.
+    pub fn require_live(&self, next: &Self, settings: &[Setting]) -> Result<(), ConfigError> {
+        let error = |reason| ConfigError { origin: "settings".to_owned(), reason };
+        let changed = self.differences(next).map_err(error)?;
+        let keys = changed.iter().map(|text| text.split('=').next().unwrap_or_default());
+        let mut fixed: Vec<_> =
+            keys.filter_map(|key| restart_for(key).map(|process| (key, process))).collect();
+        let is_external = self.control.is_external() || next.control.is_external();
+        if is_external && self.control.controller != next.control.controller {
+            fixed.push(("control.controller", ALL));
         }
+        let Some((first, process)) = fixed.first() else { return Ok(()) };
+        let sets = |setting: &&Setting, key: &str| {
+            let present = renamed::with_present_keys(std::slice::from_ref(*setting));
+            present.iter().any(|setting| are_nested(&setting.key, key))
+        };
+        // Before a key that follows another one, the one that was written.
+        let written = fixed.iter().find_map(|(key, process)| {
+            let setting = settings.iter().rfind(|setting| sets(setting, key))?;
+            Some((setting.key.as_str(), *process))
+        });
+        let (key, process) = written.unwrap_or((first, process));
+        Err(error(format!(
+            "`{key}`: cannot change while the daemon runs; restart {process} with it"
+        )))
     }
 
     /// The configuration of `files` as they are now, with the settings of this one that are from none of them: those of flags, of the
@@ -108,7 +125,7 @@ impl Config {
     pub fn differences(&self, other: &Self) -> Result<Vec<String>, String> {
         if let Some(key) = self.keys_without_value_in(other).first() {
             return Err(format!(
-                "`{key}`: cannot be removed while the daemon runs; set it to a value, or take its change back with `oqtal ctl undo`"
+                "`{key}`: cannot be removed while the daemon runs; set it to a value, or take its change back by the request `undo`"
             ));
         }
         Ok(self.changed_values(other))
@@ -141,6 +158,17 @@ impl Config {
         let mut table = self.to_table();
         FILE_KEYS.iter().for_each(|key| keep_file_name(&mut table, key));
         flattened(table).into_iter().collect()
+    }
+
+    /// Whether the modelled and the simulated vehicle have every value of the preset that they are named after.
+    pub fn has_vehicle_of_preset(&self) -> bool {
+        let preset = Setting::flag("preset", "vehicle.preset", self.vehicle.preset.as_str());
+        let Ok(shipped) = Self::from_settings(&[preset]) else { return false };
+        let tables = [self, &shipped].map(Self::to_table);
+        let values =
+            |key: &str| tables.each_ref().map(|table| follow::value_at(table, key).cloned());
+        let is_same = |key: String| matches!(&values(&key), [own, other] if own == other);
+        self.vehicle == shipped.vehicle && follow::airframe().all(is_same)
     }
 
     fn to_table(&self) -> Table {

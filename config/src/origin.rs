@@ -112,7 +112,7 @@ pub(crate) fn of_different_keys(settings: &[Setting]) -> impl Iterator<Item = &[
 }
 
 /// Whether the keys are equal, or one is a section that contains the other.
-fn are_nested(a: &str, b: &str) -> bool {
+pub(crate) fn are_nested(a: &str, b: &str) -> bool {
     let is_within = |key: &str, section: &str| {
         key.strip_prefix(section).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
     };

@@ -13,6 +13,7 @@ use oqtal_bus::port::{Reader, Writer};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{EVENT, Role};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
+use oqtal_config::{kept_source_comments, source_comments};
 use oqtal_runtime::background::BackgroundWorker;
 use oqtal_runtime::files;
 use oqtal_runtime::health::{Health, Heartbeat};
@@ -65,8 +66,16 @@ impl ConfigFile {
     /// Time between two looks.
     const PERIOD: Span = Span::from_millis(500);
 
-    /// Writes the file.
-    fn begin(path: PathBuf, text: String) -> Self {
+    /// Writes the file, with comments that name those of which the configuration was read; a copy names those of its original.
+    fn begin(path: PathBuf, context: &ProcessContext) -> Self {
+        let sources = if context.is_child {
+            String::new()
+        } else if context.files == [path.clone()] {
+            kept_source_comments(&std::fs::read_to_string(&path).unwrap_or_default())
+        } else {
+            source_comments(&context.files)
+        };
+        let text = sources + &context.config.to_toml();
         let file = Self { path, text, next: Time::now() + Self::PERIOD };
         file.write();
         file
@@ -141,7 +150,7 @@ impl DaemonWorker {
         let (server, heartbeat) = (bus.control_server()?, context.heartbeat(&bus)?);
         let peers = PEERS.iter().map(|role| Peer::open(&bus, *role)).collect::<Result<_, _>>()?;
         let (health, events) = (context.health.clone(), bus.writer(&EVENT)?);
-        let file = ConfigFile::begin(context.paths()?.config(), context.config.to_toml());
+        let file = ConfigFile::begin(context.paths()?.config(), context);
         let logged = String::new();
         Ok(Self {
             requests,

@@ -36,6 +36,19 @@ fn check_room(
     }
 }
 
+/// Whether `trajectory` leaves the fence when it is flown `slower` times as slowly \[-\], from `start` \[m, world\] as in [`check_room`].
+fn lacks_room(
+    config: &Config,
+    trajectory: &Trajectory,
+    (start, slower): (Option<Vector3<f64>>, f64),
+) -> bool {
+    let ways = Way::both_flown(config, trajectory, (start.unwrap_or_default(), slower));
+    match start {
+        Some(_) => !ways.iter().all(|way| way.is_inside(&Fence::new(&config.fence))),
+        None => check_span(config, &ways).is_err(),
+    }
+}
+
 /// Whether the trajectory stays above the floor on which the flight begins.
 fn check_height(config: &Config, trajectory: &Trajectory) -> Result<(), OptionError> {
     let Some((t_s, lowest)) = lowest(config, trajectory) else { return Ok(()) };
@@ -178,7 +191,7 @@ pub(crate) fn require_flyable_in_flight(
     match config.trajectory.kind {
         TrajectoryKind::Waypoints => require_flyable(config, trajectory, None),
         _ => require(config, trajectory, |config, trajectory| {
-            check_motion(config, trajectory, check_room(config, trajectory, None))
+            check_motion(config, (trajectory, None), check_room(config, trajectory, None))
         }),
     }
 }
@@ -191,17 +204,19 @@ fn check_flyable(
 ) -> Result<(), OptionError> {
     let room =
         check_height(config, trajectory).and_then(|()| check_room(config, trajectory, start));
-    check_motion(config, trajectory, room)
+    check_motion(config, (trajectory, start.or_else(|| known_start(config))), room)
 }
 
 /// Whether the vehicle can follow `trajectory`, and the daemon accepts its set-points, beside the check of its `room`: with a remedy for the
-/// one the other would be refused.
+/// one the other would be refused. The factor of time also gives room from `start` \[m, world\], if one does.
 fn check_motion(
     config: &Config,
-    trajectory: &Trajectory,
+    (trajectory, start): (&Trajectory, Option<Vector3<f64>>),
     room: Result<(), OptionError>,
 ) -> Result<(), OptionError> {
-    let motion = check_demand(config, trajectory).and_then(|()| check_turns(config, trajectory));
+    let lacks_room = |slower| lacks_room(config, trajectory, (start, slower));
+    let motion =
+        check_demand(config, trajectory, lacks_room).and_then(|()| check_turns(config, trajectory));
     match (room, motion) {
         (Err(room), Err(motion)) => {
             let allowed = format!("{}; besides, {motion}", room.allowed);

@@ -2,7 +2,7 @@
 
 use oqtal_config::{Config, Interface};
 use oqtal_control::options::OptionError;
-use oqtal_control::predictive::MotionDemand;
+use oqtal_control::predictive::{MotionDemand, VehicleModel};
 use oqtal_control::trajectory::{
     FlightPlan, Phase, Reference, StartPoint, Trajectory, TrajectoryKind,
 };
@@ -67,35 +67,69 @@ impl Demand {
     }
 }
 
-/// Whether the vehicle can fly `trajectory`: with 0.9 of its thrust, 0.8 of its rates, and inside the limits of speed and tilt.
-///
-/// # Errors
-/// The key of the limit, the first point at which the trajectory exceeds it most, and the factor of time with which it would not.
-pub(crate) fn check_demand(config: &Config, trajectory: &Trajectory) -> Result<(), OptionError> {
-    let model = CommandModel::new(config)?.model;
-    let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
-    let (begin_s, take_off_s) = (config.trajectory.start_s(), config.trajectory.take_off_s);
-    let check = |phase: Phase, (from_s, duration_s): (f64, f64)| {
+/// References of one phase of a flight, with their times from its beginning \[s\].
+struct PhaseDemand<'a> {
+    config: &'a Config,
+    phase: Phase,
+    model: VehicleModel,
+    references: Vec<(f64, Reference)>,
+}
+
+impl<'a> PhaseDemand<'a> {
+    /// The `phase` of the flight of `trajectory`.
+    fn of(config: &'a Config, trajectory: &Trajectory, phase: Phase) -> Result<Self, OptionError> {
+        let model = CommandModel::new(config)?.model;
+        let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
+        let (from_s, duration_s) = match phase {
+            Phase::TakeOff => (0.0, config.trajectory.take_off_s),
+            _ => (config.trajectory.start_s(), trajectory.duration_s()),
+        };
         let step_s = STEP_S.max(duration_s / MOST_POINTS);
         let times = (0..=(duration_s / step_s) as u32).map(|index| f64::from(index) * step_s);
         let references = times.map(|t_s| (t_s, plan.sample(from_s + t_s)));
-        let references: Vec<(f64, Reference)> =
-            references.filter(|(_, reference)| reference.phase == phase).collect();
-        let worst = |slower: f64| {
-            let demands = references.iter().flat_map(|(t_s, reference)| {
-                let demand = MotionDemand::of(reference, slower, &model);
-                demands(config, (&demand, phase)).map(|demand| (*t_s, demand))
-            });
-            let excessive = demands.filter(|(_, demand)| demand.excess() > 1.0);
-            excessive.max_by(|a, b| a.1.excess().total_cmp(&b.1.excess()))
-        };
-        let Some((t_s, demand)) = worst(1.0) else { return Ok(()) };
-        let factor = least_factor(|slower| worst(slower).is_some());
-        Err(demand.refusal(phase, t_s, factor, config))
-    };
-    check(Phase::TakeOff, (0.0, take_off_s))?;
+        let references = references.filter(|(_, reference)| reference.phase == phase).collect();
+        Ok(Self { config, phase, model, references })
+    }
+
+    /// The greatest excess of the phase flown `slower` times as slowly \[-\], with its time \[s\]; `None` without one.
+    fn worst(&self, slower: f64) -> Option<(f64, Demand)> {
+        let demands = self.references.iter().flat_map(|(t_s, reference)| {
+            let demand = MotionDemand::of(reference, slower, &self.model);
+            demands(self.config, (&demand, self.phase)).map(|demand| (*t_s, demand))
+        });
+        let excessive = demands.filter(|(_, demand)| demand.excess() > 1.0);
+        excessive.max_by(|a, b| a.1.excess().total_cmp(&b.1.excess()))
+    }
+
+    /// Refuses the phase if it exceeds a limit. The factor of time is one with which it also does not `lack_room`, if there is one.
+    fn check(&self, lacks_room: impl Fn(f64) -> bool) -> Result<(), OptionError> {
+        let Some((t_s, demand)) = self.worst(1.0) else { return Ok(()) };
+        let exceeds = |slower| self.worst(slower).is_some();
+        let factor = least_factor(|slower| exceeds(slower) || lacks_room(slower));
+        let factor = factor.or_else(|| least_factor(exceeds));
+        Err(demand.refusal(self.phase, t_s, factor, self.config))
+    }
+}
+
+/// Whether the vehicle can fly `trajectory`: with 0.9 of its thrust, 0.8 of its rates, and inside the limits of speed and tilt. A flight so
+/// many times as slow may `lack_room`.
+///
+/// # Errors
+/// The key of the limit, the first point at which the trajectory exceeds it most, and the factor of time with which it would not.
+pub(crate) fn check_demand(
+    config: &Config,
+    trajectory: &Trajectory,
+    lacks_room: impl Fn(f64) -> bool,
+) -> Result<(), OptionError> {
+    PhaseDemand::of(config, trajectory, Phase::TakeOff)?.check(|_| false)?;
     check_descent(config)?;
-    check(Phase::Trajectory, (begin_s, trajectory.duration_s()))
+    PhaseDemand::of(config, trajectory, Phase::Trajectory)?.check(lacks_room)
+}
+
+/// Whether the trajectory exceeds a limit of the vehicle or of the flight when it is flown so many times as slowly \[-\].
+pub(crate) fn exceeding(config: &Config, trajectory: &Trajectory) -> impl Fn(f64) -> bool {
+    let demand = PhaseDemand::of(config, trajectory, Phase::Trajectory).ok();
+    move |slower| demand.as_ref().is_some_and(|demand| demand.worst(slower).is_some())
 }
 
 /// Refuses a descent that is too fast for the speed limit.

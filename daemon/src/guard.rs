@@ -52,6 +52,8 @@ pub struct Guard {
     unseen_s: Option<f64>,
     lost: u64,
     superseded: u64,
+    /// Poses that were read and refused after the last one whose numbers were counted \[-\].
+    uncounted: u64,
     refused: u64,
     accepted: u64,
     good_in_a_row: u32,
@@ -73,6 +75,7 @@ impl Guard {
             unseen_s: None,
             lost: 0,
             superseded: 0,
+            uncounted: 0,
             refused: 0,
             accepted: 0,
             good_in_a_row: 0,
@@ -144,6 +147,13 @@ impl Guard {
         self.good_in_a_row = 0;
     }
 
+    /// Records a pose that is read and not checked: it is neither accepted nor superseded.
+    pub fn ignore(&mut self, header: &Header) {
+        self.missed();
+        // The order of frames does not matter for a pose that is not used.
+        let _ = self.count_frames(header, true);
+    }
+
     /// Discards the last position after a jump: on the ground somebody may have moved the vehicle.
     pub fn forget(&mut self) {
         if self.unseen_s.is_some() {
@@ -191,6 +201,7 @@ impl Guard {
     ) -> Result<Accepted, Cause> {
         let captured_at = header.stamps.captured_at;
         if captured_at > now {
+            self.uncounted += 1;
             return Err(Cause::Order);
         }
         self.count_frames(header, flying)?;
@@ -217,16 +228,17 @@ impl Guard {
         let restarted = header.source != self.last_source || is_recount;
         self.last_source = header.source;
         if frame <= self.last_frame && !restarted {
+            self.uncounted += 1;
             return Err(Cause::Order);
         }
         if self.last_frame > 0 && !restarted {
             let messages = header.sequence.saturating_sub(self.last_message + 1);
             let frames = frame - self.last_frame - 1;
-            self.superseded += messages;
+            self.superseded += messages.saturating_sub(self.uncounted);
             self.lost += frames.saturating_sub(messages);
         }
         self.last_frame = frame;
-        self.last_message = header.sequence;
+        (self.last_message, self.uncounted) = (header.sequence, 0);
         match self.last {
             Some(last) if header.stamps.captured_at <= last.captured_at => Err(Cause::Order),
             _ => Ok(()),

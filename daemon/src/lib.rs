@@ -33,6 +33,7 @@
 //! | `arming.rs` | the reasons against a flight |
 //! | `live.rs` | changes of a flight and of settings while the daemon runs |
 //! | `stream.rs` | references of a planner |
+//! | `flight_marker.rs` | the marker that holds back the automatic take-off of the next daemon |
 //! | `setpoint.rs` | the check of the reference |
 //! | `loop_health.rs` | age and losses of poses, late ticks |
 //! | `vehicle.rs` | monitor of the vehicle |
@@ -64,6 +65,7 @@ mod descent;
 mod envelope;
 mod external;
 mod fence;
+mod flight_marker;
 mod flight_room;
 mod floor;
 mod flyable;
@@ -97,11 +99,10 @@ use std::rc::Rc;
 use crossbeam_channel::Receiver;
 
 use oqtal_bus::topic::POSE;
-use oqtal_config::{Config, FaultTarget, SafetyOptions};
+use oqtal_config::{Config, FaultTarget};
 use oqtal_control::trajectory::Trajectory;
 use oqtal_runtime::background::with_background;
 use oqtal_runtime::faults::FaultyTransport;
-use oqtal_runtime::flight_marker::FlightMarker;
 use oqtal_runtime::process::{Failure, ProcessContext};
 use oqtal_runtime::process_loop;
 
@@ -114,6 +115,7 @@ pub use cycle::{Cycle, FirstFlight, LoopTiming, Tick};
 pub use envelope::{Candidate, Envelope};
 pub use external::{ExternalLaw, LawPort, reason_of, without_answer};
 pub use fence::Fence;
+use flight_marker::RunMarker;
 pub use flight_room::{known_start, require_flyable};
 pub use gate::MotionGate;
 pub use guard::{Accepted, Guard};
@@ -162,50 +164,21 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
         || DaemonWorker::open(context, requests, connected),
         || {
             // Set once the ports are held: a daemon that could not start leaves no marker.
-            let marker = FlightMarker::of(bus.paths());
             let safety = &context.config.safety;
-            let stays = begin(&marker, safety, &mut cycle);
+            let marker = RunMarker::begin(bus.paths(), safety, &mut cycle);
             let expects_flight = context.is_child && !safety.observe_only;
             if expects_flight {
                 cycle.expect_flight();
             }
-            ports.announce_start(started_at, stays, expects_flight)?;
+            ports.announce_start(started_at, marker.stays, expects_flight)?;
             context.enter_realtime();
             let turn = DaemonTurn { ports, cycle, warmup, handle, law };
             let mut turn = faulty.turn(FaultTarget::Daemon, turn);
             let ended = process_loop::run(&mut turn, &mut clock, None);
-            leave(&marker, safety, ended.is_ok() && !turn.turn.awaits_arm());
-            // A stop that was raised meanwhile.
-            if turn.turn.awaits_arm() {
-                leave(&marker, safety, false);
-            }
+            marker.end(ended.is_ok(), || turn.turn.awaits_arm());
             ended.map_err(Into::into)
         },
     )
-}
-
-/// Prepares the flight at start-up of `cycle` and the marker of this daemon; returns whether the marker cancels an automatic flight.
-fn begin(marker: &FlightMarker, safety: &SafetyOptions, cycle: &mut Cycle) -> bool {
-    let was_set = marker.is_set();
-    let stays = safety.arm_at_start && !safety.observe_only && !marker.claim();
-    if was_set || stays {
-        cycle.cancel_automatic();
-    }
-    stays
-}
-
-/// Sets the marker for the next daemon, or removes it after an end in good order. An observer flies nothing, and changes nothing.
-fn leave(marker: &FlightMarker, safety: &SafetyOptions, is_in_order: bool) {
-    if safety.observe_only {
-        return;
-    }
-    if is_in_order {
-        marker.remove();
-    } else if let Err(error) = marker.ensure_set() {
-        tracing::error!(
-            "the next daemon may take off automatically: the flight marker cannot be written: {error}"
-        );
-    }
 }
 
 /// The external law, if `control.controller` is one: a process that arrives through `connections`.

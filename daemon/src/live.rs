@@ -181,15 +181,11 @@ impl LiveSettings {
     }
 
     /// Settings that differ from those with which the daemon was started, one per line below a title; empty if none does.
-    pub fn changed(&self) -> LongText {
+    pub fn changed(&self) -> Vec<String> {
         let changed = self.started.differences(self.present()).unwrap_or_default();
-        if changed.is_empty() {
-            return LongText::EMPTY;
-        }
-        let title = "settings changed since the daemon's start:";
-        let lines = [title].into_iter().chain(changed.iter().map(String::as_str));
-        let count = || format!("{} settings were changed since the daemon's start", changed.len());
-        LongText::of_lines(lines).unwrap_or_else(|| LongText::new(&count()))
+        let title =
+            (!changed.is_empty()).then(|| "settings changed since the daemon's start:".into());
+        title.into_iter().chain(changed).collect()
     }
 
     /// Number of changes that can be taken back \[-\].
@@ -313,17 +309,20 @@ impl LiveSettings {
     /// Changes the settings that differ in the file `path`. Without one, takes the changes in flight back, and reads the
     /// daemon's files as they are now; flags keep precedence over the files.
     fn reload(&self, path: &str) -> Result<PreparedChange, Refusal> {
-        let next = if !path.is_empty() {
-            require_file(Path::new(path))?;
-            let mut settings = Config::file_settings(Path::new(path))?;
-            settings.retain(|setting| !setting.is_of_instance());
-            self.present().with_live(&settings)?
-        } else if self.files.is_empty() {
+        let files = if path.is_empty() { &self.files[..] } else { &[PathBuf::from(path)] };
+        if files.is_empty() {
             let reason = "no file to reload: the daemon was started without a file, or by `oqtal fly` with a copy, which does not have later changes; name the file";
             return Err(Refusal::of_setting(reason));
-        } else {
-            self.files.iter().try_for_each(|file| require_file(file))?;
-            self.started.reread(&self.files)?
+        }
+        files.iter().try_for_each(|file| require_file(file))?;
+        let mut settings = Vec::new();
+        for file in files {
+            settings.extend(Config::file_settings(file)?);
+        }
+        settings.retain(|setting| !setting.is_of_instance());
+        let next = match path.is_empty() {
+            true => self.started.reread(files)?,
+            false => self.present().with_live(&settings)?,
         };
         let changed = self.present().differences(&next).map_err(Refusal::of_setting)?;
         let Some(text) = LongText::of_lines(changed.iter().map(String::as_str)) else {
@@ -333,8 +332,7 @@ impl LiveSettings {
         if changed.is_empty() {
             return Err(Refusal::of_setting("no setting differs"));
         }
-        // Refuses keys that cannot change while the daemon runs.
-        self.present().with_live(&assignments(&text)?)?;
+        self.present().require_live(&next, &settings)?;
         self.settings(self.read(next)?, text, false)
     }
 

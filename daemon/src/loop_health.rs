@@ -62,6 +62,11 @@ impl LoopHealth {
         self.age = used.unwrap_or(self.age);
     }
 
+    /// Begins a flight: frames that were lost on the ground, where somebody may hide the markers, are not of the flight.
+    pub fn begin_flight(&mut self) {
+        self.loss = 0.0;
+    }
+
     /// Records the command that was sent at `sent_at`, and was due at `due`: when its pose was published, at the deadline of its
     /// tick at the latest.
     pub fn sent(&mut self, due: Time, sent_at: Time) {

@@ -204,7 +204,7 @@ impl OperatorRequests {
         request: &ControlRequestV1,
         publish: &mut dyn FnMut(EventV1),
     ) -> ControlResponseV1 {
-        let changed = self.settings.as_ref().map_or(LongText::EMPTY, LiveSettings::changed);
+        let changed = first_lines(&self.changed());
         if !changed.is_empty() && request.text.as_str() == AS_STARTED {
             let present = self.present(Answer::Refused);
             let response =
@@ -224,15 +224,16 @@ impl OperatorRequests {
         response
     }
 
+    fn changed(&self) -> Vec<String> {
+        self.settings.as_ref().map_or_else(Vec::new, LiveSettings::changed)
+    }
+
     /// Reports the value of the setting `key`; without a key, what flies and the settings that were changed since the start.
     fn get(&self, key: &str) -> ControlResponseV1 {
         let present = self.present(Answer::Done);
         if key.is_empty() {
-            let changed = self.settings.as_ref().map_or(LongText::EMPTY, LiveSettings::changed);
-            let first = self.law_and_trajectory(present.mode);
-            let lines = std::iter::once(first.as_str()).chain(changed.as_str().lines());
-            let text = LongText::of_lines(lines).unwrap_or_else(|| LongText::new(&first));
-            return ControlResponseV1 { text, ..present };
+            let lines = [vec![self.law_and_trajectory(present.mode)], self.changed()].concat();
+            return ControlResponseV1 { text: first_lines(&lines), ..present };
         }
         let value = self.settings.as_ref().map(|settings| settings.get(key));
         match value {
@@ -357,13 +358,14 @@ fn with_warnings(response: ControlResponseV1, warnings: &[String]) -> ControlRes
         return response;
     }
     warnings.iter().for_each(|told| tracing::warn!("{told}"));
-    let told: Vec<String> = warnings.iter().map(|told| format!("warning: {told}")).collect();
-    let changes = response.text.as_str();
-    // As many as there is room for; the log has all of them.
-    let text = (0..=told.len()).rev().find_map(|count| {
-        LongText::of_lines(changes.lines().chain(told[..count].iter().map(String::as_str)))
-    });
-    ControlResponseV1 { text: text.unwrap_or(response.text), ..response }
+    let told = warnings.iter().map(|told| format!("warning: {told}"));
+    let lines = response.text.as_str().lines().map(str::to_owned).chain(told);
+    ControlResponseV1 { text: first_lines(&lines.collect::<Vec<_>>()), ..response }
+}
+
+/// As many of `lines` as an answer can have.
+fn first_lines(lines: &[String]) -> LongText {
+    LongText::of_first_lines(&lines.iter().map(String::as_str).collect::<Vec<_>>())
 }
 
 /// The event of `request`, with this answer.

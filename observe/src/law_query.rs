@@ -14,13 +14,15 @@ const TIMEOUT: Span = Span::from_millis(50);
 /// Time-out of the question on whose answer a result depends.
 const RESULT_TIMEOUT: Span = Span::from_millis(2000);
 
-/// No answer to the question for the changed settings: whether some were changed is unknown.
+/// No complete answer to the question for the changed settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NoAnswer {
     /// No daemon runs.
     NoDaemon,
     /// A daemon runs, but did not answer in time.
     Silent,
+    /// More settings were changed than an answer can name.
+    Incomplete,
 }
 
 /// Asks the daemon for its law and trajectory, at most once a second.
@@ -43,7 +45,7 @@ impl LawQuery {
 /// Event with the settings that were changed before an observation began; `None` if none were. Waits for a daemon that runs.
 ///
 /// # Errors
-/// No daemon answers.
+/// No daemon answers, or not with all settings.
 pub fn changed_before(bus: &Bus) -> Result<Option<EventV1>, NoAnswer> {
     let (timeout, reason) = match bus.holder(&Role::Daemon.health()) {
         Ok(None) => (TIMEOUT, NoAnswer::NoDaemon),
@@ -51,6 +53,9 @@ pub fn changed_before(bus: &Bus) -> Result<Option<EventV1>, NoAnswer> {
     };
     let answer = ask(bus, timeout).ok_or(reason)?;
     let Some((_, changed)) = answer.split_once('\n') else { return Ok(None) };
+    if !changed.lines().skip(1).all(|line| line.contains('=')) {
+        return Err(NoAnswer::Incomplete);
+    }
     let command = OperatorCommand::Set.code();
     let base = EventV1 { time: Time::now(), command, ..EventV1::default() };
     let ControlRequestV1 { process, user, program, .. } = request();

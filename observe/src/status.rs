@@ -1,13 +1,13 @@
 //! Status of an instance, as text and as JSON: its processes, its vehicle and the estimated position.
 
 use std::fmt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use oqtal_bus::code::{Cause, ControlHolder, EstimatorState, Mode, SafetyState, VehicleRefusal};
 use oqtal_bus::message::VehicleV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
-use oqtal_config::Config;
+use oqtal_config::{Config, edited_sources};
 use serde::Serialize;
 
 use crate::observed_process::ObservedProcess;
@@ -316,6 +316,11 @@ pub fn hash_of_file(file: &Path) -> Option<String> {
     let text = std::fs::read_to_string(file).ok()?;
     let config = Config::parse(&file.to_string_lossy(), &text, &[]).ok()?;
     Some(format!("{:016x}", config.hash()))
+}
+
+/// Files that were edited or removed after a daemon had read them, by the comments in `file`, its configuration; none if it cannot be read.
+pub fn edited_files(file: &Path) -> Vec<PathBuf> {
+    std::fs::read_to_string(file).map_or_else(|_| Vec::new(), |text| edited_sources(&text))
 }
 
 /// Name of a code; empty for a code unknown to this version.

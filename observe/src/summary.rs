@@ -7,7 +7,7 @@ use crate::latency::{Distribution, DistributionSummary};
 use nalgebra::Vector3;
 use oqtal_bus::code::SafetyState;
 use oqtal_bus::message::{FNV_OFFSET, TelemetryV1, fnv1a};
-use oqtal_bus::time::Span;
+use oqtal_bus::time::{Span, Time};
 use oqtal_config::{ClockKind, Config, Interface};
 use oqtal_control::metrics::Statistics;
 use serde::Serialize;
@@ -246,14 +246,15 @@ pub fn name_of(value: &impl Serialize) -> String {
     }
 }
 
-/// The vehicle in the form of `--vehicle`; `none` if nothing was flown.
+/// The vehicle in the form of `--vehicle`, with a note if a simulated one differs from its preset; `none` if nothing was flown.
 fn vehicle_name(flight: &Flight) -> String {
+    let changed = if flight.config.has_vehicle_of_preset() { "" } else { " with changed values" };
     let (preset, plant) = (&flight.config.vehicle.preset, &flight.config.plant);
     match (&flight.command_path, plant.interface) {
         (CommandPath::Bus, _) if flight.is_replay() || flight.is_observation() => "none".to_owned(),
-        (CommandPath::Bus, Interface::Torque) => format!("sim:{preset}"),
+        (CommandPath::Bus, Interface::Torque) => format!("sim:{preset}{changed}"),
         (CommandPath::Bus, Interface::Rate | Interface::Attitude) => {
-            format!("sim:{preset},fidelity={}", name_of(&plant.fidelity))
+            format!("sim:{preset},fidelity={}{changed}", name_of(&plant.fidelity))
         }
         (path, _) => path.to_string(),
     }
@@ -336,17 +337,21 @@ fn effort(flight: &Flight) -> Option<f64> {
     flight.scored().next().map(|_| flight.integral(FlightSample::is_scored, norm))
 }
 
-/// Safety states from arming to the end of the record; all of them if the vehicle was never armed. On the ground the daemon waits
-/// for its first poses in a state that is not part of the flight.
+/// Safety states of the flights, and shortly after each; all of them if the vehicle was never armed. On the ground the daemon waits for
+/// poses in a state that is not part of a flight, and another daemon may follow.
 fn state_sequence(flight: &Flight) -> Vec<String> {
-    let from = flight.samples.iter().position(FlightSample::is_armed).unwrap_or(0);
-    // Another daemon may follow. The tick that stopped the motors may come late.
-    let last = flight.samples.iter().rposition(FlightSample::is_armed).unwrap_or(0);
-    let stopped_by = flight.samples.get(last + 1).filter(|_| flight.outcome == Outcome::Stopped);
-    let end = last_tick(flight).time + COUNTED_AFTER;
-    let end = stopped_by.map_or(end, |tick| end.max(tick.telemetry.time));
-    let ticks = flight.samples[from..].iter().map(|sample| &sample.telemetry);
-    let mut states: Vec<u8> = ticks.take_while(|it| it.time <= end).map(|it| it.state).collect();
+    let is_flown = flight.armed().next().is_some();
+    let (mut was_armed, mut until) = (false, Time::UNSET);
+    let mut is_counted = |sample: &&FlightSample| {
+        let (time, is_armed) = (sample.telemetry.time, sample.is_armed());
+        until = if is_armed { time + COUNTED_AFTER } else { until };
+        // The tick that stopped the motors may come late.
+        let stops =
+            std::mem::replace(&mut was_armed, is_armed) && flight.outcome == Outcome::Stopped;
+        !is_flown || stops || time <= until
+    };
+    let counted = flight.samples.iter().filter(|sample| is_counted(sample));
+    let mut states: Vec<u8> = counted.map(|sample| sample.telemetry.state).collect();
     states.dedup();
     let name = |code: &u8| SafetyState::from_code(*code).map(|state| state.to_string());
     states.iter().filter_map(name).collect()

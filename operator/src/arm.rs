@@ -39,14 +39,13 @@ pub fn ask(
     let arming = ControlRequestV1 { text, ..arming };
     let mut vehicles = bus.observer::<VehicleV1>(&VEHICLE)?;
     let asked_at = Time::now();
-    let (mut simulated, mut is_reported) = (None, false);
+    let (mut simulated, mut is_reported, mut refusal) = (None, false, None);
     loop {
-        let Some(response) = send(bus, arming, expected)? else { return Ok(None) };
-        if response.answer != Answer::Refused.code() {
-            return begun(bus, response, is_cancelled).map(Some);
-        }
         if let Some((_, vehicle)) = vehicles.latest()? {
             simulated = Some(vehicle.simulated == 1);
+        }
+        if refusal.is_some() && simulated == Some(false) {
+            return Ok(refusal);
         }
         let timeout = match simulated {
             Some(true) => REST_TIMEOUT,
@@ -54,14 +53,20 @@ pub fn ask(
             Some(false) => Span::ZERO,
             None => VEHICLE_TIMEOUT,
         };
-        let is_over = Time::now().since(asked_at) >= timeout || is_cancelled();
-        if is_over || !response.comes_to_rest() {
+        let is_last = Time::now().since(asked_at) >= timeout || is_cancelled();
+        let arming = ControlRequestV1 { repeated: u8::from(!is_last), ..arming };
+        let Some(response) = send(bus, arming, expected)? else { return Ok(None) };
+        if response.answer != Answer::Refused.code() {
+            return begun(bus, response, is_cancelled).map(Some);
+        }
+        if is_last || !response.comes_to_rest() {
             return Ok(Some(response));
         }
         if simulated == Some(true) && !is_reported {
             tell("arm: waits until the stopped vehicle is at rest; Ctrl-C cancels");
             is_reported = true;
         }
+        refusal = Some(response);
         std::thread::sleep(PERIOD);
     }
 }

@@ -36,7 +36,7 @@ use oqtal_observe::status::InstanceStatus;
 use oqtal_runtime::process::{Exit, Failure};
 
 pub use change::{CtlRequest, request_of};
-pub use reach::AddressedInstance;
+pub use reach::{AddressedInstance, namesakes};
 pub use report::ControlReport;
 use request::{request, running_bus, unanswered};
 

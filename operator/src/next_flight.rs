@@ -7,7 +7,7 @@ use oqtal_bus::paths::InstancePaths;
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
 use crate::reach::Reached;
-use crate::request::{config_of, start_daemon};
+use crate::request::{config_of, edited_files, edited_note, start_daemon, start_without};
 use crate::running::RunningProcesses;
 
 /// The next flight of each instance that a stop has reached.
@@ -30,6 +30,10 @@ struct NextFlight {
     is_arming: bool,
     /// Whether files of the instance are known to be lost: its processes end.
     is_lost: bool,
+    /// Process id of a daemon that does not answer and has not obeyed.
+    hanging: Option<u32>,
+    /// Note of files of the configuration that were edited since; `None` if the command reads them again.
+    edited: Option<String>,
 }
 
 impl NextFlights {
@@ -47,9 +51,17 @@ impl NextFlights {
         let Some(process) = running.of_other_config(paths) else { return };
         let has_start = |it: &&mut NextFlight| it.start.is_some() && it.paths == *paths;
         for flight in self.0.iter_mut().filter(has_start) {
-            flight.start = None;
+            (flight.start, flight.edited) = (None, None);
             flight.other_config = Some(format!("start a daemon {}", config_of(process)));
         }
+    }
+
+    /// Notes that the addressed daemon of `reached` hangs: it would not answer a command either.
+    pub(crate) fn note_hanging(&mut self, reached: &Reached) {
+        let is_here = |it: &&ObeyingProcess| !it.is_vehicle && it.is_under(&reached.paths);
+        let daemon = reached.processes.iter().find(is_here);
+        let arming = self.0.iter_mut().filter(|it| it.is_arming && it.paths == reached.paths);
+        arming.for_each(|flight| flight.hanging = daemon.map(|daemon| daemon.pid));
     }
 
     /// Notes the instances of `reached` that have lost files.
@@ -72,7 +84,13 @@ impl NextFlight {
             Some(command) => (command, paths.user_to_become()),
             None => (format!("oqtal ctl arm {}", paths.flags()), None),
         };
-        Self { paths, user, start, other_config: None, command, is_arming, is_lost: false }
+        let edited = match &start {
+            _ if !is_arming => None,
+            Some(_) => edited_files(&paths).map(|files| start_without(&files)),
+            None => edited_note(&paths),
+        };
+        let (other_config, is_lost, hanging) = (None, false, None);
+        Self { paths, user, start, other_config, command, is_arming, is_lost, hanging, edited }
     }
 }
 
@@ -98,21 +116,31 @@ impl fmt::Display for NextFlight {
         if self.is_lost {
             write!(f, "the processes lost their files and end; ")?;
         }
+        if let Some(daemon) = self.hanging {
+            let restart = start_daemon(&self.paths);
+            write!(
+                f,
+                "the daemon does not answer; continue it with `kill -CONT {daemon}`, or end it and start another with `{restart}`; then "
+            )?;
+        }
         match (&self.start, &self.other_config) {
             (Some(start), _) => write!(f, "`{start}`, then ")?,
             (None, Some(start)) => write!(f, "{start}; then ")?,
             (None, None) if self.is_lost => write!(f, "start them again, then ")?,
             (None, None) => {}
         }
-        write!(f, "`{}`", self.command)
+        write!(f, "`{}`", self.command)?;
+        self.edited.iter().try_for_each(|note| write!(f, "; {note}"))
     }
 }
 
 impl Serialize for NextFlights {
-    /// `arm_again`, and `start_again` if no daemon runs and a file has the configuration: commands, joined by `; ` for several roots.
+    /// `arm_again`, unless the daemon hangs, and `start_again` if no daemon runs and a file has the configuration: commands, joined by `; `
+    /// for several roots.
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let joined = |commands: Vec<&str>| Some(commands.join("; ")).filter(|it| !it.is_empty());
-        let arm = joined(self.0.iter().map(|flight| flight.command.as_str()).collect());
+        let answering = self.0.iter().filter(|flight| flight.hanging.is_none());
+        let arm = joined(answering.map(|flight| flight.command.as_str()).collect());
         let start = joined(self.0.iter().filter_map(|flight| flight.start.as_deref()).collect());
         let mut map = serializer.serialize_map(None)?;
         for (key, commands) in [("arm_again", arm), ("start_again", start)] {

@@ -158,21 +158,32 @@ impl Reached {
         let is_theirs = |process: &&ObeyingProcess| {
             !process.is_ours() && process.is_of_instance(&paths.instance)
         };
-        let theirs = || self.others.iter().filter(is_theirs);
-        let elsewhere = || theirs().next().filter(|_| !has_root || self.elsewhere().is_none());
-        let process = theirs().find(is_here).or_else(elsewhere)?;
-        let root = match root_of(process, paths) {
+        let (here, elsewhere): (Vec<_>, Vec<_>) =
+            self.others.iter().filter(is_theirs).partition(is_here);
+        let is_elsewhere = here.is_empty() && (!has_root || self.elsewhere().is_none());
+        let forbidden = if is_elsewhere { elsewhere } else { here };
+        let first = forbidden.first()?;
+        let root = root_of(first, paths);
+        let is_of_first = |it: &&&ObeyingProcess| it.has_root_of(first) && it.user == first.user;
+        let names: Vec<_> = forbidden.iter().filter(is_of_first).map(|it| name_of(it)).collect();
+        let place = match &root {
             Some(root) => format!(" in {}", root.display()),
             None if *has_root => " under another root".to_owned(),
             None => String::new(),
         };
-        let message = format!(
-            "{command}: instance `{}` runs{root} as user {}: no permission for {}; run `sudo oqtal ctl {command} --instance {}`",
-            paths.instance,
-            process.user,
-            name_of(process),
-            paths.instance
+        let (instance, user) = (&paths.instance, first.user);
+        // Without a root the name counts under every root.
+        let flag = root
+            .filter(|_| *has_root)
+            .map(|root| format!(" --root {}", quoted(&root.display().to_string())));
+        let mut message = format!(
+            "{command}: instance `{instance}` runs{place} as user {user}: no permission for {}; run `sudo oqtal ctl {command} --instance \
+             {instance}{}`",
+            names.join(" and "),
+            flag.unwrap_or_default()
         );
+        let others = forbidden.iter().filter(|process| !is_of_first(process));
+        message.extend(others.map(|process| format!("\n  also {}", place_of(process))));
         Some(Failure::new(Exit::Permission, message))
     }
 
@@ -196,6 +207,25 @@ impl Reached {
         let names: Vec<_> = roots.iter().map(|root| root.display().to_string()).collect();
         names.join(", ")
     }
+}
+
+/// Line of a status that names the root of the instance at `paths`, and those under which others of this name run; `None` if none does.
+pub fn namesakes(paths: &InstancePaths) -> Option<String> {
+    let all = ObeyingProcess::all();
+    let is_other = |process: &&ObeyingProcess| {
+        process.is_of_instance(&paths.instance) && !process.is_under(paths)
+    };
+    let mut roots = Vec::new();
+    for process in all.iter().filter(is_other) {
+        let root = root_of(process, paths);
+        let root = root.map_or_else(|| "an unknown root".to_owned(), |it| it.display().to_string());
+        if !roots.contains(&root) {
+            roots.push(root);
+        }
+    }
+    let place = format!("{:<10} under {}", "instance", paths.root.display());
+    (!roots.is_empty())
+        .then(|| format!("{place}; others of this name run under {}", roots.join(" and ")))
 }
 
 /// Sends `signal` to each of `processes`; returns a line with the result for each.

@@ -8,10 +8,11 @@ use oqtal_bus::obeying::ObeyingProcess;
 use oqtal_bus::paths::{InstancePaths, quoted};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
-use oqtal_observe::status::VehicleStatus;
+use oqtal_observe::status::{self, VehicleStatus};
 use oqtal_runtime::process::{Exit, Failure};
 
 use crate::reach::{name_of, place_of, root_of};
+use crate::report::listed;
 use crate::running::RunningProcesses;
 
 /// Time within which a running daemon answers.
@@ -61,7 +62,7 @@ pub fn running_bus(paths: &InstancePaths) -> Result<Bus, Failure> {
             return Ok(bus);
         }
         if Time::now() > give_up {
-            return Err(no_answer(paths, None, |_| true));
+            return Err(no_answer(paths, |_| true));
         }
         std::thread::sleep(START_POLL);
     }
@@ -69,15 +70,10 @@ pub fn running_bus(paths: &InstancePaths) -> Result<Bus, Failure> {
 
 /// Failure of a command without an answer on the bus of a running instance: names a daemon that runs and does not answer.
 pub fn unanswered(bus: &Bus) -> Failure {
-    unanswered_beside(bus, None)
-}
-
-/// As [`unanswered`], after an observation of the `vehicle`, with which the message agrees.
-pub fn unanswered_beside(bus: &Bus, vehicle: Option<&VehicleStatus>) -> Failure {
     let paths = bus.paths();
     let instance = &paths.instance;
     let Ok(Some(daemon)) = bus.holder(&Role::Daemon.health()) else {
-        return no_answer(paths, vehicle, is_daemon);
+        return no_answer(paths, is_daemon);
     };
     let message = format!(
         "{daemon} runs on instance `{instance}`, but does not answer: it hangs, or was stopped by a signal; continue it by SIGCONT, or end \
@@ -89,20 +85,16 @@ pub fn unanswered_beside(bus: &Bus, vehicle: Option<&VehicleStatus>) -> Failure 
 
 /// Failure of a command to an instance without a daemon on its bus: names a daemon that runs nevertheless.
 pub fn silent(paths: &InstancePaths) -> Failure {
-    no_answer(paths, None, is_daemon)
+    no_answer(paths, is_daemon)
 }
 
 fn is_daemon(process: &ObeyingProcess) -> bool {
     !process.is_vehicle
 }
 
-/// Failure of a command to the instance at `paths`, whose `vehicle` was seen before: names its process, of those that `is_meant` selects,
-/// under this root, or those under others.
-fn no_answer(
-    paths: &InstancePaths,
-    vehicle: Option<&VehicleStatus>,
-    is_meant: impl Fn(&ObeyingProcess) -> bool,
-) -> Failure {
+/// Failure of a command to the instance at `paths`: names its process, of those that `is_meant` selects, under this root, or those under
+/// others.
+fn no_answer(paths: &InstancePaths, is_meant: impl Fn(&ObeyingProcess) -> bool) -> Failure {
     let (instance, place) = (&paths.instance, paths.flags());
     let (all, others): (Vec<_>, Vec<_>) =
         ObeyingProcess::all().into_iter().partition(|process| process.is_of_instance(instance));
@@ -124,12 +116,14 @@ fn no_answer(
     let nobody = format!("no daemon answers on instance `{instance}`");
     let is_its_vehicle = |it: &&ObeyingProcess| it.is_vehicle && it.is_under(paths);
     if let Some(process) = all.iter().find(is_its_vehicle) {
-        let (name, remedy) = (name_of(process), daemon_remedy(paths));
-        let state = state_of_vehicle(vehicle, &place);
+        let seen = RunningProcesses::observe(paths);
+        let (name, remedy) = (name_of(process), daemon_remedy(paths, &seen));
+        let state = state_of_vehicle(seen.vehicle.as_ref(), &place);
         return Failure::new(Exit::Peer, format!("{nobody}, but {name} runs: {state}; {remedy}"));
     }
     if running.is_empty() {
-        let mut lines = vec![format!("{nobody}; {}", daemon_remedy(paths))];
+        let seen = RunningProcesses::observe(paths);
+        let mut lines = vec![format!("{nobody}; {}", daemon_remedy(paths, &seen))];
         lines.extend(others.iter().map(|other| format!("  running: {}", place_of(other))));
         return Failure::new(Exit::Peer, lines.join("\n"));
     }
@@ -153,9 +147,32 @@ pub fn start_daemon(paths: &InstancePaths) -> String {
     format!("{}oqtal daemon run{} {place}", user.unwrap_or_default(), config.unwrap_or_default())
 }
 
-/// Remedy of a missing daemon at `paths`.
-fn daemon_remedy(paths: &InstancePaths) -> String {
-    if let Some(process) = RunningProcesses::observe(paths).of_other_config(paths) {
+/// Files that were edited or removed after the last daemon at `paths` had read them, as text; `None` if there are none, or if this user
+/// cannot read them.
+pub(crate) fn edited_files(paths: &InstancePaths) -> Option<String> {
+    let files = status::edited_files(&paths.config());
+    (!files.is_empty()).then(|| listed(&files))
+}
+
+/// Note of a command to the running daemon at `paths` of which the edited `files` are; `None` if none was edited.
+pub fn edited_note(paths: &InstancePaths) -> Option<String> {
+    let (files, place) = (edited_files(paths)?, paths.flags());
+    Some(format!(
+        "{files}: edited or removed after the daemon had read it; a restart of every process applies the edit, `oqtal ctl reload {place}` \
+         the part that can change in flight"
+    ))
+}
+
+/// States that a daemon with the settings of the last one lacks the edit of `files`.
+pub(crate) fn start_without(files: &str) -> String {
+    format!(
+        "that has the settings of the last daemon, {files} was edited or removed since: give the file instead to fly with the edit"
+    )
+}
+
+/// Remedy of a missing daemon at `paths`, where the processes `seen` run.
+fn daemon_remedy(paths: &InstancePaths, seen: &RunningProcesses) -> String {
+    if let Some(process) = seen.of_other_config(paths) {
         return format!("start one {}", config_of(process));
     }
     let like = if paths.config().is_file() {
@@ -163,13 +180,14 @@ fn daemon_remedy(paths: &InstancePaths) -> String {
     } else {
         ", with the --config of the instance if it has one"
     };
-    format!("start one with `{}`{like}", start_daemon(paths))
+    let edited = edited_files(paths).map(|files| format!("; {}", start_without(&files)));
+    format!("start one with `{}`{like}{}", start_daemon(paths), edited.unwrap_or_default())
 }
 
 /// Configuration of a daemon beside `process`, which runs with another one than the daemon before.
 pub(crate) fn config_of(process: &str) -> String {
     format!(
-        "with the --config and --set of {process}: config.toml of the instance is of a daemon with other settings"
+        "with the --config and --set of {process}: config.toml of the instance has other settings, of another daemon or by an edit"
     )
 }
 

@@ -1,4 +1,4 @@
-//! Processes of an instance by their places on its bus, and the configuration with which they run: also those that no stop reaches.
+//! Processes of an instance by their places on its bus, with their configuration and vehicle: also those that no stop reaches.
 
 use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
@@ -8,7 +8,7 @@ use oqtal_bus::error::BusError;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
-use oqtal_observe::status::hash_of_file;
+use oqtal_observe::status::{VehicleStatus, hash_of_file};
 use oqtal_runtime::program::beside;
 
 use crate::status;
@@ -23,10 +23,12 @@ pub(crate) struct RunningProcesses {
     names: Vec<(Role, String)>,
     /// Hash of their configuration; `None` if it is unknown, or if they differ.
     config: Option<String>,
+    /// State of the vehicle; `None` if it was not published.
+    pub(crate) vehicle: Option<VehicleStatus>,
 }
 
 /// Observation of running processes on a separate thread, which may be abandoned: receives their names first, then also the
-/// configuration.
+/// configuration and the vehicle.
 #[derive(Debug)]
 pub(crate) struct RunningObservation(Receiver<RunningProcesses>);
 
@@ -58,8 +60,9 @@ impl RunningProcesses {
                 // Fails once the receiver has been dropped.
                 let _ = sender.send(found.clone());
                 if !found.names.is_empty() {
-                    let config = status::observe(&bus)?.common_config().map(str::to_owned);
-                    let _ = sender.send(Self { config, ..found });
+                    let status = status::observe(&bus)?;
+                    let config = status.common_config().map(str::to_owned);
+                    let _ = sender.send(Self { config, vehicle: status.vehicle, ..found });
                 }
                 Ok(())
             };

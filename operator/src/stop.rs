@@ -160,6 +160,9 @@ pub fn raise(
     again.note_running(&reached.paths, &running);
     let response = answer.as_ref().ok().and_then(Option::as_ref);
     let stop = ObeyedStop::new(report, response);
+    if response.is_none() && !stop.daemon_obeys {
+        again.note_hanging(&reached);
+    }
     paths.extend(reached.places().iter().filter_map(|place| forbid_automatic(place, &stop)));
     Ok(ObeyedStop {
         paths,

@@ -45,9 +45,9 @@ impl MonitorArgs {
     /// # Errors
     /// The output is not a terminal (exit code 64), no process runs on the instance (75), or the terminal or the bus failed.
     pub fn execute(&self, request: ExecuteLine, silent: Silent) -> Result<Exit, Failure> {
-        require_terminal()?;
         let config = Config::load(&self.common.config, &self.common.settings()?)?;
         let paths = instance_paths(&config)?;
+        require_terminal(&paths)?;
         paths.become_owner()?;
         let end = stop_on_signals()?;
         let observer = InstanceObserver::open(&paths, &InstanceModel::topics())?;
@@ -68,8 +68,11 @@ impl MonitorArgs {
 }
 
 /// Fails unless standard output is a terminal with cursor addressing.
-fn require_terminal() -> Result<(), Failure> {
-    let remedy = "run it in a terminal; in scripts use `oqtal ctl status --json` or `oqtal record`";
+fn require_terminal(paths: &InstancePaths) -> Result<(), Failure> {
+    let place = paths.flags();
+    let remedy = format!(
+        "run it in a terminal; in scripts use `oqtal ctl status --json {place}` or `oqtal record {place}`"
+    );
     let is_dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
     let what = match (io::stdout().is_terminal(), is_dumb) {
         (true, false) => return Ok(()),
@@ -104,9 +107,9 @@ impl Watch {
                 if failure.exit == Exit::Permission {
                     return Err(failure);
                 }
-                let name = &self.model.name;
+                let (name, place) = (&self.model.name, self.request.1.flags());
                 let message = format!(
-                    "no process of instance `{name}` runs; start `oqtal fly --instance {name}` or its services, or name another with --instance"
+                    "no process of instance `{name}` runs; start `oqtal fly {place}` or its services, or name another with --instance"
                 );
                 return Err(Failure::new(Exit::Peer, message));
             }

@@ -22,6 +22,8 @@ const SILENT: Span = Span::from_millis(500);
 pub struct ObservedHover {
     observer: BusObserver,
     ticks: ObservedTicks,
+    /// Flags of a command that addresses the instance.
+    place: String,
 }
 
 /// The newest tick with the instant of its reception, and the squared position error of each tick \[m^2\].
@@ -48,7 +50,7 @@ impl ObservedHover {
     pub fn open(bus: &Bus, config: &Config) -> Result<Self, Failure> {
         let bus = Bus::open(bus.paths())?.for_observer();
         let observer = BusObserver::open(&bus, &McapRecorder::topics(config))?;
-        Ok(Self { observer, ticks: ObservedTicks::default() })
+        Ok(Self { observer, ticks: ObservedTicks::default(), place: bus.paths().flags() })
     }
 
     /// Observes the vehicle for `seconds`, and records its flight; fails as soon as it does not fly on undisturbed.
@@ -70,12 +72,14 @@ impl ObservedHover {
                 None => self.observer.poll(now, &mut self.ticks)?,
             }
             if let Some((_, tick)) = &self.ticks.newest {
-                require_nominal(tick)?;
+                require_nominal(tick, &self.place)?;
             }
             let newest_at =
                 self.ticks.newest.map_or(began, |(received_at, _)| received_at.max(began));
             if now.since(newest_at) > SILENT {
-                let reason = "the daemon publishes no ticks; see `oqtal ctl status`";
+                let place = &self.place;
+                let reason =
+                    format!("the daemon publishes no ticks; see `oqtal ctl status {place}`");
                 return Err(Failure::new(Exit::Peer, reason));
             }
         }
@@ -91,18 +95,19 @@ impl ObservedHover {
     }
 }
 
-/// Fails unless the vehicle flies in the state Nominal.
-fn require_nominal(tick: &TelemetryV1) -> Result<(), Failure> {
+/// Fails unless the vehicle of the instance that the flags `place` address flies in the state Nominal.
+fn require_nominal(tick: &TelemetryV1, place: &str) -> Result<(), Failure> {
     let (mode, state) = (Mode::from_code(tick.mode), SafetyState::from_code(tick.state));
     if mode != Some(Mode::Flying) {
-        let reason =
-            "the vehicle does not fly; `oqtal ctl arm`, and `oqtal ctl hover` where it has room";
+        let reason = format!(
+            "the vehicle does not fly; `oqtal ctl arm {place}`, and `oqtal ctl hover {place}` where it has room"
+        );
         return Err(Failure::new(Exit::Flight, reason));
     }
     if state != Some(SafetyState::Nominal) {
         let state = state.map_or_else(|| "unknown".to_owned(), |state| state.to_string());
         let reason = format!(
-            "the daemon is in the state {state}, tuning needs Nominal; see `oqtal ctl status`"
+            "the daemon is in the state {state}, tuning needs Nominal; see `oqtal ctl status {place}`"
         );
         return Err(Failure::new(Exit::Flight, reason));
     }

@@ -87,6 +87,19 @@ fn f28_a_stop_names_the_owner_s_directory_acts_as_root_and_needs_no_thread() {
             assert_refused(&other, 77, &[&format!("sudo oqtal ctl {command}"), testbed.instance()]);
         }
     }
+    let daemon =
+        Running::start(&mut as_user(owner, oqtal, &[&["daemon", "run"], &place[..]].concat()));
+    wait_for("the daemon", || {
+        let other = as_user(65_534, oqtal, &stop).output().unwrap();
+        let said = stderr(&other);
+        let names = [
+            format!("the vehicle's process {}", plant.id()),
+            format!("the daemon, {}", daemon.id()),
+        ];
+        names.iter().all(|name| said.contains(name)).then_some(())
+    });
+    daemon.signal(Signal::TERM);
+    drop(daemon.wait());
     let by_root = as_user(0, oqtal, &stop).output().unwrap();
     assert!(by_root.status.success(), "{}", stderr(&by_root));
     // A process that may start no thread.

@@ -58,6 +58,28 @@ pub fn used() -> Vec<String> {
     found
 }
 
+/// Messages with a command of `oqtal ctl` that does not address the instance, one line each: it would reach another one for an operator
+/// who gave a root.
+pub fn unaddressed_commands() -> Vec<String> {
+    let is_of_test = |path: &str| path.contains("tests");
+    let mut found = Vec::new();
+    for file in sources().into_iter().filter(|file| !is_of_test(&file.path)) {
+        let code = file.text.split("#[cfg(test)]").next().unwrap_or_default();
+        for (number, line) in (1..).zip(code.lines()) {
+            let is_comment = line.trim_start().starts_with("//");
+            let commands = line.split("`oqtal ctl ").skip(1).filter(|_| !is_comment);
+            let lacks_place =
+                |rest: &str| rest.split('`').next().is_some_and(|it| !it.contains('{'));
+            found.extend(
+                commands
+                    .filter(|rest| lacks_place(rest))
+                    .map(|_| format!("{}:{number}", file.path)),
+            );
+        }
+    }
+    found
+}
+
 /// Lines of documents outside tables that are longer than a paragraph may be, one line each.
 pub fn long_lines() -> Vec<String> {
     let mut found = Vec::new();

@@ -28,6 +28,8 @@ message! {
         /// Instant at which the request was made, by the clock of the machine: one that begins a flight is refused after a later stop,
         /// landing or disarming. [`Time::UNSET`] for an unknown one.
         asked_at: Time ["ns"],
+        /// 1 if the operator repeats the request while only the end of the last flight prevents it.
+        repeated: u8 ["flag"],
         /// Hash of the configuration that a flight is to begin with; 0 for any.
         config_hash: u64 ["-"],
         /// Process that makes the request, as [`Origin::bits`].
@@ -52,6 +54,7 @@ impl ControlRequestV1 {
             command: command.code(),
             valid_until: Time::UNSET,
             asked_at: Time::UNSET,
+            repeated: 0,
             config_hash: 0,
             process: 0,
             user: 0,

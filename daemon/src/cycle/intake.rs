@@ -108,7 +108,7 @@ impl Intake {
     ) -> bool {
         if flying && self.consistency.contradicts() {
             self.missing = self.contradiction();
-            self.guard.missed();
+            self.guard.ignore(&arrival.0);
             return false;
         }
         match self.guard.check(&mut self.tracker, now, arrival, flying) {

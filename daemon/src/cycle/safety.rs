@@ -176,6 +176,9 @@ impl SafetyMonitor {
         let frames = TickFrames { accepted: guard.accepted(), bad: guard.lost() + guard.refused() };
         self.health.tick(age, frames);
         let last = std::mem::replace(&mut self.last_flight_tick, tick.is_armed.then_some(tick.now));
+        if tick.is_armed && last.is_none() {
+            self.health.begin_flight();
+        }
         let paused = last.map(|last| tick.now.since(last));
         let configs_differ = requests.configs_differ;
         let mut conditions = LimitConditions { configs_differ, ..LimitConditions::default() };

@@ -7,7 +7,7 @@ use oqtal_control::trajectory::{Trajectory, TrajectoryKind};
 use super::ways::{POSITION_ERROR_M, Way, corners, lowest, references, stop};
 use crate::fence::{Braking, Fence};
 use crate::floor::LEAST_PLAN_M;
-use crate::flyable::least_factor;
+use crate::flyable::{exceeding, least_factor};
 
 /// The next centimetre below `value_m` \[m\].
 fn below(value_m: f64) -> f64 {
@@ -50,8 +50,8 @@ pub(super) fn of_room(
     let [path, stop] = ways;
     let remedies = [
         wider(config, ways, &fence),
-        is_inside(stop, &fence).then(|| margin(path, &fence)).flatten(),
-        is_inside(path, &fence).then(|| slower(config, trajectory, (start, &fence))).flatten(),
+        stop.is_inside(&fence).then(|| margin(path, &fence)).flatten(),
+        path.is_inside(&fence).then(|| slower(config, trajectory, (start, &fence))).flatten(),
         other_height(config, start, ways),
         smaller(config, start),
     ];
@@ -107,7 +107,7 @@ fn margin(path: &Way, fence: &Fence) -> Option<String> {
     (most_m >= 0.0).then(|| format!("fence.soft-margin-m of at most {most_m:.2}"))
 }
 
-/// The factor of time with which the vehicle could brake inside.
+/// The factor of time with which the vehicle could brake inside, and follow the trajectory if it can at any speed.
 fn slower(
     config: &Config,
     trajectory: &Trajectory,
@@ -120,7 +120,10 @@ fn slower(
             !is_inside
         })
     };
-    least_factor(exceeds).map(|factor| crate::flyable::slower(config.trajectory.kind, factor))
+    let demands = exceeding(config, trajectory);
+    let factor = least_factor(|slower| exceeds(slower) || demands(slower));
+    let factor = factor.or_else(|| least_factor(exceeds))?;
+    Some(crate::flyable::slower(config.trajectory.kind, factor))
 }
 
 /// The height at which the trajectory has room between floor and top, if that suffices.
@@ -157,11 +160,6 @@ fn has_room(config: &Config, start: Vector3<f64>) -> bool {
     config.trajectory.trajectory(None).is_some_and(|trajectory| {
         let ways = Way::both(config, &trajectory, start);
         lowest(config, &trajectory).is_none_or(|(_, point)| point.z >= LEAST_PLAN_M)
-            && ways.iter().all(|way| is_inside(way, &fence))
+            && ways.iter().all(|way| way.is_inside(&fence))
     })
-}
-
-/// Whether `way` is inside the fence by its margin.
-fn is_inside(way: &Way, fence: &Fence) -> bool {
-    way.points.iter().all(|(_, point)| fence.inside_by_m(point, way.margin_m) > 0.0)
 }

@@ -156,6 +156,41 @@ fn remedies_suffice_and_name_all_axes() {
 }
 
 #[test]
+fn a_factor_of_time_suffices_for_every_limit_and_for_the_room() {
+    let circle = |times: f64, radius_m: f64, fence_m: f64| {
+        [
+            "trajectory.kind=circle".to_owned(),
+            format!("trajectory.circle.radius-m={radius_m}"),
+            format!("trajectory.circle.period-s={}", 2.0 * times),
+            format!("trajectory.circle.ramp-s={}", 2.0 * times),
+            format!("fence.x-m=[-{fence_m}, {fence_m}]"),
+            format!("fence.y-m=[-{fence_m}, {fence_m}]"),
+        ]
+    };
+    for (radius_m, fence_m) in [(1.0, 3.3), (2.0, 5.4), (3.0, 8.0)] {
+        for start in [None, Some(Vector3::zeros())] {
+            let told = |times| {
+                let settings = circle(times, radius_m, fence_m);
+                let settings = settings.each_ref().map(String::as_str);
+                let (config, trajectory) = flight(&settings, None);
+                let told = check_flyable(&config, &trajectory, start).err();
+                told.map_or_else(String::new, |error| error.to_string())
+            };
+            let first = told(1.0);
+            let factors: Vec<f64> = first
+                .split("multiplied by ")
+                .skip(1)
+                .filter_map(|rest| rest.split([' ', ',', ';']).next()?.parse().ok())
+                .collect();
+            assert!(!factors.is_empty(), "{first}");
+            for factor in factors {
+                assert_eq!(told(factor), "", "{radius_m} m, {start:?}: {first}");
+            }
+        }
+    }
+}
+
+#[test]
 fn where_the_vehicle_could_only_brake_below_the_floor_no_fence_is_a_remedy() {
     let fast = [
         "trajectory.kind=lemniscate",

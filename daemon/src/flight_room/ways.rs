@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use oqtal_config::Config;
 use oqtal_control::trajectory::{FlightPlan, Phase, Reference, StartPoint, Trajectory};
 
-use crate::fence::Braking;
+use crate::fence::{Braking, Fence};
 
 /// Points of a flight in one tick \[-\], and most points that are looked at \[-\].
 pub(super) const TICK_POINTS: u32 = 4;
@@ -27,14 +27,28 @@ pub(crate) struct Way {
 impl Way {
     /// The path of a flight and the points at which the vehicle would stop on it, from `start` \[m, world\].
     pub(crate) fn both(config: &Config, trajectory: &Trajectory, start: Vector3<f64>) -> [Self; 2] {
+        Self::both_flown(config, trajectory, (start, 1.0))
+    }
+
+    /// As [`Way::both`], on the trajectory flown `slower` times as slowly \[-\].
+    pub(super) fn both_flown(
+        config: &Config,
+        trajectory: &Trajectory,
+        (start, slower): (Vector3<f64>, f64),
+    ) -> [Self; 2] {
         let braking = Braking::of(config);
         let both = references(config, trajectory).map(|(t_s, reference)| {
-            let stop = stop(&reference, &braking, 1.0);
+            let stop = stop(&reference, &braking, slower);
             ((t_s, start + reference.position), (t_s, start + stop))
         });
         let (path, stops): (Points, Points) = both.unzip();
         let soft_m = config.fence.soft_margin_m + POSITION_ERROR_M;
         [(path, soft_m), (stops, 0.0)].map(|(points, margin_m)| Self { points, margin_m })
+    }
+
+    /// Whether it is inside the fence by its margin.
+    pub(super) fn is_inside(&self, fence: &Fence) -> bool {
+        self.points.iter().all(|(_, point)| fence.inside_by_m(point, self.margin_m) > 0.0)
     }
 
     /// The words for this way in a room.

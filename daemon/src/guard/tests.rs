@@ -97,6 +97,26 @@ fn a_burst_of_which_the_last_pose_is_read_is_superseded_and_not_lost() {
 }
 
 #[test]
+fn poses_that_are_read_and_not_used_are_not_superseded() {
+    let (mut guard, mut tracker) = on_the_ground();
+    let at = |frame: u64| Time::VIRTUAL_START + Span::from_millis(17 * frame.cast_signed());
+    let header = |number: u64| {
+        let stamps = Stamps { captured_at: at(number), ..Stamps::default() };
+        Header { sequence: number, pose_sequence: number, stamps, ..Header::default() }
+    };
+    let mut check = |guard: &mut Guard, number: u64, now: Time| {
+        let arrival = (header(number), pose_at(1e-6 * number as f64));
+        guard.check(&mut tracker, now, &arrival, true)
+    };
+    assert!(check(&mut guard, 1, at(1)).is_ok());
+    // In Coast, by evidence against the poses, and by a clock of the cameras that is ahead.
+    (2..5).for_each(|number| guard.ignore(&header(number)));
+    assert!((5..8).all(|number| check(&mut guard, number, at(0)) == Err(Cause::Order)));
+    assert!(check(&mut guard, 9, at(9)).is_ok());
+    assert_eq!((guard.superseded(), guard.lost()), (1, 0));
+}
+
+#[test]
 fn f04_a_late_pose_is_refused_by_its_capture_time() {
     let mut feed = Feed::settled();
     let captured = feed.time + FRAME;

@@ -20,18 +20,21 @@ pub(super) type NumberedRequest = (RequestNumber, LoopRequest, Validity);
 /// The reply, with what the request replaced, to be dropped on the background thread.
 pub(super) type NumberedReply = (RequestNumber, ControlResponseV1, LoopRequest);
 
-/// Times of a request, by the clock of the machine.
+/// Times of a request, by the clock of the machine, and whether it is repeated.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Validity {
     /// Instant at which it was made; unset for an unknown one.
     pub(super) asked_at: Time,
     /// Instant after which it must not begin a flight; unset for no limit.
     pub(super) until: Time,
+    /// Whether the operator repeats it until the vehicle is at rest.
+    pub(super) is_repeated: bool,
 }
 
 impl Validity {
     pub(super) fn of(request: &ControlRequestV1) -> Self {
-        Self { asked_at: request.asked_at, until: request.valid_until }
+        let ControlRequestV1 { asked_at, valid_until: until, repeated, .. } = *request;
+        Self { asked_at, until, is_repeated: repeated != 0 }
     }
 }
 
@@ -78,8 +81,9 @@ pub struct LoopHandle {
     last: Condition,
     /// Instant of the last stop, landing or disarming on request, by the clock of the machine; unset before one.
     called_off_at: Time,
-    /// Instant of the last request to fly that was refused until the vehicle is at rest; `None` if it was called off.
-    awaited_at: Option<Time>,
+    /// Last request to fly that is repeated until the vehicle is at rest: the instants at which it was made and refused; `None` once it was
+    /// given up or called off.
+    awaited: Option<[Time; 2]>,
 }
 
 impl LoopHandle {
@@ -90,7 +94,7 @@ impl LoopHandle {
     ) -> Self {
         let [present, last] = [Condition::default(); 2];
         let called_off_at = Time::UNSET;
-        Self { queues, configs_differ, present, last, called_off_at, awaited_at: None }
+        Self { queues, configs_differ, present, last, called_off_at, awaited: None }
     }
 
     /// Whether the processes of the instance run with different configurations, by the last check of the background thread.
@@ -101,12 +105,12 @@ impl LoopHandle {
     /// Calls off all flights that were requested before `at`.
     pub fn call_off(&mut self, at: Time) {
         self.called_off_at = self.called_off_at.max(at);
-        self.awaited_at = None;
+        self.awaited = None;
     }
 
     /// Whether a request to fly is repeated until the vehicle is at rest.
     fn is_awaited(&self) -> bool {
-        self.awaited_at.is_some_and(|at| Time::now().since(at) < AWAITED)
+        self.awaited.is_some_and(|[_, refused_at]| Time::now().since(refused_at) < AWAITED)
     }
 
     /// Replies to the operator's request that waits, if any, with the result of `answer`; returns its command, its number on topic
@@ -117,7 +121,8 @@ impl LoopHandle {
         &mut self,
         mut answer: impl FnMut(&mut LoopRequest) -> ControlResponseV1,
     ) -> Option<(OperatorCommand, u64, ControlResponseV1)> {
-        let (number, mut request, Validity { asked_at, until }) = self.queues.request()?;
+        let (number, mut request, Validity { asked_at, until, is_repeated }) =
+            self.queues.request()?;
         let (command, event) = request.name();
         let is_late = until.is_set() && Time::now() > until && must_be_timely(command);
         let is_called_off = asked_at.is_set() && asked_at < self.called_off_at;
@@ -137,8 +142,10 @@ impl LoopHandle {
         if command.ends_flight() {
             let now = Time::now();
             self.call_off(if asked_at.is_set() { asked_at.min(now) } else { now });
-        } else if command.begins_flight() && response.comes_to_rest() {
-            self.awaited_at = Some(Time::now());
+        } else if command.begins_flight() && is_repeated && response.comes_to_rest() {
+            self.awaited = Some([asked_at, Time::now()]);
+        } else if command.begins_flight() {
+            self.awaited = self.awaited.filter(|[awaited, _]| *awaited != asked_at);
         }
         if command == OperatorCommand::Status && self.present.refusal() != self.last.refusal() {
             self.note_present();

@@ -47,7 +47,7 @@ fn a_request_to_fly_expires_and_a_stop_does_not() {
         (OperatorCommand::Land, true),
         (OperatorCommand::Stop, true),
     ] {
-        let validity = Validity { asked_at: Time::UNSET, until: long_ago };
+        let validity = Validity { asked_at: Time::UNSET, until: long_ago, is_repeated: false };
         requests.queues.send((0, LoopRequest::Operator { command, event: 0 }, validity)).unwrap();
         let mut executed = false;
         while Time::now() == long_ago {}
@@ -158,6 +158,33 @@ fn a_setting_that_has_its_value_already_is_not_a_change() {
 }
 
 #[test]
+fn changed_settings_that_do_not_fit_into_an_answer_are_counted() {
+    let (_, requests) = loop_handoff();
+    let mut settings = LiveSettings::new(&Config::default(), &[]);
+    let is_changed = |key: &str| {
+        ["position.", "reference.", "control.indi.", "control.lqr."]
+            .iter()
+            .any(|it| key.starts_with(it))
+    };
+    let numbers = Config::default().comparable_values().into_iter().filter_map(|(key, value)| {
+        let number = value.parse::<f64>().ok().filter(|_| is_changed(&key))?;
+        Some(format!("{key}={}", 0.987_654_321 * number))
+    });
+    let changes: Vec<_> = numbers.collect();
+    for change in &changes {
+        let request =
+            ControlRequestV1 { text: LongText::new(change), ..asks(OperatorCommand::Set) };
+        if let Ok(mut prepared) = settings.prepare(OperatorCommand::Set, &request) {
+            settings.commit(&mut prepared);
+        }
+    }
+    let mut requests = requests.with_settings(7, settings);
+    let response = requests.ask(asks(OperatorCommand::Get), &mut |_| {});
+    let lines: Vec<_> = response.text.as_str().lines().collect();
+    assert!(lines.len() > 10 && lines.last().unwrap().ends_with(" more"), "{lines:?}");
+}
+
+#[test]
 fn on_the_ground_the_next_flight_is_reported_and_not_the_course_of_the_last() {
     let (_, requests) = loop_handoff();
     let mut requests = requests.with_settings(7, LiveSettings::new(&Config::default(), &[]));
@@ -187,7 +214,7 @@ fn a_request_that_ends_flights_calls_off_those_requested_before_it() {
         let (mut handle, requests) = loop_handoff();
         let before = Time::now();
         let mut asked = |command: OperatorCommand, asked_at: Time| {
-            let validity = Validity { asked_at, until: Time::UNSET };
+            let validity = Validity { asked_at, until: Time::UNSET, is_repeated: false };
             let request = LoopRequest::Operator { command, event: 0 };
             requests.queues.send((0, request, validity)).unwrap();
             let (_, _, response) = handle.poll_request(|_| answers(Answer::Done)).unwrap();
@@ -206,8 +233,9 @@ fn a_landing_succeeds_if_it_calls_off_a_flight_that_waits_for_the_vehicle_to_be_
     let (mut handle, requests) = loop_handoff();
     let obstacles = ArmingObstacles::default().with(ArmingObstacle::Moving, true).bits();
     let stopped = SafetyState::Stop.code();
-    let mut asked = |command: OperatorCommand| {
-        let validity = Validity { asked_at: Time::now(), until: Time::UNSET };
+    let asked_at = Time::now();
+    let mut asked = |command: OperatorCommand, is_repeated| {
+        let validity = Validity { asked_at, until: Time::UNSET, is_repeated };
         requests.queues.send((0, LoopRequest::Operator { command, event: 0 }, validity)).unwrap();
         let (_, _, response) = handle
             .poll_request(|request| match request.name().0 {
@@ -218,10 +246,16 @@ fn a_landing_succeeds_if_it_calls_off_a_flight_that_waits_for_the_vehicle_to_be_
         requests.queues.replies().recv().unwrap();
         response.answer
     };
-    assert_eq!(asked(OperatorCommand::Land), Answer::Refused.code());
-    assert_eq!(asked(OperatorCommand::Arm), Answer::Refused.code());
-    assert_eq!(asked(OperatorCommand::Land), Answer::Done.code());
-    assert_eq!(asked(OperatorCommand::Land), Answer::Refused.code());
+    use OperatorCommand::{Arm, Land};
+    assert_eq!(asked(Land, false), Answer::Refused.code());
+    assert_eq!(asked(Arm, true), Answer::Refused.code());
+    assert_eq!(asked(Land, false), Answer::Done.code());
+    assert_eq!(asked(Land, false), Answer::Refused.code());
+    // A flight that is no longer requested is not called off.
+    for is_repeated in [true, false] {
+        assert_eq!(asked(Arm, is_repeated), Answer::Refused.code());
+    }
+    assert_eq!(asked(Land, false), Answer::Refused.code());
 }
 
 #[test]

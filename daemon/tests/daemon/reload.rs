@@ -52,6 +52,30 @@ fn a_reload_takes_removed_lines_back_and_keeps_flags() {
     assert!(refusal.reason.contains("cannot change while the daemon runs"), "{refusal:?}");
 }
 
+/// Keys of the simulated vehicle, of its frames and of the poses follow others.
+#[test]
+fn a_refused_reload_names_the_key_as_the_file_has_it() {
+    let directory = tempfile::tempdir().unwrap();
+    let files = [directory.path().join("own.toml")];
+    let write = |text: &str| std::fs::write(&files[0], text).unwrap();
+    write("");
+    let settings = LiveSettings::new(&Config::load(&files, &[]).unwrap(), &files);
+    for (text, key) in [
+        ("vehicle.mass-kg = 0.6\nvehicle.max-thrust-n = 12.0\n", "`vehicle.mass-kg`: "),
+        ("plant.mass-kg = 0.6\n", "`plant.mass-kg`: "),
+        ("mocap.rate-hz = 100.0\n", "`mocap.rate-hz`: "),
+    ] {
+        write(text);
+        for path in ["", &files[0].display().to_string()] {
+            let request = ControlRequestV1::of(OperatorCommand::Reload);
+            let request = ControlRequestV1 { text: LongText::new(path), ..request };
+            let refusal = settings.prepare(OperatorCommand::Reload, &request).unwrap_err();
+            assert!(refusal.reason.contains("cannot change while"), "{refusal:?}");
+            assert!(refusal.reason.contains(key), "{text}: {refusal:?}");
+        }
+    }
+}
+
 /// A pipe that nobody writes would be waited for, and with it every later request.
 #[test]
 fn only_regular_files_are_read_in_flight() {

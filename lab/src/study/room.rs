@@ -241,7 +241,7 @@ impl CrampedFlights<'_> {
         let name = oqtal_observe::summary::name_of(&self.kind);
         match self.fitting() {
             Some((key, value)) => {
-                format!("  {name}: before the search, `oqtal ctl set {key}={value}`")
+                format!("  {name}: before the search, request `set {key}={value}`")
             }
             None => format!(
                 "  {name}: no smaller size suffices; land, and give the daemon more room or a smaller [trajectory.{name}]"
@@ -328,7 +328,7 @@ mod tests {
     #[test]
     fn in_flight_only_settings_that_a_daemon_accepts_are_remedies() {
         let remedy = remedies_of_a_pushed_chirp(Changes::InFlight);
-        assert!(remedy.contains("`oqtal ctl set trajectory.attitude-chirp.sweep-s="), "{remedy}");
+        assert!(remedy.contains("request `set trajectory.attitude-chirp.sweep-s="), "{remedy}");
         assert!(!remedy.contains("plant.") && !remedy.contains("fence"), "{remedy}");
     }
 

@@ -90,7 +90,7 @@ pub fn tune(
     let name = config.control.controller.name();
     let law = law::of_name(name).filter(|_| !config.control.is_external()).ok_or_else(|| {
         let reason = format!(
-            "the law `{name}` has no gains here; `oqtal ctl controller oqtal-dt` changes the law"
+            "the law `{name}` has no gains here; the request `controller oqtal-dt` changes the law"
         );
         Failure::new(Exit::Usage, reason)
     })?;

@@ -1,5 +1,5 @@
 use oqtal_bus::code::Mode;
-use oqtal_bus::time::Time;
+use oqtal_config::Setting;
 
 use super::*;
 use crate::report::tests::fixture;
@@ -9,6 +9,38 @@ fn a_flight_without_a_score_is_not_said_to_be_compared() {
     let held = |scored_s| Summary { held_s: 1.5, scored_s, ..Summary::of(&fixture::square()) };
     assert!(held(9.0).held().unwrap().ends_with("do not compare with other flights"));
     assert_eq!(held(0.0).held().as_deref(), Some("held by the fence for 1.50 s"));
+}
+
+#[test]
+fn a_preset_with_other_values_is_not_named_as_the_preset() {
+    let vehicle = |settings: &[&str]| {
+        let settings: Vec<_> =
+            settings.iter().map(|text| Setting::parse("test", text).unwrap()).collect();
+        let config = Config::from_settings(&settings).unwrap();
+        Summary::of(&Flight { config, ..fixture::square() }).vehicle
+    };
+    let preset = "vehicle.preset=crazyflie-2.1";
+    assert_eq!(vehicle(&[preset]), "sim:crazyflie-2.1,fidelity=eq61");
+    let changed = "sim:crazyflie-2.1,fidelity=eq61 with changed values";
+    assert_eq!(vehicle(&[preset, "vehicle.mass-kg=0.031"]), changed);
+    assert_eq!(vehicle(&[preset, "plant.rate-lag-ms=31"]), changed);
+}
+
+#[test]
+fn states_between_two_flights_of_a_recording_are_of_neither() {
+    let mut flight = fixture::square();
+    let one = flight.samples.len();
+    for _ in 0..2 {
+        flight.samples.extend_from_within(..one);
+    }
+    for (k, sample) in flight.samples.iter_mut().enumerate() {
+        let is_between = k / one == 1;
+        let mode = if is_between { Mode::Disarmed } else { Mode::Flying };
+        let state = if is_between { SafetyState::Coast } else { SafetyState::Nominal };
+        (sample.telemetry.mode, sample.telemetry.state) = (mode.code(), state.code());
+        sample.telemetry.time = Time::VIRTUAL_START + COUNTED_AFTER.scaled(2.0 * k as f64);
+    }
+    assert_eq!(Summary::of(&flight).state_sequence, ["Nominal"]);
 }
 
 #[test]

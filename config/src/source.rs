@@ -1,0 +1,76 @@
+//! Comments that name the files of which a configuration was read, so that a later edit of them is found.
+
+use std::fs::{self, File};
+use std::hash::Hasher;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+use crate::layer;
+
+/// Beginning of a comment; the hash of the file's settings, a space and its absolute path follow.
+const MARK: &str = "# read from ";
+
+/// A comment line for each of `files` that is a regular file, with its present settings.
+pub fn source_comments(files: &[PathBuf]) -> String {
+    let comment = |file: &PathBuf| {
+        let path = std::path::absolute(file).ok().filter(|path| path.is_file())?;
+        let name = path.to_str().filter(|name| !name.contains(char::is_control))?;
+        Some(format!("{MARK}{:016x} {name}\n", settings_hash(&path)?))
+    };
+    files.iter().filter_map(comment).collect()
+}
+
+/// The comment lines of `text` that name files.
+pub fn kept_source_comments(text: &str) -> String {
+    text.lines().filter(|line| line.starts_with(MARK)).map(|line| format!("{line}\n")).collect()
+}
+
+/// Files named by the comments of `text` that were removed since, or whose settings were edited.
+pub fn edited_sources(text: &str) -> Vec<PathBuf> {
+    let comments = text.lines().filter_map(|line| line.strip_prefix(MARK)?.split_once(' '));
+    let edited = comments.filter(|(hash, path)| is_edited(Path::new(path), hash));
+    edited.map(|(_, path)| PathBuf::from(path)).collect()
+}
+
+/// Whether the settings of the file at `path` no longer have this hash; `false` if this user may not read it.
+fn is_edited(path: &Path, hash: &str) -> bool {
+    match fs::metadata(path) {
+        Ok(file) if file.is_file() => {
+            let present = settings_hash(path).map(|hash| format!("{hash:016x}"));
+            File::open(path).is_ok() && present.as_deref() != Some(hash)
+        }
+        Ok(_) => true,
+        Err(error) => error.kind() == ErrorKind::NotFound,
+    }
+}
+
+/// Hash of the settings in the file at `path`; `None` if it cannot be read or is not TOML.
+fn settings_hash(path: &Path) -> Option<u64> {
+    let mut hasher = fnv::FnvHasher::default();
+    for setting in layer::from_file(path).ok()? {
+        hasher.write(format!("{}={}\n", setting.key, setting.value).as_bytes());
+    }
+    Some(hasher.finish())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_edited_and_a_removed_file_are_found_and_a_new_comment_in_it_is_none() {
+        let directory = tempfile::tempdir().unwrap();
+        let files = ["a.toml", "b.toml"].map(|name| directory.path().join(name));
+        let write = |k: usize, text: &str| fs::write(&files[k], text).unwrap();
+        write(0, "[vehicle]\nmass-kg = 0.5\n");
+        write(1, "[position]\ntilt-limit-deg = 12.0\n");
+        let text = source_comments(&files) + "[vehicle]\nmass-kg = 0.5\n";
+        assert_eq!(edited_sources(&text), Vec::<PathBuf>::new());
+        write(0, "# heavier soon\n[vehicle]\nmass-kg = 0.5\n");
+        assert_eq!(edited_sources(&text), Vec::<PathBuf>::new());
+        write(0, "[vehicle]\nmass-kg = 0.6\n");
+        assert_eq!(edited_sources(&kept_source_comments(&text)), [files[0].clone()]);
+        fs::remove_file(&files[1]).unwrap();
+        assert_eq!(edited_sources(&text), files);
+    }
+}
