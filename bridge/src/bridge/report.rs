@@ -28,7 +28,7 @@ impl Bridge {
             time_out_s: self.protocol.time_out().map_or(0.0, Span::seconds),
             armed: u8::from(answers && self.gate.last_status_running()),
             starting: u8::from(self.gate.is_starting()),
-            stopped: u8::from(self.stopped_since.is_some()),
+            stopped: u8::from(self.stopped_since.is_some() && !self.is_released()),
             link: u8::from(answers && (self.gate.is_ready() || self.gate.is_released())),
             control: self.gate.control().code(),
             ..self.monitor.state(now)
