@@ -165,11 +165,7 @@ pub fn raise(
     paths.extend(reached.places().iter().filter_map(|place| forbid_automatic(place, &stop)));
     Ok(ObeyedStop {
         paths,
-        again: if stop.observes_only || stop.another_has_control {
-            NextFlights::default()
-        } else {
-            again
-        },
+        again: again.unless(stop.observes_only || stop.another_has_control),
         roots: reached.told_roots(address),
         has_daemons: reached.processes.iter().filter(|process| !process.is_vehicle).count() > 1,
         laggards: raised.laggards(),
