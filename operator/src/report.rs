@@ -259,7 +259,7 @@ fn effect(command: OperatorCommand, response: &ControlResponseV1, answer: &str) 
             "disarm: motors commanded off, the vehicle does not answer".to_owned()
         }
         (OperatorCommand::Disarm, Some(Mode::Disarmed)) => {
-            "disarm: motors commanded off".to_owned()
+            "disarm: motors commanded off, a flight that has not begun is called off".to_owned()
         }
         // The loop follows the new course; it may not have confirmed it yet.
         (OperatorCommand::Goto | OperatorCommand::Trajectory | OperatorCommand::Hover, _) => {
