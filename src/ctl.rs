@@ -3,7 +3,7 @@
 use clap::Args;
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Answer, Cause, Mode};
-use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
+use oqtal_bus::message::{ControlRequestV1, ControlResponseV1, UNCHANGED};
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_config::{Config, InstanceOptions};
 use oqtal_observe::status::InstanceStatus;
@@ -124,6 +124,7 @@ impl CtlArgs {
         let is_later = matches!(self.command, CtlRequest::Set)
             && response.answer != Answer::Refused.code()
             && response.mode == Mode::Flying.code()
+            && !response.text.as_str().starts_with(UNCHANGED)
             && self.arguments.iter().any(is_of_path);
         let line = || {
             format!(
@@ -256,7 +257,26 @@ fn names_configurations(response: &ControlResponseV1) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use oqtal_bus::text::LongText;
+
     use super::*;
+
+    #[derive(clap::Parser)]
+    struct Line {
+        #[command(flatten)]
+        ctl: CtlArgs,
+    }
+
+    #[test]
+    fn settings_that_change_nothing_are_not_said_to_take_effect_later() {
+        let line: Line = clap::Parser::parse_from(["ctl", "set", "trajectory.height-m=1"]);
+        let notes = |text| {
+            let (mode, text) = (Mode::Flying.code(), LongText::new(text));
+            let flying = ControlResponseV1 { mode, text, ..ControlResponseV1::default() };
+            line.ctl.trajectory_note(&flying).len()
+        };
+        assert_eq!([notes("trajectory.height-m=1"), notes(UNCHANGED)], [1, 0]);
+    }
 
     #[test]
     fn injected_faults_are_named() {

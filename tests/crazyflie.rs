@@ -99,6 +99,21 @@ fn f66_a_locked_crazyflie_is_not_flown_and_a_restart_is_requested() {
     let says = |note: &Note| matches!(note, Note::Text(said) if said.is_trouble);
     let texts = laboratory.notes.iter().filter(|note| says(note)).count();
     assert_eq!(texts, 1, "{:?}", laboratory.notes);
+    assert_eq!(laboratory.refusal(0), Some(VehicleRefusal::Locked));
+    let fresh = CrtpVehicle::new(&configuration(), laboratory.air.borrow().now).unwrap();
+    laboratory.air.borrow_mut().vehicles[0] = fresh;
+    laboratory.command(false);
+    laboratory.pass(6000);
+    assert_eq!(laboratory.refusal(0), Some(VehicleRefusal::None), "restarted");
+}
+
+#[test]
+fn f72_a_crazyflie_is_reported_as_not_set_up_until_its_tables_are_read() {
+    let mut laboratory = Laboratory::new(&configuration(), 1, 0.0);
+    laboratory.pass(200);
+    assert_eq!(laboratory.refusal(0), Some(VehicleRefusal::NotSetUp));
+    laboratory.pass(4000);
+    assert_eq!(laboratory.refusal(0), Some(VehicleRefusal::None));
 }
 
 #[test]

@@ -118,6 +118,15 @@ fn f57_a_take_over_by_a_pilot_is_detected_within_a_fifth_of_a_second_and_ends_th
         assert!(air.sent.len() > 50, "poses and heartbeats continue");
         assert!(air.motors_run(), "{kind:?}: the motors are the pilot's");
         assert!(!air.bridge.begin_final_emergency_stop(air.now));
+        // An operator's stop is withheld, and said to be.
+        air.sent.clear();
+        air.bridge.keep_stopped(Some(air.now));
+        air.fly_for(1000, disarmed());
+        assert!(air.sent.iter().all(is_quiet) && air.motors_run(), "{kind:?}");
+        assert!(air.bridge.is_released() && air.report.stopped == 0, "{:?}", air.report);
+        let motors = |event| air.notes.iter().filter(|note| **note == Note::Motors(event)).count();
+        let [taken, withheld] = [MotorEvent::ControlTaken, MotorEvent::StopWithheld].map(motors);
+        assert_eq!((taken, withheld), (1, 1), "{:?}", air.notes);
     }
 }
 

@@ -274,12 +274,12 @@ fn a_recording_whose_writer_was_killed_is_read_up_to_its_last_chunk() {
     }
 }
 
-/// Output of a command whose files cannot grow beyond 800 KiB. The limit acts like a full disk; its signal is ignored.
-fn on_full_disk(testbed: &Testbed, words: &[&str]) -> Output {
+/// Output of a command whose files cannot grow beyond `kib` \[KiB\]. The limit acts like a full disk; its signal is ignored.
+fn on_full_disk(testbed: &Testbed, kib: u32, words: &[&str]) -> Output {
     let command = testbed.oqtal(words);
-    let script = "trap '' XFSZ; ulimit -f 800; exec \"$0\" \"$@\"";
+    let script = format!("trap '' XFSZ; ulimit -f {kib}; exec \"$0\" \"$@\"");
     Command::new("bash")
-        .args(["-c", script, env!("CARGO_BIN_EXE_oqtal")])
+        .args(["-c", &script, env!("CARGO_BIN_EXE_oqtal")])
         .args(command.get_args())
         .current_dir(testbed.path(""))
         .output()
@@ -291,7 +291,7 @@ fn a_recording_that_cannot_grow_ends_and_its_size_is_printed() {
     let testbed = Testbed::new("full-record");
     let _services = testbed.services();
     testbed.wait_for_daemon();
-    let output = on_full_disk(&testbed, &["record", "--out", "r.mcap", "--seconds", "60"]);
+    let output = on_full_disk(&testbed, 800, &["record", "--out", "r.mcap", "--seconds", "60"]);
     assert_refused(&output, 71, &["r.mcap: File too large; the recording ends here"]);
     let said = String::from_utf8_lossy(&output.stdout);
     assert!(said.contains(" messages, 0.8 MB: r.mcap"), "{said}");
@@ -302,10 +302,13 @@ fn a_file_that_cannot_grow_is_reported_and_the_flight_lands() {
     let testbed = Testbed::new("full");
     // In-process, since shared memory would exceed the limit.
     let recorded = ["--clock", "in-process", "--set", "record.flights=all", "--out", "d"];
-    let output = on_full_disk(&testbed, &[&["fly"], &HOVER[..], &recorded[..]].concat());
+    let output = on_full_disk(&testbed, 800, &[&["fly"], &HOVER[..], &recorded[..]].concat());
     assert_refused(&output, 71, &["flight.mcap"]);
     assert!(String::from_utf8_lossy(&output.stdout).starts_with("landed"));
     assert!(RecordingFile::read(&testbed.path("d/flight.mcap")).unwrap().cut_off.is_some());
+    let page = ["report", "d/flight.mcap", "--out", "p.html"];
+    assert_refused(&on_full_disk(&testbed, 1, &page), 71, &["p.html: File too large"]);
+    assert!(testbed.oqtal(&page).status().unwrap().success(), "no part of a page is in the way");
 }
 
 /// Settings of the recording alone: those of the flight remain the daemon's.

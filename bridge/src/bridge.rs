@@ -178,6 +178,11 @@ impl Bridge {
         self.stop_sent.then(|| self.gate.stopped_motors())
     }
 
+    /// Whether another has control: neither set-points nor a stop are sent.
+    pub fn is_released(&self) -> bool {
+        self.gate.is_released()
+    }
+
     /// Whether the motors run, or may run because of what the bridge sent.
     pub fn motors_may_run(&self) -> bool {
         self.gate.may_run() || self.gate.last_status_running()
@@ -239,9 +244,10 @@ impl Bridge {
         };
         if frame.bytes().is_empty() {
             // A vehicle that is not there yet begins with a zero set-point, too.
-            self.zero_first |= self.is_open && setpoint != VehicleSetpoint::Released;
+            let is_unsent = self.is_open && setpoint != VehicleSetpoint::Released;
+            self.zero_first |= is_unsent;
             // No set-point with thrust is sent: a stop has priority.
-            self.stop_sent |= self.is_open && self.stopped_since.is_some();
+            self.stop_sent |= is_unsent && self.stopped_since.is_some();
             return Some(self.report(now, None, Span::ZERO));
         }
         self.begin(now, FrameKind::Setpoint(forwarded), &frame);

@@ -215,6 +215,8 @@ impl Crtp {
                 reply(VehicleReply::BodyRate(self.status.body_rate()));
                 if arming::obstacle(state).is_some() {
                     self.refuse(reply);
+                } else if self.last_reported.take().is_some() {
+                    reply(VehicleReply::Ready);
                 }
             }
             StatusUpdate::Estimate => {
@@ -322,6 +324,10 @@ impl VehicleProtocol for Crtp {
 
     fn time_out(&self) -> Option<Span> {
         self.connection.is_ready().then_some(LEVEL_AFTER)
+    }
+
+    fn is_set_up(&self) -> bool {
+        self.connection.is_ready()
     }
 
     fn emergency_stop(&mut self) -> VehicleFrame {

@@ -249,6 +249,10 @@ impl VehicleProtocol for Mavlink {
         self.requests.time_out()
     }
 
+    fn is_set_up(&self) -> bool {
+        self.requests.are_answered()
+    }
+
     fn emergency_stop(&mut self) -> VehicleFrame {
         match self.vehicle.known() {
             Some((target, _)) => self.frame(&StartSequence::forced_stop().to(target)),

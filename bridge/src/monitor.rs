@@ -98,6 +98,9 @@ impl VehicleMonitor {
                 (self.body_rate, self.body_rate_at) = (rate, now);
             }
             VehicleReply::Refused(refusal) => self.refusal = refusal,
+            VehicleReply::Ready => {
+                (self.refusal, self.text) = (VehicleRefusal::None, ShortText::EMPTY)
+            }
             VehicleReply::Text(VehicleText { is_trouble: true, text }) => self.text = text,
             VehicleReply::BodyRate(_)
             | VehicleReply::Text(_)

@@ -130,8 +130,10 @@ pub enum MotorEvent {
     StoppedInFlight,
     /// The daemon's commands ended while the motors ran, this time ago.
     DaemonSilent(Span),
-    /// A pilot or the vehicle itself took control while the motors ran, or were being started or stopped.
+    /// A pilot or the vehicle itself has control of motors that run.
     ControlTaken,
+    /// An operator's stop is not sent, because a pilot or the vehicle itself has control.
+    StopWithheld,
 }
 
 /// State machine of the motors.
@@ -162,12 +164,10 @@ impl MotorSequencer {
         (self.state, self.since) = (MotorState::Inhibited, now);
     }
 
-    /// Sets the state `Inhibited`, and leaves the motors alone: another has control. Returns what is to be logged.
-    pub fn release(&mut self, now: Time) -> Option<MotorEvent> {
-        let event = self.may_run().then_some(MotorEvent::ControlTaken);
+    /// Sets the state `Inhibited`, and leaves the motors alone: another has control.
+    pub fn release(&mut self, now: Time) {
         self.inhibit(now);
         self.started_here = false;
-        event
     }
 
     /// Whether the last sequence stops motors that the bridge did not start.

@@ -305,6 +305,10 @@ impl VehicleProtocol for Msp {
         self.settings.time_out()
     }
 
+    fn is_set_up(&self) -> bool {
+        self.settings.unread().is_none()
+    }
+
     /// Switches the arming switch off. Betaflight disarms after four such frames, or by its failsafe.
     fn emergency_stop(&mut self) -> VehicleFrame {
         self.is_on = false;

@@ -57,6 +57,8 @@ pub enum VehicleReply {
     Replaced,
     /// The vehicle refuses the last request.
     Refused(VehicleRefusal),
+    /// The vehicle no longer reports why it refused the last request.
+    Ready,
     /// Motion by the vehicle's own estimate.
     Estimate(VehicleEstimate),
     /// Body rate by the vehicle's gyroscope \[rad/s, body\].
@@ -185,6 +187,11 @@ pub trait VehicleProtocol: Debug + Send {
     /// Time without set-points after which the vehicle acts by itself: levels out, stops its motors, or changes its mode. `None` if it
     /// is not known.
     fn time_out(&self) -> Option<Span>;
+
+    /// Whether all that a flight needs of the vehicle was read and set, as far as the vehicle answers.
+    fn is_set_up(&self) -> bool {
+        true
+    }
 
     /// Encodes the command that stops the motors at once.
     fn emergency_stop(&mut self) -> VehicleFrame;

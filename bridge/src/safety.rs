@@ -64,6 +64,8 @@ pub struct CommandGate {
     newest: Option<Newest>,
     status: Option<MotorStatus>,
     control: ControlHolder,
+    /// While another has control: whether a stop was withheld since; `None` otherwise.
+    withholds: Option<bool>,
     /// Whether no flight had been requested for a command timeout since the port was opened, so that a request could be executed.
     is_ready: bool,
     /// Instant of the last flight request.
@@ -84,6 +86,7 @@ impl CommandGate {
             newest: None,
             status: None,
             control: ControlHolder::Nobody,
+            withholds: None,
             is_ready: false,
             last_request: now,
             disarmed_since: None,
@@ -181,8 +184,9 @@ impl CommandGate {
             self.last_request = now;
         }
         if self.is_released() {
-            return (VehicleSetpoint::Released, None, self.motors.release(now));
+            return (VehicleSetpoint::Released, None, self.release(now));
         }
+        self.withholds = None;
         let conditions = self.conditions(now, flight.is_some());
         let event = self.motors.step(now, conditions);
         self.is_ready |= self.motors.state() != MotorState::Inhibited;
@@ -194,6 +198,18 @@ impl CommandGate {
             _ => VehicleSetpoint::Zero,
         };
         (setpoint, self.forward(now, &setpoint), event)
+    }
+
+    /// Leaves the motors to another; returns the event to be logged: of its control, and of an operator's stop that it withholds.
+    fn release(&mut self, now: Time) -> Option<MotorEvent> {
+        self.motors.release(now);
+        let is_stopped = self.stopped_since.is_some();
+        let before = self.withholds.replace(is_stopped);
+        match (before, is_stopped) {
+            (None | Some(false), true) => Some(MotorEvent::StopWithheld),
+            (None, false) => Some(MotorEvent::ControlTaken),
+            _ => None,
+        }
     }
 
     /// Whether the start sequence is being sent.

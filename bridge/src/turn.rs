@@ -137,9 +137,11 @@ impl<T: Transport> Turn for BridgeTurn<T> {
 }
 
 impl<T: Transport> BridgeTurn<T> {
-    /// Confirms a stop once a set-point without flight has left for the vehicle.
+    /// Confirms a stop once a set-point without flight has left for the vehicle; withholds it while another has control.
     fn confirm_stop(&mut self, now: Time) {
-        if let Some(motors) = self.bridge.stopped_motors() {
+        if self.bridge.is_released() {
+            self.ports.stop.withhold();
+        } else if let Some(motors) = self.bridge.stopped_motors() {
             self.ports.stop.confirm(now, motors);
         }
     }

@@ -269,6 +269,8 @@ code! {
         OtherVersion = 8 => "the vehicle uses another protocol version",
         /// Packets of the vehicle are not signed with the configured key, and are ignored.
         Unsigned = 9 => "the vehicle does not sign with the key of bridge.mavlink.signing-key-file",
+        /// The bridge has not yet read or set all that a flight needs.
+        NotSetUp = 10 => "the bridge is still setting the vehicle up",
     }
 }
 

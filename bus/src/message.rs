@@ -18,7 +18,7 @@ pub use bodies::{
     CommandV1, HealthV1, InputV1, PoseV1, ReferenceV1, TelemetryV1, TimeAdvanceV1, TruthV1,
     TurnDoneV1, VehicleV1,
 };
-pub use control::{AS_STARTED, ControlRequestV1, ControlResponseV1, EventV1, NO_USER};
+pub use control::{AS_STARTED, ControlRequestV1, ControlResponseV1, EventV1, NO_USER, UNCHANGED};
 pub use external::{ExternalV1, StateV1};
 pub use field::{Field, FieldType};
 pub use header::{Header, Stamps};

@@ -53,9 +53,13 @@ obstacles! {
     /// The vehicle's own estimate of its motion is not ready.
     EstimatorNotReady = 12 => "the vehicle's own estimate of its motion is not ready",
     /// A real vehicle is not known to act by itself soon enough if set-points end.
-    NoTimeOut = 13 => "the vehicle's own time-out without set-points is unknown or too long (oqtal bridge setup, bridge.vehicle-time-out-ms, safety.vehicle-time-out-ms)",
+    NoTimeOut = 13 => "the vehicle's own time-out without set-points is unknown or too long (MAVLink and Betaflight: oqtal bridge setup; AscTec: bridge.vehicle-time-out-ms; limit: safety.vehicle-time-out-ms)",
     /// The daemon only observes.
     ObservesOnly = 14 => "the daemon only observes (safety.observe-only, mocap.replay)",
+    /// The vehicle is locked until it is restarted.
+    Locked = 15 => "the vehicle is locked: restart it",
+    /// The bridge has not set the vehicle up yet.
+    NotSetUp = 16 => "the bridge is still setting the vehicle up: arm again in a few seconds",
 }
 
 /// A set of reasons against arming.

@@ -219,6 +219,13 @@ impl VehicleStop {
         words::confirm(&self.switch.words, stop.number, motors == StoppedMotors::Off);
     }
 
+    /// Records that the stop in force does not reach the motors: another has control of the vehicle.
+    pub fn withhold(&self) {
+        if let Some(stop) = self.in_force {
+            words::withhold(&self.switch.words, stop.number);
+        }
+    }
+
     /// Takes a command of the daemon. A "disarmed" published after the stop in force was seen lifts the stop once the motors are
     /// known to be off; or 3 s after its confirmation, if nothing is known of them. The last command of a daemon that ends has no
     /// stamps and counts as published afterwards.

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::Vector3;
-use oqtal_bus::code::{ControlHolder, EstimatorState};
+use oqtal_bus::code::{ControlHolder, EstimatorState, VehicleRefusal};
 use oqtal_bus::message::VehicleV1;
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_bus::time::{Span, Time};
@@ -126,11 +126,15 @@ impl ArmingCheck {
             view.vehicle.is_some_and(|vehicle| code(vehicle) == value)
         };
         let taken = has_code(|vehicle| vehicle.control, ControlHolder::Another.code());
+        let refuses = |refusal: VehicleRefusal| has_code(|vehicle| vehicle.refusal, refusal.code());
+        let is_set_up = !refuses(VehicleRefusal::NotSetUp);
         let lost = has_code(|vehicle| vehicle.estimator, EstimatorState::NotReady.code());
         let general = ArmingObstacles::default()
             .with(O::ControlTaken, taken)
             .with(O::EstimatorNotReady, lost)
-            .with(O::NoTimeOut, real && !acts)
+            .with(O::NoTimeOut, real && !acts && is_set_up)
+            .with(O::NotSetUp, !is_set_up)
+            .with(O::Locked, refuses(VehicleRefusal::Locked))
             .with(O::NoPoses, !view.poses_good || view.last.is_none())
             .with(O::VehicleSilent, view.vehicle.is_none())
             .with(O::BatteryLow, low)

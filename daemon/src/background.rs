@@ -1,5 +1,6 @@
 //! The background thread of the daemon: logs, health, operator requests.
 
+use std::collections::VecDeque;
 use std::os::fd::OwnedFd;
 use std::path::PathBuf;
 
@@ -29,6 +30,8 @@ use crate::operator::OperatorRequests;
 const PEERS: [Role; 4] = [Role::Plant, Role::Mocap, Role::Receiver, Role::Bridge];
 /// Time after which the health of a process that ended no longer counts.
 const PEER_TIMEOUT: Span = Span::from_millis(3000);
+/// Number of authors whose last request is compared with their next one \[-\].
+const MOST_AUTHORS: usize = 16;
 
 /// Health of another process of the instance.
 struct Peer {
@@ -113,8 +116,7 @@ pub struct DaemonWorker {
     events: Writer<EventV1>,
     law: Option<LawListener>,
     file: ConfigFile,
-    /// The last request as it was logged.
-    logged: String,
+    log: RequestLog,
     // The ports live as long as the bus they were opened on.
     bus: Bus,
 }
@@ -151,7 +153,7 @@ impl DaemonWorker {
         let peers = PEERS.iter().map(|role| Peer::open(&bus, *role)).collect::<Result<_, _>>()?;
         let (health, events) = (context.health.clone(), bus.writer(&EVENT)?);
         let file = ConfigFile::begin(context.paths()?.config(), context);
-        let logged = String::new();
+        let log = RequestLog::default();
         Ok(Self {
             requests,
             server,
@@ -162,7 +164,7 @@ impl DaemonWorker {
             events,
             law,
             file,
-            logged,
+            log,
             bus,
         })
     }
@@ -172,7 +174,7 @@ impl BackgroundWorker for DaemonWorker {
     fn poll(&mut self) {
         self.file.keep(&self.bus);
         let Self { requests, server, heartbeat, health, config_hash, peers, .. } = self;
-        let Self { events, law, logged, .. } = self;
+        let Self { events, law, log, .. } = self;
         requests.take_changes();
         law.iter_mut().for_each(LawListener::poll);
         // Every peer is checked, so that none keeps an old message.
@@ -183,7 +185,7 @@ impl BackgroundWorker for DaemonWorker {
             health.set_status(text);
         }
         let mut publish = |event: EventV1| {
-            log_event(&event, logged);
+            log.event(&event);
             if let Err(error) = events.send(0, Stamps::default(), event) {
                 tracing::warn!("{error}");
             }
@@ -199,11 +201,44 @@ impl BackgroundWorker for DaemonWorker {
     }
 }
 
-/// Logs a request; a refusal that its author receives again for the same reason once. `logged`: the last request as it was logged.
-fn log_event(event: &EventV1, logged: &mut String) {
+/// Log of requests. A refusal that its author receives again for the same reason is logged once.
+#[derive(Debug, Default)]
+struct RequestLog {
+    /// The last authors, each with its last request as it was logged.
+    logged: VecDeque<(String, String)>,
+}
+
+impl RequestLog {
+    /// Logs a request.
+    fn event(&mut self, event: &EventV1) {
+        let Some(what) = described(event) else { return };
+        let (author, refusal) = (event.author(), event.refusal());
+        let reason = refusal.as_ref().map_or_else(String::new, |refusal| format!(": {refusal}"));
+        let text = format!("{what}, by {author}{reason}");
+        let is_new = self.note(author, &text);
+        match refusal {
+            None => tracing::info!("{text}"),
+            Some(_) if is_new => tracing::warn!("{text}"),
+            Some(_) => {}
+        }
+    }
+
+    /// Notes the last request of `author`; returns whether `text` differs from the one before.
+    fn note(&mut self, author: String, text: &str) -> bool {
+        let place = self.logged.iter().position(|(known, _)| *known == author);
+        let before = place.and_then(|place| self.logged.remove(place));
+        let is_new = before.is_none_or(|(_, before)| before != text);
+        self.logged.truncate(MOST_AUTHORS - 1);
+        self.logged.push_front((author, text.to_owned()));
+        is_new
+    }
+}
+
+/// The command of a request with its content; `None` for one of another version.
+fn described(event: &EventV1) -> Option<String> {
     let EventV1 { text, point: [x, y, z], yaw, .. } = event;
-    let Some(command) = OperatorCommand::from_code(event.command) else { return };
-    let what = match command {
+    let command = OperatorCommand::from_code(event.command)?;
+    Some(match command {
         OperatorCommand::Goto if yaw.is_nan() => format!("{command} {x} {y} {z}"),
         OperatorCommand::Goto => {
             // Degrees as they were given, without the rounding of radians.
@@ -211,14 +246,19 @@ fn log_event(event: &EventV1, logged: &mut String) {
             format!("{command} {x} {y} {z}, yaw {degrees} deg")
         }
         _ => format!("{command} {}", text.as_str().replace('\n', " ")).trim_end().to_owned(),
-    };
-    let refusal = event.refusal();
-    let reason = refusal.as_ref().map_or_else(String::new, |refusal| format!(": {refusal}"));
-    let text = format!("{what}, by {}{reason}", event.author());
-    match refusal {
-        None => tracing::info!("{text}"),
-        Some(_) if text != *logged => tracing::warn!("{text}"),
-        Some(_) => {}
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_same_refusals_of_several_authors_in_turn_are_logged_once_each() {
+        let mut log = RequestLog::default();
+        let mut note = |author: &str, text| log.note(author.to_owned(), text);
+        assert!(note("a", "arm: moving") && note("b", "arm: moving"));
+        assert!(!note("a", "arm: moving") && !note("b", "arm: moving"));
+        assert!(note("a", "arm: tilted") && note("a", "arm: moving"));
     }
-    *logged = text;
 }

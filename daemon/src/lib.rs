@@ -32,6 +32,7 @@
 //! | `flyable.rs` | the demand of a flight on the vehicle |
 //! | `arming.rs` | the reasons against a flight |
 //! | `live.rs` | changes of a flight and of settings while the daemon runs |
+//! | `refusal.rs` | a change that is refused, and its reason |
 //! | `stream.rs` | references of a planner |
 //! | `flight_marker.rs` | the marker that holds back the automatic take-off of the next daemon |
 //! | `setpoint.rs` | the check of the reference |
@@ -82,6 +83,7 @@ mod measured_noise;
 mod mission;
 mod operator;
 mod pose_noise;
+mod refusal;
 mod room;
 mod setpoint;
 mod stack;
@@ -122,11 +124,12 @@ pub use guard::{Accepted, Guard};
 pub use handover::{Handover, SlewLimits};
 use law_socket::SocketLaw;
 pub use limits::{FlightLimits, FlightView, LimitConditions};
-pub use live::{FlightChange, LiveControl, LiveSettings, PreparedChange, Refusal};
+pub use live::{FlightChange, LiveControl, LiveSettings, PreparedChange};
 pub use loop_health::LoopHealth;
 pub use mission::ActiveMission;
 pub use operator::{LoopHandle, LoopRequest, OperatorRequests, loop_handoff};
 pub use pose_noise::PoseNoise;
+pub use refusal::Refusal;
 pub use setpoint::{CheckedSetpoint, SetpointGuard};
 pub use stack::{ControlOutput, ControlStack, LawInput};
 pub use stream::ReferenceStream;

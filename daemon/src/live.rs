@@ -22,6 +22,7 @@ use crate::fence::Fence;
 use crate::flight_room::{require_flyable, require_flyable_in_flight};
 use crate::law_guard::{LiveGuard, note_on_fallback, of_stack};
 use crate::limits::LoopLimits;
+use crate::refusal::Refusal;
 use crate::room::StoppingRoom;
 use crate::stack::ControlStack;
 use crate::stream::ReferenceStream;
@@ -30,6 +31,8 @@ use crate::waypoint_file::{self, ReadSettings};
 
 /// Number of changes of settings that can be taken back \[-\].
 const MOST_UNDONE: usize = 32;
+/// Key of the waypoint file.
+const WAYPOINTS_FILE: &str = "trajectory.waypoints-file";
 /// Name of the request in errors.
 const ORIGIN: &str = "set";
 
@@ -99,33 +102,6 @@ pub enum FlightChange {
     Settings(Box<LiveControl>),
 }
 
-/// Refusal of a request.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Refusal {
-    /// Cause.
-    pub cause: Cause,
-    /// Reason, with the key at fault; empty if the cause says it.
-    pub reason: String,
-}
-
-impl Refusal {
-    fn of_setting(reason: impl ToString) -> Self {
-        Self { cause: Cause::Setting, reason: reason.to_string() }
-    }
-}
-
-impl From<ConfigError> for Refusal {
-    fn from(error: ConfigError) -> Self {
-        Self::of_setting(error)
-    }
-}
-
-impl From<Failure> for Refusal {
-    fn from(failure: Failure) -> Self {
-        Self::of_setting(failure.message)
-    }
-}
-
 /// A request that was checked.
 #[derive(Debug)]
 pub struct PreparedChange {
@@ -147,7 +123,7 @@ impl PreparedChange {
 /// The settings with which a daemon flies, and those before.
 #[derive(Clone, Debug)]
 pub struct LiveSettings {
-    started: Config,
+    started: ReadSettings,
     present: ReadSettings,
     /// Earlier settings, the last ones at the end.
     earlier: Vec<ReadSettings>,
@@ -165,8 +141,8 @@ impl LiveSettings {
 
     /// As [`LiveSettings::new`], with these points of the waypoint file.
     pub fn along(config: &Config, files: &[PathBuf], waypoints: Option<Waypoints>) -> Self {
-        let (started, present) =
-            (config.clone(), ReadSettings { config: config.clone(), waypoints });
+        let started = ReadSettings { config: config.clone(), waypoints };
+        let present = started.clone();
         Self { started, present, earlier: Vec::new(), files: files.to_vec(), recorded: None }
     }
 
@@ -182,7 +158,11 @@ impl LiveSettings {
 
     /// Settings that differ from those with which the daemon was started, one per line below a title; empty if none does.
     pub fn changed(&self) -> Vec<String> {
-        let changed = self.started.differences(self.present()).unwrap_or_default();
+        let Self { started, present, .. } = self;
+        let mut changed = started.config.differences(&present.config).unwrap_or_default();
+        if started.has_other_points(present) {
+            changed.push("trajectory.waypoints-file was read again, with other points".to_owned());
+        }
         let title =
             (!changed.is_empty()).then(|| "settings changed since the daemon's start:".into());
         title.into_iter().chain(changed).collect()
@@ -245,8 +225,7 @@ impl LiveSettings {
 
     /// Whether `prepared` sets the present values again.
     pub fn are_unchanged_by(&self, prepared: &PreparedChange) -> bool {
-        let next = prepared.settings.as_ref().map(|(settings, _)| &settings.config);
-        next == Some(self.present())
+        prepared.settings.as_ref().is_some_and(|(settings, _)| *settings == self.present)
     }
 
     /// Warnings of the settings after `prepared` that the present ones do not have.
@@ -269,7 +248,7 @@ impl LiveSettings {
                 self.earlier.pop();
             }
             // A change to the present values is nothing to take back.
-            Some((settings, false)) if settings.config != self.present.config => {
+            Some((settings, false)) if settings != self.present => {
                 self.earlier.push(std::mem::replace(&mut self.present, settings));
                 let surplus = self.earlier.len().saturating_sub(MOST_UNDONE);
                 self.earlier.drain(..surplus);
@@ -284,8 +263,12 @@ impl LiveSettings {
         text: LongText,
         is_undo: bool,
     ) -> Result<PreparedChange, Refusal> {
-        let live =
-            LiveControl::new(&self.started, self.present(), &next.config, next.trajectory()?)?;
+        let live = LiveControl::new(
+            &self.started.config,
+            self.present(),
+            &next.config,
+            next.trajectory()?,
+        )?;
         let change = FlightChange::Settings(Box::new(live));
         Ok(PreparedChange { change, text, settings: Some((next, is_undo)) })
     }
@@ -297,13 +280,14 @@ impl LiveSettings {
             return Err(Refusal::of_setting("no KEY=VALUE given"));
         }
         let mut keys = HashSet::new();
-        if let Some(twice) = settings.iter().find(|setting| !keys.insert(&setting.key)) {
+        if let Some(twice) = settings.iter().find(|setting| !keys.insert(setting.key.as_str())) {
             return Err(Refusal::of_setting(format!(
                 "`{}`: given more than once; give each key once",
                 twice.key
             )));
         }
-        self.settings(self.read(self.present().with_live(&settings)?)?, text, false)
+        let is_named = keys.contains(WAYPOINTS_FILE);
+        self.settings(self.read(self.present().with_live(&settings)?, is_named)?, text, false)
     }
 
     /// Changes the settings that differ in the file `path`. Without one, takes the changes in flight back, and reads the
@@ -321,7 +305,7 @@ impl LiveSettings {
         }
         settings.retain(|setting| !setting.is_of_instance());
         let next = match path.is_empty() {
-            true => self.started.reread(files)?,
+            true => self.started.config.reread(files)?,
             false => self.present().with_live(&settings)?,
         };
         let changed = self.present().differences(&next).map_err(Refusal::of_setting)?;
@@ -333,14 +317,15 @@ impl LiveSettings {
             return Err(Refusal::of_setting("no setting differs"));
         }
         self.present().require_live(&next, &settings)?;
-        self.settings(self.read(next)?, text, false)
+        self.settings(self.read(next, false)?, text, false)
     }
 
-    /// `config` with the points of its waypoint file, which is read if `config` names another one than the present settings.
-    fn read(&self, config: Config) -> Result<ReadSettings, Refusal> {
+    /// `config` with the points of its waypoint file, which is read if `config` names another one than the present settings, or if the
+    /// request names it again.
+    fn read(&self, config: Config, is_named: bool) -> Result<ReadSettings, Refusal> {
         let file = &config.trajectory.waypoints_file;
         let waypoints = match file {
-            _ if *file == self.present().trajectory.waypoints_file => {
+            _ if !is_named && *file == self.present().trajectory.waypoints_file => {
                 self.present.waypoints.clone()
             }
             Some(_) if self.recorded.is_some() => self.recorded.clone(),
@@ -356,7 +341,7 @@ impl LiveSettings {
     /// The trajectory with the name `kind` and the present options.
     fn trajectory(&self, kind: &str) -> Result<Trajectory, Refusal> {
         let kind = Setting::flag("fly", "trajectory.kind", kind);
-        let settings = self.read(self.present().with_live(&[kind])?)?;
+        let settings = self.read(self.present().with_live(&[kind])?, false)?;
         let trajectory = settings.trajectory()?;
         require_flyable_in_flight(&settings.config, &trajectory)?;
         Ok(trajectory)

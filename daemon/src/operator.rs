@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand};
-use oqtal_bus::message::{AS_STARTED, ControlRequestV1, ControlResponseV1, EventV1};
+use oqtal_bus::message::{AS_STARTED, ControlRequestV1, ControlResponseV1, EventV1, UNCHANGED};
 use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::text::LongText;
 use oqtal_bus::time::Time;
@@ -17,7 +17,8 @@ use oqtal_runtime::handoff::{BackgroundHandle, handoff};
 
 use crate::condition::{Condition, Followed};
 use crate::cycle::FirstFlight;
-use crate::live::{LiveSettings, PreparedChange, Refusal};
+use crate::live::{LiveSettings, PreparedChange};
+use crate::refusal::Refusal;
 
 pub use loop_handle::{LoopHandle, LoopRequest};
 use loop_handle::{NumberedReply, NumberedRequest, RequestNumber, Validity, refused};
@@ -257,9 +258,8 @@ impl OperatorRequests {
         let response = match prepared {
             Err(refusal) => with_reason(&refusal, self.present(Answer::Refused)),
             Ok(prepared) if settings.are_unchanged_by(&prepared) => {
-                let title = "nothing changes, these are the present values:";
-                let lines = std::iter::once(title).chain(prepared.text.as_str().lines());
-                let text = LongText::of_lines(lines).unwrap_or_else(|| LongText::new(title));
+                let lines = std::iter::once(UNCHANGED).chain(prepared.text.as_str().lines());
+                let text = LongText::of_lines(lines).unwrap_or_else(|| LongText::new(UNCHANGED));
                 return ControlResponseV1 { text, ..self.present(Answer::Done) };
             }
             Ok(_) if self.queues.is_full() => {

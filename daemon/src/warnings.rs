@@ -138,7 +138,7 @@ fn waypoints_unused(config: &Config) -> Option<String> {
     let kind = config.trajectory.kind;
     let is_unused = config.trajectory.waypoints_file.is_some() && kind != TrajectoryKind::Waypoints;
     is_unused.then(|| {
-        "trajectory.waypoints-file is given and another trajectory is flown: set trajectory.kind to \"waypoints\" to fly the file".to_owned()
+        "trajectory.waypoints-file is given and another trajectory is flown: set trajectory.kind to \"waypoints\" to fly the file, or in flight use `oqtal ctl fly waypoints`".to_owned()
     })
 }
 

@@ -42,7 +42,7 @@ pub fn waypoints(config: &Config) -> Result<Option<Waypoints>, Failure> {
 }
 
 /// Settings with the points of their waypoint file: a later change does not depend on the file, which may have vanished.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ReadSettings {
     pub(crate) config: Config,
     /// `None` without a file, and for one that could not be read at the start.
@@ -50,6 +50,12 @@ pub(crate) struct ReadSettings {
 }
 
 impl ReadSettings {
+    /// Whether `other` names the same file and has other points of it.
+    pub(crate) fn has_other_points(&self, other: &Self) -> bool {
+        let file = |settings: &Self| settings.config.trajectory.waypoints_file.clone();
+        file(self) == file(other) && self.waypoints != other.waypoints
+    }
+
     /// The trajectory. A file that could not be read at the start is an error of the request that flies it.
     ///
     /// # Errors

@@ -180,9 +180,9 @@ fn assert_replays(mission: &Mission, path: &Path, requests: u64) {
     assert!(result.is_identical() && result.requests == requests, "{}", result.requests);
 }
 
-/// Neither the flight nor its replay depends on a file after it was named.
+/// Between these requests, neither the flight nor its replay depends on the file.
 #[test]
-fn a_waypoint_file_named_in_flight_is_read_once_and_replays_bit_for_bit() {
+fn a_waypoint_file_is_read_whenever_it_is_named_in_flight_and_replays_bit_for_bit() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("flight.mcap");
     let mission = hover(60.0, &[]);
@@ -199,7 +199,8 @@ fn a_waypoint_file_named_in_flight_is_read_once_and_replays_bit_for_bit() {
     };
     let fly = ControlRequestV1::of(OperatorCommand::Trajectory);
     let fly = ControlRequestV1 { text: LongText::new("waypoints"), ..fly };
-    for (number, x) in [(1, 0.5), (2, -0.5)] {
+    // The last one is named again, with other points.
+    for (number, x) in [(1, 0.5), (2, -0.5), (2, 0.5)] {
         std::fs::write(file(number), format!("t,x,y,z\n0,0,0,1\n4,{x},0,1\n8,0,0,1\n")).unwrap();
         ask(&mut flight, OperatorCommand::Set, &name(number));
         std::fs::remove_file(file(number)).unwrap();
@@ -218,7 +219,7 @@ fn a_waypoint_file_named_in_flight_is_read_once_and_replays_bit_for_bit() {
     assert!(flight.request(OperatorCommand::Land).unwrap());
     flight.end_after(Span::from_millis(20_000));
     assert_eq!(flight.finish().unwrap().outcome, Outcome::Landed);
-    assert_replays(&mission, &path, 15);
+    assert_replays(&mission, &path, 21);
 }
 
 /// A planner's reference of the shipped circle from the hover point, at `t_s` \[s\] after its start.

@@ -76,10 +76,14 @@ impl InstanceStatus {
             lines.push(format!("{:<10} {x:.2} {y:.2} {z:.2} m{age}", "position"));
         }
         if self.awaits_stop {
-            lines.push(format!(
-                "{:<10} raised by an operator, not yet obeyed by the vehicle's process",
-                "stop"
-            ));
+            let is_withheld = self.vehicle.as_ref().is_some_and(VehicleStatus::control_is_taken);
+            let reason = match is_withheld {
+                true => {
+                    "not sent while another has control: only the remote control stops the motors"
+                }
+                false => "not yet obeyed by the vehicle's process",
+            };
+            lines.push(format!("{:<10} raised by an operator, {reason}", "stop"));
         }
         if self.config_agrees() == Some(false) {
             lines.push("configurations differ: restart the processes with one --config".to_owned());
@@ -168,6 +172,11 @@ impl VehicleStatus {
         self.armed == Some(false) && !self.starting
     }
 
+    /// Whether a pilot or the vehicle itself has control.
+    fn control_is_taken(&self) -> bool {
+        self.control == Some(ControlHolder::Another.to_string())
+    }
+
     /// State of the vehicle in its newest message.
     pub fn new(vehicle: &VehicleV1) -> Self {
         let known = |number: f64| number.is_finite().then_some(number);
@@ -217,9 +226,8 @@ impl fmt::Display for VehicleStatus {
             None if self.simulated => {}
             None => write!(f, ", its time-out without set-points is unknown")?,
         }
-        let another = ControlHolder::Another.to_string();
-        if self.control.as_ref() == Some(&another) {
-            write!(f, ", control: {another}")?;
+        if self.control_is_taken() {
+            write!(f, ", control: {}", ControlHolder::Another)?;
         }
         if self.estimator == EstimatorState::NotReady.to_string() {
             write!(f, ", its estimate is not ready")?;

@@ -46,6 +46,11 @@ impl NextFlights {
         Self(reached.places().into_iter().map(|it| NextFlight::of(&processes(&it), it)).collect())
     }
 
+    /// These commands; none with `no_flight`.
+    pub(crate) fn unless(self, no_flight: bool) -> Self {
+        if no_flight { Self::default() } else { self }
+    }
+
     /// Notes the processes that run at `paths`: a daemon needs their configuration.
     pub(crate) fn note_running(&mut self, paths: &InstancePaths, running: &RunningProcesses) {
         let Some(process) = running.of_other_config(paths) else { return };

@@ -120,6 +120,7 @@ impl RaisedStops {
             vehicle_obeys: reach_all && self.vehicles().all(|report| report.vehicle_obeys),
             motors_off: reach_all && self.vehicles().all(|report| report.motors_off),
             daemon_obeys: !has_silent && self.words.iter().any(obeys),
+            another_has_control: self.vehicles().any(|report| report.another_has_control),
         }
     }
 }

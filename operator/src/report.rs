@@ -120,6 +120,7 @@ impl ControlReport {
             _ if has_no_flight && is_silent(response) => &format!(
                 "the motors are commanded off, and the vehicle does not answer; `oqtal ctl stop {place}` tries every path to it"
             ),
+            _ if has_no_flight && is_taken(response) => NOT_OURS,
             _ if has_no_flight => "there is no flight",
             (false, _) if is_take_off && !is_of_request => &listed,
             (false, "") => &listed,
@@ -230,6 +231,14 @@ fn is_silent(response: &ControlResponseV1) -> bool {
     ArmingObstacles::from_bits(response.obstacles).contains(ArmingObstacle::VehicleSilent)
 }
 
+/// Answer while another has control of the vehicle.
+const NOT_OURS: &str = "a pilot or the vehicle itself has control, so no command is sent to it; only the remote control lands it or stops its motors";
+
+/// Whether a pilot or the vehicle itself has control.
+fn is_taken(response: &ControlResponseV1) -> bool {
+    ArmingObstacles::from_bits(response.obstacles).contains(ArmingObstacle::ControlTaken)
+}
+
 /// Effect of an accepted command, from the mode after it.
 fn effect(command: OperatorCommand, response: &ControlResponseV1, answer: &str) -> String {
     match (command, Mode::from_code(response.mode)) {
@@ -240,17 +249,51 @@ fn effect(command: OperatorCommand, response: &ControlResponseV1, answer: &str) 
         (OperatorCommand::Land, Some(Mode::Disarmed)) if is_silent(response) => {
             "the flight is called off; motors commanded off, the vehicle does not answer".to_owned()
         }
+        (OperatorCommand::Land | OperatorCommand::Disarm, Some(Mode::Disarmed))
+            if is_taken(response) =>
+        {
+            format!("{command}: {NOT_OURS}")
+        }
         (OperatorCommand::Land, Some(Mode::Disarmed)) => "the flight is called off".to_owned(),
         (OperatorCommand::Disarm, Some(Mode::Disarmed)) if is_silent(response) => {
             "disarm: motors commanded off, the vehicle does not answer".to_owned()
         }
         (OperatorCommand::Disarm, Some(Mode::Disarmed)) => {
-            "disarm: motors commanded off".to_owned()
+            "disarm: motors commanded off, a flight that has not begun is called off".to_owned()
         }
         // The loop follows the new course; it may not have confirmed it yet.
         (OperatorCommand::Goto | OperatorCommand::Trajectory | OperatorCommand::Hover, _) => {
             format!("{command}: on its way")
         }
         _ => format!("{command}: {answer}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn f57_a_vehicle_that_another_controls_is_not_said_to_be_commanded_off_or_on_the_floor() {
+        let obstacles = ArmingObstacles::default().with(ArmingObstacle::ControlTaken, true).bits();
+        let paths = InstancePaths::new("a", None).unwrap();
+        let said = |command, answer: Answer, cause: Cause| {
+            let response = ControlResponseV1 {
+                answer: answer.code(),
+                mode: Mode::Disarmed.code(),
+                cause: cause.code(),
+                obstacles,
+                ..ControlResponseV1::default()
+            };
+            let report = ControlReport::new(command, &response, InstanceStatus::default(), &paths);
+            let checked = report.check(&response, None);
+            checked.map_or_else(|failure| failure.message, |()| report.to_text(&[]))
+        };
+        let disarm = said(OperatorCommand::Disarm, Answer::Done, Cause::None);
+        let land = said(OperatorCommand::Land, Answer::Refused, Cause::WrongMode);
+        for text in [disarm, land] {
+            assert!(text.contains("only the remote control lands it"), "{text}");
+            assert!(!text.contains("off;") && !text.contains("no flight"), "{text}");
+        }
     }
 }

@@ -45,6 +45,8 @@ pub struct ObeyedStop {
     pub motors_off: bool,
     /// Whether the daemon commands "disarmed".
     pub daemon_obeys: bool,
+    /// Whether a pilot or the vehicle itself has control, so that the stop does not reach the motors.
+    another_has_control: bool,
     /// Whether the daemon only observes: it ended no flight and begins none.
     observes_only: bool,
     /// Mode and state of the daemon; empty if it did not answer in time.
@@ -166,7 +168,7 @@ pub fn raise(
     paths.extend(reached.places().iter().filter_map(|place| forbid_automatic(place, &stop)));
     Ok(ObeyedStop {
         paths,
-        again: if stop.observes_only { NextFlights::default() } else { again },
+        again: again.unless(stop.observes_only || stop.another_has_control),
         roots: reached.told_roots(address),
         has_daemons: reached.processes.iter().filter(|process| !process.is_vehicle).count() > 1,
         laggards: raised.laggards(),
@@ -294,13 +296,14 @@ fn said(answer: &DaemonAnswer) -> &str {
 
 impl ObeyedStop {
     fn new(report: StopReport, response: Option<&ControlResponseV1>) -> Self {
-        let StopReport { vehicle_obeys, motors_off, daemon_obeys } = report;
+        let StopReport { vehicle_obeys, motors_off, daemon_obeys, another_has_control } = report;
         let obstacles = response.map(|response| ArmingObstacles::from_bits(response.obstacles));
         Self {
             command: "stop",
             vehicle_obeys,
             motors_off,
             daemon_obeys,
+            another_has_control,
             observes_only: obstacles.is_some_and(|it| it.contains(ArmingObstacle::ObservesOnly)),
             mode: word(response.and_then(|response| Mode::from_code(response.mode))),
             state: word(response.and_then(|response| SafetyState::from_code(response.state))),
@@ -323,6 +326,7 @@ impl ObeyedStop {
             return Ok(());
         }
         let exit = if self.vehicle_obeys
+            || self.another_has_control
             || self.unconfirmed.is_some_and(|reason| reason != Unconfirmed::Missing)
         {
             Exit::Flight
@@ -339,6 +343,11 @@ impl ObeyedStop {
             (_, true) => "motors off until `arm`".into(),
             (true, false) => {
                 "no command reaches the vehicle any more, but it has not reported that its motors are off".into()
+            }
+            (false, false) if self.another_has_control => {
+                "a pilot or the vehicle itself has control, so no stop is sent to the vehicle: only the remote control stops its motors; the stop \
+                 stays raised, and acts if control is given back to the bridge"
+                    .into()
             }
             (false, false) if !self.laggards.is_empty() => format!(
                 "the other vehicles have obeyed, but not {}, which hangs, or has no port",
@@ -385,3 +394,6 @@ impl std::fmt::Display for ObeyedStop {
         write!(f, "{}", self.again)
     }
 }
+
+#[cfg(test)]
+mod tests;

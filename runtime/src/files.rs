@@ -3,7 +3,7 @@
 use std::fs::{DirBuilder, File, OpenOptions};
 use std::io::{self, Read};
 use std::os::unix::fs::{DirBuilderExt, FileTypeExt, MetadataExt, OpenOptionsExt};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use rustix::fs::OFlags;
 
@@ -98,12 +98,36 @@ pub fn remove_same(path: &Path, file: Option<(u64, u64)>) {
     }
 }
 
-/// Writes `content` to a file made by [`create`].
+/// Writes `content` to a file, which is replaced as a whole: if writing fails, an existing file stays as it was, and no part of a new one
+/// is left. A link is not followed; a pipe or a device is written directly.
 ///
 /// # Errors
 /// As [`create`], or the disk is full.
 pub fn write(path: &Path, content: impl AsRef<[u8]>) -> io::Result<()> {
-    io::Write::write_all(&mut create(path)?, content.as_ref())
+    let found = path.symlink_metadata().ok();
+    if found.as_ref().is_some_and(|found| !found.is_file()) {
+        return io::Write::write_all(&mut create(path)?, content.as_ref());
+    }
+    if found.is_some() {
+        check_writable(path)?;
+    }
+    let (draft, mut file) = create_draft(path)?;
+    let written = io::Write::write_all(&mut file, content.as_ref())
+        .and_then(|()| found.map_or(Ok(()), |found| file.set_permissions(found.permissions())))
+        .and_then(|()| std::fs::rename(&draft, path));
+    written.inspect_err(|_| drop(std::fs::remove_file(&draft)))
+}
+
+/// Makes a new file beside `path`, to be renamed to it.
+fn create_draft(path: &Path) -> io::Result<(PathBuf, File)> {
+    let mut number = 0_u32;
+    loop {
+        let draft = path.with_file_name(format!(".oqtal-{}-{number}", std::process::id()));
+        match OpenOptions::new().write(true).create_new(true).open(&draft) {
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => number += 1,
+            opened => return opened.map(|file| (draft, file)),
+        }
+    }
 }
 
 /// Reads the text of a file that only its owner, this user or root, may read.
@@ -131,6 +155,9 @@ pub fn read_secret(path: &Path) -> io::Result<String> {
 
 #[cfg(test)]
 mod tests {
+    use std::fs::Permissions;
+    use std::os::unix::fs::PermissionsExt;
+
     use super::*;
 
     #[test]
@@ -146,6 +173,11 @@ mod tests {
         write(&path("file"), "new").unwrap();
         check_writable(&path("file")).unwrap();
         assert_eq!(std::fs::read_to_string(path("file")).unwrap(), "new");
+        std::fs::set_permissions(path("file"), Permissions::from_mode(0o640)).unwrap();
+        write(&path("file"), "newer").unwrap();
+        assert_eq!(std::fs::metadata(path("file")).unwrap().mode() & 0o777, 0o640);
+        let drafts = std::fs::read_dir(directory.path()).unwrap().flatten();
+        assert!(!drafts.into_iter().any(|it| it.file_name().as_encoded_bytes()[0] == b'.'));
         std::os::unix::fs::symlink(directory.path(), path("place")).unwrap();
         assert!(create_private_directory(&path("place")).is_err());
         assert!(check_own_directory(&path("place")).is_err());

@@ -168,7 +168,11 @@ impl FlightDirectory {
         self.save(REPORT, &report::html(flight, summary))?;
         let path = self.directory.join(TELEMETRY);
         let file = files::create(&path).map_err(|e| failed(&path, &e))?;
-        csv::write(flight, std::io::BufWriter::new(file)).map_err(|e| failed(&path, &e))
+        let written = csv::write(flight, std::io::BufWriter::new(file));
+        written.map_err(|e| {
+            drop(files::remove(&path));
+            failed(&path, &e)
+        })
     }
 
     /// Path of the report.

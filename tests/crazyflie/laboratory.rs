@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 use oqtal_bridge::{Bridge, Crtp, Note, RadioCounts, RadioWorker, TableStore, transport};
-use oqtal_bus::code::Actuation;
+use oqtal_bus::code::{Actuation, VehicleRefusal};
 use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps, TruthV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, Setting};
@@ -85,6 +85,13 @@ impl Laboratory {
     /// Position that a vehicle reports \[m, world\].
     pub fn estimate(&self, vehicle: usize) -> [f64; 3] {
         self.estimates[vehicle]
+    }
+
+    /// Reason why a vehicle did not execute the last request, as its bridge reports it.
+    pub fn refusal(&mut self, vehicle: usize) -> Option<VehicleRefusal> {
+        let now = self.air.borrow().now;
+        let (_, _, report) = self.stations[vehicle].bridge.report(now, None, Span::ZERO);
+        VehicleRefusal::from_code(report.refusal)
     }
 
     pub fn truth(&self, vehicle: usize) -> TruthV1 {

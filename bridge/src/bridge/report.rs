@@ -1,5 +1,6 @@
 //! Report of the bridge: the vehicle's state, and the command that was forwarded with its stamps.
 
+use oqtal_bus::code::VehicleRefusal;
 use oqtal_bus::message::{Stamps, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 
@@ -20,6 +21,8 @@ impl Bridge {
         }
         let (wire, air) = self.on_its_way(on_wire);
         let answers = self.is_answering(now);
+        let state = self.monitor.state(now);
+        let is_pending = answers && !self.protocol.is_set_up();
         let vehicle = VehicleV1 {
             command_sequence: self.last_command,
             lost: self.commands_lost,
@@ -28,10 +31,14 @@ impl Bridge {
             time_out_s: self.protocol.time_out().map_or(0.0, Span::seconds),
             armed: u8::from(answers && self.gate.last_status_running()),
             starting: u8::from(self.gate.is_starting()),
-            stopped: u8::from(self.stopped_since.is_some()),
+            stopped: u8::from(self.stopped_since.is_some() && !self.is_released()),
             link: u8::from(answers && (self.gate.is_ready() || self.gate.is_released())),
             control: self.gate.control().code(),
-            ..self.monitor.state(now)
+            refusal: match is_pending && state.refusal == VehicleRefusal::None.code() {
+                true => VehicleRefusal::NotSetUp.code(),
+                false => state.refusal,
+            },
+            ..state
         };
         let stamps = forwarded
             .map_or_else(Stamps::default, |command| Stamps { applied_at: now, ..command.stamps });

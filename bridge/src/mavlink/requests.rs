@@ -140,6 +140,11 @@ impl PeriodicRequests {
         self.time_out
     }
 
+    /// Whether the vehicle has reported its time-out, or was asked for all messages without reporting it.
+    pub(super) fn are_answered(&self) -> bool {
+        self.time_out.is_some() || self.rates.done_at.is_some()
+    }
+
     /// Takes the parameter `name` of `vehicle`, requested here or by another ground station.
     pub(super) fn receive_parameter(
         &mut self,

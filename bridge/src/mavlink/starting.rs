@@ -125,6 +125,10 @@ impl StartSequence {
             ARM => VehicleRefusal::Arming,
             _ => return,
         };
+        if self.not_before.is_none() {
+            // Requested by another ground station.
+            return;
+        }
         self.unanswered = 0;
         match result {
             AckResult::Accepted => self.not_before = Some(now + ANSWER_WITHIN),
@@ -155,5 +159,25 @@ impl StartSequence {
         self.unanswered = self.unanswered.saturating_add(1);
         self.not_before = Some(now + ANSWER_WITHIN);
         Unaddressed { kind, confirmation }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_refusal_of_a_mode_that_another_requested_is_not_the_bridge_s() {
+        let now = Time::VIRTUAL_START;
+        let refusals = |sequence: &mut StartSequence| {
+            let mut refusals = 0;
+            sequence.acknowledged(now, SET_MODE, AckResult::Denied, &mut |_| refusals += 1);
+            refusals
+        };
+        let mut sequence = StartSequence::default();
+        assert_eq!(refusals(&mut sequence), 0);
+        let mode = AutopilotKind::ArduPilot.setpoint_mode_command();
+        sequence.send(now, CommandKind::SetMode { mode, sub_mode: 0 });
+        assert_eq!(refusals(&mut sequence), 1);
     }
 }

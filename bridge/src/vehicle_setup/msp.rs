@@ -140,7 +140,7 @@ impl MspSession {
             }
         }
         let message = format!(
-            "no vehicle answers MSP at {}; check that it is switched on, that port and speed are its own, and that MSP is on for this port",
+            "no vehicle answers MSP at {}; check that it is switched on, that port and speed are its own, that MSP is on for this port, and that no bridge uses the vehicle",
             self.link
         );
         Err(Failure::new(Exit::Peer, message))

@@ -16,6 +16,8 @@ pub const NO_USER: u32 = u32::MAX;
 
 /// Text of a request to arm that is refused if settings were changed since the daemon started.
 pub const AS_STARTED: &str = "as started";
+/// First line of the answer to a request of settings that sets the present values again.
+pub const UNCHANGED: &str = "nothing changes, these are the present values:";
 
 message! {
     /// Service `control`: request of an operator to the daemon.

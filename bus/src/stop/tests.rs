@@ -40,6 +40,27 @@ fn a_stop_is_in_force_until_disarmed_is_commanded_after_it() {
 }
 
 #[test]
+fn f57_a_stop_that_another_s_control_withholds_is_not_obeyed_until_control_is_given_back() {
+    let switch = switch();
+    let mut vehicle = VehicleStop::new(switch.clone());
+    let number = switch.raise();
+    assert!(vehicle.is_in_force(NOW));
+    // Before the first report of the vehicle.
+    vehicle.confirm(NOW, StoppedMotors::Unknown);
+    vehicle.withhold();
+    let report = switch.report(number);
+    assert!(report.another_has_control && !report.vehicle_obeys && switch.awaits_vehicle());
+    vehicle.confirm(NOW, StoppedMotors::Off);
+    let off = StopReport { vehicle_obeys: true, motors_off: true, ..StopReport::default() };
+    assert_eq!(switch.report(number), off);
+    let (header, body) = command(Actuation::Disarmed, 5);
+    vehicle.receive_command(&header, &body);
+    assert!(!vehicle.is_in_force(NOW));
+    assert_eq!(switch.report(number), off);
+    assert!(!switch.report(switch.raise()).another_has_control, "of the stop before");
+}
+
+#[test]
 fn a_stop_is_in_force_until_the_motors_are_known_to_be_off() {
     let switch = switch();
     let mut vehicle = VehicleStop::new(switch.clone());

@@ -12,8 +12,11 @@ const OBEYED: usize = 2;
 const MOTORS_OFF: usize = 3;
 /// Newest stop obeyed by the daemon: it commands "disarmed".
 const DAEMON: usize = 4;
+/// Newest stop that does not reach the motors, because another has control of the vehicle; the newest lifted one once the stop in force
+/// does.
+const WITHHELD: usize = 5;
 /// Number of words.
-pub(crate) const WORDS: usize = 5;
+pub(crate) const WORDS: usize = 6;
 
 /// Confirmations of a stop by the processes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -24,6 +27,8 @@ pub struct StopReport {
     pub motors_off: bool,
     /// The daemon commands "disarmed".
     pub daemon_obeys: bool,
+    /// A pilot or the vehicle itself has control: the stop does not reach the motors.
+    pub another_has_control: bool,
 }
 
 /// Raises a stop and returns its number.
@@ -43,10 +48,13 @@ pub(crate) fn report(words: &[AtomicU32], number: u32) -> StopReport {
         let newest = words[word].load(Ordering::Acquire);
         !is_before(newest, number) && !is_before(raised(words), newest)
     };
+    let is_lifted = !is_before(words[LIFTED].load(Ordering::Acquire), number);
+    let another_has_control = reached(WITHHELD) && !is_lifted;
     StopReport {
-        vehicle_obeys: reached(OBEYED),
+        vehicle_obeys: reached(OBEYED) && !another_has_control,
         motors_off: reached(MOTORS_OFF),
         daemon_obeys: reached(DAEMON),
+        another_has_control,
     }
 }
 
@@ -58,10 +66,16 @@ pub(crate) fn awaits_vehicle(words: &[AtomicU32]) -> bool {
 
 /// Confirms that the vehicle's process obeys the stop `number`, and whether the motors are known to be off.
 pub(crate) fn confirm(words: &[AtomicU32], number: u32, motors_off: bool) {
+    words[WITHHELD].store(words[LIFTED].load(Ordering::Acquire), Ordering::Release);
     words[OBEYED].store(number, Ordering::Release);
     if motors_off {
         words[MOTORS_OFF].store(number, Ordering::Release);
     }
+}
+
+/// Records that the stop `number` does not reach the motors: another has control of the vehicle.
+pub(crate) fn withhold(words: &[AtomicU32], number: u32) {
+    words[WITHHELD].store(number, Ordering::Release);
 }
 
 /// Ends the stop `number`. A stop that was raised after it stays in force.

@@ -3,7 +3,7 @@
 use super::common::flight::{Flight, set};
 use super::common::{Bench, LAWS, REAL, still};
 use nalgebra::Vector3;
-use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, SafetyState};
+use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, SafetyState, VehicleRefusal};
 use oqtal_bus::message::{CommandV1, ControlRequestV1, PoseV1, VehicleV1};
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_bus::text::LongText;
@@ -362,5 +362,25 @@ fn f72_a_real_vehicle_without_a_time_out_of_its_own_is_armed_only_where_that_is_
         let told: Vec<_> = ArmingObstacles::from_bits(response.obstacles).iter().collect();
         let reasons = if is_armed { vec![] } else { vec![ArmingObstacle::NoTimeOut] };
         assert_eq!(told, reasons, "{limit_ms} ms, {time_out_s} s");
+    }
+}
+
+#[test]
+fn f66_a_vehicle_that_is_locked_or_not_set_up_is_refused_with_that_reason() {
+    for (refusal, obstacle) in [
+        (VehicleRefusal::Locked, ArmingObstacle::Locked),
+        (VehicleRefusal::NotSetUp, ArmingObstacle::NotSetUp),
+    ] {
+        let mut bench = Bench::new(&[]);
+        bench.vehicle = VehicleV1 { refusal: refusal.code(), time_out_s: 0.0, ..REAL };
+        if refusal == VehicleRefusal::Locked {
+            bench.vehicle.time_out_s = 0.5;
+        }
+        for _ in 0..20 {
+            bench.show(still(bench.frame));
+        }
+        let response = bench.cycle.request(bench.now, OperatorCommand::Arm);
+        let told: Vec<_> = ArmingObstacles::from_bits(response.obstacles).iter().collect();
+        assert_eq!(told, [obstacle]);
     }
 }

@@ -96,3 +96,27 @@ fn only_regular_files_are_read_in_flight() {
         assert!(refusal.reason.contains("not a regular file"), "{refusal:?}");
     }
 }
+
+#[test]
+fn a_waypoint_file_that_is_set_again_is_read_again() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("points.csv");
+    let write = |y: f64| std::fs::write(&file, format!("t,x,y,z\n0,0,0,1\n4,0,{y},1\n")).unwrap();
+    let assignment = format!("trajectory.waypoints-file={}", file.display());
+    write(0.5);
+    let config = Config::from_settings(&[Setting::parse("test", &assignment).unwrap()]).unwrap();
+    let mut settings = LiveSettings::new(&config, &[]);
+    let text = LongText::new(&assignment);
+    let set = ControlRequestV1 { text, ..ControlRequestV1::of(OperatorCommand::Set) };
+    let same = settings.prepare(OperatorCommand::Set, &set).unwrap();
+    assert!(settings.are_unchanged_by(&same));
+    write(-0.5);
+    let mut other = settings.prepare(OperatorCommand::Set, &set).unwrap();
+    assert!(!settings.are_unchanged_by(&other));
+    settings.commit(&mut other);
+    assert!(settings.changed().as_str().contains("read again"), "unlike at the start");
+    let undo = ControlRequestV1::of(OperatorCommand::Undo);
+    let mut undo = settings.prepare(OperatorCommand::Undo, &undo).unwrap();
+    settings.commit(&mut undo);
+    assert!(settings.changed().is_empty());
+}
