@@ -109,8 +109,8 @@ impl MotionGate {
             (expected, self.hypothesis, without) = (returned, None, None);
             residual = PoseResidual::of(&expected, pose);
         }
-        if let Some(stopped) = self.stopped_by_floor(tracker, (&expected, &residual), pose) {
-            (expected, self.hypothesis, without) = (stopped, None, None);
+        if let Some(held) = self.held_by_floor(tracker, (&expected, &residual), pose) {
+            (expected, self.hypothesis, without) = (held, None, None);
             residual = PoseResidual::of(&expected, pose);
         }
         if !self.lies_on(&expected, &residual, self.sigma) {
@@ -180,17 +180,21 @@ impl MotionGate {
         !other.is_significant(&self.tolerance) && other.distance_m() < residual.distance_m()
     }
 
-    /// The motion that the floor has stopped, if `pose` is nearer to it than to the motion `expected`, from which it has `residual`: the
-    /// prediction does not contain the floor, and a vehicle that rests on it is not another body.
-    fn stopped_by_floor(
+    /// The motion of a vehicle that the floor holds, if `pose` agrees better with it than with the motion `expected`, from which it has
+    /// `residual`: the prediction does not contain the floor, and a vehicle that rests on it is not another body.
+    fn held_by_floor(
         &self,
         tracker: &MotionTracker,
         (expected, residual): (&Track, &PoseResidual),
         pose: &MeasuredPose,
     ) -> Option<Track> {
-        let stopped = expected.stopped_by_floor(tracker.floor_m())?;
-        let is_nearer = PoseResidual::of(&stopped, pose).distance_m() < residual.distance_m();
-        (is_nearer && residual.is_significant(&self.tolerance)).then_some(stopped)
+        let before = tracker.track().filter(|_| may_stand(tracker, expected))?;
+        let sigma = |track: &Track, residual: &PoseResidual| track.innovation(&residual.0).sigma();
+        let expected_sigma = sigma(expected, residual);
+        let held = expected.held_since(before, tracker.floor_m());
+        let agrees_better = sigma(&held, &PoseResidual::of(&held, pose)) < expected_sigma;
+        let is_unexpected = expected_sigma > self.sigma || residual.is_significant(&self.tolerance);
+        (agrees_better && is_unexpected).then_some(held)
     }
 
     /// Records a refused pose, and returns why.

@@ -296,13 +296,12 @@ impl Track {
         self.motion.position.z < floor_m + FLOOR_REACH_M
     }
 
-    /// The track of a vehicle that would sink below a floor at `floor_m` \[m, world z\], stopped by it; `None` for any other.
-    pub fn stopped_by_floor(&self, floor_m: f64) -> Option<Self> {
-        let mut stopped = *self;
-        let Motion { position, velocity, .. } = &mut stopped.motion;
-        let sinks = position.z < floor_m && velocity.z < 0.0;
-        (position.z, velocity.z) = (floor_m, 0.0);
-        sinks.then_some(stopped)
+    /// The track at the same instant of a vehicle that the floor at `floor_m` \[m, world z\] holds in the pose of the track `before`.
+    pub fn held_since(&self, before: &Self, floor_m: f64) -> Self {
+        let Motion { mut position, attitude, .. } = before.motion;
+        position.z = self.motion.position.z.max(floor_m);
+        let (velocity, rate) = (Vector3::zeros(), Vector3::zeros());
+        Self { motion: Motion { position, attitude, velocity, rate, ..self.motion }, ..*self }
     }
 
     /// Whether the vehicle has left the floor, or is about to.
