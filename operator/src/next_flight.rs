@@ -51,8 +51,10 @@ impl NextFlights {
         if no_flight { Self::default() } else { self }
     }
 
-    /// Notes the processes that run at `paths`: a daemon needs their configuration.
-    pub(crate) fn note_running(&mut self, paths: &InstancePaths, running: &RunningProcesses) {
+    /// Notes the losses of `reached`, and the processes that run at its paths: a daemon needs their configuration.
+    pub(crate) fn note_running(&mut self, reached: &Reached, running: &RunningProcesses) {
+        self.note_losses(reached);
+        let paths = &reached.paths;
         let Some(process) = running.of_other_config(paths) else { return };
         let has_start = |it: &&mut NextFlight| it.start.is_some() && it.paths == *paths;
         for flight in self.0.iter_mut().filter(has_start) {
@@ -61,10 +63,10 @@ impl NextFlights {
         }
     }
 
-    /// Notes that the addressed daemon of `reached` hangs: it would not answer a command either.
-    pub(crate) fn note_hanging(&mut self, reached: &Reached) {
+    /// Notes that the addressed daemon of `reached` hangs unless it `is_alive`: it would not answer a command either.
+    pub(crate) fn note_hanging(&mut self, reached: &Reached, is_alive: bool) {
         let is_here = |it: &&ObeyingProcess| !it.is_vehicle && it.is_under(&reached.paths);
-        let daemon = reached.processes.iter().find(is_here);
+        let daemon = reached.processes.iter().find(is_here).filter(|_| !is_alive);
         let arming = self.0.iter_mut().filter(|it| it.is_arming && it.paths == reached.paths);
         arming.for_each(|flight| flight.hanging = daemon.map(|daemon| daemon.pid));
     }

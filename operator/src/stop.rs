@@ -158,13 +158,10 @@ pub fn raise(
         again = NextFlights::of(&present);
         again.note_losses(&present);
     }
-    again.note_losses(&reached);
-    again.note_running(&reached.paths, &running);
+    again.note_running(&reached, &running);
     let response = answer.as_ref().ok().and_then(Option::as_ref);
     let stop = ObeyedStop::new(report, response);
-    if response.is_none() && !stop.daemon_obeys {
-        again.note_hanging(&reached);
-    }
+    again.note_hanging(&reached, response.is_some() || stop.daemon_obeys);
     paths.extend(reached.places().iter().filter_map(|place| forbid_automatic(place, &stop)));
     Ok(ObeyedStop {
         paths,
