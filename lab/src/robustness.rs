@@ -310,9 +310,7 @@ pub fn laws(
             continue;
         }
         if own.is_empty() {
-            let reason = format!(
-                "{source} has no gains of a law of --laws; make them with `oqtal tune LAW --out {source}/LAW.toml`, with the configuration of this command"
-            );
+            let reason = source.lacks(&law::named(names).collect::<Vec<_>>());
             return Err(Failure::new(Exit::Usage, reason));
         }
         for controller in own {
