@@ -247,9 +247,7 @@ impl CrampedFlights<'_> {
         let none = Value::Array(Vec::new());
         let without_force = [("plant.force-n", vec![Value::Float(0.0); 3].into())];
         let all = [
-            suffices(&wide_fence()).then(|| {
-                "enlarge the fence ([fence] z-m, and x-m and y-m or polygon-m)".to_owned()
-            }),
+            self.narrow_sides().map(|keys| format!("enlarge the fence ({keys})")),
             suffices(&without_margin).then(|| "set fence.soft-margin-m=0".to_owned()),
             least_limit.map(|limit_m| format!("raise safety.tracking-limit-m to {limit_m}")),
             self.fitting().map(|(key, size)| format!("set {key}={size}")),
@@ -261,6 +259,34 @@ impl CrampedFlights<'_> {
             true => "enlarge the fence and raise safety.tracking-limit-m, both".to_owned(),
             false => all.join(", or "),
         }
+    }
+
+    /// The fewest keys of the fence with which, enlarged, all of the flights are complete; `None` if a larger fence does not suffice.
+    fn narrow_sides(&self) -> Option<String> {
+        let all = wide_fence();
+        let [x, y, z, polygon] = all.clone();
+        if !self.are_complete_with(&all) {
+            return None;
+        }
+        let has_polygon = |flight: &CrampedFlight<'_>| {
+            flight.config().is_ok_and(|config| !config.fence.polygon_m.is_empty())
+        };
+        let name = |(key, _): &(&'static str, Value)| *key;
+        if self.flights.iter().any(has_polygon) {
+            // Beside a polygon, x-m and y-m do not act.
+            let (key, sides) = (name(&polygon), [x, y, polygon]);
+            let keys = match [&[z.clone()][..], &sides].map(|it| self.are_complete_with(it)) {
+                [true, _] => name(&z).to_owned(),
+                [false, true] => key.to_owned(),
+                [false, false] => format!("{key} and {}", name(&z)),
+            };
+            return Some(keys);
+        }
+        let sets = [vec![&x], vec![&y], vec![&z], vec![&x, &y], vec![&x, &z], vec![&y, &z]];
+        let sets = sets.map(|sides| sides.into_iter().cloned().collect::<Vec<_>>());
+        let fewest = sets.iter().find(|sides| self.are_complete_with(sides));
+        let keys = fewest.map_or(&all[..3], |sides| &sides[..]).iter().map(name);
+        Some(keys.collect::<Vec<_>>().join(" and "))
     }
 
     /// The request with which the flights are complete: fence and limits cannot change in flight, the size of the trajectory can.

@@ -34,7 +34,9 @@ fn remedies_of_a_pushed_chirp(changes: Changes) -> String {
 fn a_chirp_that_the_fence_held_has_a_duration_that_fits() {
     let remedy = remedies_of_a_pushed_chirp(Changes::All);
     assert!(
-        remedy.contains("attitude-chirp, held or stopped by the fence: enlarge the fence"),
+        remedy.contains(
+            "attitude-chirp, held or stopped by the fence: enlarge the fence (fence.x-m), or"
+        ),
         "{remedy}"
     );
     assert!(remedy.contains("set trajectory.attitude-chirp.sweep-s="), "{remedy}");
