@@ -4,7 +4,7 @@ use std::fmt::Write;
 use std::path::PathBuf;
 
 use clap::Args;
-use oqtal_bus::code::Actuation;
+use oqtal_bus::code::{Actuation, Cause};
 use oqtal_bus::message::CommandV1;
 use oqtal_bus::time::Time;
 use oqtal_config::{ClockKind, Config, Setting};
@@ -12,7 +12,7 @@ use oqtal_lab::replay::{RecordedWaypoints, ReplayResult, ReplayedTick, replay};
 use oqtal_observe::recording::{DaemonHistory, InputHistory, RecordingFile, play, recording_path};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::{print, say};
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 use toml::Table;
 
 use crate::recordings::{self, failure};
@@ -50,6 +50,10 @@ struct ReplayReport {
     identical: usize,
     /// Ticks that were recorded but not replayed, or replayed but not recorded \[-\].
     unmatched: usize,
+    /// Those of them that were recorded \[-\].
+    not_replayed: usize,
+    /// When the replayed daemon stopped motors that ran in the recording, and why.
+    own_stop: Option<OwnStop>,
     /// Messages missing in the recording \[-\].
     missing: u64,
     /// Whether settings were changed, so that the replay shows the commands that the daemon would have sent.
@@ -59,6 +63,19 @@ struct ReplayReport {
     greatest_difference: f64,
     /// Texts of the first differences, with number and time since arming \[s\].
     differences: Vec<String>,
+}
+
+/// Stop of the replayed daemon.
+#[derive(Clone, Copy, Debug, Serialize)]
+struct OwnStop {
+    /// Time since arming \[s\].
+    t_s: f64,
+    #[serde(serialize_with = "as_text")]
+    cause: Cause,
+}
+
+fn as_text<S: Serializer>(cause: &Cause, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_str(cause)
 }
 
 impl ReplayArgs {
@@ -213,8 +230,8 @@ impl ReplayReport {
         let origin = origin(results);
         let differing = ticks.iter().filter(|tick| !tick.is_identical);
         let unmatched = results.iter().flat_map(|result| &result.unmatched);
-        let unmatched_text = unmatched.clone().map(|time| {
-            let at_s = time.since(origin).seconds();
+        let unmatched_text = unmatched.clone().map(|tick| {
+            let at_s = tick.time.since(origin).seconds();
             format!("t = {at_s:.4} s: a tick was made in the recording or in the replay alone")
         });
         let differences = differing.clone().map(|tick| difference(tick, origin));
@@ -231,7 +248,12 @@ impl ReplayReport {
             requests: results.iter().map(|result| result.requests).sum(),
             ticks: ticks.len(),
             identical: ticks.len() - differing.count(),
+            not_replayed: unmatched.clone().filter(|tick| tick.is_recorded).count(),
             unmatched: unmatched.count(),
+            own_stop: results.iter().find_map(ReplayResult::own_stop).map(|tick| OwnStop {
+                t_s: tick.time.since(origin).seconds(),
+                cause: Cause::from_code(tick.telemetry.cause).unwrap_or(Cause::None),
+            }),
             missing: results.iter().map(|result| result.missing).sum(),
             open_loop,
             deadline_misses: results.iter().map(misses).sum(),
@@ -257,6 +279,11 @@ impl ReplayReport {
                 self.greatest_difference
             );
         }
+        text += &self.own_stop.map_or_else(String::new, OwnStop::to_text);
+        if self.open_loop && self.not_replayed > 0 {
+            let (without, all) = (self.not_replayed, ticks + self.not_replayed);
+            text += &format!("\n{without} of {all} recorded ticks have no counterpart");
+        }
         if self.missing > 0 {
             text += &format!(
                 "\n{} messages that the daemon took are not in the recording",
@@ -267,6 +294,17 @@ impl ReplayReport {
             text += &format!("\n{line}");
         }
         text
+    }
+}
+
+impl OwnStop {
+    fn to_text(self) -> String {
+        let Self { t_s, cause } = self;
+        let follows = match cause {
+            Cause::Relabel => "; the recorded vehicle does not follow the replayed commands",
+            _ => "",
+        };
+        format!("\nthe replayed daemon stopped the motors at t = {t_s:.2} s: {cause}{follows}")
     }
 }
 

@@ -36,6 +36,7 @@ mod mavlink_flights;
 mod monitor;
 mod msp_flights;
 mod one_name;
+mod open_loop;
 mod operators;
 mod places;
 mod pose_faults;

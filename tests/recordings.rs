@@ -153,20 +153,6 @@ fn faults_at_the_daemons_end_of_a_topic_are_recorded_and_replay_bit_for_bit() {
 }
 
 #[test]
-fn another_setting_is_replayed_open_loop_with_the_difference_of_its_commands() {
-    let testbed = Testbed::new("open");
-    testbed.summary(&[&HOVER[..], &["--clock", "lockstep", "--out", "d"]].concat());
-    let file = "d/flight.mcap";
-    let text = testbed.succeeds(&["replay", file, "--controller", "geometric", "--out", "c.csv"]);
-    assert!(text.contains("open loop"), "{text}");
-    let result = json(&testbed.succeeds(&["replay", file, "--controller", "pid", "--json"]));
-    assert!(number(&result, "/greatest_difference") > 0.0, "{result}");
-    let rows = std::fs::read_to_string(testbed.path("c.csv")).unwrap();
-    assert_eq!(rows.lines().count() as f64, number(&result, "/ticks") + 1.0);
-    fails(&testbed, &["replay", file, "--set", "control.controller=magic"], 78, &["magic"]);
-}
-
-#[test]
 fn two_recordings_are_compared_and_shown() {
     let testbed = Testbed::new("two");
     for seed in ["1", "2"] {

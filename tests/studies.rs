@@ -111,6 +111,26 @@ fn flights_that_the_fence_held_are_counted_and_not_averaged() {
 }
 
 #[test]
+fn a_law_without_gains_that_land_does_not_keep_the_others_from_being_tuned() {
+    let testbed = Testbed::new("tune-some");
+    let bad = "control.lqr.attitude-weight=0.0001";
+    let words = ["tune", "lqr", "pid", "--budget", "1", "--seeds", "101-101", "--set", bad];
+    let output = testbed.study(&[&words[..], &["--out", "g"]].concat()).output().unwrap();
+    let (text, told) = (String::from_utf8_lossy(&output.stdout), stderr(&output));
+    assert_eq!(output.status.code(), Some(1), "{told}");
+    assert!(
+        told.trim_end().ends_with("1 of 2 searches found no gains, for the reasons above: lqr")
+    );
+    assert!(
+        told.contains("configured gains are the only ones for which --budget 1 has room"),
+        "{told}"
+    );
+    assert!(text.contains("no others were tried, since --budget 1 has no room"), "{text}");
+    assert!(testbed.path("g/pid.toml").is_file() && !testbed.path("g/lqr.toml").exists());
+    assert!(!testbed.path("g/study.journal").exists());
+}
+
+#[test]
 fn an_interrupted_table_3_keeps_its_finished_searches() {
     let testbed = Testbed::new("table-3");
     let words = ["reproduce", "table-3", "--json", "--out", "part"];

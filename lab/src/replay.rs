@@ -8,7 +8,7 @@ use std::cell::Cell;
 use std::collections::{BTreeMap, VecDeque};
 use std::rc::Rc;
 
-use oqtal_bus::code::{Cause, InputKind, OperatorCommand};
+use oqtal_bus::code::{Actuation, Cause, InputKind, OperatorCommand, SafetyState};
 use oqtal_bus::error::BusError;
 use oqtal_bus::memory::{MemoryBus, MemoryReader, MemoryWriter};
 use oqtal_bus::message::{
@@ -45,6 +45,15 @@ pub struct ReplayedTick {
     pub is_identical: bool,
 }
 
+/// A tick without a counterpart.
+#[derive(Clone, Copy, Debug)]
+pub struct UnmatchedTick {
+    /// Instant of the tick.
+    pub time: Time,
+    /// Whether it occurs in the recording; otherwise in the replay.
+    pub is_recorded: bool,
+}
+
 /// The result of a replay.
 #[derive(Clone, Debug, Default)]
 pub struct ReplayResult {
@@ -54,13 +63,22 @@ pub struct ReplayResult {
     pub requests: u64,
     /// Ticks that occur in the recording and in the replay.
     pub ticks: Vec<ReplayedTick>,
-    /// Instants of ticks that occur only in the recording or only in the replay.
-    pub unmatched: Vec<Time>,
+    /// Ticks that occur only in the recording or only in the replay.
+    pub unmatched: Vec<UnmatchedTick>,
     /// Number of messages that the daemon received but the recording lacks \[-\].
     pub missing: u64,
 }
 
 impl ReplayResult {
+    /// The first tick in which the replayed daemon has stopped the motors and the recorded one ran them.
+    pub fn own_stop(&self) -> Option<&ReplayedTick> {
+        let is_off = |command: &CommandV1| command.actuation == Actuation::Disarmed.code();
+        let is_stop = |tick: &&ReplayedTick| {
+            tick.telemetry.state == SafetyState::Stop.code() && !is_off(&tick.recorded)
+        };
+        self.ticks.iter().find(is_stop)
+    }
+
     /// Whether every command equals the recorded one bit for bit.
     pub fn is_identical(&self) -> bool {
         let agree = self.ticks.iter().all(|tick| tick.is_identical);
@@ -223,7 +241,10 @@ impl ReplayBench {
                 let tick = ReplayedTick { time, telemetry, command, recorded, is_identical };
                 self.result.ticks.push(tick);
             }
-            _ => self.result.unmatched.push(time),
+            (produced, _) => {
+                let is_recorded = produced.is_none();
+                self.result.unmatched.push(UnmatchedTick { time, is_recorded });
+            }
         }
         Ok(())
     }

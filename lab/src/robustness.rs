@@ -294,6 +294,15 @@ fn text(sheets: &[&Sheet], flown: &[Flown]) -> String {
     tables.chain([failures.collect::<Vec<_>>().join("\n")]).collect::<Vec<_>>().join("\n\n")
 }
 
+/// Note on the laws `lacking` in `source`, unless another one of `sources` has them, beside which the sets of the program are flown
+/// with the laws that they have.
+fn not_flown(source: &GainSource, lacking: &[&str], sources: &[GainSource]) -> Option<String> {
+    let is_set = matches!(source, GainSource::Set(_));
+    let is_told = |law: &&str| !is_set || sources.iter().all(|source| !source.has(law));
+    let told: Vec<&str> = lacking.iter().copied().filter(is_told).collect();
+    (!told.is_empty()).then(|| format!("not flown: {}", source.lacks(&told)))
+}
+
 /// Laws with each source of gains.
 ///
 /// # Errors
@@ -305,14 +314,14 @@ pub fn laws(
 ) -> Result<Vec<StudyLaw>, Failure> {
     let mut laws = Vec::new();
     for source in sources {
-        let own: Vec<&str> = law::named(names).filter(|law| source.has(law)).collect();
+        let (own, lacking): (Vec<&str>, Vec<&str>) =
+            law::named(names).partition(|law| source.has(law));
+        say_notes(not_flown(source, &lacking, sources).filter(|_| !own.is_empty()));
         if own.is_empty() && matches!(source, GainSource::Set(_)) && sources.len() > 1 {
             continue;
         }
         if own.is_empty() {
-            let reason = format!(
-                "{source} has no gains of a law of --laws; make them with `oqtal tune LAW --out {source}/LAW.toml`, with the configuration of this command"
-            );
+            let reason = source.lacks(&law::named(names).collect::<Vec<_>>());
             return Err(Failure::new(Exit::Usage, reason));
         }
         for controller in own {
@@ -336,6 +345,27 @@ pub fn laws(
 mod tests {
     use super::*;
     use crate::study::tests::flown;
+
+    #[test]
+    fn a_law_of_which_a_source_has_no_gains_is_named() {
+        let directory = tempfile::tempdir().unwrap();
+        std::fs::write(directory.path().join("pid.toml"), "").unwrap();
+        let own = GainSource::Directory(directory.path().into());
+        let set = GainSource::Set("shipped");
+        let lacking = ["geometric", "pid"].into_iter().filter(|law| !own.has(law));
+        let note = not_flown(&own, &lacking.collect::<Vec<_>>(), &[own.clone(), set.clone()]);
+        let note = note.unwrap();
+        assert!(
+            note.starts_with("not flown: ") && note.contains("no gains of geometric;"),
+            "{note}"
+        );
+        assert_eq!(
+            not_flown(&set, &["pid"], &[own, set.clone()]),
+            None,
+            "flown with another source"
+        );
+        assert!(not_flown(&set, &["pid"], std::slice::from_ref(&set)).is_some());
+    }
 
     #[test]
     fn failed_flights_are_below_the_tables_with_seeds_command_and_remedy() {

@@ -122,13 +122,36 @@ impl TuneArgs {
                 StudyOutput::begin(("tune", &config), self.out.as_deref(), &files, self.existing)?
             }
         };
-        for &name in &names {
+        self.tune_each(&names, given, (&flights, &output))
+    }
+
+    /// Tunes the laws `names`, each into the file `given` or one of its own. A search that finds nothing does not keep the others
+    /// from being made.
+    fn tune_each(
+        &self,
+        names: &[&str],
+        given: Option<&PathBuf>,
+        (flights, output): (&TrainingFlights, &StudyOutput),
+    ) -> Result<Exit, Failure> {
+        let mut failed: Vec<(&str, Failure)> = Vec::new();
+        for name in names {
             let own = output.directory.join(format!("{name}.toml"));
             let file = given.cloned().unwrap_or(own);
-            self.tune_into(&file, name, (&flights, &output))?;
+            match self.tune_into(&file, name, (flights, output)) {
+                Err(failure) if failure.exit == Exit::Flight && output.progress.check().is_ok() => {
+                    say_notes((names.len() > 1).then(|| failure.message.clone()));
+                    failed.push((name, failure));
+                }
+                result => result?,
+            }
         }
-        output.complete()?;
-        Ok(Exit::Ok)
+        if failed.len() < names.len() {
+            output.complete()?;
+        } else {
+            // A repeated search would find nothing again.
+            output.discard()?;
+        }
+        conclude(failed, names.len())
     }
 
     /// Tunes the law `name`, and writes its configuration into `file` and the page beside it.
@@ -139,14 +162,7 @@ impl TuneArgs {
         (flights, output): (&TrainingFlights, &StudyOutput),
     ) -> Result<(), Failure> {
         check_file(file)?;
-        let tuned = tune(name, &self.budget(), flights, &output.progress);
-        let tuned = tuned.inspect_err(|failure| {
-            // A search that found nothing would find nothing again; an interrupted one can be resumed.
-            if failure.exit == Exit::Flight && output.progress.check().is_ok() {
-                // Ignored: the failure is reported.
-                let _ = output.discard();
-            }
-        })?;
+        let tuned = tune(name, &self.budget(), flights, &output.progress)?;
         let fly = self.flown_with(file, &flights.settings, &tuned);
         let note = fly.as_ref().map(|fly| format!("for a flight with the same settings: {fly}"));
         write_file(file, tuned.to_toml(&self.own(flights), &note.unwrap_or_default()))?;
@@ -220,6 +236,22 @@ impl TuneArgs {
     /// Settings of the search except those of environment variables, which apply to every command.
     fn own<'a>(&self, flights: &'a TrainingFlights) -> Vec<&'a Setting> {
         flights.settings.iter().filter(|setting| !setting.origin.starts_with("OQTAL_")).collect()
+    }
+}
+
+/// Result of a command with these failed searches, of `all`.
+fn conclude(mut failed: Vec<(&str, Failure)>, all: usize) -> Result<Exit, Failure> {
+    match failed.len() {
+        0 => Ok(Exit::Ok),
+        1 if all == 1 => Err(failed.remove(0).1),
+        count => {
+            let names: Vec<&str> = failed.iter().map(|(name, _)| *name).collect();
+            let reason = format!(
+                "tune: {count} of {all} searches found no gains, for the reasons above: {}",
+                names.join(", ")
+            );
+            Err(Failure::new(Exit::Flight, reason))
+        }
     }
 }
 

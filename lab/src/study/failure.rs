@@ -14,7 +14,7 @@ use super::law::StudyLaw;
 use super::room::{self, Changes};
 
 /// Number of seeds that the text lists for each cause \[-\].
-const SHOWN_SEEDS: usize = 8;
+pub(super) const SHOWN_SEEDS: usize = 8;
 
 /// Mark of a figure that is the mean of a part of the flights.
 const MARK: &str = " *";

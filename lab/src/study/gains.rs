@@ -4,6 +4,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
+use oqtal_bus::paths::quoted;
 use oqtal_config::{Config, Setting};
 use oqtal_runtime::process::{Exit, Failure};
 use toml::{Table, Value};
@@ -98,6 +99,20 @@ impl GainSource {
         }
     }
 
+    /// Sentence on laws of which the source has no gains, with the command that finds them. A set of the program cannot get
+    /// more of them: a directory of its name is another source.
+    pub fn lacks(&self, laws: &[&str]) -> String {
+        let (of, directory, give) = match self {
+            Self::Directory(directory) => ("", quoted(&directory.display().to_string()), ""),
+            _ => ("deploy/tuned/", "gains".to_owned(), ", and give --gains gains"),
+        };
+        format!(
+            "{of}{self} has no gains of {}; find them with `oqtal tune {} --out {directory}`, with the configuration of this command{give}",
+            laws.join(", "),
+            laws.join(" ")
+        )
+    }
+
     /// Note that the gains were found for the shipped vehicle, if `config` has another one.
     pub fn note(&self, config: &Config) -> Option<String> {
         let is_shipped_set = matches!(self, Self::Tuned | Self::Set(_));
@@ -122,10 +137,7 @@ impl GainSource {
             Self::Set(set) => {
                 let own = tuned(&format!("{set}/{controller}"));
                 if own.is_empty() {
-                    let reason = format!(
-                        "deploy/tuned/{set} has no gains of {controller}; choose other gains"
-                    );
-                    return Err(Failure::new(Exit::Usage, reason));
+                    return Err(Failure::new(Exit::Usage, self.lacks(&[controller])));
                 }
                 (own, format!("gains of deploy/tuned/{set}"))
             }
@@ -225,6 +237,14 @@ mod tests {
         for part in ["pid.toml: no gains", "`oqtal tune pid --out", "--force`"] {
             assert!(failure.message.contains(part), "{part}: {failure}");
         }
+    }
+
+    #[test]
+    fn the_remedy_for_gains_that_a_set_of_the_program_lacks_names_another_source() {
+        let failure = GainSource::Set("shipped").law("pid", &[]).unwrap_err().to_string();
+        let told =
+            "deploy/tuned/shipped has no gains of pid; find them with `oqtal tune pid --out gains`";
+        assert!(failure.contains(told) && failure.ends_with("give --gains gains"), "{failure}");
     }
 
     #[test]

@@ -6,8 +6,10 @@ use oqtal_config::{Config, Setting};
 use oqtal_control::trajectory::TrajectoryKind;
 use oqtal_observe::flight::is_of_fence;
 use oqtal_runtime::process::Failure;
+use rayon::prelude::*;
 use toml::Value;
 
+use super::failure::SHOWN_SEEDS;
 use super::flights::{FlightCondition, Test, config, readable};
 use super::law::StudyLaw;
 use crate::mission::Mission;
@@ -36,8 +38,10 @@ const TOLD_DIFFERENCE: f64 = 5.0;
 /// Distances from the reference that are tried as limits \[m\].
 const LIMITS_M: [f64; 4] = [3.0, 5.0, 10.0, 20.0];
 
-/// Number of flights of each law, test and cause that are flown again with a smaller size \[-\].
-const TRIED: usize = 5;
+/// Number of flights with which each change is tried, shared by the groups of flights \[-\].
+const TRIED: usize = 60;
+/// Least share of a group \[-\].
+const LEAST_TRIED: usize = 5;
 
 /// A flight that needed more room.
 #[derive(Clone, Copy)]
@@ -52,7 +56,10 @@ struct CrampedFlight<'a> {
 /// Flights of one trajectory that needed more room.
 struct CrampedFlights<'a> {
     kind: TrajectoryKind,
+    /// The flights with which changes are tried.
     flights: Vec<CrampedFlight<'a>>,
+    /// Number of flights that needed more room \[-\].
+    of: usize,
 }
 
 /// Flights of one law and test that needed more room, and whether the fence ended them.
@@ -77,22 +84,27 @@ pub fn remedies<'a>(
     groups: impl IntoIterator<Item = CrampedGroup<'a>>,
     changes: Changes,
 ) -> String {
+    let groups: Vec<CrampedGroup<'_>> = groups.into_iter().collect();
+    let share = (TRIED / groups.len().max(1)).max(LEAST_TRIED);
     let mut cramped: Vec<CrampedFlights<'_>> = Vec::new();
     for ((law, conditions, test), of_fence) in groups {
         let Ok(first) = config(law, conditions[0], test) else { continue };
         let cramped_flight = |condition| CrampedFlight { law, condition, test, of_fence };
-        let own = conditions.iter().take(TRIED).copied().map(cramped_flight);
-        let kind = first.trajectory.kind;
+        let own = conditions.iter().take(share).copied().map(cramped_flight);
+        let (kind, of) = (first.trajectory.kind, conditions.len());
         match cramped.iter_mut().find(|others| others.kind == kind) {
-            Some(others) => others.flights.extend(own),
-            None => cramped.push(CrampedFlights { kind, flights: own.collect() }),
+            Some(others) => {
+                others.flights.extend(own);
+                others.of += of;
+            }
+            None => cramped.push(CrampedFlights { kind, flights: own.collect(), of }),
         }
     }
     let remedy = |flights: &CrampedFlights<'_>| match changes {
         Changes::All => flights.remedy(),
         Changes::InFlight => flights.remedy_in_flight(),
     };
-    cramped.iter().map(|flights| format!("\n{}", remedy(flights))).collect()
+    cramped.iter().map(|flights| format!("\n{}{}", remedy(flights), flights.tried())).collect()
 }
 
 impl CrampedFlight<'_> {
@@ -124,16 +136,27 @@ impl CrampedFlights<'_> {
     /// Whether all of the flights are complete with these settings.
     fn are_complete_with(&self, settings: &[(&str, Value)]) -> bool {
         let settings = as_flags(settings);
-        self.flights.iter().all(|flight| flight.cause_with(&settings).is_none())
+        self.flights.par_iter().all(|flight| flight.cause_with(&settings).is_none())
+    }
+
+    /// Reservation on remedies that were tried with a part of the flights; empty if all were tried.
+    fn tried(&self) -> String {
+        let (tried, of) = (self.flights.len(), self.of);
+        if tried == of {
+            String::new()
+        } else {
+            format!(" (tried with {tried} of these {of} flights)")
+        }
     }
 
     /// The flights that are complete with these settings, and the others by law and cause.
     fn split_by(&self, settings: &[(&str, Value)]) -> (Self, Vec<(Self, String)>) {
-        let (settings, kind) = (as_flags(settings), self.kind);
-        let mut complete = Self { kind, flights: Vec::new() };
-        let mut failing: Vec<(Self, String)> = Vec::new();
-        for flight in &self.flights {
-            let Some(cause) = flight.cause_with(&settings) else {
+        let settings = as_flags(settings);
+        let of = |flights| Self { kind: self.kind, flights, of: self.of };
+        let (mut complete, mut failing) = (of(Vec::new()), Vec::<(Self, String)>::new());
+        let causes = self.flights.par_iter().map(|flight| flight.cause_with(&settings));
+        for (flight, cause) in self.flights.iter().zip(causes.collect::<Vec<_>>()) {
+            let Some(cause) = cause else {
                 complete.flights.push(*flight);
                 continue;
             };
@@ -142,7 +165,7 @@ impl CrampedFlights<'_> {
             };
             match failing.iter_mut().find(is_same) {
                 Some((others, _)) => others.flights.push(*flight),
-                None => failing.push((Self { kind, flights: vec![*flight] }, cause)),
+                None => failing.push((of(vec![*flight]), cause)),
             }
         }
         (complete, failing)
@@ -171,7 +194,11 @@ impl CrampedFlights<'_> {
         }
         let law = |(law, seeds): (&str, Vec<String>)| {
             let plural = if seeds.len() == 1 { "" } else { "s" };
-            format!("{law} with seed{plural} {}", seeds.join(", "))
+            let more = if seeds.len() > SHOWN_SEEDS { ", …" } else { "" };
+            format!(
+                "{law} with seed{plural} {}{more}",
+                seeds[..seeds.len().min(SHOWN_SEEDS)].join(", ")
+            )
         };
         laws.into_iter().map(law).collect::<Vec<_>>().join("; ")
     }
@@ -220,9 +247,7 @@ impl CrampedFlights<'_> {
         let none = Value::Array(Vec::new());
         let without_force = [("plant.force-n", vec![Value::Float(0.0); 3].into())];
         let all = [
-            suffices(&wide_fence()).then(|| {
-                "enlarge the fence ([fence] z-m, and x-m and y-m or polygon-m)".to_owned()
-            }),
+            self.narrow_sides().map(|keys| format!("enlarge the fence ({keys})")),
             suffices(&without_margin).then(|| "set fence.soft-margin-m=0".to_owned()),
             least_limit.map(|limit_m| format!("raise safety.tracking-limit-m to {limit_m}")),
             self.fitting().map(|(key, size)| format!("set {key}={size}")),
@@ -234,6 +259,34 @@ impl CrampedFlights<'_> {
             true => "enlarge the fence and raise safety.tracking-limit-m, both".to_owned(),
             false => all.join(", or "),
         }
+    }
+
+    /// The fewest keys of the fence with which, enlarged, all of the flights are complete; `None` if a larger fence does not suffice.
+    fn narrow_sides(&self) -> Option<String> {
+        let all = wide_fence();
+        let [x, y, z, polygon] = all.clone();
+        if !self.are_complete_with(&all) {
+            return None;
+        }
+        let has_polygon = |flight: &CrampedFlight<'_>| {
+            flight.config().is_ok_and(|config| !config.fence.polygon_m.is_empty())
+        };
+        let name = |(key, _): &(&'static str, Value)| *key;
+        if self.flights.iter().any(has_polygon) {
+            // Beside a polygon, x-m and y-m do not act.
+            let (key, sides) = (name(&polygon), [x, y, polygon]);
+            let keys = match [&[z.clone()][..], &sides].map(|it| self.are_complete_with(it)) {
+                [true, _] => name(&z).to_owned(),
+                [false, true] => key.to_owned(),
+                [false, false] => format!("{key} and {}", name(&z)),
+            };
+            return Some(keys);
+        }
+        let sets = [vec![&x], vec![&y], vec![&z], vec![&x, &y], vec![&x, &z], vec![&y, &z]];
+        let sets = sets.map(|sides| sides.into_iter().cloned().collect::<Vec<_>>());
+        let fewest = sets.iter().find(|sides| self.are_complete_with(sides));
+        let keys = fewest.map_or(&all[..3], |sides| &sides[..]).iter().map(name);
+        Some(keys.collect::<Vec<_>>().join(" and "))
     }
 
     /// The request with which the flights are complete: fence and limits cannot change in flight, the size of the trajectory can.
@@ -281,81 +334,4 @@ fn wide_fence() -> [(&'static str, Value); 4] {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::study::flights::NOMINAL;
-
-    /// A law whose vehicle a force moves to the fence during the chirp.
-    fn pushed_law() -> StudyLaw {
-        let settings = [
-            Setting::flag("test", "fence.x-m", vec![-3.0, 3.0]),
-            Setting::flag("test", "fence.y-m", vec![-3.0, 3.0]),
-            Setting::flag("test", "fence.z-m", vec![-0.5, 3.0]),
-            Setting::flag("test", "plant.force-n", vec![0.06, 0.0, 0.0]),
-        ];
-        StudyLaw::new("px4", settings.to_vec(), "")
-    }
-
-    /// A law that assumes a much heavier vehicle: its thrust at the lower limit exceeds the weight, and the vehicle climbs through any
-    /// ceiling.
-    fn light_law() -> StudyLaw {
-        let settings = [
-            Setting::flag("test", "vehicle.mass-kg", 1.3),
-            Setting::flag("test", "vehicle.max-thrust-n", 30.0),
-            Setting::flag("test", "plant.mass-kg", 0.65),
-        ];
-        StudyLaw::new("geometric", settings.to_vec(), "")
-    }
-
-    fn remedies_of_a_pushed_chirp(changes: Changes) -> String {
-        let law = pushed_law();
-        let condition = FlightCondition { seed: 200, plant: NOMINAL, settings: Vec::new() };
-        let groups = [((&law, &[&condition][..], Test::Chirp), true)];
-        remedies(groups, changes)
-    }
-
-    #[test]
-    fn a_chirp_that_the_fence_held_has_a_duration_that_fits() {
-        let remedy = remedies_of_a_pushed_chirp(Changes::All);
-        assert!(
-            remedy.contains("attitude-chirp, held or stopped by the fence: enlarge the fence"),
-            "{remedy}"
-        );
-        assert!(remedy.contains("set trajectory.attitude-chirp.sweep-s="), "{remedy}");
-        assert!(remedy.contains("set plant.force-n=[0,0,0]"), "{remedy}");
-    }
-
-    #[test]
-    fn in_flight_only_settings_that_a_daemon_accepts_are_remedies() {
-        let remedy = remedies_of_a_pushed_chirp(Changes::InFlight);
-        assert!(remedy.contains("request `set trajectory.attitude-chirp.sweep-s="), "{remedy}");
-        assert!(!remedy.contains("plant.") && !remedy.contains("fence"), "{remedy}");
-    }
-
-    #[test]
-    fn a_vehicle_much_lighter_than_its_model_is_not_given_more_room() {
-        let law = light_law();
-        let condition = FlightCondition { seed: 200, plant: NOMINAL, settings: Vec::new() };
-        let remedy = remedies([((&law, &[&condition][..], Test::Hover), true)], Changes::All);
-        assert!(remedy.contains("more room does not help"), "{remedy}");
-        assert!(remedy.contains("hovers at 21 % of its thrust"), "{remedy}");
-    }
-
-    #[test]
-    fn flights_that_more_room_helps_keep_their_remedies_beside_others() {
-        let (pushed, light) = (pushed_law(), light_law());
-        let condition = FlightCondition { seed: 200, plant: NOMINAL, settings: Vec::new() };
-        let conditions = [&condition];
-        let groups = [&light, &pushed].map(|law| ((law, &conditions[..], Test::Chirp), true));
-        let remedy = remedies(groups, Changes::All);
-        let lines: Vec<&str> = remedy.trim().lines().collect();
-        let told = [("geometric", "more room does not help"), ("px4", "enlarge the fence")];
-        assert_eq!(lines.len(), told.len(), "{remedy}");
-        for (line, (law, text)) in lines.iter().zip(told) {
-            assert!(
-                line.contains(&format!(" by the fence, {law} with seed 200: {text}")),
-                "{line}"
-            );
-        }
-    }
-}
+mod tests;

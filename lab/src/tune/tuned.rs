@@ -102,6 +102,10 @@ impl Tuned {
         };
         match self.objective < self.start {
             true => format!("{start}; lower is better"),
+            false if self.path.objectives.len() == 1 => format!(
+                "{start}: no others were tried, since --budget {} has no room for a first generation of the search; they are kept",
+                self.budget.points
+            ),
             false => format!("{start}: no better ones were found, they are kept"),
         }
     }
