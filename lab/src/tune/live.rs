@@ -47,6 +47,10 @@ const PLANTS: [PlantVariant; 3] = [
     PlantVariant { name: "inner lag +30 %", changes: &[Change::Times(RATE_LAG, 1.3)] },
 ];
 
+/// Duration of the hovers of the training flights \[s\], of which the first 6 s are not scored. If only a few seconds were
+/// scored, the search would fit the gains to the gusts of these seconds.
+const HOVER_S: f64 = 18.0;
+
 /// Greatest limit of the integral of the velocity loops that a configuration may have \[m/s^2\].
 const GREATEST_LIMIT_M_S2: f64 = 5.0;
 
@@ -111,7 +115,7 @@ pub fn tune(
 pub fn training_flights(mut settings: Vec<Setting>) -> TrainingFlights {
     // The vehicle hovers during the search.
     settings.extend([
-        Setting::flag("tune --live", "trajectory.hover.duration-s", 10.0),
+        Setting::flag("tune --live", "trajectory.hover.duration-s", HOVER_S),
         Setting::flag("tune --live", "trajectory.circle.laps", 1),
         Setting::flag("tune --live", "trajectory.lemniscate.laps", 1),
     ]);
@@ -172,6 +176,18 @@ fn settings_of(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mission::Mission;
+    use crate::simulation;
+
+    #[test]
+    fn a_training_hover_is_scored_for_at_least_ten_seconds() {
+        let flights = training_flights(vec![Setting::flag("test", "trajectory.kind", "hover")]);
+        let config = Config::from_settings(&flights.settings).unwrap();
+        let rate_hz = config.loop_rate_hz();
+        let flight = simulation::fly(&Mission::new(config).unwrap()).unwrap();
+        let scored_s = flight.scored().count() as f64 / rate_hz;
+        assert!(scored_s >= 10.0, "{scored_s} s");
+    }
 
     #[test]
     fn the_integral_holds_the_weight_and_keeps_its_reserve() {
