@@ -63,6 +63,37 @@ fn as_user(user: u32, program: &str, words: &[&str]) -> Command {
 }
 
 #[test]
+fn every_process_of_another_user_s_instance_is_named() {
+    if !is_root() {
+        return;
+    }
+    let testbed = Testbed::new("theirs");
+    let (owner, oqtal) = (65_532, env!("CARGO_BIN_EXE_oqtal"));
+    let words = |command: &[&str]| {
+        let place = ["--instance", testbed.instance()];
+        let words = command.iter().chain(&place);
+        words.map(|word| (*word).to_owned()).collect::<Vec<_>>()
+    };
+    let run = |user, command: &[&str]| {
+        let words = words(command);
+        as_user(user, oqtal, &words.iter().map(String::as_str).collect::<Vec<_>>())
+    };
+    let [plant, daemon] =
+        ["plant-sim", "daemon"].map(|process| Running::start(&mut run(owner, &[process, "run"])));
+    let names =
+        [format!("the vehicle's process {}", plant.id()), format!("the daemon, {}", daemon.id())];
+    wait_for("both names", || {
+        let said = stderr(&run(65_534, &["ctl", "stop"]).output().unwrap());
+        names.iter().all(|name| said.contains(name)).then_some(())
+    });
+    for process in [daemon, plant] {
+        process.signal(Signal::TERM);
+        drop(process.wait());
+    }
+    std::fs::remove_dir_all(format!("/tmp/oqtal-{owner}")).unwrap();
+}
+
+#[test]
 fn f28_a_stop_names_the_owner_s_directory_acts_as_root_and_needs_no_thread() {
     if !is_root() {
         return;
@@ -87,19 +118,6 @@ fn f28_a_stop_names_the_owner_s_directory_acts_as_root_and_needs_no_thread() {
             assert_refused(&other, 77, &[&format!("sudo oqtal ctl {command}"), testbed.instance()]);
         }
     }
-    let daemon =
-        Running::start(&mut as_user(owner, oqtal, &[&["daemon", "run"], &place[..]].concat()));
-    wait_for("the daemon", || {
-        let other = as_user(65_534, oqtal, &stop).output().unwrap();
-        let said = stderr(&other);
-        let names = [
-            format!("the vehicle's process {}", plant.id()),
-            format!("the daemon, {}", daemon.id()),
-        ];
-        names.iter().all(|name| said.contains(name)).then_some(())
-    });
-    daemon.signal(Signal::TERM);
-    drop(daemon.wait());
     let by_root = as_user(0, oqtal, &stop).output().unwrap();
     assert!(by_root.status.success(), "{}", stderr(&by_root));
     // A process that may start no thread.
