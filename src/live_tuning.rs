@@ -7,7 +7,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::OperatorCommand;
+use oqtal_bus::message::EventV1;
+use oqtal_bus::origin::Origin;
 use oqtal_bus::paths::{InstancePaths, quoted};
+use oqtal_bus::time::Time;
 use oqtal_config::{Config, Setting};
 use oqtal_control::trajectory::{TrajectoryKind, TrajectoryOptions};
 use oqtal_lab::identify::identification::Identification;
@@ -17,7 +20,6 @@ use oqtal_lab::progress::Progress;
 use oqtal_lab::tune::live::{self, LiveTuning};
 use oqtal_lab::tune::tuned::Tuned;
 use oqtal_lab::tune::{LiveArgs, TuneArgs, page};
-use oqtal_observe::flight::Flight;
 use oqtal_observe::law_query::{NoAnswer, changed_before};
 use oqtal_observe::recording::{McapRecorder, RecordingPlan};
 use oqtal_operator::request::{running_bus, silent, unanswered};
@@ -65,7 +67,7 @@ pub fn execute(args: &TuneArgs) -> Result<Exit, Failure> {
     let before_m = hover.error_m(HOVER_S)?;
     fly_excitation(&bus, &config, &mut hover, &files.recording)?;
     let flight = recordings::read_flight(&files.recording)?;
-    require_undisturbed(&flight)?;
+    require_undisturbed(&flight.changes)?;
     say("oqtal: identifies the vehicle and searches for gains, while it hovers");
     // The daemon may run on this machine: the search must not disturb it. A failure is harmless.
     let _ = rustix::process::nice(19);
@@ -195,10 +197,10 @@ impl LiveTuningFiles {
     }
 }
 
-/// Fails if the excitation of `flight` was not the last request.
-fn require_undisturbed(flight: &Flight) -> Result<(), Failure> {
-    let last = flight.changes.last().map(|(_, change)| change.command);
-    if last == Some(OperatorCommand::Trajectory.code()) {
+/// Fails if the excitation that this process requested was not the last of the `changes` of the flight.
+fn require_undisturbed(changes: &[(Time, EventV1)]) -> Result<(), Failure> {
+    let last = changes.last().map(|(_, change)| (change.command, change.process));
+    if last == Some((OperatorCommand::Trajectory.code(), Origin::own().bits())) {
         return Ok(());
     }
     let reason = "another request ended the excitation, or changed the flight meanwhile; nothing was changed";
@@ -312,6 +314,17 @@ fn fly_excitation(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_trajectory_that_another_requests_disturbs_the_excitation() {
+        let fly = |process| {
+            let command = OperatorCommand::Trajectory.code();
+            (Time::VIRTUAL_START, EventV1 { command, process, ..EventV1::default() })
+        };
+        let own = Origin::own().bits();
+        assert!(require_undisturbed(&[fly(own + 1), fly(own)]).is_ok());
+        assert!(require_undisturbed(&[fly(own), fly(own + 1)]).is_err());
+    }
 
     #[test]
     fn gains_are_applied_only_to_the_settings_that_are_known_to_be_those_of_the_search() {
