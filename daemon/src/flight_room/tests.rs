@@ -92,7 +92,13 @@ fn a_path_near_the_floor_is_refused_with_a_height_that_suffices() {
         assert!(require_flyable_in_flight(&config, &trajectory).is_ok(), "the vehicle may be high");
     }
     for kind in ["hover", "step", "square", "circle", "attitude-chirp", "attitude-doublet"] {
-        assert_eq!(refused(&[&format!("trajectory.kind={kind}")], None), None);
+        let kind = format!("trajectory.kind={kind}");
+        assert_eq!(refused(&[&kind], None), None);
+        let told = refused(&[&kind, "trajectory.height-m=0.1"], None).unwrap();
+        assert!(
+            told.contains("0.16: the trajectory must stay") && !told.contains("smaller"),
+            "{told}"
+        );
     }
 }
 
