@@ -103,6 +103,23 @@ fn a_path_near_the_floor_is_refused_with_a_height_that_suffices() {
 }
 
 #[test]
+fn every_fence_that_a_refusal_names_suffices() {
+    for tenths in 10..30 {
+        let radius = format!("trajectory.circle.radius-m={}", f64::from(tenths) / 10.0);
+        let circle = ["trajectory.kind=circle", "fence.soft-margin-m=0.5", &radius];
+        let narrow = ["fence.x-m=[-1, 1]", "fence.y-m=[-1, 1]"];
+        let told = refused(&[&circle[..], &narrow].concat(), None).unwrap();
+        let fence = ["x", "y"].map(|axis| {
+            let (before, _) = told.split_once(&format!(" m in {axis}")).unwrap();
+            let (_, range) = before.rsplit_once("from ").unwrap();
+            format!("fence.{axis}-m=[{}]", range.replace(" to ", ","))
+        });
+        let wide = [&circle[..], &[&fence[0], &fence[1]]].concat();
+        assert_eq!(refused(&wide, None), None, "{told}");
+    }
+}
+
+#[test]
 fn no_accepted_flight_has_a_heading_that_the_daemon_refuses() {
     let turned = |first: f64| format!("t,x,y,z,yaw_deg\n0,0,0,1,{first}\n8,1,0,1,{first}\n");
     let fence = Fence::new(&Config::default().fence);
