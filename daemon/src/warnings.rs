@@ -4,6 +4,7 @@ mod disturbances;
 mod law;
 mod path;
 mod simulated;
+mod steps;
 
 use std::ops::RangeInclusive;
 
@@ -59,7 +60,7 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
         all.extend(too_hard);
     }
     all.extend(path::jump(&plan, config));
-    all.extend(path::too_far_a_step(&samples, config));
+    all.extend(steps::too_far(&plan, &samples, config));
     all.extend(path::first_turn(config, trajectory));
     all.extend(path::turns_too_fast(config, trajectory));
     all.extend(disturbances::after_the_end(config, plan.end_s()));
