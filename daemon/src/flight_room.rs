@@ -65,7 +65,12 @@ fn check_height(config: &Config, trajectory: &Trajectory) -> Result<(), OptionEr
         return Err(OptionError::new("trajectory.waypoints-file", file, at));
     }
     let remedy = remedies::higher(config, trajectory, LEAST_PLAN_M - z);
-    let allowed = format!("{remedy}, or the trajectory smaller: it must stay {at}");
+    // Around a point that is too low itself, a smaller trajectory is too low as well.
+    let or_smaller = match config.trajectory.height_m >= LEAST_PLAN_M {
+        true => ", or the trajectory smaller",
+        false => "",
+    };
+    let allowed = format!("{remedy}{or_smaller}: the trajectory must stay {at}");
     Err(OptionError::new("trajectory.height-m", config.trajectory.height_m, allowed))
 }
 

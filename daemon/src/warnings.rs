@@ -4,12 +4,13 @@ mod disturbances;
 mod law;
 mod path;
 mod simulated;
+mod steps;
 
 use std::ops::RangeInclusive;
 
 use oqtal_config::Config;
 use oqtal_control::trajectory::{
-    FlightPlan, Reference, StartPoint, Trajectory, TrajectoryKind, WaypointCurve,
+    FlightPlan, Phase, Reference, StartPoint, Trajectory, TrajectoryKind, WaypointCurve,
 };
 
 /// Shortest time between two points at which the reference is looked at \[s\].
@@ -59,10 +60,10 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
         all.extend(too_hard);
     }
     all.extend(path::jump(&plan, config));
-    all.extend(path::too_far_a_step(&samples, config));
+    all.extend(steps::too_far(&plan, &samples, config));
     all.extend(path::first_turn(config, trajectory));
     all.extend(path::turns_too_fast(config, trajectory));
-    all.extend(disturbances::after_the_end(config, plan.end_s()));
+    all.extend(disturbances::after_the_end(config, touchdown_s(&plan, &samples)));
     all.extend(disturbances::too_heavy(config));
     all.extend(disturbances::without_effect(config));
     all
@@ -140,6 +141,15 @@ fn waypoints_unused(config: &Config) -> Option<String> {
     is_unused.then(|| {
         "trajectory.waypoints-file is given and another trajectory is flown: set trajectory.kind to \"waypoints\" to fly the file, or in flight use `oqtal ctl fly waypoints`".to_owned()
     })
+}
+
+/// Planned time at which the vehicle is on the floor and the flight ends \[s\]; the reference goes on, into the floor.
+fn touchdown_s(plan: &FlightPlan, samples: &[(f64, Reference)]) -> f64 {
+    let is_down = |reference: &Reference| {
+        reference.phase == Phase::Landing && reference.position.z <= plan.origin().z
+    };
+    let touchdown = samples.iter().find(|(_, reference)| is_down(reference));
+    touchdown.map_or(plan.end_s(), |(t_s, _)| *t_s)
 }
 
 /// The reference over the whole flight, with its times from the start \[s\].
@@ -351,6 +361,10 @@ mod tests {
             }
             assert!(of(key, &at.replace("60", "6")).is_empty());
         }
+        // The vehicle is on the floor 1.3 s before the end of the reference.
+        let hover = |at: &str| told(&["trajectory.kind=hover", at], None).len();
+        let told = ["40", "41"].map(|at| hover(&format!("plant.disturb=[\"mass@{at}=0.05kg\"]")));
+        assert_eq!(told, [0, 1]);
     }
 
     #[test]

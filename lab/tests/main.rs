@@ -3,6 +3,7 @@
 
 mod cameras;
 mod external;
+mod far_steps;
 mod fence;
 mod heading;
 mod identify;

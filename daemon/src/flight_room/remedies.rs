@@ -9,14 +9,17 @@ use crate::fence::{Braking, Fence};
 use crate::floor::LEAST_PLAN_M;
 use crate::flyable::{exceeding, least_factor};
 
+/// Least distance of a remedy from the value at which the flight is refused \[m\], above the rounding of numbers.
+const OUTWARD_M: f64 = 1e-12;
+
 /// The next centimetre below `value_m` \[m\].
 fn below(value_m: f64) -> f64 {
-    ((value_m * 100.0).ceil() - 1.0) / 100.0
+    (((value_m - OUTWARD_M) * 100.0).ceil() - 1.0) / 100.0
 }
 
 /// The next centimetre above `value_m` \[m\].
 pub(super) fn above(value_m: f64) -> f64 {
-    ((value_m * 100.0).floor() + 1.0) / 100.0
+    (((value_m + OUTWARD_M) * 100.0).floor() + 1.0) / 100.0
 }
 
 /// The height with which a trajectory is `raised_m` \[m\] higher, and high enough to brake, with the fence that it needs then.
@@ -74,7 +77,7 @@ fn wider(config: &Config, ways: &[Way; 2], fence: &Fence) -> Option<String> {
     let (is_polygon, most_m) =
         (!config.fence.polygon_m.is_empty(), outside_m(path).max(outside_m(stop)));
     if is_polygon && most_m > 0.0 {
-        needed.push(format!("sides up to {most_m:.2} m further outside"));
+        needed.push(format!("sides up to {:.2} m further outside", above(most_m)));
     }
     for (axis, name) in ["x", "y", "z"].into_iter().enumerate().skip(2 * usize::from(is_polygon)) {
         let (path_ends, stop_ends) = (path.ends(axis)?, stop.ends(axis)?);

@@ -92,7 +92,30 @@ fn a_path_near_the_floor_is_refused_with_a_height_that_suffices() {
         assert!(require_flyable_in_flight(&config, &trajectory).is_ok(), "the vehicle may be high");
     }
     for kind in ["hover", "step", "square", "circle", "attitude-chirp", "attitude-doublet"] {
-        assert_eq!(refused(&[&format!("trajectory.kind={kind}")], None), None);
+        let kind = format!("trajectory.kind={kind}");
+        assert_eq!(refused(&[&kind], None), None);
+        let told = refused(&[&kind, "trajectory.height-m=0.1"], None).unwrap();
+        assert!(
+            told.contains("0.16: the trajectory must stay") && !told.contains("smaller"),
+            "{told}"
+        );
+    }
+}
+
+#[test]
+fn every_fence_that_a_refusal_names_suffices() {
+    for tenths in 10..30 {
+        let radius = format!("trajectory.circle.radius-m={}", f64::from(tenths) / 10.0);
+        let circle = ["trajectory.kind=circle", "fence.soft-margin-m=0.5", &radius];
+        let narrow = ["fence.x-m=[-1, 1]", "fence.y-m=[-1, 1]"];
+        let told = refused(&[&circle[..], &narrow].concat(), None).unwrap();
+        let fence = ["x", "y"].map(|axis| {
+            let (before, _) = told.split_once(&format!(" m in {axis}")).unwrap();
+            let (_, range) = before.rsplit_once("from ").unwrap();
+            format!("fence.{axis}-m=[{}]", range.replace(" to ", ","))
+        });
+        let wide = [&circle[..], &[&fence[0], &fence[1]]].concat();
+        assert_eq!(refused(&wide, None), None, "{told}");
     }
 }
 

@@ -1,6 +1,6 @@
 //! Warnings of a path that the vehicle cannot follow.
 
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector3;
 use oqtal_config::{Config, Interface};
 use oqtal_control::trajectory::{
     FlightPlan, Phase, Reference, Trajectory, TrajectoryKind, WaypointCurve,
@@ -8,7 +8,6 @@ use oqtal_control::trajectory::{
 
 use crate::flight_room::{is_flyable, known_start};
 use crate::flyable::least_settle_s;
-use crate::supervisor::FAR_OFF_MS;
 
 /// Jump of the acceleration above which a note is printed \[m/s^2\]: below it, the predictive stack stays within 2 cm of the path.
 const MOST_JUMP_M_S2: f64 = 1.5;
@@ -98,71 +97,6 @@ fn greatest(
 ) -> Option<(f64, f64, &Reference)> {
     let values = samples.iter().map(|(t_s, reference)| (value(reference), *t_s, reference));
     values.max_by(|a, b| a.0.total_cmp(&b.0))
-}
-
-/// Time within which a vehicle reacts to a step of its reference, at most \[s\].
-const REACTION_S: f64 = 0.25;
-/// Shortest step that is looked at \[m\].
-const LEAST_STEP_M: f64 = 0.1;
-/// Steps in which a limit with which the flight is not ended is sought \[m, m/s\], and most steps \[-\].
-const LIMIT_STEP: f64 = 0.1;
-const MOST_STEPS: u32 = 200;
-
-/// A step of the reference after which the daemon lands the vehicle (F44), since it does not arrive in time.
-pub(super) fn too_far_a_step(samples: &[(f64, Reference)], config: &Config) -> Option<String> {
-    let (limit_m, speed_m_s) =
-        (config.safety.tracking_limit_m, config.position.horizontal_velocity_limit_m_s);
-    let acceleration_m_s2 =
-        config.vehicle.gravity_m_s2 * config.position.tilt_limit_deg.to_radians().tan();
-    let far = |limit_m, speed_m_s| far_since(samples, limit_m, (speed_m_s, acceleration_m_s2));
-    let (t_s, distance_m) = far(limit_m, speed_m_s)?;
-    let higher = |from: f64| {
-        let next = move |step: u32| ((from + f64::from(step) * LIMIT_STEP) * 10.0).ceil() / 10.0;
-        (1..MOST_STEPS).map(next)
-    };
-    let remedies = [
-        higher(limit_m)
-            .find(|limit_m| far(*limit_m, speed_m_s).is_none())
-            .map(|limit_m| format!("set safety.tracking-limit-m to {limit_m}")),
-        higher(speed_m_s)
-            .find(|speed_m_s| far(limit_m, *speed_m_s).is_none())
-            .map(|speed_m_s| format!("position.horizontal-velocity-limit-m-s to {speed_m_s}")),
-    ];
-    let remedies: Vec<String> = remedies.into_iter().flatten().collect();
-    Some(format!(
-        "the reference steps, and {t_s:.1} s after arming it is {distance_m:.2} m from the vehicle: at position.horizontal-velocity-limit-m-s = {speed_m_s} the vehicle is further than safety.tracking-limit-m = {limit_m} from it for about {} s, after which the daemon lands it; make the step smaller{}",
-        FAR_OFF_MS as f64 * 1e-3,
-        remedies.iter().map(|remedy| format!(", or {remedy}")).collect::<String>()
-    ))
-}
-
-/// When a vehicle that makes up for steps of the reference with this greatest speed and acceleration \[m/s, m/s^2\] is further than
-/// `limit_m` \[m\] from it, horizontally, for longer than the daemon allows: the beginning \[s\], and the distance there \[m\].
-fn far_since(
-    samples: &[(f64, Reference)],
-    limit_m: f64,
-    (speed_m_s, acceleration_m_s2): (f64, f64),
-) -> Option<(f64, f64)> {
-    let (mut behind, mut velocity) = (Vector2::zeros(), Vector2::zeros());
-    let mut since: Option<(f64, f64)> = None;
-    for pair in samples.windows(2) {
-        let (t_s, dt_s) = (pair[1].0, pair[1].0 - pair[0].0);
-        let [(_, before), (_, after)] = [&pair[0], &pair[1]];
-        // A motion that the velocity of the reference does not explain is a step.
-        let moved = (before.velocity + after.velocity).xy() * (0.5 * dt_s);
-        let step = (after.position - before.position).xy() - moved;
-        behind += if step.norm() > LEAST_STEP_M { step } else { Vector2::zeros() };
-        let wanted = behind * (speed_m_s / behind.norm().max(speed_m_s));
-        velocity += (wanted - velocity).cap_magnitude(acceleration_m_s2 * dt_s);
-        behind -= velocity * dt_s;
-        // A prescribed attitude does not follow the position.
-        let is_far = behind.norm() > limit_m && after.attitude.is_none();
-        since = is_far.then(|| since.unwrap_or((t_s, behind.norm())));
-        if since.is_some_and(|(from_s, _)| t_s - from_s > FAR_OFF_MS as f64 * 1e-3 - REACTION_S) {
-            return since;
-        }
-    }
-    None
 }
 
 /// The distance from the hover point to the first waypoint, if it is far.
