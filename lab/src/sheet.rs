@@ -1,8 +1,7 @@
 //! Sheets: tables of figures printed in the paper or computed here, as JSON, text and Markdown; the HTML page shows them too.
 
-use serde_json::{Map, Value, json};
-
 use oqtal_observe::plot::unit::{MISSING, rounded};
+use serde_json::{Map, Value, json};
 
 use crate::text_table::{self, NamedRow};
 
@@ -45,7 +44,7 @@ impl Variant {
 pub enum SheetCell {
     /// A number \[unit of the column\].
     Number(f64),
-    /// Mean and standard deviation \[unit of the column\].
+    /// Mean and standard deviation, NaN of one value \[unit of the column\].
     Spread(f64, f64),
     /// Mean and half the width of its confidence interval \[unit of the column\].
     Interval(f64, f64),
