@@ -108,9 +108,11 @@ impl CtlArgs {
         faults.into_iter().chain(namesakes(&address.paths)).collect()
     }
 
-    /// Tells which files of the daemon were edited since its start. A command that ends a flight does not wait for them.
+    /// Tells which files of the daemon were edited since its start. A command that ends a flight does not wait for them; one that reads them
+    /// does not need them.
     fn tell_edited_files(&self, address: &AddressedInstance) {
-        let note = (!self.command.ends_flight()).then(|| edited_note(&address.paths)).flatten();
+        let is_told = !self.command.ends_flight() && !matches!(self.command, CtlRequest::Reload);
+        let note = is_told.then(|| edited_note(&address.paths)).flatten();
         note.iter().for_each(|note| say(&format!("oqtal: {note}")));
     }
 
@@ -270,12 +272,14 @@ mod tests {
     #[test]
     fn settings_that_change_nothing_are_not_said_to_take_effect_later() {
         let line: Line = clap::Parser::parse_from(["ctl", "set", "trajectory.height-m=1"]);
-        let notes = |text| {
+        let paths = oqtal_bus::paths::InstancePaths::new("a", None).unwrap();
+        let address = AddressedInstance { paths, has_root: false };
+        let is_noted = |text| {
             let (mode, text) = (Mode::Flying.code(), LongText::new(text));
             let flying = ControlResponseV1 { mode, text, ..ControlResponseV1::default() };
-            line.ctl.trajectory_note(&flying).len()
+            line.ctl.trajectory_note(&address, &flying).is_some()
         };
-        assert_eq!([notes("trajectory.height-m=1"), notes(UNCHANGED)], [1, 0]);
+        assert_eq!([is_noted("trajectory.height-m=1"), is_noted(UNCHANGED)], [true, false]);
     }
 
     #[test]

@@ -50,7 +50,7 @@ struct ReplayReport {
     identical: usize,
     /// Ticks that were recorded but not replayed, or replayed but not recorded \[-\].
     unmatched: usize,
-    /// Those of them that were recorded \[-\].
+    /// Ticks that were recorded and not replayed \[-\].
     not_replayed: usize,
     /// When the replayed daemon stopped motors that ran in the recording, and why.
     own_stop: Option<OwnStop>,

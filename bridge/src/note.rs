@@ -77,7 +77,7 @@ fn log_motors(event: MotorEvent) {
             lasted.seconds()
         ),
         MotorEvent::ControlTaken => tracing::warn!(
-            "a pilot or the vehicle itself has control: neither set-points nor a stop are sent until the motors are off or control is given back"
+            "a pilot or the vehicle itself has control: no set-points and no stop are sent until the motors are off or control is given back"
         ),
         MotorEvent::StopWithheld => tracing::warn!(
             "a pilot or the vehicle itself has control: the operator's stop is not sent; only the remote control stops the motors. It is sent if control is given back"

@@ -57,7 +57,7 @@ pub enum VehicleReply {
     Replaced,
     /// The vehicle refuses the last request.
     Refused(VehicleRefusal),
-    /// The vehicle no longer reports why it refused the last request.
+    /// The vehicle is ready again: the reason of its last refusal has ended.
     Ready,
     /// Motion by the vehicle's own estimate.
     Estimate(VehicleEstimate),

@@ -59,7 +59,7 @@ obstacles! {
     /// The vehicle is locked until it is restarted.
     Locked = 15 => "the vehicle is locked: restart it",
     /// The bridge has not set the vehicle up yet.
-    NotSetUp = 16 => "the bridge is still setting the vehicle up: arm again in a few seconds",
+    NotSetUp = 16 => "the bridge is still setting the vehicle up: arm again in a few seconds; if this stays, restart the vehicle",
 }
 
 /// A set of reasons against arming.

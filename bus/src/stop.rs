@@ -219,11 +219,12 @@ impl VehicleStop {
         words::confirm(&self.switch.words, stop.number, motors == StoppedMotors::Off);
     }
 
-    /// Records that the stop in force does not reach the motors: another has control of the vehicle.
-    pub fn withhold(&self) {
-        if let Some(stop) = self.in_force {
-            words::withhold(&self.switch.words, stop.number);
-        }
+    /// Records that the stop in force does not reach the motors, since another has control of the vehicle. It is not lifted before it is
+    /// confirmed again.
+    pub fn withhold(&mut self) {
+        let Some(stop) = &mut self.in_force else { return };
+        (stop.confirmed_at, stop.motors) = (None, StoppedMotors::Unknown);
+        words::withhold(&self.switch.words, stop.number);
     }
 
     /// Takes a command of the daemon. A "disarmed" published after the stop in force was seen lifts the stop once the motors are

@@ -55,7 +55,7 @@ impl Config {
         let (poses, loops) = (self.safety.pose_rate_hz, self.control.rate_hz);
         if poses < loops * LEAST_POSES_PER_TICK {
             let allowed = format!(
-                "at least two thirds of control.rate-hz, {loops}: lower that to {poses}, a tick for each pose, or set the rate at which poses arrive"
+                "at least two thirds of control.rate-hz, {loops}: lower that to {poses}, one tick per pose, or set the rate at which poses arrive"
             );
             return Err(OptionError::new("safety.pose-rate-hz", poses, allowed));
         }

@@ -77,7 +77,7 @@ fn an_error_names_the_setting_that_made_the_value_impossible() {
         too_fast.contains("`safety.pose-rate-hz` is 60") && too_fast.starts_with("flag 1: "),
         "{too_fast}"
     );
-    assert!(too_fast.contains("lower that to 60, a tick for each pose"), "{too_fast}");
+    assert!(too_fast.contains("lower that to 60, one tick per pose"), "{too_fast}");
     assert!(too_fast.ends_with("; `safety.pose-rate-hz` is of flag 0"), "{too_fast}");
     let awake =
         error(&["safety.pose-rate-hz=240", "realtime.warmup-us=2000", "realtime.awake-us=100"]);

@@ -3,6 +3,7 @@
 mod remedies;
 mod ways;
 
+use std::cell::OnceCell;
 use std::collections::VecDeque;
 
 use nalgebra::Vector3;
@@ -36,16 +37,21 @@ fn check_room(
     }
 }
 
-/// Whether `trajectory` leaves the fence when it is flown `slower` times as slowly \[-\], from `start` \[m, world\] as in [`check_room`].
+/// Whether `trajectory` leaves the fence when it is flown this many times as slowly \[-\], from `start` \[m, world\] as in [`check_room`].
 fn lacks_room(
     config: &Config,
     trajectory: &Trajectory,
-    (start, slower): (Option<Vector3<f64>>, f64),
-) -> bool {
-    let ways = Way::both_flown(config, trajectory, (start.unwrap_or_default(), slower));
-    match start {
-        Some(_) => !ways.iter().all(|way| way.is_inside(&Fence::new(&config.fence))),
-        None => check_span(config, &ways).is_err(),
+    start: Option<Vector3<f64>>,
+) -> impl Fn(f64) -> bool {
+    let sampled = OnceCell::new();
+    move |slower| {
+        let points: &Vec<_> = sampled.get_or_init(|| references(config, trajectory).collect());
+        let from = start.unwrap_or_default();
+        let ways = Way::both_flown(config, points.iter().copied(), (from, slower));
+        match start {
+            Some(_) => !ways.iter().all(|way| way.is_inside(&Fence::new(&config.fence))),
+            None => check_span(config, &ways).is_err(),
+        }
     }
 }
 
@@ -219,7 +225,7 @@ fn check_motion(
     (trajectory, start): (&Trajectory, Option<Vector3<f64>>),
     room: Result<(), OptionError>,
 ) -> Result<(), OptionError> {
-    let lacks_room = |slower| lacks_room(config, trajectory, (start, slower));
+    let lacks_room = lacks_room(config, trajectory, start);
     let motion =
         check_demand(config, trajectory, lacks_room).and_then(|()| check_turns(config, trajectory));
     match (room, motion) {

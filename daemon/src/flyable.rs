@@ -101,7 +101,8 @@ impl<'a> PhaseDemand<'a> {
         excessive.max_by(|a, b| a.1.excess().total_cmp(&b.1.excess()))
     }
 
-    /// Refuses the phase if it exceeds a limit. The factor of time is one with which it also does not `lack_room`, if there is one.
+    /// Refuses the phase if it exceeds a limit. The factor of time in the error is the least one with which the flight also has room, or else
+    /// the least one with which it exceeds no limit.
     fn check(&self, lacks_room: impl Fn(f64) -> bool) -> Result<(), OptionError> {
         let Some((t_s, demand)) = self.worst(1.0) else { return Ok(()) };
         let exceeds = |slower| self.worst(slower).is_some();
@@ -111,8 +112,8 @@ impl<'a> PhaseDemand<'a> {
     }
 }
 
-/// Whether the vehicle can fly `trajectory`: with 0.9 of its thrust, 0.8 of its rates, and inside the limits of speed and tilt. A flight so
-/// many times as slow may `lack_room`.
+/// Whether the vehicle can fly `trajectory`: with 0.9 of its thrust, 0.8 of its rates, and inside the limits of speed and tilt.
+/// `lacks_room` tells whether it leaves the fence if it is flown this many times as slowly \[-\].
 ///
 /// # Errors
 /// The key of the limit, the first point at which the trajectory exceeds it most, and the factor of time with which it would not.
@@ -126,7 +127,7 @@ pub(crate) fn check_demand(
     PhaseDemand::of(config, trajectory, Phase::Trajectory)?.check(lacks_room)
 }
 
-/// Whether the trajectory exceeds a limit of the vehicle or of the flight when it is flown so many times as slowly \[-\].
+/// Whether the trajectory exceeds a limit of the vehicle or of the flight when it is flown this many times as slowly \[-\].
 pub(crate) fn exceeding(config: &Config, trajectory: &Trajectory) -> impl Fn(f64) -> bool {
     let demand = PhaseDemand::of(config, trajectory, Phase::Trajectory).ok();
     move |slower| demand.as_ref().is_some_and(|demand| demand.worst(slower).is_some())

@@ -26,7 +26,7 @@ use crate::refusal::Refusal;
 use crate::room::StoppingRoom;
 use crate::stack::ControlStack;
 use crate::stream::ReferenceStream;
-use crate::warnings::warnings;
+use crate::warnings::quick_warnings;
 use crate::waypoint_file::{self, ReadSettings};
 
 /// Number of changes of settings that can be taken back \[-\].
@@ -161,7 +161,9 @@ impl LiveSettings {
         let Self { started, present, .. } = self;
         let mut changed = started.config.differences(&present.config).unwrap_or_default();
         if started.has_other_points(present) {
-            changed.push("trajectory.waypoints-file was read again, with other points".to_owned());
+            // The same name, with other points.
+            let file = present.config.value(WAYPOINTS_FILE);
+            changed.extend(file.map(|file| format!("{WAYPOINTS_FILE}={file}")));
         }
         let title =
             (!changed.is_empty()).then(|| "settings changed since the daemon's start:".into());
@@ -232,7 +234,7 @@ impl LiveSettings {
     pub fn new_warnings(&self, prepared: &PreparedChange) -> Vec<String> {
         let of = |settings: &ReadSettings| {
             let trajectory = settings.trajectory();
-            trajectory.map_or_else(|_| Vec::new(), |path| warnings(&settings.config, &path))
+            trajectory.map_or_else(|_| Vec::new(), |path| quick_warnings(&settings.config, &path))
         };
         let Some((next, _)) = &prepared.settings else { return Vec::new() };
         let before = of(&self.present);
@@ -305,7 +307,11 @@ impl LiveSettings {
         }
         settings.retain(|setting| !setting.is_of_instance());
         let next = match path.is_empty() {
-            true => self.started.config.reread(files)?,
+            true => {
+                let next = self.started.config.reread(files)?;
+                self.present().require_live(&next, &settings)?;
+                next
+            }
             false => self.present().with_live(&settings)?,
         };
         let changed = self.present().differences(&next).map_err(Refusal::of_setting)?;
@@ -316,7 +322,6 @@ impl LiveSettings {
         if changed.is_empty() {
             return Err(Refusal::of_setting("no setting differs"));
         }
-        self.present().require_live(&next, &settings)?;
         self.settings(self.read(next, false)?, text, false)
     }
 

@@ -27,8 +27,18 @@ const USUAL_MS: RangeInclusive<f64> = 0.2..=1000.0;
 /// \[kg^(-2/3) m^2\].
 const USUAL_INERTIA: RangeInclusive<f64> = 2e-5..=4.0;
 
-/// Settings of `config` that a flight of `trajectory` cannot satisfy because of others, each with its remedy.
+/// Settings of `config` that a flight of `trajectory` cannot satisfy because of others, each with its remedy. Takes up to some seconds: the
+/// law flies a model along the steps of the trajectory.
 pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
+    let mut all = quick_warnings(config, trajectory);
+    if !config.safety.observe_only {
+        all.extend(steps::too_far(&plan_of(config, trajectory), config));
+    }
+    all
+}
+
+/// The warnings for which nothing is flown.
+pub(crate) fn quick_warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     let mut all = config.rename_warnings().to_vec();
     if config.safety.observe_only {
         return all;
@@ -42,7 +52,7 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     all.extend(simulated::rotors(config));
     all.extend(waypoints_unused(config));
     all.extend(law::position_gains_unused(config));
-    let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
+    let plan = plan_of(config, trajectory);
     let samples = samples(&plan);
     let (path, limits) = (&config.trajectory, &config.position);
     let jerks =
@@ -60,7 +70,6 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
         all.extend(too_hard);
     }
     all.extend(path::jump(&plan, config));
-    all.extend(steps::too_far(&plan, &samples, config));
     all.extend(path::first_turn(config, trajectory));
     all.extend(path::turns_too_fast(config, trajectory));
     all.extend(disturbances::after_the_end(config, touchdown_s(&plan, &samples)));
@@ -139,7 +148,7 @@ fn waypoints_unused(config: &Config) -> Option<String> {
     let kind = config.trajectory.kind;
     let is_unused = config.trajectory.waypoints_file.is_some() && kind != TrajectoryKind::Waypoints;
     is_unused.then(|| {
-        "trajectory.waypoints-file is given and another trajectory is flown: set trajectory.kind to \"waypoints\" to fly the file, or in flight use `oqtal ctl fly waypoints`".to_owned()
+        "trajectory.waypoints-file is given and another trajectory is flown: set trajectory.kind to \"waypoints\" to fly the file, or in flight request `fly waypoints`".to_owned()
     })
 }
 
@@ -150,6 +159,11 @@ fn touchdown_s(plan: &FlightPlan, samples: &[(f64, Reference)]) -> f64 {
     };
     let touchdown = samples.iter().find(|(_, reference)| is_down(reference));
     touchdown.map_or(plan.end_s(), |(t_s, _)| *t_s)
+}
+
+/// The flight of `trajectory` from the origin.
+fn plan_of(config: &Config, trajectory: &Trajectory) -> FlightPlan {
+    FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default())
 }
 
 /// The reference over the whole flight, with its times from the start \[s\].

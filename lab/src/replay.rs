@@ -50,7 +50,7 @@ pub struct ReplayedTick {
 pub struct UnmatchedTick {
     /// Instant of the tick.
     pub time: Time,
-    /// Whether it occurs in the recording; otherwise in the replay.
+    /// Whether the tick occurs in the recording; otherwise it occurs in the replay.
     pub is_recorded: bool,
 }
 

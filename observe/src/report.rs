@@ -88,7 +88,7 @@ fn subject<'a>(flight: &Flight, summary: &'a Summary) -> &'a str {
 
 /// Description of vehicle, clock, seed and duration.
 fn circumstances(flight: &Flight, summary: &Summary) -> String {
-    let Summary { vehicle, clock, seed, duration_s, scored_s, .. } = summary;
+    let Summary { clock, seed, duration_s, scored_s, .. } = summary;
     if flight.is_replay() {
         return format!("{} · {clock} clock · {duration_s:.1} s", flight.config.mocap.replay);
     } else if flight.is_observation() {
@@ -97,8 +97,9 @@ fn circumstances(flight: &Flight, summary: &Summary) -> String {
     let source = if summary.error_source == "truth" { " by the true motion" } else { "" };
     let held = summary.held().map_or(String::new(), |held| format!(" · {held}"));
     format!(
-        "{vehicle} · {clock} clock · seed {seed} · {duration_s:.1} s in flight, \
-         {scored_s:.1} s of it (shaded) scored{source}{held}"
+        "{} · {clock} clock · seed {seed} · {duration_s:.1} s in flight, \
+         {scored_s:.1} s of it (shaded) scored{source}{held}",
+        summary.vehicle_text()
     )
 }
 

@@ -57,6 +57,8 @@ pub struct Summary {
     pub controller: String,
     pub trajectory: String,
     pub vehicle: String,
+    /// Whether a simulated vehicle has other values than its preset.
+    pub vehicle_changed: bool,
     pub clock: String,
     pub seed: u64,
     pub ticks: usize,
@@ -131,6 +133,8 @@ impl Summary {
             controller: flight.laws(),
             trajectory: name_of(&config.trajectory.kind),
             vehicle: vehicle_name(flight),
+            vehicle_changed: vehicle_name(flight).starts_with("sim:")
+                && !flight.config.has_vehicle_of_preset(),
             clock: name_of(&config.clock.kind),
             seed: config.clock.seed,
             ticks: flight.armed().count(),
@@ -201,6 +205,12 @@ impl Summary {
         Some(format!("requests {when}: {count}, the last at {last}"))
     }
 
+    /// The vehicle, with a note if it differs from its preset.
+    pub fn vehicle_text(&self) -> String {
+        let changed = if self.vehicle_changed { " with changed values" } else { "" };
+        format!("{}{changed}", self.vehicle)
+    }
+
     /// Safety states passed through, as text; only the first few if there are many.
     pub fn states(&self) -> String {
         let states = &self.state_sequence;
@@ -246,15 +256,14 @@ pub fn name_of(value: &impl Serialize) -> String {
     }
 }
 
-/// The vehicle in the form of `--vehicle`, with a note if a simulated one differs from its preset; `none` if nothing was flown.
+/// The vehicle in the form of `--vehicle`; `none` if nothing was flown.
 fn vehicle_name(flight: &Flight) -> String {
-    let changed = if flight.config.has_vehicle_of_preset() { "" } else { " with changed values" };
     let (preset, plant) = (&flight.config.vehicle.preset, &flight.config.plant);
     match (&flight.command_path, plant.interface) {
         (CommandPath::Bus, _) if flight.is_replay() || flight.is_observation() => "none".to_owned(),
-        (CommandPath::Bus, Interface::Torque) => format!("sim:{preset}{changed}"),
+        (CommandPath::Bus, Interface::Torque) => format!("sim:{preset}"),
         (CommandPath::Bus, Interface::Rate | Interface::Attitude) => {
-            format!("sim:{preset},fidelity={}{changed}", name_of(&plant.fidelity))
+            format!("sim:{preset},fidelity={}", name_of(&plant.fidelity))
         }
         (path, _) => path.to_string(),
     }

@@ -57,10 +57,10 @@ pub fn closing(summary: &Summary) -> String {
 }
 
 fn headline(summary: &Summary) -> String {
-    let Summary { controller, trajectory, vehicle, clock, seed, outcome, .. } = summary;
+    let Summary { controller, trajectory, clock, seed, outcome, .. } = summary;
     let is_flight = outcome.is_of_flight();
     let (course, flown) = match is_flight {
-        true => (format!("{trajectory}, {vehicle}"), "armed"),
+        true => (format!("{trajectory}, {}", summary.vehicle_text()), "armed"),
         false => ("commands computed, not sent".to_owned(), "observed"),
     };
     format!(

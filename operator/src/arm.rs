@@ -44,7 +44,7 @@ pub fn ask(
         if let Some((_, vehicle)) = vehicles.latest()? {
             simulated = Some(vehicle.simulated == 1);
         }
-        if refusal.is_some() && simulated == Some(false) {
+        if refusal.is_some() && (simulated == Some(false) || is_cancelled()) {
             return Ok(refusal);
         }
         let timeout = match simulated {
@@ -53,7 +53,7 @@ pub fn ask(
             Some(false) => Span::ZERO,
             None => VEHICLE_TIMEOUT,
         };
-        let is_last = Time::now().since(asked_at) >= timeout || is_cancelled();
+        let is_last = Time::now().since(asked_at) >= timeout;
         let arming = ControlRequestV1 { repeated: u8::from(!is_last), ..arming };
         let Some(response) = send(bus, arming, expected)? else { return Ok(None) };
         if response.answer != Answer::Refused.code() {

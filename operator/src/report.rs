@@ -232,7 +232,7 @@ fn is_silent(response: &ControlResponseV1) -> bool {
 }
 
 /// Answer while another has control of the vehicle.
-const NOT_OURS: &str = "a pilot or the vehicle itself has control, so no command is sent to it; only the remote control lands it or stops its motors";
+const NOT_OURS: &str = "a pilot or the vehicle itself has control, so no command is sent to the vehicle; only the remote control lands it or stops its motors";
 
 /// Whether a pilot or the vehicle itself has control.
 fn is_taken(response: &ControlResponseV1) -> bool {

@@ -147,26 +147,26 @@ pub fn start_daemon(paths: &InstancePaths) -> String {
     format!("{}oqtal daemon run{} {place}", user.unwrap_or_default(), config.unwrap_or_default())
 }
 
-/// Files that were edited or removed after the last daemon at `paths` had read them, as text; `None` if there are none, or if this user
-/// cannot read them.
+/// Names of the files that were edited or removed after the last daemon at `paths` had read them; `None` if there are none, or if this
+/// user cannot read them.
 pub(crate) fn edited_files(paths: &InstancePaths) -> Option<String> {
     let files = status::edited_files(&paths.config());
     (!files.is_empty()).then(|| listed(&files))
 }
 
-/// Note of a command to the running daemon at `paths` of which the edited `files` are; `None` if none was edited.
+/// Note for the answers of the daemon at `paths`: files of its configuration that were edited or removed; `None` if none was.
 pub fn edited_note(paths: &InstancePaths) -> Option<String> {
     let (files, place) = (edited_files(paths)?, paths.flags());
     Some(format!(
-        "{files}: edited or removed after the daemon had read it; a restart of every process applies the edit, `oqtal ctl reload {place}` \
-         the part that can change in flight"
+        "{files}: edited or removed since the daemon's start; `oqtal ctl reload {place}` applies what can change in flight, a restart of \
+         every process all of it"
     ))
 }
 
 /// States that a daemon with the settings of the last one lacks the edit of `files`.
 pub(crate) fn start_without(files: &str) -> String {
     format!(
-        "that has the settings of the last daemon, {files} was edited or removed since: give the file instead to fly with the edit"
+        "that uses the settings of the last daemon, without later edits of {files}; to fly with the edits, give the files themselves by --config"
     )
 }
 

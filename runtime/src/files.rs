@@ -111,11 +111,24 @@ pub fn write(path: &Path, content: impl AsRef<[u8]>) -> io::Result<()> {
     if found.is_some() {
         check_writable(path)?;
     }
-    let (draft, mut file) = create_draft(path)?;
+    let (draft, mut file) = match create_draft(path) {
+        // The directory is not writable, and the file is.
+        Err(error) if error.kind() == io::ErrorKind::PermissionDenied && found.is_some() => {
+            return io::Write::write_all(&mut create(path)?, content.as_ref());
+        }
+        made => made?,
+    };
     let written = io::Write::write_all(&mut file, content.as_ref())
-        .and_then(|()| found.map_or(Ok(()), |found| file.set_permissions(found.permissions())))
+        .and_then(|()| found.map_or(Ok(()), |found| keep_access(&file, &found)))
         .and_then(|()| std::fs::rename(&draft, path));
     written.inspect_err(|_| drop(std::fs::remove_file(&draft)))
+}
+
+/// Gives `file` the owner, if this user may, and the permissions of the file that it replaces.
+fn keep_access(file: &File, found: &std::fs::Metadata) -> io::Result<()> {
+    // Ignored: only root may give a file away.
+    let _ = std::os::unix::fs::fchown(file, Some(found.uid()), Some(found.gid()));
+    file.set_permissions(found.permissions())
 }
 
 /// Makes a new file beside `path`, to be renamed to it.

@@ -50,6 +50,9 @@ fn f57_a_stop_that_another_s_control_withholds_is_not_obeyed_until_control_is_gi
     vehicle.withhold();
     let report = switch.report(number);
     assert!(report.another_has_control && !report.vehicle_obeys && switch.awaits_vehicle());
+    let (header, body) = command(Actuation::Disarmed, 4000);
+    vehicle.receive_command(&header, &body);
+    assert!(vehicle.is_in_force(NOW), "lifted while it was withheld");
     vehicle.confirm(NOW, StoppedMotors::Off);
     let off = StopReport { vehicle_obeys: true, motors_off: true, ..StopReport::default() };
     assert_eq!(switch.report(number), off);

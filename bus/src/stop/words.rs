@@ -12,8 +12,8 @@ const OBEYED: usize = 2;
 const MOTORS_OFF: usize = 3;
 /// Newest stop obeyed by the daemon: it commands "disarmed".
 const DAEMON: usize = 4;
-/// Newest stop that does not reach the motors, because another has control of the vehicle; the newest lifted one once the stop in force
-/// does.
+/// Newest stop that is withheld from the motors, because another has control of the vehicle. Equal to [`LIFTED`] once the stop in force
+/// reaches them.
 const WITHHELD: usize = 5;
 /// Number of words.
 pub(crate) const WORDS: usize = 6;

@@ -296,7 +296,8 @@ impl Track {
         self.motion.position.z < floor_m + FLOOR_REACH_M
     }
 
-    /// The track at the same instant of a vehicle that the floor at `floor_m` \[m, world z\] holds in the pose of the track `before`.
+    /// The track at the same instant of a vehicle that the floor at `floor_m` \[m, world z\] holds: at rest, with the horizontal position and
+    /// the attitude of the track `before`, not below the floor.
     pub fn held_since(&self, before: &Self, floor_m: f64) -> Self {
         let Motion { mut position, attitude, .. } = before.motion;
         position.z = self.motion.position.z.max(floor_m);

@@ -27,17 +27,17 @@ pub(crate) struct Way {
 impl Way {
     /// The path of a flight and the points at which the vehicle would stop on it, from `start` \[m, world\].
     pub(crate) fn both(config: &Config, trajectory: &Trajectory, start: Vector3<f64>) -> [Self; 2] {
-        Self::both_flown(config, trajectory, (start, 1.0))
+        Self::both_flown(config, references(config, trajectory), (start, 1.0))
     }
 
-    /// As [`Way::both`], on the trajectory flown `slower` times as slowly \[-\].
+    /// As [`Way::both`], on a trajectory with these `references` flown `slower` times as slowly \[-\].
     pub(super) fn both_flown(
         config: &Config,
-        trajectory: &Trajectory,
+        references: impl Iterator<Item = (f64, Reference)>,
         (start, slower): (Vector3<f64>, f64),
     ) -> [Self; 2] {
         let braking = Braking::of(config);
-        let both = references(config, trajectory).map(|(t_s, reference)| {
+        let both = references.map(|(t_s, reference)| {
             let stop = stop(&reference, &braking, slower);
             ((t_s, start + reference.position), (t_s, start + stop))
         });
@@ -46,7 +46,7 @@ impl Way {
         [(path, soft_m), (stops, 0.0)].map(|(points, margin_m)| Self { points, margin_m })
     }
 
-    /// Whether it is inside the fence by its margin.
+    /// Whether every point of the way is inside the fence by its margin.
     pub(super) fn is_inside(&self, fence: &Fence) -> bool {
         self.points.iter().all(|(_, point)| fence.inside_by_m(point, self.margin_m) > 0.0)
     }

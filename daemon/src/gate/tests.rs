@@ -201,3 +201,29 @@ fn f09_a_rate_that_changes_a_tenth_of_a_second_later_than_predicted_is_not_a_jum
         assert_eq!(refusal_of_a_turn(demand, 0.0, 0.3), Some(Cause::Jump), "{demand} rad/s");
     }
 }
+
+#[test]
+fn a_vehicle_that_the_floor_stops_is_admitted_and_another_body_beside_it_is_not() {
+    let mut hover = Hover::begun();
+    let sinks_m_s = 0.5;
+    let pose = |t_s: f64, x: f64| {
+        let z = (0.04 - sinks_m_s * t_s).max(0.0);
+        let (position, attitude) =
+            (Vector3::new(x, 1e-5 * (40.0 * t_s).sin(), z), Attitude::default());
+        MeasuredPose { position, attitude }
+    };
+    hover.tracker.begin(0.0, &pose(0.0, 0.0), 0.0);
+    hover.gate.restart(&hover.tracker);
+    let mut track = hover.track().lifted();
+    track.motion.velocity.z = -sinks_m_s;
+    hover.tracker.restore(track);
+    let mut check = |x: f64| {
+        hover.t_s += FRAME_S;
+        hover.gate.check(&mut hover.tracker, hover.t_s, &pose(hover.t_s, x))
+    };
+    for _ in 0..60 {
+        assert_eq!(check(0.0), Ok(()));
+    }
+    let refusals = (0..RELABEL_POSES).map(|_| check(ELSEWHERE_M).unwrap_err());
+    assert_eq!(refusals.last(), Some(Cause::Relabel));
+}

@@ -27,7 +27,7 @@ pub(super) fn without_effect(config: &Config) -> Vec<String> {
         .filter(|_| !has_drag)
         .map(|it| {
             format!(
-                "the disturbance `{it}` has no effect: wind acts through drag, and plant.drag-per-s is 0; give it a value, or a force@ in place of the gust"
+                "the disturbance `{it}` has no effect: wind acts through drag, and the simulated vehicle has none; set plant.drag-per-s, or use force@ instead of gust@"
             )
         })
         .collect()

@@ -25,18 +25,17 @@ const LONGEST_S: f64 = 120.0;
 /// 60 and 75 ms and a curved thrust, no step that the daemon would land had no warning, and 7 % of the others had one.
 const SPARE_M: f64 = 0.15;
 const SPARE_S: f64 = 0.1;
-/// Distance over the length of all steps beyond which the law does not fly the model at all \[-\].
+/// Distance over the length of all steps beyond which the law does not fly the model at all \[-\]: it does not land for a step then.
 const ASTRAY: f64 = 2.0;
-/// Step in which a limit with which the flight is not ended is sought \[m, m/s\], and most steps \[-\].
-const LIMIT_STEP: f64 = 0.1;
+/// Step in which a limit with which the flight is not ended is sought \[m\], and most steps \[-\].
+const LIMIT_STEP_M: f64 = 0.1;
 const MOST_STEPS: u32 = 40;
+/// Factors of the speed that are flown \[-\].
+const FASTER: [f64; 4] = [1.25, 1.5, 2.0, 3.0];
 /// Share of the speed limit that a remedy uses at most \[-\].
 const SPEED_SHARE: f64 = 0.8;
 /// Height of a floor that the model does not reach \[m, world\].
 const NO_FLOOR_M: f64 = -1e3;
-
-/// Distance of the model from its reference over time \[s, m\]; zero where an attitude is prescribed.
-type Distances = Vec<(f64, f64)>;
 
 /// Part of a flight in which steps of the reference act.
 #[derive(Clone, Copy)]
@@ -48,13 +47,9 @@ struct Steps {
 }
 
 /// Warning of a step of the reference from which the vehicle is further than the daemon allows for too long.
-pub(super) fn too_far(
-    plan: &FlightPlan,
-    samples: &[(f64, Reference)],
-    config: &Config,
-) -> Option<String> {
+pub(super) fn too_far(plan: &FlightPlan, config: &Config) -> Option<String> {
     let limit_m = config.safety.tracking_limit_m;
-    let steps = steps(samples).filter(|steps| steps.length_m > limit_m - SPARE_M)?;
+    let steps = steps(&super::samples(plan)).filter(|steps| steps.length_m > limit_m - SPARE_M)?;
     let distances = distances(plan, config, &steps)?;
     let (t_s, distance_m) = far_since(&distances, limit_m)?;
     let speed_m_s = config.position.horizontal_velocity_limit_m_s;
@@ -65,24 +60,27 @@ pub(super) fn too_far(
         flown.is_some_and(|distances| far_since(&distances, limit_m).is_none())
     };
     let remedies = [
-        higher(limit_m)
+        (1..=MOST_STEPS)
+            .map(|step| tenths(limit_m + f64::from(step) * LIMIT_STEP_M))
             .find(|limit_m| far_since(&distances, *limit_m).is_none())
             .map(|limit_m| format!("set safety.tracking-limit-m to {limit_m}")),
-        higher(speed_m_s)
-            .take_while(|speed_m_s| *speed_m_s <= SPEED_SHARE * config.safety.speed_limit_m_s)
+        FASTER
+            .map(|times| tenths(times * speed_m_s))
+            .into_iter()
+            .filter(|speed_m_s| *speed_m_s <= SPEED_SHARE * config.safety.speed_limit_m_s)
             .find(suffices)
             .map(|speed_m_s| format!("set position.horizontal-velocity-limit-m-s to {speed_m_s}")),
     ];
     Some(format!(
-        "the reference steps, and {t_s:.1} s after arming it is {distance_m:.2} m from the vehicle: at position.horizontal-velocity-limit-m-s = {speed_m_s} the vehicle is further than safety.tracking-limit-m = {limit_m} from it for about {} s, after which the daemon lands it; make the step smaller{}",
+        "the reference steps: from {t_s:.1} s after arming on, the vehicle is up to {distance_m:.2} m from it. At position.horizontal-velocity-limit-m-s = {speed_m_s} it may be further from it than safety.tracking-limit-m = {limit_m} for {} s, after which the daemon lands it; make the step smaller{}",
         FAR_OFF_MS as f64 * 1e-3,
         remedies.iter().flatten().map(|remedy| format!(", or {remedy}")).collect::<String>()
     ))
 }
 
-/// Values above `from` that are tried, in rising order.
-fn higher(from: f64) -> impl Iterator<Item = f64> {
-    (1..=MOST_STEPS).map(move |step| ((from + f64::from(step) * LIMIT_STEP) * 10.0).round() / 10.0)
+/// The least number of tenths that is not below `value`, but for its rounding.
+fn tenths(value: f64) -> f64 {
+    (value * 10.0 - 1e-6).ceil() / 10.0
 }
 
 /// The steps of the reference; `None` without any.
@@ -102,7 +100,7 @@ fn steps(samples: &[(f64, Reference)]) -> Option<Steps> {
 
 /// When the model begins to be further than `limit_m` \[m\] from its reference for longer than the daemon allows \[s\], and its greatest
 /// distance from then on \[m\].
-fn far_since(distances: &Distances, limit_m: f64) -> Option<(f64, f64)> {
+fn far_since(distances: &[(f64, f64)], limit_m: f64) -> Option<(f64, f64)> {
     let mut since: Option<(f64, f64)> = None;
     for (t_s, distance_m) in distances {
         let is_far = *distance_m > limit_m - SPARE_M;
@@ -114,8 +112,9 @@ fn far_since(distances: &Distances, limit_m: f64) -> Option<(f64, f64)> {
     None
 }
 
-/// Flies the model along `plan` where `steps` act, or until the landing. `None` if the law cannot fly it.
-fn distances(plan: &FlightPlan, config: &Config, steps: &Steps) -> Option<Distances> {
+/// Flies the model along `plan` where `steps` act, or until the landing: its distance from the reference over time \[s, m\], zero where an
+/// attitude is prescribed. `None` if the law cannot fly it.
+fn distances(plan: &FlightPlan, config: &Config, steps: &Steps) -> Option<Vec<(f64, f64)>> {
     let [from_s, to_s] = steps.window;
     let mut flight = ModelFlight::at(&plan.sample(from_s), from_s, config)?;
     let period_s = 1.0 / config.loop_rate_hz();

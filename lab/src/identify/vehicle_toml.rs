@@ -32,8 +32,8 @@ pub fn toml(identification: &Identification, config: &Config) -> String {
         "# The vehicle, identified by `oqtal identify` from {poses} poses in the air. Behind each identified value: its 95 %\n\
          # interval and the value before. All other keys have the value with which the vehicle flew, except those of\n\
          # this flight alone: [instance], [record], [plant], [clock], [log], and the kind and duration of the trajectory. Keys\n\
-         # that are not here have the value of the preset. A simulated vehicle follows [vehicle]: to fly against the one of the\n\
-         # flight, give its [plant] too.\n"
+         # that are not here have the value of the preset. A simulated vehicle follows [vehicle]; to\n\
+         # simulate the vehicle of this flight, add its [plant].\n"
     );
     let mut lines = configured(identification, config);
     for key in identification.keys() {
