@@ -193,7 +193,7 @@ mod tests {
         let square = |side: &str| told(&["trajectory.kind=square", side], None).join("\n");
         assert_eq!(square("trajectory.square.side-m=3"), "");
         let text = square("trajectory.square.side-m=4");
-        assert!(text.contains("is 4.00 m from the vehicle") && text.contains("lands it"), "{text}");
+        assert!(text.contains("is up to 4.00 m from it") && text.contains("lands it"), "{text}");
         let pid = ["control.controller=pid", "control.stack=predictive"];
         let text = told(&pid, None).join("\n");
         assert!(text.contains("control.pid.feed-forward"), "{text}");
