@@ -260,9 +260,8 @@ fn a_recording_whose_writer_was_killed_is_read_up_to_its_last_chunk() {
     }
 }
 
-/// Output of a command whose files cannot grow beyond `kib` \[KiB\]. The limit acts like a full disk; its signal is ignored.
-fn on_full_disk(testbed: &Testbed, kib: u32, words: &[&str]) -> Output {
-    let command = testbed.oqtal(words);
+/// Output of `command` whose files cannot grow beyond `kib` \[KiB\]. The limit acts like a full disk; its signal is ignored.
+fn on_full_disk(testbed: &Testbed, kib: u32, command: &Command) -> Output {
     let script = format!("trap '' XFSZ; ulimit -f {kib}; exec \"$0\" \"$@\"");
     Command::new("bash")
         .args(["-c", &script, env!("CARGO_BIN_EXE_oqtal")])
@@ -277,7 +276,11 @@ fn a_recording_that_cannot_grow_ends_and_its_size_is_printed() {
     let testbed = Testbed::new("full-record");
     let _services = testbed.services();
     testbed.wait_for_daemon();
-    let output = on_full_disk(&testbed, 800, &["record", "--out", "r.mcap", "--seconds", "60"]);
+    let output = on_full_disk(
+        &testbed,
+        800,
+        &testbed.oqtal(&["record", "--out", "r.mcap", "--seconds", "60"]),
+    );
     assert_refused(&output, 71, &["r.mcap: File too large; the recording ends here"]);
     let said = String::from_utf8_lossy(&output.stdout);
     assert!(said.contains(" messages, 0.8 MB: r.mcap"), "{said}");
@@ -288,13 +291,19 @@ fn a_file_that_cannot_grow_is_reported_and_the_flight_lands() {
     let testbed = Testbed::new("full");
     // In-process, since shared memory would exceed the limit.
     let recorded = ["--clock", "in-process", "--set", "record.flights=all", "--out", "d"];
-    let output = on_full_disk(&testbed, 800, &[&["fly"], &HOVER[..], &recorded[..]].concat());
+    let output = on_full_disk(
+        &testbed,
+        800,
+        &testbed.oqtal(&[&["fly"], &HOVER[..], &recorded[..]].concat()),
+    );
     assert_refused(&output, 71, &["flight.mcap"]);
     assert!(String::from_utf8_lossy(&output.stdout).starts_with("landed"));
     assert!(RecordingFile::read(&testbed.path("d/flight.mcap")).unwrap().cut_off.is_some());
     let page = ["report", "d/flight.mcap", "--out", "p.html"];
-    assert_refused(&on_full_disk(&testbed, 1, &page), 71, &["p.html: File too large"]);
-    assert!(testbed.oqtal(&page).status().unwrap().success(), "no part of a page is in the way");
+    let full = on_full_disk(&testbed, 1, &testbed.study(&page));
+    assert_refused(&full, 71, &["p.html: File too large"]);
+    // No part of a page is in the way.
+    testbed.succeeds(&page);
 }
 
 /// Settings of the recording alone: those of the flight remain the daemon's.

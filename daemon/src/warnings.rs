@@ -32,7 +32,8 @@ const USUAL_INERTIA: RangeInclusive<f64> = 2e-5..=4.0;
 pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     let mut all = quick_warnings(config, trajectory);
     if !config.safety.observe_only {
-        all.extend(steps::too_far(&plan_of(config, trajectory), config));
+        let plan = plan_of(config, trajectory);
+        all.extend(steps::too_far(&plan, &samples(&plan), config));
     }
     all
 }
@@ -152,7 +153,7 @@ fn waypoints_unused(config: &Config) -> Option<String> {
     })
 }
 
-/// Planned time at which the vehicle is on the floor and the flight ends \[s\]; the reference goes on, into the floor.
+/// Planned time at which the vehicle is on the floor and the flight ends \[s\]; the reference continues into the floor.
 fn touchdown_s(plan: &FlightPlan, samples: &[(f64, Reference)]) -> f64 {
     let is_down = |reference: &Reference| {
         reference.phase == Phase::Landing && reference.position.z <= plan.origin().z

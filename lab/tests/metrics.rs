@@ -80,7 +80,7 @@ fn a_doublet_is_settled_after_the_last_pose_that_is_off() {
     let mut flight = turned("attitude-doublet", |_| three_deg);
     let [_, settle_s, least_s] = of_attitude(&flight);
     let told = closing(&Summary::of(&flight));
-    // The flight goes on after the last step, which is not cut off.
+    // The flight continues after the last step, which is not cut off.
     let none = format!("steps of the attitude: {count}, none within 1.5 deg before the next\n");
     assert!(told.contains(&none), "{told}");
     assert!(settle_s == f64::INFINITY && least_s > 0.5, "never settled: {settle_s}, {least_s} s");

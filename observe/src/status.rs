@@ -321,9 +321,17 @@ impl fmt::Display for ProcessHealth {
 
 /// Hash of the configuration in `file`, as in the health of processes; `None` if it cannot be read or is invalid.
 pub fn hash_of_file(file: &Path) -> Option<String> {
+    read_config(file).map(|config| format!("{:016x}", config.hash()))
+}
+
+/// Whether a daemon with the configuration in `file` takes off without an operator; false if it cannot be read.
+pub fn arms_at_start(file: &Path) -> bool {
+    read_config(file).is_some_and(|config| config.safety.arm_at_start)
+}
+
+fn read_config(file: &Path) -> Option<Config> {
     let text = std::fs::read_to_string(file).ok()?;
-    let config = Config::parse(&file.to_string_lossy(), &text, &[]).ok()?;
-    Some(format!("{:016x}", config.hash()))
+    Config::parse(&file.to_string_lossy(), &text, &[]).ok()
 }
 
 /// Files that were edited or removed after a daemon had read them, by the comments in `file`, its configuration; none if it cannot be read.

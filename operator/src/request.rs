@@ -175,10 +175,10 @@ fn daemon_remedy(paths: &InstancePaths, seen: &RunningProcesses) -> String {
     if let Some(process) = seen.of_other_config(paths) {
         return format!("start one {}", config_of(process));
     }
-    let like = if paths.config().is_file() {
-        ""
-    } else {
-        ", with the --config of the instance if it has one"
+    let like = match paths.config() {
+        file if !file.is_file() => ", with the --config of the instance if it has one",
+        file if status::arms_at_start(&file) => "; it takes off by itself (safety.arm-at-start)",
+        _ => "",
     };
     let edited = edited_files(paths).map(|files| format!("; {}", start_without(&files)));
     format!("start one with `{}`{like}{}", start_daemon(paths), edited.unwrap_or_default())
@@ -256,6 +256,19 @@ mod tests {
         assert!(lines.len() == 3 && lines[0].starts_with(nobody), "{two}");
         assert!(lines[1].ends_with("under --root /a: give that root"), "{two}");
         assert!(lines[2].contains("under --root /b: run as that user"), "{two}");
+    }
+
+    #[test]
+    fn the_remedy_says_that_a_daemon_takes_off_by_itself() {
+        let root = tempfile::tempdir().unwrap();
+        let paths = InstancePaths::new("a", Some(root.path())).unwrap();
+        std::fs::create_dir_all(paths.directory()).unwrap();
+        let remedy = |safety: &str| {
+            std::fs::write(paths.config(), format!("[safety]\n{safety}\n")).unwrap();
+            daemon_remedy(&paths, &RunningProcesses::default())
+        };
+        assert!(remedy("arm-at-start = true").contains("it takes off by itself"));
+        assert!(!remedy("").contains("takes off"));
     }
 
     #[test]

@@ -47,9 +47,13 @@ struct Steps {
 }
 
 /// Warning of a step of the reference from which the vehicle is further than the daemon allows for too long.
-pub(super) fn too_far(plan: &FlightPlan, config: &Config) -> Option<String> {
+pub(super) fn too_far(
+    plan: &FlightPlan,
+    samples: &[(f64, Reference)],
+    config: &Config,
+) -> Option<String> {
     let limit_m = config.safety.tracking_limit_m;
-    let steps = steps(&super::samples(plan)).filter(|steps| steps.length_m > limit_m - SPARE_M)?;
+    let steps = steps(samples).filter(|steps| steps.length_m > limit_m - SPARE_M)?;
     let distances = distances(plan, config, &steps)?;
     let (t_s, distance_m) = far_since(&distances, limit_m)?;
     let speed_m_s = config.position.horizontal_velocity_limit_m_s;

@@ -11,10 +11,7 @@ use super::Flown;
 use super::args::words_of;
 use super::flights::{FlightCondition, Run, Test, TestEnd, changed};
 use super::law::StudyLaw;
-use super::room::{self, Changes};
-
-/// Number of seeds that the text lists for each cause \[-\].
-pub(super) const SHOWN_SEEDS: usize = 8;
+use super::room::{self, Changes, SHOWN_SEEDS};
 
 /// Mark of a figure that is the mean of a part of the flights.
 const MARK: &str = " *";

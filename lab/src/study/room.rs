@@ -9,7 +9,6 @@ use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 use toml::Value;
 
-use super::failure::SHOWN_SEEDS;
 use super::flights::{FlightCondition, Test, config, readable};
 use super::law::StudyLaw;
 use crate::mission::Mission;
@@ -38,6 +37,8 @@ const TOLD_DIFFERENCE: f64 = 5.0;
 /// Distances from the reference that are tried as limits \[m\].
 const LIMITS_M: [f64; 4] = [3.0, 5.0, 10.0, 20.0];
 
+/// Number of seeds that the text lists for each cause \[-\].
+pub(super) const SHOWN_SEEDS: usize = 8;
 /// Number of flights with which each change is tried, shared by the groups of flights \[-\].
 const TRIED: usize = 60;
 /// Least share of a group \[-\].

@@ -263,7 +263,7 @@ pub fn law(
             (values, best.value, after)
         }
         false if start.is_finite() => (present(&parameters, &config), start, before.clone()),
-        false => return Err(flights.nothing_lands((name, budget), &path, &before)),
+        false => return Err(flights.nothing_lands(name, &path, &before)),
     };
     let (laws, flown) = ([law(&[]), law(&settings(&values))], [before, after]);
     let mut components = trade::components(&flights.weights, &flown, flown.each_ref().map(figures));
@@ -306,20 +306,15 @@ impl TrainingFlights {
     }
 
     /// Failure of a search in which no gains land all flights; `before` was flown with the configured ones.
-    fn nothing_lands(
-        &self,
-        (name, budget): (&str, &Budget),
-        path: &SearchPath,
-        before: &Flown,
-    ) -> Failure {
+    fn nothing_lands(&self, name: &str, path: &SearchPath, before: &Flown) -> Failure {
         let failures = self.failures(before);
         // A hopeless search leaves out all batches but the first.
         let extent = match (self.live_keys_only, path.objectives.len()) {
             (true, _) => "neither the present gains nor the tuned ones land".to_owned(),
-            (false, 0..=1) => format!(
-                "the configured gains are the only ones for which --budget {} has room, and none lands",
-                budget.points
-            ),
+            (false, 0..=1) => {
+                "the budget has no room for others than the configured gains, which do not land"
+                    .into()
+            }
             (false, sets) => format!("none of {sets} sets of gains lands"),
         };
         let reason = format!(
