@@ -133,8 +133,7 @@ impl Summary {
             controller: flight.laws(),
             trajectory: name_of(&config.trajectory.kind),
             vehicle: vehicle_name(flight),
-            vehicle_changed: vehicle_name(flight).starts_with("sim:")
-                && !flight.config.has_vehicle_of_preset(),
+            vehicle_changed: is_vehicle_changed(flight),
             clock: name_of(&config.clock.kind),
             seed: config.clock.seed,
             ticks: flight.armed().count(),
@@ -254,6 +253,11 @@ pub fn name_of(value: &impl Serialize) -> String {
         Ok(serde_json::Value::String(name)) => name,
         other => format!("{other:?}"),
     }
+}
+
+/// Whether a simulated vehicle has other values than its preset.
+fn is_vehicle_changed(flight: &Flight) -> bool {
+    vehicle_name(flight).starts_with("sim:") && !flight.config.has_vehicle_of_preset()
 }
 
 /// The vehicle in the form of `--vehicle`; `none` if nothing was flown.
