@@ -119,7 +119,7 @@ impl Comparison {
             files,
             self.row("controller", |s| s.controller.clone()),
             self.row("trajectory", |s| s.trajectory.clone()),
-            self.row("vehicle", Summary::vehicle_text),
+            self.row("vehicle", |s| s.vehicle.to_string()),
             self.row("clock, seed", |s| format!("{}, {}", s.clock, s.seed)),
             std::iter::once("outcome".to_owned()).chain(outcomes).collect(),
             self.row("scored [s]", |s| significant(s.scored_s)),

@@ -99,7 +99,7 @@ fn circumstances(flight: &Flight, summary: &Summary) -> String {
     format!(
         "{} · {clock} clock · seed {seed} · {duration_s:.1} s in flight, \
          {scored_s:.1} s of it (shaded) scored{source}{held}",
-        summary.vehicle_text()
+        summary.vehicle
     )
 }
 

@@ -41,6 +41,15 @@ pub struct ErrorFigures {
     pub rms_by_axis: [f64; 3],
 }
 
+/// The vehicle that flew.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FlownVehicle {
+    /// In the form of `--vehicle`.
+    vehicle: String,
+    /// Whether a simulated vehicle has other values than its preset.
+    vehicle_changed: bool,
+}
+
 /// Number of lost or repeated messages by topic.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct TopicCounts {
@@ -56,9 +65,8 @@ pub struct TopicCounts {
 pub struct Summary {
     pub controller: String,
     pub trajectory: String,
-    pub vehicle: String,
-    /// Whether a simulated vehicle has other values than its preset.
-    pub vehicle_changed: bool,
+    #[serde(flatten)]
+    pub vehicle: FlownVehicle,
     pub clock: String,
     pub seed: u64,
     pub ticks: usize,
@@ -114,6 +122,22 @@ pub struct Summary {
     pub trajectory_hash: Option<String>,
 }
 
+impl FlownVehicle {
+    fn of(flight: &Flight) -> Self {
+        let vehicle = vehicle_name(flight);
+        let is_simulated = vehicle.starts_with("sim:");
+        let vehicle_changed = is_simulated && !flight.config.has_vehicle_of_preset();
+        Self { vehicle, vehicle_changed }
+    }
+}
+
+impl std::fmt::Display for FlownVehicle {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.vehicle)?;
+        f.write_str(if self.vehicle_changed { " with changed values" } else { "" })
+    }
+}
+
 impl TopicCounts {
     fn new(pose: u64, command: u64) -> Self {
         Self { pose, command }
@@ -132,8 +156,7 @@ impl Summary {
         Self {
             controller: flight.laws(),
             trajectory: name_of(&config.trajectory.kind),
-            vehicle: vehicle_name(flight),
-            vehicle_changed: is_vehicle_changed(flight),
+            vehicle: FlownVehicle::of(flight),
             clock: name_of(&config.clock.kind),
             seed: config.clock.seed,
             ticks: flight.armed().count(),
@@ -204,12 +227,6 @@ impl Summary {
         Some(format!("requests {when}: {count}, the last at {last}"))
     }
 
-    /// The vehicle, with a note if it differs from its preset.
-    pub fn vehicle_text(&self) -> String {
-        let changed = if self.vehicle_changed { " with changed values" } else { "" };
-        format!("{}{changed}", self.vehicle)
-    }
-
     /// Safety states passed through, as text; only the first few if there are many.
     pub fn states(&self) -> String {
         let states = &self.state_sequence;
@@ -253,11 +270,6 @@ pub fn name_of(value: &impl Serialize) -> String {
         Ok(serde_json::Value::String(name)) => name,
         other => format!("{other:?}"),
     }
-}
-
-/// Whether a simulated vehicle has other values than its preset.
-fn is_vehicle_changed(flight: &Flight) -> bool {
-    vehicle_name(flight).starts_with("sim:") && !flight.config.has_vehicle_of_preset()
 }
 
 /// The vehicle in the form of `--vehicle`; `none` if nothing was flown.

@@ -60,7 +60,7 @@ fn headline(summary: &Summary) -> String {
     let Summary { controller, trajectory, clock, seed, outcome, .. } = summary;
     let is_flight = outcome.is_of_flight();
     let (course, flown) = match is_flight {
-        true => (format!("{trajectory}, {}", summary.vehicle_text()), "armed"),
+        true => (format!("{trajectory}, {}", summary.vehicle), "armed"),
         false => ("commands computed, not sent".to_owned(), "observed"),
     };
     format!(

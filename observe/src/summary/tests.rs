@@ -17,7 +17,7 @@ fn a_preset_with_other_values_is_not_named_as_the_preset() {
         let settings: Vec<_> =
             settings.iter().map(|text| Setting::parse("test", text).unwrap()).collect();
         let config = Config::from_settings(&settings).unwrap();
-        Summary::of(&Flight { config, ..fixture::square() }).vehicle_text()
+        Summary::of(&Flight { config, ..fixture::square() }).vehicle.to_string()
     };
     let preset = "vehicle.preset=crazyflie-2.1";
     assert_eq!(vehicle(&[preset]), "sim:crazyflie-2.1,fidelity=eq61");
