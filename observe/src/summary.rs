@@ -44,7 +44,7 @@ pub struct ErrorFigures {
 /// The vehicle that flew.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FlownVehicle {
-    /// In the form of `--vehicle`.
+    /// In the form of `--vehicle`; `none` if nothing was flown.
     vehicle: String,
     /// Whether a simulated vehicle has other values than its preset.
     vehicle_changed: bool,
@@ -124,10 +124,17 @@ pub struct Summary {
 
 impl FlownVehicle {
     fn of(flight: &Flight) -> Self {
-        let vehicle = vehicle_name(flight);
+        let (preset, plant) = (&flight.config.vehicle.preset, &flight.config.plant);
+        let vehicle = match (&flight.command_path, plant.interface) {
+            (CommandPath::Bus, _) if flight.is_replay() || flight.is_observation() => "none".into(),
+            (CommandPath::Bus, Interface::Torque) => format!("sim:{preset}"),
+            (CommandPath::Bus, Interface::Rate | Interface::Attitude) => {
+                format!("sim:{preset},fidelity={}", name_of(&plant.fidelity))
+            }
+            (path, _) => path.to_string(),
+        };
         let is_simulated = vehicle.starts_with("sim:");
-        let vehicle_changed = is_simulated && !flight.config.has_vehicle_of_preset();
-        Self { vehicle, vehicle_changed }
+        Self { vehicle, vehicle_changed: is_simulated && !flight.config.has_vehicle_of_preset() }
     }
 }
 
@@ -269,19 +276,6 @@ pub fn name_of(value: &impl Serialize) -> String {
     match serde_json::to_value(value) {
         Ok(serde_json::Value::String(name)) => name,
         other => format!("{other:?}"),
-    }
-}
-
-/// The vehicle in the form of `--vehicle`; `none` if nothing was flown.
-fn vehicle_name(flight: &Flight) -> String {
-    let (preset, plant) = (&flight.config.vehicle.preset, &flight.config.plant);
-    match (&flight.command_path, plant.interface) {
-        (CommandPath::Bus, _) if flight.is_replay() || flight.is_observation() => "none".to_owned(),
-        (CommandPath::Bus, Interface::Torque) => format!("sim:{preset}"),
-        (CommandPath::Bus, Interface::Rate | Interface::Attitude) => {
-            format!("sim:{preset},fidelity={}", name_of(&plant.fidelity))
-        }
-        (path, _) => path.to_string(),
     }
 }
 
