@@ -391,7 +391,7 @@ mod tests {
         let budget = Budget { points: 1, ..Budget::default() };
         let failure = law(ControllerName::Pid, &budget, &flights, &Progress::default());
         let reason = failure.unwrap_err().to_string();
-        assert!(reason.contains("lands every training flight"), "{reason}");
+        assert!(reason.contains("do not land every training flight"), "{reason}");
         assert!(reason.contains("pid, training, hover: 1 of 1"), "{reason}");
     }
 }
