@@ -178,7 +178,7 @@ impl Bridge {
         self.stop_sent.then(|| self.gate.stopped_motors())
     }
 
-    /// Whether another has control: neither set-points nor a stop are sent.
+    /// Whether another has control: no set-points and no stop are sent.
     pub fn is_released(&self) -> bool {
         self.gate.is_released()
     }

@@ -1,4 +1,4 @@
-//! Comments that name the files of which a configuration was read, so that a later edit of them is found.
+//! Comments that name the files from which a configuration was read, so that a later edit of them is found.
 
 use std::fs::{self, File};
 use std::hash::Hasher;

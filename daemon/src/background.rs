@@ -69,7 +69,7 @@ impl ConfigFile {
     /// Time between two looks.
     const PERIOD: Span = Span::from_millis(500);
 
-    /// Writes the file, with comments that name those of which the configuration was read; a copy names those of its original.
+    /// Writes the file, with comments that name those from which the configuration was read; a copy names those of its original.
     fn begin(path: PathBuf, context: &ProcessContext) -> Self {
         let sources = if context.is_child {
             String::new()

@@ -251,7 +251,7 @@ fn a_landing_succeeds_if_it_calls_off_a_flight_that_waits_for_the_vehicle_to_be_
     assert_eq!(asked(Arm, true), Answer::Refused.code());
     assert_eq!(asked(Land, false), Answer::Done.code());
     assert_eq!(asked(Land, false), Answer::Refused.code());
-    // A flight that is no longer requested is not called off.
+    // There is nothing to call off once nobody repeats the request.
     for is_repeated in [true, false] {
         assert_eq!(asked(Arm, is_repeated), Answer::Refused.code());
     }

@@ -22,7 +22,7 @@ const BEFORE_S: f64 = 0.2;
 const LONGEST_S: f64 = 120.0;
 /// How much further the vehicle may be from its reference than the model, and for how much longer \[m, s\]: it is disturbed, and it may
 /// sag. In 400 simulated flights of steps from 2 to 5 m with 0.8 to 1.8 m/s, of all laws with the shipped vehicle and one with lags of
-/// 60 and 75 ms and a curved thrust, no step that the daemon would land had no warning, and 7 % of the others had one.
+/// 60 and 75 ms and a curved thrust, every step after which the daemon landed had a warning, and so had 7 % of the others.
 const SPARE_M: f64 = 0.15;
 const SPARE_S: f64 = 0.1;
 /// Distance over the length of all steps beyond which the law does not fly the model at all \[-\]: it does not land for a step then.

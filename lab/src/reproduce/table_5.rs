@@ -323,7 +323,7 @@ mod tests {
         "runs",
         "best",
     ];
-    /// Columns with mean and deviation; of one run there is no deviation.
+    /// Columns with mean and deviation, which a single run does not have.
     const SPREADS: [&str; 3] = ["position_error_m", "velocity_error_m_s", "attitude_error_deg"];
 
     fn assert_numbers(rows: &Value) {

@@ -265,29 +265,23 @@ impl CrampedFlights<'_> {
     /// The fewest keys of the fence with which, enlarged, all of the flights are complete; `None` if a larger fence does not suffice.
     fn narrow_sides(&self) -> Option<String> {
         let all = wide_fence();
-        let [x, y, z, polygon] = all.clone();
         if !self.are_complete_with(&all) {
             return None;
         }
         let has_polygon = |flight: &CrampedFlight<'_>| {
             flight.config().is_ok_and(|config| !config.fence.polygon_m.is_empty())
         };
-        let name = |(key, _): &(&'static str, Value)| *key;
-        if self.flights.iter().any(has_polygon) {
-            // Beside a polygon, x-m and y-m do not act.
-            let (key, sides) = (name(&polygon), [x, y, polygon]);
-            let keys = match [&[z.clone()][..], &sides].map(|it| self.are_complete_with(it)) {
-                [true, _] => name(&z).to_owned(),
-                [false, true] => key.to_owned(),
-                [false, false] => format!("{key} and {}", name(&z)),
-            };
-            return Some(keys);
-        }
-        let sets = [vec![&x], vec![&y], vec![&z], vec![&x, &y], vec![&x, &z], vec![&y, &z]];
-        let sets = sets.map(|sides| sides.into_iter().cloned().collect::<Vec<_>>());
-        let fewest = sets.iter().find(|sides| self.are_complete_with(sides));
-        let keys = fewest.map_or(&all[..3], |sides| &sides[..]).iter().map(name);
-        Some(keys.collect::<Vec<_>>().join(" and "))
+        // Indices of x-m, y-m, z-m and polygon-m. Without its polygon, a fence has the sides of x-m and y-m.
+        let (always, sets): (&[usize], &[&[usize]]) = match self.flights.iter().any(has_polygon) {
+            true => (&[0, 1], &[&[2], &[3], &[3, 2]]),
+            false => (&[], &[&[0], &[1], &[2], &[0, 1], &[0, 2], &[1, 2], &[0, 1, 2]]),
+        };
+        let suffices = |set: &&&[usize]| {
+            let sides = always.iter().chain(**set).map(|index| all[*index].clone());
+            self.are_complete_with(&sides.collect::<Vec<_>>())
+        };
+        let fewest = sets.iter().find(suffices)?;
+        Some(fewest.iter().map(|index| all[*index].0).collect::<Vec<_>>().join(" and "))
     }
 
     /// The request with which the flights are complete: fence and limits cannot change in flight, the size of the trajectory can.
