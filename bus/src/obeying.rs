@@ -80,6 +80,24 @@ fn field<'a>(status: &'a str, name: &str) -> Option<&'a str> {
     status.lines().find_map(|line| line.strip_prefix(name)).map(str::trim)
 }
 
+/// The command of `oqtal` that started the process `pid` and ends with it, such as `oqtal fly --duration 5`, as typed in a shell, after
+/// a change to its directory if it runs in another one than this process; `None` for a process of its own.
+pub fn starting_command(pid: u32) -> Option<String> {
+    let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
+    let parent = format!("/proc/{}", field(&status, "PPid:")?);
+    let line = fs::read(format!("{parent}/cmdline")).ok()?;
+    let line = String::from_utf8_lossy(&line);
+    let (program, arguments) = line.trim_end_matches('\0').split_once('\0').unwrap_or((&line, ""));
+    let is_ours = Path::new(program.trim_end_matches('\0')).file_name()? == "oqtal";
+    // Its results are kept.
+    let words = without_out(arguments.split_terminator('\0')).map(quoted);
+    let command = ["oqtal".to_owned()].into_iter().chain(words).collect::<Vec<_>>().join(" ");
+    let directory = fs::read_link(format!("{parent}/cwd")).ok();
+    let other = directory.filter(|it| std::env::current_dir().ok().as_ref() != Some(it));
+    let change = other.map(|it| format!("cd {} && ", quoted(&it.display().to_string())));
+    is_ours.then(|| change.unwrap_or_default() + &command)
+}
+
 impl ObeyingProcess {
     /// All running processes that obey operators, of every user and instance.
     pub fn all() -> Vec<Self> {
@@ -139,25 +157,6 @@ impl ObeyingProcess {
     /// Whether this process may send it a signal: it runs as the same user, or this process is root's.
     pub fn is_ours(&self) -> bool {
         may_signal(self.user)
-    }
-
-    /// The command of `oqtal` that started it and ends with it, such as `oqtal fly --duration 5`, as typed in a shell, after a change to
-    /// its directory if it runs in another one than this process; `None` for a process of its own.
-    pub fn started_by(&self) -> Option<String> {
-        let status = fs::read_to_string(format!("/proc/{}/status", self.pid)).ok()?;
-        let parent = format!("/proc/{}", field(&status, "PPid:")?);
-        let line = fs::read(format!("{parent}/cmdline")).ok()?;
-        let line = String::from_utf8_lossy(&line);
-        let (program, arguments) =
-            line.trim_end_matches('\0').split_once('\0').unwrap_or((&line, ""));
-        let is_ours = Path::new(program.trim_end_matches('\0')).file_name()? == "oqtal";
-        // Its results are kept.
-        let words = without_out(arguments.split_terminator('\0')).map(quoted);
-        let command = ["oqtal".to_owned()].into_iter().chain(words).collect::<Vec<_>>().join(" ");
-        let directory = fs::read_link(format!("{parent}/cwd")).ok();
-        let other = directory.filter(|it| std::env::current_dir().ok().as_ref() != Some(it));
-        let change = other.map(|it| format!("cd {} && ", quoted(&it.display().to_string())));
-        is_ours.then(|| change.unwrap_or_default() + &command)
     }
 
     /// Instant of its start, to a hundredth of a second; `None` if it has ended.

@@ -84,6 +84,8 @@ pub use record::{RecordOptions, RecordedFlights};
 pub use reference::ReferenceOptions;
 pub use safety::SafetyOptions;
 pub use setting::{Setting, parse_option};
-pub use source::{edited_sources, kept_source_comments, source_comments};
+pub use source::{
+    edited_sources, flight_comment, flight_of, kept_source_comments, source_comments,
+};
 pub use text::{read_text, read_waypoints};
 pub use vehicle::VehicleOptions;

@@ -25,6 +25,20 @@ pub fn kept_source_comments(text: &str) -> String {
     text.lines().filter(|line| line.starts_with(MARK)).map(|line| format!("{line}\n")).collect()
 }
 
+/// Beginning of the comment in the configuration of an instance of one flight; the command of the flight follows.
+const FLIGHT_MARK: &str = "# of the flight ";
+
+/// A comment line for the configuration of an instance that `command` started and that ends with it.
+pub fn flight_comment(command: &str) -> String {
+    let is_line = !command.contains(char::is_control);
+    if is_line { format!("{FLIGHT_MARK}{command}\n") } else { String::new() }
+}
+
+/// The command whose flight the configuration in `text` is of; `None` for that of a daemon of its own.
+pub fn flight_of(text: &str) -> Option<&str> {
+    text.lines().find_map(|line| line.strip_prefix(FLIGHT_MARK))
+}
+
 /// Files named by the comments of `text` that were removed since, or whose settings were edited.
 pub fn edited_sources(text: &str) -> Vec<PathBuf> {
     let comments = text.lines().filter_map(|line| line.strip_prefix(MARK)?.split_once(' '));

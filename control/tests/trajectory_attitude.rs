@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::tracking_error::AttitudeReference;
 use oqtal_control::trajectory::{
-    AttitudeChirp, AttitudeDoublet, FlightPlan, Phase, StartPoint, Trajectory, TrajectoryKind,
+    AttitudeChirp, AttitudeDoublet, FlightPlan, Phase, Trajectory, TrajectoryKind,
     TrajectoryOptions,
 };
 
@@ -86,7 +86,7 @@ fn only_what_is_prescribed_is_scored() {
         let trajectory = trajectory(kind);
         let start_s = options.take_off_s + options.settle_s;
         let duration_s = trajectory.duration_s();
-        let plan = FlightPlan::new(&options, trajectory, StartPoint::default());
+        let plan = FlightPlan::from_origin(&options, &trajectory);
         let scored = (0..(duration_s * 100.0) as u32)
             .map(|k| start_s + (f64::from(k) + 0.5) * 0.01)
             .filter(|t_s| plan.scored(*t_s))

@@ -10,11 +10,12 @@ use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::control::ControlServer;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{EventV1, HealthV1, Stamps};
+use oqtal_bus::obeying::starting_command;
 use oqtal_bus::port::{Reader, Writer};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{EVENT, Role};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
-use oqtal_config::{kept_source_comments, source_comments};
+use oqtal_config::{flight_comment, kept_source_comments, source_comments};
 use oqtal_runtime::background::BackgroundWorker;
 use oqtal_runtime::files;
 use oqtal_runtime::health::{Health, Heartbeat};
@@ -72,7 +73,7 @@ impl ConfigFile {
     /// Writes the file, with comments that name those from which the configuration was read; a copy names those of its original.
     fn begin(path: PathBuf, context: &ProcessContext) -> Self {
         let sources = if context.is_child {
-            String::new()
+            starting_command(std::process::id()).as_deref().map_or_else(String::new, flight_comment)
         } else if context.files == [path.clone()] {
             kept_source_comments(&std::fs::read_to_string(&path).unwrap_or_default())
         } else {

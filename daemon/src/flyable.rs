@@ -3,9 +3,7 @@
 use oqtal_config::{Config, Interface};
 use oqtal_control::options::OptionError;
 use oqtal_control::predictive::{MotionDemand, VehicleModel};
-use oqtal_control::trajectory::{
-    FlightPlan, Phase, Reference, StartPoint, Trajectory, TrajectoryKind,
-};
+use oqtal_control::trajectory::{FlightPlan, Phase, Reference, Trajectory, TrajectoryKind};
 
 use crate::command_model::CommandModel;
 
@@ -79,7 +77,7 @@ impl<'a> PhaseDemand<'a> {
     /// The `phase` of the flight of `trajectory`.
     fn of(config: &'a Config, trajectory: &Trajectory, phase: Phase) -> Result<Self, OptionError> {
         let model = CommandModel::new(config)?.model;
-        let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
+        let plan = FlightPlan::from_origin(&config.trajectory, trajectory);
         let (from_s, duration_s) = match phase {
             Phase::TakeOff => (0.0, config.trajectory.take_off_s),
             _ => (config.trajectory.start_s(), trajectory.duration_s()),
@@ -215,7 +213,7 @@ pub(crate) fn slower(kind: TrajectoryKind, factor: f64) -> String {
 
 /// Time to settle in which the vehicle can turn to the heading of the first waypoint \[s\]; `None` if the configured one suffices.
 pub(crate) fn least_settle_s(config: &Config, trajectory: &Trajectory) -> Option<f64> {
-    let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
+    let plan = FlightPlan::from_origin(&config.trajectory, trajectory);
     let limit_rad_s = RATE_SHARE * config.vehicle.rate_authority_rad_s[2];
     let least_s = plan.first_turn_s(limit_rad_s);
     (least_s > config.trajectory.settle_s).then_some((10.0 * least_s).ceil() / 10.0)

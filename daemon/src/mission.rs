@@ -211,7 +211,7 @@ mod tests {
     fn f47_a_flight_is_held_for_ten_seconds_in_all_and_a_new_course_begins_the_count_again() {
         let config = Config::default();
         let trajectory = crate::trajectory(&config).unwrap();
-        let plan = FlightPlan::new(&config.trajectory, trajectory, StartPoint::default());
+        let plan = FlightPlan::from_origin(&config.trajectory, &trajectory);
         let mut mission = ActiveMission::fly(plan, 0.0, Time::VIRTUAL_START);
         let still = Reference::rest(Vector3::z(), Phase::Trajectory);
         let mut now = Time::VIRTUAL_START;

@@ -10,7 +10,7 @@ use std::ops::RangeInclusive;
 
 use oqtal_config::Config;
 use oqtal_control::trajectory::{
-    FlightPlan, Phase, Reference, StartPoint, Trajectory, TrajectoryKind, WaypointCurve,
+    FlightPlan, Phase, Reference, Trajectory, TrajectoryKind, WaypointCurve,
 };
 
 /// Shortest time between two points at which the reference is looked at \[s\].
@@ -30,16 +30,28 @@ const USUAL_INERTIA: RangeInclusive<f64> = 2e-5..=4.0;
 /// Settings of `config` that a flight of `trajectory` cannot satisfy because of others, each with its remedy. Takes up to some seconds: the
 /// law flies a model along the steps of the trajectory.
 pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
-    let mut all = quick_warnings(config, trajectory);
+    let plan = FlightPlan::from_origin(&config.trajectory, trajectory);
+    let samples = samples(&plan);
+    let mut all = warnings_along(&plan, &samples, config, trajectory);
     if !config.safety.observe_only {
-        let plan = plan_of(config, trajectory);
-        all.extend(steps::too_far(&plan, &samples(&plan), config));
+        all.extend(steps::too_far(&plan, &samples, config));
     }
     all
 }
 
 /// The warnings for which nothing is flown.
 pub(crate) fn quick_warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
+    let plan = FlightPlan::from_origin(&config.trajectory, trajectory);
+    warnings_along(&plan, &samples(&plan), config, trajectory)
+}
+
+/// The warnings for which nothing is flown, of the flight `plan` of `trajectory`.
+fn warnings_along(
+    plan: &FlightPlan,
+    samples: &[(f64, Reference)],
+    config: &Config,
+    trajectory: &Trajectory,
+) -> Vec<String> {
     let mut all = config.rename_warnings().to_vec();
     if config.safety.observe_only {
         return all;
@@ -53,27 +65,25 @@ pub(crate) fn quick_warnings(config: &Config, trajectory: &Trajectory) -> Vec<St
     all.extend(simulated::rotors(config));
     all.extend(waypoints_unused(config));
     all.extend(law::position_gains_unused(config));
-    let plan = plan_of(config, trajectory);
-    let samples = samples(&plan);
     let (path, limits) = (&config.trajectory, &config.position);
     let jerks =
         path.kind == TrajectoryKind::Waypoints && path.waypoints_curve == WaypointCurve::Monotone;
     if config.control.is_predictive() {
         // The predictive stack feeds the motion of the reference forward, beside the limits.
-        all.extend(jerks.then(|| path::jerks(&samples, config, trajectory)).flatten());
+        all.extend(jerks.then(|| path::jerks(samples, config, trajectory)).flatten());
     } else {
-        let too_hard = path::too_hard(&samples, config);
+        let too_hard = path::too_hard(samples, config);
         // With a higher limit of the velocity the vehicle leaves a path that is too hard even further.
         let horizontal = ("horizontal", limits.horizontal_velocity_limit_m_s, too_hard.is_none());
-        all.extend(path::too_fast(&samples, config, horizontal, |velocity| velocity.xy().norm()));
+        all.extend(path::too_fast(samples, config, horizontal, |velocity| velocity.xy().norm()));
         let vertical = ("vertical", limits.vertical_velocity_limit_m_s, true);
-        all.extend(path::too_fast(&samples, config, vertical, |velocity| velocity.z.abs()));
+        all.extend(path::too_fast(samples, config, vertical, |velocity| velocity.z.abs()));
         all.extend(too_hard);
     }
-    all.extend(path::jump(&plan, config));
+    all.extend(path::jump(plan, config));
     all.extend(path::first_turn(config, trajectory));
     all.extend(path::turns_too_fast(config, trajectory));
-    all.extend(disturbances::after_the_end(config, touchdown_s(&plan, &samples)));
+    all.extend(disturbances::after_the_end(config, touchdown_s(plan, samples)));
     all.extend(disturbances::too_heavy(config));
     all.extend(disturbances::without_effect(config));
     all
@@ -160,11 +170,6 @@ fn touchdown_s(plan: &FlightPlan, samples: &[(f64, Reference)]) -> f64 {
     };
     let touchdown = samples.iter().find(|(_, reference)| is_down(reference));
     touchdown.map_or(plan.end_s(), |(t_s, _)| *t_s)
-}
-
-/// The flight of `trajectory` from the origin.
-fn plan_of(config: &Config, trajectory: &Trajectory) -> FlightPlan {
-    FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default())
 }
 
 /// The reference over the whole flight, with its times from the start \[s\].

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use oqtal_config::{ClockKind, Config, Setting};
-use oqtal_control::trajectory::{FlightPlan, StartPoint, TrajectoryKind};
+use oqtal_control::trajectory::{FlightPlan, TrajectoryKind};
 use oqtal_observe::flight::Flight;
 use oqtal_observe::summary::name_of;
 use oqtal_runtime::process::{Exit, Failure};
@@ -231,7 +231,7 @@ impl CampaignArgs {
 fn hover_ends_s(config: &Config) -> f64 {
     let mut hover = config.clone();
     hover.trajectory.kind = TrajectoryKind::Hover;
-    let plan = |trajectory| FlightPlan::new(&hover.trajectory, trajectory, StartPoint::default());
+    let plan = |trajectory| FlightPlan::from_origin(&hover.trajectory, &trajectory);
     oqtal_daemon::trajectory(&hover).map_or(f64::INFINITY, |it| plan(it).planned_landing_s())
 }
 

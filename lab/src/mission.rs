@@ -2,7 +2,7 @@
 
 use oqtal_bus::time::Span;
 use oqtal_config::Config;
-use oqtal_control::trajectory::{FlightPlan, StartPoint, Trajectory};
+use oqtal_control::trajectory::{FlightPlan, Trajectory};
 use oqtal_mocap_emu::{Recording, read_recording};
 use oqtal_observe::flight::Outcome;
 use oqtal_runtime::process::Failure;
@@ -52,7 +52,7 @@ impl Mission {
             return Span::from_nanos(last.cast_signed());
         }
         let options = &self.config.trajectory;
-        let plan = FlightPlan::new(options, self.trajectory.clone(), StartPoint::default());
+        let plan = FlightPlan::from_origin(options, &self.trajectory);
         Span::from_seconds(plan.end_s())
     }
 

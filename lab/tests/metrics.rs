@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use oqtal_bus::time::Span;
 use oqtal_config::{Config, Setting};
 use oqtal_control::quaternion::Attitude;
-use oqtal_control::trajectory::{FlightPlan, StartPoint};
+use oqtal_control::trajectory::FlightPlan;
 use oqtal_lab::mission::Mission;
 use oqtal_lab::simulation;
 use oqtal_lab::study::metric::{of_attitude, of_hover, of_path};
@@ -128,8 +128,7 @@ fn a_flight_that_the_fence_held_is_not_as_planned_and_its_held_ticks_are_not_sco
     assert!(flight.scored().all(|sample| !sample.is_held()));
     let summary = Summary::of(&flight);
     // The trajectory waits meanwhile, and is flown to its end.
-    let kept =
-        FlightPlan::new(&flight.config.trajectory, mission.trajectory, StartPoint::default());
+    let kept = FlightPlan::from_origin(&flight.config.trajectory, &mission.trajectory);
     let ticks = (0..6000).filter(|k| kept.scored(f64::from(*k) / 100.0)).count();
     let scored_s = ticks as f64 / 100.0;
     assert!((summary.scored_s - scored_s).abs() < 0.1, "{} of {scored_s} s", summary.scored_s);

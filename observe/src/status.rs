@@ -339,6 +339,11 @@ pub fn edited_files(file: &Path) -> Vec<PathBuf> {
     std::fs::read_to_string(file).map_or_else(|_| Vec::new(), |text| edited_sources(&text))
 }
 
+/// The command of the flight that the configuration in `file` is of; `None` if it is that of a daemon of its own, or cannot be read.
+pub fn flight_of(file: &Path) -> Option<String> {
+    oqtal_config::flight_of(&std::fs::read_to_string(file).ok()?).map(str::to_owned)
+}
+
 /// Name of a code; empty for a code unknown to this version.
 pub fn word(code: Option<impl ToString>) -> String {
     code.map_or_else(String::new, |code| code.to_string())

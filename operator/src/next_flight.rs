@@ -2,12 +2,12 @@
 
 use std::fmt;
 
-use oqtal_bus::obeying::ObeyingProcess;
+use oqtal_bus::obeying::{ObeyingProcess, starting_command};
 use oqtal_bus::paths::InstancePaths;
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
 use crate::reach::Reached;
-use crate::request::{config_of, edited_files, edited_note, start_daemon, start_without};
+use crate::request::{config_of, edited_names, edited_note, start_daemon, start_without};
 use crate::running::RunningProcesses;
 
 /// The next flight of each instance that a stop has reached.
@@ -83,7 +83,7 @@ impl NextFlights {
 impl NextFlight {
     /// The next flight of the instance at `paths`, on which `processes` run.
     fn of(processes: &[&ObeyingProcess], paths: InstancePaths) -> Self {
-        let parents = processes.iter().find_map(|it| it.started_by());
+        let parents = processes.iter().find_map(|it| starting_command(it.pid));
         let is_arming = parents.is_none();
         let has_daemon = processes.iter().any(|process| !process.is_vehicle);
         let start = (is_arming && !has_daemon).then(|| start_daemon(&paths));
@@ -93,7 +93,7 @@ impl NextFlight {
         };
         let edited = match &start {
             _ if !is_arming => None,
-            Some(_) => edited_files(&paths).map(|files| start_without(&files)),
+            Some(_) => edited_names(&paths).map(|files| start_without(&files)),
             None => edited_note(&paths),
         };
         let (other_config, is_lost, hanging) = (None, false, None);

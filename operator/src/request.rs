@@ -149,14 +149,14 @@ pub fn start_daemon(paths: &InstancePaths) -> String {
 
 /// Names of the files that were edited or removed after the last daemon at `paths` had read them; `None` if there are none, or if this
 /// user cannot read them.
-pub(crate) fn edited_files(paths: &InstancePaths) -> Option<String> {
+pub(crate) fn edited_names(paths: &InstancePaths) -> Option<String> {
     let files = status::edited_files(&paths.config());
     (!files.is_empty()).then(|| listed(&files))
 }
 
 /// Note for the answers of the daemon at `paths`: files of its configuration that were edited or removed; `None` if none was.
 pub fn edited_note(paths: &InstancePaths) -> Option<String> {
-    let (files, place) = (edited_files(paths)?, paths.flags());
+    let (files, place) = (edited_names(paths)?, paths.flags());
     Some(format!(
         "{files}: edited or removed since the daemon's start; `oqtal ctl reload {place}` applies what can change in flight, a restart of \
          every process all of it"
@@ -175,12 +175,15 @@ fn daemon_remedy(paths: &InstancePaths, seen: &RunningProcesses) -> String {
     if let Some(process) = seen.of_other_config(paths) {
         return format!("start one {}", config_of(process));
     }
+    if let Some(command) = status::flight_of(&paths.config()) {
+        return format!("the flight of the instance has ended, or ends; to fly again: `{command}`");
+    }
     let like = match paths.config() {
         file if !file.is_file() => ", with the --config of the instance if it has one",
         file if status::arms_at_start(&file) => "; it takes off by itself (safety.arm-at-start)",
         _ => "",
     };
-    let edited = edited_files(paths).map(|files| format!("; {}", start_without(&files)));
+    let edited = edited_names(paths).map(|files| format!("; {}", start_without(&files)));
     format!("start one with `{}`{like}{}", start_daemon(paths), edited.unwrap_or_default())
 }
 
@@ -269,6 +272,17 @@ mod tests {
         };
         assert!(remedy("arm-at-start = true").contains("it takes off by itself"));
         assert!(!remedy("").contains("takes off"));
+    }
+
+    #[test]
+    fn the_remedy_after_a_flight_is_its_command_since_its_files_are_removed() {
+        let root = tempfile::tempdir().unwrap();
+        let paths = InstancePaths::new("a", Some(root.path())).unwrap();
+        std::fs::create_dir_all(paths.directory()).unwrap();
+        let command = "oqtal fly --seed 7";
+        std::fs::write(paths.config(), format!("# of the flight {command}\n")).unwrap();
+        let remedy = daemon_remedy(&paths, &RunningProcesses::default());
+        assert!(remedy.ends_with("to fly again: `oqtal fly --seed 7`"), "{remedy}");
     }
 
     #[test]

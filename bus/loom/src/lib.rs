@@ -162,3 +162,28 @@ fn of_two_stops_raised_at_once_none_is_lost() {
         assert_eq!(vehicle.in_force(&lab.words), Some(2));
     });
 }
+
+#[test]
+fn a_stop_that_is_withheld_is_reported_as_obeyed_only_once_control_is_given_back() {
+    model(|| {
+        let lab = Laboratory::new();
+        let vehicle = lab.clone();
+        let vehicle = thread::spawn(move || {
+            let mut view = words::VehicleView::new(&vehicle.words);
+            if let Some(number) = view.in_force(&vehicle.words) {
+                words::withhold(&vehicle.words, number);
+            }
+            // Control is given back.
+            vehicle.turn_vehicle(&mut view);
+            view
+        });
+        let number = words::raise(&lab.words);
+        let report = words::report(&lab.words, number);
+        assert!(!report.vehicle_obeys || lab.motors.load(Ordering::Relaxed) == 0);
+        assert!(!(report.vehicle_obeys && report.another_has_control));
+        let mut vehicle = vehicle.join().unwrap();
+        lab.turn_vehicle(&mut vehicle);
+        let report = words::report(&lab.words, number);
+        assert!(report.vehicle_obeys && report.motors_off && !report.another_has_control);
+    });
+}

@@ -84,6 +84,11 @@ impl FlightPlan {
         plan
     }
 
+    /// The flight of `trajectory` from the origin; `options` must pass their check.
+    pub fn from_origin(options: &TrajectoryOptions, trajectory: &Trajectory) -> Self {
+        Self::new(options, trajectory.clone(), StartPoint::default())
+    }
+
     /// The reference at `t_s` \[s\] after the start of the flight.
     pub fn sample(&self, t_s: f64) -> Reference {
         if t_s > self.landing.start_s {

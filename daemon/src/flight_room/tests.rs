@@ -1,7 +1,7 @@
 use super::*;
 use crate::trajectory;
 use oqtal_config::Setting;
-use oqtal_control::trajectory::{FlightPlan, Reference, StartPoint, Waypoints};
+use oqtal_control::trajectory::{FlightPlan, Reference, Waypoints};
 
 fn check(settings: &[&str], start: Option<Vector3<f64>>) -> Result<(), String> {
     let settings: Vec<_> =
@@ -126,7 +126,7 @@ fn no_accepted_flight_has_a_heading_that_the_daemon_refuses() {
     for first_deg in [-170.0, 30.0, 90.0, 150.0, 180.0, 270.0, 720.0] {
         let (config, trajectory) = flight(&WAYPOINTS, Some(&turned(first_deg)));
         assert!(is_flyable(&config, &trajectory, Some(Vector3::zeros())));
-        let plan = FlightPlan::new(&config.trajectory, trajectory, StartPoint::default());
+        let plan = FlightPlan::from_origin(&config.trajectory, &trajectory);
         let mut guard = crate::setpoint::SetpointGuard::new(fence.clone());
         let mut last: Option<Reference> = None;
         for tick in 0..(60.0 * plan.end_s()) as u32 {

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use oqtal_config::Config;
-use oqtal_control::trajectory::{FlightPlan, Phase, Reference, StartPoint, Trajectory};
+use oqtal_control::trajectory::{FlightPlan, Phase, Reference, Trajectory};
 
 use crate::fence::{Braking, Fence};
 
@@ -97,7 +97,7 @@ pub(super) fn references(
     config: &Config,
     trajectory: &Trajectory,
 ) -> impl Iterator<Item = (f64, Reference)> {
-    let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
+    let plan = FlightPlan::from_origin(&config.trajectory, trajectory);
     let step_s = point_s(config).max(plan.end_s() / MOST_POINTS);
     let begin_s = config.trajectory.start_s();
     let times = (0..=(plan.end_s() / step_s) as u32).map(move |index| f64::from(index) * step_s);

@@ -54,13 +54,10 @@ struct CrampedFlight<'a> {
     of_fence: bool,
 }
 
-/// Flights of one trajectory that needed more room.
+/// Flights of one trajectory that needed more room, with which changes are tried.
 struct CrampedFlights<'a> {
     kind: TrajectoryKind,
-    /// The flights with which changes are tried.
     flights: Vec<CrampedFlight<'a>>,
-    /// Number of flights that needed more room \[-\].
-    of: usize,
 }
 
 /// Flights of one law and test that needed more room, and whether the fence ended them.
@@ -87,25 +84,39 @@ pub fn remedies<'a>(
 ) -> String {
     let groups: Vec<CrampedGroup<'_>> = groups.into_iter().collect();
     let share = (TRIED / groups.len().max(1)).max(LEAST_TRIED);
-    let mut cramped: Vec<CrampedFlights<'_>> = Vec::new();
+    // With the number of all flights that needed more room.
+    let mut cramped: Vec<(CrampedFlights<'_>, usize)> = Vec::new();
     for ((law, conditions, test), of_fence) in groups {
         let Ok(first) = config(law, conditions[0], test) else { continue };
         let cramped_flight = |condition| CrampedFlight { law, condition, test, of_fence };
         let own = conditions.iter().take(share).copied().map(cramped_flight);
         let (kind, of) = (first.trajectory.kind, conditions.len());
-        match cramped.iter_mut().find(|others| others.kind == kind) {
-            Some(others) => {
+        match cramped.iter_mut().find(|(others, _)| others.kind == kind) {
+            Some((others, all)) => {
                 others.flights.extend(own);
-                others.of += of;
+                *all += of;
             }
-            None => cramped.push(CrampedFlights { kind, flights: own.collect(), of }),
+            None => cramped.push((CrampedFlights { kind, flights: own.collect() }, of)),
         }
     }
-    let remedy = |flights: &CrampedFlights<'_>| match changes {
-        Changes::All => flights.remedy(),
-        Changes::InFlight => flights.remedy_in_flight(),
+    let remedy = |(flights, all): &(CrampedFlights<'_>, usize)| {
+        let remedy = match changes {
+            Changes::All => flights.remedy(),
+            Changes::InFlight => flights.remedy_in_flight(),
+        };
+        let tried = part_tried(flights.flights.len(), *all);
+        format!("\n{remedy}{tried}")
     };
-    cramped.iter().map(|flights| format!("\n{}{}", remedy(flights), flights.tried())).collect()
+    cramped.iter().map(remedy).collect()
+}
+
+/// Reservation on a remedy that was tried with a part of all flights; empty if all were tried.
+fn part_tried(tried: usize, all: usize) -> String {
+    if tried < all {
+        format!(" (tried with {tried} of these {all} flights)")
+    } else {
+        String::new()
+    }
 }
 
 impl CrampedFlight<'_> {
@@ -140,20 +151,10 @@ impl CrampedFlights<'_> {
         self.flights.par_iter().all(|flight| flight.cause_with(&settings).is_none())
     }
 
-    /// Reservation on remedies that were tried with a part of the flights; empty if all were tried.
-    fn tried(&self) -> String {
-        let (tried, of) = (self.flights.len(), self.of);
-        if tried == of {
-            String::new()
-        } else {
-            format!(" (tried with {tried} of these {of} flights)")
-        }
-    }
-
     /// The flights that are complete with these settings, and the others by law and cause.
     fn split_by(&self, settings: &[(&str, Value)]) -> (Self, Vec<(Self, String)>) {
         let settings = as_flags(settings);
-        let of = |flights| Self { kind: self.kind, flights, of: self.of };
+        let of = |flights| Self { kind: self.kind, flights };
         let (mut complete, mut failing) = (of(Vec::new()), Vec::<(Self, String)>::new());
         let causes = self.flights.par_iter().map(|flight| flight.cause_with(&settings));
         for (flight, cause) in self.flights.iter().zip(causes.collect::<Vec<_>>()) {
