@@ -187,6 +187,7 @@ impl Laboratory {
         assert_eq!(output.status.code(), Some(0), "{what}: {}", stderr(&output));
         let answer = json(&output);
         assert_eq!((&answer["motors_off"], &answer["daemon_obeys"]), (&true.into(), &true.into()));
+        assert_ne!(answer["mode"], "flying", "{what}: {answer}");
     }
 }
 

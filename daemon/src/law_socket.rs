@@ -24,7 +24,7 @@ use rustix::net::{
     bind, listen, recv, send, socket_with, sockopt,
 };
 
-use crate::external::{ExternalLaw, reason_of, without_answer};
+use crate::external::{ExternalLaw, without_answer};
 
 /// Beginning of a question, and of an answer.
 const QUESTION: [u8; 8] = *b"OQTALST1";
@@ -134,9 +134,10 @@ impl ExternalLaw for SocketLaw {
             true => VIRTUAL_TIMEOUT,
             false => self.virtual_timeout.scaled(0.5).max(LEAST_VIRTUAL_TIMEOUT),
         };
-        answer.map(|answer| match reason_of(&answer) {
-            Some(_) => answer,
-            None => ExternalV1 { answered_at: state.time, ..answer },
+        // The clock stands still meanwhile; a reason in place of an answer has no time.
+        answer.map(|answer| match answer.answered_at.is_set() {
+            true => ExternalV1 { answered_at: state.time, ..answer },
+            false => answer,
         })
     }
 }
@@ -242,6 +243,8 @@ fn is_open(connection: &OwnedFd) -> bool {
 #[cfg(test)]
 mod tests {
     use std::os::unix::fs::PermissionsExt;
+
+    use crate::external::reason_of;
 
     use super::*;
 

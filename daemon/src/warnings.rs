@@ -337,6 +337,18 @@ mod tests {
             assert!(text.contains(part), "{text}");
         }
         assert_eq!(of("attitude-chirp", "trajectory.attitude-chirp.to-hz=3.21"), "");
+        for amplitude_deg in [7, 8, 10] {
+            let told = |to_hz: &str| {
+                let own = ["vehicle.rate-authority-rad-s=[4,4,2]", "vehicle.rate-lag-ms=70"];
+                let amplitude = format!("trajectory.attitude-chirp.amplitude-deg={amplitude_deg}");
+                let to = format!("trajectory.attitude-chirp.to-hz={to_hz}");
+                let chirp = ["trajectory.kind=attitude-chirp", &amplitude, &to];
+                self::told(&[&own[..], &chirp].concat(), None).join("\n")
+            };
+            let text = told("4");
+            let remedy = text.rsplit(' ').next().unwrap();
+            assert_eq!(told(remedy), "", "{text}");
+        }
         let text = of("excitation", "trajectory.excitation.tilt-deg=30");
         assert!(text.contains("trajectory.excitation.tilt-deg to 13.3"), "{text}");
         for (kind, setting) in [

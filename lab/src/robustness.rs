@@ -76,7 +76,7 @@ pub struct RobustnessArgs {
     /// Also some single plants: the nominal one, lags and delays at and beyond the edge of the spread
     #[arg(long)]
     plants: bool,
-    /// Also margins of the attitude loop, of the linear model and flown
+    /// Also margins in hover, and of the attitude loop alone, of the linear model and flown
     #[arg(long)]
     margins: bool,
     /// Also responses to a step, a force and a gust

@@ -4,13 +4,13 @@ use oqtal_config::{Config, Setting};
 use oqtal_lab::robustness::frequency::LoopResponse;
 use oqtal_lab::robustness::linear::LinearLoop;
 use oqtal_lab::robustness::margins::{LoopPair, greatest_difference};
-use oqtal_lab::robustness::probed;
+use oqtal_lab::robustness::probed::{self, ClosedLoops};
 
 fn pair(settings: &[Setting], axis: usize) -> LoopPair {
     let config = Config::from_settings(settings).unwrap();
     let linear = LinearLoop::new(&config, axis).unwrap().response();
-    let flown = probed::flown(settings, axis).unwrap();
-    LoopPair { law: config.control.controller.to_string(), axis: "", linear, flown }
+    let flown = probed::flown(settings, (axis, ClosedLoops::Attitude), 1).unwrap();
+    LoopPair { law: config.control.controller.to_string(), axis: "", linear, flown, hover: None }
 }
 
 fn law(name: &str) -> Setting {
@@ -52,4 +52,16 @@ fn a_loop_with_less_delay_margin_left_is_nearer_to_oscillation() {
     let (none, some) = (margins(0.0), margins(20.0));
     assert!((none.delay_ms - some.delay_ms - 20.0).abs() < 0.5, "{none:?}, {some:?}");
     assert!(some.disk < none.disk && some.sensitivity > none.sensitivity);
+}
+
+#[test]
+fn a_hover_oscillates_beyond_its_delay_margin_and_not_below_it() {
+    let response = |hidden_ms: f64| {
+        let hidden = Setting::flag("test", "plant.hidden-delay-ms", hidden_ms);
+        probed::flown(&[law("geometric"), hidden], (0, ClosedLoops::Hover), 2)
+    };
+    let margin_ms = response(0.0).unwrap().margins().delay_ms;
+    let attitude = pair(&[law("geometric")], 0).flown.margins().delay_ms;
+    assert!(margin_ms < attitude, "the position loop takes a part: {margin_ms}, {attitude}");
+    assert!(response(0.85 * margin_ms).is_ok() && response(1.15 * margin_ms).is_err());
 }

@@ -3,9 +3,9 @@
 use std::fmt;
 
 use crate::latency::{Distribution, HopDistributions, OnwardTime};
-use oqtal_bus::code::{Cause, HandoverCause};
+use oqtal_bus::code::{Cause, HandoverCause, SafetyState};
 use oqtal_bus::message::{EventV1, ExternalV1, Stamps};
-use oqtal_bus::time::Time;
+use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, Setting};
 use serde::{Deserialize, Serialize};
 
@@ -14,6 +14,9 @@ use crate::crash::Crash;
 pub use crate::flight_sample::FlightSample;
 use crate::kernel::ProcessUsage;
 use crate::wire::WireRecord;
+
+/// Time after the last armed tick in which losses are still counted: one that ends a flight is noticed a little later.
+pub(crate) const COUNTED_AFTER: Span = Span::from_millis(1000);
 
 /// Cause of a flight that the fence held for a time but that landed by itself.
 pub const HELD: &str = "held by the fence";
@@ -125,10 +128,11 @@ impl AnswerCounts {
     /// Counts a question with its answer; returns whether the answer came in time: a late one is received with a later question, or not
     /// at all.
     pub(crate) fn add(&mut self, answer: &ExternalV1) -> bool {
-        use HandoverCause::{Absent, Ended, Missing};
+        use HandoverCause::{Absent, Ended, Malformed, Missing};
         let verdict = HandoverCause::from_code(answer.verdict).unwrap_or_default();
-        let is_of_question = answer.answered_at.is_set() && answer.sequence == answer.question;
-        let is_in_time = is_of_question && verdict != Missing;
+        // A malformed answer has no number.
+        let is_of_question = answer.sequence == answer.question || verdict == Malformed;
+        let is_in_time = answer.answered_at.is_set() && is_of_question && verdict != Missing;
         self.questions += 1;
         self.unanswered += u64::from(!is_in_time);
         self.unconnected += u64::from(matches!(verdict, Absent | Ended));
@@ -227,6 +231,45 @@ impl Flight {
         self.config_after(self.changes_until(self.origin()))
     }
 
+    /// Safety states of the flights, and shortly after each; all of them if the vehicle was never armed. On the ground the daemon waits for
+    /// poses in a state that is not part of a flight, and another daemon may follow.
+    pub(crate) fn state_sequence(&self) -> Vec<String> {
+        let is_flown = self.armed().next().is_some();
+        let (mut was_armed, mut until) = (false, Time::UNSET);
+        let mut is_counted = |sample: &&FlightSample| {
+            let (time, is_armed) = (sample.telemetry.time, sample.is_armed());
+            until = if is_armed { time + COUNTED_AFTER } else { until };
+            // The tick that stopped the motors may come late.
+            let stops =
+                std::mem::replace(&mut was_armed, is_armed) && self.outcome == Outcome::Stopped;
+            !is_flown || stops || time <= until
+        };
+        let counted = self.samples.iter().filter(|sample| is_counted(sample));
+        let mut states: Vec<u8> = counted.map(|sample| sample.telemetry.state).collect();
+        states.dedup();
+        let name = |code: &u8| SafetyState::from_code(*code).map(|state| state.to_string());
+        states.iter().filter_map(name).collect()
+    }
+
+    /// Discards the changes for which `is_void` holds, except those of a completed flight.
+    pub(crate) fn discard_changes(&mut self, is_void: fn(&EventV1) -> bool) {
+        let flown = self.samples.iter().rev().find(|sample| sample.is_armed());
+        let ended_at = flown.map(|sample| sample.telemetry.time);
+        let is_flown = |at: Time| ended_at.is_some_and(|ended_at| at <= ended_at);
+        self.changes.retain(|(at, change)| is_flown(*at) || !is_void(change));
+    }
+
+    /// Settings that operators changed before the take-off, each `KEY=VALUE`, in the order of the last change of each.
+    pub fn changed_settings(&self) -> Vec<String> {
+        let mut changed: Vec<String> = Vec::new();
+        let key = |line: &str| line.split('=').next().unwrap_or_default().to_owned();
+        for line in self.settings_of(self.changes_until(self.origin())) {
+            changed.retain(|other| key(other) != key(line));
+            changed.push(line.to_owned());
+        }
+        changed
+    }
+
     /// Names of the laws that flew the scored window, in order; of all armed ticks if nothing is scored.
     pub fn laws(&self) -> String {
         let until = |sample: &FlightSample| self.changes_until(sample.telemetry.time);
@@ -251,13 +294,18 @@ impl Flight {
 
     /// The configuration with the settings of the first `count` changes.
     fn config_after(&self, count: usize) -> Config {
-        let before = self.changes[..count].iter().filter(|(_, event)| event.refusal().is_none());
-        let lines = before.flat_map(|(_, event)| event.text.as_str().lines());
-        // Requests of the course, like a title, are not settings.
-        let settings = lines.filter(|line| line.contains('='));
+        let settings = self.settings_of(count);
         let settings: Vec<_> =
             settings.filter_map(|line| Setting::parse("set", line).ok()).collect();
         self.config.with_live(&settings).unwrap_or_else(|_| self.config.clone())
+    }
+
+    /// The settings `KEY=VALUE` of the first `count` changes.
+    fn settings_of(&self, count: usize) -> impl Iterator<Item = &str> {
+        let before = self.changes[..count].iter().filter(|(_, event)| event.refusal().is_none());
+        let lines = before.flat_map(|(_, event)| event.text.as_str().lines());
+        // Requests of the course, like a title, are not settings.
+        lines.filter(|line| line.contains('='))
     }
 
     /// The ticks from arming to disarming.

@@ -1,7 +1,7 @@
 //! The flight recorder: a sink that joins every tick of the daemon with the truth, detects the end of the flight, and returns the
 //! recorded [`Flight`].
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap};
 
 use oqtal_bus::code::{Answer, Mode, SafetyState};
 use oqtal_bus::message::{EventV1, PoseV1, TelemetryV1, TruthV1, VehicleV1};
@@ -62,6 +62,8 @@ pub struct Recorder {
     /// Daemons with another configuration than was recorded, and daemons that flew.
     other_configs: BTreeSet<u32>,
     flew: BTreeSet<u32>,
+    /// Daemon, number and instant of the requests.
+    requests: HashMap<(u64, u64), Time>,
 }
 
 impl Recorder {
@@ -95,6 +97,7 @@ impl Recorder {
             config_hash: config.hash(),
             other_configs: BTreeSet::new(),
             flew: BTreeSet::new(),
+            requests: HashMap::new(),
         }
     }
 
@@ -218,16 +221,8 @@ impl Recorder {
             self.daemon_died();
         } else if !in_flight {
             // The next daemon has the settings of its start.
-            self.discard_changes(|_| true);
+            self.flight.discard_changes(|_| true);
         }
-    }
-
-    /// Discards the changes for which `is_void` holds, except those of a completed flight.
-    fn discard_changes(&mut self, is_void: fn(&EventV1) -> bool) {
-        let flown = self.flight.samples.iter().rev().find(|sample| sample.is_armed());
-        let ended_at = flown.map(|sample| sample.telemetry.time);
-        let is_flown = |at: Time| ended_at.is_some_and(|ended_at| at <= ended_at);
-        self.flight.changes.retain(|(at, change)| is_flown(*at) || !is_void(change));
     }
 
     /// Ends the flight if this tick ends it.
@@ -290,7 +285,7 @@ impl Recorder {
         if last.is_none() && armed_at.is_some() {
             self.is_replaced = false;
             // Settings stay as they are; the course begins again.
-            self.discard_changes(changes_course);
+            self.flight.discard_changes(changes_course);
         }
         if last.is_some() && armed_at.is_none() {
             self.disarmed_at = telemetry.time;
@@ -343,14 +338,20 @@ impl Recorder {
         flight.applied.push(AppliedCommand { sequence, stamps, onward, battery_v });
     }
 
-    /// Takes a request that changes the flight. One that the loop refuses has a second event, with the same number.
+    /// Takes a request that changes the flight. One that the loop refuses has a second event, with the same number; each daemon counts
+    /// its own requests.
     fn change(&mut self, reception: &Reception, event: &EventV1) {
         let changes = &mut self.flight.changes;
+        let request = (reception.header.source, event.number);
         if event.answer == Answer::Refused.code() {
-            changes.retain(|(_, change)| change.number != event.number);
+            if let Some(made_at) = self.requests.remove(&request) {
+                changes.retain(|(at, change)| (*at, change.number) != (made_at, event.number));
+            }
         } else {
             let received_at = reception.received_at;
-            changes.push((made_at(received_at, event).unwrap_or(received_at), *event));
+            let made_at = made_at(received_at, event).unwrap_or(received_at);
+            self.requests.insert(request, made_at);
+            changes.push((made_at, *event));
         }
     }
 }

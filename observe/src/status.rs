@@ -86,11 +86,15 @@ impl InstanceStatus {
             lines.push(format!("{:<10} raised by an operator, {reason}", "stop"));
         }
         if self.config_agrees() == Some(false) {
-            lines.push("configurations differ: restart the processes with one --config".to_owned());
+            lines.push(DIFFERENT_CONFIGS.to_owned());
         }
         lines
     }
 }
+
+/// Remedy for processes with different configurations; a file may have been edited between their starts.
+const DIFFERENT_CONFIGS: &str = "configurations differ: restart the processes with one --config; that of the daemon is config.toml in the directory of the \
+     instance";
 
 /// `value` rounded to the centimetre, without a negative zero \[m\].
 fn centimetres(value: f64) -> f64 {

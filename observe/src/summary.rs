@@ -5,9 +5,7 @@ use std::collections::BTreeMap;
 use crate::attitude_steps::attitude_steps;
 use crate::latency::{Distribution, DistributionSummary};
 use nalgebra::Vector3;
-use oqtal_bus::code::SafetyState;
 use oqtal_bus::message::{FNV_OFFSET, TelemetryV1, fnv1a};
-use oqtal_bus::time::{Span, Time};
 use oqtal_config::{ClockKind, Config, Interface};
 use oqtal_control::metrics::Statistics;
 use serde::Serialize;
@@ -16,7 +14,7 @@ use crate::command_path::CommandPath;
 use crate::corners::CornerFigures;
 use crate::event::ChangeInFlight;
 use crate::fault::{AppliedDisturbance, InjectedFault};
-use crate::flight::{AnswerCounts, Flight, FlightSample, Outcome};
+use crate::flight::{AnswerCounts, COUNTED_AFTER, Flight, FlightSample, Outcome};
 use crate::handovers::HandoverFigures;
 use crate::kernel::ProcessUsage;
 use crate::provenance::Provenance;
@@ -25,8 +23,6 @@ use crate::wire::WireFigures;
 
 /// Maximum number of safety states listed by name \[-\].
 const MOST_STATES: usize = 7;
-/// Time after the last armed tick in which losses are still counted: one that ends a flight is noticed a little later.
-const COUNTED_AFTER: Span = Span::from_millis(1000);
 
 /// Statistics of an error, in the unit of the summary's field: \[m\], \[m/s\] or \[deg\].
 #[derive(Clone, Debug, Serialize)]
@@ -116,6 +112,8 @@ pub struct Summary {
     pub faults: Vec<InjectedFault>,
     /// Disturbances, in order of their beginnings.
     pub disturbances: Vec<AppliedDisturbance>,
+    /// Settings that operators changed before the take-off.
+    pub changed_settings: Vec<String>,
     /// Operators' requests that changed the flight or its settings, in order.
     pub changes: Vec<ChangeInFlight>,
     pub config_hash: String,
@@ -154,8 +152,7 @@ impl TopicCounts {
 impl Summary {
     /// The figures of `flight`.
     pub fn of(flight: &Flight) -> Self {
-        let config_hash = format!("{:016x}", flight.config.hash());
-        Self { config_hash, ..Self::at(flight, &flight.config_at_arming(), &last_tick(flight)) }
+        Self::at(flight, &flight.config_at_arming(), &last_tick(flight))
     }
 
     /// The figures of `flight` under `config`, whose last tick is `last`.
@@ -193,9 +190,10 @@ impl Summary {
             daemon: flight.daemon.clone(),
             answers: config.control.is_external().then_some(flight.answers),
             handovers: HandoverFigures::of(flight),
-            state_sequence: state_sequence(flight),
+            state_sequence: flight.state_sequence(),
             faults: InjectedFault::all(flight),
             disturbances: AppliedDisturbance::all(flight),
+            changed_settings: flight.changed_settings(),
             changes: ChangeInFlight::all(flight),
             config_hash: format!("{:016x}", config.hash()),
             trajectory_hash: trajectory_hash(flight),
@@ -225,6 +223,11 @@ impl Summary {
         is_external.then_some(
             "velocity and attitude errors of an external law are relative to the commands of its fallback law",
         )
+    }
+
+    /// Settings changed before the take-off; `None` without any.
+    pub fn changed(&self) -> Option<String> {
+        (!self.changed_settings.is_empty()).then(|| self.changed_settings.join(", "))
     }
 
     /// Number of requests, with the last one; `None` without a request.
@@ -354,26 +357,6 @@ fn effort(flight: &Flight) -> Option<f64> {
             + Vector3::from(sample.telemetry.torque).norm()
     };
     flight.scored().next().map(|_| flight.integral(FlightSample::is_scored, norm))
-}
-
-/// Safety states of the flights, and shortly after each; all of them if the vehicle was never armed. On the ground the daemon waits for
-/// poses in a state that is not part of a flight, and another daemon may follow.
-fn state_sequence(flight: &Flight) -> Vec<String> {
-    let is_flown = flight.armed().next().is_some();
-    let (mut was_armed, mut until) = (false, Time::UNSET);
-    let mut is_counted = |sample: &&FlightSample| {
-        let (time, is_armed) = (sample.telemetry.time, sample.is_armed());
-        until = if is_armed { time + COUNTED_AFTER } else { until };
-        // The tick that stopped the motors may come late.
-        let stops =
-            std::mem::replace(&mut was_armed, is_armed) && flight.outcome == Outcome::Stopped;
-        !is_flown || stops || time <= until
-    };
-    let counted = flight.samples.iter().filter(|sample| is_counted(sample));
-    let mut states: Vec<u8> = counted.map(|sample| sample.telemetry.state).collect();
-    states.dedup();
-    let name = |code: &u8| SafetyState::from_code(*code).map(|state| state.to_string());
-    states.iter().filter_map(name).collect()
 }
 
 /// FNV-1a over the bits of (t, p, v, q, omega) of the truth at every tick from arming to disarming; t is the mission time.

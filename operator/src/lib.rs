@@ -8,7 +8,7 @@
 //! | `report.rs` | the answer as text and as JSON |
 //! | `arm.rs` | arming: waits until the flight has begun |
 //! | `land.rs` | a landing by two paths |
-//! | `stop.rs` | a stop by every path |
+//! | `stop.rs` | a stop by every path; `stop/daemon_answer.rs`: the request to the daemon and its answer |
 //! | `next_flight.rs` | commands of the next flight after a stop |
 //! | `raised.rs` | stop words raised by a stop |
 //! | `running.rs` | processes of an instance on its bus |

@@ -32,6 +32,10 @@ struct NextFlight {
     is_lost: bool,
     /// Process id of a daemon that does not answer and has not obeyed.
     hanging: Option<u32>,
+    /// Whether the daemon runs without a process of its vehicle.
+    lacks_vehicle: bool,
+    /// Whether the vehicle refuses to arm until it is restarted.
+    is_locked: bool,
     /// Note of files of the configuration that were edited since; `None` if the command reads them again.
     edited: Option<String>,
 }
@@ -71,6 +75,14 @@ impl NextFlights {
         arming.for_each(|flight| flight.hanging = daemon.map(|daemon| daemon.pid));
     }
 
+    /// Notes that the vehicle at `paths` refuses to arm until it is restarted.
+    pub(crate) fn note_locked(&mut self, paths: &InstancePaths) {
+        self.0
+            .iter_mut()
+            .filter(|it| it.paths == *paths)
+            .for_each(|flight| flight.is_locked = true);
+    }
+
     /// Notes the instances of `reached` that have lost files.
     pub(crate) fn note_losses(&mut self, reached: &Reached) {
         for flight in &mut self.0 {
@@ -86,6 +98,7 @@ impl NextFlight {
         let parents = processes.iter().find_map(|it| starting_command(it.pid));
         let is_arming = parents.is_none();
         let has_daemon = processes.iter().any(|process| !process.is_vehicle);
+        let lacks_vehicle = is_arming && !processes.iter().any(|process| process.is_vehicle);
         let start = (is_arming && !has_daemon).then(|| start_daemon(&paths));
         let (command, user) = match parents {
             Some(command) => (command, paths.user_to_become()),
@@ -96,8 +109,19 @@ impl NextFlight {
             Some(_) => edited_names(&paths).map(|files| start_without(&files)),
             None => edited_note(&paths),
         };
-        let (other_config, is_lost, hanging) = (None, false, None);
-        Self { paths, user, start, other_config, command, is_arming, is_lost, hanging, edited }
+        Self {
+            paths,
+            user,
+            start,
+            other_config: None,
+            command,
+            is_arming,
+            is_lost: false,
+            hanging: None,
+            lacks_vehicle,
+            is_locked: false,
+            edited,
+        }
     }
 }
 
@@ -136,6 +160,16 @@ impl fmt::Display for NextFlight {
             (None, None) if self.is_lost => write!(f, "start them again, then ")?,
             (None, None) => {}
         }
+        if self.lacks_vehicle {
+            let place = self.paths.flags();
+            write!(
+                f,
+                "start the process of the vehicle, `oqtal plant-sim run {place}` or `oqtal bridge run {place}`, with the daemon's --config, then "
+            )?;
+        }
+        if self.is_locked {
+            write!(f, "restart the vehicle, which is locked, then ")?;
+        }
         write!(f, "`{}`", self.command)?;
         self.edited.iter().try_for_each(|note| write!(f, "; {note}"))
     }
@@ -156,5 +190,28 @@ impl Serialize for NextFlights {
             }
         }
         map.end()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_missing_process_of_the_vehicle_and_a_locked_vehicle_come_before_the_command() {
+        let root = tempfile::tempdir().unwrap();
+        let paths = InstancePaths::new("a", Some(root.path())).unwrap();
+        let told = |is_locked| {
+            let mut flights = NextFlights(vec![NextFlight::of(&[], paths.clone())]);
+            if is_locked {
+                flights.note_locked(&paths);
+            }
+            flights.to_string()
+        };
+        let text = told(false);
+        let order = ["oqtal daemon run", "oqtal bridge run --instance a", "oqtal ctl arm"];
+        let at = order.map(|command| text.find(command).unwrap());
+        assert!(at.is_sorted() && !text.contains("locked"), "{text}");
+        assert!(told(true).contains("restart the vehicle, which is locked, then `oqtal ctl arm"));
     }
 }

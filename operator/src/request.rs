@@ -158,8 +158,8 @@ pub(crate) fn edited_names(paths: &InstancePaths) -> Option<String> {
 pub fn edited_note(paths: &InstancePaths) -> Option<String> {
     let (files, place) = (edited_names(paths)?, paths.flags());
     Some(format!(
-        "{files}: edited or removed since the daemon's start; `oqtal ctl reload {place}` applies what can change in flight, a restart of \
-         every process all of it"
+        "{files}: edited or removed since the daemon's start; `oqtal ctl reload {place}` applies the edit if all of it can change while the \
+         daemon runs, a restart of every process any edit"
     ))
 }
 

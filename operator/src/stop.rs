@@ -5,33 +5,32 @@
 //!    have been removed, and through the directory of the instance. Obedience is read from the same words.
 //! 3. A request to the daemon over the control service, on a separate thread.
 
+mod daemon_answer;
+
 use std::borrow::Cow;
 use std::path::PathBuf;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::Duration;
 
-use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Mode, SafetyState};
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
 use oqtal_bus::obeying::{ObeyingProcess, STOP_SIGNAL};
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::stop::StopReport;
-use oqtal_bus::time::{Span, Time};
+use oqtal_bus::time::Time;
 use oqtal_observe::status::word;
 use oqtal_runtime::flight_marker::FlightMarker;
 use oqtal_runtime::process::{Exit, Failure};
-use oqtal_runtime::program::beside;
 use serde::Serialize;
 
+use self::daemon_answer::{DaemonAnswer, REPORT_TIMEOUT, after_obedience, ask_daemon, said};
 use crate::next_flight::NextFlights;
 use crate::raised::RaisedStops;
 use crate::reach::{AddressedInstance, FoundProcesses, Reached, signal_all};
 use crate::report::listed;
 use crate::running::{RunningProcesses, left};
 
-/// Time after which the report is printed.
-const REPORT_TIMEOUT: Span = Span::from_millis(950);
 /// Period at which obedience is checked.
 const CHECK_PERIOD: Duration = Duration::from_millis(2);
 
@@ -145,6 +144,10 @@ pub fn raise(
     let others: Vec<_> =
         reached.places().iter().skip(1).map(|paths| ask_daemon(paths, request)).collect();
     let (report, answer) = await_obedience(&raised, &reached, &answers, give_up);
+    let answer = match report.daemon_obeys {
+        true => after_obedience(answer, &reached.paths, give_up),
+        false => answer,
+    };
     others.iter().for_each(|other| drop(other.recv_timeout(left(give_up))));
     paths.push(format!("control service: {}", said(&answer)));
     let running = running.map(|running| running.newest(give_up)).unwrap_or_default();
@@ -162,6 +165,10 @@ pub fn raise(
     let response = answer.as_ref().ok().and_then(Option::as_ref);
     let stop = ObeyedStop::new(report, response);
     again.note_hanging(&reached, response.is_some() || stop.daemon_obeys);
+    let obstacles = response.map(|response| ArmingObstacles::from_bits(response.obstacles));
+    if obstacles.is_some_and(|it| it.contains(ArmingObstacle::Locked)) {
+        again.note_locked(&reached.paths);
+    }
     paths.extend(reached.places().iter().filter_map(|place| forbid_automatic(place, &stop)));
     Ok(ObeyedStop {
         paths,
@@ -231,9 +238,6 @@ fn nobody(reached: &Reached, running: &RunningProcesses) -> Failure {
     reached.nobody("stop", text)
 }
 
-/// Answer of the daemon; `None` if it did not answer in time.
-type DaemonAnswer = Result<Option<ControlResponseV1>, String>;
-
 /// Waits until the vehicle, and the daemon if there is one, obey and have answered, until all have ended, or until `give_up`.
 fn await_obedience(
     raised: &RaisedStops,
@@ -260,34 +264,6 @@ fn await_obedience(
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => std::thread::sleep(CHECK_PERIOD),
         }
-    }
-}
-
-/// Sends the request on a separate thread, which is abandoned after the time-out: a suspended process may hold the lock of the
-/// instance.
-fn ask_daemon(paths: &InstancePaths, request: ControlRequestV1) -> Receiver<DaemonAnswer> {
-    let (answers, answer) = channel();
-    let paths = paths.clone();
-    beside(move || {
-        let asked = match Bus::open_running(&paths) {
-            Ok(Some(bus)) => bus
-                .control_client()
-                .and_then(|client| client.ask(request, REPORT_TIMEOUT.scaled(0.8)))
-                .map_err(|error| error.to_string()),
-            Ok(None) => Err(format!("nobody in {}", paths.directory().display())),
-            Err(error) => Err(error.to_string()),
-        };
-        // Fails after the time-out, when the receiver has been dropped.
-        let _ = answers.send(asked);
-    });
-    answer
-}
-
-fn said(answer: &DaemonAnswer) -> &str {
-    match answer {
-        Ok(Some(_)) => "the daemon answered",
-        Ok(None) => "no answer",
-        Err(reason) => reason,
     }
 }
 

@@ -1,5 +1,7 @@
 //! Warnings of a path that the vehicle cannot follow.
 
+use std::f64::consts::TAU;
+
 use nalgebra::Vector3;
 use oqtal_config::{Config, Interface};
 use oqtal_control::trajectory::{
@@ -141,6 +143,42 @@ const MOST_ATTITUDES: f64 = 200_000.0;
 const DIFFERENCE_S: f64 = 1e-5;
 /// Share of the amplitude or frequency that would do \[-\]: the greatest rate may lie between two points.
 const REMEDY_SHARE: f64 = 0.99;
+/// Factor from one frequency of a chirp that is tried to the next \[-\], and number of tries.
+const CHIRP_SHARE: f64 = 0.99;
+const MOST_TRIES: i32 = 8;
+
+/// The greatest rate command that a prescribed attitude takes.
+struct GreatestCommand {
+    /// Share of the authority \[-\].
+    share: f64,
+    t_s: f64,
+    axis: usize,
+    rate_rad_s: f64,
+}
+
+impl GreatestCommand {
+    /// That of `trajectory`; `None` without a prescribed attitude.
+    fn of(config: &Config, trajectory: &Trajectory) -> Option<Self> {
+        let limits = config.vehicle.rate_authority_rad_s;
+        let step_s = ATTITUDE_STEP_S.max(trajectory.duration_s() / MOST_ATTITUDES);
+        let times = (0..(trajectory.duration_s() / step_s) as u32).map(|k| f64::from(k) * step_s);
+        let lag_s = followed_lag_ms(config) * 1e-3;
+        let commands = times.filter_map(|t_s| Some((t_s, commanded_rate(trajectory, t_s, lag_s)?)));
+        let all = commands.flat_map(|(t_s, rate)| {
+            (0..3).map(move |axis| {
+                let rate_rad_s = rate[axis].abs();
+                Self { share: rate_rad_s / limits[axis], t_s, axis, rate_rad_s }
+            })
+        });
+        all.max_by(|a, b| a.share.total_cmp(&b.share))
+    }
+}
+
+/// Lag that a command compensates \[ms\]: an excitation identifies it; only a chirp is to be followed.
+fn followed_lag_ms(config: &Config) -> f64 {
+    let is_chirp = config.trajectory.kind == TrajectoryKind::AttitudeChirp;
+    if is_chirp { config.vehicle.rate_lag_ms } else { 0.0 }
+}
 
 /// Where a prescribed attitude turns fastest, if the vehicle has too little authority for it.
 pub(super) fn turns_too_fast(config: &Config, trajectory: &Trajectory) -> Option<String> {
@@ -148,29 +186,17 @@ pub(super) fn turns_too_fast(config: &Config, trajectory: &Trajectory) -> Option
     if config.vehicle.interface == Interface::Torque {
         return None;
     }
-    let limits = config.vehicle.rate_authority_rad_s;
-    let step_s = ATTITUDE_STEP_S.max(trajectory.duration_s() / MOST_ATTITUDES);
-    let times = (0..(trajectory.duration_s() / step_s) as u32).map(|k| f64::from(k) * step_s);
-    // An excitation identifies the lag; only a chirp is to be followed.
-    let is_chirp = config.trajectory.kind == TrajectoryKind::AttitudeChirp;
-    let lag_ms = if is_chirp { config.vehicle.rate_lag_ms } else { 0.0 };
-    let commands =
-        times.filter_map(|t_s| Some((t_s, commanded_rate(trajectory, t_s, lag_ms * 1e-3)?)));
-    let shares = commands.flat_map(|(t_s, rate)| {
-        (0..3).map(move |axis| (rate[axis].abs() / limits[axis], t_s, axis, rate[axis].abs()))
-    });
-    let (share, t_s, axis, rate) = shares.max_by(|a, b| a.0.total_cmp(&b.0))?;
-    (share > 1.0).then(|| {
-        let (name, limit) = (["roll", "pitch", "yaw"][axis], limits[axis]);
-        let with_lag = match lag_ms {
-            0.0 => String::new(),
-            _ => format!(", with vehicle.rate-lag-ms = {lag_ms}"),
-        };
-        format!(
-            "at {t_s:.2} s the trajectory prescribes an attitude that takes a command of {rate:.2} rad/s in {name}{with_lag}, and vehicle.rate-authority-rad-s is {limit}: the vehicle will stay behind; lower {}",
-            slower_attitude(config, REMEDY_SHARE / share)
-        )
-    })
+    let greatest = GreatestCommand::of(config, trajectory).filter(|it| it.share > 1.0)?;
+    let GreatestCommand { share, t_s, axis, rate_rad_s } = greatest;
+    let (name, limit) = (["roll", "pitch", "yaw"][axis], config.vehicle.rate_authority_rad_s[axis]);
+    let with_lag = match followed_lag_ms(config) {
+        0.0 => String::new(),
+        lag_ms => format!(", with vehicle.rate-lag-ms = {lag_ms}"),
+    };
+    Some(format!(
+        "at {t_s:.2} s the trajectory prescribes an attitude that takes a command of {rate_rad_s:.2} rad/s in {name}{with_lag}, and vehicle.rate-authority-rad-s is {limit}: the vehicle will stay behind; lower {}",
+        slower_attitude(config, REMEDY_SHARE / share)
+    ))
 }
 
 /// The rate command with which a vehicle with this lag of the rates \[s\] turns like the attitude that `trajectory` prescribes at `t_s`
@@ -190,15 +216,10 @@ fn commanded_rate(trajectory: &Trajectory, t_s: f64, lag_s: f64) -> Option<Vecto
 
 /// The settings with which a prescribed attitude takes `factor` times the rate command \[-\].
 fn slower_attitude(config: &Config, factor: f64) -> String {
-    let floor = |value: f64| (value * 100.0).trunc() / 100.0;
     let (path, chirp) = (&config.trajectory, &config.trajectory.attitude_chirp);
     match path.kind {
         TrajectoryKind::AttitudeChirp => {
-            // A sine at f takes a command of f sqrt(1 + (2 pi lag f)^2) times a constant.
-            let squared = (std::f64::consts::TAU * config.vehicle.rate_lag_ms * 1e-3).powi(2);
-            let high_hz = chirp.from_hz.max(chirp.to_hz);
-            let gain = (high_hz * factor).powi(2) * (1.0 + squared * high_hz * high_hz);
-            let most_hz = floor((2.0 * gain / (1.0 + (1.0 + 4.0 * squared * gain).sqrt())).sqrt());
+            let most_hz = slower_chirp_hz(config, factor);
             let both = [("from-hz", chirp.from_hz), ("to-hz", chirp.to_hz)];
             let keys = both.iter().filter(|(_, hz)| *hz > most_hz).map(|(key, _)| *key);
             // With a smaller amplitude the delays would remain too long for so high a frequency.
@@ -207,7 +228,32 @@ fn slower_attitude(config: &Config, factor: f64) -> String {
         }
         _ => format!(
             "trajectory.excitation.tilt-deg to {:.2}",
-            floor(path.excitation.tilt_deg * factor)
+            hundredths(path.excitation.tilt_deg * factor)
         ),
     }
+}
+
+/// The highest frequency of a chirp that takes at most `factor` times the rate command \[Hz\].
+fn slower_chirp_hz(config: &Config, factor: f64) -> f64 {
+    let chirp = &config.trajectory.attitude_chirp;
+    // A sine at f takes a command of f sqrt(1 + (2 pi lag f)^2) times a constant; that of a chirp is greater by up to a hundredth.
+    let squared = (TAU * config.vehicle.rate_lag_ms * 1e-3).powi(2);
+    let high_hz = chirp.from_hz.max(chirp.to_hz);
+    let gain = (high_hz * factor).powi(2) * (1.0 + squared * high_hz * high_hz);
+    let sine_hz = hundredths((2.0 * gain / (1.0 + (1.0 + 4.0 * squared * gain).sqrt())).sqrt());
+    let suffices = |most_hz: &f64| {
+        let mut slower = config.clone();
+        let chirp = &mut slower.trajectory.attitude_chirp;
+        (chirp.from_hz, chirp.to_hz) = (chirp.from_hz.min(*most_hz), chirp.to_hz.min(*most_hz));
+        let trajectory = slower.trajectory.trajectory(None);
+        trajectory
+            .and_then(|it| GreatestCommand::of(&slower, &it))
+            .is_none_or(|command| command.share <= 1.0)
+    };
+    let tries = (0..MOST_TRIES).map(|k| hundredths(sine_hz * CHIRP_SHARE.powi(k)));
+    tries.into_iter().find(suffices).unwrap_or(sine_hz)
+}
+
+fn hundredths(value: f64) -> f64 {
+    (value * 100.0).trunc() / 100.0
 }

@@ -1,8 +1,9 @@
-//! Margins of every law, from the linear model and from flights, and the loop responses.
+//! Margins of every law, in hover and of the attitude loop alone, from flights and from the linear model, and the loop responses.
 
 use maud::Markup;
 use nalgebra::Complex;
 use oqtal_bus::message::{FNV_OFFSET, fnv1a};
+use oqtal_config::{Interface, Setting};
 use oqtal_observe::plot::axis::Axis;
 use oqtal_observe::plot::chart::{Mark, Plot};
 use oqtal_observe::plot::figure::{HALF, figure};
@@ -12,7 +13,7 @@ use serde_json::{Value, json};
 
 use super::frequency::{LoopResponse, Margins};
 use super::linear::LinearLoop;
-use super::probed;
+use super::probed::{self, ClosedLoops};
 use crate::progress::Progress;
 use crate::reproduce::chapter::Chapter;
 use crate::reproduce::figures::Figure;
@@ -30,15 +31,58 @@ pub struct LoopPair {
     pub axis: &'static str,
     /// Loop response of the linear model.
     pub linear: LoopResponse,
-    /// Loop response measured in flight.
+    /// Loop response measured in flight, with the position loop open.
     pub flown: LoopResponse,
+    /// Loop response measured in a hover, with the position loop closed; `None` if that is unstable.
+    pub hover: Option<LoopResponse>,
 }
 
 impl LoopPair {
     /// Margins of `response`, one of the two, in the order of [`Margins::COLUMNS`]; NaN if the loop is unstable by the model.
     fn margins(&self, response: &LoopResponse) -> [f64; 5] {
-        if self.linear.is_stable() { response.margins().numbers() } else { [f64::NAN; 5] }
+        if self.linear.is_stable() { response.margins().numbers() } else { UNSTABLE }
     }
+
+    /// Margins in hover; NaN if the loop is unstable.
+    fn hover_margins(&self) -> [f64; 5] {
+        self.hover.as_ref().map_or(UNSTABLE, |hover| hover.margins().numbers())
+    }
+}
+
+/// Margins of a loop without any.
+const UNSTABLE: [f64; 5] = [f64::NAN; 5];
+
+/// Margins of a law in hover with the position loop closed, each the least of roll, pitch and yaw, in the order of
+/// [`Margins::COLUMNS`], measured in flight at half of the frequencies; NaN if a loop is unstable. `None` for a vehicle that is not
+/// commanded by rates.
+pub fn in_hover(law: &StudyLaw) -> Option<[f64; 5]> {
+    let is_of_rates = law.config().ok()?.vehicle.interface == Interface::Rate;
+    let of_axis = |axis| {
+        let response = probed::flown(&settings(law), (axis, closed_in_hover(axis)), 2);
+        response.map_or(UNSTABLE, |response| response.margins().numbers())
+    };
+    is_of_rates.then(|| least_of((0..AXES.len()).map(of_axis)))
+}
+
+/// The loops that are closed in hover: the position loop does not act about yaw.
+fn closed_in_hover(axis: usize) -> ClosedLoops {
+    if AXES[axis] == "yaw" { ClosedLoops::Attitude } else { ClosedLoops::Hover }
+}
+
+/// The settings with which a law flies.
+fn settings(law: &StudyLaw) -> Vec<Setting> {
+    [&law.settings[..], &[law.setting()]].concat()
+}
+
+/// The least of each margin, and the greatest sensitivity; NaN if one of them is.
+fn least_of(margins: impl Iterator<Item = [f64; 5]>) -> [f64; 5] {
+    let worst = |a: f64, b: f64, column| match column {
+        _ if a.is_nan() || b.is_nan() => f64::NAN,
+        PEAK => a.max(b),
+        _ => a.min(b),
+    };
+    let worse = |a: [f64; 5], b: [f64; 5]| std::array::from_fn(|k| worst(a[k], b[k], k));
+    margins.reduce(worse).expect("a law has an axis")
 }
 
 /// Loop responses of every law about every axis.
@@ -50,25 +94,36 @@ pub fn all(laws: &[StudyLaw], progress: &Progress) -> Result<Vec<LoopPair>, Fail
     let mut loops = Vec::new();
     for law in laws {
         let config = law.config()?;
-        let settings = [&law.settings[..], &[law.setting()]].concat();
-        if config.vehicle.interface != oqtal_config::Interface::Rate {
+        let settings = settings(law);
+        if config.vehicle.interface != Interface::Rate {
             let reason = "the linear model is that of a vehicle commanded by rates; set vehicle.interface = \"rate\", or leave out --margins";
             return Err(Failure::new(Exit::Config, reason));
         }
         for (index, axis) in AXES.into_iter().enumerate() {
             progress.check()?;
             let linear = LinearLoop::new(&config, index).map_err(|error| config.locate(&error))?;
-            let key = |axis: &&str| {
-                let name = fnv1a(FNV_OFFSET, format!("loop about {axis}").as_bytes());
-                fnv1a(name, &config.hash().to_le_bytes())
+            let measured = |name: &str, closed: ClosedLoops| {
+                let key = |axis: &&str| {
+                    let name = fnv1a(FNV_OFFSET, format!("{name} about {axis}").as_bytes());
+                    fnv1a(name, &config.hash().to_le_bytes())
+                };
+                progress.kept(axis, key, |_| {
+                    let points = probed::flown(&settings, (index, closed), 1)?.points.into_iter();
+                    Ok(points.map(|(hertz, gain)| (hertz, gain.re, gain.im)).collect())
+                })
             };
-            let points: Vec<(f64, [f64; 2])> = progress.kept(axis, key, |_| {
-                let points = probed::flown(&settings, index)?.points.into_iter();
-                Ok(points.map(|(hertz, gain)| (hertz, [gain.re, gain.im])).collect())
-            })?;
-            let points = points.into_iter().map(|(hertz, [re, im])| (hertz, Complex::new(re, im)));
-            let flown = LoopResponse { points: points.collect() };
-            loops.push(LoopPair { law: law.name.clone(), axis, linear: linear.response(), flown });
+            let response = |points: Vec<(f64, f64, f64)>| {
+                let point = |(hertz, re, im)| (hertz, Complex::new(re, im));
+                LoopResponse { points: points.into_iter().map(point).collect() }
+            };
+            let flown = response(measured("loop", ClosedLoops::Attitude)?);
+            let hover = match closed_in_hover(index) {
+                ClosedLoops::Attitude => Some(flown.clone()),
+                closed => measured("loop in hover", closed).ok().map(response),
+            };
+            progress.check()?;
+            let (law, linear) = (law.name.clone(), linear.response());
+            loops.push(LoopPair { law, axis, linear, flown, hover });
             bar.inc();
         }
     }
@@ -79,41 +134,58 @@ pub fn all(laws: &[StudyLaw], progress: &Progress) -> Result<Vec<LoopPair>, Fail
 pub fn chapter(loops: &[LoopPair]) -> Chapter {
     let figures = loops.iter().filter(|pair| pair.axis != "pitch").flat_map(drawn);
     Chapter {
-        title: "Margins of the attitude loop",
+        title: "Margins",
         intro: INTRO.map(str::to_owned).to_vec(),
-        sheets: vec![least(loops), table(loops)],
+        sheets: vec![hover(loops), least(loops), table(loops)],
         figures: figures.map(|markup| Figure { number: 0, markup }).collect(),
     }
 }
 
 const INTRO: [&str; 2] = [
-    "The loop is broken at the input of the vehicle, the attitude is prescribed, so that the position loop is open. Model: the \
-     linearised law, filter and prediction, and the exact sampled vehicle with its lag and delays. Flown: a sine is added to \
-     the commands where they take effect, one flight for each of 27 frequencies from 0.5 to 14 Hz; -u/v at that frequency is the \
-     loop gain.",
+    "The loop is broken at the input of the vehicle. Flown: a sine is added to the commands where they take effect, one flight for \
+     each of 27 frequencies from 0.5 to 14 Hz; -u/v at that frequency is the loop gain. In hover, attitude and position loops are \
+     closed: these are the margins of the vehicle as it flies. Those of the attitude loop alone, with a prescribed attitude, are \
+     compared with the model: the linearised law, filter and prediction, and the exact sampled vehicle with its lag and delays.",
     "Gain, phase and delay margin are the least change of one of them that makes the loop oscillate; the disk margin allows gain \
      and phase to change at once. Where a margin is missing, the loop has no such limit below the highest frequency. They \
-     apply to the configured model with the adaptation off, not to the position loop or an adaptation at its bound.",
+     apply to the configured model with the adaptation off, not to an adaptation at its bound.",
 ];
 
-/// Least flown margin of each kind over the axes, for each law; none if the loop about one of them is unstable.
+/// Least margin of each kind in hover over the axes, for each law; none if the loop about one of them is unstable.
+fn hover(loops: &[LoopPair]) -> Sheet {
+    least_sheet(
+        ("hover_margins", "Least margins in hover"),
+        vec!["Flown, position loop closed; the least of roll, pitch and yaw.".to_owned()],
+        loops,
+        LoopPair::hover_margins,
+    )
+}
+
+/// Least flown margin of each kind of the attitude loop over the axes, for each law; none if the loop about one of them is unstable.
 fn least(loops: &[LoopPair]) -> Sheet {
+    let note = "Flown, position loop open; the least of roll, pitch and yaw.".to_owned();
+    least_sheet(
+        ("least_margins", "Least margins of the attitude loop alone"),
+        [&[note], &*notes(loops)].concat(),
+        loops,
+        |pair| pair.margins(&pair.flown),
+    )
+}
+
+fn least_sheet(
+    (name, title): (&str, &str),
+    notes: Vec<String>,
+    loops: &[LoopPair],
+    margins: fn(&LoopPair) -> [f64; 5],
+) -> Sheet {
     let row = |law: &[LoopPair]| {
-        let flown = law.iter().map(|pair| pair.margins(&pair.flown));
-        let worst = |a: f64, b: f64, column| match column {
-            _ if a.is_nan() || b.is_nan() => f64::NAN,
-            PEAK => a.max(b),
-            _ => a.min(b),
-        };
-        let worse = |a: [f64; 5], b: [f64; 5]| std::array::from_fn(|k| worst(a[k], b[k], k));
-        let least = flown.reduce(worse).expect("a law has an axis");
-        let cells = least.map(finite).to_vec();
+        let cells = least_of(law.iter().map(margins)).map(finite).to_vec();
         SheetRow::new(Variant::Ours, law[0].law.clone(), "", cells)
     };
     Sheet {
-        name: "least_margins".to_owned(),
-        title: "Least margins".to_owned(),
-        notes: [&["Flown; the least of roll, pitch and yaw.".to_owned()], &*notes(loops)].concat(),
+        name: name.to_owned(),
+        title: title.to_owned(),
+        notes,
         columns: Margins::COLUMNS.to_vec(),
         rows: loops.chunk_by(|a, b| a.law == b.law).map(row).collect(),
         ..Sheet::default()
@@ -124,13 +196,17 @@ fn least(loops: &[LoopPair]) -> Sheet {
 const PEAK: usize = 4;
 
 fn table(loops: &[LoopPair]) -> Sheet {
-    let row = |pair: &LoopPair, is: &str, response: &LoopResponse| {
-        let cells = pair.margins(response).map(finite).to_vec();
+    let row = |pair: &LoopPair, is: &str, margins: [f64; 5]| {
+        let cells = margins.map(finite).to_vec();
         SheetRow::new(Variant::Ours, pair.law.clone(), format!("{}, {is}", pair.axis), cells)
     };
-    let rows = loops
-        .iter()
-        .flat_map(|pair| [row(pair, "model", &pair.linear), row(pair, "flown", &pair.flown)]);
+    let rows = loops.iter().flat_map(|pair| {
+        [
+            row(pair, "model", pair.margins(&pair.linear)),
+            row(pair, "flown", pair.margins(&pair.flown)),
+            row(pair, "in hover", pair.hover_margins()),
+        ]
+    });
     Sheet {
         name: "margins".to_owned(),
         title: "Margins about each axis".to_owned(),
@@ -224,6 +300,10 @@ pub fn document(loops: &[LoopPair]) -> Value {
         };
         response.points.iter().map(point).collect()
     };
-    let pair = |pair: &LoopPair| json!({ "law": pair.law, "axis": pair.axis, "flown": points(&pair.flown) });
+    let pair = |pair: &LoopPair| {
+        json!({
+            "law": pair.law, "axis": pair.axis, "flown": points(&pair.flown), "hover": pair.hover.as_ref().map(points)
+        })
+    };
     loops.iter().map(pair).collect()
 }

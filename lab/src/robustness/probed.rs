@@ -1,8 +1,7 @@
-//! Flown attitude loop: a sine is added to the commands where they take effect, and the response of the law is measured.
+//! Flown loop: a sine is added to the commands where they take effect, and the response of the law is measured.
 //!
-//! The prescribed attitude is level, so that the position loop is open. With `u` the input commanded by the law and `v` the input
-//! in effect, the loop gain is `-u / v` at the frequency of the sine. The adaptation is off, since the loop is not linear with
-//! it.
+//! With `u` the input commanded by the law and `v` the input in effect, the loop gain is `-u / v` at the frequency of the sine. The
+//! adaptation is off, since the loop is not linear with it.
 
 use std::f64::consts::TAU;
 
@@ -19,6 +18,8 @@ use crate::simulation;
 
 /// Duration of the prescribed attitude \[s\].
 const SWEEP_S: f64 = 12.0;
+/// Duration of a hover, whose first 10 s are not scored \[s\].
+const HOVER_S: f64 = SWEEP_S + 10.0;
 /// Time after which the motion is steady \[s\].
 const TRANSIENT_S: f64 = 4.0;
 /// Time over which the sines are measured: a whole number of periods of each \[s\].
@@ -40,14 +41,28 @@ const CALM: [(&str, f64); 5] = [
     ("mocap.attitude-noise-deg", 0.0),
 ];
 
-/// Loop response of a law with `settings` about axis number `axis`, measured at each frequency.
+/// Loops that are closed while the response is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ClosedLoops {
+    /// The attitude loop: the prescribed attitude is level, and the position loop open.
+    Attitude,
+    /// Attitude and position loops: the vehicle hovers.
+    Hover,
+}
+
+/// Loop response of a law with `settings` about axis number `axis`, measured at every `every`-th frequency.
 ///
 /// # Errors
-/// A setting is invalid, or a flight did not land.
-pub fn flown(settings: &[Setting], axis: usize) -> Result<LoopResponse, Failure> {
-    let config = prepared(settings, axis)?;
+/// A setting is invalid, or a flight did not land; or the loop in hover is unstable.
+pub fn flown(
+    settings: &[Setting],
+    (axis, loops): (usize, ClosedLoops),
+    every: usize,
+) -> Result<LoopResponse, Failure> {
+    let config = prepared(settings, (axis, loops))?;
     let points: Result<Vec<_>, Failure> = PERIODS
         .par_iter()
+        .step_by(every)
         .map(|periods| {
             let hertz = f64::from(*periods) / MEASURED_S;
             Ok((hertz, at(&config, axis, hertz)?))
@@ -71,16 +86,24 @@ pub fn calm(nominal: &Config) -> Vec<Setting> {
     quiet.chain(own).collect()
 }
 
-fn prepared(settings: &[Setting], axis: usize) -> Result<Config, Failure> {
+fn prepared(settings: &[Setting], (axis, loops): (usize, ClosedLoops)) -> Result<Config, Failure> {
     let nominal = Config::from_settings(settings)?;
     let mut settings = [settings, &calm(&nominal)].concat();
     let mut set = |key: &str, value: toml::Value| settings.push(Setting::flag("probe", key, value));
     // The adaptation would attribute an uncommanded sine to the vehicle.
     set("control.predictive.adaptation.adapt", false.into());
-    set("trajectory.kind", "attitude-chirp".into());
-    set("trajectory.attitude-chirp.sweep-s", SWEEP_S.into());
-    // Level up to rounding.
-    set("trajectory.attitude-chirp.amplitude-deg", 1e-9.into());
+    match loops {
+        ClosedLoops::Attitude => {
+            set("trajectory.kind", "attitude-chirp".into());
+            set("trajectory.attitude-chirp.sweep-s", SWEEP_S.into());
+            // Level up to rounding.
+            set("trajectory.attitude-chirp.amplitude-deg", 1e-9.into());
+        }
+        ClosedLoops::Hover => {
+            set("trajectory.kind", "hover".into());
+            set("trajectory.hover.duration-s", HOVER_S.into());
+        }
+    }
     set("plant.probe.stick", (axis as i64 + 1).into());
     set("plant.probe.amplitude", AMPLITUDE.into());
     Ok(Config::from_settings(&settings)?)
@@ -93,18 +116,21 @@ fn at(config: &Config, axis: usize, hertz: f64) -> Result<Complex<f64>, Failure>
     let flight = simulation::fly(&Mission::new(config)?)?;
     let gain = gain(&flight, axis, hertz).filter(|gain| gain.re.is_finite() && gain.im.is_finite());
     gain.ok_or_else(|| {
-        let cause = flight.cause().unwrap_or_else(|| "too few ticks are scored".to_owned());
+        let cause = flight
+            .cause()
+            .unwrap_or_else(|| "the loop is unstable, or too few ticks are scored".to_owned());
         Failure::new(Exit::Flight, format!("no loop gain at {hertz:.2} Hz: {cause}"))
     })
 }
 
+/// Loop gain of the flight; `None` unless the sticks follow the sine alone, as those of an unstable loop do not.
 fn gain(flight: &Flight, axis: usize, hertz: f64) -> Option<Complex<f64>> {
     let applied = flight.applied.last()?.stamps;
     let delay = applied.applied_at.since(applied.command_published_at);
     let begin =
         flight.scored().next()?.telemetry.time.since(Time::VIRTUAL_START).seconds() + TRANSIENT_S;
     let (mut commanded, mut acting) = (Complex::from(0.0), Complex::from(0.0));
-    let mut ticks = 0;
+    let (mut ticks, mut sum, mut square_sum) = (0, 0.0, 0.0);
     for sample in flight.scored() {
         let at = sample.telemetry.time.since(Time::VIRTUAL_START);
         let seconds = at.seconds() - begin;
@@ -119,7 +145,12 @@ fn gain(flight: &Flight, axis: usize, hertz: f64) -> Option<Complex<f64>> {
         commanded += turn * stick;
         acting += turn * (stick + sine);
         ticks += 1;
+        sum += stick;
+        square_sum += stick * stick;
     }
+    let count = f64::from(ticks);
     let expected = MEASURED_S * flight.config.loop_rate_hz();
-    ((f64::from(ticks) - expected).abs() < 1.5).then(|| -commanded / acting)
+    let other = square_sum / count - (sum / count).powi(2) - 2.0 * (commanded / count).norm_sqr();
+    let is_steady = other < 0.5 * AMPLITUDE * AMPLITUDE;
+    (is_steady && (count - expected).abs() < 1.5).then(|| -commanded / acting)
 }

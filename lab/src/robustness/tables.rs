@@ -15,8 +15,10 @@ use crate::study::metric::{ATTITUDE, CHIRP, DOUBLET, HOVER, JITTER, METRIC, METR
 use crate::study::table::{StudyColumn, column};
 use crate::study::{Flown, Run};
 
-/// Note of the headline with one law besides `oqtal-dt`, and with several.
+/// Note of the headline with one law besides `oqtal-dt`, with one that has several sets of gains, and with several laws.
 const ONE_RIVAL: &str = "The other law flies with an estimator and a position loop of its own.";
+const SEVERAL_GAINS: &str = "The other law flies with an estimator and a position loop of its own. Each figure of its row is that of its best \
+     gains in it: no set of gains has all of them.";
 const SEVERAL_RIVALS: &str = "The other laws fly with an estimator and a position loop of their own. Each figure of their row is that of the \
      best law in it.";
 
@@ -55,9 +57,10 @@ fn headline(flown: &[Flown]) -> Sheet {
     let others: Vec<&Flown> =
         flown.iter().filter(|law| !is_ours(law) && !law.law.is_predictive()).collect();
     let names: BTreeSet<&str> = others.iter().map(|law| law.law.controller).collect();
-    let (best, note) = match names.len() {
-        1 => ("the other law".to_owned(), ONE_RIVAL),
-        count => (format!("best of {count} other laws"), SEVERAL_RIVALS),
+    let (best, note) = match (names.len(), others.len()) {
+        (1, 1) => ("the other law".to_owned(), ONE_RIVAL),
+        (1, gains) => (format!("best of {gains} sets of gains of the other law"), SEVERAL_GAINS),
+        (count, _) => (format!("best of {count} other laws"), SEVERAL_RIVALS),
     };
     let best = (best, others);
     let rows: Vec<Row<'_>> =

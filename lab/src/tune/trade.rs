@@ -1,11 +1,10 @@
-//! Figures that a search traded: each component of the objective, and the margins of the attitude loop, before and after.
+//! Figures that a search traded: each component of the objective, and the margins in hover, before and after.
 
-use oqtal_config::{Config, Interface};
 use oqtal_observe::plot::unit::rounded;
 use serde_json::{Value, json};
 
 use crate::robustness::frequency::Margins;
-use crate::robustness::linear::LinearLoop;
+use crate::robustness::margins::in_hover;
 use crate::sheet::{Sheet, SheetCell, SheetRow, Variant};
 use crate::study::Flown;
 use crate::study::law::StudyLaw;
@@ -90,9 +89,9 @@ pub fn components(
     all.filter(|component| component.values.iter().all(|value| !value.is_nan())).collect()
 }
 
-/// Least margins over the axes of the linear model; empty for a vehicle that is not commanded by rates.
+/// Margins in hover, measured in flight; empty for a vehicle that is not commanded by rates.
 pub fn margins(before: &StudyLaw, after: &StudyLaw) -> Vec<TradedFigure> {
-    let [Some(before), Some(after)] = [before, after].map(|law| least(&law.config().ok()?)) else {
+    let [Some(before), Some(after)] = [before, after].map(in_hover) else {
         return Vec::new();
     };
     let margin = |k: usize| {
@@ -100,25 +99,9 @@ pub fn margins(before: &StudyLaw, after: &StudyLaw) -> Vec<TradedFigure> {
         let values = [before[k], after[k]];
         TradedFigure { key, title, weight: None, values, is_least: [false; 2] }
     };
-    let all = (0..before.len()).map(margin);
+    // The last column is not a margin.
+    let all = (0..before.len() - 1).map(margin);
     all.filter(|margin| margin.values.iter().any(|value| !value.is_infinite())).collect()
-}
-
-/// Gain, phase, delay and disk margin, each the least of roll, pitch and yaw; NaN if the loop about one of them is unstable.
-fn least(config: &Config) -> Option<[f64; 4]> {
-    if config.vehicle.interface != Interface::Rate {
-        return None;
-    }
-    let mut least = [f64::INFINITY; 4];
-    for axis in 0..3 {
-        let response = LinearLoop::new(config, axis).ok()?.response();
-        if !response.is_stable() {
-            return Some([f64::NAN; 4]);
-        }
-        let margins = response.margins().numbers();
-        least.iter_mut().zip(margins).for_each(|(least, margin)| *least = least.min(margin));
-    }
-    Some(least)
 }
 
 /// Table of the components; `is_of_draws` if they are those of the draws of a spread.
@@ -132,9 +115,9 @@ pub fn sheet(components: &[TradedFigure], is_of_draws: bool) -> Sheet {
         SheetRow::new(Variant::Ours, component.title, "", cells)
     };
     let title = match is_of_draws {
-        false => "Components of the objective, and margins of the linear model".to_owned(),
+        false => "Components of the objective, and margins in hover".to_owned(),
         true => format!(
-            "Components of the objective, quadratic means in which a flight that does not land counts as {WORST_SHARE} times the reference, and margins of the linear model"
+            "Components of the objective, quadratic means in which a flight that does not land counts as {WORST_SHARE} times the reference, and margins in hover"
         ),
     };
     Sheet {

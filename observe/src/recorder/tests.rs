@@ -60,7 +60,14 @@ fn a_flight_is_named_by_the_trajectory_at_the_take_off_and_the_laws_that_were_sc
     let flight = recorder.finish(Outcome::Landed, 1.0);
     let summary = Summary::of(&flight);
     assert_eq!((&*summary.controller, &*summary.trajectory), ("pid then oqtal-dt", "circle"));
-    assert_eq!(summary.config_hash, format!("{:016x}", Config::default().hash()));
+    assert_eq!(summary.config_hash, format!("{:016x}", flight.config_at_arming().hash()));
+    assert_ne!(summary.config_hash, format!("{:016x}", Config::default().hash()));
+    let changed = "control.controller=geometric, trajectory.kind=circle";
+    assert!(summary.changed().unwrap().starts_with(changed), "{summary:?}");
+    let page = report::html(&flight, &summary);
+    assert!(page.contains(changed) && page.contains("controller = &quot;geometric&quot;"));
+    let closing = table::closing(&summary).replace("\n   ", "");
+    assert!(closing.contains(&format!("settings changed before the take-off: {changed}")));
 }
 
 #[test]
@@ -88,6 +95,11 @@ fn a_change_is_told_unless_it_is_refused_and_a_landing_after_it_was_requested() 
             recorder.sample(&reception, Sample::Event(&EventV1 { answer, ..event }));
         }
     }
+    // Another daemon counts its requests from the beginning.
+    let mut other = Reception::default();
+    other.header.source = 7;
+    let answer = Answer::Refused.code();
+    recorder.sample(&other, Sample::Event(&EventV1 { number: 1, answer, ..EventV1::default() }));
     let flight = recorder.finish(Outcome::Landed, 1.0);
     let summary = Summary::of(&flight);
     assert_eq!(summary.shortfall.as_deref(), Some("landed, as requested 1.50 s after arming"));

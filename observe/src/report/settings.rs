@@ -19,6 +19,7 @@ pub fn settings(flight: &Flight, summary: &Summary) -> Markup {
         ("States", summary.states()),
         ("Answers", answers.unwrap_or_else(|| MISSING.to_owned())),
         ("Hand-overs", handovers.unwrap_or_else(|| MISSING.to_owned())),
+        ("Changed before the take-off", summary.changed().unwrap_or_else(|| MISSING.to_owned())),
         ("Configuration hash", summary.config_hash.clone()),
         ("Trajectory hash", summary.trajectory_hash.clone().unwrap_or_else(|| MISSING.to_owned())),
     ];
@@ -27,8 +28,8 @@ pub fn settings(flight: &Flight, summary: &Summary) -> Markup {
         html! {
             dl.wide { @for (name, value) in facts { div { dt { (name) } dd { (value) } } } }
             details.wide {
-                summary { "The effective configuration" }
-                pre { (flight.config.to_toml()) }
+                summary { "The effective configuration at the take-off" }
+                pre { (flight.config_at_arming().to_toml()) }
             }
         },
     )

@@ -1,4 +1,5 @@
-use oqtal_bus::code::Mode;
+use oqtal_bus::code::{Mode, SafetyState};
+use oqtal_bus::time::{Span, Time};
 use oqtal_config::Setting;
 
 use super::*;
