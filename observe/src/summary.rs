@@ -112,12 +112,32 @@ pub struct Summary {
     pub faults: Vec<InjectedFault>,
     /// Disturbances, in order of their beginnings.
     pub disturbances: Vec<AppliedDisturbance>,
-    /// Settings that operators changed before the take-off.
-    pub changed_settings: Vec<String>,
+    #[serde(flatten)]
+    pub settings: FlownSettings,
     /// Operators' requests that changed the flight or its settings, in order.
     pub changes: Vec<ChangeInFlight>,
-    pub config_hash: String,
     pub trajectory_hash: Option<String>,
+}
+
+/// Settings at the take-off.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FlownSettings {
+    /// Settings that operators changed before it, each `KEY=VALUE`.
+    pub changed_settings: Vec<String>,
+    /// Hash of the configuration.
+    pub config_hash: String,
+}
+
+impl FlownSettings {
+    fn of(flight: &Flight, config: &Config) -> Self {
+        let config_hash = format!("{:016x}", config.hash());
+        Self { changed_settings: flight.changed_settings(), config_hash }
+    }
+
+    /// The settings that operators changed, as text; `None` without any.
+    pub fn changed(&self) -> Option<String> {
+        (!self.changed_settings.is_empty()).then(|| self.changed_settings.join(", "))
+    }
 }
 
 impl FlownVehicle {
@@ -152,11 +172,11 @@ impl TopicCounts {
 impl Summary {
     /// The figures of `flight`.
     pub fn of(flight: &Flight) -> Self {
-        Self::at(flight, &flight.config_at_arming(), &last_tick(flight))
+        Self::with(flight, &flight.config_at_arming())
     }
 
-    /// The figures of `flight` under `config`, whose last tick is `last`.
-    fn at(flight: &Flight, config: &Config, last: &TelemetryV1) -> Self {
+    /// The figures of `flight` under the configuration of its take-off.
+    fn with(flight: &Flight, config: &Config) -> Self {
         Self {
             controller: flight.laws(),
             trajectory: name_of(&config.trajectory.kind),
@@ -176,7 +196,7 @@ impl Summary {
             corners: CornerFigures::of(flight),
             attitude_steps: attitude_steps(flight),
             effort: effort(flight),
-            riccati_solves: last.riccati_solves,
+            riccati_solves: last_tick(flight).riccati_solves,
             speed_factor: flight.speed_factor,
             deadline_misses: count(flight, |tick| tick.deadline_misses),
             lost: TopicCounts::new(count(flight, |tick| tick.poses_lost), flight.commands_lost),
@@ -193,9 +213,8 @@ impl Summary {
             state_sequence: flight.state_sequence(),
             faults: InjectedFault::all(flight),
             disturbances: AppliedDisturbance::all(flight),
-            changed_settings: flight.changed_settings(),
+            settings: FlownSettings::of(flight, config),
             changes: ChangeInFlight::all(flight),
-            config_hash: format!("{:016x}", config.hash()),
             trajectory_hash: trajectory_hash(flight),
         }
     }
@@ -223,11 +242,6 @@ impl Summary {
         is_external.then_some(
             "velocity and attitude errors of an external law are relative to the commands of its fallback law",
         )
-    }
-
-    /// Settings changed before the take-off; `None` without any.
-    pub fn changed(&self) -> Option<String> {
-        (!self.changed_settings.is_empty()).then(|| self.changed_settings.join(", "))
     }
 
     /// Number of requests, with the last one; `None` without a request.

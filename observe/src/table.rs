@@ -53,7 +53,8 @@ pub fn closing(summary: &Summary) -> String {
     text += &summary.wire.as_ref().map_or_else(String::new, wire);
     text += &counts(summary);
     text += &summary.daemon.as_ref().map_or_else(String::new, process);
-    let changed = summary.changed().map(|it| format!("settings changed before the take-off: {it}"));
+    let changed =
+        summary.settings.changed().map(|it| format!("settings changed before the take-off: {it}"));
     let requests = changed.into_iter().chain(summary.requests());
     text + &requests.map(|line| format!("\n{}", wrapped(&line, 4))).collect::<String>()
 }

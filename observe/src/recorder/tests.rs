@@ -60,10 +60,10 @@ fn a_flight_is_named_by_the_trajectory_at_the_take_off_and_the_laws_that_were_sc
     let flight = recorder.finish(Outcome::Landed, 1.0);
     let summary = Summary::of(&flight);
     assert_eq!((&*summary.controller, &*summary.trajectory), ("pid then oqtal-dt", "circle"));
-    assert_eq!(summary.config_hash, format!("{:016x}", flight.config_at_arming().hash()));
-    assert_ne!(summary.config_hash, format!("{:016x}", Config::default().hash()));
+    assert_eq!(summary.settings.config_hash, format!("{:016x}", flight.config_at_arming().hash()));
+    assert_ne!(summary.settings.config_hash, format!("{:016x}", Config::default().hash()));
     let changed = "control.controller=geometric, trajectory.kind=circle";
-    assert!(summary.changed().unwrap().starts_with(changed), "{summary:?}");
+    assert!(summary.settings.changed().unwrap().starts_with(changed), "{summary:?}");
     let page = report::html(&flight, &summary);
     assert!(page.contains(changed) && page.contains("controller = &quot;geometric&quot;"));
     let closing = table::closing(&summary).replace("\n   ", "");

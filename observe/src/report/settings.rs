@@ -19,8 +19,11 @@ pub fn settings(flight: &Flight, summary: &Summary) -> Markup {
         ("States", summary.states()),
         ("Answers", answers.unwrap_or_else(|| MISSING.to_owned())),
         ("Hand-overs", handovers.unwrap_or_else(|| MISSING.to_owned())),
-        ("Changed before the take-off", summary.changed().unwrap_or_else(|| MISSING.to_owned())),
-        ("Configuration hash", summary.config_hash.clone()),
+        (
+            "Changed before the take-off",
+            summary.settings.changed().unwrap_or_else(|| MISSING.to_owned()),
+        ),
+        ("Configuration hash", summary.settings.config_hash.clone()),
         ("Trajectory hash", summary.trajectory_hash.clone().unwrap_or_else(|| MISSING.to_owned())),
     ];
     section(
