@@ -2,7 +2,9 @@
 
 use std::fmt;
 
+use oqtal_bus::message::ControlResponseV1;
 use oqtal_bus::obeying::{ObeyingProcess, starting_command};
+use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_bus::paths::InstancePaths;
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
@@ -67,8 +69,19 @@ impl NextFlights {
         }
     }
 
-    /// Notes that the addressed daemon of `reached` hangs unless it `is_alive`: it would not answer a command either.
-    pub(crate) fn note_hanging(&mut self, reached: &Reached, is_alive: bool) {
+    /// Notes what the `response` of the addressed daemon of `reached` says of the next flight. Without one, the daemon hangs unless it
+    /// `obeys`: it would not answer a command either.
+    pub(crate) fn note_daemon(
+        &mut self,
+        reached: &Reached,
+        response: Option<&ControlResponseV1>,
+        obeys: bool,
+    ) {
+        let obstacles = response.map(|response| ArmingObstacles::from_bits(response.obstacles));
+        if obstacles.is_some_and(|it| it.contains(ArmingObstacle::Locked)) {
+            self.note_locked(&reached.paths);
+        }
+        let is_alive = response.is_some() || obeys;
         let is_here = |it: &&ObeyingProcess| !it.is_vehicle && it.is_under(&reached.paths);
         let daemon = reached.processes.iter().find(is_here).filter(|_| !is_alive);
         let arming = self.0.iter_mut().filter(|it| it.is_arming && it.paths == reached.paths);
@@ -76,7 +89,7 @@ impl NextFlights {
     }
 
     /// Notes that the vehicle at `paths` refuses to arm until it is restarted.
-    pub(crate) fn note_locked(&mut self, paths: &InstancePaths) {
+    fn note_locked(&mut self, paths: &InstancePaths) {
         self.0
             .iter_mut()
             .filter(|it| it.paths == *paths)

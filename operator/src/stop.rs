@@ -144,10 +144,6 @@ pub fn raise(
     let others: Vec<_> =
         reached.places().iter().skip(1).map(|paths| ask_daemon(paths, request)).collect();
     let (report, answer) = await_obedience(&raised, &reached, &answers, give_up);
-    let answer = match report.daemon_obeys {
-        true => after_obedience(answer, &reached.paths, give_up),
-        false => answer,
-    };
     others.iter().for_each(|other| drop(other.recv_timeout(left(give_up))));
     paths.push(format!("control service: {}", said(&answer)));
     let running = running.map(|running| running.newest(give_up)).unwrap_or_default();
@@ -164,11 +160,7 @@ pub fn raise(
     again.note_running(&reached, &running);
     let response = answer.as_ref().ok().and_then(Option::as_ref);
     let stop = ObeyedStop::new(report, response);
-    again.note_hanging(&reached, response.is_some() || stop.daemon_obeys);
-    let obstacles = response.map(|response| ArmingObstacles::from_bits(response.obstacles));
-    if obstacles.is_some_and(|it| it.contains(ArmingObstacle::Locked)) {
-        again.note_locked(&reached.paths);
-    }
+    again.note_daemon(&reached, response, stop.daemon_obeys);
     paths.extend(reached.places().iter().filter_map(|place| forbid_automatic(place, &stop)));
     Ok(ObeyedStop {
         paths,
@@ -257,7 +249,11 @@ fn await_obedience(
         }
         let daemon_obeys = !reached.has_daemon() || (report.daemon_obeys && answer.is_some());
         if (report.motors_off && daemon_obeys) || has_ended || Time::now() >= give_up {
-            return (report, answer.unwrap_or(Ok(None)));
+            let answer = answer.unwrap_or(Ok(None));
+            return match report.daemon_obeys {
+                true => (report, after_obedience(answer, &reached.paths, give_up)),
+                false => (report, answer),
+            };
         }
         match answers.recv_timeout(CHECK_PERIOD) {
             Ok(received) => answer = Some(received),
