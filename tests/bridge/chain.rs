@@ -10,15 +10,6 @@ use super::vehicle::Manner;
 use crate::common::network::{Server, free_port};
 use crate::common::{Running, Testbed, assert_refused, number, wait_for};
 
-/// A hover of poses that stand still, whatever is commanded.
-const SETTINGS: [&str; 6] = [
-    "--set",
-    "trajectory.kind=hover",
-    "--set",
-    "trajectory.duration-s=3600",
-    "--set",
-    "safety.consistency-limit=1e9",
-];
 /// Most set-points after the last command that are not zero: one on its way, and those of the bridge until the command times out.
 const LAST_SETPOINTS: usize = 3;
 
@@ -32,7 +23,8 @@ struct ChainFlight {
 impl ChainFlight {
     fn new(name: &str) -> Self {
         let flight = BridgeFlight::new(name, Manner::Answering);
-        let cameras = Server::start("qtm", free_port(), &["--body", "quad"]);
+        let words = ["--scene", "hover", "--body", "quad", "--rate", "60"];
+        let cameras = Server::start("qtm", free_port(), &words);
         let chain = start_chain(&flight.testbed, &cameras);
         let mut flying = Self { flight, chain, cameras };
         flying.take_off();
@@ -48,7 +40,6 @@ impl ChainFlight {
         while !is_of_chain(&flight.next().0) {}
     }
 
-    /// Set-points from now on, until there are `count`.
     fn setpoints_are_zero_soon(&self) {
         self.flight.vehicle.clear_log();
         let setpoints = self.flight.setpoints(150);
@@ -70,7 +61,7 @@ impl ChainFlight {
 
 fn start_chain(testbed: &Testbed, cameras: &Server) -> Running {
     let link = cameras.link(",body=quad");
-    testbed.start(&[&["chain", "run", "--link", &link], &SETTINGS[..], &TIME_OUT[..]].concat())
+    testbed.start(&[&["chain", "run", "--link", &link], &TIME_OUT[..]].concat())
 }
 
 /// Whether the chain transmitted the command of a report.
@@ -110,7 +101,8 @@ fn f18_without_its_bridge_a_chain_sends_nothing_and_flies_with_the_next_bridge()
     assert!(sent <= LAST_SETPOINTS, "{sent} set-points after the bridge");
     let vehicle = &flying.flight.vehicle;
     vehicle.release_port();
-    let words = [&["bridge", "run", "--link", &vehicle.link()], &TIME_OUT[..]].concat();
+    let link = vehicle.link();
+    let words = [&["bridge", "run", "--link", &link], &TIME_OUT[..]].concat();
     flying.flight.bridge = flying.flight.testbed.start(&words);
     assert!(flying.flight.setpoints(60).iter().all(is_zero));
     let log = flying.flight.vehicle.log();
