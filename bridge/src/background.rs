@@ -7,25 +7,14 @@ use oqtal_runtime::background::BackgroundWorker;
 use oqtal_runtime::handoff::{BackgroundHandle, RtHandle};
 
 use crate::lender::PortLender;
-use crate::link::{PortOpenError, PortOptions, VehicleLink};
+use crate::link::{PortOpenError, PortOptions};
 use crate::note::Note;
-use crate::tenant::PortTenant;
+use crate::tenant::PortPart;
 
 /// Pause before a lost port is first tried again.
 const SHORTEST_PAUSE: Span = Span::from_millis(100);
 /// Longest pause between two tries.
 const LONGEST_PAUSE: Span = Span::from_millis(2000);
-
-/// Part of the bridge that the background thread opens, and closes when it is lost.
-#[derive(Debug)]
-pub enum PortPart {
-    /// The port.
-    Link(Box<dyn VehicleLink>),
-    /// A tenant of the port, boxed so that no part is much larger than the others.
-    Tenant(Box<PortTenant>),
-    /// The tenant has left.
-    NoTenant,
-}
 
 /// The real-time thread's end of the hand-off: notes and lost parts go to the background thread, opened ones come from it.
 pub type BridgeHandle = RtHandle<Note, PortPart, PortPart>;

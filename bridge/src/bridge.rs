@@ -52,7 +52,7 @@ pub struct Bridge {
     zero_first: bool,
     /// Whether the last set-point was a flight command, which must not act beyond its time-out.
     flies: bool,
-    /// What a tenant of the port wrote.
+    /// Last writes of a tenant of the port.
     written: Option<LastWritten>,
     /// A command has arrived that no set-point has been sent for.
     command_waits: bool,

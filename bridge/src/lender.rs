@@ -12,9 +12,8 @@ use oqtal_wire::xbee::Framing;
 use rustix::net::UCred;
 use rustix::process::{PidfdFlags, pidfd_open};
 
-use crate::background::PortPart;
 use crate::link::VehicleLink;
-use crate::tenant::PortTenant;
+use crate::tenant::{PortPart, PortTenant};
 
 /// Lends the port.
 #[derive(Debug)]

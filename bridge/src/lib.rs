@@ -75,7 +75,7 @@ use oqtal_runtime::program::{conclude, print};
 use oqtal_wire::link::{InvalidLink, LinkSpec};
 
 pub use asctec::Asctec;
-pub use background::{BridgeHandle, PortKeeper, PortPart};
+pub use background::{BridgeHandle, PortKeeper};
 pub use borrower::{PortBorrower, PortWriter};
 pub use bridge::{Bridge, VehicleReport};
 pub use crtp::{Crtp, TableKeeper, TableStore};
@@ -102,7 +102,7 @@ pub use serial::{SerialLink, SerialPortOptions};
 pub use setpoint::VehicleSetpoint;
 pub use setup::{VehicleSetup, transport};
 pub use tcp::{TcpLink, TcpPortOptions};
-pub use tenant::PortTenant;
+pub use tenant::{PortPart, PortTenant};
 pub use transport::{BareTransport, VehicleTransport};
 pub use turn::{BridgePorts, BridgeTurn};
 pub use udp::{UdpLink, UdpPortOptions};

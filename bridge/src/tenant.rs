@@ -8,12 +8,24 @@ use oqtal_bus::time::{Span, Time};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Signal, pidfd_send_signal};
 
+use crate::link::VehicleLink;
 use crate::note::Note;
 
 /// Time after which a port that the tenant is writing to is looked at again.
 const RETRY: Span = Span::from_millis(1);
 /// Time for which a set-point that must replace flight commands waits for a tenant that is writing. A frame takes microseconds.
 const LONGEST_FRAME: Span = Span::from_millis(5);
+
+/// Part of the bridge that the background thread opens, and closes when it is lost.
+#[derive(Debug)]
+pub enum PortPart {
+    /// The port.
+    Link(Box<dyn VehicleLink>),
+    /// A tenant of the port, boxed so that no part is much larger than the others.
+    Tenant(Box<PortTenant>),
+    /// The tenant has left.
+    NoTenant,
+}
 
 /// A tenant. No call blocks.
 #[derive(Debug)]

@@ -14,12 +14,12 @@ use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_runtime::health::{Health, MotorActivity};
 use oqtal_runtime::turn::{Turn, TurnClock};
 
-use crate::background::{BridgeHandle, PortPart};
+use crate::background::BridgeHandle;
 use crate::bridge::{Bridge, VehicleReport};
 use crate::link::VehicleLink;
 use crate::note::Note;
 use crate::protocol::MAX_FRAME;
-use crate::tenant::PortTenant;
+use crate::tenant::{PortPart, PortTenant};
 
 /// Size of the read buffer \[bytes\]: more than a longest datagram of a vehicle, or a period of a serial line at 921600 baud.
 const READ_BUFFER: usize = 2048;
@@ -173,7 +173,7 @@ impl<T: Transport> BridgeTurn<T> {
         };
         if closed != ClosedPort::Before {
             self.bridge.resume(tenant.lease.last_written(now));
-            // What was written was published before.
+            // Each command is published before it is written.
             self.read_command(clock)?;
         }
         if closed == ClosedPort::Spoilt {

@@ -42,7 +42,7 @@ const WORDS: usize = ENCODER + ENCODER_WORDS;
 #[derive(Debug)]
 pub struct PortLease(SharedWords);
 
-/// What was written to a port before its owner closed it.
+/// Last writes to a port before its owner closed it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LastWritten {
     /// Sequence of the newest command, its last 32 bits \[-\].
@@ -109,7 +109,7 @@ impl PortLease {
         words::seize(self.state())
     }
 
-    /// The owner's: what was written until the port was closed, by the clock at `now`.
+    /// The owner's: the last writes until the port was closed, by the clock at `now`.
     pub fn last_written(&self, now: Time) -> LastWritten {
         let ago_us = micros(now).wrapping_sub(self.load(WRITTEN_AT));
         let at = now - Span::from_nanos(i64::from(ago_us) * 1000);
