@@ -78,6 +78,18 @@ impl<T: Transport> DaemonPorts<T> {
         self.direct = path;
     }
 
+    /// Publishes a command, and transmits it by its other path; returns its number.
+    fn command(
+        &mut self,
+        pose_sequence: u64,
+        stamps: Stamps,
+        command: CommandV1,
+    ) -> Result<u64, BusError> {
+        let sequence = self.commands.send(pose_sequence, stamps, command)?;
+        self.direct.iter_mut().for_each(|path| path.transmit(sequence, &command));
+        Ok(sequence)
+    }
+
     /// Publishes question and answer of a tick; returns the number of the answer, 0 if no external law was asked.
     fn publish_exchange(
         &mut self,
@@ -261,8 +273,7 @@ impl<T: Transport> Turn for DaemonTurn<'_, T> {
         if let Some(tick) = cycle.step_with(now, arrival.as_ref(), law) {
             let computed_at = clock.now();
             let stamps = Stamps { computed_at, command_published_at: clock.now(), ..tick.stamps };
-            let sequence = ports.commands.send(tick.pose_sequence, stamps, tick.command)?;
-            ports.direct.iter_mut().for_each(|path| path.transmit(sequence, &tick.command));
+            let sequence = ports.command(tick.pose_sequence, stamps, tick.command)?;
             clock.announce(&ports.commands)?;
             if tick.command.actuation == Actuation::Disarmed.code() {
                 ports.stop.confirm();
