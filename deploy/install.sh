@@ -180,7 +180,7 @@ remove_files() {
         "$units"/oqtal-sim.target \
         "$units"/oqtal-flight.target "$lib/sysusers.d/oqtal.conf" "$lib/tmpfiles.d/oqtal.conf" \
         "$lib/udev/rules.d/70-oqtal-radio.rules" "$lib/udev/rules.d/71-oqtal-crazyradio.rules" \
-        "$share"/oqtal-bridge-network.conf "$share"/oqtal-bridge-radio.conf "$etc/oqtal.toml" "$share/oqtal.toml" "$share/etc-oqtal.toml" \
+        "$share"/oqtal-bridge-network.conf "$share"/oqtal-bridge-radio.conf "$share"/oqtal-receiver-chain.conf "$etc/oqtal.toml" "$share/oqtal.toml" "$share/etc-oqtal.toml" \
         "$made_user" "$man/oqtal.1" "$man"/oqtal-*.1 "$(completions bash)" "$(completions zsh)" "$(completions fish)"
     # Directories that are not empty are kept.
     for directory in "$etc" "$share" "$man" "$units" "$lib/systemd" "$lib/sysusers.d" "$lib/tmpfiles.d" "$lib/udev/rules.d" \

@@ -7,6 +7,7 @@ use oqtal_bus::topic::Role;
 use oqtal_runtime::process::{ProcessCommand, execute};
 use oqtal_runtime::program::{command_word, fail};
 
+use crate::chain::ChainCommand;
 use crate::check::CheckArgs;
 use crate::compare::CompareArgs;
 use crate::ctl::CtlArgs;
@@ -106,6 +107,9 @@ enum Command {
     /// Run the receiver process: poses of a real camera system; find and examine camera systems
     #[command(subcommand)]
     Receiver(oqtal_receiver::ReceiverCommand),
+    /// Run receiver and daemon in one loop that writes commands to the port of the bridge: the shortest way from cameras to vehicle
+    #[command(subcommand)]
+    Chain(ChainCommand),
     /// Print the completions of a shell
     #[command(hide = true)]
     Completions(CompletionsArgs),
@@ -157,6 +161,7 @@ impl Cli {
             Some(Command::Bridge(command)) => return command.execute(),
             Some(Command::Receiver(command)) => return command.execute(),
             Some(Command::MocapEmu(command)) => return command.execute(),
+            Some(Command::Chain(command)) => return command.execute(),
         };
         result.map_or_else(|failure| fail(&name, &failure), Into::into)
     }

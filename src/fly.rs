@@ -74,6 +74,9 @@ pub struct FlyArgs {
     /// crazyflie-sitl:udp:HOST:PORT[,crtp=HOST:PORT], betaflight-sitl:udp:HOST:PORT[,state=HOST:PORT], or mavlink:udpin:HOST:PORT
     #[arg(long, value_name = "SOURCE")]
     truth: Option<String>,
+    /// Run receiver and daemon as one process, `oqtal chain`, which sends the commands to the port of the bridge
+    #[arg(long)]
+    chain: bool,
     #[arg(long = "fault", value_name = "TARGET:KIND[=VALUE]@TIME[+DURATION]", help = fault::HELP)]
     faults: Vec<Fault>,
     #[arg(long = "disturb", value_name = "KIND@TIME[+DURATION]=VALUE", help = fault::DISTURB_HELP)]
@@ -143,8 +146,9 @@ impl FlyArgs {
         check_instance(&config)?;
         let commands = CommandLink::open(self.vehicle.as_ref(), &mut config)?;
         let poses = PosePath::open(self.mocap.as_ref(), &commands, &mut config)?;
-        fault::check(&config, &poses.roles(commands.roles(&config)))?;
-        let paths = &FlightPaths { commands, poses };
+        let paths = &FlightPaths { commands, poses, is_chain: self.chain };
+        paths.check()?;
+        fault::check(&config, &paths.roles(&config))?;
         let mission = Mission::new(config)?;
         check_pose_rate(&mission)?;
         let warnings = oqtal_daemon::warnings(&mission.config, &mission.trajectory);

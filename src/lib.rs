@@ -1,6 +1,7 @@
 //! The `oqtal` program's library: one module per command.
 #![forbid(unsafe_code)]
 
+pub mod chain;
 pub mod check;
 mod child;
 pub mod cli;

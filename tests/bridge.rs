@@ -1,5 +1,6 @@
 //! The bridge as a process on a pseudo-terminal: frames, safety without the daemon, port.
 
+mod chain;
 mod flight;
 mod ports;
 mod vehicle;

@@ -10,9 +10,10 @@ use crate::common::sources::{read, root};
 use crate::common::{Testbed, stderr};
 
 /// Beginnings of lines that are parsed and not executed, with the reason.
-const PARSED: [(&str, &str); 19] = [
+const PARSED: [(&str, &str); 20] = [
     ("oqtal receiver", "needs a camera system"),
     ("oqtal bridge", "needs a vehicle"),
+    ("oqtal chain", "needs a camera system and a vehicle: tests/bridge/chain"),
     ("oqtal fly --config deploy/presets", "needs a firmware: tests/firmware flies these lines"),
     ("oqtal mocap-emu serve", "runs until Ctrl-C: tests/receiver"),
     ("oqtal fly --controller external", "waits for a script: tests/external_law"),

@@ -13,6 +13,7 @@
 //! A vehicle that holds an attitude holds it relative to its own heading: the commanded roll and pitch are correct as far as its
 //! yaw is held.
 
+use oqtal_bus::lease::EncoderState;
 use oqtal_bus::message::CommandV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
@@ -129,6 +130,11 @@ impl VehicleProtocol for Asctec {
                 _ => reply(VehicleReply::Other),
             }
         }
+    }
+
+    /// The frames of set-points have no state.
+    fn encoder_state(&self) -> Option<EncoderState> {
+        Some(EncoderState::default())
     }
 
     fn damaged(&self) -> u64 {

@@ -6,29 +6,27 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_runtime::background::BackgroundWorker;
 use oqtal_runtime::handoff::{BackgroundHandle, RtHandle};
 
-use crate::link::{PortOpenError, PortOptions, VehicleLink};
+use crate::lender::PortLender;
+use crate::link::{PortOpenError, PortOptions};
 use crate::note::Note;
+use crate::tenant::PortPart;
 
 /// Pause before a lost port is first tried again.
 const SHORTEST_PAUSE: Span = Span::from_millis(100);
 /// Longest pause between two tries.
 const LONGEST_PAUSE: Span = Span::from_millis(2000);
 
-/// A link that was opened in place of a lost one.
-pub type OpenedLink = Box<dyn VehicleLink>;
-/// A lost link, to be closed.
-pub type LostLink = Box<dyn VehicleLink>;
-
-/// The real-time thread's end of the hand-off: notes and lost links go to the background thread, opened links come from it.
-pub type BridgeHandle = RtHandle<Note, OpenedLink, LostLink>;
+/// The real-time thread's end of the hand-off: notes and lost parts go to the background thread, opened ones come from it.
+pub type BridgeHandle = RtHandle<Note, PortPart, PortPart>;
 
 /// Worker of the background thread.
 #[derive(Debug)]
 pub struct PortKeeper {
-    handle: BackgroundHandle<Note, OpenedLink, LostLink>,
+    handle: BackgroundHandle<Note, PortPart, PortPart>,
     port: Box<dyn PortOptions>,
     search: Option<PortSearch>,
     chore: Option<Box<dyn Chore>>,
+    lender: Option<PortLender>,
 }
 
 /// Further work of the background thread.
@@ -39,10 +37,15 @@ impl<W: BackgroundWorker + Debug + Send> Chore for W {}
 impl PortKeeper {
     /// Worker that opens `port` again whenever it is lost.
     pub fn new(
-        handle: BackgroundHandle<Note, OpenedLink, LostLink>,
+        handle: BackgroundHandle<Note, PortPart, PortPart>,
         port: Box<dyn PortOptions>,
     ) -> Self {
-        Self { handle, port, search: None, chore: None }
+        Self { handle, port, search: None, chore: None, lender: None }
+    }
+
+    /// The worker, which also lends the port.
+    pub fn lending(self, lender: PortLender) -> Self {
+        Self { lender: Some(lender), ..self }
     }
 
     /// The worker, which also does `chore`.
@@ -57,17 +60,27 @@ impl BackgroundWorker for PortKeeper {
         if let Some(chore) = &mut self.chore {
             chore.poll();
         }
-        if let Ok(lost) = self.handle.replies().try_recv() {
-            tracing::warn!("the port is lost: zero set-point first when it is back");
-            drop(lost);
-            self.search = Some(PortSearch::new(Time::now()));
+        match self.handle.replies().try_recv() {
+            Ok(PortPart::Link(lost)) => {
+                tracing::warn!("the port is lost: zero set-point first when it is back");
+                drop(lost);
+                self.lender.iter_mut().for_each(PortLender::lose_port);
+                self.search = Some(PortSearch::new(Time::now()));
+            }
+            Ok(_) => self.lender.iter_mut().for_each(PortLender::take_back),
+            Err(_) => {}
+        }
+        if let Some(part) = self.lender.as_mut().and_then(PortLender::poll) {
+            // The queue has room: there is one tenant.
+            let _ = self.handle.send(part);
         }
         let Some(search) = &mut self.search else { return };
         if let Some(link) = search.poll(Time::now(), || self.port.open()) {
             tracing::info!("the port is open again");
             self.search = None;
+            self.lender.iter_mut().for_each(|lender| lender.set_port(&*link));
             // The queue has room: there is one link.
-            let _ = self.handle.send(link);
+            let _ = self.handle.send(PortPart::Link(link));
         }
     }
 }

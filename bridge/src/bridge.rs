@@ -1,8 +1,11 @@
 //! The bridge between commands on the bus and bytes on a port: selects the frame that is due, encodes it, and evaluates the
 //! replies. Pure: bytes and time are arguments.
 
+mod due;
+mod lent;
 mod report;
 
+use oqtal_bus::lease::LastWritten;
 use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps, VehicleV1};
 use oqtal_bus::stop::StoppedMotors;
 use oqtal_bus::time::{Span, Time};
@@ -23,8 +26,6 @@ use crate::transport::VehicleTransport;
 
 /// Time between rejected commands above which they are logged separately.
 const REJECTION_PAUSE: Span = Span::from_millis(1000);
-/// Time after which a busy vehicle is looked at again.
-const BUSY_POLL: Span = Span::from_millis(1);
 
 /// Report to the daemon and to observers: sequence of the pose, stamps, state of the vehicle.
 pub type VehicleReport = (u64, Stamps, VehicleV1);
@@ -49,6 +50,10 @@ pub struct Bridge {
     is_open: bool,
     /// The next frame is a zero set-point: bytes were discarded, or there was no vehicle to send to, and no frame has been sent since.
     zero_first: bool,
+    /// Whether the last set-point was a flight command, which must not act beyond its time-out.
+    flies: bool,
+    /// Last writes of a tenant of the port.
+    written: Option<LastWritten>,
     /// A command has arrived that no set-point has been sent for.
     command_waits: bool,
     emergency_stop_waits: bool,
@@ -95,6 +100,8 @@ impl Bridge {
             has_emergency_stop: options.emergency_stop,
             is_open: false,
             zero_first: false,
+            flies: false,
+            written: None,
             command_waits: false,
             emergency_stop_waits: false,
             last_command: 0,
@@ -119,30 +126,13 @@ impl Bridge {
         self.outbox.clear();
         self.poses.reset();
         (self.emergency_stop_waits, self.zero_first, self.words_left) = (false, false, 0);
+        (self.flies, self.written) = (false, None);
     }
 
     /// Stops sending: the port is lost.
     pub fn close(&mut self, now: Time) {
         self.open(now);
         self.is_open = false;
-    }
-
-    /// Whether set-points wait for a busy vehicle; a stop does not.
-    fn holds_back(&self, now: Time) -> bool {
-        self.stopped_since.is_none() && self.protocol.is_busy(now)
-    }
-
-    /// Instant at which something is due without a command.
-    pub fn next_event(&self, now: Time) -> Time {
-        let clear_at = self.outbox.clear_at(now);
-        let least = if self.holds_back(now) { now + BUSY_POLL } else { clear_at };
-        let due = self.outbox.retry_at(now).unwrap_or(if self.command_waits {
-            least
-        } else {
-            self.schedule.next_setpoint().max(least)
-        });
-        let read_at = self.protocol.read_period().map(|period| self.read_at + period);
-        read_at.filter(|_| self.is_open).map_or(due, |read_at| due.min(read_at))
     }
 
     /// Takes a pose that arrived from the bus at `now`.
@@ -214,7 +204,7 @@ impl Bridge {
     /// the report that is due.
     pub fn turn(&mut self, now: Time, note: &mut dyn FnMut(Note)) -> Option<VehicleReport> {
         self.note_changes(now, note);
-        let due = self.command_waits || now >= self.schedule.next_setpoint();
+        let due = self.is_setpoint_due(now);
         let waits = self.outbox.is_blocked() || self.holds_back(now);
         if waits || !due || now < self.outbox.clear_at(now) {
             return None;
@@ -230,6 +220,7 @@ impl Bridge {
         }
         let has_emergency_stop = self.has_emergency_stop && self.gate.may_stop_at_once();
         let (setpoint, forwarded, event) = self.gate.select_command(now);
+        self.flies = matches!(setpoint, VehicleSetpoint::Fly(_));
         if let Some(event) = event {
             note(Note::Motors(event));
             self.emergency_stop_waits |= event == MotorEvent::StopFailed && has_emergency_stop;
@@ -249,6 +240,9 @@ impl Bridge {
             // No set-point with thrust is sent: a stop has priority.
             self.stop_sent |= is_unsent && self.stopped_since.is_some();
             return Some(self.report(now, None, Span::ZERO));
+        }
+        if let Some(report) = self.report_written(now, forwarded, &frame) {
+            return Some(report);
         }
         self.begin(now, FrameKind::Setpoint(forwarded), &frame);
         None

@@ -28,6 +28,7 @@ mod search;
 mod status;
 
 use oqtal_bus::code::{EstimatorState, VehicleRefusal};
+use oqtal_bus::lease::EncoderState;
 use oqtal_bus::message::CommandV1;
 use oqtal_bus::text::ShortText;
 use oqtal_bus::time::{Span, Time};
@@ -125,6 +126,8 @@ pub struct Crtp {
     pose_period: Option<Span>,
     /// Last byte of the vehicle's radio address; `None` without a radio.
     radio_id: Option<u8>,
+    /// Whether another process has set the vehicle up.
+    continues: bool,
     echo: PeriodicTimer,
     keep_alive: Option<PeriodicTimer>,
     damaged: u64,
@@ -160,6 +163,7 @@ impl Crtp {
             silence: Span::from_seconds(config.bridge.silence_ms * 1e-3),
             pose_period,
             radio_id,
+            continues: false,
             echo: PeriodicTimer::new(ECHO_PERIOD),
             keep_alive,
             damaged: 0,
@@ -167,6 +171,7 @@ impl Crtp {
     }
 
     fn restart(&mut self) {
+        self.continues = false;
         self.connection.restart();
         (self.status, self.arming) = (CrazyflieStatus::UNKNOWN, Arming::new());
     }
@@ -260,7 +265,7 @@ impl VehicleProtocol for Crtp {
     }
 
     fn setpoint(&mut self, now: Time, setpoint: &VehicleSetpoint) -> VehicleFrame {
-        if !self.connection.is_ready() {
+        if !self.connection.is_ready() && !self.continues {
             return VehicleFrame::EMPTY;
         }
         let state = self.status.supervision();
@@ -345,6 +350,14 @@ impl VehicleProtocol for Crtp {
             Ok(packet) => self.take(now, &packet, reply),
             Err(_) => self.damaged += 1,
         }
+    }
+
+    fn encoder_state(&self) -> Option<EncoderState> {
+        self.connection.is_ready().then(EncoderState::default)
+    }
+
+    fn continue_encoder(&mut self, _state: &EncoderState) {
+        self.continues = true;
     }
 
     fn damaged(&self) -> u64 {

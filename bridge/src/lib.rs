@@ -19,6 +19,7 @@
 //! | `bridge.rs` | the bridge of all these, pure | |
 //! | `setup.rs`, `options.rs` | protocol, transport and port that the configuration asks for | |
 //! | `vehicle_setup.rs`, `wanted.rs` | the command `setup`: parameters of an autopilot, and their rules | |
+//! | `lender.rs`, `tenant.rs`, `borrower.rs` | the port lent to another process, at both ends |
 //! | `turn.rs`, `background.rs`, `note.rs` | the turn of the real-time thread; the background thread; its log | |
 //!
 //! The bridge is the second of three lines of safety, each independent of the others: the daemon checks poses, the bridge checks
@@ -27,9 +28,11 @@
 
 mod asctec;
 mod background;
+mod borrower;
 mod bridge;
 mod crtp;
 mod internet;
+mod lender;
 mod line;
 mod link;
 mod mavlink;
@@ -49,6 +52,7 @@ mod serial;
 mod setpoint;
 mod setup;
 mod tcp;
+mod tenant;
 mod timing;
 mod transport;
 mod turn;
@@ -72,8 +76,10 @@ use oqtal_wire::link::{InvalidLink, LinkSpec};
 
 pub use asctec::Asctec;
 pub use background::{BridgeHandle, PortKeeper};
+pub use borrower::{PortBorrower, PortWriter};
 pub use bridge::{Bridge, VehicleReport};
 pub use crtp::{Crtp, TableKeeper, TableStore};
+pub use lender::PortLender;
 pub use line::LineOccupancy;
 pub use link::{PortOpenError, PortOptions, VehicleLink};
 pub use mavlink::{Mavlink, wanted_parameters};
@@ -96,6 +102,7 @@ pub use serial::{SerialLink, SerialPortOptions};
 pub use setpoint::VehicleSetpoint;
 pub use setup::{VehicleSetup, transport};
 pub use tcp::{TcpLink, TcpPortOptions};
+pub use tenant::{PortPart, PortTenant};
 pub use transport::{BareTransport, VehicleTransport};
 pub use turn::{BridgePorts, BridgeTurn};
 pub use udp::{UdpLink, UdpPortOptions};
@@ -232,18 +239,21 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let ports = BridgePorts::open(&faulty, protocol.pose_period().is_some())?;
     let mut heartbeat = context.heartbeat(&bus)?;
     let mut clock = context.loop_clock(&bus, &COMMAND)?;
+    let mut lender = PortLender::open(bus.paths().chain(), spec.clone())?;
     let link = port.open().map_err(PortOpenError::of_run)?;
+    lender.set_port(&*link);
     tracing::info!(link = spec.to_string(), "the port is open");
     let mut bridge = Bridge::new(&context.config, protocol, transport, clock.now());
     bridge.open(clock.now());
     let (handle, background) = handoff();
     with_background(
         context,
-        || Ok(PortKeeper::new(background, port).beside(chore)),
+        || Ok(PortKeeper::new(background, port).beside(chore).lending(lender)),
         || {
             context.enter_realtime();
             let health = context.health.clone();
-            let turn = BridgeTurn { ports, bridge, link: Some(link), handle, health };
+            let (link, tenant) = (Some(link), None);
+            let turn = BridgeTurn { ports, bridge, link, tenant, handle, health };
             let mut turn = faulty.turn(FaultTarget::Bridge, turn);
             Ok(process_loop::run(&mut turn, &mut clock, Some(&mut heartbeat))?)
         },

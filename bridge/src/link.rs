@@ -3,6 +3,7 @@
 
 use std::fmt::Debug;
 use std::io::{self, ErrorKind};
+use std::os::fd::BorrowedFd;
 
 use oqtal_runtime::process::{Exit, Failure};
 
@@ -44,6 +45,11 @@ pub trait VehicleLink: Debug + Send {
     /// # Errors
     /// The link is lost.
     fn discard(&mut self) -> io::Result<()>;
+
+    /// Descriptor through which another process can write frames to the port; `None` if there is none.
+    fn descriptor(&self) -> Option<BorrowedFd<'_>> {
+        None
+    }
 
     /// Whether a port that learns its peer keeps the present one, because the vehicle answers. Called before reads.
     fn keep_peer(&mut self, _is_kept: bool) {}

@@ -24,6 +24,7 @@ mod vehicle;
 mod wanted;
 
 use oqtal_bus::code::VehicleRefusal;
+use oqtal_bus::lease::EncoderState;
 use oqtal_bus::message::CommandV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
@@ -77,6 +78,8 @@ pub struct Mavlink {
     attitude_sd_rad: f64,
     /// Instant at which the port was opened: set-points count time from it.
     opened: Time,
+    /// Address of the autopilot, if another process knows it.
+    continued: Option<MavlinkAddress>,
 }
 
 impl Mavlink {
@@ -102,6 +105,7 @@ impl Mavlink {
             position_sd_m: options.position_sd_mm * 1e-3,
             attitude_sd_rad: options.attitude_sd_deg.to_radians(),
             opened: Time::UNSET,
+            continued: None,
         })
     }
 
@@ -186,13 +190,17 @@ impl VehicleProtocol for Mavlink {
         if !self.opened.is_set() {
             self.opened = now;
         }
-        let Some((target, kind)) = self.vehicle.known() else { return VehicleFrame::EMPTY };
+        let known = self.vehicle.known();
+        let target = known.map(|(target, _)| target).or(self.continued);
+        let Some(target) = target else { return VehicleFrame::EMPTY };
         let command = match setpoint {
             VehicleSetpoint::Released => {
                 self.starting.reset();
                 return VehicleFrame::EMPTY;
             }
-            VehicleSetpoint::StartMotors => self.starting.start(now, kind, &self.vehicle),
+            VehicleSetpoint::StartMotors => {
+                known.and_then(|(_, kind)| self.starting.start(now, kind, &self.vehicle))
+            }
             VehicleSetpoint::StopMotors => self.starting.stop(now),
             VehicleSetpoint::Zero | VehicleSetpoint::Fly(_) => {
                 self.starting.rest();
@@ -292,6 +300,25 @@ impl VehicleProtocol for Mavlink {
         }
     }
 
+    /// Address of the autopilot; instant at which the port was opened; number and stamp of the next packet.
+    fn encoder_state(&self) -> Option<EncoderState> {
+        let known = self.vehicle.known().map(|(target, _)| target);
+        let MavlinkAddress { system, component } = known.or(self.continued)?;
+        let (number, stamp) = self.encoder.position();
+        let [opened, stamp] =
+            [self.opened.nanos(), stamp].map(|long| [long as u32, (long >> 32) as u32]);
+        let (address, number) = (u32::from_le_bytes([system, component, 0, 0]), number.into());
+        Some([address, number, opened[0], opened[1], stamp[0], stamp[1], 0, 0])
+    }
+
+    fn continue_encoder(&mut self, state: &EncoderState) {
+        let long = |at: usize| u64::from(state[at]) | u64::from(state[at + 1]) << 32;
+        let [system, component, ..] = state[0].to_le_bytes();
+        self.continued = Some(MavlinkAddress { system, component });
+        self.opened = Time::from_nanos(long(2));
+        self.encoder.continue_at((state[1] as u8, long(4)));
+    }
+
     fn damaged(&self) -> u64 {
         self.decoder.counters().damaged
     }
@@ -301,6 +328,6 @@ impl VehicleProtocol for Mavlink {
         self.vehicle.reset();
         self.starting.reset();
         self.requests.restart();
-        self.opened = Time::UNSET;
+        (self.opened, self.continued) = (Time::UNSET, None);
     }
 }

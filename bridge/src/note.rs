@@ -23,6 +23,8 @@ pub enum Note {
     CommandRejected,
     /// The port did not send what it was given, and that was discarded.
     Stuck,
+    /// The process to which the port is lent hung in a frame.
+    TenantKilled,
     /// The vehicle refuses the request.
     Refused(VehicleRefusal),
     /// Line of text of the vehicle.
@@ -47,6 +49,9 @@ impl Note {
             ),
             Self::Stuck => tracing::warn!(
                 "the port did not send what it was given, which was discarded: check `bridge.hardware-flow-control` against the radio"
+            ),
+            Self::TenantKilled => tracing::error!(
+                "the chain hung while it wrote to the port, and was killed: otherwise it could send an old command later"
             ),
             Self::Refused(refusal) => tracing::warn!("{refusal}"),
             Self::Text(VehicleText { is_trouble: true, text }) => {

@@ -108,6 +108,11 @@ impl Outbox {
         Some((kind, self.line.add(now, length)))
     }
 
+    /// Records `bytes` that another process handed over at `at`; returns the time until the last of them has left.
+    pub fn add(&mut self, at: Time, bytes: usize) -> Span {
+        self.line.add(at, bytes)
+    }
+
     /// Whether all bytes handed over must be discarded: a frame has not been taken completely, or the port, which has still to send
     /// `queued` bytes, has held bytes back, for longer than a period.
     pub fn is_stuck(&mut self, now: Time, queued: usize) -> bool {

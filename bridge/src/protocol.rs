@@ -4,6 +4,7 @@
 use std::fmt::Debug;
 
 use oqtal_bus::code::{ControlHolder, EstimatorState, VehicleRefusal};
+use oqtal_bus::lease::EncoderState;
 use oqtal_bus::text::ShortText;
 use oqtal_bus::time::{Span, Time};
 use oqtal_control::quaternion::Attitude;
@@ -205,6 +206,15 @@ pub trait VehicleProtocol: Debug + Send {
     /// Decodes bytes received at `now` and passes the content of every complete message to `reply`. A stream may split messages
     /// anywhere.
     fn decode(&mut self, now: Time, bytes: &[u8], reply: &mut dyn FnMut(VehicleReply));
+
+    /// State of the encoder of flight set-points, which the same protocol in another process can continue; `None` if it cannot, or if no
+    /// set-points are encoded yet.
+    fn encoder_state(&self) -> Option<EncoderState> {
+        None
+    }
+
+    /// Continues the encoder of another process, which knows the vehicle.
+    fn continue_encoder(&mut self, _state: &EncoderState) {}
 
     /// Number of damaged frames received since the start.
     fn damaged(&self) -> u64;

@@ -243,6 +243,19 @@ impl CommandGate {
         self.rejected
     }
 
+    /// Instant at which the newest command times out; `None` if it does not fly.
+    pub fn times_out_at(&self) -> Option<Time> {
+        let newest =
+            self.newest.filter(|it| self.stopped_since.is_none() && self.is_flight(&it.command))?;
+        let Stamps { command_published_at, received_at, .. } = newest.forwarded.stamps;
+        Some(command_published_at.min(received_at) + self.limits.command_age + Span::from_nanos(1))
+    }
+
+    /// Whether flight commands are forwarded.
+    pub fn is_flying(&self) -> bool {
+        self.motors.state() == MotorState::Running && !self.is_released()
+    }
+
     /// The newest command, if it is a flight command within its timeout at `now`.
     fn flight(&self, now: Time) -> Option<CommandV1> {
         let newest = self.newest.filter(|newest| self.is_flight(&newest.command))?;
@@ -294,11 +307,16 @@ impl CommandGate {
     /// Whether `command` is a flight command: of the vehicle's actuation, all numbers finite. Every other command counts as
     /// "disarmed".
     fn is_flight(&self, command: &CommandV1) -> bool {
-        let CommandV1 { sticks, attitude, thrust, .. } = command;
-        let numbers = sticks.iter().chain(attitude).chain([thrust]);
-        Actuation::from_code(command.actuation) == Some(self.limits.accepts)
-            && numbers.into_iter().all(|number| number.is_finite())
+        is_flight(command, self.limits.accepts)
     }
+}
+
+/// Whether `command` is a flight command of the actuation `accepts`, all numbers finite.
+pub(crate) fn is_flight(command: &CommandV1, accepts: Actuation) -> bool {
+    let CommandV1 { sticks, attitude, thrust, .. } = command;
+    let numbers = sticks.iter().chain(attitude).chain([thrust]);
+    Actuation::from_code(command.actuation) == Some(accepts)
+        && numbers.into_iter().all(|number| number.is_finite())
 }
 
 /// Whether the stamp `since` is set, not in the future, and no older than `age`.

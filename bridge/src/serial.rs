@@ -8,6 +8,7 @@
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, ErrorKind, IsTerminal, Read, Write};
+use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
@@ -106,6 +107,10 @@ impl VehicleLink for SerialLink {
     fn queued(&self) -> io::Result<usize> {
         let bytes = self.control.bytes_to_write()?;
         Ok(usize::try_from(bytes).unwrap_or(usize::MAX))
+    }
+
+    fn descriptor(&self) -> Option<BorrowedFd<'_>> {
+        Some(self.bytes.as_fd())
     }
 
     fn discard(&mut self) -> io::Result<()> {

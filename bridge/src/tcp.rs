@@ -6,6 +6,7 @@
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::TcpStream;
+use std::os::fd::{AsFd, BorrowedFd};
 use std::time::Duration;
 
 use oqtal_wire::link::HostPort;
@@ -72,6 +73,10 @@ impl VehicleLink for TcpLink {
 
     fn queued(&self) -> io::Result<usize> {
         Ok(0)
+    }
+
+    fn descriptor(&self) -> Option<BorrowedFd<'_>> {
+        Some(self.stream.as_fd())
     }
 
     /// Gives the connection up: what the kernel holds cannot be taken back otherwise.

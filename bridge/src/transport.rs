@@ -32,6 +32,11 @@ pub trait VehicleTransport: Debug + Send {
 
     /// Discards partly received packets: a port was opened.
     fn reset(&mut self);
+
+    /// Whether frames are sent as they are, also by another process.
+    fn is_bare(&self) -> bool {
+        false
+    }
 }
 
 /// Rate of a serial port at `baud` \[byte/s\].
@@ -83,4 +88,8 @@ impl VehicleTransport for BareTransport {
     }
 
     fn reset(&mut self) {}
+
+    fn is_bare(&self) -> bool {
+        true
+    }
 }

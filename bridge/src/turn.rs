@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use oqtal_bus::code::Cause;
 use oqtal_bus::error::BusError;
+use oqtal_bus::lease::ClosedPort;
 use oqtal_bus::message::{CommandV1, HealthV1, PoseV1, VehicleV1};
 use oqtal_bus::stop::VehicleStop;
 use oqtal_bus::time::{Span, Time};
@@ -18,6 +19,7 @@ use crate::bridge::{Bridge, VehicleReport};
 use crate::link::VehicleLink;
 use crate::note::Note;
 use crate::protocol::MAX_FRAME;
+use crate::tenant::{PortPart, PortTenant};
 
 /// Size of the read buffer \[bytes\]: more than a longest datagram of a vehicle, or a period of a serial line at 921600 baud.
 const READ_BUFFER: usize = 2048;
@@ -67,6 +69,8 @@ pub struct BridgeTurn<T: Transport> {
     pub bridge: Bridge,
     /// The port to the vehicle; `None` while it is lost.
     pub link: Option<Box<dyn VehicleLink>>,
+    /// The process to which the port is lent.
+    pub tenant: Option<Box<PortTenant>>,
     /// The hand-off to the background thread.
     pub handle: BridgeHandle,
     /// Counts the commands received and the reports published.
@@ -75,29 +79,14 @@ pub struct BridgeTurn<T: Transport> {
 
 impl<T: Transport> Turn for BridgeTurn<T> {
     fn next_event(&self, now: Time) -> Option<Time> {
-        Some(self.bridge.next_event(now))
+        let event = self.bridge.next_event(now);
+        Some(self.tenant.as_ref().map_or(event, |tenant| tenant.next_turn(now, event)))
     }
 
     fn turn<C: TurnClock>(&mut self, clock: &mut C) -> Result<(), BusError> {
-        if let Some(link) = self.handle.request() {
-            self.link = Some(link);
-            self.bridge.open(clock.now());
-        }
+        self.take_part(clock.now());
         self.read_link(clock);
-        let BridgePorts { commands, stop, .. } = &mut self.ports;
-        let arrival = commands.latest()?;
-        if stop.is_in_force(clock.now())
-            && let Some((header, command)) = &arrival
-        {
-            stop.receive_command(header, command);
-        }
-        self.bridge.keep_stopped(stop.since());
-        if let Some((header, command)) = arrival {
-            self.health.count_input();
-            // Read after the command was taken, so that it is not received before it was sent.
-            let (now, lost) = (clock.now(), self.ports.commands.lost());
-            self.bridge.receive_command(now, &header, command, lost);
-        }
+        self.read_command(clock)?;
         if let Some(poses) = &mut self.ports.poses
             && let Some((header, pose)) = poses.latest()?
         {
@@ -111,6 +100,7 @@ impl<T: Transport> Turn for BridgeTurn<T> {
     /// Sends zero set-points, and the emergency stop if motors run; waits until they have left. Errors cannot be reported any
     /// more.
     fn shut_down<C: TurnClock>(&mut self, clock: &mut C) -> Result<(), BusError> {
+        self.evict_tenant(clock);
         for _ in 0..FINAL_FRAMES {
             self.bridge.begin_zero_setpoint(clock.now());
             let _ = self.write_outbox(clock);
@@ -137,6 +127,89 @@ impl<T: Transport> Turn for BridgeTurn<T> {
 }
 
 impl<T: Transport> BridgeTurn<T> {
+    /// Takes what the background thread has opened.
+    fn take_part(&mut self, now: Time) {
+        match self.handle.request() {
+            Some(PortPart::Link(link)) => {
+                self.link = Some(link);
+                self.bridge.open(now);
+            }
+            Some(PortPart::Tenant(tenant)) => self.tenant = Some(tenant),
+            Some(PortPart::NoTenant) => self.tenant.iter_mut().for_each(|it| it.has_left = true),
+            None => {}
+        }
+    }
+
+    /// Takes the newest command, and the operator's stop.
+    fn read_command(&mut self, clock: &impl TurnClock) -> Result<(), BusError> {
+        let BridgePorts { commands, stop, .. } = &mut self.ports;
+        let arrival = commands.latest()?;
+        if stop.is_in_force(clock.now())
+            && let Some((header, command)) = &arrival
+        {
+            stop.receive_command(header, command);
+        }
+        self.bridge.keep_stopped(stop.since());
+        if let Some((header, command)) = arrival {
+            self.health.count_input();
+            // Read after the command was taken, so that it is not received before it was sent.
+            let (now, lost) = (clock.now(), self.ports.commands.lost());
+            self.bridge.receive_command(now, &header, command, lost);
+        }
+        Ok(())
+    }
+
+    /// Whether the bridge has the port for what it has to write: there is no tenant, or the port is closed to it.
+    fn has_port(&mut self, clock: &impl TurnClock) -> Result<bool, BusError> {
+        let Some(tenant) = &mut self.tenant else { return Ok(true) };
+        let now = clock.now();
+        let may_fly = self.bridge.flight_window(now).is_some() && !tenant.has_left;
+        if may_fly && !self.bridge.is_due(now) {
+            return Ok(false);
+        }
+        let handle = &mut self.handle;
+        let Some(closed) = tenant.close(now, !may_fly, &mut |note| handle.note(note)) else {
+            return Ok(false);
+        };
+        if closed != ClosedPort::Before {
+            self.bridge.resume(tenant.lease.last_written(now));
+            // Each command is published before it is written.
+            self.read_command(clock)?;
+        }
+        if closed == ClosedPort::Spoilt {
+            self.discard(clock.now());
+        }
+        if self.tenant.as_ref().is_some_and(|tenant| tenant.has_left)
+            && let Some(tenant) = self.tenant.take()
+        {
+            self.handle.reply(PortPart::Tenant(tenant));
+        }
+        Ok(true)
+    }
+
+    /// Offers the port to the tenant while the next flight command would be written as it comes.
+    fn offer_port(&mut self, now: Time) {
+        let Some(tenant) = &self.tenant else { return };
+        if let Some(window) = self.bridge.flight_window(now)
+            && let Some(encoder) = self.bridge.encoder_state()
+        {
+            tenant.lease.offer(window, self.bridge.newest_executed(), &encoder);
+        }
+    }
+
+    /// Takes the port back for good.
+    fn evict_tenant(&mut self, clock: &impl TurnClock) {
+        let Some(mut tenant) = self.tenant.take() else { return };
+        let give_up = clock.now() + SHUTDOWN_TIMEOUT;
+        while clock.now() < give_up {
+            match tenant.close(clock.now(), true, &mut |_| {}) {
+                Some(ClosedPort::Before) => return,
+                Some(_) => return self.bridge.resume(tenant.lease.last_written(clock.now())),
+                None => std::thread::sleep(Duration::from_millis(1)),
+            }
+        }
+    }
+
     /// Confirms a stop once a set-point without flight has left for the vehicle; withholds it while another has control.
     fn confirm_stop(&mut self, now: Time) {
         if self.bridge.is_released() {
@@ -170,6 +243,9 @@ impl<T: Transport> BridgeTurn<T> {
     /// Writes what is due: the rest of a frame, a set-point, and the frame behind it. Counts an output if it reports, or discards what
     /// the port does not send.
     fn write_due(&mut self, clock: &impl TurnClock) -> Result<(), BusError> {
+        if !self.has_port(clock)? {
+            return Ok(());
+        }
         self.discard_if_stuck(clock);
         self.write_outbox(clock)?;
         let handle = &mut self.handle;
@@ -182,25 +258,32 @@ impl<T: Transport> BridgeTurn<T> {
         while self.bridge.follow_up(clock.now()) {
             self.write_outbox(clock)?;
         }
+        self.offer_port(clock.now());
         Ok(())
     }
 
     /// Discards what the port holds back for too long.
     fn discard_if_stuck(&mut self, clock: &impl TurnClock) {
         let Some(link) = &mut self.link else { return };
-        let stuck = link.queued().map(|queued| self.bridge.is_stuck(clock.now(), queued));
-        let discarded = match stuck {
-            Ok(false) => return,
-            Ok(true) => link.discard(),
-            Err(error) => Err(error),
-        };
-        match discarded {
-            Ok(()) => {
-                self.bridge.discard_outgoing();
+        match link.queued().map(|queued| self.bridge.is_stuck(clock.now(), queued)) {
+            Ok(false) => {}
+            Ok(true) => {
                 self.handle.note(Note::Stuck);
-                self.health.count_output();
+                self.discard(clock.now());
             }
             Err(_) => self.close_link(clock.now()),
+        }
+    }
+
+    /// Discards what the port has not sent: the next frame is a zero set-point.
+    fn discard(&mut self, now: Time) {
+        let Some(link) = &mut self.link else { return };
+        match link.discard() {
+            Ok(()) => {
+                self.bridge.discard_outgoing();
+                self.health.count_output();
+            }
+            Err(_) => self.close_link(now),
         }
     }
 
@@ -228,7 +311,7 @@ impl<T: Transport> BridgeTurn<T> {
     /// Hands a lost port to the background thread, which closes it and opens it again.
     fn close_link(&mut self, now: Time) {
         if let Some(link) = self.link.take() {
-            self.handle.reply(link);
+            self.handle.reply(PortPart::Link(link));
         }
         self.bridge.close(now);
     }

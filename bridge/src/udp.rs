@@ -6,6 +6,7 @@
 
 use std::io::{self, ErrorKind};
 use std::net::{SocketAddr, UdpSocket};
+use std::os::fd::{AsFd, BorrowedFd};
 
 use oqtal_wire::link::HostPort;
 
@@ -115,6 +116,11 @@ impl VehicleLink for UdpLink {
 
     fn discard(&mut self) -> io::Result<()> {
         Ok(())
+    }
+
+    /// A peer that is kept is that of the descriptor, too.
+    fn descriptor(&self) -> Option<BorrowedFd<'_>> {
+        Some(self.socket.as_fd())
     }
 
     fn keep_peer(&mut self, is_kept: bool) {

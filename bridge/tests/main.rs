@@ -6,4 +6,5 @@ mod protocols;
 mod readiness;
 mod restart;
 mod safety;
+mod tenant;
 mod turns;

@@ -22,8 +22,8 @@ pub const NEEDED_KIB: u64 = 7 * 1024;
 /// Maximum shared memory that the processes of one flight have in use together \[KiB\], rounded up.
 pub const FLIGHT_KIB: u64 = 21 * 1024;
 
-/// Maximum number of open files of a process \[-\]; the daemon has about a hundred.
-const NEEDED_FILES: u64 = 160;
+/// Maximum number of open files of a process \[-\]; the daemon has about a hundred, receiver and daemon in one process 165.
+const NEEDED_FILES: u64 = 200;
 
 /// Access of a process (or a thread) to one instance. Ports stay on the thread that opened them. The process leaves the instance
 /// when the bus and its ports are dropped; the last process to leave removes the files of the instance.

@@ -18,6 +18,7 @@
 //! | `control.rs` | requests of operators and their answers |
 //! | `stop.rs` | the operator's stop, in shared memory and by signal |
 //! | `obeying.rs` | processes that obey operators, found in /proc |
+//! | `lease.rs` | the lease of the port to a vehicle to another process |
 //! | `wake.rs` | wake-up of sleeping processes |
 //! | `shared.rs` | words in a mapped file |
 //! | `atomic.rs` | atomic words, replaced in a model of all interleavings |
@@ -38,6 +39,7 @@ pub mod bus;
 pub mod code;
 pub mod control;
 pub mod error;
+pub mod lease;
 mod member_files;
 mod membership;
 pub mod memory;

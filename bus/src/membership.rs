@@ -22,7 +22,7 @@ use rustix::fs::{FlockOperation, flock};
 
 use crate::error::{BusError, of_iceoryx};
 use crate::member_files::{MEMBERS, Members, acquire, has_members, open_directory};
-use crate::paths::{CONFIG, InstancePaths, LAW, LAW_UNREADY, WIRE};
+use crate::paths::{CHAIN, CHAIN_UNREADY, CONFIG, InstancePaths, LAW, LAW_UNREADY, WIRE};
 use crate::private::{self, InstanceRun, is_same};
 use crate::remains;
 use crate::time::{Span, Time};
@@ -31,6 +31,9 @@ use crate::time::{Span, Time};
 const LOCK_TIMEOUT: Span = Span::from_millis(3000);
 /// Closing has a shorter time-out: files that cannot be removed now are removed by the next process that joins.
 const CLOSE_TIMEOUT: Span = Span::from_millis(300);
+
+/// Files in the directory of an instance that end with its last process.
+const SESSION_FILES: [&str; 6] = [WIRE, LAW, LAW_UNREADY, CHAIN, CHAIN_UNREADY, CONFIG];
 
 /// Membership of one process in an instance, until it is dropped.
 #[derive(Debug)]
@@ -192,7 +195,7 @@ impl Drop for Membership {
             remains::remove_dead(&self.prefix);
             // The open directory, even if another one has just taken its name.
             let open = PathBuf::from(format!("/proc/self/fd/{}", self.lock.as_raw_fd()));
-            remove(&open, &[WIRE, LAW, LAW_UNREADY, CONFIG, private::LINK, MEMBERS]);
+            remove(&open, &[&SESSION_FILES[..], &[private::LINK, MEMBERS]].concat());
             // Only an empty directory is removed; a process waiting for its lock checks this.
             let _ = std::fs::remove_dir(&self.directory);
         }
@@ -202,7 +205,7 @@ impl Drop for Membership {
 /// Starts a run of the instance; the caller holds its lock. Processes that still hold the file `members` lost their run: they end by
 /// themselves.
 fn start_run(prefix: &str, directory: &Path, lock: &File) -> Result<InstanceRun, BusError> {
-    remove(directory, &[WIRE, LAW, LAW_UNREADY, CONFIG, MEMBERS]);
+    remove(directory, &[&SESSION_FILES[..], &[MEMBERS]].concat());
     InstanceRun::start(prefix, directory, lock)
 }
 

@@ -17,7 +17,13 @@ pub(crate) const WIRE: &str = "wire";
 pub(crate) const LAW: &str = "law";
 
 /// Name of that socket until the daemon listens on it.
-pub const LAW_UNREADY: &str = "law~";
+pub(crate) const LAW_UNREADY: &str = "law~";
+
+/// Name of the socket at which a bridge lends its port, in the directory of an instance.
+pub(crate) const CHAIN: &str = "chain";
+
+/// Name of that socket until the bridge listens on it.
+pub(crate) const CHAIN_UNREADY: &str = "chain~";
 
 /// Name of the daemon's configuration in the directory of an instance.
 pub(crate) const CONFIG: &str = "config.toml";
@@ -114,6 +120,12 @@ impl InstancePaths {
     /// Path of the socket of an external law of this instance. It is removed when the daemon ends, or the last process leaves.
     pub fn law(&self) -> PathBuf {
         self.directory().join(LAW)
+    }
+
+    /// Path of the socket at which a bridge of this instance lends its port. It is removed when the bridge ends, or the last process
+    /// leaves.
+    pub fn chain(&self) -> PathBuf {
+        self.directory().join(CHAIN)
     }
 
     /// Path of the configuration with which the daemon of this instance was started. It is removed when the last process leaves.

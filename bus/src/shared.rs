@@ -62,7 +62,11 @@ impl SharedWords {
         Self::map(file, count)
     }
 
-    fn of_file(file: File, count: usize) -> io::Result<Self> {
+    /// The words in an open file, which gets their size if it is empty.
+    ///
+    /// # Errors
+    /// As [`SharedWords::open`].
+    pub(crate) fn of_file(file: File, count: usize) -> io::Result<Self> {
         match file.metadata()?.len() {
             0 => fallocate(&file, FallocateFlags::empty(), 0, size(count))?,
             present if present == size(count) => {}
@@ -81,6 +85,11 @@ impl SharedWords {
         Ok(Self { memory, count, guard: Some(guard), file })
     }
 
+    /// The open file.
+    pub(crate) fn file(&self) -> &File {
+        &self.file
+    }
+
     /// Device and number of the file; `None` if the system refuses.
     pub(crate) fn id(&self) -> Option<(u64, u64)> {
         self.file.metadata().ok().map(|file| (file.dev(), file.ino()))
@@ -90,6 +99,9 @@ impl SharedWords {
         self.count * size_of::<AtomicU32>()
     }
 }
+
+// SAFETY: the mapping belongs to the process, not to a thread; only `drop` unmaps it, and every access to it is atomic.
+unsafe impl Send for SharedWords {}
 
 impl Deref for SharedWords {
     type Target = [AtomicU32];

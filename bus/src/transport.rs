@@ -2,7 +2,7 @@
 //! ([`crate::memory::MemoryBus`]).
 
 use crate::error::BusError;
-use crate::message::{Header, Message, Stamps};
+use crate::message::{CommandV1, Header, Message, Stamps};
 use crate::stop::StopSwitch;
 use crate::topic::Topic;
 
@@ -22,6 +22,12 @@ pub trait Publish<M: Message> {
 
     /// Executes the code path of [`Publish::send`] without sending, so that it is in the caches when needed.
     fn warm_up(&self) {}
+}
+
+/// Path of commands to the vehicle besides the bus, without another process between.
+pub trait DirectPath: std::fmt::Debug {
+    /// Transmits the command that was published as `sequence`, if it can; otherwise the command takes its way over the bus alone.
+    fn transmit(&mut self, sequence: u64, command: &CommandV1);
 }
 
 /// Reader of a topic.

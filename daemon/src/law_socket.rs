@@ -11,18 +11,13 @@ use std::path::PathBuf;
 use crossbeam_channel::{Receiver, Sender, bounded};
 use oqtal_bus::code::HandoverCause;
 use oqtal_bus::message::{ExternalV1, Message, StateV1};
-use oqtal_bus::paths::LAW_UNREADY;
 use oqtal_bus::time::{Span, Time};
-use oqtal_runtime::files;
+use oqtal_runtime::packet_socket::{PacketListener, is_connected};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::stop::StopFlag;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::fs::Mode;
 use rustix::io::Errno;
-use rustix::net::{
-    AddressFamily, RecvFlags, SendFlags, SocketAddrUnix, SocketFlags, SocketType, accept_with,
-    bind, listen, recv, send, socket_with, sockopt,
-};
+use rustix::net::{RecvFlags, SendFlags, UCred, recv, send};
 
 use crate::external::{ExternalLaw, without_answer};
 
@@ -160,13 +155,10 @@ fn wait_readable(connection: &OwnedFd, longest: Span) {
     let _ = poll(&mut [PollFd::new(connection, PollFlags::IN)], Some(&timeout));
 }
 
-/// The socket on which an external law connects, for the background thread. Its file is removed with it.
+/// The socket on which an external law connects, for the background thread.
 #[derive(Debug)]
 pub(crate) struct LawListener {
-    socket: OwnedFd,
-    path: PathBuf,
-    /// Device and inode of the socket's file: only this file is removed.
-    file: Option<(u64, u64)>,
+    listener: PacketListener,
     connections: Sender<OwnedFd>,
     /// A second descriptor of the connection in use.
     present: Option<OwnedFd>,
@@ -178,29 +170,22 @@ impl LawListener {
     /// # Errors
     /// The socket cannot be made (exit code 71).
     pub(crate) fn open(path: PathBuf, connections: Sender<OwnedFd>) -> Result<Self, Failure> {
-        let socket = bound(&path).map_err(|error| {
-            let text = format!("socket {} of the external law: {error}", path.display());
-            Failure::new(Exit::System, text)
+        let shown = path.display().to_string();
+        let listener = PacketListener::open(path).map_err(|error| {
+            Failure::new(Exit::System, format!("socket {shown} of the external law: {error}"))
         })?;
-        tracing::info!("an external law connects at {}", path.display());
-        let file = files::identity(&path);
-        Ok(Self { socket, path, file, connections, present: None })
+        tracing::info!("an external law connects at {shown}");
+        Ok(Self { listener, connections, present: None })
     }
 
     /// Notices the end of the law, and accepts one that waits. While one is connected, others are refused.
     pub(crate) fn poll(&mut self) {
-        if self.present.as_ref().is_some_and(|present| !is_open(present)) {
+        if self.present.as_ref().is_some_and(|present| !is_connected(present)) {
             tracing::warn!("external law disconnected: no law is connected");
             self.present = None;
         }
-        let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
-        let Ok(connection) = accept_with(&self.socket, flags) else { return };
-        let Ok(peer) = sockopt::socket_peercred(&connection) else { return };
-        let own = rustix::process::geteuid();
-        let pid = peer.pid;
-        if peer.uid != own && !peer.uid.is_root() {
-            tracing::warn!(?pid, "external law of another user refused");
-        } else if self.present.is_some() {
+        let Some((connection, UCred { pid, .. })) = self.listener.accept() else { return };
+        if self.present.is_some() {
             tracing::warn!(?pid, "external law refused: another one is connected");
         } else if let Ok(present) = connection.try_clone()
             && self.connections.try_send(connection).is_ok()
@@ -211,49 +196,15 @@ impl LawListener {
     }
 }
 
-impl Drop for LawListener {
-    fn drop(&mut self) {
-        files::remove_same(&self.path, self.file);
-    }
-}
-
-/// A listening socket at `path`, mode 0600.
-fn bound(path: &std::path::Path) -> std::io::Result<OwnedFd> {
-    let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
-    let socket = socket_with(AddressFamily::UNIX, SocketType::SEQPACKET, flags, None)?;
-    // The file gets the mode of the socket when it is made.
-    rustix::fs::fchmod(&socket, Mode::RUSR | Mode::WUSR)?;
-    // Bound and listening under another name: a law that waits for the file finds it listening.
-    let unready = path.with_file_name(LAW_UNREADY);
-    files::remove(&unready)?;
-    bind(&socket, &SocketAddrUnix::new(&unready)?)?;
-    listen(&socket, 4)?;
-    std::fs::rename(&unready, path)?;
-    Ok(socket)
-}
-
-/// Whether the process at the other end holds the connection open.
-fn is_open(connection: &OwnedFd) -> bool {
-    let mut polled = [PollFd::new(connection, PollFlags::RDHUP)];
-    let none = Timespec { tv_sec: 0, tv_nsec: 0 };
-    poll(&mut polled, Some(&none)).is_ok()
-        && !polled[0].revents().intersects(PollFlags::HUP | PollFlags::RDHUP | PollFlags::ERR)
-}
-
 #[cfg(test)]
 mod tests {
     use std::os::unix::fs::PermissionsExt;
 
+    use oqtal_runtime::packet_socket::connect;
+
     use crate::external::reason_of;
 
     use super::*;
-
-    fn connected(path: &std::path::Path) -> OwnedFd {
-        let flags = SocketFlags::CLOEXEC;
-        let law = socket_with(AddressFamily::UNIX, SocketType::SEQPACKET, flags, None).unwrap();
-        rustix::net::connect(&law, &SocketAddrUnix::new(path).unwrap()).unwrap();
-        law
-    }
 
     fn answers(law: &OwnedFd, sequence: u64) {
         let mut bytes = [0; ExternalV1::SIZE];
@@ -269,7 +220,7 @@ mod tests {
         let (sender, receiver) = connections();
         let mut listener = LawListener::open(path.clone(), sender).unwrap();
         assert_eq!(path.metadata().unwrap().permissions().mode() & 0o777, 0o600);
-        let (first, second) = (connected(&path), connected(&path));
+        let (first, second) = (connect(&path).unwrap(), connect(&path).unwrap());
         listener.poll();
         listener.poll();
         let mut law = SocketLaw::new(receiver, StopFlag::default());
@@ -299,7 +250,7 @@ mod tests {
         assert_eq!(told(ask(&mut law, 9, 60_000)), Some(HandoverCause::Absent));
         listener.poll();
         assert!(listener.present.is_none(), "its end was noticed");
-        let _third = connected(&path);
+        let _third = connect(&path).unwrap();
         listener.poll();
         assert_eq!(law.connections.len(), 1);
         drop(listener);

@@ -100,13 +100,18 @@ use std::rc::Rc;
 
 use crossbeam_channel::Receiver;
 
+use oqtal_bus::bus::Bus;
+use oqtal_bus::error::BusError;
 use oqtal_bus::topic::POSE;
+use oqtal_bus::transport::DirectPath;
 use oqtal_config::{Config, FaultTarget};
 use oqtal_control::trajectory::Trajectory;
 use oqtal_runtime::background::with_background;
 use oqtal_runtime::faults::FaultyTransport;
+use oqtal_runtime::loop_clock::LoopClock;
 use oqtal_runtime::process::{Failure, ProcessContext};
 use oqtal_runtime::process_loop;
+use oqtal_runtime::turn::{Consecutive, Turn};
 
 pub use arming::{ArmingCheck, ArmingView};
 use background::DaemonWorker;
@@ -145,12 +150,28 @@ pub use waypoint_file::{trajectory, trajectory_along};
 /// # Errors
 /// Another controller holds the command topic, the configuration is invalid, or the bus refuses.
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
+    let clock = |bus: &Rc<Bus>| context.loop_clock(bus, &POSE);
+    run_behind(context, (), clock, None)
+}
+
+/// As [`run`], where each turn follows one of `before` in the same loop, whose clock is `clock`; commands are also transmitted by
+/// `direct`.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_behind(
+    context: &ProcessContext,
+    before: impl Turn,
+    clock: impl FnOnce(&Rc<Bus>) -> Result<LoopClock, BusError>,
+    direct: Option<Box<dyn DirectPath>>,
+) -> Result<(), Failure> {
     let trajectory = fitting_trajectory(&context.config)?;
     warnings(&context.config, &trajectory).iter().for_each(|told| tracing::warn!("{told}"));
     let bus = Rc::new(context.bus()?);
     let faulty = FaultyTransport::new(&bus, &context.config)?;
     let mut ports = DaemonPorts::open(&faulty)?;
-    let mut clock = context.loop_clock(&bus, &POSE)?;
+    ports.transmit_by(direct);
+    let mut clock = clock(&bus)?;
     let started_at = clock.now();
     let mut cycle = Cycle::new(&context.config, trajectory, started_at)
         .map_err(|error| context.config.locate(&error))?;
@@ -176,9 +197,9 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
             ports.announce_start(started_at, marker.stays, expects_flight)?;
             context.enter_realtime();
             let turn = DaemonTurn { ports, cycle, warmup, handle, law };
-            let mut turn = faulty.turn(FaultTarget::Daemon, turn);
+            let mut turn = Consecutive(before, faulty.turn(FaultTarget::Daemon, turn));
             let ended = process_loop::run(&mut turn, &mut clock, None);
-            marker.end(ended.is_ok(), || turn.turn.awaits_arm());
+            marker.end(ended.is_ok(), || turn.1.turn.awaits_arm());
             ended.map_err(Into::into)
         },
     )

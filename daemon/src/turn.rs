@@ -12,7 +12,7 @@ use oqtal_bus::topic::{
     COMMAND, EXTERNAL, INPUT, LAW_STATE, POSE, POSE_READ, REFERENCE, TELEMETRY, VEHICLE,
     VEHICLE_READ,
 };
-use oqtal_bus::transport::{Publish, Subscribe, Transport};
+use oqtal_bus::transport::{DirectPath, Publish, Subscribe, Transport};
 use oqtal_runtime::health::MotorActivity;
 use oqtal_runtime::turn::{Turn, TurnClock};
 
@@ -35,6 +35,8 @@ pub struct DaemonPorts<T: Transport> {
     inputs: T::Writer<InputV1>,
     /// Questions to an external law and its answers; `None` for a built-in law.
     exchange: Option<(T::Writer<StateV1>, T::Writer<ExternalV1>)>,
+    /// Path of the commands besides the bus.
+    direct: Option<Box<dyn DirectPath>>,
     /// Copies of what was read, where faults by hand alter it; `None` where it is read as it was sent.
     poses_read: Option<T::Writer<PoseV1>>,
     vehicles_read: Option<T::Writer<VehicleV1>>,
@@ -56,6 +58,7 @@ impl<T: Transport> DaemonPorts<T> {
             stop: ControllerStop::new(bus.stop_switch()?),
             inputs: bus.writer(&INPUT)?,
             exchange: None,
+            direct: None,
             poses_read: bus.alters(&POSE).then(|| bus.writer(&POSE_READ)).transpose()?,
             vehicles_read: bus.alters(&VEHICLE).then(|| bus.writer(&VEHICLE_READ)).transpose()?,
         })
@@ -68,6 +71,23 @@ impl<T: Transport> DaemonPorts<T> {
     pub fn open_exchange(&mut self, bus: &T) -> Result<(), BusError> {
         self.exchange = Some((bus.writer(&LAW_STATE)?, bus.writer(&EXTERNAL)?));
         Ok(())
+    }
+
+    /// Transmits commands by `path`, too.
+    pub fn transmit_by(&mut self, path: Option<Box<dyn DirectPath>>) {
+        self.direct = path;
+    }
+
+    /// Publishes a command, and transmits it by its other path; returns its number.
+    fn command(
+        &mut self,
+        pose_sequence: u64,
+        stamps: Stamps,
+        command: CommandV1,
+    ) -> Result<u64, BusError> {
+        let sequence = self.commands.send(pose_sequence, stamps, command)?;
+        self.direct.iter_mut().for_each(|path| path.transmit(sequence, &command));
+        Ok(sequence)
     }
 
     /// Publishes question and answer of a tick; returns the number of the answer, 0 if no external law was asked.
@@ -253,7 +273,7 @@ impl<T: Transport> Turn for DaemonTurn<'_, T> {
         if let Some(tick) = cycle.step_with(now, arrival.as_ref(), law) {
             let computed_at = clock.now();
             let stamps = Stamps { computed_at, command_published_at: clock.now(), ..tick.stamps };
-            let sequence = ports.commands.send(tick.pose_sequence, stamps, tick.command)?;
+            let sequence = ports.command(tick.pose_sequence, stamps, tick.command)?;
             clock.announce(&ports.commands)?;
             if tick.command.actuation == Actuation::Disarmed.code() {
                 ports.stop.confirm();

@@ -89,7 +89,7 @@ fn finish(program: &str, result: Result<Exit, Failure>) -> ExitCode {
 
 impl ReceiverArgs {
     /// The arguments that every process has: the link becomes a setting.
-    fn common(self) -> CommonArgs {
+    pub fn common(self) -> CommonArgs {
         let Self { link, mut common } = self;
         common.settings.extend(link.map(|link| format!("receiver.link={link}")));
         common

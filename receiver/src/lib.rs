@@ -48,7 +48,7 @@ mod vrpn;
 mod watch;
 
 pub use attempt::{CameraConnection, ConnectError};
-pub use command::ReceiverCommand;
+pub use command::{ReceiverArgs, ReceiverCommand};
 pub use connect::{connect, connect_to_all};
 pub use definitions::BodyDefinitions;
 pub use discover::{FoundServer, discover};
@@ -56,7 +56,7 @@ pub use probe::{
     BodyFigures, ClockFigures, FitnessVerdict, IntervalFigures, NoiseFigures, ProbeFigures,
     ProbeFinding, Severity, probe,
 };
-pub use process::{check, link as configured_link, run};
+pub use process::{ReceiverParts, check, link as configured_link, open, run};
 pub use receiver::PoseReceiver;
 pub use routes::CameraBody;
 pub use stream::{CameraStream, FrameSink, MeasuredBody};

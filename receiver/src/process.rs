@@ -1,5 +1,7 @@
 //! The process: from the configuration to the loop.
 
+use std::os::fd::OwnedFd;
+
 use oqtal_bus::bus::Bus;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::HealthV1;
@@ -20,7 +22,7 @@ use crate::background::Connector;
 use crate::connect::connect_to_all;
 use crate::note::ReceiverNote;
 use crate::receiver::PoseReceiver;
-use crate::turn::{ReceiverParts, ReceiverTurn, SocketSet};
+use crate::turn::{ReceiverTurn, SocketSet, TurnParts};
 use oqtal_wire::link::CameraLink;
 
 /// The link that a configuration names; `None` if it names none.
@@ -67,6 +69,26 @@ pub fn check(config: &Config) -> Result<(), Failure> {
 /// # Errors
 /// As [`check`]; there is no server or no such body; another process publishes poses; the bus breaks.
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
+    let ReceiverParts { mut turn, descriptor, connector, buses: _buses } = open(context)?;
+    let clock = LoopClock::polled(descriptor, context.stop.clone());
+    let period = Span::period_of(context.config.control.rate_hz);
+    let awake = AwakeInterval::of(&context.config, context.role);
+    let mut clock = clock.counted_in(context.health.clone(), period).awake_in(awake);
+    with_background(
+        context,
+        || Ok(connector),
+        || {
+            context.enter_realtime();
+            Ok(process_loop::run(&mut turn, &mut clock, None)?)
+        },
+    )
+}
+
+/// Opens the parts of the receiver; frames come from then on.
+///
+/// # Errors
+/// As [`run`].
+pub fn open(context: &ProcessContext) -> Result<ReceiverParts, Failure> {
     let link = link_to_bodies(&context.config)?;
     let buses = open_buses(context, &link)?;
     let refused = |error: std::io::Error| {
@@ -74,13 +96,9 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     };
     let sockets = SocketSet::new().map_err(refused)?;
     let descriptor = sockets.descriptor().map_err(refused)?;
-    let clock = LoopClock::polled(descriptor, context.stop.clone());
-    let period = Span::period_of(context.config.control.rate_hz);
-    let awake = AwakeInterval::of(&context.config, context.role);
-    let mut clock = clock.counted_in(context.health.clone(), period).awake_in(awake);
     let (handle, background) = handoff();
     let options = &context.config.receiver;
-    let parts = ReceiverParts {
+    let parts = TurnParts {
         receiver: PoseReceiver::new(options, link.bodies.len()),
         sockets,
         handle,
@@ -93,16 +111,8 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let CameraConnection { stream, server, .. } = connect_to_all(&link)?;
     tracing::info!(link = link.to_string(), "{server}: connected");
     turn.set_stream(stream, Time::now());
-    let health = context.health.clone();
-    with_background(
-        context,
-        || Ok(Connector::new(background, link, health)),
-        || {
-            context.enter_realtime();
-            let mut turn = BeatingTurn { turn, heartbeats };
-            Ok(process_loop::run(&mut turn, &mut clock, None)?)
-        },
-    )
+    let connector = Connector::new(background, link, context.health.clone());
+    Ok(ReceiverParts { turn: BeatingTurn { turn, heartbeats }, descriptor, connector, buses })
 }
 
 /// Joins the instance of every body.
@@ -118,8 +128,22 @@ fn open_buses(context: &ProcessContext, link: &CameraLink) -> Result<Vec<Bus>, F
     Ok(buses)
 }
 
+/// Parts of a receiver, for its loop and for its background thread.
+#[derive(Debug)]
+pub struct ReceiverParts {
+    /// The turn of the loop.
+    pub turn: BeatingTurn,
+    /// Readable when the turn has something to receive.
+    pub descriptor: OwnedFd,
+    /// Worker of the background thread.
+    pub connector: Connector,
+    /// The instances of the bodies.
+    pub buses: Vec<Bus>,
+}
+
 /// A turn with a heartbeat on every instance.
-struct BeatingTurn {
+#[derive(Debug)]
+pub struct BeatingTurn {
     turn: ReceiverTurn<Bus>,
     heartbeats: Vec<Heartbeat>,
 }

@@ -84,7 +84,7 @@ pub struct ReceiverTurn<T: Transport> {
 
 /// Parts of a [`ReceiverTurn`].
 #[derive(Debug)]
-pub struct ReceiverParts {
+pub struct TurnParts {
     /// From frames to poses.
     pub receiver: PoseReceiver,
     /// The sockets that wake the loop.
@@ -102,15 +102,12 @@ impl<T: Transport> ReceiverTurn<T> {
     ///
     /// # Errors
     /// Another process publishes poses on one of the instances, or the transport failed.
-    pub fn open<'a>(
-        buses: impl Iterator<Item = &'a T>,
-        parts: ReceiverParts,
-    ) -> Result<Self, BusError>
+    pub fn open<'a>(buses: impl Iterator<Item = &'a T>, parts: TurnParts) -> Result<Self, BusError>
     where
         T: 'a,
     {
         let writers = buses.map(|bus| bus.writer(&POSE)).collect::<Result<Vec<_>, _>>()?;
-        let ReceiverParts { receiver, sockets, handle, health, silence } = parts;
+        let TurnParts { receiver, sockets, handle, health, silence } = parts;
         let watch = ReceiverWatch::new(writers.len());
         Ok(Self {
             receiver,

@@ -15,6 +15,14 @@ pub trait BackgroundWorker {
     fn poll(&mut self);
 }
 
+/// Work of two background threads on one.
+impl<A: BackgroundWorker, B: BackgroundWorker> BackgroundWorker for (A, B) {
+    fn poll(&mut self) {
+        self.0.poll();
+        self.1.poll();
+    }
+}
+
 /// Executes `realtime` on the calling thread, beside a background thread. `open` makes the worker on the background thread, since
 /// bus ports stay on the thread that opens them. `realtime` starts once the worker is open. The background thread ends after
 /// `realtime`, after a last poll.

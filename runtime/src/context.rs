@@ -21,7 +21,7 @@ use crate::stop::StopFlag;
 use crate::watches::Watches;
 
 /// Context of a running process.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct ProcessContext {
     /// The effective configuration.
     pub config: Config,
@@ -49,6 +49,11 @@ impl ProcessContext {
         let bus = Bus::open(&self.paths()?)?;
         self.watches.add(bus.watch()?);
         Ok(bus.with_signals(self.signals.clone()))
+    }
+
+    /// This context for a part of the process that has the role and the health of another one.
+    pub fn of_part(&self, role: Role) -> Self {
+        Self { role, health: Health::default(), ..self.clone() }
     }
 
     /// The heartbeat of this process.

@@ -28,6 +28,7 @@
 //! | `pose_source.rs` | sources of poses |
 //! | `actuation.rs` | kind of command by the interface of a vehicle |
 //! | `flight_marker.rs` | the file that prevents an automatic take-off after a crash or a stop |
+//! | `packet_socket.rs` | socket at which other processes of this user connect |
 //! | `files.rs` | files and directories protected against other users |
 #![forbid(unsafe_code)]
 
@@ -47,6 +48,7 @@ mod log;
 pub mod loop_clock;
 mod lost_files;
 pub mod overrun;
+pub mod packet_socket;
 pub mod pose_source;
 pub mod process;
 pub mod process_loop;

@@ -29,16 +29,26 @@ pub type Check = fn(&Config) -> Result<(), Failure>;
 
 /// Executes the command for the process `role` with the main function `job`, and returns the exit code.
 pub fn execute(role: Role, command: &ProcessCommand, job: Job, check: Check) -> ExitCode {
+    execute_as(role.name(), role, command, (job, check))
+}
+
+/// As [`execute`], for a process that `oqtal` calls `name` and that has the place of `role`.
+pub fn execute_as(
+    name: &str,
+    role: Role,
+    command: &ProcessCommand,
+    (job, check): (Job, Check),
+) -> ExitCode {
     let result = match command {
         ProcessCommand::Check(args) => load(args).and_then(|config| {
             check(&config)?;
             print(&describe(&config))
         }),
-        ProcessCommand::Run(args) => run(role, args, job),
+        ProcessCommand::Run(args) => run(name, role, args, job),
     };
     match result {
         Ok(()) => Exit::Ok.into(),
-        Err(failure) => conclude(&format!("oqtal {}", role.name()), &failure),
+        Err(failure) => conclude(&format!("oqtal {name}"), &failure),
     }
 }
 
@@ -58,7 +68,7 @@ fn load(args: &CommonArgs) -> Result<Config, Failure> {
     Ok(Config::load(&args.config, &args.settings()?)?)
 }
 
-fn run(role: Role, args: &CommonArgs, job: Job) -> Result<(), Failure> {
+fn run(name: &str, role: Role, args: &CommonArgs, job: Job) -> Result<(), Failure> {
     if let Some(parent) = args.child {
         die_with(parent)?;
     }
@@ -67,8 +77,8 @@ fn run(role: Role, args: &CommonArgs, job: Job) -> Result<(), Failure> {
     // An emulated vehicle at a wire is stopped through its bridge, like a real one.
     let is_stopped_by_bridge = role == Role::Plant && !config.plant.wire.link.is_empty();
     // Named once the handlers are installed: operators find the process by this name.
-    let name = thread_name(&instance_paths(&config)?, role);
-    let _log = log::start(config.log.level, role, name.filter(|_| !is_stopped_by_bridge));
+    let thread = thread_name(&instance_paths(&config)?, role);
+    let _log = log::start(config.log.level, role, thread.filter(|_| !is_stopped_by_bridge));
     let stop = stop_on_signals()?;
     stop_on_panics(&stop);
     let context = ProcessContext {
@@ -84,11 +94,10 @@ fn run(role: Role, args: &CommonArgs, job: Job) -> Result<(), Failure> {
     tracing::info!(
         instance = context.config.instance.name,
         config = format!("{:016x}", context.config.hash()),
-        "{} starts",
-        role.name()
+        "{name} starts"
     );
     let result = guarded(|| service::notified(&context, || watched(&context, || job(&context))));
-    tracing::info!("{} ends", role.name());
+    tracing::info!("{name} ends");
     result
 }
 

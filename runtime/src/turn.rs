@@ -58,6 +58,45 @@ pub trait Turn {
     }
 }
 
+/// No turn.
+impl Turn for () {
+    fn next_event(&self, _now: Time) -> Option<Time> {
+        None
+    }
+
+    fn turn<C: TurnClock>(&mut self, _clock: &mut C) -> Result<(), BusError> {
+        Ok(())
+    }
+}
+
+/// Turns one after the other, as those of two processes; the second one states motors and health.
+#[derive(Debug)]
+pub struct Consecutive<A, B>(pub A, pub B);
+
+impl<A: Turn, B: Turn> Turn for Consecutive<A, B> {
+    fn next_event(&self, now: Time) -> Option<Time> {
+        [self.0.next_event(now), self.1.next_event(now)].into_iter().flatten().min()
+    }
+
+    fn turn<C: TurnClock>(&mut self, clock: &mut C) -> Result<(), BusError> {
+        self.0.turn(clock)?;
+        self.1.turn(clock)
+    }
+
+    fn shut_down<C: TurnClock>(&mut self, clock: &mut C) -> Result<(), BusError> {
+        let first = self.0.shut_down(clock);
+        self.1.shut_down(clock).and(first)
+    }
+
+    fn motors(&self) -> MotorActivity {
+        self.1.motors()
+    }
+
+    fn health(&self, now: Time) -> HealthV1 {
+        self.1.health(now)
+    }
+}
+
 /// Executes one turn at the virtual instant `now`, scheduled by [`crate::virtual_clock::VirtualClock`].
 ///
 /// # Errors

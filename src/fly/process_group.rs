@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
-use oqtal_runtime::process::{Exit, Failure};
+use oqtal_runtime::process::{Exit, Failure, instance_paths};
 
 use oqtal_lab::mission::Mission;
 use oqtal_receiver::connect_to_all;
@@ -33,6 +33,8 @@ pub struct ProcessGroup {
 #[derive(Debug)]
 struct Member {
     role: Role,
+    /// Name of the command that runs it.
+    name: &'static str,
     child: Child,
     /// Whether a fault killed the process and it is to be restarted: its end is not a failure.
     is_down: bool,
@@ -49,18 +51,28 @@ impl ProcessGroup {
         interrupts: &Interrupts,
     ) -> Result<Self, Failure> {
         let mut processes = Self { members: Vec::new(), config: directory.config() };
-        let FlightPaths { commands, poses } = paths;
-        let roles = poses.roles(commands.roles(&mission.config));
+        let FlightPaths { commands, poses, is_chain } = paths;
+        let roles = paths.roles(&mission.config);
         for role in roles.into_iter().filter(|role| *role != Role::Recorder) {
+            let is_chain = *is_chain && role == Role::Daemon;
             match (role, commands.awaited(), poses.awaited()) {
-                (Role::Bridge, Some(path), _) => processes.wait_for(path, interrupts)?,
-                (Role::Receiver, _, Some(link)) => processes.wait_for_cameras(link, interrupts)?,
+                (Role::Bridge, Some(path), _) => {
+                    processes.wait_for(path, Role::Plant, interrupts)?
+                }
+                (_, _, Some(link)) if is_chain || role == Role::Receiver => {
+                    processes.wait_for_cameras(link, interrupts)?;
+                }
                 _ => {}
             }
+            if is_chain {
+                let socket = instance_paths(&mission.config)?.chain();
+                processes.wait_for(&socket, Role::Bridge, interrupts)?;
+            }
             interrupts.check()?;
-            let command = command(&[role.name()], &processes.config)?;
-            let child = Child::start(role.name(), command, directory.path())?;
-            processes.members.push(Member { role, child, is_down: false });
+            let name = if is_chain { "chain" } else { role.name() };
+            let command = command(&[name], &processes.config)?;
+            let child = Child::start(name, command, directory.path())?;
+            processes.members.push(Member { role, name, child, is_down: false });
         }
         Ok(processes)
     }
@@ -81,15 +93,20 @@ impl ProcessGroup {
             ProcessAction::Stop => member.child.signal(Signal::STOP),
             ProcessAction::Continue => member.child.signal(Signal::CONT),
             ProcessAction::Start => {
-                member.child.restart(command(&[role.name()], &self.config)?)?;
+                member.child.restart(command(&[member.name], &self.config)?)?;
                 member.is_down = false;
             }
         }
         Ok(())
     }
 
-    /// Waits until the plant has created `link`. A link older than the configuration file was left by a killed plant.
-    fn wait_for(&mut self, link: &Path, interrupts: &Interrupts) -> Result<(), Failure> {
+    /// Waits until the process `maker` has created `link`. A link older than the configuration file was left by a killed process.
+    fn wait_for(
+        &mut self,
+        link: &Path,
+        maker: Role,
+        interrupts: &Interrupts,
+    ) -> Result<(), Failure> {
         let deadline = Time::now() + START_TIMEOUT;
         let made = |file: std::io::Result<Metadata>| file.and_then(|file| file.modified()).ok();
         let begun = made(fs::metadata(&self.config));
@@ -99,10 +116,9 @@ impl ProcessGroup {
                 return Err(failure);
             }
             if Time::now() >= deadline {
-                let message = format!(
-                    "plant-sim did not create {}; see plant-sim.log beside the report",
-                    link.display()
-                );
+                let (maker, link) = (maker.name(), link.display());
+                let message =
+                    format!("{maker} did not create {link}; see {maker}.log beside the report");
                 return Err(Failure::new(Exit::Peer, message));
             }
             std::thread::sleep(Duration::from_millis(2));

@@ -76,8 +76,7 @@ impl BusFlight<'_> {
     /// Fails if another process has the place of one of this flight: it must not be used for it.
     fn refuse_running_processes(&self, bus: &Bus) -> Result<(), Failure> {
         let InstancePaths { instance, .. } = bus.paths();
-        let FlightPaths { commands, poses } = self.paths;
-        let roles = poses.roles(commands.roles(&self.mission.config));
+        let roles = self.paths.roles(&self.mission.config);
         for role in roles.into_iter().filter(|role| *role != Role::Recorder) {
             let Some(holder) = bus.holder(&role.health())? else { continue };
             let message = format!(

@@ -1,4 +1,4 @@
-//! Every interleaving of the event count and of the stop words, with the files of `oqtal-bus` that contain their protocols.
+//! Every interleaving of the event count, of the stop words and of the lease of a port, with the files of `oqtal-bus` that contain their protocols.
 //!
 //! `cargo test --release`, in this directory. Memory is that of one process instead of a mapped file; the futex is a mutex and a
 //! condition variable.
@@ -13,6 +13,8 @@ mod atomic {
 }
 #[path = "../../src/wake/event_count.rs"]
 mod event_count;
+#[path = "../../src/lease/words.rs"]
+mod lease;
 #[path = "../../src/stop/words.rs"]
 mod words;
 
@@ -163,6 +165,7 @@ fn of_two_stops_raised_at_once_none_is_lost() {
     });
 }
 
+<<<<<<< HEAD
 #[test]
 fn a_stop_that_is_withheld_is_reported_as_obeyed_only_once_control_is_given_back() {
     model(|| {
@@ -185,5 +188,42 @@ fn a_stop_that_is_withheld_is_reported_as_obeyed_only_once_control_is_given_back
         lab.turn_vehicle(&mut vehicle);
         let report = words::report(&lab.words, number);
         assert!(report.vehicle_obeys && report.motors_off && !report.another_has_control);
+=======
+/// A frame, not atomically: frames of two writers at once would be lost.
+fn write(frames: &AtomicU32) {
+    let before = frames.load(Ordering::Relaxed);
+    frames.store(before + 1, Ordering::Relaxed);
+}
+
+#[test]
+fn a_lent_port_has_one_writer_at_a_time() {
+    loom::model(|| {
+        let port = Arc::new((AtomicU32::new(0), AtomicU32::new(0)));
+        let tenant = {
+            let port = port.clone();
+            thread::spawn(move || {
+                let mut written = 0;
+                for _ in 0..2 {
+                    if lease::take(&port.0) {
+                        write(&port.1);
+                        lease::release(&port.0, true);
+                        written += 1;
+                    }
+                }
+                written
+            })
+        };
+        let mut written = 0;
+        for _ in 0..2 {
+            if lease::close(&port.0).is_some() {
+                write(&port.1);
+                lease::offer(&port.0);
+                written += 1;
+            }
+        }
+        written += tenant.join().unwrap();
+        assert!(lease::close(&port.0).is_some());
+        assert_eq!(port.1.load(Ordering::Relaxed), written);
+>>>>>>> w32
     });
 }

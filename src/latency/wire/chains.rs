@@ -33,6 +33,8 @@ const POLL_PERIOD: Span = Span::from_millis(100);
 pub enum Chain {
     /// Receiver, daemon and bridge.
     Oqtal,
+    /// Receiver and daemon in one process, `oqtal chain`, and the bridge.
+    OneProcess,
     /// A script with qtm-rt and pymavlink.
     Python,
 }
@@ -47,13 +49,15 @@ impl Chain {
             .stderr(Stdio::null())
             .status();
         let is_installed = has.is_ok_and(|status| status.success());
-        if is_installed { vec![Self::Oqtal, Self::Python] } else { vec![Self::Oqtal] }
+        let all = [Self::Oqtal, Self::OneProcess, Self::Python];
+        all[..if is_installed { 3 } else { 2 }].to_vec()
     }
 
     /// Name in figures.
     pub fn name(self) -> &'static str {
         match self {
             Self::Oqtal => "oqtal",
+            Self::OneProcess => "oqtal chain",
             Self::Python => "qtm-rt and pymavlink",
         }
     }
@@ -109,14 +113,20 @@ impl Chain {
         directory: &Path,
     ) -> Result<Vec<Child>, Failure> {
         match self {
-            Self::Oqtal => start_oqtal(config, flight_s, directory),
+            Self::Oqtal => start_oqtal(config, flight_s, directory, &[]),
+            Self::OneProcess => start_oqtal(config, flight_s, directory, &["--chain"]),
             Self::Python => start_python(config, flight_s, directory),
         }
     }
 }
 
 /// A flight in an instance of its own: a running one may control a real vehicle.
-fn start_oqtal(config: &Config, flight_s: i64, directory: &Path) -> Result<Vec<Child>, Failure> {
+fn start_oqtal(
+    config: &Config,
+    flight_s: i64,
+    directory: &Path,
+    flags: &[&str],
+) -> Result<Vec<Child>, Failure> {
     let mut config = config.clone();
     config.instance.name = format!("wire-{}", std::process::id());
     config.clock.kind = ClockKind::Real;
@@ -126,7 +136,7 @@ fn start_oqtal(config: &Config, flight_s: i64, directory: &Path) -> Result<Vec<C
     let file = directory.join("config.toml");
     files::write(&file, config.to_toml()).map_err(|e| failed(&file, &e))?;
     let mut command = program(&["fly", "--mocap", "qtm", "--vehicle", "bridge:mavlink"])?;
-    command.arg("--config").arg(&file).arg("--out").arg(directory.join("flight"));
+    command.args(flags).arg("--config").arg(&file).arg("--out").arg(directory.join("flight"));
     Ok(vec![Child::start("fly", command, directory)?])
 }
 

@@ -69,6 +69,19 @@ impl MavlinkEncoder {
         }
     }
 
+    /// Number of the next packet, modulo 256, and its stamp, zero if packets are not signed \[-\].
+    pub fn position(&self) -> (u8, u64) {
+        (self.sequence, self.signer.as_ref().map_or(0, Signer::stamp))
+    }
+
+    /// Continues behind the packets of another encoder of this sender, which has reached this [`Self::position`].
+    pub fn continue_at(&mut self, (sequence, stamp): (u8, u64)) {
+        self.sequence = sequence;
+        if let Some(signer) = &mut self.signer {
+            signer.set_stamp(stamp);
+        }
+    }
+
     /// The packet of a message; `None` for a message that cannot be sent.
     pub fn encode(&mut self, content: &MavlinkContent) -> Option<MavlinkWire> {
         let (id, payload) = write::message(content)?;

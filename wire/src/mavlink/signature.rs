@@ -78,6 +78,16 @@ impl Signer {
         self.stamp += 1;
     }
 
+    /// Stamp of the next packet.
+    pub(super) fn stamp(&self) -> u64 {
+        self.stamp
+    }
+
+    /// Sets the stamp of the next packet.
+    pub(super) fn set_stamp(&mut self, stamp: u64) {
+        self.stamp = stamp;
+    }
+
     /// Makes the next stamp later than every stamp that `check` has accepted. Receivers reject a sender whose first stamp is more than
     /// a minute older, for instance because the clock of its machine was not set.
     pub(super) fn follow(&mut self, check: &SignatureCheck) {
