@@ -1,7 +1,7 @@
 //! `oqtal chain`: receiver and daemon in one loop, which also writes the flight commands to the port of the bridge. From the datagram of
 //! the cameras to that of the command no process waits for another one.
 //!
-//! The bridge remains a process of its own, with the watch over the vehicle: it opens the port and lends it, and sends every other
+//! The bridge remains a process of its own and still enforces its safety rules: it opens the port and lends it, and sends every other
 //! set-point, also when the chain ends or hangs.
 
 use std::process::ExitCode;
@@ -40,6 +40,10 @@ impl ChainCommand {
 
 /// Whether receiver and daemon could run with `config`.
 fn check(config: &Config) -> Result<(), Failure> {
+    if config.fault.inject.iter().any(|fault| fault.target == FaultTarget::Command) {
+        let reason = "`fault.inject` cannot alter commands that the chain sends past the bus; fly with `oqtal receiver run` and `oqtal daemon run`, or with `oqtal fly` without --chain";
+        return Err(Failure::new(Exit::Usage, reason));
+    }
     oqtal_receiver::check(config)?;
     oqtal_daemon::check(config)
 }
@@ -58,7 +62,8 @@ fn run(context: &ProcessContext) -> Result<(), Failure> {
         .awake_in(awake);
     with_background(
         &cameras,
-        || Ok((connector, borrower)),
+        // Before the cameras, whose connection may take long.
+        || Ok((borrower, connector)),
         || oqtal_daemon::run_behind(context, turn, |_| Ok(clock), Some(Box::new(writer))),
     )
 }
@@ -66,10 +71,6 @@ fn run(context: &ProcessContext) -> Result<(), Failure> {
 /// The port of the bridge of this instance.
 fn borrow(context: &ProcessContext) -> Result<(PortBorrower, PortWriter), Failure> {
     let (bus, config) = (Bus::open(&context.paths()?)?, &context.config);
-    if config.fault.inject.iter().any(|fault| fault.target == FaultTarget::Command) {
-        let reason = "`fault.inject` cannot alter commands that the chain sends past the bus; fly with separate processes, as `oqtal fly` does";
-        return Err(Failure::new(Exit::Usage, reason));
-    }
     let flags = bus.paths().flags();
     let holder = bus.holder(&VEHICLE)?;
     PortBorrower::open(&bus.paths().chain(), config).map_err(|Failure { exit, message }| {

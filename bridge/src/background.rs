@@ -44,8 +44,8 @@ impl PortKeeper {
     }
 
     /// The worker, which also lends the port.
-    pub fn lending(self, lender: PortLender) -> Self {
-        Self { lender: Some(lender), ..self }
+    pub fn lending(self, lender: Option<PortLender>) -> Self {
+        Self { lender, ..self }
     }
 
     /// The worker, which also does `chore`.

@@ -47,12 +47,12 @@ impl BorrowedPort {
         self.protocol.continue_encoder(&encoder);
         let frame = self.protocol.setpoint(now, &VehicleSetpoint::Fly(*command));
         let length = frame.bytes().len();
-        self.lease.begin(sequence, &self.protocol.encoder_state().unwrap_or(encoder));
+        self.lease.begin(sequence, length, &self.protocol.encoder_state().unwrap_or(encoder));
         let written =
             if length == 0 { Ok(0) } else { rustix::io::write(&self.port, frame.bytes()) };
         match written {
             // The bridge tries it again, and finds a port that is lost.
-            Ok(0) | Err(_) => self.lease.abandon(sequence),
+            Ok(0) | Err(_) => self.lease.abandon(sequence, length),
             Ok(count) => self.lease.end(Time::now(), count == length),
         }
     }

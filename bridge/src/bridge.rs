@@ -5,7 +5,6 @@ mod due;
 mod lent;
 mod report;
 
-use oqtal_bus::lease::LastWritten;
 use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps, VehicleV1};
 use oqtal_bus::stop::StoppedMotors;
 use oqtal_bus::time::{Span, Time};
@@ -53,7 +52,7 @@ pub struct Bridge {
     /// Whether the last set-point was a flight command, which must not act beyond its time-out.
     flies: bool,
     /// Last writes of a tenant of the port.
-    written: Option<LastWritten>,
+    written: Option<WrittenSetpoint>,
     /// A command has arrived that no set-point has been sent for.
     command_waits: bool,
     emergency_stop_waits: bool,
@@ -67,6 +66,16 @@ pub struct Bridge {
     was_answering: bool,
     rejected: u64,
     rejected_at: Time,
+}
+
+/// Set-point that a tenant wrote.
+#[derive(Clone, Copy, Debug)]
+struct WrittenSetpoint {
+    /// Sequence of its command, the last 32 bits \[-\].
+    sequence: u32,
+    at: Time,
+    /// Time until its last byte has left.
+    on_wire: Span,
 }
 
 impl Bridge {
@@ -228,6 +237,9 @@ impl Bridge {
         let with_command = std::mem::take(&mut self.command_waits);
         self.schedule.add_setpoint(now, with_command);
         self.words_left = self.protocol.periodic_count();
+        if let Some(report) = self.report_written(now, forwarded) {
+            return Some(report);
+        }
         let frame = match setpoint {
             _ if !self.is_open => VehicleFrame::EMPTY,
             VehicleSetpoint::Released => VehicleFrame::EMPTY,
@@ -240,9 +252,6 @@ impl Bridge {
             // No set-point with thrust is sent: a stop has priority.
             self.stop_sent |= is_unsent && self.stopped_since.is_some();
             return Some(self.report(now, None, Span::ZERO));
-        }
-        if let Some(report) = self.report_written(now, forwarded, &frame) {
-            return Some(report);
         }
         self.begin(now, FrameKind::Setpoint(forwarded), &frame);
         None
@@ -316,6 +325,8 @@ impl Bridge {
     /// Records that everything handed over was discarded: the next frame is a zero set-point.
     pub fn discard_outgoing(&mut self) {
         self.outbox.clear();
+        // Nor does the frame of a tenant count that was written in part.
+        self.written = None;
         self.zero_first = true;
     }
 

@@ -30,16 +30,18 @@ pub struct PortLender {
 }
 
 impl PortLender {
-    /// Lends the port at `spec` to a tenant that connects at `path`.
+    /// Lends `link`, the port at `spec`, to a tenant that connects at `path`.
     ///
     /// # Errors
     /// The socket cannot be made (exit code 71).
-    pub fn open(path: PathBuf, spec: LinkSpec) -> Result<Self, Failure> {
+    pub fn open(path: PathBuf, spec: LinkSpec, link: &dyn VehicleLink) -> Result<Self, Failure> {
         let failed = format!("making the socket {} failed", path.display());
         let listener = PacketListener::open(path)
             .map_err(|error| Failure::new(Exit::System, format!("{failed}: {error}")))?;
-        let (port, tenant, is_lent, is_announced) = (None, None, false, false);
-        Ok(Self { listener, spec, port, tenant, is_lent, is_announced })
+        let (is_lent, is_announced) = (false, false);
+        let mut lender = Self { listener, spec, port: None, tenant: None, is_lent, is_announced };
+        lender.set_port(link);
+        Ok(lender)
     }
 
     /// Lends `link` from now on.
@@ -88,11 +90,15 @@ impl PortLender {
         let spec = &self.spec;
         if !can_be_lent(spec) {
             return Err(format!(
-                "the bridge cannot lend {spec}, only asctec without an XBee in API mode, mavlink, and crtp:udp; run `oqtal receiver run` and `oqtal daemon run` in place of the chain"
+                "the bridge cannot lend {spec}, only asctec without an XBee in API mode, mavlink, and crtp:udp; run `oqtal receiver run` and `oqtal daemon run` in place of the chain, or `oqtal fly` without --chain"
             ));
         }
         if self.is_lent {
             return Err("another chain has the port of the bridge; end that one first".to_owned());
+        }
+        // A bridge can kill only processes of its own user.
+        if peer.uid != rustix::process::geteuid() {
+            return Err("the chain must run as the user of the bridge".to_owned());
         }
         let Some(port) = &self.port else {
             return Err(format!("the bridge has lost its port, {spec}; see its log"));

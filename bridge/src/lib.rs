@@ -19,7 +19,7 @@
 //! | `bridge.rs` | the bridge of all these, pure | |
 //! | `setup.rs`, `options.rs` | protocol, transport and port that the configuration asks for | |
 //! | `vehicle_setup.rs`, `wanted.rs` | the command `setup`: parameters of an autopilot, and their rules | |
-//! | `lender.rs`, `tenant.rs`, `borrower.rs` | the port lent to another process, at both ends |
+//! | `lender.rs`, `tenant.rs`, `borrower.rs` | the port lent to another process, at both ends | safety |
 //! | `turn.rs`, `background.rs`, `note.rs` | the turn of the real-time thread; the background thread; its log | |
 //!
 //! The bridge is the second of three lines of safety, each independent of the others: the daemon checks poses, the bridge checks
@@ -64,6 +64,7 @@ mod xbee;
 use std::rc::Rc;
 
 use clap::{Args, Subcommand};
+use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{COMMAND, Role};
 use oqtal_config::{Config, FaultTarget};
 use oqtal_runtime::background::with_background;
@@ -225,6 +226,25 @@ pub fn check(config: &Config) -> Result<(), Failure> {
     VehicleSetup::of(config).map(drop)
 }
 
+/// Time for which a bridge that starts waits for a port that another process holds, and time between two attempts.
+const HELD_TIMEOUT: Span = Span::from_millis(2000);
+const HELD_POLL: std::time::Duration = std::time::Duration::from_millis(50);
+
+/// Opens `port`; waits a while for one that a process still holds, such as a chain that borrowed it from the bridge before.
+fn open_free(port: &dyn PortOptions) -> Result<Box<dyn VehicleLink>, PortOpenError> {
+    let give_up = Time::now() + HELD_TIMEOUT;
+    loop {
+        match port.open() {
+            Err(PortOpenError::Busy { .. } | PortOpenError::AddressInUse { .. })
+                if Time::now() < give_up =>
+            {
+                std::thread::sleep(HELD_POLL);
+            }
+            opened => return opened,
+        }
+    }
+}
+
 /// Passes commands to the vehicle until a stop is requested; leaves it with a zero set-point.
 ///
 /// # Errors
@@ -239,9 +259,10 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let ports = BridgePorts::open(&faulty, protocol.pose_period().is_some())?;
     let mut heartbeat = context.heartbeat(&bus)?;
     let mut clock = context.loop_clock(&bus, &COMMAND)?;
-    let mut lender = PortLender::open(bus.paths().chain(), spec.clone())?;
-    let link = port.open().map_err(PortOpenError::of_run)?;
-    lender.set_port(&*link);
+    let link = open_free(&*port).map_err(PortOpenError::of_run)?;
+    let lender = PortLender::open(bus.paths().chain(), spec.clone(), &*link);
+    // A bridge needs no chain.
+    let lender = lender.inspect_err(|failure| tracing::warn!("{failure}")).ok();
     tracing::info!(link = spec.to_string(), "the port is open");
     let mut bridge = Bridge::new(&context.config, protocol, transport, clock.now());
     bridge.open(clock.now());

@@ -23,7 +23,7 @@ pub enum Note {
     CommandRejected,
     /// The port did not send what it was given, and that was discarded.
     Stuck,
-    /// The process to which the port is lent hung in a frame.
+    /// The tenant hung while it wrote a frame, and was killed.
     TenantKilled,
     /// The vehicle refuses the request.
     Refused(VehicleRefusal),

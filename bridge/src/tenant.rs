@@ -11,10 +11,11 @@ use rustix::process::{Signal, pidfd_send_signal};
 use crate::link::VehicleLink;
 use crate::note::Note;
 
-/// Time after which a port that the tenant is writing to is looked at again.
+/// Period at which a port that the tenant is writing to is checked.
 const RETRY: Span = Span::from_millis(1);
-/// Time for which a set-point that must replace flight commands waits for a tenant that is writing. A frame takes microseconds.
-const LONGEST_FRAME: Span = Span::from_millis(5);
+/// Time for which a set-point that must replace flight commands waits for a tenant that is writing, and then for the end of the killed
+/// one. A frame takes microseconds, and no thread of a killed process executes another instruction of its own.
+const LONGEST_FRAME: Span = Span::from_millis(2);
 
 /// Part of the bridge that the background thread opens, and closes when it is lost.
 #[derive(Debug)]
@@ -37,7 +38,7 @@ pub struct PortTenant {
     /// Whether the bridge waits for the port, and since when for a set-point that must replace flight commands.
     is_awaited: bool,
     urgent_since: Option<Time>,
-    is_killed: bool,
+    killed_at: Option<Time>,
     /// Whether the tenant has left: the port is not offered again.
     pub has_left: bool,
 }
@@ -45,8 +46,14 @@ pub struct PortTenant {
 impl PortTenant {
     /// The tenant with this lease and this handle of its process.
     pub fn new(lease: PortLease, process: OwnedFd) -> Self {
-        let (is_awaited, is_killed, has_left) = (false, false, false);
-        Self { lease, process, is_awaited, urgent_since: None, is_killed, has_left }
+        Self {
+            lease,
+            process,
+            is_awaited: false,
+            urgent_since: None,
+            killed_at: None,
+            has_left: false,
+        }
     }
 
     /// Closes the port to the tenant; `None` while the bridge has to wait for it. If it `is_urgent`, a tenant that hangs in a frame is
@@ -57,30 +64,31 @@ impl PortTenant {
         is_urgent: bool,
         note: &mut dyn FnMut(Note),
     ) -> Option<ClosedPort> {
-        let closed = self.lease.close().or_else(|| self.has_ended().then(|| self.lease.seize()));
+        let closed = self.lease.close().or_else(|| self.has_ended(now).then(|| self.lease.seize()));
         self.is_awaited = closed.is_none();
         if closed.is_some() || !is_urgent {
             self.urgent_since = None;
             return closed;
         }
         let since = *self.urgent_since.get_or_insert(now);
-        if now.since(since) >= LONGEST_FRAME && !self.is_killed {
-            // It fails only if the process has ended.
+        if now.since(since) >= LONGEST_FRAME && self.killed_at.is_none() {
+            // It fails only if the process has ended: it is of the same user.
             let _ = pidfd_send_signal(&self.process, Signal::KILL);
-            self.is_killed = true;
+            self.killed_at = Some(now);
             note(Note::TenantKilled);
         }
         None
     }
 
-    /// Instant of the next turn, of which the bridge would make one for `event`.
+    /// Instant of the next turn: `event`, or the next check of a port that the tenant is writing to.
     pub fn next_turn(&self, now: Time, event: Time) -> Time {
         if self.is_awaited { event.max(now + RETRY) } else { event }
     }
 
-    /// Whether no thread of the process is left.
-    fn has_ended(&self) -> bool {
+    /// Whether the process writes no more: none of its threads is left, or it was killed a while ago.
+    fn has_ended(&self, now: Time) -> bool {
         let mut handle = [PollFd::new(&self.process, PollFlags::IN)];
-        poll(&mut handle, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })) == Ok(1)
+        self.killed_at.is_some_and(|at| now.since(at) >= LONGEST_FRAME)
+            || poll(&mut handle, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })) == Ok(1)
     }
 }

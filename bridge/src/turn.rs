@@ -159,8 +159,8 @@ impl<T: Transport> BridgeTurn<T> {
         Ok(())
     }
 
-    /// Whether the bridge has the port for what it has to write: there is no tenant, or the port is closed to it.
-    fn has_port(&mut self, clock: &impl TurnClock) -> Result<bool, BusError> {
+    /// Whether the bridge may write now. Closes the port to the tenant if a frame is due, or if flight commands must not be sent.
+    fn claim_port(&mut self, clock: &impl TurnClock) -> Result<bool, BusError> {
         let Some(tenant) = &mut self.tenant else { return Ok(true) };
         let now = clock.now();
         let may_fly = self.bridge.flight_window(now).is_some() && !tenant.has_left;
@@ -172,16 +172,14 @@ impl<T: Transport> BridgeTurn<T> {
             return Ok(false);
         };
         if closed != ClosedPort::Before {
-            self.bridge.resume(tenant.lease.last_written(now));
+            self.bridge.resume(tenant.lease.last_written(clock.now()));
             // Each command is published before it is written.
             self.read_command(clock)?;
         }
         if closed == ClosedPort::Spoilt {
             self.discard(clock.now());
         }
-        if self.tenant.as_ref().is_some_and(|tenant| tenant.has_left)
-            && let Some(tenant) = self.tenant.take()
-        {
+        if let Some(tenant) = self.tenant.take_if(|tenant| tenant.has_left) {
             self.handle.reply(PortPart::Tenant(tenant));
         }
         Ok(true)
@@ -202,9 +200,16 @@ impl<T: Transport> BridgeTurn<T> {
         let Some(mut tenant) = self.tenant.take() else { return };
         let give_up = clock.now() + SHUTDOWN_TIMEOUT;
         while clock.now() < give_up {
-            match tenant.close(clock.now(), true, &mut |_| {}) {
+            let handle = &mut self.handle;
+            match tenant.close(clock.now(), true, &mut |note| handle.note(note)) {
                 Some(ClosedPort::Before) => return,
-                Some(_) => return self.bridge.resume(tenant.lease.last_written(clock.now())),
+                Some(ClosedPort::Whole) => {
+                    return self.bridge.resume(tenant.lease.last_written(clock.now()));
+                }
+                Some(ClosedPort::Spoilt) => {
+                    self.bridge.resume(tenant.lease.last_written(clock.now()));
+                    return self.discard(clock.now());
+                }
                 None => std::thread::sleep(Duration::from_millis(1)),
             }
         }
@@ -243,7 +248,7 @@ impl<T: Transport> BridgeTurn<T> {
     /// Writes what is due: the rest of a frame, a set-point, and the frame behind it. Counts an output if it reports, or discards what
     /// the port does not send.
     fn write_due(&mut self, clock: &impl TurnClock) -> Result<(), BusError> {
-        if !self.has_port(clock)? {
+        if !self.claim_port(clock)? {
             return Ok(());
         }
         self.discard_if_stuck(clock);

@@ -3,6 +3,8 @@
 
 use std::collections::VecDeque;
 use std::io;
+use std::os::unix::process::ExitStatusExt;
+use std::process::Command;
 use std::sync::{Arc, Mutex};
 
 use oqtal_bridge::{
@@ -21,15 +23,33 @@ use oqtal_runtime::handoff::{BackgroundHandle, handoff};
 use oqtal_runtime::turn::step;
 use oqtal_wire::asctec::{ControlInput, HostCommand, VehicleDecoder};
 use proptest::prelude::*;
-use rustix::process::{PidfdFlags, getpid, pidfd_open};
+use rustix::process::{Pid, PidfdFlags, Signal, getpid, pidfd_open};
 
 use crate::common::{START, bridge, flight, status};
 
-/// Both directions of a port.
-#[derive(Clone, Debug, Default)]
+/// Time that a byte takes on the line at 57600 baud.
+const BYTE: Span = Span::from_nanos(173_611);
+
+/// Both directions of a serial port.
+#[derive(Clone, Debug)]
 struct TestLink {
     sent: Arc<Mutex<VecDeque<u8>>>,
     replies: Arc<Mutex<VecDeque<u8>>>,
+    /// The present, and the instant at which the last byte has left.
+    line: Arc<Mutex<[Time; 2]>>,
+}
+
+impl TestLink {
+    fn new() -> Self {
+        let line = Arc::new(Mutex::new([START; 2]));
+        Self { sent: Arc::default(), replies: Arc::default(), line }
+    }
+
+    fn add(&self, bytes: &[u8]) {
+        self.sent.lock().unwrap().extend(bytes);
+        let mut line = self.line.lock().unwrap();
+        line[1] = line[0].max(line[1]) + BYTE.scaled(bytes.len() as f64);
+    }
 }
 
 impl VehicleLink for TestLink {
@@ -41,12 +61,13 @@ impl VehicleLink for TestLink {
     }
 
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.sent.lock().unwrap().extend(bytes);
+        self.add(bytes);
         Ok(bytes.len())
     }
 
     fn queued(&self) -> io::Result<usize> {
-        Ok(0)
+        let [now, free_at] = *self.line.lock().unwrap();
+        Ok((free_at.since(now).nanos().max(0) as u64).div_ceil(BYTE.nanos() as u64) as usize)
     }
 
     fn discard(&mut self) -> io::Result<()> {
@@ -81,12 +102,17 @@ fn numbered(sequence: u64) -> CommandV1 {
 impl Tenancy {
     /// In flight: the bridge has forwarded commands, and has lent its port.
     fn airborne() -> Self {
+        Self::airborne_with(getpid())
+    }
+
+    /// The same with a tenant in the process `pid`.
+    fn airborne_with(pid: Pid) -> Self {
         let bus = MemoryBus::new();
         let lease = PortLease::create().unwrap();
         let file = lease.descriptor().try_clone_to_owned().unwrap().into();
-        let process = pidfd_open(getpid(), PidfdFlags::empty()).unwrap();
+        let process = pidfd_open(pid, PidfdFlags::empty()).unwrap();
         let tenant = PortTenant::new(lease, process);
-        let (link, (handle, background)) = (TestLink::default(), handoff());
+        let (link, (handle, background)) = (TestLink::new(), handoff());
         let turn = BridgeTurn {
             ports: BridgePorts::open(&bus, false).unwrap(),
             bridge: bridge(),
@@ -124,6 +150,7 @@ impl Tenancy {
     /// A millisecond, in which the bridge makes its turns if it `runs`.
     fn millisecond(&mut self, runs: bool) {
         self.now = self.now + Span::from_millis(1);
+        self.link.line.lock().unwrap()[0] = self.now;
         let mut replies = self.link.replies.lock().unwrap();
         replies.clear();
         replies.extend(status(i8::from(self.sequence > 0)));
@@ -161,23 +188,23 @@ impl Tenancy {
         let Some(encoder) = self.lease.take(self.now, self.sequence) else { return };
         let command = VehicleSetpoint::Fly(numbered(self.sequence));
         let frame = self.protocol.setpoint(self.now, &command);
-        self.lease.begin(self.sequence, &encoder);
-        self.link.sent.lock().unwrap().extend(frame.bytes());
+        self.lease.begin(self.sequence, frame.bytes().len(), &encoder);
+        self.link.add(frame.bytes());
         self.lease.end(self.now, true);
         self.written += 1;
         self.read_wire();
     }
 
     fn assert_in_order(&self) {
-        let numbers: Vec<u64> = self.setpoints.iter().flatten().copied().collect();
-        assert!(numbers.is_sorted(), "{numbers:?}");
-        for pair in self.setpoints.windows(3) {
-            if let [Some(before), None, Some(after)] = pair {
-                assert!(
-                    after > before,
-                    "an old command after a zero set-point: {:?}",
-                    self.setpoints
-                );
+        let (mut newest, mut least) = (0, 0);
+        for setpoint in &self.setpoints {
+            // An old command must not follow a zero set-point.
+            match setpoint {
+                None => least = newest + 1,
+                Some(number) => {
+                    assert!(*number >= least.max(newest), "{:?}", self.setpoints);
+                    newest = *number;
+                }
             }
         }
     }
@@ -206,6 +233,20 @@ fn a_tenant_writes_each_command_once_and_the_bridge_reports_it() {
 }
 
 #[test]
+fn a_late_tick_of_a_tenant_at_a_serial_port_is_not_taken_for_a_port_that_is_stuck() {
+    let mut tenancy = Tenancy::airborne();
+    let sent = tenancy.setpoints.len();
+    for late_ms in [4, 6, 0, 8].into_iter().cycle().take(100) {
+        tenancy.publish(numbered);
+        tenancy.transmit();
+        tenancy.turn_bridge();
+        (0..16 + late_ms).for_each(|_| tenancy.millisecond(true));
+    }
+    assert!(tenancy.setpoints[sent..].iter().all(Option::is_some), "{:?}", tenancy.setpoints);
+    assert!(tenancy.written > 90, "{}", tenancy.written);
+}
+
+#[test]
 fn f14_f15_after_the_last_command_of_a_chain_the_set_point_is_zero_within_three_periods() {
     let mut tenancy = Tenancy::airborne();
     tenancy.publish(numbered);
@@ -220,6 +261,20 @@ fn f14_f15_after_the_last_command_of_a_chain_the_set_point_is_zero_within_three_
     tenancy.transmit();
     (0..100).for_each(|_| tenancy.millisecond(true));
     assert!(tenancy.setpoints[sent + 3..].iter().all(Option::is_none), "{:?}", tenancy.setpoints);
+}
+
+#[test]
+fn f15_a_tenant_that_hangs_in_a_frame_is_killed_and_the_set_point_is_zero() {
+    let mut hung = Command::new("sleep").arg("600").spawn().unwrap();
+    let mut tenancy = Tenancy::airborne_with(Pid::from_child(&hung));
+    tenancy.publish(numbered);
+    tenancy.lease.take(tenancy.now, tenancy.sequence).expect("the port is offered");
+    let sent = tenancy.setpoints.len();
+    (0..200).for_each(|_| tenancy.millisecond(true));
+    assert_eq!(hung.wait().unwrap().signal(), Some(Signal::KILL.as_raw()));
+    (0..20).for_each(|_| tenancy.millisecond(true));
+    let after = &tenancy.setpoints[sent..];
+    assert!(!after.is_empty() && after.iter().all(Option::is_none), "{after:?}");
 }
 
 #[test]

@@ -1,11 +1,11 @@
 //! Lease of the port to a vehicle: words in shared memory by which the process that owns the port lets one other process, the
-//! tenant, write flight set-points to it. At every instant at most one of both writes.
+//! tenant, write flight set-points to it. At most one of the two writes at any time.
 //!
 //! The owner offers the port for a window of time, and closes it before it writes itself. The tenant takes the port for one frame. A
 //! tenant that hangs with the port taken is ended by the owner, who then seizes the port. The window ends with the last command that
-//! the owner knows: if the owner hangs, the tenant soon has no port.
+//! the owner knows: if the owner hangs, the tenant loses the port when that command times out.
 //!
-//! Both encode frames. Who holds the port continues the encoder of the other, whose state is in the words.
+//! Both processes encode frames: each continues from the encoder state that the other left in the words.
 
 mod words;
 
@@ -35,7 +35,9 @@ const NOT_AFTER: usize = 2;
 const NEWEST: usize = 3;
 /// Instant at which the tenant wrote last \[us, wraps around\].
 const WRITTEN_AT: usize = 4;
-const ENCODER: usize = 5;
+/// Number of bytes that the tenant has written since the owner offered the port \[-\].
+const WRITTEN: usize = 5;
+const ENCODER: usize = 6;
 const WORDS: usize = ENCODER + ENCODER_WORDS;
 
 /// Lease of a port; the memory ends with the last process that holds it.
@@ -49,6 +51,8 @@ pub struct LastWritten {
     pub sequence: u32,
     /// Instant at which the tenant wrote last.
     pub at: Time,
+    /// Number of bytes that the tenant wrote since the port was offered \[-\].
+    pub bytes: usize,
     /// State of the encoder afterwards.
     pub encoder: EncoderState,
 }
@@ -113,13 +117,15 @@ impl PortLease {
     pub fn last_written(&self, now: Time) -> LastWritten {
         let ago_us = micros(now).wrapping_sub(self.load(WRITTEN_AT));
         let at = now - Span::from_nanos(i64::from(ago_us) * 1000);
-        LastWritten { sequence: self.load(NEWEST), at, encoder: self.encoder() }
+        let bytes = self.load(WRITTEN) as usize;
+        LastWritten { sequence: self.load(NEWEST), at, bytes, encoder: self.encoder() }
     }
 
     /// The owner's: offers the closed port from one instant to another, for commands after `newest`.
     pub fn offer(&self, [from, to]: [Time; 2], newest: u64, encoder: &EncoderState) {
         self.store(NOT_BEFORE, micros(from));
         self.store(NOT_AFTER, micros(to));
+        self.store(WRITTEN, 0);
         if is_after(low(newest), self.load(NEWEST)) {
             self.store(NEWEST, low(newest));
         }
@@ -142,9 +148,11 @@ impl PortLease {
         None
     }
 
-    /// The tenant's: records, before it is written, that the command `sequence` is; the owner does not write it again.
-    pub fn begin(&self, sequence: u64, encoder: &EncoderState) {
+    /// The tenant's: records, before it is written, that the command `sequence` is, in a frame of `bytes`; the owner does not write it
+    /// again.
+    pub fn begin(&self, sequence: u64, bytes: usize, encoder: &EncoderState) {
         self.store(NEWEST, low(sequence));
+        self.store(WRITTEN, self.load(WRITTEN).wrapping_add(bytes as u32));
         self.set_encoder(encoder);
     }
 
@@ -154,9 +162,10 @@ impl PortLease {
         words::release(self.state(), is_whole);
     }
 
-    /// The tenant's: gives the port back, which took nothing of the command `sequence`.
-    pub fn abandon(&self, sequence: u64) {
+    /// The tenant's: gives the port back; none of the `bytes` of the command `sequence` was written.
+    pub fn abandon(&self, sequence: u64, bytes: usize) {
         self.store(NEWEST, low(sequence.wrapping_sub(1)));
+        self.store(WRITTEN, self.load(WRITTEN).wrapping_sub(bytes as u32));
         words::release(self.state(), true);
     }
 }
@@ -202,16 +211,18 @@ mod tests {
         }
         assert_eq!(tenant.take(at(20), 6), Some(ENCODER_STATE));
         assert_eq!(owner.close(), None, "it is writing");
-        tenant.begin(6, &[8; ENCODER_WORDS]);
+        tenant.begin(6, 17, &[8; ENCODER_WORDS]);
         tenant.end(at(21), true);
         assert_eq!(owner.close(), Some(ClosedPort::Whole));
-        let expected = LastWritten { sequence: 6, at: at(21), encoder: [8; ENCODER_WORDS] };
+        let expected =
+            LastWritten { sequence: 6, at: at(21), bytes: 17, encoder: [8; ENCODER_WORDS] };
         assert_eq!(owner.last_written(at(30)), expected);
         assert_eq!((owner.close(), tenant.take(at(30), 7)), (Some(ClosedPort::Before), None));
         owner.offer([at(30), at(90)], 6, &ENCODER_STATE);
         assert!(tenant.take(at(31), 7).is_some());
-        tenant.begin(7, &ENCODER_STATE);
-        tenant.abandon(7);
+        tenant.begin(7, 17, &ENCODER_STATE);
+        tenant.abandon(7, 17);
+        assert_eq!(owner.last_written(at(31)).bytes, 0);
         assert!(tenant.take(at(31), 7).is_some(), "nothing was written");
     }
 

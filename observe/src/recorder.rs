@@ -62,7 +62,7 @@ pub struct Recorder {
     /// Daemons with another configuration than was recorded, and daemons that flew.
     other_configs: BTreeSet<u32>,
     flew: BTreeSet<u32>,
-    /// Daemon, number and instant of the requests.
+    /// Instant of each request, by daemon and number.
     requests: HashMap<(u64, u64), Time>,
 }
 

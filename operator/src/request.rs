@@ -159,7 +159,7 @@ pub fn edited_note(paths: &InstancePaths) -> Option<String> {
     let (files, place) = (edited_names(paths)?, paths.flags());
     Some(format!(
         "{files}: edited or removed since the daemon's start; `oqtal ctl reload {place}` applies the edit if all of it can change while the \
-         daemon runs, a restart of every process any edit"
+         daemon runs; a restart of every process applies any edit"
     ))
 }
 
@@ -176,7 +176,9 @@ fn daemon_remedy(paths: &InstancePaths, seen: &RunningProcesses) -> String {
         return format!("start one {}", config_of(process));
     }
     if let Some(command) = status::flight_of(&paths.config()) {
-        return format!("the flight of the instance has ended, or ends; to fly again: `{command}`");
+        return format!(
+            "the flight of this instance has ended or is ending; to fly again: `{command}`"
+        );
     }
     let like = match paths.config() {
         file if !file.is_file() => ", with the --config of the instance if it has one",

@@ -3,8 +3,7 @@
 use oqtal_bus::lease::{EncoderState, LastWritten};
 use oqtal_bus::time::Time;
 
-use super::{Bridge, VehicleReport};
-use crate::protocol::VehicleFrame;
+use super::{Bridge, VehicleReport, WrittenSetpoint};
 use crate::safety::ForwardedCommand;
 
 impl Bridge {
@@ -32,31 +31,32 @@ impl Bridge {
         self.last_command
     }
 
-    /// Continues behind what a tenant of the port has written.
+    /// Takes over the encoder state and the last writes of the tenant.
     pub fn resume(&mut self, written: LastWritten) {
         self.protocol.continue_encoder(&written.encoder);
-        self.written = Some(written);
+        if written.bytes == 0 {
+            return;
+        }
+        let on_wire = self.outbox.add(written.at, written.bytes);
+        if self.sizes.acknowledgement > 0 {
+            self.monitor.count_request(written.at);
+        }
+        self.written =
+            Some(WrittenSetpoint { sequence: written.sequence, at: written.at, on_wire });
     }
 
-    /// Report of the command whose set-point, `frame`, a tenant has written; `None` if it has not.
+    /// Report of a command whose set-point a tenant has written; `None` if it has not.
     pub(super) fn report_written(
         &mut self,
         now: Time,
         forwarded: Option<ForwardedCommand>,
-        frame: &VehicleFrame,
     ) -> Option<VehicleReport> {
         let (mut forwarded, written) = (forwarded?, self.written.take()?);
         if forwarded.command as u32 != written.sequence {
             return None;
         }
-        // The frame was encoded for the state of the protocol alone.
-        self.protocol.continue_encoder(&written.encoder);
         let at = written.at.max(forwarded.stamps.command_published_at).min(now);
         forwarded.stamps.received_at = forwarded.stamps.received_at.min(at);
-        let on_wire = self.outbox.add(at, frame.bytes().len());
-        if self.sizes.acknowledgement > 0 {
-            self.monitor.count_request(at);
-        }
-        Some(self.report(at, Some(forwarded), on_wire))
+        Some(self.report(at, Some(forwarded), written.on_wire))
     }
 }

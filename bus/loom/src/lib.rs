@@ -1,4 +1,5 @@
-//! Every interleaving of the event count, of the stop words and of the lease of a port, with the files of `oqtal-bus` that contain their protocols.
+//! Every interleaving of the event count, of the stop words and of the lease of a port, with the files of `oqtal-bus` that contain
+//! their protocols.
 //!
 //! `cargo test --release`, in this directory. Memory is that of one process instead of a mapped file; the futex is a mutex and a
 //! condition variable.
@@ -165,7 +166,6 @@ fn of_two_stops_raised_at_once_none_is_lost() {
     });
 }
 
-<<<<<<< HEAD
 #[test]
 fn a_stop_that_is_withheld_is_reported_as_obeyed_only_once_control_is_given_back() {
     model(|| {
@@ -188,7 +188,9 @@ fn a_stop_that_is_withheld_is_reported_as_obeyed_only_once_control_is_given_back
         lab.turn_vehicle(&mut vehicle);
         let report = words::report(&lab.words, number);
         assert!(report.vehicle_obeys && report.motors_off && !report.another_has_control);
-=======
+    });
+}
+
 /// A frame, not atomically: frames of two writers at once would be lost.
 fn write(frames: &AtomicU32) {
     let before = frames.load(Ordering::Relaxed);
@@ -224,6 +226,5 @@ fn a_lent_port_has_one_writer_at_a_time() {
         written += tenant.join().unwrap();
         assert!(lease::close(&port.0).is_some());
         assert_eq!(port.1.load(Ordering::Relaxed), written);
->>>>>>> w32
     });
 }

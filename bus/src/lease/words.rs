@@ -42,7 +42,7 @@ pub(crate) fn close(state: &AtomicU32) -> Option<ClosedPort> {
         Ok(_) => Some(ClosedPort::Whole),
         Err(CLOSED) => Some(ClosedPort::Before),
         Err(TAKEN) => None,
-        // Nobody else changes this state, nor one that is unknown.
+        // `SPOILT`, or an unknown value: the tenant no longer changes it.
         Err(_) => Some(seize(state)),
     }
 }

@@ -250,8 +250,8 @@ fn slower_chirp_hz(config: &Config, factor: f64) -> f64 {
             .and_then(|it| GreatestCommand::of(&slower, &it))
             .is_none_or(|command| command.share <= 1.0)
     };
-    let tries = (0..MOST_TRIES).map(|k| hundredths(sine_hz * CHIRP_SHARE.powi(k)));
-    tries.into_iter().find(suffices).unwrap_or(sine_hz)
+    let mut tries = (0..MOST_TRIES).map(|k| hundredths(sine_hz * CHIRP_SHARE.powi(k)));
+    tries.find(suffices).unwrap_or(sine_hz)
 }
 
 fn hundredths(value: f64) -> f64 {

@@ -112,14 +112,13 @@ pub fn all(laws: &[StudyLaw], progress: &Progress) -> Result<Vec<LoopPair>, Fail
                     Ok(points.map(|(hertz, gain)| (hertz, gain.re, gain.im)).collect())
                 })
             };
-            let response = |points: Vec<(f64, f64, f64)>| {
-                let point = |(hertz, re, im)| (hertz, Complex::new(re, im));
-                LoopResponse { points: points.into_iter().map(point).collect() }
-            };
             let flown = response(measured("loop", ClosedLoops::Attitude)?);
             let hover = match closed_in_hover(index) {
                 ClosedLoops::Attitude => Some(flown.clone()),
-                closed => measured("loop in hover", closed).ok().map(response),
+                closed => match measured("loop in hover", closed) {
+                    Err(failure) if failure.exit == Exit::Flight => None,
+                    measured => Some(response(measured?)),
+                },
             };
             progress.check()?;
             let (law, linear) = (law.name.clone(), linear.response());
@@ -128,6 +127,12 @@ pub fn all(laws: &[StudyLaw], progress: &Progress) -> Result<Vec<LoopPair>, Fail
         }
     }
     Ok(loops)
+}
+
+/// The response with these points: frequency \[Hz\], real and imaginary part of the loop gain.
+fn response(points: Vec<(f64, f64, f64)>) -> LoopResponse {
+    let point = |(hertz, re, im)| (hertz, Complex::new(re, im));
+    LoopResponse { points: points.into_iter().map(point).collect() }
 }
 
 /// The chapter of the page.
@@ -141,11 +146,12 @@ pub fn chapter(loops: &[LoopPair]) -> Chapter {
     }
 }
 
-const INTRO: [&str; 2] = [
+const INTRO: [&str; 3] = [
     "The loop is broken at the input of the vehicle. Flown: a sine is added to the commands where they take effect, one flight for \
-     each of 27 frequencies from 0.5 to 14 Hz; -u/v at that frequency is the loop gain. In hover, attitude and position loops are \
-     closed: these are the margins of the vehicle as it flies. Those of the attitude loop alone, with a prescribed attitude, are \
-     compared with the model: the linearised law, filter and prediction, and the exact sampled vehicle with its lag and delays.",
+     each of 27 frequencies from 0.5 to 14 Hz; -u/v at that frequency is the loop gain.",
+    "In hover, attitude and position loops are closed: these are the margins of the vehicle as it flies. Those of the attitude loop \
+     alone, with a prescribed attitude, are compared with the model: the linearised law, filter and prediction, and the exact \
+     sampled vehicle with its lag and delays.",
     "Gain, phase and delay margin are the least change of one of them that makes the loop oscillate; the disk margin allows gain \
      and phase to change at once. Where a margin is missing, the loop has no such limit below the highest frequency. They \
      apply to the configured model with the adaptation off, not to an adaptation at its bound.",

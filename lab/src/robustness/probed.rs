@@ -151,6 +151,7 @@ fn gain(flight: &Flight, axis: usize, hertz: f64) -> Option<Complex<f64>> {
     let count = f64::from(ticks);
     let expected = MEASURED_S * flight.config.loop_rate_hz();
     let other = square_sum / count - (sum / count).powi(2) - 2.0 * (commanded / count).norm_sqr();
+    // Variance besides mean and sine, against that of the added sine, half the square of its amplitude.
     let is_steady = other < 0.5 * AMPLITUDE * AMPLITUDE;
     (is_steady && (count - expected).abs() < 1.5).then(|| -commanded / acting)
 }

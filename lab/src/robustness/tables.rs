@@ -17,8 +17,8 @@ use crate::study::{Flown, Run};
 
 /// Note of the headline with one law besides `oqtal-dt`, with one that has several sets of gains, and with several laws.
 const ONE_RIVAL: &str = "The other law flies with an estimator and a position loop of its own.";
-const SEVERAL_GAINS: &str = "The other law flies with an estimator and a position loop of its own. Each figure of its row is that of its best \
-     gains in it: no set of gains has all of them.";
+const SEVERAL_GAINS: &str = "The other law flies with an estimator and a position loop of its own. Each figure in its row is that of the \
+     set of gains that is best in this figure; no set has all of them.";
 const SEVERAL_RIVALS: &str = "The other laws fly with an estimator and a position loop of their own. Each figure of their row is that of the \
      best law in it.";
 

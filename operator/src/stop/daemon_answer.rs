@@ -24,11 +24,17 @@ pub(super) fn after_obedience(
     paths: &InstancePaths,
     give_up: Time,
 ) -> DaemonAnswer {
-    let flies = |answer: &DaemonAnswer| matches!(answer, Ok(Some(response)) if response.mode != Mode::Disarmed.code());
+    let flies = |answer: &DaemonAnswer| {
+        let mode = answer.as_ref().ok().and_then(Option::as_ref).map(|response| response.mode);
+        mode.is_some_and(|mode| [Mode::Flying, Mode::Landing].map(Mode::code).contains(&mode))
+    };
     let mut answer = answer;
     while flies(&answer) && Time::now() < give_up {
         let status = ask_daemon(paths, ControlRequestV1::of(OperatorCommand::Status));
-        answer = status.recv_timeout(left(give_up)).unwrap_or(Ok(None));
+        match status.recv_timeout(left(give_up)) {
+            Ok(Ok(Some(newer))) => answer = Ok(Some(newer)),
+            _ => break,
+        }
     }
     answer
 }

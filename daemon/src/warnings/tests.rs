@@ -1,0 +1,220 @@
+use super::*;
+use oqtal_config::Setting;
+use oqtal_control::trajectory::Waypoints;
+
+fn told(settings: &[&str], waypoints: Option<&str>) -> Vec<String> {
+    let settings: Vec<_> =
+        settings.iter().map(|text| Setting::parse("test", text).unwrap()).collect();
+    let config = Config::from_settings(&settings).unwrap();
+    let waypoints = waypoints.map(|text| Waypoints::parse(text).unwrap());
+    warnings(&config, &config.trajectory.trajectory(waypoints).unwrap())
+}
+
+#[test]
+fn a_step_from_which_the_vehicle_is_landed_and_a_law_without_its_feed_forward_are_told() {
+    let square = |side: &str| told(&["trajectory.kind=square", side], None).join("\n");
+    assert_eq!(square("trajectory.square.side-m=3"), "");
+    let text = square("trajectory.square.side-m=4");
+    assert!(text.contains("is up to 4.00 m from it") && text.contains("lands it"), "{text}");
+    let pid = ["control.controller=pid", "control.stack=predictive"];
+    let text = told(&pid, None).join("\n");
+    assert!(text.contains("control.pid.feed-forward"), "{text}");
+    assert_eq!(told(&[&pid[..], &["control.pid.feed-forward=true"]].concat(), None).len(), 0);
+}
+
+#[test]
+fn shipped_trajectories_need_no_warning() {
+    for kind in ["hover", "step", "square", "circle", "lemniscate", "attitude-chirp"] {
+        let told = told(&[&format!("trajectory.kind={kind}")], None);
+        assert!(told.is_empty(), "{kind}: {told:?}");
+    }
+}
+
+#[test]
+fn a_speed_beyond_the_limit_is_reported_with_its_instant_and_a_remedy() {
+    let kind = "trajectory.kind=waypoints";
+    let told_of = |text| told(&[kind], Some(text)).join("\n");
+    assert!(told_of("t,x,y,z\n0,0,0,1\n20,6,0,1\n").is_empty());
+    let text = told_of("t,x,y,z\n0,0,0,1\n1,6,0,1\n");
+    for part in ["at 0.50 s", "9.00 m/s", "position.horizontal-velocity-limit-m-s is 0.8"] {
+        assert!(text.contains(part), "{text}");
+    }
+    assert!(text.contains("11.3 times slower"), "{text}");
+    // With a higher limit it is left further.
+    assert!(text.contains("tilt-limit-deg") && !text.contains("raise"), "{text}");
+    let text = told_of("t,x,y,z\n0,0,0,1\n10,12,0,1\n");
+    assert!(text.ends_with("or raise the limit") && !text.contains('\n'), "{text}");
+    let text = told(&["trajectory.take-off-s=1"], None).join("\n");
+    assert!(text.starts_with("the take-off") && text.contains("take-off-s"), "{text}");
+}
+
+#[test]
+fn a_warning_names_a_law_that_the_vehicle_replaces() {
+    let attitude = "vehicle.interface=attitude";
+    let text = told(&[attitude, "control.controller=lqr"], None).join("\n");
+    assert!(text.contains("lqr flies like every law but oqtal-dt"), "{text}");
+    assert!(told(&[attitude, "control.controller=oqtal-dt"], None).is_empty());
+    assert!(told(&["control.controller=lqr"], None).is_empty());
+}
+
+#[test]
+fn a_warning_of_old_poses_names_every_limit_below_their_age() {
+    let [both, one] =
+        [90, 70].map(|ms| told(&[&format!("mocap.latency-ms={ms}")], None).join("\n"));
+    let keys = "raise safety.max-pose-age-ms and safety.pose-age-limit-ms";
+    assert!(both.ends_with(keys), "{both}");
+    assert!(one.ends_with("raise safety.pose-age-limit-ms"), "{one}");
+}
+
+#[test]
+fn values_in_another_unit_are_reported() {
+    let text = told(&["vehicle.max-thrust-n=22000", "vehicle.rate-lag-ms=50000"], None).join("\n");
+    assert!(text.contains("4485 times the weight of 4.91 N"), "{text}");
+    assert!(text.contains("vehicle.rate-lag-ms is 50000, unusual in ms"), "{text}");
+    assert!(!text.contains("plant."), "the plant follows the vehicle: {text}");
+    let text = told(&["plant.max-thrust-n=22000"], None).join("\n");
+    assert!(text.starts_with("plant.max-thrust-n is 22000, 4485 times"), "{text}");
+}
+
+#[test]
+fn seconds_degrees_and_a_wrong_power_of_ten_of_the_inertia_are_reported() {
+    for (setting, note) in [
+        ("vehicle.command-delay-ms=0.035", "vehicle.command-delay-ms is 0.035, unusual in ms"),
+        ("plant.thrust-lag-ms=0.05", "plant.thrust-lag-ms is 0.05, unusual in ms"),
+        ("mocap.latency-ms=0.03", "mocap.latency-ms is 0.03, unusual in ms"),
+        ("vehicle.rate-authority-rad-s=[115, 115, 115]", "has 115, unusual in rad/s: 6589 deg/s"),
+        ("vehicle.inertia-kg-m2=[[3.65,0,0],[0,3.68,0],[0,0,7.03]]", "has 3.65, unusual in kg m^2"),
+        ("vehicle.inertia-kg-m2=[[3e-6,0,0],[0,3e-6,0],[0,0,5e-6]]", "gyration of 0.0024 m"),
+    ] {
+        let text = told(&[setting], None);
+        assert!(text.len() == 1 && text[0].contains(note), "{setting}: {text:?}");
+    }
+    for preset in ["crazyflie-2.1", "ardupilot-quad", "px4-quad", "betaflight-quad", "spacecraft"] {
+        let preset = format!("vehicle.preset={preset}");
+        let text = told(&[&preset, "mocap.preset=ideal", "trajectory.kind=hover"], None);
+        assert!(text.iter().all(|note| !note.contains("unusual")), "{text:?}");
+    }
+}
+
+#[test]
+fn a_far_first_waypoint_is_reported() {
+    let kind = "trajectory.kind=waypoints";
+    let text = told(&[kind], Some("t,x,y,z\n0,3,0,1\n9,3,0,1\n")).join("\n");
+    assert!(text.contains("[3.00, 0.00, 1.00] m is 3.00 m from the hover point"), "{text}");
+}
+
+#[test]
+fn the_smooth_curve_is_a_remedy_only_if_it_can_be_flown() {
+    let of = |curve: &str, seconds: f64| {
+        let [a, b, c] = [1.0, 2.0, 3.0].map(|times| times * seconds);
+        let table = format!("t,x,y,z\n0,0,0,1\n{a},0.8,0,1\n{b},0.8,0.8,1\n{c},0,0,1\n");
+        let curve = format!("trajectory.waypoints-curve={curve}");
+        let law = ["trajectory.kind=waypoints", "control.controller=oqtal-dt", &curve];
+        told(&law, Some(&table)).join("\n")
+    };
+    let text = of("monotone", 1.0);
+    assert!(text.contains("jumps by 6.72 m/s^2"), "{text}");
+    assert!(text.contains("path after that; fly it 2.2 times slower"), "{text}");
+    assert!(of("monotone", 1.2).contains("set trajectory.waypoints-curve to \"minimum-snap\", or"));
+    assert_eq!(of("monotone", 2.2), "");
+    assert_eq!(of("minimum-snap", 1.2), "");
+}
+
+#[test]
+fn a_turn_to_the_first_heading_in_too_little_time_is_reported() {
+    let of = |settle: &str| {
+        let table = "t,x,y,z,yaw_deg\n0,0,0,1,90\n9,0,0,1,90\n";
+        told(&["trajectory.kind=waypoints", settle], Some(table)).join("\n")
+    };
+    let text = of("trajectory.settle-s=0.5");
+    assert!(text.contains("90 deg") && text.ends_with("trajectory.settle-s to 1.9"), "{text}");
+    assert_eq!(of("trajectory.settle-s=1.9"), "");
+}
+
+#[test]
+fn a_prescribed_attitude_that_turns_too_fast_is_reported_with_the_rate_and_remedies() {
+    let of = |kind: &str, setting: &str| {
+        told(&[&format!("trajectory.kind={kind}"), setting], None).join("\n")
+    };
+    let text = of("attitude-chirp", "trajectory.attitude-chirp.to-hz=12");
+    // A sine of 4 deg at 12 Hz turns at 5.25 rad/s; a lag of 50 ms raises the command by sqrt(1 + (2 pi 12 0.05)^2).
+    for part in ["20.26 rad/s", "is 2:", "to-hz in trajectory.attitude-chirp to 3.21"] {
+        assert!(text.contains(part), "{text}");
+    }
+    assert_eq!(of("attitude-chirp", "trajectory.attitude-chirp.to-hz=3.21"), "");
+    for amplitude_deg in [7, 8, 10] {
+        let told = |to_hz: &str| {
+            let own = ["vehicle.rate-authority-rad-s=[4,4,2]", "vehicle.rate-lag-ms=70"];
+            let amplitude = format!("trajectory.attitude-chirp.amplitude-deg={amplitude_deg}");
+            let to = format!("trajectory.attitude-chirp.to-hz={to_hz}");
+            let chirp = ["trajectory.kind=attitude-chirp", &amplitude, &to];
+            self::told(&[&own[..], &chirp].concat(), None).join("\n")
+        };
+        let text = told("4");
+        let remedy = text.rsplit(' ').next().unwrap();
+        assert_eq!(told(remedy), "", "{text}");
+    }
+    let text = of("excitation", "trajectory.excitation.tilt-deg=30");
+    assert!(text.contains("trajectory.excitation.tilt-deg to 13.3"), "{text}");
+    for (kind, setting) in [
+        ("excitation", "trajectory.excitation.tilt-deg=13.3"),
+        ("attitude-doublet", "trajectory.attitude-doublet.angle-deg=30"),
+    ] {
+        assert_eq!(of(kind, setting), "", "steps have no rate");
+    }
+}
+
+#[test]
+fn a_rate_that_the_cameras_cannot_deliver_and_a_cover_without_effect_are_reported() {
+    let text = told(&["control.rate-hz=80"], None).join("\n");
+    assert!(text.contains("60.0000 Hz") || text.contains("60 Hz"), "{text}");
+    assert!(told(&["mocap.cameras.covered=[2]"], None)[0].contains("mocap.model=markers"));
+}
+
+#[test]
+fn rotors_without_effect_or_the_greatest_thrust_are_reported() {
+    assert!(told(&["plant.fidelity=rotors"], None).is_empty());
+    let other = ["plant.fidelity=rotors", "vehicle.mass-kg=1.35", "vehicle.max-thrust-n=31"];
+    let told = told(&other, None);
+    assert!(told.iter().any(|text| text.contains("max-speed-rad-s to 1180")), "{told:?}");
+    let torque = ["vehicle.preset=spacecraft", "trajectory.kind=hover"];
+    let of = |fidelity| self::told(&[&torque[..], &[fidelity]].concat(), None).join("\n");
+    assert!(!of("plant.fidelity=eq61").contains("fidelity"));
+    let text = of("plant.fidelity=rotors");
+    assert!(text.contains("plant.fidelity=rotors has no effect"), "{text}");
+    assert!(!text.contains("max-speed-rad-s"), "{text}");
+}
+
+#[test]
+fn a_disturbance_or_fault_after_the_end_of_the_flight_is_reported_with_both_times() {
+    let of = |key: &str, at: &str| {
+        let hover = ["trajectory.kind=hover", "trajectory.duration-s=5"];
+        told(&[&hover[..], &[&format!("{key}=[\"{at}\"]")]].concat(), None).join("\n")
+    };
+    for (key, at) in [("plant.disturb", "mass@60=0.05kg"), ("fault.inject", "pose:off@60+1")] {
+        let text = of(key, at);
+        for part in [at, "begins 60 s after arming", "planned to end after "] {
+            assert!(text.contains(part), "{key}: {text}");
+        }
+        assert!(of(key, &at.replace("60", "6")).is_empty());
+    }
+    // The vehicle is on the floor 1.3 s before the end of the reference.
+    let hover = |at: &str| told(&["trajectory.kind=hover", at], None).len();
+    let told = ["40", "41"].map(|at| hover(&format!("plant.disturb=[\"mass@{at}=0.05kg\"]")));
+    assert_eq!(told, [0, 1]);
+}
+
+#[test]
+fn a_payload_that_the_vehicle_cannot_lift_is_reported_with_its_unit() {
+    assert!(told(&["plant.disturb=[\"mass@9=0.1kg\"]"], None).is_empty());
+    let text = told(&["plant.disturb=[\"mass@9=100\"]"], None).join("\n");
+    assert!(text.contains("adds 100 kg") && text.contains("masses are in kg"), "{text}");
+}
+
+#[test]
+fn a_gust_on_a_vehicle_without_drag_is_reported() {
+    let gust = "plant.disturb=[\"gust@9+2=3,0,0m/s\"]";
+    assert!(told(&[gust], None).is_empty());
+    let text = told(&[gust, "plant.drag-per-s=0"], None).join("\n");
+    assert!(text.contains("has no effect"), "{text}");
+}
