@@ -17,6 +17,7 @@ mod event_count;
 #[path = "../../src/lease/words.rs"]
 mod lease;
 #[path = "../../src/stop/words.rs"]
+#[allow(dead_code)]
 mod words;
 
 /// Futex of one word: the comparison and the beginning of the sleep are one step for every waker.

@@ -64,7 +64,7 @@ pub fn in_hover(law: &StudyLaw) -> Option<[f64; 5]> {
     is_of_rates.then(|| least_of((0..AXES.len()).map(of_axis)))
 }
 
-/// The loops that are closed in hover: the position loop does not act about yaw.
+/// The loops with which the margins in hover are measured: the position loop does not act about yaw, where the daemon tests the heading.
 fn closed_in_hover(axis: usize) -> ClosedLoops {
     if AXES[axis] == "yaw" { ClosedLoops::Attitude } else { ClosedLoops::Hover }
 }
