@@ -107,7 +107,7 @@ enum Command {
     /// Run the receiver process: poses of a real camera system; find and examine camera systems
     #[command(subcommand)]
     Receiver(oqtal_receiver::ReceiverCommand),
-    /// Run receiver and daemon in one loop that writes commands to the port of the bridge: the shortest way from cameras to vehicle
+    /// Run receiver and daemon in one loop that writes commands to the port of the bridge
     #[command(subcommand)]
     Chain(ChainCommand),
     /// Print the completions of a shell
