@@ -101,6 +101,11 @@ impl ReplayArgs {
         let report = ReplayReport::new(&results, self.is_open_loop());
         print(&if self.json { report.to_json() } else { report.to_text() })?;
         let is_identical = results.iter().all(ReplayResult::is_identical);
+        if !is_identical && !report.open_loop {
+            let flight = recordings::read_flight(&self.file).ok();
+            let reservation = flight.and_then(|flight| flight.reservation());
+            reservation.iter().for_each(|told| say(&format!("oqtal: {told}")));
+        }
         Ok(if is_identical || report.open_loop { Exit::Ok } else { Exit::Flight })
     }
 

@@ -9,20 +9,44 @@ use crate::layer;
 
 /// Beginning of a comment; the hash of the file's settings, a space and its absolute path follow.
 const MARK: &str = "# read from ";
+/// The same for a file that the daemon has read again.
+const REREAD_MARK: &str = "# read again ";
 
 /// A comment line for each of `files` that is a regular file, with its present settings.
 pub fn source_comments(files: &[PathBuf]) -> String {
-    let comment = |file: &PathBuf| {
-        let path = std::path::absolute(file).ok().filter(|path| path.is_file())?;
-        let name = path.to_str().filter(|name| !name.contains(char::is_control))?;
-        Some(format!("{MARK}{:016x} {name}\n", settings_hash(&path)?))
-    };
-    files.iter().filter_map(comment).collect()
+    files.iter().filter_map(|file| comment(MARK, file)).collect()
+}
+
+/// The comment lines `before` of files that were read again, with those of `files`, with their present settings.
+pub fn reread_comments(before: &str, files: &[PathBuf]) -> String {
+    let read = files.iter().filter_map(|file| comment(REREAD_MARK, file)).collect::<String>();
+    let has_path = |line: &str| named(REREAD_MARK, &read).any(|(_, path)| line.ends_with(path));
+    let others = before.lines().filter(|line| !has_path(line)).map(|line| format!("{line}\n"));
+    others.chain([read.clone()]).collect()
+}
+
+fn comment(mark: &str, file: &Path) -> Option<String> {
+    let path = std::path::absolute(file).ok().filter(|path| path.is_file())?;
+    let name = path.to_str().filter(|name| !name.contains(char::is_control))?;
+    Some(format!("{mark}{:016x} {name}\n", settings_hash(&path)?))
+}
+
+/// Hashes and paths in the comment lines of `text` that begin with `mark`.
+fn named<'a>(mark: &'a str, text: &'a str) -> impl Iterator<Item = (&'a str, &'a str)> {
+    text.lines().filter_map(move |line| line.strip_prefix(mark)?.split_once(' '))
 }
 
 /// The comment lines of `text` that name files.
 pub fn kept_source_comments(text: &str) -> String {
     text.lines().filter(|line| line.starts_with(MARK)).map(|line| format!("{line}\n")).collect()
+}
+
+/// Comment line in the configuration of an instance whose daemon is part of `oqtal chain run`.
+pub const CHAIN_COMMENT: &str = "# of the chain\n";
+
+/// Whether the configuration in `text` is of `oqtal chain run`.
+pub fn is_of_chain(text: &str) -> bool {
+    text.lines().any(|line| line == CHAIN_COMMENT.trim_end())
 }
 
 /// Beginning of the comment in the configuration of an instance of one flight; the command of the flight follows.
@@ -39,10 +63,14 @@ pub fn flight_of(text: &str) -> Option<&str> {
     text.lines().find_map(|line| line.strip_prefix(FLIGHT_MARK))
 }
 
-/// Files named by the comments of `text` that were removed since, or whose settings were edited.
-pub fn edited_sources(text: &str) -> Vec<PathBuf> {
-    let comments = text.lines().filter_map(|line| line.strip_prefix(MARK)?.split_once(' '));
-    let edited = comments.filter(|(hash, path)| is_edited(Path::new(path), hash));
+/// Files named by the comments of `text` that were removed since, or whose settings were edited: since the start of the daemon, or, with
+/// `counts_reload`, since it last read them.
+pub fn edited_sources(text: &str, counts_reload: bool) -> Vec<PathBuf> {
+    let edited = named(MARK, text).filter(|(hash, path)| {
+        let mut reread = named(REREAD_MARK, text).filter(|_| counts_reload);
+        let last = reread.find(|(_, other)| other == path);
+        is_edited(Path::new(path), last.map_or(hash, |(hash, _)| hash))
+    });
     edited.map(|(_, path)| PathBuf::from(path)).collect()
 }
 
@@ -72,6 +100,29 @@ mod tests {
     use super::*;
 
     #[test]
+    fn an_edit_that_the_daemon_has_read_again_is_none_until_the_next_one() {
+        let directory = tempfile::tempdir().unwrap();
+        let files = ["a.toml", "b.toml"].map(|name| directory.path().join(name));
+        let write = |k: usize, limit| {
+            fs::write(&files[k], format!("[position]\ntilt-limit-deg = {limit}\n")).unwrap();
+        };
+        write(0, 12.0);
+        write(1, 12.0);
+        let start = source_comments(&files);
+        write(0, 13.0);
+        let once = reread_comments("", &files[..1]);
+        let text = |reread: &str| format!("{start}{reread}[vehicle]\n");
+        assert_eq!(edited_sources(&text(&once), true), Vec::<PathBuf>::new());
+        assert_eq!(edited_sources(&text(&once), false), files[..1]);
+        write(0, 12.0);
+        assert_eq!(edited_sources(&text(&once), true), files[..1], "as at the start, not as read");
+        let twice = reread_comments(&once, &files);
+        assert_eq!(twice.lines().count(), 2);
+        assert_eq!(edited_sources(&text(&twice), true), Vec::<PathBuf>::new());
+        assert!(is_of_chain(&(CHAIN_COMMENT.to_owned() + &start)) && !is_of_chain(&start));
+    }
+
+    #[test]
     fn an_edited_and_a_removed_file_are_found_and_a_new_comment_in_it_is_none() {
         let directory = tempfile::tempdir().unwrap();
         let files = ["a.toml", "b.toml"].map(|name| directory.path().join(name));
@@ -79,12 +130,12 @@ mod tests {
         write(0, "[vehicle]\nmass-kg = 0.5\n");
         write(1, "[position]\ntilt-limit-deg = 12.0\n");
         let text = source_comments(&files) + "[vehicle]\nmass-kg = 0.5\n";
-        assert_eq!(edited_sources(&text), Vec::<PathBuf>::new());
+        assert_eq!(edited_sources(&text, false), Vec::<PathBuf>::new());
         write(0, "# heavier soon\n[vehicle]\nmass-kg = 0.5\n");
-        assert_eq!(edited_sources(&text), Vec::<PathBuf>::new());
+        assert_eq!(edited_sources(&text, false), Vec::<PathBuf>::new());
         write(0, "[vehicle]\nmass-kg = 0.6\n");
-        assert_eq!(edited_sources(&kept_source_comments(&text)), [files[0].clone()]);
+        assert_eq!(edited_sources(&kept_source_comments(&text), false), [files[0].clone()]);
         fs::remove_file(&files[1]).unwrap();
-        assert_eq!(edited_sources(&text), files);
+        assert_eq!(edited_sources(&text, false), files);
     }
 }

@@ -15,7 +15,7 @@ use oqtal_bus::port::{Reader, Writer};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{EVENT, Role};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
-use oqtal_config::{flight_comment, kept_source_comments, source_comments};
+use oqtal_config::{CHAIN_COMMENT, flight_comment, kept_source_comments, source_comments};
 use oqtal_runtime::background::BackgroundWorker;
 use oqtal_runtime::files;
 use oqtal_runtime::health::{Health, Heartbeat};
@@ -61,6 +61,8 @@ impl Peer {
 /// The file with the configuration of the daemon, for observers, which need not be given its flags.
 struct ConfigFile {
     path: PathBuf,
+    /// Comment lines of the files that were read again in flight.
+    reread: String,
     text: String,
     /// Instant from which on the file is looked for.
     next: Time,
@@ -70,8 +72,9 @@ impl ConfigFile {
     /// Time between two looks.
     const PERIOD: Span = Span::from_millis(500);
 
-    /// Writes the file, with comments that name those from which the configuration was read; a copy names those of its original.
-    fn begin(path: PathBuf, context: &ProcessContext) -> Self {
+    /// Writes the file, with comments that name those from which the configuration was read; a copy names those of its original. `is_chain`:
+    /// the daemon is part of `oqtal chain run`.
+    fn begin(path: PathBuf, context: &ProcessContext, is_chain: bool) -> Self {
         let sources = if context.is_child {
             starting_command(std::process::id()).as_deref().map_or_else(String::new, flight_comment)
         } else if context.files == [path.clone()] {
@@ -79,8 +82,10 @@ impl ConfigFile {
         } else {
             source_comments(&context.files)
         };
-        let text = sources + &context.config.to_toml();
-        let file = Self { path, text, next: Time::now() + Self::PERIOD };
+        let chain = if is_chain { CHAIN_COMMENT } else { "" };
+        let text = format!("{chain}{sources}{}", context.config.to_toml());
+        let next = Time::now() + Self::PERIOD;
+        let file = Self { path, reread: String::new(), text, next };
         file.write();
         file
     }
@@ -99,8 +104,16 @@ impl ConfigFile {
         }
     }
 
+    /// Notes which files were read again, by the comment lines `reread`.
+    fn note_reread(&mut self, reread: &str) {
+        if self.reread != reread {
+            reread.clone_into(&mut self.reread);
+            self.write();
+        }
+    }
+
     fn write(&self) {
-        if let Err(error) = files::write(&self.path, &self.text) {
+        if let Err(error) = files::write(&self.path, self.reread.clone() + &self.text) {
             tracing::warn!("{}: {error}", self.path.display());
         }
     }
@@ -123,7 +136,7 @@ pub struct DaemonWorker {
 }
 
 impl DaemonWorker {
-    /// Opens the control service and the health topic.
+    /// Opens the control service and the health topic; `is_chain`: the daemon is part of `oqtal chain run`.
     ///
     /// # Errors
     /// Another daemon serves the instance, or the bus refuses.
@@ -131,6 +144,7 @@ impl DaemonWorker {
         context: &ProcessContext,
         requests: OperatorRequests,
         connected: Sender<OwnedFd>,
+        is_chain: bool,
     ) -> Result<Self, Failure> {
         let bus = context.bus()?;
         let is_external = context.config.control.is_external();
@@ -153,7 +167,7 @@ impl DaemonWorker {
         let (server, heartbeat) = (bus.control_server()?, context.heartbeat(&bus)?);
         let peers = PEERS.iter().map(|role| Peer::open(&bus, *role)).collect::<Result<_, _>>()?;
         let (health, events) = (context.health.clone(), bus.writer(&EVENT)?);
-        let file = ConfigFile::begin(context.paths()?.config(), context);
+        let file = ConfigFile::begin(context.paths()?.config(), context, is_chain);
         let log = RequestLog::default();
         Ok(Self {
             requests,
@@ -175,7 +189,7 @@ impl BackgroundWorker for DaemonWorker {
     fn poll(&mut self) {
         self.file.keep(&self.bus);
         let Self { requests, server, heartbeat, health, config_hash, peers, .. } = self;
-        let Self { events, law, log, .. } = self;
+        let Self { events, law, log, file, .. } = self;
         requests.take_changes();
         law.iter_mut().for_each(LawListener::poll);
         // Every peer is checked, so that none keeps an old message.
@@ -194,6 +208,7 @@ impl BackgroundWorker for DaemonWorker {
         if let Err(error) = server.serve(|request| requests.ask(request, &mut publish)) {
             tracing::warn!("{error}");
         }
+        file.note_reread(requests.settings.as_ref().map_or("", LiveSettings::reread));
         let Condition { mode, state, cause, obstacles, unlogged, .. } = requests.last;
         let health = HealthV1 { state, mode, cause, obstacles, unlogged, ..HealthV1::default() };
         if let Err(error) = heartbeat.beat(health) {

@@ -170,6 +170,7 @@ pub fn run_behind(
     let bus = Rc::new(context.bus()?);
     let faulty = FaultyTransport::new(&bus, &context.config)?;
     let mut ports = DaemonPorts::open(&faulty)?;
+    let is_chain = direct.is_some();
     ports.transmit_by(direct);
     let mut clock = clock(&bus)?;
     let started_at = clock.now();
@@ -185,7 +186,7 @@ pub fn run_behind(
     }
     with_background(
         context,
-        || DaemonWorker::open(context, requests, connected),
+        || DaemonWorker::open(context, requests, connected, is_chain),
         || {
             // Set once the ports are held: a daemon that could not start leaves no marker.
             let safety = &context.config.safety;

@@ -11,7 +11,7 @@ use nalgebra::{Vector3, Vector4};
 use oqtal_bus::code::{Cause, OperatorCommand};
 use oqtal_bus::message::ControlRequestV1;
 use oqtal_bus::text::LongText;
-use oqtal_config::{Config, ConfigError, Setting};
+use oqtal_config::{Config, ConfigError, Setting, reread_comments};
 use oqtal_control::predictive::MotionTracker;
 use oqtal_control::trajectory::{Trajectory, TrajectoryOptions, Waypoints};
 use oqtal_runtime::process::Failure;
@@ -141,7 +141,7 @@ impl LiveSettings {
 
     /// As [`LiveSettings::new`], with these points of the waypoint file.
     pub fn along(config: &Config, files: &[PathBuf], waypoints: Option<Waypoints>) -> Self {
-        let started = ReadSettings { config: config.clone(), waypoints };
+        let started = ReadSettings { config: config.clone(), waypoints, reread: String::new() };
         let present = started.clone();
         Self { started, present, earlier: Vec::new(), files: files.to_vec(), recorded: None }
     }
@@ -168,6 +168,11 @@ impl LiveSettings {
         let title =
             (!changed.is_empty()).then(|| "settings changed since the daemon's start:".into());
         title.into_iter().chain(changed).collect()
+    }
+
+    /// Comment lines of the files that were read again in flight.
+    pub(crate) fn reread(&self) -> &str {
+        &self.present.reread
     }
 
     /// Number of changes that can be taken back \[-\].
@@ -227,7 +232,7 @@ impl LiveSettings {
 
     /// Whether `prepared` sets the present values again.
     pub fn are_unchanged_by(&self, prepared: &PreparedChange) -> bool {
-        prepared.settings.as_ref().is_some_and(|(settings, _)| *settings == self.present)
+        prepared.settings.as_ref().is_some_and(|(settings, _)| settings.is_flown_as(&self.present))
     }
 
     /// Warnings of the settings after `prepared` that the present ones do not have.
@@ -250,12 +255,15 @@ impl LiveSettings {
                 self.earlier.pop();
             }
             // A change to the present values is nothing to take back.
-            Some((settings, false)) if settings != self.present => {
+            Some((settings, false)) if settings.is_flown_as(&self.present) => {
+                self.present = settings;
+            }
+            Some((settings, false)) => {
                 self.earlier.push(std::mem::replace(&mut self.present, settings));
                 let surplus = self.earlier.len().saturating_sub(MOST_UNDONE);
                 self.earlier.drain(..surplus);
             }
-            _ => {}
+            None => {}
         }
     }
 
@@ -319,10 +327,9 @@ impl LiveSettings {
             let reason = format!("{} settings differ, too many for one request", changed.len());
             return Err(Refusal::of_setting(reason));
         };
-        if changed.is_empty() {
-            return Err(Refusal::of_setting("no setting differs"));
-        }
-        self.settings(self.read(next, false)?, text, false)
+        let reread = reread_comments(&self.present.reread, files);
+        let next = ReadSettings { reread, ..self.read(next, false)? };
+        self.settings(next, text, false)
     }
 
     /// `config` with the points of its waypoint file, which is read if `config` names another one than the present settings, or if the
@@ -340,7 +347,7 @@ impl LiveSettings {
             }
             None => None,
         };
-        Ok(ReadSettings { config, waypoints })
+        Ok(ReadSettings { config, waypoints, reread: self.present.reread.clone() })
     }
 
     /// The trajectory with the name `kind` and the present options.

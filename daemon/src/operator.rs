@@ -36,7 +36,7 @@ pub struct OperatorRequests {
     pub(crate) last: Condition,
     config_hash: u64,
     /// `None` without a daemon's background thread.
-    settings: Option<LiveSettings>,
+    pub(crate) settings: Option<LiveSettings>,
     /// Number of requests that change a flight or its settings so far.
     events: u64,
     /// Course of the present flight, as text, if it may differ from the configured one: set by an operator, or kept when the settings
@@ -257,7 +257,8 @@ impl OperatorRequests {
         let mut event = EventV1 { number, ..event(request, Answer::Accepted) };
         let response = match prepared {
             Err(refusal) => with_reason(&refusal, self.present(Answer::Refused)),
-            Ok(prepared) if settings.are_unchanged_by(&prepared) => {
+            Ok(mut prepared) if settings.are_unchanged_by(&prepared) => {
+                self.settings.iter_mut().for_each(|settings| settings.commit(&mut prepared));
                 let lines = std::iter::once(UNCHANGED).chain(prepared.text.as_str().lines());
                 let text = LongText::of_lines(lines).unwrap_or_else(|| LongText::new(UNCHANGED));
                 return ControlResponseV1 { text, ..self.present(Answer::Done) };

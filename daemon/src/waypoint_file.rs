@@ -42,14 +42,21 @@ pub fn waypoints(config: &Config) -> Result<Option<Waypoints>, Failure> {
 }
 
 /// Settings with the points of their waypoint file: a later change does not depend on the file, which may have vanished.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub(crate) struct ReadSettings {
     pub(crate) config: Config,
     /// `None` without a file, and for one that could not be read at the start.
     pub(crate) waypoints: Option<Waypoints>,
+    /// Comment lines of the files that were read again in flight.
+    pub(crate) reread: String,
 }
 
 impl ReadSettings {
+    /// Whether a daemon flies alike with `other`.
+    pub(crate) fn is_flown_as(&self, other: &Self) -> bool {
+        self.config == other.config && self.waypoints == other.waypoints
+    }
+
     /// Whether `other` names the same file and has other points of it.
     pub(crate) fn has_other_points(&self, other: &Self) -> bool {
         let file = |settings: &Self| settings.config.trajectory.waypoints_file.clone();

@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 use oqtal_control::metrics::Statistics;
+use oqtal_control::trajectory::TrajectoryOptions;
 use serde::Serialize;
 
 use crate::flight::Flight;
@@ -39,11 +40,12 @@ impl CornerFigures {
     /// Figures of the scored windows of all flights; `None` for paths without corners.
     pub fn of(flight: &Flight) -> Option<Self> {
         let mut sums = CornerSums::default();
+        let options = &flight.config.trajectory;
         // The first reference of a record that begins in flight is not a step.
         let begins_at_rest =
             std::iter::once(!flight.begins_in_flight()).chain(std::iter::repeat(true));
         for (ticks, begins_at_rest) in flight.flights().zip(begins_at_rest) {
-            sums.add(ticks, begins_at_rest);
+            sums.add(ticks, begins_at_rest, ends_early(ticks, options));
         }
         let CornerSums { steps, step, overshoot, rest, approach, whole } = sums;
         Some(Self {
@@ -69,8 +71,9 @@ struct CornerSums {
 }
 
 impl CornerSums {
-    /// Adds the corners of one flight. Only if the record `begins_at_rest` is its first scored reference a step from the one before.
-    fn add(&mut self, ticks: &[FlightSample], begins_at_rest: bool) {
+    /// Adds the corners of one flight, whose scored window `ends_early` or not. Only if the record `begins_at_rest` is its first scored reference a
+    /// step from the one before.
+    fn add(&mut self, ticks: &[FlightSample], begins_at_rest: bool, ends_early: bool) {
         let samples: Vec<&FlightSample> = ticks.iter().filter(|tick| tick.is_scored()).collect();
         let before = ticks.iter().take_while(|sample| sample.telemetry.scored == 0).last();
         let first = samples.first().filter(|_| !begins_at_rest).copied();
@@ -91,8 +94,8 @@ impl CornerSums {
             let errors: Vec<_> = corner.iter().map(|it| (it.telemetry.time, error(it))).collect();
             let (first, after_s) = settled(&errors, SETTLED_M);
             let rest = &corner[first..];
-            let ends_early = corners.peek().is_none() && ends_early(ticks);
-            let end = StepEnd::of(!rest.is_empty(), ends_early);
+            let is_cut = ends_early && corners.peek().is_none();
+            let end = StepEnd::of(!rest.is_empty(), is_cut);
             self.steps.push((after_s, end));
             self.approach += approach(corner, &direction);
             rest.iter().for_each(|sample| self.rest.add(error(sample)));
@@ -116,10 +119,16 @@ fn approach(corner: &[&FlightSample], direction: &Vector3<f64>) -> f64 {
     remaining.take_while(|remaining| *remaining > SETTLED_M).sum()
 }
 
-/// Whether the scored window of a flight with these ticks ends before the planned landing.
-fn ends_early(ticks: &[FlightSample]) -> bool {
+/// Whether the scored window of a flight with these ticks ends before the trajectory does. The end of a path through waypoints is not
+/// known here: it is that of the planned flight, unless a duration is set.
+fn ends_early(ticks: &[FlightSample], options: &TrajectoryOptions) -> bool {
     let last = ticks.iter().rev().find(|tick| tick.is_scored()).map(|tick| tick.telemetry);
-    last.is_some_and(|last| last.mission_s + CUT_OFF_S < last.planned_landing_s)
+    let end_s = |planned_s: f64| match options.trajectory(None) {
+        Some(trajectory) => options.start_s() + trajectory.duration_s(),
+        None if options.duration_s.is_some() => f64::INFINITY,
+        None => planned_s,
+    };
+    last.is_some_and(|last| last.mission_s + CUT_OFF_S < end_s(last.planned_landing_s))
 }
 
 fn reference(sample: &FlightSample) -> Vector3<f64> {
@@ -158,15 +167,16 @@ mod tests {
     #[test]
     fn a_corner_that_the_end_of_the_flight_cuts_off_is_not_evaluated() {
         let mut flight = Flight { outcome: Outcome::Stopped, ..fixture::square() };
-        flight.samples.iter_mut().for_each(|tick| tick.telemetry.planned_landing_s = 31.0);
         let whole = CornerFigures::of(&flight).unwrap();
         assert_eq!((whole.settling.count, whole.settling.cut_off), (4, 0));
         let last = flight.samples.iter().rposition(|tick| {
             let reference = reference(tick);
             (reference - Vector3::new(0.0, 1.3, reference.z)).norm() < STEP_M
         });
-        // Half a second on the way to the fourth corner.
+        // Half a second on the way to the fourth corner, where a set duration may also have ended the flight as planned.
         flight.samples.truncate(last.unwrap() + 30);
+        let end_s = flight.samples.last().unwrap().telemetry.mission_s;
+        flight.samples.iter_mut().for_each(|tick| tick.telemetry.planned_landing_s = end_s);
         let cut = CornerFigures::of(&flight).unwrap();
         assert_eq!((cut.settling.count, cut.settling.cut_off), (3, 1));
         assert!(cut.settling_text().ends_with("1 cut off by the end of the flight"));

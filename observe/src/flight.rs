@@ -24,6 +24,9 @@ pub const HELD: &str = "held by the fence";
 /// Time since the beginning of a flight above which a record that begins then has missed the arming \[s\].
 const MISSED_ARMING_S: f64 = 0.1;
 
+/// Height above the vehicle's place at arming below which it has not taken off \[m\].
+const TAKEN_OFF_M: f64 = 0.05;
+
 /// Whether `cause`, of [`Flight::cause`], is a hold by the fence, with or without a landing by the daemon, or a stop at it.
 pub fn is_of_fence(cause: &str) -> bool {
     let ends_with = |known: Cause| cause.ends_with(&known.to_string());
@@ -311,6 +314,14 @@ impl Flight {
     /// The ticks from arming to disarming.
     pub fn armed(&self) -> impl Iterator<Item = &FlightSample> {
         self.samples.iter().filter(|sample| sample.is_armed())
+    }
+
+    /// Whether the vehicle never rose, as in a flight that was ended while its motors were being started.
+    pub(crate) fn lacks_take_off(&self) -> bool {
+        let height_m = |sample: &FlightSample| sample.position().z;
+        let Some(start_m) = self.armed().next().map(height_m) else { return false };
+        let rose = |sample: &FlightSample| height_m(sample) > start_m + TAKEN_OFF_M;
+        !self.begins_in_flight() && !self.armed().any(rose)
     }
 
     /// The ticks of each flight, from arming to disarming: several in the recording of a session.

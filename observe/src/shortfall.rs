@@ -89,6 +89,7 @@ impl Flight {
                 Some(cause) => Some(format!(
                     "the daemon landed the vehicle before the end of the flight: {cause}"
                 )),
+                None if self.lacks_take_off() => Some(format!("ended{when}, before the take-off")),
                 None => self.taken_over().or_else(|| self.landing_on_request()),
             },
             Outcome::Stopped => Some(match (self.stop_cause(), self.stops_at_once()) {
@@ -174,6 +175,7 @@ impl Flight {
         Some(match (self.outcome, self.crash) {
             (Outcome::Landed, _) => match self.early_landing() {
                 Some(sample) => format!("landed by the daemon: {}", cause_of(sample)),
+                None if self.lacks_take_off() => "ended before the take-off".to_owned(),
                 None if self.take_over().is_some() => "landing taken over".to_owned(),
                 None if self.landing_on_request().is_some() => "landed on request".to_owned(),
                 None if self.outside_m() > OUTSIDE_M => "outside the fence".to_owned(),
@@ -260,7 +262,8 @@ impl Flight {
 
     /// Part of the trajectory flown before a landing requested by an operator; `None` without such a landing.
     pub fn landing_on_request(&self) -> Option<String> {
-        if self.early_landing().or_else(|| self.take_over()).is_some() {
+        let is_other = self.early_landing().or_else(|| self.take_over()).is_some();
+        if is_other || self.lacks_take_off() {
             return None;
         }
         let landing = self.armed().find(|s| s.telemetry.phase == Phase::Landing as u8)?.telemetry;
@@ -369,6 +372,15 @@ mod tests {
         let told = outside.shortfall().unwrap();
         assert_eq!(told, "the vehicle was up to 1.00 m outside the fence");
         assert_eq!(outside.cause().unwrap(), "outside the fence");
+    }
+
+    #[test]
+    fn a_flight_that_ended_before_its_take_off_is_not_as_planned() {
+        let mut flight = fixture::square();
+        flight.samples.truncate(20);
+        assert!(flight.shortfall().unwrap().ends_with("after arming, before the take-off"));
+        assert_eq!(flight.landing_on_request(), None);
+        assert_eq!(flight.cause().unwrap(), "ended before the take-off");
     }
 
     #[test]

@@ -338,9 +338,16 @@ fn read_config(file: &Path) -> Option<Config> {
     Config::parse(&file.to_string_lossy(), &text, &[]).ok()
 }
 
-/// Files that were edited or removed after a daemon had read them, by the comments in `file`, its configuration; none if it cannot be read.
-pub fn edited_files(file: &Path) -> Vec<PathBuf> {
-    std::fs::read_to_string(file).map_or_else(|_| Vec::new(), |text| edited_sources(&text))
+/// Files that were edited or removed, by the comments in `file`, the configuration of a daemon: after its start, or, with `counts_reload`,
+/// after it last read them; none if `file` cannot be read.
+pub fn edited_files(file: &Path, counts_reload: bool) -> Vec<PathBuf> {
+    let text = std::fs::read_to_string(file).unwrap_or_default();
+    edited_sources(&text, counts_reload)
+}
+
+/// Whether the configuration in `file` is of `oqtal chain run`; false if it cannot be read.
+pub fn is_of_chain(file: &Path) -> bool {
+    oqtal_config::is_of_chain(&std::fs::read_to_string(file).unwrap_or_default())
 }
 
 /// The command of the flight that the configuration in `file` is of; `None` if it is that of a daemon of its own, or cannot be read.

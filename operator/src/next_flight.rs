@@ -119,7 +119,7 @@ impl NextFlight {
         };
         let edited = match &start {
             _ if !is_arming => None,
-            Some(_) => edited_names(&paths).map(|files| start_without(&files)),
+            Some(_) => edited_names(&paths, false).map(|files| start_without(&files)),
             None => edited_note(&paths),
         };
         Self {
@@ -135,6 +135,14 @@ impl NextFlight {
             is_locked: false,
             edited,
         }
+    }
+}
+
+impl NextFlight {
+    /// Whether the command suffices, after that which starts a daemon.
+    fn is_ready(&self) -> bool {
+        let is_whole = !(self.is_lost || self.lacks_vehicle || self.is_locked);
+        is_whole && self.hanging.is_none() && self.other_config.is_none()
     }
 }
 
@@ -189,12 +197,12 @@ impl fmt::Display for NextFlight {
 }
 
 impl Serialize for NextFlights {
-    /// `arm_again`, unless the daemon hangs, and `start_again` if no daemon runs and a file has the configuration: commands, joined by `; `
-    /// for several roots.
+    /// `arm_again`, unless more must come before than `start_again`, which is there if no daemon runs and a file has the configuration:
+    /// commands, joined by `; ` for several roots.
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let joined = |commands: Vec<&str>| Some(commands.join("; ")).filter(|it| !it.is_empty());
-        let answering = self.0.iter().filter(|flight| flight.hanging.is_none());
-        let arm = joined(answering.map(|flight| flight.command.as_str()).collect());
+        let ready = self.0.iter().filter(|flight| flight.is_ready());
+        let arm = joined(ready.map(|flight| flight.command.as_str()).collect());
         let start = joined(self.0.iter().filter_map(|flight| flight.start.as_deref()).collect());
         let mut map = serializer.serialize_map(None)?;
         for (key, commands) in [("arm_again", arm), ("start_again", start)] {
@@ -226,5 +234,8 @@ mod tests {
         let at = order.map(|command| text.find(command).unwrap());
         assert!(at.is_sorted() && !text.contains("locked"), "{text}");
         assert!(told(true).contains("restart the vehicle, which is locked, then `oqtal ctl arm"));
+        let flights = NextFlights(vec![NextFlight::of(&[], paths.clone())]);
+        let json = serde_json::to_value(flights).unwrap();
+        assert!(json["start_again"].is_string() && json["arm_again"].is_null(), "{json}");
     }
 }

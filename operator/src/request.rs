@@ -138,27 +138,29 @@ fn state_of_vehicle(vehicle: Option<&VehicleStatus>, place: &str) -> String {
     }
 }
 
-/// Command that starts a daemon of the instance at `paths`, with the configuration of the one before if that is left.
+/// Command that starts a daemon of the instance at `paths`, or its chain, with the configuration of the one before if that is left.
 pub fn start_daemon(paths: &InstancePaths) -> String {
     let place = paths.flags();
     let file = Some(paths.config()).filter(|file| file.is_file());
     let config = file.map(|file| format!(" --config {}", quoted(&file.display().to_string())));
     let user = paths.user_to_become().map(|user| format!("sudo -u '#{user}' "));
-    format!("{}oqtal daemon run{} {place}", user.unwrap_or_default(), config.unwrap_or_default())
+    let process = if status::is_of_chain(&paths.config()) { "chain" } else { "daemon" };
+    let (user, config) = (user.unwrap_or_default(), config.unwrap_or_default());
+    format!("{user}oqtal {process} run{config} {place}")
 }
 
-/// Names of the files that were edited or removed after the last daemon at `paths` had read them; `None` if there are none, or if this
-/// user cannot read them.
-pub(crate) fn edited_names(paths: &InstancePaths) -> Option<String> {
-    let files = status::edited_files(&paths.config());
+/// Names of the files that were edited or removed after the start of the last daemon at `paths`, or, with `counts_reload`, after it last read
+/// them; `None` if there are none, or if this user cannot read them.
+pub(crate) fn edited_names(paths: &InstancePaths, counts_reload: bool) -> Option<String> {
+    let files = status::edited_files(&paths.config(), counts_reload);
     (!files.is_empty()).then(|| listed(&files))
 }
 
 /// Note for the answers of the daemon at `paths`: files of its configuration that were edited or removed; `None` if none was.
 pub fn edited_note(paths: &InstancePaths) -> Option<String> {
-    let (files, place) = (edited_names(paths)?, paths.flags());
+    let (files, place) = (edited_names(paths, true)?, paths.flags());
     Some(format!(
-        "{files}: edited or removed since the daemon's start; `oqtal ctl reload {place}` applies the edit if all of it can change while the \
+        "{files}: edited or removed since the daemon read it; `oqtal ctl reload {place}` applies the edit if all of it can change while the \
          daemon runs; a restart of every process applies any edit"
     ))
 }
@@ -185,7 +187,7 @@ fn daemon_remedy(paths: &InstancePaths, seen: &RunningProcesses) -> String {
         file if status::arms_at_start(&file) => "; it takes off by itself (safety.arm-at-start)",
         _ => "",
     };
-    let edited = edited_names(paths).map(|files| format!("; {}", start_without(&files)));
+    let edited = edited_names(paths, false).map(|files| format!("; {}", start_without(&files)));
     format!("start one with `{}`{like}{}", start_daemon(paths), edited.unwrap_or_default())
 }
 

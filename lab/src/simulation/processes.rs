@@ -130,7 +130,12 @@ impl<'a> Processes<'a> {
             Ok(prepared) => prepared,
             Err(refusal) => return Ok(Err(refusal)),
         };
+        let is_unchanged = self.settings.are_unchanged_by(&prepared);
         self.settings.commit(&mut prepared);
+        if is_unchanged {
+            let answer = Answer::Done.code();
+            return Ok(Ok(ControlResponseV1 { answer, ..ControlResponseV1::default() }));
+        }
         self.count += 1;
         let ControlRequestV1 { point, yaw, .. } = *request;
         let event = EventV1 {

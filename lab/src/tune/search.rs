@@ -243,7 +243,9 @@ pub fn law(
     let value = |flown: &Flown| objective(&figures(flown), &reference, &flights.weights);
     let before = fly(&[], &flights.case)?;
     let (start, from) = (value(&before), configured(&parameters, &config));
-    say_notes((!start.is_finite()).then(|| flights.not_landed(name, &before)));
+    // A search in flight ends at once if none land, with the same reasons.
+    let is_noted = !start.is_finite() && !flights.live_keys_only;
+    say_notes(is_noted.then(|| flights.not_landed(name, &before)));
     let mut path = SearchPath::default();
     let best = search(&parameters, &flights.starts(name, &parameters, &from), budget, |points| {
         let evaluate = |point: &Vec<f64>| {

@@ -82,7 +82,8 @@ fn a_change_is_told_unless_it_is_refused_and_a_landing_after_it_was_requested() 
             TelemetryV1 { time, mode, phase, planned_landing_s, ..TelemetryV1::default() };
         let reception = Reception { received_at, ..Reception::default() };
         recorder.sample(&reception, Sample::Telemetry(&telemetry));
-        let (position, attitude) = ([0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 1.0]);
+        let height_m = if tick == 0 { 0.5 } else { 1.0 };
+        let (position, attitude) = ([0.0, 0.0, height_m], [0.0, 0.0, 0.0, 1.0]);
         let truth = TruthV1 { time, position, attitude, ..TruthV1::default() };
         recorder.sample(&reception, Sample::Truth(&truth));
         let text =
