@@ -259,8 +259,9 @@ impl OperatorRequests {
             Err(refusal) => with_reason(&refusal, self.present(Answer::Refused)),
             Ok(mut prepared) if settings.are_unchanged_by(&prepared) => {
                 self.settings.iter_mut().for_each(|settings| settings.commit(&mut prepared));
-                let lines = std::iter::once(UNCHANGED).chain(prepared.text.as_str().lines());
-                let text = LongText::of_lines(lines).unwrap_or_else(|| LongText::new(UNCHANGED));
+                let title = if prepared.text.is_empty() { "no setting differs" } else { UNCHANGED };
+                let lines = std::iter::once(title).chain(prepared.text.as_str().lines());
+                let text = LongText::of_lines(lines).unwrap_or_else(|| LongText::new(title));
                 return ControlResponseV1 { text, ..self.present(Answer::Done) };
             }
             Ok(_) if self.queues.is_full() => {
