@@ -122,7 +122,7 @@ pub struct PredictiveOptions {
     /// Corrective acceleration per velocity error, horizontally \[1/s\].
     pub velocity_gain_per_s: f64,
     /// Corrective acceleration per velocity error, vertically \[1/s\]. Its default is lower than the horizontal one, since
-    /// neither an unknown lag of the thrust nor a hidden delay of it is adapted.
+    /// a hidden delay of the thrust is not adapted.
     pub vertical_velocity_gain_per_s: f64,
     /// Bandwidth of the filter on the corrective acceleration \[rad/s\].
     pub command_bandwidth_rad_s: f64,
