@@ -34,7 +34,7 @@ const HUBER_SIGMA: f64 = 2.5;
 
 /// Innovation that a filter of estimation does not expect \[standard deviations\]. A push of half the weight reaches it within a few
 /// poses, before it reaches the bound of the gate. Lower thresholds change the gains of the loop while the model is still being
-/// adapted: with 5, a vehicle of a lag of 10 ms and 1.3 times the authority was stopped in 24 of 32 hovers, with 20 in 3.
+/// adapted: with 5, a vehicle of a lag of 10 ms and 1.3 times the authority was stopped in 24 of 32 hovers.
 const UNEXPECTED_SIGMA: f64 = 20.0;
 
 /// Standard deviation of the part of a predicted change of the rate that comes late, over the whole change \[-\].
