@@ -70,12 +70,13 @@ fn hints_name_a_file_that_was_edited_after_the_daemon_had_read_it() {
     testbed.wait_for_daemon();
     assert!(!said(&["status"]).contains(&name));
     std::fs::write(&file, "[position]\ntilt-limit-deg = 11.0\n").unwrap();
-    let edited = format!("{name}: edited or removed since the daemon read it");
+    let edited = format!("{name}: removed, or has an edit that the daemon does not use");
     for words in [&["status"][..], &["get"], &["set", "position.tilt-limit-deg=12"], &["undo"]] {
         let told = said(words);
         assert!(told.contains(&edited), "{words:?}: {told}");
     }
     assert!(said(&["reload"]).contains("tilt-limit-deg=11"));
+    assert!(said(&["undo"]).contains(&edited) && said(&["reload"]).contains("tilt-limit-deg=11"));
     assert!(!said(&["get"]).contains(&name) && said(&["reload"]).contains("no setting differs"));
     std::fs::write(&file, "[position]\ntilt-limit-deg = 10.0\n").unwrap();
     assert!(said(&["stop"]).contains(&edited));

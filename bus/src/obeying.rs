@@ -80,8 +80,9 @@ fn field<'a>(status: &'a str, name: &str) -> Option<&'a str> {
     status.lines().find_map(|line| line.strip_prefix(name)).map(str::trim)
 }
 
-/// The command of `oqtal` that started the process `pid` and ends with it, such as `oqtal fly --duration 5`, as typed in a shell, after
-/// a change to its directory if it runs in another one than this process; `None` for a process of its own.
+/// The command of `oqtal` that started the process `pid` and ends with it, such as `oqtal fly --duration 5`, as typed in a shell, with the
+/// settings of its environment, and after a change to its directory if it runs in another one than this process; `None` for a process of its
+/// own.
 pub fn starting_command(pid: u32) -> Option<String> {
     let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
     let parent = format!("/proc/{}", field(&status, "PPid:")?);
@@ -92,10 +93,22 @@ pub fn starting_command(pid: u32) -> Option<String> {
     // Its results are kept.
     let words = without_out(arguments.split_terminator('\0')).map(quoted);
     let command = ["oqtal".to_owned()].into_iter().chain(words).collect::<Vec<_>>().join(" ");
+    let environment = fs::read(format!("{parent}/environ")).unwrap_or_default();
+    let command = settings_in(&String::from_utf8_lossy(&environment)) + &command;
     let directory = fs::read_link(format!("{parent}/cwd")).ok();
     let other = directory.filter(|it| std::env::current_dir().ok().as_ref() != Some(it));
     let change = other.map(|it| format!("cd {} && ", quoted(&it.display().to_string())));
     is_ours.then(|| change.unwrap_or_default() + &command)
+}
+
+/// The settings in `environment`, variables that end with zero bytes, as typed before a command.
+fn settings_in(environment: &str) -> String {
+    let settings = environment.split_terminator('\0').filter_map(|text| {
+        let (name, value) = text.split_once('=')?;
+        let is_setting = name.starts_with("OQTAL_") && name.contains("__");
+        is_setting.then(|| format!("{name}={} ", quoted(value)))
+    });
+    settings.collect()
 }
 
 impl ObeyingProcess {
@@ -320,6 +333,12 @@ fn paths_of(path: &Path) -> Option<InstancePaths> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn settings_of_the_environment_precede_the_command() {
+        let environment = "HOME=/root\0OQTAL_VEHICLE__MASS_KG=0.6\0OQTAL_PEERS=1\0OQTAL_A__B=c d\0";
+        assert_eq!(settings_in(environment), "OQTAL_VEHICLE__MASS_KG=0.6 OQTAL_A__B='c d' ");
+    }
 
     #[test]
     fn a_thread_name_names_role_instance_and_root_in_15_characters() {

@@ -41,6 +41,14 @@ pub fn kept_source_comments(text: &str) -> String {
     text.lines().filter(|line| line.starts_with(MARK)).map(|line| format!("{line}\n")).collect()
 }
 
+/// Comment line in a configuration that was read from the file in which it is.
+pub const COPY_COMMENT: &str = "# read from this copy\n";
+
+/// Whether the daemon of the configuration in `text` was started with a copy of an earlier one.
+pub fn is_copy(text: &str) -> bool {
+    text.lines().any(|line| line == COPY_COMMENT.trim_end())
+}
+
 /// Comment line in the configuration of an instance whose daemon is part of `oqtal chain run`.
 pub const CHAIN_COMMENT: &str = "# of the chain\n";
 

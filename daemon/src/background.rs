@@ -15,7 +15,9 @@ use oqtal_bus::port::{Reader, Writer};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{EVENT, Role};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
-use oqtal_config::{CHAIN_COMMENT, flight_comment, kept_source_comments, source_comments};
+use oqtal_config::{
+    CHAIN_COMMENT, COPY_COMMENT, flight_comment, kept_source_comments, source_comments,
+};
 use oqtal_runtime::background::BackgroundWorker;
 use oqtal_runtime::files;
 use oqtal_runtime::health::{Health, Heartbeat};
@@ -78,7 +80,8 @@ impl ConfigFile {
         let sources = if context.is_child {
             starting_command(std::process::id()).as_deref().map_or_else(String::new, flight_comment)
         } else if context.files == [path.clone()] {
-            kept_source_comments(&std::fs::read_to_string(&path).unwrap_or_default())
+            let kept = kept_source_comments(&std::fs::read_to_string(&path).unwrap_or_default());
+            kept + COPY_COMMENT
         } else {
             source_comments(&context.files)
         };

@@ -13,6 +13,8 @@ use crate::settling::{CUT_OFF_S, StepEnd, StepSettling, mean, settled};
 const SETTLED_M: f64 = 0.05;
 /// Change of the reference in one tick that counts as a step \[m\].
 const STEP_M: f64 = 0.1;
+/// Distance from the corner up to which the reference rests there \[m\].
+const REST_M: f64 = 0.01;
 
 /// Figures at the corners of a path.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -91,16 +93,22 @@ impl CornerSums {
             let direction = (to - from).try_normalize(STEP_M);
             from = to;
             let Some(direction) = direction else { continue };
-            let errors: Vec<_> = corner.iter().map(|it| (it.telemetry.time, error(it))).collect();
+            let rests = |sample: &&&FlightSample| (reference(sample) - to).norm() < REST_M;
+            let stay = &corner[..corner.iter().take_while(rests).count()];
+            let errors: Vec<_> = stay.iter().map(|it| (it.telemetry.time, error(it))).collect();
             let (first, after_s) = settled(&errors, SETTLED_M);
-            let rest = &corner[first..];
+            let rest = &stay[first..];
+            // A reference that moves on before the vehicle has settled is a path that begins with a jump.
+            if rest.is_empty() && stay.len() < corner.len() {
+                continue;
+            }
             let is_cut = ends_early && corners.peek().is_none();
             let end = StepEnd::of(!rest.is_empty(), is_cut);
             self.steps.push((after_s, end));
-            self.approach += approach(corner, &direction);
+            self.approach += approach(stay, &direction);
             rest.iter().for_each(|sample| self.rest.add(error(sample)));
             if end != StepEnd::CutOff {
-                let beyond = corner.iter().map(|sample| sample.position_error().dot(&direction));
+                let beyond = stay.iter().map(|sample| sample.position_error().dot(&direction));
                 self.overshoot.add(beyond.fold(0.0, f64::max));
                 self.step.add(length);
             }
@@ -180,6 +188,17 @@ mod tests {
         let cut = CornerFigures::of(&flight).unwrap();
         assert_eq!((cut.settling.count, cut.settling.cut_off), (3, 1));
         assert!(cut.settling_text().ends_with("1 cut off by the end of the flight"));
+    }
+
+    #[test]
+    fn a_path_that_moves_on_after_a_jump_has_no_corner_there() {
+        let mut flight = fixture::square();
+        let corners = |flight: &Flight| CornerFigures::of(flight).map(|it| it.settling.count);
+        assert_eq!(corners(&flight), Some(4));
+        for (tick, sample) in flight.samples.iter_mut().enumerate() {
+            sample.telemetry.reference_position[2] += 0.001 * tick as f64;
+        }
+        assert_eq!(corners(&flight), None);
     }
 
     #[test]

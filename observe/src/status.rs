@@ -345,6 +345,11 @@ pub fn edited_files(file: &Path, counts_reload: bool) -> Vec<PathBuf> {
     edited_sources(&text, counts_reload)
 }
 
+/// Whether the daemon of the configuration in `file` was started with a copy of an earlier one; false if it cannot be read.
+pub fn is_copy(file: &Path) -> bool {
+    oqtal_config::is_copy(&std::fs::read_to_string(file).unwrap_or_default())
+}
+
 /// Whether the configuration in `file` is of `oqtal chain run`; false if it cannot be read.
 pub fn is_of_chain(file: &Path) -> bool {
     oqtal_config::is_of_chain(&std::fs::read_to_string(file).unwrap_or_default())

@@ -34,6 +34,8 @@ struct NextFlight {
     is_lost: bool,
     /// Process id of a daemon that does not answer and has not obeyed.
     hanging: Option<u32>,
+    /// Process id of the vehicle's process that has not obeyed.
+    disobedient: Option<u32>,
     /// Whether the daemon runs without a process of its vehicle.
     lacks_vehicle: bool,
     /// Whether the vehicle refuses to arm until it is restarted.
@@ -70,22 +72,25 @@ impl NextFlights {
     }
 
     /// Notes what the `response` of the addressed daemon of `reached` says of the next flight. Without one, the daemon hangs unless it
-    /// `obeys`: it would not answer a command either.
-    pub(crate) fn note_daemon(
+    /// `obeys`: it would not answer a command either. The same holds for the process of the vehicle, `vehicle_obeys`.
+    pub(crate) fn note_processes(
         &mut self,
         reached: &Reached,
         response: Option<&ControlResponseV1>,
-        obeys: bool,
+        [obeys, vehicle_obeys]: [bool; 2],
     ) {
         let obstacles = response.map(|response| ArmingObstacles::from_bits(response.obstacles));
         if obstacles.is_some_and(|it| it.contains(ArmingObstacle::Locked)) {
             self.note_locked(&reached.paths);
         }
         let is_alive = response.is_some() || obeys;
-        let is_here = |it: &&ObeyingProcess| !it.is_vehicle && it.is_under(&reached.paths);
-        let daemon = reached.processes.iter().find(is_here).filter(|_| !is_alive);
-        let arming = self.0.iter_mut().filter(|it| it.is_arming && it.paths == reached.paths);
-        arming.for_each(|flight| flight.hanging = daemon.map(|daemon| daemon.pid));
+        let here = || reached.processes.iter().filter(|it| it.is_under(&reached.paths));
+        let daemon = here().find(|it| !it.is_vehicle && !is_alive);
+        let vehicle = here().find(|it| it.is_vehicle && !vehicle_obeys && it.is_running());
+        for flight in self.0.iter_mut().filter(|it| it.paths == reached.paths) {
+            flight.hanging = daemon.map(|daemon| daemon.pid);
+            flight.disobedient = vehicle.map(|vehicle| vehicle.pid);
+        }
     }
 
     /// Notes that the vehicle at `paths` refuses to arm until it is restarted.
@@ -119,7 +124,7 @@ impl NextFlight {
         };
         let edited = match &start {
             _ if !is_arming => None,
-            Some(_) => edited_names(&paths, false).map(|files| start_without(&files)),
+            Some(_) => edited_names(&paths).map(|files| start_without(&files)),
             None => edited_note(&paths),
         };
         Self {
@@ -131,6 +136,7 @@ impl NextFlight {
             is_arming,
             is_lost: false,
             hanging: None,
+            disobedient: None,
             lacks_vehicle,
             is_locked: false,
             edited,
@@ -142,7 +148,8 @@ impl NextFlight {
     /// Whether the command suffices, after that which starts a daemon.
     fn is_ready(&self) -> bool {
         let is_whole = !(self.is_lost || self.lacks_vehicle || self.is_locked);
-        is_whole && self.hanging.is_none() && self.other_config.is_none()
+        let all_obey = self.hanging.is_none() && self.disobedient.is_none();
+        is_whole && all_obey && self.other_config.is_none()
     }
 }
 
@@ -168,11 +175,19 @@ impl fmt::Display for NextFlight {
         if self.is_lost {
             write!(f, "the processes lost their files and end; ")?;
         }
-        if let Some(daemon) = self.hanging {
+        if !self.is_arming && self.hanging.or(self.disobedient).is_some() {
+            write!(f, "a process of the flight hangs: end its command with Ctrl-C; then ")?;
+        } else if let Some(daemon) = self.hanging {
             let restart = start_daemon(&self.paths);
             write!(
                 f,
                 "the daemon does not answer; continue it with `kill -CONT {daemon}`, or end it and start another with `{restart}`; then "
+            )?;
+        }
+        if let Some(vehicle) = self.disobedient.filter(|_| self.is_arming) {
+            write!(
+                f,
+                "the process of the vehicle has not obeyed; if it hangs, continue it with `kill -CONT {vehicle}`; then "
             )?;
         }
         match (&self.start, &self.other_config) {

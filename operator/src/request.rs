@@ -1,5 +1,7 @@
 //! A request to the daemon, and its answer.
 
+use std::path::PathBuf;
+
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::error::BusError;
@@ -149,20 +151,29 @@ pub fn start_daemon(paths: &InstancePaths) -> String {
     format!("{user}oqtal {process} run{config} {place}")
 }
 
-/// Names of the files that were edited or removed after the start of the last daemon at `paths`, or, with `counts_reload`, after it last read
-/// them; `None` if there are none, or if this user cannot read them.
-pub(crate) fn edited_names(paths: &InstancePaths, counts_reload: bool) -> Option<String> {
-    let files = status::edited_files(&paths.config(), counts_reload);
+/// Names of the files that were edited or removed after the start of the last daemon at `paths`; `None` if there are none, or if this user
+/// cannot read them.
+pub(crate) fn edited_names(paths: &InstancePaths) -> Option<String> {
+    let files = status::edited_files(&paths.config(), false);
     (!files.is_empty()).then(|| listed(&files))
 }
 
-/// Note for the answers of the daemon at `paths`: files of its configuration that were edited or removed; `None` if none was.
+/// Note for the answers of the daemon at `paths`: files of its configuration with edits that it does not use; `None` if there are none.
 pub fn edited_note(paths: &InstancePaths) -> Option<String> {
-    let (files, place) = (edited_names(paths, true)?, paths.flags());
-    Some(format!(
-        "{files}: edited or removed since the daemon read it; `oqtal ctl reload {place}` applies the edit if all of it can change while the \
-         daemon runs; a restart of every process applies any edit"
-    ))
+    let (files, place) = (status::edited_files(&paths.config(), true), paths.flags());
+    let reload = |file: &str| format!("`oqtal ctl reload {file}{place}`");
+    let named = |file: &PathBuf| reload(&(quoted(&file.display().to_string()) + " "));
+    let reloads = match status::is_copy(&paths.config()) {
+        true => files.iter().map(named).collect::<Vec<_>>().join(" and "),
+        false => reload(""),
+    };
+    (!files.is_empty()).then(|| {
+        format!(
+            "{}: removed, or has an edit that the daemon does not use; {reloads} applies the edit if all of it can change while the daemon runs; a \
+             restart of every process applies any edit",
+            listed(&files)
+        )
+    })
 }
 
 /// States that a daemon with the settings of the last one lacks the edit of `files`.
@@ -187,7 +198,7 @@ fn daemon_remedy(paths: &InstancePaths, seen: &RunningProcesses) -> String {
         file if status::arms_at_start(&file) => "; it takes off by itself (safety.arm-at-start)",
         _ => "",
     };
-    let edited = edited_names(paths, false).map(|files| format!("; {}", start_without(&files)));
+    let edited = edited_names(paths).map(|files| format!("; {}", start_without(&files)));
     format!("start one with `{}`{like}{}", start_daemon(paths), edited.unwrap_or_default())
 }
 

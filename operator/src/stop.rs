@@ -160,7 +160,7 @@ pub fn raise(
     again.note_running(&reached, &running);
     let response = answer.as_ref().ok().and_then(Option::as_ref);
     let stop = ObeyedStop::new(report, response);
-    again.note_daemon(&reached, response, stop.daemon_obeys);
+    again.note_processes(&reached, response, [stop.daemon_obeys, stop.vehicle_obeys]);
     paths.extend(reached.places().iter().filter_map(|place| forbid_automatic(place, &stop)));
     Ok(ObeyedStop {
         paths,
