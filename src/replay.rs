@@ -104,7 +104,9 @@ impl ReplayArgs {
         if !is_identical && !report.open_loop {
             let flight = recordings::read_flight(&self.file).ok();
             let reservation = flight.and_then(|flight| flight.reservation());
-            reservation.iter().for_each(|told| say(&format!("oqtal: {told}")));
+            reservation.iter().for_each(|told| {
+                say(&format!("oqtal: possible reason for the difference: {told}"))
+            });
         }
         Ok(if is_identical || report.open_loop { Exit::Ok } else { Exit::Flight })
     }

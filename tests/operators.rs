@@ -70,7 +70,7 @@ fn hints_name_a_file_that_was_edited_after_the_daemon_had_read_it() {
     testbed.wait_for_daemon();
     assert!(!said(&["status"]).contains(&name));
     std::fs::write(&file, "[position]\ntilt-limit-deg = 11.0\n").unwrap();
-    let edited = format!("{name}: removed, or has an edit that the daemon does not use");
+    let edited = format!("{name}: removed, or edited without effect on the daemon");
     for words in [&["status"][..], &["get"], &["set", "position.tilt-limit-deg=12"], &["undo"]] {
         let told = said(words);
         assert!(told.contains(&edited), "{words:?}: {told}");
@@ -82,7 +82,9 @@ fn hints_name_a_file_that_was_edited_after_the_daemon_had_read_it() {
     assert!(said(&["stop"]).contains(&edited));
     daemon.signal(rustix::process::Signal::TERM);
     daemon.wait();
-    let lacks = format!("that uses the settings of the last daemon, without later edits of {name}");
+    let lacks = format!(
+        "that uses the settings with which the last daemon was started, without later edits of {name}"
+    );
     for words in [["stop"], ["arm"], ["land"]] {
         let told = said(&words);
         assert!(told.contains(&lacks), "{words:?}: {told}");

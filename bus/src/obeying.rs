@@ -105,7 +105,7 @@ pub fn starting_command(pid: u32) -> Option<String> {
 fn settings_in(environment: &str) -> String {
     let settings = environment.split_terminator('\0').filter_map(|text| {
         let (name, value) = text.split_once('=')?;
-        let is_setting = name.starts_with("OQTAL_") && name.contains("__");
+        let is_setting = name == "OQTAL_ROOT" || name.starts_with("OQTAL_") && name.contains("__");
         is_setting.then(|| format!("{name}={} ", quoted(value)))
     });
     settings.collect()
@@ -336,8 +336,11 @@ mod tests {
 
     #[test]
     fn settings_of_the_environment_precede_the_command() {
-        let environment = "HOME=/root\0OQTAL_VEHICLE__MASS_KG=0.6\0OQTAL_PEERS=1\0OQTAL_A__B=c d\0";
-        assert_eq!(settings_in(environment), "OQTAL_VEHICLE__MASS_KG=0.6 OQTAL_A__B='c d' ");
+        let environment = "HOME=/root\0OQTAL_VEHICLE__MASS_KG=0.6\0OQTAL_PEERS=1\0OQTAL_ROOT=/x\0OQTAL_A__B=c d\0";
+        assert_eq!(
+            settings_in(environment),
+            "OQTAL_VEHICLE__MASS_KG=0.6 OQTAL_ROOT=/x OQTAL_A__B='c d' "
+        );
     }
 
     #[test]

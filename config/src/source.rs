@@ -9,7 +9,7 @@ use crate::layer;
 
 /// Beginning of a comment; the hash of the file's settings, a space and its absolute path follow.
 const MARK: &str = "# read from ";
-/// The same for a file that the daemon has read again.
+/// Beginning of the comment on a file that the daemon has read again; the same follows.
 const REREAD_MARK: &str = "# read again ";
 
 /// A comment line for each of `files` that is a regular file, with its present settings.
@@ -17,12 +17,13 @@ pub fn source_comments(files: &[PathBuf]) -> String {
     files.iter().filter_map(|file| comment(MARK, file)).collect()
 }
 
-/// The comment lines `before` of files that were read again, with those of `files`, with their present settings.
+/// `before`, comment lines of files that were read again, with the lines of `files` and their present settings added or replaced.
 pub fn reread_comments(before: &str, files: &[PathBuf]) -> String {
     let read = files.iter().filter_map(|file| comment(REREAD_MARK, file)).collect::<String>();
-    let has_path = |line: &str| named(REREAD_MARK, &read).any(|(_, path)| line.ends_with(path));
-    let others = before.lines().filter(|line| !has_path(line)).map(|line| format!("{line}\n"));
-    others.chain([read.clone()]).collect()
+    let is_read = |path| named(REREAD_MARK, &read).any(|(_, other)| other == path);
+    let others = named(REREAD_MARK, before).filter(|(_, path)| !is_read(*path));
+    let lines = others.map(|(hash, path)| format!("{REREAD_MARK}{hash} {path}\n"));
+    lines.chain([read.clone()]).collect()
 }
 
 fn comment(mark: &str, file: &Path) -> Option<String> {
@@ -41,8 +42,8 @@ pub fn kept_source_comments(text: &str) -> String {
     text.lines().filter(|line| line.starts_with(MARK)).map(|line| format!("{line}\n")).collect()
 }
 
-/// Comment line in a configuration that was read from the file in which it is.
-pub const COPY_COMMENT: &str = "# read from this copy\n";
+/// Comment line in the configuration of a daemon that was started with the file in which it is.
+pub const COPY_COMMENT: &str = "# started with this copy\n";
 
 /// Whether the daemon of the configuration in `text` was started with a copy of an earlier one.
 pub fn is_copy(text: &str) -> bool {
@@ -72,10 +73,10 @@ pub fn flight_of(text: &str) -> Option<&str> {
 }
 
 /// Files named by the comments of `text` that were removed since, or whose settings were edited: since the start of the daemon, or, with
-/// `counts_reload`, since it last read them.
-pub fn edited_sources(text: &str, counts_reload: bool) -> Vec<PathBuf> {
+/// `since_reload`, since it last read them.
+pub fn edited_sources(text: &str, since_reload: bool) -> Vec<PathBuf> {
     let edited = named(MARK, text).filter(|(hash, path)| {
-        let mut reread = named(REREAD_MARK, text).filter(|_| counts_reload);
+        let mut reread = named(REREAD_MARK, text).filter(|_| since_reload);
         let last = reread.find(|(_, other)| other == path);
         is_edited(Path::new(path), last.map_or(hash, |(hash, _)| hash))
     });
@@ -139,6 +140,9 @@ mod tests {
         write(1, "[position]\ntilt-limit-deg = 12.0\n");
         let text = source_comments(&files) + "[vehicle]\nmass-kg = 0.5\n";
         assert_eq!(edited_sources(&text, false), Vec::<PathBuf>::new());
+        let copy = kept_source_comments(&text) + COPY_COMMENT;
+        assert!(is_copy(&copy) && edited_sources(&copy, true).is_empty());
+        assert_eq!(kept_source_comments(&copy), source_comments(&files));
         write(0, "# heavier soon\n[vehicle]\nmass-kg = 0.5\n");
         assert_eq!(edited_sources(&text, false), Vec::<PathBuf>::new());
         write(0, "[vehicle]\nmass-kg = 0.6\n");

@@ -107,9 +107,9 @@ impl ConfigFile {
         }
     }
 
-    /// Notes which files were read again, by the comment lines `reread`.
-    fn note_reread(&mut self, reread: &str) {
-        if self.reread != reread {
+    /// Notes which files were read again, by the comment lines `reread`; after a loss nothing is written, as in [`ConfigFile::keep`].
+    fn note_reread(&mut self, reread: &str, bus: &Bus) {
+        if self.reread != reread && !bus.is_lost() {
             reread.clone_into(&mut self.reread);
             self.write();
         }
@@ -192,7 +192,7 @@ impl BackgroundWorker for DaemonWorker {
     fn poll(&mut self) {
         self.file.keep(&self.bus);
         let Self { requests, server, heartbeat, health, config_hash, peers, .. } = self;
-        let Self { events, law, log, file, .. } = self;
+        let Self { events, law, log, file, bus, .. } = self;
         requests.take_changes();
         law.iter_mut().for_each(LawListener::poll);
         // Every peer is checked, so that none keeps an old message.
@@ -208,10 +208,15 @@ impl BackgroundWorker for DaemonWorker {
                 tracing::warn!("{error}");
             }
         };
-        if let Err(error) = server.serve(|request| requests.ask(request, &mut publish)) {
+        let served = server.serve(|request| {
+            let response = requests.ask(request, &mut publish);
+            // Before the answer, whose reader may look at the file.
+            file.note_reread(requests.settings.as_ref().map_or("", LiveSettings::reread), bus);
+            response
+        });
+        if let Err(error) = served {
             tracing::warn!("{error}");
         }
-        file.note_reread(requests.settings.as_ref().map_or("", LiveSettings::reread));
         let Condition { mode, state, cause, obstacles, unlogged, .. } = requests.last;
         let health = HealthV1 { state, mode, cause, obstacles, unlogged, ..HealthV1::default() };
         if let Err(error) = heartbeat.beat(health) {

@@ -232,7 +232,10 @@ impl LiveSettings {
 
     /// Whether `prepared` sets the present values again.
     pub fn are_unchanged_by(&self, prepared: &PreparedChange) -> bool {
-        prepared.settings.as_ref().is_some_and(|(settings, _)| settings.is_flown_as(&self.present))
+        prepared
+            .settings
+            .as_ref()
+            .is_some_and(|(settings, _)| settings.has_same_values(&self.present))
     }
 
     /// Warnings of the settings after `prepared` that the present ones do not have.
@@ -255,7 +258,7 @@ impl LiveSettings {
                 self.earlier.pop();
             }
             // A change to the present values is nothing to take back.
-            Some((settings, false)) if settings.is_flown_as(&self.present) => {
+            Some((settings, false)) if settings.has_same_values(&self.present) => {
                 self.present = settings;
             }
             Some((settings, false)) => {
@@ -309,6 +312,8 @@ impl LiveSettings {
             return Err(Refusal::of_setting(reason));
         }
         files.iter().try_for_each(|file| require_file(file))?;
+        // First: an edit from now on is told once too often, and never lost.
+        let reread = reread_comments(&self.present.reread, files);
         let mut settings = Vec::new();
         for file in files {
             settings.extend(Config::file_settings(file)?);
@@ -327,7 +332,6 @@ impl LiveSettings {
             let reason = format!("{} settings differ, too many for one request", changed.len());
             return Err(Refusal::of_setting(reason));
         };
-        let reread = reread_comments(&self.present.reread, files);
         let next = ReadSettings { reread, ..self.read(next, false)? };
         self.settings(next, text, false)
     }

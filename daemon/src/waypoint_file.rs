@@ -52,8 +52,8 @@ pub(crate) struct ReadSettings {
 }
 
 impl ReadSettings {
-    /// Whether a daemon flies alike with `other`.
-    pub(crate) fn is_flown_as(&self, other: &Self) -> bool {
+    /// Whether `other` has the same settings and points; the files that were read again may differ.
+    pub(crate) fn has_same_values(&self, other: &Self) -> bool {
         self.config == other.config && self.waypoints == other.waypoints
     }
 

@@ -15,6 +15,8 @@ const SETTLED_M: f64 = 0.05;
 const STEP_M: f64 = 0.1;
 /// Distance from the corner up to which the reference rests there \[m\].
 const REST_M: f64 = 0.01;
+/// Time for which the reference rests after a step to be a corner, if it moves on without another step \[s\].
+const LEAST_REST_S: f64 = 0.5;
 
 /// Figures at the corners of a path.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -73,8 +75,8 @@ struct CornerSums {
 }
 
 impl CornerSums {
-    /// Adds the corners of one flight, whose scored window `ends_early` or not. Only if the record `begins_at_rest` is its first scored reference a
-    /// step from the one before.
+    /// Adds the corners of one flight. `ends_early`: its scored window ends before the trajectory. Without `begins_at_rest`, the first scored
+    /// reference is not a step.
     fn add(&mut self, ticks: &[FlightSample], begins_at_rest: bool, ends_early: bool) {
         let samples: Vec<&FlightSample> = ticks.iter().filter(|tick| tick.is_scored()).collect();
         let before = ticks.iter().take_while(|sample| sample.telemetry.scored == 0).last();
@@ -91,18 +93,21 @@ impl CornerSums {
             let to = reference(corner[0]);
             let length = (to - from).norm();
             let direction = (to - from).try_normalize(STEP_M);
-            from = to;
+            from = reference(corner[corner.len() - 1]);
             let Some(direction) = direction else { continue };
             let rests = |sample: &&&FlightSample| (reference(sample) - to).norm() < REST_M;
             let stay = &corner[..corner.iter().take_while(rests).count()];
             let errors: Vec<_> = stay.iter().map(|it| (it.telemetry.time, error(it))).collect();
             let (first, after_s) = settled(&errors, SETTLED_M);
             let rest = &stay[first..];
-            // A reference that moves on before the vehicle has settled is a path that begins with a jump.
-            if rest.is_empty() && stay.len() < corner.len() {
+            let moves_on = stay.len() < corner.len();
+            let ends = errors.first().zip(errors.last());
+            let rest_s = ends.map_or(0.0, |(first, last)| last.0.since(first.0).seconds());
+            // A reference that moves on at once begins a path with a jump.
+            if moves_on && rest_s < LEAST_REST_S {
                 continue;
             }
-            let is_cut = ends_early && corners.peek().is_none();
+            let is_cut = ends_early && corners.peek().is_none() && !moves_on;
             let end = StepEnd::of(!rest.is_empty(), is_cut);
             self.steps.push((after_s, end));
             self.approach += approach(stay, &direction);
@@ -128,7 +133,7 @@ fn approach(corner: &[&FlightSample], direction: &Vector3<f64>) -> f64 {
 }
 
 /// Whether the scored window of a flight with these ticks ends before the trajectory does. The end of a path through waypoints is not
-/// known here: it is that of the planned flight, unless a duration is set.
+/// known here: without a set duration it is that of the planned flight; with one, the path counts as unfinished.
 fn ends_early(ticks: &[FlightSample], options: &TrajectoryOptions) -> bool {
     let last = ticks.iter().rev().find(|tick| tick.is_scored()).map(|tick| tick.telemetry);
     let end_s = |planned_s: f64| match options.trajectory(None) {

@@ -316,12 +316,12 @@ impl Flight {
         self.samples.iter().filter(|sample| sample.is_armed())
     }
 
-    /// Whether the vehicle never rose, as in a flight that was ended while its motors were being started.
+    /// Whether the vehicle did not rise in the first flight, as in a flight that was ended while its motors were being started.
     pub(crate) fn lacks_take_off(&self) -> bool {
-        let height_m = |sample: &FlightSample| sample.position().z;
-        let Some(start_m) = self.armed().next().map(height_m) else { return false };
-        let rose = |sample: &FlightSample| height_m(sample) > start_m + TAKEN_OFF_M;
-        !self.begins_in_flight() && !self.armed().any(rose)
+        let Some(first) = self.flights().next() else { return false };
+        let is_risen =
+            |sample: &FlightSample| sample.position().z > first[0].position().z + TAKEN_OFF_M;
+        !self.begins_in_flight() && !first.iter().any(is_risen)
     }
 
     /// The ticks of each flight, from arming to disarming: several in the recording of a session.

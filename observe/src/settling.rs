@@ -8,7 +8,7 @@ use serde::Serialize;
 pub(crate) const CUT_OFF_S: f64 = 0.1;
 
 /// Settling after the steps of a reference in the scored window. A step settles if the error stays below a limit until the next one.
-/// A step that had not settled when its flight ended, before the trajectory did, is cut off, and is not evaluated.
+/// A step that has not settled when its flight ends before the trajectory is cut off and not evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct StepSettling {
     /// Number of steps that are evaluated \[-\].
@@ -96,7 +96,7 @@ pub(crate) enum StepEnd {
     Settled,
     /// It did not.
     Unsettled,
-    /// It did not until the flight ended, before the trajectory did.
+    /// The flight ended before the trajectory, and the error had not stayed below the limit.
     CutOff,
 }
 

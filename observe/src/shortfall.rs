@@ -89,8 +89,9 @@ impl Flight {
                 Some(cause) => Some(format!(
                     "the daemon landed the vehicle before the end of the flight: {cause}"
                 )),
+                None if self.take_over().is_some() => self.taken_over(),
                 None if self.lacks_take_off() => Some(format!("ended{when}, before the take-off")),
-                None => self.taken_over().or_else(|| self.landing_on_request()),
+                None => self.landing_on_request(),
             },
             Outcome::Stopped => Some(match (self.stop_cause(), self.stops_at_once()) {
                 (cause @ Cause::NoVehicle, _) => format!(
@@ -175,8 +176,8 @@ impl Flight {
         Some(match (self.outcome, self.crash) {
             (Outcome::Landed, _) => match self.early_landing() {
                 Some(sample) => format!("landed by the daemon: {}", cause_of(sample)),
-                None if self.lacks_take_off() => "ended before the take-off".to_owned(),
                 None if self.take_over().is_some() => "landing taken over".to_owned(),
+                None if self.lacks_take_off() => "ended before the take-off".to_owned(),
                 None if self.landing_on_request().is_some() => "landed on request".to_owned(),
                 None if self.outside_m() > OUTSIDE_M => "outside the fence".to_owned(),
                 None => self.is_held().then(|| HELD.to_owned())?,

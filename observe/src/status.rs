@@ -338,11 +338,11 @@ fn read_config(file: &Path) -> Option<Config> {
     Config::parse(&file.to_string_lossy(), &text, &[]).ok()
 }
 
-/// Files that were edited or removed, by the comments in `file`, the configuration of a daemon: after its start, or, with `counts_reload`,
+/// Files that were edited or removed, by the comments in `file`, the configuration of a daemon: after its start, or, with `since_reload`,
 /// after it last read them; none if `file` cannot be read.
-pub fn edited_files(file: &Path, counts_reload: bool) -> Vec<PathBuf> {
+pub fn edited_files(file: &Path, since_reload: bool) -> Vec<PathBuf> {
     let text = std::fs::read_to_string(file).unwrap_or_default();
-    edited_sources(&text, counts_reload)
+    edited_sources(&text, since_reload)
 }
 
 /// Whether the daemon of the configuration in `file` was started with a copy of an earlier one; false if it cannot be read.

@@ -6,6 +6,7 @@ use oqtal_bus::message::ControlResponseV1;
 use oqtal_bus::obeying::{ObeyingProcess, starting_command};
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_bus::paths::InstancePaths;
+use oqtal_observe::status;
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
 use crate::reach::Reached;
@@ -71,8 +72,8 @@ impl NextFlights {
         }
     }
 
-    /// Notes what the `response` of the addressed daemon of `reached` says of the next flight. Without one, the daemon hangs unless it
-    /// `obeys`: it would not answer a command either. The same holds for the process of the vehicle, `vehicle_obeys`.
+    /// Notes what the `response` of the addressed daemon of `reached` says of the next flight. A daemon without a response hangs unless it
+    /// `obeys`; a running process of the vehicle has not obeyed unless `vehicle_obeys`.
     pub(crate) fn note_processes(
         &mut self,
         reached: &Reached,
@@ -85,8 +86,10 @@ impl NextFlights {
         }
         let is_alive = response.is_some() || obeys;
         let here = || reached.processes.iter().filter(|it| it.is_under(&reached.paths));
-        let daemon = here().find(|it| !it.is_vehicle && !is_alive);
-        let vehicle = here().find(|it| it.is_vehicle && !vehicle_obeys && it.is_running());
+        let daemon = here().find(|it| !it.is_vehicle && !is_alive && it.is_running());
+        // With several roots it is not known whose vehicle has not obeyed.
+        let is_told = !vehicle_obeys && reached.places().len() == 1;
+        let vehicle = here().find(|it| it.is_vehicle && is_told && it.is_running());
         for flight in self.0.iter_mut().filter(|it| it.paths == reached.paths) {
             flight.hanging = daemon.map(|daemon| daemon.pid);
             flight.disobedient = vehicle.map(|vehicle| vehicle.pid);
@@ -142,10 +145,8 @@ impl NextFlight {
             edited,
         }
     }
-}
 
-impl NextFlight {
-    /// Whether the command suffices, after that which starts a daemon.
+    /// Whether the flight needs no step besides `start` and `command`.
     fn is_ready(&self) -> bool {
         let is_whole = !(self.is_lost || self.lacks_vehicle || self.is_locked);
         let all_obey = self.hanging.is_none() && self.disobedient.is_none();
@@ -190,13 +191,17 @@ impl fmt::Display for NextFlight {
                 "the process of the vehicle has not obeyed; if it hangs, continue it with `kill -CONT {vehicle}`; then "
             )?;
         }
+        let is_chain = status::is_of_chain(&self.paths.config());
+        if self.lacks_vehicle && is_chain {
+            write!(f, "start `oqtal bridge run {}` with its --config, then ", self.paths.flags())?;
+        }
         match (&self.start, &self.other_config) {
             (Some(start), _) => write!(f, "`{start}`, then ")?,
             (None, Some(start)) => write!(f, "{start}; then ")?,
             (None, None) if self.is_lost => write!(f, "start them again, then ")?,
             (None, None) => {}
         }
-        if self.lacks_vehicle {
+        if self.lacks_vehicle && !is_chain {
             let place = self.paths.flags();
             write!(
                 f,
@@ -212,8 +217,8 @@ impl fmt::Display for NextFlight {
 }
 
 impl Serialize for NextFlights {
-    /// `arm_again`, unless more must come before than `start_again`, which is there if no daemon runs and a file has the configuration:
-    /// commands, joined by `; ` for several roots.
+    /// Two entries, with the commands of several roots joined by `; `: `start_again`, if no daemon runs and a file has the configuration, and
+    /// `arm_again`, of the flights that need no other step.
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let joined = |commands: Vec<&str>| Some(commands.join("; ")).filter(|it| !it.is_empty());
         let ready = self.0.iter().filter(|flight| flight.is_ready());

@@ -161,25 +161,25 @@ pub(crate) fn edited_names(paths: &InstancePaths) -> Option<String> {
 /// Note for the answers of the daemon at `paths`: files of its configuration with edits that it does not use; `None` if there are none.
 pub fn edited_note(paths: &InstancePaths) -> Option<String> {
     let (files, place) = (status::edited_files(&paths.config(), true), paths.flags());
-    let reload = |file: &str| format!("`oqtal ctl reload {file}{place}`");
-    let named = |file: &PathBuf| reload(&(quoted(&file.display().to_string()) + " "));
-    let reloads = match status::is_copy(&paths.config()) {
-        true => files.iter().map(named).collect::<Vec<_>>().join(" and "),
-        false => reload(""),
-    };
     (!files.is_empty()).then(|| {
+        let reload = |file: &str| format!("`oqtal ctl reload {file}{place}`");
+        let named = |file: &PathBuf| reload(&(quoted(&file.display().to_string()) + " "));
+        let is_copy = status::is_copy(&paths.config());
+        let reloads: Vec<_> =
+            if is_copy { files.iter().map(named).collect() } else { vec![reload("")] };
         format!(
-            "{}: removed, or has an edit that the daemon does not use; {reloads} applies the edit if all of it can change while the daemon runs; a \
-             restart of every process applies any edit",
-            listed(&files)
+            "{}: removed, or edited without effect on the daemon; to apply an edit of settings that can change while the daemon runs: {}; a restart \
+             of every process applies any edit",
+            listed(&files),
+            reloads.join(" and ")
         )
     })
 }
 
-/// States that a daemon with the settings of the last one lacks the edit of `files`.
+/// States that a daemon started with the copy lacks the edits of `files`.
 pub(crate) fn start_without(files: &str) -> String {
     format!(
-        "that uses the settings of the last daemon, without later edits of {files}; to fly with the edits, give the files themselves by --config"
+        "that uses the settings with which the last daemon was started, without later edits of {files}; to fly with the edits, give the files themselves by --config"
     )
 }
 

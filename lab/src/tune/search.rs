@@ -243,7 +243,7 @@ pub fn law(
     let value = |flown: &Flown| objective(&figures(flown), &reference, &flights.weights);
     let before = fly(&[], &flights.case)?;
     let (start, from) = (value(&before), configured(&parameters, &config));
-    // A search in flight ends at once if none land, with the same reasons.
+    // A search for a vehicle that hovers ends at once if no flight lands, with the same reasons.
     let is_noted = !start.is_finite() && !flights.live_keys_only;
     say_notes(is_noted.then(|| flights.not_landed(name, &before)));
     let mut path = SearchPath::default();
