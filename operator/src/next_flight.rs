@@ -146,33 +146,8 @@ impl NextFlight {
         }
     }
 
-    /// Whether the flight needs no step besides `start` and `command`.
-    fn is_ready(&self) -> bool {
-        let is_whole = !(self.is_lost || self.lacks_vehicle || self.is_locked);
-        let all_obey = self.hanging.is_none() && self.disobedient.is_none();
-        is_whole && all_obey && self.other_config.is_none()
-    }
-}
-
-impl fmt::Display for NextFlights {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let has_several = self.0.len() > 1;
-        self.0.iter().try_for_each(|flight| {
-            write!(f, "\nto fly again")?;
-            if has_several {
-                write!(f, " under {}", flight.paths.root.display())?;
-            }
-            write!(f, "{flight}")
-        })
-    }
-}
-
-impl fmt::Display for NextFlight {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if let Some(user) = self.user {
-            write!(f, ", as user {user}")?;
-        }
-        write!(f, ": ")?;
+    /// Writes the steps before the command.
+    fn fmt_steps(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.is_lost {
             write!(f, "the processes lost their files and end; ")?;
         }
@@ -211,6 +186,37 @@ impl fmt::Display for NextFlight {
         if self.is_locked {
             write!(f, "restart the vehicle, which is locked, then ")?;
         }
+        Ok(())
+    }
+
+    /// Whether the flight needs no step besides `start` and `command`.
+    fn is_ready(&self) -> bool {
+        let is_whole = !(self.is_lost || self.lacks_vehicle || self.is_locked);
+        let all_obey = self.hanging.is_none() && self.disobedient.is_none();
+        is_whole && all_obey && self.other_config.is_none()
+    }
+}
+
+impl fmt::Display for NextFlights {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let has_several = self.0.len() > 1;
+        self.0.iter().try_for_each(|flight| {
+            write!(f, "\nto fly again")?;
+            if has_several {
+                write!(f, " under {}", flight.paths.root.display())?;
+            }
+            write!(f, "{flight}")
+        })
+    }
+}
+
+impl fmt::Display for NextFlight {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(user) = self.user {
+            write!(f, ", as user {user}")?;
+        }
+        write!(f, ": ")?;
+        self.fmt_steps(f)?;
         write!(f, "`{}`", self.command)?;
         self.edited.iter().try_for_each(|note| write!(f, "; {note}"))
     }

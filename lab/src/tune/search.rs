@@ -243,9 +243,7 @@ pub fn law(
     let value = |flown: &Flown| objective(&figures(flown), &reference, &flights.weights);
     let before = fly(&[], &flights.case)?;
     let (start, from) = (value(&before), configured(&parameters, &config));
-    // A search for a vehicle that hovers ends at once if no flight lands, with the same reasons.
-    let is_noted = !start.is_finite() && !flights.live_keys_only;
-    say_notes(is_noted.then(|| flights.not_landed(name, &before)));
+    say_notes(flights.not_landed(name, start, &before));
     let mut path = SearchPath::default();
     let best = search(&parameters, &flights.starts(name, &parameters, &from), budget, |points| {
         let evaluate = |point: &Vec<f64>| {
@@ -299,12 +297,15 @@ impl TrainingFlights {
             && flown.iter().all(|value| value.is_infinite())
     }
 
-    /// Warning that a law does not land all flights with the configured gains, with which `before` was flown.
-    fn not_landed(&self, name: &str, before: &Flown) -> String {
-        let failures = self.failures(before);
-        format!(
-            "{name} does not land every training flight as planned with the configured gains; the search may find none that do:\n{failures}"
-        )
+    /// Warning that a law does not land all flights with the configured gains, with which `before` was flown; its objective is `start`. A search
+    /// for a vehicle that hovers has none: it ends at once if no flight lands, with the same reasons.
+    fn not_landed(&self, name: &str, start: f64, before: &Flown) -> Option<String> {
+        (!start.is_finite() && !self.live_keys_only).then(|| {
+            format!(
+                "{name} does not land every training flight as planned with the configured gains; the search may find none that do:\n{}",
+                self.failures(before)
+            )
+        })
     }
 
     /// Failure of a search in which no gains land all flights; `before` was flown with the configured ones.
