@@ -108,8 +108,8 @@ impl CtlArgs {
         faults.into_iter().chain(namesakes(&address.paths)).collect()
     }
 
-    /// Tells which files of the daemon were removed, or have an edit that the daemon does not use. A command that ends a flight does not wait for them; one that reads them
-    /// does not need them.
+    /// Tells which files of the daemon were removed, or have an edit that the daemon does not use. A command that ends a flight does not wait
+    /// for them; one that reads them does not need them.
     fn tell_edited_files(&self, address: &AddressedInstance) {
         let is_told = !self.command.ends_flight() && !matches!(self.command, CtlRequest::Reload);
         let note = is_told.then(|| edited_note(&address.paths)).flatten();

@@ -47,7 +47,7 @@ pub const COPY_COMMENT: &str = "# started with this copy\n";
 
 /// Whether the daemon of the configuration in `text` was started with a copy of an earlier one.
 pub fn is_copy(text: &str) -> bool {
-    text.lines().any(|line| line == COPY_COMMENT.trim_end())
+    has_line(text, COPY_COMMENT)
 }
 
 /// Comment line in the configuration of an instance whose daemon is part of `oqtal chain run`.
@@ -55,7 +55,11 @@ pub const CHAIN_COMMENT: &str = "# of the chain\n";
 
 /// Whether the configuration in `text` is of `oqtal chain run`.
 pub fn is_of_chain(text: &str) -> bool {
-    text.lines().any(|line| line == CHAIN_COMMENT.trim_end())
+    has_line(text, CHAIN_COMMENT)
+}
+
+fn has_line(text: &str, comment: &str) -> bool {
+    text.lines().any(|line| line == comment.trim_end())
 }
 
 /// Beginning of the comment in the configuration of an instance of one flight; the command of the flight follows.

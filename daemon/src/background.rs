@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 use std::os::fd::OwnedFd;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use crossbeam_channel::Sender;
 use oqtal_bus::bus::Bus;
@@ -79,7 +79,7 @@ impl ConfigFile {
     fn begin(path: PathBuf, context: &ProcessContext, is_chain: bool) -> Self {
         let sources = if context.is_child {
             starting_command(std::process::id()).as_deref().map_or_else(String::new, flight_comment)
-        } else if context.files == [path.clone()] {
+        } else if is_copy(context, &path) {
             let kept = kept_source_comments(&std::fs::read_to_string(&path).unwrap_or_default());
             kept + COPY_COMMENT
         } else {
@@ -122,6 +122,11 @@ impl ConfigFile {
     }
 }
 
+/// Whether the daemon was started with the copy of an earlier one's configuration, at `path`.
+fn is_copy(context: &ProcessContext, path: &Path) -> bool {
+    matches!(&context.files[..], [file] if file == path)
+}
+
 /// The background thread of the daemon: logs, health, operator requests.
 pub struct DaemonWorker {
     requests: OperatorRequests,
@@ -154,8 +159,9 @@ impl DaemonWorker {
         let law = is_external.then(|| LawListener::open(context.paths()?.law(), connected));
         let law = law.transpose()?;
         // A copy lacks what changed in flight, and edits of the file that it was made from.
-        let is_copy = context.is_child || context.files == [context.paths()?.config()];
-        let files = if is_copy { &[] } else { &context.files[..] };
+        let path = context.paths()?.config();
+        let files =
+            if context.is_child || is_copy(context, &path) { &[] } else { &context.files[..] };
         let settings = LiveSettings::new(&context.config, files);
         let config_hash = context.config.hash();
         let mut requests = requests.with_settings(config_hash, settings);
@@ -170,7 +176,7 @@ impl DaemonWorker {
         let (server, heartbeat) = (bus.control_server()?, context.heartbeat(&bus)?);
         let peers = PEERS.iter().map(|role| Peer::open(&bus, *role)).collect::<Result<_, _>>()?;
         let (health, events) = (context.health.clone(), bus.writer(&EVENT)?);
-        let file = ConfigFile::begin(context.paths()?.config(), context, is_chain);
+        let file = ConfigFile::begin(path, context, is_chain);
         let log = RequestLog::default();
         Ok(Self {
             requests,

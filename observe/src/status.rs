@@ -341,23 +341,27 @@ fn read_config(file: &Path) -> Option<Config> {
 /// Files that were edited or removed, by the comments in `file`, the configuration of a daemon: after its start, or, with `since_reload`,
 /// after it last read them; none if `file` cannot be read.
 pub fn edited_files(file: &Path, since_reload: bool) -> Vec<PathBuf> {
-    let text = std::fs::read_to_string(file).unwrap_or_default();
-    edited_sources(&text, since_reload)
+    edited_sources(&text_of(file), since_reload)
 }
 
 /// Whether the daemon of the configuration in `file` was started with a copy of an earlier one; false if it cannot be read.
 pub fn is_copy(file: &Path) -> bool {
-    oqtal_config::is_copy(&std::fs::read_to_string(file).unwrap_or_default())
+    oqtal_config::is_copy(&text_of(file))
 }
 
 /// Whether the configuration in `file` is of `oqtal chain run`; false if it cannot be read.
 pub fn is_of_chain(file: &Path) -> bool {
-    oqtal_config::is_of_chain(&std::fs::read_to_string(file).unwrap_or_default())
+    oqtal_config::is_of_chain(&text_of(file))
 }
 
 /// The command of the flight that the configuration in `file` is of; `None` if it is that of a daemon of its own, or cannot be read.
 pub fn flight_of(file: &Path) -> Option<String> {
-    oqtal_config::flight_of(&std::fs::read_to_string(file).ok()?).map(str::to_owned)
+    oqtal_config::flight_of(&text_of(file)).map(str::to_owned)
+}
+
+/// Text of a configuration with its comments; empty if it cannot be read.
+fn text_of(file: &Path) -> String {
+    std::fs::read_to_string(file).unwrap_or_default()
 }
 
 /// Name of a code; empty for a code unknown to this version.

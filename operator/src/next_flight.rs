@@ -37,6 +37,8 @@ struct NextFlight {
     hanging: Option<u32>,
     /// Process id of the vehicle's process that has not obeyed.
     disobedient: Option<u32>,
+    /// Whether the daemon is part of a chain, whose vehicle is behind a bridge.
+    is_chain: bool,
     /// Whether the daemon runs without a process of its vehicle.
     lacks_vehicle: bool,
     /// Whether the vehicle refuses to arm until it is restarted.
@@ -131,6 +133,7 @@ impl NextFlight {
             None => edited_note(&paths),
         };
         Self {
+            is_chain: status::is_of_chain(&paths.config()),
             paths,
             user,
             start,
@@ -166,8 +169,7 @@ impl NextFlight {
                 "the process of the vehicle has not obeyed; if it hangs, continue it with `kill -CONT {vehicle}`; then "
             )?;
         }
-        let is_chain = status::is_of_chain(&self.paths.config());
-        if self.lacks_vehicle && is_chain {
+        if self.lacks_vehicle && self.is_chain {
             write!(f, "start `oqtal bridge run {}` with its --config, then ", self.paths.flags())?;
         }
         match (&self.start, &self.other_config) {
@@ -176,7 +178,7 @@ impl NextFlight {
             (None, None) if self.is_lost => write!(f, "start them again, then ")?,
             (None, None) => {}
         }
-        if self.lacks_vehicle && !is_chain {
+        if self.lacks_vehicle && !self.is_chain {
             let place = self.paths.flags();
             write!(
                 f,
