@@ -49,14 +49,19 @@ fn draw(draw: &mut Draw, directory: &Path) -> Drawn {
 
 fn draw_settings(draw: &mut Draw, is_valid: bool) -> Drawn {
     if is_valid {
-        let text = draw.of(&[
-            "position.horizontal-position.kp=1.3",
-            "position.vertical-velocity.kp=3.3 position.vertical-velocity.ki=1.1",
-            "control.oqtal.integral-weight=0.02",
-            "control.lqr.integral-weight=0.02",
-            "trajectory.circle.radius-m=0.5",
-        ]);
-        return (OperatorCommand::Set, request(text), "");
+        // Settings that do not differ from the present ones are no request to the loop.
+        let share = draw.next();
+        let text = match (draw.next() * 5.0) as u32 {
+            0 => format!("position.horizontal-position.kp={}", 1.2 + 0.2 * share),
+            1 => format!(
+                "position.vertical-velocity.kp={} position.vertical-velocity.ki=1.1",
+                3.2 + 0.2 * share
+            ),
+            2 => format!("control.oqtal.integral-weight={}", 0.01 + 0.02 * share),
+            3 => format!("control.lqr.integral-weight={}", 0.01 + 0.02 * share),
+            _ => format!("trajectory.circle.radius-m={}", 0.4 + 0.2 * share),
+        };
+        return (OperatorCommand::Set, request(&text), "");
     }
     let (text, key) = [
         ("position.horizontal-position.kp=-1", "position.horizontal-position.kp"),
@@ -137,7 +142,7 @@ fn assert_commands(flight: &OnlineFlight<'_>, config: &Config) {
 fn a_thousand_random_requests_leave_the_command_in_range_and_replay_bit_for_bit() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("flight.mcap");
-    let mission = hover(600.0, &[]);
+    let mission = hover(100.0, &[]);
     let config = &mission.config;
     let recorder = recorder(&mission, &path);
     let mut flight = OnlineFlight::begin_recorded(&mission, Some(recorder)).unwrap();

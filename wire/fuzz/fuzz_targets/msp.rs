@@ -10,7 +10,9 @@ use oqtal_wire::msp::{MspChannelMap, MspGrammar, MspModeRange, MspSticks, MspSta
 
 fuzz_target!(|bytes: &[u8]| {
     any_bytes::any_bytes::<MspGrammar>(bytes);
-    MspModeRange::all(bytes).for_each(|range| drop(range.contains(range.middle_us())));
+    MspModeRange::all(bytes).for_each(|range| {
+        let _ = range.contains(range.middle_us());
+    });
     let _ = (MspStatus::read(bytes), battery_v(bytes), MspChannelMap::read(bytes));
     let _ = MspSticks::read(bytes, MspChannelMap::FACTORY);
 });
