@@ -196,8 +196,8 @@ impl FlyArgs {
         if let Some(shortfall) = &summary.shortfall {
             say(&format!("oqtal: {shortfall}"));
             // A landing that the operator requested is a success: the flight ended as last asked for.
-            let is_requested =
-                flight.outcome == Outcome::Landed && flight.landing_on_request().is_some();
+            let is_requested = flight.outcome == Outcome::Landed
+                && flight.landing_on_request().as_ref() == Some(shortfall);
             return Ok(if is_requested { Exit::Ok } else { Exit::Flight });
         }
         match flight.outcome {

@@ -72,7 +72,7 @@ pub fn execute(args: &TuneArgs) -> Result<Exit, Failure> {
     // The daemon may run on this machine: the search must not disturb it. A failure is harmless.
     let _ = rustix::process::nice(19);
     let identification = live::identified(&flight, &present)?;
-    files.write_vehicle(&identification, (&paths, &config))?;
+    files.write_vehicle(&identification, (&paths, &Config::from_settings(&present)?))?;
     let kept = files.with_config(&paths, &present);
     let found = live::tune(identification, &kept, search, &Progress::default())?;
     files.write(&found)?;

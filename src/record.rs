@@ -137,7 +137,11 @@ impl RecordArgs {
             daemon.record(config, &mut recorder);
             if !is_wait_told && daemon.pid.is_none() && now.since(began) > WAITS_SILENTLY {
                 is_wait_told = true;
-                say(&format!("oqtal: waits for a daemon: {}", silent(&instance_paths(config)?)));
+                let paths = instance_paths(config)?;
+                // It looks for processes for seconds, in which samples would be overwritten.
+                std::thread::spawn(move || {
+                    say(&format!("oqtal: waits for a daemon: {}", silent(&paths)));
+                });
             }
             if end.is_some_and(|end| now >= end) {
                 break;

@@ -10,7 +10,7 @@ use std::time::{Duration, SystemTime};
 use clap::Args;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::Time;
-use oqtal_config::Config;
+use oqtal_config::{Config, is_of_reload};
 use oqtal_observe::instance_observer::InstanceObserver;
 use oqtal_observe::law_query::LawQuery;
 use oqtal_observe::recording::recording_path;
@@ -175,7 +175,7 @@ struct DaemonConfig {
 }
 
 impl DaemonConfig {
-    /// The configuration, if it was written since the last call.
+    /// The configuration, if a daemon that started has written it since the last call.
     fn changed(&mut self) -> Option<Config> {
         let written = std::fs::metadata(self.place.config()).and_then(|file| file.modified()).ok();
         if written.is_none() || written == self.written {
@@ -183,8 +183,10 @@ impl DaemonConfig {
         }
         // A file that is not complete yet is read again.
         let config = daemon_config(&self.place)?;
+        let text = std::fs::read_to_string(self.place.config()).ok()?;
+        let is_of_start = !is_of_reload(&text) || self.written.is_none();
         self.written = written;
-        Some(config)
+        is_of_start.then_some(config)
     }
 }
 

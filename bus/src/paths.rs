@@ -91,10 +91,13 @@ impl InstancePaths {
         [PathBuf::from(SYSTEM_ROOT)].into_iter().chain(of_users).chain(temporary).collect()
     }
 
-    /// Flags of a command that address the instance, for this user.
+    /// Flags of a command that address the instance, for this user in this environment.
     pub fn flags(&self) -> String {
         let Self { instance, root } = self;
-        match Self::new(instance, None).is_ok_and(|default| default == *self) {
+        // These settings would replace the default root.
+        let sets_root = ["OQTAL_ROOT", "OQTAL_INSTANCE__ROOT"].map(std::env::var_os);
+        let is_default = Self::new(instance, None).is_ok_and(|default| default == *self);
+        match is_default && sets_root.iter().all(Option::is_none) {
             true => format!("--instance {instance}"),
             false => {
                 format!("--instance {instance} --root {}", quoted(&root.display().to_string()))

@@ -86,7 +86,7 @@ pub use safety::SafetyOptions;
 pub use setting::{Setting, parse_option};
 pub use source::{
     CHAIN_COMMENT, COPY_COMMENT, edited_sources, flight_comment, flight_of, is_copy, is_of_chain,
-    kept_source_comments, reread_comments, source_comments,
+    is_of_reload, kept_source_comments, reread_comments, source_comments,
 };
 pub use text::{read_text, read_waypoints};
 pub use vehicle::VehicleOptions;

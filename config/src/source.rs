@@ -26,6 +26,11 @@ pub fn reread_comments(before: &str, files: &[PathBuf]) -> String {
     lines.chain([read.clone()]).collect()
 }
 
+/// Whether the configuration in `text` was written again because its daemon had read files again.
+pub fn is_of_reload(text: &str) -> bool {
+    text.starts_with(REREAD_MARK)
+}
+
 fn comment(mark: &str, file: &Path) -> Option<String> {
     let path = std::path::absolute(file).ok().filter(|path| path.is_file())?;
     let name = path.to_str().filter(|name| !name.contains(char::is_control))?;

@@ -79,11 +79,16 @@ impl ConfigFile {
     fn begin(path: PathBuf, context: &ProcessContext, is_chain: bool) -> Self {
         let sources = if context.is_child {
             starting_command(std::process::id()).as_deref().map_or_else(String::new, flight_comment)
-        } else if is_copy(context, &path) {
-            let kept = kept_source_comments(&std::fs::read_to_string(&path).unwrap_or_default());
-            kept + COPY_COMMENT
         } else {
-            source_comments(&context.files)
+            // This file is written again: the edits that count are those of its sources.
+            let (copy, others): (Vec<_>, Vec<_>) =
+                context.files.iter().cloned().partition(|file| *file == path);
+            let kept = match copy.is_empty() {
+                true => String::new(),
+                false => kept_source_comments(&std::fs::read_to_string(&path).unwrap_or_default()),
+            };
+            let copy = if is_copy(context, &path) { COPY_COMMENT } else { "" };
+            kept + &source_comments(&others) + copy
         };
         let chain = if is_chain { CHAIN_COMMENT } else { "" };
         let text = format!("{chain}{sources}{}", context.config.to_toml());

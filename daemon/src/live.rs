@@ -308,7 +308,7 @@ impl LiveSettings {
     fn reload(&self, path: &str) -> Result<PreparedChange, Refusal> {
         let files = if path.is_empty() { &self.files[..] } else { &[PathBuf::from(path)] };
         if files.is_empty() {
-            let reason = "no file to reload: the daemon was started without a file, or by `oqtal fly` with a copy, which does not have later changes; name the file";
+            let reason = "no file to reload: the daemon was started without a file, or with a copy, config.toml of a flight or an instance, which does not have later edits; name the file";
             return Err(Refusal::of_setting(reason));
         }
         files.iter().try_for_each(|file| require_file(file))?;

@@ -197,6 +197,7 @@ impl RobustnessArgs {
         let draws = several(&spread)?;
         let other = |name: &String| {
             let spread = PlantSpread::named(name)?;
+            say_notes(spread.note(study.common)?.map(|note| format!("{name}: {note}")));
             let draws = several(&spread)?;
             Ok(OtherSpread { name: name.clone(), spread, draws })
         };

@@ -277,6 +277,10 @@ pub fn tune(
 ) -> Result<Tuned, Failure> {
     match law::of_name(target) {
         Some(law) => search::law(law, budget, flights, progress),
+        None if flights.weights != trade::default_weights() => Err(Failure::new(
+            Exit::Usage,
+            "the objectives of the outer loops have no weights; leave out --weights, or tune a law",
+        )),
         None if flights.draws == 0 => outer::tune(budget, flights, progress),
         None => Err(Failure::new(
             Exit::Usage,

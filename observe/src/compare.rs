@@ -124,6 +124,9 @@ impl Comparison {
             std::iter::once("outcome".to_owned()).chain(outcomes).collect(),
             self.row("scored [s]", |s| significant(s.scored_s)),
         ];
+        if self.summaries.windows(2).any(|pair| pair[0].error_source != pair[1].error_source) {
+            rows.push(self.row("errors by", |s| s.error_source.to_owned()));
+        }
         rows.extend(self.fallbacks());
         let changes = self.summaries.iter().map(|summary| summary.changes.len()).max();
         for number in 0..changes.unwrap_or(0) {

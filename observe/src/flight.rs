@@ -262,15 +262,9 @@ impl Flight {
         self.changes.retain(|(at, change)| is_flown(*at) || !is_void(change));
     }
 
-    /// Settings that operators changed before the take-off, each `KEY=VALUE`, in the order of the last change of each.
+    /// Settings with which the vehicle took off and which operators had changed after the start of the daemon, each `KEY=VALUE`.
     pub fn changed_settings(&self) -> Vec<String> {
-        let mut changed: Vec<String> = Vec::new();
-        let key = |line: &str| line.split('=').next().unwrap_or_default().to_owned();
-        for line in self.settings_of(self.changes_until(self.origin())) {
-            changed.retain(|other| key(other) != key(line));
-            changed.push(line.to_owned());
-        }
-        changed
+        self.config.described_differences(&self.config_at_arming())
     }
 
     /// Names of the laws that flew the scored window, in order; of all armed ticks if nothing is scored.
@@ -297,18 +291,22 @@ impl Flight {
 
     /// The configuration with the settings of the first `count` changes.
     fn config_after(&self, count: usize) -> Config {
-        let settings = self.settings_of(count);
-        let settings: Vec<_> =
-            settings.filter_map(|line| Setting::parse("set", line).ok()).collect();
+        let mut settings: Vec<Setting> = Vec::new();
+        for line in self.settings_of(count) {
+            match line.strip_suffix(" unset") {
+                Some(key) => settings.retain(|setting| setting.key != key),
+                None => settings.extend(Setting::parse("set", line).ok()),
+            }
+        }
         self.config.with_live(&settings).unwrap_or_else(|_| self.config.clone())
     }
 
-    /// The settings `KEY=VALUE` of the first `count` changes.
+    /// The settings of the first `count` changes, `KEY=VALUE` or `KEY unset`.
     fn settings_of(&self, count: usize) -> impl Iterator<Item = &str> {
         let before = self.changes[..count].iter().filter(|(_, event)| event.refusal().is_none());
         let lines = before.flat_map(|(_, event)| event.text.as_str().lines());
         // Requests of the course, like a title, are not settings.
-        lines.filter(|line| line.contains('='))
+        lines.filter(|line| line.contains('=') || line.ends_with(" unset"))
     }
 
     /// The ticks from arming to disarming.

@@ -66,6 +66,7 @@ pub mod provenance;
 pub mod recorder;
 pub mod recording;
 pub mod report;
+mod reservation;
 pub mod settling;
 mod shortfall;
 pub mod sink;

@@ -47,10 +47,9 @@ impl StepSettling {
         })
     }
 
-    /// Mean settling time \[s\]; infinite if a step does not settle or was cut off.
+    /// Mean settling time \[s\]; infinite if a step does not settle, NaN if every step was cut off.
     pub fn of_all_s(&self) -> f64 {
-        let all_settled = self.settled == self.count && self.cut_off == 0;
-        if all_settled { self.settle_s } else { f64::INFINITY }
+        if self.settled == self.count { self.settle_s } else { f64::INFINITY }
     }
 
     /// The settling time to within `limit` as text; if not every step settled, how many did.

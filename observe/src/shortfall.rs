@@ -2,7 +2,7 @@
 
 use oqtal_bus::code::{Cause, HandoverCause, SafetyState};
 use oqtal_bus::obstacle::ArmingObstacles;
-use oqtal_bus::time::{Span, Time};
+use oqtal_bus::time::Time;
 use oqtal_config::{ClockKind, FaultTarget};
 use oqtal_control::trajectory::Phase;
 
@@ -10,12 +10,10 @@ use crate::command_path::CommandPath;
 use crate::crash::{Crash, beyond};
 use crate::flight::{Flight, HELD, Outcome};
 use crate::flight_sample::FlightSample;
+use crate::reservation::LONGEST_TICK;
 
 /// Distance beyond the fence from which the true vehicle counts as outside \[m\].
 const OUTSIDE_M: f64 = 0.05;
-
-/// Time between two ticks above which the instant of what happened between them is not known.
-const LONGEST_TICK: Span = Span::from_millis(250);
 
 impl Flight {
     /// Reason why the flight did not end as planned: an operator or the daemon landed or stopped the vehicle, it crashed, or
@@ -32,27 +30,6 @@ impl Flight {
         }
     }
 
-    /// Reason why the figures may not be those of one flight with the recorded configuration.
-    pub fn reservation(&self) -> Option<String> {
-        let other = self.has_other_config.then(|| {
-            "the daemon ran with another configuration than was recorded: law, vehicle or settings are not those that flew".to_owned()
-        });
-        let flights = if self.is_observation() { 0 } else { self.flights().count() };
-        let several = (flights > 1).then(|| {
-            format!(
-                "{flights} flights in one recording: the figures are those of all, the outcome is that of the first to end; record each into a file of its own"
-            )
-        });
-        let missing_s = self.missing_s();
-        let missing = (missing_s > LONGEST_TICK.seconds()).then(|| {
-            format!(
-                "{missing_s:.2} s of the flight are not in the record, or without truth: the figures are those of the rest"
-            )
-        });
-        let reasons: Vec<String> = several.into_iter().chain(other).chain(missing).collect();
-        (!reasons.is_empty()).then(|| reasons.join("; "))
-    }
-
     /// How far the true vehicle left the fence, as text; `None` if it did not. The poses of the daemon may differ.
     fn excursion(&self) -> Option<String> {
         let outside_m = self.outside_m();
@@ -65,21 +42,6 @@ impl Flight {
         let true_samples = self.armed().filter(|sample| sample.truth.is_some());
         let outside = |sample: &FlightSample| beyond(&self.config.fence, &sample.position());
         true_samples.map(outside).fold(0.0, f64::max)
-    }
-
-    /// Time within flights that the record lacks \[s\]: without ticks, or without truth in a flight with truth.
-    fn missing_s(&self) -> f64 {
-        let has_truth = self.has_truth();
-        let gap_s = |pair: &[&FlightSample]| {
-            let [before, after] = [pair[0], pair[1]].map(|sample| sample.telemetry);
-            let is_gap = after.tick > before.tick + 1;
-            if is_gap { after.time.since(before.time).seconds() } else { 0.0 }
-        };
-        let of_one = |ticks: &[FlightSample]| {
-            let known: Vec<_> = ticks.iter().filter(|it| it.truth.is_some() == has_truth).collect();
-            known.windows(2).map(gap_s).sum::<f64>()
-        };
-        self.flights().map(of_one).sum()
     }
 
     fn shortfall_of_one(&self) -> Option<String> {
@@ -320,6 +282,7 @@ mod tests {
     use super::*;
     use crate::report::tests::fixture;
     use oqtal_bus::message::{Header, VehicleV1};
+    use oqtal_bus::time::Span;
 
     /// Tilt and speed of a crash are those of the instant that is named with them, not of the end of the flight.
     #[test]

@@ -10,7 +10,7 @@ use oqtal_observe::status;
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
 use crate::reach::Reached;
-use crate::request::{config_of, edited_names, edited_note, start_daemon, start_without};
+use crate::request::{as_owner, config_of, edited_names, edited_note, start_daemon, start_without};
 use crate::running::RunningProcesses;
 
 /// The next flight of each instance that a stop has reached.
@@ -170,7 +170,8 @@ impl NextFlight {
             )?;
         }
         if self.lacks_vehicle && self.is_chain {
-            write!(f, "start `oqtal bridge run {}` with its --config, then ", self.paths.flags())?;
+            let (user, place) = (as_owner(&self.paths), self.paths.flags());
+            write!(f, "start `{user}oqtal bridge run {place}` with its --config, then ")?;
         }
         match (&self.start, &self.other_config) {
             (Some(start), _) => write!(f, "`{start}`, then ")?,
@@ -179,10 +180,10 @@ impl NextFlight {
             (None, None) => {}
         }
         if self.lacks_vehicle && !self.is_chain {
-            let place = self.paths.flags();
+            let (user, place) = (as_owner(&self.paths), self.paths.flags());
             write!(
                 f,
-                "start the process of the vehicle, `oqtal plant-sim run {place}` or `oqtal bridge run {place}`, with the daemon's --config, then "
+                "start the process of the vehicle, `{user}oqtal plant-sim run {place}` or `{user}oqtal bridge run {place}`, with the daemon's --config, then "
             )?;
         }
         if self.is_locked {

@@ -161,6 +161,14 @@ impl ControlReport {
             {
                 &format!("`oqtal ctl arm {place}` begins a flight")
             }
+            Some(Cause::Fence)
+                if response.state == SafetyState::Hold.code()
+                    && is_one_of(&[Goto, Trajectory, Hover]) =>
+            {
+                &format!(
+                    "the fence holds the vehicle; repeat it once `oqtal ctl status {place}` no longer says Hold, or `oqtal ctl land {place}`"
+                )
+            }
             Some(Cause::Fence) if is_one_of(&[Trajectory]) => &format!(
                 "from where the vehicle is, the trajectory leaves the fence; `oqtal ctl goto X Y Z {place}` to a point from which it fits"
             ),

@@ -11,6 +11,7 @@ use oqtal_bus::paths::{InstancePaths, quoted};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
 use oqtal_observe::status::{self, VehicleStatus};
+use oqtal_runtime::flight_marker::FlightMarker;
 use oqtal_runtime::process::{Exit, Failure};
 
 use crate::reach::{name_of, place_of, root_of};
@@ -145,10 +146,13 @@ pub fn start_daemon(paths: &InstancePaths) -> String {
     let place = paths.flags();
     let file = Some(paths.config()).filter(|file| file.is_file());
     let config = file.map(|file| format!(" --config {}", quoted(&file.display().to_string())));
-    let user = paths.user_to_become().map(|user| format!("sudo -u '#{user}' "));
     let process = if status::is_of_chain(&paths.config()) { "chain" } else { "daemon" };
-    let (user, config) = (user.unwrap_or_default(), config.unwrap_or_default());
-    format!("{user}oqtal {process} run{config} {place}")
+    format!("{}oqtal {process} run{} {place}", as_owner(paths), config.unwrap_or_default())
+}
+
+/// What comes before a command that starts a process of the instance at `paths`, if this user is not its owner.
+pub(crate) fn as_owner(paths: &InstancePaths) -> String {
+    paths.user_to_become().map_or_else(String::new, |user| format!("sudo -u '#{user}' "))
 }
 
 /// Names of the files that were edited or removed after the start of the last daemon at `paths`; `None` if there are none, or if this user
@@ -167,8 +171,9 @@ pub fn edited_note(paths: &InstancePaths) -> Option<String> {
         let is_copy = status::is_copy(&paths.config());
         let reloads: Vec<_> =
             if is_copy { files.iter().map(named).collect() } else { vec![reload("")] };
+        let all = if is_copy { " (takes every setting of the file, also those that later files and flags had replaced)" } else { "" };
         format!(
-            "{}: removed, or edited without effect on the daemon; to apply an edit of settings that can change while the daemon runs: {}; a restart \
+            "{}: removed, or edited without effect on the daemon; to apply an edit of settings that can change while the daemon runs: {}{all}; a restart \
              of every process applies any edit",
             listed(&files),
             reloads.join(" and ")
@@ -195,7 +200,9 @@ fn daemon_remedy(paths: &InstancePaths, seen: &RunningProcesses) -> String {
     }
     let like = match paths.config() {
         file if !file.is_file() => ", with the --config of the instance if it has one",
-        file if status::arms_at_start(&file) => "; it takes off by itself (safety.arm-at-start)",
+        file if status::arms_at_start(&file) && !FlightMarker::of(paths).is_set() => {
+            "; it takes off by itself (safety.arm-at-start)"
+        }
         _ => "",
     };
     let edited = edited_names(paths).map(|files| format!("; {}", start_without(&files)));

@@ -188,15 +188,17 @@ class Identification:
     def table(self) -> Table:
         """The parameters: value, half the width of the 95 % interval, value of the configuration.
 
-        A parameter that the flights did not determine has an entry in ``missing`` and the value NaN; ``save`` leaves it out.
+        A parameter that the flights did not determine has the value NaN, and an entry in ``missing``, the motion that they lack,
+        or in ``unfit``, the assumption that may not hold; ``save`` leaves it out.
         """
         findings = self.document["findings"]
-        text = ("name", "key", "unit", "missing")
+        text = ("name", "key", "unit", "missing", "unfit")
         columns: dict[str, Any] = {name: [finding[name] or "" for finding in findings] for name in text}
         for name in ("half_width", "before"):
             columns[name] = [np.nan if finding[name] is None else finding[name] for finding in findings]
-        columns["value"] = [np.nan if finding["missing"] or finding["value"] is None else finding["value"] for finding in findings]
-        order = ("name", "value", "half_width", "before", "unit", "key", "missing")
+        shown = [not (finding["missing"] or finding["unfit"] or finding["value"] is None) for finding in findings]
+        columns["value"] = [finding["value"] if is_shown else np.nan for finding, is_shown in zip(findings, shown, strict=True)]
+        order = ("name", "value", "half_width", "before", "unit", "key", "missing", "unfit")
         return Table({name: columns[name] for name in order})
 
     def save(self, path: str | Path) -> Path:
@@ -242,8 +244,9 @@ def identify(
     for cut in [flight.cut_off for flight in flown if flight.cut_off]:
         warnings.warn(f"a recording is cut off: {cut}", stacklevel=3)
     found = Identification(json.loads(document), toml, remarks)
-    if missing := ", ".join(found.table.where(found.table["missing"] != "")["name"]):
-        warnings.warn(f"not shown by the flights, and not written: {missing}; see remarks", stacklevel=3)
+    undetermined = (found.table["missing"] != "") | (found.table["unfit"] != "")
+    if names := ", ".join(found.table.where(undetermined)["name"]):
+        warnings.warn(f"not shown by the flights, and not written: {names}; see remarks", stacklevel=3)
     return found
 
 

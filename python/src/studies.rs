@@ -8,6 +8,7 @@ use std::sync::{Mutex, PoisonError};
 use clap::ValueEnum;
 use numpy::PyArray1;
 use oqtal_config::{Config, Setting};
+use oqtal_lab::identify::command::record_notes;
 use oqtal_lab::identify::data::FlightData;
 use oqtal_lab::identify::identification::{Identification, Scale, identify as identification_of};
 use oqtal_lab::identify::{excitation_flight, overview, vehicle_toml};
@@ -15,7 +16,7 @@ use oqtal_lab::progress::Progress;
 use oqtal_lab::robustness;
 use oqtal_lab::robustness::draws::{Draw, MOST_DRAWS, TUNING_SEED};
 use oqtal_lab::robustness::spread::PlantSpread;
-use oqtal_lab::study::args::receive_notes;
+use oqtal_lab::study::args::{receive_notes, say_notes};
 use oqtal_lab::study::flights::{NOMINAL, Test};
 use oqtal_lab::study::gains::{self, GainSource};
 use oqtal_lab::study::law;
@@ -147,6 +148,7 @@ fn draws<'py>(
         let named = PlantSpread::named(&spread)?;
         let named = if is_wide { named.twice_as_wide() } else { named };
         let common = robustness::with_defaults(sources.settings()?);
+        say_notes(named.note(&common)?);
         let draw = |first| {
             let runs = first..runs.min(first + BATCH as u64);
             robustness::draw_plants(&named, &common, (seed, runs))
@@ -225,9 +227,12 @@ fn identify(
             ));
         };
         let data: Vec<FlightData> = flights.iter().map(|flight| FlightData::of(flight)).collect();
-        let identification = identification_of(&data, &first.config.vehicle, scale)?;
-        let toml = vehicle_toml::toml(&identification, &first.config);
-        Ok((json(&identification)?, toml, overview::remarks(&identification)))
+        let flown = first.config_at_arming();
+        let identification = identification_of(&data, &flown.vehicle, scale)?;
+        let toml = vehicle_toml::toml(&identification, &flown);
+        let notes = flights.iter().flat_map(|flight| record_notes(flight));
+        let remarks = notes.chain(overview::remarks(&identification)).collect();
+        Ok((json(&identification)?, toml, remarks))
     })
 }
 
@@ -294,7 +299,9 @@ fn training(
     let settings = sources.settings()?;
     Config::from_settings(&settings)?;
     let Some(spread) = spread else { return Ok(TrainingFlights::near(settings, seeds)) };
-    let draws = Draw::several(&PlantSpread::named(spread)?, &settings, (TUNING_SEED, seeds))?;
+    let spread = PlantSpread::named(spread)?;
+    say_notes(spread.note(&settings)?);
+    let draws = Draw::several(&spread, &settings, (TUNING_SEED, seeds))?;
     Ok(TrainingFlights::over(settings, &draws))
 }
 

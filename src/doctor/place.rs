@@ -73,7 +73,7 @@ pub fn log_out(system: &System) -> Option<Finding> {
     Some(match has_logind && !is_exempt && removes_ipc(system) {
         false => finding("keeps shared memory"),
         true => finding("removes the shared memory of running processes").advise(
-            "printf '[Login]\\nRemoveIPC=no\\n' | sudo tee /etc/systemd/logind.conf.d/oqtal.conf # then restart the machine",
+            "sudo mkdir -p /etc/systemd/logind.conf.d; printf '[Login]\\nRemoveIPC=no\\n' | sudo tee /etc/systemd/logind.conf.d/oqtal.conf # then restart the machine",
         ),
     })
 }

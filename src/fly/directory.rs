@@ -108,7 +108,8 @@ impl FlightDirectory {
     /// Removes what an older flight wrote: results and logs.
     fn remove_results(&self) -> Result<(), Failure> {
         let results = RESULTS.map(str::to_owned).into_iter();
-        let logs = Role::PROCESSES.map(|role| format!("{}.log", role.name()));
+        let processes = Role::PROCESSES.map(Role::name).into_iter().chain(["chain"]);
+        let logs = processes.map(|process| format!("{process}.log"));
         for path in results.chain(logs).map(|name| self.directory.join(name)) {
             files::remove(&path).map_err(|error| failed(&path, &error))?;
         }

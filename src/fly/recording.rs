@@ -310,7 +310,7 @@ fn request_flight(
         // The watch that set the flag reports the reason.
         return Ok(());
     }
-    Err(Failure::new(Exit::Peer, "the daemon never answered; see daemon.log beside the report"))
+    Err(Failure::new(Exit::Peer, "the daemon never answered; see its log beside the report"))
 }
 
 /// Whether the daemon is disarmed again although the requested flight has not begun.
@@ -329,7 +329,8 @@ fn called_off(reason: &str) -> Failure {
 }
 
 fn never_started(instance: &str) -> Failure {
-    let message =
-        format!("no sample of the daemon arrived on instance `{instance}`; see its daemon.log");
+    let message = format!(
+        "no sample of the daemon arrived on instance `{instance}`; see the log of the daemon beside the report"
+    );
     Failure::new(Exit::Peer, message)
 }

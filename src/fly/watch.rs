@@ -5,16 +5,14 @@ use std::thread::sleep;
 
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::OperatorCommand;
-use oqtal_bus::error::BusError;
-use oqtal_bus::message::TelemetryV1;
 use oqtal_bus::paths::InstancePaths;
-use oqtal_bus::port::Reader;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::TELEMETRY;
 use oqtal_bus::transport::{Subscribe, Transport};
 use oqtal_config::Config;
 use oqtal_operator::end_flight;
 use oqtal_runtime::process::{Exit, Failure};
+use oqtal_runtime::program::say;
 use oqtal_runtime::stop::{SetOnDrop, StopFlag};
 
 use super::fault::{FaultAction, ProcessFaults};
@@ -58,6 +56,7 @@ impl<'a> ProcessWatch<'a> {
         let mut telemetry = bus.reader(&TELEMETRY)?;
         let mut faults = ProcessFaults::open(&bus, self.config)?;
         let mut landing = None;
+        let (mut is_in_flight, mut has_flown) = (false, false);
         while !self.over.is_set() {
             processes.failure().map_or(Ok(()), Err)?;
             while let Some(action) = faults.due(Time::now())? {
@@ -66,11 +65,19 @@ impl<'a> ProcessWatch<'a> {
                     FaultAction::RemoveFiles => self.remove_files()?,
                 }
             }
+            if let Some((_, tick)) = telemetry.latest()? {
+                is_in_flight = tick.is_armed();
+                has_flown |= is_in_flight;
+            }
             match interrupts.next() {
+                Some(_) if self.config.safety.observe_only => {
+                    return Err(Failure::new(Exit::Flight, "interrupted"));
+                }
                 // No process is asked: a request to land could be read before the one to fly. The processes end, the daemon
                 // first, which disarms the vehicle.
-                Some(OperatorCommand::Land) if !is_in_flight(&mut telemetry)? => {
-                    return Err(before_take_off());
+                Some(OperatorCommand::Land) if !has_flown => return Err(before_take_off()),
+                Some(OperatorCommand::Land) if !is_in_flight => {
+                    say("the flight has ended; waits until the motors are known to be off");
                 }
                 Some(OperatorCommand::Land) => {
                     tell_interrupt(OperatorCommand::Land);
@@ -114,9 +121,4 @@ impl<'a> ProcessWatch<'a> {
             *slot = Some(failure);
         }
     }
-}
-
-/// Whether the newest tick of the daemon is one of a flight.
-fn is_in_flight(telemetry: &mut Reader<TelemetryV1>) -> Result<bool, BusError> {
-    Ok(telemetry.latest()?.is_some_and(|(_, tick)| tick.is_armed()))
 }

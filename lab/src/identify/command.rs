@@ -82,22 +82,22 @@ impl IdentifyArgs {
             let reason = "nothing to identify a vehicle from; give recordings, or --fly";
             return Err(Failure::new(Exit::Usage, reason));
         };
-        let vehicle = first.config.vehicle.clone();
+        let flown = first.config_at_arming();
         let data: Vec<FlightData> = flights.iter().map(FlightData::of).collect();
-        let identification = identify(&data, &vehicle, self.scale())?;
-        let json = json(&identification, &first.config)?;
+        let identification = identify(&data, &flown.vehicle, self.scale())?;
+        let json = json(&identification, &flown)?;
         let directory = self.out.clone().map_or_else(|| next_free("identify"), Ok)?;
         let [vehicle, document, page, copy] = FILES;
-        let found = vehicle_toml::toml(&identification, &first.config);
+        let found = vehicle_toml::toml(&identification, &flown);
         write(&directory, vehicle, &found)?;
         write(&directory, document, &json)?;
         write(&directory, page, page::html(&identification, &data))?;
-        write(&directory, copy, config_file_text(&first.config))?;
+        write(&directory, copy, config_file_text(&flown))?;
         let [vehicle, page] = [vehicle, page].map(|name| directory.join(name));
         let written = format!("\npage: {}\nwritten: {}", page.display(), vehicle.display());
         let text = overview::text(&identification) + &written;
         print(if self.json { json.trim_end() } else { &text })?;
-        let known = warnings(&first.config);
+        let known = warnings(&flown);
         let found = Config::parse(FILES[0], &found, &[]);
         let notes = found.map_or_else(|error| vec![error.to_string()], |it| warnings(&it));
         say_notes(notes.into_iter().filter(|note| !known.contains(note)));
@@ -152,6 +152,8 @@ impl IdentifyArgs {
         for file in &self.files {
             let flight = read(file)?;
             check_interface(&flight.config)?;
+            let named = |note| format!("{}: {note}", file.display());
+            say_notes(record_notes(&flight).into_iter().map(named));
             flights.push(flight);
         }
         Ok(flights)
@@ -186,6 +188,15 @@ pub(crate) fn check_interface(config: &Config) -> Result<(), Failure> {
     };
     let reason = format!("only vehicles that are commanded by rates are identified: {remedy}");
     Err(Failure::new(Exit::Usage, reason))
+}
+
+/// Why a recording may not be that of one flight with its configuration.
+pub fn record_notes(flight: &Flight) -> Vec<String> {
+    let count = flight.flights().count();
+    let several = (count > 1).then(|| {
+        format!("{count} flights in one recording: the vehicle is identified from the longest")
+    });
+    several.into_iter().chain(flight.record_flaws()).collect()
 }
 
 /// A result of flights of `config` as a document.

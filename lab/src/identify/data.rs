@@ -63,16 +63,16 @@ impl FlightData {
     pub fn of(flight: &Flight) -> Self {
         let poses = poses(flight);
         let (commands, stamped_delay_s) = commands(flight);
-        let armed_s = armed_from_s(flight);
-        let rest: Vec<_> = poses.iter().copied().filter(|pose| pose.captured_s < armed_s).collect();
+        let [rest_s, armed_s, until_s] = longest_flight(flight);
+        let is_rest = |pose: &PoseRecord| pose.captured_s > rest_s && pose.captured_s < armed_s;
+        let rest: Vec<_> = poses.iter().copied().filter(is_rest).collect();
         let floor_m = median(rest.iter().map(|pose| pose.position.z)).unwrap_or(0.0);
-        let is_clear =
-            |pose: &PoseRecord| pose.captured_s >= armed_s && pose.position.z > floor_m + CLEAR_M;
+        let is_clear = |pose: &PoseRecord| {
+            (armed_s..until_s).contains(&pose.captured_s) && pose.position.z > floor_m + CLEAR_M
+        };
         let first = poses.iter().position(is_clear).unwrap_or(poses.len());
         let last = poses.iter().rposition(is_clear).map_or(first, |last| last + 1);
-        let until_s = armed_until_s(flight);
-        let air = poses[first..last].iter().copied();
-        let air = air.filter(|pose| pose.captured_s < until_s).collect();
+        let air = poses[first..last].to_vec();
         Self { rest, air, commands, prescribed: prescribed(flight), stamped_delay_s }
     }
 }
@@ -95,17 +95,18 @@ pub fn series(flights: &[FlightData]) -> Vec<usize> {
     flights.iter().flat_map(|data| [data.air.len().saturating_sub(1); 3]).collect()
 }
 
-/// Instant of the first tick with motors on \[s\]; before every pose if the recording begins in flight.
-fn armed_from_s(flight: &Flight) -> f64 {
-    if flight.begins_in_flight() {
-        return f64::NEG_INFINITY;
-    }
-    flight.armed().next().map_or(f64::INFINITY, |sample| seconds(sample.telemetry.time))
-}
-
-/// Instant of the last tick with motors on \[s\].
-fn armed_until_s(flight: &Flight) -> f64 {
-    flight.armed().last().map_or(f64::NEG_INFINITY, |sample| seconds(sample.telemetry.time))
+/// Instants of the longest of the flights in a recording \[s\]: the end of the flight before it, and its first and last tick with motors
+/// on; the first two are before every pose if the recording begins in it.
+fn longest_flight(flight: &Flight) -> [f64; 3] {
+    let at_s = |sample: &FlightSample| seconds(sample.telemetry.time);
+    let ends_s = |ticks: &[FlightSample]| [at_s(&ticks[0]), at_s(&ticks[ticks.len() - 1])];
+    let flights: Vec<_> = flight.flights().collect();
+    let longest = (0..flights.len()).max_by_key(|index| flights[*index].len());
+    let Some(index) = longest else { return [f64::NEG_INFINITY, f64::INFINITY, f64::INFINITY] };
+    let before_s = index.checked_sub(1).map_or(f64::NEG_INFINITY, |it| ends_s(flights[it])[1]);
+    let [from_s, until_s] = ends_s(flights[index]);
+    let is_cut = index == 0 && flight.begins_in_flight();
+    [before_s, if is_cut { f64::NEG_INFINITY } else { from_s }, until_s]
 }
 
 /// The poses that the daemon used, each once, in the order of their capture, and, if the cameras are faster than the controller, those
@@ -149,7 +150,7 @@ fn pose_record(
 
 /// The attitudes that the trajectory prescribes.
 fn prescribed(flight: &Flight) -> Vec<(f64, Vector3<f64>)> {
-    let options = &flight.config.trajectory;
+    let options = &flight.config_at_arming().trajectory;
     let start_s = options.start_s();
     // Waypoints prescribe no attitude.
     let trajectory = options.trajectory(None);

@@ -31,16 +31,17 @@ pub struct LoopPair {
     pub axis: &'static str,
     /// Loop response of the linear model.
     pub linear: LoopResponse,
-    /// Loop response measured in flight, with the position loop open.
+    /// Loop response measured in flight, with the position loop open; without points if that is unstable.
     pub flown: LoopResponse,
     /// Loop response measured in a hover, with the position loop closed; `None` if that is unstable.
     pub hover: Option<LoopResponse>,
 }
 
 impl LoopPair {
-    /// Margins of `response`, one of the two, in the order of [`Margins::COLUMNS`]; NaN if the loop is unstable by the model.
+    /// Margins of `response`, one of the two, in the order of [`Margins::COLUMNS`]; NaN if the loop is unstable.
     fn margins(&self, response: &LoopResponse) -> [f64; 5] {
-        if self.linear.is_stable() { response.margins().numbers() } else { UNSTABLE }
+        let is_stable = self.linear.is_stable() && !response.points.is_empty();
+        if is_stable { response.margins().numbers() } else { UNSTABLE }
     }
 
     /// Margins in hover; NaN if the loop is unstable.
@@ -112,14 +113,16 @@ pub fn all(laws: &[StudyLaw], progress: &Progress) -> Result<Vec<LoopPair>, Fail
                     Ok(points.map(|(hertz, gain)| (hertz, gain.re, gain.im)).collect())
                 })
             };
-            let flown = response(measured("loop", ClosedLoops::Attitude)?);
-            let hover = match closed_in_hover(index) {
-                ClosedLoops::Attitude => Some(flown.clone()),
-                closed => match measured("loop in hover", closed) {
-                    Err(failure) if failure.exit == Exit::Flight => None,
-                    measured => Some(response(measured?)),
-                },
+            let stable = |measured: Result<Vec<_>, Failure>| match measured {
+                Err(failure) if failure.exit == Exit::Flight => Ok(None),
+                measured => measured.map(|points| Some(response(points))),
             };
+            let flown = stable(measured("loop", ClosedLoops::Attitude))?;
+            let hover = match closed_in_hover(index) {
+                ClosedLoops::Attitude => flown.clone(),
+                closed => stable(measured("loop in hover", closed))?,
+            };
+            let flown = flown.unwrap_or(LoopResponse { points: Vec::new() });
             progress.check()?;
             let (law, linear) = (law.name.clone(), linear.response());
             loops.push(LoopPair { law, axis, linear, flown, hover });
@@ -153,15 +156,19 @@ const INTRO: [&str; 3] = [
      alone, with a prescribed attitude, are compared with the model: the linearised law, filter and prediction, and the exact \
      sampled vehicle with its lag and delays.",
     "Gain, phase and delay margin are the least change of one of them that makes the loop oscillate; the disk margin allows gain \
-     and phase to change at once. Where a margin is missing, the loop has no such limit below the highest frequency. They \
-     apply to the configured model with the adaptation off, not to an adaptation at its bound.",
+     and phase to change at once. Where a margin of a stable loop is missing, the loop has no such limit below the highest \
+     frequency. They apply to the configured model with the adaptation off, not to an adaptation at its bound.",
 ];
 
 /// Least margin of each kind in hover over the axes, for each law; none if the loop about one of them is unstable.
 fn hover(loops: &[LoopPair]) -> Sheet {
     least_sheet(
         ("hover_margins", "Least margins in hover"),
-        vec!["Flown, position loop closed; the least of roll, pitch and yaw.".to_owned()],
+        std::iter::once(
+            "Flown, position loop closed; the least of roll, pitch and yaw.".to_owned(),
+        )
+        .chain(unstable("in hover", loops, |pair| pair.hover.is_none()))
+        .collect(),
         loops,
         LoopPair::hover_margins,
     )
@@ -216,7 +223,10 @@ fn table(loops: &[LoopPair]) -> Sheet {
     Sheet {
         name: "margins".to_owned(),
         title: "Margins about each axis".to_owned(),
-        notes: notes(loops),
+        notes: notes(loops)
+            .into_iter()
+            .chain(unstable("in hover", loops, |pair| pair.hover.is_none()))
+            .collect(),
         columns: Margins::COLUMNS.to_vec(),
         rows: rows.collect(),
         is_detail: true,
@@ -240,10 +250,10 @@ pub fn greatest_difference(pair: &LoopPair) -> f64 {
 
 /// Agreement of model and flight, and the loops that have no margins.
 fn notes(loops: &[LoopPair]) -> Vec<String> {
-    let (stable, unstable): (Vec<_>, Vec<_>) =
-        loops.iter().partition(|pair| pair.linear.is_stable());
-    let worst =
-        stable.into_iter().max_by(|a, b| greatest_difference(a).total_cmp(&greatest_difference(b)));
+    let worst = loops
+        .iter()
+        .filter(|pair| pair.linear.is_stable())
+        .max_by(|a, b| greatest_difference(a).total_cmp(&greatest_difference(b)));
     let agreement = worst.map(|pair| {
         format!(
             "Gain, phase, delay and disk margin of the model agree with those flown within {:.1} % (the most: {}, {}).",
@@ -252,12 +262,17 @@ fn notes(loops: &[LoopPair]) -> Vec<String> {
             pair.axis
         )
     });
-    let names: Vec<String> =
-        unstable.iter().map(|pair| format!("{}, {}", pair.law, pair.axis)).collect();
-    let unstable = (!names.is_empty()).then(|| {
-        format!("Unstable by the model, and therefore without margins: {}.", names.join("; "))
-    });
-    agreement.into_iter().chain(unstable).collect()
+    let by_model = unstable("by the model", loops, |pair| !pair.linear.is_stable());
+    let flown = unstable("in flight", loops, |pair| pair.flown.points.is_empty());
+    [agreement, by_model, flown].into_iter().flatten().collect()
+}
+
+/// Note of the loops that are unstable `when`, if there are any.
+fn unstable(when: &str, loops: &[LoopPair], is: impl Fn(&LoopPair) -> bool) -> Option<String> {
+    let of = loops.iter().filter(|pair| is(pair));
+    let names: Vec<String> = of.map(|pair| format!("{}, {}", pair.law, pair.axis)).collect();
+    (!names.is_empty())
+        .then(|| format!("Unstable {when}, and therefore without margins: {}.", names.join("; ")))
 }
 
 /// Gain, phase and sensitivity over frequency.

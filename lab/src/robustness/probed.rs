@@ -95,13 +95,14 @@ fn prepared(settings: &[Setting], (axis, loops): (usize, ClosedLoops)) -> Result
     match loops {
         ClosedLoops::Attitude => {
             set("trajectory.kind", "attitude-chirp".into());
+            set("trajectory.duration-s", SWEEP_S.into());
             set("trajectory.attitude-chirp.sweep-s", SWEEP_S.into());
             // Level up to rounding.
             set("trajectory.attitude-chirp.amplitude-deg", 1e-9.into());
         }
         ClosedLoops::Hover => {
             set("trajectory.kind", "hover".into());
-            set("trajectory.hover.duration-s", HOVER_S.into());
+            set("trajectory.duration-s", HOVER_S.into());
         }
     }
     set("plant.probe.stick", (axis as i64 + 1).into());

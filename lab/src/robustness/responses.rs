@@ -31,6 +31,8 @@ const BAND: f64 = 0.05;
 const DISTURBED_S: f64 = 12.0;
 /// Time shown and evaluated after a disturbance \[s\].
 const SHOWN_S: f64 = 6.0;
+/// Duration of the hover \[s\], which begins after arming.
+const HOVER_S: f64 = 30.0;
 /// Distance from the reference within which a disturbance counts as rejected \[mm\].
 const REJECTED_MM: f64 = 5.0;
 
@@ -60,7 +62,11 @@ impl ResponseEvent {
         let set = |key: &str, value: toml::Value| Setting::flag("response", key, value);
         let disturbed = |disturbance: &str| {
             let list = toml::Value::Array(vec![disturbance.into()]);
-            vec![set("trajectory.kind", "hover".into()), set("plant.disturb", list)]
+            vec![
+                set("trajectory.kind", "hover".into()),
+                set("trajectory.duration-s", HOVER_S.into()),
+                set("plant.disturb", list),
+            ]
         };
         match self {
             Self::AttitudeStep => vec![
@@ -68,11 +74,12 @@ impl ResponseEvent {
                 set("trajectory.step.axis", "roll".into()),
                 set("trajectory.step.angle-deg", STEP_DEG.into()),
                 set("trajectory.step.hold-s", HELD_S.into()),
-                set("trajectory.step.duration-s", (HELD_S + 6.0).into()),
+                set("trajectory.duration-s", (HELD_S + 6.0).into()),
                 // The position is not controlled: the vehicle drifts by some metres.
                 set("safety.tracking-limit-m", 50.0.into()),
                 set("fence.x-m", vec![-40.0, 40.0].into()),
                 set("fence.y-m", vec![-40.0, 40.0].into()),
+                set("fence.polygon-m", toml::Value::Array(Vec::new())),
             ],
             Self::Force => disturbed(&format!("force@{DISTURBED_S}=0.2,0,0N")),
             Self::Gust => disturbed(&format!("gust@{DISTURBED_S}+1=1.5,0,0m/s")),
@@ -144,7 +151,7 @@ pub fn chapter(responses: &[LawResponses]) -> Chapter {
 const INTRO: &str = "The nominal vehicle without noise, drift and gusts; the filters still assume the noise of the cameras. The \
      attitude step is prescribed, with the position loop open; its times count from the tick in which it is commanded, so that the \
      delay of the loop is in them. Force and gust meet a hover. A dash marks a response that did not settle within the shown \
-     time.";
+     time; a row of dashes, a flight that did not land as planned.";
 
 fn table(responses: &[LawResponses]) -> Sheet {
     let step = |figure: usize| move |law: &LawResponses| step_figures(law.curve(0))[figure];

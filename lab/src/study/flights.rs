@@ -5,6 +5,7 @@ use std::ops::RangeInclusive;
 use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::message::{FNV_OFFSET, fnv1a};
 use oqtal_config::{Config, Setting};
+use oqtal_control::trajectory::TrajectoryKind;
 use oqtal_daemon::LawPort;
 use oqtal_observe::corners::CornerFigures;
 use oqtal_observe::flight::{Flight, Outcome};
@@ -314,10 +315,16 @@ impl TestFlights {
         self.0.len()
     }
 
-    /// Key of these flights in a journal: equal for equal tests and configurations.
+    /// Key of these flights in a journal: equal for equal tests, configurations and waypoints.
     pub(super) fn key(&self) -> u64 {
         self.0.iter().fold(FNV_OFFSET, |hash, (test, config)| {
-            fnv1a(fnv1a(hash, test.name().as_bytes()), &config.hash().to_le_bytes())
+            let hash = fnv1a(fnv1a(hash, test.name().as_bytes()), &config.hash().to_le_bytes());
+            let file = config.trajectory.waypoints_file.as_ref();
+            match file.filter(|_| config.trajectory.kind == TrajectoryKind::Waypoints) {
+                // A file that cannot be read ends the study.
+                Some(file) => fnv1a(hash, &std::fs::read(file).unwrap_or_default()),
+                None => hash,
+            }
         })
     }
 

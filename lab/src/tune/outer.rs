@@ -10,7 +10,7 @@ use oqtal_runtime::process::{Exit, Failure};
 use rayon::prelude::*;
 
 use super::search::{Budget, SearchPath, TrainingFlights, Tuned, search, settings};
-use super::space::{OUTER, configured, values};
+use super::space::{OUTER, configured, present, values};
 use crate::progress::Progress;
 use crate::study::flights::path;
 use crate::study::metric::of_hover;
@@ -71,7 +71,9 @@ pub fn tune(
         });
         progress.check()?;
         let is_better = best.value < 1.0;
-        found.extend(if is_better { values(parameters, &best.point) } else { start });
+        // The start of the search lies within its bounds, the present gains need not.
+        let kept = || present(parameters, &config);
+        found.extend(if is_better { values(parameters, &best.point) } else { kept() });
         objective += best.value.min(1.0) / OUTER.len() as f64;
     }
     Ok(Tuned {

@@ -29,9 +29,9 @@ const TRAINING: [PlantVariant; 6] = [
     NOMINAL,
     PlantVariant { name: "rate gain -12 %", changes: &[Change::Times(AUTHORITY, 0.88)] },
     PlantVariant { name: "rate gain +12 %", changes: &[Change::Times(AUTHORITY, 1.12)] },
-    PlantVariant { name: "inner lag 65 ms", changes: &[Change::Times(RATE_LAG, 1.3)] },
+    PlantVariant { name: "inner lag +30 %", changes: &[Change::Times(RATE_LAG, 1.3)] },
     PlantVariant {
-        name: "inner lag 40 ms, delay +5 ms",
+        name: "inner lag -20 %, delay +25 %",
         changes: &[Change::Times(RATE_LAG, 0.8), Change::Times(DELAY, 1.25)],
     },
 ];

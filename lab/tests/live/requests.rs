@@ -49,7 +49,7 @@ fn draw(draw: &mut Draw, directory: &Path) -> Drawn {
 
 fn draw_settings(draw: &mut Draw, is_valid: bool) -> Drawn {
     if is_valid {
-        // Settings that do not differ from the present ones are no request to the loop.
+        // A setting equal to the present one would not reach the loop.
         let share = draw.next();
         let text = match (draw.next() * 5.0) as u32 {
             0 => format!("position.horizontal-position.kp={}", 1.2 + 0.2 * share),
