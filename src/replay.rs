@@ -84,6 +84,7 @@ impl ReplayArgs {
     /// # Errors
     /// The file is not a recording or is incomplete, or a setting is invalid.
     pub fn execute(&self) -> Result<Exit, Failure> {
+        let out = self.free_out()?;
         let file = recordings::read(&self.file)?;
         let config = self.config(&file)?;
         let mut histories = InputHistory::default();
@@ -95,7 +96,7 @@ impl ReplayArgs {
         for history in &histories {
             results.push(replay(&config, &waypoints, history)?);
         }
-        if let Some(path) = &self.out {
+        if let Some(path) = &out {
             recordings::write(path, csv(&results))?;
         }
         let report = ReplayReport::new(&results, self.is_open_loop());
@@ -109,6 +110,23 @@ impl ReplayArgs {
             });
         }
         Ok(if is_identical || report.open_loop { Exit::Ok } else { Exit::Flight })
+    }
+
+    /// The file of `--out`, in a directory `replay.csv`; none may exist.
+    fn free_out(&self) -> Result<Option<PathBuf>, Failure> {
+        let in_directory =
+            |path: &PathBuf| if path.is_dir() { path.join("replay.csv") } else { path.clone() };
+        let out = self.out.as_ref().map(in_directory);
+        // A recording is refused by its own reason.
+        let is_other =
+            |path: &&PathBuf| path.exists() && path.extension().is_none_or(|end| end != "mcap");
+        match out.as_ref().filter(is_other) {
+            Some(path) => {
+                let reason = format!("{} exists already; give another --out", path.display());
+                Err(Failure::new(Exit::Usage, reason))
+            }
+            None => Ok(out),
+        }
     }
 
     fn is_open_loop(&self) -> bool {

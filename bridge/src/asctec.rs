@@ -27,7 +27,8 @@ use oqtal_wire::asctec::{
 
 use crate::options;
 use crate::protocol::{
-    FrameSizes, PeriodicFrame, PeriodicTimer, VehicleFrame, VehicleProtocol, VehicleReply,
+    FrameSizes, PeriodicFrame, PeriodicTimer, ReportedMotors, VehicleFrame, VehicleProtocol,
+    VehicleReply,
 };
 use crate::setpoint::VehicleSetpoint;
 use crate::timing::millis;
@@ -125,7 +126,7 @@ impl VehicleProtocol for Asctec {
                     let Status { battery_v, motors_on, .. } = Status::from(status);
                     reply(VehicleReply::Answer);
                     reply(VehicleReply::Battery(battery_v));
-                    reply(VehicleReply::Motors(motors_on));
+                    reply(VehicleReply::Motors(ReportedMotors::of(motors_on)));
                 }
                 _ => reply(VehicleReply::Other),
             }

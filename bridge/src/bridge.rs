@@ -16,6 +16,7 @@ use crate::motors::MotorEvent;
 use crate::note::Note;
 use crate::outbox::{FrameKind, Outbox};
 use crate::poses::PoseRelay;
+use crate::protocol::ReportedMotors;
 use crate::protocol::{FrameSizes, PeriodicFrame, VehicleFrame, VehicleProtocol, VehicleReply};
 use crate::safety::{CommandGate, MotorStatus};
 use crate::schedule::Schedule;
@@ -184,7 +185,8 @@ impl Bridge {
 
     /// Whether the motors run, or may run because of what the bridge sent.
     pub fn motors_may_run(&self) -> bool {
-        self.gate.may_run() || self.gate.last_status_running()
+        self.gate.may_run()
+            || self.gate.last_motors().is_some_and(|motors| motors != ReportedMotors::Off)
     }
 
     /// Takes bytes, or one packet, that the port received.
@@ -192,8 +194,8 @@ impl Bridge {
         let Self { transport, protocol, monitor, gate, .. } = self;
         let mut take = |reply| {
             match reply {
-                VehicleReply::Motors(running) => {
-                    gate.update_status(MotorStatus { received_at: now, running });
+                VehicleReply::Motors(motors) => {
+                    gate.update_status(MotorStatus { received_at: now, motors });
                 }
                 VehicleReply::Control(control) => gate.update_control(control),
                 VehicleReply::Replaced => note(Note::Replaced),

@@ -42,8 +42,8 @@ use oqtal_wire::crtp::{
 };
 
 use crate::protocol::{
-    FrameSizes, PeriodicFrame, PeriodicTimer, VehicleEstimate, VehicleFrame, VehiclePose,
-    VehicleProtocol, VehicleReply, VehicleText,
+    FrameSizes, PeriodicFrame, PeriodicTimer, ReportedMotors, VehicleEstimate, VehicleFrame,
+    VehiclePose, VehicleProtocol, VehicleReply, VehicleText,
 };
 use crate::setpoint::VehicleSetpoint;
 use arming::Arming;
@@ -216,7 +216,7 @@ impl Crtp {
             StatusUpdate::Status => {
                 let state = self.status.supervision();
                 reply(VehicleReply::Battery(self.status.battery_v()));
-                reply(VehicleReply::Motors(self.arming.motors_run(state)));
+                reply(VehicleReply::Motors(ReportedMotors::of(self.arming.motors_run(state))));
                 reply(VehicleReply::BodyRate(self.status.body_rate()));
                 if arming::obstacle(state).is_some() {
                     self.refuse(reply);

@@ -90,8 +90,8 @@ pub use note::Note;
 pub use options::{check as check_options, link};
 pub use poses::PoseRelay;
 pub use protocol::{
-    FrameSizes, MAX_FRAME, PeriodicFrame, PeriodicTimer, VehicleEstimate, VehicleFrame,
-    VehiclePose, VehicleProtocol, VehicleReply, VehicleText,
+    FrameSizes, MAX_FRAME, PeriodicFrame, PeriodicTimer, ReportedMotors, VehicleEstimate,
+    VehicleFrame, VehiclePose, VehicleProtocol, VehicleReply, VehicleText,
 };
 pub use radio::{
     MAX_AGE, RadioAck, RadioCounts, RadioDongle, RadioPortOptions, RadioSchedule,

@@ -124,7 +124,13 @@ impl Mavlink {
         }
         let has_attitude = attitude.iter().any(|number| *number != 0.0);
         let kind = if self.holds_attitude && has_attitude {
-            SetpointKind::Attitude { attitude, yaw_rate: rates[2] }
+            let yaw_rate = rates[2];
+            match self.vehicle.known() {
+                Some((_, AutopilotKind::ArduPilot)) => {
+                    SetpointKind::AttitudeAndRates { attitude, yaw_rate }
+                }
+                _ => SetpointKind::Attitude { attitude, yaw_rate },
+            }
         } else {
             SetpointKind::Rates(rates)
         };

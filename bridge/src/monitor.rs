@@ -5,7 +5,7 @@ use oqtal_bus::message::VehicleV1;
 use oqtal_bus::text::ShortText;
 use oqtal_bus::time::{Span, Time};
 
-use crate::protocol::{VehicleEstimate, VehicleReply, VehicleText};
+use crate::protocol::{ReportedMotors, VehicleEstimate, VehicleReply, VehicleText};
 use crate::round_trips::RoundTrips;
 
 /// Number of intervals in the last second, over which requests and answers are counted.
@@ -85,7 +85,8 @@ impl VehicleMonitor {
                 self.round_trips.record(span);
             }
             VehicleReply::Battery(volts) => self.battery_v = volts,
-            VehicleReply::Motors(run) => {
+            VehicleReply::Motors(motors) => {
+                let run = motors == ReportedMotors::Running;
                 if run && !self.motors_run {
                     (self.refusal, self.text) = (VehicleRefusal::None, ShortText::EMPTY);
                 } else if !run {
@@ -216,14 +217,14 @@ mod tests {
         vehicle.receive(at(0), VehicleReply::Refused(VehicleRefusal::OtherAutopilot));
         vehicle.receive(at(1), STATUS);
         assert_eq!(vehicle.refusal(), VehicleRefusal::None, "the wanted vehicle answers");
-        vehicle.receive(at(2), VehicleReply::Motors(true));
+        vehicle.receive(at(2), VehicleReply::Motors(ReportedMotors::of(true)));
         vehicle.receive(at(3), VehicleReply::Refused(VehicleRefusal::Disarming));
-        vehicle.receive(at(4), VehicleReply::Motors(true));
+        vehicle.receive(at(4), VehicleReply::Motors(ReportedMotors::of(true)));
         assert_eq!(vehicle.refusal(), VehicleRefusal::Disarming);
-        vehicle.receive(at(5), VehicleReply::Motors(false));
+        vehicle.receive(at(5), VehicleReply::Motors(ReportedMotors::of(false)));
         assert_eq!(vehicle.refusal(), VehicleRefusal::None, "the motors have stopped");
         vehicle.receive(at(6), VehicleReply::Refused(VehicleRefusal::Arming));
-        vehicle.receive(at(7), VehicleReply::Motors(false));
+        vehicle.receive(at(7), VehicleReply::Motors(ReportedMotors::of(false)));
         assert_eq!(vehicle.refusal(), VehicleRefusal::Arming);
     }
 
@@ -243,11 +244,11 @@ mod tests {
         let state = vehicle.state(at(4));
         assert_eq!(state.refusal, VehicleRefusal::Arming.code());
         assert_eq!(state.text.as_str(), "PreArm: Gyros inconsistent");
-        vehicle.receive(at(5), VehicleReply::Motors(true));
+        vehicle.receive(at(5), VehicleReply::Motors(ReportedMotors::of(true)));
         let state = vehicle.state(at(6));
         assert!(state.text.is_empty() && state.refusal == VehicleRefusal::None.code());
         vehicle.receive(at(7), says(true, "Failsafe"));
-        vehicle.receive(at(8), VehicleReply::Motors(true));
+        vehicle.receive(at(8), VehicleReply::Motors(ReportedMotors::of(true)));
         assert_eq!(vehicle.state(at(8)).text.as_str(), "Failsafe", "reported in flight");
     }
 

@@ -59,8 +59,10 @@ pub struct MotorConditions {
     pub disarmed: bool,
     /// "Disarmed" has been commanded for the rest time, so that the vehicle stands.
     pub rest_over: bool,
-    /// A fresh status reports running motors.
+    /// A fresh status reports motors that follow set-points.
     pub running: bool,
+    /// A fresh status reports motors that run, or that will once they have spooled up.
+    pub armed: bool,
     /// A fresh status reports stopped motors.
     pub stopped: bool,
     /// An operator's stop is in force: motors are stopped whoever started them.
@@ -93,10 +95,10 @@ const TRANSITIONS: [MotorTransition; 13] = {
         T {
             from: Off,
             to: Stopping,
-            when: |c| (c.started_here || c.operator_stop) && c.rest_over && c.running,
+            when: |c| (c.started_here || c.operator_stop) && c.rest_over && c.armed,
         },
         T { from: Off, to: Running, when: |c| c.requested && c.running },
-        T { from: Off, to: Starting, when: |c| c.requested && c.stopped },
+        T { from: Off, to: Starting, when: |c| c.requested && (c.stopped || c.armed) },
         // The request was withdrawn: the toggle may have taken effect already, and then must be undone.
         T { from: Starting, to: Stopping, when: |c| !c.requested },
         T { from: Starting, to: Running, when: |c| c.running },
@@ -105,7 +107,7 @@ const TRANSITIONS: [MotorTransition; 13] = {
         T { from: Running, to: Inhibited, when: |c| c.stopped && c.requested },
         T { from: Running, to: Off, when: |c| c.stopped },
         T { from: Running, to: Inhibited, when: |c| c.daemon_silent.is_some() },
-        T { from: Running, to: Stopping, when: |c| c.rest_over && c.running },
+        T { from: Running, to: Stopping, when: |c| c.rest_over && c.armed },
         T { from: Stopping, to: Off, when: |c| c.stopped && c.settled },
         T { from: Stopping, to: Inhibited, when: |c| c.timed_out },
     ]
@@ -184,6 +186,7 @@ impl MotorSequencer {
     /// `conditions` itself.
     pub fn step(&mut self, now: Time, conditions: MotorConditions) -> Option<MotorEvent> {
         let lasted = now.since(self.since);
+        self.started_here |= self.state == MotorState::Starting && conditions.armed;
         self.started_here &= !conditions.stopped;
         let conditions = MotorConditions {
             started_here: self.started_here,
@@ -240,6 +243,7 @@ mod tests {
         disarmed: false,
         rest_over: false,
         running: false,
+        armed: false,
         stopped: false,
         operator_stop: false,
         daemon_silent: None,
@@ -258,16 +262,17 @@ mod tests {
     }
 
     fn all_conditions() -> impl Iterator<Item = MotorConditions> {
-        (0..32_u8).map(|bits| {
+        (0..64_u8).map(|bits| {
             let on = |bit: u8| bits & (1 << bit) != 0;
             let (requested, running, stopped) = (on(0), on(3), on(4));
-            MotorConditions { requested, idle: on(1), rest_over: on(2), running, stopped, ..NONE }
+            let (idle, rest_over, armed) = (on(1), on(2), running || on(5));
+            MotorConditions { requested, idle, rest_over, running, armed, stopped, ..NONE }
         })
     }
 
     #[test]
     fn a_flight_goes_round() {
-        let running = MotorConditions { running: true, ..NONE };
+        let running = MotorConditions { running: true, armed: true, ..NONE };
         let stopped = MotorConditions { stopped: true, ..NONE };
         assert_eq!(after(Inhibited, 1, MotorConditions { idle: true, ..stopped }), Off);
         assert_eq!(after(Off, 1, MotorConditions { requested: true, ..stopped }), Starting);
@@ -276,6 +281,18 @@ mod tests {
         assert_eq!(after(Running, 1, MotorConditions { rest_over: true, ..running }), Stopping);
         assert_eq!(after(Stopping, 499, stopped), Stopping, "that status may be old");
         assert_eq!(after(Stopping, 500, stopped), Off);
+    }
+
+    #[test]
+    fn motors_that_spool_up_are_stopped_when_the_request_is_withdrawn() {
+        let spooling = MotorConditions { armed: true, ..NONE };
+        let requested = MotorConditions { requested: true, ..spooling };
+        assert_eq!(after(Starting, 1, requested), Starting);
+        assert_eq!(after(Starting, 1, spooling), Stopping);
+        assert_eq!(after(Stopping, 2999, spooling), Stopping, "until the vehicle is disarmed");
+        assert_eq!(after(Starting, 3000, requested), Inhibited);
+        let ours = MotorConditions { started_here: true, rest_over: true, ..spooling };
+        assert_eq!(after(Off, 1, ours), Stopping);
     }
 
     #[test]
@@ -296,7 +313,7 @@ mod tests {
     #[test]
     fn without_a_fresh_status_no_sequence_begins_except_to_cancel_a_start() {
         for state in STATES {
-            for conditions in all_conditions().filter(|c| !c.running && !c.stopped) {
+            for conditions in all_conditions().filter(|c| !c.armed && !c.stopped) {
                 let next = after(state, 10, conditions);
                 let begun = next != state && matches!(next, Starting | Stopping);
                 assert!(!begun || state == Starting, "{state:?} {conditions:?}");
@@ -313,7 +330,7 @@ mod tests {
 
     #[test]
     fn a_daemon_that_fell_silent_must_be_disarmed_before_it_flies_on() {
-        let run = MotorConditions { running: true, started_here: true, ..REQUESTED };
+        let run = MotorConditions { running: true, armed: true, started_here: true, ..REQUESTED };
         let silent = MotorConditions { daemon_silent: Some(LONGEST), requested: false, ..run };
         assert_eq!(after(Running, 10, silent), Inhibited);
         assert_eq!(after(Inhibited, 10, run), Inhibited);
@@ -326,14 +343,16 @@ mod tests {
 
     #[test]
     fn motors_that_the_bridge_did_not_start_are_left_alone() {
-        let by_hand = MotorConditions { idle: true, rest_over: true, running: true, ..NONE };
+        let by_hand =
+            MotorConditions { idle: true, rest_over: true, running: true, armed: true, ..NONE };
         assert_eq!(after(Inhibited, 10, by_hand), Off);
         assert_eq!(after(Off, 10_000, by_hand), Off);
     }
 
     #[test]
     fn motors_of_a_bridge_before_are_stopped_by_an_operator_until_it_has_effect() {
-        let running = MotorConditions { idle: true, rest_over: true, running: true, ..NONE };
+        let running =
+            MotorConditions { idle: true, rest_over: true, running: true, armed: true, ..NONE };
         let stop = MotorConditions { operator_stop: true, ..running };
         let mut now = Time::VIRTUAL_START;
         let mut motors = MotorSequencer::new(now, LONGEST);
@@ -355,13 +374,13 @@ mod tests {
             let mut motors = MotorSequencer { state: from, started_here, ..new };
             (motors.step(since + LONGEST, conditions), motors.may_run())
         };
-        let running = MotorConditions { running: true, ..NONE };
+        let running = MotorConditions { running: true, armed: true, ..NONE };
         let stopped = MotorConditions { stopped: true, ..NONE };
         let silent =
             MotorConditions { daemon_silent: Some(LONGEST), started_here: true, ..running };
         let ends = MotorConditions { rest_over: true, ..running };
         let waiting = MotorConditions { stopped: true, ..REQUESTED };
-        let begun = MotorConditions { running: true, ..REQUESTED };
+        let begun = MotorConditions { running: true, armed: true, ..REQUESTED };
         for (from, conditions, event, may_run) in [
             (Inhibited, MotorConditions { idle: true, ..NONE }, None, false),
             (Off, waiting, Some(MotorEvent::Starting), true),

@@ -28,8 +28,8 @@ use oqtal_wire::msp::{
 
 use crate::options;
 use crate::protocol::{
-    FrameSizes, PeriodicFrame, PeriodicTimer, VehicleFrame, VehicleProtocol, VehicleReply,
-    VehicleText,
+    FrameSizes, PeriodicFrame, PeriodicTimer, ReportedMotors, VehicleFrame, VehicleProtocol,
+    VehicleReply, VehicleText,
 };
 use crate::setpoint::VehicleSetpoint;
 use crate::timing::millis;
@@ -216,7 +216,7 @@ impl Msp {
         self.status = Some(status);
         let is_overridden = self.settings.override_bit().is_none_or(|bit| status.modes & bit != 0);
         let is_ours = is_overridden && self.settings.other_mode(status.modes).is_none();
-        reply(VehicleReply::Motors(is_armed));
+        reply(VehicleReply::Motors(ReportedMotors::of(is_armed)));
         reply(VehicleReply::Control(match (is_armed, is_ours) {
             (false, _) => ControlHolder::Nobody,
             (true, true) => ControlHolder::Bridge,

@@ -41,6 +41,24 @@ impl VehicleFrame {
     }
 }
 
+/// Motors as a vehicle reports them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ReportedMotors {
+    /// Disarmed.
+    Off,
+    /// Armed, and not yet following set-points: to be stopped like running motors.
+    SpoolingUp,
+    /// They follow set-points.
+    Running,
+}
+
+impl ReportedMotors {
+    /// Of a vehicle that follows set-points as soon as its motors run.
+    pub fn of(run: bool) -> Self {
+        if run { Self::Running } else { Self::Off }
+    }
+}
+
 /// Content of a valid message of the vehicle; a message may have several.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum VehicleReply {
@@ -48,8 +66,8 @@ pub enum VehicleReply {
     Answer,
     /// Answer to a periodic frame, this time after the frame was sent.
     RoundTrip(Span),
-    /// Whether the motors run.
-    Motors(bool),
+    /// State of the motors.
+    Motors(ReportedMotors),
     /// Battery voltage \[V\].
     Battery(f64),
     /// Holder of the control. Without a report, the bridge has control.

@@ -11,6 +11,7 @@ use oqtal_bus::stop::StoppedMotors;
 use oqtal_bus::time::{Span, Time};
 
 use crate::motors::{MotorConditions, MotorEvent, MotorSequencer, MotorState};
+use crate::protocol::ReportedMotors;
 use crate::setpoint::VehicleSetpoint;
 
 /// Command that a set-point forwards for the first time.
@@ -29,8 +30,8 @@ pub struct ForwardedCommand {
 pub struct MotorStatus {
     /// Arrival of the report.
     pub received_at: Time,
-    /// Whether the motors run.
-    pub running: bool,
+    /// The motors.
+    pub motors: ReportedMotors,
 }
 
 /// Kind of command that passes the command gate, and its timeouts.
@@ -142,7 +143,9 @@ impl CommandGate {
         match status {
             None => StoppedMotors::Unknown,
             // A toggle that was sent may still take effect.
-            Some(status) if status.running || self.is_in_sequence() => StoppedMotors::Running,
+            Some(status) if status.motors != ReportedMotors::Off || self.is_in_sequence() => {
+                StoppedMotors::Running
+            }
             Some(_) => StoppedMotors::Off,
         }
     }
@@ -193,8 +196,10 @@ impl CommandGate {
         let setpoint = match (self.motors.state(), flight) {
             (MotorState::Running, Some(command)) => VehicleSetpoint::Fly(command),
             // Start and stop are one toggle: sent only while a status shows that it is needed.
-            (MotorState::Starting, Some(_)) if conditions.stopped => VehicleSetpoint::StartMotors,
-            (MotorState::Stopping, None) if conditions.running => VehicleSetpoint::StopMotors,
+            (MotorState::Starting, Some(_)) if conditions.stopped || conditions.armed => {
+                VehicleSetpoint::StartMotors
+            }
+            (MotorState::Stopping, None) if conditions.armed => VehicleSetpoint::StopMotors,
             _ => VehicleSetpoint::Zero,
         };
         (setpoint, self.forward(now, &setpoint), event)
@@ -232,10 +237,10 @@ impl CommandGate {
         !self.motors.stops_others() || self.control == ControlHolder::Bridge
     }
 
-    /// Whether the last status, of any age, reports running motors. Without a new status they are not assumed to have stopped; a
-    /// motor sequence requires a fresh one.
-    pub fn last_status_running(&self) -> bool {
-        self.status.is_some_and(|status| status.running)
+    /// Motors as the last status, of any age, reports them. Without a new status they are not assumed to have stopped; a motor sequence
+    /// requires a fresh one.
+    pub fn last_motors(&self) -> Option<ReportedMotors> {
+        self.status.map(|status| status.motors)
     }
 
     /// Number of commands rejected: past their timeout, stamped in the future, or older than the one before.
@@ -280,8 +285,9 @@ impl CommandGate {
             disarmed: self.disarmed_since.is_some() || is_stopped,
             rest_over: (self.disarmed_since.is_some_and(rested) || is_stopped) && !requested,
             daemon_silent: (silent && !requested).then_some(without_request),
-            running: fresh.is_some_and(|status| status.running),
-            stopped: fresh.is_some_and(|status| !status.running),
+            running: fresh.is_some_and(|status| status.motors == ReportedMotors::Running),
+            armed: fresh.is_some_and(|status| status.motors != ReportedMotors::Off),
+            stopped: fresh.is_some_and(|status| status.motors == ReportedMotors::Off),
             operator_stop: is_stopped,
             ..MotorConditions::default()
         }

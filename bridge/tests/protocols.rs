@@ -117,3 +117,30 @@ fn every_protocol_starts_flies_and_stops() {
         assert!(!exchange.vehicle.motors_on(), "{name}: motors run after the flight");
     }
 }
+
+/// An autopilot counts as armed from the command on, but its motors follow set-points some seconds later.
+#[test]
+fn a_start_that_is_withdrawn_leaves_no_vehicle_armed() {
+    for protocol in &PROTOCOLS {
+        for after in [0, 1, 6, 30, 60, 90, 140] {
+            let mut exchange = Exchange::new(protocol);
+            for _ in 0..600 {
+                exchange.happen(&Happening::DISARMED, 1).unwrap();
+            }
+            for _ in 0..600 {
+                if exchange.vehicle.motors_on() {
+                    break;
+                }
+                exchange.happen(&Happening::FLIGHT, 1).unwrap();
+            }
+            assert!(exchange.vehicle.motors_on(), "{}", protocol.name);
+            for _ in 0..after {
+                exchange.happen(&Happening::FLIGHT, 1).unwrap();
+            }
+            for _ in 0..300 {
+                exchange.happen(&Happening::DISARMED, 1).unwrap();
+            }
+            assert!(!exchange.vehicle.motors_on(), "{}, {after} periods", protocol.name);
+        }
+    }
+}

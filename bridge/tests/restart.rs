@@ -1,6 +1,6 @@
 //! A bridge that is restarted while the motors of its vehicle run.
 
-use oqtal_bridge::{CommandGate, MotorStatus, VehicleSetpoint};
+use oqtal_bridge::{CommandGate, MotorStatus, ReportedMotors, VehicleSetpoint};
 use oqtal_bus::code::ControlHolder;
 use oqtal_bus::message::CommandV1;
 use oqtal_bus::time::Span;
@@ -16,7 +16,7 @@ fn set_points_after_a_restart(control: ControlHolder) -> [Vec<VehicleSetpoint>; 
         let tick = |k: i64| {
             let now = START + Span::from_nanos(k * PERIOD.nanos());
             gate.receive(now, &header(k as u64, now), CommandV1::default());
-            gate.update_status(MotorStatus { received_at: now, running: true });
+            gate.update_status(MotorStatus { received_at: now, motors: ReportedMotors::Running });
             gate.update_control(control);
             gate.select_command(now).0
         };

@@ -1,6 +1,8 @@
 //! Selection of set-points for any behaviour of the daemon, the vehicle and the clock.
 
-use oqtal_bridge::{CommandGate, ForwardedCommand, MotorEvent, MotorStatus, VehicleSetpoint};
+use oqtal_bridge::{
+    CommandGate, ForwardedCommand, MotorEvent, MotorStatus, ReportedMotors, VehicleSetpoint,
+};
 use oqtal_bus::code::{Actuation, ControlHolder};
 use oqtal_bus::message::CommandV1;
 use oqtal_bus::stop::StoppedMotors;
@@ -83,7 +85,8 @@ impl Player {
                 self.published.insert(command.sticks[0].to_bits(), at);
             }
             Stimulus::Status { running } => {
-                let status = MotorStatus { received_at: self.now, running };
+                let status =
+                    MotorStatus { received_at: self.now, motors: ReportedMotors::of(running) };
                 self.status = Some(status);
                 self.gate.update_status(status);
             }
@@ -140,7 +143,7 @@ proptest! {
                 }
             };
             let status = player.status.expect("a toggle without any status");
-            prop_assert_eq!(status.running, running);
+            prop_assert_eq!(status.motors, ReportedMotors::of(running));
             prop_assert!(player.now.since(status.received_at) <= LIMITS.status_age);
             let since = *toggling_since.get_or_insert(player.now);
             prop_assert!(player.now.since(since) < LIMITS.sequence + LIMITS.sequence);
@@ -185,7 +188,10 @@ impl Flying {
     }
 
     fn status(&mut self, running: bool) {
-        self.gate.update_status(MotorStatus { received_at: self.now, running });
+        self.gate.update_status(MotorStatus {
+            received_at: self.now,
+            motors: ReportedMotors::of(running),
+        });
     }
 
     fn frames(&mut self, count: usize) -> Vec<VehicleSetpoint> {

@@ -203,9 +203,10 @@ impl Drop for Membership {
 }
 
 /// Starts a run of the instance; the caller holds its lock. Processes that still hold the file `members` lost their run: they end by
-/// themselves.
+/// themselves. The configuration of a daemon that was killed remains for the next one.
 fn start_run(prefix: &str, directory: &Path, lock: &File) -> Result<InstanceRun, BusError> {
-    remove(directory, &[&SESSION_FILES[..], &[MEMBERS]].concat());
+    let of_run = SESSION_FILES.iter().filter(|name| **name != CONFIG).chain([&MEMBERS]);
+    remove(directory, &of_run.copied().collect::<Vec<_>>());
     InstanceRun::start(prefix, directory, lock)
 }
 

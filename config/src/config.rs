@@ -334,8 +334,11 @@ fn apply(setting: &Setting, table: &mut Table) -> Result<Config, ConfigError> {
     })
 }
 
-/// Refuses files with a thrust and without a mass: the mass of the preset would be flown with another vehicle's thrust.
-fn refuse_thrust_alone(settings: &[Setting]) -> Result<(), ConfigError> {
+/// Refuses settings with a thrust and without a mass: the mass of the preset would be flown with another vehicle's thrust.
+///
+/// # Errors
+/// The thrust, and the remedy.
+pub fn refuse_thrust_alone(settings: &[Setting]) -> Result<(), ConfigError> {
     let has = |key: &str| settings.iter().any(|setting| setting.key == key);
     let thrust = settings.iter().find(|setting| setting.key == "vehicle.max-thrust-n");
     match thrust.filter(|_| !has("vehicle.mass-kg")) {

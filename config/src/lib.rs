@@ -62,7 +62,7 @@ mod vehicle;
 pub use airframe::Interface;
 pub use asctec::{AsctecLimits, AsctecOptions, AsctecSigns};
 pub use bridge::BridgeOptions;
-pub use config::{Config, DEFAULTS};
+pub use config::{Config, DEFAULTS, refuse_thrust_alone};
 pub use crtp::{CrtpOptions, CrtpVehicleOptions};
 pub use disturbance::{DisturbanceKind, TimedDisturbance};
 pub use error::ConfigError;

@@ -181,6 +181,14 @@ impl ActiveMission {
         }
     }
 
+    /// Lands from `point`, also a vehicle that has left the path of a landing in progress.
+    pub fn land_again_from(&mut self, now: Time, point: StartPoint) {
+        if let FlightPath::Plan(plan, _) = &mut self.path {
+            plan.forget_landing();
+        }
+        self.land_from(now, point);
+    }
+
     /// Lands early from `point`.
     pub fn land_from(&mut self, now: Time, point: StartPoint) {
         self.resume(now);

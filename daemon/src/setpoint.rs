@@ -133,6 +133,28 @@ impl SetpointGuard {
     }
 }
 
+/// Greatest turn of a planner's references at once \[deg\].
+const MOST_TURN_DEG: f64 = 45.0;
+
+/// Requires that a turn from the present heading \[rad\] is not too large for one tick.
+pub(crate) fn require_turn(turn_rad: f64) -> Result<(), SetpointRefusal> {
+    let turn_deg = shorter_turn(turn_rad).abs().to_degrees();
+    let limit = ("the greatest turn at once", MOST_TURN_DEG);
+    require(["turn from the present heading", "deg"], turn_deg, limit)
+}
+
+/// Requires that the `value` of `quantity` does not exceed the value of the key `limit`. NaN does.
+pub(crate) fn require(
+    quantity: [&'static str; 2],
+    value: f64,
+    limit: (&'static str, f64),
+) -> Result<(), SetpointRefusal> {
+    match value <= limit.1 {
+        true => Ok(()),
+        false => Err(SetpointRefusal::Beyond { quantity, value, limit }),
+    }
+}
+
 /// Whether heading or attitude reverse between two references in successive ticks.
 pub(crate) fn turns_round(last: &Reference, next: &Reference) -> bool {
     match (&last.attitude, &next.attitude) {

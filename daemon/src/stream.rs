@@ -8,14 +8,14 @@ use oqtal_bus::code::ReferenceKind;
 use oqtal_bus::message::ReferenceV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
-use oqtal_control::euler::shorter_turn;
+use oqtal_control::euler::EulerAngles;
 use oqtal_control::quantity::BodyRate;
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::tracking_error::AttitudeReference;
 use oqtal_control::trajectory::{Reference, ReferenceMotion};
 
 use crate::room::StoppingRoom;
-use crate::setpoint::SetpointRefusal;
+use crate::setpoint::{SetpointRefusal, require, require_turn};
 
 /// Pause after which a planner's references count as a new stream.
 const PAUSE: Span = Span::from_millis(500);
@@ -30,8 +30,6 @@ const VELOCITY_MISMATCH: f64 = 2.0;
 const ACCELERATION_MISMATCH: f64 = 10.0;
 /// Limit of the jerk over that of the acceleration \[1/s\]: the limit of the acceleration is reached within a tenth of a second.
 const JERK_FACTOR: f64 = 10.0;
-/// Greatest turn from one reference to the next \[deg\].
-const MOST_TURN_DEG: f64 = 45.0;
 /// Refusal of a reference outside the room.
 const NO_ROOM: &str =
     "it leads outside the soft border of [fence], or less than 0.1 m above the floor";
@@ -49,7 +47,7 @@ struct StreamLimits {
     speed_m_s: f64,
     acceleration_m_s2: f64,
     jump_m: f64,
-    yaw_rate_rad_s: f64,
+    rate_rad_s: [f64; 3],
     cosine_of_tilt: f64,
     longest_validity: Span,
 }
@@ -181,12 +179,13 @@ impl ReferenceStream {
         was_followed
     }
 
-    /// Takes a reference of the writer `source`; `present` is the motion of the reference that is flown at `now` in `room`.
+    /// Takes a reference of the writer `source`; `at` is the motion of the reference that is flown at `now`, and the room; `None` if no
+    /// reference can be followed now, which is not a pause of the writer.
     pub fn receive(
         &mut self,
         now: Time,
         (source, message): (u64, &ReferenceV1),
-        (present, room): (&ReferenceMotion, &StoppingRoom),
+        at: Option<(&ReferenceMotion, &StoppingRoom)>,
     ) {
         self.last = Some((source, now));
         if let Some((ignored, at)) = &mut self.ignored {
@@ -196,7 +195,8 @@ impl ReferenceStream {
             }
             self.ignored = None;
         }
-        match self.limits.check(now, message, (present, room)) {
+        let Some(at) = at else { return };
+        match self.limits.check(now, message, at) {
             Ok(reference) => {
                 let is_smooth = self.followed.is_some_and(|last| last.leads_to(&reference));
                 let reference = FollowedReference { is_smooth, ..reference };
@@ -257,7 +257,7 @@ impl StreamLimits {
             speed_m_s: options.speed_limit_m_s,
             acceleration_m_s2: options.acceleration_limit_m_s2,
             jump_m: options.jump_limit_m,
-            yaw_rate_rad_s: config.vehicle.rate_authority_rad_s[2],
+            rate_rad_s: config.vehicle.rate_authority_rad_s,
             cosine_of_tilt: config.position.tilt_limit_deg.to_radians().cos(),
             longest_validity: Span::from_seconds(options.longest_validity_ms * 1e-3),
         }
@@ -295,7 +295,7 @@ impl StreamLimits {
         let mut reference =
             FollowedReference { time, valid_until, motion, jerk, is_smooth, attitude };
         if kind == ReferenceKind::Attitude {
-            reference.attitude = Some(self.attitude(message)?);
+            reference.attitude = Some(self.attitude(message, present.value.w)?);
             // Horizontal position and heading are not controlled.
             let height = reference.motion.value.z;
             reference.motion.value = present.value;
@@ -345,18 +345,20 @@ impl StreamLimits {
         now: &ReferenceMotion,
         present: &ReferenceMotion,
     ) -> Result<(), SetpointRefusal> {
-        let turn_deg = shorter_turn(now.value.w - present.value.w).abs().to_degrees();
-        let turn = ("the greatest turn at once", MOST_TURN_DEG);
-        require(["turn from the present heading", "deg"], turn_deg, turn)?;
-        let rate = ("the yaw of vehicle.rate-authority-rad-s", self.yaw_rate_rad_s);
+        require_turn(now.value.w - present.value.w)?;
+        let rate = ("the yaw of vehicle.rate-authority-rad-s", self.rate_rad_s[2]);
         require(["yaw rate", "rad/s"], now.rate.w.abs(), rate)
     }
 
-    /// The attitude of `message`.
+    /// The attitude of `message`, of a vehicle with the heading `yaw_rad`.
     ///
     /// # Errors
-    /// It is not a rotation, or tilted beyond the limit.
-    fn attitude(&self, message: &ReferenceV1) -> Result<AttitudeReference, SetpointRefusal> {
+    /// It is not a rotation, is tilted or turned beyond a limit, or its rate is beyond that of the vehicle.
+    fn attitude(
+        &self,
+        message: &ReferenceV1,
+        yaw_rad: f64,
+    ) -> Result<AttitudeReference, SetpointRefusal> {
         let norm = message.attitude.iter().map(|part| part * part).sum::<f64>().sqrt();
         let rate = Vector3::from(message.rate);
         let is_rotation = (norm - 1.0).abs() <= NORM_TOLERANCE;
@@ -370,19 +372,12 @@ impl StreamLimits {
             let limit = ("position.tilt-limit-deg", degrees(self.cosine_of_tilt));
             return Err(SetpointRefusal::Beyond { quantity: ["tilt", "deg"], value, limit });
         }
+        require_turn(EulerAngles::from_attitude(&attitude).yaw - yaw_rad)?;
+        for (rate, limit) in rate.iter().zip(self.rate_rad_s) {
+            let limit = ("vehicle.rate-authority-rad-s", limit);
+            require(["rate about an axis", "rad/s"], rate.abs(), limit)?;
+        }
         Ok(AttitudeReference { rate: BodyRate(rate), ..AttitudeReference::at_rest(attitude) })
-    }
-}
-
-/// Requires that the `value` of `quantity` does not exceed the value of the key `limit`. NaN does.
-fn require(
-    quantity: [&'static str; 2],
-    value: f64,
-    limit: (&'static str, f64),
-) -> Result<(), SetpointRefusal> {
-    match value <= limit.1 {
-        true => Ok(()),
-        false => Err(SetpointRefusal::Beyond { quantity, value, limit }),
     }
 }
 

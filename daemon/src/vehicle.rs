@@ -86,6 +86,11 @@ impl VehicleWatch {
             && self.last.is_some_and(|(_, vehicle)| vehicle.link != 0)
     }
 
+    /// The last message about the vehicle, if it is not too old, whether the vehicle answers or not.
+    pub fn last_message(&self, now: Time) -> Option<&VehicleV1> {
+        self.last.as_ref().filter(|(at, _)| !self.is_old(now, Some(*at))).map(|(_, last)| last)
+    }
+
     /// The last message about the vehicle, if it answers.
     pub fn answer(&self, now: Time) -> Option<&VehicleV1> {
         self.last.as_ref().map(|(_, vehicle)| vehicle).filter(|_| self.answers(now))

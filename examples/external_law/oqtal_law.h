@@ -5,6 +5,7 @@
 #ifndef OQTAL_LAW_H
 #define OQTAL_LAW_H
 
+#include <errno.h>
 #include <stdint.h>
 #include <string.h>
 #include <sys/socket.h>
@@ -60,10 +61,10 @@ struct oqtal_answer {
 static inline int oqtal_connect(const char *path)
 {
     struct sockaddr_un address = {.sun_family = AF_UNIX};
-    int law = socket(AF_UNIX, SOCK_SEQPACKET, 0);
     if (strlen(path) >= sizeof address.sun_path)
         return -1;
     strcpy(address.sun_path, path);
+    int law = socket(AF_UNIX, SOCK_SEQPACKET, 0);
     if (law >= 0 && connect(law, (struct sockaddr *)&address, sizeof address) == 0)
         return law;
     close(law);
@@ -75,6 +76,8 @@ static inline int oqtal_receive(int law, struct oqtal_state *state)
 {
     for (;;) {
         ssize_t length = recv(law, state, sizeof *state, 0);
+        if (length < 0 && errno == EINTR)
+            continue;
         if (length <= 0)
             return 0;
         if (length == sizeof *state && memcmp(state->magic, "OQTALST1", 8) == 0)
@@ -87,7 +90,11 @@ static inline int oqtal_answer(int law, const struct oqtal_state *state, struct 
 {
     memcpy(answer->magic, "OQTALEX1", 8);
     answer->sequence = state->sequence;
-    return send(law, answer, sizeof *answer, MSG_NOSIGNAL) == sizeof *answer;
+    ssize_t length;
+    do
+        length = send(law, answer, sizeof *answer, MSG_NOSIGNAL);
+    while (length < 0 && errno == EINTR);
+    return length == sizeof *answer;
 }
 
 #endif

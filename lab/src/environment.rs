@@ -113,7 +113,7 @@ impl Environment {
             past,
             steps: 0,
         };
-        new.observe();
+        new.begin_estimate();
         Ok(new)
     }
 
@@ -127,7 +127,7 @@ impl Environment {
         self.estimator = Estimator::new(self.mission.config.control.estimator);
         (self.estimate, self.captured_at) = (Estimate::default(), Time::UNSET);
         (self.past, self.steps) = ([[0.0; ACTION]; PAST], 0);
-        self.observe();
+        self.begin_estimate();
         Ok(())
     }
 
@@ -151,6 +151,16 @@ impl Environment {
         self.past[0] = if is_finite { action } else { [0.0; ACTION] };
         self.observe();
         Ok(self.result(if is_finite { change.norm() } else { 0.0 }))
+    }
+
+    /// The estimate at the first tick: of a vehicle in the air, of which no pose has arrived, its true position and attitude.
+    fn begin_estimate(&mut self) {
+        self.observe();
+        if !self.captured_at.is_set() && self.task != Task::Floor {
+            let TruthV1 { position, attitude, .. } = self.lane.truth();
+            self.estimate.position = position.into();
+            self.estimate.attitude = Attitude::from_xyzw(attitude).unwrap_or_default();
+        }
     }
 
     /// Takes the reference of the present tick, and the newest pose into the estimate.

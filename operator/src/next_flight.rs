@@ -62,9 +62,20 @@ impl NextFlights {
         if no_flight { Self::default() } else { self }
     }
 
-    /// Notes the losses of `reached`, and the processes that run at its paths: a daemon needs their configuration.
+    /// Replaces the flights of instances whose processes have ended since, but for those that end with their command.
+    pub(crate) fn note_ended(&mut self, reached: &Reached) {
+        for flight in self.0.iter_mut().filter(|flight| flight.is_arming && !flight.is_lost) {
+            let here: Vec<_> =
+                reached.processes.iter().filter(|it| it.is_under(&flight.paths)).collect();
+            let running: Vec<_> = here.iter().copied().filter(|it| it.is_running()).collect();
+            if running.len() < here.len() {
+                *flight = NextFlight::of(&running, flight.paths.clone());
+            }
+        }
+    }
+
+    /// Notes the processes that run at its paths: a daemon needs their configuration.
     pub(crate) fn note_running(&mut self, reached: &Reached, running: &RunningProcesses) {
-        self.note_losses(reached);
         let paths = &reached.paths;
         let Some(process) = running.of_other_config(paths) else { return };
         let has_start = |it: &&mut NextFlight| it.start.is_some() && it.paths == *paths;

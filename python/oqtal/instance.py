@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import time
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -79,7 +80,13 @@ class Observation(Iterator[dict[str, Any]]):
 
     def table(self) -> Table:
         """All messages until the end of the observation; give ``seconds`` when it is opened."""
-        rows = list(self)
+        rows = []
+        try:
+            rows.extend(self)
+        except PeerError as error:
+            if not rows:
+                raise
+            warnings.warn(f"{error}; the table has the messages until then", stacklevel=2)
         return Table({name: np.array([row[name] for row in rows]) for name in self.names})
 
     def to_pandas(self) -> pd.DataFrame:

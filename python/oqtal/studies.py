@@ -230,7 +230,9 @@ def identify(
     if flights is None:
         set_by = {"trajectory.kind": "it flies `excitation`", "trajectory.duration-s": "it flies `excitation` to its end"}
         named = ("clock.seed", None if seed is None else integer("seed", seed))
-        flown = [_native.fly_excitation(sources(config, settings, plant, set_by=set_by, seed=named))]
+        call = sources(config, settings, plant, set_by=set_by, seed=named)
+        warn(call)
+        flown = [_native.fly_excitation(call)]
     else:
         given_too = {"config": config, "seed": seed, "plant": plant, "settings": settings}
         if ignored := [name for name, value in given_too.items() if value is not None]:
@@ -296,7 +298,8 @@ def tune(
     if not isinstance(target, str):
         raise UsageError(f"target is {target!r}; expected the name of a law, or outer")
     call = sources(config, settings, plant, set_by={"control.controller": "it is target", "clock.seed": "give seeds="})
-    warn(call)
+    law = [] if target == "outer" else [("target", "control.controller", target)]
+    warn((call[0], [*call[1], *law]))
     chosen = _seeds(seeds)
     flights = (chosen[0], chosen[-1] + 1) if chosen else (0, 0)
     if chosen != list(range(*flights)):

@@ -153,7 +153,7 @@ impl Connection {
 
 /// Arms like `oqtal ctl arm`.
 fn arm(paths: &InstancePaths, cancelled: &AtomicBool) -> Result<String, Failure> {
-    let arming = ControlRequestV1::of(OperatorCommand::Arm).by("oqtal");
+    let arming = ControlRequestV1::of(OperatorCommand::Arm).by(AUTHOR);
     let bus = running_bus(paths)?;
     let is_cancelled = || cancelled.load(Ordering::Relaxed);
     let response = arm::ask(&bus, arming, None, &mut |_| {}, &is_cancelled)?;

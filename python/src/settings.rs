@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use oqtal_config::{Config, Setting};
+use oqtal_config::{Config, Setting, refuse_thrust_alone};
 use oqtal_runtime::process::Failure;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
@@ -41,6 +41,10 @@ impl Sources {
         let layers = self.files.as_deref().map(Config::layers);
         let mut settings = layers.transpose()?.unwrap_or_default();
         settings.extend_from_slice(&self.settings);
+        // Of a file as of a dictionary; a single setting may differ from the preset.
+        if self.settings.iter().any(|setting| setting.origin == "config") {
+            refuse_thrust_alone(&settings)?;
+        }
         Ok(settings)
     }
 

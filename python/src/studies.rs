@@ -8,7 +8,7 @@ use std::sync::{Mutex, PoisonError};
 use clap::ValueEnum;
 use numpy::PyArray1;
 use oqtal_config::{Config, Setting};
-use oqtal_lab::identify::command::record_notes;
+use oqtal_lab::identify::command::{check_interface, record_notes};
 use oqtal_lab::identify::data::FlightData;
 use oqtal_lab::identify::identification::{Identification, Scale, identify as identification_of};
 use oqtal_lab::identify::{excitation_flight, overview, vehicle_toml};
@@ -226,6 +226,7 @@ fn identify(
                 "nothing to identify a vehicle from; give flights",
             ));
         };
+        flights.iter().try_for_each(|flight| check_interface(&flight.config))?;
         let data: Vec<FlightData> = flights.iter().map(|flight| FlightData::of(flight)).collect();
         let flown = first.config_at_arming();
         let identification = identification_of(&data, &flown.vehicle, scale)?;
@@ -244,7 +245,11 @@ fn json(identification: &Identification) -> Result<String, Failure> {
 /// Flies the excitation from which a vehicle is identified.
 #[pyfunction]
 fn fly_excitation(py: Python<'_>, sources: Sources) -> PyResult<PyFlight> {
-    let flown = task::interruptible(py, move |_| excitation_flight::fly(&sources.config()?))?;
+    let flown = task::interruptible(py, move |_| {
+        let config = sources.config()?;
+        check_interface(&config)?;
+        excitation_flight::fly(&config)
+    })?;
     if let Some(assumption) = flown.assumption.and_then(|text| CString::new(text).ok()) {
         PyErr::warn(py, &py.get_type::<PyUserWarning>(), &assumption, 1)?;
     }

@@ -161,6 +161,15 @@ fn an_attitude_has_mask_3_and_unit_length() {
     }
 }
 
+#[test]
+fn an_attitude_for_ardupilot_ignores_no_rate() {
+    let kind = SetpointKind::AttitudeAndRates { attitude: [0.0, 0.0, 0.0, 1.0], yaw_rate: 0.5 };
+    let target = AttitudeTarget { target: VEHICLE, time_ms: 1, kind, thrust: 0.4 };
+    let payload = payload(MavlinkContent::AttitudeTarget(target));
+    assert_eq!(payload[38], 0);
+    assert_eq!([20, 24, 28].map(|at| float_at(&payload, at)), [0.0, 0.0, -0.5]);
+}
+
 fn pose() -> MavlinkPose {
     MavlinkPose {
         time_us: 123_456_789,

@@ -1,5 +1,6 @@
 //! Report of the bridge: the vehicle's state, and the command that was forwarded with its stamps.
 
+use crate::protocol::ReportedMotors;
 use oqtal_bus::code::VehicleRefusal;
 use oqtal_bus::message::{Stamps, VehicleV1};
 use oqtal_bus::time::{Span, Time};
@@ -29,7 +30,7 @@ impl Bridge {
             wire_ns: wire.nanos(),
             air_ns: air.nanos(),
             time_out_s: self.protocol.time_out().map_or(0.0, Span::seconds),
-            armed: u8::from(answers && self.gate.last_status_running()),
+            armed: u8::from(answers && self.gate.last_motors() == Some(ReportedMotors::Running)),
             starting: u8::from(self.gate.is_starting()),
             stopped: u8::from(self.stopped_since.is_some() && !self.is_released()),
             link: u8::from(answers && (self.gate.is_ready() || self.gate.is_released())),

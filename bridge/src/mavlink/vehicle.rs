@@ -9,7 +9,7 @@ use oqtal_wire::mavlink::{
     MavlinkText, TextSeverity,
 };
 
-use crate::protocol::{VehicleEstimate, VehicleReply, VehicleText};
+use crate::protocol::{ReportedMotors, VehicleEstimate, VehicleReply, VehicleText};
 
 /// Time without an estimator's flags after which the estimator is unknown.
 const FLAGS_AGE: Span = Span::from_millis(3000);
@@ -208,7 +208,11 @@ impl AutopilotState {
         selected.heartbeat_at = now;
         let turns = selected.armed_at.is_none_or(|at| now.since(at) >= spool_up(selected.kind));
         let follows = selected.kind.follows_setpoints(heartbeat.custom_mode);
-        reply(VehicleReply::Motors(heartbeat.is_armed && turns));
+        reply(VehicleReply::Motors(match (heartbeat.is_armed, turns) {
+            (false, _) => ReportedMotors::Off,
+            (true, false) => ReportedMotors::SpoolingUp,
+            (true, true) => ReportedMotors::Running,
+        }));
         reply(VehicleReply::Control(match (heartbeat.is_armed, follows) {
             (false, _) => ControlHolder::Nobody,
             (true, true) => ControlHolder::Bridge,

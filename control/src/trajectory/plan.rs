@@ -123,6 +123,11 @@ impl FlightPlan {
         self.planned_landing_s
     }
 
+    /// Forgets a landing in progress, of which the vehicle has left the path.
+    pub fn forget_landing(&mut self) {
+        self.landing = Landing::NEVER;
+    }
+
     /// Begins a landing from `from` at `t_s` \[s\] after the start of the flight. A landing in progress is not restarted.
     pub fn land_from(&mut self, t_s: f64, from: StartPoint) {
         if t_s <= self.landing.start_s {

@@ -222,14 +222,18 @@ impl FlightCourse {
     }
 
     /// Takes a reference of the planner `source`; without effect during take-off and landing.
-    pub(super) fn receive_reference(&mut self, now: Time, source: u64, message: &ReferenceV1) {
-        if self.require_changeable().is_err() {
-            return;
-        }
-        let Some(present) = self.motion(now) else { return };
+    pub(super) fn receive_reference(
+        &mut self,
+        now: Time,
+        (source, message): (u64, &ReferenceV1),
+        is_changeable: bool,
+    ) {
+        let is_changeable = is_changeable && self.require_changeable().is_ok();
+        let present = self.motion(now).filter(|_| is_changeable);
         let was_followed = self.stream.is_followed();
-        self.stream.receive(now, (source, message), (&present, &self.room));
-        if self.stream.is_followed() && !was_followed {
+        let at = present.as_ref().map(|present| (present, &self.room));
+        self.stream.receive(now, (source, message), at);
+        if let Some(present) = present.filter(|_| self.stream.is_followed() && !was_followed) {
             // The plan is not resumed after the stream.
             self.stop_from(now, &present);
         }
@@ -306,7 +310,7 @@ impl FlightCourse {
         match state {
             // Poses have come back.
             SafetyState::Land if self.is_descent => {
-                mission.land_from(now, rest.into());
+                mission.land_again_from(now, rest.into());
                 self.is_descent = false;
             }
             SafetyState::Land if !is_landing => {

@@ -169,10 +169,14 @@ impl Intake {
             self.missing = self.contradiction();
         }
         if self.noise.take(captured_s, &pose, self.consistency.is_quiet()) {
-            let PoseDeviations { position_m, attitude_rad } = self.noise.deviations();
-            self.tracker.set_measured_noise(position_m, attitude_rad);
+            self.set_measured_noise();
             self.guard.set_noise(&self.noise.deviations());
         }
+    }
+
+    fn set_measured_noise(&mut self) {
+        let PoseDeviations { position_m, attitude_rad } = self.noise.deviations();
+        self.tracker.set_measured_noise(position_m, attitude_rad);
     }
 
     /// Why poses do not follow the vehicle: if it has not replied since they did, it may receive no commands.
@@ -291,6 +295,7 @@ impl Intake {
     /// Continues the flight with the model, the noise and the adaptation of `tracker`, for another law.
     pub(super) fn change_law(&mut self, tracker: &MotionTracker) {
         self.tracker.change_law(tracker);
+        self.set_measured_noise();
     }
 
     /// Exchanges the path that is checked before the next flight.

@@ -198,7 +198,8 @@ impl SafetyMonitor {
             course.stream_ended(tick.now);
         // Why present references are refused is reported before the end of earlier ones.
         conditions.references_ended &= !conditions.setpoint_refused;
-        if let Some(vehicle) = intake.vehicle().answer(tick.now) {
+        // Also in the pauses of a poor link, lest each restart the time of a limit.
+        if let Some(vehicle) = intake.vehicle().last_message(tick.now) {
             self.limits.check_vehicle(vehicle, &mut conditions);
         }
         self.check_motion(tick, intake, course, &mut conditions);

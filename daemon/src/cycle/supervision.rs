@@ -335,9 +335,8 @@ impl FlightSupervision {
         message: &ReferenceV1,
         intake: &Intake,
     ) {
-        if self.require_changeable(intake).is_ok() {
-            self.course.receive_reference(now, source, message);
-        }
+        let is_changeable = self.require_changeable(intake).is_ok();
+        self.course.receive_reference(now, (source, message), is_changeable);
     }
 
     /// Begins a flight at once, or refuses it.

@@ -35,13 +35,13 @@ fn present() -> ReferenceMotion {
 #[test]
 fn f35_between_two_references_the_last_is_extrapolated_until_its_validity_ends() {
     let mut stream = stream();
-    stream.receive(at(0), (7, &sample(0)), (&present(), &room(0.0)));
+    stream.receive(at(0), (7, &sample(0)), Some((&present(), &room(0.0))));
     let reference = stream.reference(at(20)).unwrap();
     assert!((reference.position - Vector3::new(0.01, 0.0, 1.0)).norm() < 1e-12);
     assert!(!stream.expire(at(33)) && stream.expire(at(34)));
     assert_eq!((stream.reference(at(34)), stream.ended(at(40))), (None, [true, false]));
     assert_eq!(stream.ended(at(34 + 5000)), [true, true]);
-    stream.receive(at(60), (7, &sample(60)), (&present(), &room(0.0)));
+    stream.receive(at(60), (7, &sample(60)), Some((&present(), &room(0.0))));
     assert_eq!(stream.ended(at(60)), [false, false]);
 }
 
@@ -52,6 +52,14 @@ fn f35_a_planners_reference_beyond_a_limit_leaves_the_last_valid_one_in_force() 
         |attitude| ReferenceV1 { kind: ReferenceKind::Attitude.code(), attitude, ..good };
     let wrong = [
         ("is not a number", ReferenceV1 { position: [f64::NAN, 0.0, 1.0], ..good }),
+        ("turn from the present heading 170.00 deg", {
+            let half_rad = 85_f64.to_radians();
+            attitude([0.0, 0.0, half_rad.sin(), half_rad.cos()])
+        }),
+        (
+            "rate about an axis 30.00 rad/s exceeds",
+            ReferenceV1 { rate: [30.0, 0.0, 0.0], ..attitude([0.0, 0.0, 0.0, 1.0]) },
+        ),
         (
             "0.99 m exceeds reference.jump-limit-m",
             ReferenceV1 { position: [1.0, 0.0, 1.0], ..good },
@@ -71,10 +79,10 @@ fn f35_a_planners_reference_beyond_a_limit_leaves_the_last_valid_one_in_force() 
     ];
     for (reason, message) in wrong {
         let mut stream = stream();
-        stream.receive(at(0), (7, &sample(0)), (&present(), &room(0.0)));
+        stream.receive(at(0), (7, &sample(0)), Some((&present(), &room(0.0))));
         assert_eq!(stream.take_refusal(), None);
         let before = stream.reference(at(10));
-        stream.receive(at(10), (7, &message), (&stream.motion(at(10)).unwrap(), &room(0.0)));
+        stream.receive(at(10), (7, &message), Some((&stream.motion(at(10)).unwrap(), &room(0.0))));
         let told = stream.take_refusal().map(|refusal| refusal.to_string());
         assert!(told.as_ref().is_some_and(|told| told.contains(reason)), "{told:?}: {message:?}");
         assert_eq!(stream.reference(at(10)), before, "{message:?}");
@@ -87,20 +95,20 @@ fn f35_an_attitude_turns_on_to_the_tilt_limit_and_a_reference_near_the_floor_is_
     let message = ReferenceV1 {
         kind: ReferenceKind::Attitude.code(),
         attitude: [0.0, 0.0, 0.0, 1.0],
-        rate: [6.0, 0.0, 0.0],
+        rate: [3.0, 0.0, 0.0],
         valid_until: at(500),
         ..sample(0)
     };
-    stream.receive(at(0), (7, &message), (&present(), &room(0.0)));
+    stream.receive(at(0), (7, &message), Some((&present(), &room(0.0))));
     let limit_rad = stream.limits.cosine_of_tilt.acos();
     for millis in [0, 20, 100, 400] {
         let attitude = stream.reference(at(millis)).unwrap().attitude.unwrap();
         let turned_rad = attitude.attitude.angle_to(&Attitude::default());
-        let expected_rad = (6e-3 * millis as f64).min(limit_rad);
+        let expected_rad = (3e-3 * millis as f64).min(limit_rad);
         assert!((turned_rad - expected_rad).abs() < 2e-3, "{millis} ms: {turned_rad}");
         assert_eq!(attitude.rate.0.x == 0.0, expected_rad == limit_rad, "{millis} ms");
     }
-    stream.receive(at(1), (7, &sample(1)), (&present(), &room(0.95)));
+    stream.receive(at(1), (7, &sample(1)), Some((&present(), &room(0.95))));
     let refusal = stream.take_refusal().unwrap();
     assert!(refusal.to_string().contains("above the floor"), "{refusal}");
 }
@@ -108,17 +116,22 @@ fn f35_an_attitude_turns_on_to_the_tilt_limit_and_a_reference_near_the_floor_is_
 #[test]
 fn an_operator_ends_a_stream_until_its_planner_pauses() {
     let mut stream = stream();
-    stream.receive(at(0), (7, &sample(0)), (&present(), &room(0.0)));
+    stream.receive(at(0), (7, &sample(0)), Some((&present(), &room(0.0))));
     stream.end();
     for millis in [10, 400, 800] {
-        stream.receive(at(millis), (7, &sample(millis)), (&present(), &room(0.0)));
+        stream.receive(at(millis), (7, &sample(millis)), Some((&present(), &room(0.0))));
         assert!(!stream.is_followed());
     }
-    let resting = ReferenceV1 { position: [0.0, 0.0, 1.0], ..sample(1400) };
-    stream.receive(at(1400), (7, &resting), (&present(), &room(0.0)));
+    for millis in [1000, 1300] {
+        stream.receive(at(millis), (7, &sample(millis)), None);
+    }
+    stream.receive(at(1500), (7, &sample(1500)), Some((&present(), &room(0.0))));
+    assert!(!stream.is_followed(), "a reference that cannot be followed is not a pause");
+    let resting = ReferenceV1 { position: [0.0, 0.0, 1.0], ..sample(2100) };
+    stream.receive(at(2100), (7, &resting), Some((&present(), &room(0.0))));
     assert!(stream.is_followed(), "it paused");
     stream.end();
-    let other = ReferenceV1 { time: at(1410), ..resting };
-    stream.receive(at(1410), (8, &other), (&present(), &room(0.0)));
+    let other = ReferenceV1 { time: at(2110), ..resting };
+    stream.receive(at(2110), (8, &other), Some((&present(), &room(0.0))));
     assert!(stream.is_followed(), "another planner");
 }

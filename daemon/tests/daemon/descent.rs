@@ -3,7 +3,7 @@
 use super::common::LAWS;
 use super::common::flight::{Flight, moved, relabelled, set};
 use nalgebra::Vector3;
-use oqtal_bus::code::{Actuation, Cause, Mode, SafetyState};
+use oqtal_bus::code::{Actuation, Cause, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::message::{CommandV1, PoseV1};
 use oqtal_bus::time::Span;
 use oqtal_config::Setting;
@@ -75,10 +75,14 @@ fn f48_a_vehicle_on_the_floor_and_one_without_an_attitude_loop_stop_at_once() {
 
 #[test]
 fn f48_poses_that_come_back_end_the_descent_in_a_landing_where_the_vehicle_is() {
-    for law in LAWS {
+    for (law, lands) in LAWS.iter().flat_map(|law| [(law, false), (law, true)]) {
         let mut flight = hovering(&[set(&format!("control.controller={law:?}"))]);
         flight.wind = Vector3::new(0.3, -0.2, 0.0);
         flight.run(120);
+        if lands {
+            flight.bench.cycle.request(flight.bench.now, OperatorCommand::Land);
+            flight.run(20);
+        }
         blind_until(&mut flight, SafetyState::Descend);
         for _ in 0..24 {
             flight.frame(|_| None);

@@ -174,7 +174,7 @@ impl IdentifyArgs {
 ///
 /// # Errors
 /// The way to identify it instead (exit code 64).
-pub(crate) fn check_interface(config: &Config) -> Result<(), Failure> {
+pub fn check_interface(config: &Config) -> Result<(), Failure> {
     let remedy = match config.vehicle.interface {
         Interface::Rate => return Ok(()),
         Interface::Attitude => {

@@ -252,7 +252,7 @@ pub fn greatest_difference(pair: &LoopPair) -> f64 {
 fn notes(loops: &[LoopPair]) -> Vec<String> {
     let worst = loops
         .iter()
-        .filter(|pair| pair.linear.is_stable())
+        .filter(|pair| pair.linear.is_stable() && !pair.flown.points.is_empty())
         .max_by(|a, b| greatest_difference(a).total_cmp(&greatest_difference(b)));
     let agreement = worst.map(|pair| {
         format!(

@@ -96,7 +96,7 @@ const CHECKS: &[ProbeCheck] = &[
     (
         "clock",
         Severity::Advice,
-        "let nothing set the clock of the cameras' computer while flying: each time there are no poses for half a second",
+        "let nothing set the clock of the cameras' computer while flying: each time by more than 25 ms there are no poses for half a second",
         |f| {
             let times = f.clock?.relearned;
             (times > 0).then(|| format!("it was set {times} times"))
@@ -179,7 +179,10 @@ fn over(nanos: i64, from_ms: i64, to_ms: i64) -> Option<String> {
 
 /// The bodies whose share of tracked frames is `wrong`, in words.
 fn bodies(figures: &ProbeFigures, wrong: fn(f64) -> bool) -> Option<String> {
-    let seen = figures.bodies.iter().filter_map(|body| Some((&body.name, body.tracked?)));
+    // A body that is in no frame, although others are, is not seen.
+    let absent = (figures.counts.arrived > 0).then_some(0.0);
+    let known = figures.bodies.iter().filter(|body| !body.is_unknown);
+    let seen = known.filter_map(|body| Some((&body.name, body.tracked.or(absent)?)));
     let words: Vec<String> = seen
         .filter(|(_, tracked)| wrong(*tracked))
         .map(|(name, tracked)| format!("`{name}` {:.0} %", tracked * 100.0))

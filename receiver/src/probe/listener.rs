@@ -32,6 +32,8 @@ struct ObservedBody {
 #[derive(Debug)]
 pub struct ProbeListener {
     gates: Vec<FrameGate>,
+    /// The first gate with a frame: if each body has its own stamps, the intervals of one body are the frame intervals.
+    timed: Option<usize>,
     bodies: Vec<ObservedBody>,
     last_arrival: Time,
     arrival: Time,
@@ -49,6 +51,7 @@ impl ProbeListener {
     pub fn new(options: &ReceiverOptions, (gates, bodies): (usize, usize)) -> Self {
         Self {
             gates: vec![FrameGate::new(options); gates.max(1)],
+            timed: None,
             bodies: vec![ObservedBody::default(); bodies],
             last_arrival: Time::UNSET,
             arrival: Time::UNSET,
@@ -71,7 +74,7 @@ impl ProbeListener {
         }
         let counts = self.gates.iter().map(FrameGate::counts);
         let counts = counts.fold(FrameCounts::default(), FrameCounts::plus);
-        let clock = self.gates[0].clock();
+        let clock = self.gates[self.timed.unwrap_or(0)].clock();
         let total_s = self.intervals.iter().sum::<i64>() as f64 * 1e-9;
         let median_s = percentile(&self.intervals, 50.0) as f64 * 1e-9;
         // A frame that is overtaken counts as lost first.
@@ -81,12 +84,14 @@ impl ProbeListener {
         let period_s = (median_s * count >= 0.2 * total_s).then_some(median_s).filter(|s| *s > 0.0);
         let unseen = period_s.map_or(0.0, |period_s| (total_s / period_s).round() - count);
         let missing = lost.unwrap_or(unseen.max(0.0) as u64);
+        let arrived =
+            if self.are_numbered { counts.arrived } else { self.intervals.len() as u64 + 1 };
         ProbeFigures {
             seconds: duration.seconds(),
             silent_from_s: is_silent.then(|| (duration - silence).seconds()),
             rate_hz: (total_s > 0.0).then(|| count / total_s),
             camera_rate_hz: period_s.map(f64::recip),
-            loss: has_begun.then(|| missing as f64 / (counts.arrived + missing).max(1) as f64),
+            loss: has_begun.then(|| missing as f64 / (arrived + missing).max(1) as f64),
             gaps: has_begun
                 .then(|| self.intervals.iter().filter(|interval| **interval > GAP_NS).count()),
             interval: interval_figures(&self.intervals),
@@ -144,9 +149,8 @@ impl FrameSink for ProbeListener {
         self.are_numbered |= stamp.number.is_some();
         let checked = frame_gate.check(stamp, arrival);
         self.arrival = arrival;
-        // If each body has its own stamps, the intervals of the first body are the frame intervals.
         let repeated = matches!(checked, Err(FrameRefusal::Repeated | FrameRefusal::OutOfOrder));
-        if gate > 0 || repeated {
+        if *self.timed.get_or_insert(gate) != gate || repeated {
             return;
         }
         if self.last_arrival.is_set() && self.intervals.len() < MAX_DELAYS {

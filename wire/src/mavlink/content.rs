@@ -30,6 +30,13 @@ pub enum SetpointKind {
         /// Yaw rate \[rad/s, body z\].
         yaw_rate: f64,
     },
+    /// The same with a roll and a pitch rate of zero: ArduPilot ignores a set-point with a part of the rates.
+    AttitudeAndRates {
+        /// Attitude, scalar last \[body to world\].
+        attitude: [f64; 4],
+        /// Yaw rate \[rad/s, body z\].
+        yaw_rate: f64,
+    },
 }
 
 /// Set-point, SET_ATTITUDE_TARGET.

@@ -11,7 +11,10 @@ use super::content::{
 };
 use super::parameter::{ParameterName, ParameterValue};
 use super::payload::{MavlinkId, MavlinkPayload};
-use super::write::{ATTITUDE_MASK, HIL_ENABLED, POSE_FRAMES, RATES_MASK, SAFETY_ARMED, VISION};
+use super::write::{
+    ATTITUDE_AND_RATES_MASK, ATTITUDE_MASK, HIL_ENABLED, POSE_FRAMES, RATES_MASK, SAFETY_ARMED,
+    VISION,
+};
 use crate::bytes::ByteReader;
 
 /// MAV_SEVERITY_WARNING: the least severe of the texts that report trouble.
@@ -125,7 +128,7 @@ fn battery_v(from: &mut ByteReader<'_>) -> Option<f64> {
     })
 }
 
-/// Set-point; `None` for a type mask other than the two that are sent.
+/// Set-point; `None` for a type mask other than those that are sent.
 fn attitude_target(from: &mut ByteReader<'_>) -> Option<AttitudeTarget> {
     let (time_ms, attitude) = (from.u32()?, quaternion(from)?);
     let (rates, thrust) = (vector(from)?, f64::from(from.f32()?));
@@ -133,6 +136,7 @@ fn attitude_target(from: &mut ByteReader<'_>) -> Option<AttitudeTarget> {
     let kind = match from.u8()? {
         RATES_MASK => SetpointKind::Rates(rates),
         ATTITUDE_MASK => SetpointKind::Attitude { attitude, yaw_rate: rates[2] },
+        ATTITUDE_AND_RATES_MASK => SetpointKind::AttitudeAndRates { attitude, yaw_rate: rates[2] },
         _ => return None,
     };
     Some(AttitudeTarget { target, time_ms, kind, thrust })

@@ -28,6 +28,8 @@ const MAVLINK_VERSION: u8 = 3;
 pub(super) const RATES_MASK: u8 = 128;
 /// ATTITUDE_TARGET_TYPEMASK_BODY_ROLL_RATE_IGNORE and …_BODY_PITCH_RATE_IGNORE: attitude, yaw rate and thrust \[-\].
 pub(super) const ATTITUDE_MASK: u8 = 1 | 2;
+/// Nothing ignored: attitude, rates and thrust \[-\].
+pub(super) const ATTITUDE_AND_RATES_MASK: u8 = 0;
 /// MAV_FRAME_LOCAL_FRD, MAV_FRAME_BODY_FRD: frames of a pose \[-\].
 pub(super) const POSE_FRAMES: [u8; 2] = [20, 12];
 /// MAV_ESTIMATOR_TYPE_VISION. PX4 passes poses of a motion-capture system to a topic that its estimator does not read \[-\].
@@ -143,6 +145,9 @@ fn put_attitude_target(to: &mut MavlinkPayload, target: &AttitudeTarget) -> u32 
         SetpointKind::Rates(rates) => (RATES_MASK, [1.0, 0.0, 0.0, 0.0], rates),
         SetpointKind::Attitude { attitude, yaw_rate } => {
             (ATTITUDE_MASK, wire_quaternion(attitude), [0.0, 0.0, yaw_rate])
+        }
+        SetpointKind::AttitudeAndRates { attitude, yaw_rate } => {
+            (ATTITUDE_AND_RATES_MASK, wire_quaternion(attitude), [0.0, 0.0, yaw_rate])
         }
     };
     to.u32(target.time_ms).f32s(&quaternion).f32s(&single(vector_axes(rates)));

@@ -64,13 +64,13 @@ fn f47_a_planner_continues_after_a_hold_and_until_then_the_plan_is_the_stop() {
         position: position.into(),
         ..ReferenceV1::default()
     };
-    course.receive_reference(now, 7, &message(now));
+    course.receive_reference(now, (7, &message(now)), true);
     assert_eq!(course.followed(now), Followed::Planner);
     course.follow(now, SafetyState::Hold, position, false);
     assert_eq!(course.followed(now), Followed::Ended);
     let later = now + Span::from_millis(100);
     course.update_setpoint(later);
     course.follow(later, SafetyState::Nominal, position, false);
-    course.receive_reference(later, 7, &message(later));
+    course.receive_reference(later, (7, &message(later)), true);
     assert_eq!(course.followed(later), Followed::Planner);
 }

@@ -57,7 +57,12 @@ impl SetpointFollower {
     pub(super) fn take(&mut self, now: Time, target: &AttitudeTarget) {
         let is_finite = match target.kind {
             SetpointKind::Rates(rates) => rates.iter().all(|rate| rate.is_finite()),
-            SetpointKind::Attitude { attitude, .. } => Attitude::from_xyzw(attitude).is_some(),
+            // ArduCopter: "The body rates are ill-defined".
+            SetpointKind::Attitude { .. } if self.kind == AutopilotKind::ArduPilot => false,
+            SetpointKind::Attitude { attitude, .. }
+            | SetpointKind::AttitudeAndRates { attitude, .. } => {
+                Attitude::from_xyzw(attitude).is_some()
+            }
         };
         if is_finite && target.thrust.is_finite() {
             self.newest = Some((now, *target));
@@ -104,7 +109,8 @@ impl SetpointFollower {
             }
             // A vehicle whose interface is the attitude stays level if it receives rates.
             SetpointKind::Rates(_) => attitude_command(LEVEL, thrust),
-            SetpointKind::Attitude { attitude, .. } => attitude_command(attitude, thrust),
+            SetpointKind::Attitude { attitude, .. }
+            | SetpointKind::AttitudeAndRates { attitude, .. } => attitude_command(attitude, thrust),
         }
     }
 
