@@ -112,21 +112,15 @@ impl ReplayArgs {
         Ok(if is_identical || report.open_loop { Exit::Ok } else { Exit::Flight })
     }
 
-    /// The file of `--out`, in a directory `replay.csv`; none may exist.
+    /// The file of `--out`, in a directory `replay.csv`; refused if it exists. A recording is refused when it is written.
     fn free_out(&self) -> Result<Option<PathBuf>, Failure> {
-        let in_directory =
-            |path: &PathBuf| if path.is_dir() { path.join("replay.csv") } else { path.clone() };
-        let out = self.out.as_ref().map(in_directory);
-        // A recording is refused by its own reason.
-        let is_other =
-            |path: &&PathBuf| path.exists() && path.extension().is_none_or(|end| end != "mcap");
-        match out.as_ref().filter(is_other) {
-            Some(path) => {
-                let reason = format!("{} exists already; give another --out", path.display());
-                Err(Failure::new(Exit::Usage, reason))
-            }
-            None => Ok(out),
+        let Some(out) = &self.out else { return Ok(None) };
+        let file = if out.is_dir() { out.join("replay.csv") } else { out.clone() };
+        if file.exists() && file.extension().is_none_or(|end| end != "mcap") {
+            let reason = format!("{} exists already; give another --out", file.display());
+            return Err(Failure::new(Exit::Usage, reason));
         }
+        Ok(Some(file))
     }
 
     fn is_open_loop(&self) -> bool {

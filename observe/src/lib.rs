@@ -22,7 +22,7 @@
 //! | `command_path.rs` | path of commands to the vehicle |
 //! | `wire.rs` | figures of the wire to a vehicle |
 //! | `crash.rs` | detection of crashes |
-//! | `shortfall.rs` | reasons why a flight did not end as planned |
+//! | `shortfall.rs`, `reservation.rs` | reasons why a flight did not end as planned, and why its figures may be those of another |
 //! | `handovers.rs` | hand-overs from a law to its fallback |
 //! | `corners.rs`, `attitude_steps.rs`, `settling.rs` | figures at the corners of a path, and of a prescribed attitude; settling after steps |
 //! | `fault.rs` | faults and disturbances of a flight |

@@ -21,7 +21,7 @@ impl Flight {
         (!reasons.is_empty()).then(|| reasons.join("; "))
     }
 
-    /// What the record lacks of the flight or its configuration.
+    /// Gaps of the record, and another configuration than the recorded one.
     pub fn record_flaws(&self) -> Vec<String> {
         let other = self.has_other_config.then(|| {
             "the daemon ran with another configuration than was recorded: law, vehicle or settings are not those that flew".to_owned()

@@ -150,7 +150,7 @@ pub fn start_daemon(paths: &InstancePaths) -> String {
     format!("{}oqtal {process} run{} {place}", as_owner(paths), config.unwrap_or_default())
 }
 
-/// What comes before a command that starts a process of the instance at `paths`, if this user is not its owner.
+/// Prefix of a command that starts a process of the instance at `paths`, if this user is not its owner.
 pub(crate) fn as_owner(paths: &InstancePaths) -> String {
     paths.user_to_become().map_or_else(String::new, |user| format!("sudo -u '#{user}' "))
 }
