@@ -78,8 +78,8 @@ pub struct Mavlink {
     attitude_sd_rad: f64,
     /// Instant at which the port was opened: set-points count time from it.
     opened: Time,
-    /// Address of the autopilot, if another process knows it.
-    continued: Option<MavlinkAddress>,
+    /// Address and kind of the autopilot, if another process knows them.
+    continued: Option<(MavlinkAddress, AutopilotKind)>,
 }
 
 impl Mavlink {
@@ -115,6 +115,11 @@ impl Mavlink {
         wire.map_or(VehicleFrame::EMPTY, |wire| VehicleFrame::of(wire.as_bytes()))
     }
 
+    /// Address and kind of the autopilot, by its heartbeat or from another process.
+    fn autopilot(&self) -> Option<(MavlinkAddress, AutopilotKind)> {
+        self.vehicle.known().or(self.continued)
+    }
+
     /// The set-point of `command`; zero rates and no thrust without one.
     fn target(&self, now: Time, target: MavlinkAddress, command: &CommandV1) -> AttitudeTarget {
         let CommandV1 { sticks, attitude, thrust, .. } = *command;
@@ -125,7 +130,7 @@ impl Mavlink {
         let has_attitude = attitude.iter().any(|number| *number != 0.0);
         let kind = if self.holds_attitude && has_attitude {
             let yaw_rate = rates[2];
-            match self.vehicle.known() {
+            match self.autopilot() {
                 Some((_, AutopilotKind::ArduPilot)) => {
                     SetpointKind::AttitudeAndRates { attitude, yaw_rate }
                 }
@@ -197,8 +202,7 @@ impl VehicleProtocol for Mavlink {
             self.opened = now;
         }
         let known = self.vehicle.known();
-        let target = known.map(|(target, _)| target).or(self.continued);
-        let Some(target) = target else { return VehicleFrame::EMPTY };
+        let Some((target, _)) = self.autopilot() else { return VehicleFrame::EMPTY };
         let command = match setpoint {
             VehicleSetpoint::Released => {
                 self.starting.reset();
@@ -308,19 +312,21 @@ impl VehicleProtocol for Mavlink {
 
     /// Address of the autopilot; instant at which the port was opened; number and stamp of the next packet.
     fn encoder_state(&self) -> Option<EncoderState> {
-        let known = self.vehicle.known().map(|(target, _)| target);
-        let MavlinkAddress { system, component } = known.or(self.continued)?;
+        let (MavlinkAddress { system, component }, kind) = self.autopilot()?;
+        let is_ardupilot = u8::from(kind == AutopilotKind::ArduPilot);
         let (number, stamp) = self.encoder.position();
         let [opened, stamp] =
             [self.opened.nanos(), stamp].map(|long| [long as u32, (long >> 32) as u32]);
-        let (address, number) = (u32::from_le_bytes([system, component, 0, 0]), number.into());
+        let address = u32::from_le_bytes([system, component, is_ardupilot, 0]);
+        let number = number.into();
         Some([address, number, opened[0], opened[1], stamp[0], stamp[1], 0, 0])
     }
 
     fn continue_encoder(&mut self, state: &EncoderState) {
         let long = |at: usize| u64::from(state[at]) | u64::from(state[at + 1]) << 32;
-        let [system, component, ..] = state[0].to_le_bytes();
-        self.continued = Some(MavlinkAddress { system, component });
+        let [system, component, is_ardupilot, _] = state[0].to_le_bytes();
+        let kind = if is_ardupilot == 1 { AutopilotKind::ArduPilot } else { AutopilotKind::Px4 };
+        self.continued = Some((MavlinkAddress { system, component }, kind));
         self.opened = Time::from_nanos(long(2));
         self.encoder.continue_at((state[1] as u8, long(4)));
     }

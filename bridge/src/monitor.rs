@@ -89,7 +89,7 @@ impl VehicleMonitor {
                 let run = motors == ReportedMotors::Running;
                 if run && !self.motors_run {
                     (self.refusal, self.text) = (VehicleRefusal::None, ShortText::EMPTY);
-                } else if !run {
+                } else if motors == ReportedMotors::Off {
                     self.clear_if(|refusal| refusal == VehicleRefusal::Disarming);
                 }
                 self.motors_run = run;

@@ -1,11 +1,11 @@
 //! State machine of the vehicle's motors: five states, and the transitions between them as one table.
 //!
 //! ```text
-//!              idle       requested, stopped             running          rest over, running
+//!              idle     requested, not running           running           rest over, armed
 //!   Inhibited ──────▶ Off ───────────────────▶ Starting ─────────▶ Running ──────────────────▶ Stopping
 //!    ▲                 ▲└────── requested, running ────────────────▲ │                          │  │
 //!    │                 └──────────────── stopped ────────────────────┴──────────────────────────┘  │
-//!    └─────────── a sequence timed out, the daemon is silent, motors stopped in flight ─────────────┘
+//!    └───── a sequence timed out, the daemon is silent, motors stopped in flight or in a start ─────┘
 //! ```
 //!
 //! Sources of the rules:
@@ -17,15 +17,14 @@
 //!   the zero set-point is sent until no flight has been requested for a command timeout. A bridge that is restarted in flight
 //!   therefore does not start motors.
 //! - Ours: motors are stopped only after the daemon has commanded "disarmed" for `bridge.rest-ms`. Without a daemon there are no
-//!   commands: the zero set-point is sent, and the rotors idle until a daemon runs again or the pilot stops them.
+//!   commands: zero set-points are sent, and the rotors idle until a daemon runs again or the pilot stops them.
 //! - Ours: if another takes control, the state is `Inhibited` and the motors are under the control of that pilot or program:
 //!   nothing is sent, not even a zero set-point, because it would drop a vehicle that a pilot flies.
 //! - Ours: only an operator's stop stops motors that the bridge did not start, such as those of a vehicle that was flying when the
 //!   bridge was restarted. Otherwise they are left alone, because a pilot may fly by hand while a bridge is connected.
-//! - The emergency stop is known from `asctec_drivers` alone; no source states how to fly again after it. It is sent only where
-//!   the zero set-point is not enough: after a stop sequence that failed, and when the bridge ends while motors run; never to motors
-//!   that a pilot may have started. A Stop of the daemon in flight is a zero set-point at once, and then the stop sequence as after a
-//!   landing.
+//! - The emergency stop is known from `asctec_drivers` alone; no source states how to fly again after it. It is sent only after a stop
+//!   sequence that failed, and when the bridge ends while motors run; never to motors that a pilot may have started. A Stop of the
+//!   daemon in flight is a zero set-point, then the stop sequence.
 
 use oqtal_bus::time::{Span, Time};
 
@@ -71,6 +70,8 @@ pub struct MotorConditions {
     pub daemon_silent: Option<Span>,
     /// The bridge started the motors, and no status has reported them stopped since.
     pub started_here: bool,
+    /// The vehicle was armed since the start sequence began.
+    pub was_armed: bool,
     /// The present state has lasted for the settling time.
     pub settled: bool,
     /// The present state has lasted for the longest time of a sequence.
@@ -85,7 +86,7 @@ struct MotorTransition {
 }
 
 /// All transitions; the first whose condition holds is taken.
-const TRANSITIONS: [MotorTransition; 13] = {
+const TRANSITIONS: [MotorTransition; 14] = {
     use MotorState::{Inhibited, Off, Running, Starting, Stopping};
     use MotorTransition as T;
     [
@@ -101,6 +102,8 @@ const TRANSITIONS: [MotorTransition; 13] = {
         T { from: Off, to: Starting, when: |c| c.requested && (c.stopped || c.armed) },
         // The request was withdrawn: the toggle may have taken effect already, and then must be undone.
         T { from: Starting, to: Stopping, when: |c| !c.requested },
+        // The pilot, or the vehicle itself, has disarmed it while it spooled up.
+        T { from: Starting, to: Inhibited, when: |c| c.was_armed && c.stopped },
         T { from: Starting, to: Running, when: |c| c.running },
         T { from: Starting, to: Inhibited, when: |c| c.timed_out },
         // The pilot may have stopped the motors: they are not restarted without an operator's command.
@@ -124,7 +127,7 @@ pub enum MotorEvent {
     Stopping,
     /// The motors have stopped.
     Stopped,
-    /// The start sequence had no effect.
+    /// The start sequence had no effect, or the vehicle was disarmed during it.
     StartFailed,
     /// The stop sequence had no effect.
     StopFailed,
@@ -187,9 +190,11 @@ impl MotorSequencer {
     pub fn step(&mut self, now: Time, conditions: MotorConditions) -> Option<MotorEvent> {
         let lasted = now.since(self.since);
         self.started_here |= self.state == MotorState::Starting && conditions.armed;
+        let was_armed = self.state == MotorState::Starting && self.started_here;
         self.started_here &= !conditions.stopped;
         let conditions = MotorConditions {
             started_here: self.started_here,
+            was_armed,
             settled: lasted >= SETTLING_TIME,
             timed_out: lasted >= self.longest,
             ..conditions
@@ -248,9 +253,12 @@ mod tests {
         operator_stop: false,
         daemon_silent: None,
         started_here: false,
+        was_armed: false,
         settled: false,
         timed_out: false,
     };
+    const RUNNING: MotorConditions = MotorConditions { running: true, armed: true, ..NONE };
+    const STOPPED: MotorConditions = MotorConditions { stopped: true, ..NONE };
     const REQUESTED: MotorConditions = MotorConditions { requested: true, ..NONE };
 
     fn after(state: MotorState, millis: i64, conditions: MotorConditions) -> MotorState {
@@ -272,27 +280,24 @@ mod tests {
 
     #[test]
     fn a_flight_goes_round() {
-        let running = MotorConditions { running: true, armed: true, ..NONE };
-        let stopped = MotorConditions { stopped: true, ..NONE };
-        assert_eq!(after(Inhibited, 1, MotorConditions { idle: true, ..stopped }), Off);
-        assert_eq!(after(Off, 1, MotorConditions { requested: true, ..stopped }), Starting);
-        assert_eq!(after(Starting, 1, MotorConditions { requested: true, ..running }), Running);
-        assert_eq!(after(Running, 1, running), Running, "not requested, but not for long");
-        assert_eq!(after(Running, 1, MotorConditions { rest_over: true, ..running }), Stopping);
-        assert_eq!(after(Stopping, 499, stopped), Stopping, "that status may be old");
-        assert_eq!(after(Stopping, 500, stopped), Off);
+        assert_eq!(after(Inhibited, 1, MotorConditions { idle: true, ..STOPPED }), Off);
+        assert_eq!(after(Off, 1, MotorConditions { requested: true, ..STOPPED }), Starting);
+        assert_eq!(after(Starting, 1, MotorConditions { requested: true, ..RUNNING }), Running);
+        assert_eq!(after(Running, 1, RUNNING), Running, "not requested, but not for long");
+        assert_eq!(after(Running, 1, MotorConditions { rest_over: true, ..RUNNING }), Stopping);
+        assert_eq!(after(Stopping, 499, STOPPED), Stopping, "that status may be old");
+        assert_eq!(after(Stopping, 500, STOPPED), Off);
     }
 
     #[test]
     fn motors_that_spool_up_are_stopped_when_the_request_is_withdrawn() {
         let spooling = MotorConditions { armed: true, ..NONE };
         let requested = MotorConditions { requested: true, ..spooling };
-        assert_eq!(after(Starting, 1, requested), Starting);
-        assert_eq!(after(Starting, 1, spooling), Stopping);
-        assert_eq!(after(Stopping, 2999, spooling), Stopping, "until the vehicle is disarmed");
-        assert_eq!(after(Starting, 3000, requested), Inhibited);
         let ours = MotorConditions { started_here: true, rest_over: true, ..spooling };
-        assert_eq!(after(Off, 1, ours), Stopping);
+        assert_eq!([requested, spooling].map(|c| after(Starting, 1, c)), [Starting, Stopping]);
+        assert_eq!([after(Stopping, 2999, spooling), after(Off, 1, ours)], [Stopping; 2]);
+        let stopped = MotorConditions { stopped: true, started_here: true, ..REQUESTED };
+        assert_eq!(after(Starting, 1, stopped), Inhibited, "disarmed by its pilot");
     }
 
     #[test]
@@ -330,7 +335,7 @@ mod tests {
 
     #[test]
     fn a_daemon_that_fell_silent_must_be_disarmed_before_it_flies_on() {
-        let run = MotorConditions { running: true, armed: true, started_here: true, ..REQUESTED };
+        let run = MotorConditions { started_here: true, requested: true, ..RUNNING };
         let silent = MotorConditions { daemon_silent: Some(LONGEST), requested: false, ..run };
         assert_eq!(after(Running, 10, silent), Inhibited);
         assert_eq!(after(Inhibited, 10, run), Inhibited);
@@ -343,16 +348,14 @@ mod tests {
 
     #[test]
     fn motors_that_the_bridge_did_not_start_are_left_alone() {
-        let by_hand =
-            MotorConditions { idle: true, rest_over: true, running: true, armed: true, ..NONE };
+        let by_hand = MotorConditions { idle: true, rest_over: true, ..RUNNING };
         assert_eq!(after(Inhibited, 10, by_hand), Off);
         assert_eq!(after(Off, 10_000, by_hand), Off);
     }
 
     #[test]
     fn motors_of_a_bridge_before_are_stopped_by_an_operator_until_it_has_effect() {
-        let running =
-            MotorConditions { idle: true, rest_over: true, running: true, armed: true, ..NONE };
+        let running = MotorConditions { idle: true, rest_over: true, ..RUNNING };
         let stop = MotorConditions { operator_stop: true, ..running };
         let mut now = Time::VIRTUAL_START;
         let mut motors = MotorSequencer::new(now, LONGEST);
@@ -374,20 +377,18 @@ mod tests {
             let mut motors = MotorSequencer { state: from, started_here, ..new };
             (motors.step(since + LONGEST, conditions), motors.may_run())
         };
-        let running = MotorConditions { running: true, armed: true, ..NONE };
-        let stopped = MotorConditions { stopped: true, ..NONE };
         let silent =
-            MotorConditions { daemon_silent: Some(LONGEST), started_here: true, ..running };
-        let ends = MotorConditions { rest_over: true, ..running };
+            MotorConditions { daemon_silent: Some(LONGEST), started_here: true, ..RUNNING };
+        let ends = MotorConditions { rest_over: true, ..RUNNING };
         let waiting = MotorConditions { stopped: true, ..REQUESTED };
-        let begun = MotorConditions { running: true, armed: true, ..REQUESTED };
+        let begun = MotorConditions { requested: true, ..RUNNING };
         for (from, conditions, event, may_run) in [
             (Inhibited, MotorConditions { idle: true, ..NONE }, None, false),
             (Off, waiting, Some(MotorEvent::Starting), true),
             (Starting, REQUESTED, Some(MotorEvent::StartFailed), false),
             (Starting, begun, Some(MotorEvent::Running), true),
             (Running, ends, Some(MotorEvent::Stopping), true),
-            (Running, stopped, Some(MotorEvent::Stopped), false),
+            (Running, STOPPED, Some(MotorEvent::Stopped), false),
             (Running, silent, Some(MotorEvent::DaemonSilent(LONGEST)), true),
             (Running, waiting, Some(MotorEvent::StoppedInFlight), false),
             (Stopping, NONE, Some(MotorEvent::StopFailed), false),

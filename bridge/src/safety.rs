@@ -196,9 +196,7 @@ impl CommandGate {
         let setpoint = match (self.motors.state(), flight) {
             (MotorState::Running, Some(command)) => VehicleSetpoint::Fly(command),
             // Start and stop are one toggle: sent only while a status shows that it is needed.
-            (MotorState::Starting, Some(_)) if conditions.stopped || conditions.armed => {
-                VehicleSetpoint::StartMotors
-            }
+            (MotorState::Starting, Some(_)) if conditions.stopped => VehicleSetpoint::StartMotors,
             (MotorState::Stopping, None) if conditions.armed => VehicleSetpoint::StopMotors,
             _ => VehicleSetpoint::Zero,
         };

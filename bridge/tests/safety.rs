@@ -17,7 +17,7 @@ enum Stimulus {
     /// A command of this actuation code, published `age_us` ago \[us\]; negative for the future.
     Command { actuation: u8, stick: f64, age_us: i64 },
     /// The vehicle reports its motors.
-    Status { running: bool },
+    Status { motors: ReportedMotors },
     /// Holder of the control of the vehicle.
     Control(ControlHolder),
     /// The port is opened again.
@@ -32,7 +32,8 @@ fn stimulus() -> impl Strategy<Value = Stimulus> {
     let command = (0..5_u8, stick, age);
     prop_oneof![
         6 => command.prop_map(|(actuation, stick, age_us)| Stimulus::Command { actuation, stick, age_us }),
-        3 => any::<bool>().prop_map(|running| Stimulus::Status { running }),
+        3 => prop_oneof![Just(ReportedMotors::Off), Just(ReportedMotors::SpoolingUp), Just(ReportedMotors::Running)]
+            .prop_map(|motors| Stimulus::Status { motors }),
         1 => prop_oneof![Just(ControlHolder::Bridge), Just(ControlHolder::Another)].prop_map(Stimulus::Control),
         1 => Just(Stimulus::Reopened),
         8 => Just(Stimulus::Frame),
@@ -84,9 +85,8 @@ impl Player {
                 self.gate.receive(self.now, &header(self.sequence, at), command);
                 self.published.insert(command.sticks[0].to_bits(), at);
             }
-            Stimulus::Status { running } => {
-                let status =
-                    MotorStatus { received_at: self.now, motors: ReportedMotors::of(running) };
+            Stimulus::Status { motors } => {
+                let status = MotorStatus { received_at: self.now, motors };
                 self.status = Some(status);
                 self.gate.update_status(status);
             }
@@ -143,7 +143,7 @@ proptest! {
                 }
             };
             let status = player.status.expect("a toggle without any status");
-            prop_assert_eq!(status.motors, ReportedMotors::of(running));
+            prop_assert_eq!(status.motors != ReportedMotors::Off, running);
             prop_assert!(player.now.since(status.received_at) <= LIMITS.status_age);
             let since = *toggling_since.get_or_insert(player.now);
             prop_assert!(player.now.since(since) < LIMITS.sequence + LIMITS.sequence);
@@ -283,11 +283,11 @@ fn f15_an_operators_stop_ends_flight_at_once_and_stops_the_motors_without_rest()
     let mut player = Player::new();
     let flown = |player: &mut Player, running: bool| {
         player.play(1000, Stimulus::Command { actuation: 1, stick: 0.1, age_us: 0 });
-        player.play(100, Stimulus::Status { running });
+        player.play(100, Stimulus::Status { motors: ReportedMotors::of(running) });
         player.play(15_000, Stimulus::Frame).unwrap().0
     };
     // No flight is requested for a command timeout, then motors that run are flown.
-    player.play(100_000, Stimulus::Status { running: true });
+    player.play(100_000, Stimulus::Status { motors: ReportedMotors::Running });
     player.play(0, Stimulus::Frame);
     flown(&mut player, true);
     assert!(matches!(flown(&mut player, true), VehicleSetpoint::Fly(_)));

@@ -8,6 +8,9 @@ use oqtal_control::trajectory::{Phase, Reference};
 
 use crate::fence::Fence;
 
+/// Greatest turn of a planner's references at once \[deg\].
+const MOST_TURN_DEG: f64 = 45.0;
+
 /// Turn of the reference from one tick to the next above which it is invalid \[rad\].
 pub(crate) const LARGEST_TURN_RAD: f64 = 2.4;
 
@@ -133,10 +136,7 @@ impl SetpointGuard {
     }
 }
 
-/// Greatest turn of a planner's references at once \[deg\].
-const MOST_TURN_DEG: f64 = 45.0;
-
-/// Requires that a turn from the present heading \[rad\] is not too large for one tick.
+/// Requires that a turn from the present heading \[rad\] is at most [`MOST_TURN_DEG`].
 pub(crate) fn require_turn(turn_rad: f64) -> Result<(), SetpointRefusal> {
     let turn_deg = shorter_turn(turn_rad).abs().to_degrees();
     let limit = ("the greatest turn at once", MOST_TURN_DEG);

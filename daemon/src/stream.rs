@@ -161,6 +161,7 @@ impl ReferenceStream {
     /// Forgets all references: a flight begins.
     pub fn reset(&mut self) {
         (self.followed, self.ended_since, self.refusal) = (None, None, None);
+        self.ignored = None;
     }
 
     /// Ends the stream: an operator determines the flight.
@@ -295,11 +296,12 @@ impl StreamLimits {
         let mut reference =
             FollowedReference { time, valid_until, motion, jerk, is_smooth, attitude };
         if kind == ReferenceKind::Attitude {
-            reference.attitude = Some(self.attitude(message, present.value.w)?);
-            // Horizontal position and heading are not controlled.
-            let height = reference.motion.value.z;
-            reference.motion.value = present.value;
-            reference.motion.value.z = height;
+            let attitude = self.attitude(message, present.value.w)?;
+            // Horizontal position is not controlled; the next heading is compared with this one.
+            let (height, [x, y]) = (reference.motion.value.z, present.value.xy().into());
+            let heading = EulerAngles::from_attitude(&attitude.attitude).yaw;
+            reference.motion.value = Vector4::new(x, y, height, heading);
+            reference.attitude = Some(attitude);
             for derivative in [&mut reference.motion.rate, &mut reference.motion.acceleration] {
                 *derivative = Vector4::z() * derivative.z;
             }

@@ -328,6 +328,17 @@ impl Flight {
         self.samples.chunk_by(alike).filter(|ticks| ticks[0].is_armed())
     }
 
+    /// The ticks of the longest flight; `None` without one.
+    pub fn longest_flight(&self) -> Option<&[FlightSample]> {
+        self.flights().max_by_key(|ticks| ticks.len())
+    }
+
+    /// The configuration at the start of the longest flight, with the settings that operators had changed by then.
+    pub fn config_of_longest_flight(&self) -> Config {
+        let start = self.longest_flight().map_or(self.origin(), |ticks| ticks[0].telemetry.time);
+        self.config_after(self.changes_until(start))
+    }
+
     /// Whether the true motion of the vehicle is known, at least in some ticks.
     pub(crate) fn has_truth(&self) -> bool {
         self.samples.iter().any(|sample| sample.truth.is_some())

@@ -62,7 +62,8 @@ impl NextFlights {
         if no_flight { Self::default() } else { self }
     }
 
-    /// Replaces the flights of instances whose processes have ended since, but for those that end with their command.
+    /// Computes the next flight again for instances of which a process has ended since. A flight whose processes end with their command
+    /// is left as it is.
     pub(crate) fn note_ended(&mut self, reached: &Reached) {
         for flight in self.0.iter_mut().filter(|flight| flight.is_arming && !flight.is_lost) {
             let here: Vec<_> =

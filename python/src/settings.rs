@@ -40,11 +40,15 @@ impl Sources {
     pub fn settings(&self) -> Result<Vec<Setting>, Failure> {
         let layers = self.files.as_deref().map(Config::layers);
         let mut settings = layers.transpose()?.unwrap_or_default();
-        settings.extend_from_slice(&self.settings);
-        // Of a file as of a dictionary; a single setting may differ from the preset.
-        if self.settings.iter().any(|setting| setting.origin == "config") {
+        // A dictionary is checked like a file; a single setting may differ from the preset.
+        let (of_config, others): (Vec<_>, Vec<_>) =
+            self.settings.iter().cloned().partition(|setting| setting.origin == "config");
+        let is_given = !of_config.is_empty();
+        settings.extend(of_config);
+        if is_given {
             refuse_thrust_alone(&settings)?;
         }
+        settings.extend(others);
         Ok(settings)
     }
 

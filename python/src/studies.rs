@@ -228,7 +228,7 @@ fn identify(
         };
         flights.iter().try_for_each(|flight| check_interface(&flight.config))?;
         let data: Vec<FlightData> = flights.iter().map(|flight| FlightData::of(flight)).collect();
-        let flown = first.config_at_arming();
+        let flown = first.config_of_longest_flight();
         let identification = identification_of(&data, &flown.vehicle, scale)?;
         let toml = vehicle_toml::toml(&identification, &flown);
         let notes = flights.iter().flat_map(|flight| record_notes(flight));

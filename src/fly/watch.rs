@@ -77,7 +77,7 @@ impl<'a> ProcessWatch<'a> {
                 // first, which disarms the vehicle.
                 Some(OperatorCommand::Land) if !has_flown => return Err(before_take_off()),
                 Some(OperatorCommand::Land) if !is_in_flight => {
-                    say("the flight has ended; waits until the motors are known to be off");
+                    say("the flight has ended; waiting until the motors are known to be off");
                 }
                 Some(OperatorCommand::Land) => {
                     tell_interrupt(OperatorCommand::Land);

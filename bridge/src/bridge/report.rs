@@ -30,7 +30,7 @@ impl Bridge {
             wire_ns: wire.nanos(),
             air_ns: air.nanos(),
             time_out_s: self.protocol.time_out().map_or(0.0, Span::seconds),
-            armed: u8::from(answers && self.gate.last_motors() == Some(ReportedMotors::Running)),
+            armed: u8::from(answers && self.motors_run()),
             starting: u8::from(self.gate.is_starting()),
             stopped: u8::from(self.stopped_since.is_some() && !self.is_released()),
             link: u8::from(answers && (self.gate.is_ready() || self.gate.is_released())),
@@ -44,6 +44,17 @@ impl Bridge {
         let stamps = forwarded
             .map_or_else(Stamps::default, |command| Stamps { applied_at: now, ..command.stamps });
         (forwarded.map_or(0, |command| command.pose), stamps, vehicle)
+    }
+
+    /// Whether motors run, or still may: a flight begins when they do, and a vehicle that is being stopped is not off.
+    fn motors_run(&self) -> bool {
+        match self.gate.last_motors() {
+            Some(ReportedMotors::Running) => true,
+            Some(ReportedMotors::SpoolingUp) => {
+                self.gate.is_in_sequence() && !self.gate.is_starting()
+            }
+            Some(ReportedMotors::Off) | None => false,
+        }
     }
 
     /// Time of a set-point on the wire, and from there to its effect. A network has no rate by which its bytes leave: the time is

@@ -198,7 +198,7 @@ impl SafetyMonitor {
             course.stream_ended(tick.now);
         // Why present references are refused is reported before the end of earlier ones.
         conditions.references_ended &= !conditions.setpoint_refused;
-        // Also in the pauses of a poor link, lest each restart the time of a limit.
+        // Also during pauses of a poor link: otherwise each pause would restart the delay of a limit.
         if let Some(vehicle) = intake.vehicle().last_message(tick.now) {
             self.limits.check_vehicle(vehicle, &mut conditions);
         }

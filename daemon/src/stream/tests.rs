@@ -135,3 +135,17 @@ fn an_operator_ends_a_stream_until_its_planner_pauses() {
     stream.receive(at(2110), (8, &other), Some((&present(), &room(0.0))));
     assert!(stream.is_followed(), "another planner");
 }
+
+#[test]
+fn a_planners_attitude_may_turn_on_step_by_step() {
+    let mut stream = stream();
+    for step in 0..24_i64 {
+        let (now, half_rad) = (at(16 * step), (2.5 * step as f64).to_radians());
+        let attitude = [0.0, 0.0, half_rad.sin(), half_rad.cos()];
+        let kind = ReferenceKind::Attitude.code();
+        let message = ReferenceV1 { kind, attitude, velocity: [0.0; 3], ..sample(16 * step) };
+        let flown = stream.motion(now).unwrap_or(present());
+        stream.receive(now, (7, &message), Some((&flown, &room(0.0))));
+        assert_eq!(stream.take_refusal(), None, "{step}");
+    }
+}

@@ -82,7 +82,7 @@ impl IdentifyArgs {
             let reason = "nothing to identify a vehicle from; give recordings, or --fly";
             return Err(Failure::new(Exit::Usage, reason));
         };
-        let flown = first.config_at_arming();
+        let flown = first.config_of_longest_flight();
         let data: Vec<FlightData> = flights.iter().map(FlightData::of).collect();
         let identification = identify(&data, &flown.vehicle, self.scale())?;
         let json = json(&identification, &flown)?;

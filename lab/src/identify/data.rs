@@ -150,7 +150,7 @@ fn pose_record(
 
 /// The attitudes that the trajectory prescribes.
 fn prescribed(flight: &Flight) -> Vec<(f64, Vector3<f64>)> {
-    let options = &flight.config_at_arming().trajectory;
+    let options = &flight.config_of_longest_flight().trajectory;
     let start_s = options.start_s();
     // Waypoints prescribe no attitude.
     let trajectory = options.trajectory(None);

@@ -44,7 +44,7 @@ pub const SETS: [DrawSet; 3] = [
         key: "wide_draws",
         tables: "wide",
         title: "A spread twice as wide",
-        draws: "The same number of draws of a spread whose ranges are each twice as wide, about the same middles, without the part below zero.",
+        draws: "The same number of draws of a spread whose ranges are each twice as wide, about the same middles, cut off at zero.",
         is_wide: true,
         is_identified: false,
     },

@@ -53,7 +53,7 @@ pub enum ClosedLoops {
 /// Loop response of a law with `settings` about axis number `axis`, measured at every `every`-th frequency.
 ///
 /// # Errors
-/// A setting is invalid, or a flight did not land; or the loop in hover is unstable.
+/// A setting is invalid, a flight did not land, or the loop is unstable.
 pub fn flown(
     settings: &[Setting],
     (axis, loops): (usize, ClosedLoops),

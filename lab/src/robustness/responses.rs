@@ -31,7 +31,7 @@ const BAND: f64 = 0.05;
 const DISTURBED_S: f64 = 12.0;
 /// Time shown and evaluated after a disturbance \[s\].
 const SHOWN_S: f64 = 6.0;
-/// Duration of the hover \[s\], which begins after arming.
+/// Duration of the hover after the take-off \[s\].
 const HOVER_S: f64 = 30.0;
 /// Distance from the reference within which a disturbance counts as rejected \[mm\].
 const REJECTED_MM: f64 = 5.0;

@@ -30,7 +30,7 @@ pub enum SetpointKind {
         /// Yaw rate \[rad/s, body z\].
         yaw_rate: f64,
     },
-    /// The same with a roll and a pitch rate of zero: ArduPilot ignores a set-point with a part of the rates.
+    /// Attitude with body rates, roll and pitch rate zero: ArduPilot ignores an attitude with only some of the rates.
     AttitudeAndRates {
         /// Attitude, scalar last \[body to world\].
         attitude: [f64; 4],
