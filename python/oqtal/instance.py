@@ -80,7 +80,7 @@ class Observation(Iterator[dict[str, Any]]):
 
     def table(self) -> Table:
         """All messages until the end of the observation; give ``seconds`` when it is opened."""
-        rows = []
+        rows: list[dict[str, Any]] = []
         try:
             rows.extend(self)
         except PeerError as error:

@@ -40,11 +40,11 @@ fn another_user_cannot_write_read_or_remove_a_file_of_a_running_instance() {
     let mut vehicles = bus.observer(&VEHICLE).unwrap();
     let _processes = testbed.services();
     wait_for("the vehicle", || vehicles.latest().unwrap());
-    let shared = testbed.remains().into_iter().map(|name| Path::new("/dev/shm").join(name));
-    let shared: Vec<PathBuf> = shared.collect();
-    assert!(shared.len() > 10);
-    let files: Vec<PathBuf> =
-        shared.into_iter().chain(files_below(&testbed.paths().directory())).collect();
+    let shared = wait_for("objects of all processes", || {
+        Some(testbed.remains()).filter(|names| names.len() > 10)
+    });
+    let shared = shared.into_iter().map(|name| Path::new("/dev/shm").join(name));
+    let files: Vec<PathBuf> = shared.chain(files_below(&testbed.paths().directory())).collect();
     // The permissions of the instance's directory protect all its content.
     let directory = testbed.paths().directory();
     for file in files.iter().filter(|file| **file == directory || !file.starts_with(&directory)) {

@@ -95,16 +95,16 @@ fn f35_an_attitude_turns_on_to_the_tilt_limit_and_a_reference_near_the_floor_is_
     let message = ReferenceV1 {
         kind: ReferenceKind::Attitude.code(),
         attitude: [0.0, 0.0, 0.0, 1.0],
-        rate: [3.0, 0.0, 0.0],
+        rate: [1.0, 0.0, 0.0],
         valid_until: at(500),
         ..sample(0)
     };
     stream.receive(at(0), (7, &message), Some((&present(), &room(0.0))));
     let limit_rad = stream.limits.cosine_of_tilt.acos();
-    for millis in [0, 20, 100, 400] {
+    for millis in [0, 20, 200, 450] {
         let attitude = stream.reference(at(millis)).unwrap().attitude.unwrap();
         let turned_rad = attitude.attitude.angle_to(&Attitude::default());
-        let expected_rad = (3e-3 * millis as f64).min(limit_rad);
+        let expected_rad = (1e-3 * millis as f64).min(limit_rad);
         assert!((turned_rad - expected_rad).abs() < 2e-3, "{millis} ms: {turned_rad}");
         assert_eq!(attitude.rate.0.x == 0.0, expected_rad == limit_rad, "{millis} ms");
     }

@@ -74,7 +74,6 @@ impl ProbeListener {
         }
         let counts = self.gates.iter().map(FrameGate::counts);
         let counts = counts.fold(FrameCounts::default(), FrameCounts::plus);
-        let clock = self.gates[self.timed.unwrap_or(0)].clock();
         let total_s = self.intervals.iter().sum::<i64>() as f64 * 1e-9;
         let median_s = percentile(&self.intervals, 50.0) as f64 * 1e-9;
         // A frame that is overtaken counts as lost first.
@@ -98,17 +97,23 @@ impl ProbeListener {
             lost,
             counts,
             damaged: self.damaged,
-            clock: has_begun.then(|| ClockFigures {
-                known: clock.is_known,
-                offset_ns: clock.offset_ns,
-                drift_ppm: clock.drift_ppm,
-                residual_p99_ns: percentile(&self.delays, 99.0),
-                uncertainty_ns: clock.uncertainty.nanos(),
-                relearned: clock.relearned,
-            }),
+            clock: has_begun.then(|| self.clock_figures()),
             noise: noise_figures(&mut self.bodies),
             bodies: self.bodies.iter().map(ObservedBody::figures).collect(),
             ..ProbeFigures::default()
+        }
+    }
+
+    /// Figures of the clock by which the frames are dated.
+    fn clock_figures(&self) -> ClockFigures {
+        let clock = self.gates[self.timed.unwrap_or(0)].clock();
+        ClockFigures {
+            known: clock.is_known,
+            offset_ns: clock.offset_ns,
+            drift_ppm: clock.drift_ppm,
+            residual_p99_ns: percentile(&self.delays, 99.0),
+            uncertainty_ns: clock.uncertainty.nanos(),
+            relearned: clock.relearned,
         }
     }
 }
