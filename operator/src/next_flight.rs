@@ -64,7 +64,7 @@ impl NextFlights {
 
     /// Computes the next flight again for instances of which a process has ended since. A flight whose processes end with their command
     /// is left as it is.
-    pub(crate) fn note_ended(&mut self, reached: &Reached) {
+    fn note_ended(&mut self, reached: &Reached) {
         for flight in self.0.iter_mut().filter(|flight| flight.is_arming && !flight.is_lost) {
             let here: Vec<_> =
                 reached.processes.iter().filter(|it| it.is_under(&flight.paths)).collect();
@@ -75,8 +75,11 @@ impl NextFlights {
         }
     }
 
-    /// Notes the processes that run at its paths: a daemon needs their configuration.
+    /// Notes the losses of `reached`, the processes that have ended since, and those that run at its paths: a daemon needs their
+    /// configuration.
     pub(crate) fn note_running(&mut self, reached: &Reached, running: &RunningProcesses) {
+        self.note_losses(reached);
+        self.note_ended(reached);
         let paths = &reached.paths;
         let Some(process) = running.of_other_config(paths) else { return };
         let has_start = |it: &&mut NextFlight| it.start.is_some() && it.paths == *paths;

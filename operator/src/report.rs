@@ -147,7 +147,7 @@ impl ControlReport {
         let is_one_of = |commands: &[OperatorCommand]| {
             commands.iter().any(|command| command.to_string() == self.command)
         };
-        let place = &self.place;
+        let (place, is_course) = (&self.place, is_one_of(&[Goto, Trajectory, Hover]));
         let remedy = match Cause::from_code(response.cause) {
             Some(Cause::WrongMode) if is_one_of(&[Disarm]) => {
                 &format!("`oqtal ctl land {place}` or `oqtal ctl stop {place}` ends a flight")
@@ -155,16 +155,10 @@ impl ControlReport {
             Some(Cause::WrongMode) if is_one_of(&[Resume]) => {
                 "`resume` returns from the fallback law to `control.controller`; it needs a flight and a law in `control.fallback`"
             }
-            Some(Cause::WrongMode)
-                if response.mode == Mode::Disarmed.code()
-                    && is_one_of(&[Goto, Trajectory, Hover]) =>
-            {
+            Some(Cause::WrongMode) if is_course && response.mode == Mode::Disarmed.code() => {
                 &format!("`oqtal ctl arm {place}` begins a flight")
             }
-            Some(Cause::Fence)
-                if response.state == SafetyState::Hold.code()
-                    && is_one_of(&[Goto, Trajectory, Hover]) =>
-            {
+            Some(Cause::Fence) if is_course && response.state == SafetyState::Hold.code() => {
                 &format!(
                     "the fence holds the vehicle; repeat it once `oqtal ctl status {place}` no longer says Hold, or `oqtal ctl land {place}`"
                 )

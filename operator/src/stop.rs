@@ -157,8 +157,6 @@ pub fn raise(
         again = NextFlights::of(&present);
         again.note_losses(&present);
     }
-    again.note_losses(&reached);
-    again.note_ended(&reached);
     again.note_running(&reached, &running);
     let response = answer.as_ref().ok().and_then(Option::as_ref);
     let stop = ObeyedStop::new(report, response);

@@ -59,12 +59,7 @@ impl<'a> ProcessWatch<'a> {
         let (mut is_in_flight, mut has_flown) = (false, false);
         while !self.over.is_set() {
             processes.failure().map_or(Ok(()), Err)?;
-            while let Some(action) = faults.due(Time::now())? {
-                match action {
-                    FaultAction::Process(role, action) => processes.apply(role, action)?,
-                    FaultAction::RemoveFiles => self.remove_files()?,
-                }
-            }
+            self.inject(&mut faults, processes)?;
             if let Some((_, tick)) = telemetry.latest()? {
                 is_in_flight = tick.is_armed();
                 has_flown |= is_in_flight;
@@ -95,6 +90,21 @@ impl<'a> ProcessWatch<'a> {
             landing.as_mut().map_or(Ok(()), |landing| landing.check(Time::now()))?;
             let until_next = faults.next().map_or(WATCH_PERIOD, |next| next.since(Time::now()));
             sleep(until_next.min(WATCH_PERIOD).to_duration());
+        }
+        Ok(())
+    }
+
+    /// Injects the faults that are due.
+    fn inject(
+        &self,
+        faults: &mut ProcessFaults,
+        processes: &mut ProcessGroup,
+    ) -> Result<(), Failure> {
+        while let Some(action) = faults.due(Time::now())? {
+            match action {
+                FaultAction::Process(role, action) => processes.apply(role, action)?,
+                FaultAction::RemoveFiles => self.remove_files()?,
+            }
         }
         Ok(())
     }
