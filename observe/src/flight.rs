@@ -262,9 +262,17 @@ impl Flight {
         self.changes.retain(|(at, change)| is_flown(*at) || !is_void(change));
     }
 
-    /// Settings with which the vehicle took off and which operators had changed after the start of the daemon, each `KEY=VALUE`.
+    /// Settings that operators changed before the take-off and did not change back, each `KEY=VALUE`, by their last change.
     pub fn changed_settings(&self) -> Vec<String> {
-        self.config.described_differences(&self.config_at_arming())
+        let mut changed: Vec<&str> = Vec::new();
+        let key = |line: &str| line.split(['=', ' ']).next().unwrap_or_default().to_owned();
+        for line in self.settings_of(self.changes_until(self.origin())) {
+            changed.retain(|other| key(other) != key(line));
+            changed.push(line);
+        }
+        let differences = self.config.described_differences(&self.config_at_arming());
+        let differs = |line: &&str| differences.iter().any(|other| key(other) == key(line));
+        changed.into_iter().filter(differs).map(str::to_owned).collect()
     }
 
     /// Names of the laws that flew the scored window, in order; of all armed ticks if nothing is scored.
@@ -328,14 +336,10 @@ impl Flight {
         self.samples.chunk_by(alike).filter(|ticks| ticks[0].is_armed())
     }
 
-    /// The ticks of the longest flight; `None` without one.
-    pub fn longest_flight(&self) -> Option<&[FlightSample]> {
-        self.flights().max_by_key(|ticks| ticks.len())
-    }
-
     /// The configuration at the start of the longest flight, with the settings that operators had changed by then.
     pub fn config_of_longest_flight(&self) -> Config {
-        let start = self.longest_flight().map_or(self.origin(), |ticks| ticks[0].telemetry.time);
+        let longest = self.flights().max_by_key(|ticks| ticks.len());
+        let start = longest.map_or(self.origin(), |ticks| ticks[0].telemetry.time);
         self.config_after(self.changes_until(start))
     }
 
