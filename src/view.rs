@@ -27,7 +27,7 @@ use oqtal_view::scene::SceneDescription;
 use oqtal_view::server;
 use oqtal_view::site::{Site, Subject};
 
-use crate::daemon_config::daemon_config;
+use crate::daemon_config::text_and_config;
 use crate::recordings::{self, failure};
 use crate::token::random_token;
 use operator::BusOperator;
@@ -182,8 +182,7 @@ impl DaemonConfig {
             return None;
         }
         // A file that is not complete yet is read again.
-        let config = daemon_config(&self.place)?;
-        let text = std::fs::read_to_string(self.place.config()).ok()?;
+        let (text, config) = text_and_config(&self.place)?;
         let is_of_start = !is_of_reload(&text) || self.written.is_none();
         self.written = written;
         is_of_start.then_some(config)

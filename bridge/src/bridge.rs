@@ -16,8 +16,9 @@ use crate::motors::MotorEvent;
 use crate::note::Note;
 use crate::outbox::{FrameKind, Outbox};
 use crate::poses::PoseRelay;
-use crate::protocol::ReportedMotors;
-use crate::protocol::{FrameSizes, PeriodicFrame, VehicleFrame, VehicleProtocol, VehicleReply};
+use crate::protocol::{
+    FrameSizes, PeriodicFrame, ReportedMotors, VehicleFrame, VehicleProtocol, VehicleReply,
+};
 use crate::safety::{CommandGate, MotorStatus};
 use crate::schedule::Schedule;
 use crate::setpoint::VehicleSetpoint;
@@ -185,8 +186,7 @@ impl Bridge {
 
     /// Whether the motors run, or may run because of what the bridge sent.
     pub fn motors_may_run(&self) -> bool {
-        self.gate.may_run()
-            || self.gate.last_motors().is_some_and(|motors| motors != ReportedMotors::Off)
+        self.gate.may_run() || self.gate.last_motors().is_some_and(ReportedMotors::are_armed)
     }
 
     /// Takes bytes, or one packet, that the port received.

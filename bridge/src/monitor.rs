@@ -89,7 +89,7 @@ impl VehicleMonitor {
                 let run = motors == ReportedMotors::Running;
                 if run && !self.motors_run {
                     (self.refusal, self.text) = (VehicleRefusal::None, ShortText::EMPTY);
-                } else if motors == ReportedMotors::Off {
+                } else if !motors.are_armed() {
                     self.clear_if(|refusal| refusal == VehicleRefusal::Disarming);
                 }
                 self.motors_run = run;
@@ -217,14 +217,16 @@ mod tests {
         vehicle.receive(at(0), VehicleReply::Refused(VehicleRefusal::OtherAutopilot));
         vehicle.receive(at(1), STATUS);
         assert_eq!(vehicle.refusal(), VehicleRefusal::None, "the wanted vehicle answers");
-        vehicle.receive(at(2), VehicleReply::Motors(ReportedMotors::of(true)));
+        vehicle.receive(at(2), VehicleReply::Motors(ReportedMotors::Running));
         vehicle.receive(at(3), VehicleReply::Refused(VehicleRefusal::Disarming));
-        vehicle.receive(at(4), VehicleReply::Motors(ReportedMotors::of(true)));
-        assert_eq!(vehicle.refusal(), VehicleRefusal::Disarming);
-        vehicle.receive(at(5), VehicleReply::Motors(ReportedMotors::of(false)));
+        for motors in [ReportedMotors::Running, ReportedMotors::SpoolingUp] {
+            vehicle.receive(at(4), VehicleReply::Motors(motors));
+            assert_eq!(vehicle.refusal(), VehicleRefusal::Disarming);
+        }
+        vehicle.receive(at(5), VehicleReply::Motors(ReportedMotors::Off));
         assert_eq!(vehicle.refusal(), VehicleRefusal::None, "the motors have stopped");
         vehicle.receive(at(6), VehicleReply::Refused(VehicleRefusal::Arming));
-        vehicle.receive(at(7), VehicleReply::Motors(ReportedMotors::of(false)));
+        vehicle.receive(at(7), VehicleReply::Motors(ReportedMotors::Off));
         assert_eq!(vehicle.refusal(), VehicleRefusal::Arming);
     }
 
@@ -244,11 +246,11 @@ mod tests {
         let state = vehicle.state(at(4));
         assert_eq!(state.refusal, VehicleRefusal::Arming.code());
         assert_eq!(state.text.as_str(), "PreArm: Gyros inconsistent");
-        vehicle.receive(at(5), VehicleReply::Motors(ReportedMotors::of(true)));
+        vehicle.receive(at(5), VehicleReply::Motors(ReportedMotors::Running));
         let state = vehicle.state(at(6));
         assert!(state.text.is_empty() && state.refusal == VehicleRefusal::None.code());
         vehicle.receive(at(7), says(true, "Failsafe"));
-        vehicle.receive(at(8), VehicleReply::Motors(ReportedMotors::of(true)));
+        vehicle.receive(at(8), VehicleReply::Motors(ReportedMotors::Running));
         assert_eq!(vehicle.state(at(8)).text.as_str(), "Failsafe", "reported in flight");
     }
 

@@ -57,6 +57,11 @@ impl ReportedMotors {
     pub fn of(run: bool) -> Self {
         if run { Self::Running } else { Self::Off }
     }
+
+    /// Whether the motors run, or will once they have spooled up.
+    pub fn are_armed(self) -> bool {
+        self != Self::Off
+    }
 }
 
 /// Content of a valid message of the vehicle; a message may have several.

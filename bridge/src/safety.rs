@@ -143,7 +143,7 @@ impl CommandGate {
         match status {
             None => StoppedMotors::Unknown,
             // A toggle that was sent may still take effect.
-            Some(status) if status.motors != ReportedMotors::Off || self.is_in_sequence() => {
+            Some(status) if status.motors.are_armed() || self.is_in_sequence() => {
                 StoppedMotors::Running
             }
             Some(_) => StoppedMotors::Off,
@@ -284,8 +284,8 @@ impl CommandGate {
             rest_over: (self.disarmed_since.is_some_and(rested) || is_stopped) && !requested,
             daemon_silent: (silent && !requested).then_some(without_request),
             running: fresh.is_some_and(|status| status.motors == ReportedMotors::Running),
-            armed: fresh.is_some_and(|status| status.motors != ReportedMotors::Off),
-            stopped: fresh.is_some_and(|status| status.motors == ReportedMotors::Off),
+            armed: fresh.is_some_and(|status| status.motors.are_armed()),
+            stopped: fresh.is_some_and(|status| !status.motors.are_armed()),
             operator_stop: is_stopped,
             ..MotorConditions::default()
         }

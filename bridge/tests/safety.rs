@@ -143,7 +143,7 @@ proptest! {
                 }
             };
             let status = player.status.expect("a toggle without any status");
-            prop_assert_eq!(status.motors != ReportedMotors::Off, running);
+            prop_assert_eq!(status.motors.are_armed(), running);
             prop_assert!(player.now.since(status.received_at) <= LIMITS.status_age);
             let since = *toggling_since.get_or_insert(player.now);
             prop_assert!(player.now.since(since) < LIMITS.sequence + LIMITS.sequence);

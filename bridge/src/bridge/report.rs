@@ -1,11 +1,11 @@
 //! Report of the bridge: the vehicle's state, and the command that was forwarded with its stamps.
 
-use crate::protocol::ReportedMotors;
 use oqtal_bus::code::VehicleRefusal;
 use oqtal_bus::message::{Stamps, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 
 use super::{Bridge, VehicleReport};
+use crate::protocol::ReportedMotors;
 use crate::safety::ForwardedCommand;
 
 impl Bridge {

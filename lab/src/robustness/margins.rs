@@ -162,13 +162,10 @@ const INTRO: [&str; 3] = [
 
 /// Least margin of each kind in hover over the axes, for each law; none if the loop about one of them is unstable.
 fn hover(loops: &[LoopPair]) -> Sheet {
+    let note = "Flown, position loop closed; the least of roll, pitch and yaw.".to_owned();
     least_sheet(
         ("hover_margins", "Least margins in hover"),
-        std::iter::once(
-            "Flown, position loop closed; the least of roll, pitch and yaw.".to_owned(),
-        )
-        .chain(unstable("in hover", loops, |pair| pair.hover.is_none()))
-        .collect(),
+        [&[note], &*unstable_hovers(loops)].concat(),
         loops,
         LoopPair::hover_margins,
     )
@@ -223,10 +220,7 @@ fn table(loops: &[LoopPair]) -> Sheet {
     Sheet {
         name: "margins".to_owned(),
         title: "Margins about each axis".to_owned(),
-        notes: notes(loops)
-            .into_iter()
-            .chain(unstable("in hover", loops, |pair| pair.hover.is_none()))
-            .collect(),
+        notes: [notes(loops), unstable_hovers(loops)].concat(),
         columns: Margins::COLUMNS.to_vec(),
         rows: rows.collect(),
         is_detail: true,
@@ -265,6 +259,11 @@ fn notes(loops: &[LoopPair]) -> Vec<String> {
     let by_model = unstable("by the model", loops, |pair| !pair.linear.is_stable());
     let flown = unstable("in flight", loops, |pair| pair.flown.points.is_empty());
     [agreement, by_model, flown].into_iter().flatten().collect()
+}
+
+/// The loops that have no margins in hover.
+fn unstable_hovers(loops: &[LoopPair]) -> Vec<String> {
+    unstable("in hover", loops, |pair| pair.hover.is_none()).into_iter().collect()
 }
 
 /// Note of the loops that are unstable `when`, if there are any.

@@ -96,7 +96,7 @@ const CHECKS: &[ProbeCheck] = &[
     (
         "clock",
         Severity::Advice,
-        "let nothing set the clock of the cameras' computer while flying: after each step of more than 25 ms there are no poses for half a second",
+        "keep the clock of the cameras' computer from being set in flight: after each step of more than 25 ms there are no poses for half a second",
         |f| {
             let times = f.clock?.relearned;
             (times > 0).then(|| format!("it was set {times} times"))
