@@ -4,7 +4,7 @@
 //!              idle     requested, not running           running           rest over, armed
 //!   Inhibited ──────▶ Off ───────────────────▶ Starting ─────────▶ Running ──────────────────▶ Stopping
 //!    ▲                 ▲└────── requested, running ────────────────▲ │                          │  │
-//!    │                 └──────────────── stopped ────────────────────┴──────────────────────────┘  │
+//!    │                 └────── stopped; then Starting, if requested ─┴──────────────────────────┘  │
 //!    └───── a sequence timed out, the daemon is silent, motors stopped in flight or in a start ─────┘
 //! ```
 //!
@@ -23,8 +23,7 @@
 //! - Ours: only an operator's stop stops motors that the bridge did not start, such as those of a vehicle that was flying when the
 //!   bridge was restarted. Otherwise they are left alone, because a pilot may fly by hand while a bridge is connected.
 //! - The emergency stop is known from `asctec_drivers` alone; no source states how to fly again after it. It is sent only after a stop
-//!   sequence that failed, and when the bridge ends while motors run; never to motors that a pilot may have started. A Stop of the
-//!   daemon in flight is a zero set-point, then the stop sequence.
+//!   sequence that failed, and when the bridge ends while motors run; never to motors that a pilot may have started.
 
 use oqtal_bus::time::{Span, Time};
 
@@ -86,7 +85,7 @@ struct MotorTransition {
 }
 
 /// All transitions; the first whose condition holds is taken.
-const TRANSITIONS: [MotorTransition; 14] = {
+const TRANSITIONS: [MotorTransition; 15] = {
     use MotorState::{Inhibited, Off, Running, Starting, Stopping};
     use MotorTransition as T;
     [
@@ -111,6 +110,8 @@ const TRANSITIONS: [MotorTransition; 14] = {
         T { from: Running, to: Off, when: |c| c.stopped },
         T { from: Running, to: Inhibited, when: |c| c.daemon_silent.is_some() },
         T { from: Running, to: Stopping, when: |c| c.rest_over && c.armed },
+        // A flight that was requested meanwhile: after half a toggle, the motors would be in either state.
+        T { from: Stopping, to: Starting, when: |c| c.requested && c.stopped && c.settled },
         T { from: Stopping, to: Off, when: |c| c.stopped && c.settled },
         T { from: Stopping, to: Inhibited, when: |c| c.timed_out },
     ]
@@ -236,164 +237,4 @@ fn event(transition: &MotorTransition, conditions: &MotorConditions) -> Option<M
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use MotorState::{Inhibited, Off, Running, Starting, Stopping};
-
-    const LONGEST: Span = Span::from_millis(3000);
-    const STATES: [MotorState; 5] = [Inhibited, Off, Starting, Running, Stopping];
-    const NONE: MotorConditions = MotorConditions {
-        requested: false,
-        idle: false,
-        disarmed: false,
-        rest_over: false,
-        running: false,
-        armed: false,
-        stopped: false,
-        operator_stop: false,
-        daemon_silent: None,
-        started_here: false,
-        was_armed: false,
-        settled: false,
-        timed_out: false,
-    };
-    const RUNNING: MotorConditions = MotorConditions { running: true, armed: true, ..NONE };
-    const STOPPED: MotorConditions = MotorConditions { stopped: true, ..NONE };
-    const REQUESTED: MotorConditions = MotorConditions { requested: true, ..NONE };
-
-    fn after(state: MotorState, millis: i64, conditions: MotorConditions) -> MotorState {
-        let (since, started_here) = (Time::VIRTUAL_START, conditions.started_here);
-        let mut motors =
-            MotorSequencer { state, started_here, ..MotorSequencer::new(since, LONGEST) };
-        motors.step(since + Span::from_millis(millis), conditions);
-        motors.state
-    }
-
-    fn all_conditions() -> impl Iterator<Item = MotorConditions> {
-        (0..64_u8).map(|bits| {
-            let on = |bit: u8| bits & (1 << bit) != 0;
-            let (requested, running, stopped) = (on(0), on(3), on(4));
-            let (idle, rest_over, armed) = (on(1), on(2), running || on(5));
-            MotorConditions { requested, idle, rest_over, running, armed, stopped, ..NONE }
-        })
-    }
-
-    #[test]
-    fn a_flight_goes_round() {
-        assert_eq!(after(Inhibited, 1, MotorConditions { idle: true, ..STOPPED }), Off);
-        assert_eq!(after(Off, 1, MotorConditions { requested: true, ..STOPPED }), Starting);
-        assert_eq!(after(Starting, 1, MotorConditions { requested: true, ..RUNNING }), Running);
-        assert_eq!(after(Running, 1, RUNNING), Running, "not requested, but not for long");
-        assert_eq!(after(Running, 1, MotorConditions { rest_over: true, ..RUNNING }), Stopping);
-        assert_eq!(after(Stopping, 499, STOPPED), Stopping, "that status may be old");
-        assert_eq!(after(Stopping, 500, STOPPED), Off);
-    }
-
-    #[test]
-    fn motors_that_spool_up_are_stopped_when_the_request_is_withdrawn() {
-        let spooling = MotorConditions { armed: true, ..NONE };
-        let requested = MotorConditions { requested: true, ..spooling };
-        let ours = MotorConditions { started_here: true, rest_over: true, ..spooling };
-        assert_eq!([requested, spooling].map(|c| after(Starting, 1, c)), [Starting, Stopping]);
-        assert_eq!([after(Stopping, 2999, spooling), after(Off, 1, ours)], [Stopping; 2]);
-        let stopped = MotorConditions { stopped: true, started_here: true, ..REQUESTED };
-        assert_eq!(after(Starting, 1, stopped), Inhibited, "disarmed by its pilot");
-    }
-
-    #[test]
-    fn a_sequence_is_given_up() {
-        assert_eq!(after(Starting, 2999, REQUESTED), Starting);
-        assert_eq!(after(Starting, 3000, REQUESTED), Inhibited);
-        assert_eq!(after(Stopping, 3000, NONE), Inhibited);
-    }
-
-    #[test]
-    fn only_an_idle_daemon_ends_the_inhibition() {
-        for conditions in all_conditions() {
-            let is_off = after(Inhibited, 10_000, conditions) == Off;
-            assert_eq!(is_off, conditions.idle, "{conditions:?}");
-        }
-    }
-
-    #[test]
-    fn without_a_fresh_status_no_sequence_begins_except_to_cancel_a_start() {
-        for state in STATES {
-            for conditions in all_conditions().filter(|c| !c.armed && !c.stopped) {
-                let next = after(state, 10, conditions);
-                let begun = next != state && matches!(next, Starting | Stopping);
-                assert!(!begun || state == Starting, "{state:?} {conditions:?}");
-            }
-        }
-    }
-
-    #[test]
-    fn motors_that_stopped_in_flight_are_not_started_again() {
-        let stopped = MotorConditions { stopped: true, ..REQUESTED };
-        assert_eq!(after(Running, 10, stopped), Inhibited);
-        assert_eq!(after(Inhibited, 10, stopped), Inhibited);
-    }
-
-    #[test]
-    fn a_daemon_that_fell_silent_must_be_disarmed_before_it_flies_on() {
-        let run = MotorConditions { started_here: true, requested: true, ..RUNNING };
-        let silent = MotorConditions { daemon_silent: Some(LONGEST), requested: false, ..run };
-        assert_eq!(after(Running, 10, silent), Inhibited);
-        assert_eq!(after(Inhibited, 10, run), Inhibited);
-        let idle = MotorConditions { idle: true, requested: false, ..run };
-        assert_eq!(after(Inhibited, 10, idle), Inhibited);
-        let disarmed = MotorConditions { disarmed: true, rest_over: true, ..idle };
-        assert_eq!(after(Inhibited, 10, disarmed), Off);
-        assert_eq!(after(Off, 10, disarmed), Stopping);
-    }
-
-    #[test]
-    fn motors_that_the_bridge_did_not_start_are_left_alone() {
-        let by_hand = MotorConditions { idle: true, rest_over: true, ..RUNNING };
-        assert_eq!(after(Inhibited, 10, by_hand), Off);
-        assert_eq!(after(Off, 10_000, by_hand), Off);
-    }
-
-    #[test]
-    fn motors_of_a_bridge_before_are_stopped_by_an_operator_until_it_has_effect() {
-        let running = MotorConditions { idle: true, rest_over: true, ..RUNNING };
-        let stop = MotorConditions { operator_stop: true, ..running };
-        let mut now = Time::VIRTUAL_START;
-        let mut motors = MotorSequencer::new(now, LONGEST);
-        for _ in 0..3 {
-            let states = [(); 3].map(|()| {
-                now = now + LONGEST;
-                motors.step(now, stop);
-                motors.state
-            });
-            assert_eq!(states, [Off, Stopping, Inhibited], "the sequence has no effect");
-        }
-    }
-
-    #[test]
-    fn each_transition_is_logged_as_what_it_is() {
-        let logged = |from: MotorState, conditions: MotorConditions| {
-            let (since, started_here) = (Time::VIRTUAL_START, conditions.started_here);
-            let new = MotorSequencer::new(since, LONGEST);
-            let mut motors = MotorSequencer { state: from, started_here, ..new };
-            (motors.step(since + LONGEST, conditions), motors.may_run())
-        };
-        let silent =
-            MotorConditions { daemon_silent: Some(LONGEST), started_here: true, ..RUNNING };
-        let ends = MotorConditions { rest_over: true, ..RUNNING };
-        let waiting = MotorConditions { stopped: true, ..REQUESTED };
-        let begun = MotorConditions { requested: true, ..RUNNING };
-        for (from, conditions, event, may_run) in [
-            (Inhibited, MotorConditions { idle: true, ..NONE }, None, false),
-            (Off, waiting, Some(MotorEvent::Starting), true),
-            (Starting, REQUESTED, Some(MotorEvent::StartFailed), false),
-            (Starting, begun, Some(MotorEvent::Running), true),
-            (Running, ends, Some(MotorEvent::Stopping), true),
-            (Running, STOPPED, Some(MotorEvent::Stopped), false),
-            (Running, silent, Some(MotorEvent::DaemonSilent(LONGEST)), true),
-            (Running, waiting, Some(MotorEvent::StoppedInFlight), false),
-            (Stopping, NONE, Some(MotorEvent::StopFailed), false),
-        ] {
-            assert_eq!(logged(from, conditions), (event, may_run), "{from:?} {conditions:?}");
-        }
-    }
-}
+mod tests;

@@ -197,7 +197,7 @@ impl CommandGate {
             (MotorState::Running, Some(command)) => VehicleSetpoint::Fly(command),
             // Start and stop are one toggle: sent only while a status shows that it is needed.
             (MotorState::Starting, Some(_)) if conditions.stopped => VehicleSetpoint::StartMotors,
-            (MotorState::Stopping, None) if conditions.armed => VehicleSetpoint::StopMotors,
+            (MotorState::Stopping, _) if conditions.armed => VehicleSetpoint::StopMotors,
             _ => VehicleSetpoint::Zero,
         };
         (setpoint, self.forward(now, &setpoint), event)
@@ -215,9 +215,13 @@ impl CommandGate {
         }
     }
 
-    /// Whether the start sequence is being sent.
-    pub fn is_starting(&self) -> bool {
-        self.motors.state() == MotorState::Starting
+    /// Whether the start sequence is being sent, or follows the stop sequence because a flight is requested at `now`.
+    pub fn is_starting(&self, now: Time) -> bool {
+        match self.motors.state() {
+            MotorState::Starting => true,
+            MotorState::Stopping => self.flight(now).is_some(),
+            _ => false,
+        }
     }
 
     /// Whether a motor sequence is being sent: a fresh status is then urgent.

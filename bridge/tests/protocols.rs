@@ -144,3 +144,23 @@ fn a_start_that_is_withdrawn_leaves_no_vehicle_armed() {
         }
     }
 }
+
+/// The stop sequence is not left half-sent: an AscTec vehicle would neither stop nor fly.
+#[test]
+fn a_flight_requested_while_the_motors_are_being_stopped_begins_after_the_stop() {
+    for protocol in &PROTOCOLS {
+        for after in (84..150).step_by(3) {
+            let mut exchange = Exchange::new(protocol);
+            exchange.until_airborne().unwrap();
+            for _ in 0..after {
+                exchange.happen(&Happening::DISARMED, 1).unwrap();
+            }
+            let before = exchange.flights();
+            for _ in 0..300 {
+                exchange.happen(&Happening::FLIGHT, 1).unwrap();
+            }
+            let (flown, name) = (exchange.flights() - before, protocol.name);
+            assert!(flown > 60 && exchange.vehicle.motors_on(), "{name}, {after} periods: {flown}");
+        }
+    }
+}

@@ -212,6 +212,7 @@ impl fmt::Display for VehicleStatus {
         let kind = if self.simulated { "simulated" } else { "real" };
         let link = if self.link { "answers" } else { "silent" };
         let motors = match (self.starting, self.armed) {
+            (true, Some(true)) => "motors being stopped",
             (true, _) => "motors starting",
             (false, Some(true)) => "motors running",
             (false, Some(false)) => "motors off",

@@ -4,7 +4,7 @@ use super::definition::{message, structure};
 use super::field::{Field, Value, total_size};
 use super::header::HEADER_SCHEMA;
 use super::schema::{Message, schema};
-use crate::code::{Answer, Cause, OperatorCommand, SafetyState};
+use crate::code::{Answer, Cause, OperatorCommand};
 use crate::obstacle::{ArmingObstacle, ArmingObstacles};
 use crate::origin::Origin;
 use crate::text::{LongText, ShortText};
@@ -99,13 +99,12 @@ message! {
 }
 
 impl ControlResponseV1 {
-    /// Whether only the end of the last flight prevents the requested one: the request is repeated until the vehicle is at rest.
+    /// Whether only a vehicle that is not at rest, as after a flight, prevents the requested one: the request is repeated until it is.
     pub fn comes_to_rest(&self) -> bool {
         use ArmingObstacle::{Moving, Stopped, Tilted};
         let obstacles = ArmingObstacles::from_bits(self.obstacles);
         self.answer == Answer::Refused.code()
             && !Cause::from_code(self.cause).is_some_and(Cause::prevents_execution)
-            && self.state == SafetyState::Stop.code()
             && !obstacles.is_empty()
             && obstacles.iter().all(|obstacle| matches!(obstacle, Moving | Stopped | Tilted))
     }

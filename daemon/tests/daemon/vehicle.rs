@@ -373,3 +373,18 @@ fn a_real_vehicle_flies_on_emulated_poses_only_where_that_is_allowed() {
         assert_eq!(response.answer, answer.code());
     }
 }
+
+/// A flight would be held until they stand, or flown on motors that are about to.
+#[test]
+fn no_flight_begins_while_the_motors_are_being_stopped() {
+    let mut bench = Bench::new(&[]);
+    for (armed, starting, is_stopping) in [(1, 1, true), (0, 1, false), (1, 0, false)] {
+        bench.vehicle = VehicleV1 { armed, starting, ..REAL };
+        for _ in 0..20 {
+            bench.show(still(bench.frame));
+        }
+        let response = bench.cycle.request(bench.now, OperatorCommand::Status);
+        let told: Vec<_> = ArmingObstacles::from_bits(response.obstacles).iter().collect();
+        assert_eq!(told == [ArmingObstacle::MotorsStopping], is_stopping, "{told:?}");
+    }
+}
