@@ -259,7 +259,7 @@ fn answers_to_an_operator_state_the_result_and_arming_is_allowed_while_the_vehic
     let (code, said) = ctl("arm");
     assert_eq!(code, Some(0), "{said}");
     assert!(said.contains("armed, the flight has begun; flying"), "{said}");
-    assert!(said.contains("waits until the stopped vehicle is at rest"), "{said}");
+    assert!(said.contains("waits until the vehicle is at rest"), "{said}");
     let (code, said) = ctl("land");
     assert_eq!(code, Some(0), "{said}");
     assert!(said.starts_with("landing where it is"), "{said}");

@@ -43,10 +43,14 @@ impl Bus {
     /// # Errors
     /// The instance belongs to another user, shared memory is full, or the operating system refuses.
     pub fn open(paths: &InstancePaths) -> Result<Self, BusError> {
+        Self::join(paths, false)
+    }
+
+    fn join(paths: &InstancePaths, is_visitor: bool) -> Result<Self, BusError> {
         check_descriptors()?;
         paths.prepare()?;
         check_free_memory()?;
-        let membership = Membership::join(paths)?;
+        let membership = Membership::join(paths, is_visitor)?;
         let node = Box::new(InstanceNode::join(paths, &membership)?);
         let events = EventPorts::new(Rc::clone(&membership));
         let signals = SignalFlags::default();
@@ -55,7 +59,7 @@ impl Bus {
     }
 
     /// Joins the instance at `paths` if it has members; `None` otherwise. Creates no directory, and removes nothing of an instance
-    /// without members.
+    /// without members; the configuration of a daemon that was killed remains if this process is the last to leave.
     ///
     /// # Errors
     /// As [`Bus::open`].
@@ -68,7 +72,7 @@ impl Bus {
             Err(error) => Err(system(format!("opening {}", paths.root.display()), &error)),
             Ok(_) => {
                 paths.prepare()?;
-                Membership::exists(paths).then(|| Self::open(paths)).transpose()
+                Membership::exists(paths).then(|| Self::join(paths, true)).transpose()
             }
         }
     }

@@ -43,6 +43,8 @@ pub(crate) struct Membership {
     lock: File,
     members: Members,
     run: InstanceRun,
+    /// Whether the process joined a running instance, whose processes may have been killed since.
+    is_visitor: bool,
     /// Number of [`InstanceLock`]s of this membership \[-\].
     depth: Cell<u32>,
     /// Whether the lock was not free when a port was last closed.
@@ -58,7 +60,7 @@ impl Membership {
     ///
     /// # Errors
     /// The instance belongs to another user, or a suspended process holds its lock.
-    pub(crate) fn join(paths: &InstancePaths) -> Result<Rc<Self>, BusError> {
+    pub(crate) fn join(paths: &InstancePaths, is_visitor: bool) -> Result<Rc<Self>, BusError> {
         let directory = paths.directory();
         let give_up = Time::now() + LOCK_TIMEOUT;
         loop {
@@ -77,9 +79,17 @@ impl Membership {
             let members = Members::default();
             members.join(&directory)?;
             let (depth, closes_unlocked) = (Cell::new(0), Cell::new(false));
-            let joined = Self { prefix, directory, lock, members, run, depth, closes_unlocked };
-            let _ = flock(&joined.lock, FlockOperation::Unlock);
-            return Ok(Rc::new(joined));
+            let _ = flock(&lock, FlockOperation::Unlock);
+            return Ok(Rc::new(Self {
+                prefix,
+                directory,
+                lock,
+                members,
+                run,
+                is_visitor,
+                depth,
+                closes_unlocked,
+            }));
         }
     }
 
@@ -145,6 +155,11 @@ impl Membership {
         Ok(config)
     }
 
+    /// Removes objects of dead processes that iceoryx2 would wait for; the caller holds the lock.
+    pub(crate) fn remove_empty(&self, _lock: &InstanceLock<'_>) {
+        remains::remove_empty(&self.run.prefix());
+    }
+
     /// Removes incomplete files of dead processes; the caller holds the lock.
     pub(crate) fn remove_half_made(&self, _lock: &InstanceLock<'_>) {
         remains::remove_half_made(&self.run.prefix(), &self.run.path);
@@ -195,7 +210,8 @@ impl Drop for Membership {
             remains::remove_dead(&self.prefix);
             // The open directory, even if another one has just taken its name.
             let open = PathBuf::from(format!("/proc/self/fd/{}", self.lock.as_raw_fd()));
-            remove(&open, &[&SESSION_FILES[..], &[private::LINK, MEMBERS]].concat());
+            remove(&open, &session_files(!self.is_visitor));
+            remove(&open, &[private::LINK, MEMBERS]);
             // Only an empty directory is removed; a process waiting for its lock checks this.
             let _ = std::fs::remove_dir(&self.directory);
         }
@@ -205,9 +221,14 @@ impl Drop for Membership {
 /// Starts a run of the instance; the caller holds its lock. Processes that still hold the file `members` lost their run: they end by
 /// themselves. The configuration of a daemon that was killed remains for the next one.
 fn start_run(prefix: &str, directory: &Path, lock: &File) -> Result<InstanceRun, BusError> {
-    let of_run = SESSION_FILES.iter().filter(|name| **name != CONFIG).chain([&MEMBERS]);
-    remove(directory, &of_run.copied().collect::<Vec<_>>());
+    remove(directory, &session_files(false));
+    remove(directory, &[MEMBERS]);
     InstanceRun::start(prefix, directory, lock)
+}
+
+/// Files that end with the last process, with or without the configuration of its daemon.
+fn session_files(with_config: bool) -> Vec<&'static str> {
+    SESSION_FILES.into_iter().filter(|name| with_config || *name != CONFIG).collect()
 }
 
 /// Removes files that exist.

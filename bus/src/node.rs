@@ -106,7 +106,7 @@ impl InstanceNode {
             }
             other => of_iceoryx(format!("joining {}", paths.directory().display()), &other),
         })?;
-        node.blocking_cleanup_dead_nodes(CLEANUP_TIMEOUT);
+        clean_up(&node, membership, &lock);
         membership.remove_half_made(&lock);
         membership.make_private(&lock);
         Ok(Self { node: Some(node), paths: paths.clone(), membership: Rc::clone(membership) })
@@ -126,7 +126,7 @@ impl InstanceNode {
     ) -> Result<S, BusError> {
         match open() {
             Err(error) if matches!(error.trouble(), Trouble::Corrupted | Trouble::System) => {
-                self.node().blocking_cleanup_dead_nodes(CLEANUP_TIMEOUT);
+                clean_up(self.node(), &self.membership, lock);
                 self.membership.remove_half_made(lock);
                 open().map_err(|error| error.explain(&self.paths, name))
             }
@@ -147,14 +147,14 @@ impl InstanceNode {
     }
 
     /// Process id of the writer of a topic; `None` without one. The end of a killed process is awaited for [`LONGEST_END`].
-    fn lasting_writer(&self, service: &TopicService) -> Option<u32> {
+    fn lasting_writer(&self, lock: &InstanceLock<'_>, service: &TopicService) -> Option<u32> {
         let began = Time::now();
         loop {
             let pid = writer(service)?;
             if !is_ending(pid) || Time::now().since(began) > LONGEST_END {
                 return Some(pid);
             }
-            self.node().blocking_cleanup_dead_nodes(CLEANUP_TIMEOUT);
+            clean_up(self.node(), &self.membership, lock);
             std::thread::sleep(END_POLL_PERIOD);
         }
     }
@@ -197,7 +197,7 @@ impl OpenPorts for InstanceNode {
         let create = || service.publisher_builder().initial_max_slice_len(topic.size).create();
         let created = match create() {
             Err(PublisherCreateError::ExceedsMaxSupportedPublishers)
-                if self.lasting_writer(&service).is_none() =>
+                if self.lasting_writer(&lock, &service).is_none() =>
             {
                 create()
             }
@@ -256,10 +256,17 @@ impl OpenPorts for InstanceNode {
 
 impl Drop for InstanceNode {
     fn drop(&mut self) {
-        let _lock = self.membership.lock_to_close();
-        let Some(node) = self.node.take() else { return };
-        node.blocking_cleanup_dead_nodes(CLEANUP_TIMEOUT);
+        let lock = self.membership.lock_to_close();
+        // Without the lock, the next process that joins cleans up.
+        let (Some(node), Some(lock)) = (self.node.take(), lock) else { return };
+        clean_up(&node, &self.membership, &lock);
     }
+}
+
+/// Removes what dead processes left.
+fn clean_up(node: &Node<ipc::Service>, membership: &Membership, lock: &InstanceLock<'_>) {
+    membership.remove_empty(lock);
+    node.blocking_cleanup_dead_nodes(CLEANUP_TIMEOUT);
 }
 
 /// Refuses another observer of a topic that has its maximum number of them. The caller holds the lock, under which readers are

@@ -5,6 +5,7 @@ use std::fs::{self, File, OpenOptions};
 use std::io::Read;
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use rustix::fs::{FallocateFlags, FlockOperation, Mode, OFlags, fallocate, flock};
 use rustix::io::Errno;
@@ -22,6 +23,9 @@ pub(crate) fn shared(name: &str) -> PathBuf {
 
 /// Maximum length read of a description \[bytes\]; the descriptions of iceoryx2 have some hundreds.
 const LONGEST_DESCRIPTION: u64 = 1 << 16;
+
+/// Time in which a living process gives an object its size.
+const EMPTY_TIMEOUT: Duration = Duration::from_millis(100);
 
 /// Objects of one run of an instance in shared memory.
 #[derive(Debug)]
@@ -142,6 +146,25 @@ pub(crate) fn remove_half_made(prefix: &str, run: &Path) {
         if !described.iter().any(|id| is_of(&administration, *id)) {
             let _ = fs::remove_file(administration);
         }
+    }
+}
+
+/// Removes objects that a process made and did not live to give a size: iceoryx2 0.10 waits without end for it. A living process does
+/// so within microseconds, but not under the lock; an object that stays empty for [`EMPTY_TIMEOUT`] is taken for a dead one's.
+pub(crate) fn remove_empty(prefix: &str) {
+    let empty = || -> Vec<(PathBuf, u64)> {
+        let objects = files(Path::new(SHARED_MEMORY), prefix).into_iter();
+        let looked = objects.filter_map(|path| Some((fs::symlink_metadata(&path).ok()?, path)));
+        let empty = looked.filter(|(metadata, _)| metadata.is_file() && metadata.len() == 0);
+        empty.map(|(metadata, path)| (path, metadata.ino())).collect()
+    };
+    let before = empty();
+    if before.is_empty() {
+        return;
+    }
+    std::thread::sleep(EMPTY_TIMEOUT);
+    for (path, _) in empty().iter().filter(|object| before.contains(object)) {
+        let _ = fs::remove_file(path);
     }
 }
 

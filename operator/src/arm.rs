@@ -1,4 +1,4 @@
-//! Arming: waits until a stopped simulated vehicle is at rest, and until the flight has begun.
+//! Arming: waits until a simulated vehicle is at rest, and until the flight has begun.
 
 use std::time::Duration;
 
@@ -63,7 +63,7 @@ pub fn ask(
             return Ok(Some(response));
         }
         if simulated == Some(true) && !is_reported {
-            tell("arm: waits until the stopped vehicle is at rest; Ctrl-C cancels");
+            tell("arm: waits until the vehicle is at rest; Ctrl-C cancels");
             is_reported = true;
         }
         refusal = Some(response);

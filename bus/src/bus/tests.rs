@@ -318,6 +318,38 @@ fn f29_objects_of_a_dead_run_are_removed_by_the_next_process_that_joins() {
     assert!(!dead.exists() && !object.exists() && !unnamed.exists());
 }
 
+/// The clean-up of iceoryx2 would wait without end for an object whose maker was killed before it gave it a size.
+#[test]
+fn f29_objects_without_a_size_are_removed() {
+    let root = tempfile::tempdir().unwrap();
+    let place = place(root.path());
+    let bus = Bus::open(&place).unwrap();
+    let object = format!("{}_1_2.connection", bus.membership.words_file("").display());
+    let object = std::path::PathBuf::from(object.replacen("/_1_2", "_1_2", 1));
+    std::fs::write(&object, "").unwrap();
+    let before = files(&place).len();
+    drop(Bus::open_running(&place).unwrap().unwrap());
+    assert!(!object.exists());
+    assert_eq!(files(&place).len(), before - 1);
+}
+
+#[test]
+fn the_configuration_of_a_killed_daemon_outlives_a_visitor() {
+    let root = tempfile::tempdir().unwrap();
+    let place = place(root.path());
+    for is_kept in [true, false] {
+        let bus = Bus::open(&place).unwrap();
+        std::fs::write(place.config(), "").unwrap();
+        let visitor = Bus::open_running(&place).unwrap().unwrap();
+        if is_kept {
+            drop((bus, visitor))
+        } else {
+            drop((visitor, bus))
+        }
+        assert_eq!(place.config().exists(), is_kept);
+    }
+}
+
 #[test]
 fn an_instance_without_members_is_not_made_by_asking_for_it() {
     let parent = tempfile::tempdir().unwrap();
