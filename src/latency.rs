@@ -47,6 +47,8 @@ use oqtal_operator::request::silent;
 use rig::Rig;
 use wire::ChainFigures;
 
+use crate::daemon_config::daemon_config;
+
 pub use part::PartArgs;
 
 /// Time-out for the start and take-off of the test chain.
@@ -170,7 +172,10 @@ impl LatencyArgs {
         let place = instance_paths(config)?;
         place.become_owner()?;
         let bus = Bus::open(&place)?.for_observer();
-        let figures = self.attach_to(&bus, config, stop);
+        // The bare mechanisms run on the processors and with the priority of the daemon, whatever the settings of this command.
+        let mut running = daemon_config(&place).unwrap_or_else(|| config.clone());
+        running.instance = config.instance.clone();
+        let figures = self.attach_to(&bus, &running, stop);
         drop(bus);
         figures
     }

@@ -14,8 +14,9 @@ use crate::page::{page, section};
 use crate::plot::axis::extent;
 use crate::plot::figure::{self, TimeSpan};
 use crate::plot::palette::Ink;
-use crate::plot::trace::{Trace, thin, thin_paths};
+use crate::plot::trace::{Point, Trace, is_drawable_point};
 use crate::plot::unit::{MISSING, significant, span, words};
+use crate::report::timeline::Timeline;
 use crate::summary::{ErrorFigures, Summary};
 use crate::table::{align, table};
 
@@ -205,41 +206,50 @@ impl Comparison {
     }
 
     fn plots(&self) -> Markup {
-        let path = |view: fn(&FlightSample) -> (f64, f64)| {
-            self.traces(|flight| {
-                thin_paths(flight.flights().map(|ticks| ticks.iter().map(view).collect()))
-            })
-        };
+        let path = |title, view| figure::in_plane(title, self.paths(view), Vec::new());
         section(
             "Flights, overlaid",
             html! {
-                (figure::in_plane("Top view: y over x [m]", path(|s| (s.position().x, s.position().y)), Vec::new()))
-                (figure::in_plane("Side view: z over x [m]", path(|s| (s.position().x, s.position().z)), Vec::new()))
-                (self.over_time("Position error, magnitude [m]", |s| s.position_error().norm()))
-                (self.over_time("Attitude error, angle [deg]", |s| s.attitude_error().norm().to_degrees()))
-                (self.over_time("Velocity error, magnitude [m/s]", |s| s.velocity_error().norm()))
-                (self.over_time("Collective thrust [0..1]", |s| s.telemetry.thrust))
+                (path("Top view: y over x [m]", |s| (s.position().x, s.position().y)))
+                (path("Side view: z over x [m]", |s| (s.position().x, s.position().z)))
+                (over_time("Position error, magnitude [m]", self.error_traces(|s| s.position_error().norm())))
+                (over_time("Attitude error, angle [deg]", self.error_traces(|s| s.attitude_error().norm().to_degrees())))
+                (over_time("Velocity error, magnitude [m/s]", self.error_traces(|s| s.velocity_error().norm())))
+                (over_time("Collective thrust [0..1]", self.traces(|s| s.telemetry.thrust)))
             },
         )
     }
 
-    /// Traces, one per flight.
-    fn traces(&self, points: impl Fn(&Flight) -> Vec<(f64, f64)>) -> Vec<Trace> {
+    /// Flown paths, one per flight, with a gap where the position is not known.
+    fn paths(&self, view: fn(&FlightSample) -> Point) -> Vec<Trace> {
+        let is_shown = |sample: &FlightSample| sample.is_armed() && sample.is_located();
+        let point = |sample: &FlightSample| {
+            if is_shown(sample) { view(sample) } else { (f64::NAN, f64::NAN) }
+        };
         let marked = self.flights.iter().zip(MARKS);
-        marked.map(|(flight, (name, ink))| Trace { name, ink, points: points(flight) }).collect()
+        marked.map(|(flight, (name, ink))| Timeline::new(flight).path(name, ink, point)).collect()
     }
 
-    /// Plot of a value over the time since arming, for the armed ticks.
-    fn over_time(&self, title: &str, value: impl Fn(&FlightSample) -> f64) -> Markup {
-        let traces = self.traces(|flight| {
-            let origin = flight.origin();
-            let at = |sample: &FlightSample| sample.telemetry.time.since(origin).seconds();
-            thin(flight.armed().map(|sample| (at(sample), value(sample))).collect())
-        });
-        let range: Range<f64> =
-            extent(traces.iter().flat_map(|trace| &trace.points).map(|point| point.0));
-        figure::over_time(title, traces, &TimeSpan { range, ..TimeSpan::default() })
+    /// Traces of an error over time, with a gap where the motion is not known.
+    fn error_traces(&self, error: fn(&FlightSample) -> f64) -> Vec<Trace> {
+        self.traces(|sample| if sample.is_located() { error(sample) } else { f64::NAN })
     }
+
+    /// Traces of a value over the time since arming, for the armed ticks, one per flight.
+    fn traces(&self, value: impl Fn(&FlightSample) -> f64) -> Vec<Trace> {
+        let armed =
+            |sample: &FlightSample| if sample.is_armed() { value(sample) } else { f64::NAN };
+        let marked = self.flights.iter().zip(MARKS);
+        marked.map(|(flight, (name, ink))| Timeline::new(flight).trace(name, ink, armed)).collect()
+    }
+}
+
+/// Plot of traces over time, as far as they are drawn.
+fn over_time(title: &str, traces: Vec<Trace>) -> Markup {
+    let points = traces.iter().flat_map(|trace| &trace.points);
+    let drawn = points.filter(|point| is_drawable_point(point));
+    let range: Range<f64> = extent(drawn.map(|point| point.0));
+    figure::over_time(title, traces, &TimeSpan { range, ..TimeSpan::default() })
 }
 
 /// `text`, cut to [`LONGEST_CELL`]; the page has it in full.
@@ -300,6 +310,21 @@ mod tests {
         assert!(text.lines().all(|line| line.chars().count() <= WIDTH.into()), "{text}");
         let html = comparison.to_html();
         assert!(html.contains("Settings that differ") && html.contains("Position error"));
+    }
+
+    #[test]
+    fn a_time_without_poses_is_a_gap_and_has_no_error() {
+        let mut flight = fixture::square();
+        flight.samples.iter_mut().for_each(|sample| sample.truth = None);
+        let lost = &mut flight.samples[1000..1100];
+        lost.iter_mut().for_each(|sample| sample.telemetry.pose_age_s = 0.8);
+        let comparison = Comparison::new(vec![("a".to_owned(), flight)]);
+        let gaps = |traces: Vec<Trace>| {
+            traces[0].points.iter().filter(|point| !is_drawable_point(point)).count()
+        };
+        assert_eq!(gaps(comparison.paths(|s| (s.position().x, s.position().y))), 1);
+        assert!(gaps(comparison.error_traces(|s| s.position_error().norm())) > 0);
+        assert_eq!(gaps(comparison.traces(|s| s.telemetry.thrust)), 0);
     }
 
     #[test]

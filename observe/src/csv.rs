@@ -9,6 +9,8 @@ mod row;
 use std::collections::HashMap;
 use std::io::Write;
 
+use oqtal_bus::time::Time;
+
 use crate::flight::{AppliedCommand, Flight};
 
 use column::ColumnSink;
@@ -47,11 +49,14 @@ pub fn columns(flight: &Flight) -> Vec<TelemetryColumn> {
 
 /// The rows of the file, one for each tick.
 fn rows(flight: &Flight) -> impl Iterator<Item = Row<'_>> {
-    let applied: HashMap<u64, &AppliedCommand> =
-        flight.applied.iter().map(|command| (command.sequence, command)).collect();
+    // Each daemon of a recording counts its commands from 1, and `woken_at` is the instant of the tick.
+    let by_tick = |command: &AppliedCommand| (command.sequence, command.stamps.woken_at);
+    let applied: HashMap<(u64, Time), &AppliedCommand> =
+        flight.applied.iter().map(|command| (by_tick(command), command)).collect();
     let origin = flight.origin();
     flight.samples.iter().map(move |sample| {
-        let applied = applied.get(&sample.telemetry.command_sequence).copied();
+        let tick = (sample.telemetry.command_sequence, sample.telemetry.time);
+        let applied = applied.get(&tick).copied();
         Row { sample, applied, origin }
     })
 }
@@ -89,6 +94,7 @@ fn names() -> impl Iterator<Item = &'static str> {
 mod tests {
     use super::*;
     use crate::report::tests::fixture;
+    use oqtal_bus::time::Span;
 
     fn read(flight: &Flight) -> (Vec<String>, Vec<Vec<String>>) {
         let mut bytes = Vec::new();
@@ -153,6 +159,18 @@ mod tests {
         let number = |name: &str| rows[8][column(name)].parse::<f64>().unwrap();
         let sum: f64 = hops.into_iter().chain(rest).map(number).sum();
         assert!((sum - number("sensor_to_actuator_us")).abs() < 1e-6, "{sum}");
+    }
+
+    #[test]
+    fn a_command_of_a_later_daemon_with_the_same_number_is_another_one() {
+        let mut flight = fixture::square();
+        let (_, alone) = read(&flight);
+        for mut command in flight.applied.clone() {
+            let stamps = &mut command.stamps;
+            stamps.woken_at = stamps.woken_at + Span::from_millis(60_000);
+            flight.applied.push(command);
+        }
+        assert_eq!(read(&flight).1, alone);
     }
 
     #[test]

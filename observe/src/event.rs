@@ -146,6 +146,12 @@ pub(crate) fn changes_course(event: &EventV1) -> bool {
     matches!(OperatorCommand::from_code(event.command), Some(Goto | Hover | Trajectory))
 }
 
+/// Whether the request changes settings, or reports that such a request was refused.
+pub(crate) fn changes_settings(event: &EventV1) -> bool {
+    use OperatorCommand::{Reload, Set, Undo};
+    matches!(OperatorCommand::from_code(event.command), Some(Set | Undo | Reload))
+}
+
 /// Instant at which a request was made, which is received at `received_at`; `None` in virtual time, whose instants are not those of the
 /// clock of the machine.
 pub fn made_at(received_at: Time, event: &EventV1) -> Option<Time> {

@@ -65,18 +65,48 @@ impl FlightSample {
         Attitude::from_xyzw(self.telemetry.attitude_command).unwrap_or_default()
     }
 
-    /// True position minus reference \[m, world\].
+    /// Position minus reference \[m, world\]: at the tick by the truth; without a truth at the capture of the newest pose, to which the
+    /// estimate belongs.
     pub fn position_error(&self) -> Vector3<f64> {
-        self.position() - Vector3::from(self.telemetry.reference_position)
+        let reference = Vector3::from(self.telemetry.reference_position);
+        let age_s = if self.truth.is_some() { 0.0 } else { self.telemetry.pose_age_s };
+        let moved = Vector3::from(self.telemetry.reference_velocity) * age_s;
+        // The velocity of the reference is unknown when not flying, the age before the first pose.
+        let moved = if moved.iter().all(|m| m.is_finite()) { moved } else { Vector3::zeros() };
+        self.position() - (reference - moved)
     }
 
-    /// True velocity minus the position loops' commanded velocity \[m/s, world\].
+    /// Velocity minus the velocity commanded by the position loops in the tick \[m/s, world\]. Without a truth the velocity is that at the
+    /// capture of the newest pose, some 15 ms earlier; the same holds for the attitude in [`FlightSample::attitude_error`].
     pub fn velocity_error(&self) -> Vector3<f64> {
         self.velocity() - Vector3::from(self.telemetry.velocity_command)
     }
 
-    /// Rotation from the commanded to the true attitude \[rad, commanded body axes\].
+    /// Rotation from the attitude commanded in the tick to the attitude \[rad, commanded body axes\].
     pub fn attitude_error(&self) -> Vector3<f64> {
         self.attitude_command().rotation_to(&self.attitude())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_estimate_is_compared_with_the_reference_at_its_capture() {
+        let telemetry = TelemetryV1 {
+            position: [0.97, 0.0, 1.0],
+            reference_position: [1.0, 0.0, 1.0],
+            reference_velocity: [2.0, 0.0, 0.0],
+            pose_age_s: 0.015,
+            ..TelemetryV1::default()
+        };
+        let mut sample = FlightSample { telemetry, truth: None };
+        assert!(sample.position_error().norm() < 1e-9, "it followed exactly");
+        sample.telemetry.reference_velocity = [f64::NAN; 3];
+        assert!((sample.position_error().x + 0.03).abs() < 1e-9);
+        let position = telemetry.reference_position;
+        sample.truth = Some(TruthV1 { position, ..TruthV1::default() });
+        assert_eq!(sample.position_error().norm(), 0.0);
     }
 }

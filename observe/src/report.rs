@@ -6,7 +6,7 @@ mod motion;
 mod path;
 mod replay;
 mod settings;
-mod timeline;
+pub(crate) mod timeline;
 
 use crate::latency::WHOLE;
 use maud::{Markup, html};

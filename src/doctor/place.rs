@@ -12,6 +12,9 @@ use super::system::System;
 /// Free space in the root below which no flight is possible \[bytes\]: an instance of three processes has 81 files of together 132 KiB.
 const LEAST_FREE: u64 = 1 << 20;
 
+/// Bit of the mode of a directory in which only its owner and that of a file may remove the file.
+const STICKY: u32 = 0o1000;
+
 /// Checks whether instances can be created.
 pub fn root(system: &System) -> Option<Finding> {
     let directory = system.instances.display();
@@ -52,8 +55,13 @@ pub fn sharing(system: &System) -> Option<Finding> {
     let mode = std::fs::metadata(path).map_or(0, |metadata| metadata.permissions().mode());
     let why = "who may write there can remove the files of a flight, which is then landed";
     let finding = |found: String| Finding::ok("sharing", why, found);
+    let is_sticky = mode & STICKY != 0;
     Some(match mode & 0o022 {
         0 => finding(format!("nobody else may write in {directory}")),
+        // As `/tmp`, which must stay so.
+        _ if is_sticky => finding(format!(
+            "others may write in {directory}, but only remove what is theirs (sticky)"
+        )),
         _ => finding(format!("others may write in {directory}"))
             .advise(format!("chmod go-w {directory}")),
     })

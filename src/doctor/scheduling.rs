@@ -68,11 +68,24 @@ pub fn preemption(system: &System) -> Option<Finding> {
             )
         });
     }
-    Some(if version.contains("PREEMPT") {
-        finding("full")
-    } else {
-        finding("none, or at chosen points only").advise(
-            "sudo apt install linux-image-rt-amd64 # a kernel with PREEMPT_RT; then boot it",
-        )
+    if version.contains("PREEMPT") {
+        return Some(finding("full"));
+    }
+    let found = "none, or at chosen points only; a kernel with PREEMPT_RT has it everywhere";
+    Some(match realtime_package(system) {
+        Some(package) => {
+            finding(found).advise(format!("sudo apt install {package} # then boot this kernel"))
+        }
+        None => finding(found).note(),
     })
+}
+
+/// Debian's package of a kernel with PREEMPT_RT for this processor; `None` on another distribution.
+fn realtime_package(system: &System) -> Option<&'static str> {
+    let is_debian = system.read("etc/os-release")?.lines().any(|line| line == "ID=debian");
+    match std::env::consts::ARCH {
+        "x86_64" if is_debian => Some("linux-image-rt-amd64"),
+        "aarch64" if is_debian => Some("linux-image-rt-arm64"),
+        _ => None,
+    }
 }

@@ -141,6 +141,35 @@ fn preemption_is_found_in_every_form_of_the_kernel() {
 }
 
 #[test]
+fn a_package_of_debian_is_advised_on_debian_only() {
+    let remedy = |release: &str| {
+        let machine = Machine::fit();
+        machine.write("sys/kernel/realtime", "0");
+        machine.write("proc/version", "SMP");
+        machine.write("etc/os-release", release);
+        machine.finding("preemption").remedy
+    };
+    assert_eq!(remedy("NAME=\"Fedora Linux\"\nID=fedora\n"), None);
+    assert!(remedy("ID=debian\n").is_none_or(|command| command.contains("linux-image-rt-")));
+}
+
+#[test]
+fn a_sticky_directory_stays_as_it_is() {
+    use std::fs::{Permissions, set_permissions};
+    use std::os::unix::fs::PermissionsExt;
+    let with_mode = |mode: u32| {
+        let machine = Machine::fit();
+        let directory = machine.root.path().join("run/oqtal");
+        std::fs::create_dir_all(&directory).unwrap();
+        set_permissions(&directory, Permissions::from_mode(mode)).unwrap();
+        machine.finding("sharing")
+    };
+    assert_eq!(with_mode(0o755).level, Level::Ok);
+    assert_eq!(with_mode(0o1777).level, Level::Ok);
+    assert_eq!(with_mode(0o777).remedy.unwrap(), "chmod go-w /run/oqtal");
+}
+
+#[test]
 fn swap_matters_only_to_memory_that_cannot_be_locked() {
     let machine = Machine::fit();
     machine.write("proc/swaps", "Filename\tType\n/dev/sda2 partition\n");

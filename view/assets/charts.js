@@ -208,14 +208,15 @@ function stroke(pen, from, to) {
   pen.stroke();
 }
 
-// At most two points for each pixel: minimum and maximum.
+// At most three points for each pixel: minimum, maximum and the first gap.
 function thin(points, x, width) {
   if (points.length < 3 * width) return points;
   const kept = [];
   const flush = (group) => {
     const known = group.filter(([, value]) => value !== null).sort((a, b) => a[1] - b[1]);
-    const ends = known.length ? [known[0], known[known.length - 1]] : [group[0]];
-    kept.push(...ends.sort((a, b) => a[0] - b[0]));
+    const ends = known.length ? [known[0], known[known.length - 1]] : [];
+    const gap = group.find(([, value]) => value === null);
+    kept.push(...(gap ? [...ends, gap] : ends).sort((a, b) => a[0] - b[0]));
   };
   let group = [];
   for (const point of points) {

@@ -122,7 +122,7 @@ async function recorded(store, player) {
   store.add(recording);
   const { ticks } = store;
   tell(`recording · ${ticks.length ? (store.last(ticks)[0] - ticks[0][0]).toFixed(1) : 0} s`, "good");
-  const thinned = recording.thinning > 1 ? `One tick in ${recording.thinning} is shown. ` : "";
+  const thinned = recording.thinning > 1 ? `About one tick in ${recording.thinning} is shown, with the extremes of the curves. ` : "";
   const cut = recording.cut_off ? `The file is cut off (${recording.cut_off}) and shown up to there.` : "";
   notice(thinned + cut);
   // The vehicle is armed at 0; before, there may be no pose.

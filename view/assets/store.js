@@ -28,7 +28,8 @@ export class Store {
     this.isTrue = false;
   }
 
-  // Adds an update, of which one row in `thinning` is there. Time that begins again is another flight in virtual time.
+  // Adds an update, of which one row in `thinning` is there; a gap of thinned rows is also a row without values.
+  // Time that begins again is another flight in virtual time.
   add({ ticks, vehicles, events, thinning = 1 }) {
     this.gap = GAP_S * thinning;
     if (ticks.length && this.ticks.length && ticks[0][0] < this.last(this.ticks)[0]) this.clear();

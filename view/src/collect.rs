@@ -22,7 +22,7 @@ const TRUTHS_KEPT: usize = 2048;
 const TRUTH_DISTANCE: Span = Span::from_millis(3);
 /// Time for which ticks wait for a truth sample that is not older.
 const TRUTH_TIMEOUT: Span = Span::from_millis(100);
-/// Maximum number of events between two calls of [`Collector::take`]; further events are only counted.
+/// Maximum number of events between two calls of [`Collector::take`]; further events are counted.
 const MOST_EVENTS: usize = 4096;
 
 /// Severity of an event.
@@ -79,6 +79,12 @@ pub struct Collector {
     origin: Option<Time>,
     /// First tick that armed, from which the times of faults count; `None` also if arming was before the first tick.
     armed_at: Option<Time>,
+    /// Whether the first tick is in flight.
+    begins_in_flight: bool,
+    /// Maximum number of events between two calls of [`Collector::take`].
+    most_events: usize,
+    /// Number of further events \[-\].
+    untold: usize,
     truths: VecDeque<TruthV1>,
     waiting: Vec<TelemetryV1>,
     last: Option<TelemetryV1>,
@@ -100,6 +106,9 @@ impl Collector {
             faults: faults.chain(loads).collect(),
             origin: None,
             armed_at: None,
+            begins_in_flight: false,
+            most_events: MOST_EVENTS,
+            untold: 0,
             truths: VecDeque::new(),
             waiting: Vec::new(),
             last: None,
@@ -107,9 +116,19 @@ impl Collector {
         }
     }
 
+    /// Collector for a recording made with `config`, without a limit of the number of events.
+    pub fn of_recording(config: &Config) -> Self {
+        Self { most_events: usize::MAX, ..Self::new(config) }
+    }
+
     /// Rows and events since the last call; the newest ticks may wait for their truth.
     pub fn take(&mut self) -> Collected {
         self.join();
+        if let Some(last) = self.collected.events.last().filter(|_| self.untold > 0) {
+            let text = untold(std::mem::take(&mut self.untold));
+            let further = ViewedEvent { t_s: last.t_s, mood: EventMood::Warning, text };
+            self.collected.events.push(further);
+        }
         std::mem::take(&mut self.collected)
     }
 
@@ -172,8 +191,13 @@ impl Collector {
 
     fn note_changes(&mut self, sample: &FlightSample) {
         let now = sample.telemetry;
-        if now.is_armed() && self.last.is_some_and(|last| !last.is_armed()) {
-            self.armed_at.get_or_insert(now.time);
+        match self.last {
+            None => self.begins_in_flight = now.is_armed(),
+            // The first arming is zero, not that of a flight after the one in which a file begins.
+            Some(last) if now.is_armed() && !last.is_armed() && !self.begins_in_flight => {
+                self.armed_at.get_or_insert(now.time);
+            }
+            Some(_) => {}
         }
         self.note_faults(now.time);
         let Some(last) = self.last else {
@@ -197,11 +221,18 @@ impl Collector {
     }
 
     fn note(&mut self, at: Time, (mood, text): (EventMood, String)) {
-        if self.collected.events.len() < MOST_EVENTS {
+        if self.collected.events.len() == self.most_events {
+            self.untold += 1;
+        } else {
             let t_s = (self.seconds(at) * 1e3).round() * 1e-3;
             self.collected.events.push(ViewedEvent { t_s, mood, text });
         }
     }
+}
+
+/// Text in place of this many events that are not shown.
+pub(crate) fn untold(events: usize) -> String {
+    format!("… and {events} more events, which are not shown")
 }
 
 /// Severity of a safety state.
@@ -275,126 +306,4 @@ impl Sink for Collector {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use oqtal_bus::code::{Cause, Mode};
-
-    fn tick(millis: i64, state: SafetyState, mode: Mode) -> TelemetryV1 {
-        TelemetryV1 {
-            time: Time::VIRTUAL_START + Span::from_millis(millis),
-            position: [1.0, 2.0, 3.0],
-            reference_position: [1.0, 2.0, 2.0],
-            state: state.code(),
-            mode: mode.code(),
-            cause: if state == SafetyState::Nominal { Cause::None } else { Cause::NoPose }.code(),
-            ..TelemetryV1::default()
-        }
-    }
-
-    fn column(name: &str) -> usize {
-        row::TICK_COLUMNS.iter().position(|column| *column == name).unwrap()
-    }
-
-    #[test]
-    fn a_tick_is_compared_with_the_truth_nearest_to_it() {
-        let mut collector = Collector::new(&Config::default());
-        let reception = Reception::default();
-        collector
-            .sample(&reception, Sample::Telemetry(&tick(20, SafetyState::Nominal, Mode::Flying)));
-        for millis in [0, 18, 21, 40] {
-            let time = Time::VIRTUAL_START + Span::from_millis(millis);
-            let position = [millis as f64, 2.0, 2.0];
-            let truth = TruthV1 { time, position, ..TruthV1::default() };
-            collector.sample(&reception, Sample::Truth(&truth));
-        }
-        let Collected { ticks, .. } = collector.take();
-        assert_eq!((ticks[0][column("x")], ticks[0][column("position")]), (21.0, 20.0));
-        assert_eq!(ticks[0][column("truth")], 1.0);
-    }
-
-    #[test]
-    fn virtual_time_that_begins_again_is_another_flight() {
-        let mut collector = Collector::new(&Config::default());
-        for millis in [0, 500, 1000, 0, 20] {
-            let tick = tick(millis, SafetyState::Nominal, Mode::Flying);
-            collector.sample(&Reception::default(), Sample::Telemetry(&tick));
-        }
-        let times: Vec<f64> = collector.take().ticks.iter().map(|row| row[0]).collect();
-        assert_eq!(times, [0.0, 0.02]);
-    }
-
-    #[test]
-    fn every_tick_of_a_long_recording_is_compared_with_its_truth() {
-        let mut collector = Collector::new(&Config::default());
-        let reception = Reception::default();
-        for millis in 0..10_000 {
-            let time = Time::VIRTUAL_START + Span::from_millis(millis);
-            let truth = TruthV1 { time, position: [5.0; 3], ..TruthV1::default() };
-            collector.sample(&reception, Sample::Truth(&truth));
-            if millis % 20 == 0 {
-                let tick = tick(millis, SafetyState::Nominal, Mode::Flying);
-                collector.sample(&reception, Sample::Telemetry(&tick));
-            }
-        }
-        let Collected { ticks, .. } = collector.take();
-        assert!(ticks.len() == 500 && ticks.iter().all(|tick| tick[column("x")] == 5.0));
-    }
-
-    #[test]
-    fn a_tick_waits_for_its_truth_and_has_no_errors_without_one() {
-        let mut collector = Collector::new(&Config::default());
-        let truth = |collector: &mut Collector, millis| {
-            let time = Time::VIRTUAL_START + Span::from_millis(millis);
-            let truth = TruthV1 { time, position: [5.0; 3], ..TruthV1::default() };
-            collector.sample(&Reception::default(), Sample::Truth(&truth));
-        };
-        truth(&mut collector, 0);
-        for millis in [1, 8, 30] {
-            let tick = tick(millis, SafetyState::Nominal, Mode::Flying);
-            collector.sample(&Reception::default(), Sample::Telemetry(&tick));
-        }
-        assert!(collector.take().ticks.is_empty());
-        // A sample out of order, as in old recordings, does not take the truth from ticks before it.
-        [20, 10].into_iter().for_each(|millis| truth(&mut collector, millis));
-        let ticks = collector.take().ticks;
-        let errors = [0, 1].map(|tick: usize| ticks[tick][column("position")]);
-        assert!(ticks.len() == 2 && errors[0] > 4.0 && errors[1].is_nan(), "{ticks:?}");
-        assert_eq!(collector.finish().ticks.len(), 1);
-    }
-
-    #[test]
-    fn without_a_truth_the_estimate_is_shown() {
-        let mut collector = Collector::new(&Config::default());
-        collector.sample(
-            &Reception::default(),
-            Sample::Telemetry(&tick(0, SafetyState::Nominal, Mode::Flying)),
-        );
-        let ticks = collector.take().ticks;
-        assert_eq!((ticks[0][column("x")], ticks[0][column("position")]), (1.0, 1.0));
-        assert_eq!(ticks[0][column("truth")], 0.0);
-    }
-
-    #[test]
-    fn changes_faults_and_requests_are_events() {
-        let mut config = Config::default();
-        config.fault.inject = vec!["pose:off@1+1".parse().unwrap()];
-        let mut collector = Collector::new(&config);
-        let reception = Reception::default();
-        collector
-            .sample(&reception, Sample::Telemetry(&tick(0, SafetyState::Nominal, Mode::Disarmed)));
-        collector
-            .sample(&reception, Sample::Telemetry(&tick(100, SafetyState::Nominal, Mode::Flying)));
-        collector
-            .sample(&reception, Sample::Telemetry(&tick(1110, SafetyState::Coast, Mode::Flying)));
-        collector.lost(ObservedTopic::Pose, 3);
-        let events = collector.take().events;
-        let texts: Vec<&str> = events.iter().map(|event| event.text.as_str()).collect();
-        assert!(texts[0].starts_with("3 samples of `pose`"), "{texts:?}");
-        assert_eq!(texts[1], "Nominal");
-        assert!(
-            texts[2].starts_with("fault pose:off") && texts[2].ends_with("begins"),
-            "{texts:?}"
-        );
-        assert_eq!((texts[3], events[3].mood), ("Coast: no pose", EventMood::Warning));
-    }
-}
+mod tests;

@@ -1,17 +1,23 @@
 //! A recording as one document: rows and events of the whole flight, thinned to the resolution of a page.
 
+use std::collections::BTreeSet;
+use std::ops::Range;
+
 use oqtal_config::Config;
 use oqtal_observe::flight::Flight;
 use oqtal_observe::recording::{RecordingFile, RecordingFileError, config, flight, play};
 use serde::Serialize;
 
-use crate::collect::{Collected, Collector};
+use crate::collect::{Collected, Collector, EventMood, ViewedEvent, untold};
+use crate::row;
 use crate::scene::SceneDescription;
 
 /// Maximum number of rows of a kind in a document: ten minutes at 60 Hz.
 const MOST_ROWS: usize = 36_000;
-/// Maximum number of events in a document; the first ones are kept.
-const MOST_EVENTS: usize = 2000;
+/// Maximum number of events in a document; the first ones are kept, the others counted.
+const MOST_EVENTS: usize = 10_000;
+/// Time between two rows above which they are not joined by a line, as in `store.js` \[s\].
+const GAP_S: f64 = 0.25;
 
 /// Recording for display.
 #[derive(Clone, Debug)]
@@ -26,7 +32,7 @@ pub struct RecordedView {
 struct Document<'a> {
     #[serde(flatten)]
     collected: &'a Collected,
-    /// Thinning: one row in this many is shown.
+    /// Thinning: about one row in this many is shown, among them the extremes of every curve.
     thinning: usize,
     /// Reason why the file ends before its index.
     cut_off: Option<&'a str>,
@@ -39,15 +45,14 @@ impl RecordedView {
     /// The recording has other message definitions or no valid configuration.
     pub fn of(file: &RecordingFile) -> Result<Self, RecordingFileError> {
         let config: Config = config(file)?;
-        let mut collector = Collector::new(&config);
+        let mut collector = Collector::of_recording(&config);
         play(file, &mut collector)?;
         let mut collected = collector.finish();
         shift(&mut collected, collector.armed_at_s().unwrap_or(0.0));
         let thinning = collected.ticks.len().div_ceil(MOST_ROWS).max(1);
-        keep_one_in(&mut collected.ticks, thinning);
-        keep_one_in(&mut collected.vehicles, thinning);
-        collected.events.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
-        collected.events.truncate(MOST_EVENTS);
+        collected.ticks = thinned(&collected.ticks, thinning, row::TICK_CURVES);
+        collected.vehicles = thinned(&collected.vehicles, thinning, row::VEHICLE_CURVES);
+        limit(&mut collected.events);
         let cut_off = file.cut_off.as_deref();
         let document = Document { collected: &collected, thinning, cut_off };
         let name = file.path.file_name().unwrap_or_default().to_string_lossy();
@@ -71,6 +76,85 @@ fn shift(collected: &mut Collected, origin_s: f64) {
     collected.events.iter_mut().for_each(|event| event.t_s = shifted(event.t_s));
 }
 
-fn keep_one_in<T: Copy>(rows: &mut Vec<T>, thinning: usize) {
-    *rows = rows.iter().step_by(thinning).copied().collect();
+/// Puts the events in order; a line takes the place of those beyond `MOST_EVENTS`.
+fn limit(events: &mut Vec<ViewedEvent>) {
+    events.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+    let count = events.len().saturating_sub(MOST_EVENTS);
+    events.truncate(MOST_EVENTS);
+    if let Some(t_s) = events.last().filter(|_| count > 0).map(|last| last.t_s) {
+        events.push(ViewedEvent { t_s, mood: EventMood::Warning, text: untold(count) });
+    }
+}
+
+/// One in `thinning` of `rows`: half of them at a regular distance, half with the extremes and the first gap of each of the columns
+/// `curves` in a longer segment. A time without rows is a row without values.
+fn thinned<const N: usize>(
+    rows: &[[f64; N]],
+    thinning: usize,
+    curves: Range<usize>,
+) -> Vec<[f64; N]> {
+    if thinning == 1 {
+        return rows.to_vec();
+    }
+    let segment = 2 * thinning * 3 * curves.len();
+    let mut kept: BTreeSet<usize> = (0..rows.len()).step_by(2 * thinning).collect();
+    for (number, part) in rows.chunks(segment).enumerate() {
+        let of_part = curves.clone().flat_map(|column| extremes(part, column));
+        kept.extend(of_part.map(|row| number * segment + row));
+    }
+    let is_before_gap = |row: usize| rows[row + 1][0] - rows[row][0] > GAP_S;
+    let before_gaps: Vec<usize> =
+        (0..rows.len().saturating_sub(1)).filter(|row| is_before_gap(*row)).collect();
+    kept.extend(before_gaps.iter().flat_map(|row| [*row, row + 1]));
+    let mut shown: Vec<[f64; N]> = kept.into_iter().map(|row| rows[row]).collect();
+    for row in before_gaps {
+        let mut gap = rows[row];
+        gap[0] += 1e-4;
+        gap[curves.clone()].fill(f64::NAN);
+        shown.push(gap);
+    }
+    shown.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    shown
+}
+
+/// Rows of the minimum, the maximum and the first missing value of a column.
+fn extremes<const N: usize>(rows: &[[f64; N]], column: usize) -> impl Iterator<Item = usize> {
+    let known = || (0..rows.len()).filter(|row| !rows[*row][column].is_nan());
+    let by_value = |a: &usize, b: &usize| rows[*a][column].total_cmp(&rows[*b][column]);
+    let gap = (0..rows.len()).find(|row| rows[*row][column].is_nan());
+    [known().min_by(by_value), known().max_by(by_value), gap].into_iter().flatten()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::row::TickRow;
+
+    #[test]
+    fn thinned_rows_keep_peaks_and_gaps() {
+        let mut rows: Vec<TickRow> = (0..MOST_ROWS * 4).map(|i| [i as f64 / 60.0; _]).collect();
+        rows.iter_mut().for_each(|row| row[1..].fill(1.0));
+        let curve = row::TICK_CURVES.start;
+        (rows[1001][curve], rows[2003][curve], rows[3005][curve]) = (9.0, -9.0, f64::NAN);
+        // Half a second without ticks.
+        rows.drain(4001..4030);
+        let at = (rows[4000][0], rows[4001][0]);
+        let shown = thinned(&rows, 4, row::TICK_CURVES);
+        assert!(shown.len() < MOST_ROWS + 4, "{}", shown.len());
+        assert!(shown.is_sorted_by(|a, b| a[0] < b[0]));
+        let has = |wanted: fn(f64) -> bool| shown.iter().any(|row| wanted(row[curve]));
+        assert!(has(|value| value == 9.0) && has(|value| value == -9.0));
+        let gap = shown.iter().position(|row| row[0] == at.0).unwrap() + 1;
+        assert!(shown[gap][curve].is_nan() && shown[gap][1] == 1.0 && shown[gap + 1][0] == at.1);
+        assert!(shown.iter().any(|row| row[0] == rows[3005][0] && row[curve].is_nan()));
+    }
+
+    #[test]
+    fn events_that_are_not_shown_are_counted() {
+        let event = |t_s| ViewedEvent { t_s, mood: EventMood::Neutral, text: String::new() };
+        let mut events: Vec<_> = (0..MOST_EVENTS + 7).map(|i| event(i as f64)).collect();
+        limit(&mut events);
+        assert_eq!(events.len(), MOST_EVENTS + 1);
+        assert!(events[MOST_EVENTS].text.contains("7 more"), "{:?}", events[MOST_EVENTS]);
+    }
 }

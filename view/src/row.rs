@@ -19,12 +19,18 @@ pub const TICK_COLUMNS: [&str; 27] = [
 /// Indices of the errors in a [`TickRow`].
 pub const ERRORS: std::ops::Range<usize> = 11..14;
 
+/// Indices of the values in a [`TickRow`] that are drawn over time.
+pub const TICK_CURVES: std::ops::Range<usize> = 11..18;
+
 /// Names of the columns of a [`VehicleRow`]: time since the origin \[s\]; the hops, with wire and air, and their sum \[ms\]; battery \[V\]; link
 /// quality \[0..1\]; flags; commands lost.
 pub const VEHICLE_COLUMNS: [&str; HOPS.len() + 10] = [
     "t", HOPS[0], HOPS[1], HOPS[2], HOPS[3], HOPS[4], WIRE, AIR, "whole", "battery", "quality",
     "armed", "link", "stopped", "lost",
 ];
+
+/// Indices of the values in a [`VehicleRow`] that are drawn over time.
+pub const VEHICLE_CURVES: std::ops::Range<usize> = 1..HOPS.len() + 5;
 
 /// A tick.
 pub type TickRow = [f64; TICK_COLUMNS.len()];
@@ -38,7 +44,8 @@ pub fn tick(t_s: f64, sample: &FlightSample, interface: Interface) -> TickRow {
     let [qx, qy, qz, qw] = sample.attitude().xyzw().map(|value| rounded(value, 4));
     let [rx, ry, rz] = telemetry.reference_position.map(|value| rounded(value, 4));
     let [roll, pitch, yaw] = command(sample, interface).map(|value| rounded(value, 4));
-    let is_scored = sample.is_armed() && telemetry.pose_age_s.is_finite();
+    // Without poses the estimate stays where it was.
+    let is_scored = sample.is_armed() && sample.is_located() && telemetry.pose_age_s.is_finite();
     let scored = |value: f64, digits| if is_scored { rounded(value, digits) } else { f64::NAN };
     [
         rounded(t_s, 4),

@@ -46,12 +46,13 @@ fn extremes(segment: &[Point]) -> impl Iterator<Item = Point> {
     kept.into_iter().map(|(_, point)| point)
 }
 
-/// Thins the points of a path to at most `MOST_POINTS`: keeps points at a distance from the last one kept. Outliers are kept.
+/// Thins the points of a path to at most `MOST_POINTS`: keeps points at a distance from the last one kept. Outliers are kept, and of
+/// points that cannot be drawn one, as a gap, if the path goes on at a distance.
 pub fn thin_path(points: Vec<Point>) -> Vec<Point> {
-    let mut kept: Vec<Point> = points.into_iter().filter(is_drawable_point).collect();
-    let (x, y) = (extent(kept.iter().map(|p| p.0)), extent(kept.iter().map(|p| p.1)));
+    let drawable = || points.iter().filter(|point| is_drawable_point(point));
+    let (x, y) = (extent(drawable().map(|p| p.0)), extent(drawable().map(|p| p.1)));
     let mut spacing = 1e-3 * (x.end - x.start).max(y.end - y.start);
-    kept = spaced(&kept, spacing);
+    let mut kept = spaced(&points, spacing);
     while kept.len() > MOST_POINTS {
         spacing *= 1.5;
         kept = spaced(&kept, spacing);
@@ -67,9 +68,14 @@ pub fn thin_paths(paths: impl Iterator<Item = Vec<Point>>) -> Vec<Point> {
 
 fn spaced(points: &[Point], spacing: f64) -> Vec<Point> {
     let mut kept: Vec<Point> = Vec::new();
+    let (mut last, mut is_gap): (Option<Point>, bool) = (None, false);
     for &(x, y) in points {
-        if kept.last().is_none_or(|last| (x - last.0).hypot(y - last.1) > spacing) {
+        if !is_drawable_point(&(x, y)) {
+            is_gap = last.is_some();
+        } else if last.is_none_or(|last| (x - last.0).hypot(y - last.1) > spacing) {
+            kept.extend(is_gap.then_some((f64::NAN, f64::NAN)));
             kept.push((x, y));
+            (last, is_gap) = (Some((x, y)), false);
         }
     }
     kept
@@ -108,6 +114,15 @@ mod tests {
         points[20_000] = (5.0, 5.0);
         let thinned = thin_path(points);
         assert!(thinned.len() <= MOST_POINTS && thinned.contains(&(5.0, 5.0)));
+    }
+
+    #[test]
+    fn a_thinned_path_keeps_a_gap() {
+        let mut points: Vec<Point> = (0..36_000).map(|i| (f64::from(i), 0.0)).collect();
+        points[12_000..15_000].fill((f64::NAN, f64::NAN));
+        let thinned = thin_path(points);
+        assert!(thinned.len() <= MOST_POINTS);
+        assert_eq!(thinned.iter().filter(|point| !is_drawable_point(point)).count(), 1);
     }
 
     #[test]

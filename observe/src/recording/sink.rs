@@ -3,7 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use oqtal_bus::code::{Answer, SafetyState};
+use oqtal_bus::code::{Answer, InputKind, SafetyState};
 use oqtal_bus::message::{EventV1, InputV1, PoseV1, TelemetryV1, TruthV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Sample};
@@ -144,17 +144,28 @@ impl McapRecorder {
 
     /// Queues the encoded message in `scratch`.
     fn put(&mut self, channel: Channel, received_at: Time, published_at: Time) {
-        let Some(number) = Channel::all().position(|other| other == channel) else { return };
+        if let Some(message) = self.message(channel, received_at, published_at) {
+            self.thread.message(message, &self.scratch);
+        }
+    }
+
+    /// Header of the next message of a channel.
+    fn message(
+        &mut self,
+        channel: Channel,
+        received_at: Time,
+        published_at: Time,
+    ) -> Option<McapMessage> {
+        let number = Channel::all().position(|other| other == channel)?;
         // A selected truth sample may have waited for its tick; the times in a file do not decrease.
         self.latest = self.latest.max((received_at + self.wall_offset).nanos());
         self.sequences[number] = self.sequences[number].wrapping_add(1);
-        let message = McapMessage {
+        Some(McapMessage {
             channel: number as u16,
             sequence: self.sequences[number],
             log_time: self.latest,
             publish_time: (published_at + self.wall_offset).nanos(),
-        };
-        self.thread.message(message, &self.scratch);
+        })
     }
 
     /// Records a sample published at an instant.
@@ -239,8 +250,11 @@ impl McapRecorder {
         self.record(reception, Sample::Telemetry(telemetry), at);
         let TelemetryV1 { position, attitude, reference_position, attitude_command, .. } =
             *telemetry;
-        self.show(Channel::Estimate, received_at, (at, position, attitude));
-        self.show(Channel::Transform, received_at, (at, position, attitude));
+        // The estimate is that of the newest accepted pose, the reference that of the tick.
+        let captured_at = telemetry.pose_captured_at;
+        let estimated_at = if captured_at.is_set() { captured_at } else { at };
+        self.show(Channel::Estimate, received_at, (estimated_at, position, attitude));
+        self.show(Channel::Transform, received_at, (estimated_at, position, attitude));
         self.show(Channel::Reference, received_at, (at, reference_position, attitude_command));
         self.note_condition(received_at, telemetry);
     }
@@ -248,10 +262,25 @@ impl McapRecorder {
     fn operator_event(&mut self, reception: &Reception, event: &EventV1) {
         // Events use the machine's clock, also in virtual time.
         let time = if self.is_real { event.time } else { reception.received_at };
-        self.record(reception, Sample::Event(event), time);
+        if event::changes_settings(event) {
+            self.record_change(reception, event, time);
+        } else {
+            self.record(reception, Sample::Event(event), time);
+        }
         self.attach_waypoints(reception.header.source, event);
         let at = (reception.received_at, time);
         self.event(at, LogSeverity::Info, ("daemon", &event::of_operator(event)));
+    }
+
+    /// Records a change of settings. It is repeated in later files, each of which has the settings of the daemon's start only.
+    fn record_change(&mut self, reception: &Reception, event: &EventV1, time: Time) {
+        let sample = Sample::Event(event);
+        let channel = Channel::Topic(sample.topic());
+        cdr::encode(&reception.header, sample.body(), &mut self.scratch);
+        let published_at = if time.is_set() { time } else { reception.received_at };
+        if let Some(message) = self.message(channel, reception.received_at, published_at) {
+            self.thread.repeated_message(message, &self.scratch);
+        }
     }
 
     /// Attaches the waypoint file that a request names: a replay flies its points, whatever becomes of the file.
@@ -270,6 +299,10 @@ impl McapRecorder {
     }
 
     fn input(&mut self, reception: &Reception, input: &InputV1) {
+        if input.kind == InputKind::Start.code() {
+            // Another daemon starts with the settings of its configuration.
+            self.thread.repeat_none();
+        }
         self.record(reception, Sample::Input(input), input.time);
         if let Some(text) = event::of_input(input) {
             let at = (reception.received_at, input.time);

@@ -2,7 +2,9 @@
 
 use std::path::PathBuf;
 
-use oqtal_bus::message::{Header, PoseV1, TelemetryV1};
+use oqtal_bus::code::{InputKind, OperatorCommand};
+use oqtal_bus::message::{EventV1, Header, InputV1, PoseV1, TelemetryV1, TruthV1};
+use oqtal_bus::text::LongText;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Sample};
 use oqtal_config::{ClockKind, Config};
@@ -32,15 +34,20 @@ fn pose(number: u64) -> (Reception, PoseV1) {
     (Reception { header, received_at }, PoseV1 { position, ..PoseV1::default() })
 }
 
-/// Records [`SAMPLES`] poses and ticks into a directory; returns the first file.
-fn record(directory: &TempDir, config: &Config, rotates: bool) -> (PathBuf, RecordingResult) {
+/// A recorder into a directory, with its first file.
+fn create(directory: &TempDir, config: &Config, rotates: bool) -> (PathBuf, McapRecorder) {
     let path = directory.path().join("r.mcap");
     fn complain(message: &str) {
         panic!("{message}");
     }
     let provenance = PROVENANCE;
     let plan = RecordingPlan { path: path.clone(), config, provenance, rotates, complain };
-    let mut recorder = McapRecorder::create(&plan).unwrap();
+    (path, McapRecorder::create(&plan).unwrap())
+}
+
+/// Records [`SAMPLES`] poses and ticks into a directory; returns the first file.
+fn record(directory: &TempDir, config: &Config, rotates: bool) -> (PathBuf, RecordingResult) {
+    let (path, mut recorder) = create(directory, config, rotates);
     for number in 1..=SAMPLES {
         let (reception, sample) = pose(number);
         recorder.sample(&reception, Sample::Pose(&sample));
@@ -129,6 +136,36 @@ fn files_follow_each_other_without_a_gap() {
     let read: Vec<_> =
         result.files.iter().flat_map(|path| poses(&RecordingFile::read(path).unwrap())).collect();
     assert!(read.len() as u64 == SAMPLES && are_the_first(&read));
+}
+
+#[test]
+fn every_file_has_the_settings_that_were_changed_before_it() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut config = configuration();
+    config.record.file_min = 1.0 / 60.0;
+    let (_, mut recorder) = create(&directory, &config, true);
+    let (command, text) = (OperatorCommand::Set.code(), LongText::new("control.controller=pid"));
+    let change = EventV1 { number: 1, command, text, ..EventV1::default() };
+    recorder.sample(&pose(1).0, Sample::Event(&change));
+    // 4.3 s in files of a second, the third of which has the start of another daemon.
+    for number in 1..=270 {
+        let (reception, _) = pose(number);
+        let time = reception.received_at;
+        if number == 150 {
+            let start = InputV1 { time, kind: InputKind::Start.code(), ..InputV1::default() };
+            recorder.sample(&reception, Sample::Input(&start));
+        }
+        recorder.sample(&reception, Sample::Truth(&TruthV1 { time, ..TruthV1::default() }));
+        let tick = TelemetryV1 { time, tick: number, ..TelemetryV1::default() };
+        recorder.sample(&reception, Sample::Telemetry(&tick));
+    }
+    let read = |path: &PathBuf| flight(&RecordingFile::read(path).unwrap()).unwrap();
+    let flights: Vec<_> = recorder.finish().files.iter().map(read).collect();
+    let laws: Vec<_> =
+        flights.iter().map(|it| it.config_at_arming().control.controller.name()).collect();
+    let at_start = config.control.controller.name();
+    assert_eq!(laws, ["pid", "pid", "pid", at_start], "the last file is of another daemon");
+    assert_eq!(flights[1].changes.len(), 1);
 }
 
 #[test]

@@ -54,6 +54,16 @@ enum QueuedRecord {
     Chunk(Chunk),
     Facts(Facts),
     File(AttachedFile),
+    Repeated(RepeatedMessage),
+    NoneRepeated,
+}
+
+/// Message that is written again at the beginning of every later file.
+#[derive(Clone, Debug)]
+struct RepeatedMessage {
+    message: McapMessage,
+    /// The message, encoded.
+    data: Vec<u8>,
 }
 
 /// Sending side: the queue and its thread.
@@ -79,7 +89,8 @@ impl RecordingThread {
         let (queue, records) = sync_channel(QUEUE);
         let (failed, result) = (Arc::new(AtomicBool::new(false)), RecordingResult::default());
         let has_failed = Arc::clone(&failed);
-        let files = Files { plan, preamble, file: Some(file), result, failed };
+        let repeated = Vec::new();
+        let files = Files { plan, preamble, repeated, file: Some(file), result, failed };
         let thread = std::thread::Builder::new()
             .name("recording".to_owned())
             .spawn(move || files.run(&records))?;
@@ -119,6 +130,25 @@ impl RecordingThread {
     /// Queues a file, which is attached to this file of the recording and to those after it.
     pub fn file(&mut self, file: AttachedFile) {
         if !self.send(QueuedRecord::File(file)) {
+            self.dropped += 1;
+        }
+    }
+
+    /// Adds a message, encoded in `data`, that later files begin with.
+    pub fn repeated_message(&mut self, message: McapMessage, data: &[u8]) {
+        self.message(message, data);
+        // If this chunk begins a file, the message is in it already.
+        self.hand_over();
+        let repeated = RepeatedMessage { message, data: data.to_vec() };
+        if !self.send(QueuedRecord::Repeated(repeated)) {
+            self.dropped += 1;
+        }
+    }
+
+    /// Later files begin with none of the messages so far.
+    pub fn repeat_none(&mut self) {
+        self.hand_over();
+        if !self.send(QueuedRecord::NoneRepeated) {
             self.dropped += 1;
         }
     }
@@ -166,6 +196,8 @@ impl Drop for RecordingThread {
 struct Files {
     plan: FilePlan,
     preamble: Preamble,
+    /// Messages with which the next file begins.
+    repeated: Vec<RepeatedMessage>,
     /// The present file; `None` after an error.
     file: Option<McapFile>,
     result: RecordingResult,
@@ -187,6 +219,14 @@ impl Files {
                     self.preamble.files.push(attached);
                     done
                 }
+                QueuedRecord::Repeated(message) => {
+                    self.repeated.push(message);
+                    Ok(())
+                }
+                QueuedRecord::NoneRepeated => {
+                    self.repeated.clear();
+                    Ok(())
+                }
             };
             done.unwrap_or_else(|error| self.fail(&error));
         }
@@ -202,10 +242,24 @@ impl Files {
             || max_ns.is_some_and(|most| file.age(begin) >= most);
         if is_full {
             self.begin_another()?;
+            self.write(&self.repeated_at(begin))?;
         }
+        self.write(chunk)
+    }
+
+    fn write(&mut self, chunk: &Chunk) -> io::Result<()> {
         self.file.as_mut().map_or(Ok(()), |file| file.chunk(chunk))?;
         self.result.messages += chunk.messages;
         Ok(())
+    }
+
+    /// The repeated messages, with the time of reception `log_time` \[ns since the epoch\].
+    fn repeated_at(&self, log_time: u64) -> Chunk {
+        let mut chunk = Chunk::default();
+        for RepeatedMessage { message, data } in &self.repeated {
+            chunk.push(McapMessage { log_time, ..*message }, data);
+        }
+        chunk
     }
 
     fn finish_file(&mut self) -> io::Result<()> {

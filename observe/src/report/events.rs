@@ -56,6 +56,10 @@ pub fn events(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
                 ". Commands lost: " (summary.lost.command)
                 ". Deadlines missed: " (summary.deadline_misses)
                 ". Times are in seconds after " (time_origin(timeline)) "."
+                @if timeline.unmarked > 0 {
+                    " The plots mark the first " (timeline.instants.len()) " changes of state, faults and disturbances; "
+                    (timeline.unmarked) " later ones are not marked."
+                }
             }
             (list(events.into_iter()))
         },

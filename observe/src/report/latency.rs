@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::latency::{Distribution, DistributionSummary, NAMES, RECEIVER, WHOLE};
+use crate::latency::{ANSWER, Distribution, DistributionSummary, NAMES, RECEIVER, WHOLE};
 use maud::{Markup, html};
 use oqtal_config::ClockKind;
 
@@ -85,12 +85,7 @@ fn wire(figures: &WireFigures) -> Markup {
 
 /// Medians of the hops as one bar.
 fn budget(summary: &Summary) -> Markup {
-    let hops: Vec<&str> = NAMES
-        .into_iter()
-        .filter(|name| {
-            *name != WHOLE && !RECEIVER.contains(name) && summary.hops.contains_key(name)
-        })
-        .collect();
+    let hops: Vec<&str> = whole_hops(summary).collect();
     let median = |name: &str| summary.hops.get(name).map_or(0, |hop| hop.p50_ns);
     let total: u64 = hops.iter().map(|name| median(name)).sum();
     let share = |name: &str| 100.0 * median(name) as f64 / total.max(1) as f64;
@@ -113,6 +108,13 @@ fn budget(summary: &Summary) -> Markup {
             }
         }
     }
+}
+
+/// Hops that add up to the whole: parts of a hop are in it already.
+fn whole_hops(summary: &Summary) -> impl Iterator<Item = &'static str> {
+    let is_part = |name: &str| RECEIVER.contains(&name) || name == ANSWER;
+    let parts = NAMES.into_iter().filter(move |name| *name != WHOLE && !is_part(name));
+    parts.filter(|name| summary.hops.contains_key(name))
 }
 
 /// Histograms of the hops, one row each, over one logarithmic axis.
@@ -235,5 +237,22 @@ fn row(name: &str, hop: &DistributionSummary) -> Markup {
             td { (hop.count) }
             @for nanos in spans { td { (span(nanos)) } }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::latency::HOPS;
+    use crate::report::tests::fixture;
+    use oqtal_bus::time::Span;
+
+    #[test]
+    fn the_answer_of_an_external_law_is_a_part_of_the_computation_in_the_bar() {
+        let mut flight = fixture::square();
+        flight.hops.add_answer(Span::from_millis(2));
+        let summary = Summary::of(&flight);
+        assert!(summary.hops.contains_key(ANSWER));
+        assert_eq!(whole_hops(&summary).collect::<Vec<_>>(), HOPS);
     }
 }

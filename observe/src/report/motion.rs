@@ -40,7 +40,8 @@ pub fn position(timeline: &Timeline<'_>) -> Markup {
         ];
         over_time(timeline, &format!("Position {} [m]", WORLD[i]), traces)
     };
-    let error = timeline.trace("error", Ink::Bad, |s| in_flight(s, s.position_error().norm()));
+    let error = |s: &FlightSample| located(s, in_flight(s, s.position_error().norm()));
+    let error = timeline.trace("error", Ink::Bad, error);
     section(
         "Position",
         html! {
@@ -62,7 +63,8 @@ pub fn attitude(timeline: &Timeline<'_>) -> Markup {
         ];
         over_time(timeline, &format!("{} [deg]", ANGLES[i]), traces)
     };
-    let degrees = |s: &FlightSample| in_flight(s, s.attitude_error().norm().to_degrees());
+    let degrees =
+        |s: &FlightSample| located(s, in_flight(s, s.attitude_error().norm().to_degrees()));
     let error = timeline.trace("error", Ink::Bad, degrees);
     section(
         "Attitude",
@@ -84,7 +86,8 @@ pub fn velocity(timeline: &Timeline<'_>) -> Markup {
         ];
         over_time(timeline, &format!("Velocity {} [m/s]", WORLD[i]), traces)
     };
-    let error = timeline.trace("error", Ink::Bad, |s| in_flight(s, s.velocity_error().norm()));
+    let error = |s: &FlightSample| located(s, in_flight(s, s.velocity_error().norm()));
+    let error = timeline.trace("error", Ink::Bad, error);
     section(
         "Velocity",
         html! {

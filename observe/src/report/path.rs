@@ -37,12 +37,20 @@ pub fn flown(timeline: &Timeline<'_>) -> Markup {
 /// Recorded poses and estimated path.
 pub fn recorded(timeline: &Timeline<'_>) -> Markup {
     let seen = |(title, view): (&str, View)| {
-        let poses = timeline.flight.arrivals.iter().map(|arrival| view(arrival.position));
-        let points = thin_path(poses.collect());
-        let poses = Trace { name: "poses", ink: Ink::Reference, points };
-        in_plane(title, vec![poses, actual(timeline, view)], ends(timeline, view).into())
+        in_plane(
+            title,
+            vec![poses(timeline, view), actual(timeline, view)],
+            ends(timeline, view).into(),
+        )
     };
     section("Path", html! { @for view in VIEWS { (seen(view)) } })
+}
+
+/// Poses of the body, with a gap where the cameras did not see it.
+fn poses(timeline: &Timeline<'_>, view: View) -> Trace {
+    let arrivals = timeline.flight.arrivals.iter();
+    let points = arrivals.map(|arrival| shown(arrival.is_tracked, view(arrival.position)));
+    Trace { name: "poses", ink: Ink::Reference, points: thin_path(points.collect()) }
 }
 
 fn actual(timeline: &Timeline<'_>, view: View) -> Trace {
@@ -83,6 +91,7 @@ fn corners(timeline: &Timeline<'_>, view: View) -> Vec<Point> {
 mod tests {
     use super::*;
     use crate::plot::trace::is_drawable_point;
+    use crate::report::replay::ArrivalIntervals;
     use crate::report::tests::fixture;
     use oqtal_bus::code::{Mode, SafetyState};
 
@@ -95,6 +104,22 @@ mod tests {
         landed.for_each(|sample| sample.telemetry.mode = Mode::Disarmed.code());
         let gaps = path(&flight).into_iter().filter(|point| !is_drawable_point(point));
         assert_eq!(gaps.count(), 1);
+    }
+
+    #[test]
+    fn a_frame_without_the_body_is_neither_a_pose_nor_drawn() {
+        let mut flight = fixture::replay();
+        for arrival in &mut flight.arrivals[400..430] {
+            (arrival.is_tracked, arrival.position) = (false, [77.0; 3]);
+        }
+        let drawn = poses(&Timeline::new(&flight), VIEWS[0].1).points;
+        let mut without = flight.clone();
+        without.arrivals.retain(|arrival| arrival.is_tracked);
+        let [of_all, of_tracked] = [&flight, &without].map(ArrivalIntervals::of);
+        assert!(!drawn.contains(&(77.0, 77.0)));
+        assert_eq!(drawn.iter().filter(|point| !is_drawable_point(point)).count(), 1);
+        assert_eq!(of_all.poses, of_tracked.poses);
+        assert_eq!(of_all.frames_lost(), of_tracked.frames_lost());
     }
 
     #[test]

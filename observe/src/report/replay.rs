@@ -37,13 +37,15 @@ pub struct ArrivalIntervals {
 impl ArrivalIntervals {
     /// The intervals of `flight`.
     pub fn of(flight: &Flight) -> Self {
-        let pairs = flight.arrivals.windows(2);
+        // A frame in which the cameras did not see the body is a lost one.
+        let poses: Vec<_> = flight.arrivals.iter().filter(|pose| pose.is_tracked).collect();
+        let pairs = poses.windows(2);
         let intervals = pairs.map(|pair| PoseInterval {
             from: pair[0].at,
             length_ms: pair[1].at.since(pair[0].at).seconds() * 1e3,
             frames_lost: pair[1].frame.saturating_sub(pair[0].frame).saturating_sub(1),
         });
-        Self { intervals: intervals.collect(), poses: flight.arrivals.len() }
+        Self { intervals: intervals.collect(), poses: poses.len() }
     }
 
     /// Number of frames without a pose.

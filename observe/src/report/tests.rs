@@ -2,7 +2,7 @@
 
 pub mod fixture;
 
-use oqtal_bus::code::Mode;
+use oqtal_bus::code::{Mode, SafetyState};
 use oqtal_bus::message::{Stamps, TelemetryV1, TruthV1};
 use oqtal_bus::time::Time;
 use proptest::prelude::*;
@@ -94,6 +94,18 @@ fn a_default_flight_has_a_page_below_a_megabyte_with_its_events_in_every_plot() 
         let svg = plot.split("</svg>").next().unwrap();
         assert_eq!(svg.matches("class=\"instant\"").count(), 2, "the loss of poses and its end");
     }
+}
+
+#[test]
+fn instants_that_the_plots_do_not_mark_are_counted() {
+    let mut flight = fixture::square();
+    assert!(!page(&flight).contains("are not marked"));
+    for sample in flight.samples.iter_mut().skip(100).step_by(20).take(40) {
+        sample.telemetry.state = SafetyState::Degraded.code();
+    }
+    let changes = Timeline::new(&flight).unmarked + 40;
+    assert_eq!(changes, 2 * 40 + 2, "each state begins and ends, and poses are lost once");
+    assert!(page(&flight).contains("42 later ones are not marked"));
 }
 
 #[test]

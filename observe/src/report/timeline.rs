@@ -28,6 +28,8 @@ pub struct Timeline<'a> {
     origin: Time,
     /// Changes of the safety state, beginnings and ends of faults and disturbances \[s\], up to a maximum number.
     pub instants: Vec<f64>,
+    /// Number of further instants, which are not marked \[-\].
+    pub unmarked: usize,
 }
 
 impl<'a> Timeline<'a> {
@@ -36,8 +38,10 @@ impl<'a> Timeline<'a> {
         let origin = flight.origin();
         let start = flight.samples.partition_point(|sample| sample.telemetry.time < origin);
         let samples = &flight.samples[start..];
-        let mut timeline = Self { flight, samples, origin, instants: Vec::new() };
+        let mut timeline = Self { flight, samples, origin, instants: Vec::new(), unmarked: 0 };
         timeline.instants = timeline.find_instants();
+        timeline.unmarked = timeline.instants.len().saturating_sub(MOST_INSTANTS);
+        timeline.instants.truncate(MOST_INSTANTS);
         timeline
     }
 
@@ -52,7 +56,6 @@ impl<'a> Timeline<'a> {
         let caused = faults.chain(loads).flatten();
         let mut instants: Vec<f64> = changed.map(|pair| self.at(&pair[1])).chain(caused).collect();
         instants.sort_by(f64::total_cmp);
-        instants.truncate(MOST_INSTANTS);
         instants
     }
 

@@ -165,10 +165,11 @@ fn sample(tick: u64, motion: [Vector3<f64>; 5], noise: &mut Noise) -> FlightSamp
     FlightSample { telemetry, truth: Some(truth) }
 }
 
-fn stamps(captured_at: Time, noise: &mut Noise) -> Stamps {
+/// Stamps of the command of a tick at `woken_at`.
+fn stamps(woken_at: Time, noise: &mut Noise) -> Stamps {
+    let pose_published_at = woken_at - Span::from_nanos(noise.nanos(40_000));
+    let captured_at = pose_published_at - Span::from_millis(15);
     let mut after = |start: Time, typical| start + Span::from_nanos(noise.nanos(typical));
-    let pose_published_at = captured_at + Span::from_nanos(15_000_000);
-    let woken_at = after(pose_published_at, 40_000);
     let command_published_at = after(woken_at, 70_000);
     let received_at = after(command_published_at, 45_000);
     Stamps {
