@@ -12,11 +12,14 @@ import json
 import math
 import os
 import socket
+import sys
+import tempfile
 import time
 
 RADIUS_M = 0.5
 PERIOD_S = 8.0
 RAMP_S = 2.0
+STATUS_PERIOD_S = 1.0
 
 
 def angle(t):
@@ -49,17 +52,26 @@ def gateway_socket():
 
 
 class Local:
-    """The gateway's socket on this machine."""
+    """The gateway's socket on this machine. Replies come to a socket with a path of its own."""
 
     def __init__(self, path):
         self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.directory = tempfile.TemporaryDirectory()
         try:
+            self.socket.bind(f"{self.directory.name}/replies.sock")
             self.socket.connect(path)
         except OSError as error:
             raise SystemExit(f"{path}: {error}; start `oqtal gateway run`, or name the socket that it prints with --socket")
 
     def send(self, message):
         self.socket.send(json.dumps(message).encode())
+
+    def reply(self):
+        """A reply that has come; None if there is none."""
+        try:
+            return json.loads(self.socket.recv(65536, socket.MSG_DONTWAIT))
+        except BlockingIOError:
+            return None
 
 
 def read_key(path):
@@ -97,6 +109,7 @@ class Remote:
         if not hmac.compare_digest(code, self.code(text)):
             raise SystemExit(f"{address}: the reply is not from a holder of the key")
         self.session = text.split(b" ", 1)[0].decode()
+        self.socket.settimeout(None)
 
     def code(self, text):
         return hmac.new(self.key, text, "sha256").hexdigest().encode()
@@ -104,6 +117,14 @@ class Remote:
     def send(self, message):
         text = f"{self.session} {time.time_ns()}\n{json.dumps(message)}".encode()
         self.socket.send(self.code(text) + b" " + text)
+
+    def reply(self):
+        """A reply that has come; None if there is none, or one without the code of the key."""
+        try:
+            code, _, text = self.socket.recv(65536, socket.MSG_DONTWAIT).partition(b" ")
+        except BlockingIOError:
+            return None
+        return json.loads(text.partition(b"\n")[2]) if hmac.compare_digest(code, self.code(text)) else None
 
 
 def main():
@@ -126,16 +147,34 @@ def main():
 
 
 def fly_circle(gateway, given):
-    """Sends references to `gateway` at the rate and for the time of the arguments."""
+    """Sends references to `gateway` at the rate and for the time of the arguments, and prints the first refusal."""
     begun = due = time.clock_gettime(time.CLOCK_BOOTTIME)
+    asked_at, refusal = begun, None
     while due - begun < given.seconds:
         message = reference(due - begun, (0.0, 0.0, 1.0), 2000 / given.rate_hz)
         if not given.udp:
             # The clock of this machine; without it the instant of reception counts.
             message["time_ns"] = int(due * 1e9)
         gateway.send({"version": 1, "reference": message})
+        # The gateway replies to a reference that it refuses; those that the daemon refuses are in its status.
+        if refusal is None and due >= asked_at:
+            gateway.send({"version": 1, "request": "status"})
+            asked_at += STATUS_PERIOD_S
+        refusal = refusal or report_refusal(gateway)
         due += 1 / given.rate_hz
         time.sleep(max(0.0, due - time.clock_gettime(time.CLOCK_BOOTTIME)))
+
+
+def report_refusal(gateway):
+    """Prints the refusal in the replies that have come, and returns it; None without one."""
+    while reply := gateway.reply():
+        text = reply["text"]
+        _, found, reason = text.partition("set-point refused: ")
+        if found or reply["answer"] == "refused":
+            refusal = (reason.splitlines() or [text])[0]
+            print(f"refused: {refusal}", file=sys.stderr)
+            return refusal
+    return None
 
 
 if __name__ == "__main__":

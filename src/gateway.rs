@@ -96,7 +96,10 @@ impl GatewayCommand {
             threads.spawn(move || execute_all(to_answer));
             let references = None;
             let whole_at = Time::now();
-            let gateway = Gateway { bus: &bus, references, stops, others, stop_count, whole_at };
+            let longest = Span::from_seconds(config.reference.longest_validity_ms * 1e-3);
+            let holder = StreamHolder { longest, ..StreamHolder::default() };
+            let gateway =
+                Gateway { bus: &bus, references, holder, stops, others, stop_count, whole_at };
             gateway.run(socket, &stop)
         })?;
         Ok(Exit::Ok)
@@ -135,12 +138,47 @@ struct Gateway<'a> {
     bus: &'a Bus,
     /// Opened with the first reference: the topic has one writer.
     references: Option<Writer<ReferenceV1>>,
+    /// Program whose references are followed.
+    holder: StreamHolder,
     stops: SyncSender<GatewayRequest>,
     others: SyncSender<GatewayRequest>,
     /// Number of stops requested so far.
     stop_count: &'a AtomicU64,
     /// Instant at which the files of the instance were last found.
     whole_at: Time,
+}
+
+/// Program whose references are followed: of two at a time the second one is refused.
+#[derive(Debug, Default)]
+struct StreamHolder {
+    /// Process, 0 for one of the network, and program or network address.
+    holder: (u32, String),
+    /// End of the validity of its newest reference.
+    until: Time,
+    /// Longest time for which one reference keeps other programs out.
+    longest: Span,
+}
+
+impl StreamHolder {
+    /// Admits a reference of `sender` that is valid until `valid_until`.
+    ///
+    /// # Errors
+    /// References of another program are in force.
+    fn admit(&mut self, sender: &Sender, valid_until: Time, now: Time) -> Result<(), String> {
+        let (process, program) = &self.holder;
+        let is_same = *process == sender.process && (*process != 0 || *program == sender.program);
+        if !is_same && now < self.until {
+            let place = if *process == 0 { String::new() } else { format!(", process {process}") };
+            return Err(format!(
+                "`{program}`{place} sends references already; end it, or wait until its last reference expires"
+            ));
+        }
+        if !is_same {
+            self.holder = (sender.process, sender.program.clone());
+        }
+        self.until = valid_until.min(now + self.longest);
+        Ok(())
+    }
 }
 
 impl Gateway<'_> {
@@ -185,7 +223,10 @@ impl Gateway<'_> {
         };
         let (command, arguments) = match content {
             Content::Reference(reference) => {
-                return self.publish(*reference).map_err(|failure| (sender, failure.message));
+                let admitted = self.holder.admit(&sender, reference.valid_until, Time::now());
+                let published = admitted
+                    .and_then(|()| self.publish(*reference).map_err(|failure| failure.message));
+                return published.map_err(|reason| (sender, reason));
             }
             Content::Request { command, arguments } => (command, arguments),
         };
@@ -210,5 +251,26 @@ impl Gateway<'_> {
         };
         writer.send(0, Stamps::default(), reference)?;
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_references_of_a_second_program_are_refused_until_those_of_the_first_expire() {
+        let mut holder =
+            StreamHolder { longest: Span::from_millis(500), ..StreamHolder::default() };
+        let [first, second] =
+            [5001, 5002].map(|port| Sender::network(([10, 0, 0, 7], port).into(), 1));
+        let at = |millis| Time::VIRTUAL_START + Span::from_millis(millis);
+        assert_eq!(holder.admit(&first, at(100), at(0)), Ok(()));
+        let refusal = holder.admit(&second, at(150), at(50)).unwrap_err();
+        assert!(refusal.starts_with("`10.0.0.7:5001` sends references already"), "{refusal}");
+        assert_eq!(holder.admit(&first, at(150), at(50)), Ok(()));
+        assert_eq!(holder.admit(&second, at(9000), at(150)), Ok(()));
+        assert!(holder.admit(&first, at(700), at(600)).is_err());
+        assert_eq!(holder.admit(&first, at(700), at(650)), Ok(()), "at most `longest`");
     }
 }

@@ -46,6 +46,7 @@ use starting::StartSequence;
 use vehicle::AutopilotState;
 
 pub(crate) use requests::OWN_HEARTBEAT;
+pub(crate) use wanted::earlier_name;
 pub use wanted::wanted_parameters;
 
 /// Frame lengths \[bytes\]: header and checksum around the greatest payload.
@@ -290,7 +291,9 @@ impl VehicleProtocol for Mavlink {
             }
             match packet.content {
                 MavlinkContent::Timesync(sync) => requests.receive(now, sync, reply),
-                MavlinkContent::Acknowledged { command, result } => {
+                MavlinkContent::Acknowledged { target, .. }
+                    if !encoder.own().is_meant_by(target) => {}
+                MavlinkContent::Acknowledged { command, result, .. } => {
                     requests.acknowledged(command);
                     starting.acknowledged(now, command, result, reply);
                 }
@@ -341,5 +344,43 @@ impl VehicleProtocol for Mavlink {
         self.starting.reset();
         self.requests.restart();
         (self.opened, self.continued) = (Time::UNSET, None);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use oqtal_wire::link::LinkSpec;
+    use oqtal_wire::mavlink::{AckResult, AutopilotFirmware, CommandKind, MavlinkHeartbeat};
+
+    use super::*;
+
+    #[test]
+    fn acknowledgements_for_another_ground_station_are_ignored() {
+        let spec: LinkSpec = "mavlink:udpin:127.0.0.1:14550".parse().unwrap();
+        let LinkSpec::Mavlink(link) = &spec else { panic!("{spec}") };
+        let mut mavlink = Mavlink::new(&Config::default(), link, 0).unwrap();
+        let vehicle = MavlinkAddress { system: 1, component: MavlinkAddress::AUTOPILOT };
+        let (mut encoder, now) = (MavlinkEncoder::new(vehicle), Time::VIRTUAL_START);
+        let own = mavlink.encoder.own();
+        let mut refusals = |content| {
+            let (wire, mut refusals) = (encoder.encode(&content).unwrap(), 0);
+            mavlink.decode(now, wire.as_bytes(), &mut |reply| {
+                refusals += u32::from(matches!(reply, VehicleReply::Refused(_)));
+            });
+            (refusals, mavlink.starting.stop(now))
+        };
+        let autopilot = AutopilotFirmware::Known(AutopilotKind::ArduPilot);
+        let heartbeat =
+            MavlinkHeartbeat { autopilot, custom_mode: 20, is_armed: true, is_simulated: false };
+        assert!(refusals(MavlinkContent::Heartbeat(heartbeat)).1.is_some(), "disarming is sent");
+        let denied = |target| MavlinkContent::Acknowledged {
+            command: CommandKind::ARM,
+            result: AckResult::Denied,
+            target,
+        };
+        let other = MavlinkAddress { system: 255, component: 190 };
+        assert_eq!(refusals(denied(other)), (0, None));
+        assert_eq!(refusals(denied(own)).0, 1);
+        assert_eq!(refusals(denied(MavlinkAddress::ALL)).0, 1);
     }
 }

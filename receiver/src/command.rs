@@ -10,7 +10,7 @@ use oqtal_runtime::process::{CommonArgs, Exit, Failure, ProcessCommand, execute}
 use oqtal_runtime::program::{conclude, print, say};
 use serde::Serialize;
 
-use crate::discover::{Discovery, discover};
+use crate::discover::discover;
 use crate::probe::{FitnessVerdict, probe};
 use crate::process::{check, run};
 use oqtal_wire::link::{CameraLink, InvalidLink};
@@ -99,8 +99,9 @@ impl ReceiverArgs {
 impl DiscoverArgs {
     fn execute(&self) -> Result<Exit, Failure> {
         let duration = Span::from_millis(i64::from(self.seconds) * 1000);
-        let Discovery { found, unanswered } = discover(&self.hosts, duration)?;
-        unanswered.iter().for_each(|text| say(text));
+        let discovery = discover(&self.hosts, duration)?;
+        discovery.notes().for_each(|text| say(&text));
+        let found = discovery.found;
         if found.is_empty() {
             let nobody = match self.hosts.is_empty() {
                 false => "no camera system answers",

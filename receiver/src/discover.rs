@@ -20,6 +20,12 @@ const PROTOCOLS: [&str; 3] = ["qtm", "vrpn", "natnet"];
 const NATNET_PORT: u16 = 1510;
 /// Period of polling the socket.
 const POLL_PERIOD: Span = Span::from_millis(20);
+/// Most servers whose answers to a broadcast are kept: each is queried on its own thread \[-\].
+const MAX_ANSWERS: usize = 64;
+/// The kernel's table of routes.
+const ROUTES: &str = "/proc/net/route";
+/// Flag of a route through a gateway in that table, RTF_GATEWAY \[-\].
+const GATEWAY: u32 = 2;
 
 /// A camera system that was found.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -53,9 +59,23 @@ pub struct Discovery {
     pub found: Vec<FoundServer>,
     /// For each named host without a camera system: why each protocol does not reach one.
     pub unanswered: Vec<String>,
+    /// Whether so many servers answered the broadcast that further ones are left out.
+    pub is_cut: bool,
 }
 
-/// Searches for `duration`, on this machine, in the network that broadcasts reach, and on `hosts`.
+impl Discovery {
+    /// Lines about what was not found.
+    pub fn notes(&self) -> impl Iterator<Item = String> {
+        let cut = self.is_cut.then(|| {
+            format!(
+                "{MAX_ANSWERS} servers answered the broadcast, further ones are left out; name the hosts that are missing, as in `oqtal receiver discover HOST`"
+            )
+        });
+        self.unanswered.iter().cloned().chain(cut)
+    }
+}
+
+/// Searches for `duration`, on this machine, in the networks of its interfaces, and on `hosts`.
 ///
 /// # Errors
 /// The operating system refuses to open a socket.
@@ -67,6 +87,7 @@ pub fn discover(hosts: &[String], duration: Span) -> Result<Discovery, Failure> 
     let answered = broadcast(duration).map_err(|error| {
         Failure::new(Exit::System, format!("searching by broadcast failed: {error}"))
     })?;
+    let is_cut = answered.len() >= MAX_ANSWERS;
     for (link, ip) in answered {
         links.insert(link);
         // VRPN has no broadcast: a host of cameras may serve it beside what answered.
@@ -87,7 +108,7 @@ pub fn discover(hosts: &[String], duration: Span) -> Result<Discovery, Failure> 
         }
     }
     let unanswered = hosts.iter().filter_map(|host| unanswered(host, &failures)).collect();
-    Ok(Discovery { found, unanswered })
+    Ok(Discovery { found, unanswered, is_cut })
 }
 
 /// Why no protocol reaches a camera system at `host`, by the `failures` of the links; `None` if one does.
@@ -117,20 +138,41 @@ fn broadcast(duration: Span) -> io::Result<BTreeSet<(String, IpAddr)>> {
     socket.set_read_timeout(Some(POLL_PERIOD.to_duration()))?;
     let request = DiscoveryRequest { reply_port: socket.local_addr()?.port() }.to_datagram();
     let mut natnet = NatNetClient::new(false);
-    // Send errors are ignored: a machine without a network finds no servers.
-    let _ = socket.send_to(&request, (Ipv4Addr::BROADCAST, DISCOVERY_PORT));
-    if let Some(ping) = natnet.poll_output(1) {
-        let _ = socket.send_to(ping, (Ipv4Addr::BROADCAST, NATNET_PORT));
+    let ping = natnet.poll_output(1).unwrap_or_default();
+    // The cameras may be in another network than the default route.
+    let routes = std::fs::read_to_string(ROUTES).unwrap_or_default();
+    for address in broadcast_addresses(&routes) {
+        // Send errors are ignored: a machine without a network finds no servers.
+        let _ = socket.send_to(&request, (address, DISCOVERY_PORT));
+        let _ = socket.send_to(ping, (address, NATNET_PORT));
     }
     let mut found = BTreeSet::new();
     let end = Time::now() + duration;
     let mut buffer = [0; 2048];
-    while Time::now() < end {
+    while Time::now() < end && found.len() < MAX_ANSWERS {
         if let Ok((count, from)) = socket.recv_from(&mut buffer) {
             found.extend(answer(&buffer[..count], from).map(|link| (link, from.ip())));
         }
     }
     Ok(found)
+}
+
+/// Broadcast address of each network that is reached without a gateway by `routes`, a text in the form of `/proc/net/route`, and
+/// the address 255.255.255.255, which is sent by the default route.
+fn broadcast_addresses(routes: &str) -> BTreeSet<Ipv4Addr> {
+    let own_network = |line: &str| {
+        let fields: Vec<&str> = line.split_whitespace().collect();
+        let [_, destination, _, flags, _, _, _, mask, ..] = fields[..] else { return None };
+        // Addresses are printed as numbers whose bytes in memory are in the order of the network.
+        let [destination, flags, mask] =
+            [destination, flags, mask].map(|field| u32::from_str_radix(field, 16).ok());
+        let (destination, mask) = (destination?, mask?);
+        // A network of two addresses or one has no broadcast.
+        let has_broadcast = mask.count_zeros() > 1;
+        (flags? & GATEWAY == 0 && mask != 0 && has_broadcast)
+            .then(|| Ipv4Addr::from((destination | !mask).to_ne_bytes()))
+    };
+    routes.lines().filter_map(own_network).chain([Ipv4Addr::BROADCAST]).collect()
 }
 
 /// Link of the server that sent this answer.
@@ -154,6 +196,31 @@ mod tests {
         assert_eq!(answer(&datagram, from(22226)).as_deref(), Some("qtm:10.0.0.7:22223"));
         assert_eq!(answer(&[1, 2, 3], from(1510)).as_deref(), Some("natnet:10.0.0.7"));
         assert_eq!(answer(&[1, 2, 3], from(9)), None);
+    }
+
+    #[test]
+    #[cfg(target_endian = "little")]
+    fn each_network_of_an_interface_has_its_broadcast() {
+        let routes = "Iface\tDestination\tGateway \tFlags\tRefCnt\tUse\tMetric\tMask\t\tMTU\tWindow\tIRTT\n\
+             eth0\t00000000\t0100A8C0\t0003\t0\t0\t0\t00000000\t0\t0\t0\n\
+             eth0\t0000A8C0\t00000000\t0001\t0\t0\t0\t00FFFFFF\t0\t0\t0\n\
+             eth1\t0010000A\t00000000\t0001\t0\t0\t0\t00FCFFFF\t0\t0\t0\n\
+             tun0\t0200000A\t00000000\t0005\t0\t0\t0\tFFFFFFFF\t0\t0\t0\n\
+             eth1\t0000010A\t0110000A\t0003\t0\t0\t0\t0000FFFF\t0\t0\t0\n";
+        let expected = ["10.0.19.255", "192.168.0.255", "255.255.255.255"];
+        assert!(broadcast_addresses(routes).iter().map(ToString::to_string).eq(expected));
+        assert_eq!(broadcast_addresses("").len(), 1);
+    }
+
+    #[test]
+    fn servers_beyond_the_greatest_number_are_left_out_with_a_note() {
+        let cut = Discovery { is_cut: true, ..Discovery::default() };
+        let notes: Vec<_> = cut.notes().collect();
+        assert!(
+            notes[0].starts_with("64 servers answered the broadcast, further ones"),
+            "{notes:?}"
+        );
+        assert_eq!(Discovery::default().notes().count(), 0);
     }
 
     #[test]

@@ -7,7 +7,7 @@ mod listener;
 mod statistics;
 
 use oqtal_bus::time::{Span, Time};
-use oqtal_config::Config;
+use oqtal_config::{Config, StampSource};
 use oqtal_runtime::process::{Exit, Failure};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
@@ -52,6 +52,7 @@ pub fn probe(link: &CameraLink, config: &Config, duration: Span) -> Result<Probe
     let mut figures = listener.figures(duration, Time::now());
     figures.server = server;
     (figures.loop_hz, figures.poses_per_tick) = (config.control.rate_hz, config.poses_per_tick());
+    figures.dates_by_arrival = config.receiver.stamps == StampSource::Arrival;
     figures.loss_warning = config.safety.pose_loss_warning;
     figures.has_tcp = matches!(link.protocol, CameraProtocol::Qtm { udp: true, .. });
     name_bodies(&mut figures, (&wanted, &present), &bodies);

@@ -166,7 +166,8 @@ fn theirs() -> Vec<MavlinkContent> {
         let autopilot = AutopilotFirmware::Known(kind);
         C::Heartbeat(MavlinkHeartbeat { autopilot, custom_mode, is_armed, is_simulated: false })
     };
-    let acknowledged = |command, result| C::Acknowledged { command, result };
+    let acknowledged =
+        |command, result| C::Acknowledged { command, result, target: MavlinkAddress::ALL };
     let name = ParameterName::new("EK3_SRC1_POSXY").unwrap();
     let value = ParameterValue { raw: 6.0, is_real: false, code: 2 };
     vec![

@@ -65,6 +65,12 @@ pub fn wanted_parameters(kind: AutopilotKind) -> &'static [WantedParameter] {
     }
 }
 
+/// Name of a parameter in earlier firmware; `None` if it was the same.
+pub(crate) fn earlier_name(name: &str) -> Option<&'static str> {
+    // Renamed in ArduCopter 4.6.
+    (name == "GPS1_TYPE").then_some("GPS_TYPE")
+}
+
 /// Parameter with the time without set-points \[s\] after which an autopilot of this kind acts by itself.
 pub(super) fn time_out_parameter(kind: AutopilotKind) -> &'static str {
     match kind {

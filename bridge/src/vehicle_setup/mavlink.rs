@@ -12,7 +12,9 @@ use oqtal_wire::mavlink::{
 use super::exchange::{
     ANSWER_WITHIN, ParameterReport, READ_BUFFER, SetupPort, TRIES, refuse_in_flight, table,
 };
-use crate::mavlink::{OWN_HEARTBEAT, encoder, is_accepted, signature_check, wanted_parameters};
+use crate::mavlink::{
+    OWN_HEARTBEAT, earlier_name, encoder, is_accepted, signature_check, wanted_parameters,
+};
 use crate::setup::unix_us;
 use crate::wanted::WantedParameter;
 
@@ -31,7 +33,12 @@ pub(super) fn set_up(
     refuse_in_flight(apply && session.is_armed)?;
     let mut reports = Vec::new();
     for wanted in wanted_parameters(session.kind) {
-        reports.push(session.check(wanted, apply)?);
+        let mut report = session.check(wanted, apply)?;
+        if let (None, Some(name)) = (report.found, earlier_name(wanted.name)) {
+            let earlier = session.check(&WantedParameter { name, ..*wanted }, apply)?;
+            report = if earlier.found.is_some() { earlier } else { report };
+        }
+        reports.push(report);
     }
     let all_right = reports.iter().all(ParameterReport::is_right);
     let firmware = AutopilotFirmware::Known(session.kind);
@@ -173,28 +180,62 @@ impl ParameterSession {
 
 #[cfg(test)]
 mod tests {
-    use std::net::UdpSocket;
+    use std::net::{SocketAddr, UdpSocket};
+    use std::thread::JoinHandle;
 
     use super::*;
 
-    #[test]
-    fn the_parameters_of_a_vehicle_whose_motors_run_are_not_changed() {
+    const OWN: MavlinkAddress = MavlinkAddress { system: 1, component: MavlinkAddress::AUTOPILOT };
+
+    type SetupThread = JoinHandle<Result<(String, bool), Failure>>;
+
+    /// A set-up that has received the vehicle's heartbeat; the vehicle's socket and the address of the set-up.
+    fn setup_of(is_armed: bool, apply: bool) -> (SetupThread, UdpSocket, SocketAddr) {
         let vehicle = UdpSocket::bind("127.0.0.1:0").unwrap();
         let spec: LinkSpec =
             format!("mavlink:udpout:{}", vehicle.local_addr().unwrap()).parse().unwrap();
         let LinkSpec::Mavlink(link) = &spec else { panic!("{spec}") };
         let link = link.clone();
-        let setup = std::thread::spawn(move || set_up(&Config::default(), (&spec, &link), true));
+        let setup = std::thread::spawn(move || set_up(&Config::default(), (&spec, &link), apply));
         let (_, host) = vehicle.recv_from(&mut [0; READ_BUFFER]).unwrap();
-        let own = MavlinkAddress { system: 1, component: MavlinkAddress::AUTOPILOT };
         let heartbeat = MavlinkContent::Heartbeat(MavlinkHeartbeat {
             autopilot: AutopilotFirmware::Known(AutopilotKind::ArduPilot),
             custom_mode: 20,
-            is_armed: true,
+            is_armed,
             is_simulated: false,
         });
-        let wire = MavlinkEncoder::new(own).encode(&heartbeat).unwrap();
+        let wire = MavlinkEncoder::new(OWN).encode(&heartbeat).unwrap();
         vehicle.send_to(wire.as_bytes(), host).unwrap();
+        (setup, vehicle, host)
+    }
+
+    #[test]
+    fn a_parameter_of_earlier_firmware_is_found_under_its_earlier_name() {
+        let (setup, vehicle, host) = setup_of(false, false);
+        let (mut encoder, mut decoder) = (MavlinkEncoder::new(OWN), MavlinkDecoder::new());
+        vehicle.set_read_timeout(Some(std::time::Duration::from_millis(50))).unwrap();
+        let value = ParameterValue { raw: 0.0, is_real: true, code: ParameterValue::REAL32 };
+        while !setup.is_finished() {
+            let mut buffer = [0; READ_BUFFER];
+            let Ok(count) = vehicle.recv(&mut buffer) else { continue };
+            for packet in decoder.push(&buffer[..count]) {
+                let MavlinkContent::ParameterRequest { name, .. } = packet.content else {
+                    continue;
+                };
+                // ArduCopter 4.5 does not answer requests for a name that it does not have.
+                if name.as_str() != "GPS1_TYPE" {
+                    let wire = encoder.encode(&MavlinkContent::Parameter { name, value }).unwrap();
+                    vehicle.send_to(wire.as_bytes(), host).unwrap();
+                }
+            }
+        }
+        let (table, _) = setup.join().unwrap().unwrap();
+        assert!(table.contains("\nGPS_TYPE ") && !table.contains("GPS1_TYPE"), "{table}");
+    }
+
+    #[test]
+    fn the_parameters_of_a_vehicle_whose_motors_run_are_not_changed() {
+        let (setup, ..) = setup_of(true, true);
         let failure = setup.join().unwrap().unwrap_err();
         assert!(failure.message.contains("the motors of the vehicle run"), "{}", failure.message);
     }

@@ -83,7 +83,8 @@ impl Autopilot {
             }
             MavlinkContent::Command(command) => {
                 let (number, result) = (command.kind.number(), AckResult::Accepted);
-                answers.push(MavlinkContent::Acknowledged { command: number, result });
+                let target = MavlinkAddress::ALL;
+                answers.push(MavlinkContent::Acknowledged { command: number, result, target });
                 match command.kind {
                     CommandKind::SetMode { .. } => self.follows = true,
                     CommandKind::Arm { run, .. } => self.is_armed = run,

@@ -146,7 +146,8 @@ impl EmulatedAutopilot {
             MavlinkContent::Command(command) if self.own.is_meant_by(command.target) => {
                 let result = self.execute_command(now, &command.kind);
                 let command = command.kind.number();
-                self.replies.push(MavlinkContent::Acknowledged { command, result });
+                let target = MavlinkAddress::ALL;
+                self.replies.push(MavlinkContent::Acknowledged { command, result, target });
             }
             MavlinkContent::ParameterRequest { target, name } if self.own.is_meant_by(*target) => {
                 self.replies.extend(self.parameters.get(name));

@@ -87,29 +87,29 @@ const CHECKS: &[ProbeCheck] = &[
     (
         "clock",
         Severity::Problem,
-        "set receiver.stamps = \"arrival\" if the server's stamps mean nothing",
+        "probe again; if it stays so, set receiver.stamps = \"arrival\": network delays then become errors of the stamps",
         |f| {
             (f.counts.arrived > 100 && !f.clock?.known)
-                .then(|| "its stamps are not a clock".to_owned())
+                .then(|| "the server's stamps do not follow a clock".to_owned())
         },
     ),
     (
         "clock",
         Severity::Advice,
-        "keep the clock of the cameras' computer from being set in flight: after each step of more than 25 ms there are no poses for half a second",
+        "while flying, switch the time service of the cameras' computer off and do not restart the measurement: after a step of more than 25 ms there are no poses for half a second",
         |f| {
             let times = f.clock?.relearned;
-            (times > 0).then(|| format!("it was set {times} times"))
+            (times > 0).then(|| format!("the server's clock stepped, number of times: {times}"))
         },
     ),
     (
         "drift",
         Severity::Problem,
-        "a clock that runs so wrong is none: repair it, or set receiver.stamps = \"arrival\"",
+        "a time service that corrects a clock changes its rate: switch it off on both computers and probe again; if it stays so, set receiver.stamps = \"arrival\"",
         |f| {
             let drift_ppm = f.clock?.drift_ppm;
             (drift_ppm.abs() > 0.95e6 * MAX_DRIFT && f.seconds >= 5.0)
-                .then(|| format!("{drift_ppm:.0} ppm"))
+                .then(|| format!("{drift_ppm:.0} ppm or more"))
         },
     ),
     (

@@ -27,6 +27,9 @@ pub struct ProbeFigures {
     /// Share of lost frames above which the daemon warns, `safety.pose-loss-warning` \[0..1\].
     #[serde(skip)]
     pub loss_warning: f64,
+    /// Whether poses are dated by their arrival: the server's clock is then not used.
+    #[serde(skip)]
+    pub dates_by_arrival: bool,
     /// Whether the link can also receive over TCP.
     #[serde(skip)]
     pub has_tcp: bool,
@@ -135,9 +138,7 @@ impl ProbeFigures {
                 "interval   min {min:.2}, median {median:.2}, p99 {p99:.2}, max {max:.2} ms"
             )?;
         }
-        if let Some(clock) = &self.clock {
-            writeln!(f, "{clock}")?;
-        }
+        self.write_clock(f)?;
         match &self.noise {
             Some(NoiseFigures { position_mm: [x, y, z], attitude_deg: [a, b, c] }) => writeln!(
                 f,
@@ -151,6 +152,17 @@ impl ProbeFigures {
                 writeln!(f, "noise      no body was seen")
             }
             None => writeln!(f, "noise      no body rests"),
+        }
+    }
+
+    /// Writes the figures of the server's clock.
+    fn write_clock(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.clock {
+            Some(_) if self.dates_by_arrival => {
+                writeln!(f, "clock      not used, since receiver.stamps is \"arrival\"")
+            }
+            Some(clock) => writeln!(f, "{clock}"),
+            None => Ok(()),
         }
     }
 }
@@ -189,7 +201,7 @@ impl fmt::Display for ClockFigures {
         }
         write!(
             f,
-            "clock      offset {:.3} s, drift {drift_ppm:.1} ppm, delays p99 {:.3} ms, known to {:.3} ms",
+            "clock      offset {:.3} s (any is fine), drift {drift_ppm:.1} ppm, delays p99 {:.3} ms, known to {:.3} ms",
             offset_ns as f64 * 1e-9,
             residual_p99_ns as f64 * 1e-6,
             uncertainty_ns as f64 * 1e-6
@@ -214,6 +226,17 @@ mod tests {
         for key in ["/rate_hz", "/interval", "/gaps", "/lost", "/clock", "/bodies/0/tracked"] {
             assert_eq!(json.pointer(key), Some(&serde_json::Value::Null), "{key}: {json}");
         }
+    }
+
+    #[test]
+    fn a_clock_that_is_not_used_has_no_figures() {
+        let counts = FrameCounts { arrived: 9, ..FrameCounts::default() };
+        let clock = Some(ClockFigures { known: true, ..ClockFigures::default() });
+        let text = |dates_by_arrival| {
+            ProbeFigures { counts, clock, dates_by_arrival, ..ProbeFigures::default() }.to_string()
+        };
+        assert!(text(true).contains("\nclock      not used, since"), "{}", text(true));
+        assert!(text(false).contains("known to 0.000 ms"), "{}", text(false));
     }
 
     #[test]

@@ -167,6 +167,8 @@ pub enum MavlinkContent {
         command: u16,
         /// Result of the command.
         result: AckResult,
+        /// Sender of the command; all if the vehicle does not state it.
+        target: MavlinkAddress,
     },
     /// STATUSTEXT.
     Text(MavlinkText),

@@ -45,8 +45,9 @@ fn understood(id: u32, from: &mut ByteReader<'_>) -> Option<MavlinkContent> {
         }
         MavlinkId::COMMAND_LONG => C::Command(command_long(from)?),
         MavlinkId::COMMAND_ACK => {
-            let command = from.u16()?;
-            C::Acknowledged { command, result: AckResult::from_code(from.u8()?) }
+            let (command, result) = (from.u16()?, AckResult::from_code(from.u8()?));
+            let (_progress, _detail) = (from.u8()?, from.u32()?);
+            C::Acknowledged { command, result, target: address(from)? }
         }
         MavlinkId::STATUSTEXT => C::Text(text(from)?),
         MavlinkId::PARAM_REQUEST_READ => {

@@ -63,8 +63,10 @@ pub(super) fn message(content: &MavlinkContent) -> Option<(u32, MavlinkPayload)>
         C::VisionPosition(pose) => put_vision_position(to, pose),
         C::GlobalOrigin { system } => put_global_origin(to, *system),
         C::Command(command) => put_command(to, command),
-        C::Acknowledged { command, result } => {
-            to.u16(*command).u8(result.code());
+        C::Acknowledged { command, result, target } => {
+            // Progress and detail are not stated.
+            to.u16(*command).u8(result.code()).u8(0).u32(0);
+            to.u8(target.system).u8(target.component);
             MavlinkId::COMMAND_ACK
         }
         C::Text(text) => put_text(to, text),
