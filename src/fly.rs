@@ -19,6 +19,7 @@ use clap::Args;
 use oqtal_config::{ClockKind, Config, Fault, Setting, TimedDisturbance};
 use oqtal_control::controller::ControllerName;
 use oqtal_lab::campaign::FlightSeries;
+use oqtal_lab::faults;
 use oqtal_lab::mission::Mission;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, PlantKeyArgs, check_instance};
 use oqtal_runtime::program::{print, say};
@@ -148,7 +149,7 @@ impl FlyArgs {
         let poses = PosePath::open(self.mocap.as_ref(), &commands, &mut config)?;
         let paths = &FlightPaths { commands, poses, is_chain: self.chain };
         paths.check()?;
-        fault::check(&config, &paths.roles(&config))?;
+        faults::check(&config, &paths.roles(&config), ["--fault", "--disturb"])?;
         let mission = Mission::new(config)?;
         check_pose_rate(&mission)?;
         let warnings = oqtal_daemon::warnings(&mission.config, &mission.trajectory);

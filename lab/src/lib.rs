@@ -3,6 +3,7 @@
 //! | file | subject |
 //! |---|---|
 //! | `simulation.rs` | an in-process flight |
+//! | `faults.rs` | injected faults and disturbances, checked against the processes of a flight |
 //! | `mission.rs` | configuration and files of a flight, read and checked |
 //! | `study.rs` | the study engine: laws × cases × flights × tests, rows, tables |
 //! | `campaign.rs` | `oqtal campaign`: laws over many runs |
@@ -27,6 +28,7 @@ pub mod cameras;
 pub mod campaign;
 pub mod csv_text;
 pub mod environment;
+pub mod faults;
 pub mod identify;
 pub mod journal;
 pub mod mission;

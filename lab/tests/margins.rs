@@ -9,7 +9,7 @@ use oqtal_lab::robustness::probed::{self, ClosedLoops};
 fn pair(settings: &[Setting], axis: usize) -> LoopPair {
     let config = Config::from_settings(settings).unwrap();
     let linear = LinearLoop::new(&config, axis).unwrap().response();
-    let flown = probed::flown(settings, (axis, ClosedLoops::Attitude), 1).unwrap();
+    let flown = probed::flown(settings, (axis, ClosedLoops::Attitude)).unwrap();
     LoopPair { law: config.control.controller.to_string(), axis: "", linear, flown, hover: None }
 }
 
@@ -58,7 +58,7 @@ fn a_loop_with_less_delay_margin_left_is_nearer_to_oscillation() {
 fn a_hover_oscillates_beyond_its_delay_margin_and_not_below_it() {
     let response = |hidden_ms: f64| {
         let hidden = Setting::flag("test", "plant.hidden-delay-ms", hidden_ms);
-        probed::flown(&[law("geometric"), hidden], (0, ClosedLoops::Hover), 2)
+        probed::flown(&[law("geometric"), hidden], (0, ClosedLoops::Hover))
     };
     let margin_ms = response(0.0).unwrap().margins().delay_ms;
     let attitude = pair(&[law("geometric")], 0).flown.margins().delay_ms;

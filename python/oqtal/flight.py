@@ -83,7 +83,7 @@ class Flight:
     def _read_csv(cls, file: Path) -> Flight:
         try:
             with file.open(newline="") as lines:
-                head, *rows = list(csv.reader(lines))
+                head, *rows = list(csv.reader(lines)) or [[]]
         except (OSError, ValueError, csv.Error) as error:
             raise DataError(f"{file}: {error}; give telemetry.csv or a recording") from error
         if "t_s" not in head:
@@ -288,15 +288,16 @@ def fly(
 ) -> Flight:
     """Flies in virtual time in this process, as ``oqtal fly --clock in-process`` does.
 
-    ``config``: a file, several files, or keys with values. ``plant`` and ``settings``: keys of ``[plant]``, and any keys; nested
-    dictionaries are sections, and ``_`` stands for ``-``. ``disturb`` and ``faults``: as ``--disturb`` and ``--fault``.
-    ``record``: a recording, a new file ``.mcap``, is written while flying. ``law``: a law of ``oqtal.python_law``, which flies from
-    the end of take-off to the landing, in place of ``controller``; a failure of the law ends the flight with ``LawError``.
+    ``config``: a file, several files, or keys with values. ``controller``: one of ``oqtal.laws()``. ``duration`` of the trajectory
+    [s]. ``vehicle``: the name of a preset. ``plant`` and ``settings``: keys of ``[plant]``, and any keys; nested dictionaries are
+    sections, and ``_`` stands for ``-``. ``disturb`` and ``faults``: as ``--disturb`` and ``--fault``. ``record``: a recording, a
+    new file ``.mcap``, is written while flying. ``law``: a law in Python, as in ``help(oqtal.python_law)``, which flies from the
+    end of take-off to the landing, in place of ``controller``; a failure of the law ends the flight with ``LawError``.
     """
     if law is None and controller == "external":
         raise UsageError("give law=, a law in Python, in place of controller='external'")
     if law is not None and controller not in (None, "external"):
-        raise UsageError("give law or controller; the law that flies if law fails is control.fallback")
+        raise UsageError("give law or controller, not both; the setting control.fallback names the law that flies if law fails")
     if isinstance(vehicle, Mapping):
         raise UsageError('vehicle is the name of a preset; parameters are config, as in fly({"vehicle": {"mass_kg": 0.6}})')
     call = sources(

@@ -22,7 +22,7 @@ and ``settings``.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NoReturn, cast
 
 import gymnasium
 import numpy as np
@@ -57,6 +57,22 @@ def _lanes(
     call: tuple[ConfigLike, Mapping[str, Any] | None, Mapping[str, Any] | None],
 ) -> _native.Lanes:
     return _native.Lanes(sources(*call), task, count, seed, (float(duration), integer("threads", threads, 0, 1024)))
+
+
+class _ClosedLanes:
+    """In place of the lanes of a closed environment: every use is an error."""
+
+    def __getattr__(self, name: str) -> NoReturn:
+        raise UsageError("the environment is closed; make a new one")
+
+
+#: Assigned in place of lanes, which releases their memory and ends their threads.
+_CLOSED = cast(_native.Lanes, _ClosedLanes())
+
+
+def _later_seed(seed: int) -> int:
+    """First seed of later episodes: of different ``seed`` far apart, so that two runs do not have the same episodes."""
+    return int(np.random.SeedSequence(seed).generate_state(1, np.uint64)[0] >> np.uint64(2))
 
 
 def _numbers(actions: Any) -> Array:
@@ -100,6 +116,10 @@ class OqtalEnv(gymnasium.Env[Array, Array]):
         seen, reward, terminated, truncated = self._lanes.act(_numbers(action), False)
         return seen[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), self._info()
 
+    def close(self) -> None:
+        """Releases the vehicle; the environment cannot be used any more."""
+        self._lanes = _CLOSED
+
 
 class OqtalVectorEnv(VectorEnv[Array, Array, Array]):
     """Vehicles stepped together on all processors. A lane whose episode has ended begins the next one in the following step."""
@@ -129,23 +149,30 @@ class OqtalVectorEnv(VectorEnv[Array, Array, Array]):
     ) -> tuple[Array, dict[str, Any]]:
         """Begins new episodes: of the seeds ``seed``, ``seed + 1``, …, of a list of seeds, or of the next ones.
 
-        ``None`` in a list, and ``False`` in ``options["reset_mask"]``, let the episode of a lane go on.
+        After an integer, the seeds of later episodes count from a large number that follows from it; after a list, from the number
+        after its greatest one. ``None`` in a list, and ``False`` in ``options["reset_mask"]``, let the episode of a lane go on.
         """
+        later: int | None = None
         if isinstance(seed, Sequence):
             seeds = [None if each is None else integer("a seed", each) for each in seed]
         else:
             first = self._lanes.next_seed() if seed is None else integer("seed", seed)
             seeds = [first + lane for lane in range(self.num_envs)]
+            later = None if seed is None else _later_seed(first)
         if (mask := (options or {}).get("reset_mask")) is not None:
             if np.shape(mask) != (self.num_envs,):
                 raise UsageError(f"reset_mask has the shape {np.shape(mask)}; expected ({self.num_envs},)")
             seeds = [each if chosen else None for each, chosen in zip(seeds, mask, strict=False)]
-        return self._lanes.reset(seeds), {}
+        return self._lanes.reset(seeds, later), {}
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
         """Flies every vehicle for one control tick."""
         seen, rewards, terminated, truncated = self._lanes.act(_numbers(actions), True)
         return seen, rewards, terminated, truncated, {}
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Called by ``close``: releases the vehicles and ends their threads; the environment cannot be used any more."""
+        self._lanes = _CLOSED
 
     def truths(self) -> Array:
         """True position [m, world], velocity [m/s, world], attitude (quaternion, body to world, scalar last), body rate [rad/s] and

@@ -186,11 +186,11 @@ class Instance:
         rate: Sequence[float] = (0.0, 0.0, 0.0),
         valid: float = 0.1,
     ) -> None:
-        """Publishes a reference of now, valid for ``valid`` seconds; a planner sends one in each of its periods.
+        """Publishes a reference for this instant, valid for ``valid`` seconds; a planner sends one in each of its periods.
 
         docs/references.md describes references: position to jerk [m to m/s^3, world], ``yaw`` [rad], ``yaw_rate`` [rad/s].
         ``attitude``: a prescribed attitude [x, y, z, w], body to world, with its body rate ``rate`` [rad/s]. The topic has one
-        writer: this process, until it ends. Nobody answers: a reference that the daemon refuses shows as the state Degraded with
+        writer: this process, until it ends. A reference has no answer: one that the daemon refuses shows as the state Degraded with
         the cause ``set-point refused``; ``oqtal ctl status`` and the daemon's log name the limit. Without a daemon, ``PeerError``
         within two seconds.
         """
@@ -233,7 +233,7 @@ def connect(instance: str | None = None, *, root: str | None = None, config: Con
     """Connects to a running instance, by default that of the configuration.
 
     Raises ``PeerError`` if no daemon answers, and ``VersionError`` if its messages are of another version.
-    A forked process is refused.
+    In a forked process it raises ``UsageError``: start processes by the method ``spawn``.
     """
     named = sources(config, instance=("instance.name", instance), root=("instance.root", root))
     return Instance(_native.Connection(named))

@@ -248,7 +248,7 @@ def identify(
     found = Identification(json.loads(document), toml, remarks)
     undetermined = (found.table["missing"] != "") | (found.table["unfit"] != "")
     if names := ", ".join(found.table.where(undetermined)["name"]):
-        warnings.warn(f"not shown by the flights, and not written: {names}; see remarks", stacklevel=3)
+        warnings.warn(f"not determined by the flights, and not written: {names}; see remarks", stacklevel=3)
     return found
 
 
@@ -298,7 +298,7 @@ def tune(
     if not isinstance(target, str):
         raise UsageError(f"target is {target!r}; expected the name of a law, or outer")
     call = sources(config, settings, plant, set_by={"control.controller": "it is target", "clock.seed": "give seeds="})
-    law = [] if target == "outer" else [("target", "control.controller", target)]
+    law = [("target", "control.controller", target)] if target in _native.laws() else []
     warn((call[0], [*call[1], *law]))
     chosen = _seeds(seeds)
     flights = (chosen[0], chosen[-1] + 1) if chosen else (0, 0)

@@ -4,8 +4,10 @@ use std::path::{Path, PathBuf};
 
 use numpy::PyArray1;
 use oqtal_bus::code::OperatorCommand;
-use oqtal_config::{ClockKind, Config, Fault, FaultTarget};
+use oqtal_bus::topic::Role;
+use oqtal_config::{ClockKind, Config};
 use oqtal_daemon::{ExternalLaw, LawPort};
+use oqtal_lab::faults;
 use oqtal_lab::mission::Mission;
 use oqtal_lab::simulation::{self, RecordedFlight};
 use oqtal_lab::study::args;
@@ -23,7 +25,6 @@ use oqtal_runtime::process::{Exit, Failure};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::error;
 use crate::law::{LawTape, PythonLaw, TapedLaw};
 use crate::settings::Sources;
 use crate::task::{self, SignalPoll};
@@ -31,6 +32,9 @@ use crate::task::{self, SignalPoll};
 /// Version and revision of this build.
 const PROVENANCE: Provenance =
     Provenance { version: env!("CARGO_PKG_VERSION"), revision: env!("REVISION_OF_OQTAL") };
+
+/// Processes whose turns a flight in this process executes.
+const ROLES: [Role; 3] = [Role::Plant, Role::Mocap, Role::Daemon];
 
 /// A flight with its results.
 #[pyclass(frozen, module = "oqtal._native", name = "Flight")]
@@ -117,19 +121,6 @@ fn written(path: &Path, result: std::io::Result<()>) -> Result<(), Failure> {
     result.map_err(failed)
 }
 
-/// Refuses faults of processes and files that a flight in this process does not have.
-fn check_faults(config: &Config) -> PyResult<()> {
-    let is_missing = |fault: &&Fault| {
-        [FaultTarget::Bridge, FaultTarget::Receiver, FaultTarget::Files].contains(&fault.target)
-    };
-    match config.fault.inject.iter().find(is_missing) {
-        Some(fault) => Err(error::usage(format!(
-            "faults: {fault}: a flight in Python has no bridge, no receiver and no files; fly it by `oqtal fly`"
-        ))),
-        None => Ok(()),
-    }
-}
-
 /// Flies in this process, with `law` as `control.controller`, and records into `recording`.
 #[pyfunction]
 #[pyo3(signature = (sources, recording=None, law=None))]
@@ -139,9 +130,12 @@ fn fly(
     recording: Option<PathBuf>,
     law: Option<Py<PyAny>>,
 ) -> PyResult<PyFlight> {
-    let mut config = task::detached(py, || sources.config())?;
-    config.clock.kind = ClockKind::InProcess;
-    check_faults(&config)?;
+    let config = task::detached(py, || {
+        let mut config = sources.config()?;
+        config.clock.kind = ClockKind::InProcess;
+        faults::check(&config, &ROLES, ["faults:", "disturb:"])?;
+        Ok(config)
+    })?;
     let Some(law) = law else {
         return flown(py, config, recording.as_deref(), None).map(PyFlight::of);
     };

@@ -71,9 +71,9 @@ impl Lanes {
             error::usage(format!("`{task}` is not a task; expected hover, track, recover or floor"))
         })?;
         if count == 0 || duration_s.is_nan() || duration_s <= 0.0 {
-            return Err(error::usage(
-                "the number of lanes and the duration of an episode are above 0",
-            ));
+            return Err(error::usage(format!(
+                "duration is {duration_s} s of {count} vehicles; both must be above 0"
+            )));
         }
         let shares = task::detached(py, || {
             let mut config = sources.config()?;
@@ -136,22 +136,26 @@ impl Lanes {
         self.request(py, |_| Ok(requests)).map(drop)
     }
 
-    /// Begins the episodes of `seeds`, one for each lane; `None` leaves a lane as it is. Returns the observations, `(count, 25)`.
+    /// Begins the episodes of `seeds`, one for each lane; `None` leaves a lane as it is. The seeds of later episodes count from
+    /// `next_seed`, by default from the one after the greatest of `seeds`. Returns the observations, `(count, 25)`.
+    #[pyo3(signature = (seeds, next_seed=None))]
     fn reset<'py>(
         &self,
         py: Python<'py>,
         seeds: Vec<Option<u64>>,
+        next_seed: Option<u64>,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
         self.check_process()?;
         if seeds.len() != self.count {
             return Err(error::usage(format!(
-                "{} seeds for {} lanes; give one for each lane",
+                "{} seeds for {} vehicles; give one for each vehicle, or one integer",
                 seeds.len(),
                 self.count
             )));
         }
         let results = self.request(py, |shares| {
-            shares.next_seed = seeds.iter().flatten().max().map_or(shares.next_seed, |it| it + 1);
+            let after = seeds.iter().flatten().max().map(|it| it + 1);
+            shares.next_seed = next_seed.or(after).unwrap_or(shares.next_seed);
             let requests = seeds.iter().map(|it| it.map_or(LaneRequest::None, LaneRequest::Reset));
             Ok(requests.collect())
         })?;
@@ -192,7 +196,7 @@ impl Lanes {
         if std::process::id() == self.process {
             return Ok(());
         }
-        Err(error::usage("environments do not survive a fork: make them in the new process"))
+        Err(error::usage("an environment cannot be used in a forked process; make a new one there"))
     }
 
     fn misshaped(&self, shape: &[usize]) -> PyErr {

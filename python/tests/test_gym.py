@@ -234,6 +234,26 @@ def test_episodes_follow_from_the_seed():
             first.reset(seed=seed)
 
 
+def test_runs_of_neighbouring_seeds_do_not_share_their_later_episodes():
+    envs = [oqtal.make_vec(2), oqtal.make_vec(2)]
+    for seed, env in enumerate(envs, 1):
+        env.reset(seed=seed)
+    later = [env._lanes.next_seed() for env in envs]
+    assert abs(later[0] - later[1]) > 2**32
+    seen, _ = envs[0].reset()
+    np.testing.assert_array_equal(seen, envs[1].reset(seed=[later[0], later[0] + 1])[0])
+
+
+def test_a_closed_environment_says_so():
+    for env in (oqtal.make_vec(2), gymnasium.make("Oqtal-Hover-v0").unwrapped):
+        env.reset(seed=1)
+        env.close()
+        env.close()
+        for use in (env.reset, lambda env=env: env.step(np.zeros((2, 4)))):
+            with pytest.raises(oqtal.UsageError, match="the environment is closed"):
+                use()
+
+
 def test_actions_of_another_shape_are_refused():
     env = oqtal.make_vec(2)
     for actions in (np.zeros(7), np.zeros((2, 3)), np.zeros((3, 4))):

@@ -1,13 +1,12 @@
-//! The flags `--fault` and `--disturb`: checks against the flight, and faults of processes in real time.
+//! The flags `--fault` and `--disturb`: their help, and faults of processes in real time.
 
 use oqtal_bus::bus::Bus;
 use oqtal_bus::error::BusError;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
-use oqtal_config::{ClockKind, Config, Fault, FaultKind, FaultTarget};
+use oqtal_config::{ClockKind, Config, Fault, FaultKind};
 use oqtal_runtime::faults::ArmingWatch;
 use oqtal_runtime::faults::outage::role_of;
-use oqtal_runtime::process::{Exit, Failure};
 
 /// The help of the flag.
 pub const HELP: &str = "Inject a fault, TIME seconds after arming, as in pose:off@5+0.1 or mocap-emu:stop@5+0.5; repeatable. \
@@ -16,52 +15,6 @@ pub const HELP: &str = "Inject a fault, TIME seconds after arming, as in pose:of
 /// The help of the flag `--disturb`.
 pub const DISTURB_HELP: &str = "Disturb the simulated vehicle, TIME seconds after arming, as in force@5+1=0.3,0,0N, torque@5+0.1=0.002,0,0Nm, \
      gust@5+2=1.5,0,0m/s or mass@5=0.05kg; repeatable. A wrong one lists the kinds";
-
-/// Checks that a flight with the processes `roles` supports its faults and disturbances.
-///
-/// # Errors
-/// The unsupported fault and the reason, exit code 64.
-pub fn check(config: &Config, roles: &[Role]) -> Result<(), Failure> {
-    let is_simulated = roles.contains(&Role::Plant)
-        && !config.plant.shadow
-        && !config.plant.truth.starts_with("mavlink");
-    if let Some(load) = config.plant.disturb.first().filter(|_| !is_simulated || config.is_replay())
-    {
-        let reason = "only a vehicle that this program simulates can be disturbed";
-        return Err(Failure::new(Exit::Usage, format!("--disturb {load}: {reason}")));
-    }
-    let refused = config.fault.inject.iter().find_map(|fault| {
-        let reason = obstacle(fault, config, roles)?;
-        Some(Failure::new(Exit::Usage, format!("--fault {fault}: {reason}")))
-    });
-    refused.map_or(Ok(()), Err)
-}
-
-/// Reason why the flight does not support `fault`; `None` if it does.
-fn obstacle(fault: &Fault, config: &Config, roles: &[Role]) -> Option<&'static str> {
-    if config.is_replay() {
-        return Some("a recording is never armed; leave out --mocap replay");
-    }
-    if fault.kind == FaultKind::Kill && config.clock.kind == ClockKind::Lockstep {
-        return Some(
-            "in lockstep time waits for every process; use --clock real or in-process, or `stop`",
-        );
-    }
-    if fault.target == FaultTarget::Files && config.clock.kind != ClockKind::Real {
-        return Some("files are removed in real time only; use --clock real");
-    }
-    let is_there = match fault.target {
-        FaultTarget::Radio => roles.contains(&Role::Plant) && !config.plant.shadow,
-        target => role_of(target).is_none_or(|role| roles.contains(&role)),
-    };
-    match (is_there, fault.target) {
-        (true, _) => None,
-        (false, FaultTarget::Bridge) => {
-            Some("the flight has no bridge; add --vehicle bridge:asctec, or name another process")
-        }
-        (false, _) => Some("the flight does not start that process; name another target"),
-    }
-}
 
 /// Action of a fault in real time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

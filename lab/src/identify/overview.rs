@@ -31,7 +31,7 @@ pub fn cells(finding: &ParameterFinding) -> [String; 5] {
     let name = if *unit == "-" { (*name).to_owned() } else { format!("{name} [{unit}]") };
     let before_text = before.map_or_else(|| MISSING.to_owned(), |before| rounded(before, 4));
     let change = match before {
-        _ if !finding.is_shown() => "not shown".to_owned(),
+        _ if !finding.is_shown() => "not determined".to_owned(),
         Some(before) if *before != 0.0 => format!("{:+.1} %", 100.0 * (value / before - 1.0)),
         _ => MISSING.to_owned(),
     };

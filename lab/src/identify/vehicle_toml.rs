@@ -124,7 +124,7 @@ fn remark(finding: &ParameterFinding) -> String {
     match finding.reason() {
         Some(reason) => {
             let (value, half) = with_interval(*value, *half_width);
-            format!("not shown ({value} ± {half}{before}), {reason}")
+            format!("not determined ({value} ± {half}{before}), {reason}")
         }
         None if *half_width == 0.0 => format!("given{before}"),
         None => format!("± {}{before}", with_interval(*value, *half_width).1),

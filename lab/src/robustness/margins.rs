@@ -54,12 +54,12 @@ impl LoopPair {
 const UNSTABLE: [f64; 5] = [f64::NAN; 5];
 
 /// Margins of a law in hover with the position loop closed, each the least of roll, pitch and yaw, in the order of
-/// [`Margins::COLUMNS`], measured in flight at half of the frequencies; NaN if a loop is unstable. `None` for a vehicle that is not
+/// [`Margins::COLUMNS`], measured in flight; NaN if a loop is unstable. `None` for a vehicle that is not
 /// commanded by rates.
 pub fn in_hover(law: &StudyLaw) -> Option<[f64; 5]> {
     let is_of_rates = law.config().ok()?.vehicle.interface == Interface::Rate;
     let of_axis = |axis| {
-        let response = probed::flown(&settings(law), (axis, closed_in_hover(axis)), 2);
+        let response = probed::flown(&settings(law), (axis, closed_in_hover(axis)));
         response.map_or(UNSTABLE, |response| response.margins().numbers())
     };
     is_of_rates.then(|| least_of((0..AXES.len()).map(of_axis)))
@@ -109,7 +109,7 @@ pub fn all(laws: &[StudyLaw], progress: &Progress) -> Result<Vec<LoopPair>, Fail
                     fnv1a(name, &config.hash().to_le_bytes())
                 };
                 progress.kept(axis, key, |_| {
-                    let points = probed::flown(&settings, (index, closed), 1)?.points.into_iter();
+                    let points = probed::flown(&settings, (index, closed))?.points.into_iter();
                     Ok(points.map(|(hertz, gain)| (hertz, gain.re, gain.im)).collect())
                 })
             };

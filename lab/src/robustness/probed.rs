@@ -50,19 +50,17 @@ pub enum ClosedLoops {
     Hover,
 }
 
-/// Loop response of a law with `settings` about axis number `axis`, measured at every `every`-th frequency.
+/// Loop response of a law with `settings` about axis number `axis`.
 ///
 /// # Errors
 /// A setting is invalid, a flight did not land, or the loop is unstable.
 pub fn flown(
     settings: &[Setting],
     (axis, loops): (usize, ClosedLoops),
-    every: usize,
 ) -> Result<LoopResponse, Failure> {
     let config = prepared(settings, (axis, loops))?;
     let points: Result<Vec<_>, Failure> = PERIODS
         .par_iter()
-        .step_by(every)
         .map(|periods| {
             let hertz = f64::from(*periods) / MEASURED_S;
             Ok((hertz, at(&config, axis, hertz)?))
