@@ -47,7 +47,7 @@ fn extremes(segment: &[Point]) -> impl Iterator<Item = Point> {
 }
 
 /// Thins the points of a path to at most `MOST_POINTS`: keeps points at a distance from the last one kept. Outliers are kept, and of
-/// points that cannot be drawn one, as a gap, if the path goes on at a distance.
+/// points that cannot be drawn one, as a gap, if the path continues at a distance.
 pub fn thin_path(points: Vec<Point>) -> Vec<Point> {
     let drawable = || points.iter().filter(|point| is_drawable_point(point));
     let (x, y) = (extent(drawable().map(|p| p.0)), extent(drawable().map(|p| p.1)));
